@@ -1,0 +1,178 @@
+"""The plan: everything the agents of one mission must agree on, as plain frozen data.
+
+A mission file is turned into a plan once (`mission.loader`); the plan's hash is compared by every agent and station,
+so no two of them can fly different missions. What may differ from agent to agent (endpoints, keys) is the fleet's.
+
+Lengths in `LawParameters`, `starts` and `slots` are the paper's units; multiply by `unit_m` for metres. Horizontal
+vectors are (north, east) in the common frame: the local tangent plane at `origin`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, TypeAlias
+
+Point = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Geodetic:
+    """A point on the WGS-84 ellipsoid: degrees, degrees, metres above mean sea level."""
+
+    lat_deg: float
+    lon_deg: float
+    alt_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class LawParameters:
+    """LAW.md section 1, in units; defaults are Table I and the hexagon of section VI."""
+
+    r: float = 4.5
+    r_out: float = 1.5
+    r_in: float = 0.5
+    h: float = 0.005
+    delta_l: float = 2.0
+    delta_a: float = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Response:
+    """How a vehicle answers a velocity setpoint: dead time, then a first-order lag with bounded acceleration."""
+
+    dead_time_s: float = 0.4
+    lag_s: float = 0.5
+    acceleration_mps2: float = 2.8
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What the agent never commands more of."""
+
+    speed_mps: float = 5.0
+    climb_mps: float = 1.0
+    descent_mps: float = 1.0
+
+
+class Compensation(StrEnum):
+    """Which points the law is fed with."""
+
+    STOP_POINT = "stop_point"
+    """Where the vehicle would come to rest if told to stop now (the default of flown missions)."""
+    NONE = "none"
+    """The positions: the paper's plain form."""
+
+
+class Policy(StrEnum):
+    """What an agent does when something it relies on is lost."""
+
+    CONTINUE = "continue"
+    HOLD = "hold"
+    LAND = "land"
+    """Hold for `hold_before_land_s`, then land in place."""
+
+
+@dataclass(frozen=True, slots=True)
+class Policies:
+    """Each loss, its action and the time (mission clock) after which it counts as a loss."""
+
+    agent_lost: Policy = Policy.LAND
+    agent_lost_after_s: float = 3.0
+    station_lost: Policy = Policy.LAND
+    station_lost_after_s: float = 5.0
+    hold_before_land_s: float = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class TakeoffStep:
+    """Set the mode, arm, climb to `height_m` above the vehicle's own take-off point."""
+
+    height_m: float
+    timeout_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class FormStep:
+    """Fly the law until the largest |e_i - mean e| stays under `tolerance_m` for `settle_s`.
+
+    `slots` has one (north, east) offset in units per agent, in the order of `Plan.agents`.
+    """
+
+    shape: str
+    slots: tuple[Point, ...]
+    tolerance_m: float
+    settle_s: float
+    timeout_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class HoldStep:
+    """Keep the last formation for `duration_s`."""
+
+    duration_s: float
+    timeout_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class LandStep:
+    """Stop, land in place, disarm."""
+
+    timeout_s: float
+
+
+Step: TypeAlias = TakeoffStep | FormStep | HoldStep | LandStep
+
+
+@dataclass(frozen=True, slots=True)
+class AgentPlan:
+    """One agent's part of the plan: id (1..65535), planned start (north, east) in units, neighbours N_i by id."""
+
+    id: int
+    start: Point
+    neighbours: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A whole mission, checked. `agents` is sorted by id; `prepare_timeout_s` bounds the way to a healthy vehicle."""
+
+    name: str
+    origin: Geodetic
+    unit_m: float
+    tick_s: float
+    kappa: float
+    law: LawParameters
+    compensation: Compensation
+    response: Response
+    limits: Limits
+    policies: Policies
+    prepare_timeout_s: float
+    agents: tuple[AgentPlan, ...]
+    steps: tuple[Step, ...]
+
+    def agent(self, agent_id: int) -> AgentPlan:
+        """The part of `agent_id`; KeyError where the plan has no such agent."""
+        for agent in self.agents:
+            if agent.id == agent_id:
+                return agent
+        raise KeyError(agent_id)
+
+    def hash(self) -> int:
+        """A 64-bit fingerprint of the whole plan, the same on every machine (floats rounded to 1e-9)."""
+        text = json.dumps(_canonical(self), sort_keys=True, separators=(",", ":"))
+        return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big")
+
+
+def _canonical(value: Any) -> Any:
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        fields = {f.name: _canonical(getattr(value, f.name)) for f in dataclasses.fields(value)}
+        return {"": type(value).__name__} | fields
+    if isinstance(value, tuple | list):
+        return [_canonical(item) for item in value]
+    if isinstance(value, float):
+        return round(value, 9)
+    return value

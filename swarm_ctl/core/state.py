@@ -1,0 +1,197 @@
+"""What agents and stations tell each other, as plain data. `mesh/payloads.py` gives each its bytes.
+
+Times are on the sender's mission clock [s]; horizontal vectors are (north, east) in the common frame, in metres.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import TypeAlias
+
+from swarm_ctl.core.plan import Point
+from swarm_ctl.core.vehicle import Vector3
+
+
+class Phase(IntEnum):
+    """Where an agent is. The order is the order of a flight; the numbers are on the wire, so never reuse one."""
+
+    CONNECT = 0
+    """No heartbeat from the vehicle yet."""
+    PREPARE = 1
+    """Heard; waiting for a healthy vehicle, or for the others."""
+    ARM = 2
+    TAKEOFF = 3
+    FLY = 4
+    """Under the mission's law (form, hold)."""
+    HOLD = 5
+    """Stopped in the air by a policy; avoidance stays on."""
+    LAND = 6
+    YIELD = 7
+    """A pilot has taken the vehicle; this agent sends nothing."""
+    ENDED = 8
+
+
+@dataclass(frozen=True, slots=True)
+class AgentState:
+    """Sent every tick: kinematics and progress. A fixed binary layout (`mesh/payloads.py`)."""
+
+    agent: int
+    seq: int
+    time_s: float
+    plan_hash: int
+    phase: Phase
+    step: int
+    """0 is preparation, k >= 1 is `plan.steps[k - 1]`."""
+    done: bool
+    airborne: bool
+    position_ned_m: Vector3
+    velocity_ned_mps: Vector3
+    stop_point_m: Point
+    commanded_mps: Point
+
+
+@dataclass(frozen=True, slots=True)
+class PairReport:
+    """One pair in the avoidance region, as agent i computed it (LAW.md section 3). Lengths in units."""
+
+    peer: int
+    neighbour: bool
+    status: str
+    """`paper`, `narrow`, `inactive` or `overspeed`."""
+    distance: float
+    sigma: float
+    sigma_lb: float
+    d_lb: float
+    d_ub: float
+    d: float | None
+    alpha: float
+
+
+@dataclass(frozen=True, slots=True)
+class SigmaReport:
+    """Sent at 5 Hz while a pair is in the avoidance region, and once after."""
+
+    agent: int
+    time_s: float
+    consensus: Point
+    avoidance: Point
+    pairs: tuple[PairReport, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class StepResult:
+    """How a step went for one agent; `result` is `done`, `timeout`, `aborted` or `running`."""
+
+    name: str
+    result: str
+    start_s: float
+    end_s: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class LinkReport:
+    """One mesh link as its receiver sees it, over the whole run so far."""
+
+    age_s: float | None
+    """Now; None: never heard."""
+    age_p50_s: float | None
+    age_p99_s: float | None
+    received: int
+    lost: int
+
+
+@dataclass(frozen=True, slots=True)
+class TickReport:
+    """The control loop's punctuality so far. Lateness and work in wall-clock milliseconds."""
+
+    count: int = 0
+    overruns: int = 0
+    """Ticks skipped because the one before took too long."""
+    late_p50_ms: float = 0.0
+    late_p99_ms: float = 0.0
+    late_max_ms: float = 0.0
+    work_p50_ms: float = 0.0
+    work_p99_ms: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class AgentStatus:
+    """Sent at 2 Hz: everything about an agent that is not needed every tick. The last one is its final account."""
+
+    agent: int
+    time_s: float
+    phase: Phase
+    step: int
+    done: bool
+    reason: str
+    """Why it waits, holds, lands or failed; '' when all is well."""
+    outcome: str
+    """`running`, `completed`, `failed` or `aborted` (an operator's command)."""
+    mode: str
+    armed: bool
+    airborne: bool
+    battery_percent: float | None
+    height_m: float | None
+    formation_error_m: float | None
+    """Largest |e_j - mean e| over the live agents it hears, itself included."""
+    nearest_agent: int | None
+    nearest_m: float | None
+    """Horizontal distance between positions."""
+    heartbeat_age_s: float | None
+    station_age_s: float | None
+    setpoints: int
+    setpoint_rate_hz: float
+    neighbours: tuple[int, ...]
+    """N_i now (lost ones have left it)."""
+    sigma_tally: dict[str, int]
+    """Pair-ticks by status."""
+    overspeed_ticks: int
+    links: dict[int, LinkReport]
+    """By peer id."""
+    steps: tuple[StepResult, ...]
+    tick: TickReport = field(default_factory=TickReport)
+    bad_payloads: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something worth a line in the log. `level` is `info`, `warning` or `error`."""
+
+    agent: int
+    time_s: float
+    level: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """An operator's word to agents. Idempotent: an `id` seen before is acknowledged again and not repeated."""
+
+    id: str
+    kind: str
+    agents: tuple[int, ...]
+    """Who is meant; empty: all."""
+    time_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Ack:
+    """An agent's answer to a command; `reason` says why it was refused."""
+
+    agent: int
+    command: str
+    accepted: bool
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class StationBeacon:
+    """Sent at 2 Hz by every ground station."""
+
+    station: str
+    time_s: float
+    plan_hash: int
+
+
+Payload: TypeAlias = AgentState | AgentStatus | SigmaReport | Event | Command | Ack | StationBeacon
