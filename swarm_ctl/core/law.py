@@ -102,12 +102,8 @@ def evaluate(
     agent = index[:-1]
     strangers = np.count_nonzero(near & ~linked, axis=-1)
     q_x, q_y, x = _separate(q_x[index], q_y[index], lower_id[index], law)
-    pairs = _tune(
-        index, q_x, q_y, x, n_x[agent], n_y[agent], count[agent], strangers[agent], linked[index], law
-    )
-    avoidance = np.stack(
-        (_sum_per_agent(near, pairs.alpha * q_x), _sum_per_agent(near, pairs.alpha * q_y)), axis=-1
-    )
+    pairs = _tune(index, q_x, q_y, x, n_x[agent], n_y[agent], count[agent], strangers[agent], linked[index], law)
+    avoidance = np.stack((_sum_per_agent(near, pairs.alpha * q_x), _sum_per_agent(near, pairs.alpha * q_y)), axis=-1)
     return LawResult(consensus + avoidance, consensus, avoidance, pairs)
 
 

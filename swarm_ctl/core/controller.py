@@ -1,0 +1,130 @@
+"""From where everybody is to the velocity to fly: the law on the chosen points, then `core/safety.py`."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from swarm_ctl.core import law, response, safety
+from swarm_ctl.core.navigation import OwnFix
+from swarm_ctl.core.peers import Peers
+from swarm_ctl.core.plan import Compensation, Plan, Point
+from swarm_ctl.core.state import PairReport, SigmaReport
+from swarm_ctl.core.vehicle import Contact
+
+_NOWHERE: Mapping[int, Point] = {}
+
+
+class Controller:
+    """One agent's horizontal control. Remembers its last commands (for the stop point) and the law's last result."""
+
+    def __init__(self, plan: Plan, own_id: int, peers: Peers) -> None:
+        self._plan = plan
+        self._own = own_id
+        self._peers = peers
+        delayed = response.pending(plan.response, plan.tick_s) if plan.compensation is Compensation.STOP_POINT else 0
+        self._commands: deque[Point] = deque([(0.0, 0.0)] * delayed, maxlen=delayed)
+        self._iteration_mps = plan.unit_m * plan.kappa
+        self._result: law.LawResult | None = None
+        self._tally = np.zeros(len(law.STATUSES), dtype=np.int64)
+        self.overspeed_ticks = 0
+        self.commanded_mps: Point = (0.0, 0.0)
+        self.stop_point_m: Point = (0.0, 0.0)
+
+    @property
+    def tally(self) -> dict[str, int]:
+        """Pair-ticks by sigma status since the start."""
+        return {name: int(count) for name, count in zip(law.STATUSES, self._tally, strict=True)}
+
+    def locate(self, fix: OwnFix) -> None:
+        """Work out the own stop point for this tick."""
+        north, east, _ = fix.position_ned_m
+        if self._plan.compensation is Compensation.NONE:
+            self.stop_point_m = (north, east)
+            return
+        point = response.stop_point(
+            np.array([north, east]),
+            np.array(fix.velocity_ned_mps[:2]),
+            np.array(self._commands, dtype=np.float64).reshape(-1, 2),
+            self._plan.tick_s,
+            self._plan.response,
+        )
+        self.stop_point_m = (float(point[0]), float(point[1]))
+
+    def form(self, now: float, slots: Mapping[int, Point], contacts: Iterable[Contact]) -> Point:
+        """The law (26): velocity (north, east) [m/s] towards the shape `slots` [units], keeping apart."""
+        result = self._evaluate(now, slots, contacts)
+        return self._protected(float(result.u[0, 0]), float(result.u[0, 1]))
+
+    def keep_clear(self, now: float, contacts: Iterable[Contact]) -> Point:
+        """Stay, but make room for whoever comes close: the law's avoidance term alone."""
+        result = self._evaluate(now, _NOWHERE, contacts)
+        return self._protected(float(result.avoidance[0, 0]), float(result.avoidance[0, 1]))
+
+    def rest(self) -> None:
+        """Another than us moves the vehicle this tick, or nobody does."""
+        self._result = None
+        self.commanded(0.0, 0.0)
+
+    def commanded(self, north_mps: float, east_mps: float) -> None:
+        """Remember what this tick's setpoint said: it acts after the dead time."""
+        self.commanded_mps = (north_mps, east_mps)
+        self._commands.append(self.commanded_mps)
+
+    def _evaluate(self, now: float, slots: Mapping[int, Point], contacts: Iterable[Contact]) -> law.LawResult:
+        others = self._peers.law_input(now, self.stop_point_m, slots, contacts)
+        unit = self._plan.unit_m
+        own = np.array([[self.stop_point_m[0] / unit, self.stop_point_m[1] / unit]])
+        own_slot = np.array([slots.get(self._own, (0.0, 0.0))])
+        result = law.evaluate(
+            own,
+            own_slot,
+            others.points,
+            others.slots,
+            others.neighbour,
+            others.present,
+            others.lower_id,
+            self._plan.law,
+        )
+        if result.pairs is not None:
+            counts = np.bincount(result.pairs.status, minlength=len(law.STATUSES))
+            self._tally += counts
+            self.overspeed_ticks += bool(counts[law.OVERSPEED])
+        self._result = result
+        return result
+
+    def _protected(self, u_north: float, u_east: float) -> Point:
+        velocity = safety.protect((u_north * self._iteration_mps, u_east * self._iteration_mps), self._plan.limits)
+        self.commanded(*velocity)
+        return velocity
+
+    def sigma_report(self, now: float) -> SigmaReport | None:
+        """All pairs of the last evaluation; None when nobody was within `r_out`."""
+        if self._result is None or self._result.pairs is None:
+            return None
+        pairs = self._result.pairs
+        return SigmaReport(
+            self._own,
+            now,
+            (float(self._result.consensus[0, 0]), float(self._result.consensus[0, 1])),
+            (float(self._result.avoidance[0, 0]), float(self._result.avoidance[0, 1])),
+            tuple(self._pair(pairs, k) for k in range(len(pairs.distance))),
+        )
+
+    def _pair(self, pairs: law.Pairs, k: int) -> PairReport:
+        d = float(pairs.d[k])
+        return PairReport(
+            self._peers.ids[int(pairs.index[-1][k])],
+            bool(pairs.neighbour[k]),
+            law.STATUSES[int(pairs.status[k])],
+            float(pairs.distance[k]),
+            float(pairs.sigma[k]),
+            float(pairs.sigma_lb[k]),
+            float(pairs.d_lb[k]),
+            float(pairs.d_ub[k]),
+            None if math.isnan(d) else d,
+            float(pairs.alpha[k]),
+        )

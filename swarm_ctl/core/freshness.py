@@ -1,0 +1,54 @@
+"""How old news may be, and what is done with it then. Ages in seconds of mission time.
+
+| age of a peer's state | what is done | why this number |
+|---|---|---|
+| up to `FRESH_S` 0.5 | used, its stop point carried on with its command for at most `PREDICT_S` 0.3 | ten lost states in a row at 20 Hz; beyond 0.3 s a command says little about the next one |
+| up to `NEIGHBOUR_S` 1.0 | still used as it is | one re-connection of a mesh link |
+| older | leaves N_i (the law no longer follows it), but stays in the avoidance region where it was last heard, or where the own autopilot's traffic sees it | the graph may be cut: reported |
+| `policies.agent_lost_after_s` (3) | lost: the mission's policy | as long as an autopilot takes to stop by itself (GUID_TIMEOUT) |
+
+| age of the own vehicle's position | what is done | why |
+|---|---|---|
+| `OWN_FIX_S` 0.5 | zero velocity is commanded, the own state is no longer published | a state that is not news must not look like news |
+| `OWN_LOST_S` 3.0 | give up: land | MAVSDK and MAVProxy call a vehicle lost after 3 to 5 s |
+"""  # noqa: E501
+
+from __future__ import annotations
+
+from typing import Final
+
+FRESH_S: Final = 0.5
+PREDICT_S: Final = 0.3
+NEIGHBOUR_S: Final = 1.0
+OWN_FIX_S: Final = 0.5
+OWN_LOST_S: Final = 3.0
+
+
+class AgeHistogram:
+    """Percentiles of an age sampled every tick, in constant memory: bins of 10 ms up to 5 s, the last one open."""
+
+    BIN_S: Final = 0.01
+    _BINS: Final = 500
+
+    __slots__ = ("_bins", "count")
+
+    def __init__(self) -> None:
+        self._bins = [0] * (self._BINS + 1)
+        self.count = 0
+
+    def add(self, age_s: float) -> None:
+        """Count one age; negative ones (clocks that differ) count as zero."""
+        self._bins[min(self._BINS, max(0, int(age_s / self.BIN_S)))] += 1
+        self.count += 1
+
+    def percentile(self, share: float) -> float | None:
+        """The upper edge of the bin that holds the `share` (0..1) quantile [s]; None before the first sample."""
+        if self.count == 0:
+            return None
+        wanted = share * self.count
+        seen = 0
+        for index, number in enumerate(self._bins):
+            seen += number
+            if seen >= wanted:
+                return round((index + 1) * self.BIN_S, 9)
+        return round((self._BINS + 1) * self.BIN_S, 9)

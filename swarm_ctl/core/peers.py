@@ -1,0 +1,177 @@
+"""What an agent has heard of the others: newest state, age, loss; and the points the law is fed with."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarm_ctl.core.frames import ned_from_geodetic
+from swarm_ctl.core.freshness import FRESH_S, NEIGHBOUR_S, PREDICT_S, AgeHistogram
+from swarm_ctl.core.plan import Compensation, Plan, Point
+from swarm_ctl.core.response import stop_distance
+from swarm_ctl.core.state import AgentState, LinkReport
+from swarm_ctl.core.vehicle import Contact
+
+_MAX_TRANSIT_S = 1.0
+"""A sender's clock that is further off than this is not believed; the age then counts from the receipt."""
+_MAX_CONTACTS = 8
+"""Traffic the law takes in at most, nearest first."""
+_SAME_AIRCRAFT_M = 2.5
+"""A contact this close to a fresh peer is that peer, seen by the other sensor."""
+_CONTACT_S = 3.0
+"""Contacts older than this are gone (ADSB_VEHICLE comes at about 1 Hz)."""
+
+
+@dataclass(slots=True)
+class Peer:
+    """One other agent of the plan as this one hears it."""
+
+    id: int
+    state: AgentState | None = None
+    received_s: float = -math.inf
+    received: int = 0
+    lost: int = 0
+    ages: AgeHistogram = field(default_factory=AgeHistogram)
+
+    def age(self, now: float) -> float:
+        """Seconds since the state was true: local time since receipt plus the time it was under way."""
+        if self.state is None:
+            return math.inf
+        transit = self.received_s - self.state.time_s
+        return now - self.received_s + (transit if 0.0 <= transit <= _MAX_TRANSIT_S else 0.0)
+
+    def hear(self, state: AgentState, received_s: float) -> None:
+        """Newest wins: what is older than what is known is dropped; gaps in `seq` count as lost."""
+        if self.state is not None:
+            if state.time_s <= self.state.time_s:
+                return
+            if state.seq > self.state.seq:
+                self.lost += state.seq - self.state.seq - 1
+        self.state, self.received_s = state, received_s
+        self.received += 1
+
+    def report(self, now: float) -> LinkReport:
+        """The link so far."""
+        age = self.age(now)
+        return LinkReport(
+            None if math.isinf(age) else age,
+            self.ages.percentile(0.5),
+            self.ages.percentile(0.99),
+            self.received,
+            self.lost,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class LawInput:
+    """The others as `law.evaluate` wants them, leading size 1; units. Column k is `ids[k]`, 0 for traffic."""
+
+    points: NDArray[np.float64]
+    slots: NDArray[np.float64]
+    neighbour: NDArray[np.bool_]
+    present: NDArray[np.bool_]
+    lower_id: NDArray[np.bool_]
+
+
+class Peers:
+    """All other agents of the plan, in the plan's order."""
+
+    def __init__(self, plan: Plan, own_id: int) -> None:
+        self._plan = plan
+        self._own = own_id
+        self._initial = frozenset(plan.agent(own_id).neighbours)
+        self._by_id = {agent.id: Peer(agent.id) for agent in plan.agents if agent.id != own_id}
+        self.ids = [*self._by_id, *[0] * _MAX_CONTACTS]
+        """Agent id of each column of the law's input; 0 for traffic that nobody on the mesh owns up to."""
+        self._lower = np.array([[own_id < i or i == 0 for i in self.ids]])
+
+    def __iter__(self) -> Iterator[Peer]:
+        return iter(self._by_id.values())
+
+    def hear(self, state: AgentState, received_s: float) -> None:
+        """Take a state in; agents that the plan does not have are ignored."""
+        peer = self._by_id.get(state.agent)
+        if peer is not None:
+            peer.hear(state, received_s)
+
+    def count_ages(self, now: float) -> None:
+        """Sample every heard peer's age once (per tick)."""
+        for peer in self:
+            if peer.state is not None:
+                peer.ages.add(peer.age(now))
+
+    def fresh(self, now: float) -> list[AgentState]:
+        """States no older than `FRESH_S`."""
+        return [peer.state for peer in self if peer.state is not None and peer.age(now) <= FRESH_S]
+
+    def neighbours(self, now: float) -> tuple[int, ...]:
+        """N_i now: the planned neighbours that are heard (LAW.md section 1)."""
+        return tuple(p.id for p in self if p.id in self._initial and p.age(now) <= NEIGHBOUR_S)
+
+    def law_input(self, now: float, own_m: Point, slots: Mapping[int, Point], contacts: Iterable[Contact]) -> LawInput:
+        """Everyone who may be near, as points in units; a peer never heard is absent."""
+        unit = self._plan.unit_m
+        columns = len(self.ids)
+        points: list[Point] = [(0.0, 0.0)] * columns
+        offsets: list[Point] = [(0.0, 0.0)] * columns
+        present, neighbour = [False] * columns, [False] * columns
+        column = 0
+        for column, peer in enumerate(self):
+            offsets[column] = slots.get(peer.id, (0.0, 0.0))
+            if peer.state is None:
+                continue
+            north, east = self._point(peer.state, peer.age(now))
+            points[column] = (north / unit, east / unit)
+            present[column] = True
+            neighbour[column] = peer.id in self._initial and peer.age(now) <= NEIGHBOUR_S and peer.id in slots
+        for k, (north, east) in enumerate(self._traffic(now, own_m, contacts), start=len(self._by_id)):
+            points[k] = (north / unit, east / unit)
+            present[k] = True
+        return LawInput(
+            np.array([points]), np.array([offsets]), np.array([neighbour]), np.array([present]), self._lower
+        )
+
+    def _point(self, state: AgentState, age: float) -> Point:
+        """Stop point carried on with its command, or the plain position (`compensation: none`) [m]."""
+        if self._plan.compensation is Compensation.NONE:
+            return state.position_ned_m[0], state.position_ned_m[1]
+        ahead = min(age, PREDICT_S)
+        return (
+            state.stop_point_m[0] + state.commanded_mps[0] * ahead,
+            state.stop_point_m[1] + state.commanded_mps[1] * ahead,
+        )
+
+    def _traffic(self, now: float, own_m: Point, contacts: Iterable[Contact]) -> list[Point]:
+        """Contacts that are no fresh peer, as stop points [m]: what the mesh does not know, the sensor does."""
+        known = [
+            (p.state.position_ned_m, p.state.velocity_ned_mps, p.age(now))
+            for p in self
+            if p.state is not None and p.age(now) <= NEIGHBOUR_S
+        ]
+        found: list[Point] = []
+        for contact in contacts:
+            if not 0.0 <= now - contact.time_s <= _CONTACT_S:
+                continue
+            (vn, ve, _), age = contact.velocity_ned_mps, now - contact.time_s
+            north, east, _ = ned_from_geodetic(contact.position, self._plan.origin)
+            north, east = north + vn * age, east + ve * age
+            if any(math.hypot(north - p[0] - v[0] * a, east - p[1] - v[1] * a) < _SAME_AIRCRAFT_M for p, v, a in known):
+                continue
+            found.append(self._stopping(north, east, vn, ve))
+        found.sort(key=lambda point: math.dist(point, own_m))
+        return found[:_MAX_CONTACTS]
+
+    def _stopping(self, north: float, east: float, vn: float, ve: float) -> Point:
+        """The stop point of an aircraft whose commands are unknown: it flies on for the dead time, then brakes."""
+        if self._plan.compensation is Compensation.NONE:
+            return north, east
+        speed = math.hypot(vn, ve)
+        if speed < 1e-6:
+            return north, east
+        response = self._plan.response
+        ahead = response.dead_time_s + float(stop_distance(np.array(speed), response)) / speed
+        return north + vn * ahead, east + ve * ahead

@@ -1,0 +1,76 @@
+"""How an agent marches through the mission's steps: a barrier made of state, not of events.
+
+Every state carries (step, done), ordered lexicographically. An agent leaves step k when every live member shows at
+least (k, done); a peer at k + 1 proves k. Lost or repeated messages change nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from swarm_ctl.core.plan import FormStep, HoldStep, LandStep, Plan, Step, TakeoffStep
+from swarm_ctl.core.state import StepResult
+
+_NAMES: dict[type[Step], str] = {TakeoffStep: "takeoff", FormStep: "form", HoldStep: "hold", LandStep: "land"}
+
+
+def step_name(plan: Plan, step: int) -> str:
+    """`prepare` for 0, then the mission file's own words: `form hexagon`."""
+    if step == 0:
+        return "prepare"
+    what = plan.steps[step - 1]
+    name = _NAMES[type(what)]
+    return f"{name} {what.shape}" if isinstance(what, FormStep) else name
+
+
+class Progress:
+    """Where one agent is in the plan, and how each step went."""
+
+    def __init__(self, plan: Plan, now: float) -> None:
+        self._plan = plan
+        self.step = 0
+        """0 is preparation, k is `plan.steps[k - 1]`."""
+        self.done = False
+        self.started_s = now
+        self.results: list[StepResult] = [StepResult("prepare", "running", now, None)]
+
+    @property
+    def current(self) -> Step | None:
+        """The step's own words; None while preparing."""
+        return self._plan.steps[self.step - 1] if self.step else None
+
+    @property
+    def finished(self) -> bool:
+        """The last step is done."""
+        return self.done and self.step == len(self._plan.steps)
+
+    @property
+    def timed_out_at(self) -> float:
+        """When the current step has taken too long (the wait for the others included)."""
+        step = self.current
+        return self.started_s + (self._plan.prepare_timeout_s if step is None else step.timeout_s)
+
+    def finish_step(self, now: float) -> None:
+        """Own part of the current step is done."""
+        if not self.done:
+            self.done = True
+            self._close("done", now)
+
+    def break_off(self, result: str, now: float) -> None:
+        """The current step ends early (`timeout`, `aborted`), and with it the mission."""
+        if not self.done:
+            self._close(result, now)
+
+    def advance(self, members: Iterable[tuple[int, bool]], now: float) -> bool:
+        """Go on to the next step if own part is done and every live member shows at least (step, done)."""
+        if not self.done or self.finished or any(member < (self.step, True) for member in members):
+            return False
+        self.step += 1
+        self.done = False
+        self.started_s = now
+        self.results.append(StepResult(step_name(self._plan, self.step), "running", now, None))
+        return True
+
+    def _close(self, result: str, now: float) -> None:
+        last = self.results[-1]
+        self.results[-1] = StepResult(last.name, result, last.start_s, now)
