@@ -1,0 +1,21 @@
+"""Mission time: the only reader of the system clock in `sim`."""
+
+from __future__ import annotations
+
+import time
+
+
+class Clock:
+    """Mission time is (monotonic - `epoch_s`) * `speedup`; all processes of one host share both."""
+
+    def __init__(self, epoch_s: float, speedup: float) -> None:
+        self._epoch_s = epoch_s
+        self._speedup = speedup
+
+    def now(self) -> float:
+        """Mission time [s]."""
+        return (time.monotonic() - self._epoch_s) * self._speedup
+
+    def wall_until(self, mission_s: float) -> float:
+        """Wall-clock seconds from now until mission time `mission_s`; 0 when it has passed."""
+        return max(0.0, (mission_s - self.now()) / self._speedup)

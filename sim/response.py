@@ -1,0 +1,126 @@
+"""Velocity responses: how each firmware's velocity controller, and the airframe behind it, follow a target. Pure.
+
+Each is used by `sim.vehicle.advance`; all act on arrays with any leading axes and a last axis (north, east, down).
+Horizontal limits act on the length of the horizontal vector, as in the firmwares.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.vehicle import GRAVITY_MPS2, Array
+
+
+@dataclass(frozen=True)
+class Ideal:
+    """The paper's single integrator: the velocity is the target's, at once. For studies of the law alone."""
+
+    memory_rows: int = 1
+
+    def acceleration(self, memory: Array, velocity: Array, target: Array, wind: Array, dt: float) -> Array:
+        """See `sim.vehicle.Response`."""
+        del memory, wind
+        return (target - velocity) / dt
+
+
+@dataclass(frozen=True)
+class Ardupilot:
+    """ArduCopter in GUIDED: `input_vel_accel` shapes the target, AC_PosControl's P-P-I follows the shaped one.
+
+    Shaping (AP_Math `shape_vel_accel_xy`): acceleration towards the target proportional to the velocity error with
+    gain jerk / acceleration, bounded by WPNAV_ACCEL (2.5), its change by PSC_JERK_XY (5). Following: PSC_POSXY_P 1 on
+    the distance to where the shaped velocity would have led, PSC_VELXY_P 2, PSC_VELXY_I 1, lean angle at most 30 deg.
+    Airframe: linear drag of the rotors, quadratic drag of the frame so that 15 m/s needs 45 deg, as the SITL quad has;
+    the lag of attitude and motors (two of 0.07 s) and the vertical gains are fitted to recorded steps.
+    """
+
+    memory_rows: int = 6
+    acceleration_mps2: float = 2.5
+    jerk_mps3: float = 5.0
+    climb_mps2: float = 0.91
+    climb_jerk_mps3: float = 5.0
+    lean_mps2: float = GRAVITY_MPS2 * math.tan(math.radians(30.0))
+    lift_mps2: float = 5.0
+    position_per_s: tuple[float, float, float] = (1.0, 1.0, 1.04)
+    velocity_per_s: tuple[float, float, float] = (2.0, 2.0, 1.67)
+    integral_per_s2: tuple[float, float, float] = (1.0, 1.0, 0.0)
+    lag_s: tuple[float, float, float] = (0.07, 0.07, 0.06)
+    drag_per_s: tuple[float, float, float] = (0.29, 0.29, 0.0)
+    drag_per_m: tuple[float, float, float] = (0.024, 0.024, 0.0)
+
+    def acceleration(self, memory: Array, velocity: Array, target: Array, wind: Array, dt: float) -> Array:
+        """See `sim.vehicle.Response`. Rows of `memory`: path error, shaped velocity and acceleration, integral, lags."""
+        self._shape(memory[..., 1, :], memory[..., 2, :], target, dt)
+        error = memory[..., 1, :] - velocity
+        memory[..., 0, :] += error * dt
+        error += self.position_per_s * memory[..., 0, :]
+        memory[..., 3, :] += np.multiply(self.integral_per_s2, error) * dt
+        _bound(memory[..., 3, :], self.lean_mps2, self.lift_mps2)
+        command = memory[..., 2, :] + self.velocity_per_s * error + memory[..., 3, :]
+        _bound(command, self.lean_mps2, self.lift_mps2)
+        force = _lag(memory[..., 4:6, :], command, np.array(self.lag_s), dt)
+        air = velocity - wind
+        speed = np.sqrt((air * air).sum(axis=-1, keepdims=True))
+        return force - air * (self.drag_per_s + np.multiply(self.drag_per_m, speed))
+
+    def _shape(self, velocity: Array, acceleration: Array, target: Array, dt: float) -> None:
+        wanted = target - velocity
+        wanted[..., :2] *= self.jerk_mps3 / self.acceleration_mps2
+        wanted[..., 2] *= self.climb_jerk_mps3 / self.climb_mps2
+        _bound(wanted, self.acceleration_mps2, self.climb_mps2)
+        wanted -= acceleration
+        _bound(wanted, self.jerk_mps3 * dt, self.climb_jerk_mps3 * dt)
+        acceleration += wanted
+        velocity += acceleration * dt
+
+
+@dataclass(frozen=True)
+class Px4:
+    """PX4 in OFFBOARD: the velocity target goes to the PI controller unshaped, so it starts fast and creeps in.
+
+    MPC_XY_VEL_P_ACC 1.8, _I_ACC 0.4; MPC_Z_VEL_P_ACC 4, _I_ACC 2; tilt at most MPC_TILTMAX_AIR 45 deg; target bounded
+    by MPC_XY_VEL_MAX 12, MPC_Z_VEL_MAX_UP 3, _DN 1.5. Airframe: linear drag 1 /s, as the SIH quadrotor has; lag fitted.
+    """
+
+    memory_rows: int = 3
+    speed_mps: float = 12.0
+    climb_mps: float = 3.0
+    descent_mps: float = 1.5
+    tilt_mps2: float = GRAVITY_MPS2
+    lift_mps2: float = 6.0
+    velocity_per_s: tuple[float, float, float] = (1.8, 1.8, 4.0)
+    integral_per_s2: tuple[float, float, float] = (0.4, 0.4, 2.0)
+    lag_s: tuple[float, float, float] = (0.08, 0.08, 0.05)
+    drag_per_s: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+    def acceleration(self, memory: Array, velocity: Array, target: Array, wind: Array, dt: float) -> Array:
+        """See `sim.vehicle.Response`. Rows of `memory`: integral, two lags."""
+        error = target.copy()
+        _bound(error, self.speed_mps, self.climb_mps)
+        np.minimum(error[..., 2], self.descent_mps, out=error[..., 2])
+        error -= velocity
+        memory[..., 0, :] += np.multiply(self.integral_per_s2, error) * dt
+        _bound(memory[..., 0, :], self.tilt_mps2, self.lift_mps2)
+        command = self.velocity_per_s * error + memory[..., 0, :]
+        _bound(command, self.tilt_mps2, self.lift_mps2)
+        force = _lag(memory[..., 1:3, :], command, np.array(self.lag_s), dt)
+        return force - np.multiply(self.drag_per_s, velocity - wind)
+
+
+def _bound(vector: Array, horizontal: float, vertical: float) -> None:
+    """Shortens `vector` (..., 3) in place: its horizontal part's length, its vertical part's size."""
+    length = np.hypot(vector[..., 0], vector[..., 1])
+    if (length > horizontal).any():
+        vector[..., :2] *= np.minimum(1.0, horizontal / np.maximum(length, 1e-12))[..., None]
+    np.clip(vector[..., 2], -vertical, vertical, out=vector[..., 2])
+
+
+def _lag(memory: Array, command: Array, lag_s: Array, dt: float) -> Array:
+    """Two first-order lags in a row, exact for a command that is constant over `dt`; rows (..., 2, 3)."""
+    share = -np.expm1(-dt / lag_s)
+    memory[..., 0, :] += share * (command - memory[..., 0, :])
+    memory[..., 1, :] += share * (memory[..., 0, :] - memory[..., 1, :])
+    return memory[..., 1, :].copy()
