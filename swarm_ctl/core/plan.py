@@ -14,7 +14,7 @@ import hashlib
 import json
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 Point = tuple[float, float]
 
@@ -93,6 +93,7 @@ class TakeoffStep:
 
     height_m: float
     timeout_s: float
+    kind: Literal["takeoff"] = "takeoff"
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +108,7 @@ class FormStep:
     tolerance_m: float
     settle_s: float
     timeout_s: float
+    kind: Literal["form"] = "form"
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,6 +117,7 @@ class HoldStep:
 
     duration_s: float
     timeout_s: float
+    kind: Literal["hold"] = "hold"
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,9 +125,11 @@ class LandStep:
     """Stop, land in place, disarm."""
 
     timeout_s: float
+    kind: Literal["land"] = "land"
 
 
 Step: TypeAlias = TakeoffStep | FormStep | HoldStep | LandStep
+"""`kind` names a step on screens, in results and in a plan's JSON."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,6 +178,6 @@ def _canonical(value: Any) -> Any:
         return {"": type(value).__name__} | fields
     if isinstance(value, tuple | list):
         return [_canonical(item) for item in value]
-    if isinstance(value, float):
-        return round(value, 9)
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return round(float(value), 9)  # 3 and 3.0 are one plan, however it was built
     return value
