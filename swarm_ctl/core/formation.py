@@ -1,0 +1,48 @@
+"""How well a formation stands. Points and slots are (..., n, 2) arrays of (north, east) in one length unit."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+Array: TypeAlias = npt.NDArray[np.float64]
+
+
+def errors(points: npt.ArrayLike, slots: npt.ArrayLike) -> Array:
+    """`e_i = p_i - z_i`, (..., n, 2)."""
+    return np.asarray(points, dtype=np.float64) - np.asarray(slots, dtype=np.float64)
+
+
+def centred(points: npt.ArrayLike) -> Array:
+    """The same points with their centroid at zero, (..., n, 2)."""
+    array = np.asarray(points, dtype=np.float64)
+    return np.asarray(array - array.mean(axis=-2, keepdims=True))
+
+
+def formation_error(points: npt.ArrayLike, slots: npt.ArrayLike) -> Array:
+    """Largest `|e_i - mean e|`, (...): zero when the shape stands, wherever it stands. Pass live agents only."""
+    return np.asarray(np.linalg.norm(centred(errors(points, slots)), axis=-1).max(axis=-1))
+
+
+def distances(points: npt.ArrayLike) -> Array:
+    """`|p_i - p_j|` of every pair, (..., n, n); zero on the diagonal."""
+    array = np.asarray(points, dtype=np.float64)
+    return np.asarray(np.linalg.norm(array[..., :, None, :] - array[..., None, :, :], axis=-1))
+
+
+def closest_pair(points: npt.ArrayLike) -> tuple[float, tuple[int, int]] | None:
+    """The smallest distance in one (n, 2) array and its pair of indices, lower first; None for fewer than two."""
+    between = distances(points)
+    if between.shape[-1] < 2:
+        return None
+    np.fill_diagonal(between, np.inf)
+    i, j = np.unravel_index(int(np.argmin(between)), between.shape)
+    return float(between[i, j]), (int(min(i, j)), int(max(i, j)))
+
+
+def smallest_distance(points: npt.ArrayLike) -> float:
+    """The smallest distance between two of the points, an (n, 2) array; infinite for fewer than two."""
+    found = closest_pair(points)
+    return np.inf if found is None else found[0]

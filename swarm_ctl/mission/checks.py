@@ -1,0 +1,283 @@
+"""What a mission's fields must be together. Each check is a pure function that yields every mistake it finds.
+
+`CHECKS` names the sections a check reads, so that a mission with one broken section still gets all the others checked.
+"""
+
+from __future__ import annotations
+
+import difflib
+import itertools
+import math
+from collections.abc import Callable, Iterator, Mapping
+from typing import NamedTuple, TypeAlias
+
+from swarm_ctl.core import graph
+from swarm_ctl.core.formation import distances
+from swarm_ctl.mission.document import Place, dotted
+from swarm_ctl.mission.schema import FleetEntry, Form, MissionFile, Offsets, Ring, Shape, Takeoff
+from swarm_ctl.mission.shapes import slots_of
+
+MAX_DISTANCE_M = 5000.0
+"""From the origin: further out the common frame's flat horizon is metres off the earth's."""
+_ROUNDING = 1e-9
+
+
+class Finding(NamedTuple):
+    """A mistake: where in the mission, what is wrong, what would be allowed."""
+
+    place: Place
+    what: str
+    allowed: str
+
+
+Findings: TypeAlias = Iterator[Finding]
+
+
+def check(mission: MissionFile, broken: frozenset[str] = frozenset()) -> list[Finding]:
+    """Everything that is wrong with a mission, but for what needs a section that is itself `broken`."""
+    return [
+        finding for needs, function in CHECKS if not broken.intersection(needs.split()) for finding in function(mission)
+    ]
+
+
+# --- law ---
+
+
+def _radii(mission: MissionFile) -> Findings:
+    law = mission.law
+    if law.r_in >= law.r_out:
+        yield Finding(("law", "r_in"), f"{law.r_in:g} is not below r_out", f"below law.r_out = {law.r_out:g}")
+    if law.r_out >= law.r:
+        yield Finding(("law", "r_out"), f"{law.r_out:g} is not below r", f"below law.r = {law.r:g}")
+
+
+def _gains(mission: MissionFile) -> Findings:
+    kappa, tick_s = mission.law.kappa, mission.tick_s
+    if kappa is not None and kappa * tick_s > 1 + _ROUNDING:
+        what = f"{kappa:g} * tick_s {tick_s:g} is {kappa * tick_s:g}: more than one law iteration a tick"
+        yield Finding(("law", "kappa"), what, f"at most 1 / tick_s = {1 / tick_s:g}")
+
+
+# --- agents and their starts ---
+
+
+def _agent_ids(mission: MissionFile) -> Findings:
+    ids: dict[Place, int] = {("agents", k, "id"): agent.id for k, agent in enumerate(mission.agents)}
+    yield from _twice(ids, "an id of its own for every agent")
+
+
+def _start_range(mission: MissionFile) -> Findings:
+    for k, agent in enumerate(mission.agents):
+        away_m = math.hypot(*agent.start) * mission.unit_m
+        if away_m > MAX_DISTANCE_M:
+            what = f"is {away_m:.0f} m from the origin"
+            yield Finding(("agents", k, "start"), what, f"at most {MAX_DISTANCE_M:g} m (unit_m {mission.unit_m:g})")
+
+
+def _starts(mission: MissionFile) -> Findings:
+    r_in = mission.law.r_in
+    for (_, a), (k, b) in itertools.combinations(enumerate(mission.agents), 2):
+        apart = math.dist(a.start, b.start)
+        if apart < r_in:
+            what = f"agents {a.id} and {b.id} start {_length(mission, apart)} apart"
+            yield Finding(("agents", k, "start"), what, f"at least law.r_in = {_length(mission, r_in)}")
+
+
+def _connected(mission: MissionFile) -> Findings:
+    starts = {agent.id: agent.start for agent in mission.agents}
+    parts = graph.components(graph.neighbours(starts, mission.law.r))
+    if len(parts) > 1:
+        named = " and ".join("{" + ", ".join(map(str, part)) + "}" for part in parts)
+        gap, i, j = min(
+            (math.dist(starts[i], starts[j]), i, j)
+            for one, other in itertools.combinations(parts, 2)
+            for i in one
+            for j in other
+        )
+        yield Finding(
+            ("agents",),
+            f"the start graph is not connected: it falls into {named}; "
+            f"the smallest gap is {_length(mission, gap)}, agents {i} and {j}",
+            f"every part within law.r = {_length(mission, mission.law.r)} of another",
+        )
+
+
+# --- fleet ---
+
+
+def _fleet(mission: MissionFile) -> Findings:
+    entries = mission.fleet.agents if mission.fleet else ()
+    place: Place = ("fleet", "agents")
+    yield from _twice({(*place, k, "id"): e.id for k, e in enumerate(entries)}, "one entry for each agent")
+    sysids = {(*place, k, "sysid"): sysid_of(e) for k, e in enumerate(entries)}
+    yield from _twice(sysids, "a sysid of its own for every vehicle")
+    endpoints = {(*place, k, "endpoint"): e.endpoint for k, e in enumerate(entries)}
+    yield from _twice(endpoints, "an endpoint of its own for every vehicle")
+    yield from _twice({(*place, k, "mesh"): e.mesh for k, e in enumerate(entries)}, "a mesh endpoint of its own")
+    for k, entry in enumerate(entries):
+        if entry.sysid is None and entry.id > 250:
+            yield Finding((*place, k), f"sysid is missing, and id {entry.id} is none", "sysid: 1 to 250")
+        yield from _ports((*place, k), entry)
+
+
+def _ports(place: Place, entry: FleetEntry) -> Findings:
+    for name, value in (("endpoint", entry.endpoint), ("mesh", entry.mesh)):
+        port = value.rpartition(":")[2] if value and not value.startswith("/") else "1"
+        if not 1 <= int(port) <= 65535:
+            yield Finding((*place, name), f"port {port} is out of range", "a port from 1 to 65535")
+
+
+def _fleet_has_all(mission: MissionFile) -> Findings:
+    if mission.fleet is None:
+        for k, agent in enumerate(mission.agents):
+            if agent.id > 250:
+                what = f"agent {agent.id} can't use its id as its vehicle's sysid"
+                yield Finding(("agents", k, "id"), what, "an id up to 250, or a fleet section that gives sysids")
+        return
+    there = {entry.id for entry in mission.fleet.agents}
+    for k, agent in enumerate(mission.agents):
+        if agent.id not in there:
+            what = f"agent {agent.id} has no entry in the fleet"
+            yield Finding(("agents", k, "id"), what, "one of " + ", ".join(map(str, sorted(there))))
+
+
+def sysid_of(entry: FleetEntry) -> int:
+    """The vehicle's system id: the agent's own where the file gives none."""
+    return entry.id if entry.sysid is None else entry.sysid
+
+
+# --- shapes ---
+
+
+def _shapes(mission: MissionFile) -> Findings:
+    for name, shape in mission.shapes.items():
+        place = ("shapes", name)
+        if isinstance(shape, Ring) and (shape.side is None) == (shape.radius is None):
+            what = "has neither side nor radius" if shape.side is None else "has both side and radius"
+            yield Finding(place, what, "one of side, radius")
+        else:
+            yield from _slot_distances(mission, place, shape)
+
+
+def _slot_distances(mission: MissionFile, place: Place, shape: Shape) -> Findings:
+    between = distances(slots_of(shape, len(mission.agents)))
+    close = sorted(
+        (float(between[i, j]), i, j)
+        for i, j in itertools.combinations(range(len(between)), 2)
+        if between[i, j] <= mission.law.r_out + _ROUNDING
+    )
+    if close:
+        apart, i, j = close[0]
+        more = f" (and {len(close) - 1} more pairs)" if len(close) > 1 else ""
+        where = (*place, "offsets", j) if isinstance(shape, Offsets) else place
+        what = f"slots {i + 1} and {j + 1} of {len(between)} are {_length(mission, apart)} apart{more}"
+        yield Finding(where, what, f"more than law.r_out = {_length(mission, mission.law.r_out)}")
+
+
+def _slot_counts(mission: MissionFile) -> Findings:
+    need = len(mission.agents)
+    for name in dict.fromkeys(form.shape for _, form in forms(mission) if form.shape in mission.shapes):
+        shape = mission.shapes[name]
+        have = len(shape.offsets) if isinstance(shape, Offsets) else shape.count or need
+        if have != need:
+            field = "offsets" if isinstance(shape, Offsets) else "count"
+            few = "too few" if have < need else "too many"
+            yield Finding(("shapes", name, field), f"{have} slots for {need} agents: {few}", f"{need} slots")
+
+
+# --- steps ---
+
+
+def forms(mission: MissionFile) -> list[tuple[Place, Form]]:
+    """The form steps and their places."""
+    return [(("steps", k, "form"), step.form) for k, step in enumerate(mission.steps) if step.form]
+
+
+def _kinds(mission: MissionFile) -> list[str]:
+    """Each step's kind; '' where it has none or several."""
+    given = [sorted(step.model_fields_set) for step in mission.steps]
+    return [kinds[0] if len(kinds) == 1 else "" for kinds in given]
+
+
+def _steps(mission: MissionFile) -> Findings:
+    kinds = _kinds(mission)
+    last = len(kinds) - 1
+    for k, kind in enumerate(kinds):
+        place = ("steps", k)
+        if not kind:
+            yield Finding(place, "is not one step", "exactly one of takeoff, form, hold, land")
+        elif k == 0 and kind != "takeoff":
+            yield Finding(place, f"{kind} before takeoff", "takeoff as the first step")
+        elif k > 0 and kind == "takeoff":
+            yield Finding(place, "takeoff in the air", "takeoff as the first step only")
+        if k < last and kind == "land":
+            yield Finding(place, "steps after land", "land as the last step only")
+        if kind == "hold" and "form" not in kinds[:k]:
+            yield Finding(place, "hold without a formation to keep", "a form step before it")
+    if kinds[last] not in {"land", ""}:
+        yield Finding(("steps", last), f"the mission ends with {kinds[last]}", "land as the last step")
+
+
+def _form_shapes(mission: MissionFile) -> Findings:
+    known = sorted(mission.shapes)
+    for place, form in forms(mission):
+        if form.shape not in mission.shapes:
+            close = difflib.get_close_matches(form.shape, known, n=1)
+            hint = f"; did you mean {close[0]}?" if close else ""
+            allowed = "one of " + ", ".join(known) if known else "a shape named in the section shapes"
+            yield Finding((*place, "shape"), f"there is no shape {form.shape!r}{hint}", allowed)
+
+
+def _timeouts(mission: MissionFile) -> Findings:
+    for k, step in enumerate(mission.steps):
+        if step.takeoff and step.takeoff.timeout_s is not None:
+            yield from _longer(("steps", k, "takeoff"), step.takeoff.timeout_s, climb_s(mission, step.takeoff))
+        if step.form:
+            yield from _longer(("steps", k, "form"), step.form.timeout_s, step.form.settle_s)
+        if step.hold and step.hold.timeout_s is not None:
+            yield from _longer(("steps", k, "hold"), step.hold.timeout_s, step.hold.duration_s)
+
+
+def climb_s(mission: MissionFile, takeoff: Takeoff) -> float:
+    """The least time a take-off needs."""
+    return takeoff.height_m / mission.vehicle.limits.climb_mps
+
+
+def _longer(place: Place, timeout_s: float, needed_s: float) -> Findings:
+    if timeout_s <= needed_s:
+        what = f"{timeout_s:g} s is over before the {place[-1]} step can be done"
+        yield Finding((*place, "timeout_s"), what, f"above {needed_s:g}")
+
+
+# --- helpers ---
+
+
+def _twice(values: Mapping[Place, object], allowed: str) -> Findings:
+    first: dict[object, Place] = {}
+    for place, value in values.items():
+        if value is None:
+            continue
+        if value in first:
+            yield Finding(place, f"{value} is taken by {dotted(first[value][:-1])}", allowed)
+        first.setdefault(value, place)
+
+
+def _length(mission: MissionFile, units: float) -> str:
+    return f"{units:.4g} units ({units * mission.unit_m:.4g} m)"
+
+
+CHECKS: tuple[tuple[str, Callable[[MissionFile], Findings]], ...] = (
+    ("law", _radii),
+    ("law tick_s", _gains),
+    ("agents", _agent_ids),
+    ("agents unit_m", _start_range),
+    ("agents law unit_m", _starts),
+    ("agents law unit_m", _connected),
+    ("fleet", _fleet),
+    ("agents fleet", _fleet_has_all),
+    ("shapes agents law unit_m", _shapes),
+    ("shapes agents steps", _slot_counts),
+    ("steps", _steps),
+    ("steps shapes", _form_shapes),
+    ("steps vehicle", _timeouts),
+)

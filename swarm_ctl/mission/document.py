@@ -1,0 +1,169 @@
+"""YAML read strictly, with the line of every value kept, so that a mistake can be pointed at.
+
+Scalars follow YAML 1.2's core schema without its exotic number forms: `on`, `yes`, `010`, `1_000`, `1:30` and dates are
+text, not the surprises YAML 1.1 makes of them, and `1e3` is a number.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import yaml
+from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+
+from swarm_ctl.errors import MissionError, Problem
+
+Place: TypeAlias = tuple[str | int, ...]
+"""Where a value stands in its document: keys and list indices from the top."""
+
+
+class _Loader(yaml.SafeLoader):
+    yaml_implicit_resolvers = {}  # noqa: RUF012 (PyYAML declares it on the instance)
+
+    def compose_node(self, parent: Node | None, index: int) -> Node | None:
+        if self.check_event(yaml.events.AliasEvent):
+            mark = self.peek_event().start_mark  # type: ignore[no-untyped-call]
+            raise yaml.composer.ComposerError(None, None, "aliases (*name) are not supported", mark)
+        return super().compose_node(parent, index)
+
+
+_TAG = "tag:yaml.org,2002:"
+for _name, _pattern, _first in (
+    ("bool", r"true|True|TRUE|false|False|FALSE", "tTfF"),
+    ("null", r"~|null|Null|NULL|", ["~", "n", "N", ""]),
+    ("int", r"[-+]?(0|[1-9][0-9]*)", "-+0123456789"),
+    ("float", r"[-+]?(\.[0-9]+|(0|[1-9][0-9]*)(\.[0-9]*)?)([eE][-+]?[0-9]+)?", "-+.0123456789"),
+    ("float", r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)", "-+."),
+):
+    _Loader.add_implicit_resolver(_TAG + _name, re.compile(f"(?:{_pattern})$"), list(_first))
+
+
+@dataclass
+class Document:
+    """A file as plain data (dict, tuple, scalars) with the place of every value and the mistakes found on the way."""
+
+    name: str
+    data: Any = None
+    wheres: dict[Place, str] = field(default_factory=dict)
+    problems: list[Problem] = field(default_factory=list)
+
+    def where(self, place: Place) -> str:
+        """`file:line` of the value at `place`, or of the nearest section around it."""
+        while place and place not in self.wheres:
+            place = place[:-1]
+        return self.wheres.get(place, self.name)
+
+    def problem(self, place: Place, what: str, allowed: str) -> Problem:
+        """A problem with the value at `place`."""
+        return Problem(self.where(place), dotted(place), what, allowed)
+
+    def graft(self, place: Place, other: Document) -> None:
+        """Put the whole of `other` at `place`; its values keep their own file and lines."""
+        self.data[place[0]] = other.data
+        self.wheres |= {place + inner: where for inner, where in other.wheres.items()}
+        self.problems += [
+            Problem(
+                p.where, dotted(place) if p.field == dotted(()) else f"{dotted(place)}.{p.field}", p.what, p.allowed
+            )
+            for p in other.problems
+        ]
+
+
+def dotted(place: Place) -> str:
+    """`("fleet", "agents", 2, "sysid")` as `fleet.agents[2].sysid`."""
+    text = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place)
+    return text.removeprefix(".") or "(whole file)"
+
+
+def read(path: Path, *, what: str = "mission") -> Document:
+    """Read a YAML file; raises MissionError where it can't be read or parsed at all."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise _refuse(str(path), f"can't be read: {reason}", f"a readable {what} file") from error
+    except UnicodeDecodeError as error:
+        raise _refuse(str(path), f"is not text: {error.reason} at byte {error.start}", "UTF-8 text") from error
+    return parse(text, str(path))
+
+
+def parse(text: str, name: str) -> Document:
+    """Parse YAML text; `name` stands for the file in messages. Raises MissionError where it is no YAML."""
+    try:
+        node = yaml.compose(text, Loader=_Loader)
+        document = Document(name)
+        if node is None:
+            raise _refuse(name, "is empty", "a mapping of fields to values")
+        document.data = _Converter(document).convert(node, ())
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        where = f"{name}:{mark.line + 1}" if mark else name
+        what = " ".join(part for part in (error.context, error.problem) if part)
+        raise _refuse(where, f"YAML: {what}", "well-formed YAML") from error
+    except yaml.reader.ReaderError as error:
+        line = text.count("\n", 0, error.position) + 1
+        character = f"character {error.character!r}"
+        raise _refuse(f"{name}:{line}", f"YAML: {character} ({error.reason})", "printable text") from error
+    except RecursionError as error:
+        raise _refuse(name, "is nested too deeply", "a few levels of mappings and lists") from error
+    return document
+
+
+def _refuse(where: str, what: str, allowed: str) -> MissionError:
+    return MissionError((Problem(where, dotted(()), what, allowed),))
+
+
+class _Converter:
+    """Nodes to plain data, noting lines and duplicate keys in the document."""
+
+    def __init__(self, document: Document) -> None:
+        self._document = document
+
+    def convert(self, node: Node, place: Place) -> Any:
+        # A mapping's entry has the line of its key, noted before; lists' entries and the top have their own.
+        self._document.wheres.setdefault(place, self._where(node))
+        if isinstance(node, MappingNode):
+            return self._mapping(node, place)
+        if isinstance(node, SequenceNode):
+            return tuple(self.convert(item, (*place, k)) for k, item in enumerate(node.value))
+        return self._scalar(node, place)
+
+    def _mapping(self, node: MappingNode, place: Place) -> dict[str, Any]:
+        result: dict[str, Any] = {}
+        for key_node, value_node in node.value:
+            if not isinstance(key_node, ScalarNode):
+                self._note(key_node, place, "a list or mapping can't be a field's name", "a plain word")
+                continue
+            key = key_node.value
+            inner = (*place, key)
+            if key in result:
+                first = self._document.where(inner)
+                self._note(key_node, inner, f"is given twice (first at {first})", "each field once")
+                continue
+            self._document.wheres[inner] = self._where(key_node)
+            result[key] = self.convert(value_node, inner)
+        return result
+
+    def _scalar(self, node: Node, place: Place) -> Any:
+        text, tag = node.value, node.tag.removeprefix(_TAG)
+        try:
+            if tag == "bool":
+                return text.lower() == "true"
+            if tag == "int":
+                return int(text)
+            if tag == "float":
+                return float(text.lower().replace(".inf", "inf").replace(".nan", "nan"))
+        except ValueError:
+            return text
+        if tag not in {"str", "null"}:
+            self._note(node, place, f"has the YAML tag {node.tag!r}", "no tags")
+        return None if tag == "null" else text
+
+    def _where(self, node: Node) -> str:
+        return f"{self._document.name}:{node.start_mark.line + 1}"
+
+    def _note(self, node: Node, place: Place, what: str, allowed: str) -> None:
+        self._document.problems.append(Problem(self._where(node), dotted(place), what, allowed))

@@ -1,0 +1,176 @@
+"""From a mission file to a plan and a fleet, or to every mistake in it at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from pydantic import ValidationError, create_model
+
+from swarm_ctl.core import graph, plan
+from swarm_ctl.core.plan import Plan, Point
+from swarm_ctl.errors import MissionError, Problem
+from swarm_ctl.mission import checks, document, slots, wording
+from swarm_ctl.mission.document import Document
+from swarm_ctl.mission.fleet import Fleet, FleetAgent
+from swarm_ctl.mission.schema import FleetEntry, Form, Hold, MissionFile, Section, Step, Takeoff
+from swarm_ctl.mission.shapes import slots_of
+from swarm_ctl.mission.warnings import warnings
+
+
+@dataclass(frozen=True)
+class LoadedMission:
+    """A mission that may fly."""
+
+    plan: Plan
+    fleet: Fleet
+    source: Path
+    file: MissionFile
+    """What was written, defaults filled in."""
+    warnings: tuple[str, ...] = ()
+    """What is allowed but worth a second look, each with file, line and field."""
+
+
+def load(path: Path | str, *, fleet: Path | str | None = None) -> LoadedMission:
+    """Read and check a mission; `fleet` replaces the fleet it names. Raises MissionError with all problems."""
+    path = Path(path)
+    return _build(document.read(path), path, None if fleet is None else Path(fleet))
+
+
+def loads(text: str, name: str = "mission.yaml") -> LoadedMission:
+    """The same from text; a fleet file is looked for in the directory of `name`."""
+    return _build(document.parse(text, name), Path(name), None)
+
+
+def _build(source: Document, path: Path, fleet: Path | None) -> LoadedMission:
+    _graft_fleet(source, path, fleet)
+    mission, problems = _validate(source)
+    if problems or mission is None:
+        raise MissionError(tuple(sorted(problems, key=_line)))
+    the_plan = plan_of(mission)
+    noted = tuple(
+        f"{source.where(finding.place)}: {document.dotted(finding.place)}: {finding.what}"
+        for finding in warnings(mission, the_plan)
+    )
+    return LoadedMission(the_plan, fleet_of(mission), path, mission, noted)
+
+
+def _line(problem: Problem) -> tuple[str, int]:
+    name, _, line = problem.where.rpartition(":")
+    return (name, int(line)) if line.isdigit() else (problem.where, 0)
+
+
+def _graft_fleet(source: Document, path: Path, fleet: Path | None) -> None:
+    """Put a fleet file's content where the mission names the file."""
+    if not isinstance(source.data, dict):
+        return
+    named = source.data.get("fleet")
+    if fleet is None and isinstance(named, str):
+        fleet = path.parent / named
+    if fleet is None:
+        return
+    try:
+        source.graft(("fleet",), document.read(fleet, what="fleet"))
+    except MissionError as error:
+        source.problems += [Problem(p.where, "fleet", p.what, p.allowed) for p in error.problems]
+        source.data.pop("fleet", None)
+
+
+def _validate(source: Document) -> tuple[MissionFile | None, list[Problem]]:
+    problems = list(source.problems)
+    mission, broken = None, frozenset[str]()
+    try:
+        mission = MissionFile.model_validate(source.data)
+        rest = mission
+    except ValidationError as error:
+        found = error.errors()
+        problems += [wording.problem_of(dict(each), source, _json_schema()) for each in found]
+        broken = frozenset(str(each["loc"][0]) if each["loc"] else "" for each in found)
+        if "" in broken:
+            return None, problems
+        rest = _partial(source.data, broken)
+    problems += [source.problem(*finding) for finding in checks.check(rest, broken)]
+    return mission, problems
+
+
+def _partial(data: dict[str, Any], broken: frozenset[str]) -> MissionFile:
+    """The sections that are well-formed; the broken ones are missing, and nobody may ask for them."""
+    fields = {k: (info.annotation, info) for k, info in MissionFile.model_fields.items() if k not in broken}
+    model = create_model("PartialMission", __base__=Section, **cast("Any", fields))
+    return cast("MissionFile", model.model_validate({k: v for k, v in data.items() if k in fields}))
+
+
+@cache
+def _json_schema() -> dict[str, Any]:
+    return MissionFile.model_json_schema()
+
+
+def fleet_of(mission: MissionFile) -> Fleet:
+    """The fleet's entries of the mission's agents; simulated ArduCopters where it has no fleet."""
+    entries = {entry.id: entry for entry in mission.fleet.agents} if mission.fleet else {}
+    chosen = (entries.get(i) or FleetEntry(id=i) for i in sorted(agent.id for agent in mission.agents))
+    return Fleet(tuple(FleetAgent(e.id, checks.sysid_of(e), e.autopilot, e.endpoint, e.mesh) for e in chosen))
+
+
+def plan_of(mission: MissionFile) -> Plan:
+    """The plan of a mission that has passed its checks."""
+    law = mission.law
+    kappa = law.kappa or 1 / mission.tick_s
+    plain_h = plan.LawParameters().h
+    h = law.h or (plain_h if law.compensation is plan.Compensation.NONE else min(1.0, 1 / kappa))
+    starts = {agent.id: agent.start for agent in sorted(mission.agents, key=lambda agent: agent.id)}
+    near = graph.neighbours(starts, law.r)
+    return Plan(
+        name=mission.name,
+        origin=plan.Geodetic(mission.origin.lat_deg, mission.origin.lon_deg, mission.origin.alt_m),
+        unit_m=mission.unit_m,
+        tick_s=mission.tick_s,
+        kappa=kappa,
+        law=plan.LawParameters(law.r, law.r_out, law.r_in, h, law.delta_l, law.delta_a),
+        compensation=law.compensation,
+        response=plan.Response(**mission.vehicle.response.model_dump()),
+        limits=plan.Limits(**mission.vehicle.limits.model_dump()),
+        policies=plan.Policies(**mission.policies.model_dump()),
+        prepare_timeout_s=mission.prepare_timeout_s,
+        agents=tuple(plan.AgentPlan(i, start, near[i]) for i, start in starts.items()),
+        steps=_steps(mission, tuple(starts.values())),
+    )
+
+
+def _steps(mission: MissionFile, starts: tuple[Point, ...]) -> tuple[plan.Step, ...]:
+    steps: list[plan.Step] = []
+    points, height_m = starts, 0.0
+    for step in mission.steps:
+        if step.form:
+            points = _take_slots(mission, step.form, points)
+        if step.takeoff:
+            height_m = step.takeoff.height_m
+        steps.append(_step(mission, step, points, height_m))
+    return tuple(steps)
+
+
+def _step(mission: MissionFile, step: Step, points: tuple[Point, ...], height_m: float) -> plan.Step:
+    match step.takeoff or step.form or step.hold or step.land:
+        case Takeoff() as takeoff:
+            # Arming and spooling up, then twice what the climb needs.
+            generous_s = 30 + 2 * checks.climb_s(mission, takeoff)
+            return plan.TakeoffStep(takeoff.height_m, takeoff.timeout_s or generous_s)
+        case Form() as form:
+            return plan.FormStep(form.shape, points, form.tolerance_m, form.settle_s, form.timeout_s)
+        case Hold() as hold:
+            return plan.HoldStep(hold.duration_s, hold.timeout_s or hold.duration_s + 30)
+        case land:
+            # Autopilots touch down at 0.5 m/s or less, whatever the descent before; and they take a while to disarm.
+            slow_mps = min(mission.vehicle.limits.descent_mps, 0.5)
+            return plan.LandStep((land and land.timeout_s) or 60 + 1.5 * height_m / slow_mps)
+
+
+def _take_slots(mission: MissionFile, form: Form, points: tuple[Point, ...]) -> tuple[Point, ...]:
+    targets = slots_of(mission.shapes[form.shape], len(points))
+    if form.slots == "nearest":
+        targets = slots.nearest(points, targets)
+    # Rounded (and -0 made 0) so that the plan's hash does not hang on a machine's last bits.
+    return tuple((float(north), float(east)) for north, east in np.round(targets, 9) + 0.0)
