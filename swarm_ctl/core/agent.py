@@ -130,9 +130,9 @@ class Agent:
         self._formation_error = self._measure_formation(now, fix if fresh else None)
         self._check(now, view, fix)
         goal = self._decide(now, view, fix if fresh else None)
-        if self._phase is not Phase.ENDED:
-            if self._finding is None and self._progress.advance(self._members(now), now):
-                self._enter_step(now)
+        going_on = self._finding is None and self._phase is not Phase.ENDED
+        if going_on and self._progress.advance(self._members(now), now):
+            self._enter_step(now)
         actions = Actions(goal, self._state(now, fix) if fix is not None and fresh else None, acks=acks)
         self._publish_slow(now, inbox, fix, actions)
         return actions

@@ -22,33 +22,3 @@ PREDICT_S: Final = 0.3
 NEIGHBOUR_S: Final = 1.0
 OWN_FIX_S: Final = 0.5
 OWN_LOST_S: Final = 3.0
-
-
-class AgeHistogram:
-    """Percentiles of an age sampled every tick, in constant memory: bins of 10 ms up to 5 s, the last one open."""
-
-    BIN_S: Final = 0.01
-    _BINS: Final = 500
-
-    __slots__ = ("_bins", "count")
-
-    def __init__(self) -> None:
-        self._bins = [0] * (self._BINS + 1)
-        self.count = 0
-
-    def add(self, age_s: float) -> None:
-        """Count one age; negative ones (clocks that differ) count as zero."""
-        self._bins[min(self._BINS, max(0, int(age_s / self.BIN_S)))] += 1
-        self.count += 1
-
-    def percentile(self, share: float) -> float | None:
-        """The upper edge of the bin that holds the `share` (0..1) quantile [s]; None before the first sample."""
-        if self.count == 0:
-            return None
-        wanted = share * self.count
-        seen = 0
-        for index, number in enumerate(self._bins):
-            seen += number
-            if seen >= wanted:
-                return round((index + 1) * self.BIN_S, 9)
-        return round((self._BINS + 1) * self.BIN_S, 9)

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarm_ctl.core.frames import ned_from_geodetic
-from swarm_ctl.core.freshness import FRESH_S, NEIGHBOUR_S, PREDICT_S, AgeHistogram
+from swarm_ctl.core.freshness import FRESH_S, NEIGHBOUR_S, PREDICT_S
+from swarm_ctl.core.histogram import Histogram
 from swarm_ctl.core.plan import Compensation, Plan, Point
 from swarm_ctl.core.response import stop_distance
 from swarm_ctl.core.state import AgentState, LinkReport
@@ -18,6 +19,7 @@ from swarm_ctl.core.vehicle import Contact
 
 _MAX_TRANSIT_S = 1.0
 """A sender's clock that is further off than this is not believed; the age then counts from the receipt."""
+_AGE_BIN_S = 0.01
 _MAX_CONTACTS = 8
 """Traffic the law takes in at most, nearest first."""
 _SAME_AIRCRAFT_M = 2.5
@@ -35,7 +37,7 @@ class Peer:
     received_s: float = -math.inf
     received: int = 0
     lost: int = 0
-    ages: AgeHistogram = field(default_factory=AgeHistogram)
+    ages: Histogram = field(default_factory=lambda: Histogram(_AGE_BIN_S))
 
     def age(self, now: float) -> float:
         """Seconds since the state was true: local time since receipt plus the time it was under way."""

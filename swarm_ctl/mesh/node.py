@@ -1,0 +1,57 @@
+"""A member of the mesh with typed channels: payloads in, payloads out; bad bytes are counted and dropped."""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+from swarm_ctl.errors import PayloadError
+from swarm_ctl.mesh.keys import Channel
+from swarm_ctl.mesh.payloads import decode, encode
+from swarm_ctl.mesh.transport import Inlet, Transport
+
+P = TypeVar("P")
+
+
+class Node:
+    """Publishes under its own `name` (an agent's id, a station's name) in `swarm`."""
+
+    def __init__(self, transport: Transport, swarm: str, name: int | str) -> None:
+        self._transport = transport
+        self._swarm = swarm
+        self._name = name
+        self._inlets: dict[str, Inlet] = {}
+        self._keys: dict[str, str] = {}
+        self.bad_payloads = 0
+        self.last_bad = ""
+
+    def listen(self, *channels: Channel[P]) -> None:
+        """Start to hear every publisher of these channels."""
+        for channel in channels:
+            self._inlets[channel.name] = self._transport.subscribe(channel.everyone(self._swarm))
+
+    def send(self, channel: Channel[P], payload: P) -> None:
+        """Publish under the own key."""
+        key = self._keys.get(channel.name)
+        if key is None:
+            key = self._keys[channel.name] = channel.key(self._swarm, self._name)
+        self._transport.publish(key, encode(payload), channel.qos)
+
+    def take(self, channel: Channel[P]) -> list[tuple[P, float]]:
+        """(payload, received_s) of everything heard since the last call, oldest first."""
+        taken = []
+        for received_s, data in self._inlets[channel.name].drain():
+            try:
+                taken.append((decode(channel.payload, data), received_s))
+            except PayloadError as error:
+                self.bad_payloads += 1
+                self.last_bad = str(error)
+        return taken
+
+    @property
+    def dropped(self) -> int:
+        """Messages thrown away because this process was too slow to read them."""
+        return sum(inlet.dropped for inlet in self._inlets.values())
+
+    def close(self) -> None:
+        """Leave the mesh."""
+        self._transport.close()

@@ -1,0 +1,100 @@
+"""Payloads as bytes. The first byte is the version; an unknown one is refused, never guessed.
+
+`AgentState` is sent every tick and has a fixed little-endian layout (`_STATE`); everything else is JSON after the
+version byte, checked field by field by pydantic.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from typing import Any, Final, TypeVar
+
+from pydantic import TypeAdapter, ValidationError
+
+from swarm_ctl.core.state import AgentState, Phase
+from swarm_ctl.errors import PayloadError
+
+VERSION: Final = 1
+P = TypeVar("P")
+
+_STATE: Final = struct.Struct("<BBHIdQHB3d3f2d2f")
+"""version, flags, agent, seq, time_s, plan_hash, step, phase, position_ned_m, velocity_ned_mps, stop_point_m,
+commanded_mps. Flags: bit 0 done, bit 1 airborne."""
+_DONE, _AIRBORNE = 1, 2
+
+
+def encode(payload: object) -> bytes:
+    """Bytes of any payload of the table in `mesh/keys.py`."""
+    if isinstance(payload, AgentState):
+        return _encode_state(payload)
+    return bytes([VERSION]) + _adapter(type(payload)).dump_json(payload)
+
+
+def decode(kind: type[P], data: bytes) -> P:
+    """The payload of type `kind` in `data`; PayloadError when the bytes are not one."""
+    if not data or data[0] != VERSION:
+        found = f"version {data[0]}" if data else "no bytes"
+        raise PayloadError(f"{kind.__name__}: {found}; known: version {VERSION}")
+    try:
+        if kind is AgentState:
+            return _decode_state(data)  # type: ignore[return-value]
+        return _adapter(kind).validate_json(memoryview(data)[1:].tobytes())
+    except (ValidationError, struct.error, ValueError) as error:
+        raise PayloadError(f"{kind.__name__}: {_first_line(error)}") from None
+
+
+def _adapter(kind: type[P]) -> TypeAdapter[P]:
+    adapter = _ADAPTERS.get(kind)
+    if adapter is None:
+        adapter = _ADAPTERS[kind] = TypeAdapter(kind)
+    return adapter
+
+
+_ADAPTERS: Final[dict[type[Any], TypeAdapter[Any]]] = {}
+
+
+def _encode_state(s: AgentState) -> bytes:
+    flags = _DONE * s.done | _AIRBORNE * s.airborne
+    return _STATE.pack(
+        VERSION,
+        flags,
+        s.agent,
+        s.seq,
+        s.time_s,
+        s.plan_hash,
+        s.step,
+        s.phase,
+        *s.position_ned_m,
+        *s.velocity_ned_mps,
+        *s.stop_point_m,
+        *s.commanded_mps,
+    )
+
+
+def _decode_state(data: bytes) -> AgentState:
+    _, flags, agent, seq, time_s, plan_hash, step, phase, *numbers = _STATE.unpack(data)
+    if not all(map(math.isfinite, numbers)) or not math.isfinite(time_s):
+        raise ValueError("a number is not finite")
+    n, e, d, vn, ve, vd, stop_n, stop_e, cmd_n, cmd_e = numbers
+    return AgentState(
+        agent,
+        seq,
+        time_s,
+        plan_hash,
+        Phase(phase),
+        step,
+        bool(flags & _DONE),
+        bool(flags & _AIRBORNE),
+        (n, e, d),
+        (vn, ve, vd),
+        (stop_n, stop_e),
+        (cmd_n, cmd_e),
+    )
+
+
+def _first_line(error: Exception) -> str:
+    if isinstance(error, ValidationError):
+        first = error.errors(include_url=False)[0]
+        return f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+    return str(error).splitlines()[0]

@@ -1,0 +1,52 @@
+"""The mission clock. The only module of swarm_ctl that reads the system's clock or sleeps."""
+
+from __future__ import annotations
+
+import time
+from datetime import datetime
+from typing import Final
+
+
+class Clock:
+    """Mission time [s]: `speedup` mission seconds pass per second of the wall clock, from 0 at `epoch_s`.
+
+    Processes on one host are given the same `epoch_s` (of the monotonic clock), so their times compare directly.
+    """
+
+    def __init__(self, epoch_s: float, speedup: float = 1.0) -> None:
+        self.epoch_s: Final = epoch_s
+        self.speedup: Final = speedup
+
+    @classmethod
+    def starting_now(cls, speedup: float = 1.0) -> Clock:
+        """A clock whose time is 0 now."""
+        return cls(time.monotonic(), speedup)
+
+    def now(self) -> float:
+        """Mission time [s]."""
+        return (time.monotonic() - self.epoch_s) * self.speedup
+
+    def sleep_until(self, mission_s: float) -> None:
+        """Sleep to the mission time `mission_s`; at once when it is past."""
+        left = self.epoch_s + mission_s / self.speedup - time.monotonic()
+        if left > 0:
+            time.sleep(left)
+
+    def sleep(self, mission_s: float) -> None:
+        """Sleep for `mission_s` of mission time."""
+        time.sleep(mission_s / self.speedup)
+
+
+def wall_s() -> float:
+    """Seconds on the monotonic clock, for what a person waits for."""
+    return time.monotonic()
+
+
+def pause(wall_seconds: float) -> None:
+    """Sleep on the wall clock."""
+    time.sleep(wall_seconds)
+
+
+def date_and_time() -> datetime:
+    """Local date and time with zone, for names and records."""
+    return datetime.now().astimezone()
