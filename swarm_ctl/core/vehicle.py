@@ -68,6 +68,8 @@ class VehicleView:
     """Would arm now: pre-arm checks pass, position estimate good."""
     health_reason: str = "no heartbeat yet"
     """What is missing while not healthy."""
+    released: bool = True
+    """The vehicle has its own failsafe parameters (not taken yet, or given back and confirmed): Release is done."""
     battery_percent: float | None = None
     origin: Geodetic | None = None
     """GPS_GLOBAL_ORIGIN: where the vehicle's own local frame has its zero."""
@@ -128,4 +130,10 @@ class LinkCounters:
     setpoints: int = 0
     lost: int = 0
     """Frames missing by MAVLink's 8-bit seq."""
+    foreign: int = 0
+    """Good frames of other systems or components: not listened to."""
+    rejected: int = 0
+    """Good frames with a field that can't be true (NaN, out of range) or a bad signature."""
+    errors: int = 0
+    """Reads and writes that the operating system refused (nobody listens there, a full buffer, ...)."""
     texts: tuple[str, ...] = field(default=())

@@ -1,0 +1,20 @@
+"""Firmware families, one module each; what is not here is not flown."""
+
+from __future__ import annotations
+
+from swarm_ctl.errors import LinkError
+from swarm_ctl.mavlink.autopilots.ardupilot import Ardupilot
+from swarm_ctl.mavlink.autopilots.base import Autopilot
+from swarm_ctl.mavlink.autopilots.px4 import Px4
+
+AUTOPILOTS: dict[str, type[Autopilot]] = {kind.name: kind for kind in (Ardupilot, Px4)}
+
+
+def autopilot(name: str, system: int) -> Autopilot:
+    """The driver of the firmware `name` for the vehicle `system`. LinkError names those that exist."""
+    if name not in AUTOPILOTS:
+        raise LinkError(f"autopilot {name!r} is not one; allowed: {', '.join(AUTOPILOTS)}")
+    return AUTOPILOTS[name](system)
+
+
+__all__ = ["AUTOPILOTS", "Autopilot", "autopilot"]

@@ -1,0 +1,110 @@
+"""Bytes to MAVLink frames, resynchronising after whatever is no frame.
+
+pymavlink's own parser drops as many bytes as a false header claims (up to 280) and the good frames among them. Real
+autopilots send plain text before and between frames on TCP, so here a failed checksum costs one byte, not a frame.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from typing import NamedTuple
+
+from fastcrc.crc16 import mcrf4xx
+from pymavlink.dialects.v20 import common
+
+_MAGIC = re.compile(rb"[\xfd\xfe]")
+_V2, _V1 = 0xFD, 0xFE
+_HEADER_V2, _HEADER_V1 = 10, 6
+_SIGNED = 0x01
+_SIGNATURE_BYTES = 13
+_CRC_EXTRA: dict[int, bytes] = {number: bytes([message.crc_extra]) for number, message in common.mavlink_map.items()}
+_CRC = struct.Struct("<H")
+
+_NONE, _PARTIAL = 0, -1
+"""`_size` of bytes that start no frame, and of bytes that may start one but end too early."""
+
+
+class Frame(NamedTuple):
+    """One frame with a good checksum. `raw` is the whole frame, header, checksum and signature included."""
+
+    message_id: int
+    seq: int
+    system: int
+    component: int
+    raw: bytes
+
+
+class Framer:
+    """Cuts a stream of byte chunks into frames. `bad` counts runs of bytes that were no frame of this dialect."""
+
+    def __init__(self) -> None:
+        self.bad = 0
+        self._rest = b""
+        self._skipping = False
+
+    def feed(self, data: bytes) -> list[Frame]:
+        """The frames completed by `data`. Keeps at most one incomplete frame (under 280 bytes).
+
+        What looks like a frame's beginning is given up as soon as a whole good frame is found after it.
+        """
+        data = self._rest + data
+        frames: list[Frame] = []
+        partial = None
+        done = position = 0
+        while found := _MAGIC.search(data, position):
+            at = found.start()
+            size = _size(data, at)
+            position = at + 1
+            if size > 0:
+                if at > done:
+                    self._skip()
+                self._skipping = False
+                frames.append(_frame(data[at : at + size]))
+                done = position = at + size
+                partial = None
+            elif size == _PARTIAL and partial is None:
+                partial = at
+        end = len(data) if partial is None else partial
+        self._rest = data[end:]
+        if end > done:
+            self._skip()
+        return frames
+
+    def _skip(self) -> None:
+        self.bad += not self._skipping
+        self._skipping = True
+
+
+def _size(data: bytes, at: int) -> int:
+    """Length of the good frame that starts at `at`, or _PARTIAL, or _NONE."""
+    available = len(data) - at
+    header = _HEADER_V2 if data[at] == _V2 else _HEADER_V1
+    if available < header:
+        return _PARTIAL
+    size = header + data[at + 1] + 2
+    if header == _HEADER_V2:
+        if data[at + 2] & ~_SIGNED:
+            return _NONE
+        if data[at + 2]:
+            size += _SIGNATURE_BYTES
+    extra = _CRC_EXTRA.get(_message_id(data, at))
+    if extra is None:
+        return _NONE
+    if available < size:
+        return _PARTIAL
+    end = at + header + data[at + 1]
+    good = mcrf4xx(data[at + 1 : end] + extra) == _CRC.unpack_from(data, end)[0]
+    return size if good else _NONE
+
+
+def _message_id(data: bytes, at: int) -> int:
+    if data[at] == _V2:
+        return data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16
+    return data[at + 5]
+
+
+def _frame(raw: bytes) -> Frame:
+    if raw[0] == _V2:
+        return Frame(_message_id(raw, 0), raw[4], raw[5], raw[6], raw)
+    return Frame(raw[5], raw[2], raw[3], raw[4], raw)

@@ -1,0 +1,281 @@
+"""Folds what a vehicle says into what is known of it: one table, message name -> function.
+
+A function gets the state, a decoded pymavlink message and the time; it returns False where a field can't be true
+(NaN, infinite, out of range), and then has changed nothing. None of them may raise, whatever the bytes were.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from pymavlink.dialects.v20 import common
+
+from swarm_ctl.core.plan import Geodetic
+from swarm_ctl.core.vehicle import Contact, GlobalFix, LocalFix
+from swarm_ctl.mavlink.outgoing import SOURCE_COMPONENT, SOURCE_SYSTEM
+
+MAX_POSITION_M = 1e5
+"""A local position further from its origin than this is not one: EKFs work in a tangent plane."""
+MAX_SPEED_MPS = 300.0
+MAX_ALTITUDE_M = 2e4
+MAX_CONTACTS = 256
+CONTACT_KEPT_S = 10.0
+"""A contact not repeated for this long is forgotten; what an older one means is the core's business before that."""
+MAX_TEXTS = 32
+TEXT_COMPLETE_S = 1.0
+"""A STATUSTEXT in chunks whose end has not come after this time is passed on as it is."""
+REBOOT_BACK_S = 5.0
+"""The vehicle's own clock going back this far means that it restarted (less may be frames that overtook others)."""
+
+
+@dataclass(slots=True)
+class Parameter:
+    """A PARAM_VALUE as it came: `raw` still in the vehicle's encoding of type `kind`."""
+
+    raw: float
+    kind: int
+
+
+@dataclass(slots=True)
+class Heard:
+    """Everything heard from one vehicle, in the wire's terms (SI units). Mutable; the link owns it."""
+
+    watched: frozenset[str] = frozenset()
+    """Names of the parameters worth remembering; others are dropped, so a flood of them costs no memory."""
+    heartbeat_s: float = -math.inf
+    autopilot: int = -1
+    """MAV_AUTOPILOT, -1 before the first heartbeat."""
+    vehicle_type: int = -1
+    armed: bool = False
+    custom_mode: int | None = None
+    """None while unknown, or where the heartbeat says that it has none."""
+    on_ground: bool = True
+    system_status_s: float = -math.inf
+    sensors_present: int = 0
+    sensors_enabled: int = 0
+    sensors_health: int = 0
+    battery_percent: float | None = None
+    origin: Geodetic | None = None
+    local: LocalFix | None = None
+    global_: GlobalFix | None = None
+    contacts: dict[int, Contact] = field(default_factory=dict)
+    parameters: dict[str, Parameter] = field(default_factory=dict)
+    counts: dict[int, int] = field(default_factory=dict)
+    """Messages folded so far, by message id."""
+    answers: dict[int, int] = field(default_factory=dict)
+    """Last COMMAND_ACK by command (those of `_REFUSABLE`): MAV_RESULT. A repeated refusal is told once."""
+    texts: deque[str] = field(default_factory=lambda: deque(maxlen=MAX_TEXTS))
+    boot_s: float = 0.0
+    """The vehicle's own clock at its last LOCAL_POSITION_NED or GLOBAL_POSITION_INT."""
+    _chunks: list[str] = field(default_factory=list)
+    _chunk_key: tuple[int, float] = (0, 0.0)
+
+    def take_texts(self, now: float) -> tuple[str, ...]:
+        """The texts gathered since the last call."""
+        if self._chunks and now - self._chunk_key[1] > TEXT_COMPLETE_S:
+            self._finish_text()
+        if not self.texts:
+            return ()
+        taken = tuple(self.texts)
+        self.texts.clear()
+        return taken
+
+    def forget_old_contacts(self, now: float) -> None:
+        """Drop the contacts not repeated for `CONTACT_KEPT_S`."""
+        old = [a for a, contact in self.contacts.items() if now - contact.time_s > CONTACT_KEPT_S]
+        for address in old:
+            del self.contacts[address]
+
+    def clocked(self, boot_ms: int) -> None:
+        """Note the vehicle's clock; forget what does not survive a restart when it went back."""
+        boot_s = boot_ms * 1e-3
+        if boot_s < self.boot_s - REBOOT_BACK_S:
+            self.origin = self.local = self.global_ = None
+            self.system_status_s = -math.inf
+            self.parameters.clear()
+            self.texts.append("the vehicle restarted")
+        self.boot_s = boot_s
+
+    def chunked(self, text: str, number: int, now: float) -> None:
+        """Gather a chunk of a long STATUSTEXT (`number` > 0); a short last chunk ends it."""
+        if self._chunks and self._chunk_key[0] != number:
+            self._finish_text()
+        self._chunk_key = (number, now)
+        self._chunks.append(text)
+        if len(text) < 50 or len(self._chunks) >= 8:
+            self._finish_text()
+
+    def _finish_text(self) -> None:
+        self.texts.append("".join(self._chunks))
+        self._chunks.clear()
+
+
+def _heartbeat(heard: Heard, message: Any, now: float) -> bool:
+    heard.heartbeat_s = now
+    heard.autopilot = message.autopilot
+    heard.vehicle_type = message.type
+    heard.armed = bool(message.base_mode & common.MAV_MODE_FLAG_SAFETY_ARMED)
+    custom = message.base_mode & common.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+    heard.custom_mode = message.custom_mode if custom else None
+    return True
+
+
+def _local_position(heard: Heard, message: Any, now: float) -> bool:
+    position = (message.x, message.y, message.z)
+    velocity = (message.vx, message.vy, message.vz)
+    if not (_within(position, MAX_POSITION_M) and _within(velocity, MAX_SPEED_MPS)):
+        return False
+    heard.clocked(message.time_boot_ms)
+    heard.local = LocalFix(now, position, velocity)
+    return True
+
+
+def _global_position(heard: Heard, message: Any, now: float) -> bool:
+    position = _geodetic(message.lat, message.lon, message.alt)
+    relative_m = message.relative_alt * 1e-3
+    if position is None or abs(relative_m) > MAX_ALTITUDE_M:
+        return False
+    heard.clocked(message.time_boot_ms)
+    velocity = (message.vx * 0.01, message.vy * 0.01, message.vz * 0.01)
+    heard.global_ = GlobalFix(now, position, relative_m, velocity)
+    return True
+
+
+def _global_origin(heard: Heard, message: Any, now: float) -> bool:  # noqa: ARG001
+    origin = _geodetic(message.latitude, message.longitude, message.altitude)
+    if origin is None:
+        return False
+    heard.origin = origin
+    return True
+
+
+def _system_status(heard: Heard, message: Any, now: float) -> bool:
+    if not _battery(heard, message.battery_remaining):
+        return False
+    heard.system_status_s = now
+    heard.sensors_present = message.onboard_control_sensors_present
+    heard.sensors_enabled = message.onboard_control_sensors_enabled
+    heard.sensors_health = message.onboard_control_sensors_health
+    return True
+
+
+def _battery_status(heard: Heard, message: Any, now: float) -> bool:  # noqa: ARG001
+    return message.id != 0 or _battery(heard, message.battery_remaining)
+
+
+def _battery(heard: Heard, percent: int) -> bool:
+    if 0 <= percent <= 100:
+        heard.battery_percent = float(percent)
+    return -1 <= percent <= 100
+
+
+def _extended_state(heard: Heard, message: Any, now: float) -> bool:  # noqa: ARG001
+    if message.landed_state == common.MAV_LANDED_STATE_UNDEFINED:
+        return True
+    if message.landed_state > common.MAV_LANDED_STATE_LANDING:
+        return False
+    heard.on_ground = message.landed_state == common.MAV_LANDED_STATE_ON_GROUND
+    return True
+
+
+_ADSB_NEEDED = common.ADSB_FLAGS_VALID_COORDS | common.ADSB_FLAGS_VALID_ALTITUDE
+_ADSB_MOVING = common.ADSB_FLAGS_VALID_HEADING | common.ADSB_FLAGS_VALID_VELOCITY
+
+
+def _traffic(heard: Heard, message: Any, now: float) -> bool:
+    position = _geodetic(message.lat, message.lon, message.altitude)
+    if position is None or message.flags & _ADSB_NEEDED != _ADSB_NEEDED or message.heading > 36000:
+        return False
+    contacts = heard.contacts
+    if message.ICAO_address not in contacts and len(contacts) >= MAX_CONTACTS:
+        del contacts[min(contacts, key=lambda address: contacts[address].time_s)]
+    velocity = (0.0, 0.0, 0.0)
+    if message.flags & _ADSB_MOVING == _ADSB_MOVING:
+        heading, speed = math.radians(message.heading * 0.01), message.hor_velocity * 0.01
+        velocity = (speed * math.cos(heading), speed * math.sin(heading), -message.ver_velocity * 0.01)
+    contacts[message.ICAO_address] = Contact(now, message.ICAO_address, position, velocity)
+    return True
+
+
+def _status_text(heard: Heard, message: Any, now: float) -> bool:
+    if message.severity > common.MAV_SEVERITY_WARNING:
+        return message.severity <= common.MAV_SEVERITY_DEBUG  # type: ignore[no-any-return]
+    # Unprintable characters could drive an operator's terminal.
+    text = "".join(c if c.isprintable() else "?" for c in message.text)
+    if message.id:
+        heard.chunked(text, message.id, now)
+    elif text:
+        heard.texts.append(text)
+    return True
+
+
+def _command_ack(heard: Heard, message: Any, now: float) -> bool:  # noqa: ARG001
+    if message.target_system not in (0, SOURCE_SYSTEM) or message.target_component not in (0, SOURCE_COMPONENT):
+        return True  # an answer to somebody else
+    name, result = _REFUSABLE.get(message.command), message.result
+    if name is None or heard.answers.get(message.command) == result:
+        return True
+    heard.answers[message.command] = result
+    if result not in (common.MAV_RESULT_ACCEPTED, common.MAV_RESULT_IN_PROGRESS):
+        heard.texts.append(f"{name} refused: {_RESULTS.get(result, result)}")
+    return True
+
+
+_REFUSABLE = {
+    common.MAV_CMD_COMPONENT_ARM_DISARM: "arming",
+    common.MAV_CMD_NAV_TAKEOFF: "take-off",
+    common.MAV_CMD_DO_SET_MODE: "mode change",
+}
+"""Commands whose refusal an operator wants to know; nothing else depends on an answer."""
+_RESULTS = {number: entry.name.removeprefix("MAV_RESULT_") for number, entry in common.enums["MAV_RESULT"].items()}
+
+
+def _parameter_value(heard: Heard, message: Any, now: float) -> bool:  # noqa: ARG001
+    name, real = message.param_id, message.param_type == common.MAV_PARAM_TYPE_REAL32
+    if real and not math.isfinite(message.param_value):
+        return False
+    if name in heard.watched:
+        heard.parameters[name] = Parameter(message.param_value, message.param_type)
+    return True
+
+
+def _within(vector: tuple[float, ...], limit: float) -> bool:
+    return all(-limit <= component <= limit for component in vector)
+
+
+def _geodetic(lat: int, lon: int, alt_mm: int) -> Geodetic | None:
+    """From 1e-7 degrees and millimetres; None out of range, and for 0/0: autopilots say so before they have a fix."""
+    if abs(lat) > 900_000_000 or abs(lon) > 1_800_000_000 or (lat == 0 and lon == 0):
+        return None
+    altitude_m = alt_mm * 1e-3
+    return Geodetic(lat * 1e-7, lon * 1e-7, altitude_m) if abs(altitude_m) <= MAX_ALTITUDE_M else None
+
+
+FOLDS: dict[str, Callable[[Heard, Any, float], bool]] = {
+    "HEARTBEAT": _heartbeat,
+    "LOCAL_POSITION_NED": _local_position,
+    "GLOBAL_POSITION_INT": _global_position,
+    "GPS_GLOBAL_ORIGIN": _global_origin,
+    "SYS_STATUS": _system_status,
+    "BATTERY_STATUS": _battery_status,
+    "EXTENDED_SYS_STATE": _extended_state,
+    "ADSB_VEHICLE": _traffic,
+    "STATUSTEXT": _status_text,
+    "COMMAND_ACK": _command_ack,
+    "PARAM_VALUE": _parameter_value,
+}
+"""What is folded. Everything else the vehicle says is counted and left alone."""
+
+FOLDS_BY_ID = {number: FOLDS[m.msgname] for number, m in common.mavlink_map.items() if m.msgname in FOLDS}
+
+
+def message_id(name: str) -> int:
+    """The number of a message of the table above (KeyError for others)."""
+    return _IDS[name]
+
+
+_IDS: dict[str, int] = {m.msgname: number for number, m in common.mavlink_map.items() if m.msgname in FOLDS}
