@@ -1,0 +1,199 @@
+"""Folds mesh messages into one immutable view. Knows no clock, no mesh and no screen."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from swarm_ctl.core.formation import centred, distances, errors
+from swarm_ctl.core.graph import edges
+from swarm_ctl.core.plan import FormStep, Plan
+from swarm_ctl.core.state import (
+    Ack,
+    AgentState,
+    AgentStatus,
+    Command,
+    Event,
+    PairReport,
+    Payload,
+    Phase,
+    SigmaReport,
+    StationBeacon,
+)
+from swarm_ctl.station.reception import Receiver
+from swarm_ctl.station.view import AgentView, CommandView, EdgeView, LinkView, PairView, Reception, SwarmView, newest
+
+_EVENTS: Final = 200
+_COMMANDS: Final = 20
+_SIGMA_S: Final = 1.0
+"""A sigma report older than this is history: they come at 5 Hz while a pair is active."""
+
+
+@dataclass(slots=True)
+class _Heard:
+    """What came from one agent."""
+
+    state: AgentState | None = None
+    status: AgentStatus | None = None
+    sigma: SigmaReport | None = None
+    sigma_received_s: float = 0.0
+    receiver: Receiver = field(default_factory=Receiver)
+
+
+@dataclass(slots=True)
+class _Answered:
+    command: Command
+    received_s: float
+    acks: dict[int, Ack] = field(default_factory=dict)
+
+
+class Model:
+    """The station's memory. `fold` takes every payload that arrives, `view` gives the picture at a moment."""
+
+    def __init__(self, plan: Plan, *, speedup: float = 1.0, since_s: float = 0.0) -> None:
+        self._plan = plan
+        self._plan_hash = plan.hash()
+        self._speedup = speedup
+        self._since_s = since_s
+        self._planned = frozenset(agent.id for agent in plan.agents)
+        self._edges = edges({agent.id: agent.neighbours for agent in plan.agents})
+        self._heard = {agent.id: _Heard() for agent in plan.agents}
+        self._events: deque[Event] = deque(maxlen=_EVENTS)
+        self._event_count = 0
+        self._commands: dict[str, _Answered] = {}
+        self._stations: dict[str, float] = {}
+
+    def fold(self, payload: Payload, received_s: float) -> None:
+        """Take one message in, as it arrived at `received_s`. Late and repeated ones change nothing but counters."""
+        match payload:
+            case AgentState():
+                heard = self._of(payload.agent)
+                if heard.receiver.hear(payload.seq, payload.time_s, received_s):
+                    heard.state = payload
+            case AgentStatus():
+                heard = self._of(payload.agent)
+                if heard.status is None or payload.time_s >= heard.status.time_s:
+                    heard.status = payload
+            case SigmaReport():
+                heard = self._of(payload.agent)
+                if heard.sigma is None or payload.time_s >= heard.sigma.time_s:
+                    heard.sigma, heard.sigma_received_s = payload, received_s
+            case Event():
+                if payload not in self._events:
+                    self._events.append(payload)
+                    self._event_count += 1
+            case Command():
+                self._commands.setdefault(payload.id, _Answered(payload, received_s))
+                while len(self._commands) > _COMMANDS:
+                    del self._commands[next(iter(self._commands))]
+            case Ack():
+                if payload.command in self._commands:
+                    self._commands[payload.command].acks[payload.agent] = payload
+            case StationBeacon():
+                self._stations[payload.station] = received_s
+
+    def view(self, now_s: float) -> SwarmView:
+        """The swarm at `now_s`."""
+        links = {agent_id: heard.receiver.report(now_s) for agent_id, heard in self._heard.items()}
+        lost = {agent_id for agent_id, link in links.items() if self._is_lost(agent_id, link)}
+        step = max(
+            (told.step for heard in self._heard.values() for told in (heard.state, heard.status) if told), default=0
+        )
+        between = self._distances()
+        away = self._errors(step, lost)
+        agents = tuple(
+            self._agent(agent_id, links[agent_id], agent_id in lost, away.get(agent_id), between)
+            for agent_id in sorted(self._heard)
+        )
+        return SwarmView(
+            time_s=now_s,
+            since_s=self._since_s,
+            plan=self._plan,
+            plan_hash=self._plan_hash,
+            speedup=self._speedup,
+            agents=agents,
+            pairs=self._pairs(now_s),
+            links=tuple(
+                LinkView(agent_id, sender, report)
+                for agent_id, heard in sorted(self._heard.items())
+                if heard.status
+                for sender, report in sorted(heard.status.links.items())
+            ),
+            edges=tuple(EdgeView(a, b, between.get((a, b))) for a, b in self._edges),
+            step=step,
+            error_m=max(away.values(), default=None),
+            events=tuple(self._events),
+            event_count=self._event_count,
+            commands=tuple(CommandView(c.command, c.received_s, dict(c.acks)) for c in self._commands.values()),
+            stations=dict(self._stations),
+        )
+
+    def _of(self, agent_id: int) -> _Heard:
+        return self._heard.setdefault(agent_id, _Heard())
+
+    def _is_lost(self, agent_id: int, link: Reception) -> bool:
+        told = newest(self._heard[agent_id].state, self._heard[agent_id].status)
+        ended = told is not None and told.phase is Phase.ENDED
+        return link.age_s is not None and not ended and link.age_s > self._plan.policies.agent_lost_after_s
+
+    def _distances(self) -> dict[tuple[int, int], float]:
+        """Horizontal distance [m] of every two agents ever heard, both orders."""
+        found = {i: heard.state.position_ned_m[:2] for i, heard in self._heard.items() if heard.state}
+        if len(found) < 2:
+            return {}
+        between = distances(list(found.values()))
+        ids = list(found)
+        return {(i, j): float(between[a, b]) for a, i in enumerate(ids) for b, j in enumerate(ids) if a != b}
+
+    def _errors(self, step: int, lost: set[int]) -> dict[int, float]:
+        """|e_i - mean e| [m] of each live agent in the shape of the newest `form` step; empty before the first one."""
+        form = next((s for s in reversed(self._plan.steps[:step]) if isinstance(s, FormStep)), None)
+        if form is None:
+            return {}
+        points, slots = {}, []
+        for agent, slot in zip(self._plan.agents, form.slots, strict=True):
+            state = self._heard[agent.id].state
+            if state is not None and state.airborne and agent.id not in lost:
+                points[agent.id] = state.position_ned_m[:2]
+                slots.append((slot[0] * self._plan.unit_m, slot[1] * self._plan.unit_m))
+        if not points:
+            return {}
+        sizes = np.linalg.norm(centred(errors(list(points.values()), slots)), axis=-1)
+        return dict(zip(points, sizes.tolist(), strict=True))
+
+    def _agent(
+        self,
+        agent_id: int,
+        link: Reception,
+        lost: bool,
+        error_m: float | None,
+        between: dict[tuple[int, int], float],
+    ) -> AgentView:
+        near = min(((d, j) for j in self._heard if (d := between.get((agent_id, j))) is not None), default=None)
+        return AgentView(
+            id=agent_id,
+            in_plan=agent_id in self._planned,
+            state=self._heard[agent_id].state,
+            status=self._heard[agent_id].status,
+            link=link,
+            lost=lost,
+            error_m=error_m,
+            nearest_agent=near[1] if near else None,
+            nearest_m=near[0] if near else None,
+        )
+
+    def _pairs(self, now_s: float) -> tuple[PairView, ...]:
+        sides: dict[tuple[int, int], list[tuple[int, PairReport]]] = {}
+        for agent_id, heard in sorted(self._heard.items()):
+            if heard.sigma is not None and now_s - heard.sigma_received_s <= _SIGMA_S:
+                for report in heard.sigma.pairs:
+                    pair = (min(agent_id, report.peer), max(agent_id, report.peer))
+                    sides.setdefault(pair, []).append((agent_id, report))
+        found = (
+            PairView(a, b, self._plan.unit_m * min(report.distance for _, report in both), tuple(both))
+            for (a, b), both in sides.items()
+        )
+        return tuple(sorted(found, key=lambda pair: pair.distance_m))

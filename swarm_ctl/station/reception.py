@@ -1,0 +1,96 @@
+"""How well one sender's numbered messages arrive: age, loss, rate. Mission time throughout."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from swarm_ctl.station.view import Reception
+
+WINDOW_S: Final = 10.0
+"""Long enough for a p99 at 20 Hz, short enough that a bad link shows while it is bad."""
+_MAX_TRANSIT_S: Final = 1.0
+"""A sender's clock that is further off than this is not believed; age then counts from the receipt."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Arrival:
+    received_s: float
+    sent_s: float
+    seq: int
+    replaced_age_s: float
+    """How old the message before had become."""
+    lost: int
+    """Missing between the message before and this one."""
+
+
+class Receiver:
+    """Counts one sender's messages."""
+
+    def __init__(self) -> None:
+        self._window: deque[_Arrival] = deque()
+        self._last: _Arrival | None = None
+        self._received = self._lost = self._late = self._restarts = 0
+
+    def hear(self, seq: int, sent_s: float, received_s: float) -> bool:
+        """Count a message; False where it is not newer than what is known already."""
+        last = self._last
+        if last is not None and sent_s <= last.sent_s:
+            self._late += 1
+            if seq < last.seq:  # it had been counted as lost
+                self._lost = max(0, self._lost - 1)
+                self._received += 1
+            return False
+        lost = 0
+        if last is not None and seq > last.seq:
+            lost = seq - last.seq - 1
+        elif last is not None:
+            self._restarts += 1
+            self._window.clear()
+        age = self._age(received_s)
+        self._last = _Arrival(received_s, sent_s, seq, 0.0 if age is None else age, lost)
+        self._window.append(self._last)
+        self._received += 1
+        self._lost += lost
+        self._forget(received_s)
+        return True
+
+    def report(self, now_s: float) -> Reception:
+        """The reception at `now_s`."""
+        self._forget(now_s)
+        ages = sorted(arrival.replaced_age_s for arrival in list(self._window)[1:])
+        lost = sum(arrival.lost for arrival in list(self._window)[1:])
+        return Reception(
+            age_s=self._age(now_s),
+            age_p50_s=_quantile(ages, 0.5),
+            age_p99_s=_quantile(ages, 0.99),
+            received=self._received,
+            lost=self._lost,
+            late=self._late,
+            restarts=self._restarts,
+            recent_loss=lost / (len(ages) + lost) if ages else 0.0,
+            tick_rate_hz=self._rate(),
+        )
+
+    def _age(self, now_s: float) -> float | None:
+        if self._last is None:
+            return None
+        transit = self._last.received_s - self._last.sent_s
+        return max(0.0, now_s - self._last.received_s) + (transit if 0.0 <= transit <= _MAX_TRANSIT_S else 0.0)
+
+    def _rate(self) -> float | None:
+        if len(self._window) < 2:
+            return None
+        first, last = self._window[0], self._window[-1]
+        return (last.seq - first.seq) / (last.sent_s - first.sent_s)
+
+    def _forget(self, now_s: float) -> None:
+        while self._window and self._window[0].received_s < now_s - WINDOW_S:
+            self._window.popleft()
+
+
+def _quantile(ordered: Sequence[float], share: float) -> float | None:
+    """Nearest rank; None of nothing."""
+    return ordered[min(len(ordered) - 1, int(share * len(ordered)))] if ordered else None

@@ -1,0 +1,163 @@
+"""The swarm at one moment, as a ground station knows it: immutable values that screens, logs and alarms read.
+
+Made by `model.Model` from mesh messages and nothing else. Times are mission seconds of the station; lengths are metres
+unless a name says units; positions are in the common frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from swarm_ctl.core.plan import Plan
+from swarm_ctl.core.state import Ack, AgentState, AgentStatus, Command, Event, LinkReport, PairReport, Phase
+
+
+def newest(state: AgentState | None, status: AgentStatus | None) -> AgentState | AgentStatus | None:
+    """The younger of the two by the sender's clock; None where there is neither."""
+    if state is None or status is None:
+        return state or status
+    return state if state.time_s >= status.time_s else status
+
+
+@dataclass(frozen=True, slots=True)
+class Reception:
+    """How one agent's states arrive at this station. Percentiles and losses over the last `WINDOW_S`, mission time."""
+
+    age_s: float | None = None
+    """Since the newest state was true; None: never heard."""
+    age_p50_s: float | None = None
+    """Age that a state reached before the next one came."""
+    age_p99_s: float | None = None
+    received: int = 0
+    """Over the whole run."""
+    lost: int = 0
+    """Missing by `seq`, over the whole run."""
+    late: int = 0
+    """Came after a newer one, or twice; over the whole run."""
+    restarts: int = 0
+    """How often `seq` began anew."""
+    recent_loss: float = 0.0
+    """Share (0..1) lost in the window."""
+    tick_rate_hz: float | None = None
+    """The sender's ticks per mission second, by its own `seq` and clock."""
+
+
+@dataclass(frozen=True, slots=True)
+class AgentView:
+    """One agent: its newest messages, and what the station makes of them."""
+
+    id: int
+    in_plan: bool
+    state: AgentState | None
+    status: AgentStatus | None
+    link: Reception
+    lost: bool
+    """Not heard for the plan's `agent_lost_after_s`, and it had not ended."""
+    error_m: float | None
+    """Its own |e_i - mean e| among the live agents, from the first `form` step on."""
+    nearest_agent: int | None
+    nearest_m: float | None
+    """Horizontal, to the nearest agent ever heard, at their last known positions."""
+
+    @property
+    def newest(self) -> AgentState | AgentStatus | None:
+        """The younger of state and status: both tell phase, step, done, airborne."""
+        return newest(self.state, self.status)
+
+    @property
+    def phase(self) -> Phase | None:
+        """None: never heard."""
+        return self.newest.phase if self.newest else None
+
+    @property
+    def airborne(self) -> bool:
+        """By its newest message."""
+        return self.newest is not None and self.newest.airborne
+
+    @property
+    def live(self) -> bool:
+        """In the air and heard."""
+        return self.airborne and not self.lost
+
+
+@dataclass(frozen=True, slots=True)
+class PairView:
+    """A pair in the avoidance region, as one or both of its agents reported it."""
+
+    a: int
+    b: int
+    distance_m: float
+    """Between the points the law was fed with; the smaller report."""
+    sides: tuple[tuple[int, PairReport], ...]
+    """(agent, its report), lower id first."""
+
+
+@dataclass(frozen=True, slots=True)
+class LinkView:
+    """One mesh link between agents, as its receiver reports it."""
+
+    receiver: int
+    sender: int
+    report: LinkReport
+
+
+@dataclass(frozen=True, slots=True)
+class EdgeView:
+    """One planned neighbour pair (a < b) and how long it is now; None while either was never heard."""
+
+    a: int
+    b: int
+    length_m: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class CommandView:
+    """A command seen on the mesh, and who answered it."""
+
+    command: Command
+    received_s: float
+    acks: Mapping[int, Ack]
+
+
+@dataclass(frozen=True, slots=True)
+class SwarmView:
+    """Everything a screen may show."""
+
+    time_s: float
+    since_s: float
+    """When this station began to listen."""
+    plan: Plan
+    plan_hash: int
+    speedup: float
+    agents: tuple[AgentView, ...]
+    """All of the plan's, heard or not, and any stranger; by id."""
+    pairs: tuple[PairView, ...]
+    """Nearest first."""
+    links: tuple[LinkView, ...]
+    edges: tuple[EdgeView, ...]
+    step: int
+    """The furthest step any agent is in; 0 is preparation."""
+    error_m: float | None
+    """Largest |e_i - mean e| of the live agents."""
+    events: tuple[Event, ...]
+    """The last ones, oldest first."""
+    event_count: int
+    """How many there were in all."""
+    commands: tuple[CommandView, ...]
+    """The last ones, oldest first."""
+    stations: Mapping[str, float]
+    """When each station's beacon was last heard."""
+
+    def agent(self, agent_id: int) -> AgentView:
+        """KeyError where nobody has that id."""
+        for agent in self.agents:
+            if agent.id == agent_id:
+                return agent
+        raise KeyError(agent_id)
+
+    def step_name(self, step: int) -> str:
+        """What a step number means: `prepare`, `takeoff`, `form`, ..., or the number itself if the plan has no such."""
+        if step == 0:
+            return "prepare"
+        return self.plan.steps[step - 1].kind if step <= len(self.plan.steps) else f"step {step}"
