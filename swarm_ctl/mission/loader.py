@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -86,7 +87,7 @@ def _validate(source: Document) -> tuple[MissionFile | None, list[Problem]]:
         mission = MissionFile.model_validate(source.data)
         rest = mission
     except ValidationError as error:
-        found = error.errors()
+        found = [each for each in error.errors() if not _follows(each)]
         problems += [wording.problem_of(dict(each), source, _json_schema()) for each in found]
         broken = frozenset(str(each["loc"][0]) if each["loc"] else "" for each in found)
         if "" in broken:
@@ -94,6 +95,11 @@ def _validate(source: Document) -> tuple[MissionFile | None, list[Problem]]:
         rest = _partial(source.data, broken)
     problems += [source.problem(*finding) for finding in checks.check(rest, broken)]
     return mission, problems
+
+
+def _follows(error: Mapping[str, Any]) -> bool:
+    """pydantic calls a list too short when enough entries are there but some are bad: those are reported already."""
+    return error["type"] == "too_short" and len(error["input"]) >= error["ctx"]["min_length"]
 
 
 def _partial(data: dict[str, Any], broken: frozenset[str]) -> MissionFile:

@@ -19,7 +19,7 @@ Angle = Annotated[float, Field(ge=-360, le=360)]
 Timeout = Annotated[float, Field(gt=0, le=3600)]
 LossTime = Annotated[float, Field(ge=1, le=60)]
 AgentId = Annotated[int, Field(ge=1, le=65535)]
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,39}$")]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,39}$", examples=["hexagon", "search-line_2"])]
 Action = Annotated[Policy, Field(strict=False)]
 
 
@@ -244,10 +244,16 @@ class FleetEntry(Section):
     sysid: int | None = Field(default=None, ge=1, le=250)
     """The vehicle's MAVLink system id; the agent's id where not given."""
     autopilot: Literal["ardupilot", "px4"] = "ardupilot"
-    endpoint: str | None = Field(default=None, pattern=r"^((udp|udpin|udpout|tcp|tcpin):[^:\s]+:[0-9]{1,5}|/dev/\S+)$")
-    """The vehicle's link, e.g. udpout:192.168.1.21:14550 or /dev/ttyACM0; simulated where not given."""
-    mesh: str | None = Field(default=None, pattern=r"^(tcp|tls|udp|quic)/\S+:[0-9]{1,5}$")
-    """Where the agent listens on the mesh, e.g. tcp/192.168.1.11:7447; a loopback port where not given."""
+    endpoint: str | None = Field(
+        default=None,
+        pattern=r"^((udp|udpin|udpout|tcp|tcpin):[^:\s]+:[0-9]{1,5}|/dev/\S+)$",
+        examples=["udpout:192.168.1.21:14550", "/dev/ttyACM0"],
+    )
+    """The vehicle's link; simulated where not given."""
+    mesh: str | None = Field(
+        default=None, pattern=r"^(tcp|tls|udp|quic)/\S+:[0-9]{1,5}$", examples=["tcp/192.168.1.11:7447"]
+    )
+    """Where the agent listens on the mesh; a loopback port where not given."""
 
 
 class FleetSection(Section):

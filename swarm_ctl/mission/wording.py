@@ -90,14 +90,12 @@ def _kind_of(value: Any) -> str:
 
 
 def _range(node: _Schema) -> str:
-    words = {
-        "exclusiveMinimum": "above",
-        "minimum": "at least",
-        "exclusiveMaximum": "below",
-        "maximum": "at most",
-        "pattern": "like",
-    }
-    parts = [f"{word} {node[key]}" for key, word in words.items() if key in node]
+    if "examples" in node:
+        return " such as " + " or ".join(node["examples"])
+    if "minimum" in node and "maximum" in node:
+        return f" from {node['minimum']:g} to {node['maximum']:g}"
+    words = {"exclusiveMinimum": "above", "minimum": "at least", "maximum": "at most"}
+    parts = [f"{word} {node[key]:g}" for key, word in words.items() if key in node]
     return " " + " and ".join(parts) if parts else ""
 
 
@@ -131,7 +129,10 @@ def _deref(root: _Schema, node: _Schema) -> _Schema:
     while "$ref" in node:
         node = root["$defs"][node["$ref"].rsplit("/", 1)[-1]]
     options = [option for option in node.get("anyOf", ()) if option.get("type") != "null"]
-    return _deref(root, options[0]) if len(options) == 1 else node
+    if len(options) != 1:
+        return node
+    # An optional value: what is said of the whole (its examples) holds for the value.
+    return {"examples": node["examples"]} | _deref(root, options[0]) if "examples" in node else _deref(root, options[0])
 
 
 def _find(root: _Schema, loc: Place) -> _Schema:
