@@ -24,7 +24,7 @@ from swarm_ctl.core.state import (
     StationBeacon,
 )
 from swarm_ctl.station.reception import Receiver
-from swarm_ctl.station.view import AgentView, CommandView, EdgeView, LinkView, PairView, Reception, SwarmView, newest
+from swarm_ctl.station.view import AgentView, CommandView, EdgeView, LinkView, PairView, SwarmView, newest
 
 _EVENTS: Final = 200
 _COMMANDS: Final = 20
@@ -40,7 +40,17 @@ class _Heard:
     status: AgentStatus | None = None
     sigma: SigmaReport | None = None
     sigma_received_s: float = 0.0
+    last_s: float | None = None
+    """When anything came."""
     receiver: Receiver = field(default_factory=Receiver)
+
+    def silence(self, now_s: float) -> float | None:
+        return None if self.last_s is None else max(0.0, now_s - self.last_s)
+
+    def lost(self, now_s: float, after_s: float) -> bool:
+        told, silence = newest(self.state, self.status), self.silence(now_s)
+        ended = told is not None and told.phase is Phase.ENDED
+        return silence is not None and not ended and silence > after_s
 
 
 @dataclass(slots=True)
@@ -70,15 +80,15 @@ class Model:
         """Take one message in, as it arrived at `received_s`. Late and repeated ones change nothing but counters."""
         match payload:
             case AgentState():
-                heard = self._of(payload.agent)
+                heard = self._of(payload.agent, received_s)
                 if heard.receiver.hear(payload.seq, payload.time_s, received_s):
                     heard.state = payload
             case AgentStatus():
-                heard = self._of(payload.agent)
+                heard = self._of(payload.agent, received_s)
                 if heard.status is None or payload.time_s >= heard.status.time_s:
                     heard.status = payload
             case SigmaReport():
-                heard = self._of(payload.agent)
+                heard = self._of(payload.agent, received_s)
                 if heard.sigma is None or payload.time_s >= heard.sigma.time_s:
                     heard.sigma, heard.sigma_received_s = payload, received_s
             case Event():
@@ -97,15 +107,15 @@ class Model:
 
     def view(self, now_s: float) -> SwarmView:
         """The swarm at `now_s`."""
-        links = {agent_id: heard.receiver.report(now_s) for agent_id, heard in self._heard.items()}
-        lost = {agent_id for agent_id, link in links.items() if self._is_lost(agent_id, link)}
+        after_s = self._plan.policies.agent_lost_after_s
+        lost = {agent_id for agent_id, heard in self._heard.items() if heard.lost(now_s, after_s)}
         step = max(
             (told.step for heard in self._heard.values() for told in (heard.state, heard.status) if told), default=0
         )
         between = self._distances()
         away = self._errors(step, lost)
         agents = tuple(
-            self._agent(agent_id, links[agent_id], agent_id in lost, away.get(agent_id), between)
+            self._agent(agent_id, now_s, agent_id in lost, away.get(agent_id), between)
             for agent_id in sorted(self._heard)
         )
         return SwarmView(
@@ -131,13 +141,10 @@ class Model:
             stations=dict(self._stations),
         )
 
-    def _of(self, agent_id: int) -> _Heard:
-        return self._heard.setdefault(agent_id, _Heard())
-
-    def _is_lost(self, agent_id: int, link: Reception) -> bool:
-        told = newest(self._heard[agent_id].state, self._heard[agent_id].status)
-        ended = told is not None and told.phase is Phase.ENDED
-        return link.age_s is not None and not ended and link.age_s > self._plan.policies.agent_lost_after_s
+    def _of(self, agent_id: int, received_s: float) -> _Heard:
+        heard = self._heard.setdefault(agent_id, _Heard())
+        heard.last_s = received_s
+        return heard
 
     def _distances(self) -> dict[tuple[int, int], float]:
         """Horizontal distance [m] of every two agents ever heard, both orders."""
@@ -167,18 +174,20 @@ class Model:
     def _agent(
         self,
         agent_id: int,
-        link: Reception,
+        now_s: float,
         lost: bool,
         error_m: float | None,
         between: dict[tuple[int, int], float],
     ) -> AgentView:
         near = min(((d, j) for j in self._heard if (d := between.get((agent_id, j))) is not None), default=None)
+        heard = self._heard[agent_id]
         return AgentView(
             id=agent_id,
             in_plan=agent_id in self._planned,
-            state=self._heard[agent_id].state,
-            status=self._heard[agent_id].status,
-            link=link,
+            state=heard.state,
+            status=heard.status,
+            link=heard.receiver.report(now_s),
+            silence_s=heard.silence(now_s),
             lost=lost,
             error_m=error_m,
             nearest_agent=near[1] if near else None,

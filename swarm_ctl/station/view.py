@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from swarm_ctl.core.plan import Plan
+from swarm_ctl.core.progress import step_name
 from swarm_ctl.core.state import Ack, AgentState, AgentStatus, Command, Event, LinkReport, PairReport, Phase
 
 
@@ -52,8 +53,11 @@ class AgentView:
     state: AgentState | None
     status: AgentStatus | None
     link: Reception
+    """Of its states; an agent sends none without a fresh position from its vehicle."""
+    silence_s: float | None
+    """Since anything was heard from it; None: never heard."""
     lost: bool
-    """Not heard for the plan's `agent_lost_after_s`, and it had not ended."""
+    """Silent for the plan's `agent_lost_after_s`, and it had not ended."""
     error_m: float | None
     """Its own |e_i - mean e| among the live agents, from the first `form` step on."""
     nearest_agent: int | None
@@ -157,7 +161,5 @@ class SwarmView:
         raise KeyError(agent_id)
 
     def step_name(self, step: int) -> str:
-        """What a step number means: `prepare`, `takeoff`, `form`, ..., or the number itself if the plan has no such."""
-        if step == 0:
-            return "prepare"
-        return self.plan.steps[step - 1].kind if step <= len(self.plan.steps) else f"step {step}"
+        """What a step number means: `prepare`, `takeoff`, `form hexagon`, ...; `?` where the plan has no such step."""
+        return step_name(self.plan, step) if 0 <= step <= len(self.plan.steps) else "?"
