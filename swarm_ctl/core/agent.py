@@ -7,8 +7,8 @@ the current step or wind the flight down, and say so. Everything sent anywhere i
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 from swarm_ctl.core import graph, safety, watch
 from swarm_ctl.core.controller import Controller
@@ -53,7 +53,8 @@ class Inbox:
     beacons: Sequence[tuple[StationBeacon, float]] = ()
     commands: Sequence[Command] = ()
     lifeline_cut: bool = False
-    tick: TickReport = field(default_factory=TickReport)
+    tick: Callable[[], TickReport] = TickReport
+    """The loop's punctuality; asked only when a status is due."""
     bad_payloads: int = 0
 
 
@@ -482,7 +483,7 @@ class Agent:
             overspeed_ticks=self._controller.overspeed_ticks,
             links={peer.id: peer.report(now) for peer in self._peers},
             steps=tuple(self._progress.results),
-            tick=inbox.tick,
+            tick=inbox.tick(),
             bad_payloads=inbox.bad_payloads,
         )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from swarm_ctl.errors import PayloadError
 from swarm_ctl.mesh.keys import Channel
@@ -24,7 +24,7 @@ class Node:
         self.bad_payloads = 0
         self.last_bad = ""
 
-    def listen(self, *channels: Channel[P]) -> None:
+    def listen(self, *channels: Channel[Any]) -> None:
         """Start to hear every publisher of these channels."""
         for channel in channels:
             self._inlets[channel.name] = self._transport.subscribe(channel.everyone(self._swarm))

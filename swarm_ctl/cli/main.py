@@ -1,0 +1,42 @@
+"""The `swarm-ctl` command: one module a subcommand, one place for errors."""
+
+from __future__ import annotations
+
+import sys
+
+import typer
+from rich.console import Console
+from rich.text import Text
+
+from swarm_ctl.cli.agent import agent
+from swarm_ctl.cli.keys import keys
+from swarm_ctl.cli.run import run
+from swarm_ctl.cli.schema import schema
+from swarm_ctl.cli.station import station
+from swarm_ctl.cli.validate import validate
+from swarm_ctl.errors import SwarmError
+
+app = typer.Typer(
+    name="swarm-ctl",
+    help="Fly a formation of drones from one terminal.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+for command in (run, validate, agent, station, schema, keys):
+    app.command()(command)
+
+
+def main() -> None:
+    """Run the command line; our own errors become one message and their exit code, without a traceback."""
+    try:
+        app()
+    except SwarmError as error:
+        Console(stderr=True, highlight=False).print(Text(f"error: {error}", style="red"), soft_wrap=True)
+        sys.exit(error.exit_code)
+    except KeyboardInterrupt:
+        sys.exit(130)
+
+
+if __name__ == "__main__":
+    main()

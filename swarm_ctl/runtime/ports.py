@@ -1,0 +1,36 @@
+"""Free ports on the loopback interface, for what `run` starts itself."""
+
+from __future__ import annotations
+
+import os
+import socket
+from contextlib import ExitStack
+
+from swarm_ctl.errors import StartError
+
+_FIRST, _LAST = 20000, 32000
+"""Below the ephemeral ports (32768 and up on Linux), which any client on this machine may take at any time."""
+
+
+def free_ports(count: int, kind: socket.SocketKind) -> list[int]:
+    """`count` ports nobody listens on now; StartError when there are not that many.
+
+    Different processes begin their search in different places, so two runs that start together rarely meet.
+    """
+    span = _LAST - _FIRST
+    start = os.getpid() * 97 + (span // 2 if kind is socket.SOCK_DGRAM else 0)
+    found: list[int] = []
+    with ExitStack() as held:
+        for k in range(span):
+            if len(found) == count:
+                return found
+            port = _FIRST + (start + k) % span
+            probe = held.enter_context(socket.socket(socket.AF_INET, kind))
+            try:
+                probe.bind(("127.0.0.1", port))
+            except OSError:
+                continue
+            found.append(port)
+    if len(found) == count:
+        return found
+    raise StartError(f"only {len(found)} of {count} ports are free on 127.0.0.1:{_FIRST}-{_LAST}")

@@ -1,0 +1,311 @@
+"""The ground station's process: hears the mesh, folds it into the model, shows it, records it, passes commands on.
+
+`python -m swarm_ctl.runtime.station_process --run FOLDER` is how `run` starts it. Its stdin takes JSON lines
+(`{"command": "land"}`, `{"finish": true}`); its end means that `run` is gone: then the station waits until all agents
+have ended and the simulator has closed its book, and writes the summary itself.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import os
+import signal
+import sys
+import uuid
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, Final, Protocol
+
+from pydantic import TypeAdapter
+from rich.console import Console
+from rich.live import Live
+
+from swarm_ctl.core.state import AgentStatus, Command, StationBeacon
+from swarm_ctl.errors import SwarmError
+from swarm_ctl.mesh import keys
+from swarm_ctl.mesh.node import Node
+from swarm_ctl.mesh.zenoh_transport import ZenohTransport
+from swarm_ctl.report.manifest import Manifest, read_manifest
+from swarm_ctl.report.summary import summarise, write_summary
+from swarm_ctl.report.truth import has_ended
+from swarm_ctl.runtime import clock as wall
+from swarm_ctl.runtime.clock import Clock
+from swarm_ctl.runtime.control import ControlPipe
+from swarm_ctl.station.live import render
+from swarm_ctl.station.log_lines import log_lines
+from swarm_ctl.station.model import Model
+from swarm_ctl.station.view import SwarmView
+
+_ONLY_SHOWN: Final[tuple[keys.Channel[Any], ...]] = (keys.STATE, keys.SIGMA, keys.BEACON)
+_BEACON_S = 0.5
+_STATUS_S = 2.0
+"""Mission time between recorded statuses of one agent: the fallback when it can't write its own last one."""
+_COMMAND_S = 0.5
+_LOOP_WALL_S = 0.05
+_SHOW_WALL_S = 0.2
+_SILENT_S = 15.0
+"""An agent not heard for this long (mission time) has ended for an orphaned station: longer than any pause of a live
+one (it gives its vehicle up after 10 s)."""
+_BOOK_S = 100.0
+"""How long an orphaned station waits for the simulator (it waits 90 s for the last vehicle to stand)."""
+
+
+class Recorder:
+    """Events and statuses as JSON lines in the run folder, each line written at once."""
+
+    def __init__(self, folder: Path) -> None:
+        self._events = (folder / "events.jsonl").open("ab", buffering=0)
+        self._statuses = (folder / "statuses.jsonl").open("ab", buffering=0)
+        self._adapter = TypeAdapter(object)
+        self._due: dict[int, float] = {}
+
+    def event(self, event: object) -> None:
+        """Record an event, a command or an acknowledgement."""
+        self._events.write(self._adapter.dump_json(event) + b"\n")
+
+    def status(self, status: AgentStatus) -> None:
+        """Record a status now and then, and always an agent's last one."""
+        if status.outcome != "running" or status.time_s >= self._due.get(status.agent, 0.0):
+            self._due[status.agent] = status.time_s + _STATUS_S
+            self._statuses.write(self._adapter.dump_json(status) + b"\n")
+
+    def close(self) -> None:
+        """Close both files."""
+        self._events.close()
+        self._statuses.close()
+
+
+class Commander:
+    """Sends commands until every agent has answered (or has been asked for long enough)."""
+
+    def __init__(self, node: Node, agents: list[int]) -> None:
+        self._node = node
+        self._agents = agents
+        self._open: dict[str, tuple[Command, set[int], float]] = {}
+        self._due = 0.0
+
+    def give(self, kind: str, now: float) -> Command:
+        """Send a command to all agents."""
+        command = Command(uuid.uuid4().hex, kind, (), now)
+        self._open[command.id] = (command, set(self._agents), now)
+        self._due = now
+        return command
+
+    def answered(self, command: str, agent: int) -> None:
+        """An acknowledgement came."""
+        if command in self._open:
+            self._open[command][1].discard(agent)
+
+    def repeat(self, now: float) -> None:
+        """Send what is not answered yet again; give up after 10 s."""
+        if now < self._due:
+            return
+        self._due = now + _COMMAND_S
+        for key, (command, missing, since) in list(self._open.items()):
+            if not missing or now - since > 10.0:
+                del self._open[key]
+            else:
+                self._node.send(keys.COMMAND, command)
+
+
+class Screen(Protocol):
+    """Where a view is shown."""
+
+    def show(self, view: SwarmView) -> None:
+        """Show it; called a few times a second."""
+
+
+class LogScreen:
+    """Plain lines on stdout, for pipes and CI: what changed since the last view."""
+
+    def __init__(self) -> None:
+        self._last: SwarmView | None = None
+
+    def show(self, view: SwarmView) -> None:
+        """Print what is new."""
+        for line in log_lines(self._last, view):
+            sys.stdout.write(line + "\n")
+        sys.stdout.flush()
+        self._last = view
+
+
+class LiveScreen:
+    """The compact live view."""
+
+    def __init__(self, live: Live, console: Console) -> None:
+        self._live = live
+        self._console = console
+
+    def show(self, view: SwarmView) -> None:
+        """Redraw."""
+        self._live.update(render(view, self._console.width, self._console.height), refresh=True)
+
+
+@contextlib.contextmanager
+def screen(headless: bool) -> Iterator[Screen]:
+    """The live view where there is a terminal for it, log lines elsewhere."""
+    console = Console()
+    if headless or not console.is_terminal:
+        yield LogScreen()
+        return
+    with Live(console=console, auto_refresh=False, vertical_overflow="crop", redirect_stderr=False) as live:
+        yield LiveScreen(live, console)
+
+
+class Station:
+    """One ground station on one mesh."""
+
+    def __init__(self, manifest: Manifest, node: Node, clock: Clock, recorder: Recorder | None) -> None:
+        plan = manifest.plan
+        self.model = Model(plan, speedup=manifest.speedup, since_s=clock.now())
+        self._clock = clock
+        self._node = node
+        self._recorder = recorder
+        self._hash = plan.hash()
+        self._name = f"station-{os.getpid()}"
+        self._commander = Commander(node, [agent.id for agent in plan.agents])
+        self._beacon_due = 0.0
+        node.listen(keys.STATE, keys.STATUS, keys.SIGMA, keys.EVENT, keys.ACK, keys.BEACON)
+
+    def command(self, kind: str) -> None:
+        """Pass an operator's command to all agents."""
+        command = self._commander.give(kind, self._clock.now())
+        self._fold(command, self._clock.now())
+        if self._recorder:
+            self._recorder.event(command)
+
+    def turn(self) -> None:
+        """Hear what there is to hear, say what is due."""
+        now = self._clock.now()
+        for channel in _ONLY_SHOWN:
+            for payload, received_s in self._node.take(channel):
+                self._fold(payload, received_s)
+        for status, received_s in self._node.take(keys.STATUS):
+            self._fold(status, received_s)
+            if self._recorder:
+                self._recorder.status(status)
+        for event, received_s in self._node.take(keys.EVENT):
+            self._fold(event, received_s)
+            if self._recorder:
+                self._recorder.event(event)
+        for ack, received_s in self._node.take(keys.ACK):
+            self._fold(ack, received_s)
+            self._commander.answered(ack.command, ack.agent)
+            if self._recorder:
+                self._recorder.event(ack)
+        self._commander.repeat(now)
+        if now >= self._beacon_due:
+            self._beacon_due = now + _BEACON_S
+            self._node.send(keys.BEACON, StationBeacon(self._name, now, self._hash))
+
+    def view(self) -> SwarmView:
+        """The picture now."""
+        return self.model.view(self._clock.now())
+
+    def _fold(self, payload: Any, received_s: float) -> None:
+        self.model.fold(payload, received_s)
+
+
+def run_station(folder: Path, control: ControlPipe | None, say: Callable[[str], None], *, headless: bool) -> int:
+    """Watch the run in `folder` until told to finish; 0 when all went as it should."""
+    manifest = read_manifest(folder)
+    clock = Clock(manifest.epoch_s, manifest.speedup)
+    listen = [manifest.station_mesh] if manifest.station_mesh and control else []
+    connect = [agent.mesh for agent in manifest.fleet if agent.mesh]
+    node = Node(ZenohTransport(listen, connect, clock.now, clock.speedup), manifest.swarm, f"station-{os.getpid()}")
+    recorder = Recorder(folder) if control else None
+    try:
+        station = Station(manifest, node, clock, recorder)
+        say("ready")
+        with screen(headless) as shown:
+            _watch(station, control, shown, clock, folder)
+    finally:
+        node.close()
+        if recorder:
+            recorder.close()
+    if control is not None and control.closed:
+        write_summary(folder, summarise(folder, None))
+    return 0
+
+
+def _watch(station: Station, control: ControlPipe | None, shown: Screen, clock: Clock, folder: Path) -> None:
+    orphan = Orphan(clock, folder)
+    show_due = 0.0
+    while True:
+        for message in control.poll() if control else ():
+            if message.get("finish"):
+                station.turn()
+                shown.show(station.view())
+                return
+            if isinstance(message.get("command"), str):
+                station.command(message["command"])
+        station.turn()
+        if wall.wall_s() >= show_due:
+            show_due = wall.wall_s() + _SHOW_WALL_S
+            view = station.view()
+            try:
+                shown.show(view)
+            except OSError:  # the terminal is gone; the flight and the record go on
+                shown = Blind()
+            if control is not None and control.closed and orphan.may_go(view):
+                return
+        wall.pause(_LOOP_WALL_S)
+
+
+class Blind:
+    """No screen any more."""
+
+    def show(self, view: SwarmView) -> None:
+        """Nobody looks."""
+
+
+class Orphan:
+    """When a station whose `run` was killed may end: all agents have, and the simulator's book is closed."""
+
+    def __init__(self, clock: Clock, folder: Path) -> None:
+        self._clock = clock
+        self._truth = folder / "truth.jsonl"
+        self._ended_s: float | None = None
+
+    def may_go(self, view: SwarmView) -> bool:
+        """Ask once per view."""
+        now = self._clock.now()
+        if not all(_has_ended(agent, now) for agent in view.agents):
+            return False
+        if self._ended_s is None:
+            self._ended_s = now
+        return not self._truth.exists() or has_ended(self._truth) or now - self._ended_s > _BOOK_S
+
+
+def _has_ended(agent: Any, now: float) -> bool:
+    status: AgentStatus | None = agent.status
+    if status is None:
+        return True
+    return status.outcome != "running" or now - status.time_s > _SILENT_S
+
+
+def main() -> int:
+    """Entry of `python -m swarm_ctl.runtime.station_process`."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--run", type=Path, required=True)
+    parser.add_argument("--headless", action="store_true")
+    parser.add_argument("--words-fd", type=int, required=True)
+    arguments = parser.parse_args()
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)  # Ctrl-C is `run`'s to answer; its pipe tells us
+
+    def say(text: str) -> None:
+        with contextlib.suppress(OSError):
+            os.write(arguments.words_fd, (json.dumps({"say": text}) + "\n").encode())
+
+    try:
+        return run_station(arguments.run, ControlPipe(sys.stdin.fileno()), say, headless=arguments.headless)
+    except SwarmError as error:
+        sys.stderr.write(f"{error}\n")
+        return error.exit_code
+
+
+if __name__ == "__main__":
+    sys.exit(main())
