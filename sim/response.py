@@ -52,7 +52,7 @@ class Ardupilot:
     drag_per_m: tuple[float, float, float] = (0.024, 0.024, 0.0)
 
     def acceleration(self, memory: Array, velocity: Array, target: Array, wind: Array, dt: float) -> Array:
-        """See `sim.vehicle.Response`. Rows of `memory`: path error, shaped velocity and acceleration, integral, lags."""
+        """See `sim.vehicle.Response`. Memory: path error, shaped velocity and acceleration, integral, two lags."""
         self._shape(memory[..., 1, :], memory[..., 2, :], target, dt)
         error = memory[..., 1, :] - velocity
         memory[..., 0, :] += error * dt
@@ -64,7 +64,8 @@ class Ardupilot:
         force = _lag(memory[..., 4:6, :], command, np.array(self.lag_s), dt)
         air = velocity - wind
         speed = np.sqrt((air * air).sum(axis=-1, keepdims=True))
-        return force - air * (self.drag_per_s + np.multiply(self.drag_per_m, speed))
+        result: Array = force - air * (self.drag_per_s + np.multiply(self.drag_per_m, speed))
+        return result
 
     def _shape(self, velocity: Array, acceleration: Array, target: Array, dt: float) -> None:
         wanted = target - velocity
@@ -97,7 +98,7 @@ class Px4:
     drag_per_s: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
     def acceleration(self, memory: Array, velocity: Array, target: Array, wind: Array, dt: float) -> Array:
-        """See `sim.vehicle.Response`. Rows of `memory`: integral, two lags."""
+        """See `sim.vehicle.Response`. Memory: integral, two lags."""
         error = target.copy()
         _bound(error, self.speed_mps, self.climb_mps)
         np.minimum(error[..., 2], self.descent_mps, out=error[..., 2])

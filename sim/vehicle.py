@@ -1,9 +1,9 @@
-"""How a multirotor moves: pure numpy, batched over any leading axes (missions, vehicles), last axis (north, east, down).
+"""How a multirotor moves: pure numpy, batched over any leading axes (missions, vehicles); last axis (north, east, down).
 
-`advance` moves a `State` by one time step towards a `Demand`. What lies between a velocity target and the acceleration
-that follows is the *response*, one replaceable object: `Ideal`, `Ardupilot` or `Px4`. A response is the firmware's own
-velocity controller and the airframe behind it, so its numbers are the firmware's default parameters; what those don't
-give (attitude lag, drag) was fitted to recorded step responses.
+`advance` moves a `State` by one time step towards `Demands`. What lies between a velocity target and the acceleration
+that follows is the *response*, one replaceable object (`sim.response`): `Ideal`, `Ardupilot` or `Px4`. It is the
+firmware's own velocity controller with the airframe behind it, so its numbers are the firmware's default parameters;
+what those don't give (attitude lag, drag) was fitted to recorded step responses.
 """
 
 from __future__ import annotations
@@ -27,7 +27,10 @@ class Response(Protocol):
     `memory` (..., memory_rows, 3) is the controller's own state, zero for a vehicle at rest; changed in place.
     """
 
-    memory_rows: int
+    @property
+    def memory_rows(self) -> int:
+        """Rows of `memory`."""
+        ...
 
     def acceleration(self, memory: Array, velocity: Array, target: Array, wind: Array, dt: float) -> Array:
         """Acceleration [m/s2] (..., 3) during the next `dt`, for velocities [m/s] (..., 3)."""

@@ -1,0 +1,96 @@
+"""The simulator's configuration: strict JSON, every mistake named with its field and what would be allowed."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import ErrorDetails
+
+from sim.geodesy import Geodetic
+
+Persona = Literal["ardupilot", "px4"]
+
+
+class ConfigError(Exception):
+    """The configuration was refused; the text names the file, the field and what is allowed."""
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Place(_Strict):
+    """A point on the ellipsoid."""
+
+    lat_deg: float = Field(ge=-89.0, le=89.0)
+    lon_deg: float = Field(ge=-180.0, le=180.0)
+    alt_m: float = Field(ge=-500.0, le=9000.0)
+
+    def geodetic(self) -> Geodetic:
+        """The same as plain data."""
+        return Geodetic(self.lat_deg, self.lon_deg, self.alt_m)
+
+
+class VehicleConfig(Place):
+    """One vehicle: identity, where it listens, where it stands."""
+
+    sysid: int = Field(ge=1, le=250)
+    persona: Persona = "ardupilot"
+    endpoint: Annotated[str, Field(pattern=r"^udpin:[0-9A-Za-z.\-]+:[0-9]{1,5}$")]
+    heading_deg: float = 0.0
+    ready_after_s: float = Field(default=3.0, ge=0.0)
+    """Mission seconds from start until position estimate and pre-arm checks are good."""
+
+    def address(self) -> tuple[str, int]:
+        """Host and port to listen on."""
+        _, host, port = self.endpoint.split(":")
+        return host, int(port)
+
+
+class SimConfig(_Strict):
+    """Everything the simulator is told; see the README for the units (in the names)."""
+
+    version: Literal[1]
+    speedup: float = Field(default=1.0, gt=0.0, le=1000.0)
+    epoch_s: float
+    """`time.monotonic()` at mission time 0, shared by all processes of this host."""
+    seed: int = 0
+    origin: Place
+    truth_path: Path | None = None
+    truth_rate_hz: float = Field(default=10.0, gt=0.0, le=100.0)
+    sensing_range_m: float = Field(default=50.0, ge=0.0)
+    vehicles: tuple[VehicleConfig, ...] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _unique(self) -> SimConfig:
+        for name in ("sysid", "endpoint"):
+            seen: dict[object, int] = {}
+            for i, vehicle in enumerate(self.vehicles):
+                value = getattr(vehicle, name)
+                if value in seen:
+                    first = seen[value]
+                    raise ValueError(f"vehicles[{first}] and vehicles[{i}] share {name} {value}; each needs its own")
+                seen[value] = i
+        return self
+
+
+def load_config(path: Path) -> SimConfig:
+    """The configuration in `path`; ConfigError says what is wrong with it."""
+    try:
+        return SimConfig.model_validate(json.loads(path.read_text(encoding="utf-8")))
+    except OSError as error:
+        raise ConfigError(f"{path}: can't be read: {error.strerror}") from error
+    except json.JSONDecodeError as error:
+        raise ConfigError(f"{path}:{error.lineno}: not JSON: {error.msg}") from error
+    except ValidationError as error:
+        raise ConfigError("; ".join(f"{path}: {_describe(e)}" for e in error.errors())) from error
+
+
+def _describe(error: ErrorDetails) -> str:
+    field = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in error["loc"]).lstrip(".")
+    allowed = "remove it" if error["type"] == "extra_forbidden" else error["msg"]
+    got = "" if error["type"] in ("missing", "value_error") else f" (got {error['input']!r})"
+    return f"{field + ': ' if field else ''}{allowed}{got}"

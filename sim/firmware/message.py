@@ -1,0 +1,100 @@
+"""What firmware takes and gives: MAVLink messages as plain records, and the numbers of the enumerations it uses.
+
+The bytes are `sim.endpoint`'s work. Names of messages, fields and enumerations are MAVLink's (common.xml).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """One MAVLink message. `source` is (system, component) of the sender of a received one."""
+
+    name: str
+    fields: dict[str, Any]
+    source: tuple[int, int] = (0, 0)
+
+
+class Result(IntEnum):
+    """MAV_RESULT."""
+
+    ACCEPTED = 0
+    TEMPORARILY_REJECTED = 1
+    DENIED = 2
+    UNSUPPORTED = 3
+    FAILED = 4
+
+
+class Severity(IntEnum):
+    """MAV_SEVERITY."""
+
+    EMERGENCY = 0
+    CRITICAL = 2
+    ERROR = 3
+    WARNING = 4
+    NOTICE = 5
+    INFO = 6
+
+
+class Cmd(IntEnum):
+    """MAV_CMD."""
+
+    NAV_RETURN_TO_LAUNCH = 20
+    NAV_LAND = 21
+    NAV_TAKEOFF = 22
+    DO_SET_MODE = 176
+    DO_CHANGE_SPEED = 178
+    DO_SET_HOME = 179
+    DO_REPOSITION = 192
+    PREFLIGHT_REBOOT_SHUTDOWN = 246
+    COMPONENT_ARM_DISARM = 400
+    GET_HOME_POSITION = 410
+    SET_MESSAGE_INTERVAL = 511
+    REQUEST_MESSAGE = 512
+    REQUEST_AUTOPILOT_CAPABILITIES = 520
+
+
+class Landed(IntEnum):
+    """MAV_LANDED_STATE."""
+
+    ON_GROUND = 1
+    IN_AIR = 2
+    TAKEOFF = 3
+    LANDING = 4
+
+
+MAV_TYPE_QUADROTOR = 2
+MAV_TYPE_GCS = 6
+MAV_MODE_FLAG_CUSTOM = 1
+MAV_MODE_FLAG_GUIDED = 8
+MAV_MODE_FLAG_STABILIZE = 16
+MAV_MODE_FLAG_SAFETY_ARMED = 128
+MAV_STATE_STANDBY = 3
+MAV_STATE_ACTIVE = 4
+MAV_STATE_CRITICAL = 5
+
+MESSAGE_IDS: dict[str, int] = {
+    "HEARTBEAT": 0,
+    "SYS_STATUS": 1,
+    "SYSTEM_TIME": 2,
+    "GPS_RAW_INT": 24,
+    "ATTITUDE": 30,
+    "LOCAL_POSITION_NED": 32,
+    "GLOBAL_POSITION_INT": 33,
+    "GPS_GLOBAL_ORIGIN": 49,
+    "VFR_HUD": 74,
+    "POSITION_TARGET_LOCAL_NED": 85,
+    "BATTERY_STATUS": 147,
+    "AUTOPILOT_VERSION": 148,
+    "EKF_STATUS_REPORT": 193,
+    "ESTIMATOR_STATUS": 230,
+    "HOME_POSITION": 242,
+    "EXTENDED_SYS_STATE": 245,
+    "ADSB_VEHICLE": 246,
+}
+"""Every message that can be streamed or requested."""
+MESSAGE_NAMES = {number: name for name, number in MESSAGE_IDS.items()}

@@ -1,0 +1,178 @@
+"""Parameters: a fixed, ordered set of names with types, defaults and values. Pure.
+
+On the wire every value is a float: ArduPilot casts (`as_cast`), PX4 puts an integer's bytes there (`as_bytes`).
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+
+
+class Kind(IntEnum):
+    """MAV_PARAM_TYPE, as far as used."""
+
+    INT8 = 2
+    INT16 = 4
+    INT32 = 6
+    REAL32 = 9
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One value and its type."""
+
+    kind: Kind
+    value: float
+
+
+def as_cast(kind: Kind, value: float) -> float:
+    """ArduPilot's wire form, both ways: the number itself."""
+    return value if kind is Kind.REAL32 or not math.isfinite(value) else float(round(value))
+
+
+def to_bytes(kind: Kind, value: float) -> float:
+    """PX4's wire form: a float whose bytes are the integer's."""
+    if kind is Kind.REAL32:
+        return value
+    (wire,) = struct.unpack("<f", struct.pack("<i", round(value)))
+    return float(wire)
+
+
+def from_bytes(kind: Kind, wire: float) -> float:
+    """The value of PX4's wire form."""
+    if kind is Kind.REAL32:
+        return wire
+    (value,) = struct.unpack("<i", struct.pack("<f", wire))
+    return float(value)
+
+
+@dataclass(frozen=True, slots=True)
+class Encoding:
+    """How values of a persona go over the wire."""
+
+    encode: Callable[[Kind, float], float]
+    decode: Callable[[Kind, float], float]
+
+
+CAST = Encoding(as_cast, as_cast)
+BYTEWISE = Encoding(to_bytes, from_bytes)
+
+
+class Parameters:
+    """A persona's parameter set. Index and count never change while it runs."""
+
+    def __init__(self, defaults: Mapping[str, Parameter], encoding: Encoding) -> None:
+        self._items = dict(defaults)
+        self._names = tuple(defaults)
+        self._index = {name: i for i, name in enumerate(self._names)}
+        self._encoding = encoding
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def __getitem__(self, name: str) -> float:
+        return self._items[name].value
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._items
+
+    def name_at(self, index: int) -> str | None:
+        """The name with this index; None where there is none."""
+        return self._names[index] if 0 <= index < len(self._names) else None
+
+    def set(self, name: str, value: float) -> None:
+        """Sets a known parameter."""
+        self._items[name] = Parameter(self._items[name].kind, value)
+
+    def set_from_wire(self, name: str, wire: float) -> bool:
+        """Sets a known parameter from PARAM_SET's float; False, and nothing changed, where that isn't a number."""
+        value = self._encoding.decode(self._items[name].kind, wire)
+        if not math.isfinite(value):
+            return False
+        self.set(name, value)
+        return True
+
+    def value_message(self, name: str) -> dict[str, object]:
+        """The fields of this parameter's PARAM_VALUE."""
+        item = self._items[name]
+        return {
+            "param_id": name.encode(),
+            "param_value": self._encoding.encode(item.kind, item.value),
+            "param_type": int(item.kind),
+            "param_count": len(self._names),
+            "param_index": self._index[name],
+        }
+
+
+def _int8(value: int) -> Parameter:
+    return Parameter(Kind.INT8, float(value))
+
+
+def _int16(value: int) -> Parameter:
+    return Parameter(Kind.INT16, float(value))
+
+
+def _int32(value: int) -> Parameter:
+    return Parameter(Kind.INT32, float(value))
+
+
+def _real(value: float) -> Parameter:
+    return Parameter(Kind.REAL32, value)
+
+
+ARDUPILOT_DEFAULTS: dict[str, Parameter] = {
+    "ARMING_CHECK": _int32(1),
+    "BATT_CAPACITY": _int32(3300),
+    "BATT_MONITOR": _int8(4),
+    "DISARM_DELAY": _int8(10),
+    "FENCE_ENABLE": _int8(0),
+    "FRAME_CLASS": _int8(1),
+    "FRAME_TYPE": _int8(1),
+    "FS_GCS_ENABLE": _int8(0),
+    "FS_GCS_TIMEOUT": _real(5.0),
+    "FS_OPTIONS": _int32(16),
+    "GUID_OPTIONS": _int32(0),
+    "GUID_TIMEOUT": _real(3.0),
+    "LAND_ALT_LOW": _int16(1000),
+    "LAND_SPEED": _int16(50),
+    "LAND_SPEED_HIGH": _int16(0),
+    "MAV_GCS_SYSID": _int16(255),
+    "MAV_SYSID": _int16(1),
+    "PSC_JERK_XY": _real(5.0),
+    "RTL_ALT": _int32(1500),
+    "RTL_ALT_FINAL": _int16(0),
+    "RTL_LOIT_TIME": _int32(5000),
+    "RTL_SPEED": _int16(0),
+    "WPNAV_ACCEL": _real(250.0),
+    "WPNAV_ACCEL_Z": _real(100.0),
+    "WPNAV_SPEED": _real(1000.0),
+    "WPNAV_SPEED_DN": _real(150.0),
+    "WPNAV_SPEED_UP": _real(250.0),
+}
+PX4_DEFAULTS: dict[str, Parameter] = {
+    "BAT1_CAPACITY": _real(3300.0),
+    "COM_DISARM_LAND": _real(2.0),
+    "COM_DISARM_PRFLT": _real(10.0),
+    "COM_DL_LOSS_T": _int32(10),
+    "COM_OBL_RC_ACT": _int32(0),
+    "COM_OF_LOSS_T": _real(1.0),
+    "MAV_SYS_ID": _int32(1),
+    "MIS_TAKEOFF_ALT": _real(2.5),
+    "MPC_LAND_ALT1": _real(10.0),
+    "MPC_LAND_ALT2": _real(5.0),
+    "MPC_LAND_SPEED": _real(0.7),
+    "MPC_TKO_SPEED": _real(1.5),
+    "MPC_XY_CRUISE": _real(5.0),
+    "MPC_XY_VEL_MAX": _real(12.0),
+    "MPC_Z_V_AUTO_DN": _real(1.5),
+    "MPC_Z_V_AUTO_UP": _real(3.0),
+    "NAV_DLL_ACT": _int32(0),
+    "RTL_DESCEND_ALT": _real(10.0),
+    "RTL_LAND_DELAY": _real(0.0),
+    "RTL_RETURN_ALT": _real(30.0),
+    "SYS_AUTOSTART": _int32(10040),
+}

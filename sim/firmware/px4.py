@@ -1,0 +1,343 @@
+"""The PX4 persona (autopilot 12): OFFBOARD flight, with the answers a running PX4 1.15 gives. Pure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+from sim.firmware.base import Command, CommandHandler, Firmware, Setup
+from sim.firmware.flight import Ground, Hold, Land, Maneuver, Return, Style, Takeoff, Velocity
+from sim.firmware.message import (
+    MAV_MODE_FLAG_CUSTOM,
+    MAV_MODE_FLAG_GUIDED,
+    MAV_MODE_FLAG_STABILIZE,
+    Cmd,
+    Result,
+    Severity,
+)
+from sim.firmware.parameters import BYTEWISE, PX4_DEFAULTS, Parameters
+from sim.firmware.setpoint import FRAME_BODY_NED, FRAME_LOCAL_NED, NOTHING, Setpoint
+
+
+@dataclass(frozen=True, slots=True)
+class Mode:
+    """A row of the mode table."""
+
+    main: int
+    sub: int
+    name: str
+    armable: bool
+    manual: bool = False
+    """Needs a pilot's sticks; there are none here, so it can't be chosen while armed."""
+
+    @property
+    def custom(self) -> int:
+        """HEARTBEAT.custom_mode."""
+        return self.main << 16 | self.sub << 24
+
+
+MODES: Mapping[tuple[int, int], Mode] = {
+    (mode.main, mode.sub): mode
+    for mode in (
+        Mode(1, 0, "MANUAL", armable=False, manual=True),
+        Mode(2, 0, "ALTCTL", armable=False, manual=True),
+        Mode(3, 0, "POSCTL", armable=False, manual=True),
+        Mode(4, 2, "AUTO.TAKEOFF", armable=True),
+        Mode(4, 3, "AUTO.LOITER", armable=True),
+        Mode(4, 4, "AUTO.MISSION", armable=False),
+        Mode(4, 5, "AUTO.RTL", armable=False),
+        Mode(4, 6, "AUTO.LAND", armable=False),
+        Mode(6, 0, "OFFBOARD", armable=True),
+        Mode(7, 0, "STABILIZED", armable=False, manual=True),
+    )
+}
+POSCTL, TAKEOFF, LOITER, MISSION, RTL, LAND, OFFBOARD = (
+    MODES[n] for n in ((3, 0), (4, 2), (4, 3), (4, 4), (4, 5), (4, 6), (6, 0))
+)
+
+OFFBOARD_LOSS: Mapping[int, Mode] = {0: POSCTL, 1: POSCTL, 2: POSCTL, 3: RTL, 4: LAND, 5: LOITER}
+"""COM_OBL_RC_ACT to mode. The manual ones have no sticks here: the vehicle descends, lands and disarms in them."""
+DATALINK_LOSS: Mapping[int, Mode] = {1: LOITER, 2: RTL, 3: LAND}
+"""NAV_DLL_ACT to mode; 0 is off."""
+
+STREAM_GAP_S, STREAM_TIME_S = 0.5, 1.0
+"""OFFBOARD wants setpoints at 2 Hz or faster for over a second."""
+DESCEND_MPS = 0.7
+"""Descent of the failsafe that has neither setpoints nor sticks."""
+
+
+class Px4(Firmware):
+    """PX4 multicopter."""
+
+    autopilot: ClassVar[int] = 12
+    version: ClassVar[int] = 1 << 24 | 15 << 16
+    capabilities: ClassVar[int] = 0x4 | 0x8 | 0x10 | 0x40 | 0x80 | 0x100 | 0x2000 | 0x20000
+    boot_streams: ClassVar[Mapping[str, float]] = {
+        "HEARTBEAT": 1.0,
+        "SYS_STATUS": 0.5,
+        "SYSTEM_TIME": 1.0,
+        "ATTITUDE": 0.02,
+        "LOCAL_POSITION_NED": 1.0 / 30.0,
+        "GLOBAL_POSITION_INT": 0.1,
+        "GPS_RAW_INT": 0.2,
+        "VFR_HUD": 0.1,
+        "POSITION_TARGET_LOCAL_NED": 0.1,
+        "BATTERY_STATUS": 2.0,
+        "EXTENDED_SYS_STATE": 1.0,
+        "ESTIMATOR_STATUS": 1.0,
+        "HOME_POSITION": 2.0,
+        "GPS_GLOBAL_ORIGIN": 2.0,
+        "ADSB_VEHICLE": 0.2,
+    }
+    force_arm_magic: ClassVar[float] = 21196.0
+    arm_nonsense: ClassVar[Result | None] = None
+
+    mode: Mode
+
+    def __init__(self, setup: Setup, boot_s: float) -> None:
+        parameters = Parameters(PX4_DEFAULTS, BYTEWISE)
+        parameters.set("MAV_SYS_ID", setup.sysid)
+        super().__init__(setup, parameters, boot_s)
+
+    def persona_commands(self) -> dict[int, CommandHandler]:
+        """See `Firmware`."""
+        return {
+            Cmd.DO_SET_MODE: self._do_set_mode,
+            Cmd.NAV_TAKEOFF: self._takeoff,
+            Cmd.NAV_LAND: lambda _: self._enter(LAND),
+            Cmd.NAV_RETURN_TO_LAUNCH: lambda _: self._enter(RTL),
+            Cmd.DO_CHANGE_SPEED: self._change_speed,
+            Cmd.DO_REPOSITION: self._reposition,
+            Cmd.DO_SET_HOME: self._set_home,
+        }
+
+    def booted(self) -> None:
+        """See `Firmware`."""
+        self.mode = LOITER
+        self._speed_mps: float | None = None
+        self._setpoint: Setpoint | None = None
+        self._setpoint_s = -math.inf
+        self._stream_since_s = -math.inf
+        self._takeoff_down_m: float | None = None
+        self._flown = False
+
+    def custom_mode(self) -> int:
+        """See `Firmware`."""
+        return self.mode.custom
+
+    def mode_flags(self) -> int:
+        """See `Firmware`."""
+        return MAV_MODE_FLAG_STABILIZE | (0 if self.mode.manual else MAV_MODE_FLAG_GUIDED)
+
+    def style(self) -> Style:
+        """See `Firmware`."""
+        p = self.parameters
+        return Style(
+            speed_mps=p["MPC_XY_CRUISE"] if self._speed_mps is None else self._speed_mps,
+            climb_mps=p["MPC_Z_V_AUTO_UP"],
+            descent_mps=p["MPC_Z_V_AUTO_DN"],
+            land_mps=p["MPC_LAND_SPEED"],
+            land_below_m=p["MPC_LAND_ALT2"],
+            captures=True,
+        )
+
+    def battery_capacity_mah(self) -> float:
+        """See `Firmware`."""
+        return max(1.0, self.parameters["BAT1_CAPACITY"])
+
+    def addressed(self, command: Command) -> bool:
+        """Only commands for exactly this system and its autopilot (or all its components) are served."""
+        return command.target[0] == self.sysid and command.target[1] in (0, 1)
+
+    # --- arming ---
+
+    def arm(self, *, force: bool) -> Result:
+        """See `Firmware`."""
+        if not force and not (self.ready() and self.mode.armable and self._mode_possible(self.mode)):
+            self.text(Severity.CRITICAL, "Arming denied: Resolve system health failures first")
+            return Result.TEMPORARILY_REJECTED
+        self.set_armed()
+        self._flown = False
+        self.text(Severity.INFO, "Armed by external command")
+        self.begin(self._maneuver(self.mode))
+        return Result.ACCEPTED
+
+    def disarm(self, *, force: bool) -> Result:
+        """See `Firmware`."""
+        if not self.sensed.landed and not force:
+            self.text(Severity.CRITICAL, "Disarming denied: not landed")
+            return Result.TEMPORARILY_REJECTED
+        self._disarm_motors("Disarmed by external command")
+        return Result.ACCEPTED
+
+    def _disarm_motors(self, text: str) -> None:
+        self.set_disarmed()
+        self.text(Severity.INFO, text)
+
+    # --- modes ---
+
+    def _do_set_mode(self, command: Command) -> Result:
+        if not all(math.isfinite(p) for p in command.p[:3]):
+            return Result.DENIED
+        base, main, sub = (int(p) for p in command.p[:3])
+        return self._choose(base, main, sub)
+
+    def set_mode(self, base_mode: int, custom_mode: int) -> Result:
+        """See `Firmware`."""
+        return self._choose(base_mode, custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF)
+
+    def _choose(self, base: int, main: int, sub: int) -> Result:
+        """What makes no sense is accepted and changes nothing, as PX4 does."""
+        mode = MODES.get((main, sub)) if base & MAV_MODE_FLAG_CUSTOM else None
+        return Result.ACCEPTED if mode is None else self._enter(mode)
+
+    def _mode_possible(self, mode: Mode) -> bool:
+        if mode is OFFBOARD:
+            return self._streaming()
+        return not mode.manual and mode is not MISSION
+
+    def _enter(self, mode: Mode) -> Result:
+        if mode is MISSION or (self.armed and not self._mode_possible(mode)):
+            return Result.TEMPORARILY_REJECTED
+        if not self.ready():
+            return Result.TEMPORARILY_REJECTED
+        self.failsafe = False
+        if mode is not self.mode or mode is TAKEOFF:
+            self._change(mode)
+        return Result.ACCEPTED
+
+    def _change(self, mode: Mode) -> None:
+        self.mode = mode
+        self.begin(self._maneuver(mode))
+
+    def _maneuver(self, mode: Mode) -> Maneuver:
+        heading = self.sensed.heading_rad
+        if mode is OFFBOARD and self._setpoint is not None:
+            return self._follow(self._setpoint)
+        if mode is TAKEOFF and self.sensed.landed:
+            down = self._takeoff_down_m
+            if down is None:
+                down = self.sensed.position_ned_m[2] - self.parameters["MIS_TAKEOFF_ALT"]
+            return Takeoff(self.sensed, down, self.now + SPOOL_UP_S, self.parameters["MPC_TKO_SPEED"])
+        if mode is LAND:
+            return Land(heading, self.home_ned[2])
+        if self.sensed.landed:
+            return Ground()
+        if mode is RTL:
+            wait = max(0.0, self.parameters["RTL_LAND_DELAY"])
+            return Return(self.sensed, self.home_ned, self.parameters["RTL_RETURN_ALT"], wait)
+        return Hold(heading)
+
+    # --- offboard ---
+
+    def on_setpoint(self, setpoint: Setpoint) -> None:
+        """See `Firmware`; counted as a sign of life in every mode, flown in OFFBOARD. Axes are ignored one by one."""
+        usable = setpoint.position != NOTHING or setpoint.velocity != NOTHING
+        if setpoint.frame not in (FRAME_LOCAL_NED, FRAME_BODY_NED) or not usable:
+            self.ignored += 1
+            return
+        if self.now - self._setpoint_s > STREAM_GAP_S:
+            self._stream_since_s = self.now
+        self._setpoint, self._setpoint_s = setpoint, self.now
+        if self.mode is OFFBOARD and self.armed:
+            self.begin(self._follow(setpoint))
+
+    def _streaming(self) -> bool:
+        fresh = self.now - self._setpoint_s <= STREAM_GAP_S
+        return fresh and self.now - self._stream_since_s > STREAM_TIME_S
+
+    def _follow(self, setpoint: Setpoint) -> Velocity:
+        yaw = self.demand.heading_rad if setpoint.yaw_rad is None else setpoint.yaw_rad
+        n, e, d = (0.0 if v is None else v for v in setpoint.velocity)
+        held = [None if p is None else p + o for p, o in zip(setpoint.position, self.local_origin_ned, strict=True)]
+        rate = setpoint.yaw_rate_radps or 0.0
+        return Velocity((n, e, d), yaw, (held[0], held[1], held[2]), rate, self.now)
+
+    # --- commands ---
+
+    def _takeoff(self, command: Command) -> Result:
+        if not self.ready():
+            return Result.TEMPORARILY_REJECTED
+        self._takeoff_down_m = None
+        if math.isfinite(command.p[6]):
+            above = command.p[6] - self.plane.geodetic_from_ned(self.sensed.position_ned_m).alt_m
+            if above > 0:
+                self._takeoff_down_m = self.sensed.position_ned_m[2] - above
+        self._change(TAKEOFF)
+        return Result.ACCEPTED
+
+    def _reposition(self, command: Command) -> Result:
+        place = self.place(command)
+        if place is None or self.sensed.landed or not self.armed:
+            return Result.DENIED
+        self.mode = LOITER
+        self.begin(Velocity((0.0, 0.0, 0.0), self.sensed.heading_rad, place))
+        return Result.ACCEPTED
+
+    def _change_speed(self, command: Command) -> Result:
+        speed = command.p[1]
+        self._speed_mps = min(speed, 20.0) if math.isfinite(speed) and speed > 0 else None
+        self.update_demand()
+        return Result.ACCEPTED
+
+    def _set_home(self, command: Command) -> Result:
+        place = self.sensed.position_ned_m if command.p[0] == 1.0 else self.place(command)
+        if place is None or not self.ready():
+            return Result.TEMPORARILY_REJECTED
+        self.home_ned = place
+        return Result.ACCEPTED
+
+    # --- time ---
+
+    def housekeeping(self) -> None:
+        """See `Firmware`."""
+        if not self.armed:
+            return
+        self._flown = self._flown or not self.sensed.landed
+        self._check_offboard()
+        self._check_datalink()
+        if self.mode is TAKEOFF and self.maneuver.done and not self.sensed.landed:
+            self._change(LOITER)
+        if self.sensed.landed:
+            self._check_landed()
+
+    def _check_offboard(self) -> None:
+        silent = self.now - self._setpoint_s > self.parameters["COM_OF_LOSS_T"]
+        if self.mode is OFFBOARD and silent:
+            self._fail(OFFBOARD_LOSS.get(round(self.parameters["COM_OBL_RC_ACT"]), POSCTL))
+
+    def _check_datalink(self) -> None:
+        action = DATALINK_LOSS.get(round(self.parameters["NAV_DLL_ACT"]))
+        heard = self.gcs_heartbeat_s
+        if action is None or heard is None or self.failsafe or self.mode in (action, LAND):
+            return
+        if self.now - heard > self.parameters["COM_DL_LOSS_T"]:
+            self._fail(action)
+
+    def _fail(self, mode: Mode) -> None:
+        self.failsafe = True
+        self.text(Severity.CRITICAL, "Failsafe activated")
+        self.mode = mode
+        if mode.manual:
+            self.begin(Land(self.sensed.heading_rad, self.home_ned[2], slow_mps=DESCEND_MPS))
+        else:
+            self.begin(self._maneuver(mode))
+
+    def _check_landed(self) -> None:
+        since = self.now if self.landed_s is None else self.landed_s
+        if isinstance(self.maneuver, Land | Return):
+            delay = self.parameters["COM_DISARM_LAND"]
+            if self.maneuver.done and delay >= 0 and self.now - since >= delay:
+                self._disarm_motors("Disarmed by landing")
+            return
+        if isinstance(self.maneuver, Hold):
+            self.begin(Ground())
+        delay = self.parameters["COM_DISARM_PRFLT"]
+        if not self._flown and delay > 0 and self.now - self.armed_s >= delay:
+            self._disarm_motors("Disarmed by auto preflight disarming")
+
+
+SPOOL_UP_S = 1.0
+"""From take-off command to lift."""

@@ -1,0 +1,55 @@
+"""Which message is due when. Pure; times are mission seconds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+
+
+class Streams:
+    """Message intervals of one vehicle, and when each is due next.
+
+    A stream keeps its own grid (due + k * interval); one that fell behind by more than an interval starts anew
+    instead of sending a burst.
+    """
+
+    def __init__(self) -> None:
+        self._interval_s: dict[str, float] = {}
+        self._due_s: dict[str, float] = {}
+        self.next_s = math.inf
+        """When the next message is due."""
+
+    def set(self, name: str, interval_s: float | None, now: float) -> None:
+        """Streams `name` every `interval_s`, the first at once; None stops it."""
+        if interval_s is None:
+            self._interval_s.pop(name, None)
+            self._due_s.pop(name, None)
+        else:
+            self._interval_s[name] = interval_s
+            self._due_s[name] = now
+        self.next_s = min(self._due_s.values(), default=math.inf)
+
+    def interval_s(self, name: str) -> float | None:
+        """The interval of `name`; None where it isn't streamed."""
+        return self._interval_s.get(name)
+
+    def names(self) -> Iterable[str]:
+        """Everything streamed."""
+        return tuple(self._interval_s)
+
+    def take_due(self, now: float) -> Iterator[str]:
+        """The names that are due at `now`, each once; moves them on."""
+        if now < self.next_s:
+            return
+        late = now + _SLACK_S
+        due = [name for name, at in self._due_s.items() if at <= late]
+        for name in due:
+            interval = self._interval_s[name]
+            at = self._due_s[name] + interval
+            self._due_s[name] = at if at > now else now + interval
+        self.next_s = min(self._due_s.values(), default=math.inf)
+        yield from due
+
+
+_SLACK_S = 1e-6
+"""Times are sums of steps: what is due within a microsecond is due."""

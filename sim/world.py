@@ -1,0 +1,253 @@
+"""All vehicles of one simulator: their firmware, and one array pass of physics a step. No sockets, no clock."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.config import SimConfig, VehicleConfig
+from sim.firmware.ardupilot import Ardupilot
+from sim.firmware.base import Contact, Firmware, Outgoing, Setup
+from sim.firmware.flight import Demand, Sensed
+from sim.firmware.message import Message
+from sim.firmware.px4 import Px4
+from sim.geodesy import TangentPlane, Vector3
+from sim.pairs import PairMinima
+from sim.response import Ardupilot as ArdupilotResponse
+from sim.response import Px4 as Px4Response
+from sim.vehicle import Array, Demands, Mask, Response, State, advance
+
+STEP_S = 0.01
+"""Physics step, mission time. Divides the intervals of all usual streams (50 Hz down), so that they come evenly; a
+setpoint waits 5 ms on average; and the fastest lag of the responses (50 ms) is still well resolved."""
+
+_FIRMWARE: dict[str, type[Ardupilot | Px4]] = {"ardupilot": Ardupilot, "px4": Px4}
+_RESPONSE: dict[str, Response] = {"ardupilot": ArdupilotResponse(), "px4": Px4Response()}
+
+
+@dataclass(frozen=True, slots=True)
+class WorldEvent:
+    """Something that happened to a vehicle: `liftoff`, `touchdown`, `collision` (one event for each of the two)."""
+
+    time_s: float
+    sysid: int
+    event: str
+
+
+class Group:
+    """The vehicles of one persona: one response, one array pass."""
+
+    def __init__(self, response: Response, position: Array, heading: Array) -> None:
+        self.response = response
+        self.state = State.at_rest(position, response, heading)
+        self.demands = Demands.idle(self.state)
+
+    def step(self) -> None:
+        """Physics of the whole group."""
+        advance(self.state, self.demands, self.response, STEP_S)
+
+    def sense(self, row: int) -> Sensed:
+        """What vehicle `row` feels."""
+        s = self.state
+        return Sensed(
+            _vector(s.position[row]),
+            _vector(s.velocity[row]),
+            _vector(s.acceleration[row]),
+            float(s.heading[row]),
+            bool(s.landed[row]),
+        )
+
+    def obey(self, row: int, demand: Demand) -> None:
+        """Takes over the demand of vehicle `row`."""
+        d = self.demands
+        d.velocity[row] = demand.velocity_ned_mps
+        d.position[row] = [0.0 if p is None else p for p in demand.position_ned_m]
+        d.hold[row] = [p is not None for p in demand.position_ned_m]
+        d.speed[row], d.climb[row], d.descent[row] = demand.speed_mps, demand.climb_mps, demand.descent_mps
+        d.heading[row], d.lift[row] = demand.heading_rad, demand.lift
+
+
+class Vehicle:
+    """One vehicle: its firmware, and its row in its group."""
+
+    def __init__(self, config: VehicleConfig, group: Group, row: int) -> None:
+        self.sysid = config.sysid
+        self.group = group
+        self.row = row
+        self.firmware: Firmware
+        self._obeyed: Demand | None = None
+
+    def boot(self, setup: Setup, persona: str, now: float) -> None:
+        """Starts the firmware."""
+        self.firmware = _FIRMWARE[persona](setup, now)
+
+    def sense(self) -> Sensed:
+        """What it feels now."""
+        return self.group.sense(self.row)
+
+    def run(self, now: float) -> None:
+        """Lets the firmware do what is due."""
+        self.firmware.run(now, self.sense())
+        self._obey()
+
+    def handle(self, message: Message, now: float) -> None:
+        """Gives the firmware a message; its new demand acts at the next step."""
+        self.firmware.handle(message, now, self.sense())
+        self._obey()
+
+    def _obey(self) -> None:
+        if self.firmware.demand is not self._obeyed:
+            self._obeyed = self.firmware.demand
+            self.group.obey(self.row, self._obeyed)
+
+
+class World:
+    """All vehicles, in the order of the configuration. `time_s` is the mission time of the last step."""
+
+    def __init__(self, config: SimConfig, now: float) -> None:
+        self._step = math.ceil(now / STEP_S)
+        self._range_m = config.sensing_range_m
+        self.plane = TangentPlane(config.origin.geodetic())
+        starts = [self.plane.ned_from_geodetic(v.geodetic()) for v in config.vehicles]
+        self.groups, rows = _groups(config, starts)
+        self.vehicles = [Vehicle(v, self.groups[v.persona], r) for v, r in zip(config.vehicles, rows, strict=True)]
+        self._places = {name: [i for i, v in enumerate(config.vehicles) if v.persona == name] for name in self.groups}
+        self.pairs = PairMinima(len(self.vehicles))
+        self.events: list[WorldEvent] = []
+        self._airborne: Mask = np.zeros(len(self.vehicles), dtype=np.bool_)
+        for i, (vehicle, described) in enumerate(zip(self.vehicles, config.vehicles, strict=True)):
+            vehicle.boot(self._setup(i, described, config.seed), described.persona, self.time_s)
+
+    @property
+    def time_s(self) -> float:
+        """Mission time [s]."""
+        return self._step * STEP_S
+
+    @property
+    def next_s(self) -> float:
+        """When the next step is due."""
+        return (self._step + 1) * STEP_S
+
+    def step(self) -> list[int]:
+        """One step of everything; the vehicles (by place) that may have something to send."""
+        self._step += 1
+        for group in self.groups.values():
+            group.step()
+        self._observe()
+        now = self.time_s
+        ran = [i for i, v in enumerate(self.vehicles) if v.firmware.due_s <= now]
+        for i in ran:
+            self.vehicles[i].run(now)
+        return ran
+
+    def handle(self, place: int, message: Message) -> None:
+        """A message for the vehicle at `place`."""
+        self.vehicles[place].handle(message, self.time_s)
+
+    def outbox(self, place: int) -> list[Outgoing]:
+        """What the vehicle at `place` has to say; empties it."""
+        firmware = self.vehicles[place].firmware
+        said, firmware.outbox = firmware.outbox, []
+        return said
+
+    def positions(self) -> Array:
+        """(n, 3) NED from the configured origin [m]."""
+        return self._gathered(lambda state: state.position)
+
+    def velocities(self) -> Array:
+        """(n, 3) [m/s]."""
+        return self._gathered(lambda state: state.velocity)
+
+    def armed(self) -> list[bool]:
+        """Per vehicle."""
+        return [v.firmware.armed for v in self.vehicles]
+
+    def airborne(self) -> list[bool]:
+        """Per vehicle."""
+        return [not x for x in self._landed().tolist()]
+
+    def parked(self) -> bool:
+        """All stand on the ground, disarmed."""
+        return not any(self.armed()) and not any(self.airborne())
+
+    def _observe(self) -> None:
+        airborne = ~self._landed()
+        for i in np.nonzero(airborne != self._airborne)[0].tolist():
+            self._event(i, "liftoff" if airborne[i] else "touchdown")
+        flying = airborne.any() or self._airborne.any()
+        self._airborne = airborne
+        if flying:
+            for pair in self.pairs.update(self.positions()):
+                for i in pair:
+                    self._event(i, "collision")
+
+    def _event(self, place: int, what: str) -> None:
+        self.events.append(WorldEvent(self.time_s, self.vehicles[place].sysid, what))
+
+    def _landed(self) -> Mask:
+        if len(self.groups) == 1:
+            return next(iter(self.groups.values())).state.landed.copy()
+        out = np.empty(len(self.vehicles), dtype=np.bool_)
+        for name, group in self.groups.items():
+            out[self._places[name]] = group.state.landed
+        return out
+
+    def _gathered(self, what: Callable[[State], Array]) -> Array:
+        if len(self.groups) == 1:
+            return what(next(iter(self.groups.values())).state)
+        out = np.empty((len(self.vehicles), 3))
+        for name, group in self.groups.items():
+            out[self._places[name]] = what(group.state)
+        return out
+
+    def _setup(self, place: int, described: VehicleConfig, seed: int) -> Setup:
+        start = self.vehicles[place].sense()
+        return Setup(
+            sysid=described.sysid,
+            plane=self.plane,
+            start=start,
+            local_origin_ned_m=_local_origin(start.position_ned_m, np.random.default_rng([seed, described.sysid])),
+            ready_after_s=described.ready_after_s,
+            traffic=lambda: self._traffic(place),
+        )
+
+    def _traffic(self, place: int) -> Iterable[Contact]:
+        positions = self.positions()
+        away = positions - positions[place]
+        near = (away * away).sum(axis=1) <= self._range_m**2
+        near[place] = False
+        velocities = self.velocities()
+        for i in np.nonzero(near)[0].tolist():
+            yield self.vehicles[i].sysid, _vector(positions[i]), _vector(velocities[i])
+
+
+def _groups(config: SimConfig, starts: list[Vector3]) -> tuple[dict[str, Group], list[int]]:
+    """The groups by persona, and each vehicle's row in its own."""
+    members: dict[str, list[int]] = {}
+    rows = []
+    for i, vehicle in enumerate(config.vehicles):
+        mine = members.setdefault(vehicle.persona, [])
+        rows.append(len(mine))
+        mine.append(i)
+    groups = {}
+    for persona, places in members.items():
+        heading = np.radians([config.vehicles[i].heading_deg for i in places])
+        groups[persona] = Group(_RESPONSE[persona], np.array([starts[i] for i in places]), heading)
+    return groups, rows
+
+
+def _local_origin(start: Vector3, rng: np.random.Generator) -> Vector3:
+    """Where a vehicle's own frame has its zero: 3 to 30 m from where it stands, as after a real power-up elsewhere."""
+    bearing = rng.uniform(0.0, 2.0 * math.pi)
+    distance = rng.uniform(3.0, 30.0)
+    north, east, down = start
+    offset = distance * math.cos(bearing), distance * math.sin(bearing), rng.uniform(-2.0, 2.0)
+    return north + offset[0], east + offset[1], down + offset[2]
+
+
+def _vector(row: Array) -> Vector3:
+    north, east, down = row.tolist()
+    return north, east, down
