@@ -111,7 +111,7 @@ def swarms(draw: st.DrawFn, limit: float = 6.0) -> tuple[np.ndarray, np.ndarray,
 def test_translation_changes_nothing(swarm: Any, dx: float, dy: float) -> None:
     """Moving all agents together moves nothing of u."""
     positions, slots, neighbours, law = swarm
-    shifted = positions + [dx, dy]
+    shifted = positions + np.array([dx, dy])
     assume(_far_from_edges(positions, law) and _far_from_edges(shifted, law))
     a = evaluate_one(0, positions, slots, neighbours, law)
     b = evaluate_one(0, shifted, slots, neighbours, law)

@@ -1,0 +1,136 @@
+"""Payloads survive the wire; anything else is refused with PayloadError and nothing more."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarm_ctl.core.state import (
+    Ack,
+    AgentState,
+    AgentStatus,
+    Command,
+    Event,
+    LinkReport,
+    PairReport,
+    Phase,
+    SigmaReport,
+    StationBeacon,
+    StepResult,
+)
+from swarm_ctl.errors import PayloadError
+from swarm_ctl.mesh.keys import CHANNELS
+from swarm_ctl.mesh.payloads import VERSION, decode, encode
+
+FLOAT = st.floats(-1e9, 1e9)
+FLOAT32 = st.floats(-1e3, 1e3, width=32)
+
+STATES = st.builds(
+    AgentState,
+    agent=st.integers(1, 65535),
+    seq=st.integers(0, 2**32 - 1),
+    time_s=FLOAT,
+    plan_hash=st.integers(0, 2**64 - 1),
+    phase=st.sampled_from(Phase),
+    step=st.integers(0, 65535),
+    done=st.booleans(),
+    airborne=st.booleans(),
+    position_ned_m=st.tuples(FLOAT, FLOAT, FLOAT),
+    velocity_ned_mps=st.tuples(FLOAT32, FLOAT32, FLOAT32),
+    stop_point_m=st.tuples(FLOAT, FLOAT),
+    commanded_mps=st.tuples(FLOAT32, FLOAT32),
+)
+
+OTHERS: list[Any] = [
+    Event(3, 1.5, "warning", "ünïcode"),
+    Command("abc", "land", (1, 2), 2.0),
+    Ack(1, "abc", False, "no"),
+    StationBeacon("s", 1.0, 2**64 - 1),
+    SigmaReport(
+        1,
+        2.0,
+        (0.1, 0.2),
+        (0.3, 0.4),
+        (PairReport(2, True, "inactive", 1.2, 0.1, 0.0, 3.0, 4.0, None, 1e-5),),
+    ),
+    AgentStatus(
+        agent=1,
+        time_s=3.0,
+        phase=Phase.FLY,
+        step=2,
+        done=False,
+        reason="",
+        outcome="running",
+        mode="GUIDED",
+        armed=True,
+        airborne=True,
+        battery_percent=None,
+        height_m=9.9,
+        formation_error_m=None,
+        nearest_agent=2,
+        nearest_m=7.0,
+        heartbeat_age_s=0.5,
+        station_age_s=None,
+        setpoints=100,
+        setpoint_rate_hz=20.0,
+        neighbours=(2, 3),
+        sigma_tally={"paper": 3},
+        overspeed_ticks=0,
+        links={2: LinkReport(0.05, 0.05, 0.1, 100, 1)},
+        steps=(StepResult("prepare", "done", 0.0, 3.0),),
+    ),
+]
+
+
+@given(STATES)
+def test_state_round_trip(state: AgentState) -> None:
+    """The fixed layout keeps every field exactly (velocities are 32-bit)."""
+    assert decode(AgentState, encode(state)) == state
+
+
+@pytest.mark.parametrize("payload", OTHERS, ids=lambda p: type(p).__name__)
+def test_json_round_trip(payload: Any) -> None:
+    assert decode(type(payload), encode(payload)) == payload
+
+
+def test_every_channel_has_a_payload_tested_here() -> None:
+    assert {c.payload for c in CHANNELS} == {AgentState, *(type(p) for p in OTHERS)}
+
+
+@given(st.sampled_from([c.payload for c in CHANNELS]), st.binary(max_size=300))
+def test_random_bytes_are_refused(kind: type, data: bytes) -> None:
+    """Whatever comes, the only answer is PayloadError (or, against all odds, a valid payload)."""
+    try:
+        decode(kind, bytes([VERSION]) + data)
+    except PayloadError:
+        return
+
+
+@given(STATES, st.integers(0, 255))
+def test_unknown_version_is_refused(state: AgentState, version: int) -> None:
+    data = bytes([version]) + encode(state)[1:]
+    if version == VERSION:
+        assert decode(AgentState, data) == state
+    else:
+        with pytest.raises(PayloadError, match="version"):
+            decode(AgentState, data)
+
+
+@pytest.mark.parametrize("bad", [float("nan"), float("inf")])
+def test_numbers_that_are_none_are_refused(bad: float) -> None:
+    """NaN in any number of a state would poison the law of everybody who hears it."""
+    good = AgentState(1, 1, 1.0, 1, Phase.FLY, 1, False, True, (1, 2, 3), (0, 0, 0), (1, 2), (0, 0))
+    for field, value in (("position_ned_m", (bad, 0, 0)), ("stop_point_m", (0, bad)), ("time_s", bad)):
+        broken = {name: getattr(good, name) for name in AgentState.__dataclass_fields__} | {field: value}
+        with pytest.raises(PayloadError):
+            decode(AgentState, encode(AgentState(**broken)))
+
+
+def test_truncated_state_is_refused() -> None:
+    data = encode(AgentState(1, 1, 1.0, 1, Phase.FLY, 1, False, True, (1, 2, 3), (0, 0, 0), (1, 2), (0, 0)))
+    for size in range(len(data)):
+        with pytest.raises(PayloadError):
+            decode(AgentState, data[:size])
