@@ -1,0 +1,190 @@
+"""The columns of the live view's table: one row of `COLUMNS` each, told from the view alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from rich.text import Text
+
+from swarm_ctl.core.state import Phase
+from swarm_ctl.core.text import printable
+from swarm_ctl.station.alerts import Level
+from swarm_ctl.station.view import AgentView, SwarmView
+
+
+@dataclass(frozen=True, slots=True)
+class Glyphs:
+    """Signs, with plain ASCII where the terminal has no more."""
+
+    well: str = "✓"
+    warning: str = "!"
+    error: str = "✗"
+    armed: str = "●"
+    disarmed: str = "○"
+    dash: str = "–"
+    sigma: str = "σ"
+    times: str = "×"
+    dot: str = "·"
+    line: str = "─"
+
+    def of(self, level: Level | None) -> str:
+        """The sign of a level; None: all is well."""
+        return {None: self.well, Level.WARNING: self.warning, Level.ERROR: self.error}[level]
+
+
+UNICODE: Final = Glyphs()
+ASCII: Final = Glyphs("ok", "!", "X", "*", "o", "-", "sigma", "x", "-", "-")
+
+LEVEL_STYLE: Final[dict[Level | None, str]] = {None: "green", Level.WARNING: "yellow", Level.ERROR: "bold red"}
+
+_PHASE_STYLE: Final = {
+    Phase.FLY: "green",
+    Phase.HOLD: "yellow",
+    Phase.YIELD: "bold yellow",
+    Phase.LAND: "cyan",
+    Phase.TAKEOFF: "cyan",
+    Phase.ARM: "cyan",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """What a cell is made from."""
+
+    view: SwarmView
+    agent: AgentView
+    level: Level | None
+    """The agent's worst alarm."""
+    glyphs: Glyphs
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One column: title, cells of at most `width` characters, and the narrowest screen that has it."""
+
+    title: str
+    width: int
+    cell: Callable[[Row, int], str | Text]
+    from_width: int = 0
+    justify: Literal["left", "right"] = "right"
+    below_width: int = 10_000
+    """Screens from this width on have something better."""
+
+
+def fit(value: float | None, width: int, decimals: int, glyphs: Glyphs = UNICODE) -> str:
+    """A number with as many of its decimals as fit into `width`; a dash for none."""
+    if value is None:
+        return glyphs.dash
+    for places in range(decimals, -1, -1):
+        text = f"{value:.{places}f}"
+        if len(text) <= width:
+            return text
+    return "9" * (width - 1) + "+" if value > 0 else "-" * width
+
+
+def _id(row: Row, width: int) -> Text:
+    mark = row.glyphs.of(row.level)[:1] if row.level is not None else " "
+    return Text(f"{mark}{row.agent.id:>{width - 1}}", style=LEVEL_STYLE[row.level] if row.level else "bold")
+
+
+def _phase(row: Row, _: int) -> Text:
+    agent = row.agent
+    if agent.lost:
+        return Text("SILENT", style="bold red")
+    if agent.phase is None:
+        return Text("unheard", style="dim")
+    return Text(agent.phase.name.lower(), style=_PHASE_STYLE.get(agent.phase, ""))
+
+
+def _step(row: Row, width: int) -> str:
+    told = row.agent.newest
+    if told is None:
+        return row.glyphs.dash
+    name = row.view.step_name(told.step)
+    done = f" {row.glyphs.well}" if told.done else ""
+    if len(name + done) > width:
+        name = name.partition(" ")[0]
+    return name + done if len(name + done) <= width else name[: width - len(done.strip())] + done.strip()
+
+
+def _mode(row: Row, width: int) -> str:
+    return printable(row.agent.status.mode)[:width] if row.agent.status else row.glyphs.dash
+
+
+def _armed_sign(row: Row, _: int) -> str:
+    if row.agent.status is None:
+        return " "
+    return row.glyphs.armed if row.agent.status.armed else row.glyphs.disarmed
+
+
+def _armed_word(row: Row, _: int) -> str:
+    if row.agent.status is None:
+        return row.glyphs.dash
+    return "yes" if row.agent.status.armed else "no"
+
+
+def _number(of: Callable[[Row], float | None], decimals: int) -> Callable[[Row, int], str]:
+    return lambda row, width: fit(of(row), width, decimals, row.glyphs)
+
+
+def _ned(axis: int, sign: int = 1) -> Callable[[Row], float | None]:
+    # adding zero: -0.0 is a height nobody reads
+    return lambda row: sign * row.agent.state.position_ned_m[axis] + 0.0 if row.agent.state else None
+
+
+def _nearest(row: Row, width: int) -> str:
+    agent = row.agent
+    if agent.nearest_agent is None:
+        return row.glyphs.dash
+    return f"{agent.nearest_agent} {fit(agent.nearest_m, width - len(str(agent.nearest_agent)) - 1, 2)}"
+
+
+def _age(row: Row, width: int) -> Text:
+    agent = row.agent
+    if agent.phase is Phase.ENDED:
+        return Text(row.glyphs.dash)
+    age = fit(agent.link.age_s, width, 2, row.glyphs)
+    return Text(age, style="bold red" if agent.lost else "")
+
+
+def _loss(row: Row, _: int) -> str:
+    return f"{100 * row.agent.link.recent_loss:.0f}%" if row.agent.link.received else row.glyphs.dash
+
+
+def _speed(row: Row) -> float | None:
+    if row.agent.state is None:
+        return None
+    north, east, _ = row.agent.state.velocity_ned_mps
+    return float((north * north + east * east) ** 0.5)
+
+
+def _late(row: Row) -> float | None:
+    return row.agent.status.tick.late_p99_ms if row.agent.status and row.agent.status.tick.count else None
+
+
+_WIDE: Final = 110
+"""From here on words instead of signs, and what an operator can do without."""
+
+COLUMNS: Final[tuple[Column, ...]] = (
+    Column("id", 3, _id),
+    Column("phase", 7, _phase, justify="left"),
+    Column("step", 8, _step, justify="left", below_width=_WIDE),
+    Column("step", 16, _step, _WIDE, "left"),
+    Column("mode", 8, _mode, justify="left"),
+    Column("A", 1, _armed_sign, below_width=_WIDE),
+    Column("armed", 5, _armed_word, _WIDE, "left"),
+    Column("north", 5, _number(_ned(0), 1)),
+    Column("east", 5, _number(_ned(1), 1)),
+    Column("up", 4, _number(_ned(2, -1), 1)),
+    Column("m/s", 4, _number(_speed, 1), _WIDE),
+    Column("err", 4, _number(lambda row: row.agent.error_m, 2)),
+    Column("near", 6, _nearest),
+    Column("age", 4, _age),
+    Column("p99", 4, _number(lambda row: row.agent.link.age_p99_s, 2)),
+    Column("loss", 4, _loss, _WIDE),
+    Column("Hz", 4, _number(lambda row: row.agent.link.tick_rate_hz, 1)),
+    Column("late", 4, _number(_late, 1)),
+    Column("batt", 4, _number(lambda row: row.agent.status.battery_percent if row.agent.status else None, 0), _WIDE),
+)
