@@ -12,7 +12,7 @@ from swarm_ctl.core.vehicle import Goal, LinkCounters, VehicleView
 from swarm_ctl.errors import LinkError
 from swarm_ctl.mavlink.autopilots import autopilot as autopilot_of
 from swarm_ctl.mavlink.framer import Frame, Framer
-from swarm_ctl.mavlink.messages import FOLDS_BY_ID, Heard
+from swarm_ctl.mavlink.messages import FOLDS_BY_ID, Heard, fold
 from swarm_ctl.mavlink.outgoing import (
     AUTOPILOT_COMPONENT,
     SOURCE_COMPONENT,
@@ -119,22 +119,19 @@ class VehicleLink:
         self._frames += 1
         if frame.system != self._sysid or frame.component != AUTOPILOT_COMPONENT:
             self._foreign += 1
+            if frame.component == AUTOPILOT_COMPONENT:
+                self._heard.stranger = frame.system
             return
         self._wire.confirm()
         self._count_lost(frame.seq)
-        fold = FOLDS_BY_ID.get(frame.message_id)
-        if fold is None:
+        if frame.message_id not in FOLDS_BY_ID:
             return
         try:
             message = self._codec.decode(bytearray(frame.raw))
         except common.MAVError:
             self._rejected += 1
             return
-        if fold(self._heard, message, now):
-            counts = self._heard.counts
-            counts[frame.message_id] = counts.get(frame.message_id, 0) + 1
-        else:
-            self._rejected += 1
+        self._rejected += not fold(self._heard, message, now)
 
     def _count_lost(self, seq: int) -> None:
         """By the gap in the 8-bit seq; more than half a turn is a frame that came late or twice."""
@@ -153,4 +150,4 @@ class VehicleLink:
         except OSError:
             self._errors += 1
             return
-        self._setpoints += message.id == _SETPOINT_ID
+        self._setpoints += message.get_msgId() == _SETPOINT_ID

@@ -28,6 +28,8 @@ CONTACT_KEPT_S = 10.0
 MAX_TEXTS = 32
 TEXT_COMPLETE_S = 1.0
 """A STATUSTEXT in chunks whose end has not come after this time is passed on as it is."""
+IDENTITY_KEPT_S = 3.0
+"""A heartbeat of another firmware or type is not this vehicle's, unless this vehicle has been silent for so long."""
 REBOOT_BACK_S = 5.0
 """The vehicle's own clock going back this far means that it restarted (less may be frames that overtook others)."""
 
@@ -47,6 +49,8 @@ class Heard:
     watched: frozenset[str] = frozenset()
     """Names of the parameters worth remembering; others are dropped, so a flood of them costs no memory."""
     heartbeat_s: float = -math.inf
+    stranger: int = 0
+    """The system id of another vehicle heard on this link, 0 for none."""
     autopilot: int = -1
     """MAV_AUTOPILOT, -1 before the first heartbeat."""
     vehicle_type: int = -1
@@ -115,6 +119,9 @@ class Heard:
 
 
 def _heartbeat(heard: Heard, message: Any, now: float) -> bool:
+    identity = (message.autopilot, message.type)
+    if now - heard.heartbeat_s < IDENTITY_KEPT_S and identity != (heard.autopilot, heard.vehicle_type):
+        return False
     heard.heartbeat_s = now
     heard.autopilot = message.autopilot
     heard.vehicle_type = message.type
@@ -271,6 +278,15 @@ FOLDS: dict[str, Callable[[Heard, Any, float], bool]] = {
 """What is folded. Everything else the vehicle says is counted and left alone."""
 
 FOLDS_BY_ID = {number: FOLDS[m.msgname] for number, m in common.mavlink_map.items() if m.msgname in FOLDS}
+
+
+def fold(heard: Heard, message: Any, now: float) -> bool:
+    """Take in one decoded message of the table, and count it; False (and nothing changed) if it was refused."""
+    number: int = message.get_msgId()  # not `.id`: some messages have a field of that name
+    if not FOLDS_BY_ID[number](heard, message, now):
+        return False
+    heard.counts[number] = heard.counts.get(number, 0) + 1
+    return True
 
 
 def message_id(name: str) -> int:

@@ -35,6 +35,8 @@ STATUS_MAX_AGE_S = 5.0
 """10 SYS_STATUS missing in a row."""
 ORIGIN_REFRESH_S = 10.0
 """A known origin is asked for again this often: an EKF that is reset moves it."""
+MAX_SETPOINT_MPS = 100.0
+"""No multirotor is faster: such a setpoint is a mistake."""
 QUIET_RETRY_S = 5.0
 """Streams that may rightly be silent (no traffic) are asked for again this often."""
 
@@ -101,7 +103,7 @@ class Autopilot(ABC):
         self._pursue: dict[type[Goal], Callable[..., list[Message]]] = {
             Standby: lambda goal, heard, now: self._take_parameters(heard, now),  # noqa: ARG005
             Airborne: lambda goal, heard, now: self.climb(heard, goal.height_m, now),
-            Fly: lambda goal, heard, now: self.fly(heard, goal.velocity_ned_mps, now),
+            Fly: lambda goal, heard, now: self._fly(heard, goal.velocity_ned_mps, now),
             Land: lambda goal, heard, now: self._land(heard, now),  # noqa: ARG005
             Release: lambda goal, heard, now: self._restore_parameters(heard, now),  # noqa: ARG005
         }
@@ -165,7 +167,8 @@ class Autopilot(ABC):
     def missing(self, heard: Heard, now: float) -> str:
         """What keeps the vehicle from being healthy, or ''."""
         if heard.heartbeat_s == _NEVER:
-            return "no heartbeat yet"
+            stranger = f" (heard sysid {heard.stranger} instead)" if heard.stranger else ""
+            return f"no heartbeat yet from sysid {self.system}{stranger}"
         if now - heard.heartbeat_s > HEARTBEAT_LOST_S:
             return "heartbeat lost"
         if now - heard.system_status_s > STATUS_MAX_AGE_S:
@@ -187,15 +190,16 @@ class Autopilot(ABC):
 
     def due(self, what: str, every_s: float, now: float) -> bool:
         """Whether `what` has not been asked for during the last `every_s`; if so, it counts as asked now."""
-        if now - self._asked.get(what, _NEVER) < every_s:
+        if now - self._asked.get(what, _NEVER) < every_s - 1e-6:
             return False
         self._asked[what] = now
         return True
 
-    def left(self, mode: str, wanted: str) -> bool:
-        """`wanted` was reached under this goal and is not the mode now: somebody else decided so."""
-        self._reached = self._reached or mode == wanted
-        return self._reached and mode != wanted
+    def left(self, mode: str, *wanted: str) -> bool:
+        """One of `wanted` was reached under this goal and is not the mode now: somebody else decided so."""
+        inside = mode in wanted
+        self._reached = self._reached or inside
+        return self._reached and not inside
 
     def _streams(self, heard: Heard, now: float, messages: list[Message]) -> None:
         """Once a second, ask for the streams of which less than half has come. Another client may have slowed them."""
@@ -211,6 +215,11 @@ class Autopilot(ABC):
                 messages.append(outgoing.interval(self.system, number, rate_hz))
         if self.due("origin", RETRY_S if heard.origin is None else ORIGIN_REFRESH_S, now):
             messages.append(outgoing.request(self.system, message_id("GPS_GLOBAL_ORIGIN")))
+
+    def _fly(self, heard: Heard, velocity_ned_mps: Vector3, now: float) -> list[Message]:
+        """Nothing where a NaN or a monster comes: the autopilot's time-out then stops the vehicle."""
+        usable = all(-MAX_SETPOINT_MPS <= axis <= MAX_SETPOINT_MPS for axis in velocity_ned_mps)
+        return self.fly(heard, velocity_ned_mps, now) if usable else []
 
     def _land(self, heard: Heard, now: float) -> list[Message]:
         """Land mode until disarmed; stop while it is not reached yet; disarm what stays armed on the ground."""

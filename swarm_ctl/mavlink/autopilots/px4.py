@@ -80,7 +80,7 @@ class Px4(Autopilot):
     def climb(self, heard: Heard, height_m: float, now: float) -> list[Message]:
         """Hold mode, arm, NAV_TAKEOFF (height above sea level): each once the one before is seen to be so."""
         mode = self.mode(heard.custom_mode)
-        if not heard.on_ground:
+        if self.left(mode, *_TAKEN_OFF) or not heard.on_ground:
             return []
         if not heard.armed:
             if mode not in _TAKEN_OFF:

@@ -1,0 +1,107 @@
+"""Framing: good frames are found whatever stands around them, however the stream is cut."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import common
+
+from swarm_ctl.mavlink.framer import Framer
+from swarm_ctl.mavlink.wires import memory_wires
+from tests.unit.mavlink import wire
+
+LONGEST = 280
+BANNER = b"Init ArduCopter V4.7.0-dev\n\nFree RAM: 131072\nload_all took 120us\n"
+
+
+def frames_of(*messages: wire.Message) -> list[bytes]:
+    vehicle = wire.Vehicle(memory_wires()[0])
+    return [vehicle.bytes_of(message) for message in messages]
+
+
+GOOD = frames_of(wire.heartbeat(), wire.local_position(), wire.text("hello"), wire.traffic(7), wire.system_status())
+
+# Noise that looks like frames: magics, plausible headers, halves of good frames.
+headers = st.builds(
+    lambda length, flags, number: bytes([0xFD, length, flags, 0, 1, 1, 1, number, 0, 0]),
+    st.integers(0, 255),
+    st.integers(0, 3),
+    st.sampled_from([0, 1, 32, 33, 253]),
+)
+halves = st.builds(lambda frame, cut: frame[: cut % len(frame)], st.sampled_from(GOOD), st.integers(1, 400))
+flipped = st.builds(
+    lambda frame, at: frame[: at % len(frame)] + bytes([frame[at % len(frame)] ^ 0x55]) + frame[at % len(frame) + 1 :],
+    st.sampled_from(GOOD),
+    st.integers(0, 400),
+)
+noise = st.lists(st.one_of(st.binary(max_size=40), headers, halves, flipped), max_size=6).map(b"".join)
+
+
+@given(noise, st.sampled_from(GOOD))
+def test_a_good_frame_after_any_noise_is_found_at_once(before: bytes, good: bytes) -> None:
+    framer = Framer()
+    framer.feed(before)
+    assert good in [frame.raw for frame in framer.feed(good)]
+
+
+@given(st.lists(st.tuples(noise, st.sampled_from(GOOD)), min_size=1, max_size=5), st.data())
+def test_all_good_frames_are_found_in_order_however_the_stream_is_cut(
+    parts: list[tuple[bytes, bytes]], data: st.DataObject
+) -> None:
+    stream = b"".join(before + good for before, good in parts)
+    cuts = sorted(data.draw(st.lists(st.integers(0, len(stream)), max_size=8)))
+    framer = Framer()
+    found = [frame.raw for a, b in pairwise([0, *cuts, len(stream)]) for frame in framer.feed(stream[a:b])]
+    wanted = iter(found)
+    assert all(good in wanted for _, good in parts), "each sent frame comes out, in the order sent"
+
+
+@given(st.lists(noise, max_size=30))
+def test_memory_stays_under_one_frame(chunks: list[bytes]) -> None:
+    framer = Framer()
+    for chunk in chunks:
+        framer.feed(chunk)
+        assert len(framer._rest) < LONGEST
+
+
+def test_plain_text_before_and_between_frames_is_skipped_and_counted_once_a_run() -> None:
+    framer = Framer()
+    found = framer.feed(BANNER) + framer.feed(GOOD[0] + b"PreArm: text\n" + GOOD[1])
+    assert [frame.raw for frame in found] == GOOD[:2]
+    assert framer.bad == 2
+
+
+def test_a_clean_stream_counts_nothing_bad() -> None:
+    framer = Framer()
+    for at in range(len(b"".join(GOOD))):
+        framer.feed(b"".join(GOOD)[at : at + 1])
+    assert framer.bad == 0
+
+
+def test_header_fields_are_those_sent() -> None:
+    vehicle = wire.Vehicle(memory_wires()[0], sysid=42, component=7)
+    vehicle.codec.seq = 200
+    (frame,) = Framer().feed(vehicle.bytes_of(wire.extended_state(1)))
+    assert (frame.message_id, frame.seq, frame.system, frame.component) == (245, 200, 42, 7)
+
+
+def test_mavlink_1_and_signed_frames_are_frames() -> None:
+    codec = common.MAVLink(None, srcSystem=3, srcComponent=1)
+    old = wire.heartbeat().pack(codec, force_mavlink1=True)
+    codec.signing.secret_key, codec.signing.sign_outgoing = b"k" * 32, True
+    signed = wire.heartbeat().pack(codec)
+    found = Framer().feed(old + signed)
+    assert [frame.raw for frame in found] == [old, signed]
+    assert [frame.system for frame in found] == [3, 3]
+
+
+@pytest.mark.parametrize("flags", [0x02, 0x80])
+def test_unknown_incompatibility_flags_are_no_frame(flags: int) -> None:
+    frame = bytearray(GOOD[0])
+    frame[2] = flags
+    framer = Framer()
+    assert framer.feed(bytes(frame)) == []
+    assert framer.bad == 1

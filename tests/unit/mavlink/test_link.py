@@ -1,0 +1,246 @@
+"""The link over an in-memory wire: who is listened to, what is counted, and that nothing raises."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import common
+
+from swarm_ctl.core.vehicle import Airborne, Fly, Goal, Land, LinkCounters, Release, Standby, VehicleView, Yield
+from swarm_ctl.errors import LinkError
+from swarm_ctl.mavlink import VehicleLink, memory_wires
+from swarm_ctl.mavlink.link import MAX_CHUNKS
+from tests.unit.mavlink import wire
+
+GOALS: list[Goal] = [Standby(), Airborne(3.0), Fly((1.0, 0.0, 0.0)), Land(), Release(), Yield()]
+
+
+def make(autopilot: str = "ardupilot", sysid: int = 7) -> tuple[VehicleLink, wire.Vehicle]:
+    ours, theirs = memory_wires(limit=2 * MAX_CHUNKS)
+    return VehicleLink(ours, autopilot, sysid), wire.Vehicle(theirs, sysid)
+
+
+def healthy() -> tuple[VehicleLink, wire.Vehicle]:
+    link, vehicle = make()
+    vehicle.say(
+        wire.heartbeat(custom_mode=4, armed=True),
+        wire.local_position(),
+        wire.global_position(),
+        wire.global_origin(),
+        wire.system_status(),
+        wire.extended_state(2),
+        wire.traffic(5),
+        wire.text("careful"),
+        wire.parameter("GUID_TIMEOUT", 1.0),
+        wire.parameter("FS_GCS_ENABLE", 5.0, kind=2),
+    )
+    link.receive(10.0)
+    return link, vehicle
+
+
+def test_a_view_before_anything_was_heard() -> None:
+    link, _ = make()
+    assert link.view() == VehicleView(health_reason="no heartbeat yet from sysid 7")
+
+
+def test_a_view_has_everything_that_was_heard() -> None:
+    link, _ = healthy()
+    view = link.view()
+    assert (view.heartbeat_s, view.autopilot, view.fault) == (10.0, "ardupilot", "")
+    assert (view.armed, view.mode, view.controlled, view.landing, view.on_ground) == (
+        True,
+        "GUIDED",
+        True,
+        False,
+        False,
+    )
+    assert (view.healthy, view.health_reason, view.battery_percent) == (True, "", 80.0)
+    assert view.local is not None
+    assert view.local.time_s == 10.0
+    assert view.global_ is not None
+    assert view.origin is not None
+    assert [contact.address for contact in view.contacts] == [5]
+    assert view.texts == ("careful",)
+    assert link.view().texts == (), "each text once"
+
+
+def test_health_ages_with_the_time_of_receive() -> None:
+    link, _ = healthy()
+    link.receive(11.5)
+    assert link.view().health_reason == "no local position (LOCAL_POSITION_NED)"
+    link.receive(13.5)
+    assert link.view().health_reason == "heartbeat lost"
+    link.receive(30.0)
+    assert link.view().contacts == ()
+
+
+def test_a_vehicle_that_lands_is_landing() -> None:
+    link, vehicle = healthy()
+    vehicle.say(wire.heartbeat(custom_mode=9, armed=True))
+    link.receive(11.0)
+    assert (link.view().controlled, link.view().landing) == (False, True)
+
+
+def test_an_unknown_firmware_is_a_fault_and_gets_heartbeats_only() -> None:
+    link, vehicle = make("px4")
+    vehicle.say(wire.heartbeat())
+    for i, goal in enumerate(GOALS):
+        link.receive(float(i))
+        link.pursue(goal, float(i))
+    assert link.view().fault == "sysid 7 is an autopilot ardupilotmega (3); allowed here: px4 (12)"
+    assert link.view().health_reason == link.view().fault
+    assert (link.view().healthy, link.view().autopilot) == (False, "")
+    assert {message.msgname for message in vehicle.heard()} == {"HEARTBEAT"}
+
+
+@pytest.mark.parametrize(("system", "component"), [(8, 1), (7, 191), (255, 190), (0, 1)])
+def test_only_the_expected_systems_autopilot_is_listened_to(system: int, component: int) -> None:
+    link, vehicle = make()
+    other = wire.Vehicle(vehicle.end, system, component)
+    other.say(wire.heartbeat(), wire.local_position(), wire.text("boo"))
+    link.receive(1.0)
+    view = link.view()
+    assert (view.heartbeat_s, view.local, view.texts) == (-math.inf, None, ())
+    assert (link.counters.frames, link.counters.foreign) == (3, 3)
+
+
+def test_a_vehicle_with_another_sysid_is_named() -> None:
+    link, vehicle = make()
+    wire.Vehicle(vehicle.end, 8).say(wire.heartbeat())
+    link.receive(1.0)
+    assert link.view().health_reason == "no heartbeat yet from sysid 7 (heard sysid 8 instead)"
+
+
+def test_frames_go_out_as_the_ground_station_with_a_running_seq() -> None:
+    link, vehicle = healthy()
+    for tick in range(300):
+        link.receive(10.0 + tick * 0.05)
+        link.pursue(Fly((1.0, 0.0, 0.0)), 10.0 + tick * 0.05)
+    sent = vehicle.heard()
+    assert {(m.get_srcSystem(), m.get_srcComponent()) for m in sent} == {(255, 190)}
+    assert [m.get_seq() for m in sent] == [i % 256 for i in range(len(sent))]
+    setpoints = [m for m in sent if m.msgname == "SET_POSITION_TARGET_LOCAL_NED"]
+    assert len(setpoints) == link.counters.setpoints == 300
+    assert {(m.target_system, m.target_component) for m in setpoints} == {(7, 1)}
+
+
+def test_lost_frames_are_counted_by_seq_over_the_wrap_but_not_late_or_repeated_ones() -> None:
+    link, vehicle = make()
+    frames = [vehicle.bytes_of(wire.heartbeat()) for _ in range(520)]
+    for i in [*range(250), *range(253, 262), 258, 261, *range(300, 520)]:
+        vehicle.end.write(frames[i])
+    link.receive(1.0)
+    assert link.counters.lost == 3 + 38
+
+
+def test_other_systems_do_not_disturb_the_loss_count() -> None:
+    link, vehicle = make()
+    other = wire.Vehicle(vehicle.end, 8)
+    other.codec.seq = 99
+    for _ in range(10):
+        vehicle.say(wire.heartbeat())
+        other.say(wire.heartbeat())
+    link.receive(1.0)
+    assert link.counters.lost == 0
+
+
+def test_fields_that_cannot_be_true_are_counted() -> None:
+    link, vehicle = make()
+    vehicle.say(wire.local_position((math.nan, 0.0, 0.0)), wire.global_position(lat=0, lon=0))
+    link.receive(1.0)
+    assert (link.counters.frames, link.counters.rejected, link.view().local) == (2, 2, None)
+
+
+@settings(max_examples=200)
+@given(st.lists(st.binary(max_size=300), max_size=10), st.sampled_from(GOALS))
+def test_hostile_bytes_raise_nothing_and_the_good_frame_after_them_is_heard(chunks: list[bytes], goal: Goal) -> None:
+    link, vehicle = make()
+    for chunk in chunks:
+        vehicle.end.write(chunk)
+    vehicle.say(wire.heartbeat(custom_mode=4))
+    link.receive(1.0)
+    link.pursue(goal, 1.0)
+    assert link.view().heartbeat_s == 1.0
+
+
+@settings(max_examples=200)
+@given(
+    st.lists(st.tuples(st.sampled_from(sorted(common.mavlink_map)), st.binary(min_size=1, max_size=255)), max_size=20),
+    st.sampled_from(GOALS),
+)
+def test_well_framed_nonsense_from_the_vehicle_itself_raises_nothing(
+    bodies: list[tuple[int, bytes]], goal: Goal
+) -> None:
+    link, vehicle = healthy()
+    for number, payload in bodies:
+        header = bytes([0xFD, len(payload), 0, 0, 0, 7, 1]) + number.to_bytes(3, "little")
+        crc = common.x25crc(header[1:] + payload + bytes([common.mavlink_map[number].crc_extra])).crc
+        vehicle.end.write(header + payload + crc.to_bytes(2, "little"))
+    link.receive(11.0)
+    link.pursue(goal, 11.0)
+    link.view()
+    assert link.counters.frames == 10 + len(bodies), "the frames were good"
+
+
+def test_a_flood_is_read_in_bounded_portions() -> None:
+    link, vehicle = make()
+    vehicle.say(*[wire.heartbeat()] * (MAX_CHUNKS + 10))
+    link.receive(1.0)
+    assert link.counters.frames == MAX_CHUNKS
+    link.receive(1.1)
+    assert link.counters.frames == MAX_CHUNKS + 10
+
+
+class BrokenWire:
+    """Every call fails as a socket may."""
+
+    def read(self, now: float) -> bytes | None:
+        raise ConnectionRefusedError
+
+    def write(self, data: bytes, now: float) -> None:
+        raise BlockingIOError
+
+    def confirm(self) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+
+def test_socket_errors_are_counted_not_raised() -> None:
+    link = VehicleLink(BrokenWire(), "px4", 1)
+    for tick in range(3):
+        link.receive(float(tick))
+        link.pursue(Standby(), float(tick))
+    assert link.counters == LinkCounters(errors=6)
+
+
+def test_signed_frames_are_read_while_signing_is_off() -> None:
+    link, vehicle = make()
+    vehicle.codec.signing.secret_key, vehicle.codec.signing.sign_outgoing = b"k" * 32, True
+    vehicle.say(wire.heartbeat())
+    link.receive(1.0)
+    assert link.view().heartbeat_s == 1.0
+
+
+def test_a_bad_signature_is_refused_once_signing_is_on() -> None:
+    """The codec does the work; `VehicleLink._secure` is where it will be switched on."""
+    link, vehicle = make()
+    link._codec.signing.secret_key = b"k" * 32
+    vehicle.say(wire.heartbeat())
+    link.receive(1.0)
+    assert (link.view().heartbeat_s, link.counters.rejected) == (-math.inf, 1)
+
+
+@pytest.mark.parametrize("sysid", [0, 251, -1])
+def test_a_sysid_out_of_range_is_refused(sysid: int) -> None:
+    with pytest.raises(LinkError, match=r"allowed: 1\.\.250"):
+        VehicleLink(memory_wires()[0], "px4", sysid)
+
+
+def test_an_unknown_autopilot_is_refused_before_anything_is_opened() -> None:
+    with pytest.raises(LinkError, match="allowed: ardupilot, px4"):
+        VehicleLink("udpin:127.0.0.1:1", "inav", 1)

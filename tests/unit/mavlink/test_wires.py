@@ -1,0 +1,266 @@
+"""Endpoints on the loopback: each kind in both directions, peers that vanish, and what is refused."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pty
+import select
+import socket
+import sys
+from collections.abc import Iterator
+
+import pytest
+
+from swarm_ctl.core.vehicle import Fly, Standby
+from swarm_ctl.errors import LinkError
+from swarm_ctl.mavlink import VehicleLink, Wire, memory_wires
+from swarm_ctl.mavlink.wires import open_wire
+from tests.unit.mavlink import wire
+from tests.unit.mavlink.test_framer import BANNER
+
+HOST = "127.0.0.1"
+
+
+@pytest.fixture
+def udp() -> Iterator[socket.socket]:
+    with contextlib.closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as made:
+        made.bind((HOST, 0))
+        made.settimeout(5.0)
+        yield made
+
+
+@pytest.fixture
+def server() -> Iterator[socket.socket]:
+    with contextlib.closing(socket.create_server((HOST, 0))) as made:
+        made.settimeout(5.0)
+        yield made
+
+
+def free_port(kind: socket.SocketKind) -> int:
+    with contextlib.closing(socket.socket(socket.AF_INET, kind)) as probe:
+        probe.bind((HOST, 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+def wait_readable(opened: socket.socket | int) -> None:
+    """Until the kernel has something for it: loopback delivery is not instantaneous for streams."""
+    assert select.select([opened], [], [], 5.0)[0]
+
+
+def frame_from(sysid: int = 7) -> bytes:
+    return wire.Vehicle(memory_wires()[0], sysid).bytes_of(wire.heartbeat())
+
+
+# --- refused ---
+
+
+@pytest.mark.parametrize(
+    "endpoint",
+    [
+        "",
+        "14601",
+        "udp:127.0.0.1:1",
+        "http://127.0.0.1",
+        "udpout:",
+        "udpout:127.0.0.1",
+        "udpout:127.0.0.1:0",
+        "udpin:127.0.0.1:65536",
+        "tcp:127.0.0.1:x",
+        "tcpin::5760",
+        "serial:",
+    ],
+)
+def test_what_is_no_endpoint_is_refused_with_what_is_allowed(endpoint: str) -> None:
+    with pytest.raises(LinkError, match="allowed: udpin:HOST:PORT, udpout:HOST:PORT, tcp:"):
+        open_wire(endpoint)
+
+
+def test_a_busy_port_is_refused_by_name(udp: socket.socket) -> None:
+    endpoint = f"udpin:{HOST}:{udp.getsockname()[1]}"
+    with pytest.raises(LinkError, match=endpoint):
+        open_wire(endpoint)
+
+
+def test_a_host_that_does_not_exist_is_refused_by_name() -> None:
+    with pytest.raises(LinkError, match=r"udpout:no\.such\.host\.invalid:1"):
+        open_wire("udpout:no.such.host.invalid:1")
+
+
+# --- udp ---
+
+
+def test_udpout_talks_first_and_hears_the_answer(udp: socket.socket) -> None:
+    with contextlib.closing(VehicleLink(f"udpout:{HOST}:{udp.getsockname()[1]}", "ardupilot", 7)) as link:
+        link.pursue(Standby(), 0.0)
+        data, address = udp.recvfrom(4096)
+        assert data[0] == 0xFD
+        udp.sendto(frame_from(), address)
+        wait_readable(link._wire._socket)  # type: ignore[attr-defined]
+        link.receive(1.0)
+        assert link.view().heartbeat_s == 1.0
+
+
+def test_nobody_listening_on_udp_is_counted_and_healed() -> None:
+    port = free_port(socket.SOCK_DGRAM)
+    with contextlib.closing(VehicleLink(f"udpout:{HOST}:{port}", "ardupilot", 7)) as link:
+        for tick in range(5):
+            link.pursue(Standby(), float(tick))
+            link.receive(float(tick))
+        assert link.counters.errors >= 4
+        with contextlib.closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as late:
+            late.bind((HOST, port))
+            late.settimeout(5.0)
+            link.pursue(Standby(), 5.0)
+            link.pursue(Standby(), 6.0)  # the first may still have met the last refusal
+            assert late.recv(4096)[0] == 0xFD
+
+
+def test_udpout_hears_nobody_else(udp: socket.socket) -> None:
+    with contextlib.closing(open_wire(f"udpout:{HOST}:{udp.getsockname()[1]}")) as opened:
+        opened.write(b"hello", 0.0)
+        _, address = udp.recvfrom(100)
+        with contextlib.closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as stranger:
+            stranger.sendto(b"stranger", address)
+        udp.sendto(b"vehicle", address)
+        wait_readable(opened._socket)  # type: ignore[attr-defined]
+        assert opened.read(0.0) == b"vehicle"
+
+
+def test_udpin_is_silent_until_it_heard_its_vehicle_and_answers_it_alone(udp: socket.socket) -> None:
+    port = free_port(socket.SOCK_DGRAM)
+    with (
+        contextlib.closing(VehicleLink(f"udpin:{HOST}:{port}", "ardupilot", 7)) as link,
+        contextlib.closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as stranger,
+    ):
+        stranger.settimeout(0.0)
+        stranger.bind((HOST, 0))
+        stranger.sendto(frame_from(8), (HOST, port))
+        udp.sendto(frame_from(7), (HOST, port))
+        stranger.sendto(b"noise", (HOST, port))
+        wait_readable(link._wire._socket)  # type: ignore[attr-defined]
+        link.receive(1.0)
+        link.pursue(Standby(), 1.0)
+        assert udp.recv(4096)[0] == 0xFD
+        with pytest.raises(BlockingIOError):
+            stranger.recv(4096)
+        assert link.counters.foreign == 1
+
+
+def test_empty_datagrams_do_not_hide_what_follows(udp: socket.socket) -> None:
+    port = free_port(socket.SOCK_DGRAM)
+    with contextlib.closing(VehicleLink(f"udpin:{HOST}:{port}", "ardupilot", 7)) as link:
+        for data in (b"", b"", frame_from()):
+            udp.sendto(data, (HOST, port))
+        wait_readable(link._wire._socket)  # type: ignore[attr-defined]
+        link.receive(1.0)
+        assert link.counters.frames == 1
+
+
+# --- tcp ---
+
+
+def read_all(opened: Wire, now: float) -> bytes:
+    data = b""
+    while chunk := opened.read(now):
+        data += chunk
+    return data
+
+
+def test_tcp_survives_text_between_frames_and_a_server_that_goes_and_comes(server: socket.socket) -> None:
+    port = server.getsockname()[1]
+    with contextlib.closing(VehicleLink(f"tcp:{HOST}:{port}", "ardupilot", 7)) as link:
+        link.receive(0.0)
+        with contextlib.closing(server.accept()[0]) as peer:
+            peer.sendall(BANNER + frame_from() + b"more text\n" + frame_from())
+            wait_readable(link._wire._stream)  # type: ignore[attr-defined]
+            link.receive(0.1)
+            assert link.view().heartbeat_s == 0.1
+            link.pursue(Standby(), 0.2)
+            assert peer.recv(4096)[0] == 0xFD
+        wait_readable(link._wire._stream)  # type: ignore[attr-defined]
+        link.receive(0.3)  # sees the end
+        link.receive(0.4)
+        link.receive(1.5)  # a second after the first attempt: again
+        with contextlib.closing(server.accept()[0]) as peer:
+            peer.sendall(frame_from())
+            wait_readable(link._wire._stream)  # type: ignore[attr-defined]
+            link.receive(2.0)
+            assert link.view().heartbeat_s == 2.0
+
+
+def test_a_tcp_server_that_is_not_there_is_counted_not_raised() -> None:
+    port = free_port(socket.SOCK_STREAM)
+    with contextlib.closing(VehicleLink(f"tcp:{HOST}:{port}", "ardupilot", 7)) as link:
+        for tick in range(40):
+            link.receive(tick * 0.1)
+            link.pursue(Standby(), tick * 0.1)
+        assert link.counters.errors in range(4, 10), "one attempt a second"
+
+
+def test_a_stalled_tcp_peer_gets_no_old_setpoints_and_whole_frames_only(server: socket.socket) -> None:
+    with contextlib.closing(open_wire(f"tcp:{HOST}:{server.getsockname()[1]}")) as opened:
+        opened.read(0.0)
+        with contextlib.closing(server.accept()[0]) as peer:
+            frame = bytes(range(250))
+            dropped = 0
+            for _ in range(20_000):
+                try:
+                    opened.write(frame, 0.0)
+                except BlockingIOError:
+                    dropped += 1
+            assert dropped > 10_000, "the kernel's buffers are full, and nothing piles up on our side"
+            assert len(opened._unsent) < len(frame)  # type: ignore[attr-defined]
+            data = b""
+            peer.settimeout(5.0)
+            while len(data) < (20_000 - dropped) * len(frame):
+                data += peer.recv(1 << 20)
+                with contextlib.suppress(BlockingIOError):
+                    opened.write(b"", 0.0)  # flushes the tail
+            assert data == frame * (20_000 - dropped)
+
+
+def test_tcpin_takes_whoever_connects_last() -> None:
+    port = free_port(socket.SOCK_STREAM)
+    with contextlib.closing(open_wire(f"tcpin:{HOST}:{port}")) as opened:
+        assert opened.read(0.0) is None
+        opened.write(b"into the void", 0.0)
+        with contextlib.closing(socket.create_connection((HOST, port))) as first:
+            first.sendall(b"first")
+            wait_readable(opened._server)  # type: ignore[attr-defined]
+            opened.read(0.0)
+            with contextlib.closing(socket.create_connection((HOST, port))) as second:
+                wait_readable(opened._server)  # type: ignore[attr-defined]
+                second.sendall(b"second")
+                opened.read(0.0)
+                second.settimeout(5.0)
+                opened.write(b"hello", 0.0)
+                assert second.recv(100) == b"hello"
+                first.settimeout(5.0)
+                assert first.recv(100) == b"", "the first was closed"
+
+
+# --- serial ---
+
+
+def test_serial_without_pyserial_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "serial", None)
+    with pytest.raises(LinkError, match="pip install pyserial"):
+        open_wire("serial:/dev/ttyACM0:57600")
+
+
+def test_a_serial_port_carries_frames() -> None:
+    pytest.importorskip("serial", reason="pyserial is not installed")
+    master, slave = pty.openpty()
+    try:
+        with contextlib.closing(VehicleLink(f"serial:{os.ttyname(slave)}:57600", "ardupilot", 7)) as link:
+            os.write(master, frame_from())
+            wait_readable(slave)
+            link.receive(1.0)
+            assert link.view().heartbeat_s == 1.0
+            link.pursue(Fly((0.0, 0.0, 0.0)), 1.0)
+            assert os.read(master, 1)[0] == 0xFD
+    finally:
+        os.close(master)
+        os.close(slave)
