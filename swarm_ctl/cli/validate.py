@@ -54,7 +54,7 @@ def _agents(loaded: LoadedMission) -> Table:
 
 
 def _steps(plan: Plan, forecasts: list[FormForecast]) -> Table:
-    table = Table("step", "what", "expected", "time-out s")
+    table = Table("step", "what", "expected", "time-out")
     left = iter(forecasts)
     for number, step in enumerate(plan.steps, start=1):
         what: str = step.kind
@@ -65,9 +65,9 @@ def _steps(plan: Plan, forecasts: list[FormForecast]) -> Table:
             expected = f"{step.duration_s:g} s"
         elif isinstance(step, FormStep):
             forecast = next(left)
-            what = f"form {step.shape} to {step.tolerance_m:g} m for {step.settle_s:g} s"
+            what = f"form {step.shape}, {step.tolerance_m:g} m"
             expected = _expected(forecast)
-        table.add_row(str(number), what, expected, f"{step.timeout_s:g}")
+        table.add_row(str(number), what, expected, f"{step.timeout_s:g} s")
     return table
 
 

@@ -41,6 +41,15 @@ for _name, _pattern, _first in (
     _Loader.add_implicit_resolver(_TAG + _name, re.compile(f"(?:{_pattern})$"), list(_first))
 
 
+class _Dumper(yaml.SafeDumper):
+    yaml_implicit_resolvers = _Loader.yaml_implicit_resolvers
+
+
+def write(data: Any) -> str:
+    """Plain data as YAML that `parse` reads back as it was."""
+    return yaml.dump(data, Dumper=_Dumper, sort_keys=False, default_flow_style=None, allow_unicode=True)
+
+
 @dataclass
 class Document:
     """A file as plain data (dict, tuple, scalars) with the place of every value and the mistakes found on the way."""

@@ -46,6 +46,11 @@ def loads(text: str, name: str = "mission.yaml") -> LoadedMission:
     return _build(document.parse(text, name), Path(name), None)
 
 
+def dumps(file: MissionFile) -> str:
+    """A mission as text that loads to the same: what was given, not the defaults."""
+    return document.write(file.model_dump(mode="json", exclude_unset=True))
+
+
 def _build(source: Document, path: Path, fleet: Path | None) -> LoadedMission:
     _graft_fleet(source, path, fleet)
     mission, problems = _validate(source)
@@ -76,7 +81,13 @@ def _graft_fleet(source: Document, path: Path, fleet: Path | None) -> None:
     try:
         source.graft(("fleet",), document.read(fleet, what="fleet"))
     except MissionError as error:
-        source.problems += [Problem(p.where, "fleet", p.what, p.allowed) for p in error.problems]
+        # Where the fleet file has no line to show, the mission's line that names it is the one to look at.
+        source.problems += [
+            Problem(p.where, "fleet", p.what, p.allowed)
+            if p.where != str(fleet)
+            else source.problem(("fleet",), f"{fleet} {p.what}", p.allowed)
+            for p in error.problems
+        ]
         source.data.pop("fleet", None)
 
 
@@ -99,7 +110,7 @@ def _validate(source: Document) -> tuple[MissionFile | None, list[Problem]]:
 
 def _follows(error: Mapping[str, Any]) -> bool:
     """pydantic calls a list too short when enough entries are there but some are bad: those are reported already."""
-    return error["type"] == "too_short" and len(error["input"]) >= error["ctx"]["min_length"]
+    return error["type"] == "too_short" and bool(len(error["input"]) >= error["ctx"]["min_length"])
 
 
 def _partial(data: dict[str, Any], broken: frozenset[str]) -> MissionFile:

@@ -132,7 +132,8 @@ def _deref(root: _Schema, node: _Schema) -> _Schema:
     if len(options) != 1:
         return node
     # An optional value: what is said of the whole (its examples) holds for the value.
-    return {"examples": node["examples"]} | _deref(root, options[0]) if "examples" in node else _deref(root, options[0])
+    said = {"examples": node["examples"]} if "examples" in node else {}
+    return {**said, **_deref(root, options[0])}
 
 
 def _find(root: _Schema, loc: Place) -> _Schema:

@@ -1,0 +1,74 @@
+"""`validate` and `schema` as a user calls them."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+
+import pytest
+import typer
+from rich.console import Console
+from typer.testing import CliRunner
+
+from swarm_ctl.cli.schema import schema
+from swarm_ctl.cli.validate import show, validate
+from swarm_ctl.errors import MissionError
+from swarm_ctl.mission.loader import load
+from swarm_ctl.mission.rehearsal import FormForecast, rehearse
+
+HEXAGON = Path(__file__).parents[3] / "missions" / "hexagon.yaml"
+
+app = typer.Typer()
+app.command()(validate)
+app.command()(schema)
+
+
+def shown(path: Path, forecasts: list[FormForecast] | None = None) -> str:
+    screen = io.StringIO()
+    loaded = load(path)
+    show(loaded, rehearse(loaded.plan) if forecasts is None else forecasts, Console(file=screen, width=80))
+    return screen.getvalue()
+
+
+def test_it_shows_what_will_be_flown() -> None:
+    text = shown(HEXAGON)
+    for part in (
+        "6 agents",
+        f"{load(HEXAGON).plan.hash():016x}",
+        "70.0, 80.0",
+        "ardupilot 4, simulated",
+        "1-2 1-3 2-6 3-5 4-5",
+        "starts 14.14 m (2-6)",
+        "hexagon 10.00 m",
+        "r_in 2.5 m",
+        "5 m/s",
+        "takeoff to 10 m",
+    ):
+        assert part in text
+    assert "warning" not in text
+
+
+def test_warnings_are_shown_with_their_place(tmp_path: Path) -> None:
+    path = tmp_path / "close.yaml"
+    path.write_text(HEXAGON.read_text().replace("start: [14, 10]", "start: [12, 11]"))
+    late = FormForecast("hexagon", None, 8.0, (1, 2), 20.0)
+    text = shown(path, [late])
+    assert f"warning  {path}:18: agents: agents 2 and 6 start 5 m apart" in text
+    assert "not in time, closest 8.0 m (1-2)" in text
+    assert "warning  hexagon is not expected to stand before its time-out" in text
+
+
+def test_the_commands_end_well() -> None:
+    assert CliRunner().invoke(app, ["validate", str(HEXAGON)]).exit_code == 0
+    result = CliRunner().invoke(app, ["schema"])
+    assert result.exit_code == 0
+    assert json.loads(result.output)["title"] == "MissionFile"
+
+
+def test_a_refused_mission_reaches_the_caller_with_exit_code_2(tmp_path: Path) -> None:
+    path = tmp_path / "bad.yaml"
+    path.write_text("version: 1\n")
+    with pytest.raises(MissionError, match=r"bad\.yaml:1: agents: is missing") as caught:
+        validate(path)
+    assert caught.value.exit_code == 2

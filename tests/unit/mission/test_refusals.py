@@ -1,0 +1,241 @@
+"""Every refusal names the file, the line, the field, what is wrong and what would be allowed; all of them at once."""
+# ruff: noqa: E501 (a refusal is one row of the table)
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarm_ctl.errors import MissionError, Problem
+from swarm_ctl.mission.loader import load, loads
+from tests.unit.mission.example import TEXT, edited, problems, without_section
+
+# (what is replaced, by what, line, field, part of what is wrong, part of what would be allowed)
+REFUSALS = {
+    "unknown field": ("unit_m: 5", "unit: 5", 4, "unit", "did you mean unit_m?", "unit_m"),
+    "unknown inner field": ("  r_in: 0.5", "  rin: 0.5", 9, "law.rin", "did you mean r_in?", "r_in"),
+    "unknown far field": ("  agent_lost: land", "  colour: red", 30, "policies.colour", "unknown field", "agent_lost"),
+    "unknown step": ("- land\n", "- loiter: {}\n", 28, "steps[4].loiter", "unknown field", "takeoff"),
+    "unknown word step": ("- land\n", "- loiter\n", 28, "steps[4]", '"loiter" is text', "takeoff, form, hold, land"),
+    "unknown kind": ("kind: ring", "kind: rind", 16, "shapes.ring.kind", '"rind"', "ring"),
+    "no kind": ("kind: ring, ", "", 16, "shapes.ring.kind", "is missing", "ring"),
+    "missing field": ("  r_out: 1.5\n", "", 6, "law.r_out", "is missing", "number above 0"),
+    "missing in a list": ("{id: 2, start: [0, 3]}", "{id: 2}", 13, "agents[1].start", "is missing", "[north, east]"),
+    "wrong version": ("version: 1", "version: 2", 1, "version", "2", "1"),
+    "text for a number": ("unit_m: 5", "unit_m: five", 4, "unit_m", '"five" is text', "number from 0.1 to 1000"),
+    "quoted number": ("unit_m: 5", 'unit_m: "5"', 4, "unit_m", "no quotes", "number from"),
+    "number with a unit": ("r: 4.5", "r: 4.5 m", 7, "law.r", "no unit", "number above 0"),
+    "decimal comma": ("r: 4.5", "r: 4,5", 7, "law.r", "plain decimal digits", "number above 0"),
+    "octal": ("id: 1, sysid: 1,", "id: 1, sysid: 010,", 33, "fleet.agents[0].sysid", '"010" is text', "1 to 250"),
+    "sexagesimal": ("duration_s: 10", "duration_s: 1:30", 26, "steps[2].hold.duration_s", '"1:30" is text', "above 0"),
+    "truth value": ("unit_m: 5", "unit_m: true", 4, "unit_m", "truth value", "number"),
+    "nothing": ("unit_m: 5", "unit_m:", 4, "unit_m", "empty", "number"),
+    "list for a section": ("policies:\n  agent_lost: land", "policies: []", 29, "policies", "list", "mapping"),
+    "mapping for a list": ("[0, 3]", "{n: 0}", 13, "agents[1].start", "mapping", "list of 2 numbers"),
+    "three coordinates": ("[0, 3]", "[0, 3, 10]", 13, "agents[1].start", "has 3 entries", "list of 2 numbers"),
+    "one coordinate": ("[0, 3]", "[0]", 13, "agents[1].start[1]", "is missing", "number from"),
+    "not a number": ("alt_m: 584", "alt_m: .nan", 3, "origin.alt_m", ".nan is not a finite", "-500 to 9000"),
+    "infinite": ("r: 4.5", "r: .inf", 7, "law.r", ".inf is not a finite", "number above 0"),
+    "overflow": ("r: 4.5", "r: 1e999", 7, "law.r", ".inf is not a finite", "number above 0"),
+    "nan in a list": ("- [0, 2]", "- [0, .nan]", 21, "shapes.row.offsets[1][1]", ".nan", "number from"),
+    "latitude": ("-35.36", "-95", 3, "origin.lat_deg", "-95 is out of range", "from -90 to 90"),
+    "height": ("height_m: 10", "height_m: 1000", 24, "steps[0].takeoff.height_m", "out of range", "1 to 120"),
+    "sysid too high": ("sysid: 2", "sysid: 251", 34, "fleet.agents[1].sysid", "251 is out of range", "1 to 250"),
+    "sysid too low": ("sysid: 2", "sysid: 0", 34, "fleet.agents[1].sysid", "0 is out of range", "1 to 250"),
+    "id too high": ("{id: 2, start", "{id: 65536, start", 13, "agents[1].id", "65536", "1 to 65535"),
+    "id too low": ("{id: 2, start", "{id: 0, start", 13, "agents[1].id", "0 is out of range", "1 to 65535"),
+    "fractional id": ("{id: 2, start", "{id: 2.5, start", 13, "agents[1].id", "not a whole", "whole number"),
+    "autopilot": ("px4", "pixhawk", 35, "fleet.agents[2].autopilot", '"pixhawk"', "ardupilot, px4"),
+    "policy": ("agent_lost: land", "agent_lost: on", 30, "policies.agent_lost", '"on"', "continue, hold, land"),
+    "endpoint": ('"udpout:10.0.0.2:14550"', "10.0.0.2", 34, "fleet.agents[1].endpoint", '"10.0.0.2"', "udpout:"),
+    "endpoint's port": ("0.2:14550", "0.2:99999", 34, "fleet.agents[1].endpoint", "port 99999", "1 to 65535"),
+    "mesh endpoint": ("tcp/10.0.0.2:7447", "10.0.0.2:7447", 34, "fleet.agents[1].mesh", '"10.0.0.2', "tcp/"),
+    "name": ("name: trio", "name: ../trio", 2, "name", '"../trio"', "text such as"),
+    "shape's name": ("  row:", "  a row:", 17, "shapes.a row", "can't be a name", "letters"),
+    "no agents": (TEXT[TEXT.index("  - {id: 1, start") : TEXT.index("shapes:")], "  []\n", 11, "agents", "0 entries", ""),
+    "same key twice": ("tick_s: 0.05", "unit_m: 6", 5, "unit_m", "given twice (first at trio.yaml:4)", "once"),
+    "same inner key twice": ("r_out: 1.5", "r: 1.5", 8, "law.r", "given twice (first at trio.yaml:7)", "once"),
+    "list as a key": ("tick_s: 0.05", "[1, 2]: 0.05", 5, "(whole file)", "field's name", "word"),
+    "tag": ("name: trio", "name: !!python/name:os.system trio", 2, "name", "YAML tag", "no tags"),
+    "r_in >= r_out": ("r_in: 0.5", "r_in: 1.5", 9, "law.r_in", "1.5 is not below r_out", "below law.r_out = 1.5"),
+    "r_out >= r": ("r: 4.5", "r: 1.5", 8, "law.r_out", "1.5 is not below r", "below law.r = 1.5"),
+    "delta_l": ("kappa: 20", "delta_l: 1.9", 10, "law.delta_l", "1.9 is out of range", "from 2"),
+    "kappa * tick": ("kappa: 20", "kappa: 21", 10, "law.kappa", "is 1.05", "at most 1 / tick_s = 20"),
+    "same id": ("{id: 2, start", "{id: 1, start", 13, "agents[1].id", "1 is taken by agents[0]", "own"),
+    "same fleet id": ("{id: 2, sysid", "{id: 1, sysid", 34, "fleet.agents[1].id", "taken by fleet.agents[0]", "one"),
+    "same sysid": ("sysid: 2", "sysid: 1", 34, "fleet.agents[1].sysid", "1 is taken by fleet.agents[0]", "own"),
+    "same implied sysid": ("id: 2, sysid: 2", "id: 2, sysid: 3", 35, "fleet.agents[2].sysid", "3 is taken", "own"),
+    "same endpoint": ("10.0.0.2:14550", "10.0.0.1:14550", 34, "fleet.agents[1].endpoint", "taken by", "own"),
+    "same mesh": ("tcp/10.0.0.2", "tcp/10.0.0.1", 34, "fleet.agents[1].mesh", "taken by fleet.agents[0]", "own"),
+    "not in the fleet": ("id: 3, sysid: 3", "id: 4, sysid: 3", 14, "agents[2].id", "no entry in the fleet", "1, 2, 4"),
+    "starts on one spot": ("[0, 3]", "[0.1, 0.2]", 13, "agents[1].start", "agents 1 and 2 start 0.2236", "0.5 units (2.5 m)"),
+    "start far away": ("[0, 3]", "[0, 3000]", 13, "agents[1].start", "15000 m from the origin", "at most 5000 m"),
+    "not connected": ("[0, 3]", "[0, 5]", 11, "agents", "{1, 3} and {2}; the smallest gap is 5 units", "4.5 units (22.5 m)"),
+    "slots too close": ("side: 2", "side: 1.2", 16, "shapes.ring", "slots 1 and 2 of 3 are 1.2 units (6 m) apart", "1.5 units"),
+    "slots at r_out": ("side: 2", "side: 1.5", 16, "shapes.ring", "slots", "more than law.r_out"),
+    "offsets too close": ("- [0, 4]", "- [0, 3]", 22, "shapes.row.offsets[2]", "slots 2 and 3 of 3 are 1 units", "more than"),
+    "too few slots": ("count: 3", "count: 2", 16, "shapes.ring.count", "2 slots for 3 agents: too few", "3 slots"),
+    "too many slots": ("count: 3", "count: 4", 16, "shapes.ring.count", "4 slots for 3 agents: too many", "3 slots"),
+    "too few offsets": ("      - [0, 4]\n", "", 19, "shapes.row.offsets", "2 slots for 3 agents: too few", "3 slots"),
+    "ring without size": (", side: 2", "", 16, "shapes.ring", "neither side nor radius", "one of side, radius"),
+    "ring with two sizes": ("side: 2", "side: 2, radius: 2", 16, "shapes.ring", "both side and radius", "one of"),
+    "unknown shape": ("shape: ring", "shape: rign", 25, "steps[1].form.shape", "did you mean ring?", "one of ring, row"),
+    "land first": ("  - takeoff: {height_m: 10}\n", "", 24, "steps[0]", "form before takeoff", "takeoff as the first"),
+    "takeoff twice": ("hold: {duration_s: 10}", "takeoff: {height_m: 5}", 26, "steps[2]", "in the air", "first step only"),
+    "after land": ("  - land\n", "  - land\n  - land\n", 28, "steps[4]", "steps after land", "land as the last step only"),
+    "no land": ("  - land\n", "", 27, "steps[3]", "the mission ends with form", "land as the last step"),
+    "hold before form": ("form: {shape: ring}", "hold: {duration_s: 5}", 25, "steps[1]", "without a formation", "form step"),
+    "two kinds in a step": ("form: {shape: ring}", "{form: {shape: ring}, land: {}}", 25, "steps[1]", "not one step", "one of"),
+    "no kind of step": ("form: {shape: ring}", "{}", 25, "steps[1]", "not one step", "exactly one of"),
+    "takeoff timeout": ("height_m: 10", "height_m: 10, timeout_s: 9", 24, "steps[0].takeoff.timeout_s", "9 s", "above 10"),
+    "form timeout": ("timeout_s: 60", "timeout_s: 5", 27, "steps[3].form.timeout_s", "5 s is over", "above 5"),
+    "hold timeout": ("duration_s: 10", "duration_s: 10, timeout_s: 8", 26, "steps[2].hold.timeout_s", "8 s", "above 10"),
+    "bracket left open": ("[0, 3]}", "[0, 3}", 13, "(whole file)", "YAML: ", "well-formed"),
+    "tab": ("  r: 4.5", "\tr: 4.5", 7, "(whole file)", "YAML: ", "well-formed"),
+    "bad indent": ("  r_out: 1.5", "   r_out: 1.5", 8, "(whole file)", "YAML: ", "well-formed"),
+    "two documents": ("tick_s: 0.05", "---", 5, "(whole file)", "YAML: ", "well-formed"),
+    "alias": ("unit_m: 5", "unit_m: *five", 4, "(whole file)", "aliases", "well-formed"),
+    "control character": ("unit_m: 5", "unit_m: 5\x07", 4, "(whole file)", "character", "printable"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", REFUSALS.values(), ids=REFUSALS)
+def test_a_mistake_is_reported_at_its_place(case: tuple[str, str, int, str, str, str]) -> None:
+    old, new, line, field, what, allowed = case
+    found = problems(edited((old, new)))
+    (it,) = (problem for problem in found if (problem.where, problem.field) == (f"trio.yaml:{line}", field))
+    assert what in it.what
+    assert allowed in it.allowed
+    assert it.allowed
+    assert len(found) <= 2, "one mistake should not call up a crowd"
+
+
+def test_the_example_itself_is_fine() -> None:
+    assert loads(TEXT).warnings == ()
+
+
+@pytest.mark.parametrize("section", ["version", "name", "origin", "law", "agents", "steps"])
+def test_a_missing_section_is_named(section: str) -> None:
+    (problem,) = problems(without_section(section))
+    assert (problem.where, problem.field, problem.what) == ("trio.yaml:1", section, "is missing")
+
+
+def test_all_mistakes_at_once_in_the_order_of_the_file() -> None:
+    text = edited(
+        ("unit_m: 5", "unit_m: five"),
+        ("tick_s: 0.05", "tick: 0.05\nversion: 1"),
+        ("r_in: 0.5", "r_in: 2"),
+        ("count: 3", "count: 2"),
+        ("shape: ring", "shape: rung"),
+        ("  - land\n", ""),
+        ("sysid: 2", "sysid: 1"),
+    )
+    found = [(int(problem.where.split(":")[1]), problem.field) for problem in problems(text)]
+    assert found == [
+        (4, "unit_m"),
+        (5, "tick"),
+        (6, "version"),
+        (10, "law.r_in"),
+        (26, "steps[1].form.shape"),
+        (28, "steps[3]"),
+        (34, "fleet.agents[1].sysid"),
+    ]
+
+
+def test_a_broken_section_does_not_hide_the_others() -> None:
+    found = {problem.field for problem in problems(edited(("r: 4.5", "r: x"), ("count: 3", "count: 5")))}
+    assert found == {"law.r", "shapes.ring.count"}
+
+
+def test_an_id_that_is_no_sysid_needs_a_fleet() -> None:
+    text = without_section("fleet").replace("{id: 3,", "{id: 300,")
+    (problem,) = problems(text)
+    assert (problem.where, problem.field) == ("trio.yaml:14", "agents[2].id")
+    assert "fleet section" in problem.allowed
+    (problem,) = problems(edited(("{id: 3, start", "{id: 300, start"), ("{id: 3, sysid: 3,", "{id: 300,")))
+    assert (problem.where, problem.field, problem.allowed) == ("trio.yaml:35", "fleet.agents[2]", "sysid: 1 to 250")
+
+
+@pytest.mark.parametrize(
+    ("content", "what"),
+    [
+        (b"", "is empty"),
+        (b"# nothing\n", "is empty"),
+        (b"- 1\n", "is a list"),
+        (b"hello\n", "is text"),
+        (b"\xff\xfe\x00", "is not text"),
+        (b"[" * 5000, "nested too deeply"),
+        (b"a: " + b"9" * 5000, "unknown field"),
+    ],
+)
+def test_files_that_are_no_missions(tmp_path: Path, content: bytes, what: str) -> None:
+    path = tmp_path / "mission.yaml"
+    path.write_bytes(content)
+    with pytest.raises(MissionError, match=r"mission\.yaml") as caught:
+        load(path)
+    assert what in str(caught.value)
+
+
+def test_files_that_are_not_there(tmp_path: Path) -> None:
+    for path in (tmp_path / "none.yaml", tmp_path):
+        with pytest.raises(MissionError, match="can't be read") as caught:
+            load(path)
+        assert caught.value.problems[0].where == str(path)
+        assert caught.value.exit_code == 2
+
+
+# --- whatever is written, the answer is a plan or problems with a place ---
+
+LINES = TEXT.splitlines()
+SCALARS = [
+    "",
+    "0",
+    "-1",
+    "1e9",
+    ".nan",
+    "x",
+    "[]",
+    "{}",
+    "[1, 2]",
+    "{a: 1}",
+    "~",
+    "on",
+    "- a",
+    "'",
+    "*a",
+    "&a b",
+    "? x",
+]
+
+
+@st.composite
+def mangled(draw: st.DrawFn) -> str:
+    lines = list(LINES)
+    for _ in range(draw(st.integers(1, 4))):
+        k = draw(st.integers(0, len(lines) - 1))
+        match draw(st.sampled_from(["drop", "double", "value", "cut", "indent"])):
+            case "drop":
+                lines[k] = ""
+            case "double":
+                lines.insert(k, lines[k])
+            case "value":
+                lines[k] = lines[k].partition(":")[0] + ": " + draw(st.sampled_from(SCALARS))
+            case "cut":
+                lines[k] = lines[k][: draw(st.integers(0, len(lines[k])))]
+            case _:
+                lines[k] = "  " + lines[k]
+    return "\n".join(lines)
+
+
+@given(st.one_of(mangled(), st.text()))
+def test_any_text_is_a_plan_or_a_list_of_problems(text: str) -> None:
+    found: tuple[Problem, ...] = ()
+    try:
+        steps = len(loads(text, "m.yaml").plan.steps)
+    except MissionError as error:
+        steps, found = 0, error.problems
+    assert bool(steps) != bool(found)
+    assert all(p.where.startswith("m.yaml") and p.field and p.what and p.allowed for p in found)
