@@ -180,7 +180,7 @@ class Takeoff(Section):
 class Form(Section):
     """Fly into a shape and wait until it stands."""
 
-    shape: str
+    shape: Name
     """A name from `shapes`."""
     slots: Literal["nearest", "fixed"] = "nearest"
     """nearest: least total squared distance; fixed: the k-th slot to the agent with the k-th lowest id."""
@@ -260,7 +260,7 @@ class FleetSection(Section):
     """The vehicles, in the mission or in a file of their own."""
 
     version: Literal[1] = 1
-    agents: tuple[FleetEntry, ...] = Field(min_length=1, max_length=1000)
+    agents: tuple[FleetEntry, ...] = Field(min_length=1, max_length=250)
 
 
 class MissionFile(Section):
@@ -279,7 +279,8 @@ class MissionFile(Section):
     law: Law
     vehicle: Vehicle = Vehicle()
     policies: PolicySection = PolicySection()
-    agents: tuple[Agent, ...] = Field(min_length=1, max_length=1000)
+    agents: tuple[Agent, ...] = Field(min_length=1, max_length=250)
+    """At most as many as there are sysids."""
     shapes: dict[Name, Shape] = {}
     steps: tuple[Step, ...] = Field(min_length=1, max_length=1000)
     fleet: FleetSection | None = None

@@ -6,7 +6,6 @@ from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import linear_sum_assignment
 
 from swarm_ctl.core.formation import centred
 
@@ -18,6 +17,9 @@ def nearest(points: npt.ArrayLike, slots: npt.ArrayLike) -> Array:
 
     The law reaches the shape anywhere, so only the place within it counts: that is why the centroids are aligned.
     """
+    # Here and not above: scipy takes 0.3 s to import, and most commands never ask for slots.
+    from scipy.optimize import linear_sum_assignment
+
     targets = np.asarray(slots, dtype=np.float64)
     between = centred(points)[:, None, :] - centred(targets)[None, :, :]
     # Rounded, so that slots equally far away are chosen alike on machines whose last bits differ.

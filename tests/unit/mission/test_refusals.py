@@ -55,6 +55,8 @@ REFUSALS = {
     "mesh endpoint": ("tcp/10.0.0.2:7447", "10.0.0.2:7447", 34, "fleet.agents[1].mesh", '"10.0.0.2', "tcp/"),
     "name": ("name: trio", "name: ../trio", 2, "name", '"../trio"', "text such as"),
     "shape's name": ("  row:", "  a row:", 17, "shapes.a row", "can't be a name", "letters"),
+    "form as a word": ("form: {shape: ring}", "form: ring", 25, "steps[1].form", '"ring" is text', "mapping of shape"),
+    "step too far left": ("form: {shape: ring}", "form:\n    shape: ring", 26, "steps[1].shape", "unknown field", "form"),
     "no agents": (TEXT[TEXT.index("  - {id: 1, start") : TEXT.index("shapes:")], "  []\n", 11, "agents", "0 entries", ""),
     "same key twice": ("tick_s: 0.05", "unit_m: 6", 5, "unit_m", "given twice (first at trio.yaml:4)", "once"),
     "same inner key twice": ("r_out: 1.5", "r: 1.5", 8, "law.r", "given twice (first at trio.yaml:7)", "once"),
