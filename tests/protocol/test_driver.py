@@ -1,0 +1,200 @@
+"""The driver against the simulator's own process over UDP, both personas: the whole way up and down again.
+
+Mission time runs `SPEEDUP` times faster than the wall clock; every wait is for an observed state, bounded in mission
+time.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from swarm_ctl.core.vehicle import Airborne, Fly, Goal, Land, Release, Standby, VehicleView, Yield
+from swarm_ctl.mavlink import VehicleLink
+
+SPEEDUP = 5.0
+"""Slow enough that a busy machine (0.2 s without us) does not cost a setpoint time-out of 1 s."""
+TICK_S = 0.05
+WITHIN_S = 90.0
+SYSID = 7
+ORIGIN = {"lat_deg": 47.397742, "lon_deg": 8.545594, "alt_m": 488.0}
+DEFAULTS = {
+    "ardupilot": {"GUID_TIMEOUT": 3.0, "FS_GCS_ENABLE": 0.0},
+    "px4": {"COM_OF_LOSS_T": 1.0, "COM_OBL_RC_ACT": 0.0},
+}
+CONTROLLED = {"ardupilot": "GUIDED", "px4": "OFFBOARD"}
+
+both = pytest.mark.parametrize("persona", DEFAULTS)
+
+
+class Flight:
+    """One simulated vehicle, its link, and the mission clock they share."""
+
+    def __init__(self, folder: Path, persona: str, *, ready_after_s: float = 1.0, autopilot: str = "") -> None:
+        self.epoch_s = time.monotonic()
+        port = _free_port()
+        vehicle = {"sysid": SYSID, "persona": persona, "endpoint": f"udpin:127.0.0.1:{port}", **ORIGIN}
+        config = {
+            "version": 1,
+            "speedup": SPEEDUP,
+            "epoch_s": self.epoch_s,
+            "origin": ORIGIN,
+            "truth_path": str(folder / "truth.jsonl"),
+            "vehicles": [vehicle | {"ready_after_s": ready_after_s}],
+        }
+        (folder / "sim.json").write_text(json.dumps(config))
+        arguments = [sys.executable, "-m", "sim", "--config", str(folder / "sim.json")]
+        self.simulator = subprocess.Popen(arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        assert self.simulator.stdout is not None
+        assert json.loads(self.simulator.stdout.readline())["ready"] is True
+        self.link = VehicleLink(f"udpout:127.0.0.1:{port}", autopilot or persona, SYSID)
+        self.texts: list[str] = []
+        self._next_s = self.now()
+
+    def now(self) -> float:
+        return (time.monotonic() - self.epoch_s) * SPEEDUP
+
+    def tick(self, goal: Goal | None) -> VehicleView:
+        """One tick of a control loop; None: it stalls, and only listens."""
+        self._next_s = max(self._next_s + TICK_S, self.now() - 5 * TICK_S)
+        time.sleep(max(0.0, (self._next_s - self.now()) / SPEEDUP))
+        now = self.now()
+        self.link.receive(now)
+        view = self.link.view()
+        self.texts += view.texts
+        if goal is not None:
+            self.link.pursue(goal, now)
+        return view
+
+    def until(self, done: Callable[[VehicleView], bool], goal: Goal | None) -> VehicleView:
+        """Pursue `goal` until the view shows `done`."""
+        end = self.now() + WITHIN_S
+        while not done(view := self.tick(goal)):
+            if self.now() > end:
+                pytest.fail(f"not seen within {WITHIN_S} s: {view}; texts: {self.texts}")
+        return view
+
+    def airborne(self) -> None:
+        self.until(lambda view: view.healthy, Standby())
+        self.until(lambda view: height(view) > 2.5, Airborne(3.0))
+
+    def flying(self, persona: str) -> None:
+        self.airborne()
+        self.until(lambda view: view.mode == CONTROLLED[persona] and speed(view) > 1.8, Fly((2.0, 0.0, 0.0)))
+
+    def close(self) -> None:
+        self.link.close()
+        self.simulator.kill()
+        self.simulator.communicate()
+
+
+@contextlib.contextmanager
+def flight(folder: Path, persona: str, **how: Any) -> Iterator[Flight]:
+    with contextlib.closing(Flight(folder, persona, **how)) as made:
+        yield made
+
+
+def _free_port() -> int:
+    with contextlib.closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+def height(view: VehicleView) -> float:
+    return view.global_.relative_alt_m if view.global_ else 0.0
+
+
+def speed(view: VehicleView) -> float:
+    return math.hypot(*view.local.velocity_ned_mps[:2]) if view.local else 0.0
+
+
+def down(view: VehicleView) -> bool:
+    return view.on_ground and not view.armed
+
+
+@both
+def test_the_whole_way_up_and_down_again(persona: str, tmp_path: Path) -> None:
+    with flight(tmp_path, persona) as fly:
+        fly.flying(persona)
+        view = fly.until(down, Land())
+        assert not view.released
+        fly.until(lambda view: view.released, Release())
+        own = {name: fly.link._autopilot.originals[name] for name in DEFAULTS[persona]}
+        assert own == DEFAULTS[persona]
+        counters = fly.link.counters
+        assert (counters.bad_frames, counters.foreign, counters.rejected, counters.errors) == (0, 0, 0, 0)
+        assert fly.texts == [], "nothing was refused"
+
+
+def test_a_slow_start_is_waited_out(tmp_path: Path) -> None:
+    """A real ArduCopter's cold start: ready after 42 s, no local position before although its stream was accepted."""
+    with flight(tmp_path, "ardupilot", ready_after_s=42.0) as fly:
+        view = fly.until(lambda view: math.isfinite(view.heartbeat_s), Standby())
+        assert not view.healthy
+        view = fly.until(lambda view: view.healthy, Standby())
+        assert fly.link._heard.boot_s >= 42.0
+        assert view.local is not None
+        assert view.origin is not None
+        fly.until(lambda view: view.armed and not view.on_ground, Airborne(3.0))
+
+
+def test_an_ardupilot_without_setpoints_stops_in_guided_and_goes_on(tmp_path: Path) -> None:
+    with flight(tmp_path, "ardupilot") as fly:
+        fly.flying("ardupilot")
+        view = fly.until(lambda view: speed(view) < 0.1, Yield())  # heartbeats go on
+        assert (view.mode, view.armed) == ("GUIDED", True)
+        fly.until(lambda view: speed(view) > 1.8, Fly((2.0, 0.0, 0.0)))
+
+
+@both
+def test_a_vehicle_whose_agent_has_died_lands_by_itself(persona: str, tmp_path: Path) -> None:
+    with flight(tmp_path, persona) as fly:
+        fly.flying(persona)
+        fly.until(lambda view: view.landing, None)
+        fly.until(down, None)
+
+
+@both
+def test_a_mode_changed_by_somebody_else_is_not_fought(persona: str, tmp_path: Path) -> None:
+    with flight(tmp_path, persona) as fly:
+        fly.flying(persona)
+        pilots = {"ardupilot": "LOITER", "px4": "AUTO.LOITER"}[persona]
+        message = fly.link._autopilot.set_mode(pilots)
+        fly.link._send(message, fly.now())
+        fly.until(lambda view: not view.controlled, Fly((0.0, 0.0, 0.0)))
+        setpoints, end = fly.link.counters.setpoints, fly.now() + 10.0
+        assert fly.until(lambda view: view.controlled or fly.now() > end, Fly((0.0, 0.0, 0.0))).mode == pilots
+        assert fly.link.counters.setpoints == setpoints
+        end = fly.now() + 5.0
+        assert fly.until(lambda view: view.controlled or fly.now() > end, Yield()).mode == pilots
+
+
+@both
+def test_another_firmware_than_the_fleet_says_is_a_fault(persona: str, tmp_path: Path) -> None:
+    other = {"ardupilot": "px4", "px4": "ardupilot"}[persona]
+    with flight(tmp_path, persona, autopilot=other) as fly:
+        view = fly.until(lambda view: view.fault != "", Standby())
+        assert f"allowed here: {other}" in view.fault
+        end = fly.now() + 5.0
+        assert not fly.until(lambda view: view.armed or fly.now() > end, Airborne(5.0)).armed
+
+
+def test_a_vehicle_that_vanishes_is_told_by_its_heartbeats_age(tmp_path: Path) -> None:
+    with flight(tmp_path, "ardupilot") as fly:
+        fly.airborne()
+        fly.simulator.kill()
+        fly.simulator.wait()
+        view = fly.until(lambda view: fly.now() - view.heartbeat_s > 5.0, Fly((1.0, 0.0, 0.0)))
+        assert view.health_reason == "heartbeat lost"
+        assert fly.link.counters.errors > 0
