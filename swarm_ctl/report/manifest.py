@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
@@ -13,9 +12,9 @@ from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationErro
 from swarm_ctl.core.plan import Plan
 from swarm_ctl.errors import InputError
 from swarm_ctl.mission.fleet import FleetAgent
+from swarm_ctl.report.files import wording, write_whole
 
 MANIFEST: Final = "run.json"
-_SHOWN_PROBLEMS: Final = 5
 
 
 class _Strict(BaseModel):
@@ -82,7 +81,7 @@ def plan_from_json(text: str | bytes) -> Plan:
     try:
         return _PlanDocument.model_validate_json(text).plan
     except ValidationError as error:
-        raise InputError(f"plan: {_wording(error)}") from error
+        raise InputError(f"plan: {wording(error)}") from error
 
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:
@@ -98,23 +97,10 @@ def read_manifest(folder: Path) -> Manifest:
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}") from error
     except ValidationError as error:
-        raise InputError(f"{path}: {_wording(error)}") from error
-
-
-def write_whole(path: Path, text: str) -> None:
-    """Replace a file in one move: a reader finds the old or the new one, never a part."""
-    part = path.with_name(f".{path.name}.{os.getpid()}")
-    part.write_text(text, encoding="utf-8")
-    part.replace(path)
+        raise InputError(f"{path}: {wording(error)}") from error
 
 
 def _refuse_repeated(what: str, numbers: Iterable[int]) -> None:
     repeated = sorted(number for number, times in Counter(numbers).items() if times > 1)
     if repeated:
         raise ValueError(f"fleet: {what} {', '.join(map(str, repeated))} more than once")
-
-
-def _wording(error: ValidationError) -> str:
-    problems = [f"{'.'.join(map(str, problem['loc'])) or 'document'}: {problem['msg']}" for problem in error.errors()]
-    more = [f"and {len(problems) - _SHOWN_PROBLEMS} more"] if len(problems) > _SHOWN_PROBLEMS else []
-    return "; ".join(problems[:_SHOWN_PROBLEMS] + more)

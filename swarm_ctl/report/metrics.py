@@ -89,3 +89,9 @@ def longest_link(flight: Flight, links: Iterable[tuple[int, int]]) -> tuple[floa
 def closest_approach(truth: Truth) -> tuple[float, tuple[int, int]] | None:
     """The smallest true horizontal distance [m] of the flight and its pair of sysids; None where nobody flew."""
     return min(((distance, pair) for pair, distance in truth.minima.items()), default=None)
+
+
+def last_number(values: Floats) -> float | None:
+    """The last of `values` (T,) that is a number; None where none is."""
+    numbers = values[np.isfinite(values)]
+    return float(numbers[-1]) if len(numbers) else None

@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from swarm_ctl.core.plan import Geodetic
 from swarm_ctl.core.vehicle import Vector3
+from swarm_ctl.report.files import Damage, read_lines
 
 TRUTH: Final = "truth.jsonl"
 
@@ -73,25 +74,6 @@ class End(_Line):
 Line: TypeAlias = Annotated[Header | State | Minimum | TruthEvent | End, Field(discriminator="type")]
 
 _LINE: Final[TypeAdapter[Line]] = TypeAdapter(Line)
-
-
-@dataclass(slots=True)
-class Damage:
-    """What could not be read of a file of lines."""
-
-    bad_lines: int = 0
-    torn: bool = False
-    """The last line has no end: its writer was killed."""
-
-
-def read_lines(path: Path, damage: Damage) -> Iterator[bytes]:
-    """The lines of a file, one after the other; a torn last one is counted in `damage` and left out. OSError passes."""
-    with path.open("rb") as file:
-        for line in file:
-            if not line.endswith(b"\n"):
-                damage.torn = True
-            elif line.strip():
-                yield line
 
 
 def read_truth(path: Path, damage: Damage) -> Iterator[Header | State | Minimum | TruthEvent | End]:
