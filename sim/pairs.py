@@ -24,10 +24,10 @@ class PairMinima:
         north, east = position[:, 0], position[:, 1]
         square = np.subtract.outer(north, north) ** 2 + np.subtract.outer(east, east) ** 2
         np.minimum(self._least, square, out=self._least)
-        close = (square < COLLISION_M**2) & ~self._below
-        if not self._touching and not close.any():
+        close = square < COLLISION_M**2
+        if not self._touching and np.count_nonzero(close) == len(position):  # everybody only with itself
             return []
-        return self._collisions(position, close)
+        return self._collisions(position, close & ~self._below)
 
     def shrunk(self) -> list[tuple[int, int, float]]:
         """Pairs (i, j, metres) whose smallest distance shrank since the last call."""

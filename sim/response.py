@@ -6,6 +6,7 @@ Horizontal limits act on the length of the horizontal vector, as in the firmware
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -13,12 +14,22 @@ import numpy as np
 
 from sim.vehicle import GRAVITY_MPS2, Array
 
+Gains = tuple[float, float]
+"""Horizontal, vertical."""
+
+
+@functools.lru_cache(maxsize=64)
+def _axes(gains: Gains) -> Array:
+    """The same for north, east, down."""
+    horizontal, vertical = gains
+    return np.array([horizontal, horizontal, vertical])
+
 
 @dataclass(frozen=True)
 class Ideal:
     """The paper's single integrator: the velocity is the target's, at once. For studies of the law alone."""
 
-    memory_rows: int = 1
+    memory_rows: int = 0
 
     def acceleration(self, memory: Array, velocity: Array, target: Array, wind: Array, dt: float) -> Array:
         """See `sim.vehicle.Response`."""
@@ -44,33 +55,35 @@ class Ardupilot:
     climb_jerk_mps3: float = 5.0
     lean_mps2: float = GRAVITY_MPS2 * math.tan(math.radians(30.0))
     lift_mps2: float = 5.0
-    position_per_s: tuple[float, float, float] = (1.0, 1.0, 1.04)
-    velocity_per_s: tuple[float, float, float] = (2.0, 2.0, 1.67)
-    integral_per_s2: tuple[float, float, float] = (1.0, 1.0, 0.0)
-    lag_s: tuple[float, float, float] = (0.07, 0.07, 0.06)
-    drag_per_s: tuple[float, float, float] = (0.29, 0.29, 0.0)
-    drag_per_m: tuple[float, float, float] = (0.024, 0.024, 0.0)
+    lag_s: Gains = (0.07, 0.06)
+    position_per_s: Gains = (1.0, 1.04)
+    velocity_per_s: Gains = (2.0, 1.67)
+    integral_per_s2: Gains = (1.0, 0.0)
+    drag_per_s: Gains = (0.29, 0.0)
+    drag_per_m: Gains = (0.024, 0.0)
 
     def acceleration(self, memory: Array, velocity: Array, target: Array, wind: Array, dt: float) -> Array:
         """See `sim.vehicle.Response`. Memory: path error, shaped velocity and acceleration, integral, two lags."""
         self._shape(memory[..., 1, :], memory[..., 2, :], target, dt)
         error = memory[..., 1, :] - velocity
         memory[..., 0, :] += error * dt
-        error += self.position_per_s * memory[..., 0, :]
-        memory[..., 3, :] += np.multiply(self.integral_per_s2, error) * dt
-        _bound(memory[..., 3, :], self.lean_mps2, self.lift_mps2)
-        command = memory[..., 2, :] + self.velocity_per_s * error + memory[..., 3, :]
-        _bound(command, self.lean_mps2, self.lift_mps2)
-        force = _lag(memory[..., 4:6, :], command, np.array(self.lag_s), dt)
+        error += _axes(self.position_per_s) * memory[..., 0, :]
+        integral = memory[..., 3, :]
+        integral += _axes(self.integral_per_s2) * error * dt
+        _bound(integral, self.lean_mps2, self.lift_mps2)
+        error *= _axes(self.velocity_per_s)
+        error += memory[..., 2, :]
+        error += integral
+        _bound(error, self.lean_mps2, self.lift_mps2)
+        force = _lag(memory[..., 4, :], memory[..., 5, :], error, _shares(self.lag_s, dt))
         air = velocity - wind
-        speed = np.sqrt((air * air).sum(axis=-1, keepdims=True))
-        result: Array = force - air * (self.drag_per_s + np.multiply(self.drag_per_m, speed))
+        speed = np.sqrt(np.einsum("...i,...i->...", air, air))[..., None]
+        result: Array = force - air * (_axes(self.drag_per_s) + _axes(self.drag_per_m) * speed)
         return result
 
     def _shape(self, velocity: Array, acceleration: Array, target: Array, dt: float) -> None:
-        wanted = target - velocity
-        wanted[..., :2] *= self.jerk_mps3 / self.acceleration_mps2
-        wanted[..., 2] *= self.climb_jerk_mps3 / self.climb_mps2
+        gain = (self.jerk_mps3 / self.acceleration_mps2, self.climb_jerk_mps3 / self.climb_mps2)
+        wanted = (target - velocity) * _axes(gain)
         _bound(wanted, self.acceleration_mps2, self.climb_mps2)
         wanted -= acceleration
         _bound(wanted, self.jerk_mps3 * dt, self.climb_jerk_mps3 * dt)
@@ -92,10 +105,10 @@ class Px4:
     descent_mps: float = 1.5
     tilt_mps2: float = GRAVITY_MPS2
     lift_mps2: float = 6.0
-    velocity_per_s: tuple[float, float, float] = (1.8, 1.8, 4.0)
-    integral_per_s2: tuple[float, float, float] = (0.4, 0.4, 2.0)
-    lag_s: tuple[float, float, float] = (0.08, 0.08, 0.05)
-    drag_per_s: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    lag_s: Gains = (0.08, 0.05)
+    velocity_per_s: Gains = (1.8, 4.0)
+    integral_per_s2: Gains = (0.4, 2.0)
+    drag_per_s: float = 1.0
 
     def acceleration(self, memory: Array, velocity: Array, target: Array, wind: Array, dt: float) -> Array:
         """See `sim.vehicle.Response`. Memory: integral, two lags."""
@@ -103,25 +116,34 @@ class Px4:
         _bound(error, self.speed_mps, self.climb_mps)
         np.minimum(error[..., 2], self.descent_mps, out=error[..., 2])
         error -= velocity
-        memory[..., 0, :] += np.multiply(self.integral_per_s2, error) * dt
-        _bound(memory[..., 0, :], self.tilt_mps2, self.lift_mps2)
-        command = self.velocity_per_s * error + memory[..., 0, :]
-        _bound(command, self.tilt_mps2, self.lift_mps2)
-        force = _lag(memory[..., 1:3, :], command, np.array(self.lag_s), dt)
-        return force - np.multiply(self.drag_per_s, velocity - wind)
+        integral = memory[..., 0, :]
+        integral += _axes(self.integral_per_s2) * error * dt
+        _bound(integral, self.tilt_mps2, self.lift_mps2)
+        error *= _axes(self.velocity_per_s)
+        error += integral
+        _bound(error, self.tilt_mps2, self.lift_mps2)
+        force = _lag(memory[..., 1, :], memory[..., 2, :], error, _shares(self.lag_s, dt))
+        return force - self.drag_per_s * (velocity - wind)
 
 
 def _bound(vector: Array, horizontal: float, vertical: float) -> None:
     """Shortens `vector` (..., 3) in place: its horizontal part's length, its vertical part's size."""
     length = np.hypot(vector[..., 0], vector[..., 1])
-    if (length > horizontal).any():
-        vector[..., :2] *= np.minimum(1.0, horizontal / np.maximum(length, 1e-12))[..., None]
-    np.clip(vector[..., 2], -vertical, vertical, out=vector[..., 2])
+    np.maximum(length, horizontal, out=length)
+    vector[..., :2] *= (horizontal / length)[..., None]
+    down = vector[..., 2]
+    np.minimum(down, vertical, out=down)
+    np.maximum(down, -vertical, out=down)
 
 
-def _lag(memory: Array, command: Array, lag_s: Array, dt: float) -> Array:
-    """Two first-order lags in a row, exact for a command that is constant over `dt`; rows (..., 2, 3)."""
-    share = -np.expm1(-dt / lag_s)
-    memory[..., 0, :] += share * (command - memory[..., 0, :])
-    memory[..., 1, :] += share * (memory[..., 0, :] - memory[..., 1, :])
-    return memory[..., 1, :].copy()
+@functools.lru_cache(maxsize=64)
+def _shares(lag_s: Gains, dt: float) -> Array:
+    """The share of the way to a constant input that a first-order lag goes in `dt`."""
+    return -np.expm1(-dt / _axes(lag_s))
+
+
+def _lag(first: Array, second: Array, command: Array, share: Array) -> Array:
+    """Two first-order lags in a row, exact for a command that is constant over the step; changes both in place."""
+    first += share * (command - first)
+    second += share * (first - second)
+    return second

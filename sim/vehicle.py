@@ -1,4 +1,4 @@
-"""How a multirotor moves: pure numpy, batched over any leading axes (missions, vehicles); last axis (north, east, down).
+"""How a multirotor moves: pure numpy, batched over any leading axes (missions, vehicles); last axis north, east, down.
 
 `advance` moves a `State` by one time step towards `Demands`. What lies between a velocity target and the acceleration
 that follows is the *response*, one replaceable object (`sim.response`): `Ideal`, `Ardupilot` or `Px4`. It is the
@@ -107,11 +107,12 @@ def advance(state: State, demands: Demands, response: Response, dt: float) -> No
     """Moves `state` by `dt` [s], in place (semi-implicit Euler: the new velocity moves the position)."""
     target = velocity_target(state, demands)
     state.landed &= ~(demands.lift & (target[..., 2] < -_LIFT_OFF_MPS))
-    if state.landed.all():
+    standing = np.count_nonzero(state.landed)
+    if standing == state.landed.size:
         return
     acceleration = response.acceleration(state.memory, state.velocity, target, state.wind, dt)
     _fall(state, demands, acceleration)
-    if state.landed.any():
+    if standing:
         _stand(state, acceleration)
     state.acceleration = acceleration
     state.velocity = state.velocity + acceleration * dt
@@ -122,7 +123,7 @@ def advance(state: State, demands: Demands, response: Response, dt: float) -> No
 
 def velocity_target(state: State, demands: Demands) -> Array:
     """The velocity [m/s] (..., 3) that brings held axes to their positions, slowing down in time to stop there."""
-    if not demands.hold.any():
+    if not np.count_nonzero(demands.hold):
         return demands.velocity
     gap = demands.hold * (demands.position - state.position)
     target = demands.velocity.copy()
@@ -150,7 +151,7 @@ def _approach(distance: Array, gain: float, deceleration: float) -> Array:
 
 def _fall(state: State, demands: Demands, acceleration: Array) -> None:
     falling = ~(demands.lift | state.landed)
-    if falling.any():
+    if np.count_nonzero(falling):
         acceleration[falling] = -_FALL_DRAG_PER_S * (state.velocity - state.wind)[falling]
         acceleration[falling, 2] += GRAVITY_MPS2
         state.memory[falling] = 0.0
@@ -163,7 +164,7 @@ def _stand(state: State, acceleration: Array) -> None:
 
 
 def _turn(state: State, demands: Demands, dt: float) -> None:
-    if (state.heading != demands.heading).any():
+    if np.count_nonzero(state.heading != demands.heading):
         error = np.remainder(demands.heading - state.heading + math.pi, 2 * math.pi) - math.pi
         step = np.clip(error, -_TURN_RADPS * dt, _TURN_RADPS * dt)
         state.heading = state.heading + np.where(state.landed, 0.0, step)
@@ -171,7 +172,7 @@ def _turn(state: State, demands: Demands, dt: float) -> None:
 
 def _touch_down(state: State) -> None:
     touched = (state.position[..., 2] >= state.ground) & (state.velocity[..., 2] >= 0.0) & ~state.landed
-    if touched.any():
+    if np.count_nonzero(touched):
         state.landed |= touched
         state.position[..., 2] = np.where(touched, state.ground, state.position[..., 2])
         state.velocity[touched] = 0.0

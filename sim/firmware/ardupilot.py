@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-from sim.firmware.base import Command, CommandHandler, Firmware, Setup
+from sim.firmware.base import Firmware, Setup
+from sim.firmware.commands import COMMON, Command, Handler
 from sim.firmware.flight import Ground, Hold, Land, Maneuver, Return, Style, Takeoff, Velocity
 from sim.firmware.message import (
     MAV_MODE_FLAG_CUSTOM,
@@ -26,6 +27,7 @@ from sim.firmware.setpoint import (
     NOTHING,
     Setpoint,
 )
+from sim.geodesy import Vector3
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +84,7 @@ class Ardupilot(Firmware):
     boot_streams: ClassVar[Mapping[str, float]] = {"HEARTBEAT": 1.0}
     force_arm_magic: ClassVar[float] = 2989.0
     arm_nonsense: ClassVar[Result | None] = Result.UNSUPPORTED
+    refusal: ClassVar[Result] = Result.FAILED
 
     mode: Mode
 
@@ -90,22 +93,9 @@ class Ardupilot(Firmware):
         parameters.set("MAV_SYSID", setup.sysid)
         super().__init__(setup, parameters, boot_s)
 
-    def persona_commands(self) -> dict[int, CommandHandler]:
-        """See `Firmware`."""
-        return {
-            Cmd.DO_SET_MODE: self._do_set_mode,
-            Cmd.NAV_TAKEOFF: self._takeoff,
-            Cmd.NAV_LAND: lambda _: self._enter(LAND),
-            Cmd.NAV_RETURN_TO_LAUNCH: lambda _: self._enter(RTL),
-            Cmd.DO_CHANGE_SPEED: self._change_speed,
-            Cmd.DO_REPOSITION: self._reposition,
-            Cmd.DO_SET_HOME: self._set_home,
-        }
-
     def booted(self) -> None:
         """See `Firmware`."""
         self.mode = STABILIZE
-        self._speed_mps: float | None = None
         self._setpoint_s = -math.inf
         self._takeoff_s = -math.inf
 
@@ -122,7 +112,7 @@ class Ardupilot(Firmware):
         """See `Firmware`."""
         p = self.parameters
         return Style(
-            speed_mps=p["WPNAV_SPEED"] / 100 if self._speed_mps is None else self._speed_mps,
+            speed_mps=p["WPNAV_SPEED"] / 100 if self.speed_mps is None else self.speed_mps,
             climb_mps=p["WPNAV_SPEED_UP"] / 100,
             descent_mps=(p["LAND_SPEED_HIGH"] or p["WPNAV_SPEED_DN"]) / 100,
             land_mps=p["LAND_SPEED"] / 100,
@@ -132,7 +122,7 @@ class Ardupilot(Firmware):
 
     def battery_capacity_mah(self) -> float:
         """See `Firmware`."""
-        return max(1.0, self.parameters["BATT_CAPACITY"])
+        return self.parameters["BATT_CAPACITY"]
 
     def addressed(self, _command: Command) -> bool:
         """Any component, and system 0, are served."""
@@ -161,12 +151,8 @@ class Ardupilot(Firmware):
         """See `Firmware`."""
         if not self.sensed.landed and not force:
             return Result.FAILED
-        self._disarm_motors()
+        self.set_disarmed("Disarming motors")
         return Result.ACCEPTED
-
-    def _disarm_motors(self) -> None:
-        self.set_disarmed()
-        self.text(Severity.INFO, "Disarming motors")
 
     # --- modes ---
 
@@ -184,9 +170,10 @@ class Ardupilot(Firmware):
         if mode is None:
             self.text(Severity.WARNING, f"No such mode {custom_mode}")
             return Result.FAILED
-        return self._enter(mode)
+        return self.enter(mode)
 
-    def _enter(self, mode: Mode) -> Result:
+    def enter(self, mode: Mode) -> Result:
+        """Changes the mode, or says why not."""
         if mode is self.mode:
             return Result.ACCEPTED
         refusal = self._mode_refusal(mode)
@@ -249,28 +236,11 @@ class Ardupilot(Firmware):
         self._setpoint_s = self.now
         self.begin(Velocity((n or 0.0, e or 0.0, d or 0.0), yaw, (held[0], held[1], held[2]), rate, self.now))
 
-    def _reposition(self, command: Command) -> Result:
-        place = self.place(command)
-        if place is None or self.sensed.landed or not self.armed:
-            return Result.DENIED
-        if self.mode is not GUIDED and self._enter(GUIDED) is not Result.ACCEPTED:
+    def go_to(self, place_ned: Vector3) -> Result:
+        """See `Firmware`."""
+        if self.mode is not GUIDED and self.enter(GUIDED) is not Result.ACCEPTED:
             return Result.FAILED
-        self.begin(Velocity((0.0, 0.0, 0.0), self.sensed.heading_rad, place))
-        return Result.ACCEPTED
-
-    def _change_speed(self, command: Command) -> Result:
-        speed = command.p[1]
-        if not (math.isfinite(speed) and speed > 0):
-            return Result.FAILED
-        self._speed_mps = min(speed, 20.0)
-        self.update_demand()
-        return Result.ACCEPTED
-
-    def _set_home(self, command: Command) -> Result:
-        place = self.sensed.position_ned_m if command.p[0] == 1.0 else self.place(command)
-        if place is None or not self.ready():
-            return Result.FAILED
-        self.home_ned = place
+        self.begin(Velocity((0.0, 0.0, 0.0), self.sensed.heading_rad, place_ned))
         return Result.ACCEPTED
 
     # --- time ---
@@ -308,9 +278,9 @@ class Ardupilot(Firmware):
         self.failsafe = True
         self.text(Severity.WARNING, "GCS Failsafe")
         if self.sensed.landed and not isinstance(self.maneuver, Takeoff):
-            self._disarm_motors()
-        elif self.mode is not LAND and self._enter(action) is not Result.ACCEPTED:
-            self._enter(LAND)
+            self.set_disarmed("Disarming motors")
+        elif self.mode is not LAND and self.enter(action) is not Result.ACCEPTED:
+            self.enter(LAND)
 
     def _check_setpoint(self) -> None:
         """GUID_TIMEOUT: without news a velocity becomes zero; a position stays."""
@@ -319,16 +289,23 @@ class Ardupilot(Firmware):
             self.begin(Hold(self.sensed.heading_rad))
 
     def _check_landed(self) -> None:
-        since = self.now if self.landed_s is None else self.landed_s
         if isinstance(self.maneuver, Land | Return):
-            if self.maneuver.done and self.now - since >= LAND_DETECT_S:
-                self._disarm_motors()
+            if self.maneuver.done and self.standing_s() >= LAND_DETECT_S:
+                self.set_disarmed("Disarming motors")
             return
         if isinstance(self.maneuver, Hold | Velocity):
             self.begin(Ground())
         delay = self.parameters["DISARM_DELAY"]
-        if delay and self.now - max(since, self.armed_s, self._takeoff_s) >= delay:
-            self._disarm_motors()
+        idle_s = min(self.standing_s(), self.now - self.armed_s, self.now - self._takeoff_s)
+        if delay and idle_s >= delay:
+            self.set_disarmed("Disarming motors")
+
+    commands: ClassVar[Mapping[int, Handler]] = COMMON | {
+        Cmd.DO_SET_MODE: _do_set_mode,
+        Cmd.NAV_TAKEOFF: _takeoff,
+        Cmd.NAV_LAND: lambda f, _: f.enter(LAND),
+        Cmd.NAV_RETURN_TO_LAUNCH: lambda f, _: f.enter(RTL),
+    }
 
 
 LAND_DETECT_S = 1.0

@@ -67,12 +67,12 @@ class Parameters:
 
     def __init__(self, defaults: Mapping[str, Parameter], encoding: Encoding) -> None:
         self._items = dict(defaults)
-        self._names = tuple(defaults)
-        self._index = {name: i for i, name in enumerate(self._names)}
+        self.names = tuple(defaults)
+        self._index = {name: i for i, name in enumerate(self.names)}
         self._encoding = encoding
 
     def __len__(self) -> int:
-        return len(self._names)
+        return len(self.names)
 
     def __getitem__(self, name: str) -> float:
         return self._items[name].value
@@ -82,7 +82,7 @@ class Parameters:
 
     def name_at(self, index: int) -> str | None:
         """The name with this index; None where there is none."""
-        return self._names[index] if 0 <= index < len(self._names) else None
+        return self.names[index] if 0 <= index < len(self.names) else None
 
     def set(self, name: str, value: float) -> None:
         """Sets a known parameter."""
@@ -103,7 +103,7 @@ class Parameters:
             "param_id": name.encode(),
             "param_value": self._encoding.encode(item.kind, item.value),
             "param_type": int(item.kind),
-            "param_count": len(self._names),
+            "param_count": len(self.names),
             "param_index": self._index[name],
         }
 

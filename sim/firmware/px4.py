@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-from sim.firmware.base import Command, CommandHandler, Firmware, Setup
+from sim.firmware.base import Firmware, Setup
+from sim.firmware.commands import COMMON, Command, Handler
 from sim.firmware.flight import Ground, Hold, Land, Maneuver, Return, Style, Takeoff, Velocity
 from sim.firmware.message import (
     MAV_MODE_FLAG_CUSTOM,
@@ -19,6 +20,7 @@ from sim.firmware.message import (
 )
 from sim.firmware.parameters import BYTEWISE, PX4_DEFAULTS, Parameters
 from sim.firmware.setpoint import FRAME_BODY_NED, FRAME_LOCAL_NED, NOTHING, Setpoint
+from sim.geodesy import Vector3
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +95,7 @@ class Px4(Firmware):
     }
     force_arm_magic: ClassVar[float] = 21196.0
     arm_nonsense: ClassVar[Result | None] = None
+    refusal: ClassVar[Result] = Result.TEMPORARILY_REJECTED
 
     mode: Mode
 
@@ -101,22 +104,9 @@ class Px4(Firmware):
         parameters.set("MAV_SYS_ID", setup.sysid)
         super().__init__(setup, parameters, boot_s)
 
-    def persona_commands(self) -> dict[int, CommandHandler]:
-        """See `Firmware`."""
-        return {
-            Cmd.DO_SET_MODE: self._do_set_mode,
-            Cmd.NAV_TAKEOFF: self._takeoff,
-            Cmd.NAV_LAND: lambda _: self._enter(LAND),
-            Cmd.NAV_RETURN_TO_LAUNCH: lambda _: self._enter(RTL),
-            Cmd.DO_CHANGE_SPEED: self._change_speed,
-            Cmd.DO_REPOSITION: self._reposition,
-            Cmd.DO_SET_HOME: self._set_home,
-        }
-
     def booted(self) -> None:
         """See `Firmware`."""
         self.mode = LOITER
-        self._speed_mps: float | None = None
         self._setpoint: Setpoint | None = None
         self._setpoint_s = -math.inf
         self._stream_since_s = -math.inf
@@ -135,7 +125,7 @@ class Px4(Firmware):
         """See `Firmware`."""
         p = self.parameters
         return Style(
-            speed_mps=p["MPC_XY_CRUISE"] if self._speed_mps is None else self._speed_mps,
+            speed_mps=p["MPC_XY_CRUISE"] if self.speed_mps is None else self.speed_mps,
             climb_mps=p["MPC_Z_V_AUTO_UP"],
             descent_mps=p["MPC_Z_V_AUTO_DN"],
             land_mps=p["MPC_LAND_SPEED"],
@@ -145,7 +135,7 @@ class Px4(Firmware):
 
     def battery_capacity_mah(self) -> float:
         """See `Firmware`."""
-        return max(1.0, self.parameters["BAT1_CAPACITY"])
+        return self.parameters["BAT1_CAPACITY"]
 
     def addressed(self, command: Command) -> bool:
         """Only commands for exactly this system and its autopilot (or all its components) are served."""
@@ -169,12 +159,14 @@ class Px4(Firmware):
         if not self.sensed.landed and not force:
             self.text(Severity.CRITICAL, "Disarming denied: not landed")
             return Result.TEMPORARILY_REJECTED
-        self._disarm_motors("Disarmed by external command")
+        self.set_disarmed("Disarmed by external command")
         return Result.ACCEPTED
 
-    def _disarm_motors(self, text: str) -> None:
-        self.set_disarmed()
-        self.text(Severity.INFO, text)
+    def set_disarmed(self, text: str) -> None:
+        """See `Firmware`; what has ended with the flight gives way to the mode a vehicle waits in."""
+        super().set_disarmed(text)
+        if self.mode in (TAKEOFF, LAND, RTL):
+            self.mode = LOITER
 
     # --- modes ---
 
@@ -191,14 +183,15 @@ class Px4(Firmware):
     def _choose(self, base: int, main: int, sub: int) -> Result:
         """What makes no sense is accepted and changes nothing, as PX4 does."""
         mode = MODES.get((main, sub)) if base & MAV_MODE_FLAG_CUSTOM else None
-        return Result.ACCEPTED if mode is None else self._enter(mode)
+        return Result.ACCEPTED if mode is None else self.enter(mode)
 
     def _mode_possible(self, mode: Mode) -> bool:
         if mode is OFFBOARD:
             return self._streaming()
         return not mode.manual and mode is not MISSION
 
-    def _enter(self, mode: Mode) -> Result:
+    def enter(self, mode: Mode) -> Result:
+        """Changes the mode, or says why not."""
         if mode is MISSION or (self.armed and not self._mode_possible(mode)):
             return Result.TEMPORARILY_REJECTED
         if not self.ready():
@@ -268,25 +261,10 @@ class Px4(Firmware):
         self._change(TAKEOFF)
         return Result.ACCEPTED
 
-    def _reposition(self, command: Command) -> Result:
-        place = self.place(command)
-        if place is None or self.sensed.landed or not self.armed:
-            return Result.DENIED
+    def go_to(self, place_ned: Vector3) -> Result:
+        """See `Firmware`."""
         self.mode = LOITER
-        self.begin(Velocity((0.0, 0.0, 0.0), self.sensed.heading_rad, place))
-        return Result.ACCEPTED
-
-    def _change_speed(self, command: Command) -> Result:
-        speed = command.p[1]
-        self._speed_mps = min(speed, 20.0) if math.isfinite(speed) and speed > 0 else None
-        self.update_demand()
-        return Result.ACCEPTED
-
-    def _set_home(self, command: Command) -> Result:
-        place = self.sensed.position_ned_m if command.p[0] == 1.0 else self.place(command)
-        if place is None or not self.ready():
-            return Result.TEMPORARILY_REJECTED
-        self.home_ned = place
+        self.begin(Velocity((0.0, 0.0, 0.0), self.sensed.heading_rad, place_ned))
         return Result.ACCEPTED
 
     # --- time ---
@@ -326,17 +304,23 @@ class Px4(Firmware):
             self.begin(self._maneuver(mode))
 
     def _check_landed(self) -> None:
-        since = self.now if self.landed_s is None else self.landed_s
         if isinstance(self.maneuver, Land | Return):
             delay = self.parameters["COM_DISARM_LAND"]
-            if self.maneuver.done and delay >= 0 and self.now - since >= delay:
-                self._disarm_motors("Disarmed by landing")
+            if self.maneuver.done and delay >= 0 and self.standing_s() >= delay:
+                self.set_disarmed("Disarmed by landing")
             return
         if isinstance(self.maneuver, Hold):
             self.begin(Ground())
         delay = self.parameters["COM_DISARM_PRFLT"]
         if not self._flown and delay > 0 and self.now - self.armed_s >= delay:
-            self._disarm_motors("Disarmed by auto preflight disarming")
+            self.set_disarmed("Disarmed by auto preflight disarming")
+
+    commands: ClassVar[Mapping[int, Handler]] = COMMON | {
+        Cmd.DO_SET_MODE: _do_set_mode,
+        Cmd.NAV_TAKEOFF: _takeoff,
+        Cmd.NAV_LAND: lambda f, _: f.enter(LAND),
+        Cmd.NAV_RETURN_TO_LAUNCH: lambda f, _: f.enter(RTL),
+    }
 
 
 SPOOL_UP_S = 1.0

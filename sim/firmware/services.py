@@ -1,0 +1,125 @@
+"""The messages every MAVLink vehicle serves, as a table from name to function. Pure.
+
+A message that isn't in the table, not for this system, or makes no sense is counted by `Firmware.handle` or here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
+
+from sim.firmware.commands import MAX_RATE_HZ, read_command
+from sim.firmware.message import MAV_TYPE_GCS, Message, Result
+from sim.firmware.setpoint import read_setpoint
+
+if TYPE_CHECKING:
+    from sim.firmware.base import Firmware
+
+SET_MODE_ID = 11
+"""The legacy SET_MODE message is acknowledged as a command with its own message id."""
+_BY_NAME = -1
+"""PARAM_REQUEST_READ.param_index when the name counts."""
+
+
+def heartbeat(f: Firmware, message: Message) -> None:
+    """HEARTBEAT of a ground station keeps the vehicle from its failsafe."""
+    if message.fields["type"] == MAV_TYPE_GCS:
+        f.gcs_heartbeat(message.source[0])
+
+
+def command(f: Firmware, message: Message) -> None:
+    """COMMAND_LONG, COMMAND_INT."""
+    asked = read_command(message)
+    if not f.addressed(asked):
+        f.ignored += 1
+        return
+    handler = f.commands.get(asked.id)
+    result = Result.UNSUPPORTED if handler is None else handler(f, asked)
+    if result is not None:
+        f.acknowledge(asked.id, result, asked.source)
+
+
+def set_mode(f: Firmware, message: Message) -> None:
+    """SET_MODE."""
+    result = f.set_mode(message.fields["base_mode"], message.fields["custom_mode"])
+    f.acknowledge(SET_MODE_ID, result, message.source)
+
+
+def set_position_target(f: Firmware, message: Message) -> None:
+    """SET_POSITION_TARGET_LOCAL_NED."""
+    setpoint = read_setpoint(message.fields, f.sensed.heading_rad, f.local_position())
+    if setpoint is None:
+        f.ignored += 1
+    else:
+        f.on_setpoint(setpoint)
+
+
+def param_list(f: Firmware, _: Message) -> None:
+    """PARAM_REQUEST_LIST: the values follow a few at a time."""
+    f.pending_parameters.clear()
+    f.pending_parameters.extend(f.parameters.names)
+
+
+def param_read(f: Firmware, message: Message) -> None:
+    """PARAM_REQUEST_READ."""
+    index = message.fields["param_index"]
+    name = message.fields["param_id"] if index == _BY_NAME else f.parameters.name_at(index)
+    if name is None or name not in f.parameters:
+        f.ignored += 1
+        return
+    f.say("PARAM_VALUE", f.parameters.value_message(name))
+
+
+def param_set(f: Firmware, message: Message) -> None:
+    """PARAM_SET, answered by the value that holds then."""
+    name = message.fields["param_id"]
+    if name not in f.parameters:
+        f.ignored += 1
+        return
+    if not f.parameters.set_from_wire(name, message.fields["param_value"]):
+        f.ignored += 1
+    f.say("PARAM_VALUE", f.parameters.value_message(name))
+
+
+def request_data_stream(f: Firmware, message: Message) -> None:
+    """REQUEST_DATA_STREAM."""
+    rate = message.fields["req_message_rate"] if message.fields["start_stop"] else 0
+    f.data_stream(message.fields["req_stream_id"], 1.0 / min(rate, MAX_RATE_HZ) if rate else None)
+
+
+def mission_request_list(f: Firmware, message: Message) -> None:
+    """MISSION_REQUEST_LIST of any type: an empty list, at once."""
+    to = {"target_system": message.source[0], "target_component": message.source[1]}
+    f.say("MISSION_COUNT", to | {"count": 0, "mission_type": message.fields["mission_type"]}, private=True)
+
+
+def timesync(f: Firmware, message: Message) -> None:
+    """TIMESYNC: a request (tc1 = 0) is answered with our time since boot."""
+    if message.fields["tc1"] == 0:
+        own_ns = round((f.now - f.boot_s) * 1e9)
+        f.say("TIMESYNC", {"tc1": own_ns, "ts1": message.fields["ts1"]}, private=True)
+
+
+HANDLERS: Mapping[str, Callable[[Firmware, Message], None]] = {
+    "HEARTBEAT": heartbeat,
+    "COMMAND_LONG": command,
+    "COMMAND_INT": command,
+    "SET_MODE": set_mode,
+    "SET_POSITION_TARGET_LOCAL_NED": set_position_target,
+    "PARAM_REQUEST_LIST": param_list,
+    "PARAM_REQUEST_READ": param_read,
+    "PARAM_SET": param_set,
+    "REQUEST_DATA_STREAM": request_data_stream,
+    "MISSION_REQUEST_LIST": mission_request_list,
+    "TIMESYNC": timesync,
+}
+_NAN_HAS_MEANING = frozenset({"COMMAND_LONG", "COMMAND_INT", "PARAM_SET", "SET_POSITION_TARGET_LOCAL_NED"})
+"""Ignored axes, defaults, and PX4's integers in float clothes: their handlers look for themselves."""
+
+
+def sane(message: Message) -> bool:
+    """Whether all numbers are finite, in messages in which others mean nothing."""
+    if message.name in _NAN_HAS_MEANING:
+        return True
+    return all(math.isfinite(v) for v in message.fields.values() if isinstance(v, float))
