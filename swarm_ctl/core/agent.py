@@ -40,6 +40,8 @@ _AT_REST_MPS = 0.3
 _BRAKE_AT_MOST_S = 3.0
 """From 5 m/s a multirotor stands after 2.5 s (2.8 m/s2 and 0.4 s of dead time)."""
 _LANDING_AT_MOST_S = 180.0
+_ARMING_S = 3.0
+"""An arm command may act this long after it was sent, and the heartbeat that tells comes once a second."""
 _GONE_VEHICLE_S = 10.0
 """Without a heartbeat for this long while winding down, there is nothing left to land."""
 
@@ -98,6 +100,7 @@ class Agent:
         self._finding_s = math.inf
         self._landing_s: float | None = None
         self._ended_s: float | None = None
+        self._arming_s = -math.inf
         self._station: tuple[StationBeacon, float] | None = None
         self._had_control = self._was_armed = self._lifeline_cut = False
         self._land_command = ""
@@ -124,7 +127,7 @@ class Agent:
         view = inbox.view
         fix = self._navigator.fix(view, now)
         fresh = fix is not None and fix.age_s <= OWN_FIX_S
-        self._was_armed |= view.armed and self._progress.step > 0
+        self._was_armed |= view.armed and math.isfinite(self._arming_s)
         self._had_control |= self._was_armed and view.controlled
         if fix is not None:
             self._controller.locate(fix)
@@ -209,7 +212,7 @@ class Agent:
         self._reason = self._finding.reason if self._finding else ""
         if self._ended_s is not None:
             self._controller.rest()
-            return Release() if self._was_armed and self._phase is Phase.ENDED else Standby()
+            return Release()
         if self._progress.finished:
             return self._end(now)
         if self._finding is not None:
@@ -265,6 +268,7 @@ class Agent:
             self._controller.rest()
             if fix is not None:
                 self._takeoff_height_m = fix.height_m
+            self._arming_s = now
             self._reason = self._last_text or "waiting for the vehicle to arm"
             return Airborne(step.height_m)
         self._phase = Phase.TAKEOFF
@@ -307,9 +311,13 @@ class Agent:
 
     def _wind_down(self, now: float, view: VehicleView, fix: OwnFix | None, finding: watch.Finding) -> Goal:
         """Carry a finding out: pause, yield, or hold for a moment and land."""
-        down = view.on_ground and not view.armed
-        if not self._was_armed or down or now - view.heartbeat_s > _GONE_VEHICLE_S:
+        # a vehicle asked to arm a moment ago may do so yet: only what it says well after that counts
+        down = view.on_ground and not view.armed and now - self._arming_s > _ARMING_S
+        if down or now - view.heartbeat_s > _GONE_VEHICLE_S:
             return self._end(now)
+        if not view.armed and not self._was_armed:
+            self._controller.rest()
+            return Land() if math.isfinite(self._arming_s) else Standby()
         if finding.action == "yield":
             self._phase = Phase.YIELD
             self._controller.rest()
@@ -351,7 +359,7 @@ class Agent:
         finding = self._finding
         self._reason = finding.reason if finding else ""
         self._say(now, "info", f"ended: {self._outcome}" + (f" ({self._reason})" if self._reason else ""))
-        return Release() if self._was_armed else Standby()
+        return Release()
 
     # --- steps, formation, neighbours ---
 

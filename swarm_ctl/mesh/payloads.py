@@ -12,7 +12,7 @@ from typing import Any, Final, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
-from swarm_ctl.core.state import AgentState, Phase
+from swarm_ctl.core.state import Ack, AgentState, AgentStatus, Command, Event, Phase, SigmaReport, StationBeacon
 from swarm_ctl.errors import PayloadError
 
 VERSION: Final = 1
@@ -45,13 +45,13 @@ def decode(kind: type[P], data: bytes) -> P:
 
 
 def _adapter(kind: type[P]) -> TypeAdapter[P]:
-    adapter = _ADAPTERS.get(kind)
-    if adapter is None:
-        adapter = _ADAPTERS[kind] = TypeAdapter(kind)
-    return adapter
+    return _ADAPTERS[kind]
 
 
-_ADAPTERS: Final[dict[type[Any], TypeAdapter[Any]]] = {}
+# Built on import (30 ms): the agents' forkserver does it once for all, and no control loop stalls at its first status.
+_ADAPTERS: Final[dict[type[Any], TypeAdapter[Any]]] = {
+    kind: TypeAdapter(kind) for kind in (AgentStatus, SigmaReport, Event, Ack, Command, StationBeacon)
+}
 
 
 def _encode_state(s: AgentState) -> bytes:

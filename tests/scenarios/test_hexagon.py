@@ -1,0 +1,253 @@
+"""The hexagon on the virtual clock, nominal and broken in every way that `core/watch.py` knows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from swarm_ctl.core.agent import Agent
+from swarm_ctl.core.plan import Policies, Policy
+from swarm_ctl.core.state import Phase
+from swarm_ctl.mission.loader import LoadedMission, load
+from tests.scenarios.swarm import VirtualSwarm
+
+MISSIONS = Path(__file__).parents[2] / "missions"
+TAKEOFF, FORM, HOLD, LAND = 1, 2, 3, 4
+
+
+@pytest.fixture(scope="module")
+def hexagon() -> LoadedMission:
+    return load(MISSIONS / "hexagon.yaml")
+
+
+def with_policies(mission: LoadedMission, **changes: Any) -> LoadedMission:
+    return replace(mission, plan=replace(mission.plan, policies=replace(mission.plan.policies, **changes)))
+
+
+def texts(swarm: VirtualSwarm) -> str:
+    return "\n".join(event.text for event in swarm.events)
+
+
+def assert_safe(swarm: VirtualSwarm) -> None:
+    """Nobody under r_in, everybody on the ground and disarmed."""
+    assert swarm.closest_m > swarm.plan.law.r_in * swarm.plan.unit_m
+    assert swarm.all_down
+
+
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+def test_whole_mission(hexagon: LoadedMission, autopilot: str) -> None:
+    """All agents complete all steps, apart from each other, with either persona."""
+    fleet = replace(hexagon.fleet, agents=tuple(replace(a, autopilot=autopilot) for a in hexagon.fleet.agents))
+    swarm = VirtualSwarm(replace(hexagon, fleet=fleet))
+    swarm.fly(300)
+    assert swarm.outcomes() == dict.fromkeys(range(1, 7), "completed")
+    assert_safe(swarm)
+    for member in swarm.members.values():
+        assert member.goals == ["Standby", "Airborne", "Fly", "Land", "Release"]
+
+
+def test_same_seed_same_trace(hexagon: LoadedMission) -> None:
+    """Two flights are equal to the last bit."""
+    swarms = [VirtualSwarm(hexagon), VirtualSwarm(hexagon)]
+    for swarm in swarms:
+        swarm.fly(60)
+    assert swarms[0].minimum == swarms[1].minimum
+    assert swarms[0].events == swarms[1].events
+
+
+def test_mixed_personas(hexagon: LoadedMission) -> None:
+    """Half ArduCopter, half PX4 fly one formation."""
+    agents = tuple(replace(a, autopilot=("ardupilot", "px4")[a.id % 2]) for a in hexagon.fleet.agents)
+    swarm = VirtualSwarm(replace(hexagon, fleet=replace(hexagon.fleet, agents=agents)))
+    swarm.fly(300)
+    assert set(swarm.outcomes().values()) == {"completed"}
+    assert_safe(swarm)
+
+
+@pytest.mark.parametrize("step", [0, TAKEOFF, FORM, HOLD, LAND])
+def test_an_agent_dies(hexagon: LoadedMission, step: int) -> None:
+    """In every step: its vehicle's failsafe lands it, the others hold, then land, and say that it failed."""
+    swarm = VirtualSwarm(hexagon)
+    swarm.wait(lambda s: s.in_step(step))
+    for _ in range(30):
+        swarm.tick()
+    swarm.kill(3)
+    swarm.fly(400)
+    for _ in range(1500):  # the dead agent's vehicle comes down by itself: GCS failsafe, then landing
+        swarm.tick()
+    outcomes = swarm.outcomes()
+    assert set(outcomes) == {1, 2, 4, 5, 6}
+    if step == LAND:  # everybody was landing anyway
+        assert set(outcomes.values()) <= {"completed", "failed"}
+    else:
+        assert set(outcomes.values()) == {"failed"}
+        assert "agent 3 has not been heard" in texts(swarm) or "broke the mission off" in texts(swarm)
+    assert swarm.all_down
+    if step > 0:
+        assert_safe(swarm)
+
+
+def test_survivors_go_on_if_the_mission_says_so(hexagon: LoadedMission) -> None:
+    """`agent_lost: continue`: the others form and land as planned, the barrier no longer waits for the lost one."""
+    swarm = VirtualSwarm(with_policies(hexagon, agent_lost=Policy.CONTINUE))
+    swarm.wait(lambda s: s.in_step(HOLD))
+    swarm.kill(6)
+    swarm.fly(400)
+    outcomes = swarm.outcomes()
+    assert outcomes == dict.fromkeys([1, 2, 3, 4, 5], "completed")
+
+
+@pytest.mark.parametrize("policy", list(Policy))
+def test_station_lost(hexagon: LoadedMission, policy: Policy) -> None:
+    """Each policy does what it says: go on, hold until it is back, or land."""
+    swarm = VirtualSwarm(with_policies(hexagon, station_lost=policy))
+    swarm.wait(lambda s: s.in_step(FORM))
+    swarm.station_alive = False
+    for _ in range(300):
+        swarm.tick()
+    if policy is Policy.HOLD:
+        assert swarm.phases() == {Phase.HOLD}
+        swarm.station_alive = True
+    swarm.fly(400)
+    wanted = "failed" if policy is Policy.LAND else "completed"
+    assert set(swarm.outcomes().values()) == {wanted}
+    assert_safe(swarm)
+
+
+@pytest.mark.parametrize("step", [0, TAKEOFF, FORM, HOLD])
+def test_lifeline_cut(hexagon: LoadedMission, step: int) -> None:
+    """When `run` is gone, agents land (or end at once where nothing flies yet)."""
+    swarm = VirtualSwarm(hexagon)
+    swarm.wait(lambda s: s.in_step(step))
+    for _ in range(20):
+        swarm.tick()
+    swarm.lifeline_cut = True
+    start = swarm.now
+    swarm.fly(400)
+    assert set(swarm.outcomes().values()) == {"aborted"}
+    assert swarm.all_down
+    if step == 0:
+        assert swarm.now - start < 5
+
+
+def test_operator_lands_the_swarm(hexagon: LoadedMission) -> None:
+    """`land` is acknowledged by each agent, twice if sent twice, acted on once."""
+    swarm = VirtualSwarm(hexagon)
+    swarm.wait(lambda s: s.in_step(FORM))
+    for _ in range(100):
+        swarm.tick()
+    swarm.command("land")
+    swarm.tick()
+    swarm.command("land")
+    swarm.fly(400)
+    assert [(a.agent, a.accepted) for a in swarm.acks] == [(i, True) for i in range(1, 7)] * 2
+    assert set(swarm.outcomes().values()) == {"aborted"}
+    assert texts(swarm).count("the operator commands") == 6
+    assert_safe(swarm)
+
+
+def test_unknown_command_is_refused(hexagon: LoadedMission) -> None:
+    """With a reason, and nothing happens."""
+    swarm = VirtualSwarm(hexagon)
+    swarm.wait(lambda s: s.in_step(FORM))
+    swarm.command("loop the loop")
+    for _ in range(5):
+        swarm.tick()
+    assert all(not ack.accepted and "allowed: land" in ack.reason for ack in swarm.acks)
+    assert len(swarm.acks) == 6
+    assert swarm.in_step(FORM)
+
+
+def test_landing_one_agent_ends_the_mission_for_all(hexagon: LoadedMission) -> None:
+    """A shape without one of its agents can't be completed: the others hold, then land."""
+    swarm = VirtualSwarm(hexagon)
+    swarm.wait(lambda s: s.in_step(FORM))
+    swarm.command("land", agents=(2,))
+    swarm.fly(400)
+    outcomes = swarm.outcomes()
+    assert outcomes.pop(2) == "aborted"
+    assert set(outcomes.values()) == {"failed"}
+    assert "agent 2 broke the mission off" in texts(swarm)
+    assert_safe(swarm)
+
+
+def test_simulator_gone(hexagon: LoadedMission) -> None:
+    """Vehicles that fall silent end every agent, failed, in bounded time."""
+    swarm = VirtualSwarm(hexagon)
+    swarm.wait(lambda s: s.in_step(FORM))
+    swarm.simulator_alive = False
+    start = swarm.now
+    swarm.fly(400)
+    assert set(swarm.outcomes().values()) == {"failed"}
+    assert swarm.now - start < 30
+
+
+def test_a_frozen_agent_sends_nothing(hexagon: LoadedMission) -> None:
+    """Deadman: a stalled control loop stops the setpoints; its vehicle stops by its own failsafe."""
+    swarm = VirtualSwarm(hexagon)
+    swarm.wait(lambda s: s.in_step(FORM))
+    for _ in range(60):
+        swarm.tick()
+    swarm.members[1].frozen = True
+    for _ in range(100):
+        swarm.tick()
+    place = [a.id for a in swarm.plan.agents].index(1)
+    assert abs(swarm.hub.world.velocities()[place][:2]).max() < 0.1
+
+
+def test_another_plan_does_not_arm(hexagon: LoadedMission) -> None:
+    """An agent with a different plan keeps the whole swarm on the ground, and everybody says why."""
+    swarm = VirtualSwarm(hexagon)
+    other = replace(hexagon.plan, kappa=19.0)
+    swarm.members[4].agent = Agent(other, 4, 0.0)
+    for _ in range(400):
+        swarm.tick()
+    assert swarm.phases() == {Phase.PREPARE}
+    reasons = [m.status.reason for m in swarm.members.values() if m.status]
+    assert all("another plan" in reason for reason in reasons)
+
+
+def test_a_vehicle_on_the_wrong_spot_does_not_arm(hexagon: LoadedMission) -> None:
+    """A vehicle further than a unit from its planned start is not armed: N_i would be a lie."""
+    agents = tuple(replace(a, start=(a.start[0], a.start[1] + 2.0)) if a.id == 3 else a for a in hexagon.plan.agents)
+    swarm = VirtualSwarm(hexagon)
+    elsewhere = replace(hexagon.plan, agents=agents)
+    for agent_id, member in swarm.members.items():
+        member.agent = Agent(elsewhere, agent_id, 0.0)
+    for _ in range(400):
+        swarm.tick()
+    status = swarm.members[3].status
+    assert status is not None
+    assert "10.0 m from its planned start" in status.reason
+    assert swarm.all_down
+
+
+def test_preparation_times_out(hexagon: LoadedMission) -> None:
+    """An agent that never shows up ends the others, in bounded time, on the ground."""
+    swarm = VirtualSwarm(hexagon)
+    swarm.kill(2)
+    swarm.fly(hexagon.plan.prepare_timeout_s + 10)
+    assert set(swarm.outcomes().values()) == {"failed"}
+    assert "timed out" in texts(swarm)
+    assert swarm.all_down
+
+
+def test_mesh_cut_lands_everybody(hexagon: LoadedMission) -> None:
+    """Without any news of the others nobody goes on."""
+    swarm = VirtualSwarm(hexagon)
+    swarm.wait(lambda s: s.in_step(FORM))
+    for member in swarm.members.values():
+        member.node.close()
+    for _ in range(2500):
+        swarm.tick()
+    assert set(swarm.outcomes().values()) == {"failed"}
+    assert_safe(swarm)
+
+
+def test_policies_default_to_landing() -> None:
+    """What a mission does not say is the safe thing."""
+    assert Policies().agent_lost is Policy.LAND
+    assert Policies().station_lost is Policy.LAND
