@@ -33,7 +33,7 @@ def run(
 
         swarm-ctl run missions/hexagon.yaml --speedup 5 --headless
     """
-    from swarm_ctl.report.summary import summary_table
+    from swarm_ctl.report.table import render_summary
     from swarm_ctl.runtime.fleet import Options, fly
 
     console = Console(highlight=False)
@@ -42,7 +42,7 @@ def run(
         console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
     with_view = not headless and console.is_terminal
     result = fly(loaded, Options(speedup, not with_view, runs, seed), lambda text: console.print(text, soft_wrap=True))
-    console.print(summary_table(result.summary))
+    console.print(render_summary(result.summary))
     console.print(f"summary: {result.folder / 'summary.json'}", soft_wrap=True)
     if result.summary.outcome != "completed":
         console.print(f"{result.summary.outcome}: {result.summary.reason}", style="bold red", soft_wrap=True)

@@ -20,7 +20,8 @@ from swarm_ctl.errors import StartError
 from swarm_ctl.mission.fleet import Fleet, FleetAgent
 from swarm_ctl.mission.loader import LoadedMission
 from swarm_ctl.report.manifest import Manifest, fingerprint, write_manifest
-from swarm_ctl.report.summary import Summary, summarise, write_summary
+from swarm_ctl.report.summarise import summarise
+from swarm_ctl.report.summary import Summary, write_summary
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.agent_process import AgentConfig
 from swarm_ctl.runtime.clock import Clock

@@ -28,8 +28,8 @@ from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
 from swarm_ctl.report.manifest import Manifest, read_manifest
-from swarm_ctl.report.summary import summarise, write_summary
-from swarm_ctl.report.truth import has_ended
+from swarm_ctl.report.summarise import summarise
+from swarm_ctl.report.summary import write_summary
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.clock import Clock
 from swarm_ctl.runtime.control import ControlPipe
@@ -276,7 +276,14 @@ class Orphan:
             return False
         if self._ended_s is None:
             self._ended_s = now
-        return not self._truth.exists() or has_ended(self._truth) or now - self._ended_s > _BOOK_S
+        return not self._truth.exists() or _is_closed(self._truth) or now - self._ended_s > _BOOK_S
+
+
+def _is_closed(truth: Path) -> bool:
+    """The simulator's last line stands in its book."""
+    with truth.open("rb") as book:
+        book.seek(max(0, book.seek(0, os.SEEK_END) - 200))
+        return b'"type":"end"' in book.read().replace(b" ", b"")
 
 
 def _has_ended(agent: Any, now: float) -> bool:
