@@ -10,7 +10,6 @@ import re
 import struct
 from typing import NamedTuple
 
-from fastcrc.crc16 import mcrf4xx
 from pymavlink.dialects.v20 import common
 
 _MAGIC = re.compile(rb"[\xfd\xfe]")
@@ -94,7 +93,7 @@ def _size(data: bytes, at: int) -> int:
     if available < size:
         return _PARTIAL
     end = at + header + data[at + 1]
-    good = mcrf4xx(data[at + 1 : end] + extra) == _CRC.unpack_from(data, end)[0]
+    good = common.x25crc(data[at + 1 : end] + extra).crc == _CRC.unpack_from(data, end)[0]
     return size if good else _NONE
 
 

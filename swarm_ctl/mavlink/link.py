@@ -81,13 +81,13 @@ class VehicleLink:
             on_ground=heard.on_ground,
             healthy=not missing,
             health_reason=missing,
-            released=driver.released(heard),
+            released=driver.parameters.released(heard),
             battery_percent=heard.battery_percent,
             origin=heard.origin,
             local=heard.local,
             global_=heard.global_,
             contacts=tuple(heard.contacts.values()),
-            texts=heard.take_texts(now),
+            texts=heard.texts.take(now),
         )
 
     def pursue(self, goal: Goal, now: float) -> None:

@@ -7,7 +7,6 @@ A function gets the state, a decoded pymavlink message and the time; it returns 
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -17,6 +16,7 @@ from pymavlink.dialects.v20 import common
 from swarm_ctl.core.plan import Geodetic
 from swarm_ctl.core.vehicle import Contact, GlobalFix, LocalFix
 from swarm_ctl.mavlink.outgoing import SOURCE_COMPONENT, SOURCE_SYSTEM
+from swarm_ctl.mavlink.texts import Texts
 
 MAX_POSITION_M = 1e5
 """A local position further from its origin than this is not one: EKFs work in a tangent plane."""
@@ -25,9 +25,6 @@ MAX_ALTITUDE_M = 2e4
 MAX_CONTACTS = 256
 CONTACT_KEPT_S = 10.0
 """A contact not repeated for this long is forgotten; what an older one means is the core's business before that."""
-MAX_TEXTS = 32
-TEXT_COMPLETE_S = 1.0
-"""A STATUSTEXT in chunks whose end has not come after this time is passed on as it is."""
 IDENTITY_KEPT_S = 3.0
 """A heartbeat of another firmware or type is not this vehicle's, unless this vehicle has been silent for so long."""
 REBOOT_BACK_S = 5.0
@@ -72,21 +69,9 @@ class Heard:
     """Messages folded so far, by message id."""
     answers: dict[int, int] = field(default_factory=dict)
     """Last COMMAND_ACK by command (those of `_REFUSABLE`): MAV_RESULT. A repeated refusal is told once."""
-    texts: deque[str] = field(default_factory=lambda: deque(maxlen=MAX_TEXTS))
+    texts: Texts = field(default_factory=Texts)
     boot_s: float = 0.0
     """The vehicle's own clock at its last LOCAL_POSITION_NED or GLOBAL_POSITION_INT."""
-    _chunks: list[str] = field(default_factory=list)
-    _chunk_key: tuple[int, float] = (0, 0.0)
-
-    def take_texts(self, now: float) -> tuple[str, ...]:
-        """The texts gathered since the last call."""
-        if self._chunks and now - self._chunk_key[1] > TEXT_COMPLETE_S:
-            self._finish_text()
-        if not self.texts:
-            return ()
-        taken = tuple(self.texts)
-        self.texts.clear()
-        return taken
 
     def forget_old_contacts(self, now: float) -> None:
         """Drop the contacts not repeated for `CONTACT_KEPT_S`."""
@@ -101,21 +86,8 @@ class Heard:
             self.origin = self.local = self.global_ = None
             self.system_status_s = -math.inf
             self.parameters.clear()
-            self.texts.append("the vehicle restarted")
+            self.texts.add("the vehicle restarted")
         self.boot_s = boot_s
-
-    def chunked(self, text: str, number: int, now: float) -> None:
-        """Gather a chunk of a long STATUSTEXT (`number` > 0); a short last chunk ends it."""
-        if self._chunks and self._chunk_key[0] != number:
-            self._finish_text()
-        self._chunk_key = (number, now)
-        self._chunks.append(text)
-        if len(text) < 50 or len(self._chunks) >= 8:
-            self._finish_text()
-
-    def _finish_text(self) -> None:
-        self.texts.append("".join(self._chunks))
-        self._chunks.clear()
 
 
 def _heartbeat(heard: Heard, message: Any, now: float) -> bool:
@@ -211,12 +183,10 @@ def _traffic(heard: Heard, message: Any, now: float) -> bool:
 def _status_text(heard: Heard, message: Any, now: float) -> bool:
     if message.severity > common.MAV_SEVERITY_WARNING:
         return message.severity <= common.MAV_SEVERITY_DEBUG  # type: ignore[no-any-return]
-    # Unprintable characters could drive an operator's terminal.
-    text = "".join(c if c.isprintable() else "?" for c in message.text)
     if message.id:
-        heard.chunked(text, message.id, now)
-    elif text:
-        heard.texts.append(text)
+        heard.texts.add_chunk(message.text, message.id, now)
+    elif message.text:
+        heard.texts.add(message.text)
     return True
 
 
@@ -228,7 +198,7 @@ def _command_ack(heard: Heard, message: Any, now: float) -> bool:  # noqa: ARG00
         return True
     heard.answers[message.command] = result
     if result not in (common.MAV_RESULT_ACCEPTED, common.MAV_RESULT_IN_PROGRESS):
-        heard.texts.append(f"{name} refused: {_RESULTS.get(result, result)}")
+        heard.texts.add(f"{name} refused: {_RESULTS.get(result, result)}")
     return True
 
 

@@ -130,7 +130,7 @@ def test_the_whole_way_up_and_down_again(persona: str, tmp_path: Path) -> None:
         view = fly.until(down, Land())
         assert not view.released
         fly.until(lambda view: view.released, Release())
-        own = {name: fly.link._autopilot.originals[name] for name in DEFAULTS[persona]}
+        own = {name: fly.link._autopilot.parameters.originals[name] for name in DEFAULTS[persona]}
         assert own == DEFAULTS[persona]
         counters = fly.link.counters
         assert (counters.bad_frames, counters.foreign, counters.rejected, counters.errors) == (0, 0, 0, 0)

@@ -9,7 +9,8 @@ from pymavlink.dialects.v20 import common
 
 from swarm_ctl.core.vehicle import Vector3
 from swarm_ctl.mavlink import outgoing
-from swarm_ctl.mavlink.autopilots.base import RETRY_S, TAKEOFF_RETRY_S, Autopilot
+from swarm_ctl.mavlink.autopilots.base import Autopilot
+from swarm_ctl.mavlink.autopilots.timing import RETRY_S, TAKEOFF_RETRY_S
 from swarm_ctl.mavlink.messages import Heard
 from swarm_ctl.mavlink.outgoing import Message
 
@@ -76,15 +77,15 @@ class Ardupilot(Autopilot):
             return []
         if mode != self.controlled_mode:
             # Only on the ground: in the air another mode is somebody's choice.
-            enter = not heard.armed and heard.on_ground and self.due("guided", RETRY_S, now)
+            enter = not heard.armed and heard.on_ground and self.pacer.due("guided", RETRY_S, now)
             return [self.set_mode(self.controlled_mode)] if enter else []
         if not heard.on_ground:
             return []
         if not heard.armed:
             arm = outgoing.command(self.system, outgoing.ARM_DISARM, 1.0)
-            return [arm] if self.due("arm", RETRY_S, now) else []
+            return [arm] if self.pacer.due("arm", RETRY_S, now) else []
         take_off = outgoing.command(self.system, outgoing.TAKEOFF, 0, 0, 0, 0, 0, 0, height_m)
-        return [take_off] if self.due("take-off", TAKEOFF_RETRY_S, now) else []
+        return [take_off] if self.pacer.due("take-off", TAKEOFF_RETRY_S, now) else []
 
     def fly(self, heard: Heard, velocity_ned_mps: Vector3, now: float) -> list[Message]:
         """A setpoint while in GUIDED: take-off has brought it there, and another mode is a pilot's or a failsafe's."""

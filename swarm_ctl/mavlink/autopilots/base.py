@@ -16,40 +16,23 @@ from pymavlink.dialects.v20 import common
 
 from swarm_ctl.core.vehicle import Airborne, Fly, Goal, Land, Release, Standby, Vector3, Yield
 from swarm_ctl.mavlink import outgoing
+from swarm_ctl.mavlink.autopilots.parameters import FailsafeParameters
+from swarm_ctl.mavlink.autopilots.timing import (
+    FIX_MAX_AGE_S,
+    GROUNDED_S,
+    HEARTBEAT_LOST_S,
+    HEARTBEAT_S,
+    MAX_SETPOINT_MPS,
+    MAY_BE_SILENT,
+    ORIGIN_REFRESH_S,
+    QUIET_RETRY_S,
+    RETRY_S,
+    STATUS_MAX_AGE_S,
+    STREAMS_HZ,
+    Pacer,
+)
 from swarm_ctl.mavlink.messages import Heard, message_id
 from swarm_ctl.mavlink.outgoing import Message
-
-HEARTBEAT_S = 1.0
-"""Ours. ArduPilot's GCS failsafe waits 5 s: one in five has to arrive."""
-RETRY_S = 1.0
-"""A vehicle's heartbeat shows the effect of a command within 1 s: asking sooner would ask twice."""
-TAKEOFF_RETRY_S = 3.0
-"""Motors spool up and the landed state follows; a second take-off before that starts the climb anew."""
-GROUNDED_S = 5.0
-"""Armed on the ground this long in land mode: the autopilot's own disarming (ArduCopter at once, PX4 2 s) failed."""
-HEARTBEAT_LOST_S = 3.0
-"""MAVSDK's figure (the strictest of the known clients)."""
-FIX_MAX_AGE_S = 1.0
-"""20 local positions missing in a row."""
-STATUS_MAX_AGE_S = 5.0
-"""10 SYS_STATUS missing in a row."""
-ORIGIN_REFRESH_S = 10.0
-"""A known origin is asked for again this often: an EKF that is reset moves it."""
-MAX_SETPOINT_MPS = 100.0
-"""No multirotor is faster: such a setpoint is a mistake."""
-QUIET_RETRY_S = 5.0
-"""Streams that may rightly be silent (no traffic) are asked for again this often."""
-
-STREAMS_HZ: Mapping[str, float] = {
-    "LOCAL_POSITION_NED": 20.0,
-    "GLOBAL_POSITION_INT": 5.0,
-    "SYS_STATUS": 2.0,
-    "EXTENDED_SYS_STATE": 2.0,
-    "ADSB_VEHICLE": 5.0,
-}
-"""LOCAL_POSITION_NED at the tick (the law's input); GLOBAL_POSITION_INT ties it to the common frame; SYS_STATUS has
-health and battery; ADSB_VEHICLE is the proximity sensor."""
-MAY_BE_SILENT = frozenset({"ADSB_VEHICLE"})
 
 MULTIROTORS = frozenset(
     {
@@ -93,19 +76,18 @@ class Autopilot(ABC):
 
     def __init__(self, system: int) -> None:
         self.system = system
-        self.originals: dict[str, float] = {}
-        """The vehicle's own values of `failsafes`, as first read."""
-        self._asked: dict[str, float] = {}
+        self.parameters = FailsafeParameters(system, self.failsafes, self.decode_parameter, self.encode_parameter)
+        self.pacer = Pacer()
         self._goal: type[Goal] | None = None
         self._reached = False
         self._grounded_since: float | None = None
         self._stream_counts: dict[int, int] = {}
         self._pursue: dict[type[Goal], Callable[..., list[Message]]] = {
-            Standby: lambda goal, heard, now: self._take_parameters(heard, now),  # noqa: ARG005
+            Standby: lambda goal, heard, now: self.parameters.take(heard, now),  # noqa: ARG005
             Airborne: lambda goal, heard, now: self.climb(heard, goal.height_m, now),
             Fly: lambda goal, heard, now: self._fly(heard, goal.velocity_ned_mps, now),
             Land: lambda goal, heard, now: self._land(heard, now),  # noqa: ARG005
-            Release: lambda goal, heard, now: self._restore_parameters(heard, now),  # noqa: ARG005
+            Release: lambda goal, heard, now: self.parameters.restore(heard, now),  # noqa: ARG005
         }
 
     # --- the seam: what differs from firmware to firmware ---
@@ -142,7 +124,7 @@ class Autopilot(ABC):
 
     def pursue(self, goal: Goal, heard: Heard, now: float) -> list[Message]:
         """The messages to send now so that the vehicle comes nearer to `goal`. To be called every tick."""
-        messages = [outgoing.heartbeat()] if self.due("heartbeat", HEARTBEAT_S, now) else []
+        messages = [outgoing.heartbeat()] if self.pacer.due("heartbeat", HEARTBEAT_S, now) else []
         if isinstance(goal, Yield) or heard.heartbeat_s == _NEVER or self.fault(heard):
             return messages
         if type(goal) is not self._goal:
@@ -181,19 +163,8 @@ class Autopilot(ABC):
             return "no global position (GLOBAL_POSITION_INT)"
         if heard.origin is None:
             return "origin of the local frame unknown (GPS_GLOBAL_ORIGIN)"
-        open_ones = [name for name, value in self.failsafes.items() if self._value(heard, name) != value]
-        return f"failsafe parameters not confirmed: {', '.join(open_ones)}" if open_ones else ""
-
-    def released(self, heard: Heard) -> bool:
-        """The vehicle has its own failsafe parameters back, as far as they were ever changed."""
-        return all(self._value(heard, name) == value for name, value in self.originals.items())
-
-    def due(self, what: str, every_s: float, now: float) -> bool:
-        """Whether `what` has not been asked for during the last `every_s`; if so, it counts as asked now."""
-        if now - self._asked.get(what, _NEVER) < every_s - 1e-6:
-            return False
-        self._asked[what] = now
-        return True
+        unconfirmed = self.parameters.unconfirmed(heard)
+        return f"failsafe parameters not confirmed: {', '.join(unconfirmed)}" if unconfirmed else ""
 
     def left(self, mode: str, *wanted: str) -> bool:
         """One of `wanted` was reached under this goal and is not the mode now: somebody else decided so."""
@@ -203,7 +174,7 @@ class Autopilot(ABC):
 
     def _streams(self, heard: Heard, now: float, messages: list[Message]) -> None:
         """Once a second, ask for the streams of which less than half has come. Another client may have slowed them."""
-        if not self.due("streams", RETRY_S, now):
+        if not self.pacer.due("streams", RETRY_S, now):
             return
         for name, rate_hz in STREAMS_HZ.items():
             number = message_id(name)
@@ -211,9 +182,9 @@ class Autopilot(ABC):
             came, self._stream_counts[number] = count - self._stream_counts.get(number, 0), count
             every_s = QUIET_RETRY_S if name in MAY_BE_SILENT else RETRY_S
             enough = came >= 1 if name in MAY_BE_SILENT else came >= 0.5 * rate_hz * RETRY_S
-            if not enough and self.due(name, every_s, now):
+            if not enough and self.pacer.due(name, every_s, now):
                 messages.append(outgoing.interval(self.system, number, rate_hz))
-        if self.due("origin", RETRY_S if heard.origin is None else ORIGIN_REFRESH_S, now):
+        if self.pacer.due("origin", RETRY_S if heard.origin is None else ORIGIN_REFRESH_S, now):
             messages.append(outgoing.request(self.system, message_id("GPS_GLOBAL_ORIGIN")))
 
     def _fly(self, heard: Heard, velocity_ned_mps: Vector3, now: float) -> list[Message]:
@@ -229,7 +200,7 @@ class Autopilot(ABC):
         if self.left(mode, self.landing_mode):
             return []
         if mode != self.landing_mode:
-            messages = [self.set_mode(self.landing_mode)] if self.due("land", RETRY_S, now) else []
+            messages = [self.set_mode(self.landing_mode)] if self.pacer.due("land", RETRY_S, now) else []
             if mode == self.controlled_mode:
                 messages.append(outgoing.velocity(self.system, (0.0, 0.0, 0.0), now))
             return messages
@@ -237,36 +208,9 @@ class Autopilot(ABC):
             self._grounded_since = None
         elif self._grounded_since is None:
             self._grounded_since = now
-        elif now - self._grounded_since >= GROUNDED_S and self.due("disarm", RETRY_S, now):
+        elif now - self._grounded_since >= GROUNDED_S and self.pacer.due("disarm", RETRY_S, now):
             return [outgoing.command(self.system, outgoing.ARM_DISARM, 0.0)]
         return []
-
-    def _take_parameters(self, heard: Heard, now: float) -> list[Message]:
-        for name in self.failsafes:
-            value = self._value(heard, name)
-            if value is not None:
-                self.originals.setdefault(name, value)
-        return self._towards(self.failsafes, heard, now)
-
-    def _restore_parameters(self, heard: Heard, now: float) -> list[Message]:
-        return [] if heard.armed else self._towards(self.originals, heard, now)
-
-    def _towards(self, wanted: Mapping[str, float], heard: Heard, now: float) -> list[Message]:
-        """Read what is unknown, set what differs; PARAM_VALUE confirms both."""
-        messages = []
-        for name, value in wanted.items():
-            known = heard.parameters.get(name)
-            if known is None:
-                if self.due(f"read {name}", RETRY_S, now):
-                    messages.append(outgoing.read_parameter(self.system, name))
-            elif self._value(heard, name) != value and self.due(f"set {name} {value}", RETRY_S, now):
-                raw = self.encode_parameter(value, known.kind)
-                messages.append(outgoing.set_parameter(self.system, name, raw, known.kind))
-        return messages
-
-    def _value(self, heard: Heard, name: str) -> float | None:
-        known = heard.parameters.get(name)
-        return None if known is None else round(self.decode_parameter(known.raw, known.kind), 6)
 
 
 def _not_passed(heard: Heard) -> str:

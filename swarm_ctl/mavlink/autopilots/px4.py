@@ -11,7 +11,8 @@ from pymavlink.dialects.v20 import common
 
 from swarm_ctl.core.vehicle import Vector3
 from swarm_ctl.mavlink import outgoing
-from swarm_ctl.mavlink.autopilots.base import RETRY_S, TAKEOFF_RETRY_S, Autopilot
+from swarm_ctl.mavlink.autopilots.base import Autopilot
+from swarm_ctl.mavlink.autopilots.timing import RETRY_S, STREAM_BEFORE_S, STREAM_GAP_S, TAKEOFF_RETRY_S
 from swarm_ctl.mavlink.messages import Heard
 from swarm_ctl.mavlink.outgoing import Message
 
@@ -36,11 +37,6 @@ _NUMBERS = {name: numbers for numbers, name in MODES.items()}
 _TAKEN_OFF = ("AUTO.TAKEOFF", "AUTO.LOITER")
 """What our own take-off leads to; only from there OFFBOARD is entered."""
 _PREARM = common.MAV_SYS_STATUS_PREARM_CHECK
-
-STREAM_BEFORE_S = 1.2
-"""OFFBOARD is refused unless setpoints have come for over 1 s."""
-STREAM_GAP_S = 0.4
-"""They have to come at 2 Hz at least: a longer gap starts the second anew."""
 
 
 class Px4(Autopilot):
@@ -85,11 +81,11 @@ class Px4(Autopilot):
         if not heard.armed:
             if mode not in _TAKEN_OFF:
                 hold = self.set_mode("AUTO.LOITER")
-                return [hold] if self.due("hold", RETRY_S, now) else []
+                return [hold] if self.pacer.due("hold", RETRY_S, now) else []
             arm = outgoing.command(self.system, outgoing.ARM_DISARM, 1.0)
-            return [arm] if self.due("arm", RETRY_S, now) else []
+            return [arm] if self.pacer.due("arm", RETRY_S, now) else []
         ready = mode in _TAKEN_OFF and heard.global_ is not None
-        if not ready or not self.due("take-off", TAKEOFF_RETRY_S, now):
+        if not ready or not self.pacer.due("take-off", TAKEOFF_RETRY_S, now):
             return []
         return [self._take_off(heard, height_m)]
 
@@ -110,7 +106,7 @@ class Px4(Autopilot):
             self._streaming_since = now
         self._last_setpoint_s = now
         streamed = now - self._streaming_since >= STREAM_BEFORE_S
-        if mode != self.controlled_mode and streamed and self.due("offboard", RETRY_S, now):
+        if mode != self.controlled_mode and streamed and self.pacer.due("offboard", RETRY_S, now):
             messages.append(self.set_mode(self.controlled_mode))
         return messages
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from swarm_ctl.core.vehicle import Airborne, Fly, Goal, Land, Release, Standby, Yield
 from swarm_ctl.errors import LinkError
 from swarm_ctl.mavlink.autopilots import AUTOPILOTS, autopilot
-from swarm_ctl.mavlink.autopilots.base import GROUNDED_S, STREAMS_HZ
+from swarm_ctl.mavlink.autopilots.timing import GROUNDED_S, STREAMS_HZ
 from swarm_ctl.mavlink.messages import Heard
 from tests.unit.mavlink import scripted, wire
 from tests.unit.mavlink.scripted import Scripted, ScriptedArdupilot, ScriptedPx4
@@ -82,7 +82,7 @@ def test_every_goal_is_reached_through_loss_and_a_slow_start(name: str, loss: fl
     assert (vehicle.armed, vehicle.height_m) == (False, 0.0)
     vehicle.run(Release(), 60.0)
     assert vehicle.parameters == before
-    assert vehicle.driver.released(vehicle.heard)
+    assert vehicle.driver.parameters.released(vehicle.heard)
 
 
 @both
@@ -171,11 +171,20 @@ def test_our_failsafe_parameters_are_set_in_the_firmwares_encoding_and_put_back(
     sent = vehicle.run(Standby(), 6.0)
     assert {key: value for key, (value, _) in vehicle.parameters.items()} == OURS[name]
     assert len(of(sent, "PARAM_SET")) == 2, "each once: PARAM_VALUE confirmed it"
-    assert not vehicle.driver.released(vehicle.heard)
+    assert not vehicle.driver.parameters.released(vehicle.heard)
     sent = vehicle.run(Release(), 6.0)
     assert vehicle.parameters == before
     assert len(of(sent, "PARAM_SET")) == 2
-    assert vehicle.driver.released(vehicle.heard)
+    assert vehicle.driver.parameters.released(vehicle.heard)
+
+
+@both
+def test_the_parameters_of_a_vehicle_that_somebody_flies_are_left_alone(name: str) -> None:
+    vehicle = make(name)
+    vehicle.armed, vehicle.height_m, vehicle.mode = True, 5.0, PILOT[name]
+    assert of(vehicle.run(Standby(), 10.0), "PARAM_SET") == []
+    assert missing(vehicle).startswith("failsafe parameters not confirmed")
+    assert vehicle.driver.parameters.released(vehicle.heard)
 
 
 @both
@@ -183,7 +192,7 @@ def test_parameters_are_not_put_back_while_armed(name: str) -> None:
     vehicle = flying(name)
     assert of(vehicle.run(Release(), 2.0), "PARAM_SET") == []
     assert vehicle.armed
-    assert not vehicle.driver.released(vehicle.heard)
+    assert not vehicle.driver.parameters.released(vehicle.heard)
 
 
 def test_a_vehicle_without_the_parameter_is_never_healthy() -> None:
@@ -202,7 +211,7 @@ def test_a_parameter_that_somebody_changes_back_is_set_again() -> None:
     assert missing(vehicle) == "failsafe parameters not confirmed: GUID_TIMEOUT"
     vehicle.run(Standby(), 3.0)
     assert missing(vehicle) == ""
-    assert vehicle.driver.originals["GUID_TIMEOUT"] == 3.0
+    assert vehicle.driver.parameters.originals["GUID_TIMEOUT"] == 3.0
 
 
 @both
@@ -362,7 +371,7 @@ def test_px4_streams_setpoints_for_over_a_second_before_offboard() -> None:
     ((asked, message),) = commands(sent, MODE)
     assert asked - first == pytest.approx(1.2)
     assert (message.param1, message.param2, message.param3) == (1, 6, 0)
-    assert "mode change refused: TEMPORARILY_REJECTED" not in vehicle.heard.take_texts(vehicle.now)
+    assert "mode change refused: TEMPORARILY_REJECTED" not in vehicle.heard.texts.take(vehicle.now)
 
 
 def test_px4_begins_the_second_anew_after_a_gap() -> None:

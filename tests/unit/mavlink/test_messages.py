@@ -17,10 +17,9 @@ from swarm_ctl.mavlink.messages import (
     CONTACT_KEPT_S,
     FOLDS_BY_ID,
     MAX_CONTACTS,
-    MAX_TEXTS,
-    TEXT_COMPLETE_S,
     Heard,
 )
+from swarm_ctl.mavlink.texts import CHUNK, COMPLETE_S, MAX_CHUNKS, MAX_TEXTS
 from tests.unit.mavlink import wire
 
 NAN, INF = math.nan, math.inf
@@ -67,7 +66,7 @@ def test_each_message_lands_where_it_belongs_in_si_units() -> None:
     contact = heard.contacts[5]
     assert place(contact.position) == pytest.approx((47.39775, 8.5456, 490.0))
     assert contact.velocity_ned_mps == pytest.approx((0.0, 2.0, -0.5), abs=1e-9)
-    assert heard.take_texts(10.0) == ("careful",)
+    assert heard.texts.take(10.0) == ("careful",)
     assert heard.parameters["GUID_TIMEOUT"].raw == 3.0
 
 
@@ -125,7 +124,7 @@ def test_no_payload_raises_or_leaves_anything_that_is_not_finite(number: int, pa
     for contact in heard.contacts.values():
         numbers += [*place(contact.position), *contact.velocity_ned_mps]
     assert all(math.isfinite(number) for number in numbers)
-    assert all(text.isprintable() for text in heard.take_texts(now + 100.0))
+    assert all(text.isprintable() for text in heard.texts.take(now + 100.0))
 
 
 def place(point: Geodetic | None) -> tuple[float, ...]:
@@ -184,10 +183,10 @@ def test_only_warnings_and_worse_are_kept_bounded_and_printable() -> None:
     fold(heard, wire.text("just so you know", severity=6))
     for i in range(MAX_TEXTS + 5):
         fold(heard, wire.text(f"bad \x1b[31m{i}", severity=3))
-    texts = heard.take_texts(10.0)
+    texts = heard.texts.take(10.0)
     assert len(texts) == MAX_TEXTS
     assert texts[-1] == f"bad ?[31m{MAX_TEXTS + 4}"
-    assert heard.take_texts(10.0) == ()
+    assert heard.texts.take(10.0) == ()
 
 
 def test_chunks_of_a_long_text_are_joined() -> None:
@@ -196,23 +195,23 @@ def test_chunks_of_a_long_text_are_joined() -> None:
     for chunk in range(3):
         fold(heard, wire.text(long[50 * chunk : 50 * chunk + 50], number=9, chunk=chunk))
         if chunk < 2:
-            assert heard.take_texts(10.0) == ()
-    assert heard.take_texts(10.0) == (long,)
+            assert heard.texts.take(10.0) == ()
+    assert heard.texts.take(10.0) == (long,)
 
 
 def test_a_long_text_whose_end_is_lost_comes_as_far_as_it_came() -> None:
     heard = Heard()
     fold(heard, wire.text("a" * 50, number=1), now=10.0)
     fold(heard, wire.text("b" * 50, number=2), now=10.1)
-    assert heard.take_texts(10.2) == ("a" * 50,)
-    assert heard.take_texts(10.2 + TEXT_COMPLETE_S) == ("b" * 50,)
+    assert heard.texts.take(10.2) == ("a" * 50,)
+    assert heard.texts.take(10.2 + COMPLETE_S) == ("b" * 50,)
 
 
 def test_endless_chunks_do_not_gather_without_bound() -> None:
     heard = Heard()
     for chunk in range(1000):
         fold(heard, wire.text("c" * 50, number=3, chunk=chunk % 256))
-    assert sum(map(len, heard.take_texts(10.0))) <= MAX_TEXTS * 8 * 50
+    assert sum(map(len, heard.texts.take(10.0))) <= MAX_TEXTS * MAX_CHUNKS * CHUNK
 
 
 def test_a_refusal_is_told_once_and_only_if_it_was_ours() -> None:
@@ -221,10 +220,10 @@ def test_a_refusal_is_told_once_and_only_if_it_was_ours() -> None:
     fold(heard, wire.ack(400, 4))
     fold(heard, wire.ack(22, 1, system=77))
     fold(heard, wire.ack(511, 2))
-    assert heard.take_texts(10.0) == ("arming refused: FAILED",)
+    assert heard.texts.take(10.0) == ("arming refused: FAILED",)
     fold(heard, wire.ack(400, 0))
     fold(heard, wire.ack(400, 1))
-    assert heard.take_texts(10.0) == ("arming refused: TEMPORARILY_REJECTED",)
+    assert heard.texts.take(10.0) == ("arming refused: TEMPORARILY_REJECTED",)
 
 
 # --- parameters, restarts ---
@@ -247,10 +246,10 @@ def test_a_restart_forgets_what_does_not_survive_it() -> None:
     fold(heard, wire.local_position(boot_ms=600_000))
     fold(heard, wire.local_position(boot_ms=599_000))
     assert heard.origin is not None, "a frame that came late is no restart"
-    heard.take_texts(10.0)
+    heard.texts.take(10.0)
     fold(heard, wire.local_position(boot_ms=2_000))
     assert heard.origin is None
     assert heard.global_ is None
     assert not heard.parameters
     assert heard.system_status_s == -INF
-    assert heard.take_texts(10.0) == ("the vehicle restarted",)
+    assert heard.texts.take(10.0) == ("the vehicle restarted",)

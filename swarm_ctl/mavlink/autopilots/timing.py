@@ -1,0 +1,59 @@
+"""Every interval and limit of the drivers, each with its reason, and what paces repeated asking. Mission time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+HEARTBEAT_S = 1.0
+"""Ours. ArduPilot's GCS failsafe waits 5 s: one in five has to arrive."""
+RETRY_S = 1.0
+"""A vehicle's heartbeat shows the effect of a command within 1 s: asking sooner would ask twice."""
+TAKEOFF_RETRY_S = 3.0
+"""Motors spool up and the landed state follows; a second take-off before that starts the climb anew."""
+GROUNDED_S = 5.0
+"""Armed on the ground this long in land mode: the autopilot's own disarming (ArduCopter at once, PX4 2 s) failed."""
+HEARTBEAT_LOST_S = 3.0
+"""MAVSDK's figure (the strictest of the known clients)."""
+FIX_MAX_AGE_S = 1.0
+"""20 local positions missing in a row."""
+STATUS_MAX_AGE_S = 5.0
+"""10 SYS_STATUS missing in a row."""
+ORIGIN_REFRESH_S = 10.0
+"""A known origin is asked for again this often: an EKF that is reset moves it."""
+QUIET_RETRY_S = 5.0
+"""Streams that may rightly be silent (no traffic) are asked for again this often."""
+STREAM_BEFORE_S = 1.2
+"""PX4 refuses OFFBOARD unless setpoints have come for over 1 s."""
+STREAM_GAP_S = 0.4
+"""... at 2 Hz at least: a longer gap starts the second anew."""
+MAX_SETPOINT_MPS = 100.0
+"""No multirotor is faster: such a setpoint is a mistake."""
+
+STREAMS_HZ: Mapping[str, float] = {
+    "LOCAL_POSITION_NED": 20.0,
+    "GLOBAL_POSITION_INT": 5.0,
+    "SYS_STATUS": 2.0,
+    "EXTENDED_SYS_STATE": 2.0,
+    "ADSB_VEHICLE": 5.0,
+}
+"""LOCAL_POSITION_NED at the tick (the law's input); GLOBAL_POSITION_INT ties it to the common frame; SYS_STATUS has
+health and battery; ADSB_VEHICLE is the proximity sensor."""
+MAY_BE_SILENT = frozenset({"ADSB_VEHICLE"})
+
+_CLOCK_NOISE_S = 1e-6
+"""Ticks are sums of floats: an interval is over when it is over but for this."""
+
+
+class Pacer:
+    """Remembers when what was asked last."""
+
+    def __init__(self) -> None:
+        self._asked: dict[str, float] = {}
+
+    def due(self, what: str, every_s: float, now: float) -> bool:
+        """Whether `what` has not been asked for during the last `every_s`; if so, it counts as asked now."""
+        if now - self._asked.get(what, -math.inf) < every_s - _CLOCK_NOISE_S:
+            return False
+        self._asked[what] = now
+        return True
