@@ -22,7 +22,7 @@ from pydantic import TypeAdapter
 from rich.console import Console
 from rich.live import Live
 
-from swarm_ctl.core.state import AgentStatus, Command, StationBeacon
+from swarm_ctl.core.state import Ack, AgentStatus, Command, Event, StationBeacon
 from swarm_ctl.errors import SwarmError
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.node import Node
@@ -53,17 +53,22 @@ _BOOK_S = 100.0
 
 
 class Recorder:
-    """Events and statuses as JSON lines in the run folder, each line written at once."""
+    """Events, commands (with their answers) and statuses as JSON lines in the run folder, each line written at once."""
 
     def __init__(self, folder: Path) -> None:
         self._events = (folder / "events.jsonl").open("ab", buffering=0)
+        self._commands = (folder / "commands.jsonl").open("ab", buffering=0)
         self._statuses = (folder / "statuses.jsonl").open("ab", buffering=0)
         self._adapter = TypeAdapter(object)
         self._due: dict[int, float] = {}
 
-    def event(self, event: object) -> None:
-        """Record an event, a command or an acknowledgement."""
+    def event(self, event: Event) -> None:
+        """Record an event."""
         self._events.write(self._adapter.dump_json(event) + b"\n")
+
+    def command(self, command: Command | Ack) -> None:
+        """Record a command or an answer to one."""
+        self._commands.write(self._adapter.dump_json(command) + b"\n")
 
     def status(self, status: AgentStatus) -> None:
         """Record a status now and then, and always an agent's last one."""
@@ -72,8 +77,9 @@ class Recorder:
             self._statuses.write(self._adapter.dump_json(status) + b"\n")
 
     def close(self) -> None:
-        """Close both files."""
+        """Close the files."""
         self._events.close()
+        self._commands.close()
         self._statuses.close()
 
 
@@ -174,7 +180,7 @@ class Station:
         command = self._commander.give(kind, self._clock.now())
         self._fold(command, self._clock.now())
         if self._recorder:
-            self._recorder.event(command)
+            self._recorder.command(command)
 
     def turn(self) -> None:
         """Hear what there is to hear, say what is due."""
@@ -194,7 +200,7 @@ class Station:
             self._fold(ack, received_s)
             self._commander.answered(ack.command, ack.agent)
             if self._recorder:
-                self._recorder.event(ack)
+                self._recorder.command(ack)
         self._commander.repeat(now)
         if now >= self._beacon_due:
             self._beacon_due = now + _BEACON_S
