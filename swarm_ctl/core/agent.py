@@ -82,9 +82,13 @@ class Actions:
 
 
 class Agent:
-    """One agent of a plan, from its first tick to its end."""
+    """One agent of a plan, from its first tick to its end.
 
-    def __init__(self, plan: Plan, agent_id: int, now: float) -> None:
+    `expect_station`: it was started together with a ground station, so it does not arm before that is heard.
+    """
+
+    def __init__(self, plan: Plan, agent_id: int, now: float, *, expect_station: bool = False) -> None:
+        self._expect_station = expect_station
         self._plan = plan
         self._own = plan.agent(agent_id)
         self._id = agent_id
@@ -257,6 +261,8 @@ class Agent:
         hashes = [(f"agent {p.id}", p.state.plan_hash) for p in self._peers if p.state is not None]
         if self._station is not None:
             hashes.append((f"station {self._station[0].station}", self._station[0].plan_hash))
+        elif self._expect_station:
+            return "no ground station heard yet"
         for who, plan_hash in hashes:
             if plan_hash != self._hash:
                 return f"{who} has another plan ({plan_hash:016x}, ours is {self._hash:016x})"

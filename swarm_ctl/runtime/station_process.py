@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
+import math
 import os
 import signal
 import sys
@@ -36,7 +37,7 @@ from swarm_ctl.runtime.control import ControlPipe
 from swarm_ctl.station.live import render
 from swarm_ctl.station.log_lines import log_lines
 from swarm_ctl.station.model import Model
-from swarm_ctl.station.view import SwarmView
+from swarm_ctl.station.view import AgentView, SwarmView
 
 _ONLY_SHOWN: Final[tuple[keys.Channel[Any], ...]] = (keys.STATE, keys.SIGMA, keys.BEACON)
 _BEACON_S = 0.5
@@ -273,16 +274,22 @@ class Orphan:
     def __init__(self, clock: Clock, folder: Path) -> None:
         self._clock = clock
         self._truth = folder / "truth.jsonl"
+        self._accounts = folder / "agents"
         self._ended_s: float | None = None
 
     def may_go(self, view: SwarmView) -> bool:
         """Ask once per view."""
         now = self._clock.now()
-        if not all(_has_ended(agent, now) for agent in view.agents):
+        if not all(self._has_ended(agent, now) for agent in view.agents if agent.in_plan):
             return False
         if self._ended_s is None:
             self._ended_s = now
         return not self._truth.exists() or _is_closed(self._truth) or now - self._ended_s > _BOOK_S
+
+    def _has_ended(self, agent: AgentView, now: float) -> bool:
+        """It has written its account, or it will not any more."""
+        heard_s = agent.status.time_s if agent.status else -math.inf
+        return (self._accounts / f"{agent.id}.json").exists() or now - heard_s > _SILENT_S
 
 
 def _is_closed(truth: Path) -> bool:
@@ -290,13 +297,6 @@ def _is_closed(truth: Path) -> bool:
     with truth.open("rb") as book:
         book.seek(max(0, book.seek(0, os.SEEK_END) - 200))
         return b'"type":"end"' in book.read().replace(b" ", b"")
-
-
-def _has_ended(agent: Any, now: float) -> bool:
-    status: AgentStatus | None = agent.status
-    if status is None:
-        return True
-    return status.outcome != "running" or now - status.time_s > _SILENT_S
 
 
 def main() -> int:
