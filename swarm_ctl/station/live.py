@@ -45,7 +45,8 @@ class _Screen:
         plain = options.ascii_only
         for k, line in enumerate(_Drawing(self.view, width, ASCII if plain else UNICODE).lines(height)):
             line.truncate(width, overflow="crop" if plain else "ellipsis", pad=True)
-            for segment in line.render(console):
+            # Text.render leaves a plain line's own style to its caller
+            for segment in Segment.apply_style(line.render(console), console.get_style(line.style)):
                 # what others wrote may hold signs that this terminal can't show
                 yield Segment(_ascii(segment.text), segment.style) if plain else segment
             if k + 1 < height:
@@ -199,6 +200,8 @@ class _Drawing:
         return [*lines, *[Text("")] * (rows - len(lines))]
 
     def _footer(self) -> Text:
+        if all(agent.phase is Phase.ENDED for agent in self._view.agents):
+            return Text(" all agents have ended", style="bold")
         landing = [command for command in self._view.commands if command.command.kind == "land"]
         if not landing:
             return Text(" Ctrl-C lands the swarm", style="bold")

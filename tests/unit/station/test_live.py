@@ -114,7 +114,9 @@ def test_an_ascii_terminal_shows_it_too(name: str) -> None:
 def test_without_colour_nothing_is_lost() -> None:
     """NO_COLOR: no colour codes at all, the same words and signs."""
     coloured, plain = _printed(PICTURES["lost"](), "utf-8"), _printed(PICTURES["lost"](), "utf-8", no_color=True)
-    assert b"\x1b[1;31m" in coloured
+    assert b"\x1b[1;37;41m \xe2\x9c\x97 agent 3 has not been heard" in coloured
+    assert re.search(rb"\x1b\[1;31m *SILENT", coloured)
+    assert b"\x1b[33m ! agent 1 holds" in coloured
     codes = {number for found in re.findall(rb"\x1b\[([0-9;]*)m", plain) for number in found.split(b";")}
     assert codes <= {b"0", b"1", b"2"}
     words = re.sub(rb"\x1b\[[0-9;]*m", b"", plain).decode()
