@@ -33,8 +33,11 @@ from swarm_ctl.core.vehicle import Airborne, Fly, Goal, Land, Release, Standby, 
 
 _STATUS_EVERY_S = 0.5
 _SIGMA_EVERY_S = 0.2
+_MEASURE_EVERY_S = 0.2
 _LINGER_S = 2.0
 """After the end an agent goes on saying so, and gives the vehicle its parameters back."""
+_RELEASE_AT_MOST_S = 5.0
+"""A vehicle that has not confirmed its own parameters by then (five tries) keeps ours, which are the careful ones."""
 _HEIGHT_TOLERANCE_M = 0.5
 _AT_REST_MPS = 0.3
 _BRAKE_AT_MOST_S = 3.0
@@ -113,6 +116,7 @@ class Agent:
         self._target_height_m = self._planned_height_m = 0.0
         self._inside_since: float | None = None
         self._formation_error: float | None = None
+        self._measure_due = now
         self._reason = ""
         self._last_text = ""
         self._neighbours: tuple[int, ...] = self._own.neighbours
@@ -135,7 +139,9 @@ class Agent:
         self._had_control |= self._was_armed and view.controlled
         if fix is not None:
             self._controller.locate(fix)
-        self._formation_error = self._measure_formation(now, fix if fresh else None)
+        if now >= self._measure_due:
+            self._measure_due = now + _MEASURE_EVERY_S
+            self._formation_error = self._measure_formation(now, fix if fresh else None)
         self._check(now, view, fix)
         goal = self._decide(now, view, fix if fresh else None)
         going_on = self._finding is None and self._phase is not Phase.ENDED
@@ -454,7 +460,8 @@ class Agent:
 
     def _publish_slow(self, now: float, inbox: Inbox, fix: OwnFix | None, actions: Actions) -> None:
         self._watch_neighbours(now)
-        ending = self._ended_s is not None and now - self._ended_s >= _LINGER_S
+        since = now - self._ended_s if self._ended_s is not None else -1.0
+        ending = since >= (_LINGER_S if inbox.view.released else _RELEASE_AT_MOST_S)
         if now >= self._sigma_due:
             self._sigma_due = now + _SIGMA_EVERY_S
             actions.sigma = self._controller.sigma_report(now)
