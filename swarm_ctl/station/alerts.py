@@ -252,8 +252,8 @@ RULES: Final[tuple[Rule, ...]] = (
     Rule(
         "late ticks",
         Level.WARNING,
-        lambda v: 500 * v.plan.tick_s / v.speedup,
-        "half a tick, in wall-clock milliseconds",
+        lambda v: 1000 * v.plan.tick_s / v.speedup,
+        "a whole tick, in wall-clock milliseconds",
         _late_ticks,
     ),
     Rule("battery", Level.WARNING, lambda _: 20.0, "what the autopilots call low", _battery),

@@ -53,7 +53,7 @@ def _reasons(previous: SwarmView | None, view: SwarmView) -> Iterator[str]:
     for why, ids in reasons(view).items():
         new = [i for i in ids if (i, _FIGURE.sub("", why)) not in before]
         if new:
-            yield f"{agents_named(new)}: waiting: {why}"
+            yield f"{agents_named(new)}: {why}"
 
 
 def _events(previous: SwarmView | None, view: SwarmView) -> Iterator[str]:

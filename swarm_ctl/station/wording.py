@@ -68,7 +68,7 @@ def waiting(view: SwarmView) -> list[str]:
     unheard = [agent.id for agent in view.agents if agent.phase is None]
     lines = [f"waiting for {agents_named(unheard)}"] if unheard else []
     told = sorted(reasons(view).items(), key=lambda item: -len(item[1]))
-    return lines + [f"{agents_named(ids)} waiting: {why}" for why, ids in told]
+    return lines + [f"{agents_named(ids)}: {why}" for why, ids in told]
 
 
 def reasons(view: SwarmView) -> dict[str, list[int]]:

@@ -88,7 +88,7 @@ CASES: dict[str, tuple[Callable[[], SwarmView], tuple[int, ...]]] = {
     "loss": (lambda: _loss(), (4,)),
     "no station": (lambda: _status(4, station_age_s=2.6), (4,)),
     "slow ticks": (lambda: _slow(), (4,)),
-    "late ticks": (lambda: _status(4, tick=TickReport(500, 0, 1.0, 5.1, 6.0)), (4,)),
+    "late ticks": (lambda: _status(4, tick=TickReport(500, 0, 1.0, 10.1, 12.0)), (4,)),
     "battery": (lambda: _status(4, battery_percent=19.0), (4,)),
     "stranger": (lambda: _stranger(), (42,)),
 }
@@ -134,7 +134,7 @@ def test_all_is_well_when_all_is_well() -> None:
         lambda: _status(4, station_age_s=2.4),
         lambda: _status(4, battery_percent=20.0),
         lambda: _status(4, phase=Phase.HOLD),
-        lambda: _status(4, tick=TickReport(500, 0, 1.0, 4.9, 6.0)),
+        lambda: _status(4, tick=TickReport(500, 0, 1.0, 9.9, 12.0)),
         lambda: _sigma("inactive", d=None, sigma_lb=0.0, sigma=0.1),
     ],
 )
@@ -172,8 +172,8 @@ def test_waiting_is_said_with_its_reason() -> None:
         reason = "no 3-D fix" if agent.id < 5 else "no heartbeat yet"
         model.fold(status_of(PLAN, agent.id, 2.0, phase=Phase.PREPARE, step=0, reason=reason), 2.0)
     assert verdict(model.view(2.0), ()) == [
-        (Level.WAITING, "agents 1-4 waiting: no 3-D fix"),
-        (Level.WAITING, "agents 5-6 waiting: no heartbeat yet"),
+        (Level.WAITING, "agents 1-4: no 3-D fix"),
+        (Level.WAITING, "agents 5-6: no heartbeat yet"),
     ]
 
 

@@ -43,7 +43,7 @@ def test_a_flight_is_told_once_step_by_step() -> None:
     told = [line for before, after in zip([None, *views], views, strict=False) for line in log_lines(before, after)]
     assert told == [
         "[    1.0 s] agents 1-6: prepare",
-        "[    1.0 s] agents 5-6: waiting: no 3-D fix",
+        "[    1.0 s] agents 5-6: no 3-D fix",
         "[    8.0 s] step 1/4: takeoff",
         "[    8.0 s] agents 1-6: prepare -> takeoff",
         "[   20.0 s] step 2/4: form hexagon",
