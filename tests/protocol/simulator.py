@@ -16,7 +16,8 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 ORIGIN = {"lat_deg": 47.397742, "lon_deg": 8.545594, "alt_m": 488.0}
-SPEEDUP = 10.0
+SPEEDUP = 5.0
+"""Quick, and still a pilot who isn't served for 0.1 s misses no time-out of the autopilots."""
 PATIENCE_S = 60.0
 """Mission seconds anything asked for may take; a vehicle that needs longer is broken."""
 
