@@ -171,7 +171,6 @@ def _loop(
     agent = Agent(config.plan, config.agent_id, clock.now(), expect_station=config.expect_station)
     ticker = Ticker(clock, config.plan.tick_s)
     status: AgentStatus | None = None
-    gc.collect()
     gc.freeze()
     gc.set_threshold(_GC_THRESHOLD, 20, 100)
     while True:
