@@ -376,7 +376,7 @@ class Agent:
     # --- steps, formation, neighbours ---
 
     def _members(self, now: float) -> list[tuple[int, bool]]:
-        """What the barrier waits for: everybody of the plan; the silent ones block it, unless the policy is to go on."""
+        """What the barrier waits for: the whole plan. Silent ones block it, unless the policy is to go on without."""
         policies = self._plan.policies
         without = policies.agent_lost is Policy.CONTINUE and self._was_armed
         members = []
