@@ -54,10 +54,23 @@ class Controller:
         )
         self.stop_point_m = (float(point[0]), float(point[1]))
 
-    def form(self, now: float, slots: Mapping[int, Point], contacts: Iterable[Contact]) -> Point:
-        """The law (26): velocity (north, east) [m/s] towards the shape `slots` [units], keeping apart."""
+    def form(
+        self, now: float, slots: Mapping[int, Point], contacts: Iterable[Contact], extra_mps: Point = (0.0, 0.0)
+    ) -> Point:
+        """The law (26): velocity (north, east) [m/s] towards the shape `slots` [units], keeping apart.
+
+        `extra_mps` is flown on top: what moves the formation as a whole.
+        """
         result = self._evaluate(now, slots, contacts)
-        return self._protected(float(result.u[0, 0]), float(result.u[0, 1]))
+        return self._protected(float(result.u[0, 0]), float(result.u[0, 1]), extra_mps)
+
+    def go_to(self, now: float, to_m: Point, speed_mps: float, contacts: Iterable[Contact]) -> Point:
+        """Straight to a point, keeping apart from everybody; around whoever stands in the way."""
+        result = self._evaluate(now, _NOWHERE, contacts)
+        (north, east), gain = self.stop_point_m, self._plan.kappa * self._plan.law.h
+        pull = safety.shortened((gain * (to_m[0] - north), gain * (to_m[1] - east)), speed_mps)
+        push = (float(result.avoidance[0, 0]), float(result.avoidance[0, 1]))
+        return self._protected(*safety.swirled(push, pull), pull)
 
     def keep_clear(self, now: float, contacts: Iterable[Contact]) -> Point:
         """Stay, but make room for whoever comes close: the law's avoidance term alone."""
@@ -96,8 +109,9 @@ class Controller:
         self._result = result
         return result
 
-    def _protected(self, u_north: float, u_east: float) -> Point:
-        velocity = safety.protect((u_north * self._iteration_mps, u_east * self._iteration_mps), self._plan.limits)
+    def _protected(self, u_north: float, u_east: float, extra_mps: Point = (0.0, 0.0)) -> Point:
+        north, east = u_north * self._iteration_mps + extra_mps[0], u_east * self._iteration_mps + extra_mps[1]
+        velocity = safety.protect((north, east), self._plan.limits)
         self.commanded(*velocity)
         return velocity
 

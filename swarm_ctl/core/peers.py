@@ -85,7 +85,7 @@ class Peers:
     def __init__(self, plan: Plan, own_id: int) -> None:
         self._plan = plan
         self._own = own_id
-        self._initial = frozenset(plan.agent(own_id).neighbours)
+        self._chosen = frozenset(plan.agent(own_id).neighbours)
         self._by_id = {agent.id: Peer(agent.id) for agent in plan.agents if agent.id != own_id}
         self.ids = [*self._by_id, *[0] * _MAX_CONTACTS]
         """Agent id of each column of the law's input; 0 for traffic that nobody on the mesh owns up to."""
@@ -100,6 +100,23 @@ class Peers:
         if peer is not None:
             peer.hear(state, received_s)
 
+    def choose(self, neighbours: Iterable[int]) -> None:
+        """N_i from now on."""
+        self._chosen = frozenset(neighbours)
+
+    @property
+    def chosen(self) -> tuple[int, ...]:
+        """N_i as chosen, heard or not."""
+        return tuple(sorted(self._chosen))
+
+    def age(self, agent: int, now: float) -> float:
+        """Of the newest state of `agent` [s]."""
+        return self._by_id[agent].age(now)
+
+    def state(self, agent: int) -> AgentState | None:
+        """The newest state of `agent`."""
+        return self._by_id[agent].state
+
     def count_ages(self, now: float) -> None:
         """Sample every heard peer's age once (per tick)."""
         for peer in self:
@@ -111,8 +128,8 @@ class Peers:
         return [peer.state for peer in self if peer.state is not None and peer.age(now) <= FRESH_S]
 
     def neighbours(self, now: float) -> tuple[int, ...]:
-        """N_i now: the planned neighbours that are heard (LAW.md section 1)."""
-        return tuple(p.id for p in self if p.id in self._initial and p.age(now) <= NEIGHBOUR_S)
+        """N_i now: the chosen neighbours that are heard (LAW.md section 1)."""
+        return tuple(p.id for p in self if p.id in self._chosen and p.age(now) <= NEIGHBOUR_S)
 
     def law_input(self, now: float, own_m: Point, slots: Mapping[int, Point], contacts: Iterable[Contact]) -> LawInput:
         """Everyone who may be near, as points in units; a peer never heard is absent."""
@@ -129,7 +146,7 @@ class Peers:
             north, east = self._point(peer.state, peer.age(now))
             points[column] = (north / unit, east / unit)
             present[column] = True
-            neighbour[column] = peer.id in self._initial and peer.age(now) <= NEIGHBOUR_S and peer.id in slots
+            neighbour[column] = peer.id in self._chosen and peer.age(now) <= NEIGHBOUR_S and peer.id in slots
         for k, (north, east) in enumerate(self._traffic(now, own_m, contacts), start=len(self._by_id)):
             points[k] = (north / unit, east / unit)
             present[k] = True

@@ -20,8 +20,26 @@ def protect(desired_mps: Point, limits: Limits) -> Point:
         return (0.0, 0.0)
     if speed <= limits.speed_mps:
         return desired_mps
-    scale = limits.speed_mps / speed
-    return (desired_mps[0] * scale, desired_mps[1] * scale)
+    return shortened(desired_mps, limits.speed_mps)
+
+
+def shortened(vector: Point, most: float) -> Point:
+    """The vector, not longer than `most`."""
+    length = math.hypot(*vector)
+    return vector if length <= most else (vector[0] / length * most, vector[1] / length * most)
+
+
+def swirled(push: Point, pull: Point) -> Point:
+    """The avoidance term with a sideways part the more it opposes the pull, so that nobody gets stuck head-on.
+
+    SAFETY.md section 1, swirl: push + 0.5 o^2 R(-90 deg) push, o = max(0, -cos(push, pull)).
+    """
+    sizes = math.hypot(*push) * math.hypot(*pull)
+    if sizes < 1e-12:
+        return push
+    against = max(0.0, -(push[0] * pull[0] + push[1] * pull[1]) / sizes)
+    share = 0.5 * against * against
+    return push[0] + share * push[1], push[1] - share * push[0]
 
 
 def climb_rate(height_error_m: float, limits: Limits) -> float:

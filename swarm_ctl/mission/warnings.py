@@ -33,11 +33,13 @@ def _close_starts(_mission: MissionFile, plan: Plan) -> Findings:
 
 
 def _stretched_links(_mission: MissionFile, plan: Plan) -> Findings:
+    links = [agent.neighbours for agent in plan.agents]
     for k, step in enumerate(plan.steps):
         if not isinstance(step, FormStep):
             continue
+        links = list(step.neighbours or links)
         slots = {agent.id: slot for agent, slot in zip(plan.agents, step.slots, strict=True)}
-        for i, j in graph.edges({agent.id: agent.neighbours for agent in plan.agents}):
+        for i, j in graph.edges({agent.id: near for agent, near in zip(plan.agents, links, strict=True)}):
             length = math.dist(slots[i], slots[j])
             if length > plan.law.r:
                 what = (

@@ -162,9 +162,25 @@ class VirtualSwarm:
         self.members[agent_id].alive = False
         self.members[agent_id].node.close()
 
-    def command(self, kind: str, agents: tuple[int, ...] = (), name: str = "c1") -> None:
-        """An operator's command."""
-        self._station.send(keys.COMMAND, Command(name, kind, agents, self.now))
+    def command(self, kind: str, agents: tuple[int, ...] = (), name: str = "c1", **more: Any) -> None:
+        """An operator's command; `more`: its step, plan_hash, at_step."""
+        self._station.send(keys.COMMAND, Command(name, kind, agents, self.now, **more))
+
+    def run(self, seconds: float) -> None:
+        """Tick for so long."""
+        until = self.now + seconds
+        while self.now < until:
+            self.tick()
+
+    def positions(self) -> dict[int, tuple[float, float]]:
+        """True (north, east) of every vehicle [m]."""
+        points = np.asarray(self.hub.world.positions())
+        return {agent.id: (float(p[0]), float(p[1])) for agent, p in zip(self.plan.agents, points, strict=True)}
+
+    def centre(self) -> tuple[float, float]:
+        """True centre of all vehicles [m]."""
+        points = list(self.positions().values())
+        return sum(p[0] for p in points) / len(points), sum(p[1] for p in points) / len(points)
 
     def in_step(self, step: int) -> bool:
         """Every live agent is in this step."""
