@@ -33,9 +33,10 @@ class Codec:
         """Frames with a wrong checksum, truncated, of an unknown message, or runs of bytes that are none."""
 
     def pack(self, message: Message) -> bytes:
-        """The frame of `message`."""
-        frame: bytes = _MESSAGES[message.name](**message.fields).pack(self._mav)
-        return bytes(frame)
+        """The next frame, with `message`."""
+        frame = bytes(_MESSAGES[message.name](**message.fields).pack(self._mav))
+        self._mav.seq = (self._mav.seq + 1) % 256
+        return frame
 
     def messages(self, data: bytes) -> Iterator[Message]:
         """The good frames in one datagram, in order."""
@@ -58,6 +59,8 @@ class Codec:
         try:
             decoded = self._mav.decode(bytearray(frame))
         except (mavlink.MAVError, struct.error, ValueError):
+            return None
+        if isinstance(decoded, mavlink.MAVLink_unknown):
             return None
         fields = {name: getattr(decoded, name) for name in decoded.fieldnames}
         return Message(decoded.msgname, fields, (decoded.get_srcSystem(), decoded.get_srcComponent()))

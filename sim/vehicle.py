@@ -1,4 +1,4 @@
-"""How a multirotor moves: pure numpy, batched over any leading axes (missions, vehicles); last axis north, east, down.
+"""How a multirotor moves: pure numpy, batched over leading axes (missions, vehicles; one at least); last axis NED.
 
 `advance` moves a `State` by one time step towards `Demands`. What lies between a velocity target and the acceleration
 that follows is the *response*, one replaceable object (`sim.response`): `Ideal`, `Ardupilot` or `Px4`. It is the
@@ -137,8 +137,8 @@ def velocity_target(state: State, demands: Demands) -> Array:
 
 
 # Outer position loop: gains low enough for the slower of the responses to follow without overshoot worth the name.
-_HOLD_XY_PER_S, _HOLD_XY_MPS2 = 0.7, 1.2
-_HOLD_Z_PER_S, _HOLD_Z_MPS2 = 0.8, 0.5
+_HOLD_XY_PER_S, _HOLD_XY_MPS2 = 0.5, 1.0
+_HOLD_Z_PER_S, _HOLD_Z_MPS2 = 0.7, 0.45
 _LIFT_OFF_MPS = 0.01
 _TURN_RADPS = math.radians(60.0)
 _FALL_DRAG_PER_S = 0.3

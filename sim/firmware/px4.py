@@ -277,7 +277,7 @@ class Px4(Firmware):
         self._check_offboard()
         self._check_datalink()
         if self.mode is TAKEOFF and self.maneuver.done and not self.sensed.landed:
-            self._change(LOITER)
+            self.mode = LOITER  # where the take-off led, not where it happens to be
         if self.sensed.landed:
             self._check_landed()
 

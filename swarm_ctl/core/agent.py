@@ -32,7 +32,7 @@ from swarm_ctl.core.plan import (
     TakeoffStep,
 )
 from swarm_ctl.core.progress import Progress, step_name
-from swarm_ctl.core.readiness import not_ready
+from swarm_ctl.core.readiness import not_ready, other_plan
 from swarm_ctl.core.reference import Reference
 from swarm_ctl.core.reporting import Account, nearest
 from swarm_ctl.core.state import (
@@ -50,8 +50,11 @@ from swarm_ctl.core.vehicle import Airborne, Fly, Goal, Land, Release, Standby, 
 
 _STATUS_EVERY_S = 0.5
 _SIGMA_EVERY_S = 0.2
+_MEASURE_EVERY_S = 0.2
 _LINGER_S = 2.0
 """After the end an agent goes on saying so, and gives the vehicle its parameters back."""
+_RELEASE_AT_MOST_S = 5.0
+"""A vehicle that has not confirmed its own parameters by then (five tries) keeps ours, which are the careful ones."""
 _HEIGHT_TOLERANCE_M = 0.5
 _AT_REST_MPS = 0.3
 _BRAKE_AT_MOST_S = 3.0
@@ -101,9 +104,13 @@ class Actions:
 
 
 class Agent:
-    """One agent of a plan, from its first tick to its end."""
+    """One agent of a plan, from its first tick to its end.
 
-    def __init__(self, plan: Plan, agent_id: int, now: float) -> None:
+    `expect_station`: it was started together with a ground station, so it does not arm before that is heard.
+    """
+
+    def __init__(self, plan: Plan, agent_id: int, now: float, *, expect_station: bool = False) -> None:
+        self._expect_station = expect_station
         self._plan = plan
         self._own = plan.agent(agent_id)
         self._id = agent_id
@@ -131,6 +138,7 @@ class Agent:
         self._target_height_m = self._planned_height_m = 0.0
         self._inside_since: float | None = None
         self._formation_error: float | None = None
+        self._measure_due = now
         self._reason = ""
         self._last_text = ""
         self._seq = 0
@@ -151,7 +159,9 @@ class Agent:
         self._had_control |= self._was_armed and view.controlled
         if fix is not None:
             self._controller.locate(fix)
-        self._formation_error = self._measure_formation(now, fix if fresh else None)
+        if now >= self._measure_due:
+            self._measure_due = now + _MEASURE_EVERY_S
+            self._formation_error = self._measure_formation(now, fix if fresh else None)
         self._check(now, view, fix)
         if self._pausing:
             self._progress.paused_s += self._plan.tick_s
@@ -203,7 +213,8 @@ class Agent:
 
     def _enter(self, step: Step | None, leg: int = 0) -> None:
         """Begin a step: a mission's, an operator's, or (None) the mission's again, on its `leg`."""
-        self._inside_since = None
+        self._inside_since = self._formation_error = None
+        self._measure_due = -math.inf  # what was measured is the shape before
         again = step is None
         step = self._progress.current if step is None else step
         if isinstance(step, FormStep):
@@ -305,8 +316,12 @@ class Agent:
         """Wait for a healthy vehicle on its planned start, and for peers and station with the same plan."""
         self._controller.rest()
         self._phase = Phase.PREPARE if math.isfinite(view.heartbeat_s) else Phase.CONNECT
-        self._reason = not_ready(
-            self._plan, self._id, view, fix, self._navigator, self._peers, self._station, was_armed=self._was_armed
+        armed_before = view.armed and not self._was_armed
+        self._reason = (
+            "the vehicle is armed already; disarm it first"
+            if armed_before and view.healthy
+            else not_ready(self._plan, self._own, view, fix, self._navigator)
+            or other_plan(self._hash, self._peers, self._station, expect_station=self._expect_station)
         )
         if not self._reason:
             self._progress.finish_step(now)
@@ -544,7 +559,8 @@ class Agent:
 
     def _publish_slow(self, now: float, inbox: Inbox, fix: OwnFix | None, actions: Actions) -> None:
         self._watch_neighbours(now)
-        ending = self._ended_s is not None and now - self._ended_s >= _LINGER_S
+        since = now - self._ended_s if self._ended_s is not None else -1.0
+        ending = since >= (_LINGER_S if inbox.view.released else _RELEASE_AT_MOST_S)
         if now >= self._sigma_due:
             self._sigma_due = now + _SIGMA_EVERY_S
             actions.sigma = self._controller.sigma_report(now)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -45,17 +45,12 @@ class Controller:
         if self._plan.compensation is Compensation.NONE:
             self.stop_point_m = (north, east)
             return
-        point = response.stop_point(
-            np.array([north, east]),
-            np.array(fix.velocity_ned_mps[:2]),
-            np.array(self._commands, dtype=np.float64).reshape(-1, 2),
-            self._plan.tick_s,
-            self._plan.response,
+        self.stop_point_m = response.stop_point(
+            (north, east), fix.velocity_ned_mps[:2], self._commands, self._plan.tick_s, self._plan.response
         )
-        self.stop_point_m = (float(point[0]), float(point[1]))
 
     def form(
-        self, now: float, slots: Mapping[int, Point], contacts: Iterable[Contact], extra_mps: Point = (0.0, 0.0)
+        self, now: float, slots: Mapping[int, Point], contacts: Sequence[Contact], extra_mps: Point = (0.0, 0.0)
     ) -> Point:
         """The law (26): velocity (north, east) [m/s] towards the shape `slots` [units], keeping apart.
 
@@ -64,7 +59,7 @@ class Controller:
         result = self._evaluate(now, slots, contacts)
         return self._protected(float(result.u[0, 0]), float(result.u[0, 1]), extra_mps)
 
-    def go_to(self, now: float, to_m: Point, speed_mps: float, contacts: Iterable[Contact]) -> Point:
+    def go_to(self, now: float, to_m: Point, speed_mps: float, contacts: Sequence[Contact]) -> Point:
         """Straight to a point, keeping apart from everybody; around whoever stands in the way."""
         result = self._evaluate(now, _NOWHERE, contacts)
         (north, east), gain = self.stop_point_m, self._plan.kappa * self._plan.law.h
@@ -72,7 +67,7 @@ class Controller:
         push = (float(result.avoidance[0, 0]), float(result.avoidance[0, 1]))
         return self._protected(*safety.swirled(push, pull), pull)
 
-    def keep_clear(self, now: float, contacts: Iterable[Contact]) -> Point:
+    def keep_clear(self, now: float, contacts: Sequence[Contact]) -> Point:
         """Stay, but make room for whoever comes close: the law's avoidance term alone."""
         result = self._evaluate(now, _NOWHERE, contacts)
         return self._protected(float(result.avoidance[0, 0]), float(result.avoidance[0, 1]))
@@ -87,7 +82,7 @@ class Controller:
         self.commanded_mps = (north_mps, east_mps)
         self._commands.append(self.commanded_mps)
 
-    def _evaluate(self, now: float, slots: Mapping[int, Point], contacts: Iterable[Contact]) -> law.LawResult:
+    def _evaluate(self, now: float, slots: Mapping[int, Point], contacts: Sequence[Contact]) -> law.LawResult:
         others = self._peers.law_input(now, self.stop_point_m, slots, contacts)
         unit = self._plan.unit_m
         own = np.array([[self.stop_point_m[0] / unit, self.stop_point_m[1] / unit]])

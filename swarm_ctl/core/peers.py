@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -89,7 +89,9 @@ class Peers:
         self._by_id = {agent.id: Peer(agent.id) for agent in plan.agents if agent.id != own_id}
         self.ids = [*self._by_id, *[0] * _MAX_CONTACTS]
         """Agent id of each column of the law's input; 0 for traffic that nobody on the mesh owns up to."""
-        self._lower = np.array([[own_id < i or i == 0 for i in self.ids]])
+        self._shape: tuple[list[bool], list[bool], int] | None = None
+        self._slots: Mapping[int, Point] = {}
+        self._seen: dict[int, tuple[Contact, Point]] = {}
 
     def __iter__(self) -> Iterator[Peer]:
         return iter(self._by_id.values())
@@ -131,27 +133,36 @@ class Peers:
         """N_i now: the chosen neighbours that are heard (LAW.md section 1)."""
         return tuple(p.id for p in self if p.id in self._chosen and p.age(now) <= NEIGHBOUR_S)
 
-    def law_input(self, now: float, own_m: Point, slots: Mapping[int, Point], contacts: Iterable[Contact]) -> LawInput:
-        """Everyone who may be near, as points in units; a peer never heard is absent."""
-        unit = self._plan.unit_m
-        columns = len(self.ids)
-        points: list[Point] = [(0.0, 0.0)] * columns
-        offsets: list[Point] = [(0.0, 0.0)] * columns
-        present, neighbour = [False] * columns, [False] * columns
-        column = 0
-        for column, peer in enumerate(self):
-            offsets[column] = slots.get(peer.id, (0.0, 0.0))
-            if peer.state is None:
-                continue
-            north, east = self._point(peer.state, peer.age(now))
-            points[column] = (north / unit, east / unit)
-            present[column] = True
-            neighbour[column] = peer.id in self._chosen and peer.age(now) <= NEIGHBOUR_S and peer.id in slots
-        for k, (north, east) in enumerate(self._traffic(now, own_m, contacts), start=len(self._by_id)):
-            points[k] = (north / unit, east / unit)
-            present[k] = True
-        return LawInput(
-            np.array([points]), np.array([offsets]), np.array([neighbour]), np.array([present]), self._lower
+    def law_input(self, now: float, own_m: Point, slots: Mapping[int, Point], contacts: Sequence[Contact]) -> LawInput:
+        """Everyone who may be near, as points in units; a peer never heard is absent.
+
+        Agents without a slot in `slots` are nobody's neighbours: with an empty one only avoidance is left.
+        """
+        points: list[Point] = []
+        present, linked = [], []
+        for peer in self:
+            age = peer.age(now)
+            points.append(self._point(peer.state, age) if peer.state is not None else (0.0, 0.0))
+            present.append(peer.state is not None)
+            linked.append(peer.id in self._chosen and age <= NEIGHBOUR_S and peer.id in slots)
+        traffic = self._traffic(now, own_m, contacts)
+        points += traffic
+        shape = (present, linked, len(traffic))
+        if shape != self._shape or slots is not self._slots:
+            self._shape, self._slots = shape, slots
+            self._columns = self._columns_for(present, linked, len(traffic), slots)
+        return LawInput(np.array([points]) / self._plan.unit_m, *self._columns)
+
+    def _columns_for(
+        self, present: list[bool], linked: list[bool], traffic: int, slots: Mapping[int, Point]
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
+        """What changes only when somebody comes or goes: slots, neighbour, present, lower_id."""
+        offsets = [slots.get(peer.id, (0.0, 0.0)) for peer in self] + [(0.0, 0.0)] * traffic
+        return (
+            np.array([offsets]),
+            np.array([linked + [False] * traffic]),
+            np.array([present + [True] * traffic]),
+            np.array([[self._own < i or i == 0 for i in self.ids[: len(offsets)]]]),
         )
 
     def _point(self, state: AgentState, age: float) -> Point:
@@ -164,25 +175,35 @@ class Peers:
             state.stop_point_m[1] + state.commanded_mps[1] * ahead,
         )
 
-    def _traffic(self, now: float, own_m: Point, contacts: Iterable[Contact]) -> list[Point]:
+    def _traffic(self, now: float, own_m: Point, contacts: Sequence[Contact]) -> list[Point]:
         """Contacts that are no fresh peer, as stop points [m]: what the mesh does not know, the sensor does."""
+        if not contacts:
+            return []
         known = [
             (p.state.position_ned_m, p.state.velocity_ned_mps, p.age(now))
             for p in self
             if p.state is not None and p.age(now) <= NEIGHBOUR_S
         ]
+        places = [(n + vn * age, e + ve * age) for (n, e, _), (vn, ve, _), age in known]
         found: list[Point] = []
         for contact in contacts:
-            if not 0.0 <= now - contact.time_s <= _CONTACT_S:
+            age = now - contact.time_s
+            if not 0.0 <= age <= _CONTACT_S:
                 continue
-            (vn, ve, _), age = contact.velocity_ned_mps, now - contact.time_s
-            north, east, _ = ned_from_geodetic(contact.position, self._plan.origin)
+            (vn, ve, _), (north, east) = contact.velocity_ned_mps, self._place(contact)
             north, east = north + vn * age, east + ve * age
-            if any(math.hypot(north - p[0] - v[0] * a, east - p[1] - v[1] * a) < _SAME_AIRCRAFT_M for p, v, a in known):
-                continue
-            found.append(self._stopping(north, east, vn, ve))
+            if all(math.hypot(north - n, east - e) >= _SAME_AIRCRAFT_M for n, e in places):
+                found.append(self._stopping(north, east, vn, ve))
         found.sort(key=lambda point: math.dist(point, own_m))
         return found[:_MAX_CONTACTS]
+
+    def _place(self, contact: Contact) -> Point:
+        """Where it was reported, in the common frame [m]; worked out once per report."""
+        seen = self._seen.get(contact.address)
+        if seen is None or seen[0] is not contact:
+            north, east, _ = ned_from_geodetic(contact.position, self._plan.origin)
+            seen = self._seen[contact.address] = (contact, (north, east))
+        return seen[1]
 
     def _stopping(self, north: float, east: float, vn: float, ve: float) -> Point:
         """The stop point of an aircraft whose commands are unknown: it flies on for the dead time, then brakes."""
@@ -192,5 +213,5 @@ class Peers:
         if speed < 1e-6:
             return north, east
         response = self._plan.response
-        ahead = response.dead_time_s + float(stop_distance(np.array(speed), response)) / speed
+        ahead = response.dead_time_s + stop_distance(speed, response) / speed
         return north + vn * ahead, east + ve * ahead

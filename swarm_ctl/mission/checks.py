@@ -151,7 +151,7 @@ def _fleet(mission: MissionFile) -> Findings:
 
 def _ports(place: Place, entry: FleetEntry) -> Findings:
     for name, value in (("endpoint", entry.endpoint), ("mesh", entry.mesh)):
-        port = value.rpartition(":")[2] if value and not value.startswith("/") else "1"
+        port = value.rpartition(":")[2] if value and not value.startswith("serial:") else "1"
         if not 1 <= int(port) <= 65535:
             yield Finding((*place, name), f"port {port} is out of range", "a port from 1 to 65535")
 

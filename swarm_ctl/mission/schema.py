@@ -353,8 +353,8 @@ class FleetEntry(Section):
     autopilot: Literal["ardupilot", "px4"] = "ardupilot"
     endpoint: str | None = Field(
         default=None,
-        pattern=r"^((udp|udpin|udpout|tcp|tcpin):[^:\s]+:[0-9]{1,5}|/dev/\S+)$",
-        examples=["udpout:192.168.1.21:14550", "/dev/ttyACM0"],
+        pattern=r"^((udp|udpin|udpout|tcp|tcpin):[^:\s]+:[0-9]{1,5}|serial:/dev/[^:\s]+(:[0-9]{3,7})?)$",
+        examples=["udpout:192.168.1.21:14550", "serial:/dev/ttyACM0:115200"],
     )
     """The vehicle's link; simulated where not given."""
     mesh: str | None = Field(

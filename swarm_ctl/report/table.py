@@ -31,8 +31,8 @@ def _steps(summary: Summary) -> Table:
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
     table.add_column("step")
     table.add_column("result")
-    table.add_column("from [s]", justify="right")
-    table.add_column("to [s]", justify="right")
+    table.add_column(Text("from [s]"), justify="right")
+    table.add_column(Text("to [s]"), justify="right")
     table.add_column("not done")
     for step in summary.steps:
         style = {"done": "green", "not reached": "dim"}.get(step.result, "red")
@@ -101,7 +101,7 @@ def _ages(s: Summary) -> str:
     )
     if worst is None:
         return "-"
-    p50 = max(x.age_p50_s for x in s.links if x.age_p50_s is not None)
+    p50 = max((x.age_p50_s for x in s.links if x.age_p50_s is not None), default=0.0)
     return f"p50 {p50:.3f} s, p99 {worst[0]:.3f} s (worst link: {worst[1].sender} to {worst[1].receiver})"
 
 

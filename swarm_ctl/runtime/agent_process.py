@@ -51,6 +51,8 @@ class AgentConfig:
     connect: tuple[str, ...]
     epoch_s: float
     speedup: float
+    expect_station: bool = False
+    """Started together with a ground station: it must be heard before anything arms."""
     report: Path | None = None
     """Where the final status is written as JSON."""
     log: Path | None = None
@@ -166,10 +168,9 @@ def run_agent(config: AgentConfig, lifeline: Lifeline) -> int:
 def _loop(
     config: AgentConfig, clock: Clock, link: VehicleLink, node: Node, lifeline: Lifeline
 ) -> tuple[Ended, AgentStatus | None]:
-    agent = Agent(config.plan, config.agent_id, clock.now())
+    agent = Agent(config.plan, config.agent_id, clock.now(), expect_station=config.expect_station)
     ticker = Ticker(clock, config.plan.tick_s)
     status: AgentStatus | None = None
-    gc.collect()
     gc.freeze()
     gc.set_threshold(_GC_THRESHOLD, 20, 100)
     while True:

@@ -217,6 +217,7 @@ class Run:
             connect=tuple(other.mesh or "" for other in manifest.fleet[:index]),
             epoch_s=manifest.epoch_s,
             speedup=manifest.speedup,
+            expect_station=True,
             report=self._folder / "agents" / f"{agent.id}.json",
             log=self._folder / "agents" / f"{agent.id}.log",
         )

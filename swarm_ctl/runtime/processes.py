@@ -68,7 +68,7 @@ class AgentChild:
         self.name = f"agent-{config.agent_id}"
         self.config = config
         context = multiprocessing.get_context("forkserver")
-        context.set_forkserver_preload([agent_process.__name__])
+        context.set_forkserver_preload(["swarm_ctl.runtime.preload"])
         self._lifeline, theirs = context.Pipe()
         self._process = context.Process(
             target=agent_process.child_main, args=(config, theirs), name=self.name, daemon=False

@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
+import math
 import os
 import signal
 import sys
@@ -36,7 +37,7 @@ from swarm_ctl.runtime.control import ControlPipe
 from swarm_ctl.station.live import render
 from swarm_ctl.station.log_lines import log_lines
 from swarm_ctl.station.model import Model
-from swarm_ctl.station.view import SwarmView
+from swarm_ctl.station.view import AgentView, SwarmView
 
 _ONLY_SHOWN: Final[tuple[keys.Channel[Any], ...]] = (keys.STATE, keys.SIGMA, keys.BEACON)
 _BEACON_S = 0.5
@@ -173,12 +174,20 @@ class Station:
         self._name = f"station-{os.getpid()}"
         self._commander = Commander(node, [agent.id for agent in plan.agents])
         self._beacon_due = 0.0
-        node.listen(keys.STATE, keys.STATUS, keys.SIGMA, keys.EVENT, keys.ACK, keys.BEACON)
+        self._noted: set[str] = set()
+        node.listen(keys.STATE, keys.STATUS, keys.SIGMA, keys.EVENT, keys.ACK, keys.BEACON, keys.COMMAND)
 
     def command(self, kind: str) -> None:
         """Pass an operator's command to all agents."""
         command = self._commander.give(kind, self._clock.now())
-        self._fold(command, self._clock.now())
+        self._note(command, self._clock.now())
+
+    def _note(self, command: Command, received_s: float) -> None:
+        """Show and record a command once: ours, and those of other stations (`swarm-ctl send`)."""
+        if command.id in self._noted:
+            return
+        self._noted.add(command.id)
+        self._fold(command, received_s)
         if self._recorder:
             self._recorder.command(command)
 
@@ -196,6 +205,8 @@ class Station:
             self._fold(event, received_s)
             if self._recorder:
                 self._recorder.event(event)
+        for command, received_s in self._node.take(keys.COMMAND):
+            self._note(command, received_s)
         for ack, received_s in self._node.take(keys.ACK):
             self._fold(ack, received_s)
             self._commander.answered(ack.command, ack.agent)
@@ -273,16 +284,22 @@ class Orphan:
     def __init__(self, clock: Clock, folder: Path) -> None:
         self._clock = clock
         self._truth = folder / "truth.jsonl"
+        self._accounts = folder / "agents"
         self._ended_s: float | None = None
 
     def may_go(self, view: SwarmView) -> bool:
         """Ask once per view."""
         now = self._clock.now()
-        if not all(_has_ended(agent, now) for agent in view.agents):
+        if not all(self._has_ended(agent, now) for agent in view.agents if agent.in_plan):
             return False
         if self._ended_s is None:
             self._ended_s = now
         return not self._truth.exists() or _is_closed(self._truth) or now - self._ended_s > _BOOK_S
+
+    def _has_ended(self, agent: AgentView, now: float) -> bool:
+        """It has written its account, or it will not any more."""
+        heard_s = agent.status.time_s if agent.status else -math.inf
+        return (self._accounts / f"{agent.id}.json").exists() or now - heard_s > _SILENT_S
 
 
 def _is_closed(truth: Path) -> bool:
@@ -290,13 +307,6 @@ def _is_closed(truth: Path) -> bool:
     with truth.open("rb") as book:
         book.seek(max(0, book.seek(0, os.SEEK_END) - 200))
         return b'"type":"end"' in book.read().replace(b" ", b"")
-
-
-def _has_ended(agent: Any, now: float) -> bool:
-    status: AgentStatus | None = agent.status
-    if status is None:
-        return True
-    return status.outcome != "running" or now - status.time_s > _SILENT_S
 
 
 def main() -> int:

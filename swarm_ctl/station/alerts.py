@@ -18,11 +18,14 @@ from swarm_ctl.station.view import AgentView, SwarmView
 
 
 class Level(IntEnum):
-    """How bad it is."""
+    """How things stand; an alarm is a warning or an error."""
 
-    WARNING = 1
+    WELL = 0
+    WAITING = 1
+    """Nothing is wrong, and nothing goes on yet."""
+    WARNING = 2
     """Look at it."""
-    ERROR = 2
+    ERROR = 3
     """The mission, or somebody's safety, is at stake."""
 
 
@@ -249,8 +252,8 @@ RULES: Final[tuple[Rule, ...]] = (
     Rule(
         "late ticks",
         Level.WARNING,
-        lambda v: 500 * v.plan.tick_s / v.speedup,
-        "half a tick, in wall-clock milliseconds",
+        lambda v: 1000 * v.plan.tick_s / v.speedup,
+        "a whole tick, in wall-clock milliseconds",
         _late_ticks,
     ),
     Rule("battery", Level.WARNING, lambda _: 20.0, "what the autopilots call low", _battery),

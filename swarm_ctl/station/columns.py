@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final, Literal, TypeAlias
 
-from rich.text import Text
+from rich.cells import cell_len, set_cell_size
 
 from swarm_ctl.core.state import Phase
 from swarm_ctl.core.text import printable
@@ -19,6 +19,7 @@ class Glyphs:
     """Signs, with plain ASCII where the terminal has no more."""
 
     well: str = "✓"
+    waiting: str = "…"
     warning: str = "!"
     error: str = "✗"
     armed: str = "●"
@@ -29,15 +30,20 @@ class Glyphs:
     dot: str = "·"
     line: str = "─"
 
-    def of(self, level: Level | None) -> str:
-        """The sign of a level; None: all is well."""
-        return {None: self.well, Level.WARNING: self.warning, Level.ERROR: self.error}[level]
+    def of(self, level: Level) -> str:
+        """The sign of a level."""
+        return (self.well, self.waiting, self.warning, self.error)[level]
 
 
 UNICODE: Final = Glyphs()
-ASCII: Final = Glyphs("ok", "!", "X", "*", "o", "-", "sigma", "x", "-", "-")
+ASCII: Final = Glyphs("ok", "..", "!", "X", "*", "o", "-", "sigma", "x", "-", "-")
 
-LEVEL_STYLE: Final[dict[Level | None, str]] = {None: "green", Level.WARNING: "yellow", Level.ERROR: "bold red"}
+LEVEL_STYLE: Final = {
+    Level.WELL: "green",
+    Level.WAITING: "cyan",
+    Level.WARNING: "yellow",
+    Level.ERROR: "bold red",
+}
 
 _PHASE_STYLE: Final = {
     Phase.FLY: "green",
@@ -55,9 +61,13 @@ class Row:
 
     view: SwarmView
     agent: AgentView
-    level: Level | None
+    level: Level
     """The agent's worst alarm."""
     glyphs: Glyphs
+
+
+Cell: TypeAlias = str | tuple[str, str]
+"""Words, or words and their style."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,11 +76,17 @@ class Column:
 
     title: str
     width: int
-    cell: Callable[[Row, int], str | Text]
+    cell: Callable[[Row, int], Cell]
     from_width: int = 0
     justify: Literal["left", "right"] = "right"
     below_width: int = 10_000
     """Screens from this width on have something better."""
+
+    def place(self, words: str) -> str:
+        """`words` at their place in the column's width, cut if need be."""
+        words = set_cell_size(words, self.width) if cell_len(words) > self.width else words
+        room = " " * (self.width - cell_len(words))
+        return room + words if self.justify == "right" else words + room
 
 
 def fit(value: float | None, width: int, decimals: int, glyphs: Glyphs = UNICODE) -> str:
@@ -84,18 +100,19 @@ def fit(value: float | None, width: int, decimals: int, glyphs: Glyphs = UNICODE
     return "9" * (width - 1) + "+" if value > 0 else "-" * width
 
 
-def _id(row: Row, width: int) -> Text:
-    mark = row.glyphs.of(row.level)[:1] if row.level is not None else " "
-    return Text(f"{mark}{row.agent.id:>{width - 1}}", style=LEVEL_STYLE[row.level] if row.level else "bold")
+def _id(row: Row, width: int) -> Cell:
+    alarm = row.level >= Level.WARNING
+    mark = row.glyphs.of(row.level) if alarm else " "
+    return f"{mark}{row.agent.id:>{width - 1}}", LEVEL_STYLE[row.level] if alarm else "bold"
 
 
-def _phase(row: Row, _: int) -> Text:
+def _phase(row: Row, _: int) -> Cell:
     agent = row.agent
     if agent.lost:
-        return Text("SILENT", style="bold red")
+        return "SILENT", "bold red"
     if agent.phase is None:
-        return Text("unheard", style="dim")
-    return Text(agent.phase.name.lower(), style=_PHASE_STYLE.get(agent.phase, ""))
+        return "unheard", "dim"
+    return agent.phase.name.lower(), _PHASE_STYLE.get(agent.phase, "")
 
 
 def _step(row: Row, width: int) -> str:
@@ -109,8 +126,8 @@ def _step(row: Row, width: int) -> str:
     return name + done if len(name + done) <= width else name[: width - len(done.strip())] + done.strip()
 
 
-def _mode(row: Row, width: int) -> str:
-    return printable(row.agent.status.mode)[:width] if row.agent.status else row.glyphs.dash
+def _mode(row: Row, _: int) -> str:
+    return printable(row.agent.status.mode) if row.agent.status and row.agent.status.mode else row.glyphs.dash
 
 
 def _armed_sign(row: Row, _: int) -> str:
@@ -141,12 +158,11 @@ def _nearest(row: Row, width: int) -> str:
     return f"{agent.nearest_agent} {fit(agent.nearest_m, width - len(str(agent.nearest_agent)) - 1, 2)}"
 
 
-def _age(row: Row, width: int) -> Text:
+def _age(row: Row, width: int) -> Cell:
     agent = row.agent
     if agent.phase is Phase.ENDED:
-        return Text(row.glyphs.dash)
-    age = fit(agent.link.age_s, width, 2, row.glyphs)
-    return Text(age, style="bold red" if agent.lost else "")
+        return row.glyphs.dash
+    return fit(agent.link.age_s, width, 2, row.glyphs), "bold red" if agent.lost else ""
 
 
 def _loss(row: Row, _: int) -> str:
@@ -172,7 +188,7 @@ COLUMNS: Final[tuple[Column, ...]] = (
     Column("phase", 7, _phase, justify="left"),
     Column("step", 8, _step, justify="left", below_width=_WIDE),
     Column("step", 16, _step, _WIDE, "left"),
-    Column("mode", 8, _mode, justify="left"),
+    Column("mode", 9, _mode, justify="left"),
     Column("A", 1, _armed_sign, below_width=_WIDE),
     Column("armed", 5, _armed_word, _WIDE, "left"),
     Column("north", 5, _number(_ned(0), 1)),
@@ -184,7 +200,7 @@ COLUMNS: Final[tuple[Column, ...]] = (
     Column("age", 4, _age),
     Column("p99", 4, _number(lambda row: row.agent.link.age_p99_s, 2)),
     Column("loss", 4, _loss, _WIDE),
-    Column("Hz", 4, _number(lambda row: row.agent.link.tick_rate_hz, 1)),
+    Column("Hz", 3, _number(lambda row: row.agent.link.tick_rate_hz, 1)),
     Column("late", 4, _number(_late, 1)),
     Column("batt", 4, _number(lambda row: row.agent.status.battery_percent if row.agent.status else None, 0), _WIDE),
 )

@@ -12,7 +12,6 @@ from typing import Final
 
 from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderResult
 from rich.segment import Segment
-from rich.table import Table
 from rich.text import Text
 
 from swarm_ctl.core.state import PairReport, Phase
@@ -20,11 +19,11 @@ from swarm_ctl.core.text import ranges
 from swarm_ctl.station.alerts import Level, alarms
 from swarm_ctl.station.columns import ASCII, COLUMNS, LEVEL_STYLE, UNICODE, Glyphs, Row, fit
 from swarm_ctl.station.view import AgentView, PairView, SwarmView
-from swarm_ctl.station.wording import answers, gather_alarms, gather_events, verdict
+from swarm_ctl.station.wording import answers, gather_events, verdict
 
-_LEAST_WIDTH: Final = 40
-_BAR_STYLE: Final[dict[Level | None, str]] = {
-    None: "black on green",
+_BAR_STYLE: Final = {
+    Level.WELL: "black on green",
+    Level.WAITING: "black on cyan",
     Level.WARNING: "black on yellow",
     Level.ERROR: "bold white on red",
 }
@@ -42,22 +41,16 @@ class _Screen:
     height: int | None
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        width = max(_LEAST_WIDTH, self.width or options.max_width)
-        height = self.height or options.height or console.height
-        drawing = _Drawing(self.view, width, ASCII if options.ascii_only else UNICODE)
-        lines = console.render_lines(_Stack(drawing.parts(height)), options.update(width=width, height=None))
-        for k, line in enumerate(Segment.set_shape(lines, width, height)):
-            yield from line
+        width, height = self.width or options.max_width, self.height or options.height or console.height
+        plain = options.ascii_only
+        for k, line in enumerate(_Drawing(self.view, width, ASCII if plain else UNICODE).lines(height)):
+            line.truncate(width, overflow="crop" if plain else "ellipsis", pad=True)
+            # Text.render leaves a plain line's own style to its caller
+            for segment in Segment.apply_style(line.render(console), console.get_style(line.style)):
+                # what others wrote may hold signs that this terminal can't show
+                yield Segment(_ascii(segment.text), segment.style) if plain else segment
             if k + 1 < height:
                 yield Segment.line()
-
-
-@dataclass(frozen=True, slots=True)
-class _Stack:
-    parts: Sequence[ConsoleRenderable]
-
-    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        yield from self.parts
 
 
 class _Drawing:
@@ -67,19 +60,19 @@ class _Drawing:
         self._glyphs = glyphs
         self._alarms = alarms(view)
 
-    def parts(self, height: int) -> list[ConsoleRenderable]:
-        """Everything from top to bottom, `height` lines in all (if there is room for the header at all)."""
+    def lines(self, height: int) -> list[Text]:
+        """Everything from top to bottom, exactly `height` lines; in too little room the head comes first."""
         free = height - 5  # title, figures, bar, the table's head, footer
         agents = self._agents(max(1, free - 4))
         hidden = len(self._view.agents) - len(agents)
         free -= len(agents) + bool(hidden)
-        more_alarms = gather_alarms(self._alarms)[1:]
-        shown = more_alarms[: max(0, min(len(more_alarms), free // 2))]
+        (level, worst), *others = verdict(self._view, self._alarms)
+        shown = others[: max(0, free // 2)]
         free -= len(shown)
         sigma_rows = max(0, min(8, (free - 4) // 3))
-        parts: list[ConsoleRenderable] = [self._title(), self._figures(), self._bar()]
+        parts: list[Text] = [self._title(), self._figures(), self._bar(level, worst)]
         parts += [Text(f" {self._glyphs.of(level)} {text}", style=LEVEL_STYLE[level]) for level, text in shown]
-        parts.append(self._table(agents))
+        parts += self._table(agents)
         if hidden:
             parts.append(Text(f"    and {hidden} more agents", style="dim"))
         if sigma_rows:
@@ -87,13 +80,8 @@ class _Drawing:
             free -= sigma_rows + 2
         if free > 1:
             parts += [self._rule("events"), *self._events(free - 1)]
-        parts.append(self._footer())
-        return [self._one_line(part) for part in parts]
-
-    def _one_line(self, part: ConsoleRenderable) -> ConsoleRenderable:
-        if isinstance(part, Text):
-            part.no_wrap, part.overflow = True, "ellipsis"
-        return part
+        parts += [Text("")] * (height - 1 - len(parts))
+        return [*parts[: height - 1], self._footer()]
 
     # --- the head ---
 
@@ -130,8 +118,7 @@ class _Drawing:
         space = "  " if self._width >= 100 else " "
         return f"{space}{self._glyphs.dot}{space}"
 
-    def _bar(self) -> Text:
-        level, text = verdict(self._view, self._alarms)
+    def _bar(self, level: Level, text: str) -> Text:
         line = f" {self._glyphs.of(level)} {text}"
         return Text(line.ljust(self._width), style=_BAR_STYLE[level])
 
@@ -142,22 +129,26 @@ class _Drawing:
         agents = self._view.agents
         if len(agents) <= room:
             return list(agents)
-        chosen = sorted(agents, key=lambda agent: (-(self._level(agent.id) or 0), agent.id))[: max(1, room - 1)]
+        chosen = sorted(agents, key=lambda agent: (-self._level(agent.id), agent.id))[: max(1, room - 1)]
         return sorted(chosen, key=lambda agent: agent.id)
 
-    def _level(self, agent_id: int) -> Level | None:
-        return max((alarm.level for alarm in self._alarms if agent_id in alarm.agents), default=None)
+    def _level(self, agent_id: int) -> Level:
+        return max((alarm.level for alarm in self._alarms if agent_id in alarm.agents), default=Level.WELL)
 
-    def _table(self, agents: Iterable[AgentView]) -> Table:
+    def _table(self, agents: Iterable[AgentView]) -> list[Text]:
+        """A heading and one line per agent; what room there is goes between the columns."""
         columns = [column for column in COLUMNS if column.from_width <= self._width < column.below_width]
-        table = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False, expand=True, header_style="dim")
-        for column in columns:
-            table.add_column(column.title, justify=column.justify, no_wrap=True, min_width=column.width)
+        gap = " " * max(1, (self._width - sum(column.width for column in columns)) // (len(columns) - 1))
+        lines = [Text(gap.join(column.place(column.title) for column in columns), style="dim")]
         for agent in agents:
             row = Row(self._view, agent, self._level(agent.id), self._glyphs)
-            cells = [column.cell(row, column.width) for column in columns]
-            table.add_row(*cells, style="dim" if agent.phase is Phase.ENDED else "")
-        return table
+            line = Text(style="dim" if agent.phase is Phase.ENDED else "")
+            for k, column in enumerate(columns):
+                cell = column.cell(row, column.width)
+                words, style = (cell, "") if isinstance(cell, str) else cell
+                line.append((gap if k else "") + column.place(words), style=style)
+            lines.append(line)
+        return lines
 
     # --- sigma, events, footer ---
 
@@ -209,10 +200,16 @@ class _Drawing:
         return [*lines, *[Text("")] * (rows - len(lines))]
 
     def _footer(self) -> Text:
+        if all(agent.phase is Phase.ENDED for agent in self._view.agents):
+            return Text(" all agents have ended", style="bold")
         landing = [command for command in self._view.commands if command.command.kind == "land"]
         if not landing:
             return Text(" Ctrl-C lands the swarm", style="bold")
         return Text(f" Ctrl-C again stops at once{self._gap()}{answers(landing[-1], self._view)}", style="bold")
+
+
+def _ascii(text: str) -> str:
+    return text.encode("ascii", "replace").decode()
 
 
 def _pair(pair: tuple[int, int | None]) -> str:

@@ -53,7 +53,7 @@ def _reasons(previous: SwarmView | None, view: SwarmView) -> Iterator[str]:
     for why, ids in reasons(view).items():
         new = [i for i in ids if (i, _FIGURE.sub("", why)) not in before]
         if new:
-            yield f"{agents_named(new)}: waiting: {why}"
+            yield f"{agents_named(new)}: {why}"
 
 
 def _events(previous: SwarmView | None, view: SwarmView) -> Iterator[str]:
@@ -61,6 +61,8 @@ def _events(previous: SwarmView | None, view: SwarmView) -> Iterator[str]:
     # a new step is told by the states already, once for all
     steps = {f"step {k}: {view.step_name(k)}" for k in range(len(view.plan.steps) + 1)}
     new: tuple[Event, ...] = view.events[-fresh:] if fresh > 0 else ()
+    if fresh > len(new):
+        yield f"{fresh - len(new)} events came too fast to be told"
     for saying in gather_events(event for event in new if event.text not in steps):
         mark = "" if saying.level == "info" else f"{printable(saying.level).upper()}: "
         yield f"{agents_named(saying.agents)}: {mark}{saying.text}"

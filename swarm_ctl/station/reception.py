@@ -13,6 +13,8 @@ WINDOW_S: Final = 10.0
 """Long enough for a p99 at 20 Hz, short enough that a bad link shows while it is bad."""
 _MAX_TRANSIT_S: Final = 1.0
 """A sender's clock that is further off than this is not believed; age then counts from the receipt."""
+_MOST_MISSING: Final = 200
+"""Ten seconds at 20 Hz; nothing comes later than that."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +34,7 @@ class Receiver:
     def __init__(self) -> None:
         self._window: deque[_Arrival] = deque()
         self._last: _Arrival | None = None
+        self._missing: set[int] = set()
         self._received = self._lost = self._late = self._restarts = 0
 
     def hear(self, seq: int, sent_s: float, received_s: float) -> bool:
@@ -39,16 +42,19 @@ class Receiver:
         last = self._last
         if last is not None and sent_s <= last.sent_s:
             self._late += 1
-            if seq < last.seq:  # it had been counted as lost
-                self._lost = max(0, self._lost - 1)
+            if seq in self._missing:  # late, not lost
+                self._missing.remove(seq)
+                self._lost -= 1
                 self._received += 1
             return False
         lost = 0
         if last is not None and seq > last.seq:
             lost = seq - last.seq - 1
+            self._miss(last.seq + 1, seq)
         elif last is not None:
             self._restarts += 1
             self._window.clear()
+            self._missing.clear()
         age = self._age(received_s)
         self._last = _Arrival(received_s, sent_s, seq, 0.0 if age is None else age, lost)
         self._window.append(self._last)
@@ -86,11 +92,21 @@ class Receiver:
         first, last = self._window[0], self._window[-1]
         return (last.seq - first.seq) / (last.sent_s - first.sent_s)
 
+    def _miss(self, first: int, after: int) -> None:
+        """Remember which are missing; of a long silence only the last."""
+        self._missing = {seq for seq in self._missing if seq >= after - _MOST_MISSING}
+        self._missing |= set(range(max(first, after - _MOST_MISSING), after))
+
     def _forget(self, now_s: float) -> None:
         while self._window and self._window[0].received_s < now_s - WINDOW_S:
             self._window.popleft()
 
 
 def _quantile(ordered: Sequence[float], share: float) -> float | None:
-    """Nearest rank; None of nothing."""
-    return ordered[min(len(ordered) - 1, int(share * len(ordered)))] if ordered else None
+    """The age that is not exceeded for `share` of the time: an age reached counts as long as it took to reach it."""
+    wanted, passed = share * sum(ordered), 0.0
+    for age in ordered:
+        passed += age
+        if passed >= wanted:
+            return age
+    return None

@@ -28,7 +28,7 @@ class Reception:
     age_s: float | None = None
     """Since the newest state was true; None: never heard."""
     age_p50_s: float | None = None
-    """Age that a state reached before the next one came."""
+    """Age that a state reached before the next one came, weighted by the time it took."""
     age_p99_s: float | None = None
     received: int = 0
     """Over the whole run."""

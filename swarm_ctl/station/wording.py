@@ -50,21 +50,25 @@ def _others(alarms: Sequence[Alarm]) -> str:
     return f" (and {len(alarms)} more: {agents_named(agent for alarm in alarms for agent in alarm.agents)})"
 
 
-def verdict(view: SwarmView, alarms: Sequence[Alarm]) -> tuple[Level | None, str]:
-    """The state of the whole swarm in one line: the worst alarm, or that all is well."""
+def verdict(view: SwarmView, alarms: Sequence[Alarm]) -> list[tuple[Level, str]]:
+    """The state of the whole swarm in words, the most important first; never empty."""
     if alarms:
-        return gather_alarms(alarms)[0]
-    waited_for = [agent.id for agent in view.agents if agent.phase is None]
-    if waited_for:
-        return None, f"waiting for {agents_named(waited_for)}"
-    waiting = reasons(view)
-    if waiting:
-        why, ids = max(waiting.items(), key=lambda item: len(item[1]))
-        return None, f"{agents_named(ids)} waiting: {why}"
+        return gather_alarms(alarms)
+    waits = waiting(view)
+    if waits:
+        return [(Level.WAITING, line) for line in waits]
     outcomes = {agent.status.outcome if agent.status else "" for agent in view.agents}
     if all(agent.phase is Phase.ENDED for agent in view.agents) and len(outcomes) == 1:
-        return None, f"mission {outcomes.pop() or 'over'}"
-    return None, "all well"
+        return [(Level.WELL, f"mission {printable(outcomes.pop()) or 'over'}")]
+    return [(Level.WELL, "all well")]
+
+
+def waiting(view: SwarmView) -> list[str]:
+    """Who is waited for before the flight, and why; one line a reason, most agents first."""
+    unheard = [agent.id for agent in view.agents if agent.phase is None]
+    lines = [f"waiting for {agents_named(unheard)}"] if unheard else []
+    told = sorted(reasons(view).items(), key=lambda item: -len(item[1]))
+    return lines + [f"{agents_named(ids)}: {why}" for why, ids in told]
 
 
 def reasons(view: SwarmView) -> dict[str, list[int]]:

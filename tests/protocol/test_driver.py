@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from pymavlink.dialects.v20 import common
 
 from swarm_ctl.core.vehicle import Airborne, Fly, Goal, Land, Release, Standby, VehicleView, Yield
 from swarm_ctl.mavlink import VehicleLink
@@ -133,7 +134,8 @@ def test_the_whole_way_up_and_down_again(persona: str, tmp_path: Path) -> None:
         own = {name: fly.link._autopilot.parameters.originals[name] for name in DEFAULTS[persona]}
         assert own == DEFAULTS[persona]
         counters = fly.link.counters
-        assert (counters.bad_frames, counters.foreign, counters.rejected, counters.errors) == (0, 0, 0, 0)
+        assert (counters.lost, counters.bad_frames, counters.foreign) == (0, 0, 0)
+        assert (counters.rejected, counters.errors) == (0, 0)
         assert fly.texts == [], "nothing was refused"
 
 
@@ -147,6 +149,30 @@ def test_a_slow_start_is_waited_out(tmp_path: Path) -> None:
         assert view.local is not None
         assert view.origin is not None
         fly.until(lambda view: view.armed and not view.on_ground, Airborne(3.0))
+
+
+def test_a_stream_that_another_ground_station_slows_is_taken_back(tmp_path: Path) -> None:
+    with flight(tmp_path, "ardupilot") as fly:
+        fly.until(lambda view: view.healthy, Standby())
+        message = common.MAVLink_request_data_stream_message(SYSID, 1, common.MAV_DATA_STREAM_ALL, 4, 1)
+        fly.link._send(message, fly.now())
+        gaps = Gaps(fly)
+        fly.until(lambda view: gaps.newest() == pytest.approx(0.25, abs=0.02), None)
+        fly.until(lambda view: gaps.newest() == pytest.approx(0.05, abs=0.02), Standby())
+
+
+class Gaps:
+    """The time between local positions, by the vehicle's own clock."""
+
+    def __init__(self, fly: Flight) -> None:
+        self._heard = fly.link._heard
+        self._count, self._boot_s = self._heard.counts[32], self._heard.boot_s
+
+    def newest(self) -> float:
+        """The mean over those that came since the last call; NaN if none came."""
+        came, passed_s = self._heard.counts[32] - self._count, self._heard.boot_s - self._boot_s
+        self._count, self._boot_s = self._heard.counts[32], self._heard.boot_s
+        return passed_s / came if came else math.nan
 
 
 def test_an_ardupilot_without_setpoints_stops_in_guided_and_goes_on(tmp_path: Path) -> None:

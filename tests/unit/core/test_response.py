@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarm_ctl.core.plan import Response
-from swarm_ctl.core.response import pending, stop_distance, stop_point
+from swarm_ctl.core.response import pending, stop_distance, stop_point, stop_points
 
 DT = 0.05
 VEHICLE = Response(dead_time_s=0.4, lag_s=0.5, acceleration_mps2=2.8)
@@ -36,7 +36,7 @@ class Simulated:
             self.p = self.p + self.v * DT / fine
 
     def stop_point(self) -> np.ndarray:
-        return stop_point(self.p, self.v, np.array(self.delayed).reshape(-1, 2), DT, self.vehicle)
+        return np.array(stop_point(tuple(self.p), tuple(self.v), [tuple(c) for c in self.delayed], DT, self.vehicle))
 
 
 @given(st.lists(VECTOR, min_size=1, max_size=60))
@@ -64,19 +64,22 @@ def test_single_integrator_seen_from_the_stop_point(commands: list[tuple[float, 
 
 
 def test_at_rest_the_stop_point_is_the_position() -> None:
-    commands = np.zeros((pending(VEHICLE, DT), 2))
-    assert stop_point(np.array([3.0, -4.0]), np.zeros(2), commands, DT, VEHICLE) == pytest.approx([3.0, -4.0])
+    commands = [(0.0, 0.0)] * pending(VEHICLE, DT)
+    assert stop_point((3.0, -4.0), (0.0, 0.0), commands, DT, VEHICLE) == pytest.approx((3.0, -4.0))
 
 
 def test_batch_is_the_same_as_one_by_one() -> None:
     """Leading axes are vehicles."""
     rng = np.random.default_rng(1)
     p, v, c = rng.normal(size=(3, 4, 2)), rng.normal(size=(3, 4, 2)), rng.normal(size=(3, 4, 8, 2))
-    batch = stop_point(p, v, c, DT, VEHICLE)
-    assert batch[1, 2] == pytest.approx(stop_point(p[1, 2], v[1, 2], c[1, 2], DT, VEHICLE))
+    p, v, c = 3 * p, 3 * v, 3 * c  # fast enough to meet the acceleration limit
+    batch = stop_points(p, v, c, DT, VEHICLE)
+    one = stop_point(tuple(p[1, 2]), tuple(v[1, 2]), [tuple(row) for row in c[1, 2]], DT, VEHICLE)
+    assert batch[1, 2] == pytest.approx(one)
 
 
 def test_stop_distance_has_no_jump_where_braking_saturates() -> None:
     knee = VEHICLE.acceleration_mps2 * VEHICLE.lag_s
-    below, above = stop_distance(np.array([knee - 1e-9, knee + 1e-9]), VEHICLE)
+    below, above = stop_distance(np.array([knee - 1e-9, knee + 1e-9]), VEHICLE, np.maximum)
+    assert above == pytest.approx((knee**2 + knee**2) / (2 * VEHICLE.acceleration_mps2))
     assert below == pytest.approx(above, abs=1e-6)

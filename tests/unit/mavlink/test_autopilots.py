@@ -245,8 +245,9 @@ def test_health_names_what_is_missing(name: str) -> None:
 @pytest.mark.parametrize(("name", "healthy"), [("ardupilot", False), ("px4", True)])
 def test_prearm_bit_alone_is_enough_for_px4_only(name: str, healthy: bool) -> None:
     """PX4 sets the health bit without present and enabled; ArduPilot without them has its checks switched off."""
-    heard = Heard(sensors_health=wire.PREARM)
-    assert autopilot(name, 7).prearm(heard) is healthy
+    for present in (0, wire.PREARM):
+        heard = Heard(sensors_present=present, sensors_health=wire.PREARM)
+        assert autopilot(name, 7).prearm(heard) is healthy
 
 
 # --- faults ---
@@ -330,6 +331,29 @@ def test_a_pilot_who_takes_over_on_the_way_up_keeps_the_vehicle(name: str, when_
     vehicle.run(Airborne(3.0), 1.5 + when_s)
     vehicle.mode = PILOT[name]
     vehicle.run(Airborne(3.0), 1.05)  # until its heartbeat has said so
+    sent = vehicle.run(Airborne(3.0), 10.0)
+    assert commands(sent, MODE) == commands(sent, ARM) == commands(sent, TAKE_OFF) == []
+
+
+@both
+def test_a_pilot_who_takes_over_on_the_ground_keeps_the_vehicle(name: str) -> None:
+    vehicle = make(name)
+    vehicle.run(Standby(), 6.0)
+    vehicle.ready_s = math.inf  # arming is refused from now on
+    vehicle.run(Airborne(3.0), 3.0)
+    vehicle.mode = PILOT[name]
+    vehicle.run(Airborne(3.0), 1.05)
+    sent = vehicle.run(Airborne(3.0), 10.0)
+    assert commands(sent, MODE) == commands(sent, ARM) == []
+
+
+@both
+@pytest.mark.parametrize(("armed", "height_m"), [(True, 0.0), (True, 5.0), (False, 5.0)])
+def test_a_vehicle_in_somebodys_hands_is_not_taken(name: str, armed: bool, height_m: float) -> None:
+    vehicle = make(name)
+    vehicle.run(Standby(), 6.0)
+    vehicle.mode, vehicle.armed, vehicle.height_m = PILOT[name], armed, height_m
+    vehicle.run(Standby(), 1.05)
     sent = vehicle.run(Airborne(3.0), 10.0)
     assert commands(sent, MODE) == commands(sent, ARM) == commands(sent, TAKE_OFF) == []
 
@@ -451,8 +475,7 @@ def test_a_pilot_who_breaks_a_landing_off_keeps_the_vehicle(name: str) -> None:
     vehicle = flying(name)
     vehicle.run(Land(), 1.5)
     vehicle.mode = PILOT[name]
-    vehicle.run(Land(), 1.05)
-    sent = vehicle.run(Land(), 5.0)
+    sent = vehicle.run(Land(), 6.0)
     assert commands(sent, MODE) == of(sent, "SET_POSITION_TARGET_LOCAL_NED") == []
 
 

@@ -15,7 +15,7 @@ import pytest
 from swarm_ctl.core.vehicle import Fly, Standby
 from swarm_ctl.errors import LinkError
 from swarm_ctl.mavlink import VehicleLink, Wire, memory_wires
-from swarm_ctl.mavlink.wires import open_wire
+from swarm_ctl.mavlink.wires import _TcpWire, open_wire
 from tests.unit.mavlink import wire
 from tests.unit.mavlink.test_framer import BANNER
 
@@ -199,7 +199,7 @@ def test_a_tcp_server_that_is_not_there_is_counted_not_raised() -> None:
         assert link.counters.errors in range(4, 10), "one attempt a second"
 
 
-def test_a_stalled_tcp_peer_gets_no_old_setpoints_and_whole_frames_only(server: socket.socket) -> None:
+def test_a_stalled_tcp_peer_gets_no_old_setpoints(server: socket.socket) -> None:
     with contextlib.closing(open_wire(f"tcp:{HOST}:{server.getsockname()[1]}")) as opened:
         opened.read(0.0)
         with contextlib.closing(server.accept()[0]) as peer:
@@ -211,14 +211,47 @@ def test_a_stalled_tcp_peer_gets_no_old_setpoints_and_whole_frames_only(server: 
                 except BlockingIOError:
                     dropped += 1
             assert dropped > 10_000, "the kernel's buffers are full, and nothing piles up on our side"
-            assert len(opened._unsent) < len(frame)  # type: ignore[attr-defined]
-            data = b""
+            data, whole = b"", (20_000 - dropped) * len(frame)
             peer.settimeout(5.0)
-            while len(data) < (20_000 - dropped) * len(frame):
+            while len(data) < whole:
                 data += peer.recv(1 << 20)
                 with contextlib.suppress(BlockingIOError):
-                    opened.write(b"", 0.0)  # flushes the tail
+                    opened.write(b"", 0.1)  # an unsent part follows
             assert data == frame * (20_000 - dropped)
+
+
+class Narrow:
+    """A stream that takes only so many bytes before it is full."""
+
+    def __init__(self, room: int) -> None:
+        self.room, self.taken = room, b""
+
+    def send(self, data: bytes) -> int:
+        if data and not self.room:
+            raise BlockingIOError
+        took = data[: self.room]
+        self.room -= len(took)
+        self.taken += took
+        return len(took)
+
+    def close(self) -> None:
+        pass
+
+
+def test_a_frame_that_went_out_in_part_is_finished_before_another_begins() -> None:
+    opened = _TcpWire(("127.0.0.1", 9))
+    stream = Narrow(room=4)
+    opened._stream = stream  # type: ignore[assignment]
+    opened.write(b"first!", 0.0)
+    for _ in range(3):
+        with pytest.raises(BlockingIOError):
+            opened.write(b"dropped", 0.1)
+    stream.room = 1
+    with pytest.raises(BlockingIOError):
+        opened.write(b"dropped", 0.2)
+    stream.room = 100
+    opened.write(b"second", 0.3)
+    assert stream.taken == b"first!second"
 
 
 def test_tcpin_takes_whoever_connects_last() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import replace
 
@@ -65,6 +66,9 @@ def hexagon_plan(count: int = 6) -> Plan:
     )
 
 
+_plan_hash = functools.cache(Plan.hash)
+
+
 def state_of(plan: Plan, agent: int, time_s: float, seq: int = 1, **changes: object) -> AgentState:
     """A state at the agent's start, flying the form step at 10 m."""
     north, east = plan.agent(agent).start
@@ -72,7 +76,7 @@ def state_of(plan: Plan, agent: int, time_s: float, seq: int = 1, **changes: obj
         agent=agent,
         seq=seq,
         time_s=time_s,
-        plan_hash=plan.hash(),
+        plan_hash=_plan_hash(plan),
         phase=Phase.FLY,
         step=FORM,
         done=False,

@@ -1,0 +1,120 @@
+"""The simulator as a process: how it starts, refuses and ends."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.protocol.simulator import command_line, pilot, settings, simulator
+
+
+def refused(tmp_path: Path, configuration: dict[str, Any]) -> tuple[int, str, str]:
+    """Exit code, stdout, stderr of one that doesn't start."""
+    done = subprocess.run(
+        command_line(tmp_path, configuration), input="", capture_output=True, text=True, timeout=60, check=False
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+def test_says_once_that_it_is_ready_and_where_it_listens(tmp_path: Path) -> None:
+    configuration = settings(tmp_path, "ardupilot", n=3)
+    with simulator(tmp_path, configuration) as sim:
+        listed = [{"sysid": v["sysid"], "endpoint": v["endpoint"]} for v in configuration["vehicles"]]
+        assert sim.ready == {"ready": True, "vehicles": listed}
+        sim.cut_lifeline()
+        assert sim.end() == 0
+        assert sim.process.stdout is not None
+        assert sim.process.stdout.read() == ""
+    assert [line["type"] for line in sim.truth()][0 :: 10**6] == ["header"]
+    assert sim.truth()[-1]["type"] == "end"
+
+
+def test_a_bad_configuration_is_one_clear_line_and_exit_code_2(tmp_path: Path) -> None:
+    configuration = settings(tmp_path, "ardupilot")
+    configuration["vehicles"][0]["persona"] = "betaflight"
+    code, out, err = refused(tmp_path, configuration)
+    assert (code, out) == (2, "")
+    assert len(err.splitlines()) == 1
+    assert "vehicles[0].persona" in err
+    assert "'ardupilot' or 'px4'" in err
+
+
+def test_a_busy_port_names_its_endpoint_and_exits_with_3(tmp_path: Path) -> None:
+    configuration = settings(tmp_path, "ardupilot", n=2)
+    endpoint = configuration["vehicles"][1]["endpoint"]
+    with contextlib.closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as other:
+        other.bind(("127.0.0.1", int(endpoint.split(":")[2])))
+        code, out, err = refused(tmp_path, configuration)
+    assert (code, out) == (3, "")
+    assert len(err.splitlines()) == 1
+    assert endpoint in err
+
+
+def test_a_truth_file_that_can_not_be_written_exits_with_3(tmp_path: Path) -> None:
+    configuration = settings(tmp_path, "ardupilot")
+    (tmp_path / "file").write_text("")
+    configuration["truth_path"] = str(tmp_path / "file" / "truth.jsonl")
+    code, _, err = refused(tmp_path, configuration)
+    assert code == 3
+    assert "truth.jsonl" in err or "file" in err
+
+
+def test_without_a_configuration_it_says_what_it_wants() -> None:
+    done = subprocess.run([sys.executable, "-m", "sim"], capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 2
+    assert "--config" in done.stderr
+
+
+def test_sigterm_ends_it_at_once_with_a_finished_truth_file(tmp_path: Path) -> None:
+    with simulator(tmp_path, settings(tmp_path, "ardupilot")) as sim, pilot(sim):
+        sim.process.send_signal(signal.SIGTERM)
+        assert sim.end() == 0
+    assert sim.truth()[-1]["type"] == "end"
+
+
+def test_sigint_is_not_for_it(tmp_path: Path) -> None:
+    """The terminal's Ctrl-C reaches the whole process group; landing the swarm needs the vehicles."""
+    with simulator(tmp_path, settings(tmp_path, "ardupilot")) as sim, pilot(sim) as p:
+        sim.process.send_signal(signal.SIGINT)
+        p.wait("HEARTBEAT")
+        p.wait("HEARTBEAT")
+        assert sim.process.poll() is None
+
+
+@pytest.mark.parametrize("persona", ["ardupilot", "px4"])
+def test_sigkill_in_flight_leaves_a_readable_truth_file(tmp_path: Path, persona: str) -> None:
+    with simulator(tmp_path, settings(tmp_path, persona, n=2)) as sim, pilot(sim) as p:
+        p.stream(1, 2.0)
+        p.stream(245, 5.0)
+        p.wait("SYS_STATUS", lambda m: bool(m.onboard_control_sensors_health & 0x10000000))
+        if persona == "ardupilot":
+            assert p.command(176, 1, 4) == 0
+            assert p.command(400, 1) == 0
+            assert p.command(22, 0, 0, 0, 0, 0, 0, 5.0) == 0
+        else:
+            assert p.command(22, 0, 0, 0, 0, 0, 0, 493.0) == 0
+            assert p.command(400, 1) == 0
+        p.wait("EXTENDED_SYS_STATE", lambda m: m.landed_state in (2, 3))
+        p.listen(0.5)
+        at = sim.now()
+        sim.process.kill()
+        sim.process.wait()
+    lines = sim.truth()
+    assert lines[0]["type"] == "header"
+    assert {"state", "event", "min"} <= {line["type"] for line in lines}
+    assert lines[-1]["type"] != "end"
+    assert lines[-1]["t"] == pytest.approx(at, abs=2.0)
+
+
+def test_the_truth_header_is_there_when_it_says_ready(tmp_path: Path) -> None:
+    with simulator(tmp_path, settings(tmp_path, "px4")) as sim:
+        first = Path(sim.configuration["truth_path"]).read_text().splitlines()[0]
+        assert json.loads(first)["type"] == "header"

@@ -1,0 +1,116 @@
+"""`swarm-ctl` as a user starts it: a process of its own, watched through its run folder, nothing left behind."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Self
+
+ROOT = Path(__file__).parents[2]
+HEXAGON = ROOT / "missions" / "hexagon.yaml"
+SWARM_CTL = Path(sys.executable).parent / "swarm-ctl"
+
+
+class Running:
+    """One command in a session of its own, so that every process it starts can be found by its session id."""
+
+    def __init__(self, *arguments: str | Path, cwd: Path, env: dict[str, str] | None = None) -> None:
+        self.cwd = cwd
+        self._output = cwd / f"output-{len(list(cwd.glob('output-*')))}.txt"
+        with self._output.open("wb") as output:
+            self.process = subprocess.Popen(
+                [str(SWARM_CTL), *map(str, arguments)],
+                cwd=cwd,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+                env=os.environ | (env or {}),
+            )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for pid in self.alive():
+            os.kill(pid, signal.SIGKILL)
+        self.process.wait()
+
+    @property
+    def output(self) -> str:
+        return self._output.read_text(errors="replace")
+
+    @property
+    def folder(self) -> Path:
+        """The run folder (the only one under cwd/runs)."""
+        (folder,) = (self.cwd / "runs").iterdir()
+        return folder
+
+    @property
+    def pids(self) -> dict[str, int]:
+        """By process name."""
+        found: dict[str, int] = json.loads((self.folder / "processes.json").read_text())
+        return found
+
+    def kill(self, name: str, number: signal.Signals = signal.SIGKILL) -> None:
+        os.kill(self.pids[name], number)
+
+    def interrupt(self) -> None:
+        """Ctrl-C as a terminal sends it: to the whole foreground group."""
+        os.killpg(self.process.pid, signal.SIGINT)
+
+    def wait_for(self, condition: Callable[[], bool], seconds: float = 60.0) -> None:
+        """Poll until the condition holds; AssertionError with the output when the command ended or took too long."""
+        until = time.monotonic() + seconds
+        while not condition():
+            assert self.process.poll() is None, f"ended with {self.process.returncode}:\n{self.output}"
+            assert time.monotonic() < until, f"not reached in {seconds} s:\n{self.output}"
+            time.sleep(0.05)
+
+    def wait_for_event(self, text: str, count: int = 1) -> None:
+        """Wait until `count` events on the mesh have said `text`."""
+        self.wait_for(lambda: self._events().count(text) >= count)
+
+    def _events(self) -> str:
+        try:
+            return (self.folder / "events.jsonl").read_text()
+        except (OSError, ValueError):
+            return ""
+
+    def wait(self, seconds: float = 90.0) -> int:
+        """The exit code."""
+        try:
+            return self.process.wait(seconds)
+        except subprocess.TimeoutExpired:
+            raise AssertionError(f"hangs:\n{self.output}\nalive: {self.alive()}") from None
+
+    def summary(self) -> dict[str, Any]:
+        found: dict[str, Any] = json.loads((self.folder / "summary.json").read_text())
+        return found
+
+    def alive(self) -> list[int]:
+        """Every process of the command's session that still runs (zombies don't)."""
+        found = []
+        for stat in Path("/proc").glob("[0-9]*/stat"):
+            try:
+                fields = stat.read_text().rpartition(")")[2].split()
+            except OSError:
+                continue
+            state, session = fields[0], int(fields[3])
+            if session == self.process.pid and state != "Z":
+                found.append(int(stat.parent.name))
+        return found
+
+    def assert_nothing_left(self, seconds: float = 10.0) -> None:
+        """All processes are gone within a moment (multiprocessing's helpers end just after their parent)."""
+        until = time.monotonic() + seconds
+        while self.alive() and time.monotonic() < until:
+            time.sleep(0.05)
+        left = {pid: Path(f"/proc/{pid}/cmdline").read_text().replace("\0", " ") for pid in self.alive()}
+        assert not left, left

@@ -1,0 +1,244 @@
+"""`swarm-ctl run` with real processes, whole and with each kind of process killed in flight."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.system.running import HEXAGON, Running
+
+pytestmark = pytest.mark.timeout(180)
+
+RUN = ("run", HEXAGON, "--speedup", "5", "--headless")
+
+
+def assert_apart(running: Running) -> None:
+    """No true distance under r_in, from the first lift-off to the last touchdown."""
+    summary = running.summary()
+    assert summary["min_true_distance_m"] > summary["r_in_m"]
+
+
+def assert_truth_ends_on_the_ground(running: Running) -> None:
+    """In the last true state every vehicle is disarmed and down."""
+    lines = [json.loads(line) for line in (running.folder / "truth.jsonl").read_text().splitlines()]
+    last = [line for line in lines if line["type"] == "state"][-1]
+    assert not any(last["armed"])
+    assert not any(last["airborne"])
+
+
+def test_hexagon_completes(tmp_path: Path) -> None:
+    """From command to disarmed: exit 0, every figure of the summary in its range, nothing left behind."""
+    with Running(*RUN, cwd=tmp_path) as running:
+        assert running.wait() == 0, running.output
+        running.assert_nothing_left()
+        summary = running.summary()
+        assert summary["outcome"] == "completed"
+        assert [step["result"] for step in summary["steps"]] == ["done"] * 5
+        assert 5 < summary["time_to_form_s"] < 60
+        assert summary["formation_error_m"] < 0.5
+        assert set(summary["exit_codes"].values()) == {0}
+        assert len(summary["exit_codes"]) == 8
+        assert summary["setpoint_rate_hz"] > 15
+        assert_apart(running)
+        assert_truth_ends_on_the_ground(running)
+        assert "COMPLETED" in running.output
+
+
+def test_vehicles_have_their_own_origins(tmp_path: Path) -> None:
+    """LOCAL_POSITION_NED counts from another point for each vehicle, and the common frame is right all the same.
+
+    Seen from the truth: the shape stands although no two vehicles agree on where zero is.
+    """
+    with Running("run", HEXAGON, "--speedup", "5", "--headless", "--seed", "7", cwd=tmp_path) as running:
+        assert running.wait() == 0, running.output
+        assert running.summary()["formation_error_m"] < 0.5
+
+
+@pytest.mark.parametrize("step", [1, 2])
+def test_agent_killed(tmp_path: Path, step: int) -> None:
+    """Its vehicle's failsafe lands it, the others hold and land; the run fails and says so."""
+    with Running(*RUN, cwd=tmp_path) as running:
+        running.wait_for_event(f"step {step}:", 6)
+        time.sleep(0.5)
+        running.kill("agent-3")
+        assert running.wait() == 1, running.output
+        running.assert_nothing_left()
+        summary = running.summary()
+        assert summary["outcome"] == "failed"
+        assert "agent 3" in summary["reason"]
+        assert summary["exit_codes"]["agent-3"] == -signal.SIGKILL
+        assert_truth_ends_on_the_ground(running)
+        assert_apart(running)
+
+
+def test_station_killed(tmp_path: Path) -> None:
+    """The mission's policy (land): the agents come down, `run` writes the summary."""
+    with Running(*RUN, cwd=tmp_path) as running:
+        running.wait_for_event("step 2:", 6)
+        running.kill("station")
+        assert running.wait() == 1, running.output
+        running.assert_nothing_left()
+        assert running.summary()["outcome"] == "failed"
+        assert "station" in running.summary()["reason"]
+        assert_truth_ends_on_the_ground(running)
+        assert_apart(running)
+
+
+def test_simulator_killed(tmp_path: Path) -> None:
+    """The vehicles are gone: every agent ends, the truth up to then is there, the run failed."""
+    with Running(*RUN, cwd=tmp_path) as running:
+        running.wait_for_event("step 2:", 6)
+        running.kill("simulator")
+        assert running.wait() == 1, running.output
+        running.assert_nothing_left()
+        summary = running.summary()
+        assert summary["outcome"] == "failed"
+        assert summary["exit_codes"]["simulator"] == -signal.SIGKILL
+        assert_apart(running)
+
+
+def test_run_itself_killed(tmp_path: Path) -> None:
+    """Agents land and end, then the simulator, and the station writes the summary."""
+    with Running(*RUN, cwd=tmp_path) as running:
+        running.wait_for_event("step 2:", 6)
+        os.kill(running.process.pid, signal.SIGKILL)
+        running.process.wait()
+        running.assert_nothing_left(60)
+        assert running.summary()["outcome"] == "aborted"
+        assert_truth_ends_on_the_ground(running)
+        assert_apart(running)
+
+
+def test_ctrl_c_lands_first(tmp_path: Path) -> None:
+    """One Ctrl-C in flight: an acknowledged land command, everybody down, exit 130."""
+    with Running(*RUN, cwd=tmp_path) as running:
+        running.wait_for_event("step 2:", 6)
+        running.interrupt()
+        assert running.wait() == 130, running.output
+        running.assert_nothing_left()
+        assert running.summary()["outcome"] == "aborted"
+        assert set(running.summary()["exit_codes"].values()) == {0}
+        assert_truth_ends_on_the_ground(running)
+
+
+def test_ctrl_c_lands_without_a_station(tmp_path: Path) -> None:
+    """With nobody left to pass the command on, `run` cuts the lifelines: the agents land all the same."""
+    with Running(*RUN, cwd=tmp_path) as running:
+        running.wait_for_event("step 2:", 6)
+        running.kill("station")
+        running.interrupt()
+        assert running.wait() == 130, running.output
+        running.assert_nothing_left()
+        assert_truth_ends_on_the_ground(running)
+
+
+def test_second_ctrl_c_stops_at_once(tmp_path: Path) -> None:
+    """Everything ends within a moment, vehicles in the air or not, and nothing is left."""
+    with Running(*RUN, cwd=tmp_path) as running:
+        running.wait_for_event("step 2:", 6)
+        running.interrupt()
+        running.wait_for(lambda: "Ctrl-C again" in running.output)
+        running.interrupt()
+        assert running.wait(5) == 130, running.output
+        running.assert_nothing_left()
+        assert running.summary()["outcome"] != "completed"
+
+
+def test_ctrl_c_on_the_ground(tmp_path: Path) -> None:
+    """Before anything arms, Ctrl-C just ends the run."""
+    with Running(*RUN[:2], "--speedup", "1", "--headless", cwd=tmp_path) as running:
+        running.wait_for(lambda: (tmp_path / "runs").exists() and (running.folder / "processes.json").exists())
+        running.interrupt()
+        assert running.wait(30) == 130, running.output
+        running.assert_nothing_left()
+
+
+def test_a_hung_agent_does_not_hang_the_run(tmp_path: Path) -> None:
+    """SIGSTOP: its vehicle holds by its own failsafe, the others land, `run` ends it and reports."""
+    with Running(*RUN, cwd=tmp_path) as running:
+        running.wait_for_event("step 2:", 6)
+        running.kill("agent-5", signal.SIGSTOP)
+        assert running.wait() == 1, running.output
+        running.assert_nothing_left()
+        assert running.summary()["outcome"] == "failed"
+        assert_truth_ends_on_the_ground(running)
+        assert_apart(running)
+
+
+# --- what does not start ---
+
+
+def test_bad_mission_starts_nothing(tmp_path: Path) -> None:
+    """Refused with file, line, field and what would be allowed, exit 2; no run folder, no process."""
+    broken = tmp_path / "broken.yaml"
+    broken.write_text(HEXAGON.read_text().replace("r_in: 0.5", "r_in: 1.5"))
+    with Running("run", broken, "--headless", cwd=tmp_path) as running:
+        assert running.wait(20) == 2
+        line = 1 + HEXAGON.read_text().splitlines().index(
+            next(line for line in HEXAGON.read_text().splitlines() if "r_in" in line)
+        )
+        assert f"broken.yaml:{line}" in running.output
+        assert "law.r_in" in running.output
+        assert "allowed" in running.output
+        assert not (tmp_path / "runs").exists()
+        running.assert_nothing_left()
+
+
+def test_missing_simulator(tmp_path: Path) -> None:
+    """A simulator that can't be started is named, exit 3, nothing left."""
+    hide = tmp_path / "hide" / "sim"
+    hide.mkdir(parents=True)
+    (hide / "__init__.py").write_text("raise ImportError('no simulator here')")
+    with Running(*RUN, cwd=tmp_path, env={"PYTHONPATH": str(hide.parent)}) as running:
+        assert running.wait(30) == 3, running.output
+        assert "the simulator did not start" in running.output
+        assert "no simulator here" in running.output
+        running.assert_nothing_left()
+
+
+def test_busy_mesh_port(tmp_path: Path) -> None:
+    """A mesh port of the fleet that is taken: which one, exit 3, nothing left."""
+    import socket
+
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        mission = tmp_path / "busy.yaml"
+        text = HEXAGON.read_text()
+        line = "{id: 2, sysid: 2, autopilot: ardupilot}"
+        assert line in text
+        entry = f"{{id: 2, sysid: 2, autopilot: ardupilot, mesh: tcp/127.0.0.1:{port}}}"
+        mission.write_text(text.replace(line, entry))
+        with Running("run", mission, "--headless", cwd=tmp_path) as running:
+            assert running.wait(30) == 3, running.output
+            assert f"127.0.0.1:{port}" in running.output
+            assert "agent-2 did not start" in running.output
+            running.assert_nothing_left()
+
+
+def test_agent_that_dies_while_starting(tmp_path: Path) -> None:
+    """A bad vehicle endpoint ends the start with the agent's own words, exit 3, nothing left."""
+    mission = tmp_path / "dies.yaml"
+    line = "{id: 4, sysid: 4, autopilot: ardupilot}"
+    entry = "{id: 4, sysid: 4, autopilot: ardupilot, endpoint: 'serial:/dev/does-not-exist'}"
+    mission.write_text(HEXAGON.read_text().replace(line, entry))
+    with Running("run", mission, "--headless", cwd=tmp_path) as running:
+        assert running.wait(30) == 3, running.output
+        assert "agent-4 did not start" in running.output
+        running.assert_nothing_left()
+
+
+def test_python_m_entry(tmp_path: Path) -> None:
+    """The simulator, too, answers a missing argument with usage, not a traceback."""
+    import subprocess
+
+    done = subprocess.run(
+        [sys.executable, "-m", "sim"], capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL
+    )
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr

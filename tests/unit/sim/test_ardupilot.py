@@ -1,0 +1,332 @@
+"""The ArduCopter persona's tables: each answer as measured on a running ArduCopter, without sockets or physics."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from sim.firmware.ardupilot import GCS_FAILSAFE, MODES, Ardupilot
+from sim.firmware.flight import Hold, Land, Takeoff, Velocity
+from sim.firmware.message import Result
+from tests.unit.sim.harness import (
+    ARM,
+    AUTO,
+    BRAKE,
+    GUIDED,
+    IN_AIR,
+    LAND,
+    LOITER,
+    RTL,
+    SET_MODE,
+    TAKEOFF,
+    Rig,
+)
+
+ACCEPTED, DENIED, UNSUPPORTED, FAILED = Result.ACCEPTED, Result.DENIED, Result.UNSUPPORTED, Result.FAILED
+
+
+def ready() -> Rig:
+    """Disarmed on the ground, would arm."""
+    rig = Rig(Ardupilot)
+    rig.run(3.0)
+    return rig
+
+
+def armed() -> Rig:
+    rig = ready()
+    assert rig.ask(SET_MODE, 1, GUIDED) == ACCEPTED
+    assert rig.ask(ARM, 1) == ACCEPTED
+    return rig
+
+
+def flying() -> Rig:
+    """In GUIDED, at 10 m."""
+    rig = armed()
+    assert rig.ask(TAKEOFF, 0, 0, 0, 0, 0, 0, 10.0) == ACCEPTED
+    rig.sensed = IN_AIR
+    rig.run(0.2)
+    return rig
+
+
+def mode(rig: Rig) -> int:
+    return rig.firmware.custom_mode()
+
+
+class TestAnswers:
+    """The table at the end of MEASURED, ArduCopter's column."""
+
+    def test_arm_before_ready(self) -> None:
+        rig = Rig(Ardupilot)
+        rig.run(2.9)
+        assert rig.ask(ARM, 1) == FAILED
+        assert rig.texts()[0].startswith("Arm: ")
+        assert not rig.firmware.armed
+
+    def test_forced_arming_needs_its_number(self) -> None:
+        rig = Rig(Ardupilot)
+        rig.run(1.0)
+        assert rig.ask(ARM, 1, 21196) == FAILED
+        assert rig.ask(ARM, 1, 2989) == ACCEPTED
+        assert rig.firmware.armed
+
+    def test_unknown_command(self) -> None:
+        assert ready().ask(31999) == UNSUPPORTED
+
+    def test_unknown_mode(self) -> None:
+        rig = ready()
+        assert rig.ask(SET_MODE, 1, 99) == FAILED
+        assert rig.texts() == ["No such mode 99"]
+
+    def test_set_mode_without_the_custom_flag(self) -> None:
+        rig = ready()
+        assert rig.ask(SET_MODE, 0, GUIDED) == DENIED
+        assert mode(rig) == 0
+
+    def test_arm_with_nonsense(self) -> None:
+        assert ready().ask(ARM, 7) == UNSUPPORTED
+
+    @pytest.mark.parametrize(("target", "answer"), [((2, 1), None), ((1, 25), ACCEPTED), ((0, 0), ACCEPTED)])
+    def test_targets(self, target: tuple[int, int], answer: int | None) -> None:
+        assert ready().ask(ARM, 1, target=target) == answer
+
+    def test_take_off_while_disarmed(self) -> None:
+        rig = ready()
+        rig.ask(SET_MODE, 1, GUIDED)
+        assert rig.ask(TAKEOFF, 0, 0, 0, 0, 0, 0, 10.0) == FAILED
+
+    def test_take_off_in_another_mode(self) -> None:
+        rig = ready()
+        assert rig.ask(ARM, 1) == ACCEPTED
+        assert rig.ask(TAKEOFF, 0, 0, 0, 0, 0, 0, 10.0) == FAILED
+
+    def test_second_take_off_in_the_air(self) -> None:
+        assert flying().ask(TAKEOFF, 0, 0, 0, 0, 0, 0, 10.0) == FAILED
+
+    @pytest.mark.parametrize("height", [0.0, -5.0, math.nan, math.inf])
+    def test_take_off_to_nowhere(self, height: float) -> None:
+        assert armed().ask(TAKEOFF, 0, 0, 0, 0, 0, 0, height) == FAILED
+
+    def test_repeats_are_accepted_and_change_nothing(self) -> None:
+        rig = armed()
+        assert rig.ask(ARM, 1) == ACCEPTED
+        assert rig.firmware.armed
+        assert rig.ask(ARM, 0) == ACCEPTED
+        assert rig.ask(ARM, 0) == ACCEPTED
+        assert not rig.firmware.armed
+        assert rig.ask(SET_MODE, 1, GUIDED) == ACCEPTED
+
+    def test_disarm_in_flight(self) -> None:
+        rig = flying()
+        assert rig.ask(ARM, 0) == FAILED
+        assert rig.ask(ARM, 0, 2989) == FAILED
+        assert rig.firmware.armed
+        assert rig.ask(ARM, 0, 21196) == ACCEPTED
+        assert not rig.firmware.demand.lift
+
+    @pytest.mark.parametrize("number", [m.number for m in MODES.values()])
+    def test_arming_by_mode(self, number: int) -> None:
+        rig = ready()
+        entered = rig.ask(SET_MODE, 1, number)
+        assert entered == (FAILED if number == AUTO else ACCEPTED)
+        if entered == ACCEPTED:
+            row = MODES[number]
+            assert rig.ask(ARM, 1) == (ACCEPTED if row.armable else FAILED)
+            if not row.armable:
+                assert rig.texts() == [f"Arm: {row.name} mode not armable"]
+
+    def test_guided_in_the_air_without_a_position_estimate(self) -> None:
+        rig = Rig(Ardupilot, ready_after_s=100.0)
+        rig.run(1.0)
+        rig.ask(ARM, 1, 2989)
+        rig.sensed = IN_AIR
+        rig.run(0.2)
+        assert rig.ask(SET_MODE, 1, GUIDED) == FAILED
+        assert rig.texts() == ["Mode change to GUIDED failed: requires position"]
+        assert rig.ask(SET_MODE, 1, LAND) == ACCEPTED
+
+    def test_legacy_set_mode_message(self) -> None:
+        rig = ready()
+        rig.tell("SET_MODE", target_system=1, base_mode=1, custom_mode=GUIDED)
+        assert rig.heard("COMMAND_ACK") == [{"command": 11, "result": 0, "target_system": 255, "target_component": 190}]
+        assert mode(rig) == GUIDED
+
+
+class TestSetpoints:
+    """GUIDED velocity."""
+
+    def test_velocity_is_followed(self) -> None:
+        rig = flying()
+        rig.fly(1.0, -2.0, 0.5)
+        assert rig.firmware.demand.velocity_ned_mps == (1.0, -2.0, 0.5)
+        assert rig.firmware.demand.position_ned_m == (None, None, None)
+
+    def test_not_in_another_mode(self) -> None:
+        rig = flying()
+        rig.ask(SET_MODE, 1, LOITER)
+        rig.fly(1.0, 0.0, 0.0)
+        assert rig.firmware.demand.velocity_ned_mps == (0.0, 0.0, 0.0)
+
+    def test_not_on_the_ground(self) -> None:
+        rig = armed()
+        rig.fly(0.0, 0.0, -1.0)
+        assert not rig.firmware.demand.lift
+
+    def test_it_takes_the_place_of_a_take_off(self) -> None:
+        rig = flying()
+        assert isinstance(rig.firmware.maneuver, Takeoff)
+        rig.fly(0.0, 0.0, 0.0)
+        assert isinstance(rig.firmware.maneuver, Velocity)
+
+    @pytest.mark.parametrize(
+        ("mask", "frame"),
+        [(3527 | 8, 1), (3527 | 32, 1), (3527 | 56, 1), (3527, 6), (3527, 0), (0xFFFF, 1)],
+    )
+    def test_what_is_not_usable_stops_the_vehicle(self, mask: int, frame: int) -> None:
+        """One ignored axis drops the group; unknown frames too."""
+        rig = flying()
+        rig.fly(1.0, 0.0, 0.0)
+        rig.fly(3.0, 0.0, 0.0, mask=mask, frame=frame)
+        assert isinstance(rig.firmware.maneuver, Hold)
+        assert mode(rig) == GUIDED
+
+    @pytest.mark.parametrize(("mask", "yaw"), [(2503, 1.0), (1479, None), (4039, None)])
+    def test_masks_seen_in_the_wild(self, mask: int, yaw: float | None) -> None:
+        rig = flying()
+        rig.fly(1.0, 2.0, 0.0, mask=mask, yaw=1.0, yaw_rate=0.5)
+        assert rig.firmware.demand.velocity_ned_mps == (1.0, 2.0, 0.0)
+        if yaw is not None:
+            assert rig.firmware.demand.heading_rad == yaw
+
+    @pytest.mark.parametrize("frame", [8, 9])
+    def test_body_frames_are_turned_by_the_heading(self, frame: int) -> None:
+        rig = flying()
+        rig.move(heading_rad=math.pi / 2)
+        rig.fly(1.0, 0.0, 0.25, frame=frame)
+        assert rig.firmware.demand.velocity_ned_mps == pytest.approx((0.0, 1.0, 0.25))
+
+    def test_positions_count_from_the_vehicle_s_own_origin(self) -> None:
+        rig = flying()
+        rig.fly(0.0, 0.0, 0.0, mask=3576, x=20.0, y=30.0, z=-15.0)
+        assert rig.firmware.demand.position_ned_m == (27.0, 27.0, -14.0)
+
+    @pytest.mark.parametrize("bad", [math.nan, math.inf])
+    def test_numbers_that_are_none_are_skipped_and_counted(self, bad: float) -> None:
+        rig = flying()
+        rig.fly(1.0, 0.0, 0.0)
+        before = rig.firmware.ignored
+        rig.fly(bad, 0.0, 0.0)
+        assert rig.firmware.ignored == before + 1
+        assert rig.firmware.demand.velocity_ned_mps == (1.0, 0.0, 0.0)
+
+    def test_silence_stops_it_after_guid_timeout_and_keeps_the_mode(self) -> None:
+        rig = flying()
+        rig.fly(3.0, 0.0, 0.0)
+        rig.run(2.9)
+        assert rig.firmware.demand.velocity_ned_mps == (3.0, 0.0, 0.0)
+        rig.run(0.3)
+        assert rig.firmware.demand.velocity_ned_mps == (0.0, 0.0, 0.0)
+        assert (mode(rig), rig.firmware.armed, rig.texts()) == (GUIDED, True, [])
+
+    def test_guid_timeout_is_a_parameter(self) -> None:
+        rig = flying()
+        rig.tell(
+            "PARAM_SET", target_system=1, target_component=1, param_id="GUID_TIMEOUT", param_value=0.5, param_type=9
+        )
+        rig.fly(3.0, 0.0, 0.0)
+        rig.run(0.4)
+        assert rig.firmware.demand.velocity_ned_mps == (3.0, 0.0, 0.0)
+        rig.run(0.3)
+        assert rig.firmware.demand.velocity_ned_mps == (0.0, 0.0, 0.0)
+
+
+class TestGcsFailsafe:
+    """FS_GCS_ENABLE: 5 s after the last heartbeat of MAV_GCS_SYSID."""
+
+    def lost(self, action: int, source: tuple[int, int] = (255, 190)) -> Rig:
+        rig = flying()
+        rig.firmware.parameters.set("FS_GCS_ENABLE", action)
+        rig.tell("HEARTBEAT", source=source, type=6)
+        rig.run(4.9)
+        assert mode(rig) == GUIDED
+        rig.run(0.3)
+        return rig
+
+    @pytest.mark.parametrize(
+        ("action", "expected"), [(0, GUIDED), (1, RTL), (3, RTL), (4, LAND), (5, LAND), (7, BRAKE), (99, GUIDED)]
+    )
+    def test_actions(self, action: int, expected: int) -> None:
+        rig = self.lost(action)
+        assert mode(rig) == expected
+        assert ("GCS Failsafe" in rig.texts()) == (action in GCS_FAILSAFE)
+
+    def test_only_the_configured_ground_station_counts(self) -> None:
+        """Another's heartbeats neither start nor feed the watch."""
+        assert mode(self.lost(5, source=(42, 190))) == GUIDED
+        rig = flying()
+        rig.firmware.parameters.set("FS_GCS_ENABLE", 5)
+        rig.tell("HEARTBEAT", type=6)
+        for _ in range(6):
+            rig.run(1.0)
+            rig.tell("HEARTBEAT", source=(42, 190), type=6)
+        assert mode(rig) == LAND
+
+    def test_heartbeats_keep_it_away(self) -> None:
+        rig = flying()
+        rig.firmware.parameters.set("FS_GCS_ENABLE", 5)
+        rig.run(20.0, gcs=True)
+        assert mode(rig) == GUIDED
+
+    def test_on_the_ground_it_disarms(self) -> None:
+        rig = armed()
+        rig.firmware.parameters.set("FS_GCS_ENABLE", 1)
+        rig.tell("HEARTBEAT", type=6)
+        rig.run(5.2)
+        assert not rig.firmware.armed
+
+    def test_a_heartbeat_again_clears_it_and_keeps_the_mode(self) -> None:
+        rig = self.lost(5)
+        rig.tell("HEARTBEAT", type=6)
+        assert "GCS Failsafe Cleared" in rig.texts()
+        assert mode(rig) == LAND
+
+    def test_disarmed_nothing_happens(self) -> None:
+        rig = ready()
+        rig.firmware.parameters.set("FS_GCS_ENABLE", 5)
+        rig.tell("HEARTBEAT", type=6)
+        rig.run(10.0)
+        assert mode(rig) == 0
+
+
+class TestGround:
+    """Landing and disarming."""
+
+    def test_land_disarms_once_it_has_stood_a_second(self) -> None:
+        rig = flying()
+        assert rig.ask(SET_MODE, 1, LAND) == ACCEPTED
+        assert isinstance(rig.firmware.maneuver, Land)
+        rig.run(20.0)
+        assert rig.firmware.armed
+        rig.move(landed=True)
+        rig.run(0.9)
+        assert rig.firmware.armed
+        rig.run(0.4)
+        assert not rig.firmware.armed
+
+    def test_armed_and_idle_it_disarms_after_disarm_delay(self) -> None:
+        rig = armed()
+        rig.run(9.8)
+        assert rig.firmware.armed
+        rig.run(0.5)
+        assert not rig.firmware.armed
+        assert "Disarming motors" in rig.texts()
+
+    def test_descent_slows_below_land_alt_low(self) -> None:
+        rig = flying()
+        rig.ask(SET_MODE, 1, LAND)
+        rig.move(position_ned_m=(10.0, 5.0, -30.0))
+        rig.run(0.2)
+        assert rig.firmware.demand.velocity_ned_mps == (0.0, 0.0, 1.5)
+        rig.move(position_ned_m=(10.0, 5.0, -9.9))
+        rig.run(0.2)
+        assert rig.firmware.demand.velocity_ned_mps == (0.0, 0.0, 0.5)

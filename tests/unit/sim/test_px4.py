@@ -1,0 +1,225 @@
+"""The PX4 persona's tables: each answer as measured on a running PX4, without sockets or physics."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from sim.firmware.flight import Land
+from sim.firmware.message import Result
+from sim.firmware.px4 import LAND as LAND_MODE
+from sim.firmware.px4 import LOITER, MODES, OFFBOARD_LOSS, POSCTL, RTL, TAKEOFF, Px4
+from sim.firmware.px4 import OFFBOARD as OFFBOARD_MODE
+from tests.unit.sim.harness import ARM, IN_AIR, OFFBOARD, ORIGIN, PX4_LAND, PX4_POSCTL, SET_MODE, Rig
+from tests.unit.sim.harness import TAKEOFF as TAKE_OFF
+
+ACCEPTED, REJECTED, UNSUPPORTED = Result.ACCEPTED, Result.TEMPORARILY_REJECTED, Result.UNSUPPORTED
+NAN = math.nan
+
+
+def ready() -> Rig:
+    rig = Rig(Px4)
+    rig.run(3.0)
+    return rig
+
+
+def armed() -> Rig:
+    rig = ready()
+    assert rig.ask(ARM, 1) == ACCEPTED
+    return rig
+
+
+def flying() -> Rig:
+    """Holding at 10 m."""
+    rig = armed()
+    assert rig.ask(TAKE_OFF, 0, 0, 0, NAN, NAN, NAN, ORIGIN.alt_m + 10.0) == ACCEPTED
+    rig.sensed = IN_AIR
+    rig.run(0.2)
+    assert mode(rig) == LOITER.custom
+    return rig
+
+
+def stream(rig: Rig, seconds: float, rate_hz: float = 20.0) -> None:
+    for _ in range(round(seconds * rate_hz)):
+        rig.fly(1.0, 0.0, 0.0)
+        rig.run(1.0 / rate_hz)
+
+
+def offboard() -> Rig:
+    rig = flying()
+    stream(rig, 1.2)
+    assert rig.ask(SET_MODE, 1, *OFFBOARD) == ACCEPTED
+    return rig
+
+
+def mode(rig: Rig) -> int:
+    return rig.firmware.custom_mode()
+
+
+class TestAnswers:
+    """The table at the end of MEASURED, PX4's column."""
+
+    def test_arm_before_ready(self) -> None:
+        rig = Rig(Px4)
+        rig.run(1.0)
+        assert rig.ask(ARM, 1) == REJECTED
+        assert rig.texts()[0].startswith("Arming denied")
+
+    def test_unknown_command(self) -> None:
+        assert ready().ask(31999) == UNSUPPORTED
+
+    @pytest.mark.parametrize("asked", [(1, 99, 0), (1, 4, 99), (0, 6, 0)])
+    def test_modes_that_make_no_sense_are_accepted_and_change_nothing(self, asked: tuple[int, int, int]) -> None:
+        rig = ready()
+        assert rig.ask(SET_MODE, *asked) == ACCEPTED
+        assert mode(rig) == LOITER.custom
+
+    def test_arm_with_nonsense_is_not_answered(self) -> None:
+        assert ready().ask(ARM, 7) is None
+
+    @pytest.mark.parametrize(
+        ("target", "answer"), [((2, 1), None), ((1, 25), None), ((0, 1), None), ((1, 1), ACCEPTED), ((1, 0), ACCEPTED)]
+    )
+    def test_targets(self, target: tuple[int, int], answer: int | None) -> None:
+        assert ready().ask(ARM, 1, target=target) == answer
+
+    def test_take_off_while_disarmed_waits_for_arming(self) -> None:
+        rig = ready()
+        assert rig.ask(TAKE_OFF, 0, 0, 0, NAN, NAN, NAN, NAN) == ACCEPTED
+        assert mode(rig) == TAKEOFF.custom
+        assert not rig.firmware.demand.lift
+        assert rig.ask(ARM, 1) == ACCEPTED
+        rig.run(1.2)
+        assert rig.firmware.demand.lift
+        down = rig.firmware.demand.position_ned_m[2]
+        assert down == pytest.approx(-2.5)  # MIS_TAKEOFF_ALT
+
+    def test_repeats_are_accepted(self) -> None:
+        rig = armed()
+        assert rig.ask(ARM, 1) == ACCEPTED
+        assert rig.ask(ARM, 0) == ACCEPTED
+        assert rig.ask(ARM, 0) == ACCEPTED
+
+    def test_disarm_in_flight(self) -> None:
+        rig = flying()
+        assert rig.ask(ARM, 0) == REJECTED
+        assert rig.ask(ARM, 0, 21196) == ACCEPTED
+
+    def test_offboard_without_a_stream(self) -> None:
+        assert ready().ask(SET_MODE, 1, *OFFBOARD) == ACCEPTED
+        rig = flying()
+        assert rig.ask(SET_MODE, 1, *OFFBOARD) == REJECTED
+        assert mode(rig) == LOITER.custom
+
+    @pytest.mark.parametrize(("seconds", "rate_hz", "answer"), [(0.8, 20, REJECTED), (1.2, 20, ACCEPTED)])
+    def test_offboard_wants_a_stream_of_over_a_second(self, seconds: float, rate_hz: float, answer: int) -> None:
+        rig = flying()
+        stream(rig, seconds, rate_hz)
+        assert rig.ask(SET_MODE, 1, *OFFBOARD) == answer
+
+    def test_offboard_wants_2_hz(self) -> None:
+        rig = flying()
+        stream(rig, 6.0, 1.25)
+        rig.fly(1.0, 0.0, 0.0)
+        assert rig.ask(SET_MODE, 1, *OFFBOARD) == REJECTED
+
+    @pytest.mark.parametrize("row", MODES.values(), ids=lambda row: row.name)
+    def test_modes_while_armed(self, row: object) -> None:
+        """Manual modes have no sticks, missions no mission, OFFBOARD no stream."""
+        assert isinstance(row, type(LOITER))
+        possible = not row.manual and row.name not in ("AUTO.MISSION", "OFFBOARD")
+        assert flying().ask(SET_MODE, 1, row.main, row.sub) == (ACCEPTED if possible else REJECTED)
+
+    def test_arming_needs_a_mode_to_fly_in(self) -> None:
+        for wanted in (PX4_POSCTL, PX4_LAND, OFFBOARD):
+            rig = ready()
+            assert rig.ask(SET_MODE, 1, *wanted) == ACCEPTED
+            assert rig.ask(ARM, 1) == REJECTED
+
+
+class TestOffboard:
+    """Setpoints and their loss."""
+
+    def test_the_last_setpoint_is_flown_from_the_change_on(self) -> None:
+        assert offboard().firmware.demand.velocity_ned_mps == (1.0, 0.0, 0.0)
+
+    def test_axes_are_ignored_one_by_one(self) -> None:
+        rig = offboard()
+        rig.fly(2.0, 3.0, 9.0, mask=3527 & ~4 | 32, z=-20.0)  # vx, vy, and a height
+        assert rig.firmware.demand.velocity_ned_mps == (2.0, 3.0, 0.0)
+        assert rig.firmware.demand.position_ned_m == (None, None, -19.0)
+
+    def test_other_frames_are_no_sign_of_life(self) -> None:
+        rig = flying()
+        for _ in range(40):
+            rig.fly(1.0, 0.0, 0.0, frame=9)
+            rig.run(0.05)
+        assert rig.ask(SET_MODE, 1, *OFFBOARD) == REJECTED
+
+    def test_silence_descends_lands_and_disarms(self) -> None:
+        rig = offboard()
+        rig.run(0.9)
+        assert mode(rig) == OFFBOARD_MODE.custom
+        rig.said.clear()
+        rig.run(0.3)
+        assert mode(rig) == POSCTL.custom
+        assert rig.texts() == ["Failsafe activated"]
+        assert rig.firmware.demand.velocity_ned_mps == (0.0, 0.0, 0.7)
+        rig.move(landed=True)
+        rig.run(2.3)
+        assert not rig.firmware.armed
+
+    @pytest.mark.parametrize(("action", "expected"), [(0, POSCTL), (3, RTL), (4, LAND_MODE), (5, LOITER)])
+    def test_the_action_is_a_parameter(self, action: int, expected: object) -> None:
+        assert OFFBOARD_LOSS[action] is expected
+        rig = offboard()
+        rig.firmware.parameters.set("COM_OBL_RC_ACT", action)
+        rig.run(1.2)
+        assert mode(rig) == OFFBOARD_LOSS[action].custom
+
+    def test_the_time_is_a_parameter(self) -> None:
+        rig = offboard()
+        rig.firmware.parameters.set("COM_OF_LOSS_T", 3.0)
+        rig.run(2.9)
+        assert mode(rig) == OFFBOARD_MODE.custom
+        rig.run(0.3)
+        assert mode(rig) != OFFBOARD_MODE.custom
+
+    def test_a_new_stream_may_take_over_again(self) -> None:
+        rig = offboard()
+        rig.run(1.5)
+        assert isinstance(rig.firmware.maneuver, Land)
+        stream(rig, 1.2)
+        assert rig.ask(SET_MODE, 1, *OFFBOARD) == ACCEPTED
+        assert rig.firmware.demand.velocity_ned_mps == (1.0, 0.0, 0.0)
+
+    def test_a_lost_ground_station_alone_changes_nothing_by_default(self) -> None:
+        rig = flying()
+        rig.tell("HEARTBEAT", type=6)
+        rig.run(30.0)
+        assert mode(rig) == LOITER.custom
+        rig.firmware.parameters.set("NAV_DLL_ACT", 3)
+        rig.run(0.2)
+        assert mode(rig) == LAND_MODE.custom
+
+
+class TestGround:
+    """Landing and disarming."""
+
+    def test_land_disarms_two_seconds_after_touchdown_and_may_arm_again(self) -> None:
+        rig = flying()
+        assert rig.ask(SET_MODE, 1, *PX4_LAND) == ACCEPTED
+        rig.move(landed=True)
+        rig.run(1.8)
+        assert rig.firmware.armed
+        rig.run(0.4)
+        assert not rig.firmware.armed
+        assert rig.ask(ARM, 1) == ACCEPTED
+
+    def test_armed_and_never_flown_it_disarms(self) -> None:
+        rig = armed()
+        rig.run(9.8)
+        assert rig.firmware.armed
+        rig.run(0.5)
+        assert not rig.firmware.armed

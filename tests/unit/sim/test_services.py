@@ -1,0 +1,323 @@
+"""What both personas serve alike: identity, parameters, streams, time, hostile fields."""
+
+from __future__ import annotations
+
+import math
+import struct
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sim.firmware.ardupilot import Ardupilot
+from sim.firmware.message import MESSAGE_IDS, Result, Severity
+from sim.firmware.parameters import ARDUPILOT_DEFAULTS, BYTEWISE, CAST, PX4_DEFAULTS, Kind
+from sim.firmware.px4 import Px4
+from sim.firmware.streams import Streams
+from sim.firmware.telemetry import BUILDERS
+from tests.unit.sim.harness import ARM, IN_AIR, LOCAL_ORIGIN, Rig, command_fields, setpoint_fields
+
+Persona = type[Ardupilot | Px4]
+BOTH = pytest.mark.parametrize("persona", [Ardupilot, Px4])
+INTERVAL, REQUEST = 511, 512
+
+
+def quiet(persona: Persona) -> Rig:
+    """Ready, nothing streamed but heartbeats."""
+    rig = Rig(persona)
+    for name in rig.firmware.streams.names():
+        if name != "HEARTBEAT":
+            rig.firmware.streams.set(name, None, 0.0)
+    rig.run(3.0)
+    rig.said.clear()
+    return rig
+
+
+@BOTH
+def test_heartbeat_once_a_second_says_who_and_how(persona: Persona) -> None:
+    rig = Rig(persona)
+    rig.run(9.9)
+    beats = rig.heard("HEARTBEAT")
+    assert len(beats) == 10
+    assert all(b["type"] == 2 and b["autopilot"] == persona.autopilot for b in beats)
+    assert beats[-1]["base_mode"] & 1
+    assert not beats[-1]["base_mode"] & 128
+    assert rig.ask(ARM, 1) == Result.ACCEPTED
+    rig.run(1.1)
+    assert rig.heard("HEARTBEAT")[-1]["base_mode"] & 128
+
+
+def test_arducopter_streams_nothing_unasked_and_px4_does() -> None:
+    rig = Rig(Ardupilot)
+    rig.run(10.0)
+    assert {m.name for m in rig.said} == {"HEARTBEAT", "GPS_GLOBAL_ORIGIN", "HOME_POSITION"}
+    rig = Rig(Px4)
+    rig.run(10.0)
+    assert {"ATTITUDE", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "SYS_STATUS"} <= {m.name for m in rig.said}
+
+
+@BOTH
+def test_no_position_before_ready_although_the_interval_was_accepted(persona: Persona) -> None:
+    rig = Rig(persona)
+    rig.run(0.1)
+    assert rig.ask(INTERVAL, 32, 1e5) == Result.ACCEPTED
+    rig.run(2.5)
+    assert not rig.heard("LOCAL_POSITION_NED")
+    assert not rig.firmware.ready()
+    rig.run(1.0)
+    assert rig.heard("LOCAL_POSITION_NED")
+
+
+@BOTH
+def test_positions_are_the_same_place_in_every_message(persona: Persona) -> None:
+    rig = quiet(persona)
+    rig.sensed = IN_AIR
+    for number in (32, 33, 49, 242):
+        assert rig.ask(REQUEST, number) == Result.ACCEPTED
+    rig.run(0.1)
+    f = rig.firmware
+    (local,) = BUILDERS["LOCAL_POSITION_NED"](f)
+    (where,) = BUILDERS["GLOBAL_POSITION_INT"](f)
+    (origin,) = BUILDERS["GPS_GLOBAL_ORIGIN"](f)
+    assert [local[k] + o for k, o in zip("xyz", LOCAL_ORIGIN, strict=True)] == list(IN_AIR.position_ned_m)
+    north_m = (where["lat"] - origin["latitude"]) * 0.0111
+    assert north_m == pytest.approx(local["x"], rel=0.01)
+    assert (origin["altitude"] - where["alt"]) / 1000 == pytest.approx(local["z"], abs=0.01)
+    assert where["relative_alt"] == 10_000
+
+
+@BOTH
+def test_health_tells_when_it_would_arm(persona: Persona) -> None:
+    rig = Rig(persona)
+    prearm = 0x10000000
+    rig.run(2.0)
+    (status,) = BUILDERS["SYS_STATUS"](rig.firmware)
+    assert status["onboard_control_sensors_present"] & prearm
+    assert not status["onboard_control_sensors_health"] & prearm
+    rig.run(1.1)
+    (status,) = BUILDERS["SYS_STATUS"](rig.firmware)
+    assert status["onboard_control_sensors_health"] & (prearm | 0x2F) == prearm | 0x2F
+
+
+@BOTH
+@pytest.mark.parametrize(
+    ("p", "answer"),
+    [
+        ((32, 50_000.0), Result.ACCEPTED),
+        ((32, 1_000.0), Result.DENIED),
+        ((9999, 50_000.0), Result.DENIED),
+        ((32, -1.0), Result.ACCEPTED),
+        ((math.nan, 1e6), Result.DENIED),
+        ((32, math.inf), Result.DENIED),
+    ],
+)
+def test_message_intervals(persona: Persona, p: tuple[float, float], answer: Result) -> None:
+    assert quiet(persona).ask(INTERVAL, *p) == answer
+
+
+@BOTH
+@pytest.mark.parametrize(("rate_hz", "expected"), [(20.0, 20), (10.0, 10), (4.0, 4), (1.0, 1)])
+def test_streams_come_at_their_rate(persona: Persona, rate_hz: float, expected: int) -> None:
+    rig = quiet(persona)
+    rig.ask(INTERVAL, 30, 1e6 / rate_hz)
+    rig.run(5.0)
+    assert len(rig.heard("ATTITUDE")) in (expected * 5, expected * 5 + 1)
+    rig.ask(INTERVAL, 30, -1.0)
+    rig.run(1.0)
+    assert not rig.heard("ATTITUDE")
+
+
+def test_interval_zero_is_the_default_rate() -> None:
+    rig = quiet(Px4)
+    rig.ask(INTERVAL, 1, 0.0)
+    assert rig.firmware.streams.interval_s("SYS_STATUS") == Px4.boot_streams["SYS_STATUS"]
+    rig = quiet(Ardupilot)
+    rig.ask(INTERVAL, 32, 0.0)
+    assert rig.firmware.streams.interval_s("LOCAL_POSITION_NED") is None
+
+
+@given(
+    interval=st.floats(0.0025, 5.0),
+    steps=st.lists(st.floats(0.001, 0.2), min_size=20, max_size=60),
+)
+def test_a_stream_is_never_early_and_never_bursts(interval: float, steps: list[float]) -> None:
+    streams = Streams()
+    streams.set("X", interval, 0.0)
+    now, sent = 0.0, []
+    for step in steps:
+        now += step
+        taken = list(streams.take_due(now))
+        assert len(taken) <= 1
+        sent += [now] * len(taken)
+    assert len(sent) <= now / interval + 1.001
+    assert streams.next_s > now - 1e-6
+
+
+def test_data_streams_override_message_intervals() -> None:
+    rig = quiet(Ardupilot)
+    rig.ask(INTERVAL, 32, 50_000.0)
+    ask: dict[str, Any] = {"target_system": 1, "target_component": 1, "start_stop": 1}
+    rig.tell("REQUEST_DATA_STREAM", **ask, req_stream_id=0, req_message_rate=4)
+    assert rig.firmware.streams.interval_s("LOCAL_POSITION_NED") == 0.25
+    assert rig.firmware.streams.interval_s("ATTITUDE") == 0.25
+    rig.tell("REQUEST_DATA_STREAM", **ask | {"start_stop": 0}, req_stream_id=6, req_message_rate=4)
+    assert rig.firmware.streams.interval_s("LOCAL_POSITION_NED") is None
+    assert rig.firmware.streams.interval_s("ATTITUDE") == 0.25
+    assert rig.firmware.streams.interval_s("HEARTBEAT") == 1.0
+
+
+@BOTH
+def test_every_message_can_be_requested_and_unknown_ones_fail(persona: Persona) -> None:
+    rig = quiet(persona)
+    rig.contacts.append((2, (1.0, 2.0, -3.0), (0.1, 0.2, 0.3)))
+    for name, number in MESSAGE_IDS.items():
+        assert rig.ask(REQUEST, number) == Result.ACCEPTED
+        assert len(rig.heard(name)) == 1, name
+    assert rig.ask(REQUEST, 9999) == Result.FAILED
+
+
+@BOTH
+def test_traffic_is_one_message_a_vehicle(persona: Persona) -> None:
+    rig = quiet(persona)
+    rig.contacts += [(7, (10.0, 20.0, -30.0), (3.0, 4.0, -1.0)), (9, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))]
+    rig.ask(INTERVAL, 246, 1e6)
+    rig.run(0.5)
+    first, second = rig.heard("ADSB_VEHICLE")
+    assert (first["ICAO_address"], second["ICAO_address"]) == (7, 9)
+    assert (first["hor_velocity"], first["ver_velocity"], first["heading"]) == (500, 100, 5313)
+
+
+@BOTH
+def test_parameters_by_list_name_and_index_agree(persona: Persona) -> None:
+    rig = quiet(persona)
+    rig.tell("PARAM_REQUEST_LIST", target_system=1, target_component=1)
+    rig.run(1.0)
+    listed = rig.heard("PARAM_VALUE")
+    defaults = ARDUPILOT_DEFAULTS if persona is Ardupilot else PX4_DEFAULTS
+    assert [v["param_id"].decode() for v in listed] == list(defaults)
+    assert [v["param_index"] for v in listed] == list(range(len(defaults)))
+    assert {v["param_count"] for v in listed} == {len(defaults)}
+    rig.said.clear()
+    name = listed[3]["param_id"].decode()
+    ask: dict[str, Any] = {"target_system": 1, "target_component": 1}
+    rig.tell("PARAM_REQUEST_READ", **ask, param_id=name, param_index=-1)
+    rig.tell("PARAM_REQUEST_READ", **ask, param_id="", param_index=3)
+    assert repr(rig.heard("PARAM_VALUE")) == repr([listed[3]] * 2)
+    rig.said.clear()
+    rig.tell("PARAM_REQUEST_READ", **ask, param_id="NO_SUCH", param_index=-1)
+    rig.tell("PARAM_REQUEST_READ", **ask, param_id="", param_index=9999)
+    assert not rig.said
+
+
+@pytest.mark.parametrize(
+    ("persona", "name", "wire", "value"),
+    [
+        (Ardupilot, "FS_GCS_ENABLE", 5.0, 5.0),
+        (Ardupilot, "GUID_TIMEOUT", 0.5, 0.5),
+        (Px4, "COM_OBL_RC_ACT", struct.unpack("<f", struct.pack("<i", 4))[0], 4.0),
+        (Px4, "COM_OF_LOSS_T", 0.5, 0.5),
+    ],
+)
+def test_parameters_are_set_in_the_persona_s_encoding(persona: Persona, name: str, wire: float, value: float) -> None:
+    rig = quiet(persona)
+    rig.tell("PARAM_SET", target_system=1, target_component=1, param_id=name, param_value=wire, param_type=9)
+    assert rig.firmware.parameters[name] == value
+    (told,) = rig.heard("PARAM_VALUE")
+    assert (told["param_id"], told["param_value"]) == (name.encode(), wire)
+
+
+@BOTH
+def test_a_parameter_never_becomes_nan(persona: Persona) -> None:
+    rig = quiet(persona)
+    name = "GUID_TIMEOUT" if persona is Ardupilot else "COM_OF_LOSS_T"
+    before = rig.firmware.parameters[name]
+    rig.tell("PARAM_SET", target_system=1, target_component=1, param_id=name, param_value=math.nan, param_type=9)
+    assert rig.firmware.parameters[name] == before
+    assert rig.heard("PARAM_VALUE")[0]["param_value"] == before
+
+
+@given(value=st.integers(-(2**31), 2**31 - 1))
+def test_bytewise_integers_survive_the_wire(value: int) -> None:
+    (wire,) = struct.unpack("<f", struct.pack("<f", BYTEWISE.encode(Kind.INT32, value)))
+    if not math.isnan(wire):  # Python may quieten a signalling NaN; real links carry the bytes
+        assert BYTEWISE.decode(Kind.INT32, wire) == value
+    assert CAST.decode(Kind.INT16, 3.0) == 3.0
+
+
+@BOTH
+def test_time_sync_mirrors_the_question(persona: Persona) -> None:
+    rig = quiet(persona)
+    rig.tell("TIMESYNC", tc1=0, ts1=12345)
+    assert rig.heard("TIMESYNC") == [{"tc1": 3_000_000_000, "ts1": 12345}]
+    rig.said.clear()
+    rig.tell("TIMESYNC", tc1=99, ts1=12345)
+    assert not rig.said
+
+
+@BOTH
+def test_an_empty_mission_list_is_answered_at_once(persona: Persona) -> None:
+    rig = quiet(persona)
+    rig.tell("MISSION_REQUEST_LIST", target_system=1, target_component=1, mission_type=2)
+    (count,) = rig.heard("MISSION_COUNT")
+    assert (count["count"], count["mission_type"], count["target_system"]) == (0, 2, 255)
+
+
+@BOTH
+def test_reboot_falls_silent_then_starts_afresh_with_its_parameters(persona: Persona) -> None:
+    rig = quiet(persona)
+    rig.firmware.parameters.set("GUID_TIMEOUT" if persona is Ardupilot else "COM_OF_LOSS_T", 0.25)
+    assert rig.ask(246, 1) == Result.ACCEPTED
+    rig.said.clear()
+    rig.run(2.9)
+    assert not rig.said
+    assert rig.ask(ARM, 1) is None
+    rig.run(0.2)
+    assert rig.heard("HEARTBEAT")
+    assert not rig.firmware.ready()
+    assert rig.firmware.parameters["GUID_TIMEOUT" if persona is Ardupilot else "COM_OF_LOSS_T"] == 0.25
+
+
+@BOTH
+def test_long_texts_come_in_chunks(persona: Persona) -> None:
+    rig = quiet(persona)
+    rig.firmware.text(Severity.INFO, "x" * 50 + "y" * 10)
+    rig.run(0.05)
+    parts = rig.heard("STATUSTEXT")
+    assert [(p["text"], p["chunk_seq"]) for p in parts] == [(b"x" * 50, 0), (b"y" * 10, 1)]
+    assert parts[0]["id"] == parts[1]["id"] != 0
+
+
+@BOTH
+def test_commands_for_the_same_thing_by_int_and_long(persona: Persona) -> None:
+    rig = quiet(persona)
+    fields = command_fields(ARM, 1)
+    for i, name in enumerate(("x", "y", "z")):
+        fields[name] = fields.pop(f"param{5 + i}")
+    rig.tell("COMMAND_INT", **fields, frame=0)
+    assert rig.firmware.armed
+
+
+numbers = st.floats(width=32) | st.sampled_from([math.nan, math.inf, -math.inf, 3.4e38, -3.4e38])
+
+
+@BOTH
+@given(data=st.data())
+def test_nothing_a_command_or_setpoint_can_hold_raises(persona: Persona, data: st.DataObject) -> None:
+    """Every command of the tables, any parameters, in the air and on the ground; then a good one is served."""
+    rig = quiet(persona)
+    rig.ask(ARM, 1)
+    if data.draw(st.booleans()):
+        rig.sensed = IN_AIR
+    known = st.sampled_from(sorted(rig.firmware.commands))
+    for _ in range(5):
+        p = data.draw(st.tuples(*[numbers] * 7))
+        fields: dict[str, Any] = command_fields(data.draw(known), *p)
+        if fields["command"] != 246:
+            rig.tell("COMMAND_LONG", **fields)
+        v = data.draw(st.tuples(numbers, numbers, numbers))
+        mask, frame = data.draw(st.integers(0, 0xFFFF)), data.draw(st.integers(0, 255))
+        rig.tell("SET_POSITION_TARGET_LOCAL_NED", **setpoint_fields(*v, mask=mask, frame=frame))
+        rig.run(0.2)
+        assert all(math.isfinite(v) for v in rig.firmware.demand.velocity_ned_mps)
+    assert rig.ask(REQUEST, 0) == Result.ACCEPTED
