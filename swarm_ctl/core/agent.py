@@ -27,6 +27,8 @@ from swarm_ctl.core.plan import (
     Point,
     Policy,
     ReturnStep,
+    RotateStep,
+    ScaleStep,
     Shaped,
     Step,
     TakeoffStep,
@@ -209,7 +211,9 @@ class Agent:
     @property
     def _pausing(self) -> bool:
         """The mission's step waits, and its time with it."""
-        return self._operator.override is not None or (self._finding is not None and self._finding.action == "hold")
+        held = any(peer.state is not None and peer.state.command for peer in self._peers)
+        paused = self._finding is not None and self._finding.action == "hold"
+        return self._operator.override is not None or held or paused
 
     def _enter(self, step: Step | None, leg: int = 0) -> None:
         """Begin a step: a mission's, an operator's, or (None) the mission's again, on its `leg`."""
@@ -509,6 +513,9 @@ class Agent:
         unit = self._plan.unit_m
         points = [(fix.position_ned_m[0], fix.position_ned_m[1])]
         points += [(s.position_ned_m[0], s.position_ned_m[1]) for s in members]
+        if isinstance(self._progress.current, RotateStep | ScaleStep):
+            # the places themselves move against each other: vehicles lag behind them, their stop points do not
+            points = [self._controller.stop_point_m, *(s.stop_point_m for s in members)]
         ids = [self._id, *(s.agent for s in members)]
         slots = [(shape[i][0] * unit, shape[i][1] * unit) for i in ids]
         return float(formation_error(points, slots))

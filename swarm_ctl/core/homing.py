@@ -23,6 +23,8 @@ HOME_TOLERANCE_M: Final = 0.5
 _SETTLE_S: Final = 1.0
 """At the own height this long before setting out: the others' news travel meanwhile."""
 _SLOW_MPS: Final = 0.3
+_BLOCKED_S: Final = 8.0
+"""Standing still this long on the way: something is in the way for good (a lost agent's vehicle); land beside it."""
 
 
 class Stage(IntEnum):
@@ -42,6 +44,7 @@ class Homing:
         self._own = own_id
         self._peers = peers
         self._at_height_since: float | None = None
+        self._still_since: float | None = None
         self.stage = Stage.CLIMB
 
     @property
@@ -60,9 +63,7 @@ class Homing:
         if fix is None or self.stage is Stage.DOWN:
             return self.stage
         if self.stage is Stage.FLY:
-            off = math.dist(fix.position_ned_m[:2], self.home_m)
-            if off < HOME_TOLERANCE_M and math.hypot(*fix.velocity_ned_mps[:2]) < _SLOW_MPS:
-                self.stage = Stage.DOWN
+            self._fly(now, fix)
             return self.stage
         if abs(height_m - self.height_m) > HEIGHT_TOLERANCE_M:
             self._at_height_since = None
@@ -71,6 +72,15 @@ class Homing:
         settled = self._at_height_since is not None and now - self._at_height_since >= _SETTLE_S
         self.stage = Stage.FLY if settled and self._my_turn(now) else Stage.WAIT if settled else Stage.CLIMB
         return self.stage
+
+    def _fly(self, now: float, fix: OwnFix) -> None:
+        if math.hypot(*fix.velocity_ned_mps[:2]) >= _SLOW_MPS:
+            self._still_since = None
+            return
+        self._still_since = now if self._still_since is None else self._still_since
+        home = math.dist(fix.position_ned_m[:2], self.home_m) < HOME_TOLERANCE_M
+        if home or now - self._still_since > _BLOCKED_S:
+            self.stage = Stage.DOWN
 
     def alone(self, now: float) -> bool:
         """Nobody is heard although somebody should be in the air: without news there is no order to keep."""

@@ -14,7 +14,7 @@ from swarm_ctl.core.freshness import FRESH_S, NEIGHBOUR_S, PREDICT_S
 from swarm_ctl.core.histogram import Histogram
 from swarm_ctl.core.plan import Compensation, Plan, Point
 from swarm_ctl.core.response import stop_distance
-from swarm_ctl.core.state import AgentState, LinkReport
+from swarm_ctl.core.state import AgentState, LinkReport, Phase
 from swarm_ctl.core.vehicle import Contact
 
 _MAX_TRANSIT_S = 1.0
@@ -132,6 +132,11 @@ class Peers:
     def neighbours(self, now: float) -> tuple[int, ...]:
         """N_i now: the chosen neighbours that are heard (LAW.md section 1)."""
         return tuple(p.id for p in self if p.id in self._chosen and p.age(now) <= NEIGHBOUR_S)
+
+    def flies_along(self, column: int, now: float) -> bool:
+        """Whoever is at this column of the law's input is heard and flies the formation (traffic never does)."""
+        state = self._by_id[self.ids[column]].state if self.ids[column] else None
+        return state is not None and state.phase is Phase.FLY and self.age(state.agent, now) <= NEIGHBOUR_S
 
     def law_input(self, now: float, own_m: Point, slots: Mapping[int, Point], contacts: Sequence[Contact]) -> LawInput:
         """Everyone who may be near, as points in units; a peer never heard is absent.

@@ -29,17 +29,19 @@ def shortened(vector: Point, most: float) -> Point:
     return vector if length <= most else (vector[0] / length * most, vector[1] / length * most)
 
 
-def swirled(push: Point, pull: Point) -> Point:
-    """The avoidance term with a sideways part the more it opposes the pull, so that nobody gets stuck head-on.
+def bent(wish: Point, away: Point, closing_mps: float) -> Point:
+    """The wish, not closing in faster than `closing_mps` on somebody who stays; what is too much goes past it.
 
-    SAFETY.md section 1, swirl: push + 0.5 o^2 R(-90 deg) push, o = max(0, -cos(push, pull)).
+    `away` points from the other to us. Everybody turns to the same side, so nobody is stuck head-on.
     """
-    sizes = math.hypot(*push) * math.hypot(*pull)
-    if sizes < 1e-12:
-        return push
-    against = max(0.0, -(push[0] * pull[0] + push[1] * pull[1]) / sizes)
-    share = 0.5 * against * against
-    return push[0] + share * push[1], push[1] - share * push[0]
+    size = math.hypot(*away)
+    if size < 1e-9:
+        return wish
+    north, east = away[0] / size, away[1] / size
+    excess = -(wish[0] * north + wish[1] * east) - closing_mps
+    if excess <= 0.0:
+        return wish
+    return wish[0] + excess * (north + east), wish[1] + excess * (east - north)
 
 
 def climb_rate(height_error_m: float, limits: Limits) -> float:

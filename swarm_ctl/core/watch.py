@@ -117,7 +117,7 @@ def _position_lost(s: Situation) -> Finding | None:
 def _peers_gone(s: Situation) -> Finding | None:
     """Lost peers, and peers that gave up: the mission can't be completed without them."""
     policy, after = s.plan.policies.agent_lost, s.plan.policies.agent_lost_after_s
-    if s.returning or s.operator_wants == "return":
+    if s.returning or s.operator_wants == "return" or isinstance(s.progress.current, ReturnStep):
         return None
     for peer in s.peers:
         if peer.state is None or progress_of(peer.state) >= (len(s.plan.steps), True):
