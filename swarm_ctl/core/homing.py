@@ -88,6 +88,8 @@ class Homing:
         return bool(up) and all(peer.age(now) > NEIGHBOUR_S for peer in up)
 
     def _my_turn(self, now: float) -> bool:
+        if self.alone(now):
+            return False
         for peer in self._peers:
             s = peer.state
             if s is None or peer.age(now) > NEIGHBOUR_S or s.phase is not Phase.RETURN or s.stage == Stage.DOWN:

@@ -12,7 +12,9 @@ from swarm_ctl.core.formation import smallest_distance
 from swarm_ctl.core.plan import FormStep, MoveStep, Plan, Point
 from swarm_ctl.errors import InputError
 from swarm_ctl.mission import slots
+from swarm_ctl.mission.lengths import in_units
 from swarm_ctl.mission.loader import load
+from swarm_ctl.mission.schema import Shape
 from swarm_ctl.mission.shapes import slots_of
 
 _TOLERANCE_M, _SETTLE_S, _NO_END_S = 0.5, 5.0, 1e9
@@ -20,11 +22,17 @@ _TOLERANCE_M, _SETTLE_S, _NO_END_S = 0.5, 5.0, 1e9
 
 def form(mission: Path, plan: Plan, shape: str, points_m: Mapping[int, Point]) -> FormStep:
     """A shape of the mission's file, its slots given out to whoever is nearest. `points_m`: where each agent is."""
-    shapes = load(mission).file.shapes
+    return form_step(in_units(load(mission).file).shapes, plan, shape, points_m, str(mission))
+
+
+def form_step(
+    shapes: Mapping[str, Shape], plan: Plan, shape: str, points_m: Mapping[int, Point], where: str
+) -> FormStep:
+    """The same from the shapes themselves (lengths in units); InputError where there is no such shape in `where`."""
     if shape not in shapes:
         close = difflib.get_close_matches(shape, shapes, n=1)
         hint = f"; did you mean {close[0]}?" if close else ""
-        raise InputError(f"there is no shape {shape!r} in {mission}{hint}; allowed: {', '.join(sorted(shapes))}")
+        raise InputError(f"there is no shape {shape!r} in {where}{hint}; allowed: {', '.join(sorted(shapes))}")
     points = [(points_m[a.id][0] / plan.unit_m, points_m[a.id][1] / plan.unit_m) for a in plan.agents]
     targets = slots_of(shapes[shape], len(points))
     if len(targets) != len(points):

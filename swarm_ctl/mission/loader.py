@@ -17,6 +17,7 @@ from swarm_ctl.mission import checks, csv_slots, document, wording
 from swarm_ctl.mission.course import Stand, course, fence_box
 from swarm_ctl.mission.document import Document
 from swarm_ctl.mission.fleet import Fleet, FleetAgent
+from swarm_ctl.mission.lengths import in_units
 from swarm_ctl.mission.schema import (
     FleetEntry,
     Form,
@@ -68,12 +69,13 @@ def _build(source: Document, path: Path, fleet: Path | None) -> LoadedMission:
     mission, problems = _validate(source)
     if problems or mission is None:
         raise MissionError(tuple(sorted(problems, key=_line)))
+    written, mission = mission, in_units(mission)
     the_plan = plan_of(mission)
     noted = tuple(
         f"{source.where(finding.place)}: {document.dotted(finding.place)}: {finding.what}"
         for finding in warnings(mission, the_plan)
     )
-    return LoadedMission(the_plan, fleet_of(mission), path, mission, noted)
+    return LoadedMission(the_plan, fleet_of(mission), path, written, noted)
 
 
 def _line(problem: Problem) -> tuple[str, int]:
@@ -116,6 +118,8 @@ def _validate(source: Document) -> tuple[MissionFile | None, list[Problem]]:
         if "" in broken:
             return None, problems
         rest = _partial(source.data, broken)
+    if not broken.intersection({"law", "lengths", "unit_m"}):
+        rest = in_units(rest)
     problems += [source.problem(*finding) for finding in checks.check(rest, broken)]
     return mission, problems
 

@@ -377,8 +377,10 @@ class MissionFile(Section):
     name: Name
     """Letters, digits, - and _; names the run's folder."""
     origin: Origin
+    lengths: Literal["units", "metres"] = "units"
+    """What lengths without a suffix are in: units of `unit_m` metres, or plain metres."""
     unit_m: float = Field(default=5.0, ge=0.1, le=1000)
-    """Metres per unit."""
+    """Metres per unit of the law; where not given 5, or with `lengths: metres` law.r_out / 1.5."""
     tick_s: float = Field(default=0.05, ge=0.01, le=1)
     """The control loop's period."""
     prepare_timeout_s: Timeout = 120.0

@@ -27,6 +27,7 @@ _HEAR_WALL_S: Final = 3.0
 _ANSWER_WALL_S: Final = 5.0
 _REPEAT_WALL_S: Final = 0.5
 _POLL_WALL_S: Final = 0.02
+_OLD_S: Final = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +80,12 @@ class Sender:
         if not self._states:
             raise StartError(f"no agent of {self.manifest.swarm} can be heard; is the run over?")
         return dict(self._states)
+
+    def newest(self) -> dict[int, AgentState]:
+        """The newest state of every agent heard in the last seconds; does not wait."""
+        self._listen()
+        now = self._clock.now()
+        return {i: state for i, state in self._states.items() if now - state.time_s < _OLD_S}
 
     def send(self, kind: str, agents: Sequence[int] = (), step: FormStep | MoveStep | None = None) -> Answers:
         """Send a command until everybody who is meant has answered, for at most five seconds of the wall clock."""
