@@ -477,11 +477,15 @@ class Agent:
     # --- steps, formation, neighbours ---
 
     def _members(self, now: float) -> list[tuple[int, bool]]:
-        """What the barrier waits for: everybody of the plan, but not who is lost where the policy is to go on."""
-        lost = self._lost(now)
-        return [
-            watch.progress_of(peer.state) if peer.state else (-1, False) for peer in self._peers if peer.id not in lost
-        ]
+        """What the barrier waits for: the whole plan. Silent ones block it, unless the policy is to go on without."""
+        lost, members = self._lost(now), []
+        for peer in self._peers:
+            heard = peer.state if peer.age(now) <= self._plan.policies.agent_lost_after_s else None
+            if peer.state is not None and watch.progress_of(peer.state) >= (len(self._plan.steps), True):
+                heard = peer.state  # through, and silent because of it
+            if peer.id not in lost:
+                members.append(watch.progress_of(heard) if heard is not None else (-1, False))
+        return members
 
     def _lost(self, now: float) -> set[int]:
         """Who the mission goes on without: not heard for long, or given up, where its policy is to go on."""

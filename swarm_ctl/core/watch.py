@@ -59,8 +59,10 @@ class Finding:
 
 Check = Callable[[Situation], Finding | None]
 
-_VEHICLE_LOST_S: Final = 3.0
-"""No heartbeat (1 Hz) for this long: MAVSDK's figure."""
+_PATIENCE_S: Final = 30.0
+"""On the ground a silent peer costs nothing but time: nobody arms without it, so it may take a while to come back."""
+_VEHICLE_LOST_S: Final = 5.0
+"""No heartbeat (1 Hz) for this long: MAVProxy's and Skybrush's figure. Its own failsafe stops it after 1 s."""
 
 
 RANK: Final = {"hold": 0, "return": 1, "land": 2, "yield": 3, "kill": 4}
@@ -119,6 +121,8 @@ def _peers_gone(s: Situation) -> Finding | None:
     policy, after = s.plan.policies.agent_lost, s.plan.policies.agent_lost_after_s
     if s.returning or s.operator_wants == "return" or isinstance(s.progress.current, ReturnStep):
         return None
+    if s.progress.step == 0:
+        after = max(after, _PATIENCE_S)
     for peer in s.peers:
         if peer.state is None or progress_of(peer.state) >= (len(s.plan.steps), True):
             continue  # never heard: the step's time-out bounds the wait; or it has landed at its end
