@@ -35,11 +35,17 @@ from swarm_ctl.mission.rehearsal import StepForecast, forecast
 def validate(
     mission: Annotated[Path, typer.Argument(help="The mission file.")],
     fleet: Annotated[Path | None, typer.Option(help="A fleet file to use instead of the mission's.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Draw it into this .png, .svg or .pdf (needs matplotlib).")] = None,
 ) -> None:
     """Check a mission file and show what would be flown: agents, graph, slots, distances, times, warnings."""
     loaded = load(mission, fleet=fleet)
     console = Console(highlight=False)
     show(loaded, forecast(loaded.plan), console)
+    if plot is not None:
+        from swarm_ctl.cli import plot as picture
+
+        picture.plot(loaded.plan, plot)
+        console.print(f"picture  {plot}", soft_wrap=True)
 
 
 def show(loaded: LoadedMission, forecasts: list[StepForecast], console: Console) -> None:

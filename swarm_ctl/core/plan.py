@@ -240,7 +240,7 @@ class Plan:
     prepare_timeout_s: float
     agents: tuple[AgentPlan, ...]
     steps: tuple[Step, ...]
-    fence: Fence | None = None
+    fence: Fence | None
 
     def agent(self, agent_id: int) -> AgentPlan:
         """The part of `agent_id`; KeyError where the plan has no such agent."""
