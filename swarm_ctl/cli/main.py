@@ -15,6 +15,7 @@ from swarm_ctl.cli.agent import agent
 from swarm_ctl.cli.keys import keys
 from swarm_ctl.cli.run import run
 from swarm_ctl.cli.schema import schema
+from swarm_ctl.cli.send import send
 from swarm_ctl.cli.station import station
 from swarm_ctl.cli.validate import validate
 from swarm_ctl.errors import SwarmError
@@ -40,6 +41,7 @@ def top(
 
 for command in (run, validate, agent, station, schema, keys):
     app.command()(command)
+app.command(context_settings={"ignore_unknown_options": True})(send)  # `move -20 35`: a number, not an option
 
 
 def main() -> None:

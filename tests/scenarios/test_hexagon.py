@@ -156,7 +156,7 @@ def test_unknown_command_is_refused(hexagon: LoadedMission) -> None:
     swarm.command("loop the loop")
     for _ in range(5):
         swarm.tick()
-    assert all(not ack.accepted and "allowed: land" in ack.reason for ack in swarm.acks)
+    assert all(not ack.accepted and "allowed: hold, resume" in ack.reason for ack in swarm.acks)
     assert len(swarm.acks) == 6
     assert swarm.in_step(FORM)
 
