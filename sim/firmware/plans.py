@@ -99,7 +99,7 @@ def refusal(kind: int, item: Item) -> Answer | None:
     """What is wrong with an item; None if nothing."""
     if item.frame not in (*ABSOLUTE_FRAMES, *RELATIVE_FRAMES, NO_PLACE_FRAME):
         return Answer.UNSUPPORTED_FRAME
-    if not (math.isfinite(item.z) and abs(item.z) < 1e5):
+    if item.frame != NO_PLACE_FRAME and not (math.isfinite(item.z) and abs(item.z) < 1e5):
         return Answer.INVALID
     if kind == FENCE:
         known = item.command in _FENCE_COMMANDS
