@@ -43,6 +43,46 @@ class Near:
     """Each (1, K) or (2, K)."""
 
 
+class Rings:
+    """Squared distances of all pairs of n agents in m missions, in a working memory of its own."""
+
+    def __init__(self, n: int, m: int) -> None:
+        rings = n // 2
+        k, i = np.indices((rings, n))
+        self.first = i
+        """(rings, n), as all that follows."""
+        self.second = (i + k + 1) % n
+        self.once = (k + 1 < n / 2) | (i < self.second)
+        """False where a pair stands for the second time."""
+        self.squared = np.empty((rings, n, m))
+        """(rings, n, m), of the last `measure`."""
+        self._other = np.empty((rings, n, m))
+        self._inside = np.empty((rings, n, m), dtype=np.bool_)
+        self._doubled = np.empty((2, n + rings, m))
+        a, b, c = self._doubled.strides
+        self._window = as_strided(self._doubled[:, 1:], (2, rings, n, m), (a, b, b, c), writeable=False)
+
+    def measure(self, points: Floats) -> Floats:
+        """Fills `squared` for `points` (2, n, m)."""
+        n = points.shape[1]
+        self._doubled[:, :n] = points
+        self._doubled[:, n:] = points[:, : n // 2]
+        np.subtract(self._doubled[0, :n], self._window[0], out=self.squared)
+        np.multiply(self.squared, self.squared, out=self.squared)
+        np.subtract(self._doubled[1, :n], self._window[1], out=self._other)
+        np.multiply(self._other, self._other, out=self._other)
+        return np.add(self.squared, self._other, out=self.squared)
+
+    def inside(self, radius: float) -> tuple[Indices, Indices, Indices]:
+        """(first, second, mission) of each pair that was measured closer than `radius`."""
+        np.less(self.squared, radius * radius, out=self._inside)
+        n, m = self.squared.shape[1:]
+        if n % 2 == 0:
+            self._inside[-1, n // 2 :] = False
+        row, mission = np.divmod(np.flatnonzero(self._inside), m)
+        return self.first.ravel().take(row), self.second.ravel().take(row), mission
+
+
 class SwarmLaw:
     """The law of m missions of n >= 2 agents, with what does not change prepared once. Owns its working memory.
 
@@ -67,21 +107,8 @@ class SwarmLaw:
         some = np.maximum(self._count, 1)
         self._gain = h / some
         self._beta = h / (some * some)
-        rings = n // 2
-        k, i = np.indices((rings, n))
-        self.first, self.second = i, (i + k + 1) % n
-        """Of the pair layout, (rings, n)."""
-        self.once = (k + 1 < n / 2) | (i < self.second)
-        """(rings, n): false where a pair stands for the second time."""
-        self.linked = links[self.first, self.second]
-        """(rings, n, m): the pair is a link."""
-        self.squared = np.empty((rings, n, m))
-        """Squared distances in the last `step`, in the pair layout (rings, n, m)."""
-        self._other = np.empty((rings, n, m))
-        self._inside = np.empty((rings, n, m), dtype=np.bool_)
-        self._doubled = np.empty((2, n + rings, m))
-        a, b, c = self._doubled.strides
-        self._window = as_strided(self._doubled[:, 1:], (2, rings, n, m), (a, b, b, c), writeable=False)
+        self.rings = Rings(n, m)
+        """Holds the distances of the last `step`."""
 
     def only(self, missions: Bools) -> SwarmLaw:
         """The same for some of the missions."""
@@ -91,24 +118,19 @@ class SwarmLaw:
         """One iteration of (26) where everybody knows all `points` (2, n, m): u (2, n, m) [units], the near pairs."""
         error = points - self.slots
         n = self._sum_errors(error) - self._count * error
-        found = self._find(points)
         u: Floats = n * self._gain
-        if not len(found):
+        self.rings.measure(points)
+        pair = self.rings.inside(self.law.r_out)
+        if not len(pair[0]):
             return u, None
-        row, mission = np.divmod(found, points.shape[-1])
-        first, second = self.first.ravel().take(row), self.second.ravel().take(row)
-        near = self._repel(u, n, points, points[:, second, mission], (first, second, mission))
-        return u, near
+        return u, self._repel(u, n, points, points[:, pair[1], pair[2]], pair)
 
     def step_heard(self, points: Floats, heard: Floats) -> tuple[Floats, Near | None]:
         """The same where agent i takes agent j to be at `heard[:, i, j]` (2, n or 1, n, m), old or foretold."""
         error = points - self.slots
-        told = np.einsum(
-            "ijm,cijm->cim" if self._small else "mij,cijm->cim",
-            self._weights,
-            np.broadcast_to(heard - self.slots[:, None], self._square()),
-        )
-        n = told - self._count * error
+        told = np.broadcast_to(heard - self.slots[:, None], (2, *self.links.shape))
+        terms = "ijm,cijm->cim" if self._small else "mij,cijm->cim"
+        n = np.einsum(terms, self._weights, told) - self._count * error
         u: Floats = n * self._gain
         q = points[:, :, None] - heard
         q *= q
@@ -120,30 +142,12 @@ class SwarmLaw:
         seen = heard[:, first if heard.shape[1] > 1 else np.zeros_like(first), second, mission]
         return u, self._repel(u, n, points, seen, (first, second, mission), both=False)
 
-    def _square(self) -> tuple[int, ...]:
-        return (2, *self.links.shape)
-
     def _sum_errors(self, error: Floats) -> Floats:
         """Sum of e_j over the neighbours, (2, n, m): one matrix product a mission, unless the matrix is too small."""
         if self._small:
             return np.stack([np.einsum("ijm,jm->im", self._weights, component) for component in error])
         total = self._weights @ error.transpose(2, 1, 0)
         return np.ascontiguousarray(total.transpose(2, 1, 0))
-
-    def _find(self, points: Floats) -> Indices:
-        """Fills `squared`; flat places in it that are inside `r_out`, each pair once."""
-        n, m = points.shape[1:]
-        self._doubled[:, :n] = points
-        self._doubled[:, n:] = points[:, : n // 2]
-        np.subtract(self._doubled[0, :n], self._window[0], out=self.squared)
-        np.multiply(self.squared, self.squared, out=self.squared)
-        np.subtract(self._doubled[1, :n], self._window[1], out=self._other)
-        np.multiply(self._other, self._other, out=self._other)
-        np.add(self.squared, self._other, out=self.squared)
-        np.less(self.squared, self.law.r_out**2, out=self._inside)
-        if n % 2 == 0:
-            self._inside[-1, n // 2 :] = False
-        return np.flatnonzero(self._inside)
 
     def _repel(
         self,
@@ -157,7 +161,8 @@ class SwarmLaw:
         """Adds the avoidance term of `first` to u, and with `both` that of `second`; `seen` is where `second` is."""
         first, second, mission = pair
         count, m = points.shape[1:]
-        q_x, q_y, x = separate(*(points[:, first, mission] - seen), first < second, self.law)
+        q = points[:, first, mission] - seen
+        q_x, q_y, x = separate(q[0], q[1], first < second, self.law)
         linked = self.links[first, second, mission]
         # flat index into (n, m) of everybody who pushes himself off
         agents = (np.stack((first, second)) if both else first[None]) * m + mission

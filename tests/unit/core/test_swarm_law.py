@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from swarm_ctl.core.law import STATUSES, evaluate
 from swarm_ctl.core.plan import LawParameters
-from swarm_ctl.core.swarm_law import SwarmLaw
+from swarm_ctl.core.swarm_law import Rings, SwarmLaw
 
 LAW = LawParameters(h=0.05)
 
@@ -75,14 +75,13 @@ def test_heard_truth_is_truth(batch: Any) -> None:
 @given(batches())
 def test_squared_distances_of_every_pair(batch: Any) -> None:
     """The pair layout holds each pair's squared distance, and `once` names each pair exactly once."""
-    points, slots, links = batch
-    law = SwarmLaw(slots, links, np.full(points.shape[-1], LAW.h), LAW)
-    law.step(points)
-    apart = points[:, law.first] - points[:, law.second]
-    assert law.squared == pytest.approx((apart**2).sum(axis=0))
-    named = {frozenset(pair) for pair in zip(law.first[law.once], law.second[law.once], strict=True)}
-    n = points.shape[1]
-    assert len(named) == law.once.sum() == n * (n - 1) // 2
+    points, _, _ = batch
+    _, n, m = points.shape
+    rings = Rings(n, m)
+    apart = points[:, rings.first] - points[:, rings.second]
+    assert rings.measure(points) == pytest.approx((apart**2).sum(axis=0))
+    named = {frozenset(pair) for pair in zip(rings.first[rings.once], rings.second[rings.once], strict=True)}
+    assert len(named) == rings.once.sum() == n * (n - 1) // 2
 
 
 def test_a_mission_does_not_depend_on_its_batch() -> None:
