@@ -48,7 +48,7 @@ def study(
 ) -> None:
     """Fly thousands of missions in numpy: every combination of the lists, each range drawn from per mission.
 
-    Lengths are units. Rows are appended to a CSV file, the study stands beside it as JSON; an interrupted study goes on.
+    Lengths are units. Rows are appended to a CSV file with the study beside it as JSON; an interrupted study goes on.
 
     Examples:
 

@@ -122,7 +122,7 @@ def _starts(cell: Cell, area: Floats, spacing: Floats, random: np.random.Generat
     if cell.start == "table2":
         places = np.array(TABLE_II, dtype=np.float64)[:, :, None] * np.ones(count)
     else:
-        places = _unit_shape(cell.start, cell.n)[:, :, None] * spacing
+        places = unit_shape(cell.start, cell.n)[:, :, None] * spacing
         order = random.permuted(np.tile(np.arange(cell.n), (count, 1)), axis=1)
         places = np.take_along_axis(places, order.T[:, None], axis=0)
     starts = np.ascontiguousarray(places.transpose(1, 0, 2))
@@ -157,7 +157,7 @@ def _slots(cell: Cell, starts: Floats, spacing: Floats, random: np.random.Genera
     count = starts.shape[-1]
     angle = random.uniform(0.0, 2 * np.pi, count)
     order = random.permuted(np.tile(np.arange(cell.n), (count, 1)), axis=1).T
-    north, east = _unit_shape(cell.shape, cell.n).T[:, :, None] * spacing
+    north, east = unit_shape(cell.shape, cell.n).T[:, :, None] * spacing
     slots = np.stack((north * np.cos(angle) - east * np.sin(angle), north * np.sin(angle) + east * np.cos(angle)))
     if cell.slots == "random":
         slots = np.take_along_axis(slots, order[None], axis=1)
@@ -168,7 +168,7 @@ def _slots(cell: Cell, starts: Floats, spacing: Floats, random: np.random.Genera
     return np.ascontiguousarray(slots)
 
 
-def _unit_shape(name: str, n: int) -> Floats:
+def unit_shape(name: str, n: int) -> Floats:
     """Slots of a shape with spacing 1, centred, (n, 2)."""
     kinds: dict[str, schema.Shape] = {
         "ring": schema.Ring(kind="ring", side=1.0),

@@ -29,7 +29,7 @@ def wilson(hits: int, of: int) -> tuple[float, float]:
 def share(hits: int, of: int) -> str:
     """`1.2 % (0.8 to 1.7)`."""
     low, high = wilson(hits, of)
-    return f"{100 * hits / max(of, 1):.3g} % ({100 * low:.2g} to {100 * high:.3g})"
+    return f"{100 * hits / max(of, 1):.3g} % ({100 * low:.3g} to {100 * high:.3g})"
 
 
 def table(study: Study, rows: Iterable[Row]) -> Table:
