@@ -20,6 +20,10 @@ def run(
     fleet: Annotated[Path | None, typer.Option(help="A fleet file to fly with instead of the mission's own.")] = None,
     runs: Annotated[Path, typer.Option(help="Where run folders are made.")] = Path("runs"),
     seed: Annotated[int, typer.Option(min=0, help="Seed of the simulator.")] = 1,
+    record_hz: Annotated[
+        str, typer.Option(help="The most that is recorded of each agent's topics, e.g. state=5,truth=2; else all.")
+    ] = "",
+    tlog: Annotated[bool, typer.Option(help="Keep each vehicle's MAVLink frames.")] = True,
 ) -> None:
     """Fly a mission: starts a simulator (for vehicles without an endpoint), the agents and a ground station.
 
@@ -33,6 +37,7 @@ def run(
 
         swarm-ctl run missions/hexagon.yaml --speedup 5 --headless
     """
+    from swarm_ctl.recording.topics import rates
     from swarm_ctl.report.table import render_summary
     from swarm_ctl.runtime.fleet import Options, fly
 
@@ -41,7 +46,8 @@ def run(
     for warning in loaded.warnings:
         console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
     with_view = not headless and console.is_terminal
-    result = fly(loaded, Options(speedup, not with_view, runs, seed), lambda text: console.print(text, soft_wrap=True))
+    options = Options(speedup, not with_view, runs, seed, rates(record_hz), tlog)
+    result = fly(loaded, options, lambda text: console.print(text, soft_wrap=True))
     console.print(render_summary(result.summary))
     console.print(f"summary: {result.folder / 'summary.json'}", soft_wrap=True)
     if result.summary.outcome != "completed":

@@ -58,7 +58,7 @@ def save(made: Figure, folder: Path, name: str) -> list[Path]:
 def legend(axes: Axes, count: int) -> None:
     """Beside the axes; many entries in columns."""
     if count:
-        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), ncols=1 + (count - 1) // 16)
+        axes.legend(frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5), ncols=1 + (count - 1) // 16)
 
 
 def bounds(axes: Axes, lines: Sequence[tuple[str, float]]) -> None:

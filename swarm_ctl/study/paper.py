@@ -1,7 +1,7 @@
 """Section VI of the paper again: its figures, and its claims over many seeds.
 
-What the paper leaves open is chosen here and told in `CHOICES`. Time is counted in iterations of (9); the continuous form
-is the same law integrated with steps of a small part of an iteration.
+What the paper leaves open is chosen here and told in `CHOICES`. Time is counted in iterations of (9); continuous time
+is the same law integrated in steps of a small part of an iteration.
 """
 
 from __future__ import annotations
