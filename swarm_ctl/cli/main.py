@@ -11,6 +11,7 @@ from rich.text import Text
 from swarm_ctl.cli.agent import agent
 from swarm_ctl.cli.keys import keys
 from swarm_ctl.cli.paper import paper
+from swarm_ctl.cli.report import compare, report
 from swarm_ctl.cli.run import run
 from swarm_ctl.cli.schema import schema
 from swarm_ctl.cli.station import station
@@ -25,7 +26,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (run, validate, agent, station, study, paper, schema, keys):
+for command in (run, validate, agent, station, report, compare, study, paper, schema, keys):
     app.command()(command)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -23,6 +25,7 @@ def run(
     record_hz: Annotated[
         str, typer.Option(help="The most that is recorded of each agent's topics, e.g. state=5,truth=2; else all.")
     ] = "",
+    report: Annotated[bool, typer.Option(help="Make the report at the end.")] = True,
     tlog: Annotated[bool, typer.Option(help="Keep each vehicle's MAVLink frames.")] = True,
 ) -> None:
     """Fly a mission: starts a simulator (for vehicles without an endpoint), the agents and a ground station.
@@ -50,6 +53,13 @@ def run(
     result = fly(loaded, options, lambda text: console.print(text, soft_wrap=True))
     console.print(render_summary(result.summary))
     console.print(f"summary: {result.folder / 'summary.json'}", soft_wrap=True)
+    if report:
+        _report(result.folder)
     if result.summary.outcome != "completed":
         console.print(f"{result.summary.outcome}: {result.summary.reason}", style="bold red", soft_wrap=True)
     raise typer.Exit(130 if result.interrupts else {"completed": 0}.get(result.summary.outcome, 1))
+
+
+def _report(folder: Path) -> None:
+    """In a process of its own: whatever happens to the figures, the run's result stands."""
+    subprocess.run([sys.executable, "-m", "swarm_ctl.cli.main", "report", str(folder)], check=False)

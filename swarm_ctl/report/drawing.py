@@ -55,10 +55,22 @@ def save(made: Figure, folder: Path, name: str) -> list[Path]:
     return paths
 
 
-def legend(axes: Axes, count: int) -> None:
+def grid(title: str, rows: int, columns: int, width: float, height: float) -> tuple[Figure, list[Axes]]:
+    """A figure with several axes, row by row, that share their time."""
+    with mpl.rc_context(_STYLE):
+        made = Figure(figsize=(width, height), layout="constrained")
+        panels = made.subplots(rows, columns, sharex=True, squeeze=False)
+        made.suptitle(title, fontsize=10, x=0.01, ha="left")
+    return made, list(panels.ravel())
+
+
+def legend(axes: Axes, count: int, what: str = "") -> None:
     """Beside the axes; many entries in columns."""
     if count:
-        axes.legend(frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5), ncols=1 + (count - 1) // 16)
+        beside = axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), ncols=1 + (count - 1) // 16, fontsize=8)
+        beside.set_frame_on(False)
+        if what:
+            beside.set_title(what, prop={"size": 8})
 
 
 def bounds(axes: Axes, lines: Sequence[tuple[str, float]]) -> None:

@@ -141,7 +141,7 @@ def sigma_against_distance(
     axes.set_yscale("log")
     axes.set_xlabel("(x - r_in) / (r_out - r_in): 0 at r_in, 1 at r_out")
     axes.set_ylabel("sigma")
-    axes.legend()
+    axes.legend(frameon=False, loc="lower left")
     save(made, folder, name)
 
 
