@@ -26,6 +26,7 @@ from sim.firmware.setpoint import (
     FRAME_LOCAL_OFFSET_NED,
     NOTHING,
     Setpoint,
+    moved,
 )
 from sim.geodesy import Vector3
 
@@ -231,10 +232,10 @@ class Ardupilot(Firmware):
             return
         yaw = self.demand.heading_rad if setpoint.yaw_rad is None else setpoint.yaw_rad
         n, e, d = velocity or (0.0, 0.0, 0.0)
-        held = tuple(None if p is None else p + o for p, o in zip(position, self.local_origin_ned, strict=True))
+        held = position if position is NOTHING else moved(position, self.local_origin_ned)
         rate = setpoint.yaw_rate_radps or 0.0
         self._setpoint_s = self.now
-        self.begin(Velocity((n or 0.0, e or 0.0, d or 0.0), yaw, (held[0], held[1], held[2]), rate, self.now))
+        self.begin(Velocity((n or 0.0, e or 0.0, d or 0.0), yaw, held, rate, self.now))
 
     def go_to(self, place_ned: Vector3) -> Result:
         """See `Firmware`."""
@@ -252,13 +253,16 @@ class Ardupilot(Firmware):
             for name in group:
                 self.streams.set(name, interval_s, self.now)
 
-    def gcs_heartbeat(self, system: int) -> None:
-        """Only the configured ground station counts."""
-        if system == round(self.parameters["MAV_GCS_SYSID"]):
-            self.gcs_heartbeat_s = self.now
-            if self.failsafe:
-                self.failsafe = False
-                self.text(Severity.WARNING, "GCS Failsafe Cleared")
+    def is_gcs(self, system: int, _kind: int) -> bool:
+        """The configured one alone, whatever it calls itself."""
+        return system == round(self.parameters["MAV_GCS_SYSID"])
+
+    def gcs_heartbeat(self) -> None:
+        """See `Firmware`."""
+        super().gcs_heartbeat()
+        if self.failsafe:
+            self.failsafe = False
+            self.text(Severity.WARNING, "GCS Failsafe Cleared")
 
     def housekeeping(self) -> None:
         """See `Firmware`."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import subprocess
 import sys
 from pathlib import Path
@@ -49,8 +50,13 @@ def run(
     for warning in loaded.warnings:
         console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
     with_view = not headless and console.is_terminal
+
+    def say(text: str) -> None:
+        with contextlib.suppress(OSError):  # whoever read our output is gone; the swarm flies on
+            console.print(text, soft_wrap=True)
+
     options = Options(speedup, not with_view, runs, seed, rates(record_hz), tlog)
-    result = fly(loaded, options, lambda text: console.print(text, soft_wrap=True))
+    result = fly(loaded, options, say)
     console.print(render_summary(result.summary))
     console.print(f"summary: {result.folder / 'summary.json'}", soft_wrap=True)
     if report:

@@ -70,7 +70,8 @@ def legend(axes: Axes, count: int, what: str = "") -> None:
         beside = axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), ncols=1 + (count - 1) // 16, fontsize=8)
         beside.set_frame_on(False)
         if what:
-            beside.set_title(what, prop={"size": 8})
+            beside.set_title(what)
+            beside.get_title().set_fontsize(8)
 
 
 def bounds(axes: Axes, lines: Sequence[tuple[str, float]]) -> None:
