@@ -8,16 +8,14 @@ from typing import Any
 from swarm_ctl.core import graph
 from swarm_ctl.core.plan import FormStep, MoveStep, Plan
 from swarm_ctl.core.progress import step_name
-from swarm_ctl.errors import InputError, StartError
+from swarm_ctl.errors import InputError
 from swarm_ctl.mission.rehearsal import Whereabouts
 
 
 def plot(plan: Plan, file: Path) -> None:
-    """Draw `plan` into `file` (.png, .svg, .pdf); StartError where matplotlib is not installed."""
-    try:
-        import matplotlib as mpl
-    except ImportError:
-        raise StartError("--plot needs matplotlib: pip install 'swarm-ctl[plot]'") from None
+    """Draw `plan` into `file` (.png, .svg, .pdf)."""
+    import matplotlib as mpl
+
     mpl.use("Agg")
     from matplotlib import pyplot
 
