@@ -62,12 +62,6 @@ def test_warnings_are_shown_with_their_place(tmp_path: Path) -> None:
     assert "warning  step 2, form hexagon, is not expected to be done before its time-out" in text
 
 
-def test_without_matplotlib_a_plot_says_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    with pytest.raises(StartError, match="needs matplotlib"):
-        validate(HEXAGON, plot=tmp_path / "x.png")
-
-
 def test_a_mission_is_drawn(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     validate(HEXAGON.with_name("square.yaml"), plot=tmp_path / "x.png")
