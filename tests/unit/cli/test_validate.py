@@ -58,7 +58,7 @@ def test_warnings_are_shown_with_their_place(tmp_path: Path) -> None:
     expected[1] = StepForecast(None, late)
     text = shown(path, expected)
     assert f"warning  {path}:19: agents: agents 2 and 6 start 5 m apart" in text
-    assert "not in time, closest 8.0 m (1-2)" in text
+    assert "not in time, closest 8.0 m" in text
     assert "warning  step 2, form hexagon, is not expected to be done before its time-out" in text
 
 
