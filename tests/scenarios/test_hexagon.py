@@ -112,7 +112,7 @@ def test_station_lost(hexagon: LoadedMission, policy: Policy) -> None:
         assert swarm.phases() == {Phase.HOLD}
         swarm.station_alive = True
     swarm.fly(400)
-    wanted = "failed" if policy is Policy.LAND else "completed"
+    wanted = "failed" if policy in (Policy.LAND, Policy.RETURN) else "completed"
     assert set(swarm.outcomes().values()) == {wanted}
     assert_safe(swarm)
 

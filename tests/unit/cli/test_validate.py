@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import sys
 from pathlib import Path
 
 import pytest
@@ -14,7 +13,7 @@ from typer.testing import CliRunner
 
 from swarm_ctl.cli.schema import schema
 from swarm_ctl.cli.validate import show, validate
-from swarm_ctl.errors import InputError, MissionError, StartError
+from swarm_ctl.errors import InputError, MissionError
 from swarm_ctl.mission.loader import load
 from swarm_ctl.mission.rehearsal import FormForecast, StepForecast, forecast
 
