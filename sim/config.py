@@ -6,9 +6,10 @@ import json
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
+from sim.firmware.troubles import SIM_DEFAULTS
 from sim.geodesy import Geodetic
 
 Persona = Literal["ardupilot", "px4"]
@@ -34,6 +35,23 @@ class Place(_Strict):
         return Geodetic(self.lat_deg, self.lon_deg, self.alt_m)
 
 
+def _known(name: str) -> str:
+    if name not in SIM_DEFAULTS:
+        raise ValueError(f"no such parameter; there are {', '.join(SIM_DEFAULTS)}")
+    return name
+
+
+SimParameter = Annotated[str, AfterValidator(_known)]
+
+
+class Fault(_Strict):
+    """SIM_* parameters to set at a mission time: of one vehicle, or of all."""
+
+    at_s: float
+    sysid: int | None = None
+    set: dict[SimParameter, float] = Field(min_length=1)
+
+
 class VehicleConfig(Place):
     """One vehicle: identity, where it listens, where it stands."""
 
@@ -43,6 +61,9 @@ class VehicleConfig(Place):
     heading_deg: float = 0.0
     ready_after_s: float = Field(default=3.0, ge=0.0)
     """Mission seconds from start until position estimate and pre-arm checks are good."""
+
+    sim_parameters: dict[SimParameter, float] = {}
+    """SIM_* parameters of this vehicle at start, over those for all."""
 
     def address(self) -> tuple[str, int]:
         """Host and port to listen on."""
@@ -63,6 +84,10 @@ class SimConfig(_Strict):
     truth_rate_hz: float = Field(default=10.0, gt=0.0, le=100.0)
     sensing_range_m: float = Field(default=50.0, ge=0.0)
     vehicles: tuple[VehicleConfig, ...] = Field(min_length=1)
+    sim_parameters: dict[SimParameter, float] = {}
+    """SIM_* parameters of all vehicles at start: weather, sensor errors, what is broken."""
+    faults: tuple[Fault, ...] = ()
+    """What changes when."""
 
     @model_validator(mode="after")
     def _unique(self) -> SimConfig:
@@ -74,6 +99,10 @@ class SimConfig(_Strict):
                     first = seen[value]
                     raise ValueError(f"vehicles[{first}] and vehicles[{i}] share {name} {value}; each needs its own")
                 seen[value] = i
+        known = {vehicle.sysid for vehicle in self.vehicles}
+        for i, fault in enumerate(self.faults):
+            if fault.sysid is not None and fault.sysid not in known:
+                raise ValueError(f"faults[{i}] names sysid {fault.sysid}; there are {sorted(known)}")
         return self
 
 

@@ -130,6 +130,9 @@ def _real(value: float) -> Parameter:
 ARDUPILOT_DEFAULTS: dict[str, Parameter] = {
     "ARMING_CHECK": _int32(1),
     "BATT_CAPACITY": _int32(3300),
+    "BATT_FS_LOW_ACT": _int8(0),
+    "BATT_LOW_MAH": _real(0.0),
+    "BATT_LOW_VOLT": _real(10.5),
     "BATT_MONITOR": _int8(4),
     "DISARM_DELAY": _int8(10),
     "FENCE_ENABLE": _int8(0),
@@ -159,9 +162,11 @@ ARDUPILOT_DEFAULTS: dict[str, Parameter] = {
 }
 PX4_DEFAULTS: dict[str, Parameter] = {
     "BAT1_CAPACITY": _real(3300.0),
+    "BAT_CRIT_THR": _real(0.07),
     "COM_DISARM_LAND": _real(2.0),
     "COM_DISARM_PRFLT": _real(10.0),
     "COM_DL_LOSS_T": _int32(10),
+    "COM_LOW_BAT_ACT": _int32(0),
     "COM_OBL_RC_ACT": _int32(0),
     "COM_OF_LOSS_T": _real(1.0),
     "MAV_SYS_ID": _int32(1),
