@@ -57,18 +57,14 @@ class VehicleConfig(Place):
 
     sysid: int = Field(ge=1, le=250)
     persona: Persona = "ardupilot"
-    endpoint: Annotated[str, Field(pattern=r"^udpin:[0-9A-Za-z.\-]+:[0-9]{1,5}$")]
+    endpoint: Annotated[str, Field(pattern=r"^(udpin|udpout|tcpin):[0-9A-Za-z.\-]+:[0-9]{1,5}$")]
+    """`udpin:`, `tcpin:` listen there; `udpout:` speaks to there from the start."""
     heading_deg: float = 0.0
     ready_after_s: float = Field(default=3.0, ge=0.0)
     """Mission seconds from start until position estimate and pre-arm checks are good."""
 
     sim_parameters: dict[SimParameter, float] = {}
     """SIM_* parameters of this vehicle at start, over those for all."""
-
-    def address(self) -> tuple[str, int]:
-        """Host and port to listen on."""
-        _, host, port = self.endpoint.split(":")
-        return host, int(port)
 
 
 class SimConfig(_Strict):
@@ -95,6 +91,8 @@ class SimConfig(_Strict):
             seen: dict[object, int] = {}
             for i, vehicle in enumerate(self.vehicles):
                 value = getattr(vehicle, name)
+                if str(value).startswith("udpout:"):
+                    continue  # several may speak to one ground station
                 if value in seen:
                     first = seen[value]
                     raise ValueError(f"vehicles[{first}] and vehicles[{i}] share {name} {value}; each needs its own")

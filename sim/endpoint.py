@@ -173,6 +173,17 @@ class Codec:
         return Message(layout.name, layout.fields_of(frame[head:end]), (system, component))
 
 
+def split_stream(data: bytes) -> tuple[bytes, bytes]:
+    """What of a stream's bytes can be decoded now, and its end, where a frame has begun that isn't complete."""
+    at = 0
+    while at < len(data):
+        size = frame_size(data, at)
+        if not size and data[at] in (_V2, _V1):
+            return data[:at], data[at:]
+        at += size or 1
+    return data, b""
+
+
 def frame_size(data: bytes, at: int) -> int:
     """Length of the frame that may start at `at`; 0 where none can (yet)."""
     left = len(data) - at

@@ -74,6 +74,11 @@ class Hub:
         self._waiting_count += 1
         heapq.heappush(self._waiting, (self.world.time_s + radio.delay_s, self._waiting_count, what))
 
+    def listen(self, place: int, peers: list[Address]) -> None:
+        """Makes clients of those who are connected, though they have said nothing."""
+        for peer in peers:
+            self._clients[place].setdefault(peer)
+
     def step(self) -> None:
         """One step of the world, and what the vehicles have to say after it."""
         for place in self.world.step():

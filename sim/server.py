@@ -13,7 +13,7 @@ from typing import IO, Any, Self
 from sim.clock import Clock
 from sim.config import SimConfig
 from sim.hub import Hub
-from sim.ports import Address, UdpPort
+from sim.ports import Address, Port, open_port
 from sim.recorder import Recorder
 from sim.truth import TruthFile
 
@@ -42,7 +42,7 @@ class Server:
         self._drain_until_s: float | None = None
         self._stopping = False
         self._said_late_s = -_SAY_AGAIN_S
-        self._ports: list[UdpPort] = []
+        self._ports: list[Port] = []
         self.hub: Hub
         self._selector: selectors.BaseSelector
 
@@ -50,14 +50,16 @@ class Server:
         with contextlib.ExitStack() as stack:
             self._selector = stack.enter_context(selectors.DefaultSelector())
             for place, vehicle in enumerate(self._config.vehicles):
-                port = _open(vehicle.endpoint, vehicle.address())
+                port = _open(vehicle.endpoint)
                 stack.callback(port.close)
                 self._ports.append(port)
-                self._selector.register(port.socket, selectors.EVENT_READ, place)
+                self._selector.register(port.fileno(), selectors.EVENT_READ, place)
             if self._lifeline is not None:
                 with contextlib.suppress(PermissionError):  # a plain file: no lifeline
                     self._selector.register(self._lifeline, selectors.EVENT_READ, None)
             self.hub = Hub(self._config, self._clock.now(), self._transmit)
+            for place, port in enumerate(self._ports):
+                self.hub.listen(place, port.peers())
             if self._config.truth_path is not None:
                 recorder = Recorder(self.hub.world, self._config, TruthFile(self._config.truth_path))
                 stack.callback(recorder.close)
@@ -97,8 +99,10 @@ class Server:
             if key.data is None:
                 self._read_lifeline()
                 continue
-            for data, sender in self._ports[key.data].receive():
+            port = self._ports[key.data]
+            for data, sender in port.receive():
                 self.hub.receive(key.data, data, sender)
+            self.hub.listen(key.data, port.peers())
         return bool(ready)
 
     def _read_lifeline(self) -> None:
@@ -126,11 +130,11 @@ class Server:
             log.warning("%.1f s of mission time behind the clock: this machine is too slow for the speed-up", behind)
 
 
-def _open(endpoint: str, address: Address) -> UdpPort:
+def _open(endpoint: str) -> Port:
     try:
-        return UdpPort(address)
+        return open_port(endpoint)
     except (OSError, OverflowError) as error:
-        raise PortError(f"{endpoint}: can't listen: {getattr(error, 'strerror', None) or error}") from error
+        raise PortError(f"{endpoint}: can't be opened: {getattr(error, 'strerror', None) or error}") from error
 
 
 @contextlib.contextmanager

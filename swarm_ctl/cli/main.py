@@ -12,6 +12,7 @@ from swarm_ctl.cli.agent import agent
 from swarm_ctl.cli.keys import keys
 from swarm_ctl.cli.run import run
 from swarm_ctl.cli.schema import schema
+from swarm_ctl.cli.sim import sim
 from swarm_ctl.cli.station import station
 from swarm_ctl.cli.validate import validate
 from swarm_ctl.errors import SwarmError
@@ -23,7 +24,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (run, validate, agent, station, schema, keys):
+for command in (run, validate, agent, station, sim, schema, keys):
     app.command()(command)
 
 
