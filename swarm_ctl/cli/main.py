@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import sys
+from importlib import metadata
+from typing import Annotated
 
 import typer
 from rich.console import Console
@@ -24,6 +27,18 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+
+@app.callback()
+def top(
+    version: Annotated[bool, typer.Option("--version", help="Show the version and exit.", is_eager=True)] = False,
+) -> None:
+    """Fly a formation of drones from one terminal."""
+    if version:
+        sys.stdout.write(f"swarm-ctl {metadata.version('swarm-ctl')}\n")
+        raise typer.Exit
+
+
 for command in (run, validate, agent, station, sim, schema, keys):
     app.command()(command)
 
@@ -37,6 +52,9 @@ def main() -> None:
         sys.exit(error.exit_code)
     except KeyboardInterrupt:
         sys.exit(130)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nothing more to say, and no traceback about it
+        sys.exit(141)  # as a shell reports SIGPIPE
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 from typing import Annotated
 
@@ -41,7 +42,12 @@ def run(
     for warning in loaded.warnings:
         console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
     with_view = not headless and console.is_terminal
-    result = fly(loaded, Options(speedup, not with_view, runs, seed), lambda text: console.print(text, soft_wrap=True))
+
+    def say(text: str) -> None:
+        with contextlib.suppress(OSError):  # whoever read our output is gone; the swarm flies on
+            console.print(text, soft_wrap=True)
+
+    result = fly(loaded, Options(speedup, not with_view, runs, seed), say)
     console.print(render_summary(result.summary))
     console.print(f"summary: {result.folder / 'summary.json'}", soft_wrap=True)
     if result.summary.outcome != "completed":

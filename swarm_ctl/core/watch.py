@@ -51,8 +51,8 @@ Check = Callable[[Situation], Finding | None]
 
 _PATIENCE_S: Final = 30.0
 """On the ground a silent peer costs nothing but time: nobody arms without it, so it may take a while to come back."""
-_VEHICLE_LOST_S: Final = 3.0
-"""No heartbeat (1 Hz) for this long: MAVSDK's figure."""
+_VEHICLE_LOST_S: Final = 5.0
+"""No heartbeat (1 Hz) for this long: MAVProxy's and Skybrush's figure. Its own failsafe stops it after 1 s."""
 
 
 def find(situation: Situation) -> Finding | None:
