@@ -19,6 +19,8 @@ from sim.group import STILL
 
 TICK_S = 0.1
 _NOISE_S, _DRIFT_S, _GUST_S = 1.0, 60.0, 3.0
+_MOST = 10_000.0
+"""No error, wind or delay is larger, whatever a parameter says."""
 _NEUTRAL = {name: item.value for name, item in SIM_DEFAULTS.items()}
 
 
@@ -75,7 +77,7 @@ class Faults:
         """Reported minus true position [m]."""
 
     def __getitem__(self, name: str) -> float:
-        return self._parameters[name]
+        return max(-_MOST, min(_MOST, self._parameters[name]))
 
     @property
     def motors_dead(self) -> bool:
