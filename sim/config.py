@@ -63,8 +63,15 @@ class VehicleConfig(Place):
     ready_after_s: float = Field(default=3.0, ge=0.0)
     """Mission seconds from start until position estimate and pre-arm checks are good."""
 
+    response: Literal["persona", "ideal"] = "persona"
+    """How velocities are followed: as the persona's firmware and airframe do, or at once."""
     sim_parameters: dict[SimParameter, float] = {}
     """SIM_* parameters of this vehicle at start, over those for all."""
+
+    @property
+    def motion(self) -> str:
+        """The name of its response."""
+        return self.persona if self.response == "persona" else self.response
 
 
 class SimConfig(_Strict):

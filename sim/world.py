@@ -21,6 +21,7 @@ from sim.geodesy import TangentPlane, Vector3
 from sim.group import Group
 from sim.pairs import PairMinima
 from sim.response import Ardupilot as ArdupilotResponse
+from sim.response import Ideal
 from sim.response import Px4 as Px4Response
 from sim.vehicle import Array, Mask, Response, State
 
@@ -29,7 +30,7 @@ STEP_S = 0.02
 on average, and the lags of the responses (50 ms and more, solved exactly over a step) are still well resolved."""
 
 _FIRMWARE: dict[str, type[Ardupilot | Px4]] = {"ardupilot": Ardupilot, "px4": Px4}
-_RESPONSE: dict[str, Response] = {"ardupilot": ArdupilotResponse(), "px4": Px4Response()}
+_RESPONSE: dict[str, Response] = {"ardupilot": ArdupilotResponse(), "px4": Px4Response(), "ideal": Ideal()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,8 +109,8 @@ class World:
         self.plane = TangentPlane(config.origin.geodetic())
         starts = [self.plane.ned_from_geodetic(v.geodetic()) for v in config.vehicles]
         self.groups, rows = _groups(config, starts)
-        self.vehicles = [Vehicle(v, self.groups[v.persona], r) for v, r in zip(config.vehicles, rows, strict=True)]
-        self._places = {name: [i for i, v in enumerate(config.vehicles) if v.persona == name] for name in self.groups}
+        self.vehicles = [Vehicle(v, self.groups[v.motion], r) for v, r in zip(config.vehicles, rows, strict=True)]
+        self._places = {name: [i for i, v in enumerate(config.vehicles) if v.motion == name] for name in self.groups}
         self.pairs = PairMinima(len(self.vehicles))
         self.events: list[WorldEvent] = []
         self._airborne: Mask = np.zeros(len(self.vehicles), dtype=np.bool_)
@@ -264,17 +265,17 @@ class World:
 
 
 def _groups(config: SimConfig, starts: list[Vector3]) -> tuple[dict[str, Group], list[int]]:
-    """The groups by persona, and each vehicle's row in its own."""
+    """The groups by how they move, and each vehicle's row in its own."""
     members: dict[str, list[int]] = {}
     rows = []
     for i, vehicle in enumerate(config.vehicles):
-        mine = members.setdefault(vehicle.persona, [])
+        mine = members.setdefault(vehicle.motion, [])
         rows.append(len(mine))
         mine.append(i)
     groups = {}
-    for persona, places in members.items():
+    for motion, places in members.items():
         heading = np.radians([config.vehicles[i].heading_deg for i in places])
-        groups[persona] = Group(_RESPONSE[persona], np.array([starts[i] for i in places]), heading)
+        groups[motion] = Group(_RESPONSE[motion], np.array([starts[i] for i in places]), heading)
     return groups, rows
 
 
