@@ -86,6 +86,8 @@ class SimConfig(_Strict):
     truth_path: Path | None = None
     truth_rate_hz: float = Field(default=10.0, gt=0.0, le=100.0)
     sensing_range_m: float = Field(default=50.0, ge=0.0)
+    signing_key_path: Path | None = None
+    """A file with the MAVLink 2 signing key of all vehicles; without one nothing is signed, and everything served."""
     vehicles: tuple[VehicleConfig, ...] = Field(min_length=1)
     sim_parameters: dict[SimParameter, float] = {}
     """SIM_* parameters of all vehicles at start: weather, sensor errors, what is broken."""

@@ -16,6 +16,7 @@ from sim.faults import Radio
 from sim.firmware.message import Message
 from sim.ports import Address
 from sim.recorder import Recorder
+from sim.signing import Signing
 from sim.world import World
 
 Send = Callable[[int, bytes, Address], None]
@@ -31,10 +32,12 @@ _DATAGRAM = 1400
 class Hub:
     """A world with clients."""
 
-    def __init__(self, config: SimConfig, now: float, send: Send) -> None:
+    def __init__(
+        self, config: SimConfig, now: float, send: Send, signing: Callable[[], Signing | None] = lambda: None
+    ) -> None:
         self.world = World(config, now)
         self.recorder: Recorder | None = None
-        self.codecs = [Codec(vehicle.sysid) for vehicle in self.world.vehicles]
+        self.codecs = [Codec(vehicle.sysid, signing()) for vehicle in self.world.vehicles]
         self._clients: list[dict[Address, None]] = [{} for _ in self.codecs]
         self._send = send
         self._waiting: list[tuple[float, int, Callable[[], None]]] = []

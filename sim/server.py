@@ -15,6 +15,7 @@ from sim.config import SimConfig
 from sim.hub import Hub
 from sim.ports import Address, Port, open_port
 from sim.recorder import Recorder
+from sim.signing import Signing, read_key
 from sim.truth import TruthFile
 
 log = logging.getLogger("sim")
@@ -57,7 +58,7 @@ class Server:
             if self._lifeline is not None:
                 with contextlib.suppress(PermissionError):  # a plain file: no lifeline
                     self._selector.register(self._lifeline, selectors.EVENT_READ, None)
-            self.hub = Hub(self._config, self._clock.now(), self._transmit)
+            self.hub = Hub(self._config, self._clock.now(), self._transmit, self._signing)
             for place, port in enumerate(self._ports):
                 self.hub.listen(place, port.peers())
             if self._config.truth_path is not None:
@@ -88,7 +89,14 @@ class Server:
         good = sum(codec.frames for codec in self.hub.codecs)
         ignored = sum(vehicle.firmware.ignored for vehicle in self.hub.world.vehicles)
         unsent = sum(port.unsent for port in self._ports)
+        refused = sum(codec.unsigned for codec in self.hub.codecs)
+        if refused:
+            log.warning("frames refused for want of a good signature: %d", refused)
         log.info("frames in: %d good, %d bad, %d not for us; datagrams not sent: %d", good, bad, ignored, unsent)
+
+    def _signing(self) -> Signing | None:
+        path = self._config.signing_key_path
+        return None if path is None else Signing(read_key(path), self._clock.signing_10us)
 
     def _transmit(self, place: int, data: bytes, to: Address) -> None:
         self._ports[place].send(data, to)
