@@ -34,6 +34,9 @@ def main() -> int:
             print(json.dumps({"ready": True, "vehicles": ready}), flush=True)  # noqa: T201
             server.serve()
             server.report()
+    except ValueError as error:  # the signing key
+        print(f"sim: {config.signing_key_path}: {error}", file=sys.stderr)  # noqa: T201
+        return 2
     except PortError as error:
         print(f"sim: {error}", file=sys.stderr)  # noqa: T201
         return 3

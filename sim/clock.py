@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import time
 
+_YEAR_2015_S = 1_420_070_400
+
 
 class Clock:
     """Mission time is (monotonic - `epoch_s`) * `speedup`; all processes of one host share both."""
@@ -19,6 +21,11 @@ class Clock:
     def wall_until(self, mission_s: float) -> float:
         """Wall-clock seconds from now until mission time `mission_s`; 0 when it has passed."""
         return max(0.0, (mission_s - self.now()) / self._speedup)
+
+    @staticmethod
+    def signing_10us() -> int:
+        """The wall clock as MAVLink signing counts it: 10 us since 2015."""
+        return int((time.time() - _YEAR_2015_S) * 1e5)
 
     def rest(self, wall_s: float) -> None:
         """Does nothing for this long."""

@@ -6,9 +6,10 @@ import json
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
+from sim.firmware.troubles import SIM_DEFAULTS
 from sim.geodesy import Geodetic
 
 Persona = Literal["ardupilot", "px4"]
@@ -34,20 +35,43 @@ class Place(_Strict):
         return Geodetic(self.lat_deg, self.lon_deg, self.alt_m)
 
 
+def _known(name: str) -> str:
+    if name not in SIM_DEFAULTS:
+        raise ValueError(f"no such parameter; there are {', '.join(SIM_DEFAULTS)}")
+    return name
+
+
+SimParameter = Annotated[str, AfterValidator(_known)]
+
+
+class Fault(_Strict):
+    """SIM_* parameters to set at a mission time: of one vehicle, or of all."""
+
+    at_s: float
+    sysid: int | None = None
+    set: dict[SimParameter, float] = Field(min_length=1)
+
+
 class VehicleConfig(Place):
     """One vehicle: identity, where it listens, where it stands."""
 
     sysid: int = Field(ge=1, le=250)
     persona: Persona = "ardupilot"
-    endpoint: Annotated[str, Field(pattern=r"^udpin:[0-9A-Za-z.\-]+:[0-9]{1,5}$")]
+    endpoint: Annotated[str, Field(pattern=r"^(udpin|udpout|tcpin):[0-9A-Za-z.\-]+:[0-9]{1,5}$")]
+    """`udpin:`, `tcpin:` listen there; `udpout:` speaks to there from the start."""
     heading_deg: float = 0.0
     ready_after_s: float = Field(default=3.0, ge=0.0)
     """Mission seconds from start until position estimate and pre-arm checks are good."""
 
-    def address(self) -> tuple[str, int]:
-        """Host and port to listen on."""
-        _, host, port = self.endpoint.split(":")
-        return host, int(port)
+    response: Literal["persona", "ideal"] = "persona"
+    """How velocities are followed: as the persona's firmware and airframe do, or at once."""
+    sim_parameters: dict[SimParameter, float] = {}
+    """SIM_* parameters of this vehicle at start, over those for all."""
+
+    @property
+    def motion(self) -> str:
+        """The name of its response."""
+        return self.persona if self.response == "persona" else self.response
 
 
 class SimConfig(_Strict):
@@ -62,7 +86,13 @@ class SimConfig(_Strict):
     truth_path: Path | None = None
     truth_rate_hz: float = Field(default=10.0, gt=0.0, le=100.0)
     sensing_range_m: float = Field(default=50.0, ge=0.0)
+    signing_key_path: Path | None = None
+    """A file with the MAVLink 2 signing key of all vehicles; without one nothing is signed, and everything served."""
     vehicles: tuple[VehicleConfig, ...] = Field(min_length=1)
+    sim_parameters: dict[SimParameter, float] = {}
+    """SIM_* parameters of all vehicles at start: weather, sensor errors, what is broken."""
+    faults: tuple[Fault, ...] = ()
+    """What changes when."""
 
     @model_validator(mode="after")
     def _unique(self) -> SimConfig:
@@ -70,10 +100,16 @@ class SimConfig(_Strict):
             seen: dict[object, int] = {}
             for i, vehicle in enumerate(self.vehicles):
                 value = getattr(vehicle, name)
+                if str(value).startswith("udpout:"):
+                    continue  # several may speak to one ground station
                 if value in seen:
                     first = seen[value]
                     raise ValueError(f"vehicles[{first}] and vehicles[{i}] share {name} {value}; each needs its own")
                 seen[value] = i
+        known = {vehicle.sysid for vehicle in self.vehicles}
+        for i, fault in enumerate(self.faults):
+            if fault.sysid is not None and fault.sysid not in known:
+                raise ValueError(f"faults[{i}] names sysid {fault.sysid}; there are {sorted(known)}")
         return self
 
 

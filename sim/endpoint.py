@@ -7,8 +7,10 @@ pymavlink's message objects take (the tests compare the two byte by byte).
 
 from __future__ import annotations
 
+import math
+import re
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
 from typing import Any
@@ -62,8 +64,20 @@ class _Layout:
         if len(fields) != len(self.names):
             fields = {field.name: field.zero for field in self.fields} | fields
         values = self._pick(fields) if self.plain else self._flat(fields)
-        packed = self.struct.pack(*values)
+        try:
+            packed = self.struct.pack(*values)
+        except (struct.error, OverflowError):
+            packed = self.struct.pack(*self._saturated(values))
         return packed.rstrip(b"\0") or b"\0"
+
+    def _saturated(self, values: Sequence[Any]) -> list[Any]:
+        """Numbers that don't fit their field become the nearest that do."""
+        codes = [
+            code
+            for count, code in _CODES.findall(self.struct.format)
+            for _ in range(int(count or 1) if code != "s" else 1)
+        ]
+        return [_fit(code, value) for code, value in zip(codes, values, strict=True)]
 
     def fields_of(self, payload: bytes) -> dict[str, Any]:
         """The fields of a payload; one shorter than the message is filled with zeros, a longer one cut."""
@@ -97,6 +111,21 @@ class _Layout:
                 at += 1
         return found
 
+
+_CODES = re.compile(r"(\d*)([a-zA-Z])")
+
+
+def _fit(code: str, value: Any) -> Any:
+    if code == "f":
+        return math.copysign(_FLOAT_MAX, value) if math.isfinite(value) and abs(value) > _FLOAT_MAX else value
+    if code in "sd":
+        return value
+    bits = 8 * struct.calcsize("<" + code)
+    low, high = (0, 2**bits - 1) if code.isupper() else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
+    return min(max(value, low), high)
+
+
+_FLOAT_MAX = 3.4028234e38
 
 _LAYOUTS: dict[int, _Layout] = {number: _Layout(kind) for number, kind in mavlink.mavlink_map.items()}
 _BY_NAME: dict[str, _Layout] = {layout.name: layout for layout in _LAYOUTS.values()}
@@ -171,6 +200,17 @@ class Codec:
         if _CHECK.unpack_from(frame, end)[0] != _checksum(frame[1:end] + layout.extra):
             return None
         return Message(layout.name, layout.fields_of(frame[head:end]), (system, component))
+
+
+def split_stream(data: bytes) -> tuple[bytes, bytes]:
+    """What of a stream's bytes can be decoded now, and its end, where a frame has begun that isn't complete."""
+    at = 0
+    while at < len(data):
+        size = frame_size(data, at)
+        if not size and data[at] in (_V2, _V1):
+            return data[:at], data[at:]
+        at += size or 1
+    return data, b""
 
 
 def frame_size(data: bytes, at: int) -> int:

@@ -19,7 +19,7 @@ class Recorder:
         self._world = world
         self._file = file
         self._interval_s = 1.0 / config.truth_rate_hz
-        self._due_s = world.time_s
+        self._due_s = world.next_s
         self._sysids = [vehicle.sysid for vehicle in world.vehicles]
         self._write("header", version=1, origin=config.origin.model_dump(), sysids=self._sysids)
 
@@ -28,7 +28,7 @@ class Recorder:
         for event in self._world.events:
             self._file.write({"type": "event", "t": _t(event.time_s), "sysid": event.sysid, "event": event.event})
         self._world.events.clear()
-        if self._world.time_s >= self._due_s:
+        if self._world.time_s >= self._due_s - 1e-6:
             self._due_s += self._interval_s
             self._state()
             self._minima()

@@ -13,8 +13,9 @@ from typing import IO, Any, Self
 from sim.clock import Clock
 from sim.config import SimConfig
 from sim.hub import Hub
-from sim.ports import Address, UdpPort
+from sim.ports import Address, Port, open_port
 from sim.recorder import Recorder
+from sim.signing import Signing, read_key
 from sim.truth import TruthFile
 
 log = logging.getLogger("sim")
@@ -42,7 +43,7 @@ class Server:
         self._drain_until_s: float | None = None
         self._stopping = False
         self._said_late_s = -_SAY_AGAIN_S
-        self._ports: list[UdpPort] = []
+        self._ports: list[Port] = []
         self.hub: Hub
         self._selector: selectors.BaseSelector
 
@@ -50,14 +51,16 @@ class Server:
         with contextlib.ExitStack() as stack:
             self._selector = stack.enter_context(selectors.DefaultSelector())
             for place, vehicle in enumerate(self._config.vehicles):
-                port = _open(vehicle.endpoint, vehicle.address())
+                port = _open(vehicle.endpoint)
                 stack.callback(port.close)
                 self._ports.append(port)
-                self._selector.register(port.socket, selectors.EVENT_READ, place)
+                self._selector.register(port.fileno(), selectors.EVENT_READ, place)
             if self._lifeline is not None:
                 with contextlib.suppress(PermissionError):  # a plain file: no lifeline
                     self._selector.register(self._lifeline, selectors.EVENT_READ, None)
-            self.hub = Hub(self._config, self._clock.now(), self._transmit)
+            self.hub = Hub(self._config, self._clock.now(), self._transmit, self._signing)
+            for place, port in enumerate(self._ports):
+                self.hub.listen(place, port.peers())
             if self._config.truth_path is not None:
                 recorder = Recorder(self.hub.world, self._config, TruthFile(self._config.truth_path))
                 stack.callback(recorder.close)
@@ -86,7 +89,14 @@ class Server:
         good = sum(codec.frames for codec in self.hub.codecs)
         ignored = sum(vehicle.firmware.ignored for vehicle in self.hub.world.vehicles)
         unsent = sum(port.unsent for port in self._ports)
+        refused = sum(codec.unsigned for codec in self.hub.codecs)
+        if refused:
+            log.warning("frames refused for want of a good signature: %d", refused)
         log.info("frames in: %d good, %d bad, %d not for us; datagrams not sent: %d", good, bad, ignored, unsent)
+
+    def _signing(self) -> Signing | None:
+        path = self._config.signing_key_path
+        return None if path is None else Signing(read_key(path), self._clock.signing_10us)
 
     def _transmit(self, place: int, data: bytes, to: Address) -> None:
         self._ports[place].send(data, to)
@@ -97,8 +107,10 @@ class Server:
             if key.data is None:
                 self._read_lifeline()
                 continue
-            for data, sender in self._ports[key.data].receive():
+            port = self._ports[key.data]
+            for data, sender in port.receive():
                 self.hub.receive(key.data, data, sender)
+            self.hub.listen(key.data, port.peers())
         return bool(ready)
 
     def _read_lifeline(self) -> None:
@@ -126,11 +138,11 @@ class Server:
             log.warning("%.1f s of mission time behind the clock: this machine is too slow for the speed-up", behind)
 
 
-def _open(endpoint: str, address: Address) -> UdpPort:
+def _open(endpoint: str) -> Port:
     try:
-        return UdpPort(address)
+        return open_port(endpoint)
     except (OSError, OverflowError) as error:
-        raise PortError(f"{endpoint}: can't listen: {getattr(error, 'strerror', None) or error}") from error
+        raise PortError(f"{endpoint}: can't be opened: {getattr(error, 'strerror', None) or error}") from error
 
 
 @contextlib.contextmanager

@@ -5,12 +5,27 @@ from __future__ import annotations
 import hashlib
 import hmac
 from collections.abc import Callable
+from pathlib import Path
 
 KEY_BYTES = 32
 SIGNATURE_BYTES = 13
 """Link id, timestamp (6 bytes), and the first 6 bytes of the hash."""
 _BEHIND_10US = 60 * 100_000
 """A sender not heard before may be this far behind our own timestamp."""
+
+
+def read_key(path: Path) -> bytes:
+    """The key in a file of 32 bytes, or of 64 hexadecimal digits; ValueError (which doesn't show it) for another."""
+    data = path.read_bytes()
+    if len(data) == KEY_BYTES:
+        return data
+    try:
+        key = bytes.fromhex(data.decode("ascii").strip())
+    except ValueError:
+        key = b""
+    if len(key) != KEY_BYTES:
+        raise ValueError(f"not a signing key: {KEY_BYTES} bytes or {2 * KEY_BYTES} hexadecimal digits are allowed")
+    return key
 
 
 class Signing:

@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from sim.config import SimConfig, VehicleConfig
+from sim.faults import TICK_S, Faults
 from sim.firmware.ardupilot import Ardupilot
 from sim.firmware.base import Contact, Firmware, Outgoing, Setup
+from sim.firmware.commands import REBOOT_S
 from sim.firmware.flight import Demand, Sensed
-from sim.firmware.message import Message
+from sim.firmware.message import Message, Severity
 from sim.firmware.px4 import Px4
 from sim.geodesy import TangentPlane, Vector3
 from sim.group import Group
 from sim.pairs import PairMinima
 from sim.response import Ardupilot as ArdupilotResponse
+from sim.response import Ideal
 from sim.response import Px4 as Px4Response
 from sim.vehicle import Array, Mask, Response, State
 
@@ -26,12 +30,12 @@ STEP_S = 0.02
 on average, and the lags of the responses (50 ms and more, solved exactly over a step) are still well resolved."""
 
 _FIRMWARE: dict[str, type[Ardupilot | Px4]] = {"ardupilot": Ardupilot, "px4": Px4}
-_RESPONSE: dict[str, Response] = {"ardupilot": ArdupilotResponse(), "px4": Px4Response()}
+_RESPONSE: dict[str, Response] = {"ardupilot": ArdupilotResponse(), "px4": Px4Response(), "ideal": Ideal()}
 
 
 @dataclass(frozen=True, slots=True)
 class WorldEvent:
-    """Something that happened to a vehicle: `liftoff`, `touchdown`, `collision` (one event for each of the two)."""
+    """What happened to a vehicle: `liftoff`, `touchdown`, `crash`, `collision` (one event for each of the two)."""
 
     time_s: float
     sysid: int
@@ -43,6 +47,7 @@ class Vehicle:
 
     def __init__(self, config: VehicleConfig, group: Group, row: int) -> None:
         self.sysid = config.sysid
+        self.faults: Faults
         self.group = group
         self.row = row
         self.firmware: Firmware
@@ -50,13 +55,26 @@ class Vehicle:
         """When `run` has something to do next."""
         self._obeyed: Demand | None = None
 
-    def boot(self, setup: Setup, persona: str, now: float) -> None:
+    def boot(self, setup: Setup, persona: str, now: float, seed: int) -> None:
         """Starts the firmware."""
         self.firmware = _FIRMWARE[persona](setup, now)
+        self.faults = Faults(self.firmware.parameters, seed, self.sysid)
 
     def sense(self) -> Sensed:
-        """What it feels now."""
-        return self.group.sense(self.row)
+        """What it feels now: the truth, but for what is wrong with its sensors."""
+        truth = self.group.sense(self.row)
+        return self.faults.sense(truth) if self.faults.active else truth
+
+    def suffer(self, now: float) -> None:
+        """Lets weather and errors go on, where there are any."""
+        faults = self.faults
+        if not faults.look() or not faults.move(now, self.group.sense(self.row)):
+            return
+        self.group.state.wind[self.row] = faults.wind
+        if faults["SIM_REBOOT"] == 1.0:
+            self.firmware.parameters.set("SIM_REBOOT", 0.0)
+            self.firmware.start(self.sense(), now + REBOOT_S)
+        self._take(self.firmware.demand, None)
 
     def run(self, now: float) -> None:
         """Lets the firmware do what is due."""
@@ -72,8 +90,14 @@ class Vehicle:
         self.due_s = self.firmware.due_s
         demand = self.firmware.demand
         if demand is not self._obeyed:
-            self.group.obey(self.row, demand, self._obeyed)
-            self._obeyed = demand
+            self._take(demand, self._obeyed)
+
+    def _take(self, demand: Demand, before: Demand | None) -> None:
+        self._obeyed = demand
+        faults = self.faults
+        if faults.motors_dead:
+            demand, before = demand._replace(lift=False), None
+        self.group.obey(self.row, demand, before, faults.offset)
 
 
 class World:
@@ -85,15 +109,19 @@ class World:
         self.plane = TangentPlane(config.origin.geodetic())
         starts = [self.plane.ned_from_geodetic(v.geodetic()) for v in config.vehicles]
         self.groups, rows = _groups(config, starts)
-        self.vehicles = [Vehicle(v, self.groups[v.persona], r) for v, r in zip(config.vehicles, rows, strict=True)]
-        self._places = {name: [i for i, v in enumerate(config.vehicles) if v.persona == name] for name in self.groups}
+        self.vehicles = [Vehicle(v, self.groups[v.motion], r) for v, r in zip(config.vehicles, rows, strict=True)]
+        self._places = {name: [i for i, v in enumerate(config.vehicles) if v.motion == name] for name in self.groups}
         self.pairs = PairMinima(len(self.vehicles))
         self.events: list[WorldEvent] = []
         self._airborne: Mask = np.zeros(len(self.vehicles), dtype=np.bool_)
         self._flying = False
         self._marks: list[bytes] = []
         for i, (vehicle, described) in enumerate(zip(self.vehicles, config.vehicles, strict=True)):
-            vehicle.boot(self._setup(i, described, config.seed), described.persona, self.time_s)
+            vehicle.boot(self._setup(i, described, config.seed), described.persona, self.time_s, config.seed)
+            for name, value in (config.sim_parameters | described.sim_parameters).items():
+                vehicle.firmware.parameters.set(name, value)
+        self._timetable = deque(sorted(config.faults, key=lambda entry: entry.at_s))
+        self._suffer_s = self.time_s
 
     @property
     def time_s(self) -> float:
@@ -108,6 +136,12 @@ class World:
     def step(self) -> list[int]:
         """One step of everything; the vehicles (by place) that may have something to send."""
         self._step += 1
+        if self._timetable and self._timetable[0].at_s <= self.time_s:
+            self._take_from_timetable()
+        if self.time_s >= self._suffer_s:
+            self._suffer_s = self.time_s + TICK_S - 1e-6
+            for vehicle in self.vehicles:
+                vehicle.suffer(self.time_s)
         for group in self.groups.values():
             group.step(STEP_S)
         self._observe()
@@ -150,9 +184,30 @@ class World:
     def _observe(self) -> None:
         if self._flying or self._moved_on():
             for pair in self.pairs.update(self.positions()):
-                for i in pair:
-                    self._event(i, "collision")
+                self._collide(*pair)
             self._moved_on()
+
+    def _check_crash(self, place: int) -> None:
+        vehicle = self.vehicles[place]
+        if vehicle.faults.motors_dead or not vehicle.firmware.armed:  # it fell
+            self._event(place, "crash")
+            vehicle.firmware.crashed()
+
+    def _collide(self, *pair: int) -> None:
+        for i, other in (pair, pair[::-1]):
+            vehicle = self.vehicles[i]
+            self._event(i, "collision")
+            vehicle.firmware.text(Severity.EMERGENCY, f"Collision with vehicle {self.vehicles[other].sysid}")
+            if vehicle.faults["SIM_COLL_FALL"] == 1.0:
+                vehicle.faults.fallen = True
+
+    def _take_from_timetable(self) -> None:
+        while self._timetable and self._timetable[0].at_s <= self.time_s:
+            entry = self._timetable.popleft()
+            for vehicle in self.vehicles:
+                if entry.sysid in (None, vehicle.sysid):
+                    for name, value in entry.set.items():
+                        vehicle.firmware.parameters.set(name, value)
 
     def _moved_on(self) -> bool:
         """Notes who left the ground and who came back to it; whether anybody flies."""
@@ -162,6 +217,8 @@ class World:
             airborne = ~self._landed()
             for i in np.nonzero(airborne != self._airborne)[0].tolist():
                 self._event(i, "liftoff" if airborne[i] else "touchdown")
+                if not airborne[i]:
+                    self._check_crash(i)
             self._airborne = airborne
             self._flying = bool(airborne.any())
         return self._flying
@@ -186,7 +243,8 @@ class World:
         return out
 
     def _setup(self, place: int, described: VehicleConfig, seed: int) -> Setup:
-        start = self.vehicles[place].sense()
+        vehicle = self.vehicles[place]
+        start = vehicle.group.sense(vehicle.row)
         return Setup(
             sysid=described.sysid,
             plane=self.plane,
@@ -207,17 +265,17 @@ class World:
 
 
 def _groups(config: SimConfig, starts: list[Vector3]) -> tuple[dict[str, Group], list[int]]:
-    """The groups by persona, and each vehicle's row in its own."""
+    """The groups by how they move, and each vehicle's row in its own."""
     members: dict[str, list[int]] = {}
     rows = []
     for i, vehicle in enumerate(config.vehicles):
-        mine = members.setdefault(vehicle.persona, [])
+        mine = members.setdefault(vehicle.motion, [])
         rows.append(len(mine))
         mine.append(i)
     groups = {}
-    for persona, places in members.items():
+    for motion, places in members.items():
         heading = np.radians([config.vehicles[i].heading_deg for i in places])
-        groups[persona] = Group(_RESPONSE[persona], np.array([starts[i] for i in places]), heading)
+        groups[motion] = Group(_RESPONSE[motion], np.array([starts[i] for i in places]), heading)
     return groups, rows
 
 

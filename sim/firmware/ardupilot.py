@@ -31,6 +31,7 @@ from sim.firmware.setpoint import (
     Setpoint,
     moved,
 )
+from sim.firmware.troubles import SIM_DEFAULTS
 from sim.geodesy import Vector3
 
 
@@ -65,6 +66,9 @@ STABILIZE, AUTO, GUIDED, LOITER, RTL, LAND, BRAKE = (MODES[n] for n in (0, 3, 4,
 GCS_FAILSAFE: Mapping[int, Mode] = {1: RTL, 2: RTL, 3: RTL, 4: LAND, 5: LAND, 6: RTL, 7: BRAKE}
 """FS_GCS_ENABLE to mode. Smart RTL (3, 4) keeps no track here and takes its second choice; 0 is off."""
 
+BATTERY_FAILSAFE: Mapping[int, Mode] = {1: LAND, 2: RTL, 3: RTL, 4: RTL}
+"""BATT_FS_LOW_ACT to mode; 0 only warns."""
+
 STREAM_GROUPS: Mapping[int, tuple[str, ...]] = {
     2: ("SYS_STATUS", "GPS_RAW_INT", "MISSION_CURRENT"),
     6: ("GLOBAL_POSITION_INT", "LOCAL_POSITION_NED"),
@@ -95,7 +99,7 @@ class Ardupilot(Firmware):
     mode: Mode
 
     def __init__(self, setup: Setup, boot_s: float) -> None:
-        parameters = Parameters(ARDUPILOT_DEFAULTS, CAST)
+        parameters = Parameters(ARDUPILOT_DEFAULTS | SIM_DEFAULTS, CAST)
         parameters.set("MAV_SYSID", setup.sysid)
         super().__init__(setup, parameters, boot_s)
 
@@ -130,6 +134,24 @@ class Ardupilot(Firmware):
         """See `Firmware`."""
         return self.parameters["BATT_CAPACITY"]
 
+    def battery_low(self) -> bool:
+        """See `Firmware`; BATT_LOW_VOLT, BATT_LOW_MAH."""
+        volt, mah = self.parameters["BATT_LOW_VOLT"], self.parameters["BATT_LOW_MAH"]
+        return (volt > 0 and self.battery.voltage_v < volt) or (mah > 0 and self.battery.left_mah < mah)
+
+    def on_battery_low(self) -> None:
+        """See `Firmware`; BATT_FS_LOW_ACT."""
+        used = round(self.battery.used_mah)
+        self.text(Severity.WARNING, f"Battery 1 is low {self.battery.voltage_v:.2f}V used {used} mAh")
+        action = BATTERY_FAILSAFE.get(round(self.parameters["BATT_FS_LOW_ACT"]))
+        if action is None or not self.armed:
+            return
+        self.text(Severity.WARNING, "Battery Failsafe")
+        if self.sensed.landed:
+            self.set_disarmed("Disarming motors")
+        elif self.mode is not LAND and self.enter(action) is not Result.ACCEPTED:
+            self.enter(LAND)
+
     def addressed(self, _command: Command) -> bool:
         """Any component, and system 0, are served."""
         return True
@@ -151,6 +173,8 @@ class Ardupilot(Firmware):
             return f"{self.mode.name} mode not armable"
         if not force and self.parameters["ARMING_CHECK"] and not self.ready():
             return "Need Position Estimate"
+        if not force and self.parameters["ARMING_CHECK"] and not self.armable():
+            return "Battery 1 below minimum arming voltage" if self.battery_low() else "Hardware safety switch"
         return None
 
     def disarm(self, *, force: bool) -> Result:
@@ -322,6 +346,7 @@ class Ardupilot(Firmware):
         if not self.armed:
             return
         self._check_gcs()
+        self._check_estimate()
         self._check_setpoint()
         if self.sensed.landed:
             self._check_landed()
@@ -337,6 +362,12 @@ class Ardupilot(Firmware):
         if self.sensed.landed and not isinstance(self.maneuver, Takeoff):
             self.set_disarmed("Disarming motors")
         elif self.mode is not LAND and self.enter(action) is not Result.ACCEPTED:
+            self.enter(LAND)
+
+    def _check_estimate(self) -> None:
+        """FS_EKF_ACTION 1: without a position estimate, modes that need one end in LAND."""
+        if not self.ready() and self.mode.positioned and not self.sensed.landed:
+            self.text(Severity.CRITICAL, "EKF Failsafe: changed to LAND Mode")
             self.enter(LAND)
 
     def _check_setpoint(self) -> None:

@@ -118,6 +118,7 @@ class Firmware(ABC):
             self.streams.set(name, interval_s, boot_s)
         self._tick_s = boot_s
         self._was_ready = False
+        self._low = False
 
     # --- the persona's part ---
 
@@ -140,6 +141,14 @@ class Firmware(ABC):
     @abstractmethod
     def battery_capacity_mah(self) -> float:
         """From the parameters."""
+
+    @abstractmethod
+    def battery_low(self) -> bool:
+        """Below the failsafe's threshold."""
+
+    @abstractmethod
+    def on_battery_low(self) -> None:
+        """The failsafe of a low battery."""
 
     @abstractmethod
     def addressed(self, command: Command, /) -> bool:
@@ -228,7 +237,7 @@ class Firmware(ABC):
             self.landed_s = None
         elif self.landed_s is None:
             self.landed_s = self.now
-        self.battery.drain(TICK_S, flying=not self.sensed.landed)
+        self._watch_battery()
         if self.ready() and not self._was_ready:
             self._was_ready = True
             for name in ("GPS_GLOBAL_ORIGIN", "HOME_POSITION"):
@@ -239,6 +248,21 @@ class Firmware(ABC):
         missions.keep_up(self)
         for _ in range(min(_PARAMETERS_PER_TICK, len(self.pending_parameters))):
             self.say("PARAM_VALUE", self.parameters.value_message(self.pending_parameters.popleft()))
+
+    def _watch_battery(self) -> None:
+        p = self.parameters
+        self.battery.failed = p["SIM_BATT_FAIL"] == 1.0
+        self.battery.drain(TICK_S, flying=not self.sensed.landed, factor=max(0.0, p["SIM_BATT_DRAIN"]))
+        low = self.battery_low()
+        if low and not self._low:
+            self.on_battery_low()
+        self._low = low
+
+    def crashed(self) -> None:
+        """It fell to the ground."""
+        self.text(Severity.EMERGENCY, "Crash: Disarming")
+        if self.armed:
+            self.set_disarmed("Disarming motors")
 
     # --- motion ---
 
@@ -296,11 +320,15 @@ class Firmware(ABC):
 
     def ready(self) -> bool:
         """Position estimate and pre-arm checks are good."""
-        return self.now - self.boot_s >= self._ready_after_s
+        return self.now - self.boot_s >= self._ready_after_s and self.parameters["SIM_GPS_OFF"] != 1.0
 
     def fix(self) -> bool:
         """GPS has a position."""
-        return self.now - self.boot_s >= 0.5 * self._ready_after_s
+        return self.now - self.boot_s >= 0.5 * self._ready_after_s and self.parameters["SIM_GPS_OFF"] != 1.0
+
+    def armable(self) -> bool:
+        """Pre-arm checks are good."""
+        return self.ready() and self.parameters["SIM_ARM_REFUSE"] != 1.0 and not self._low
 
     def standing_s(self) -> float:
         """For how long it has stood on the ground; 0 in the air."""

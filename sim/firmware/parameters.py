@@ -127,9 +127,88 @@ def _real(value: float) -> Parameter:
     return Parameter(Kind.REAL32, value)
 
 
-ARDUPILOT_DEFAULTS: dict[str, Parameter] = {
+_CHANNELS = range(1, 9)
+_ENDS = (("MIN", 1100), ("TRIM", 1500), ("MAX", 1900))
+_RATE_GAINS = (("P", 0.135), ("I", 0.135), ("D", 0.0036))
+_PX4_GAINS = (("P", 0.15), ("I", 0.2), ("D", 0.003))
+ARDUPILOT_INERT: dict[str, Parameter] = (
+    {f"FLTMODE{i}": _int8(mode) for i, mode in enumerate((7, 9, 6, 3, 5, 0), start=1)}
+    | {f"RC{i}_{end}": _int16(value) for i in _CHANNELS for end, value in _ENDS}
+    | {f"SERVO{i}_FUNCTION": _int16(32 + i) for i in range(1, 5)}
+    | {f"RCMAP_{name}": _int8(i) for i, name in enumerate(("ROLL", "PITCH", "THROTTLE", "YAW"), start=1)}
+    | {f"ATC_RAT_{axis}_{gain}": _real(value) for axis in ("PIT", "RLL") for gain, value in _RATE_GAINS}
+    | {
+        "ANGLE_MAX": _int16(3000),
+        "BATT_FS_CRT_ACT": _int8(0),
+        "COMPASS_USE": _int8(1),
+        "FENCE_ACTION": _int8(1),
+        "FENCE_ALT_MAX": _real(100.0),
+        "FENCE_RADIUS": _real(150.0),
+        "FENCE_TYPE": _int8(7),
+        "FS_EKF_ACTION": _int8(1),
+        "FS_THR_ENABLE": _int8(0),
+        "INS_GYRO_FILTER": _int16(20),
+        "LOG_BITMASK": _int32(176126),
+        "LOIT_SPEED": _real(1250.0),
+        "MIS_RESTART": _int8(0),
+        "MOT_SPIN_ARM": _real(0.1),
+        "MOT_SPIN_MIN": _real(0.15),
+        "PILOT_SPEED_UP": _int16(250),
+        "PSC_POSXY_P": _real(1.0),
+        "PSC_VELXY_I": _real(1.0),
+        "PSC_VELXY_P": _real(2.0),
+        "RALLY_LIMIT_KM": _real(0.3),
+        "RALLY_TOTAL": _int8(0),
+        "SR0_EXTRA1": _int16(0),
+        "SR0_POSITION": _int16(0),
+        "STAT_BOOTCNT": _int16(1),
+        "SYSID_ENFORCE": _int8(0),
+        "WP_YAW_BEHAVIOR": _int8(2),
+    }
+)
+"""Known by every ArduCopter, asked for and shown by clients; kept and told here, but nothing flies by them."""
+PX4_INERT: dict[str, Parameter] = (
+    {f"RC{i}_{end}": _real(value) for i in _CHANNELS for end, value in _ENDS}
+    | {f"COM_FLTMODE{i}": _int32(-1) for i in range(1, 7)}
+    | {f"MC_{axis}RATE_{gain}": _real(value) for axis in ("PITCH", "ROLL") for gain, value in _PX4_GAINS}
+    | {
+        "BAT_LOW_THR": _real(0.15),
+        "BAT_EMERGEN_THR": _real(0.05),
+        "CBRK_SUPPLY_CHK": _int32(894281),
+        "COM_ARM_WO_GPS": _int32(1),
+        "COM_RC_IN_MODE": _int32(1),
+        "EKF2_AID_MASK": _int32(1),
+        "GF_ACTION": _int32(2),
+        "GF_MAX_HOR_DIST": _real(0.0),
+        "GF_MAX_VER_DIST": _real(0.0),
+        "MAV_TYPE": _int32(2),
+        "MIS_YAWMODE": _int32(0),
+        "MPC_TILTMAX_AIR": _real(45.0),
+        "MPC_XY_P": _real(0.95),
+        "MPC_XY_VEL_I_ACC": _real(0.4),
+        "MPC_XY_VEL_P_ACC": _real(1.8),
+        "MPC_Z_P": _real(1.0),
+        "MPC_Z_VEL_I_ACC": _real(2.0),
+        "MPC_Z_VEL_MAX_DN": _real(1.5),
+        "MPC_Z_VEL_MAX_UP": _real(3.0),
+        "MPC_Z_VEL_P_ACC": _real(4.0),
+        "NAV_RCL_ACT": _int32(2),
+        "SDLOG_MODE": _int32(0),
+        "SENS_BOARD_ROT": _int32(0),
+        "SYS_HAS_BARO": _int32(1),
+        "SYS_HAS_GPS": _int32(1),
+        "SYS_HAS_MAG": _int32(1),
+        "SYS_HITL": _int32(0),
+    }
+)
+"""The same for PX4."""
+
+ARDUPILOT_DEFAULTS: dict[str, Parameter] = ARDUPILOT_INERT | {
     "ARMING_CHECK": _int32(1),
     "BATT_CAPACITY": _int32(3300),
+    "BATT_FS_LOW_ACT": _int8(0),
+    "BATT_LOW_MAH": _real(0.0),
+    "BATT_LOW_VOLT": _real(10.5),
     "BATT_MONITOR": _int8(4),
     "DISARM_DELAY": _int8(10),
     "FENCE_ENABLE": _int8(0),
@@ -157,11 +236,13 @@ ARDUPILOT_DEFAULTS: dict[str, Parameter] = {
     "WPNAV_SPEED_DN": _real(150.0),
     "WPNAV_SPEED_UP": _real(250.0),
 }
-PX4_DEFAULTS: dict[str, Parameter] = {
+PX4_DEFAULTS: dict[str, Parameter] = PX4_INERT | {
     "BAT1_CAPACITY": _real(3300.0),
+    "BAT_CRIT_THR": _real(0.07),
     "COM_DISARM_LAND": _real(2.0),
     "COM_DISARM_PRFLT": _real(10.0),
     "COM_DL_LOSS_T": _int32(10),
+    "COM_LOW_BAT_ACT": _int32(0),
     "COM_OBL_RC_ACT": _int32(0),
     "COM_OF_LOSS_T": _real(1.0),
     "MAV_SYS_ID": _int32(1),

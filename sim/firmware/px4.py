@@ -23,6 +23,7 @@ from sim.firmware.message import (
 from sim.firmware.parameters import BYTEWISE, PX4_DEFAULTS, Parameters
 from sim.firmware.plans import Item
 from sim.firmware.setpoint import FRAME_BODY_NED, FRAME_LOCAL_NED, NOTHING, Setpoint, moved
+from sim.firmware.troubles import SIM_DEFAULTS
 from sim.geodesy import Vector3
 
 
@@ -67,6 +68,9 @@ OFFBOARD_LOSS: Mapping[int, Mode] = {0: POSCTL, 1: POSCTL, 2: POSCTL, 3: RTL, 4:
 DATALINK_LOSS: Mapping[int, Mode] = {1: LOITER, 2: RTL, 3: LAND}
 """NAV_DLL_ACT to mode; 0 is off."""
 
+BATTERY_FAILSAFE: Mapping[int, Mode] = {2: LAND, 3: RTL}
+"""COM_LOW_BAT_ACT to mode; 0 only warns."""
+
 STREAM_GAP_S, STREAM_TIME_S = 0.5, 1.0
 """OFFBOARD wants setpoints at 2 Hz or faster for over a second."""
 DESCEND_MPS = 0.7
@@ -106,7 +110,7 @@ class Px4(Firmware):
     mode: Mode
 
     def __init__(self, setup: Setup, boot_s: float) -> None:
-        parameters = Parameters(PX4_DEFAULTS, BYTEWISE)
+        parameters = Parameters(PX4_DEFAULTS | SIM_DEFAULTS, BYTEWISE)
         parameters.set("MAV_SYS_ID", setup.sysid)
         super().__init__(setup, parameters, boot_s)
 
@@ -143,6 +147,17 @@ class Px4(Firmware):
         """See `Firmware`."""
         return self.parameters["BAT1_CAPACITY"]
 
+    def battery_low(self) -> bool:
+        """See `Firmware`; BAT_CRIT_THR."""
+        return self.battery.percent() < 100.0 * self.parameters["BAT_CRIT_THR"]
+
+    def on_battery_low(self) -> None:
+        """See `Firmware`; COM_LOW_BAT_ACT."""
+        self.text(Severity.CRITICAL, "Critical battery level")
+        action = BATTERY_FAILSAFE.get(round(self.parameters["COM_LOW_BAT_ACT"]))
+        if action is not None and self.armed and not self.sensed.landed and self.mode is not LAND:
+            self._fail(action)
+
     def addressed(self, command: Command) -> bool:
         """Only commands for exactly this system and its autopilot (or all its components) are served."""
         return command.target[0] == self.sysid and command.target[1] in (0, 1)
@@ -151,7 +166,7 @@ class Px4(Firmware):
 
     def arm(self, *, force: bool) -> Result:
         """See `Firmware`."""
-        if not force and not (self.ready() and self.mode.armable and self._mode_possible(self.mode)):
+        if not force and not (self.armable() and self.mode.armable and self._mode_possible(self.mode)):
             self.text(Severity.CRITICAL, "Arming denied: Resolve system health failures first")
             return Result.TEMPORARILY_REJECTED
         self.set_armed()
@@ -320,6 +335,8 @@ class Px4(Firmware):
         self._flown = self._flown or not self.sensed.landed
         self._check_offboard()
         self._check_datalink()
+        if not self.ready() and not self.sensed.landed and self.mode is not POSCTL and self.mode is not LAND:
+            self._fail(POSCTL)  # no position: descends
         if isinstance(self.maneuver, Auto) and self.maneuver.finished and not self.maneuver.done:
             missions.keep_up(self)
             self.mode = LOITER

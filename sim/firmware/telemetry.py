@@ -53,7 +53,9 @@ def sys_status(f: Firmware) -> list[Fields]:
     present = _SENSORS | _AHRS | _BATTERY | _PREARM
     health = _SENSORS | _BATTERY if f.fix() else _SENSORS & ~0x20 | _BATTERY
     if f.ready():
-        health |= _AHRS | _PREARM
+        health |= _AHRS
+    if f.armable():
+        health |= _PREARM
     return [
         {
             "onboard_control_sensors_present": present,

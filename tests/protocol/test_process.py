@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from tests.protocol.simulator import command_line, pilot, settings, simulator
+from tests.protocol.simulator import Pilot, command_line, pilot, settings, simulator
 
 
 def refused(tmp_path: Path, configuration: dict[str, Any]) -> tuple[int, str, str]:
@@ -118,3 +118,25 @@ def test_the_truth_header_is_there_when_it_says_ready(tmp_path: Path) -> None:
     with simulator(tmp_path, settings(tmp_path, "px4")) as sim:
         first = Path(sim.configuration["truth_path"]).read_text().splitlines()[0]
         assert json.loads(first)["type"] == "header"
+
+
+def test_with_a_key_only_signed_frames_are_served(tmp_path: Path) -> None:
+    (tmp_path / "key").write_bytes(bytes(range(32)))
+    configuration = settings(tmp_path, "ardupilot") | {"signing_key_path": str(tmp_path / "key")}
+    with simulator(tmp_path, configuration) as sim:
+        p = Pilot(sim)
+        try:
+            p._link.setup_signing(bytes(range(32)), sign_outgoing=True)
+            p.wait("HEARTBEAT")
+            assert p.command(512, 148) == 0
+            assert p.latest["AUTOPILOT_VERSION"].get_signed()
+        finally:
+            p.close()
+
+
+def test_a_bad_key_is_one_line_and_exit_code_2(tmp_path: Path) -> None:
+    (tmp_path / "key").write_bytes(b"sesame")
+    code, out, err = refused(tmp_path, settings(tmp_path, "ardupilot") | {"signing_key_path": str(tmp_path / "key")})
+    assert (code, out, len(err.splitlines())) == (2, "", 1)
+    assert "key" in err
+    assert "sesame" not in err

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -12,7 +13,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from sim.endpoint import Codec
 from sim.firmware.message import MESSAGE_IDS, Message
-from sim.signing import Signing
+from sim.signing import Signing, read_key
 
 
 def client() -> mavlink.MAVLink:
@@ -185,3 +186,17 @@ def test_what_is_sent_with_a_key_is_signed_as_pymavlink_wants_it() -> None:
         (read,) = reader.parse_buffer(codec.pack(beat))
         assert read.get_signed()
     assert repr(KEY) not in repr(codec._signing)
+
+
+@pytest.mark.parametrize("data", [KEY, KEY.hex().encode(), KEY.hex().encode() + b"\n"])
+def test_a_key_is_read_from_bytes_or_digits(tmp_path: Path, data: bytes) -> None:
+    (tmp_path / "key").write_bytes(data)
+    assert read_key(tmp_path / "key") == KEY
+
+
+@pytest.mark.parametrize("data", [b"", b"too short", b"\xff" * 33, b"g" * 64])
+def test_another_file_is_no_key_and_is_not_shown(tmp_path: Path, data: bytes) -> None:
+    (tmp_path / "key").write_bytes(data)
+    with pytest.raises(ValueError, match="64 hexadecimal digits") as caught:
+        read_key(tmp_path / "key")
+    assert not data or repr(data)[2:8] not in str(caught.value)

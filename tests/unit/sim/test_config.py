@@ -34,7 +34,7 @@ def test_defaults(tmp_path: Path) -> None:
     config = load_config(path)
     assert (config.speedup, config.sensing_range_m, config.truth_rate_hz) == (1.0, 50.0, 10.0)
     assert config.vehicles[0].persona == "ardupilot"
-    assert config.vehicles[1].address() == ("127.0.0.1", 14602)
+    assert config.vehicles[1].endpoint == "udpin:127.0.0.1:14602"
 
 
 @pytest.mark.parametrize(
@@ -43,7 +43,7 @@ def test_defaults(tmp_path: Path) -> None:
         ("sysid", 251, ["vehicles[0].sysid", "250"]),
         ("sysid", 2, ["vehicles[0] and vehicles[1]", "sysid 2"]),
         ("endpoint", "udpin:127.0.0.1:14602", ["vehicles[0] and vehicles[1]", "endpoint"]),
-        ("endpoint", "tcp:127.0.0.1:14602", ["vehicles[0].endpoint", "udpin:"]),
+        ("endpoint", "tcp:127.0.0.1:14602", ["vehicles[0].endpoint", "udpin"]),
         ("persona", "betaflight", ["vehicles[0].persona", "'ardupilot' or 'px4'"]),
         ("lat_deg", 91.0, ["vehicles[0].lat_deg", "89"]),
         ("colour", "red", ["vehicles[0].colour", "remove it"]),

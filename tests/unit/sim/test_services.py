@@ -16,6 +16,7 @@ from sim.firmware.parameters import ARDUPILOT_DEFAULTS, BYTEWISE, CAST, PX4_DEFA
 from sim.firmware.px4 import Px4
 from sim.firmware.streams import Streams
 from sim.firmware.telemetry import BUILDERS
+from sim.firmware.troubles import SIM_DEFAULTS
 from tests.unit.sim.harness import ARM, IN_AIR, LOCAL_ORIGIN, Rig, command_fields, setpoint_fields
 
 Persona = type[Ardupilot | Px4]
@@ -194,7 +195,7 @@ def test_parameters_by_list_name_and_index_agree(persona: Persona) -> None:
     rig.tell("PARAM_REQUEST_LIST", target_system=1, target_component=1)
     rig.run(1.0)
     listed = rig.heard("PARAM_VALUE")
-    defaults = ARDUPILOT_DEFAULTS if persona is Ardupilot else PX4_DEFAULTS
+    defaults = (ARDUPILOT_DEFAULTS if persona is Ardupilot else PX4_DEFAULTS) | SIM_DEFAULTS
     assert [v["param_id"].decode() for v in listed] == list(defaults)
     assert [v["param_index"] for v in listed] == list(range(len(defaults)))
     assert {v["param_count"] for v in listed} == {len(defaults)}

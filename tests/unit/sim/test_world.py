@@ -204,3 +204,18 @@ def test_messages_may_come_before_the_first_step() -> None:
     world.handle(0, Message("HEARTBEAT", {"type": 6}, GCS))
     assert world.time_s == pytest.approx(123.46)
     assert world.step() == [0]
+
+
+def test_an_ideal_vehicle_has_the_velocity_it_is_told_at_once() -> None:
+    settings = config(2).model_dump()
+    settings["vehicles"][1]["response"] = "ideal"
+    flight = Flight(type(config(1)).model_validate(settings))
+    flight.run(0.5)
+    for place in (0, 1):
+        flight.take_off(place, height_m=5.0)
+    flight.run(10.0)
+    for place in (0, 1):
+        flight.tell(place, "SET_POSITION_TARGET_LOCAL_NED", **setpoint_fields(2.0, 0.0, 0.0, target_system=place + 1))
+    flight.run(2 * STEP_S)
+    assert flight.velocity(1) == pytest.approx([2.0, 0.0, 0.0])
+    assert flight.velocity(0)[0] < 0.2

@@ -1,0 +1,103 @@
+"""`swarm-ctl sim` as a user calls it: what it starts, shows and refuses."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from pymavlink.dialects.v20 import common
+
+from swarm_ctl.cli.sim import _from_mission, _grid, _origin, _parameter
+from swarm_ctl.errors import InputError
+from swarm_ctl.runtime.ports import free_ports
+
+HEXAGON = Path(__file__).parents[3] / "missions" / "hexagon.yaml"
+COMMAND = [str(Path(sys.executable).parent / "swarm-ctl"), "sim"]
+
+
+def base_port(kind: socket.SocketKind) -> int:
+    return free_ports(1, kind)[0] - 1
+
+
+def test_it_says_where_vehicles_listen_serves_them_and_ends_at_ctrl_c(tmp_path: Path) -> None:
+    base = base_port(socket.SOCK_DGRAM)
+    truth = tmp_path / "truth.jsonl"
+    command = [*COMMAND, "--persona", "px4", "--base-port", str(base), "--truth", str(truth)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+        try:
+            assert running.stdout is not None
+            lines = [running.stdout.readline() for _ in range(3)]
+            assert re.search(rf"1 +px4 +udpin:127.0.0.1:{base + 1} +udpout:127.0.0.1:{base + 1}", lines[1])
+            with contextlib.closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as client:
+                client.settimeout(20.0)
+                hello = common.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(common.MAVLink(None, 255, 190))
+                client.sendto(hello, ("127.0.0.1", base + 1))
+                assert client.recv(2000)[0] == 0xFD
+            running.send_signal(signal.SIGINT)
+            assert running.wait(20) == 0
+        finally:
+            running.kill()
+    assert truth.read_text().splitlines()[-1].startswith('{"type":"end"')
+
+
+def test_over_tcp_a_client_hears_without_a_word() -> None:
+    base = base_port(socket.SOCK_STREAM)
+    command = [*COMMAND, "--tcp", "--base-port", str(base)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+        try:
+            assert running.stdout is not None
+            for _ in range(3):
+                running.stdout.readline()
+            with contextlib.closing(socket.create_connection(("127.0.0.1", base + 1), timeout=20.0)) as client:
+                assert client.recv(2000)[0] == 0xFD
+            running.terminate()
+            assert running.wait(20) == 0
+        finally:
+            running.kill()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["--home", "here"], "LAT,LON,ALT"),
+        (["--parameter", "SIM_LOSS"], "NAME=NUMBER"),
+        (["--parameter", "SIM_NOTHING=1"], "SIM_WIND_SPD"),
+        (["--endpoint", "serial:/dev/ttyS0"], "endpoint"),
+        (["--endpoint", "udpin:127.0.0.1:1", "--endpoint", "udpin:127.0.0.1:2"], "one a vehicle"),
+    ],
+)
+def test_bad_input_is_one_message_and_exit_code_2(arguments: list[str], told: str) -> None:
+    done = subprocess.run([*COMMAND, *arguments], capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 2
+    assert told in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_busy_port_is_exit_code_3() -> None:
+    with contextlib.closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as other:
+        other.bind(("127.0.0.1", 0))
+        endpoint = f"udpin:127.0.0.1:{other.getsockname()[1]}"
+        done = subprocess.run(
+            [*COMMAND, "--endpoint", endpoint], capture_output=True, text=True, timeout=60, check=False
+        )
+    assert done.returncode == 3
+    assert endpoint in done.stderr
+
+
+def test_starts_come_from_a_grid_or_a_mission() -> None:
+    assert _grid(5, 2.0) == [(0.0, 0.0), (0.0, 2.0), (0.0, 4.0), (2.0, 0.0), (2.0, 2.0)]
+    assert len(set(_grid(250, 5.0))) == 250
+    origin, starts = _from_mission(HEXAGON)
+    assert [(persona, sysid) for persona, sysid, _ in starts] == [("ardupilot", i) for i in range(1, 7)]
+    assert origin.lat_deg != 0.0
+    assert len({place for _, _, place in starts}) == 6
+    assert _origin("47.5,8.5,400").alt_m == 400.0
+    assert _parameter("SIM_WIND_SPD=2.5") == ("SIM_WIND_SPD", 2.5)
+    with pytest.raises(InputError):
+        _origin("1,2")
