@@ -31,7 +31,7 @@ SIX: Final = LawParameters(r=4.5, r_out=1.5, r_in=0.5)
 THIRTY_TWO: Final = LawParameters(r=10.5, r_out=0.5, r_in=0.1)
 _KAPPA: Final = 10.0
 """Iterations a second of study time: only a scale here."""
-_LIMIT: Final = 20000
+LIMIT: Final = 20000
 """Iterations after which a mission counts as not formed."""
 FORMS: Final = {"discrete": 1.0, "continuous": 0.2}
 """Iterations a step: 1 is (9) itself."""
@@ -40,14 +40,14 @@ CHOICES: Final = (
     "32 agents: starts drawn in a square of 20 x 20 units, none closer than 2 r_in, connected; seed 1 for the figures",
     "32 agents: the planar formation is a grid of 6 columns, 2 units apart, slots given out at random",
     "seeds: the shape is turned at random; slots at random or by least total squared distance; starts as named",
-    f"formed: largest |e_i - mean e| under 0.1 unit for 10 iterations, within {_LIMIT} iterations",
+    f"formed: largest |e_i - mean e| under 0.1 unit for 10 iterations, within {LIMIT} iterations",
     f"continuous time: Euler steps of {FORMS['continuous']:g} iteration",
     "connectivity kept: every link of the start graph stays within r (Property 1)",
     "not parted, the weaker form: the links that are within r at a moment still hang together",
 )
 
 
-def studies(seeds: int, seed: int) -> dict[str, Study]:
+def studies(seeds: int, seed: int, limit: int = LIMIT) -> dict[str, Study]:
     """The studies behind the table of claims."""
     found = {}
     for form, part in FORMS.items():
@@ -61,7 +61,7 @@ def studies(seeds: int, seed: int) -> dict[str, Study]:
             "kappa": value(_KAPPA),
             "tick_s": part / _KAPPA,
             "settle_s": 10 / _KAPPA,
-            "limit_s": _LIMIT / _KAPPA,
+            "limit_s": limit / _KAPPA,
         }
         found[f"six-{form}"] = Study.model_validate(common | {"law": SIX, "start": ("table2", "random")})
         found[f"thirty-two-{form}"] = Study.model_validate(
@@ -70,19 +70,31 @@ def studies(seeds: int, seed: int) -> dict[str, Study]:
     return found
 
 
-def reproduce(folder: Path, seeds: int, seed: int, processes: int | None, console: Console) -> None:
-    """Everything: figures, rows, claims, failing cases; tells on the console what it makes."""
+def reproduce(
+    folder: Path,
+    seeds: int,
+    seed: int,
+    processes: int | None,
+    console: Console,
+    *,
+    limit: int = LIMIT,
+    cases: int = 500,
+) -> None:
+    """Everything: figures, rows, claims, failing cases (out of `cases` missions per n); tells what it makes.
+
+    Missions end after `limit` iterations at the latest.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     for choice in CHOICES:
         console.print(f"choice: {choice}", soft_wrap=True)
     for form, part in FORMS.items():
         _figures(folder / form, part, console)
-    found = studies(seeds, seed)
+    found = studies(seeds, seed, limit)
     for name, study in found.items():
         console.print(f"{name}: {study.rows} missions")
         carry_out(study, folder / f"{name}.csv", processes, console)
     made = [claims(found, folder), sigma_claim(found, folder)]
-    smallest = failing_cases(folder, seed, processes, console)
+    smallest = failing_cases(folder, studies(cases, seed, limit), processes, console)
     with (folder / "claims.txt").open("w") as file:
         for target in (console, Console(file=file, width=160)):
             for table in (*made, smallest):
@@ -251,10 +263,9 @@ def sigma_claim(found: dict[str, Study], folder: Path) -> Table:
     return table
 
 
-def failing_cases(folder: Path, seed: int, processes: int | None, console: Console) -> Table:
+def failing_cases(folder: Path, found: dict[str, Study], processes: int | None, console: Console) -> Table:
     """For each claim the fewest agents that break it, with a picture of one such mission."""
-    base = studies(500, seed)["six-discrete"]
-    study = base.model_copy(update={"n": (2, 3, 4, 5, 6), "start": ("random",), "slots": ("random",)})
+    study = found["six-discrete"].model_copy(update={"n": (2, 3, 4, 5, 6), "start": ("random",), "slots": ("random",)})
     path = folder / "smallest-cases.csv"
     console.print(f"smallest failing cases: {study.rows} missions of 2 to 6 agents")
     carry_out(study, path, processes, console)
