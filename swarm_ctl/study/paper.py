@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -88,7 +89,7 @@ def reproduce(
     for choice in CHOICES:
         console.print(f"choice: {choice}", soft_wrap=True)
     for form, part in FORMS.items():
-        _figures(folder / form, part, console)
+        _figures(folder / form, part, limit, console)
     found = studies(seeds, seed, limit)
     for name, study in found.items():
         console.print(f"{name}: {study.rows} missions")
@@ -102,18 +103,18 @@ def reproduce(
     console.print(f"figures, rows and claims: {folder}", soft_wrap=True)
 
 
-def hexagon(part: float) -> Batch:
+def hexagon(part: float, limit: int = LIMIT) -> Batch:
     """Section VI-A: Table II, the regular hexagon in plain order."""
-    study = studies(1, 1)["six-discrete"]
+    study = studies(1, 1, limit)["six-discrete"]
     cell = _with_step(study.cells()[0], part)
     batch = draw(cell, 0, 1)
     slots = (unit_shape("ring", 6) * 2.0).T[..., None]
     return replace(batch, slots=np.ascontiguousarray(slots))
 
 
-def thirty_two(part: float) -> Batch:
+def thirty_two(part: float, limit: int = LIMIT) -> Batch:
     """Section VI-B: random starts, a grid."""
-    cell = studies(1, 1)["thirty-two-discrete"].cells()[0]
+    cell = studies(1, 1, limit)["thirty-two-discrete"].cells()[0]
     return draw(_with_step(cell, part), 0, 1)
 
 
@@ -121,38 +122,42 @@ def _with_step(cell: Cell, part: float) -> Cell:
     return cell.model_copy(update={"tick_s": part / _KAPPA, "settle_s": 500 / _KAPPA})
 
 
-def _figures(folder: Path, part: float, console: Console) -> None:
-    from swarm_ctl.study import pictures as draw_
+def _figures(folder: Path, part: float, limit: int, console: Console) -> None:
+    from swarm_ctl.study.pictures import statuses_seen
 
     folder.mkdir(exist_ok=True)
-    for batch, numbers, agents in ((hexagon(part), range(7, 13), (1, 2, 3)), (thirty_two(part), range(13, 18), None)):
+    for batch, first in ((hexagon(part, limit), 7), (thirty_two(part, limit), 13)):
         trace = Trace()
         outcome = fly(batch, trace)
-        iterations = np.array(trace.time_s) * _KAPPA
-        figures = iter(numbers)
-        names = {k: f"fig{k:02d}" for k in numbers}
-        if 7 in numbers:
-            k = next(figures)
-            draw_.start_picture(batch, folder, names[k], f"Fig. {k}: initial configuration, links within r, r_out")
-        k = next(figures)
-        draw_.track_picture(trace, folder, names[k], f"Fig. {k}: trajectories and formation, n = {batch.cell.n}")
-        k = next(figures)
-        draw_.distance_picture(batch, trace, iterations, folder, names[k], f"Fig. {k}: minimum inter-agent distances")
-        k = next(figures)
-        shown = agents if agents and any(i in agents for _, i, *_ in trace.pairs) else _busiest(trace)
-        who = ", ".join(str(i + 1) for i in shown)
-        draw_.sigma_picture(trace, 1 / _KAPPA, shown, folder, names[k], f"Fig. {k}: sigma_ij, i = {who}")
-        for axis in range(2):
-            k = next(figures)
-            title = f"Fig. {k}: convergence in {'xy'[axis]}"
-            draw_.error_picture(batch, trace, iterations, axis, folder, names[k], title)
+        for number, (title, draw_it) in enumerate(_pictures(batch, trace, first), start=first):
+            draw_it(folder, f"fig{number:02d}", f"Fig. {number}: {title}")
         console.print(
             f"{folder.name}, n = {batch.cell.n}: smallest distance {outcome.smallest[0]:.3f}"
             f" (r_in {batch.cell.law.r_in:g}), "
             + (f"formed after {outcome.time_s[0] * _KAPPA:.0f} iterations" if outcome.converged[0] else "NOT formed")
-            + f", {outcome.links_broken[0]} of {outcome.links[0]} links broken, statuses {draw_.statuses_seen(trace)}",
+            + f", {outcome.links_broken[0]} of {outcome.links[0]} links broken, statuses {statuses_seen(trace)}",
             soft_wrap=True,
         )
+
+
+def _pictures(batch: Batch, trace: Trace, first: int) -> list[tuple[str, Callable[[Path, str, str], None]]]:
+    """(title, how to draw it) of the figures from number `first` on."""
+    from swarm_ctl.study import pictures
+
+    iterations = np.array(trace.time_s) * _KAPPA
+    # the paper shows agents 2, 3 and 4 of the six, and does not say whom of the 32
+    shown = (1, 2, 3) if first == 7 and {1, 2, 3} & {i for _, i, *_ in trace.pairs} else _busiest(trace)
+    start = ("initial configuration, links within r, r_out", partial(pictures.start_picture, batch))
+    return [start] * (first == 7) + [
+        (f"trajectories and formation, n = {batch.cell.n}", partial(pictures.track_picture, trace)),
+        ("minimum inter-agent distances", partial(pictures.distance_picture, batch, trace, iterations)),
+        (
+            f"sigma_ij, i = {', '.join(str(i + 1) for i in shown)}",
+            partial(pictures.sigma_picture, trace, 1 / _KAPPA, shown),
+        ),
+        ("convergence in x", partial(pictures.error_picture, batch, trace, iterations, 0)),
+        ("convergence in y", partial(pictures.error_picture, batch, trace, iterations, 1)),
+    ]
 
 
 def _busiest(trace: Trace) -> tuple[int, ...]:

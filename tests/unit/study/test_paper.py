@@ -6,8 +6,10 @@ import io
 from pathlib import Path
 
 import numpy as np
+import pytest
 from rich.console import Console
 
+from swarm_ctl.study import paper
 from swarm_ctl.study.again import Trace
 from swarm_ctl.study.flight import fly
 from swarm_ctl.study.paper import CLAIMS, hexagon, reproduce, thirty_two
@@ -40,12 +42,12 @@ def test_thirty_two_start_in_their_square() -> None:
     assert starts.max() <= 20
 
 
-def test_everything_is_made(tmp_path: Path) -> None:
-    """Figures 7 to 17 in both forms as PNG and SVG, rows, and a table that names every claim."""
+def test_everything_is_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures 7 to 17 as PNG and SVG, rows, and a table that names every claim."""
+    monkeypatch.setattr(paper, "FORMS", {"discrete": 1.0})
     reproduce(tmp_path, 2, 1, 1, Console(file=io.StringIO()), limit=600, cases=4)
-    for form in ("discrete", "continuous"):
-        names = {path.name for path in (tmp_path / form).iterdir()}
-        assert names == {f"fig{k:02d}.{kind}" for k in range(7, 18) for kind in ("png", "svg")}
+    names = {path.name for path in (tmp_path / "discrete").iterdir()}
+    assert names == {f"fig{k:02d}.{kind}" for k in range(7, 18) for kind in ("png", "svg")}
     text = " ".join((tmp_path / "claims.txt").read_text().split())
     for claim in CLAIMS:
         assert claim.text.split(":")[0] in text
