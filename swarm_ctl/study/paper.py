@@ -6,7 +6,7 @@ is the same law integrated in steps of a small part of an iteration.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -140,7 +140,7 @@ def _figures(folder: Path, part: float, limit: int, console: Console) -> None:
         )
 
 
-def _pictures(batch: Batch, trace: Trace, first: int) -> list[tuple[str, Callable[[Path, str, str], None]]]:
+def _pictures(batch: Batch, trace: Trace, first: int) -> Sequence[tuple[str, Callable[[Path, str, str], None]]]:
     """(title, how to draw it) of the figures from number `first` on."""
     from swarm_ctl.study import pictures
 
