@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from swarm_ctl.core.state import AgentState, Payload, SigmaReport
 from swarm_ctl.errors import InputError
@@ -15,7 +16,7 @@ from swarm_ctl.recording import RECORDING
 from swarm_ctl.recording.recorder import Recorder
 from swarm_ctl.report.figures import FIGURES
 from swarm_ctl.report.history import read_history
-from swarm_ctl.report.page import make_comparison, make_report
+from swarm_ctl.report.page import PAGE, make_comparison, make_report
 from tests.unit.report.folder import FORM, FORMED, LAND, LIFTOFF, PLAN, account, position, true_minimum, write_run
 from tests.unit.station.swarm import report_of, state_of, status_of
 
@@ -31,10 +32,32 @@ def said() -> list[Payload]:
     return found
 
 
+@pytest.fixture(scope="module")
+def reported(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The run with its report made."""
+    folder = _record(tmp_path_factory.mktemp("made") / "run")
+    make_report(folder)
+    return folder
+
+
 @pytest.fixture
 def run(tmp_path: Path) -> Path:
     """A whole run with a recording."""
-    folder = tmp_path / "run"
+    return _record(tmp_path / "run")
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Which figures are drawn, without drawing them."""
+    monkeypatch.setattr("swarm_ctl.report.page.save", _touch)
+
+
+def _touch(made: Figure, folder: Path, name: str) -> list[Path]:
+    (folder / f"{name}.png").write_bytes(b"")
+    return [folder / f"{name}.png"] * 2
+
+
+def _record(folder: Path) -> Path:
     folder.mkdir()
     write_run(folder)
     recorder = Recorder(folder, 0, {})
@@ -62,28 +85,29 @@ class Outside(HTMLParser):
             self.fetched.append(tag)
 
 
-def test_the_page_needs_nothing_beside_it(run: Path) -> None:
+def test_the_page_needs_nothing_beside_it(reported: Path) -> None:
     """All images inside, nothing fetched; every figure as PNG and SVG, too."""
-    text = make_report(run).read_text()
+    text = (reported / PAGE).read_text()
     page = Outside()
     page.feed(text)
     assert page.fetched == []
     assert page.images == len(FIGURES)
-    assert {path.name for path in (run / "figures").iterdir()} == {
+    assert {path.name for path in (reported / "figures").iterdir()} == {
         f"{name}.{kind}" for name, _ in FIGURES for kind in ("png", "svg")
     }
     assert "http" not in re.sub(r"data:[^\"]+", "", text)
 
 
-def test_summary_and_alarms_are_told(run: Path) -> None:
+def test_summary_and_alarms_are_told(reported: Path) -> None:
     """The outcome, each figure's number, and warnings with who and when; plain events are no alarms."""
-    text = re.sub(r"<[^>]+>", " ", make_report(run).read_text())
+    text = re.sub(r"<[^>]+>", " ", (reported / PAGE).read_text())
     assert "COMPLETED" in text
     assert f"{true_minimum()[0]:.2f} m" in text
     assert re.search(r"25\.0 s\s+agent 2\s+warning\s+vehicle: EKF variance", text)
     assert "ended: completed" not in text
 
 
+@pytest.mark.usefixtures("quick")
 def test_without_truth_or_recording_the_rest_is_drawn(run: Path) -> None:
     (run / "truth.jsonl").unlink()
     make_report(run)
@@ -98,6 +122,7 @@ def test_without_truth_or_recording_the_rest_is_drawn(run: Path) -> None:
     }  # fmt: skip
 
 
+@pytest.mark.usefixtures("quick")
 def test_a_recording_that_was_cut_off_is_recovered(run: Path) -> None:
     data = (run / RECORDING).read_bytes()
     (run / RECORDING).write_bytes(data[:-100])
