@@ -149,7 +149,7 @@ def _pictures(batch: Batch, trace: Trace, first: int) -> Sequence[tuple[str, Cal
     shown = (1, 2, 3) if first == 7 and {1, 2, 3} & {i for _, i, *_ in trace.pairs} else _busiest(trace)
     start = ("initial configuration, links within r, r_out", partial(pictures.start_picture, batch))
     return [start] * (first == 7) + [
-        (f"trajectories and formation, n = {batch.cell.n}", partial(pictures.track_picture, trace)),
+        (f"trajectories and formation, n = {batch.cell.n}", partial(pictures.track_picture, batch, trace)),
         ("minimum inter-agent distances", partial(pictures.distance_picture, batch, trace, iterations)),
         (
             f"sigma_ij, i = {', '.join(str(i + 1) for i in shown)}",
