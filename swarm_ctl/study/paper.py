@@ -36,6 +36,7 @@ LIMIT: Final = 20000
 """Iterations after which a mission counts as not formed."""
 FORMS: Final = {"discrete": 1.0, "continuous": 0.2}
 """Iterations a step: 1 is (9) itself."""
+_GAINS: Final = tuple(span for h in (0.005, 0.02, 0.05, 0.1, 0.3) for span in value(h))
 CHOICES: Final = (
     "hexagon: regular, side 2 units, first slot in the direction of x, slots given to agents in plain order (figures)",
     "32 agents: starts drawn in a square of 20 x 20 units, none closer than 2 r_in, connected; seed 1 for the figures",
@@ -95,10 +96,11 @@ def reproduce(
         console.print(f"{name}: {study.rows} missions")
         carry_out(study, folder / f"{name}.csv", processes, console)
     made = [claims(found, folder), sigma_claim(found, folder)]
-    smallest = failing_cases(folder, studies(cases, seed, limit), processes, console)
+    few = studies(cases, seed, limit)
+    made += [collisions_by_gain(folder, few, processes, console), failing_cases(folder, few, processes, console)]
     with (folder / "claims.txt").open("w") as file:
         for target in (console, Console(file=file, width=160)):
-            for table in (*made, smallest):
+            for table in made:
                 target.print(table)
     console.print(f"figures, rows and claims: {folder}", soft_wrap=True)
 
@@ -268,31 +270,57 @@ def sigma_claim(found: dict[str, Study], folder: Path) -> Table:
     return table
 
 
+def collisions_by_gain(folder: Path, found: dict[str, Study], processes: int | None, console: Console) -> Table:
+    """The first claim where it is hardest: starts just outside r_in, and gains above Table I's."""
+    table = Table(title="No distance under r_in? Starts from 1.02 r_in apart, random slots, discrete form")
+    for name in ("n", "h", "missions", "under r_in", "smallest / r_in"):
+        table.add_column(name)
+    for name, agents in (("six", (2, 3, 4, 5, 6)), ("thirty-two", (32,))):
+        base = found[f"{name}-discrete"]
+        settings = {"n": agents, "h": _GAINS, "start": ("random",), "slots": ("random",), "limit_s": 3000 / _KAPPA}
+        study = base.model_copy(update=settings | {"start_spacing": 1.02 * base.law.r_in})
+        path = folder / f"{name}-gains.csv"
+        console.print(f"{name}, gains: {study.rows} missions of at most 3000 iterations")
+        carry_out(study, path, processes, console)
+        rows = list(read_rows(path))
+        for cell in study.cells():
+            own = [row for row in rows if row["cell"] == cell.index]
+            hits = sum(row["collided"] for row in own)
+            least = min(row["smallest"] for row in own) / cell.law.r_in
+            table.add_row(str(cell.n), str(cell.h), str(len(own)), share(hits, len(own)), f"{least:.3f}")
+    return table
+
+
 def failing_cases(folder: Path, found: dict[str, Study], processes: int | None, console: Console) -> Table:
-    """For each claim the fewest agents that break it, with a picture of one such mission."""
+    """For each claim the fewest agents that break it, with a picture of one such mission.
+
+    A claim that Table I's h does not break is looked for among the larger gains of `collisions_by_gain`.
+    """
     study = found["six-discrete"].model_copy(update={"n": (2, 3, 4, 5, 6), "start": ("random",), "slots": ("random",)})
     path = folder / "smallest-cases.csv"
     console.print(f"smallest failing cases: {study.rows} missions of 2 to 6 agents")
     carry_out(study, path, processes, console)
-    rows = list(read_rows(path))
     table = Table(title="Smallest failing case of each claim (hexagon's r, r_out, r_in; random starts and slots)")
-    for name in ("claim", "fewest agents", "row", "numbers", "picture"):
+    for name in ("claim", "fewest agents", "h", "row", "numbers", "picture"):
         table.add_column(name)
     for number, claim in enumerate(CLAIMS, start=1):
-        worst = next(_by_size(rows, claim), None)
-        if worst is None:
-            table.add_row(claim.text, "none of 2 to 6", "", f"0 of {len(rows)}", "")
-            continue
-        name = f"smallest-case-{number}"
-        table.add_row(claim.text, *_case(fly_again(path, worst["row"]), folder, name))
+        for rows_at in (path, folder / "six-gains.csv"):
+            worst = next(_by_size(list(read_rows(rows_at)), claim), None)
+            if worst is not None:
+                flown = fly_again(rows_at, worst["row"])
+                table.add_row(claim.text, *_case(flown, folder, f"smallest-case-{number}"))
+                break
+        else:
+            table.add_row(claim.text, "none of 2 to 6", "", "", "", "")
     return table
 
 
 def _by_size(rows: list[Row], claim: Claim) -> Iterator[Row]:
-    return (row for row in sorted(rows, key=lambda row: (row["n"], row["steps"])) if claim.broken(row))
+    ordered = sorted(rows, key=lambda row: (row["n"], row["h"], row["steps"]))
+    return (row for row in ordered if claim.broken(row))
 
 
-def _case(flown: Flown, folder: Path, name: str) -> tuple[str, str, str, str]:
+def _case(flown: Flown, folder: Path, name: str) -> tuple[str, ...]:
     from swarm_ctl.study.pictures import draw_mission
 
     row = flown.row
@@ -303,4 +331,4 @@ def _case(flown: Flown, folder: Path, name: str) -> tuple[str, str, str, str]:
         f"smallest {row['smallest']:.2f}, longest link {row['longest_link']:.2f}, end error {row['error']:.2f},"
         f" least D_ub - D_lb {gap:.3g}; starts {starts}"
     )
-    return str(row["n"]), str(row["row"]), numbers, f"{name}.png"
+    return str(row["n"]), str(row["h"]), str(row["row"]), numbers, f"{name}.png"

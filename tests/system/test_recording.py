@@ -16,7 +16,7 @@ from tests.system.running import HEXAGON, Running
 
 pytestmark = pytest.mark.timeout(240)
 
-RUN = ("run", HEXAGON, "--speedup", "5", "--headless")
+RUN = ("run", HEXAGON, "--speedup", "3", "--headless")
 
 
 def test_a_whole_run_is_recorded_and_reported(tmp_path: Path) -> None:

@@ -45,7 +45,7 @@ def test_thirty_two_start_in_their_square() -> None:
 def test_everything_is_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Figures 7 to 17 as PNG and SVG, rows, and a table that names every claim."""
     monkeypatch.setattr(paper, "FORMS", {"discrete": 1.0})
-    reproduce(tmp_path, 2, 1, 1, Console(file=io.StringIO()), limit=600, cases=4)
+    reproduce(tmp_path, 2, 1, 1, Console(file=io.StringIO()), limit=600, cases=3)
     names = {path.name for path in (tmp_path / "discrete").iterdir()}
     assert names == {f"fig{k:02d}.{kind}" for k in range(7, 18) for kind in ("png", "svg")}
     text = " ".join((tmp_path / "claims.txt").read_text().split())
