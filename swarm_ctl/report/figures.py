@@ -44,7 +44,7 @@ def nearest(history: History) -> Figure | None:
     values = history.nearest()
     if not np.isfinite(values).any():
         return None
-    made, axes = figure("Distance of each agent to its nearest, while flying (truth)")
+    made, axes = figure("Distance of each flying agent to the nearest vehicle (truth)")
     _per_agent(axes, history, values)
     law, unit_m = history.plan.law, history.plan.unit_m
     bounds(axes, [("r_in", law.r_in * unit_m), ("r_out", law.r_out * unit_m)])
