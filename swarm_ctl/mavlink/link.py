@@ -89,6 +89,7 @@ class VehicleLink:
             health_reason=missing,
             released=driver.parameters.released(heard),
             battery_percent=heard.battery_percent,
+            tilt_deg=heard.tilt_deg,
             origin=heard.origin,
             local=heard.local,
             global_=heard.global_,

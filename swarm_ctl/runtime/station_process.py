@@ -182,12 +182,20 @@ class Station:
         self._name = f"station-{os.getpid()}"
         self._commander = Commander(node, [agent.id for agent in plan.agents])
         self._beacon_due = 0.0
-        node.listen(keys.STATE, keys.STATUS, keys.SIGMA, keys.EVENT, keys.ACK, keys.BEACON)
+        self._noted: set[str] = set()
+        node.listen(keys.STATE, keys.STATUS, keys.SIGMA, keys.EVENT, keys.ACK, keys.BEACON, keys.COMMAND)
 
     def command(self, kind: str) -> None:
         """Pass an operator's command to all agents."""
         command = self._commander.give(kind, self._clock.now())
-        self._fold(command, self._clock.now())
+        self._note(command, self._clock.now())
+
+    def _note(self, command: Command, received_s: float) -> None:
+        """Show and record a command once: ours, and those of other stations (`swarm-ctl send`)."""
+        if command.id in self._noted:
+            return
+        self._noted.add(command.id)
+        self._fold(command, received_s)
         if self._recorder:
             self._recorder.command(command)
 
@@ -205,6 +213,8 @@ class Station:
             self._fold(event, received_s)
             if self._recorder:
                 self._recorder.event(event)
+        for command, received_s in self._node.take(keys.COMMAND):
+            self._note(command, received_s)
         for ack, received_s in self._node.take(keys.ACK):
             self._fold(ack, received_s)
             self._commander.answered(ack.command, ack.agent)
