@@ -37,6 +37,7 @@ def study(
     wind: Annotated[str, typer.Option(help=f"[m/s], only ardupilot and px4 feel it. {_RANGE}")] = "0",
     area: Annotated[str, typer.Option(help=f"Side of the starts' square [units]; 0: by n. {_RANGE}")] = "0",
     spacing: Annotated[str, typer.Option(help=f"Between slots [units]. {_RANGE}")] = "2",
+    start_spacing: Annotated[float, typer.Option(help="Least distance of random starts [units]; 0: 2 r_in.")] = 0.0,
     r: Annotated[float, typer.Option(help="Interaction range [units].")] = 4.5,
     r_out: Annotated[float, typer.Option(help="Outer radius [units].")] = 1.5,
     r_in: Annotated[float, typer.Option(help="Inner radius [units].")] = 0.5,
@@ -78,7 +79,7 @@ def study(
         "area": area,
         "spacing": spacing,
     }
-    common = {"seed": seed, "missions": missions, "limit_s": limit, "tick_s": tick}
+    common = {"seed": seed, "missions": missions, "limit_s": limit, "tick_s": tick, "start_spacing": start_spacing}
     plan = _study(lists, ranges, common | {"law": {"r": r, "r_out": r_out, "r_in": r_in}})
     carry_out(plan, out, processes, console)
     wide = console if console.is_terminal else Console(highlight=False, width=200)

@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import IO, Any, Final
 
 from mcap.exceptions import McapError
-from mcap.records import Channel, Footer, Message, Metadata, Schema
+from mcap.records import Channel, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
-from mcap.writer import Writer
+from mcap.writer import MCAP0_MAGIC, Writer
 from pydantic import ValidationError
 
 from swarm_ctl.core.state import Payload
@@ -79,9 +79,11 @@ def counts(run: Path) -> Counter[str]:
 
 
 def is_whole(run: Path) -> bool:
-    """The file has its footer."""
+    """The file has its footer, and the magic bytes behind it."""
     with _open(run) as file:
-        return any(isinstance(record, Footer) for record in _records(file))
+        size = file.seek(0, os.SEEK_END)
+        file.seek(max(0, size - len(MCAP0_MAGIC)))
+        return size > 2 * len(MCAP0_MAGIC) and file.read() == MCAP0_MAGIC
 
 
 def recover(run: Path) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import json
 from collections import Counter
@@ -52,6 +53,11 @@ class McapWriter:
         """Write index and footer."""
         self._writer.finish()  # type: ignore[no-untyped-call]
         self._file.close()
+
+    def abandon(self) -> None:
+        """Give the file up as it is, after an error."""
+        with contextlib.suppress(OSError):
+            self._file.close()
 
     def _register(self, topic: Topic, name: str) -> int:
         if topic.name not in self._schemas:

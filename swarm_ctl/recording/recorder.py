@@ -65,6 +65,7 @@ class Recorder:
             self._writer.close()
         except OSError as error:
             self.failure = error.strerror or str(error)
+            self._writer.abandon()
 
     def _write_chunk(self) -> bool:
         """A second's messages and a flush; False after the last one."""

@@ -51,7 +51,8 @@ def save(made: Figure, folder: Path, name: str) -> list[Path]:
     paths = [folder / f"{name}.{kind}" for kind in ("png", "svg")]
     with mpl.rc_context(_STYLE):
         for path in paths:
-            made.savefig(path, dpi=150, metadata={"Date": None} if path.suffix == ".svg" else None)
+            made.savefig(path, dpi=130, metadata={"Date": None} if path.suffix == ".svg" else None)
+            made.set_layout_engine("none")  # laid out once, for both
     return paths
 
 

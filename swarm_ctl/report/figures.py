@@ -27,10 +27,16 @@ def tracks(history: History) -> Figure | None:
         return None
     made, axes = figure("Trajectories: hollow at the start, filled at the end of the formation flight", 6.4, 5.4)
     points = flight.points_m[flown].transpose(0, 2, 1)
-    shape = [hull_order(points[-1])] if len(history.agents) > 1 and np.isfinite(points[-1]).all() else [[]]
-    trajectories(axes, points, [str(i) for i in history.agents], shape[0], unit="m")
+    trajectories(axes, points, [str(i) for i in history.agents], _shape(history), unit="m")
     _name(axes, len(history.agents), "agent")
     return made
+
+
+def _shape(history: History) -> list[tuple[int, int]]:
+    """Pairs of agents that are next to each other in the last shape that was flown."""
+    steps = [s for k, s in enumerate(history.plan.steps, 1) if np.isfinite(history.run.start_s(k))]
+    slots = next((s.slots for s in reversed(steps) if isinstance(s, FormStep)), ())
+    return hull_order(np.array(slots).T) if len(slots) > 1 else []
 
 
 def nearest(history: History) -> Figure | None:
@@ -38,7 +44,7 @@ def nearest(history: History) -> Figure | None:
     values = history.nearest()
     if not np.isfinite(values).any():
         return None
-    made, axes = figure("Distance of each agent to its nearest, while flying (truth)")
+    made, axes = figure("Distance of each flying agent to the nearest vehicle (truth)")
     _per_agent(axes, history, values)
     law, unit_m = history.plan.law, history.plan.unit_m
     bounds(axes, [("r_in", law.r_in * unit_m), ("r_out", law.r_out * unit_m)])

@@ -15,7 +15,7 @@ from swarm_ctl.errors import InputError
 from swarm_ctl.recording import RECORDING, read, recover
 from swarm_ctl.report.metrics import Flight
 from swarm_ctl.report.run import Run, read_run
-from swarm_ctl.report.truth import Bools, Floats
+from swarm_ctl.report.truth import Floats
 
 
 @dataclass(slots=True)
@@ -66,11 +66,11 @@ class History:
         return found
 
     def nearest(self) -> Floats:
-        """Distance [m] of each live agent to the nearest other one (T, n); nan where there is none."""
-        points, live = self.flight.points_m, self.flight.live
+        """Distance [m] of each live agent to the nearest other vehicle, on the ground or not (T, n); nan: none."""
+        points = self.flight.points_m
         apart = np.linalg.norm(points[:, :, None] - points[:, None], axis=-1)
-        alone: Bools = ~(live[:, :, None] & live[:, None])
-        apart[alone] = np.inf
+        apart[np.isnan(apart)] = np.inf
+        apart[~self.flight.live] = np.inf
         apart[:, np.arange(points.shape[1]), np.arange(points.shape[1])] = np.inf
         least = apart.min(axis=-1, initial=np.inf)
         return np.where(np.isfinite(least), least, np.nan)

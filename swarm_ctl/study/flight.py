@@ -78,6 +78,8 @@ class _Flight:
         self._flying = np.ones(m, dtype=np.bool_)
         self._law = SwarmLaw(batch.slots, batch.links, batch.h, cell.law)
         self._motion: Motion = motion_of(batch)
+        self._seen = batch.starts
+        """Positions at the last step."""
         self._carry_on = cell.compensation is Compensation.STOP_POINT
         told_late = batch.delay_s.any() or batch.loss.any()
         self._news = News(batch, cell.tick_s, self._carry_on) if told_late else None
@@ -93,6 +95,7 @@ class _Flight:
     def step(self, tick: int, watch: Watch | None) -> None:
         """One tick of all missions."""
         position, points = self._motion.position, self._motion.points()
+        self._seen = position
         squared = self._rings.measure(position)
         np.minimum(self._nearest, squared, out=self._nearest)
         np.maximum(self._farthest, squared, out=self._farthest)
@@ -121,7 +124,7 @@ class _Flight:
         now = tick * self._cell.tick_s
         stretched = (self._rings.squared > self._cell.law.r**2) & self._linked
         self._note_parted(stretched)
-        e = self._motion.position - self._law.slots
+        e = self._seen - self._law.slots
         e -= e.mean(axis=1, keepdims=True)
         error = np.sqrt((e * e).sum(axis=0).max(axis=0))
         self._since = np.where(error < self._cell.tolerance, np.minimum(self._since, now), np.inf)

@@ -23,7 +23,7 @@ class News:
         self._delay = np.rint(batch.delay_s / tick_s).astype(np.intp)
         self._loss = batch.loss
         self._row = batch.row.astype(np.uint64)
-        self._seed = np.uint64(batch.cell.seed)
+        self._seed = np.array([batch.cell.seed], dtype=np.uint64)  # arrays wrap around, scalars warn
         _, n, m = batch.starts.shape
         self._past = np.zeros((int(self._delay.max()) + 1, 4, n, m))
         self._past[:, :2] = batch.starts
@@ -65,4 +65,5 @@ class News:
         for shift, factor in ((30, _MIX[0]), (27, _MIX[1]), (30, _MIX[0]), (27, _MIX[1])):
             z = (z ^ (z >> np.uint64(shift))) * factor
         z ^= z >> np.uint64(31)
-        return (z >> np.uint64(11)) * 2.0**-53 >= self._loss
+        arrives: NDArray[np.bool_] = (z >> np.uint64(11)) * 2.0**-53 >= self._loss
+        return arrives

@@ -6,8 +6,9 @@ is the same law integrated in steps of a small part of an iteration.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -31,23 +32,24 @@ SIX: Final = LawParameters(r=4.5, r_out=1.5, r_in=0.5)
 THIRTY_TWO: Final = LawParameters(r=10.5, r_out=0.5, r_in=0.1)
 _KAPPA: Final = 10.0
 """Iterations a second of study time: only a scale here."""
-_LIMIT: Final = 20000
+LIMIT: Final = 20000
 """Iterations after which a mission counts as not formed."""
 FORMS: Final = {"discrete": 1.0, "continuous": 0.2}
 """Iterations a step: 1 is (9) itself."""
+_GAINS: Final = tuple(span for h in (0.005, 0.02, 0.05, 0.1, 0.3) for span in value(h))
 CHOICES: Final = (
     "hexagon: regular, side 2 units, first slot in the direction of x, slots given to agents in plain order (figures)",
     "32 agents: starts drawn in a square of 20 x 20 units, none closer than 2 r_in, connected; seed 1 for the figures",
     "32 agents: the planar formation is a grid of 6 columns, 2 units apart, slots given out at random",
     "seeds: the shape is turned at random; slots at random or by least total squared distance; starts as named",
-    f"formed: largest |e_i - mean e| under 0.1 unit for 10 iterations, within {_LIMIT} iterations",
+    f"formed: largest |e_i - mean e| under 0.1 unit for 10 iterations, within {LIMIT} iterations",
     f"continuous time: Euler steps of {FORMS['continuous']:g} iteration",
     "connectivity kept: every link of the start graph stays within r (Property 1)",
     "not parted, the weaker form: the links that are within r at a moment still hang together",
 )
 
 
-def studies(seeds: int, seed: int) -> dict[str, Study]:
+def studies(seeds: int, seed: int, limit: int = LIMIT) -> dict[str, Study]:
     """The studies behind the table of claims."""
     found = {}
     for form, part in FORMS.items():
@@ -61,7 +63,7 @@ def studies(seeds: int, seed: int) -> dict[str, Study]:
             "kappa": value(_KAPPA),
             "tick_s": part / _KAPPA,
             "settle_s": 10 / _KAPPA,
-            "limit_s": _LIMIT / _KAPPA,
+            "limit_s": limit / _KAPPA,
         }
         found[f"six-{form}"] = Study.model_validate(common | {"law": SIX, "start": ("table2", "random")})
         found[f"thirty-two-{form}"] = Study.model_validate(
@@ -70,38 +72,51 @@ def studies(seeds: int, seed: int) -> dict[str, Study]:
     return found
 
 
-def reproduce(folder: Path, seeds: int, seed: int, processes: int | None, console: Console) -> None:
-    """Everything: figures, rows, claims, failing cases; tells on the console what it makes."""
+def reproduce(
+    folder: Path,
+    seeds: int,
+    seed: int,
+    processes: int | None,
+    console: Console,
+    *,
+    limit: int = LIMIT,
+    cases: int = 500,
+) -> None:
+    """Everything: figures, rows, claims, failing cases (out of `cases` missions per n); tells what it makes.
+
+    Missions end after `limit` iterations at the latest.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     for choice in CHOICES:
         console.print(f"choice: {choice}", soft_wrap=True)
     for form, part in FORMS.items():
-        _figures(folder / form, part, console)
-    found = studies(seeds, seed)
+        _figures(folder / form, part, limit, console)
+    found = studies(seeds, seed, limit)
     for name, study in found.items():
         console.print(f"{name}: {study.rows} missions")
         carry_out(study, folder / f"{name}.csv", processes, console)
     made = [claims(found, folder), sigma_claim(found, folder)]
-    smallest = failing_cases(folder, seed, processes, console)
+    few = studies(cases, seed, limit)
+    made += [collisions_by_gain(folder, few, processes, console), failing_cases(folder, few, processes, console)]
     with (folder / "claims.txt").open("w") as file:
         for target in (console, Console(file=file, width=160)):
-            for table in (*made, smallest):
+            for table in made:
                 target.print(table)
     console.print(f"figures, rows and claims: {folder}", soft_wrap=True)
 
 
-def hexagon(part: float) -> Batch:
+def hexagon(part: float, limit: int = LIMIT) -> Batch:
     """Section VI-A: Table II, the regular hexagon in plain order."""
-    study = studies(1, 1)["six-discrete"]
+    study = studies(1, 1, limit)["six-discrete"]
     cell = _with_step(study.cells()[0], part)
     batch = draw(cell, 0, 1)
     slots = (unit_shape("ring", 6) * 2.0).T[..., None]
     return replace(batch, slots=np.ascontiguousarray(slots))
 
 
-def thirty_two(part: float) -> Batch:
+def thirty_two(part: float, limit: int = LIMIT) -> Batch:
     """Section VI-B: random starts, a grid."""
-    cell = studies(1, 1)["thirty-two-discrete"].cells()[0]
+    cell = studies(1, 1, limit)["thirty-two-discrete"].cells()[0]
     return draw(_with_step(cell, part), 0, 1)
 
 
@@ -109,38 +124,42 @@ def _with_step(cell: Cell, part: float) -> Cell:
     return cell.model_copy(update={"tick_s": part / _KAPPA, "settle_s": 500 / _KAPPA})
 
 
-def _figures(folder: Path, part: float, console: Console) -> None:
-    from swarm_ctl.study import pictures as draw_
+def _figures(folder: Path, part: float, limit: int, console: Console) -> None:
+    from swarm_ctl.study.pictures import statuses_seen
 
     folder.mkdir(exist_ok=True)
-    for batch, numbers, agents in ((hexagon(part), range(7, 13), (1, 2, 3)), (thirty_two(part), range(13, 18), None)):
+    for batch, first in ((hexagon(part, limit), 7), (thirty_two(part, limit), 13)):
         trace = Trace()
         outcome = fly(batch, trace)
-        iterations = np.array(trace.time_s) * _KAPPA
-        figures = iter(numbers)
-        names = {k: f"fig{k:02d}" for k in numbers}
-        if 7 in numbers:
-            k = next(figures)
-            draw_.start_picture(batch, folder, names[k], f"Fig. {k}: initial configuration, links within r, r_out")
-        k = next(figures)
-        draw_.track_picture(trace, folder, names[k], f"Fig. {k}: trajectories and formation, n = {batch.cell.n}")
-        k = next(figures)
-        draw_.distance_picture(batch, trace, iterations, folder, names[k], f"Fig. {k}: minimum inter-agent distances")
-        k = next(figures)
-        shown = agents if agents and any(i in agents for _, i, *_ in trace.pairs) else _busiest(trace)
-        who = ", ".join(str(i + 1) for i in shown)
-        draw_.sigma_picture(trace, 1 / _KAPPA, shown, folder, names[k], f"Fig. {k}: sigma_ij, i = {who}")
-        for axis in range(2):
-            k = next(figures)
-            title = f"Fig. {k}: convergence in {'xy'[axis]}"
-            draw_.error_picture(batch, trace, iterations, axis, folder, names[k], title)
+        for number, (title, draw_it) in enumerate(_pictures(batch, trace, first), start=first):
+            draw_it(folder, f"fig{number:02d}", f"Fig. {number}: {title}")
         console.print(
             f"{folder.name}, n = {batch.cell.n}: smallest distance {outcome.smallest[0]:.3f}"
             f" (r_in {batch.cell.law.r_in:g}), "
             + (f"formed after {outcome.time_s[0] * _KAPPA:.0f} iterations" if outcome.converged[0] else "NOT formed")
-            + f", {outcome.links_broken[0]} of {outcome.links[0]} links broken, statuses {draw_.statuses_seen(trace)}",
+            + f", {outcome.links_broken[0]} of {outcome.links[0]} links broken, statuses {statuses_seen(trace)}",
             soft_wrap=True,
         )
+
+
+def _pictures(batch: Batch, trace: Trace, first: int) -> Sequence[tuple[str, Callable[[Path, str, str], None]]]:
+    """(title, how to draw it) of the figures from number `first` on."""
+    from swarm_ctl.study import pictures
+
+    iterations = np.array(trace.time_s) * _KAPPA
+    # the paper shows agents 2, 3 and 4 of the six, and does not say whom of the 32
+    shown = (1, 2, 3) if first == 7 and {1, 2, 3} & {i for _, i, *_ in trace.pairs} else _busiest(trace)
+    start = ("initial configuration, links within r, r_out", partial(pictures.start_picture, batch))
+    return [start] * (first == 7) + [
+        (f"trajectories and formation, n = {batch.cell.n}", partial(pictures.track_picture, batch, trace)),
+        ("minimum inter-agent distances", partial(pictures.distance_picture, batch, trace, iterations)),
+        (
+            f"sigma_ij, i = {', '.join(str(i + 1) for i in shown)}",
+            partial(pictures.sigma_picture, trace, 1 / _KAPPA, shown),
+        ),
+        ("convergence in x", partial(pictures.error_picture, batch, trace, iterations, 0)),
+        ("convergence in y", partial(pictures.error_picture, batch, trace, iterations, 1)),
+    ]
 
 
 def _busiest(trace: Trace) -> tuple[int, ...]:
@@ -251,32 +270,57 @@ def sigma_claim(found: dict[str, Study], folder: Path) -> Table:
     return table
 
 
-def failing_cases(folder: Path, seed: int, processes: int | None, console: Console) -> Table:
-    """For each claim the fewest agents that break it, with a picture of one such mission."""
-    base = studies(500, seed)["six-discrete"]
-    study = base.model_copy(update={"n": (2, 3, 4, 5, 6), "start": ("random",), "slots": ("random",)})
+def collisions_by_gain(folder: Path, found: dict[str, Study], processes: int | None, console: Console) -> Table:
+    """The first claim where it is hardest: starts just outside r_in, and gains above Table I's."""
+    table = Table(title="No distance under r_in? Starts from 1.02 r_in apart, random slots, discrete form")
+    for name in ("n", "h", "missions", "under r_in", "smallest / r_in"):
+        table.add_column(name)
+    for name, agents in (("six", (2, 3, 4, 5, 6)), ("thirty-two", (32,))):
+        base = found[f"{name}-discrete"]
+        settings = {"n": agents, "h": _GAINS, "start": ("random",), "slots": ("random",), "limit_s": 3000 / _KAPPA}
+        study = base.model_copy(update=settings | {"start_spacing": 1.02 * base.law.r_in})
+        path = folder / f"{name}-gains.csv"
+        console.print(f"{name}, gains: {study.rows} missions of at most 3000 iterations")
+        carry_out(study, path, processes, console)
+        rows = list(read_rows(path))
+        for cell in study.cells():
+            own = [row for row in rows if row["cell"] == cell.index]
+            hits = sum(row["collided"] for row in own)
+            least = min(row["smallest"] for row in own) / cell.law.r_in
+            table.add_row(str(cell.n), str(cell.h), str(len(own)), share(hits, len(own)), f"{least:.3f}")
+    return table
+
+
+def failing_cases(folder: Path, found: dict[str, Study], processes: int | None, console: Console) -> Table:
+    """For each claim the fewest agents that break it, with a picture of one such mission.
+
+    A claim that Table I's h does not break is looked for among the larger gains of `collisions_by_gain`.
+    """
+    study = found["six-discrete"].model_copy(update={"n": (2, 3, 4, 5, 6), "start": ("random",), "slots": ("random",)})
     path = folder / "smallest-cases.csv"
     console.print(f"smallest failing cases: {study.rows} missions of 2 to 6 agents")
     carry_out(study, path, processes, console)
-    rows = list(read_rows(path))
     table = Table(title="Smallest failing case of each claim (hexagon's r, r_out, r_in; random starts and slots)")
-    for name in ("claim", "fewest agents", "row", "numbers", "picture"):
+    for name in ("claim", "fewest agents", "h", "row", "numbers", "picture"):
         table.add_column(name)
     for number, claim in enumerate(CLAIMS, start=1):
-        worst = next(_by_size(rows, claim), None)
-        if worst is None:
-            table.add_row(claim.text, "none of 2 to 6", "", f"0 of {len(rows)}", "")
-            continue
-        name = f"smallest-case-{number}"
-        table.add_row(claim.text, *_case(fly_again(path, worst["row"]), folder, name))
+        for rows_at in (path, folder / "six-gains.csv"):
+            worst = next(_by_size(list(read_rows(rows_at)), claim), None)
+            if worst is not None:
+                flown = fly_again(rows_at, worst["row"])
+                table.add_row(claim.text, *_case(flown, folder, f"smallest-case-{number}"))
+                break
+        else:
+            table.add_row(claim.text, "none of 2 to 6", "", "", "", "")
     return table
 
 
 def _by_size(rows: list[Row], claim: Claim) -> Iterator[Row]:
-    return (row for row in sorted(rows, key=lambda row: (row["n"], row["steps"])) if claim.broken(row))
+    ordered = sorted(rows, key=lambda row: (row["n"], row["h"], row["steps"]))
+    return (row for row in ordered if claim.broken(row))
 
 
-def _case(flown: Flown, folder: Path, name: str) -> tuple[str, str, str, str]:
+def _case(flown: Flown, folder: Path, name: str) -> tuple[str, ...]:
     from swarm_ctl.study.pictures import draw_mission
 
     row = flown.row
@@ -287,4 +331,4 @@ def _case(flown: Flown, folder: Path, name: str) -> tuple[str, str, str, str]:
         f"smallest {row['smallest']:.2f}, longest link {row['longest_link']:.2f}, end error {row['error']:.2f},"
         f" least D_ub - D_lb {gap:.3g}; starts {starts}"
     )
-    return str(row["n"]), str(row["row"]), numbers, f"{name}.png"
+    return str(row["n"]), str(row["h"]), str(row["row"]), numbers, f"{name}.png"

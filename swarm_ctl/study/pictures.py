@@ -31,12 +31,13 @@ def draw_mission(flown: Flown, path: Path) -> None:
     )
     made, axes = figure(title, 6.0, 5.5)
     tracks = flown.trace.positions()
-    trajectories(axes, tracks, agent_names(tracks.shape[2]), hull_order(tracks[-1]))
+    trajectories(axes, tracks, agent_names(tracks.shape[2]), hull_order(flown.batch.slots[..., 0]))
     if path.suffix != ".gif":
         made.savefig(path, dpi=150)
         return
     chosen = np.unique(np.linspace(0, len(tracks) - 1, _FRAMES).astype(int))
-    dots = [Circle((0, 0), flown.batch.cell.law.r_out / 2, alpha=0.35) for _ in range(tracks.shape[2])]
+    radius = flown.batch.cell.law.r_out / 2
+    dots = [Circle(p[::-1], radius, alpha=0.35, color=line_style(k)["color"]) for k, p in enumerate(tracks[0].T)]
     for dot in dots:
         axes.add_patch(dot)
 
@@ -65,11 +66,11 @@ def start_picture(batch: Batch, folder: Path, name: str, title: str) -> None:
     save(made, folder, name)
 
 
-def track_picture(trace: Trace, folder: Path, name: str, title: str) -> None:
+def track_picture(batch: Batch, trace: Trace, folder: Path, name: str, title: str) -> None:
     """Tracks from start to shape (Figs. 8, 13)."""
     made, axes = figure(title, 5.6, 4.8)
     tracks = trace.positions()
-    trajectories(axes, tracks, agent_names(tracks.shape[2]), hull_order(tracks[-1]))
+    trajectories(axes, tracks, agent_names(tracks.shape[2]), hull_order(batch.slots[..., 0]))
     axes.set_xlabel("y [units]")
     axes.set_ylabel("x [units]")
     if tracks.shape[2] <= 12:

@@ -44,13 +44,17 @@ def rows_of(batch: Batch, outcome: Outcome) -> list[Row]:
     """The rows of a flown batch. Lengths in units."""
     cell, count = batch.cell, len(batch)
     columns: dict[str, Any] = {"row": batch.row, "cell": np.full(count, cell.index)}
-    columns |= {name: [str(getattr(cell, name))] * count for name in LISTS}
+    columns |= {name: [_word(getattr(cell, name))] * count for name in LISTS}
     columns |= {name: getattr(batch, name) for name in (*RANGES, "wind_from_rad")}
     columns["collided"] = outcome.smallest < cell.law.r_in
     columns |= {name: getattr(outcome, name) for name in _OUTCOME if name != "collided"}
     columns |= {f"sigma_{name}": outcome.statuses[k] for k, name in enumerate(STATUSES)}
     plain = [_plain(columns[name]) for name in COLUMNS]
     return [dict(zip(COLUMNS, values, strict=True)) for values in zip(*plain, strict=True)]
+
+
+def _word(entry: int | str) -> int | str:
+    return entry if isinstance(entry, int) else str(entry)
 
 
 def _plain(column: Any) -> list[Any]:

@@ -114,7 +114,7 @@ def compare(n: int, m: int, side: float, law: LawParameters, compiled: Callable[
 def single(pairs: int) -> float:
     """Microseconds of one agent's call among six, with 0 or 3 others inside r_out."""
     near = [(1.0, 0.0), (0.0, 1.2), (0.0, -1.0)]
-    others = np.array([([*near[:pairs], (3.0, 0.0), (0.0, 3.0), (2.0, 2.0), (-3.0, 0.0), (0.0, -3.0)])[:5]])
+    others = np.array([[*near[:pairs], (3.0, 0.0), (0.0, 3.0), (2.0, 2.0), (-3.0, 0.0), (0.0, -3.0)][:5]])
     slots = np.random.default_rng(1).random((1, 5, 2))
     yes = np.ones((1, 5), dtype=bool)
     arguments = (np.zeros((1, 2)), np.zeros((1, 2)), others, slots, yes, yes, yes, LawParameters())

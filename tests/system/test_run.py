@@ -15,7 +15,7 @@ from tests.system.running import HEXAGON, Running
 
 pytestmark = pytest.mark.timeout(180)
 
-RUN = ("run", HEXAGON, "--speedup", "5", "--headless")
+RUN = ("run", HEXAGON, "--speedup", "5", "--headless", "--no-report")
 
 
 def assert_apart(running: Running) -> None:

@@ -1,0 +1,286 @@
+"""Studies: the same rows however they are flown, and each number in a row against its definition."""
+
+from __future__ import annotations
+
+import io
+import itertools
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+from rich.console import Console
+
+from swarm_ctl.core.graph import is_connected
+from swarm_ctl.core.plan import Compensation, LawParameters
+from swarm_ctl.errors import InputError
+from swarm_ctl.mission.loader import load
+from swarm_ctl.study import batch as batch_module
+from swarm_ctl.study.again import Trace, fly_again, write_mission
+from swarm_ctl.study.batch import Batch, blocks, connected, draw
+from swarm_ctl.study.flight import fly
+from swarm_ctl.study.news import News
+from swarm_ctl.study.rows import COLUMNS, read_rows, rows_of
+from swarm_ctl.study.space import Range, Study, value
+from swarm_ctl.study.table import table, wilson
+from swarm_ctl.study.work import carry_out
+
+SHORT: dict[str, Any] = {"missions": 40, "limit_s": 6.0, "seed": 5}
+
+
+def silent() -> Console:
+    return Console(file=io.StringIO())
+
+
+def only_batch(**settings: Any) -> Batch:
+    """The one block of a small study."""
+    study = Study.model_validate(SHORT | settings)
+    ((cell, first, count),) = blocks(study)
+    return draw(cell, first, count)
+
+
+@pytest.fixture
+def small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Several blocks out of few missions."""
+    monkeypatch.setattr(batch_module, "block_size", lambda n: 16)
+
+
+LATE: dict[str, Any] = {
+    "n": (3, 4),
+    "slots": ("random",),
+    "delay_s": (Range(low=0.0, high=0.2),),
+    "loss": (Range(low=0.0, high=0.3),),
+}
+
+
+def test_one_process_and_two_write_the_same_file(tmp_path: Path) -> None:
+    """Byte for byte, late and lost news included."""
+    study = Study.model_validate(SHORT | LATE)
+    for processes in (1, 2):
+        carry_out(study, tmp_path / f"{processes}.csv", processes, silent())
+    text = (tmp_path / "1.csv").read_bytes()
+    assert text == (tmp_path / "2.csv").read_bytes()
+    assert text.count(b"\n") == 1 + 80
+
+
+@pytest.mark.usefixtures("small_blocks")
+@pytest.mark.parametrize("cut", [1, 300, 5000, 9000])
+def test_an_interrupted_study_goes_on_to_the_same_file(tmp_path: Path, cut: int) -> None:
+    """Torn anywhere, the file ends up as if nothing had happened."""
+    study = Study.model_validate(SHORT | LATE)
+    path = tmp_path / "rows.csv"
+    carry_out(study, path, 1, silent())
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-cut])
+    carry_out(study, path, 1, silent())
+    assert path.read_bytes() == whole
+
+
+def test_another_study_is_not_mixed_in(tmp_path: Path) -> None:
+    path = tmp_path / "rows.csv"
+    study = Study.model_validate(SHORT | {"missions": 3})
+    carry_out(study, path, 1, silent())
+    with pytest.raises(InputError, match="another study"):
+        carry_out(study.model_copy(update={"seed": 6}), path, 1, silent())
+
+
+@pytest.mark.parametrize("vehicle", ["ideal", "lag", "ardupilot", "px4"])
+def test_a_row_flown_alone_is_the_row(tmp_path: Path, vehicle: str) -> None:
+    """To the last digit, for every kind of vehicle."""
+    study = Study.model_validate(SHORT | LATE | {"vehicle": (vehicle,), "missions": 12, "limit_s": 3.0})
+    path = tmp_path / "rows.csv"
+    carry_out(study, path, 1, silent())
+    for row in (0, 5, 17):
+        flown = fly_again(path, row)
+        assert flown.before is not None
+        assert {name: str(number) for name, number in flown.row.items()} == {
+            name: str(number) for name, number in flown.before.items()
+        }
+    with pytest.raises(InputError, match="rows 0 to 23"):
+        fly_again(path, 24)
+
+
+def test_rows_read_back_as_written(tmp_path: Path) -> None:
+    study = Study.model_validate(SHORT | {"missions": 6})
+    path = tmp_path / "rows.csv"
+    carry_out(study, path, 1, silent())
+    ((cell, first, count),) = blocks(study)
+    batch = draw(cell, first, count)
+    written = rows_of(batch, fly(batch))
+    assert list(read_rows(path)) == written
+    assert tuple(written[0]) == COLUMNS
+
+
+def test_a_row_becomes_a_mission_that_loads(tmp_path: Path) -> None:
+    """The mission file has the row's starts and slots."""
+    study = Study.model_validate(SHORT | {"missions": 3})
+    path = tmp_path / "rows.csv"
+    carry_out(study, path, 1, silent())
+    flown = fly_again(path, 1)
+    write_mission(flown, tmp_path / "row.yaml")
+    plan = load(tmp_path / "row.yaml").plan
+    assert [agent.start for agent in plan.agents] == [tuple(p) for p in flown.batch.starts[..., 0].T.tolist()]
+    links = {agent.id - 1: {j - 1 for j in agent.neighbours} for agent in plan.agents}
+    assert links == {i: set(np.flatnonzero(flown.batch.links[i, :, 0]).tolist()) for i in links}
+
+
+@pytest.mark.parametrize("n", [2, 6, 20])
+def test_starts_are_apart_and_connected(n: int) -> None:
+    """Every drawn mission could be flown: nobody too close, one connected graph, symmetric links."""
+    batch = only_batch(n=(n,), start_spacing=1.2)
+    for k in range(len(batch)):
+        starts = batch.starts[..., k].T
+        apart = np.linalg.norm(starts[:, None] - starts[None], axis=-1)
+        assert apart[~np.eye(n, dtype=bool)].min() > 1.2
+        assert is_connected({i: np.flatnonzero(batch.links[i, :, k]).tolist() for i in range(n)})
+    assert (batch.links == batch.links.transpose(1, 0, 2)).all()
+
+
+def test_an_area_too_small_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(batch_module, "_TRIES", 20)
+    with pytest.raises(InputError, match="area 1: no 6 starts"):
+        only_batch(area=value(1.0))
+
+
+def test_connected_against_the_graph_module() -> None:
+    random = np.random.default_rng(2)
+    links = random.random((7, 7, 200)) < 0.15
+    links |= links.transpose(1, 0, 2)
+    want = [is_connected({i: np.flatnonzero(links[i, :, k] & (np.arange(7) != i)).tolist() for i in range(7)})
+            for k in range(200)]  # fmt: skip
+    assert connected(links).tolist() == want
+    assert 20 < sum(want) < 180
+
+
+def test_slots_are_the_shape_in_some_order() -> None:
+    """All distances between slots are those of the regular hexagon, whoever has which."""
+    for slots in ("given", "random", "nearest"):
+        batch = only_batch(slots=(slots,))
+        for k in range(5):
+            z = batch.slots[..., k].T
+            apart = np.sort(np.linalg.norm(z[:, None] - z[None], axis=-1)[np.triu_indices(6, 1)])
+            assert apart == pytest.approx([2.0] * 6 + [2 * 3**0.5] * 6 + [4.0] * 3)
+
+
+def test_outcomes_by_their_definition() -> None:
+    """Smallest distance, longest link and broken links against the whole track of single missions."""
+    batch = only_batch(slots=("random",), vehicle=("ideal",), limit_s=20.0)
+    outcome = fly(batch)
+    assert outcome.converged.any()
+    for k in range(0, len(batch), 7):
+        trace = Trace()
+        alone = batch.only(np.array([k]))
+        fly(alone, trace)
+        tracks = trace.positions()[: outcome.steps[k]]
+        apart = np.hypot(*(tracks[:, :, :, None] - tracks[:, :, None]).transpose(1, 0, 2, 3))
+        pairs = list(itertools.combinations(range(6), 2))
+        lengths = {(i, j): apart[:, i, j].max() for i, j in pairs if batch.links[i, j, k]}
+        assert outcome.smallest[k] == pytest.approx(min(apart[:, i, j].min() for i, j in pairs))
+        assert outcome.longest_link[k] == pytest.approx(max(lengths.values()))
+        assert outcome.links[k] == len(lengths)
+        assert outcome.links_broken[k] == sum(length > 4.5 for length in lengths.values())
+        e = tracks - batch.slots[..., k]
+        away = np.linalg.norm(e - e.mean(axis=2, keepdims=True), axis=1).max(axis=1)
+        assert outcome.error[k] == pytest.approx(away[-1])
+        looks = away[::5] < 0.1
+        assert outcome.converged[k] == looks[-5:].all()
+        if outcome.converged[k]:
+            first = round(outcome.time_s[k] / 0.05 / 5)
+            assert looks[first:].all()
+            assert not looks[first - 1]
+
+
+def test_ideal_with_a_whole_iteration_a_tick_is_the_discrete_form() -> None:
+    """p <- p + u, (9), from the law itself."""
+    from swarm_ctl.core.law import evaluate
+
+    batch = only_batch(vehicle=("ideal",), n=(4,), limit_s=2.0, missions=4)
+    traces = Trace()
+    fly(batch.only(np.array([2])), traces)
+    p, z, links = batch.starts[..., 2].T, batch.slots[..., 2].T, batch.links[..., 2]
+    lower = np.triu(np.ones((4, 4), dtype=bool), 1)
+    law = LawParameters(h=0.05)
+    for position in traces.positions()[:20]:
+        assert pytest.approx(p, abs=1e-9) == position.T
+        p = (
+            p
+            + evaluate(p, z, np.tile(p, (4, 1, 1)), np.tile(z, (4, 1, 1)), links, ~np.eye(4, dtype=bool), lower, law).u
+        )
+
+
+def test_stop_points_keep_real_vehicles_apart_where_positions_do_not() -> None:
+    """The finding of SAFETY.md on a few hundred missions: with dead time and lag the plain law collides often."""
+    settings = {"n": (6,), "slots": ("random",), "missions": 150, "limit_s": 40.0, "start": ("ring",)}
+    plain = fly(only_batch(**settings, compensation=(Compensation.NONE,), kappa=value(10.0)))
+    compensated = fly(only_batch(**settings))
+    collided = [np.count_nonzero(outcome.smallest < 0.5) for outcome in (plain, compensated)]
+    assert collided[0] > 30
+    assert collided[1] <= 2
+
+
+def test_news_arrive_late_and_some_never() -> None:
+    """Delay is exact; the share of lost news is the one asked for; what is known is what was sent."""
+    batch = only_batch(n=(5,), missions=30, delay_s=value(0.1), loss=value(0.3))
+    news = News(batch, 0.05, carry_on=False)
+    points = batch.starts
+    fresh = total = 0
+    for tick in range(60):
+        sent = points + tick
+        heard = news.exchange(tick, sent, np.zeros_like(points))
+        age = tick - np.rint(heard - points[:, None])[0]
+        if tick > 20:
+            assert (age >= 2).all()
+            fresh += np.count_nonzero(age == 2)
+            total += age.size
+    assert fresh / total == pytest.approx(0.7, abs=0.01)
+
+
+def test_news_are_carried_on_by_their_velocity() -> None:
+    batch = only_batch(missions=4, delay_s=value(0.2), loss=value(0.0))
+    news = News(batch, 0.05, carry_on=True)
+    for tick in range(30):
+        heard = news.exchange(tick, batch.starts + 0.05 * tick, np.ones_like(batch.starts))
+    assert heard[:, 0] == pytest.approx(batch.starts + 0.05 * 29)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "text"),
+    [
+        ({"n": (1,)}, "n: allowed"),
+        ({"kappa": value(30.0)}, "kappa"),
+        ({"spacing": value(1.0)}, "spacing"),
+        ({"wind_mps": value(5.0)}, "wind"),
+        ({"loss": value(1.0)}, "loss"),
+        ({"n": (5,), "start": ("table2",)}, "table2"),
+        ({"law": LawParameters(r_in=2.0)}, "r_in < r_out"),
+    ],
+)
+def test_impossible_studies_are_refused(wrong: dict[str, Any], text: str) -> None:
+    with pytest.raises(ValidationError, match=text):
+        Study.model_validate(SHORT | wrong)
+
+
+def test_wind_moves_firmwares() -> None:
+    """A plain law in wind stands off: the wind reaches the vehicles."""
+    settings: dict[str, Any] = {"vehicle": ("ardupilot",), "missions": 8, "limit_s": 3.0}
+    still, windy = (fly(only_batch(**settings, wind_mps=value(w))) for w in (0.0, 8.0))
+    assert np.abs(still.error - windy.error).max() > 1e-3
+
+
+def test_wilson_against_known_values() -> None:
+    """The interval of 1 in 10 and of 0 in 1,000 (newcombe 1998's method 3 gives the like)."""
+    assert wilson(1, 10) == pytest.approx((0.0179, 0.4042), abs=5e-4)
+    assert wilson(0, 1000) == pytest.approx((0.0, 0.00383), abs=5e-5)
+    assert wilson(1000, 1000)[1] == 1.0
+    assert wilson(0, 0) == (0.0, 1.0)
+
+
+def test_the_table_counts(tmp_path: Path) -> None:
+    study = Study.model_validate(SHORT | {"n": (3, 4), "missions": 5})
+    carry_out(study, tmp_path / "rows.csv", 1, silent())
+    screen = Console(file=io.StringIO(), width=200)
+    screen.print(table(study, read_rows(tmp_path / "rows.csv")))
+    lines = [line.split() for line in screen.file.getvalue().splitlines() if line.startswith("│")]  # type: ignore[attr-defined]
+    assert [line[1] for line in lines] == ["3", "4"]
+    assert [line[3] for line in lines] == ["5", "5"]
