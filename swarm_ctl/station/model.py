@@ -10,7 +10,7 @@ import numpy as np
 
 from swarm_ctl.core.formation import centred, distances, errors
 from swarm_ctl.core.graph import edges
-from swarm_ctl.core.plan import FormStep, Plan
+from swarm_ctl.core.plan import FormStep, Plan, Point
 from swarm_ctl.core.state import (
     Ack,
     AgentState,
@@ -23,6 +23,7 @@ from swarm_ctl.core.state import (
     SigmaReport,
     StationBeacon,
 )
+from swarm_ctl.station.history import History
 from swarm_ctl.station.reception import Receiver
 from swarm_ctl.station.view import AgentView, CommandView, EdgeView, LinkView, PairView, SwarmView, newest
 
@@ -75,6 +76,7 @@ class Model:
         self._event_count = 0
         self._commands: dict[str, _Answered] = {}
         self._stations: dict[str, float] = {}
+        self._history = History()
 
     def fold(self, payload: Payload, received_s: float) -> None:
         """Take one message in, as it arrived at `received_s`. Late and repeated ones change nothing but counters."""
@@ -83,14 +85,17 @@ class Model:
                 heard = self._of(payload.agent, received_s)
                 if heard.receiver.hear(payload.seq, payload.time_s, received_s):
                     heard.state = payload
+                    self._history.state(payload)
             case AgentStatus():
                 heard = self._of(payload.agent, received_s)
                 if heard.status is None or payload.time_s >= heard.status.time_s:
                     heard.status = payload
+                    self._history.status(payload)
             case SigmaReport():
                 heard = self._of(payload.agent, received_s)
                 if heard.sigma is None or payload.time_s >= heard.sigma.time_s:
                     heard.sigma, heard.sigma_received_s = payload, received_s
+                    self._history.sigma(payload)
             case Event():
                 if payload not in self._events:
                     self._events.append(payload)
@@ -113,9 +118,9 @@ class Model:
             (told.step for heard in self._heard.values() for told in (heard.state, heard.status) if told), default=0
         )
         between = self._distances()
-        away = self._errors(step, lost)
+        away, targets = self._errors(step, lost)
         agents = tuple(
-            self._agent(agent_id, now_s, agent_id in lost, away.get(agent_id), between)
+            self._agent(agent_id, now_s, agent_id in lost, away.get(agent_id), targets.get(agent_id), between)
             for agent_id in sorted(self._heard)
         )
         return SwarmView(
@@ -139,6 +144,7 @@ class Model:
             event_count=self._event_count,
             commands=tuple(CommandView(c.command, c.received_s, dict(c.acks)) for c in self._commands.values()),
             stations=dict(self._stations),
+            histories=self._history.view(),
         )
 
     def _of(self, agent_id: int, received_s: float) -> _Heard:
@@ -155,21 +161,29 @@ class Model:
         ids = list(found)
         return {(i, j): float(between[a, b]) for a, i in enumerate(ids) for b, j in enumerate(ids) if a != b}
 
-    def _errors(self, step: int, lost: set[int]) -> dict[int, float]:
-        """|e_i - mean e| [m] of each live agent in the shape of the newest `form` step; empty before the first one."""
+    def _errors(self, step: int, lost: set[int]) -> tuple[dict[int, float], dict[int, Point]]:
+        """|e_i - mean e| [m] of each live agent in the shape of the newest `form` step, and where everybody's slot
+        lies with the live agents' mean error taken out; both empty before the first one.
+        """
         form = next((s for s in reversed(self._plan.steps[:step]) if isinstance(s, FormStep)), None)
         if form is None:
-            return {}
-        points, slots = {}, []
-        for agent, slot in zip(self._plan.agents, form.slots, strict=True):
-            state = self._heard[agent.id].state
-            if state is not None and state.airborne and agent.id not in lost:
-                points[agent.id] = state.position_ned_m[:2]
-                slots.append((slot[0] * self._plan.unit_m, slot[1] * self._plan.unit_m))
+            return {}, {}
+        unit = self._plan.unit_m
+        slots = {
+            agent.id: (slot[0] * unit, slot[1] * unit) for agent, slot in zip(self._plan.agents, form.slots, strict=True)
+        }
+        points = {
+            i: heard.state.position_ned_m[:2]
+            for i, heard in self._heard.items()
+            if i in slots and i not in lost and heard.state is not None and heard.state.airborne
+        }
         if not points:
-            return {}
-        sizes = np.linalg.norm(centred(errors(list(points.values()), slots)), axis=-1)
-        return dict(zip(points, sizes.tolist(), strict=True))
+            return {}, {}
+        away = errors(list(points.values()), [slots[i] for i in points])
+        sizes = np.linalg.norm(centred(away), axis=-1)
+        north, east = np.mean(away, axis=0).tolist()
+        targets = {i: (slot[0] + north, slot[1] + east) for i, slot in slots.items()}
+        return dict(zip(points, sizes.tolist(), strict=True)), targets
 
     def _agent(
         self,
@@ -177,6 +191,7 @@ class Model:
         now_s: float,
         lost: bool,
         error_m: float | None,
+        target_m: Point | None,
         between: dict[tuple[int, int], float],
     ) -> AgentView:
         near = min(((d, j) for j in self._heard if (d := between.get((agent_id, j))) is not None), default=None)
@@ -192,6 +207,8 @@ class Model:
             error_m=error_m,
             nearest_agent=near[1] if near else None,
             nearest_m=near[0] if near else None,
+            target_m=target_m,
+            sigma=heard.sigma if heard.sigma and now_s - heard.sigma_received_s <= _SIGMA_S else None,
         )
 
     def _pairs(self, now_s: float) -> tuple[PairView, ...]:
