@@ -16,7 +16,9 @@ def run(
     speedup: Annotated[
         float, typer.Option(min=0.1, max=100.0, help="Mission seconds per second of the wall clock.")
     ] = 1.0,
-    headless: Annotated[bool, typer.Option("--headless", help="Plain log lines instead of the live view.")] = False,
+    headless: Annotated[bool, typer.Option("--headless", help="Plain log lines instead of the dashboard.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="One line of JSON a second on stdout, nothing else.")] = False,
+    compact: Annotated[bool, typer.Option("--compact", help="A plain live view instead of the dashboard.")] = False,
     fleet: Annotated[Path | None, typer.Option(help="A fleet file to fly with instead of the mission's own.")] = None,
     runs: Annotated[Path, typer.Option(help="Where run folders are made.")] = Path("runs"),
     seed: Annotated[int, typer.Option(min=0, help="Seed of the simulator.")] = 1,
@@ -32,16 +34,21 @@ def run(
         swarm-ctl run missions/hexagon.yaml
 
         swarm-ctl run missions/hexagon.yaml --speedup 5 --headless
+
+        swarm-ctl run missions/hexagon.yaml --json | jq .verdict
     """
     from swarm_ctl.report.table import render_summary
     from swarm_ctl.runtime.fleet import Options, fly
+    from swarm_ctl.runtime.screens import Show, shown
 
-    console = Console(highlight=False)
+    show = shown(headless=headless, json=json, compact=compact)
+    console = Console(highlight=False, stderr=json)
+    if show in (Show.DASHBOARD, Show.COMPACT) and not console.is_terminal:
+        show = Show.LOG
     loaded = load(mission, fleet=fleet)
     for warning in loaded.warnings:
         console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
-    with_view = not headless and console.is_terminal
-    result = fly(loaded, Options(speedup, not with_view, runs, seed), lambda text: console.print(text, soft_wrap=True))
+    result = fly(loaded, Options(speedup, show, runs, seed), lambda text: console.print(text, soft_wrap=True))
     console.print(render_summary(result.summary))
     console.print(f"summary: {result.folder / 'summary.json'}", soft_wrap=True)
     if result.summary.outcome != "completed":

@@ -15,13 +15,12 @@ import os
 import signal
 import sys
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 from pydantic import TypeAdapter
-from rich.console import Console
-from rich.live import Live
 
 from swarm_ctl.core.state import Ack, AgentStatus, Command, Event, StationBeacon
 from swarm_ctl.errors import SwarmError
@@ -34,12 +33,12 @@ from swarm_ctl.report.summary import write_summary
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.clock import Clock
 from swarm_ctl.runtime.control import ControlPipe
-from swarm_ctl.station.live import render
-from swarm_ctl.station.log_lines import log_lines
+from swarm_ctl.runtime.screens import Blind, Screen, Show, present
 from swarm_ctl.station.model import Model
-from swarm_ctl.station.view import AgentView, SwarmView
+from swarm_ctl.station.orders import Order
+from swarm_ctl.station.view import AgentView, StationHealth, SwarmView
 
-_ONLY_SHOWN: Final[tuple[keys.Channel[Any], ...]] = (keys.STATE, keys.SIGMA, keys.BEACON)
+_ONLY_SHOWN: Final[tuple[keys.Channel[Any], ...]] = (keys.STATE, keys.SIGMA, keys.BEACON, keys.COMMAND)
 _BEACON_S = 0.5
 _STATUS_S = 2.0
 """Mission time between recorded statuses of one agent: the fallback when it can't write its own last one."""
@@ -93,10 +92,10 @@ class Commander:
         self._open: dict[str, tuple[Command, set[int], float]] = {}
         self._due = 0.0
 
-    def give(self, kind: str, now: float) -> Command:
-        """Send a command to all agents."""
-        command = Command(uuid.uuid4().hex, kind, (), now)
-        self._open[command.id] = (command, set(self._agents), now)
+    def give(self, order: Order, now: float) -> Command:
+        """Send a command to the agents it is meant for."""
+        command = Command(uuid.uuid4().hex, order.kind, order.agents, now)
+        self._open[command.id] = (command, set(order.agents or self._agents), now)
         self._due = now
         return command
 
@@ -117,50 +116,6 @@ class Commander:
                 self._node.send(keys.COMMAND, command)
 
 
-class Screen(Protocol):
-    """Where a view is shown."""
-
-    def show(self, view: SwarmView) -> None:
-        """Show it; called a few times a second."""
-
-
-class LogScreen:
-    """Plain lines on stdout, for pipes and CI: what changed since the last view."""
-
-    def __init__(self) -> None:
-        self._last: SwarmView | None = None
-
-    def show(self, view: SwarmView) -> None:
-        """Print what is new."""
-        for line in log_lines(self._last, view):
-            sys.stdout.write(line + "\n")
-        sys.stdout.flush()
-        self._last = view
-
-
-class LiveScreen:
-    """The compact live view."""
-
-    def __init__(self, live: Live, console: Console) -> None:
-        self._live = live
-        self._console = console
-
-    def show(self, view: SwarmView) -> None:
-        """Redraw."""
-        self._live.update(render(view, self._console.width, self._console.height), refresh=True)
-
-
-@contextlib.contextmanager
-def screen(headless: bool) -> Iterator[Screen]:
-    """The live view where there is a terminal for it, log lines elsewhere."""
-    console = Console()
-    if headless or not console.is_terminal:
-        yield LogScreen()
-        return
-    with Live(console=console, auto_refresh=False, vertical_overflow="crop", redirect_stderr=False) as live:
-        yield LiveScreen(live, console)
-
-
 class Station:
     """One ground station on one mesh."""
 
@@ -174,11 +129,11 @@ class Station:
         self._name = f"station-{os.getpid()}"
         self._commander = Commander(node, [agent.id for agent in plan.agents])
         self._beacon_due = 0.0
-        node.listen(keys.STATE, keys.STATUS, keys.SIGMA, keys.EVENT, keys.ACK, keys.BEACON)
+        node.listen(keys.STATE, keys.STATUS, keys.SIGMA, keys.EVENT, keys.ACK, keys.BEACON, keys.COMMAND)
 
-    def command(self, kind: str) -> None:
-        """Pass an operator's command to all agents."""
-        command = self._commander.give(kind, self._clock.now())
+    def command(self, order: Order) -> None:
+        """Pass an operator's order on."""
+        command = self._commander.give(order, self._clock.now())
         self._fold(command, self._clock.now())
         if self._recorder:
             self._recorder.command(command)
@@ -209,13 +164,14 @@ class Station:
 
     def view(self) -> SwarmView:
         """The picture now."""
-        return self.model.view(self._clock.now())
+        view = self.model.view(self._clock.now())
+        return replace(view, health=StationHealth(self._node.dropped, self._node.bad_payloads))
 
     def _fold(self, payload: Any, received_s: float) -> None:
         self.model.fold(payload, received_s)
 
 
-def run_station(folder: Path, control: ControlPipe | None, say: Callable[[str], None], *, headless: bool) -> int:
+def run_station(folder: Path, control: ControlPipe | None, say: Callable[[str], None], show: Show) -> int:
     """Watch the run in `folder` until told to finish; 0 when all went as it should."""
     manifest = read_manifest(folder)
     clock = Clock(manifest.epoch_s, manifest.speedup)
@@ -226,8 +182,8 @@ def run_station(folder: Path, control: ControlPipe | None, say: Callable[[str], 
     try:
         station = Station(manifest, node, clock, recorder)
         say("ready")
-        with screen(headless) as shown:
-            _watch(station, control, shown, clock, folder)
+        interrupt = _interrupt_of(control) if control else None
+        present(show, manifest.plan, interrupt, lambda screen: _watch(station, control, screen, Orphan(clock, folder)))
     finally:
         node.close()
         if recorder:
@@ -237,35 +193,48 @@ def run_station(folder: Path, control: ControlPipe | None, say: Callable[[str], 
     return 0
 
 
-def _watch(station: Station, control: ControlPipe | None, shown: Screen, clock: Clock, folder: Path) -> None:
-    orphan = Orphan(clock, folder)
+def _interrupt_of(control: ControlPipe) -> Callable[[], None]:
+    """Ctrl-C in a terminal that gives it to us as a key: `run` gets the signal that it would have got."""
+
+    def interrupt() -> None:
+        if not control.closed:
+            os.kill(os.getppid(), signal.SIGINT)
+
+    return interrupt
+
+
+def _watch(station: Station, control: ControlPipe | None, screen: Screen, orphan: Orphan) -> None:
     show_due = 0.0
-    while True:
+    while control is not None or not screen.left:
         for message in control.poll() if control else ():
             if message.get("finish"):
                 station.turn()
-                shown.show(station.view())
+                screen.show(station.view())
                 return
-            if isinstance(message.get("command"), str):
-                station.command(message["command"])
+            _obey(message, station, screen)
+        if control is not None and control.closed:
+            screen.close()
+        for order in screen.orders():
+            station.command(order)
         station.turn()
         if wall.wall_s() >= show_due:
             show_due = wall.wall_s() + _SHOW_WALL_S
             view = station.view()
             try:
-                shown.show(view)
+                screen.show(view)
             except OSError:  # the terminal is gone; the flight and the record go on
-                shown = Blind()
+                screen = Blind()
             if control is not None and control.closed and orphan.may_go(view):
                 return
         wall.pause(_LOOP_WALL_S)
 
 
-class Blind:
-    """No screen any more."""
-
-    def show(self, view: SwarmView) -> None:
-        """Nobody looks."""
+def _obey(message: dict[str, Any], station: Station, screen: Screen) -> None:
+    """What `run` says."""
+    if isinstance(message.get("command"), str):
+        station.command(Order(message["command"]))
+    if isinstance(message.get("note"), str):
+        screen.note(message["note"])
 
 
 class Orphan:
@@ -303,7 +272,7 @@ def main() -> int:
     """Entry of `python -m swarm_ctl.runtime.station_process`."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--run", type=Path, required=True)
-    parser.add_argument("--headless", action="store_true")
+    parser.add_argument("--show", type=Show, default=Show.DASHBOARD)
     parser.add_argument("--words-fd", type=int, required=True)
     arguments = parser.parse_args()
     for number in (signal.SIGINT, signal.SIGHUP):
@@ -314,7 +283,7 @@ def main() -> int:
             os.write(arguments.words_fd, (json.dumps({"say": text}) + "\n").encode())
 
     try:
-        return run_station(arguments.run, ControlPipe(sys.stdin.fileno()), say, headless=arguments.headless)
+        return run_station(arguments.run, ControlPipe(sys.stdin.fileno()), say, arguments.show)
     except SwarmError as error:
         sys.stderr.write(f"{error}\n")
         return error.exit_code

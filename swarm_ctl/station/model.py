@@ -170,7 +170,8 @@ class Model:
             return {}, {}
         unit = self._plan.unit_m
         slots = {
-            agent.id: (slot[0] * unit, slot[1] * unit) for agent, slot in zip(self._plan.agents, form.slots, strict=True)
+            agent.id: (slot[0] * unit, slot[1] * unit)
+            for agent, slot in zip(self._plan.agents, form.slots, strict=True)
         }
         points = {
             i: heard.state.position_ned_m[:2]

@@ -11,7 +11,17 @@ from dataclasses import dataclass, field
 
 from swarm_ctl.core.plan import Plan, Point
 from swarm_ctl.core.progress import step_name
-from swarm_ctl.core.state import Ack, AgentState, AgentStatus, Command, Event, LinkReport, PairReport, Phase, SigmaReport
+from swarm_ctl.core.state import (
+    Ack,
+    AgentState,
+    AgentStatus,
+    Command,
+    Event,
+    LinkReport,
+    PairReport,
+    Phase,
+    SigmaReport,
+)
 from swarm_ctl.station.history import Histories
 
 
