@@ -29,6 +29,7 @@ from swarm_ctl.station.dashboard.bars import (
     keys_line,
     tabs_line,
     title_line,
+    usage_line,
     verdict_line,
 )
 from swarm_ctl.station.dashboard.help_panel import help_lines
@@ -150,7 +151,9 @@ class Dashboard(App[None]):
     #swarm.wide #left { height: 1fr; }
     #swarm.wide #recent { display: block; height: 1fr; }
     #swarm.wide #map { width: 1fr; height: 1fr; }
-    #line { display: none; height: 1; border: none; padding: 0 1; }
+    #entry { display: none; height: 1; }
+    #prompt { width: 2; padding-left: 1; text-style: bold; }
+    #line { width: 1fr; height: 1; border: none; padding: 0; background: $background; }
     Ask { align: center middle; }
     #ask { width: auto; max-width: 90%; height: auto; padding: 1 2; border: heavy $error; background: $surface; }
     #ask Horizontal { height: auto; width: auto; padding-top: 1; }
@@ -158,6 +161,7 @@ class Dashboard(App[None]):
     """
     BINDINGS: ClassVar[list[BindingType]] = _bindings()
     ENABLE_COMMAND_PALETTE = False
+    AUTO_FOCUS = None
 
     def __init__(
         self,
@@ -225,13 +229,14 @@ class Dashboard(App[None]):
             yield Painted("help")
         yield Painted("answers")
         yield Painted("keys")
-        yield CommandInput(self._plan)
+        with Horizontal(id="entry"):
+            yield Label("", id="prompt", markup=False)
+            yield CommandInput(self._plan)
 
     def on_mount(self) -> None:
         """A shell that takes the terminal back (our `run` was killed) must not stop us."""
         for number in (signal.SIGTTOU, signal.SIGTTIN):
             signal.signal(number, signal.SIG_IGN)
-        self.set_focus(None)
 
     def on_ready(self) -> None:
         """From here on messages are taken; what came before waits."""
@@ -284,7 +289,9 @@ class Dashboard(App[None]):
         self._painted("tabs").paint([tabs_line(picture, self._shown, self._journal.unacknowledged, width)])
         verdict, back = verdict_line(picture, width)
         self._painted("verdict").paint([verdict], back)
-        self._painted("answers").paint([command_line(picture, self._notice)])
+        line = self.query_one(CommandInput)
+        typed = line.value if line.purpose == "order" else None
+        self._painted("answers").paint([command_line(picture, self._notice) if typed is None else usage_line(typed)])
         keys = keys_line(picture, self._shown, owns_run=self._interrupt is not None, width=width)
         self._painted("keys").paint([keys])
         if self._shown == "swarm":
@@ -434,14 +441,12 @@ class Dashboard(App[None]):
 
     def action_command(self, text: str) -> None:
         """Open the command line."""
-        self._painted("keys").display = False
-        self.query_one(CommandInput).open("order", text)
+        self._open_line("order", text)
 
     def action_filter(self) -> None:
         """Open the log's filter."""
         self.action_go("log")
-        self._painted("keys").display = False
-        self.query_one(CommandInput).open("filter", self._chosen.log_words)
+        self._open_line("filter", self._chosen.log_words)
 
     def action_close_line(self) -> None:
         """Leave the command line; elsewhere: unmark, and drop the filter."""
@@ -457,6 +462,8 @@ class Dashboard(App[None]):
         """The filter works while it is typed."""
         if self.query_one(CommandInput).purpose == "filter":
             self._choose(log_words=event.value)
+        else:
+            self.draw()
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
         """Enter."""
@@ -467,8 +474,16 @@ class Dashboard(App[None]):
             line.remember(text)
             self._order(text)
 
+    def _open_line(self, purpose: str, text: str) -> None:
+        self._painted("keys").display = False
+        self.query_one("#entry").display = True
+        self.query_one("#prompt", Label).update(":" if purpose == "order" else "/")
+        self.query_one(CommandInput).open(purpose, text)
+        self.draw()
+
     def _close_line(self) -> None:
         self.query_one(CommandInput).close()
+        self.query_one("#entry").display = False
         self._painted("keys").display = True
         self.call_after_refresh(self.draw)
 

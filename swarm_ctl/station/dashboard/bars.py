@@ -10,6 +10,7 @@ from swarm_ctl.station.alerts import Level
 from swarm_ctl.station.columns import UNICODE, fit
 from swarm_ctl.station.dashboard.ink import Line
 from swarm_ctl.station.dashboard.picture import Picture
+from swarm_ctl.station.orders import KINDS
 from swarm_ctl.station.view import CommandView, SwarmView
 from swarm_ctl.station.wording import verdict
 
@@ -99,6 +100,16 @@ def command_line(picture: Picture, notice: str) -> Line:
     if not commands:
         return Line(f" {notice}", "cyan") if notice else Line()
     return _answers(commands[-1], view)
+
+
+def usage_line(typed: str) -> Line:
+    """What can be typed now."""
+    kinds = [kind for kind in KINDS if kind.name.startswith(typed.split(" ")[0])]
+    if len(kinds) == 1:
+        kind = kinds[0]
+        agents = "" if kind.for_all else " [@AGENTS]"
+        return Line(f" {kind.name} {kind.usage}".rstrip() + agents, "bold").add(f"  {kind.does}", "dim")
+    return Line(" " + "  ".join(kind.name for kind in kinds or KINDS), "bold")
 
 
 def _current(command: CommandView, view: SwarmView) -> bool:

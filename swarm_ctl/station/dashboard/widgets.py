@@ -59,6 +59,7 @@ class CommandInput(Input):
     def __init__(self, plan: Plan) -> None:
         self._completion = _Completion(plan)
         super().__init__(id="line", compact=True, suggester=self._completion)
+        self.can_focus = False
         self._before: list[str] = []
         self._at = 0
         self.purpose = ""
@@ -69,7 +70,7 @@ class CommandInput(Input):
         self.purpose = purpose
         self.suggester = self._completion if purpose == "order" else None
         self.placeholder = "a command; tab completes, esc leaves" if purpose == "order" else "words to look for"
-        self.display = True
+        self.can_focus = True
         self.value = text
         self.cursor_position = len(text)
         self._at = len(self._before)
@@ -78,7 +79,7 @@ class CommandInput(Input):
     def close(self) -> None:
         """Give it back."""
         self.purpose = ""
-        self.display = False
+        self.can_focus = False
         self.screen.set_focus(None)
 
     def remember(self, text: str) -> None:
