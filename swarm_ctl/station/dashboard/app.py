@@ -285,15 +285,16 @@ class Dashboard(App[None]):
         if picture is None:
             return
         width = self.size.width
-        self._painted("title").paint([title_line(picture, width)])
-        self._painted("tabs").paint([tabs_line(picture, self._shown, self._journal.unacknowledged, width)])
+        self._painted("title").paint([title_line(picture, width)], width=width)
+        self._painted("tabs").paint([tabs_line(picture, self._shown, self._journal.unacknowledged, width)], width=width)
         verdict, back = verdict_line(picture, width)
-        self._painted("verdict").paint([verdict], back)
+        self._painted("verdict").paint([verdict], back, width=width)
         line = self.query_one(CommandInput)
         typed = line.value if line.purpose == "order" else None
-        self._painted("answers").paint([command_line(picture, self._notice) if typed is None else usage_line(typed)])
+        answer = command_line(picture, self._notice) if typed is None else usage_line(typed)
+        self._painted("answers").paint([answer], width=width)
         keys = keys_line(picture, self._shown, owns_run=self._interrupt is not None, width=width)
-        self._painted("keys").paint([keys])
+        self._painted("keys").paint([keys], width=width)
         if self._shown == "swarm":
             self._draw_swarm(picture)
         else:
@@ -494,6 +495,7 @@ class Dashboard(App[None]):
             self._say(str(error))
             return
         asks = BY_NAME[order.kind].asks
+        self._notice = ""
         if not asks:
             self._give(order)
             return

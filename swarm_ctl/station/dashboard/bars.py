@@ -94,11 +94,13 @@ def verdict_line(picture: Picture, width: int) -> tuple[Line, str]:
 
 
 def command_line(picture: Picture, notice: str) -> Line:
-    """The newest command ticked off agent by agent; else what the station has to say."""
+    """What the station has to say; else the newest command, ticked off agent by agent."""
     view = picture.view
+    if notice:
+        return Line(f" {notice}", "cyan")
     commands = [c for c in view.commands if _current(c, view)]
     if not commands:
-        return Line(f" {notice}", "cyan") if notice else Line()
+        return Line()
     return _answers(commands[-1], view)
 
 

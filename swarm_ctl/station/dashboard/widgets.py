@@ -29,9 +29,10 @@ class Painted(ScrollView, can_focus=False):
         size = self.scrollable_content_region.size
         return size.width, size.height
 
-    def paint(self, lines: Sequence[Line], back: str = "") -> None:
-        """Show other lines, each cut or filled to the width."""
-        width, height = self.room
+    def paint(self, lines: Sequence[Line], back: str = "", width: int | None = None) -> None:
+        """Show other lines, each cut or filled to the width (the widget's own where not given)."""
+        own, height = self.room
+        width = own if width is None else width
         strips = [Strip(line.fit(width, back), width) for line in lines]
         before, self._strips = self._strips, strips
         at_end = self.scroll_offset.y >= self.virtual_size.height - height - 1
