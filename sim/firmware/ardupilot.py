@@ -252,13 +252,16 @@ class Ardupilot(Firmware):
             for name in group:
                 self.streams.set(name, interval_s, self.now)
 
-    def gcs_heartbeat(self, system: int) -> None:
-        """Only the configured ground station counts."""
-        if system == round(self.parameters["MAV_GCS_SYSID"]):
-            self.gcs_heartbeat_s = self.now
-            if self.failsafe:
-                self.failsafe = False
-                self.text(Severity.WARNING, "GCS Failsafe Cleared")
+    def is_gcs(self, system: int, _kind: int) -> bool:
+        """The configured one alone, whatever it calls itself."""
+        return system == round(self.parameters["MAV_GCS_SYSID"])
+
+    def gcs_heartbeat(self) -> None:
+        """See `Firmware`."""
+        super().gcs_heartbeat()
+        if self.failsafe:
+            self.failsafe = False
+            self.text(Severity.WARNING, "GCS Failsafe Cleared")
 
     def housekeeping(self) -> None:
         """See `Firmware`."""

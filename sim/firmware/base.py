@@ -17,7 +17,7 @@ from typing import Any, ClassVar
 from sim.firmware.battery import Battery
 from sim.firmware.commands import Command, Handler
 from sim.firmware.flight import Demand, Ground, Maneuver, Sensed, Style
-from sim.firmware.message import Landed, Message, Result, Severity
+from sim.firmware.message import MAV_TYPE_GCS, Landed, Message, Result, Severity
 from sim.firmware.parameters import Parameters
 from sim.firmware.services import HANDLERS, sane
 from sim.firmware.setpoint import Setpoint
@@ -163,9 +163,12 @@ class Firmware(ABC):
     def data_stream(self, stream: int, interval_s: float | None) -> None:  # noqa: B027 - PX4 has none
         """REQUEST_DATA_STREAM."""
 
-    def gcs_heartbeat(self, system: int) -> None:
+    def is_gcs(self, _system: int, kind: int) -> bool:
+        """Whether a heartbeat of this system and MAV_TYPE is a ground station's."""
+        return kind == MAV_TYPE_GCS
+
+    def gcs_heartbeat(self) -> None:
         """A ground station was heard."""
-        del system
         self.gcs_heartbeat_s = self.now
 
     # --- time and messages ---

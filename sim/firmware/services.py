@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 from sim.firmware.commands import MAX_RATE_HZ, read_command
-from sim.firmware.message import MAV_TYPE_GCS, Message, Result
+from sim.firmware.message import Message, Result
 from sim.firmware.setpoint import read_setpoint
 
 if TYPE_CHECKING:
@@ -24,8 +24,8 @@ _BY_NAME = -1
 
 def heartbeat(f: Firmware, message: Message) -> None:
     """HEARTBEAT of a ground station keeps the vehicle from its failsafe."""
-    if message.fields["type"] == MAV_TYPE_GCS:
-        f.gcs_heartbeat(message.source[0])
+    if f.is_gcs(message.source[0], message.fields["type"]):
+        f.gcs_heartbeat()
 
 
 def command(f: Firmware, message: Message) -> None:

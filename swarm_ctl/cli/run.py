@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 from typing import Annotated
 
@@ -48,7 +49,12 @@ def run(
     loaded = load(mission, fleet=fleet)
     for warning in loaded.warnings:
         console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
-    result = fly(loaded, Options(speedup, show, runs, seed), lambda text: console.print(text, soft_wrap=True))
+
+    def say(text: str) -> None:
+        with contextlib.suppress(OSError):  # whoever read our output is gone; the swarm flies on
+            console.print(text, soft_wrap=True)
+
+    result = fly(loaded, Options(speedup, show, runs, seed), say)
     console.print(render_summary(result.summary))
     console.print(f"summary: {result.folder / 'summary.json'}", soft_wrap=True)
     if result.summary.outcome != "completed":

@@ -23,11 +23,13 @@ from swarm_ctl.core.state import (
     AgentState,
     AgentStatus,
     Command,
+    Echo,
     Event,
     Phase,
     SigmaReport,
     StationBeacon,
     TickReport,
+    VehicleLinkReport,
 )
 from swarm_ctl.core.vehicle import Airborne, Fly, Goal, Land, Release, Standby, VehicleView, Yield
 
@@ -376,14 +378,19 @@ class Agent:
     # --- steps, formation, neighbours ---
 
     def _members(self, now: float) -> list[tuple[int, bool]]:
-        """What the barrier waits for: everybody of the plan, but not who is lost where the policy is to go on."""
+        """What the barrier waits for: the whole plan. Silent ones block it, unless the policy is to go on without."""
         policies = self._plan.policies
-        after = policies.agent_lost_after_s if policies.agent_lost is Policy.CONTINUE and self._was_armed else math.inf
-        return [
-            watch.progress_of(peer.state) if peer.state else (-1, False)
-            for peer in self._peers
-            if peer.state is None or peer.age(now) <= after
-        ]
+        without = policies.agent_lost is Policy.CONTINUE and self._was_armed
+        members = []
+        for peer in self._peers:
+            heard = peer.state if peer.age(now) <= policies.agent_lost_after_s else None
+            if peer.state is not None and watch.progress_of(peer.state) >= (len(self._plan.steps), True):
+                heard = peer.state  # through, and silent because of it
+            if heard is not None:
+                members.append(watch.progress_of(heard))
+            elif not (without and peer.state is not None):
+                members.append((-1, False))
+        return members
 
     def _enter_step(self, now: float) -> None:
         step = self._progress.current
@@ -506,6 +513,10 @@ class Agent:
             steps=tuple(self._progress.results),
             tick=inbox.tick(),
             bad_payloads=inbox.bad_payloads,
+            vehicle_link=VehicleLinkReport(view.frames, view.frames_lost, view.round_trip_s),
+            echo=Echo(self._station[0].station, self._station[0].time_s, now - self._station[1])
+            if self._station
+            else None,
         )
 
     def _nearest(self, now: float, fix: OwnFix | None) -> tuple[int | None, float | None]:

@@ -81,7 +81,7 @@ class Policies:
     """Each loss, its action and the time (mission clock) after which it counts as a loss."""
 
     agent_lost: Policy = Policy.LAND
-    agent_lost_after_s: float = 3.0
+    agent_lost_after_s: float = 5.0
     station_lost: Policy = Policy.LAND
     station_lost_after_s: float = 5.0
     hold_before_land_s: float = 3.0

@@ -49,8 +49,10 @@ class Finding:
 
 Check = Callable[[Situation], Finding | None]
 
-_VEHICLE_LOST_S: Final = 3.0
-"""No heartbeat (1 Hz) for this long: MAVSDK's figure."""
+_PATIENCE_S: Final = 30.0
+"""On the ground a silent peer costs nothing but time: nobody arms without it, so it may take a while to come back."""
+_VEHICLE_LOST_S: Final = 5.0
+"""No heartbeat (1 Hz) for this long: MAVProxy's and Skybrush's figure. Its own failsafe stops it after 1 s."""
 
 
 def find(situation: Situation) -> Finding | None:
@@ -97,6 +99,8 @@ def _position_lost(s: Situation) -> Finding | None:
 def _peers_gone(s: Situation) -> Finding | None:
     """Lost peers, and peers that gave up: the mission can't be completed without them."""
     policy, after = s.plan.policies.agent_lost, s.plan.policies.agent_lost_after_s
+    if s.progress.step == 0:
+        after = max(after, _PATIENCE_S)
     for peer in s.peers:
         if peer.state is None or progress_of(peer.state) >= (len(s.plan.steps), True):
             continue  # never heard: the step's time-out bounds the wait; or it has landed at its end

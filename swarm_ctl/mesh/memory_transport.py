@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
+from collections import deque
 from collections.abc import Callable
 
 from swarm_ctl.mesh.keys import Qos
-from swarm_ctl.mesh.transport import Inlet
+from swarm_ctl.mesh.transport import QUEUE
 
 
 class MemoryHub:
@@ -17,12 +18,29 @@ class MemoryHub:
         self.members: list[MemoryTransport] = []
 
 
+class MemoryInlet:
+    """A queue."""
+
+    def __init__(self) -> None:
+        self._waiting: deque[tuple[float, bytes]] = deque(maxlen=QUEUE)
+
+    def put(self, received_s: float, data: bytes) -> None:
+        """Keep it for the reader."""
+        self._waiting.append((received_s, data))
+
+    def drain(self) -> list[tuple[float, bytes]]:
+        """As `Inlet.drain`."""
+        taken = list(self._waiting)
+        self._waiting.clear()
+        return taken
+
+
 class MemoryTransport:
     """One member of a `MemoryHub`."""
 
     def __init__(self, hub: MemoryHub) -> None:
         self._hub = hub
-        self._inlets: list[tuple[re.Pattern[str], Inlet]] = []
+        self._inlets: list[tuple[re.Pattern[str], MemoryInlet]] = []
         hub.members.append(self)
 
     def publish(self, key: str, data: bytes, qos: Qos) -> None:  # noqa: ARG002 - nothing is ever lost here
@@ -37,9 +55,9 @@ class MemoryTransport:
             if pattern.fullmatch(key):
                 inlet.put(self._hub.now(), data)
 
-    def subscribe(self, key_expression: str) -> Inlet:
+    def subscribe(self, key_expression: str) -> MemoryInlet:
         """As `Transport.subscribe`."""
-        inlet = Inlet()
+        inlet = MemoryInlet()
         self._inlets.append((re.compile(re.escape(key_expression).replace(r"\*", "[^/]+")), inlet))
         return inlet
 

@@ -47,11 +47,6 @@ class Node:
                 self.last_bad = str(error)
         return taken
 
-    @property
-    def dropped(self) -> int:
-        """Messages thrown away because this process was too slow to read them."""
-        return sum(inlet.dropped for inlet in self._inlets.values())
-
     def close(self) -> None:
         """Leave the mesh."""
         self._transport.close()

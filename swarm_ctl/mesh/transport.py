@@ -2,34 +2,19 @@
 
 from __future__ import annotations
 
-from collections import deque
 from typing import Protocol
 
 from swarm_ctl.mesh.keys import Qos
 
 QUEUE = 4096
-"""Messages a subscription keeps for a reader that does not come; the oldest go first."""
+"""Messages a subscription keeps for a reader that does not come; the oldest go first (seen as gaps in `seq`)."""
 
 
-class Inlet:
-    """Where a transport's receive thread puts what it hears, and a control loop picks it up. Never blocks."""
-
-    def __init__(self) -> None:
-        self._waiting: deque[tuple[float, bytes]] = deque(maxlen=QUEUE)
-        self.dropped = 0
-
-    def put(self, received_s: float, data: bytes) -> None:
-        """Called on the transport's thread: only hand over."""
-        if len(self._waiting) == QUEUE:
-            self.dropped += 1
-        self._waiting.append((received_s, data))
+class Inlet(Protocol):
+    """A subscription, polled by a control loop. The transport's receive thread only hands over."""
 
     def drain(self) -> list[tuple[float, bytes]]:
-        """Everything that came since the last call, oldest first: (received_s, bytes)."""
-        taken = []
-        while self._waiting:
-            taken.append(self._waiting.popleft())
-        return taken
+        """Everything that came since the last call, oldest first: (received_s, bytes). Never blocks."""
 
 
 class Transport(Protocol):

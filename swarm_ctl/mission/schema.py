@@ -231,7 +231,7 @@ class PolicySection(Section):
     """What an agent does when it loses something, and after which time it counts as lost."""
 
     agent_lost: Action = Policy.LAND
-    agent_lost_after_s: LossTime = 3.0
+    agent_lost_after_s: LossTime = 5.0
     station_lost: Action = Policy.LAND
     station_lost_after_s: LossTime = 5.0
     hold_before_land_s: float = Field(default=3.0, ge=0, le=60)

@@ -121,12 +121,12 @@ class Station:
 
     def __init__(self, manifest: Manifest, node: Node, clock: Clock, recorder: Recorder | None) -> None:
         plan = manifest.plan
-        self.model = Model(plan, speedup=manifest.speedup, since_s=clock.now())
         self._clock = clock
         self._node = node
         self._recorder = recorder
         self._hash = plan.hash()
         self._name = f"station-{os.getpid()}"
+        self.model = Model(plan, speedup=manifest.speedup, since_s=clock.now(), station=self._name)
         self._commander = Commander(node, [agent.id for agent in plan.agents])
         self._beacon_due = 0.0
         node.listen(keys.STATE, keys.STATUS, keys.SIGMA, keys.EVENT, keys.ACK, keys.BEACON, keys.COMMAND)
@@ -165,7 +165,7 @@ class Station:
     def view(self) -> SwarmView:
         """The picture now."""
         view = self.model.view(self._clock.now())
-        return replace(view, health=StationHealth(self._node.dropped, self._node.bad_payloads))
+        return replace(view, health=StationHealth(self._node.bad_payloads))
 
     def _fold(self, payload: Any, received_s: float) -> None:
         self.model.fold(payload, received_s)

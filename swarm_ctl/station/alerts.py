@@ -231,7 +231,7 @@ RULES: Final[tuple[Rule, ...]] = (
     Rule("silent", Level.ERROR, lambda v: v.plan.policies.agent_lost_after_s, "the mission's policy", _silent),
     Rule("failed", Level.ERROR, _nothing, "the agent says so", _failed),
     Rule("other plan", Level.ERROR, _nothing, "two missions in one air", _other_plan),
-    Rule("vehicle silent", Level.ERROR, lambda _: OWN_LOST_S, "three heartbeats at 1 Hz", _vehicle_silent),
+    Rule("vehicle silent", Level.ERROR, lambda _: OWN_LOST_S, "five heartbeats at 1 Hz", _vehicle_silent),
     Rule("sigma bound", Level.ERROR, _nothing, "equations (52), (66) and (67)", _sigma_bound),
     Rule("taken over", Level.WARNING, _nothing, "somebody else flies", _taken_over),
     Rule("holding", Level.WARNING, _nothing, "a policy stopped the mission", _holding),

@@ -17,6 +17,7 @@ TRAIL_POINTS: Final = 80
 """40 s: where everybody came from in a step, not the whole flight."""
 SAMPLES: Final = 40
 LOSS_WINDOW_S: Final = 10.0
+_TRIPS: Final = 8
 
 T = TypeVar("T")
 
@@ -94,6 +95,10 @@ class History:
     def round_trip(self, agent: int, seconds: float) -> None:
         """A station's word has come back."""
         self._round_trips[agent] = _put(self._round_trips.get(agent, ()), seconds, SAMPLES)
+
+    def least_round_trip_s(self, agent: int) -> float | None:
+        """The shortest of the last few: the rest is waiting for loops to look."""
+        return min(self._round_trips.get(agent, ())[-_TRIPS:], default=None)
 
     def view(self) -> Histories:
         """As it is now."""

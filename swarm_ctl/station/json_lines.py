@@ -31,7 +31,7 @@ def json_line(view: SwarmView) -> str:
                 {"name": a.name, "level": a.level.name.lower(), "agents": a.agents, "text": a.text} for a in standing
             ],
             "commands": [_command(command) for command in view.commands],
-            "dropped": {"messages": view.health.messages_dropped, "unreadable": view.health.bad_payloads},
+            "unreadable": view.health.bad_payloads,
         },
         separators=(",", ":"),
     )

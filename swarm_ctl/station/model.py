@@ -64,8 +64,9 @@ class _Answered:
 class Model:
     """The station's memory. `fold` takes every payload that arrives, `view` gives the picture at a moment."""
 
-    def __init__(self, plan: Plan, *, speedup: float = 1.0, since_s: float = 0.0) -> None:
+    def __init__(self, plan: Plan, *, speedup: float = 1.0, since_s: float = 0.0, station: str = "") -> None:
         self._plan = plan
+        self._station = station
         self._plan_hash = plan.hash()
         self._speedup = speedup
         self._since_s = since_s
@@ -91,6 +92,7 @@ class Model:
                 if heard.status is None or payload.time_s >= heard.status.time_s:
                     heard.status = payload
                     self._history.status(payload)
+                    self._time_echo(payload, received_s)
             case SigmaReport():
                 heard = self._of(payload.agent, received_s)
                 if heard.sigma is None or payload.time_s >= heard.sigma.time_s:
@@ -109,6 +111,14 @@ class Model:
                     self._commands[payload.command].acks[payload.agent] = payload
             case StationBeacon():
                 self._stations[payload.station] = received_s
+
+    def _time_echo(self, status: AgentStatus, received_s: float) -> None:
+        """A beacon of ours that came back tells the round trip, both loops' waiting included."""
+        echo = status.echo
+        if echo is not None and echo.station == self._station:
+            trip = received_s - echo.beacon_s - echo.held_s
+            if trip >= 0.0:
+                self._history.round_trip(status.agent, trip)
 
     def view(self, now_s: float) -> SwarmView:
         """The swarm at `now_s`."""
@@ -209,6 +219,7 @@ class Model:
             nearest_agent=near[1] if near else None,
             nearest_m=near[0] if near else None,
             target_m=target_m,
+            round_trip_s=self._history.least_round_trip_s(agent_id),
             sigma=heard.sigma if heard.sigma and now_s - heard.sigma_received_s <= _SIGMA_S else None,
         )
 

@@ -145,8 +145,6 @@ class CommandView:
 class StationHealth:
     """What this station itself has missed, over the whole run."""
 
-    messages_dropped: int = 0
-    """Came faster than they were read."""
     bad_payloads: int = 0
     frames_dropped: int = 0
     """Views that a slow terminal never showed."""

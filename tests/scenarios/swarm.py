@@ -53,8 +53,8 @@ class VirtualSwarm:
         self.minimum: dict[tuple[int, int], float] = {}
         self.station_alive = True
         self.lifeline_cut = False
-        self._mesh = MemoryHub(lambda: self.now)
-        self._station = Node(MemoryTransport(self._mesh), "test", "station")
+        self.mesh = MemoryHub(lambda: self.now)
+        self._station = Node(MemoryTransport(self.mesh), "test", "station")
         self._station.listen(keys.EVENT, keys.STATUS, keys.ACK)
         self.acks: list[Any] = []
         self._far: list[MemoryWire] = []
@@ -68,7 +68,7 @@ class VirtualSwarm:
         entry = mission.fleet.agent(agent_id)
         near, far = memory_wires()
         self._far.append(far)
-        node = Node(MemoryTransport(self._mesh), "test", agent_id)
+        node = Node(MemoryTransport(self.mesh), "test", agent_id)
         node.listen(keys.STATE, keys.BEACON, keys.COMMAND)
         link = VehicleLink(near, entry.autopilot, entry.sysid)
         self.members[agent_id] = Member(Agent(self.plan, agent_id, self.now), link, node)

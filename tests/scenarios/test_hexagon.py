@@ -235,6 +235,22 @@ def test_preparation_times_out(hexagon: LoadedMission) -> None:
     assert swarm.all_down
 
 
+def test_a_peer_silent_on_the_ground_is_waited_for(hexagon: LoadedMission) -> None:
+    """Ten seconds of silence before take-off (a busy machine, a radio that is plugged in late) end nothing."""
+    swarm = VirtualSwarm(hexagon)
+    swarm.members[2].frozen = True
+    for _ in range(20):
+        swarm.tick()
+    swarm.members[2].frozen = False
+    swarm.wait(lambda s: s.now > 2.5)
+    swarm.members[2].frozen = True
+    for _ in range(200):
+        swarm.tick()
+    assert swarm.phases() == {Phase.PREPARE}
+    swarm.members[2].frozen = False
+    swarm.wait(lambda s: s.in_step(FORM))
+
+
 def test_mesh_cut_lands_everybody(hexagon: LoadedMission) -> None:
     """Without any news of the others nobody goes on."""
     swarm = VirtualSwarm(hexagon)

@@ -47,7 +47,6 @@ def _missed(view: SwarmView) -> str:
     health = view.health
     parts = [
         f"{health.frames_dropped} frames skipped" if health.frames_dropped else "",
-        f"{health.messages_dropped} messages dropped" if health.messages_dropped else "",
         f"{health.bad_payloads} unreadable" if health.bad_payloads else "",
     ]
     return ", ".join(part for part in parts if part)

@@ -54,7 +54,7 @@ def hexagon_plan(count: int = 6) -> Plan:
         compensation=Compensation.STOP_POINT,
         response=Response(),
         limits=Limits(),
-        policies=Policies(),
+        policies=Policies(agent_lost_after_s=3.0),
         prepare_timeout_s=60.0,
         agents=tuple(AgentPlan(i, start, graph[i]) for i, start in starts.items()),
         steps=(

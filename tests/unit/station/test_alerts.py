@@ -76,7 +76,7 @@ CASES: dict[str, tuple[Callable[[], SwarmView], tuple[int, ...]]] = {
     "silent": (lambda: _silence(3.1), (4,)),
     "failed": (lambda: _status(4, outcome="failed", reason="no position"), (4,)),
     "other plan": (lambda: _state(4, plan_hash=1), (4,)),
-    "vehicle silent": (lambda: _status(4, heartbeat_age_s=3.1), (4,)),
+    "vehicle silent": (lambda: _status(4, heartbeat_age_s=5.1), (4,)),
     "sigma bound": (lambda: _sigma(sigma=0.2), (1, 2)),
     "taken over": (lambda: _state(4, phase=Phase.YIELD), (4,)),
     "holding": (lambda: _status(4, phase=Phase.HOLD, reason="agent 3 has not been heard for 3 s"), (4,)),

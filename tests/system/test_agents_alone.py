@@ -1,0 +1,147 @@
+"""Agents started one by one by hand, as on real hosts: no `run`, no station, no shared parent."""
+
+from __future__ import annotations
+
+import json
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from swarm_ctl.core.frames import geodetic_from_ned
+from swarm_ctl.mesh import keys
+from swarm_ctl.mesh.node import Node
+from swarm_ctl.mesh.zenoh_transport import ZenohTransport
+from swarm_ctl.mission.loader import LoadedMission, load
+from tests.system.running import SWARM_CTL
+
+pytestmark = pytest.mark.timeout(120)
+
+MISSION = """
+version: 1
+name: pair
+origin: {{lat_deg: 47.4, lon_deg: 8.5, alt_m: 400}}
+unit_m: 5
+law: {{r: 4.5, r_out: 1.5, r_in: 0.5}}
+agents:
+  - {{id: 1, start: [0, 0]}}
+  - {{id: 2, start: [0, 3]}}
+shapes:
+  pair: {{kind: line, spacing: 2}}
+steps:
+  - takeoff: {{height_m: 5}}
+  - form: {{shape: pair}}
+  - land
+fleet:
+  agents:
+    - {{id: 1, endpoint: "udpout:127.0.0.1:{vehicles[0]}", mesh: tcp/127.0.0.1:{meshes[0]}}}
+    - {{id: 2, endpoint: "udpout:127.0.0.1:{vehicles[1]}", mesh: tcp/127.0.0.1:{meshes[1]}, autopilot: px4}}
+"""
+
+
+def two_free_ports(kind: socket.SocketKind) -> list[int]:
+    with socket.socket(socket.AF_INET, kind) as one, socket.socket(socket.AF_INET, kind) as two:
+        one.bind(("127.0.0.1", 0))
+        two.bind(("127.0.0.1", 0))
+        return [one.getsockname()[1], two.getsockname()[1]]
+
+
+@pytest.fixture
+def mission(tmp_path: Path) -> LoadedMission:
+    path = tmp_path / "pair.yaml"
+    path.write_text(
+        MISSION.format(vehicles=two_free_ports(socket.SOCK_DGRAM), meshes=two_free_ports(socket.SOCK_STREAM))
+    )
+    return load(path)
+
+
+def simulator_config(mission: LoadedMission, epoch_s: float, speedup: float) -> dict[str, object]:
+    plan = mission.plan
+    vehicles = []
+    for agent, entry in zip(plan.agents, mission.fleet.agents, strict=True):
+        at = geodetic_from_ned((agent.start[0] * plan.unit_m, agent.start[1] * plan.unit_m, 0.0), plan.origin)
+        place = {"lat_deg": at.lat_deg, "lon_deg": at.lon_deg, "alt_m": at.alt_m}
+        endpoint = (entry.endpoint or "").replace("udpout", "udpin")
+        vehicles.append({"sysid": entry.sysid, "persona": entry.autopilot, "endpoint": endpoint} | place)
+    origin = {"lat_deg": plan.origin.lat_deg, "lon_deg": plan.origin.lon_deg, "alt_m": plan.origin.alt_m}
+    return {"version": 1, "speedup": speedup, "epoch_s": epoch_s, "origin": origin, "vehicles": vehicles}
+
+
+def test_two_agents_without_a_station(mission: LoadedMission, tmp_path: Path) -> None:
+    """Both find each other within 2 s of the last start, fly the mission and exit 0; nobody else was needed."""
+    speedup, epoch_s = 5.0, time.monotonic()
+    config = tmp_path / "sim.json"
+    config.write_text(json.dumps(simulator_config(mission, epoch_s, speedup)))
+    listener = Node(
+        ZenohTransport([], [entry.mesh for entry in mission.fleet.agents if entry.mesh], time.monotonic),
+        mission.plan.name,
+        "listener",
+    )
+    listener.listen(keys.STATUS)
+    processes = [
+        subprocess.Popen(
+            [sys.executable, "-m", "sim", "--config", str(config)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+    ]
+    try:
+        agents = [
+            subprocess.Popen(
+                [SWARM_CTL, "agent", mission.source, "--id", str(i), "--speedup", "5", "--epoch", str(epoch_s)],
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+            )
+            for i in (1, 2)
+        ]
+        processes += agents
+        first: dict[int, float] = {}  # when each agent's first status came
+        heard: dict[int, float] = {}  # when it first said that it hears its peer
+        while len(heard) < 2:
+            assert all(agent.poll() is None for agent in agents), [a.communicate()[1] for a in agents]
+            for status, _ in listener.take(keys.STATUS):
+                first.setdefault(status.agent, status.time_s)
+                if all(link.received for link in status.links.values()):
+                    heard.setdefault(status.agent, status.time_s)
+            time.sleep(0.01)
+        # an agent's state is published once its vehicle's position is known, 3 s after the simulator's start
+        last_start = max(*first.values(), 3.0)
+        assert max(heard.values()) - last_start < 2.0 * speedup
+        assert [agent.wait(60) for agent in agents] == [0, 0]
+    finally:
+        listener.close()
+        for process in processes:
+            if process.poll() is None:
+                process.kill()
+            process.communicate()
+
+
+def test_one_agent_lands_on_sigint(mission: LoadedMission) -> None:
+    """Without its peer it waits on the ground; Ctrl-C ends it cleanly."""
+    agent = subprocess.Popen(
+        [SWARM_CTL, "agent", mission.source, "--id", "1"], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    )
+    assert agent.stderr is not None
+    try:
+        assert agent.stderr.readline() == "agent: ready\n"
+        agent.send_signal(signal.SIGINT)
+        assert agent.wait(30) == 0
+    finally:
+        agent.kill()
+        agent.communicate()
+
+
+def test_an_agent_needs_its_endpoints(tmp_path: Path) -> None:
+    """A fleet that does not name them is refused with what is missing."""
+    text = MISSION.format(vehicles=[1, 2], meshes=[3, 4])
+    path = tmp_path / "bare.yaml"
+    path.write_text(text[: text.index("fleet:")])
+    for arguments, words in ((["--id", "1"], "`endpoint`"), (["--id", "9"], "allowed: 1, 2")):
+        done = subprocess.run([SWARM_CTL, "agent", path, *arguments], capture_output=True, text=True, check=False)
+        assert done.returncode == 2
+        assert words in done.stderr
