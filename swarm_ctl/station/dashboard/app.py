@@ -107,7 +107,7 @@ def _bindings() -> list[BindingType]:
         Binding("ctrl+q", "leave", priority=True),
         Binding("q", "leave"),
         Binding("question_mark,f1", "go('help')"),
-        Binding("tab", "go_on(1)"),
+        Binding("tab", "go_on(1)", priority=True),
         Binding("shift+tab", "go_on(-1)"),
         Binding("up,k", "cursor(-1)"),
         Binding("down,j", "cursor(1)"),
@@ -172,7 +172,7 @@ class Dashboard(App[None]):
         driver_class: type[Driver] | None = None,
     ) -> None:
         plain = "NO_COLOR" in os.environ
-        super().__init__(driver_class=driver_class)
+        super().__init__(driver_class=driver_class, ansi_color=True if plain else None)
         self.theme = PLAIN if plain else os.environ.get("TEXTUAL_THEME", DARK)
         self._plan = plan
         self._give = give
@@ -343,7 +343,11 @@ class Dashboard(App[None]):
         self.call_after_refresh(self.draw)
 
     def action_go_on(self, by: int) -> None:
-        """The next screen."""
+        """The next screen; on the command line its completion."""
+        line = self.query_one(CommandInput)
+        if line.purpose:
+            line.complete()
+            return
         self.action_go(SCREENS[(SCREENS.index(self._shown) + by) % len(SCREENS)])
 
     def action_scroll(self, pages: int) -> None:

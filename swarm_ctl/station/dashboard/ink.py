@@ -66,12 +66,12 @@ def right(words: str, size: int) -> str:
 
 
 def sparkline(values: Sequence[float], width: int, most: float | None = None) -> str:
-    """The newest `width` values, from 0 to `most` (their own largest where not given)."""
+    """The newest `width` values, oldest first, from 0 to `most` (their own largest where not given)."""
     shown = values[-width:]
     top = max([most or 0.0, *shown])
     if top <= 0.0:
-        return right("▁" * len(shown), width)
-    return right("".join(_BLOCKS[min(7, max(0, int(8 * value / top)))] for value in shown), width)
+        return ("▁" * len(shown)).ljust(width)
+    return "".join(_BLOCKS[min(7, max(0, int(8 * value / top)))] for value in shown).ljust(width)
 
 
 def gauge(share: float, width: int, marker: str = "┃", rail: str = "─") -> tuple[str, str, str]:

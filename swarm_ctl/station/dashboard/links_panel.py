@@ -142,7 +142,7 @@ def _other_links(picture: Picture, width: int) -> list[Line]:
     head = Line(right("agent", 6), "bold dim").add(" │ ", "dim")
     head.add("vehicle: beat  loss   trip", "bold dim").add(" │ ", "dim")
     head.add("station: age  p50/p99 ms  loss   trip", "bold dim")
-    if spark >= 6:
+    if spark >= 18:
         head.add("  trip, history", "bold dim")
     return [head, *(_agent_line(picture, agent, spark) for agent in picture.view.agents)]
 
@@ -166,7 +166,7 @@ def _agent_line(picture: Picture, agent: AgentView, spark: int) -> Line:
     line.add(right(_percent(link.recent_loss) if link.received else _DASH, 6), _STYLE[station.level])
     trip = agent.round_trip_s
     line.add(right(f"{fit(1000 * trip, 4, 1)} ms" if trip is not None else _DASH, 7))
-    if spark >= 6:
+    if spark >= 18:
         line.add("  " + sparkline(picture.view.histories.round_trips_s.get(agent.id, ()), spark - 2), "cyan")
     return line
 

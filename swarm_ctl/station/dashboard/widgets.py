@@ -58,6 +58,7 @@ class CommandInput(Input):
     """The command line (and the log's filter): completion with tab, the lines before with up and down."""
 
     def __init__(self, plan: Plan) -> None:
+        self._plan = plan
         self._completion = _Completion(plan)
         super().__init__(id="line", compact=True, suggester=self._completion)
         self.can_focus = False
@@ -87,12 +88,12 @@ class CommandInput(Input):
         """For `up`."""
         self._before = [*(line for line in self._before if line != text), text]
 
-    async def key_tab(self) -> None:
-        """Complete, or go on to the next possibility."""
-        found = await self._completion.get_suggestion(self.value)
+    def complete(self) -> None:
+        """Take the first line that this one could become."""
+        found = complete(self.value, self._plan)
         if self.purpose == "order" and found:
-            self.value = found
-            self.cursor_position = len(found)
+            self.value = found[0]
+            self.cursor_position = len(found[0])
 
     def key_up(self) -> None:
         """The line before."""
