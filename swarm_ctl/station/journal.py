@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from swarm_ctl.core.state import Event
-from swarm_ctl.core.text import agents_named, printable
+from swarm_ctl.core.text import agents_named
 from swarm_ctl.station.alerts import Alarm, Level, alarms
 from swarm_ctl.station.view import SwarmView
-from swarm_ctl.station.wording import answers, gather_events
+from swarm_ctl.station.wording import answers, gather_alarms, gather_events
 
 _ENTRIES: Final = 2000
 _FLAPS_S: Final = 10.0
@@ -129,24 +129,35 @@ class Journal:
     def _take_alarms(self, view: SwarmView) -> None:
         self.standing = alarms(view)
         found = {alarm.key: alarm for alarm in self.standing}
-        for key, alarm in found.items():
-            standing = self._alarms.get(key)
-            if standing is None:
-                self._add(Entry(view.time_s, "alarm", alarm.level, alarm.agents, printable(alarm.text)))
-                self._alarms[key] = _Standing(alarm, self._first + len(self._entries) - 1)
-            elif standing.gone_s is not None:
+        self._raise([alarm for key, alarm in found.items() if key not in self._alarms], view.time_s)
+        for key in found:
+            standing = self._alarms[key]
+            if standing.gone_s is not None:
                 standing.gone_s = None
                 self._change(standing.entry, count_more=1)
-        for key, standing in list(self._alarms.items()):
-            if key in found:
-                continue
-            if standing.gone_s is None:
-                standing.gone_s = view.time_s
-            elif view.time_s - standing.gone_s > _FLAPS_S:
-                alarm = standing.alarm
-                text = f"{alarm.name} ({agents_named(alarm.agents)})"
-                self._add(Entry(standing.gone_s, "cleared", Level.WELL, alarm.agents, text))
-                del self._alarms[key]
+        gone = [standing for key, standing in self._alarms.items() if key not in found]
+        for standing in gone:
+            standing.gone_s = view.time_s if standing.gone_s is None else standing.gone_s
+        self._clear([s for s in gone if s.gone_s is not None and view.time_s - s.gone_s > _FLAPS_S])
+
+    def _raise(self, new: list[Alarm], now_s: float) -> None:
+        """One entry for all alarms of a kind that came up together."""
+        for name in dict.fromkeys(alarm.name for alarm in new):
+            same = [alarm for alarm in new if alarm.name == name]
+            ((level, text),) = gather_alarms(same)
+            self._add(Entry(now_s, "alarm", level, _all_agents(same), text))
+            for alarm in same:
+                self._alarms[alarm.key] = _Standing(alarm, self._first + len(self._entries) - 1)
+
+    def _clear(self, over: list[_Standing]) -> None:
+        """Likewise for those that are gone for good."""
+        for name in dict.fromkeys(standing.alarm.name for standing in over):
+            same = [standing for standing in over if standing.alarm.name == name]
+            ids = _all_agents([standing.alarm for standing in same])
+            last_s = max(standing.gone_s or 0.0 for standing in same)
+            self._add(Entry(last_s, "cleared", Level.WELL, ids, f"{name} ({agents_named(ids)})"))
+        for standing in over:
+            del self._alarms[standing.alarm.key]
 
     def _add(self, entry: Entry) -> None:
         if len(self._entries) == _ENTRIES:
@@ -158,6 +169,10 @@ class Journal:
         if 0 <= place < len(self._entries):
             entry = self._entries[place]
             self._entries[place] = replace(entry, count=entry.count + count_more, **changes)  # type: ignore[arg-type]
+
+
+def _all_agents(found: list[Alarm]) -> tuple[int, ...]:
+    return tuple(sorted({agent for alarm in found for agent in alarm.agents}))
 
 
 def _joined(a: tuple[int, ...], b: tuple[int, ...]) -> tuple[int, ...]:

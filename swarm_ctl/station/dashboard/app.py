@@ -108,7 +108,7 @@ def _bindings() -> list[BindingType]:
         Binding("q", "leave"),
         Binding("question_mark,f1", "go('help')"),
         Binding("tab", "go_on(1)", priority=True),
-        Binding("shift+tab", "go_on(-1)"),
+        Binding("shift+tab", "go_on(-1)", priority=True),
         Binding("up,k", "cursor(-1)"),
         Binding("down,j", "cursor(1)"),
         Binding("pageup", "scroll(-1)"),
@@ -142,6 +142,7 @@ class Dashboard(App[None]):
     Painted { height: 1; overflow: hidden; scrollbar-size-vertical: 1; }
     ContentSwitcher { height: 1fr; }
     #links, #sigma, #log, #help { height: 1fr; overflow-y: auto; }
+    #log, #help { scrollbar-gutter: stable; }
     #swarm { height: 1fr; layout: vertical; }
     #left { height: auto; }
     #table { overflow-y: auto; }
@@ -268,7 +269,10 @@ class Dashboard(App[None]):
         wide = event.size.width >= _WIDE
         self.query_one("#swarm").set_class(wide, "wide")
         self.query_one("#left").styles.width = (78 if event.size.width < 140 else 98) if wide else "1fr"
-        self.call_after_refresh(self.draw)
+
+    def on_painted_sized(self) -> None:
+        """A panel was shown, hidden or resized: draw for its new room."""
+        self.draw()
 
     @property
     def picture(self) -> Picture | None:
@@ -318,8 +322,7 @@ class Dashboard(App[None]):
         most = room - 4 if self.query_one("#swarm").has_class("wide") else max(4, room // 2)
         height = min(len(picture.view.agents) + 1, most)
         if table.styles.height is None or table.styles.height.value != height:
-            table.styles.height = height
-            self.call_after_refresh(self.draw)  # the map has another size then
+            table.styles.height = height  # the map has another size then, and says so
         table.paint(table_lines(picture, table.room[0]))
         if recent.display and recent.room[0] > 0:
             heading = Line("─ log ".ljust(recent.room[0], "─"), "dim")
@@ -340,7 +343,7 @@ class Dashboard(App[None]):
         """Another screen."""
         self._shown = name
         self.query_one(ContentSwitcher).current = name
-        self.call_after_refresh(self.draw)
+        self.draw()
 
     def action_go_on(self, by: int) -> None:
         """The next screen; on the command line its completion."""
@@ -490,7 +493,7 @@ class Dashboard(App[None]):
         self.query_one(CommandInput).close()
         self.query_one("#entry").display = False
         self._painted("keys").display = True
-        self.call_after_refresh(self.draw)
+        self.draw()
 
     def _order(self, text: str) -> None:
         try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from textual.geometry import Size
+from textual.message import Message
 from textual.scroll_view import ScrollView
 from textual.strip import Strip
 from textual.suggester import Suggester
@@ -17,6 +18,9 @@ from swarm_ctl.station.orders import complete
 
 class Painted(ScrollView, can_focus=False):
     """Lines under a scroll bar where they don't fit. `follows`: stays at the end while nobody scrolls up."""
+
+    class Sized(Message):
+        """There is another room to draw in."""
 
     def __init__(self, name: str, *, follows: bool = False) -> None:
         super().__init__(id=name)
@@ -45,6 +49,10 @@ class Painted(ScrollView, can_focus=False):
         for y, (old, new) in enumerate(zip(before, strips, strict=True)):
             if old != new:
                 self.refresh_lines(y, 1)
+
+    def on_resize(self) -> None:
+        """What was drawn was for another room."""
+        self.post_message(self.Sized())
 
     def render_line(self, y: int) -> Strip:
         """One row of the widget, on the theme's own colours."""
