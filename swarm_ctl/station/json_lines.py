@@ -18,6 +18,7 @@ def json_line(view: SwarmView) -> str:
         {
             "version": 1,
             "time_s": round(view.time_s, 3),
+            "since_s": round(view.since_s, 3),
             "mission": view.plan.name,
             "plan_hash": f"{view.plan_hash:016x}",
             "step": view.step,

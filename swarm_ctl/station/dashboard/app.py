@@ -14,7 +14,7 @@ from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Container, Horizontal, Vertical
 from textual.driver import Driver
-from textual.events import Resize
+from textual.events import Key, Resize
 from textual.message import Message
 from textual.screen import ModalScreen
 from textual.widgets import Button, ContentSwitcher, Input, Label
@@ -465,6 +465,14 @@ class Dashboard(App[None]):
             self._choose(log_words="", log_level=Level.WELL)
         else:
             self._choose(marked=frozenset())
+
+    async def on_key(self, event: Key) -> None:
+        """A key that was on its way to the screen when the command line opened belongs to the line: nothing is lost."""
+        line = self.query_one(CommandInput)
+        if line.purpose and event.key == "enter":
+            await line.action_submit()
+        elif line.purpose and event.character and event.is_printable:
+            line.insert_text_at_cursor(event.character)
 
     def on_input_changed(self, event: Input.Changed) -> None:
         """The filter works while it is typed."""

@@ -128,9 +128,7 @@ def _answers(command: CommandView, view: SwarmView) -> Line:
             refused.setdefault(printable(command.acks[i].reason).replace(f"agent {i} ", "it "), []).append(i)
     waiting = [i for i in meant if i not in command.acks]
     if not waiting and not refused:
-        return line.add(
-            f" {UNICODE.well} all {len(taken)} have it" if len(taken) > 1 else f" {UNICODE.well} has it", "green"
-        )
+        return line.add(f" {UNICODE.well} {agents_named(taken)}", "green")
     if len(meant) <= 12:
         for i in taken:
             line.add(f" {i}{UNICODE.well}", "green")

@@ -84,7 +84,7 @@ class CommandInput(Input):
         self.value = text
         self.cursor_position = len(text)
         self._at = len(self._before)
-        self.focus()
+        self.screen.set_focus(self, scroll_visible=False)  # at once: the next key belongs to the line already
 
     def close(self) -> None:
         """Give it back."""

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from textual.events import Key
 from textual.filter import NoColor
 from textual.pilot import Pilot
 from textual.widgets import Button
@@ -123,6 +124,19 @@ def test_the_command_line_completes_refuses_and_remembers() -> None:
         await settled(pilot)
         assert len(desk.orders) == 3
         assert "mesh links" in text(app)
+
+    _play(play)
+
+
+def test_what_is_typed_fast_behind_a_colon_is_no_order() -> None:
+    """All keys in one read of the terminal: `l` alone would land the swarm."""
+
+    async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
+        for key, character in (("colon", ":"), ("l", "l"), ("h", "h"), ("n", "n")):
+            app.post_message(Key(key, character))
+        await settled(pilot)
+        assert desk.orders == []
+        assert ":lhn" in text(app)
 
     _play(play)
 
