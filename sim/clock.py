@@ -19,3 +19,8 @@ class Clock:
     def wall_until(self, mission_s: float) -> float:
         """Wall-clock seconds from now until mission time `mission_s`; 0 when it has passed."""
         return max(0.0, (mission_s - self.now()) / self._speedup)
+
+    def rest(self, wall_s: float) -> None:
+        """Does nothing for this long."""
+        if wall_s > 0.0:
+            time.sleep(wall_s)

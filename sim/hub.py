@@ -8,7 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from sim.config import SimConfig
-from sim.endpoint import Address, Codec
+from sim.endpoint import Codec
+from sim.ports import Address
 from sim.recorder import Recorder
 from sim.world import World
 

@@ -21,6 +21,8 @@ class PairMinima:
 
     def update(self, position: Array) -> list[tuple[int, int]]:
         """Takes positions (n, 3); returns the pairs (i < j) that have just begun to touch (in three dimensions)."""
+        if len(position) == 1:
+            return []
         north, east = position[:, 0], position[:, 1]
         square = np.subtract.outer(north, north) ** 2 + np.subtract.outer(east, east) ** 2
         np.minimum(self._least, square, out=self._least)

@@ -12,8 +12,8 @@ from typing import IO, Any, Self
 
 from sim.clock import Clock
 from sim.config import SimConfig
-from sim.endpoint import Address, UdpPort
 from sim.hub import Hub
+from sim.ports import Address, UdpPort
 from sim.recorder import Recorder
 from sim.truth import TruthFile
 
@@ -23,6 +23,8 @@ DRAIN_S = 90.0
 """Mission time granted to vehicles to come down after the lifeline is cut."""
 _BATCH = 50
 """Steps done at a stretch while catching up, before sockets are looked at again."""
+_GATHER_S = 0.002
+"""Wall-clock time for which what comes after a first datagram is left to gather; none waits beyond the next step."""
 _LATE_S, _SAY_AGAIN_S = 1.0, 10.0
 
 
@@ -73,8 +75,10 @@ class Server:
     def serve(self) -> None:
         """Until stopped, or until the lifeline is cut and all vehicles are parked."""
         while not self._stopping and not self._drained():
-            self._poll(self._clock.wall_until(self.hub.world.next_s))
+            heard = self._poll(self._clock.wall_until(self.hub.world.next_s))
             self._catch_up()
+            if heard:  # others are likely to follow: take them together
+                self._clock.rest(min(_GATHER_S, self._clock.wall_until(self.hub.world.next_s)))
 
     def report(self) -> None:
         """Logs what was counted."""
@@ -87,13 +91,15 @@ class Server:
     def _transmit(self, place: int, data: bytes, to: Address) -> None:
         self._ports[place].send(data, to)
 
-    def _poll(self, timeout_s: float) -> None:
-        for key, _ in self._selector.select(timeout_s):
+    def _poll(self, timeout_s: float) -> bool:
+        ready = self._selector.select(timeout_s)
+        for key, _ in ready:
             if key.data is None:
                 self._read_lifeline()
                 continue
             for data, sender in self._ports[key.data].receive():
                 self.hub.receive(key.data, data, sender)
+        return bool(ready)
 
     def _read_lifeline(self) -> None:
         lifeline = self._lifeline

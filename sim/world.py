@@ -15,14 +15,15 @@ from sim.firmware.flight import Demand, Sensed
 from sim.firmware.message import Message
 from sim.firmware.px4 import Px4
 from sim.geodesy import TangentPlane, Vector3
+from sim.group import Group
 from sim.pairs import PairMinima
 from sim.response import Ardupilot as ArdupilotResponse
 from sim.response import Px4 as Px4Response
-from sim.vehicle import Array, Demands, Mask, Response, State, advance
+from sim.vehicle import Array, Mask, Response, State
 
-STEP_S = 0.01
-"""Physics step, mission time. Divides the intervals of all usual streams (50 Hz down), so that they come evenly; a
-setpoint waits 5 ms on average; and the fastest lag of the responses (50 ms) is still well resolved."""
+STEP_S = 0.02
+"""Physics step, mission time. The fastest stream of a persona unasked comes each step (50 Hz), a setpoint waits 10 ms
+on average, and the lags of the responses (50 ms and more, solved exactly over a step) are still well resolved."""
 
 _FIRMWARE: dict[str, type[Ardupilot | Px4]] = {"ardupilot": Ardupilot, "px4": Px4}
 _RESPONSE: dict[str, Response] = {"ardupilot": ArdupilotResponse(), "px4": Px4Response()}
@@ -37,39 +38,6 @@ class WorldEvent:
     event: str
 
 
-class Group:
-    """The vehicles of one persona: one response, one array pass."""
-
-    def __init__(self, response: Response, position: Array, heading: Array) -> None:
-        self.response = response
-        self.state = State.at_rest(position, response, heading)
-        self.demands = Demands.idle(self.state)
-
-    def step(self) -> None:
-        """Physics of the whole group."""
-        advance(self.state, self.demands, self.response, STEP_S)
-
-    def sense(self, row: int) -> Sensed:
-        """What vehicle `row` feels."""
-        s = self.state
-        return Sensed(
-            _vector(s.position[row]),
-            _vector(s.velocity[row]),
-            _vector(s.acceleration[row]),
-            float(s.heading[row]),
-            bool(s.landed[row]),
-        )
-
-    def obey(self, row: int, demand: Demand) -> None:
-        """Takes over the demand of vehicle `row`."""
-        d = self.demands
-        d.velocity[row] = demand.velocity_ned_mps
-        d.position[row] = [0.0 if p is None else p for p in demand.position_ned_m]
-        d.hold[row] = [p is not None for p in demand.position_ned_m]
-        d.speed[row], d.climb[row], d.descent[row] = demand.speed_mps, demand.climb_mps, demand.descent_mps
-        d.heading[row], d.lift[row] = demand.heading_rad, demand.lift
-
-
 class Vehicle:
     """One vehicle: its firmware, and its row in its group."""
 
@@ -78,6 +46,8 @@ class Vehicle:
         self.group = group
         self.row = row
         self.firmware: Firmware
+        self.due_s = 0.0
+        """When `run` has something to do next."""
         self._obeyed: Demand | None = None
 
     def boot(self, setup: Setup, persona: str, now: float) -> None:
@@ -99,9 +69,11 @@ class Vehicle:
         self._obey()
 
     def _obey(self) -> None:
-        if self.firmware.demand is not self._obeyed:
-            self._obeyed = self.firmware.demand
-            self.group.obey(self.row, self._obeyed)
+        self.due_s = self.firmware.due_s
+        demand = self.firmware.demand
+        if demand is not self._obeyed:
+            self.group.obey(self.row, demand, self._obeyed)
+            self._obeyed = demand
 
 
 class World:
@@ -118,6 +90,8 @@ class World:
         self.pairs = PairMinima(len(self.vehicles))
         self.events: list[WorldEvent] = []
         self._airborne: Mask = np.zeros(len(self.vehicles), dtype=np.bool_)
+        self._flying = False
+        self._marks: list[bytes] = []
         for i, (vehicle, described) in enumerate(zip(self.vehicles, config.vehicles, strict=True)):
             vehicle.boot(self._setup(i, described, config.seed), described.persona, self.time_s)
 
@@ -135,10 +109,10 @@ class World:
         """One step of everything; the vehicles (by place) that may have something to send."""
         self._step += 1
         for group in self.groups.values():
-            group.step()
+            group.step(STEP_S)
         self._observe()
         now = self.time_s
-        ran = [i for i, v in enumerate(self.vehicles) if v.firmware.due_s <= now]
+        ran = [i for i, v in enumerate(self.vehicles) if v.due_s <= now]
         for i in ran:
             self.vehicles[i].run(now)
         return ran
@@ -174,15 +148,23 @@ class World:
         return not any(self.armed()) and not any(self.airborne())
 
     def _observe(self) -> None:
-        airborne = ~self._landed()
-        for i in np.nonzero(airborne != self._airborne)[0].tolist():
-            self._event(i, "liftoff" if airborne[i] else "touchdown")
-        flying = airborne.any() or self._airborne.any()
-        self._airborne = airborne
-        if flying:
+        if self._flying or self._moved_on():
             for pair in self.pairs.update(self.positions()):
                 for i in pair:
                     self._event(i, "collision")
+            self._moved_on()
+
+    def _moved_on(self) -> bool:
+        """Notes who left the ground and who came back to it; whether anybody flies."""
+        marks = [group.state.landed.tobytes() for group in self.groups.values()]
+        if marks != self._marks:
+            self._marks = marks
+            airborne = ~self._landed()
+            for i in np.nonzero(airborne != self._airborne)[0].tolist():
+                self._event(i, "liftoff" if airborne[i] else "touchdown")
+            self._airborne = airborne
+            self._flying = bool(airborne.any())
+        return self._flying
 
     def _event(self, place: int, what: str) -> None:
         self.events.append(WorldEvent(self.time_s, self.vehicles[place].sysid, what))

@@ -26,6 +26,7 @@ from sim.firmware.setpoint import (
     FRAME_LOCAL_OFFSET_NED,
     NOTHING,
     Setpoint,
+    moved,
 )
 from sim.geodesy import Vector3
 
@@ -231,10 +232,10 @@ class Ardupilot(Firmware):
             return
         yaw = self.demand.heading_rad if setpoint.yaw_rad is None else setpoint.yaw_rad
         n, e, d = velocity or (0.0, 0.0, 0.0)
-        held = tuple(None if p is None else p + o for p, o in zip(position, self.local_origin_ned, strict=True))
+        held = position if position is NOTHING else moved(position, self.local_origin_ned)
         rate = setpoint.yaw_rate_radps or 0.0
         self._setpoint_s = self.now
-        self.begin(Velocity((n or 0.0, e or 0.0, d or 0.0), yaw, (held[0], held[1], held[2]), rate, self.now))
+        self.begin(Velocity((n or 0.0, e or 0.0, d or 0.0), yaw, held, rate, self.now))
 
     def go_to(self, place_ned: Vector3) -> Result:
         """See `Firmware`."""

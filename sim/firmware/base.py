@@ -12,7 +12,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 from sim.firmware.battery import Battery
 from sim.firmware.commands import Command, Handler
@@ -49,8 +49,7 @@ class Setup:
     traffic: Callable[[], Iterable[Contact]]
 
 
-@dataclass(frozen=True, slots=True)
-class Outgoing:
+class Outgoing(NamedTuple):
     """A message to send: to every client, or only to the one that asked."""
 
     message: Message
@@ -99,6 +98,7 @@ class Firmware(ABC):
         self.armed_s = -math.inf
         self.landed_s: float | None = boot_s
         """Since when the vehicle stands on the ground; None in the air."""
+        self._style: tuple[int, float | None, Style] | None = None
         self.booted()
         self.battery = Battery(max(1.0, self.battery_capacity_mah()))
         self.maneuver: Maneuver = Ground()
@@ -225,9 +225,16 @@ class Firmware(ABC):
     def update_demand(self) -> None:
         """The maneuver's demand now; nothing lifts while disarmed."""
         maneuver = self.maneuver if self.armed else Ground()
-        demand = maneuver.demand(self.now, self.sensed, self.style())
+        demand = maneuver.demand(self.now, self.sensed, self.current_style())
         if demand != self.demand:
             self.demand = demand
+
+    def current_style(self) -> Style:
+        """`style`, worked out again only after a change."""
+        known = self._style
+        if known is None or known[0] != self.parameters.version or known[1] != self.speed_mps:
+            self._style = known = (self.parameters.version, self.speed_mps, self.style())
+        return known[2]
 
     def set_armed(self) -> None:
         """Motors run; home is here."""

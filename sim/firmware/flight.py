@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from sim.firmware.message import Landed
 from sim.geodesy import Vector3
@@ -15,19 +15,18 @@ from sim.geodesy import Vector3
 Axis = float | None
 
 
-@dataclass(frozen=True, slots=True)
-class Sensed:
+class Sensed(NamedTuple):
     """What the firmware's estimator says of its vehicle."""
 
     position_ned_m: Vector3
     velocity_ned_mps: Vector3
-    acceleration_ned_mps2: Vector3
+    thrust_ned_mps2: Vector3
+    """Acceleration by the rotors alone, beside what carries the weight: it makes the vehicle lean."""
     heading_rad: float
     landed: bool
 
 
-@dataclass(frozen=True, slots=True)
-class Demand:
+class Demand(NamedTuple):
     """What the firmware wants of the motion; axes without a position (None) follow the velocity alone."""
 
     velocity_ned_mps: Vector3

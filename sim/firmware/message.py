@@ -5,13 +5,11 @@ The bytes are `sim.endpoint`'s work. Names of messages, fields and enumerations 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 
-@dataclass(frozen=True, slots=True)
-class Message:
+class Message(NamedTuple):
     """One MAVLink message. `source` is (system, component) of the sender of a received one."""
 
     name: str

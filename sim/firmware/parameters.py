@@ -70,6 +70,8 @@ class Parameters:
         self.names = tuple(defaults)
         self._index = {name: i for i, name in enumerate(self.names)}
         self._encoding = encoding
+        self.version = 0
+        """Counts changes."""
 
     def __len__(self) -> int:
         return len(self.names)
@@ -87,6 +89,7 @@ class Parameters:
     def set(self, name: str, value: float) -> None:
         """Sets a known parameter."""
         self._items[name] = Parameter(self._items[name].kind, value)
+        self.version += 1
 
     def set_from_wire(self, name: str, wire: float) -> bool:
         """Sets a known parameter from PARAM_SET's float; False, and nothing changed, where that isn't a number."""

@@ -19,7 +19,7 @@ from sim.firmware.message import (
     Severity,
 )
 from sim.firmware.parameters import BYTEWISE, PX4_DEFAULTS, Parameters
-from sim.firmware.setpoint import FRAME_BODY_NED, FRAME_LOCAL_NED, NOTHING, Setpoint
+from sim.firmware.setpoint import FRAME_BODY_NED, FRAME_LOCAL_NED, NOTHING, Setpoint, moved
 from sim.geodesy import Vector3
 
 
@@ -243,10 +243,10 @@ class Px4(Firmware):
 
     def _follow(self, setpoint: Setpoint) -> Velocity:
         yaw = self.demand.heading_rad if setpoint.yaw_rad is None else setpoint.yaw_rad
-        n, e, d = (0.0 if v is None else v for v in setpoint.velocity)
-        held = [None if p is None else p + o for p, o in zip(setpoint.position, self.local_origin_ned, strict=True)]
+        n, e, d = setpoint.velocity
+        held = moved(setpoint.position, self.local_origin_ned)
         rate = setpoint.yaw_rate_radps or 0.0
-        return Velocity((n, e, d), yaw, (held[0], held[1], held[2]), rate, self.now)
+        return Velocity((n or 0.0, e or 0.0, d or 0.0), yaw, held, rate, self.now)
 
     # --- commands ---
 

@@ -105,8 +105,8 @@ def _gps(f: Firmware, fix: int, place: tuple[int, int, int], satellites: int) ->
 
 
 def attitude(f: Firmware) -> list[Fields]:
-    """ATTITUDE: leaning into the acceleration."""
-    north, east, down = f.sensed.acceleration_ned_mps2
+    """ATTITUDE: leaning to where the rotors pull."""
+    north, east, down = f.sensed.thrust_ned_mps2
     heading = f.sensed.heading_rad
     c, s = math.cos(heading), math.sin(heading)
     up = GRAVITY_MPS2 - down

@@ -3,22 +3,15 @@
 from __future__ import annotations
 
 from rich.console import Console
-from rich.table import Table
 
 from swarm_ctl.mesh.keys import CHANNELS
 
 
 def keys() -> None:
     """Show what goes over the mesh: key, payload, rate, quality of service, who."""
-    table = Table("key", "payload", "rate", "reliable", "urgent", "who")
+    console = Console(highlight=False)
     for channel in CHANNELS:
         qos = channel.qos
-        table.add_row(
-            channel.template,
-            channel.payload.__name__,
-            channel.rate,
-            "yes" if qos.reliable else "no",
-            "yes" if qos.urgent else "no",
-            channel.who,
-        )
-    Console(highlight=False).print(table)
+        service = ("reliable" if qos.reliable else "newest wins") + (", urgent" if qos.urgent else "")
+        console.print(f"[bold]{channel.template}[/bold]  {channel.payload.__name__}", soft_wrap=True)
+        console.print(f"    {channel.who}; {channel.rate}; {service}", soft_wrap=True)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
+from importlib import metadata
+from typing import Annotated
 
 import typer
 from rich.console import Console
@@ -24,6 +26,18 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+
+@app.callback()
+def top(
+    version: Annotated[bool, typer.Option("--version", help="Show the version and exit.", is_eager=True)] = False,
+) -> None:
+    """Fly a formation of drones from one terminal."""
+    if version:
+        sys.stdout.write(f"swarm-ctl {metadata.version('swarm-ctl')}\n")
+        raise typer.Exit
+
+
 for command in (run, validate, agent, station, schema, keys):
     app.command()(command)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 from sim.config import SimConfig
@@ -89,7 +88,7 @@ class Rig:
 
     def move(self, **changes: Any) -> None:
         """Changes what the sensors say."""
-        self.sensed = replace(self.sensed, **changes)
+        self.sensed = self.sensed._replace(**changes)
 
     def _listen(self) -> None:
         self.said += [out.message for out in self.firmware.outbox]

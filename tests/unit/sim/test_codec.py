@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import random
+from typing import Any
+
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from sim.endpoint import Codec
-from sim.firmware.message import Message
+from sim.firmware.message import MESSAGE_IDS, Message
+from sim.signing import Signing
 
 
 def client() -> mavlink.MAVLink:
@@ -92,3 +97,91 @@ def test_a_run_of_bytes_that_are_no_frame_counts_once() -> None:
     codec = Codec(1)
     assert list(codec.messages(b"ArduPilot says hello, in plain text")) == []
     assert codec.bad == 1
+
+
+def random_value(rng: random.Random, kind: str, size: int) -> Any:
+    """A value of a field's type: text, an array, or a number."""
+    if kind == "char" and size:
+        return bytes(rng.randrange(65, 90) for _ in range(rng.randrange(size + 1)))
+    if size:
+        return [random_value(rng, kind, 0) for _ in range(size)]
+    if kind in ("float", "double"):
+        return rng.choice([0.0, 1.5, -2.25, rng.randrange(-1000, 1000) / 8])
+    if kind == "char":
+        return b"x"
+    bits = int(kind.removesuffix("_t").removeprefix("u").removeprefix("int"))
+    low, high = (0, 2**bits - 1) if kind.startswith("u") else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
+    return rng.choice([0, low, high, rng.randint(low, high)])
+
+
+@pytest.mark.parametrize(
+    "number", sorted({*MESSAGE_IDS.values(), 22, 40, 42, 44, 46, 47, 51, 73, 76, 77, 84, 111, 253})
+)
+def test_frames_are_byte_by_byte_those_of_pymavlink_and_come_back(number: int) -> None:
+    kind = mavlink.mavlink_map[number]
+    sizes = dict(zip(kind.ordered_fieldnames, kind.array_lengths, strict=True))
+    rng = random.Random(number)
+    ours, theirs = Codec(1), mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    for _ in range(50):
+        types = zip(kind.fieldnames, kind.fieldtypes, strict=True)
+        fields = {name: random_value(rng, kind_of, sizes[name]) for name, kind_of in types}
+        frame = ours.pack(Message(kind.msgname, fields))
+        assert frame == bytes(kind(**fields).pack(theirs))
+        theirs.seq = (theirs.seq + 1) % 256
+        (read,) = Codec(2).messages(frame)
+        (known,) = mavlink.MAVLink(None).parse_buffer(frame)
+        expected = {name: getattr(known, name) for name in kind.fieldnames}
+        assert read.fields == expected
+
+
+def test_extension_fields_that_are_not_given_are_zero() -> None:
+    fields = {"severity": 6, "text": b"hello"}
+    (read,) = Codec(2).messages(Codec(1).pack(Message("STATUSTEXT", fields)))
+    assert read.fields == {"severity": 6, "text": "hello", "id": 0, "chunk_seq": 0}
+
+
+KEY = bytes(range(32))
+
+
+def signed_client(key: bytes = KEY, at: int = 1_000_000_000) -> mavlink.MAVLink:
+    mav = client()
+    mav.signing.secret_key = key
+    mav.signing.sign_outgoing = True
+    mav.signing.timestamp = at
+    mav.signing.link_id = 3
+    return mav
+
+
+def signed(mav: mavlink.MAVLink) -> bytes:
+    return bytes(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(mav))
+
+
+def test_with_a_key_only_fresh_frames_signed_with_it_are_served() -> None:
+    codec = Codec(1, Signing(KEY, lambda: 1_000_000_000))
+    mav = signed_client()
+    frame = signed(mav)
+    assert len(list(codec.messages(frame))) == 1
+    assert list(codec.messages(frame)) == [], "a replay"
+    assert list(codec.messages(GOOD)) == [], "unsigned"
+    assert list(codec.messages(signed(signed_client(bytes(32))))) == [], "another key"
+    changed = bytearray(signed(mav))
+    changed[-1] ^= 1
+    assert list(codec.messages(bytes(changed))) == []
+    assert len(list(codec.messages(signed(mav)))) == 1
+    assert codec.unsigned == 4
+
+
+def test_a_sender_more_than_a_minute_behind_is_refused() -> None:
+    codec = Codec(1, Signing(KEY, lambda: 1_000_000_000))
+    assert list(codec.messages(signed(signed_client(at=1_000_000_000 - 6_100_000)))) == []
+    assert len(list(codec.messages(signed(signed_client(at=1_000_000_000 - 5_900_000))))) == 1
+
+
+def test_what_is_sent_with_a_key_is_signed_as_pymavlink_wants_it() -> None:
+    codec = Codec(1, Signing(KEY, lambda: 1_000_000_000))
+    reader = signed_client()
+    beat = Message("HEARTBEAT", dict.fromkeys(mavlink.mavlink_map[0].fieldnames, 1))
+    for _ in range(3):
+        (read,) = reader.parse_buffer(codec.pack(beat))
+        assert read.get_signed()
+    assert repr(KEY) not in repr(codec._signing)

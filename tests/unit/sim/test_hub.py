@@ -10,10 +10,11 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim.endpoint import Address
 from sim.hub import MAX_CLIENTS, Hub
+from sim.ports import Address
 from sim.recorder import Recorder
 from sim.truth import TruthFile
+from sim.world import STEP_S
 from tests.unit.sim.harness import GUIDED, config
 
 
@@ -37,7 +38,7 @@ class Clients:
         return [m for data in self.datagrams.get(address, []) for m in parser.parse_buffer(data) or []]
 
     def run(self, seconds: float) -> None:
-        for _ in range(round(seconds * 100)):
+        for _ in range(round(seconds / STEP_S)):
             self.hub.step()
 
     def _take(self, _place: int, data: bytes, to: Address) -> None:
