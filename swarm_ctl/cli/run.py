@@ -20,6 +20,9 @@ def run(
     headless: Annotated[bool, typer.Option("--headless", help="Plain log lines instead of the dashboard.")] = False,
     json: Annotated[bool, typer.Option("--json", help="One line of JSON a second on stdout, nothing else.")] = False,
     compact: Annotated[bool, typer.Option("--compact", help="A plain live view instead of the dashboard.")] = False,
+    metrics: Annotated[
+        int | None, typer.Option(min=1, max=65535, help="Prometheus metrics on this port of 127.0.0.1.")
+    ] = None,
     fleet: Annotated[Path | None, typer.Option(help="A fleet file to fly with instead of the mission's own.")] = None,
     runs: Annotated[Path, typer.Option(help="Where run folders are made.")] = Path("runs"),
     seed: Annotated[int, typer.Option(min=0, help="Seed of the simulator.")] = 1,
@@ -54,7 +57,7 @@ def run(
         with contextlib.suppress(OSError):  # whoever read our output is gone; the swarm flies on
             console.print(text, soft_wrap=True)
 
-    result = fly(loaded, Options(speedup, show, runs, seed), say)
+    result = fly(loaded, Options(speedup, show, runs, seed, metrics), say)
     console.print(render_summary(result.summary))
     console.print(f"summary: {result.folder / 'summary.json'}", soft_wrap=True)
     if result.summary.outcome != "completed":

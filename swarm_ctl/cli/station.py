@@ -15,6 +15,9 @@ def station(
     headless: Annotated[bool, typer.Option("--headless", help="Plain log lines instead of the dashboard.")] = False,
     json: Annotated[bool, typer.Option("--json", help="One line of JSON a second on stdout.")] = False,
     compact: Annotated[bool, typer.Option("--compact", help="A plain live view instead of the dashboard.")] = False,
+    metrics: Annotated[
+        int | None, typer.Option(min=1, max=65535, help="Prometheus metrics on this port of 127.0.0.1.")
+    ] = None,
 ) -> None:
     """Watch and command a run of this machine from another terminal. Ctrl-C leaves it; the swarm flies on.
 
@@ -27,7 +30,7 @@ def station(
 
     show = shown(headless=headless, json=json, compact=compact)
     folder = run if run is not None else _newest(Path("runs"))
-    raise typer.Exit(run_station(folder, None, lambda _: None, show))
+    raise typer.Exit(run_station(folder, None, lambda _: None, show, metrics))
 
 
 def _newest(runs: Path) -> Path:

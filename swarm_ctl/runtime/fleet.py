@@ -53,6 +53,7 @@ class Options:
     show: Show = Show.DASHBOARD
     runs: Path = Path("runs")
     seed: int = 1
+    metrics_port: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +136,7 @@ class Run:
             (folder / "agents").mkdir()
             for index, agent in enumerate(fleet):
                 self._agents.append(AgentChild(self._agent_config(index, agent)))
-            self._station = station(folder, folder / "station.log", self._options.show)
+            self._station = station(folder, folder / "station.log", self._options.show, self._options.metrics_port)
             self._wait_ready()
         except BaseException:
             for child in self._children:  # nothing has armed yet

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import queue
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from enum import StrEnum
 from typing import TYPE_CHECKING, Final, Protocol
 
@@ -22,6 +23,7 @@ from swarm_ctl.station.orders import Order
 from swarm_ctl.station.view import SwarmView
 
 if TYPE_CHECKING:
+    from swarm_ctl.runtime.metrics import Metrics
     from swarm_ctl.station.dashboard.app import Dashboard
 
 _JSON_WALL_S: Final = 1.0
@@ -128,6 +130,37 @@ class CompactScreen(Blind):
     def show(self, view: SwarmView) -> None:
         """Redraw."""
         self._live.update(render(view, self._console.width, self._console.height), refresh=True)
+
+
+class MeasuredScreen:
+    """Another screen, and every view of it for Prometheus too."""
+
+    def __init__(self, screen: Screen, metrics: Metrics) -> None:
+        self._screen = screen
+        self._metrics = metrics
+        self.note, self.orders, self.close = screen.note, screen.orders, screen.close
+
+    @property
+    def left(self) -> bool:
+        """As `Screen.left`."""
+        return self._screen.left
+
+    def show(self, view: SwarmView) -> None:
+        """Show it; what can be scraped is as new."""
+        self._metrics.view = view
+        self._screen.show(view)
+
+
+@contextlib.contextmanager
+def metrics_on(port: int | None) -> Iterator[Callable[[Screen], Screen]]:
+    """What puts metrics beside a screen; nothing does where no port was asked for."""
+    if port is None:
+        yield lambda screen: screen
+        return
+    from swarm_ctl.runtime.metrics import Metrics
+
+    with Metrics(port) as metrics:
+        yield lambda screen: MeasuredScreen(screen, metrics)
 
 
 class DashboardScreen:

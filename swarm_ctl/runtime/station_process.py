@@ -33,7 +33,7 @@ from swarm_ctl.report.summary import write_summary
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.clock import Clock
 from swarm_ctl.runtime.control import ControlPipe
-from swarm_ctl.runtime.screens import Blind, Screen, Show, present
+from swarm_ctl.runtime.screens import Blind, Screen, Show, metrics_on, present
 from swarm_ctl.station.model import Model
 from swarm_ctl.station.orders import Order
 from swarm_ctl.station.view import AgentView, StationHealth, SwarmView
@@ -171,7 +171,9 @@ class Station:
         self.model.fold(payload, received_s)
 
 
-def run_station(folder: Path, control: ControlPipe | None, say: Callable[[str], None], show: Show) -> int:
+def run_station(
+    folder: Path, control: ControlPipe | None, say: Callable[[str], None], show: Show, metrics_port: int | None = None
+) -> int:
     """Watch the run in `folder` until told to finish; 0 when all went as it should."""
     manifest = read_manifest(folder)
     clock = Clock(manifest.epoch_s, manifest.speedup)
@@ -181,9 +183,11 @@ def run_station(folder: Path, control: ControlPipe | None, say: Callable[[str], 
     recorder = Recorder(folder) if control else None
     try:
         station = Station(manifest, node, clock, recorder)
-        say("ready")
         interrupt = _interrupt_of(control) if control else None
-        present(show, manifest.plan, interrupt, lambda screen: _watch(station, control, screen, Orphan(clock, folder)))
+        with metrics_on(metrics_port) as measured:
+            say("ready")
+            orphan = Orphan(clock, folder)
+            present(show, manifest.plan, interrupt, lambda screen: _watch(station, control, measured(screen), orphan))
     finally:
         node.close()
         if recorder:
@@ -273,6 +277,7 @@ def main() -> int:
     parser = argparse.ArgumentParser()
     parser.add_argument("--run", type=Path, required=True)
     parser.add_argument("--show", type=Show, default=Show.DASHBOARD)
+    parser.add_argument("--metrics", type=int)
     parser.add_argument("--words-fd", type=int, required=True)
     arguments = parser.parse_args()
     for number in (signal.SIGINT, signal.SIGHUP):
@@ -283,7 +288,7 @@ def main() -> int:
             os.write(arguments.words_fd, (json.dumps({"say": text}) + "\n").encode())
 
     try:
-        return run_station(arguments.run, ControlPipe(sys.stdin.fileno()), say, arguments.show)
+        return run_station(arguments.run, ControlPipe(sys.stdin.fileno()), say, arguments.show, arguments.metrics)
     except SwarmError as error:
         sys.stderr.write(f"{error}\n")
         return error.exit_code
