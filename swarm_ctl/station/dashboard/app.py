@@ -16,7 +16,7 @@ from textual.containers import Container, Horizontal, Vertical
 from textual.driver import Driver
 from textual.events import Key, Resize
 from textual.message import Message
-from textual.screen import ModalScreen
+from textual.screen import ModalScreen, Screen
 from textual.widgets import Button, ContentSwitcher, Input, Label
 
 from swarm_ctl.core.plan import Plan
@@ -68,6 +68,10 @@ class Over(Message):
     """The station has nothing to show any more."""
 
 
+class Board(Screen[None], inherit_bindings=False):
+    """The one screen below all: its tab key is ours."""
+
+
 class Ask(ModalScreen[bool]):
     """One question before something that can't be taken back."""
 
@@ -107,8 +111,8 @@ def _bindings() -> list[BindingType]:
         Binding("ctrl+q", "leave", priority=True),
         Binding("q", "leave"),
         Binding("question_mark,f1", "go('help')"),
-        Binding("tab", "go_on(1)", priority=True),
-        Binding("shift+tab", "go_on(-1)", priority=True),
+        Binding("tab", "go_on(1)"),
+        Binding("shift+tab", "go_on(-1)"),
         Binding("up,k", "cursor(-1)"),
         Binding("down,j", "cursor(1)"),
         Binding("pageup", "scroll(-1)"),
@@ -212,6 +216,10 @@ class Dashboard(App[None]):
             self.post_message(message)
 
     # --- the screen ---
+
+    def get_default_screen(self) -> Screen[None]:
+        """As `App.get_default_screen`."""
+        return Board(id="_default")
 
     def compose(self) -> ComposeResult:
         """Bars above and below, one screen in between."""
@@ -346,11 +354,7 @@ class Dashboard(App[None]):
         self.draw()
 
     def action_go_on(self, by: int) -> None:
-        """The next screen; on the command line its completion."""
-        line = self.query_one(CommandInput)
-        if line.purpose:
-            line.complete()
-            return
+        """The next screen."""
         self.action_go(SCREENS[(SCREENS.index(self._shown) + by) % len(SCREENS)])
 
     def action_scroll(self, pages: int) -> None:

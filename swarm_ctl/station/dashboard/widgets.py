@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import ClassVar
 
+from textual.binding import Binding, BindingType
 from textual.geometry import Size
 from textual.message import Message
 from textual.scroll_view import ScrollView
@@ -65,6 +67,12 @@ class Painted(ScrollView, can_focus=False):
 class CommandInput(Input):
     """The command line (and the log's filter): completion with tab, the lines before with up and down."""
 
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("tab", "complete"),
+        Binding("up", "recall(-1)"),
+        Binding("down", "recall(1)"),
+    ]
+
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
         self._completion = _Completion(plan)
@@ -96,22 +104,15 @@ class CommandInput(Input):
         """For `up`."""
         self._before = [*(line for line in self._before if line != text), text]
 
-    def complete(self) -> None:
+    def action_complete(self) -> None:
         """Take the first line that this one could become."""
         found = complete(self.value, self._plan)
         if self.purpose == "order" and found:
             self.value = found[0]
             self.cursor_position = len(found[0])
 
-    def key_up(self) -> None:
-        """The line before."""
-        self._recall(-1)
-
-    def key_down(self) -> None:
-        """The line after."""
-        self._recall(1)
-
-    def _recall(self, by: int) -> None:
+    def action_recall(self, by: int) -> None:
+        """A line from before."""
         self._at = min(max(0, self._at + by), len(self._before))
         self.value = self._before[self._at] if self._at < len(self._before) else ""
         self.cursor_position = len(self.value)

@@ -132,11 +132,11 @@ def test_what_is_typed_fast_behind_a_colon_is_no_order() -> None:
     """All keys in one read of the terminal: `l` alone would land the swarm."""
 
     async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
-        for key, character in (("colon", ":"), ("l", "l"), ("h", "h"), ("n", "n")):
+        for key, character in (("colon", ":"), ("r", "r"), ("e", "e"), ("t", "t"), ("tab", "\t"), ("l", "l")):
             app.post_message(Key(key, character))
         await settled(pilot)
         assert desk.orders == []
-        assert ":lhn" in text(app)
+        assert ":returnl" in text(app)
 
     _play(play)
 
