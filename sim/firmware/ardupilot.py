@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
+from sim.firmware import missions
+from sim.firmware.auto import Auto, Course
 from sim.firmware.base import Firmware, Setup
 from sim.firmware.commands import COMMON, Command, Handler
 from sim.firmware.flight import Ground, Hold, Land, Maneuver, Return, Style, Takeoff, Velocity
@@ -19,6 +21,7 @@ from sim.firmware.message import (
     Severity,
 )
 from sim.firmware.parameters import ARDUPILOT_DEFAULTS, CAST, Parameters
+from sim.firmware.plans import Item
 from sim.firmware.setpoint import (
     FRAME_BODY_NED,
     FRAME_BODY_OFFSET_NED,
@@ -63,7 +66,7 @@ GCS_FAILSAFE: Mapping[int, Mode] = {1: RTL, 2: RTL, 3: RTL, 4: LAND, 5: LAND, 6:
 """FS_GCS_ENABLE to mode. Smart RTL (3, 4) keeps no track here and takes its second choice; 0 is off."""
 
 STREAM_GROUPS: Mapping[int, tuple[str, ...]] = {
-    2: ("SYS_STATUS", "GPS_RAW_INT"),
+    2: ("SYS_STATUS", "GPS_RAW_INT", "MISSION_CURRENT"),
     6: ("GLOBAL_POSITION_INT", "LOCAL_POSITION_NED"),
     10: ("ATTITUDE",),
     11: ("VFR_HUD",),
@@ -81,11 +84,13 @@ class Ardupilot(Firmware):
 
     autopilot: ClassVar[int] = 3
     version: ClassVar[int] = 4 << 24 | 7 << 16
-    capabilities: ClassVar[int] = 0x2 | 0x8 | 0x20 | 0x80 | 0x100 | 0x2000
+    capabilities: ClassVar[int] = 0x2 | 0x4 | 0x8 | 0x80 | 0x100 | 0x2000 | 0x4000 | 0x8000 | 0x20000
     boot_streams: ClassVar[Mapping[str, float]] = {"HEARTBEAT": 1.0}
     force_arm_magic: ClassVar[float] = 2989.0
     arm_nonsense: ClassVar[Result | None] = Result.UNSUPPORTED
     refusal: ClassVar[Result] = Result.FAILED
+    item_request: ClassVar[str] = "MISSION_REQUEST"
+    first_index: ClassVar[int] = 1
 
     mode: Mode
 
@@ -186,8 +191,10 @@ class Ardupilot(Firmware):
         return Result.ACCEPTED
 
     def _mode_refusal(self, mode: Mode) -> str | None:
-        if mode is AUTO:
+        if mode is AUTO and not missions.present(self):
             return "no mission"
+        if mode is AUTO and self.armed and self.sensed.landed and not missions.begins_with_takeoff(self):
+            return "Missing Takeoff Cmd"
         if self.armed and mode.positioned and not self.ready():
             return "requires position"
         return None
@@ -198,10 +205,56 @@ class Ardupilot(Firmware):
             return Land(heading, self.home_ned[2])
         if self.sensed.landed and mode is not RTL:
             return Ground()
+        if mode is AUTO:
+            return missions.flight(self)
         if mode is RTL:
             wait = self.parameters["RTL_LOIT_TIME"] / 1000
             return Return(self.sensed, self.home_ned, self.parameters["RTL_ALT"] / 100, wait)
         return Hold(heading)
+
+    # --- missions ---
+
+    def course(
+        self, place: Callable[[Item], Vector3], reached: Callable[[int], None], set_speed: Callable[[float], None]
+    ) -> Course:
+        """See `Firmware`."""
+        p = self.parameters
+        return Course(
+            place=place,
+            home=lambda: self.home_ned,
+            radius_m=p["WPNAV_RADIUS"] / 100,
+            return_height_m=p["RTL_ALT"] / 100,
+            return_wait_s=p["RTL_LOIT_TIME"] / 1000,
+            takeoff_mps=p["WPNAV_SPEED_UP"] / 100,
+            spool_up_s=SPOOL_UP_S,
+            set_speed=set_speed,
+            reached=reached,
+        )
+
+    def first_item(self, item: Item | None) -> Item | None:
+        """See `Firmware`; item 0 is home, whatever was uploaded there."""
+        if not self.ready():
+            return item
+        at = self.plane.geodetic_from_ned(self.home_ned)
+        return Item(16, 0, (0.0, 0.0, 0.0, 0.0), round(at.lat_deg * 1e7), round(at.lon_deg * 1e7), at.alt_m)
+
+    def mission_lost(self) -> None:
+        """See `Firmware`."""
+        self.begin(Ground() if self.sensed.landed else Hold(self.sensed.heading_rad))
+
+    def _mission_start(self, _: Command) -> Result:
+        if not self.armed or self.enter(AUTO) is not Result.ACCEPTED:
+            return Result.FAILED
+        if not isinstance(self.maneuver, Auto):
+            self.begin(missions.flight(self))
+        return Result.ACCEPTED
+
+    def _pause(self, command: Command) -> Result:
+        if not isinstance(self.maneuver, Auto) or command.p[0] not in (0.0, 1.0):
+            return Result.FAILED
+        self.maneuver.paused = command.p[0] == 0.0
+        self.update_demand()
+        return Result.ACCEPTED
 
     # --- guided flight ---
 
@@ -293,7 +346,7 @@ class Ardupilot(Firmware):
             self.begin(Hold(self.sensed.heading_rad))
 
     def _check_landed(self) -> None:
-        if isinstance(self.maneuver, Land | Return):
+        if isinstance(self.maneuver, Land | Return | Auto):
             if self.maneuver.done and self.standing_s() >= LAND_DETECT_S:
                 self.set_disarmed("Disarming motors")
             return
@@ -306,6 +359,8 @@ class Ardupilot(Firmware):
 
     commands: ClassVar[Mapping[int, Handler]] = COMMON | {
         Cmd.DO_SET_MODE: _do_set_mode,
+        Cmd.MISSION_START: _mission_start,
+        Cmd.DO_PAUSE_CONTINUE: _pause,
         Cmd.NAV_TAKEOFF: _takeoff,
         Cmd.NAV_LAND: lambda f, _: f.enter(LAND),
         Cmd.NAV_RETURN_TO_LAUNCH: lambda f, _: f.enter(RTL),

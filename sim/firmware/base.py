@@ -14,11 +14,14 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
+from sim.firmware import missions
+from sim.firmware.auto import Course
 from sim.firmware.battery import Battery
 from sim.firmware.commands import Command, Handler
 from sim.firmware.flight import Demand, Ground, Maneuver, Sensed, Style
 from sim.firmware.message import MAV_TYPE_GCS, Landed, Message, Result, Severity
 from sim.firmware.parameters import Parameters
+from sim.firmware.plans import Item, Plans, remind
 from sim.firmware.services import HANDLERS, sane
 from sim.firmware.setpoint import Setpoint
 from sim.firmware.streams import Streams
@@ -69,6 +72,10 @@ class Firmware(ABC):
     force_arm_magic: ClassVar[float]
     arm_nonsense: ClassVar[Result | None]
     """The answer to arming with a first parameter that is neither 0 nor 1."""
+    item_request: ClassVar[str]
+    """With which of its two messages it asks for mission items."""
+    first_index: ClassVar[int]
+    """Index of the first mission item that is flown."""
     refusal: ClassVar[Result]
     """How it says no to what it knows but won't do now."""
 
@@ -81,6 +88,8 @@ class Firmware(ABC):
         self.outbox: list[Outgoing] = []
         self.ignored = 0
         """Messages that were not for us, not known, or made no sense."""
+        self.plans = Plans()
+        self.mission_complete = False
         self._ready_after_s = setup.ready_after_s
         self.start(setup.start, boot_s)
 
@@ -153,6 +162,20 @@ class Firmware(ABC):
         """Flies to a point and stays, in the air and armed."""
 
     @abstractmethod
+    def course(
+        self, place: Callable[[Item], Vector3], reached: Callable[[int], None], set_speed: Callable[[float], None]
+    ) -> Course:
+        """How missions are flown, from the parameters."""
+
+    @abstractmethod
+    def mission_lost(self) -> None:
+        """The mission that is being flown was cleared."""
+
+    def first_item(self, item: Item | None) -> Item | None:
+        """What is told as the first mission item, for the one uploaded."""
+        return item
+
+    @abstractmethod
     def on_setpoint(self, setpoint: Setpoint) -> None:
         """A readable SET_POSITION_TARGET_LOCAL_NED."""
 
@@ -210,8 +233,10 @@ class Firmware(ABC):
             self._was_ready = True
             for name in ("GPS_GLOBAL_ORIGIN", "HOME_POSITION"):
                 self.say(name, BUILDERS[name](self)[0])
+        remind(self)
         self.housekeeping()
         self.update_demand()
+        missions.keep_up(self)
         for _ in range(min(_PARAMETERS_PER_TICK, len(self.pending_parameters))):
             self.say("PARAM_VALUE", self.parameters.value_message(self.pending_parameters.popleft()))
 
@@ -248,6 +273,24 @@ class Firmware(ABC):
         self.failsafe = False
         self.begin(Ground())
         self.text(Severity.INFO, text)
+
+    # --- missions ---
+
+    def mission_changed(self) -> None:
+        """The mission list was replaced."""
+        missions.changed(self)
+
+    def go_on_at(self, index: int) -> bool:
+        """The mission item to fly next."""
+        return missions.go_on_at(self, index)
+
+    def say_current(self) -> None:
+        """MISSION_CURRENT, now."""
+        missions.say_current(self)
+
+    def mission_current(self) -> dict[str, Any]:
+        """MISSION_CURRENT's fields."""
+        return missions.current_fields(self)
 
     # --- facts ---
 

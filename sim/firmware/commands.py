@@ -140,7 +140,17 @@ def _message_name(number: float) -> str | None:
     return MESSAGE_NAMES.get(int(number)) if math.isfinite(number) and number == int(number) else None
 
 
+def set_mission_current(f: Firmware, command: Command) -> Result:
+    """DO_SET_MISSION_CURRENT."""
+    index = command.p[0]
+    if not (math.isfinite(index) and f.go_on_at(int(index))):
+        return f.refusal
+    f.say_current()
+    return Result.ACCEPTED
+
+
 COMMON: dict[int, Handler] = {
+    Cmd.DO_SET_MISSION_CURRENT: set_mission_current,
     Cmd.COMPONENT_ARM_DISARM: arm,
     Cmd.SET_MESSAGE_INTERVAL: set_message_interval,
     Cmd.REQUEST_MESSAGE: request_message,

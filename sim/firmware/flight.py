@@ -222,6 +222,11 @@ class Return:
         return _demand(style, self._heading_rad, position=(place[0], place[1], self._down_m))
 
 
+def cruise(style: Style, heading_rad: float, place: tuple[Axis, Axis, Axis]) -> Demand:
+    """Fly to a point, in the style."""
+    return _demand(style, heading_rad, position=place)
+
+
 def _demand(
     style: Style,
     heading_rad: float,

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
+from sim.firmware import missions
+from sim.firmware.auto import Auto, Course
 from sim.firmware.base import Firmware, Setup
 from sim.firmware.commands import COMMON, Command, Handler
 from sim.firmware.flight import Ground, Hold, Land, Maneuver, Return, Style, Takeoff, Velocity
@@ -19,6 +21,7 @@ from sim.firmware.message import (
     Severity,
 )
 from sim.firmware.parameters import BYTEWISE, PX4_DEFAULTS, Parameters
+from sim.firmware.plans import Item
 from sim.firmware.setpoint import FRAME_BODY_NED, FRAME_LOCAL_NED, NOTHING, Setpoint, moved
 from sim.geodesy import Vector3
 
@@ -48,7 +51,7 @@ MODES: Mapping[tuple[int, int], Mode] = {
         Mode(3, 0, "POSCTL", armable=False, manual=True),
         Mode(4, 2, "AUTO.TAKEOFF", armable=True),
         Mode(4, 3, "AUTO.LOITER", armable=True),
-        Mode(4, 4, "AUTO.MISSION", armable=False),
+        Mode(4, 4, "AUTO.MISSION", armable=True),
         Mode(4, 5, "AUTO.RTL", armable=False),
         Mode(4, 6, "AUTO.LAND", armable=False),
         Mode(6, 0, "OFFBOARD", armable=True),
@@ -75,7 +78,7 @@ class Px4(Firmware):
 
     autopilot: ClassVar[int] = 12
     version: ClassVar[int] = 1 << 24 | 15 << 16
-    capabilities: ClassVar[int] = 0x4 | 0x8 | 0x10 | 0x40 | 0x80 | 0x100 | 0x2000 | 0x20000
+    capabilities: ClassVar[int] = 0x2 | 0x4 | 0x8 | 0x10 | 0x40 | 0x80 | 0x100 | 0x2000 | 0x4000 | 0x8000
     boot_streams: ClassVar[Mapping[str, float]] = {
         "HEARTBEAT": 1.0,
         "SYS_STATUS": 0.5,
@@ -90,12 +93,15 @@ class Px4(Firmware):
         "EXTENDED_SYS_STATE": 1.0,
         "ESTIMATOR_STATUS": 1.0,
         "HOME_POSITION": 2.0,
+        "MISSION_CURRENT": 1.0,
         "GPS_GLOBAL_ORIGIN": 2.0,
         "ADSB_VEHICLE": 0.2,
     }
     force_arm_magic: ClassVar[float] = 21196.0
     arm_nonsense: ClassVar[Result | None] = None
     refusal: ClassVar[Result] = Result.TEMPORARILY_REJECTED
+    item_request: ClassVar[str] = "MISSION_REQUEST_INT"
+    first_index: ClassVar[int] = 0
 
     mode: Mode
 
@@ -165,7 +171,7 @@ class Px4(Firmware):
     def set_disarmed(self, text: str) -> None:
         """See `Firmware`; what has ended with the flight gives way to the mode a vehicle waits in."""
         super().set_disarmed(text)
-        if self.mode in (TAKEOFF, LAND, RTL):
+        if self.mode in (TAKEOFF, LAND, RTL, MISSION):
             self.mode = LOITER
 
     # --- modes ---
@@ -188,11 +194,13 @@ class Px4(Firmware):
     def _mode_possible(self, mode: Mode) -> bool:
         if mode is OFFBOARD:
             return self._streaming()
-        return not mode.manual and mode is not MISSION
+        if mode is MISSION:
+            return missions.present(self)
+        return not mode.manual
 
     def enter(self, mode: Mode) -> Result:
         """Changes the mode, or says why not."""
-        if mode is MISSION or (self.armed and not self._mode_possible(mode)):
+        if (mode is MISSION or self.armed) and not self._mode_possible(mode):
             return Result.TEMPORARILY_REJECTED
         if not self.ready():
             return Result.TEMPORARILY_REJECTED
@@ -216,12 +224,48 @@ class Px4(Firmware):
             return Takeoff(self.sensed, down, self.now + SPOOL_UP_S, self.parameters["MPC_TKO_SPEED"])
         if mode is LAND:
             return Land(heading, self.home_ned[2])
+        if mode is MISSION and self.armed:
+            return missions.flight(self)
         if self.sensed.landed:
             return Ground()
         if mode is RTL:
             wait = max(0.0, self.parameters["RTL_LAND_DELAY"])
             return Return(self.sensed, self.home_ned, self.parameters["RTL_RETURN_ALT"], wait)
         return Hold(heading)
+
+    # --- missions ---
+
+    def course(
+        self, place: Callable[[Item], Vector3], reached: Callable[[int], None], set_speed: Callable[[float], None]
+    ) -> Course:
+        """See `Firmware`."""
+        p = self.parameters
+        return Course(
+            place=place,
+            home=lambda: self.home_ned,
+            radius_m=p["NAV_ACC_RAD"],
+            return_height_m=p["RTL_RETURN_ALT"],
+            return_wait_s=max(0.0, p["RTL_LAND_DELAY"]),
+            takeoff_mps=p["MPC_TKO_SPEED"],
+            spool_up_s=SPOOL_UP_S,
+            set_speed=set_speed,
+            reached=reached,
+        )
+
+    def mission_lost(self) -> None:
+        """See `Firmware`."""
+        self._change(LOITER)
+
+    def _mission_start(self, _: Command) -> Result:
+        result = self.enter(MISSION)
+        if result is not Result.ACCEPTED or self.armed:
+            return result
+        return self.arm(force=False)
+
+    def _pause(self, command: Command) -> Result:
+        if command.p[0] not in (0.0, 1.0):
+            return Result.DENIED
+        return self.enter(LOITER if command.p[0] == 0.0 else MISSION)
 
     # --- offboard ---
 
@@ -276,6 +320,10 @@ class Px4(Firmware):
         self._flown = self._flown or not self.sensed.landed
         self._check_offboard()
         self._check_datalink()
+        if isinstance(self.maneuver, Auto) and self.maneuver.finished and not self.maneuver.done:
+            missions.keep_up(self)
+            self.mode = LOITER
+            self.begin(Velocity((0.0, 0.0, 0.0), self.demand.heading_rad, self.demand.position_ned_m))
         if self.mode is TAKEOFF and self.maneuver.done and not self.sensed.landed:
             self.mode = LOITER  # where the take-off led, not where it happens to be
         if self.sensed.landed:
@@ -304,7 +352,7 @@ class Px4(Firmware):
             self.begin(self._maneuver(mode))
 
     def _check_landed(self) -> None:
-        if isinstance(self.maneuver, Land | Return):
+        if isinstance(self.maneuver, Land | Return | Auto):
             delay = self.parameters["COM_DISARM_LAND"]
             if self.maneuver.done and delay >= 0 and self.standing_s() >= delay:
                 self.set_disarmed("Disarmed by landing")
@@ -317,6 +365,8 @@ class Px4(Firmware):
 
     commands: ClassVar[Mapping[int, Handler]] = COMMON | {
         Cmd.DO_SET_MODE: _do_set_mode,
+        Cmd.MISSION_START: _mission_start,
+        Cmd.DO_PAUSE_CONTINUE: _pause,
         Cmd.NAV_TAKEOFF: _takeoff,
         Cmd.NAV_LAND: lambda f, _: f.enter(LAND),
         Cmd.NAV_RETURN_TO_LAUNCH: lambda f, _: f.enter(RTL),

@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
+from sim.firmware import plans
 from sim.firmware.commands import MAX_RATE_HZ, read_command
 from sim.firmware.message import Message, Result
 from sim.firmware.setpoint import read_setpoint
@@ -88,10 +89,18 @@ def request_data_stream(f: Firmware, message: Message) -> None:
     f.data_stream(message.fields["req_stream_id"], 1.0 / min(rate, MAX_RATE_HZ) if rate else None)
 
 
-def mission_request_list(f: Firmware, message: Message) -> None:
-    """MISSION_REQUEST_LIST of any type: an empty list, at once."""
-    to = {"target_system": message.source[0], "target_component": message.source[1]}
-    f.say("MISSION_COUNT", to | {"count": 0, "mission_type": message.fields["mission_type"]}, private=True)
+def file_transfer(f: Firmware, message: Message) -> None:
+    """FILE_TRANSFER_PROTOCOL: refused at once, so that a client needn't wait before it asks for a list."""
+    asked = message.fields["payload"]
+    sequence = (asked[0] | asked[1] << 8) + 1 & 0xFFFF
+    answer = [sequence & 0xFF, sequence >> 8, asked[2], _FTP_NAK, 1, asked[3]] + [0] * 6 + [_FTP_UNKNOWN_COMMAND]
+    to = {"target_network": 0, "target_system": message.source[0], "target_component": message.source[1]}
+    if asked[3] < _FTP_NAK - 1:  # never answer an answer
+        payload = answer + [0] * (len(asked) - len(answer))
+        f.say("FILE_TRANSFER_PROTOCOL", to | {"payload": payload}, private=True)
+
+
+_FTP_NAK, _FTP_UNKNOWN_COMMAND = 129, 7
 
 
 def timesync(f: Firmware, message: Message) -> None:
@@ -111,10 +120,21 @@ HANDLERS: Mapping[str, Callable[[Firmware, Message], None]] = {
     "PARAM_REQUEST_READ": param_read,
     "PARAM_SET": param_set,
     "REQUEST_DATA_STREAM": request_data_stream,
-    "MISSION_REQUEST_LIST": mission_request_list,
+    "MISSION_REQUEST_LIST": plans.request_list,
+    "MISSION_REQUEST": plans.request_item,
+    "MISSION_REQUEST_INT": plans.request_item,
+    "MISSION_COUNT": plans.count,
+    "MISSION_ITEM": plans.item,
+    "MISSION_ITEM_INT": plans.item,
+    "MISSION_CLEAR_ALL": plans.clear,
+    "MISSION_SET_CURRENT": plans.set_current,
+    "MISSION_ACK": lambda _, __: None,
+    "FILE_TRANSFER_PROTOCOL": file_transfer,
     "TIMESYNC": timesync,
 }
-_NAN_HAS_MEANING = frozenset({"COMMAND_LONG", "COMMAND_INT", "PARAM_SET", "SET_POSITION_TARGET_LOCAL_NED"})
+_NAN_HAS_MEANING = frozenset(
+    {"COMMAND_LONG", "COMMAND_INT", "PARAM_SET", "SET_POSITION_TARGET_LOCAL_NED", "MISSION_ITEM", "MISSION_ITEM_INT"}
+)
 """Ignored axes, defaults, and PX4's integers in float clothes: their handlers look for themselves."""
 
 

@@ -286,6 +286,11 @@ def _centidegrees(angle_rad: float) -> int:
     return round(math.degrees(angle_rad) % 360 * 100) % 36000
 
 
+def mission_current(f: Firmware) -> list[Fields]:
+    """MISSION_CURRENT."""
+    return [f.mission_current()]
+
+
 BUILDERS: dict[str, Callable[[Firmware], list[Fields]]] = {
     "HEARTBEAT": heartbeat,
     "SYS_STATUS": sys_status,
@@ -304,4 +309,5 @@ BUILDERS: dict[str, Callable[[Firmware], list[Fields]]] = {
     "HOME_POSITION": home_position,
     "EXTENDED_SYS_STATE": extended_sys_state,
     "ADSB_VEHICLE": adsb_vehicle,
+    "MISSION_CURRENT": mission_current,
 }

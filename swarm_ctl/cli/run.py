@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import subprocess
+import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TextIO
 
 import typer
 from rich.console import Console
@@ -26,6 +28,11 @@ def run(
     fleet: Annotated[Path | None, typer.Option(help="A fleet file to fly with instead of the mission's own.")] = None,
     runs: Annotated[Path, typer.Option(help="Where run folders are made.")] = Path("runs"),
     seed: Annotated[int, typer.Option(min=0, help="Seed of the simulator.")] = 1,
+    record_hz: Annotated[
+        str, typer.Option(help="The most that is recorded of each agent's topics, e.g. state=5,truth=2; else all.")
+    ] = "",
+    report: Annotated[bool, typer.Option(help="Make the report at the end.")] = True,
+    tlog: Annotated[bool, typer.Option(help="Keep each vehicle's MAVLink frames.")] = True,
 ) -> None:
     """Fly a mission: starts a simulator (for vehicles without an endpoint), the agents and a ground station.
 
@@ -41,6 +48,7 @@ def run(
 
         swarm-ctl run missions/hexagon.yaml --json | jq .verdict
     """
+    from swarm_ctl.recording.topics import rates
     from swarm_ctl.report.table import render_summary
     from swarm_ctl.runtime.fleet import Options, fly
     from swarm_ctl.runtime.screens import Show, shown
@@ -57,9 +65,17 @@ def run(
         with contextlib.suppress(OSError):  # whoever read our output is gone; the swarm flies on
             console.print(text, soft_wrap=True)
 
-    result = fly(loaded, Options(speedup, show, runs, seed, metrics), say)
+    options = Options(speedup, show, runs, seed, rates(record_hz), tlog, metrics)
+    result = fly(loaded, options, say)
     console.print(render_summary(result.summary))
     console.print(f"summary: {result.folder / 'summary.json'}", soft_wrap=True)
+    if report:
+        _report(result.folder, sys.stderr if json else sys.stdout)
     if result.summary.outcome != "completed":
         console.print(f"{result.summary.outcome}: {result.summary.reason}", style="bold red", soft_wrap=True)
     raise typer.Exit(130 if result.interrupts else {"completed": 0}.get(result.summary.outcome, 1))
+
+
+def _report(folder: Path, to: TextIO) -> None:
+    """In a process of its own: whatever happens to the figures, the run's result stands."""
+    subprocess.run([sys.executable, "-m", "swarm_ctl.cli.main", "report", str(folder)], check=False, stdout=to)

@@ -14,7 +14,6 @@ import math
 import os
 import signal
 import sys
-import uuid
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -23,22 +22,24 @@ from typing import Any, Final
 from pydantic import TypeAdapter
 
 from swarm_ctl.core.state import Ack, AgentStatus, Command, Event, StationBeacon
-from swarm_ctl.errors import SwarmError
+from swarm_ctl.errors import InputError, SwarmError
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
+from swarm_ctl.recording import Recorder as McapRecorder
 from swarm_ctl.report.manifest import Manifest, read_manifest
 from swarm_ctl.report.summarise import summarise
 from swarm_ctl.report.summary import write_summary
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.clock import Clock
+from swarm_ctl.runtime.composing import compose
 from swarm_ctl.runtime.control import ControlPipe
 from swarm_ctl.runtime.screens import Blind, Screen, Show, metrics_on, present
 from swarm_ctl.station.model import Model
 from swarm_ctl.station.orders import Order
 from swarm_ctl.station.view import AgentView, StationHealth, SwarmView
 
-_ONLY_SHOWN: Final[tuple[keys.Channel[Any], ...]] = (keys.STATE, keys.SIGMA, keys.BEACON, keys.COMMAND)
+_ONLY_SHOWN: Final[tuple[keys.Channel[Any], ...]] = (keys.STATE, keys.SIGMA, keys.BEACON)
 _BEACON_S = 0.5
 _STATUS_S = 2.0
 """Mission time between recorded statuses of one agent: the fallback when it can't write its own last one."""
@@ -53,9 +54,15 @@ _BOOK_S = 100.0
 
 
 class Recorder:
-    """Events, commands (with their answers) and statuses as JSON lines in the run folder, each line written at once."""
+    """Events, commands (with their answers) and statuses as JSON lines in the run folder, each line written at once.
 
-    def __init__(self, folder: Path) -> None:
+    `mcap` takes everything.
+    """
+
+    def __init__(self, folder: Path, manifest: Manifest) -> None:
+        about = {"mission": manifest.mission, "plan_hash": manifest.plan_hash, "manifest": manifest.model_dump_json()}
+        start_ns = round(manifest.started_at.timestamp() * 1e9)
+        self.mcap = McapRecorder(folder, start_ns, about, manifest.record_hz)
         self._events = (folder / "events.jsonl").open("ab", buffering=0)
         self._commands = (folder / "commands.jsonl").open("ab", buffering=0)
         self._statuses = (folder / "statuses.jsonl").open("ab", buffering=0)
@@ -81,6 +88,7 @@ class Recorder:
         self._events.close()
         self._commands.close()
         self._statuses.close()
+        self.mcap.close()
 
 
 class Commander:
@@ -92,12 +100,10 @@ class Commander:
         self._open: dict[str, tuple[Command, set[int], float]] = {}
         self._due = 0.0
 
-    def give(self, order: Order, now: float) -> Command:
+    def give(self, command: Command, now: float) -> None:
         """Send a command to the agents it is meant for."""
-        command = Command(uuid.uuid4().hex, order.kind, order.agents, now)
-        self._open[command.id] = (command, set(order.agents or self._agents), now)
+        self._open[command.id] = (command, set(command.agents or self._agents), now)
         self._due = now
-        return command
 
     def answered(self, command: str, agent: int) -> None:
         """An acknowledgement came."""
@@ -129,12 +135,23 @@ class Station:
         self.model = Model(plan, speedup=manifest.speedup, since_s=clock.now(), station=self._name)
         self._commander = Commander(node, [agent.id for agent in plan.agents])
         self._beacon_due = 0.0
+        self._mission = Path(manifest.mission)
+        self._noted: set[str] = set()
         node.listen(keys.STATE, keys.STATUS, keys.SIGMA, keys.EVENT, keys.ACK, keys.BEACON, keys.COMMAND)
 
     def command(self, order: Order) -> None:
-        """Pass an operator's order on."""
-        command = self._commander.give(order, self._clock.now())
-        self._fold(command, self._clock.now())
+        """Pass an operator's order on; InputError where it can't be made a command."""
+        now = self._clock.now()
+        command = compose(order, self.model.view(now), self._mission)
+        self._commander.give(command, now)
+        self._note(command, now)
+
+    def _note(self, command: Command, received_s: float) -> None:
+        """Show and record a command once: ours, and those of other stations (`swarm-ctl send`)."""
+        if command.id in self._noted:
+            return
+        self._noted.add(command.id)
+        self._fold(command, received_s)
         if self._recorder:
             self._recorder.command(command)
 
@@ -152,6 +169,8 @@ class Station:
             self._fold(event, received_s)
             if self._recorder:
                 self._recorder.event(event)
+        for command, received_s in self._node.take(keys.COMMAND):
+            self._note(command, received_s)
         for ack, received_s in self._node.take(keys.ACK):
             self._fold(ack, received_s)
             self._commander.answered(ack.command, ack.agent)
@@ -169,6 +188,8 @@ class Station:
 
     def _fold(self, payload: Any, received_s: float) -> None:
         self.model.fold(payload, received_s)
+        if self._recorder:
+            self._recorder.mcap.take(payload, received_s)
 
 
 def run_station(
@@ -180,7 +201,7 @@ def run_station(
     listen = [manifest.station_mesh] if manifest.station_mesh and control else []
     connect = [agent.mesh for agent in manifest.fleet if agent.mesh]
     node = Node(ZenohTransport(listen, connect, clock.now, clock.speedup), manifest.swarm, f"station-{os.getpid()}")
-    recorder = Recorder(folder) if control else None
+    recorder = Recorder(folder, manifest) if control else None
     try:
         station = Station(manifest, node, clock, recorder)
         interrupt = _interrupt_of(control) if control else None
@@ -219,7 +240,7 @@ def _watch(station: Station, control: ControlPipe | None, screen: Screen, orphan
         if control is not None and control.closed:
             screen.close()
         for order in screen.orders():
-            station.command(order)
+            _order(order, station, screen)
         station.turn()
         if wall.wall_s() >= show_due:
             show_due = wall.wall_s() + _SHOW_WALL_S
@@ -236,9 +257,17 @@ def _watch(station: Station, control: ControlPipe | None, screen: Screen, orphan
 def _obey(message: dict[str, Any], station: Station, screen: Screen) -> None:
     """What `run` says."""
     if isinstance(message.get("command"), str):
-        station.command(Order(message["command"]))
+        _order(Order(message["command"]), station, screen)
     if isinstance(message.get("note"), str):
         screen.note(message["note"])
+
+
+def _order(order: Order, station: Station, screen: Screen) -> None:
+    """Pass it on, or say why not."""
+    try:
+        station.command(order)
+    except InputError as error:
+        screen.note(str(error))
 
 
 class Orphan:

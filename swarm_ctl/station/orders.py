@@ -114,9 +114,8 @@ def _agents(text: str, plan: Plan) -> tuple[int, ...]:
 def _check(kind: Kind, arguments: list[str], plan: Plan) -> None:
     usage = f"{kind.name} {kind.usage}".strip()
     if kind.name == "form":
-        known = shapes(plan)
-        if len(arguments) != 1 or arguments[0] not in known:
-            raise InputError(f"usage: {usage}; shapes of this mission: {', '.join(known) or 'none'}")
+        if len(arguments) != 1:  # which shapes there are is the mission file's business
+            raise InputError(f"usage: {usage}; this mission flies {', '.join(shapes(plan)) or 'none'}")
     elif kind.name == "move":
         numbers = [_number(word) for word in arguments]
         if len(numbers) not in (2, 3) or not all(map(math.isfinite, numbers)):

@@ -98,6 +98,15 @@ def simulator(tmp_path: Path, configuration: dict[str, Any]) -> Iterator[Simulat
             process.kill()
 
 
+def wait_until(sim: Simulator, what: str, met: Callable[[], Any]) -> None:
+    """Until `met`, looked at often, within `PATIENCE_S` of mission time; for clients that have no wait of their own."""
+    end = sim.now() + PATIENCE_S
+    while not met():
+        if sim.now() > end:
+            raise TimeoutError(f"no {what} within {PATIENCE_S} s")
+        time.sleep(0.02)
+
+
 class Pilot:
     """A ground station with one vehicle. Every wait is bounded, in mission time."""
 

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from swarm_ctl.core import operator
 from swarm_ctl.errors import InputError
 from swarm_ctl.station.orders import BY_NAME, KINDS, Order, complete, parse
 from tests.unit.station.swarm import hexagon_plan
@@ -38,8 +39,8 @@ def test_orders(line: str, marked: tuple[int, ...], order: Order) -> None:
         ("", "no command ''; allowed: hold, resume, next, form, move, land, return, kill"),
         ("fly", "no command 'fly'; allowed"),
         ("land now", "usage: land"),
-        ("form", "usage: form SHAPE; shapes of this mission: hexagon"),
-        ("form vee", "shapes of this mission: hexagon"),
+        ("form", "usage: form SHAPE; this mission flies hexagon"),
+        ("form two shapes", "usage: form SHAPE"),
         ("move 1", "usage: move NORTH EAST"),
         ("move a b", "usage: move NORTH EAST"),
         ("move nan 1", "usage: move NORTH EAST"),
@@ -78,6 +79,10 @@ def test_completion_knows_shapes_and_agents() -> None:
     assert complete("form ", PLAN) == ["form hexagon"]
     assert complete("land @", PLAN)[:2] == ["land @all", "land @1"]
     assert complete("form hexagon", PLAN) == []
+
+
+def test_the_table_is_what_agents_take() -> None:
+    assert set(BY_NAME) == set(operator.KINDS)
 
 
 def test_every_kind_has_a_key_of_its_own() -> None:
