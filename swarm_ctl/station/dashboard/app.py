@@ -52,6 +52,11 @@ DARK, LIGHT, PLAIN = "textual-dark", "textual-light", "ansi-dark"
 """Themes; the last one has the terminal's own colours, for `NO_COLOR`."""
 
 
+def _by_background() -> str:
+    """Light where the terminal says so: `COLORFGBG` is `foreground;background`, of which 7 and 15 are white."""
+    return LIGHT if os.environ.get("COLORFGBG", "").rpartition(";")[2] in ("7", "15") else DARK
+
+
 class NewView(Message):
     """A newer view waits."""
 
@@ -122,11 +127,11 @@ def _bindings() -> list[BindingType]:
         Binding("s", "sort_next"),
         Binding("S", "sort_turn"),
         Binding("v", "metric_next"),
-        Binding("slash", "filter"),
+        Binding("slash", "begin('/')", priority=True),
         Binding("w", "level_next"),
         Binding("x", "acknowledge"),
         Binding("t", "theme"),
-        Binding("colon", "command('')"),
+        Binding("colon", "begin(':')", priority=True),
         Binding("escape", "close_line"),
     ]
     keys += [Binding(str(k + 1), f"go('{name}')") for k, name in enumerate(SCREENS[:4])]
@@ -178,7 +183,7 @@ class Dashboard(App[None]):
     ) -> None:
         plain = "NO_COLOR" in os.environ
         super().__init__(driver_class=driver_class, ansi_color=True if plain else None)
-        self.theme = PLAIN if plain else os.environ.get("TEXTUAL_THEME", DARK)
+        self.theme = PLAIN if plain else os.environ.get("TEXTUAL_THEME", _by_background())
         self._plan = plan
         self._give = give
         self._interrupt = interrupt
@@ -450,6 +455,14 @@ class Dashboard(App[None]):
     def action_order(self, name: str) -> None:
         """An order without arguments, by its key."""
         self._order(name)
+
+    def action_begin(self, character: str) -> None:
+        """`:` and `/` open the line before the next key is looked at: typed fast, nothing behind them is an order."""
+        line = self.query_one(CommandInput)
+        if line.purpose:
+            line.insert_text_at_cursor(character)
+        elif isinstance(self.screen, Board):
+            self.action_command("") if character == ":" else self.action_filter()
 
     def action_command(self, text: str) -> None:
         """Open the command line."""

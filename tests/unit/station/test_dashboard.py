@@ -132,11 +132,17 @@ def test_what_is_typed_fast_behind_a_colon_is_no_order() -> None:
     """All keys in one read of the terminal: `l` alone would land the swarm."""
 
     async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
-        for key, character in (("colon", ":"), ("r", "r"), ("e", "e"), ("t", "t"), ("tab", "\t"), ("l", "l")):
+        names = {":": "colon", " ": "space", "-": "minus", ".": "full_stop"}
+        for character in ":move 60 -7 2.5":
+            app.post_message(Key(names.get(character, character), character))
+        app.post_message(Key("enter", None))
+        await settled(pilot)
+        assert desk.orders == [Order("move", ("60", "-7", "2.5"))]
+        for key, character in (("colon", ":"), ("r", "r"), ("e", "e"), ("t", "t"), ("tab", "\t")):
             app.post_message(Key(key, character))
         await settled(pilot)
-        assert desk.orders == []
-        assert ":returnl" in text(app)
+        assert ":return" in text(app)
+        assert len(desk.orders) == 1
 
     _play(play)
 
@@ -154,6 +160,9 @@ def test_kill_asks_once_and_only_y_means_yes() -> None:
             await settled(pilot)
         await pilot.press("K")
         await settled(pilot)
+        await pilot.press("colon", "slash")
+        await shown(app, pilot, replace(PICTURES["well"](), time_s=42.0))
+        assert "00:42.0" in text(app)
         await pilot.press("y")
         await settled(pilot)
         assert desk.orders == [Order("kill")]
@@ -257,6 +266,9 @@ def test_light_dark_and_no_colour(monkeypatch: pytest.MonkeyPatch) -> None:
         await pilot.press("t")
         assert app.current_theme.dark is not before
 
+    async def light(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
+        assert app.theme == LIGHT
+
     async def plain(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
         assert app.theme == PLAIN
         await pilot.press("t")
@@ -268,6 +280,9 @@ def test_light_dark_and_no_colour(monkeypatch: pytest.MonkeyPatch) -> None:
         colours_left = {colour for style in styles for colour in (style.color, style.bgcolor) if colour}
         assert all(colour.is_default for colour in colours_left)
 
+    monkeypatch.setenv("COLORFGBG", "0;15")
+    _play(light)
+    monkeypatch.delenv("COLORFGBG")
     _play(play)
     monkeypatch.setenv("NO_COLOR", "1")
     _play(plain)
