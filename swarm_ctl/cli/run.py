@@ -6,7 +6,7 @@ import contextlib
 import subprocess
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TextIO
 
 import typer
 from rich.console import Console
@@ -19,7 +19,12 @@ def run(
     speedup: Annotated[
         float, typer.Option(min=0.1, max=100.0, help="Mission seconds per second of the wall clock.")
     ] = 1.0,
-    headless: Annotated[bool, typer.Option("--headless", help="Plain log lines instead of the live view.")] = False,
+    headless: Annotated[bool, typer.Option("--headless", help="Plain log lines instead of the dashboard.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="One line of JSON a second on stdout, nothing else.")] = False,
+    compact: Annotated[bool, typer.Option("--compact", help="A plain live view instead of the dashboard.")] = False,
+    metrics: Annotated[
+        int | None, typer.Option(min=1, max=65535, help="Prometheus metrics on this port of 127.0.0.1.")
+    ] = None,
     fleet: Annotated[Path | None, typer.Option(help="A fleet file to fly with instead of the mission's own.")] = None,
     runs: Annotated[Path, typer.Option(help="Where run folders are made.")] = Path("runs"),
     seed: Annotated[int, typer.Option(min=0, help="Seed of the simulator.")] = 1,
@@ -40,32 +45,37 @@ def run(
         swarm-ctl run missions/hexagon.yaml
 
         swarm-ctl run missions/hexagon.yaml --speedup 5 --headless
+
+        swarm-ctl run missions/hexagon.yaml --json | jq .verdict
     """
     from swarm_ctl.recording.topics import rates
     from swarm_ctl.report.table import render_summary
     from swarm_ctl.runtime.fleet import Options, fly
+    from swarm_ctl.runtime.screens import Show, shown
 
-    console = Console(highlight=False)
+    show = shown(headless=headless, json=json, compact=compact)
+    console = Console(highlight=False, stderr=json)
+    if show in (Show.DASHBOARD, Show.COMPACT) and not console.is_terminal:
+        show = Show.LOG
     loaded = load(mission, fleet=fleet)
     for warning in loaded.warnings:
         console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
-    with_view = not headless and console.is_terminal
 
     def say(text: str) -> None:
         with contextlib.suppress(OSError):  # whoever read our output is gone; the swarm flies on
             console.print(text, soft_wrap=True)
 
-    options = Options(speedup, not with_view, runs, seed, rates(record_hz), tlog)
+    options = Options(speedup, show, runs, seed, rates(record_hz), tlog, metrics)
     result = fly(loaded, options, say)
     console.print(render_summary(result.summary))
     console.print(f"summary: {result.folder / 'summary.json'}", soft_wrap=True)
     if report:
-        _report(result.folder)
+        _report(result.folder, sys.stderr if json else sys.stdout)
     if result.summary.outcome != "completed":
         console.print(f"{result.summary.outcome}: {result.summary.reason}", style="bold red", soft_wrap=True)
     raise typer.Exit(130 if result.interrupts else {"completed": 0}.get(result.summary.outcome, 1))
 
 
-def _report(folder: Path) -> None:
+def _report(folder: Path, to: TextIO) -> None:
     """In a process of its own: whatever happens to the figures, the run's result stands."""
-    subprocess.run([sys.executable, "-m", "swarm_ctl.cli.main", "report", str(folder)], check=False)
+    subprocess.run([sys.executable, "-m", "swarm_ctl.cli.main", "report", str(folder)], check=False, stdout=to)

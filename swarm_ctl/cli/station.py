@@ -12,18 +12,25 @@ from swarm_ctl.errors import InputError
 
 def station(
     run: Annotated[Path | None, typer.Argument(help="The run folder; default: the newest in runs/.")] = None,
-    headless: Annotated[bool, typer.Option("--headless", help="Plain log lines instead of the live view.")] = False,
+    headless: Annotated[bool, typer.Option("--headless", help="Plain log lines instead of the dashboard.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="One line of JSON a second on stdout.")] = False,
+    compact: Annotated[bool, typer.Option("--compact", help="A plain live view instead of the dashboard.")] = False,
+    metrics: Annotated[
+        int | None, typer.Option(min=1, max=65535, help="Prometheus metrics on this port of 127.0.0.1.")
+    ] = None,
 ) -> None:
-    """Watch a run of this machine from another terminal. Ctrl-C leaves it; the swarm flies on.
+    """Watch and command a run of this machine from another terminal. Ctrl-C leaves it; the swarm flies on.
 
     Example:
 
         swarm-ctl station runs/20260101-120000-hexagon
     """
+    from swarm_ctl.runtime.screens import shown
     from swarm_ctl.runtime.station_process import run_station
 
+    show = shown(headless=headless, json=json, compact=compact)
     folder = run if run is not None else newest_run(Path("runs"))
-    raise typer.Exit(run_station(folder, None, lambda _: None, headless=headless))
+    raise typer.Exit(run_station(folder, None, lambda _: None, show, metrics))
 
 
 def newest_run(runs: Path) -> Path:

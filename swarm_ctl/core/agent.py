@@ -42,6 +42,7 @@ from swarm_ctl.core.state import (
     AgentState,
     AgentStatus,
     Command,
+    Echo,
     Event,
     Phase,
     SigmaReport,
@@ -602,4 +603,7 @@ class Agent:
             station_s=self._station[1] if self._station else None,
             tick=inbox.tick(),
             bad_payloads=inbox.bad_payloads,
+            echo=Echo(self._station[0].station, self._station[0].time_s, now - self._station[1])
+            if self._station
+            else None,
         )

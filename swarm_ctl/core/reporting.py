@@ -9,7 +9,7 @@ from swarm_ctl.core.controller import Controller
 from swarm_ctl.core.navigation import OwnFix
 from swarm_ctl.core.peers import Peers
 from swarm_ctl.core.progress import Progress
-from swarm_ctl.core.state import AgentState, AgentStatus, Phase, TickReport
+from swarm_ctl.core.state import AgentState, AgentStatus, Echo, Phase, TickReport, VehicleLinkReport
 from swarm_ctl.core.vehicle import VehicleView
 
 
@@ -45,6 +45,7 @@ class Account:
         station_s: float | None,
         tick: TickReport,
         bad_payloads: int,
+        echo: Echo | None,
     ) -> AgentStatus:
         """Everything about an agent that is not needed every tick."""
         span = self._last_s - self._first_s
@@ -75,6 +76,8 @@ class Account:
             steps=tuple(progress.results),
             tick=tick,
             bad_payloads=bad_payloads,
+            vehicle_link=VehicleLinkReport(view.frames, view.frames_lost, view.round_trip_s),
+            echo=echo,
         )
 
 

@@ -138,6 +138,28 @@ class TickReport:
 
 
 @dataclass(frozen=True, slots=True)
+class VehicleLinkReport:
+    """The MAVLink link between an agent and its vehicle, over the whole run so far."""
+
+    received: int
+    lost: int
+    """By MAVLink's 8-bit seq: right where nothing but the vehicle speaks on the link."""
+    round_trip_s: float | None
+    """TIMESYNC to the vehicle and back, the newest; mission time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Echo:
+    """A station's newest beacon sent back, so that the station can tell the round trip."""
+
+    station: str
+    beacon_s: float
+    """`StationBeacon.time_s`."""
+    held_s: float
+    """From its receipt to this status."""
+
+
+@dataclass(frozen=True, slots=True)
 class AgentStatus:
     """Sent at 2 Hz: everything about an agent that is not needed every tick. The last one is its final account."""
 
@@ -174,6 +196,8 @@ class AgentStatus:
     steps: tuple[StepResult, ...]
     tick: TickReport = field(default_factory=TickReport)
     bad_payloads: int = 0
+    vehicle_link: VehicleLinkReport | None = None
+    echo: Echo | None = None
 
 
 @dataclass(frozen=True, slots=True)

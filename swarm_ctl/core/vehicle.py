@@ -81,6 +81,12 @@ class VehicleView:
     """Newest contact per address."""
     texts: tuple[str, ...] = ()
     """STATUSTEXTs since the last snapshot, severity warning and worse."""
+    frames: int = 0
+    """Good frames of the vehicle since the link was opened."""
+    frames_lost: int = 0
+    """Missing by MAVLink's 8-bit seq."""
+    round_trip_s: float | None = None
+    """TIMESYNC there and back, the newest; at least a tick, since answers are read once a tick."""
 
 
 # --- goals: what the agent wants; reaching them (commands, order, retries) is the autopilot driver's work ---

@@ -6,11 +6,12 @@ socket error: the age of the vehicle's heartbeat tells that it is gone.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 from pymavlink.dialects.v20 import common
 
-from swarm_ctl.core.vehicle import Goal, LinkCounters, VehicleView
+from swarm_ctl.core.vehicle import Goal, LinkCounters, VehicleView, Yield
 from swarm_ctl.errors import LinkError
 from swarm_ctl.mavlink.autopilots import autopilot as autopilot_of
 from swarm_ctl.mavlink.framer import Frame, Framer
@@ -20,11 +21,13 @@ from swarm_ctl.mavlink.outgoing import (
     SOURCE_COMPONENT,
     SOURCE_SYSTEM,
     Message,
+    timesync,
 )
 from swarm_ctl.mavlink.wires import Wire, open_wire
 
 MAX_CHUNKS = 2048
 """Chunks read in one `receive`: a flood costs a bounded time per tick (a vehicle sends about 3 a tick)."""
+_TIMESYNC_S = 1.0
 _SETPOINT_ID = common.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
 
 
@@ -50,6 +53,7 @@ class VehicleLink:
         self._codec = common.MAVLink(None, srcSystem=SOURCE_SYSTEM, srcComponent=SOURCE_COMPONENT)
         self._secure()
         self._now = 0.0
+        self._timesync_due = -math.inf
         self._seq: int | None = None
         self._frames = self._setpoints = self._lost = 0
         self._foreign = self._rejected = self._errors = 0
@@ -95,12 +99,23 @@ class VehicleLink:
             global_=heard.global_,
             contacts=tuple(heard.contacts.values()),
             texts=heard.texts.take(now),
+            frames=self._frames - self._foreign,
+            frames_lost=self._lost,
+            round_trip_s=heard.round_trip_s,
         )
 
     def pursue(self, goal: Goal, now: float) -> None:
         """Send what `goal` needs now. A tick without this call sends nothing, so that silence is a deadman."""
         for message in self._autopilot.pursue(goal, self._heard, now):
             self._send(message, now)
+        if now >= self._timesync_due and self._may_ask(goal):
+            self._timesync_due = now + _TIMESYNC_S
+            self._send(timesync(now), now)
+
+    def _may_ask(self, goal: Goal) -> bool:
+        """Like the driver: nothing but heartbeats to a vehicle that is not heard, not ours, or flown by a pilot."""
+        known = math.isfinite(self._heard.heartbeat_s) and not self._autopilot.fault(self._heard)
+        return known and not isinstance(goal, Yield)
 
     @property
     def counters(self) -> LinkCounters:

@@ -23,6 +23,8 @@ MAX_POSITION_M = 1e5
 MAX_SPEED_MPS = 300.0
 MAX_ALTITUDE_M = 2e4
 MAX_CONTACTS = 256
+MAX_ROUND_TRIP_S = 10.0
+"""An older answer, or one from the future, answers somebody else's request."""
 CONTACT_KEPT_S = 10.0
 """A contact not repeated for this long is forgotten; what an older one means is the core's business before that."""
 IDENTITY_KEPT_S = 3.0
@@ -71,6 +73,8 @@ class Heard:
     answers: dict[int, int] = field(default_factory=dict)
     """Last COMMAND_ACK by command (those of `_REFUSABLE`): MAV_RESULT. A repeated refusal is told once."""
     texts: Texts = field(default_factory=Texts)
+    round_trip_s: float | None = None
+    """Of the newest TIMESYNC that came back."""
     boot_s: float = 0.0
     """The vehicle's own clock at its last LOCAL_POSITION_NED or GLOBAL_POSITION_INT."""
 
@@ -151,6 +155,14 @@ def _battery(heard: Heard, percent: int) -> bool:
     if 0 <= percent <= 100:
         heard.battery_percent = float(percent)
     return -1 <= percent <= 100
+
+
+def _timesync(heard: Heard, message: Any, now: float) -> bool:
+    """An answer (tc1 set) to our request: `ts1` is our own time [ns]. Requests of the vehicle are not answered."""
+    trip = now - message.ts1 * 1e-9
+    if message.tc1 != 0 and 0.0 <= trip <= MAX_ROUND_TRIP_S:
+        heard.round_trip_s = trip
+    return True
 
 
 def _attitude(heard: Heard, message: Any, now: float) -> bool:  # noqa: ARG001
@@ -250,6 +262,7 @@ FOLDS: dict[str, Callable[[Heard, Any, float], bool]] = {
     "BATTERY_STATUS": _battery_status,
     "ATTITUDE": _attitude,
     "EXTENDED_SYS_STATE": _extended_state,
+    "TIMESYNC": _timesync,
     "ADSB_VEHICLE": _traffic,
     "STATUSTEXT": _status_text,
     "COMMAND_ACK": _command_ack,

@@ -39,6 +39,11 @@ def heartbeat() -> Message:
     )
 
 
+def timesync(now: float) -> Message:
+    """TIMESYNC request: the vehicle answers with its own time in tc1 and ours back in ts1 [ns]."""
+    return common.MAVLink_timesync_message(0, int(now * 1e9))
+
+
 def command(system: int, number: int, *parameters: float) -> Message:
     """COMMAND_LONG to the autopilot of `system`; parameters left out are 0."""
     seven = (*parameters, *(0.0,) * (7 - len(parameters)))

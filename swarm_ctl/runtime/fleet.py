@@ -27,6 +27,8 @@ from swarm_ctl.runtime.agent_process import AgentConfig
 from swarm_ctl.runtime.clock import Clock
 from swarm_ctl.runtime.ports import free_ports
 from swarm_ctl.runtime.processes import AgentChild, Child, CommandChild, simulator, station, wait_all
+from swarm_ctl.runtime.screens import Show
+from swarm_ctl.runtime.terminal import Terminal
 
 _START_WALL_S = 20.0
 """From the first process to the last `ready`; a loaded two-core machine needs 1 to 2 s."""
@@ -40,7 +42,7 @@ _SIMULATOR_S = 100.0
 """The simulator itself waits 90 s for vehicles that still fly."""
 _STATION_WALL_S = 10.0
 
-PACKAGES = ("swarm-ctl", "eclipse-zenoh", "numpy", "pydantic", "pymavlink", "rich")
+PACKAGES = ("swarm-ctl", "eclipse-zenoh", "numpy", "pydantic", "pymavlink", "rich", "textual")
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,11 +50,12 @@ class Options:
     """How to run a mission."""
 
     speedup: float = 1.0
-    headless: bool = False
+    show: Show = Show.DASHBOARD
     runs: Path = Path("runs")
     seed: int = 1
     record_hz: dict[str, float] = field(default_factory=dict)
     tlog: bool = True
+    metrics_port: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,6 +118,7 @@ class Run:
         self._simulator: CommandChild | None = None
         self._agents: list[AgentChild] = []
         self._station: CommandChild | None = None
+        self._terminal = Terminal()
 
     @property
     def _children(self) -> list[Child]:
@@ -134,11 +138,12 @@ class Run:
             (folder / "agents").mkdir()
             for index, agent in enumerate(fleet):
                 self._agents.append(AgentChild(self._agent_config(index, agent)))
-            self._station = station(folder, folder / "station.log", headless=self._options.headless)
+            self._station = station(folder, folder / "station.log", self._options.show, self._options.metrics_port)
             self._wait_ready()
         except BaseException:
             for child in self._children:  # nothing has armed yet
                 child.kill()
+            self._terminal.restore()
             raise
         (folder / "processes.json").write_text(json.dumps({child.name: child.pid for child in self._children}))
 
@@ -162,15 +167,22 @@ class Run:
                 return
             if self._ctrl_c.count and asked_s is None:
                 asked_s = wall.wall_s()
-                say("landing the swarm; Ctrl-C again stops everything at once")
+                self._tell("landing the swarm; Ctrl-C again stops everything at once", say)
                 self._ask_to_land()
             if asked_s is not None and not self._can_command() and wall.wall_s() > asked_s + _LAND_WALL_S:
                 self._let_agents_go()
             for agent in self._agents:
                 if agent.exit_code() is None and agent.silent_wall_s() > _HUNG_WALL_S:
-                    say(f"{agent.name} has hung for {_HUNG_WALL_S:g} s and is killed")
+                    self._tell(f"{agent.name} has hung for {_HUNG_WALL_S:g} s and is killed", say)
                     agent.kill()
+            if not self._can_command():
+                self._terminal.restore()  # a station that died can't: without it Ctrl-C would be a mere key
             wall.pause(_POLL_WALL_S)
+
+    def _tell(self, text: str, say: Callable[[str], None]) -> None:
+        """Say it where somebody looks: on the dashboard while that has the terminal."""
+        if self._options.show is not Show.DASHBOARD or self._station is None or not self._station.say(note=text):
+            say(text)
 
     def _can_command(self) -> bool:
         return self._station is not None and self._station.exit_code() is None
@@ -188,6 +200,7 @@ class Run:
         if self._ctrl_c.count > 1:
             for child in self._children:
                 child.kill()
+            self._terminal.restore()
             return
         scale = 1.0 / self._clock.speedup
         self._let_agents_go()
@@ -200,6 +213,7 @@ class Run:
             wait_all([self._station], _STATION_WALL_S)
         for child in self._children:
             child.kill()
+        self._terminal.restore()
 
     def exit_codes(self) -> dict[str, int]:
         """Of all processes, by name; negative: the signal."""
@@ -296,7 +310,7 @@ def _manifest(mission: LoadedMission, options: Options, clock: Clock) -> Manifes
         started_at=wall.date_and_time(),
         speedup=options.speedup,
         epoch_s=clock.epoch_s,
-        headless=options.headless,
+        headless=options.show in (Show.LOG, Show.JSON),
         plan=mission.plan,
         plan_hash=fingerprint(mission.plan),
         fleet=fleet,

@@ -202,10 +202,11 @@ def simulator(config: Path, log: Path) -> CommandChild:
     return CommandChild("simulator", [sys.executable, "-m", "sim", "--config", str(config)], log)
 
 
-def station(folder: Path, log: Path, *, headless: bool) -> CommandChild:
+def station(folder: Path, log: Path, show: str, metrics_port: int | None = None) -> CommandChild:
     """The ground station of a run; it has the terminal."""
     command = [sys.executable, "-m", "swarm_ctl.runtime.station_process", "--run", str(folder)]
-    return CommandChild("station", command + ["--headless"] * headless, log, own_terminal=True)
+    metrics = [] if metrics_port is None else ["--metrics", str(metrics_port)]
+    return CommandChild("station", [*command, "--show", show, *metrics], log, own_terminal=True)
 
 
 def wait_all(children: list[Child], wall_seconds: float) -> list[Child]:

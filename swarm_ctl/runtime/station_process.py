@@ -14,17 +14,15 @@ import math
 import os
 import signal
 import sys
-import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 from pydantic import TypeAdapter
-from rich.console import Console
-from rich.live import Live
 
 from swarm_ctl.core.state import Ack, AgentStatus, Command, Event, StationBeacon
-from swarm_ctl.errors import SwarmError
+from swarm_ctl.errors import InputError, SwarmError
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
@@ -34,11 +32,12 @@ from swarm_ctl.report.summarise import summarise
 from swarm_ctl.report.summary import write_summary
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.clock import Clock
+from swarm_ctl.runtime.composing import compose
 from swarm_ctl.runtime.control import ControlPipe
-from swarm_ctl.station.live import render
-from swarm_ctl.station.log_lines import log_lines
+from swarm_ctl.runtime.screens import Blind, Screen, Show, metrics_on, present
 from swarm_ctl.station.model import Model
-from swarm_ctl.station.view import AgentView, SwarmView
+from swarm_ctl.station.orders import Order
+from swarm_ctl.station.view import AgentView, StationHealth, SwarmView
 
 _ONLY_SHOWN: Final[tuple[keys.Channel[Any], ...]] = (keys.STATE, keys.SIGMA, keys.BEACON)
 _BEACON_S = 0.5
@@ -101,12 +100,10 @@ class Commander:
         self._open: dict[str, tuple[Command, set[int], float]] = {}
         self._due = 0.0
 
-    def give(self, kind: str, now: float) -> Command:
-        """Send a command to all agents."""
-        command = Command(uuid.uuid4().hex, kind, (), now)
-        self._open[command.id] = (command, set(self._agents), now)
+    def give(self, command: Command, now: float) -> None:
+        """Send a command to the agents it is meant for."""
+        self._open[command.id] = (command, set(command.agents or self._agents), now)
         self._due = now
-        return command
 
     def answered(self, command: str, agent: int) -> None:
         """An acknowledgement came."""
@@ -125,70 +122,29 @@ class Commander:
                 self._node.send(keys.COMMAND, command)
 
 
-class Screen(Protocol):
-    """Where a view is shown."""
-
-    def show(self, view: SwarmView) -> None:
-        """Show it; called a few times a second."""
-
-
-class LogScreen:
-    """Plain lines on stdout, for pipes and CI: what changed since the last view."""
-
-    def __init__(self) -> None:
-        self._last: SwarmView | None = None
-
-    def show(self, view: SwarmView) -> None:
-        """Print what is new."""
-        for line in log_lines(self._last, view):
-            sys.stdout.write(line + "\n")
-        sys.stdout.flush()
-        self._last = view
-
-
-class LiveScreen:
-    """The compact live view."""
-
-    def __init__(self, live: Live, console: Console) -> None:
-        self._live = live
-        self._console = console
-
-    def show(self, view: SwarmView) -> None:
-        """Redraw."""
-        self._live.update(render(view, self._console.width, self._console.height), refresh=True)
-
-
-@contextlib.contextmanager
-def screen(headless: bool) -> Iterator[Screen]:
-    """The live view where there is a terminal for it, log lines elsewhere."""
-    console = Console()
-    if headless or not console.is_terminal:
-        yield LogScreen()
-        return
-    with Live(console=console, auto_refresh=False, vertical_overflow="crop", redirect_stderr=False) as live:
-        yield LiveScreen(live, console)
-
-
 class Station:
     """One ground station on one mesh."""
 
     def __init__(self, manifest: Manifest, node: Node, clock: Clock, recorder: Recorder | None) -> None:
         plan = manifest.plan
-        self.model = Model(plan, speedup=manifest.speedup, since_s=clock.now())
         self._clock = clock
         self._node = node
         self._recorder = recorder
         self._hash = plan.hash()
         self._name = f"station-{os.getpid()}"
+        self.model = Model(plan, speedup=manifest.speedup, since_s=clock.now(), station=self._name)
         self._commander = Commander(node, [agent.id for agent in plan.agents])
         self._beacon_due = 0.0
+        self._mission = Path(manifest.mission)
         self._noted: set[str] = set()
         node.listen(keys.STATE, keys.STATUS, keys.SIGMA, keys.EVENT, keys.ACK, keys.BEACON, keys.COMMAND)
 
-    def command(self, kind: str) -> None:
-        """Pass an operator's command to all agents."""
-        command = self._commander.give(kind, self._clock.now())
-        self._note(command, self._clock.now())
+    def command(self, order: Order) -> None:
+        """Pass an operator's order on; InputError where it can't be made a command."""
+        now = self._clock.now()
+        command = compose(order, self.model.view(now), self._mission)
+        self._commander.give(command, now)
+        self._note(command, now)
 
     def _note(self, command: Command, received_s: float) -> None:
         """Show and record a command once: ours, and those of other stations (`swarm-ctl send`)."""
@@ -227,7 +183,8 @@ class Station:
 
     def view(self) -> SwarmView:
         """The picture now."""
-        return self.model.view(self._clock.now())
+        view = self.model.view(self._clock.now())
+        return replace(view, health=StationHealth(self._node.bad_payloads))
 
     def _fold(self, payload: Any, received_s: float) -> None:
         self.model.fold(payload, received_s)
@@ -235,7 +192,9 @@ class Station:
             self._recorder.mcap.take(payload, received_s)
 
 
-def run_station(folder: Path, control: ControlPipe | None, say: Callable[[str], None], *, headless: bool) -> int:
+def run_station(
+    folder: Path, control: ControlPipe | None, say: Callable[[str], None], show: Show, metrics_port: int | None = None
+) -> int:
     """Watch the run in `folder` until told to finish; 0 when all went as it should."""
     manifest = read_manifest(folder)
     clock = Clock(manifest.epoch_s, manifest.speedup)
@@ -245,9 +204,11 @@ def run_station(folder: Path, control: ControlPipe | None, say: Callable[[str], 
     recorder = Recorder(folder, manifest) if control else None
     try:
         station = Station(manifest, node, clock, recorder)
-        say("ready")
-        with screen(headless) as shown:
-            _watch(station, control, shown, clock, folder)
+        interrupt = _interrupt_of(control) if control else None
+        with metrics_on(metrics_port) as measured:
+            say("ready")
+            orphan = Orphan(clock, folder)
+            present(show, manifest.plan, interrupt, lambda screen: _watch(station, control, measured(screen), orphan))
     finally:
         node.close()
         if recorder:
@@ -257,35 +218,56 @@ def run_station(folder: Path, control: ControlPipe | None, say: Callable[[str], 
     return 0
 
 
-def _watch(station: Station, control: ControlPipe | None, shown: Screen, clock: Clock, folder: Path) -> None:
-    orphan = Orphan(clock, folder)
+def _interrupt_of(control: ControlPipe) -> Callable[[], None]:
+    """Ctrl-C in a terminal that gives it to us as a key: `run` gets the signal that it would have got."""
+
+    def interrupt() -> None:
+        if not control.closed:
+            os.kill(os.getppid(), signal.SIGINT)
+
+    return interrupt
+
+
+def _watch(station: Station, control: ControlPipe | None, screen: Screen, orphan: Orphan) -> None:
     show_due = 0.0
-    while True:
+    while control is not None or not screen.left:
         for message in control.poll() if control else ():
             if message.get("finish"):
                 station.turn()
-                shown.show(station.view())
+                screen.show(station.view())
                 return
-            if isinstance(message.get("command"), str):
-                station.command(message["command"])
+            _obey(message, station, screen)
+        if control is not None and control.closed:
+            screen.close()
+        for order in screen.orders():
+            _order(order, station, screen)
         station.turn()
         if wall.wall_s() >= show_due:
             show_due = wall.wall_s() + _SHOW_WALL_S
             view = station.view()
             try:
-                shown.show(view)
+                screen.show(view)
             except OSError:  # the terminal is gone; the flight and the record go on
-                shown = Blind()
+                screen = Blind()
             if control is not None and control.closed and orphan.may_go(view):
                 return
         wall.pause(_LOOP_WALL_S)
 
 
-class Blind:
-    """No screen any more."""
+def _obey(message: dict[str, Any], station: Station, screen: Screen) -> None:
+    """What `run` says."""
+    if isinstance(message.get("command"), str):
+        _order(Order(message["command"]), station, screen)
+    if isinstance(message.get("note"), str):
+        screen.note(message["note"])
 
-    def show(self, view: SwarmView) -> None:
-        """Nobody looks."""
+
+def _order(order: Order, station: Station, screen: Screen) -> None:
+    """Pass it on, or say why not."""
+    try:
+        station.command(order)
+    except InputError as error:
+        screen.note(str(error))
 
 
 class Orphan:
@@ -323,7 +305,8 @@ def main() -> int:
     """Entry of `python -m swarm_ctl.runtime.station_process`."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--run", type=Path, required=True)
-    parser.add_argument("--headless", action="store_true")
+    parser.add_argument("--show", type=Show, default=Show.DASHBOARD)
+    parser.add_argument("--metrics", type=int)
     parser.add_argument("--words-fd", type=int, required=True)
     arguments = parser.parse_args()
     for number in (signal.SIGINT, signal.SIGHUP):
@@ -334,7 +317,7 @@ def main() -> int:
             os.write(arguments.words_fd, (json.dumps({"say": text}) + "\n").encode())
 
     try:
-        return run_station(arguments.run, ControlPipe(sys.stdin.fileno()), say, headless=arguments.headless)
+        return run_station(arguments.run, ControlPipe(sys.stdin.fileno()), say, arguments.show, arguments.metrics)
     except SwarmError as error:
         sys.stderr.write(f"{error}\n")
         return error.exit_code

@@ -100,13 +100,15 @@ def fit(value: float | None, width: int, decimals: int, glyphs: Glyphs = UNICODE
     return "9" * (width - 1) + "+" if value > 0 else "-" * width
 
 
-def _id(row: Row, width: int) -> Cell:
+def id_cell(row: Row, width: int) -> Cell:
+    """Its id, with the sign of its worst alarm."""
     alarm = row.level >= Level.WARNING
     mark = row.glyphs.of(row.level) if alarm else " "
     return f"{mark}{row.agent.id:>{width - 1}}", LEVEL_STYLE[row.level] if alarm else "bold"
 
 
-def _phase(row: Row, _: int) -> Cell:
+def phase_cell(row: Row, _: int) -> Cell:
+    """Its phase in its colour."""
     agent = row.agent
     if agent.lost:
         return "SILENT", "bold red"
@@ -115,7 +117,8 @@ def _phase(row: Row, _: int) -> Cell:
     return agent.phase.name.lower(), _PHASE_STYLE.get(agent.phase, "")
 
 
-def _step(row: Row, width: int) -> str:
+def step_cell(row: Row, width: int) -> str:
+    """Its step by name, ticked off when done."""
     told = row.agent.newest
     if told is None:
         return row.glyphs.dash
@@ -126,57 +129,67 @@ def _step(row: Row, width: int) -> str:
     return name + done if len(name + done) <= width else name[: width - len(done.strip())] + done.strip()
 
 
-def _mode(row: Row, _: int) -> str:
+def mode_cell(row: Row, _: int) -> str:
+    """The autopilot's own word for its mode."""
     return printable(row.agent.status.mode) if row.agent.status and row.agent.status.mode else row.glyphs.dash
 
 
-def _armed_sign(row: Row, _: int) -> str:
+def armed_sign_cell(row: Row, _: int) -> str:
+    """Armed or not, in one character."""
     if row.agent.status is None:
         return " "
     return row.glyphs.armed if row.agent.status.armed else row.glyphs.disarmed
 
 
-def _armed_word(row: Row, _: int) -> str:
+def armed_word_cell(row: Row, _: int) -> str:
+    """Armed or not."""
     if row.agent.status is None:
         return row.glyphs.dash
     return "yes" if row.agent.status.armed else "no"
 
 
-def _number(of: Callable[[Row], float | None], decimals: int) -> Callable[[Row, int], str]:
+def numbers(of: Callable[[Row], float | None], decimals: int) -> Callable[[Row, int], str]:
+    """Cells of one figure."""
     return lambda row, width: fit(of(row), width, decimals, row.glyphs)
 
 
-def _ned(axis: int, sign: int = 1) -> Callable[[Row], float | None]:
+def coordinate(axis: int, sign: int = 1) -> Callable[[Row], float | None]:
+    """One coordinate [m] of the common frame."""
     # adding zero: -0.0 is a height nobody reads
     return lambda row: sign * row.agent.state.position_ned_m[axis] + 0.0 if row.agent.state else None
 
 
-def _nearest(row: Row, width: int) -> str:
+def nearest_cell(row: Row, width: int) -> str:
+    """Nearest agent and distance [m]."""
     agent = row.agent
     if agent.nearest_agent is None:
         return row.glyphs.dash
     return f"{agent.nearest_agent} {fit(agent.nearest_m, width - len(str(agent.nearest_agent)) - 1, 2)}"
 
 
-def _age(row: Row, width: int) -> Cell:
+def age_cell(row: Row, width: int) -> Cell:
+    """Age of its newest state [s]."""
     agent = row.agent
     if agent.phase is Phase.ENDED:
         return row.glyphs.dash
     return fit(agent.link.age_s, width, 2, row.glyphs), "bold red" if agent.lost else ""
 
 
-def _loss(row: Row, _: int) -> str:
+def loss_cell(row: Row, _: int) -> str:
+    """Share of its states lost on the way here."""
     return f"{100 * row.agent.link.recent_loss:.0f}%" if row.agent.link.received else row.glyphs.dash
 
 
-def _speed(row: Row) -> float | None:
+def speed_mps(row: Row) -> float | None:
+    """Horizontal speed."""
     if row.agent.state is None:
         return None
     north, east, _ = row.agent.state.velocity_ned_mps
     return float((north * north + east * east) ** 0.5)
 
 
-def _late(row: Row) -> float | None:
+def late_ms(row: Row) -> float | None:
+    """Lateness of its ticks, p99."""
     return row.agent.status.tick.late_p99_ms if row.agent.status and row.agent.status.tick.count else None
 
 
@@ -184,23 +197,23 @@ _WIDE: Final = 110
 """From here on words instead of signs, and what an operator can do without."""
 
 COLUMNS: Final[tuple[Column, ...]] = (
-    Column("id", 3, _id),
-    Column("phase", 7, _phase, justify="left"),
-    Column("step", 8, _step, justify="left", below_width=_WIDE),
-    Column("step", 16, _step, _WIDE, "left"),
-    Column("mode", 9, _mode, justify="left"),
-    Column("A", 1, _armed_sign, below_width=_WIDE),
-    Column("armed", 5, _armed_word, _WIDE, "left"),
-    Column("north", 5, _number(_ned(0), 1)),
-    Column("east", 5, _number(_ned(1), 1)),
-    Column("up", 4, _number(_ned(2, -1), 1)),
-    Column("m/s", 4, _number(_speed, 1), _WIDE),
-    Column("err", 4, _number(lambda row: row.agent.error_m, 2)),
-    Column("near", 6, _nearest),
-    Column("age", 4, _age),
-    Column("p99", 4, _number(lambda row: row.agent.link.age_p99_s, 2)),
-    Column("loss", 4, _loss, _WIDE),
-    Column("Hz", 3, _number(lambda row: row.agent.link.tick_rate_hz, 1)),
-    Column("late", 4, _number(_late, 1)),
-    Column("batt", 4, _number(lambda row: row.agent.status.battery_percent if row.agent.status else None, 0), _WIDE),
+    Column("id", 3, id_cell),
+    Column("phase", 7, phase_cell, justify="left"),
+    Column("step", 8, step_cell, justify="left", below_width=_WIDE),
+    Column("step", 16, step_cell, _WIDE, "left"),
+    Column("mode", 9, mode_cell, justify="left"),
+    Column("A", 1, armed_sign_cell, below_width=_WIDE),
+    Column("armed", 5, armed_word_cell, _WIDE, "left"),
+    Column("north", 5, numbers(coordinate(0), 1)),
+    Column("east", 5, numbers(coordinate(1), 1)),
+    Column("up", 4, numbers(coordinate(2, -1), 1)),
+    Column("m/s", 4, numbers(speed_mps, 1), _WIDE),
+    Column("err", 4, numbers(lambda row: row.agent.error_m, 2)),
+    Column("near", 6, nearest_cell),
+    Column("age", 4, age_cell),
+    Column("p99", 4, numbers(lambda row: row.agent.link.age_p99_s, 2)),
+    Column("loss", 4, loss_cell, _WIDE),
+    Column("Hz", 3, numbers(lambda row: row.agent.link.tick_rate_hz, 1)),
+    Column("late", 4, numbers(late_ms, 1)),
+    Column("batt", 4, numbers(lambda row: row.agent.status.battery_percent if row.agent.status else None, 0), _WIDE),
 )

@@ -26,6 +26,7 @@ from swarm_ctl.core.state import (
     SigmaReport,
     StationBeacon,
 )
+from swarm_ctl.station.history import History
 from swarm_ctl.station.reception import Receiver
 from swarm_ctl.station.view import AgentView, CommandView, EdgeView, LinkView, PairView, SwarmView, newest
 
@@ -68,8 +69,9 @@ class _Answered:
 class Model:
     """The station's memory. `fold` takes every payload that arrives, `view` gives the picture at a moment."""
 
-    def __init__(self, plan: Plan, *, speedup: float = 1.0, since_s: float = 0.0) -> None:
+    def __init__(self, plan: Plan, *, speedup: float = 1.0, since_s: float = 0.0, station: str = "") -> None:
         self._plan = plan
+        self._station = station
         self._plan_hash = plan.hash()
         self._speedup = speedup
         self._since_s = since_s
@@ -80,6 +82,7 @@ class Model:
         self._event_count = 0
         self._commands: dict[str, _Answered] = {}
         self._stations: dict[str, float] = {}
+        self._history = History()
 
     def fold(self, payload: Payload, received_s: float) -> None:
         """Take one message in, as it arrived at `received_s`. Late and repeated ones change nothing but counters."""
@@ -88,14 +91,18 @@ class Model:
                 heard = self._of(payload.agent, received_s)
                 if heard.receiver.hear(payload.seq, payload.time_s, received_s):
                     heard.state = payload
+                    self._history.state(payload)
             case AgentStatus():
                 heard = self._of(payload.agent, received_s)
                 if heard.status is None or payload.time_s >= heard.status.time_s:
                     heard.status = payload
+                    self._history.status(payload)
+                    self._time_echo(payload, received_s)
             case SigmaReport():
                 heard = self._of(payload.agent, received_s)
                 if heard.sigma is None or payload.time_s >= heard.sigma.time_s:
                     heard.sigma, heard.sigma_received_s = payload, received_s
+                    self._history.sigma(payload)
             case Event():
                 if payload not in self._events:
                     self._events.append(payload)
@@ -111,6 +118,14 @@ class Model:
             case StationBeacon():
                 self._stations[payload.station] = received_s
 
+    def _time_echo(self, status: AgentStatus, received_s: float) -> None:
+        """A beacon of ours that came back tells the round trip, both loops' waiting included."""
+        echo = status.echo
+        if echo is not None and echo.station == self._station:
+            trip = received_s - echo.beacon_s - echo.held_s
+            if trip >= 0.0:
+                self._history.round_trip(status.agent, trip)
+
     def view(self, now_s: float) -> SwarmView:
         """The swarm at `now_s`."""
         after_s = self._plan.policies.agent_lost_after_s
@@ -119,9 +134,9 @@ class Model:
             (told.step for heard in self._heard.values() for told in (heard.state, heard.status) if told), default=0
         )
         between = self._distances()
-        away = self._errors(step, lost)
+        away, targets = self._errors(step, lost)
         agents = tuple(
-            self._agent(agent_id, now_s, agent_id in lost, away.get(agent_id), between)
+            self._agent(agent_id, now_s, agent_id in lost, away.get(agent_id), targets.get(agent_id), between)
             for agent_id in sorted(self._heard)
         )
         return SwarmView(
@@ -145,6 +160,7 @@ class Model:
             event_count=self._event_count,
             commands=tuple(CommandView(c.command, c.received_s, dict(c.acks)) for c in self._commands.values()),
             stations=dict(self._stations),
+            histories=self._history.view(),
         )
 
     def _of(self, agent_id: int, received_s: float) -> _Heard:
@@ -161,23 +177,30 @@ class Model:
         ids = list(found)
         return {(i, j): float(between[a, b]) for a, i in enumerate(ids) for b, j in enumerate(ids) if a != b}
 
-    def _errors(self, step: int, lost: set[int]) -> dict[int, float]:
-        """|e_i - mean e| [m] of each live agent in the shape of the newest `form` step; empty before the first one."""
+    def _errors(self, step: int, lost: set[int]) -> tuple[dict[int, float], dict[int, Point]]:
+        """|e_i - mean e| [m] of each live agent in the shape of the newest `form` step, and where everybody's slot
+        lies with the live agents' mean error taken out; both empty before the first one.
+        """
         shape = self._shape(step)
         if shape is None:
-            return {}
-        points, slots = {}, []
+            return {}, {}
+        slots, points = {}, {}
         for agent, slot in zip(self._plan.agents, shape.values(), strict=True):
             state = self._heard[agent.id].state
-            if state is not None and state.airborne and agent.id not in lost:
-                frame = state.frame or Frame((0.0, 0.0))
-                place = turned(slot, frame.angle_rad, frame.scale)
+            if state is None:
+                continue
+            frame = state.frame or Frame((0.0, 0.0))
+            place = turned(slot, frame.angle_rad, frame.scale)
+            slots[agent.id] = (place[0] * self._plan.unit_m, place[1] * self._plan.unit_m)
+            if state.airborne and agent.id not in lost:
                 points[agent.id] = state.position_ned_m[:2]
-                slots.append((place[0] * self._plan.unit_m, place[1] * self._plan.unit_m))
         if not points:
-            return {}
-        sizes = np.linalg.norm(centred(errors(list(points.values()), slots)), axis=-1)
-        return dict(zip(points, sizes.tolist(), strict=True))
+            return {}, {}
+        away = errors(list(points.values()), [slots[i] for i in points])
+        sizes = np.linalg.norm(centred(away), axis=-1)
+        north, east = np.mean(away, axis=0).tolist()
+        targets = {i: (slot[0] + north, slot[1] + east) for i, slot in slots.items()}
+        return dict(zip(points, sizes.tolist(), strict=True)), targets
 
     def _shape(self, step: int) -> dict[int, Point] | None:
         """The newest slots, centred: an operator's since the mission's step began, or the mission's; None: none yet."""
@@ -198,6 +221,7 @@ class Model:
         now_s: float,
         lost: bool,
         error_m: float | None,
+        target_m: Point | None,
         between: dict[tuple[int, int], float],
     ) -> AgentView:
         near = min(((d, j) for j in self._heard if (d := between.get((agent_id, j))) is not None), default=None)
@@ -213,6 +237,9 @@ class Model:
             error_m=error_m,
             nearest_agent=near[1] if near else None,
             nearest_m=near[0] if near else None,
+            target_m=target_m,
+            round_trip_s=self._history.least_round_trip_s(agent_id),
+            sigma=heard.sigma if heard.sigma and now_s - heard.sigma_received_s <= _SIGMA_S else None,
         )
 
     def _pairs(self, now_s: float) -> tuple[PairView, ...]:

@@ -7,11 +7,22 @@ unless a name says units; positions are in the common frame.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from swarm_ctl.core.plan import Plan
+from swarm_ctl.core.plan import Plan, Point
 from swarm_ctl.core.progress import step_name
-from swarm_ctl.core.state import Ack, AgentState, AgentStatus, Command, Event, LinkReport, PairReport, Phase
+from swarm_ctl.core.state import (
+    Ack,
+    AgentState,
+    AgentStatus,
+    Command,
+    Event,
+    LinkReport,
+    PairReport,
+    Phase,
+    SigmaReport,
+)
+from swarm_ctl.station.history import Histories
 
 
 def newest(state: AgentState | None, status: AgentStatus | None) -> AgentState | AgentStatus | None:
@@ -63,6 +74,12 @@ class AgentView:
     nearest_agent: int | None
     nearest_m: float | None
     """Horizontal, to the nearest agent ever heard, at their last known positions."""
+    target_m: Point | None = None
+    """Its slot (north, east) of the newest `form` step, laid under the live agents as they are."""
+    sigma: SigmaReport | None = None
+    """Its newest one, while a pair is in the avoidance region."""
+    round_trip_s: float | None = None
+    """A beacon of this station to the agent and back, without the time it lay there; None: not measured."""
 
     @property
     def newest(self) -> AgentState | AgentStatus | None:
@@ -125,6 +142,15 @@ class CommandView:
 
 
 @dataclass(frozen=True, slots=True)
+class StationHealth:
+    """What this station itself has missed, over the whole run."""
+
+    bad_payloads: int = 0
+    frames_dropped: int = 0
+    """Views that a slow terminal never showed."""
+
+
+@dataclass(frozen=True, slots=True)
 class SwarmView:
     """Everything a screen may show."""
 
@@ -152,6 +178,8 @@ class SwarmView:
     """The last ones, oldest first."""
     stations: Mapping[str, float]
     """When each station's beacon was last heard."""
+    histories: Histories = field(default_factory=Histories)
+    health: StationHealth = field(default_factory=StationHealth)
 
     def agent(self, agent_id: int) -> AgentView:
         """KeyError where nobody has that id."""

@@ -24,12 +24,14 @@ from swarm_ctl.core.plan import (
 from swarm_ctl.core.state import (
     AgentState,
     AgentStatus,
+    Echo,
     LinkReport,
     PairReport,
     Phase,
     SigmaReport,
     StepResult,
     TickReport,
+    VehicleLinkReport,
 )
 from swarm_ctl.station.model import Model
 
@@ -122,6 +124,8 @@ def status_of(plan: Plan, agent: int, time_s: float, **changes: object) -> Agent
             StepResult("form hexagon", "running", 22.0, None),
         ),
         tick=TickReport(500, 0, 0.2, 1.3, 4.0, 0.6, 1.1),
+        vehicle_link=VehicleLinkReport(990, 10, 0.05),
+        echo=Echo("station-1", time_s - 0.3, 0.2),
     )
     return replace(made, **changes)  # type: ignore[arg-type]
 
@@ -134,15 +138,15 @@ def report_of(peer: int, distance: float, status: str = "paper", **changes: obje
 
 def flying_model(plan: Plan, now_s: float = 30.0) -> Model:
     """Ten seconds of everybody's states at 20 Hz until `now_s`, a status each, one pair in the avoidance region."""
-    model = Model(plan, speedup=5.0)
+    model = Model(plan, speedup=5.0, station="station-1")
     for k in range(200):
         sent = now_s - 0.03 - 0.05 * (199 - k)
         for agent in plan.agents:
             model.fold(state_of(plan, agent.id, sent, seq=1000 + k), sent + 0.01)
     for agent in plan.agents:
         model.fold(status_of(plan, agent.id, now_s - 0.2), now_s - 0.19)
-    model.fold(SigmaReport(2, now_s - 0.1, (0.0, 0.0), (0.0, 0.0), (report_of(6, 1.31),)), now_s - 0.1)
+    model.fold(SigmaReport(2, now_s - 0.1, (0.01, 0.02), (0.0, -0.05), (report_of(6, 1.31),)), now_s - 0.1)
     model.fold(
-        SigmaReport(6, now_s - 0.1, (0.0, 0.0), (0.0, 0.0), (report_of(2, 1.33, "narrow", sigma=0.52),)), now_s - 0.1
+        SigmaReport(6, now_s - 0.1, (0.1, 0.1), (-0.3, 0.1), (report_of(2, 1.33, "narrow", sigma=0.52),)), now_s - 0.1
     )
     return model

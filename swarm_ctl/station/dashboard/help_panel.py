@@ -1,0 +1,49 @@
+"""The help screen: keys, commands, what the colours and signs mean."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from swarm_ctl.station.dashboard.ink import Line, wrapped
+from swarm_ctl.station.dashboard.links_panel import LEGEND
+from swarm_ctl.station.orders import KINDS
+
+_KEYS: Final = (
+    ("1 2 3 4 ?", "screens: swarm, links, sigma, log, help; also tab, or a click"),
+    ("↑ ↓ space a", "move the cursor, mark its agent, mark all or none: orders go to the marked ones"),
+    ("s S", "sort by the next column, turn the order round; or click a title"),
+    ("v", "links: what the matrix shows"),
+    ("/ w", "log: filter by words, by level"),
+    ("x", "alarms seen: they stay, and no longer count as new"),
+    (":", "command line; tab completes, ↑ brings the last one back, esc leaves it"),
+    ("t", "light or dark"),
+    ("q", "leave (a station that only watches)"),
+    ("Ctrl-C", "land the swarm; again: stop everything at once. A watching station only leaves"),
+)
+_SIGNS: Final = (
+    ("map", "number: agent, ○ slot to fill, dots: where it came from, circle: half of r_out (two that touch avoid)"),
+    ("lines", "neighbours; green well, yellow bad or nearly too long, red lost"),
+    ("table", "up: height, err: distance from its place in the shape, near: nearest agent, late: ticks' p99 in ms"),
+    ("links", LEGEND),
+    ("sigma", "D must lie between its bounds; over 100 % of the budget Property 1 does not hold for that agent"),
+)
+
+
+def help_lines(width: int) -> list[Line]:
+    """The whole screen."""
+    orders = [
+        (f"{kind.key or ' '}  {kind.name} {kind.usage}".rstrip(), kind.does + (" (asks once)" if kind.asks else ""))
+        for kind in KINDS
+    ]
+    lines = [*_rows("keys", _KEYS, 14, width), *_rows("orders, by key or after ':'", orders, 28, width)]
+    lines.append(Line("   for some agents only: mark them, or 'land @1,3-5'", "dim"))
+    return [*lines, *_rows("signs", _SIGNS, 14, width)]
+
+
+def _rows(title: str, rows: tuple[tuple[str, str], ...] | list[tuple[str, str]], at: int, width: int) -> list[Line]:
+    lines = [Line(f" {title}", "bold underline")]
+    for what, words in rows:
+        first, *others = wrapped(words.split(), max(20, width - at - 4), 0)
+        lines.append(Line(f"   {what}", "bold").to(at + 3).add(first))
+        lines += [Line().to(at + 3).add(other) for other in others]
+    return lines

@@ -1,0 +1,52 @@
+"""All a panel is drawn from: the swarm's view, what the journal made of it, and what the operator has chosen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from swarm_ctl.station.alerts import Alarm, Level
+from swarm_ctl.station.journal import Entry
+from swarm_ctl.station.view import SwarmView
+
+
+@dataclass(frozen=True, slots=True)
+class Chosen:
+    """The operator's own settings of the screens."""
+
+    cursor: int = 0
+    """The agent under the cursor; 0: none yet."""
+    marked: frozenset[int] = frozenset()
+    sort: str = "id"
+    """Title of the table's column."""
+    backwards: bool = False
+    metric: str = "age"
+    """What the link matrix shows, a key of `links_panel.METRICS`."""
+    log_words: str = ""
+    """Only entries with these words."""
+    log_level: Level = Level.WELL
+    """Only entries at least this bad."""
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """One moment on screen."""
+
+    view: SwarmView
+    alarms: tuple[Alarm, ...] = ()
+    """Those that stand, the worst first."""
+    acknowledged: frozenset[tuple[str, tuple[int, ...]]] = frozenset()
+    """Keys of those somebody has seen."""
+    entries: tuple[Entry, ...] = ()
+    chosen: Chosen = field(default_factory=Chosen)
+
+    def level(self, agent: int) -> Level:
+        """An agent's worst alarm."""
+        return max((alarm.level for alarm in self.alarms if agent in alarm.agents), default=Level.WELL)
+
+    def levels(self) -> dict[int, Level]:
+        """Of all agents that have one."""
+        found: dict[int, Level] = {}
+        for alarm in self.alarms:
+            for agent in alarm.agents:
+                found[agent] = max(found.get(agent, Level.WELL), alarm.level)
+        return found

@@ -1,0 +1,113 @@
+"""The dashboard driven by keystrokes in a real terminal, and stations that come late."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from pathlib import Path
+
+from tests.system.running import HEXAGON, SWARM_CTL, Running
+from tests.system.terminal import Terminal, needs_tmux
+
+RUN = ("run", HEXAGON, "--speedup", "4")
+
+
+@needs_tmux
+def test_screens_orders_and_the_end(tmp_path: Path) -> None:
+    """From the first picture over all screens to a landing by one key; the terminal is left as it was."""
+    with Terminal(*RUN, cwd=tmp_path) as terminal:
+        terminal.wait_for("6/6 agents")
+        terminal.wait_for("takeoff")
+        terminal.press("2")
+        terminal.wait_for("rx\\tx")
+        terminal.press("3")
+        terminal.wait_for("tally of the flight")
+        terminal.press("?")
+        terminal.wait_for("stop the motors")
+        terminal.press("4")
+        terminal.wait_for("step 1: takeoff")
+        terminal.press("K")
+        terminal.wait_for("They fall out of the air")
+        terminal.press("n")
+        terminal.wait_for("kill: not sent")
+        terminal.press(":", "l", "a", "Tab")
+        terminal.wait_for(":land")
+        terminal.press("Enter")
+        terminal.wait_for(lambda text: "land  ✓ agents 1-6" in text or "DONE" in text)
+        code, shown = terminal.wait_for_end()
+        assert code == 1
+        assert "landed by the operator" in shown
+
+
+@needs_tmux
+def test_ctrl_c_is_the_runs(tmp_path: Path) -> None:
+    """The first one lands the swarm, the second one stops all at once: the keys are ours, the meaning is `run`'s."""
+    with Terminal(*RUN[:2], "--speedup", "2", cwd=tmp_path) as terminal:
+        terminal.wait_for("takeoff")
+        terminal.press("C-c")
+        terminal.wait_for("landing the swarm; Ctrl-C again stops everything at once")
+        terminal.press("C-c")
+        code, shown = terminal.wait_for_end()
+        assert code == 130
+        assert "ended by SIGKILL" in shown
+
+
+@needs_tmux
+def test_a_killed_station_gives_the_terminal_back(tmp_path: Path) -> None:
+    """Ctrl-C must reach `run` again, and the shell must not be left without echo."""
+    with Terminal(*RUN, cwd=tmp_path) as terminal:
+        terminal.wait_for("takeoff")
+        terminal.kill("station")
+        terminal.wait_for(lambda text: "6/6 agents" not in text)
+        terminal.press("C-c")
+        terminal.wait_for("landing the swarm")
+        code, _ = terminal.wait_for_end()
+        assert code == 130
+
+
+@needs_tmux
+def test_two_more_stations_watch_command_and_leave(tmp_path: Path) -> None:
+    with Running(*RUN[:2], "--speedup", "2", "--headless", cwd=tmp_path) as running:
+        running.wait_for_event("step 1: takeoff")
+        with Terminal("station", cwd=tmp_path) as one, Terminal("station", "--compact", cwd=tmp_path) as other:
+            other.wait_for("takeoff")
+            other.press("C-c")
+            other.wait_for("DONE")
+            one.wait_for("6/6 agents")
+            one.press("l")
+            one.wait_for("land  ✓ agents 1-6")
+            one.press("q")
+            code, _ = one.wait_for_end()
+            assert code == 0
+        assert running.wait() == 1
+        running.assert_nothing_left()
+
+
+def test_a_station_in_mid_flight_has_the_whole_picture_in_two_seconds(tmp_path: Path) -> None:
+    with Running(*RUN[:2], "--speedup", "1", "--headless", cwd=tmp_path) as running:
+        running.wait_for_event("step 1: takeoff", count=6)
+        command = [str(SWARM_CTL), "station", "--json"]
+        with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, text=True) as late:
+            assert late.stdout is not None
+            try:
+                for line in late.stdout:
+                    told = json.loads(line)
+                    if all(agent["position_ned_m"] and agent["mode"] for agent in told["agents"]):
+                        break
+            finally:
+                late.kill()
+        assert told["step_name"] == "takeoff"
+        assert all(agent["heartbeat_age_s"] < 2.0 for agent in told["agents"])
+        assert told["time_s"] - told["since_s"] < 3.0  # two seconds, and up to one until the next line
+        running.interrupt()
+        running.wait()
+        running.assert_nothing_left()
+
+
+def test_json_lines_are_all_that_is_on_stdout(tmp_path: Path) -> None:
+    command = [str(SWARM_CTL), "run", str(HEXAGON), "--speedup", "4", "--json"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=90)
+    lines = [json.loads(line) for line in done.stdout.splitlines()]
+    assert lines[-1]["agents"][0]["phase"] == "ended", done.stderr
+    assert {line["version"] for line in lines} == {1}
+    assert "summary:" in done.stderr

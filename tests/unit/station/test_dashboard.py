@@ -1,0 +1,334 @@
+"""The dashboard: what it shows, and that keys and mouse do what they say."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from textual.events import Key
+from textual.filter import NoColor
+from textual.pilot import Pilot
+from textual.widgets import Button
+
+from swarm_ctl.core.state import Ack, Command, Event
+from swarm_ctl.station.alerts import Level
+from swarm_ctl.station.dashboard.app import DARK, LIGHT, PLAIN, Ask, Dashboard
+from swarm_ctl.station.dashboard.picture import Chosen, Picture
+from swarm_ctl.station.dashboard.table import TITLES, in_order
+from swarm_ctl.station.orders import Order
+from swarm_ctl.station.view import SwarmView
+from tests.unit.station.pictures import PICTURES, PLAN
+from tests.unit.station.screens import SHOWN, SIZES, Desk, drawn, opened, settled, shown, snapshot_path, text
+from tests.unit.station.swarm import flying_model, hexagon_plan, status_of
+
+Play = Callable[[Dashboard, Pilot[None], Desk], Awaitable[None]]
+
+
+def _play(
+    play: Play, view: SwarmView | None = None, size: tuple[int, int] = (80, 24), *, owns_run: bool = True
+) -> None:
+    """Open a dashboard and do something with it."""
+
+    async def go() -> None:
+        async with opened(view or PICTURES["well"](), size, owns_run=owns_run) as (app, pilot, desk):
+            await play(app, pilot, desk)
+
+    asyncio.run(go())
+
+
+@pytest.mark.parametrize("size", SIZES, ids=lambda size: f"{size[0]}x{size[1]}")
+@pytest.mark.parametrize("name", SHOWN)
+def test_screens_as_they_were_found_good(name: str, size: tuple[int, int]) -> None:
+    """`python -m tests.unit.station.screens` draws them anew."""
+    for screen, words in asyncio.run(drawn(name, size)).items():
+        assert words == snapshot_path(name, screen, size).read_text(encoding="utf-8"), screen
+
+
+def test_snapshots_have_no_strays() -> None:
+    wanted = {
+        snapshot_path(name, screen, size) for name, screens in SHOWN.items() for screen in screens for size in SIZES
+    }
+    assert set((Path(__file__).with_name("snapshots") / "dashboard").glob("*")) == wanted
+
+
+@pytest.mark.parametrize("size", [(20, 6), (40, 12), (119, 20), (120, 20), (250, 80)])
+def test_every_screen_fits_wherever_it_is_drawn(size: tuple[int, int]) -> None:
+    async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
+        for key in ("1", "2", "3", "4", "question_mark"):
+            await pilot.press(key)
+            await settled(pilot)
+            lines = text(app).splitlines()
+            assert len(lines) == size[1]
+            assert {len(line) for line in lines} == {size[0]}
+
+    _play(play, PICTURES["lost"](), size)
+
+
+def test_keys_and_clicks_change_screens() -> None:
+    async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
+        await pilot.press("2")
+        await settled(pilot)
+        assert "30 mesh links, all well" in text(app)
+        await pilot.press("tab")
+        await settled(pilot)
+        assert "narrow" in text(app)
+        row, column = _find(app, "4 Log")
+        await pilot.click(offset=(column, row))
+        await settled(pilot)
+        assert "EKF variance high" in text(app)
+        await pilot.press("shift+tab", "shift+tab", "shift+tab")
+        await settled(pilot)
+        assert "▴id" in text(app)
+
+    _play(play)
+
+
+def _find(app: Dashboard, words: str) -> tuple[int, int]:
+    for row, line in enumerate(text(app).splitlines()):
+        if words in line:
+            return row, line.index(words)
+    raise AssertionError(f"{words!r} is not on the screen:\n{text(app)}")
+
+
+def test_orders_by_key_go_to_all_or_to_the_marked() -> None:
+    async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
+        await pilot.press("l")
+        await pilot.press("down", "down", "space", "h")
+        row, column = _find(app, "  5 fly")
+        await pilot.click(offset=(column + 3, row))
+        await pilot.press("r", "escape", "n")
+        wanted = [Order("land"), Order("hold", (), (2,)), Order("resume", (), (2, 5)), Order("next")]
+        assert desk.orders == wanted
+
+    _play(play)
+
+
+def test_the_command_line_completes_refuses_and_remembers() -> None:
+    async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
+        await pilot.press("colon", "f", "o", "tab", "tab")
+        await settled(pilot)
+        assert ":form hexagon" in text(app)
+        await pilot.press("enter")
+        assert desk.orders == [Order("form", ("hexagon",))]
+        await pilot.press("colon", *"fly", "enter")
+        await settled(pilot)
+        assert "no command 'fly'; allowed: hold, resume" in text(app)
+        await pilot.press("colon", "up", "up", "enter")
+        assert desk.orders == [Order("form", ("hexagon",))] * 2
+        await pilot.press("colon", *"land @1,3-4", "enter")
+        assert desk.orders[-1] == Order("land", (), (1, 3, 4))
+        await pilot.press("colon", *"land", "escape", "2")
+        await settled(pilot)
+        assert len(desk.orders) == 3
+        assert "mesh links" in text(app)
+
+    _play(play)
+
+
+def test_what_is_typed_fast_behind_a_colon_is_no_order() -> None:
+    """All keys in one read of the terminal: `l` alone would land the swarm."""
+
+    async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
+        names = {":": "colon", " ": "space", "-": "minus", ".": "full_stop"}
+        for character in ":move 60 -7 2.5":
+            app.post_message(Key(names.get(character, character), character))
+        app.post_message(Key("enter", None))
+        await settled(pilot)
+        assert desk.orders == [Order("move", ("60", "-7", "2.5"))]
+        for key, character in (("colon", ":"), ("r", "r"), ("e", "e"), ("t", "t"), ("tab", "\t")):
+            app.post_message(Key(key, character))
+        await settled(pilot)
+        assert ":return" in text(app)
+        assert len(desk.orders) == 1
+
+    _play(play)
+
+
+def test_kill_asks_once_and_only_y_means_yes() -> None:
+    async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
+        for answer in ("n", "escape", "enter", "space", "l"):
+            await pilot.press("K")
+            await settled(pilot)
+            assert isinstance(app.screen, Ask)
+            assert "kill agents 1-6? They fall out of the air." in text(app)
+            await pilot.press(answer)
+            assert desk.orders == []
+            await pilot.press("escape")
+            await settled(pilot)
+        await pilot.press("K")
+        await settled(pilot)
+        await pilot.press("colon", "slash")
+        await shown(app, pilot, replace(PICTURES["well"](), time_s=42.0))
+        assert "00:42.0" in text(app)
+        await pilot.press("y")
+        await settled(pilot)
+        assert desk.orders == [Order("kill")]
+        await pilot.press("K")
+        await settled(pilot)
+        await pilot.click(app.screen.query_one("#yes", Button))
+        await settled(pilot)
+        assert desk.orders == [Order("kill")] * 2
+
+    _play(play)
+
+
+def test_ctrl_c_is_the_runs_and_q_leaves_only_a_watcher() -> None:
+    async def mine(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
+        await pilot.press("colon", "ctrl+c")
+        await pilot.press("escape", "K")
+        await pilot.press("ctrl+c")
+        assert desk.interrupts == 2
+        await pilot.press("escape", "q")
+        await settled(pilot)
+        assert "belongs to the run" in text(app)
+        assert app.is_running
+
+    async def watching(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
+        await pilot.press("q")
+        assert desk.interrupts == 0
+        assert app._exit
+
+    _play(mine)
+    _play(watching, owns_run=False)
+
+
+def test_answers_tick_off_agent_by_agent() -> None:
+    model = flying_model(PLAN)
+    model.fold(Command("c", "land", (), 30.0), 30.0)
+    model.fold(Ack(2, "c", True, ""), 30.0)
+    first = model.view(30.0)
+    for agent in (1, 3, 4):
+        model.fold(Ack(agent, "c", True, ""), 30.1)
+    for agent in (5, 6):
+        model.fold(Ack(agent, "c", False, f"agent {agent} no longer flies its vehicle"), 30.1)
+    second = model.view(30.1)
+
+    async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
+        assert "land  2✓ 1, 3-6…" in text(app)
+        await shown(app, pilot, second)
+        assert "land  1✓ 2✓ 3✓ 4✓  ✗ agents 5-6: it no longer flies its vehicle" in text(app)
+
+    _play(play, first)
+
+
+def test_the_log_filters_while_it_is_typed() -> None:
+    async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
+        await pilot.press("slash", *"ekf")
+        await settled(pilot)
+        assert "EKF variance high" in text(app)
+        assert "form hexagon   " not in text(app).split("\n", 3)[3]
+        await pilot.press("enter", "escape", "w")
+        await settled(pilot)
+        assert "22.0" not in text(app)
+        await pilot.press("w")
+        await settled(pilot)
+        assert "nothing passes the filter" in text(app)
+        assert desk.orders == []
+
+    _play(play)
+
+
+def test_alarms_are_new_until_seen() -> None:
+    async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
+        count = app._journal.unacknowledged
+        assert count > 0
+        assert f"4 Log {count}!" in text(app)
+        await pilot.press("x", "4")
+        await settled(pilot)
+        assert "Log 1" not in text(app)
+        assert "[seen]" in text(app)
+
+    _play(play, PICTURES["lost"]())
+
+
+def test_views_that_come_too_fast_are_skipped_and_counted() -> None:
+    """A blocked screen: three views are offered before it looks once."""
+    views = [replace(PICTURES["well"](), time_s=t) for t in (31.0, 32.0, 33.0)]
+
+    async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
+        for view in views:
+            app.offer(view)
+        await settled(pilot)
+        await settled(pilot)
+        assert app.frames_dropped == 2
+        assert "2 frames skipped" in text(app)
+        assert "00:33.0" in text(app)
+
+    _play(play)
+
+
+def test_light_dark_and_no_colour(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
+        before = app.current_theme.dark
+        await pilot.press("t")
+        assert app.current_theme.dark is not before
+
+    async def light(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
+        assert app.theme == LIGHT
+
+    async def plain(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
+        assert app.theme == PLAIN
+        await pilot.press("t")
+        assert app.theme == PLAIN
+        strips = app.screen._compositor.render_strips()
+        (colours,) = [f for f in app._filters if isinstance(f, NoColor)]
+        filtered = [colours.apply(list(strip), app.screen.background_colors[1]) for strip in strips]
+        styles = [segment.style for line in filtered for segment in line if segment.style]
+        colours_left = {colour for style in styles for colour in (style.color, style.bgcolor) if colour}
+        assert all(colour.is_default for colour in colours_left)
+
+    monkeypatch.setenv("COLORFGBG", "0;15")
+    _play(light)
+    monkeypatch.delenv("COLORFGBG")
+    _play(play)
+    monkeypatch.setenv("NO_COLOR", "1")
+    _play(plain)
+    assert DARK != LIGHT
+
+
+@pytest.mark.parametrize("title", TITLES)
+def test_sorting_keeps_everybody_and_puts_the_unknown_last(title: str) -> None:
+    model = flying_model(hexagon_plan(6))
+    model.fold(status_of(PLAN, 4, 30.0, battery_percent=12.0), 30.0)
+    view = model.view(30.0)
+    waiting = PICTURES["waiting"]()
+    for picture in (view, waiting):
+        for backwards in (False, True):
+            order = in_order(Picture(picture, chosen=Chosen(sort=title, backwards=backwards)))
+            assert {agent.id for agent in order} == {1, 2, 3, 4, 5, 6}
+    by_charge = in_order(Picture(view, chosen=Chosen(sort="batt")))
+    assert by_charge[0].id == 4
+    assert in_order(Picture(waiting, chosen=Chosen(sort="batt")))[-1].id == 6
+
+
+HOSTILE = "\x1b[2J\x1b]0;owned\x07[bold red]x[/]\r\n‮31m 漢字 " * 3
+
+
+def test_nothing_an_agent_says_commands_the_terminal() -> None:
+    model = flying_model(PLAN)
+    model.fold(status_of(PLAN, 3, 30.0, mode=HOSTILE, reason=HOSTILE, outcome="failed"), 30.0)
+    model.fold(status_of(PLAN, 4, 30.0, sigma_tally={HOSTILE: 3}), 30.0)
+    model.fold(Event(3, 30.0, "info", HOSTILE), 30.0)
+    model.fold(Event(3, 30.0, "warning", f"vehicle: {HOSTILE}"), 30.0)
+    model.fold(Command("c", HOSTILE, (), 30.0), 30.0)
+    model.fold(Ack(2, "c", False, HOSTILE), 30.0)
+
+    async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
+        for key in ("1", "2", "3", "4"):
+            await pilot.press(key)
+            await settled(pilot)
+            assert all(c.isprintable() for line in text(app).splitlines() for c in line)
+
+    _play(play, model.view(30.0), (160, 40))
+
+
+def test_the_verdict_is_the_worst_alarm() -> None:
+    async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
+        assert text(app).splitlines()[2].startswith(" ✗ agent 3 has not been heard for 4.2 s")
+        assert app.picture is not None
+        assert app.picture.level(3) is Level.ERROR
+
+    _play(play, PICTURES["lost"]())

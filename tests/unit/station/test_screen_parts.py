@@ -1,0 +1,180 @@
+"""What the dashboard is made of: canvas, lines, links in words, histories, JSON lines."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.cells import cell_len
+
+from swarm_ctl.core.state import Echo, LinkReport, Phase, SigmaReport
+from swarm_ctl.station.alerts import Level
+from swarm_ctl.station.dashboard.canvas import Canvas
+from swarm_ctl.station.dashboard.ink import Line, bar, gauge, sparkline, wrapped
+from swarm_ctl.station.dashboard.map_panel import fitted, position
+from swarm_ctl.station.dashboard.sigma_panel import budget_used
+from swarm_ctl.station.history import LOSS_WINDOW_S, LinkSeries
+from swarm_ctl.station.json_lines import json_line
+from swarm_ctl.station.links import bad_links, judge, mesh_judgements
+from swarm_ctl.station.model import Model
+from swarm_ctl.station.view import LinkView
+from tests.unit.station.pictures import PICTURES, PLAN
+from tests.unit.station.swarm import flying_model, hexagon_plan, report_of, state_of, status_of
+
+
+def _text(canvas: Canvas) -> list[str]:
+    return ["".join(segment.text for segment in line) for line in canvas.lines()]
+
+
+def test_dots_are_braille_at_their_place() -> None:
+    canvas = Canvas(2, 1)
+    canvas.dots(np.array([0.0, 3.0]), np.array([0.0, 3.0]), "green")
+    assert _text(canvas) == ["\u2801\u2880"]
+
+
+@given(st.lists(st.tuples(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6)), min_size=2, max_size=6), st.floats(0, 1e4))
+def test_whatever_is_drawn_stays_on_the_canvas(points: list[tuple[float, float]], radius: float) -> None:
+    canvas = Canvas(9, 4)
+    xs, ys = np.array(points).T
+    canvas.dots(xs, ys, "green")
+    canvas.circle(points[0], min(radius, 50.0), "blue")
+    canvas.words(int(points[0][0]) % 12 - 2, int(points[0][1]) % 6 - 1, "12!", "red")
+    assert [len(line) for line in _text(canvas)] == [9] * 4
+
+
+@pytest.mark.parametrize("size", [(80, 12), (60, 40), (8, 3)])
+@given(st.lists(st.tuples(st.floats(-2000, 2000), st.floats(-2000, 2000)), min_size=6, max_size=6))
+def test_the_map_shows_everybody(size: tuple[int, int], places: list[tuple[float, float]]) -> None:
+    model = Model(PLAN)
+    for agent, (north, east) in zip(PLAN.agents, places, strict=True):
+        model.fold(state_of(PLAN, agent.id, 30.0, position_ned_m=(north, east, -10.0)), 30.0)
+    view = model.view(30.0)
+    scale = fitted(view, *size)
+    for agent in view.agents:
+        for point in (position(agent), agent.target_m or position(agent)):
+            x, y = scale.dot(point)
+            assert -0.5 <= x <= 2 * size[0] + 0.5
+            assert -0.5 <= y <= 4 * size[1] + 0.5
+
+
+@given(st.lists(st.floats(0, 1e9), max_size=60), st.integers(1, 30))
+def test_lines_have_the_width_they_were_given(values: list[float], width: int) -> None:
+    assert cell_len(sparkline(values, width)) == width
+    assert cell_len("".join(gauge(values[0] if values else 0.5, width))) == width
+    assert cell_len(bar(values[0] if values else 0.5, width)) == width
+    assert sum(segment.cell_length for segment in Line("漢字" * 9).fit(width)) == width
+
+
+@given(st.text(alphabet="ab ", max_size=60), st.integers(6, 30))
+def test_wrapping_loses_no_word(text: str, width: int) -> None:
+    rows = wrapped(text.split(), width)
+    assert " ".join(rows).split() == text.split()
+
+
+def _link(age: float | None, series: LinkSeries = LinkSeries()) -> tuple[Level, str]:  # noqa: B008 - immutable
+    judgement = judge(LinkView(1, 2, LinkReport(age, 0.03, 0.06, 100, 0)), series)
+    return judgement.level, judgement.words
+
+
+def test_a_bad_link_is_named_in_words() -> None:
+    lossy = LinkSeries((), ((20.0, 100, 0), (30.0, 190, 10)))
+    awful = LinkSeries((), ((20.0, 100, 0), (30.0, 150, 50)))
+    assert _link(0.05) == (Level.WELL, "")
+    assert _link(None) == (Level.WAITING, "never heard")
+    assert _link(0.7) == (Level.WARNING, "last state 0.7 s old")
+    assert _link(0.7, awful) == (Level.ERROR, "last state 0.7 s old, 50% lost in 10 s")
+    assert _link(1.5) == (Level.ERROR, "last state 1.5 s old")
+    assert _link(0.05, lossy) == (Level.WARNING, "10% lost in 10 s")
+
+
+def test_an_agent_that_nobody_hears_is_one_sentence() -> None:
+    model = flying_model(PLAN)
+    for agent in PLAN.agents:
+        links = {
+            p.id: LinkReport(0.7 if p.id == 3 else 0.04, 0.03, 0.06, 400, 1) for p in PLAN.agents if p.id != agent.id
+        }
+        model.fold(status_of(PLAN, agent.id, 30.0, links=links), 30.0)
+    view = model.view(30.0)
+    sentences = bad_links(view, mesh_judgements(view))
+    assert sentences == [(Level.WARNING, "agent 3 is heard badly by everyone: last state 0.7 s old")]
+
+
+def test_loss_is_that_of_the_last_ten_seconds() -> None:
+    model = flying_model(PLAN)
+    for k in range(60):
+        now = 30.0 + 0.5 * k
+        lost = 0 if now < 40.0 else 100
+        links = {1: LinkReport(0.04, 0.03, 0.06, 10 * k, lost)}
+        model.fold(status_of(PLAN, 2, now, links=links), now)
+    series = model.view(59.5).histories.links[2, 1]
+    assert series.counts[0][0] >= 59.5 - LOSS_WINDOW_S
+    assert series.recent_loss == 0.0
+    assert len(series.ages_s) == 40
+
+
+def test_trails_are_bounded_and_follow_the_agent() -> None:
+    model = Model(PLAN)
+    for k in range(4000):
+        model.fold(state_of(PLAN, 1, 0.05 * k, seq=k, position_ned_m=(float(k), 0.0, -10.0)), 0.05 * k)
+    trail = model.view(200.0).histories.trails[1]
+    assert len(trail) == 80
+    assert trail[-1][0] == pytest.approx(3990.0, abs=10.0)
+
+
+def test_a_beacon_that_comes_back_tells_the_round_trip() -> None:
+    """Sent at 30.0, lay 0.3 s at the agent, back at 30.35."""
+    model = Model(PLAN, station="here")
+    model.fold(status_of(PLAN, 1, 30.3, echo=Echo("here", 30.0, 0.3)), 30.35)
+    model.fold(status_of(PLAN, 2, 30.3, echo=Echo("elsewhere", 30.0, 0.3)), 30.35)
+    model.fold(status_of(PLAN, 3, 30.3, echo=Echo("here", 31.0, 0.3)), 30.35)  # a clock that can't be
+    trips = [model.view(30.4).agent(i).round_trip_s for i in (1, 2, 3)]
+    assert trips == [pytest.approx(0.05), None, None]
+
+
+def test_budget_is_the_step_over_property_1s_room() -> None:
+    report = report_of(6, 1.4, d=2.5)
+    law = SigmaReport(2, 30.0, (0.1, 0.0), (0.2, 0.4), (report,))
+    assert budget_used(report, law, 4.5) == pytest.approx(math.hypot(0.3, 0.4) / (4.5 / 2.5 - 0.7))
+    assert budget_used(report_of(6, 1.4, d=None), law, 4.5) is None
+    assert budget_used(report, None, 4.5) is None
+
+
+@pytest.mark.parametrize("name", PICTURES)
+def test_json_lines_are_one_line_and_whole(name: str) -> None:
+    view = PICTURES[name]()
+    line = json_line(view)
+    told = json.loads(line)
+    assert "\n" not in line
+    assert [agent["id"] for agent in told["agents"]] == [agent.id for agent in view.agents]
+    assert told["version"] == 1
+
+
+def test_json_lines_tell_what_a_script_acts_on() -> None:
+    told = json.loads(json_line(PICTURES["lost"]()))
+    assert (told["level"], told["verdict"]) == ("error", "agent 3 has not been heard for 4.2 s")
+    assert told["agents"][2]["lost"] is True
+    (command,) = told["commands"]
+    assert (command["kind"], command["accepted"], list(command["refused"])) == ("land", [1, 2, 4, 5], ["6"])
+
+
+def test_slots_are_laid_under_the_live_agents() -> None:
+    """Where everybody is at its own slot but for a common shift, every slot is where its agent is."""
+    model = Model(PLAN)
+    form = PLAN.steps[1]
+    for agent, slot in zip(PLAN.agents, form.slots, strict=True):  # type: ignore[union-attr]
+        place = (100.0 + 5 * slot[0], -50.0 + 5 * slot[1], -10.0)
+        model.fold(state_of(PLAN, agent.id, 30.0, position_ned_m=place), 30.0)
+    for agent_view in model.view(30.0).agents:
+        assert agent_view.target_m == pytest.approx(position(agent_view))
+        assert agent_view.error_m == pytest.approx(0.0, abs=1e-9)
+
+
+def test_ended_agents_make_no_bad_links() -> None:
+    view = PICTURES["ended"]()
+    assert bad_links(view, mesh_judgements(view)) == []
+    assert all(agent.phase is Phase.ENDED for agent in view.agents)
+    assert len(hexagon_plan(32).agents) == 32
