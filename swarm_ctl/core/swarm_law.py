@@ -34,8 +34,6 @@ class Near:
     second: Indices
     mission: Indices
     """Each (K,)."""
-    q: Floats
-    """p_first - p_second (2, K)."""
     distance: Floats
     neighbour: Bools
     """(K,)."""
@@ -97,7 +95,7 @@ class SwarmLaw:
     """
 
     def __init__(self, slots: Floats, links: Bools, h: Floats, law: LawParameters) -> None:
-        self.law, self.links, self.h = law, links, h
+        self.law, self.links, self.h = law, np.ascontiguousarray(links), h
         self.slots = np.ascontiguousarray(slots)
         _, n, m = slots.shape
         self._small = n < _SMALL
@@ -123,7 +121,7 @@ class SwarmLaw:
         pair = self.rings.inside(self.law.r_out)
         if not len(pair[0]):
             return u, None
-        return u, self._repel(u, n, points, points[:, pair[1], pair[2]], pair)
+        return u, self._repel(u, n, points, _taken(points, pair[1] * points.shape[-1] + pair[2]), pair)
 
     def step_heard(self, points: Floats, heard: Floats) -> tuple[Floats, Near | None]:
         """The same where agent i takes agent j to be at `heard[:, i, j]` (2, n or 1, n, m), old or foretold."""
@@ -161,9 +159,9 @@ class SwarmLaw:
         """Adds the avoidance term of `first` to u, and with `both` that of `second`; `seen` is where `second` is."""
         first, second, mission = pair
         count, m = points.shape[1:]
-        q = points[:, first, mission] - seen
+        q = _taken(points, first * m + mission) - seen
         q_x, q_y, x = separate(q[0], q[1], first < second, self.law)
-        linked = self.links[first, second, mission]
+        linked = self.links.ravel().take((first * count + second) * m + mission)
         # flat index into (n, m) of everybody who pushes himself off
         agents = (np.stack((first, second)) if both else first[None]) * m + mission
         members = self._members(agents, linked, count * m)
@@ -176,7 +174,7 @@ class SwarmLaw:
         flat = agents.ravel()
         u[0] += np.bincount(flat, (push * q_x).ravel(), count * m).reshape(count, m)
         u[1] += np.bincount(flat, (push * q_y).ravel(), count * m).reshape(count, m)
-        return Near(first, second, mission, np.stack((q_x, q_y)), x, linked, numbers)
+        return Near(first, second, mission, x, linked, numbers)
 
     def _members(self, agents: Indices, linked: Bools, size: int) -> Indices:
         """N for neighbours, M (near strangers) for strangers."""
@@ -185,3 +183,8 @@ class SwarmLaw:
             return count
         strangers = np.bincount(agents[:, ~linked].ravel(), minlength=size)
         return np.where(linked, count, strangers.take(agents))
+
+
+def _taken(points: Floats, places: Indices) -> Floats:
+    """Points (2, n, m) at flat places (K,) in (n, m): (2, K). A flat take is several times quicker than an index."""
+    return points.reshape(2, -1).take(places, axis=1)

@@ -90,7 +90,10 @@ class Recorder:
         return going
 
     def _record(self, payload: Payload, heard_s: float) -> None:
-        topic = BY_PAYLOAD[type(payload)]
+        topic = BY_PAYLOAD.get(type(payload))
+        if topic is None:
+            self.dropped += 1
+            return
         agent = getattr(payload, "agent", None)
         said_s = getattr(payload, "time_s", heard_s)
         self._write(topic, agent, heard_s, said_s, ADAPTERS[type(payload)].dump_json(payload))

@@ -55,7 +55,9 @@ def _plain(node: Any, definitions: Mapping[str, Any]) -> Any:
         return _plain(definitions[node["$ref"].rpartition("/")[2]], definitions)
     if "anyOf" in node:
         kinds = [kind for kind in node["anyOf"] if kind.get("type") != "null"]
-        return _plain(kinds[0], definitions)
+        return _plain(kinds[0] if len(kinds) == 1 else {"oneOf": kinds}, definitions)
+    if "oneOf" in node:
+        return _merged([_plain(kind, definitions) for kind in node["oneOf"]])
     kept = {key: node[key] for key in ("type", "description") if key in node}
     if node.get("type") == "array":
         items = node.get("items") or node["prefixItems"][0]
@@ -67,6 +69,15 @@ def _plain(node: Any, definitions: Mapping[str, Any]) -> Any:
             kept["additionalProperties"] = _plain(node["additionalProperties"], definitions)
         kept["required"] = [name for name in node.get("required", ()) if "anyOf" not in properties[name]]
     return kept
+
+
+def _merged(kinds: list[Any]) -> Any:
+    """One object with the fields of several: which of them a message has, its `kind` tells."""
+    if any(kind["type"] != "object" for kind in kinds):
+        return kinds[0]
+    properties = {name: field for kind in kinds for name, field in kind["properties"].items()}
+    common = set.intersection(*(set(kind["required"]) for kind in kinds))
+    return {"type": "object", "properties": properties, "required": sorted(common)}
 
 
 _NUMBERS: Final = {"type": "array", "items": {"type": "number"}}

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from swarm_ctl.core.plan import FormStep
+from swarm_ctl.core.reference import slots_after
 from swarm_ctl.report.drawing import Floats, bounds, figure, grid, hull_order, legend, line_style, trajectories
 from swarm_ctl.report.history import History
 
@@ -34,8 +35,8 @@ def tracks(history: History) -> Figure | None:
 
 def _shape(history: History) -> list[tuple[int, int]]:
     """Pairs of agents that are next to each other in the last shape that was flown."""
-    steps = [s for k, s in enumerate(history.plan.steps, 1) if np.isfinite(history.run.start_s(k))]
-    slots = next((s.slots for s in reversed(steps) if isinstance(s, FormStep)), ())
+    begun = [k for k in range(1, len(history.plan.steps) + 1) if np.isfinite(history.run.start_s(k))]
+    slots = slots_after(history.plan, max(begun, default=0)) or ()
     return hull_order(np.array(slots).T) if len(slots) > 1 else []
 
 

@@ -60,10 +60,25 @@ class History:
             start_s = self.run.start_s(k)
             if isinstance(step, FormStep) and math.isfinite(start_s):
                 from_here = self.flight.time_s >= start_s
-                found[from_here] = self.flight.points_m[from_here] - np.array(step.slots) * self.plan.unit_m
+                slots = self._turned(np.array(step.slots) * self.plan.unit_m, self.flight.time_s[from_here])
+                found[from_here] = self.flight.points_m[from_here] - slots
         found[~self.flight.live] = np.nan
         found[self.flight.time_s > self.run.landing_s()] = np.nan
         return found
+
+    def _turned(self, slots_m: Floats, time_s: Floats) -> Floats:
+        """The slots (n, 2) as the swarm's frame had them turned and scaled at each moment, (T, n, 2)."""
+        told = next((t for _, states in sorted(self.heard.states.items()) if (t := [s for s in states if s.frame])), [])
+        centre = slots_m.mean(axis=0)
+        if not told:
+            return np.broadcast_to(slots_m, (len(time_s), *slots_m.shape))
+        at = np.searchsorted([s.time_s for s in told], time_s, side="right") - 1
+        frames = [s.frame for s in told if s.frame]
+        turns = np.array([frame.scale * np.exp(1j * frame.angle_rad) for frame in frames])
+        turns = np.where(at >= 0, turns[np.maximum(at, 0)], 1.0)
+        z = (slots_m - centre) @ np.array([1.0, 1.0j])
+        turned = turns[:, None] * z
+        return np.asarray(np.stack((turned.real, turned.imag), axis=-1) + centre)
 
     def nearest(self) -> Floats:
         """Distance [m] of each live agent to the nearest other vehicle, on the ground or not (T, n); nan: none."""

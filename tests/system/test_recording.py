@@ -49,8 +49,8 @@ def test_a_whole_run_is_recorded_and_reported(tmp_path: Path) -> None:
     assert summary.statistics is not None
     assert summary.statistics.message_count == sum(1 for _ in messages(folder))
     for agent in range(1, 7):
-        # every setpoint the agent counts, and those with which the driver brakes until it sees the landing mode
-        assert _setpoints(folder / f"{agent}.tlog") >= final_setpoints(folder, agent) > 100
+        # the agent counts the ticks it flew; its driver sends some more, around changes of mode
+        assert 0 <= _setpoints(folder / f"{agent}.tlog") - final_setpoints(folder, agent) < 40
 
 
 def _setpoints(path: Path) -> int:
