@@ -14,7 +14,7 @@ from swarm_ctl.station.view import SwarmView
 
 
 def compose(order: Order, view: SwarmView, mission: Path) -> Command:
-    """The command for `order`, the swarm being as it is; InputError says what is missing. `mission`: where shapes are."""
+    """The command for `order`, the swarm being as it is; InputError says what is missing. `mission`: of the shapes."""
     step = _step(order, view, mission)
     made_for = view.plan_hash if step is not None else 0
     at_step = view.step if order.kind == "next" else 0

@@ -91,7 +91,7 @@ def position(agent: AgentView) -> Point:
 
 def _draw_links(canvas: Canvas, scale: Scale, picture: Picture, placed: dict[int, AgentView]) -> None:
     view = picture.view
-    judged = mesh_judgements(view)
+    judged = mesh_judgements(view, {pair for edge in view.edges for pair in ((edge.a, edge.b), (edge.b, edge.a))})
     long_m = _LONG * view.plan.law.r * view.plan.unit_m
     worst: dict[tuple[int, int], Level] = {}
     for edge in view.edges:
