@@ -45,7 +45,7 @@ _STATUS_S = 2.0
 """Mission time between recorded statuses of one agent: the fallback when it can't write its own last one."""
 _COMMAND_S = 0.5
 _LOOP_WALL_S = 0.05
-_SHOW_WALL_S = 0.2
+_SHOW_WALL_S = 0.25
 _SILENT_S = 15.0
 """An agent not heard for this long (mission time) has ended for an orphaned station: longer than any pause of a live
 one (it gives its vehicle up after 10 s)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
 from dataclasses import dataclass
 from typing import Final
 
@@ -72,8 +73,10 @@ def jitter_s(p50_s: float | None, p99_s: float | None) -> float | None:
     return None if p50_s is None or p99_s is None else max(0.0, p99_s - p50_s)
 
 
-def mesh_judgements(view: SwarmView) -> dict[tuple[int, int], Judgement]:
-    """Every mesh link by (receiver, sender); those of agents that are through count as waiting."""
+def mesh_judgements(
+    view: SwarmView, only: Container[tuple[int, int]] | None = None
+) -> dict[tuple[int, int], Judgement]:
+    """Every mesh link (or `only` these) by (receiver, sender); those of agents that are through count as waiting."""
     ended = {agent.id for agent in view.agents if agent.phase is Phase.ENDED}
     none = LinkSeries()
     return {
@@ -81,6 +84,7 @@ def mesh_judgements(view: SwarmView) -> dict[tuple[int, int], Judgement]:
         if {link.receiver, link.sender} & ended
         else judge(link, view.histories.links.get((link.receiver, link.sender), none))
         for link in view.links
+        if only is None or (link.receiver, link.sender) in only
     }
 
 

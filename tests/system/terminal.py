@@ -65,9 +65,18 @@ class Terminal:
             time.sleep(0.1)
 
     def kill(self, name: str) -> None:
-        """End one process of the run."""
+        """End one process of the run, or `run` itself."""
         (path,) = self.cwd.glob("runs/*/processes.json")
-        os.kill(json.loads(path.read_text())[name], signal.SIGKILL)
+        pids = json.loads(path.read_text())
+        stat = Path(f"/proc/{pids['station']}/stat").read_text()
+        pids["run"] = int(stat.rpartition(")")[2].split()[1])  # who started the station
+        os.kill(pids[name], signal.SIGKILL)
+
+    def modes(self) -> set[str]:
+        """What `stty` says of the terminal: `isig` or `-isig`, and so on."""
+        name = self._tmux("display-message", "-p", "#{pane_tty}").strip()
+        command = ["stty", "-a", "-F", name]
+        return set(subprocess.run(command, check=True, capture_output=True, text=True).stdout.replace(";", " ").split())
 
     def wait_for_end(self, seconds: float = 90.0) -> tuple[int, str]:
         """The command's exit code, and the screen; the terminal is as it was before (AssertionError otherwise)."""

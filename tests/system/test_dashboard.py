@@ -66,6 +66,17 @@ def test_a_killed_station_gives_the_terminal_back(tmp_path: Path) -> None:
 
 
 @needs_tmux
+def test_a_killed_run_leaves_the_terminal_to_the_shell(tmp_path: Path) -> None:
+    """The station gives it back at once, lands nothing itself, and writes the summary when all is over."""
+    with Terminal(*RUN, cwd=tmp_path) as terminal:
+        terminal.wait_for("takeoff")
+        terminal.kill("run")
+        terminal.wait_for("DONE 137")
+        terminal.wait_for(lambda text: "6/6 agents" not in text and {"isig", "echo", "icanon"} <= terminal.modes())
+        terminal.wait_for(lambda _: bool(list(tmp_path.glob("runs/*/summary.json"))))
+
+
+@needs_tmux
 def test_two_more_stations_watch_command_and_leave(tmp_path: Path) -> None:
     with Running(*RUN[:2], "--speedup", "2", "--headless", cwd=tmp_path) as running:
         running.wait_for_event("step 1: takeoff")

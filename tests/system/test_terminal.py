@@ -1,4 +1,4 @@
-"""`swarm-ctl run` in a real terminal (a pty): the live view, Ctrl-C as a key, a closed output."""
+"""`swarm-ctl run` in a real terminal (a pty): the compact view, Ctrl-C as a key, a closed output."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ class Terminal:
 
 def test_live_view_and_ctrl_c(tmp_path: Path) -> None:
     """The view shows the flight; Ctrl-C as a key lands the swarm, and the screen shows the acknowledgement."""
-    terminal = Terminal("run", HEXAGON, "--speedup", "5", cwd=tmp_path)
+    terminal = Terminal("run", HEXAGON, "--speedup", "5", "--compact", cwd=tmp_path)
     try:
         terminal.wait_for("Ctrl-C lands the swarm")
         terminal.wait_for("step 2/4: form hexagon")

@@ -26,6 +26,8 @@ _LINK_STYLE: Final = {
     Level.WARNING: "yellow",
     Level.ERROR: "bold red",
 }
+_CROWDED: Final = 3
+"""With more links per agent than this, good ones would hide everything: only the others are drawn."""
 _LONG: Final = 0.95
 """Share of the interaction range from which a link counts as nearly too long."""
 
@@ -91,7 +93,7 @@ def position(agent: AgentView) -> Point:
 
 def _draw_links(canvas: Canvas, scale: Scale, picture: Picture, placed: dict[int, AgentView]) -> None:
     view = picture.view
-    judged = mesh_judgements(view)
+    judged = mesh_judgements(view, {pair for edge in view.edges for pair in ((edge.a, edge.b), (edge.b, edge.a))})
     long_m = _LONG * view.plan.law.r * view.plan.unit_m
     worst: dict[tuple[int, int], Level] = {}
     for edge in view.edges:
@@ -102,7 +104,10 @@ def _draw_links(canvas: Canvas, scale: Scale, picture: Picture, placed: dict[int
             level = Level.WARNING
         if placed.get(edge.a) and placed.get(edge.b):
             worst[pair] = Level.ERROR if view.agent(edge.a).lost or view.agent(edge.b).lost else level
+    crowded = len(worst) > _CROWDED * len(placed)
     for (a, b), level in sorted(worst.items(), key=lambda item: item[1]):
+        if crowded and level < Level.WARNING:
+            continue
         ends = scale.dot(position(placed[a])), scale.dot(position(placed[b]))
         canvas.line(*ends, _LINK_STYLE[level], every=1.0 if level >= Level.WARNING else 3.0)
 
