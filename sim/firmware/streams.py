@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Sequence
 
 
 class Streams:
@@ -37,10 +37,10 @@ class Streams:
         """Everything streamed."""
         return tuple(self._interval_s)
 
-    def take_due(self, now: float) -> Iterator[str]:
+    def take_due(self, now: float) -> Sequence[str]:
         """The names that are due at `now`, each once; moves them on."""
         if now < self.next_s:
-            return
+            return ()
         late = now + _SLACK_S
         due = [name for name, at in self._due_s.items() if at <= late]
         for name in due:
@@ -48,7 +48,7 @@ class Streams:
             at = self._due_s[name] + interval
             self._due_s[name] = at if at > now else now + interval
         self.next_s = min(self._due_s.values(), default=math.inf)
-        yield from due
+        return due
 
 
 _SLACK_S = 1e-6
