@@ -24,7 +24,7 @@ from sim.firmware.parameters import Parameters
 from sim.firmware.plans import Item, Plans, remind
 from sim.firmware.services import HANDLERS, sane
 from sim.firmware.setpoint import Setpoint
-from sim.firmware.streams import Streams
+from sim.firmware.streams import Streams, next_on_grid
 from sim.firmware.telemetry import BUILDERS
 from sim.geodesy import TangentPlane, Vector3
 
@@ -218,8 +218,8 @@ class Firmware(ABC):
         if now < self.boot_s:
             return
         self.now, self.sensed = now, sensed
-        if now >= self._tick_s:
-            self._tick_s = max(self._tick_s + TICK_S, now + TICK_S / 2)
+        if now + 1e-6 >= self._tick_s:  # a sum of steps, and a multiple
+            self._tick_s = next_on_grid(now, TICK_S)
             self._tick()
         for name in self.streams.take_due(now):
             for fields in BUILDERS[name](self):
