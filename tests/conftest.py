@@ -17,3 +17,5 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 settings.register_profile("here", deadline=None)
 settings.register_profile("ci", deadline=None, derandomize=True)
 settings.load_profile("ci" if os.environ.get("CI") else "here")
+
+pytest_plugins = ["swarm_ctl.testing.plugin"]  # known to pytest already where the package is installed anew

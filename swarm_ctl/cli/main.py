@@ -13,10 +13,14 @@ from rich.text import Text
 
 from swarm_ctl.cli.agent import agent
 from swarm_ctl.cli.keys import keys
+from swarm_ctl.cli.paper import paper
+from swarm_ctl.cli.report import compare, report
 from swarm_ctl.cli.run import run
 from swarm_ctl.cli.schema import schema
+from swarm_ctl.cli.send import send
 from swarm_ctl.cli.sim import sim
 from swarm_ctl.cli.station import station
+from swarm_ctl.cli.study import study
 from swarm_ctl.cli.validate import validate
 from swarm_ctl.errors import SwarmError
 
@@ -39,8 +43,9 @@ def top(
         raise typer.Exit
 
 
-for command in (run, validate, agent, station, sim, schema, keys):
+for command in (run, validate, agent, station, sim, report, compare, study, paper, schema, keys):
     app.command()(command)
+app.command(context_settings={"ignore_unknown_options": True})(send)  # `move -20 35`: a number, not an option
 
 
 def main() -> None:

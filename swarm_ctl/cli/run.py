@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import subprocess
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -21,6 +23,11 @@ def run(
     fleet: Annotated[Path | None, typer.Option(help="A fleet file to fly with instead of the mission's own.")] = None,
     runs: Annotated[Path, typer.Option(help="Where run folders are made.")] = Path("runs"),
     seed: Annotated[int, typer.Option(min=0, help="Seed of the simulator.")] = 1,
+    record_hz: Annotated[
+        str, typer.Option(help="The most that is recorded of each agent's topics, e.g. state=5,truth=2; else all.")
+    ] = "",
+    report: Annotated[bool, typer.Option(help="Make the report at the end.")] = True,
+    tlog: Annotated[bool, typer.Option(help="Keep each vehicle's MAVLink frames.")] = True,
 ) -> None:
     """Fly a mission: starts a simulator (for vehicles without an endpoint), the agents and a ground station.
 
@@ -34,6 +41,7 @@ def run(
 
         swarm-ctl run missions/hexagon.yaml --speedup 5 --headless
     """
+    from swarm_ctl.recording.topics import rates
     from swarm_ctl.report.table import render_summary
     from swarm_ctl.runtime.fleet import Options, fly
 
@@ -47,9 +55,17 @@ def run(
         with contextlib.suppress(OSError):  # whoever read our output is gone; the swarm flies on
             console.print(text, soft_wrap=True)
 
-    result = fly(loaded, Options(speedup, not with_view, runs, seed), say)
+    options = Options(speedup, not with_view, runs, seed, rates(record_hz), tlog)
+    result = fly(loaded, options, say)
     console.print(render_summary(result.summary))
     console.print(f"summary: {result.folder / 'summary.json'}", soft_wrap=True)
+    if report:
+        _report(result.folder)
     if result.summary.outcome != "completed":
         console.print(f"{result.summary.outcome}: {result.summary.reason}", style="bold red", soft_wrap=True)
     raise typer.Exit(130 if result.interrupts else {"completed": 0}.get(result.summary.outcome, 1))
+
+
+def _report(folder: Path) -> None:
+    """In a process of its own: whatever happens to the figures, the run's result stands."""
+    subprocess.run([sys.executable, "-m", "swarm_ctl.cli.main", "report", str(folder)], check=False)

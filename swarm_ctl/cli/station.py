@@ -22,11 +22,12 @@ def station(
     """
     from swarm_ctl.runtime.station_process import run_station
 
-    folder = run if run is not None else _newest(Path("runs"))
+    folder = run if run is not None else newest_run(Path("runs"))
     raise typer.Exit(run_station(folder, None, lambda _: None, headless=headless))
 
 
-def _newest(runs: Path) -> Path:
+def newest_run(runs: Path) -> Path:
+    """The newest run folder in `runs`."""
     folders = [path.parent for path in runs.glob("*/run.json")]
     if not folders:
         raise InputError(f"no run in {runs}/; name a run folder")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated
 
@@ -13,23 +14,41 @@ from rich.text import Text
 
 from swarm_ctl.core import graph
 from swarm_ctl.core.formation import closest_pair
-from swarm_ctl.core.plan import FormStep, HoldStep, Plan, Point, TakeoffStep
+from swarm_ctl.core.homing import return_height_m
+from swarm_ctl.core.plan import (
+    FormStep,
+    MoveStep,
+    Plan,
+    Point,
+    ReturnStep,
+    RotateStep,
+    ScaleStep,
+    Step,
+    TakeoffStep,
+)
+from swarm_ctl.core.progress import step_name
 from swarm_ctl.core.response import stop_distance
 from swarm_ctl.mission.loader import LoadedMission, load
-from swarm_ctl.mission.rehearsal import FormForecast, rehearse
+from swarm_ctl.mission.rehearsal import StepForecast, forecast
 
 
 def validate(
     mission: Annotated[Path, typer.Argument(help="The mission file.")],
     fleet: Annotated[Path | None, typer.Option(help="A fleet file to use instead of the mission's.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Draw it into this .png, .svg or .pdf (needs matplotlib).")] = None,
 ) -> None:
     """Check a mission file and show what would be flown: agents, graph, slots, distances, times, warnings."""
     loaded = load(mission, fleet=fleet)
     console = Console(highlight=False)
-    show(loaded, rehearse(loaded.plan), console)
+    show(loaded, forecast(loaded.plan), console)
+    if plot is not None:
+        from swarm_ctl.cli import plot as picture
+
+        picture.plot(loaded.plan, plot)
+        console.print(f"picture  {plot}", soft_wrap=True)
 
 
-def show(loaded: LoadedMission, forecasts: list[FormForecast], console: Console) -> None:
+def show(loaded: LoadedMission, forecasts: list[StepForecast], console: Console) -> None:
     """Print a checked mission."""
     plan = loaded.plan
     console.print(f"[bold]{plan.name}[/bold] can be flown: {len(plan.agents)} agents, plan {plan.hash():016x}")
@@ -37,7 +56,7 @@ def show(loaded: LoadedMission, forecasts: list[FormForecast], console: Console)
     console.print(_steps(plan, forecasts))
     for line in _facts(plan):
         console.print(line, soft_wrap=True)
-    for warning in (*loaded.warnings, *_late(forecasts)):
+    for warning in (*loaded.warnings, *_late(plan, forecasts)):
         console.print(Text.assemble(("warning  ", "yellow"), warning), soft_wrap=True)
 
 
@@ -53,30 +72,43 @@ def _agents(loaded: LoadedMission) -> Table:
     return table
 
 
-def _steps(plan: Plan, forecasts: list[FormForecast]) -> Table:
-    table = Table("step", "what", "expected", "time-out")
-    left = iter(forecasts)
-    for number, step in enumerate(plan.steps, start=1):
-        what: str = step.kind
-        expected = ""
-        if isinstance(step, TakeoffStep):
-            what, expected = f"takeoff to {step.height_m:g} m", f"{step.height_m / plan.limits.climb_mps:.0f} s climb"
-        elif isinstance(step, HoldStep):
-            expected = f"{step.duration_s:g} s"
-        elif isinstance(step, FormStep):
-            forecast = next(left)
-            what = f"form {step.shape}, {step.tolerance_m:g} m"
-            expected = _expected(forecast)
-        table.add_row(str(number), what, expected, f"{step.timeout_s:g} s")
+def _steps(plan: Plan, forecasts: list[StepForecast]) -> Table:
+    table = Table("step", "what", "expected", "time-out", "then")
+    total_s = 0.0
+    for number, (step, expected) in enumerate(zip(plan.steps, forecasts, strict=True), start=1):
+        total_s += expected.expected_s or step.timeout_s
+        then = step.on_timeout.value
+        table.add_row(str(number), _what(plan, step), _expected(expected), f"{step.timeout_s:.0f} s", then)
+    table.add_row("", "whole flight", f"{total_s:.0f} s", "", "")
     return table
 
 
-def _expected(forecast: FormForecast) -> str:
-    time = "not in time" if forecast.formed_s is None else f"{forecast.formed_s:.0f} s"
-    if forecast.smallest_pair is None:
+def _what(plan: Plan, step: Step) -> str:
+    match step:
+        case TakeoffStep():
+            return f"takeoff to {step.height_m:g} m"
+        case FormStep():
+            return f"form {step.shape}, {step.tolerance_m:g} m"
+        case MoveStep():
+            way = ", ".join(f"({north:g}, {east:g})" for north, east in step.waypoints_m)
+            return f"move to {way} m at {step.speed_mps:g} m/s"
+        case RotateStep():
+            return f"rotate to {math.degrees(step.angle_rad):g} degrees at {step.speed_mps:g} m/s"
+        case ScaleStep():
+            return f"scale to {step.factor:g} at {step.speed_mps:g} m/s"
+        case ReturnStep():
+            last = return_height_m(plan, plan.agents[-1].id)
+            return f"return at {return_height_m(plan, plan.agents[0].id):g} to {last:g} m"
+        case _:
+            return step.kind
+
+
+def _expected(expected: StepForecast) -> str:
+    time = "not in time" if expected.expected_s is None else f"{expected.expected_s:.0f} s"
+    if expected.form is None or expected.form.smallest_pair is None:
         return time
-    i, j = forecast.smallest_pair
-    return f"{time}, closest {forecast.smallest_m:.1f} m ({i}-{j})"
+    i, j = expected.form.smallest_pair
+    return f"{time}, closest {expected.form.smallest_m:.1f} m ({i}-{j})"
 
 
 def _facts(plan: Plan) -> list[str]:
@@ -97,6 +129,14 @@ def _facts(plan: Plan) -> list[str]:
         f" {limits.climb_mps:g} up, {limits.descent_mps:g} down"
     )
     lines.append(f"law      kappa {plan.kappa:g}, h {law.h:g}, {plan.compensation.value}, tick {plan.tick_s:g} s")
+    if plan.fence is not None:
+        box = " ".join(f"({north:g}, {east:g})" for north, east in plan.fence.polygon_m)
+        lines.append(f"fence    up to {plan.fence.height_m:g} m, inside {box} m: {plan.policies.fence.value}")
+    safe = plan.policies
+    lines.append(
+        f"limits   battery under {safe.battery_reserve_percent:g} %: {safe.battery_low.value};"
+        f" over {safe.max_speed_mps:g} m/s or {safe.max_tilt_deg:g} degrees: {safe.too_fast.value}"
+    )
     lost = plan.policies
     lines.append(
         f"lost     agent after {lost.agent_lost_after_s:g} s: {lost.agent_lost.value};"
@@ -116,8 +156,9 @@ def _closest(plan: Plan, ids: list[int]) -> list[str]:
     return lines
 
 
-def _late(forecasts: list[FormForecast]) -> list[str]:
-    return [f"{f.shape} is not expected to stand before its time-out" for f in forecasts if f.formed_s is None]
+def _late(plan: Plan, forecasts: list[StepForecast]) -> list[str]:
+    late = [k for k, expected in enumerate(forecasts, start=1) if expected.expected_s is None]
+    return [f"step {k}, {step_name(plan, k)}, is not expected to be done before its time-out" for k in late]
 
 
 def _metres(point: Point, unit_m: float) -> str:

@@ -15,6 +15,8 @@ from swarm_ctl.core.plan import Compensation, Plan, Point
 from swarm_ctl.core.state import PairReport, SigmaReport
 from swarm_ctl.core.vehicle import Contact
 
+_APPROACH_RATE = 1.0
+"""[1/s] of the room that is left: what a wish may come closer to somebody who stays. Stop points need no more."""
 _NOWHERE: Mapping[int, Point] = {}
 
 
@@ -29,6 +31,7 @@ class Controller:
         self._commands: deque[Point] = deque([(0.0, 0.0)] * delayed, maxlen=delayed)
         self._iteration_mps = plan.unit_m * plan.kappa
         self._result: law.LawResult | None = None
+        self._points = np.zeros((0, 2))
         self._tally = np.zeros(len(law.STATUSES), dtype=np.int64)
         self.overspeed_ticks = 0
         self.commanded_mps: Point = (0.0, 0.0)
@@ -49,10 +52,27 @@ class Controller:
             (north, east), fix.velocity_ned_mps[:2], self._commands, self._plan.tick_s, self._plan.response
         )
 
-    def form(self, now: float, slots: Mapping[int, Point], contacts: Sequence[Contact]) -> Point:
-        """The law (26): velocity (north, east) [m/s] towards the shape `slots` [units], keeping apart."""
+    def form(
+        self, now: float, slots: Mapping[int, Point], contacts: Sequence[Contact], extra_mps: Point = (0.0, 0.0)
+    ) -> Point:
+        """The law (26): velocity (north, east) [m/s] towards the shape `slots` [units], keeping apart.
+
+        `extra_mps` is flown on top: what moves the formation as a whole.
+        """
         result = self._evaluate(now, slots, contacts)
-        return self._protected(float(result.u[0, 0]), float(result.u[0, 1]))
+        if extra_mps == (0.0, 0.0):
+            return self._protected(float(result.u[0, 0]), float(result.u[0, 1]))
+        rate = self._iteration_mps
+        north, east = float(result.consensus[0, 0]) * rate, float(result.consensus[0, 1]) * rate
+        wish = self._around(now, (north + extra_mps[0], east + extra_mps[1]))
+        return self._protected(float(result.avoidance[0, 0]), float(result.avoidance[0, 1]), wish)
+
+    def go_to(self, now: float, to_m: Point, speed_mps: float, contacts: Sequence[Contact]) -> Point:
+        """Straight to a point, keeping apart from everybody; around whoever stands in the way."""
+        result = self._evaluate(now, _NOWHERE, contacts)
+        (north, east), gain = self.stop_point_m, self._plan.kappa * self._plan.law.h
+        pull = safety.shortened((gain * (to_m[0] - north), gain * (to_m[1] - east)), speed_mps)
+        return self._protected(float(result.avoidance[0, 0]), float(result.avoidance[0, 1]), self._around(now, pull))
 
     def keep_clear(self, now: float, contacts: Sequence[Contact]) -> Point:
         """Stay, but make room for whoever comes close: the law's avoidance term alone."""
@@ -88,11 +108,27 @@ class Controller:
             counts = np.bincount(result.pairs.status, minlength=len(law.STATUSES))
             self._tally += counts
             self.overspeed_ticks += bool(counts[law.OVERSPEED])
-        self._result = result
+        self._result, self._points = result, others.points[0]
         return result
 
-    def _protected(self, u_north: float, u_east: float) -> Point:
-        velocity = safety.protect((u_north * self._iteration_mps, u_east * self._iteration_mps), self._plan.limits)
+    def _around(self, now: float, wish_mps: Point) -> Point:
+        """The wish, bent around everybody within `r_out` who does not fly along: lost, landing, landed, strangers."""
+        pairs = self._result.pairs if self._result is not None else None
+        if pairs is None or wish_mps == (0.0, 0.0):
+            return wish_mps
+        unit, law_ = self._plan.unit_m, self._plan.law
+        for k, column in enumerate(pairs.index[-1].tolist()):
+            if self._peers.flies_along(column, now):
+                continue
+            room_m = (float(pairs.distance[k]) - 0.5 * (law_.r_in + law_.r_out)) * unit
+            north, east = self._points[column].tolist()
+            away = (self.stop_point_m[0] / unit - north, self.stop_point_m[1] / unit - east)
+            wish_mps = safety.bent(wish_mps, away, max(0.0, _APPROACH_RATE * room_m))
+        return wish_mps
+
+    def _protected(self, u_north: float, u_east: float, extra_mps: Point = (0.0, 0.0)) -> Point:
+        north, east = u_north * self._iteration_mps + extra_mps[0], u_east * self._iteration_mps + extra_mps[1]
+        velocity = safety.protect((north, east), self._plan.limits)
         self.commanded(*velocity)
         return velocity
 

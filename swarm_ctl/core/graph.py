@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import TypeAlias
 
 import numpy as np
@@ -20,6 +20,16 @@ def neighbours(starts: Mapping[int, Point], r: float) -> dict[int, tuple[int, ..
         i: tuple(sorted(j for j, q in starts.items() if j != i and math.dist(p, q) <= r))
         for i, p in sorted(starts.items())
     }
+
+
+def of_links(ids: Iterable[int], links: Iterable[tuple[int, int]]) -> dict[int, tuple[int, ...]]:
+    """The graph with these links; links of ids it does not have are left out."""
+    heard: dict[int, set[int]] = {i: set() for i in sorted(ids)}
+    for i, j in links:
+        if i in heard and j in heard and i != j:
+            heard[i].add(j)
+            heard[j].add(i)
+    return {i: tuple(sorted(near)) for i, near in heard.items()}
 
 
 def edges(graph: Graph) -> tuple[tuple[int, int], ...]:
@@ -49,6 +59,17 @@ def is_connected(graph: Graph) -> bool:
 def without(graph: Graph, lost: Collection[int]) -> dict[int, tuple[int, ...]]:
     """The graph that is left when the agents `lost` leave it."""
     return {i: tuple(j for j in heard if j not in lost) for i, heard in graph.items() if i not in lost}
+
+
+def bridged(graph: Graph, lost: Collection[int]) -> dict[int, tuple[int, ...]]:
+    """The graph without `lost`, where the neighbours of each lost agent are linked: it hangs together as before."""
+    links = {i: set(heard) for i, heard in graph.items()}
+    for gone in sorted(lost):
+        left = links.pop(gone, set())
+        for i in left:
+            links[i] |= left - {i}
+            links[i].discard(gone)
+    return {i: tuple(sorted(heard)) for i, heard in links.items()}
 
 
 def algebraic_connectivity(graph: Graph) -> float:

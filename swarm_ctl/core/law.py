@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,42 +83,44 @@ def evaluate(
     """
     linked = neighbour & present
     count = np.count_nonzero(linked, axis=-1)
-    weight = linked.astype(np.float64)
     error = own - own_slot
     # n, the paper's (n2, n4): the sum of the neighbours' e_j - e_i
-    n_x = ((others[..., 0] - other_slots[..., 0] - error[..., 0, None]) * weight).sum(axis=-1)
-    n_y = ((others[..., 1] - other_slots[..., 1] - error[..., 1, None]) * weight).sum(axis=-1)
-    consensus = np.stack((n_x, n_y), axis=-1)
-    consensus *= (law.h / np.maximum(count, 1))[..., None]
+    n = ((others - other_slots - error[..., None, :]) * linked[..., None]).sum(axis=-2)
+    consensus = n * (law.h / np.maximum(count, 1))[..., None]
 
-    q_x = own[..., 0, None] - others[..., 0]
-    q_y = own[..., 1, None] - others[..., 1]
-    near = (q_x * q_x + q_y * q_y < law.r_out * law.r_out) & present
+    q = own[..., None, :] - others
+    near = ((q * q).sum(axis=-1) < law.r_out * law.r_out) & present
     if not near.any():
-        avoidance = np.zeros_like(consensus)
-        return LawResult(consensus, consensus, avoidance, None)
+        return LawResult(consensus, consensus, np.zeros_like(consensus), None)
 
     index = near.nonzero()
     agent = index[:-1]
+    together = linked[index]
     strangers = np.count_nonzero(near & ~linked, axis=-1)
-    q_x, q_y, x = _separate(q_x[index], q_y[index], lower_id[index], law)
-    pairs = _tune(index, q_x, q_y, x, n_x[agent], n_y[agent], count[agent], strangers[agent], linked[index], law)
-    avoidance = np.stack((_sum_per_agent(near, pairs.alpha * q_x), _sum_per_agent(near, pairs.alpha * q_y)), axis=-1)
+    q_x, q_y, x = separate(q[..., 0][index], q[..., 1][index], lower_id[index], law)
+    members = np.where(together, count[agent], strangers[agent])
+    pull = n[agent] * (together * law.h / (members * members))[:, None]
+    tuned = tune(q_x, q_y, x, pull[:, 0], pull[:, 1], members, law)
+    pairs = Pairs(index, x, together, *tuned)
+    push = np.zeros_like(q)
+    push[..., 0][index] = pairs.alpha * q_x
+    push[..., 1][index] = pairs.alpha * q_y
+    avoidance = push.sum(axis=-2)
     return LawResult(consensus + avoidance, consensus, avoidance, pairs)
 
 
 def cut_off(x: Floats, law: LawParameters) -> Floats:
     """g(x), (18)-(21): 1 inside `r_in`, a cosine down to 0 at `r_out`; same shape as `x`."""
-    share = np.clip((x - law.r_in) / (law.r_out - law.r_in), 0.0, 1.0)
-    g: Floats = 0.5 * (1.0 + np.cos(math.pi * share))
+    share = np.minimum(np.maximum((x - law.r_in) * (math.pi / (law.r_out - law.r_in)), 0.0), math.pi)
+    g: Floats = 0.5 + 0.5 * np.cos(share)
     return g
 
 
-def _separate(q_x: Floats, q_y: Floats, lower: Bools, law: LawParameters) -> tuple[Floats, Floats, Floats]:
-    """Distances of the pairs; two agents on one spot are taken sqrt(delta_a) apart, the lower id to the north."""
-    x = np.hypot(q_x, q_y)
-    same = x < _SAME_SPOT
-    if same.any():
+def separate(q_x: Floats, q_y: Floats, lower: Bools, law: LawParameters) -> tuple[Floats, Floats, Floats]:
+    """`q` and its length; two agents on one spot are taken sqrt(delta_a) apart, the lower id to the north."""
+    x = np.sqrt(q_x * q_x + q_y * q_y)
+    if x.min(initial=1.0) < _SAME_SPOT:
+        same = x < _SAME_SPOT
         apart = math.sqrt(law.delta_a)
         q_x = np.where(same, np.where(lower, apart, -apart), q_x)
         q_y = np.where(same, 0.0, q_y)
@@ -126,68 +128,74 @@ def _separate(q_x: Floats, q_y: Floats, lower: Bools, law: LawParameters) -> tup
     return q_x, q_y, x
 
 
-def _tune(
-    index: tuple[NDArray[np.intp], ...],
-    q_x: Floats,
-    q_y: Floats,
-    x: Floats,
-    n_x: Floats,
-    n_y: Floats,
-    count: NDArray[np.intp],
-    strangers: NDArray[np.intp],
-    linked: Bools,
-    law: LawParameters,
-) -> Pairs:
-    """Section 3 of LAW.md: the bounds on D, D itself with its status, then sigma; all arrays (K,)."""
+class Tuned(NamedTuple):
+    """The numbers of section 3 for pairs of any shape; `d` is NaN where the status leaves it undefined."""
+
+    sigma: Floats
+    sigma_lb: Floats
+    d_lb: Floats
+    d_ub: Floats
+    d: Floats
+    alpha: Floats
+    status: NDArray[np.uint8]
+
+
+def tune(
+    q_x: Floats, q_y: Floats, x: Floats, pull_x: Floats, pull_y: Floats, members: NDArray[np.intp], law: LawParameters
+) -> Tuned:
+    """Section 3 of LAW.md: the bounds on D, D itself with its status, then sigma. Arrays broadcast.
+
+    Args:
+        q_x: p_i - p_j, never zero.
+        q_y: likewise.
+        x: |q|.
+        pull_x: beta n, the pull of the neighbours' errors on i; zero for a stranger (j not in N_i). A stranger is the
+            neighbour's case with beta = 0 and M in place of N: (32), (59), (65) turn into (69)'s bounds, and (50),
+            (52) into sigma_lb = g x / R - x^2.
+        pull_y: likewise.
+        members: N for a neighbour, M for a stranger.
+        law: r, r_in, r_out, delta_l, delta_a; `h` is in the pull.
+    """
     g = cut_off(x, law)
     d_ic = 0.5 * x
-    # A stranger (j not in N_i) is the neighbour's case with beta = 0 and M in place of N: (32), (59), (65) turn
-    # into (69)'s bounds, and (50), (52) into sigma_lb = g x / R - x^2.
-    members = np.where(linked, count, strangers)
-    beta = np.where(linked, law.h / np.maximum(count, 1) ** 2, 0.0)
-    S = beta * (q_x * n_x + q_y * n_y)
-    C = beta * (q_x * n_y - q_y * n_x)
-    pull = beta * np.hypot(n_x, n_y)
-    d_lb = law.r / (d_ic + 2.0 * members * np.hypot(g + S, C) / x)
-    d_ub = law.r / (d_ic + 2.0 * members * pull)
+    twice = 2.0 * members
+    S = q_x * pull_x + q_y * pull_y
+    C = q_x * pull_y - q_y * pull_x
+    C *= C
+    pull = np.sqrt(pull_x * pull_x + pull_y * pull_y)
+    push = g + S
+    push *= push
+    push += C
+    d_lb = law.r / (np.sqrt(push) * twice / x + d_ic)
+    d_ub = law.r / (twice * pull + d_ic)
     d, status = _choose_d(d_lb, d_ub, law)
 
-    tuned = status <= NARROW
-    R = (law.r / np.where(tuned, d, 1.0) - d_ic) / (2.0 * members)
-    # (50), the larger root, written so that a large S does not cancel: (R^2 - pull^2) / (S + sqrt(x^2 R^2 - C^2))
-    root = np.sqrt(np.maximum(x * x * R * R - C * C, 0.0))
-    alpha_ub = np.where(
-        S > 0.0,
-        (R - pull) * (R + pull) / np.where(S > 0.0, S + root, 1.0),
-        (root - S) / (x * x),
-    )
-    with np.errstate(divide="ignore"):
-        sigma_lb = np.where(tuned, g / alpha_ub - x * x, 0.0)
-    # R == pull to the last bit leaves no room for any repulsion: the largest finite sigma
-    sigma_lb = np.nan_to_num(sigma_lb, nan=0.0, posinf=1e300)
-    sigma = np.maximum(sigma_lb, 0.0) + law.delta_a
-    alpha = g / (sigma + x * x)
-    return Pairs(index, x, linked, sigma, sigma_lb, d_lb, d_ub, d, alpha, status)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        R = (law.r / d - d_ic) / twice
+        xx = x * x
+        # (50), the larger root, written so that a large S does not cancel: (R^2 - pull^2) / (S + sqrt(x^2 R^2 - C^2))
+        root = np.sqrt(np.maximum(R * R * xx - C, 0.0))
+        root += np.abs(S)
+        alpha_ub = np.where(S > 0.0, (R - pull) * (R + pull) / root, root / xx)
+        # R == pull to the last bit leaves no room for any repulsion: the largest finite sigma
+        sigma_lb = np.minimum(g / alpha_ub - xx, 1e300)
+    sigma_lb[np.isnan(sigma_lb)] = 0.0  # where D is undefined
+    sigma = np.maximum(sigma_lb, 0.0)
+    sigma += law.delta_a
+    return Tuned(sigma, sigma_lb, d_lb, d_ub, d, g / (sigma + xx), status)
 
 
 def _choose_d(d_lb: Floats, d_ub: Floats, law: LawParameters) -> tuple[Floats, NDArray[np.uint8]]:
     """D by (66) and its status; `narrow`, `inactive` and `overspeed` are LAW.md's rules where (66) has no room."""
     middle = 0.5 * (d_lb + d_ub)
     d = np.where(d_lb < 2.0, d_lb + law.delta_l, middle)
-    narrow = d >= d_ub
-    d = np.where(narrow, np.maximum(2.0, middle), d)
     inactive = d_ub - d_lb <= _NO_ROOM * d_ub
-    overspeed = ~inactive & (d >= d_ub)
-    status = np.where(narrow, NARROW, PAPER)
-    status[overspeed] = OVERSPEED
-    status[inactive] = INACTIVE
-    d[overspeed | inactive] = np.nan
-    return d, status.astype(np.uint8)
-
-
-def _sum_per_agent(near: Bools, values: Floats) -> Floats:
-    """Sum `values`, one per true entry of `near` (..., m), over j: (...)."""
-    spread = np.zeros(near.shape)
-    spread[near] = values
-    total: Floats = spread.sum(axis=-1)
-    return total
+    narrow = d >= d_ub
+    status = narrow.view(np.uint8)  # PAPER is 0, NARROW 1
+    if narrow.any() or inactive.any():
+        d = np.where(narrow, np.maximum(2.0, middle), d)
+        undefined = d >= d_ub
+        status[undefined] = OVERSPEED
+        status[inactive] = INACTIVE
+        d[undefined | inactive] = np.nan
+    return d, status

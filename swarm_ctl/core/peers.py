@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,7 +14,7 @@ from swarm_ctl.core.freshness import FRESH_S, NEIGHBOUR_S, PREDICT_S
 from swarm_ctl.core.histogram import Histogram
 from swarm_ctl.core.plan import Compensation, Plan, Point
 from swarm_ctl.core.response import stop_distance
-from swarm_ctl.core.state import AgentState, LinkReport
+from swarm_ctl.core.state import AgentState, LinkReport, Phase
 from swarm_ctl.core.vehicle import Contact
 
 _MAX_TRANSIT_S = 1.0
@@ -85,7 +85,7 @@ class Peers:
     def __init__(self, plan: Plan, own_id: int) -> None:
         self._plan = plan
         self._own = own_id
-        self._initial = frozenset(plan.agent(own_id).neighbours)
+        self._chosen = frozenset(plan.agent(own_id).neighbours)
         self._by_id = {agent.id: Peer(agent.id) for agent in plan.agents if agent.id != own_id}
         self.ids = [*self._by_id, *[0] * _MAX_CONTACTS]
         """Agent id of each column of the law's input; 0 for traffic that nobody on the mesh owns up to."""
@@ -102,6 +102,23 @@ class Peers:
         if peer is not None:
             peer.hear(state, received_s)
 
+    def choose(self, neighbours: Iterable[int]) -> None:
+        """N_i from now on."""
+        self._chosen = frozenset(neighbours)
+
+    @property
+    def chosen(self) -> tuple[int, ...]:
+        """N_i as chosen, heard or not."""
+        return tuple(sorted(self._chosen))
+
+    def age(self, agent: int, now: float) -> float:
+        """Of the newest state of `agent` [s]."""
+        return self._by_id[agent].age(now)
+
+    def state(self, agent: int) -> AgentState | None:
+        """The newest state of `agent`."""
+        return self._by_id[agent].state
+
     def count_ages(self, now: float) -> None:
         """Sample every heard peer's age once (per tick)."""
         for peer in self:
@@ -113,8 +130,13 @@ class Peers:
         return [peer.state for peer in self if peer.state is not None and peer.age(now) <= FRESH_S]
 
     def neighbours(self, now: float) -> tuple[int, ...]:
-        """N_i now: the planned neighbours that are heard (LAW.md section 1)."""
-        return tuple(p.id for p in self if p.id in self._initial and p.age(now) <= NEIGHBOUR_S)
+        """N_i now: the chosen neighbours that are heard (LAW.md section 1)."""
+        return tuple(p.id for p in self if p.id in self._chosen and p.age(now) <= NEIGHBOUR_S)
+
+    def flies_along(self, column: int, now: float) -> bool:
+        """Whoever is at this column of the law's input is heard and flies the formation (traffic never does)."""
+        state = self._by_id[self.ids[column]].state if self.ids[column] else None
+        return state is not None and state.phase is Phase.FLY and self.age(state.agent, now) <= NEIGHBOUR_S
 
     def law_input(self, now: float, own_m: Point, slots: Mapping[int, Point], contacts: Sequence[Contact]) -> LawInput:
         """Everyone who may be near, as points in units; a peer never heard is absent.
@@ -127,7 +149,7 @@ class Peers:
             age = peer.age(now)
             points.append(self._point(peer.state, age) if peer.state is not None else (0.0, 0.0))
             present.append(peer.state is not None)
-            linked.append(peer.id in self._initial and age <= NEIGHBOUR_S and peer.id in slots)
+            linked.append(peer.id in self._chosen and age <= NEIGHBOUR_S and peer.id in slots)
         traffic = self._traffic(now, own_m, contacts)
         points += traffic
         shape = (present, linked, len(traffic))

@@ -74,6 +74,8 @@ class Policy(StrEnum):
     HOLD = "hold"
     LAND = "land"
     """Hold for `hold_before_land_s`, then land in place."""
+    RETURN = "return"
+    """One at a time, at separated heights, back to the own start; land in place where that is not possible."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +87,25 @@ class Policies:
     station_lost: Policy = Policy.LAND
     station_lost_after_s: float = 5.0
     hold_before_land_s: float = 3.0
+    fence: Policy = Policy.LAND
+    """Outside `Plan.fence`, or about to be: the stop point counts."""
+    battery_low: Policy = Policy.LAND
+    battery_reserve_percent: float = 20.0
+    too_fast: Policy = Policy.LAND
+    """Faster than `max_speed_mps` or leaning more than `max_tilt_deg`: it no longer does what it is told."""
+    max_speed_mps: float = 10.0
+    max_tilt_deg: float = 45.0
+    return_separation_m: float = 3.0
+    """Between the heights of two agents that return."""
+    return_speed_mps: float = 2.5
+
+
+@dataclass(frozen=True, slots=True)
+class Fence:
+    """Where the vehicles may be: inside `polygon_m` ((north, east), in order; empty: anywhere), up to `height_m`."""
+
+    polygon_m: tuple[Point, ...]
+    height_m: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +114,7 @@ class TakeoffStep:
 
     height_m: float
     timeout_s: float
+    on_timeout: Policy = Policy.LAND
     kind: Literal["takeoff"] = "takeoff"
 
 
@@ -108,6 +130,9 @@ class FormStep:
     tolerance_m: float
     settle_s: float
     timeout_s: float
+    neighbours: tuple[tuple[int, ...], ...] | None = None
+    """N_i from this step on, in the order of `Plan.agents`; None: as before."""
+    on_timeout: Policy = Policy.LAND
     kind: Literal["form"] = "form"
 
 
@@ -117,7 +142,59 @@ class HoldStep:
 
     duration_s: float
     timeout_s: float
+    on_timeout: Policy = Policy.LAND
     kind: Literal["hold"] = "hold"
+
+
+@dataclass(frozen=True, slots=True)
+class MoveStep:
+    """Take the formation's centre along `waypoints_m` (common frame) at `speed_mps`, keeping shape."""
+
+    waypoints_m: tuple[Point, ...]
+    speed_mps: float
+    tolerance_m: float
+    settle_s: float
+    timeout_s: float
+    on_timeout: Policy = Policy.LAND
+    kind: Literal["move"] = "move"
+
+
+@dataclass(frozen=True, slots=True)
+class RotateStep:
+    """Turn the formation about its centre to `angle_rad` from its last form step's slots (clockwise from above).
+
+    `speed_mps` is the outermost slot's.
+    """
+
+    angle_rad: float
+    speed_mps: float
+    tolerance_m: float
+    settle_s: float
+    timeout_s: float
+    on_timeout: Policy = Policy.LAND
+    kind: Literal["rotate"] = "rotate"
+
+
+@dataclass(frozen=True, slots=True)
+class ScaleStep:
+    """Widen or narrow the formation to `factor` times its last form step's slots; `speed_mps` is the outermost's."""
+
+    factor: float
+    speed_mps: float
+    tolerance_m: float
+    settle_s: float
+    timeout_s: float
+    on_timeout: Policy = Policy.LAND
+    kind: Literal["scale"] = "scale"
+
+
+@dataclass(frozen=True, slots=True)
+class ReturnStep:
+    """One at a time, at separated heights, back to the own start; land there, disarm."""
+
+    timeout_s: float
+    on_timeout: Policy = Policy.LAND
+    kind: Literal["return"] = "return"
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,11 +202,16 @@ class LandStep:
     """Stop, land in place, disarm."""
 
     timeout_s: float
+    on_timeout: Policy = Policy.LAND
     kind: Literal["land"] = "land"
 
 
-Step: TypeAlias = TakeoffStep | FormStep | HoldStep | LandStep
-"""`kind` names a step on screens, in results and in a plan's JSON."""
+Step: TypeAlias = TakeoffStep | FormStep | HoldStep | MoveStep | RotateStep | ScaleStep | ReturnStep | LandStep
+"""`kind` names a step on screens, in results and in a plan's JSON. `on_timeout` is done when a step takes too long;
+`continue` goes on to the next step, as does everybody else, whose time is over as well."""
+
+Shaped: TypeAlias = FormStep | HoldStep | MoveStep | RotateStep | ScaleStep
+"""The steps that fly a formation."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,6 +240,7 @@ class Plan:
     prepare_timeout_s: float
     agents: tuple[AgentPlan, ...]
     steps: tuple[Step, ...]
+    fence: Fence | None
 
     def agent(self, agent_id: int) -> AgentPlan:
         """The part of `agent_id`; KeyError where the plan has no such agent."""

@@ -8,10 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from swarm_ctl.core.plan import FormStep, HoldStep, LandStep, Plan, Step, TakeoffStep
+from swarm_ctl.core.plan import FormStep, Plan, Step
 from swarm_ctl.core.state import StepResult
-
-_NAMES: dict[type[Step], str] = {TakeoffStep: "takeoff", FormStep: "form", HoldStep: "hold", LandStep: "land"}
 
 
 def step_name(plan: Plan, step: int) -> str:
@@ -19,8 +17,7 @@ def step_name(plan: Plan, step: int) -> str:
     if step == 0:
         return "prepare"
     what = plan.steps[step - 1]
-    name = _NAMES[type(what)]
-    return f"{name} {what.shape}" if isinstance(what, FormStep) else name
+    return f"{what.kind} {what.shape}" if isinstance(what, FormStep) else what.kind
 
 
 class Progress:
@@ -32,6 +29,8 @@ class Progress:
         """0 is preparation, k is `plan.steps[k - 1]`."""
         self.done = False
         self.started_s = now
+        self.paused_s = 0.0
+        """How long this step has been held up (a policy, an operator): its time-out and duration wait."""
         self.results: list[StepResult] = [StepResult("prepare", "running", now, None)]
 
     @property
@@ -48,13 +47,13 @@ class Progress:
     def timed_out_at(self) -> float:
         """When the current step has taken too long (the wait for the others included)."""
         step = self.current
-        return self.started_s + (self._plan.prepare_timeout_s if step is None else step.timeout_s)
+        return self.started_s + self.paused_s + (self._plan.prepare_timeout_s if step is None else step.timeout_s)
 
-    def finish_step(self, now: float) -> None:
-        """Own part of the current step is done."""
+    def finish_step(self, now: float, result: str = "done") -> None:
+        """Own part of the current step is done (`result`: or its time is over, `timeout`, or it was `skipped`)."""
         if not self.done:
             self.done = True
-            self._close("done", now)
+            self._close(result, now)
 
     def break_off(self, result: str, now: float) -> None:
         """The current step ends early (`timeout`, `aborted`), and with it the mission."""
@@ -68,6 +67,7 @@ class Progress:
         self.step += 1
         self.done = False
         self.started_s = now
+        self.paused_s = 0.0
         self.results.append(StepResult(step_name(self._plan, self.step), "running", now, None))
         return True
 

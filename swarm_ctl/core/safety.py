@@ -20,8 +20,28 @@ def protect(desired_mps: Point, limits: Limits) -> Point:
         return (0.0, 0.0)
     if speed <= limits.speed_mps:
         return desired_mps
-    scale = limits.speed_mps / speed
-    return (desired_mps[0] * scale, desired_mps[1] * scale)
+    return shortened(desired_mps, limits.speed_mps)
+
+
+def shortened(vector: Point, most: float) -> Point:
+    """The vector, not longer than `most`."""
+    length = math.hypot(*vector)
+    return vector if length <= most else (vector[0] / length * most, vector[1] / length * most)
+
+
+def bent(wish: Point, away: Point, closing_mps: float) -> Point:
+    """The wish, not closing in faster than `closing_mps` on somebody who stays; what is too much goes past it.
+
+    `away` points from the other to us. Everybody turns to the same side, so nobody is stuck head-on.
+    """
+    size = math.hypot(*away)
+    if size < 1e-9:
+        return wish
+    north, east = away[0] / size, away[1] / size
+    excess = -(wish[0] * north + wish[1] * east) - closing_mps
+    if excess <= 0.0:
+        return wish
+    return wish[0] + excess * (north + east), wish[1] + excess * (east - north)
 
 
 def climb_rate(height_error_m: float, limits: Limits) -> float:

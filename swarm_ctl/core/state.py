@@ -5,11 +5,12 @@ Times are on the sender's mission clock [s]; horizontal vectors are (north, east
 
 from __future__ import annotations
 
+import zlib
 from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import TypeAlias
 
-from swarm_ctl.core.plan import Point
+from swarm_ctl.core.plan import FormStep, MoveStep, Point
 from swarm_ctl.core.vehicle import Vector3
 
 
@@ -30,6 +31,21 @@ class Phase(IntEnum):
     YIELD = 7
     """A pilot has taken the vehicle; this agent sends nothing."""
     ENDED = 8
+    RETURN = 9
+    """On the way back to its own start; `AgentState.stage` says how far."""
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """Where the formation as a whole is to be: its centre, and how its last form step's slots are turned and scaled."""
+
+    point_m: Point
+    angle_rad: float = 0.0
+    scale: float = 1.0
+    leg: int = 0
+    """Waypoints passed."""
+    rate: float = 0.0
+    """Progress now, as a share of the step's speed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +65,12 @@ class AgentState:
     velocity_ned_mps: Vector3
     stop_point_m: Point
     commanded_mps: Point
+    frame: Frame | None = None
+    """The shared reference as this agent has it; the pinned agent's is the one that counts (`core/reference.py`)."""
+    stage: int = 0
+    """How far the way back is (`core/homing.py`)."""
+    command: int = 0
+    """`Command.tag` of the operator's command it carries out, 0 for none: who has another one is not followed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,9 +192,21 @@ class Command:
 
     id: str
     kind: str
+    """One of `core.operator.KINDS`."""
     agents: tuple[int, ...]
     """Who is meant; empty: all."""
     time_s: float
+    step: FormStep | MoveStep | None = None
+    """What `form` and `move` want, decided by the sender once, so that no two agents can differ."""
+    plan_hash: int = 0
+    """The plan that `step` was made for; 0: any."""
+    at_step: int = 0
+    """The mission step that `next` is to end; 0: whatever it is. An agent that is further has nothing to do."""
+
+    @property
+    def tag(self) -> int:
+        """A 32-bit fingerprint of the id, never 0."""
+        return zlib.crc32(self.id.encode()) or 1
 
 
 @dataclass(frozen=True, slots=True)

@@ -71,6 +71,8 @@ class VehicleView:
     released: bool = True
     """The vehicle has its own failsafe parameters (not taken yet, or given back and confirmed): Release is done."""
     battery_percent: float | None = None
+    tilt_deg: float | None = None
+    """How far it leans (ATTITUDE: roll and pitch); None while unknown."""
     origin: Geodetic | None = None
     """GPS_GLOBAL_ORIGIN: where the vehicle's own local frame has its zero."""
     local: LocalFix | None = None
@@ -118,7 +120,12 @@ class Yield:
     """Somebody else flies (a pilot changed the mode): send nothing but our heartbeat."""
 
 
-Goal: TypeAlias = Standby | Airborne | Fly | Land | Release | Yield
+@dataclass(frozen=True, slots=True)
+class Terminate:
+    """Motors off at once, wherever it is: it falls. Only on an operator's confirmed word."""
+
+
+Goal: TypeAlias = Standby | Airborne | Fly | Land | Release | Yield | Terminate
 
 
 @dataclass(frozen=True, slots=True)

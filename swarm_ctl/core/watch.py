@@ -5,14 +5,17 @@ Each check is a pure function of one tick's situation and returns why, or None. 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
+from swarm_ctl.core.fence import outside
 from swarm_ctl.core.freshness import OWN_LOST_S
+from swarm_ctl.core.homing import Stage
 from swarm_ctl.core.navigation import OwnFix
 from swarm_ctl.core.peers import Peers
-from swarm_ctl.core.plan import LandStep, Plan, Policy
+from swarm_ctl.core.plan import LandStep, Plan, Point, Policy, ReturnStep
 from swarm_ctl.core.progress import Progress
 from swarm_ctl.core.state import AgentState, Phase
 from swarm_ctl.core.vehicle import VehicleView
@@ -34,13 +37,20 @@ class Situation:
     """The vehicle has followed our setpoints in this flight."""
     was_armed: bool
     lifeline_cut: bool
-    land_command: str
-    """Why an operator wants it down, or ''."""
+    operator_wants: str
+    """`land`, `return`, `kill`, or ''."""
+    stop_point_m: Point
+    height_m: float
+    """Above the take-off point."""
+    landing: bool
+    """This agent is landing its vehicle: leaving the controlled mode is its own doing."""
+    returning: bool
+    """It is on its way back: each for itself then, in turn."""
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Why the mission can't go on as it is, what is done (`land`, `hold`, `yield`), and how the run is then called."""
+    """Why the mission can't go on as it is, what is done (a key of `RANK`), and how the run is then called."""
 
     action: str
     outcome: str
@@ -55,17 +65,28 @@ _VEHICLE_LOST_S: Final = 5.0
 """No heartbeat (1 Hz) for this long: MAVProxy's and Skybrush's figure. Its own failsafe stops it after 1 s."""
 
 
+RANK: Final = {"hold": 0, "return": 1, "land": 2, "yield": 3, "kill": 4}
+"""What can be done, and what outweighs what."""
+
+
 def find(situation: Situation) -> Finding | None:
-    """The first finding of the table, or None: all is well."""
-    for check in CHECKS:
-        finding = check(situation)
-        if finding is not None:
-            return finding
-    return None
+    """The weightiest finding of the table, the first of those; None: all is well."""
+    found = [finding for check in CHECKS if (finding := check(situation)) is not None]
+    return max(found, key=lambda finding: RANK[finding.action], default=None)
+
+
+def replaces(new: Finding | None, old: Finding | None, *, landing: bool) -> bool:
+    """What is being done gives way to the new finding. A pause ends with its cause; landing is final but for a kill."""
+    if old is None or old.action == "hold":
+        return new != old
+    if new is None or RANK[new.action] <= RANK[old.action]:
+        return False
+    return new.action == "kill" or (old.action == "return" and not landing)
 
 
 def _operator(s: Situation) -> Finding | None:
-    return Finding("land", "aborted", s.land_command) if s.land_command else None
+    how = {"land": "landed", "return": "called back", "kill": "killed"}.get(s.operator_wants)
+    return Finding(s.operator_wants, "aborted", f"{how} by the operator") if how else None
 
 
 def _lifeline(s: Situation) -> Finding | None:
@@ -77,8 +98,7 @@ def _vehicle_fault(s: Situation) -> Finding | None:
 
 
 def _taken_over(s: Situation) -> Finding | None:
-    landing = isinstance(s.progress.current, LandStep)
-    if not s.had_control or s.view.controlled or landing:
+    if not s.had_control or s.view.controlled or s.landing or isinstance(s.progress.current, LandStep):
         return None
     what = f"switched to {s.view.mode}" if s.view.armed else "disarmed"
     return Finding("yield", "failed", f"the vehicle was {what} by somebody else (a pilot, or its own failsafe)")
@@ -99,6 +119,8 @@ def _position_lost(s: Situation) -> Finding | None:
 def _peers_gone(s: Situation) -> Finding | None:
     """Lost peers, and peers that gave up: the mission can't be completed without them."""
     policy, after = s.plan.policies.agent_lost, s.plan.policies.agent_lost_after_s
+    if s.returning or s.operator_wants == "return" or isinstance(s.progress.current, ReturnStep):
+        return None
     if s.progress.step == 0:
         after = max(after, _PATIENCE_S)
     for peer in s.peers:
@@ -109,24 +131,59 @@ def _peers_gone(s: Situation) -> Finding | None:
             reason = f"agent {peer.id} has not been heard for {after:g} s"
         # before anything flies there is nothing to hold: any loss ends the mission
         if reason and (policy is not Policy.CONTINUE or not s.was_armed):
-            return Finding("hold" if policy is Policy.HOLD and s.was_armed else "land", "failed", reason)
+            return Finding(policy.value if s.was_armed else "land", "failed", reason)
     return None
 
 
 def _station_gone(s: Situation) -> Finding | None:
     policy, after = s.plan.policies.station_lost, s.plan.policies.station_lost_after_s
-    if s.station_s is None or s.now - s.station_s <= after or policy is Policy.CONTINUE:
+    if s.station_s is None or s.now - s.station_s <= after:
         return None
-    return Finding(policy.value, "failed", f"no ground station has been heard for {after:g} s")
+    return _by_policy(policy, f"no ground station has been heard for {after:g} s")
 
 
 def _too_slow(s: Situation) -> Finding | None:
-    if s.progress.finished or s.now <= s.progress.timed_out_at:
+    step = s.progress.current
+    policy = step.on_timeout if step is not None else Policy.LAND
+    if s.progress.finished or s.now <= s.progress.timed_out_at or policy is Policy.CONTINUE:
         return None
-    seconds = s.progress.timed_out_at - s.progress.started_s
+    if s.returning and not isinstance(step, ReturnStep):
+        return None  # the way back has its own bound
+    seconds = s.progress.timed_out_at - s.progress.started_s - s.progress.paused_s
     what = "the others were not" if s.progress.done else "this agent was not"
     name = s.progress.results[-1].name
-    return Finding("land", "failed", f"step {s.progress.step} ({name}) timed out after {seconds:g} s: {what} done")
+    return _by_policy(policy, f"step {s.progress.step} ({name}) timed out after {seconds:g} s: {what} done")
+
+
+def _beyond_fence(s: Situation) -> Finding | None:
+    """The stop point counts: a vehicle that can no longer stop inside is as good as outside."""
+    if not s.had_control or s.fix is None or isinstance(s.progress.current, LandStep):
+        return None
+    reason = outside(s.plan.fence, s.stop_point_m, s.height_m)
+    return _by_policy(s.plan.policies.fence, reason) if reason else None
+
+
+def _battery_low(s: Situation) -> Finding | None:
+    left, reserve = s.view.battery_percent, s.plan.policies.battery_reserve_percent
+    if not s.was_armed or left is None or left >= reserve or isinstance(s.progress.current, LandStep | ReturnStep):
+        return None
+    return _by_policy(s.plan.policies.battery_low, f"battery at {left:.0f} %, the reserve is {reserve:g} %")
+
+
+def _too_fast(s: Situation) -> Finding | None:
+    if not s.had_control or s.fix is None:
+        return None
+    policies, (north, east, _) = s.plan.policies, s.fix.velocity_ned_mps
+    speed, tilt = math.hypot(north, east), s.view.tilt_deg
+    if speed > policies.max_speed_mps:
+        return _by_policy(policies.too_fast, f"{speed:.1f} m/s fast; allowed: {policies.max_speed_mps:g} m/s")
+    if tilt is not None and tilt > policies.max_tilt_deg:
+        return _by_policy(policies.too_fast, f"leans {tilt:.0f} degrees; allowed: {policies.max_tilt_deg:g}")
+    return None
+
+
+def _by_policy(policy: Policy, reason: str) -> Finding | None:
+    return None if policy is Policy.CONTINUE else Finding(policy.value, "failed", reason)
 
 
 CHECKS: Final[tuple[Check, ...]] = (
@@ -136,6 +193,9 @@ CHECKS: Final[tuple[Check, ...]] = (
     _taken_over,
     _vehicle_silent,
     _position_lost,
+    _too_fast,
+    _beyond_fence,
+    _battery_low,
     _peers_gone,
     _station_gone,
     _too_slow,
@@ -149,9 +209,12 @@ def progress_of(state: AgentState) -> tuple[int, bool]:
 
 def gave_up(state: AgentState, plan: Plan) -> str:
     """Why this peer will not take part to the end, or '': it lands, yielded or ended before its time."""
-    on_land_step = state.step > 0 and isinstance(plan.steps[min(state.step, len(plan.steps)) - 1], LandStep)
+    step = plan.steps[min(state.step, len(plan.steps)) - 1] if state.step > 0 else None
+    going_down = isinstance(step, LandStep | ReturnStep)
     if state.phase is Phase.YIELD:
         return f"agent {state.agent} has lost its vehicle to a pilot or a failsafe"
-    if state.phase in (Phase.LAND, Phase.ENDED) and not on_land_step:
+    # one that is called back has not left before it flies: the others hear the same command within a second
+    left = state.phase in (Phase.LAND, Phase.ENDED) or (state.phase is Phase.RETURN and state.stage >= Stage.FLY)
+    if left and not going_down:
         return f"agent {state.agent} broke the mission off"
     return ""

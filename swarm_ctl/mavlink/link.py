@@ -6,6 +6,8 @@ socket error: the age of the vehicle's heartbeat tells that it is gone.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from pymavlink.dialects.v20 import common
 
 from swarm_ctl.core.vehicle import Goal, LinkCounters, VehicleView
@@ -30,14 +32,18 @@ class VehicleLink:
     """One vehicle behind one endpoint. Times are the caller's mission clock [s].
 
     `endpoint` is a URL as pymavlink spells them (`udpout:127.0.0.1:14601`) or an open wire; `autopilot` names the
-    firmware; `sysid` (1..250) is the only vehicle listened to. LinkError says what would be allowed.
+    firmware; `sysid` (1..250) is the only vehicle listened to. LinkError says what would be allowed. `tap` is given
+    every whole frame that passes, with the time; it must not wait for anything.
     """
 
-    def __init__(self, endpoint: str | Wire, autopilot: str, sysid: int) -> None:
+    def __init__(
+        self, endpoint: str | Wire, autopilot: str, sysid: int, tap: Callable[[bytes, float], None] | None = None
+    ) -> None:
         if not 1 <= sysid <= 250:
             raise LinkError(f"sysid {sysid} is not one; allowed: 1..250")
         self._autopilot = autopilot_of(autopilot, sysid)
         self._sysid = sysid
+        self._tap = tap
         self._wire = open_wire(endpoint) if isinstance(endpoint, str) else endpoint
         self._framer = Framer()
         self._heard = Heard(watched=frozenset(self._autopilot.failsafes))
@@ -83,6 +89,7 @@ class VehicleLink:
             health_reason=missing,
             released=driver.parameters.released(heard),
             battery_percent=heard.battery_percent,
+            tilt_deg=heard.tilt_deg,
             origin=heard.origin,
             local=heard.local,
             global_=heard.global_,
@@ -117,6 +124,8 @@ class VehicleLink:
 
     def _take(self, frame: Frame, now: float) -> None:
         self._frames += 1
+        if self._tap is not None:
+            self._tap(frame.raw, now)
         if frame.system != self._sysid or frame.component != AUTOPILOT_COMPONENT:
             self._foreign += 1
             if frame.component == AUTOPILOT_COMPONENT:
@@ -150,4 +159,6 @@ class VehicleLink:
         except OSError:
             self._errors += 1
             return
+        if self._tap is not None:
+            self._tap(data, now)
         self._setpoints += message.get_msgId() == _SETPOINT_ID

@@ -60,6 +60,7 @@ class Heard:
     sensors_enabled: int = 0
     sensors_health: int = 0
     battery_percent: float | None = None
+    tilt_deg: float | None = None
     origin: Geodetic | None = None
     local: LocalFix | None = None
     global_: GlobalFix | None = None
@@ -152,6 +153,14 @@ def _battery(heard: Heard, percent: int) -> bool:
     return -1 <= percent <= 100
 
 
+def _attitude(heard: Heard, message: Any, now: float) -> bool:  # noqa: ARG001
+    if not _within((message.roll, message.pitch), 2 * math.pi):
+        return False
+    # between the vehicle's own up and the world's
+    heard.tilt_deg = math.degrees(math.acos(max(-1.0, min(1.0, math.cos(message.roll) * math.cos(message.pitch)))))
+    return True
+
+
 def _extended_state(heard: Heard, message: Any, now: float) -> bool:  # noqa: ARG001
     if message.landed_state == common.MAV_LANDED_STATE_UNDEFINED:
         return True
@@ -239,6 +248,7 @@ FOLDS: dict[str, Callable[[Heard, Any, float], bool]] = {
     "GPS_GLOBAL_ORIGIN": _global_origin,
     "SYS_STATUS": _system_status,
     "BATTERY_STATUS": _battery_status,
+    "ATTITUDE": _attitude,
     "EXTENDED_SYS_STATE": _extended_state,
     "ADSB_VEHICLE": _traffic,
     "STATUSTEXT": _status_text,

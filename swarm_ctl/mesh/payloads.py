@@ -12,16 +12,18 @@ from typing import Any, Final, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
-from swarm_ctl.core.state import Ack, AgentState, AgentStatus, Command, Event, Phase, SigmaReport, StationBeacon
+from swarm_ctl.core.state import Ack, AgentState, AgentStatus, Command, Event, Frame, Phase, SigmaReport, StationBeacon
 from swarm_ctl.errors import PayloadError
 
 VERSION: Final = 1
 P = TypeVar("P")
 
-_STATE: Final = struct.Struct("<BBHIdQHB3d3f2d2f")
+_STATE: Final = struct.Struct("<BBHIdQHB3d3f2d2f2d3fBBI")
 """version, flags, agent, seq, time_s, plan_hash, step, phase, position_ned_m, velocity_ned_mps, stop_point_m,
-commanded_mps. Flags: bit 0 done, bit 1 airborne."""
-_DONE, _AIRBORNE = 1, 2
+commanded_mps, frame (point_m, angle_rad, scale, rate, leg), stage, command. Flags: bit 0 done, bit 1 airborne,
+bit 2 frame (without it the frame's fields are 0)."""
+_DONE, _AIRBORNE, _FRAME = 1, 2, 4
+_NO_FRAME: Final = Frame((0.0, 0.0), scale=0.0)
 
 
 def encode(payload: object) -> bytes:
@@ -55,7 +57,8 @@ _ADAPTERS: Final[dict[type[Any], TypeAdapter[Any]]] = {
 
 
 def _encode_state(s: AgentState) -> bytes:
-    flags = _DONE * s.done | _AIRBORNE * s.airborne
+    flags = _DONE * s.done | _AIRBORNE * s.airborne | _FRAME * (s.frame is not None)
+    frame = s.frame or _NO_FRAME
     return _STATE.pack(
         VERSION,
         flags,
@@ -69,14 +72,22 @@ def _encode_state(s: AgentState) -> bytes:
         *s.velocity_ned_mps,
         *s.stop_point_m,
         *s.commanded_mps,
+        *frame.point_m,
+        frame.angle_rad,
+        frame.scale,
+        frame.rate,
+        min(frame.leg, 255),
+        s.stage,
+        s.command,
     )
 
 
 def _decode_state(data: bytes) -> AgentState:
-    _, flags, agent, seq, time_s, plan_hash, step, phase, *numbers = _STATE.unpack(data)
+    _, flags, agent, seq, time_s, plan_hash, step, phase, *numbers, leg, stage, command = _STATE.unpack(data)
     if not all(map(math.isfinite, numbers)) or not math.isfinite(time_s):
         raise ValueError("a number is not finite")
-    n, e, d, vn, ve, vd, stop_n, stop_e, cmd_n, cmd_e = numbers
+    n, e, d, vn, ve, vd, stop_n, stop_e, cmd_n, cmd_e, *framed = numbers
+    north, east, angle, scale, rate = framed
     return AgentState(
         agent,
         seq,
@@ -90,6 +101,9 @@ def _decode_state(data: bytes) -> AgentState:
         (vn, ve, vd),
         (stop_n, stop_e),
         (cmd_n, cmd_e),
+        Frame((north, east), angle, scale, leg, rate) if flags & _FRAME else None,
+        stage,
+        command,
     )
 
 

@@ -11,10 +11,14 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from typing import NamedTuple, TypeAlias
 
+import numpy as np
+
 from swarm_ctl.core import graph
+from swarm_ctl.core.fence import inside
 from swarm_ctl.core.formation import distances
+from swarm_ctl.mission.course import Stand, course
 from swarm_ctl.mission.document import Place, dotted
-from swarm_ctl.mission.schema import FleetEntry, Form, MissionFile, Offsets, Ring, Shape, Takeoff
+from swarm_ctl.mission.schema import FleetEntry, Form, MissionFile, Move, Offsets, Ring, Rotate, Scale, Shape, Takeoff
 from swarm_ctl.mission.shapes import slots_of
 
 MAX_DISTANCE_M = 5000.0
@@ -35,9 +39,13 @@ Findings: TypeAlias = Iterator[Finding]
 
 def check(mission: MissionFile, broken: frozenset[str] = frozenset()) -> list[Finding]:
     """Everything that is wrong with a mission, but for what needs a section that is itself `broken`."""
-    return [
+    found = [
         finding for needs, function in CHECKS if not broken.intersection(needs.split()) for finding in function(mission)
     ]
+    if found or broken:
+        return found  # where the swarm will be can only be told of a mission that is sound so far
+    stands = course(mission)
+    return [finding for function in COURSE_CHECKS for finding in function(mission, stands)]
 
 
 # --- law ---
@@ -84,10 +92,12 @@ def _starts(mission: MissionFile) -> Findings:
 
 
 def _connected(mission: MissionFile) -> Findings:
+    if mission.neighbours != "starts":
+        return
     starts = {agent.id: agent.start for agent in mission.agents}
     parts = graph.components(graph.neighbours(starts, mission.law.r))
     if len(parts) > 1:
-        named = " and ".join("{" + ", ".join(map(str, part)) + "}" for part in parts)
+        named = _named(parts)
         gap, i, j = min(
             (math.dist(starts[i], starts[j]), i, j)
             for one, other in itertools.combinations(parts, 2)
@@ -100,6 +110,25 @@ def _connected(mission: MissionFile) -> Findings:
             f"the smallest gap is {_length(mission, gap)}, agents {i} and {j}",
             f"every part within law.r = {_length(mission, mission.law.r)} of another",
         )
+
+
+def _links(mission: MissionFile) -> Findings:
+    given: list[tuple[Place, object]] = [(("neighbours",), mission.neighbours)]
+    given += [((*place, "neighbours"), form.neighbours) for place, form in forms(mission)]
+    ids = sorted(agent.id for agent in mission.agents)
+    for place, links in given:
+        if not isinstance(links, tuple):
+            continue
+        for k, (i, j) in enumerate(links):
+            if i not in ids or j not in ids or i == j:
+                yield Finding((*place, k), f"[{i}, {j}] is no link", "two different ids of " + ", ".join(map(str, ids)))
+        parts = graph.components(graph.of_links(ids, links))
+        if len(parts) > 1:
+            yield Finding(place, f"the graph is not connected: it falls into {_named(parts)}", "links between them")
+
+
+def _named(parts: tuple[tuple[int, ...], ...]) -> str:
+    return " and ".join("{" + ", ".join(map(str, part)) + "}" for part in parts)
 
 
 # --- fleet ---
@@ -178,7 +207,7 @@ def _slot_counts(mission: MissionFile) -> Findings:
     need = len(mission.agents)
     for name in dict.fromkeys(form.shape for _, form in forms(mission) if form.shape in mission.shapes):
         shape = mission.shapes[name]
-        have = len(shape.offsets) if isinstance(shape, Offsets) else shape.count or need
+        have = len(shape.offsets) if isinstance(shape, Offsets) else getattr(shape, "count", None) or need
         if have != need:
             field = "offsets" if isinstance(shape, Offsets) else "count"
             few = "too few" if have < need else "too many"
@@ -196,7 +225,7 @@ def forms(mission: MissionFile) -> list[tuple[Place, Form]]:
 def _kinds(mission: MissionFile) -> list[str]:
     """Each step's kind; '' where it has none or several."""
     given = [sorted(step.model_fields_set) for step in mission.steps]
-    return [kinds[0] if len(kinds) == 1 else "" for kinds in given]
+    return [kinds[0].rstrip("_") if len(kinds) == 1 else "" for kinds in given]
 
 
 def _steps(mission: MissionFile) -> Findings:
@@ -205,17 +234,107 @@ def _steps(mission: MissionFile) -> Findings:
     for k, kind in enumerate(kinds):
         place = ("steps", k)
         if not kind:
-            yield Finding(place, "is not one step", "exactly one of takeoff, form, hold, land")
+            yield Finding(place, "is not one step", f"exactly one of {', '.join(_KINDS)}")
         elif k == 0 and kind != "takeoff":
             yield Finding(place, f"{kind} before takeoff", "takeoff as the first step")
         elif k > 0 and kind == "takeoff":
             yield Finding(place, "takeoff in the air", "takeoff as the first step only")
-        if k < last and kind == "land":
-            yield Finding(place, "steps after land", "land as the last step only")
-        if kind == "hold" and "form" not in kinds[:k]:
-            yield Finding(place, "hold without a formation to keep", "a form step before it")
-    if kinds[last] not in {"land", ""}:
-        yield Finding(("steps", last), f"the mission ends with {kinds[last]}", "land as the last step")
+        if k < last and kind in _LAST:
+            yield Finding(place, f"steps after {kind}", f"{kind} as the last step only")
+        if kind in _KEEPING and "form" not in kinds[:k]:
+            yield Finding(place, f"{kind} without a formation to keep", "a form step before it")
+    if kinds[last] not in {*_LAST, ""}:
+        yield Finding(("steps", last), f"the mission ends with {kinds[last]}", "land or return as the last step")
+
+
+_KINDS = ("takeoff", "form", "hold", "move", "rotate", "scale", "return", "land")
+_KEEPING = ("hold", "move", "rotate", "scale")
+_LAST = ("land", "return")
+
+
+def _moves(mission: MissionFile) -> Findings:
+    for k, step in enumerate(mission.steps):
+        travel = step.move or step.rotate or step.scale
+        if travel is None:
+            continue
+        place: Place = ("steps", k, _kinds(mission)[k])
+        if isinstance(travel, Move):
+            given = [name for name in ("to", "along", "by") if getattr(travel, name) is not None]
+            if len(given) != 1:
+                yield Finding(place, f"has {' and '.join(given) or 'no way to go'}", "one of to, along, by")
+        limit = mission.vehicle.limits.speed_mps
+        if travel.speed_mps is not None and travel.speed_mps > limit:
+            what = f"{travel.speed_mps:g} m/s is faster than the vehicles may fly"
+            yield Finding((*place, "speed_mps"), what, f"at most vehicle.limits.speed_mps = {limit:g}")
+
+
+def travel_mps(mission: MissionFile, travel: Move | Rotate | Scale) -> float:
+    """How fast the fastest agent goes: as given, or half of what it may."""
+    return travel.speed_mps or mission.vehicle.limits.speed_mps / 2
+
+
+# --- where it will be ---
+
+
+def way_m(mission: MissionFile, before: Stand, after: Stand) -> float:
+    """How far the outermost agent goes in a move, rotate or scale step [m]."""
+    points = (before.centre, *after.waypoints)
+    way = sum(math.dist(a, b) for a, b in itertools.pairwise(points))
+    way += abs(after.angle_rad - before.angle_rad) * before.radius + abs(after.radius - before.radius)
+    return way * mission.unit_m
+
+
+def form_graph(mission: MissionFile, form: Form, before: Stand) -> dict[int, tuple[int, ...]] | None:
+    """N_i from a form step on; None: as before."""
+    if form.neighbours == "keep":
+        return None
+    if form.neighbours == "rechoose":
+        return graph.neighbours(dict(zip(before.ids, before.offsets, strict=True)), mission.law.r)
+    return graph.of_links(before.ids, form.neighbours)
+
+
+def _rechosen(mission: MissionFile, stands: list[Stand]) -> Findings:
+    for k, (step, before) in enumerate(zip(mission.steps, stands[:-1], strict=True)):
+        links = form_graph(mission, step.form, before) if step.form else None
+        parts = graph.components(links) if links else ()
+        if len(parts) > 1:
+            what = f"the shape before is not connected: it falls into {_named(parts)}"
+            yield Finding(("steps", k, "form", "neighbours"), what, f"every part within law.r = {mission.law.r:g}")
+
+
+def _narrow(mission: MissionFile, stands: list[Stand]) -> Findings:
+    for k, (step, after) in enumerate(zip(mission.steps, stands[1:], strict=True)):
+        if step.scale and len(after.ids) > 1:
+            between = distances(after.offsets)
+            apart = float(between[~np.eye(len(between), dtype=bool)].min())
+            if apart <= mission.law.r_out + _ROUNDING:
+                allowed = f"more than law.r_out = {_length(mission, mission.law.r_out)} between slots"
+                what = f"{step.scale.factor:g} brings slots to {_length(mission, apart)}"
+                yield Finding(("steps", k, "scale", "factor"), what, allowed)
+
+
+def _fenced(mission: MissionFile, stands: list[Stand]) -> Findings:
+    polygon, ceiling = mission.fence.polygon or (), mission.fence.height_m
+    for k, agent in enumerate(mission.agents):
+        if not inside(polygon, agent.start):
+            yield Finding(("agents", k, "start"), "is outside the geofence", "a start inside fence.polygon")
+    for k, (step, after) in enumerate(zip(mission.steps, stands[1:], strict=True)):
+        place: Place = ("steps", k, _kinds(mission)[k])
+        if step.takeoff and after.height_m > ceiling:
+            what = f"{after.height_m:g} m is above the geofence"
+            yield Finding((*place, "height_m"), what, f"at most fence.height_m = {ceiling:g}")
+        for centre in after.waypoints:
+            away_m = math.hypot(*centre) * mission.unit_m
+            out = [i for i, at in zip(after.ids, _at(centre, after), strict=True) if not inside(polygon, at)]
+            if out:
+                what = f"at {centre[0]:g}, {centre[1]:g} agent {out[0]} would be outside the geofence"
+                yield Finding(place, what, "a way inside fence.polygon")
+            elif away_m > MAX_DISTANCE_M:
+                yield Finding(place, f"goes {away_m:.0f} m from the origin", f"at most {MAX_DISTANCE_M:g} m")
+
+
+def _at(centre: tuple[float, float], stand: Stand) -> list[tuple[float, float]]:
+    return [(centre[0] + n, centre[1] + e) for n, e in stand.offsets]
 
 
 def _form_shapes(mission: MissionFile) -> Findings:
@@ -272,7 +391,7 @@ CHECKS: tuple[tuple[str, Callable[[MissionFile], Findings]], ...] = (
     ("agents", _agent_ids),
     ("agents unit_m", _start_range),
     ("agents law unit_m", _starts),
-    ("agents law unit_m", _connected),
+    ("agents law unit_m neighbours", _connected),
     ("fleet", _fleet),
     ("agents fleet", _fleet_has_all),
     ("shapes agents law unit_m", _shapes),
@@ -280,4 +399,7 @@ CHECKS: tuple[tuple[str, Callable[[MissionFile], Findings]], ...] = (
     ("steps", _steps),
     ("steps shapes", _form_shapes),
     ("steps vehicle", _timeouts),
+    ("steps vehicle", _moves),
+    ("neighbours steps agents", _links),
 )
+COURSE_CHECKS: tuple[Callable[[MissionFile, list[Stand]], Findings], ...] = (_rechosen, _narrow, _fenced)

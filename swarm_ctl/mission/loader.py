@@ -8,17 +8,29 @@ from functools import cache
 from pathlib import Path
 from typing import Any, cast
 
-import numpy as np
 from pydantic import ValidationError, create_model
 
 from swarm_ctl.core import graph, plan
-from swarm_ctl.core.plan import Plan, Point
+from swarm_ctl.core.plan import Plan
 from swarm_ctl.errors import MissionError, Problem
-from swarm_ctl.mission import checks, document, slots, wording
+from swarm_ctl.mission import checks, csv_slots, document, wording
+from swarm_ctl.mission.course import Stand, course, fence_box
 from swarm_ctl.mission.document import Document
 from swarm_ctl.mission.fleet import Fleet, FleetAgent
-from swarm_ctl.mission.schema import FleetEntry, Form, Hold, MissionFile, Section, Step, Takeoff
-from swarm_ctl.mission.shapes import slots_of
+from swarm_ctl.mission.lengths import in_units
+from swarm_ctl.mission.schema import (
+    FleetEntry,
+    Form,
+    Hold,
+    MissionFile,
+    Move,
+    Return,
+    Rotate,
+    Scale,
+    Section,
+    Step,
+    Takeoff,
+)
 from swarm_ctl.mission.warnings import warnings
 
 
@@ -48,20 +60,22 @@ def loads(text: str, name: str = "mission.yaml") -> LoadedMission:
 
 def dumps(file: MissionFile) -> str:
     """A mission as text that loads to the same: what was given, not the defaults."""
-    return document.write(file.model_dump(mode="json", exclude_unset=True))
+    return document.write(file.model_dump(mode="json", exclude_unset=True, by_alias=True))
 
 
 def _build(source: Document, path: Path, fleet: Path | None) -> LoadedMission:
     _graft_fleet(source, path, fleet)
+    csv_slots.graft(source, path.parent)
     mission, problems = _validate(source)
     if problems or mission is None:
         raise MissionError(tuple(sorted(problems, key=_line)))
+    written, mission = mission, in_units(mission)
     the_plan = plan_of(mission)
     noted = tuple(
         f"{source.where(finding.place)}: {document.dotted(finding.place)}: {finding.what}"
         for finding in warnings(mission, the_plan)
     )
-    return LoadedMission(the_plan, fleet_of(mission), path, mission, noted)
+    return LoadedMission(the_plan, fleet_of(mission), path, written, noted)
 
 
 def _line(problem: Problem) -> tuple[str, int]:
@@ -104,6 +118,8 @@ def _validate(source: Document) -> tuple[MissionFile | None, list[Problem]]:
         if "" in broken:
             return None, problems
         rest = _partial(source.data, broken)
+    if not broken.intersection({"law", "lengths", "unit_m"}):
+        rest = in_units(rest)
     problems += [source.problem(*finding) for finding in checks.check(rest, broken)]
     return mission, problems
 
@@ -139,7 +155,12 @@ def plan_of(mission: MissionFile) -> Plan:
     plain_h = plan.LawParameters().h
     h = law.h or (plain_h if law.compensation is plan.Compensation.NONE else min(1.0, 1 / kappa))
     starts = {agent.id: agent.start for agent in sorted(mission.agents, key=lambda agent: agent.id)}
-    near = graph.neighbours(starts, law.r)
+    near = (
+        graph.neighbours(starts, law.r)
+        if mission.neighbours == "starts"
+        else graph.of_links(starts, mission.neighbours)
+    )
+    stands = course(mission)
     return Plan(
         name=mission.name,
         origin=plan.Geodetic(mission.origin.lat_deg, mission.origin.lon_deg, mission.origin.alt_m),
@@ -150,44 +171,69 @@ def plan_of(mission: MissionFile) -> Plan:
         compensation=law.compensation,
         response=plan.Response(**mission.vehicle.response.model_dump()),
         limits=plan.Limits(**mission.vehicle.limits.model_dump()),
-        policies=plan.Policies(**mission.policies.model_dump()),
+        policies=_policies(mission),
         prepare_timeout_s=mission.prepare_timeout_s,
         agents=tuple(plan.AgentPlan(i, start, near[i]) for i, start in starts.items()),
-        steps=_steps(mission, tuple(starts.values())),
+        steps=tuple(
+            _step(mission, step, before, after)
+            for step, before, after in zip(mission.steps, stands[:-1], stands[1:], strict=True)
+        ),
+        fence=_fence(mission, stands),
     )
 
 
-def _steps(mission: MissionFile, starts: tuple[Point, ...]) -> tuple[plan.Step, ...]:
-    steps: list[plan.Step] = []
-    points, height_m = starts, 0.0
-    for step in mission.steps:
-        if step.form:
-            points = _take_slots(mission, step.form, points)
-        if step.takeoff:
-            height_m = step.takeoff.height_m
-        steps.append(_step(mission, step, points, height_m))
-    return tuple(steps)
+def _policies(mission: MissionFile) -> plan.Policies:
+    speed_mps = mission.vehicle.limits.speed_mps
+    given = mission.policies.model_dump()
+    given["max_speed_mps"] = given["max_speed_mps"] or 2 * speed_mps
+    given["return_speed_mps"] = given["return_speed_mps"] or speed_mps / 2
+    return plan.Policies(**given)
 
 
-def _step(mission: MissionFile, step: Step, points: tuple[Point, ...], height_m: float) -> plan.Step:
-    match step.takeoff or step.form or step.hold or step.land:
+def _fence(mission: MissionFile, stands: list[Stand]) -> plan.Fence:
+    drawn, unit = mission.fence.polygon, mission.unit_m
+    corners = tuple((n * unit, e * unit) for n, e in drawn) if drawn else fence_box(stands, unit)
+    return plan.Fence(corners, mission.fence.height_m)
+
+
+def _step(mission: MissionFile, step: Step, before: Stand, after: Stand) -> plan.Step:
+    match step.takeoff or step.form or step.hold or step.move or step.rotate or step.scale or step.return_ or step.land:
         case Takeoff() as takeoff:
             # Arming and spooling up, then twice what the climb needs.
             generous_s = 30 + 2 * checks.climb_s(mission, takeoff)
-            return plan.TakeoffStep(takeoff.height_m, takeoff.timeout_s or generous_s)
+            return plan.TakeoffStep(takeoff.height_m, takeoff.timeout_s or generous_s, takeoff.on_timeout)
         case Form() as form:
-            return plan.FormStep(form.shape, points, form.tolerance_m, form.settle_s, form.timeout_s)
+            near = _neighbours(mission, form, before)
+            return plan.FormStep(
+                form.shape, after.slots, form.tolerance_m, form.settle_s, form.timeout_s, near, form.on_timeout
+            )
         case Hold() as hold:
-            return plan.HoldStep(hold.duration_s, hold.timeout_s or hold.duration_s + 30)
+            return plan.HoldStep(hold.duration_s, hold.timeout_s or hold.duration_s + 30, hold.on_timeout)
+        case Move() | Rotate() | Scale() as travel:
+            return _travel(mission, travel, before, after)
+        case Return() as back:
+            generous_s = (60 + _landing_s(mission, before.height_m)) * (len(mission.agents) + 1)
+            return plan.ReturnStep(back.timeout_s or generous_s, back.on_timeout)
         case land:
-            # Autopilots touch down at 0.5 m/s or less, whatever the descent before; and they take a while to disarm.
-            slow_mps = min(mission.vehicle.limits.descent_mps, 0.5)
-            return plan.LandStep((land and land.timeout_s) or 60 + 1.5 * height_m / slow_mps)
+            return plan.LandStep((land and land.timeout_s) or 60 + _landing_s(mission, before.height_m))
 
 
-def _take_slots(mission: MissionFile, form: Form, points: tuple[Point, ...]) -> tuple[Point, ...]:
-    targets = slots_of(mission.shapes[form.shape], len(points))
-    if form.slots == "nearest":
-        targets = slots.nearest(points, targets)
-    # Rounded (and -0 made 0) so that the plan's hash does not hang on a machine's last bits.
-    return tuple((float(north), float(east)) for north, east in np.round(targets, 9) + 0.0)
+def _landing_s(mission: MissionFile, height_m: float) -> float:
+    """Autopilots touch down at 0.5 m/s or less, whatever the descent before; and they take a while to disarm."""
+    return 1.5 * height_m / min(mission.vehicle.limits.descent_mps, 0.5)
+
+
+def _travel(mission: MissionFile, travel: Move | Rotate | Scale, before: Stand, after: Stand) -> plan.Step:
+    unit, speed_mps = mission.unit_m, checks.travel_mps(mission, travel)
+    generous_s = 30 + travel.settle_s + 2 * checks.way_m(mission, before, after) / speed_mps
+    rest = (speed_mps, travel.tolerance_m, travel.settle_s, travel.timeout_s or generous_s, travel.on_timeout)
+    if isinstance(travel, Rotate):
+        return plan.RotateStep(round(after.angle_rad, 9), *rest)
+    if isinstance(travel, Scale):
+        return plan.ScaleStep(round(after.scale, 9), *rest)
+    return plan.MoveStep(tuple((n * unit, e * unit) for n, e in after.waypoints), *rest)
+
+
+def _neighbours(mission: MissionFile, form: Form, before: Stand) -> tuple[tuple[int, ...], ...] | None:
+    links = checks.form_graph(mission, form, before)
+    return None if links is None else tuple(links[i] for i in before.ids)

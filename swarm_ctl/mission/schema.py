@@ -149,6 +149,32 @@ class Wedge(_Counted):
     spacing: Length
 
 
+class Circle(_Counted):
+    """A slot in the middle, the others evenly on a circle around it, the first of them north, clockwise."""
+
+    kind: Literal["circle"]
+    radius: Length
+
+
+class Letters(_Shape):
+    """Words in a simple stroke font, as many slots as the agents have, evenly along the strokes."""
+
+    kind: Literal["letters"]
+    text: Annotated[str, Field(pattern=r"^[A-Za-z0-9 ]{1,12}$", examples=["A", "HELLO"])]
+    height: Length
+    """Of a letter, in units; it is as wide as two thirds of that."""
+    count: int | None = Field(default=None, ge=1, le=1000)
+    """How many slots; one per agent where not given."""
+
+
+class Imported(_Shape):
+    """Slots from a CSV file: two columns, north and east, in units; a first line of names is left out."""
+
+    kind: Literal["csv"]
+    path: Annotated[str, Field(min_length=1, max_length=400)]
+    """Relative to the mission file."""
+
+
 class Star(_Counted):
     """Slots alternately on an outer and an inner circle, the first one outside and north, clockwise."""
 
@@ -165,10 +191,20 @@ class Offsets(_Shape):
     """[north, east] of each slot, in units."""
 
 
-Shape: TypeAlias = Annotated[Ring | Line | Column | Grid | Vee | Wedge | Star | Offsets, Field(discriminator="kind")]
+Shape: TypeAlias = Annotated[
+    Ring | Circle | Line | Column | Grid | Vee | Wedge | Star | Letters | Offsets | Imported,
+    Field(discriminator="kind"),
+]
+Link = tuple[AgentId, AgentId]
+Links = Annotated[tuple[Link, ...], Field(min_length=1, max_length=31125)]
 
 
-class Takeoff(Section):
+class _Timed(Section):
+    on_timeout: Action = Policy.LAND
+    """When the step takes too long: land, return, hold, or continue with the next step."""
+
+
+class Takeoff(_Timed):
     """Set the mode, arm and climb."""
 
     height_m: float = Field(ge=1, le=120)
@@ -177,7 +213,7 @@ class Takeoff(Section):
     """Where not given, generous for the height and the climb rate."""
 
 
-class Form(Section):
+class Form(_Timed):
     """Fly into a shape and wait until it stands."""
 
     shape: Name
@@ -189,9 +225,53 @@ class Form(Section):
     settle_s: float = Field(default=5.0, ge=0, le=600)
     """How long the deviation has to stay under it."""
     timeout_s: Timeout = 120.0
+    neighbours: Literal["keep", "rechoose"] | Links = "keep"
+    """keep: as before; rechoose: who is within `r` in the shape before this one; or a list of links, [id, id]."""
 
 
-class Hold(Section):
+class _Travel(_Timed):
+    speed_mps: float | None = Field(default=None, ge=0.1, le=20)
+    """Of the fastest agent; half of vehicle.limits.speed_mps where not given."""
+    tolerance_m: float = Field(default=0.5, ge=0.05, le=50)
+    """The largest deviation from the shape, and of the pinned agent from its place, that counts as arrived."""
+    settle_s: float = Field(default=2.0, ge=0, le=600)
+    timeout_s: Timeout | None = None
+    """Where not given, 30 s more than twice the time at full speed."""
+
+
+class Move(_Travel):
+    """Take the formation's centre along a path, keeping shape. Give `to`, `along` or `by`."""
+
+    to: NorthEast | None = None
+    """[north, east] of the origin, in units."""
+    along: Annotated[tuple[NorthEast, ...], Field(min_length=1, max_length=200)] | None = None
+    """Waypoints, each as `to`."""
+    by: NorthEast | None = None
+    """[north, east] of where the formation is planned to be, in units."""
+
+
+class Rotate(_Travel):
+    """Turn the formation about its centre."""
+
+    angle_deg: float = Field(ge=-3600, le=3600)
+    """Clockwise from above."""
+
+
+class Scale(_Travel):
+    """Widen or narrow the formation about its centre."""
+
+    factor: float = Field(ge=0.05, le=20)
+    """Of the shape as it is."""
+
+
+class Return(_Timed):
+    """One at a time, at separated heights, back to the own start; land there, disarm."""
+
+    timeout_s: Timeout | None = None
+    """Where not given, generous for the number of agents."""
+
+
+class Hold(_Timed):
     """Keep the formation."""
 
     duration_s: float = Field(gt=0, le=3600)
@@ -214,14 +294,18 @@ class Step(Section):
     takeoff: Takeoff | None = None
     form: Form | None = None
     hold: Hold | None = None
+    move: Move | None = None
+    rotate: Rotate | None = None
+    scale: Scale | None = None
+    return_: Return | None = Field(default=None, alias="return")
     land: Land | None = None
 
     @model_validator(mode="before")
     @classmethod
     def _bare(cls, value: Any) -> Any:
-        """`- land` and `- land:` mean `- land: {}`."""
-        if value == "land":
-            return {"land": {}}
+        """`- land` and `- land:` mean `- land: {}`; so does `- return`."""
+        if value in ("land", "return"):
+            return {value: {}}
         if isinstance(value, dict):
             return {kind: {} if body is None else body for kind, body in value.items()}
         return value
@@ -235,6 +319,29 @@ class PolicySection(Section):
     station_lost: Action = Policy.LAND
     station_lost_after_s: LossTime = 5.0
     hold_before_land_s: float = Field(default=3.0, ge=0, le=60)
+    fence: Action = Policy.LAND
+    """Outside the geofence, or unable to stop inside."""
+    battery_low: Action = Policy.LAND
+    battery_reserve_percent: float = Field(default=20.0, ge=0, le=90)
+    """With less than this left nobody takes off, and `battery_low` is done in the air."""
+    too_fast: Action = Policy.LAND
+    """Faster than `max_speed_mps`, or leaning more than `max_tilt_deg`."""
+    max_speed_mps: float | None = Field(default=None, ge=0.5, le=60)
+    """Twice vehicle.limits.speed_mps where not given."""
+    max_tilt_deg: float = Field(default=45.0, ge=5, le=90)
+    return_separation_m: float = Field(default=3.0, ge=0, le=20)
+    """Between the heights of two agents on their way back."""
+    return_speed_mps: float | None = Field(default=None, ge=0.1, le=20)
+    """Half of vehicle.limits.speed_mps where not given."""
+
+
+class FenceSection(Section):
+    """Where the vehicles may be. Where it is not given: 100 m around everything planned, up to 120 m."""
+
+    polygon: Annotated[tuple[NorthEast, ...], Field(min_length=3, max_length=200)] | None = None
+    """Corners in order, [north, east] of the origin, in units; 100 m around everything planned where not given."""
+    height_m: float = Field(default=120.0, ge=2, le=500)
+    """Above each vehicle's own take-off point."""
 
 
 class FleetEntry(Section):
@@ -270,8 +377,10 @@ class MissionFile(Section):
     name: Name
     """Letters, digits, - and _; names the run's folder."""
     origin: Origin
+    lengths: Literal["units", "metres"] = "units"
+    """What lengths without a suffix are in: units of `unit_m` metres, or plain metres."""
     unit_m: float = Field(default=5.0, ge=0.1, le=1000)
-    """Metres per unit."""
+    """Metres per unit of the law; where not given 5, or with `lengths: metres` law.r_out / 1.5."""
     tick_s: float = Field(default=0.05, ge=0.01, le=1)
     """The control loop's period."""
     prepare_timeout_s: Timeout = 120.0
@@ -279,6 +388,9 @@ class MissionFile(Section):
     law: Law
     vehicle: Vehicle = Vehicle()
     policies: PolicySection = PolicySection()
+    fence: FenceSection = FenceSection()
+    neighbours: Literal["starts"] | Links = "starts"
+    """starts: who starts within `r` of each other (the paper's rule); or a list of links, [id, id]."""
     agents: tuple[Agent, ...] = Field(min_length=1, max_length=250)
     """At most as many as there are sysids."""
     shapes: dict[Name, Shape] = {}
@@ -293,5 +405,7 @@ def json_schema() -> dict[str, Any]:
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
     fleet = schema["properties"]["fleet"]
     fleet["anyOf"].append({"type": "string", "description": "path of a fleet file, relative to this file"})
-    schema["properties"]["steps"]["items"] = {"anyOf": [schema["properties"]["steps"]["items"], {"const": "land"}]}
+    schema["properties"]["steps"]["items"] = {
+        "anyOf": [schema["properties"]["steps"]["items"], {"enum": ["land", "return"]}]
+    }
     return schema

@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from swarm_ctl.mission import schema
+from swarm_ctl.mission import letters, schema
 
 Array: TypeAlias = npt.NDArray[np.float64]
 
@@ -39,6 +39,18 @@ def _ring(shape: schema.Ring, count: int) -> Array:
 def _circle(radius: float | Array, count: int) -> Array:
     angle = 2 * np.pi * np.arange(count) / count
     return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
+
+
+def _centred_circle(shape: schema.Circle, count: int) -> Array:
+    return np.vstack([np.zeros((1, 2)), _circle(shape.radius, count - 1)]) if count > 1 else np.zeros((1, 2))
+
+
+def _letters(shape: schema.Letters, count: int) -> Array:
+    return letters.slots(shape.text, shape.height, count)
+
+
+def _imported(shape: schema.Imported, _count: int) -> Array:
+    raise LookupError(f"{shape.path} has not been read")  # the loader puts offsets in its place
 
 
 def _line(shape: schema.Line, count: int) -> Array:
@@ -77,6 +89,9 @@ def _offsets(shape: schema.Offsets, _count: int) -> Array:
 
 _SLOTS: dict[type, Callable[[Any, int], Array]] = {
     schema.Ring: _ring,
+    schema.Circle: _centred_circle,
+    schema.Letters: _letters,
+    schema.Imported: _imported,
     schema.Line: _line,
     schema.Column: _column,
     schema.Grid: _grid,

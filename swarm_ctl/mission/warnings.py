@@ -12,6 +12,8 @@ from swarm_ctl.mission.checks import Finding, Findings
 from swarm_ctl.mission.schema import MissionFile
 
 _SMALLEST_R_IN_M = 1.0
+_WEAK_R_OUT = 3.0
+"""Units. At 7, random missions went under r_in that did not at 1.5."""
 _PLAIN_RATE = 0.05
 """kappa * h of the plain law that left no pair of a laggy swarm under r_in in trials; four times as much did."""
 
@@ -33,11 +35,13 @@ def _close_starts(_mission: MissionFile, plan: Plan) -> Findings:
 
 
 def _stretched_links(_mission: MissionFile, plan: Plan) -> Findings:
+    links = [agent.neighbours for agent in plan.agents]
     for k, step in enumerate(plan.steps):
         if not isinstance(step, FormStep):
             continue
+        links = list(step.neighbours or links)
         slots = {agent.id: slot for agent, slot in zip(plan.agents, step.slots, strict=True)}
-        for i, j in graph.edges({agent.id: agent.neighbours for agent in plan.agents}):
+        for i, j in graph.edges({agent.id: near for agent, near in zip(plan.agents, links, strict=True)}):
             length = math.dist(slots[i], slots[j])
             if length > plan.law.r:
                 what = (
@@ -51,6 +55,15 @@ def _small_r_in(_mission: MissionFile, plan: Plan) -> Findings:
     r_in_m = plan.law.r_in * plan.unit_m
     if r_in_m < _SMALLEST_R_IN_M:
         yield Finding(("law", "r_in"), f"{r_in_m:.2g} m: vehicles and GPS errors are larger than that", "")
+
+
+def _weak_avoidance(_mission: MissionFile, plan: Plan) -> Findings:
+    if plan.law.r_out > _WEAK_R_OUT:
+        what = (
+            f"{plan.law.r_out:.3g} units: the law's repulsion is weak at radii so far above the paper's 1.5;"
+            " a larger unit_m, or lengths: metres without a unit_m, makes it strong again"
+        )
+        yield Finding(("law", "r_out"), what, "")
 
 
 def _fast_gain(_mission: MissionFile, plan: Plan) -> Findings:
@@ -83,6 +96,7 @@ _WARNINGS: tuple[Callable[[MissionFile, Plan], Findings], ...] = (
     _close_starts,
     _stretched_links,
     _small_r_in,
+    _weak_avoidance,
     _fast_gain,
     _spare_fleet,
     _unused_shapes,

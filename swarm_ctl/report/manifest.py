@@ -47,6 +47,8 @@ class Manifest(_Strict):
     """One entry per agent, with the endpoints that were really used."""
     station_mesh: str | None = None
     """Where the station listens on the mesh."""
+    record_hz: dict[str, float] = Field(default_factory=dict)
+    """The most that is recorded of a topic from each agent, where it is not all."""
     versions: dict[str, str] = Field(default_factory=dict)
     """Of this program, Python and the libraries that matter."""
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-from swarm_ctl.core.plan import LandStep, Plan
+from swarm_ctl.core.plan import LandStep, Plan, ReturnStep
 from swarm_ctl.core.state import AgentStatus
 from swarm_ctl.errors import InputError
 from swarm_ctl.report.accounts import Account, read_accounts
@@ -46,7 +46,7 @@ class Run:
     def landing_s(self) -> float:
         """When the landing began: the land step, or the first agent that broke its step off; inf: neither is known."""
         steps = self.plan.steps if self.plan else ()
-        planned = (self.start_s(k) for k, step in enumerate(steps, 1) if isinstance(step, LandStep))
+        planned = (self.start_s(k) for k, step in enumerate(steps, 1) if isinstance(step, LandStep | ReturnStep))
         broken = (
             result.end_s
             for status in self.statuses

@@ -12,6 +12,7 @@ from typing import Final
 from swarm_ctl.core.graph import edges
 from swarm_ctl.core.plan import FormStep, Plan
 from swarm_ctl.core.progress import step_name
+from swarm_ctl.core.reference import slots_after
 from swarm_ctl.core.state import AgentStatus, StepResult, TickReport
 from swarm_ctl.report import metrics
 from swarm_ctl.report.accounts import read_events
@@ -126,7 +127,7 @@ def _time_to_form(run: Run, plan: Plan, k: int, start_s: float | None) -> float 
         return None
     next_form = next((j for j in range(k + 1, len(plan.steps) + 1) if isinstance(plan.steps[j - 1], FormStep)), None)
     end_s = min(run.landing_s(), run.start_s(next_form) if next_form else math.inf)
-    error_m = metrics.formation_error(flight, _slots_m(plan, step))
+    error_m = metrics.formation_error(flight, _in_metres(plan, step.slots))
     return metrics.time_to_settle(flight.time_s, error_m, start_s, end_s, step.tolerance_m, step.settle_s)
 
 
@@ -150,7 +151,9 @@ def _flown(run: Run) -> _Flown:
     if not begun:
         return _Flown()
     flight = flight.during(begun[0][0], run.landing_s())
-    error_m = metrics.last_number(metrics.formation_error(flight, _slots_m(plan, begun[-1][1])))
+    last = max(k for k in range(1, len(plan.steps) + 1) if run.start_s(k) < math.inf)
+    standing = slots_after(plan, last) or begun[-1][1].slots  # turned and scaled as planned
+    error_m = metrics.last_number(metrics.formation_error(flight, _in_metres(plan, standing)))
     column = {agent.id: k for k, agent in enumerate(plan.agents)}
     links = edges({agent.id: agent.neighbours for agent in plan.agents})
     longest = metrics.longest_link(flight, [(column[a], column[b]) for a, b in links])
@@ -160,8 +163,8 @@ def _flown(run: Run) -> _Flown:
     return _Flown(error_m, longest[0], (plan.agents[i].id, plan.agents[j].id))
 
 
-def _slots_m(plan: Plan, step: FormStep) -> list[tuple[float, float]]:
-    return [(north * plan.unit_m, east * plan.unit_m) for north, east in step.slots]
+def _in_metres(plan: Plan, slots: tuple[tuple[float, float], ...]) -> list[tuple[float, float]]:
+    return [(north * plan.unit_m, east * plan.unit_m) for north, east in slots]
 
 
 def _closest(run: Run) -> tuple[float | None, AgentPair | None]:

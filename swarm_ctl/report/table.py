@@ -62,6 +62,11 @@ def _figures(summary: Summary) -> Table:
     return table
 
 
+def figures_of(summary: Summary) -> Iterator[tuple[str, str]]:
+    """(name, value) of each figure."""
+    return ((name, value) for name, value, _ in _rows(summary))
+
+
 def _rows(s: Summary) -> Iterator[tuple[str, str, bool]]:
     """(name, value, whether it is as it should be)."""
     yield "time to form", f"{_number(s.time_to_form_s, 1)} s", True

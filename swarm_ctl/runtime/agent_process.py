@@ -23,6 +23,7 @@ from swarm_ctl.core.plan import Plan
 from swarm_ctl.core.state import AgentStatus
 from swarm_ctl.errors import SwarmError
 from swarm_ctl.mavlink.link import VehicleLink
+from swarm_ctl.mavlink.tlog import TlogWriter
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
@@ -57,6 +58,9 @@ class AgentConfig:
     """Where the final status is written as JSON."""
     log: Path | None = None
     """Where stdout and stderr go; None: they stay."""
+    tlog: Path | None = None
+    """Where the vehicle's MAVLink frames are kept, with mission time 0 at `started_us` microseconds of Unix time."""
+    started_us: int = 0
 
 
 class Lifeline(Protocol):
@@ -148,7 +152,8 @@ def _redirect(log: Path) -> None:
 def run_agent(config: AgentConfig, lifeline: Lifeline) -> int:
     """Fly one agent to its end; 0 when it ended as it should (completed, or landed on command), 1 when it failed."""
     clock = Clock(config.epoch_s, config.speedup)
-    link = VehicleLink(config.endpoint, config.autopilot, config.sysid)
+    tlog = TlogWriter(config.tlog, config.started_us) if config.tlog else None
+    link = VehicleLink(config.endpoint, config.autopilot, config.sysid, tlog.take if tlog else None)
     try:
         transport = ZenohTransport([config.listen], config.connect, clock.now, config.speedup)
         node = Node(transport, config.swarm, config.agent_id)
@@ -160,6 +165,8 @@ def run_agent(config: AgentConfig, lifeline: Lifeline) -> int:
             node.close()
     finally:
         link.close()
+        if tlog is not None:
+            tlog.close()
     if config.report is not None and status is not None:
         config.report.write_bytes(TypeAdapter(AgentStatus).dump_json(status, indent=1))
     return 0 if ended.outcome in ("completed", "aborted") else 1

@@ -9,7 +9,7 @@ import platform
 import signal
 import socket
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from importlib import metadata
 from pathlib import Path
 from typing import Any, Self
@@ -51,6 +51,8 @@ class Options:
     headless: bool = False
     runs: Path = Path("runs")
     seed: int = 1
+    record_hz: dict[str, float] = field(default_factory=dict)
+    tlog: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,6 +222,8 @@ class Run:
             expect_station=True,
             report=self._folder / "agents" / f"{agent.id}.json",
             log=self._folder / "agents" / f"{agent.id}.log",
+            tlog=self._folder / f"{agent.id}.tlog" if self._options.tlog else None,
+            started_us=round(manifest.started_at.timestamp() * 1e6),
         )
 
     def _simulator_config(self, vehicles: list[FleetAgent]) -> dict[str, Any]:
@@ -297,5 +301,6 @@ def _manifest(mission: LoadedMission, options: Options, clock: Clock) -> Manifes
         plan_hash=fingerprint(mission.plan),
         fleet=fleet,
         station_mesh=f"tcp/127.0.0.1:{meshes.pop(0)}",
+        record_hz=options.record_hz,
         versions={"python": platform.python_version()} | {name: metadata.version(name) for name in PACKAGES},
     )

@@ -28,6 +28,7 @@ from swarm_ctl.errors import SwarmError
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
+from swarm_ctl.recording import Recorder as McapRecorder
 from swarm_ctl.report.manifest import Manifest, read_manifest
 from swarm_ctl.report.summarise import summarise
 from swarm_ctl.report.summary import write_summary
@@ -54,9 +55,15 @@ _BOOK_S = 100.0
 
 
 class Recorder:
-    """Events, commands (with their answers) and statuses as JSON lines in the run folder, each line written at once."""
+    """Events, commands (with their answers) and statuses as JSON lines in the run folder, each line written at once.
 
-    def __init__(self, folder: Path) -> None:
+    `mcap` takes everything.
+    """
+
+    def __init__(self, folder: Path, manifest: Manifest) -> None:
+        about = {"mission": manifest.mission, "plan_hash": manifest.plan_hash, "manifest": manifest.model_dump_json()}
+        start_ns = round(manifest.started_at.timestamp() * 1e9)
+        self.mcap = McapRecorder(folder, start_ns, about, manifest.record_hz)
         self._events = (folder / "events.jsonl").open("ab", buffering=0)
         self._commands = (folder / "commands.jsonl").open("ab", buffering=0)
         self._statuses = (folder / "statuses.jsonl").open("ab", buffering=0)
@@ -82,6 +89,7 @@ class Recorder:
         self._events.close()
         self._commands.close()
         self._statuses.close()
+        self.mcap.close()
 
 
 class Commander:
@@ -174,12 +182,20 @@ class Station:
         self._name = f"station-{os.getpid()}"
         self._commander = Commander(node, [agent.id for agent in plan.agents])
         self._beacon_due = 0.0
-        node.listen(keys.STATE, keys.STATUS, keys.SIGMA, keys.EVENT, keys.ACK, keys.BEACON)
+        self._noted: set[str] = set()
+        node.listen(keys.STATE, keys.STATUS, keys.SIGMA, keys.EVENT, keys.ACK, keys.BEACON, keys.COMMAND)
 
     def command(self, kind: str) -> None:
         """Pass an operator's command to all agents."""
         command = self._commander.give(kind, self._clock.now())
-        self._fold(command, self._clock.now())
+        self._note(command, self._clock.now())
+
+    def _note(self, command: Command, received_s: float) -> None:
+        """Show and record a command once: ours, and those of other stations (`swarm-ctl send`)."""
+        if command.id in self._noted:
+            return
+        self._noted.add(command.id)
+        self._fold(command, received_s)
         if self._recorder:
             self._recorder.command(command)
 
@@ -197,6 +213,8 @@ class Station:
             self._fold(event, received_s)
             if self._recorder:
                 self._recorder.event(event)
+        for command, received_s in self._node.take(keys.COMMAND):
+            self._note(command, received_s)
         for ack, received_s in self._node.take(keys.ACK):
             self._fold(ack, received_s)
             self._commander.answered(ack.command, ack.agent)
@@ -213,6 +231,8 @@ class Station:
 
     def _fold(self, payload: Any, received_s: float) -> None:
         self.model.fold(payload, received_s)
+        if self._recorder:
+            self._recorder.mcap.take(payload, received_s)
 
 
 def run_station(folder: Path, control: ControlPipe | None, say: Callable[[str], None], *, headless: bool) -> int:
@@ -222,7 +242,7 @@ def run_station(folder: Path, control: ControlPipe | None, say: Callable[[str], 
     listen = [manifest.station_mesh] if manifest.station_mesh and control else []
     connect = [agent.mesh for agent in manifest.fleet if agent.mesh]
     node = Node(ZenohTransport(listen, connect, clock.now, clock.speedup), manifest.swarm, f"station-{os.getpid()}")
-    recorder = Recorder(folder) if control else None
+    recorder = Recorder(folder, manifest) if control else None
     try:
         station = Station(manifest, node, clock, recorder)
         say("ready")

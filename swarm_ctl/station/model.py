@@ -10,13 +10,16 @@ import numpy as np
 
 from swarm_ctl.core.formation import centred, distances, errors
 from swarm_ctl.core.graph import edges
-from swarm_ctl.core.plan import FormStep, Plan
+from swarm_ctl.core.plan import FormStep, Plan, Point
+from swarm_ctl.core.reference import centred as centred_slots
+from swarm_ctl.core.reference import turned
 from swarm_ctl.core.state import (
     Ack,
     AgentState,
     AgentStatus,
     Command,
     Event,
+    Frame,
     PairReport,
     Payload,
     Phase,
@@ -57,6 +60,8 @@ class _Heard:
 class _Answered:
     command: Command
     received_s: float
+    at_step: int = 0
+    """The mission's step when it came."""
     acks: dict[int, Ack] = field(default_factory=dict)
 
 
@@ -96,7 +101,8 @@ class Model:
                     self._events.append(payload)
                     self._event_count += 1
             case Command():
-                self._commands.setdefault(payload.id, _Answered(payload, received_s))
+                now_at = max((heard.state.step for heard in self._heard.values() if heard.state), default=0)
+                self._commands.setdefault(payload.id, _Answered(payload, received_s, now_at))
                 while len(self._commands) > _COMMANDS:
                     del self._commands[next(iter(self._commands))]
             case Ack():
@@ -157,19 +163,34 @@ class Model:
 
     def _errors(self, step: int, lost: set[int]) -> dict[int, float]:
         """|e_i - mean e| [m] of each live agent in the shape of the newest `form` step; empty before the first one."""
-        form = next((s for s in reversed(self._plan.steps[:step]) if isinstance(s, FormStep)), None)
-        if form is None:
+        shape = self._shape(step)
+        if shape is None:
             return {}
         points, slots = {}, []
-        for agent, slot in zip(self._plan.agents, form.slots, strict=True):
+        for agent, slot in zip(self._plan.agents, shape.values(), strict=True):
             state = self._heard[agent.id].state
             if state is not None and state.airborne and agent.id not in lost:
+                frame = state.frame or Frame((0.0, 0.0))
+                place = turned(slot, frame.angle_rad, frame.scale)
                 points[agent.id] = state.position_ned_m[:2]
-                slots.append((slot[0] * self._plan.unit_m, slot[1] * self._plan.unit_m))
+                slots.append((place[0] * self._plan.unit_m, place[1] * self._plan.unit_m))
         if not points:
             return {}
         sizes = np.linalg.norm(centred(errors(list(points.values()), slots)), axis=-1)
         return dict(zip(points, sizes.tolist(), strict=True))
+
+    def _shape(self, step: int) -> dict[int, Point] | None:
+        """The newest slots, centred: an operator's since the mission's step began, or the mission's; None: none yet."""
+        forms = [(k, s.slots) for k, s in enumerate(self._plan.steps[:step], start=1) if isinstance(s, FormStep)]
+        for answered in self._commands.values():
+            commanded = answered.command.step
+            resumed = bool(forms) and forms[-1][0] == step and not self._overridden()
+            if isinstance(commanded, FormStep) and answered.at_step >= (forms[-1][0] if forms else 0) and not resumed:
+                forms.append((answered.at_step, commanded.slots))
+        return centred_slots(dict(enumerate(forms[-1][1]))) if forms else None
+
+    def _overridden(self) -> bool:
+        return any(heard.state is not None and heard.state.command for heard in self._heard.values())
 
     def _agent(
         self,

@@ -14,7 +14,7 @@ from typing import ClassVar
 
 from pymavlink.dialects.v20 import common
 
-from swarm_ctl.core.vehicle import Airborne, Fly, Goal, Land, Release, Standby, Vector3, Yield
+from swarm_ctl.core.vehicle import Airborne, Fly, Goal, Land, Release, Standby, Terminate, Vector3, Yield
 from swarm_ctl.mavlink import outgoing
 from swarm_ctl.mavlink.autopilots.parameters import FailsafeParameters
 from swarm_ctl.mavlink.autopilots.timing import (
@@ -22,6 +22,7 @@ from swarm_ctl.mavlink.autopilots.timing import (
     GROUNDED_S,
     HEARTBEAT_LOST_S,
     HEARTBEAT_S,
+    KILL_RETRY_S,
     MAX_SETPOINT_MPS,
     MAY_BE_SILENT,
     ORIGIN_REFRESH_S,
@@ -88,6 +89,7 @@ class Autopilot(ABC):
             Fly: lambda goal, heard, now: self._fly(heard, goal.velocity_ned_mps, now),
             Land: lambda goal, heard, now: self._land(heard, now),  # noqa: ARG005
             Release: lambda goal, heard, now: self.parameters.restore(heard, now),  # noqa: ARG005
+            Terminate: lambda goal, heard, now: self._terminate(heard, now),  # noqa: ARG005
         }
 
     # --- the seam: what differs from firmware to firmware ---
@@ -211,6 +213,12 @@ class Autopilot(ABC):
         elif now - self._grounded_since >= GROUNDED_S and self.pacer.due("disarm", RETRY_S, now):
             return [outgoing.command(self.system, outgoing.ARM_DISARM, 0.0)]
         return []
+
+    def _terminate(self, heard: Heard, now: float) -> list[Message]:
+        """Disarm, in the air too, until the heartbeat says that it is."""
+        if not heard.armed or not self.pacer.due("terminate", KILL_RETRY_S, now):
+            return []
+        return [outgoing.command(self.system, outgoing.ARM_DISARM, 0.0, outgoing.FORCE)]
 
 
 def _not_passed(heard: Heard) -> str:

@@ -9,6 +9,8 @@ HEARTBEAT_S = 1.0
 """Ours. ArduPilot's GCS failsafe waits 5 s: one in five has to arrive."""
 RETRY_S = 1.0
 """A vehicle's heartbeat shows the effect of a command within 1 s: asking sooner would ask twice."""
+KILL_RETRY_S = 0.2
+"""The one command where a lost frame must not cost a second."""
 TAKEOFF_RETRY_S = 3.0
 """Motors spool up and the landed state follows; a second take-off before that starts the climb anew."""
 GROUNDED_S = 5.0
@@ -36,9 +38,10 @@ STREAMS_HZ: Mapping[str, float] = {
     "SYS_STATUS": 2.0,
     "EXTENDED_SYS_STATE": 2.0,
     "ADSB_VEHICLE": 5.0,
+    "ATTITUDE": 4.0,
 }
 """LOCAL_POSITION_NED at the tick (the law's input); GLOBAL_POSITION_INT ties it to the common frame; SYS_STATUS has
-health and battery; ADSB_VEHICLE is the proximity sensor."""
+health and battery; ADSB_VEHICLE is the proximity sensor; ATTITUDE tells how far it leans."""
 MAY_BE_SILENT = frozenset({"ADSB_VEHICLE"})
 
 _CLOCK_NOISE_S = 1e-6

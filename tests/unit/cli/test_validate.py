@@ -13,9 +13,9 @@ from typer.testing import CliRunner
 
 from swarm_ctl.cli.schema import schema
 from swarm_ctl.cli.validate import show, validate
-from swarm_ctl.errors import MissionError
+from swarm_ctl.errors import InputError, MissionError
 from swarm_ctl.mission.loader import load
-from swarm_ctl.mission.rehearsal import FormForecast, rehearse
+from swarm_ctl.mission.rehearsal import FormForecast, StepForecast, forecast
 
 HEXAGON = Path(__file__).parents[3] / "missions" / "hexagon.yaml"
 
@@ -24,10 +24,10 @@ app.command()(validate)
 app.command()(schema)
 
 
-def shown(path: Path, forecasts: list[FormForecast] | None = None) -> str:
+def shown(path: Path, forecasts: list[StepForecast] | None = None) -> str:
     screen = io.StringIO()
     loaded = load(path)
-    show(loaded, rehearse(loaded.plan) if forecasts is None else forecasts, Console(file=screen, width=80))
+    show(loaded, forecast(loaded.plan) if forecasts is None else forecasts, Console(file=screen, width=80))
     return screen.getvalue()
 
 
@@ -53,10 +53,20 @@ def test_warnings_are_shown_with_their_place(tmp_path: Path) -> None:
     path = tmp_path / "close.yaml"
     path.write_text(HEXAGON.read_text().replace("start: [14, 10]", "start: [12, 11]"))
     late = FormForecast("hexagon", None, 8.0, (1, 2), 20.0)
-    text = shown(path, [late])
-    assert f"warning  {path}:18: agents: agents 2 and 6 start 5 m apart" in text
-    assert "not in time, closest 8.0 m (1-2)" in text
-    assert "warning  hexagon is not expected to stand before its time-out" in text
+    expected = forecast(load(path).plan)
+    expected[1] = StepForecast(None, late)
+    text = shown(path, expected)
+    assert f"warning  {path}:19: agents: agents 2 and 6 start 5 m apart" in text
+    assert "not in time, closest 8.0 m" in text
+    assert "warning  step 2, form hexagon, is not expected to be done before its time-out" in text
+
+
+def test_a_mission_is_drawn(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    validate(HEXAGON.with_name("square.yaml"), plot=tmp_path / "x.png")
+    assert (tmp_path / "x.png").read_bytes().startswith(b"\x89PNG")
+    with pytest.raises(InputError, match=r"allowed: a \.png"):
+        validate(HEXAGON, plot=tmp_path / "x.nonsense")
 
 
 def test_the_commands_end_well() -> None:

@@ -9,6 +9,8 @@ from __future__ import annotations
 from random import Random
 from typing import Any
 
+from pymavlink.dialects.v20 import common
+
 from swarm_ctl.core.vehicle import Goal
 from swarm_ctl.mavlink.autopilots import Autopilot
 from swarm_ctl.mavlink.messages import Heard, fold
@@ -16,7 +18,7 @@ from tests.unit.mavlink import wire
 
 TICK_S = 0.05
 GROUND_ALT_MM = 485_000
-STREAMED = {32: "local", 33: "global", 1: "status", 245: "landed"}
+STREAMED = {32: "local", 33: "global", 1: "status", 245: "landed", 30: "attitude"}
 
 
 class Scripted:
@@ -133,6 +135,8 @@ class Scripted:
         boot_ms = round(self.now * 1000)
         if name == "landed":
             self.say(wire.extended_state(1 if self.on_ground else 2))
+        elif name == "attitude":
+            self.say(common.MAVLink_attitude_message(boot_ms, 0.1, -0.1, 1.0, 0.0, 0.0, 0.0))
         elif name == "status":
             self.say(wire.system_status(health=wire.PREARM * self.ready))
         elif name == "local" and self.ready:
@@ -185,7 +189,7 @@ class ScriptedPx4(Scripted):
     def __init__(self, driver: Autopilot, **how: Any) -> None:
         super().__init__(driver, **how)
         self.parameters = {"COM_OF_LOSS_T": (5.0, 9), "COM_OBL_RC_ACT": (0.0, 6)}
-        self.intervals = {32: 1 / 30, 33: 0.2, 1: 0.5, 245: 0.5}
+        self.intervals = {32: 1 / 30, 33: 0.2, 1: 0.5, 245: 0.5, 30: 0.02}
         self.mode = LOITER
         self.setpoint_s = self.streaming_since_s = -1e9
 

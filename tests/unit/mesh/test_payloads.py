@@ -8,12 +8,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from swarm_ctl.core.plan import FormStep, MoveStep
 from swarm_ctl.core.state import (
     Ack,
     AgentState,
     AgentStatus,
     Command,
     Event,
+    Frame,
     LinkReport,
     PairReport,
     Phase,
@@ -42,11 +44,24 @@ STATES = st.builds(
     velocity_ned_mps=st.tuples(FLOAT32, FLOAT32, FLOAT32),
     stop_point_m=st.tuples(FLOAT, FLOAT),
     commanded_mps=st.tuples(FLOAT32, FLOAT32),
+    frame=st.none()
+    | st.builds(
+        Frame,
+        point_m=st.tuples(FLOAT, FLOAT),
+        angle_rad=FLOAT32,
+        scale=FLOAT32,
+        leg=st.integers(0, 255),
+        rate=st.floats(0, 1, width=32),
+    ),
+    stage=st.integers(0, 3),
+    command=st.integers(0, 2**32 - 1),
 )
 
 OTHERS: list[Any] = [
     Event(3, 1.5, "warning", "ünïcode"),
     Command("abc", "land", (1, 2), 2.0),
+    Command("f", "form", (), 2.0, FormStep("vee", ((0.0, 0.5), (2.0, 1.0)), 0.5, 5.0, 60.0), 2**64 - 1),
+    Command("m", "move", (), 2.0, MoveStep(((10.0, -5.5),), 2.5, 0.5, 2.0, 60.0), 7, 3),
     Ack(1, "abc", False, "no"),
     StationBeacon("s", 1.0, 2**64 - 1),
     SigmaReport(

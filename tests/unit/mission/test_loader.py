@@ -166,6 +166,21 @@ CHANGES = {
     "agents:\n  - {id: 1, start": "vehicle: {limits: {speed_mps: 4}}\nagents:\n  - {id: 1, start",
     "steps:": "vehicle: {limits: {climb_mps: 2}}\nsteps:",
     "steps:\n": "vehicle: {limits: {descent_mps: 0.6}}\nsteps:\n",
+    "{height_m: 10}": "{height_m: 10, on_timeout: return}",
+    "{shape: ring": "{on_timeout: hold, shape: ring",
+    "  - form: {shape: ring": "  - form: {neighbours: [[1, 2], [1, 3]], shape: ring",
+    "hold: {": "hold: {on_timeout: continue, ",
+    "fleet:": "neighbours: [[1, 2], [1, 3]]\nfleet:",
+    "fleet:\n": "fence: {height_m: 100}\nfleet:\n",
+    "fleet:\n ": "fence: {polygon: [[-10, -10], [-10, 10], [10, 0]]}\nfleet:\n ",
+    "policies:\n  agent_lost": "policies:\n  fence: hold\n  agent_lost",
+    "policies:\n  agent_lost:": "policies:\n  battery_low: return\n  agent_lost:",
+    "policies:\n  agent_lost: ": "policies:\n  battery_reserve_percent: 30\n  agent_lost: ",
+    "policies:\n  agent_lost: l": "policies:\n  too_fast: hold\n  agent_lost: l",
+    "policies:\n  agent_lost: la": "policies:\n  max_speed_mps: 9\n  agent_lost: la",
+    "policies:\n  agent_lost: lan": "policies:\n  max_tilt_deg: 30\n  agent_lost: lan",
+    "policies:\n  agent_lost: land": "policies:\n  return_separation_m: 2\n  agent_lost: land",
+    "policies:\n  agent_lost: land\n": "policies:\n  return_speed_mps: 2\n  agent_lost: land\n",
 }
 
 
@@ -201,6 +216,7 @@ def test_the_changes_above_reach_every_field_of_a_plan() -> None:
         after = leaves(loads(changed(old, new)).plan)
         reached |= {key for key in before.keys() | after.keys() if before.get(key) != after.get(key)}
     constant = {f"{kind}.kind" for kind in ("TakeoffStep", "FormStep", "HoldStep", "LandStep")}
+    constant.add("LandStep.on_timeout")  # always to land
     assert set(before) - reached <= constant
 
 

@@ -35,7 +35,7 @@ def test_unknown_fields_are_refused_in_every_section() -> None:
 
 def test_the_short_forms_an_operator_may_write_are_in_it() -> None:
     properties = json_schema()["properties"]
-    assert {"const": "land"} in properties["steps"]["items"]["anyOf"]
+    assert {"enum": ["land", "return"]} in properties["steps"]["items"]["anyOf"]
     assert any(option.get("type") == "string" for option in properties["fleet"]["anyOf"])
 
 

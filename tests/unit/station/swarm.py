@@ -63,6 +63,7 @@ def hexagon_plan(count: int = 6) -> Plan:
             HoldStep(10.0, 60.0),
             LandStep(90.0),
         ),
+        fence=None,
     )
 
 

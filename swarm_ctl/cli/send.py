@@ -1,0 +1,92 @@
+"""`swarm-ctl send`: an operator's command to a swarm that flies."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Final
+
+import typer
+from rich.console import Console
+
+from swarm_ctl.cli.station import newest_run
+from swarm_ctl.core.operator import KINDS
+from swarm_ctl.errors import InputError
+
+_ARGUMENTS: Final = {"form": ("SHAPE",), "move": ("N", "E")}
+"""What a command needs behind its name; the others need nothing."""
+
+
+def send(
+    command: Annotated[str, typer.Argument(help=f"One of {', '.join(KINDS)}.")],
+    arguments: Annotated[
+        list[str] | None, typer.Argument(help="form: a SHAPE of the mission's file; move: metres N E of the origin.")
+    ] = None,
+    run: Annotated[Path | None, typer.Option(help="The run folder; default: the newest in runs/.")] = None,
+    agents: Annotated[str, typer.Option(help="Only these, e.g. 2,5; default: all.")] = "",
+    by: Annotated[bool, typer.Option("--by", help="move: by N E metres from where the formation is.")] = False,
+    speed: Annotated[float | None, typer.Option(help="move: m/s; default: half of what the vehicles may.")] = None,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask before kill.")] = False,
+) -> None:
+    """Command a swarm that flies, and show each agent's answer.
+
+    hold (stay), resume (the mission), next (step), form SHAPE, move N E, land, return (home, one at a time),
+    kill (motors off at once: the vehicles fall).
+
+    Exit codes: 0 everybody accepted, 1 somebody refused or did not answer, 2 bad input, 3 nobody can be heard.
+
+    Examples:
+
+        swarm-ctl send hold
+
+        swarm-ctl send form vee
+
+        swarm-ctl send move -20 35.5 --speed 2
+
+        swarm-ctl send kill --agents 3
+    """
+    from swarm_ctl.runtime.sender import Answers, Sender
+
+    given = arguments or []
+    _check(command, given)
+    meant = _agents(agents)
+    folder = run if run is not None else newest_run(Path("runs"))
+    console = Console(highlight=False)
+    if command == "kill" and not yes:
+        who = f"agent {agents}" if meant else "EVERY agent"
+        typer.confirm(f"kill: the motors of {who} stop at once and the vehicle falls. Really?", abort=True)
+    with Sender(folder) as sender:
+        answers: Answers
+        if command == "form":
+            answers = sender.form(given[0])
+        elif command == "move":
+            answers = sender.move((_number(given[0]), _number(given[1])), by=by, speed_mps=speed)
+        else:
+            answers = sender.send(command, meant)
+    for agent, ack in sorted(answers.acks.items()):
+        console.print(f"agent {agent}: {'accepted' if ack.accepted else 'refused: ' + ack.reason}", soft_wrap=True)
+    for agent in answers.silent:
+        console.print(f"agent {agent}: no answer", style="bold red")
+    raise typer.Exit(0 if answers.accepted else 1)
+
+
+def _check(command: str, given: list[str]) -> None:
+    if command not in KINDS:
+        raise InputError(f"unknown command {command!r}; allowed: {', '.join(KINDS)}")
+    needed = _ARGUMENTS.get(command, ())
+    if len(given) != len(needed):
+        what = f"{command} {' '.join(needed)}".strip()
+        raise InputError(f"{command} with {len(given)} arguments; allowed: swarm-ctl send {what}")
+
+
+def _agents(text: str) -> tuple[int, ...]:
+    try:
+        return tuple(int(word) for word in text.split(",") if word.strip())
+    except ValueError:
+        raise InputError(f"--agents {text!r}; allowed: ids with commas between them, such as 2,5") from None
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"{text!r} is no number of metres") from None

@@ -1,0 +1,141 @@
+"""Reads recordings, whole or cut off by a kill, and gives the latter their footer."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import json
+import os
+import struct
+import zlib
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any, Final
+
+from mcap.exceptions import McapError
+from mcap.records import Channel, Footer, Message, Metadata, Schema
+from mcap.stream_reader import StreamReader
+from mcap.writer import Writer
+from pydantic import ValidationError
+
+from swarm_ctl.core.state import Payload
+from swarm_ctl.errors import InputError
+from swarm_ctl.recording.mcap_writer import NANO
+from swarm_ctl.recording.topics import ADAPTERS, TOPICS
+
+RECORDING: Final = "recording.mcap"
+_TORN: Final = (McapError, struct.error, ValueError, EOFError, zlib.error)
+"""What the library raises where a file ends in the middle of a record."""
+
+
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """One message as it stands in the file."""
+
+    topic: str
+    time_s: float
+    """Mission time."""
+    data: bytes
+
+
+def read(run: Path) -> Iterator[tuple[float, Payload]]:
+    """(time, payload) of all that the station heard and sent, in its order: fold it into a `station.model.Model`.
+
+    `run` is a run folder or an MCAP file, whole or not. InputError where there is no recording.
+    """
+    kinds = {topic.template.rpartition("/")[2]: topic.payload for topic in TOPICS if topic.payload}
+    for message in messages(run):
+        kind = kinds.get(message.topic.rpartition("/")[2])
+        if kind is not None:
+            with contextlib.suppress(ValidationError):
+                yield message.time_s, ADAPTERS[kind].validate_json(message.data)
+
+
+def messages(run: Path) -> Iterator[Recorded]:
+    """Every message in a recording in the order of the file, as far as it can be read."""
+    with _open(run) as file:
+        start_ns, topics = 0, dict[int, str]()
+        for record in _records(file):
+            if isinstance(record, Metadata) and record.name == "run":
+                start_ns = int(record.metadata["start_ns"])
+            elif isinstance(record, Channel):
+                topics[record.id] = record.topic
+            elif isinstance(record, Message) and record.channel_id in topics:
+                yield Recorded(topics[record.channel_id], (record.log_time - start_ns) / NANO, record.data)
+
+
+def truth(run: Path) -> Iterator[tuple[float, dict[str, Any]]]:
+    """(time, line) of the simulator's truth in a recording."""
+    for message in messages(run):
+        if message.topic == "/truth":
+            yield message.time_s, json.loads(message.data)
+
+
+def counts(run: Path) -> Counter[str]:
+    """Messages by topic."""
+    return Counter(message.topic for message in messages(run))
+
+
+def is_whole(run: Path) -> bool:
+    """The file has its footer."""
+    with _open(run) as file:
+        return any(isinstance(record, Footer) for record in _records(file))
+
+
+def recover(run: Path) -> bool:
+    """Give a recording that was cut off its index and footer, in one move; True where there was something to do.
+
+    A file that is being written is left alone. Finished files are not touched.
+    """
+    path = _path(run)
+    with _open(run) as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+        if is_whole(run):
+            return False
+        part = path.with_name(f".{path.name}.{os.getpid()}")
+        with part.open("wb") as whole:
+            _copy(file, Writer(whole))
+        part.replace(path)
+    return True
+
+
+def _copy(file: IO[bytes], writer: Writer) -> None:
+    writer.start(profile="", library="swarm_ctl")
+    schemas, channels = dict[int, int](), dict[int, int]()
+    for record in _records(file):
+        match record:
+            case Metadata():
+                writer.add_metadata(record.name, record.metadata)
+            case Schema() if record.id not in schemas:
+                schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
+            case Channel() if record.id not in channels:
+                schema = schemas.get(record.schema_id, 0)
+                channels[record.id] = writer.register_channel(record.topic, record.message_encoding, schema)
+            case Message() if record.channel_id in channels:
+                writer.add_message(
+                    channels[record.channel_id], record.log_time, record.data, record.publish_time, record.sequence
+                )
+    writer.finish()  # type: ignore[no-untyped-call]
+
+
+def _records(file: IO[bytes]) -> Iterator[Any]:
+    """All records up to the end or to where the file is torn."""
+    with contextlib.suppress(*_TORN):
+        yield from StreamReader(file, record_size_limit=1 << 30).records
+
+
+def _path(run: Path) -> Path:
+    return run / RECORDING if run.is_dir() else run
+
+
+def _open(run: Path) -> IO[bytes]:
+    path = _path(run)
+    try:
+        return path.open("rb")
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}") from None

@@ -1,0 +1,127 @@
+"""What is in a recording: one table of topics, payloads and the most that is kept of each.
+
+Messages are JSON with their schema in the file. `log_time` is when the station heard it, `publish_time` when it was
+said, both mission time counted from the moment the run began (nanoseconds of Unix time).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+from pydantic import TypeAdapter
+
+from swarm_ctl.core.state import Ack, AgentState, AgentStatus, Command, Event, SigmaReport, StationBeacon
+from swarm_ctl.errors import InputError
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """One row: `{id}` is the agent's id."""
+
+    name: str
+    template: str
+    payload: type[Any] | None
+    """What `read` makes of it; None: it is derived, or not from the mesh."""
+    schema: Mapping[str, Any]
+    rate_hz: float
+    """At most so many a second from each agent are kept; 0: all."""
+
+
+@dataclass(frozen=True, slots=True)
+class Setpoint:
+    """The velocity (north, east) [m/s] an agent commands, and the one its vehicle has; a part of its state."""
+
+    time_s: float
+    commanded_north_mps: float
+    commanded_east_mps: float
+    achieved_north_mps: float
+    achieved_east_mps: float
+
+
+def plain_schema(kind: type[Any]) -> dict[str, Any]:
+    """The JSON Schema of a payload in the words that viewers know: no references, lists of one kind, a type each.
+
+    A number that may be null is a number in it: viewers refuse unions. It is never among the required ones.
+    """
+    schema = TypeAdapter(kind).json_schema(mode="serialization")
+    plain: dict[str, Any] = _plain(schema, schema.get("$defs", {}))
+    return {"title": kind.__name__} | plain
+
+
+def _plain(node: Any, definitions: Mapping[str, Any]) -> Any:
+    if "$ref" in node:
+        return _plain(definitions[node["$ref"].rpartition("/")[2]], definitions)
+    if "anyOf" in node:
+        kinds = [kind for kind in node["anyOf"] if kind.get("type") != "null"]
+        return _plain(kinds[0], definitions)
+    kept = {key: node[key] for key in ("type", "description") if key in node}
+    if node.get("type") == "array":
+        items = node.get("items") or node["prefixItems"][0]
+        kept["items"] = _plain(items, definitions)
+    if node.get("type") == "object":
+        properties = node.get("properties", {})
+        kept["properties"] = {name: _plain(field, definitions) for name, field in properties.items()}
+        if isinstance(node.get("additionalProperties"), dict):
+            kept["additionalProperties"] = _plain(node["additionalProperties"], definitions)
+        kept["required"] = [name for name in node.get("required", ()) if "anyOf" not in properties[name]]
+    return kept
+
+
+_NUMBERS: Final = {"type": "array", "items": {"type": "number"}}
+_TRUTH: Final = {
+    "title": "Truth",
+    "type": "object",
+    "description": "A line of the simulator's truth file: state, min, event, header or end.",
+    "properties": {
+        "type": {"type": "string"},
+        "t": {"type": "number", "description": "Mission time [s]."},
+        "ned": {"type": "array", "items": _NUMBERS, "description": "Per vehicle, north, east, down [m]."},
+        "vel": {"type": "array", "items": _NUMBERS, "description": "Per vehicle [m/s]."},
+        "armed": {"type": "array", "items": {"type": "integer"}},
+        "airborne": {"type": "array", "items": {"type": "integer"}},
+        "pairs": {"type": "array", "items": _NUMBERS, "description": "(sysid, sysid, metres)."},
+        "sysid": {"type": "integer"},
+        "event": {"type": "string"},
+    },
+    "required": ["type", "t"],
+}
+
+
+def _topic(name: str, template: str, payload: type[Any], rate_hz: float = 0.0) -> Topic:
+    return Topic(name, template, payload, plain_schema(payload), rate_hz)
+
+
+TOPICS: Final = (
+    _topic("state", "/agent/{id}/state", AgentState),
+    Topic("setpoint", "/agent/{id}/setpoint", None, plain_schema(Setpoint), 0.0),
+    _topic("status", "/agent/{id}/status", AgentStatus),
+    _topic("sigma", "/agent/{id}/sigma", SigmaReport),
+    _topic("event", "/agent/{id}/event", Event),
+    _topic("ack", "/agent/{id}/ack", Ack),
+    _topic("command", "/command", Command),
+    _topic("beacon", "/beacon", StationBeacon),
+    Topic("truth", "/truth", None, _TRUTH, 0.0),
+)
+"""`status` carries the agent's links (age, loss) by peer."""
+
+BY_NAME: Final = {topic.name: topic for topic in TOPICS}
+BY_PAYLOAD: Final = {topic.payload: topic for topic in TOPICS if topic.payload is not None}
+ADAPTERS: Final[dict[type[Any], TypeAdapter[Any]]] = {kind: TypeAdapter(kind) for kind in (*BY_PAYLOAD, Setpoint)}
+
+
+def rates(words: str) -> dict[str, float]:
+    """`state=5,truth=2` as rates [Hz]; InputError says what is allowed."""
+    found = {}
+    for word in filter(None, words.split(",")):
+        name, _, hz = word.partition("=")
+        try:
+            rate = float(hz)
+        except ValueError:
+            rate = -1.0
+        if name not in BY_NAME or not 0 <= rate <= 1000:
+            names = ", ".join(BY_NAME)
+            raise InputError(f"rate {word!r}: allowed: NAME=HZ with 0 to 1000 (0: all), NAME one of {names}")
+        found[name] = rate
+    return found

@@ -1,0 +1,118 @@
+"""A run over time, for figures: from the truth, and from the recording where there is one."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from swarm_ctl.core.graph import edges
+from swarm_ctl.core.plan import FormStep, Plan
+from swarm_ctl.core.state import AgentState, AgentStatus, SigmaReport
+from swarm_ctl.errors import InputError
+from swarm_ctl.recording import RECORDING, read, recover
+from swarm_ctl.report.metrics import Flight
+from swarm_ctl.report.run import Run, read_run
+from swarm_ctl.report.truth import Bools, Floats
+
+
+@dataclass(slots=True)
+class Heard:
+    """What the station heard of each agent, by id."""
+
+    states: dict[int, list[AgentState]] = field(default_factory=dict)
+    statuses: dict[int, list[AgentStatus]] = field(default_factory=dict)
+    sigmas: dict[tuple[int, int], list[tuple[float, float, float]]] = field(default_factory=dict)
+    """(time, distance, sigma) as agent i sees j, by (i, j); units."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class History:
+    """Everything the figures of one run need. Without truth or recording the parts that need it are empty."""
+
+    name: str
+    run: Run
+    plan: Plan
+    flight: Flight
+    heard: Heard
+    notes: tuple[str, ...]
+
+    @property
+    def agents(self) -> list[int]:
+        """Ids in the plan's order."""
+        return [agent.id for agent in self.plan.agents]
+
+    @property
+    def links(self) -> tuple[tuple[int, int], ...]:
+        """The start graph, by id."""
+        return edges({agent.id: agent.neighbours for agent in self.plan.agents})
+
+    def column(self, agent: int) -> int:
+        """Its column in the flight."""
+        return self.agents.index(agent)
+
+    def errors(self) -> Floats:
+        """e_i [m] in the form step of each moment (T, n, 2); nan before the first, and for agents not flying."""
+        found = np.full(self.flight.points_m.shape, np.nan)
+        for k, step in enumerate(self.plan.steps, start=1):
+            start_s = self.run.start_s(k)
+            if isinstance(step, FormStep) and math.isfinite(start_s):
+                from_here = self.flight.time_s >= start_s
+                found[from_here] = self.flight.points_m[from_here] - np.array(step.slots) * self.plan.unit_m
+        found[~self.flight.live] = np.nan
+        found[self.flight.time_s > self.run.landing_s()] = np.nan
+        return found
+
+    def nearest(self) -> Floats:
+        """Distance [m] of each live agent to the nearest other one (T, n); nan where there is none."""
+        points, live = self.flight.points_m, self.flight.live
+        apart = np.linalg.norm(points[:, :, None] - points[:, None], axis=-1)
+        alone: Bools = ~(live[:, :, None] & live[:, None])
+        apart[alone] = np.inf
+        apart[:, np.arange(points.shape[1]), np.arange(points.shape[1])] = np.inf
+        least = apart.min(axis=-1, initial=np.inf)
+        return np.where(np.isfinite(least), least, np.nan)
+
+    def lengths(self) -> Floats:
+        """Length [m] of each link while both ends fly (T, links)."""
+        columns = [(self.column(i), self.column(j)) for i, j in self.links]
+        points, live = self.flight.points_m, self.flight.live
+        if not columns:
+            return np.zeros((len(points), 0))
+        found = [np.where(live[:, i] & live[:, j], np.linalg.norm(points[:, i] - points[:, j], axis=-1), np.nan)
+                 for i, j in columns]  # fmt: skip
+        return np.stack(found, axis=-1)
+
+
+def read_history(folder: Path) -> History:
+    """Read a run folder; a recording that was cut off gets its footer first. InputError where there is no manifest."""
+    run = read_run(folder)
+    if run.manifest is None:
+        raise InputError(f"{folder}: is no run folder: {run.notes[0]}")
+    notes = list(run.notes)
+    heard = _heard(folder, notes)
+    n = len(run.manifest.plan.agents)
+    flight = run.flight or Flight(np.zeros(0), np.zeros((0, n, 2)), np.zeros((0, n), dtype=np.bool_))
+    return History(folder.resolve().name, run, run.manifest.plan, flight, heard, tuple(notes))
+
+
+def _heard(folder: Path, notes: list[str]) -> Heard:
+    heard = Heard()
+    if not (folder / RECORDING).exists():
+        notes.append(f"{RECORDING}: there is none; figures of what was said are left out")
+        return heard
+    if recover(folder):
+        notes.append(f"{RECORDING}: was cut off; recovered up to its last second")
+    for _, payload in read(folder):
+        match payload:
+            case AgentState():
+                heard.states.setdefault(payload.agent, []).append(payload)
+            case AgentStatus():
+                heard.statuses.setdefault(payload.agent, []).append(payload)
+            case SigmaReport():
+                for pair in payload.pairs:
+                    row = (payload.time_s, pair.distance, pair.sigma)
+                    heard.sigmas.setdefault((payload.agent, pair.peer), []).append(row)
+    return heard

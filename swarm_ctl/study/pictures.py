@@ -1,0 +1,159 @@
+"""Figures of single missions: the paper's, and a row's. Imports matplotlib: import it late."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from matplotlib.animation import FuncAnimation, PillowWriter
+from matplotlib.axes import Axes
+from matplotlib.patches import Circle
+
+from swarm_ctl.core.law import STATUSES
+from swarm_ctl.report.drawing import Floats, bounds, figure, hull_order, legend, line_style, save, trajectories
+from swarm_ctl.study.again import Flown, Trace
+from swarm_ctl.study.batch import Batch
+
+_FRAMES: Final = 120
+
+
+def agent_names(n: int) -> list[str]:
+    """1, 2, 3 ... as the paper counts."""
+    return [str(k + 1) for k in range(n)]
+
+
+def draw_mission(flown: Flown, path: Path) -> None:
+    """A row's tracks as a picture, or as an animation where the name ends in .gif."""
+    title = f"row {flown.batch.row[0]}: smallest distance {flown.row['smallest']:.2f}, " + (
+        f"formed after {flown.row['time_s']:.1f} s" if flown.row["converged"] else "not formed"
+    )
+    made, axes = figure(title, 6.0, 5.5)
+    tracks = flown.trace.positions()
+    trajectories(axes, tracks, agent_names(tracks.shape[2]), hull_order(tracks[-1]))
+    if path.suffix != ".gif":
+        made.savefig(path, dpi=150)
+        return
+    chosen = np.unique(np.linspace(0, len(tracks) - 1, _FRAMES).astype(int))
+    dots = [Circle((0, 0), flown.batch.cell.law.r_out / 2, alpha=0.35) for _ in range(tracks.shape[2])]
+    for dot in dots:
+        axes.add_patch(dot)
+
+    def show(frame: int) -> list[Circle]:
+        for k, dot in enumerate(dots):
+            dot.center = (tracks[frame, 1, k], tracks[frame, 0, k])
+        return dots
+
+    FuncAnimation(made, show, frames=chosen.tolist()).save(path, writer=PillowWriter(fps=20))
+
+
+def start_picture(batch: Batch, folder: Path, name: str, title: str) -> None:
+    """Where the agents start, their links, and their avoidance regions (Fig. 7)."""
+    made, axes = figure(title, 5.0, 4.6)
+    starts = batch.starts[..., 0]
+    for i, j in np.argwhere(np.triu(batch.links[..., 0])):
+        axes.plot(starts[1, [i, j]], starts[0, [i, j]], color="#888888", linewidth=0.9)
+    for k in range(starts.shape[1]):
+        colour = line_style(k)["color"]
+        axes.add_patch(Circle((starts[1, k], starts[0, k]), batch.cell.law.r_out, fill=False, color=colour, alpha=0.4))
+        axes.plot(starts[1, k], starts[0, k], "o", color=colour)
+        axes.annotate(str(k + 1), (starts[1, k], starts[0, k]), xytext=(5, 5), textcoords="offset points")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel("y [units]")
+    axes.set_ylabel("x [units]")
+    save(made, folder, name)
+
+
+def track_picture(trace: Trace, folder: Path, name: str, title: str) -> None:
+    """Tracks from start to shape (Figs. 8, 13)."""
+    made, axes = figure(title, 5.6, 4.8)
+    tracks = trace.positions()
+    trajectories(axes, tracks, agent_names(tracks.shape[2]), hull_order(tracks[-1]))
+    axes.set_xlabel("y [units]")
+    axes.set_ylabel("x [units]")
+    if tracks.shape[2] <= 12:
+        legend(axes, tracks.shape[2])
+    save(made, folder, name)
+
+
+def distance_picture(batch: Batch, trace: Trace, iterations: Floats, folder: Path, name: str, title: str) -> None:
+    """Each agent's distance to its nearest, over iterations (Figs. 9, 14)."""
+    made, axes = figure(title)
+    nearest = nearest_distances(trace.positions())
+    _lines(axes, iterations, nearest, agent_names(nearest.shape[1]))
+    bounds(axes, [("r_in", batch.cell.law.r_in), ("r_out", batch.cell.law.r_out)])
+    axes.set_ylim(bottom=0)
+    axes.set_ylabel("distance to the nearest agent [units]")
+    save(made, folder, name)
+
+
+def nearest_distances(tracks: Floats) -> Floats:
+    """(T, n) for tracks (T, 2, n)."""
+    apart = np.hypot(*(tracks[:, :, :, None] - tracks[:, :, None]).transpose(1, 0, 2, 3))
+    apart[:, np.arange(apart.shape[1]), np.arange(apart.shape[1])] = np.inf
+    return np.asarray(apart.min(axis=-1))
+
+
+def sigma_picture(trace: Trace, iteration_s: float, agents: Sequence[int], folder: Path, name: str, title: str) -> None:
+    """sigma_ij as the given agents (counted from 0) tune it while j is in their region (Figs. 10, 15)."""
+    made, axes = figure(title)
+    wanted = sorted({(i, j) for _, i, j, *_ in trace.pairs if i in agents})
+    for k, (i, j) in enumerate(wanted):
+        rows = np.array([(t / iteration_s, sigma) for t, a, b, _, sigma, _, _ in trace.pairs if (a, b) == (i, j)])
+        label = f"$\\sigma_{{{i + 1},{j + 1}}}$"
+        axes.plot(rows[:, 0], rows[:, 1], ".", markersize=2.5, color=line_style(k)["color"], label=label)
+    axes.set_yscale("log")
+    axes.set_xlabel("iteration")
+    axes.set_ylabel("sigma")
+    if wanted and len(wanted) <= 32:
+        legend(axes, len(wanted))
+    save(made, folder, name)
+
+
+def error_picture(
+    batch: Batch, trace: Trace, iterations: Floats, axis: int, folder: Path, name: str, title: str
+) -> None:
+    """e_i in one coordinate, over iterations (Figs. 11, 12, 16, 17)."""
+    made, axes = figure(title)
+    error = trace.positions()[:, axis] - batch.slots[axis, :, 0]
+    _lines(axes, iterations, error, agent_names(error.shape[1]))
+    axes.set_ylabel(f"e_{'xy'[axis]} [units]")
+    save(made, folder, name)
+
+
+def sigma_against_distance(
+    samples: list[tuple[str, Floats]], bounds_of: list[tuple[float, float]], folder: Path, name: str
+) -> None:
+    """All tuned sigmas against the distance at which they were tuned, with the median per bin."""
+    made, axes = figure("sigma against distance, every near pair of many missions")
+    for k, ((label, points), (r_in, r_out)) in enumerate(zip(samples, bounds_of, strict=True)):
+        if not len(points):
+            continue
+        share = (points[:, 0] - r_in) / (r_out - r_in)
+        style = {"color": line_style(k)["color"]}
+        axes.plot(share, points[:, 1], ".", markersize=1.0, alpha=0.15, rasterized=True, **style)
+        edges = np.linspace(max(share.min(), 0.0), 1.0, 16)
+        place = np.digitize(share, edges)
+        filled = [b for b in range(1, 16) if np.count_nonzero(place == b) > 5]
+        middle = [(edges[b - 1] + edges[min(b, 15)]) / 2 for b in filled]
+        axes.plot(middle, [np.median(points[place == b, 1]) for b in filled], "o-", label=f"{label}, median", **style)
+    axes.set_yscale("log")
+    axes.set_xlabel("(x - r_in) / (r_out - r_in): 0 at r_in, 1 at r_out")
+    axes.set_ylabel("sigma")
+    axes.legend(frameon=False, loc="lower left")
+    save(made, folder, name)
+
+
+def statuses_seen(trace: Trace) -> dict[str, int]:
+    """How often each status was given."""
+    found = np.bincount([status for *_, status in trace.pairs] or [0], minlength=len(STATUSES))
+    return dict(zip(STATUSES, found.tolist() if trace.pairs else [0] * len(STATUSES), strict=True))
+
+
+def _lines(axes: Axes, iterations: Floats, values: Floats, names: Sequence[str]) -> None:
+    for k, name in enumerate(names):
+        axes.plot(iterations, values[:, k], linewidth=1.0, label=name, **line_style(k))
+    axes.set_xlabel("iteration")
+    if len(names) <= 12:
+        legend(axes, len(names))

@@ -1,0 +1,243 @@
+"""A whole swarm in one process on a virtual clock: real agents, real drivers, real simulator, bytes carried in memory.
+
+The same parts as in a run but for what `run` itself is: processes, sockets, zenoh. Same seed, same trace.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from sim.config import SimConfig
+from sim.hub import Hub
+from sim.world import STEP_S
+from swarm_ctl.core.agent import Actions, Agent, Ended, Inbox
+from swarm_ctl.core.frames import geodetic_from_ned
+from swarm_ctl.core.plan import Plan
+from swarm_ctl.core.state import AgentStatus, Command, Event, Phase, StationBeacon
+from swarm_ctl.core.vehicle import Fly
+from swarm_ctl.mavlink.link import VehicleLink
+from swarm_ctl.mavlink.wires import MemoryWire, memory_wires
+from swarm_ctl.mesh import keys
+from swarm_ctl.mesh.memory_transport import MemoryHub, MemoryTransport
+from swarm_ctl.mesh.node import Node
+from swarm_ctl.mission.loader import LoadedMission
+
+_PORT = 1000
+_AGENT = ("agent", 1)
+
+
+@dataclass
+class Member:
+    """One agent with its wires."""
+
+    agent: Agent
+    link: VehicleLink
+    node: Node
+    alive: bool = True
+    frozen: bool = False
+    ended: Ended | None = None
+    status: AgentStatus | None = None
+    goals: list[str] = field(default_factory=list)
+
+
+class VirtualSwarm:
+    """Flies a mission tick by tick; tests look in and break things between ticks."""
+
+    def __init__(self, mission: LoadedMission, seed: int = 1) -> None:
+        self.plan: Plan = mission.plan
+        self.now = 0.0
+        self.events: list[Event] = []
+        self.minimum: dict[tuple[int, int], float] = {}
+        self.station_alive = True
+        self.lifeline_cut = False
+        self.mesh = MemoryHub(lambda: self.now)
+        self._station = Node(MemoryTransport(self.mesh), "test", "station")
+        self._station.listen(keys.EVENT, keys.STATUS, keys.ACK)
+        self.acks: list[Any] = []
+        self._far: list[MemoryWire] = []
+        self.members: dict[int, Member] = {}
+        self.simulator_alive = True
+        self.hub = Hub(_configuration(mission, seed), 0.0, self._transmit)
+        for agent in mission.plan.agents:
+            self._add(agent.id, mission)
+
+    def _add(self, agent_id: int, mission: LoadedMission) -> None:
+        entry = mission.fleet.agent(agent_id)
+        near, far = memory_wires()
+        self._far.append(far)
+        node = Node(MemoryTransport(self.mesh), "test", agent_id)
+        node.listen(keys.STATE, keys.BEACON, keys.COMMAND)
+        link = VehicleLink(near, entry.autopilot, entry.sysid)
+        self.members[agent_id] = Member(Agent(self.plan, agent_id, self.now), link, node)
+
+    def _transmit(self, place: int, data: bytes, _: Any) -> None:
+        self._far[place].write(data)
+
+    # --- time ---
+
+    def tick(self) -> None:
+        """One control tick of everybody, then the world up to it."""
+        self.now += self.plan.tick_s
+        if self.simulator_alive:
+            self._run_world()
+        if self.station_alive and round(self.now / self.plan.tick_s) % 10 == 0:
+            self._station.send(keys.BEACON, StationBeacon("test", self.now, self.plan.hash()))
+        for member in self.members.values():
+            if member.alive and not member.frozen:
+                self._step(member)
+        self.events += [event for event, _ in self._station.take(keys.EVENT)]
+        self.acks += [ack for ack, _ in self._station.take(keys.ACK)]
+        self._station.take(keys.STATUS)
+
+    def _run_world(self) -> None:
+        for place, far in enumerate(self._far):
+            while (data := far.read()) is not None:
+                self.hub.receive(place, data, _AGENT)
+        while self.hub.world.next_s <= self.now + STEP_S / 2:
+            self.hub.step()
+            self._watch_distances()
+
+    def _watch_distances(self) -> None:
+        world = self.hub.world
+        if not any(world.airborne()):
+            return
+        points = np.asarray(world.positions())[:, :2]
+        gaps = np.linalg.norm(points[:, None] - points[None], axis=-1)
+        for i in range(len(points)):
+            for j in range(i):
+                self.minimum[j, i] = min(self.minimum.get((j, i), np.inf), float(gaps[i, j]))
+
+    def _step(self, member: Member) -> None:
+        member.link.receive(self.now)
+        inbox = Inbox(
+            view=member.link.view(),
+            states=member.node.take(keys.STATE),
+            beacons=member.node.take(keys.BEACON),
+            commands=[command for command, _ in member.node.take(keys.COMMAND)],
+            lifeline_cut=self.lifeline_cut,
+        )
+        actions = member.agent.step(self.now, inbox)
+        member.link.pursue(actions.goal, self.now)
+        self._publish(member, actions)
+
+    def _publish(self, member: Member, actions: Actions) -> None:
+        for channel, payloads in (
+            (keys.STATE, [actions.state]),
+            (keys.ACK, actions.acks),
+            (keys.EVENT, actions.events),
+            (keys.SIGMA, [actions.sigma]),
+            (keys.STATUS, [actions.status]),
+        ):
+            for payload in payloads:
+                if payload is not None:
+                    member.node.send(channel, payload)  # type: ignore[misc]
+        name = type(actions.goal).__name__
+        if isinstance(actions.goal, Fly):
+            name = "Fly"
+        if not member.goals or member.goals[-1] != name:
+            member.goals.append(name)
+        member.status = actions.status or member.status
+        if actions.ended is not None:
+            member.ended, member.alive = actions.ended, False
+            member.node.close()
+
+    def fly(self, until_s: float = 600.0) -> None:
+        """Until every agent that lives has ended, at most to `until_s`."""
+        while self.now < until_s and any(m.alive and not m.frozen for m in self.members.values()):
+            self.tick()
+
+    def wait(self, condition: Any, until_s: float = 300.0) -> None:
+        """Tick until `condition(self)` holds; AssertionError when it never does."""
+        while not condition(self):
+            if self.now >= until_s:
+                raise AssertionError(f"not reached by {until_s} s")
+            self.tick()
+
+    # --- what tests do and ask ---
+
+    def kill(self, agent_id: int) -> None:
+        """The agent is gone from now on, without a word."""
+        self.members[agent_id].alive = False
+        self.members[agent_id].node.close()
+
+    def command(self, kind: str, agents: tuple[int, ...] = (), name: str = "c1", **more: Any) -> None:
+        """An operator's command; `more`: its step, plan_hash, at_step."""
+        self.send(Command(name, kind, agents, self.now, **more))
+
+    def send(self, command: Command) -> None:
+        """A command as it is."""
+        self._station.send(keys.COMMAND, command)
+
+    def run(self, seconds: float) -> None:
+        """Tick for so long."""
+        until = self.now + seconds
+        while self.now < until:
+            self.tick()
+
+    def positions(self) -> dict[int, tuple[float, float]]:
+        """True (north, east) of every vehicle [m]."""
+        points = np.asarray(self.hub.world.positions())
+        return {agent.id: (float(p[0]), float(p[1])) for agent, p in zip(self.plan.agents, points, strict=True)}
+
+    def centre(self) -> tuple[float, float]:
+        """True centre of all vehicles [m]."""
+        points = list(self.positions().values())
+        return sum(p[0] for p in points) / len(points), sum(p[1] for p in points) / len(points)
+
+    def in_step(self, step: int) -> bool:
+        """Every live agent is in this step."""
+        return all(m.status is not None and m.status.step == step for m in self.members.values() if m.alive)
+
+    def phases(self) -> set[Phase]:
+        """Of all agents that live."""
+        return {m.status.phase for m in self.members.values() if m.alive and m.status is not None}
+
+    def outcomes(self) -> dict[int, str]:
+        """Of all agents that have ended."""
+        return {i: m.ended.outcome for i, m in self.members.items() if m.ended is not None}
+
+    @property
+    def closest_m(self) -> float:
+        """Smallest true horizontal distance in the air so far."""
+        return min(self.minimum.values())
+
+    @property
+    def all_down(self) -> bool:
+        """Every vehicle stands disarmed on the ground."""
+        return bool(self.hub.world.parked())
+
+
+def _configuration(mission: LoadedMission, seed: int) -> SimConfig:
+    plan = mission.plan
+    vehicles = []
+    for agent in plan.agents:
+        entry = mission.fleet.agent(agent.id)
+        at = geodetic_from_ned((agent.start[0] * plan.unit_m, agent.start[1] * plan.unit_m, 0.0), plan.origin)
+        vehicles.append(
+            {
+                "sysid": entry.sysid,
+                "persona": entry.autopilot,
+                "endpoint": f"udpin:127.0.0.1:{_PORT + entry.sysid}",
+                "lat_deg": at.lat_deg,
+                "lon_deg": at.lon_deg,
+                "alt_m": at.alt_m,
+                "heading_deg": 0.0,
+                "ready_after_s": 3.0,
+            }
+        )
+    return SimConfig.model_validate(
+        {
+            "version": 1,
+            "speedup": 1.0,
+            "epoch_s": 0.0,
+            "seed": seed,
+            "origin": {"lat_deg": plan.origin.lat_deg, "lon_deg": plan.origin.lon_deg, "alt_m": plan.origin.alt_m},
+            "truth_path": None,
+            "truth_rate_hz": 10,
+            "sensing_range_m": plan.law.r * plan.unit_m,
+            "vehicles": vehicles,
+        }
+    )

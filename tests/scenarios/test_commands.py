@@ -1,0 +1,195 @@
+"""An operator's commands on the virtual clock: acknowledged by each agent, idempotent, refused where they can't be."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+from swarm_ctl.core.plan import FormStep, MoveStep
+from swarm_ctl.core.state import Phase
+from tests.scenarios.swarm import VirtualSwarm
+from tests.scenarios.test_steps import FORM, THIRD, assert_good, quartet, shape_error_m
+
+ROW = FormStep("row", ((0.0, 0.0), (0.0, 9.0), (0.0, 18.0), (0.0, 27.0)), 0.5, 2.0, 1e9)
+
+
+def move_to(north: float, east: float, speed: float = 2.0) -> MoveStep:
+    return MoveStep(((north, east),), speed, 0.5, 2.0, 1e9)
+
+
+@pytest.fixture
+def holding() -> VirtualSwarm:
+    """Four agents in a square, in the middle of a hold of 30 s."""
+    swarm = VirtualSwarm(quartet("hold: {duration_s: 30}", "land"))
+    swarm.wait(lambda s: s.in_step(THIRD))
+    swarm.run(2)
+    return swarm
+
+
+def give(swarm: VirtualSwarm, kind: str, name: str = "", **more: Any) -> list[tuple[int, bool, str]]:
+    swarm.acks.clear()
+    swarm.command(kind, name=name or f"{kind}-{swarm.now:.2f}", **more)
+    swarm.run(0.2)
+    return sorted((ack.agent, ack.accepted, ack.reason) for ack in swarm.acks)
+
+
+def accepted(answers: list[tuple[int, bool, str]]) -> bool:
+    return [answer[:2] for answer in answers] == [(i, True) for i in (1, 2, 3, 4)]
+
+
+def test_hold_and_resume(holding: VirtualSwarm) -> None:
+    """The step's time waits while the operator holds the swarm, and goes on after."""
+    assert accepted(give(holding, "hold"))
+    holding.run(120)
+    assert holding.in_step(THIRD)
+    assert accepted(give(holding, "resume"))
+    begun = holding.now
+    holding.wait(lambda s: s.in_step(THIRD + 1))
+    assert 20 < holding.now - begun < 35
+    holding.fly(900)
+    assert_good(holding)
+
+
+def test_hold_while_forming_stops_everybody() -> None:
+    """Not only the shape waits: nobody goes on towards it."""
+    swarm = VirtualSwarm(quartet("land"))
+    swarm.wait(lambda s: s.in_step(FORM))
+    swarm.run(2)
+    assert accepted(give(swarm, "hold"))
+    swarm.run(6)
+    before = swarm.positions()
+    swarm.run(20)
+    assert all(math.dist(before[i], at) < 0.5 for i, at in swarm.positions().items())
+    assert accepted(give(swarm, "resume"))
+    swarm.fly(900)
+    assert_good(swarm)
+
+
+def test_form_then_move_then_resume(holding: VirtualSwarm) -> None:
+    """A commanded shape stands, goes where it is sent, and the mission goes on from there."""
+    assert accepted(give(holding, "form", step=ROW, plan_hash=holding.plan.hash()))
+    holding.run(40)
+    assert accepted(give(holding, "move", step=move_to(40, 10), plan_hash=holding.plan.hash()))
+    holding.run(50)
+    assert math.dist(holding.centre(), (40, 10)) < 1.0
+    at = holding.positions()
+    assert max(abs((at[i][1] - at[1][1]) - 9 * (i - 1)) for i in at) < 1.0
+    assert holding.in_step(THIRD)
+    give(holding, "resume")
+    holding.fly(900)
+    assert_good(holding)
+
+
+def test_next_ends_the_step_once(holding: VirtualSwarm) -> None:
+    """Repeated and late copies of `next` for the same step do nothing more."""
+    assert accepted(give(holding, "next", name="n", at_step=THIRD))
+    holding.wait(lambda s: s.in_step(THIRD + 1))
+    assert accepted(give(holding, "next", name="n", at_step=THIRD))
+    status = holding.members[1].status
+    assert status is not None
+    assert [step.result for step in status.steps][-2:] == ["skipped", "running"]
+    holding.fly(900)
+    assert_good(holding)
+
+
+def test_return_brings_all_home(holding: VirtualSwarm) -> None:
+    """As the mission's own step does, and the run counts as aborted."""
+    give(holding, "move", step=move_to(50, 30))
+    holding.run(40)
+    assert accepted(give(holding, "return"))
+    holding.fly(900)
+    assert set(holding.outcomes().values()) == {"aborted"}
+    assert all(math.dist(holding.positions()[a.id], a.start) < 1.5 for a in holding.plan.agents)
+    assert holding.closest_m > holding.plan.law.r_in
+    assert holding.all_down
+
+
+def test_land_outweighs_return(holding: VirtualSwarm) -> None:
+    """The operator who called them back can still have them land where they are."""
+    give(holding, "return")
+    holding.run(5)
+    give(holding, "land")
+    holding.run(8)
+    assert holding.phases() == {Phase.LAND}
+    holding.fly(900)
+    assert holding.all_down
+
+
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+def test_kill_stops_the_motors_at_once(autopilot: str) -> None:
+    """In the air, within a second; the others do as their policy says."""
+    mission = quartet(
+        "hold: {duration_s: 30}",
+        "land",
+        head=f"fleet: {{agents: [{', '.join(f'{{id: {i}, autopilot: {autopilot}}}' for i in (1, 2, 3, 4))}]}}\n",
+    )
+    swarm = VirtualSwarm(mission)
+    swarm.wait(lambda s: s.in_step(THIRD))
+    swarm.command("kill", agents=(3,))
+    swarm.run(1.0)
+    assert swarm.hub.world.armed() == [True, True, False, True]
+    swarm.fly(900)
+    assert swarm.outcomes()[3] == "aborted"
+    assert {swarm.outcomes()[i] for i in (1, 2, 4)} == {"failed"}
+    assert swarm.all_down
+
+
+@pytest.mark.parametrize("kind", ["hold", "resume", "next", "form", "move", "return"])
+def test_on_the_ground_commands_are_refused(kind: str) -> None:
+    """With a reason; `land` and `kill` are always obeyed."""
+    swarm = VirtualSwarm(quartet("land"))
+    swarm.run(1)
+    step = {"form": ROW, "move": move_to(1, 1)}.get(kind)
+    answers = give(swarm, kind, step=step)
+    assert len(answers) == 4
+    assert all(not ok and reason for _, ok, reason in answers)
+
+
+@pytest.mark.parametrize(
+    ("kind", "more", "reason"),
+    [
+        ("resume", {}, "not held"),
+        ("form", {}, "no shape"),
+        ("form", {"step": ROW, "agents": (1,)}, "whole swarm"),
+        ("form", {"step": FormStep("x", ROW.slots[:3], 0.5, 2, 9)}, "3 slots for 4 agents"),
+        ("form", {"step": FormStep("x", ((0.0, 0.0),) * 4, 0.5, 2, 9)}, "apart; allowed: more than r_out"),
+        ("form", {"step": ROW, "plan_hash": 1}, "made for the plan"),
+        ("move", {}, "no point"),
+        ("move", {"step": move_to(2000, 0)}, "outside the geofence"),
+        ("move", {"step": move_to(10, 0, 50)}, "50 m/s; allowed"),
+        ("move", {"step": move_to(10, 0), "agents": (2,)}, "as a whole"),
+    ],
+)
+def test_what_cannot_be_is_refused(holding: VirtualSwarm, kind: str, more: dict[str, Any], reason: str) -> None:
+    """With the reason, and nothing happens."""
+    answers = give(holding, kind, **more)
+    meant = [answer for answer in answers if "not meant" not in answer[2]]
+    assert meant
+    assert all(not ok and reason in why for _, ok, why in meant)
+    assert all(m.agent._operator.override is None for m in holding.members.values())
+
+
+def test_the_newest_command_counts(holding: VirtualSwarm) -> None:
+    """An older one that arrives later is refused, so that the order of arrival does not matter."""
+    late = holding.now
+    holding.run(1)
+    assert accepted(give(holding, "hold"))
+    before, holding.now = holding.now, late
+    holding.command("resume", name="late")
+    holding.now = before
+    holding.acks.clear()
+    holding.run(0.2)
+    assert [ack.reason for ack in holding.acks] == ["a newer command is in force"] * 4
+
+
+def test_one_agent_held_makes_the_others_wait(holding: VirtualSwarm) -> None:
+    """The barrier waits for it; the swarm stays safe."""
+    assert len(give(holding, "hold", agents=(2,))) == 4
+    holding.run(35)
+    assert holding.in_step(THIRD)
+    assert shape_error_m(holding, FORM) < 1.0
+    give(holding, "resume", agents=(2,))
+    holding.fly(900)
+    assert_good(holding)

@@ -1,0 +1,149 @@
+"""Geofence, battery, speed, tilt and lost links: each limit with each action, on the virtual clock."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+from swarm_ctl.core.plan import Policy
+from swarm_ctl.core.state import Phase
+from swarm_ctl.mission.loader import LoadedMission
+from tests.scenarios.swarm import VirtualSwarm
+from tests.scenarios.test_steps import THIRD, quartet
+
+ACTIONS = [Policy.LAND, Policy.RETURN, Policy.HOLD, Policy.CONTINUE]
+PHASES = {Policy.LAND: Phase.LAND, Policy.RETURN: Phase.RETURN, Policy.HOLD: Phase.HOLD, Policy.CONTINUE: Phase.FLY}
+
+
+def mission(
+    policies: str, *, head: str = "", steps: tuple[str, ...] = ("hold: {duration_s: 60}", "land")
+) -> LoadedMission:
+    return quartet(*steps, head=f"policies: {{{policies}}}\n{head}")
+
+
+def reasons(swarm: VirtualSwarm) -> str:
+    return "\n".join(event.text for event in swarm.events)
+
+
+def in_third(mission: LoadedMission) -> VirtualSwarm:
+    swarm = VirtualSwarm(mission)
+    swarm.wait(lambda s: s.in_step(THIRD))
+    swarm.run(1)
+    return swarm
+
+
+def phase_of(swarm: VirtualSwarm, agent: int) -> Any:
+    status = swarm.members[agent].status
+    return status.phase if status else None
+
+
+def settle(swarm: VirtualSwarm) -> None:
+    """To the end: nobody too near, all on the ground."""
+    swarm.fly(1200)
+    assert swarm.closest_m > swarm.plan.law.r_in * swarm.plan.unit_m
+    assert swarm.all_down
+
+
+@pytest.mark.parametrize("policy", ACTIONS)
+def test_battery(policy: Policy) -> None:
+    """Under the reserve, the agent does as the mission says; the others follow it down."""
+    swarm = in_third(mission(f"battery_low: {policy.value}"))
+    battery = swarm.hub.world.vehicles[1].firmware.battery
+    battery.used_mah = 0.85 * battery.capacity_mah
+    swarm.run(6)
+    assert phase_of(swarm, 2) is PHASES[policy]
+    assert ("battery at 15 %, the reserve is 20 %" in reasons(swarm)) is (policy is not Policy.CONTINUE)
+    if policy is Policy.HOLD:
+        swarm.command("land")
+    settle(swarm)
+    wanted = {Policy.CONTINUE: "completed", Policy.HOLD: "aborted"}.get(policy, "failed")
+    assert swarm.outcomes()[2] == wanted
+    if policy is Policy.RETURN:
+        assert math.dist(swarm.positions()[2], swarm.plan.agent(2).start) < 1.5
+
+
+def test_nobody_takes_off_under_the_reserve() -> None:
+    """It waits on the ground and says why."""
+    swarm = VirtualSwarm(mission("agent_lost: land"))
+    battery = swarm.hub.world.vehicles[0].firmware.battery
+    battery.used_mah = 0.9 * battery.capacity_mah
+    swarm.run(10)
+    status = swarm.members[1].status
+    assert status is not None
+    assert "battery at 10 %" in status.reason
+    assert swarm.all_down
+
+
+FENCE = "fence: {polygon: [[-30, -30], [60, -30], [60, 60], [-30, 60]], height_m: 40}\n"
+
+
+@pytest.mark.parametrize("policy", ACTIONS)
+def test_fence(policy: Policy) -> None:
+    """A vehicle blown towards the fence is stopped by its agent before it is far outside."""
+    swarm = in_third(mission(f"fence: {policy.value}", head=FENCE))
+    group = swarm.hub.world.vehicles[2].group
+    row = swarm.hub.world.vehicles[2].row
+    group.state.position[row, 0] += 62.0  # carried off at once: the worst gust there is
+    swarm.run(3)
+    assert phase_of(swarm, 3) in (PHASES[policy], Phase.HOLD if policy is Policy.LAND else PHASES[policy])
+    assert ("outside the geofence" in reasons(swarm)) is (policy is not Policy.CONTINUE)
+    if policy in (Policy.HOLD, Policy.CONTINUE):
+        swarm.command("land")
+    swarm.fly(1200)
+    assert swarm.all_down
+
+
+@pytest.mark.parametrize("policy", [Policy.LAND, Policy.RETURN])
+def test_tilt_and_speed(policy: Policy) -> None:
+    """Leaning or racing more than allowed is a vehicle that does not do what it is told."""
+    swarm = in_third(
+        mission(f"too_fast: {policy.value}, max_tilt_deg: 5", steps=("move: {to: [90, 13], speed_mps: 5}", "land"))
+    )
+    swarm.run(10)
+    assert "leans" in reasons(swarm)
+    settle(swarm)
+    assert set(swarm.outcomes().values()) == {"failed"}
+    swarm = in_third(
+        mission(f"too_fast: {policy.value}, max_speed_mps: 2", steps=("move: {to: [90, 13], speed_mps: 4}", "land"))
+    )
+    swarm.run(10)
+    assert "m/s fast; allowed: 2 m/s" in reasons(swarm)
+    settle(swarm)
+
+
+@pytest.mark.parametrize("policy", ACTIONS)
+def test_station_lost(policy: Policy) -> None:
+    """Each policy does what it says."""
+    swarm = in_third(mission(f"station_lost: {policy.value}"))
+    swarm.station_alive = False
+    swarm.run(10)
+    assert PHASES[policy] in swarm.phases()
+    swarm.station_alive = policy is Policy.HOLD
+    settle(swarm)
+    wanted = "completed" if policy in (Policy.CONTINUE, Policy.HOLD) else "failed"
+    assert set(swarm.outcomes().values()) == {wanted}
+    if policy is Policy.RETURN:
+        assert all(math.dist(swarm.positions()[a.id], a.start) < 1.5 for a in swarm.plan.agents)
+
+
+def test_without_a_mesh_nobody_returns() -> None:
+    """`agent_lost: return` with nobody to be heard: no order to keep, so everybody lands where it is."""
+    swarm = in_third(mission("agent_lost: return, station_lost: return"))
+    before = swarm.positions()
+    for member in swarm.members.values():
+        member.node.close()
+    settle(swarm)
+    assert all(math.dist(before[i], at) < 3.0 for i, at in swarm.positions().items())
+
+
+def test_defaults_are_safe() -> None:
+    """What a mission does not say: land, a fence around all that is planned, a fifth of the battery kept."""
+    plan = quartet("land").plan
+    safe = plan.policies
+    assert {safe.fence, safe.battery_low, safe.too_fast, safe.agent_lost, safe.station_lost} == {Policy.LAND}
+    assert safe.battery_reserve_percent == 20
+    assert plan.fence is not None
+    assert plan.fence.height_m == 120
+    assert len(plan.fence.polygon_m) == 4

@@ -1,0 +1,90 @@
+"""Every ready mission flies to its end, apart, and as long as `validate` says; from its own starts and from others."""
+
+from __future__ import annotations
+
+import json
+import math
+import random
+from pathlib import Path
+
+import pytest
+
+from swarm_ctl.core import graph
+from swarm_ctl.mission.loader import LoadedMission, dumps, load, loads
+from swarm_ctl.mission.rehearsal import forecast
+from swarm_ctl.mission.schema import json_schema
+from swarm_ctl.testing.virtual import VirtualSwarm
+
+FOLDER = Path(__file__).parents[2] / "missions"
+MISSIONS = sorted(path.name for path in FOLDER.glob("*.yaml"))
+SMALL = ["crossing.yaml", "hexagon.yaml", "sweep.yaml"]
+FACTOR = 1.5
+
+
+def flown(mission: LoadedMission, seed: int = 1) -> VirtualSwarm:
+    """To the end, completed by all, nobody under r_in, everybody down."""
+    swarm = VirtualSwarm(mission, seed)
+    swarm.fly(1500)
+    assert swarm.outcomes() == dict.fromkeys((agent.id for agent in mission.plan.agents), "completed")
+    assert swarm.closest_m > mission.plan.law.r_in * mission.plan.unit_m
+    assert swarm.all_down
+    return swarm
+
+
+@pytest.mark.timeout(400)
+@pytest.mark.parametrize("name", MISSIONS)
+def test_ready_mission(name: str) -> None:
+    """Each step takes what was forecast, within a factor of 1.5."""
+    mission = load(FOLDER / name)
+    swarm = flown(mission)
+    for number, expected in enumerate(forecast(mission.plan), start=1):
+        results = [m.status.steps[number] for m in swarm.members.values() if m.status]
+        took_s = max(r.end_s or math.inf for r in results) - min(r.start_s for r in results)
+        assert expected.expected_s is not None
+        assert expected.expected_s / FACTOR < took_s < expected.expected_s * FACTOR, (number, results[0].name)
+
+
+def scattered(mission: LoadedMission, seed: int) -> LoadedMission:
+    """The mission from random starts: pairwise r_out apart and connected."""
+    dice, law, count = random.Random(seed), mission.file.law, len(mission.file.agents)
+    side = law.r_out * 1.9 * math.sqrt(count)
+    while True:
+        points: list[tuple[float, float]] = []
+        for _ in range(5000):
+            point = (round(dice.uniform(0, side), 3), round(dice.uniform(0, side), 3))
+            if len(points) < count and all(math.dist(point, other) > law.r_out for other in points):
+                points.append(point)
+        if len(points) == count and graph.is_connected(graph.neighbours(dict(enumerate(points)), law.r)):
+            break
+        side *= 1.02
+    agents = tuple(a.model_copy(update={"start": p}) for a, p in zip(mission.file.agents, points, strict=True))
+    return loads(dumps(mission.file.model_copy(update={"agents": agents})), mission.source.name)
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_from_a_random_start(name: str) -> None:
+    """One of those below, for every day."""
+    flown(scattered(load(FOLDER / name), 1), 1)
+
+
+@pytest.mark.long
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("name", MISSIONS)
+def test_from_random_starts(name: str, seed: int) -> None:
+    """Twenty of them."""
+    flown(scattered(load(FOLDER / name), seed), seed)
+
+
+@pytest.mark.parametrize("name", MISSIONS)
+def test_a_mission_can_be_written_again(name: str) -> None:
+    """Round trip: the same plan."""
+    mission = load(FOLDER / name)
+    assert loads(dumps(mission.file), name).plan == mission.plan
+
+
+def test_the_schema_beside_the_missions_is_the_one_of_the_program() -> None:
+    """`swarm-ctl schema > missions/mission.schema.json`; each mission names it."""
+    assert json.loads((FOLDER / "mission.schema.json").read_text()) == json_schema()
+    for name in MISSIONS:
+        assert (FOLDER / name).read_text().startswith("# yaml-language-server: $schema=mission.schema.json\n")

@@ -1,0 +1,214 @@
+"""Steps that move a formation as a whole, and the way back, on the virtual clock."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from swarm_ctl.core.formation import formation_error
+from swarm_ctl.core.plan import Policy
+from swarm_ctl.core.reference import slots_after
+from swarm_ctl.core.state import Phase
+from swarm_ctl.mission.loader import LoadedMission, loads
+from tests.scenarios.swarm import VirtualSwarm
+
+TEXT = """\
+version: 1
+name: quartet
+origin: {lat_deg: -35.36, lon_deg: 149.16, alt_m: 584}
+unit_m: 1
+law: {r: 20, r_out: 6, r_in: 2.5}
+agents:
+  - {id: 1, start: [0, 0]}
+  - {id: 2, start: [0, 9]}
+  - {id: 3, start: [0, 18]}
+  - {id: 4, start: [0, 27]}
+shapes:
+  row: {kind: line, spacing: 9}
+  square: {kind: grid, spacing: 9, columns: 2}
+steps:
+  - takeoff: {height_m: 8}
+  - form: {shape: square, settle_s: 2}
+"""
+TAKEOFF, FORM, THIRD = 1, 2, 3
+
+
+def quartet(*steps: str, head: str = "") -> LoadedMission:
+    return loads(head + TEXT + "".join(f"  - {step}\n" for step in steps))
+
+
+def fly(mission: LoadedMission, until_s: float = 900.0) -> VirtualSwarm:
+    swarm = VirtualSwarm(mission)
+    swarm.fly(until_s)
+    return swarm
+
+
+def assert_good(swarm: VirtualSwarm) -> None:
+    assert set(swarm.outcomes().values()) == {"completed"}
+    assert len(swarm.outcomes()) == len(swarm.plan.agents)
+    assert swarm.closest_m > swarm.plan.law.r_in * swarm.plan.unit_m
+    assert swarm.all_down
+
+
+def shape_error_m(swarm: VirtualSwarm, step: int, live: tuple[int, ...] = (1, 2, 3, 4)) -> float:
+    slots, at = slots_after(swarm.plan, step), swarm.positions()
+    assert slots is not None
+    unit = swarm.plan.unit_m
+    planned = {a.id: slot for a, slot in zip(swarm.plan.agents, slots, strict=True)}
+    return float(formation_error([at[i] for i in live], [(planned[i][0] * unit, planned[i][1] * unit) for i in live]))
+
+
+def test_move_keeps_shape_and_arrives() -> None:
+    """Along a path with a corner: never more than a metre out of shape, the centre at its end."""
+    swarm = VirtualSwarm(quartet("move: {along: [[30, 13], [30, 43]]}", "land"))
+    swarm.wait(lambda s: s.in_step(THIRD))
+    worst = 0.0
+    while swarm.in_step(THIRD):
+        swarm.tick()
+        worst = max(worst, shape_error_m(swarm, THIRD))
+    assert math.dist(swarm.centre(), (30, 43)) < 1.0
+    assert worst < 1.0
+    swarm.fly(900)
+    assert_good(swarm)
+
+
+def test_the_formation_does_not_drift_while_it_holds() -> None:
+    """The pinned agent keeps the centre where it was, for minutes."""
+    swarm = VirtualSwarm(quartet("hold: {duration_s: 120}", "land"))
+    swarm.wait(lambda s: s.in_step(THIRD))
+    swarm.run(5)
+    before = swarm.centre()
+    swarm.run(100)
+    assert math.dist(before, swarm.centre()) < 0.3
+
+
+@pytest.mark.parametrize(
+    ("step", "angle", "factor"), [("rotate: {angle_deg: 90}", 90, 1), ("scale: {factor: 1.5}", 0, 1.5)]
+)
+def test_rotate_and_scale(step: str, angle: float, factor: float) -> None:
+    """The slots end turned (clockwise from above) or wider, the centre stays."""
+    swarm = VirtualSwarm(quartet(step, "hold: {duration_s: 20}", "land"))
+    swarm.wait(lambda s: s.in_step(THIRD))
+    before, centre = np.array(list(swarm.positions().values())), swarm.centre()
+    swarm.wait(lambda s: s.in_step(THIRD + 1))
+    after = np.array(list(swarm.positions().values()))
+    turn = math.radians(angle)
+    expected = (
+        factor
+        * (before - before.mean(axis=0))
+        @ np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]])
+    )
+    assert np.abs(after - after.mean(axis=0) - expected).max() < 1.2
+    assert math.dist(centre, swarm.centre()) < 1.0
+    assert shape_error_m(swarm, THIRD) < 0.6
+    swarm.fly(900)
+    assert_good(swarm)
+
+
+def test_return_brings_everybody_home_one_at_a_time() -> None:
+    """Each lands at its own start; never two fly home at once; the heights differ while they do."""
+    swarm = VirtualSwarm(quartet("move: {to: [40, 20]}", "return"))
+    swarm.wait(lambda s: s.in_step(4))
+    flying_home: set[int] = set()
+    while any(member.alive for member in swarm.members.values()):
+        swarm.tick()
+        flying = {
+            i
+            for i, m in swarm.members.items()
+            if m.alive and m.agent._homing.stage == 2 and m.status and m.status.phase is Phase.RETURN
+        }
+        assert len(flying) <= 1
+        flying_home |= flying
+    assert flying_home == {1, 2, 3, 4}
+    for agent in swarm.plan.agents:
+        assert math.dist(swarm.positions()[agent.id], agent.start) < 1.5
+    assert_good(swarm)
+
+
+CASES = [
+    *((step, 1, Policy.CONTINUE) for step in range(1, 7)),
+    *((step, 3, Policy.RETURN) for step in (2, 3, 4)),
+    (3, 1, Policy.RETURN),
+    (4, 1, Policy.LAND),
+    (5, 3, Policy.LAND),
+    (6, 3, Policy.LAND),
+]
+
+
+@pytest.mark.parametrize(("step", "victim", "policy"), CASES)
+def test_an_agent_dies_in_any_step(step: int, victim: int, policy: Policy) -> None:
+    """The pinned one or another: the survivors do as the policy says, apart from each other, and all come down."""
+    mission = quartet("move: {to: [30, 13]}", "rotate: {angle_deg: 45}", "scale: {factor: 1.2}", "return")
+    policies = replace(mission.plan.policies, agent_lost=policy)
+    swarm = VirtualSwarm(replace(mission, plan=replace(mission.plan, policies=policies)))
+    swarm.wait(lambda s: s.in_step(step))
+    swarm.run(1.5)
+    swarm.kill(victim)
+    swarm.fly(900)
+    swarm.run(40)  # the dead agent's vehicle comes down by itself
+    outcomes = swarm.outcomes()
+    assert set(outcomes) == {1, 2, 3, 4} - {victim}
+    if policy is Policy.CONTINUE or step == 6:
+        assert set(outcomes.values()) <= {"completed"}
+    else:
+        assert set(outcomes.values()) == {"failed"}
+    if policy is Policy.RETURN and step > 1:
+        for agent in swarm.plan.agents:
+            if agent.id != victim:
+                assert math.dist(swarm.positions()[agent.id], agent.start) < 1.5
+    assert swarm.closest_m > swarm.plan.law.r_in * swarm.plan.unit_m
+    assert swarm.all_down
+
+
+def test_another_takes_over_when_the_pinned_agent_is_lost() -> None:
+    """The move goes on to its end without a jump: the frame is where it was told to be last."""
+    mission = quartet("move: {to: [60, 13]}", "land")
+    policies = replace(mission.plan.policies, agent_lost=Policy.CONTINUE)
+    swarm = VirtualSwarm(replace(mission, plan=replace(mission.plan, policies=policies)))
+    swarm.wait(lambda s: s.in_step(THIRD))
+    swarm.run(8)
+    assert [m.agent._reference.pinned for m in swarm.members.values()] == [1, 1, 1, 1]
+    frame = swarm.members[2].agent._reference.frame
+    swarm.kill(1)
+    swarm.run(2)
+    after = swarm.members[2].agent._reference.frame
+    assert frame is not None
+    assert after is not None
+    assert math.dist(frame.point_m, after.point_m) < 5
+    assert [swarm.members[i].agent._reference.pinned for i in (2, 3, 4)] == [2, 2, 2]
+    swarm.wait(lambda s: s.in_step(4))
+    assert shape_error_m(swarm, THIRD, (2, 3, 4)) < 1.0
+    swarm.fly(900)
+    assert swarm.outcomes() == dict.fromkeys([2, 3, 4], "completed")
+
+
+@pytest.mark.parametrize("policy", list(Policy))
+def test_a_step_that_takes_too_long(policy: Policy) -> None:
+    """`on_timeout`: hold until told otherwise, land, return, or go on to the next step."""
+    step = f"form: {{shape: row, tolerance_m: 0.05, settle_s: 8, timeout_s: 9, on_timeout: {policy.value}}}"
+    swarm = VirtualSwarm(quartet(step, "land"))
+    swarm.wait(lambda s: s.in_step(THIRD))
+    swarm.run(20)
+    if policy is Policy.HOLD:
+        assert swarm.phases() == {Phase.HOLD}
+        swarm.command("land")
+    swarm.fly(900)
+    wanted = {Policy.HOLD: "aborted", Policy.CONTINUE: "completed"}.get(policy, "failed")
+    assert set(swarm.outcomes().values()) == {wanted}
+    assert swarm.all_down
+    if policy is Policy.RETURN:
+        assert all(math.dist(swarm.positions()[a.id], a.start) < 1.5 for a in swarm.plan.agents)
+
+
+def test_neighbours_of_a_form_step() -> None:
+    """An explicit graph takes effect with its step, in every agent."""
+    swarm = VirtualSwarm(quartet("form: {shape: row, neighbours: [[1, 2], [2, 3], [3, 4]]}", "land"))
+    swarm.wait(lambda s: s.in_step(THIRD))
+    swarm.run(1)
+    status = {i: m.status for i, m in swarm.members.items()}
+    assert {i: s.neighbours for i, s in status.items() if s} == {1: (2,), 2: (1, 3), 3: (2, 4), 4: (3,)}
+    swarm.fly(900)
+    assert_good(swarm)
