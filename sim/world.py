@@ -146,7 +146,7 @@ class World:
             group.step(STEP_S)
         self._observe()
         now = self.time_s
-        ran = [i for i, v in enumerate(self.vehicles) if v.due_s <= now]
+        ran = [i for i, v in enumerate(self.vehicles) if v.due_s <= now + 1e-6]
         for i in ran:
             self.vehicles[i].run(now)
         return ran

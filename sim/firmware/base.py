@@ -24,7 +24,7 @@ from sim.firmware.parameters import Parameters
 from sim.firmware.plans import Item, Plans, remind
 from sim.firmware.services import HANDLERS, sane
 from sim.firmware.setpoint import Setpoint
-from sim.firmware.streams import Streams
+from sim.firmware.streams import Streams, next_on_grid
 from sim.firmware.telemetry import BUILDERS
 from sim.geodesy import TangentPlane, Vector3
 
@@ -34,6 +34,8 @@ Contact = tuple[int, Vector3, Vector3]
 TICK_S = 0.1
 """Failsafes, mode logic and landing detection run this often."""
 _PARAMETERS_PER_TICK = 25
+_BATTERY_S = 0.5
+"""The battery is looked at this often."""
 _TEXT = 50
 """Characters in one STATUSTEXT."""
 
@@ -119,6 +121,7 @@ class Firmware(ABC):
         self._tick_s = boot_s
         self._was_ready = False
         self._low = False
+        self._battery_s = boot_s
 
     # --- the persona's part ---
 
@@ -215,8 +218,8 @@ class Firmware(ABC):
         if now < self.boot_s:
             return
         self.now, self.sensed = now, sensed
-        if now >= self._tick_s:
-            self._tick_s = max(self._tick_s + TICK_S, now + TICK_S / 2)
+        if now + 1e-6 >= self._tick_s:  # a sum of steps, and a multiple
+            self._tick_s = next_on_grid(now, TICK_S)
             self._tick()
         for name in self.streams.take_due(now):
             for fields in BUILDERS[name](self):
@@ -237,7 +240,9 @@ class Firmware(ABC):
             self.landed_s = None
         elif self.landed_s is None:
             self.landed_s = self.now
-        self._watch_battery()
+        if self.now >= self._battery_s:
+            self._battery_s = self.now + _BATTERY_S - TICK_S / 2
+            self._watch_battery()
         if self.ready() and not self._was_ready:
             self._was_ready = True
             for name in ("GPS_GLOBAL_ORIGIN", "HOME_POSITION"):
@@ -252,7 +257,7 @@ class Firmware(ABC):
     def _watch_battery(self) -> None:
         p = self.parameters
         self.battery.failed = p["SIM_BATT_FAIL"] == 1.0
-        self.battery.drain(TICK_S, flying=not self.sensed.landed, factor=max(0.0, p["SIM_BATT_DRAIN"]))
+        self.battery.drain(_BATTERY_S, flying=not self.sensed.landed, factor=max(0.0, p["SIM_BATT_DRAIN"]))
         low = self.battery_low()
         if low and not self._low:
             self.on_battery_low()

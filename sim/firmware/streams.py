@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Sequence
 
 
 class Streams:
     """Message intervals of one vehicle, and when each is due next.
 
-    A stream keeps its own grid (due + k * interval); one that fell behind by more than an interval starts anew
-    instead of sending a burst.
+    After its first message a stream keeps to whole multiples of its interval, so that streams meet and share packets;
+    one that fell behind goes on at the next multiple instead of sending a burst.
     """
 
     def __init__(self) -> None:
@@ -37,18 +37,21 @@ class Streams:
         """Everything streamed."""
         return tuple(self._interval_s)
 
-    def take_due(self, now: float) -> Iterator[str]:
+    def take_due(self, now: float) -> Sequence[str]:
         """The names that are due at `now`, each once; moves them on."""
-        if now < self.next_s:
-            return
         late = now + _SLACK_S
+        if late < self.next_s:
+            return ()
         due = [name for name, at in self._due_s.items() if at <= late]
         for name in due:
-            interval = self._interval_s[name]
-            at = self._due_s[name] + interval
-            self._due_s[name] = at if at > now else now + interval
+            self._due_s[name] = next_on_grid(now, self._interval_s[name])
         self.next_s = min(self._due_s.values(), default=math.inf)
-        yield from due
+        return due
+
+
+def next_on_grid(now: float, interval_s: float) -> float:
+    """The first whole multiple of the interval after `now`."""
+    return (math.floor(now / interval_s + _SLACK_S) + 1) * interval_s
 
 
 _SLACK_S = 1e-6

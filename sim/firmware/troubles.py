@@ -9,7 +9,7 @@ from sim.firmware.parameters import Kind, Parameter
 
 
 def _switch() -> Parameter:
-    return Parameter(Kind.INT8, 0.0)
+    return Parameter(Kind.INT32, 0.0)  # PX4's clients know no shorter integers
 
 
 def _number(value: float = 0.0) -> Parameter:

@@ -38,7 +38,7 @@ SPEEDUPS = (1, 2, 5, 7, 10, 15, 20, 30, 50, 75, 100, 150, 200)
 CLIENT = ("127.0.0.1", 9)
 STREAMS = ((32, 20.0), (30, 10.0), (33, 5.0))
 _TICKS_PER_S = os.sysconf("SC_CLK_TCK")
-BASE_PORT = 25600
+BASE_PORT = 18000
 MOST = 250
 _mav = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
 
@@ -139,7 +139,8 @@ def process(
     ) as running:
         try:
             assert running.stdout is not None
-            running.stdout.readline()
+            if not running.stdout.readline():
+                raise RuntimeError(f"the simulator did not start; is a port from {BASE_PORT} on busy?")
             yield running, truth
         finally:
             running.kill()
