@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from sim.config import SimConfig
@@ -20,6 +21,7 @@ class Recorder:
         self._file = file
         self._interval_s = 1.0 / config.truth_rate_hz
         self._due_s = world.next_s
+        self._written_s = -math.inf
         self._sysids = [vehicle.sysid for vehicle in world.vehicles]
         self._write("header", version=1, origin=config.origin.model_dump(), sysids=self._sysids)
 
@@ -34,14 +36,17 @@ class Recorder:
             self._minima()
 
     def close(self) -> None:
-        """The last minima, and the end line."""
+        """The last state (whatever the rate: how it all ended counts) and minima, and the end line."""
         self.after_step()
+        if self._world.time_s > self._written_s:
+            self._state()
         self._minima()
         self._write("end")
         self._file.close()
 
     def _state(self) -> None:
         world = self._world
+        self._written_s = world.time_s
         self._write(
             "state",
             ned=world.positions().round(_MM).tolist(),
