@@ -116,9 +116,7 @@ def nearest_many(wish: Floats, normals: Floats, bounds: Floats, cap: Floats) -> 
     v = wish * (cap / np.maximum(size, np.maximum(cap, 1e-300)))
     exists = np.ones(wish.shape[1], dtype=np.bool_)
     for k in range(len(bounds)):
-        here = np.flatnonzero(
-            (normals[k, 0] * v[0] + normals[k, 1] * v[1] < bounds[k] - _EXACT) & exists
-        )
+        here = np.flatnonzero((normals[k, 0] * v[0] + normals[k, 1] * v[1] < bounds[k] - _EXACT) & exists)
         if not len(here):
             continue
         n, b, top = normals[k][:, here], bounds[k][here], cap[here]

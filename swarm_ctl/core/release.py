@@ -6,7 +6,7 @@ Two means, both on the wish, so that the filter has the last word as always:
 - *tangential release*: an agent that has wanted to go somewhere for a while and got nowhere goes sideways for some
   seconds, each time for a little longer, sometimes to the other side.
 
-For one agent or arrays of them; a horizontal vector is the complex number north + 1j * east.
+A horizontal vector is the complex number north + 1j * east. `study.keeping` has the release for arrays of agents.
 """
 
 from __future__ import annotations
@@ -16,20 +16,16 @@ import math
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
-
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 _SWIRL: Final = 0.5
-_AVERAGE_S: Final = 1.5
-_WANTS: Final = 0.05
+AVERAGE_S: Final = 1.5
+WANTS: Final = 0.05
 """[of the top speed]: who wants to go faster than this on average ..."""
-_GETS: Final = 0.15
+GETS: Final = 0.15
 """... and gets less of it than this share, is stuck."""
-_SIDEWAYS: Final = cmath.exp(-1j * math.pi / 3)
-_LONGER_S: Final = 5.0
-_OTHER_SIDE: Final = (3, 0.4)
+SIDEWAYS: Final = cmath.exp(-1j * math.pi / 3)
+LONGER_S: Final = 5.0
+OTHER_SIDE: Final = (3, 0.4)
 """From so many releases on, this share of them goes to the other side."""
 
 
@@ -41,52 +37,58 @@ def swirled(consensus: Any, avoidance: Any) -> Any:
 
 
 class Release:
-    """Notices who is stuck, and turns their wish.
+    """Notices that one agent is stuck, and turns its wish.
 
     Args:
-        shape: of the arrays of agents, () for one.
+        agent: what its dice are thrown with, so that two that block each other do not move alike.
         speed: the limit, in the unit of all velocities here.
-        dice: (fails) -> two numbers in 0..1 for each agent; the same for the same agent and number of fails.
+        tick_s: between two calls.
     """
 
-    def __init__(self, shape: tuple[int, ...], speed: float, tick_s: float) -> None:
-        self._speed, self._tick_s = speed, tick_s
-        self._wanted, self._got = np.zeros(shape), np.zeros(shape)
-        self._left_s, self._side = np.zeros(shape), np.ones(shape, dtype=np.complex128)
-        self.fails = np.zeros(shape)
+    def __init__(self, agent: int, speed: float, tick_s: float) -> None:
+        self._agent, self._speed, self._tick_s = agent, speed, tick_s
+        self._wanted = self._got = self._left_s = 0.0
+        self._side = SIDEWAYS
+        self.fails = 0
         """Releases so far."""
 
-    def only(self, chosen: Any) -> None:
-        """Go on with some of the last axis."""
-        for name in ("_wanted", "_got", "_left_s", "_side", "fails"):
-            setattr(self, name, getattr(self, name)[..., chosen])
+    @property
+    def releasing(self) -> bool:
+        """It goes sideways just now."""
+        return self._left_s > 0.0
 
-    def turn(self, wish: Any, consensus: Any, dice: Any) -> Any:
-        """The wish, or the way out for those that are stuck. `dice`: (2, ...) in 0..1, looked at when one begins."""
-        pull = np.abs(consensus)
-        want = np.minimum(pull, self._speed)
-        stuck = (
-            (self._left_s <= 0.0) & (self._wanted > _WANTS * self._speed) & (self._got < _GETS * self._wanted)
-        )
-        if stuck.any():
-            lasts = (_AVERAGE_S + np.minimum(self.fails, _LONGER_S)) * (0.7 + 0.6 * dice[0])
-            other = (self.fails >= _OTHER_SIDE[0]) & (dice[1] < _OTHER_SIDE[1])
-            self._left_s = np.where(stuck, lasts, self._left_s)
-            self._side = np.where(stuck, np.where(other, _SIDEWAYS.conjugate(), _SIDEWAYS), self._side)
-            self.fails = self.fails + stuck
-            self._wanted = np.where(stuck, 0.0, self._wanted)
-            self._got = np.where(stuck, 0.0, self._got)
-        releasing = self._left_s > 0.0
-        self._left_s = self._left_s - self._tick_s * releasing
-        size = np.maximum(0.2 * self._speed, np.minimum(want, 0.5 * self._speed))
-        away = consensus / np.maximum(pull, 1e-300) * size * self._side
-        return np.where(releasing & (pull > 0.0), away, wish)
+    def turn(self, wish: complex, consensus: complex) -> complex:
+        """The wish, or the way out for one that is stuck."""
+        pull = abs(consensus)
+        if self._left_s <= 0.0 and self._wanted > WANTS * self._speed and self._got < GETS * self._wanted:
+            self._left_s, self._side = terms(self.fails, dice(self._agent, self.fails))
+            self.fails += 1
+            self._wanted = self._got = 0.0
+        if self._left_s <= 0.0:
+            return wish
+        self._left_s -= self._tick_s
+        size = max(0.2 * self._speed, min(pull, 0.5 * self._speed))
+        return consensus / pull * size * self._side if pull > 0.0 else wish
 
-    def note(self, consensus: Any, flown: Any) -> None:
+    def note(self, consensus: complex, flown: complex) -> None:
         """What was commanded in the end."""
-        pull = np.abs(consensus)
-        share = self._tick_s / _AVERAGE_S
-        idle = self._left_s <= 0.0
-        along = (flown * np.conjugate(consensus)).real / np.maximum(pull, 1e-300)
-        self._wanted = self._wanted + share * idle * (np.minimum(pull, self._speed) - self._wanted)
-        self._got = self._got + share * idle * (along - self._got)
+        pull = abs(consensus)
+        if self._left_s > 0.0 or pull == 0.0:
+            return
+        share = self._tick_s / AVERAGE_S
+        self._wanted += share * (min(pull, self._speed) - self._wanted)
+        self._got += share * ((flown * consensus.conjugate()).real / pull - self._got)
+
+
+def terms(fails: int, thrown: tuple[float, float]) -> tuple[float, complex]:
+    """How long [s] and where to, after so many releases."""
+    lasts = (AVERAGE_S + min(fails, LONGER_S)) * (0.7 + 0.6 * thrown[0])
+    other = fails >= OTHER_SIDE[0] and thrown[1] < OTHER_SIDE[1]
+    return lasts, SIDEWAYS.conjugate() if other else SIDEWAYS
+
+
+def dice(agent: int, fails: int) -> tuple[float, float]:
+    """Two numbers in 0..1, the same for the same agent and number of fails."""
+    seed = agent * 104729 + fails * 1299709
+    first, second = (seed * 2654435761) % 2**32, ((seed + 12345) * 2246822519) % 2**32
+    return first / 2**32, second / 2**32

@@ -1,8 +1,8 @@
 """The last word between the law and the vehicle: no velocity reaches a vehicle without passing here.
 
-**What is done.** Everything is judged on stop points (`core/response.py`), where a vehicle with dead time and lag is the
-single integrator `ds/dt = v_cmd`. For each other j that may be near, with `q` from the nearest place it may have got to
-and `x = |q|`:
+**What is done.** Everything is judged on stop points (`core/response.py`), where a vehicle with dead time and lag is
+the single integrator `ds/dt = v_cmd`. For each other j that may be near, with `q` from the nearest place it may have
+got to, and `x = |q|`:
 
     q/x . v >= min(0.5 v_max, -rate * share * (x - D_j))           keep-out: a half-plane of velocities (`half_plane`)
     |v| <= slow + (v_max - slow) * (x - D_j) / zone, where x < D_j + zone           caution: a speed limit (`cap`)
@@ -33,7 +33,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
-from swarm_ctl.core.plan import LawParameters, Limits, Point, Response
+from swarm_ctl.core.plan import LawParameters, Limits, Response
 
 RATE: Final = 3.0
 """[1/s] of the room that is left. 2 touches the paper's own regime, 4 covers less age of news (1 / (e rate))."""
@@ -76,7 +76,7 @@ class Margins:
 
     @classmethod
     def of(cls, law: LawParameters, response: Response, speed: float, unit: float = 1.0) -> Margins:
-        """For vehicles with this response. `speed` and the result count in lengths of which `unit` make a law's unit."""
+        """For vehicles with this response. `speed` and the result count in a length that a law's unit is `unit` of."""
         span = (law.r_out - law.r_in) * unit
         keep_out = law.r_in * unit + _KEEP_OUT * span
         slow = 0.5 * _widest(_SPARE * law.r_in * unit / keep_out) * keep_out / (_LAG_ERROR * response.lag_s)
@@ -93,7 +93,14 @@ class Margins:
 
 
 def half_plane(
-    apart: Any, commanded: Any, reach_s: Any, keep_out: Any, share: Any, speed: float, least: Most = min, most: Most = max
+    apart: Any,
+    commanded: Any,
+    reach_s: Any,
+    keep_out: Any,
+    share: Any,
+    speed: float,
+    least: Most = min,
+    most: Most = max,
 ) -> tuple[Any, Any, Any]:
     """(normal, bound, x - keep_out) of the keep-out plane against one other.
 
@@ -150,33 +157,29 @@ def _average(m: float) -> float:
 # --- shaping a wish before it is judged ---
 
 
-def limited(wish: Point, limits: Limits) -> Point:
+def limited(wish: complex, limits: Limits) -> complex:
     """Scaled to the speed limit. What is not finite becomes zero: stopping is the one answer right for every cause."""
-    speed = math.hypot(*wish)
-    if not math.isfinite(speed):
-        return (0.0, 0.0)
-    return wish if speed <= limits.speed_mps else shortened(wish, limits.speed_mps)
+    finite = math.isfinite(math.hypot(wish.real, wish.imag))  # abs() of huge ones raises
+    return shortened(wish, limits.speed_mps) if finite else 0j
 
 
-def shortened(vector: Point, most: float) -> Point:
+def shortened(vector: complex, most: float) -> complex:
     """The vector, not longer than `most`."""
-    length = math.hypot(*vector)
-    return vector if length <= most else (vector[0] / length * most, vector[1] / length * most)
+    length = abs(vector)
+    return vector if length <= most else vector / length * most
 
 
-def bent(wish: Point, away: Point, closing_mps: float) -> Point:
+def bent(wish: complex, away: complex, closing_mps: float) -> complex:
     """The wish, not closing in faster than `closing_mps` on somebody who stays; what is too much goes past it.
 
     `away` points from the other to us. Everybody turns to the same side, so nobody is stuck head-on.
     """
-    size = math.hypot(*away)
+    size = abs(away)
     if size < 1e-9:
         return wish
-    north, east = away[0] / size, away[1] / size
-    excess = -(wish[0] * north + wish[1] * east) - closing_mps
-    if excess <= 0.0:
-        return wish
-    return wish[0] + excess * (north + east), wish[1] + excess * (east - north)
+    away /= size
+    excess = -(wish * away.conjugate()).real - closing_mps
+    return wish + excess * away * (1 - 1j) if excess > 0.0 else wish
 
 
 def climb_rate(height_error_m: float, limits: Limits) -> float:

@@ -9,12 +9,12 @@ from typing import Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm_ctl.core.freshness import NEIGHBOUR_S
+from swarm_ctl.core.freshness import NEIGHBOUR_S, SILENT_FLIES_S
 from swarm_ctl.core.law import OVERSPEED, STATUSES
 from swarm_ctl.core.plan import Compensation
 from swarm_ctl.core.swarm_law import Near, Rings, SwarmLaw
 from swarm_ctl.study.batch import Batch, Bools, Floats, connected
-from swarm_ctl.study.keeping import SILENT_FLIES_S, Keeper
+from swarm_ctl.study.keeping import Keeper
 from swarm_ctl.study.motion import Motion, motion_of
 from swarm_ctl.study.news import News, Told
 

@@ -8,10 +8,10 @@ from typing import Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm_ctl.core import safety
-from swarm_ctl.core.freshness import FRESH_S, NEIGHBOUR_S
+from swarm_ctl.core import release, safety
+from swarm_ctl.core.freshness import FRESH_S, NEIGHBOUR_S, SILENT_FLIES_S
 from swarm_ctl.core.halfplanes import UNBOUND, relaxed_many
-from swarm_ctl.core.release import Release, swirled
+from swarm_ctl.core.release import swirled
 from swarm_ctl.core.safety import Margins
 from swarm_ctl.core.swarm_law import SwarmLaw
 from swarm_ctl.study.batch import Batch, Bools, Floats
@@ -20,8 +20,6 @@ from swarm_ctl.study.space import Safety
 
 Complex: TypeAlias = NDArray[np.complex128]
 
-SILENT_FLIES_S: Final = 1.0
-"""A vehicle whose agent is silent flies its last command for so long: what agents set as the autopilot's time-out."""
 _LEVELS: Final[tuple[Safety, ...]] = ("off", "filter", "guard", "release", "full")
 _SWIRL_OFF: Final = 0.3
 """Within r_out plus this of somebody unheard nobody swirls [units]."""
@@ -49,7 +47,7 @@ class Keeper:
         self._speed = cell.speed_mps / cell.unit_m
         self.margins = Margins.of(cell.law, cell.model, self._speed)
         self._r_out = cell.law.r_out
-        self._release = Release((n, m), self._speed, cell.tick_s) if self._level >= 3 else None
+        self._release = _Releases((n, m), self._speed, cell.tick_s) if self._level >= 3 else None
         self._row = batch.row
         self.counts = Counts(np.zeros(m), np.zeros(m), np.zeros(m))
 
@@ -184,3 +182,44 @@ def _complex(vectors: Floats) -> Complex:
 def _limited(wish: Complex, speed: float) -> Complex:
     limited: Complex = wish * (speed / np.maximum(np.abs(wish), speed))
     return limited
+
+
+class _Releases:
+    """`core.release.Release` for arrays (n, m) of agents."""
+
+    def __init__(self, shape: tuple[int, ...], speed: float, tick_s: float) -> None:
+        self._speed, self._tick_s = speed, tick_s
+        self._wanted, self._got = np.zeros(shape), np.zeros(shape)
+        self._left_s, self._side = np.zeros(shape), np.ones(shape, dtype=np.complex128)
+        self.fails = np.zeros(shape)
+
+    def only(self, chosen: Bools) -> None:
+        """Go on with some of the missions."""
+        for name in ("_wanted", "_got", "_left_s", "_side", "fails"):
+            setattr(self, name, getattr(self, name)[..., chosen])
+
+    def turn(self, wish: Complex, consensus: Complex, dice: Floats) -> Complex:
+        """As `Release.turn`; `dice` (2, n, m) is looked at where one begins."""
+        pull = np.abs(consensus)
+        stuck = (self._left_s <= 0.0) & (self._wanted > release.WANTS * self._speed)
+        stuck &= self._got < release.GETS * self._wanted
+        if stuck.any():
+            lasts = (release.AVERAGE_S + np.minimum(self.fails, release.LONGER_S)) * (0.7 + 0.6 * dice[0])
+            other = (self.fails >= release.OTHER_SIDE[0]) & (dice[1] < release.OTHER_SIDE[1])
+            self._left_s = np.where(stuck, lasts, self._left_s)
+            self._side = np.where(stuck, np.where(other, release.SIDEWAYS.conjugate(), release.SIDEWAYS), self._side)
+            self.fails = self.fails + stuck
+            self._wanted, self._got = np.where(stuck, 0.0, self._wanted), np.where(stuck, 0.0, self._got)
+        releasing = self._left_s > 0.0
+        self._left_s = self._left_s - self._tick_s * releasing
+        size = np.maximum(0.2 * self._speed, np.minimum(pull, 0.5 * self._speed))
+        away = consensus / np.maximum(pull, 1e-300) * size * self._side
+        return np.where(releasing & (pull > 0.0), away, wish)
+
+    def note(self, consensus: Complex, flown: Complex) -> None:
+        """As `Release.note`."""
+        pull = np.abs(consensus)
+        share = self._tick_s / release.AVERAGE_S * ((self._left_s <= 0.0) & (pull > 0.0))
+        along = (flown * np.conjugate(consensus)).real / np.maximum(pull, 1e-300)
+        self._wanted = self._wanted + share * (np.minimum(pull, self._speed) - self._wanted)
+        self._got = self._got + share * (along - self._got)

@@ -46,7 +46,7 @@ def test_a_wish_that_is_allowed_is_kept_to_the_last_bit(wish: tuple[float, float
 
 @given(st.tuples(numbers, numbers), planes, planes, caps)
 def test_slack_is_the_least(wish: tuple[float, float], hard: list[Plane], soft: list[Plane], cap: float) -> None:
-    """The hard planes give way by the least common slack (by a linear program, the disc as a 64-gon), soft ones first."""
+    """The hard planes give way by the least common slack: a linear program's, with the disc as a 64-gon."""
     found, slack = relaxed(wish, hard, soft, cap)
     assert inside(found, [(nx, ny, b - slack) for nx, ny, b in hard], cap)
     if slack == 0.0:
