@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -69,7 +70,7 @@ def final_setpoints(folder: Path, agent: int) -> int:
 
 
 def test_a_killed_station_leaves_all_but_the_last_second(tmp_path: Path) -> None:
-    """SIGKILL in flight: the file reads up to the last chunk, `report` gives it its footer, and says so."""
+    """SIGKILL in flight: the file reads up to the last chunk, `replay` and `report` give it its footer, and say so."""
     with Running(*RUN, "--no-report", cwd=tmp_path) as running:
         running.wait_for_event("step 2: form hexagon", 6)
         before_s = max(
@@ -82,6 +83,14 @@ def test_a_killed_station_leaves_all_but_the_last_second(tmp_path: Path) -> None
     assert not is_whole(folder)
     last_s = max(payload.time_s for _, payload in recording.read(folder) if isinstance(payload, AgentState))
     assert last_s >= before_s
+    alone = tmp_path / "alone.mcap"
+    shutil.copy(folder / recording.RECORDING, alone)
+    with Running("replay", alone, "--json", "--from", "end", cwd=tmp_path) as replaying:
+        assert replaying.wait() == 0, replaying.output
+        note, line = replaying.output.splitlines()
+    assert "recovered up to its last second" in note
+    assert last_s <= json.loads(line)["time_s"] <= last_s + 1.0
+    assert is_whole(alone)
     with Running("report", folder, cwd=tmp_path) as reporting:
         assert reporting.wait() == 0, reporting.output
     assert is_whole(folder)

@@ -510,7 +510,7 @@ class Dashboard(App[None]):
         line = self.query_one(CommandInput)
         purpose, text = line.purpose, event.value.strip()
         self._close_line()
-        if purpose != "filter" and text:
+        if purpose not in ("", "filter") and text:
             line.remember(text)
             self.typed(text)
 

@@ -32,7 +32,7 @@ _KEYS: Final = (
     ("home end", "start, end"),
     ("e E", "next event of any kind, the last one"),
     ("a A", "next alarm or warning, the last one"),
-    ("- + 0", "slower, faster (0.25 to 50 times), as fast as it was flown"),
+    ("- + 0", "slower, faster (0.25 to 50), 1: mission seconds in seconds"),
     (":", "go to a time: 83, 1:23, +10, -10, end; or click on the line below"),
     ("1 2 3 4 ?", "screens: swarm, links, sigma, log, help; also tab, or a click"),
     ("↑ ↓", "move the cursor, or the lines of a screen"),
