@@ -68,15 +68,18 @@ class Film:
     Seeking is quick where `read_ahead` has been, which also finds the `marks`.
     """
 
-    def __init__(self, scenes: Scenes, plan: Plan, *, speedup: float = 1.0, station: str = "") -> None:
+    def __init__(
+        self, scenes: Scenes, plan: Plan, *, speedup: float = 1.0, station: str = "", look_s: float = LOOK_S
+    ) -> None:
         self._scenes = scenes
         self._scene = lru_cache(4)(scenes.__getitem__)  # two cursors, and those they come from
         times = _ends(scenes)
         if times is None:
             raise InputError("the recording holds no message of an agent")
         self.plan = plan
+        self._look_s = look_s
         self.start_s: Final = times[0]
-        self._looks: Final = math.ceil((times[1] - times[0]) / LOOK_S)
+        self._looks: Final = math.ceil((times[1] - times[0]) / look_s)
         self.end_s: Final = self._time_of(self._looks)
         """A look at or behind the last message."""
         first = _Cursor(Model(plan, speedup=speedup, since_s=times[0], station=station))
@@ -148,11 +151,11 @@ class Film:
         return next((mark.time_s for mark in reversed(self.marks[:at]) if wanted(mark)), None)
 
     def _time_of(self, look: int) -> float:
-        return self.start_s + look * LOOK_S
+        return self.start_s + look * self._look_s
 
     def _keyframe(self, time_s: float) -> int:
         """The last one that is not behind `time_s`: number k was taken after look k * _KEYFRAME_LOOKS - 1."""
-        looks = int((time_s - self.start_s) / LOOK_S + _MOMENT_S) + 1
+        looks = int((time_s - self.start_s) / self._look_s + _MOMENT_S) + 1
         return min(looks // _KEYFRAME_LOOKS, len(self._keyframes) - 1)
 
     def _look(self, cursor: _Cursor) -> SwarmView:
