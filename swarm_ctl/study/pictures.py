@@ -31,7 +31,7 @@ from swarm_ctl.study.again import Flown, Trace
 from swarm_ctl.study.batch import Batch
 
 _FRAMES: Final = 120
-_OUTLINE: Final = (withStroke(linewidth=4.0, foreground="black"),)
+_OUTLINE: Final = (withStroke(linewidth=3.0, foreground="black"),)
 """Seen on a cloud of dots of its own colour."""
 
 
@@ -154,7 +154,7 @@ def sigma_against_distance(
         filled = [b for b in range(1, 16) if np.count_nonzero(place == b) > 5]
         middle = [(edges[b - 1] + edges[min(b, 15)]) / 2 for b in filled]
         medians = [np.median(points[place == b, 1]) for b in filled]
-        axes.plot(middle, medians, "o-", label=f"{label}, median", path_effects=_OUTLINE, **style)
+        axes.plot(middle, medians, "o-", label=f"{label}, median", path_effects=_OUTLINE, zorder=5, **style)
     log_ticks(axes)
     axes.set_xlabel(f"$(x - {R_IN}) / ({R_OUT} - {R_IN})$: 0 at ${R_IN}$, 1 at ${R_OUT}$")
     axes.set_ylabel("$\\sigma$")

@@ -17,6 +17,9 @@ from tests.system.running import HEXAGON, Running
 
 pytestmark = pytest.mark.timeout(240)
 
+Velocity = tuple[float, float, float]
+LAND = 9
+"""ArduCopter's number of the mode."""
 RUN = ("run", HEXAGON, "--speedup", "3", "--headless")
 
 
@@ -50,23 +53,32 @@ def test_a_whole_run_is_recorded_and_reported(tmp_path: Path) -> None:
     assert summary.statistics is not None
     assert summary.statistics.message_count == sum(1 for _ in messages(folder))
     for agent in range(1, 7):
-        # the agent counts the ticks it flew; its driver sends some more, around changes of mode
-        assert 0 <= _setpoints(folder / f"{agent}.tlog") - final_setpoints(folder, agent) < 40
+        account = json.loads((folder / "agents" / f"{agent}.json").read_text())
+        flown, landing, received = _frames(folder / f"{agent}.tlog", agent)
+        assert len(flown) == account["setpoints"]
+        # asked to land, the driver stops the vehicle until its heartbeat tells the new mode
+        assert set(landing) <= {(0.0, 0.0, 0.0)}
+        assert received == account["vehicle_link"]["received"]
 
 
-def _setpoints(path: Path) -> int:
-    log = mavutil.mavlogfile(str(path))
-    count = 0
-    while log.recv_match(type="SET_POSITION_TARGET_LOCAL_NED") is not None:
-        count += 1
+def _frames(path: Path, sysid: int) -> tuple[list[Velocity], list[Velocity], int]:
+    """Setpoints before and after the first command to land, as MAVExplorer reads them; all frames of the vehicle."""
+    log = mavutil.mavlink_connection(str(path))
+    flown: list[Velocity] = []
+    landing: list[Velocity] = []
+    setpoints, received = flown, 0
+    while (message := log.recv_match()) is not None:
+        kind = message.get_type()
+        assert kind != "BAD_DATA"
+        received += message.get_srcSystem() == sysid
+        if kind == "SET_POSITION_TARGET_LOCAL_NED":
+            setpoints.append((message.vx, message.vy, message.vz))
+        elif (
+            kind == "COMMAND_LONG" and message.command == mavutil.mavlink.MAV_CMD_DO_SET_MODE and message.param2 == LAND
+        ):
+            setpoints = landing
     log.close()
-    return count
-
-
-def final_setpoints(folder: Path, agent: int) -> int:
-    """What the agent itself says it sent."""
-    found: int = json.loads((folder / "agents" / f"{agent}.json").read_text())["setpoints"]
-    return found
+    return flown, landing, received
 
 
 def test_a_killed_station_leaves_all_but_the_last_second(tmp_path: Path) -> None:
