@@ -75,7 +75,7 @@ class Film:
         self._scene = lru_cache(4)(scenes.__getitem__)  # two cursors, and those they come from
         times = _ends(scenes)
         if times is None:
-            raise InputError("the recording holds no message of an agent")
+            raise InputError("the recording holds no message of an agent that this version can read")
         self.plan = plan
         self._look_s = look_s
         self.start_s: Final = times[0]
