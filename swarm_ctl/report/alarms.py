@@ -10,21 +10,17 @@ from swarm_ctl.recording import Tape
 from swarm_ctl.report.accounts import read_events
 from swarm_ctl.report.manifest import Manifest
 from swarm_ctl.station.alerts import Level
-from swarm_ctl.station.film import LOOK_S, Film
+from swarm_ctl.station.film import Film
 from swarm_ctl.station.journal import Entry
 
-_MANY: Final = 16
-_SELDOM_S: Final = 1.0
-"""Between looks at a swarm of more than `_MANY`: a look costs n squared."""
 _LEVELS: Final = {"warning": Level.WARNING, "error": Level.ERROR}
 
 
 def told(folder: Path, manifest: Manifest) -> list[Entry]:
     """Alarms raised and cleared, warnings, errors, orders; without a recording the warnings of the agents alone."""
-    look_s = LOOK_S if len(manifest.fleet) <= _MANY else _SELDOM_S
     try:
         with Tape(folder) as tape:
-            film = Film(tape, manifest.plan, speedup=manifest.speedup, look_s=look_s)
+            film = Film(tape, manifest.plan, speedup=manifest.speedup)
             film.seek(film.end_s)
             entries = film.journal.entries
     except InputError:  # no recording, or nothing in it: the page says so

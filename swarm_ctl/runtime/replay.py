@@ -17,7 +17,7 @@ from swarm_ctl.recording import Tape, recover
 from swarm_ctl.report.manifest import Manifest
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.screens import Blind, CompactScreen, LogScreen, Screen, Show, possible
-from swarm_ctl.station.film import LOOK_S, Film
+from swarm_ctl.station.film import Film
 from swarm_ctl.station.json_lines import json_line
 from swarm_ctl.station.view import SwarmView
 
@@ -50,7 +50,7 @@ def replay(run: Path, show: Show, speed: float, start: str) -> int:
                 with Live(console=console, auto_refresh=False, vertical_overflow="crop", redirect_stderr=False) as live:
                     _play(film, CompactScreen(live, console), speed, _SHOW_WALL_S * speed)
             case Show.LOG:
-                _play(film, LogScreen(), speed, LOOK_S)
+                _play(film, LogScreen(), speed, film.look_s)
             case Show.JSON:
                 _play(film, _JsonScreen(), speed, _JSON_WALL_S * speed)
     return 0

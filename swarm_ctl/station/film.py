@@ -26,6 +26,7 @@ from swarm_ctl.station.view import SwarmView
 
 LOOK_S: Final = 0.25
 """Mission time between two looks for alarms: what a live station does at the speed of the wall clock."""
+_MANY: Final = 16
 _KEYFRAME_LOOKS: Final = 40
 _MOMENT_S: Final = 1e-6
 _TYPED: Final = re.compile(r"(?P<sign>[+-]?)(?:(?P<minutes>\d{1,4}):)?(?P<seconds>\d{1,6}(?:\.\d*)?)")
@@ -68,18 +69,17 @@ class Film:
     Seeking is quick where `read_ahead` has been, which also finds the `marks`.
     """
 
-    def __init__(
-        self, scenes: Scenes, plan: Plan, *, speedup: float = 1.0, station: str = "", look_s: float = LOOK_S
-    ) -> None:
+    def __init__(self, scenes: Scenes, plan: Plan, *, speedup: float = 1.0, station: str = "") -> None:
         self._scenes = scenes
         self._scene = lru_cache(4)(scenes.__getitem__)  # two cursors, and those they come from
         times = _ends(scenes)
         if times is None:
             raise InputError("the recording holds no message of an agent that this version can read")
         self.plan = plan
-        self._look_s = look_s
+        self.look_s: Final = LOOK_S * max(1, len(plan.agents) // _MANY)
+        """A look costs n squared: large swarms are looked at less often."""
         self.start_s: Final = times[0]
-        self._looks: Final = math.ceil((times[1] - times[0]) / look_s)
+        self._looks: Final = math.ceil((times[1] - times[0]) / self.look_s)
         self.end_s: Final = self._time_of(self._looks)
         """A look at or behind the last message."""
         first = _Cursor(Model(plan, speedup=speedup, since_s=times[0], station=station))
@@ -151,11 +151,11 @@ class Film:
         return next((mark.time_s for mark in reversed(self.marks[:at]) if wanted(mark)), None)
 
     def _time_of(self, look: int) -> float:
-        return self.start_s + look * self._look_s
+        return self.start_s + look * self.look_s
 
     def _keyframe(self, time_s: float) -> int:
         """The last one that is not behind `time_s`: number k was taken after look k * _KEYFRAME_LOOKS - 1."""
-        looks = int((time_s - self.start_s) / self._look_s + _MOMENT_S) + 1
+        looks = int((time_s - self.start_s) / self.look_s + _MOMENT_S) + 1
         return min(looks // _KEYFRAME_LOOKS, len(self._keyframes) - 1)
 
     def _look(self, cursor: _Cursor) -> SwarmView:
