@@ -39,6 +39,7 @@ from swarm_ctl.core.state import (
     StationBeacon,
     TickReport,
 )
+from swarm_ctl.core.takeover import Takeover
 from swarm_ctl.core.vehicle import Goal, VehicleView
 
 _STATUS_EVERY_S = 0.5
@@ -109,7 +110,8 @@ class Agent:
         self._members = members = Members(sortie, peers, controller, progress, reference)
         gate = Gate(plan, plan.agent(agent_id), self._hash, self._navigator, peers, expect_station)
         descent = Descent(sortie, controller, progress, self._homing)
-        self._flight = Flight(sortie, gate, members, controller, progress, reference, self._operator, descent)
+        self._takeover = takeover = Takeover(sortie, gate, controller, progress, reference, self._neighbourhood)
+        self._flight = Flight(sortie, gate, members, controller, progress, reference, self._operator, descent, takeover)
         self._station: HeardStation | None = None
         self._lifeline_cut = False
         self._seq = 0
@@ -143,6 +145,7 @@ class Agent:
 
     def _take_in(self, now: float, inbox: Inbox) -> tuple[Ack, ...]:
         for state, received_s in inbox.states:
+            self._takeover.hear(state, received_s)
             self._peers.hear(state, received_s)
         for beacon, received_s in inbox.beacons:
             self._station = (beacon, received_s)

@@ -15,6 +15,7 @@ from swarm_ctl.core.readiness import Gate, HeardStation
 from swarm_ctl.core.reference import Reference
 from swarm_ctl.core.sortie import Sortie
 from swarm_ctl.core.state import Phase
+from swarm_ctl.core.takeover import Takeover
 from swarm_ctl.core.vehicle import Airborne, Goal, Release, Standby, VehicleView
 
 _HEIGHT_TOLERANCE_M = 0.5
@@ -33,6 +34,7 @@ class Flight:
         reference: Reference,
         operator: Operator,
         descent: Descent,
+        takeover: Takeover,
     ) -> None:
         self._plan = sortie.plan
         self._sortie = sortie
@@ -43,6 +45,7 @@ class Flight:
         self._reference = reference
         self._operator = operator
         self._descent = descent
+        self._takeover = takeover
         self._scattered = False
         """The operator's `hold` came while the shape was not formed yet: stay, don't go on forming."""
         self._inside_since: float | None = None
@@ -69,6 +72,10 @@ class Flight:
         if sortie.ended_s is not None:
             self._controller.rest()
             return Release()
+        if self._takeover.pending(view):
+            self._controller.rest()
+            sortie.phase, sortie.reason = Phase.PREPARE, self._takeover.look(now, view, fix)
+            return Standby()
         if self._progress.finished:
             return self._descent.end(now)
         if sortie.finding is not None:
@@ -82,7 +89,7 @@ class Flight:
             return self._descent.land(now, view, fix)
         if isinstance(step, ReturnStep):
             return self._descent.come_back(now, view, fix)
-        return self._fly_formation(now, view, fix, step)
+        return self._takeover.learning(now, view, fix, self.command) or self._fly_formation(now, view, fix, step)
 
     def _prepare(self, now: float, view: VehicleView, fix: OwnFix | None, station: HeardStation | None) -> Goal:
         """Wait for a healthy vehicle on its planned start, and for peers and station with the same plan."""

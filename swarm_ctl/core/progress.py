@@ -73,6 +73,12 @@ class Progress:
         self.results.append(StepResult(step_name(self._plan, self.step), "running", now, None))
         return True
 
+    def rejoin(self, step: int, now: float) -> None:
+        """Start in the middle, at `step`: the others prove that everything before it is done."""
+        self.step, self.done, self.started_s, self.paused_s = step, False, now, 0.0
+        self.results = [StepResult(step_name(self._plan, k), "done", now, None) for k in range(step)]
+        self.results.append(StepResult(step_name(self._plan, step), "running", now, None))
+
     def _close(self, result: str, now: float) -> None:
         last = self.results[-1]
         self.results[-1] = StepResult(last.name, result, last.start_s, now)

@@ -29,9 +29,13 @@ class Gate:
 
     def closed_by(self, view: VehicleView, fix: OwnFix | None, station: HeardStation | None) -> str:
         """What keeps the vehicle on the ground, or ''."""
-        return not_ready(self.plan, self.own, view, fix, self.navigator) or self._other_plan(station)
+        return not_ready(self.plan, self.own, view, fix, self.navigator) or self.other_plan(station)
 
-    def _other_plan(self, station: HeardStation | None) -> str:
+    def disagrees(self, view: VehicleView, fix: OwnFix) -> str:
+        """Why the vehicle's two positions can't both be true, or ''."""
+        return _disagreement(view, fix, self.navigator)
+
+    def other_plan(self, station: HeardStation | None) -> str:
         """Who is not heard, or has another plan; ''."""
         if station is None and self.expect_station:
             return "no ground station heard yet"
@@ -52,10 +56,15 @@ def not_ready(plan: Plan, own: AgentPlan, view: VehicleView, fix: OwnFix | None,
     off = math.dist((own.start[0] * unit, own.start[1] * unit), fix.position_ned_m[:2])
     if off > unit:
         return f"the vehicle stands {off:.1f} m from its planned start; allowed: {unit:g} m"
-    apart = navigator.disagreement_m(view, fix)
-    if apart > AGREE_M:
-        return f"global and local position differ by {apart:.1f} m; allowed: {AGREE_M:g} m"
+    apart = _disagreement(view, fix, navigator)
+    if apart:
+        return apart
     reserve = plan.policies.battery_reserve_percent
     if view.battery_percent is not None and view.battery_percent < reserve:
         return f"battery at {view.battery_percent:.0f} %; allowed: the reserve of {reserve:g} % and more"
     return ""
+
+
+def _disagreement(view: VehicleView, fix: OwnFix, navigator: Navigator) -> str:
+    apart = navigator.disagreement_m(view, fix)
+    return f"global and local position differ by {apart:.1f} m; allowed: {AGREE_M:g} m" if apart > AGREE_M else ""

@@ -33,7 +33,7 @@ class Sortie:
     """What forbids going on, and is being carried out."""
     finding_s: float = math.inf
     arming_s: float = -math.inf
-    """When the vehicle was last asked to arm."""
+    """When the vehicle was last asked to arm, or taken over in the air."""
     was_armed: bool = False
     had_control: bool = False
     """The vehicle has followed our setpoints in this flight."""
@@ -53,13 +53,18 @@ class Sortie:
             return "running"
         return self.finding.outcome if self.finding else "completed"
 
+    @property
+    def ours(self) -> bool:
+        """This process has asked the vehicle to arm, or has taken it over: it may be told to land."""
+        return math.isfinite(self.arming_s)
+
     def say(self, now: float, level: str, text: str) -> None:
         """A line for the log."""
         self.events.append(Event(self.agent, now, level, text))
 
     def observe(self, view: VehicleView) -> None:
         """What the vehicle says of itself, as far as it is our doing."""
-        self.was_armed |= view.armed and math.isfinite(self.arming_s)
+        self.was_armed |= view.armed and self.ours
         self.had_control |= self.was_armed and view.controlled
 
     def heed(self, now: float, finding: watch.Finding | None, fix: OwnFix | None, progress: Progress) -> None:

@@ -60,6 +60,8 @@ class VehicleView:
     """The autopilot's own word for its mode, e.g. GUIDED."""
     controlled: bool = False
     """The mode follows our velocity setpoints (GUIDED, OFFBOARD)."""
+    taken_off: bool = False
+    """The mode is the autopilot's own take-off, or what that ends in: from here a driver enters the controlled one."""
     landing: bool = False
     """The mode is the autopilot's landing mode."""
     on_ground: bool = True

@@ -65,7 +65,7 @@ _VEHICLE_LOST_S: Final = 5.0
 """No heartbeat (1 Hz) for this long: MAVProxy's and Skybrush's figure. Its own failsafe stops it after 1 s."""
 
 
-RANK: Final = {"hold": 0, "return": 1, "land": 2, "yield": 3, "kill": 4}
+RANK: Final = {"hold": 0, "return": 1, "land": 2, "leave": 3, "yield": 3, "kill": 4}
 """What can be done, and what outweighs what."""
 
 

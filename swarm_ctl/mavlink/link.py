@@ -87,6 +87,7 @@ class VehicleLink:
             armed=heard.armed,
             mode=mode,
             controlled=mode == driver.controlled_mode,
+            taken_off=mode in driver.takeoff_modes,
             landing=mode == driver.landing_mode,
             on_ground=heard.on_ground,
             healthy=not missing,

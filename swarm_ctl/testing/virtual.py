@@ -61,17 +61,18 @@ class VirtualSwarm:
         self.members: dict[int, Member] = {}
         self.simulator_alive = True
         self.hub = Hub(_configuration(mission, seed), 0.0, self._transmit)
+        self._mission = mission
         for agent in mission.plan.agents:
-            self._add(agent.id, mission)
+            self._far.append(self._add(agent.id, self.plan))
 
-    def _add(self, agent_id: int, mission: LoadedMission) -> None:
-        entry = mission.fleet.agent(agent_id)
+    def _add(self, agent_id: int, plan: Plan) -> MemoryWire:
+        entry = self._mission.fleet.agent(agent_id)
         near, far = memory_wires()
-        self._far.append(far)
         node = Node(MemoryTransport(self.mesh), "test", agent_id)
         node.listen(keys.STATE, keys.BEACON, keys.COMMAND)
         link = VehicleLink(near, entry.autopilot, entry.sysid)
-        self.members[agent_id] = Member(Agent(self.plan, agent_id, self.now, vehicle=entry.response), link, node)
+        self.members[agent_id] = Member(Agent(plan, agent_id, self.now, vehicle=entry.response), link, node)
+        return far
 
     def _transmit(self, place: int, data: bytes, _: Any) -> None:
         self._far[place].write(data)
@@ -162,6 +163,11 @@ class VirtualSwarm:
         """The agent is gone from now on, without a word."""
         self.members[agent_id].alive = False
         self.members[agent_id].node.close()
+
+    def restart(self, agent_id: int, plan: Plan | None = None) -> None:
+        """A new process in the place of a dead one, which knows nothing of it; with another plan, if given."""
+        place = [agent.id for agent in self.plan.agents].index(agent_id)
+        self._far[place] = self._add(agent_id, plan or self.plan)
 
     def command(self, kind: str, agents: tuple[int, ...] = (), name: str = "c1", **more: Any) -> None:
         """An operator's command; `more`: its step, plan_hash, at_step."""

@@ -72,6 +72,8 @@ class Autopilot(ABC):
     """MAV_AUTOPILOT of its heartbeats."""
     controlled_mode: ClassVar[str]
     landing_mode: ClassVar[str]
+    takeoff_modes: ClassVar[tuple[str, ...]] = ()
+    """What its own take-off leads to, where that is not the controlled mode."""
     failsafes: ClassVar[Mapping[str, float]]
     """The failsafe parameters we fly with, and put back in the end."""
 

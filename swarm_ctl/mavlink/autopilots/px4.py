@@ -35,8 +35,6 @@ MODES = {
 }
 """px4_custom_mode.h: main mode, sub mode; custom_mode is main << 16 | sub << 24."""
 _NUMBERS = {name: numbers for numbers, name in MODES.items()}
-_TAKEN_OFF = ("AUTO.TAKEOFF", "AUTO.LOITER")
-"""What our own take-off leads to; only from there OFFBOARD is entered."""
 _PREARM = common.MAV_SYS_STATUS_PREARM_CHECK
 
 
@@ -47,6 +45,8 @@ class Px4(Autopilot):
     wire_id: ClassVar[int] = common.MAV_AUTOPILOT_PX4
     controlled_mode: ClassVar[str] = "OFFBOARD"
     landing_mode: ClassVar[str] = "AUTO.LAND"
+    takeoff_modes: ClassVar[tuple[str, ...]] = ("AUTO.TAKEOFF", "AUTO.LOITER")
+    """Only from there OFFBOARD is entered."""
     failsafes: ClassVar[Mapping[str, float]] = {
         # A silent agent's vehicle leaves OFFBOARD after this. It comes with 1.0; less would be hit by a slow moment.
         "COM_OF_LOSS_T": SETPOINT_TIMEOUT_S["px4"],
@@ -77,15 +77,15 @@ class Px4(Autopilot):
     def climb(self, heard: Heard, height_m: float, now: float) -> list[Message]:
         """Hold mode, arm, NAV_TAKEOFF (height above sea level): each once the one before is seen to be so."""
         mode = self.mode(heard.custom_mode)
-        if self.left(mode, *_TAKEN_OFF) or not heard.on_ground:
+        if self.left(mode, *self.takeoff_modes) or not heard.on_ground:
             return []
         if not heard.armed:
-            if mode not in _TAKEN_OFF:
+            if mode not in self.takeoff_modes:
                 hold = self.set_mode("AUTO.LOITER")
                 return [hold] if self.pacer.due("hold", RETRY_S, now) else []
             arm = outgoing.command(self.system, outgoing.ARM_DISARM, 1.0)
             return [arm] if self.pacer.due("arm", RETRY_S, now) else []
-        ready = mode in _TAKEN_OFF and heard.global_ is not None
+        ready = mode in self.takeoff_modes and heard.global_ is not None
         if not ready or not self.pacer.due("take-off", TAKEOFF_RETRY_S, now):
             return []
         return [self._take_off(heard, height_m)]
@@ -100,7 +100,7 @@ class Px4(Autopilot):
         mode = self.mode(heard.custom_mode)
         if self.left(mode, self.controlled_mode):
             return []
-        if mode != self.controlled_mode and mode not in _TAKEN_OFF:
+        if mode != self.controlled_mode and mode not in self.takeoff_modes:
             return []
         messages = [outgoing.velocity(self.system, velocity_ned_mps, now)]
         if now - self._last_setpoint_s > STREAM_GAP_S:

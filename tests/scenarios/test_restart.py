@@ -1,0 +1,220 @@
+"""An agent that is killed in flight and started again: takes its vehicle over and rejoins, or leaves it alone."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from swarm_ctl.core.plan import Plan
+from swarm_ctl.core.state import Phase
+from swarm_ctl.core.takeover import LEARN_S
+from swarm_ctl.mission.loader import LoadedMission
+from tests.scenarios.swarm import VirtualSwarm
+from tests.scenarios.test_steps import FORM, TAKEOFF, THIRD, assert_good, quartet, shape_error_m
+
+GONE_S = 1.5
+"""From the kill to the new process: Python starts in half a second."""
+MISSIONS = {
+    "takeoff": (TAKEOFF, 3.0, quartet("hold: {duration_s: 5}", "land")),
+    "form": (FORM, 2.0, quartet("hold: {duration_s: 5}", "land")),
+    "hold": (THIRD, 5.0, quartet("hold: {duration_s: 20}", "land")),
+    "move": (THIRD, 4.0, quartet("move: {to: [40, 13], speed_mps: 2}", "land")),
+    "rotate": (THIRD, 6.0, quartet("rotate: {angle_deg: 90}", "hold: {duration_s: 5}", "land")),
+    "land": (THIRD, 1.0, quartet("land")),
+}
+
+
+def texts(swarm: VirtualSwarm) -> str:
+    return "\n".join(event.text for event in swarm.events)
+
+
+def killed(mission: LoadedMission, step: int, after_s: float, agent: int) -> VirtualSwarm:
+    swarm = VirtualSwarm(mission)
+    swarm.wait(lambda s: s.in_step(step))
+    swarm.run(after_s)
+    swarm.kill(agent)
+    return swarm
+
+
+def restarted(mission: LoadedMission, step: int, after_s: float, agent: int, plan: Plan | None = None) -> VirtualSwarm:
+    swarm = killed(mission, step, after_s, agent)
+    swarm.run(GONE_S)
+    swarm.restart(agent, plan)
+    return swarm
+
+
+def most_acceleration(swarm: VirtualSwarm, agent: int, seconds: float) -> float:
+    """Of its vehicle over the ground, averaged over a tick [m/s2]."""
+    place, most = [a.id for a in swarm.plan.agents].index(agent), 0.0
+    before = swarm.hub.world.velocities()[place][:2].copy()
+    for _ in range(round(seconds / swarm.plan.tick_s)):
+        swarm.tick()
+        now = swarm.hub.world.velocities()[place][:2].copy()
+        most = max(most, float(np.linalg.norm(now - before)) / swarm.plan.tick_s)
+        before = now
+    return most
+
+
+@pytest.mark.parametrize("agent", [1, 3])
+@pytest.mark.parametrize("where", [name for name in MISSIONS if name != "land"])
+def test_rejoins(where: str, agent: int) -> None:
+    """In every step, the pinned agent (1) and another: the mission completes, in shape, without a jerk, apart."""
+    step, after_s, mission = MISSIONS[where]
+    swarm = restarted(mission, step, after_s, agent)
+    swarm.wait(lambda s: f"took over its vehicle in the air; rejoins at step {step}" in texts(s), swarm.now + 6)
+    assert most_acceleration(swarm, agent, LEARN_S) < 0.3
+    height_m = -swarm.hub.world.positions()[agent - 1][2]
+    swarm.wait(lambda s: s.in_step(len(s.plan.steps)))
+    assert shape_error_m(swarm, len(swarm.plan.steps)) < 1.0
+    if step != TAKEOFF:
+        assert height_m == pytest.approx(8.0, abs=0.5)
+    swarm.fly(900)
+    assert_good(swarm)
+
+
+def test_rejoins_a_landing() -> None:
+    """The others are on their way down as planned: it goes down as well, and has completed."""
+    swarm = restarted(*_row("land"), 2)
+    swarm.fly(900)
+    assert_good(swarm)
+
+
+def _row(name: str) -> tuple[LoadedMission, int, float]:
+    step, after_s, mission = MISSIONS[name]
+    return mission, step, after_s
+
+
+def test_comes_too_late() -> None:
+    """After `agent_lost_after_s` the others hold and land; so does it, from where it stands."""
+    swarm = killed(*_row("form"), 3)
+    swarm.run(6.5)
+    assert swarm.phases() & {Phase.HOLD, Phase.LAND}
+    swarm.restart(3)
+    swarm.fly(900)
+    assert set(swarm.outcomes().values()) == {"failed"}
+    assert len(swarm.outcomes()) == 4
+    assert swarm.closest_m > swarm.plan.law.r_in * swarm.plan.unit_m
+    assert swarm.all_down
+
+
+def test_another_plan_leaves_the_vehicle_alone() -> None:
+    """It sends nothing that moves it, ends, and says why; the others land by the mission's policy."""
+    mission, step, after_s = _row("form")
+    swarm = restarted(mission, step, after_s, 3, replace(mission.plan, kappa=19.0))
+    swarm.wait(lambda s: 3 in s.outcomes())
+    assert set(swarm.members[3].goals) == {"Standby", "Release"}
+    assert "is not taken over: agent 1 has another plan" in texts(swarm)
+    swarm.fly(900)
+    swarm.run(60)
+    assert set(swarm.outcomes().values()) == {"failed"}
+    assert swarm.closest_m > swarm.plan.law.r_in * swarm.plan.unit_m
+    assert swarm.all_down
+
+
+@pytest.mark.parametrize("mode", [5, 17])
+def test_a_pilot_keeps_the_vehicle(mode: int) -> None:
+    """LOITER and BRAKE of an ArduCopter are somebody's word: yielded, not a setpoint, the mode stays."""
+    swarm = killed(*_row("form"), 3)
+    swarm.hub.world.vehicles[2].firmware.set_mode(1, mode)
+    swarm.run(GONE_S)
+    swarm.restart(3)
+    swarm.run(5)
+    assert set(swarm.members[3].goals) <= {"Standby", "Yield"}
+    assert swarm.members[3].goals[-1] == "Yield"
+    assert "not taken over" in texts(swarm)
+    assert swarm.hub.world.vehicles[2].firmware.custom_mode() == mode
+
+
+def test_nobody_else_flies() -> None:
+    """Without a peer in the air there is no proof that the vehicle is ours: left to its failsafe, which lands it."""
+    swarm = killed(*_row("hold"), 3)
+    for agent in (1, 2, 4):
+        swarm.kill(agent)
+    swarm.station_alive = False
+    swarm.run(GONE_S)
+    swarm.restart(3)
+    start = swarm.now
+    swarm.wait(lambda s: 3 in s.outcomes())
+    assert swarm.now - start < 10
+    assert "no agent that flies this mission is heard" in texts(swarm)
+    assert set(swarm.members[3].goals) == {"Standby", "Release"}
+    swarm.run(60)
+    assert swarm.all_down
+
+
+def test_two_with_one_id() -> None:
+    """An agent that is started while its like still flies does not touch the vehicle."""
+    swarm = VirtualSwarm(MISSIONS["hold"][2])
+    swarm.wait(lambda s: s.in_step(THIRD))
+    first = swarm.members[3]
+    place = swarm._far[2]
+    swarm.restart(3)
+    second, swarm._far[2] = swarm.members[3], place
+    second.link = first.link  # it sees the same vehicle
+    for _ in range(80):
+        swarm.tick()
+        swarm._step(first)
+    assert "Fly" not in second.goals
+    assert "another process speaks as agent 3" in (second.status.reason if second.status else "")
+
+
+def test_px4_that_lands_is_seen_down() -> None:
+    """A PX4 left OFFBOARD for good and lands: the new process does not stop it, and the mission is over."""
+    mission = MISSIONS["hold"][2]
+    agents = tuple(replace(a, autopilot="px4") for a in mission.fleet.agents)
+    mission = replace(mission, fleet=replace(mission.fleet, agents=agents))
+    swarm = restarted(mission, THIRD, 3.0, 2)
+    swarm.fly(900)
+    assert "lands already (AUTO.LAND): seen down" in texts(swarm)
+    assert "Fly" not in swarm.members[2].goals
+    assert set(swarm.outcomes().values()) == {"failed"}
+    assert swarm.closest_m > swarm.plan.law.r_in * swarm.plan.unit_m
+    assert swarm.all_down
+
+
+def test_px4_at_take_off() -> None:
+    """Its own take-off goes on without an agent, and ends in its hold: from there it is taken over."""
+    mission = MISSIONS["takeoff"][2]
+    agents = tuple(replace(a, autopilot="px4") for a in mission.fleet.agents)
+    mission = replace(mission, fleet=replace(mission.fleet, agents=agents))
+    swarm = restarted(mission, TAKEOFF, 6.0, 2)
+    swarm.fly(900)
+    assert "rejoins at step 1" in texts(swarm)
+    assert_good(swarm)
+
+
+def test_an_operators_hold_outlives_the_agent() -> None:
+    """The new process does not know the command: it holds until the operator ends it, then goes on with the others."""
+    swarm = VirtualSwarm(MISSIONS["move"][2])
+    swarm.wait(lambda s: s.in_step(THIRD))
+    swarm.run(3)
+    swarm.command("hold")
+    swarm.run(2)
+    swarm.kill(2)
+    swarm.run(GONE_S)
+    swarm.restart(2)
+    swarm.run(6)
+    before = swarm.positions()
+    swarm.run(10)
+    assert all(math.dist(before[i], at) < 0.5 for i, at in swarm.positions().items())
+    assert swarm.phases() == {Phase.FLY, Phase.HOLD}
+    swarm.command("resume", name="c2")
+    swarm.fly(900)
+    assert_good(swarm)
+
+
+def test_a_clock_that_begins_anew() -> None:
+    """Between hosts each process has a clock of its own: peers hear the new one although its time is smaller."""
+    swarm = killed(*_row("hold"), 3)
+    swarm.run(GONE_S)
+    swarm.restart(3)
+    member, offset = swarm.members[3], swarm.now
+    send = member.node.send
+    member.node.send = lambda channel, payload: send(  # type: ignore[method-assign]
+        channel, replace(payload, time_s=payload.time_s - offset) if hasattr(payload, "time_s") else payload
+    )
+    swarm.fly(900)
+    assert_good(swarm)
