@@ -5,6 +5,7 @@ The same parts as in a run but for what `run` itself is: processes, sockets, zen
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,13 +17,14 @@ from sim.world import STEP_S
 from swarm_ctl.core.agent import Actions, Agent, Ended, Inbox
 from swarm_ctl.core.frames import geodetic_from_ned
 from swarm_ctl.core.plan import Plan
-from swarm_ctl.core.state import AgentStatus, Command, Event, Phase, StationBeacon
+from swarm_ctl.core.state import AgentState, AgentStatus, Command, Event, Phase, StationBeacon
 from swarm_ctl.core.vehicle import Fly
 from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.mavlink.wires import MemoryWire, memory_wires
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.memory_transport import MemoryHub, MemoryTransport
 from swarm_ctl.mesh.node import Node
+from swarm_ctl.mesh.transport import Transport
 from swarm_ctl.mission.loader import LoadedMission
 
 _PORT = 1000
@@ -41,12 +43,28 @@ class Member:
     ended: Ended | None = None
     status: AgentStatus | None = None
     goals: list[str] = field(default_factory=list)
+    clock: Callable[[float], float] = float
+    """From the swarm's time to the agent's own."""
+    tampered: Callable[[AgentState], AgentState] | None = None
+    """What becomes of the states that it sends."""
 
 
 class VirtualSwarm:
-    """Flies a mission tick by tick; tests look in and break things between ticks."""
+    """Flies a mission tick by tick; tests look in and break things between ticks.
 
-    def __init__(self, mission: LoadedMission, seed: int = 1) -> None:
+    `mesh` is given each agent's transport and its id, and what it gives back is used (`mesh/impaired.py`); `clocks` are
+    the clocks of agents that have one of their own.
+    """
+
+    def __init__(
+        self,
+        mission: LoadedMission,
+        seed: int = 1,
+        *,
+        mesh: Callable[[Transport, int], Transport] = lambda transport, _: transport,
+        clocks: Mapping[int, Callable[[float], float]] | None = None,
+    ) -> None:
+        self._wrap, self._clocks = mesh, clocks or {}
         self.plan: Plan = mission.plan
         self.now = 0.0
         self.events: list[Event] = []
@@ -68,10 +86,12 @@ class VirtualSwarm:
     def _add(self, agent_id: int, plan: Plan) -> MemoryWire:
         entry = self._mission.fleet.agent(agent_id)
         near, far = memory_wires()
-        node = Node(MemoryTransport(self.mesh), "test", agent_id)
+        node = Node(self._wrap(MemoryTransport(self.mesh), agent_id), "test", agent_id)
+        clock = self._clocks.get(agent_id, float)
         node.listen(keys.STATE, keys.BEACON, keys.COMMAND)
         link = VehicleLink(near, entry.autopilot, entry.sysid)
-        self.members[agent_id] = Member(Agent(plan, agent_id, self.now, vehicle=entry.response), link, node)
+        agent = Agent(plan, agent_id, clock(self.now), vehicle=entry.response)
+        self.members[agent_id] = Member(agent, link, node, clock=clock)
         return far
 
     def _transmit(self, place: int, data: bytes, _: Any) -> None:
@@ -112,16 +132,19 @@ class VirtualSwarm:
                 self.minimum[j, i] = min(self.minimum.get((j, i), np.inf), float(gaps[i, j]))
 
     def _step(self, member: Member) -> None:
-        member.link.receive(self.now)
+        now = member.clock(self.now)
+        member.link.receive(now)
         inbox = Inbox(
             view=member.link.view(),
-            states=member.node.take(keys.STATE),
-            beacons=member.node.take(keys.BEACON),
+            states=[(state, member.clock(at)) for state, at in member.node.take(keys.STATE)],
+            beacons=[(beacon, member.clock(at)) for beacon, at in member.node.take(keys.BEACON)],
             commands=[command for command, _ in member.node.take(keys.COMMAND)],
             lifeline_cut=self.lifeline_cut,
         )
-        actions = member.agent.step(self.now, inbox)
-        member.link.pursue(actions.goal, self.now)
+        actions = member.agent.step(now, inbox)
+        member.link.pursue(actions.goal, now)
+        if member.tampered is not None and actions.state is not None:
+            actions.state = member.tampered(actions.state)
         self._publish(member, actions)
 
     def _publish(self, member: Member, actions: Actions) -> None:

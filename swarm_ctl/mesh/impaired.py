@@ -1,0 +1,111 @@
+"""A transport as bad as wanted: loss, delay, jitter (and with it reordering), duplicates, silent publishers.
+
+Wraps any other. Everything happens where a message comes in, each publisher's link for itself, by a seeded generator
+and an injected clock: with the in-memory transport the same seed gives the same flight.
+"""
+
+from __future__ import annotations
+
+import heapq
+import random
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+from swarm_ctl.mesh.keys import Qos
+from swarm_ctl.mesh.transport import Inlet, Transport
+
+
+@dataclass(frozen=True, slots=True)
+class Impairment:
+    """What happens to each message. Shares from 0 to 1; times on the clock."""
+
+    loss: float = 0.0
+    delay_s: float = 0.0
+    jitter_s: float = 0.0
+    """Evenly spread on top of the delay: messages overtake each other."""
+    duplicate: float = 0.0
+    """Share that comes twice, the second with a delay of its own."""
+
+
+class ImpairedTransport:
+    """As `Transport`. `publishers` are all names that may speak (agents' ids, stations): each is a link of its own.
+
+    What is in `silent` (names, at any time) is not heard until it is taken out again: a partition, seen from one side.
+    """
+
+    def __init__(
+        self,
+        inner: Transport,
+        publishers: Iterable[int | str],
+        impairment: Impairment,
+        now: Callable[[], float],
+        seed: int,
+    ) -> None:
+        self._inner = inner
+        self._publishers = [str(name) for name in publishers]
+        self._now = now
+        self._seed = seed
+        self._inlets = 0
+        self.impairment = impairment
+        self.silent: set[str] = set()
+
+    def publish(self, key: str, data: bytes, qos: Qos) -> None:
+        """As `Transport.publish`."""
+        self._inner.publish(key, data, qos)
+
+    def subscribe(self, key_expression: str) -> Inlet:
+        """As `Transport.subscribe`."""
+        links = []
+        for name in self._publishers:
+            self._inlets += 1
+            dice = random.Random(self._seed * 1_000_003 + self._inlets)  # noqa: S311 - a simulation
+            links.append(_Link(self._inner.subscribe(key_expression.replace("*", name)), self, name, dice))
+        return ImpairedInlet(links, self._now)
+
+    def close(self) -> None:
+        """As `Transport.close`."""
+        self._inner.close()
+
+
+class _Link:
+    """What one publisher says, under way."""
+
+    def __init__(self, inlet: Inlet, owner: ImpairedTransport, name: str, dice: random.Random) -> None:
+        self._inlet, self._owner, self._name, self._dice = inlet, owner, name, dice
+        self._waiting: list[tuple[float, int, bytes]] = []
+        self._count = 0
+
+    def due(self, now: float) -> list[tuple[float, bytes]]:
+        """What has arrived by now; what is silent loses what was under way, too."""
+        for sent_s, data in self._inlet.drain():
+            self._send(sent_s, data)
+        if self._name in self._owner.silent:
+            self._waiting.clear()
+        arrived = []
+        while self._waiting and self._waiting[0][0] <= now:
+            at, _, data = heapq.heappop(self._waiting)
+            arrived.append((at, data))
+        return arrived
+
+    def _send(self, sent_s: float, data: bytes) -> None:
+        how, dice = self._owner.impairment, self._dice
+        if dice.random() < how.loss:
+            return
+        for _ in range(1 + (dice.random() < how.duplicate)):
+            self._count += 1
+            at = sent_s + how.delay_s + how.jitter_s * dice.random()
+            heapq.heappush(self._waiting, (at, self._count, data))
+
+
+class ImpairedInlet:
+    """As `Inlet`: all links in the order of arrival."""
+
+    def __init__(self, links: list[_Link], now: Callable[[], float]) -> None:
+        self._links, self._now = links, now
+
+    def drain(self) -> list[tuple[float, bytes]]:
+        """As `Inlet.drain`; the time of receipt is when a message had arrived."""
+        now = self._now()
+        arrived = [message for link in self._links for message in link.due(now)]
+        arrived.sort(key=lambda message: message[0])
+        return arrived
