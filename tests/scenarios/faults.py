@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 from swarm_ctl.core.plan import Policy
 from swarm_ctl.core.state import AgentState
-from swarm_ctl.mesh.impaired import Impairment, ImpairedTransport
+from swarm_ctl.mesh.impaired import ImpairedTransport, Impairment
 from swarm_ctl.mesh.transport import Transport
 from swarm_ctl.mission.loader import LoadedMission, loads
 from tests.scenarios.swarm import VirtualSwarm

@@ -17,6 +17,7 @@ from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
 from swarm_ctl.mission.loader import LoadedMission, load
+from swarm_ctl.report.truth import load_truth
 from tests.system.running import SWARM_CTL
 
 pytestmark = pytest.mark.timeout(120)
@@ -30,6 +31,7 @@ law: {{r: 4.5, r_out: 1.5, r_in: 0.5}}
 agents:
   - {{id: 1, start: [0, 0]}}
   - {{id: 2, start: [0, 3]}}
+policies: {{agent_lost_after_s: 10}}
 shapes:
   pair: {{kind: line, spacing: 2}}
 steps:
@@ -59,7 +61,7 @@ def mission(tmp_path: Path) -> LoadedMission:
     return load(path)
 
 
-def simulator_config(mission: LoadedMission, epoch_s: float, speedup: float) -> dict[str, object]:
+def simulator_config(mission: LoadedMission, epoch_s: float, speedup: float, truth: Path) -> dict[str, object]:
     plan = mission.plan
     vehicles = []
     for agent, entry in zip(plan.agents, mission.fleet.agents, strict=True):
@@ -68,51 +70,69 @@ def simulator_config(mission: LoadedMission, epoch_s: float, speedup: float) -> 
         endpoint = (entry.endpoint or "").replace("udpout", "udpin")
         vehicles.append({"sysid": entry.sysid, "persona": entry.autopilot, "endpoint": endpoint} | place)
     origin = {"lat_deg": plan.origin.lat_deg, "lon_deg": plan.origin.lon_deg, "alt_m": plan.origin.alt_m}
-    return {"version": 1, "speedup": speedup, "epoch_s": epoch_s, "origin": origin, "vehicles": vehicles}
+    config = {"version": 1, "speedup": speedup, "epoch_s": epoch_s, "origin": origin, "vehicles": vehicles}
+    return config | {"truth_path": str(truth)}
+
+
+def started(mission: LoadedMission, agent: int, speedup: float, epoch_s: float) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
+        [SWARM_CTL, "agent", mission.source, "--id", str(agent), "--speedup", str(speedup), "--epoch", str(epoch_s)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+    )
 
 
 def test_two_agents_without_a_station(mission: LoadedMission, tmp_path: Path) -> None:
-    """Both find each other within 2 s of the last start, fly the mission and exit 0; nobody else was needed."""
-    speedup, epoch_s = 5.0, time.monotonic()
-    config = tmp_path / "sim.json"
-    config.write_text(json.dumps(simulator_config(mission, epoch_s, speedup)))
+    """Both find each other within 2 s of the last start, and exit 0 after the mission; nobody else was needed.
+
+    On the way one is killed while they form, and started again by hand: it takes its vehicle over and flies on.
+    """
+    speedup, epoch_s = 2.0, time.monotonic()
+    config, truth = tmp_path / "sim.json", tmp_path / "truth.jsonl"
+    config.write_text(json.dumps(simulator_config(mission, epoch_s, speedup, truth)))
     listener = Node(
         ZenohTransport([], [entry.mesh for entry in mission.fleet.agents if entry.mesh], time.monotonic),
         mission.plan.name,
         "listener",
     )
-    listener.listen(keys.STATUS)
-    processes = [
-        subprocess.Popen(
-            [sys.executable, "-m", "sim", "--config", str(config)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
-    ]
+    listener.listen(keys.STATUS, keys.EVENT)
+    simulator = subprocess.Popen(
+        [sys.executable, "-m", "sim", "--config", str(config)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    agents = {i: started(mission, i, speedup, epoch_s) for i in (1, 2)}
+    processes = [simulator, *agents.values()]
     try:
-        agents = [
-            subprocess.Popen(
-                [SWARM_CTL, "agent", mission.source, "--id", str(i), "--speedup", "5", "--epoch", str(epoch_s)],
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.PIPE,
-            )
-            for i in (1, 2)
-        ]
-        processes += agents
         first: dict[int, float] = {}  # when each agent's first status came
         heard: dict[int, float] = {}  # when it first said that it hears its peer
-        while len(heard) < 2:
-            assert all(agent.poll() is None for agent in agents), [a.communicate()[1] for a in agents]
+        forming: set[int] = set()
+        while len(forming) < 2:
+            assert all(agent.poll() is None for agent in agents.values()), [a.communicate()[1] for a in agents.values()]
             for status, _ in listener.take(keys.STATUS):
                 first.setdefault(status.agent, status.time_s)
                 if all(link.received for link in status.links.values()):
                     heard.setdefault(status.agent, status.time_s)
+                if status.step == 2:
+                    forming.add(status.agent)
             time.sleep(0.01)
         # an agent's state is published once its vehicle's position is known, 3 s after the simulator's start
         last_start = max(*first.values(), 3.0)
         assert max(heard.values()) - last_start < 2.0 * speedup
-        assert [agent.wait(60) for agent in agents] == [0, 0]
+        agents[1].kill()
+        agents[1].wait()
+        agents[1] = started(mission, 1, speedup, epoch_s)
+        processes.append(agents[1])
+        assert [agent.wait(60) for agent in agents.values()] == [0, 0]
+        said = [event.text for event, _ in listener.take(keys.EVENT)]
+        assert any("took over its vehicle in the air; rejoins at step 2" in text for text in said), said
+        assert said.count("ended: completed") == 2
+        assert simulator.stdin is not None
+        simulator.stdin.close()  # its lifeline: it ends, and finishes the truth
+        assert simulator.wait(20) == 0
+        plan = mission.plan
+        assert min(load_truth(truth).minima.values()) > plan.law.r_in * plan.unit_m
     finally:
         listener.close()
         for process in processes:

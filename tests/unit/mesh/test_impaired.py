@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from swarm_ctl.mesh.impaired import Impairment, ImpairedTransport
+from swarm_ctl.mesh.impaired import ImpairedTransport, Impairment
 from swarm_ctl.mesh.keys import NEWEST
 from swarm_ctl.mesh.memory_transport import MemoryHub, MemoryTransport
 from swarm_ctl.mesh.transport import Inlet
