@@ -35,7 +35,8 @@ _RESPONSE: dict[str, Response] = {"ardupilot": ArdupilotResponse(), "px4": Px4Re
 
 @dataclass(frozen=True, slots=True)
 class WorldEvent:
-    """What happened to a vehicle: `liftoff`, `touchdown`, `crash`, `collision` (one event for each of the two)."""
+    """What happened to a vehicle: `liftoff`, `touchdown`, `crash`, `collision` (one event for each of the two), or
+    what the timetable has set (`SIM_GPS_FREEZE 1`)."""
 
     time_s: float
     sysid: int
@@ -204,10 +205,11 @@ class World:
     def _take_from_timetable(self) -> None:
         while self._timetable and self._timetable[0].at_s <= self.time_s:
             entry = self._timetable.popleft()
-            for vehicle in self.vehicles:
+            for place, vehicle in enumerate(self.vehicles):
                 if entry.sysid in (None, vehicle.sysid):
                     for name, value in entry.set.items():
                         vehicle.firmware.parameters.set(name, value)
+                        self._event(place, f"{name} {value:g}")
 
     def _moved_on(self) -> bool:
         """Notes who left the ground and who came back to it; whether anybody flies."""
