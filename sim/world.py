@@ -122,6 +122,7 @@ class World:
             for name, value in (config.sim_parameters | described.sim_parameters).items():
                 vehicle.firmware.parameters.set(name, value)
         self._timetable = deque(sorted(config.faults, key=lambda entry: entry.at_s))
+        self._timetable_s = 0.0 if config.faults_since == "start" else math.inf
         self._suffer_s = self.time_s
 
     @property
@@ -137,7 +138,7 @@ class World:
     def step(self) -> list[int]:
         """One step of everything; the vehicles (by place) that may have something to send."""
         self._step += 1
-        if self._timetable and self._timetable[0].at_s <= self.time_s:
+        if self._timetable and self._timetable[0].at_s <= self.time_s - self._timetable_s:
             self._take_from_timetable()
         if self.time_s >= self._suffer_s:
             self._suffer_s = self.time_s + TICK_S - 1e-6
@@ -203,7 +204,7 @@ class World:
                 vehicle.faults.fallen = True
 
     def _take_from_timetable(self) -> None:
-        while self._timetable and self._timetable[0].at_s <= self.time_s:
+        while self._timetable and self._timetable[0].at_s <= self.time_s - self._timetable_s:
             entry = self._timetable.popleft()
             for place, vehicle in enumerate(self.vehicles):
                 if entry.sysid in (None, vehicle.sysid):
@@ -219,6 +220,7 @@ class World:
             airborne = ~self._landed()
             for i in np.nonzero(airborne != self._airborne)[0].tolist():
                 self._event(i, "liftoff" if airborne[i] else "touchdown")
+                self._timetable_s = min(self._timetable_s, self.time_s)
                 if not airborne[i]:
                     self._check_crash(i)
             self._airborne = airborne

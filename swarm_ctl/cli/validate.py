@@ -174,7 +174,9 @@ def _simulation(simulation: Simulation) -> list[str]:
     for fault in sorted(simulation.faults, key=lambda fault: fault.at_s):
         who = "all agents" if fault.agents is None else "agent " + ", ".join(map(str, fault.agents))
         lasting = "" if fault.for_s is None else f" for {fault.for_s:g} s"
-        lines.append(f"fault    at {fault.at_s:g} s{lasting}, {who}: {_settings(fault.set.given())}")
+        lines.append(
+            f"fault    {fault.at_s:g} s after {simulation.since}{lasting}, {who}: {_settings(fault.set.given())}"
+        )
     return lines
 
 
@@ -183,16 +185,16 @@ def _settings(given: dict[str, float]) -> str:
 
 
 def _too_late_faults(simulation: Simulation, plan: Plan, forecasts: list[StepForecast]) -> list[str]:
-    end_s = _PREPARED_S + _total_s(plan, forecasts)
+    end_s = _total_s(plan, forecasts) + (_PREPARED_S if simulation.since == "start" else 0.0)
     return [
-        f"the fault at {fault.at_s:g} s comes after the expected end of the flight, at about {end_s:.0f} s"
+        f"the fault {fault.at_s:g} s after {simulation.since} comes later than the expected end, after {end_s:.0f} s"
         for fault in simulation.faults
         if fault.at_s > end_s
     ]
 
 
 _PREPARED_S = 5.0
-"""Of the run's clock, before simulated vehicles take off."""
+"""Before simulated vehicles take off, at no speed-up."""
 
 
 def _metres(point: Point, unit_m: float) -> str:

@@ -73,7 +73,7 @@ class Fault(Section):
     """What changes at a time."""
 
     at_s: float = Field(ge=0, le=86_400)
-    """Seconds of the run's clock (the one that events and the dashboard show): 0 is its start, before anybody arms."""
+    """Seconds after what `since` says."""
     for_s: float | None = Field(default=None, gt=0, le=86_400)
     """For so long; then each parameter has the value of the start again. To the end where not given."""
     agents: Annotated[tuple[AgentId, ...], Field(min_length=1, max_length=250)] | None = None
@@ -86,6 +86,8 @@ class Simulation(Section):
 
     parameters: SimParameters = SimParameters()
     """From the start, of all simulated vehicles."""
+    since: Literal["liftoff", "start"] = "liftoff"
+    """Where the faults' times count from: the first lift-off, or the run's start, seconds before anybody arms."""
     faults: Annotated[tuple[Fault, ...], Field(max_length=1000)] = ()
     """What changes when, in any order."""
 

@@ -21,6 +21,7 @@ def simulator_config(plan: Plan, vehicles: Sequence[FleetAgent], simulation: Sim
         "truth_rate_hz": 10,
         "sensing_range_m": plan.law.r * plan.unit_m,
         "sim_parameters": simulation.parameters.given(),
+        "faults_since": simulation.since,
         "faults": simulation.timetable({vehicle.id: vehicle.sysid for vehicle in vehicles}),
         "vehicles": [_vehicle(plan, vehicle) for vehicle in vehicles],
     }
