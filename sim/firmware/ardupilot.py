@@ -93,7 +93,7 @@ class Ardupilot(Firmware):
     force_arm_magic: ClassVar[float] = 2989.0
     arm_nonsense: ClassVar[Result | None] = Result.UNSUPPORTED
     refusal: ClassVar[Result] = Result.FAILED
-    item_request: ClassVar[str] = "MISSION_REQUEST"
+    asks_in_kind: ClassVar[bool] = False
     first_index: ClassVar[int] = 1
 
     mode: Mode

@@ -74,8 +74,8 @@ class Firmware(ABC):
     force_arm_magic: ClassVar[float]
     arm_nonsense: ClassVar[Result | None]
     """The answer to arming with a first parameter that is neither 0 nor 1."""
-    item_request: ClassVar[str]
-    """With which of its two messages it asks for mission items."""
+    asks_in_kind: ClassVar[bool]
+    """It asks for mission items by MISSION_REQUEST_INT once the client has shown that it knows it."""
     first_index: ClassVar[int]
     """Index of the first mission item that is flown."""
     refusal: ClassVar[Result]

@@ -93,6 +93,8 @@ class Plans:
         self.upload: Upload | None = None
         self.current = 0
         """Index of the mission item that is, or would be, flown."""
+        self.item_request = "MISSION_REQUEST"
+        """With which of its two messages the vehicle asks for items."""
 
 
 def refusal(kind: int, item: Item) -> Answer | None:
@@ -130,13 +132,21 @@ def request_item(f: Firmware, message: Message) -> None:
     if item is None:
         acknowledge(f, message.source, kind, Answer.INVALID_SEQUENCE)
         return
-    as_int = message.name == "MISSION_REQUEST_INT"
+    as_int = _learn(f, message)
     here = {"x": item.x, "y": item.y} if as_int else {"x": item.x * 1e-7, "y": item.y * 1e-7}
     frame = item.frame if as_int else {5: 0, 6: 3, 11: 10}.get(item.frame, item.frame)
     numbers = {f"param{i + 1}": v for i, v in enumerate(item.p)}
     rest = {"command": item.command, "current": int(kind == MISSION and seq == f.plans.current)}
     more = {"seq": seq, "frame": frame, "autocontinue": item.autocontinue, "z": item.z, "mission_type": kind}
     _say(f, "MISSION_ITEM_INT" if as_int else "MISSION_ITEM", message.source, **numbers, **here, **rest, **more)
+
+
+def _learn(f: Firmware, message: Message) -> bool:
+    """Whether the client speaks in integers (1e-7 degrees)."""
+    as_int = message.name.endswith("_INT")
+    if f.asks_in_kind:
+        f.plans.item_request = "MISSION_REQUEST_INT" if as_int else "MISSION_REQUEST"
+    return as_int
 
 
 def count(f: Firmware, message: Message) -> None:
@@ -157,6 +167,7 @@ def item(f: Firmware, message: Message) -> None:
     if upload is None or (message.source, m["mission_type"]) != (upload.source, upload.kind):
         f.ignored += 1
         return
+    _learn(f, message)
     if m["seq"] == len(upload.items):
         found = read_item(message)
         wrong = Answer.INVALID if found is None else refusal(upload.kind, found)
@@ -219,7 +230,7 @@ def acknowledge(f: Firmware, to: tuple[int, int], kind: int, answer: Answer) -> 
 def _go_on(f: Firmware, upload: Upload) -> None:
     upload.asked_s = f.now
     if len(upload.items) < upload.count:
-        _say(f, f.item_request, upload.source, seq=len(upload.items), mission_type=upload.kind)
+        _say(f, f.plans.item_request, upload.source, seq=len(upload.items), mission_type=upload.kind)
         return
     f.plans.upload = None
     _replace(f, upload.kind, upload.items)

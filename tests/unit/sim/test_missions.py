@@ -98,11 +98,15 @@ def test_old_clients_ask_and_send_in_floats(persona: Persona) -> None:
 
 
 def test_each_firmware_asks_with_the_message_its_clients_know() -> None:
-    for persona, name in ((Ardupilot, "MISSION_REQUEST"), (Px4, "MISSION_REQUEST_INT")):
+    """Both begin with the older one; PX4 goes over to integers, and back, as its client does."""
+    for persona, then in ((Ardupilot, "MISSION_REQUEST"), (Px4, "MISSION_REQUEST_INT")):
         rig = ready(persona)
-        rig.said.clear()
-        rig.tell("MISSION_COUNT", **TO, count=2, mission_type=0)
-        assert [(m.name, m.fields["seq"]) for m in rig.said] == [(name, 0)]
+        for expected, answer in (("MISSION_REQUEST", "MISSION_ITEM_INT"), (then, "MISSION_ITEM")):
+            rig.said.clear()
+            rig.tell("MISSION_COUNT", **TO, count=2, mission_type=0)
+            assert [(m.name, m.fields["seq"]) for m in rig.said] == [(expected, 0)]
+            rig.tell(answer, **TO, **item(WAYPOINT) | {"frame": 3}, seq=0, mission_type=0)
+        assert rig.said[-1].name == "MISSION_REQUEST"
 
 
 @BOTH
