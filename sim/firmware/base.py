@@ -187,6 +187,10 @@ class Firmware(ABC):
         """What is told as the first mission item, for the one uploaded."""
         return item
 
+    def guided_item(self, _item: Item) -> bool | None:
+        """A mission item outside any upload, to be flown at once: whether it is; None: not answered."""
+        return None
+
     @abstractmethod
     def on_setpoint(self, setpoint: Setpoint) -> None:
         """A readable SET_POSITION_TARGET_LOCAL_NED."""

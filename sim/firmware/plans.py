@@ -27,6 +27,7 @@ class Answer(IntEnum):
     """MAV_MISSION_RESULT."""
 
     ACCEPTED = 0
+    ERROR = 1
     UNSUPPORTED_FRAME = 2
     UNSUPPORTED = 3
     NO_SPACE = 4
@@ -164,6 +165,9 @@ def count(f: Firmware, message: Message) -> None:
 def item(f: Firmware, message: Message) -> None:
     """MISSION_ITEM_INT, MISSION_ITEM: the one asked for is kept; for any other the right one is asked for again."""
     upload, m = f.plans.upload, message.fields
+    if m["current"] == _GO_THERE:
+        _go_there(f, message)
+        return
     if upload is None or (message.source, m["mission_type"]) != (upload.source, upload.kind):
         f.ignored += 1
         return
@@ -177,6 +181,20 @@ def item(f: Firmware, message: Message) -> None:
             return
         upload.items.append(found)
     _go_on(f, upload)
+
+
+def _go_there(f: Firmware, message: Message) -> None:
+    """dronekit's `simple_goto` and MAVProxy's `guided`: an item that is no part of any list."""
+    found = read_item(message)
+    flown = None if found is None or refusal(MISSION, found) is not None else f.guided_item(found)
+    if flown is None:
+        f.ignored += 1
+    else:
+        acknowledge(f, message.source, MISSION, Answer.ACCEPTED if flown else Answer.ERROR)
+
+
+_GO_THERE = 2
+"""MISSION_ITEM.current of such an item."""
 
 
 def read_item(message: Message) -> Item | None:

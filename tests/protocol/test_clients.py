@@ -87,7 +87,7 @@ def test_dronekit_flies_velocities_and_a_mission(tmp_path: Path) -> None:
 @NEEDS_DRONEKIT
 @pytest.mark.filterwarnings("ignore")
 def test_dronekit_flies_px4(tmp_path: Path) -> None:
-    """As far as it knows PX4: no `is_armable`, no download of an empty list, no take-off command (it names no target)."""
+    """As far as dronekit knows PX4: no `is_armable`, no empty list downloaded, no take-off command without a target."""
     configuration = settings(tmp_path, "px4") | {"speedup": SPEEDUP}
     with simulator(tmp_path, configuration) as sim, dronekit_vehicle(sim) as v:
         import dronekit
