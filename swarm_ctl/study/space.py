@@ -16,8 +16,8 @@ from swarm_ctl.core.plan import Compensation, LawParameters, Response
 Shape = Literal["ring", "line", "grid", "vee", "wedge"]
 Slots = Literal["given", "random", "nearest"]
 Start = Literal["random", "ring", "grid", "table2", "crossing", "antipodal"]
-"""`crossing`: two columns that face each other; `antipodal`: a ring. With the slots `given` everybody goes to the place
-opposite to the own one."""
+"""`crossing`: two columns that face each other and, with the slots `given`, change sides; `antipodal`: a ring, and
+everybody goes to the place opposite to the own one."""
 Safety = Literal["off", "filter", "guard", "release", "full"]
 """Each with all before it: the collision filter, the guard of links, swirl and tangential release, slot exchange."""
 VehicleModel = Literal["ideal", "lag", "ardupilot", "px4"]
