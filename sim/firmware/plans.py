@@ -221,6 +221,17 @@ def clear(f: Firmware, message: Message) -> None:
     acknowledge(f, message.source, kind, Answer.ACCEPTED)
 
 
+def answered(f: Firmware, message: Message) -> None:
+    """MISSION_ACK: a client that does not know the request says UNSUPPORTED; PX4 then asks by the other one."""
+    upload = f.plans.upload
+    if upload is None or message.source != upload.source or message.fields["type"] != Answer.UNSUPPORTED:
+        return
+    if f.asks_in_kind:
+        others = {"MISSION_REQUEST": "MISSION_REQUEST_INT", "MISSION_REQUEST_INT": "MISSION_REQUEST"}
+        f.plans.item_request = others[f.plans.item_request]
+        _go_on(f, upload)
+
+
 def set_current(f: Firmware, message: Message) -> None:
     """MISSION_SET_CURRENT, answered by MISSION_CURRENT."""
     if f.go_on_at(message.fields["seq"]):

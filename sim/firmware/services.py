@@ -129,7 +129,7 @@ HANDLERS: Mapping[str, Callable[[Firmware, Message], None]] = {
     "MISSION_ITEM_INT": plans.item,
     "MISSION_CLEAR_ALL": plans.clear,
     "MISSION_SET_CURRENT": plans.set_current,
-    "MISSION_ACK": lambda _, __: None,
+    "MISSION_ACK": plans.answered,
     "FILE_TRANSFER_PROTOCOL": file_transfer,
     "TIMESYNC": timesync,
 }

@@ -109,6 +109,20 @@ def test_each_firmware_asks_with_the_message_its_clients_know() -> None:
         assert rig.said[-1].name == "MISSION_REQUEST"
 
 
+def test_px4_asks_otherwise_when_its_client_does_not_know_the_request() -> None:
+    """MAVSDK takes no MISSION_REQUEST from PX4, and says so."""
+    rig = ready(Px4)
+    rig.tell("MISSION_COUNT", **TO, count=2, mission_type=0)
+    for expected in ("MISSION_REQUEST_INT", "MISSION_REQUEST"):
+        rig.said.clear()
+        rig.tell("MISSION_ACK", **TO, type=3, mission_type=0)
+        assert [(m.name, m.fields["seq"]) for m in rig.said] == [(expected, 0)]
+    rig.said.clear()
+    rig.tell("MISSION_ACK", (9, 9), **TO, type=3, mission_type=0)
+    rig.tell("MISSION_ACK", **TO, type=0, mission_type=0)
+    assert rig.said == []
+
+
 @BOTH
 def test_an_item_that_does_not_come_is_asked_for_again_then_the_upload_forgotten(persona: Persona) -> None:
     rig = ready(persona)
