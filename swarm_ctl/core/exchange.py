@@ -1,8 +1,8 @@
 """Two agents that are in each other's way exchange their slots: only the shape counts, not who stands where.
 
-An exchange of i and j lowers the sum of all squared distances to the slots iff `(s_i - s_j) . (z_i - z_j) < 0`, wherever
-the shape as a whole stands. Each agent plays a *role*: the place in the plan's list of agents whose slots it takes; an
-exchange swaps two roles, for this step and all that follow. It takes one offer and one answer:
+An exchange of i and j lowers the sum of all squared distances to the slots iff `(s_i - s_j) . (z_i - z_j) < 0`,
+wherever the shape as a whole stands. Each agent plays a *role*: the place in the plan's list of agents whose slots it
+takes; an exchange swaps two roles, for this step and all that follow. It takes one offer and one answer:
 
 1. The lower i offers to j. The offer names j's version (its number of exchanges so far), so it cannot be taken twice.
 2. j waits until all who could be concerned have heard of it, looks again, takes i's role and answers. The answer names
@@ -10,11 +10,11 @@ exchange swaps two roles, for this step and all that follow. It takes one offer 
 3. i takes j's old role as soon as it hears the answer, even if it has withdrawn the offer: its version still fits.
 
 A lost or repeated message delays, and changes nothing. Between 2 and 3 two agents have one role for a moment, which
-costs nothing: they are kept apart as always. Who is in a deal shows a lock, the id of the one who offers; whoever shares
-a link with it and sees a lock of lower rank than its own withdraws: so no two deals loosen the same links at once. A link whose
-slots fit in r must fit after an exchange as well, or its two ends must have a common neighbour whose links to both fit:
-the swarm stays connected. Should two be left with one role (the news of
-one was lost for seconds), the higher id takes a role that nobody has.
+costs nothing: they are kept apart as always. Who is in a deal shows a lock, the id of the one who offers; whoever
+shares a link with it and sees a lock of lower rank than its own withdraws: so no two deals loosen the same links at
+once. A link whose slots fit in r must fit after an exchange as well, or its two ends must have a common neighbour whose
+links to both fit: the swarm stays connected. Should two be left with one role (the news of one was lost for seconds),
+the higher id takes a role that nobody has.
 
 Arrays throughout, so that an agent and a study of thousands of missions run the same protocol: a is the agents that
 decide (one, or all n), m the missions. Agents are named by their place 0..n-1 in the plan; -1 is nobody.
@@ -23,7 +23,7 @@ decide (one, or all n), m the missions. Agents are named by their place 0..n-1 i
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Final, Self
+from typing import Final, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
+T = TypeVar("T", bound=np.generic)
 
 EVERY_S: Final = 0.25
 """Between two looks."""
@@ -145,7 +146,8 @@ class Exchange:
         """Nobody needs the own last answer any more."""
         to = self.deals.answer_to
         moved_on = _of(told.version, to) != self.deals.answer_version
-        return (to < 0) | moved_on | (_of(age_s, to) > _GONE_S)
+        settled: Bools = (to < 0) | moved_on | (_of(age_s, to) > _GONE_S)
+        return settled
 
     def _repair(self, now: float, told: Deals, fresh: Bools, settled: Bools) -> None:
         lower = np.arange(told.role.shape[1])[:, None] < self._own[:, None]
@@ -188,7 +190,11 @@ class Exchange:
         if not offering.any():
             return
         good = (_of(gain, to) < 0.5 * _WORTH) & _of(fresh, to) & (now - self._since <= _OFFER_S)
-        good &= (_of(told.version, to) == self.deals.offer_version) & (lowest >= self._rank[self._own]) & self._legal(to, told)
+        good &= (
+            (_of(told.version, to) == self.deals.offer_version)
+            & (lowest >= self._rank[self._own])
+            & self._legal(to, told)
+        )
         off = offering & ~good
         self._end(off)
         # an answer takes `_WAIT_S` and an offer heard in the last half second: a young one can't have been taken
@@ -268,6 +274,6 @@ class Exchange:
         self._partner = np.where(who, _NOBODY, self._partner)
 
 
-def _of(heard: NDArray, which: Ints) -> NDArray:
+def _of(heard: NDArray[T], which: Ints) -> NDArray[T]:
     """What was heard (a, n, m) of `which` (a, m); of anybody where that is nobody."""
     return np.take_along_axis(heard, np.maximum(which, 0)[:, None], axis=1)[:, 0]

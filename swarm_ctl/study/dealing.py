@@ -20,7 +20,7 @@ class Dealing:
     """All exchanges of a batch."""
 
     def __init__(self, batch: Batch) -> None:
-        _, n, m = batch.starts.shape
+        n = batch.starts.shape[1]
         self._every = max(1, round(EVERY_S / batch.cell.tick_s))
         self._tick_s = batch.cell.tick_s
         self._exchange = Exchange(np.arange(n), batch.slots, batch.links, batch.cell.law.r)

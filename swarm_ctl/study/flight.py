@@ -9,7 +9,7 @@ from typing import Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm_ctl.core.freshness import NEIGHBOUR_S, SILENT_FLIES_S
+from swarm_ctl.core.freshness import NEIGHBOUR_S, SETPOINT_TIMEOUT_S
 from swarm_ctl.core.law import OVERSPEED, STATUSES
 from swarm_ctl.core.plan import Compensation
 from swarm_ctl.core.swarm_law import Near, Rings, SwarmLaw
@@ -191,7 +191,8 @@ class _Flight:
 
     def _without_the_silent(self, tick: int, wish: Floats, talks: Bools) -> Floats:
         """Vehicles of silent agents go on with the last command, then stop."""
-        still = tick >= self._silent_from + SILENT_FLIES_S / self._cell.tick_s
+        blind_s = SETPOINT_TIMEOUT_S.get(self._cell.vehicle, SETPOINT_TIMEOUT_S["ardupilot"])
+        still = tick >= self._silent_from + blind_s / self._cell.tick_s
         return np.where(talks, wish, np.where(still, 0.0, self._motion.velocity))
 
     def _count(self, near: Near | None) -> None:
@@ -285,8 +286,8 @@ class _Flight:
 
 
 _BY_MISSION: Final = (
-    "_linked", "_fits", "_held", "_nearest", "_nearest_silent", "_farthest", "_farthest_kept", "_statuses", "_small_gap",
-    "_parted", "_since", "_moved_s", "_place", "_kappa", "_silent_from", "_slots",
+    "_linked", "_fits", "_held", "_nearest", "_nearest_silent", "_farthest", "_farthest_kept", "_statuses",
+    "_small_gap", "_parted", "_since", "_moved_s", "_place", "_kappa", "_silent_from", "_slots",
 )  # fmt: skip
 
 

@@ -21,7 +21,7 @@ from swarm_ctl.study.space import Safety
 
 Complex: TypeAlias = NDArray[np.complex128]
 
-_LEVELS: Final[tuple[Safety, ...]] = ("off", "filter", "guard", "release", "full")
+_LEVELS: Final[tuple[Safety, ...]] = ("off", "filter", "guard", "release", "exchange")
 _SWIRL_OFF: Final = 0.3
 """Within r_out plus this of somebody unheard nobody swirls [units]."""
 
