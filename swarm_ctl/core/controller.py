@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from swarm_ctl.core import law, response, safety
 from swarm_ctl.core.navigation import OwnFix
 from swarm_ctl.core.peers import Peers
 from swarm_ctl.core.plan import Compensation, Plan, Point
-from swarm_ctl.core.state import PairReport, SigmaReport
+from swarm_ctl.core.state import Gains, PairReport, SigmaReport
 from swarm_ctl.core.vehicle import Contact
 
 _APPROACH_RATE = 1.0
@@ -29,13 +30,21 @@ class Controller:
         self._peers = peers
         delayed = response.pending(plan.response, plan.tick_s) if plan.compensation is Compensation.STOP_POINT else 0
         self._commands: deque[Point] = deque([(0.0, 0.0)] * delayed, maxlen=delayed)
-        self._iteration_mps = plan.unit_m * plan.kappa
+        self.tune(Gains(plan.law.delta_a, plan.law.delta_l, plan.law.h, plan.kappa))
         self._result: law.LawResult | None = None
         self._points = np.zeros((0, 2))
         self._tally = np.zeros(len(law.STATUSES), dtype=np.int64)
         self.overspeed_ticks = 0
         self.commanded_mps: Point = (0.0, 0.0)
         self.stop_point_m: Point = (0.0, 0.0)
+
+    def tune(self, gains: Gains) -> None:
+        """The law in force from now on (`core/tuning.py` says when it may change)."""
+        self.gains = gains
+        self._law = replace(self._plan.law, h=gains.h, delta_l=gains.delta_l, delta_a=gains.delta_a)
+        self._iteration_mps = self._plan.unit_m * gains.kappa
+        self.gain = gains.kappa * gains.h
+        """The law's own rate [1/s]."""
 
     @property
     def tally(self) -> dict[str, int]:
@@ -70,7 +79,7 @@ class Controller:
     def go_to(self, now: float, to_m: Point, speed_mps: float, contacts: Sequence[Contact]) -> Point:
         """Straight to a point, keeping apart from everybody; around whoever stands in the way."""
         result = self._evaluate(now, _NOWHERE, contacts)
-        (north, east), gain = self.stop_point_m, self._plan.kappa * self._plan.law.h
+        (north, east), gain = self.stop_point_m, self.gain
         pull = safety.shortened((gain * (to_m[0] - north), gain * (to_m[1] - east)), speed_mps)
         return self._protected(float(result.avoidance[0, 0]), float(result.avoidance[0, 1]), self._around(now, pull))
 
@@ -102,7 +111,7 @@ class Controller:
             others.neighbour,
             others.present,
             others.lower_id,
-            self._plan.law,
+            self._law,
         )
         if result.pairs is not None:
             counts = np.bincount(result.pairs.status, minlength=len(law.STATUSES))

@@ -32,6 +32,7 @@ from swarm_ctl.report.summarise import summarise
 from swarm_ctl.report.summary import write_summary
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.clock import Clock
+from swarm_ctl.runtime.commander import Commander
 from swarm_ctl.runtime.composing import compose
 from swarm_ctl.runtime.control import ControlPipe
 from swarm_ctl.runtime.screens import Blind, Screen, Show, metrics_on, present
@@ -43,7 +44,6 @@ _ONLY_SHOWN: Final[tuple[keys.Channel[Any], ...]] = (keys.STATE, keys.SIGMA, key
 _BEACON_S = 0.5
 _STATUS_S = 2.0
 """Mission time between recorded statuses of one agent: the fallback when it can't write its own last one."""
-_COMMAND_S = 0.5
 _LOOP_WALL_S = 0.05
 _SHOW_WALL_S = 0.25
 _SILENT_S = 15.0
@@ -91,37 +91,6 @@ class Recorder:
         self.mcap.close()
 
 
-class Commander:
-    """Sends commands until every agent has answered (or has been asked for long enough)."""
-
-    def __init__(self, node: Node, agents: list[int]) -> None:
-        self._node = node
-        self._agents = agents
-        self._open: dict[str, tuple[Command, set[int], float]] = {}
-        self._due = 0.0
-
-    def give(self, command: Command, now: float) -> None:
-        """Send a command to the agents it is meant for."""
-        self._open[command.id] = (command, set(command.agents or self._agents), now)
-        self._due = now
-
-    def answered(self, command: str, agent: int) -> None:
-        """An acknowledgement came."""
-        if command in self._open:
-            self._open[command][1].discard(agent)
-
-    def repeat(self, now: float) -> None:
-        """Send what is not answered yet again; give up after 10 s."""
-        if now < self._due:
-            return
-        self._due = now + _COMMAND_S
-        for key, (command, missing, since) in list(self._open.items()):
-            if not missing or now - since > 10.0:
-                del self._open[key]
-            else:
-                self._node.send(keys.COMMAND, command)
-
-
 class Station:
     """One ground station on one mesh."""
 
@@ -133,7 +102,8 @@ class Station:
         self._hash = plan.hash()
         self._name = f"station-{os.getpid()}"
         self.model = Model(plan, speedup=manifest.speedup, since_s=clock.now(), station=self._name)
-        self._commander = Commander(node, [agent.id for agent in plan.agents])
+        agents = [agent.id for agent in plan.agents]
+        self._commander = Commander(lambda command: node.send(keys.COMMAND, command), agents)
         self._beacon_due = 0.0
         self._mission = Path(manifest.mission)
         self._noted: set[str] = set()
@@ -155,8 +125,8 @@ class Station:
         if self._recorder:
             self._recorder.command(command)
 
-    def turn(self) -> None:
-        """Hear what there is to hear, say what is due."""
+    def turn(self) -> list[str]:
+        """Hear what there is to hear, say what is due; what the operator is to be told."""
         now = self._clock.now()
         for channel in _ONLY_SHOWN:
             for payload, received_s in self._node.take(channel):
@@ -173,13 +143,16 @@ class Station:
             self._note(command, received_s)
         for ack, received_s in self._node.take(keys.ACK):
             self._fold(ack, received_s)
-            self._commander.answered(ack.command, ack.agent)
+            self._commander.answered(ack)
             if self._recorder:
                 self._recorder.command(ack)
-        self._commander.repeat(now)
+        followed, told = self._commander.turn(now)
+        for command in followed:
+            self._note(command, now)
         if now >= self._beacon_due:
             self._beacon_due = now + _BEACON_S
             self._node.send(keys.BEACON, StationBeacon(self._name, now, self._hash))
+        return told
 
     def view(self) -> SwarmView:
         """The picture now."""
@@ -241,7 +214,8 @@ def _watch(station: Station, control: ControlPipe | None, screen: Screen, orphan
             screen.close()
         for order in screen.orders():
             _order(order, station, screen)
-        station.turn()
+        for text in station.turn():
+            screen.note(text)
         if wall.wall_s() >= show_due:
             show_due = wall.wall_s() + _SHOW_WALL_S
             view = station.view()

@@ -13,7 +13,9 @@ from enum import IntEnum
 from typing import Final
 
 from swarm_ctl.core.freshness import NEIGHBOUR_S, OWN_LOST_S
-from swarm_ctl.core.state import PairReport, Phase
+from swarm_ctl.core.state import Gains, PairReport, Phase
+from swarm_ctl.core.text import agents_named
+from swarm_ctl.core.tuning import differences
 from swarm_ctl.station.view import AgentView, SwarmView
 
 
@@ -137,6 +139,24 @@ def _broken_bound(report: PairReport) -> str:
     return ""
 
 
+def _mixed_laws(view: SwarmView, settled_s: float) -> Found:
+    most, *others = view.laws.values() or ((),)
+    newest_s = max((agent.law_since_s for agent in view.agents), default=-math.inf)
+    if not others or view.time_s - newest_s <= settled_s:
+        return  # a change is just being told
+    for agents in others:
+        gains, usual = _gains(agents), _gains(most)
+        how = f": {differences(usual, gains)}" if gains and usual else ""
+        ids = tuple(agent.id for agent in agents)
+        yield ids, f"{agents_named(ids)} flies another law than {agents_named(agent.id for agent in most)}{how}"
+
+
+def _gains(agents: tuple[AgentView, ...]) -> Gains | None:
+    """Of agents that fly one law, as the newest status among them has it."""
+    told = [agent.status for agent in agents if agent.status is not None]
+    return max(told, key=lambda status: status.time_s).gains if told else None
+
+
 def _taken_over(view: SwarmView, _: float) -> Found:
     for agent in view.agents:
         if agent.phase is Phase.YIELD:
@@ -233,6 +253,7 @@ RULES: Final[tuple[Rule, ...]] = (
     Rule("other plan", Level.ERROR, _nothing, "two missions in one air", _other_plan),
     Rule("vehicle silent", Level.ERROR, lambda _: OWN_LOST_S, "five heartbeats at 1 Hz", _vehicle_silent),
     Rule("sigma bound", Level.ERROR, _nothing, "equations (52), (66) and (67)", _sigma_bound),
+    Rule("mixed laws", Level.ERROR, lambda _: 1.0, "a change takes all agents within a few ticks", _mixed_laws),
     Rule("taken over", Level.WARNING, _nothing, "somebody else flies", _taken_over),
     Rule("holding", Level.WARNING, _nothing, "a policy stopped the mission", _holding),
     Rule("never heard", Level.WARNING, lambda _: 5.0, "all processes hear each other within 2 s", _unheard),

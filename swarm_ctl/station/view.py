@@ -6,6 +6,7 @@ unless a name says units; positions are in the common frame.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -80,6 +81,8 @@ class AgentView:
     """Its newest one, while a pair is in the avoidance region."""
     round_trip_s: float | None = None
     """A beacon of this station to the agent and back, without the time it lay there; None: not measured."""
+    law_since_s: float = -math.inf
+    """When this station saw its law change last."""
 
     @property
     def newest(self) -> AgentState | AgentStatus | None:
@@ -180,6 +183,16 @@ class SwarmView:
     """When each station's beacon was last heard."""
     histories: Histories = field(default_factory=Histories)
     health: StationHealth = field(default_factory=StationHealth)
+
+    @property
+    def laws(self) -> dict[int, tuple[AgentView, ...]]:
+        """Who of those that are heard and not through flies which law, by its tag; the law of most first."""
+        found: dict[int, list[AgentView]] = {}
+        for agent in self.agents:
+            if agent.state is not None and not agent.lost and agent.phase not in (Phase.YIELD, Phase.ENDED):
+                found.setdefault(agent.state.law, []).append(agent)
+        most_first = sorted(found.items(), key=lambda item: -len(item[1]))
+        return {tag: tuple(agents) for tag, agents in most_first}
 
     def agent(self, agent_id: int) -> AgentView:
         """KeyError where nobody has that id."""

@@ -308,7 +308,7 @@ class Dashboard(App[None]):
         self._painted("verdict").paint([verdict], back, width=width)
         line = self.query_one(CommandInput)
         typed = line.value if line.purpose == "order" else None
-        answer = command_line(picture, self._notice) if typed is None else usage_line(typed)
+        answer = command_line(picture, self._notice) if typed is None else usage_line(typed, self._plan)
         self._painted("answers").paint([answer], width=width)
         keys = keys_line(picture, self._shown, owns_run=self._interrupt is not None, width=width)
         self._painted("keys").paint([keys], width=width)

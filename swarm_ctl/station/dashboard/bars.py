@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from typing import Final
 
+from swarm_ctl.core.plan import Plan
 from swarm_ctl.core.state import Phase
 from swarm_ctl.core.text import agents_named, printable, ranges
 from swarm_ctl.station.alerts import Level
 from swarm_ctl.station.columns import UNICODE, fit
 from swarm_ctl.station.dashboard.ink import Line
 from swarm_ctl.station.dashboard.picture import Picture
-from swarm_ctl.station.orders import KINDS
+from swarm_ctl.station.orders import KINDS, ranges_of_law
 from swarm_ctl.station.view import CommandView, SwarmView
-from swarm_ctl.station.wording import verdict
+from swarm_ctl.station.wording import command_words, verdict
 
 SCREENS: Final = ("swarm", "links", "sigma", "log", "help")
 BAR_STYLE: Final = {
@@ -103,13 +104,14 @@ def command_line(picture: Picture, notice: str) -> Line:
     return _answers(commands[-1], view)
 
 
-def usage_line(typed: str) -> Line:
+def usage_line(typed: str, plan: Plan) -> Line:
     """What can be typed now."""
     kinds = [kind for kind in KINDS if kind.name.startswith(typed.split(" ")[0])]
     if len(kinds) == 1:
         kind = kinds[0]
         agents = "" if kind.for_all else " [@AGENTS]"
-        return Line(f" {kind.name} {kind.usage}".rstrip() + agents, "bold").add(f"  {kind.does}", "dim")
+        does = ranges_of_law(plan) if kind.name == "tune" and " " in typed else kind.does
+        return Line(f" {kind.name} {kind.usage}".rstrip() + agents, "bold").add(f"  {does}", "dim")
     return Line(" " + "  ".join(kind.name for kind in kinds or KINDS), "bold")
 
 
@@ -119,7 +121,7 @@ def _current(command: CommandView, view: SwarmView) -> bool:
 
 def _answers(command: CommandView, view: SwarmView) -> Line:
     meant = command.command.agents or tuple(agent.id for agent in view.agents if agent.in_plan)
-    line = Line(f" {printable(command.command.kind)}", "bold magenta").add(" ")
+    line = Line(f" {command_words(command.command)}", "bold magenta").add(" ")
     taken = [i for i in meant if i in command.acks and command.acks[i].accepted]
     refused: dict[str, list[int]] = {}
     for i in meant:

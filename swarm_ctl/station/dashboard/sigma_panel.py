@@ -10,7 +10,8 @@ from collections import Counter
 from typing import Final
 
 from swarm_ctl.core.state import PairReport, SigmaReport
-from swarm_ctl.core.text import printable
+from swarm_ctl.core.text import agents_named, printable
+from swarm_ctl.core.tuning import differences, named, planned
 from swarm_ctl.station.columns import LEVEL_STYLE, UNICODE, fit
 from swarm_ctl.station.dashboard.ink import Line, bar, gauge, right, sparkline
 from swarm_ctl.station.dashboard.picture import Picture
@@ -39,6 +40,7 @@ def sigma_lines(picture: Picture, width: int) -> list[Line]:
     spark = max(0, min(32, width - 81))
     return [
         *_broken(picture),
+        *_laws(view),
         _heading(spark),
         *(line for pair in view.pairs for line in _pair_lines(view, pair, spark)),
         *([] if view.pairs else [Line("   nobody is in anybody's avoidance region", "dim")]),
@@ -56,6 +58,23 @@ def _broken(picture: Picture) -> list[Line]:
         words = f"sigma over its bound, nobody under {law.r_in * unit:g} m, no link over {law.r * unit:g} m"
         return [Line(f" {UNICODE.well} {words}", "green")]
     return [Line(f" {UNICODE.of(a.level)} {printable(a.text)}", LEVEL_STYLE[a.level]) for a in found]
+
+
+def _laws(view: SwarmView) -> list[Line]:
+    """The law in force; each of them where agents fly different ones."""
+    laws, lines = view.laws, []
+    for agents in laws.values():
+        statuses = [agent.status for agent in agents if agent.status is not None and agent.status.gains is not None]
+        gains = max(statuses, key=lambda status: status.time_s).gains if statuses else None
+        if gains is None:
+            continue
+        line = Line("   law ", "dim").add(named(gains), "bold")
+        changed = differences(planned(view.plan), gains)
+        line.add("  (the mission's own)" if not changed else f"  (tuned: {changed})", "" if changed else "dim")
+        if len(laws) > 1:
+            line.add(f"  {agents_named(agent.id for agent in agents)}", "bold red")
+        lines.append(line)
+    return lines
 
 
 def _heading(spark: int) -> Line:
