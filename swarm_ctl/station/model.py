@@ -164,7 +164,7 @@ class Model:
             events=tuple(self._events),
             event_count=self._event_count,
             commands=tuple(CommandView(c.command, c.received_s, dict(c.acks)) for c in self._commands.values()),
-            stations=dict(self._stations),
+            stations=self._stations | ({self._station: now_s} if self._station else {}),
             histories=self._history.view(),
         )
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Final
 
 from swarm_ctl.core.plan import Plan, Point
 from swarm_ctl.core.progress import step_name
@@ -24,6 +25,9 @@ from swarm_ctl.core.state import (
     SigmaReport,
 )
 from swarm_ctl.station.history import Histories
+
+_STATION_S: Final = 2.0
+"""A station that was not heard for four of its beacons has left."""
 
 
 def newest(state: AgentState | None, status: AgentStatus | None) -> AgentState | AgentStatus | None:
@@ -180,9 +184,14 @@ class SwarmView:
     commands: tuple[CommandView, ...]
     """The last ones, oldest first."""
     stations: Mapping[str, float]
-    """When each station's beacon was last heard."""
+    """When each station's beacon was last heard, this one included."""
     histories: Histories = field(default_factory=Histories)
     health: StationHealth = field(default_factory=StationHealth)
+
+    @property
+    def stations_there(self) -> int:
+        """How many stations there are now, this one included."""
+        return sum(self.time_s - heard_s <= _STATION_S for heard_s in self.stations.values())
 
     @property
     def laws(self) -> dict[int, tuple[AgentView, ...]]:

@@ -109,7 +109,7 @@ def test_a_station_in_mid_flight_has_the_whole_picture_in_two_seconds(tmp_path: 
                 late.kill()
         assert told["step_name"] == "takeoff"
         assert all(agent["heartbeat_age_s"] < 2.0 for agent in told["agents"])
-        assert told["time_s"] - told["since_s"] < 3.0  # two seconds, and up to one until the next line
+        assert told["time_s"] - told["since_s"] < 2.0
         running.interrupt()
         running.wait()
         running.assert_nothing_left()

@@ -19,7 +19,7 @@ from textual.message import Message
 from textual.screen import ModalScreen, Screen
 from textual.widgets import Button, ContentSwitcher, Input, Label
 
-from swarm_ctl.core.plan import Plan
+from swarm_ctl.core.plan import Plan, Policy
 from swarm_ctl.core.text import agents_named
 from swarm_ctl.errors import InputError
 from swarm_ctl.station.alerts import Level
@@ -437,16 +437,27 @@ class Dashboard(App[None]):
             self._say(f"{count} alarms seen" if count else "no new alarms")
 
     def action_leave(self) -> None:
-        """Only a station that watches can be left."""
-        if self._interrupt is None:
-            self.exit()
-        else:
+        """Only a station that watches can be left; the last one of a swarm that needs one asks first."""
+        if self._interrupt is not None:
             self._say("this dashboard belongs to the run: Ctrl-C lands the swarm and ends it")
+        elif (policy := self._alone()) and not isinstance(self.screen, Ask):
+            question = f"leave? No other station is heard: the agents {policy.value} after"
+            after_s = self._plan.policies.station_lost_after_s
+            self.push_screen(Ask(f"{question} {after_s:g} s."), lambda yes: self.exit() if yes else None)
+        else:
+            self.exit()
+
+    def _alone(self) -> Policy | None:
+        """What the mission's policy will do when this station leaves; None where it changes nothing."""
+        view, policy = self._view, self._plan.policies.station_lost
+        if view is None or view.stations_there > 1 or policy is Policy.CONTINUE:
+            return None
+        return policy if any(agent.live for agent in view.agents) else None
 
     def action_interrupt(self) -> None:
         """Ctrl-C."""
         if self._interrupt is None:
-            self.exit()
+            self.action_leave()
         else:
             self._interrupt()
 

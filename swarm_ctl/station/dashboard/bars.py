@@ -38,8 +38,8 @@ def title_line(picture: Picture, width: int) -> Line:
     line.add(f" ×{view.speedup:g}" if view.speedup != 1 else "").add(gap, "dim")
     everybody = heard == len(view.agents)
     line.add(f"{heard}/{len(view.agents)} agents", "" if everybody else "bold yellow")
-    if len(view.stations) > 1:
-        line.add(gap, "dim").add(f"{len(view.stations)} stations")
+    if view.stations_there > 1:
+        line.add(gap, "dim").add(f"{view.stations_there} stations")
     missed = _missed(view)
     return line.to(width - len(missed) - 1).add(missed, "yellow") if missed else line
 

@@ -191,8 +191,30 @@ def test_ctrl_c_is_the_runs_and_q_leaves_only_a_watcher() -> None:
         assert desk.interrupts == 0
         assert app._exit
 
+    view = PICTURES["well"]()
     _play(mine)
-    _play(watching, owns_run=False)
+    _play(watching, replace(view, stations=view.stations | {"station-2": view.time_s - 1.0}), owns_run=False)
+    _play(watching, PICTURES["ended"](), owns_run=False)
+
+
+@pytest.mark.parametrize("key", ["q", "ctrl+c"])
+def test_the_last_station_asks_before_it_leaves(key: str) -> None:
+    """The agents would land without it; the same key again does not wait for an answer."""
+
+    async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
+        await pilot.press(key)
+        await settled(pilot)
+        assert "leave? No other station is heard: the agents land after 5 s." in text(app)
+        await pilot.press("n")
+        await settled(pilot)
+        assert not app._exit
+        await pilot.press(key)
+        await settled(pilot)
+        await pilot.press("y" if key == "q" else key)
+        await settled(pilot)
+        assert app._exit
+
+    _play(play, owns_run=False)
 
 
 def test_answers_tick_off_agent_by_agent() -> None:
