@@ -252,7 +252,7 @@ class Command:
     at_step: int = 0
     """The mission step that `next` is to end; 0: whatever it is. An agent that is further has nothing to do."""
     tuning: Tuning | None = None
-    """What `tune` asks to prepare."""
+    """What `tune` asks to prepare, and `apply` decides."""
     commits: int = 0
     """The `tag` of the `tune` that `apply` decides."""
 

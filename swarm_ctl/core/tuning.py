@@ -235,6 +235,6 @@ class Round:
         elif not missing:
             name = f"{self.ask.id}-apply"
             self.applied = Command(
-                name, "apply", self.ask.agents, now, plan_hash=self.ask.plan_hash, commits=self.ask.tag
+                name, "apply", self.ask.agents, now, None, self.ask.plan_hash, tuning=tuning, commits=self.ask.tag
             )
         return self.applied

@@ -73,6 +73,15 @@ def alarms(view: SwarmView) -> tuple[Alarm, ...]:
     return tuple(sorted(found, key=lambda alarm: -alarm.level))
 
 
+def _apart(value: float, limit: float, decimals: int) -> tuple[str, str]:
+    """Both with as many decimals as it takes to tell them apart."""
+    for places in range(decimals, 7):
+        words = f"{value:.{places}f}", f"{limit:.{places}f}"
+        if words[0] != words[1]:
+            break
+    return words
+
+
 def _active(view: SwarmView) -> Iterator[AgentView]:
     """Agents heard whose part is not over."""
     return (agent for agent in view.agents if agent.phase not in (None, Phase.ENDED))
@@ -85,7 +94,8 @@ def _too_close(view: SwarmView, r_in_m: float) -> Found:
             if a.state and b.state:
                 apart = math.dist(a.state.position_ned_m[:2], b.state.position_ned_m[:2])
                 if apart < r_in_m:
-                    yield (a.id, b.id), f"agents {a.id} and {b.id} are {apart:.2f} m apart, under r_in {r_in_m:.2f} m"
+                    short, limit = _apart(apart, r_in_m, 2)
+                    yield (a.id, b.id), f"agents {a.id} and {b.id} are {short} m apart, under r_in {limit} m"
 
 
 def _silent(view: SwarmView, _: float) -> Found:
@@ -194,7 +204,8 @@ def _long_link(view: SwarmView, r_m: float) -> Found:
     for edge in view.edges:
         both = view.agent(edge.a).live and view.agent(edge.b).live
         if both and edge.length_m is not None and edge.length_m > r_m:
-            yield (edge.a, edge.b), f"link {edge.a}-{edge.b} is {edge.length_m:.1f} m long, over r {r_m:.1f} m"
+            long, limit = _apart(edge.length_m, r_m, 1)
+            yield (edge.a, edge.b), f"link {edge.a}-{edge.b} is {long} m long, over r {limit} m"
 
 
 def _old_link(view: SwarmView, limit_s: float) -> Found:

@@ -90,9 +90,10 @@ def command_words(command: Command) -> str:
         return f"{words} {printable(command.step.shape)}"
     if isinstance(command.step, MoveStep):
         return f"{words} to {', '.join(f'{x:.4g}' for x in command.step.waypoints_m[-1])} m"
-    if command.tuning is not None:
-        return f"{words} to {named(command.tuning.gains)} at {command.tuning.at_s:.1f} s"
-    return "tune, all agreed" if command.commits else words
+    if command.tuning is None:
+        return words
+    law = named(command.tuning.gains)
+    return f"tune {law} from {command.tuning.at_s:.1f} s" if command.commits else f"ask for {law}"
 
 
 def answers(command: CommandView, view: SwarmView) -> str:

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import ClassVar, Final
 
+from rich.terminal_theme import TerminalTheme
 from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Container, Horizontal, Vertical
@@ -50,6 +51,33 @@ _WIDE: Final = 120
 _LEVELS: Final = (Level.WELL, Level.WARNING, Level.ERROR)
 DARK, LIGHT, PLAIN = "textual-dark", "textual-light", "ansi-dark"
 """Themes; the last one has the terminal's own colours, for `NO_COLOR`."""
+
+
+_INKS: Final = TerminalTheme(
+    (247, 247, 247),
+    (0, 0, 0),
+    [
+        (0, 0, 0),
+        (160, 30, 30),
+        (30, 105, 20),
+        (130, 85, 0),
+        (30, 70, 160),
+        (120, 40, 140),
+        (0, 95, 135),
+        (247, 247, 247),
+    ],
+    [
+        (90, 90, 90),
+        (200, 50, 50),
+        (120, 200, 60),
+        (250, 190, 60),
+        (0, 100, 180),
+        (190, 40, 190),
+        (70, 190, 220),
+        (255, 255, 255),
+    ],
+)
+"""The sixteen colours on a light ground: the usual yellow, green and cyan can hardly be read there."""
 
 
 def _by_background() -> str:
@@ -183,6 +211,7 @@ class Dashboard(App[None]):
     ) -> None:
         plain = "NO_COLOR" in os.environ
         super().__init__(driver_class=driver_class, ansi_color=True if plain else None)
+        self.ansi_theme_light = _INKS
         self.theme = PLAIN if plain else os.environ.get("TEXTUAL_THEME", _by_background())
         self._plan = plan
         self._give = give
@@ -201,7 +230,7 @@ class Dashboard(App[None]):
     def offer(self, view: SwarmView) -> None:
         """Show this view soon; one that is still waiting was one too many for this terminal."""
         if self._waiting is not None:
-            self.frames_dropped += 1
+            self.frames_dropped += self._up
             self._waiting = view
             return
         self._waiting = view

@@ -17,9 +17,9 @@ from swarm_ctl.station.wording import command_words, verdict
 
 SCREENS: Final = ("swarm", "links", "sigma", "log", "help")
 BAR_STYLE: Final = {
-    Level.WELL: "black on green",
-    Level.WAITING: "black on cyan",
-    Level.WARNING: "black on yellow",
+    Level.WELL: "black on bright_green",
+    Level.WAITING: "black on bright_cyan",
+    Level.WARNING: "black on bright_yellow",
     Level.ERROR: "bold white on red",
 }
 _ANSWERED_S: Final = 20.0
@@ -47,7 +47,9 @@ def title_line(picture: Picture, width: int) -> Line:
 def _missed(view: SwarmView) -> str:
     health = view.health
     parts = [
-        f"{health.frames_dropped} frames skipped" if health.frames_dropped else "",
+        f"{health.frames_dropped} frame{'s' if health.frames_dropped > 1 else ''} skipped"
+        if health.frames_dropped
+        else "",
         f"{health.bad_payloads} unreadable" if health.bad_payloads else "",
     ]
     return ", ".join(part for part in parts if part)
@@ -157,10 +159,11 @@ def keys_line(picture: Picture, shown: str, *, owns_run: bool, width: int) -> Li
         "links": (("v", "view", "metric_next"),),
         "log": (("/", "filter", "filter"), ("w", "worst", "level_next")),
     }.get(shown, ())
-    _keys(line, extra)
-    if picture.alarms:
-        _keys(line, (("x", "seen", "acknowledge"),))
     last = "^C land all" if owns_run and not ended else "q leave" if not owns_run else ""
+    seen = (("x", "seen", "acknowledge"),) if picture.alarms else ()
+    for key in (*extra, *seen):
+        if line.width + len(key[0]) + len(key[1]) + 2 + len(last) + 2 <= width:
+            _keys(line, (key,))
     if last and line.width + len(last) + 2 <= width:
         line.to(width - len(last) - 1).add(last, "bold", "app.interrupt" if owns_run else "app.leave")
     return line

@@ -47,7 +47,7 @@ def sigma_lines(picture: Picture, width: int) -> list[Line]:
         Line(),
         *_terms(view, width),
         Line(),
-        *_tally(view),
+        *_tally(view, width),
     ]
 
 
@@ -119,7 +119,9 @@ def _gauge(line: Line, report: PairReport) -> None:
 def _terms(view: SwarmView, width: int) -> list[Line]:
     """Each agent's consensus against its repulsion."""
     active = [(agent.id, agent.sigma) for agent in view.agents if agent.sigma is not None]
-    lines = [Line("   agent   consensus  repulsion  share of repulsion (units an iteration)", "bold dim")]
+    lines = [
+        Line("   agent   consensus  repulsion  share of repulsion", "bold dim").add("  (units an iteration)", "dim")
+    ]
     size = max(10, min(40, width - 48))
     for agent, report in active:
         consensus, repulsion = math.hypot(*report.consensus), math.hypot(*report.avoidance)
@@ -130,16 +132,18 @@ def _terms(view: SwarmView, width: int) -> list[Line]:
     return lines if active else [*lines, Line(f"   {UNICODE.dash}", "dim")]
 
 
-def _tally(view: SwarmView) -> list[Line]:
-    """Pair-ticks of the whole flight by status."""
+def _tally(view: SwarmView, width: int) -> list[Line]:
+    """Pair-ticks of the whole flight by status, on as many lines as they take."""
     tally: Counter[str] = Counter()
     for agent in view.agents:
         tally.update(agent.status.sigma_tally if agent.status else {})
     whole = sum(tally.values())
-    line = Line("   tally of the flight (pair-ticks):", "bold dim")
+    lines = [Line("   tally of the flight (pair-ticks):", "bold dim")]
     for status in dict.fromkeys((*_STATUSES, *tally)):
         count = tally.get(status, 0)
-        line.add("  ").add(f"{printable(status)} {count}", _STATUS_STYLE.get(status, ""))
-        if whole:
-            line.add(f" ({100 * count / whole:.0f}%)", "dim")
-    return [line]
+        words = f"{printable(status)} {count}"
+        share = f" ({100 * count / whole:.0f}%)" if count else ""
+        if lines[-1].width + len(words) + len(share) + 2 > width:
+            lines.append(Line("  "))
+        lines[-1].add("  ").add(words, _STATUS_STYLE.get(status, "") if count else "dim").add(share, "dim")
+    return lines

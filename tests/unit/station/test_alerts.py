@@ -167,6 +167,13 @@ def test_a_mixture_of_laws_is_told_with_what_differs() -> None:
     assert alarm.text == "agent 4 flies another law than agents 1-3, 5-6: h 0.05 -> 0.04"
 
 
+def test_a_figure_just_beyond_its_limit_can_be_told_from_it() -> None:
+    (alarm,) = alarms(_state(6, position_ned_m=(60.0, 60.0 - 22.5004, -10.0)))
+    assert alarm.text == "link 2-6 is 22.5004 m long, over r 22.5000 m"
+    (alarm,) = alarms(_state(6, position_ned_m=(60.0, 62.499, -10.0)))
+    assert alarm.text == "agents 2 and 6 are 2.499 m apart, under r_in 2.500 m"
+
+
 def test_errors_come_before_warnings() -> None:
     model = flying_model(PLAN, 30.0)
     model.fold(status_of(PLAN, 1, 30.0, battery_percent=5.0), 30.0)
