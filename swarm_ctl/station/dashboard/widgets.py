@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import ClassVar
 
+from rich.style import Style
 from textual.binding import Binding, BindingType
 from textual.geometry import Size
 from textual.message import Message
@@ -28,6 +29,7 @@ class Painted(ScrollView, can_focus=False):
         super().__init__(id=name)
         self._strips: list[Strip] = []
         self._follows = follows
+        self._ground: Style | None = None
 
     @property
     def room(self) -> tuple[int, int]:
@@ -60,8 +62,15 @@ class Painted(ScrollView, can_focus=False):
         """One row of the widget, on the theme's own colours."""
         k = y + self.scroll_offset.y
         width = self.scrollable_content_region.width
+        if self._ground is None:
+            self._ground = self.rich_style  # a tenth of all drawing, if it were looked up for each line
         strip = self._strips[k] if k < len(self._strips) else Strip.blank(width)
-        return strip.adjust_cell_length(width).apply_style(self.rich_style)
+        return (strip if strip.cell_length == width else strip.adjust_cell_length(width)).apply_style(self._ground)
+
+    def notify_style_update(self) -> None:
+        """Another theme, say."""
+        self._ground = None
+        super().notify_style_update()
 
 
 class CommandInput(Input):
