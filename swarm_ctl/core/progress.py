@@ -13,7 +13,9 @@ from swarm_ctl.core.state import StepResult
 
 
 def step_name(plan: Plan, step: int) -> str:
-    """`prepare` for 0, then the mission file's own words: `form hexagon`."""
+    """`prepare` for 0, then the mission file's own words: `form hexagon`; `?` where the plan has no such step."""
+    if not 0 <= step <= len(plan.steps):
+        return "?"
     if step == 0:
         return "prepare"
     what = plan.steps[step - 1]

@@ -3,12 +3,45 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from typing import TypeAlias
 
 from swarm_ctl.core.navigation import AGREE_M, Navigator, OwnFix
 from swarm_ctl.core.peers import Peers
 from swarm_ctl.core.plan import AgentPlan, Plan
 from swarm_ctl.core.state import StationBeacon
 from swarm_ctl.core.vehicle import VehicleView
+
+HeardStation: TypeAlias = tuple[StationBeacon, float]
+"""The newest beacon, and when it came."""
+
+
+@dataclass(frozen=True, slots=True)
+class Gate:
+    """What one agent has to see before it arms. `expect_station`: it does not arm before one is heard."""
+
+    plan: Plan
+    own: AgentPlan
+    plan_hash: int
+    navigator: Navigator
+    peers: Peers
+    expect_station: bool
+
+    def closed_by(self, view: VehicleView, fix: OwnFix | None, station: HeardStation | None) -> str:
+        """What keeps the vehicle on the ground, or ''."""
+        return not_ready(self.plan, self.own, view, fix, self.navigator) or self._other_plan(station)
+
+    def _other_plan(self, station: HeardStation | None) -> str:
+        """Who is not heard, or has another plan; ''."""
+        if station is None and self.expect_station:
+            return "no ground station heard yet"
+        hashes = [(f"agent {p.id}", p.state.plan_hash) for p in self.peers if p.state is not None]
+        if station is not None:
+            hashes.append((f"station {station[0].station}", station[0].plan_hash))
+        for who, plan_hash in hashes:
+            if plan_hash != self.plan_hash:
+                return f"{who} has another plan ({plan_hash:016x}, ours is {self.plan_hash:016x})"
+        return ""
 
 
 def not_ready(plan: Plan, own: AgentPlan, view: VehicleView, fix: OwnFix | None, navigator: Navigator) -> str:
@@ -25,17 +58,4 @@ def not_ready(plan: Plan, own: AgentPlan, view: VehicleView, fix: OwnFix | None,
     reserve = plan.policies.battery_reserve_percent
     if view.battery_percent is not None and view.battery_percent < reserve:
         return f"battery at {view.battery_percent:.0f} %; allowed: the reserve of {reserve:g} % and more"
-    return ""
-
-
-def other_plan(own: int, peers: Peers, station: tuple[StationBeacon, float] | None, *, expect_station: bool) -> str:
-    """Who is not heard, or has another plan than the one with the hash `own`; ''."""
-    if station is None and expect_station:
-        return "no ground station heard yet"
-    hashes = [(f"agent {p.id}", p.state.plan_hash) for p in peers if p.state is not None]
-    if station is not None:
-        hashes.append((f"station {station[0].station}", station[0].plan_hash))
-    for who, plan_hash in hashes:
-        if plan_hash != own:
-            return f"{who} has another plan ({plan_hash:016x}, ours is {own:016x})"
     return ""

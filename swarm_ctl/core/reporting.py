@@ -79,6 +79,7 @@ class Account:
             vehicle_link=VehicleLinkReport(view.frames, view.frames_lost, view.round_trip_s),
             echo=echo,
             gains=controller.gains,
+            safety=controller.keeper.report(),
         )
 
 

@@ -8,6 +8,7 @@ from typing import Final, Literal, TypeAlias
 
 from rich.cells import cell_len, set_cell_size
 
+from swarm_ctl.core.progress import step_name
 from swarm_ctl.core.state import Phase
 from swarm_ctl.core.text import printable
 from swarm_ctl.station.alerts import Level
@@ -122,7 +123,7 @@ def step_cell(row: Row, width: int) -> str:
     told = row.agent.newest
     if told is None:
         return row.glyphs.dash
-    name = row.view.step_name(told.step)
+    name = step_name(row.view.plan, told.step)
     done = f" {row.glyphs.well}" if told.done else ""
     if len(name + done) > width:
         name = name.partition(" ")[0]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
+from swarm_ctl.core.progress import step_name
 from swarm_ctl.station.alerts import alarms
 from swarm_ctl.station.view import AgentView, CommandView, SwarmView
 from swarm_ctl.station.wording import verdict
@@ -23,7 +24,7 @@ def json_line(view: SwarmView) -> str:
             "plan_hash": f"{view.plan_hash:016x}",
             "step": view.step,
             "steps": len(view.plan.steps),
-            "step_name": view.step_name(view.step),
+            "step_name": step_name(view.plan, view.step),
             "level": level.name.lower(),
             "verdict": text,
             "error_m": _rounded(view.error_m),

@@ -14,6 +14,7 @@ from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderResul
 from rich.segment import Segment
 from rich.text import Text
 
+from swarm_ctl.core.progress import step_name
 from swarm_ctl.core.state import PairReport, Phase
 from swarm_ctl.core.text import ranges
 from swarm_ctl.station.alerts import Level, alarms
@@ -100,7 +101,7 @@ class _Drawing:
         return Text.assemble(
             (f" {view.plan.name}", "bold"),
             gap,
-            (f"step {view.step}/{len(view.plan.steps)}: {view.step_name(view.step)}", "bold"),
+            (f"step {view.step}/{len(view.plan.steps)}: {step_name(view.plan, view.step)}", "bold"),
             gap,
             f"{minutes:02.0f}:{seconds:04.1f}",
             f" {glyphs.times}{view.speedup:g}" if view.speedup != 1 else "",

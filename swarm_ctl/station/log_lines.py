@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator
 from typing import Final
 
+from swarm_ctl.core.progress import step_name
 from swarm_ctl.core.state import Event
 from swarm_ctl.core.text import agents_named, printable
 from swarm_ctl.station.alerts import Alarm, alarms
@@ -32,7 +33,7 @@ def log_lines(previous: SwarmView | None, view: SwarmView) -> list[str]:
 
 def _step(previous: SwarmView | None, view: SwarmView) -> Iterator[str]:
     if view.step > (previous.step if previous else 0):
-        yield f"step {view.step}/{len(view.plan.steps)}: {view.step_name(view.step)}"
+        yield f"step {view.step}/{len(view.plan.steps)}: {step_name(view.plan, view.step)}"
 
 
 def _phases(previous: SwarmView | None, view: SwarmView) -> Iterator[str]:
@@ -59,7 +60,7 @@ def _reasons(previous: SwarmView | None, view: SwarmView) -> Iterator[str]:
 def _events(previous: SwarmView | None, view: SwarmView) -> Iterator[str]:
     fresh = view.event_count - (previous.event_count if previous else 0)
     # a new step is told by the states already, once for all
-    steps = {f"step {k}: {view.step_name(k)}" for k in range(len(view.plan.steps) + 1)}
+    steps = {f"step {k}: {step_name(view.plan, k)}" for k in range(len(view.plan.steps) + 1)}
     new: tuple[Event, ...] = view.events[-fresh:] if fresh > 0 else ()
     if fresh > len(new):
         yield f"{fresh - len(new)} events came too fast to be told"

@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from swarm_ctl.core.plan import Plan, Point
-from swarm_ctl.core.progress import step_name
 from swarm_ctl.core.state import (
     Ack,
     AgentState,
@@ -209,7 +208,3 @@ class SwarmView:
             if agent.id == agent_id:
                 return agent
         raise KeyError(agent_id)
-
-    def step_name(self, step: int) -> str:
-        """What a step number means: `prepare`, `takeoff`, `form hexagon`, ...; `?` where the plan has no such step."""
-        return step_name(self.plan, step) if 0 <= step <= len(self.plan.steps) else "?"

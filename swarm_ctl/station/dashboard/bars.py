@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from swarm_ctl.core.plan import Plan
+from swarm_ctl.core.progress import step_name
 from swarm_ctl.core.state import Phase
 from swarm_ctl.core.text import agents_named, printable, ranges
 from swarm_ctl.station.alerts import Level
@@ -33,7 +34,7 @@ def title_line(picture: Picture, width: int) -> Line:
     minutes, seconds = divmod(max(0.0, view.time_s), 60)
     heard = sum(agent.phase is not None and not agent.lost for agent in view.agents)
     line = Line(f" {printable(view.plan.name)}", "bold").add(gap, "dim")
-    line.add(f"step {view.step}/{len(view.plan.steps)}: {view.step_name(view.step)}", "bold").add(gap, "dim")
+    line.add(f"step {view.step}/{len(view.plan.steps)}: {step_name(view.plan, view.step)}", "bold").add(gap, "dim")
     line.add(f"{minutes:02.0f}:{seconds:04.1f}")
     line.add(f" ×{view.speedup:g}" if view.speedup != 1 else "").add(gap, "dim")
     everybody = heard == len(view.agents)

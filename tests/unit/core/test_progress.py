@@ -64,4 +64,4 @@ def test_results_tell_how_each_step_went() -> None:
 
 
 def test_steps_have_the_mission_files_names() -> None:
-    assert [step_name(PLAN, k) for k in range(5)] == ["prepare", "takeoff", "form hexagon", "hold", "land"]
+    assert [step_name(PLAN, k) for k in range(6)] == ["prepare", "takeoff", "form hexagon", "hold", "land", "?"]

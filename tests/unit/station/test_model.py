@@ -171,8 +171,3 @@ def test_links_are_what_receivers_report() -> None:
     view = flying_model(PLAN).view(30.0)
     assert len(view.links) == 30
     assert all(link.receiver != link.sender and link.report.received == 400 for link in view.links)
-
-
-def test_step_names() -> None:
-    view = Model(PLAN).view(0.0)
-    assert [view.step_name(k) for k in range(6)] == ["prepare", "takeoff", "form hexagon", "hold", "land", "?"]

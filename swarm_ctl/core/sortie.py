@@ -1,0 +1,92 @@
+"""What has become of the own flight so far: one record that the parts of an agent share, each writing its own lines.
+
+`core/agent.py` writes what forbids going on, `core/flight.py` and `core/descent.py` the phase, its reason and times.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from swarm_ctl.core import safety, watch
+from swarm_ctl.core.controller import Controller
+from swarm_ctl.core.navigation import OwnFix
+from swarm_ctl.core.plan import Plan, Point
+from swarm_ctl.core.progress import Progress
+from swarm_ctl.core.reporting import Account
+from swarm_ctl.core.state import Event, Phase
+from swarm_ctl.core.vehicle import Fly, VehicleView
+
+
+@dataclass(slots=True)
+class Sortie:
+    """One agent's flight. Times are on the agent's clock, heights above the take-off point."""
+
+    plan: Plan
+    agent: int
+    controller: Controller
+    account: Account = field(default_factory=Account)
+    phase: Phase = Phase.CONNECT
+    reason: str = ""
+    """Why it waits, holds or lands; '' when all is well."""
+    finding: watch.Finding | None = None
+    """What forbids going on, and is being carried out."""
+    finding_s: float = math.inf
+    arming_s: float = -math.inf
+    """When the vehicle was last asked to arm."""
+    was_armed: bool = False
+    had_control: bool = False
+    """The vehicle has followed our setpoints in this flight."""
+    landing_s: float | None = None
+    ended_s: float | None = None
+    ground_m: float = 0.0
+    """Height of the take-off point in the common frame."""
+    target_height_m: float = 0.0
+    planned_height_m: float = 0.0
+    events: list[Event] = field(default_factory=list)
+    """Said since the last tick."""
+
+    @property
+    def outcome(self) -> str:
+        """As in `AgentStatus`."""
+        if self.ended_s is None:
+            return "running"
+        return self.finding.outcome if self.finding else "completed"
+
+    def say(self, now: float, level: str, text: str) -> None:
+        """A line for the log."""
+        self.events.append(Event(self.agent, now, level, text))
+
+    def observe(self, view: VehicleView) -> None:
+        """What the vehicle says of itself, as far as it is our doing."""
+        self.was_armed |= view.armed and math.isfinite(self.arming_s)
+        self.had_control |= self.was_armed and view.controlled
+
+    def heed(self, now: float, finding: watch.Finding | None, fix: OwnFix | None, progress: Progress) -> None:
+        """Something forbids going on from now on, or (None) no longer does."""
+        if finding is None:
+            self.say(now, "info", "going on")
+            self.target_height_m = self.planned_height_m
+        else:
+            self.say(now, "error" if finding.outcome == "failed" else "warning", f"{finding.action}: {finding.reason}")
+            if finding.action != "hold":
+                progress.break_off("timeout" if "timed out" in finding.reason else "aborted", now)
+        self.finding, self.finding_s = finding, now
+        if fix is not None:
+            self.target_height_m = min(self.target_height_m, self.height(fix))  # never climb on while stopping
+
+    def height(self, fix: OwnFix) -> float:
+        """Above the take-off point [m]."""
+        return fix.height_m - self.ground_m
+
+    def setpoint(self, now: float, fix: OwnFix | None, velocity: Point | None) -> Fly:
+        """The tick's setpoint: this velocity (north, east), and towards the target height. Zero without a fresh fix."""
+        if fix is None or velocity is None:
+            self.controller.rest()
+            north, east, climb = 0.0, 0.0, 0.0
+            self.reason = self.reason or "no fresh position from the vehicle"
+        else:
+            (north, east) = velocity
+            climb = safety.climb_rate(self.target_height_m - self.height(fix), self.plan.limits)
+        self.account.setpoint(now)
+        return Fly((north, east, -climb))
