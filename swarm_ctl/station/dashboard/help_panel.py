@@ -38,7 +38,7 @@ _SIGNS: Final = (
         (
             "one line for each side of a pair; D must lie between its bounds; over 100 % of the budget Property 1 does"
             " not hold for that agent; paper, narrow, inactive, overspeed: by which rule D was chosen (overspeed: by"
-            " none)"
+            " none); safety filter: how often it flew something else than the law's wish"
         ),
     ),
 )

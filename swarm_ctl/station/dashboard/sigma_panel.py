@@ -48,7 +48,26 @@ def sigma_lines(picture: Picture, width: int) -> list[Line]:
         *_terms(view, width),
         Line(),
         *_tally(view, width),
+        *_filter(view),
     ]
+
+
+def _filter(view: SwarmView) -> list[Line]:
+    """What the safety filter has made of the law's wishes, and whom it keeps apart now."""
+    if not view.plan.safety.filter:
+        return [Line("   safety filter:", "bold dim").add("  off", "yellow")]
+    reports = [(agent.id, agent.status.safety) for agent in view.agents if agent.status is not None]
+    ticks, touched = sum(r.ticks for _, r in reports), sum(r.touched for _, r in reports)
+    yielded, releases = sum(r.yielded for _, r in reports), sum(r.releases for _, r in reports)
+    line = Line("   safety filter:", "bold dim").add(f"  changed {100 * touched / max(1, ticks):.1f}% of the ticks")
+    line.add(f"  gave way in {yielded}", "yellow" if yielded else "dim")
+    line.add(f"  dead-locks left {releases}", "" if releases else "dim")
+    kept = [
+        f"{i} from {', '.join('a stranger' if j == 0 else str(j) for j in r.kept_from)}"
+        for i, r in reports
+        if r.kept_from
+    ]
+    return [line, *([Line(f"   now it keeps {'; '.join(kept)}", "cyan")] if kept else [])]
 
 
 def _broken(picture: Picture) -> list[Line]:

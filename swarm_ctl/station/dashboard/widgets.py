@@ -7,6 +7,7 @@ from typing import ClassVar
 
 from rich.style import Style
 from textual.binding import Binding, BindingType
+from textual.events import Key
 from textual.geometry import Size
 from textual.message import Message
 from textual.scroll_view import ScrollView
@@ -91,6 +92,18 @@ class CommandInput(Input):
         self._at = 0
         self.purpose = ""
         """`order` or `filter`; empty: not in use."""
+
+    async def _on_key(self, event: Key) -> None:
+        """Editing keys act in their turn. As mere bindings they would be looked at after what was typed behind them:
+        over a slow line, or pasted, `5`, backspace, `4` would come out as 5.
+        """
+        bindings = self._bindings.key_to_bindings.get(event.key)
+        if not bindings:
+            await super()._on_key(event)
+            return
+        event.stop()
+        event.prevent_default()
+        await self.run_action(bindings[0].action)
 
     def open(self, purpose: str, text: str) -> None:
         """Take the keyboard."""

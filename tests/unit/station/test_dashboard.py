@@ -175,6 +175,21 @@ def test_kill_asks_once_and_only_y_means_yes() -> None:
     _play(play)
 
 
+def test_keys_that_come_all_at_once_keep_their_order() -> None:
+    """Over a slow line: a correction must not come after what it makes room for."""
+
+    async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
+        await pilot.press("colon")
+        keys = [*"tune", " ", "h", "tab", "backspace", "4", "left", "backspace", "3", "right", "enter"]
+        for key in keys:
+            app.post_message(Key({" ": "space"}.get(key, key), key if len(key) == 1 else None))
+        await settled(pilot)
+        await settled(pilot)
+        assert "tune: h 0.34; allowed in flight" in text(app)
+
+    _play(play)
+
+
 def test_ctrl_c_is_the_runs_and_q_leaves_only_a_watcher() -> None:
     async def mine(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
         await pilot.press("colon", "ctrl+c")
