@@ -43,11 +43,12 @@ class Descriptor(io.TextIOBase):
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
+        self._encoding = sys.stdout.encoding or "utf-8"
 
     @property
     def encoding(self) -> str:  # type: ignore[override]
         """That of stdout."""
-        return sys.stdout.encoding
+        return self._encoding
 
     def fileno(self) -> int:
         """The descriptor."""

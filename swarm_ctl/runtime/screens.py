@@ -240,7 +240,9 @@ def _relayed(opened: Callable[[], contextlib.AbstractContextManager[Printer]], w
 
 @contextlib.contextmanager
 def _compact(console: Console, *, owns_run: bool) -> Iterator[Printer]:
-    with Live(console=console, auto_refresh=False, vertical_overflow="crop", redirect_stderr=False) as live:
+    with Live(
+        console=console, auto_refresh=False, vertical_overflow="crop", redirect_stdout=False, redirect_stderr=False
+    ) as live:
         yield CompactPrinter(live, console, owns_run)
 
 

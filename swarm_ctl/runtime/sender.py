@@ -56,8 +56,7 @@ class Sender:
     def __init__(self, folder: Path) -> None:
         self.manifest: Manifest = read_manifest(folder)
         self._clock = Clock(self.manifest.epoch_s, self.manifest.speedup)
-        connect = [agent.mesh for agent in self.manifest.fleet if agent.mesh]
-        transport = ZenohTransport([], connect, self._clock.now, self._clock.speedup)
+        transport = ZenohTransport([], self.manifest.whole_mesh, self._clock.now, self._clock.speedup)
         self._node = Node(transport, self.manifest.swarm, f"send-{os.getpid()}-{uuid.uuid4().hex[:6]}")
         self._node.listen(keys.ACK, keys.STATE, keys.STATUS)
         self._states: dict[int, AgentState] = {}

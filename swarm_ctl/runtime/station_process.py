@@ -52,7 +52,7 @@ def run_station(
     manifest = read_manifest(folder)
     clock = Clock(manifest.epoch_s, manifest.speedup)
     listen = [manifest.station_mesh] if manifest.station_mesh and control else []
-    connect = [agent.mesh for agent in manifest.fleet if agent.mesh]
+    connect = manifest.agents_mesh if control else manifest.whole_mesh
     name = _name()
     node = Node(ZenohTransport(listen, connect, clock.now, clock.speedup), manifest.swarm, name)
     recorder = Recorder(folder, manifest) if control else None

@@ -99,6 +99,7 @@ def test_two_more_stations_watch_command_and_leave(tmp_path: Path) -> None:
             code, _ = one.wait_for_end()
             assert code == 0
         assert running.wait() == 1
+        assert '"kind":"land"' in (running.folder / "commands.jsonl").read_text()  # stations hear each other
         running.assert_nothing_left()
 
 

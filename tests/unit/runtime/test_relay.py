@@ -6,6 +6,7 @@ import fcntl
 import itertools
 import json
 import os
+import termios
 import threading
 import time
 from collections.abc import Iterator
@@ -68,6 +69,34 @@ def test_nobody_reads(show: Show, pipe: tuple[int, int]) -> None:
     present(show, PLAN, None, watch, out=pipe[1])
     assert slowest < 0.2
     assert time.monotonic() - begun < 5.0
+
+
+def test_a_terminal_that_is_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-S: the compact picture stands still, the station does not; it says what was skipped when it goes on."""
+    monkeypatch.setattr("swarm_ctl.runtime.relay._END_WALL_S", 0.3)
+    ours, theirs = os.openpty()
+    termios.tcsetwinsize(theirs, (24, 80))
+    slowest, got = 0.0, b""
+
+    def watch(screen: Screen) -> None:
+        nonlocal slowest, got
+        made = views(60)
+        for view in made[:-1]:
+            begun = time.monotonic()
+            screen.show(view)
+            slowest = max(slowest, time.monotonic() - begun)
+            time.sleep(0.01)
+        screen.show(made[-1])
+        until = time.monotonic() + 10
+        while b"views skipped" not in got and time.monotonic() < until:
+            got += os.read(ours, ROOM)
+
+    present(Show.COMPACT, PLAN, None, watch, out=theirs)
+    os.close(ours)
+    os.close(theirs)
+    assert slowest < 0.2
+    assert b"form hexagon" in got
+    assert b"views skipped" in got
 
 
 def test_who_reads_again_is_told_what_was_missed(pipe: tuple[int, int]) -> None:
