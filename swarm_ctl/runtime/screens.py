@@ -126,14 +126,14 @@ class JsonPrinter:
 class CompactPrinter:
     """The compact live view."""
 
-    def __init__(self, live: Live, console: Console, owns_run: bool) -> None:
+    def __init__(self, live: Live, console: Console, ctrl_c: str) -> None:
         self._live = live
-        self._owns_run = owns_run
+        self._ctrl_c = ctrl_c
         self._console = console
 
     def draw(self, view: SwarmView) -> None:
         """Redraw."""
-        picture = render(view, self._console.width, self._console.height, owns_run=self._owns_run)
+        picture = render(view, self._console.width, self._console.height, ctrl_c=self._ctrl_c)
         self._live.update(picture, refresh=True)
 
     def say(self, text: str) -> None:
@@ -215,15 +215,14 @@ def present(
     """
     file = Descriptor(out)
     console = Console(file=cast("TextIO", file))
-    if show is Show.DASHBOARD and not _can_show_dashboard(console):
-        show = Show.COMPACT
-    if show is Show.COMPACT and not console.is_terminal:
-        show = Show.LOG
+    show = possible(show, console)
     match show:
         case Show.DASHBOARD:
             _with_dashboard(DashboardScreen(plan, interrupt), watch)
         case Show.COMPACT:
-            _relayed(lambda: _compact(console, owns_run=interrupt is not None), watch)
+            _relayed(
+                lambda: _compact(console, "" if interrupt else "Ctrl-C leaves this station; the swarm flies on"), watch
+            )
         case Show.LOG:
             _relayed(lambda: contextlib.nullcontext(LogPrinter(cast("TextIO", file))), watch)
         case Show.JSON:
@@ -239,11 +238,20 @@ def _relayed(opened: Callable[[], contextlib.AbstractContextManager[Printer]], w
 
 
 @contextlib.contextmanager
-def _compact(console: Console, *, owns_run: bool) -> Iterator[Printer]:
+def _compact(console: Console, ctrl_c: str) -> Iterator[Printer]:
     with Live(
         console=console, auto_refresh=False, vertical_overflow="crop", redirect_stdout=False, redirect_stderr=False
     ) as live:
-        yield CompactPrinter(live, console, owns_run)
+        yield CompactPrinter(live, console, ctrl_c)
+
+
+def possible(show: Show, console: Console) -> Show:
+    """What was asked for, or the best that this terminal can do instead."""
+    if show is Show.DASHBOARD and not _can_show_dashboard(console):
+        show = Show.COMPACT
+    if show is Show.COMPACT and not console.is_terminal:
+        show = Show.LOG
+    return show
 
 
 def _can_show_dashboard(console: Console) -> bool:

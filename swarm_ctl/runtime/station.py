@@ -31,11 +31,16 @@ _STATUS_S: Final = 2.0
 class Recorder:
     """Events, commands (with their answers) and statuses as JSON lines in the run folder, each line written at once.
 
-    `mcap` takes everything.
+    `mcap` takes everything. `station` is whose echoes the recording has.
     """
 
-    def __init__(self, folder: Path, manifest: Manifest) -> None:
-        about = {"mission": manifest.mission, "plan_hash": manifest.plan_hash, "manifest": manifest.model_dump_json()}
+    def __init__(self, folder: Path, manifest: Manifest, station: str = "") -> None:
+        about = {
+            "mission": manifest.mission,
+            "plan_hash": manifest.plan_hash,
+            "manifest": manifest.model_dump_json(),
+            "station": station,
+        }
         start_ns = round(manifest.started_at.timestamp() * 1e9)
         self.mcap = McapRecorder(folder, start_ns, about, manifest.record_hz)
         self._events = (folder / "events.jsonl").open("ab", buffering=0)

@@ -55,7 +55,7 @@ def run_station(
     connect = manifest.agents_mesh if control else manifest.whole_mesh
     name = _name()
     node = Node(ZenohTransport(listen, connect, clock.now, clock.speedup), manifest.swarm, name)
-    recorder = Recorder(folder, manifest) if control else None
+    recorder = Recorder(folder, manifest, name) if control else None
     try:
         station = Station(manifest.plan, Path(manifest.mission), node, clock, name, recorder)
         interrupt = _interrupt_of(control) if control else None

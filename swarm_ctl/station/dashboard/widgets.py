@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import ClassVar
+from typing import ClassVar, Final
 
 from rich.style import Style
 from textual.binding import Binding, BindingType
@@ -18,6 +18,12 @@ from textual.widgets import Input
 from swarm_ctl.core.plan import Plan
 from swarm_ctl.station.dashboard.ink import Line
 from swarm_ctl.station.orders import complete
+
+_PLACEHOLDERS: Final = {
+    "order": "a command; tab completes, esc leaves",
+    "filter": "words to look for",
+    "time": "a time: 83, 1:23, +10, -10, end; esc leaves",
+}
 
 
 class Painted(ScrollView, can_focus=False):
@@ -91,7 +97,7 @@ class CommandInput(Input):
         self._before: list[str] = []
         self._at = 0
         self.purpose = ""
-        """`order` or `filter`; empty: not in use."""
+        """A key of `_PLACEHOLDERS`; empty: not in use."""
 
     async def _on_key(self, event: Key) -> None:
         """Editing keys act in their turn. As mere bindings they would be looked at after what was typed behind them:
@@ -109,7 +115,7 @@ class CommandInput(Input):
         """Take the keyboard."""
         self.purpose = purpose
         self.suggester = self._completion if purpose == "order" else None
-        self.placeholder = "a command; tab completes, esc leaves" if purpose == "order" else "words to look for"
+        self.placeholder = _PLACEHOLDERS[purpose]
         self.can_focus = True
         self.value = text
         self.cursor_position = len(text)

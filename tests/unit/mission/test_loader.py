@@ -14,6 +14,7 @@ import yaml
 
 from swarm_ctl.core import graph
 from swarm_ctl.core.plan import Compensation, FormStep, HoldStep, LandStep, Policies, Policy, TakeoffStep
+from swarm_ctl.core.response import TYPICAL
 from swarm_ctl.errors import MissionError
 from swarm_ctl.mission.fleet import FleetAgent
 from swarm_ctl.mission.loader import dumps, load, loads
@@ -228,7 +229,7 @@ def test_the_fleet_has_one_entry_per_agent_sorted() -> None:
     assert fleet.agents == (
         FleetAgent(1, 1, "ardupilot", "udpout:10.0.0.1:14550", "tcp/10.0.0.1:7447"),
         FleetAgent(2, 2, "ardupilot", "udpout:10.0.0.2:14550", "tcp/10.0.0.2:7447"),
-        FleetAgent(3, 3, "px4"),
+        FleetAgent(3, 3, "px4", response=TYPICAL["px4"]),
     )
     assert fleet.agent(3).autopilot == "px4"
     with pytest.raises(KeyError):
