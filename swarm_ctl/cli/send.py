@@ -51,6 +51,7 @@ def send(
         swarm-ctl send kill --agents 3
     """
     from swarm_ctl.runtime.sender import Answers, Sender
+    from swarm_ctl.station.wording import command_words
 
     given = arguments or []
     _check(command, given)
@@ -76,6 +77,8 @@ def send(
         console.print(f"agent {agent}: {'accepted' if ack.accepted else 'refused: ' + ack.reason}", soft_wrap=True)
     for agent in answers.silent:
         console.print(f"agent {agent}: no answer", style="bold red")
+    if answers.accepted and answers.command.tuning is not None:
+        console.print(f"all agents: {command_words(answers.command)}", soft_wrap=True)
     if answers.failed:
         console.print(f"nothing changes: {answers.failed}", style="bold red", soft_wrap=True)
     raise typer.Exit(0 if answers.accepted else 1)
