@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import signal
 import socket
 import subprocess
@@ -12,7 +13,9 @@ from pathlib import Path
 
 import pytest
 
+from swarm_ctl.cli.station import station
 from swarm_ctl.core.frames import geodetic_from_ned
+from swarm_ctl.errors import InputError
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
@@ -61,7 +64,7 @@ def mission(tmp_path: Path) -> LoadedMission:
     return load(path)
 
 
-def simulator_config(mission: LoadedMission, epoch_s: float, speedup: float, truth: Path) -> dict[str, object]:
+def simulator_config(mission: LoadedMission, epoch_s: float, speedup: float) -> dict[str, object]:
     plan = mission.plan
     vehicles = []
     for agent, entry in zip(plan.agents, mission.fleet.agents, strict=True):
@@ -70,8 +73,74 @@ def simulator_config(mission: LoadedMission, epoch_s: float, speedup: float, tru
         endpoint = (entry.endpoint or "").replace("udpout", "udpin")
         vehicles.append({"sysid": entry.sysid, "persona": entry.autopilot, "endpoint": endpoint} | place)
     origin = {"lat_deg": plan.origin.lat_deg, "lon_deg": plan.origin.lon_deg, "alt_m": plan.origin.alt_m}
-    config = {"version": 1, "speedup": speedup, "epoch_s": epoch_s, "origin": origin, "vehicles": vehicles}
-    return config | {"truth_path": str(truth)}
+    return {"version": 1, "speedup": speedup, "epoch_s": epoch_s, "origin": origin, "vehicles": vehicles}
+
+
+def test_two_agents_and_a_station_that_knows_the_mission(mission: LoadedMission, tmp_path: Path) -> None:
+    """Both find each other within 2 s of the last start, fly the mission and exit 0; no `run` was needed. A station
+    without a run folder waits for them, tells their time and their flight, and sees the end.
+    """
+    speedup, epoch_s = 5.0, time.monotonic()
+    config = tmp_path / "sim.json"
+    config.write_text(json.dumps(simulator_config(mission, epoch_s, speedup)))
+    listener = Node(
+        ZenohTransport([], [entry.mesh for entry in mission.fleet.agents if entry.mesh], time.monotonic),
+        mission.plan.name,
+        "listener",
+    )
+    listener.listen(keys.STATUS)
+    processes = [
+        subprocess.Popen(
+            [sys.executable, "-m", "sim", "--config", str(config)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+    ]
+    watching = subprocess.Popen(
+        [SWARM_CTL, "station", "--mission", mission.source, "--json", "--speedup", "5"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    processes.append(watching)
+    try:
+        agents = [
+            subprocess.Popen(
+                [SWARM_CTL, "agent", mission.source, "--id", str(i), "--speedup", "5", "--epoch", str(epoch_s)],
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+            )
+            for i in (1, 2)
+        ]
+        processes += agents
+        first: dict[int, float] = {}  # when each agent's first status came
+        heard: dict[int, float] = {}  # when it first said that it hears its peer
+        while len(heard) < 2:
+            assert all(agent.poll() is None for agent in agents), [a.communicate()[1] for a in agents]
+            for status, _ in listener.take(keys.STATUS):
+                first.setdefault(status.agent, status.time_s)
+                if all(link.received for link in status.links.values()):
+                    heard.setdefault(status.agent, status.time_s)
+            time.sleep(0.01)
+        # an agent's state is published once its vehicle's position is known, 3 s after the simulator's start
+        last_start = max(*first.values(), 3.0)
+        assert max(heard.values()) - last_start < 2.0 * speedup
+        assert [agent.wait(60) for agent in agents] == [0, 0]
+        flown = (time.monotonic() - epoch_s) * speedup
+        watching.send_signal(signal.SIGINT)
+        lines = [json.loads(line) for line in watching.communicate()[0].splitlines()]
+        assert watching.returncode == 130
+        assert lines[0]["verdict"] == "waiting for agents 1-2"
+        assert abs(lines[-1]["time_s"] - flown) < 5.0
+        assert {"takeoff", "form pair", "land"} <= {line["step_name"] for line in lines}
+        assert not {alarm["name"] for line in lines for alarm in line["alarms"]} & {"other plan", "silent", "stranger"}
+    finally:
+        listener.close()
+        for process in processes:
+            if process.poll() is None:
+                process.kill()
+            process.communicate()
 
 
 def started(mission: LoadedMission, agent: int, speedup: float, epoch_s: float) -> subprocess.Popen[bytes]:
@@ -82,14 +151,11 @@ def started(mission: LoadedMission, agent: int, speedup: float, epoch_s: float) 
     )
 
 
-def test_two_agents_without_a_station(mission: LoadedMission, tmp_path: Path) -> None:
-    """Both find each other within 2 s of the last start, and exit 0 after the mission; nobody else was needed.
-
-    On the way one is killed while they form, and started again by hand: it takes its vehicle over and flies on.
-    """
+def test_an_agent_is_killed_and_started_again(mission: LoadedMission, tmp_path: Path) -> None:
+    """SIGKILL while they form, started again by hand: it takes its vehicle over, both complete, apart; no station."""
     speedup, epoch_s = 2.0, time.monotonic()
     config, truth = tmp_path / "sim.json", tmp_path / "truth.jsonl"
-    config.write_text(json.dumps(simulator_config(mission, epoch_s, speedup, truth)))
+    config.write_text(json.dumps(simulator_config(mission, epoch_s, speedup) | {"truth_path": str(truth)}))
     listener = Node(
         ZenohTransport([], [entry.mesh for entry in mission.fleet.agents if entry.mesh], time.monotonic),
         mission.plan.name,
@@ -105,21 +171,11 @@ def test_two_agents_without_a_station(mission: LoadedMission, tmp_path: Path) ->
     agents = {i: started(mission, i, speedup, epoch_s) for i in (1, 2)}
     processes = [simulator, *agents.values()]
     try:
-        first: dict[int, float] = {}  # when each agent's first status came
-        heard: dict[int, float] = {}  # when it first said that it hears its peer
         forming: set[int] = set()
         while len(forming) < 2:
             assert all(agent.poll() is None for agent in agents.values()), [a.communicate()[1] for a in agents.values()]
-            for status, _ in listener.take(keys.STATUS):
-                first.setdefault(status.agent, status.time_s)
-                if all(link.received for link in status.links.values()):
-                    heard.setdefault(status.agent, status.time_s)
-                if status.step == 2:
-                    forming.add(status.agent)
+            forming |= {status.agent for status, _ in listener.take(keys.STATUS) if status.step == 2}
             time.sleep(0.01)
-        # an agent's state is published once its vehicle's position is known, 3 s after the simulator's start
-        last_start = max(*first.values(), 3.0)
-        assert max(heard.values()) - last_start < 2.0 * speedup
         agents[1].kill()
         agents[1].wait()
         agents[1] = started(mission, 1, speedup, epoch_s)
@@ -154,6 +210,24 @@ def test_one_agent_lands_on_sigint(mission: LoadedMission) -> None:
     finally:
         agent.kill()
         agent.communicate()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "why"),
+    [
+        (["--mesh", "tcp/10.0.0.5"], "--mesh tcp/10.0.0.5: no endpoint of the mesh; allowed: tcp/HOST:PORT"),
+        (["--mesh", "tcp/10.0.0.5:99999"], "no endpoint of the mesh"),
+        ([], "its fleet does not say where agents listen (`mesh`)"),
+        (["runs/x", "--mesh", "tcp/10.0.0.5:7447"], "both a run folder"),
+    ],
+)
+def test_a_station_needs_endpoints(tmp_path: Path, arguments: list[str], why: str) -> None:
+    """As the fleet of the mission or the command line names them."""
+    text = MISSION.format(vehicles=[1, 2], meshes=[3, 4])
+    path = tmp_path / "bare.yaml"
+    path.write_text(text[: text.index("fleet:")])
+    with pytest.raises(InputError, match=re.escape(why)):
+        station(*(Path(a) for a in arguments[:1] if not a.startswith("-")), mission=path, mesh=arguments[-1:])
 
 
 def test_an_agent_needs_its_endpoints(tmp_path: Path) -> None:

@@ -1,0 +1,50 @@
+"""The rows of `faults.py`: nobody too near, nothing hangs, everybody comes down, and the log says why."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from swarm_ctl.mesh.impaired import Impairment
+from tests.scenarios.faults import GUSTY, ROWS, SAFE, Faulty, Row
+
+
+def wrong(row: Row, seed: int) -> list[str]:
+    """What the row's checks find."""
+    faulty = Faulty(row, seed)
+    faulty.fly()
+    return [found for check in row.checks if (found := check(faulty))]
+
+
+@pytest.mark.parametrize("row", ROWS, ids=str)
+def test_fault(row: Row) -> None:
+    """One of the rows, one seed."""
+    assert wrong(row, 1) == []
+
+
+def test_same_seed_same_trace() -> None:
+    """A flight in bad weather over a bad mesh is repeated to the last bit; another seed is another flight."""
+    row = next(row for row in ROWS if row.name == "gusts, lost, late")
+    flights = [Faulty(row, seed) for seed in (1, 1, 2)]
+    for flight in flights:
+        flight.fly()
+    assert flights[0].trace() == flights[1].trace()
+    assert flights[0].trace() != flights[2].trace()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(2, 12))
+@pytest.mark.parametrize("row", ROWS, ids=str)
+def test_fault_again(row: Row, seed: int) -> None:
+    """The same with other dice."""
+    assert wrong(row, seed) == []
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("row", [row for row in ROWS if row.happenings], ids=str)
+def test_fault_on_a_bad_day(row: Row, seed: int) -> None:
+    """What happens to one agent, over a mesh that loses a fifth and is late, in gusts: safe whatever the outcome."""
+    bad = replace(row, checks=SAFE, mesh=Impairment(0.2, 0.05, 0.1, 0.05), vehicles=GUSTY)
+    assert wrong(bad, seed) == []
