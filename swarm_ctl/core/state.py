@@ -291,7 +291,7 @@ class Ack:
 
 @dataclass(frozen=True, slots=True)
 class StationBeacon:
-    """Sent at 2 Hz by every ground station."""
+    """Sent at 4 Hz by every ground station."""
 
     station: str
     time_s: float

@@ -72,7 +72,7 @@ COMMAND: Final = Channel(
     "station -> agents",
 )
 BEACON: Final = Channel(
-    "beacon", "swarm/{swarm}/station/{id}/beacon", StationBeacon, "2 Hz", REPORT, "station -> agents, stations"
+    "beacon", "swarm/{swarm}/station/{id}/beacon", StationBeacon, "4 Hz", REPORT, "station -> agents, stations"
 )
 
 CHANNELS: Final[tuple[Channel[object], ...]] = (STATE, STATUS, SIGMA, EVENT, ACK, COMMAND, BEACON)  # type: ignore[assignment]

@@ -26,7 +26,7 @@ from swarm_ctl.core.state import (
 from swarm_ctl.station.history import Histories
 
 _STATION_S: Final = 2.0
-"""A station that was not heard for four of its beacons has left."""
+"""A station that was not heard for eight of its beacons has left."""
 
 
 def newest(state: AgentState | None, status: AgentStatus | None) -> AgentState | AgentStatus | None:

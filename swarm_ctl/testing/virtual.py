@@ -104,7 +104,7 @@ class VirtualSwarm:
         self.now += self.plan.tick_s
         if self.simulator_alive:
             self._run_world()
-        if self.station_alive and round(self.now / self.plan.tick_s) % 10 == 0:
+        if self.station_alive and round(self.now / self.plan.tick_s) % 5 == 0:
             self._station.send(keys.BEACON, StationBeacon("test", self.now, self.plan.hash()))
         for member in self.members.values():
             if member.alive and not member.frozen:
