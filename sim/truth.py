@@ -2,22 +2,36 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import logging
 import os
 from pathlib import Path
 from typing import Any
 
+log = logging.getLogger(__name__)
+
 
 class TruthFile:
-    """Writes lines to `path` without buffering."""
+    """Writes lines to `path` without buffering. A disk that takes no more ends the file, not the flight."""
 
     def __init__(self, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
+        self.failure = ""
+        """Why nothing is written any more."""
 
     def write(self, line: dict[str, Any]) -> None:
         """One object, one line, one system call."""
-        os.write(self._fd, json.dumps(line, separators=(",", ":")).encode() + b"\n")
+        if self.failure:
+            return
+        data = json.dumps(line, separators=(",", ":")).encode() + b"\n"
+        try:
+            if os.write(self._fd, data) < len(data):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        except OSError as error:
+            self.failure = error.strerror or str(error)
+            log.warning("the truth file ends here: %s; flying on", self.failure)
 
     def close(self) -> None:
         """No more lines."""

@@ -8,6 +8,8 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from swarm_ctl.errors import InputError
+
 _Run = Annotated[Path, typer.Argument(help="A run folder, e.g. runs/20260101-120000-hexagon.")]
 
 
@@ -18,7 +20,11 @@ def report(run: _Run) -> None:
     """
     from swarm_ctl.report.page import make_report
 
-    Console(highlight=False).print(f"report: {make_report(run)}", soft_wrap=True)
+    try:
+        page = make_report(run)
+    except OSError as error:
+        raise InputError(f"{run}: the report can't be written: {error.strerror}") from error
+    Console(highlight=False).print(f"report: {page}", soft_wrap=True)
 
 
 def compare(

@@ -47,6 +47,9 @@ class Recorder:
 
     def take(self, payload: Payload, heard_s: float) -> None:
         """Record a payload; returns at once."""
+        if self.failure:
+            self.dropped += 1
+            return
         try:
             self._queue.put_nowait((payload, heard_s))
         except queue.Full:

@@ -40,8 +40,12 @@ def read_lines(path: Path, damage: Damage) -> Iterator[bytes]:
 def write_whole(path: Path, text: str) -> None:
     """Replace a file in one move: a reader finds the old or the new one, never a part."""
     part = path.with_name(f".{path.name}.{os.getpid()}")
-    part.write_text(text, encoding="utf-8")
-    part.replace(path)
+    try:
+        part.write_text(text, encoding="utf-8")
+        part.replace(path)
+    except OSError:
+        part.unlink(missing_ok=True)
+        raise
 
 
 def wording(error: ValidationError) -> str:

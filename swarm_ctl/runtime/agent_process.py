@@ -169,9 +169,19 @@ def run_agent(config: AgentConfig, lifeline: Lifeline) -> int:
         link.close()
         if tlog is not None:
             tlog.close()
+            if tlog.failure:
+                sys.stderr.write(f"agent: {config.tlog} ends early: {tlog.failure}\n")
     if config.report is not None and status is not None:
-        config.report.write_bytes(TypeAdapter(AgentStatus).dump_json(status, indent=1))
+        _write_report(config.report, status)
     return 0 if ended.outcome in ("completed", "aborted") else 1
+
+
+def _write_report(path: Path, status: AgentStatus) -> None:
+    """A disk that takes no more does not make a flight a failure: the station's record has the last status, too."""
+    try:
+        path.write_bytes(TypeAdapter(AgentStatus).dump_json(status, indent=1))
+    except OSError as error:
+        sys.stderr.write(f"agent: {path} can't be written: {error.strerror}\n")
 
 
 def _loop(

@@ -102,7 +102,10 @@ def fly(mission: LoadedMission, options: Options, say: Callable[[str], None]) ->
             run.end()
         codes = run.exit_codes()
         summary = summarise(folder, codes)
-        write_summary(folder, summary)
+        try:
+            write_summary(folder, summary)
+        except OSError as error:  # a full disk: what was flown is told all the same
+            say(f"the summary can't be written: {error.strerror}")
         return Result(folder, summary, interrupts.count)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -29,6 +31,29 @@ _STATUS_S: Final = 2.0
 """Mission time between recorded statuses of one agent: the fallback when it can't write its own last one."""
 
 
+class _Lines:
+    """A file that grows by whole JSON lines; a disk that takes no more ends it, not the station."""
+
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("ab", buffering=0)
+        self.name = path.name
+        self.failure = ""
+
+    def write(self, data: bytes) -> None:
+        """One line."""
+        if self.failure:
+            return
+        try:
+            if self._file.write(data + b"\n") <= len(data):
+                self.failure = os.strerror(errno.ENOSPC)
+        except OSError as error:
+            self.failure = error.strerror or str(error)
+
+    def close(self) -> None:
+        """No more lines."""
+        self._file.close()
+
+
 class Recorder:
     """Events, commands (with their answers) and statuses as JSON lines in the run folder, each line written at once.
 
@@ -44,25 +69,34 @@ class Recorder:
         }
         start_ns = round(manifest.started_at.timestamp() * 1e9)
         self.mcap = McapRecorder(folder, start_ns, about, manifest.record_hz)
-        self._events = (folder / "events.jsonl").open("ab", buffering=0)
-        self._commands = (folder / "commands.jsonl").open("ab", buffering=0)
-        self._statuses = (folder / "statuses.jsonl").open("ab", buffering=0)
+        self._events = _Lines(folder / "events.jsonl")
+        self._commands = _Lines(folder / "commands.jsonl")
+        self._statuses = _Lines(folder / "statuses.jsonl")
+        self._told: set[str] = set()
         self._adapter = TypeAdapter(object)
         self._due: dict[int, float] = {}
 
     def event(self, event: Event) -> None:
         """Record an event."""
-        self._events.write(self._adapter.dump_json(event) + b"\n")
+        self._events.write(self._adapter.dump_json(event))
 
     def command(self, command: Command | Ack) -> None:
         """Record a command or an answer to one."""
-        self._commands.write(self._adapter.dump_json(command) + b"\n")
+        self._commands.write(self._adapter.dump_json(command))
 
     def status(self, status: AgentStatus) -> None:
         """Record a status now and then, and always an agent's last one."""
         if status.outcome != "running" or status.time_s >= self._due.get(status.agent, 0.0):
             self._due[status.agent] = status.time_s + _STATUS_S
-            self._statuses.write(self._adapter.dump_json(status) + b"\n")
+            self._statuses.write(self._adapter.dump_json(status))
+
+    def troubles(self) -> list[str]:
+        """What is not recorded any more, and why: each file once."""
+        files = {lines.name: lines.failure for lines in (self._events, self._commands, self._statuses)}
+        files["recording.mcap"] = self.mcap.failure
+        new = {name: why for name, why in files.items() if why and name not in self._told}
+        self._told |= new.keys()
+        return [f"{name} is not written any more: {why}; the flight goes on" for name, why in new.items()]
 
     def close(self) -> None:
         """Close the files."""
@@ -147,7 +181,7 @@ class Station:
         if now >= self._beacon_due:
             self._beacon_due = now + _BEACON_S
             self._node.send(keys.BEACON, StationBeacon(self._name, now, self._hash))
-        return told
+        return told + (self._recorder.troubles() if self._recorder else [])
 
     def _heard(self, clock: HeardClock) -> bool:
         """Set the clock by what agents say. The first words only do that: their times mean nothing before."""
