@@ -26,7 +26,7 @@ from swarm_ctl.station.view import StationHealth, SwarmView
 
 _ONLY_SHOWN: Final[tuple[keys.Channel[Any], ...]] = (keys.STATE, keys.SIGMA, keys.BEACON)
 _BEACON_S: Final = 0.25
-"""Twenty before an agent gives it up (5 s): at half of all messages lost, one flight in a thousand; with ten, in five."""
+"""Twenty before an agent gives it up (5 s): with half of all messages lost one flight in 1,000; with ten, one in 5."""
 _STATUS_S: Final = 2.0
 """Mission time between recorded statuses of one agent: the fallback when it can't write its own last one."""
 
