@@ -1,0 +1,27 @@
+"""A station's records on a disk that takes no more: it is given up, and told once; the others go on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from swarm_ctl.core.state import Ack, Event
+from swarm_ctl.runtime.station import Recorder
+from tests.unit.report.folder import manifest
+
+FULL = Path("/dev/full")
+
+
+@pytest.mark.skipif(not FULL.exists(), reason="no /dev/full on this system")
+def test_a_full_disk_is_told_once(tmp_path: Path) -> None:
+    (tmp_path / "events.jsonl").symlink_to(FULL)
+    recorder = Recorder(tmp_path, manifest(speedup=1.0, epoch_s=0.0))
+    told: list[str] = []
+    for _ in range(3):
+        recorder.event(Event(1, 0.0, "info", "hello"))
+        recorder.command(Ack(1, "c", True, ""))
+        told += recorder.troubles()
+    recorder.close()
+    assert told == ["events.jsonl is not written any more: No space left on device; the flight goes on"]
+    assert (tmp_path / "commands.jsonl").read_bytes().count(b"\n") == 3
