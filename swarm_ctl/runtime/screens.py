@@ -111,13 +111,21 @@ class JsonScreen(Blind):
 
     def __init__(self) -> None:
         self._due = 0.0
+        self._unsaid: SwarmView | None = None
 
     def show(self, view: SwarmView) -> None:
         """Print it, if it is time."""
+        self._unsaid = view
         if wall.wall_s() >= self._due:
             self._due = wall.wall_s() + _JSON_WALL_S
-            sys.stdout.write(json_line(view) + "\n")
+            self.finish()
+
+    def finish(self) -> None:
+        """Print the last view, unless it is printed already."""
+        if self._unsaid is not None:
+            sys.stdout.write(json_line(self._unsaid) + "\n")
             sys.stdout.flush()
+            self._unsaid = None
 
 
 class CompactScreen(Blind):
@@ -210,7 +218,9 @@ def present(show: Show, plan: Plan, interrupt: Callable[[], None] | None, watch:
         case Show.LOG:
             watch(LogScreen())
         case Show.JSON:
-            watch(JsonScreen())
+            screen = JsonScreen()
+            watch(screen)
+            screen.finish()
 
 
 def _can_show_dashboard(console: Console) -> bool:
