@@ -14,6 +14,7 @@ from typing import Any, Self
 
 ROOT = Path(__file__).parents[2]
 HEXAGON = ROOT / "missions" / "hexagon.yaml"
+LOW = Path(__file__).with_name("low.yaml")
 SWARM_CTL = Path(sys.executable).parent / "swarm-ctl"
 
 

@@ -7,10 +7,10 @@ import subprocess
 from pathlib import Path
 
 from tests.system.conftest import Whole
-from tests.system.running import HEXAGON, SWARM_CTL, Running
+from tests.system.running import HEXAGON, LOW, SWARM_CTL, Running
 from tests.system.terminal import Terminal, needs_tmux
 
-RUN = ("run", HEXAGON, "--speedup", "4")
+RUN = ("run", LOW, "--speedup", "4")
 
 
 @needs_tmux
@@ -96,7 +96,7 @@ def test_two_more_stations_watch_command_and_leave(tmp_path: Path) -> None:
 
 
 def test_a_station_in_mid_flight_has_the_whole_picture_in_two_seconds(tmp_path: Path) -> None:
-    with Running(*RUN[:2], "--speedup", "1", "--headless", cwd=tmp_path) as running:
+    with Running("run", HEXAGON, "--speedup", "1", "--headless", cwd=tmp_path) as running:
         running.wait_for_event("step 1: takeoff", count=6)
         command = [str(SWARM_CTL), "station", "--json"]
         with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, text=True) as late:

@@ -13,11 +13,11 @@ from swarm_ctl import recording
 from swarm_ctl.core.state import AgentState, AgentStatus
 from swarm_ctl.recording.mcap_reader import is_whole, messages, truth
 from tests.system.conftest import Whole
-from tests.system.running import HEXAGON, Running
+from tests.system.running import LOW, Running
 
 pytestmark = pytest.mark.timeout(240)
 
-RUN = ("run", HEXAGON, "--speedup", "3", "--headless")
+RUN = ("run", LOW, "--speedup", "4", "--headless")
 
 
 def test_a_whole_run_is_recorded_and_reported(whole: Whole) -> None:

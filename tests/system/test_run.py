@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 
 from tests.system.conftest import Whole
-from tests.system.running import HEXAGON, Running
+from tests.system.running import HEXAGON, LOW, Running
 
 pytestmark = pytest.mark.timeout(180)
 
-RUN = ("run", HEXAGON, "--speedup", "5", "--headless", "--no-report")
+RUN = ("run", LOW, "--speedup", "5", "--headless", "--no-report")
 
 
 def assert_apart(folder: Path) -> None:
