@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -10,6 +11,8 @@ from rich.console import Console
 
 from swarm_ctl.cli.station import newest_run
 from swarm_ctl.core.operator import KINDS
+from swarm_ctl.core.state import Ack
+from swarm_ctl.core.text import agents_named
 from swarm_ctl.errors import InputError
 
 _ARGUMENTS: Final = {"form": ("SHAPE",), "move": ("N", "E")}
@@ -22,7 +25,7 @@ def send(
         list[str] | None, typer.Argument(help="form: a SHAPE of the mission's file; move: metres N E of the origin.")
     ] = None,
     run: Annotated[Path | None, typer.Option(help="The run folder; default: the newest in runs/.")] = None,
-    agents: Annotated[str, typer.Option(help="Only these, e.g. 2,5; default: all.")] = "",
+    agents: Annotated[str, typer.Option(help="Only these, e.g. 2,5-7; default: all.")] = "",
     by: Annotated[bool, typer.Option("--by", help="move: by N E metres from where the formation is.")] = False,
     speed: Annotated[float | None, typer.Option(help="move: m/s; default: half of what the vehicles may.")] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask before kill.")] = False,
@@ -62,11 +65,20 @@ def send(
             answers = sender.move((_number(given[0]), _number(given[1])), by=by, speed_mps=speed)
         else:
             answers = sender.send(command, meant)
-    for agent, ack in sorted(answers.acks.items()):
-        console.print(f"agent {agent}: {'accepted' if ack.accepted else 'refused: ' + ack.reason}", soft_wrap=True)
-    for agent in answers.silent:
-        console.print(f"agent {agent}: no answer", style="bold red")
+    for words, ids in _said(answers.acks.values()).items():
+        console.print(f"{agents_named(ids)}: {words}", soft_wrap=True)
+    if answers.silent:
+        console.print(f"{agents_named(answers.silent)}: no answer", style="bold red")
     raise typer.Exit(0 if answers.accepted else 1)
+
+
+def _said(acks: Iterable[Ack]) -> dict[str, list[int]]:
+    """Who said what: one line for all that say the same, but for their own names."""
+    found: dict[str, list[int]] = {}
+    for ack in sorted(acks, key=lambda ack: ack.agent):
+        reason = ack.reason.removeprefix(f"agent {ack.agent} ").removeprefix("is ")
+        found.setdefault("accepted" if ack.accepted else f"refused: {reason}", []).append(ack.agent)
+    return found
 
 
 def _check(command: str, given: list[str]) -> None:
@@ -79,10 +91,17 @@ def _check(command: str, given: list[str]) -> None:
 
 
 def _agents(text: str) -> tuple[int, ...]:
-    try:
-        return tuple(int(word) for word in text.split(",") if word.strip())
-    except ValueError:
-        raise InputError(f"--agents {text!r}; allowed: ids with commas between them, such as 2,5") from None
+    chosen: set[int] = set()
+    for word in filter(None, map(str.strip, text.split(","))):
+        first, _, last = word.partition("-")
+        try:
+            span = range(int(first), int(last or first) + 1)
+        except ValueError:
+            span = range(0)
+        if not 0 < len(span) <= 65535:
+            raise InputError(f"--agents {text!r}; allowed: ids and ranges with commas between them, such as 2,5-7")
+        chosen.update(span)
+    return tuple(sorted(chosen))
 
 
 def _number(text: str) -> float:
