@@ -1,4 +1,4 @@
-"""From where everybody is to the velocity to fly: the law on the chosen points, then `core/safety.py`."""
+"""From where everybody is to the velocity to fly: the law on the chosen points, then the safety filter."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from swarm_ctl.core import law, response, safety
+from swarm_ctl.core.keeper import Keeper
 from swarm_ctl.core.navigation import OwnFix
 from swarm_ctl.core.peers import Peers
 from swarm_ctl.core.plan import Compensation, Plan, Point
@@ -27,7 +28,8 @@ class Controller:
         self._plan = plan
         self._own = own_id
         self._peers = peers
-        delayed = response.pending(plan.response, plan.tick_s) if plan.compensation is Compensation.STOP_POINT else 0
+        self.keeper = Keeper(plan, own_id, peers)
+        delayed = response.pending(plan.response, plan.tick_s)
         self._commands: deque[Point] = deque([(0.0, 0.0)] * delayed, maxlen=delayed)
         self._iteration_mps = plan.unit_m * plan.kappa
         self._result: law.LawResult | None = None
@@ -36,6 +38,9 @@ class Controller:
         self.overspeed_ticks = 0
         self.commanded_mps: Point = (0.0, 0.0)
         self.stop_point_m: Point = (0.0, 0.0)
+        """Where the vehicle would come to rest."""
+        self.point_m: Point = (0.0, 0.0)
+        """What the law takes it to be at: the stop point, or (`compensation: none`) the position."""
 
     @property
     def tally(self) -> dict[str, int]:
@@ -45,12 +50,10 @@ class Controller:
     def locate(self, fix: OwnFix) -> None:
         """Work out the own stop point for this tick."""
         north, east, _ = fix.position_ned_m
-        if self._plan.compensation is Compensation.NONE:
-            self.stop_point_m = (north, east)
-            return
         self.stop_point_m = response.stop_point(
             (north, east), fix.velocity_ned_mps[:2], self._commands, self._plan.tick_s, self._plan.response
         )
+        self.point_m = (north, east) if self._plan.compensation is Compensation.NONE else self.stop_point_m
 
     def form(
         self, now: float, slots: Mapping[int, Point], contacts: Sequence[Contact], extra_mps: Point = (0.0, 0.0)
@@ -59,25 +62,29 @@ class Controller:
 
         `extra_mps` is flown on top: what moves the formation as a whole.
         """
-        result = self._evaluate(now, slots, contacts)
-        if extra_mps == (0.0, 0.0):
-            return self._protected(float(result.u[0, 0]), float(result.u[0, 1]))
-        rate = self._iteration_mps
-        north, east = float(result.consensus[0, 0]) * rate, float(result.consensus[0, 1]) * rate
-        wish = self._around(now, (north + extra_mps[0], east + extra_mps[1]))
-        return self._protected(float(result.avoidance[0, 0]), float(result.avoidance[0, 1]), wish)
+        consensus, avoidance = self._terms(now, slots, contacts)
+        if extra_mps != (0.0, 0.0):
+            wish = self._around(now, consensus + complex(*extra_mps))
+            return self._kept(now, wish + avoidance, slots)
+        wish = consensus + self.keeper.turned(complex(*self.stop_point_m), now, consensus, avoidance)
+        if not self._plan.safety.release:
+            return self._kept(now, wish, slots)
+        release = self.keeper.release
+        flown = self._kept(now, release.turn(wish, consensus), slots)
+        release.note(consensus, complex(*flown))
+        return flown
 
     def go_to(self, now: float, to_m: Point, speed_mps: float, contacts: Sequence[Contact]) -> Point:
         """Straight to a point, keeping apart from everybody; around whoever stands in the way."""
-        result = self._evaluate(now, _NOWHERE, contacts)
-        (north, east), gain = self.stop_point_m, self._plan.kappa * self._plan.law.h
-        pull = safety.shortened((gain * (to_m[0] - north), gain * (to_m[1] - east)), speed_mps)
-        return self._protected(float(result.avoidance[0, 0]), float(result.avoidance[0, 1]), self._around(now, pull))
+        _, avoidance = self._terms(now, _NOWHERE, contacts)
+        gain = self._plan.kappa * self._plan.law.h
+        pull = safety.shortened(gain * (complex(*to_m) - complex(*self.point_m)), speed_mps)
+        return self._kept(now, avoidance + self._around(now, pull), _NOWHERE)
 
     def keep_clear(self, now: float, contacts: Sequence[Contact]) -> Point:
         """Stay, but make room for whoever comes close: the law's avoidance term alone."""
-        result = self._evaluate(now, _NOWHERE, contacts)
-        return self._protected(float(result.avoidance[0, 0]), float(result.avoidance[0, 1]))
+        _, avoidance = self._terms(now, _NOWHERE, contacts)
+        return self._kept(now, avoidance, _NOWHERE)
 
     def rest(self) -> None:
         """Another than us moves the vehicle this tick, or nobody does."""
@@ -89,10 +96,16 @@ class Controller:
         self.commanded_mps = (north_mps, east_mps)
         self._commands.append(self.commanded_mps)
 
+    def _terms(self, now: float, slots: Mapping[int, Point], contacts: Sequence[Contact]) -> tuple[complex, complex]:
+        """The law's consensus and avoidance [m/s]."""
+        result, rate = self._evaluate(now, slots, contacts), self._iteration_mps
+        (north, east), (away_north, away_east) = result.consensus[0].tolist(), result.avoidance[0].tolist()
+        return complex(north, east) * rate, complex(away_north, away_east) * rate
+
     def _evaluate(self, now: float, slots: Mapping[int, Point], contacts: Sequence[Contact]) -> law.LawResult:
-        others = self._peers.law_input(now, self.stop_point_m, slots, contacts)
+        others = self._peers.law_input(now, self.point_m, slots, contacts)
         unit = self._plan.unit_m
-        own = np.array([[self.stop_point_m[0] / unit, self.stop_point_m[1] / unit]])
+        own = np.array([[self.point_m[0] / unit, self.point_m[1] / unit]])
         own_slot = np.array([slots.get(self._own, (0.0, 0.0))])
         result = law.evaluate(
             own,
@@ -111,26 +124,25 @@ class Controller:
         self._result, self._points = result, others.points[0]
         return result
 
-    def _around(self, now: float, wish_mps: Point) -> Point:
+    def _around(self, now: float, wish_mps: complex) -> complex:
         """The wish, bent around everybody within `r_out` who does not fly along: lost, landing, landed, strangers."""
         pairs = self._result.pairs if self._result is not None else None
-        if pairs is None or wish_mps == (0.0, 0.0):
+        if pairs is None or not wish_mps:
             return wish_mps
         unit, law_ = self._plan.unit_m, self._plan.law
         for k, column in enumerate(pairs.index[-1].tolist()):
             if self._peers.flies_along(column, now):
                 continue
             room_m = (float(pairs.distance[k]) - 0.5 * (law_.r_in + law_.r_out)) * unit
-            north, east = self._points[column].tolist()
-            away = (self.stop_point_m[0] / unit - north, self.stop_point_m[1] / unit - east)
+            away = complex(*self.point_m) / unit - complex(*self._points[column].tolist())
             wish_mps = safety.bent(wish_mps, away, max(0.0, _APPROACH_RATE * room_m))
         return wish_mps
 
-    def _protected(self, u_north: float, u_east: float, extra_mps: Point = (0.0, 0.0)) -> Point:
-        north, east = u_north * self._iteration_mps + extra_mps[0], u_east * self._iteration_mps + extra_mps[1]
-        velocity = safety.protect((north, east), self._plan.limits)
-        self.commanded(*velocity)
-        return velocity
+    def _kept(self, now: float, wish_mps: complex, slots: Mapping[int, Point]) -> Point:
+        wish = safety.limited(wish_mps, self._plan.limits)
+        flown = self.keeper.keep(now, complex(*self.stop_point_m), wish, slots)
+        self.commanded(flown.real, flown.imag)
+        return self.commanded_mps
 
     def sigma_report(self, now: float) -> SigmaReport | None:
         """All pairs of the last evaluation; None when nobody was within `r_out`."""

@@ -20,5 +20,8 @@ from typing import Final
 FRESH_S: Final = 0.5
 PREDICT_S: Final = 0.3
 NEIGHBOUR_S: Final = 1.0
+SILENT_FLIES_S: Final = 1.0
+"""A vehicle whose agent is silent flies its last command for so long: what agents set as the autopilot's own time-out
+(GUID_TIMEOUT, COM_OF_LOSS_T). Longer is a longer way flown blindly, shorter a swarm that stops for a hiccup."""
 OWN_FIX_S: Final = 0.5
 OWN_LOST_S: Final = 5.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,8 @@ _MAX_CONTACTS = 8
 """Traffic the law takes in at most, nearest first."""
 _SAME_AIRCRAFT_M = 2.5
 """A contact this close to a fresh peer is that peer, seen by the other sensor."""
+_YIELDING = frozenset({Phase.FLY, Phase.HOLD, Phase.RETURN})
+"""Who flies by setpoints, and so keeps apart itself."""
 _CONTACT_S = 3.0
 """Contacts older than this are gone (ADSB_VEHICLE comes at about 1 Hz)."""
 
@@ -38,6 +41,9 @@ class Peer:
     received: int = 0
     lost: int = 0
     ages: Histogram = field(default_factory=lambda: Histogram(_AGE_BIN_S))
+    stop_point: complex = 0j
+    """Of the newest state, as is `commanded`; north + 1j * east [m, m/s]."""
+    commanded: complex = 0j
 
     def age(self, now: float) -> float:
         """Seconds since the state was true: local time since receipt plus the time it was under way."""
@@ -54,6 +60,7 @@ class Peer:
             if state.seq > self.state.seq:
                 self.lost += state.seq - self.state.seq - 1
         self.state, self.received_s = state, received_s
+        self.stop_point, self.commanded = complex(*state.stop_point_m), complex(*state.commanded_mps)
         self.received += 1
 
     def report(self, now: float) -> LinkReport:
@@ -66,6 +73,22 @@ class Peer:
             self.received,
             self.lost,
         )
+
+
+class Other(NamedTuple):
+    """Somebody to keep apart from, as the safety filter sees him; north + 1j * east."""
+
+    id: int
+    """0: traffic that nobody on the mesh owns up to."""
+    stop_point: complex
+    """As it was told, `age_s` ago [m]."""
+    commanded: complex
+    """[m/s]"""
+    age_s: float
+    heard: bool
+    """Its news is fresh."""
+    yields: bool
+    """It does its half of keeping apart."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,6 +115,7 @@ class Peers:
         self._shape: tuple[list[bool], list[bool], int] | None = None
         self._slots: Mapping[int, Point] = {}
         self._seen: dict[int, tuple[Contact, Point]] = {}
+        self._strangers: list[Other] = []
 
     def __iter__(self) -> Iterator[Peer]:
         return iter(self._by_id.values())
@@ -105,6 +129,11 @@ class Peers:
     def choose(self, neighbours: Iterable[int]) -> None:
         """N_i from now on."""
         self._chosen = frozenset(neighbours)
+
+    @property
+    def links(self) -> frozenset[int]:
+        """`chosen`; the same object until they are chosen anew."""
+        return self._chosen
 
     @property
     def chosen(self) -> tuple[int, ...]:
@@ -132,6 +161,16 @@ class Peers:
     def neighbours(self, now: float) -> tuple[int, ...]:
         """N_i now: the chosen neighbours that are heard (LAW.md section 1)."""
         return tuple(p.id for p in self if p.id in self._chosen and p.age(now) <= NEIGHBOUR_S)
+
+    def others(self, now: float) -> Iterator[Other]:
+        """Everybody who may be near; strangers as of the last `law_input`."""
+        for peer in self._by_id.values():
+            if peer.state is not None:
+                age = peer.age(now)
+                heard = age <= FRESH_S
+                yields = heard and peer.state.phase in _YIELDING
+                yield Other(peer.id, peer.stop_point, peer.commanded, age, heard, yields)
+        yield from self._strangers
 
     def flies_along(self, column: int, now: float) -> bool:
         """Whoever is at this column of the law's input is heard and flies the formation (traffic never does)."""
@@ -182,6 +221,7 @@ class Peers:
 
     def _traffic(self, now: float, own_m: Point, contacts: Sequence[Contact]) -> list[Point]:
         """Contacts that are no fresh peer, as stop points [m]: what the mesh does not know, the sensor does."""
+        self._strangers = []
         if not contacts:
             return []
         known = [
@@ -190,7 +230,7 @@ class Peers:
             if p.state is not None and p.age(now) <= NEIGHBOUR_S
         ]
         places = [(n + vn * age, e + ve * age) for (n, e, _), (vn, ve, _), age in known]
-        found: list[Point] = []
+        found: list[tuple[Point, Other]] = []
         for contact in contacts:
             age = now - contact.time_s
             if not 0.0 <= age <= _CONTACT_S:
@@ -198,9 +238,11 @@ class Peers:
             (vn, ve, _), (north, east) = contact.velocity_ned_mps, self._place(contact)
             north, east = north + vn * age, east + ve * age
             if all(math.hypot(north - n, east - e) >= _SAME_AIRCRAFT_M for n, e in places):
-                found.append(self._stopping(north, east, vn, ve))
-        found.sort(key=lambda point: math.dist(point, own_m))
-        return found[:_MAX_CONTACTS]
+                point = self._stopping(north, east, vn, ve)
+                found.append((point, Other(0, complex(*point), complex(vn, ve), min(age, PREDICT_S), True, False)))
+        found.sort(key=lambda entry: math.dist(entry[0], own_m))
+        self._strangers = [other for _, other in found[:_MAX_CONTACTS]]
+        return [point for point, _ in found[:_MAX_CONTACTS]]
 
     def _place(self, contact: Contact) -> Point:
         """Where it was reported, in the common frame [m]; worked out once per report."""

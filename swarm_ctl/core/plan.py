@@ -67,6 +67,18 @@ class Compensation(StrEnum):
     """The positions: the paper's plain form."""
 
 
+@dataclass(frozen=True, slots=True)
+class Safety:
+    """What stands between the law and the vehicles (`core/safety.py`, `core/release.py`)."""
+
+    filter: bool = True
+    """No velocity that brings two closer than their keep-out distance."""
+    guard: bool = True
+    """Links that the shape keeps are not stretched past r on the way."""
+    release: bool = True
+    """Out of dead-locks by going round each other."""
+
+
 class Policy(StrEnum):
     """What an agent does when something it relies on is lost."""
 
@@ -244,6 +256,7 @@ class Plan:
     agents: tuple[AgentPlan, ...]
     steps: tuple[Step, ...]
     fence: Fence | None
+    safety: Safety = Safety()
 
     def agent(self, agent_id: int) -> AgentPlan:
         """The part of `agent_id`; KeyError where the plan has no such agent."""

@@ -78,6 +78,7 @@ class Account:
             bad_payloads=bad_payloads,
             vehicle_link=VehicleLinkReport(view.frames, view.frames_lost, view.round_trip_s),
             echo=echo,
+            safety=controller.keeper.report(),
         )
 
 

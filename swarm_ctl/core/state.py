@@ -138,6 +138,22 @@ class TickReport:
 
 
 @dataclass(frozen=True, slots=True)
+class SafetyReport:
+    """What the safety filter has done so far (`core/keeper.py`); in ticks."""
+
+    ticks: int = 0
+    """In which it was asked."""
+    touched: int = 0
+    """In which it changed the wish."""
+    yielded: int = 0
+    """In which the keep-outs excluded each other, and all gave way a little."""
+    releases: int = 0
+    """Times it was stuck and went sideways."""
+    kept_from: tuple[int, ...] = ()
+    """Whom it was kept apart from since the status before; 0 is a stranger."""
+
+
+@dataclass(frozen=True, slots=True)
 class VehicleLinkReport:
     """The MAVLink link between an agent and its vehicle, over the whole run so far."""
 
@@ -198,6 +214,7 @@ class AgentStatus:
     bad_payloads: int = 0
     vehicle_link: VehicleLinkReport | None = None
     echo: Echo | None = None
+    safety: SafetyReport = field(default_factory=SafetyReport)
 
 
 @dataclass(frozen=True, slots=True)

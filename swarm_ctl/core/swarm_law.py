@@ -112,6 +112,10 @@ class SwarmLaw:
         """The same for some of the missions."""
         return SwarmLaw(self.slots[..., missions], self.links[..., missions], self.h[missions], self.law)
 
+    def unlinked(self, gone: Bools) -> SwarmLaw:
+        """The same, but that nobody follows the agents `gone` (n, m) any more, nor they anybody."""
+        return SwarmLaw(self.slots, self.links & ~gone & ~gone[:, None], self.h, self.law)
+
     def step(self, points: Floats) -> tuple[Floats, Near | None]:
         """One iteration of (26) where everybody knows all `points` (2, n, m): u (2, n, m) [units], the near pairs."""
         error = points - self.slots
@@ -123,22 +127,31 @@ class SwarmLaw:
             return u, None
         return u, self._repel(u, n, points, _taken(points, pair[1] * points.shape[-1] + pair[2]), pair)
 
-    def step_heard(self, points: Floats, heard: Floats) -> tuple[Floats, Near | None]:
-        """The same where agent i takes agent j to be at `heard[:, i, j]` (2, n or 1, n, m), old or foretold."""
-        error = points - self.slots
-        told = np.broadcast_to(heard - self.slots[:, None], (2, *self.links.shape))
+    def step_heard(
+        self, points: Floats, heard: Floats, slots: Floats | None = None, told_slots: Floats | None = None
+    ) -> tuple[Floats, Near | None]:
+        """The same where agent i takes agent j to be at `heard[:, i, j]` (2, n or 1, n, m), old or foretold.
+
+        `slots` (2, n, m) and `told_slots` (as `heard`) are the slots as they are now, where they change.
+        """
+        slots = self.slots if slots is None else slots
+        error = points - slots
+        told = np.broadcast_to(heard - (slots[:, None] if told_slots is None else told_slots), (2, *self.links.shape))
         terms = "ijm,cijm->cim" if self._small else "mij,cijm->cim"
         n = np.einsum(terms, self._weights, told) - self._count * error
         u: Floats = n * self._gain
+        self.consensus = u
         q = points[:, :, None] - heard
         q *= q
         inside = q[0] + q[1] < self.law.r_out**2
         inside[np.arange(inside.shape[0]), np.arange(inside.shape[0])] = False
         first, second, mission = inside.nonzero()
+        self.avoidance = np.zeros_like(u)
         if not len(first):
             return u, None
         seen = heard[:, first if heard.shape[1] > 1 else np.zeros_like(first), second, mission]
-        return u, self._repel(u, n, points, seen, (first, second, mission), both=False)
+        near = self._repel(self.avoidance, n, points, seen, (first, second, mission), both=False)
+        return u + self.avoidance, near
 
     def _sum_errors(self, error: Floats) -> Floats:
         """Sum of e_j over the neighbours, (2, n, m): one matrix product a mission, unless the matrix is too small."""

@@ -25,6 +25,12 @@ Bools = NDArray[np.bool_]
 _BLOCK_AGENTS: Final = 12288
 """Agents per block: enough for numpy to be quick, few enough for a core's cache."""
 _TRIES: Final = 2000
+_JITTER: Final = 0.05
+"""Of the spacing: what keeps the missions that start on a shape apart."""
+_DIES_BY_S: Final = 20.0
+_FACING: Final = 1.5
+"""Between the two columns of a crossing, in spacings."""
+OPPOSITE: Final = ("crossing", "antipodal")
 TABLE_II: Final = ((14, 16), (12, 12), (10, 18), (6, 12), (6, 16), (14, 10))
 
 
@@ -50,7 +56,18 @@ class Batch:
     wind_mps: Floats
     area: Floats
     spacing: Floats
+    silent: Floats
     wind_from_rad: Floats
+    silent_agent: NDArray[np.int64]
+    """Whose process dies; -1: nobody's."""
+    silent_s: Floats
+    """When."""
+
+    def silent_from(self, tick_s: float) -> Floats:
+        """The tick from which each agent says nothing more, (n, m); infinity for most."""
+        n = self.starts.shape[1]
+        dies = np.arange(n)[:, None] == self.silent_agent
+        return np.where(dies, np.rint(self.silent_s / tick_s), np.inf)
 
     def __len__(self) -> int:
         return len(self.row)
@@ -83,13 +100,18 @@ def draw(cell: Cell, first: int, count: int) -> Batch:
     values["area"] = np.where(values["area"] == 0, 10.0 * np.sqrt(cell.n / 6), values["area"])
     starts = _starts(cell, values["area"], values["spacing"], random)
     slots = _slots(cell, starts, values["spacing"], random)
+    wind_from_rad = random.uniform(0.0, 2 * np.pi, count)
+    dies = random.random(count) < values["silent"]
+    who, when = random.integers(cell.n, size=count), random.uniform(0.0, _DIES_BY_S, count)
     return Batch(
         cell=cell,
         row=cell.index * cell.missions + first + np.arange(count),
         starts=starts,
         slots=slots,
         links=_links(starts, cell.law.r),
-        wind_from_rad=random.uniform(0.0, 2 * np.pi, count),
+        wind_from_rad=wind_from_rad,
+        silent_agent=np.where(dies, who, -1),
+        silent_s=np.where(dies, when, np.inf),
         **values,
     )
 
@@ -122,7 +144,10 @@ def _starts(cell: Cell, area: Floats, spacing: Floats, random: np.random.Generat
     if cell.start == "table2":
         places = np.array(TABLE_II, dtype=np.float64)[:, :, None] * np.ones(count)
     else:
-        places = unit_shape(cell.start, cell.n)[:, :, None] * spacing
+        places = start_shape(cell.start, cell.n)[:, :, None] * spacing
+        if cell.start in OPPOSITE:
+            places = places + _JITTER * spacing * random.uniform(-1.0, 1.0, (cell.n, 2, count))
+            return np.ascontiguousarray(places.transpose(1, 0, 2))
         order = random.permuted(np.tile(np.arange(cell.n), (count, 1)), axis=1)
         places = np.take_along_axis(places, order.T[:, None], axis=0)
     starts = np.ascontiguousarray(places.transpose(1, 0, 2))
@@ -157,6 +182,8 @@ def _slots(cell: Cell, starts: Floats, spacing: Floats, random: np.random.Genera
     count = starts.shape[-1]
     angle = random.uniform(0.0, 2 * np.pi, count)
     order = random.permuted(np.tile(np.arange(cell.n), (count, 1)), axis=1).T
+    if cell.slots == "given" and cell.start in OPPOSITE:
+        return np.ascontiguousarray((start_shape(cell.start, cell.n)[:, :, None] * -spacing).transpose(1, 0, 2))
     north, east = unit_shape(cell.shape, cell.n).T[:, :, None] * spacing
     slots = np.stack((north * np.cos(angle) - east * np.sin(angle), north * np.sin(angle) + east * np.cos(angle)))
     if cell.slots == "random":
@@ -166,6 +193,16 @@ def _slots(cell: Cell, starts: Floats, spacing: Floats, random: np.random.Genera
         chosen = [nearest(starts[..., k].T, slots[..., k].T) for k in range(count)]
         slots = np.stack(chosen, axis=-1).transpose(1, 0, 2)
     return np.ascontiguousarray(slots)
+
+
+def start_shape(name: str, n: int) -> Floats:
+    """Where agents start, with spacing 1, (n, 2): one of the shapes, or those where everybody faces another."""
+    if name == "antipodal":
+        return unit_shape("ring", n)
+    if name == "crossing":
+        row, side = np.divmod(np.arange(n), 2)
+        return np.stack((row - (n - 1) // 2 / 2, _FACING * (side - 0.5)), axis=-1)
+    return unit_shape(name, n)
 
 
 def unit_shape(name: str, n: int) -> Floats:

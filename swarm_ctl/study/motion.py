@@ -22,7 +22,7 @@ _SUBSTEPS: Final = {"lag": 1, "ardupilot": 4, "px4": 4}
 
 
 class Motion(Protocol):
-    """Where the swarms are, and how a displacement `u` of the law moves them. Lengths in units, (2, n, m)."""
+    """Where the swarms are, and how a commanded velocity moves them. Lengths in units, (2, n, m)."""
 
     @property
     def position(self) -> Floats:
@@ -35,33 +35,32 @@ class Motion(Protocol):
     def points(self) -> Floats:
         """What the law is fed with."""
 
-    def move(self, u: Floats) -> None:
-        """Fly one tick towards kappa * u."""
+    def move(self, wish: Floats) -> None:
+        """Fly one tick at `wish` [units/s]."""
 
     def only(self, missions: NDArray[np.bool_]) -> None:
         """Go on with some of the missions."""
 
 
 class Ideal:
-    """Single integrators: p <- p + kappa * tick * u. With kappa * tick = 1 that is (9)."""
+    """Single integrators: p <- p + tick * v. With v = kappa * u and kappa * tick = 1 that is (9)."""
 
     def __init__(self, batch: Batch) -> None:
         self.position = batch.starts.copy()
         self.velocity = np.zeros_like(self.position)
-        self._kappa, self._tick_s = batch.kappa, batch.cell.tick_s
+        self._tick_s = batch.cell.tick_s
 
     def points(self) -> Floats:
         """The positions."""
         return self.position
 
-    def move(self, u: Floats) -> None:
+    def move(self, wish: Floats) -> None:
         """As `Motion.move`."""
-        self.velocity = u * self._kappa
-        self.position = self.position + u * (self._kappa * self._tick_s)
+        self.velocity = wish
+        self.position = self.position + wish * self._tick_s
 
     def only(self, missions: NDArray[np.bool_]) -> None:
         """As `Motion.only`."""
-        self._kappa = self._kappa[missions]
         self.position = np.ascontiguousarray(self.position[..., missions])
         self.velocity = np.ascontiguousarray(self.velocity[..., missions])
 
@@ -94,7 +93,6 @@ class Vehicles:
     def __init__(self, batch: Batch) -> None:
         cell = batch.cell
         self._cell, self._unit_m, self._tick_s = cell, cell.unit_m, cell.tick_s
-        self._kappa = batch.kappa
         self._model = cell.model
         self._response: Response = _response(batch)
         place = np.zeros((len(batch), cell.n, 3))
@@ -130,9 +128,9 @@ class Vehicles:
         found = stop_points(state.position[..., :2], state.velocity[..., :2], under_way, self._tick_s, self._model)
         return self._units(found)
 
-    def move(self, u: Floats) -> None:
+    def move(self, wish: Floats) -> None:
         """As `Motion.move`."""
-        wanted = (u * (self._kappa * self._unit_m)).transpose(2, 1, 0)
+        wanted = (wish * self._unit_m).transpose(2, 1, 0)
         speed = np.sqrt(wanted[..., 0] ** 2 + wanted[..., 1] ** 2)
         limit = self._cell.speed_mps
         self._commands[:-1] = self._commands[1:]
@@ -149,7 +147,7 @@ class Vehicles:
         state = self._state
         for name in State.__slots__:
             setattr(state, name, getattr(state, name)[missions])
-        self._kappa, self._late = self._kappa[missions], self._late[missions]
+        self._late = self._late[missions]
         self._commands = self._commands[:, missions]
         if isinstance(self._response, Lag):
             self._response = self._response.only(missions)

@@ -2,29 +2,49 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from swarm_ctl.core.freshness import PREDICT_S
-from swarm_ctl.study.batch import Batch, Floats
+from swarm_ctl.study.batch import Batch, Bools, Floats
 
 _MIX = (np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB), np.uint64(0x9E3779B97F4A7C15))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Told:
+    """What each receiver (n, or 1 where all hear the same) knows of each sender."""
+
+    points: Floats
+    """As told, (2, receivers, senders, m)."""
+    velocity: Floats
+    """Their commands [units/s]."""
+    age_s: Floats
+    """(receivers, senders, m)."""
+
+    def carried(self) -> Floats:
+        """The points, carried on with the commands for as long as the agents do."""
+        carried: Floats = self.points + self.velocity * np.minimum(self.age_s, PREDICT_S)
+        return carried
 
 
 class News:
     """Each agent sends (point, velocity) every tick; every link loses news on its own.
 
     Loss comes from a hash of (seed, row, tick, link) and not from a generator: a mission loses the same news whatever
-    it is flown beside. News older than `PREDICT_S` are carried on by that long only, as the agents do.
+    it is flown beside. Silent agents send no more from their tick on.
     """
 
-    def __init__(self, batch: Batch, tick_s: float, carry_on: bool) -> None:
-        self._tick_s, self._carry_on = tick_s, carry_on
+    def __init__(self, batch: Batch, tick_s: float) -> None:
+        self._tick_s = tick_s
         self._delay = np.rint(batch.delay_s / tick_s).astype(np.intp)
         self._loss = batch.loss
         self._row = batch.row.astype(np.uint64)
         self._seed = np.array([batch.cell.seed], dtype=np.uint64)  # arrays wrap around, scalars warn
         _, n, m = batch.starts.shape
+        self._silent_from = batch.silent_from(tick_s)
         self._past = np.zeros((int(self._delay.max()) + 1, 4, n, m))
         self._past[:, :2] = batch.starts
         self._lossy = bool(batch.loss.any())
@@ -33,29 +53,24 @@ class News:
         self._known[:2] = batch.starts[:, None]
         self._sent = np.zeros((links, n, m))
 
-    def only(self, missions: NDArray[np.bool_]) -> None:
+    def only(self, missions: Bools) -> None:
         """Go on with some of the missions."""
-        for name in ("_delay", "_loss", "_row", "_past", "_known", "_sent"):
+        for name in ("_delay", "_loss", "_row", "_past", "_known", "_sent", "_silent_from"):
             setattr(self, name, getattr(self, name)[..., missions])
 
-    def exchange(self, tick: int, points: Floats, velocity: Floats) -> Floats:
-        """Send `points` and `velocity` [units/s] (2, n, m); what is heard: (2, receivers or 1, senders, m)."""
+    def exchange(self, tick: int, points: Floats, velocity: Floats) -> Told:
+        """Send `points` and `velocity` [units/s] (2, n, m); what is heard."""
         place = tick % len(self._past)
         self._past[place, :2], self._past[place, 2:] = points, velocity
         missions = np.arange(len(self._delay))
         arriving = np.moveaxis(self._past[(tick - self._delay) % len(self._past), :, :, missions], 0, -1)
         sent = tick - self._delay
+        arrives = (sent < self._silent_from)[None]
         if self._lossy:
-            arrives = self._arrives(tick)
-            self._known = np.where(arrives, arriving[:, None], self._known)
-            self._sent = np.where(arrives, sent, self._sent)
-        else:
-            self._known, self._sent = arriving[:, None], np.broadcast_to(sent, (1, 1, len(sent)))
-        if not self._carry_on:
-            return self._known[:2]
-        ahead = np.minimum((tick - self._sent) * self._tick_s, PREDICT_S)
-        heard: Floats = self._known[:2] + self._known[2:] * ahead
-        return heard
+            arrives = arrives & self._arrives(tick)
+        self._known = np.where(arrives, arriving[:, None], self._known)
+        self._sent = np.where(arrives, sent, self._sent)
+        return Told(self._known[:2], self._known[2:], (tick - self._sent) * self._tick_s)
 
     def _arrives(self, tick: int) -> NDArray[np.bool_]:
         """Which links (n, n, m) get this tick's news: splitmix64 of all that names it, as a share of 1."""

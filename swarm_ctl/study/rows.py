@@ -26,18 +26,23 @@ Row: TypeAlias = dict[str, Any]
 _OUTCOME: Final = (
     "collided",
     "smallest",
+    "smallest_silent",
     "converged",
     "time_s",
     "error",
     "links",
     "links_broken",
+    "kept_broken",
     "longest_link",
+    "stuck",
+    "touched",
+    "yielded",
     "parted",
     "small_gap",
     "steps",
 )
 COLUMNS: Final = ("row", "cell", *LISTS, *RANGES, "wind_from_rad", *_OUTCOME, *(f"sigma_{name}" for name in STATUSES))
-_TEXT: Final = frozenset({"shape", "slots", "start", "compensation", "vehicle"})
+_TEXT: Final = frozenset({"shape", "slots", "start", "compensation", "vehicle", "safety"})
 
 
 def rows_of(batch: Batch, outcome: Outcome) -> list[Row]:
@@ -129,5 +134,5 @@ def read_rows(path: Path) -> Iterator[Row]:
 
 
 def _typed(row: Mapping[str, str]) -> Row:
-    return {name: text if name in _TEXT else float(text) if "." in text or "e" in text else int(text)
+    return {name: text if name in _TEXT else int(text) if text.lstrip("-").isdigit() else float(text)
             for name, text in row.items()}  # fmt: skip

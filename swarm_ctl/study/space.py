@@ -15,11 +15,15 @@ from swarm_ctl.core.plan import Compensation, LawParameters, Response
 
 Shape = Literal["ring", "line", "grid", "vee", "wedge"]
 Slots = Literal["given", "random", "nearest"]
-Start = Literal["random", "ring", "grid", "table2"]
+Start = Literal["random", "ring", "grid", "table2", "crossing", "antipodal"]
+"""`crossing`: two columns that face each other; `antipodal`: a ring. With the slots `given` everybody goes to the place
+opposite to the own one."""
+Safety = Literal["off", "filter", "guard", "release", "full"]
+"""Each with all before it: the collision filter, the guard of links, swirl and tangential release, slot exchange."""
 VehicleModel = Literal["ideal", "lag", "ardupilot", "px4"]
 
-LISTS: Final = ("n", "shape", "slots", "start", "compensation", "vehicle")
-RANGES: Final = ("h", "kappa", "lag_s", "dead_time_s", "delay_s", "loss", "wind_mps", "area", "spacing")
+LISTS: Final = ("n", "shape", "slots", "start", "compensation", "vehicle", "safety")
+RANGES: Final = ("h", "kappa", "lag_s", "dead_time_s", "delay_s", "loss", "wind_mps", "area", "spacing", "silent")
 _FIRMWARE: Final = ("ardupilot", "px4")
 
 
@@ -85,6 +89,7 @@ class Cell(_Common):
     start: Start
     compensation: Compensation
     vehicle: VehicleModel
+    safety: Safety
     h: Range
     kappa: Range
     lag_s: Range
@@ -94,6 +99,7 @@ class Cell(_Common):
     wind_mps: Range
     area: Range
     spacing: Range
+    silent: Range
 
     @property
     def model(self) -> Response:
@@ -112,6 +118,7 @@ class Study(_Common):
     start: tuple[Start, ...] = ("random",)
     compensation: tuple[Compensation, ...] = (Compensation.STOP_POINT,)
     vehicle: tuple[VehicleModel, ...] = ("lag",)
+    safety: tuple[Safety, ...] = ("off",)
     h: tuple[Range, ...] = value(0.05)
     kappa: tuple[Range, ...] = value(20.0)
     lag_s: tuple[Range, ...] = value(0.5)
@@ -127,6 +134,9 @@ class Study(_Common):
     """Side of the square of random starts [units]; 0: as dense as six in 10 x 10."""
     spacing: tuple[Range, ...] = value(2.0)
     """Between adjacent slots [units]; for starts on a ring or grid as well."""
+    silent: tuple[Range, ...] = value(0.0)
+    """The share of missions in which one agent's process dies in the first 20 s; its vehicle flies its last command
+    until its own failsafe stops it, and stays."""
 
     @model_validator(mode="after")
     def _possible(self) -> Self:
@@ -143,6 +153,7 @@ class Study(_Common):
                 not any(w.high for w in self.wind_mps) or set(self.vehicle) <= set(_FIRMWARE),
                 "wind_mps: only the vehicles ardupilot and px4 feel wind",
             ),
+            (all(share.high <= 1 for share in self.silent), "silent: allowed: 0 to 1"),
             ("table2" not in self.start or set(self.n) == {6}, "start: table2 has six agents"),
         )
         wrong = [text for good, text in checks if not good]

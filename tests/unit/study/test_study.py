@@ -222,12 +222,12 @@ def test_stop_points_keep_real_vehicles_apart_where_positions_do_not() -> None:
 def test_news_arrive_late_and_some_never() -> None:
     """Delay is exact; the share of lost news is the one asked for; what is known is what was sent."""
     batch = only_batch(n=(5,), missions=30, delay_s=value(0.1), loss=value(0.3))
-    news = News(batch, 0.05, carry_on=False)
+    news = News(batch, 0.05)
     points = batch.starts
     fresh = total = 0
     for tick in range(60):
         sent = points + tick
-        heard = news.exchange(tick, sent, np.zeros_like(points))
+        heard = news.exchange(tick, sent, np.zeros_like(points)).points
         age = tick - np.rint(heard - points[:, None])[0]
         if tick > 20:
             assert (age >= 2).all()
@@ -238,9 +238,9 @@ def test_news_arrive_late_and_some_never() -> None:
 
 def test_news_are_carried_on_by_their_velocity() -> None:
     batch = only_batch(missions=4, delay_s=value(0.2), loss=value(0.0))
-    news = News(batch, 0.05, carry_on=True)
+    news = News(batch, 0.05)
     for tick in range(30):
-        heard = news.exchange(tick, batch.starts + 0.05 * tick, np.ones_like(batch.starts))
+        heard = news.exchange(tick, batch.starts + 0.05 * tick, np.ones_like(batch.starts)).carried()
     assert heard[:, 0] == pytest.approx(batch.starts + 0.05 * 29)
 
 

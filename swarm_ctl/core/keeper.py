@@ -1,0 +1,125 @@
+"""`core/safety.py` for one agent: from a wish to the velocity that is flown, tick by tick.
+
+Metres; a horizontal vector is the complex number north + 1j * east.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from swarm_ctl.core import safety
+from swarm_ctl.core.freshness import NEIGHBOUR_S, SILENT_FLIES_S
+from swarm_ctl.core.halfplanes import Plane, relaxed
+from swarm_ctl.core.peers import Other, Peers
+from swarm_ctl.core.plan import Plan, Point
+from swarm_ctl.core.release import Release, swirled
+from swarm_ctl.core.safety import Margins
+from swarm_ctl.core.state import SafetyReport
+
+_UNTOUCHED_MPS = 1e-6
+_SWIRL_OFF = 0.3
+"""Nobody swirls with somebody unheard within r_out and this [units]."""
+
+
+class Keeper:
+    """One agent's last word. Counts what it changes."""
+
+    def __init__(self, plan: Plan, own_id: int, peers: Peers) -> None:
+        self._plan = plan
+        self._own = own_id
+        self._peers = peers
+        unit = plan.unit_m
+        self._margins = Margins.of(plan.law, plan.response, plan.limits.speed_mps, unit)
+        self._near_m = self._margins.keep_out + self._margins.reach
+        self._swirl_off_m = (plan.law.r_out + _SWIRL_OFF) * unit
+        self.release = Release(own_id, plan.limits.speed_mps, plan.tick_s)
+        self._slots: Mapping[int, Point] = {}
+        self._chosen: frozenset[int] = frozenset()
+        self._guarded: frozenset[int] = frozenset()
+        self._ticks = self._touched = self._yielded = 0
+        self._from: set[int] = set()
+
+    def report(self) -> SafetyReport:
+        """What was changed so far, and because of whom since the last report."""
+        seen, self._from = tuple(sorted(self._from)), set()
+        return SafetyReport(self._ticks, self._touched, self._yielded, self.release.fails, seen)
+
+    def turned(self, own: complex, now: float, consensus: complex, avoidance: complex) -> complex:
+        """The avoidance with its swirl (`core/release.py`)."""
+        if not self._plan.safety.release or not avoidance or not consensus:
+            return avoidance
+        for other in self._peers.others(now):
+            if not other.heard and abs(own - other.stop_point) < self._swirl_off_m:
+                return avoidance
+        return complex(swirled(consensus, avoidance))
+
+    def keep(self, now: float, own: complex, wish: complex, slots: Mapping[int, Point]) -> complex:
+        """The velocity nearest to the wish that keeps apart from everybody and, for the links of `slots`, together."""
+        if not self._plan.safety.filter:
+            return wish
+        margins, speed = self._margins, self._margins.speed
+        self._ticks += 1
+        hard: list[Plane] = []
+        soft: list[Plane] = []
+        who: list[int] = []
+        guarded = self._links(slots)
+        least_room = math.inf
+        for other in self._peers.others(now):
+            apart = own - other.stop_point
+            distance = abs(apart)
+            if self._reaches(other, distance):
+                keep_out = margins.out(other.age_s)
+                normal, bound, room = safety.half_plane(
+                    _distinct(apart, self._own < other.id),
+                    other.commanded,
+                    other.age_s if other.heard else SILENT_FLIES_S,
+                    keep_out,
+                    0.5 if other.yields else 1.0,
+                    speed,
+                )
+                least_room = min(least_room, room)
+                hard.append((normal.real, normal.imag, bound))
+                who.append(other.id)
+            elif other.id in guarded and other.age_s <= NEIGHBOUR_S and safety.guarded(0.0, distance, margins):
+                normal, bound = safety.guard_plane(apart, margins)
+                if bound > -speed:
+                    soft.append((normal.real, normal.imag, bound))
+        if not hard and not soft:
+            return wish
+        return self._nearest(wish, hard, soft, safety.cap(least_room, margins), who)
+
+    def _nearest(self, wish: complex, hard: list[Plane], soft: list[Plane], cap: float, who: list[int]) -> complex:
+        (north, east), slack = relaxed((wish.real, wish.imag), hard, soft, min(cap, self._margins.speed))
+        flown = complex(north, east)
+        if abs(flown - wish) > _UNTOUCHED_MPS:
+            self._touched += 1
+            self._yielded += slack > 0.0
+            self._from.update(i for i, (n, e, b) in zip(who, hard, strict=True) if n * wish.real + e * wish.imag < b)
+        return flown
+
+    def _reaches(self, other: Other, distance: float) -> bool:
+        """It may forbid something: with what it may have flown since, and all of the burden on us."""
+        if other.heard and other.yields:
+            return distance < self._near_m + abs(other.commanded) * other.age_s + self._margins.growth * other.age_s
+        flown = abs(other.commanded) * max(other.age_s if other.heard else SILENT_FLIES_S, 0.0)
+        return distance < self._near_m + flown + 3.0 * self._margins.growth
+
+    def _links(self, slots: Mapping[int, Point]) -> frozenset[int]:
+        """The neighbours whose slots lie within r of the own one; worked out when slots or neighbours change."""
+        if not self._plan.safety.guard:
+            return frozenset()
+        chosen = self._peers.links
+        if slots is not self._slots or chosen is not self._chosen:
+            self._slots, self._chosen = slots, chosen
+            own, unit = slots.get(self._own), self._plan.unit_m
+            fits = (i for i in chosen if own is not None and i in slots)
+            self._guarded = frozenset(
+                i for i in fits if own and safety.guarded(math.dist(own, slots[i]) * unit, 0.0, self._margins)
+            )
+        return self._guarded
+
+
+def _distinct(apart: complex, first: bool) -> complex:
+    """Two on one spot part along north, the lower id northwards."""
+    return apart if abs(apart) > 1e-9 else complex(1e-9 if first else -1e-9, 0.0)
