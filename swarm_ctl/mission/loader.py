@@ -65,8 +65,8 @@ def dumps(file: MissionFile) -> str:
 
 def _build(source: Document, path: Path, fleet: Path | None) -> LoadedMission:
     _graft_fleet(source, path, fleet)
-    csv_slots.graft(source, path.parent)
-    mission, problems = _validate(source)
+    known = csv_slots.graft(source, path.parent)
+    mission, problems = _validate(source, frozenset() if known else frozenset({"shapes"}))
     if problems or mission is None:
         raise MissionError(tuple(sorted(problems, key=_line)))
     written, mission = mission, in_units(mission)
@@ -105,16 +105,17 @@ def _graft_fleet(source: Document, path: Path, fleet: Path | None) -> None:
         source.data.pop("fleet", None)
 
 
-def _validate(source: Document) -> tuple[MissionFile | None, list[Problem]]:
+def _validate(source: Document, broken: frozenset[str]) -> tuple[MissionFile | None, list[Problem]]:
+    """`broken`: sections that are no ground to check others on."""
     problems = list(source.problems)
-    mission, broken = None, frozenset[str]()
+    mission = None
     try:
         mission = MissionFile.model_validate(source.data)
-        rest = mission
+        rest = _partial(source.data, broken) if broken else mission
     except ValidationError as error:
         found = [each for each in error.errors() if not _follows(each)]
         problems += [wording.problem_of(dict(each), source, _json_schema()) for each in found]
-        broken = frozenset(str(each["loc"][0]) if each["loc"] else "" for each in found)
+        broken |= {str(each["loc"][0]) if each["loc"] else "" for each in found}
         if "" in broken:
             return None, problems
         rest = _partial(source.data, broken)

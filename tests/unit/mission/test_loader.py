@@ -219,6 +219,7 @@ def test_the_changes_above_reach_every_field_of_a_plan() -> None:
         reached |= {key for key in before.keys() | after.keys() if before.get(key) != after.get(key)}
     constant = {f"{kind}.kind" for kind in ("TakeoffStep", "FormStep", "HoldStep", "LandStep")}
     constant.add("LandStep.on_timeout")  # always to land
+    constant |= {"Safety.filter", "Safety.guard", "Safety.release"}  # on, but for studies
     assert set(before) - reached <= constant
 
 
@@ -272,7 +273,7 @@ def test_mistakes_in_a_fleet_file_are_shown_in_that_file(tmp_path: Path) -> None
 
 @pytest.mark.parametrize(
     ("content", "line_in_fleet", "what"),
-    [(None, None, "can't be read"), ("", None, "is empty"), ("a: [", 1, "YAML"), ("- 1", 1, "is a list")],
+    [(None, None, "can't be read"), ("", 1, "is empty"), ("a: [", 1, "YAML"), ("- 1", 1, "is a list")],
 )
 def test_unreadable_fleet_files(tmp_path: Path, content: str | None, line_in_fleet: int | None, what: str) -> None:
     fleet, mission = tmp_path / "f.yaml", tmp_path / "m.yaml"
