@@ -47,6 +47,7 @@ def agent(
         connect=tuple(other.mesh for other in before if other.mesh),
         epoch_s=Clock.starting_now().epoch_s if epoch is None else epoch,
         speedup=speedup,
+        vehicle=own.response,
     )
     raise typer.Exit(run_agent(config, SignalLifeline()))
 

@@ -21,7 +21,7 @@ from swarm_ctl.core.navigation import Navigator, OwnFix
 from swarm_ctl.core.neighbourhood import Neighbourhood
 from swarm_ctl.core.operator import Operator, Seat
 from swarm_ctl.core.peers import Peers
-from swarm_ctl.core.plan import FormStep, Plan, Step
+from swarm_ctl.core.plan import FormStep, Plan, Response, Step
 from swarm_ctl.core.progress import Progress, step_name
 from swarm_ctl.core.readiness import Gate, HeardStation
 from swarm_ctl.core.reference import Reference
@@ -88,15 +88,18 @@ class Agent:
     """One agent of a plan, from its first tick to its end.
 
     `expect_station`: it was started together with a ground station, so it does not arm before that is heard.
+    `vehicle`: how the own vehicle answers, where that is not the plan's `response`.
     """
 
-    def __init__(self, plan: Plan, agent_id: int, now: float, *, expect_station: bool = False) -> None:
+    def __init__(
+        self, plan: Plan, agent_id: int, now: float, *, expect_station: bool = False, vehicle: Response | None = None
+    ) -> None:
         self._plan = plan
         self._id = agent_id
         self._hash = plan.hash()
         self._navigator = Navigator(plan.origin)
         self._peers = peers = Peers(plan, agent_id)
-        self._controller = controller = Controller(plan, agent_id, peers)
+        self._controller = controller = Controller(plan, agent_id, peers, vehicle or plan.response)
         self._progress = progress = Progress(plan, now)
         self._reference = reference = Reference(plan, agent_id, peers)
         self._neighbourhood = Neighbourhood(plan, agent_id, peers)

@@ -12,7 +12,7 @@ from swarm_ctl.core import law, response, safety
 from swarm_ctl.core.keeper import Keeper
 from swarm_ctl.core.navigation import OwnFix
 from swarm_ctl.core.peers import Peers
-from swarm_ctl.core.plan import Compensation, Plan, Point
+from swarm_ctl.core.plan import Compensation, Plan, Point, Response
 from swarm_ctl.core.state import PairReport, SigmaReport
 from swarm_ctl.core.vehicle import Contact
 
@@ -22,14 +22,18 @@ _NOWHERE: Mapping[int, Point] = {}
 
 
 class Controller:
-    """One agent's horizontal control. Remembers its last commands (for the stop point) and the law's last result."""
+    """One agent's horizontal control. Remembers its last commands (for the stop point) and the law's last result.
 
-    def __init__(self, plan: Plan, own_id: int, peers: Peers) -> None:
+    `vehicle` is how the own vehicle answers.
+    """
+
+    def __init__(self, plan: Plan, own_id: int, peers: Peers, vehicle: Response) -> None:
         self._plan = plan
+        self._vehicle = vehicle
         self._own = own_id
         self._peers = peers
-        self.keeper = Keeper(plan, own_id, peers)
-        delayed = response.pending(plan.response, plan.tick_s)
+        self.keeper = Keeper(plan, own_id, peers, vehicle)
+        delayed = response.pending(vehicle, plan.tick_s)
         self._commands: deque[Point] = deque([(0.0, 0.0)] * delayed, maxlen=delayed)
         self._iteration_mps = plan.unit_m * plan.kappa
         self._result: law.LawResult | None = None
@@ -51,7 +55,7 @@ class Controller:
         """Work out the own stop point for this tick."""
         north, east, _ = fix.position_ned_m
         self.stop_point_m = response.stop_point(
-            (north, east), fix.velocity_ned_mps[:2], self._commands, self._plan.tick_s, self._plan.response
+            (north, east), fix.velocity_ned_mps[:2], self._commands, self._plan.tick_s, self._vehicle
         )
         self.point_m = (north, east) if self._plan.compensation is Compensation.NONE else self.stop_point_m
 

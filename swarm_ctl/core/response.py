@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,11 @@ from numpy.typing import NDArray
 from swarm_ctl.core.plan import Point, Response
 
 Floats = NDArray[np.float64]
+
+TYPICAL: Final = {"ardupilot": Response(), "px4": Response(dead_time_s=0.1, lag_s=0.6, acceleration_mps2=8.0)}
+"""By autopilot, at its own default parameters: fitted to the simulated ones, which are fitted to recorded steps. The
+PX4 follows a velocity unshaped, so it starts at once; ArduCopter bounds jerk and acceleration, which acts like a dead
+time."""
 
 
 def stop_points(

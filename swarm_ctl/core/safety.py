@@ -37,7 +37,7 @@ from swarm_ctl.core.plan import LawParameters, Limits, Response
 
 RATE: Final = 3.0
 """[1/s] of the room that is left. 2 touches the paper's own regime, 4 covers less age of news (1 / (e rate))."""
-_KEEP_OUT: Final = 0.3
+_KEEP_OUT: Final = 0.35
 """D lies so far from r_in to r_out: room for what the stop point does not know."""
 _GROWTH: Final = 0.1
 """D grows with the age of the news, by this share of r_out - r_in per second, for at most `_GROWS_S`."""

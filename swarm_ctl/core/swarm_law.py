@@ -102,6 +102,12 @@ class SwarmLaw:
         order = links if self._small else np.moveaxis(links, -1, 0)
         self._weights = np.ascontiguousarray(order, dtype=np.float64)
         self._count = np.count_nonzero(links, axis=1)
+        self._apart = self._weights.copy()
+        """The same with minus the number of neighbours on the diagonal: n is one product with the errors."""
+        diagonal = np.arange(n)
+        self._apart[(diagonal, diagonal) if self._small else (slice(None), diagonal, diagonal)] = -(
+            self._count if self._small else self._count.T
+        )
         some = np.maximum(self._count, 1)
         self._gain = h / some
         self._beta = h / (some * some)
@@ -118,8 +124,7 @@ class SwarmLaw:
 
     def step(self, points: Floats) -> tuple[Floats, Near | None]:
         """One iteration of (26) where everybody knows all `points` (2, n, m): u (2, n, m) [units], the near pairs."""
-        error = points - self.slots
-        n = self._sum_errors(error) - self._count * error
+        n = self._sum_apart(points - self.slots)
         u: Floats = n * self._gain
         self.rings.measure(points)
         pair = self.rings.inside(self.law.r_out)
@@ -153,12 +158,14 @@ class SwarmLaw:
         near = self._repel(self.avoidance, n, points, seen, (first, second, mission), both=False)
         return u + self.avoidance, near
 
-    def _sum_errors(self, error: Floats) -> Floats:
-        """Sum of e_j over the neighbours, (2, n, m): one matrix product a mission, unless the matrix is too small."""
-        if self._small:
-            return np.stack([np.einsum("ijm,jm->im", self._weights, component) for component in error])
-        total = self._weights @ error.transpose(2, 1, 0)
-        return np.ascontiguousarray(total.transpose(2, 1, 0))
+    def _sum_apart(self, error: Floats) -> Floats:
+        """Sum of e_j - e_i over the neighbours j, (2, n, m): one matrix product a mission, unless it is small."""
+        if not self._small:
+            return np.ascontiguousarray((self._apart @ error.transpose(2, 1, 0)).transpose(2, 1, 0))
+        total = np.empty_like(error)
+        for component, summed in zip(error, total, strict=True):
+            np.einsum("ijm,jm->im", self._apart, component, out=summed)
+        return total
 
     def _repel(
         self,

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+from swarm_ctl.core.plan import Response
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,6 +20,8 @@ class FleetAgent:
     """Where the vehicle is reached, as pymavlink writes it (`udpout:127.0.0.1:14601`); None: `run` simulates it."""
     mesh: str | None = None
     """Where this agent listens on the mesh (`tcp/192.168.1.11:7447`); None: `run` chooses a loopback port."""
+    response: Response = field(default_factory=Response)
+    """How this vehicle answers a velocity setpoint: what its own stop point is worked out with."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ from pydantic import ValidationError, create_model
 
 from swarm_ctl.core import graph, plan
 from swarm_ctl.core.plan import Plan
+from swarm_ctl.core.response import TYPICAL
 from swarm_ctl.errors import MissionError, Problem
 from swarm_ctl.mission import checks, csv_slots, document, wording
 from swarm_ctl.mission.course import Stand, course, fence_box
@@ -146,7 +147,14 @@ def fleet_of(mission: MissionFile) -> Fleet:
     """The fleet's entries of the mission's agents; simulated ArduCopters where it has no fleet."""
     entries = {entry.id: entry for entry in mission.fleet.agents} if mission.fleet else {}
     chosen = (entries.get(i) or FleetEntry(id=i) for i in sorted(agent.id for agent in mission.agents))
-    return Fleet(tuple(FleetAgent(e.id, checks.sysid_of(e), e.autopilot, e.endpoint, e.mesh) for e in chosen))
+    return Fleet(tuple(_fleet_agent(mission, entry) for entry in chosen))
+
+
+def _fleet_agent(mission: MissionFile, entry: FleetEntry) -> FleetAgent:
+    given = mission.vehicle.response if "response" in mission.vehicle.model_fields_set else None
+    response = entry.response or given
+    known = plan.Response(**response.model_dump()) if response else TYPICAL[entry.autopilot]
+    return FleetAgent(entry.id, checks.sysid_of(entry), entry.autopilot, entry.endpoint, entry.mesh, known)
 
 
 def plan_of(mission: MissionFile) -> Plan:
@@ -180,7 +188,14 @@ def plan_of(mission: MissionFile) -> Plan:
             for step, before, after in zip(mission.steps, stands[:-1], stands[1:], strict=True)
         ),
         fence=_fence(mission, stands),
+        safety=_safety(mission),
     )
+
+
+def _safety(mission: MissionFile) -> plan.Safety:
+    default = mission.law.compensation is plan.Compensation.STOP_POINT
+    given = mission.safety.model_dump()
+    return plan.Safety(**{name: default if choice is None else choice for name, choice in given.items()})
 
 
 def _policies(mission: MissionFile) -> plan.Policies:

@@ -59,6 +59,17 @@ class Law(Section):
     delta_a: float = Field(default=0.1, gt=0, le=100)
 
 
+class SafetySection(Section):
+    """What stands between the law and the vehicles; all on with stop points, all off without (as in the paper)."""
+
+    filter: bool | None = None
+    """No velocity that would bring two closer than their keep-out distance."""
+    guard: bool | None = None
+    """Links whose slots fit in r are not stretched past r on the way."""
+    release: bool | None = None
+    """Out of dead-locks by going round each other."""
+
+
 class VehicleResponse(Section):
     """How the vehicles answer a velocity setpoint; the stop point is predicted with it."""
 
@@ -354,6 +365,9 @@ class FleetEntry(Section):
     sysid: int | None = Field(default=None, ge=1, le=250)
     """The vehicle's MAVLink system id; the agent's id where not given."""
     autopilot: Literal["ardupilot", "px4"] = "ardupilot"
+    response: VehicleResponse | None = None
+    """How this vehicle answers a velocity setpoint; the mission's `vehicle.response` or, without one, what is typical
+    for the autopilot where not given."""
     endpoint: str | None = Field(
         default=None,
         pattern=r"^((udp|udpin|udpout|tcp|tcpin):[^:\s]+:[0-9]{1,5}|serial:/dev/[^:\s]+(:[0-9]{3,7})?)$",
@@ -390,6 +404,7 @@ class MissionFile(Section):
     """How long to wait for all vehicles to be healthy and all agents to be there."""
     law: Law
     vehicle: Vehicle = Vehicle()
+    safety: SafetySection = SafetySection()
     policies: PolicySection = PolicySection()
     fence: FenceSection = FenceSection()
     neighbours: Literal["starts"] | Links = "starts"

@@ -3,5 +3,6 @@
 from swarm_ctl.recording.mcap_reader import RECORDING, Recorded, read, recover
 from swarm_ctl.recording.mcap_writer import McapWriter
 from swarm_ctl.recording.recorder import Recorder
+from swarm_ctl.recording.tape import Tape
 
-__all__ = ["RECORDING", "McapWriter", "Recorded", "Recorder", "read", "recover"]
+__all__ = ["RECORDING", "McapWriter", "Recorded", "Recorder", "Tape", "read", "recover"]

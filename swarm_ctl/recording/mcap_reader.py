@@ -26,7 +26,8 @@ from swarm_ctl.recording.mcap_writer import NANO
 from swarm_ctl.recording.topics import ADAPTERS, TOPICS
 
 RECORDING: Final = "recording.mcap"
-_TORN: Final = (McapError, struct.error, ValueError, EOFError, zlib.error)
+_KINDS: Final = {topic.template.rpartition("/")[2]: topic.payload for topic in TOPICS if topic.payload}
+TORN: Final = (McapError, struct.error, ValueError, EOFError, zlib.error)
 """What the library raises where a file ends in the middle of a record."""
 
 
@@ -45,17 +46,25 @@ def read(run: Path) -> Iterator[tuple[float, Payload]]:
 
     `run` is a run folder or an MCAP file, whole or not. InputError where there is no recording.
     """
-    kinds = {topic.template.rpartition("/")[2]: topic.payload for topic in TOPICS if topic.payload}
     for message in messages(run):
-        kind = kinds.get(message.topic.rpartition("/")[2])
-        if kind is not None:
-            with contextlib.suppress(ValidationError):
-                yield message.time_s, ADAPTERS[kind].validate_json(message.data)
+        payload = payload_of(message.topic, message.data)
+        if payload is not None:
+            yield message.time_s, payload
+
+
+def payload_of(topic: str, data: bytes) -> Payload | None:
+    """What a message said; None where it is not from the mesh, or not of this version."""
+    kind = _KINDS.get(topic.rpartition("/")[2])
+    if kind is not None:
+        with contextlib.suppress(ValidationError):
+            found: Payload = ADAPTERS[kind].validate_json(data)
+            return found
+    return None
 
 
 def messages(run: Path) -> Iterator[Recorded]:
     """Every message in a recording in the order of the file, as far as it can be read."""
-    with _open(run) as file:
+    with open_recording(run) as file:
         start_ns, topics = 0, dict[int, str]()
         for record in _records(file):
             if isinstance(record, Metadata) and record.name == "run":
@@ -80,7 +89,7 @@ def counts(run: Path) -> Counter[str]:
 
 def is_whole(run: Path) -> bool:
     """The file has its footer, and the magic bytes behind it."""
-    with _open(run) as file:
+    with open_recording(run) as file:
         size = file.seek(0, os.SEEK_END)
         file.seek(max(0, size - len(MCAP0_MAGIC)))
         return size > 2 * len(MCAP0_MAGIC) and file.read() == MCAP0_MAGIC
@@ -89,10 +98,14 @@ def is_whole(run: Path) -> bool:
 def recover(run: Path) -> bool:
     """Give a recording that was cut off its index and footer, in one move; True where there was something to do.
 
-    A file that is being written is left alone. Finished files are not touched.
+    A file that is being written is left alone. Finished files, and what is no MCAP file, are not touched.
     """
-    path = _path(run)
-    with _open(run) as file:
+    path = path_of(run)
+    with open_recording(run) as file:
+        head = file.read(len(MCAP0_MAGIC))
+        if head != MCAP0_MAGIC[: len(head)]:
+            return False
+        file.seek(0)
         try:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -127,16 +140,18 @@ def _copy(file: IO[bytes], writer: Writer) -> None:
 
 def _records(file: IO[bytes]) -> Iterator[Any]:
     """All records up to the end or to where the file is torn."""
-    with contextlib.suppress(*_TORN):
+    with contextlib.suppress(*TORN):
         yield from StreamReader(file, record_size_limit=1 << 30).records
 
 
-def _path(run: Path) -> Path:
+def path_of(run: Path) -> Path:
+    """The MCAP file of a run folder; a file is meant itself."""
     return run / RECORDING if run.is_dir() else run
 
 
-def _open(run: Path) -> IO[bytes]:
-    path = _path(run)
+def open_recording(run: Path) -> IO[bytes]:
+    """The file, open for reading; InputError where that can't be."""
+    path = path_of(run)
     try:
         return path.open("rb")
     except OSError as error:

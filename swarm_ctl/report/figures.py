@@ -11,11 +11,26 @@ from matplotlib.figure import Figure
 
 from swarm_ctl.core.plan import FormStep
 from swarm_ctl.core.reference import slots_after
-from swarm_ctl.report.drawing import Floats, bounds, figure, grid, hull_order, legend, line_style, trajectories
+from swarm_ctl.report.drawing import (
+    R_IN,
+    R_OUT,
+    Floats,
+    bounds,
+    broken,
+    figure,
+    grid,
+    hull_order,
+    legend,
+    line_style,
+    log_ticks,
+    trajectories,
+)
 from swarm_ctl.report.history import History
 
 _SHOWN: Final = 12
 """Agents with a panel of their own, at most."""
+_SIGMA_GAP_S: Final = 1.0
+"""A pair that was not told for this long was not active: reports come at 5 Hz."""
 _NAMED: Final = 32
 """Lines with a name in a legend, at most."""
 
@@ -26,10 +41,9 @@ def tracks(history: History) -> Figure | None:
     flown = flight.live.any(axis=1) & (flight.time_s <= history.run.landing_s())
     if not flown.any():
         return None
-    made, axes = figure("Trajectories: hollow at the start, filled at the end of the formation flight", 6.4, 5.4)
+    made, axes = figure("Trajectories: start hollow, end of formation flight filled", 5.2, 4.6)
     points = flight.points_m[flown].transpose(0, 2, 1)
     trajectories(axes, points, [str(i) for i in history.agents], _shape(history), unit="m")
-    _name(axes, len(history.agents), "agent")
     return made
 
 
@@ -45,12 +59,12 @@ def nearest(history: History) -> Figure | None:
     values = history.nearest()
     if not np.isfinite(values).any():
         return None
-    made, axes = figure("Distance of each flying agent to the nearest vehicle (truth)")
+    made, axes = figure("Distance to the nearest vehicle, while flying (truth)")
     _per_agent(axes, history, values)
     law, unit_m = history.plan.law, history.plan.unit_m
-    bounds(axes, [("r_in", law.r_in * unit_m), ("r_out", law.r_out * unit_m)])
+    bounds(axes, [(R_IN, law.r_in * unit_m), (R_OUT, law.r_out * unit_m)])
     axes.set_ylim(bottom=0)
-    axes.set_ylabel("[m]")
+    axes.set_ylabel("distance [m]")
     return made
 
 
@@ -59,13 +73,14 @@ def sigma(history: History) -> Figure | None:
     pairs = sorted(history.heard.sigmas.items())
     if not pairs:
         return None
-    made, axes = figure("sigma of each active pair, as its first agent tunes it")
+    made, axes = figure("$\\sigma$ of each active pair: $i$-$j$ as agent $i$ tunes it")
     for k, ((i, j), rows) in enumerate(pairs):
         numbers = np.array(rows)
-        axes.plot(numbers[:, 0], numbers[:, 2], ".", markersize=3, label=f"{i}-{j}", color=line_style(k)["color"])
-    axes.set_yscale("log")
+        curve = broken(numbers[:, 0], numbers[:, 2], _SIGMA_GAP_S)
+        axes.plot(*curve, marker=".", markersize=4, linewidth=0.8, label=f"{i}-{j}", **line_style(k))
+    log_ticks(axes)
     axes.set_xlabel("mission time [s]")
-    axes.set_ylabel("sigma")
+    axes.set_ylabel("$\\sigma$")
     _name(axes, len(pairs), "pair")
     return made
 
@@ -77,11 +92,10 @@ def error(axis: int) -> Callable[[History], Figure | None]:
         values = history.errors()[..., axis]
         if not np.isfinite(values).any():
             return None
-        made, axes = figure(
-            f"Formation error e_{'xy'[axis]} ({('north', 'east')[axis]}): they meet where the shape stands"
-        )
+        name = f"$e_{'xy'[axis]}$"
+        made, axes = figure(f"Formation error {name} ({('north', 'east')[axis]}): equal where the shape stands")
         _per_agent(axes, history, values)
-        axes.set_ylabel("[m]")
+        axes.set_ylabel(f"{name} [m]")
         return made
 
     return draw
@@ -97,7 +111,7 @@ def links(history: History) -> Figure | None:
         axes.plot(history.flight.time_s, values[:, k], linewidth=1.0, label=f"{i}-{j}", **line_style(k))
     bounds(axes, [("r", history.plan.law.r * history.plan.unit_m)])
     axes.set_xlabel("mission time [s]")
-    axes.set_ylabel("[m]")
+    axes.set_ylabel("length [m]")
     _name(axes, len(history.links), "link")
     return made
 
@@ -107,7 +121,7 @@ def mesh(history: History) -> Figure | None:
     statuses = {i: [s for s in found if s.links] for i, found in sorted(history.heard.statuses.items())}
     if not any(statuses.values()):
         return None
-    made, (age, loss) = grid("Links of the mesh, as each agent hears them", 2, 1, 6.4, 4.6)
+    made, (age, loss) = grid("Links of the mesh, as each agent hears them", 2, 1, 5.2, 4.2)
     for k, (agent, found) in enumerate(statuses.items()):
         times = [s.time_s for s in found]
         ages = [max((link.age_s or 0.0 for link in s.links.values()), default=0.0) for s in found]
@@ -130,13 +144,13 @@ def ticks(history: History) -> Figure | None:
     statuses = sorted(history.heard.statuses.items())
     if not statuses:
         return None
-    made, (late, over) = grid("Control loop: lateness so far (thin: median, thick: 99th percentile)", 2, 1, 6.4, 4.6)
+    made, (late, over) = grid("Control loop, so far (thin: median, thick: 99th percentile)", 2, 1, 5.2, 4.2)
     for k, (agent, found) in enumerate(statuses):
         times = [s.time_s for s in found]
         late.plot(times, [s.tick.late_p50_ms for s in found], linewidth=0.6, **line_style(k))
         late.plot(times, [s.tick.late_p99_ms for s in found], linewidth=1.4, label=str(agent), **line_style(k))
         over.plot(times, [s.tick.overruns for s in found], linewidth=1.0, **line_style(k))
-    late.set_ylabel("[ms of wall clock]")
+    late.set_ylabel("late [ms, wall clock]")
     over.set_ylabel("ticks skipped")
     over.set_xlabel("mission time [s]")
     _name(late, len(statuses), "agent")
@@ -150,10 +164,10 @@ def speeds(history: History) -> Figure | None:
         return None
     shown = agents[:_SHOWN]
     rows = -(-len(shown) // 3)
-    title = "Setpoint (dashed) against achieved velocity, north and east [m/s]"
+    title = "Setpoint (dashed) against achieved velocity"
     if len(shown) < len(agents):
         title += f"; the first {_SHOWN} agents"
-    made, panels = grid(title, rows, min(3, len(shown)), 9.0, 0.6 + 1.9 * rows)
+    made, panels = grid(title, rows, min(3, len(shown)), 9.0, 0.9 + 1.9 * rows, share_y=True)
     for axes, agent in zip(panels, shown, strict=False):
         states = history.heard.states[agent]
         times = [s.time_s for s in states]
@@ -162,9 +176,11 @@ def speeds(history: History) -> Figure | None:
             axes.plot(times, [s.velocity_ned_mps[axis] for s in states], linewidth=1.0, color=colour)
             axes.plot(times, [s.commanded_mps[axis] for s in states], "--", linewidth=0.8, color=colour)
         axes.set_title(f"agent {agent}", fontsize=8, loc="left")
-    panels[0].plot([], [], color=line_style(0)["color"], label="north")
-    panels[0].plot([], [], color=line_style(1)["color"], label="east")
-    panels[0].legend(frameon=False, fontsize=7)
+    for axis, name in enumerate(("north", "east")):
+        panels[0].plot([], [], color=line_style(axis)["color"], label=name)
+    made.legend(loc="outside upper right", ncols=2, frameon=False, fontsize=9)
+    made.supxlabel("mission time [s]", fontsize=10)
+    made.supylabel("velocity [m/s]", fontsize=10)
     for axes in panels[len(shown) :]:
         axes.set_visible(False)
     return made
@@ -186,7 +202,7 @@ FIGURES: Final[tuple[tuple[str, Callable[[History], Figure | None]], ...]] = (
 
 def overlay(histories: Sequence[History]) -> Figure:
     """Smallest distance and formation error of several runs in one figure, time counted from the first form step."""
-    made, (near, away) = grid("Runs compared: smallest distance, and formation error", 2, 1, 7.0, 5.0)
+    made, (near, away) = grid("Smallest distance and formation error", 2, 1, 7.0, 4.8)
     for k, history in enumerate(histories):
         start_s = _first_form(history)
         times = history.flight.time_s - start_s
@@ -196,10 +212,10 @@ def overlay(histories: Sequence[History]) -> Figure:
         away.plot(times, -_least(-deviation), linewidth=1.2, **line_style(k))
     near.set_ylabel("smallest distance [m]")
     near.set_ylim(bottom=0)
-    away.set_yscale("log")
-    away.set_ylabel("largest |e - mean e| [m]")
+    log_ticks(away)
+    away.set_ylabel("largest $|e - \\bar{e}|$ [m]")
     away.set_xlabel("mission time since the first form step [s]")
-    near.legend(frameon=False, loc="lower right")
+    made.legend(loc="outside lower center", frameon=False, fontsize=9)
     return made
 
 

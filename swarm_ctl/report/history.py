@@ -13,6 +13,7 @@ from swarm_ctl.core.plan import FormStep, Plan
 from swarm_ctl.core.state import AgentState, AgentStatus, SigmaReport
 from swarm_ctl.errors import InputError
 from swarm_ctl.recording import RECORDING, read, recover
+from swarm_ctl.report.manifest import Manifest
 from swarm_ctl.report.metrics import Flight
 from swarm_ctl.report.run import Run, read_run
 from swarm_ctl.report.truth import Floats
@@ -34,10 +35,15 @@ class History:
 
     name: str
     run: Run
-    plan: Plan
+    manifest: Manifest
     flight: Flight
     heard: Heard
     notes: tuple[str, ...]
+
+    @property
+    def plan(self) -> Plan:
+        """What was flown."""
+        return self.manifest.plan
 
     @property
     def agents(self) -> list[int]:
@@ -110,7 +116,7 @@ def read_history(folder: Path) -> History:
     heard = _heard(folder, notes)
     n = len(run.manifest.plan.agents)
     flight = run.flight or Flight(np.zeros(0), np.zeros((0, n, 2)), np.zeros((0, n), dtype=np.bool_))
-    return History(folder.resolve().name, run, run.manifest.plan, flight, heard, tuple(notes))
+    return History(folder.resolve().name, run, run.manifest, flight, heard, tuple(notes))
 
 
 def _heard(folder: Path, notes: list[str]) -> Heard:

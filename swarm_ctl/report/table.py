@@ -69,8 +69,9 @@ def figures_of(summary: Summary) -> Iterator[tuple[str, str]]:
 
 def _rows(s: Summary) -> Iterator[tuple[str, str, bool]]:
     """(name, value, whether it is as it should be)."""
-    yield "time to form", f"{_number(s.time_to_form_s, 1)} s", True
-    yield "formation error", f"{_number(s.formation_error_m, 2)} m before the landing", True
+    yield "time to form", "-" if s.time_to_form_s is None else f"{s.time_to_form_s:.1f} s", True
+    left = s.formation_error_m
+    yield "formation error", "-" if left is None else f"{left:.2f} m before the landing", True
     near, r_in = s.min_true_distance_m, s.r_in_m
     collided = near is not None and r_in is not None and near < r_in
     yield "smallest true distance", _distance(near, s.min_true_pair, "r_in", r_in, collided), not collided

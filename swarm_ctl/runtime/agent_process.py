@@ -11,7 +11,7 @@ import os
 import signal
 import sys
 import traceback
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Final, Protocol
@@ -19,7 +19,7 @@ from typing import Final, Protocol
 from pydantic import TypeAdapter
 
 from swarm_ctl.core.agent import Actions, Agent, Ended, Inbox
-from swarm_ctl.core.plan import Plan
+from swarm_ctl.core.plan import Plan, Response
 from swarm_ctl.core.state import AgentStatus
 from swarm_ctl.errors import SwarmError
 from swarm_ctl.mavlink.link import VehicleLink
@@ -52,6 +52,8 @@ class AgentConfig:
     connect: tuple[str, ...]
     epoch_s: float
     speedup: float
+    vehicle: Response = field(default_factory=Response)
+    """How the vehicle answers a velocity setpoint."""
     expect_station: bool = False
     """Started together with a ground station: it must be heard before anything arms."""
     report: Path | None = None
@@ -175,7 +177,9 @@ def run_agent(config: AgentConfig, lifeline: Lifeline) -> int:
 def _loop(
     config: AgentConfig, clock: Clock, link: VehicleLink, node: Node, lifeline: Lifeline
 ) -> tuple[Ended, AgentStatus | None]:
-    agent = Agent(config.plan, config.agent_id, clock.now(), expect_station=config.expect_station)
+    agent = Agent(
+        config.plan, config.agent_id, clock.now(), expect_station=config.expect_station, vehicle=config.vehicle
+    )
     ticker = Ticker(clock, config.plan.tick_s)
     status: AgentStatus | None = None
     gc.freeze()

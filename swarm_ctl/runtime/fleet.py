@@ -233,6 +233,7 @@ class Run:
             connect=tuple(other.mesh or "" for other in manifest.fleet[:index]),
             epoch_s=manifest.epoch_s,
             speedup=manifest.speedup,
+            vehicle=agent.response,
             expect_station=True,
             report=self._folder / "agents" / f"{agent.id}.json",
             log=self._folder / "agents" / f"{agent.id}.log",

@@ -205,10 +205,7 @@ class DashboardScreen:
 def present(show: Show, plan: Plan, interrupt: Callable[[], None] | None, watch: Callable[[Screen], None]) -> None:
     """Run `watch` with the screen asked for, or with the best that this terminal can do; returns when `watch` does."""
     console = Console()
-    if show is Show.DASHBOARD and not _can_show_dashboard(console):
-        show = Show.COMPACT
-    if show is Show.COMPACT and not console.is_terminal:
-        show = Show.LOG
+    show = possible(show, console)
     match show:
         case Show.DASHBOARD:
             _with_dashboard(DashboardScreen(plan, interrupt), watch)
@@ -221,6 +218,15 @@ def present(show: Show, plan: Plan, interrupt: Callable[[], None] | None, watch:
             screen = JsonScreen()
             watch(screen)
             screen.finish()
+
+
+def possible(show: Show, console: Console) -> Show:
+    """What was asked for, or the best that this terminal can do instead."""
+    if show is Show.DASHBOARD and not _can_show_dashboard(console):
+        show = Show.COMPACT
+    if show is Show.COMPACT and not console.is_terminal:
+        show = Show.LOG
+    return show
 
 
 def _can_show_dashboard(console: Console) -> bool:

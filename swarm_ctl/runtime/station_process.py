@@ -53,6 +53,11 @@ _BOOK_S = 100.0
 """How long an orphaned station waits for the simulator (it waits 90 s for the last vehicle to stand)."""
 
 
+def station_name() -> str:
+    """Of this process's station, on the mesh."""
+    return f"station-{os.getpid()}"
+
+
 class Recorder:
     """Events, commands (with their answers) and statuses as JSON lines in the run folder, each line written at once.
 
@@ -60,7 +65,12 @@ class Recorder:
     """
 
     def __init__(self, folder: Path, manifest: Manifest) -> None:
-        about = {"mission": manifest.mission, "plan_hash": manifest.plan_hash, "manifest": manifest.model_dump_json()}
+        about = {
+            "mission": manifest.mission,
+            "plan_hash": manifest.plan_hash,
+            "manifest": manifest.model_dump_json(),
+            "station": station_name(),
+        }
         start_ns = round(manifest.started_at.timestamp() * 1e9)
         self.mcap = McapRecorder(folder, start_ns, about, manifest.record_hz)
         self._events = (folder / "events.jsonl").open("ab", buffering=0)
@@ -131,7 +141,7 @@ class Station:
         self._node = node
         self._recorder = recorder
         self._hash = plan.hash()
-        self._name = f"station-{os.getpid()}"
+        self._name = station_name()
         self.model = Model(plan, speedup=manifest.speedup, since_s=clock.now(), station=self._name)
         self._commander = Commander(node, [agent.id for agent in plan.agents])
         self._beacon_due = 0.0
@@ -200,7 +210,7 @@ def run_station(
     clock = Clock(manifest.epoch_s, manifest.speedup)
     listen = [manifest.station_mesh] if manifest.station_mesh and control else []
     connect = [agent.mesh for agent in manifest.fleet if agent.mesh]
-    node = Node(ZenohTransport(listen, connect, clock.now, clock.speedup), manifest.swarm, f"station-{os.getpid()}")
+    node = Node(ZenohTransport(listen, connect, clock.now, clock.speedup), manifest.swarm, station_name())
     recorder = Recorder(folder, manifest) if control else None
     try:
         station = Station(manifest, node, clock, recorder)

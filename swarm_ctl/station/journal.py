@@ -65,6 +65,11 @@ class Journal:
         return tuple(self._entries)
 
     @property
+    def told(self) -> int:
+        """How many entries there were in all."""
+        return self._first + len(self._entries)
+
+    @property
     def unacknowledged(self) -> int:
         """How many alarms stand that nobody has acknowledged."""
         return sum(s.gone_s is None and not s.acknowledged for s in self._alarms.values())

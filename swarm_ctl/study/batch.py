@@ -183,7 +183,9 @@ def _slots(cell: Cell, starts: Floats, spacing: Floats, random: np.random.Genera
     angle = random.uniform(0.0, 2 * np.pi, count)
     order = random.permuted(np.tile(np.arange(cell.n), (count, 1)), axis=1).T
     if cell.slots == "given" and cell.start in OPPOSITE:
-        return np.ascontiguousarray((start_shape(cell.start, cell.n)[:, :, None] * -spacing).transpose(1, 0, 2))
+        mirror = (-1.0, -1.0) if cell.start == "antipodal" else (1.0, -1.0)
+        places = start_shape(cell.start, cell.n) * mirror
+        return np.ascontiguousarray((places[:, :, None] * spacing).transpose(1, 0, 2))
     north, east = unit_shape(cell.shape, cell.n).T[:, :, None] * spacing
     slots = np.stack((north * np.cos(angle) - east * np.sin(angle), north * np.sin(angle) + east * np.cos(angle)))
     if cell.slots == "random":

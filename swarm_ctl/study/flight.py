@@ -9,7 +9,7 @@ from typing import Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm_ctl.core.freshness import NEIGHBOUR_S, SILENT_FLIES_S
+from swarm_ctl.core.freshness import NEIGHBOUR_S, SETPOINT_TIMEOUT_S
 from swarm_ctl.core.law import OVERSPEED, STATUSES
 from swarm_ctl.core.plan import Compensation
 from swarm_ctl.core.swarm_law import Near, Rings, SwarmLaw
@@ -56,6 +56,7 @@ class Outcome:
     """Share of agent-ticks in which the safety filter changed the wish; 0 without one."""
     yielded: NDArray[np.int64]
     """Agent-ticks in which keep-outs excluded each other."""
+    exchanges: NDArray[np.int64]
     parted: Bools
     """The links that were within r did not hang together at some look (every `_CHECK` ticks)."""
     statuses: NDArray[np.int64]
@@ -102,9 +103,12 @@ class _Flight:
         told_late = batch.delay_s.any() or batch.loss.any() or self._silent
         self._news = News(batch, cell.tick_s) if told_late else None
         self._keeper = Keeper(batch) if cell.safety != "off" else None
+        self._slots = batch.slots
+        """As they are now: exchanges change them."""
         self._rings = Rings(cell.n, m)
         self._linked = batch.links[self._rings.first, self._rings.second] & self._rings.once[..., None]
         self._fits = self._fitting()
+        self._held = self._fits
         self._nearest = np.full(self._rings.squared.shape, np.inf)
         self._nearest_silent = np.full(m, np.inf)
         self._farthest = np.zeros(self._rings.squared.shape)
@@ -117,7 +121,7 @@ class _Flight:
 
     def _fitting(self) -> Bools:
         """Links (rings, n, m) that the shape keeps within r."""
-        apart = self._law.slots[:, self._rings.first] - self._law.slots[:, self._rings.second]
+        apart = self._slots[:, self._rings.first] - self._slots[:, self._rings.second]
         fits: Bools = self._linked & ((apart**2).sum(axis=0) <= (_KEPT * self._cell.law.r) ** 2)
         return fits
 
@@ -146,7 +150,9 @@ class _Flight:
         np.minimum(self._nearest, live, out=self._nearest)
         np.maximum(self._farthest, squared, out=self._farthest)
         if self._keeper is not None:
-            np.maximum(self._farthest_kept, squared, out=self._farthest_kept, where=self._fits)
+            # a link that an exchange makes fit counts from when it is as short as its slots
+            self._held = self._fits & (self._held | (squared <= (_KEPT * self._cell.law.r) ** 2))
+            np.maximum(self._farthest_kept, squared, out=self._farthest_kept, where=self._held)
 
     def _wish(self, tick: int, points: Floats, talks: Bools) -> tuple[Floats, Near | None]:
         """What is commanded [units/s], and the near pairs."""
@@ -160,10 +166,22 @@ class _Flight:
             told = Told(points[:, None], velocity[:, None], np.zeros((1, *points.shape[1:])))
         if self._silent:
             self._unlink(tick)
-        u, near = self._law.step_heard(points, told.carried() if self._carry_on else told.points)
+        at = told.carried() if self._carry_on else told.points
+        dealing = self._keeper.dealing if self._keeper is not None else None
+        if dealing is not None:
+            dealing.look(tick, points, told, talks)
+            u, near = self._law.step_heard(points, at, dealing.slots, dealing.told_slots)
+            self._change_slots(dealing.slots)
+        else:
+            u, near = self._law.step_heard(points, at)
         if self._keeper is None:
             return u * self._kappa, near
-        return self._keeper.velocity(self._law, self._kappa, points, told, self._law.slots, talks), near
+        return self._keeper.velocity(self._law, self._kappa, points, told, self._slots, talks), near
+
+    def _change_slots(self, slots: Floats) -> None:
+        if slots is not self._slots:
+            self._slots = slots
+            self._fits = self._fitting()
 
     def _unlink(self, tick: int) -> None:
         """Nobody follows whoever has not been heard for `NEIGHBOUR_S`."""
@@ -173,7 +191,8 @@ class _Flight:
 
     def _without_the_silent(self, tick: int, wish: Floats, talks: Bools) -> Floats:
         """Vehicles of silent agents go on with the last command, then stop."""
-        still = tick >= self._silent_from + SILENT_FLIES_S / self._cell.tick_s
+        blind_s = SETPOINT_TIMEOUT_S.get(self._cell.vehicle, SETPOINT_TIMEOUT_S["ardupilot"])
+        still = tick >= self._silent_from + blind_s / self._cell.tick_s
         return np.where(talks, wish, np.where(still, 0.0, self._motion.velocity))
 
     def _count(self, near: Near | None) -> None:
@@ -209,7 +228,7 @@ class _Flight:
 
     def _error(self, talks: Bools) -> Floats:
         """Largest |e_i - mean e| over the live agents, (m,)."""
-        e = self._seen - self._law.slots
+        e = self._seen - self._slots
         if not self._silent:
             e -= e.mean(axis=1, keepdims=True)
         else:
@@ -250,6 +269,8 @@ class _Flight:
             counts = self._keeper.counts
             result.touched[place] = (counts.touched / np.maximum(counts.flown, 1))[over]
             result.yielded[place] = counts.yielded[over]
+            if self._keeper.dealing is not None:
+                result.exchanges[place] = self._keeper.dealing.count[over]
 
     def _compact(self) -> None:
         keep = self._flying
@@ -265,8 +286,8 @@ class _Flight:
 
 
 _BY_MISSION: Final = (
-    "_linked", "_fits", "_nearest", "_nearest_silent", "_farthest", "_farthest_kept", "_statuses", "_small_gap",
-    "_parted", "_since", "_moved_s", "_place", "_kappa", "_silent_from",
+    "_linked", "_fits", "_held", "_nearest", "_nearest_silent", "_farthest", "_farthest_kept", "_statuses",
+    "_small_gap", "_parted", "_since", "_moved_s", "_place", "_kappa", "_silent_from", "_slots",
 )  # fmt: skip
 
 
@@ -287,6 +308,7 @@ def _blank(m: int) -> Outcome:
         stuck=np.zeros(m, dtype=np.bool_),
         touched=np.zeros(m),
         yielded=whole(),
+        exchanges=whole(),
         parted=np.zeros(m, dtype=np.bool_),
         statuses=np.zeros((OVERSPEED + 1, m), dtype=np.int64),
         small_gap=whole(),

@@ -15,12 +15,13 @@ from swarm_ctl.core.release import swirled
 from swarm_ctl.core.safety import Margins
 from swarm_ctl.core.swarm_law import SwarmLaw
 from swarm_ctl.study.batch import Batch, Bools, Floats
+from swarm_ctl.study.dealing import Dealing
 from swarm_ctl.study.news import Told
 from swarm_ctl.study.space import Safety
 
 Complex: TypeAlias = NDArray[np.complex128]
 
-_LEVELS: Final[tuple[Safety, ...]] = ("off", "filter", "guard", "release", "full")
+_LEVELS: Final[tuple[Safety, ...]] = ("off", "filter", "guard", "release", "exchange")
 _SWIRL_OFF: Final = 0.3
 """Within r_out plus this of somebody unheard nobody swirls [units]."""
 
@@ -50,11 +51,13 @@ class Keeper:
         self._release = _Releases((n, m), self._speed, cell.tick_s) if self._level >= 3 else None
         self._row = batch.row
         self.counts = Counts(np.zeros(m), np.zeros(m), np.zeros(m))
+        self.dealing = Dealing(batch) if self._level >= 4 else None
 
     def only(self, missions: Bools) -> None:
         """Go on with some of the missions."""
-        if self._release is not None:
-            self._release.only(missions)
+        for part in (self._release, self.dealing):
+            if part is not None:
+                part.only(missions)
         self._row = self._row[missions]
         counts = self.counts
         self.counts = Counts(counts.flown[missions], counts.touched[missions], counts.yielded[missions])

@@ -149,12 +149,12 @@ def _pictures(batch: Batch, trace: Trace, first: int) -> Sequence[tuple[str, Cal
     iterations = np.array(trace.time_s) * _KAPPA
     # the paper shows agents 2, 3 and 4 of the six, and does not say whom of the 32
     shown = (1, 2, 3) if first == 7 and {1, 2, 3} & {i for _, i, *_ in trace.pairs} else _busiest(trace)
-    start = ("initial configuration, links within r, r_out", partial(pictures.start_picture, batch))
+    start = ("start, links within $r$, circles of $r_\\mathrm{out}$", partial(pictures.start_picture, batch))
     return [start] * (first == 7) + [
         (f"trajectories and formation, n = {batch.cell.n}", partial(pictures.track_picture, batch, trace)),
         ("minimum inter-agent distances", partial(pictures.distance_picture, batch, trace, iterations)),
         (
-            f"sigma_ij, i = {', '.join(str(i + 1) for i in shown)}",
+            f"$\\sigma_{{ij}}$, $i$ = {', '.join(str(i + 1) for i in shown)}",
             partial(pictures.sigma_picture, trace, 1 / _KAPPA, shown),
         ),
         ("convergence in x", partial(pictures.error_picture, batch, trace, iterations, 0)),

@@ -10,13 +10,29 @@ import numpy as np
 from matplotlib.animation import FuncAnimation, PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle
+from matplotlib.patheffects import withStroke
 
 from swarm_ctl.core.law import STATUSES
-from swarm_ctl.report.drawing import Floats, bounds, figure, hull_order, legend, line_style, save, trajectories
+from swarm_ctl.report.drawing import (
+    R_IN,
+    R_OUT,
+    Floats,
+    bounds,
+    broken,
+    figure,
+    hull_order,
+    legend,
+    line_style,
+    log_ticks,
+    save,
+    trajectories,
+)
 from swarm_ctl.study.again import Flown, Trace
 from swarm_ctl.study.batch import Batch
 
 _FRAMES: Final = 120
+_OUTLINE: Final = (withStroke(linewidth=3.0, foreground="black"),)
+"""Seen on a cloud of dots of its own colour."""
 
 
 def agent_names(n: int) -> list[str]:
@@ -29,7 +45,7 @@ def draw_mission(flown: Flown, path: Path) -> None:
     title = f"row {flown.batch.row[0]}: smallest distance {flown.row['smallest']:.2f}, " + (
         f"formed after {flown.row['time_s']:.1f} s" if flown.row["converged"] else "not formed"
     )
-    made, axes = figure(title, 6.0, 5.5)
+    made, axes = figure(title, 5.2, 4.8)
     tracks = flown.trace.positions()
     trajectories(axes, tracks, agent_names(tracks.shape[2]), hull_order(flown.batch.slots[..., 0]))
     if path.suffix != ".gif":
@@ -51,7 +67,7 @@ def draw_mission(flown: Flown, path: Path) -> None:
 
 def start_picture(batch: Batch, folder: Path, name: str, title: str) -> None:
     """Where the agents start, their links, and their avoidance regions (Fig. 7)."""
-    made, axes = figure(title, 5.0, 4.6)
+    made, axes = figure(title, 5.0, 4.4)
     starts = batch.starts[..., 0]
     for i, j in np.argwhere(np.triu(batch.links[..., 0])):
         axes.plot(starts[1, [i, j]], starts[0, [i, j]], color="#888888", linewidth=0.9)
@@ -68,13 +84,11 @@ def start_picture(batch: Batch, folder: Path, name: str, title: str) -> None:
 
 def track_picture(batch: Batch, trace: Trace, folder: Path, name: str, title: str) -> None:
     """Tracks from start to shape (Figs. 8, 13)."""
-    made, axes = figure(title, 5.6, 4.8)
+    made, axes = figure(title, 5.2, 4.6)
     tracks = trace.positions()
     trajectories(axes, tracks, agent_names(tracks.shape[2]), hull_order(batch.slots[..., 0]))
     axes.set_xlabel("y [units]")
     axes.set_ylabel("x [units]")
-    if tracks.shape[2] <= 12:
-        legend(axes, tracks.shape[2])
     save(made, folder, name)
 
 
@@ -83,9 +97,9 @@ def distance_picture(batch: Batch, trace: Trace, iterations: Floats, folder: Pat
     made, axes = figure(title)
     nearest = nearest_distances(trace.positions())
     _lines(axes, iterations, nearest, agent_names(nearest.shape[1]))
-    bounds(axes, [("r_in", batch.cell.law.r_in), ("r_out", batch.cell.law.r_out)])
+    bounds(axes, [(R_IN, batch.cell.law.r_in), (R_OUT, batch.cell.law.r_out)])
     axes.set_ylim(bottom=0)
-    axes.set_ylabel("distance to the nearest agent [units]")
+    axes.set_ylabel("nearest agent [units]")
     save(made, folder, name)
 
 
@@ -103,10 +117,11 @@ def sigma_picture(trace: Trace, iteration_s: float, agents: Sequence[int], folde
     for k, (i, j) in enumerate(wanted):
         rows = np.array([(t / iteration_s, sigma) for t, a, b, _, sigma, _, _ in trace.pairs if (a, b) == (i, j)])
         label = f"$\\sigma_{{{i + 1},{j + 1}}}$"
-        axes.plot(rows[:, 0], rows[:, 1], ".", markersize=2.5, color=line_style(k)["color"], label=label)
-    axes.set_yscale("log")
+        curve = broken(rows[:, 0], rows[:, 1], 1.5)
+        axes.plot(*curve, marker=".", markersize=2.5, linewidth=1.0, label=label, **line_style(k))
+    log_ticks(axes)
     axes.set_xlabel("iteration")
-    axes.set_ylabel("sigma")
+    axes.set_ylabel("$\\sigma$")
     if wanted and len(wanted) <= 32:
         legend(axes, len(wanted))
     save(made, folder, name)
@@ -119,7 +134,7 @@ def error_picture(
     made, axes = figure(title)
     error = trace.positions()[:, axis] - batch.slots[axis, :, 0]
     _lines(axes, iterations, error, agent_names(error.shape[1]))
-    axes.set_ylabel(f"e_{'xy'[axis]} [units]")
+    axes.set_ylabel(f"$e_{'xy'[axis]}$ [units]")
     save(made, folder, name)
 
 
@@ -127,7 +142,7 @@ def sigma_against_distance(
     samples: list[tuple[str, Floats]], bounds_of: list[tuple[float, float]], folder: Path, name: str
 ) -> None:
     """All tuned sigmas against the distance at which they were tuned, with the median per bin."""
-    made, axes = figure("sigma against distance, every near pair of many missions")
+    made, axes = figure("$\\sigma$ against distance, every near pair of many missions")
     for k, ((label, points), (r_in, r_out)) in enumerate(zip(samples, bounds_of, strict=True)):
         if not len(points):
             continue
@@ -138,11 +153,12 @@ def sigma_against_distance(
         place = np.digitize(share, edges)
         filled = [b for b in range(1, 16) if np.count_nonzero(place == b) > 5]
         middle = [(edges[b - 1] + edges[min(b, 15)]) / 2 for b in filled]
-        axes.plot(middle, [np.median(points[place == b, 1]) for b in filled], "o-", label=f"{label}, median", **style)
-    axes.set_yscale("log")
-    axes.set_xlabel("(x - r_in) / (r_out - r_in): 0 at r_in, 1 at r_out")
-    axes.set_ylabel("sigma")
-    axes.legend(frameon=False, loc="lower left")
+        medians = [np.median(points[place == b, 1]) for b in filled]
+        axes.plot(middle, medians, "o-", label=f"{label}, median", path_effects=_OUTLINE, zorder=5, **style)
+    log_ticks(axes)
+    axes.set_xlabel(f"$(x - {R_IN}) / ({R_OUT} - {R_IN})$: 0 at ${R_IN}$, 1 at ${R_OUT}$")
+    axes.set_ylabel("$\\sigma$")
+    made.legend(loc="outside lower center", ncols=2, frameon=False, fontsize=9)
     save(made, folder, name)
 
 

@@ -37,6 +37,7 @@ _OUTCOME: Final = (
     "stuck",
     "touched",
     "yielded",
+    "exchanges",
     "parted",
     "small_gap",
     "steps",

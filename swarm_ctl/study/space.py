@@ -12,14 +12,16 @@ from typing import Final, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from swarm_ctl.core.plan import Compensation, LawParameters, Response
+from swarm_ctl.core.response import TYPICAL
 
 Shape = Literal["ring", "line", "grid", "vee", "wedge"]
 Slots = Literal["given", "random", "nearest"]
 Start = Literal["random", "ring", "grid", "table2", "crossing", "antipodal"]
-"""`crossing`: two columns that face each other; `antipodal`: a ring. With the slots `given` everybody goes to the place
-opposite to the own one."""
-Safety = Literal["off", "filter", "guard", "release", "full"]
-"""Each with all before it: the collision filter, the guard of links, swirl and tangential release, slot exchange."""
+"""`crossing`: two columns that face each other and, with the slots `given`, change sides; `antipodal`: a ring, and
+everybody goes to the place opposite to the own one."""
+Safety = Literal["off", "filter", "guard", "release", "exchange"]
+"""Each with all before it: the collision filter, the guard of links, swirl and tangential release (what agents fly),
+slot exchange (tried in studies only)."""
 VehicleModel = Literal["ideal", "lag", "ardupilot", "px4"]
 
 LISTS: Final = ("n", "shape", "slots", "start", "compensation", "vehicle", "safety")
@@ -105,7 +107,7 @@ class Cell(_Common):
     def model(self) -> Response:
         """What the agents take their vehicles for: the middle of the ranges, or the default of flown missions."""
         if self.vehicle in _FIRMWARE:
-            return Response()
+            return TYPICAL[self.vehicle]
         return Response(self.dead_time_s.middle, max(self.lag_s.middle, 1e-3), self.acceleration_mps2)
 
 

@@ -18,17 +18,24 @@ from swarm_ctl.study.space import Cell, Study
 
 
 def carry_out(study: Study, path: Path, processes: int | None, console: Console) -> None:
-    """Fly what is missing of a study and append it to the rows at `path`. Ctrl-C leaves whole blocks behind."""
+    """Fly what is missing of a study and append it to the rows at `path`. Ctrl-C leaves whole blocks behind, says so,
+    and passes on.
+    """
     done = begin(path, study)
     work = blocks(study)
     flown = sum(count for _, _, count in work[:done])
     columns = (TextColumn("missions"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with path.open("a") as file, Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task("missions", total=study.rows, completed=flown)
-        for rows in _flown(work[done:], processes):
-            file.write(to_csv(rows))
-            file.flush()
-            progress.advance(task, len(rows))
+        try:
+            for rows in _flown(work[done:], processes):
+                file.write(to_csv(rows))
+                file.flush()
+                flown += len(rows)
+                progress.advance(task, len(rows))
+        except KeyboardInterrupt:
+            progress.print(f"{path}: {flown} of {study.rows} missions; the same command goes on from here")
+            raise
 
 
 def _flown(work: list[tuple[Cell, int, int]], processes: int | None) -> Iterator[list[Row]]:

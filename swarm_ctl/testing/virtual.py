@@ -71,7 +71,7 @@ class VirtualSwarm:
         node = Node(MemoryTransport(self.mesh), "test", agent_id)
         node.listen(keys.STATE, keys.BEACON, keys.COMMAND)
         link = VehicleLink(near, entry.autopilot, entry.sysid)
-        self.members[agent_id] = Member(Agent(self.plan, agent_id, self.now), link, node)
+        self.members[agent_id] = Member(Agent(self.plan, agent_id, self.now, vehicle=entry.response), link, node)
 
     def _transmit(self, place: int, data: bytes, _: Any) -> None:
         self._far[place].write(data)

@@ -15,7 +15,9 @@ RUN = ("run", LOW, "--speedup", "4")
 
 @needs_tmux
 def test_screens_orders_and_the_end(tmp_path: Path) -> None:
-    """From the first picture over all screens to a landing by one key; the terminal is left as it was."""
+    """From the first picture over all screens to a landing by one key, and the same again from the recording; the
+    terminal is left as it was.
+    """
     with Terminal(*RUN, cwd=tmp_path) as terminal:
         terminal.wait_for("6/6 agents")
         terminal.wait_for("takeoff")
@@ -38,6 +40,17 @@ def test_screens_orders_and_the_end(tmp_path: Path) -> None:
         code, shown = terminal.wait_for_end()
         assert code == 1
         assert "landed by the operator" in shown
+    with Terminal("replay", "--speed", "20", cwd=tmp_path) as terminal:
+        terminal.wait_for("REPLAY")
+        terminal.press("K")
+        terminal.wait_for("kill: this is a recording: nothing can be ordered")
+        terminal.press("4", "End")
+        terminal.wait_for(lambda text: "landed by the operator" in text and "■" in text)
+        terminal.press("Home", "Space")
+        terminal.wait_for(lambda text: "landed by the operator" not in text and "REPLAY" in text)
+        terminal.press("q")
+        code, _ = terminal.wait_for_end()
+        assert code == 0
 
 
 @needs_tmux

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,9 @@ from tests.system.running import LOW, Running
 
 pytestmark = pytest.mark.timeout(240)
 
+Velocity = tuple[float, float, float]
+LAND = 9
+"""ArduCopter's number of the mode."""
 RUN = ("run", LOW, "--speedup", "4", "--headless")
 
 
@@ -47,27 +51,36 @@ def test_a_whole_run_is_recorded_and_reported(whole: Whole) -> None:
     assert summary.statistics is not None
     assert summary.statistics.message_count == sum(1 for _ in messages(folder))
     for agent in range(1, 7):
-        # the agent counts the ticks it flew; its driver sends some more, around changes of mode
-        assert 0 <= _setpoints(folder / f"{agent}.tlog") - final_setpoints(folder, agent) < 40
+        account = json.loads((folder / "agents" / f"{agent}.json").read_text())
+        flown, landing, received = _frames(folder / f"{agent}.tlog", agent)
+        assert len(flown) == account["setpoints"]
+        # asked to land, the driver stops the vehicle until its heartbeat tells the new mode
+        assert set(landing) <= {(0.0, 0.0, 0.0)}
+        assert received == account["vehicle_link"]["received"]
 
 
-def _setpoints(path: Path) -> int:
-    log = mavutil.mavlogfile(str(path))
-    count = 0
-    while log.recv_match(type="SET_POSITION_TARGET_LOCAL_NED") is not None:
-        count += 1
+def _frames(path: Path, sysid: int) -> tuple[list[Velocity], list[Velocity], int]:
+    """Setpoints before and after the first command to land, as MAVExplorer reads them; all frames of the vehicle."""
+    log = mavutil.mavlink_connection(str(path))
+    flown: list[Velocity] = []
+    landing: list[Velocity] = []
+    setpoints, received = flown, 0
+    while (message := log.recv_match()) is not None:
+        kind = message.get_type()
+        assert kind != "BAD_DATA"
+        received += message.get_srcSystem() == sysid
+        if kind == "SET_POSITION_TARGET_LOCAL_NED":
+            setpoints.append((message.vx, message.vy, message.vz))
+        elif (
+            kind == "COMMAND_LONG" and message.command == mavutil.mavlink.MAV_CMD_DO_SET_MODE and message.param2 == LAND
+        ):
+            setpoints = landing
     log.close()
-    return count
-
-
-def final_setpoints(folder: Path, agent: int) -> int:
-    """What the agent itself says it sent."""
-    found: int = json.loads((folder / "agents" / f"{agent}.json").read_text())["setpoints"]
-    return found
+    return flown, landing, received
 
 
 def test_a_killed_station_leaves_all_but_the_last_second(tmp_path: Path) -> None:
-    """SIGKILL in flight: the file reads up to the last chunk, `report` gives it its footer, and says so."""
+    """SIGKILL in flight: the file reads up to the last chunk, `replay` and `report` give it its footer, and say so."""
     with Running(*RUN, "--no-report", cwd=tmp_path) as running:
         running.wait_for_event("step 2: form hexagon", 6)
         before_s = max(
@@ -80,6 +93,14 @@ def test_a_killed_station_leaves_all_but_the_last_second(tmp_path: Path) -> None
     assert not is_whole(folder)
     last_s = max(payload.time_s for _, payload in recording.read(folder) if isinstance(payload, AgentState))
     assert last_s >= before_s
+    alone = tmp_path / "alone.mcap"
+    shutil.copy(folder / recording.RECORDING, alone)
+    with Running("replay", alone, "--json", "--from", "end", cwd=tmp_path) as replaying:
+        assert replaying.wait() == 0, replaying.output
+        note, line = replaying.output.splitlines()
+    assert "recovered up to its last second" in note
+    assert last_s <= json.loads(line)["time_s"] <= last_s + 1.0
+    assert is_whole(alone)
     with Running("report", folder, cwd=tmp_path) as reporting:
         assert reporting.wait() == 0, reporting.output
     assert is_whole(folder)

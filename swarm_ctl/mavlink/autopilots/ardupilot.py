@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from swarm_ctl.core.freshness import SILENT_FLIES_S
+from swarm_ctl.core.freshness import SETPOINT_TIMEOUT_S
 from swarm_ctl.core.vehicle import Vector3
 from swarm_ctl.mavlink import outgoing
 from swarm_ctl.mavlink.autopilots.base import Autopilot
@@ -54,8 +54,8 @@ class Ardupilot(Autopilot):
     wind_message: ClassVar[str] = "WIND"  # with EK3_DRAG_BCOEF_X and _Y tuned
     failsafes: ClassVar[Mapping[str, float]] = {
         # A silent agent's vehicle stops after this, not after the 3 s it comes with (11.7 m at 3 m/s). At 20 setpoints
-        # a second it is 20 lost in a row; the parameter's range is 0.1 .. 5 s.
-        "GUID_TIMEOUT": SILENT_FLIES_S,
+        # a second it is 10 lost in a row; the parameter's range is 0.1 .. 5 s.
+        "GUID_TIMEOUT": SETPOINT_TIMEOUT_S["ardupilot"],
         # Our heartbeats gone for FS_GCS_TIMEOUT (5 s): land in place. Return-to-launch would cross others' paths.
         "FS_GCS_ENABLE": 5.0,
     }

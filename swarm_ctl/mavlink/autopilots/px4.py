@@ -9,7 +9,7 @@ from typing import ClassVar
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from swarm_ctl.core.freshness import SILENT_FLIES_S
+from swarm_ctl.core.freshness import SETPOINT_TIMEOUT_S
 from swarm_ctl.core.vehicle import Vector3
 from swarm_ctl.mavlink import outgoing
 from swarm_ctl.mavlink.autopilots.base import Autopilot
@@ -50,7 +50,7 @@ class Px4(Autopilot):
     wind_message: ClassVar[str] = "WIND_COV"  # with EKF2_DRAG_CTRL 1
     failsafes: ClassVar[Mapping[str, float]] = {
         # A silent agent's vehicle leaves OFFBOARD after this. It comes with 1.0; less would be hit by a slow moment.
-        "COM_OF_LOSS_T": SILENT_FLIES_S,
+        "COM_OF_LOSS_T": SETPOINT_TIMEOUT_S["px4"],
         # ... and lands (4) in place. Position mode (0), which it comes with, waits for a pilot who may not be there.
         "COM_OBL_RC_ACT": 4.0,
     }

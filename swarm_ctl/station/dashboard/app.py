@@ -310,13 +310,20 @@ class Dashboard(App[None]):
         typed = line.value if line.purpose == "order" else None
         answer = command_line(picture, self._notice) if typed is None else usage_line(typed)
         self._painted("answers").paint([answer], width=width)
-        keys = keys_line(picture, self._shown, owns_run=self._interrupt is not None, width=width)
-        self._painted("keys").paint([keys], width=width)
+        self._painted("keys").paint([self.keys_line(picture, width)], width=width)
         if self._shown == "swarm":
             self._draw_swarm(picture)
         else:
             panel = self._painted(self._shown)
             panel.paint(self._lines(picture, panel.room[0]))
+
+    def keys_line(self, picture: Picture, width: int) -> Line:
+        """The keys that matter on this screen."""
+        return keys_line(picture, self._shown, owns_run=self._interrupt is not None, width=width)
+
+    def help_lines(self, width: int) -> list[Line]:
+        """The help screen."""
+        return help_lines(width)
 
     def _lines(self, picture: Picture, width: int) -> list[Line]:
         match self._shown:
@@ -327,7 +334,7 @@ class Dashboard(App[None]):
             case "log":
                 return log_lines(picture, width)
             case _:
-                return help_lines(width)
+                return self.help_lines(width)
 
     def _draw_swarm(self, picture: Picture) -> None:
         table, recent = self._painted("table"), self._painted("recent")
@@ -503,14 +510,18 @@ class Dashboard(App[None]):
         line = self.query_one(CommandInput)
         purpose, text = line.purpose, event.value.strip()
         self._close_line()
-        if purpose == "order" and text:
+        if purpose not in ("", "filter") and text:
             line.remember(text)
-            self._order(text)
+            self.typed(text)
+
+    def typed(self, text: str) -> None:
+        """A line was typed behind a colon."""
+        self._order(text)
 
     def _open_line(self, purpose: str, text: str) -> None:
         self._painted("keys").display = False
         self.query_one("#entry").display = True
-        self.query_one("#prompt", Label).update(":" if purpose == "order" else "/")
+        self.query_one("#prompt", Label).update("/" if purpose == "filter" else ":")
         self.query_one(CommandInput).open(purpose, text)
         self.draw()
 

@@ -150,22 +150,23 @@ def keys_line(picture: Picture, shown: str, *, owns_run: bool, width: int) -> Li
     line = Line(" all agents have ended ", "bold") if ended else Line(f" {who}: ", "bold magenta" if marked else "bold")
     if not ended:
         orders = (("l", "land", "order('land')"), ("h", "hold", "order('hold')"), ("r", "resume", "order('resume')"))
-        _keys(line, (*orders, ("n", "next", "order('next')"), (":", "command", "command('')")))
+        key_words(line, (*orders, ("n", "next", "order('next')"), (":", "command", "command('')")))
     extra = {
         "swarm": (("space", "mark", "mark_cursor"), ("s", "sort", "sort_next")),
         "links": (("v", "view", "metric_next"),),
         "log": (("/", "filter", "filter"), ("w", "worst", "level_next")),
     }.get(shown, ())
-    _keys(line, extra)
+    key_words(line, extra)
     if picture.alarms:
-        _keys(line, (("x", "seen", "acknowledge"),))
+        key_words(line, (("x", "seen", "acknowledge"),))
     last = "^C land all" if owns_run and not ended else "q leave" if not owns_run else ""
     if last and line.width + len(last) + 2 <= width:
         line.to(width - len(last) - 1).add(last, "bold", "app.interrupt" if owns_run else "app.leave")
     return line
 
 
-def _keys(line: Line, keys: tuple[tuple[str, str, str], ...]) -> None:
+def key_words(line: Line, keys: tuple[tuple[str, str, str], ...]) -> None:
+    """Append (key, what it does, the action of a click on it)."""
     for key, words, action in keys:
         click = f"app.{action}"
         line.add(" ").add(key, "bold", click).add(f" {words}", "", click)

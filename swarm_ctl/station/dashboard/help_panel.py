@@ -35,14 +35,20 @@ def help_lines(width: int) -> list[Line]:
         (f"{kind.key or ' '}  {kind.name} {kind.usage}".rstrip(), kind.does + (" (asks once)" if kind.asks else ""))
         for kind in KINDS
     ]
-    lines = [*_rows("keys", _KEYS, 14, width), *_rows("orders, by key or after ':'", orders, 28, width)]
+    lines = [*rows("keys", _KEYS, 14, width), *rows("orders, by key or after ':'", orders, 28, width)]
     lines.append(Line("   for some agents only: mark them, or 'land @1,3-5'", "dim"))
-    return [*lines, *_rows("signs", _SIGNS, 14, width)]
+    return [*lines, *sign_rows(width)]
 
 
-def _rows(title: str, rows: tuple[tuple[str, str], ...] | list[tuple[str, str]], at: int, width: int) -> list[Line]:
+def sign_rows(width: int) -> list[Line]:
+    """What the signs mean."""
+    return rows("signs", _SIGNS, 14, width)
+
+
+def rows(title: str, said: tuple[tuple[str, str], ...] | list[tuple[str, str]], at: int, width: int) -> list[Line]:
+    """Words and what they mean, under a title."""
     lines = [Line(f" {title}", "bold underline")]
-    for what, words in rows:
+    for what, words in said:
         first, *others = wrapped(words.split(), max(20, width - at - 4), 0)
         lines.append(Line(f"   {what}", "bold").to(at + 3).add(first))
         lines += [Line().to(at + 3).add(other) for other in others]

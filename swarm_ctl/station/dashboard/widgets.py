@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import ClassVar
+from typing import ClassVar, Final
 
 from textual.binding import Binding, BindingType
 from textual.geometry import Size
@@ -16,6 +16,12 @@ from textual.widgets import Input
 from swarm_ctl.core.plan import Plan
 from swarm_ctl.station.dashboard.ink import Line
 from swarm_ctl.station.orders import complete
+
+_PLACEHOLDERS: Final = {
+    "order": "a command; tab completes, esc leaves",
+    "filter": "words to look for",
+    "time": "a time: 83, 1:23, +10, -10, end; esc leaves",
+}
 
 
 class Painted(ScrollView, can_focus=False):
@@ -81,13 +87,13 @@ class CommandInput(Input):
         self._before: list[str] = []
         self._at = 0
         self.purpose = ""
-        """`order` or `filter`; empty: not in use."""
+        """A key of `_PLACEHOLDERS`; empty: not in use."""
 
     def open(self, purpose: str, text: str) -> None:
         """Take the keyboard."""
         self.purpose = purpose
         self.suggester = self._completion if purpose == "order" else None
-        self.placeholder = "a command; tab completes, esc leaves" if purpose == "order" else "words to look for"
+        self.placeholder = _PLACEHOLDERS[purpose]
         self.can_focus = True
         self.value = text
         self.cursor_position = len(text)

@@ -159,7 +159,7 @@ def test_the_origin_is_asked_for_until_known_and_rarely_after() -> None:
 
 
 OURS = {
-    "ardupilot": {"GUID_TIMEOUT": 1.0, "FS_GCS_ENABLE": 5.0},
+    "ardupilot": {"GUID_TIMEOUT": 0.5, "FS_GCS_ENABLE": 5.0},
     "px4": {"COM_OF_LOSS_T": 1.0, "COM_OBL_RC_ACT": struct.unpack("<f", struct.pack("<i", 4))[0]},
 }
 

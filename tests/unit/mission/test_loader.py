@@ -14,6 +14,7 @@ import yaml
 
 from swarm_ctl.core import graph
 from swarm_ctl.core.plan import Compensation, FormStep, HoldStep, LandStep, Policies, Policy, TakeoffStep
+from swarm_ctl.core.response import TYPICAL
 from swarm_ctl.errors import MissionError
 from swarm_ctl.mission.fleet import FleetAgent
 from swarm_ctl.mission.loader import dumps, load, loads
@@ -219,7 +220,6 @@ def test_the_changes_above_reach_every_field_of_a_plan() -> None:
         reached |= {key for key in before.keys() | after.keys() if before.get(key) != after.get(key)}
     constant = {f"{kind}.kind" for kind in ("TakeoffStep", "FormStep", "HoldStep", "LandStep")}
     constant.add("LandStep.on_timeout")  # always to land
-    constant |= {"Safety.filter", "Safety.guard", "Safety.release"}  # on, but for studies
     assert set(before) - reached <= constant
 
 
@@ -231,7 +231,7 @@ def test_the_fleet_has_one_entry_per_agent_sorted() -> None:
     assert fleet.agents == (
         FleetAgent(1, 1, "ardupilot", "udpout:10.0.0.1:14550", "tcp/10.0.0.1:7447"),
         FleetAgent(2, 2, "ardupilot", "udpout:10.0.0.2:14550", "tcp/10.0.0.2:7447"),
-        FleetAgent(3, 3, "px4"),
+        FleetAgent(3, 3, "px4", response=TYPICAL["px4"]),
     )
     assert fleet.agent(3).autopilot == "px4"
     with pytest.raises(KeyError):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from swarm_ctl.core.state import AgentState, Payload, SigmaReport
+from swarm_ctl.core.state import AgentState, Event, Payload, SigmaReport
 from swarm_ctl.errors import InputError
 from swarm_ctl.recording import RECORDING
 from swarm_ctl.recording.recorder import Recorder
@@ -27,7 +27,9 @@ def said() -> list[Payload]:
     for t in np.arange(LIFTOFF, LAND, 0.5).tolist():
         for agent in range(1, 7):
             found.append(state_of(PLAN, agent, t, velocity_ned_mps=(0.5, 0.0, 0.0), commanded_mps=(1.0, 0.0)))
-            found.append(status_of(PLAN, agent, t, links=account(agent).links))
+            charge = 10.0 if agent == 4 and t > 30.0 else 90.0
+            found.append(status_of(PLAN, agent, t, links=account(agent).links, battery_percent=charge))
+    found += [Event(2, 25.0, "warning", "vehicle: EKF variance"), Event(1, LAND, "info", "ended: completed")]
     found.append(SigmaReport(4, 25.0, (0.0, 0.0), (0.1, 0.0), (report_of(5, 1.2),)))
     return found
 
@@ -99,11 +101,12 @@ def test_the_page_needs_nothing_beside_it(reported: Path) -> None:
 
 
 def test_summary_and_alarms_are_told(reported: Path) -> None:
-    """The outcome, each figure's number, and warnings with who and when; plain events are no alarms."""
+    """The outcome, each figure's number, the station's alarms and the agents' warnings; plain events are none."""
     text = re.sub(r"<[^>]+>", " ", (reported / PAGE).read_text())
     assert "COMPLETED" in text
     assert f"{true_minimum()[0]:.2f} m" in text
-    assert re.search(r"25\.0 s\s+agent 2\s+warning\s+vehicle: EKF variance", text)
+    assert re.search(r"25\.0 s\s+agent 2\s+vehicle\s+EKF variance", text)
+    assert re.search(r"3\d\.\d s\s+agent 4\s+alarm\s+battery of agent 4 at 10 %", text)
     assert "ended: completed" not in text
 
 
@@ -116,7 +119,9 @@ def test_without_truth_or_recording_the_rest_is_drawn(run: Path) -> None:
         path.unlink()
     write_run(run)
     (run / RECORDING).unlink()
-    assert "figures of what was said are left out" in make_report(run).read_text()
+    page = make_report(run).read_text()
+    assert "figures of what was said are left out" in page
+    assert "vehicle: EKF variance" in page
     assert {path.stem for path in (run / "figures").iterdir()} == {
         "trajectories", "min-distance", "error-x", "error-y", "links",
     }  # fmt: skip

@@ -19,6 +19,7 @@ from swarm_ctl.core.plan import (
     Plan,
     Policies,
     Response,
+    Safety,
     TakeoffStep,
 )
 from swarm_ctl.core.state import (
@@ -66,6 +67,7 @@ def hexagon_plan(count: int = 6) -> Plan:
             LandStep(90.0),
         ),
         fence=None,
+        safety=Safety(),
     )
 
 

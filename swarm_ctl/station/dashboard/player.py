@@ -1,0 +1,214 @@
+"""The dashboard over a recording: the same screens, with the keys of a player instead of orders."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import ClassVar, Final
+
+from textual.binding import Binding, BindingType
+from textual.driver import Driver
+
+from swarm_ctl.errors import InputError
+from swarm_ctl.station.alerts import Level
+from swarm_ctl.station.dashboard.app import Dashboard
+from swarm_ctl.station.dashboard.bars import key_words
+from swarm_ctl.station.dashboard.help_panel import rows, sign_rows
+from swarm_ctl.station.dashboard.ink import Line
+from swarm_ctl.station.dashboard.picture import Picture
+from swarm_ctl.station.dashboard.timeline import Playing, at_speed, timeline
+from swarm_ctl.station.dashboard.widgets import Painted
+from swarm_ctl.station.film import Film, Mark
+from swarm_ctl.station.orders import KINDS
+
+_TICK_WALL_S: Final = 0.1
+_WORK_WALL_S: Final = 0.04
+"""How long reading on may keep the screen waiting."""
+_NO_ORDERS: Final = "this is a recording: nothing can be ordered"
+_KEYS: Final = (
+    ("space", "pause, go on; at the end: once more from the start"),
+    ("← →", "5 s back, 5 s on; with shift 30 s"),
+    (", .", "a quarter of a second back, on"),
+    ("home end", "start, end"),
+    ("e E", "next event of any kind, the last one"),
+    ("a A", "next alarm or warning, the last one"),
+    ("- + 0", "slower, faster (0.25 to 50), 1: mission seconds in seconds"),
+    (":", "go to a time: 83, 1:23, +10, -10, end; or click on the line below"),
+    ("1 2 3 4 ?", "screens: swarm, links, sigma, log, help; also tab, or a click"),
+    ("↑ ↓", "move the cursor, or the lines of a screen"),
+    ("s S v / w", "sort, turn the order round; what the link matrix shows; filter the log by words, by level"),
+    ("t q", "light or dark; leave"),
+)
+
+
+_KEPT: Final = {
+    "interrupt", "leave", "go", "go_on", "cursor", "scroll", "sort_next", "sort_turn", "metric_next", "begin",
+    "level_next", "theme", "close_line",
+}  # fmt: skip
+
+
+def _bindings() -> list[BindingType]:
+    keys = {
+        "space": "pause",
+        "left": "skip(-5)",
+        "right": "skip(5)",
+        "shift+left": "skip(-30)",
+        "shift+right": "skip(30)",
+        "comma": "skip(-0.25)",
+        "full_stop": "skip(0.25)",
+        "home": "seek(-1)",
+        "end": "seek(1e9)",
+        "e": "next(False)",
+        "E": "last(False)",
+        "a": "next(True)",
+        "A": "last(True)",
+        "plus,equals_sign": "speed(1)",
+        "minus": "speed(-1)",
+        "0": "usual_speed",
+    }
+    orders = [Binding(kind.key, f"refuse('{kind.name}')") for kind in KINDS]
+    kept = [
+        binding
+        for binding in Dashboard.BINDINGS
+        if isinstance(binding, Binding) and binding.action.split("(")[0] in _KEPT
+    ]
+    return [*(Binding(key, action) for key, action in keys.items()), *orders, *kept]
+
+
+class Player(Dashboard, inherit_bindings=False):
+    """Plays a film. `wall_s` is a clock that a person waits by [s]."""
+
+    BINDINGS: ClassVar[list[BindingType]] = _bindings()
+
+    def __init__(
+        self,
+        film: Film,
+        wall_s: Callable[[], float],
+        *,
+        speed: float = 1.0,
+        going: bool = True,
+        driver_class: type[Driver] | None = None,
+    ) -> None:
+        super().__init__(film.plan, lambda _: None, None, driver_class=driver_class)
+        self.film = film
+        self.playing = Playing(going, at_speed(speed, 0))
+        self._wall_s = wall_s
+        self._last_s = wall_s()
+        self._drawn = (-1.0, -1.0)
+
+    def on_mount(self) -> None:
+        """The line of time, and the film on it."""
+        self.mount(Painted("timeline"), before="#keys")
+        self.set_interval(_TICK_WALL_S, self.turn)
+
+    def turn(self) -> None:
+        """Go on as the wall clock does, read ahead in what is left of the time, draw what is new."""
+        now_s = self._wall_s()
+        passed_s, self._last_s = now_s - self._last_s, now_s
+
+        def enough() -> bool:
+            return self._wall_s() - now_s > _WORK_WALL_S
+
+        film, wanted_s = self.film, self.playing.wanted_s
+        if wanted_s is None and self.playing.going:
+            film.seek(film.time_s + passed_s * self.playing.speed, enough)
+            if film.time_s >= film.end_s:
+                self._change(going=False)
+        read = film.read_ahead(enough)
+        if wanted_s is not None and (read or film.known_s >= wanted_s):
+            self._change(wanted_s=None)
+            film.seek(wanted_s)
+        if (film.time_s, film.known_s) != self._drawn:
+            self._drawn = (film.time_s, film.known_s)
+            self._view, self._journal = film.view(), film.journal
+            self.draw()
+
+    def draw(self) -> None:
+        """The dashboard, and the line of time."""
+        super().draw()
+        for line in self.query("#timeline").results(Painted):
+            width = self.size.width
+            line.paint([timeline(self.film, self.playing, width)], width=width)
+
+    def keys_line(self, _: Picture, width: int) -> Line:
+        """The keys of a player."""
+        pause = "pause" if self.playing.going else "play"
+        line = Line()
+        key_words(line, (("space", pause, "pause"), ("←", "", "skip(-5)"), ("→", "5 s", "skip(5)")))
+        key_words(line, (("e", "event", "next(False)"), ("a", "alarm", "next(True)")))
+        key_words(line, (("-", "", "speed(-1)"), ("+", "speed", "speed(1)"), (":", "go to", "command('')")))
+        last = "q leave"
+        return line.to(width - len(last) - 1).add(last, "bold", "app.leave") if line.width + 10 <= width else line
+
+    def help_lines(self, width: int) -> list[Line]:
+        """A player's keys."""
+        words = Line(f"   {_NO_ORDERS}; alarms come as they would have come in flight", "dim")
+        return [*rows("keys", _KEYS, 14, width), words, *sign_rows(width)]
+
+    # --- keys ---
+
+    def action_pause(self) -> None:
+        """Stop, go on; from the end: from the start."""
+        if not self.playing.going and self.film.time_s >= self.film.end_s:
+            self.film.seek(self.film.start_s)
+        self._change(going=not self.playing.going, wanted_s=None)
+
+    def action_seek(self, time_s: float) -> None:
+        """Go there; at once, or as soon as the recording is read so far."""
+        self._change(wanted_s=min(max(time_s, self.film.start_s), self.film.end_s))
+        self.turn()
+
+    def action_skip(self, seconds: float) -> None:
+        """So far on or back from here, or from where we are going."""
+        here_s = self.film.time_s if self.playing.wanted_s is None else self.playing.wanted_s
+        self.action_seek(here_s + seconds)
+
+    def action_next(self, bad: bool) -> None:
+        """The next event; `bad`: the next alarm, warning or error."""
+        time_s = self.film.next_mark(_wanted(bad))
+        if time_s is not None:
+            self.action_seek(time_s)
+        elif self.film.read_ahead(lambda: True):
+            self._say(f"no {'alarm' if bad else 'event'} after this moment")
+        else:
+            self._say("the recording is still being read")
+
+    def action_last(self, bad: bool) -> None:
+        """The one before this moment."""
+        time_s = self.film.last_mark(_wanted(bad))
+        if time_s is None:
+            self._say(f"no {'alarm' if bad else 'event'} before this moment")
+        else:
+            self.action_seek(time_s)
+
+    def action_speed(self, by: int) -> None:
+        """Faster or slower."""
+        self._change(speed=at_speed(self.playing.speed, by))
+
+    def action_usual_speed(self) -> None:
+        """As fast as the mission's clock."""
+        self._change(speed=1.0)
+
+    def action_refuse(self, name: str) -> None:
+        """An order's key."""
+        self._say(f"{name}: {_NO_ORDERS}")
+
+    def action_command(self, _: str) -> None:
+        """Open the line for a time."""
+        self._open_line("time", "")
+
+    def typed(self, text: str) -> None:
+        """A time."""
+        try:
+            self.action_seek(self.film.moment(text))
+        except InputError as error:
+            orders = {kind.name for kind in KINDS}
+            self._say(f"{text}: {_NO_ORDERS}" if text.split()[0] in orders else str(error))
+
+    def _change(self, **changes: object) -> None:
+        self.playing = replace(self.playing, **changes)  # type: ignore[arg-type]
+        self.draw()
+
+
+def _wanted(bad: bool) -> Callable[[Mark], bool]:
+    return lambda mark: mark.level >= Level.WARNING if bad else True
