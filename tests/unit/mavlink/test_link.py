@@ -34,7 +34,7 @@ def healthy() -> tuple[VehicleLink, wire.Vehicle]:
         wire.extended_state(2),
         wire.traffic(5),
         wire.text("careful"),
-        wire.parameter("GUID_TIMEOUT", 1.0),
+        wire.parameter("GUID_TIMEOUT", 0.5),
         wire.parameter("FS_GCS_ENABLE", 5.0, kind=2),
     )
     link.receive(10.0)
