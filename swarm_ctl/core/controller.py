@@ -60,21 +60,16 @@ class Controller:
         self.point_m = (north, east) if self._plan.compensation is Compensation.NONE else self.stop_point_m
 
     def form(
-        self,
-        now: float,
-        slots: Mapping[int, Point],
-        contacts: Sequence[Contact],
-        extra_mps: Point = (0.0, 0.0),
-        drift_mps: Point = (0.0, 0.0),
+        self, now: float, slots: Mapping[int, Point], contacts: Sequence[Contact], extra_mps: Point = (0.0, 0.0)
     ) -> Point:
         """The law (26): velocity (north, east) [m/s] towards the shape `slots` [units], keeping apart.
 
-        `extra_mps` is flown on top: what moves the formation as a whole, of which `drift_mps` is everybody's.
+        `extra_mps` is flown on top: what moves the formation as a whole.
         """
         consensus, avoidance = self._terms(now, slots, contacts)
         if extra_mps != (0.0, 0.0):
             wish = self._around(now, consensus + complex(*extra_mps))
-            return self._kept(now, wish + avoidance, slots, complex(*drift_mps))
+            return self._kept(now, wish + avoidance, slots)
         wish = consensus + self.keeper.turned(complex(*self.stop_point_m), now, consensus, avoidance)
         if not self._plan.safety.release:
             return self._kept(now, wish, slots)
@@ -147,9 +142,9 @@ class Controller:
             wish_mps = safety.bent(wish_mps, away, max(0.0, _APPROACH_RATE * room_m))
         return wish_mps
 
-    def _kept(self, now: float, wish_mps: complex, slots: Mapping[int, Point], drift: complex = 0j) -> Point:
+    def _kept(self, now: float, wish_mps: complex, slots: Mapping[int, Point]) -> Point:
         wish = safety.limited(wish_mps, self._plan.limits)
-        flown = self.keeper.keep(now, complex(*self.stop_point_m), wish, slots, drift)
+        flown = self.keeper.keep(now, complex(*self.stop_point_m), wish, slots)
         self.commanded(flown.real, flown.imag)
         return self.commanded_mps
 

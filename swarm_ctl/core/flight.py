@@ -138,14 +138,13 @@ class Flight:
 
     def _formation_velocity(self, now: float, view: VehicleView, step: Step) -> Point:
         reference, own = self._reference, self._controller.stop_point_m
-        extra = drift = (0.0, 0.0)
+        extra = (0.0, 0.0)
         if not isinstance(step, FormStep):
             key = (self._progress.step, self.command)
             free = self._sortie.finding is None
             reference.follow(now, step, key, own, self._members.formation_error_m, free=free)
-            drift = reference.drift(step)
             extra = reference.feed_forward(step, own, self._plan.kappa * self._plan.law.h)
-        return self._controller.form(now, reference.slots, view.contacts, extra, drift)
+        return self._controller.form(now, reference.slots, view.contacts, extra)
 
     def _judge(self, now: float, step: Shaped) -> None:
         """Own part of the step done? Or its time over, where the mission then goes on."""

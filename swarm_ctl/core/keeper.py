@@ -54,11 +54,8 @@ class Keeper:
                 return avoidance
         return complex(swirled(consensus, avoidance))
 
-    def keep(self, now: float, own: complex, wish: complex, slots: Mapping[int, Point], drift: complex = 0j) -> complex:
-        """The velocity nearest to the wish that keeps apart from everybody and, for the links of `slots`, together.
-
-        `drift`: at which the shape as a whole is on its way; it stretches no link, so the guard does not count it.
-        """
+    def keep(self, now: float, own: complex, wish: complex, slots: Mapping[int, Point]) -> complex:
+        """The velocity nearest to the wish that keeps apart from everybody and, for the links of `slots`, together."""
         if not self._plan.safety.filter:
             return wish
         margins, speed = self._margins, self._margins.speed
@@ -86,7 +83,6 @@ class Keeper:
                 who.append(other.id)
             elif other.id in guarded and other.age_s <= NEIGHBOUR_S and safety.guarded(0.0, distance, margins):
                 normal, bound = safety.guard_plane(apart, margins)
-                bound += (normal * drift.conjugate()).real
                 if bound > -speed:
                     soft.append((normal.real, normal.imag, bound))
         if not hard and not soft:

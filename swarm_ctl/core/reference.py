@@ -185,17 +185,15 @@ class Reference:
 
         `gain` [1/s] is the law's own, kappa * h: the place in the frame weighs as much as the neighbours together.
         """
-        north, east = self.drift(step)
-        if self.leads and self.frame is not None and self._slots:
+        if self.frame is None or not self._slots:
+            return (0.0, 0.0)
+        north = east = 0.0
+        if isinstance(step, MOVING):
+            north, east = velocity_mps(self.frame, step, self._slot_m(self._own), self.radius_m)
+        if self.leads:
             off = self.off_m(own_m)
             north, east = north + gain * off[0], east + gain * off[1]
         return north, east
-
-    def drift(self, step: Step) -> Point:
-        """The velocity of the own place in the frame [m/s]."""
-        if self.frame is None or not self._slots or not isinstance(step, MOVING):
-            return (0.0, 0.0)
-        return velocity_mps(self.frame, step, self._slot_m(self._own), self.radius_m)
 
     def off_m(self, own_m: Point) -> Point:
         """From the own point to the own place in the frame [m]."""
