@@ -45,9 +45,10 @@ SimParameter = Annotated[str, AfterValidator(_known)]
 
 
 class Fault(_Strict):
-    """SIM_* parameters to set at a mission time: of one vehicle, or of all."""
+    """SIM_* parameters to set at a time: of one vehicle, or of all."""
 
     at_s: float
+    """Seconds after what `faults_since` says."""
     sysid: int | None = None
     set: dict[SimParameter, float] = Field(min_length=1)
 
@@ -93,6 +94,8 @@ class SimConfig(_Strict):
     """SIM_* parameters of all vehicles at start: weather, sensor errors, what is broken."""
     faults: tuple[Fault, ...] = ()
     """What changes when."""
+    faults_since: Literal["start", "liftoff"] = "start"
+    """Where their times count from: mission time 0, or the first lift-off of any vehicle."""
 
     @model_validator(mode="after")
     def _unique(self) -> SimConfig:

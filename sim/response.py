@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.vehicle import GRAVITY_MPS2, Array
+from sim.vehicle import GRAVITY_MPS2, Array, Mask
 
 Gains = tuple[float, float]
 """Horizontal, vertical."""
@@ -43,7 +43,9 @@ class Ardupilot:
 
     Shaping (AP_Math `shape_vel_accel_xy`): acceleration towards the target proportional to the velocity error with
     gain jerk / acceleration, bounded by WPNAV_ACCEL (2.5), its change by PSC_JERK_XY (5). Following: PSC_POSXY_P 1 on
-    the distance to where the shaped velocity would have led, PSC_VELXY_P 2, PSC_VELXY_I 1, lean angle at most 30 deg.
+    the distance to where the shaped velocity would have led, PSC_VELXY_P 2, PSC_VELXY_I 1, lean angle at most 30 deg;
+    at that limit nothing winds up (`update_pos_vel_accel_xy`, AC_PID_2D). No speed is refused; vertical ones over
+    WPNAV_SPEED_UP and _DN (2.5, 1.5) are shaped faster (`calculate_overspeed_gain`).
     Airframe: linear drag of the rotors, quadratic drag of the frame so that 15 m/s needs 45 deg, as the SITL quad has;
     the lag of attitude and motors (two of 0.07 s) and the vertical gains are fitted to recorded steps.
     """
@@ -53,6 +55,8 @@ class Ardupilot:
     jerk_mps3: float = 5.0
     climb_mps2: float = 0.91
     climb_jerk_mps3: float = 5.0
+    climb_mps: float = 2.5
+    descent_mps: float = 1.5
     lean_mps2: float = GRAVITY_MPS2 * math.tan(math.radians(30.0))
     lift_mps2: float = 5.0
     lag_s: Gains = (0.07, 0.06)
@@ -70,25 +74,43 @@ class Ardupilot:
         error += _axes(self.position_per_s) * memory[..., 0, :]
         integral = memory[..., 3, :]
         integral += _axes(self.integral_per_s2) * error * dt
-        _bound(integral, self.lean_mps2, self.lift_mps2)
-        error *= _axes(self.velocity_per_s)
-        error += memory[..., 2, :]
-        error += integral
-        _bound(error, self.lean_mps2, self.lift_mps2)
-        force = _lag(memory[..., 4, :], memory[..., 5, :], error, _shares(self.lag_s, dt))
+        command = error * _axes(self.velocity_per_s)
+        command += memory[..., 2, :]
+        command += integral
+        if (leaning := _bound(command, self.lean_mps2, self.lift_mps2)) is not None:
+            self._unwind(memory[..., :2], error[..., :2], command[..., :2], leaning, dt)
+        force = _lag(memory[..., 4, :], memory[..., 5, :], command, _shares(self.lag_s, dt))
         air = velocity - wind
         speed = np.sqrt(np.einsum("...i,...i->...", air, air))[..., None]
         result: Array = force - air * (_axes(self.drag_per_s) + _axes(self.drag_per_m) * speed)
         return result
 
+    def _unwind(self, memory: Array, error: Array, command: Array, leaning: Mask, dt: float) -> None:
+        """Takes back (horizontally) what this step added towards where the vehicle can't lean more to go."""
+        path, shaped, acceleration, integral = (memory[..., row, :] for row in range(4))
+        short = leaning & (_along(error, command) > 0.0)
+        path -= (short & (_along(shaped, command) > 0.0) & (_along(path, command) > 0.0))[..., None] * shaped * dt
+        grown = short & (_along(acceleration, command) > 0.0) & (_along(shaped, command) >= 0.0)
+        shaped -= grown[..., None] * acceleration * dt
+        integral -= short[..., None] * (self.integral_per_s2[0] * dt) * error
+
     def _shape(self, velocity: Array, acceleration: Array, target: Array, dt: float) -> None:
+        faster = self._overspeed(velocity[..., 2])
         gain = (self.jerk_mps3 / self.acceleration_mps2, self.climb_jerk_mps3 / self.climb_mps2)
         wanted = (target - velocity) * _axes(gain)
-        _bound(wanted, self.acceleration_mps2, self.climb_mps2)
+        _bound(wanted, self.acceleration_mps2, self.climb_mps2 * faster)
         wanted -= acceleration
-        _bound(wanted, self.jerk_mps3 * dt, self.climb_jerk_mps3 * dt)
+        _bound(wanted, self.jerk_mps3 * dt, self.climb_jerk_mps3 * faster * dt)
         acceleration += wanted
         velocity += acceleration * dt
+
+    def _overspeed(self, down: Array) -> Array | float:
+        """By how much vertical acceleration and jerk may be larger; 1 within the speed limits, at most what lifts."""
+        if down.max() <= self.descent_mps and down.min() >= -self.climb_mps:
+            return 1.0
+        over = np.maximum(down / self.descent_mps, -down / self.climb_mps)
+        faster: Array = np.where(over > 1.0, np.minimum(2.0 * over, 0.7 * self.lift_mps2 / self.climb_mps2), 1.0)
+        return faster
 
 
 @dataclass(frozen=True)
@@ -126,16 +148,26 @@ class Px4:
         return force - self.drag_per_s * (velocity - wind)
 
 
-def _bound(vector: Array, horizontal: float, vertical: float) -> None:
-    """Shortens `vector` (..., 3) in place: its horizontal part's length, its vertical part's size."""
-    if np.vdot(vector, vector) <= min(horizontal, vertical) ** 2:
-        return  # nobody near it, seen by one cheap sum: most steps of a few vehicles' flight
+def _along(vectors: Array, way: Array) -> Array:
+    products: Array = np.einsum("...i,...i->...", vectors, way)
+    return products
+
+
+def _bound(vector: Array, horizontal: float, vertical: Array | float) -> Mask | None:
+    """Shortens `vector` (..., 3) in place: its horizontal part's length, its vertical part's size.
+
+    Which were too long horizontally; None: none.
+    """
+    if np.vdot(vector, vector) <= min(horizontal, np.min(vertical)) ** 2:
+        return None  # nobody near it, seen by one cheap sum: most steps of a few vehicles' flight
     length = np.hypot(vector[..., 0], vector[..., 1])
+    long: Mask = length > horizontal
     np.maximum(length, horizontal, out=length)
     vector[..., :2] *= (horizontal / length)[..., None]
     down = vector[..., 2]
     np.minimum(down, vertical, out=down)
     np.maximum(down, -vertical, out=down)
+    return long if np.count_nonzero(long) else None
 
 
 @functools.lru_cache(maxsize=64)

@@ -35,7 +35,8 @@ _RESPONSE: dict[str, Response] = {"ardupilot": ArdupilotResponse(), "px4": Px4Re
 
 @dataclass(frozen=True, slots=True)
 class WorldEvent:
-    """What happened to a vehicle: `liftoff`, `touchdown`, `crash`, `collision` (one event for each of the two)."""
+    """What happened to a vehicle: `liftoff`, `touchdown`, `crash`, `collision` (one event for each of the two), or
+    what the timetable has set (`SIM_GPS_FREEZE 1`)."""
 
     time_s: float
     sysid: int
@@ -121,6 +122,7 @@ class World:
             for name, value in (config.sim_parameters | described.sim_parameters).items():
                 vehicle.firmware.parameters.set(name, value)
         self._timetable = deque(sorted(config.faults, key=lambda entry: entry.at_s))
+        self._timetable_s = 0.0 if config.faults_since == "start" else math.inf
         self._suffer_s = self.time_s
 
     @property
@@ -136,7 +138,7 @@ class World:
     def step(self) -> list[int]:
         """One step of everything; the vehicles (by place) that may have something to send."""
         self._step += 1
-        if self._timetable and self._timetable[0].at_s <= self.time_s:
+        if self._timetable and self._timetable[0].at_s <= self.time_s - self._timetable_s:
             self._take_from_timetable()
         if self.time_s >= self._suffer_s:
             self._suffer_s = self.time_s + TICK_S - 1e-6
@@ -202,12 +204,13 @@ class World:
                 vehicle.faults.fallen = True
 
     def _take_from_timetable(self) -> None:
-        while self._timetable and self._timetable[0].at_s <= self.time_s:
+        while self._timetable and self._timetable[0].at_s <= self.time_s - self._timetable_s:
             entry = self._timetable.popleft()
-            for vehicle in self.vehicles:
+            for place, vehicle in enumerate(self.vehicles):
                 if entry.sysid in (None, vehicle.sysid):
                     for name, value in entry.set.items():
                         vehicle.firmware.parameters.set(name, value)
+                        self._event(place, f"{name} {value:g}")
 
     def _moved_on(self) -> bool:
         """Notes who left the ground and who came back to it; whether anybody flies."""
@@ -217,6 +220,7 @@ class World:
             airborne = ~self._landed()
             for i in np.nonzero(airborne != self._airborne)[0].tolist():
                 self._event(i, "liftoff" if airborne[i] else "touchdown")
+                self._timetable_s = min(self._timetable_s, self.time_s)
                 if not airborne[i]:
                     self._check_crash(i)
             self._airborne = airborne

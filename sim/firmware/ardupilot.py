@@ -12,6 +12,7 @@ from sim.firmware.auto import Auto, Course
 from sim.firmware.base import Firmware, Setup
 from sim.firmware.commands import COMMON, Command, Handler
 from sim.firmware.flight import Ground, Hold, Land, Maneuver, Return, Style, Takeoff, Velocity
+from sim.firmware.guided import condition_yaw
 from sim.firmware.message import (
     MAV_MODE_FLAG_CUSTOM,
     MAV_MODE_FLAG_GUIDED,
@@ -93,7 +94,7 @@ class Ardupilot(Firmware):
     force_arm_magic: ClassVar[float] = 2989.0
     arm_nonsense: ClassVar[Result | None] = Result.UNSUPPORTED
     refusal: ClassVar[Result] = Result.FAILED
-    item_request: ClassVar[str] = "MISSION_REQUEST"
+    asks_in_kind: ClassVar[bool] = False
     first_index: ClassVar[int] = 1
 
     mode: Mode
@@ -321,6 +322,12 @@ class Ardupilot(Firmware):
         self.begin(Velocity((0.0, 0.0, 0.0), self.sensed.heading_rad, place_ned))
         return Result.ACCEPTED
 
+    def guided_item(self, item: Item) -> bool | None:
+        """See `Firmware`."""
+        if self.mode is not GUIDED or not self.armed or self.sensed.landed:
+            return False
+        return self.go_to(missions.place(self, item)) is Result.ACCEPTED
+
     # --- time ---
 
     def data_stream(self, stream: int, interval_s: float | None) -> None:
@@ -393,6 +400,7 @@ class Ardupilot(Firmware):
         Cmd.MISSION_START: _mission_start,
         Cmd.DO_PAUSE_CONTINUE: _pause,
         Cmd.NAV_TAKEOFF: _takeoff,
+        Cmd.CONDITION_YAW: condition_yaw,
         Cmd.NAV_LAND: lambda f, _: f.enter(LAND),
         Cmd.NAV_RETURN_TO_LAUNCH: lambda f, _: f.enter(RTL),
     }

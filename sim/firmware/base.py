@@ -74,8 +74,8 @@ class Firmware(ABC):
     force_arm_magic: ClassVar[float]
     arm_nonsense: ClassVar[Result | None]
     """The answer to arming with a first parameter that is neither 0 nor 1."""
-    item_request: ClassVar[str]
-    """With which of its two messages it asks for mission items."""
+    asks_in_kind: ClassVar[bool]
+    """It asks for mission items by MISSION_REQUEST_INT once the client has shown that it knows it."""
     first_index: ClassVar[int]
     """Index of the first mission item that is flown."""
     refusal: ClassVar[Result]
@@ -186,6 +186,10 @@ class Firmware(ABC):
     def first_item(self, item: Item | None) -> Item | None:
         """What is told as the first mission item, for the one uploaded."""
         return item
+
+    def guided_item(self, _item: Item) -> bool | None:
+        """A mission item outside any upload, to be flown at once: whether it is; None: not answered."""
+        return None
 
     @abstractmethod
     def on_setpoint(self, setpoint: Setpoint) -> None:

@@ -27,6 +27,7 @@ class Answer(IntEnum):
     """MAV_MISSION_RESULT."""
 
     ACCEPTED = 0
+    ERROR = 1
     UNSUPPORTED_FRAME = 2
     UNSUPPORTED = 3
     NO_SPACE = 4
@@ -93,6 +94,8 @@ class Plans:
         self.upload: Upload | None = None
         self.current = 0
         """Index of the mission item that is, or would be, flown."""
+        self.item_request = "MISSION_REQUEST"
+        """With which of its two messages the vehicle asks for items."""
 
 
 def refusal(kind: int, item: Item) -> Answer | None:
@@ -130,13 +133,21 @@ def request_item(f: Firmware, message: Message) -> None:
     if item is None:
         acknowledge(f, message.source, kind, Answer.INVALID_SEQUENCE)
         return
-    as_int = message.name == "MISSION_REQUEST_INT"
+    as_int = _learn(f, message)
     here = {"x": item.x, "y": item.y} if as_int else {"x": item.x * 1e-7, "y": item.y * 1e-7}
     frame = item.frame if as_int else {5: 0, 6: 3, 11: 10}.get(item.frame, item.frame)
     numbers = {f"param{i + 1}": v for i, v in enumerate(item.p)}
     rest = {"command": item.command, "current": int(kind == MISSION and seq == f.plans.current)}
     more = {"seq": seq, "frame": frame, "autocontinue": item.autocontinue, "z": item.z, "mission_type": kind}
     _say(f, "MISSION_ITEM_INT" if as_int else "MISSION_ITEM", message.source, **numbers, **here, **rest, **more)
+
+
+def _learn(f: Firmware, message: Message) -> bool:
+    """Whether the client speaks in integers (1e-7 degrees)."""
+    as_int = message.name.endswith("_INT")
+    if f.asks_in_kind:
+        f.plans.item_request = "MISSION_REQUEST_INT" if as_int else "MISSION_REQUEST"
+    return as_int
 
 
 def count(f: Firmware, message: Message) -> None:
@@ -154,9 +165,13 @@ def count(f: Firmware, message: Message) -> None:
 def item(f: Firmware, message: Message) -> None:
     """MISSION_ITEM_INT, MISSION_ITEM: the one asked for is kept; for any other the right one is asked for again."""
     upload, m = f.plans.upload, message.fields
+    if m["current"] == _GO_THERE:
+        _go_there(f, message)
+        return
     if upload is None or (message.source, m["mission_type"]) != (upload.source, upload.kind):
         f.ignored += 1
         return
+    _learn(f, message)
     if m["seq"] == len(upload.items):
         found = read_item(message)
         wrong = Answer.INVALID if found is None else refusal(upload.kind, found)
@@ -166,6 +181,20 @@ def item(f: Firmware, message: Message) -> None:
             return
         upload.items.append(found)
     _go_on(f, upload)
+
+
+def _go_there(f: Firmware, message: Message) -> None:
+    """dronekit's `simple_goto` and MAVProxy's `guided`: an item that is no part of any list."""
+    found = read_item(message)
+    flown = None if found is None or refusal(MISSION, found) is not None else f.guided_item(found)
+    if flown is None:
+        f.ignored += 1
+    else:
+        acknowledge(f, message.source, MISSION, Answer.ACCEPTED if flown else Answer.ERROR)
+
+
+_GO_THERE = 2
+"""MISSION_ITEM.current of such an item."""
 
 
 def read_item(message: Message) -> Item | None:
@@ -190,6 +219,17 @@ def clear(f: Firmware, message: Message) -> None:
     for each in kinds:
         _replace(f, each, [])
     acknowledge(f, message.source, kind, Answer.ACCEPTED)
+
+
+def answered(f: Firmware, message: Message) -> None:
+    """MISSION_ACK: a client that does not know the request says UNSUPPORTED; PX4 then asks by the other one."""
+    upload = f.plans.upload
+    if upload is None or message.source != upload.source or message.fields["type"] != Answer.UNSUPPORTED:
+        return
+    if f.asks_in_kind:
+        others = {"MISSION_REQUEST": "MISSION_REQUEST_INT", "MISSION_REQUEST_INT": "MISSION_REQUEST"}
+        f.plans.item_request = others[f.plans.item_request]
+        _go_on(f, upload)
 
 
 def set_current(f: Firmware, message: Message) -> None:
@@ -219,7 +259,7 @@ def acknowledge(f: Firmware, to: tuple[int, int], kind: int, answer: Answer) -> 
 def _go_on(f: Firmware, upload: Upload) -> None:
     upload.asked_s = f.now
     if len(upload.items) < upload.count:
-        _say(f, f.item_request, upload.source, seq=len(upload.items), mission_type=upload.kind)
+        _say(f, f.plans.item_request, upload.source, seq=len(upload.items), mission_type=upload.kind)
         return
     f.plans.upload = None
     _replace(f, upload.kind, upload.items)

@@ -105,7 +105,7 @@ class Px4(Firmware):
     force_arm_magic: ClassVar[float] = 21196.0
     arm_nonsense: ClassVar[Result | None] = None
     refusal: ClassVar[Result] = Result.TEMPORARILY_REJECTED
-    item_request: ClassVar[str] = "MISSION_REQUEST_INT"
+    asks_in_kind: ClassVar[bool] = True
     first_index: ClassVar[int] = 0
 
     mode: Mode

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
-from sim.firmware import plans
+from sim.firmware import guided, plans
 from sim.firmware.commands import MAX_RATE_HZ, read_command
 from sim.firmware.message import Message, Result
 from sim.firmware.setpoint import read_setpoint
@@ -116,6 +116,7 @@ HANDLERS: Mapping[str, Callable[[Firmware, Message], None]] = {
     "COMMAND_INT": command,
     "SET_MODE": set_mode,
     "SET_POSITION_TARGET_LOCAL_NED": set_position_target,
+    "SET_POSITION_TARGET_GLOBAL_INT": guided.set_global_target,
     "PARAM_REQUEST_LIST": param_list,
     "PARAM_REQUEST_READ": param_read,
     "PARAM_SET": param_set,
@@ -128,12 +129,13 @@ HANDLERS: Mapping[str, Callable[[Firmware, Message], None]] = {
     "MISSION_ITEM_INT": plans.item,
     "MISSION_CLEAR_ALL": plans.clear,
     "MISSION_SET_CURRENT": plans.set_current,
-    "MISSION_ACK": lambda _, __: None,
+    "MISSION_ACK": plans.answered,
     "FILE_TRANSFER_PROTOCOL": file_transfer,
     "TIMESYNC": timesync,
 }
 _NAN_HAS_MEANING = frozenset(
-    {"COMMAND_LONG", "COMMAND_INT", "PARAM_SET", "SET_POSITION_TARGET_LOCAL_NED", "MISSION_ITEM", "MISSION_ITEM_INT"}
+    {"COMMAND_LONG", "COMMAND_INT", "PARAM_SET", "SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT"}
+    | {"MISSION_ITEM", "MISSION_ITEM_INT"}
 )
 """Ignored axes, defaults, and PX4's integers in float clothes: their handlers look for themselves."""
 

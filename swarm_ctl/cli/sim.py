@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import json
+import math
 import signal
 import subprocess
 import sys
@@ -15,11 +17,11 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from swarm_ctl.core.frames import geodetic_from_ned
 from swarm_ctl.core.plan import Geodetic
 from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.mission.loader import load
 from swarm_ctl.runtime.clock import Clock
+from swarm_ctl.runtime.simulated import place, simulator_config, vehicle_config
 
 MAX_VEHICLES = 250
 """MAVLink's system ids end at 255; ground stations and companions need some."""
@@ -44,7 +46,7 @@ def sim(
         typer.Option(help="udpin:, udpout: or tcpin:HOST:PORT of one vehicle; repeat it, in the vehicles' order."),
     ] = None,
     mission: Annotated[
-        Path | None, typer.Option(help="Take vehicles, origin and start positions from this mission file.")
+        Path | None, typer.Option(help="Take vehicles, origin, starts, weather and faults from this mission file.")
     ] = None,
     home: Annotated[str, typer.Option(help="LAT,LON,ALT of the first vehicle (degrees, metres).")] = (
         "47.397742,8.545594,488"
@@ -67,26 +69,18 @@ def sim(
 
         mavproxy.py --master udpout:127.0.0.1:14601
     """
-    origin = _origin(home)
-    starts = [(f"{persona}", i + 1, place) for i, place in enumerate(_grid(count, spacing))]
-    if mission is not None:
-        origin, starts = _from_mission(mission)
     scheme = "tcpin" if tcp else "udpin"
-    endpoints = [f"{scheme}:127.0.0.1:{base_port + sysid}" for _, sysid, _ in starts]
-    endpoints[: len(endpoint or [])] = endpoint or []
-    vehicles = [_vehicle(*start, where, origin) for start, where in zip(starts, endpoints, strict=False)]
-    if len(endpoints) > len(vehicles):
-        raise InputError(f"--endpoint: {len(endpoints)} given for {len(vehicles)} vehicles; allowed: one a vehicle")
-    settings = {
-        "version": 1,
-        "speedup": speedup,
-        "epoch_s": Clock.starting_now(speedup).epoch_s,
-        "seed": seed,
-        "origin": _place(origin),
-        "truth_path": None if truth is None else str(truth),
-        "sim_parameters": dict(_parameter(text) for text in parameter or []),
-        "vehicles": vehicles,
-    }
+    settings = _in_grid(count, persona, _origin(home), spacing) if mission is None else _from_mission(mission)
+    vehicles = settings["vehicles"]
+    if len(endpoint or []) > len(vehicles):
+        raise InputError(
+            f"--endpoint: {len(endpoint or [])} given for {len(vehicles)} vehicles; allowed: one a vehicle"
+        )
+    for vehicle, given in itertools.zip_longest(vehicles, endpoint or []):
+        vehicle["endpoint"] = given or f"{scheme}:127.0.0.1:{base_port + vehicle['sysid']}"
+    settings["sim_parameters"] |= dict(_parameter(text) for text in parameter or [])
+    settings |= {"speedup": speedup, "epoch_s": Clock.starting_now(speedup).epoch_s, "seed": seed}
+    settings["truth_path"] = None if truth is None else str(truth)
     _serve(settings, Console(highlight=False))
 
 
@@ -146,29 +140,24 @@ def _origin(home: str) -> Geodetic:
     return Geodetic(lat, lon, alt)
 
 
+def _in_grid(count: int, persona: Persona, origin: Geodetic, spacing_m: float) -> dict[str, Any]:
+    vehicles = [
+        vehicle_config(sysid, persona.value, "", start, origin)
+        for sysid, start in enumerate(_grid(count, spacing_m), start=1)
+    ]
+    return {"version": 1, "origin": place(origin), "sim_parameters": {}, "vehicles": vehicles}
+
+
 def _grid(count: int, spacing_m: float) -> list[tuple[float, float]]:
     """North and east of `count` places in a square."""
-    side = next(k for k in range(1, count + 1) if k * k >= count)
+    side = math.isqrt(count - 1) + 1
     return [(i // side * spacing_m, i % side * spacing_m) for i in range(count)]
 
 
-def _from_mission(path: Path) -> tuple[Geodetic, list[tuple[str, int, tuple[float, float]]]]:
+def _from_mission(path: Path) -> dict[str, Any]:
+    """Settings of a mission's vehicles, all of them, those with an endpoint of their own too."""
     loaded = load(path)
-    plan = loaded.plan
-    starts = []
-    for agent in loaded.fleet.agents:
-        north, east = plan.agent(agent.id).start
-        starts.append((str(agent.autopilot), agent.sysid, (north * plan.unit_m, east * plan.unit_m)))
-    return plan.origin, starts
-
-
-def _vehicle(persona: str, sysid: int, place: tuple[float, float], endpoint: str, origin: Geodetic) -> dict[str, Any]:
-    at = geodetic_from_ned((*place, 0.0), origin)
-    return {"sysid": sysid, "persona": persona, "endpoint": endpoint} | _place(at)
-
-
-def _place(at: Any) -> dict[str, float]:
-    return {"lat_deg": at.lat_deg, "lon_deg": at.lon_deg, "alt_m": at.alt_m}
+    return simulator_config(loaded.plan, loaded.fleet.agents, loaded.file.simulation)
 
 
 def _parameter(text: str) -> tuple[str, float]:

@@ -22,12 +22,14 @@ def study(
     missions: Annotated[int, typer.Option(min=1, help="Missions for each combination of the lists.")] = 1000,
     seed: Annotated[int, typer.Option(min=0)] = 1,
     processes: Annotated[int | None, typer.Option(min=1, help="All cores where not given.")] = None,
-    n: Annotated[str, typer.Option(help=f"Agents. {_LIST}")] = "6",
+    n: Annotated[str, typer.Option(help=f"Agents. {_LIST} 2:50 is every number from 2 to 50.")] = "6",
     shape: Annotated[str, typer.Option(help=f"ring, line, grid, vee, wedge. {_LIST}")] = "ring",
     slots: Annotated[str, typer.Option(help=f"given, random, nearest. {_LIST}")] = "nearest",
-    start: Annotated[str, typer.Option(help=f"random, ring, grid, table2. {_LIST}")] = "random",
+    start: Annotated[str, typer.Option(help=f"random, ring, grid, table2, crossing, antipodal. {_LIST}")] = "random",
     compensation: Annotated[str, typer.Option(help=f"stop_point, none. {_LIST}")] = "stop_point",
     vehicle: Annotated[str, typer.Option(help=f"ideal, lag, ardupilot, px4. {_LIST}")] = "lag",
+    safety: Annotated[str, typer.Option(help=f"off, filter, guard, release, exchange. {_LIST}")] = "release",
+    silent: Annotated[str, typer.Option(help=f"Share of missions in which an agent dies. {_RANGE}")] = "0",
     h: Annotated[str, typer.Option(help=f"Consensus gain. {_RANGE}")] = "0.05",
     kappa: Annotated[str, typer.Option(help=f"Iterations a second. {_RANGE}")] = "20",
     lag: Annotated[str, typer.Option(help=f"Of the vehicle lag [s]. {_RANGE}")] = "0.5",
@@ -43,6 +45,7 @@ def study(
     r_in: Annotated[float, typer.Option(help="Inner radius [units].")] = 0.5,
     limit: Annotated[float, typer.Option(help="Missions that have not formed after so many seconds end.")] = 300.0,
     tick: Annotated[float, typer.Option(help="[s]")] = 0.05,
+    by: Annotated[str, typer.Option(help="Lists that the table tells apart; all that are varied if not given.")] = "",
     row: Annotated[int | None, typer.Option(min=0, help="Fly this row of --out again, alone.")] = None,
     picture: Annotated[Path | None, typer.Option(help="With --row: its animation (.gif) or picture.")] = None,
     mission: Annotated[Path | None, typer.Option(help="With --row: write it as a mission file for `run`.")] = None,
@@ -54,6 +57,8 @@ def study(
     Examples:
 
         swarm-ctl study --n 4,6,9 --slots random,nearest --missions 2000
+
+        swarm-ctl study --safety off,release --start crossing --slots given --n 8,24 --silent 0.2
 
         swarm-ctl study --delay 0:0.2 --loss 0:0.2 --lag 0.4:0.6 --missions 10000 --out late.csv
 
@@ -67,7 +72,15 @@ def study(
     if row is not None:
         _again(out, row, picture, mission, console)
         return
-    lists = {"n": n, "shape": shape, "slots": slots, "start": start, "compensation": compensation, "vehicle": vehicle}
+    lists = {
+        "n": _whole(n),
+        "shape": shape,
+        "slots": slots,
+        "start": start,
+        "compensation": compensation,
+        "vehicle": vehicle,
+        "safety": safety,
+    }
     ranges = {
         "h": h,
         "kappa": kappa,
@@ -78,12 +91,13 @@ def study(
         "wind_mps": wind,
         "area": area,
         "spacing": spacing,
+        "silent": silent,
     }
     common = {"seed": seed, "missions": missions, "limit_s": limit, "tick_s": tick, "start_spacing": start_spacing}
     plan = _study(lists, ranges, common | {"law": {"r": r, "r_out": r_out, "r_in": r_in}})
     carry_out(plan, out, processes, console)
     wide = console if console.is_terminal else Console(highlight=False, width=200)
-    wide.print(table(plan, read_rows(out)))
+    wide.print(table(plan, read_rows(out), _by(by, plan)))
     console.print(f"rows: {out}", soft_wrap=True)
 
 
@@ -99,6 +113,23 @@ def _study(lists: dict[str, str], ranges: dict[str, str], common: dict[str, Any]
         found = error.errors(include_url=False)[0]
         where = found["loc"][0] if found["loc"] else "study"
         raise InputError(f"{where}: {found['msg'].removeprefix('Value error, ')}") from None
+
+
+def _whole(text: str) -> str:
+    """2:4,9 as 2,3,4,9."""
+    try:
+        spans = [[int(end) for end in part.split(":")] for part in text.split(",")]
+    except ValueError:
+        raise InputError(f"n: {text!r} is no list of numbers; allowed: 6 or 4,6,9 or 2:50") from None
+    return ",".join(str(k) for span in spans for k in range(span[0], span[-1] + 1))
+
+
+def _by(text: str, study: Study) -> tuple[str, ...]:
+    names = tuple(text.split(",")) if text else ()
+    unknown = [name for name in names if name not in study.varied]
+    if unknown:
+        raise InputError(f"--by {unknown[0]}: is not varied here; allowed: {', '.join(study.varied) or 'nothing'}")
+    return names
 
 
 def _range(name: str, text: str) -> dict[str, float]:

@@ -30,6 +30,7 @@ from swarm_ctl.core.progress import step_name
 from swarm_ctl.core.response import stop_distance
 from swarm_ctl.mission.loader import LoadedMission, load
 from swarm_ctl.mission.rehearsal import StepForecast, forecast
+from swarm_ctl.mission.simulation import Simulation
 
 
 def validate(
@@ -56,7 +57,10 @@ def show(loaded: LoadedMission, forecasts: list[StepForecast], console: Console)
     console.print(_steps(plan, forecasts))
     for line in _facts(plan):
         console.print(line, soft_wrap=True)
-    for warning in (*loaded.warnings, *_late(plan, forecasts)):
+    for line in _simulation(loaded.file.simulation):
+        console.print(line, soft_wrap=True)
+    late = (*_late(plan, forecasts), *_too_late_faults(loaded.file.simulation, plan, forecasts))
+    for warning in (*loaded.warnings, *late):
         console.print(Text.assemble(("warning  ", "yellow"), warning), soft_wrap=True)
 
 
@@ -74,13 +78,15 @@ def _agents(loaded: LoadedMission) -> Table:
 
 def _steps(plan: Plan, forecasts: list[StepForecast]) -> Table:
     table = Table("step", "what", "expected", "time-out", "then")
-    total_s = 0.0
     for number, (step, expected) in enumerate(zip(plan.steps, forecasts, strict=True), start=1):
-        total_s += expected.expected_s or step.timeout_s
         then = step.on_timeout.value
         table.add_row(str(number), _what(plan, step), _expected(expected), f"{step.timeout_s:.0f} s", then)
-    table.add_row("", "whole flight", f"{total_s:.0f} s", "", "")
+    table.add_row("", "whole flight", f"{_total_s(plan, forecasts):.0f} s", "", "")
     return table
+
+
+def _total_s(plan: Plan, forecasts: list[StepForecast]) -> float:
+    return sum(expected.expected_s or step.timeout_s for step, expected in zip(plan.steps, forecasts, strict=True))
 
 
 def _what(plan: Plan, step: Step) -> str:
@@ -160,6 +166,36 @@ def _closest(plan: Plan, ids: list[int]) -> list[str]:
 def _late(plan: Plan, forecasts: list[StepForecast]) -> list[str]:
     late = [k for k, expected in enumerate(forecasts, start=1) if expected.expected_s is None]
     return [f"step {k}, {step_name(plan, k)}, is not expected to be done before its time-out" for k in late]
+
+
+def _simulation(simulation: Simulation) -> list[str]:
+    """Weather, and the faults in the order of their times."""
+    given = simulation.parameters.given()
+    lines = [f"weather  {_settings(given)} (simulated vehicles)"] if given else []
+    for fault in sorted(simulation.faults, key=lambda fault: fault.at_s):
+        who = "all agents" if fault.agents is None else "agent " + ", ".join(map(str, fault.agents))
+        lasting = "" if fault.for_s is None else f" for {fault.for_s:g} s"
+        lines.append(
+            f"fault    {fault.at_s:g} s after {simulation.since}{lasting}, {who}: {_settings(fault.set.given())}"
+        )
+    return lines
+
+
+def _settings(given: dict[str, float]) -> str:
+    return ", ".join(f"{name} {value:g}" for name, value in given.items())
+
+
+def _too_late_faults(simulation: Simulation, plan: Plan, forecasts: list[StepForecast]) -> list[str]:
+    end_s = _total_s(plan, forecasts) + (_PREPARED_S if simulation.since == "start" else 0.0)
+    return [
+        f"the fault {fault.at_s:g} s after {simulation.since} comes later than the expected end, after {end_s:.0f} s"
+        for fault in simulation.faults
+        if fault.at_s > end_s
+    ]
+
+
+_PREPARED_S = 5.0
+"""Before simulated vehicles take off, at no speed-up."""
 
 
 def _metres(point: Point, unit_m: float) -> str:

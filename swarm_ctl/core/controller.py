@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from swarm_ctl.core import law, response, safety
-from swarm_ctl.core.keeper import Keeper
+from swarm_ctl.core.keeper import NOTHING_COMMON, Common, Keeper
 from swarm_ctl.core.navigation import OwnFix
 from swarm_ctl.core.peers import Peers
 from swarm_ctl.core.plan import Compensation, Plan, Point, Response
@@ -60,16 +60,21 @@ class Controller:
         self.point_m = (north, east) if self._plan.compensation is Compensation.NONE else self.stop_point_m
 
     def form(
-        self, now: float, slots: Mapping[int, Point], contacts: Sequence[Contact], extra_mps: Point = (0.0, 0.0)
+        self,
+        now: float,
+        slots: Mapping[int, Point],
+        contacts: Sequence[Contact],
+        extra_mps: Point = (0.0, 0.0),
+        common: Common = NOTHING_COMMON,
     ) -> Point:
         """The law (26): velocity (north, east) [m/s] towards the shape `slots` [units], keeping apart.
 
-        `extra_mps` is flown on top: what moves the formation as a whole.
+        `extra_mps` is flown on top: what moves the formation as a whole, of it `common` by everybody alike.
         """
         consensus, avoidance = self._terms(now, slots, contacts)
         if extra_mps != (0.0, 0.0):
             wish = self._around(now, consensus + complex(*extra_mps))
-            return self._kept(now, wish + avoidance, slots)
+            return self._kept(now, wish + avoidance, slots, common)
         wish = consensus + self.keeper.turned(complex(*self.stop_point_m), now, consensus, avoidance)
         if not self._plan.safety.release:
             return self._kept(now, wish, slots)
@@ -142,9 +147,11 @@ class Controller:
             wish_mps = safety.bent(wish_mps, away, max(0.0, _APPROACH_RATE * room_m))
         return wish_mps
 
-    def _kept(self, now: float, wish_mps: complex, slots: Mapping[int, Point]) -> Point:
+    def _kept(
+        self, now: float, wish_mps: complex, slots: Mapping[int, Point], common: Common = NOTHING_COMMON
+    ) -> Point:
         wish = safety.limited(wish_mps, self._plan.limits)
-        flown = self.keeper.keep(now, complex(*self.stop_point_m), wish, slots)
+        flown = self.keeper.keep(now, complex(*self.stop_point_m), wish, slots, common)
         self.commanded(flown.real, flown.imag)
         return self.commanded_mps
 

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import Final, NamedTuple
 
 from swarm_ctl.core import safety
-from swarm_ctl.core.freshness import NEIGHBOUR_S, SILENT_FLIES_S
+from swarm_ctl.core.freshness import NEIGHBOUR_S, PREDICT_S, SILENT_FLIES_S
 from swarm_ctl.core.halfplanes import Plane, relaxed
 from swarm_ctl.core.peers import Other, Peers
 from swarm_ctl.core.plan import Plan, Point, Response
@@ -20,6 +21,17 @@ from swarm_ctl.core.state import SafetyReport
 _UNTOUCHED_MPS = 1e-6
 _SWIRL_OFF = 0.3
 """Nobody swirls with somebody unheard within r_out and this [units]."""
+
+
+class Common(NamedTuple):
+    """What all who fly a formation share."""
+
+    velocity_mps: complex
+    flying: tuple[int, int] | None
+    """The (step, command) it belongs to."""
+
+
+NOTHING_COMMON: Final = Common(0j, None)
 
 
 class Keeper:
@@ -54,43 +66,70 @@ class Keeper:
                 return avoidance
         return complex(swirled(consensus, avoidance))
 
-    def keep(self, now: float, own: complex, wish: complex, slots: Mapping[int, Point]) -> complex:
-        """The velocity nearest to the wish that keeps apart from everybody and, for the links of `slots`, together."""
+    def keep(self, now: float, own: complex, wish: complex, slots: Mapping[int, Point], common: Common) -> complex:
+        """The velocity nearest to the wish that keeps apart from everybody and, for the links of `slots`, together.
+
+        Who flies the same formation moves with it, so between those only what differs from its velocity counts.
+        """
         if not self._plan.safety.filter:
             return wish
-        margins, speed = self._margins, self._margins.speed
         self._ticks += 1
-        hard: list[Plane] = []
-        soft: list[Plane] = []
-        who: list[int] = []
-        guarded = self._links(slots)
-        least_room = math.inf
-        for other in self._peers.others(now):
-            apart = own - other.stop_point
-            distance = abs(apart)
-            if self._reaches(other, distance):
-                keep_out = margins.out(other.age_s)
-                normal, bound, room = safety.half_plane(
-                    _distinct(apart, self._own < other.id),
-                    other.commanded,
-                    other.age_s if other.heard else SILENT_FLIES_S,
-                    keep_out,
-                    0.5 if other.yields else 1.0,
-                    speed,
-                )
-                least_room = min(least_room, room)
-                hard.append((normal.real, normal.imag, bound))
-                who.append(other.id)
-            elif other.id in guarded and other.age_s <= NEIGHBOUR_S and safety.guarded(0.0, distance, margins):
-                normal, bound = safety.guard_plane(apart, margins)
-                if bound > -speed:
-                    soft.append((normal.real, normal.imag, bound))
+        near = [
+            (other, apart)
+            for other in self._peers.others(now)
+            if self._reaches(other, abs(apart := own - other.stop_point))
+        ]
+        hard, room, stranger_near = self._keep_outs(near, common)
+        moving = 0j if stranger_near else common.velocity_mps
+        if moving != common.velocity_mps:
+            hard, room, _ = self._keep_outs(near, NOTHING_COMMON)
+        soft = self._guards(now, own, slots, common if moving else NOTHING_COMMON)
         if not hard and not soft:
             return wish
-        return self._nearest(wish, hard, soft, safety.cap(least_room, margins), who)
+        cap = min(safety.cap(room, self._margins), self._margins.speed)
+        flown = self._nearest(wish - moving, hard, soft, cap, [other.id for other, _ in near]) + moving
+        return safety.limited(flown, self._plan.limits) if moving else flown
+
+    def _keep_outs(self, near: list[tuple[Other, complex]], common: Common) -> tuple[list[Plane], float, bool]:
+        """The planes for velocities less the common one, the least room, and whether somebody who does not fly along
+        is so close that the common velocity itself has to bow to him.
+        """
+        margins, moving, planes = self._margins, common.velocity_mps, []
+        least_room, stranger_near = math.inf, False
+        for other, apart in near:
+            normal, bound, room = safety.half_plane(
+                _distinct(apart, self._own < other.id),
+                other.commanded,
+                other.age_s if other.heard else SILENT_FLIES_S,
+                margins.out(other.age_s),
+                0.5 if other.yields else 1.0,
+                margins.speed,
+            )
+            if moving and other.flying != common.flying:
+                bound -= (normal.conjugate() * moving).real
+                stranger_near |= room < margins.zone
+            least_room = min(least_room, room)
+            planes.append((normal.real, normal.imag, bound))
+        return planes, least_room, stranger_near
+
+    def _guards(self, now: float, own: complex, slots: Mapping[int, Point], common: Common) -> list[Plane]:
+        """For the links that the shape keeps, but those to somebody who does not fly along."""
+        guarded, planes = self._links(slots), []
+        if not guarded:
+            return planes
+        for other in self._peers.others(now):
+            along = not common.velocity_mps or other.flying == common.flying
+            if other.id not in guarded or other.age_s > NEIGHBOUR_S or not along:
+                continue
+            apart = own - other.stop_point - other.commanded * min(other.age_s, PREDICT_S)
+            if safety.guarded(0.0, abs(apart), self._margins):
+                normal, bound = safety.guard_plane(apart, self._margins)
+                if bound > -self._margins.speed:
+                    planes.append((normal.real, normal.imag, bound))
+        return planes
 
     def _nearest(self, wish: complex, hard: list[Plane], soft: list[Plane], cap: float, who: list[int]) -> complex:
-        (north, east), slack = relaxed((wish.real, wish.imag), hard, soft, min(cap, self._margins.speed))
+        (north, east), slack = relaxed((wish.real, wish.imag), hard, soft, cap)
         flown = complex(north, east)
         if abs(flown - wish) > _UNTOUCHED_MPS:
             self._touched += 1

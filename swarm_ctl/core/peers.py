@@ -89,6 +89,8 @@ class Other(NamedTuple):
     """Its news is fresh."""
     yields: bool
     """It does its half of keeping apart."""
+    flying: tuple[int, int] | None
+    """The (step, command) whose formation it flies; None: none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,8 +170,10 @@ class Peers:
             if peer.state is not None:
                 age = peer.age(now)
                 heard = age <= FRESH_S
-                yields = heard and peer.state.phase in _YIELDING
-                yield Other(peer.id, peer.stop_point, peer.commanded, age, heard, yields)
+                state = peer.state
+                yields = heard and state.phase in _YIELDING
+                flying = (state.step, state.command) if heard and state.phase is Phase.FLY else None
+                yield Other(peer.id, peer.stop_point, peer.commanded, age, heard, yields, flying)
         yield from self._strangers
 
     def flies_along(self, column: int, now: float) -> bool:
@@ -239,7 +243,9 @@ class Peers:
             north, east = north + vn * age, east + ve * age
             if all(math.hypot(north - n, east - e) >= _SAME_AIRCRAFT_M for n, e in places):
                 point = self._stopping(north, east, vn, ve)
-                found.append((point, Other(0, complex(*point), complex(vn, ve), min(age, PREDICT_S), True, False)))
+                found.append(
+                    (point, Other(0, complex(*point), complex(vn, ve), min(age, PREDICT_S), True, False, None))
+                )
         found.sort(key=lambda entry: math.dist(entry[0], own_m))
         self._strangers = [other for _, other in found[:_MAX_CONTACTS]]
         return [point for point, _ in found[:_MAX_CONTACTS]]

@@ -195,6 +195,12 @@ class Reference:
             north, east = north + gain * off[0], east + gain * off[1]
         return north, east
 
+    def common_mps(self, step: Step) -> Point:
+        """What everybody's feed-forward has in common: the whole frame's velocity where it moves along a way."""
+        if self.frame is None or not isinstance(step, MoveStep):
+            return (0.0, 0.0)
+        return velocity_mps(self.frame, step, (0.0, 0.0), self.radius_m)
+
     def off_m(self, own_m: Point) -> Point:
         """From the own point to the own place in the frame [m]."""
         if self.frame is None:

@@ -42,7 +42,7 @@ _KEEP_OUT: Final = 0.35
 _GROWTH: Final = 0.1
 """D grows with the age of the news, by this share of r_out - r_in per second, for at most `_GROWS_S`."""
 _GROWS_S: Final = 3.0
-_ZONE: Final = 0.5
+_ZONE: Final = 0.45
 """Caution reaches so far beyond D, in r_out - r_in."""
 _LAG_ERROR: Final = 1.2
 """Vehicles may lag so much more than their model says."""

@@ -20,6 +20,7 @@ from swarm_ctl.mission.course import Stand, course
 from swarm_ctl.mission.document import Place, dotted
 from swarm_ctl.mission.schema import FleetEntry, Form, MissionFile, Move, Offsets, Ring, Rotate, Scale, Shape, Takeoff
 from swarm_ctl.mission.shapes import slots_of
+from swarm_ctl.mission.simulation import overlaps
 
 MAX_DISTANCE_M = 5000.0
 """From the origin: further out the common frame's flat horizon is metres off the earth's."""
@@ -175,6 +176,26 @@ def _fleet_has_all(mission: MissionFile) -> Findings:
 def sysid_of(entry: FleetEntry) -> int:
     """The vehicle's system id: the agent's own where the file gives none."""
     return entry.id if entry.sysid is None else entry.sysid
+
+
+# --- simulation ---
+
+
+def _faults(mission: MissionFile) -> Findings:
+    place: Place = ("simulation", "faults")
+    ids = sorted(agent.id for agent in mission.agents)
+    for k, fault in enumerate(mission.simulation.faults):
+        if not fault.set.given():
+            yield Finding((*place, k, "set"), "sets nothing", "one SIM_* parameter at least")
+        for j, agent in enumerate(fault.agents or ()):
+            if agent not in ids:
+                what = f"agent {agent} is not in this mission"
+                yield Finding((*place, k, "agents", j), what, "one of " + ", ".join(map(str, ids)))
+    for i, k, name in overlaps(mission.simulation.faults):
+        first = mission.simulation.faults[i]
+        until = first.at_s + (first.for_s or 0.0)
+        what = f"{name} is set while faults[{i}] lasts, which then takes it back"
+        yield Finding((*place, k, "at_s"), what, f"{until:g} or later, or other agents")
 
 
 # --- shapes ---
@@ -420,6 +441,7 @@ CHECKS: tuple[tuple[str, Callable[[MissionFile], Findings]], ...] = (
     ("fleet", _fleet),
     ("fence lengths unit_m", _polygon),
     ("agents fleet", _fleet_has_all),
+    ("agents simulation", _faults),
     ("shapes agents law unit_m", _shapes),
     ("shapes agents steps", _slot_counts),
     ("steps", _steps),

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from swarm_ctl.mission.schema import MissionFile, Section
+from swarm_ctl.mission.schema import MissionFile
+from swarm_ctl.mission.section import Section
 
 R_OUT_UNITS: Final = 1.5
 _LENGTHS: Final = frozenset(

@@ -28,10 +28,10 @@ from swarm_ctl.mission.schema import (
     Return,
     Rotate,
     Scale,
-    Section,
     Step,
     Takeoff,
 )
+from swarm_ctl.mission.section import Section
 from swarm_ctl.mission.warnings import warnings
 
 

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, TypeAlias
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
 from swarm_ctl.core.plan import Compensation, Policy
+from swarm_ctl.mission.section import AgentId, Section
+from swarm_ctl.mission.simulation import Simulation
 
 Length = Annotated[float, Field(gt=0, le=1000)]
 Coordinate = Annotated[float, Field(ge=-10_000, le=10_000)]
@@ -18,17 +20,8 @@ NorthEast = tuple[Coordinate, Coordinate]
 Angle = Annotated[float, Field(ge=-360, le=360)]
 Timeout = Annotated[float, Field(gt=0, le=3600)]
 LossTime = Annotated[float, Field(ge=1, le=60)]
-AgentId = Annotated[int, Field(ge=1, le=65535)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,39}$", examples=["hexagon", "search-line_2"])]
 Action = Annotated[Policy, Field(strict=False)]
-
-
-class Section(BaseModel):
-    """Strict: no unknown field, no silent conversion, no NaN or infinity."""
-
-    model_config = ConfigDict(
-        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True
-    )
 
 
 class Origin(Section):
@@ -411,10 +404,11 @@ class MissionFile(Section):
     """starts: who starts within `r` of each other (the paper's rule); or a list of links, [id, id]."""
     agents: tuple[Agent, ...] = Field(min_length=1, max_length=250)
     """At most as many as there are sysids."""
-    shapes: dict[Name, Shape] = {}
+    shapes: dict[Name, Shape] = Field(default={})
     steps: tuple[Step, ...] = Field(min_length=1, max_length=1000)
     fleet: FleetSection | None = None
     """The vehicles, or the path of a fleet file beside this one; all simulated where not given."""
+    simulation: Simulation = Simulation()
 
 
 def json_schema() -> dict[str, Any]:

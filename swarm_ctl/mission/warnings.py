@@ -85,6 +85,25 @@ def _spare_fleet(mission: MissionFile, _plan: Plan) -> Findings:
             yield Finding(("fleet", "agents", k), f"agent {entry.id} is not in this mission", "")
 
 
+def _real_vehicles(mission: MissionFile, _plan: Plan) -> Findings:
+    """Weather and faults are the simulator's: whoever trusts in them should know where they do not come."""
+    entries = mission.fleet.agents if mission.fleet else ()
+    real = {entry.id for entry in entries if entry.endpoint} & {agent.id for agent in mission.agents}
+    if not real:
+        return
+    if mission.simulation.parameters.given():
+        what = f"ignored by agents with a vehicle of their own: {_list(real)}"
+        yield Finding(("simulation", "parameters"), what, "")
+    for k, fault in enumerate(mission.simulation.faults):
+        if spared := real & set(fault.agents or real):
+            what = f"ignored by agents with a vehicle of their own: {_list(spared)}"
+            yield Finding(("simulation", "faults", k), what, "")
+
+
+def _list(ids: set[int]) -> str:
+    return ", ".join(map(str, sorted(ids)))
+
+
 def _unused_shapes(mission: MissionFile, _plan: Plan) -> Findings:
     used = {step.form.shape for step in mission.steps if step.form}
     for name in mission.shapes:
@@ -99,5 +118,6 @@ _WARNINGS: tuple[Callable[[MissionFile, Plan], Findings], ...] = (
     _weak_avoidance,
     _fast_gain,
     _spare_fleet,
+    _real_vehicles,
     _unused_shapes,
 )

@@ -14,11 +14,10 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any, Self
 
-from swarm_ctl.core.frames import geodetic_from_ned
-from swarm_ctl.core.plan import Plan
 from swarm_ctl.errors import StartError
 from swarm_ctl.mission.fleet import Fleet, FleetAgent
 from swarm_ctl.mission.loader import LoadedMission
+from swarm_ctl.mission.simulation import Simulation
 from swarm_ctl.report.manifest import Manifest, fingerprint, write_manifest
 from swarm_ctl.report.summarise import summarise
 from swarm_ctl.report.summary import Summary, write_summary
@@ -28,6 +27,7 @@ from swarm_ctl.runtime.clock import Clock
 from swarm_ctl.runtime.ports import free_ports
 from swarm_ctl.runtime.processes import AgentChild, Child, CommandChild, simulator, station, wait_all
 from swarm_ctl.runtime.screens import Show
+from swarm_ctl.runtime.simulated import simulator_config
 from swarm_ctl.runtime.terminal import Terminal
 
 _START_WALL_S = 20.0
@@ -96,7 +96,7 @@ def fly(mission: LoadedMission, options: Options, say: Callable[[str], None]) ->
     with Interrupts() as interrupts:
         run = Run(folder, manifest, options, clock, interrupts)
         try:
-            run.start(_simulated(mission.fleet), say)
+            run.start(_simulated(mission.fleet), mission.file.simulation, say)
             run.watch(say)
         finally:
             run.end()
@@ -124,7 +124,7 @@ class Run:
     def _children(self) -> list[Child]:
         return [child for child in (self._simulator, *self._agents, self._station) if child is not None]
 
-    def start(self, simulated: list[FleetAgent], say: Callable[[str], None]) -> None:
+    def start(self, simulated: list[FleetAgent], simulation: Simulation, say: Callable[[str], None]) -> None:
         """Start everything side by side and wait until all have said that they work."""
         folder, fleet = self._folder, self._manifest.fleet
         say(f"starting {'1 simulator, ' if simulated else ''}{len(fleet)} agents, 1 station; run folder {folder}")
@@ -133,7 +133,7 @@ class Run:
                 config = folder / "sim.json"
                 endpoints = {agent.id: agent.endpoint for agent in fleet}
                 vehicles = [replace(agent, endpoint=endpoints[agent.id]) for agent in simulated]
-                config.write_text(json.dumps(self._simulator_config(vehicles), indent=1))
+                config.write_text(json.dumps(self._simulator_config(vehicles, simulation), indent=1))
                 self._simulator = simulator(config, folder / "simulator.log")
             (folder / "agents").mkdir()
             for index, agent in enumerate(fleet):
@@ -241,37 +241,13 @@ class Run:
             started_us=round(manifest.started_at.timestamp() * 1e6),
         )
 
-    def _simulator_config(self, vehicles: list[FleetAgent]) -> dict[str, Any]:
-        """Plain JSON for `python -m sim`: geodetic starts, one endpoint per vehicle."""
-        plan = self._manifest.plan
-        origin = plan.origin
-        return {
-            "version": 1,
+    def _simulator_config(self, vehicles: list[FleetAgent], simulation: Simulation) -> dict[str, Any]:
+        return simulator_config(self._manifest.plan, vehicles, simulation) | {
             "speedup": self._manifest.speedup,
             "epoch_s": self._manifest.epoch_s,
             "seed": self._options.seed,
-            "origin": {"lat_deg": origin.lat_deg, "lon_deg": origin.lon_deg, "alt_m": origin.alt_m},
             "truth_path": str(self._folder / "truth.jsonl"),
-            "truth_rate_hz": 10,
-            "sensing_range_m": plan.law.r * plan.unit_m,
-            "vehicles": [_simulated_vehicle(plan, vehicle) for vehicle in vehicles],
         }
-
-
-def _simulated_vehicle(plan: Plan, vehicle: FleetAgent) -> dict[str, Any]:
-    north, east = plan.agent(vehicle.id).start
-    at = geodetic_from_ned((north * plan.unit_m, east * plan.unit_m, 0.0), plan.origin)
-    port = (vehicle.endpoint or "").rpartition(":")[2]
-    return {
-        "sysid": vehicle.sysid,
-        "persona": vehicle.autopilot,
-        "endpoint": f"udpin:127.0.0.1:{port}",
-        "lat_deg": at.lat_deg,
-        "lon_deg": at.lon_deg,
-        "alt_m": at.alt_m,
-        "heading_deg": 0.0,
-        "ready_after_s": 3.0,
-    }
 
 
 def run_folder(runs: Path, mission: str) -> Path:

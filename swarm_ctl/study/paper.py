@@ -58,6 +58,7 @@ def studies(seeds: int, seed: int, limit: int = LIMIT) -> dict[str, Study]:
             "missions": seeds,
             "vehicle": ("ideal",),
             "compensation": ("none",),
+            "safety": ("off",),
             "slots": ("random", "nearest"),
             "h": value(0.005),
             "kappa": value(_KAPPA),

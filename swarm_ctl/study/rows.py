@@ -27,6 +27,7 @@ _OUTCOME: Final = (
     "collided",
     "smallest",
     "smallest_silent",
+    "hit",
     "converged",
     "time_s",
     "error",
@@ -53,7 +54,8 @@ def rows_of(batch: Batch, outcome: Outcome) -> list[Row]:
     columns |= {name: [_word(getattr(cell, name))] * count for name in LISTS}
     columns |= {name: getattr(batch, name) for name in (*RANGES, "wind_from_rad")}
     columns["collided"] = outcome.smallest < cell.law.r_in
-    columns |= {name: getattr(outcome, name) for name in _OUTCOME if name != "collided"}
+    columns["hit"] = outcome.smallest_silent < cell.law.r_in
+    columns |= {name: getattr(outcome, name) for name in _OUTCOME if name not in ("collided", "hit")}
     columns |= {f"sigma_{name}": outcome.statuses[k] for k, name in enumerate(STATUSES)}
     plain = [_plain(columns[name]) for name in COLUMNS]
     return [dict(zip(COLUMNS, values, strict=True)) for values in zip(*plain, strict=True)]

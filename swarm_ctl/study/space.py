@@ -120,7 +120,8 @@ class Study(_Common):
     start: tuple[Start, ...] = ("random",)
     compensation: tuple[Compensation, ...] = (Compensation.STOP_POINT,)
     vehicle: tuple[VehicleModel, ...] = ("lag",)
-    safety: tuple[Safety, ...] = ("off",)
+    safety: tuple[Safety, ...] = ("release",)
+    """What stands between the law and the vehicles; `release` is what agents fly with stop points."""
     h: tuple[Range, ...] = value(0.05)
     kappa: tuple[Range, ...] = value(20.0)
     lag_s: tuple[Range, ...] = value(0.5)
@@ -167,6 +168,11 @@ class Study(_Common):
     def rows(self) -> int:
         """How many missions there are in all cells."""
         return self.missions * len(self.cells())
+
+    @property
+    def with_silent(self) -> bool:
+        """Agents die in some missions."""
+        return any(share.high > 0 for share in self.silent)
 
     @property
     def varied(self) -> tuple[str, ...]:

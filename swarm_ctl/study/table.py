@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
-from itertools import groupby
-from typing import Any, Final
+from collections.abc import Callable, Iterable
+from typing import Final
 
 import numpy as np
 from rich.table import Table
@@ -32,33 +31,66 @@ def share(hits: int, of: int) -> str:
     return f"{100 * hits / max(of, 1):.3g} % ({100 * low:.3g} to {100 * high:.3g})"
 
 
-def table(study: Study, rows: Iterable[Row]) -> Table:
-    """One line a cell: what was varied, and how its missions went."""
-    found = Table(title=f"{study.rows} missions, seed {study.seed}; shares with 95 % confidence intervals")
-    for name in (*(study.varied or ("n", "vehicle")), "missions"):
-        found.add_column(name)
-    for name in ("under r_in", "smallest", "formed", "median s", "p95 s", "a link broken", "parted", "overspeed"):
-        found.add_column(name, justify="right")
+def table(study: Study, rows: Iterable[Row], by: tuple[str, ...] = ()) -> Table:
+    """One line for each combination of the lists `by` (of what was varied, where not given): how its missions went."""
+    names = by or study.varied or ("n", "vehicle")
+    groups: dict[tuple[str, ...], list[Row]] = {}
     cells = study.cells()
-    for index, group in groupby(rows, lambda row: row["cell"]):
-        cell = cells[index]
-        what = (str(getattr(cell, name)) for name in study.varied or ("n", "vehicle"))
-        found.add_row(*what, *_line(list(group)))
+    for row in rows:
+        groups.setdefault(tuple(str(getattr(cells[row["cell"]], name)) for name in names), []).append(row)
+    found = Table(title=f"{study.rows} missions, seed {study.seed}; shares with 95 % confidence intervals")
+    for name in (*names, "missions"):
+        found.add_column(name)
+    columns = [column for column in _COLUMNS if study.with_silent or column[0] not in _SILENT]
+    for name, _ in columns:
+        found.add_column(name, justify="right")
+    for key, group in groups.items():
+        found.add_row(*key, str(len(group)), *(tell(group) for _, tell in columns))
     return found
 
 
-def _line(rows: list[Row]) -> Iterator[str]:
-    count = len(rows)
-    yield str(count)
-    yield share(_sum(rows, "collided"), count)
-    yield f"{min(row['smallest'] for row in rows):.3f}"
-    yield share(_sum(rows, "converged"), count)
-    times = [row["time_s"] for row in rows if row["converged"]]
-    yield from (f"{np.percentile(times, q):.1f}" if times else "-" for q in (50, 95))
-    yield share(sum(row["links_broken"] > 0 for row in rows), count)
-    yield share(_sum(rows, "parted"), count)
-    yield share(sum(row["sigma_overspeed"] > 0 for row in rows), count)
+def _share_of(rows: list[Row], name: str) -> str:
+    return share(_count(rows, name), len(rows))
 
 
-def _sum(rows: list[Row], name: str) -> Any:
-    return sum(row[name] for row in rows)
+def _alive(rows: list[Row]) -> list[Row]:
+    """The missions in which no agent died."""
+    return [row for row in rows if row["smallest_silent"] == math.inf]
+
+
+def _with_silent(rows: list[Row]) -> list[Row]:
+    return [row for row in rows if row["smallest_silent"] < math.inf]
+
+
+def _hit(rows: list[Row]) -> str:
+    found = _with_silent(rows)
+    return share(sum(row["hit"] for row in found), len(found)) if found else "-"
+
+
+def _time(rows: list[Row], q: int) -> str:
+    times = [row["time_s"] for row in _alive(rows) if row["converged"]]
+    return f"{np.percentile(times, q):.1f}" if times else "-"
+
+
+_COLUMNS: Final[tuple[tuple[str, Callable[[list[Row]], str]], ...]] = (
+    ("under r_in", lambda rows: _share_of(rows, "collided")),
+    ("smallest", lambda rows: f"{min(row['smallest'] for row in rows):.3f}"),
+    ("silent one hit", _hit),
+    ("formed", lambda rows: _share_of(_alive(rows), "converged")),
+    ("formed, one silent", lambda rows: _share_of(_with_silent(rows), "converged")),
+    ("stuck", lambda rows: _share_of(_alive(rows), "stuck")),
+    ("median s", lambda rows: _time(rows, 50)),
+    ("p95 s", lambda rows: _time(rows, 95)),
+    ("a link broken", lambda rows: _share_of(rows, "links_broken")),
+    ("one that fits", lambda rows: _share_of(rows, "kept_broken")),
+    ("parted", lambda rows: _share_of(rows, "parted")),
+    ("overspeed", lambda rows: _share_of(rows, "sigma_overspeed")),
+    ("ticks changed", lambda rows: f"{100 * sum(row['touched'] for row in rows) / len(rows):.3g} %"),
+)
+"""Times and what formed: of missions in which everybody lived; `one that fits` are links whose slots fit in 0.9 r."""
+_SILENT: Final = ("silent one hit", "formed, one silent")
+
+
+def _count(rows: list[Row], name: str) -> int:
+    """Rows in which the column is not zero."""
+    return sum(row[name] > 0 for row in rows)

@@ -5,7 +5,7 @@ The same parts as in a run but for what `run` itself is: processes, sockets, zen
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,6 @@ from sim.config import SimConfig
 from sim.hub import Hub
 from sim.world import STEP_S
 from swarm_ctl.core.agent import Actions, Agent, Ended, Inbox
-from swarm_ctl.core.frames import geodetic_from_ned
 from swarm_ctl.core.plan import Plan
 from swarm_ctl.core.state import AgentStatus, Command, Event, Phase, StationBeacon
 from swarm_ctl.core.vehicle import Fly
@@ -24,6 +23,7 @@ from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.memory_transport import MemoryHub, MemoryTransport
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mission.loader import LoadedMission
+from swarm_ctl.runtime.simulated import simulator_config
 
 _PORT = 1000
 _AGENT = ("agent", 1)
@@ -211,33 +211,6 @@ class VirtualSwarm:
 
 
 def _configuration(mission: LoadedMission, seed: int) -> SimConfig:
-    plan = mission.plan
-    vehicles = []
-    for agent in plan.agents:
-        entry = mission.fleet.agent(agent.id)
-        at = geodetic_from_ned((agent.start[0] * plan.unit_m, agent.start[1] * plan.unit_m, 0.0), plan.origin)
-        vehicles.append(
-            {
-                "sysid": entry.sysid,
-                "persona": entry.autopilot,
-                "endpoint": f"udpin:127.0.0.1:{_PORT + entry.sysid}",
-                "lat_deg": at.lat_deg,
-                "lon_deg": at.lon_deg,
-                "alt_m": at.alt_m,
-                "heading_deg": 0.0,
-                "ready_after_s": 3.0,
-            }
-        )
-    return SimConfig.model_validate(
-        {
-            "version": 1,
-            "speedup": 1.0,
-            "epoch_s": 0.0,
-            "seed": seed,
-            "origin": {"lat_deg": plan.origin.lat_deg, "lon_deg": plan.origin.lon_deg, "alt_m": plan.origin.alt_m},
-            "truth_path": None,
-            "truth_rate_hz": 10,
-            "sensing_range_m": plan.law.r * plan.unit_m,
-            "vehicles": vehicles,
-        }
-    )
+    vehicles = [replace(entry, endpoint=f"udpin:127.0.0.1:{_PORT + entry.sysid}") for entry in mission.fleet.agents]
+    settings = simulator_config(mission.plan, vehicles, mission.file.simulation)
+    return SimConfig.model_validate(settings | {"epoch_s": 0.0, "seed": seed})

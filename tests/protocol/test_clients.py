@@ -84,6 +84,34 @@ def test_dronekit_flies_velocities_and_a_mission(tmp_path: Path) -> None:
         assert v.location.global_frame.lat == pytest.approx(place[0], abs=1e-5)
 
 
+@NEEDS_DRONEKIT
+@pytest.mark.filterwarnings("ignore")
+def test_dronekit_flies_px4(tmp_path: Path) -> None:
+    """As far as dronekit knows PX4: no `is_armable`, no empty list downloaded, no take-off command without a target."""
+    configuration = settings(tmp_path, "px4") | {"speedup": SPEEDUP}
+    with simulator(tmp_path, configuration) as sim, dronekit_vehicle(sim) as v:
+        import dronekit
+
+        v.parameters["COM_OF_LOSS_T"] = 0.8
+        assert v.parameters["COM_OF_LOSS_T"] == pytest.approx(0.8)
+        wait_until(sim, "home", lambda: v.location.global_frame.alt is not None and v.gps_0.fix_type == 3)
+        v.commands.clear()
+        for command, north in ((22, 0.0), (16, 10.0), (21, 10.0)):
+            place = (ORIGIN["lat_deg"] + north / 111_200.0, ORIGIN["lon_deg"], 5.0)
+            v.commands.add(dronekit.Command(0, 0, 0, 3, command, 0, 1, 0, 0, 0, 0, *place))
+        v.commands.upload(timeout=10)
+
+        def armed() -> bool:
+            v.armed = True
+            return bool(v.armed)
+
+        wait_until(sim, "armed", armed)
+        v.mode = dronekit.VehicleMode("MISSION")
+        wait_until(sim, "height", lambda: v.location.global_relative_frame.alt > 4.5)
+        wait_until(sim, "landed and disarmed", lambda: not v.armed)
+        assert v.location.global_frame.lat == pytest.approx(place[0], abs=1e-5)
+
+
 class MavProxy:
     """MAVProxy without a screen; its commands are typed, its words read from a file."""
 

@@ -1,7 +1,7 @@
-"""The driver against the simulator's own process over UDP, both personas: the whole way up and down again.
+"""The driver against the simulator, both personas. Every wait is for an observed state, bounded in mission time.
 
-Mission time runs `SPEEDUP` times faster than the wall clock; every wait is for an observed state, bounded in mission
-time.
+The whole way up and down again goes over UDP to the simulator's own process, `SPEEDUP` times faster than the wall
+clock; what else may happen is played in memory on a virtual clock.
 """
 
 from __future__ import annotations
@@ -20,11 +20,14 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common
 
+from sim.config import SimConfig
+from sim.hub import Hub
 from swarm_ctl.core.vehicle import Airborne, Fly, Goal, Land, Release, Standby, VehicleView, Yield
 from swarm_ctl.mavlink import VehicleLink
+from swarm_ctl.mavlink.wires import MemoryWire, memory_wires
 
-SPEEDUP = 5.0
-"""Slow enough that a busy machine (0.2 s without us) does not cost a setpoint time-out of 1 s."""
+SPEEDUP = 3.0
+"""Slow enough that a busy machine (0.3 s without us) does not cost a setpoint time-out of 1 s."""
 TICK_S = 0.05
 WITHIN_S = 90.0
 SYSID = 7
@@ -39,36 +42,34 @@ both = pytest.mark.parametrize("persona", DEFAULTS)
 
 
 class Flight:
-    """One simulated vehicle, its link, and the mission clock they share."""
+    """One simulated vehicle and its link, in this process: bytes carried in memory, on a virtual clock."""
 
-    def __init__(self, folder: Path, persona: str, *, ready_after_s: float = 1.0, autopilot: str = "") -> None:
-        self.epoch_s = time.monotonic()
-        port = _free_port()
-        vehicle = {"sysid": SYSID, "persona": persona, "endpoint": f"udpin:127.0.0.1:{port}", **ORIGIN}
-        config = {
-            "version": 1,
-            "speedup": SPEEDUP,
-            "epoch_s": self.epoch_s,
-            "origin": ORIGIN,
-            "truth_path": str(folder / "truth.jsonl"),
-            "vehicles": [vehicle | {"ready_after_s": ready_after_s}],
-        }
-        (folder / "sim.json").write_text(json.dumps(config))
-        arguments = [sys.executable, "-m", "sim", "--config", str(folder / "sim.json")]
-        self.simulator = subprocess.Popen(arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-        assert self.simulator.stdout is not None
-        assert json.loads(self.simulator.stdout.readline())["ready"] is True
-        self.link = VehicleLink(f"udpout:127.0.0.1:{port}", autopilot or persona, SYSID)
+    def __init__(self, persona: str, *, ready_after_s: float = 1.0, autopilot: str = "") -> None:
+        near, self._far = memory_wires()
+        vehicle = _vehicle(persona, 14600, ready_after_s)
+        settings = {"version": 1, "epoch_s": 0.0, "origin": ORIGIN, "vehicles": [vehicle]}
+        self._hub = Hub(SimConfig.model_validate(settings), 0.0, lambda _, data, __: self._far.write(data))
+        self._start(near, autopilot or persona)
+
+    def _start(self, wire: str | MemoryWire, autopilot: str) -> None:
+        self.link = VehicleLink(wire, autopilot, SYSID)
         self.texts: list[str] = []
-        self._next_s = self.now()
+        self._next_s = 0.0
 
     def now(self) -> float:
-        return (time.monotonic() - self.epoch_s) * SPEEDUP
+        """Mission time."""
+        return self._next_s
+
+    def _wait_for_tick(self) -> None:
+        self._next_s += TICK_S
+        while (data := self._far.read()) is not None:
+            self._hub.receive(0, data, ("agent", 1))
+        while self._hub.world.next_s <= self._next_s:
+            self._hub.step()
 
     def tick(self, goal: Goal | None) -> VehicleView:
         """One tick of a control loop; None: it stalls, and only listens."""
-        self._next_s = max(self._next_s + TICK_S, self.now() - 5 * TICK_S)
-        time.sleep(max(0.0, (self._next_s - self.now()) / SPEEDUP))
+        self._wait_for_tick()
         now = self.now()
         self.link.receive(now)
         view = self.link.view()
@@ -95,13 +96,52 @@ class Flight:
 
     def close(self) -> None:
         self.link.close()
+
+
+class RealFlight(Flight):
+    """The same over UDP, with the simulator's own process, on the wall clock."""
+
+    def __init__(self, folder: Path, persona: str) -> None:
+        self.epoch_s = time.monotonic()
+        port = _free_port()
+        truth = {"truth_path": str(folder / "truth.jsonl"), "speedup": SPEEDUP, "epoch_s": self.epoch_s}
+        config = {"version": 1, "origin": ORIGIN, "vehicles": [_vehicle(persona, port, 1.0)]} | truth
+        (folder / "sim.json").write_text(json.dumps(config))
+        arguments = [sys.executable, "-m", "sim", "--config", str(folder / "sim.json")]
+        self.simulator = subprocess.Popen(arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        assert self.simulator.stdout is not None
+        assert json.loads(self.simulator.stdout.readline())["ready"] is True
+        self._start(f"udpout:127.0.0.1:{port}", persona)
+        self._next_s = self.now()
+
+    def now(self) -> float:
+        """Mission time, shared with the simulator."""
+        return (time.monotonic() - self.epoch_s) * SPEEDUP
+
+    def _wait_for_tick(self) -> None:
+        self._next_s = max(self._next_s + TICK_S, self.now() - 5 * TICK_S)
+        time.sleep(max(0.0, (self._next_s - self.now()) / SPEEDUP))
+
+    def close(self) -> None:
+        super().close()
         self.simulator.kill()
         self.simulator.communicate()
 
 
+def _vehicle(persona: str, port: int, ready_after_s: float) -> dict[str, Any]:
+    where = {"endpoint": f"udpin:127.0.0.1:{port}", "ready_after_s": ready_after_s, **ORIGIN}
+    return {"sysid": SYSID, "persona": persona, **where}
+
+
 @contextlib.contextmanager
-def flight(folder: Path, persona: str, **how: Any) -> Iterator[Flight]:
-    with contextlib.closing(Flight(folder, persona, **how)) as made:
+def flight(persona: str, **how: Any) -> Iterator[Flight]:
+    with contextlib.closing(Flight(persona, **how)) as made:
+        yield made
+
+
+@contextlib.contextmanager
+def real_flight(folder: Path, persona: str) -> Iterator[RealFlight]:
+    with contextlib.closing(RealFlight(folder, persona)) as made:
         yield made
 
 
@@ -126,7 +166,7 @@ def down(view: VehicleView) -> bool:
 
 @both
 def test_the_whole_way_up_and_down_again(persona: str, tmp_path: Path) -> None:
-    with flight(tmp_path, persona) as fly:
+    with real_flight(tmp_path, persona) as fly:
         fly.flying(persona)
         view = fly.until(down, Land())
         assert not view.released
@@ -139,9 +179,9 @@ def test_the_whole_way_up_and_down_again(persona: str, tmp_path: Path) -> None:
         assert fly.texts == [], "nothing was refused"
 
 
-def test_a_slow_start_is_waited_out(tmp_path: Path) -> None:
+def test_a_slow_start_is_waited_out() -> None:
     """A real ArduCopter's cold start: ready after 42 s, no local position before although its stream was accepted."""
-    with flight(tmp_path, "ardupilot", ready_after_s=42.0) as fly:
+    with flight("ardupilot", ready_after_s=42.0) as fly:
         view = fly.until(lambda view: math.isfinite(view.heartbeat_s), Standby())
         assert not view.healthy
         view = fly.until(lambda view: view.healthy, Standby())
@@ -151,8 +191,8 @@ def test_a_slow_start_is_waited_out(tmp_path: Path) -> None:
         fly.until(lambda view: view.armed and not view.on_ground, Airborne(3.0))
 
 
-def test_a_stream_that_another_ground_station_slows_is_taken_back(tmp_path: Path) -> None:
-    with flight(tmp_path, "ardupilot") as fly:
+def test_a_stream_that_another_ground_station_slows_is_taken_back() -> None:
+    with flight("ardupilot") as fly:
         fly.until(lambda view: view.healthy, Standby())
         message = common.MAVLink_request_data_stream_message(SYSID, 1, common.MAV_DATA_STREAM_ALL, 4, 1)
         fly.link._send(message, fly.now())
@@ -175,8 +215,8 @@ class Gaps:
         return passed_s / came if came else math.nan
 
 
-def test_an_ardupilot_without_setpoints_stops_in_guided_and_goes_on(tmp_path: Path) -> None:
-    with flight(tmp_path, "ardupilot") as fly:
+def test_an_ardupilot_without_setpoints_stops_in_guided_and_goes_on() -> None:
+    with flight("ardupilot") as fly:
         fly.flying("ardupilot")
         view = fly.until(lambda view: speed(view) < 0.1, Yield())  # heartbeats go on
         assert (view.mode, view.armed) == ("GUIDED", True)
@@ -184,16 +224,16 @@ def test_an_ardupilot_without_setpoints_stops_in_guided_and_goes_on(tmp_path: Pa
 
 
 @both
-def test_a_vehicle_whose_agent_has_died_lands_by_itself(persona: str, tmp_path: Path) -> None:
-    with flight(tmp_path, persona) as fly:
+def test_a_vehicle_whose_agent_has_died_lands_by_itself(persona: str) -> None:
+    with flight(persona) as fly:
         fly.flying(persona)
         fly.until(lambda view: view.landing, None)
         fly.until(down, None)
 
 
 @both
-def test_a_mode_changed_by_somebody_else_is_not_fought(persona: str, tmp_path: Path) -> None:
-    with flight(tmp_path, persona) as fly:
+def test_a_mode_changed_by_somebody_else_is_not_fought(persona: str) -> None:
+    with flight(persona) as fly:
         fly.flying(persona)
         pilots = {"ardupilot": "LOITER", "px4": "AUTO.LOITER"}[persona]
         message = fly.link._autopilot.set_mode(pilots)
@@ -207,9 +247,9 @@ def test_a_mode_changed_by_somebody_else_is_not_fought(persona: str, tmp_path: P
 
 
 @both
-def test_another_firmware_than_the_fleet_says_is_a_fault(persona: str, tmp_path: Path) -> None:
+def test_another_firmware_than_the_fleet_says_is_a_fault(persona: str) -> None:
     other = {"ardupilot": "px4", "px4": "ardupilot"}[persona]
-    with flight(tmp_path, persona, autopilot=other) as fly:
+    with flight(persona, autopilot=other) as fly:
         view = fly.until(lambda view: view.fault != "", Standby())
         assert f"allowed here: {other}" in view.fault
         end = fly.now() + 5.0
@@ -217,7 +257,7 @@ def test_another_firmware_than_the_fleet_says_is_a_fault(persona: str, tmp_path:
 
 
 def test_a_vehicle_that_vanishes_is_told_by_its_heartbeats_age(tmp_path: Path) -> None:
-    with flight(tmp_path, "ardupilot") as fly:
+    with real_flight(tmp_path, "ardupilot") as fly:
         fly.airborne()
         fly.simulator.kill()
         fly.simulator.wait()

@@ -17,15 +17,18 @@ from swarm_ctl.testing.virtual import VirtualSwarm
 
 FOLDER = Path(__file__).parents[2] / "missions"
 MISSIONS = sorted(path.name for path in FOLDER.glob("*.yaml"))
-SMALL = ["crossing.yaml", "hexagon.yaml", "sweep.yaml"]
+SMALL = ["crossing.yaml", "faults.yaml", "hexagon.yaml", "sweep.yaml"]
+HURT = {"faults": {2: "failed"}}
+"""Who does not complete, by mission: its own timetable drains its battery."""
 FACTOR = 1.5
 
 
 def flown(mission: LoadedMission, seed: int = 1) -> VirtualSwarm:
-    """To the end, completed by all, nobody under r_in, everybody down."""
+    """To the end, completed by all who can, nobody under r_in, everybody down."""
     swarm = VirtualSwarm(mission, seed)
     swarm.fly(1500)
-    assert swarm.outcomes() == dict.fromkeys((agent.id for agent in mission.plan.agents), "completed")
+    completed = dict.fromkeys((agent.id for agent in mission.plan.agents), "completed")
+    assert swarm.outcomes() == completed | HURT.get(mission.plan.name, {})
     assert swarm.closest_m > mission.plan.law.r_in * mission.plan.unit_m
     assert swarm.all_down
     return swarm
@@ -38,7 +41,8 @@ def test_ready_mission(name: str) -> None:
     mission = load(FOLDER / name)
     swarm = flown(mission)
     for number, expected in enumerate(forecast(mission.plan), start=1):
-        results = [m.status.steps[number] for m in swarm.members.values() if m.status]
+        whole = [m for m in swarm.members.values() if m.ended and m.ended.outcome == "completed"]
+        results = [m.status.steps[number] for m in whole if m.status]
         took_s = max(r.end_s or math.inf for r in results) - min(r.start_s for r in results)
         assert expected.expected_s is not None
         assert expected.expected_s / FACTOR < took_s < expected.expected_s * FACTOR, (number, results[0].name)

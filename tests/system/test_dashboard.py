@@ -18,7 +18,7 @@ def test_screens_orders_and_the_end(tmp_path: Path) -> None:
     """From the first picture over all screens to a landing by one key, and the same again from the recording; the
     terminal is left as it was.
     """
-    with Terminal(*RUN, cwd=tmp_path) as terminal:
+    with Terminal("run", HEXAGON, "--speedup", "2", cwd=tmp_path) as terminal:  # long enough for all these keys
         terminal.wait_for("6/6 agents")
         terminal.wait_for("takeoff")
         terminal.press("2")

@@ -93,10 +93,11 @@ def test_a_busy_port_is_exit_code_3() -> None:
 def test_starts_come_from_a_grid_or_a_mission() -> None:
     assert _grid(5, 2.0) == [(0.0, 0.0), (0.0, 2.0), (0.0, 4.0), (2.0, 0.0), (2.0, 2.0)]
     assert len(set(_grid(250, 5.0))) == 250
-    origin, starts = _from_mission(HEXAGON)
-    assert [(persona, sysid) for persona, sysid, _ in starts] == [("ardupilot", i) for i in range(1, 7)]
-    assert origin.lat_deg != 0.0
-    assert len({place for _, _, place in starts}) == 6
+    settings = _from_mission(HEXAGON)
+    starts = settings["vehicles"]
+    assert [(start["persona"], start["sysid"]) for start in starts] == [("ardupilot", i) for i in range(1, 7)]
+    assert settings["origin"]["lat_deg"] != 0.0
+    assert len({(start["lat_deg"], start["lon_deg"]) for start in starts}) == 6
     assert _origin("47.5,8.5,400").alt_m == 400.0
     assert _parameter("SIM_WIND_SPD=2.5") == ("SIM_WIND_SPD", 2.5)
     with pytest.raises(InputError):

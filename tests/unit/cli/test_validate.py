@@ -82,3 +82,13 @@ def test_a_refused_mission_reaches_the_caller_with_exit_code_2(tmp_path: Path) -
     with pytest.raises(MissionError, match=r"bad\.yaml:1: agents: is missing") as caught:
         validate(path)
     assert caught.value.exit_code == 2
+
+
+def test_weather_and_faults_are_shown_and_those_that_come_too_late(tmp_path: Path) -> None:
+    text = shown(HEXAGON.parent / "faults.yaml")
+    assert "SIM_WIND_SPD 3" in text
+    assert "fault    30 s after liftoff for 10 s, agent 6: SIM_GPS_JUMP_N 4" in text
+    assert "warning" not in text
+    path = tmp_path / "late.yaml"
+    path.write_text(HEXAGON.read_text() + "simulation: {faults: [{at_s: 500, set: {SIM_LOSS: 5}}]}\n")
+    assert "warning  the fault 500 s after liftoff comes later than the expected end, after" in shown(path)

@@ -59,7 +59,7 @@ def _places(value: Any, path: tuple[str | int, ...] = ()) -> list[tuple[str | in
 
 def test_an_unknown_field_is_refused_wherever_it_stands() -> None:
     places = _places(json.loads(plan_to_json(PLAN)))
-    assert len(places) == 2 + 5 + len(PLAN.agents) + len(PLAN.steps)  # document, plan, its sections, agents, steps
+    assert len(places) == 2 + 6 + len(PLAN.agents) + len(PLAN.steps)  # document, plan, its sections, agents, steps
     for place in places:
         data = json.loads(plan_to_json(PLAN))
         inner = data

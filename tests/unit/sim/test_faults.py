@@ -229,6 +229,17 @@ def test_a_timetable_acts_at_its_time_on_whom_it_names() -> None:
     assert values("SIM_ARM_REFUSE") == [0.0, 1.0]
 
 
+def test_a_timetable_may_count_from_the_first_liftoff() -> None:
+    """However long the vehicles stand there before."""
+    flight = Flight(config(2, faults=[{"at_s": 2.0, "set": {"SIM_LOSS": 10}}], faults_since="liftoff"))
+    flight.run(20.0)
+    assert [event.event for event in flight.world.events] == []
+    flight.take_off()
+    flight.run(10.0)
+    times = {event.event: event.time_s for event in flight.world.events if event.sysid == 1}
+    assert times["SIM_LOSS 10"] == pytest.approx(times["liftoff"] + 2.0, abs=0.05)
+
+
 @pytest.mark.parametrize(
     ("more", "told"),
     [

@@ -98,11 +98,29 @@ def test_old_clients_ask_and_send_in_floats(persona: Persona) -> None:
 
 
 def test_each_firmware_asks_with_the_message_its_clients_know() -> None:
-    for persona, name in ((Ardupilot, "MISSION_REQUEST"), (Px4, "MISSION_REQUEST_INT")):
+    """Both begin with the older one; PX4 goes over to integers, and back, as its client does."""
+    for persona, then in ((Ardupilot, "MISSION_REQUEST"), (Px4, "MISSION_REQUEST_INT")):
         rig = ready(persona)
+        for expected, answer in (("MISSION_REQUEST", "MISSION_ITEM_INT"), (then, "MISSION_ITEM")):
+            rig.said.clear()
+            rig.tell("MISSION_COUNT", **TO, count=2, mission_type=0)
+            assert [(m.name, m.fields["seq"]) for m in rig.said] == [(expected, 0)]
+            rig.tell(answer, **TO, **item(WAYPOINT) | {"frame": 3}, seq=0, mission_type=0)
+        assert rig.said[-1].name == "MISSION_REQUEST"
+
+
+def test_px4_asks_otherwise_when_its_client_does_not_know_the_request() -> None:
+    """MAVSDK takes no MISSION_REQUEST from PX4, and says so."""
+    rig = ready(Px4)
+    rig.tell("MISSION_COUNT", **TO, count=2, mission_type=0)
+    for expected in ("MISSION_REQUEST_INT", "MISSION_REQUEST"):
         rig.said.clear()
-        rig.tell("MISSION_COUNT", **TO, count=2, mission_type=0)
-        assert [(m.name, m.fields["seq"]) for m in rig.said] == [(name, 0)]
+        rig.tell("MISSION_ACK", **TO, type=3, mission_type=0)
+        assert [(m.name, m.fields["seq"]) for m in rig.said] == [(expected, 0)]
+    rig.said.clear()
+    rig.tell("MISSION_ACK", (9, 9), **TO, type=3, mission_type=0)
+    rig.tell("MISSION_ACK", **TO, type=0, mission_type=0)
+    assert rig.said == []
 
 
 @BOTH

@@ -195,7 +195,7 @@ def test_ideal_with_a_whole_iteration_a_tick_is_the_discrete_form() -> None:
     """p <- p + u, (9), from the law itself."""
     from swarm_ctl.core.law import evaluate
 
-    batch = only_batch(vehicle=("ideal",), n=(4,), limit_s=2.0, missions=4)
+    batch = only_batch(vehicle=("ideal",), n=(4,), limit_s=2.0, missions=4, safety=("off",))
     traces = Trace()
     fly(batch.only(np.array([2])), traces)
     p, z, links = batch.starts[..., 2].T, batch.slots[..., 2].T, batch.links[..., 2]
@@ -211,7 +211,14 @@ def test_ideal_with_a_whole_iteration_a_tick_is_the_discrete_form() -> None:
 
 def test_stop_points_keep_real_vehicles_apart_where_positions_do_not() -> None:
     """The finding of SAFETY.md on a few hundred missions: with dead time and lag the plain law collides often."""
-    settings = {"n": (6,), "slots": ("random",), "missions": 150, "limit_s": 40.0, "start": ("ring",)}
+    settings = {
+        "n": (6,),
+        "slots": ("random",),
+        "missions": 150,
+        "limit_s": 40.0,
+        "start": ("ring",),
+        "safety": ("off",),
+    }
     plain = fly(only_batch(**settings, compensation=(Compensation.NONE,), kappa=value(10.0)))
     compensated = fly(only_batch(**settings))
     collided = [np.count_nonzero(outcome.smallest < 0.5) for outcome in (plain, compensated)]

@@ -1,0 +1,94 @@
+"""Safety in studies: nobody collides where all did, the paper's own regime is not touched, links hold."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swarm_ctl.core.plan import Compensation
+from swarm_ctl.core.release import Release
+from swarm_ctl.study.batch import Batch, blocks, draw
+from swarm_ctl.study.flight import fly
+from swarm_ctl.study.keeping import _Releases
+from swarm_ctl.study.space import Range, Study, value
+
+LATE: dict[str, Any] = {
+    "missions": 40,
+    "delay_s": (Range(low=0.0, high=0.2),),
+    "loss": (Range(low=0.0, high=0.2),),
+    "lag_s": (Range(low=0.3, high=0.6),),
+    "start_spacing": 1.5,
+    "limit_s": 120.0,
+}
+
+
+def missions(**settings: Any) -> Batch:
+    """The one block of a small study."""
+    ((cell, first, count),) = blocks(Study.model_validate(LATE | settings))
+    return draw(cell, first, count)
+
+
+@pytest.mark.parametrize("n", [6, 12])
+def test_nobody_collides_where_everybody_did(n: int) -> None:
+    """Two columns that change sides, news late and lost: every mission of the bare law brings a pair under r_in."""
+    crossing = {"n": (n,), "start": ("crossing",), "slots": ("given",), "shape": ("grid",), "h": value(0.2)}
+    bare, safe = (fly(missions(**crossing, safety=(level,))) for level in ("off", "release"))
+    assert (bare.smallest < 0.5).all()
+    assert (safe.smallest > 0.5).all()
+    assert safe.converged.all()
+    assert (safe.touched > 0).all()
+
+
+def test_the_papers_own_regime_is_not_touched() -> None:
+    """(9) with Table I's gains: the filter changes nothing at all, so the reproduction is the paper's with it too."""
+    plain = {
+        "compensation": (Compensation.NONE,), "vehicle": ("ideal",), "slots": ("random",), "h": value(0.005),
+        "delay_s": value(0.0), "loss": value(0.0),
+    }  # fmt: skip
+    bare, safe = (fly(missions(**plain, safety=(level,))) for level in ("off", "filter"))
+    assert not safe.touched.any()
+    assert safe.smallest == pytest.approx(bare.smallest, rel=1e-9)
+
+
+def test_links_whose_slots_fit_are_kept_by_the_guard() -> None:
+    """Without it a good part of the missions stretches one past r."""
+    free, guarded = (fly(missions(n=(6,), slots=("random",), safety=(level,))) for level in ("filter", "guard"))
+    assert np.count_nonzero(free.kept_broken) > 10
+    assert not guarded.kept_broken.any()
+
+
+def test_a_vehicle_whose_agent_died_is_not_hit() -> None:
+    """It flies its last command for half a second, then stands in the way for ever."""
+    outcome = fly(missions(n=(6,), slots=("random",), silent=value(1.0), limit_s=40.0))
+    assert np.count_nonzero(np.isfinite(outcome.smallest_silent)) > 10
+    assert (outcome.smallest_silent > 0.5).all()
+    assert (outcome.smallest > 0.5).all()
+
+
+def test_exchange_shortens_the_way() -> None:
+    """Two that are in each other's way take each other's slots: sooner formed, and nobody comes under r_in."""
+    settings = {"n": (6,), "slots": ("random",)}
+    fixed, exchanged = (fly(missions(**settings, safety=(level,))) for level in ("release", "exchange"))
+    assert exchanged.exchanges.sum() > 20
+    assert exchanged.converged.all()
+    assert np.median(exchanged.time_s) < np.median(fixed.time_s)
+    assert (exchanged.smallest > 0.5).all()
+
+
+def test_releases_of_one_and_of_many_are_the_same() -> None:
+    """The agent's release and the study's, fed alike, turn alike; the dice are each one's own and so not compared."""
+    random = np.random.default_rng(2)
+    one, many = Release(1, 1.0, 0.05), _Releases((1, 1), 1.0, 0.05)
+    for _ in range(200):
+        consensus, flown = complex(*random.normal(size=2)), complex(*random.normal(size=2)) * 0.01
+        wish = consensus * 0.5
+        for_one = one.turn(wish, consensus)
+        for_many = many.turn(np.array([[wish]]), np.array([[consensus]]), np.array([[[0.5]], [[0.9]]]))
+        one.note(consensus, flown)
+        many.note(np.array([[consensus]]), np.array([[flown]]))
+        if one.fails == 0:
+            assert for_many[0, 0] == for_one
+    assert one.fails > 0
+    assert many.fails[0, 0] > 0
