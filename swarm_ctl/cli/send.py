@@ -15,14 +15,17 @@ from swarm_ctl.core.state import Ack
 from swarm_ctl.core.text import agents_named
 from swarm_ctl.errors import InputError
 
-_ARGUMENTS: Final = {"form": ("SHAPE",), "move": ("N", "E")}
-"""What a command needs behind its name; the others need nothing."""
+_ARGUMENTS: Final = {"form": ("SHAPE",), "move": ("N", "E"), "tune": ("NAME=VALUE",)}
+"""What a command needs behind its name; the others need nothing. `tune` takes several."""
 
 
 def send(
     command: Annotated[str, typer.Argument(help=f"One of {', '.join(KINDS)}.")],
     arguments: Annotated[
-        list[str] | None, typer.Argument(help="form: a SHAPE of the mission's file; move: metres N E of the origin.")
+        list[str] | None,
+        typer.Argument(
+            help="form: a SHAPE of the mission's file; move: metres N E of the origin; tune: values of the law."
+        ),
     ] = None,
     run: Annotated[Path | None, typer.Option(help="The run folder; default: the newest in runs/.")] = None,
     agents: Annotated[str, typer.Option(help="Only these, e.g. 2,5-7; default: all.")] = "",
@@ -32,8 +35,9 @@ def send(
 ) -> None:
     """Command a swarm that flies, and show each agent's answer.
 
-    hold (stay), resume (the mission), next (step), form SHAPE, move N E, land, return (home, one at a time),
-    kill (motors off at once: the vehicles fall).
+    hold (stay), resume (the mission), next (step), form SHAPE, move N E, tune NAME=VALUE... (the law, of all agents
+    at one time or of none: h, kappa, delta_a, delta_l; `tune plan` for the mission's own), land, return (home, one at a
+    time), kill (motors off at once: the vehicles fall).
 
     Exit codes: 0 everybody accepted, 1 somebody refused or did not answer, 2 bad input, 3 nobody can be heard.
 
@@ -45,13 +49,18 @@ def send(
 
         swarm-ctl send move -20 35.5 --speed 2
 
+        swarm-ctl send tune h=0.04 kappa=15
+
         swarm-ctl send kill --agents 3
     """
     from swarm_ctl.runtime.sender import Answers, Sender
+    from swarm_ctl.station.wording import command_words
 
     given = arguments or []
     _check(command, given)
     meant = _agents(agents)
+    if command in _ARGUMENTS and meant:
+        raise InputError(f"{command} is for the whole swarm; leave out --agents")
     folder = run if run is not None else newest_run(Path("runs"))
     console = Console(highlight=False)
     if command == "kill" and not yes:
@@ -63,12 +72,18 @@ def send(
             answers = sender.form(given[0])
         elif command == "move":
             answers = sender.move((_number(given[0]), _number(given[1])), by=by, speed_mps=speed)
+        elif command == "tune":
+            answers = sender.tune(given)
         else:
             answers = sender.send(command, meant)
     for words, ids in _said(answers.acks.values()).items():
         console.print(f"{agents_named(ids)}: {words}", soft_wrap=True)
     if answers.silent:
         console.print(f"{agents_named(answers.silent)}: no answer", style="bold red")
+    if answers.accepted and answers.command.tuning is not None:
+        console.print(f"all agents: {command_words(answers.command)}", soft_wrap=True)
+    if answers.failed:
+        console.print(f"nothing changes: {answers.failed}", style="bold red", soft_wrap=True)
     raise typer.Exit(0 if answers.accepted else 1)
 
 
@@ -85,7 +100,7 @@ def _check(command: str, given: list[str]) -> None:
     if command not in KINDS:
         raise InputError(f"unknown command {command!r}; allowed: {', '.join(KINDS)}")
     needed = _ARGUMENTS.get(command, ())
-    if len(given) != len(needed):
+    if len(given) != len(needed) and not (command == "tune" and given):
         what = f"{command} {' '.join(needed)}".strip()
         raise InputError(f"{command} with {len(given)} arguments; allowed: swarm-ctl send {what}")
 

@@ -8,10 +8,22 @@ from typing import Annotated
 import typer
 
 from swarm_ctl.errors import InputError
+from swarm_ctl.mission.loader import load
 
 
 def station(
     run: Annotated[Path | None, typer.Argument(help="The run folder; default: the newest in runs/.")] = None,
+    mission: Annotated[
+        Path | None, typer.Option(help="A mission file instead of a run folder: for a swarm on other hosts.")
+    ] = None,
+    mesh: Annotated[
+        list[str] | None,
+        typer.Option(help="With --mission: where an agent listens, tcp/HOST:PORT; once for each. Default: its fleet."),
+    ] = None,
+    fleet: Annotated[Path | None, typer.Option(help="With --mission: the fleet file that is flown with.")] = None,
+    speedup: Annotated[
+        float | None, typer.Option(min=0.1, max=100.0, help="With --mission: that of a simulated swarm.")
+    ] = None,
     headless: Annotated[bool, typer.Option("--headless", help="Plain log lines instead of the dashboard.")] = False,
     json: Annotated[bool, typer.Option("--json", help="One line of JSON a second on stdout.")] = False,
     compact: Annotated[bool, typer.Option("--compact", help="A plain live view instead of the dashboard.")] = False,
@@ -19,18 +31,36 @@ def station(
         int | None, typer.Option(min=1, max=65535, help="Prometheus metrics on this port of 127.0.0.1.")
     ] = None,
 ) -> None:
-    """Watch and command a run of this machine from another terminal. Ctrl-C leaves it; the swarm flies on.
+    """Watch and command a swarm from another terminal, or from another host. Ctrl-C leaves it; the swarm flies on.
 
-    Example:
+    A run of this machine is found by its folder. Anywhere else the mission file is enough, with the endpoints of the
+    agents: the station waits until they are heard; agents that fly another plan are shown, and take no shapes from it.
+
+    Examples:
 
         swarm-ctl station runs/20260101-120000-hexagon
+
+        swarm-ctl station --mission missions/hexagon.yaml --fleet outdoors.yaml
+
+        swarm-ctl station --mission pair.yaml --mesh tcp/10.0.0.11:7447 --mesh tcp/10.0.0.12:7447
     """
     from swarm_ctl.runtime.screens import shown
-    from swarm_ctl.runtime.station_process import run_station
+    from swarm_ctl.runtime.station_process import join, run_station
 
     show = shown(headless=headless, json=json, compact=compact)
-    folder = run if run is not None else newest_run(Path("runs"))
-    raise typer.Exit(run_station(folder, None, lambda _: None, show, metrics))
+    if mission is None:
+        _refuse_without_mission({"--mesh": mesh, "--fleet": fleet, "--speedup": speedup})
+        folder = run if run is not None else newest_run(Path("runs"))
+        raise typer.Exit(run_station(folder, None, lambda _: None, show, metrics))
+    if run is not None:
+        raise InputError(f"both a run folder ({run}) and --mission {mission}; allowed: one of them")
+    raise typer.Exit(join(load(mission, fleet=fleet), mesh or [], show, speedup or 1.0, metrics))
+
+
+def _refuse_without_mission(options: dict[str, object]) -> None:
+    for name, value in options.items():
+        if value:
+            raise InputError(f"{name} says where a mission is flown; allowed: together with --mission FILE")
 
 
 def newest_run(runs: Path) -> Path:

@@ -146,6 +146,10 @@ class Agent:
             self._peers.hear(state, received_s)
         for beacon, received_s in inbox.beacons:
             self._station = (beacon, received_s)
+        for level, text in self._operator.tuner.update(now, inbox.states):
+            self._sortie.say(now, level, text)
+        if self._controller.gains is not self._operator.tuner.gains:
+            self._controller.tune(self._operator.tuner.gains)
         self._peers.count_ages(now)
         self._lifeline_cut |= inbox.lifeline_cut
         for text in inbox.view.texts:
@@ -158,7 +162,7 @@ class Agent:
         flown = before.step if before else self._progress.current
         airborne = sortie.was_armed and sortie.phase is not Phase.ENDED
         formed = bool(self._reference.slots)
-        seat = Seat(self._plan, self._id, sortie.phase, airborne, self._progress, formed, before)
+        seat = Seat(self._plan, self._id, sortie.phase, airborne, self._progress, formed, before, now, self._peers)
         ack, new = self._operator.answer(command, seat, frame.leg if frame else 0)
         if not new:
             return ack
@@ -257,6 +261,8 @@ class Agent:
             self._reference.frame,
             int(self._homing.stage),
             self._flight.command,
+            self._operator.tuner.tag,
+            self._operator.tuner.decided,
         )
 
     def _publish_slow(self, now: float, inbox: Inbox, fix: OwnFix | None, actions: Actions) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from swarm_ctl.core.keeper import NOTHING_COMMON, Common, Keeper
 from swarm_ctl.core.navigation import OwnFix
 from swarm_ctl.core.peers import Peers
 from swarm_ctl.core.plan import Compensation, Plan, Point, Response
-from swarm_ctl.core.state import PairReport, SigmaReport
+from swarm_ctl.core.state import Gains, PairReport, SigmaReport
 from swarm_ctl.core.vehicle import Contact
 
 _APPROACH_RATE = 1.0
@@ -35,7 +36,7 @@ class Controller:
         self.keeper = Keeper(plan, own_id, peers, vehicle)
         delayed = response.pending(vehicle, plan.tick_s)
         self._commands: deque[Point] = deque([(0.0, 0.0)] * delayed, maxlen=delayed)
-        self._iteration_mps = plan.unit_m * plan.kappa
+        self.tune(Gains(plan.law.delta_a, plan.law.delta_l, plan.law.h, plan.kappa))
         self._result: law.LawResult | None = None
         self._points = np.zeros((0, 2))
         self._tally = np.zeros(len(law.STATUSES), dtype=np.int64)
@@ -45,6 +46,14 @@ class Controller:
         """Where the vehicle would come to rest."""
         self.point_m: Point = (0.0, 0.0)
         """What the law takes it to be at: the stop point, or (`compensation: none`) the position."""
+
+    def tune(self, gains: Gains) -> None:
+        """The law in force from now on (`core/tuning.py` says when it may change)."""
+        self.gains = gains
+        self._law = replace(self._plan.law, h=gains.h, delta_l=gains.delta_l, delta_a=gains.delta_a)
+        self._iteration_mps = self._plan.unit_m * gains.kappa
+        self.gain = gains.kappa * gains.h
+        """The law's own rate [1/s]."""
 
     @property
     def tally(self) -> dict[str, int]:
@@ -86,8 +95,7 @@ class Controller:
     def go_to(self, now: float, to_m: Point, speed_mps: float, contacts: Sequence[Contact]) -> Point:
         """Straight to a point, keeping apart from everybody; around whoever stands in the way."""
         _, avoidance = self._terms(now, _NOWHERE, contacts)
-        gain = self._plan.kappa * self._plan.law.h
-        pull = safety.shortened(gain * (complex(*to_m) - complex(*self.point_m)), speed_mps)
+        pull = safety.shortened(self.gain * (complex(*to_m) - complex(*self.point_m)), speed_mps)
         return self._kept(now, avoidance + self._around(now, pull), _NOWHERE)
 
     def keep_clear(self, now: float, contacts: Sequence[Contact]) -> Point:
@@ -124,7 +132,7 @@ class Controller:
             others.neighbour,
             others.present,
             others.lower_id,
-            self._plan.law,
+            self._law,
         )
         if result.pairs is not None:
             counts = np.bincount(result.pairs.status, minlength=len(law.STATUSES))

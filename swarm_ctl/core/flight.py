@@ -144,7 +144,7 @@ class Flight:
             key = (self._progress.step, self.command)
             free = self._sortie.finding is None
             reference.follow(now, step, key, own, self._members.formation_error_m, free=free)
-            extra = reference.feed_forward(step, own, self._plan.kappa * self._plan.law.h)
+            extra = reference.feed_forward(step, own, self._controller.gain)
             common = Common(complex(*reference.common_mps(step)), key)
         return self._controller.form(now, reference.slots, view.contacts, extra, common)
 

@@ -94,7 +94,8 @@ class Keeper:
         """The planes for velocities less the common one, the least room, and whether somebody who does not fly along
         is so close that the common velocity itself has to bow to him.
         """
-        margins, moving, planes = self._margins, common.velocity_mps, []
+        margins, moving = self._margins, common.velocity_mps
+        planes: list[Plane] = []
         least_room, stranger_near = math.inf, False
         for other, apart in near:
             normal, bound, room = safety.half_plane(
@@ -114,7 +115,8 @@ class Keeper:
 
     def _guards(self, now: float, own: complex, slots: Mapping[int, Point], common: Common) -> list[Plane]:
         """For the links that the shape keeps, but those to somebody who does not fly along."""
-        guarded, planes = self._links(slots), []
+        planes: list[Plane] = []
+        guarded = self._links(slots)
         if not guarded:
             return planes
         for other in self._peers.others(now):

@@ -12,13 +12,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
+from swarm_ctl.core import tuning
 from swarm_ctl.core.fence import outside
 from swarm_ctl.core.formation import smallest_distance
+from swarm_ctl.core.peers import Peers
 from swarm_ctl.core.plan import FormStep, HoldStep, LandStep, MoveStep, Plan, ReturnStep, Step
 from swarm_ctl.core.progress import Progress
 from swarm_ctl.core.state import Ack, Command, Phase
 
-KINDS: Final = ("hold", "resume", "next", "form", "move", "land", "return", "kill")
+KINDS: Final = ("hold", "resume", "next", "form", "move", "tune", "land", "return", "kill")
 _ANSWERS_KEPT: Final = 256
 _FOREVER_S: Final = 1e9
 _OVER: Final = (Phase.YIELD, Phase.ENDED)
@@ -49,6 +51,8 @@ class Seat:
     formed: bool
     """A form step has been begun: there is a shape to keep."""
     override: Override | None
+    now: float
+    peers: Peers
 
 
 class Operator:
@@ -63,6 +67,7 @@ class Operator:
         self.override: Override | None = None
         self.wants = ""
         """`land`, `return` or `kill` once asked for; these end the mission."""
+        self.tuner = tuning.Tuner(plan, agent_id, plan_hash)
 
     def answer(self, command: Command, seat: Seat, leg: int) -> tuple[Ack, bool]:
         """The answer, and whether something is to be done now (False: seen before, or refused)."""
@@ -82,12 +87,14 @@ class Operator:
         if command.agents and self._id not in command.agents:
             return f"not meant for agent {self._id}"
         check = _CHECKS.get(command.kind)
-        if check is None:
+        if check is None and command.kind not in tuning.KINDS:
             return f"unknown command {command.kind!r}; allowed: {', '.join(KINDS)}"
         if seat.phase in _OVER and command.kind != "kill":
             return f"agent {self._id} no longer flies its vehicle"
         if command.plan_hash not in (0, self._hash):
             return f"it was made for the plan {command.plan_hash:016x}, ours is {self._hash:016x}"
+        if check is None:
+            return self.tuner.refusal(command, seat.now, seat.peers)
         if command.kind not in _ENDING and command.time_s < self._newest_s:
             return "a newer command is in force"
         return check(command, seat)
@@ -95,6 +102,9 @@ class Operator:
     def _obey(self, command: Command, leg: int) -> None:
         if command.kind in _ENDING:
             self.wants = command.kind
+            return
+        if command.kind in tuning.KINDS:
+            self.tuner.obey(command)
             return
         self._newest_s = command.time_s
         leg = self.override.leg if self.override else leg

@@ -78,6 +78,7 @@ class Account:
             bad_payloads=bad_payloads,
             vehicle_link=VehicleLinkReport(view.frames, view.frames_lost, view.round_trip_s),
             echo=echo,
+            gains=controller.gains,
             safety=controller.keeper.report(),
         )
 

@@ -71,6 +71,10 @@ class AgentState:
     """How far the way back is (`core/homing.py`)."""
     command: int = 0
     """`Command.tag` of the operator's command it carries out, 0 for none: who has another one is not followed."""
+    law: int = 0
+    """`Command.tag` of the change that put its law in force, 0 for the mission's own (`core/tuning.py`)."""
+    next_law: int = 0
+    """Of the change that is decided and waits for its time, 0 for none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,6 +180,25 @@ class Echo:
 
 
 @dataclass(frozen=True, slots=True)
+class Gains:
+    """What of the law can be changed in flight (LAW.md sections 1 and 6)."""
+
+    delta_a: float
+    delta_l: float
+    h: float
+    kappa: float
+    """Iterations a second."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tuning:
+    """Values for the law and the mission time from which they are to hold."""
+
+    gains: Gains
+    at_s: float
+
+
+@dataclass(frozen=True, slots=True)
 class AgentStatus:
     """Sent at 2 Hz: everything about an agent that is not needed every tick. The last one is its final account."""
 
@@ -214,6 +237,8 @@ class AgentStatus:
     bad_payloads: int = 0
     vehicle_link: VehicleLinkReport | None = None
     echo: Echo | None = None
+    gains: Gains | None = None
+    """The law in force."""
     safety: SafetyReport = field(default_factory=SafetyReport)
 
 
@@ -233,7 +258,7 @@ class Command:
 
     id: str
     kind: str
-    """One of `core.operator.KINDS`."""
+    """One of `core.operator.KINDS`, or `apply`, the second word of a `tune`."""
     agents: tuple[int, ...]
     """Who is meant; empty: all."""
     time_s: float
@@ -243,6 +268,10 @@ class Command:
     """The plan that `step` was made for; 0: any."""
     at_step: int = 0
     """The mission step that `next` is to end; 0: whatever it is. An agent that is further has nothing to do."""
+    tuning: Tuning | None = None
+    """What `tune` asks to prepare, and `apply` decides."""
+    commits: int = 0
+    """The `tag` of the `tune` that `apply` decides."""
 
     @property
     def tag(self) -> int:

@@ -15,13 +15,13 @@ from pydantic import TypeAdapter, ValidationError
 from swarm_ctl.core.state import Ack, AgentState, AgentStatus, Command, Event, Frame, Phase, SigmaReport, StationBeacon
 from swarm_ctl.errors import PayloadError
 
-VERSION: Final = 1
+VERSION: Final = 2
 P = TypeVar("P")
 
-_STATE: Final = struct.Struct("<BBHIdQHB3d3f2d2f2d3fBBI")
+_STATE: Final = struct.Struct("<BBHIdQHB3d3f2d2f2d3fBBIII")
 """version, flags, agent, seq, time_s, plan_hash, step, phase, position_ned_m, velocity_ned_mps, stop_point_m,
-commanded_mps, frame (point_m, angle_rad, scale, rate, leg), stage, command. Flags: bit 0 done, bit 1 airborne,
-bit 2 frame (without it the frame's fields are 0)."""
+commanded_mps, frame (point_m, angle_rad, scale, rate, leg), stage, command, law, next_law. Flags: bit 0 done, bit 1
+airborne, bit 2 frame (without it the frame's fields are 0)."""
 _DONE, _AIRBORNE, _FRAME = 1, 2, 4
 _NO_FRAME: Final = Frame((0.0, 0.0), scale=0.0)
 
@@ -79,11 +79,14 @@ def _encode_state(s: AgentState) -> bytes:
         min(frame.leg, 255),
         s.stage,
         s.command,
+        s.law,
+        s.next_law,
     )
 
 
 def _decode_state(data: bytes) -> AgentState:
-    _, flags, agent, seq, time_s, plan_hash, step, phase, *numbers, leg, stage, command = _STATE.unpack(data)
+    *told, stage, command, law, next_law = _STATE.unpack(data)
+    _, flags, agent, seq, time_s, plan_hash, step, phase, *numbers, leg = told
     if not all(map(math.isfinite, numbers)) or not math.isfinite(time_s):
         raise ValueError("a number is not finite")
     n, e, d, vn, ve, vd, stop_n, stop_e, cmd_n, cmd_e, *framed = numbers
@@ -104,6 +107,8 @@ def _decode_state(data: bytes) -> AgentState:
         Frame((north, east), angle, scale, leg, rate) if flags & _FRAME else None,
         stage,
         command,
+        law,
+        next_law,
     )
 
 

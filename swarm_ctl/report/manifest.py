@@ -63,6 +63,16 @@ class Manifest(_Strict):
         return self
 
     @property
+    def agents_mesh(self) -> list[str]:
+        """Where the agents listen on the mesh."""
+        return [agent.mesh for agent in self.fleet if agent.mesh]
+
+    @property
+    def whole_mesh(self) -> list[str]:
+        """Where agents and the run's station listen: who joins later is heard by all, and hears all."""
+        return self.agents_mesh + ([self.station_mesh] if self.station_mesh else [])
+
+    @property
     def agent_of_sysid(self) -> dict[int, int]:
         """The agent that flies each vehicle."""
         return {agent.sysid: agent.id for agent in self.fleet}

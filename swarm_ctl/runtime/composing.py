@@ -6,19 +6,45 @@ import uuid
 from pathlib import Path
 
 from swarm_ctl.core.plan import FormStep, MoveStep, Point
-from swarm_ctl.core.state import Command
+from swarm_ctl.core.state import Command, Tuning
+from swarm_ctl.core.text import agents_named
+from swarm_ctl.core.tuning import LEAD_S, limits, planned
 from swarm_ctl.errors import InputError
 from swarm_ctl.mission import commands
-from swarm_ctl.station.orders import Order
+from swarm_ctl.station.orders import Order, tuned
 from swarm_ctl.station.view import SwarmView
 
 
 def compose(order: Order, view: SwarmView, mission: Path) -> Command:
     """The command for `order`, the swarm being as it is; InputError says what is missing. Shapes are in `mission`."""
+    if order.kind == "tune":
+        return _tune(order, view)
     step = _step(order, view, mission)
     made_for = view.plan_hash if step is not None else 0
     at_step = view.step if order.kind == "next" else 0
     return Command(uuid.uuid4().hex, order.kind, order.agents, view.time_s, step, made_for, at_step)
+
+
+def _tune(order: Order, view: SwarmView) -> Command:
+    """For everybody who flies a vehicle: whoever of them can't, or is not heard, prevents it."""
+    unheard = [agent.id for agent in view.agents if agent.in_plan and agent.state is None]
+    if unheard:
+        raise InputError(f"tune: {agents_named(unheard)} is not heard; nothing was sent")
+    asked = sorted(agent.id for agents in view.laws.values() for agent in agents if agent.in_plan)
+    if not asked:
+        raise InputError("tune: no agent flies any more; nothing was sent")
+    statuses = [status for i in asked if (status := view.agent(i).status) is not None and status.gains is not None]
+    laws = {status.gains for status in statuses}
+    names = set(limits(view.plan))
+    whole = "plan" in order.arguments or names <= {word.partition("=")[0] for word in order.arguments}
+    if len(laws) != 1 and not whole:
+        what = "agents fly different laws" if laws else "no agent has told its law yet"
+        raise InputError(f"tune: {what}; name all of {', '.join(sorted(names))}, or say `tune plan`")
+    gains = tuned(order.arguments, next(iter(laws), None) or planned(view.plan), view.plan)
+    at_s = view.time_s + LEAD_S * max(1.0, view.speedup)
+    return Command(
+        uuid.uuid4().hex, "tune", tuple(asked), view.time_s, plan_hash=view.plan_hash, tuning=Tuning(gains, at_s)
+    )
 
 
 def _step(order: Order, view: SwarmView, mission: Path) -> FormStep | MoveStep | None:

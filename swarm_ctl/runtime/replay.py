@@ -6,7 +6,7 @@ import contextlib
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Final
+from typing import Final, TextIO, cast
 
 from pydantic import ValidationError
 from rich.console import Console
@@ -16,22 +16,22 @@ from swarm_ctl.errors import InputError
 from swarm_ctl.recording import Tape, recover
 from swarm_ctl.report.manifest import Manifest
 from swarm_ctl.runtime import clock as wall
-from swarm_ctl.runtime.screens import Blind, CompactScreen, LogScreen, Screen, Show, possible
+from swarm_ctl.runtime.relay import Descriptor, Printer
+from swarm_ctl.runtime.screens import CompactPrinter, JsonPrinter, LogPrinter, Show, possible
 from swarm_ctl.station.film import Film
-from swarm_ctl.station.json_lines import json_line
 from swarm_ctl.station.view import SwarmView
 
 _SHOW_WALL_S: Final = 0.25
 _JSON_WALL_S: Final = 1.0
 
 
-class _JsonScreen(Blind):
+class _EveryView(JsonPrinter):
     """One JSON object a line and view."""
 
-    def show(self, view: SwarmView) -> None:
-        """Print it."""
-        sys.stdout.write(json_line(view) + "\n")
-        sys.stdout.flush()
+    def draw(self, view: SwarmView) -> None:
+        """Write it."""
+        self._open = view
+        self.end()
 
 
 def replay(run: Path, show: Show, speed: float, start: str) -> int:
@@ -39,7 +39,7 @@ def replay(run: Path, show: Show, speed: float, start: str) -> int:
 
     InputError where there is no recording of ours, or nothing in it.
     """
-    console = Console()
+    console, out = Console(), cast("TextIO", Descriptor(1))
     show = possible(show, console)
     with _opened(run) as film:
         film.seek(film.moment(start))
@@ -48,11 +48,11 @@ def replay(run: Path, show: Show, speed: float, start: str) -> int:
                 _with_keys(film, speed)
             case Show.COMPACT:
                 with Live(console=console, auto_refresh=False, vertical_overflow="crop", redirect_stderr=False) as live:
-                    _play(film, CompactScreen(live, console), speed, _SHOW_WALL_S * speed)
+                    _play(film, CompactPrinter(live, console, "Ctrl-C ends the replay"), speed, _SHOW_WALL_S * speed)
             case Show.LOG:
-                _play(film, LogScreen(), speed, film.look_s)
+                _play(film, LogPrinter(out), speed, film.look_s)
             case Show.JSON:
-                _play(film, _JsonScreen(), speed, _JSON_WALL_S * speed)
+                _play(film, _EveryView(out), speed, _JSON_WALL_S * speed)
     return 0
 
 
@@ -83,11 +83,11 @@ def _with_keys(film: Film, speed: float) -> None:
     Player(film, wall.wall_s, speed=speed, driver_class=TtyDriver).run()
 
 
-def _play(film: Film, screen: Screen, speed: float, every_s: float) -> None:
+def _play(film: Film, printer: Printer, speed: float, every_s: float) -> None:
     """Show every so many mission seconds, and the end."""
     start_s, began_s, shown = film.time_s, wall.wall_s(), 0
     while True:
-        screen.show(film.view())
+        printer.draw(film.view())
         if film.time_s >= film.end_s:
             return
         shown += 1

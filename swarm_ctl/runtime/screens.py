@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import queue
-import sys
 import threading
 from collections.abc import Callable, Iterator
 from enum import StrEnum
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Final, Protocol, TextIO, cast
 
 from rich.console import Console
 from rich.live import Live
@@ -16,6 +15,7 @@ from rich.live import Live
 from swarm_ctl.core.plan import Plan
 from swarm_ctl.errors import InputError
 from swarm_ctl.runtime import clock as wall
+from swarm_ctl.runtime.relay import Descriptor, Printer, Relay
 from swarm_ctl.station.json_lines import json_line
 from swarm_ctl.station.live import render
 from swarm_ctl.station.log_lines import log_lines
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from swarm_ctl.station.dashboard.app import Dashboard
 
 _JSON_WALL_S: Final = 1.0
+_TOLD_VIEWS: Final = 4
+"""So many skipped views are a second in which nobody read."""
 
 
 class Show(StrEnum):
@@ -57,7 +59,7 @@ class Screen(Protocol):
         """The operator has closed it."""
 
     def show(self, view: SwarmView) -> None:
-        """Show it; called a few times a second. OSError: nobody can see it any more."""
+        """Show it; called a few times a second, never waits."""
 
     def note(self, text: str) -> None:
         """Say something that is in no view."""
@@ -69,75 +71,77 @@ class Screen(Protocol):
         """Give the terminal back: whoever started us is gone. May be called again."""
 
 
-class Blind:
-    """No screen: the base of those that take no orders."""
+class LogPrinter:
+    """Plain lines, for pipes and CI: what changed since the last view that was written."""
 
-    left = False
-
-    def show(self, view: SwarmView) -> None:
-        """Nobody looks."""
-
-    def note(self, text: str) -> None:
-        """Nobody listens."""
-
-    def orders(self) -> list[Order]:
-        """Nobody speaks."""
-        return []
-
-    def close(self) -> None:
-        """Nothing to give back."""
-
-
-class LogScreen(Blind):
-    """Plain lines on stdout, for pipes and CI: what changed since the last view."""
-
-    def __init__(self) -> None:
+    def __init__(self, out: TextIO) -> None:
+        self._out = out
         self._last: SwarmView | None = None
 
-    def show(self, view: SwarmView) -> None:
-        """Print what is new."""
-        for line in log_lines(self._last, view):
-            sys.stdout.write(line + "\n")
-        sys.stdout.flush()
+    def draw(self, view: SwarmView) -> None:
+        """Write what is new."""
+        lines = log_lines(self._last, view)
+        missed = view.health.frames_dropped - (self._last.health.frames_dropped if self._last else 0)
+        if missed >= _TOLD_VIEWS:
+            lines.insert(0, f"[{view.time_s:7.1f} s] station: nobody read this output; {missed} views were skipped")
         self._last = view
+        self._out.write("".join(line + "\n" for line in lines))
 
-    def note(self, text: str) -> None:
-        """Print it."""
-        sys.stdout.write(text + "\n")
+    def say(self, text: str) -> None:
+        """Write it."""
+        self._out.write(text + "\n")
+
+    def end(self) -> None:
+        """All is written."""
 
 
-class JsonScreen(Blind):
-    """One JSON object a line and second of the wall clock, and one when all is over."""
+class JsonPrinter:
+    """One JSON object a line and second of the wall clock; one once all agents were heard, one when all is over."""
 
-    def __init__(self) -> None:
+    def __init__(self, out: TextIO) -> None:
+        self._out = out
         self._due = 0.0
-        self._unsaid: SwarmView | None = None
+        self._whole = False
+        self._open: SwarmView | None = None
 
-    def show(self, view: SwarmView) -> None:
-        """Print it, if it is time."""
-        self._unsaid = view
-        if wall.wall_s() >= self._due:
+    def draw(self, view: SwarmView) -> None:
+        """Write it, if it is time."""
+        self._open = view
+        whole = all(agent.state is not None and agent.status is not None for agent in view.agents if agent.in_plan)
+        if wall.wall_s() >= self._due or (whole and not self._whole):
             self._due = wall.wall_s() + _JSON_WALL_S
-            self.finish()
+            self._whole |= whole
+            self.end()
 
-    def finish(self) -> None:
-        """Print the last view, unless it is printed already."""
-        if self._unsaid is not None:
-            sys.stdout.write(json_line(self._unsaid) + "\n")
-            sys.stdout.flush()
-            self._unsaid = None
+    def say(self, text: str) -> None:
+        """Lines are for views alone."""
+
+    def end(self) -> None:
+        """The last view, if it is not written yet."""
+        if self._open is not None:
+            self._out.write(json_line(self._open) + "\n")
+            self._open = None
 
 
-class CompactScreen(Blind):
+class CompactPrinter:
     """The compact live view."""
 
-    def __init__(self, live: Live, console: Console) -> None:
+    def __init__(self, live: Live, console: Console, ctrl_c: str) -> None:
         self._live = live
+        self._ctrl_c = ctrl_c
         self._console = console
 
-    def show(self, view: SwarmView) -> None:
+    def draw(self, view: SwarmView) -> None:
         """Redraw."""
-        self._live.update(render(view, self._console.width, self._console.height), refresh=True)
+        picture = render(view, self._console.width, self._console.height, ctrl_c=self._ctrl_c)
+        self._live.update(picture, refresh=True)
+
+    def say(self, text: str) -> None:
+        """Above the picture, so that it scrolls away."""
+        self._console.print(text, markup=False, highlight=False)
+
+    def end(self) -> None:
+        """The last picture stays."""
 
 
 class MeasuredScreen:
@@ -202,22 +206,43 @@ class DashboardScreen:
         self.app.leave()
 
 
-def present(show: Show, plan: Plan, interrupt: Callable[[], None] | None, watch: Callable[[Screen], None]) -> None:
-    """Run `watch` with the screen asked for, or with the best that this terminal can do; returns when `watch` does."""
-    console = Console()
+def present(
+    show: Show, plan: Plan, interrupt: Callable[[], None] | None, watch: Callable[[Screen], None], out: int = 1
+) -> None:
+    """Run `watch` with the screen asked for, or with the best that this terminal can do; returns when `watch` does.
+
+    All but the dashboard write to the descriptor `out`.
+    """
+    file = Descriptor(out)
+    console = Console(file=cast("TextIO", file))
     show = possible(show, console)
     match show:
         case Show.DASHBOARD:
             _with_dashboard(DashboardScreen(plan, interrupt), watch)
         case Show.COMPACT:
-            with Live(console=console, auto_refresh=False, vertical_overflow="crop", redirect_stderr=False) as live:
-                watch(CompactScreen(live, console))
+            _relayed(
+                lambda: _compact(console, "" if interrupt else "Ctrl-C leaves this station; the swarm flies on"), watch
+            )
         case Show.LOG:
-            watch(LogScreen())
+            _relayed(lambda: contextlib.nullcontext(LogPrinter(cast("TextIO", file))), watch)
         case Show.JSON:
-            screen = JsonScreen()
-            watch(screen)
-            screen.finish()
+            _relayed(lambda: contextlib.nullcontext(JsonPrinter(cast("TextIO", file))), watch)
+
+
+def _relayed(opened: Callable[[], contextlib.AbstractContextManager[Printer]], watch: Callable[[Screen], None]) -> None:
+    relay = Relay(opened)
+    try:
+        watch(relay)
+    finally:
+        relay.finish()
+
+
+@contextlib.contextmanager
+def _compact(console: Console, ctrl_c: str) -> Iterator[Printer]:
+    with Live(
+        console=console, auto_refresh=False, vertical_overflow="crop", redirect_stdout=False, redirect_stderr=False
+    ) as live:
+        yield CompactPrinter(live, console, ctrl_c)
 
 
 def possible(show: Show, console: Console) -> Show:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import uuid
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Final, Self
@@ -13,6 +13,7 @@ from typing import Final, Self
 from swarm_ctl.core.operator import KINDS
 from swarm_ctl.core.plan import FormStep, MoveStep, Point
 from swarm_ctl.core.state import Ack, AgentState, Command
+from swarm_ctl.core.tuning import Round
 from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.node import Node
@@ -21,6 +22,9 @@ from swarm_ctl.mission import commands
 from swarm_ctl.report.manifest import Manifest, read_manifest
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.clock import Clock
+from swarm_ctl.runtime.composing import compose
+from swarm_ctl.station.model import Model
+from swarm_ctl.station.orders import Order
 
 _HEAR_WALL_S: Final = 3.0
 """To hear the first states after joining; agents that say nothing for so long have ended or hang."""
@@ -37,11 +41,13 @@ class Answers:
     command: Command
     acks: dict[int, Ack]
     silent: tuple[int, ...]
+    failed: str = ""
+    """Why it was dropped although some had accepted it."""
 
     @property
     def accepted(self) -> bool:
         """By everybody who was meant."""
-        return not self.silent and all(ack.accepted for ack in self.acks.values())
+        return not self.failed and not self.silent and all(ack.accepted for ack in self.acks.values())
 
 
 class Sender:
@@ -50,11 +56,11 @@ class Sender:
     def __init__(self, folder: Path) -> None:
         self.manifest: Manifest = read_manifest(folder)
         self._clock = Clock(self.manifest.epoch_s, self.manifest.speedup)
-        connect = [agent.mesh for agent in self.manifest.fleet if agent.mesh]
-        transport = ZenohTransport([], connect, self._clock.now, self._clock.speedup)
+        transport = ZenohTransport([], self.manifest.whole_mesh, self._clock.now, self._clock.speedup)
         self._node = Node(transport, self.manifest.swarm, f"send-{os.getpid()}-{uuid.uuid4().hex[:6]}")
-        self._node.listen(keys.ACK, keys.STATE)
+        self._node.listen(keys.ACK, keys.STATE, keys.STATUS)
         self._states: dict[int, AgentState] = {}
+        self._model = Model(self.manifest.plan, speedup=self._clock.speedup, since_s=self._clock.now())
 
     def __enter__(self) -> Self:
         return self
@@ -115,6 +121,24 @@ class Sender:
             to_m = (centre[0] + to_m[0], centre[1] + to_m[1])
         return self.send("move", step=commands.move(self.manifest.plan, to_m, speed_mps))
 
+    def tune(self, values: Sequence[str]) -> Answers:
+        """Change the law of all agents at one time, or of none (`core/tuning.py`): `h=0.04`, ..., or `plan`.
+
+        `Answers.failed` says why nothing has changed.
+        """
+        self.hear()
+        until = wall.wall_s() + _HEAR_WALL_S  # each agent's law comes with its status, twice a second
+        while not all(self._model.view(0.0).agent(i).status for i in self._states) and wall.wall_s() < until:
+            wall.pause(_POLL_WALL_S)
+            self._listen()
+        view = self._model.view(self._clock.now())
+        command = compose(Order("tune", tuple(values)), view, Path(self.manifest.mission))
+        change = Round(command)
+        asked = self._wait(command, command.agents, change)
+        if change.applied is None:
+            return replace(asked, failed=change.failed)
+        return self._wait(change.applied, command.agents)
+
     def _points(self, what: str) -> dict[int, Point]:
         """Where everybody is now; InputError where somebody is not heard."""
         points = {i: state.stop_point_m for i, state in self.hear().items()}
@@ -123,10 +147,11 @@ class Sender:
             raise InputError(f"{what}: agent {', '.join(map(str, missing))} is not heard; nothing was sent")
         return points
 
-    def _wait(self, command: Command, meant: tuple[int, ...]) -> Answers:
+    def _wait(self, command: Command, meant: tuple[int, ...], change: Round | None = None) -> Answers:
+        """Until all have answered, or the change is decided."""
         acks: dict[int, Ack] = {}
         until, due = wall.wall_s() + _ANSWER_WALL_S, 0.0
-        while len(acks) < len(meant) and wall.wall_s() < until:
+        while (len(acks) < len(meant) if change is None else not change.over) and wall.wall_s() < until:
             if wall.wall_s() >= due:
                 due = wall.wall_s() + _REPEAT_WALL_S
                 self._node.send(keys.COMMAND, command)
@@ -134,9 +159,16 @@ class Sender:
             for ack, _ in self._node.take(keys.ACK):
                 if ack.command == command.id and ack.agent in meant:
                     acks[ack.agent] = ack
+                if change is not None:
+                    change.hear(ack)
+            if change is not None:
+                change.decide(self._clock.now())
             self._listen()
         return Answers(command, acks, tuple(agent for agent in meant if agent not in acks))
 
     def _listen(self) -> None:
-        for state, _ in self._node.take(keys.STATE):
+        for state, received_s in self._node.take(keys.STATE):
             self._states[state.agent] = state
+            self._model.fold(state, received_s)
+        for status, received_s in self._node.take(keys.STATUS):
+            self._model.fold(status, received_s)

@@ -14,192 +14,35 @@ import math
 import os
 import signal
 import sys
-from collections.abc import Callable
-from dataclasses import replace
+import uuid
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
-from pydantic import TypeAdapter
-
-from swarm_ctl.core.state import Ack, AgentStatus, Command, Event, StationBeacon
 from swarm_ctl.errors import InputError, SwarmError
-from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
-from swarm_ctl.recording import Recorder as McapRecorder
-from swarm_ctl.report.manifest import Manifest, read_manifest
+from swarm_ctl.mission.loader import LoadedMission
+from swarm_ctl.report.manifest import read_manifest
 from swarm_ctl.report.summarise import summarise
 from swarm_ctl.report.summary import write_summary
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.clock import Clock
-from swarm_ctl.runtime.composing import compose
 from swarm_ctl.runtime.control import ControlPipe
-from swarm_ctl.runtime.screens import Blind, Screen, Show, metrics_on, present
-from swarm_ctl.station.model import Model
+from swarm_ctl.runtime.joining import HeardClock, endpoints
+from swarm_ctl.runtime.screens import Screen, Show, metrics_on, present
+from swarm_ctl.runtime.station import Recorder, Station
 from swarm_ctl.station.orders import Order
-from swarm_ctl.station.view import AgentView, StationHealth, SwarmView
+from swarm_ctl.station.view import AgentView, SwarmView
 
-_ONLY_SHOWN: Final[tuple[keys.Channel[Any], ...]] = (keys.STATE, keys.SIGMA, keys.BEACON)
-_BEACON_S = 0.5
-_STATUS_S = 2.0
-"""Mission time between recorded statuses of one agent: the fallback when it can't write its own last one."""
-_COMMAND_S = 0.5
 _LOOP_WALL_S = 0.05
 _SHOW_WALL_S = 0.25
+_QUIET_WALL_S = 5.0
 _SILENT_S = 15.0
 """An agent not heard for this long (mission time) has ended for an orphaned station: longer than any pause of a live
 one (it gives its vehicle up after 10 s)."""
 _BOOK_S = 100.0
 """How long an orphaned station waits for the simulator (it waits 90 s for the last vehicle to stand)."""
-
-
-def station_name() -> str:
-    """Of this process's station, on the mesh."""
-    return f"station-{os.getpid()}"
-
-
-class Recorder:
-    """Events, commands (with their answers) and statuses as JSON lines in the run folder, each line written at once.
-
-    `mcap` takes everything.
-    """
-
-    def __init__(self, folder: Path, manifest: Manifest) -> None:
-        about = {
-            "mission": manifest.mission,
-            "plan_hash": manifest.plan_hash,
-            "manifest": manifest.model_dump_json(),
-            "station": station_name(),
-        }
-        start_ns = round(manifest.started_at.timestamp() * 1e9)
-        self.mcap = McapRecorder(folder, start_ns, about, manifest.record_hz)
-        self._events = (folder / "events.jsonl").open("ab", buffering=0)
-        self._commands = (folder / "commands.jsonl").open("ab", buffering=0)
-        self._statuses = (folder / "statuses.jsonl").open("ab", buffering=0)
-        self._adapter = TypeAdapter(object)
-        self._due: dict[int, float] = {}
-
-    def event(self, event: Event) -> None:
-        """Record an event."""
-        self._events.write(self._adapter.dump_json(event) + b"\n")
-
-    def command(self, command: Command | Ack) -> None:
-        """Record a command or an answer to one."""
-        self._commands.write(self._adapter.dump_json(command) + b"\n")
-
-    def status(self, status: AgentStatus) -> None:
-        """Record a status now and then, and always an agent's last one."""
-        if status.outcome != "running" or status.time_s >= self._due.get(status.agent, 0.0):
-            self._due[status.agent] = status.time_s + _STATUS_S
-            self._statuses.write(self._adapter.dump_json(status) + b"\n")
-
-    def close(self) -> None:
-        """Close the files."""
-        self._events.close()
-        self._commands.close()
-        self._statuses.close()
-        self.mcap.close()
-
-
-class Commander:
-    """Sends commands until every agent has answered (or has been asked for long enough)."""
-
-    def __init__(self, node: Node, agents: list[int]) -> None:
-        self._node = node
-        self._agents = agents
-        self._open: dict[str, tuple[Command, set[int], float]] = {}
-        self._due = 0.0
-
-    def give(self, command: Command, now: float) -> None:
-        """Send a command to the agents it is meant for."""
-        self._open[command.id] = (command, set(command.agents or self._agents), now)
-        self._due = now
-
-    def answered(self, command: str, agent: int) -> None:
-        """An acknowledgement came."""
-        if command in self._open:
-            self._open[command][1].discard(agent)
-
-    def repeat(self, now: float) -> None:
-        """Send what is not answered yet again; give up after 10 s."""
-        if now < self._due:
-            return
-        self._due = now + _COMMAND_S
-        for key, (command, missing, since) in list(self._open.items()):
-            if not missing or now - since > 10.0:
-                del self._open[key]
-            else:
-                self._node.send(keys.COMMAND, command)
-
-
-class Station:
-    """One ground station on one mesh."""
-
-    def __init__(self, manifest: Manifest, node: Node, clock: Clock, recorder: Recorder | None) -> None:
-        plan = manifest.plan
-        self._clock = clock
-        self._node = node
-        self._recorder = recorder
-        self._hash = plan.hash()
-        self._name = station_name()
-        self.model = Model(plan, speedup=manifest.speedup, since_s=clock.now(), station=self._name)
-        self._commander = Commander(node, [agent.id for agent in plan.agents])
-        self._beacon_due = 0.0
-        self._mission = Path(manifest.mission)
-        self._noted: set[str] = set()
-        node.listen(keys.STATE, keys.STATUS, keys.SIGMA, keys.EVENT, keys.ACK, keys.BEACON, keys.COMMAND)
-
-    def command(self, order: Order) -> None:
-        """Pass an operator's order on; InputError where it can't be made a command."""
-        now = self._clock.now()
-        command = compose(order, self.model.view(now), self._mission)
-        self._commander.give(command, now)
-        self._note(command, now)
-
-    def _note(self, command: Command, received_s: float) -> None:
-        """Show and record a command once: ours, and those of other stations (`swarm-ctl send`)."""
-        if command.id in self._noted:
-            return
-        self._noted.add(command.id)
-        self._fold(command, received_s)
-        if self._recorder:
-            self._recorder.command(command)
-
-    def turn(self) -> None:
-        """Hear what there is to hear, say what is due."""
-        now = self._clock.now()
-        for channel in _ONLY_SHOWN:
-            for payload, received_s in self._node.take(channel):
-                self._fold(payload, received_s)
-        for status, received_s in self._node.take(keys.STATUS):
-            self._fold(status, received_s)
-            if self._recorder:
-                self._recorder.status(status)
-        for event, received_s in self._node.take(keys.EVENT):
-            self._fold(event, received_s)
-            if self._recorder:
-                self._recorder.event(event)
-        for command, received_s in self._node.take(keys.COMMAND):
-            self._note(command, received_s)
-        for ack, received_s in self._node.take(keys.ACK):
-            self._fold(ack, received_s)
-            self._commander.answered(ack.command, ack.agent)
-            if self._recorder:
-                self._recorder.command(ack)
-        self._commander.repeat(now)
-        if now >= self._beacon_due:
-            self._beacon_due = now + _BEACON_S
-            self._node.send(keys.BEACON, StationBeacon(self._name, now, self._hash))
-
-    def view(self) -> SwarmView:
-        """The picture now."""
-        view = self.model.view(self._clock.now())
-        return replace(view, health=StationHealth(self._node.bad_payloads))
-
-    def _fold(self, payload: Any, received_s: float) -> None:
-        self.model.fold(payload, received_s)
-        if self._recorder:
-            self._recorder.mcap.take(payload, received_s)
 
 
 def run_station(
@@ -209,11 +52,12 @@ def run_station(
     manifest = read_manifest(folder)
     clock = Clock(manifest.epoch_s, manifest.speedup)
     listen = [manifest.station_mesh] if manifest.station_mesh and control else []
-    connect = [agent.mesh for agent in manifest.fleet if agent.mesh]
-    node = Node(ZenohTransport(listen, connect, clock.now, clock.speedup), manifest.swarm, station_name())
-    recorder = Recorder(folder, manifest) if control else None
+    connect = manifest.agents_mesh if control else manifest.whole_mesh
+    name = _name()
+    node = Node(ZenohTransport(listen, connect, clock.now, clock.speedup), manifest.swarm, name)
+    recorder = Recorder(folder, manifest, name) if control else None
     try:
-        station = Station(manifest, node, clock, recorder)
+        station = Station(manifest.plan, Path(manifest.mission), node, clock, name, recorder)
         interrupt = _interrupt_of(control) if control else None
         with metrics_on(metrics_port) as measured:
             say("ready")
@@ -228,6 +72,41 @@ def run_station(
     return 0
 
 
+def join(mission: LoadedMission, mesh: Sequence[str], show: Show, speedup: float, metrics_port: int | None) -> int:
+    """Watch and command a swarm that flies `mission`, wherever it is; waits until it is heard. Ends with its screen."""
+    clock, connect, name = HeardClock(speedup), endpoints(mission, mesh), _name()
+    node = Node(ZenohTransport([], connect, clock.now, speedup), mission.plan.name, name)
+    hint = Hint(clock, connect)
+    try:
+        station = Station(mission.plan, mission.source, node, clock, name)
+        with metrics_on(metrics_port) as measured:
+            present(show, mission.plan, None, lambda screen: _watch(station, None, measured(screen), hint))
+    finally:
+        node.close()
+    return 0
+
+
+def _name() -> str:
+    """One that no station on another host has."""
+    return f"station-{os.getpid()}-{uuid.uuid4().hex[:4]}"
+
+
+class Hint:
+    """What a station that hears nobody says."""
+
+    def __init__(self, clock: HeardClock, connect: Sequence[str]) -> None:
+        self._clock = clock
+        self._where = ", ".join(connect)
+        self._due = wall.wall_s() + _QUIET_WALL_S
+
+    def words(self) -> list[str]:
+        """Now and then while nobody is heard."""
+        if self._clock.heard or wall.wall_s() < self._due:
+            return []
+        self._due = wall.wall_s() + 4 * _QUIET_WALL_S
+        return [f"nobody is heard at {self._where}; does the swarm fly, and is this where it listens? Trying on"]
+
+
 def _interrupt_of(control: ControlPipe) -> Callable[[], None]:
     """Ctrl-C in a terminal that gives it to us as a key: `run` gets the signal that it would have got."""
 
@@ -238,7 +117,7 @@ def _interrupt_of(control: ControlPipe) -> Callable[[], None]:
     return interrupt
 
 
-def _watch(station: Station, control: ControlPipe | None, screen: Screen, orphan: Orphan) -> None:
+def _watch(station: Station, control: ControlPipe | None, screen: Screen, aside: Orphan | Hint) -> None:
     show_due = 0.0
     while control is not None or not screen.left:
         for message in control.poll() if control else ():
@@ -251,15 +130,13 @@ def _watch(station: Station, control: ControlPipe | None, screen: Screen, orphan
             screen.close()
         for order in screen.orders():
             _order(order, station, screen)
-        station.turn()
+        for text in (*station.turn(), *(aside.words() if isinstance(aside, Hint) else ())):
+            screen.note(text)
         if wall.wall_s() >= show_due:
             show_due = wall.wall_s() + _SHOW_WALL_S
             view = station.view()
-            try:
-                screen.show(view)
-            except OSError:  # the terminal is gone; the flight and the record go on
-                screen = Blind()
-            if control is not None and control.closed and orphan.may_go(view):
+            screen.show(view)
+            if control is not None and control.closed and isinstance(aside, Orphan) and aside.may_go(view):
                 return
         wall.pause(_LOOP_WALL_S)
 

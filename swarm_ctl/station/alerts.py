@@ -13,7 +13,9 @@ from enum import IntEnum
 from typing import Final
 
 from swarm_ctl.core.freshness import NEIGHBOUR_S, OWN_LOST_S
-from swarm_ctl.core.state import PairReport, Phase
+from swarm_ctl.core.state import Gains, PairReport, Phase
+from swarm_ctl.core.text import agents_named
+from swarm_ctl.core.tuning import differences
 from swarm_ctl.station.view import AgentView, SwarmView
 
 
@@ -71,6 +73,15 @@ def alarms(view: SwarmView) -> tuple[Alarm, ...]:
     return tuple(sorted(found, key=lambda alarm: -alarm.level))
 
 
+def _apart(value: float, limit: float, decimals: int) -> tuple[str, str]:
+    """Both with as many decimals as it takes to tell them apart."""
+    for places in range(decimals, 7):
+        words = f"{value:.{places}f}", f"{limit:.{places}f}"
+        if words[0] != words[1]:
+            break
+    return words
+
+
 def _active(view: SwarmView) -> Iterator[AgentView]:
     """Agents heard whose part is not over."""
     return (agent for agent in view.agents if agent.phase not in (None, Phase.ENDED))
@@ -83,7 +94,8 @@ def _too_close(view: SwarmView, r_in_m: float) -> Found:
             if a.state and b.state:
                 apart = math.dist(a.state.position_ned_m[:2], b.state.position_ned_m[:2])
                 if apart < r_in_m:
-                    yield (a.id, b.id), f"agents {a.id} and {b.id} are {apart:.2f} m apart, under r_in {r_in_m:.2f} m"
+                    short, limit = _apart(apart, r_in_m, 2)
+                    yield (a.id, b.id), f"agents {a.id} and {b.id} are {short} m apart, under r_in {limit} m"
 
 
 def _silent(view: SwarmView, _: float) -> Found:
@@ -137,6 +149,24 @@ def _broken_bound(report: PairReport) -> str:
     return ""
 
 
+def _mixed_laws(view: SwarmView, settled_s: float) -> Found:
+    most, *others = view.laws.values() or ((),)
+    newest_s = max((agent.law_since_s for agent in view.agents), default=-math.inf)
+    if not others or view.time_s - newest_s <= settled_s:
+        return  # a change is just being told
+    for agents in others:
+        gains, usual = _gains(agents), _gains(most)
+        how = f": {differences(usual, gains)}" if gains and usual else ""
+        ids = tuple(agent.id for agent in agents)
+        yield ids, f"{agents_named(ids)} flies another law than {agents_named(agent.id for agent in most)}{how}"
+
+
+def _gains(agents: tuple[AgentView, ...]) -> Gains | None:
+    """Of agents that fly one law, as the newest status among them has it."""
+    told = [agent.status for agent in agents if agent.status is not None]
+    return max(told, key=lambda status: status.time_s).gains if told else None
+
+
 def _taken_over(view: SwarmView, _: float) -> Found:
     for agent in view.agents:
         if agent.phase is Phase.YIELD:
@@ -174,7 +204,8 @@ def _long_link(view: SwarmView, r_m: float) -> Found:
     for edge in view.edges:
         both = view.agent(edge.a).live and view.agent(edge.b).live
         if both and edge.length_m is not None and edge.length_m > r_m:
-            yield (edge.a, edge.b), f"link {edge.a}-{edge.b} is {edge.length_m:.1f} m long, over r {r_m:.1f} m"
+            long, limit = _apart(edge.length_m, r_m, 1)
+            yield (edge.a, edge.b), f"link {edge.a}-{edge.b} is {long} m long, over r {limit} m"
 
 
 def _old_link(view: SwarmView, limit_s: float) -> Found:
@@ -233,6 +264,7 @@ RULES: Final[tuple[Rule, ...]] = (
     Rule("other plan", Level.ERROR, _nothing, "two missions in one air", _other_plan),
     Rule("vehicle silent", Level.ERROR, lambda _: OWN_LOST_S, "five heartbeats at 1 Hz", _vehicle_silent),
     Rule("sigma bound", Level.ERROR, _nothing, "equations (52), (66) and (67)", _sigma_bound),
+    Rule("mixed laws", Level.ERROR, lambda _: 1.0, "a change takes all agents within a few ticks", _mixed_laws),
     Rule("taken over", Level.WARNING, _nothing, "somebody else flies", _taken_over),
     Rule("holding", Level.WARNING, _nothing, "a policy stopped the mission", _holding),
     Rule("never heard", Level.WARNING, lambda _: 5.0, "all processes hear each other within 2 s", _unheard),

@@ -34,6 +34,7 @@ def json_line(view: SwarmView) -> str:
             ],
             "commands": [_command(command) for command in view.commands],
             "unreadable": view.health.bad_payloads,
+            "skipped": view.health.frames_dropped,
         },
         separators=(",", ":"),
     )

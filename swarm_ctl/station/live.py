@@ -30,9 +30,14 @@ _BAR_STYLE: Final = {
 }
 
 
-def render(view: SwarmView, width: int | None = None, height: int | None = None) -> ConsoleRenderable:
-    """The view as a rich renderable of exactly `width` x `height` cells; the console's own size where not given."""
-    return _Screen(view, width, height)
+def render(
+    view: SwarmView, width: int | None = None, height: int | None = None, *, ctrl_c: str = ""
+) -> ConsoleRenderable:
+    """The view as a rich renderable of exactly `width` x `height` cells; the console's own size where not given.
+
+    `ctrl_c`: what that means where it does not land the swarm.
+    """
+    return _Screen(view, width, height, ctrl_c)
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,11 +45,12 @@ class _Screen:
     view: SwarmView
     width: int | None
     height: int | None
+    ctrl_c: str
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         width, height = self.width or options.max_width, self.height or options.height or console.height
         plain = options.ascii_only
-        for k, line in enumerate(_Drawing(self.view, width, ASCII if plain else UNICODE).lines(height)):
+        for k, line in enumerate(_Drawing(self.view, width, ASCII if plain else UNICODE, self.ctrl_c).lines(height)):
             line.truncate(width, overflow="crop" if plain else "ellipsis", pad=True)
             # Text.render leaves a plain line's own style to its caller
             for segment in Segment.apply_style(line.render(console), console.get_style(line.style)):
@@ -55,7 +61,8 @@ class _Screen:
 
 
 class _Drawing:
-    def __init__(self, view: SwarmView, width: int, glyphs: Glyphs) -> None:
+    def __init__(self, view: SwarmView, width: int, glyphs: Glyphs, ctrl_c: str) -> None:
+        self._ctrl_c = ctrl_c
         self._view = view
         self._width = width
         self._glyphs = glyphs
@@ -100,6 +107,7 @@ class _Drawing:
             f" {glyphs.times}{view.speedup:g}" if view.speedup != 1 else "",
             gap,
             f"{heard}/{len(view.agents)} agents",
+            (f"{gap}{view.health.frames_dropped} views skipped" if view.health.frames_dropped else "", "yellow"),
         )
 
     def _figures(self) -> Text:
@@ -203,6 +211,8 @@ class _Drawing:
     def _footer(self) -> Text:
         if all(agent.phase is Phase.ENDED for agent in self._view.agents):
             return Text(" all agents have ended", style="bold")
+        if self._ctrl_c:
+            return Text(f" {self._ctrl_c}", style="bold")
         landing = [command for command in self._view.commands if command.command.kind == "land"]
         if not landing:
             return Text(" Ctrl-C lands the swarm", style="bold")

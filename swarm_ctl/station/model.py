@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass, field
 from typing import Final
@@ -46,6 +47,8 @@ class _Heard:
     sigma_received_s: float = 0.0
     last_s: float | None = None
     """When anything came."""
+    law_since_s: float = -math.inf
+    """When its state first told of the law it flies now."""
     receiver: Receiver = field(default_factory=Receiver)
 
     def silence(self, now_s: float) -> float | None:
@@ -90,6 +93,8 @@ class Model:
             case AgentState():
                 heard = self._of(payload.agent, received_s)
                 if heard.receiver.hear(payload.seq, payload.time_s, received_s):
+                    if heard.state is not None and heard.state.law != payload.law:
+                        heard.law_since_s = received_s
                     heard.state = payload
                     self._history.state(payload)
             case AgentStatus():
@@ -159,7 +164,7 @@ class Model:
             events=tuple(self._events),
             event_count=self._event_count,
             commands=tuple(CommandView(c.command, c.received_s, dict(c.acks)) for c in self._commands.values()),
-            stations=dict(self._stations),
+            stations=self._stations | ({self._station: now_s} if self._station else {}),
             histories=self._history.view(),
         )
 
@@ -231,6 +236,7 @@ class Model:
             in_plan=agent_id in self._planned,
             state=heard.state,
             status=heard.status,
+            law_since_s=heard.law_since_s,
             link=heard.receiver.report(now_s),
             silence_s=heard.silence(now_s),
             lost=lost,

@@ -7,10 +7,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Final
 
 from swarm_ctl.core.plan import FormStep, Plan
+from swarm_ctl.core.state import Gains
+from swarm_ctl.core.tuning import limits, out_of_range, planned
 from swarm_ctl.errors import InputError
 
 
@@ -36,6 +38,7 @@ KINDS: Final[tuple[Kind, ...]] = (
     Kind("next", "", "end the current step", "n"),
     Kind("form", "SHAPE", "fly into another shape of the mission", "f", for_all=True),
     Kind("move", "NORTH EAST [SPEED]", "move the formation to a point [m] at a speed [m/s]", "m", for_all=True),
+    Kind("tune", "NAME=VALUE ...", "change the law of all agents at one time", "u", for_all=True),
     Kind("land", "", "land in place", "l"),
     Kind("return", "", "fly home one at a time and land", "b"),
     Kind("kill", "", "stop the motors: the vehicle falls", "K", asks="They fall out of the air."),
@@ -90,9 +93,46 @@ def complete(line: str, plan: Plan) -> list[str]:
         return [
             name + (" " if BY_NAME[name].usage else "") for name in BY_NAME if name.startswith(line) and name != line
         ]
+    if head.split(" ")[0] == "tune":
+        return [f"{head} {value}" for value in _values(head, last, plan)]
     if head == "form":
         return [f"form {shape}" for shape in shapes(plan) if shape.startswith(last) and shape != last]
     return []
+
+
+def tuned(words: Iterable[str], law: Gains, plan: Plan) -> Gains:
+    """`law` with the values that `h=0.04 kappa=15` names, or the mission's own for the word `plan`.
+
+    InputError where a value can't be flown.
+    """
+    changes: dict[str, float] = {}
+    for word in words:
+        if word == "plan":
+            changes |= asdict(planned(plan))
+            continue
+        name, _, value = word.partition("=")
+        if name not in limits(plan) or not math.isfinite(_number(value)):
+            raise InputError(f"{word!r} is no value of the law; allowed: {', '.join(limits(plan))}, e.g. tune h=0.04")
+        changes[name] = _number(value)
+    if not changes:
+        raise InputError(f"tune changes nothing; allowed: plan, or values of {', '.join(limits(plan))}")
+    gains = replace(law, **changes)
+    wrong = out_of_range(gains, plan)
+    if wrong:
+        raise InputError(f"tune: {wrong}")
+    return gains
+
+
+def ranges_of_law(plan: Plan) -> str:
+    """`delta_a 0 to 0.3, ...`: what `tune` takes, for the line above the keys."""
+    return ", ".join(f"{name} {least:g}–{most:g}" for name, (least, most) in limits(plan).items())
+
+
+def _values(head: str, last: str, plan: Plan) -> list[str]:
+    """Values of the law that are not named yet, completed to those of the mission."""
+    named = {word.partition("=")[0] for word in head.split(" ")}
+    every = [f"{name}={value:g}" for name, value in asdict(planned(plan)).items() if name not in named]
+    return [word for word in [*every, "plan"] if word.startswith(last) and word != last]
 
 
 def _agents(text: str, plan: Plan) -> tuple[int, ...]:
@@ -120,6 +160,8 @@ def _check(kind: Kind, arguments: list[str], plan: Plan) -> None:
         numbers = [_number(word) for word in arguments]
         if len(numbers) not in (2, 3) or not all(map(math.isfinite, numbers)):
             raise InputError(f"usage: {usage}, e.g. move 20 -5")
+    elif kind.name == "tune":
+        tuned(arguments, planned(plan), plan)
     elif arguments:
         raise InputError(f"usage: {usage}")
 

@@ -6,8 +6,10 @@ unless a name says units; positions are in the common frame.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Final
 
 from swarm_ctl.core.plan import Plan, Point
 from swarm_ctl.core.state import (
@@ -22,6 +24,9 @@ from swarm_ctl.core.state import (
     SigmaReport,
 )
 from swarm_ctl.station.history import Histories
+
+_STATION_S: Final = 2.0
+"""A station that was not heard for four of its beacons has left."""
 
 
 def newest(state: AgentState | None, status: AgentStatus | None) -> AgentState | AgentStatus | None:
@@ -79,6 +84,8 @@ class AgentView:
     """Its newest one, while a pair is in the avoidance region."""
     round_trip_s: float | None = None
     """A beacon of this station to the agent and back, without the time it lay there; None: not measured."""
+    law_since_s: float = -math.inf
+    """When this station saw its law change last."""
 
     @property
     def newest(self) -> AgentState | AgentStatus | None:
@@ -176,9 +183,24 @@ class SwarmView:
     commands: tuple[CommandView, ...]
     """The last ones, oldest first."""
     stations: Mapping[str, float]
-    """When each station's beacon was last heard."""
+    """When each station's beacon was last heard, this one included."""
     histories: Histories = field(default_factory=Histories)
     health: StationHealth = field(default_factory=StationHealth)
+
+    @property
+    def stations_there(self) -> int:
+        """How many stations there are now, this one included."""
+        return sum(self.time_s - heard_s <= _STATION_S for heard_s in self.stations.values())
+
+    @property
+    def laws(self) -> dict[int, tuple[AgentView, ...]]:
+        """Who of those that are heard and not through flies which law, by its tag; the law of most first."""
+        found: dict[int, list[AgentView]] = {}
+        for agent in self.agents:
+            if agent.state is not None and not agent.lost and agent.phase not in (Phase.YIELD, Phase.ENDED):
+                found.setdefault(agent.state.law, []).append(agent)
+        most_first = sorted(found.items(), key=lambda item: -len(item[1]))
+        return {tag: tuple(agents) for tag, agents in most_first}
 
     def agent(self, agent_id: int) -> AgentView:
         """KeyError where nobody has that id."""

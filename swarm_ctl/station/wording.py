@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from swarm_ctl.core.state import Event, Phase
+from swarm_ctl.core.plan import FormStep, MoveStep
+from swarm_ctl.core.state import Command, Event, Phase
 from swarm_ctl.core.text import agents_named, printable
+from swarm_ctl.core.tuning import named
 from swarm_ctl.station.alerts import Alarm, Level
 from swarm_ctl.station.view import CommandView, SwarmView
 
@@ -81,6 +83,19 @@ def reasons(view: SwarmView) -> dict[str, list[int]]:
     return found
 
 
+def command_words(command: Command) -> str:
+    """What was commanded, as far as it fits into a line."""
+    words = printable(command.kind)
+    if isinstance(command.step, FormStep):
+        return f"{words} {printable(command.step.shape)}"
+    if isinstance(command.step, MoveStep):
+        return f"{words} to {', '.join(f'{x:.4g}' for x in command.step.waypoints_m[-1])} m"
+    if command.tuning is None:
+        return words
+    law = named(command.tuning.gains)
+    return f"tune {law} from {command.tuning.at_s:.1f} s" if command.commits else f"ask for {law}"
+
+
 def answers(command: CommandView, view: SwarmView) -> str:
     """How far a command is acknowledged: by whom, who refused and why, who is still waited for."""
     meant = command.command.agents or tuple(agent.id for agent in view.agents)
@@ -93,4 +108,4 @@ def answers(command: CommandView, view: SwarmView) -> str:
         if i in command.acks and not command.acks[i].accepted
     ]
     parts += [f"waiting for {agents_named(open_)}"] if open_ else []
-    return f"{printable(command.command.kind)}: " + ", ".join(parts)
+    return f"{command_words(command.command)}: " + ", ".join(parts)

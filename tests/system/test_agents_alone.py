@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import signal
 import socket
 import subprocess
@@ -12,7 +13,9 @@ from pathlib import Path
 
 import pytest
 
+from swarm_ctl.cli.station import station
 from swarm_ctl.core.frames import geodetic_from_ned
+from swarm_ctl.errors import InputError
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
@@ -71,8 +74,10 @@ def simulator_config(mission: LoadedMission, epoch_s: float, speedup: float) -> 
     return {"version": 1, "speedup": speedup, "epoch_s": epoch_s, "origin": origin, "vehicles": vehicles}
 
 
-def test_two_agents_without_a_station(mission: LoadedMission, tmp_path: Path) -> None:
-    """Both find each other within 2 s of the last start, fly the mission and exit 0; nobody else was needed."""
+def test_two_agents_and_a_station_that_knows_the_mission(mission: LoadedMission, tmp_path: Path) -> None:
+    """Both find each other within 2 s of the last start, fly the mission and exit 0; no `run` was needed. A station
+    without a run folder waits for them, tells their time and their flight, and sees the end.
+    """
     speedup, epoch_s = 5.0, time.monotonic()
     config = tmp_path / "sim.json"
     config.write_text(json.dumps(simulator_config(mission, epoch_s, speedup)))
@@ -90,6 +95,13 @@ def test_two_agents_without_a_station(mission: LoadedMission, tmp_path: Path) ->
             stderr=subprocess.DEVNULL,
         )
     ]
+    watching = subprocess.Popen(
+        [SWARM_CTL, "station", "--mission", mission.source, "--json", "--speedup", "5"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    processes.append(watching)
     try:
         agents = [
             subprocess.Popen(
@@ -113,6 +125,14 @@ def test_two_agents_without_a_station(mission: LoadedMission, tmp_path: Path) ->
         last_start = max(*first.values(), 3.0)
         assert max(heard.values()) - last_start < 2.0 * speedup
         assert [agent.wait(60) for agent in agents] == [0, 0]
+        flown = (time.monotonic() - epoch_s) * speedup
+        watching.send_signal(signal.SIGINT)
+        lines = [json.loads(line) for line in watching.communicate()[0].splitlines()]
+        assert watching.returncode == 130
+        assert lines[0]["verdict"] == "waiting for agents 1-2"
+        assert abs(lines[-1]["time_s"] - flown) < 5.0
+        assert {"takeoff", "form pair", "land"} <= {line["step_name"] for line in lines}
+        assert not {alarm["name"] for line in lines for alarm in line["alarms"]} & {"other plan", "silent", "stranger"}
     finally:
         listener.close()
         for process in processes:
@@ -134,6 +154,24 @@ def test_one_agent_lands_on_sigint(mission: LoadedMission) -> None:
     finally:
         agent.kill()
         agent.communicate()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "why"),
+    [
+        (["--mesh", "tcp/10.0.0.5"], "--mesh tcp/10.0.0.5: no endpoint of the mesh; allowed: tcp/HOST:PORT"),
+        (["--mesh", "tcp/10.0.0.5:99999"], "no endpoint of the mesh"),
+        ([], "its fleet does not say where agents listen (`mesh`)"),
+        (["runs/x", "--mesh", "tcp/10.0.0.5:7447"], "both a run folder"),
+    ],
+)
+def test_a_station_needs_endpoints(tmp_path: Path, arguments: list[str], why: str) -> None:
+    """As the fleet of the mission or the command line names them."""
+    text = MISSION.format(vehicles=[1, 2], meshes=[3, 4])
+    path = tmp_path / "bare.yaml"
+    path.write_text(text[: text.index("fleet:")])
+    with pytest.raises(InputError, match=re.escape(why)):
+        station(*(Path(a) for a in arguments[:1] if not a.startswith("-")), mission=path, mesh=arguments[-1:])
 
 
 def test_an_agent_needs_its_endpoints(tmp_path: Path) -> None:

@@ -33,6 +33,14 @@ def test_screens_orders_and_the_end(tmp_path: Path) -> None:
         terminal.wait_for("They fall out of the air")
         terminal.press("n")
         terminal.wait_for("kill: not sent")
+        terminal.press(":")
+        terminal.wait_for("tab completes")
+        terminal.press(*"tune", "Space", "h", "Tab")
+        terminal.wait_for(":tune h=0.05")
+        terminal.press("BSpace", "4", "Enter")
+        terminal.wait_for("tune h 0.04, kappa 20")
+        terminal.press("3")
+        terminal.wait_for("(tuned: h 0.05 -> 0.04)")
         terminal.press(":", "l", "a", "Tab")
         terminal.wait_for(":land")
         terminal.press("Enter")
@@ -105,6 +113,7 @@ def test_two_more_stations_watch_command_and_leave(tmp_path: Path) -> None:
             code, _ = one.wait_for_end()
             assert code == 0
         assert running.wait() == 1
+        assert '"kind":"land"' in (running.folder / "commands.jsonl").read_text()  # stations hear each other
         running.assert_nothing_left()
 
 
@@ -123,7 +132,7 @@ def test_a_station_in_mid_flight_has_the_whole_picture_in_two_seconds(tmp_path: 
                 late.kill()
         assert told["step_name"] == "takeoff"
         assert all(agent["heartbeat_age_s"] < 2.0 for agent in told["agents"])
-        assert told["time_s"] - told["since_s"] < 3.0  # two seconds, and up to one until the next line
+        assert told["time_s"] - told["since_s"] < 2.0
         running.interrupt()
         running.wait()
         running.assert_nothing_left()

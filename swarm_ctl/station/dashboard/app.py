@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import ClassVar, Final
 
+from rich.terminal_theme import TerminalTheme
 from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Container, Horizontal, Vertical
@@ -19,7 +20,7 @@ from textual.message import Message
 from textual.screen import ModalScreen, Screen
 from textual.widgets import Button, ContentSwitcher, Input, Label
 
-from swarm_ctl.core.plan import Plan
+from swarm_ctl.core.plan import Plan, Policy
 from swarm_ctl.core.text import agents_named
 from swarm_ctl.errors import InputError
 from swarm_ctl.station.alerts import Level
@@ -50,6 +51,33 @@ _WIDE: Final = 120
 _LEVELS: Final = (Level.WELL, Level.WARNING, Level.ERROR)
 DARK, LIGHT, PLAIN = "textual-dark", "textual-light", "ansi-dark"
 """Themes; the last one has the terminal's own colours, for `NO_COLOR`."""
+
+
+_INKS: Final = TerminalTheme(
+    (247, 247, 247),
+    (0, 0, 0),
+    [
+        (0, 0, 0),
+        (160, 30, 30),
+        (30, 105, 20),
+        (130, 85, 0),
+        (30, 70, 160),
+        (120, 40, 140),
+        (0, 95, 135),
+        (247, 247, 247),
+    ],
+    [
+        (90, 90, 90),
+        (200, 50, 50),
+        (120, 200, 60),
+        (250, 190, 60),
+        (0, 100, 180),
+        (190, 40, 190),
+        (70, 190, 220),
+        (255, 255, 255),
+    ],
+)
+"""The sixteen colours on a light ground: the usual yellow, green and cyan can hardly be read there."""
 
 
 def _by_background() -> str:
@@ -183,6 +211,7 @@ class Dashboard(App[None]):
     ) -> None:
         plain = "NO_COLOR" in os.environ
         super().__init__(driver_class=driver_class, ansi_color=True if plain else None)
+        self.ansi_theme_light = _INKS
         self.theme = PLAIN if plain else os.environ.get("TEXTUAL_THEME", _by_background())
         self._plan = plan
         self._give = give
@@ -201,7 +230,7 @@ class Dashboard(App[None]):
     def offer(self, view: SwarmView) -> None:
         """Show this view soon; one that is still waiting was one too many for this terminal."""
         if self._waiting is not None:
-            self.frames_dropped += 1
+            self.frames_dropped += self._up
             self._waiting = view
             return
         self._waiting = view
@@ -308,7 +337,7 @@ class Dashboard(App[None]):
         self._painted("verdict").paint([verdict], back, width=width)
         line = self.query_one(CommandInput)
         typed = line.value if line.purpose == "order" else None
-        answer = command_line(picture, self._notice) if typed is None else usage_line(typed)
+        answer = command_line(picture, self._notice) if typed is None else usage_line(typed, self._plan)
         self._painted("answers").paint([answer], width=width)
         self._painted("keys").paint([self.keys_line(picture, width)], width=width)
         if self._shown == "swarm":
@@ -444,16 +473,27 @@ class Dashboard(App[None]):
             self._say(f"{count} alarms seen" if count else "no new alarms")
 
     def action_leave(self) -> None:
-        """Only a station that watches can be left."""
-        if self._interrupt is None:
-            self.exit()
-        else:
+        """Only a station that watches can be left; the last one of a swarm that needs one asks first."""
+        if self._interrupt is not None:
             self._say("this dashboard belongs to the run: Ctrl-C lands the swarm and ends it")
+        elif (policy := self._alone()) and not isinstance(self.screen, Ask):
+            question = f"leave? No other station is heard: the agents {policy.value} after"
+            after_s = self._plan.policies.station_lost_after_s
+            self.push_screen(Ask(f"{question} {after_s:g} s."), lambda yes: self.exit() if yes else None)
+        else:
+            self.exit()
+
+    def _alone(self) -> Policy | None:
+        """What the mission's policy will do when this station leaves; None where it changes nothing."""
+        view, policy = self._view, self._plan.policies.station_lost
+        if view is None or view.stations_there > 1 or policy is Policy.CONTINUE:
+            return None
+        return policy if any(agent.live for agent in view.agents) else None
 
     def action_interrupt(self) -> None:
         """Ctrl-C."""
         if self._interrupt is None:
-            self.exit()
+            self.action_leave()
         else:
             self._interrupt()
 

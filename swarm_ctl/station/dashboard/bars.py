@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from swarm_ctl.core.plan import Plan
 from swarm_ctl.core.progress import step_name
 from swarm_ctl.core.state import Phase
 from swarm_ctl.core.text import agents_named, printable, ranges
@@ -11,15 +12,15 @@ from swarm_ctl.station.alerts import Level
 from swarm_ctl.station.columns import UNICODE, fit
 from swarm_ctl.station.dashboard.ink import Line
 from swarm_ctl.station.dashboard.picture import Picture
-from swarm_ctl.station.orders import KINDS
+from swarm_ctl.station.orders import KINDS, ranges_of_law
 from swarm_ctl.station.view import CommandView, SwarmView
-from swarm_ctl.station.wording import verdict
+from swarm_ctl.station.wording import command_words, verdict
 
 SCREENS: Final = ("swarm", "links", "sigma", "log", "help")
 BAR_STYLE: Final = {
-    Level.WELL: "black on green",
-    Level.WAITING: "black on cyan",
-    Level.WARNING: "black on yellow",
+    Level.WELL: "black on bright_green",
+    Level.WAITING: "black on bright_cyan",
+    Level.WARNING: "black on bright_yellow",
     Level.ERROR: "bold white on red",
 }
 _ANSWERED_S: Final = 20.0
@@ -38,8 +39,8 @@ def title_line(picture: Picture, width: int) -> Line:
     line.add(f" ×{view.speedup:g}" if view.speedup != 1 else "").add(gap, "dim")
     everybody = heard == len(view.agents)
     line.add(f"{heard}/{len(view.agents)} agents", "" if everybody else "bold yellow")
-    if len(view.stations) > 1:
-        line.add(gap, "dim").add(f"{len(view.stations)} stations")
+    if view.stations_there > 1:
+        line.add(gap, "dim").add(f"{view.stations_there} stations")
     missed = _missed(view)
     return line.to(width - len(missed) - 1).add(missed, "yellow") if missed else line
 
@@ -47,7 +48,9 @@ def title_line(picture: Picture, width: int) -> Line:
 def _missed(view: SwarmView) -> str:
     health = view.health
     parts = [
-        f"{health.frames_dropped} frames skipped" if health.frames_dropped else "",
+        f"{health.frames_dropped} frame{'s' if health.frames_dropped > 1 else ''} skipped"
+        if health.frames_dropped
+        else "",
         f"{health.bad_payloads} unreadable" if health.bad_payloads else "",
     ]
     return ", ".join(part for part in parts if part)
@@ -104,13 +107,14 @@ def command_line(picture: Picture, notice: str) -> Line:
     return _answers(commands[-1], view)
 
 
-def usage_line(typed: str) -> Line:
+def usage_line(typed: str, plan: Plan) -> Line:
     """What can be typed now."""
     kinds = [kind for kind in KINDS if kind.name.startswith(typed.split(" ")[0])]
     if len(kinds) == 1:
         kind = kinds[0]
         agents = "" if kind.for_all else " [@AGENTS]"
-        return Line(f" {kind.name} {kind.usage}".rstrip() + agents, "bold").add(f"  {kind.does}", "dim")
+        does = ranges_of_law(plan) if kind.name == "tune" and " " in typed else kind.does
+        return Line(f" {kind.name} {kind.usage}".rstrip() + agents, "bold").add(f"  {does}", "dim")
     return Line(" " + "  ".join(kind.name for kind in kinds or KINDS), "bold")
 
 
@@ -120,7 +124,7 @@ def _current(command: CommandView, view: SwarmView) -> bool:
 
 def _answers(command: CommandView, view: SwarmView) -> Line:
     meant = command.command.agents or tuple(agent.id for agent in view.agents if agent.in_plan)
-    line = Line(f" {printable(command.command.kind)}", "bold magenta").add(" ")
+    line = Line(f" {command_words(command.command)}", "bold magenta").add(" ")
     taken = [i for i in meant if i in command.acks and command.acks[i].accepted]
     refused: dict[str, list[int]] = {}
     for i in meant:
@@ -156,10 +160,11 @@ def keys_line(picture: Picture, shown: str, *, owns_run: bool, width: int) -> Li
         "links": (("v", "view", "metric_next"),),
         "log": (("/", "filter", "filter"), ("w", "worst", "level_next")),
     }.get(shown, ())
-    key_words(line, extra)
-    if picture.alarms:
-        key_words(line, (("x", "seen", "acknowledge"),))
     last = "^C land all" if owns_run and not ended else "q leave" if not owns_run else ""
+    seen = (("x", "seen", "acknowledge"),) if picture.alarms else ()
+    for key in (*extra, *seen):
+        if line.width + len(key[0]) + len(key[1]) + 2 + len(last) + 2 <= width:
+            key_words(line, (key,))
     if last and line.width + len(last) + 2 <= width:
         line.to(width - len(last) - 1).add(last, "bold", "app.interrupt" if owns_run else "app.leave")
     return line

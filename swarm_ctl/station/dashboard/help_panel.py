@@ -17,15 +17,30 @@ _KEYS: Final = (
     ("x", "alarms seen: they stay, and no longer count as new"),
     (":", "command line; tab completes, ↑ brings the last one back, esc leaves it"),
     ("t", "light or dark"),
-    ("q", "leave (a station that only watches)"),
+    ("q", "leave (a station that only watches; the last one of a swarm asks first)"),
     ("Ctrl-C", "land the swarm; again: stop everything at once. A watching station only leaves"),
+    ("mouse", "a screen's name, a title of the table, an agent in the table or on the map, a key below"),
 )
 _SIGNS: Final = (
     ("map", "number: agent, ○ slot to fill, dots: where it came from, circle: half of r_out (two that touch avoid)"),
     ("lines", "neighbours; green well, yellow bad or nearly too long, red lost"),
-    ("table", "up: height, err: distance from its place in the shape, near: nearest agent, late: ticks' p99 in ms"),
-    ("links", LEGEND),
-    ("sigma", "D must lie between its bounds; over 100 % of the budget Property 1 does not hold for that agent"),
+    (
+        "table",
+        (
+            "A: ● armed, ○ not; batt: percent; up: height [m]; err: distance from its place in the shape [m];"
+            " near: nearest agent, and how near [m]; age: of its last state [s]; Hz, late: of its ticks, late as the"
+            " p99 in ms"
+        ),
+    ),
+    ("links", "a row listens, a column speaks; trip: there and back. " + LEGEND),
+    (
+        "sigma",
+        (
+            "one line for each side of a pair; D must lie between its bounds; over 100 % of the budget Property 1 does"
+            " not hold for that agent; paper, narrow, inactive, overspeed: by which rule D was chosen (overspeed: by"
+            " none); safety filter: how often it flew something else than the law's wish"
+        ),
+    ),
 )
 
 
@@ -36,7 +51,9 @@ def help_lines(width: int) -> list[Line]:
         for kind in KINDS
     ]
     lines = [*rows("keys", _KEYS, 14, width), *rows("orders, by key or after ':'", orders, 28, width)]
-    lines.append(Line("   for some agents only: mark them, or 'land @1,3-5'", "dim"))
+    lines.append(
+        Line("   for some agents only: mark them, or 'land @1,3-5'; 'tune plan' is the mission's own law", "dim")
+    )
     return [*lines, *sign_rows(width)]
 
 

@@ -66,7 +66,7 @@ METRICS: Final[dict[str, Metric]] = {
         lambda link, series: f"{_percent(series.recent_loss)} ({_percent(_run_loss(link))})",
     ),
     "jitter": Metric(
-        "jitter in ms: p99 over p50 of the ages",
+        "jitter in ms: p99 less p50 of the ages",
         lambda link, _: _ms(jitter_s(link.report.age_p50_s, link.report.age_p99_s)),
         lambda link, _: _ms(jitter_s(link.report.age_p50_s, link.report.age_p99_s)),
     ),
@@ -98,7 +98,7 @@ def _sentences(picture: Picture, judged: dict[tuple[int, int], Judgement]) -> li
     bad = bad_links(picture.view, judged)
     if not bad:
         heard = sum(judgement.level is Level.WELL for judgement in judged.values())
-        words = f" {UNICODE.well} {heard} mesh links, all well" if heard else " … no mesh link yet"
+        words = f" {UNICODE.well} {heard} mesh links, all direct, all well" if heard else " … no mesh link yet"
         return [Line(words, "green" if heard else "cyan")]
     lines = [Line(f" {UNICODE.of(level)} {printable(text)}", LEVEL_STYLE[level]) for level, text in bad[:5]]
     return lines + ([Line(f"   and {len(bad) - 5} more", "yellow")] if len(bad) > 5 else [])
@@ -138,12 +138,12 @@ def _matrix(picture: Picture, judged: dict[tuple[int, int], Judgement], width: i
 
 def _other_links(picture: Picture, width: int) -> list[Line]:
     """Each agent's link to its vehicle, and to this station."""
-    spark = max(0, min(40, width - 72))
+    spark = max(0, min(40, width - 76))
     head = Line(right("agent", 6), "bold dim").add(" │ ", "dim")
     head.add("vehicle: beat  loss   trip", "bold dim").add(" │ ", "dim")
-    head.add("station: age  p50/p99 ms  loss   trip", "bold dim")
+    head.add("station: age  p50/p99 ms  loss    trip", "bold dim")
     if spark >= 18:
-        head.add("  trip, history", "bold dim")
+        head.add("  trips so far", "bold dim")
     return [head, *(_agent_line(picture, agent, spark) for agent in picture.view.agents)]
 
 
@@ -165,7 +165,7 @@ def _agent_line(picture: Picture, agent: AgentView, spark: int) -> Line:
     line.add(right(f"{_ms(link.age_p50_s)}/{_ms(link.age_p99_s)}", 12), _STYLE[station.level])
     line.add(right(_percent(link.recent_loss) if link.received else _DASH, 6), _STYLE[station.level])
     trip = agent.round_trip_s
-    line.add(right(f"{fit(1000 * trip, 4, 1)} ms" if trip is not None else _DASH, 7))
+    line.add(right(f"{fit(1000 * trip, 4, 1)} ms" if trip is not None else _DASH, 8))
     if spark >= 18:
         line.add("  " + sparkline(picture.view.histories.round_trips_s.get(agent.id, ()), spark - 2), "cyan")
     return line

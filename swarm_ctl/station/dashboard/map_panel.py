@@ -52,7 +52,7 @@ def map_lines(picture: Picture, width: int, height: int) -> list[Line]:
     view = picture.view
     placed = {agent.id: agent for agent in view.agents if agent.state is not None}
     if not placed or width < 8 or height < 3:
-        return [Line("  nobody heard yet: no map" if not placed else "", "dim")]
+        return [Line("  no positions yet: no map" if not placed else "", "dim")]
     canvas = Canvas(width, height)
     scale = fitted(view, width, height)
     _draw_links(canvas, scale, picture, placed)

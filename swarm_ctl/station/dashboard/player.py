@@ -101,6 +101,9 @@ class Player(Dashboard, inherit_bindings=False):
         self.mount(Painted("timeline"), before="#keys")
         self.set_interval(_TICK_WALL_S, self.turn)
 
+    def _alone(self) -> None:
+        """A film may be left at any time."""
+
     def turn(self) -> None:
         """Go on as the wall clock does, read ahead in what is left of the time, draw what is new."""
         now_s = self._wall_s()

@@ -10,7 +10,8 @@ from collections import Counter
 from typing import Final
 
 from swarm_ctl.core.state import PairReport, SigmaReport
-from swarm_ctl.core.text import printable
+from swarm_ctl.core.text import agents_named, printable
+from swarm_ctl.core.tuning import differences, named, planned
 from swarm_ctl.station.columns import LEVEL_STYLE, UNICODE, fit
 from swarm_ctl.station.dashboard.ink import Line, bar, gauge, right, sparkline
 from swarm_ctl.station.dashboard.picture import Picture
@@ -39,14 +40,34 @@ def sigma_lines(picture: Picture, width: int) -> list[Line]:
     spark = max(0, min(32, width - 81))
     return [
         *_broken(picture),
+        *_laws(view),
         _heading(spark),
         *(line for pair in view.pairs for line in _pair_lines(view, pair, spark)),
         *([] if view.pairs else [Line("   nobody is in anybody's avoidance region", "dim")]),
         Line(),
         *_terms(view, width),
         Line(),
-        *_tally(view),
+        *_tally(view, width),
+        *_filter(view),
     ]
+
+
+def _filter(view: SwarmView) -> list[Line]:
+    """What the safety filter has made of the law's wishes, and whom it keeps apart now."""
+    if not view.plan.safety.filter:
+        return [Line("   safety filter:", "bold dim").add("  off", "yellow")]
+    reports = [(agent.id, agent.status.safety) for agent in view.agents if agent.status is not None]
+    ticks, touched = sum(r.ticks for _, r in reports), sum(r.touched for _, r in reports)
+    yielded, releases = sum(r.yielded for _, r in reports), sum(r.releases for _, r in reports)
+    line = Line("   safety filter:", "bold dim").add(f"  changed {100 * touched / max(1, ticks):.1f}% of the ticks")
+    line.add(f"  gave way in {yielded}", "yellow" if yielded else "dim")
+    line.add(f"  dead-locks left {releases}", "" if releases else "dim")
+    kept = [
+        f"{i} from {', '.join('a stranger' if j == 0 else str(j) for j in r.kept_from)}"
+        for i, r in reports
+        if r.kept_from
+    ]
+    return [line, *([Line(f"   now it keeps {'; '.join(kept)}", "cyan")] if kept else [])]
 
 
 def _broken(picture: Picture) -> list[Line]:
@@ -56,6 +77,23 @@ def _broken(picture: Picture) -> list[Line]:
         words = f"sigma over its bound, nobody under {law.r_in * unit:g} m, no link over {law.r * unit:g} m"
         return [Line(f" {UNICODE.well} {words}", "green")]
     return [Line(f" {UNICODE.of(a.level)} {printable(a.text)}", LEVEL_STYLE[a.level]) for a in found]
+
+
+def _laws(view: SwarmView) -> list[Line]:
+    """The law in force; each of them where agents fly different ones."""
+    laws, lines = view.laws, []
+    for agents in laws.values():
+        statuses = [agent.status for agent in agents if agent.status is not None and agent.status.gains is not None]
+        gains = max(statuses, key=lambda status: status.time_s).gains if statuses else None
+        if gains is None:
+            continue
+        line = Line("   law ", "dim").add(named(gains), "bold")
+        changed = differences(planned(view.plan), gains)
+        line.add("  (the mission's own)" if not changed else f"  (tuned: {changed})", "" if changed else "dim")
+        if len(laws) > 1:
+            line.add(f"  {agents_named(agent.id for agent in agents)}", "bold red")
+        lines.append(line)
+    return lines
 
 
 def _heading(spark: int) -> Line:
@@ -100,7 +138,9 @@ def _gauge(line: Line, report: PairReport) -> None:
 def _terms(view: SwarmView, width: int) -> list[Line]:
     """Each agent's consensus against its repulsion."""
     active = [(agent.id, agent.sigma) for agent in view.agents if agent.sigma is not None]
-    lines = [Line("   agent   consensus  repulsion  share of repulsion (units an iteration)", "bold dim")]
+    lines = [
+        Line("   agent   consensus  repulsion  share of repulsion", "bold dim").add("  (units an iteration)", "dim")
+    ]
     size = max(10, min(40, width - 48))
     for agent, report in active:
         consensus, repulsion = math.hypot(*report.consensus), math.hypot(*report.avoidance)
@@ -111,16 +151,18 @@ def _terms(view: SwarmView, width: int) -> list[Line]:
     return lines if active else [*lines, Line(f"   {UNICODE.dash}", "dim")]
 
 
-def _tally(view: SwarmView) -> list[Line]:
-    """Pair-ticks of the whole flight by status."""
+def _tally(view: SwarmView, width: int) -> list[Line]:
+    """Pair-ticks of the whole flight by status, on as many lines as they take."""
     tally: Counter[str] = Counter()
     for agent in view.agents:
         tally.update(agent.status.sigma_tally if agent.status else {})
     whole = sum(tally.values())
-    line = Line("   tally of the flight (pair-ticks):", "bold dim")
+    lines = [Line("   tally of the flight (pair-ticks):", "bold dim")]
     for status in dict.fromkeys((*_STATUSES, *tally)):
         count = tally.get(status, 0)
-        line.add("  ").add(f"{printable(status)} {count}", _STATUS_STYLE.get(status, ""))
-        if whole:
-            line.add(f" ({100 * count / whole:.0f}%)", "dim")
-    return [line]
+        words = f"{printable(status)} {count}"
+        share = f" ({100 * count / whole:.0f}%)" if count else ""
+        if lines[-1].width + len(words) + len(share) + 2 > width:
+            lines.append(Line("  "))
+        lines[-1].add("  ").add(words, _STATUS_STYLE.get(status, "") if count else "dim").add(share, "dim")
+    return lines

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import ClassVar, Final
 
+from rich.style import Style
 from textual.binding import Binding, BindingType
+from textual.events import Key
 from textual.geometry import Size
 from textual.message import Message
 from textual.scroll_view import ScrollView
@@ -34,6 +36,7 @@ class Painted(ScrollView, can_focus=False):
         super().__init__(id=name)
         self._strips: list[Strip] = []
         self._follows = follows
+        self._ground: Style | None = None
 
     @property
     def room(self) -> tuple[int, int]:
@@ -66,8 +69,15 @@ class Painted(ScrollView, can_focus=False):
         """One row of the widget, on the theme's own colours."""
         k = y + self.scroll_offset.y
         width = self.scrollable_content_region.width
+        if self._ground is None:
+            self._ground = self.rich_style  # a tenth of all drawing, if it were looked up for each line
         strip = self._strips[k] if k < len(self._strips) else Strip.blank(width)
-        return strip.adjust_cell_length(width).apply_style(self.rich_style)
+        return (strip if strip.cell_length == width else strip.adjust_cell_length(width)).apply_style(self._ground)
+
+    def notify_style_update(self) -> None:
+        """Another theme, say."""
+        self._ground = None
+        super().notify_style_update()
 
 
 class CommandInput(Input):
@@ -88,6 +98,18 @@ class CommandInput(Input):
         self._at = 0
         self.purpose = ""
         """A key of `_PLACEHOLDERS`; empty: not in use."""
+
+    async def _on_key(self, event: Key) -> None:
+        """Editing keys act in their turn. As mere bindings they would be looked at after what was typed behind them:
+        over a slow line, or pasted, `5`, backspace, `4` would come out as 5.
+        """
+        bindings = self._bindings.key_to_bindings.get(event.key)
+        if not bindings:
+            await super()._on_key(event)
+            return
+        event.stop()
+        event.prevent_default()
+        await self.run_action(bindings[0].action)
 
     def open(self, purpose: str, text: str) -> None:
         """Take the keyboard."""

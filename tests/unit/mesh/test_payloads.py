@@ -16,12 +16,14 @@ from swarm_ctl.core.state import (
     Command,
     Event,
     Frame,
+    Gains,
     LinkReport,
     PairReport,
     Phase,
     SigmaReport,
     StationBeacon,
     StepResult,
+    Tuning,
 )
 from swarm_ctl.errors import PayloadError
 from swarm_ctl.mesh.keys import CHANNELS
@@ -55,6 +57,8 @@ STATES = st.builds(
     ),
     stage=st.integers(0, 3),
     command=st.integers(0, 2**32 - 1),
+    law=st.integers(0, 2**32 - 1),
+    next_law=st.integers(0, 2**32 - 1),
 )
 
 OTHERS: list[Any] = [
@@ -62,6 +66,8 @@ OTHERS: list[Any] = [
     Command("abc", "land", (1, 2), 2.0),
     Command("f", "form", (), 2.0, FormStep("vee", ((0.0, 0.5), (2.0, 1.0)), 0.5, 5.0, 60.0), 2**64 - 1),
     Command("m", "move", (), 2.0, MoveStep(((10.0, -5.5),), 2.5, 0.5, 2.0, 60.0), 7, 3),
+    Command("t", "tune", (1, 2), 2.0, plan_hash=7, tuning=Tuning(Gains(0.1, 2.0, 0.04, 15.0), 4.0)),
+    Command("t-apply", "apply", (1, 2), 2.5, commits=2**32 - 1),
     Ack(1, "abc", False, "no"),
     StationBeacon("s", 1.0, 2**64 - 1),
     SigmaReport(

@@ -34,6 +34,7 @@ from swarm_ctl.core.state import (
     TickReport,
     VehicleLinkReport,
 )
+from swarm_ctl.core.tuning import planned
 from swarm_ctl.station.model import Model
 
 TABLE_II = {1: (14.0, 16.0), 2: (12.0, 12.0), 3: (10.0, 18.0), 4: (6.0, 12.0), 5: (6.0, 16.0), 6: (14.0, 10.0)}
@@ -128,6 +129,7 @@ def status_of(plan: Plan, agent: int, time_s: float, **changes: object) -> Agent
         tick=TickReport(500, 0, 0.2, 1.3, 4.0, 0.6, 1.1),
         vehicle_link=VehicleLinkReport(990, 10, 0.05),
         echo=Echo("station-1", time_s - 0.3, 0.2),
+        gains=planned(plan),
     )
     return replace(made, **changes)  # type: ignore[arg-type]
 

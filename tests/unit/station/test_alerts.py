@@ -8,6 +8,7 @@ from dataclasses import replace
 import pytest
 
 from swarm_ctl.core.state import LinkReport, Phase, SigmaReport, TickReport
+from swarm_ctl.core.tuning import planned
 from swarm_ctl.station.alerts import RULES, Level, alarms
 from swarm_ctl.station.model import Model
 from swarm_ctl.station.view import SwarmView
@@ -65,6 +66,17 @@ def _slow() -> SwarmView:
     return model.view(30.0)
 
 
+def _other_law(for_s: float) -> SwarmView:
+    """Agent 4 has flown another law for so long."""
+    model = flying_model(PLAN, 30.0)
+    for agent in PLAN.agents:
+        model.fold(state_of(PLAN, agent.id, 30.0, seq=1200, law=7 if agent.id == 4 else 0), 30.0)
+        model.fold(state_of(PLAN, agent.id, 30.0 + for_s, seq=1201, law=7 if agent.id == 4 else 0), 30.0 + for_s)
+    gains = replace(planned(PLAN), h=0.04)
+    model.fold(status_of(PLAN, 4, 30.0 + for_s, gains=gains), 30.0 + for_s)
+    return model.view(30.0 + for_s)
+
+
 def _stranger() -> SwarmView:
     model = flying_model(PLAN, 30.0)
     model.fold(replace(state_of(PLAN, 1, 30.0, position_ned_m=(500.0, 0.0, -10.0)), agent=42), 30.0)
@@ -78,6 +90,7 @@ CASES: dict[str, tuple[Callable[[], SwarmView], tuple[int, ...]]] = {
     "other plan": (lambda: _state(4, plan_hash=1), (4,)),
     "vehicle silent": (lambda: _status(4, heartbeat_age_s=5.1), (4,)),
     "sigma bound": (lambda: _sigma(sigma=0.2), (1, 2)),
+    "mixed laws": (lambda: _other_law(1.1), (4,)),
     "taken over": (lambda: _state(4, phase=Phase.YIELD), (4,)),
     "holding": (lambda: _status(4, phase=Phase.HOLD, reason="agent 3 has not been heard for 3 s"), (4,)),
     "never heard": (lambda: Model(PLAN, since_s=10.0).view(15.1), (1,)),
@@ -134,6 +147,7 @@ def test_all_is_well_when_all_is_well() -> None:
         lambda: _status(4, station_age_s=2.4),
         lambda: _status(4, battery_percent=20.0),
         lambda: _status(4, phase=Phase.HOLD),
+        lambda: _other_law(0.9),
         lambda: _status(4, tick=TickReport(500, 0, 1.0, 9.9, 12.0)),
         lambda: _sigma("inactive", d=None, sigma_lb=0.0, sigma=0.1),
     ],
@@ -146,6 +160,18 @@ def test_just_inside_a_threshold_is_silence(nearly: Callable[[], SwarmView]) -> 
 def test_every_broken_sigma_is_an_error(changes: dict[str, object]) -> None:
     (alarm,) = alarms(_sigma(**changes))  # type: ignore[arg-type]
     assert (alarm.name, alarm.level) == ("sigma bound", Level.ERROR)
+
+
+def test_a_mixture_of_laws_is_told_with_what_differs() -> None:
+    (alarm,) = alarms(_other_law(2.0))
+    assert alarm.text == "agent 4 flies another law than agents 1-3, 5-6: h 0.05 -> 0.04"
+
+
+def test_a_figure_just_beyond_its_limit_can_be_told_from_it() -> None:
+    (alarm,) = alarms(_state(6, position_ned_m=(60.0, 60.0 - 22.5004, -10.0)))
+    assert alarm.text == "link 2-6 is 22.5004 m long, over r 22.5000 m"
+    (alarm,) = alarms(_state(6, position_ned_m=(60.0, 62.499, -10.0)))
+    assert alarm.text == "agents 2 and 6 are 2.499 m apart, under r_in 2.500 m"
 
 
 def test_errors_come_before_warnings() -> None:

@@ -71,7 +71,7 @@ def test_keys_and_clicks_change_screens() -> None:
     async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
         await pilot.press("2")
         await settled(pilot)
-        assert "30 mesh links, all well" in text(app)
+        assert "30 mesh links, all direct, all well" in text(app)
         await pilot.press("tab")
         await settled(pilot)
         assert "narrow" in text(app)
@@ -175,6 +175,21 @@ def test_kill_asks_once_and_only_y_means_yes() -> None:
     _play(play)
 
 
+def test_keys_that_come_all_at_once_keep_their_order() -> None:
+    """Over a slow line: a correction must not come after what it makes room for."""
+
+    async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
+        await pilot.press("colon")
+        keys = [*"tune", " ", "h", "tab", "backspace", "4", "left", "backspace", "3", "right", "enter"]
+        for key in keys:
+            app.post_message(Key({" ": "space"}.get(key, key), key if len(key) == 1 else None))
+        await settled(pilot)
+        await settled(pilot)
+        assert "tune: h 0.34; allowed in flight" in text(app)
+
+    _play(play)
+
+
 def test_ctrl_c_is_the_runs_and_q_leaves_only_a_watcher() -> None:
     async def mine(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
         await pilot.press("colon", "ctrl+c")
@@ -191,8 +206,30 @@ def test_ctrl_c_is_the_runs_and_q_leaves_only_a_watcher() -> None:
         assert desk.interrupts == 0
         assert app._exit
 
+    view = PICTURES["well"]()
     _play(mine)
-    _play(watching, owns_run=False)
+    _play(watching, replace(view, stations=view.stations | {"station-2": view.time_s - 1.0}), owns_run=False)
+    _play(watching, PICTURES["ended"](), owns_run=False)
+
+
+@pytest.mark.parametrize("key", ["q", "ctrl+c"])
+def test_the_last_station_asks_before_it_leaves(key: str) -> None:
+    """The agents would land without it; the same key again does not wait for an answer."""
+
+    async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
+        await pilot.press(key)
+        await settled(pilot)
+        assert "leave? No other station is heard: the agents land after 5 s." in text(app)
+        await pilot.press("n")
+        await settled(pilot)
+        assert not app._exit
+        await pilot.press(key)
+        await settled(pilot)
+        await pilot.press("y" if key == "q" else key)
+        await settled(pilot)
+        assert app._exit
+
+    _play(play, owns_run=False)
 
 
 def test_answers_tick_off_agent_by_agent() -> None:

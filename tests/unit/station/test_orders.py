@@ -27,6 +27,8 @@ PLAN = hexagon_plan()
         ("return @1,4-6", (), Order("return", (), (1, 4, 5, 6))),
         ("form hexagon", (), Order("form", ("hexagon",))),
         ("move 20 -5.5 2", (), Order("move", ("20", "-5.5", "2"))),
+        ("tune h=0.04 kappa=15", (), Order("tune", ("h=0.04", "kappa=15"))),
+        ("tune plan", (), Order("tune", ("plan",))),
     ],
 )
 def test_orders(line: str, marked: tuple[int, ...], order: Order) -> None:
@@ -36,7 +38,7 @@ def test_orders(line: str, marked: tuple[int, ...], order: Order) -> None:
 @pytest.mark.parametrize(
     ("line", "why"),
     [
-        ("", "no command ''; allowed: hold, resume, next, form, move, land, return, kill"),
+        ("", "no command ''; allowed: hold, resume, next, form, move, tune, land, return, kill"),
         ("fly", "no command 'fly'; allowed"),
         ("land now", "usage: land"),
         ("form", "usage: form SHAPE; this mission flies hexagon"),
@@ -45,6 +47,14 @@ def test_orders(line: str, marked: tuple[int, ...], order: Order) -> None:
         ("move a b", "usage: move NORTH EAST"),
         ("move nan 1", "usage: move NORTH EAST"),
         ("form hexagon @1", "form is for the whole swarm; leave out @1"),
+        ("tune", "tune changes nothing; allowed: plan, or values of delta_a, delta_l, h, kappa"),
+        ("tune h", "'h' is no value of the law; allowed: delta_a, delta_l, h, kappa, e.g. tune h=0.04"),
+        ("tune r_in=1", "'r_in=1' is no value of the law"),
+        ("tune h=nan", "'h=nan' is no value of the law"),
+        ("tune h=0.2", "tune: h 0.2; allowed in flight: above 0, at most 0.05"),
+        ("tune kappa=21", "tune: kappa 21; allowed in flight: above 0, at most 20"),
+        ("tune delta_l=1.9", "tune: delta_l 1.9; allowed in flight: 2 to 2.2"),
+        ("tune h=0.04 @1", "tune is for the whole swarm"),
         ("land @9", "no agent 9 in this mission; allowed: 1, 2, 3, 4, 5, 6"),
         ("land @x", "@x names no agents; allowed: @all, @1,3-5"),
         ("land @", "names no agents"),
@@ -79,6 +89,14 @@ def test_completion_knows_shapes_and_agents() -> None:
     assert complete("form ", PLAN) == ["form hexagon"]
     assert complete("land @", PLAN)[:2] == ["land @all", "land @1"]
     assert complete("form hexagon", PLAN) == []
+
+
+def test_completion_knows_the_law() -> None:
+    """Names that are not given yet, with the mission's values."""
+    assert complete("tune ", PLAN) == [f"tune {v}" for v in ("delta_a=0.1", "delta_l=2", "h=0.05", "kappa=20", "plan")]
+    assert complete("tune h", PLAN) == ["tune h=0.05"]
+    assert complete("tune h=0.04 k", PLAN) == ["tune h=0.04 kappa=20"]
+    assert complete("tune h=0.04 h", PLAN) == []
 
 
 def test_the_table_is_what_agents_take() -> None:

@@ -1,0 +1,217 @@
+"""The law changed in flight, on the virtual clock: by all agents at one time or by none, whatever is lost."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from swarm_ctl.core.state import Command, Gains, Tuning
+from swarm_ctl.core.tuning import LEAD_S, planned
+from swarm_ctl.mesh import keys
+from swarm_ctl.runtime.commander import Commander
+from tests.scenarios.swarm import VirtualSwarm
+from tests.scenarios.test_steps import FORM, assert_good, quartet
+
+ALL = (1, 2, 3, 4)
+
+
+class Desk:
+    """A ground station's sending side on a swarm; remembers when each agent's law changed, and to which."""
+
+    def __init__(self, swarm: VirtualSwarm) -> None:
+        self.swarm = swarm
+        self.commander = Commander(swarm.send, list(ALL))
+        self.told: list[str] = []
+        self.changes: dict[int, list[tuple[float, Gains]]] = {agent: [] for agent in ALL}
+        self.alive = True
+
+    def tune(self, agents: tuple[int, ...] = ALL, name: str = "t", **values: float) -> Command:
+        """Order a change for two seconds from now."""
+        now, plan = self.swarm.now, self.swarm.plan
+        tuning = Tuning(replace(planned(plan), **values), now + LEAD_S)
+        command = Command(name, "tune", agents, now, plan_hash=plan.hash(), tuning=tuning)
+        self.commander.give(command, now)
+        return command
+
+    def run(self, seconds: float) -> None:
+        """Tick, pass answers on, note changes."""
+        until = self.swarm.now + seconds
+        while self.swarm.now < until:
+            if self.alive:
+                for ack in self.swarm.acks:
+                    self.commander.answered(ack)
+                self.told += self.commander.turn(self.swarm.now)[1]
+            self.swarm.acks.clear()
+            self.swarm.tick()
+            for agent, member in self.swarm.members.items():
+                seen = self.changes[agent]
+                if (seen[-1][1] if seen else planned(self.swarm.plan)) != member.agent._controller.gains:
+                    seen.append((self.swarm.now, member.agent._controller.gains))
+
+    @property
+    def moments(self) -> list[tuple[float, ...]]:
+        """When the agents' laws changed, by agent."""
+        return [tuple(round(when, 3) for when, _ in self.changes[agent]) for agent in ALL]
+
+
+@pytest.fixture
+def desk() -> Desk:
+    """Four agents on the ground that hear each other."""
+    swarm = VirtualSwarm(quartet("land"))
+    swarm.run(4)
+    return Desk(swarm)
+
+
+def deaf(swarm: VirtualSwarm, agent: int, *channels: keys.Channel[Any], kind: str = "") -> Any:
+    """Nothing of these channels (or only no command of this kind) reaches the agent; call the result to end it."""
+    node, take = swarm.members[agent].node, swarm.members[agent].node.take
+
+    def nothing(channel: keys.Channel[Any]) -> list[Any]:
+        heard = take(channel)
+        if channel not in channels:
+            return heard
+        return [item for item in heard if kind and getattr(item[0], "kind", "") != kind]
+
+    node.take = nothing  # type: ignore[method-assign]
+    return lambda: setattr(node, "take", take)
+
+
+def test_all_change_in_the_tick_of_the_order_s_time() -> None:
+    """In flight, while they form; the mission goes on to its end, and statuses tell the law in force."""
+    swarm = VirtualSwarm(quartet("land"))
+    swarm.wait(lambda s: s.in_step(FORM))
+    desk = Desk(swarm)
+    order = desk.tune(h=0.04, kappa=15.0)
+    desk.run(4)
+    assert order.tuning is not None
+    assert len(set(desk.moments)) == 1
+    ((when,),) = set(desk.moments)
+    assert -1e-3 < when - order.tuning.at_s < 0.051
+    statuses = [member.status for member in swarm.members.values()]
+    assert {status.gains for status in statuses if status} == {Gains(0.1, 2.0, 0.04, 15.0)}
+    assert {member.agent._controller.gain for member in swarm.members.values()} == {0.04 * 15.0}
+    swarm.fly(900)
+    assert_good(swarm)
+
+
+def test_one_refusal_stops_all(desk: Desk) -> None:
+    """Agent 3 has heard of another change, which the others have not."""
+    ends = [deaf(desk.swarm, agent, keys.COMMAND) for agent in (1, 2, 4)]
+    other = Desk(desk.swarm)
+    other.tune(h=0.03, name="other")
+    other.run(0.2)
+    for end in ends:
+        end()
+    desk.tune(h=0.04)
+    desk.run(6)
+    assert desk.told[0].startswith("tune: nothing changes; refused by agent 3: another change is under way")
+    assert desk.moments == [(), (), (), ()]
+
+
+def test_a_lost_word_is_repaired_by_the_peers(desk: Desk) -> None:
+    """Agent 4 never hears `apply`; it changes in the same tick as the others."""
+    deaf(desk.swarm, 4, keys.COMMAND, kind="apply")
+    desk.tune(h=0.04)
+    desk.run(4)
+    assert len(set(desk.moments)) == 1
+    assert len(desk.moments[0]) == 1
+
+
+def test_one_who_heard_is_enough_when_the_station_dies(desk: Desk) -> None:
+    """The station says `apply` once, one agent hears it, and all change at the time."""
+    for agent in (1, 3, 4):
+        deaf(desk.swarm, agent, keys.COMMAND, kind="apply")
+    desk.tune(h=0.04)
+    desk.run(0.3)
+    desk.alive = False
+    desk.run(4)
+    assert len(set(desk.moments)) == 1
+    assert len(desk.moments[0]) == 1
+
+
+def test_a_station_that_dies_between_the_phases_changes_nothing(desk: Desk) -> None:
+    """All have prepared; without another word the old law stays."""
+    desk.tune(h=0.04)
+    desk.run(0.05)
+    desk.alive = False
+    desk.run(6)
+    assert desk.moments == [(), (), (), ()]
+    assert all(member.agent._operator.tuner._prepared for member in desk.swarm.members.values())
+
+
+def test_a_late_agent_follows_as_soon_as_it_hears(desk: Desk) -> None:
+    """Cut off from all before `apply` came; it keeps the old law until a peer is heard, then changes at once."""
+    desk.tune(h=0.04)
+    desk.run(0.05)
+    end = deaf(desk.swarm, 2, keys.COMMAND, keys.STATE)
+    desk.run(4)
+    assert desk.moments[1] == ()
+    assert all(len(desk.moments[k]) == 1 for k in (0, 2, 3))
+    end()
+    heard = desk.swarm.now
+    desk.run(1)
+    assert len(desk.moments[1]) == 1
+    assert desk.moments[1][0] - heard < 0.11
+
+
+def test_a_decision_after_the_time_is_refused_by_all(desk: Desk) -> None:
+    """`apply` was under way for too long: nobody is to begin."""
+    order = desk.tune(h=0.04)
+    desk.run(0.05)
+    desk.alive = False
+    desk.run(3)
+    desk.swarm.send(Command("late", "apply", ALL, desk.swarm.now, commits=order.tag))
+    desk.swarm.run(0.1)
+    late = [ack for ack in desk.swarm.acks if ack.command == "late"]
+    assert len(late) == 4
+    assert all("too late" in ack.reason for ack in late)
+    desk.run(1)
+    assert desk.moments == [(), (), (), ()]
+
+
+def test_no_answer_of_one_stops_all(desk: Desk) -> None:
+    """It is told before the time is over."""
+    deaf(desk.swarm, 2, keys.COMMAND)
+    order = desk.tune(h=0.04)
+    desk.run(1.6)
+    assert desk.told == ["tune: nothing changes; no answer from agent 2"]
+    assert order.tuning is not None
+    assert desk.swarm.now < order.tuning.at_s
+    desk.run(5)
+    assert desk.moments == [(), (), (), ()]
+
+
+def test_nobody_who_flies_is_left_out(desk: Desk) -> None:
+    """Agents refuse a change that a peer they hear was not asked about."""
+    desk.tune((1, 2, 3), h=0.04)
+    desk.run(4)
+    assert desk.told[0].endswith("agent 4 flies too, and was not asked")
+    assert desk.moments == [(), (), (), ()]
+
+
+def test_who_was_gone_while_the_others_changed_keeps_its_law_and_says_so(desk: Desk) -> None:
+    """It was lost, so it was not asked; it can't know the values, and says that there are two laws."""
+    desk.swarm.members[4].frozen = True
+    desk.run(8)
+    desk.tune((1, 2, 3), h=0.04)
+    desk.run(4)
+    desk.swarm.members[4].frozen = False
+    desk.run(1)
+    assert [len(moments) for moments in desk.moments] == [1, 1, 1, 0]
+    assert any("flies a law that agent 4 was not asked about" in event.text for event in desk.swarm.events)
+
+
+def test_an_older_law_never_comes_back(desk: Desk) -> None:
+    """Two changes, one after the other; a late agent goes to the newest at once."""
+    desk.tune(h=0.04, name="first")
+    desk.run(0.05)
+    end = deaf(desk.swarm, 3, keys.STATE)
+    desk.run(3)
+    desk.tune(h=0.03, name="second")
+    desk.run(3)
+    end()
+    desk.run(1)
+    assert {m.agent._controller.gains.h for m in desk.swarm.members.values()} == {0.03}
+    assert [gains.h for _, gains in desk.changes[3]][-1] == 0.03
