@@ -67,7 +67,7 @@ def test_every_mission_of_the_project_loads_and_is_written_again(path: Path) -> 
 
 def test_an_agent_needs_little_more_than_a_start() -> None:
     plan = loads(without_section("fleet").replace("  kappa: 20\n", "")).plan
-    assert (plan.kappa, plan.law.h) == (20, 0.05), "one iteration a tick, kappa * h = 1"
+    assert (plan.kappa, plan.law.h) == (20, 0.2), "one iteration a tick, kappa * h = 4"
     assert plan.policies == Policies()
     assert all(step.timeout_s > 0 for step in plan.steps)
 
@@ -300,7 +300,7 @@ def test_unreadable_fleet_files(tmp_path: Path, content: str | None, line_in_fle
         (("- [0, 4]", "- [0, 5]"), 27, "steps[3].form.shape: row stretches the link"),
         (("r_in: 0.5", "r_in: 0.1"), 9, "law.r_in: 0.5 m"),
         (("  kappa: 20", "  kappa: 20\n  h: 0.05\n  compensation: none"), 12, "law.compensation: none, with kappa"),
-        (("  kappa: 20", "  kappa: 20\n  h: 0.2"), 11, "law.h: kappa * h = 4"),
+        (("  kappa: 20", "  kappa: 20\n  h: 0.3"), 11, "law.h: kappa * h = 6"),
         (("shape: row", "shape: ring"), 17, "shapes.row: no step forms it"),
     ],
 )
