@@ -98,6 +98,8 @@ MESSAGE_IDS: dict[str, int] = {
     "HOME_POSITION": 242,
     "EXTENDED_SYS_STATE": 245,
     "ADSB_VEHICLE": 246,
+    "WIND": 168,
+    "WIND_COV": 231,
 }
 """Every message that can be streamed or requested."""
 MESSAGE_NAMES = {number: name for name, number in MESSAGE_IDS.items()}

@@ -211,6 +211,8 @@ ARDUPILOT_DEFAULTS: dict[str, Parameter] = ARDUPILOT_INERT | {
     "BATT_LOW_VOLT": _real(10.5),
     "BATT_MONITOR": _int8(4),
     "DISARM_DELAY": _int8(10),
+    "EK3_DRAG_BCOEF_X": _real(12.0),  # the real default is 0: no wind estimate; these vehicles are tuned
+    "EK3_DRAG_BCOEF_Y": _real(12.0),
     "FENCE_ENABLE": _int8(0),
     "FRAME_CLASS": _int8(1),
     "FRAME_TYPE": _int8(1),
@@ -245,6 +247,7 @@ PX4_DEFAULTS: dict[str, Parameter] = PX4_INERT | {
     "COM_LOW_BAT_ACT": _int32(0),
     "COM_OBL_RC_ACT": _int32(0),
     "COM_OF_LOSS_T": _real(1.0),
+    "EKF2_DRAG_CTRL": _int32(1),  # the real default is 0: no wind estimate; these vehicles are tuned
     "MAV_SYS_ID": _int32(1),
     "MIS_TAKEOFF_ALT": _real(2.5),
     "MPC_LAND_ALT1": _real(10.0),

@@ -100,6 +100,7 @@ class Px4(Firmware):
         "MISSION_CURRENT": 1.0,
         "GPS_GLOBAL_ORIGIN": 2.0,
         "ADSB_VEHICLE": 0.2,
+        "WIND_COV": 2.0,
     }
     force_arm_magic: ClassVar[float] = 21196.0
     arm_nonsense: ClassVar[Result | None] = None

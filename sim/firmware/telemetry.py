@@ -293,6 +293,29 @@ def mission_current(f: Firmware) -> list[Fields]:
     return [f.mission_current()]
 
 
+def wind(f: Firmware) -> list[Fields]:
+    """WIND: while EKF3 estimates it, which takes a tuned drag model and flight. Gusts are averaged out."""
+    if not _tells_wind(f, "EK3_DRAG_BCOEF_X", "EK3_DRAG_BCOEF_Y"):
+        return []
+    from_deg = math.remainder(f.parameters["SIM_WIND_DIR"], 360.0)
+    return [{"direction": from_deg, "speed": f.parameters["SIM_WIND_SPD"], "speed_z": 0.0}]
+
+
+def wind_cov(f: Firmware) -> list[Fields]:
+    """WIND_COV: while EKF2 estimates it, which takes EKF2_DRAG_CTRL and flight. Gusts are averaged out."""
+    if not _tells_wind(f, "EKF2_DRAG_CTRL"):
+        return []
+    speed, from_rad = f.parameters["SIM_WIND_SPD"], math.radians(f.parameters["SIM_WIND_DIR"])
+    blows = {"wind_x": -speed * math.cos(from_rad), "wind_y": -speed * math.sin(from_rad), "wind_z": 0.0}
+    certainty = {"var_horiz": 0.2, "var_vert": 0.0, "horiz_accuracy": 0.0, "vert_accuracy": 0.0}
+    height = f.plane.origin.alt_m - f.sensed.position_ned_m[2]
+    return [{"time_usec": f.boot_ms() * 1000, "wind_alt": height} | blows | certainty]
+
+
+def _tells_wind(f: Firmware, *switches: str) -> bool:
+    return not f.sensed.landed and all(name in f.parameters and f.parameters[name] > 0 for name in switches)
+
+
 BUILDERS: dict[str, Callable[[Firmware], list[Fields]]] = {
     "HEARTBEAT": heartbeat,
     "SYS_STATUS": sys_status,
@@ -312,4 +335,6 @@ BUILDERS: dict[str, Callable[[Firmware], list[Fields]]] = {
     "EXTENDED_SYS_STATE": extended_sys_state,
     "ADSB_VEHICLE": adsb_vehicle,
     "MISSION_CURRENT": mission_current,
+    "WIND": wind,
+    "WIND_COV": wind_cov,
 }

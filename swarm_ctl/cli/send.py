@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -10,6 +11,8 @@ from rich.console import Console
 
 from swarm_ctl.cli.station import newest_run
 from swarm_ctl.core.operator import KINDS
+from swarm_ctl.core.state import Ack
+from swarm_ctl.core.text import agents_named
 from swarm_ctl.errors import InputError
 
 _ARGUMENTS: Final = {"form": ("SHAPE",), "move": ("N", "E"), "tune": ("NAME=VALUE",)}
@@ -25,7 +28,7 @@ def send(
         ),
     ] = None,
     run: Annotated[Path | None, typer.Option(help="The run folder; default: the newest in runs/.")] = None,
-    agents: Annotated[str, typer.Option(help="Only these, e.g. 2,5; default: all.")] = "",
+    agents: Annotated[str, typer.Option(help="Only these, e.g. 2,5-7; default: all.")] = "",
     by: Annotated[bool, typer.Option("--by", help="move: by N E metres from where the formation is.")] = False,
     speed: Annotated[float | None, typer.Option(help="move: m/s; default: half of what the vehicles may.")] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask before kill.")] = False,
@@ -73,15 +76,24 @@ def send(
             answers = sender.tune(given)
         else:
             answers = sender.send(command, meant)
-    for agent, ack in sorted(answers.acks.items()):
-        console.print(f"agent {agent}: {'accepted' if ack.accepted else 'refused: ' + ack.reason}", soft_wrap=True)
-    for agent in answers.silent:
-        console.print(f"agent {agent}: no answer", style="bold red")
+    for words, ids in _said(answers.acks.values()).items():
+        console.print(f"{agents_named(ids)}: {words}", soft_wrap=True)
+    if answers.silent:
+        console.print(f"{agents_named(answers.silent)}: no answer", style="bold red")
     if answers.accepted and answers.command.tuning is not None:
         console.print(f"all agents: {command_words(answers.command)}", soft_wrap=True)
     if answers.failed:
         console.print(f"nothing changes: {answers.failed}", style="bold red", soft_wrap=True)
     raise typer.Exit(0 if answers.accepted else 1)
+
+
+def _said(acks: Iterable[Ack]) -> dict[str, list[int]]:
+    """Who said what: one line for all that say the same, but for their own names."""
+    found: dict[str, list[int]] = {}
+    for ack in sorted(acks, key=lambda ack: ack.agent):
+        reason = ack.reason.removeprefix(f"agent {ack.agent} ").removeprefix("is ")
+        found.setdefault("accepted" if ack.accepted else f"refused: {reason}", []).append(ack.agent)
+    return found
 
 
 def _check(command: str, given: list[str]) -> None:
@@ -94,10 +106,17 @@ def _check(command: str, given: list[str]) -> None:
 
 
 def _agents(text: str) -> tuple[int, ...]:
-    try:
-        return tuple(int(word) for word in text.split(",") if word.strip())
-    except ValueError:
-        raise InputError(f"--agents {text!r}; allowed: ids with commas between them, such as 2,5") from None
+    chosen: set[int] = set()
+    for word in filter(None, map(str.strip, text.split(","))):
+        first, _, last = word.partition("-")
+        try:
+            span = range(int(first), int(last or first) + 1)
+        except ValueError:
+            span = range(0)
+        if not 0 < len(span) <= 65535:
+            raise InputError(f"--agents {text!r}; allowed: ids and ranges with commas between them, such as 2,5-7")
+        chosen.update(span)
+    return tuple(sorted(chosen))
 
 
 def _number(text: str) -> float:

@@ -141,7 +141,8 @@ def _facts(plan: Plan) -> list[str]:
     safe = plan.policies
     lines.append(
         f"limits   battery under {safe.battery_reserve_percent:g} %: {safe.battery_low.value};"
-        f" over {safe.max_speed_mps:g} m/s or {safe.max_tilt_deg:g} degrees: {safe.too_fast.value}"
+        f" over {safe.max_speed_mps:g} m/s or {safe.max_tilt_deg:g} degrees: {safe.too_fast.value};"
+        f" wind over {safe.wind_limit_mps:g} m/s: {safe.wind.value}"
     )
     lost = plan.policies
     lines.append(

@@ -107,6 +107,9 @@ class Policies:
     """Faster than `max_speed_mps` or leaning more than `max_tilt_deg`: it no longer does what it is told."""
     max_speed_mps: float = 10.0
     max_tilt_deg: float = 45.0
+    wind: Policy = Policy.LAND
+    """Stronger wind than `wind_limit_mps`, where the vehicle estimates it; where not, the tilt limit stands in."""
+    wind_limit_mps: float = 12.0
     return_separation_m: float = 3.0
     """Between the heights of two agents that return."""
     return_speed_mps: float = 2.5

@@ -75,6 +75,8 @@ class VehicleView:
     battery_percent: float | None = None
     tilt_deg: float | None = None
     """How far it leans (ATTITUDE: roll and pitch); None while unknown."""
+    wind_mps: float | None = None
+    """Horizontal wind by the vehicle's own estimate (WIND, WIND_COV); None where it has none, or none that is new."""
     origin: Geodetic | None = None
     """GPS_GLOBAL_ORIGIN: where the vehicle's own local frame has its zero."""
     local: LocalFix | None = None

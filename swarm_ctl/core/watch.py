@@ -182,6 +182,14 @@ def _too_fast(s: Situation) -> Finding | None:
     return None
 
 
+def _too_windy(s: Situation) -> Finding | None:
+    """By the vehicle's own estimate. PX4 has the same limit of its own (COM_WIND_MAX), off as delivered."""
+    wind, policies = s.view.wind_mps, s.plan.policies
+    if not s.had_control or wind is None or wind <= policies.wind_limit_mps:
+        return None
+    return _by_policy(policies.wind, f"wind of {wind:.1f} m/s; allowed: {policies.wind_limit_mps:g} m/s")
+
+
 def _by_policy(policy: Policy, reason: str) -> Finding | None:
     return None if policy is Policy.CONTINUE else Finding(policy.value, "failed", reason)
 
@@ -194,6 +202,7 @@ CHECKS: Final[tuple[Check, ...]] = (
     _vehicle_silent,
     _position_lost,
     _too_fast,
+    _too_windy,
     _beyond_fence,
     _battery_low,
     _peers_gone,

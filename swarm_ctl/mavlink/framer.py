@@ -10,14 +10,14 @@ import re
 import struct
 from typing import NamedTuple
 
-from pymavlink.dialects.v20 import common
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 _MAGIC = re.compile(rb"[\xfd\xfe]")
 _V2, _V1 = 0xFD, 0xFE
 _HEADER_V2, _HEADER_V1 = 10, 6
 _SIGNED = 0x01
 _SIGNATURE_BYTES = 13
-_CRC_EXTRA: dict[int, bytes] = {number: bytes([message.crc_extra]) for number, message in common.mavlink_map.items()}
+_CRC_EXTRA: dict[int, bytes] = {number: bytes([message.crc_extra]) for number, message in dialect.mavlink_map.items()}
 _CRC = struct.Struct("<H")
 
 _NONE, _PARTIAL = 0, -1
@@ -93,7 +93,7 @@ def _size(data: bytes, at: int) -> int:
     if available < size:
         return _PARTIAL
     end = at + header + data[at + 1]
-    good = common.x25crc(data[at + 1 : end] + extra).crc == _CRC.unpack_from(data, end)[0]
+    good = dialect.x25crc(data[at + 1 : end] + extra).crc == _CRC.unpack_from(data, end)[0]
     return size if good else _NONE
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from pymavlink.dialects.v20 import common
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from swarm_ctl.core.vehicle import Goal, LinkCounters, VehicleView, Yield
 from swarm_ctl.errors import LinkError
@@ -28,7 +28,7 @@ from swarm_ctl.mavlink.wires import Wire, open_wire
 MAX_CHUNKS = 2048
 """Chunks read in one `receive`: a flood costs a bounded time per tick (a vehicle sends about 3 a tick)."""
 _TIMESYNC_S = 1.0
-_SETPOINT_ID = common.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
+_SETPOINT_ID = dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
 
 
 class VehicleLink:
@@ -50,7 +50,7 @@ class VehicleLink:
         self._wire = open_wire(endpoint) if isinstance(endpoint, str) else endpoint
         self._framer = Framer()
         self._heard = Heard(watched=frozenset(self._autopilot.failsafes))
-        self._codec = common.MAVLink(None, srcSystem=SOURCE_SYSTEM, srcComponent=SOURCE_COMPONENT)
+        self._codec = dialect.MAVLink(None, srcSystem=SOURCE_SYSTEM, srcComponent=SOURCE_COMPONENT)
         self._secure()
         self._now = 0.0
         self._timesync_due = -math.inf
@@ -95,6 +95,7 @@ class VehicleLink:
             released=driver.parameters.released(heard),
             battery_percent=heard.battery_percent,
             tilt_deg=heard.tilt_deg,
+            wind_mps=heard.wind_now(now),
             origin=heard.origin,
             local=heard.local,
             global_=heard.global_,
@@ -153,7 +154,7 @@ class VehicleLink:
             return
         try:
             message = self._codec.decode(bytearray(frame.raw))
-        except common.MAVError:
+        except dialect.MAVError:
             self._rejected += 1
             return
         self._rejected += not fold(self._heard, message, now)

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from pymavlink.dialects.v20 import common
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from swarm_ctl.core.plan import Geodetic
 from swarm_ctl.core.vehicle import Contact, GlobalFix, LocalFix
@@ -25,6 +25,9 @@ MAX_ALTITUDE_M = 2e4
 MAX_CONTACTS = 256
 MAX_ROUND_TRIP_S = 10.0
 """An older answer, or one from the future, answers somebody else's request."""
+WIND_KEPT_S = 10.0
+"""An estimate not repeated for this long (PX4 sends one in 2 s) is none."""
+MAX_WIND_MPS = 100.0
 CONTACT_KEPT_S = 10.0
 """A contact not repeated for this long is forgotten; what an older one means is the core's business before that."""
 IDENTITY_KEPT_S = 3.0
@@ -63,6 +66,9 @@ class Heard:
     sensors_health: int = 0
     battery_percent: float | None = None
     tilt_deg: float | None = None
+    wind_mps: float = 0.0
+    wind_s: float = -math.inf
+    """When it was told; -inf: never."""
     origin: Geodetic | None = None
     local: LocalFix | None = None
     global_: GlobalFix | None = None
@@ -84,6 +90,10 @@ class Heard:
         for address in old:
             del self.contacts[address]
 
+    def wind_now(self, now: float) -> float | None:
+        """Horizontal wind [m/s], while the vehicle tells it."""
+        return self.wind_mps if now - self.wind_s <= WIND_KEPT_S else None
+
     def clocked(self, boot_ms: int) -> None:
         """Note the vehicle's clock; forget what does not survive a restart when it went back."""
         boot_s = boot_ms * 1e-3
@@ -102,8 +112,8 @@ def _heartbeat(heard: Heard, message: Any, now: float) -> bool:
     heard.heartbeat_s = now
     heard.autopilot = message.autopilot
     heard.vehicle_type = message.type
-    heard.armed = bool(message.base_mode & common.MAV_MODE_FLAG_SAFETY_ARMED)
-    custom = message.base_mode & common.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+    heard.armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
+    custom = message.base_mode & dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
     heard.custom_mode = message.custom_mode if custom else None
     return True
 
@@ -173,17 +183,34 @@ def _attitude(heard: Heard, message: Any, now: float) -> bool:  # noqa: ARG001
     return True
 
 
-def _extended_state(heard: Heard, message: Any, now: float) -> bool:  # noqa: ARG001
-    if message.landed_state == common.MAV_LANDED_STATE_UNDEFINED:
-        return True
-    if message.landed_state > common.MAV_LANDED_STATE_LANDING:
+def _wind(heard: Heard, message: Any, now: float) -> bool:
+    """ArduPilot: speed and where it comes from."""
+    return _winds(heard, message.speed, now)
+
+
+def _wind_cov(heard: Heard, message: Any, now: float) -> bool:
+    """PX4: where it blows."""
+    return _winds(heard, math.hypot(message.wind_x, message.wind_y), now)
+
+
+def _winds(heard: Heard, speed_mps: float, now: float) -> bool:
+    if not 0.0 <= speed_mps <= MAX_WIND_MPS:  # NaN is not
         return False
-    heard.on_ground = message.landed_state == common.MAV_LANDED_STATE_ON_GROUND
+    heard.wind_mps, heard.wind_s = speed_mps, now
     return True
 
 
-_ADSB_NEEDED = common.ADSB_FLAGS_VALID_COORDS | common.ADSB_FLAGS_VALID_ALTITUDE
-_ADSB_MOVING = common.ADSB_FLAGS_VALID_HEADING | common.ADSB_FLAGS_VALID_VELOCITY
+def _extended_state(heard: Heard, message: Any, now: float) -> bool:  # noqa: ARG001
+    if message.landed_state == dialect.MAV_LANDED_STATE_UNDEFINED:
+        return True
+    if message.landed_state > dialect.MAV_LANDED_STATE_LANDING:
+        return False
+    heard.on_ground = message.landed_state == dialect.MAV_LANDED_STATE_ON_GROUND
+    return True
+
+
+_ADSB_NEEDED = dialect.ADSB_FLAGS_VALID_COORDS | dialect.ADSB_FLAGS_VALID_ALTITUDE
+_ADSB_MOVING = dialect.ADSB_FLAGS_VALID_HEADING | dialect.ADSB_FLAGS_VALID_VELOCITY
 
 
 def _traffic(heard: Heard, message: Any, now: float) -> bool:
@@ -202,8 +229,8 @@ def _traffic(heard: Heard, message: Any, now: float) -> bool:
 
 
 def _status_text(heard: Heard, message: Any, now: float) -> bool:
-    if message.severity > common.MAV_SEVERITY_WARNING:
-        return message.severity <= common.MAV_SEVERITY_DEBUG  # type: ignore[no-any-return]
+    if message.severity > dialect.MAV_SEVERITY_WARNING:
+        return message.severity <= dialect.MAV_SEVERITY_DEBUG  # type: ignore[no-any-return]
     if message.id:
         heard.texts.add_chunk(message.text, message.id, now)
     elif message.text:
@@ -218,22 +245,22 @@ def _command_ack(heard: Heard, message: Any, now: float) -> bool:  # noqa: ARG00
     if name is None or heard.answers.get(message.command) == result:
         return True
     heard.answers[message.command] = result
-    if result not in (common.MAV_RESULT_ACCEPTED, common.MAV_RESULT_IN_PROGRESS):
+    if result not in (dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_IN_PROGRESS):
         heard.texts.add(f"{name} refused: {_RESULTS.get(result, result)}")
     return True
 
 
 _REFUSABLE = {
-    common.MAV_CMD_COMPONENT_ARM_DISARM: "arming",
-    common.MAV_CMD_NAV_TAKEOFF: "take-off",
-    common.MAV_CMD_DO_SET_MODE: "mode change",
+    dialect.MAV_CMD_COMPONENT_ARM_DISARM: "arming",
+    dialect.MAV_CMD_NAV_TAKEOFF: "take-off",
+    dialect.MAV_CMD_DO_SET_MODE: "mode change",
 }
 """Commands whose refusal an operator wants to know; nothing else depends on an answer."""
-_RESULTS = {number: entry.name.removeprefix("MAV_RESULT_") for number, entry in common.enums["MAV_RESULT"].items()}
+_RESULTS = {number: entry.name.removeprefix("MAV_RESULT_") for number, entry in dialect.enums["MAV_RESULT"].items()}
 
 
 def _parameter_value(heard: Heard, message: Any, now: float) -> bool:  # noqa: ARG001
-    name, real = message.param_id, message.param_type == common.MAV_PARAM_TYPE_REAL32
+    name, real = message.param_id, message.param_type == dialect.MAV_PARAM_TYPE_REAL32
     if real and not math.isfinite(message.param_value):
         return False
     if name in heard.watched:
@@ -262,6 +289,8 @@ FOLDS: dict[str, Callable[[Heard, Any, float], bool]] = {
     "BATTERY_STATUS": _battery_status,
     "ATTITUDE": _attitude,
     "EXTENDED_SYS_STATE": _extended_state,
+    "WIND": _wind,
+    "WIND_COV": _wind_cov,
     "TIMESYNC": _timesync,
     "ADSB_VEHICLE": _traffic,
     "STATUSTEXT": _status_text,
@@ -270,7 +299,7 @@ FOLDS: dict[str, Callable[[Heard, Any, float], bool]] = {
 }
 """What is folded. Everything else the vehicle says is counted and left alone."""
 
-FOLDS_BY_ID = {number: FOLDS[m.msgname] for number, m in common.mavlink_map.items() if m.msgname in FOLDS}
+FOLDS_BY_ID = {number: FOLDS[m.msgname] for number, m in dialect.mavlink_map.items() if m.msgname in FOLDS}
 
 
 def fold(heard: Heard, message: Any, now: float) -> bool:
@@ -287,4 +316,4 @@ def message_id(name: str) -> int:
     return _IDS[name]
 
 
-_IDS: dict[str, int] = {m.msgname: number for number, m in common.mavlink_map.items() if m.msgname in FOLDS}
+_IDS: dict[str, int] = {m.msgname: number for number, m in dialect.mavlink_map.items() if m.msgname in FOLDS}

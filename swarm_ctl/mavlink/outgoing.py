@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from typing import Any, TypeAlias
 
-from pymavlink.dialects.v20 import common
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 Message: TypeAlias = Any
-"""A `pymavlink.dialects.v20.common.MAVLink_message` (pymavlink has no types)."""
+"""A `MAVLink_message` (pymavlink has no types)."""
 
 SOURCE_SYSTEM = 255
 """The system id of ground stations: ArduPilot's GCS failsafe counts heartbeats of this one only (MAV_GCS_SYSID)."""
@@ -22,32 +22,32 @@ VELOCITY_ONLY = 3527
 """type_mask: ignore position, acceleration, yaw and yaw rate; all three velocity axes count."""
 FRAME_LOCAL_NED = 1
 
-ARM_DISARM = common.MAV_CMD_COMPONENT_ARM_DISARM
+ARM_DISARM = dialect.MAV_CMD_COMPONENT_ARM_DISARM
 FORCE = 21196.0
 """Parameter 2 of ARM_DISARM: whatever the state (MAV_CMD_COMPONENT_ARM_DISARM)."""
-TAKEOFF = common.MAV_CMD_NAV_TAKEOFF
-SET_MODE = common.MAV_CMD_DO_SET_MODE
-SET_INTERVAL = common.MAV_CMD_SET_MESSAGE_INTERVAL
-REQUEST_MESSAGE = common.MAV_CMD_REQUEST_MESSAGE
-CUSTOM_MODE = common.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+TAKEOFF = dialect.MAV_CMD_NAV_TAKEOFF
+SET_MODE = dialect.MAV_CMD_DO_SET_MODE
+SET_INTERVAL = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
+REQUEST_MESSAGE = dialect.MAV_CMD_REQUEST_MESSAGE
+CUSTOM_MODE = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
 
 
 def heartbeat() -> Message:
     """HEARTBEAT of a ground station."""
-    return common.MAVLink_heartbeat_message(
-        common.MAV_TYPE_GCS, common.MAV_AUTOPILOT_INVALID, 0, 0, common.MAV_STATE_ACTIVE, 3
+    return dialect.MAVLink_heartbeat_message(
+        dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
     )
 
 
 def timesync(now: float) -> Message:
     """TIMESYNC request: the vehicle answers with its own time in tc1 and ours back in ts1 [ns]."""
-    return common.MAVLink_timesync_message(0, int(now * 1e9))
+    return dialect.MAVLink_timesync_message(0, int(now * 1e9))
 
 
 def command(system: int, number: int, *parameters: float) -> Message:
     """COMMAND_LONG to the autopilot of `system`; parameters left out are 0."""
     seven = (*parameters, *(0.0,) * (7 - len(parameters)))
-    return common.MAVLink_command_long_message(system, AUTOPILOT_COMPONENT, number, 0, *seven)
+    return dialect.MAVLink_command_long_message(system, AUTOPILOT_COMPONENT, number, 0, *seven)
 
 
 def interval(system: int, message_id: int, rate_hz: float) -> Message:
@@ -63,7 +63,7 @@ def request(system: int, message_id: int) -> Message:
 def velocity(system: int, velocity_ned_mps: tuple[float, float, float], now: float) -> Message:
     """SET_POSITION_TARGET_LOCAL_NED with a velocity [m/s] only; frame 1, mask 3527."""
     north, east, down = velocity_ned_mps
-    return common.MAVLink_set_position_target_local_ned_message(
+    return dialect.MAVLink_set_position_target_local_ned_message(
         int(now * 1000.0) & 0xFFFFFFFF,
         system,
         AUTOPILOT_COMPONENT,
@@ -85,9 +85,9 @@ def velocity(system: int, velocity_ned_mps: tuple[float, float, float], now: flo
 
 def read_parameter(system: int, name: str) -> Message:
     """PARAM_REQUEST_READ by name."""
-    return common.MAVLink_param_request_read_message(system, AUTOPILOT_COMPONENT, name.encode(), -1)
+    return dialect.MAVLink_param_request_read_message(system, AUTOPILOT_COMPONENT, name.encode(), -1)
 
 
 def set_parameter(system: int, name: str, value: float, kind: int) -> Message:
     """PARAM_SET; `value` already in the vehicle's encoding of type `kind`."""
-    return common.MAVLink_param_set_message(system, AUTOPILOT_COMPONENT, name.encode(), value, kind)
+    return dialect.MAVLink_param_set_message(system, AUTOPILOT_COMPONENT, name.encode(), value, kind)

@@ -14,7 +14,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from swarm_ctl.core import graph
-from swarm_ctl.core.fence import inside
+from swarm_ctl.core.fence import area, crossing_edges, inside
 from swarm_ctl.core.formation import distances
 from swarm_ctl.mission.course import Stand, course
 from swarm_ctl.mission.document import Place, dotted
@@ -25,6 +25,8 @@ from swarm_ctl.mission.simulation import overlaps
 MAX_DISTANCE_M = 5000.0
 """From the origin: further out the common frame's flat horizon is metres off the earth's."""
 _ROUNDING = 1e-9
+_DOWN_MPS = 1.5
+"""No firmware as delivered comes down faster (WPNAV_SPEED_DN, MPC_Z_V_AUTO_DN)."""
 
 
 class Finding(NamedTuple):
@@ -354,6 +356,25 @@ def _fenced(mission: MissionFile, stands: list[Stand]) -> Findings:
                 yield Finding(place, f"goes {away_m:.0f} m from the origin", f"at most {MAX_DISTANCE_M:g} m")
 
 
+def _travel_timeouts(mission: MissionFile, stands: list[Stand]) -> Findings:
+    for k, (step, before, after) in enumerate(zip(mission.steps, stands[:-1], stands[1:], strict=True)):
+        travel = step.move or step.rotate or step.scale
+        if travel and travel.timeout_s is not None:
+            needed_s = way_m(mission, before, after) / travel_mps(mission, travel) + travel.settle_s
+            yield from _longer(("steps", k, _kinds(mission)[k]), travel.timeout_s, needed_s)
+
+
+def _polygon(mission: MissionFile) -> Findings:
+    polygon = mission.fence.polygon or ()
+    crossing = crossing_edges(polygon)
+    if crossing:
+        i, j = crossing
+        what = f"the edges after corners {i + 1} and {j + 1} cross"
+        yield Finding(("fence", "polygon"), what, "corners in order, as one walks along the fence")
+    elif polygon and area(polygon) * mission.unit_m**2 < 1.0:
+        yield Finding(("fence", "polygon"), "has no area", "corners around a field")
+
+
 def _at(centre: tuple[float, float], stand: Stand) -> list[tuple[float, float]]:
     return [(centre[0] + n, centre[1] + e) for n, e in stand.offsets]
 
@@ -376,6 +397,10 @@ def _timeouts(mission: MissionFile) -> Findings:
             yield from _longer(("steps", k, "form"), step.form.timeout_s, step.form.settle_s)
         if step.hold and step.hold.timeout_s is not None:
             yield from _longer(("steps", k, "hold"), step.hold.timeout_s, step.hold.duration_s)
+        down, first = step.land or step.return_, mission.steps[0].takeoff
+        if down and down.timeout_s is not None and first:
+            place: Place = ("steps", k, "land" if step.land else "return")
+            yield from _longer(place, down.timeout_s, first.height_m / _DOWN_MPS)
 
 
 def climb_s(mission: MissionFile, takeoff: Takeoff) -> float:
@@ -414,6 +439,7 @@ CHECKS: tuple[tuple[str, Callable[[MissionFile], Findings]], ...] = (
     ("agents law unit_m", _starts),
     ("agents law unit_m neighbours", _connected),
     ("fleet", _fleet),
+    ("fence lengths unit_m", _polygon),
     ("agents fleet", _fleet_has_all),
     ("agents simulation", _faults),
     ("shapes agents law unit_m", _shapes),
@@ -424,4 +450,9 @@ CHECKS: tuple[tuple[str, Callable[[MissionFile], Findings]], ...] = (
     ("steps vehicle", _moves),
     ("neighbours steps agents", _links),
 )
-COURSE_CHECKS: tuple[Callable[[MissionFile, list[Stand]], Findings], ...] = (_rechosen, _narrow, _fenced)
+COURSE_CHECKS: tuple[Callable[[MissionFile, list[Stand]], Findings], ...] = (
+    _rechosen,
+    _narrow,
+    _fenced,
+    _travel_timeouts,
+)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -44,6 +45,10 @@ def form_step(
 
 
 def move(plan: Plan, to_m: Point, speed_mps: float | None = None) -> MoveStep:
-    """The formation's centre to a point, in metres north and east of the origin."""
-    speed = speed_mps or plan.limits.speed_mps / 2
+    """The formation's centre to a point, in metres north and east of the origin; InputError where that can't be."""
+    if not all(map(math.isfinite, to_m)):
+        raise InputError(f"move to ({to_m[0]:g}, {to_m[1]:g}) m; allowed: finite numbers of metres, north and east")
+    speed = plan.limits.speed_mps / 2 if speed_mps is None else speed_mps
+    if not 0 < speed <= plan.limits.speed_mps:
+        raise InputError(f"move at {speed:g} m/s; allowed: above 0, at most {plan.limits.speed_mps:g} m/s")
     return MoveStep((to_m,), speed, _TOLERANCE_M, _SETTLE_S, _NO_END_S)

@@ -10,11 +10,15 @@ from typing import Any
 from swarm_ctl.mission.document import Document
 
 
-def graft(source: Document, folder: Path) -> None:
-    """Replace every shape of kind `csv` by its slots; what can't be read becomes a problem at the mission's line."""
+def graft(source: Document, folder: Path) -> bool:
+    """Replace every shape of kind `csv` by its slots; what can't be read becomes a problem at the mission's line.
+
+    False where there is such a problem: the shapes are not what the mission means then.
+    """
     shapes = source.data.get("shapes") if isinstance(source.data, dict) else None
     if not isinstance(shapes, dict):
-        return
+        return True
+    before = len(source.problems)
     for name, shape in shapes.items():
         if not isinstance(shape, dict) or shape.get("kind") != "csv" or not isinstance(shape.get("path"), str):
             continue
@@ -25,13 +29,14 @@ def graft(source: Document, folder: Path) -> None:
         except (OSError, UnicodeDecodeError, csv.Error) as error:
             why = getattr(error, "strerror", None) or str(error)
             source.problems.append(source.problem(place, f"{path} can't be read: {why}", "a readable CSV file"))
-            rows = [(0.0, 0.0)]
+            continue
         except _BadRowError as error:
             allowed = "two numbers a line: north, east (the first line may have names)"
             source.problems.append(source.problem(place, f"{path}:{error.line}: {error}", allowed))
-            rows = [(0.0, 0.0)]
+            continue
         rest: dict[str, Any] = {key: value for key, value in shape.items() if key not in ("kind", "path")}
         shapes[name] = {"kind": "offsets", "offsets": tuple(rows), **rest}
+    return len(source.problems) == before
 
 
 class _BadRowError(ValueError):

@@ -31,6 +31,8 @@ class _Loader(yaml.SafeLoader):
 
 
 _TAG = "tag:yaml.org,2002:"
+_MOST_BYTES = 4_000_000
+"""A mission of 250 agents with a hundred shapes, slot by slot, has half of that; parsing more takes seconds."""
 for _name, _pattern, _first in (
     ("bool", r"true|True|TRUE|false|False|FALSE", "tTfF"),
     ("null", r"~|null|Null|NULL|", ["~", "n", "N", ""]),
@@ -90,12 +92,17 @@ def dotted(place: Place) -> str:
 def read(path: Path, *, what: str = "mission") -> Document:
     """Read a YAML file; raises MissionError where it can't be read or parsed at all."""
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        data = path.read_bytes() if path.stat().st_size <= _MOST_BYTES else None
     except OSError as error:
         reason = error.strerror or str(error)
         raise _refuse(str(path), f"can't be read: {reason}", f"a readable {what} file") from error
+    if data is None:
+        raise _refuse(f"{path}:1", "is too long for notes of an operator", f"at most {_MOST_BYTES} bytes")
+    try:
+        text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise _refuse(str(path), f"is not text: {error.reason} at byte {error.start}", "UTF-8 text") from error
+        line = data.count(b"\n", 0, error.start) + 1
+        raise _refuse(f"{path}:{line}", f"is not text: {error.reason} at byte {error.start}", "UTF-8 text") from error
     return parse(text, str(path))
 
 
@@ -105,19 +112,22 @@ def parse(text: str, name: str) -> Document:
         node = yaml.compose(text, Loader=_Loader)
         document = Document(name)
         if node is None:
-            raise _refuse(name, "is empty", "a mapping of fields to values")
+            raise _refuse(f"{name}:1", "is empty", "a mapping of fields to values")
         document.data = _Converter(document).convert(node, ())
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
+        if error.problem == "could not find expected ':'":
+            mark = error.context_mark or mark  # PyYAML notices on the next line
         where = f"{name}:{mark.line + 1}" if mark else name
         what = " ".join(part for part in (error.context, error.problem) if part)
-        raise _refuse(where, f"YAML: {what}", "well-formed YAML") from error
+        allowed = "spaces, not tabs, in front of a field" if "'\\t'" in what else "well-formed YAML"
+        raise _refuse(where, f"YAML: {what}", allowed) from error
     except yaml.reader.ReaderError as error:
         line = text.count("\n", 0, error.position) + 1
         character = f"character {error.character!r}"
         raise _refuse(f"{name}:{line}", f"YAML: {character} ({error.reason})", "printable text") from error
     except RecursionError as error:
-        raise _refuse(name, "is nested too deeply", "a few levels of mappings and lists") from error
+        raise _refuse(f"{name}:1", "is nested too deeply", "a few levels of mappings and lists") from error
     return document
 
 
@@ -135,8 +145,10 @@ class _Converter:
         # A mapping's entry has the line of its key, noted before; lists' entries and the top have their own.
         self._document.wheres.setdefault(place, self._where(node))
         if isinstance(node, MappingNode):
+            self._untagged(node, place, "map")
             return self._mapping(node, place)
         if isinstance(node, SequenceNode):
+            self._untagged(node, place, "seq")
             return tuple(self.convert(item, (*place, k)) for k, item in enumerate(node.value))
         return self._scalar(node, place)
 
@@ -167,9 +179,12 @@ class _Converter:
                 return float(text.lower().replace(".inf", "inf").replace(".nan", "nan"))
         except ValueError:
             return text
-        if tag not in {"str", "null"}:
-            self._note(node, place, f"has the YAML tag {node.tag!r}", "no tags")
+        self._untagged(node, place, "str", "null")
         return None if tag == "null" else text
+
+    def _untagged(self, node: Node, place: Place, *plain: str) -> None:
+        if node.tag.removeprefix(_TAG) not in plain:
+            self._note(node, place, f"has the YAML tag {node.tag!r}", "no tags")
 
     def _where(self, node: Node) -> str:
         return f"{self._document.name}:{node.start_mark.line + 1}"

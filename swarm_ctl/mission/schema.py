@@ -47,7 +47,8 @@ class Law(Section):
     kappa: float | None = Field(default=None, gt=0, le=1000)
     """Law iterations per second; 1 / tick_s where not given."""
     h: float | None = Field(default=None, gt=0, le=1)
-    """Consensus gain per iteration; where not given 1 / kappa with stop points, 0.005 (the paper's) without."""
+    """Consensus gain per iteration; where not given 4 / kappa with stop points (1 / kappa without filter or release), and
+    0.005, the paper's, without stop points."""
     delta_l: float = Field(default=2.0, ge=2, le=100)
     delta_a: float = Field(default=0.1, gt=0, le=100)
 
@@ -333,6 +334,9 @@ class PolicySection(Section):
     max_speed_mps: float | None = Field(default=None, ge=0.5, le=60)
     """Twice vehicle.limits.speed_mps where not given."""
     max_tilt_deg: float = Field(default=45.0, ge=5, le=90)
+    wind: Action = Policy.LAND
+    """More wind than `wind_limit_mps`, as the vehicle estimates it; where it does not, the tilt limit stands in."""
+    wind_limit_mps: float = Field(default=12.0, ge=1, le=30)
     return_separation_m: float = Field(default=3.0, ge=0, le=20)
     """Between the heights of two agents on their way back."""
     return_speed_mps: float | None = Field(default=None, ge=0.1, le=20)

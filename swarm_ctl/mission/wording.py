@@ -12,6 +12,12 @@ from swarm_ctl.errors import Problem
 from swarm_ctl.mission.document import Document, Place
 
 _Schema = Mapping[str, Any]
+_NAME = "letters, digits, - and _, at most 40"
+_OF = {
+    r"^[A-Za-z0-9][A-Za-z0-9_-]{0,39}$": f" of {_NAME},",
+    r"^[A-Za-z0-9 ]{1,12}$": " of A to Z, digits and spaces, at most 12,",
+}
+"""What a pattern of the schema means."""
 
 
 def problem_of(error: Mapping[str, Any], document: Document, schema: _Schema) -> Problem:
@@ -31,13 +37,14 @@ def problem_of(error: Mapping[str, Any], document: Document, schema: _Schema) ->
         value = show(error["ctx"]["tag"])
         return document.problem((*place, "kind"), f"{value} is not a known kind", _kinds(schema, loc))
     if loc and loc[-1] == "[key]":
-        return document.problem(place, "can't be a name", "letters, digits, - and _, at most 40")
+        return document.problem(place, "can't be a name", _NAME)
     return document.problem(place, _what(error), describe(schema, _find(schema, loc)))
 
 
 def show(value: Any) -> str:
     """A value as the file would write it, shortened."""
     text = json.dumps(value, default=str, ensure_ascii=False)
+    text = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
     text = {"null": "nothing", "NaN": ".nan", "Infinity": ".inf", "-Infinity": "-.inf"}.get(text, text)
     return text if len(text) <= 40 else text[:37] + "..."
 
@@ -65,6 +72,8 @@ def describe(root: _Schema, node: _Schema) -> str:
 
 def _what(error: Mapping[str, Any]) -> str:
     value, kind = error["input"], str(error["type"])
+    if value is None:
+        return "is empty"
     if kind in {"too_short", "too_long"}:
         return f"has {len(value)} entries"
     if kind.endswith(("_type", "_parsing", "_from_float")):
@@ -91,7 +100,8 @@ def _kind_of(value: Any) -> str:
 
 def _range(node: _Schema) -> str:
     if "examples" in node:
-        return " such as " + " or ".join(node["examples"])
+        of = _OF.get(node.get("pattern", ""), "")
+        return f"{of} such as " + " or ".join(node["examples"])
     if "minimum" in node and "maximum" in node:
         return f" from {node['minimum']:g} to {node['maximum']:g}"
     words = {"exclusiveMinimum": "above", "minimum": "at least", "maximum": "at most"}

@@ -96,8 +96,8 @@ def draw(cell: Cell, first: int, count: int) -> Batch:
     """The missions `first` to `first + count` of a cell; InputError where the area is too small for them."""
     random = np.random.default_rng([cell.seed, cell.index, first])
     values = {name: _draw(getattr(cell, name), count, random) for name in RANGES}
-    # area 0: as dense as six agents in a square of 10 x 10
-    values["area"] = np.where(values["area"] == 0, 10.0 * np.sqrt(cell.n / 6), values["area"])
+    # area 0: six in a square of 10 x 10, more a little denser: as sparse as six, many hardly ever hang together
+    values["area"] = np.where(values["area"] == 0, 10.0 * (cell.n / 6) ** 0.375, values["area"])
     starts = _starts(cell, values["area"], values["spacing"], random)
     slots = _slots(cell, starts, values["spacing"], random)
     wind_from_rad = random.uniform(0.0, 2 * np.pi, count)

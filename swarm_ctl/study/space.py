@@ -134,7 +134,7 @@ class Study(_Common):
     wind_mps: tuple[Range, ...] = value(0.0)
     """Constant, from a direction drawn per mission; only firmwares feel it."""
     area: tuple[Range, ...] = value(0.0)
-    """Side of the square of random starts [units]; 0: as dense as six in 10 x 10."""
+    """Side of the square of random starts [units]; 0: six in 10 x 10, more a little denser."""
     spacing: tuple[Range, ...] = value(2.0)
     """Between adjacent slots [units]; for starts on a ring or grid as well."""
     silent: tuple[Range, ...] = value(0.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -113,6 +114,49 @@ def test_tilt_and_speed(policy: Policy) -> None:
     settle(swarm)
 
 
+@pytest.mark.parametrize(
+    ("autopilot", "policy"), [("ardupilot", Policy.LAND), ("px4", Policy.RETURN), ("px4", Policy.HOLD)]
+)
+def test_wind(autopilot: str, policy: Policy) -> None:
+    """Under the limit nothing happens; above it all do as the mission says, and a hold ends with the wind."""
+    windy = mission(f"wind: {policy.value}, wind_limit_mps: 7")
+    fleet = replace(windy.fleet, agents=tuple(replace(a, autopilot=autopilot) for a in windy.fleet.agents))
+    swarm = in_third(replace(windy, fleet=fleet))
+    blow(swarm, 6.0)
+    swarm.run(8)
+    assert swarm.phases() == {Phase.FLY}
+    blow(swarm, 9.0)
+    swarm.run(8)
+    assert PHASES[policy] in swarm.phases()
+    assert "wind of 9.0 m/s; allowed: 7 m/s" in reasons(swarm)
+    blow(swarm, 2.0)
+    settle(swarm)
+    assert set(swarm.outcomes().values()) == {"completed" if policy is Policy.HOLD else "failed"}
+
+
+def blow(swarm: VirtualSwarm, speed_mps: float) -> None:
+    for vehicle in swarm.hub.world.vehicles:
+        vehicle.firmware.parameters.set("SIM_WIND_SPD", speed_mps)
+        vehicle.firmware.parameters.set("SIM_WIND_DIR", 250.0)
+
+
+@pytest.mark.parametrize(("autopilot", "off"), [("ardupilot", "EK3_DRAG_BCOEF_X"), ("px4", "EKF2_DRAG_CTRL")])
+def test_without_an_estimate_the_tilt_limit_stands_in(autopilot: str, off: str) -> None:
+    """A vehicle as delivered tells no wind; it has to lean against it all the same."""
+    calm = mission("too_fast: land, max_tilt_deg: 9")
+    fleet = replace(calm.fleet, agents=tuple(replace(a, autopilot=autopilot) for a in calm.fleet.agents))
+    swarm = VirtualSwarm(replace(calm, fleet=fleet))
+    for vehicle in swarm.hub.world.vehicles:
+        vehicle.firmware.parameters.set(off, 0.0)
+    swarm.wait(lambda s: s.in_step(THIRD))
+    blow(swarm, 13.0)
+    swarm.run(15)
+    assert "wind of" not in reasons(swarm)
+    assert "leans" in reasons(swarm)
+    swarm.fly(1200)
+    assert swarm.all_down
+
+
 @pytest.mark.parametrize("policy", ACTIONS)
 def test_station_lost(policy: Policy) -> None:
     """Each policy does what it says."""
@@ -142,7 +186,7 @@ def test_defaults_are_safe() -> None:
     """What a mission does not say: land, a fence around all that is planned, a fifth of the battery kept."""
     plan = quartet("land").plan
     safe = plan.policies
-    assert {safe.fence, safe.battery_low, safe.too_fast, safe.agent_lost, safe.station_lost} == {Policy.LAND}
+    assert {safe.fence, safe.battery_low, safe.too_fast, safe.wind, safe.agent_lost, safe.station_lost} == {Policy.LAND}
     assert safe.battery_reserve_percent == 20
     assert plan.fence is not None
     assert plan.fence.height_m == 120

@@ -14,22 +14,27 @@ from typing import Any, Self
 
 ROOT = Path(__file__).parents[2]
 HEXAGON = ROOT / "missions" / "hexagon.yaml"
+LOW = Path(__file__).with_name("low.yaml")
 SWARM_CTL = Path(sys.executable).parent / "swarm-ctl"
 
 
 class Running:
     """One command in a session of its own, so that every process it starts can be found by its session id."""
 
-    def __init__(self, *arguments: str | Path, cwd: Path, env: dict[str, str] | None = None) -> None:
+    def __init__(
+        self, *arguments: str | Path, cwd: Path, env: dict[str, str] | None = None, stderr: bool = False
+    ) -> None:
+        """`stderr`: kept apart from stdout, as `errors`."""
         self.cwd = cwd
-        self._output = cwd / f"output-{len(list(cwd.glob('output-*')))}.txt"
-        with self._output.open("wb") as output:
+        count = len(list(cwd.glob("output-*")))
+        self._output, self._errors = cwd / f"output-{count}.txt", cwd / f"errors-{count}.txt"
+        with self._output.open("wb") as output, self._errors.open("wb") as errors:
             self.process = subprocess.Popen(
                 [str(SWARM_CTL), *map(str, arguments)],
                 cwd=cwd,
                 stdin=subprocess.DEVNULL,
                 stdout=output,
-                stderr=subprocess.STDOUT,
+                stderr=errors if stderr else subprocess.STDOUT,
                 start_new_session=True,
                 env=os.environ | (env or {}),
             )
@@ -45,6 +50,10 @@ class Running:
     @property
     def output(self) -> str:
         return self._output.read_text(errors="replace")
+
+    @property
+    def errors(self) -> str:
+        return self._errors.read_text(errors="replace")
 
     @property
     def folder(self) -> Path:

@@ -6,10 +6,11 @@ import json
 import subprocess
 from pathlib import Path
 
-from tests.system.running import HEXAGON, SWARM_CTL, Running
+from tests.system.conftest import Whole
+from tests.system.running import HEXAGON, LOW, SWARM_CTL, Running
 from tests.system.terminal import Terminal, needs_tmux
 
-RUN = ("run", HEXAGON, "--speedup", "4")
+RUN = ("run", LOW, "--speedup", "4")
 
 
 @needs_tmux
@@ -17,7 +18,7 @@ def test_screens_orders_and_the_end(tmp_path: Path) -> None:
     """From the first picture over all screens to a landing by one key, and the same again from the recording; the
     terminal is left as it was.
     """
-    with Terminal(*RUN, cwd=tmp_path) as terminal:
+    with Terminal("run", HEXAGON, "--speedup", "2", cwd=tmp_path) as terminal:  # long enough for all these keys
         terminal.wait_for("6/6 agents")
         terminal.wait_for("takeoff")
         terminal.press("2")
@@ -117,7 +118,7 @@ def test_two_more_stations_watch_command_and_leave(tmp_path: Path) -> None:
 
 
 def test_a_station_in_mid_flight_has_the_whole_picture_in_two_seconds(tmp_path: Path) -> None:
-    with Running(*RUN[:2], "--speedup", "1", "--headless", cwd=tmp_path) as running:
+    with Running("run", HEXAGON, "--speedup", "1", "--headless", cwd=tmp_path) as running:
         running.wait_for_event("step 1: takeoff", count=6)
         command = [str(SWARM_CTL), "station", "--json"]
         with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, text=True) as late:
@@ -137,10 +138,8 @@ def test_a_station_in_mid_flight_has_the_whole_picture_in_two_seconds(tmp_path: 
         running.assert_nothing_left()
 
 
-def test_json_lines_are_all_that_is_on_stdout(tmp_path: Path) -> None:
-    command = [str(SWARM_CTL), "run", str(HEXAGON), "--speedup", "4", "--json"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=90)
-    lines = [json.loads(line) for line in done.stdout.splitlines()]
-    assert lines[-1]["agents"][0]["phase"] == "ended", done.stderr
+def test_json_lines_are_all_that_is_on_stdout(whole: Whole) -> None:
+    lines = [json.loads(line) for line in whole.stdout.splitlines()]
+    assert {agent["phase"] for agent in lines[-1]["agents"]} == {"ended"}, whole.stderr
     assert {line["version"] for line in lines} == {1}
-    assert "summary:" in done.stderr
+    assert "summary:" in whole.stderr

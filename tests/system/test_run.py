@@ -11,43 +11,42 @@ from pathlib import Path
 
 import pytest
 
-from tests.system.running import HEXAGON, Running
+from tests.system.conftest import Whole
+from tests.system.running import HEXAGON, LOW, Running
 
 pytestmark = pytest.mark.timeout(180)
 
-RUN = ("run", HEXAGON, "--speedup", "5", "--headless", "--no-report")
+RUN = ("run", LOW, "--speedup", "5", "--headless", "--no-report")
 
 
-def assert_apart(running: Running) -> None:
+def assert_apart(folder: Path) -> None:
     """No true distance under r_in, from the first lift-off to the last touchdown."""
-    summary = running.summary()
+    summary = json.loads((folder / "summary.json").read_text())
     assert summary["min_true_distance_m"] > summary["r_in_m"]
 
 
-def assert_truth_ends_on_the_ground(running: Running) -> None:
+def assert_truth_ends_on_the_ground(folder: Path) -> None:
     """In the last true state every vehicle is disarmed and down."""
-    lines = [json.loads(line) for line in (running.folder / "truth.jsonl").read_text().splitlines()]
+    lines = [json.loads(line) for line in (folder / "truth.jsonl").read_text().splitlines()]
     last = [line for line in lines if line["type"] == "state"][-1]
     assert not any(last["armed"])
     assert not any(last["airborne"])
 
 
-def test_hexagon_completes(tmp_path: Path) -> None:
+def test_hexagon_completes(whole: Whole) -> None:
     """From command to disarmed: exit 0, every figure of the summary in its range, nothing left behind."""
-    with Running(*RUN, cwd=tmp_path) as running:
-        assert running.wait() == 0, running.output
-        running.assert_nothing_left()
-        summary = running.summary()
-        assert summary["outcome"] == "completed"
-        assert [step["result"] for step in summary["steps"]] == ["done"] * 5
-        assert 5 < summary["time_to_form_s"] < 60
-        assert summary["formation_error_m"] < 0.5
-        assert set(summary["exit_codes"].values()) == {0}
-        assert len(summary["exit_codes"]) == 8
-        assert summary["setpoint_rate_hz"] > 15
-        assert_apart(running)
-        assert_truth_ends_on_the_ground(running)
-        assert "COMPLETED" in running.output
+    assert whole.code == 0, whole.stderr
+    summary = json.loads((whole.folder / "summary.json").read_text())
+    assert summary["outcome"] == "completed"
+    assert [step["result"] for step in summary["steps"]] == ["done"] * 5
+    assert 5 < summary["time_to_form_s"] < 60
+    assert summary["formation_error_m"] < 0.5
+    assert set(summary["exit_codes"].values()) == {0}
+    assert len(summary["exit_codes"]) == 8
+    assert summary["setpoint_rate_hz"] > 15
+    assert_apart(whole.folder)
+    assert_truth_ends_on_the_ground(whole.folder)
+    assert "COMPLETED" in whole.stderr
 
 
 @pytest.mark.parametrize("step", [1, 2])
@@ -63,8 +62,8 @@ def test_agent_killed(tmp_path: Path, step: int) -> None:
         assert summary["outcome"] == "failed"
         assert "agent 3" in summary["reason"]
         assert summary["exit_codes"]["agent-3"] == -signal.SIGKILL
-        assert_truth_ends_on_the_ground(running)
-        assert_apart(running)
+        assert_truth_ends_on_the_ground(running.folder)
+        assert_apart(running.folder)
 
 
 def test_station_killed(tmp_path: Path) -> None:
@@ -76,8 +75,8 @@ def test_station_killed(tmp_path: Path) -> None:
         running.assert_nothing_left()
         assert running.summary()["outcome"] == "failed"
         assert "station" in running.summary()["reason"]
-        assert_truth_ends_on_the_ground(running)
-        assert_apart(running)
+        assert_truth_ends_on_the_ground(running.folder)
+        assert_apart(running.folder)
 
 
 def test_simulator_killed(tmp_path: Path) -> None:
@@ -90,7 +89,7 @@ def test_simulator_killed(tmp_path: Path) -> None:
         summary = running.summary()
         assert summary["outcome"] == "failed"
         assert summary["exit_codes"]["simulator"] == -signal.SIGKILL
-        assert_apart(running)
+        assert_apart(running.folder)
 
 
 def test_run_itself_killed(tmp_path: Path) -> None:
@@ -101,8 +100,8 @@ def test_run_itself_killed(tmp_path: Path) -> None:
         running.process.wait()
         running.assert_nothing_left(60)
         assert running.summary()["outcome"] == "aborted"
-        assert_truth_ends_on_the_ground(running)
-        assert_apart(running)
+        assert_truth_ends_on_the_ground(running.folder)
+        assert_apart(running.folder)
 
 
 def test_ctrl_c_lands_first(tmp_path: Path) -> None:
@@ -114,7 +113,7 @@ def test_ctrl_c_lands_first(tmp_path: Path) -> None:
         running.assert_nothing_left()
         assert running.summary()["outcome"] == "aborted"
         assert set(running.summary()["exit_codes"].values()) == {0}
-        assert_truth_ends_on_the_ground(running)
+        assert_truth_ends_on_the_ground(running.folder)
 
 
 def test_ctrl_c_lands_without_a_station(tmp_path: Path) -> None:
@@ -125,7 +124,7 @@ def test_ctrl_c_lands_without_a_station(tmp_path: Path) -> None:
         running.interrupt()
         assert running.wait() == 130, running.output
         running.assert_nothing_left()
-        assert_truth_ends_on_the_ground(running)
+        assert_truth_ends_on_the_ground(running.folder)
 
 
 def test_second_ctrl_c_stops_at_once(tmp_path: Path) -> None:
@@ -157,8 +156,8 @@ def test_a_hung_agent_does_not_hang_the_run(tmp_path: Path) -> None:
         assert running.wait() == 1, running.output
         running.assert_nothing_left()
         assert running.summary()["outcome"] == "failed"
-        assert_truth_ends_on_the_ground(running)
-        assert_apart(running)
+        assert_truth_ends_on_the_ground(running.folder)
+        assert_apart(running.folder)
 
 
 # --- what does not start ---

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.system.running import HEXAGON, SWARM_CTL, Running
+from tests.system.running import LOW, SWARM_CTL, Running
 
 pytestmark = pytest.mark.timeout(120)
 
@@ -89,7 +89,7 @@ class Terminal:
 
 def test_live_view_and_ctrl_c(tmp_path: Path) -> None:
     """The view shows the flight; Ctrl-C as a key lands the swarm, and the screen shows the acknowledgement."""
-    terminal = Terminal("run", HEXAGON, "--speedup", "5", "--compact", cwd=tmp_path)
+    terminal = Terminal("run", LOW, "--speedup", "5", "--compact", cwd=tmp_path)
     try:
         terminal.wait_for("Ctrl-C lands the swarm")
         terminal.wait_for("step 2/4: form hexagon")
@@ -106,7 +106,7 @@ def test_a_closed_output_does_not_end_the_flight(tmp_path: Path) -> None:
     """`swarm-ctl run ... | head -1`: the reader goes away in flight, the mission goes on to its end."""
     read, write = os.pipe()
     process = subprocess.Popen(
-        [str(SWARM_CTL), "run", str(HEXAGON), "--speedup", "5", "--headless"],
+        [str(SWARM_CTL), "run", str(LOW), "--speedup", "5", "--headless"],
         cwd=tmp_path,
         stdout=write,
         stderr=subprocess.DEVNULL,
@@ -127,7 +127,7 @@ def test_a_closed_output_does_not_end_the_flight(tmp_path: Path) -> None:
 
 def test_sigterm_lands_too(tmp_path: Path) -> None:
     """A service manager's stop is a landing, not a crash."""
-    with Running("run", HEXAGON, "--speedup", "5", "--headless", cwd=tmp_path) as running:
+    with Running("run", LOW, "--speedup", "5", "--headless", cwd=tmp_path) as running:
         running.wait_for_event("step 2:", 6)
         running.process.terminate()
         assert running.wait() == 130

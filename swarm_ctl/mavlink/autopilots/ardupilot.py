@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
-from pymavlink.dialects.v20 import common
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from swarm_ctl.core.freshness import SETPOINT_TIMEOUT_S
 from swarm_ctl.core.vehicle import Vector3
@@ -41,16 +41,17 @@ MODES = {
 }
 """ArduCopter's custom_mode (Mode::Number)."""
 _NUMBERS = {name: number for number, name in MODES.items()}
-_PREARM = common.MAV_SYS_STATUS_PREARM_CHECK
+_PREARM = dialect.MAV_SYS_STATUS_PREARM_CHECK
 
 
 class Ardupilot(Autopilot):
     """ArduCopter 4.1 and later (GUID_TIMEOUT)."""
 
     name: ClassVar[str] = "ardupilot"
-    wire_id: ClassVar[int] = common.MAV_AUTOPILOT_ARDUPILOTMEGA
+    wire_id: ClassVar[int] = dialect.MAV_AUTOPILOT_ARDUPILOTMEGA
     controlled_mode: ClassVar[str] = "GUIDED"
     landing_mode: ClassVar[str] = "LAND"
+    wind_message: ClassVar[str] = "WIND"  # with EK3_DRAG_BCOEF_X and _Y tuned
     failsafes: ClassVar[Mapping[str, float]] = {
         # A silent agent's vehicle stops after this, not after the 3 s it comes with (11.7 m at 3 m/s). At 20 setpoints
         # a second it is 10 lost in a row; the parameter's range is 0.1 .. 5 s.

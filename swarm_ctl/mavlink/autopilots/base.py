@@ -12,7 +12,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from typing import ClassVar
 
-from pymavlink.dialects.v20 import common
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from swarm_ctl.core.vehicle import Airborne, Fly, Goal, Land, Release, Standby, Terminate, Vector3, Yield
 from swarm_ctl.mavlink import outgoing
@@ -30,6 +30,7 @@ from swarm_ctl.mavlink.autopilots.timing import (
     RETRY_S,
     STATUS_MAX_AGE_S,
     STREAMS_HZ,
+    WIND_HZ,
     Pacer,
 )
 from swarm_ctl.mavlink.messages import Heard, message_id
@@ -37,28 +38,28 @@ from swarm_ctl.mavlink.outgoing import Message
 
 MULTIROTORS = frozenset(
     {
-        common.MAV_TYPE_QUADROTOR,
-        common.MAV_TYPE_COAXIAL,
-        common.MAV_TYPE_HEXAROTOR,
-        common.MAV_TYPE_OCTOROTOR,
-        common.MAV_TYPE_TRICOPTER,
-        common.MAV_TYPE_DODECAROTOR,
-        common.MAV_TYPE_DECAROTOR,
+        dialect.MAV_TYPE_QUADROTOR,
+        dialect.MAV_TYPE_COAXIAL,
+        dialect.MAV_TYPE_HEXAROTOR,
+        dialect.MAV_TYPE_OCTOROTOR,
+        dialect.MAV_TYPE_TRICOPTER,
+        dialect.MAV_TYPE_DODECAROTOR,
+        dialect.MAV_TYPE_DECAROTOR,
     }
 )
 """Vehicles that can stop in the air and go in any direction."""
 
 _SENSORS = {
-    common.MAV_SYS_STATUS_SENSOR_3D_GYRO: "gyro",
-    common.MAV_SYS_STATUS_SENSOR_3D_ACCEL: "accelerometer",
-    common.MAV_SYS_STATUS_SENSOR_3D_MAG: "compass",
-    common.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE: "barometer",
-    common.MAV_SYS_STATUS_SENSOR_GPS: "GPS",
-    common.MAV_SYS_STATUS_SENSOR_RC_RECEIVER: "RC receiver",
-    common.MAV_SYS_STATUS_GEOFENCE: "geofence",
-    common.MAV_SYS_STATUS_AHRS: "position estimate",
-    common.MAV_SYS_STATUS_LOGGING: "logging",
-    common.MAV_SYS_STATUS_SENSOR_BATTERY: "battery",
+    dialect.MAV_SYS_STATUS_SENSOR_3D_GYRO: "gyro",
+    dialect.MAV_SYS_STATUS_SENSOR_3D_ACCEL: "accelerometer",
+    dialect.MAV_SYS_STATUS_SENSOR_3D_MAG: "compass",
+    dialect.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE: "barometer",
+    dialect.MAV_SYS_STATUS_SENSOR_GPS: "GPS",
+    dialect.MAV_SYS_STATUS_SENSOR_RC_RECEIVER: "RC receiver",
+    dialect.MAV_SYS_STATUS_GEOFENCE: "geofence",
+    dialect.MAV_SYS_STATUS_AHRS: "position estimate",
+    dialect.MAV_SYS_STATUS_LOGGING: "logging",
+    dialect.MAV_SYS_STATUS_SENSOR_BATTERY: "battery",
 }
 
 _NEVER = -math.inf
@@ -74,6 +75,8 @@ class Autopilot(ABC):
     landing_mode: ClassVar[str]
     takeoff_modes: ClassVar[tuple[str, ...]] = ()
     """What its own take-off leads to, where that is not the controlled mode."""
+    wind_message: ClassVar[str]
+    """Sent while the firmware estimates the wind; neither does as delivered."""
     failsafes: ClassVar[Mapping[str, float]]
     """The failsafe parameters we fly with, and put back in the end."""
 
@@ -180,7 +183,7 @@ class Autopilot(ABC):
         """Once a second, ask for the streams of which less than half has come. Another client may have slowed them."""
         if not self.pacer.due("streams", RETRY_S, now):
             return
-        for name, rate_hz in STREAMS_HZ.items():
+        for name, rate_hz in (*STREAMS_HZ.items(), (self.wind_message, WIND_HZ)):
             number = message_id(name)
             count = heard.counts.get(number, 0)
             came, self._stream_counts[number] = count - self._stream_counts.get(number, 0), count
@@ -230,5 +233,5 @@ def _not_passed(heard: Heard) -> str:
 
 
 def _enum_name(enum: str, number: int) -> str:
-    entry = common.enums[enum].get(number)
+    entry = dialect.enums[enum].get(number)
     return f"{entry.name.removeprefix(enum + '_').lower()} ({number})" if entry else f"unknown ({number})"

@@ -7,7 +7,7 @@ import struct
 from collections.abc import Mapping
 from typing import ClassVar
 
-from pymavlink.dialects.v20 import common
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from swarm_ctl.core.freshness import SETPOINT_TIMEOUT_S
 from swarm_ctl.core.vehicle import Vector3
@@ -35,18 +35,19 @@ MODES = {
 }
 """px4_custom_mode.h: main mode, sub mode; custom_mode is main << 16 | sub << 24."""
 _NUMBERS = {name: numbers for numbers, name in MODES.items()}
-_PREARM = common.MAV_SYS_STATUS_PREARM_CHECK
+_PREARM = dialect.MAV_SYS_STATUS_PREARM_CHECK
 
 
 class Px4(Autopilot):
     """PX4 1.14 and later (PREARM_CHECK in SYS_STATUS)."""
 
     name: ClassVar[str] = "px4"
-    wire_id: ClassVar[int] = common.MAV_AUTOPILOT_PX4
+    wire_id: ClassVar[int] = dialect.MAV_AUTOPILOT_PX4
     controlled_mode: ClassVar[str] = "OFFBOARD"
     landing_mode: ClassVar[str] = "AUTO.LAND"
     takeoff_modes: ClassVar[tuple[str, ...]] = ("AUTO.TAKEOFF", "AUTO.LOITER")
     """Only from there OFFBOARD is entered."""
+    wind_message: ClassVar[str] = "WIND_COV"  # with EKF2_DRAG_CTRL 1
     failsafes: ClassVar[Mapping[str, float]] = {
         # A silent agent's vehicle leaves OFFBOARD after this. It comes with 1.0; less would be hit by a slow moment.
         "COM_OF_LOSS_T": SETPOINT_TIMEOUT_S["px4"],
@@ -113,11 +114,11 @@ class Px4(Autopilot):
 
     def decode_parameter(self, raw: float, kind: int) -> float:
         """Integers travel as the float of the same bits."""
-        return float(_INT32.unpack(_FLOAT.pack(raw))[0]) if kind == common.MAV_PARAM_TYPE_INT32 else raw
+        return float(_INT32.unpack(_FLOAT.pack(raw))[0]) if kind == dialect.MAV_PARAM_TYPE_INT32 else raw
 
     def encode_parameter(self, value: float, kind: int) -> float:
         """The inverse."""
-        if kind != common.MAV_PARAM_TYPE_INT32:
+        if kind != dialect.MAV_PARAM_TYPE_INT32:
             return value
         return float(_FLOAT.unpack(_INT32.pack(round(value)))[0])
 

@@ -24,7 +24,7 @@ STATUS_MAX_AGE_S = 5.0
 ORIGIN_REFRESH_S = 10.0
 """A known origin is asked for again this often: an EKF that is reset moves it."""
 QUIET_RETRY_S = 5.0
-"""Streams that may rightly be silent (no traffic) are asked for again this often."""
+"""Streams that may rightly be silent (no traffic, no estimate of the wind) are asked for again this often."""
 STREAM_BEFORE_S = 1.2
 """PX4 refuses OFFBOARD unless setpoints have come for over 1 s."""
 STREAM_GAP_S = 0.4
@@ -42,7 +42,9 @@ STREAMS_HZ: Mapping[str, float] = {
 }
 """LOCAL_POSITION_NED at the tick (the law's input); GLOBAL_POSITION_INT ties it to the common frame; SYS_STATUS has
 health and battery; ADSB_VEHICLE is the proximity sensor; ATTITUDE tells how far it leans."""
-MAY_BE_SILENT = frozenset({"ADSB_VEHICLE"})
+WIND_HZ = 2.0
+"""Each firmware has a message of its own for it."""
+MAY_BE_SILENT = frozenset({"ADSB_VEHICLE", "WIND", "WIND_COV"})
 
 _CLOCK_NOISE_S = 1e-6
 """Ticks are sums of floats: an interval is over when it is over but for this."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from swarm_ctl.core.fence import inside, outside
+from swarm_ctl.core.fence import area, crossing_edges, inside, outside
 from swarm_ctl.core.plan import Fence
 
 BOX = ((-10.0, -20.0), (10.0, -20.0), (10.0, 20.0), (-10.0, 20.0))
@@ -22,6 +22,12 @@ def test_a_concave_one() -> None:
     assert inside(HOOK, (5.0, 1.0))
     assert inside(HOOK, (9.0, 9.0))
     assert not inside(HOOK, (5.0, 5.0))
+
+
+def test_a_fence_that_crosses_itself_is_found_and_what_it_encloses_known() -> None:
+    assert (crossing_edges(BOX), crossing_edges(HOOK), crossing_edges(())) == (None, None, None)
+    assert crossing_edges((BOX[0], BOX[2], BOX[1], BOX[3])) == (0, 2)
+    assert (area(BOX), area(BOX[::-1]), area(HOOK)) == (800.0, 800.0, 36.0)
 
 
 def test_what_is_said() -> None:

@@ -19,24 +19,26 @@ VECTOR = st.tuples(SPEED, SPEED)
 
 
 class Simulated:
-    """Dead time, lag, acceleration limit, integrated in fine steps."""
+    """Dead time, lag, acceleration limit, integrated in fine steps. A complex number is north + east * 1j."""
 
     def __init__(self, vehicle: Response) -> None:
         self.vehicle = vehicle
-        self.p, self.v = np.zeros(2), np.zeros(2)
-        self.delayed = deque([np.zeros(2)] * pending(vehicle, DT))
+        self.p = self.v = 0j
+        self.delayed = deque([0j] * pending(vehicle, DT))
 
-    def tick(self, command: np.ndarray, fine: int = 50) -> None:
+    def tick(self, command: complex, fine: int = 50) -> None:
         self.delayed.append(command)
         acting = self.delayed.popleft()
         for _ in range(fine):
             a = (acting - self.v) / self.vehicle.lag_s
-            a *= min(1.0, self.vehicle.acceleration_mps2 / max(1e-12, float(np.linalg.norm(a))))
-            self.v = self.v + a * DT / fine
-            self.p = self.p + self.v * DT / fine
+            a *= min(1.0, self.vehicle.acceleration_mps2 / max(1e-12, abs(a)))
+            self.v += a * DT / fine
+            self.p += self.v * DT / fine
 
-    def stop_point(self) -> np.ndarray:
-        return np.array(stop_point(tuple(self.p), tuple(self.v), [tuple(c) for c in self.delayed], DT, self.vehicle))
+    def stop_point(self) -> complex:
+        commands = [(c.real, c.imag) for c in self.delayed]
+        found = stop_point((self.p.real, self.p.imag), (self.v.real, self.v.imag), commands, DT, self.vehicle)
+        return complex(*found)
 
 
 @given(st.lists(VECTOR, min_size=1, max_size=60))
@@ -44,11 +46,11 @@ def test_vehicle_comes_to_rest_there(commands: list[tuple[float, float]]) -> Non
     """After any commands, told to stop, the vehicle rests within 10 cm of its stop point."""
     vehicle = Simulated(VEHICLE)
     for command in commands:
-        vehicle.tick(np.array(command))
+        vehicle.tick(complex(*command))
     predicted = vehicle.stop_point()
     for _ in range(200):
-        vehicle.tick(np.zeros(2))
-    assert np.linalg.norm(vehicle.v) < 1e-3
+        vehicle.tick(0j)
+    assert abs(vehicle.v) < 1e-3
     assert vehicle.p == pytest.approx(predicted, abs=0.1)
 
 
@@ -59,8 +61,8 @@ def test_single_integrator_seen_from_the_stop_point(commands: list[tuple[float, 
     vehicle = Simulated(unbounded)
     for command in commands:
         before = vehicle.stop_point()
-        vehicle.tick(np.array(command), fine=200)
-        assert vehicle.stop_point() - before == pytest.approx(np.array(command) * DT, abs=2e-3)
+        vehicle.tick(complex(*command), fine=200)
+        assert vehicle.stop_point() - before == pytest.approx(complex(*command) * DT, abs=2e-3)
 
 
 def test_at_rest_the_stop_point_is_the_position() -> None:

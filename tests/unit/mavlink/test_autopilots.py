@@ -125,8 +125,8 @@ def test_all_streams_are_asked_for_at_first_and_none_again_while_it_comes() -> N
     vehicle = make("ardupilot")
     sent = vehicle.run(Standby(), 30.0)
     asked = {round(m.param1): 1e6 / m.param2 for _, m in commands(sent, INTERVAL)}
-    assert asked == pytest.approx({32: 20.0, 33: 5.0, 1: 2.0, 245: 2.0, 246: 5.0, 30: 4.0}, rel=1e-3)
-    assert len(asked) == len(STREAMS_HZ)
+    assert asked == pytest.approx({32: 20.0, 33: 5.0, 1: 2.0, 245: 2.0, 246: 5.0, 30: 4.0, 168: 2.0}, rel=1e-3)
+    assert len(asked) == len(STREAMS_HZ) + 1  # and the wind
     for number in (32, 33, 1, 245):
         assert len(ask_for(sent, number)) == 1
     assert len(ask_for(sent, 246)) in range(5, 8), "traffic may be silent rightly: every 5 s"

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pymavlink.dialects.v20 import common
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from swarm_ctl.core.plan import Geodetic
 from swarm_ctl.mavlink import messages
@@ -44,6 +44,7 @@ ONE_OF_EACH = [
     wire.system_status(),
     wire.extended_state(2),
     wire.traffic(5),
+    wire.wind(6.5),
     wire.text("careful"),
     wire.ack(400, 0),
     wire.parameter("GUID_TIMEOUT", 3.0),
@@ -63,6 +64,7 @@ def test_each_message_lands_where_it_belongs_in_si_units() -> None:
     assert heard.global_.velocity_ned_mps == pytest.approx((0.1, 0.2, -0.3))
     assert place(heard.origin) == pytest.approx((47.3977, 8.5455, 485.0))
     assert heard.battery_percent == 80.0
+    assert (heard.wind_now(15.0), heard.wind_now(21.0)) == (6.5, None)
     contact = heard.contacts[5]
     assert place(contact.position) == pytest.approx((47.39775, 8.5456, 490.0))
     assert contact.velocity_ned_mps == pytest.approx((0.0, 2.0, -0.5), abs=1e-9)
@@ -90,6 +92,9 @@ REFUSED = {
     "landed state": wire.extended_state(9),
     "traffic without place": wire.traffic(6, flags=0x02),
     "traffic heading": wire.traffic(6, heading=65535),
+    "nan wind": wire.wind(NAN),
+    "wind below zero": wire.wind(-1.0),
+    "endless wind": wire.wind_cov(INF, 0.0),
     "severity": wire.text("x", severity=99),
     "nan parameter": wire.parameter("GUID_TIMEOUT", NAN),
     "another firmware": wire.heartbeat(autopilot=12),
@@ -116,7 +121,7 @@ def test_no_payload_raises_or_leaves_anything_that_is_not_finite(number: int, pa
     message = decode(number, payload)
     heard = known()
     fold(heard, message, now)
-    numbers: list[float] = [heard.battery_percent or 0.0]
+    numbers: list[float] = [heard.battery_percent or 0.0, heard.wind_mps]
     for fix in (heard.local, heard.global_):
         assert fix is not None
         numbers += fix.velocity_ned_mps
@@ -127,6 +132,12 @@ def test_no_payload_raises_or_leaves_anything_that_is_not_finite(number: int, pa
     assert all(text.isprintable() for text in heard.texts.take(now + 100.0))
 
 
+def test_px4_tells_the_wind_by_where_it_blows() -> None:
+    heard = known()
+    assert fold(heard, wire.wind_cov(-3.0, 4.0))
+    assert heard.wind_now(10.0) == pytest.approx(5.0)
+
+
 def place(point: Geodetic | None) -> tuple[float, ...]:
     return () if point is None else (point.lat_deg, point.lon_deg, point.alt_m)
 
@@ -134,8 +145,8 @@ def place(point: Geodetic | None) -> tuple[float, ...]:
 def decode(number: int, payload: bytes) -> Any:
     """The message with this raw payload, through the real codec (with the checksum that makes it good)."""
     header = bytes([0xFD, len(payload), 0, 0, 0, 1, 1, number & 0xFF, number >> 8 & 0xFF, 0])
-    crc = common.x25crc(header[1:] + payload + bytes([common.mavlink_map[number].crc_extra])).crc
-    return common.MAVLink(None).decode(bytearray(header + payload + crc.to_bytes(2, "little")))
+    crc = dialect.x25crc(header[1:] + payload + bytes([dialect.mavlink_map[number].crc_extra])).crc
+    return dialect.MAVLink(None).decode(bytearray(header + payload + crc.to_bytes(2, "little")))
 
 
 def test_unknown_battery_and_landed_state_leave_what_is_known() -> None:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from pymavlink.dialects.v20 import common
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from swarm_ctl.mavlink.wires import MemoryWire
 
 Message = Any
 
-PREARM = common.MAV_SYS_STATUS_PREARM_CHECK
+PREARM = dialect.MAV_SYS_STATUS_PREARM_CHECK
 GUIDED = 4
 
 
@@ -18,7 +18,7 @@ def heartbeat(
     *, custom_mode: int = 0, armed: bool = False, autopilot: int = 3, kind: int = 2, base_mode: int = 1
 ) -> Message:
     """HEARTBEAT of a vehicle; the defaults are a disarmed ArduCopter in STABILIZE."""
-    return common.MAVLink_heartbeat_message(kind, autopilot, base_mode | 128 * armed, custom_mode, 4, 3)
+    return dialect.MAVLink_heartbeat_message(kind, autopilot, base_mode | 128 * armed, custom_mode, 4, 3)
 
 
 def local_position(
@@ -27,55 +27,65 @@ def local_position(
     boot_ms: int = 1000,
 ) -> Message:
     """LOCAL_POSITION_NED."""
-    return common.MAVLink_local_position_ned_message(boot_ms, *position, *velocity)
+    return dialect.MAVLink_local_position_ned_message(boot_ms, *position, *velocity)
 
 
 def global_position(
     lat: int = 473_977_420, lon: int = 85_455_940, alt_mm: int = 488_000, relative_mm: int = 3_000, boot_ms: int = 1000
 ) -> Message:
     """GLOBAL_POSITION_INT (1e-7 degrees, millimetres)."""
-    return common.MAVLink_global_position_int_message(boot_ms, lat, lon, alt_mm, relative_mm, 10, 20, -30, 9000)
+    return dialect.MAVLink_global_position_int_message(boot_ms, lat, lon, alt_mm, relative_mm, 10, 20, -30, 9000)
 
 
 def global_origin(lat: int = 473_977_000, lon: int = 85_455_000, alt_mm: int = 485_000) -> Message:
     """GPS_GLOBAL_ORIGIN."""
-    return common.MAVLink_gps_global_origin_message(lat, lon, alt_mm)
+    return dialect.MAVLink_gps_global_origin_message(lat, lon, alt_mm)
 
 
 def system_status(
     present: int = PREARM, enabled: int = PREARM, health: int = PREARM, battery_percent: int = 80
 ) -> Message:
     """SYS_STATUS."""
-    return common.MAVLink_sys_status_message(
+    return dialect.MAVLink_sys_status_message(
         present, enabled, health, 100, 12000, 100, battery_percent, 0, 0, 0, 0, 0, 0
     )
 
 
 def extended_state(landed: int) -> Message:
     """EXTENDED_SYS_STATE."""
-    return common.MAVLink_extended_sys_state_message(0, landed)
+    return dialect.MAVLink_extended_sys_state_message(0, landed)
+
+
+def wind(speed: float) -> Message:
+    """WIND: from the west [degrees], speed in m/s."""
+    return dialect.MAVLink_wind_message(-90.0, speed, 0.0)
+
+
+def wind_cov(north: float, east: float) -> Message:
+    """WIND_COV: where it blows, m/s."""
+    return dialect.MAVLink_wind_cov_message(0, north, east, 0.0, 0.2, 0.0, 500.0, 0.0, 0.0)
 
 
 def traffic(address: int, *, flags: int = 0x1F, heading: int = 9000, speed: int = 200) -> Message:
     """ADSB_VEHICLE: heading in centidegrees, speed in cm/s, climbing at 0.5 m/s."""
-    return common.MAVLink_adsb_vehicle_message(
+    return dialect.MAVLink_adsb_vehicle_message(
         address, 473_977_500, 85_456_000, 1, 490_000, heading, speed, 50, b"TEST", 14, 0, flags, 0
     )
 
 
 def text(content: str, severity: int = 4, number: int = 0, chunk: int = 0) -> Message:
     """STATUSTEXT, one chunk."""
-    return common.MAVLink_statustext_message(severity, content.encode(), number, chunk)
+    return dialect.MAVLink_statustext_message(severity, content.encode(), number, chunk)
 
 
 def ack(command: int, result: int, system: int = 255, component: int = 190) -> Message:
     """COMMAND_ACK."""
-    return common.MAVLink_command_ack_message(command, result, 0, 0, system, component)
+    return dialect.MAVLink_command_ack_message(command, result, 0, 0, system, component)
 
 
 def parameter(name: str, value: float, kind: int = 9) -> Message:
     """PARAM_VALUE; `value` already in the vehicle's encoding."""
-    return common.MAVLink_param_value_message(name.encode(), value, kind, 10, 0)
+    return dialect.MAVLink_param_value_message(name.encode(), value, kind, 10, 0)
 
 
 class Vehicle:
@@ -83,8 +93,8 @@ class Vehicle:
 
     def __init__(self, end: MemoryWire, sysid: int = 1, component: int = 1) -> None:
         self.end = end
-        self.codec = common.MAVLink(None, srcSystem=sysid, srcComponent=component)
-        self.reader = common.MAVLink(None)
+        self.codec = dialect.MAVLink(None, srcSystem=sysid, srcComponent=component)
+        self.reader = dialect.MAVLink(None)
 
     def bytes_of(self, *messages: Message) -> bytes:
         """The frames of `messages`, counting seq on."""

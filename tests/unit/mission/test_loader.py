@@ -67,7 +67,7 @@ def test_every_mission_of_the_project_loads_and_is_written_again(path: Path) -> 
 
 def test_an_agent_needs_little_more_than_a_start() -> None:
     plan = loads(without_section("fleet").replace("  kappa: 20\n", "")).plan
-    assert (plan.kappa, plan.law.h) == (20, 0.05), "one iteration a tick, kappa * h = 1"
+    assert (plan.kappa, plan.law.h) == (20, 0.2), "one iteration a tick, kappa * h = 4"
     assert plan.policies == Policies()
     assert all(step.timeout_s > 0 for step in plan.steps)
 
@@ -182,6 +182,8 @@ CHANGES = {
     "policies:\n  agent_lost: la": "policies:\n  max_speed_mps: 9\n  agent_lost: la",
     "policies:\n  agent_lost: lan": "policies:\n  max_tilt_deg: 30\n  agent_lost: lan",
     "policies:\n  agent_lost: land": "policies:\n  return_separation_m: 2\n  agent_lost: land",
+    "policies:\n  a": "policies:\n  wind: hold\n  a",
+    "policies:\n  ag": "policies:\n  wind_limit_mps: 8\n  ag",
     "policies:\n  agent_lost: land\n": "policies:\n  return_speed_mps: 2\n  agent_lost: land\n",
 }
 
@@ -272,7 +274,7 @@ def test_mistakes_in_a_fleet_file_are_shown_in_that_file(tmp_path: Path) -> None
 
 @pytest.mark.parametrize(
     ("content", "line_in_fleet", "what"),
-    [(None, None, "can't be read"), ("", None, "is empty"), ("a: [", 1, "YAML"), ("- 1", 1, "is a list")],
+    [(None, None, "can't be read"), ("", 1, "is empty"), ("a: [", 1, "YAML"), ("- 1", 1, "is a list")],
 )
 def test_unreadable_fleet_files(tmp_path: Path, content: str | None, line_in_fleet: int | None, what: str) -> None:
     fleet, mission = tmp_path / "f.yaml", tmp_path / "m.yaml"
@@ -298,7 +300,7 @@ def test_unreadable_fleet_files(tmp_path: Path, content: str | None, line_in_fle
         (("- [0, 4]", "- [0, 5]"), 27, "steps[3].form.shape: row stretches the link"),
         (("r_in: 0.5", "r_in: 0.1"), 9, "law.r_in: 0.5 m"),
         (("  kappa: 20", "  kappa: 20\n  h: 0.05\n  compensation: none"), 12, "law.compensation: none, with kappa"),
-        (("  kappa: 20", "  kappa: 20\n  h: 0.2"), 11, "law.h: kappa * h = 4"),
+        (("  kappa: 20", "  kappa: 20\n  h: 0.3"), 11, "law.h: kappa * h = 6"),
         (("shape: row", "shape: ring"), 17, "shapes.row: no step forms it"),
     ],
 )
