@@ -266,7 +266,8 @@ ROWS = (
         happenings=((3, frozen(3)), (13, frozen(3, stops=False))),
     ),
     Row("dies", (*SAFE, outcome("failed", of=(1, 2, 4)), says(LOST.format(3))), happenings=((3, dead(3)),)),
-    Row("lies by 3 m", (*SAFE, outcome("failed"), says("timed out")), happenings=((1, lies(2)),)),
+    # the others follow what it says, and it follows the others: the shape never comes to rest, and drifts to the fence
+    Row("lies by 3 m", (*SAFE, outcome("failed"), says("outside the geofence")), happenings=((1, lies(2)),)),
     Row("gusts", GOOD, vehicles=GUSTY),
     Row("gusts, lost, late", GOOD, Impairment(0.2, 0.05, 0.1), vehicles=GUSTY),
     Row("the vehicles' radio loses a fifth", GOOD, vehicles={"SIM_LOSS": 20.0}),
