@@ -44,7 +44,12 @@ class Keeper:
         unit = plan.unit_m
         self._margins = Margins.of(plan.law, vehicle, plan.limits.speed_mps, unit)
         self._near_m = self._margins.keep_out + self._margins.reach
+        farthest = self._near_m + 3.0 * self._margins.growth + self._margins.speed * SILENT_FLIES_S
         self._swirl_off_m = (plan.law.r_out + _SWIRL_OFF) * unit
+        self._reach_m = max(farthest, self._swirl_off_m)
+        """Nobody farther away forbids anything."""
+        self._stretched_m = safety.guards_from(self._margins)
+        self._looked: tuple[float, list[Other]] = (-math.inf, [])
         self.release = Release(own_id, plan.limits.speed_mps, plan.tick_s)
         self._slots: Mapping[int, Point] = {}
         self._chosen: frozenset[int] = frozenset()
@@ -61,7 +66,7 @@ class Keeper:
         """The avoidance with its swirl (`core/release.py`)."""
         if not self._plan.safety.release or not avoidance or not consensus:
             return avoidance
-        for other in self._peers.others(now):
+        for other in self._near(now, own):
             if not other.heard and abs(own - other.stop_point) < self._swirl_off_m:
                 return avoidance
         return complex(swirled(consensus, avoidance))
@@ -76,7 +81,7 @@ class Keeper:
         self._ticks += 1
         near = [
             (other, apart)
-            for other in self._peers.others(now)
+            for other in self._near(now, own)
             if self._reaches(other, abs(apart := own - other.stop_point))
         ]
         hard, room, stranger_near = self._keep_outs(near, common)
@@ -119,9 +124,9 @@ class Keeper:
         guarded = self._links(slots)
         if not guarded:
             return planes
-        for other in self._peers.others(now):
+        for other in self._peers.far(guarded, now, own, self._stretched_m):
             along = not common.velocity_mps or other.flying == common.flying
-            if other.id not in guarded or other.age_s > NEIGHBOUR_S or not along:
+            if other.age_s > NEIGHBOUR_S or not along:
                 continue
             apart = own - other.stop_point - other.commanded * min(other.age_s, PREDICT_S)
             if safety.guarded(0.0, abs(apart), self._margins):
@@ -138,6 +143,12 @@ class Keeper:
             self._yielded += slack > 0.0
             self._from.update(i for i, (n, e, b) in zip(who, hard, strict=True) if n * wish.real + e * wish.imag < b)
         return flown
+
+    def _near(self, now: float, own: complex) -> list[Other]:
+        """Everybody who may forbid something; looked up once a tick."""
+        if self._looked[0] != now:
+            self._looked = (now, self._peers.near(now, own, self._reach_m))
+        return self._looked[1]
 
     def _reaches(self, other: Other, distance: float) -> bool:
         """It may forbid something: with what it may have flown since, and all of the burden on us."""

@@ -164,17 +164,31 @@ class Peers:
         """N_i now: the chosen neighbours that are heard (LAW.md section 1)."""
         return tuple(p.id for p in self if p.id in self._chosen and p.age(now) <= NEIGHBOUR_S)
 
-    def others(self, now: float) -> Iterator[Other]:
-        """Everybody who may be near; strangers as of the last `law_input`."""
-        for peer in self._by_id.values():
-            if peer.state is not None:
-                age = peer.age(now)
-                heard = age <= FRESH_S
-                state = peer.state
-                yields = heard and state.phase in _YIELDING
-                flying = (state.step, state.command) if heard and state.phase is Phase.FLY else None
-                yield Other(peer.id, peer.stop_point, peer.commanded, age, heard, yields, flying)
-        yield from self._strangers
+    def near(self, now: float, own: complex, reach_m: float) -> list[Other]:
+        """Everybody whose told stop point is within reach of the own one; strangers as of the last `law_input`."""
+        found = [
+            self._other(peer, peer.state, now)
+            for peer in self._by_id.values()
+            if peer.state is not None and abs(own - peer.stop_point) < reach_m
+        ]
+        found += (other for other in self._strangers if abs(own - other.stop_point) < reach_m)
+        return found
+
+    def far(self, ids: Iterable[int], now: float, own: complex, beyond_m: float) -> list[Other]:
+        """Those of `ids` whose told stop point is farther from the own one than this."""
+        peers = (self._by_id[i] for i in ids if i in self._by_id)
+        return [
+            self._other(peer, peer.state, now)
+            for peer in peers
+            if peer.state is not None and abs(own - peer.stop_point) > beyond_m
+        ]
+
+    def _other(self, peer: Peer, state: AgentState, now: float) -> Other:
+        age = peer.age(now)
+        heard = age <= FRESH_S
+        yields = heard and state.phase in _YIELDING
+        flying = (state.step, state.command) if heard and state.phase is Phase.FLY else None
+        return Other(peer.id, peer.stop_point, peer.commanded, age, heard, yields, flying)
 
     def flies_along(self, column: int, now: float) -> bool:
         """Whoever is at this column of the law's input is heard and flies the formation (traffic never does)."""

@@ -132,6 +132,11 @@ def guard_plane(apart: Any, margins: Margins, least: Most = min, most: Most = ma
     return -apart / most(x, 1e-12), bound
 
 
+def guards_from(margins: Margins) -> float:
+    """Under this length a link's guard forbids nothing that the speed limit allows, even after a second of old news."""
+    return _GUARD_AT * margins.r - 2.0 * margins.speed / _GUARD_RATE - margins.speed
+
+
 def guarded(slots_apart: Any, apart: Any, margins: Margins) -> Any:
     """The guard minds this link: its slots fit in r, and it is not lost already (distances, or arrays of them)."""
     return (slots_apart <= _GUARD_SLOTS * margins.r) & (apart <= _GUARD_TO * margins.r)

@@ -47,8 +47,8 @@ class Law(Section):
     kappa: float | None = Field(default=None, gt=0, le=1000)
     """Law iterations per second; 1 / tick_s where not given."""
     h: float | None = Field(default=None, gt=0, le=1)
-    """Consensus gain per iteration; where not given 4 / kappa with stop points (1 / kappa without filter or release), and
-    0.005, the paper's, without stop points."""
+    """Consensus gain per iteration; where not given 4 / kappa with stop points (1 / kappa without filter or release),
+    and 0.005, the paper's, without stop points."""
     delta_l: float = Field(default=2.0, ge=2, le=100)
     delta_a: float = Field(default=0.1, gt=0, le=100)
 
