@@ -3,7 +3,7 @@
     python -m tests.bench.bench_soak --minutes 120
 
 Flies the hexagon (`--mission` for another) with a hold as long, looks every few seconds, and prints for each process
-its memory and how it grows, and for each agent the age of its newest news and of its vehicle's answers.
+its memory and how it grows (an hour of the wall clock), and for each agent the age of its newest news and of its vehicle's answers.
 """
 
 from __future__ import annotations
@@ -76,18 +76,22 @@ def main() -> None:
     """Fly, look, print."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--minutes", type=float, default=120.0)
+    parser.add_argument("--speedup", type=float, default=1.0)
     parser.add_argument("--mission", type=Path, default=HEXAGON)
     arguments = parser.parse_args()
-    console, load = Console(highlight=False), os.getloadavg()[0]
+    console, load = Console(highlight=False, soft_wrap=True), os.getloadavg()[0]
     with tempfile.TemporaryDirectory() as folder:
         mission = Path(folder) / "soak.yaml"
+        speedup = ("--speedup", str(arguments.speedup))
         mission.write_text(_held(arguments.mission, arguments.minutes))
-        with Running("run", mission, "--headless", "--no-report", cwd=Path(folder)) as running:
+        with Running("run", mission, "--headless", "--no-report", *speedup, cwd=Path(folder)) as running:
             running.wait_for(lambda: bool(list(Path(folder).glob("runs/*/processes.json"))))
             series = _memory(running)
             code = running.wait()
             statuses = _statuses(running, _WARM_S)
-    console.print(f"{arguments.minutes:g} minutes: exit code {code}; load {load:.1f} to {os.getloadavg()[0]:.1f}")
+    console.print(
+        f"{arguments.minutes:g} minutes at speed-up {arguments.speedup:g}: exit code {code}; load {load:.1f} to {os.getloadavg()[0]:.1f}"
+    )
     for name, (times_s, mib) in series.items():
         if mib:
             console.print(f"{name:12} {mib[0]:7.1f} MiB  last {mib[-1]:7.1f} MiB  {_slope(times_s, mib):+8.2f} MiB/h")
