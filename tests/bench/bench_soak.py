@@ -2,8 +2,9 @@
 
     python -m tests.bench.bench_soak --minutes 120
 
-Flies the hexagon (`--mission` for another) with a hold as long, looks every few seconds, and prints for each process
-its memory and how it grows (an hour of the wall clock), and for each agent the age of its newest news and of its vehicle's answers.
+Flies the hexagon (`--mission` for another) with a hold as long (mission time), looks every few seconds, and prints for
+each process its memory and how it grows (an hour of the wall clock), and for each agent the age of its newest news and
+of its vehicle's answers.
 """
 
 from __future__ import annotations
@@ -89,9 +90,8 @@ def main() -> None:
             series = _memory(running)
             code = running.wait()
             statuses = _statuses(running, _WARM_S)
-    console.print(
-        f"{arguments.minutes:g} minutes at speed-up {arguments.speedup:g}: exit code {code}; load {load:.1f} to {os.getloadavg()[0]:.1f}"
-    )
+    flown = f"{arguments.minutes:g} minutes at speed-up {arguments.speedup:g}"
+    console.print(f"{flown}: exit code {code}; load {load:.1f} to {os.getloadavg()[0]:.1f}")
     for name, (times_s, mib) in series.items():
         if mib:
             console.print(f"{name:12} {mib[0]:7.1f} MiB  last {mib[-1]:7.1f} MiB  {_slope(times_s, mib):+8.2f} MiB/h")
