@@ -47,7 +47,7 @@ class Descent:
             sortie.phase = Phase.LAND
             self._controller.rest()
             return Terminate()
-        if view.armed and not sortie.ours:
+        if view.armed and not sortie.ours and finding.action != "kill":
             return self.end(now)  # somebody else's flight: nothing is sent to it, and soon no heartbeat either
         if not view.armed and not sortie.was_armed:
             self._controller.rest()

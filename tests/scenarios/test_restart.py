@@ -218,3 +218,13 @@ def test_a_clock_that_begins_anew() -> None:
     )
     swarm.fly(900)
     assert_good(swarm)
+
+
+def test_an_operators_kill_counts_for_any_vehicle() -> None:
+    """Confirmed by hand, it is carried out although nothing is decided about the vehicle yet."""
+    swarm = restarted(*_row("hold"), 3)
+    swarm.run(0.5)
+    swarm.command("kill", agents=(3,))
+    swarm.run(3)
+    assert "Terminate" in swarm.members[3].goals
+    assert "Fly" not in swarm.members[3].goals
