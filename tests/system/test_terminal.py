@@ -114,7 +114,9 @@ def test_a_closed_output_does_not_end_the_flight(tmp_path: Path) -> None:
     )
     os.close(write)
     try:
-        os.read(read, 100)
+        said = b""
+        while b"starting" not in said:
+            said += os.read(read, 100)
         os.close(read)
         process.wait(90)
         (folder,) = (tmp_path / "runs").iterdir()

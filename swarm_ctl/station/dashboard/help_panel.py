@@ -50,11 +50,11 @@ def help_lines(width: int) -> list[Line]:
         (f"{kind.key or ' '}  {kind.name} {kind.usage}".rstrip(), kind.does + (" (asks once)" if kind.asks else ""))
         for kind in KINDS
     ]
-    lines = [*rows("keys", _KEYS, 14, width), *rows("orders, by key or after ':'", orders, 28, width)]
+    lines = rows("orders, by key or after ':'", orders, 28, width)
     lines.append(
         Line("   for some agents only: mark them, or 'land @1,3-5'; 'tune plan' is the mission's own law", "dim")
     )
-    return [*lines, *sign_rows(width)]
+    return [*lines, *rows("keys", _KEYS, 14, width), *sign_rows(width)]
 
 
 def sign_rows(width: int) -> list[Line]:

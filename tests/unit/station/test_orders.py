@@ -51,7 +51,7 @@ def test_orders(line: str, marked: tuple[int, ...], order: Order) -> None:
         ("tune h", "'h' is no value of the law; allowed: delta_a, delta_l, h, kappa, e.g. tune h=0.04"),
         ("tune r_in=1", "'r_in=1' is no value of the law"),
         ("tune h=nan", "'h=nan' is no value of the law"),
-        ("tune h=0.2", "tune: h 0.2; allowed in flight: above 0, at most 0.05"),
+        ("tune h=0.3", "tune: h 0.3; allowed in flight: above 0, at most 0.2"),
         ("tune kappa=21", "tune: kappa 21; allowed in flight: above 0, at most 20"),
         ("tune delta_l=1.9", "tune: delta_l 1.9; allowed in flight: 2 to 2.2"),
         ("tune h=0.04 @1", "tune is for the whole swarm"),
