@@ -24,7 +24,7 @@ DRAIN_S = 90.0
 """Mission time granted to vehicles to come down after the lifeline is cut."""
 _BATCH = 50
 """Steps done at a stretch while catching up, before sockets are looked at again."""
-_GATHER_S = 0.002
+_GATHER_S = 0.005
 """Wall-clock time for which what comes after a first datagram is left to gather; none waits beyond the next step."""
 _LATE_S, _SAY_AGAIN_S = 1.0, 10.0
 
