@@ -16,8 +16,9 @@ once. A link whose slots fit in r must fit after an exchange as well, or its two
 links to both fit: the swarm stays connected. Should two be left with one role (the news of one was lost for seconds),
 the higher id takes a role that nobody has.
 
-Arrays throughout, so that an agent and a study of thousands of missions run the same protocol: a is the agents that
-decide (one, or all n), m the missions. Agents are named by their place 0..n-1 in the plan; -1 is nobody.
+Agents do not fly this yet, `study --safety exchange` does. Arrays throughout, so that an agent and a study of thousands
+of missions can run the same protocol: a is the agents that decide (one, or all n), m the missions. Agents are named by
+their place 0..n-1 in the plan; -1 is nobody.
 """
 
 from __future__ import annotations

@@ -14,13 +14,11 @@ from swarm_ctl.core.freshness import NEIGHBOUR_S, PREDICT_S, SILENT_FLIES_S
 from swarm_ctl.core.halfplanes import Plane, relaxed
 from swarm_ctl.core.peers import Other, Peers
 from swarm_ctl.core.plan import Plan, Point, Response
-from swarm_ctl.core.release import Release, swirled
+from swarm_ctl.core.release import SWIRL_OFF, Release, swirled
 from swarm_ctl.core.safety import Margins
 from swarm_ctl.core.state import SafetyReport
 
 _UNTOUCHED_MPS = 1e-6
-_SWIRL_OFF = 0.3
-"""Nobody swirls with somebody unheard within r_out and this [units]."""
 
 
 class Common(NamedTuple):
@@ -45,10 +43,11 @@ class Keeper:
         self._margins = Margins.of(plan.law, vehicle, plan.limits.speed_mps, unit)
         self._near_m = self._margins.keep_out + self._margins.reach
         farthest = self._near_m + 3.0 * self._margins.growth + self._margins.speed * SILENT_FLIES_S
-        self._swirl_off_m = (plan.law.r_out + _SWIRL_OFF) * unit
+        self._swirl_off_m = (plan.law.r_out + SWIRL_OFF) * unit
         self._reach_m = max(farthest, self._swirl_off_m)
         """Nobody farther away forbids anything."""
-        self._stretched_m = safety.guards_from(self._margins)
+        # told up to a second ago: so much longer it may be by now
+        self._stretched_m = safety.guards_from(self._margins) - self._margins.speed * NEIGHBOUR_S
         self._looked: tuple[float, list[Other]] = (-math.inf, [])
         self.release = Release(own_id, plan.limits.speed_mps, plan.tick_s)
         self._slots: Mapping[int, Point] = {}

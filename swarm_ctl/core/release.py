@@ -18,6 +18,8 @@ from typing import Any, Final
 import numpy as np
 
 _SWIRL: Final = 0.5
+SWIRL_OFF: Final = 0.3
+"""[units]: within r_out plus this of somebody unheard nobody swirls, as that one does not turn with it."""
 AVERAGE_S: Final = 1.5
 WANTS: Final = 0.05
 """[of the top speed]: who wants to go faster than this on average ..."""

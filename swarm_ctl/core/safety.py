@@ -133,8 +133,8 @@ def guard_plane(apart: Any, margins: Margins, least: Most = min, most: Most = ma
 
 
 def guards_from(margins: Margins) -> float:
-    """Under this length a link's guard forbids nothing that the speed limit allows, even after a second of old news."""
-    return _GUARD_AT * margins.r - 2.0 * margins.speed / _GUARD_RATE - margins.speed
+    """Under this length a link's guard forbids nothing that the speed limit allows."""
+    return _GUARD_AT * margins.r - 2.0 * margins.speed / _GUARD_RATE
 
 
 def guarded(slots_apart: Any, apart: Any, margins: Margins) -> Any:

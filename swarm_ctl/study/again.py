@@ -16,6 +16,7 @@ from swarm_ctl.errors import InputError
 from swarm_ctl.study.batch import Batch, Floats
 from swarm_ctl.study.flight import fly
 from swarm_ctl.study.rows import Row, read_rows, rows_of, study_of
+from swarm_ctl.study.space import LEVELS, Cell
 from swarm_ctl.study.work import again
 
 _ORIGIN = {"lat_deg": -35.363262, "lon_deg": 149.165237, "alt_m": 584}
@@ -91,7 +92,7 @@ def fly_again(path: Path, row: int) -> Flown:
 
 
 def write_mission(flown: Flown, path: Path) -> None:
-    """The mission as a file for `swarm-ctl run`: starts, slots and law; delay, loss and wind are not in it."""
+    """The mission as a file for `swarm-ctl run`: starts, slots, law, safety; not delay, loss, wind and who dies."""
     batch, cell = flown.batch, flown.batch.cell
     law = cell.law
     document: dict[str, Any] = {
@@ -108,6 +109,7 @@ def write_mission(flown: Flown, path: Path) -> None:
             "h": float(batch.h[0]),
             "compensation": cell.compensation.value,
         },
+        "safety": _safety(cell),
         "agents": [{"id": k + 1, "start": start} for k, start in enumerate(_pairs(batch.starts))],
         "shapes": {"shape": {"kind": "offsets", "offsets": _pairs(batch.slots)}},
         "steps": [
@@ -119,6 +121,12 @@ def write_mission(flown: Flown, path: Path) -> None:
         "fleet": {"agents": [{"id": k + 1, "sysid": k + 1, "autopilot": _autopilot(batch)} for k in range(cell.n)]},
     }  # fmt: skip
     path.write_text(yaml.safe_dump(document, sort_keys=False))
+
+
+def _safety(cell: Cell) -> dict[str, bool]:
+    """As the row was flown; agents have no slot exchange."""
+    level = LEVELS.index(cell.safety)
+    return {name: level >= LEVELS.index(name) for name in ("filter", "guard", "release")}
 
 
 def _autopilot(batch: Batch) -> str:

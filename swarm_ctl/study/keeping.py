@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +17,9 @@ from swarm_ctl.core.swarm_law import SwarmLaw
 from swarm_ctl.study.batch import Batch, Bools, Floats
 from swarm_ctl.study.dealing import Dealing
 from swarm_ctl.study.news import Told
-from swarm_ctl.study.space import Safety
+from swarm_ctl.study.space import LEVELS
 
 Complex: TypeAlias = NDArray[np.complex128]
-
-_LEVELS: Final[tuple[Safety, ...]] = ("off", "filter", "guard", "release", "exchange")
-_SWIRL_OFF: Final = 0.3
-"""Within r_out plus this of somebody unheard nobody swirls [units]."""
 
 
 @dataclass(slots=True, eq=False)
@@ -43,7 +39,7 @@ class Keeper:
     def __init__(self, batch: Batch) -> None:
         cell = batch.cell
         _, n, m = batch.starts.shape
-        self._level = _LEVELS.index(cell.safety)
+        self._level = LEVELS.index(cell.safety)
         self._tick_s = cell.tick_s
         self._speed = cell.speed_mps / cell.unit_m
         self.margins = Margins.of(cell.law, cell.model, self._speed)
@@ -72,7 +68,7 @@ class Keeper:
         itself = np.arange(len(own))
         distance[itself, itself] = np.inf
         if self._level >= 3:
-            unheard = (lost & (distance < self._r_out + _SWIRL_OFF)).any(axis=1)
+            unheard = (lost & (distance < self._r_out + release.SWIRL_OFF)).any(axis=1)
             avoidance = np.where(unheard, avoidance, swirled(consensus, avoidance))
         wish = _limited(consensus + avoidance, self._speed)
         if self._release is not None:
@@ -134,7 +130,7 @@ class Keeper:
         slot_gap = np.abs(z[:, None] - z)
         minded = law.links & safety.guarded(slot_gap, distance, self.margins) & (age_s <= NEIGHBOUR_S)
         # far from its end a link forbids nothing
-        minded &= distance > 0.98 * self.margins.r - 2 * self._speed - 0.1
+        minded &= distance > safety.guards_from(self.margins)
         i, j, mission = np.nonzero(minded)
         normal, bound = safety.guard_plane(apart[i, j, mission], self.margins, np.minimum, np.maximum)
         return i * distance.shape[-1] + mission, normal, bound

@@ -22,6 +22,8 @@ everybody goes to the place opposite to the own one."""
 Safety = Literal["off", "filter", "guard", "release", "exchange"]
 """Each with all before it: the collision filter, the guard of links, swirl and tangential release (what agents fly),
 slot exchange (tried in studies only)."""
+LEVELS: Final[tuple[Safety, ...]] = ("off", "filter", "guard", "release", "exchange")
+"""In their order."""
 VehicleModel = Literal["ideal", "lag", "ardupilot", "px4"]
 
 LISTS: Final = ("n", "shape", "slots", "start", "compensation", "vehicle", "safety")

@@ -125,6 +125,15 @@ def test_a_row_becomes_a_mission_that_loads(tmp_path: Path) -> None:
     assert links == {i: set(np.flatnonzero(flown.batch.links[i, :, 0]).tolist()) for i in links}
 
 
+@pytest.mark.parametrize(("level", "on"), [("off", 0), ("filter", 1), ("guard", 2), ("release", 3), ("exchange", 3)])
+def test_a_row_is_handed_on_with_the_safety_it_was_flown_with(tmp_path: Path, level: str, on: int) -> None:
+    study = Study.model_validate(SHORT | {"missions": 2, "safety": (level,)})
+    carry_out(study, tmp_path / "rows.csv", 1, silent())
+    write_mission(fly_again(tmp_path / "rows.csv", 1), tmp_path / "row.yaml")
+    safety = load(tmp_path / "row.yaml").plan.safety
+    assert (safety.filter, safety.guard, safety.release) == (on > 0, on > 1, on > 2)
+
+
 @pytest.mark.parametrize("n", [2, 6, 20])
 def test_starts_are_apart_and_connected(n: int) -> None:
     """Every drawn mission could be flown: nobody too close, one connected graph, symmetric links."""
