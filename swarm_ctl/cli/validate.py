@@ -28,6 +28,7 @@ from swarm_ctl.core.plan import (
 )
 from swarm_ctl.core.progress import step_name
 from swarm_ctl.core.response import stop_distance
+from swarm_ctl.core.safety import Margins
 from swarm_ctl.mission.loader import LoadedMission, load
 from swarm_ctl.mission.rehearsal import StepForecast, forecast
 from swarm_ctl.mission.simulation import Simulation
@@ -135,6 +136,7 @@ def _facts(plan: Plan) -> list[str]:
         f" {limits.climb_mps:g} up, {limits.descent_mps:g} down"
     )
     lines.append(f"law      kappa {plan.kappa:g}, h {law.h:g}, {plan.compensation.value}, tick {plan.tick_s:g} s")
+    lines.append(f"safety   {_safety(plan)}")
     if plan.fence is not None:
         box = " ".join(f"({north:g}, {east:g})" for north, east in plan.fence.polygon_m)
         lines.append(f"fence    up to {plan.fence.height_m:g} m, inside {box} m: {plan.policies.fence.value}")
@@ -200,3 +202,12 @@ _PREPARED_S = 5.0
 
 def _metres(point: Point, unit_m: float) -> str:
     return f"{point[0] * unit_m:.1f}, {point[1] * unit_m:.1f}"
+
+
+def _safety(plan: Plan) -> str:
+    parts = plan.safety
+    if not parts.filter:
+        return "no filter: nothing but the law keeps the vehicles apart"
+    margins = Margins.of(plan.law, plan.response, plan.limits.speed_mps, plan.unit_m)
+    others = [name for name, on in (("guard of links", parts.guard), ("release from dead-locks", parts.release)) if on]
+    return ", ".join((f"filter (stop points {margins.keep_out:.1f} m apart or more)", *others))
