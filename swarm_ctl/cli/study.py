@@ -28,7 +28,7 @@ def study(
     start: Annotated[str, typer.Option(help=f"random, ring, grid, table2, crossing, antipodal. {_LIST}")] = "random",
     compensation: Annotated[str, typer.Option(help=f"stop_point, none. {_LIST}")] = "stop_point",
     vehicle: Annotated[str, typer.Option(help=f"ideal, lag, ardupilot, px4. {_LIST}")] = "lag",
-    safety: Annotated[str, typer.Option(help=f"off, filter, guard, release, exchange. {_LIST}")] = "release",
+    safety: Annotated[str, typer.Option(help=f"off, filter, guard, release, align, exchange. {_LIST}")] = "align",
     silent: Annotated[str, typer.Option(help=f"Share of missions in which an agent dies. {_RANGE}")] = "0",
     h: Annotated[str, typer.Option(help=f"Consensus gain. {_RANGE}")] = "0.05",
     kappa: Annotated[str, typer.Option(help=f"Iterations a second. {_RANGE}")] = "20",
@@ -58,7 +58,7 @@ def study(
 
         swarm-ctl study --n 4,6,9 --slots random,nearest --missions 2000
 
-        swarm-ctl study --safety off,release --start crossing --slots given --n 8,24 --silent 0.2
+        swarm-ctl study --safety off,align --start crossing --slots given --n 8,24 --silent 0.2
 
         swarm-ctl study --delay 0:0.2 --loss 0:0.2 --lag 0.4:0.6 --missions 10000 --out late.csv
 

@@ -8,7 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm_ctl.core import release, safety
+from swarm_ctl.core import alignment, release, safety
 from swarm_ctl.core.freshness import FRESH_S, NEIGHBOUR_S, SILENT_FLIES_S
 from swarm_ctl.core.halfplanes import UNBOUND, relaxed_many
 from swarm_ctl.core.release import swirled
@@ -17,7 +17,7 @@ from swarm_ctl.core.swarm_law import SwarmLaw
 from swarm_ctl.study.batch import Batch, Bools, Floats
 from swarm_ctl.study.dealing import Dealing
 from swarm_ctl.study.news import Told
-from swarm_ctl.study.space import LEVELS
+from swarm_ctl.study.space import LEVELS, Safety
 
 Complex: TypeAlias = NDArray[np.complex128]
 
@@ -44,10 +44,13 @@ class Keeper:
         self._speed = cell.speed_mps / cell.unit_m
         self.margins = Margins.of(cell.law, cell.model, self._speed)
         self._r_out = cell.law.r_out
-        self._release = _Releases((n, m), self._speed, cell.tick_s) if self._level >= 3 else None
+        self._release = _Releases((n, m), self._speed, cell.tick_s) if self._on("release") else None
         self._row = batch.row
         self.counts = Counts(np.zeros(m), np.zeros(m), np.zeros(m))
-        self.dealing = Dealing(batch) if self._level >= 4 else None
+        self.dealing = Dealing(batch) if self._on("exchange") else None
+
+    def _on(self, level: Safety) -> bool:
+        return self._level >= LEVELS.index(level)
 
     def only(self, missions: Bools) -> None:
         """Go on with some of the missions."""
@@ -67,7 +70,9 @@ class Keeper:
         lost = (told.age_s > FRESH_S) & np.ones_like(distance, dtype=np.bool_)
         itself = np.arange(len(own))
         distance[itself, itself] = np.inf
-        if self._level >= 3:
+        if self._on("align"):
+            consensus = consensus + self._aligned(own, told, slots, lost)
+        if self._on("release"):
             unheard = (lost & (distance < self._r_out + release.SWIRL_OFF)).any(axis=1)
             avoidance = np.where(unheard, avoidance, swirled(consensus, avoidance))
         wish = _limited(consensus + avoidance, self._speed)
@@ -77,6 +82,14 @@ class Keeper:
         if self._release is not None:
             self._release.note(consensus, flown)
         return np.stack((flown.real, flown.imag))
+
+    def _aligned(self, own: Complex, told: Told, slots: Floats, lost: Bools) -> Complex:
+        """The pull to the average of all who are heard."""
+        z = _complex(slots)
+        told_z = _complex(self.dealing.told_slots) if self.dealing is not None else z[None]
+        counted = ~lost
+        counted[np.arange(len(own)), np.arange(len(own))] = False
+        return alignment.pull(own - z, _complex(told.carried()) - told_z, counted, axis=1)
 
     def _filtered(
         self,
@@ -112,7 +125,7 @@ class Keeper:
         np.minimum.at(nearest_room, agent, room)
         cap = safety.cap(nearest_room, margins, np.maximum, np.minimum)
         soft = np.zeros(len(agent), dtype=np.bool_)
-        if self._level >= 2:
+        if self._on("guard"):
             a, b, c = self._guards(apart, distance, age_s, law, slots)
             agent, normal = np.concatenate((agent, a)), np.concatenate((normal, b))
             bound, soft = np.concatenate((bound, c)), np.concatenate((soft, np.ones(len(a), dtype=np.bool_)))

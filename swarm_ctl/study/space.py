@@ -19,10 +19,10 @@ Slots = Literal["given", "random", "nearest"]
 Start = Literal["random", "ring", "grid", "table2", "crossing", "antipodal"]
 """`crossing`: two columns that face each other and, with the slots `given`, change sides; `antipodal`: a ring, and
 everybody goes to the place opposite to the own one."""
-Safety = Literal["off", "filter", "guard", "release", "exchange"]
-"""Each with all before it: the collision filter, the guard of links, swirl and tangential release (what agents fly),
-slot exchange (tried in studies only)."""
-LEVELS: Final[tuple[Safety, ...]] = ("off", "filter", "guard", "release", "exchange")
+Safety = Literal["off", "filter", "guard", "release", "align", "exchange"]
+"""Each with all before it: the collision filter, the guard of links, swirl and tangential release, the pull to the
+average of all (what agents fly), slot exchange (tried in studies only)."""
+LEVELS: Final[tuple[Safety, ...]] = ("off", "filter", "guard", "release", "align", "exchange")
 """In their order."""
 VehicleModel = Literal["ideal", "lag", "ardupilot", "px4"]
 
@@ -122,8 +122,8 @@ class Study(_Common):
     start: tuple[Start, ...] = ("random",)
     compensation: tuple[Compensation, ...] = (Compensation.STOP_POINT,)
     vehicle: tuple[VehicleModel, ...] = ("lag",)
-    safety: tuple[Safety, ...] = ("release",)
-    """What stands between the law and the vehicles; `release` is what agents fly with stop points."""
+    safety: tuple[Safety, ...] = ("align",)
+    """What stands between the law and the vehicles; `align` is what agents fly with stop points."""
     h: tuple[Range, ...] = value(0.05)
     kappa: tuple[Range, ...] = value(20.0)
     lag_s: tuple[Range, ...] = value(0.5)
