@@ -209,5 +209,10 @@ def _safety(plan: Plan) -> str:
     if not parts.filter:
         return "no filter: nothing but the law keeps the vehicles apart"
     margins = Margins.of(plan.law, plan.response, plan.limits.speed_mps, plan.unit_m)
-    others = [name for name, on in (("guard of links", parts.guard), ("release from dead-locks", parts.release)) if on]
+    named = (
+        ("guard of links", parts.guard),
+        ("release from dead-locks", parts.release),
+        ("pull to the average of all", parts.align),
+    )
+    others = [name for name, on in named if on]
     return ", ".join((f"filter (stop points {margins.keep_out:.1f} m apart or more)", *others))

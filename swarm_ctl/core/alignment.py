@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 RATE: Final = 0.5
-"""[1/s]: an eighth of the law's own, and slow against the age of any news that counts (0.5 s). With 1.0 formations of 50
-stood 2 % sooner, with 0.2 20 % later."""
+"""[1/s]: an eighth of the law's own, and slow against the age of any news that counts (0.5 s). At 1.0 the slowest
+twentieth of formations stood 1 % sooner, at 0.2 20 % later."""
 
 
 def pull(

@@ -9,10 +9,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from swarm_ctl.core import law, response, safety
+from swarm_ctl.core import alignment, law, response, safety
 from swarm_ctl.core.keeper import NOTHING_COMMON, Common, Keeper
 from swarm_ctl.core.navigation import OwnFix
-from swarm_ctl.core.peers import Peers
+from swarm_ctl.core.peers import LawInput, Peers
 from swarm_ctl.core.plan import Compensation, Plan, Point, Response
 from swarm_ctl.core.state import Gains, PairReport, SigmaReport
 from swarm_ctl.core.vehicle import Contact
@@ -20,6 +20,7 @@ from swarm_ctl.core.vehicle import Contact
 _APPROACH_RATE = 1.0
 """[1/s] of the room that is left: what a wish may come closer to somebody who stays. Stop points need no more."""
 _NOWHERE: Mapping[int, Point] = {}
+_COMPLEX = np.array([1.0, 1.0j])
 
 
 class Controller:
@@ -80,7 +81,7 @@ class Controller:
 
         `extra_mps` is flown on top: what moves the formation as a whole, of it `common` by everybody alike.
         """
-        consensus, avoidance = self._terms(now, slots, contacts)
+        consensus, avoidance = self._terms(now, slots, contacts, common.flying)
         if extra_mps != (0.0, 0.0):
             wish = self._around(now, consensus + complex(*extra_mps))
             return self._kept(now, wish + avoidance, slots, common)
@@ -113,14 +114,25 @@ class Controller:
         self.commanded_mps = (north_mps, east_mps)
         self._commands.append(self.commanded_mps)
 
-    def _terms(self, now: float, slots: Mapping[int, Point], contacts: Sequence[Contact]) -> tuple[complex, complex]:
-        """The law's consensus and avoidance [m/s]."""
-        result, rate = self._evaluate(now, slots, contacts), self._iteration_mps
+    def _terms(
+        self,
+        now: float,
+        slots: Mapping[int, Point],
+        contacts: Sequence[Contact],
+        flying: tuple[int, int] | None = None,
+    ) -> tuple[complex, complex]:
+        """The law's consensus, with the pull to the average of all who fly the same, and its avoidance [m/s]."""
+        others = self._peers.law_input(now, self.point_m, slots, contacts, flying)
+        result, rate = self._evaluate(others, slots), self._iteration_mps
         (north, east), (away_north, away_east) = result.consensus[0].tolist(), result.avoidance[0].tolist()
-        return complex(north, east) * rate, complex(away_north, away_east) * rate
+        consensus = complex(north, east) * rate
+        if self._plan.safety.align and flying is not None:
+            own = complex(*self.point_m) / self._plan.unit_m - complex(*slots.get(self._own, (0.0, 0.0)))
+            errors = (others.points[0] - others.slots[0]) @ _COMPLEX
+            consensus += complex(alignment.pull(np.array(own), errors, others.along)) * self._plan.unit_m
+        return consensus, complex(away_north, away_east) * rate
 
-    def _evaluate(self, now: float, slots: Mapping[int, Point], contacts: Sequence[Contact]) -> law.LawResult:
-        others = self._peers.law_input(now, self.point_m, slots, contacts)
+    def _evaluate(self, others: LawInput, slots: Mapping[int, Point]) -> law.LawResult:
         unit = self._plan.unit_m
         own = np.array([[self.point_m[0] / unit, self.point_m[1] / unit]])
         own_slot = np.array([slots.get(self._own, (0.0, 0.0))])

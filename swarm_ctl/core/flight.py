@@ -6,7 +6,7 @@ import math
 
 from swarm_ctl.core.controller import Controller
 from swarm_ctl.core.descent import Descent
-from swarm_ctl.core.keeper import NOTHING_COMMON, Common
+from swarm_ctl.core.keeper import Common
 from swarm_ctl.core.members import Members
 from swarm_ctl.core.navigation import OwnFix
 from swarm_ctl.core.operator import Operator
@@ -146,9 +146,9 @@ class Flight:
 
     def _formation_velocity(self, now: float, view: VehicleView, step: Step) -> Point:
         reference, own = self._reference, self._controller.stop_point_m
-        extra, common = (0.0, 0.0), NOTHING_COMMON
+        key = (self._progress.step, self.command)
+        extra, common = (0.0, 0.0), Common(0j, key)
         if not isinstance(step, FormStep):
-            key = (self._progress.step, self.command)
             free = self._sortie.finding is None
             reference.follow(now, step, key, own, self._members.formation_error_m, free=free)
             extra = reference.feed_forward(step, own, self._controller.gain)

@@ -26,7 +26,7 @@ class Common(NamedTuple):
 
     velocity_mps: complex
     flying: tuple[int, int] | None
-    """The (step, command) it belongs to."""
+    """The (step, command) of who shares it."""
 
 
 NOTHING_COMMON: Final = Common(0j, None)

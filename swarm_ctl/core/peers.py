@@ -102,6 +102,8 @@ class LawInput:
     neighbour: NDArray[np.bool_]
     present: NDArray[np.bool_]
     lower_id: NDArray[np.bool_]
+    along: NDArray[np.bool_]
+    """(k,): freshly heard, with a slot, and it flies the same (step, command)."""
 
 
 class Peers:
@@ -195,17 +197,32 @@ class Peers:
         state = self._by_id[self.ids[column]].state if self.ids[column] else None
         return state is not None and state.phase is Phase.FLY and self.age(state.agent, now) <= NEIGHBOUR_S
 
-    def law_input(self, now: float, own_m: Point, slots: Mapping[int, Point], contacts: Sequence[Contact]) -> LawInput:
+    def law_input(
+        self,
+        now: float,
+        own_m: Point,
+        slots: Mapping[int, Point],
+        contacts: Sequence[Contact],
+        flying: tuple[int, int] | None = None,
+    ) -> LawInput:
         """Everyone who may be near, as points in units; a peer never heard is absent.
 
+        `flying` is the (step, command) of the own formation.
         Agents without a slot in `slots` are nobody's neighbours: with an empty one only avoidance is left.
         """
         points: list[Point] = []
-        present, linked = [], []
+        present, linked, along = [], [], []
         for peer in self:
-            age = peer.age(now)
-            points.append(self._point(peer.state, age) if peer.state is not None else (0.0, 0.0))
-            present.append(peer.state is not None)
+            age, state = peer.age(now), peer.state
+            points.append(self._point(state, age) if state is not None else (0.0, 0.0))
+            present.append(state is not None)
+            along.append(
+                state is not None
+                and age <= FRESH_S
+                and state.phase is Phase.FLY
+                and (state.step, state.command) == flying
+                and peer.id in slots
+            )
             linked.append(peer.id in self._chosen and age <= NEIGHBOUR_S and peer.id in slots)
         traffic = self._traffic(now, own_m, contacts)
         points += traffic
@@ -213,7 +230,8 @@ class Peers:
         if shape != self._shape or slots is not self._slots:
             self._shape, self._slots = shape, slots
             self._columns = self._columns_for(present, linked, len(traffic), slots)
-        return LawInput(np.array([points]) / self._plan.unit_m, *self._columns)
+        along += [False] * len(traffic)
+        return LawInput(np.array([points]) / self._plan.unit_m, *self._columns, np.array(along))
 
     def _columns_for(
         self, present: list[bool], linked: list[bool], traffic: int, slots: Mapping[int, Point]

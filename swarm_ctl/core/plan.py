@@ -69,7 +69,7 @@ class Compensation(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Safety:
-    """What stands between the law and the vehicles (`core/safety.py`, `core/release.py`)."""
+    """What stands between the law and the vehicles (`core/safety.py`, `core/release.py`, `core/alignment.py`)."""
 
     filter: bool = True
     """No velocity that brings two closer than their keep-out distance."""
@@ -77,6 +77,8 @@ class Safety:
     """Links that the shape keeps are not stretched past r on the way."""
     release: bool = True
     """Out of dead-locks by going round each other."""
+    align: bool = True
+    """Out of slow modes: everybody also moves to the average of all who are heard."""
 
 
 class Policy(StrEnum):

@@ -13,7 +13,7 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from swarm_ctl.core import law
+from swarm_ctl.core import alignment, law
 from swarm_ctl.core.formation import centred, distances, formation_error
 from swarm_ctl.core.homing import return_height_m
 from swarm_ctl.core.plan import (
@@ -214,13 +214,16 @@ def _form(plan: Plan, step: FormStep, points: Array, links: Sequence[tuple[int, 
 def _move(
     plan: Plan, points: Array, slots: Array, linked: npt.NDArray[np.bool_], pairs: npt.NDArray[np.bool_]
 ) -> Array:
-    """One tick's displacement of all agents [units], (n, 2): the law, then the speed limit."""
+    """One tick's displacement of all agents [units], (n, 2): the law, the pull to the average, then the speed limit."""
     count = len(points)
     others = np.broadcast_to(points, (count, count, 2))
     other_slots = np.broadcast_to(slots, (count, count, 2))
     lower = np.triu(np.ones((count, count), dtype=bool), 1)
     u = law.evaluate(points, slots, others, other_slots, linked, pairs, lower, plan.law).u
     step = u * plan.kappa * plan.tick_s
+    if plan.safety.align:
+        errors = points - slots
+        step += alignment.RATE * plan.tick_s * (errors.mean(axis=0) - errors)
     most = plan.limits.speed_mps * plan.tick_s / plan.unit_m
     length = np.linalg.norm(step, axis=-1, keepdims=True)
     return np.asarray(step * (most / np.maximum(length, most)))

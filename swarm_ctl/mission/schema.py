@@ -62,6 +62,8 @@ class SafetySection(Section):
     """Links whose slots fit in r are not stretched past r on the way."""
     release: bool | None = None
     """Out of dead-locks by going round each other."""
+    align: bool | None = None
+    """Out of slow modes: everybody also moves to where all who are heard say, on the average, that his slot is."""
 
 
 class VehicleResponse(Section):

@@ -126,7 +126,7 @@ def write_mission(flown: Flown, path: Path) -> None:
 def _safety(cell: Cell) -> dict[str, bool]:
     """As the row was flown; agents have no slot exchange."""
     level = LEVELS.index(cell.safety)
-    return {name: level >= LEVELS.index(name) for name in ("filter", "guard", "release")}
+    return {name: level >= LEVELS.index(name) for name in ("filter", "guard", "release", "align")}
 
 
 def _autopilot(batch: Batch) -> str:

@@ -67,10 +67,20 @@ def test_a_vehicle_whose_agent_died_is_not_hit() -> None:
     assert (outcome.smallest > 0.5).all()
 
 
+def test_sparse_swarms_form_sooner_when_all_move_to_the_average() -> None:
+    """Forty scattered sparsely: the slowest mode of their graph takes a minute, the average of all does not."""
+    settings = {"n": (40,), "missions": 8, "h": value(0.2)}
+    alone, aligned = (fly(missions(**settings, safety=(level,))) for level in ("release", "align"))
+    assert aligned.converged.all()
+    assert np.median(aligned.time_s) < 0.7 * np.median(alone.time_s)
+    assert (aligned.smallest > 0.5).all()
+    assert not aligned.kept_broken.any()
+
+
 def test_exchange_shortens_the_way() -> None:
     """Two that are in each other's way take each other's slots: sooner formed, and nobody comes under r_in."""
     settings = {"n": (6,), "slots": ("random",)}
-    fixed, exchanged = (fly(missions(**settings, safety=(level,))) for level in ("release", "exchange"))
+    fixed, exchanged = (fly(missions(**settings, safety=(level,))) for level in ("align", "exchange"))
     assert exchanged.exchanges.sum() > 20
     assert exchanged.converged.all()
     assert np.median(exchanged.time_s) < np.median(fixed.time_s)

@@ -22,7 +22,7 @@ from swarm_ctl.study.batch import Batch, blocks, connected, draw
 from swarm_ctl.study.flight import fly
 from swarm_ctl.study.news import News
 from swarm_ctl.study.rows import COLUMNS, read_rows, rows_of
-from swarm_ctl.study.space import Range, Study, value
+from swarm_ctl.study.space import LEVELS, Range, Study, value
 from swarm_ctl.study.table import table, wilson
 from swarm_ctl.study.work import carry_out
 
@@ -125,13 +125,13 @@ def test_a_row_becomes_a_mission_that_loads(tmp_path: Path) -> None:
     assert links == {i: set(np.flatnonzero(flown.batch.links[i, :, 0]).tolist()) for i in links}
 
 
-@pytest.mark.parametrize(("level", "on"), [("off", 0), ("filter", 1), ("guard", 2), ("release", 3), ("exchange", 3)])
+@pytest.mark.parametrize(("level", "on"), list(zip(LEVELS, (0, 1, 2, 3, 4, 4), strict=True)))
 def test_a_row_is_handed_on_with_the_safety_it_was_flown_with(tmp_path: Path, level: str, on: int) -> None:
     study = Study.model_validate(SHORT | {"missions": 2, "safety": (level,)})
     carry_out(study, tmp_path / "rows.csv", 1, silent())
     write_mission(fly_again(tmp_path / "rows.csv", 1), tmp_path / "row.yaml")
     safety = load(tmp_path / "row.yaml").plan.safety
-    assert (safety.filter, safety.guard, safety.release) == (on > 0, on > 1, on > 2)
+    assert (safety.filter, safety.guard, safety.release, safety.align) == (on > 0, on > 1, on > 2, on > 3)
 
 
 @pytest.mark.parametrize("n", [2, 6, 20])
