@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarm_ctl.core import alignment, release, safety
-from swarm_ctl.core.freshness import FRESH_S, NEIGHBOUR_S, SILENT_FLIES_S
+from swarm_ctl.core.freshness import FRESH_S, NEIGHBOUR_S, PREDICT_S, SILENT_FLIES_S
 from swarm_ctl.core.halfplanes import UNBOUND, relaxed_many
 from swarm_ctl.core.release import swirled
 from swarm_ctl.core.safety import Margins
@@ -126,7 +126,7 @@ class Keeper:
         cap = safety.cap(nearest_room, margins, np.maximum, np.minimum)
         soft = np.zeros(len(agent), dtype=np.bool_)
         if self._on("guard"):
-            a, b, c = self._guards(apart, distance, age_s, law, slots)
+            a, b, c = self._guards(apart, distance, commanded, age_s, law, slots)
             agent, normal = np.concatenate((agent, a)), np.concatenate((normal, b))
             bound, soft = np.concatenate((bound, c)), np.concatenate((soft, np.ones(len(a), dtype=np.bool_)))
         flown, touched, yielded = _solved(wish.ravel(), agent, normal, bound, soft, cap)
@@ -137,15 +137,19 @@ class Keeper:
         return flown.reshape(wish.shape)
 
     def _guards(
-        self, apart: Complex, distance: Floats, age_s: Floats, law: SwarmLaw, slots: Floats
+        self, apart: Complex, distance: Floats, commanded: Complex, age_s: Floats, law: SwarmLaw, slots: Floats
     ) -> tuple[NDArray[np.intp], Complex, Floats]:
         z = _complex(slots)
         slot_gap = np.abs(z[:, None] - z)
-        minded = law.links & safety.guarded(slot_gap, distance, self.margins) & (age_s <= NEIGHBOUR_S)
         # far from its end a link forbids nothing
-        minded &= distance > safety.guards_from(self.margins)
-        i, j, mission = np.nonzero(minded)
-        normal, bound = safety.guard_plane(apart[i, j, mission], self.margins, np.minimum, np.maximum)
+        far = distance > safety.guards_from(self.margins) - self._speed * PREDICT_S
+        i, j, mission = np.nonzero(law.links & far & (age_s <= NEIGHBOUR_S))
+        receiver = i if commanded.shape[0] > 1 else np.zeros_like(i)
+        age = np.broadcast_to(age_s, (commanded.shape[0], *age_s.shape[1:]))[receiver, j, mission]
+        now = apart[i, j, mission] - commanded[receiver, j, mission] * np.minimum(age, PREDICT_S)
+        minded = safety.guarded(slot_gap[i, j, mission], np.abs(now), self.margins)
+        i, mission, now = i[minded], mission[minded], now[minded]
+        normal, bound = safety.guard_plane(now, self.margins, np.minimum, np.maximum)
         return i * distance.shape[-1] + mission, normal, bound
 
     def _dice(self, fails: Floats) -> Floats:

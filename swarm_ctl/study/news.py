@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm_ctl.core.freshness import PREDICT_S
+from swarm_ctl.core.freshness import lead_s
 from swarm_ctl.study.batch import Batch, Bools, Floats
 
 _MIX = (np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB), np.uint64(0x9E3779B97F4A7C15))
@@ -23,10 +23,12 @@ class Told:
     """Their commands [units/s]."""
     age_s: Floats
     """(receivers, senders, m)."""
+    lead_s: Floats
+    """For how long the law carries the points on, (m,)."""
 
     def carried(self) -> Floats:
         """The points, carried on with the commands for as long as the agents do."""
-        carried: Floats = self.points + self.velocity * np.minimum(self.age_s, PREDICT_S)
+        carried: Floats = self.points + self.velocity * np.minimum(self.age_s, self.lead_s)
         return carried
 
 
@@ -41,6 +43,7 @@ class News:
         self._tick_s = tick_s
         self._delay = np.rint(batch.delay_s / tick_s).astype(np.intp)
         self._loss = batch.loss
+        self._lead_s: Floats = lead_s(batch.kappa * batch.h, np.minimum)
         self._row = batch.row.astype(np.uint64)
         self._seed = np.array([batch.cell.seed], dtype=np.uint64)  # arrays wrap around, scalars warn
         _, n, m = batch.starts.shape
@@ -55,7 +58,7 @@ class News:
 
     def only(self, missions: Bools) -> None:
         """Go on with some of the missions."""
-        for name in ("_delay", "_loss", "_row", "_past", "_known", "_sent", "_silent_from"):
+        for name in ("_delay", "_loss", "_row", "_past", "_known", "_sent", "_silent_from", "_lead_s"):
             setattr(self, name, getattr(self, name)[..., missions])
 
     def exchange(self, tick: int, points: Floats, velocity: Floats) -> Told:
@@ -70,7 +73,7 @@ class News:
             arrives = arrives & self._arrives(tick)
         self._known = np.where(arrives, arriving[:, None], self._known)
         self._sent = np.where(arrives, sent, self._sent)
-        return Told(self._known[:2], self._known[2:], (tick - self._sent) * self._tick_s)
+        return Told(self._known[:2], self._known[2:], (tick - self._sent) * self._tick_s, self._lead_s)
 
     def _arrives(self, tick: int) -> NDArray[np.bool_]:
         """Which links (n, n, m) get this tick's news: splitmix64 of all that names it, as a share of 1."""
