@@ -10,9 +10,10 @@ from dataclasses import replace
 import numpy as np
 
 from swarm_ctl.core import alignment, law, response, safety
-from swarm_ctl.core.keeper import NOTHING_COMMON, Common, Keeper
+from swarm_ctl.core.freshness import lead_s
+from swarm_ctl.core.keeper import Keeper
 from swarm_ctl.core.navigation import OwnFix
-from swarm_ctl.core.peers import LawInput, Peers
+from swarm_ctl.core.peers import NOTHING_COMMON, Common, LawInput, Peers
 from swarm_ctl.core.plan import Compensation, Plan, Point, Response
 from swarm_ctl.core.state import Gains, PairReport, SigmaReport
 from swarm_ctl.core.vehicle import Contact
@@ -55,6 +56,7 @@ class Controller:
         self._iteration_mps = self._plan.unit_m * gains.kappa
         self.gain = gains.kappa * gains.h
         """The law's own rate [1/s]."""
+        self._lead_s: float = lead_s(self.gain)
 
     @property
     def tally(self) -> dict[str, int]:
@@ -81,7 +83,7 @@ class Controller:
 
         `extra_mps` is flown on top: what moves the formation as a whole, of it `common` by everybody alike.
         """
-        consensus, avoidance = self._terms(now, slots, contacts, common.flying)
+        consensus, avoidance = self._terms(now, slots, contacts, common)
         if extra_mps != (0.0, 0.0):
             wish = self._around(now, consensus + complex(*extra_mps))
             return self._kept(now, wish + avoidance, slots, common)
@@ -119,14 +121,14 @@ class Controller:
         now: float,
         slots: Mapping[int, Point],
         contacts: Sequence[Contact],
-        flying: tuple[int, int] | None = None,
+        common: Common = NOTHING_COMMON,
     ) -> tuple[complex, complex]:
         """The law's consensus, with the pull to the average of all who fly the same, and its avoidance [m/s]."""
-        others = self._peers.law_input(now, self.point_m, slots, contacts, flying)
+        others = self._peers.law_input(now, self.point_m, slots, contacts, self._lead_s, common)
         result, rate = self._evaluate(others, slots), self._iteration_mps
         (north, east), (away_north, away_east) = result.consensus[0].tolist(), result.avoidance[0].tolist()
         consensus = complex(north, east) * rate
-        if self._plan.safety.align and flying is not None:
+        if self._plan.safety.align and common.flying is not None:
             own = complex(*self.point_m) / self._plan.unit_m - complex(*slots.get(self._own, (0.0, 0.0)))
             errors = (others.points[0] - others.slots[0]) @ _COMPLEX
             consensus += complex(alignment.pull(np.array(own), errors, others.along)) * self._plan.unit_m

@@ -6,10 +6,10 @@ import math
 
 from swarm_ctl.core.controller import Controller
 from swarm_ctl.core.descent import Descent
-from swarm_ctl.core.keeper import Common
 from swarm_ctl.core.members import Members
 from swarm_ctl.core.navigation import OwnFix
 from swarm_ctl.core.operator import Operator
+from swarm_ctl.core.peers import Common
 from swarm_ctl.core.plan import FormStep, HoldStep, LandStep, Point, Policy, ReturnStep, Shaped, Step, TakeoffStep
 from swarm_ctl.core.progress import Progress
 from swarm_ctl.core.readiness import Gate, HeardStation

@@ -7,29 +7,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Final, NamedTuple
 
 from swarm_ctl.core import safety
 from swarm_ctl.core.freshness import NEIGHBOUR_S, PREDICT_S, SILENT_FLIES_S
 from swarm_ctl.core.halfplanes import Plane, relaxed
-from swarm_ctl.core.peers import Other, Peers
+from swarm_ctl.core.peers import NOTHING_COMMON, Common, Other, Peers
 from swarm_ctl.core.plan import Plan, Point, Response
 from swarm_ctl.core.release import SWIRL_OFF, Release, swirled
 from swarm_ctl.core.safety import Margins
 from swarm_ctl.core.state import SafetyReport
 
 _UNTOUCHED_MPS = 1e-6
-
-
-class Common(NamedTuple):
-    """What all who fly a formation share."""
-
-    velocity_mps: complex
-    flying: tuple[int, int] | None
-    """The (step, command) of who shares it."""
-
-
-NOTHING_COMMON: Final = Common(0j, None)
 
 
 class Keeper:

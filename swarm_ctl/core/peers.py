@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,6 +91,17 @@ class Other(NamedTuple):
     """It does its half of keeping apart."""
     flying: tuple[int, int] | None
     """The (step, command) whose formation it flies; None: none."""
+
+
+class Common(NamedTuple):
+    """What all who fly a formation share."""
+
+    velocity_mps: complex
+    flying: tuple[int, int] | None
+    """The (step, command) of who shares it."""
+
+
+NOTHING_COMMON: Final = Common(0j, None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,26 +214,29 @@ class Peers:
         own_m: Point,
         slots: Mapping[int, Point],
         contacts: Sequence[Contact],
-        flying: tuple[int, int] | None = None,
+        lead_s: float = 0.0,
+        common: Common = NOTHING_COMMON,
     ) -> LawInput:
         """Everyone who may be near, as points in units; a peer never heard is absent.
 
-        `flying` is the (step, command) of the own formation.
+        What they told is carried on with their commands for at most `lead_s`, with what is `common` for `PREDICT_S`.
         Agents without a slot in `slots` are nobody's neighbours: with an empty one only avoidance is left.
         """
         points: list[Point] = []
         present, linked, along = [], [], []
         for peer in self:
             age, state = peer.age(now), peer.state
-            points.append(self._point(state, age) if state is not None else (0.0, 0.0))
-            present.append(state is not None)
-            along.append(
+            with_us = (
                 state is not None
                 and age <= FRESH_S
                 and state.phase is Phase.FLY
-                and (state.step, state.command) == flying
+                and (state.step, state.command) == common.flying
                 and peer.id in slots
             )
+            moving = common.velocity_mps if with_us else 0j
+            points.append(self._point(state, age, lead_s, moving) if state is not None else (0.0, 0.0))
+            present.append(state is not None)
+            along.append(with_us)
             linked.append(peer.id in self._chosen and age <= NEIGHBOUR_S and peer.id in slots)
         traffic = self._traffic(now, own_m, contacts)
         points += traffic
@@ -245,15 +259,14 @@ class Peers:
             np.array([[self._own < i or i == 0 for i in self.ids[: len(offsets)]]]),
         )
 
-    def _point(self, state: AgentState, age: float) -> Point:
+    def _point(self, state: AgentState, age: float, lead_s: float, moving: complex) -> Point:
         """Stop point carried on with its command, or the plain position (`compensation: none`) [m]."""
         if self._plan.compensation is Compensation.NONE:
             return state.position_ned_m[0], state.position_ned_m[1]
-        ahead = min(age, PREDICT_S)
-        return (
-            state.stop_point_m[0] + state.commanded_mps[0] * ahead,
-            state.stop_point_m[1] + state.commanded_mps[1] * ahead,
-        )
+        lead = min(age, lead_s)
+        further = min(age, PREDICT_S) - lead
+        (north, east), (vn, ve) = state.stop_point_m, state.commanded_mps
+        return north + vn * lead + moving.real * further, east + ve * lead + moving.imag * further
 
     def _traffic(self, now: float, own_m: Point, contacts: Sequence[Contact]) -> list[Point]:
         """Contacts that are no fresh peer, as stop points [m]: what the mesh does not know, the sensor does."""

@@ -163,7 +163,9 @@ class _Flight:
         if self._news is not None:
             told = self._news.exchange(tick, points, velocity)
         else:
-            told = Told(points[:, None], velocity[:, None], np.zeros((1, *points.shape[1:])), np.zeros(points.shape[-1]))
+            told = Told(
+                points[:, None], velocity[:, None], np.zeros((1, *points.shape[1:])), np.zeros(points.shape[-1])
+            )
         if self._silent:
             self._unlink(tick)
         at = told.carried() if self._carry_on else told.points
