@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 from swarm_ctl.core import watch
 from swarm_ctl.core.controller import Controller
+from swarm_ctl.core.dealing import Dealer
 from swarm_ctl.core.descent import Descent
 from swarm_ctl.core.flight import Flight
 from swarm_ctl.core.freshness import OWN_FIX_S
@@ -104,14 +105,17 @@ class Agent:
         self._progress = progress = Progress(plan, now)
         self._reference = reference = Reference(plan, agent_id, peers)
         self._neighbourhood = Neighbourhood(plan, agent_id, peers)
+        self._dealer = dealer = Dealer(plan, agent_id, peers)
         self._homing = Homing(plan, agent_id, peers)
         self._operator = Operator(plan, agent_id, self._hash)
         self._sortie = sortie = Sortie(plan, agent_id, controller)
         self._members = members = Members(sortie, peers, controller, progress, reference)
         gate = Gate(plan, plan.agent(agent_id), self._hash, self._navigator, peers, expect_station)
         descent = Descent(sortie, controller, progress, self._homing)
-        self._takeover = takeover = Takeover(sortie, gate, controller, progress, reference, self._neighbourhood)
-        self._flight = Flight(sortie, gate, members, controller, progress, reference, self._operator, descent, takeover)
+        self._takeover = takeover = Takeover(sortie, gate, controller, progress, reference, self._step_forms, dealer)
+        self._flight = Flight(
+            sortie, gate, members, controller, progress, reference, self._operator, descent, takeover, dealer
+        )
         self._station: HeardStation | None = None
         self._lifeline_cut = False
         self._seq = 0
@@ -147,6 +151,8 @@ class Agent:
         for state, received_s in inbox.states:
             self._takeover.hear(state, received_s)
             self._peers.hear(state, received_s)
+        self._dealer.hear()
+        self._reference.assign(self._dealer.roles)
         for beacon, received_s in inbox.beacons:
             self._station = (beacon, received_s)
         for level, text in self._operator.tuner.update(now, inbox.states):
@@ -200,12 +206,19 @@ class Agent:
         self._members.forget_shape()
         again = step is None
         step = self._progress.current if step is None else step
-        if isinstance(step, FormStep):
+        if isinstance(step, FormStep) and self._operator.override is None:
+            self._step_forms(step)
+        elif isinstance(step, FormStep):
             self._reference.form(step.slots)
-            if step.neighbours is not None:
-                self._neighbourhood.choose(step.neighbours)
         else:
             self._reference.begin(leg if again else 0)
+
+    def _step_forms(self, step: FormStep) -> None:
+        """Begin a form step of the mission."""
+        self._reference.form(step.slots, self._dealer.roles)
+        if step.neighbours is not None:
+            self._neighbourhood.choose(self._dealer.in_roles(step.neighbours))
+        self._dealer.begin(step.slots, self._neighbourhood.links)
 
     # --- what forbids going on ---
 
@@ -266,6 +279,7 @@ class Agent:
             self._flight.command,
             self._operator.tuner.tag,
             self._operator.tuner.decided,
+            self._dealer.deal,
         )
 
     def _publish_slow(self, now: float, inbox: Inbox, fix: OwnFix | None, actions: Actions) -> None:
@@ -304,5 +318,6 @@ class Agent:
             station_s=station[1] if station else None,
             tick=inbox.tick(),
             bad_payloads=inbox.bad_payloads,
+            roles=tuple(self._dealer.taken),
             echo=Echo(station[0].station, station[0].time_s, now - station[1]) if station else None,
         )

@@ -16,9 +16,9 @@ once. A link whose slots fit in r must fit after an exchange as well, or its two
 links to both fit: the swarm stays connected. Should two be left with one role (the news of one was lost for seconds),
 the higher id takes a role that nobody has.
 
-Agents do not fly this yet, `study --safety exchange` does. Arrays throughout, so that an agent and a study of thousands
-of missions can run the same protocol: a is the agents that decide (one, or all n), m the missions. Agents are named by
-their place 0..n-1 in the plan; -1 is nobody.
+Arrays throughout, so that an agent (`core/dealing.py`) and a study of thousands of missions run the same protocol: a is
+the agents that decide (one, or all n), m the missions. Agents are named by their place 0..n-1 in the plan; -1 is
+nobody.
 """
 
 from __future__ import annotations
@@ -106,7 +106,16 @@ class Exchange:
             setattr(self, name, getattr(self, name)[..., missions])
         self.deals = Deals(*(getattr(self.deals, f.name)[..., missions] for f in fields(Deals)))
 
-    def step(self, now: float, own: Floats, points: Floats, told: Deals, age_s: Floats, fresh: Bools) -> Bools:
+    def step(
+        self,
+        now: float,
+        own: Floats,
+        points: Floats,
+        told: Deals,
+        age_s: Floats,
+        fresh: Bools,
+        new: Bools | None = None,
+    ) -> Bools:
         """Look round: take part in what goes on. Returns who changed its role, (a, m).
 
         Args:
@@ -116,7 +125,9 @@ class Exchange:
             told: what they said (a, n, m).
             age_s: of it (a, n, m).
             fresh: heard lately enough to deal with, and flying the same shape (a, n, m); false for oneself.
+            new: who offers and takes offers (a, m), everybody where not given; others end what they have begun.
         """
+        fresh_for_new = fresh if new is None else fresh & new[:, None]
         before = self.deals.role.copy()
         self._complete(now, told)
         settled = self._settled(told, age_s) & (now >= self._quiet)
@@ -124,10 +135,10 @@ class Exchange:
         apart = own[:, :, None] - points
         gain = self._gain(apart, told)
         lowest = self._lowest_lock(told, fresh)
-        self._mind_own_offer(now, told, fresh, gain, lowest)
+        self._mind_own_offer(now, told, fresh_for_new, gain, lowest)
         free = settled & (self.deals.offer_to < 0) & (now >= self._quiet)
-        self._consider(now, told, fresh, gain, free, lowest)
-        near = fresh & ((apart**2).sum(axis=0) <= self._r**2)
+        self._consider(now, told, fresh_for_new, gain, free, lowest)
+        near = fresh_for_new & ((apart**2).sum(axis=0) <= self._r**2)
         self._propose(now, told, near, gain, free & (self._partner < 0), lowest)
         changed: Bools = self.deals.role != before
         self.count += changed

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from swarm_ctl.core.controller import Controller
+from swarm_ctl.core.dealing import Dealer
 from swarm_ctl.core.descent import Descent
 from swarm_ctl.core.members import Members
 from swarm_ctl.core.navigation import OwnFix
@@ -36,6 +37,7 @@ class Flight:
         operator: Operator,
         descent: Descent,
         takeover: Takeover,
+        dealer: Dealer,
     ) -> None:
         self._plan = sortie.plan
         self._sortie = sortie
@@ -47,6 +49,7 @@ class Flight:
         self._operator = operator
         self._descent = descent
         self._takeover = takeover
+        self._dealer = dealer
         self._scattered = False
         """The operator's `hold` came while the shape was not formed yet: stay, don't go on forming."""
         self._inside_since: float | None = None
@@ -139,6 +142,8 @@ class Flight:
             if override.kind == "hold" and self._scattered:
                 return sortie.setpoint(now, fix, self._controller.keep_clear(now, view.contacts) if fix else None)
         flown = override.step if override is not None else step
+        if override is None and fix is not None:
+            self._exchange(now, step)
         velocity = self._formation_velocity(now, view, flown) if fix else None
         if override is None:
             self._judge(now, step)
@@ -155,6 +160,18 @@ class Flight:
             common = Common(complex(*reference.common_mps(step)), key)
         return self._controller.form(now, reference.slots, view.contacts, extra, common)
 
+    def _exchange(self, now: float, step: Shaped) -> None:
+        """Slots with whoever is in the way, where the step allows it."""
+        new = isinstance(step, FormStep) and step.exchange and not self._progress.done
+        key = (self._progress.step, self.command)
+        partner = self._dealer.look(now, self._controller.stop_point_m, key, new=new)
+        if partner is not None:
+            self._reference.assign(self._dealer.roles)
+            self._inside_since = None
+            self._sortie.say(
+                now, "info", f"takes the slot of agent {partner} (exchanged: they were in each other's way)"
+            )
+
     def _judge(self, now: float, step: Shaped) -> None:
         """Own part of the step done? Or its time over, where the mission then goes on."""
         late = step.on_timeout is Policy.CONTINUE and now > self._progress.timed_out_at
@@ -163,7 +180,7 @@ class Flight:
                 self._progress.finish_step(now)
             return
         error_m = self._members.formation_error_m
-        inside = error_m is not None and error_m < step.tolerance_m
+        inside = error_m is not None and error_m < step.tolerance_m and self._dealer.settled
         if not isinstance(step, FormStep):
             inside = inside and self._reference.there(step, self._controller.stop_point_m)
         if not inside:

@@ -49,14 +49,16 @@ class Neighbourhood:
         self._heard = heard
         said = [("info", f"neighbour {agent} is heard again") for agent in back if agent not in known]
         if gone:
-            silent = set(self._links()[self._own]) - set(heard)
-            parts = graph.components(graph.without(self._links(), silent))
+            silent = set(self.links[self._own]) - set(heard)
+            parts = graph.components(graph.without(self.links, silent))
             what = "stays connected" if len(parts) == 1 else f"falls apart: {' | '.join(map(str, parts))}"
             said.append(("warning", f"neighbour {', '.join(map(str, gone))} is not heard; the graph {what}"))
         return said
 
-    def _links(self) -> dict[int, tuple[int, ...]]:
+    @property
+    def links(self) -> dict[int, tuple[int, ...]]:
+        """N_i of everybody, by id."""
         return graph.bridged(self._planned, self._lost)
 
     def _apply(self) -> None:
-        self._peers.choose(self._links()[self._own])
+        self._peers.choose(self.links[self._own])

@@ -150,6 +150,8 @@ class FormStep:
     neighbours: tuple[tuple[int, ...], ...] | None = None
     """N_i from this step on, in the order of `Plan.agents`; None: as before."""
     on_timeout: Policy = Policy.LAND
+    exchange: bool = False
+    """Agents that are in each other's way may take each other's slots (`core/exchange.py`)."""
     kind: Literal["form"] = "form"
 
 

@@ -133,6 +133,9 @@ class Reference:
         self._plan = plan
         self._own = own_id
         self._peers = peers
+        self._places: list[Point] = []
+        """The newest shape's slots, centred, in the plan's order."""
+        self._roles: Mapping[int, int] | None = None
         self._slots: dict[int, Point] = {}
         self.radius_m = 0.0
         self.frame: Frame | None = None
@@ -151,11 +154,27 @@ class Reference:
             return self._slots
         return {agent: turned(slot, frame.angle_rad, frame.scale) for agent, slot in self._slots.items()}
 
-    def form(self, slots: Sequence[Point]) -> None:
-        """A form step begins: the law alone decides where the shape will stand."""
-        self._slots = centred(dict(zip((agent.id for agent in self._plan.agents), slots, strict=True)))
-        self.radius_m = max(math.hypot(*slot) for slot in self._slots.values()) * self._plan.unit_m
+    def form(self, slots: Sequence[Point], roles: Mapping[int, int] | None = None) -> None:
+        """A form step begins: the law alone decides where the shape will stand.
+
+        `roles` say which of the slots is whose; None: the k-th is that of the plan's k-th agent, whatever is exchanged.
+        """
+        self._places = list(centred(dict(enumerate(slots))).values())
+        self.radius_m = max(math.hypot(*slot) for slot in self._places) * self._plan.unit_m
         self.frame = None
+        self._roles = roles
+        self._give_out()
+
+    def assign(self, roles: Mapping[int, int]) -> None:
+        """Who has which role now. A shape that knows no roles stays as it is."""
+        if self._roles is not None and roles is not self._roles:
+            self._roles = roles
+            self._give_out()
+
+    def _give_out(self) -> None:
+        ids = [agent.id for agent in self._plan.agents]
+        roles = self._roles or {agent: place for place, agent in enumerate(ids)}
+        self._slots = {agent: self._places[roles[agent]] for agent in ids}
 
     def begin(self, leg: int = 0) -> None:
         """Another step begins: from where the frame is."""

@@ -46,6 +46,7 @@ class Account:
         tick: TickReport,
         bad_payloads: int,
         echo: Echo | None,
+        roles: tuple[tuple[float, int], ...],
     ) -> AgentStatus:
         """Everything about an agent that is not needed every tick."""
         span = self._last_s - self._first_s
@@ -80,6 +81,7 @@ class Account:
             echo=echo,
             gains=controller.gains,
             safety=controller.keeper.report(),
+            roles=roles,
         )
 
 

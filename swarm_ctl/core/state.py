@@ -49,6 +49,30 @@ class Frame:
 
 
 @dataclass(frozen=True, slots=True)
+class Deal:
+    """What an agent says of slot exchange (`core/exchange.py`). Agents by their place in the plan, -1 for nobody."""
+
+    role: int
+    """The place in the plan whose slots it flies to."""
+    version: int = 0
+    """Of the role: exchanges so far."""
+    lock: int = -1
+    """Who offers in the deal that it is in."""
+    offer_to: int = -1
+    offer_version: int = -1
+    """The other's, when it was offered."""
+    answer_to: int = -1
+    """Whose offer it took last."""
+    answer_version: int = -1
+    answer_role: int = -1
+    """What is the other's now."""
+
+
+NO_DEAL = Deal(role=-1)
+"""Says nothing: its role is its own place."""
+
+
+@dataclass(frozen=True, slots=True)
 class AgentState:
     """Sent every tick: kinematics and progress. A fixed binary layout (`mesh/payloads.py`)."""
 
@@ -75,6 +99,7 @@ class AgentState:
     """`Command.tag` of the change that put its law in force, 0 for the mission's own (`core/tuning.py`)."""
     next_law: int = 0
     """Of the change that is decided and waits for its time, 0 for none."""
+    deal: Deal = NO_DEAL
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,6 +264,8 @@ class AgentStatus:
     echo: Echo | None = None
     gains: Gains | None = None
     """The law in force."""
+    roles: tuple[tuple[float, int], ...] = ()
+    """(since [s], place in the plan whose slots it flies to), for every role but its own first one."""
     safety: SafetyReport = field(default_factory=SafetyReport)
 
 

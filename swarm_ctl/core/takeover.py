@@ -21,12 +21,13 @@ command that came before this agent did. Then it flies the swarm's step like eve
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Final
 
 from swarm_ctl.core.controller import Controller
+from swarm_ctl.core.dealing import Dealer
 from swarm_ctl.core.freshness import FRESH_S, NEIGHBOUR_S
 from swarm_ctl.core.navigation import OwnFix
-from swarm_ctl.core.neighbourhood import Neighbourhood
 from swarm_ctl.core.peers import Peers
 from swarm_ctl.core.plan import FormStep, HoldStep, LandStep, Plan, ReturnStep, TakeoffStep
 from swarm_ctl.core.progress import Progress, step_name
@@ -57,7 +58,8 @@ class Takeover:
         controller: Controller,
         progress: Progress,
         reference: Reference,
-        neighbourhood: Neighbourhood,
+        form: Callable[[FormStep], None],
+        dealer: Dealer,
     ) -> None:
         self._plan: Plan = sortie.plan
         self._sortie = sortie
@@ -66,7 +68,9 @@ class Takeover:
         self._controller = controller
         self._progress = progress
         self._reference = reference
-        self._neighbourhood = neighbourhood
+        self._form = form
+        """Begins a form step."""
+        self._dealer = dealer
         self._since: float | None = None
         self._double_s = -math.inf
         self._step = -1
@@ -166,11 +170,10 @@ class Takeover:
         heights = [each.height_m for each in plan.steps[:step] if isinstance(each, TakeoffStep)]
         sortie.target_height_m = sortie.planned_height_m = heights[-1] if heights else sortie.height(fix)
         self._progress.rejoin(step, now)
+        self._dealer.rejoin(now)
         for each in plan.steps[:step]:
             if isinstance(each, FormStep):
-                self._reference.form(each.slots)
-                if each.neighbours is not None:
-                    self._neighbourhood.choose(each.neighbours)
+                self._form(each)
         self._reference.frame = min((s for s in flying if s.step == step), key=lambda s: s.agent).frame
         sortie.say(now, "warning", f"took over its vehicle in the air; rejoins at step {step}: {step_name(plan, step)}")
         sortie.say(now, "warning", "the vehicle's own failsafe parameters are not known any more: it keeps ours")

@@ -12,16 +12,27 @@ from typing import Any, Final, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
-from swarm_ctl.core.state import Ack, AgentState, AgentStatus, Command, Event, Frame, Phase, SigmaReport, StationBeacon
+from swarm_ctl.core.state import (
+    Ack,
+    AgentState,
+    AgentStatus,
+    Command,
+    Deal,
+    Event,
+    Frame,
+    Phase,
+    SigmaReport,
+    StationBeacon,
+)
 from swarm_ctl.errors import PayloadError
 
-VERSION: Final = 2
+VERSION: Final = 3
 P = TypeVar("P")
 
-_STATE: Final = struct.Struct("<BBHIdQHB3d3f2d2f2d3fBBIII")
+_STATE: Final = struct.Struct("<BBHIdQHB3d3f2d2f2d3fBBIII8h")
 """version, flags, agent, seq, time_s, plan_hash, step, phase, position_ned_m, velocity_ned_mps, stop_point_m,
-commanded_mps, frame (point_m, angle_rad, scale, rate, leg), stage, command, law, next_law. Flags: bit 0 done, bit 1
-airborne, bit 2 frame (without it the frame's fields are 0)."""
+commanded_mps, frame (point_m, angle_rad, scale, rate, leg), stage, command, law, next_law, deal. Flags: bit 0 done,
+bit 1 airborne, bit 2 frame (without it the frame's fields are 0)."""
 _DONE, _AIRBORNE, _FRAME = 1, 2, 4
 _NO_FRAME: Final = Frame((0.0, 0.0), scale=0.0)
 
@@ -58,7 +69,7 @@ _ADAPTERS: Final[dict[type[Any], TypeAdapter[Any]]] = {
 
 def _encode_state(s: AgentState) -> bytes:
     flags = _DONE * s.done | _AIRBORNE * s.airborne | _FRAME * (s.frame is not None)
-    frame = s.frame or _NO_FRAME
+    frame, deal = s.frame or _NO_FRAME, s.deal
     return _STATE.pack(
         VERSION,
         flags,
@@ -81,12 +92,20 @@ def _encode_state(s: AgentState) -> bytes:
         s.command,
         s.law,
         s.next_law,
+        deal.role,
+        deal.version,
+        deal.lock,
+        deal.offer_to,
+        deal.offer_version,
+        deal.answer_to,
+        deal.answer_version,
+        deal.answer_role,
     )
 
 
 def _decode_state(data: bytes) -> AgentState:
-    *told, stage, command, law, next_law = _STATE.unpack(data)
-    _, flags, agent, seq, time_s, plan_hash, step, phase, *numbers, leg = told
+    _, flags, agent, seq, time_s, plan_hash, step, phase, *rest = _STATE.unpack(data)
+    numbers, (leg, stage, command, law, next_law), deal = rest[:-13], rest[-13:-8], rest[-8:]
     if not all(map(math.isfinite, numbers)) or not math.isfinite(time_s):
         raise ValueError("a number is not finite")
     n, e, d, vn, ve, vd, stop_n, stop_e, cmd_n, cmd_e, *framed = numbers
@@ -109,6 +128,7 @@ def _decode_state(data: bytes) -> AgentState:
         command,
         law,
         next_law,
+        Deal(*deal),
     )
 
 

@@ -228,8 +228,16 @@ def _step(mission: MissionFile, step: Step, before: Stand, after: Stand) -> plan
             return plan.TakeoffStep(takeoff.height_m, takeoff.timeout_s or generous_s, takeoff.on_timeout)
         case Form() as form:
             near = _neighbours(mission, form, before)
+            default = form.slots == "nearest" and mission.law.compensation is plan.Compensation.STOP_POINT
             return plan.FormStep(
-                form.shape, after.slots, form.tolerance_m, form.settle_s, form.timeout_s, near, form.on_timeout
+                form.shape,
+                after.slots,
+                form.tolerance_m,
+                form.settle_s,
+                form.timeout_s,
+                near,
+                form.on_timeout,
+                default if form.exchange is None else form.exchange,
             )
         case Hold() as hold:
             return plan.HoldStep(hold.duration_s, hold.timeout_s or hold.duration_s + 30, hold.on_timeout)

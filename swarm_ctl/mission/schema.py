@@ -227,6 +227,8 @@ class Form(_Timed):
     """A name from `shapes`."""
     slots: Literal["nearest", "fixed"] = "nearest"
     """nearest: least total squared distance; fixed: the k-th slot to the agent with the k-th lowest id."""
+    exchange: bool | None = None
+    """Agents that are in each other's way take each other's slots; by default with nearest slots and stop points."""
     tolerance_m: float = Field(default=0.5, ge=0.05, le=50)
     """The largest deviation from the shape that counts as formed."""
     settle_s: float = Field(default=5.0, ge=0, le=600)

@@ -67,7 +67,8 @@ class History:
             if isinstance(step, FormStep) and math.isfinite(start_s):
                 from_here = self.flight.time_s >= start_s
                 slots = self._turned(np.array(step.slots) * self.plan.unit_m, self.flight.time_s[from_here])
-                found[from_here] = self.flight.points_m[from_here] - slots
+                roles = self.run.roles(self.flight.time_s[from_here])
+                found[from_here] = self.flight.points_m[from_here] - np.take_along_axis(slots, roles[..., None], axis=1)
         found[~self.flight.live] = np.nan
         found[self.flight.time_s > self.run.landing_s()] = np.nan
         return found

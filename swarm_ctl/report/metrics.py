@@ -50,7 +50,7 @@ def flight_of(truth: Truth, sysids: Sequence[int], live_until_s: npt.ArrayLike) 
 def formation_error(flight: Flight, slots_m: npt.ArrayLike) -> Floats:
     """Largest |e_i - mean e| of the live agents at each moment [m], (T,); nan where nobody is live.
 
-    `slots_m` is (n, 2).
+    `slots_m` is (n, 2), or (T, n, 2) where they change.
     """
     live = flight.live[..., None]
     e = np.where(live, errors(flight.points_m, slots_m), 0.0)

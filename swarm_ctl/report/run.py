@@ -6,13 +6,16 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+import numpy.typing as npt
+
 from swarm_ctl.core.plan import LandStep, Plan, ReturnStep
 from swarm_ctl.core.state import AgentStatus
 from swarm_ctl.errors import InputError
 from swarm_ctl.report.accounts import Account, read_accounts
 from swarm_ctl.report.manifest import Manifest, read_manifest
 from swarm_ctl.report.metrics import Flight, flight_of
-from swarm_ctl.report.truth import TRUTH, Truth, load_truth
+from swarm_ctl.report.truth import TRUTH, Floats, Truth, load_truth
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,6 +40,16 @@ class Run:
     def statuses(self) -> list[AgentStatus]:
         """The last one known of each agent."""
         return [account.status for account in self.accounts.values()]
+
+    def roles(self, time_s: Floats) -> npt.NDArray[np.intp]:
+        """Whose slots each agent flew to at each moment, (T, n): places in the plan; exchanges change them."""
+        found = np.tile(np.arange(len(self.agents)), (len(time_s), 1))
+        for k, agent in enumerate(self.agents):
+            account = self.accounts.get(agent)
+            for since_s, role in account.status.roles if account else ():
+                if 0 <= role < len(self.agents):
+                    found[time_s >= since_s, k] = role
+        return found
 
     def start_s(self, k: int) -> float:
         """When the first agent began step k; inf: nobody did."""

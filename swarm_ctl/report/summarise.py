@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+
 from swarm_ctl.core.graph import edges
 from swarm_ctl.core.plan import FormStep, Plan
 from swarm_ctl.core.progress import step_name
@@ -26,7 +28,7 @@ from swarm_ctl.report.summary import (
     Summary,
     TruthSummary,
 )
-from swarm_ctl.report.truth import Truth
+from swarm_ctl.report.truth import Floats, Truth
 from swarm_ctl.report.verdict import judge
 
 _WORSE: Final[tuple[Result, ...]] = ("done", "not reached", "running", "aborted", "timeout")
@@ -127,7 +129,7 @@ def _time_to_form(run: Run, plan: Plan, k: int, start_s: float | None) -> float 
         return None
     next_form = next((j for j in range(k + 1, len(plan.steps) + 1) if isinstance(plan.steps[j - 1], FormStep)), None)
     end_s = min(run.landing_s(), run.start_s(next_form) if next_form else math.inf)
-    error_m = metrics.formation_error(flight, _in_metres(plan, step.slots))
+    error_m = metrics.formation_error(flight, _in_metres(plan, step.slots)[run.roles(flight.time_s)])
     return metrics.time_to_settle(flight.time_s, error_m, start_s, end_s, step.tolerance_m, step.settle_s)
 
 
@@ -153,7 +155,7 @@ def _flown(run: Run) -> _Flown:
     flight = flight.during(begun[0][0], run.landing_s())
     last = max(k for k in range(1, len(plan.steps) + 1) if run.start_s(k) < math.inf)
     standing = slots_after(plan, last) or begun[-1][1].slots  # turned and scaled as planned
-    error_m = metrics.last_number(metrics.formation_error(flight, _in_metres(plan, standing)))
+    error_m = metrics.last_number(metrics.formation_error(flight, _in_metres(plan, standing)[run.roles(flight.time_s)]))
     column = {agent.id: k for k, agent in enumerate(plan.agents)}
     links = edges({agent.id: agent.neighbours for agent in plan.agents})
     longest = metrics.longest_link(flight, [(column[a], column[b]) for a, b in links])
@@ -163,8 +165,8 @@ def _flown(run: Run) -> _Flown:
     return _Flown(error_m, longest[0], (plan.agents[i].id, plan.agents[j].id))
 
 
-def _in_metres(plan: Plan, slots: tuple[tuple[float, float], ...]) -> list[tuple[float, float]]:
-    return [(north * plan.unit_m, east * plan.unit_m) for north, east in slots]
+def _in_metres(plan: Plan, slots: tuple[tuple[float, float], ...]) -> Floats:
+    return np.array(slots) * plan.unit_m
 
 
 def _closest(run: Run) -> tuple[float | None, AgentPair | None]:

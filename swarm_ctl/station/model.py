@@ -190,10 +190,12 @@ class Model:
         if shape is None:
             return {}, {}
         slots, points = {}, {}
-        for agent, slot in zip(self._plan.agents, shape.values(), strict=True):
+        in_roles = not self._overridden()  # an operator's shape gives everybody his own slot
+        for k, agent in enumerate(self._plan.agents):
             state = self._heard[agent.id].state
             if state is None:
                 continue
+            slot = shape[state.deal.role if in_roles and state.deal.role in shape else k]
             frame = state.frame or Frame((0.0, 0.0))
             place = turned(slot, frame.angle_rad, frame.scale)
             slots[agent.id] = (place[0] * self._plan.unit_m, place[1] * self._plan.unit_m)

@@ -114,8 +114,9 @@ def write_mission(flown: Flown, path: Path) -> None:
         "shapes": {"shape": {"kind": "offsets", "offsets": _pairs(batch.slots)}},
         "steps": [
             {"takeoff": {"height_m": 10}},
-            {"form": {"shape": "shape", "slots": "fixed", "tolerance_m": cell.tolerance * cell.unit_m,
-                      "settle_s": cell.settle_s, "timeout_s": cell.limit_s}},
+            {"form": {"shape": "shape", "slots": "fixed", "exchange": cell.safety == "exchange",
+                      "tolerance_m": cell.tolerance * cell.unit_m, "settle_s": cell.settle_s,
+                      "timeout_s": cell.limit_s}},
             "land",
         ],
         "fleet": {"agents": [{"id": k + 1, "sysid": k + 1, "autopilot": _autopilot(batch)} for k in range(cell.n)]},
@@ -124,7 +125,7 @@ def write_mission(flown: Flown, path: Path) -> None:
 
 
 def _safety(cell: Cell) -> dict[str, bool]:
-    """As the row was flown; agents have no slot exchange."""
+    """As the row was flown; slot exchange is a form step's."""
     level = LEVELS.index(cell.safety)
     return {name: level >= LEVELS.index(name) for name in ("filter", "guard", "release", "align")}
 
