@@ -21,7 +21,7 @@ Start = Literal["random", "ring", "grid", "table2", "crossing", "antipodal"]
 everybody goes to the place opposite to the own one."""
 Safety = Literal["off", "filter", "guard", "release", "align", "exchange"]
 """Each with all before it: the collision filter, the guard of links, swirl and tangential release, the pull to the
-average of all (what agents fly), slot exchange (tried in studies only)."""
+average of all (what agents fly), slot exchange (what they fly in form steps that allow it)."""
 LEVELS: Final[tuple[Safety, ...]] = ("off", "filter", "guard", "release", "align", "exchange")
 """In their order."""
 VehicleModel = Literal["ideal", "lag", "ardupilot", "px4"]

@@ -156,7 +156,7 @@ def compare(console: Console, missions: int) -> None:
     table = Table("scenario", "n", "by", "under r_in", "smallest", "median s", "not there")
     for start, n in (("crossing", 8), ("crossing", 24), ("antipodal", 6), ("antipodal", 12)):
         batch = scenario(start, n, missions)
-        results = {f"law, {level}": _of(fly(batch_with(batch, level))) for level in ("off", "release", "exchange")}
+        results = {f"law, {level}": _of(fly(batch_with(batch, level))) for level in ("off", "align", "exchange")}
         results["ORCA"] = beside(batch, orca)
         results["potential field"] = beside(batch, potential)
         for name, (smallest, time_s, there) in results.items():

@@ -57,7 +57,7 @@ def shape_error_m(swarm: VirtualSwarm, step: int, live: tuple[int, ...] = (1, 2,
     slots, at = slots_after(swarm.plan, step), swarm.positions()
     assert slots is not None
     unit = swarm.plan.unit_m
-    planned = {a.id: slot for a, slot in zip(swarm.plan.agents, slots, strict=True)}
+    planned = {i: slots[member.agent._dealer.deal.role] for i, member in swarm.members.items()}
     return float(formation_error([at[i] for i in live], [(planned[i][0] * unit, planned[i][1] * unit) for i in live]))
 
 

@@ -1,0 +1,108 @@
+"""Slot exchange flown by whole agents on the virtual clock: whose slot is whose, in this step and those that follow."""
+
+from __future__ import annotations
+
+import pytest
+
+from swarm_ctl.core.plan import FormStep
+from swarm_ctl.mission.loader import LoadedMission, loads
+from tests.scenarios.swarm import VirtualSwarm
+from tests.scenarios.test_steps import TEXT, assert_good, fly, shape_error_m
+
+BACK = "{kind: offsets, offsets: [[0, 27], [0, 18], [0, 9], [0, 0]]}"
+
+
+def turned_round(*steps: str, exchange: bool = True) -> LoadedMission:
+    """Four in a row, and everybody's fixed slot is at the other end."""
+    text = TEXT.replace("shapes:\n", f"shapes:\n  back: {BACK}\n").replace(
+        "form: {shape: square, settle_s: 2}",
+        f"form: {{shape: back, slots: fixed, exchange: {str(exchange).lower()}, settle_s: 2}}",
+    )
+    return loads(text + "".join(f"  - {step}\n" for step in steps))
+
+
+def roles(swarm: VirtualSwarm) -> list[int]:
+    return [member.agent._dealer.deal.role for member in swarm.members.values()]
+
+
+def formed_s(swarm: VirtualSwarm) -> float:
+    status = swarm.members[1].status
+    assert status is not None
+    result = status.steps[2]
+    assert result.end_s is not None
+    return result.end_s - result.start_s
+
+
+def test_exchange_saves_the_way_past_each_other() -> None:
+    """Fixed slots are flown to, all past each other; with exchange the row stands where it was, much sooner."""
+    fixed, exchanged = (fly(turned_round("land", exchange=exchange)) for exchange in (False, True))
+    assert_good(fixed)
+    assert_good(exchanged)
+    assert roles(fixed) == [0, 1, 2, 3]
+    assert sorted(roles(exchanged)) == [0, 1, 2, 3]
+    assert formed_s(exchanged) < 0.8 * formed_s(fixed)
+    assert "takes the slot of agent" in "\n".join(event.text for event in exchanged.events)
+
+
+@pytest.mark.parametrize(
+    "steps",
+    [
+        ("rotate: {angle_deg: 90}", "move: {to: [30, 13], speed_mps: 2}", "land"),
+        ("form: {shape: square, slots: fixed, settle_s: 2, neighbours: rechoose}", "scale: {factor: 1.3}", "land"),
+        ("form: {shape: square, settle_s: 2}", "return"),
+    ],
+)
+def test_later_steps_go_by_the_roles(steps: tuple[str, ...]) -> None:
+    """The shape turns, moves, changes and comes home with everybody in the role that he took."""
+    swarm = VirtualSwarm(turned_round(*steps))
+    swarm.wait(lambda s: s.in_step(len(s.plan.steps)))
+    assert sorted(roles(swarm)) == [0, 1, 2, 3] != roles(swarm)
+    assert shape_error_m(swarm, len(swarm.plan.steps) - 1) < 0.6
+    swarm.fly(900)
+    assert_good(swarm)
+
+
+def test_an_agent_that_is_restarted_takes_its_role_up_again() -> None:
+    """The new process finds the role that nobody else has, not its own first one."""
+    swarm = VirtualSwarm(turned_round("hold: {duration_s: 20}", "land"))
+    swarm.wait(lambda s: s.in_step(3))
+    swarm.run(2)
+    swarm.kill(2)
+    swarm.run(1.5)
+    swarm.restart(2)
+    swarm.wait(lambda s: s.in_step(4))
+    assert sorted(roles(swarm)) == [0, 1, 2, 3] != roles(swarm)
+    assert shape_error_m(swarm, 3) < 0.6
+    swarm.fly(600)
+    assert_good(swarm)
+
+
+def test_an_operators_shape_knows_no_roles() -> None:
+    """`form` gives everybody a slot of his own; afterwards the mission goes on with its roles."""
+    swarm = VirtualSwarm(turned_round("hold: {duration_s: 5}", "land"))
+    swarm.wait(lambda s: s.in_step(2) and sorted(roles(s)) != roles(s))
+    row = FormStep("row", ((0.0, 0.0), (9.0, 9.0), (0.0, 18.0), (9.0, 27.0)), 0.5, 2.0, 1e9)
+    swarm.command("form", step=row, plan_hash=swarm.plan.hash())
+    swarm.run(40)
+    at = swarm.positions()
+    assert at[1][1] < at[2][1] < at[3][1] < at[4][1]
+    swarm.command("resume", name="c2")
+    swarm.wait(lambda s: s.in_step(3))
+    assert shape_error_m(swarm, 2) < 0.6
+    swarm.fly(600)
+    assert_good(swarm)
+
+
+def test_exchange_is_for_nearest_slots_unless_said() -> None:
+    """`fixed` means fixed; the plain law of the paper exchanges nothing."""
+
+    def allowed(form: str, head: str = "") -> bool:
+        step = loads(head + TEXT.replace("form: {shape: square, settle_s: 2}", f"form: {{shape: square{form}}}")
+                     + "  - land\n").plan.steps[1]  # fmt: skip
+        assert isinstance(step, FormStep)
+        return step.exchange
+
+    assert allowed("")
+    assert not allowed(", slots: fixed")
+    assert allowed(", slots: fixed, exchange: true")
+    assert not allowed(", exchange: false")
