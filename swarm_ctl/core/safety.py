@@ -6,7 +6,8 @@ got to, and `x = |q|`:
 
     q/x . v >= min(0.5 v_max, -rate * share * (x - D_j))           keep-out: a half-plane of velocities (`half_plane`)
     |v| <= slow + (v_max - slow) * (x - D_j) / zone, where x < D_j + zone           caution: a speed limit (`cap`)
-    -q/x . v >= min(0.3 v_max, -0.5 rate_g * (0.98 r - x))         guard, for links that the shape keeps: soft
+    -q/x . v >= min(0.45 v_max, -0.5 rate_g * (0.98 r - x) + what j does not do of its half)
+                                                                   guard, for links that the shape keeps: soft
 
 and the velocity nearest to the wish that satisfies all of them is flown (`core/halfplanes.py`). Where they exclude each
 other the guard gives way first, then all keep-outs by the same least slack: none is dropped. `share` is 0.5 where the
@@ -55,9 +56,9 @@ _GUARD_RATE: Final = 1.0
 """[1/s]: holds with news up to 1 / (e rate) = 0.37 s old."""
 _GUARD_AT: Final = 0.98
 _GUARD_SLOTS: Final = 0.985
-_GUARD_TO: Final = 1.02
+_GUARD_TO: Final = 1.2
 """In r: where the guard ends a link's growth; links whose slots are farther apart, or that are longer, it leaves."""
-_GUARD_PULL: Final = 0.3
+_GUARD_PULL: Final = 0.45
 """Of the top speed: what a link that is too long asks for at most. Less than `_ESCAPE`: apart comes before together."""
 
 Most = Callable[[Any, Any], Any]
@@ -128,11 +129,16 @@ def cap(room: Any, margins: Margins, most: Most = max, least: Most = min) -> Any
     return margins.slow + (margins.speed - margins.slow) * least(1.0, most(0.0, room) / margins.zone)
 
 
-def guard_plane(apart: Any, margins: Margins, least: Most = min, most: Most = max) -> tuple[Any, Any]:
-    """(normal, bound) of the plane that keeps a link's stop points within r; `apart` as in `half_plane`."""
+def guard_plane(apart: Any, commanded: Any, margins: Margins, least: Most = min, most: Most = max) -> tuple[Any, Any]:
+    """(normal, bound) of the plane that keeps a link's stop points within r; `apart`, `commanded` as in `half_plane`.
+
+    What the other one cannot do of its half (it is pushed away by somebody), this one does as well.
+    """
     x = abs(apart)
-    bound = least(_GUARD_PULL * margins.speed, -0.5 * _GUARD_RATE * (_GUARD_AT * margins.r - x))
-    return -apart / most(x, 1e-12), bound
+    away = apart / most(x, 1e-12)
+    half = -0.5 * _GUARD_RATE * (_GUARD_AT * margins.r - x)
+    undone = most(0.0, half - (away * commanded.conjugate()).real)
+    return -away, least(_GUARD_PULL * margins.speed, half + undone)
 
 
 def guards_from(margins: Margins) -> float:

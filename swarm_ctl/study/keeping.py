@@ -148,8 +148,8 @@ class Keeper:
         age = np.broadcast_to(age_s, (commanded.shape[0], *age_s.shape[1:]))[receiver, j, mission]
         now = apart[i, j, mission] - commanded[receiver, j, mission] * np.minimum(age, PREDICT_S)
         minded = safety.guarded(slot_gap[i, j, mission], np.abs(now), self.margins)
-        i, mission, now = i[minded], mission[minded], now[minded]
-        normal, bound = safety.guard_plane(now, self.margins, np.minimum, np.maximum)
+        i, j, mission, receiver, now = i[minded], j[minded], mission[minded], receiver[minded], now[minded]
+        normal, bound = safety.guard_plane(now, commanded[receiver, j, mission], self.margins, np.minimum, np.maximum)
         return i * distance.shape[-1] + mission, normal, bound
 
     def _dice(self, fails: Floats) -> Floats:
