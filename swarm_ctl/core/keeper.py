@@ -117,7 +117,7 @@ class Keeper:
                 continue
             apart = own - other.stop_point - other.commanded * min(other.age_s, PREDICT_S)
             if safety.guarded(0.0, abs(apart), self._margins):
-                normal, bound = safety.guard_plane(apart, other.commanded, self._margins)
+                normal, bound = safety.guard_plane(apart, other.commanded - common.velocity_mps, self._margins)
                 if bound > -self._margins.speed:
                     planes.append((normal.real, normal.imag, bound))
         return planes
