@@ -24,6 +24,7 @@ from swarm_ctl.report.summary import (
     AgentSummary,
     LinkSummary,
     Result,
+    SafetySummary,
     StepSummary,
     Summary,
     TruthSummary,
@@ -75,6 +76,7 @@ def summarise(folder: Path, exit_codes: Mapping[str, int] | None = None) -> Summ
         r_m=law.r * unit_m if law else None,
         sigma_status=dict(tally),
         overspeed=sum(s.overspeed_ticks for s in run.statuses),
+        safety=_safety(run),
         setpoint_rate_hz=min(rates, default=None),
         tick=_worst_tick([s.tick for s in run.statuses]),
         links=tuple(link for s in run.statuses for link in _links(s)),
@@ -203,6 +205,19 @@ def _agent(run: Run, agent: int) -> AgentSummary:
         overspeed=s.overspeed_ticks if s else 0,
         tick=s.tick if s else TickReport(),
         bad_payloads=s.bad_payloads if s else 0,
+    )
+
+
+def _safety(run: Run) -> SafetySummary | None:
+    told = [s.safety for s in run.statuses]
+    if not told or (run.plan is not None and not run.plan.safety.filter):
+        return None
+    return SafetySummary(
+        ticks=sum(s.ticks for s in told),
+        touched=sum(s.touched for s in told),
+        yielded=sum(s.yielded for s in told),
+        releases=sum(s.releases for s in told),
+        exchanges=sum(len(s.roles) for s in run.statuses) // 2,
     )
 
 

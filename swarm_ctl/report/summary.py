@@ -67,6 +67,21 @@ class AgentSummary(_Part):
     bad_payloads: int
 
 
+class SafetySummary(_Part):
+    """What the safety filter did, all agents (`core/safety.py`)."""
+
+    ticks: int
+    """Agent-ticks in which it was asked."""
+    touched: int
+    """In which it changed the wish."""
+    yielded: int
+    """In which the keep-outs excluded each other, and all gave way a little."""
+    releases: int
+    """Times an agent was stuck and went sideways."""
+    exchanges: int
+    """Pairs of agents that took each other's slots."""
+
+
 class LinkSummary(_Part):
     """One mesh link, as its receiver counted it over the run."""
 
@@ -126,6 +141,8 @@ class Summary(_Part):
     """Pair-ticks by status, all agents."""
     overspeed: int
     """Ticks with an overspeed pair, all agents."""
+    safety: SafetySummary | None = None
+    """Null where the mission flies without the filter, or no agent left an account."""
     setpoint_rate_hz: float | None
     """The slowest agent's, per mission second."""
     tick: TickReport

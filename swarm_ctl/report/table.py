@@ -80,6 +80,11 @@ def _rows(s: Summary) -> Iterator[tuple[str, str, bool]]:
     yield "longest link", _distance(long, s.longest_link_pair, "r", r, stretched), not stretched
     if s.truth is not None and s.truth.collisions:
         yield "collisions", f"sysid {ranges(s.truth.collisions)}", False
+    if s.safety is not None:
+        share = 100 * s.safety.touched / max(1, s.safety.ticks)
+        more = ((s.safety.releases, "ways out of dead-locks"), (s.safety.exchanges, "slots exchanged"))
+        told = "".join(f", {count} {what}" for count, what in more if count)
+        yield "filter", f"changed {share:.1f} % of the ticks{told}", True
     yield "sigma", ", ".join(f"{name} {count}" for name, count in s.sigma_status.items()) or "-", not s.overspeed
     yield "setpoints", f"{_number(s.setpoint_rate_hz, 2)} Hz (slowest agent)", True
     tick = s.tick

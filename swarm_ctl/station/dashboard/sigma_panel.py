@@ -62,14 +62,14 @@ def _filter(view: SwarmView) -> list[Line]:
     line = Line("   safety filter:", "bold dim").add(f"  changed {100 * touched / max(1, ticks):.1f}% of the ticks")
     line.add(f"  gave way in {yielded}", "yellow" if yielded else "dim")
     line.add(f"  dead-locks left {releases}", "" if releases else "dim")
-    exchanges = sum(len(agent.status.roles) for agent in view.agents if agent.status is not None) // 2
-    line.add(f"  slots exchanged {exchanges}", "" if exchanges else "dim")
+    swapped = sum(len(agent.status.roles) for agent in view.agents if agent.status is not None) // 2
     kept = [
         f"{i} from {', '.join('a stranger' if j == 0 else str(j) for j in r.kept_from)}"
         for i, r in reports
         if r.kept_from
     ]
-    return [line, *([Line(f"   now it keeps {'; '.join(kept)}", "cyan")] if kept else [])]
+    lines = [line, Line(f"   slots exchanged {swapped}")] if swapped else [line]
+    return [*lines, *([Line(f"   now it keeps {'; '.join(kept)}", "cyan")] if kept else [])]
 
 
 def _broken(picture: Picture) -> list[Line]:
