@@ -14,6 +14,7 @@ import pytest
 from swarm_ctl.core.formation import formation_error
 from swarm_ctl.core.state import Event, Phase, StepResult
 from swarm_ctl.errors import InputError
+from swarm_ctl.report.history import read_history
 from swarm_ctl.report.summarise import summarise
 from swarm_ctl.report.summary import Summary, read_summary, summary_schema, write_summary
 from tests.unit.report.folder import (
@@ -357,3 +358,24 @@ def test_events_and_phases_do_not_decide(run: Path) -> None:
     summary = summarise(run, EXIT_CODES)
     assert (summary.outcome, summary.events) == ("completed", {"error": 1})
     assert isinstance(summary, Summary)
+
+
+def test_a_formation_is_judged_by_who_has_which_slot(run: Path) -> None:
+    """Agents 2 and 3 say that they exchanged slots, and fly to their first ones all the same: no formation since."""
+    for agent, role in ((2, 2), (3, 1)):
+        write_status(run, account(agent, roles=((HOLD, role),)))
+    summary = summarise(run, EXIT_CODES)
+    gap_m = 5 * math.dist(HEXAGON[1], HEXAGON[2])
+    assert summary.formation_error_m == pytest.approx(gap_m)
+    assert summary.time_to_form_s is not None  # before the exchange
+    assert summary.safety is not None
+    assert summary.safety.exchanges == 1
+    errors = read_history(run).errors()
+    assert math.dist(errors[int(FORMED * 10) + 1, 1], errors[int(FORMED * 10) + 1, 0]) == pytest.approx(0.0, abs=1e-6)
+    assert math.dist(errors[int(HOLD * 10) + 2, 1], errors[int(HOLD * 10) + 2, 0]) == pytest.approx(gap_m)
+
+
+def test_a_role_that_no_plan_has_is_left_out(run: Path) -> None:
+    """An account may be anything; its agent keeps its own slot then."""
+    write_status(run, account(2, roles=((HOLD, 99), (HOLD, -4))))
+    assert summarise(run, EXIT_CODES).formation_error_m == pytest.approx(0.0, abs=1e-6)
