@@ -10,7 +10,7 @@ import pytest
 
 from swarm_ctl.core.formation import formation_error
 from swarm_ctl.core.plan import Policies
-from swarm_ctl.core.state import Ack, Command, Event, Phase, SigmaReport, StationBeacon
+from swarm_ctl.core.state import Ack, Command, Deal, Event, Phase, SigmaReport, StationBeacon
 from swarm_ctl.station.model import Model
 from tests.unit.station.swarm import HEXAGON, flying_model, hexagon_plan, report_of, state_of, status_of
 
@@ -29,6 +29,19 @@ def test_formation_error_is_the_laws_and_each_agent_has_its_share() -> None:
     points = [agent.state.position_ned_m[:2] for agent in view.agents if agent.state]
     assert view.error_m == pytest.approx(float(formation_error(points, 5.0 * np.array(HEXAGON))))
     assert view.error_m == max(agent.error_m or 0.0 for agent in view.agents)
+
+
+def test_exchanged_slots_are_those_of_the_role() -> None:
+    """Agents 1 and 2 took each other's slots and stand in them: the shape stands, and the map shows theirs."""
+    model = Model(PLAN)
+    taken = {1: 1, 2: 0}
+    for k, agent in enumerate(PLAN.agents):
+        role = taken.get(agent.id, k)
+        place = (5 * HEXAGON[role][0], 5 * HEXAGON[role][1], -10.0)
+        model.fold(state_of(PLAN, agent.id, 30.0, position_ned_m=place, deal=Deal(role=role)), 30.0)
+    view = model.view(30.0)
+    assert view.error_m == pytest.approx(0.0, abs=1e-9)
+    assert view.agent(1).target_m == pytest.approx((5 * HEXAGON[1][0], 5 * HEXAGON[1][1]))
 
 
 def test_there_is_no_formation_error_before_the_form_step() -> None:
