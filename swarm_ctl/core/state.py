@@ -125,6 +125,10 @@ class LinkReport:
     age_p99_s: float | None
     received: int
     lost: int
+    clock_ahead_s: float | None = None
+    """The sender's clock less the receiver's, give or take half the round trip; None: not known."""
+    round_trip_s: float | None = None
+    """The fastest way there and back of late."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,6 +247,27 @@ class AgentStatus:
 
 
 @dataclass(frozen=True, slots=True)
+class ClockEcho:
+    """Somebody's word of its clock, given back (`core/clocks.py`)."""
+
+    agent: int
+    """Whose."""
+    told_s: float
+    """Its `ClockNews.time_s`."""
+    held_s: float
+    """From its receipt to this word."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClockNews:
+    """Sent at 1 Hz, at 5 Hz while somebody's clock is not known: what the own clock shows. A fixed binary layout."""
+
+    agent: int
+    time_s: float
+    echoes: tuple[ClockEcho, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Event:
     """Something worth a line in the log. `level` is `info`, `warning` or `error`."""
 
@@ -298,4 +323,4 @@ class StationBeacon:
     plan_hash: int
 
 
-Payload: TypeAlias = AgentState | AgentStatus | SigmaReport | Event | Command | Ack | StationBeacon
+Payload: TypeAlias = AgentState | AgentStatus | ClockNews | SigmaReport | Event | Command | Ack | StationBeacon
