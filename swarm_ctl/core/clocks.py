@@ -63,10 +63,14 @@ class PeerClock:
         low, at_least = self.bounds(received_s)[0], told_s - received_s
         if at_least > low:
             self._low, self._low_at = at_least, received_s
-            if at_least > self._high + DRIFT * max(0.0, received_s - self._high_at) + _ROUNDING_S:
-                self._high = math.inf  # it has jumped
-        if self._high == math.inf and self.unknown_s is None:
-            self.unknown_s = received_s
+        jumped = at_least > self._high + DRIFT * max(0.0, received_s - self._high_at) + _ROUNDING_S
+        if jumped or (self._high == math.inf and self.unknown_s is None):
+            self.forget(told_s, received_s)
+
+    def forget(self, told_s: float, received_s: float) -> None:
+        """It has been set back, or is another one: what it told now is all that is known."""
+        self._low, self._low_at, self._high = told_s - received_s, received_s, math.inf
+        self.unknown_s = received_s
 
     def answered(self, asked_s: float, heard_s: float, told_s: float, received_s: float) -> None:
         """Own time `asked_s` came to it at `heard_s`, which it told at `told_s` (both its clock): t1 to t4."""

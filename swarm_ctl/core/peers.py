@@ -66,6 +66,8 @@ class Peer:
             late = state.time_s <= old.time_s and state.seq <= old.seq
             if late and received_s - self.received_s <= NEIGHBOUR_S:
                 return
+            if state.time_s < old.time_s:
+                self.clock.forget(state.time_s, received_s)
             if state.seq > old.seq:
                 self.lost += state.seq - old.seq - 1
         self._date(state.time_s, received_s)

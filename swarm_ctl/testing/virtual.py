@@ -64,7 +64,7 @@ class VirtualSwarm:
         mesh: Callable[[Transport, int], Transport] = lambda transport, _: transport,
         clocks: Mapping[int, Callable[[float], float]] | None = None,
     ) -> None:
-        self._wrap, self._clocks = mesh, clocks or {}
+        self._wrap, self._clocks = mesh, dict(clocks or {})
         self.plan: Plan = mission.plan
         self.now = 0.0
         self.events: list[Event] = []
@@ -189,8 +189,9 @@ class VirtualSwarm:
         self.members[agent_id].alive = False
         self.members[agent_id].node.close()
 
-    def restart(self, agent_id: int, plan: Plan | None = None) -> None:
-        """A new process in the place of a dead one, which knows nothing of it; with another plan, if given."""
+    def restart(self, agent_id: int, plan: Plan | None = None, clock: Callable[[float], float] | None = None) -> None:
+        """A new process in the place of a dead one, which knows nothing of it; with another plan or clock, if given."""
+        self._clocks[agent_id] = clock or self._clocks.get(agent_id, float)
         place = [agent.id for agent in self.plan.agents].index(agent_id)
         self._far[place] = self._add(agent_id, plan or self.plan)
 
