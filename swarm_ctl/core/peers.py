@@ -66,11 +66,13 @@ class Peer:
             late = state.time_s <= old.time_s and state.seq <= old.seq
             if late and received_s - self.received_s <= NEIGHBOUR_S:
                 return
-            if state.time_s < old.time_s:
-                self.clock.forget(state.time_s, received_s)
             if state.seq > old.seq:
                 self.lost += state.seq - old.seq - 1
+        before_s = self.true_s
         self._date(state.time_s, received_s)
+        if old is not None and state.time_s < old.time_s and self.true_s < before_s:
+            self.clock.forget(state.time_s, received_s)  # and has not answered since
+            self._date(state.time_s, received_s)
         self.state, self.received_s = state, received_s
         self.stop_point, self.commanded = complex(*state.stop_point_m), complex(*state.commanded_mps)
         self.received += 1

@@ -162,11 +162,22 @@ def test_a_late_message_changes_nothing_and_a_clock_set_back_is_heard() -> None:
     peer.hear(state(3.0, 11), 10.05)
     assert peer.state == state(3.0, 11)
     assert peer.age(10.05) > NEIGHBOUR_S
-    peer.hear(state(99.0, 12), 10.1)  # and ahead
-    assert peer.age(10.1) > NEIGHBOUR_S
     travel(peer.clock, steady(-7.05, 0.0), 10.1, Trip(0.0, 0.0, 0.0, 0.0))
     peer.hear(state(3.1, 13), 10.15)
     assert (peer.age(10.15), peer.lost) == (pytest.approx(0.0, abs=1e-3), 1)
+
+
+def test_a_clock_set_ahead_is_not_believed_until_it_has_answered() -> None:
+    """News from the future contradicts what is known of the clock."""
+    peer = Peer(2, PeerClock())
+    travel(peer.clock, steady(0.0, 0.0), 0.0, Trip(0.0, 0.01, 0.0, 0.01))
+    peer.hear(state(10.0, 1), 10.0)
+    assert peer.age(10.0) < 0.1
+    peer.hear(state(12.05, 2), 10.05)
+    assert peer.age(10.05) > NEIGHBOUR_S
+    travel(peer.clock, steady(2.0, 0.0), 10.06, Trip(0.0, 0.01, 0.0, 0.01))
+    peer.hear(state(12.1, 3), 10.1)
+    assert peer.age(10.1) < 0.1
 
 
 def test_everybody_knows_everybody_in_three_words() -> None:
