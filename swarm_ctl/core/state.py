@@ -196,10 +196,12 @@ class Gains:
 
 @dataclass(frozen=True, slots=True)
 class Tuning:
-    """Values for the law and the mission time from which they are to hold."""
+    """Values for the law and the mission time from which they are to hold, on the sender's clock."""
 
     gains: Gains
     at_s: float
+    ahead_s: tuple[tuple[int, float], ...] = ()
+    """(agent, how far ahead its clock is) of those that have another one than the sender."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -260,10 +262,12 @@ class ClockEcho:
 
 @dataclass(frozen=True, slots=True)
 class ClockNews:
-    """Sent at 1 Hz, at 5 Hz while somebody's clock is not known: what the own clock shows. A fixed binary layout."""
+    """Sent at 1 Hz, at 5 Hz while somebody asks: what the own clock shows. A fixed binary layout."""
 
     agent: int
     time_s: float
+    asks: bool
+    """It hears somebody whose clock it does not know: answers are wanted soon."""
     echoes: tuple[ClockEcho, ...]
 
 

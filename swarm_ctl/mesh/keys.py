@@ -62,7 +62,7 @@ CLOCK: Final = Channel(
     "clock",
     "swarm/{swarm}/agent/{id}/clock",
     ClockNews,
-    "1 Hz, 5 Hz while a clock is not known",
+    "1 Hz, 5 Hz while one is not known",
     TIMED,
     "agent -> agents",
 )

@@ -35,8 +35,8 @@ _STATE: Final = struct.Struct("<BBHIdQHB3d3f2d2f2d3fBBIII")
 commanded_mps, frame (point_m, angle_rad, scale, rate, leg), stage, command, law, next_law. Flags: bit 0 done, bit 1
 airborne, bit 2 frame (without it the frame's fields are 0)."""
 _DONE, _AIRBORNE, _FRAME = 1, 2, 4
-_CLOCK: Final = struct.Struct("<BHd")
-"""version, agent, time_s"""
+_CLOCK: Final = struct.Struct("<BHd?")
+"""version, agent, time_s, asks"""
 _ECHO: Final = struct.Struct("<Hdd")
 """agent, told_s, held_s"""
 _NO_FRAME: Final = Frame((0.0, 0.0), scale=0.0)
@@ -133,16 +133,16 @@ def _decode_state(data: bytes) -> AgentState:
 
 
 def _encode_clock(news: ClockNews) -> bytes:
-    head = _CLOCK.pack(VERSION, news.agent, news.time_s)
+    head = _CLOCK.pack(VERSION, news.agent, news.time_s, news.asks)
     return head + b"".join(_ECHO.pack(echo.agent, echo.told_s, echo.held_s) for echo in news.echoes)
 
 
 def _decode_clock(data: bytes) -> ClockNews:
-    _, agent, time_s = _CLOCK.unpack_from(data)
+    _, agent, time_s, asks = _CLOCK.unpack_from(data)
     echoes = tuple(ClockEcho(*echo) for echo in _ECHO.iter_unpack(memoryview(data)[_CLOCK.size :]))
     if not all(map(math.isfinite, (time_s, *(e.told_s for e in echoes), *(e.held_s for e in echoes)))):
         raise ValueError("a number is not finite")
-    return ClockNews(agent, time_s, echoes)
+    return ClockNews(agent, time_s, asks, echoes)
 
 
 def _first_line(error: Exception) -> str:

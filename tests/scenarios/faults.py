@@ -269,10 +269,10 @@ ROWS = (
     ),
     Row("a clock jumps ahead", GOOD, happenings=((3, clock(2, 2.0)),)),
     Row("a clock jumps back", GOOD, happenings=((3, clock(2, -2.0)),)),
-    Row("GPS jumps by 3 m", SAFE, happenings=((3, vehicle(2, SIM_GPS_JUMP_N=3.0)),)),
+    Row("GPS jumps by 3 m", GOOD, happenings=((3, vehicle(2, SIM_GPS_JUMP_N=3.0)),)),
     Row(
         "GPS jumps and comes back",
-        SAFE,
+        GOOD,
         happenings=((3, vehicle(2, SIM_GPS_JUMP_E=3.0)), (5, vehicle(2, SIM_GPS_JUMP_E=0.0))),
     ),
     Row("frozen for 2 s", GOOD, happenings=((3, frozen(3)), (5, frozen(3, stops=False)))),

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarm_ctl.core.clocks import ASK_EVERY_S, DRIFT, EVERY_S, Clocks, PeerClock
+from swarm_ctl.core.clocks import ASK_EVERY_S, DRIFT, Clocks, PeerClock
 from swarm_ctl.core.freshness import FRESH_S, NEIGHBOUR_S
 from swarm_ctl.core.peers import Peer
 from swarm_ctl.core.state import AgentState, ClockNews, Phase
@@ -206,8 +206,7 @@ def test_everybody_knows_everybody_in_three_words() -> None:
                 said[i].append(now)
                 under_way.append((now + 0.05, news_or_none))
     assert len(known_s) == 6
-    assert max(known_s.values()) <= EVERY_S + 2 * ASK_EVERY_S
-    assert max(known_s[1, 2], known_s[2, 1]) <= 3 * ASK_EVERY_S
+    assert max(known_s.values()) <= 3 * ASK_EVERY_S
     for i, j in known_s:
         low, high = clocks[i].of[j].bounds(7.95 + offset[i])
         assert low <= offset[j] - offset[i] <= high
@@ -219,4 +218,4 @@ def test_nothing_is_known_at_first() -> None:
     """And nothing is said to those who are silent."""
     clock = PeerClock()
     assert (clock.known, clock.unknown_s, clock.bounds(3.0)) == (False, None, (-math.inf, math.inf))
-    assert Clocks(1, [2]).say(0.0) == ClockNews(1, 0.0, ())
+    assert Clocks(1, [2]).say(0.0) == ClockNews(1, 0.0, False, ())

@@ -71,8 +71,8 @@ OTHERS: list[Any] = [
     Command("t", "tune", (1, 2), 2.0, plan_hash=7, tuning=Tuning(Gains(0.1, 2.0, 0.04, 15.0), 4.0)),
     Command("t-apply", "apply", (1, 2), 2.5, commits=2**32 - 1),
     Ack(1, "abc", False, "no"),
-    ClockNews(1, 2.5, ()),
-    ClockNews(65535, -1e9, (ClockEcho(2, 1e6 + 0.1, 1e-6), ClockEcho(50, -3.0, 0.9))),
+    ClockNews(1, 2.5, False, ()),
+    ClockNews(65535, -1e9, True, (ClockEcho(2, 1e6 + 0.1, 1e-6), ClockEcho(50, -3.0, 0.9))),
     StationBeacon("s", 1.0, 2**64 - 1),
     SigmaReport(
         1,
