@@ -68,7 +68,7 @@ OTHERS: list[Any] = [
     Command("abc", "land", (1, 2), 2.0),
     Command("f", "form", (), 2.0, FormStep("vee", ((0.0, 0.5), (2.0, 1.0)), 0.5, 5.0, 60.0), 2**64 - 1),
     Command("m", "move", (), 2.0, MoveStep(((10.0, -5.5),), 2.5, 0.5, 2.0, 60.0), 7, 3),
-    Command("t", "tune", (1, 2), 2.0, plan_hash=7, tuning=Tuning(Gains(0.1, 2.0, 0.04, 15.0), 4.0)),
+    Command("t", "tune", (1, 2), 2.0, plan_hash=7, tuning=Tuning(Gains(0.1, 2.0, 0.04, 15.0), 4.0, ((2, -0.5),))),
     Command("t-apply", "apply", (1, 2), 2.5, commits=2**32 - 1),
     Ack(1, "abc", False, "no"),
     ClockNews(1, 2.5, False, ()),
