@@ -49,6 +49,15 @@ def test_a_start_takes_no_longer() -> None:
     assert began[1] <= began[0] + 0.2
 
 
+def test_who_is_not_answered_does_not_arm_and_says_why() -> None:
+    """Agent 4 is heard and hears nobody: nobody knows from when its news is, so nobody flies with it."""
+    faulty = Faulty(Row("deaf", ()), 1)
+    faulty.transports[4].silent |= {"1", "2", "3"}
+    faulty.swarm.run(8.0)
+    reasons = [member.status.reason for i, member in faulty.swarm.members.items() if member.status and i != 4]
+    assert reasons == ["agent 4 is heard and has not answered yet: its clock is not known"] * 3
+
+
 def test_news_that_is_late_one_way_is_seen_as_late() -> None:
     """Agent 4 hears everybody 0.4 s late and is heard at once: it knows that the news may be so old, whatever the
     clocks, and nobody comes too near.
