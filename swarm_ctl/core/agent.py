@@ -32,6 +32,7 @@ from swarm_ctl.core.state import (
     Ack,
     AgentState,
     AgentStatus,
+    ClockNews,
     Command,
     Echo,
     Event,
@@ -57,6 +58,8 @@ class Inbox:
 
     view: VehicleView
     states: Sequence[tuple[AgentState, float]] = ()
+    clocks: Sequence[tuple[ClockNews, float]] = ()
+    """With when they came, not when they were looked for."""
     beacons: Sequence[tuple[StationBeacon, float]] = ()
     commands: Sequence[Command] = ()
     lifeline_cut: bool = False
@@ -79,6 +82,7 @@ class Actions:
 
     goal: Goal
     state: AgentState | None
+    clock: ClockNews | None = None
     status: AgentStatus | None = None
     sigma: SigmaReport | None = None
     events: tuple[Event, ...] = ()
@@ -142,12 +146,15 @@ class Agent:
         if going_on and self._progress.advance(self._members.barrier(now), now):
             self._enter_step(now)
         actions = Actions(goal, self._state(now, fresh) if fresh is not None else None, acks=acks)
+        actions.clock = self._peers.clocks.say(now)
         self._publish_slow(now, inbox, fix, actions)
         return actions
 
     # --- what is heard ---
 
     def _take_in(self, now: float, inbox: Inbox) -> tuple[Ack, ...]:
+        for news, received_s in inbox.clocks:
+            self._peers.clocks.hear(news, received_s)
         for state, received_s in inbox.states:
             self._takeover.hear(state, received_s)
             self._peers.hear(state, received_s)

@@ -10,6 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from swarm_ctl.core.clocks import Clocks, PeerClock
 from swarm_ctl.core.frames import ned_from_geodetic
 from swarm_ctl.core.freshness import FRESH_S, NEIGHBOUR_S, PREDICT_S
 from swarm_ctl.core.histogram import Histogram
@@ -18,8 +19,6 @@ from swarm_ctl.core.response import stop_distance
 from swarm_ctl.core.state import AgentState, LinkReport, Phase
 from swarm_ctl.core.vehicle import Contact
 
-_MAX_TRANSIT_S = 1.0
-"""A sender's clock that is further off than this is not believed; the age then counts from the receipt."""
 _AGE_BIN_S = 0.01
 _MAX_CONTACTS = 8
 """Traffic the law takes in at most, nearest first."""
@@ -36,6 +35,7 @@ class Peer:
     """One other agent of the plan as this one hears it."""
 
     id: int
+    clock: PeerClock
     state: AgentState | None = None
     received_s: float = -math.inf
     received: int = 0
@@ -44,34 +44,57 @@ class Peer:
     stop_point: complex = 0j
     """Of the newest state, as is `commanded`; north + 1j * east [m, m/s]."""
     commanded: complex = 0j
+    true_s: float = math.inf
+    """On the own clock: when the state was true, by the best guess; and at the earliest."""
+    earliest_s: float = math.inf
 
     def age(self, now: float) -> float:
-        """Seconds since the state was true: local time since receipt plus the time it was under way."""
-        if self.state is None:
-            return math.inf
-        transit = self.received_s - self.state.time_s
-        return now - self.received_s + (transit if 0.0 <= transit <= _MAX_TRANSIT_S else 0.0)
+        """Seconds since the state was true, not negative: right but for half the round trip."""
+        return math.inf if self.state is None else now - self.true_s
+
+    def age_at_most(self, now: float) -> float:
+        """The same with all doubt against it: never more than twice `age` where the clock is known."""
+        return math.inf if self.state is None else now - self.earliest_s
 
     def hear(self, state: AgentState, received_s: float) -> None:
         """Newest wins: what is older than what is known is dropped; gaps in `seq` count as lost."""
-        if self.state is not None:
-            if state.time_s <= self.state.time_s:
+        self.clock.told(state.time_s, received_s)
+        old = self.state
+        if old is not None:
+            # a late message is behind in both, and has a newer one behind it: else it is another process, or its clock
+            # was set back
+            late = state.time_s <= old.time_s and state.seq <= old.seq
+            if late and received_s - self.received_s <= NEIGHBOUR_S:
                 return
-            if state.seq > self.state.seq:
-                self.lost += state.seq - self.state.seq - 1
+            if state.seq > old.seq:
+                self.lost += state.seq - old.seq - 1
+        before_s = self.true_s
+        self._date(state.time_s, received_s)
+        if old is not None and state.time_s < old.time_s and self.true_s < before_s:
+            self.clock.forget(state.time_s, received_s)  # and has not answered since
+            self._date(state.time_s, received_s)
         self.state, self.received_s = state, received_s
         self.stop_point, self.commanded = complex(*state.stop_point_m), complex(*state.commanded_mps)
         self.received += 1
 
+    def _date(self, told_s: float, received_s: float) -> None:
+        low, high = self.clock.bounds(received_s)
+        self.true_s = min(told_s - 0.5 * (low + high), received_s)
+        self.earliest_s = min(told_s - high, received_s)
+        if self.clock.unknown_s is not None:  # heard, but from when? Not fresh, and lost if that lasts
+            self.true_s = self.earliest_s = self.clock.unknown_s - 1.01 * NEIGHBOUR_S
+
     def report(self, now: float) -> LinkReport:
         """The link so far."""
-        age = self.age(now)
+        age, (low, high) = self.age(now), self.clock.bounds(now)
         return LinkReport(
             None if math.isinf(age) else age,
             self.ages.percentile(0.5),
             self.ages.percentile(0.99),
             self.received,
             self.lost,
+            round(0.5 * (low + high), 6) if self.clock.known else None,
+            round(high - low, 6) if self.clock.known else None,
         )
 
 
@@ -85,6 +108,7 @@ class Other(NamedTuple):
     commanded: complex
     """[m/s]"""
     age_s: float
+    """At most."""
     heard: bool
     """Its news is fresh."""
     yields: bool
@@ -124,7 +148,8 @@ class Peers:
         self._plan = plan
         self._own = own_id
         self._chosen = frozenset(plan.agent(own_id).neighbours)
-        self._by_id = {agent.id: Peer(agent.id) for agent in plan.agents if agent.id != own_id}
+        self.clocks = Clocks(own_id, (agent.id for agent in plan.agents if agent.id != own_id))
+        self._by_id = {agent: Peer(agent, clock) for agent, clock in self.clocks.of.items()}
         self.ids = [*self._by_id, *[0] * _MAX_CONTACTS]
         """Agent id of each column of the law's input; 0 for traffic that nobody on the mesh owns up to."""
         self._shape: tuple[list[bool], list[bool], int] | None = None
@@ -166,7 +191,7 @@ class Peers:
     def count_ages(self, now: float) -> None:
         """Sample every heard peer's age once (per tick)."""
         for peer in self:
-            if peer.state is not None:
+            if peer.state is not None and peer.clock.known:
                 peer.ages.add(peer.age(now))
 
     def fresh(self, now: float) -> list[AgentState]:
@@ -197,11 +222,10 @@ class Peers:
         ]
 
     def _other(self, peer: Peer, state: AgentState, now: float) -> Other:
-        age = peer.age(now)
-        heard = age <= FRESH_S
+        heard = peer.age(now) <= FRESH_S
         yields = heard and state.phase in _YIELDING
         flying = (state.step, state.command) if heard and state.phase is Phase.FLY else None
-        return Other(peer.id, peer.stop_point, peer.commanded, age, heard, yields, flying)
+        return Other(peer.id, peer.stop_point, peer.commanded, peer.age_at_most(now), heard, yields, flying)
 
     def flies_along(self, column: int, now: float) -> bool:
         """Whoever is at this column of the law's input is heard and flies the formation (traffic never does)."""

@@ -10,6 +10,7 @@ from swarm_ctl.core.navigation import AGREE_M, Navigator, OwnFix
 from swarm_ctl.core.peers import Peers
 from swarm_ctl.core.plan import AgentPlan, Plan
 from swarm_ctl.core.state import StationBeacon
+from swarm_ctl.core.text import agents_named
 from swarm_ctl.core.vehicle import VehicleView
 
 HeardStation: TypeAlias = tuple[StationBeacon, float]
@@ -29,7 +30,12 @@ class Gate:
 
     def closed_by(self, view: VehicleView, fix: OwnFix | None, station: HeardStation | None) -> str:
         """What keeps the vehicle on the ground, or ''."""
-        return not_ready(self.plan, self.own, view, fix, self.navigator) or self.other_plan(station)
+        why = not_ready(self.plan, self.own, view, fix, self.navigator) or self.other_plan(station)
+        return why or self._unanswered()
+
+    def _unanswered(self) -> str:
+        asked = [peer.id for peer in self.peers if peer.clock.unknown_s is not None]
+        return f"{agents_named(asked)} is heard and has not answered yet: its clock is not known" if asked else ""
 
     def disagrees(self, view: VehicleView, fix: OwnFix) -> str:
         """Why the vehicle's two positions can't both be true, or ''."""

@@ -150,6 +150,10 @@ class LinkReport:
     age_p99_s: float | None
     received: int
     lost: int
+    clock_ahead_s: float | None = None
+    """The sender's clock less the receiver's, give or take half the round trip; None: not known."""
+    round_trip_s: float | None = None
+    """The fastest way there and back of late."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,10 +221,12 @@ class Gains:
 
 @dataclass(frozen=True, slots=True)
 class Tuning:
-    """Values for the law and the mission time from which they are to hold."""
+    """Values for the law and the mission time from which they are to hold, on the sender's clock."""
 
     gains: Gains
     at_s: float
+    ahead_s: tuple[tuple[int, float], ...] = ()
+    """(agent, how far ahead its clock is) of those that have another one than the sender."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -267,6 +273,29 @@ class AgentStatus:
     roles: tuple[tuple[float, int], ...] = ()
     """(since [s], place in the plan whose slots it flies to), for every role but its own first one."""
     safety: SafetyReport = field(default_factory=SafetyReport)
+
+
+@dataclass(frozen=True, slots=True)
+class ClockEcho:
+    """Somebody's word of its clock, given back (`core/clocks.py`)."""
+
+    agent: int
+    """Whose."""
+    told_s: float
+    """Its `ClockNews.time_s`."""
+    held_s: float
+    """From its receipt to this word."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClockNews:
+    """Sent at 1 Hz, at 5 Hz while somebody asks: what the own clock shows. A fixed binary layout."""
+
+    agent: int
+    time_s: float
+    asks: bool
+    """It hears somebody whose clock it does not know: answers are wanted soon."""
+    echoes: tuple[ClockEcho, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -325,4 +354,4 @@ class StationBeacon:
     plan_hash: int
 
 
-Payload: TypeAlias = AgentState | AgentStatus | SigmaReport | Event | Command | Ack | StationBeacon
+Payload: TypeAlias = AgentState | AgentStatus | ClockNews | SigmaReport | Event | Command | Ack | StationBeacon

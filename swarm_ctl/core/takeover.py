@@ -77,17 +77,9 @@ class Takeover:
         self._learn_until: float | None = None
 
     def hear(self, state: AgentState, received_s: float) -> None:
-        """Before a state is taken in: it may be another process with our id, or a peer whose clock began anew."""
+        """It may be another process with our id."""
         if state.agent == self._sortie.agent:
             self._double_s = received_s
-            return
-        for peer in self._peers:
-            old = peer.state
-            if peer.id == state.agent and old is not None:
-                # a late message has a newer one behind it; after a second of silence it is another process
-                earlier = state.time_s < old.time_s and state.seq < old.seq
-                if earlier and received_s - peer.received_s > NEIGHBOUR_S:
-                    peer.state = None
 
     def pending(self, view: VehicleView) -> bool:
         """The vehicle is in the air and not by our doing; nothing is decided yet."""

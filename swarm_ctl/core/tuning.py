@@ -18,14 +18,15 @@ Every state carries the tag of the law in force and of the one decided, so peers
 | an agent heard by a peer was not asked | that peer refuses, and so nothing changes |
 
 Laws are ordered by their time, then tag: nobody ever goes back to an older one. While one change is under way no other
-is prepared.
+is prepared. Between hosts the time is told with how far each agent's clock is ahead of the sender's, as well as that is
+known; who is early is followed by the others as soon as they hear it.
 """  # noqa: E501
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Final
 
 from swarm_ctl.core.peers import Peers
@@ -127,7 +128,7 @@ class Tuner:
         """Why the command can't be obeyed; '' where it can."""
         if command.kind == "apply":
             return self._too_late(command.commits, now)
-        tuning = command.tuning
+        tuning = self._on_own_clock(command.tuning)
         if tuning is None:
             return "the command has no values"
         if not now < tuning.at_s <= now + _LEAD_AT_MOST_S:
@@ -165,8 +166,8 @@ class Tuner:
         """Prepare what was accepted, or take it as decided."""
         if command.kind == "apply":
             self._decide(command.commits)
-        elif command.tuning is not None:
-            self._prepared[command.tag] = command.tuning
+        elif (tuning := self._on_own_clock(command.tuning)) is not None:
+            self._prepared[command.tag] = tuning
             while len(self._prepared) > _PREPARED_KEPT:
                 del self._prepared[next(iter(self._prepared))]
 
@@ -187,6 +188,10 @@ class Tuner:
         if self.decided and now >= self._prepared[self.decided].at_s:
             said += self._adopt(self.decided)
         return said
+
+    def _on_own_clock(self, tuning: Tuning | None) -> Tuning | None:
+        ahead_s = dict(tuning.ahead_s).get(self._own, 0.0) if tuning else 0.0
+        return replace(tuning, at_s=tuning.at_s + ahead_s) if tuning and ahead_s else tuning
 
     def _decide(self, tag: int) -> None:
         if tag != self.tag:

@@ -53,13 +53,14 @@ class ImpairedTransport:
         """As `Transport.publish`."""
         self._inner.publish(key, data, qos)
 
-    def subscribe(self, key_expression: str) -> Inlet:
+    def subscribe(self, key_expression: str, *, timed: bool = False) -> Inlet:
         """As `Transport.subscribe`."""
         links = []
         for name in self._publishers:
             self._inlets += 1
             dice = random.Random(self._seed * 1_000_003 + self._inlets)  # noqa: S311 - a simulation
-            links.append(_Link(self._inner.subscribe(key_expression.replace("*", name)), self, name, dice))
+            inlet = self._inner.subscribe(key_expression.replace("*", name), timed=timed)
+            links.append(_Link(inlet, self, name, dice))
         return ImpairedInlet(links, self._now)
 
     def close(self) -> None:

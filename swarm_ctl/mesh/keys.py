@@ -10,7 +10,7 @@ import re
 from dataclasses import dataclass
 from typing import Final, Generic, TypeVar
 
-from swarm_ctl.core.state import Ack, AgentState, AgentStatus, Command, Event, SigmaReport, StationBeacon
+from swarm_ctl.core.state import Ack, AgentState, AgentStatus, ClockNews, Command, Event, SigmaReport, StationBeacon
 from swarm_ctl.errors import InputError
 
 P = TypeVar("P")
@@ -24,9 +24,12 @@ class Qos:
     """The link sends it again until it arrives; nothing ever waits for a full queue (it is dropped)."""
     urgent: bool
     """Goes first and is not batched."""
+    timed: bool = False
+    """The receiver notes when it came, not when it looked for it."""
 
 
 NEWEST: Final = Qos(reliable=False, urgent=True)
+TIMED: Final = Qos(reliable=False, urgent=True, timed=True)
 REPORT: Final = Qos(reliable=False, urgent=False)
 MUST_ARRIVE: Final = Qos(reliable=True, urgent=True)
 
@@ -55,6 +58,14 @@ class Channel(Generic[P]):
 STATE: Final = Channel(
     "state", "swarm/{swarm}/agent/{id}/state", AgentState, "every tick (20 Hz)", NEWEST, "agent -> agents, stations"
 )
+CLOCK: Final = Channel(
+    "clock",
+    "swarm/{swarm}/agent/{id}/clock",
+    ClockNews,
+    "1 Hz, 5 Hz while one is not known",
+    TIMED,
+    "agent -> agents",
+)
 STATUS: Final = Channel("status", "swarm/{swarm}/agent/{id}/status", AgentStatus, "2 Hz", REPORT, "agent -> stations")
 SIGMA: Final = Channel(
     "sigma", "swarm/{swarm}/agent/{id}/sigma", SigmaReport, "5 Hz while a pair is near", REPORT, "agent -> stations"
@@ -75,7 +86,7 @@ BEACON: Final = Channel(
     "beacon", "swarm/{swarm}/station/{id}/beacon", StationBeacon, "4 Hz", REPORT, "station -> agents, stations"
 )
 
-CHANNELS: Final[tuple[Channel[object], ...]] = (STATE, STATUS, SIGMA, EVENT, ACK, COMMAND, BEACON)  # type: ignore[assignment]
+CHANNELS: Final[tuple[Channel[object], ...]] = (STATE, CLOCK, STATUS, SIGMA, EVENT, ACK, COMMAND, BEACON)  # type: ignore[assignment]
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 

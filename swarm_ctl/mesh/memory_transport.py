@@ -55,7 +55,7 @@ class MemoryTransport:
             if pattern.fullmatch(key):
                 inlet.put(self._hub.now(), data)
 
-    def subscribe(self, key_expression: str) -> MemoryInlet:
+    def subscribe(self, key_expression: str, *, timed: bool = False) -> MemoryInlet:  # noqa: ARG002 - always is
         """As `Transport.subscribe`."""
         inlet = MemoryInlet()
         self._inlets.append((re.compile(re.escape(key_expression).replace(r"\*", "[^/]+")), inlet))

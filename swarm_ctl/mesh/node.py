@@ -27,7 +27,9 @@ class Node:
     def listen(self, *channels: Channel[Any]) -> None:
         """Start to hear every publisher of these channels."""
         for channel in channels:
-            self._inlets[channel.name] = self._transport.subscribe(channel.everyone(self._swarm))
+            self._inlets[channel.name] = self._transport.subscribe(
+                channel.everyone(self._swarm), timed=channel.qos.timed
+            )
 
     def send(self, channel: Channel[P], payload: P) -> None:
         """Publish under the own key."""

@@ -1,7 +1,7 @@
 """Payloads as bytes. The first byte is the version; an unknown one is refused, never guessed.
 
-`AgentState` is sent every tick and has a fixed little-endian layout (`_STATE`); everything else is JSON after the
-version byte, checked field by field by pydantic.
+`AgentState` is sent every tick and has a fixed little-endian layout (`_STATE`), and so has `ClockNews` (`_CLOCK`, then
+one `_ECHO` each); everything else is JSON after the version byte, checked field by field by pydantic.
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ from swarm_ctl.core.state import (
     Ack,
     AgentState,
     AgentStatus,
+    ClockEcho,
+    ClockNews,
     Command,
     Deal,
     Event,
@@ -34,6 +36,10 @@ _STATE: Final = struct.Struct("<BBHIdQHB3d3f2d2f2d3fBBIII8h")
 commanded_mps, frame (point_m, angle_rad, scale, rate, leg), stage, command, law, next_law, deal. Flags: bit 0 done,
 bit 1 airborne, bit 2 frame (without it the frame's fields are 0)."""
 _DONE, _AIRBORNE, _FRAME = 1, 2, 4
+_CLOCK: Final = struct.Struct("<BHd?")
+"""version, agent, time_s, asks"""
+_ECHO: Final = struct.Struct("<Hdd")
+"""agent, told_s, held_s"""
 _NO_FRAME: Final = Frame((0.0, 0.0), scale=0.0)
 
 
@@ -41,6 +47,8 @@ def encode(payload: object) -> bytes:
     """Bytes of any payload of the table in `mesh/keys.py`."""
     if isinstance(payload, AgentState):
         return _encode_state(payload)
+    if isinstance(payload, ClockNews):
+        return _encode_clock(payload)
     return bytes([VERSION]) + _adapter(type(payload)).dump_json(payload)
 
 
@@ -52,6 +60,8 @@ def decode(kind: type[P], data: bytes) -> P:
     try:
         if kind is AgentState:
             return _decode_state(data)  # type: ignore[return-value]
+        if kind is ClockNews:
+            return _decode_clock(data)  # type: ignore[return-value]
         return _adapter(kind).validate_json(memoryview(data)[1:].tobytes())
     except (ValidationError, struct.error, ValueError) as error:
         raise PayloadError(f"{kind.__name__}: {_first_line(error)}") from None
@@ -130,6 +140,19 @@ def _decode_state(data: bytes) -> AgentState:
         next_law,
         Deal(*deal),
     )
+
+
+def _encode_clock(news: ClockNews) -> bytes:
+    head = _CLOCK.pack(VERSION, news.agent, news.time_s, news.asks)
+    return head + b"".join(_ECHO.pack(echo.agent, echo.told_s, echo.held_s) for echo in news.echoes)
+
+
+def _decode_clock(data: bytes) -> ClockNews:
+    _, agent, time_s, asks = _CLOCK.unpack_from(data)
+    echoes = tuple(ClockEcho(*echo) for echo in _ECHO.iter_unpack(memoryview(data)[_CLOCK.size :]))
+    if not all(map(math.isfinite, (time_s, *(e.told_s for e in echoes), *(e.held_s for e in echoes)))):
+        raise ValueError("a number is not finite")
+    return ClockNews(agent, time_s, asks, echoes)
 
 
 def _first_line(error: Exception) -> str:

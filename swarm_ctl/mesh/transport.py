@@ -23,8 +23,11 @@ class Transport(Protocol):
     def publish(self, key: str, data: bytes, qos: Qos) -> None:
         """Send without waiting."""
 
-    def subscribe(self, key_expression: str) -> Inlet:
-        """Everything published under keys that match (`*` stands for one part)."""
+    def subscribe(self, key_expression: str, *, timed: bool = False) -> Inlet:
+        """Everything published under keys that match (`*` stands for one part).
+
+        `timed`: the time of receipt has to be when a message came; else that of the next `drain` will do.
+        """
 
     def close(self) -> None:
         """Leave the mesh."""

@@ -160,7 +160,7 @@ def run_agent(config: AgentConfig, lifeline: Lifeline) -> int:
         transport = ZenohTransport([config.listen], config.connect, clock.now, config.speedup)
         node = Node(transport, config.swarm, config.agent_id)
         try:
-            node.listen(keys.STATE, keys.BEACON, keys.COMMAND)
+            node.listen(keys.STATE, keys.CLOCK, keys.BEACON, keys.COMMAND)
             lifeline.tell(READY)
             ended, status = _loop(config, clock, link, node, lifeline)
         finally:
@@ -200,6 +200,7 @@ def _loop(
         inbox = Inbox(
             view=link.view(),
             states=node.take(keys.STATE),
+            clocks=node.take(keys.CLOCK),
             beacons=node.take(keys.BEACON),
             commands=[command for command, _ in node.take(keys.COMMAND)],
             lifeline_cut=lifeline.cut(),
@@ -219,6 +220,8 @@ def _loop(
 def _publish(node: Node, actions: Actions) -> None:
     if actions.state is not None:
         node.send(keys.STATE, actions.state)
+    if actions.clock is not None:
+        node.send(keys.CLOCK, actions.clock)
     for ack in actions.acks:
         node.send(keys.ACK, ack)
     for event in actions.events:

@@ -42,9 +42,9 @@ def _tune(order: Order, view: SwarmView) -> Command:
         raise InputError(f"tune: {what}; name all of {', '.join(sorted(names))}, or say `tune plan`")
     gains = tuned(order.arguments, next(iter(laws), None) or planned(view.plan), view.plan)
     at_s = view.time_s + LEAD_S * max(1.0, view.speedup)
-    return Command(
-        uuid.uuid4().hex, "tune", tuple(asked), view.time_s, plan_hash=view.plan_hash, tuning=Tuning(gains, at_s)
-    )
+    ahead_s = tuple((i, ahead) for i in asked if (ahead := view.agent(i).link.clock_ahead_s))
+    tuning = Tuning(gains, at_s, ahead_s)
+    return Command(uuid.uuid4().hex, "tune", tuple(asked), view.time_s, plan_hash=view.plan_hash, tuning=tuning)
 
 
 def _step(order: Order, view: SwarmView, mission: Path) -> FormStep | MoveStep | None:

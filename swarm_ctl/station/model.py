@@ -127,6 +127,8 @@ class Model:
         """A beacon of ours that came back tells the round trip, both loops' waiting included."""
         echo = status.echo
         if echo is not None and echo.station == self._station:
+            heard = self._heard[status.agent]
+            heard.receiver.answered(echo.beacon_s, status.time_s - echo.held_s, status.time_s, received_s)
             trip = received_s - echo.beacon_s - echo.held_s
             if trip >= 0.0:
                 self._history.round_trip(status.agent, trip)

@@ -7,12 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from swarm_ctl.core.clocks import PeerClock
 from swarm_ctl.station.view import Reception
 
 WINDOW_S: Final = 10.0
 """Long enough for a p99 at 20 Hz, short enough that a bad link shows while it is bad."""
 _MAX_TRANSIT_S: Final = 1.0
-"""A sender's clock that is further off than this is not believed; age then counts from the receipt."""
+"""Before a sender's clock is known, one that is further off than this is not believed: age counts from the receipt."""
 _MOST_MISSING: Final = 200
 """Ten seconds at 20 Hz; nothing comes later than that."""
 
@@ -34,11 +35,13 @@ class Receiver:
     def __init__(self) -> None:
         self._window: deque[_Arrival] = deque()
         self._last: _Arrival | None = None
+        self._clock = PeerClock()
         self._missing: set[int] = set()
         self._received = self._lost = self._late = self._restarts = 0
 
     def hear(self, seq: int, sent_s: float, received_s: float) -> bool:
         """Count a message; False where it is not newer than what is known already."""
+        self._clock.told(sent_s, received_s)
         last = self._last
         if last is not None and sent_s <= last.sent_s:
             self._late += 1
@@ -63,6 +66,10 @@ class Receiver:
         self._forget(received_s)
         return True
 
+    def answered(self, asked_s: float, heard_s: float, told_s: float, received_s: float) -> None:
+        """Something of ours came back: as `PeerClock.answered`."""
+        self._clock.answered(asked_s, heard_s, told_s, received_s)
+
     def report(self, now_s: float) -> Reception:
         """The reception at `now_s`."""
         self._forget(now_s)
@@ -78,13 +85,24 @@ class Receiver:
             restarts=self._restarts,
             recent_loss=lost / (len(ages) + lost) if ages else 0.0,
             tick_rate_hz=self._rate(),
+            clock_ahead_s=self._ahead(now_s),
         )
 
     def _age(self, now_s: float) -> float | None:
         if self._last is None:
             return None
-        transit = self._last.received_s - self._last.sent_s
-        return max(0.0, now_s - self._last.received_s) + (transit if 0.0 <= transit <= _MAX_TRANSIT_S else 0.0)
+        ahead = self._ahead(self._last.received_s)
+        transit = self._last.received_s - self._last.sent_s + (ahead or 0.0)
+        if ahead is None and transit > _MAX_TRANSIT_S:
+            transit = 0.0
+        return max(0.0, now_s - self._last.received_s) + max(0.0, transit)
+
+    def _ahead(self, now_s: float) -> float | None:
+        """The sender's clock less this station's; as long as they may be one clock (on one host they are) they are."""
+        low, high = self._clock.bounds(now_s)
+        if not self._clock.known:
+            return None
+        return 0.0 if low <= 0.0 <= high else 0.5 * (low + high)
 
     def _rate(self) -> float | None:
         if len(self._window) < 2:

@@ -57,6 +57,8 @@ class Reception:
     """Share (0..1) lost in the window."""
     tick_rate_hz: float | None = None
     """The sender's ticks per mission second, by its own `seq` and clock."""
+    clock_ahead_s: float | None = None
+    """The sender's clock less this station's, 0 where they may be one; None: not known."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -64,7 +64,7 @@ class VirtualSwarm:
         mesh: Callable[[Transport, int], Transport] = lambda transport, _: transport,
         clocks: Mapping[int, Callable[[float], float]] | None = None,
     ) -> None:
-        self._wrap, self._clocks = mesh, clocks or {}
+        self._wrap, self._clocks = mesh, dict(clocks or {})
         self.plan: Plan = mission.plan
         self.now = 0.0
         self.events: list[Event] = []
@@ -88,7 +88,7 @@ class VirtualSwarm:
         near, far = memory_wires()
         node = Node(self._wrap(MemoryTransport(self.mesh), agent_id), "test", agent_id)
         clock = self._clocks.get(agent_id, float)
-        node.listen(keys.STATE, keys.BEACON, keys.COMMAND)
+        node.listen(keys.STATE, keys.CLOCK, keys.BEACON, keys.COMMAND)
         link = VehicleLink(near, entry.autopilot, entry.sysid)
         agent = Agent(plan, agent_id, clock(self.now), vehicle=entry.response)
         self.members[agent_id] = Member(agent, link, node, clock=clock)
@@ -137,6 +137,7 @@ class VirtualSwarm:
         inbox = Inbox(
             view=member.link.view(),
             states=[(state, member.clock(at)) for state, at in member.node.take(keys.STATE)],
+            clocks=[(news, member.clock(at)) for news, at in member.node.take(keys.CLOCK)],
             beacons=[(beacon, member.clock(at)) for beacon, at in member.node.take(keys.BEACON)],
             commands=[command for command, _ in member.node.take(keys.COMMAND)],
             lifeline_cut=self.lifeline_cut,
@@ -150,6 +151,7 @@ class VirtualSwarm:
     def _publish(self, member: Member, actions: Actions) -> None:
         for channel, payloads in (
             (keys.STATE, [actions.state]),
+            (keys.CLOCK, [actions.clock]),
             (keys.ACK, actions.acks),
             (keys.EVENT, actions.events),
             (keys.SIGMA, [actions.sigma]),
@@ -187,8 +189,9 @@ class VirtualSwarm:
         self.members[agent_id].alive = False
         self.members[agent_id].node.close()
 
-    def restart(self, agent_id: int, plan: Plan | None = None) -> None:
-        """A new process in the place of a dead one, which knows nothing of it; with another plan, if given."""
+    def restart(self, agent_id: int, plan: Plan | None = None, clock: Callable[[float], float] | None = None) -> None:
+        """A new process in the place of a dead one, which knows nothing of it; with another plan or clock, if given."""
+        self._clocks[agent_id] = clock or self._clocks.get(agent_id, float)
         place = [agent.id for agent in self.plan.agents].index(agent_id)
         self._far[place] = self._add(agent_id, plan or self.plan)
 

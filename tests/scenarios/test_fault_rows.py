@@ -34,6 +34,16 @@ def test_same_seed_same_trace() -> None:
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("row", ROWS, ids=str)
+def test_same_seed_same_trace_of_every_row(row: Row) -> None:
+    """Whatever goes wrong, it goes wrong in the same way again."""
+    flights = [Faulty(row, 1) for _ in range(2)]
+    for flight in flights:
+        flight.fly()
+    assert flights[0].trace() == flights[1].trace()
+
+
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(2, 12))
 @pytest.mark.parametrize("row", ROWS, ids=str)
 def test_fault_again(row: Row, seed: int) -> None:

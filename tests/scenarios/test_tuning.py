@@ -27,10 +27,16 @@ class Desk:
         self.changes: dict[int, list[tuple[float, Gains]]] = {agent: [] for agent in ALL}
         self.alive = True
 
-    def tune(self, agents: tuple[int, ...] = ALL, name: str = "t", **values: float) -> Command:
+    def tune(
+        self,
+        agents: tuple[int, ...] = ALL,
+        name: str = "t",
+        ahead_s: tuple[tuple[int, float], ...] = (),
+        **values: float,
+    ) -> Command:
         """Order a change for two seconds from now."""
         now, plan = self.swarm.now, self.swarm.plan
-        tuning = Tuning(replace(planned(plan), **values), now + LEAD_S)
+        tuning = Tuning(replace(planned(plan), **values), now + LEAD_S, ahead_s)
         command = Command(name, "tune", agents, now, plan_hash=plan.hash(), tuning=tuning)
         self.commander.give(command, now)
         return command
@@ -94,6 +100,23 @@ def test_all_change_in_the_tick_of_the_order_s_time() -> None:
     assert {member.agent._controller.gain for member in swarm.members.values()} == {0.04 * 15.0}
     swarm.fly(900)
     assert_good(swarm)
+
+
+def test_agents_with_other_clocks_change_together() -> None:
+    """The order's time is the sender's; it says how far each clock is ahead, to some tenths of a second: who is early
+    is followed by the others as soon as they hear it.
+    """
+    clocks = {1: 3600.0, 2: -3600.0, 3: 0.3}
+    swarm = VirtualSwarm(quartet("land"), clocks={i: lambda now, s=s: now + s for i, s in clocks.items()})  # type: ignore[misc]
+    swarm.run(4)
+    desk = Desk(swarm)
+    order = desk.tune(ahead_s=((1, 3600.1), (2, -3600.05)), h=0.04)
+    desk.run(4)
+    assert order.tuning is not None
+    assert [len(moments) for moments in desk.moments] == [1, 1, 1, 1]
+    moments = [moment for (moment,) in desk.moments]
+    assert max(moments) - min(moments) < 0.06
+    assert abs(moments[0] - order.tuning.at_s) < 0.36
 
 
 def test_one_refusal_stops_all(desk: Desk) -> None:

@@ -50,6 +50,18 @@ def _ms(seconds: float | None, width: int = 4) -> str:
     return fit(None if seconds is None else 1000 * seconds, width, 0)
 
 
+def _ahead(seconds: float | None, trip_s: float | None = None) -> str:
+    """At most 4 characters: ms, or a larger unit that is named; and at most 5 more for half the round trip in ms."""
+    if seconds is None:
+        return _DASH
+    if trip_s is not None:
+        return f"{_ahead(seconds)}±{_ms(0.5 * trip_s)}"
+    for most, size, unit in ((0.9995, 0.001, ""), (99.5, 1.0, "s"), (5970.0, 60.0, "m"), (358000.0, 3600.0, "h")):
+        if abs(seconds) < most:
+            return f"{seconds / size:+.0f}{unit}"
+    return f"{seconds / 86400.0:+.0f}d"[:4]
+
+
 def _percent(share: float) -> str:
     return f"{100 * share:.0f}%"
 
@@ -69,6 +81,11 @@ METRICS: Final[dict[str, Metric]] = {
         "jitter in ms: p99 less p50 of the ages",
         lambda link, _: _ms(jitter_s(link.report.age_p50_s, link.report.age_p99_s)),
         lambda link, _: _ms(jitter_s(link.report.age_p50_s, link.report.age_p99_s)),
+    ),
+    "clock": Metric(
+        "clock of tx ahead of rx, ms ± half a trip",
+        lambda link, _: _ahead(link.report.clock_ahead_s),
+        lambda link, _: _ahead(link.report.clock_ahead_s, link.report.round_trip_s),
     ),
     "history": Metric(
         "age of the newest state, the last 20 s",

@@ -13,6 +13,8 @@ from swarm_ctl.core.state import (
     Ack,
     AgentState,
     AgentStatus,
+    ClockEcho,
+    ClockNews,
     Command,
     Event,
     Frame,
@@ -66,9 +68,11 @@ OTHERS: list[Any] = [
     Command("abc", "land", (1, 2), 2.0),
     Command("f", "form", (), 2.0, FormStep("vee", ((0.0, 0.5), (2.0, 1.0)), 0.5, 5.0, 60.0), 2**64 - 1),
     Command("m", "move", (), 2.0, MoveStep(((10.0, -5.5),), 2.5, 0.5, 2.0, 60.0), 7, 3),
-    Command("t", "tune", (1, 2), 2.0, plan_hash=7, tuning=Tuning(Gains(0.1, 2.0, 0.04, 15.0), 4.0)),
+    Command("t", "tune", (1, 2), 2.0, plan_hash=7, tuning=Tuning(Gains(0.1, 2.0, 0.04, 15.0), 4.0, ((2, -0.5),))),
     Command("t-apply", "apply", (1, 2), 2.5, commits=2**32 - 1),
     Ack(1, "abc", False, "no"),
+    ClockNews(1, 2.5, False, ()),
+    ClockNews(65535, -1e9, True, (ClockEcho(2, 1e6 + 0.1, 1e-6), ClockEcho(50, -3.0, 0.9))),
     StationBeacon("s", 1.0, 2**64 - 1),
     SigmaReport(
         1,
@@ -113,7 +117,7 @@ def test_state_round_trip(state: AgentState) -> None:
 
 
 @pytest.mark.parametrize("payload", OTHERS, ids=lambda p: type(p).__name__)
-def test_json_round_trip(payload: Any) -> None:
+def test_round_trip(payload: Any) -> None:
     assert decode(type(payload), encode(payload)) == payload
 
 

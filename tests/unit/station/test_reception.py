@@ -27,6 +27,26 @@ def test_a_foreign_clock_is_not_believed(sent_s: float) -> None:
     assert receiver.report(10.2).age_s == pytest.approx(0.2)
 
 
+def test_a_foreign_clock_that_answers_is_known() -> None:
+    """0.1 s there and back: a state that took 0.04 s is taken for 0.05 s old, whatever the clock shows."""
+    receiver = Receiver()
+    receiver.hear(1, sent_s=-49.0, received_s=10.04)
+    receiver.answered(10.0, -48.95, -48.9, 10.2)
+    receiver.hear(2, sent_s=-48.0, received_s=11.04)
+    report = receiver.report(11.5)
+    assert report.clock_ahead_s == pytest.approx(-59.0, abs=0.06)
+    assert report.age_s == pytest.approx(0.5, abs=0.06)
+
+
+def test_clocks_that_may_be_one_are_one() -> None:
+    """On one host they are; the round trip, with both loops' waiting in it, must not make two of them."""
+    receiver = Receiver()
+    receiver.hear(1, sent_s=10.0, received_s=10.02)
+    receiver.answered(9.0, 9.3, 9.35, 9.38)
+    report = receiver.report(10.5)
+    assert (report.clock_ahead_s, report.age_s) == (0.0, pytest.approx(0.5))
+
+
 @given(st.lists(st.booleans(), min_size=1, max_size=60), st.data())
 def test_received_and_lost_tell_what_happened_whatever_the_order(arrives: list[bool], data: st.DataObject) -> None:
     """Messages vanish, come twice and out of order: received + lost spans the numbers heard, each counted once."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,15 +13,19 @@ from hypothesis import strategies as st
 from rich.cells import cell_len
 
 from swarm_ctl.core.state import Echo, LinkReport, Phase, SigmaReport
+from swarm_ctl.core.tuning import LEAD_S
+from swarm_ctl.runtime.composing import compose
 from swarm_ctl.station.alerts import Level
 from swarm_ctl.station.dashboard.canvas import Canvas
 from swarm_ctl.station.dashboard.ink import Line, bar, gauge, sparkline, wrapped
+from swarm_ctl.station.dashboard.links_panel import METRICS
 from swarm_ctl.station.dashboard.map_panel import fitted, position
 from swarm_ctl.station.dashboard.sigma_panel import budget_used
 from swarm_ctl.station.history import LOSS_WINDOW_S, LinkSeries
 from swarm_ctl.station.json_lines import json_line
 from swarm_ctl.station.links import bad_links, judge, mesh_judgements
 from swarm_ctl.station.model import Model
+from swarm_ctl.station.orders import Order
 from swarm_ctl.station.view import LinkView
 from tests.unit.station.pictures import PICTURES, PLAN
 from tests.unit.station.swarm import flying_model, hexagon_plan, report_of, state_of, status_of
@@ -133,6 +138,42 @@ def test_a_beacon_that_comes_back_tells_the_round_trip() -> None:
     model.fold(status_of(PLAN, 3, 30.3, echo=Echo("here", 31.0, 0.3)), 30.35)  # a clock that can't be
     trips = [model.view(30.4).agent(i).round_trip_s for i in (1, 2, 3)]
     assert trips == [pytest.approx(0.05), None, None]
+
+
+def test_a_beacon_that_comes_back_tells_the_agent_s_clock() -> None:
+    """Agent 2's is 50 s behind; agent 1's may be the station's own. Who changes the law says so (`Tuning.ahead_s`)."""
+    model = Model(PLAN, station="here")
+    for agent in PLAN.agents:
+        told = 40.1 - (50.0 if agent.id == 2 else 0.0)
+        model.fold(status_of(PLAN, agent.id, told, echo=Echo("here", 40.0, 0.05)), 40.12)
+        model.fold(state_of(PLAN, agent.id, told + 0.1), 40.22)
+    view = model.view(40.3)
+    assert view.agent(1).link.clock_ahead_s == 0.0
+    assert view.agent(2).link.clock_ahead_s == pytest.approx(-50.0, abs=0.04)
+    assert view.agent(2).link.age_s == pytest.approx(0.1, abs=0.04)
+    command = compose(Order("tune", ("plan",)), view, Path())
+    assert command.tuning is not None
+    assert command.tuning.at_s == pytest.approx(40.3 + LEAD_S)
+    assert command.tuning.ahead_s == ((2, pytest.approx(-50.0, abs=0.04)),)
+
+
+@pytest.mark.parametrize(
+    ("report", "short", "long"),
+    [
+        (LinkReport(0.04, 0.03, 0.06, 400, 1), "–", "–"),
+        (LinkReport(0.04, 0.03, 0.06, 400, 1, 0.0002, 0.001), "+0", "+0±0"),
+        (LinkReport(0.04, 0.03, 0.06, 400, 1, -0.3, 0.041), "-300", "-300±20"),
+        (LinkReport(0.04, 0.03, 0.06, 400, 1, 0.99949, 20.0), "+999", "+999±999+"),
+        (LinkReport(0.04, 0.03, 0.06, 400, 1, -99.4, 0.01), "-99s", "-99s±5"),
+        (LinkReport(0.04, 0.03, 0.06, 400, 1, 3600.0, 0.01), "+60m", "+60m±5"),
+        (LinkReport(0.04, 0.03, 0.06, 400, 1, -36000.0, 0.01), "-10h", "-10h±5"),
+        (LinkReport(0.04, 0.03, 0.06, 400, 1, 8e6, 0.01), "+93d", "+93d±5"),
+    ],
+)
+def test_how_far_a_clock_is_ahead_fits_its_cell(report: LinkReport, short: str, long: str) -> None:
+    metric = METRICS["clock"]
+    link = LinkView(1, 2, report)
+    assert (metric.short(link, LinkSeries()), metric.long(link, LinkSeries())) == (short, long)
 
 
 def test_budget_is_the_step_over_property_1s_room() -> None:

@@ -1,0 +1,38 @@
+"""The real transport, two sessions on loopback: what is timed has the time when it came, the rest that of the look."""
+
+from __future__ import annotations
+
+import socket
+import time
+
+from swarm_ctl.mesh.keys import NEWEST
+from swarm_ctl.mesh.zenoh_transport import TimedInlet, ZenohTransport
+
+PATIENCE_S = 20.0
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def test_the_time_of_receipt() -> None:
+    """A clock that stands still shows it: at 1 while messages come, at 9 when somebody looks."""
+    shows = [1.0]
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    here = ZenohTransport([endpoint], [], lambda: shows[0])
+    there = ZenohTransport([], [endpoint], lambda: 0.0)
+    try:
+        timed, looked_for = here.subscribe("test/*/word", timed=True), here.subscribe("test/*/word")
+        assert isinstance(timed, TimedInlet)
+        until = time.monotonic() + PATIENCE_S
+        while not timed._waiting and time.monotonic() < until:  # what is said before the link is up is lost
+            there.publish("test/2/word", b"first", NEWEST)
+            time.sleep(0.05)
+        shows[0] = 9.0
+        assert timed.drain()[0] == (1.0, b"first")
+        assert looked_for.drain()[0] == (9.0, b"first")
+    finally:
+        there.close()
+        here.close()

@@ -1,0 +1,120 @@
+"""Agents with clocks of their own, on the virtual clock: they fly as if there were one, and see late news as late."""
+
+from __future__ import annotations
+
+import pytest
+
+from swarm_ctl.core.freshness import FRESH_S
+from swarm_ctl.core.peers import Peer
+from swarm_ctl.mesh import keys
+from swarm_ctl.mesh.impaired import Impairment
+from swarm_ctl.mesh.transport import Inlet, Transport
+from tests.scenarios.faults import FORM, GOOD, Faulty, Row, ahead, apart, mission
+from tests.scenarios.swarm import VirtualSwarm
+
+CLOCKS = {1: ahead(3600.0, 1e-4), 2: ahead(-0.3), 3: ahead(5.0, -1e-4), 4: ahead(0.2)}
+
+
+def peer(swarm: VirtualSwarm, agent: int, other: int) -> Peer:
+    """The other as the agent hears it."""
+    return next(p for p in swarm.members[agent].agent._peers if p.id == other)
+
+
+def test_they_fly_as_with_one_clock() -> None:
+    """To the same places in the same time; and each link's report tells the offset, to half the round trip."""
+    one, own = (Faulty(Row("clocks", GOOD, clocks=clocks), 1) for clocks in ({}, CLOCKS))
+    for flight in (one, own):
+        flight.fly()
+        assert [found for check in GOOD if (found := check(flight))] == []
+    assert own.swarm.now == pytest.approx(one.swarm.now, abs=1.0)
+    assert own.swarm.closest_m == pytest.approx(one.swarm.closest_m, abs=0.3)
+    for i, member in own.swarm.members.items():
+        assert member.status is not None
+        told_s = member.status.time_s
+        for j, link in member.status.links.items():
+            assert link.clock_ahead_s is not None
+            assert link.round_trip_s is not None
+            true_s = told_s / (1.0 + (1e-4 if i == 1 else -1e-4 if i == 3 else 0.0))  # near enough for a drift
+            truth = CLOCKS[j](0.0) - CLOCKS[i](0.0)
+            assert abs(link.clock_ahead_s - truth) <= 0.5 * link.round_trip_s + 2e-4 * abs(true_s) + 1e-3
+
+
+def test_a_start_takes_no_longer() -> None:
+    """Nobody waits for the clocks: the first words go round while the vehicles are looked at."""
+    began = []
+    for clocks in ({}, CLOCKS):
+        swarm = VirtualSwarm(mission(), clocks=clocks)
+        swarm.wait(lambda s: s.in_step(1), 60)
+        began.append(swarm.now)
+    assert began[1] <= began[0] + 0.2
+
+
+def test_who_is_not_answered_does_not_arm_and_says_why() -> None:
+    """Agent 4 is heard and hears nobody: nobody knows from when its news is, so nobody flies with it."""
+    faulty = Faulty(Row("deaf", ()), 1)
+    faulty.transports[4].silent |= {"1", "2", "3"}
+    faulty.swarm.run(8.0)
+    reasons = [member.status.reason for i, member in faulty.swarm.members.items() if member.status and i != 4]
+    assert reasons == ["agent 4 is heard and has not answered yet: its clock is not known"] * 3
+
+
+def test_news_that_is_late_one_way_is_seen_as_late() -> None:
+    """Agent 4 hears everybody 0.4 s late and is heard at once: it knows that the news may be so old, whatever the
+    clocks, and nobody comes too near.
+    """
+    faulty = Faulty(Row("one hears late", (), clocks=CLOCKS), 1)
+    faulty.transports[4].impairment = Impairment(delay_s=0.4)
+    swarm = faulty.swarm
+    swarm.wait(lambda s: s.in_step(FORM), 60)
+    youngest, ages = 1.0, []
+    for _ in range(300):
+        swarm.tick()
+        now = swarm.members[4].clock(swarm.now)
+        for other in (1, 2, 3):
+            heard = peer(swarm, 4, other)
+            youngest = min(youngest, heard.age_at_most(now))
+            ages.append(heard.age(now))
+    assert youngest >= 0.4 - 1e-3
+    assert min(ages) >= 0.2 - 1e-2
+    assert max(ages) <= FRESH_S
+    assert apart(faulty) == ""
+
+
+class Polled:
+    """As the real mesh gives it: news is received when it is looked for, but for what is to be timed."""
+
+    def __init__(self, inner: Transport, swarm: list[VirtualSwarm]) -> None:
+        self._inner, self._swarm = inner, swarm
+        self.publish, self.close = inner.publish, inner.close
+
+    def subscribe(self, key_expression: str, *, timed: bool = False) -> Inlet:
+        inlet = self._inner.subscribe(key_expression, timed=timed)
+        drain = inlet.drain
+        if not timed:
+            inlet.drain = lambda: [(self._swarm[0].now, data) for _, data in drain()]  # type: ignore[method-assign]
+        return inlet
+
+
+def test_one_that_was_stopped_takes_no_dead_peer_for_heard() -> None:
+    """SIGSTOP for ten seconds, in which a peer dies: its last news waits in the queue, and is as old as it is."""
+    swarms: list[VirtualSwarm] = []
+    swarm = VirtualSwarm(mission("continue"), clocks=CLOCKS, mesh=lambda inner, _: Polled(inner, swarms))
+    swarms.append(swarm)
+    swarm.wait(lambda s: s.in_step(FORM), 60)
+    swarm.run(1.0)
+    swarm.members[1].frozen = True
+    swarm.run(2.0)
+    swarm.kill(3)
+    swarm.run(8.0)
+    swarm.members[1].frozen = False
+    swarm.tick()
+    now = swarm.members[1].clock(swarm.now)
+    assert peer(swarm, 1, 3).received_s == pytest.approx(now)
+    assert peer(swarm, 1, 3).age(now) == pytest.approx(8.0, abs=0.2)
+    assert peer(swarm, 1, 2).age(now) < 0.1
+    assert [state.agent for state in swarm.members[1].agent._peers.fresh(now)] == [2, 4]
+
+
+def test_only_what_has_to_be_timed_is() -> None:
+    """A message timed on arrival costs a wake-up of its own: not for what comes twenty times a second."""
+    assert [channel.name for channel in keys.CHANNELS if channel.qos.timed] == ["clock"]
