@@ -49,6 +49,7 @@ class Swarm:
         for i, dealer in self.dealers.items():
             if i in self.dead:
                 continue
+            self.tell_time(i)
             dealer.hear()
             dealer.look(self.now, (self.at[i].real, self.at[i].imag), (2, 0), new=self.new)
             for j in IDS:
@@ -58,6 +59,13 @@ class Swarm:
             self.peers[to].hear(state, self.now)
         self.way = [each for each in self.way if each[0] > self.seq]
         self.move()
+
+    def tell_time(self, i: int) -> None:
+        """All have one clock; they have to find that out."""
+        news = self.peers[i].clocks.say(self.now)
+        for j in IDS:
+            if news is not None and j != i:
+                self.peers[j].clocks.hear(news, self.now)
 
     def state(self, i: int) -> AgentState:
         place = (self.at[i].real, self.at[i].imag)
