@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from swarm_ctl.core.exchange import EVERY_S, Deals, Exchange
+from swarm_ctl.core.exchange import EVERY_S, GONE_S, Deals, Exchange
 from swarm_ctl.core.freshness import FRESH_S, PREDICT_S
 from swarm_ctl.core.peers import Peers
 from swarm_ctl.core.plan import Plan, Point
@@ -72,12 +72,15 @@ class Dealer:
             self.taken.append((now, role))
         self.hear()
 
-    @property
-    def settled(self) -> bool:
-        """Nobody waits for a word of ours, nor we for anybody's."""
+    def settled(self, now: float) -> bool:
+        """Nobody who is heard waits for a word of ours, nor we for anybody's."""
         deal = self.deal
-        waits = deal.answer_to >= 0 and self._told(self._ids[deal.answer_to]).version == deal.answer_version
-        return deal.offer_to < 0 and deal.lock < 0 and not waits
+        if deal.offer_to >= 0 or deal.lock >= 0:
+            return False
+        if deal.answer_to < 0:
+            return True
+        to = self._ids[deal.answer_to]
+        return self._told(to).version != deal.answer_version or self._peers.age(to, now) > GONE_S
 
     def look(self, now: float, own_m: Point, flying: tuple[int, int], *, new: bool) -> int | None:
         """Take part, if it is time. Whose slot is ours from now on, where that changes; None: as before.

@@ -46,7 +46,7 @@ _QUIET_S: Final = 1.5
 """... and nothing new is begun before its answer must have been heard."""
 _HEARD_S: Final = 0.5
 """What is older is not dealt with (`fresh`)."""
-_GONE_S: Final = 3.0
+GONE_S: Final = 3.0
 """An answer is not kept longer for somebody unheard."""
 _TWINS_S: Final = 2.0
 """Two that have one role for so long do not come out of it by themselves."""
@@ -158,7 +158,7 @@ class Exchange:
         """Nobody needs the own last answer any more."""
         to = self.deals.answer_to
         moved_on = _of(told.version, to) != self.deals.answer_version
-        settled: Bools = (to < 0) | moved_on | (_of(age_s, to) > _GONE_S)
+        settled: Bools = (to < 0) | moved_on | (_of(age_s, to) > GONE_S)
         return settled
 
     def _repair(self, now: float, told: Deals, fresh: Bools, settled: Bools) -> None:

@@ -180,7 +180,7 @@ class Flight:
                 self._progress.finish_step(now)
             return
         error_m = self._members.formation_error_m
-        inside = error_m is not None and error_m < step.tolerance_m and self._dealer.settled
+        inside = error_m is not None and error_m < step.tolerance_m and self._dealer.settled(now)
         if not isinstance(step, FormStep):
             inside = inside and self._reference.there(step, self._controller.stop_point_m)
         if not inside:

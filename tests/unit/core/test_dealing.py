@@ -105,7 +105,7 @@ def test_a_row_that_is_to_turn_round_stays_where_it_is() -> None:
     swarm.run(20)
     assert swarm.roles == [3, 2, 1, 0]
     assert all(dealer.roles == dict(zip(IDS, swarm.roles, strict=True)) for dealer in swarm.dealers.values())
-    assert all(dealer.settled for dealer in swarm.dealers.values())
+    assert all(dealer.settled(swarm.now) for dealer in swarm.dealers.values())
     assert all(abs(swarm.at[i] - at) < 9.0 for i, at in row().items())
 
 
@@ -120,7 +120,7 @@ def test_whatever_is_lost_or_late_everybody_ends_with_a_role_of_his_own(
     swarm.new = False
     swarm.run(10)
     assert sorted(swarm.roles) == [0, 1, 2, 3]
-    assert all(dealer.settled for dealer in swarm.dealers.values())
+    assert all(dealer.settled(swarm.now) for dealer in swarm.dealers.values())
 
 
 @settings(max_examples=20, deadline=None)
@@ -133,7 +133,7 @@ def test_one_that_dies_in_the_middle_of_a_deal_blocks_nobody(after_s: float, who
     swarm.run(30)
     living = [role for i, role in zip(IDS, swarm.roles, strict=True) if i != who]
     assert len(set(living)) == 3
-    assert all(swarm.dealers[i].settled for i in IDS if i != who)
+    assert all(swarm.dealers[i].settled(swarm.now) for i in IDS if i != who)
 
 
 def test_nothing_is_dealt_where_it_is_not_allowed() -> None:
