@@ -51,12 +51,16 @@ _STILL_S: Final = 2.0
 _SPARE_S: Final = 1.5
 """The box is so many seconds of flight at full speed longer than the longest step: the way that stopping takes."""
 _LOOK_S: Final = 1.0
+_HEARD_S: Final = 15.0
+"""A heartbeat comes every second: by then nobody is there."""
 _LOOK_AT_MOST_S: Final = 120.0
 """A real ArduCopter is ready 42 s after its start."""
 _CLEAR_M: Final = 10.0
 _CLEAR_HEIGHT_M: Final = 5.0
 """No other aircraft is that near, farther than the steps lead."""
 _HEIGHT_SPARE_M: Final = 5.0
+_TORN_S: Final = 0.5
+"""A leg that lacks so much of its end was broken off."""
 _ID: Final = 1
 
 
@@ -66,7 +70,7 @@ class Steps:
 
     speed_mps: float = 3.0
     height_m: float = 10.0
-    box_m: float = 15.0
+    box_m: float = 13.5
 
     @property
     def least_box_m(self) -> float:
@@ -107,7 +111,7 @@ class StepFlight:
         found = []
         for k, part in enumerate(self._schedule):
             samples = self._flown.get(k, [])
-            if part.leg and samples and samples[-1][0] - samples[0][0] > part.seconds - 3 * self._tick_s:
+            if part.leg and samples and samples[-1][0] - samples[0][0] > part.seconds - _TORN_S:
                 found.append(Leg(part.way, part.kind, *zip(*samples, strict=True)))
         return found
 
@@ -145,8 +149,9 @@ class StepFlight:
             self._refuse("failed", f"the vehicle {what} already: somebody flies it, or land and disarm it first")
         elif not view.healthy or view.global_ is None:
             self._ready_s = None
-            if waited > _LOOK_AT_MOST_S:
-                self._refuse("failed", f"not ready after {_LOOK_AT_MOST_S:g} s: {view.health_reason}")
+            patience_s = _LOOK_AT_MOST_S if math.isfinite(view.heartbeat_s) else _HEARD_S
+            if waited > patience_s:
+                self._refuse("failed", f"not ready after {patience_s:g} s: {view.health_reason}")
         elif self._ready_s is None:
             self._ready_s = now
         elif now - self._ready_s >= _LOOK_S:
@@ -183,6 +188,8 @@ class StepFlight:
             return goal
         (n, e), along = WAYS[part.way], part.at(since)
         if part.leg:
+            if place not in self._flown:
+                self.said.append(f"{part.way}, {part.kind}")
             sample = (now, along, n * position[0] + e * position[1], n * velocity[0] + e * velocity[1])
             self._flown.setdefault(place, []).append(sample)
         return Fly((along * n, along * e, goal.velocity_ned_mps[2]))
