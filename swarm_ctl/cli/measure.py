@@ -179,8 +179,9 @@ def _steps(speed: float | None, height: float, box: float | None, limit_mps: flo
 def _result(console: Console, vehicle: FleetAgent, flight: StepFlight) -> Response | None:
     """Show what was found; None where there is nothing to fly with."""
     ended = flight.ended
-    if ended is None or ended.outcome != "completed" or not flight.whole:
-        why = ended.reason if ended is not None and ended.reason else "not all steps were flown"
+    why = "" if ended is not None and ended.outcome == "completed" else ended.reason if ended is not None else "stopped"
+    why = why or flight.missing
+    if why:
         console.print(f"  not measured: {why}", style="bold red", soft_wrap=True)
         return None
     found = fit(flight.legs, TYPICAL[vehicle.autopilot])

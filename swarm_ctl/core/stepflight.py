@@ -8,6 +8,7 @@ horizontal velocity; between them its own law brings it back to where it held.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -61,6 +62,8 @@ _CLEAR_HEIGHT_M: Final = 5.0
 _HEIGHT_SPARE_M: Final = 5.0
 _TORN_S: Final = 0.5
 """A leg that lacks so much of its end was broken off."""
+_GAP_S: Final = 0.25
+"""Between two setpoints: half of what an ArduCopter waits before it stops by itself."""
 _ID: Final = 1
 
 
@@ -107,18 +110,25 @@ class StepFlight:
 
     @property
     def legs(self) -> list[Leg]:
-        """Those flown to their end."""
+        """Those flown to their end, with a setpoint each tick."""
         found = []
         for k, part in enumerate(self._schedule):
             samples = self._flown.get(k, [])
-            if part.leg and samples and samples[-1][0] - samples[0][0] > part.seconds - _TORN_S:
+            times = [sample[0] for sample in samples]
+            if not part.leg or not samples or times[-1] - times[0] < part.seconds - _TORN_S:
+                continue
+            if all(later - sooner <= _GAP_S for sooner, later in itertools.pairwise(times)):
                 found.append(Leg(part.way, part.kind, *zip(*samples, strict=True)))
         return found
 
     @property
-    def whole(self) -> bool:
-        """All of them."""
-        return len(self.legs) == len(_STEPS) * len(WAYS)
+    def missing(self) -> str:
+        """Why there is too little to go by, or '': each kind of leg has to be there, one way or the other."""
+        legs = self.legs
+        if {leg.kind for leg in legs} == {part.kind for part in self._schedule}:
+            return ""
+        all_legs = len(_STEPS) * len(WAYS)
+        return f"{len(legs)} of {all_legs} legs were flown without a gap of {_GAP_S:g} s: is this machine too busy?"
 
     def step(self, now: float, view: VehicleView, stop: str = "") -> Goal:
         """One tick. `stop` says why to land now, for good."""
