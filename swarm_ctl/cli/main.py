@@ -13,6 +13,7 @@ from rich.text import Text
 
 from swarm_ctl.cli.agent import agent
 from swarm_ctl.cli.keys import keys
+from swarm_ctl.cli.measure import measure
 from swarm_ctl.cli.paper import paper
 from swarm_ctl.cli.replay import replay
 from swarm_ctl.cli.report import compare, report
@@ -44,7 +45,7 @@ def top(
         raise typer.Exit
 
 
-for command in (run, validate, agent, station, sim, report, replay, compare, study, paper, schema, keys):
+for command in (run, validate, agent, station, sim, measure, report, replay, compare, study, paper, schema, keys):
     app.command()(command)
 app.command(context_settings={"ignore_unknown_options": True})(send)  # `move -20 35`: a number, not an option
 

@@ -58,7 +58,7 @@ def send(
 
     given = arguments or []
     _check(command, given)
-    meant = _agents(agents)
+    meant = agents_of(agents)
     if command in _ARGUMENTS and meant:
         raise InputError(f"{command} is for the whole swarm; leave out --agents")
     folder = run if run is not None else newest_run(Path("runs"))
@@ -105,7 +105,8 @@ def _check(command: str, given: list[str]) -> None:
         raise InputError(f"{command} with {len(given)} arguments; allowed: swarm-ctl send {what}")
 
 
-def _agents(text: str) -> tuple[int, ...]:
+def agents_of(text: str, option: str = "--agents") -> tuple[int, ...]:
+    """The ids in `2,5-7`, in order; '' is none."""
     chosen: set[int] = set()
     for word in filter(None, map(str.strip, text.split(","))):
         first, _, last = word.partition("-")
@@ -114,7 +115,7 @@ def _agents(text: str) -> tuple[int, ...]:
         except ValueError:
             span = range(0)
         if not 0 < len(span) <= 65535:
-            raise InputError(f"--agents {text!r}; allowed: ids and ranges with commas between them, such as 2,5-7")
+            raise InputError(f"{option} {text!r}; allowed: ids and ranges with commas between them, such as 2,5-7")
         chosen.update(span)
     return tuple(sorted(chosen))
 

@@ -268,8 +268,8 @@ class Peers:
         if shape != self._shape or slots is not self._slots:
             self._shape, self._slots = shape, slots
             self._columns = self._columns_for(present, linked, len(traffic), slots)
-        along += [False] * len(traffic)
-        return LawInput(np.array([points]) / self._plan.unit_m, *self._columns, np.array(along))
+        where = np.array(points).reshape(1, -1, 2) / self._plan.unit_m
+        return LawInput(where, *self._columns, np.array(along + [False] * len(traffic), dtype=np.bool_))
 
     def _columns_for(
         self, present: list[bool], linked: list[bool], traffic: int, slots: Mapping[int, Point]
@@ -277,10 +277,10 @@ class Peers:
         """What changes only when somebody comes or goes: slots, neighbour, present, lower_id."""
         offsets = [slots.get(peer.id, (0.0, 0.0)) for peer in self] + [(0.0, 0.0)] * traffic
         return (
-            np.array([offsets]),
-            np.array([linked + [False] * traffic]),
-            np.array([present + [True] * traffic]),
-            np.array([[self._own < i or i == 0 for i in self.ids[: len(offsets)]]]),
+            np.array(offsets).reshape(1, -1, 2),  # one alone has nobody: shape and type of nothing
+            np.array([linked + [False] * traffic], dtype=np.bool_),
+            np.array([present + [True] * traffic], dtype=np.bool_),
+            np.array([[self._own < i or i == 0 for i in self.ids[: len(offsets)]]], dtype=np.bool_),
         )
 
     def _point(self, state: AgentState, age: float, lead_s: float, moving: complex) -> Point:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import difflib
 import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -138,8 +138,11 @@ def _named(parts: tuple[tuple[int, ...], ...]) -> str:
 
 
 def _fleet(mission: MissionFile) -> Findings:
-    entries = mission.fleet.agents if mission.fleet else ()
-    place: Place = ("fleet", "agents")
+    return fleet(mission.fleet.agents, ("fleet", "agents")) if mission.fleet else iter(())
+
+
+def fleet(entries: Sequence[FleetEntry], place: Place) -> Findings:
+    """What is wrong with the entries of a fleet, which stand at `place`."""
     yield from _twice({(*place, k, "id"): e.id for k, e in enumerate(entries)}, "one entry for each agent")
     sysids = {(*place, k, "sysid"): sysid_of(e) for k, e in enumerate(entries)}
     yield from _twice(sysids, "a sysid of its own for every vehicle")

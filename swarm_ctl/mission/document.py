@@ -106,6 +106,12 @@ def read(path: Path, *, what: str = "mission") -> Document:
     return parse(text, str(path))
 
 
+def nodes(text: str) -> Node | None:
+    """The nodes of a text that `parse` has taken, with their places in it."""
+    found: Node | None = yaml.compose(text, Loader=_Loader)
+    return found
+
+
 def parse(text: str, name: str) -> Document:
     """Parse YAML text; `name` stands for the file in messages. Raises MissionError where it is no YAML."""
     try:
