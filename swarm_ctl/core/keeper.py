@@ -41,6 +41,8 @@ class Keeper:
         self._slots: Mapping[int, Point] = {}
         self._chosen: frozenset[int] = frozenset()
         self._guarded: frozenset[int] = frozenset()
+        self._slack: frozenset[int] = frozenset()
+        """Of those, the links that are minded even while the release goes sideways."""
         self._ticks = self._touched = self._yielded = 0
         self._from: set[int] = set()
 
@@ -152,11 +154,10 @@ class Keeper:
         if slots is not self._slots or chosen is not self._chosen:
             self._slots, self._chosen = slots, chosen
             own, unit = slots.get(self._own), self._plan.unit_m
-            fits = (i for i in chosen if own is not None and i in slots)
-            self._guarded = frozenset(
-                i for i in fits if own and safety.guarded(math.dist(own, slots[i]) * unit, 0.0, self._margins)
-            )
-        return self._guarded
+            gaps = {i: math.dist(own, slots[i]) * unit for i in chosen if i in slots} if own is not None else {}
+            self._guarded = frozenset(i for i, gap in gaps.items() if safety.guarded(gap, 0.0, self._margins))
+            self._slack = frozenset(i for i in self._guarded if not safety.tight(gaps[i], self._margins))
+        return self._slack if self.release.releasing else self._guarded
 
 
 def _distinct(apart: complex, first: bool) -> complex:

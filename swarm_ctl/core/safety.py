@@ -58,6 +58,9 @@ _GUARD_AT: Final = 0.98
 _GUARD_SLOTS: Final = 0.985
 _GUARD_TO: Final = 1.2
 """In r: where the guard ends a link's growth; links whose slots are farther apart, or that are longer, it leaves."""
+_GUARD_TIGHT: Final = 0.9
+"""In r: links that the shape itself stretches so far leave no room to go round anybody. Who is stuck lets go of them:
+two columns of twenty that face each other, 2.1 units from row to row, stood for ever."""
 _GUARD_PULL: Final = 0.45
 """Of the top speed: what a link that is too long asks for at most. Less than `_ESCAPE`: apart comes before together."""
 
@@ -149,6 +152,11 @@ def guards_from(margins: Margins) -> float:
 def guarded(slots_apart: Any, apart: Any, margins: Margins) -> Any:
     """The guard minds this link: its slots fit in r, and it is not lost already (distances, or arrays of them)."""
     return (slots_apart <= _GUARD_SLOTS * margins.r) & (apart <= _GUARD_TO * margins.r)
+
+
+def tight(slots_apart: Any, margins: Margins) -> Any:
+    """An agent that goes sideways to get out of a dead-lock does not mind this link."""
+    return slots_apart > _GUARD_TIGHT * margins.r
 
 
 def _widest(ratio: float) -> float:

@@ -143,7 +143,10 @@ class Keeper:
         slot_gap = np.abs(z[:, None] - z)
         # far from its end a link forbids nothing
         far = distance > safety.guards_from(self.margins) - self._speed * PREDICT_S
-        i, j, mission = np.nonzero(law.links & far & (age_s <= NEIGHBOUR_S))
+        minded = law.links & far & (age_s <= NEIGHBOUR_S)
+        if self._release is not None:
+            minded &= ~(self._release.releasing[:, None] & safety.tight(slot_gap, self.margins))
+        i, j, mission = np.nonzero(minded)
         receiver = i if commanded.shape[0] > 1 else np.zeros_like(i)
         age = np.broadcast_to(age_s, (commanded.shape[0], *age_s.shape[1:]))[receiver, j, mission]
         now = apart[i, j, mission] - commanded[receiver, j, mission] * np.minimum(age, PREDICT_S)
@@ -213,6 +216,12 @@ class _Releases:
         """Go on with some of the missions."""
         for name in ("_wanted", "_got", "_left_s", "_side", "fails"):
             setattr(self, name, getattr(self, name)[..., chosen])
+
+    @property
+    def releasing(self) -> Bools:
+        """Who goes sideways just now."""
+        going: Bools = self._left_s > 0.0
+        return going
 
     def turn(self, wish: Complex, consensus: Complex, dice: Floats) -> Complex:
         """As `Release.turn`; `dice` (2, n, m) is looked at where one begins."""
