@@ -50,6 +50,7 @@ class Flight:
         self._scattered = False
         """The operator's `hold` came while the shape was not formed yet: stay, don't go on forming."""
         self._inside_since: float | None = None
+        self._judged_s = 0.0
         self._last_text = ""
 
     @property
@@ -162,11 +163,15 @@ class Flight:
             if now - self._progress.started_s - self._progress.paused_s >= step.duration_s:
                 self._progress.finish_step(now)
             return
+        unjudged_s, self._judged_s = now - self._judged_s, now
         error_m = self._members.formation_error_m
         inside = error_m is not None and error_m < step.tolerance_m
         if not isinstance(step, FormStep):
             inside = inside and self._reference.there(step, self._controller.stop_point_m)
-        if not inside:
+        if error_m is None and self._inside_since is not None:
+            # late news (a mesh that lost something and waits for it) tells nothing of the shape: it takes longer
+            self._inside_since = min(now, self._inside_since + unjudged_s)
+        elif not inside:
             self._inside_since = None
         elif self._inside_since is None:
             self._inside_since = now

@@ -119,6 +119,12 @@ def alone(agent: int) -> Callable[[Faulty], None]:
     return cut
 
 
+def stalled(faulty: Faulty) -> None:
+    """Nobody hears anybody but the station."""
+    for transport in faulty.transports.values():
+        transport.silent.update(map(str, IDS))
+
+
 def healed(faulty: Faulty) -> None:
     """Everybody hears everybody."""
     for transport in faulty.transports.values():
@@ -226,6 +232,8 @@ def ahead(offset_s: float, drift: float = 0.0) -> Callable[[float], float]:
 LOST = "agent {} has not been heard for 5 s"
 GUSTY = {"SIM_WIND_SPD": 5.0, "SIM_WIND_DIR": 70.0, "SIM_WIND_GUST": 2.0}
 
+_SPURT: tuple[Happening, ...] = ((0.0, stalled), (0.8, healed))
+
 ROWS = (
     Row("a tenth is lost", GOOD, Impairment(loss=0.1)),
     Row("half is lost", GOOD, Impairment(loss=0.5)),
@@ -242,6 +250,8 @@ ROWS = (
         happenings=((3, parted), (11, healed)),
     ),
     Row("parted for 8 s, goes on", GOOD, happenings=((3, parted), (11, healed)), policy="continue"),
+    # as over TCP that loses packets: everything waits for what was lost
+    Row("in spurts", GOOD, happenings=tuple((1.2 * k + dt, do) for k in range(50) for dt, do in _SPURT)),
     Row("one is deaf", (*SAFE, outcome("failed"), says(LOST.format(1))), happenings=((3, deaf(4)),)),
     Row(
         "one has lost the mesh",
