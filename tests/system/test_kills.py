@@ -28,7 +28,8 @@ from tests.system.running import ROOT, SWARM_CTL, Running
 pytestmark = pytest.mark.timeout(180)
 
 MISSION = Path(__file__).with_name("kills.yaml")
-SPEEDUP = 6.0
+SPEEDUP, SPEEDUP_BY_HAND = 4.0, 3.0
+"""The second where a process is started again by hand, which takes its time on the wall clock."""
 PROCESSES = ("agent-1", "agent-2", "station", "simulator", "run")
 """Agent 1 flies an ArduCopter, agent 2 a PX4."""
 DEEDS = ("kill", "blink", "sleep", "restart")
@@ -37,7 +38,7 @@ PHASES = {"ready": 0, "takeoff": 1, "form": 2, "hold": 3, "landing": 4}
 """And the step that it is."""
 IN_CI = {("agent-2", "kill", "landing"), ("simulator", "blink", "form"), ("run", "sleep", "form")}
 """What `test_run.py` does not fly already, and is quick."""
-BLINK_S, SLEEP_S, PATIENCE_S = 2.0, 12.0, 30.0
+BLINK_S, SLEEP_S, PATIENCE_S = 2.0, 12.0, 60.0
 
 
 def row(*what: str) -> Any:
@@ -52,7 +53,8 @@ def test_whatever_is_killed(tmp_path: Path, process: str, deed: str, phase: str)
     """It is survived, or the flight ends in order; see the module."""
     mission = tmp_path / "kills.yaml"
     mission.write_text(MISSION.read_text() if deed != "restart" else patient(MISSION.read_text()))
-    with Running("run", mission, "--speedup", str(SPEEDUP), "--headless", "--no-report", cwd=tmp_path) as running:
+    speedup = SPEEDUP_BY_HAND if deed == "restart" else SPEEDUP
+    with Running("run", mission, "--speedup", str(speedup), "--headless", "--no-report", cwd=tmp_path) as running:
         reach(running, PHASES[phase])
         pid = running.process.pid if process == "run" else running.pids[process]
         if deed in ("blink", "sleep"):
