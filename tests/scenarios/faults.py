@@ -278,6 +278,11 @@ ROWS = (
     Row("dies", (*SAFE, outcome("failed", of=(1, 2, 4)), says(LOST.format(3))), happenings=((3, dead(3)),)),
     # the others follow what it says, and it follows the others: the shape never comes to rest, and drifts to the fence
     Row("lies by 3 m", (*SAFE, outcome("failed"), says("outside the geofence")), happenings=((1, lies(2)),)),
+    Row(
+        "a vehicle restarts in the air",  # and falls; nobody asks it again for what it said before
+        (*SAFE, outcome("failed"), says("disarmed by somebody else")),
+        happenings=((3, vehicle(2, SIM_REBOOT=1.0)),),
+    ),
     Row("gusts", GOOD, vehicles=GUSTY),
     Row("gusts, lost, late", GOOD, Impairment(0.2, 0.05, 0.1), vehicles=GUSTY),
     Row("the vehicles' radio loses a fifth", GOOD, vehicles={"SIM_LOSS": 20.0}),

@@ -79,10 +79,11 @@ def test_a_slow_and_lossy_mesh(tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_a_narrow_mesh(tmp_path: Path) -> None:
-    """256 kbit/s each way."""
+    """1 Mbit/s each way, a little more than two agents on each side have to say to the others and to two stations."""
     with split(tmp_path, speedup=1) as flight:
-        flight.air(Air(rate_bps=256e3))
+        flight.air(Air(rate_bps=1e6))
         assert flight.finish(180) == dict.fromkeys((1, 2, 3, 4), 0)
+        print(flight.network.air(Air()))
         assert_apart_and_down(flight)
 
 
