@@ -36,6 +36,10 @@ DEEDS = ("kill", "blink", "sleep", "restart")
 """SIGKILL; SIGSTOP for 2 s, and for 12 (mission time); SIGKILL and the same again by hand, as an operator would."""
 PHASES = {"ready": 0, "takeoff": 1, "form": 2, "hold": 3, "landing": 4}
 """And the step that it is."""
+ENDS = ("kill", "restart")
+CODES = {"completed": 0, "failed": 1}
+CODES_BY_HAND = {"agent": {0, 1}, "station": {130}, "simulator": {0}, "run": {0}}
+"""Of the process started again: an agent's vehicle may be in its own landing, which ends the mission."""
 IN_CI = {("agent-2", "kill", "landing"), ("simulator", "blink", "form"), ("run", "sleep", "form")}
 """What `test_run.py` does not fly already, and is quick."""
 BLINK_S, SLEEP_S, PATIENCE_S = 2.0, 12.0, 60.0
@@ -73,7 +77,18 @@ def test_whatever_is_killed(tmp_path: Path, process: str, deed: str, phase: str)
         closest_m = min(load_truth(running.folder / "truth.jsonl").minima.values(), default=math.inf)
         print(f"| {process} | {deed} | {phase} | {code} | {closest_m:.1f} | {told} |")
         assert closest_m > summary["r_in_m"]
+        assert summary["outcome"] in expected(process, deed)
+        assert code == (-signal.SIGKILL if process == "run" and deed in ENDS else CODES[summary["outcome"]])
+        assert process == "run" or deed not in ENDS or f"{process} was ended by SIGKILL" in summary["reason"]
         assert_ports_free(running.folder)
+
+
+def expected(process: str, deed: str) -> set[str]:
+    """How the run may be called."""
+    if deed in ENDS:
+        return {"aborted" if process == "run" else "failed"}
+    # the swarm needs neither `run` nor anybody else for a moment; what it gives up after 12 s depends on the phase
+    return {"completed"} if process == "run" or deed == "blink" else {"completed", "failed"}
 
 
 def patient(text: str) -> str:
@@ -132,8 +147,7 @@ def again(process: str, folder: Path, where: Path) -> Iterator[None]:
             started.send_signal(signal.SIGINT)
         assert started.stdin is not None
         started.stdin.close()
-        code = started.wait(60)
-        print(f"again: {code}", (where / "again.out").read_text()[-200:] if code else "")
+        assert started.wait(60) in CODES_BY_HAND[process.partition("-")[0]], (where / "again.out").read_text()
     finally:
         started.kill()
         started.wait()
