@@ -70,6 +70,17 @@ def _cycle(mission: Path, where: Path) -> str:
         return "" if code == 130 else f"exit code {code}: {running.output[-500:]}"
 
 
+def _cycle_in(where: Path, mission: Path) -> str:
+    """A cycle in a folder of its own, which is gone then; what went wrong, or ''."""
+    where.mkdir()
+    try:
+        return _cycle(mission, where)
+    except AssertionError as error:
+        return str(error)
+    finally:
+        shutil.rmtree(where)
+
+
 def main() -> None:
     """Count, and say how each count has grown."""
     parser = argparse.ArgumentParser()
@@ -78,22 +89,19 @@ def main() -> None:
     arguments = parser.parse_args()
     console, rows, failures = Console(highlight=False), [], []
     load = os.getloadavg()[0]
-    with tempfile.TemporaryDirectory() as folder:
-        for number in range(arguments.cycles + 1):
-            where = Path(folder) / str(number)
-            where.mkdir()
-            began = time.monotonic()
-            try:
-                failure = _cycle(arguments.mission.resolve(), where)
-            except AssertionError as error:
-                failure = str(error)
-            failures += [f"cycle {number}: {failure}"] if failure else []
-            shutil.rmtree(where)
-            if number:  # the first one warms caches up
-                rows.append(_counts(time.monotonic() - began))
-            if number % _TELL == 0:
-                console.print(f"cycle {number}: {len(failures)} failed", style="dim")
-    console.print(f"{arguments.cycles} cycles of {arguments.mission.name}; load {load:.1f} to {os.getloadavg()[0]:.1f}")
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            for number in range(arguments.cycles + 1):
+                began = time.monotonic()
+                failure = _cycle_in(Path(folder) / str(number), arguments.mission.resolve())
+                failures += [f"cycle {number}: {failure}"] if failure else []
+                if number:  # the first one warms caches up
+                    rows.append(_counts(time.monotonic() - began))
+                if number % _TELL == 0:
+                    console.print(f"cycle {number}: {len(failures)} failed", style="dim")
+    except KeyboardInterrupt:
+        console.print("interrupted; so far:")
+    console.print(f"{len(rows)} cycles of {arguments.mission.name}; load {load:.1f} to {os.getloadavg()[0]:.1f}")
     grown = _report(np.array(rows), console)
     for text in failures:
         console.print(text, style="red", markup=False)

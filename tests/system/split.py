@@ -130,6 +130,10 @@ class Split:
         seen = self.agents(side)
         return [seen[i] for i in self.sides[side] if i in seen]
 
+    def said(self, agent: int) -> str:
+        """What an agent has told its own terminal."""
+        return (self._where / f"agent-{agent}.err").read_text()
+
     def wait_for(self, condition: Callable[[], bool], wall_s: float = 60.0) -> None:
         """AssertionError with what the stations show when it takes longer."""
         until = time.monotonic() + wall_s

@@ -28,8 +28,8 @@ from tests.system.running import ROOT, SWARM_CTL, Running
 pytestmark = pytest.mark.timeout(180)
 
 MISSION = Path(__file__).with_name("kills.yaml")
-SPEEDUP, SPEEDUP_BY_HAND = 4.0, 3.0
-"""The second where a process is started again by hand, which takes its time on the wall clock."""
+SPEEDUP = 3.0
+"""A PX4 leaves OFFBOARD for good after a second without setpoints: a busy machine must not take that long."""
 PROCESSES = ("agent-1", "agent-2", "station", "simulator", "run")
 """Agent 1 flies an ArduCopter, agent 2 a PX4."""
 DEEDS = ("kill", "blink", "sleep", "restart")
@@ -40,7 +40,7 @@ ENDS = ("kill", "restart")
 CODES = {"completed": 0, "failed": 1}
 CODES_BY_HAND = {"agent": {0, 1}, "station": {130}, "simulator": {0}, "run": {0}}
 """Of the process started again: an agent's vehicle may be in its own landing, which ends the mission."""
-IN_CI = {("agent-2", "kill", "landing"), ("simulator", "blink", "form"), ("run", "sleep", "form")}
+IN_CI = {("simulator", "blink", "form"), ("run", "sleep", "form")}
 """What `test_run.py` does not fly already, and is quick."""
 BLINK_S, SLEEP_S, PATIENCE_S = 2.0, 12.0, 60.0
 
@@ -57,8 +57,7 @@ def test_whatever_is_killed(tmp_path: Path, process: str, deed: str, phase: str)
     """It is survived, or the flight ends in order; see the module."""
     mission = tmp_path / "kills.yaml"
     mission.write_text(MISSION.read_text() if deed != "restart" else patient(MISSION.read_text()))
-    speedup = SPEEDUP_BY_HAND if deed == "restart" else SPEEDUP
-    with Running("run", mission, "--speedup", str(speedup), "--headless", "--no-report", cwd=tmp_path) as running:
+    with Running("run", mission, "--speedup", str(SPEEDUP), "--headless", "--no-report", cwd=tmp_path) as running:
         reach(running, PHASES[phase])
         pid = running.process.pid if process == "run" else running.pids[process]
         if deed in ("blink", "sleep"):
@@ -87,8 +86,9 @@ def expected(process: str, deed: str) -> set[str]:
     """How the run may be called."""
     if deed in ENDS:
         return {"aborted" if process == "run" else "failed"}
-    # the swarm needs neither `run` nor anybody else for a moment; what it gives up after 12 s depends on the phase
-    return {"completed"} if process == "run" or deed == "blink" else {"completed", "failed"}
+    # nobody misses `run`, nor anybody else for 2 s, but for the agent of a PX4; what is given up depends on the phase
+    missed = process != "run" and (deed == "sleep" or process == "agent-2")
+    return {"completed", "failed"} if missed else {"completed"}
 
 
 def patient(text: str) -> str:
