@@ -118,7 +118,17 @@ class Agent:
         descent = Descent(sortie, controller, progress, self._homing)
         self._takeover = takeover = Takeover(sortie, gate, controller, progress, reference, self._step_forms, dealer)
         self._flight = Flight(
-            sortie, gate, members, controller, progress, reference, self._operator, descent, takeover, dealer
+            sortie,
+            gate,
+            members,
+            controller,
+            progress,
+            reference,
+            self._operator,
+            descent,
+            takeover,
+            dealer,
+            self._neighbourhood,
         )
         self._station: HeardStation | None = None
         self._lifeline_cut = False
@@ -225,7 +235,7 @@ class Agent:
         self._reference.form(step.slots, self._dealer.roles)
         if step.neighbours is not None:
             self._neighbourhood.choose(self._dealer.in_roles(step.neighbours))
-        self._dealer.begin(step.slots, self._neighbourhood.links)
+        self._dealer.begin(step.slots)
 
     # --- what forbids going on ---
 

@@ -9,7 +9,7 @@ operator's shape gives everybody his own slot of it and knows no roles.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Final
+from typing import Final, TypeAlias
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from swarm_ctl.core.state import Deal, Phase
 
 _FIELDS: Final = tuple(Deals.__dataclass_fields__)
 _UNHEARD_S: Final = 1e9
+Links: TypeAlias = Mapping[int, tuple[int, ...]]
 
 
 class Dealer:
@@ -33,6 +34,7 @@ class Dealer:
         self._own, self._place = own_id, self._ids.index(own_id)
         self._peers = peers
         self._exchange: Exchange | None = None
+        self._links: Links = {}
         self._due_s = 0.0
         self.deal = Deal(role=self._place)
         """What the own state tells."""
@@ -55,12 +57,13 @@ class Dealer:
             found[self._ids.index(holders[role])] = tuple(sorted(holders[self._ids.index(i)] for i in near))
         return tuple(found)
 
-    def begin(self, slots: Sequence[Point], links: Mapping[int, Sequence[int]]) -> None:
-        """A form step begins: its slots by role [units], and N_i of everybody by id."""
+    def begin(self, slots: Sequence[Point]) -> None:
+        """A form step begins: its slots by role [units]. What is going on goes on."""
         z = np.array(slots, dtype=np.float64).T[:, :, None]
-        linked = np.array([[j in links[i] for j in self._ids] for i in self._ids])[..., None]
-        self._exchange = Exchange(np.array([self._place]), z, linked, self._r)
-        self._set()
+        nobody = np.zeros((len(self._ids), len(self._ids), 1), dtype=np.bool_)
+        self._exchange = Exchange(np.array([self._place]), z, nobody, self._r)
+        self._exchange.deals = Deals(*(np.array([[getattr(self.deal, name)]]) for name in _FIELDS))
+        self._links = {}
 
     def rejoin(self, now: float) -> None:
         """After a restart in flight: the role that none of the others has, and a version that was never told."""
@@ -82,19 +85,23 @@ class Dealer:
         to = self._ids[deal.answer_to]
         return self._told(to).version != deal.answer_version or self._peers.age(to, now) > GONE_S
 
-    def look(self, now: float, own_m: Point, flying: tuple[int, int], *, new: bool) -> int | None:
+    def look(self, now: float, own_m: Point, flying: tuple[int, int], links: Links, *, new: bool) -> int | None:
         """Take part, if it is time. Whose slot is ours from now on, where that changes; None: as before.
 
         Args:
             now: mission time [s].
             own_m: own stop point.
             flying: the own (step, command): with others nothing is dealt.
+            links: N_i of everybody by id.
             new: offers may be made and taken.
         """
         exchange = self._exchange
         if exchange is None or now < self._due_s:
             return None
         self._due_s = now + EVERY_S
+        if links is not self._links:
+            self._links = links
+            exchange.links = np.array([[j in links.get(i, ()) for j in self._ids] for i in self._ids])[..., None]
         before = self.deal.role
         points, told, age_s, fresh = self._heard(now, flying)
         own = np.array(own_m)[:, None, None] / self._unit_m
@@ -154,8 +161,3 @@ class Dealer:
                 spare.append(i)
         rest = iter(spare)
         return [holder if holder is not None else next(rest) for holder in holders]
-
-    def _set(self) -> None:
-        """A new exchange starts from what was told last."""
-        if self._exchange is not None:
-            self._exchange.deals = Deals(*(np.array([[getattr(self.deal, name)]]) for name in _FIELDS))

@@ -23,6 +23,9 @@ _ARMING_S = 3.0
 """An arm command may act this long after it was sent, and the heartbeat that tells comes once a second."""
 _GONE_VEHICLE_S = 10.0
 """Without a heartbeat for this long while winding down, there is nothing left to land."""
+_DISARMED_S = 10.0
+"""Without motors for this long it lies on the ground, whatever it said last: a vehicle that has restarted in the air
+tells no more than its heartbeat until it is asked, and who has yielded asks for nothing."""
 
 
 class Descent:
@@ -35,12 +38,13 @@ class Descent:
         self._progress = progress
         self._homing = homing
         self._alone_since: float | None = None
+        self._disarmed_since: float | None = None
 
     def carry_out(self, now: float, view: VehicleView, fix: OwnFix | None, finding: Finding) -> Goal:
         """Do what a finding asks for: pause, yield, or hold for a moment and land."""
         sortie = self._sortie
         # a vehicle asked to arm a moment ago may do so yet: only what it says well after that counts
-        down = view.on_ground and not view.armed and now - sortie.arming_s > _ARMING_S
+        down = self._on_ground(now, view) and now - sortie.arming_s > _ARMING_S
         if down or now - view.heartbeat_s > _GONE_VEHICLE_S:
             return self.end(now)
         if finding.action == "kill":
@@ -62,6 +66,14 @@ class Descent:
             return self.come_back(now, view, fix)
         wait = self._plan.policies.hold_before_land_s if finding.outcome == "failed" else 0.0
         return self.land(now, view, fix, wait)
+
+    def _on_ground(self, now: float, view: VehicleView) -> bool:
+        """It stands there disarmed."""
+        if view.armed:
+            self._disarmed_since = None
+            return False
+        self._disarmed_since = now if self._disarmed_since is None else self._disarmed_since
+        return view.on_ground or now - self._disarmed_since > _DISARMED_S
 
     def come_back(self, now: float, view: VehicleView, fix: OwnFix | None) -> Goal:
         """Up to the own height, wait for the turn, over the own start, down."""

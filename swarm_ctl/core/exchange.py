@@ -87,7 +87,7 @@ class Exchange:
     """
 
     def __init__(self, own: Ints, slots: Floats, links: Bools, r: float) -> None:
-        self._own, self.slots, self._links, self._r = own[:, None], slots, links, r
+        self._own, self.slots, self.links, self._r = own[:, None], slots, links, r
         n = slots.shape[1]
         self._rank = np.argsort((np.arange(n) * 7919 + 3001) % 10007).argsort()
         """Of locks: any order will do that does not follow the ids, or whole rows would wait for one another."""
@@ -102,7 +102,7 @@ class Exchange:
 
     def only(self, missions: Bools) -> None:
         """Go on with some of the missions."""
-        for name in ("slots", "_links", "_since", "_quiet", "_partner", "_twins", "count"):
+        for name in ("slots", "links", "_since", "_quiet", "_partner", "_twins", "count"):
             setattr(self, name, getattr(self, name)[..., missions])
         self.deals = Deals(*(getattr(self.deals, f.name)[..., missions] for f in fields(Deals)))
 
@@ -189,7 +189,7 @@ class Exchange:
     def _lowest_lock(self, told: Deals, fresh: Bools) -> Ints:
         """The lowest rank of a lock that a link neighbour shows, who is not the own partner; n for none."""
         n = told.role.shape[1]
-        linked = self._links[self._own[:, 0]] & fresh
+        linked = self.links[self._own[:, 0]] & fresh
         partner = np.where(self.deals.offer_to >= 0, self.deals.offer_to, self._partner)
         linked &= np.arange(n)[:, None] != partner[:, None]
         rank = np.append(self._rank, n)[np.where(linked, told.lock, _NOBODY)]
@@ -259,7 +259,7 @@ class Exchange:
         one, other, k = self._own[at, 0], partner[at, mission], np.arange(len(at))
         roles = told.role[at, :, mission]
         roles[k, one] = self.deals.role[at, mission]
-        links = np.moveaxis(self._links[..., mission], -1, 0)
+        links = np.moveaxis(self.links[..., mission], -1, 0)
         now = self._fitting(roles, mission) & links
         roles[k, one], roles[k, other] = roles[k, other], roles[k, one]
         then = self._fitting(roles, mission) & links

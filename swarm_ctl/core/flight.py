@@ -9,6 +9,7 @@ from swarm_ctl.core.dealing import Dealer
 from swarm_ctl.core.descent import Descent
 from swarm_ctl.core.members import Members
 from swarm_ctl.core.navigation import OwnFix
+from swarm_ctl.core.neighbourhood import Neighbourhood
 from swarm_ctl.core.operator import Operator
 from swarm_ctl.core.peers import Common
 from swarm_ctl.core.plan import FormStep, HoldStep, LandStep, Point, Policy, ReturnStep, Shaped, Step, TakeoffStep
@@ -38,6 +39,7 @@ class Flight:
         descent: Descent,
         takeover: Takeover,
         dealer: Dealer,
+        neighbourhood: Neighbourhood,
     ) -> None:
         self._plan = sortie.plan
         self._sortie = sortie
@@ -50,9 +52,11 @@ class Flight:
         self._descent = descent
         self._takeover = takeover
         self._dealer = dealer
+        self._neighbourhood = neighbourhood
         self._scattered = False
         """The operator's `hold` came while the shape was not formed yet: stay, don't go on forming."""
         self._inside_since: float | None = None
+        self._judged_s = 0.0
         self._last_text = ""
 
     @property
@@ -164,7 +168,7 @@ class Flight:
         """Slots with whoever is in the way, where the step allows it."""
         new = isinstance(step, FormStep) and step.exchange and not self._progress.done
         key = (self._progress.step, self.command)
-        partner = self._dealer.look(now, self._controller.stop_point_m, key, new=new)
+        partner = self._dealer.look(now, self._controller.stop_point_m, key, self._neighbourhood.links, new=new)
         if partner is not None:
             self._reference.assign(self._dealer.roles)
             self._inside_since = None
@@ -179,11 +183,15 @@ class Flight:
             if now - self._progress.started_s - self._progress.paused_s >= step.duration_s:
                 self._progress.finish_step(now)
             return
+        unjudged_s, self._judged_s = now - self._judged_s, now
         error_m = self._members.formation_error_m
         inside = error_m is not None and error_m < step.tolerance_m and self._dealer.settled(now)
         if not isinstance(step, FormStep):
             inside = inside and self._reference.there(step, self._controller.stop_point_m)
-        if not inside:
+        if error_m is None and self._inside_since is not None:
+            # late news (a mesh that lost something and waits for it) tells nothing of the shape: it takes longer
+            self._inside_since = min(now, self._inside_since + unjudged_s)
+        elif not inside:
             self._inside_since = None
         elif self._inside_since is None:
             self._inside_since = now

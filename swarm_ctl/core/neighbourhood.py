@@ -20,6 +20,8 @@ class Neighbourhood:
         self._planned: dict[int, tuple[int, ...]] = {agent.id: agent.neighbours for agent in plan.agents}
         self._lost: frozenset[int] = frozenset()
         self._heard: tuple[int, ...] = self._planned[own_id]
+        self.links = self._planned
+        """N_i of everybody, by id; a new object whenever somebody's changes. Who is lost is not in it."""
 
     def choose(self, neighbours: Iterable[tuple[int, ...]]) -> None:
         """A step brings a graph of its own, in the order of the plan's agents."""
@@ -55,10 +57,6 @@ class Neighbourhood:
             said.append(("warning", f"neighbour {', '.join(map(str, gone))} is not heard; the graph {what}"))
         return said
 
-    @property
-    def links(self) -> dict[int, tuple[int, ...]]:
-        """N_i of everybody, by id."""
-        return graph.bridged(self._planned, self._lost)
-
     def _apply(self) -> None:
+        self.links = graph.bridged(self._planned, self._lost)
         self._peers.choose(self.links[self._own])

@@ -163,6 +163,7 @@ def run_agent(config: AgentConfig, lifeline: Lifeline) -> int:
             node.listen(keys.STATE, keys.CLOCK, keys.BEACON, keys.COMMAND)
             lifeline.tell(READY)
             ended, status = _loop(config, clock, link, node, lifeline)
+            lifeline.tell(f"{ended.outcome}: {ended.reason}" if ended.reason else ended.outcome)
         finally:
             node.close()
     finally:

@@ -124,6 +124,12 @@ def alone(agent: int) -> Callable[[Faulty], None]:
     return cut
 
 
+def stalled(faulty: Faulty) -> None:
+    """Nobody hears anybody but the station."""
+    for transport in faulty.transports.values():
+        transport.silent.update(map(str, IDS))
+
+
 def healed(faulty: Faulty) -> None:
     """Everybody hears everybody."""
     for transport in faulty.transports.values():
@@ -231,6 +237,8 @@ class Row:
 LOST = "agent {} has not been heard for 5 s"
 GUSTY = {"SIM_WIND_SPD": 5.0, "SIM_WIND_DIR": 70.0, "SIM_WIND_GUST": 2.0}
 
+_SPURT: tuple[Happening, ...] = ((0.0, stalled), (0.8, healed))
+
 ROWS = (
     Row("a tenth is lost", GOOD, Impairment(loss=0.1)),
     Row("half is lost", GOOD, Impairment(loss=0.5)),
@@ -247,6 +255,8 @@ ROWS = (
         happenings=((3, parted), (11, healed)),
     ),
     Row("parted for 8 s, goes on", GOOD, happenings=((3, parted), (11, healed)), policy="continue"),
+    # as over TCP that loses packets: everything waits for what was lost
+    Row("in spurts", GOOD, happenings=tuple((1.2 * k + dt, do) for k in range(50) for dt, do in _SPURT)),
     Row("one is deaf", (*SAFE, outcome("failed"), says(LOST.format(1))), happenings=((3, deaf(4)),)),
     Row(
         "one has lost the mesh",
@@ -284,6 +294,11 @@ ROWS = (
     Row("dies", (*SAFE, outcome("failed", of=(1, 2, 4)), says(LOST.format(3))), happenings=((3, dead(3)),)),
     # the others follow what it says, and it follows the others: the shape never comes to rest, and drifts to the fence
     Row("lies by 3 m", (*SAFE, outcome("failed"), says("outside the geofence")), happenings=((1, lies(2)),)),
+    Row(
+        "a vehicle restarts in the air",  # and falls; nobody asks it again for what it said before
+        (*SAFE, outcome("failed"), says("disarmed by somebody else")),
+        happenings=((3, vehicle(2, SIM_REBOOT=1.0)),),
+    ),
     Row("gusts", GOOD, vehicles=GUSTY),
     Row("gusts, lost, late", GOOD, Impairment(0.2, 0.05, 0.1), vehicles=GUSTY),
     Row("the vehicles' radio loses a fifth", GOOD, vehicles={"SIM_LOSS": 20.0}),

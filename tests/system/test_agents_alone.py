@@ -180,7 +180,8 @@ def test_an_agent_is_killed_and_started_again(mission: LoadedMission, tmp_path: 
         agents[1].wait()
         agents[1] = started(mission, 1, speedup, epoch_s)
         processes.append(agents[1])
-        assert [agent.wait(60) for agent in agents.values()] == [0, 0]
+        codes = [agent.wait(60) for agent in agents.values()]
+        assert codes == [0, 0], [agent.communicate()[1] for agent in agents.values()]
         said = [event.text for event, _ in listener.take(keys.EVENT)]
         assert any("took over its vehicle in the air; rejoins at step 2" in text for text in said), said
         assert said.count("ended: completed") == 2
@@ -198,7 +199,7 @@ def test_an_agent_is_killed_and_started_again(mission: LoadedMission, tmp_path: 
 
 
 def test_one_agent_lands_on_sigint(mission: LoadedMission) -> None:
-    """Without its peer it waits on the ground; Ctrl-C ends it cleanly."""
+    """Without its peer it waits on the ground; Ctrl-C ends it cleanly, and it says how."""
     agent = subprocess.Popen(
         [SWARM_CTL, "agent", mission.source, "--id", "1"], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
     )
@@ -207,6 +208,7 @@ def test_one_agent_lands_on_sigint(mission: LoadedMission) -> None:
         assert agent.stderr.readline() == "agent: ready\n"
         agent.send_signal(signal.SIGINT)
         assert agent.wait(30) == 0
+        assert agent.stderr.read() == "agent: aborted: the process that started this agent is gone\n"
     finally:
         agent.kill()
         agent.communicate()

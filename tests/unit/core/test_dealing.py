@@ -17,7 +17,7 @@ from tests.scenarios.test_steps import quartet
 
 PLAN: Plan = quartet("hold: {duration_s: 5}", "land").plan
 IDS = [agent.id for agent in PLAN.agents]
-ALL_LINKED = {i: [j for j in IDS if j != i] for i in IDS}
+ALL_LINKED = {i: tuple(j for j in IDS if j != i) for i in IDS}
 TICK_S, SPEED = 0.05, 1.0
 
 
@@ -39,7 +39,7 @@ class Swarm:
         self.peers = {i: Peers(PLAN, i) for i in IDS}
         self.dealers = {i: Dealer(PLAN, i, self.peers[i]) for i in IDS}
         for dealer in self.dealers.values():
-            dealer.begin(self.slots, ALL_LINKED)
+            dealer.begin(self.slots)
         self.way: list[tuple[int, int, AgentState]] = []
         self.seq = 0
 
@@ -51,7 +51,7 @@ class Swarm:
                 continue
             self.tell_time(i)
             dealer.hear()
-            dealer.look(self.now, (self.at[i].real, self.at[i].imag), (2, 0), new=self.new)
+            dealer.look(self.now, (self.at[i].real, self.at[i].imag), (2, 0), ALL_LINKED, new=self.new)
             for j in IDS:
                 if j != i and self.random.random() >= self.loss:
                     self.way.append((self.seq + int(self.random.integers(0, self.delay + 1)), j, self.state(i)))
@@ -175,5 +175,5 @@ def test_a_deal_that_makes_no_sense_is_none(deal: Deal) -> None:
     swarm.peers[IDS[0]].hear(bad, swarm.now)
     own = swarm.dealers[IDS[0]]
     own.hear()
-    own.look(swarm.now + 1, (0.0, 0.0), (2, 0), new=True)
+    own.look(swarm.now + 1, (0.0, 0.0), (2, 0), ALL_LINKED, new=True)
     assert own.roles[IDS[2]] == 2

@@ -1,0 +1,50 @@
+"""What zenoh's links do to this process when the other end does not answer any more."""
+
+from __future__ import annotations
+
+import os
+import socket
+import stat
+import struct
+import time
+from pathlib import Path
+
+from swarm_ctl.mesh.keys import NEWEST
+from swarm_ctl.mesh.zenoh_transport import ZenohTransport
+from swarm_ctl.runtime.ports import free_ports
+
+
+def lingering(port: int) -> dict[tuple[int, int], bool]:
+    """Whether close() waits, of each TCP connection of this process with `port` at an end: by its two ports."""
+    found = {}
+    for descriptor in [int(entry.name) for entry in Path("/dev/fd").iterdir()]:
+        try:
+            if not stat.S_ISSOCK(os.fstat(descriptor).st_mode):
+                continue
+            with socket.socket(fileno=os.dup(descriptor)) as one:
+                ends = (one.getsockname()[1], one.getpeername()[1])
+                if port in ends:
+                    linger, _ = struct.unpack("ii", one.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER, 8))
+                    found[ends] = bool(linger)
+        except (OSError, IndexError):
+            continue  # closed meanwhile, or not connected, or no TCP
+    return found
+
+
+def test_no_link_waits_for_its_last_bytes() -> None:
+    """Both ends of a link close at once, whoever has opened it: SO_LINGER blocks the thread that carries all others."""
+    (port,) = free_ports(1, socket.SOCK_STREAM)
+    one = ZenohTransport([f"tcp/127.0.0.1:{port}"], [], time.monotonic)
+    two = ZenohTransport([], [f"tcp/127.0.0.1:{port}"], time.monotonic)
+    try:
+        inlet, until = one.subscribe("a/*"), time.monotonic() + 10
+        while not inlet.drain():
+            assert time.monotonic() < until
+            two.publish("a/b", b"hello", NEWEST)
+            time.sleep(0.01)
+        links = lingering(port)
+        assert len(links) == 2
+        assert not any(links.values())
+    finally:
+        one.close()
+        two.close()
