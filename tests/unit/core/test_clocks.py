@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from swarm_ctl.core.clocks import ASK_EVERY_S, DRIFT, Clocks, PeerClock
 from swarm_ctl.core.freshness import FRESH_S, NEIGHBOUR_S
-from swarm_ctl.core.peers import Peer
+from swarm_ctl.core.peer import Peer
 from swarm_ctl.core.state import AgentState, ClockNews, Phase
 
 ROUNDING_S = 1e-5
