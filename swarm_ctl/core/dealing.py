@@ -35,6 +35,7 @@ class Dealer:
         self._peers = peers
         self._exchange: Exchange | None = None
         self._links: Links = {}
+        self._heard_of: list[Deal | None] = []
         self._due_s = 0.0
         self.deal = Deal(role=self._place)
         """What the own state tells."""
@@ -45,6 +46,10 @@ class Dealer:
 
     def hear(self) -> None:
         """Take in what is told now."""
+        told = [self.deal, *(peer.state.deal if peer.state is not None else None for peer in self._peers)]
+        if told == self._heard_of:
+            return
+        self._heard_of = told
         roles = {peer.id: self._told(peer.id).role for peer in self._peers} | {self._own: self.deal.role}
         if roles != self.roles:
             self.roles = roles
