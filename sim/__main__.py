@@ -14,7 +14,7 @@ from pathlib import Path
 
 from sim.clock import Clock
 from sim.config import ConfigError, load_config
-from sim.server import PortError, Server, signals
+from sim.network.server import PortError, Server, signals
 
 
 def main() -> int:

@@ -9,8 +9,8 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
-from sim.firmware.troubles import SIM_DEFAULTS
-from sim.geodesy import Geodetic
+from sim.firmware.fault_parameters import SIM_DEFAULTS
+from sim.physics.geodesy import Geodetic
 
 Persona = Literal["ardupilot", "px4"]
 

@@ -14,19 +14,19 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
-from sim.firmware import missions
-from sim.firmware.auto import Course
-from sim.firmware.battery import Battery
-from sim.firmware.commands import Command, Handler
-from sim.firmware.flight import Demand, Ground, Maneuver, Sensed, Style
+from sim.firmware.flying.battery import Battery
+from sim.firmware.flying.maneuvers import Demand, Ground, Maneuver, Sensed, Style
+from sim.firmware.flying.mission_flight import Course
+from sim.firmware.flying.setpoint import Setpoint
 from sim.firmware.message import MAV_TYPE_GCS, Landed, Message, Result, Severity
-from sim.firmware.parameters import Parameters
-from sim.firmware.plans import Item, Plans, remind
-from sim.firmware.services import HANDLERS, sane
-from sim.firmware.setpoint import Setpoint
-from sim.firmware.streams import Streams, next_on_grid
-from sim.firmware.telemetry import BUILDERS
-from sim.geodesy import TangentPlane, Vector3
+from sim.firmware.protocol import missions
+from sim.firmware.protocol.commands import Command, Handler
+from sim.firmware.protocol.mission_lists import Item, Plans, remind
+from sim.firmware.protocol.parameters import Parameters
+from sim.firmware.protocol.services import HANDLERS, sane
+from sim.firmware.protocol.streams import Streams, next_on_grid
+from sim.firmware.protocol.telemetry import BUILDERS
+from sim.physics.geodesy import TangentPlane, Vector3
 
 Contact = tuple[int, Vector3, Vector3]
 """Address, position and velocity (NED) of an aircraft in sensing range."""

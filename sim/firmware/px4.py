@@ -7,11 +7,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-from sim.firmware import missions
-from sim.firmware.auto import Auto, Course
 from sim.firmware.base import Firmware, Setup
-from sim.firmware.commands import COMMON, Command, Handler
-from sim.firmware.flight import Ground, Hold, Land, Maneuver, Return, Style, Takeoff, Velocity
+from sim.firmware.fault_parameters import SIM_DEFAULTS
+from sim.firmware.flying.maneuvers import Ground, Hold, Land, Maneuver, Return, Style, Takeoff, Velocity
+from sim.firmware.flying.mission_flight import Auto, Course
+from sim.firmware.flying.setpoint import FRAME_BODY_NED, FRAME_LOCAL_NED, NOTHING, Setpoint, moved
 from sim.firmware.message import (
     MAV_MODE_FLAG_CUSTOM,
     MAV_MODE_FLAG_GUIDED,
@@ -20,11 +20,11 @@ from sim.firmware.message import (
     Result,
     Severity,
 )
-from sim.firmware.parameters import BYTEWISE, PX4_DEFAULTS, Parameters
-from sim.firmware.plans import Item
-from sim.firmware.setpoint import FRAME_BODY_NED, FRAME_LOCAL_NED, NOTHING, Setpoint, moved
-from sim.firmware.troubles import SIM_DEFAULTS
-from sim.geodesy import Vector3
+from sim.firmware.protocol import missions
+from sim.firmware.protocol.commands import COMMON, Command, Handler
+from sim.firmware.protocol.mission_lists import Item
+from sim.firmware.protocol.parameters import BYTEWISE, PX4_DEFAULTS, Parameters
+from sim.physics.geodesy import Vector3
 
 
 @dataclass(frozen=True, slots=True)

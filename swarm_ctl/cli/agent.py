@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 
 from swarm_ctl.errors import InputError
-from swarm_ctl.mission.fleet import Fleet, FleetAgent
-from swarm_ctl.mission.loader import load
+from swarm_ctl.mission.compile.fleet import Fleet, FleetAgent
+from swarm_ctl.mission.compile.loader import load
 
 
 def agent(
@@ -31,7 +31,7 @@ def agent(
 
         swarm-ctl agent missions/hexagon.yaml --fleet outdoors.yaml --id 3
     """
-    from swarm_ctl.runtime.agent_process import AgentConfig, SignalLifeline, run_agent
+    from swarm_ctl.runtime.agent.agent_process import AgentConfig, SignalLifeline, run_agent
     from swarm_ctl.runtime.clock import Clock
 
     loaded = load(mission, fleet=fleet)

@@ -14,14 +14,14 @@ from rich.console import Console
 
 from swarm_ctl.cli.send import agents_of
 from swarm_ctl.cli.sim import Persona
-from swarm_ctl.core.identify import Fit, Leg, fit
-from swarm_ctl.core.plan import Fence, Geodetic, Limits, Response
-from swarm_ctl.core.response import TYPICAL
-from swarm_ctl.core.stepflight import StepFlight, Steps
+from swarm_ctl.core.identification.fit import Fit, Leg, fit
+from swarm_ctl.core.identification.step_flight import StepFlight, Steps
+from swarm_ctl.core.law.stop_point import TYPICAL
+from swarm_ctl.core.model.plan import Fence, Geodetic, Limits, Response
 from swarm_ctl.errors import InputError
-from swarm_ctl.mission import fleet_file
-from swarm_ctl.mission.fleet import FleetAgent
-from swarm_ctl.mission.loader import load
+from swarm_ctl.mission.compile import fleet_file
+from swarm_ctl.mission.compile.fleet import FleetAgent
+from swarm_ctl.mission.compile.loader import load
 
 _SPEED_MPS = Limits().speed_mps
 _MOST_MPS = 20.0
@@ -76,8 +76,8 @@ def measure(
         swarm-ctl measure --endpoint udpout:127.0.0.1:14601 --autopilot px4
     """
     from swarm_ctl.runtime.clock import Clock
-    from swarm_ctl.runtime.fleet import Interrupts
-    from swarm_ctl.runtime.measure import Watch, fly
+    from swarm_ctl.runtime.launch.measure import Watch, fly
+    from swarm_ctl.runtime.launch.supervisor import Interrupts
 
     console = Console(highlight=False)
     if endpoint and (fleet or mission or agent_id):
@@ -216,7 +216,7 @@ def described(found: Fit, legs: Sequence[Leg]) -> list[str]:
 
 def _write(path: Path, agent: int, found: Response) -> None:
     """The response into the file, in one move; it is read again, as it may have been edited meanwhile."""
-    from swarm_ctl.report.files import write_whole
+    from swarm_ctl.report.folder.files import write_whole
 
     try:
         target = path.resolve()

@@ -34,8 +34,8 @@ def replay(
 
         swarm-ctl replay --json --speed 50 | jq .verdict
     """
-    from swarm_ctl.runtime.replay import replay as play
-    from swarm_ctl.runtime.screens import shown
+    from swarm_ctl.runtime.station.replay import replay as play
+    from swarm_ctl.runtime.station.screens import shown
 
     show = shown(headless=headless, json=json, compact=compact)
     folder = run if run is not None else newest_run(Path("runs"))

@@ -18,7 +18,7 @@ def report(run: _Run) -> None:
 
     A recording that was cut off by a kill is recovered first.
     """
-    from swarm_ctl.report.page import make_report
+    from swarm_ctl.report.page.html_page import make_report
 
     try:
         page = make_report(run)
@@ -32,7 +32,7 @@ def compare(
     out: Annotated[Path, typer.Option(help="The page to write.")] = Path("compare.html"),
 ) -> None:
     """Show several runs side by side: a table, one figure of all, and each figure of each run."""
-    from swarm_ctl.report.page import comparison_table, make_comparison
+    from swarm_ctl.report.page.html_page import comparison_table, make_comparison
 
     console = Console(highlight=False)
     page = make_comparison(runs, out)

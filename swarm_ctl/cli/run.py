@@ -11,7 +11,7 @@ from typing import Annotated, TextIO
 import typer
 from rich.console import Console
 
-from swarm_ctl.mission.loader import load
+from swarm_ctl.mission.compile.loader import load
 
 
 def run(
@@ -49,9 +49,9 @@ def run(
         swarm-ctl run missions/hexagon.yaml --json | jq .verdict
     """
     from swarm_ctl.recording.topics import rates
-    from swarm_ctl.report.table import render_summary
-    from swarm_ctl.runtime.fleet import Options, fly
-    from swarm_ctl.runtime.screens import Show, shown
+    from swarm_ctl.report.page.summary_table import render_summary
+    from swarm_ctl.runtime.launch.supervisor import Options, fly
+    from swarm_ctl.runtime.station.screens import Show, shown
 
     show = shown(headless=headless, json=json, compact=compact)
     console = Console(highlight=False, stderr=json)

@@ -6,7 +6,7 @@ import json
 
 import typer
 
-from swarm_ctl.mission.schema import json_schema
+from swarm_ctl.mission.input.schema import json_schema
 
 
 def schema() -> None:

@@ -10,9 +10,9 @@ import typer
 from rich.console import Console
 
 from swarm_ctl.cli.station import newest_run
-from swarm_ctl.core.operator import KINDS
-from swarm_ctl.core.state import Ack
-from swarm_ctl.core.text import agents_named
+from swarm_ctl.core.agent.command_handler import KINDS
+from swarm_ctl.core.model.messages import Ack
+from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.errors import InputError
 
 _ARGUMENTS: Final = {"form": ("SHAPE",), "move": ("N", "E"), "tune": ("NAME=VALUE",)}
@@ -53,8 +53,8 @@ def send(
 
         swarm-ctl send kill --agents 3
     """
-    from swarm_ctl.runtime.sender import Answers, Sender
-    from swarm_ctl.station.wording import command_words
+    from swarm_ctl.runtime.station.sender import Answers, Sender
+    from swarm_ctl.station.picture.summaries import command_words
 
     given = arguments or []
     _check(command, given)

@@ -17,11 +17,11 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from swarm_ctl.core.plan import Geodetic
+from swarm_ctl.core.model.plan import Geodetic
 from swarm_ctl.errors import InputError, StartError
-from swarm_ctl.mission.loader import load
+from swarm_ctl.mission.compile.loader import load
 from swarm_ctl.runtime.clock import Clock
-from swarm_ctl.runtime.simulated import place, simulator_config, vehicle_config
+from swarm_ctl.runtime.launch.sim_config import place, simulator_config, vehicle_config
 
 MAX_VEHICLES = 250
 """MAVLink's system ids end at 255; ground stations and companions need some."""

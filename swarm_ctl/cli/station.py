@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from swarm_ctl.errors import InputError
-from swarm_ctl.mission.loader import load
+from swarm_ctl.mission.compile.loader import load
 
 
 def station(
@@ -44,8 +44,8 @@ def station(
 
         swarm-ctl station --mission pair.yaml --mesh tcp/10.0.0.11:7447 --mesh tcp/10.0.0.12:7447
     """
-    from swarm_ctl.runtime.screens import shown
-    from swarm_ctl.runtime.station_process import join, run_station
+    from swarm_ctl.runtime.station.screens import shown
+    from swarm_ctl.runtime.station.station_process import join, run_station
 
     show = shown(headless=headless, json=json, compact=compact)
     if mission is None:

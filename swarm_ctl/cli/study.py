@@ -11,7 +11,7 @@ from rich.console import Console
 from swarm_ctl.errors import InputError
 
 if TYPE_CHECKING:
-    from swarm_ctl.study.space import Study
+    from swarm_ctl.study.parameter_space import Study
 
 _LIST = "One or more, with commas between."
 _RANGE = "Values with commas between, each a number or LOW:HIGH to draw from."
@@ -64,9 +64,9 @@ def study(
 
         swarm-ctl study --out late.csv --row 4711 --picture 4711.gif --mission 4711.yaml
     """
+    from swarm_ctl.study.executor import carry_out
     from swarm_ctl.study.rows import read_rows
-    from swarm_ctl.study.table import table
-    from swarm_ctl.study.work import carry_out
+    from swarm_ctl.study.rows_table import table
 
     console = Console(highlight=False)
     if row is not None:
@@ -104,7 +104,7 @@ def study(
 def _study(lists: dict[str, str], ranges: dict[str, str], common: dict[str, Any]) -> Study:
     from pydantic import ValidationError
 
-    from swarm_ctl.study.space import Study
+    from swarm_ctl.study.parameter_space import Study
 
     spans = {name: [_range(name, text) for text in words.split(",")] for name, words in ranges.items()}
     try:
@@ -141,12 +141,12 @@ def _range(name: str, text: str) -> dict[str, float]:
 
 
 def _again(out: Path, row: int, picture: Path | None, mission: Path | None, console: Console) -> None:
-    from swarm_ctl.study.again import fly_again, write_mission
+    from swarm_ctl.study.rerun import fly_again, write_mission
 
     flown = fly_again(out, row)
     console.print(flown.table())
     if picture is not None:
-        from swarm_ctl.study.pictures import draw_mission
+        from swarm_ctl.study.mission_figures import draw_mission
 
         draw_mission(flown, picture)
         console.print(f"picture: {picture}", soft_wrap=True)

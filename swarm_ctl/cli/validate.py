@@ -12,10 +12,12 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from swarm_ctl.core import graph
-from swarm_ctl.core.formation import closest_pair
-from swarm_ctl.core.homing import return_height_m
-from swarm_ctl.core.plan import (
+from swarm_ctl.core.agent.progress import step_name
+from swarm_ctl.core.agent.return_to_launch import return_height_m
+from swarm_ctl.core.law import graph
+from swarm_ctl.core.law.formation import closest_pair
+from swarm_ctl.core.law.stop_point import stop_distance
+from swarm_ctl.core.model.plan import (
     FormStep,
     MoveStep,
     Plan,
@@ -26,12 +28,10 @@ from swarm_ctl.core.plan import (
     Step,
     TakeoffStep,
 )
-from swarm_ctl.core.progress import step_name
-from swarm_ctl.core.response import stop_distance
-from swarm_ctl.core.safety import Margins
-from swarm_ctl.mission.loader import LoadedMission, load
-from swarm_ctl.mission.rehearsal import StepForecast, forecast
-from swarm_ctl.mission.simulation import Simulation
+from swarm_ctl.core.safety.constraints import Margins
+from swarm_ctl.mission.compile.forecast import StepForecast, forecast
+from swarm_ctl.mission.compile.loader import LoadedMission, load
+from swarm_ctl.mission.input.simulation_section import Simulation
 
 
 def validate(
@@ -44,7 +44,7 @@ def validate(
     console = Console(highlight=False)
     show(loaded, forecast(loaded.plan), console)
     if plot is not None:
-        from swarm_ctl.cli import plot as picture
+        from swarm_ctl.report.page import mission_plot as picture
 
         picture.plot(loaded.plan, plot)
         console.print(f"picture  {plot}", soft_wrap=True)

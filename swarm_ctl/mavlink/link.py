@@ -11,11 +11,11 @@ from collections.abc import Callable
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from swarm_ctl.core.vehicle import Goal, LinkCounters, VehicleView, Yield
+from swarm_ctl.core.model.vehicle import Goal, LinkCounters, VehicleView, YieldGoal
 from swarm_ctl.errors import LinkError
 from swarm_ctl.mavlink.autopilots import autopilot as autopilot_of
 from swarm_ctl.mavlink.framer import Frame, Framer
-from swarm_ctl.mavlink.messages import FOLDS_BY_ID, Heard, fold
+from swarm_ctl.mavlink.incoming import FOLDS_BY_ID, Heard, fold
 from swarm_ctl.mavlink.outgoing import (
     AUTOPILOT_COMPONENT,
     SOURCE_COMPONENT,
@@ -117,7 +117,7 @@ class VehicleLink:
     def _may_ask(self, goal: Goal) -> bool:
         """Like the driver: nothing but heartbeats to a vehicle that is not heard, not ours, or flown by a pilot."""
         known = math.isfinite(self._heard.heartbeat_s) and not self._autopilot.fault(self._heard)
-        return known and not isinstance(goal, Yield)
+        return known and not isinstance(goal, YieldGoal)
 
     @property
     def counters(self) -> LinkCounters:

@@ -10,7 +10,16 @@ import re
 from dataclasses import dataclass
 from typing import Final, Generic, TypeVar
 
-from swarm_ctl.core.state import Ack, AgentState, AgentStatus, ClockNews, Command, Event, SigmaReport, StationBeacon
+from swarm_ctl.core.model.messages import (
+    Ack,
+    AgentState,
+    AgentStatus,
+    ClockNews,
+    Command,
+    Event,
+    SigmaReport,
+    StationBeacon,
+)
 from swarm_ctl.errors import InputError
 
 P = TypeVar("P")

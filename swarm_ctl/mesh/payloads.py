@@ -13,15 +13,15 @@ from typing import Any, Final, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
-from swarm_ctl.core.state import (
+from swarm_ctl.core.model.messages import (
     Ack,
     AgentState,
     AgentStatus,
     ClockEcho,
     ClockNews,
     Command,
-    Deal,
     Event,
+    ExchangeState,
     Frame,
     Phase,
     SigmaReport,
@@ -42,7 +42,7 @@ _CLOCK: Final = struct.Struct("<BHd?")
 _ECHO: Final = struct.Struct("<Hdd")
 """agent, told_s, held_s"""
 _NO_FRAME: Final = Frame((0.0, 0.0), scale=0.0)
-_deal = lru_cache(1024)(Deal)
+_deal = lru_cache(1024)(ExchangeState)
 """Most states repeat the one before, and whoever compares them sees the same object."""
 
 

@@ -20,7 +20,7 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import MCAP0_MAGIC, Writer
 from pydantic import ValidationError
 
-from swarm_ctl.core.state import Payload
+from swarm_ctl.core.model.messages import Payload
 from swarm_ctl.errors import InputError
 from swarm_ctl.recording.mcap_writer import NANO
 from swarm_ctl.recording.topics import ADAPTERS, TOPICS
@@ -42,7 +42,7 @@ class Recorded:
 
 
 def read(run: Path) -> Iterator[tuple[float, Payload]]:
-    """(time, payload) of all that the station heard and sent, in its order: fold it into a `station.model.Model`.
+    """(time, payload) of all that the station heard and sent, in its order: fold it into a `station.picture.model.Model`.
 
     `run` is a run folder or an MCAP file, whole or not. InputError where there is no recording.
     """

@@ -13,7 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
-from swarm_ctl.core.state import AgentState, Payload
+from swarm_ctl.core.model.messages import AgentState, Payload
 from swarm_ctl.recording.mcap_reader import RECORDING
 from swarm_ctl.recording.mcap_writer import McapWriter
 from swarm_ctl.recording.topics import ADAPTERS, BY_NAME, BY_PAYLOAD, Setpoint, Topic

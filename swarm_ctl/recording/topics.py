@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from pydantic import TypeAdapter
 
-from swarm_ctl.core.state import Ack, AgentState, AgentStatus, Command, Event, SigmaReport, StationBeacon
+from swarm_ctl.core.model.messages import Ack, AgentState, AgentStatus, Command, Event, SigmaReport, StationBeacon
 from swarm_ctl.errors import InputError
 
 

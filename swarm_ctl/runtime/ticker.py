@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from swarm_ctl.core.histogram import Histogram
-from swarm_ctl.core.state import TickReport
+from swarm_ctl.core.model.histogram import Histogram
+from swarm_ctl.core.model.messages import TickReport
 from swarm_ctl.runtime.clock import Clock
 
 _MS = 1000.0

@@ -17,16 +17,16 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from swarm_ctl.core.law import NARROW
-from swarm_ctl.core.plan import LawParameters
-from swarm_ctl.core.swarm_law import Near
-from swarm_ctl.study.again import Flown, Trace, fly_again
-from swarm_ctl.study.batch import Batch, Floats, draw, unit_shape
-from swarm_ctl.study.flight import fly
+from swarm_ctl.core.law.formation_law import NARROW
+from swarm_ctl.core.law.swarm_law import Near
+from swarm_ctl.core.model.plan import LawParameters
+from swarm_ctl.study.batch.batch import Batch, Floats, draw, unit_shape
+from swarm_ctl.study.batch.batch_flight import fly
+from swarm_ctl.study.executor import carry_out
+from swarm_ctl.study.parameter_space import Cell, Study, value
+from swarm_ctl.study.rerun import Flown, Trace, fly_again
 from swarm_ctl.study.rows import Row, read_rows
-from swarm_ctl.study.space import Cell, Study, value
-from swarm_ctl.study.table import share
-from swarm_ctl.study.work import carry_out
+from swarm_ctl.study.rows_table import share
 
 SIX: Final = LawParameters(r=4.5, r_out=1.5, r_in=0.5)
 THIRTY_TWO: Final = LawParameters(r=10.5, r_out=0.5, r_in=0.1)
@@ -126,7 +126,7 @@ def _with_step(cell: Cell, part: float) -> Cell:
 
 
 def _figures(folder: Path, part: float, limit: int, console: Console) -> None:
-    from swarm_ctl.study.pictures import statuses_seen
+    from swarm_ctl.study.mission_figures import statuses_seen
 
     folder.mkdir(exist_ok=True)
     for batch, first in ((hexagon(part, limit), 7), (thirty_two(part, limit), 13)):
@@ -145,21 +145,21 @@ def _figures(folder: Path, part: float, limit: int, console: Console) -> None:
 
 def _pictures(batch: Batch, trace: Trace, first: int) -> Sequence[tuple[str, Callable[[Path, str, str], None]]]:
     """(title, how to draw it) of the figures from number `first` on."""
-    from swarm_ctl.study import pictures
+    from swarm_ctl.study import mission_figures
 
     iterations = np.array(trace.time_s) * _KAPPA
     # the paper shows agents 2, 3 and 4 of the six, and does not say whom of the 32
     shown = (1, 2, 3) if first == 7 and {1, 2, 3} & {i for _, i, *_ in trace.pairs} else _busiest(trace)
-    start = ("start, links within $r$, circles of $r_\\mathrm{out}$", partial(pictures.start_picture, batch))
+    start = ("start, links within $r$, circles of $r_\\mathrm{out}$", partial(mission_figures.start_picture, batch))
     return [start] * (first == 7) + [
-        (f"trajectories and formation, n = {batch.cell.n}", partial(pictures.track_picture, batch, trace)),
-        ("minimum inter-agent distances", partial(pictures.distance_picture, batch, trace, iterations)),
+        (f"trajectories and formation, n = {batch.cell.n}", partial(mission_figures.track_picture, batch, trace)),
+        ("minimum inter-agent distances", partial(mission_figures.distance_picture, batch, trace, iterations)),
         (
             f"$\\sigma_{{ij}}$, $i$ = {', '.join(str(i + 1) for i in shown)}",
-            partial(pictures.sigma_picture, trace, 1 / _KAPPA, shown),
+            partial(mission_figures.sigma_picture, trace, 1 / _KAPPA, shown),
         ),
-        ("convergence in x", partial(pictures.error_picture, batch, trace, iterations, 0)),
-        ("convergence in y", partial(pictures.error_picture, batch, trace, iterations, 1)),
+        ("convergence in x", partial(mission_figures.error_picture, batch, trace, iterations, 0)),
+        ("convergence in y", partial(mission_figures.error_picture, batch, trace, iterations, 1)),
     ]
 
 
@@ -242,12 +242,12 @@ def sigma_claim(found: dict[str, Study], folder: Path) -> Table:
     """Is sigma small when the distance is small? Over all near pairs of 200 missions per experiment."""
     from scipy.stats import spearmanr
 
-    from swarm_ctl.study.pictures import sigma_against_distance
+    from swarm_ctl.study.mission_figures import sigma_against_distance
 
     table = Table(title="Claim: sigma is small when the distance is small (discrete form, 200 missions each)")
     for name in ("experiment", "pair-steps", "rank correlation", "median sigma, inner | middle | outer third", "holds"):
         table.add_column(name)
-    pictures, radii = [], []
+    mission_figures, radii = [], []
     for name, study in found.items():
         if not name.endswith("discrete"):
             continue
@@ -265,9 +265,9 @@ def sigma_claim(found: dict[str, Study], folder: Path) -> Table:
         label = f"n = {cell.n}, {cell.start} starts"
         texts = " | ".join("-" if np.isnan(m) else f"{m:.3g}" for m in medians)
         table.add_row(label, str(len(points)), f"{rank:+.2f}", texts, "yes" if rises else "no")
-        pictures.append((label, points))
+        mission_figures.append((label, points))
         radii.append((law.r_in, law.r_out))
-    sigma_against_distance(pictures, radii, folder, "sigma-against-distance")
+    sigma_against_distance(mission_figures, radii, folder, "sigma-against-distance")
     return table
 
 
@@ -322,7 +322,7 @@ def _by_size(rows: list[Row], claim: Claim) -> Iterator[Row]:
 
 
 def _case(flown: Flown, folder: Path, name: str) -> tuple[str, ...]:
-    from swarm_ctl.study.pictures import draw_mission
+    from swarm_ctl.study.mission_figures import draw_mission
 
     row = flown.row
     draw_mission(flown, folder / f"{name}.png")

@@ -15,11 +15,11 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 from pydantic import ValidationError
 
-from swarm_ctl.core.law import STATUSES
+from swarm_ctl.core.law.formation_law import STATUSES
 from swarm_ctl.errors import InputError
-from swarm_ctl.study.batch import Batch, blocks
-from swarm_ctl.study.flight import Outcome
-from swarm_ctl.study.space import LISTS, RANGES, Study
+from swarm_ctl.study.batch.batch import Batch, blocks
+from swarm_ctl.study.batch.batch_flight import Outcome
+from swarm_ctl.study.parameter_space import LISTS, RANGES, Study
 
 Row: TypeAlias = dict[str, Any]
 

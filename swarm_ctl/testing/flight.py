@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
-from swarm_ctl.core.plan import Plan
-from swarm_ctl.core.progress import step_name
-from swarm_ctl.core.state import Ack, Event
-from swarm_ctl.mission.loader import LoadedMission, dumps, load, loads
-from swarm_ctl.mission.schema import MissionFile
-from swarm_ctl.report.summary import Summary
-from swarm_ctl.report.truth import Truth
+from swarm_ctl.core.agent.progress import step_name
+from swarm_ctl.core.model.messages import Ack, Event
+from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.mission.compile.loader import LoadedMission, dumps, load, loads
+from swarm_ctl.mission.input.schema import MissionFile
+from swarm_ctl.report.folder.truth import Truth
+from swarm_ctl.report.judge.summary import Summary
 
 Mission: TypeAlias = "str | Path | MissionFile | LoadedMission"
 """A file, its text (more than one line), or what is built in Python."""

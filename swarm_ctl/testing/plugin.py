@@ -30,7 +30,7 @@ def swarm(tmp_path: Path) -> Iterator[Fly]:
 
             flight: Flight = VirtualFlight(loaded(mission), seed)
         else:
-            from swarm_ctl.testing.real_flight import RealFlight
+            from swarm_ctl.testing.process_flight import RealFlight
 
             flight = RealFlight(loaded(mission), tmp_path / f"flight-{len(flights) + 1}", speedup, seed)
         flights.append(flight)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from swarm_ctl.core.state import Command
-from swarm_ctl.mission import commands
-from swarm_ctl.mission.lengths import in_units
-from swarm_ctl.mission.loader import LoadedMission
+from swarm_ctl.commands import build
+from swarm_ctl.core.model.messages import Command
+from swarm_ctl.mission.compile.loader import LoadedMission
+from swarm_ctl.mission.input.units import in_units
 from swarm_ctl.testing.flight import Answer, Flight, Flown
-from swarm_ctl.testing.virtual import VirtualSwarm
+from swarm_ctl.testing.virtual_swarm import VirtualSwarm
 
 _ANSWER_S = 1.0
 
@@ -49,12 +49,12 @@ class VirtualFlight(Flight):
 
     def form(self, shape: str) -> Answer:
         """As `Flight.form`."""
-        step = commands.form_step(self._shapes, self.plan, shape, self.swarm.positions(), "this mission")
+        step = build.form_step(self._shapes, self.plan, shape, self.swarm.positions(), "this mission")
         return self._send(Command(self._name(), "form", (), self.swarm.now, step, self.plan.hash()))
 
     def move(self, north_m: float, east_m: float, speed_mps: float | None = None) -> Answer:
         """As `Flight.move`."""
-        step = commands.move(self.plan, (north_m, east_m), speed_mps)
+        step = build.move(self.plan, (north_m, east_m), speed_mps)
         return self._send(Command(self._name(), "move", (), self.swarm.now, step, self.plan.hash()))
 
     def _name(self) -> str:

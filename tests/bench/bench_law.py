@@ -1,8 +1,8 @@
 """What one law iteration costs: `python -m tests.bench.bench_law` (agent-steps a second on one core, law only).
 
-Three ways over the same random missions: `core.swarm_law` in numpy, a per-pair loop compiled by numba (not a
+Three ways over the same random missions: `core.law.swarm_law` in numpy, a per-pair loop compiled by numba (not a
 dependency: `pip install numba`), and the same loop in plain Python (on a few missions). And a single agent's call of
-`core.law.evaluate`, in microseconds. Processor time, best of many; results of all ways are checked against each other.
+`core.law.formation_law.evaluate`, in microseconds. Processor time, best of many; results of all ways are checked against each other.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from swarm_ctl.core.law import evaluate
-from swarm_ctl.core.plan import LawParameters
-from swarm_ctl.core.swarm_law import SwarmLaw
+from swarm_ctl.core.law.formation_law import evaluate
+from swarm_ctl.core.law.swarm_law import SwarmLaw
+from swarm_ctl.core.model.plan import LawParameters
 
 CASES = (
     (6, 10.0, LawParameters(r=4.5, r_out=1.5, r_in=0.5, h=0.05)),

@@ -11,7 +11,7 @@ import time
 
 from pymavlink.dialects.v20 import common
 
-from swarm_ctl.core.vehicle import Fly, Standby
+from swarm_ctl.core.model.vehicle import FlyGoal, StandbyGoal
 from swarm_ctl.mavlink import VehicleLink, memory_wires
 from tests.unit.mavlink import wire
 
@@ -40,7 +40,7 @@ def main() -> None:
     parts: dict[str, list[float]] = {"receive": [], "view": [], "pursue": [], "all": []}
     vehicle.say(wire.heartbeat(custom_mode=4, armed=True))
     link.receive(0.0)
-    link.pursue(Standby(), 0.0)
+    link.pursue(StandbyGoal(), 0.0)
     count = 0
     for tick in range(1, TICKS):
         now = tick * TICK_S
@@ -52,7 +52,7 @@ def main() -> None:
         marks.append(time.perf_counter())
         link.view()
         marks.append(time.perf_counter())
-        link.pursue(Fly((1.0, 0.5, 0.0)), now)
+        link.pursue(FlyGoal((1.0, 0.5, 0.0)), now)
         marks.append(time.perf_counter())
         for name, start, end in zip(("receive", "view", "pursue"), marks, marks[1:], strict=False):
             parts[name].append((end - start) * 1e6)

@@ -22,15 +22,15 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from swarm_ctl.core.agent import Agent
-from swarm_ctl.core.halfplanes import relaxed_many
-from swarm_ctl.core.keeper import Keeper
-from swarm_ctl.mission.loader import load
-from swarm_ctl.study.batch import Batch, Floats, blocks, draw
-from swarm_ctl.study.flight import fly
-from swarm_ctl.study.motion import motion_of
-from swarm_ctl.study.space import Study, value
-from swarm_ctl.testing.virtual import VirtualSwarm
+from swarm_ctl.core.agent.agent import Agent
+from swarm_ctl.core.safety.safety_filter import SafetyFilter
+from swarm_ctl.core.safety.velocity_qp import relaxed_many
+from swarm_ctl.mission.compile.loader import load
+from swarm_ctl.study.batch.batch import Batch, Floats, blocks, draw
+from swarm_ctl.study.batch.batch_flight import fly
+from swarm_ctl.study.batch.motion import motion_of
+from swarm_ctl.study.parameter_space import Study, value
+from swarm_ctl.testing.virtual_swarm import VirtualSwarm
 
 MISSION = Path(__file__).parents[2] / "missions" / "thirtytwo.yaml"
 LIMIT_S, TOLERANCE, HORIZON_S = 120.0, 0.1, 4.0
@@ -55,7 +55,7 @@ class Timed:
 
 def cost(console: Console) -> None:
     """The filter's share of an agent's tick at 32 agents."""
-    parts = [Timed(Keeper, "keep"), Timed(Keeper, "turned")]
+    parts = [Timed(SafetyFilter, "keep"), Timed(SafetyFilter, "turned")]
     step = Timed(Agent, "step")
     swarm = VirtualSwarm(load(MISSION), 1)
     while not all(m.status and m.status.step == 2 for m in swarm.members.values()):

@@ -25,12 +25,12 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from rich.console import Console
 from rich.table import Table
 
-from sim.endpoint import Codec
 from sim.firmware.message import Message
-from sim.group import Group
-from sim.hub import Hub
-from sim.response import Ardupilot
-from sim.world import STEP_S
+from sim.network.endpoint import Codec
+from sim.network.hub import Hub
+from sim.physics.response import Ardupilot
+from sim.world.vehicle_group import Group
+from sim.world.world import STEP_S
 from tests.unit.sim.harness import config
 
 SIZES = (1, 6, 32, 100, 500)

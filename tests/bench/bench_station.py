@@ -25,14 +25,14 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-from swarm_ctl.core.plan import Plan
-from swarm_ctl.core.state import SigmaReport
+from swarm_ctl.core.model.messages import SigmaReport
+from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
-from swarm_ctl.mission.fleet import FleetAgent
-from swarm_ctl.report.manifest import Manifest, fingerprint, write_manifest
-from swarm_ctl.runtime.ports import free_ports
+from swarm_ctl.mission.compile.fleet import FleetAgent
+from swarm_ctl.report.folder.manifest import Manifest, fingerprint, write_manifest
+from swarm_ctl.runtime.launch.ports import free_ports
 from tests.unit.station.swarm import hexagon_plan, report_of, state_of, status_of
 
 _TICKS_PER_S = os.sysconf("SC_CLK_TCK")
@@ -173,7 +173,15 @@ def _station(folder: Path, show: str, size: str) -> tuple[int, int, int]:
         os.dup2(os.open(folder / "station.log", os.O_WRONLY | os.O_CREAT), 2)
         os.environ["TERM"] = "xterm-256color"
         os.environ["COLORTERM"] = "truecolor"
-        command = [sys.executable, "-m", "swarm_ctl.runtime.station_process", "--run", str(folder), "--show", show]
+        command = [
+            sys.executable,
+            "-m",
+            "swarm_ctl.runtime.station.station_process",
+            "--run",
+            str(folder),
+            "--show",
+            show,
+        ]
         os.execv(sys.executable, [*command, "--words-fd", str(words)])  # noqa: S606 - ourselves
     os.close(read)
     os.close(words)

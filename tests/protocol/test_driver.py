@@ -21,8 +21,17 @@ import pytest
 from pymavlink.dialects.v20 import common
 
 from sim.config import SimConfig
-from sim.hub import Hub
-from swarm_ctl.core.vehicle import Airborne, Fly, Goal, Land, Release, Standby, VehicleView, Yield
+from sim.network.hub import Hub
+from swarm_ctl.core.model.vehicle import (
+    AirborneGoal,
+    FlyGoal,
+    Goal,
+    LandGoal,
+    ReleaseGoal,
+    StandbyGoal,
+    VehicleView,
+    YieldGoal,
+)
 from swarm_ctl.mavlink import VehicleLink
 from swarm_ctl.mavlink.wires import MemoryWire, memory_wires
 
@@ -87,12 +96,12 @@ class Flight:
         return view
 
     def airborne(self) -> None:
-        self.until(lambda view: view.healthy, Standby())
-        self.until(lambda view: height(view) > 2.5, Airborne(3.0))
+        self.until(lambda view: view.healthy, StandbyGoal())
+        self.until(lambda view: height(view) > 2.5, AirborneGoal(3.0))
 
     def flying(self, persona: str) -> None:
         self.airborne()
-        self.until(lambda view: view.mode == CONTROLLED[persona] and speed(view) > 1.8, Fly((2.0, 0.0, 0.0)))
+        self.until(lambda view: view.mode == CONTROLLED[persona] and speed(view) > 1.8, FlyGoal((2.0, 0.0, 0.0)))
 
     def close(self) -> None:
         self.link.close()
@@ -168,9 +177,9 @@ def down(view: VehicleView) -> bool:
 def test_the_whole_way_up_and_down_again(persona: str, tmp_path: Path) -> None:
     with real_flight(tmp_path, persona) as fly:
         fly.flying(persona)
-        view = fly.until(down, Land())
+        view = fly.until(down, LandGoal())
         assert not view.released
-        fly.until(lambda view: view.released, Release())
+        fly.until(lambda view: view.released, ReleaseGoal())
         own = {name: fly.link._autopilot.parameters.originals[name] for name in DEFAULTS[persona]}
         assert own == DEFAULTS[persona]
         counters = fly.link.counters
@@ -182,23 +191,23 @@ def test_the_whole_way_up_and_down_again(persona: str, tmp_path: Path) -> None:
 def test_a_slow_start_is_waited_out() -> None:
     """A real ArduCopter's cold start: ready after 42 s, no local position before although its stream was accepted."""
     with flight("ardupilot", ready_after_s=42.0) as fly:
-        view = fly.until(lambda view: math.isfinite(view.heartbeat_s), Standby())
+        view = fly.until(lambda view: math.isfinite(view.heartbeat_s), StandbyGoal())
         assert not view.healthy
-        view = fly.until(lambda view: view.healthy, Standby())
+        view = fly.until(lambda view: view.healthy, StandbyGoal())
         assert fly.link._heard.boot_s >= 42.0
         assert view.local is not None
         assert view.origin is not None
-        fly.until(lambda view: view.armed and not view.on_ground, Airborne(3.0))
+        fly.until(lambda view: view.armed and not view.on_ground, AirborneGoal(3.0))
 
 
 def test_a_stream_that_another_ground_station_slows_is_taken_back() -> None:
     with flight("ardupilot") as fly:
-        fly.until(lambda view: view.healthy, Standby())
+        fly.until(lambda view: view.healthy, StandbyGoal())
         message = common.MAVLink_request_data_stream_message(SYSID, 1, common.MAV_DATA_STREAM_ALL, 4, 1)
         fly.link._send(message, fly.now())
         gaps = Gaps(fly)
         fly.until(lambda view: gaps.newest() == pytest.approx(0.25, abs=0.02), None)
-        fly.until(lambda view: gaps.newest() == pytest.approx(0.05, abs=0.02), Standby())
+        fly.until(lambda view: gaps.newest() == pytest.approx(0.05, abs=0.02), StandbyGoal())
 
 
 class Gaps:
@@ -218,9 +227,9 @@ class Gaps:
 def test_an_ardupilot_without_setpoints_stops_in_guided_and_goes_on() -> None:
     with flight("ardupilot") as fly:
         fly.flying("ardupilot")
-        view = fly.until(lambda view: speed(view) < 0.1, Yield())  # heartbeats go on
+        view = fly.until(lambda view: speed(view) < 0.1, YieldGoal())  # heartbeats go on
         assert (view.mode, view.armed) == ("GUIDED", True)
-        fly.until(lambda view: speed(view) > 1.8, Fly((2.0, 0.0, 0.0)))
+        fly.until(lambda view: speed(view) > 1.8, FlyGoal((2.0, 0.0, 0.0)))
 
 
 @both
@@ -238,22 +247,22 @@ def test_a_mode_changed_by_somebody_else_is_not_fought(persona: str) -> None:
         pilots = {"ardupilot": "LOITER", "px4": "AUTO.LOITER"}[persona]
         message = fly.link._autopilot.set_mode(pilots)
         fly.link._send(message, fly.now())
-        fly.until(lambda view: not view.controlled, Fly((0.0, 0.0, 0.0)))
+        fly.until(lambda view: not view.controlled, FlyGoal((0.0, 0.0, 0.0)))
         setpoints, end = fly.link.counters.setpoints, fly.now() + 10.0
-        assert fly.until(lambda view: view.controlled or fly.now() > end, Fly((0.0, 0.0, 0.0))).mode == pilots
+        assert fly.until(lambda view: view.controlled or fly.now() > end, FlyGoal((0.0, 0.0, 0.0))).mode == pilots
         assert fly.link.counters.setpoints == setpoints
         end = fly.now() + 5.0
-        assert fly.until(lambda view: view.controlled or fly.now() > end, Yield()).mode == pilots
+        assert fly.until(lambda view: view.controlled or fly.now() > end, YieldGoal()).mode == pilots
 
 
 @both
 def test_another_firmware_than_the_fleet_says_is_a_fault(persona: str) -> None:
     other = {"ardupilot": "px4", "px4": "ardupilot"}[persona]
     with flight(persona, autopilot=other) as fly:
-        view = fly.until(lambda view: view.fault != "", Standby())
+        view = fly.until(lambda view: view.fault != "", StandbyGoal())
         assert f"allowed here: {other}" in view.fault
         end = fly.now() + 5.0
-        assert not fly.until(lambda view: view.armed or fly.now() > end, Airborne(5.0)).armed
+        assert not fly.until(lambda view: view.armed or fly.now() > end, AirborneGoal(5.0)).armed
 
 
 def test_a_vehicle_that_vanishes_is_told_by_its_heartbeats_age(tmp_path: Path) -> None:
@@ -261,6 +270,6 @@ def test_a_vehicle_that_vanishes_is_told_by_its_heartbeats_age(tmp_path: Path) -
         fly.airborne()
         fly.simulator.kill()
         fly.simulator.wait()
-        view = fly.until(lambda view: fly.now() - view.heartbeat_s > 5.0, Fly((1.0, 0.0, 0.0)))
+        view = fly.until(lambda view: fly.now() - view.heartbeat_s > 5.0, FlyGoal((1.0, 0.0, 0.0)))
         assert view.health_reason == "heartbeat lost"
         assert fly.link.counters.errors > 0

@@ -10,11 +10,11 @@ import functools
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
-from swarm_ctl.core.plan import Policy
-from swarm_ctl.core.state import AgentState
+from swarm_ctl.core.model.messages import AgentState
+from swarm_ctl.core.model.plan import Policy
 from swarm_ctl.mesh.impaired import ImpairedTransport, Impairment
 from swarm_ctl.mesh.transport import Transport
-from swarm_ctl.mission.loader import LoadedMission, loads
+from swarm_ctl.mission.compile.loader import LoadedMission, loads
 from tests.scenarios.swarm import VirtualSwarm
 
 IDS = (1, 2, 3, 4)

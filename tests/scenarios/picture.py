@@ -16,9 +16,9 @@ from rich.console import Console
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.memory_transport import MemoryTransport
 from swarm_ctl.mesh.node import Node
-from swarm_ctl.mission.loader import load
-from swarm_ctl.station.live import render
-from swarm_ctl.station.model import Model
+from swarm_ctl.mission.compile.loader import load
+from swarm_ctl.station.output.live import render
+from swarm_ctl.station.picture.model import Model
 from tests.scenarios.swarm import VirtualSwarm
 
 WIDTH, HEIGHT = 100, 22

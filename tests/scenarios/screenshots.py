@@ -15,10 +15,10 @@ from typing import Any, Final
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.memory_transport import MemoryTransport
 from swarm_ctl.mesh.node import Node
-from swarm_ctl.mission.loader import load
+from swarm_ctl.mission.compile.loader import load
 from swarm_ctl.station.dashboard.app import DARK, LIGHT, Dashboard
-from swarm_ctl.station.model import Model
-from swarm_ctl.station.view import SwarmView
+from swarm_ctl.station.picture.model import Model
+from swarm_ctl.station.picture.view import SwarmView
 from tests.scenarios.swarm import VirtualSwarm
 
 SIZE: Final = (132, 36)

@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from swarm_ctl.testing.virtual import Member, VirtualSwarm
+from swarm_ctl.testing.virtual_swarm import Member, VirtualSwarm
 
 __all__ = ["Member", "VirtualSwarm"]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from swarm_ctl.core.freshness import FRESH_S
-from swarm_ctl.core.peer import Peer
+from swarm_ctl.core.model.timeouts import FRESH_S
+from swarm_ctl.core.swarm.peer import Peer
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.impaired import Impairment
 from swarm_ctl.mesh.transport import Inlet, Transport

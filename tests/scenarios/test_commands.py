@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from swarm_ctl.core.plan import FormStep, MoveStep
-from swarm_ctl.core.state import Phase
+from swarm_ctl.core.model.messages import Phase
+from swarm_ctl.core.model.plan import FormStep, MoveStep
 from tests.scenarios.swarm import VirtualSwarm
 from tests.scenarios.test_steps import FORM, THIRD, assert_good, quartet, shape_error_m
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from swarm_ctl.core.plan import FormStep
-from swarm_ctl.mission.loader import LoadedMission, loads
+from swarm_ctl.core.model.plan import FormStep
+from swarm_ctl.mission.compile.loader import LoadedMission, loads
 from tests.scenarios.swarm import VirtualSwarm
 from tests.scenarios.test_steps import TEXT, assert_good, fly, shape_error_m
 

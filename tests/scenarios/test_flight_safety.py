@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from swarm_ctl.core.plan import Policy
-from swarm_ctl.core.state import Phase
-from swarm_ctl.mission.loader import LoadedMission
+from swarm_ctl.core.model.messages import Phase
+from swarm_ctl.core.model.plan import Policy
+from swarm_ctl.mission.compile.loader import LoadedMission
 from tests.scenarios.swarm import VirtualSwarm
 from tests.scenarios.test_steps import THIRD, quartet
 

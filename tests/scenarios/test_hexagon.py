@@ -1,4 +1,4 @@
-"""The hexagon on the virtual clock, nominal and broken in every way that `core/watch.py` knows."""
+"""The hexagon on the virtual clock, nominal and broken in every way that `core/agent/failsafes.py` knows."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from swarm_ctl.core.agent import Agent
-from swarm_ctl.core.plan import Policies, Policy
-from swarm_ctl.core.state import Phase
-from swarm_ctl.mission.loader import LoadedMission, load
+from swarm_ctl.core.agent.agent import Agent
+from swarm_ctl.core.model.messages import Phase
+from swarm_ctl.core.model.plan import Policies, Policy
+from swarm_ctl.mission.compile.loader import LoadedMission, load
 from tests.scenarios.swarm import VirtualSwarm
 
 MISSIONS = Path(__file__).parents[2] / "missions"

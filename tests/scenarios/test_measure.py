@@ -10,15 +10,15 @@ import pytest
 from pymavlink.dialects.v20 import common
 
 from sim.config import SimConfig
-from sim.hub import Hub
-from sim.response import Ardupilot
-from sim.vehicle import Response as Motion
-from sim.world import STEP_S
-from swarm_ctl.core.fence import outside
-from swarm_ctl.core.identify import Fit, fit
-from swarm_ctl.core.plan import Fence, Geodetic
-from swarm_ctl.core.response import TYPICAL
-from swarm_ctl.core.stepflight import StepFlight, Steps
+from sim.network.hub import Hub
+from sim.physics.response import Ardupilot
+from sim.physics.vehicle import Response as Motion
+from sim.world.world import STEP_S
+from swarm_ctl.core.identification.fit import Fit, fit
+from swarm_ctl.core.identification.step_flight import StepFlight, Steps
+from swarm_ctl.core.law.stop_point import TYPICAL
+from swarm_ctl.core.model.plan import Fence, Geodetic
+from swarm_ctl.core.safety.fence import outside
 from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.mavlink.wires import memory_wires
 

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from swarm_ctl.core import graph
-from swarm_ctl.mission.loader import LoadedMission, dumps, load, loads
-from swarm_ctl.mission.rehearsal import forecast
-from swarm_ctl.mission.schema import json_schema
-from swarm_ctl.testing.virtual import VirtualSwarm
+from swarm_ctl.core.law import graph
+from swarm_ctl.mission.compile.forecast import forecast
+from swarm_ctl.mission.compile.loader import LoadedMission, dumps, load, loads
+from swarm_ctl.mission.input.schema import json_schema
+from swarm_ctl.testing.virtual_swarm import VirtualSwarm
 
 FOLDER = Path(__file__).parents[2] / "missions"
 MISSIONS = sorted(path.name for path in FOLDER.glob("*.yaml"))

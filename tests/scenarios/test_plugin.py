@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from swarm_ctl.testing.plugin import Fly
-from swarm_ctl.testing.real_flight import RealFlight
+from swarm_ctl.testing.process_flight import RealFlight
 from tests.scenarios.test_steps import TEXT
 
 PAIR = TEXT + "  - hold: {duration_s: 20}\n  - land\n"

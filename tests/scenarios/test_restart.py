@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from swarm_ctl.core.plan import Plan
-from swarm_ctl.core.state import Phase
-from swarm_ctl.core.takeover import LEARN_S
-from swarm_ctl.mission.loader import LoadedMission
+from swarm_ctl.core.agent.takeover import LEARN_S
+from swarm_ctl.core.model.messages import Phase
+from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.mission.compile.loader import LoadedMission
 from tests.scenarios.swarm import VirtualSwarm
 from tests.scenarios.test_steps import FORM, TAKEOFF, THIRD, assert_good, quartet, shape_error_m
 

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from swarm_ctl.core.formation import formation_error
-from swarm_ctl.core.plan import Policy
-from swarm_ctl.core.reference import slots_after
-from swarm_ctl.core.state import Phase
-from swarm_ctl.mission.loader import LoadedMission, loads
+from swarm_ctl.core.control.reference import slots_after
+from swarm_ctl.core.law.formation import formation_error
+from swarm_ctl.core.model.messages import Phase
+from swarm_ctl.core.model.plan import Policy
+from swarm_ctl.mission.compile.loader import LoadedMission, loads
 from tests.scenarios.swarm import VirtualSwarm
 
 TEXT = """\

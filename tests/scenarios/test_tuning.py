@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from swarm_ctl.core.state import Command, Gains, Tuning
-from swarm_ctl.core.tuning import LEAD_S, planned
+from swarm_ctl.core.model.messages import Command, Gains, Tuning
+from swarm_ctl.core.swarm.gain_update import LEAD_S, planned
 from swarm_ctl.mesh import keys
-from swarm_ctl.runtime.commander import Commander
+from swarm_ctl.runtime.station.commander import Commander
 from tests.scenarios.swarm import VirtualSwarm
 from tests.scenarios.test_steps import FORM, assert_good, quartet
 

@@ -13,8 +13,8 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Self
 
-from swarm_ctl.mission.loader import load
-from swarm_ctl.runtime.simulated import place, vehicle_config
+from swarm_ctl.mission.compile.loader import load
+from swarm_ctl.runtime.launch.sim_config import place, vehicle_config
 from tests.system.namespaces import Network
 from tests.system.relay import Air
 from tests.system.running import SWARM_CTL

@@ -14,13 +14,13 @@ from pathlib import Path
 import pytest
 
 from swarm_ctl.cli.station import station
-from swarm_ctl.core.frames import geodetic_from_ned
+from swarm_ctl.core.model.frames import geodetic_from_ned
 from swarm_ctl.errors import InputError
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
-from swarm_ctl.mission.loader import LoadedMission, load
-from swarm_ctl.report.truth import load_truth
+from swarm_ctl.mission.compile.loader import LoadedMission, load
+from swarm_ctl.report.folder.truth import load_truth
 from tests.system.running import SWARM_CTL
 
 pytestmark = pytest.mark.timeout(120)

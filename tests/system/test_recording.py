@@ -11,7 +11,7 @@ from mcap.reader import make_reader
 from pymavlink import mavutil
 
 from swarm_ctl import recording
-from swarm_ctl.core.state import AgentState, AgentStatus
+from swarm_ctl.core.model.messages import AgentState, AgentStatus
 from swarm_ctl.recording.mcap_reader import is_whole, messages, truth
 from tests.system.conftest import Whole
 from tests.system.running import LOW, Running

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from swarm_ctl.report.truth import load_truth
+from swarm_ctl.report.folder.truth import load_truth
 from tests.system.namespaces import why_not
 from tests.system.relay import Air
 from tests.system.split import Split

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from swarm_ctl.mesh.keys import NEWEST
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
-from swarm_ctl.runtime.ports import free_ports
+from swarm_ctl.runtime.launch.ports import free_ports
 
 
 def lingering(port: int) -> dict[tuple[int, int], bool]:

@@ -14,7 +14,17 @@ from typing import ClassVar
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from swarm_ctl.core.vehicle import Airborne, Fly, Goal, Land, Release, Standby, Terminate, Vector3, Yield
+from swarm_ctl.core.model.vehicle import (
+    AirborneGoal,
+    FlyGoal,
+    Goal,
+    LandGoal,
+    ReleaseGoal,
+    StandbyGoal,
+    TerminateGoal,
+    Vector3,
+    YieldGoal,
+)
 from swarm_ctl.mavlink import outgoing
 from swarm_ctl.mavlink.autopilots.parameters import FailsafeParameters
 from swarm_ctl.mavlink.autopilots.timing import (
@@ -33,7 +43,7 @@ from swarm_ctl.mavlink.autopilots.timing import (
     WIND_HZ,
     Pacer,
 )
-from swarm_ctl.mavlink.messages import Heard, message_id
+from swarm_ctl.mavlink.incoming import Heard, message_id
 from swarm_ctl.mavlink.outgoing import Message
 
 MULTIROTORS = frozenset(
@@ -89,12 +99,12 @@ class Autopilot(ABC):
         self._grounded_since: float | None = None
         self._stream_counts: dict[int, int] = {}
         self._pursue: dict[type[Goal], Callable[..., list[Message]]] = {
-            Standby: lambda goal, heard, now: self.parameters.take(heard, now),  # noqa: ARG005
-            Airborne: lambda goal, heard, now: self.climb(heard, goal.height_m, now),
-            Fly: lambda goal, heard, now: self._fly(heard, goal.velocity_ned_mps, now),
-            Land: lambda goal, heard, now: self._land(heard, now),  # noqa: ARG005
-            Release: lambda goal, heard, now: self.parameters.restore(heard, now),  # noqa: ARG005
-            Terminate: lambda goal, heard, now: self._terminate(heard, now),  # noqa: ARG005
+            StandbyGoal: lambda goal, heard, now: self.parameters.take(heard, now),  # noqa: ARG005
+            AirborneGoal: lambda goal, heard, now: self.climb(heard, goal.height_m, now),
+            FlyGoal: lambda goal, heard, now: self._fly(heard, goal.velocity_ned_mps, now),
+            LandGoal: lambda goal, heard, now: self._land(heard, now),  # noqa: ARG005
+            ReleaseGoal: lambda goal, heard, now: self.parameters.restore(heard, now),  # noqa: ARG005
+            TerminateGoal: lambda goal, heard, now: self._terminate(heard, now),  # noqa: ARG005
         }
 
     # --- the seam: what differs from firmware to firmware ---
@@ -132,7 +142,7 @@ class Autopilot(ABC):
     def pursue(self, goal: Goal, heard: Heard, now: float) -> list[Message]:
         """The messages to send now so that the vehicle comes nearer to `goal`. To be called every tick."""
         messages = [outgoing.heartbeat()] if self.pacer.due("heartbeat", HEARTBEAT_S, now) else []
-        if isinstance(goal, Yield) or heard.heartbeat_s == _NEVER or self.fault(heard):
+        if isinstance(goal, YieldGoal) or heard.heartbeat_s == _NEVER or self.fault(heard):
             return messages
         if type(goal) is not self._goal:
             self._goal, self._reached, self._grounded_since = type(goal), False, None

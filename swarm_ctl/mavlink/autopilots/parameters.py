@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 
 from swarm_ctl.mavlink import outgoing
 from swarm_ctl.mavlink.autopilots.timing import RETRY_S, Pacer
-from swarm_ctl.mavlink.messages import Heard
+from swarm_ctl.mavlink.incoming import Heard
 from swarm_ctl.mavlink.outgoing import Message
 
 Code = Callable[[float, int], float]

@@ -9,12 +9,12 @@ from typing import ClassVar
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from swarm_ctl.core.freshness import SETPOINT_TIMEOUT_S
-from swarm_ctl.core.vehicle import Vector3
+from swarm_ctl.core.model.timeouts import SETPOINT_TIMEOUT_S
+from swarm_ctl.core.model.vehicle import Vector3
 from swarm_ctl.mavlink import outgoing
 from swarm_ctl.mavlink.autopilots.base import Autopilot
 from swarm_ctl.mavlink.autopilots.timing import RETRY_S, STREAM_BEFORE_S, STREAM_GAP_S, TAKEOFF_RETRY_S
-from swarm_ctl.mavlink.messages import Heard
+from swarm_ctl.mavlink.incoming import Heard
 from swarm_ctl.mavlink.outgoing import Message
 
 MODES = {

@@ -20,10 +20,11 @@ from textual.message import Message
 from textual.screen import ModalScreen, Screen
 from textual.widgets import Button, ContentSwitcher, Input, Label
 
-from swarm_ctl.core.plan import Plan, Policy
-from swarm_ctl.core.text import agents_named
+from swarm_ctl.commands.parse import BY_NAME, KINDS, Order, parse
+from swarm_ctl.core.model.plan import Plan, Policy
+from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.errors import InputError
-from swarm_ctl.station.alerts import Level
+from swarm_ctl.station.dashboard.agent_table import TITLES, in_order, table_lines
 from swarm_ctl.station.dashboard.bars import (
     SCREENS,
     command_line,
@@ -34,17 +35,16 @@ from swarm_ctl.station.dashboard.bars import (
     verdict_line,
 )
 from swarm_ctl.station.dashboard.help_panel import help_lines
-from swarm_ctl.station.dashboard.ink import Line
 from swarm_ctl.station.dashboard.links_panel import METRICS, links_lines
 from swarm_ctl.station.dashboard.log_panel import log_lines
 from swarm_ctl.station.dashboard.map_panel import map_lines
 from swarm_ctl.station.dashboard.picture import Chosen, Picture
 from swarm_ctl.station.dashboard.sigma_panel import sigma_lines
-from swarm_ctl.station.dashboard.table import TITLES, in_order, table_lines
+from swarm_ctl.station.dashboard.styled_line import Line
 from swarm_ctl.station.dashboard.widgets import CommandInput, Painted
-from swarm_ctl.station.journal import Journal
-from swarm_ctl.station.orders import BY_NAME, KINDS, Order, parse
-from swarm_ctl.station.view import SwarmView
+from swarm_ctl.station.picture.alarms import Level
+from swarm_ctl.station.picture.journal import Journal
+from swarm_ctl.station.picture.view import SwarmView
 
 _WIDE: Final = 120
 """From this width on the map stands beside the table, not under it."""

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from typing import Final
 
-from swarm_ctl.core.plan import Plan
-from swarm_ctl.core.progress import step_name
-from swarm_ctl.core.state import Phase
-from swarm_ctl.core.text import agents_named, printable, ranges
-from swarm_ctl.station.alerts import Level
-from swarm_ctl.station.columns import UNICODE, fit
-from swarm_ctl.station.dashboard.ink import Line
+from swarm_ctl.commands.parse import KINDS, ranges_of_law
+from swarm_ctl.core.agent.progress import step_name
+from swarm_ctl.core.model.messages import Phase
+from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.text import agents_named, printable, ranges
 from swarm_ctl.station.dashboard.picture import Picture
-from swarm_ctl.station.orders import KINDS, ranges_of_law
-from swarm_ctl.station.view import CommandView, SwarmView
-from swarm_ctl.station.wording import command_words, verdict
+from swarm_ctl.station.dashboard.styled_line import Line
+from swarm_ctl.station.output.columns import UNICODE, fit
+from swarm_ctl.station.picture.alarms import Level
+from swarm_ctl.station.picture.summaries import command_words, verdict
+from swarm_ctl.station.picture.view import CommandView, SwarmView
 
 SCREENS: Final = ("swarm", "links", "sigma", "log", "help")
 BAR_STYLE: Final = {

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Final
 
-from swarm_ctl.station.dashboard.ink import Line, wrapped
+from swarm_ctl.commands.parse import KINDS
 from swarm_ctl.station.dashboard.links_panel import LEGEND
-from swarm_ctl.station.orders import KINDS
+from swarm_ctl.station.dashboard.styled_line import Line, wrapped
 
 _KEYS: Final = (
     ("1 2 3 4 ?", "screens: swarm, links, sigma, log, help; also tab, or a click"),

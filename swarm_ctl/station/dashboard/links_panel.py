@@ -9,14 +9,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
-from swarm_ctl.core.state import Phase
-from swarm_ctl.core.text import printable
-from swarm_ctl.station.alerts import Level
-from swarm_ctl.station.columns import LEVEL_STYLE, UNICODE, fit
-from swarm_ctl.station.dashboard.ink import Line, right, sparkline
+from swarm_ctl.core.model.messages import Phase
+from swarm_ctl.core.model.text import printable
 from swarm_ctl.station.dashboard.picture import Picture
-from swarm_ctl.station.history import LinkSeries
-from swarm_ctl.station.links import (
+from swarm_ctl.station.dashboard.styled_line import Line, right, sparkline
+from swarm_ctl.station.output.columns import LEVEL_STYLE, UNICODE, fit
+from swarm_ctl.station.picture.alarms import Level
+from swarm_ctl.station.picture.history import LinkSeries
+from swarm_ctl.station.picture.link_quality import (
     AGE_ERROR_S,
     AGE_WARNING_S,
     LOSS_ERROR,
@@ -28,7 +28,7 @@ from swarm_ctl.station.links import (
     judge_vehicle,
     mesh_judgements,
 )
-from swarm_ctl.station.view import AgentView, LinkView
+from swarm_ctl.station.picture.view import AgentView, LinkView
 
 _DASH: Final = UNICODE.dash
 _SIGN: Final = {Level.WELL: "·", Level.WAITING: " ", Level.WARNING: "!", Level.ERROR: "✗"}

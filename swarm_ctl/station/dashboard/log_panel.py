@@ -6,12 +6,12 @@ from typing import Final
 
 from rich.cells import cell_len
 
-from swarm_ctl.core.text import ranges
-from swarm_ctl.station.alerts import Level
-from swarm_ctl.station.columns import LEVEL_STYLE, UNICODE
-from swarm_ctl.station.dashboard.ink import Line, wrapped
+from swarm_ctl.core.model.text import ranges
 from swarm_ctl.station.dashboard.picture import Picture
-from swarm_ctl.station.journal import Entry
+from swarm_ctl.station.dashboard.styled_line import Line, wrapped
+from swarm_ctl.station.output.columns import LEVEL_STYLE, UNICODE
+from swarm_ctl.station.picture.alarms import Level
+from swarm_ctl.station.picture.journal import Entry
 
 _KIND_STYLE: Final = {"command": "bold magenta", "cleared": "green", "station": "cyan", "vehicle": ""}
 _WORDS_AT: Final = 31

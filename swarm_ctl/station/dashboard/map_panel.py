@@ -8,15 +8,15 @@ from typing import Final
 
 import numpy as np
 
-from swarm_ctl.core.plan import Point
-from swarm_ctl.core.state import Phase
-from swarm_ctl.station.alerts import Level
-from swarm_ctl.station.columns import LEVEL_STYLE
+from swarm_ctl.core.model.messages import Phase
+from swarm_ctl.core.model.plan import Point
 from swarm_ctl.station.dashboard.canvas import Canvas
-from swarm_ctl.station.dashboard.ink import Line
 from swarm_ctl.station.dashboard.picture import Picture
-from swarm_ctl.station.links import mesh_judgements
-from swarm_ctl.station.view import AgentView, SwarmView
+from swarm_ctl.station.dashboard.styled_line import Line
+from swarm_ctl.station.output.columns import LEVEL_STYLE
+from swarm_ctl.station.picture.alarms import Level
+from swarm_ctl.station.picture.link_quality import mesh_judgements
+from swarm_ctl.station.picture.view import AgentView, SwarmView
 
 _STEP: Final = 1.25
 """The scale moves in steps of this factor, so that the picture stands still while agents fly."""

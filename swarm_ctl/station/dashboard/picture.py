@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from swarm_ctl.station.alerts import Alarm, Level
-from swarm_ctl.station.journal import Entry
-from swarm_ctl.station.view import SwarmView
+from swarm_ctl.station.picture.alarms import Alarm, Level
+from swarm_ctl.station.picture.journal import Entry
+from swarm_ctl.station.picture.view import SwarmView
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,17 +9,17 @@ from typing import ClassVar, Final
 from textual.binding import Binding, BindingType
 from textual.driver import Driver
 
+from swarm_ctl.commands.parse import KINDS
 from swarm_ctl.errors import InputError
-from swarm_ctl.station.alerts import Level
 from swarm_ctl.station.dashboard.app import Dashboard
 from swarm_ctl.station.dashboard.bars import key_words
 from swarm_ctl.station.dashboard.help_panel import rows, sign_rows
-from swarm_ctl.station.dashboard.ink import Line
 from swarm_ctl.station.dashboard.picture import Picture
+from swarm_ctl.station.dashboard.styled_line import Line
 from swarm_ctl.station.dashboard.timeline import Playing, at_speed, timeline
 from swarm_ctl.station.dashboard.widgets import Painted
-from swarm_ctl.station.film import Film, Mark
-from swarm_ctl.station.orders import KINDS
+from swarm_ctl.station.picture.alarms import Level
+from swarm_ctl.station.picture.playback import Film, Mark
 
 _TICK_WALL_S: Final = 0.1
 _WORK_WALL_S: Final = 0.04

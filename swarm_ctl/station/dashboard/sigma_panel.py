@@ -9,13 +9,13 @@ import math
 from collections import Counter
 from typing import Final
 
-from swarm_ctl.core.state import PairReport, SigmaReport
-from swarm_ctl.core.text import agents_named, printable
-from swarm_ctl.core.tuning import differences, named, planned
-from swarm_ctl.station.columns import LEVEL_STYLE, UNICODE, fit
-from swarm_ctl.station.dashboard.ink import Line, bar, gauge, right, sparkline
+from swarm_ctl.core.model.messages import PairReport, SigmaReport
+from swarm_ctl.core.model.text import agents_named, printable
+from swarm_ctl.core.swarm.gain_update import differences, named, planned
 from swarm_ctl.station.dashboard.picture import Picture
-from swarm_ctl.station.view import PairView, SwarmView
+from swarm_ctl.station.dashboard.styled_line import Line, bar, gauge, right, sparkline
+from swarm_ctl.station.output.columns import LEVEL_STYLE, UNICODE, fit
+from swarm_ctl.station.picture.view import PairView, SwarmView
 
 INVARIANTS: Final = ("too close", "sigma bound", "long link", "overspeed")
 """Alarms about what the law promises."""

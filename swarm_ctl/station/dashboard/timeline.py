@@ -6,10 +6,10 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from swarm_ctl.station.alerts import Level
-from swarm_ctl.station.columns import LEVEL_STYLE
-from swarm_ctl.station.dashboard.ink import Line
-from swarm_ctl.station.film import Film
+from swarm_ctl.station.dashboard.styled_line import Line
+from swarm_ctl.station.output.columns import LEVEL_STYLE
+from swarm_ctl.station.picture.alarms import Level
+from swarm_ctl.station.picture.playback import Film
 
 SPEEDS: Final = (0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
 

@@ -15,9 +15,9 @@ from textual.strip import Strip
 from textual.suggester import Suggester
 from textual.widgets import Input
 
-from swarm_ctl.core.plan import Plan
-from swarm_ctl.station.dashboard.ink import Line
-from swarm_ctl.station.orders import complete
+from swarm_ctl.commands.parse import complete
+from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.station.dashboard.styled_line import Line
 
 _PLACEHOLDERS: Final = {
     "order": "a command; tab completes, esc leaves",

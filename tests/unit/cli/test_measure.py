@@ -14,11 +14,11 @@ from typing import Any
 import pytest
 
 from swarm_ctl.cli.measure import described, measure
-from swarm_ctl.core.identify import fit
-from swarm_ctl.core.plan import Response
+from swarm_ctl.core.identification.fit import fit
+from swarm_ctl.core.model.plan import Response
 from swarm_ctl.errors import InputError
-from swarm_ctl.runtime.ports import free_ports
-from tests.unit.core.test_identify import flown
+from swarm_ctl.runtime.launch.ports import free_ports
+from tests.unit.core.identification.test_fit import flown
 from tests.unit.mission.example import TEXT
 
 COMMAND = [str(Path(sys.executable).parent / "swarm-ctl"), "measure"]

@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import common
 
 from swarm_ctl.cli.sim import _from_mission, _grid, _origin, _parameter
 from swarm_ctl.errors import InputError
-from swarm_ctl.runtime.ports import free_ports
+from swarm_ctl.runtime.launch.ports import free_ports
 
 HEXAGON = Path(__file__).parents[3] / "missions" / "hexagon.yaml"
 COMMAND = [str(Path(sys.executable).parent / "swarm-ctl"), "sim"]

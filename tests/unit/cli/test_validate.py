@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 from swarm_ctl.cli.schema import schema
 from swarm_ctl.cli.validate import show, validate
 from swarm_ctl.errors import InputError, MissionError
-from swarm_ctl.mission.loader import load
-from swarm_ctl.mission.rehearsal import FormForecast, StepForecast, forecast
+from swarm_ctl.mission.compile.forecast import FormForecast, StepForecast, forecast
+from swarm_ctl.mission.compile.loader import load
 
 HEXAGON = Path(__file__).parents[3] / "missions" / "hexagon.yaml"
 

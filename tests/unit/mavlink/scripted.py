@@ -11,9 +11,9 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common
 
-from swarm_ctl.core.vehicle import Goal
+from swarm_ctl.core.model.vehicle import Goal
 from swarm_ctl.mavlink.autopilots import Autopilot
-from swarm_ctl.mavlink.messages import Heard, fold
+from swarm_ctl.mavlink.incoming import Heard, fold
 from tests.unit.mavlink import wire
 
 TICK_S = 0.05

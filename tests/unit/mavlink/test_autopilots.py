@@ -11,11 +11,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swarm_ctl.core.vehicle import Airborne, Fly, Goal, Land, Release, Standby, Yield
+from swarm_ctl.core.model.vehicle import AirborneGoal, FlyGoal, Goal, LandGoal, ReleaseGoal, StandbyGoal, YieldGoal
 from swarm_ctl.errors import LinkError
 from swarm_ctl.mavlink.autopilots import AUTOPILOTS, autopilot
 from swarm_ctl.mavlink.autopilots.timing import GROUNDED_S, STREAMS_HZ
-from swarm_ctl.mavlink.messages import Heard
+from swarm_ctl.mavlink.incoming import Heard
 from tests.unit.mavlink import scripted, wire
 from tests.unit.mavlink.scripted import Scripted, ScriptedArdupilot, ScriptedPx4
 
@@ -49,15 +49,15 @@ def missing(vehicle: Scripted) -> str:
 
 def airborne(name: str, **how: Any) -> Scripted:
     vehicle = make(name, **how)
-    vehicle.run(Standby(), 6.0)
-    vehicle.run(Airborne(3.0), 20.0)
+    vehicle.run(StandbyGoal(), 6.0)
+    vehicle.run(AirborneGoal(3.0), 20.0)
     assert vehicle.height_m == pytest.approx(3.0, abs=0.1)
     return vehicle
 
 
 def flying(name: str, **how: Any) -> Scripted:
     vehicle = airborne(name, **how)
-    vehicle.run(Fly((1.0, 0.0, 0.0)), 6.0)
+    vehicle.run(FlyGoal((1.0, 0.0, 0.0)), 6.0)
     assert vehicle.mode == CONTROLLED[name]
     return vehicle
 
@@ -71,16 +71,16 @@ def flying(name: str, **how: Any) -> Scripted:
 def test_every_goal_is_reached_through_loss_and_a_slow_start(name: str, loss: float, seed: int, ready_s: float) -> None:
     vehicle = make(name, ready_s=ready_s, loss=loss, seed=seed)
     before = dict(vehicle.parameters)
-    vehicle.run(Standby(), ready_s + 60.0)
+    vehicle.run(StandbyGoal(), ready_s + 60.0)
     assert missing(vehicle) in ("", "heartbeat lost", "no local position (LOCAL_POSITION_NED)")  # a run of losses
     assert not vehicle.armed
-    vehicle.run(Airborne(3.0), 60.0)
+    vehicle.run(AirborneGoal(3.0), 60.0)
     assert vehicle.height_m == pytest.approx(3.0, abs=0.1)
-    vehicle.run(Fly((1.0, 0.0, 0.0)), 20.0)
+    vehicle.run(FlyGoal((1.0, 0.0, 0.0)), 20.0)
     assert vehicle.mode == CONTROLLED[name] or loss == 0.5  # at half lost, PX4 may miss a second of setpoints
-    vehicle.run(Land(), 60.0)
+    vehicle.run(LandGoal(), 60.0)
     assert (vehicle.armed, vehicle.height_m) == (False, 0.0)
-    vehicle.run(Release(), 60.0)
+    vehicle.run(ReleaseGoal(), 60.0)
     assert vehicle.parameters == before
     assert vehicle.driver.parameters.released(vehicle.heard)
 
@@ -88,7 +88,7 @@ def test_every_goal_is_reached_through_loss_and_a_slow_start(name: str, loss: fl
 @both
 def test_a_whole_flight_without_loss_wastes_no_command(name: str) -> None:
     vehicle = flying(name)
-    vehicle.run(Land(), 10.0)
+    vehicle.run(LandGoal(), 10.0)
     assert len(commands(vehicle.sent, ARM)) <= 2
     assert len(commands(vehicle.sent, TAKE_OFF)) == 1
     assert len(commands(vehicle.sent, MODE)) <= 5
@@ -98,7 +98,9 @@ def test_a_whole_flight_without_loss_wastes_no_command(name: str) -> None:
 
 
 @both
-@pytest.mark.parametrize("goal", [Standby(), Airborne(3.0), Fly((0.0, 0.0, 0.0)), Land(), Release(), Yield()])
+@pytest.mark.parametrize(
+    "goal", [StandbyGoal(), AirborneGoal(3.0), FlyGoal((0.0, 0.0, 0.0)), LandGoal(), ReleaseGoal(), YieldGoal()]
+)
 def test_our_heartbeat_is_sent_once_a_second_whatever_the_goal(name: str, goal: Goal) -> None:
     vehicle = airborne(name)
     times = [t for t, _ in of(vehicle.run(goal, 20.0), "HEARTBEAT")]
@@ -107,7 +109,7 @@ def test_our_heartbeat_is_sent_once_a_second_whatever_the_goal(name: str, goal: 
 
 
 def test_the_heartbeat_is_a_ground_stations() -> None:
-    _, message = of(make("ardupilot").run(Standby(), 0.1), "HEARTBEAT")[0]
+    _, message = of(make("ardupilot").run(StandbyGoal(), 0.1), "HEARTBEAT")[0]
     assert (message.type, message.autopilot) == (6, 8)
 
 
@@ -116,14 +118,14 @@ def test_the_heartbeat_is_a_ground_stations() -> None:
 
 def test_nothing_but_heartbeats_before_the_vehicle_was_heard() -> None:
     driver = autopilot("ardupilot", 7)
-    for goal in (Standby(), Airborne(3.0), Fly((1.0, 0.0, 0.0)), Land(), Release()):
+    for goal in (StandbyGoal(), AirborneGoal(3.0), FlyGoal((1.0, 0.0, 0.0)), LandGoal(), ReleaseGoal()):
         driver = autopilot("ardupilot", 7)
         assert [m.msgname for m in driver.pursue(goal, Heard(), 0.0)] == ["HEARTBEAT"]
 
 
 def test_all_streams_are_asked_for_at_first_and_none_again_while_it_comes() -> None:
     vehicle = make("ardupilot")
-    sent = vehicle.run(Standby(), 30.0)
+    sent = vehicle.run(StandbyGoal(), 30.0)
     asked = {round(m.param1): 1e6 / m.param2 for _, m in commands(sent, INTERVAL)}
     assert asked == pytest.approx({32: 20.0, 33: 5.0, 1: 2.0, 245: 2.0, 246: 5.0, 30: 4.0, 168: 2.0}, rel=1e-3)
     assert len(asked) == len(STREAMS_HZ) + 1  # and the wind
@@ -134,10 +136,10 @@ def test_all_streams_are_asked_for_at_first_and_none_again_while_it_comes() -> N
 
 def test_what_was_accepted_but_does_not_come_is_asked_for_every_second() -> None:
     vehicle = make("ardupilot", ready_s=42.0)
-    times = ask_for(vehicle.run(Standby(), 42.0), 32)
+    times = ask_for(vehicle.run(StandbyGoal(), 42.0), 32)
     assert len(times) in range(40, 43)
     assert all(b - a == pytest.approx(1.0) for a, b in pairwise(times))
-    vehicle.run(Standby(), 5.0)
+    vehicle.run(StandbyGoal(), 5.0)
     assert missing(vehicle) == ""
 
 
@@ -145,15 +147,15 @@ def test_what_was_accepted_but_does_not_come_is_asked_for_every_second() -> None
 def test_a_stream_that_another_client_slowed_is_asked_for_again(name: str) -> None:
     vehicle = flying(name)
     vehicle.intervals[32] = 0.25  # REQUEST_DATA_STREAM at 4 Hz overrides
-    sent = vehicle.run(Fly((1.0, 0.0, 0.0)), 3.0)
+    sent = vehicle.run(FlyGoal((1.0, 0.0, 0.0)), 3.0)
     assert len(ask_for(sent, 32)) == 1
     assert vehicle.intervals[32] == pytest.approx(0.05)
 
 
 def test_the_origin_is_asked_for_until_known_and_rarely_after() -> None:
     vehicle = make("ardupilot", ready_s=10.0)
-    assert len(commands(vehicle.run(Standby(), 10.0), REQUEST)) in range(9, 12)
-    later = commands(vehicle.run(Standby(), 30.0), REQUEST)
+    assert len(commands(vehicle.run(StandbyGoal(), 10.0), REQUEST)) in range(9, 12)
+    later = commands(vehicle.run(StandbyGoal(), 30.0), REQUEST)
     assert len(later) in range(2, 5)
     assert {round(m.param1) for _, m in later} == {49}
 
@@ -168,11 +170,11 @@ OURS = {
 def test_our_failsafe_parameters_are_set_in_the_firmwares_encoding_and_put_back(name: str) -> None:
     vehicle = make(name)
     before = dict(vehicle.parameters)
-    sent = vehicle.run(Standby(), 6.0)
+    sent = vehicle.run(StandbyGoal(), 6.0)
     assert {key: value for key, (value, _) in vehicle.parameters.items()} == OURS[name]
     assert len(of(sent, "PARAM_SET")) == 2, "each once: PARAM_VALUE confirmed it"
     assert not vehicle.driver.parameters.released(vehicle.heard)
-    sent = vehicle.run(Release(), 6.0)
+    sent = vehicle.run(ReleaseGoal(), 6.0)
     assert vehicle.parameters == before
     assert len(of(sent, "PARAM_SET")) == 2
     assert vehicle.driver.parameters.released(vehicle.heard)
@@ -182,7 +184,7 @@ def test_our_failsafe_parameters_are_set_in_the_firmwares_encoding_and_put_back(
 def test_the_parameters_of_a_vehicle_that_somebody_flies_are_left_alone(name: str) -> None:
     vehicle = make(name)
     vehicle.armed, vehicle.height_m, vehicle.mode = True, 5.0, PILOT[name]
-    assert of(vehicle.run(Standby(), 10.0), "PARAM_SET") == []
+    assert of(vehicle.run(StandbyGoal(), 10.0), "PARAM_SET") == []
     assert missing(vehicle).startswith("failsafe parameters not confirmed")
     assert vehicle.driver.parameters.released(vehicle.heard)
 
@@ -190,7 +192,7 @@ def test_the_parameters_of_a_vehicle_that_somebody_flies_are_left_alone(name: st
 @both
 def test_parameters_are_not_put_back_while_armed(name: str) -> None:
     vehicle = flying(name)
-    assert of(vehicle.run(Release(), 2.0), "PARAM_SET") == []
+    assert of(vehicle.run(ReleaseGoal(), 2.0), "PARAM_SET") == []
     assert vehicle.armed
     assert not vehicle.driver.parameters.released(vehicle.heard)
 
@@ -198,18 +200,18 @@ def test_parameters_are_not_put_back_while_armed(name: str) -> None:
 def test_a_vehicle_without_the_parameter_is_never_healthy() -> None:
     vehicle = make("ardupilot")
     del vehicle.parameters["GUID_TIMEOUT"]
-    sent = vehicle.run(Standby(), 10.0)
+    sent = vehicle.run(StandbyGoal(), 10.0)
     assert missing(vehicle) == "failsafe parameters not confirmed: GUID_TIMEOUT"
     assert len([m for _, m in of(sent, "PARAM_REQUEST_READ") if m.param_id == "GUID_TIMEOUT"]) in range(9, 12)
 
 
 def test_a_parameter_that_somebody_changes_back_is_set_again() -> None:
     vehicle = make("ardupilot")
-    vehicle.run(Standby(), 5.0)
+    vehicle.run(StandbyGoal(), 5.0)
     vehicle.parameters["GUID_TIMEOUT"] = (3.0, 9)
     vehicle.say(wire.parameter("GUID_TIMEOUT", 3.0))
     assert missing(vehicle) == "failsafe parameters not confirmed: GUID_TIMEOUT"
-    vehicle.run(Standby(), 3.0)
+    vehicle.run(StandbyGoal(), 3.0)
     assert missing(vehicle) == ""
     assert vehicle.driver.parameters.originals["GUID_TIMEOUT"] == 3.0
 
@@ -221,7 +223,7 @@ def test_health_names_what_is_missing(name: str) -> None:
     assert missing(vehicle) == "no heartbeat yet from sysid 7"
     heard.stranger = 9
     assert missing(vehicle) == "no heartbeat yet from sysid 7 (heard sysid 9 instead)"
-    vehicle.run(Standby(), 6.0)
+    vehicle.run(StandbyGoal(), 6.0)
     assert missing(vehicle) == ""
     later = vehicle.now + 1.2
     assert driver.missing(heard, later) == "no local position (LOCAL_POSITION_NED)"
@@ -272,7 +274,7 @@ def test_another_firmware_or_kind_of_vehicle_gets_nothing_but_heartbeats(heartbe
     Scripted.say.__get__(vehicle := make("ardupilot"))(heartbeat)
     heard = vehicle.heard
     assert says in driver.fault(heard)
-    for goal in (Standby(), Airborne(3.0), Fly((1.0, 0.0, 0.0)), Land(), Release()):
+    for goal in (StandbyGoal(), AirborneGoal(3.0), FlyGoal((1.0, 0.0, 0.0)), LandGoal(), ReleaseGoal()):
         assert {m.msgname for m in driver.pursue(goal, heard, 1.0)} <= {"HEARTBEAT"}
 
 
@@ -281,8 +283,8 @@ def test_another_firmware_or_kind_of_vehicle_gets_nothing_but_heartbeats(heartbe
 
 def test_ardupilot_enters_guided_then_arms_then_takes_off_each_when_seen() -> None:
     vehicle = make("ardupilot")
-    vehicle.run(Standby(), 6.0)
-    sent = vehicle.run(Airborne(3.0), 8.0)
+    vehicle.run(StandbyGoal(), 6.0)
+    sent = vehicle.run(AirborneGoal(3.0), 8.0)
     order = [(t, m.command) for t, m in sent if m.msgname == "COMMAND_LONG" and m.command in (MODE, ARM, TAKE_OFF)]
     assert [number for _, number in order] == [MODE, ARM, TAKE_OFF]
     assert all(b - a <= 1.05 for (a, _), (b, _) in pairwise(order)), "the next heartbeat shows it"
@@ -295,8 +297,8 @@ def test_ardupilot_enters_guided_then_arms_then_takes_off_each_when_seen() -> No
 def test_px4_takes_off_to_a_height_above_sea_level_without_naming_a_place() -> None:
     vehicle = make("px4")
     vehicle.mode = scripted.AUTO_LAND  # as after a flight
-    vehicle.run(Standby(), 6.0)
-    sent = vehicle.run(Airborne(3.0), 8.0)
+    vehicle.run(StandbyGoal(), 6.0)
+    sent = vehicle.run(AirborneGoal(3.0), 8.0)
     ((_, hold),) = commands(sent, MODE)
     assert (hold.param1, hold.param2, hold.param3) == (1, 4, 3)
     ((_, take_off),) = commands(sent, TAKE_OFF)
@@ -307,19 +309,19 @@ def test_px4_takes_off_to_a_height_above_sea_level_without_naming_a_place() -> N
 @both
 def test_refused_commands_are_tried_again_every_second(name: str) -> None:
     vehicle = make(name)
-    vehicle.run(Standby(), 6.0)
+    vehicle.run(StandbyGoal(), 6.0)
     vehicle.ready_s = vehicle.now + 10.0
-    times = [t for t, _ in commands(vehicle.run(Airborne(3.0), 8.0), ARM)]
+    times = [t for t, _ in commands(vehicle.run(AirborneGoal(3.0), 8.0), ARM)]
     assert len(times) >= 6
     assert all(b - a == pytest.approx(1.0) for a, b in pairwise(times))
-    vehicle.run(Airborne(3.0), 20.0)
+    vehicle.run(AirborneGoal(3.0), 20.0)
     assert vehicle.height_m == pytest.approx(3.0, abs=0.1)
 
 
 @both
 def test_in_the_air_airborne_asks_for_nothing_more(name: str) -> None:
     vehicle = airborne(name)
-    sent = vehicle.run(Airborne(3.0), 10.0)
+    sent = vehicle.run(AirborneGoal(3.0), 10.0)
     assert [m for _, m in sent if m.msgname == "COMMAND_LONG" and m.command not in (INTERVAL, REQUEST)] == []
 
 
@@ -327,23 +329,23 @@ def test_in_the_air_airborne_asks_for_nothing_more(name: str) -> None:
 @pytest.mark.parametrize("when_s", [0.0, 1.5, 2.5, 4.0, 6.0])
 def test_a_pilot_who_takes_over_on_the_way_up_keeps_the_vehicle(name: str, when_s: float) -> None:
     vehicle = make(name)
-    vehicle.run(Standby(), 6.0)
-    vehicle.run(Airborne(3.0), 1.5 + when_s)
+    vehicle.run(StandbyGoal(), 6.0)
+    vehicle.run(AirborneGoal(3.0), 1.5 + when_s)
     vehicle.mode = PILOT[name]
-    vehicle.run(Airborne(3.0), 1.05)  # until its heartbeat has said so
-    sent = vehicle.run(Airborne(3.0), 10.0)
+    vehicle.run(AirborneGoal(3.0), 1.05)  # until its heartbeat has said so
+    sent = vehicle.run(AirborneGoal(3.0), 10.0)
     assert commands(sent, MODE) == commands(sent, ARM) == commands(sent, TAKE_OFF) == []
 
 
 @both
 def test_a_pilot_who_takes_over_on_the_ground_keeps_the_vehicle(name: str) -> None:
     vehicle = make(name)
-    vehicle.run(Standby(), 6.0)
+    vehicle.run(StandbyGoal(), 6.0)
     vehicle.ready_s = math.inf  # arming is refused from now on
-    vehicle.run(Airborne(3.0), 3.0)
+    vehicle.run(AirborneGoal(3.0), 3.0)
     vehicle.mode = PILOT[name]
-    vehicle.run(Airborne(3.0), 1.05)
-    sent = vehicle.run(Airborne(3.0), 10.0)
+    vehicle.run(AirborneGoal(3.0), 1.05)
+    sent = vehicle.run(AirborneGoal(3.0), 10.0)
     assert commands(sent, MODE) == commands(sent, ARM) == []
 
 
@@ -351,10 +353,10 @@ def test_a_pilot_who_takes_over_on_the_ground_keeps_the_vehicle(name: str) -> No
 @pytest.mark.parametrize(("armed", "height_m"), [(True, 0.0), (True, 5.0), (False, 5.0)])
 def test_a_vehicle_in_somebodys_hands_is_not_taken(name: str, armed: bool, height_m: float) -> None:
     vehicle = make(name)
-    vehicle.run(Standby(), 6.0)
+    vehicle.run(StandbyGoal(), 6.0)
     vehicle.mode, vehicle.armed, vehicle.height_m = PILOT[name], armed, height_m
-    vehicle.run(Standby(), 1.05)
-    sent = vehicle.run(Airborne(3.0), 10.0)
+    vehicle.run(StandbyGoal(), 1.05)
+    sent = vehicle.run(AirborneGoal(3.0), 10.0)
     assert commands(sent, MODE) == commands(sent, ARM) == commands(sent, TAKE_OFF) == []
 
 
@@ -364,7 +366,7 @@ def test_a_vehicle_in_somebodys_hands_is_not_taken(name: str, armed: bool, heigh
 @both
 def test_fly_sends_one_velocity_setpoint_a_call(name: str) -> None:
     vehicle = flying(name)
-    sent = of(vehicle.run(Fly((1.0, -2.0, 0.5)), 1.0), "SET_POSITION_TARGET_LOCAL_NED")
+    sent = of(vehicle.run(FlyGoal((1.0, -2.0, 0.5)), 1.0), "SET_POSITION_TARGET_LOCAL_NED")
     assert len(sent) == 20
     for now, m in sent:
         assert (m.coordinate_frame, m.type_mask) == (1, 3527)
@@ -385,12 +387,12 @@ def test_no_setpoint_without_a_call(name: str) -> None:
 @pytest.mark.parametrize("bad", [math.nan, math.inf, 1e39, -101.0])
 def test_a_setpoint_that_is_none_is_not_sent(name: str, bad: float) -> None:
     vehicle = flying(name)
-    assert of(vehicle.run(Fly((0.0, bad, 0.0)), 0.5), "SET_POSITION_TARGET_LOCAL_NED") == []
+    assert of(vehicle.run(FlyGoal((0.0, bad, 0.0)), 0.5), "SET_POSITION_TARGET_LOCAL_NED") == []
 
 
 def test_px4_streams_setpoints_for_over_a_second_before_offboard() -> None:
     vehicle = airborne("px4")
-    sent = vehicle.run(Fly((1.0, 0.0, 0.0)), 4.0)
+    sent = vehicle.run(FlyGoal((1.0, 0.0, 0.0)), 4.0)
     first = of(sent, "SET_POSITION_TARGET_LOCAL_NED")[0][0]
     ((asked, message),) = commands(sent, MODE)
     assert asked - first == pytest.approx(1.2)
@@ -400,10 +402,10 @@ def test_px4_streams_setpoints_for_over_a_second_before_offboard() -> None:
 
 def test_px4_begins_the_second_anew_after_a_gap() -> None:
     vehicle = airborne("px4")
-    vehicle.run(Fly((1.0, 0.0, 0.0)), 1.0)
-    vehicle.run(Yield(), 1.0)
+    vehicle.run(FlyGoal((1.0, 0.0, 0.0)), 1.0)
+    vehicle.run(YieldGoal(), 1.0)
     start = vehicle.now
-    asked = commands(vehicle.run(Fly((1.0, 0.0, 0.0)), 4.0), MODE)[0][0]
+    asked = commands(vehicle.run(FlyGoal((1.0, 0.0, 0.0)), 4.0), MODE)[0][0]
     assert asked - start == pytest.approx(1.2)
 
 
@@ -411,11 +413,11 @@ def test_px4_begins_the_second_anew_after_a_gap() -> None:
 def test_a_controlled_mode_that_was_left_is_never_entered_again(name: str) -> None:
     vehicle = flying(name)
     vehicle.mode = PILOT[name]
-    vehicle.run(Fly((1.0, 0.0, 0.0)), 1.05)
-    sent = vehicle.run(Fly((1.0, 0.0, 0.0)), 10.0)
+    vehicle.run(FlyGoal((1.0, 0.0, 0.0)), 1.05)
+    sent = vehicle.run(FlyGoal((1.0, 0.0, 0.0)), 10.0)
     assert commands(sent, MODE) == of(sent, "SET_POSITION_TARGET_LOCAL_NED") == []
     vehicle.mode = scripted.LOITER if name == "px4" else 17  # also not from a mode we could enter from
-    assert commands(vehicle.run(Fly((1.0, 0.0, 0.0)), 10.0), MODE) == []
+    assert commands(vehicle.run(FlyGoal((1.0, 0.0, 0.0)), 10.0), MODE) == []
 
 
 def test_px4_that_lost_the_stream_is_left_to_its_failsafe() -> None:
@@ -423,8 +425,8 @@ def test_px4_that_lost_the_stream_is_left_to_its_failsafe() -> None:
     for _ in range(25):
         vehicle.tick([])
     assert vehicle.mode == scripted.AUTO_LAND
-    vehicle.run(Fly((1.0, 0.0, 0.0)), 1.05)
-    assert commands(vehicle.run(Fly((1.0, 0.0, 0.0)), 5.0), MODE) == []
+    vehicle.run(FlyGoal((1.0, 0.0, 0.0)), 1.05)
+    assert commands(vehicle.run(FlyGoal((1.0, 0.0, 0.0)), 5.0), MODE) == []
 
 
 # --- down, and hands off ---
@@ -433,7 +435,7 @@ def test_px4_that_lost_the_stream_is_left_to_its_failsafe() -> None:
 @both
 def test_landing_stops_the_vehicle_until_the_mode_is_seen(name: str) -> None:
     vehicle = flying(name)
-    sent = vehicle.run(Land(), 3.0)
+    sent = vehicle.run(LandGoal(), 3.0)
     setpoints = of(sent, "SET_POSITION_TARGET_LOCAL_NED")
     assert setpoints
     assert {(m.vx, m.vy, m.vz) for _, m in setpoints} == {(0.0, 0.0, 0.0)}
@@ -444,12 +446,12 @@ def test_landing_stops_the_vehicle_until_the_mode_is_seen(name: str) -> None:
 @both
 def test_what_stays_armed_on_the_ground_is_disarmed_after_a_while(name: str) -> None:
     vehicle = flying(name)
-    vehicle.run(Land(), 1.5)
+    vehicle.run(LandGoal(), 1.5)
     vehicle.height_m = 0.0
     vehicle.armed = True
     vehicle.move = lambda: None  # type: ignore[method-assign]  # the autopilot's own disarming is broken
     start = vehicle.now
-    sent = vehicle.run(Land(), GROUNDED_S + 3.0)
+    sent = vehicle.run(LandGoal(), GROUNDED_S + 3.0)
     assert not vehicle.armed
     ((first, message), *_) = commands(sent, ARM)
     assert (message.param1, message.param2) == (0.0, 0.0), "never by force"
@@ -459,38 +461,38 @@ def test_what_stays_armed_on_the_ground_is_disarmed_after_a_while(name: str) -> 
 @both
 def test_a_vehicle_on_the_ground_for_a_moment_only_is_not_disarmed(name: str) -> None:
     vehicle = flying(name)
-    vehicle.run(Land(), 1.5)
+    vehicle.run(LandGoal(), 1.5)
     sent = []
     for _ in range(4):
         for state in (1, 2):
             vehicle.say_stream = lambda name: None  # type: ignore[method-assign]
             vehicle.height_m, vehicle.armed = 5.0, True
             vehicle.say(wire.extended_state(state))
-            sent += vehicle.run(Land(), 3.0)
+            sent += vehicle.run(LandGoal(), 3.0)
     assert commands(sent, ARM) == []
 
 
 @both
 def test_a_pilot_who_breaks_a_landing_off_keeps_the_vehicle(name: str) -> None:
     vehicle = flying(name)
-    vehicle.run(Land(), 1.5)
+    vehicle.run(LandGoal(), 1.5)
     vehicle.mode = PILOT[name]
-    sent = vehicle.run(Land(), 6.0)
+    sent = vehicle.run(LandGoal(), 6.0)
     assert commands(sent, MODE) == of(sent, "SET_POSITION_TARGET_LOCAL_NED") == []
 
 
 @both
 def test_a_vehicle_that_is_down_is_left_alone(name: str) -> None:
     vehicle = make(name)
-    vehicle.run(Standby(), 6.0)
-    sent = vehicle.run(Land(), 5.0)
+    vehicle.run(StandbyGoal(), 6.0)
+    sent = vehicle.run(LandGoal(), 5.0)
     assert [m for _, m in sent if m.msgname == "COMMAND_LONG" and m.command in (MODE, ARM)] == []
 
 
 @both
 def test_yield_sends_heartbeats_and_nothing_else(name: str) -> None:
     vehicle = flying(name)
-    assert {m.msgname for _, m in vehicle.run(Yield(), 10.0)} == {"HEARTBEAT"}
+    assert {m.msgname for _, m in vehicle.run(YieldGoal(), 10.0)} == {"HEARTBEAT"}
 
 
 # --- words ---

@@ -9,13 +9,23 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common
 
-from swarm_ctl.core.vehicle import Airborne, Fly, Goal, Land, LinkCounters, Release, Standby, VehicleView, Yield
+from swarm_ctl.core.model.vehicle import (
+    AirborneGoal,
+    FlyGoal,
+    Goal,
+    LandGoal,
+    LinkCounters,
+    ReleaseGoal,
+    StandbyGoal,
+    VehicleView,
+    YieldGoal,
+)
 from swarm_ctl.errors import LinkError
 from swarm_ctl.mavlink import VehicleLink, memory_wires
 from swarm_ctl.mavlink.link import MAX_CHUNKS
 from tests.unit.mavlink import wire
 
-GOALS: list[Goal] = [Standby(), Airborne(3.0), Fly((1.0, 0.0, 0.0)), Land(), Release(), Yield()]
+GOALS: list[Goal] = [StandbyGoal(), AirborneGoal(3.0), FlyGoal((1.0, 0.0, 0.0)), LandGoal(), ReleaseGoal(), YieldGoal()]
 
 
 def make(autopilot: str = "ardupilot", sysid: int = 7) -> tuple[VehicleLink, wire.Vehicle]:
@@ -118,7 +128,7 @@ def test_frames_go_out_as_the_ground_station_with_a_running_seq() -> None:
     link, vehicle = healthy()
     for tick in range(300):
         link.receive(10.0 + tick * 0.05)
-        link.pursue(Fly((1.0, 0.0, 0.0)), 10.0 + tick * 0.05)
+        link.pursue(FlyGoal((1.0, 0.0, 0.0)), 10.0 + tick * 0.05)
     sent = vehicle.heard()
     assert {(m.get_srcSystem(), m.get_srcComponent()) for m in sent} == {(255, 190)}
     assert [m.get_seq() for m in sent] == [i % 256 for i in range(len(sent))]
@@ -214,7 +224,7 @@ def test_socket_errors_are_counted_not_raised() -> None:
     link = VehicleLink(BrokenWire(), "px4", 1)
     for tick in range(3):
         link.receive(float(tick))
-        link.pursue(Standby(), float(tick))
+        link.pursue(StandbyGoal(), float(tick))
     assert link.counters == LinkCounters(errors=6)
 
 

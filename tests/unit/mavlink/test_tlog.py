@@ -10,7 +10,7 @@ import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import common
 
-from swarm_ctl.core.vehicle import Fly
+from swarm_ctl.core.model.vehicle import FlyGoal
 from swarm_ctl.mavlink import VehicleLink, memory_wires
 from swarm_ctl.mavlink import tlog as tlog_module
 from swarm_ctl.mavlink.tlog import TlogWriter
@@ -40,7 +40,7 @@ def test_both_directions_with_their_times(tmp_path: Path) -> None:
     link.receive(1.0)
     vehicle.say(wire.local_position(boot_ms=2000))
     link.receive(2.0)
-    link.pursue(Fly(velocity_ned_mps=(1.0, 0.0, 0.0)), 2.5)
+    link.pursue(FlyGoal(velocity_ned_mps=(1.0, 0.0, 0.0)), 2.5)
     sent = link.counters.setpoints
     link.close()
     writer.close()

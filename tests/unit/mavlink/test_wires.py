@@ -12,7 +12,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from swarm_ctl.core.vehicle import Fly, Standby
+from swarm_ctl.core.model.vehicle import FlyGoal, StandbyGoal
 from swarm_ctl.errors import LinkError
 from swarm_ctl.mavlink import VehicleLink, Wire, memory_wires
 from swarm_ctl.mavlink.wires import _TcpWire, open_wire
@@ -93,7 +93,7 @@ def test_a_host_that_does_not_exist_is_refused_by_name() -> None:
 
 def test_udpout_talks_first_and_hears_the_answer(udp: socket.socket) -> None:
     with contextlib.closing(VehicleLink(f"udpout:{HOST}:{udp.getsockname()[1]}", "ardupilot", 7)) as link:
-        link.pursue(Standby(), 0.0)
+        link.pursue(StandbyGoal(), 0.0)
         data, address = udp.recvfrom(4096)
         assert data[0] == 0xFD
         udp.sendto(frame_from(), address)
@@ -106,14 +106,14 @@ def test_nobody_listening_on_udp_is_counted_and_healed() -> None:
     port = free_port(socket.SOCK_DGRAM)
     with contextlib.closing(VehicleLink(f"udpout:{HOST}:{port}", "ardupilot", 7)) as link:
         for tick in range(5):
-            link.pursue(Standby(), float(tick))
+            link.pursue(StandbyGoal(), float(tick))
             link.receive(float(tick))
         assert link.counters.errors >= 4
         with contextlib.closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as late:
             late.bind((HOST, port))
             late.settimeout(5.0)
-            link.pursue(Standby(), 5.0)
-            link.pursue(Standby(), 6.0)  # the first may still have met the last refusal
+            link.pursue(StandbyGoal(), 5.0)
+            link.pursue(StandbyGoal(), 6.0)  # the first may still have met the last refusal
             assert late.recv(4096)[0] == 0xFD
 
 
@@ -141,7 +141,7 @@ def test_udpin_is_silent_until_it_heard_its_vehicle_and_answers_it_alone(udp: so
         stranger.sendto(b"noise", (HOST, port))
         wait_readable(link._wire._socket)  # type: ignore[attr-defined]
         link.receive(1.0)
-        link.pursue(Standby(), 1.0)
+        link.pursue(StandbyGoal(), 1.0)
         assert udp.recv(4096)[0] == 0xFD
         with pytest.raises(BlockingIOError):
             stranger.recv(4096)
@@ -177,7 +177,7 @@ def test_tcp_survives_text_between_frames_and_a_server_that_goes_and_comes(serve
             wait_readable(link._wire._stream)  # type: ignore[attr-defined]
             link.receive(0.1)
             assert link.view().heartbeat_s == 0.1
-            link.pursue(Standby(), 0.2)
+            link.pursue(StandbyGoal(), 0.2)
             assert peer.recv(4096)[0] == 0xFD
         wait_readable(link._wire._stream)  # type: ignore[attr-defined]
         link.receive(0.3)  # sees the end
@@ -195,7 +195,7 @@ def test_a_tcp_server_that_is_not_there_is_counted_not_raised() -> None:
     with contextlib.closing(VehicleLink(f"tcp:{HOST}:{port}", "ardupilot", 7)) as link:
         for tick in range(40):
             link.receive(tick * 0.1)
-            link.pursue(Standby(), tick * 0.1)
+            link.pursue(StandbyGoal(), tick * 0.1)
         assert link.counters.errors in range(4, 10), "one attempt a second"
 
 
@@ -292,7 +292,7 @@ def test_a_serial_port_carries_frames() -> None:
             wait_readable(slave)
             link.receive(1.0)
             assert link.view().heartbeat_s == 1.0
-            link.pursue(Fly((0.0, 0.0, 0.0)), 1.0)
+            link.pursue(FlyGoal((0.0, 0.0, 0.0)), 1.0)
             assert os.read(master, 1)[0] == 0xFD
     finally:
         os.close(master)

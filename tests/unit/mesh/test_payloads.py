@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarm_ctl.core.plan import FormStep, MoveStep
-from swarm_ctl.core.state import (
+from swarm_ctl.core.model.messages import (
     Ack,
     AgentState,
     AgentStatus,
@@ -27,6 +26,7 @@ from swarm_ctl.core.state import (
     StepResult,
     Tuning,
 )
+from swarm_ctl.core.model.plan import FormStep, MoveStep
 from swarm_ctl.errors import PayloadError
 from swarm_ctl.mesh.keys import CHANNELS
 from swarm_ctl.mesh.payloads import VERSION, decode, encode

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from swarm_ctl.errors import MissionError, Problem
-from swarm_ctl.mission.loader import loads
+from swarm_ctl.mission.compile.loader import loads
 
 TEXT = """\
 version: 1

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarm_ctl.errors import MissionError, Problem
-from swarm_ctl.mission.loader import load, loads
+from swarm_ctl.mission.compile.loader import load, loads
 from tests.unit.mission.example import TEXT, edited, problems, without_section
 
 # (what is replaced, by what, line, field, part of what is wrong, part of what would be allowed)

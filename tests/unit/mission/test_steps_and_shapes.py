@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarm_ctl.core import graph
-from swarm_ctl.core.formation import smallest_distance
-from swarm_ctl.core.plan import FormStep, MoveStep, RotateStep, ScaleStep
+from swarm_ctl.core.law import graph
+from swarm_ctl.core.law.formation import smallest_distance
+from swarm_ctl.core.model.plan import FormStep, MoveStep, RotateStep, ScaleStep
 from swarm_ctl.errors import MissionError
-from swarm_ctl.mission import letters
-from swarm_ctl.mission.loader import dumps, load, loads
+from swarm_ctl.mission.compile.loader import dumps, load, loads
+from swarm_ctl.mission.geometry import letters
 from tests.unit.mission.example import TEXT, edited, problems
 
 FORM = "  - form: {shape: ring}\n"

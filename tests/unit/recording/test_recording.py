@@ -11,13 +11,13 @@ import pytest
 from mcap.reader import make_reader
 
 from swarm_ctl import recording
-from swarm_ctl.core.state import Ack, Command, Event, Payload, SigmaReport, StationBeacon
+from swarm_ctl.core.model.messages import Ack, Command, Event, Payload, SigmaReport, StationBeacon
 from swarm_ctl.errors import InputError
 from swarm_ctl.recording import mcap_reader, recorder
 from swarm_ctl.recording.mcap_reader import counts, is_whole, messages, recover, truth
 from swarm_ctl.recording.recorder import Recorder
 from swarm_ctl.recording.topics import TOPICS, rates
-from swarm_ctl.station.model import Model
+from swarm_ctl.station.picture.model import Model
 from tests.unit.station.swarm import hexagon_plan, report_of, state_of, status_of
 
 PLAN = hexagon_plan()

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from swarm_ctl.core.state import Ack, Event
-from swarm_ctl.runtime.station import Recorder
-from tests.unit.report.folder import manifest
+from swarm_ctl.core.model.messages import Ack, Event
+from swarm_ctl.runtime.station.ground_station import Recorder
+from tests.unit.report.run_folders import manifest
 
 FULL = Path("/dev/full")
 

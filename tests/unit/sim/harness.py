@@ -7,11 +7,11 @@ from typing import Any
 from sim.config import SimConfig
 from sim.firmware.ardupilot import Ardupilot
 from sim.firmware.base import Contact, Firmware, Setup
-from sim.firmware.flight import Sensed
+from sim.firmware.flying.maneuvers import Sensed
 from sim.firmware.message import Message
 from sim.firmware.px4 import Px4
-from sim.geodesy import Geodetic, TangentPlane
-from sim.world import World
+from sim.physics.geodesy import Geodetic, TangentPlane
+from sim.world.world import World
 
 ORIGIN = Geodetic(47.397742, 8.545594, 488.0)
 GCS = (255, 190)

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from sim.firmware.ardupilot import GCS_FAILSAFE, MODES, Ardupilot
-from sim.firmware.flight import Hold, Land, Takeoff, Velocity
+from sim.firmware.flying.maneuvers import Hold, Land, Takeoff, Velocity
 from sim.firmware.message import Result
 from tests.unit.sim.harness import (
     ARM,

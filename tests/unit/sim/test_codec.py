@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim.endpoint import Codec
 from sim.firmware.message import MESSAGE_IDS, Message
-from sim.signing import Signing, read_key
+from sim.network.endpoint import Codec
+from sim.network.signing import Signing, read_key
 
 
 def client() -> mavlink.MAVLink:

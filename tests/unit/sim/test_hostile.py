@@ -9,13 +9,13 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim.endpoint import _BY_NAME, Codec
 from sim.firmware.message import Message
-from sim.firmware.plans import MAX_ITEMS
-from sim.firmware.services import HANDLERS
-from sim.hub import MAX_CLIENTS
+from sim.firmware.protocol.mission_lists import MAX_ITEMS
+from sim.firmware.protocol.services import HANDLERS
+from sim.network.endpoint import _BY_NAME, Codec
+from sim.network.hub import MAX_CLIENTS
+from tests.unit.sim.network.test_hub import A, Clients
 from tests.unit.sim.test_codec import random_value
-from tests.unit.sim.test_hub import A, Clients
 
 BAD_NUMBERS = (math.nan, math.inf, -math.inf, 3.4e38, -3.4e38, 1e-45, -0.0, 2.0**31, 250.0, 65535.0)
 COMMANDS = (11, 16, 20, 21, 22, 176, 178, 179, 192, 193, 224, 246, 300, 400, 410, 511, 512, 520, 31999)

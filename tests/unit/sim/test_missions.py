@@ -9,7 +9,7 @@ import pytest
 
 from sim.firmware.ardupilot import Ardupilot
 from sim.firmware.message import Message
-from sim.firmware.plans import Answer
+from sim.firmware.protocol.mission_lists import Answer
 from sim.firmware.px4 import Px4
 from tests.unit.sim.harness import ARM, GUIDED, ORIGIN, SET_MODE, Flight, Rig, config
 

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from sim.firmware.flight import Land
+from sim.firmware.flying.maneuvers import Land
 from sim.firmware.message import Result
 from sim.firmware.px4 import LAND as LAND_MODE
 from sim.firmware.px4 import LOITER, MODES, OFFBOARD_LOSS, POSCTL, RTL, TAKEOFF, Px4

@@ -11,12 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.firmware.ardupilot import Ardupilot
+from sim.firmware.fault_parameters import SIM_DEFAULTS
 from sim.firmware.message import MESSAGE_IDS, Result, Severity
-from sim.firmware.parameters import ARDUPILOT_DEFAULTS, BYTEWISE, CAST, PX4_DEFAULTS, Kind
+from sim.firmware.protocol.parameters import ARDUPILOT_DEFAULTS, BYTEWISE, CAST, PX4_DEFAULTS, Kind
+from sim.firmware.protocol.streams import Streams
+from sim.firmware.protocol.telemetry import BUILDERS
 from sim.firmware.px4 import Px4
-from sim.firmware.streams import Streams
-from sim.firmware.telemetry import BUILDERS
-from sim.firmware.troubles import SIM_DEFAULTS
 from tests.unit.sim.harness import ARM, IN_AIR, LOCAL_ORIGIN, Rig, command_fields, setpoint_fields
 
 Persona = type[Ardupilot | Px4]

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim.response import Ardupilot, Px4
-from sim.vehicle import Array, Demands, State, advance
+from sim.physics.response import Ardupilot, Px4
+from sim.physics.vehicle import Array, Demands, State, advance
 
 DATA = Path(__file__).parents[2] / "data"
 SECONDS = 6.0

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from sim.truth import TruthFile
+from sim.world.truth import TruthFile
 
 FULL = Path("/dev/full")
 

@@ -14,10 +14,10 @@ from typing import Final
 from rich.console import Console
 from rich.terminal_theme import DEFAULT_TERMINAL_THEME, MONOKAI
 
-from swarm_ctl.core.state import Ack, Command, Event, Phase
-from swarm_ctl.station.live import render
-from swarm_ctl.station.model import Model
-from swarm_ctl.station.view import SwarmView
+from swarm_ctl.core.model.messages import Ack, Command, Event, Phase
+from swarm_ctl.station.output.live import render
+from swarm_ctl.station.picture.model import Model
+from swarm_ctl.station.picture.view import SwarmView
 from tests.unit.station.swarm import flying_model, hexagon_plan, state_of, status_of
 
 SIZES: Final = ((80, 24), (140, 40))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from swarm_ctl.core.state import Ack, Command, Event, Payload, Phase
-from swarm_ctl.station.film import Film
+from swarm_ctl.core.model.messages import Ack, Command, Event, Payload, Phase
+from swarm_ctl.station.picture.playback import Film
 from tests.unit.station.swarm import FORM, hexagon_plan, state_of, status_of
 
 PLAN = replace(hexagon_plan(), tick_s=0.25)

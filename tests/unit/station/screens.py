@@ -13,10 +13,10 @@ from typing import Final
 
 from textual.pilot import Pilot
 
+from swarm_ctl.commands.parse import Order
 from swarm_ctl.station.dashboard.app import DARK, LIGHT, Dashboard
 from swarm_ctl.station.dashboard.bars import SCREENS
-from swarm_ctl.station.orders import Order
-from swarm_ctl.station.view import SwarmView
+from swarm_ctl.station.picture.view import SwarmView
 from tests.unit.station.pictures import PICTURES
 
 SIZES: Final = ((80, 24), (160, 50))

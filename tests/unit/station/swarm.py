@@ -6,8 +6,20 @@ import functools
 import math
 from dataclasses import replace
 
-from swarm_ctl.core.graph import neighbours
-from swarm_ctl.core.plan import (
+from swarm_ctl.core.law.graph import neighbours
+from swarm_ctl.core.model.messages import (
+    AgentState,
+    AgentStatus,
+    Echo,
+    LinkReport,
+    PairReport,
+    Phase,
+    SigmaReport,
+    StepResult,
+    TickReport,
+    VehicleLinkReport,
+)
+from swarm_ctl.core.model.plan import (
     AgentPlan,
     Compensation,
     FormStep,
@@ -22,20 +34,8 @@ from swarm_ctl.core.plan import (
     Safety,
     TakeoffStep,
 )
-from swarm_ctl.core.state import (
-    AgentState,
-    AgentStatus,
-    Echo,
-    LinkReport,
-    PairReport,
-    Phase,
-    SigmaReport,
-    StepResult,
-    TickReport,
-    VehicleLinkReport,
-)
-from swarm_ctl.core.tuning import planned
-from swarm_ctl.station.model import Model
+from swarm_ctl.core.swarm.gain_update import planned
+from swarm_ctl.station.picture.model import Model
 
 TABLE_II = {1: (14.0, 16.0), 2: (12.0, 12.0), 3: (10.0, 18.0), 4: (6.0, 12.0), 5: (6.0, 16.0), 6: (14.0, 10.0)}
 HEXAGON = tuple((2 * math.cos(math.radians(60 * k)), 2 * math.sin(math.radians(60 * k))) for k in range(6))

@@ -13,13 +13,13 @@ from textual.filter import NoColor
 from textual.pilot import Pilot
 from textual.widgets import Button
 
-from swarm_ctl.core.state import Ack, Command, Event
-from swarm_ctl.station.alerts import Level
+from swarm_ctl.commands.parse import Order
+from swarm_ctl.core.model.messages import Ack, Command, Event
+from swarm_ctl.station.dashboard.agent_table import TITLES, in_order
 from swarm_ctl.station.dashboard.app import DARK, LIGHT, PLAIN, Ask, Dashboard
 from swarm_ctl.station.dashboard.picture import Chosen, Picture
-from swarm_ctl.station.dashboard.table import TITLES, in_order
-from swarm_ctl.station.orders import Order
-from swarm_ctl.station.view import SwarmView
+from swarm_ctl.station.picture.alarms import Level
+from swarm_ctl.station.picture.view import SwarmView
 from tests.unit.station.pictures import PICTURES, PLAN
 from tests.unit.station.screens import SHOWN, SIZES, Desk, drawn, opened, settled, shown, snapshot_path, text
 from tests.unit.station.swarm import flying_model, hexagon_plan, status_of

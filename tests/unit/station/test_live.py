@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from rich.cells import cell_len
 from rich.console import Console
 
-from swarm_ctl.core.state import AgentStatus, Event, Phase
-from swarm_ctl.station.columns import COLUMNS, Column, fit
-from swarm_ctl.station.live import render
-from swarm_ctl.station.model import Model
-from swarm_ctl.station.view import SwarmView
+from swarm_ctl.core.model.messages import AgentStatus, Event, Phase
+from swarm_ctl.station.output.columns import COLUMNS, Column, fit
+from swarm_ctl.station.output.live import render
+from swarm_ctl.station.picture.model import Model
+from swarm_ctl.station.picture.view import SwarmView
 from tests.unit.station.pictures import PICTURES, SIZES, drawn, snapshot_path
 from tests.unit.station.swarm import flying_model, hexagon_plan, state_of, status_of
 

@@ -12,21 +12,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.cells import cell_len
 
-from swarm_ctl.core.state import Echo, LinkReport, Phase, SigmaReport
-from swarm_ctl.core.tuning import LEAD_S
-from swarm_ctl.runtime.composing import compose
-from swarm_ctl.station.alerts import Level
+from swarm_ctl.commands.parse import Order
+from swarm_ctl.core.model.messages import Echo, LinkReport, Phase, SigmaReport
+from swarm_ctl.core.swarm.gain_update import LEAD_S
+from swarm_ctl.runtime.station.composing import compose
 from swarm_ctl.station.dashboard.canvas import Canvas
-from swarm_ctl.station.dashboard.ink import Line, bar, gauge, sparkline, wrapped
 from swarm_ctl.station.dashboard.links_panel import METRICS
 from swarm_ctl.station.dashboard.map_panel import fitted, position
 from swarm_ctl.station.dashboard.sigma_panel import budget_used
-from swarm_ctl.station.history import LOSS_WINDOW_S, LinkSeries
-from swarm_ctl.station.json_lines import json_line
-from swarm_ctl.station.links import bad_links, judge, mesh_judgements
-from swarm_ctl.station.model import Model
-from swarm_ctl.station.orders import Order
-from swarm_ctl.station.view import LinkView
+from swarm_ctl.station.dashboard.styled_line import Line, bar, gauge, sparkline, wrapped
+from swarm_ctl.station.output.json_lines import json_line
+from swarm_ctl.station.picture.alarms import Level
+from swarm_ctl.station.picture.history import LOSS_WINDOW_S, LinkSeries
+from swarm_ctl.station.picture.link_quality import bad_links, judge, mesh_judgements
+from swarm_ctl.station.picture.model import Model
+from swarm_ctl.station.picture.view import LinkView
 from tests.unit.station.pictures import PICTURES, PLAN
 from tests.unit.station.swarm import flying_model, hexagon_plan, report_of, state_of, status_of
 

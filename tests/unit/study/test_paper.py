@@ -10,9 +10,9 @@ import pytest
 from rich.console import Console
 
 from swarm_ctl.study import paper
-from swarm_ctl.study.again import Trace
-from swarm_ctl.study.flight import fly
+from swarm_ctl.study.batch.batch_flight import fly
 from swarm_ctl.study.paper import CLAIMS, hexagon, reproduce, thirty_two
+from swarm_ctl.study.rerun import Trace
 
 
 def test_table_two_is_the_path_graph() -> None:

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarm_ctl.core.plan import Compensation
-from swarm_ctl.core.release import Release
-from swarm_ctl.study.batch import Batch, blocks, draw
-from swarm_ctl.study.flight import fly
-from swarm_ctl.study.keeping import _Releases
-from swarm_ctl.study.space import Range, Study, value
+from swarm_ctl.core.model.plan import Compensation
+from swarm_ctl.core.safety.deadlock import DeadlockRelease
+from swarm_ctl.study.batch.batch import Batch, blocks, draw
+from swarm_ctl.study.batch.batch_flight import fly
+from swarm_ctl.study.batch.batch_safety_filter import _BatchDeadlockRelease
+from swarm_ctl.study.parameter_space import Range, Study, value
 
 LATE: dict[str, Any] = {
     "missions": 40,
@@ -90,7 +90,7 @@ def test_exchange_shortens_the_way() -> None:
 def test_releases_of_one_and_of_many_are_the_same() -> None:
     """The agent's release and the study's, fed alike, turn alike; the dice are each one's own and so not compared."""
     random = np.random.default_rng(2)
-    one, many = Release(1, 1.0, 0.05), _Releases((1, 1), 1.0, 0.05)
+    one, many = DeadlockRelease(1, 1.0, 0.05), _BatchDeadlockRelease((1, 1), 1.0, 0.05)
     for _ in range(200):
         consensus, flown = complex(*random.normal(size=2)), complex(*random.normal(size=2)) * 0.01
         wish = consensus * 0.5

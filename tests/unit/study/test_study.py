@@ -12,19 +12,19 @@ import pytest
 from pydantic import ValidationError
 from rich.console import Console
 
-from swarm_ctl.core.graph import is_connected
-from swarm_ctl.core.plan import Compensation, LawParameters
+from swarm_ctl.core.law.graph import is_connected
+from swarm_ctl.core.model.plan import Compensation, LawParameters
 from swarm_ctl.errors import InputError
-from swarm_ctl.mission.loader import load
-from swarm_ctl.study import batch as batch_module
-from swarm_ctl.study.again import Trace, fly_again, write_mission
-from swarm_ctl.study.batch import Batch, blocks, connected, draw
-from swarm_ctl.study.flight import fly
-from swarm_ctl.study.news import News
+from swarm_ctl.mission.compile.loader import load
+from swarm_ctl.study.batch import batch as batch_module
+from swarm_ctl.study.batch.batch import Batch, blocks, connected, draw
+from swarm_ctl.study.batch.batch_flight import fly
+from swarm_ctl.study.batch.lossy_channel import News
+from swarm_ctl.study.executor import carry_out
+from swarm_ctl.study.parameter_space import LEVELS, Range, Study, value
+from swarm_ctl.study.rerun import Trace, fly_again, write_mission
 from swarm_ctl.study.rows import COLUMNS, read_rows, rows_of
-from swarm_ctl.study.space import LEVELS, Range, Study, value
-from swarm_ctl.study.table import table, wilson
-from swarm_ctl.study.work import carry_out
+from swarm_ctl.study.rows_table import table, wilson
 
 SHORT: dict[str, Any] = {"missions": 40, "limit_s": 6.0, "seed": 5}
 
@@ -202,7 +202,7 @@ def test_outcomes_by_their_definition() -> None:
 
 def test_ideal_with_a_whole_iteration_a_tick_is_the_discrete_form() -> None:
     """p <- p + u, (9), from the law itself."""
-    from swarm_ctl.core.law import evaluate
+    from swarm_ctl.core.law.formation_law import evaluate
 
     batch = only_batch(vehicle=("ideal",), n=(4,), limit_s=2.0, missions=4, safety=("off",))
     traces = Trace()

@@ -1,0 +1,75 @@
+"""SET_POSITION_TARGET_LOCAL_NED, read per axis; each persona then keeps what its firmware would use. Pure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from sim.firmware.flying.maneuvers import Axis
+
+FRAME_LOCAL_NED, FRAME_LOCAL_OFFSET_NED, FRAME_BODY_NED, FRAME_BODY_OFFSET_NED = 1, 7, 8, 9
+_BODY = (FRAME_BODY_NED, FRAME_BODY_OFFSET_NED)
+
+Axes = tuple[Axis, Axis, Axis]
+NOTHING: Axes = (None, None, None)
+
+
+class Setpoint(NamedTuple):
+    """Positions [m] and velocities [m/s] of the axes that are not ignored, in north, east, down."""
+
+    frame: int
+    position: Axes
+    """In the vehicle's own local frame."""
+    velocity: Axes
+    yaw_rad: float | None
+    yaw_rate_radps: float | None
+
+
+def read_setpoint(fields: Mapping[str, Any], heading_rad: float, local: tuple[float, float, float]) -> Setpoint | None:
+    """The setpoint in `fields`; body frames are turned by the heading, offsets counted from `local`.
+
+    None where a field that is to be used isn't a finite number.
+    """
+    mask, frame = int(fields["type_mask"]), int(fields["coordinate_frame"])
+    position = _axes(fields, ("x", "y", "z"), mask & 7)
+    velocity = _axes(fields, ("vx", "vy", "vz"), mask >> 3 & 7)
+    yaw = None if mask & _NO_YAW else float(fields["yaw"])
+    yaw_rate = None if mask & _NO_YAW_RATE else float(fields["yaw_rate"])
+    if position is None or velocity is None or not (_usable(yaw) and _usable(yaw_rate)):
+        return None
+    if frame in _BODY:
+        position, velocity = _turned(position, heading_rad), _turned(velocity, heading_rad)
+        yaw = None if yaw is None else heading_rad + yaw
+    if frame != FRAME_LOCAL_NED and position is not NOTHING:
+        position = moved(position, local)
+    return Setpoint(frame, position, velocity, yaw, yaw_rate)
+
+
+def moved(axes: Axes, by: tuple[float, float, float]) -> Axes:
+    """The axes that are given, each counted from elsewhere."""
+    n, e, d = axes
+    return (None if n is None else n + by[0], None if e is None else e + by[1], None if d is None else d + by[2])
+
+
+_NO_YAW, _NO_YAW_RATE = 1 << 10, 1 << 11
+
+
+def _axes(fields: Mapping[str, Any], names: tuple[str, str, str], ignored: int) -> Axes | None:
+    """Three fields, None for an ignored one; None for all where one that is to be used isn't finite."""
+    if ignored == 7:
+        return NOTHING
+    n, e, d = (None if ignored >> i & 1 else float(fields[name]) for i, name in enumerate(names))
+    return (n, e, d) if _usable(n) and _usable(e) and _usable(d) else None
+
+
+def _usable(value: Axis) -> bool:
+    return value is None or math.isfinite(value)
+
+
+def _turned(axes: Axes, heading_rad: float) -> Axes:
+    forward, right, down = axes
+    if forward is None or right is None:
+        return (None, None, down)
+    c, s = math.cos(heading_rad), math.sin(heading_rad)
+    return (c * forward - s * right, s * forward + c * right, down)

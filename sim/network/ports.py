@@ -1,0 +1,192 @@
+"""Where one vehicle is reached: sockets that never wait and never raise in flight."""
+
+from __future__ import annotations
+
+import selectors
+import socket
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from sim.network.endpoint import split_stream
+
+Address = tuple[str, int]
+_BURST = 256
+"""Datagrams taken at once, so that one flood can't stop the others."""
+_CHUNK = 65535
+_BACKLOG = 1 << 18
+"""Bytes kept for a TCP client that doesn't read; what comes on top is lost, as on a radio."""
+
+
+class Port(Protocol):
+    """An endpoint of one vehicle."""
+
+    unsent: int
+    """Packets the system had no room for."""
+
+    def fileno(self) -> int:
+        """Readable when there is something to `receive`."""
+        ...
+
+    def peers(self) -> list[Address]:
+        """Who is spoken to without having spoken: those connected to, or connected."""
+        ...
+
+    def receive(self) -> Iterator[tuple[bytes, Address]]:
+        """Whole frames that wait, with their sender."""
+        ...
+
+    def send(self, data: bytes, to: Address) -> None:
+        """Never waits, never raises."""
+        ...
+
+    def close(self) -> None:
+        """Frees the port."""
+        ...
+
+
+class UdpPort:
+    """UDP: bound to an address (`udpin`), or talking to one from the start (`udpout`)."""
+
+    def __init__(self, bind: Address, peer: Address | None = None) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            self._socket.setblocking(False)
+            self._socket.bind(bind)
+        except OSError:
+            self._socket.close()
+            raise
+        self._peers = [] if peer is None else [peer]
+        self.unsent = 0
+
+    def fileno(self) -> int:
+        """See `Port`."""
+        return self._socket.fileno()
+
+    def peers(self) -> list[Address]:
+        """See `Port`."""
+        return self._peers
+
+    def receive(self) -> Iterator[tuple[bytes, Address]]:
+        """See `Port`; at most `_BURST`."""
+        for _ in range(_BURST):
+            try:
+                yield self._socket.recvfrom(_CHUNK)
+            except BlockingIOError:
+                return
+            except OSError:
+                continue
+
+    def send(self, data: bytes, to: Address) -> None:
+        """See `Port`: what can't be sent is lost, as on a radio."""
+        try:
+            self._socket.sendto(data, to)
+        except OSError:
+            self.unsent += 1
+
+    def close(self) -> None:
+        """See `Port`."""
+        self._socket.close()
+
+
+@dataclass(slots=True)
+class _Connection:
+    socket: socket.socket
+    received: bytes = b""
+    waiting: bytearray = field(default_factory=bytearray)
+
+
+class TcpPort:
+    """A TCP server (`tcpin`) with any number of clients; they hear the vehicle from their first moment."""
+
+    def __init__(self, bind: Address) -> None:
+        self._listener = socket.create_server(bind, backlog=16)
+        self._listener.setblocking(False)
+        self._selector = selectors.DefaultSelector()
+        self._selector.register(self._listener, selectors.EVENT_READ, None)
+        self._connections: dict[Address, _Connection] = {}
+        self.unsent = 0
+
+    def fileno(self) -> int:
+        """See `Port`: the set of all its sockets can itself be waited for."""
+        return int(self._selector.fileno())
+
+    def peers(self) -> list[Address]:
+        """See `Port`."""
+        return list(self._connections)
+
+    def receive(self) -> Iterator[tuple[bytes, Address]]:
+        """See `Port`."""
+        for key, _ in self._selector.select(0):
+            if key.data is None:
+                self._accept()
+                continue
+            data = self._read(key.data)
+            if data:
+                yield data, key.data
+
+    def send(self, data: bytes, to: Address) -> None:
+        """See `Port`."""
+        connection = self._connections.get(to)
+        if connection is None or len(connection.waiting) > _BACKLOG:
+            self.unsent += 1
+            return
+        connection.waiting += data
+        try:
+            sent = connection.socket.send(connection.waiting)
+            del connection.waiting[:sent]
+        except BlockingIOError:
+            return
+        except OSError:
+            self._drop(to)
+
+    def close(self) -> None:
+        """See `Port`."""
+        for address in list(self._connections):
+            self._drop(address)
+        self._selector.close()
+        self._listener.close()
+
+    def _accept(self) -> None:
+        try:
+            connected, address = self._listener.accept()
+        except OSError:
+            return
+        connected.setblocking(False)
+        connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._connections[address] = _Connection(connected)
+        self._selector.register(connected, selectors.EVENT_READ, address)
+
+    def _read(self, address: Address) -> bytes:
+        connection = self._connections[address]
+        try:
+            data = connection.socket.recv(_CHUNK)
+        except BlockingIOError:
+            return b""
+        except OSError:
+            data = b""
+        if not data:
+            self._drop(address)
+            return b""
+        whole, connection.received = split_stream(connection.received + data)
+        return whole
+
+    def _drop(self, address: Address) -> None:
+        connection = self._connections.pop(address, None)
+        if connection is not None:
+            self._selector.unregister(connection.socket)
+            connection.socket.close()
+
+
+def open_port(endpoint: str) -> Port:
+    """The port of `udpin:`, `udpout:` or `tcpin:` HOST:PORT; OSError where the system says no."""
+    kind, host, port = endpoint.split(":")
+    address = (host, int(port))
+    if kind == "udpin":
+        return UdpPort(address)
+    if kind == "tcpin":
+        return TcpPort(address)
+    return UdpPort(("0.0.0.0" if host not in _LOCAL else host, 0), (socket.gethostbyname(host), int(port)))  # noqa: S104
+
+
+_LOCAL = ("127.0.0.1", "localhost")

@@ -1,0 +1,157 @@
+"""Runs a world in real time (times the speed-up) behind one UDP port a vehicle."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import selectors
+import signal
+from collections.abc import Iterator
+from typing import IO, Any, Self
+
+from sim.clock import Clock
+from sim.config import SimConfig
+from sim.network.hub import Hub
+from sim.network.ports import Address, Port, open_port
+from sim.network.signing import Signing, read_key
+from sim.world.truth import TruthFile
+from sim.world.truth_recorder import Recorder
+
+log = logging.getLogger("sim")
+
+DRAIN_S = 90.0
+"""Mission time granted to vehicles to come down after the lifeline is cut."""
+_BATCH = 50
+"""Steps done at a stretch while catching up, before sockets are looked at again."""
+_GATHER_S = 0.005
+"""Wall-clock time for which what comes after a first datagram is left to gather; none waits beyond the next step."""
+_LATE_S, _SAY_AGAIN_S = 1.0, 10.0
+
+
+class PortError(Exception):
+    """An endpoint can't be opened; the text names it."""
+
+
+class Server:
+    """Serves until told to stop. A context manager: opens the ports, and leaves none behind."""
+
+    def __init__(self, config: SimConfig, clock: Clock, lifeline: IO[Any] | None) -> None:
+        self._config = config
+        self._clock = clock
+        self._lifeline = lifeline
+        self._drain_until_s: float | None = None
+        self._stopping = False
+        self._said_late_s = -_SAY_AGAIN_S
+        self._ports: list[Port] = []
+        self.hub: Hub
+        self._selector: selectors.BaseSelector
+
+    def __enter__(self) -> Self:
+        with contextlib.ExitStack() as stack:
+            self._selector = stack.enter_context(selectors.DefaultSelector())
+            for place, vehicle in enumerate(self._config.vehicles):
+                port = _open(vehicle.endpoint)
+                stack.callback(port.close)
+                self._ports.append(port)
+                self._selector.register(port.fileno(), selectors.EVENT_READ, place)
+            if self._lifeline is not None:
+                with contextlib.suppress(PermissionError):  # a plain file: no lifeline
+                    self._selector.register(self._lifeline, selectors.EVENT_READ, None)
+            self.hub = Hub(self._config, self._clock.now(), self._transmit, self._signing)
+            for place, port in enumerate(self._ports):
+                self.hub.listen(place, port.peers())
+            if self._config.truth_path is not None:
+                recorder = Recorder(self.hub.world, self._config, TruthFile(self._config.truth_path))
+                stack.callback(recorder.close)
+                self.hub.recorder = recorder
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def stop(self) -> None:
+        """Ends `serve` at once; safe to call from a signal handler."""
+        self._stopping = True
+
+    def serve(self) -> None:
+        """Until stopped, or until the lifeline is cut and all vehicles are parked."""
+        while not self._stopping and not self._drained():
+            heard = self._poll(self._clock.wall_until(self.hub.world.next_s))
+            self._catch_up()
+            if heard:  # others are likely to follow: take them together
+                self._clock.rest(min(_GATHER_S, self._clock.wall_until(self.hub.world.next_s)))
+
+    def report(self) -> None:
+        """Logs what was counted."""
+        bad = sum(codec.bad for codec in self.hub.codecs)
+        good = sum(codec.frames for codec in self.hub.codecs)
+        ignored = sum(vehicle.firmware.ignored for vehicle in self.hub.world.vehicles)
+        unsent = sum(port.unsent for port in self._ports)
+        refused = sum(codec.unsigned for codec in self.hub.codecs)
+        if refused:
+            log.warning("frames refused for want of a good signature: %d", refused)
+        log.info("frames in: %d good, %d bad, %d not for us; datagrams not sent: %d", good, bad, ignored, unsent)
+
+    def _signing(self) -> Signing | None:
+        path = self._config.signing_key_path
+        return None if path is None else Signing(read_key(path), self._clock.signing_10us)
+
+    def _transmit(self, place: int, data: bytes, to: Address) -> None:
+        self._ports[place].send(data, to)
+
+    def _poll(self, timeout_s: float) -> bool:
+        ready = self._selector.select(timeout_s)
+        for key, _ in ready:
+            if key.data is None:
+                self._read_lifeline()
+                continue
+            port = self._ports[key.data]
+            for data, sender in port.receive():
+                self.hub.receive(key.data, data, sender)
+            self.hub.listen(key.data, port.peers())
+        return bool(ready)
+
+    def _read_lifeline(self) -> None:
+        lifeline = self._lifeline
+        if lifeline is not None and not os.read(lifeline.fileno(), 4096):
+            self._selector.unregister(lifeline)
+            self._drain_until_s = self.hub.world.time_s + DRAIN_S
+            log.info("lifeline cut: waiting for the vehicles to come down")
+
+    def _drained(self) -> bool:
+        if self._drain_until_s is None:
+            return False
+        world = self.hub.world
+        return world.parked() or world.time_s >= self._drain_until_s
+
+    def _catch_up(self) -> None:
+        now = self._clock.now()
+        for _ in range(_BATCH):
+            if self.hub.world.next_s > now:
+                return
+            self.hub.step()
+        behind = now - self.hub.world.time_s
+        if behind > _LATE_S and now - self._said_late_s > _SAY_AGAIN_S:
+            self._said_late_s = now
+            log.warning("%.1f s of mission time behind the clock: this machine is too slow for the speed-up", behind)
+
+
+def _open(endpoint: str) -> Port:
+    try:
+        return open_port(endpoint)
+    except (OSError, OverflowError) as error:
+        raise PortError(f"{endpoint}: can't be opened: {getattr(error, 'strerror', None) or error}") from error
+
+
+@contextlib.contextmanager
+def signals(server: Server) -> Iterator[None]:
+    """SIGTERM ends the server at once; SIGINT (the terminal's Ctrl-C) is not for us."""
+    before_int = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    before_term = signal.signal(signal.SIGTERM, lambda *_: server.stop())
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before_int)
+        signal.signal(signal.SIGTERM, before_term)

@@ -1,0 +1,68 @@
+"""Writes what truly happens in a world to the truth file, as it happens."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from sim.config import SimConfig
+from sim.world.truth import TruthFile
+from sim.world.world import World
+
+_MM = 4
+"""Decimals of positions and velocities: a tenth of a millimetre."""
+
+
+class Recorder:
+    """Call `after_step` after each step of the world, and `close` at the end."""
+
+    def __init__(self, world: World, config: SimConfig, file: TruthFile) -> None:
+        self._world = world
+        self._file = file
+        self._interval_s = 1.0 / config.truth_rate_hz
+        self._due_s = world.next_s
+        self._written_s = -math.inf
+        self._sysids = [vehicle.sysid for vehicle in world.vehicles]
+        self._write("header", version=1, origin=config.origin.model_dump(), sysids=self._sysids)
+
+    def after_step(self) -> None:
+        """Events at once; states and shrunken pair minima at the configured rate."""
+        for event in self._world.events:
+            self._file.write({"type": "event", "t": _t(event.time_s), "sysid": event.sysid, "event": event.event})
+        self._world.events.clear()
+        if self._world.time_s >= self._due_s - 1e-6:
+            self._due_s += self._interval_s
+            self._state()
+            self._minima()
+
+    def close(self) -> None:
+        """The last state (whatever the rate: how it all ended counts) and minima, and the end line."""
+        self.after_step()
+        if self._world.time_s > self._written_s:
+            self._state()
+        self._minima()
+        self._write("end")
+        self._file.close()
+
+    def _state(self) -> None:
+        world = self._world
+        self._written_s = world.time_s
+        self._write(
+            "state",
+            ned=world.positions().round(_MM).tolist(),
+            vel=world.velocities().round(_MM).tolist(),
+            armed=[int(x) for x in world.armed()],
+            airborne=[int(x) for x in world.airborne()],
+        )
+
+    def _minima(self) -> None:
+        pairs = [[self._sysids[i], self._sysids[j], round(d, _MM)] for i, j, d in self._world.pairs.shrunk()]
+        if pairs:
+            self._write("min", pairs=pairs)
+
+    def _write(self, kind: str, **fields: Any) -> None:
+        self._file.write({"type": kind, "t": _t(self._world.time_s)} | fields)
+
+
+def _t(time_s: float) -> float:
+    return round(time_s, 4)

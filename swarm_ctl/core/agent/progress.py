@@ -1,0 +1,84 @@
+"""How an agent marches through the mission's steps: a barrier made of state, not of events.
+
+Every state carries (step, done), ordered lexicographically. An agent leaves step k when every live member shows at
+least (k, done); a peer at k + 1 proves k. Lost or repeated messages change nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from swarm_ctl.core.model.messages import StepResult
+from swarm_ctl.core.model.plan import FormStep, Plan, Step
+
+
+def step_name(plan: Plan, step: int) -> str:
+    """`prepare` for 0, then the mission file's own words: `form hexagon`; `?` where the plan has no such step."""
+    if not 0 <= step <= len(plan.steps):
+        return "?"
+    if step == 0:
+        return "prepare"
+    what = plan.steps[step - 1]
+    return f"{what.kind} {what.shape}" if isinstance(what, FormStep) else what.kind
+
+
+class Progress:
+    """Where one agent is in the plan, and how each step went."""
+
+    def __init__(self, plan: Plan, now: float) -> None:
+        self._plan = plan
+        self.step = 0
+        """0 is preparation, k is `plan.steps[k - 1]`."""
+        self.done = False
+        self.started_s = now
+        self.paused_s = 0.0
+        """How long this step has been held up (a policy, an operator): its time-out and duration wait."""
+        self.results: list[StepResult] = [StepResult("prepare", "running", now, None)]
+
+    @property
+    def current(self) -> Step | None:
+        """The step's own words; None while preparing."""
+        return self._plan.steps[self.step - 1] if self.step else None
+
+    @property
+    def finished(self) -> bool:
+        """The last step is done."""
+        return self.done and self.step == len(self._plan.steps)
+
+    @property
+    def timed_out_at(self) -> float:
+        """When the current step has taken too long (the wait for the others included)."""
+        step = self.current
+        return self.started_s + self.paused_s + (self._plan.prepare_timeout_s if step is None else step.timeout_s)
+
+    def finish_step(self, now: float, result: str = "done") -> None:
+        """Own part of the current step is done (`result`: or its time is over, `timeout`, or it was `skipped`)."""
+        if not self.done:
+            self.done = True
+            self._close(result, now)
+
+    def break_off(self, result: str, now: float) -> None:
+        """The current step ends early (`timeout`, `aborted`), and with it the mission."""
+        if not self.done:
+            self._close(result, now)
+
+    def advance(self, members: Iterable[tuple[int, bool]], now: float) -> bool:
+        """Go on to the next step if own part is done and every live member shows at least (step, done)."""
+        if not self.done or self.finished or any(member < (self.step, True) for member in members):
+            return False
+        self.step += 1
+        self.done = False
+        self.started_s = now
+        self.paused_s = 0.0
+        self.results.append(StepResult(step_name(self._plan, self.step), "running", now, None))
+        return True
+
+    def rejoin(self, step: int, now: float) -> None:
+        """Start in the middle, at `step`: the others prove that everything before it is done."""
+        self.step, self.done, self.started_s, self.paused_s = step, False, now, 0.0
+        self.results = [StepResult(step_name(self._plan, k), "done", now, None) for k in range(step)]
+        self.results.append(StepResult(step_name(self._plan, step), "running", now, None))
+
+    def _close(self, result: str, now: float) -> None:
+        last = self.results[-1]
+        self.results[-1] = StepResult(last.name, result, last.start_s, now)

@@ -1,0 +1,252 @@
+"""From flown velocity steps to a vehicle's `Response`: dead time, first-order lag and acceleration limit.
+
+The model is the one behind the stop point (`core/law/stop_point.py`): a command acts after the dead time, then
+`dv/dt = (command - v) / lag`, never faster than the limit. Its parameters are those with the least squares between its
+velocity and the flown one. Times are the controller's own, of sending and of hearing, so the dead time holds everything
+between the two: the links there and back, the vehicle's own delay, and what jerk limits and motors add that looks like
+one. That is what the stop point needs, which is worked out from the newest news of the own vehicle.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from swarm_ctl.core.law.stop_point import Floats, pending, stop_points
+from swarm_ctl.core.model.plan import Response
+
+DEAD_TIME_S: Final = (0.0, 2.0)
+LAG_S: Final = (0.02, 5.0)
+ACCELERATION_MPS2: Final = (0.1, 20.0)
+"""Where the parameters are looked for; what a mission file allows is as wide."""
+_DT_S: Final = 0.025
+"""The model's own step: half a tick."""
+_ROUNDS: Final = 11
+"""Of refining, each by `_FINER`: from the first grid's spacing to half a hundredth of it."""
+_FINER: Final = 0.6
+_COUNTS: Final = (15, 13, 9)
+"""Of the first grid's dead times, lags and limits."""
+_FLAT: Final = 1.3
+"""Mean squares that differ by less say nothing about the limit, and the typical one is kept. ArduCopter's steps of
+3 m/s fit best without any; yet with the typical one stop points are predicted better in turns, and at 5 m/s by half."""
+_AT_REST_MPS: Final = 0.2
+_STOPPING_S: Final = 2.5
+"""For so long after a stop the predicted stop point is compared with where the vehicle came to rest."""
+
+BAD_SHARE: Final = 0.25
+"""A residual of this share of the step, and the model says nothing about this vehicle."""
+POOR_SHARE: Final = 0.1
+_SPREAD_S: Final = 0.15
+_UNUSUAL_S: Final = 0.25
+_UNUSUAL: Final = 1.6
+
+
+@dataclass(frozen=True, slots=True)
+class Leg:
+    """Steps along one line, out and back, begun at rest; one sample a tick. Along `name`, positive outwards."""
+
+    way: str
+    """`north`, `east`."""
+    kind: str
+    """`3 m/s for 1.5 s`; the same in all ways."""
+    times_s: Sequence[float]
+    commands_mps: Sequence[float]
+    """Sent at that time, in force until the next."""
+    positions_m: Sequence[float]
+    velocities_mps: Sequence[float]
+    """As known at that time, before the command was sent."""
+
+    @property
+    def step_mps(self) -> float:
+        """The largest command."""
+        return max(abs(command) for command in self.commands_mps)
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """What was found, and how far to trust it."""
+
+    response: Response
+    limited: bool
+    """The steps tell the acceleration limit; if not, the response has the typical one, as far as that fits."""
+    residual_mps: float
+    """Root mean square of flown less modelled velocity."""
+    share: float
+    """The same, relative to the steps."""
+    stop_rms_m: float
+    """Predicted stop point less the place where the vehicle came to rest, over all ticks of all stops."""
+    stop_most_m: float
+    spread: tuple[Response, ...]
+    """Dead time and lag of each leg alone."""
+    warnings: tuple[str, ...]
+    usable: bool
+    """False: not to be flown with."""
+
+    @property
+    def rounded(self) -> Response:
+        """As it is written into a file: to 10 ms and 0.1 m/s2."""
+        r = self.response
+        lag_s = max(round(r.lag_s, 2), LAG_S[0])
+        return Response(round(r.dead_time_s, 2), lag_s, round(r.acceleration_mps2, 1))
+
+
+def fit(legs: Sequence[Leg], typical: Response) -> Fit:
+    """The response that comes nearest to what was flown.
+
+    Args:
+        legs: at least one, with at least one step each.
+        typical: of this autopilot; its acceleration limit is kept where no step reached one, and warnings compare.
+
+    Raises:
+        ValueError: no leg, or one without a step.
+    """
+    if not legs or not all(leg.step_mps > 0.0 for leg in legs):
+        raise ValueError("no steps to fit")
+    runs = [_Run(leg) for leg in legs]
+    found = _best(runs, (DEAD_TIME_S, LAG_S, ACCELERATION_MPS2))
+    unbounded = _best(runs, (DEAD_TIME_S, LAG_S, (ACCELERATION_MPS2[1],) * 2))
+    limited = _error(runs, unbounded) > _FLAT * _error(runs, found)
+    if not limited:
+        usual = _best(runs, (DEAD_TIME_S, LAG_S, (typical.acceleration_mps2,) * 2))
+        found = usual if _error(runs, usual) <= _FLAT * _error(runs, found) else found
+    bounds = (DEAD_TIME_S, LAG_S, (found.acceleration_mps2,) * 2)
+    spread = tuple(_best([run], bounds) for run in runs)
+    residual = math.sqrt(_error(runs, found))
+    share = residual / math.sqrt(float(np.mean([leg.step_mps**2 for leg in legs])))
+    stops = np.concatenate([_stop_errors(leg, found) for leg in legs])
+    stop_rms, stop_most = (math.sqrt(float(np.mean(stops**2))), float(stops.max())) if stops.size else (math.nan,) * 2
+    warnings = tuple(_warnings(legs, found, typical, spread, share))
+    usable = share < BAD_SHARE and _inside(found)
+    return Fit(found, limited, residual, share, stop_rms, stop_most, spread, warnings, usable)
+
+
+def model(times_s: Sequence[float], commands_mps: Sequence[float], vehicle: Response) -> Floats:
+    """Velocities (n,) [m/s] at `times_s` (n,), from rest, of a vehicle that answers exactly like this."""
+    run = _Run(Leg("", "", times_s, commands_mps, (0.0,) * len(times_s), (0.0,) * len(times_s)))
+    return run.velocities(*(np.array([x]) for x in _numbers(vehicle)))[:, 0]
+
+
+class _Run:
+    """One leg, laid out for the model: its commands as an integral over time, so that a dead time is a mere shift."""
+
+    def __init__(self, leg: Leg) -> None:
+        self._times = np.asarray(leg.times_s, dtype=np.float64)
+        commands = np.asarray(leg.commands_mps, dtype=np.float64)
+        self._flown = np.asarray(leg.velocities_mps, dtype=np.float64)
+        flown_on = np.concatenate([[0.0], np.cumsum(commands[:-1] * np.diff(self._times))])
+        steps = math.ceil((self._times[-1] - self._times[0]) / _DT_S) + 1
+        self._grid = self._times[0] + _DT_S * np.arange(steps + 1)
+        self._before = np.concatenate([[self._times[0] - DEAD_TIME_S[1] - 1.0], self._times])
+        self._integral = np.concatenate([[0.0], flown_on])
+        place = (self._times - self._times[0]) / _DT_S
+        self._cell = np.minimum(place.astype(np.intp), steps - 1)
+        self._part = (place - self._cell)[:, None]
+
+    def velocities(self, dead_s: Floats, lag_s: Floats, most_mps2: Floats) -> Floats:
+        """(n, k): for each sample the velocity of k models, given as (k,) each."""
+        shifted = np.interp(self._grid[:, None] - dead_s, self._before, self._integral)
+        acting = np.diff(shifted, axis=0) / _DT_S
+        share, bound = -np.expm1(-_DT_S / lag_s), most_mps2 * _DT_S
+        v = np.full_like(dead_s, self._flown[0])
+        course = [v]
+        for command in acting:
+            dv = (command - v) * share
+            v = v + np.minimum(np.maximum(dv, -bound), bound)
+            course.append(v)
+        flown = np.array(course)
+        answer: Floats = flown[self._cell] * (1.0 - self._part) + flown[self._cell + 1] * self._part
+        return answer
+
+    def errors(self, dead_s: Floats, lag_s: Floats, most_mps2: Floats) -> Floats:
+        """(k,) mean squares [m2/s2]."""
+        misses = self.velocities(dead_s, lag_s, most_mps2) - self._flown[:, None]
+        answer: Floats = np.mean(misses**2, axis=0)
+        return answer
+
+
+Bounds = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
+
+
+def _best(runs: Sequence[_Run], bounds: Bounds) -> Response:
+    """Least squares by a grid that follows its best point and gets finer: nothing to diverge, no start to choose.
+
+    Lag and acceleration are spaced by ratios.
+    """
+    low, high = (np.array(_scaled([bound[end] for bound in bounds])) for end in (0, 1))
+    gaps = (high - low) / (np.array(_COUNTS) - 1)
+    axes = [np.linspace(a, b, n if b > a else 1) for a, b, n in zip(low, high, _COUNTS, strict=True)]
+    best = low
+    for _ in range(_ROUNDS):
+        points = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")])
+        dead, lag, most = points[0], np.exp(points[1]), np.exp(points[2])
+        cost = np.sum([run.errors(dead, lag, most) for run in runs], axis=0)
+        best = points[:, int(np.argmin(cost))]
+        around = zip(best, gaps, low, high, strict=True)
+        axes = [np.unique(np.clip(x + gap * np.linspace(-1, 1, 5), a, b)) for x, gap, a, b in around]
+        gaps *= _FINER
+    return Response(float(best[0]), math.exp(best[1]), math.exp(best[2]))
+
+
+def _scaled(numbers: Sequence[float]) -> list[float]:
+    dead_s, lag_s, most_mps2 = numbers
+    return [dead_s, math.log(lag_s), math.log(most_mps2)]
+
+
+def _error(runs: Sequence[_Run], vehicle: Response) -> float:
+    return float(np.mean([run.errors(*(np.array([x]) for x in _numbers(vehicle)))[0] for run in runs]))
+
+
+def _numbers(vehicle: Response) -> tuple[float, float, float]:
+    return vehicle.dead_time_s, vehicle.lag_s, vehicle.acceleration_mps2
+
+
+def _inside(vehicle: Response) -> bool:
+    """Not at the end of where it was looked for: the truth may lie beyond."""
+    return vehicle.dead_time_s < DEAD_TIME_S[1] - 0.01 and vehicle.lag_s < 0.98 * LAG_S[1]
+
+
+def _stop_errors(leg: Leg, vehicle: Response) -> Floats:
+    """Distances [m] between predicted stop points and the place of rest, for each tick after each stop."""
+    times, commands = np.asarray(leg.times_s), np.asarray(leg.commands_mps)
+    positions, velocities = np.asarray(leg.positions_m), np.asarray(leg.velocities_mps)
+    tick_s = float(np.median(np.diff(times)))
+    ahead = pending(vehicle, tick_s)
+    before = np.concatenate([np.zeros(ahead), commands])
+    acting = np.array([before[k : k + len(commands)] for k in range(ahead)]).reshape(ahead, len(commands)).T
+    predicted = stop_points(_in_plane(positions), _in_plane(velocities), _in_plane(acting), tick_s, vehicle)[:, 0]
+    stopped = np.concatenate([[False], commands == 0.0, [False]])
+    edges = np.flatnonzero(np.diff(stopped.astype(np.int8)))
+    found = [np.zeros(0)]
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        if begin > 0 and abs(velocities[end - 1]) < _AT_REST_MPS:
+            soon = slice(begin, begin + int(np.searchsorted(times[begin:end], times[begin] + _STOPPING_S)))
+            found.append(np.abs(predicted[soon] - positions[end - 1]))
+    return np.concatenate(found)
+
+
+def _in_plane(along: Floats) -> Floats:
+    return np.stack((along, np.zeros_like(along)), axis=-1)
+
+
+def _warnings(
+    legs: Sequence[Leg], found: Response, typical: Response, spread: Sequence[Response], share: float
+) -> Iterator[str]:
+    if share >= POOR_SHARE:
+        yield (
+            f"the velocity differs from the model's by {share:.0%} of the step: wind, or a vehicle that answers unlike "
+            "dead time and lag"
+        )
+    if not _inside(found):
+        yield f"dead time or lag lies beyond what is looked for ({DEAD_TIME_S[1]:g} s, {LAG_S[1]:g} s)"
+    for kind in dict.fromkeys(leg.kind for leg in legs):
+        alike = [r.dead_time_s + r.lag_s for leg, r in zip(legs, spread, strict=True) if leg.kind == kind]
+        if max(alike) - min(alike) > _SPREAD_S:
+            yield f"{kind}: dead time and lag together are {min(alike):.2f} to {max(alike):.2f} s from way to way"
+    if abs(found.dead_time_s - typical.dead_time_s) > _UNUSUAL_S:
+        yield f"a dead time of {found.dead_time_s:.2f} s is unusual for this autopilot ({typical.dead_time_s:g} s)"
+    if not 1 / _UNUSUAL < found.lag_s / typical.lag_s < _UNUSUAL:
+        yield f"a lag of {found.lag_s:.2f} s is unusual for this autopilot ({typical.lag_s:g} s)"

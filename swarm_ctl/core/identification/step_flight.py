@@ -1,0 +1,292 @@
+"""The flight that measures one vehicle: up, velocity steps out and back along north and east, down. Pure.
+
+It is flown by an ordinary agent (`core/agent/agent.py`) alone in a plan of its own: take-off, hold, land. So everything that
+an agent refuses (an armed vehicle, one that is not healthy) and all that ends its flights in a landing (fence, battery,
+speed, tilt, silence, time-outs, Ctrl-C) is the same here. Only while it holds, the steps take the place of its
+horizontal velocity; between them its own law brings it back to where it held.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Final
+
+from swarm_ctl.core.agent.agent import Agent, Ended, Inbox
+from swarm_ctl.core.identification.fit import Leg
+from swarm_ctl.core.model.frames import ned_from_geodetic
+from swarm_ctl.core.model.messages import Phase
+from swarm_ctl.core.model.plan import (
+    AgentPlan,
+    Compensation,
+    Fence,
+    FormStep,
+    Geodetic,
+    HoldStep,
+    LandStep,
+    LawParameters,
+    Limits,
+    Plan,
+    Point,
+    Policies,
+    Response,
+    Safety,
+    TakeoffStep,
+)
+from swarm_ctl.core.model.vehicle import Contact, FlyGoal, Goal, StandbyGoal, VehicleView
+from swarm_ctl.core.safety.fence import inside
+
+WAYS: Final = {"north": (1.0, 0.0), "east": (0.0, 1.0)}
+LONGEST_S: Final = 3.0
+"""How long the longest steps last: ArduCopter is at 90 % after 1.7 s."""
+_STEPS: Final = ((1 / 3, LONGEST_S), (1.0, 0.7), (1.0, 1.5), (1.0, LONGEST_S))
+"""Share of the speed, and for how long out and back: small and large, settled and broken off on the way up, since jerk
+limits answer each differently."""
+_REST_S: Final = 3.0
+"""Zero commanded after each."""
+_BACK_S: Final = 3.0
+"""The agent's own way back to the start, before each leg; then zero for `_STILL_S`."""
+_STILL_S: Final = 2.0
+_SPARE_S: Final = 1.5
+"""The box is so many seconds of flight at full speed longer than the longest step: the way that stopping takes."""
+_LOOK_S: Final = 1.0
+_HEARD_S: Final = 15.0
+"""A heartbeat comes every second: by then nobody is there."""
+_LOOK_AT_MOST_S: Final = 120.0
+"""A real ArduCopter is ready 42 s after its start."""
+_CLEAR_M: Final = 10.0
+_CLEAR_HEIGHT_M: Final = 5.0
+"""No other aircraft is that near, farther than the steps lead."""
+_HEIGHT_SPARE_M: Final = 5.0
+_TORN_S: Final = 0.5
+"""A leg that lacks so much of its end was broken off."""
+_GAP_S: Final = 0.25
+"""Between two setpoints: half of what an ArduCopter waits before it stops by itself."""
+_ID: Final = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Steps:
+    """What to fly, and where: within a square of `box_m` north, south, east and west of the start."""
+
+    speed_mps: float = 3.0
+    height_m: float = 10.0
+    box_m: float = 13.5
+
+    @property
+    def least_box_m(self) -> float:
+        """The steps need so much."""
+        return self.speed_mps * (LONGEST_S + _SPARE_S)
+
+    @property
+    def duration_s(self) -> float:
+        """Of all legs."""
+        return sum(_BACK_S + _STILL_S + 2 * (hold_s + _REST_S) for _, hold_s in _STEPS) * len(WAYS)
+
+
+class StepFlight:
+    """One vehicle's flight: call `step` every `tick_s`, pursue the goal it gives, until `ended` says how it went.
+
+    `typical` is what its own way back reckons with; `fence` a geofence [m] from `origin` that the box has to lie in.
+    """
+
+    def __init__(
+        self, steps: Steps, typical: Response, tick_s: float, fence: Fence | None = None, origin: Geodetic | None = None
+    ) -> None:
+        self._steps, self._typical, self._tick_s = steps, typical, tick_s
+        self._fence, self._origin = fence, origin
+        self._began_s: float | None = None
+        self._ready_s: float | None = None
+        self._agent: Agent | None = None
+        self._holding_s: float | None = None
+        self._schedule = list(_schedule(steps.speed_mps))
+        self._flown: dict[int, list[tuple[float, float, float, float]]] = {}
+        self._stop = ""
+        self.said: list[str] = []
+        """Since it was emptied last: what the flight says, in an operator's words."""
+        self.ended: Ended | None = None
+
+    @property
+    def legs(self) -> list[Leg]:
+        """Those flown to their end, with a setpoint each tick."""
+        found = []
+        for k, part in enumerate(self._schedule):
+            samples = self._flown.get(k, [])
+            times = [sample[0] for sample in samples]
+            if not part.leg or not samples or times[-1] - times[0] < part.seconds - _TORN_S:
+                continue
+            if all(later - sooner <= _GAP_S for sooner, later in itertools.pairwise(times)):
+                found.append(Leg(part.way, part.kind, *zip(*samples, strict=True)))
+        return found
+
+    @property
+    def missing(self) -> str:
+        """Why there is too little to go by, or '': each kind of leg has to be there, one way or the other."""
+        legs = self.legs
+        if {leg.kind for leg in legs} == {part.kind for part in self._schedule}:
+            return ""
+        all_legs = len(_STEPS) * len(WAYS)
+        return f"{len(legs)} of {all_legs} legs were flown without a gap of {_GAP_S:g} s: is this machine too busy?"
+
+    def step(self, now: float, view: VehicleView, stop: str = "") -> Goal:
+        """One tick. `stop` says why to land now, for good."""
+        self._stop = self._stop or stop
+        self._began_s = now if self._began_s is None else self._began_s
+        if self._agent is None:
+            return self._look(now, view)
+        self._stop = self._stop or _traffic(view)
+        actions = self._agent.step(now, Inbox(view, lifeline_cut=bool(self._stop)))
+        self.said += [event.text for event in actions.events]
+        if actions.ended is not None:
+            reason = self._stop if actions.ended.outcome == "aborted" and self._stop else actions.ended.reason
+            self.ended = replace(actions.ended, reason=reason)
+        state, goal = actions.state, actions.goal
+        if state is None or state.step != _HOLD or state.phase is not Phase.FLY or not isinstance(goal, FlyGoal):
+            return goal
+        return self._hold(now, state.position_ned_m[:2], state.velocity_ned_mps[:2], goal)
+
+    def _look(self, now: float, view: VehicleView) -> StandbyGoal:
+        """Nothing is planned before the vehicle is heard, ready, and nobody else's."""
+        waited = now - (self._began_s or now)
+        if self._stop:
+            self._refuse("aborted", self._stop)
+        elif view.fault:
+            self._refuse("failed", view.fault)
+        elif view.armed or not view.on_ground:
+            what = "is armed" if view.armed else "is in the air"
+            self._refuse("failed", f"the vehicle {what} already: somebody flies it, or land and disarm it first")
+        elif not view.healthy or view.global_ is None:
+            self._ready_s = None
+            patience_s = _LOOK_AT_MOST_S if math.isfinite(view.heartbeat_s) else _HEARD_S
+            if waited > patience_s:
+                self._refuse("failed", f"not ready after {patience_s:g} s: {view.health_reason}")
+        elif self._ready_s is None:
+            self._ready_s = now
+        elif now - self._ready_s >= _LOOK_S:
+            here = view.global_.position
+            beyond = self._beyond(here)
+            if beyond:
+                self._refuse("failed", beyond)
+            else:
+                self._agent = Agent(_plan(self._steps, self._typical, self._tick_s, here), _ID, now)
+        return StandbyGoal()
+
+    def _refuse(self, outcome: str, reason: str) -> None:
+        self.ended = Ended(outcome, reason)
+
+    def _beyond(self, here: Geodetic) -> str:
+        """Why the box is not within the mission's geofence, or ''."""
+        if self._fence is None or self._origin is None:
+            return ""
+        if self._steps.height_m > self._fence.height_m:
+            return f"{self._steps.height_m:g} m is above the geofence, which ends at {self._fence.height_m:g} m"
+        north, east, _ = ned_from_geodetic(here, self._origin)
+        box, parts = self._steps.box_m, [k / 10 for k in range(-10, 11)]
+        edge = [(box * a, box * b) for a in parts for b in parts if max(abs(a), abs(b)) == 1.0]
+        if all(inside(self._fence.polygon_m, (north + n, east + e)) for n, e in edge):
+            return ""
+        return f"the box of {box:g} m around the vehicle is not all inside the mission's geofence"
+
+    def _hold(self, now: float, position: Point, velocity: Point, goal: FlyGoal) -> FlyGoal:
+        """The schedule's velocity in place of the hold's, and the record of it."""
+        self._holding_s = now if self._holding_s is None else self._holding_s
+        since = now - self._holding_s
+        place = next((k for k, part in enumerate(self._schedule) if since < part.until_s), None)
+        if place is None or (part := self._schedule[place]).command_mps is None:
+            return goal
+        (n, e), along = WAYS[part.way], part.at(since)
+        if part.leg:
+            if place not in self._flown:
+                self.said.append(f"{part.way}, {part.kind}")
+            sample = (now, along, n * position[0] + e * position[1], n * velocity[0] + e * velocity[1])
+            self._flown.setdefault(place, []).append(sample)
+        return FlyGoal((along * n, along * e, goal.velocity_ned_mps[2]))
+
+
+_HOLD: Final = 3
+"""The plan's step that holds."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """A stretch of the schedule, `until_s` after its begin; `command_mps` None: the agent's own way back."""
+
+    way: str
+    kind: str
+    until_s: float
+    seconds: float
+    command_mps: float | None
+    leg: bool
+    hold_s: float = 0.0
+
+    def at(self, since: float) -> float:
+        """The command: out, rest, back, rest."""
+        into = since - (self.until_s - self.seconds)
+        if self.command_mps is None or not self.leg:
+            return 0.0
+        half = self.hold_s + _REST_S
+        return math.copysign(self.command_mps, half - into) if into % half < self.hold_s else 0.0
+
+
+def _schedule(speed_mps: float) -> Iterator[_Part]:
+    end = 0.0
+    for way in WAYS:
+        for share, hold_s in _STEPS:
+            kind = f"{share * speed_mps:.3g} m/s for {hold_s:g} s"
+            for seconds, command, leg in (
+                (_BACK_S, None, False),
+                (_STILL_S, 0.0, False),
+                (2 * (hold_s + _REST_S), share * speed_mps, True),
+            ):
+                end += seconds
+                yield _Part(way, kind, end, seconds, command, leg, hold_s)
+
+
+def _traffic(view: VehicleView) -> str:
+    """Somebody flies near: steps don't look where they lead."""
+    if view.global_ is None or view.on_ground:
+        return ""
+    for contact in view.contacts:
+        north, east, down = ned_from_geodetic(contact.position, view.global_.position)
+        if math.hypot(north, east) < _CLEAR_M and abs(down) < _CLEAR_HEIGHT_M and _above_ground(contact, view):
+            return f"another aircraft is {math.hypot(north, east):.0f} m away; allowed: {_CLEAR_M:g} m and more"
+    return ""
+
+
+def _above_ground(contact: Contact, view: VehicleView) -> bool:
+    """Not one that is parked beside the start."""
+    if view.global_ is None:
+        return False
+    ground_m = view.global_.position.alt_m - view.global_.relative_alt_m
+    return contact.position.alt_m > ground_m + 2.0
+
+
+def _plan(steps: Steps, typical: Response, tick_s: float, here: Geodetic) -> Plan:
+    """Take-off, the agent's place, the steps, landing; around `here`."""
+    box, spare_s = steps.box_m, 30.0
+    up_s = spare_s + 3 * steps.height_m
+    kappa = 1.0 / tick_s
+    return Plan(
+        name="measure",
+        origin=here,
+        unit_m=5.0,
+        tick_s=tick_s,
+        kappa=kappa,
+        law=LawParameters(4.5, 0.3, 0.1, 1.0 / kappa),  # parked vehicles below are no reason to make way
+        compensation=Compensation.STOP_POINT,
+        response=typical,
+        limits=Limits(speed_mps=steps.speed_mps),
+        policies=Policies(max_speed_mps=2 * steps.speed_mps),
+        prepare_timeout_s=30.0,
+        agents=(AgentPlan(_ID, (0.0, 0.0), ()),),
+        steps=(
+            TakeoffStep(steps.height_m, up_s),
+            FormStep("start", ((0.0, 0.0),), tolerance_m=1.0, settle_s=1.0, timeout_s=spare_s),
+            HoldStep(steps.duration_s, steps.duration_s + spare_s),
+            LandStep(spare_s + 3 * steps.height_m),
+        ),
+        fence=Fence(((-box, -box), (box, -box), (box, box), (-box, box)), steps.height_m + _HEIGHT_SPARE_M),
+        safety=Safety(filter=False, guard=False, release=False, align=False),
+    )

@@ -1,0 +1,210 @@
+"""The law (26) for many whole swarms at once, laid out for speed: missions on the last axis, contiguous in memory.
+
+The same numbers as `core.law.formation_law.evaluate` gives each agent (`tune` is shared), but each distance is worked out once for
+both agents of a pair. Points are (2, n, m): component, agent, mission. Lengths in units.
+
+Pairs stand in rings: row (k, i), of n // 2 rings, is agent i and agent (i + k + 1) mod n. So the second of a pair is a
+window that slides over the doubled list of agents, and nothing has to be gathered. With an even n the last ring holds
+each pair twice; its second half is not used.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.lib.stride_tricks import as_strided
+from numpy.typing import NDArray
+
+from swarm_ctl.core.law.formation_law import Bools, Floats, Tuned, separate, tune
+from swarm_ctl.core.model.plan import LawParameters
+
+Indices = NDArray[np.intp]
+
+_SMALL: Final = 16
+"""Under so many agents a loop along the missions beats a matrix product for each."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Near:
+    """The pairs inside `r_out`. Row 0 is how `first` sees the pair; row 1, if there is one, how `second` does."""
+
+    first: Indices
+    second: Indices
+    mission: Indices
+    """Each (K,)."""
+    distance: Floats
+    neighbour: Bools
+    """(K,)."""
+    numbers: Tuned
+    """Each (1, K) or (2, K)."""
+
+
+class Rings:
+    """Squared distances of all pairs of n agents in m missions, in a working memory of its own."""
+
+    def __init__(self, n: int, m: int) -> None:
+        rings = n // 2
+        k, i = np.indices((rings, n))
+        self.first = i
+        """(rings, n), as all that follows."""
+        self.second = (i + k + 1) % n
+        self.once = (k + 1 < n / 2) | (i < self.second)
+        """False where a pair stands for the second time."""
+        self.squared = np.empty((rings, n, m))
+        """(rings, n, m), of the last `measure`."""
+        self._other = np.empty((rings, n, m))
+        self._inside = np.empty((rings, n, m), dtype=np.bool_)
+        self._doubled = np.empty((2, n + rings, m))
+        a, b, c = self._doubled.strides
+        self._window = as_strided(self._doubled[:, 1:], (2, rings, n, m), (a, b, b, c), writeable=False)
+
+    def measure(self, points: Floats) -> Floats:
+        """Fills `squared` for `points` (2, n, m)."""
+        n = points.shape[1]
+        self._doubled[:, :n] = points
+        self._doubled[:, n:] = points[:, : n // 2]
+        np.subtract(self._doubled[0, :n], self._window[0], out=self.squared)
+        np.multiply(self.squared, self.squared, out=self.squared)
+        np.subtract(self._doubled[1, :n], self._window[1], out=self._other)
+        np.multiply(self._other, self._other, out=self._other)
+        return np.add(self.squared, self._other, out=self.squared)
+
+    def inside(self, radius: float) -> tuple[Indices, Indices, Indices]:
+        """(first, second, mission) of each pair that was measured closer than `radius`."""
+        np.less(self.squared, radius * radius, out=self._inside)
+        n, m = self.squared.shape[1:]
+        if n % 2 == 0:
+            self._inside[-1, n // 2 :] = False
+        row, mission = np.divmod(np.flatnonzero(self._inside), m)
+        return self.first.ravel().take(row), self.second.ravel().take(row), mission
+
+
+class SwarmLaw:
+    """The law of m missions of n >= 2 agents, with what does not change prepared once. Owns its working memory.
+
+    A mission's numbers don't depend on the others in its batch, to the last bit, as long as it has others: a batch of
+    one is summed in another order.
+
+    Args:
+        slots: z (2, n, m).
+        links: j in N_i (n, n, m), symmetric, false on the diagonal.
+        h: (m,), each mission's consensus gain.
+        law: all but `h`.
+    """
+
+    def __init__(self, slots: Floats, links: Bools, h: Floats, law: LawParameters) -> None:
+        self.law, self.links, self.h = law, np.ascontiguousarray(links), h
+        self.slots = np.ascontiguousarray(slots)
+        _, n, m = slots.shape
+        self._small = n < _SMALL
+        order = links if self._small else np.moveaxis(links, -1, 0)
+        self._weights = np.ascontiguousarray(order, dtype=np.float64)
+        self._count = np.count_nonzero(links, axis=1)
+        self._apart = self._weights.copy()
+        """The same with minus the number of neighbours on the diagonal: n is one product with the errors."""
+        diagonal = np.arange(n)
+        self._apart[(diagonal, diagonal) if self._small else (slice(None), diagonal, diagonal)] = -(
+            self._count if self._small else self._count.T
+        )
+        some = np.maximum(self._count, 1)
+        self._gain = h / some
+        self._beta = h / (some * some)
+        self.rings = Rings(n, m)
+        """Holds the distances of the last `step`."""
+
+    def only(self, missions: Bools) -> SwarmLaw:
+        """The same for some of the missions."""
+        return SwarmLaw(self.slots[..., missions], self.links[..., missions], self.h[missions], self.law)
+
+    def unlinked(self, gone: Bools) -> SwarmLaw:
+        """The same, but that nobody follows the agents `gone` (n, m) any more, nor they anybody."""
+        return SwarmLaw(self.slots, self.links & ~gone & ~gone[:, None], self.h, self.law)
+
+    def step(self, points: Floats) -> tuple[Floats, Near | None]:
+        """One iteration of (26) where everybody knows all `points` (2, n, m): u (2, n, m) [units], the near pairs."""
+        n = self._sum_apart(points - self.slots)
+        u: Floats = n * self._gain
+        self.rings.measure(points)
+        pair = self.rings.inside(self.law.r_out)
+        if not len(pair[0]):
+            return u, None
+        return u, self._repel(u, n, points, _taken(points, pair[1] * points.shape[-1] + pair[2]), pair)
+
+    def step_heard(
+        self, points: Floats, heard: Floats, slots: Floats | None = None, told_slots: Floats | None = None
+    ) -> tuple[Floats, Near | None]:
+        """The same where agent i takes agent j to be at `heard[:, i, j]` (2, n or 1, n, m), old or foretold.
+
+        `slots` (2, n, m) and `told_slots` (as `heard`) are the slots as they are now, where they change.
+        """
+        slots = self.slots if slots is None else slots
+        error = points - slots
+        told = np.broadcast_to(heard - (slots[:, None] if told_slots is None else told_slots), (2, *self.links.shape))
+        terms = "ijm,cijm->cim" if self._small else "mij,cijm->cim"
+        n = np.einsum(terms, self._weights, told) - self._count * error
+        u: Floats = n * self._gain
+        self.consensus = u
+        q = points[:, :, None] - heard
+        q *= q
+        inside = q[0] + q[1] < self.law.r_out**2
+        inside[np.arange(inside.shape[0]), np.arange(inside.shape[0])] = False
+        first, second, mission = inside.nonzero()
+        self.avoidance = np.zeros_like(u)
+        if not len(first):
+            return u, None
+        seen = heard[:, first if heard.shape[1] > 1 else np.zeros_like(first), second, mission]
+        near = self._repel(self.avoidance, n, points, seen, (first, second, mission), both=False)
+        return u + self.avoidance, near
+
+    def _sum_apart(self, error: Floats) -> Floats:
+        """Sum of e_j - e_i over the neighbours j, (2, n, m): one matrix product a mission, unless it is small."""
+        if not self._small:
+            return np.ascontiguousarray((self._apart @ error.transpose(2, 1, 0)).transpose(2, 1, 0))
+        total = np.empty_like(error)
+        for component, summed in zip(error, total, strict=True):
+            np.einsum("ijm,jm->im", self._apart, component, out=summed)
+        return total
+
+    def _repel(
+        self,
+        u: Floats,
+        n: Floats,
+        points: Floats,
+        seen: Floats,
+        pair: tuple[Indices, Indices, Indices],
+        both: bool = True,
+    ) -> Near:
+        """Adds the avoidance term of `first` to u, and with `both` that of `second`; `seen` is where `second` is."""
+        first, second, mission = pair
+        count, m = points.shape[1:]
+        q = _taken(points, first * m + mission) - seen
+        q_x, q_y, x = separate(q[0], q[1], first < second, self.law)
+        linked = self.links.ravel().take((first * count + second) * m + mission)
+        # flat index into (n, m) of everybody who pushes himself off
+        agents = (np.stack((first, second)) if both else first[None]) * m + mission
+        members = self._members(agents, linked, count * m)
+        # seen from the second of a pair q points the other way; turning the pull instead is the same
+        side = np.array([[1.0], [-1.0]])[: len(agents)]
+        beta = self._beta.ravel().take(agents) * linked * side
+        pull_x, pull_y = n[0].ravel().take(agents) * beta, n[1].ravel().take(agents) * beta
+        numbers = tune(q_x, q_y, x, pull_x, pull_y, members, self.law)
+        push = numbers.alpha * side
+        flat = agents.ravel()
+        u[0] += np.bincount(flat, (push * q_x).ravel(), count * m).reshape(count, m)
+        u[1] += np.bincount(flat, (push * q_y).ravel(), count * m).reshape(count, m)
+        return Near(first, second, mission, x, linked, numbers)
+
+    def _members(self, agents: Indices, linked: Bools, size: int) -> Indices:
+        """N for neighbours, M (near strangers) for strangers."""
+        count: Indices = self._count.ravel().take(agents)
+        if linked.all():
+            return count
+        strangers = np.bincount(agents[:, ~linked].ravel(), minlength=size)
+        return np.where(linked, count, strangers.take(agents))
+
+
+def _taken(points: Floats, places: Indices) -> Floats:
+    """Points (2, n, m) at flat places (K,) in (n, m): (2, K). A flat take is several times quicker than an index."""
+    return points.reshape(2, -1).take(places, axis=1)

@@ -1,0 +1,357 @@
+"""What agents and stations tell each other, as plain data. `mesh/payloads.py` gives each its bytes.
+
+Times are on the sender's mission clock [s]; horizontal vectors are (north, east) in the common frame, in metres.
+"""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import TypeAlias
+
+from swarm_ctl.core.model.plan import FormStep, MoveStep, Point
+from swarm_ctl.core.model.vehicle import Vector3
+
+
+class Phase(IntEnum):
+    """Where an agent is. The order is the order of a flight; the numbers are on the wire, so never reuse one."""
+
+    CONNECT = 0
+    """No heartbeat from the vehicle yet."""
+    PREPARE = 1
+    """Heard; waiting for a healthy vehicle, or for the others."""
+    ARM = 2
+    TAKEOFF = 3
+    FLY = 4
+    """Under the mission's law (form, hold)."""
+    HOLD = 5
+    """Stopped in the air by a policy; avoidance stays on."""
+    LAND = 6
+    YIELD = 7
+    """A pilot has taken the vehicle; this agent sends nothing."""
+    ENDED = 8
+    RETURN = 9
+    """On the way back to its own start; `AgentState.stage` says how far."""
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """Where the formation as a whole is to be: its centre, and how its last form step's slots are turned and scaled."""
+
+    point_m: Point
+    angle_rad: float = 0.0
+    scale: float = 1.0
+    leg: int = 0
+    """Waypoints passed."""
+    rate: float = 0.0
+    """Progress now, as a share of the step's speed."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExchangeState:
+    """What an agent says of slot exchange (`core/swarm/exchange_protocol.py`). Agents by their place in the plan, -1 for nobody."""
+
+    role: int
+    """The place in the plan whose slots it flies to."""
+    version: int = 0
+    """Of the role: exchanges so far."""
+    lock: int = -1
+    """Who offers in the deal that it is in."""
+    offer_to: int = -1
+    offer_version: int = -1
+    """The other's, when it was offered."""
+    answer_to: int = -1
+    """Whose offer it took last."""
+    answer_version: int = -1
+    answer_role: int = -1
+    """What is the other's now."""
+
+
+NO_DEAL = ExchangeState(role=-1)
+"""Says nothing: its role is its own place."""
+
+
+@dataclass(frozen=True, slots=True)
+class AgentState:
+    """Sent every tick: kinematics and progress. A fixed binary layout (`mesh/payloads.py`)."""
+
+    agent: int
+    seq: int
+    time_s: float
+    plan_hash: int
+    phase: Phase
+    step: int
+    """0 is preparation, k >= 1 is `plan.steps[k - 1]`."""
+    done: bool
+    airborne: bool
+    position_ned_m: Vector3
+    velocity_ned_mps: Vector3
+    stop_point_m: Point
+    commanded_mps: Point
+    frame: Frame | None = None
+    """The shared reference as this agent has it; the pinned agent's is the one that counts (`core/control/reference.py`)."""
+    stage: int = 0
+    """How far the way back is (`core/agent/return_to_launch.py`)."""
+    command: int = 0
+    """`Command.tag` of the operator's command it carries out, 0 for none: who has another one is not followed."""
+    law: int = 0
+    """`Command.tag` of the change that put its law in force, 0 for the mission's own (`core/swarm/gain_update.py`)."""
+    next_law: int = 0
+    """Of the change that is decided and waits for its time, 0 for none."""
+    deal: ExchangeState = NO_DEAL
+
+
+@dataclass(frozen=True, slots=True)
+class PairReport:
+    """One pair in the avoidance region, as agent i computed it (LAW.md section 3). Lengths in units."""
+
+    peer: int
+    neighbour: bool
+    status: str
+    """`paper`, `narrow`, `inactive` or `overspeed`."""
+    distance: float
+    sigma: float
+    sigma_lb: float
+    d_lb: float
+    d_ub: float
+    d: float | None
+    alpha: float
+
+
+@dataclass(frozen=True, slots=True)
+class SigmaReport:
+    """Sent at 5 Hz while a pair is in the avoidance region, and once after."""
+
+    agent: int
+    time_s: float
+    consensus: Point
+    avoidance: Point
+    pairs: tuple[PairReport, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class StepResult:
+    """How a step went for one agent; `result` is `done`, `timeout`, `aborted` or `running`."""
+
+    name: str
+    result: str
+    start_s: float
+    end_s: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class LinkReport:
+    """One mesh link as its receiver sees it, over the whole run so far."""
+
+    age_s: float | None
+    """Now; None: never heard."""
+    age_p50_s: float | None
+    age_p99_s: float | None
+    received: int
+    lost: int
+    clock_ahead_s: float | None = None
+    """The sender's clock less the receiver's, give or take half the round trip; None: not known."""
+    round_trip_s: float | None = None
+    """The fastest way there and back of late."""
+
+
+@dataclass(frozen=True, slots=True)
+class TickReport:
+    """The control loop's punctuality so far. Lateness and work in wall-clock milliseconds."""
+
+    count: int = 0
+    overruns: int = 0
+    """Ticks skipped because the one before took too long."""
+    late_p50_ms: float = 0.0
+    late_p99_ms: float = 0.0
+    late_max_ms: float = 0.0
+    work_p50_ms: float = 0.0
+    work_p99_ms: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class SafetyReport:
+    """What the safety filter has done so far (`core/safety/safety_filter.py`); in ticks."""
+
+    ticks: int = 0
+    """In which it was asked."""
+    touched: int = 0
+    """In which it changed the wish."""
+    yielded: int = 0
+    """In which the keep-outs excluded each other, and all gave way a little."""
+    releases: int = 0
+    """Times it was stuck and went sideways."""
+    kept_from: tuple[int, ...] = ()
+    """Whom it was kept apart from since the status before; 0 is a stranger."""
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleLinkReport:
+    """The MAVLink link between an agent and its vehicle, over the whole run so far."""
+
+    received: int
+    lost: int
+    """By MAVLink's 8-bit seq: right where nothing but the vehicle speaks on the link."""
+    round_trip_s: float | None
+    """TIMESYNC to the vehicle and back, the newest; mission time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Echo:
+    """A station's newest beacon sent back, so that the station can tell the round trip."""
+
+    station: str
+    beacon_s: float
+    """`StationBeacon.time_s`."""
+    held_s: float
+    """From its receipt to this status."""
+
+
+@dataclass(frozen=True, slots=True)
+class Gains:
+    """What of the law can be changed in flight (LAW.md sections 1 and 6)."""
+
+    delta_a: float
+    delta_l: float
+    h: float
+    kappa: float
+    """Iterations a second."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tuning:
+    """Values for the law and the mission time from which they are to hold, on the sender's clock."""
+
+    gains: Gains
+    at_s: float
+    ahead_s: tuple[tuple[int, float], ...] = ()
+    """(agent, how far ahead its clock is) of those that have another one than the sender."""
+
+
+@dataclass(frozen=True, slots=True)
+class AgentStatus:
+    """Sent at 2 Hz: everything about an agent that is not needed every tick. The last one is its final account."""
+
+    agent: int
+    time_s: float
+    phase: Phase
+    step: int
+    done: bool
+    reason: str
+    """Why it waits, holds, lands or failed; '' when all is well."""
+    outcome: str
+    """`running`, `completed`, `failed` or `aborted` (an operator's command)."""
+    mode: str
+    armed: bool
+    airborne: bool
+    battery_percent: float | None
+    height_m: float | None
+    formation_error_m: float | None
+    """Largest |e_j - mean e| over the live agents it hears, itself included."""
+    nearest_agent: int | None
+    nearest_m: float | None
+    """Horizontal distance between positions."""
+    heartbeat_age_s: float | None
+    station_age_s: float | None
+    setpoints: int
+    setpoint_rate_hz: float
+    neighbours: tuple[int, ...]
+    """N_i now (lost ones have left it)."""
+    sigma_tally: dict[str, int]
+    """Pair-ticks by status."""
+    overspeed_ticks: int
+    links: dict[int, LinkReport]
+    """By peer id."""
+    steps: tuple[StepResult, ...]
+    tick: TickReport = field(default_factory=TickReport)
+    bad_payloads: int = 0
+    vehicle_link: VehicleLinkReport | None = None
+    echo: Echo | None = None
+    gains: Gains | None = None
+    """The law in force."""
+    roles: tuple[tuple[float, int], ...] = ()
+    """(since [s], place in the plan whose slots it flies to), for every role but its own first one."""
+    safety: SafetyReport = field(default_factory=SafetyReport)
+
+
+@dataclass(frozen=True, slots=True)
+class ClockEcho:
+    """Somebody's word of its clock, given back (`core/swarm/clocks.py`)."""
+
+    agent: int
+    """Whose."""
+    told_s: float
+    """Its `ClockNews.time_s`."""
+    held_s: float
+    """From its receipt to this word."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClockNews:
+    """Sent at 1 Hz, at 5 Hz while somebody asks: what the own clock shows. A fixed binary layout."""
+
+    agent: int
+    time_s: float
+    asks: bool
+    """It hears somebody whose clock it does not know: answers are wanted soon."""
+    echoes: tuple[ClockEcho, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something worth a line in the log. `level` is `info`, `warning` or `error`."""
+
+    agent: int
+    time_s: float
+    level: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """An operator's word to agents. Idempotent: an `id` seen before is acknowledged again and not repeated."""
+
+    id: str
+    kind: str
+    """One of `core.agent.command_handler.KINDS`, or `apply`, the second word of a `tune`."""
+    agents: tuple[int, ...]
+    """Who is meant; empty: all."""
+    time_s: float
+    step: FormStep | MoveStep | None = None
+    """What `form` and `move` want, decided by the sender once, so that no two agents can differ."""
+    plan_hash: int = 0
+    """The plan that `step` was made for; 0: any."""
+    at_step: int = 0
+    """The mission step that `next` is to end; 0: whatever it is. An agent that is further has nothing to do."""
+    tuning: Tuning | None = None
+    """What `tune` asks to prepare, and `apply` decides."""
+    commits: int = 0
+    """The `tag` of the `tune` that `apply` decides."""
+
+    @property
+    def tag(self) -> int:
+        """A 32-bit fingerprint of the id, never 0."""
+        return zlib.crc32(self.id.encode()) or 1
+
+
+@dataclass(frozen=True, slots=True)
+class Ack:
+    """An agent's answer to a command; `reason` says why it was refused."""
+
+    agent: int
+    command: str
+    accepted: bool
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class StationBeacon:
+    """Sent at 4 Hz by every ground station."""
+
+    station: str
+    time_s: float
+    plan_hash: int
+
+
+Payload: TypeAlias = AgentState | AgentStatus | ClockNews | SigmaReport | Event | Command | Ack | StationBeacon

@@ -1,0 +1,286 @@
+"""The plan: everything the agents of one mission must agree on, as plain frozen data.
+
+A mission file is turned into a plan once (`mission.compile.loader`); the plan's hash is compared by every agent and station,
+so no two of them can fly different missions. What may differ from agent to agent (endpoints, keys) is the fleet's.
+
+Lengths in `LawParameters`, `starts` and `slots` are the paper's units; multiply by `unit_m` for metres. Horizontal
+vectors are (north, east) in the common frame: the local tangent plane at `origin`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, Literal, TypeAlias
+
+Point = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Geodetic:
+    """A point on the WGS-84 ellipsoid: degrees, degrees, metres above mean sea level."""
+
+    lat_deg: float
+    lon_deg: float
+    alt_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class LawParameters:
+    """LAW.md section 1, in units; defaults are Table I and the hexagon of section VI."""
+
+    r: float = 4.5
+    r_out: float = 1.5
+    r_in: float = 0.5
+    h: float = 0.005
+    delta_l: float = 2.0
+    delta_a: float = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Response:
+    """How a vehicle answers a velocity setpoint: dead time, then a first-order lag with bounded acceleration."""
+
+    dead_time_s: float = 0.4
+    lag_s: float = 0.5
+    acceleration_mps2: float = 2.8
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What the agent never commands more of."""
+
+    speed_mps: float = 5.0
+    climb_mps: float = 1.0
+    descent_mps: float = 1.0
+
+
+class Compensation(StrEnum):
+    """Which points the law is fed with."""
+
+    STOP_POINT = "stop_point"
+    """Where the vehicle would come to rest if told to stop now (the default of flown missions)."""
+    NONE = "none"
+    """The positions: the paper's plain form."""
+
+
+@dataclass(frozen=True, slots=True)
+class Safety:
+    """What stands between the law and the vehicles (`core/safety/constraints.py`, `core/safety/deadlock.py`, `core/law/mean_error_feedback.py`)."""
+
+    filter: bool = True
+    """No velocity that brings two closer than their keep-out distance."""
+    guard: bool = True
+    """Links that the shape keeps are not stretched past r on the way."""
+    release: bool = True
+    """Out of dead-locks by going round each other."""
+    align: bool = True
+    """Out of slow modes: everybody also moves to the average of all who are heard."""
+
+
+class Policy(StrEnum):
+    """What an agent does when something it relies on is lost."""
+
+    CONTINUE = "continue"
+    HOLD = "hold"
+    LAND = "land"
+    """Hold for `hold_before_land_s`, then land in place."""
+    RETURN = "return"
+    """One at a time, at separated heights, back to the own start; land in place where that is not possible."""
+
+
+@dataclass(frozen=True, slots=True)
+class Policies:
+    """Each loss, its action and the time (mission clock) after which it counts as a loss."""
+
+    agent_lost: Policy = Policy.LAND
+    agent_lost_after_s: float = 5.0
+    station_lost: Policy = Policy.LAND
+    station_lost_after_s: float = 5.0
+    hold_before_land_s: float = 3.0
+    fence: Policy = Policy.LAND
+    """Outside `Plan.fence`, or about to be: the stop point counts."""
+    battery_low: Policy = Policy.LAND
+    battery_reserve_percent: float = 20.0
+    too_fast: Policy = Policy.LAND
+    """Faster than `max_speed_mps` or leaning more than `max_tilt_deg`: it no longer does what it is told."""
+    max_speed_mps: float = 10.0
+    max_tilt_deg: float = 45.0
+    wind: Policy = Policy.LAND
+    """Stronger wind than `wind_limit_mps`, where the vehicle estimates it; where not, the tilt limit stands in."""
+    wind_limit_mps: float = 12.0
+    return_separation_m: float = 3.0
+    """Between the heights of two agents that return."""
+    return_speed_mps: float = 2.5
+
+
+@dataclass(frozen=True, slots=True)
+class Fence:
+    """Where the vehicles may be: inside `polygon_m` ((north, east), in order; empty: anywhere), up to `height_m`."""
+
+    polygon_m: tuple[Point, ...]
+    height_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class TakeoffStep:
+    """Set the mode, arm, climb to `height_m` above the vehicle's own take-off point."""
+
+    height_m: float
+    timeout_s: float
+    on_timeout: Policy = Policy.LAND
+    kind: Literal["takeoff"] = "takeoff"
+
+
+@dataclass(frozen=True, slots=True)
+class FormStep:
+    """Fly the law until the largest |e_i - mean e| stays under `tolerance_m` for `settle_s`.
+
+    `slots` has one (north, east) offset in units per agent, in the order of `Plan.agents`.
+    """
+
+    shape: str
+    slots: tuple[Point, ...]
+    tolerance_m: float
+    settle_s: float
+    timeout_s: float
+    neighbours: tuple[tuple[int, ...], ...] | None = None
+    """N_i from this step on, in the order of `Plan.agents`; None: as before."""
+    on_timeout: Policy = Policy.LAND
+    exchange: bool = False
+    """Agents that are in each other's way may take each other's slots (`core/swarm/exchange_protocol.py`)."""
+    kind: Literal["form"] = "form"
+
+
+@dataclass(frozen=True, slots=True)
+class HoldStep:
+    """Keep the last formation for `duration_s`."""
+
+    duration_s: float
+    timeout_s: float
+    on_timeout: Policy = Policy.LAND
+    kind: Literal["hold"] = "hold"
+
+
+@dataclass(frozen=True, slots=True)
+class MoveStep:
+    """Take the formation's centre along `waypoints_m` (common frame) at `speed_mps`, keeping shape."""
+
+    waypoints_m: tuple[Point, ...]
+    speed_mps: float
+    tolerance_m: float
+    settle_s: float
+    timeout_s: float
+    on_timeout: Policy = Policy.LAND
+    kind: Literal["move"] = "move"
+
+
+@dataclass(frozen=True, slots=True)
+class RotateStep:
+    """Turn the formation about its centre to `angle_rad` from its last form step's slots (clockwise from above).
+
+    `speed_mps` is the outermost slot's.
+    """
+
+    angle_rad: float
+    speed_mps: float
+    tolerance_m: float
+    settle_s: float
+    timeout_s: float
+    on_timeout: Policy = Policy.LAND
+    kind: Literal["rotate"] = "rotate"
+
+
+@dataclass(frozen=True, slots=True)
+class ScaleStep:
+    """Widen or narrow the formation to `factor` times its last form step's slots; `speed_mps` is the outermost's."""
+
+    factor: float
+    speed_mps: float
+    tolerance_m: float
+    settle_s: float
+    timeout_s: float
+    on_timeout: Policy = Policy.LAND
+    kind: Literal["scale"] = "scale"
+
+
+@dataclass(frozen=True, slots=True)
+class ReturnStep:
+    """One at a time, at separated heights, back to the own start; land there, disarm."""
+
+    timeout_s: float
+    on_timeout: Policy = Policy.LAND
+    kind: Literal["return"] = "return"
+
+
+@dataclass(frozen=True, slots=True)
+class LandStep:
+    """Stop, land in place, disarm."""
+
+    timeout_s: float
+    on_timeout: Policy = Policy.LAND
+    kind: Literal["land"] = "land"
+
+
+Step: TypeAlias = TakeoffStep | FormStep | HoldStep | MoveStep | RotateStep | ScaleStep | ReturnStep | LandStep
+"""`kind` names a step on screens, in results and in a plan's JSON. `on_timeout` is done when a step takes too long;
+`continue` goes on to the next step, as does everybody else, whose time is over as well."""
+
+Shaped: TypeAlias = FormStep | HoldStep | MoveStep | RotateStep | ScaleStep
+"""The steps that fly a formation."""
+
+
+@dataclass(frozen=True, slots=True)
+class AgentPlan:
+    """One agent's part of the plan: id (1..65535), planned start (north, east) in units, neighbours N_i by id."""
+
+    id: int
+    start: Point
+    neighbours: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A whole mission, checked. `agents` is sorted by id; `prepare_timeout_s` bounds the way to a healthy vehicle."""
+
+    name: str
+    origin: Geodetic
+    unit_m: float
+    tick_s: float
+    kappa: float
+    law: LawParameters
+    compensation: Compensation
+    response: Response
+    limits: Limits
+    policies: Policies
+    prepare_timeout_s: float
+    agents: tuple[AgentPlan, ...]
+    steps: tuple[Step, ...]
+    fence: Fence | None
+    safety: Safety
+
+    def agent(self, agent_id: int) -> AgentPlan:
+        """The part of `agent_id`; KeyError where the plan has no such agent."""
+        for agent in self.agents:
+            if agent.id == agent_id:
+                return agent
+        raise KeyError(agent_id)
+
+    def hash(self) -> int:
+        """A 64-bit fingerprint of the whole plan, the same on every machine (floats rounded to 1e-9)."""
+        text = json.dumps(_canonical(self), sort_keys=True, separators=(",", ":"))
+        return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big")
+
+
+def _canonical(value: Any) -> Any:
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        fields = {f.name: _canonical(getattr(value, f.name)) for f in dataclasses.fields(value)}
+        return {"": type(value).__name__} | fields
+    if isinstance(value, tuple | list):
+        return [_canonical(item) for item in value]
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return round(float(value), 9)  # 3 and 3.0 are one plan, however it was built
+    return value

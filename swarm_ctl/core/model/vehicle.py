@@ -1,0 +1,156 @@
+"""What an agent knows of its vehicle, and what it wants of it. Free of MAVLink: `mavlink/` translates both ways.
+
+All times are on the agent's clock. Vectors are (north, east, down).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+from swarm_ctl.core.model.plan import Geodetic
+
+Vector3 = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class LocalFix:
+    """LOCAL_POSITION_NED: position [m] from the vehicle's *own* origin, velocity [m/s]."""
+
+    time_s: float
+    """When the fix arrived."""
+    position_ned_m: Vector3
+    velocity_ned_mps: Vector3
+
+
+@dataclass(frozen=True, slots=True)
+class GlobalFix:
+    """GLOBAL_POSITION_INT."""
+
+    time_s: float
+    position: Geodetic
+    relative_alt_m: float
+    """Height above home."""
+    velocity_ned_mps: Vector3
+
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """ADSB_VEHICLE: an aircraft near by, seen by the vehicle itself (the paper's proximity sensor)."""
+
+    time_s: float
+    address: int
+    position: Geodetic
+    velocity_ned_mps: Vector3
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleView:
+    """A snapshot of everything heard from the vehicle so far. Times of -inf: never heard."""
+
+    heartbeat_s: float = -math.inf
+    """When the last HEARTBEAT arrived."""
+    autopilot: str = ""
+    """`ardupilot`, `px4`, or '' while unknown."""
+    fault: str = ""
+    """Why this vehicle can't be flown at all (an autopilot nobody here knows, a wrong type), or ''."""
+    armed: bool = False
+    mode: str = ""
+    """The autopilot's own word for its mode, e.g. GUIDED."""
+    controlled: bool = False
+    """The mode follows our velocity setpoints (GUIDED, OFFBOARD)."""
+    taken_off: bool = False
+    """The mode is the autopilot's own take-off, or what that ends in: from here a driver enters the controlled one."""
+    landing: bool = False
+    """The mode is the autopilot's landing mode."""
+    on_ground: bool = True
+    """EXTENDED_SYS_STATE says on ground (true until heard otherwise)."""
+    healthy: bool = False
+    """Would arm now: pre-arm checks pass, position estimate good."""
+    health_reason: str = "no heartbeat yet"
+    """What is missing while not healthy."""
+    released: bool = True
+    """The vehicle has its own failsafe parameters (not taken yet, or given back and confirmed): Release is done."""
+    battery_percent: float | None = None
+    tilt_deg: float | None = None
+    """How far it leans (ATTITUDE: roll and pitch); None while unknown."""
+    wind_mps: float | None = None
+    """Horizontal wind by the vehicle's own estimate (WIND, WIND_COV); None where it has none, or none that is new."""
+    origin: Geodetic | None = None
+    """GPS_GLOBAL_ORIGIN: where the vehicle's own local frame has its zero."""
+    local: LocalFix | None = None
+    global_: GlobalFix | None = None
+    contacts: tuple[Contact, ...] = ()
+    """Newest contact per address."""
+    texts: tuple[str, ...] = ()
+    """STATUSTEXTs since the last snapshot, severity warning and worse."""
+    frames: int = 0
+    """Good frames of the vehicle since the link was opened."""
+    frames_lost: int = 0
+    """Missing by MAVLink's 8-bit seq."""
+    round_trip_s: float | None = None
+    """TIMESYNC there and back, the newest; at least a tick, since answers are read once a tick."""
+
+
+# --- goals: what the agent wants; reaching them (commands, order, retries) is the autopilot driver's work ---
+
+
+@dataclass(frozen=True, slots=True)
+class StandbyGoal:
+    """Be heard, stream, take our failsafe parameters; stay disarmed on the ground."""
+
+
+@dataclass(frozen=True, slots=True)
+class AirborneGoal:
+    """Armed and climbing to `height_m` above the take-off point by the autopilot's own take-off."""
+
+    height_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class FlyGoal:
+    """Under our control with this velocity setpoint [m/s]; sent once per tick, so silence is a deadman."""
+
+    velocity_ned_mps: Vector3
+
+
+@dataclass(frozen=True, slots=True)
+class LandGoal:
+    """Down in place and disarmed."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReleaseGoal:
+    """On the ground, disarmed: give the vehicle its own failsafe parameters back."""
+
+
+@dataclass(frozen=True, slots=True)
+class YieldGoal:
+    """Somebody else flies (a pilot changed the mode): send nothing but our heartbeat."""
+
+
+@dataclass(frozen=True, slots=True)
+class TerminateGoal:
+    """Motors off at once, wherever it is: it falls. Only on an operator's confirmed word."""
+
+
+Goal: TypeAlias = StandbyGoal | AirborneGoal | FlyGoal | LandGoal | ReleaseGoal | YieldGoal | TerminateGoal
+
+
+@dataclass(frozen=True, slots=True)
+class LinkCounters:
+    """What a vehicle link counted since it was opened."""
+
+    frames: int = 0
+    bad_frames: int = 0
+    setpoints: int = 0
+    lost: int = 0
+    """Frames missing by MAVLink's 8-bit seq."""
+    foreign: int = 0
+    """Good frames of other systems or components: not listened to."""
+    rejected: int = 0
+    """Good frames with a field that can't be true (NaN, out of range) or a bad signature."""
+    errors: int = 0
+    """Reads and writes that the operating system refused (nobody listens there, a full buffer, ...)."""
+    texts: tuple[str, ...] = field(default=())

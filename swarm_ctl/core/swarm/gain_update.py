@@ -1,0 +1,250 @@
+"""The law changed in flight: `delta_a`, `delta_l`, `h`, `kappa`, by all agents at one mission time, or by none.
+
+Two phases. `tune` names the four values, the time they are for (about two seconds ahead) and the agents that fly; each
+of those prepares the change or refuses it with a reason (`Tuner`). Only when every one of them has prepared, and well
+before the time, the sender says `apply` (`Round`): now the change is *decided*, and everybody who knows that puts it in
+force at its time. What was prepared and not decided by then never happens: silence means the old law.
+
+Every state carries the tag of the law in force and of the one decided, so peers repair what the station's link loses:
+
+| what happens to an agent | what it does |
+|---|---|
+| `apply` comes before the time | tells it in its states, puts the law in force at the time |
+| `apply` is lost, a peer's state says that it is decided | the same |
+| not a word before the time (its links were down, it was late) | keeps the old law; as soon as a peer's state says that the prepared law is in force, it adopts it in the same tick |
+| `apply` comes after the time | refuses it: if nobody flies the new law by then nobody is to begin, else a peer's state says so |
+| a peer flies a law that it has not prepared (another station's mistake, or it was lost while the others were asked) | keeps its own, and warns; so does every station, with the agents named |
+| the station dies between the phases | nothing changes; dies while it says `apply`: who heard it tells the others |
+| an agent heard by a peer was not asked | that peer refuses, and so nothing changes |
+
+Laws are ordered by their time, then tag: nobody ever goes back to an older one. While one change is under way no other
+is prepared. Between hosts the time is told with how far each agent's clock is ahead of the sender's, as well as that is
+known; who is early is followed by the others as soon as they hear it.
+"""  # noqa: E501
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, field, replace
+from typing import Final
+
+from swarm_ctl.core.model.messages import Ack, AgentState, Command, Gains, Phase, Tuning
+from swarm_ctl.core.model.plan import Compensation, Plan
+from swarm_ctl.core.model.text import agents_named
+from swarm_ctl.core.swarm.peers import Peers
+
+KINDS: Final = ("tune", "apply")
+LEAD_S: Final = 2.0
+"""From the order to its time, on the wall clock where that is the slower one: a lost message is sent again every half
+second."""
+_LEAD_AT_MOST_S: Final = 300.0
+_MARGIN: Final = 0.25
+"""The last part of the lead, in which nothing is decided any more: it belongs to `apply` on its way."""
+_PREPARED_KEPT: Final = 16
+
+DELTA_A_AT_MOST: Final = 0.3
+DELTA_L_AT_MOST: Final = 2.2
+H_AT_MOST: Final = 0.05
+"""Larger ones weaken the repulsion, or outrun it. 900 random missions (n = 4, 6, 9; dead time 0.45 s, lag 0.55 s, news
+0.1 s late, 10 % lost; `study`) brought no pair under r_in with all three at these values at kappa 5, 10 and 20; with
+one of them at delta_a = 1, delta_l = 2.5, h = 0.06 they did in 2, 1 and 1, at delta_a = 5, h = 0.2 in 78 and 91."""
+H_SAFE_AT_MOST: Final = 0.2
+RATE_AT_MOST: Final = 2.0
+SAFE_RATE_AT_MOST: Final = 4.0
+"""With the safety filter: 0 of 576 missions under r_in, n from 2 to 50, late and lost news (`study`)."""
+PLAIN_RATE_AT_MOST: Final = 0.05
+"""kappa * h with `compensation: none`: four times as much brought laggy vehicles under r_in."""
+_ROUNDING: Final = 1e-9
+_ORIGINAL: Final = (-math.inf, 0)
+
+
+def planned(plan: Plan) -> Gains:
+    """What the mission says."""
+    return Gains(plan.law.delta_a, plan.law.delta_l, plan.law.h, plan.kappa)
+
+
+def limits(plan: Plan) -> dict[str, tuple[float, float]]:
+    """What each value may be in flight, (least, most); 0 as the least means above 0. The mission's own always may."""
+    own = planned(plan)
+    return {
+        "delta_a": (0.0, max(DELTA_A_AT_MOST, own.delta_a)),
+        "delta_l": (2.0, max(DELTA_L_AT_MOST, own.delta_l)),
+        "h": (0.0, max(H_SAFE_AT_MOST if plan.safety.filter else H_AT_MOST, own.h)),
+        "kappa": (0.0, 1.0 / plan.tick_s),
+    }
+
+
+def rate_at_most(plan: Plan) -> float:
+    """The most that kappa * h may be in flight [1/s]."""
+    most = SAFE_RATE_AT_MOST if plan.safety.filter else RATE_AT_MOST
+    if plan.compensation is Compensation.NONE:
+        most = PLAIN_RATE_AT_MOST
+    return max(most, plan.kappa * plan.law.h)
+
+
+def out_of_range(gains: Gains, plan: Plan) -> str:
+    """Why these values can't be flown, and what could; '' where they can."""
+    for name, (least, most) in limits(plan).items():
+        value = getattr(gains, name)
+        above = value >= least if least else value > 0
+        if not (math.isfinite(value) and above and value <= most + _ROUNDING):
+            span = f"{least:g} to {most:g}" if least else f"above 0, at most {most:g}"
+            return f"{name} {value:g}; allowed in flight: {span}"
+    rate, most = gains.kappa * gains.h, rate_at_most(plan)
+    if rate > most + _ROUNDING:
+        return f"kappa * h is {rate:.3g}; allowed in flight: at most {most:g}"
+    return ""
+
+
+def named(gains: Gains) -> str:
+    """`h 0.05, kappa 20, delta_a 0.1, delta_l 2`."""
+    return f"h {gains.h:g}, kappa {gains.kappa:g}, delta_a {gains.delta_a:g}, delta_l {gains.delta_l:g}"
+
+
+def differences(one: Gains, other: Gains) -> str:
+    """`h 0.05 -> 0.04, kappa 20 -> 15`; '' where they are the same."""
+    pairs = zip(asdict(one).items(), asdict(other).values(), strict=True)
+    return ", ".join(f"{name} {a:g} -> {b:g}" for (name, a), b in pairs if a != b)
+
+
+class GainUpdate:
+    """One agent's law: what is in force, what is prepared, what is decided and waits for its time."""
+
+    def __init__(self, plan: Plan, own_id: int, plan_hash: int) -> None:
+        self._plan = plan
+        self._own = own_id
+        self._hash = plan_hash
+        self._prepared: dict[int, Tuning] = {}
+        self._since = _ORIGINAL
+        self._unknown: set[int] = set()
+        self.gains = planned(plan)
+        self.tag = 0
+        """`Command.tag` of the change that put the law in force; 0: it is the mission's."""
+        self.decided = 0
+        """Of the one that waits for its time; 0: none does."""
+
+    def refusal(self, command: Command, now: float, peers: Peers) -> str:
+        """Why the command can't be obeyed; '' where it can."""
+        if command.kind == "apply":
+            return self._too_late(command.commits, now)
+        tuning = self._on_own_clock(command.tuning)
+        if tuning is None:
+            return "the command has no values"
+        if not now < tuning.at_s <= now + _LEAD_AT_MOST_S:
+            return f"it is for {tuning.at_s:.1f} s, and it is {now:.1f} s; allowed: within {_LEAD_AT_MOST_S:g} s"
+        pending = [t.at_s for tag, t in self._prepared.items() if t.at_s > now and tag != command.tag]
+        if pending:
+            return f"another change is under way until {max(pending):.1f} s"
+        unasked = [peer for peer in self._flying(now, peers) if peer not in command.agents]
+        if unasked:
+            return f"{agents_named(unasked)} flies too, and was not asked"
+        return out_of_range(tuning.gains, self._plan)
+
+    def _too_late(self, tag: int, now: float) -> str:
+        if tag in (self.tag, self.decided):
+            return ""
+        tuning = self._prepared.get(tag)
+        if tuning is None:
+            return f"agent {self._own} has not prepared this change"
+        if now < tuning.at_s:
+            return ""
+        return f"too late: it was for {tuning.at_s:.1f} s; agent {self._own} keeps its law until a peer flies the other"
+
+    def _flying(self, now: float, peers: Peers) -> list[int]:
+        """Peers that are heard and whose vehicles are under their control."""
+        patience = self._plan.policies.agent_lost_after_s
+        return [
+            peer.id
+            for peer in peers
+            if peer.state is not None
+            and peer.age(now) <= patience
+            and peer.state.phase not in (Phase.YIELD, Phase.ENDED)
+        ]
+
+    def obey(self, command: Command) -> None:
+        """Prepare what was accepted, or take it as decided."""
+        if command.kind == "apply":
+            self._decide(command.commits)
+        elif (tuning := self._on_own_clock(command.tuning)) is not None:
+            self._prepared[command.tag] = tuning
+            while len(self._prepared) > _PREPARED_KEPT:
+                del self._prepared[next(iter(self._prepared))]
+
+    def update(self, now: float, states: Iterable[tuple[AgentState, float]]) -> list[tuple[str, str]]:
+        """Once a tick, with what was heard of the peers since the last one: what is to be said, (level, text)."""
+        said: list[tuple[str, str]] = []
+        for state, _ in states:
+            if (state.law == self.tag and state.next_law == self.decided) or state.plan_hash != self._hash:
+                continue
+            known = self._prepared.get(state.next_law)
+            if known is not None and now < known.at_s:
+                self._decide(state.next_law)
+            if state.law in self._prepared:
+                said += self._adopt(state.law)
+            elif state.law not in (0, self.tag) and state.law not in self._unknown:
+                self._unknown.add(state.law)
+                said.append(("warning", f"agent {state.agent} flies a law that agent {self._own} was not asked about"))
+        if self.decided and now >= self._prepared[self.decided].at_s:
+            said += self._adopt(self.decided)
+        return said
+
+    def _on_own_clock(self, tuning: Tuning | None) -> Tuning | None:
+        ahead_s = dict(tuning.ahead_s).get(self._own, 0.0) if tuning else 0.0
+        return replace(tuning, at_s=tuning.at_s + ahead_s) if tuning and ahead_s else tuning
+
+    def _decide(self, tag: int) -> None:
+        if tag != self.tag:
+            self.decided = tag
+
+    def _adopt(self, tag: int) -> list[tuple[str, str]]:
+        """Put it in force, unless what is in force is newer."""
+        if tag == self.decided:
+            self.decided = 0
+        tuning = self._prepared[tag]
+        if (tuning.at_s, tag) <= self._since:
+            return []
+        self._since, self.tag = (tuning.at_s, tag), tag
+        before, self.gains = self.gains, tuning.gains
+        return [("info", f"the law is another one: {differences(before, self.gains) or 'the same values'}")]
+
+
+@dataclass(slots=True)
+class GainUpdateRound:
+    """The sender's side of one change: who has answered, and what follows from it. Mission time."""
+
+    ask: Command
+    """A `tune` with the agents named and a `tuning`."""
+    answers: dict[int, Ack] = field(default_factory=dict)
+    failed: str = ""
+    """Why nothing changes."""
+    applied: Command | None = None
+    """What was said once all had prepared."""
+
+    @property
+    def over(self) -> bool:
+        """Nothing more will come of it."""
+        return bool(self.failed) or self.applied is not None
+
+    def hear(self, ack: Ack) -> None:
+        """An answer to anything; those to this change count."""
+        if ack.command == self.ask.id and ack.agent in self.ask.agents:
+            self.answers[ack.agent] = ack
+
+    def decide(self, now: float) -> Command | None:
+        """`apply`, once, when all have prepared in time. Sets `failed` as soon as that can't be any more."""
+        tuning = self.ask.tuning
+        if self.over or tuning is None:
+            return None
+        refused = [ack for ack in self.answers.values() if not ack.accepted]
+        missing = [agent for agent in self.ask.agents if agent not in self.answers]
+        if refused:
+            self.failed = f"refused by agent {refused[0].agent}: {refused[0].reason}"
+        elif now >= tuning.at_s - _MARGIN * (tuning.at_s - self.ask.time_s):
+            self.failed = f"no answer from {agents_named(missing)}" if missing else "the answers came too late"
+        elif not missing:
+            name = f"{self.ask.id}-apply"
+            self.applied = Command(
+                name, "apply", self.ask.agents, now, None, self.ask.plan_hash, tuning=tuning, commits=self.ask.tag
+            )
+        return self.applied

@@ -1,0 +1,127 @@
+"""What a mission may do but an operator should know before it flies."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+
+from swarm_ctl.core.law import graph
+from swarm_ctl.core.model.plan import Compensation, FormStep, Plan
+from swarm_ctl.mission.compile.checks import Finding, Findings
+from swarm_ctl.mission.input.schema import MissionFile
+
+_SMALLEST_R_IN_M = 1.0
+_WEAK_R_OUT = 3.0
+"""Units. At 7, random missions went under r_in that did not at 1.5."""
+_RATE, _UNSAFE_RATE = 4.0, 1.0
+"""Up to here nothing was seen in thousands of missions, with filter and release and without."""
+_PLAIN_RATE = 0.05
+"""kappa * h of the plain law that left no pair of a laggy swarm under r_in in trials; four times as much did."""
+
+
+def warnings(mission: MissionFile, plan: Plan) -> list[Finding]:
+    """Every warning; `allowed` is empty, since each of them is."""
+    return [finding for function in _WARNINGS for finding in function(mission, plan)]
+
+
+def _close_starts(_mission: MissionFile, plan: Plan) -> Findings:
+    for a, b in itertools.combinations(plan.agents, 2):
+        apart = math.dist(a.start, b.start)
+        if apart < plan.law.r_out:
+            what = (
+                f"agents {a.id} and {b.id} start {apart * plan.unit_m:.4g} m apart,"
+                f" inside each other's avoidance region (r_out, {plan.law.r_out * plan.unit_m:.4g} m)"
+            )
+            yield Finding(("agents",), what, "")
+
+
+def _stretched_links(_mission: MissionFile, plan: Plan) -> Findings:
+    links = [agent.neighbours for agent in plan.agents]
+    for k, step in enumerate(plan.steps):
+        if not isinstance(step, FormStep):
+            continue
+        links = list(step.neighbours or links)
+        slots = {agent.id: slot for agent, slot in zip(plan.agents, step.slots, strict=True)}
+        for i, j in graph.edges({agent.id: near for agent, near in zip(plan.agents, links, strict=True)}):
+            length = math.dist(slots[i], slots[j])
+            if length > plan.law.r:
+                what = (
+                    f"{step.shape} stretches the link {i}-{j} to {length:.4g} units,"
+                    f" beyond the interaction range r = {plan.law.r:g}"
+                )
+                yield Finding(("steps", k, "form", "shape"), what, "")
+
+
+def _small_r_in(_mission: MissionFile, plan: Plan) -> Findings:
+    r_in_m = plan.law.r_in * plan.unit_m
+    if r_in_m < _SMALLEST_R_IN_M:
+        yield Finding(("law", "r_in"), f"{r_in_m:.2g} m: vehicles and GPS errors are larger than that", "")
+
+
+def _weak_avoidance(_mission: MissionFile, plan: Plan) -> Findings:
+    if plan.law.r_out > _WEAK_R_OUT:
+        what = (
+            f"{plan.law.r_out:.3g} units: the law's repulsion is weak at radii so far above the paper's 1.5;"
+            " a larger unit_m, or lengths: metres without a unit_m, makes it strong again"
+        )
+        yield Finding(("law", "r_out"), what, "")
+
+
+def _fast_gain(_mission: MissionFile, plan: Plan) -> Findings:
+    rate = plan.kappa * plan.law.h
+    if plan.compensation is Compensation.NONE and rate > _PLAIN_RATE + 1e-9:
+        what = (
+            f"none, with kappa * h = {rate:.3g}: on vehicles with dead time and lag the plain law brings pairs"
+            f" under r_in; stop_point does not, nor does kappa * h up to {_PLAIN_RATE:g}"
+        )
+        yield Finding(("law", "compensation"), what, "")
+    most = _RATE if plan.safety.filter and plan.safety.release else _UNSAFE_RATE
+    if plan.compensation is Compensation.STOP_POINT and rate > most + 1e-9:
+        what = f"kappa * h = {rate:.3g}: above {most:g} the agents block each other more often"
+        yield Finding(("law", "h"), what + ("" if plan.safety.filter else ", or come under r_in"), "")
+
+
+def _spare_fleet(mission: MissionFile, _plan: Plan) -> Findings:
+    flying = {agent.id for agent in mission.agents}
+    for k, entry in enumerate(mission.fleet.agents if mission.fleet else ()):
+        if entry.id not in flying:
+            yield Finding(("fleet", "agents", k), f"agent {entry.id} is not in this mission", "")
+
+
+def _real_vehicles(mission: MissionFile, _plan: Plan) -> Findings:
+    """Weather and faults are the simulator's: whoever trusts in them should know where they do not come."""
+    entries = mission.fleet.agents if mission.fleet else ()
+    real = {entry.id for entry in entries if entry.endpoint} & {agent.id for agent in mission.agents}
+    if not real:
+        return
+    if mission.simulation.parameters.given():
+        what = f"ignored by agents with a vehicle of their own: {_list(real)}"
+        yield Finding(("simulation", "parameters"), what, "")
+    for k, fault in enumerate(mission.simulation.faults):
+        if spared := real & set(fault.agents or real):
+            what = f"ignored by agents with a vehicle of their own: {_list(spared)}"
+            yield Finding(("simulation", "faults", k), what, "")
+
+
+def _list(ids: set[int]) -> str:
+    return ", ".join(map(str, sorted(ids)))
+
+
+def _unused_shapes(mission: MissionFile, _plan: Plan) -> Findings:
+    used = {step.form.shape for step in mission.steps if step.form}
+    for name in mission.shapes:
+        if name not in used:
+            yield Finding(("shapes", name), "no step forms it", "")
+
+
+_WARNINGS: tuple[Callable[[MissionFile, Plan], Findings], ...] = (
+    _close_starts,
+    _stretched_links,
+    _small_r_in,
+    _weak_avoidance,
+    _fast_gain,
+    _spare_fleet,
+    _real_vehicles,
+    _unused_shapes,
+)

@@ -1,0 +1,103 @@
+"""Shapes as slots: pure functions, one a kind, in a table. Slots are (n, 2) arrays of (north, east) in units.
+
+A shape is translation invariant; where its zero lies means nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from swarm_ctl.mission.geometry import letters
+from swarm_ctl.mission.input import schema
+
+Array: TypeAlias = npt.NDArray[np.float64]
+
+
+def slots_of(shape: schema.Shape, agents: int) -> Array:
+    """The slots of a shape, turned; as many as it counts, or one per agent where it does not say."""
+    slots = _SLOTS[type(shape)](shape, getattr(shape, "count", None) or agents)
+    return slots @ _turn(math.radians(shape.rotation_deg)).T
+
+
+def _turn(angle_rad: float) -> Array:
+    """Turns (north, east) clockwise, from north to east."""
+    c, s = math.cos(angle_rad), math.sin(angle_rad)
+    return np.array([[c, -s], [s, c]])
+
+
+def _ring(shape: schema.Ring, count: int) -> Array:
+    if shape.radius is not None:
+        return _circle(shape.radius, count)
+    # A chord of length side spans 1 / count of the circle; one slot alone has no chord.
+    return _circle((shape.side or 0.0) / (2 * math.sin(math.pi / count)) if count > 1 else 0.0, count)
+
+
+def _circle(radius: float | Array, count: int) -> Array:
+    angle = 2 * np.pi * np.arange(count) / count
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
+
+
+def _centred_circle(shape: schema.Circle, count: int) -> Array:
+    return np.vstack([np.zeros((1, 2)), _circle(shape.radius, count - 1)]) if count > 1 else np.zeros((1, 2))
+
+
+def _letters(shape: schema.Letters, count: int) -> Array:
+    return letters.slots(shape.text, shape.height, count)
+
+
+def _imported(shape: schema.Imported, _count: int) -> Array:
+    raise LookupError(f"{shape.path} has not been read")  # the loader puts offsets in its place
+
+
+def _line(shape: schema.Line, count: int) -> Array:
+    return np.stack([np.zeros(count), shape.spacing * np.arange(count)], axis=-1)
+
+
+def _column(shape: schema.Column, count: int) -> Array:
+    return np.stack([-shape.spacing * np.arange(count), np.zeros(count)], axis=-1)
+
+
+def _grid(shape: schema.Grid, count: int) -> Array:
+    columns = shape.columns or math.isqrt(count - 1) + 1
+    row, column = np.divmod(np.arange(count), columns)
+    return shape.spacing * np.stack([-row, column], axis=-1).astype(np.float64)
+
+
+def _vee(shape: schema.Vee, count: int) -> Array:
+    index = np.arange(count)
+    rank, side = (index + 1) // 2, np.where(index % 2 == 1, -1.0, 1.0)
+    half = math.radians(shape.angle_deg) / 2
+    return shape.spacing * np.stack([-rank * math.cos(half), side * rank * math.sin(half)], axis=-1)
+
+
+def _wedge(shape: schema.Wedge, count: int) -> Array:
+    places = [(row, k - row / 2) for row in range(count) for k in range(row + 1)][:count]
+    return shape.spacing * np.array([(-row * math.sqrt(3) / 2, east) for row, east in places])
+
+
+def _star(shape: schema.Star, count: int) -> Array:
+    return _circle(np.where(np.arange(count) % 2 == 0, shape.radius, shape.inner_radius), count)
+
+
+def _offsets(shape: schema.Offsets, _count: int) -> Array:
+    return np.array(shape.offsets, dtype=np.float64)
+
+
+_SLOTS: dict[type, Callable[[Any, int], Array]] = {
+    schema.Ring: _ring,
+    schema.Circle: _centred_circle,
+    schema.Letters: _letters,
+    schema.Imported: _imported,
+    schema.Line: _line,
+    schema.Column: _column,
+    schema.Grid: _grid,
+    schema.Vee: _vee,
+    schema.Wedge: _wedge,
+    schema.Star: _star,
+    schema.Offsets: _offsets,
+}

@@ -1,0 +1,70 @@
+"""Slots from a CSV file, put into the mission where it names the file, so that everything behind sees offsets."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+from typing import Any
+
+from swarm_ctl.mission.input.document import Document
+
+
+def graft(source: Document, folder: Path) -> bool:
+    """Replace every shape of kind `csv` by its slots; what can't be read becomes a problem at the mission's line.
+
+    False where there is such a problem: the shapes are not what the mission means then.
+    """
+    shapes = source.data.get("shapes") if isinstance(source.data, dict) else None
+    if not isinstance(shapes, dict):
+        return True
+    before = len(source.problems)
+    for name, shape in shapes.items():
+        if not isinstance(shape, dict) or shape.get("kind") != "csv" or not isinstance(shape.get("path"), str):
+            continue
+        place = ("shapes", name, "path")
+        path = folder / shape["path"]
+        try:
+            rows = _read(path)
+        except (OSError, UnicodeDecodeError, csv.Error) as error:
+            why = getattr(error, "strerror", None) or str(error)
+            source.problems.append(source.problem(place, f"{path} can't be read: {why}", "a readable CSV file"))
+            continue
+        except _BadRowError as error:
+            allowed = "two numbers a line: north, east (the first line may have names)"
+            source.problems.append(source.problem(place, f"{path}:{error.line}: {error}", allowed))
+            continue
+        rest: dict[str, Any] = {key: value for key, value in shape.items() if key not in ("kind", "path")}
+        shapes[name] = {"kind": "offsets", "offsets": tuple(rows), **rest}
+    return len(source.problems) == before
+
+
+class _BadRowError(ValueError):
+    def __init__(self, line: int, text: str) -> None:
+        super().__init__(text)
+        self.line = line
+
+
+def _read(path: Path) -> list[tuple[float, float]]:
+    found: list[tuple[float, float]] = []
+    with path.open(newline="", encoding="utf-8-sig") as file:
+        rows = csv.reader(file)
+        for row in rows:
+            if not any(cell.strip() for cell in row):
+                continue
+            numbers = [_number(cell) for cell in row]
+            if len(row) == 2 and None not in numbers:
+                found.append((numbers[0] or 0.0, numbers[1] or 0.0))
+            elif found or rows.line_num > 1 or any(number is not None for number in numbers):
+                raise _BadRowError(rows.line_num, f"{','.join(row)!r} is not a slot")
+    if not found:
+        raise _BadRowError(1, "no slot in it")
+    return found
+
+
+def _number(text: str) -> float | None:
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None

@@ -1,0 +1,164 @@
+"""pydantic's complaints in an operator's words: what is wrong, and what the schema would allow instead."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from swarm_ctl.errors import Problem
+from swarm_ctl.mission.input.document import Document, Place
+
+_Schema = Mapping[str, Any]
+_NAME = "letters, digits, - and _, at most 40"
+_OF = {
+    r"^[A-Za-z0-9][A-Za-z0-9_-]{0,39}$": f" of {_NAME},",
+    r"^[A-Za-z0-9 ]{1,12}$": " of A to Z, digits and spaces, at most 12,",
+}
+"""What a pattern of the schema means."""
+
+
+def problem_of(error: Mapping[str, Any], document: Document, schema: _Schema) -> Problem:
+    """One entry of `ValidationError.errors()` as a problem. `schema` is the model's JSON Schema."""
+    loc: Place = tuple(error["loc"])
+    place = _place(loc, document.data)
+    if error["type"] == "extra_forbidden":
+        names = sorted(_find(schema, loc[:-1]).get("properties", {}))
+        close = difflib.get_close_matches(str(loc[-1]), names, n=1)
+        hint = f"; did you mean {close[0]}?" if close else ""
+        return document.problem(place, f"unknown field{hint}", ", ".join(names))
+    if error["type"] == "missing":
+        return document.problem(place, "is missing", describe(schema, _find(schema, loc)))
+    if error["type"] == "union_tag_not_found":
+        return document.problem((*place, "kind"), "is missing", error["ctx"]["discriminator"] and _kinds(schema, loc))
+    if error["type"] == "union_tag_invalid":
+        value = show(error["ctx"]["tag"])
+        return document.problem((*place, "kind"), f"{value} is not a known kind", _kinds(schema, loc))
+    if loc and loc[-1] == "[key]":
+        return document.problem(place, "can't be a name", _NAME)
+    return document.problem(place, _what(error), describe(schema, _find(schema, loc)))
+
+
+def show(value: Any) -> str:
+    """A value as the file would write it, shortened."""
+    text = json.dumps(value, default=str, ensure_ascii=False)
+    text = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+    text = {"null": "nothing", "NaN": ".nan", "Infinity": ".inf", "-Infinity": "-.inf"}.get(text, text)
+    return text if len(text) <= 40 else text[:37] + "..."
+
+
+def describe(root: _Schema, node: _Schema) -> str:
+    """What a schema node allows, in a few words."""
+    node = _deref(root, node)
+    if "const" in node:
+        return show(node["const"])
+    if "enum" in node:
+        return "one of " + ", ".join(str(value) for value in node["enum"])
+    if "anyOf" in node:
+        return " or ".join(describe(root, option) for option in node["anyOf"] if option.get("type") != "null")
+    if "oneOf" in node:
+        return "a mapping with kind: " + ", ".join(sorted(node["discriminator"]["mapping"]))
+    kind = {"number": "a number", "integer": "a whole number", "string": "text"}.get(node.get("type", ""))
+    if kind:
+        return kind + _range(node)
+    if node.get("type") == "array":
+        return _describe_list(node)
+    if "properties" in node:
+        return "a mapping of " + ", ".join(node["properties"])
+    return "a mapping of names to values"
+
+
+def _what(error: Mapping[str, Any]) -> str:
+    value, kind = error["input"], str(error["type"])
+    if value is None:
+        return "is empty"
+    if kind in {"too_short", "too_long"}:
+        return f"has {len(value)} entries"
+    if kind.endswith(("_type", "_parsing", "_from_float")):
+        return f"{show(value)} is {_kind_of(value)}"
+    if kind == "finite_number":
+        return f"{show(value)} is not a finite number"
+    if kind.startswith(("greater_than", "less_than")):
+        return f"{show(value)} is out of range"
+    return f"{show(value)} is not allowed"
+
+
+def _kind_of(value: Any) -> str:
+    if isinstance(value, str):
+        looks = re.fullmatch(r"\s*[-+.]?[0-9][-+0-9a-zA-Z_.,: /]*", value)
+        return "text, not a number (write plain decimal digits, no quotes, no unit)" if looks else "text"
+    if isinstance(value, Mapping):
+        return "a mapping"
+    if isinstance(value, Sequence):
+        return "a list"
+    if isinstance(value, bool):
+        return "a truth value"
+    return {type(None): "empty", int: "a number", float: "not a whole number"}.get(type(value), "of a wrong type")
+
+
+def _range(node: _Schema) -> str:
+    if "examples" in node:
+        of = _OF.get(node.get("pattern", ""), "")
+        return f"{of} such as " + " or ".join(node["examples"])
+    if "minimum" in node and "maximum" in node:
+        return f" from {node['minimum']:g} to {node['maximum']:g}"
+    words = {"exclusiveMinimum": "above", "minimum": "at least", "maximum": "at most"}
+    parts = [f"{word} {node[key]:g}" for key, word in words.items() if key in node]
+    return " " + " and ".join(parts) if parts else ""
+
+
+def _describe_list(node: _Schema) -> str:
+    low, high = node.get("minItems"), node.get("maxItems")
+    if "prefixItems" in node:
+        return f"a list of {low} numbers, [north, east]"
+    return f"a list of {low or 0} to {high} entries" if high else "a list"
+
+
+def _kinds(root: _Schema, loc: Place) -> str:
+    return "one of " + ", ".join(sorted(_find(root, loc)["discriminator"]["mapping"]))
+
+
+def _place(loc: Place, data: Any) -> Place:
+    """`loc` without the parts pydantic puts in for itself (the tags of unions), which the data do not have."""
+    place: list[str | int] = []
+    for k, part in enumerate(loc):
+        inside = (isinstance(data, Mapping) and part in data) or (
+            isinstance(data, tuple) and isinstance(part, int) and part < len(data)
+        )
+        if inside:
+            data = data[part]
+        elif k < len(loc) - 1 or part == "[key]":
+            continue
+        place.append(part)
+    return tuple(place)
+
+
+def _deref(root: _Schema, node: _Schema) -> _Schema:
+    while "$ref" in node:
+        node = root["$defs"][node["$ref"].rsplit("/", 1)[-1]]
+    options = [option for option in node.get("anyOf", ()) if option.get("type") != "null"]
+    if len(options) != 1:
+        return node
+    # An optional value: what is said of the whole (its examples) holds for the value.
+    said = {"examples": node["examples"]} if "examples" in node else {}
+    return {**said, **_deref(root, options[0])}
+
+
+def _find(root: _Schema, loc: Place) -> _Schema:
+    """The part of a JSON Schema that speaks of `loc`, a place as pydantic gives it; empty where there is none."""
+    node = _deref(root, root)
+    for part in loc:
+        mapping = node.get("discriminator", {}).get("mapping", {})
+        if part in mapping:
+            inner = {"$ref": mapping[part]}
+        elif isinstance(part, int):
+            items = node.get("prefixItems", ())
+            inner = items[part] if part < len(items) else node.get("items", {})
+        else:
+            inner = node.get("properties", {}).get(part) or node.get("additionalProperties") or {}
+            names = node.get("patternProperties", {})
+            inner = inner or next(iter(names.values()), {})
+        node = _deref(root, inner)
+    return node

@@ -1,0 +1,119 @@
+"""The section `simulation`: weather and faults of the simulated vehicles. Nothing of it is in the plan.
+
+The parameters are the simulator's, by the names a MAVLink client sets them by (a test holds the two lists together).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from swarm_ctl.mission.input.section import AgentId, Section
+
+Switch = Literal[0, 1] | None
+Offset = Annotated[float, Field(ge=-10_000, le=10_000)] | None
+Deviation = Annotated[float, Field(ge=0, le=100)] | None
+
+
+class SimParameters(Section):
+    """SIM_* parameters; those not given stay as they are."""
+
+    SIM_ARM_REFUSE: Switch = None
+    """1: the vehicle will not arm."""
+    SIM_BATT_DRAIN: Annotated[float, Field(ge=0, le=10_000)] | None = None
+    """Factor on the battery's consumption (1)."""
+    SIM_BATT_FAIL: Switch = None
+    """1: the battery is empty at once."""
+    SIM_COLL_FALL: Switch = None
+    """1: falls after touching another vehicle."""
+    SIM_DELAY: Annotated[float, Field(ge=0, le=60)] | None = None
+    """Delay of every frame [s], both ways."""
+    SIM_GPS_DRIFT: Deviation = None
+    """Standard deviation [m] of the position error that changes within a minute."""
+    SIM_GPS_FREEZE: Switch = None
+    """1: the reported position and velocity stay as they are."""
+    SIM_GPS_JUMP_D: Offset = None
+    """Added to the reported position [m], down."""
+    SIM_GPS_JUMP_E: Offset = None
+    """Added to the reported position [m], east."""
+    SIM_GPS_JUMP_N: Offset = None
+    """Added to the reported position [m], north."""
+    SIM_GPS_NOISE: Deviation = None
+    """Standard deviation [m] of the position error that changes within a second."""
+    SIM_GPS_OFF: Switch = None
+    """1: no fix, no position."""
+    SIM_HB_MUTE: Switch = None
+    """1: no heartbeat."""
+    SIM_LOSS: Annotated[float, Field(ge=0, le=100)] | None = None
+    """Percent of frames lost, both ways."""
+    SIM_MOTOR_STOP: Switch = None
+    """1: falls."""
+    SIM_REBOOT: Literal[1] | None = None
+    """1: restarts at once, in flight too."""
+    SIM_WIND_DIR: Annotated[float, Field(ge=-360, le=360)] | None = None
+    """Where the wind comes from [degrees]."""
+    SIM_WIND_GUST: Annotated[float, Field(ge=0, le=30)] | None = None
+    """Standard deviation of gusts [m/s]."""
+    SIM_WIND_SPD: Annotated[float, Field(ge=0, le=60)] | None = None
+    """Wind [m/s]."""
+
+    def given(self) -> dict[str, float]:
+        """Name and value of those that are given."""
+        return self.model_dump(exclude_none=True)
+
+
+NEUTRAL: dict[str, float] = dict.fromkeys(SimParameters.model_fields, 0.0) | {"SIM_BATT_DRAIN": 1.0}
+"""What the simulator starts with."""
+
+
+class Fault(Section):
+    """What changes at a time."""
+
+    at_s: float = Field(ge=0, le=86_400)
+    """Seconds after what `since` says."""
+    for_s: float | None = Field(default=None, gt=0, le=86_400)
+    """For so long; then each parameter has the value of the start again. To the end where not given."""
+    agents: Annotated[tuple[AgentId, ...], Field(min_length=1, max_length=250)] | None = None
+    """Whose vehicles; all where not given."""
+    set: SimParameters
+
+
+class Simulation(Section):
+    """Weather and faults, in simulated vehicles only; a vehicle with an endpoint of its own knows nothing of them."""
+
+    parameters: SimParameters = SimParameters()
+    """From the start, of all simulated vehicles."""
+    since: Literal["liftoff", "start"] = "liftoff"
+    """Where the faults' times count from: the first lift-off, or the run's start, seconds before anybody arms."""
+    faults: Annotated[tuple[Fault, ...], Field(max_length=1000)] = ()
+    """What changes when, in any order."""
+
+    def timetable(self, sysids: Mapping[int, int]) -> list[dict[str, Any]]:
+        """The faults as the simulator takes them, for its vehicles: agent -> sysid. Those of other agents are left out.
+
+        At one time what ends comes before what begins.
+        """
+        start = NEUTRAL | self.parameters.given()
+        begin, end = [], []
+        for fault in self.faults:
+            given = fault.set.given()
+            for sysid in (sysids[i] for i in fault.agents or sysids if i in sysids):
+                begin.append({"at_s": fault.at_s, "sysid": sysid, "set": given})
+                if fault.for_s is not None:
+                    back = {name: start[name] for name in given}
+                    end.append({"at_s": fault.at_s + fault.for_s, "sysid": sysid, "set": back})
+        return sorted(end + begin, key=lambda entry: entry["at_s"])
+
+
+def overlaps(faults: tuple[Fault, ...]) -> Iterator[tuple[int, int, str]]:
+    """Pairs of faults (their places) that set one parameter of one vehicle, the second while the first lasts."""
+    ordered = sorted(enumerate(faults), key=lambda entry: entry[1].at_s)
+    for (i, first), (k, second) in itertools.combinations(ordered, 2):
+        if first.for_s is None or second.at_s >= first.at_s + first.for_s:
+            continue
+        same = first.agents is None or second.agents is None or set(first.agents) & set(second.agents)
+        for name in first.set.given().keys() & second.set.given().keys() if same else ():
+            yield i, k, name

@@ -1,0 +1,33 @@
+"""What the station told of a flight: the dashboard's log again, from the recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from swarm_ctl.errors import InputError
+from swarm_ctl.recording import Tape
+from swarm_ctl.report.folder.accounts import read_events
+from swarm_ctl.report.folder.manifest import Manifest
+from swarm_ctl.station.picture.alarms import Level
+from swarm_ctl.station.picture.journal import Entry
+from swarm_ctl.station.picture.playback import Film
+
+_LEVELS: Final = {"warning": Level.WARNING, "error": Level.ERROR}
+
+
+def told(folder: Path, manifest: Manifest) -> list[Entry]:
+    """Alarms raised and cleared, warnings, errors, orders; without a recording the warnings of the agents alone."""
+    try:
+        with Tape(folder) as tape:
+            film = Film(tape, manifest.plan, speedup=manifest.speedup)
+            film.seek(film.end_s)
+            entries = film.journal.entries
+    except InputError:  # no recording, or nothing in it: the page says so
+        entries = tuple(
+            Entry(event.time_s, "event", _LEVELS[event.level], (event.agent,), event.text)
+            for event in read_events(folder, [])
+            if event.level in _LEVELS
+        )
+    wanted = (entry for entry in entries if entry.level >= Level.WARNING or entry.kind in ("cleared", "command"))
+    return sorted(wanted, key=lambda entry: entry.time_s)

@@ -1,0 +1,96 @@
+"""Flies a step flight: carries bytes between one vehicle's link and `core/identification/step_flight.py`, tick by tick.
+
+If this loop stalls or its process dies nothing is sent, and the vehicle's own failsafe stops and lands it, as with an
+agent's.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import socket
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from swarm_ctl.core.identification.step_flight import StepFlight
+from swarm_ctl.core.model.plan import Geodetic
+from swarm_ctl.errors import StartError
+from swarm_ctl.mavlink.link import VehicleLink
+from swarm_ctl.mission.compile.fleet import FleetAgent
+from swarm_ctl.runtime.clock import Clock, pause, wall_s
+from swarm_ctl.runtime.launch.ports import free_ports
+from swarm_ctl.runtime.launch.processes import simulator, wait_all
+from swarm_ctl.runtime.launch.sim_config import place, vehicle_config
+from swarm_ctl.runtime.ticker import Ticker
+
+_START_WALL_S = 20.0
+_END_WALL_S = 5.0
+SOMEWHERE = Geodetic(47.397742, 8.545594, 488.0)
+"""Where a simulated vehicle stands that no mission gives a place."""
+
+
+@dataclass(frozen=True, slots=True)
+class Watch:
+    """What is told while it flies, and what can end it."""
+
+    say: Callable[[str], None]
+    stop: Callable[[], str]
+    """Why to land now, or ''."""
+    quit: Callable[[], bool]
+    """Leave at once, whatever the vehicle does."""
+
+
+def fly(vehicle: FleetAgent, flight: StepFlight, tick_s: float, clock: Clock, watch: Watch) -> bool:
+    """Fly until `flight.ended`; whether the vehicle stands disarmed then. LinkError where its endpoint can't be opened.
+
+    A vehicle without an endpoint is simulated, for as long as this takes.
+    """
+    with _reached(vehicle, clock) as endpoint:
+        link = VehicleLink(endpoint, vehicle.autopilot, vehicle.sysid)
+        try:
+            return _loop(link, flight, Ticker(clock, tick_s), watch)
+        finally:
+            link.close()
+
+
+def _loop(link: VehicleLink, flight: StepFlight, ticker: Ticker, watch: Watch) -> bool:
+    while True:
+        now = ticker.wait()
+        link.receive(now)
+        view = link.view()
+        goal = flight.step(now, view, watch.stop())
+        link.pursue(goal, now)
+        for text in flight.said:
+            watch.say(text)
+        flight.said.clear()
+        if flight.ended is not None or watch.quit():
+            return not view.armed
+
+
+@contextlib.contextmanager
+def _reached(vehicle: FleetAgent, clock: Clock) -> Iterator[str]:
+    """The vehicle's endpoint, or that of a simulated one."""
+    if vehicle.endpoint is not None:
+        yield vehicle.endpoint
+        return
+    (port,) = free_ports(1, socket.SOCK_DGRAM)
+    stands = vehicle_config(vehicle.sysid, vehicle.autopilot, f"udpin:127.0.0.1:{port}", (0.0, 0.0), SOMEWHERE)
+    settings = {"version": 1, "origin": place(SOMEWHERE), "vehicles": [stands]}
+    settings |= {"speedup": clock.speedup, "epoch_s": clock.epoch_s}
+    with tempfile.TemporaryDirectory() as folder:
+        config = Path(folder) / "sim.json"
+        config.write_text(json.dumps(settings))
+        child = simulator(config, Path(folder) / "simulator.log")
+        try:
+            until = wall_s() + _START_WALL_S
+            while not child.poll_ready():
+                if wall_s() > until:
+                    raise StartError(f"the simulator was not ready after {_START_WALL_S:g} s")
+                pause(0.01)
+            yield f"udpout:127.0.0.1:{port}"
+            child.let_go()
+            wait_all([child], _END_WALL_S)
+        finally:
+            child.kill()

@@ -1,0 +1,47 @@
+"""What the simulator is told to simulate a mission: plain JSON for `python -m sim`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from swarm_ctl.core.model.frames import geodetic_from_ned
+from swarm_ctl.core.model.plan import Geodetic, Plan
+from swarm_ctl.mission.compile.fleet import FleetAgent
+from swarm_ctl.mission.input.simulation_section import Simulation
+
+_READY_AFTER_S = 3.0
+
+
+def simulator_config(plan: Plan, vehicles: Sequence[FleetAgent], simulation: Simulation) -> dict[str, Any]:
+    """Geodetic starts, weather and faults of the mission; each vehicle listens where its entry's endpoint says."""
+    return {
+        "version": 1,
+        "origin": place(plan.origin),
+        "truth_rate_hz": 10,
+        "sensing_range_m": plan.law.r * plan.unit_m,
+        "sim_parameters": simulation.parameters.given(),
+        "faults_since": simulation.since,
+        "faults": simulation.timetable({vehicle.id: vehicle.sysid for vehicle in vehicles}),
+        "vehicles": [_vehicle(plan, vehicle) for vehicle in vehicles],
+    }
+
+
+def place(at: Any) -> dict[str, float]:
+    """A point on the ellipsoid, as the simulator wants it."""
+    return {"lat_deg": at.lat_deg, "lon_deg": at.lon_deg, "alt_m": at.alt_m}
+
+
+def vehicle_config(
+    sysid: int, persona: str, endpoint: str, ne_m: tuple[float, float], origin: Geodetic
+) -> dict[str, Any]:
+    """One vehicle that stands at `ne_m` [m] north and east of the origin and is ready soon."""
+    at = place(geodetic_from_ned((*ne_m, 0.0), origin))
+    return {"sysid": sysid, "persona": persona, "endpoint": endpoint, "ready_after_s": _READY_AFTER_S} | at
+
+
+def _vehicle(plan: Plan, vehicle: FleetAgent) -> dict[str, Any]:
+    north, east = plan.agent(vehicle.id).start
+    port = (vehicle.endpoint or "").rpartition(":")[2]
+    start = (north * plan.unit_m, east * plan.unit_m)
+    return vehicle_config(vehicle.sysid, vehicle.autopilot, f"udpin:127.0.0.1:{port}", start, plan.origin)

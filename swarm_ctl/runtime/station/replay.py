@@ -1,0 +1,95 @@
+"""A recording played again: the dashboard with a player's keys, the compact view, log lines or JSON lines."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final, TextIO, cast
+
+from pydantic import ValidationError
+from rich.console import Console
+from rich.live import Live
+
+from swarm_ctl.errors import InputError
+from swarm_ctl.recording import Tape, recover
+from swarm_ctl.report.folder.manifest import Manifest
+from swarm_ctl.runtime import clock as wall
+from swarm_ctl.runtime.station.relay import Descriptor, Printer
+from swarm_ctl.runtime.station.screens import CompactPrinter, JsonPrinter, LogPrinter, Show, possible
+from swarm_ctl.station.picture.playback import Film
+from swarm_ctl.station.picture.view import SwarmView
+
+_SHOW_WALL_S: Final = 0.25
+_JSON_WALL_S: Final = 1.0
+
+
+class _EveryView(JsonPrinter):
+    """One JSON object a line and view."""
+
+    def draw(self, view: SwarmView) -> None:
+        """Write it."""
+        self._open = view
+        self.end()
+
+
+def replay(run: Path, show: Show, speed: float, start: str) -> int:
+    """Play the recording of `run` (a folder or an MCAP file) from the time `start` on; 0 at its end.
+
+    InputError where there is no recording of ours, or nothing in it.
+    """
+    console, out = Console(), cast("TextIO", Descriptor(1))
+    show = possible(show, console)
+    with _opened(run) as film:
+        film.seek(film.moment(start))
+        match show:
+            case Show.DASHBOARD:
+                _with_keys(film, speed)
+            case Show.COMPACT:
+                with Live(console=console, auto_refresh=False, vertical_overflow="crop", redirect_stderr=False) as live:
+                    _play(film, CompactPrinter(live, console, "Ctrl-C ends the replay"), speed, _SHOW_WALL_S * speed)
+            case Show.LOG:
+                _play(film, LogPrinter(out), speed, film.look_s)
+            case Show.JSON:
+                _play(film, _EveryView(out), speed, _JSON_WALL_S * speed)
+    return 0
+
+
+@contextlib.contextmanager
+def _opened(run: Path) -> Iterator[Film]:
+    """The film of a recording; one that was cut off gets its footer first, where that can be written."""
+    with Tape(run) as tape:
+        manifest = _manifest(run, tape)  # before anything is written: it might be somebody else's file
+    with contextlib.suppress(OSError):
+        if recover(run):
+            sys.stderr.write(f"{run}: the recording was cut off; recovered up to its last second\n")
+    with Tape(run) as tape:
+        yield Film(tape, manifest.plan, speedup=manifest.speedup, station=tape.about.get("station", ""))
+
+
+def _manifest(run: Path, tape: Tape) -> Manifest:
+    try:
+        return Manifest.model_validate_json(tape.about.get("manifest", ""))
+    except ValidationError as error:
+        (problem, *_) = error.errors(include_url=False)
+        raise InputError(f"{run}: the recording does not say what was flown: {problem['msg']}") from None
+
+
+def _with_keys(film: Film, speed: float) -> None:
+    from swarm_ctl.station.dashboard.driver import TtyDriver
+    from swarm_ctl.station.dashboard.player import Player
+
+    Player(film, wall.wall_s, speed=speed, driver_class=TtyDriver).run()
+
+
+def _play(film: Film, printer: Printer, speed: float, every_s: float) -> None:
+    """Show every so many mission seconds, and the end."""
+    start_s, began_s, shown = film.time_s, wall.wall_s(), 0
+    while True:
+        printer.draw(film.view())
+        if film.time_s >= film.end_s:
+            return
+        shown += 1
+        film.seek(start_s + shown * every_s)
+        wall.pause(max(0.0, began_s + (film.time_s - start_s) / speed - wall.wall_s()))

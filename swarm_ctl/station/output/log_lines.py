@@ -1,0 +1,94 @@
+"""Plain lines for a log: what has changed from one view to the next, each thing once. ASCII only."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import Final
+
+from swarm_ctl.core.agent.progress import step_name
+from swarm_ctl.core.model.messages import Event
+from swarm_ctl.core.model.text import agents_named, printable
+from swarm_ctl.station.picture.alarms import Alarm, alarms
+from swarm_ctl.station.picture.summaries import answers, gather_alarms, gather_events, reasons
+from swarm_ctl.station.picture.view import SwarmView
+
+_FIGURE: Final = re.compile(r"[\d.]+")
+
+
+def log_lines(previous: SwarmView | None, view: SwarmView) -> list[str]:
+    """Lines for everything new in `view` since `previous` (None: since nothing was known): steps, phases, events,
+    commands, alarms raised and cleared.
+    """
+    said = [
+        *_step(previous, view),
+        *_phases(previous, view),
+        *_reasons(previous, view),
+        *_events(previous, view),
+        *_commands(previous, view),
+        *_alarms(previous, view),
+    ]
+    return [f"[{view.time_s:7.1f} s] {line}".encode("ascii", "replace").decode() for line in said]
+
+
+def _step(previous: SwarmView | None, view: SwarmView) -> Iterator[str]:
+    if view.step > (previous.step if previous else 0):
+        yield f"step {view.step}/{len(view.plan.steps)}: {step_name(view.plan, view.step)}"
+
+
+def _phases(previous: SwarmView | None, view: SwarmView) -> Iterator[str]:
+    before = {agent.id: agent.phase for agent in previous.agents} if previous else {}
+    changed: dict[str, list[int]] = {}
+    for agent in view.agents:
+        old = before.get(agent.id)
+        if agent.phase is not None and agent.phase is not old:
+            words = f"{old.name.lower()} -> {agent.phase.name.lower()}" if old is not None else agent.phase.name.lower()
+            changed.setdefault(words, []).append(agent.id)
+    for words, ids in changed.items():
+        yield f"{agents_named(ids)}: {words}"
+
+
+def _reasons(previous: SwarmView | None, view: SwarmView) -> Iterator[str]:
+    """Why agents wait; a figure that changes within the reason is no news."""
+    before = {(i, _FIGURE.sub("", why)) for why, ids in reasons(previous).items() for i in ids} if previous else set()
+    for why, ids in reasons(view).items():
+        new = [i for i in ids if (i, _FIGURE.sub("", why)) not in before]
+        if new:
+            yield f"{agents_named(new)}: {why}"
+
+
+def _events(previous: SwarmView | None, view: SwarmView) -> Iterator[str]:
+    fresh = view.event_count - (previous.event_count if previous else 0)
+    # a new step is told by the states already, once for all
+    steps = {f"step {k}: {step_name(view.plan, k)}" for k in range(len(view.plan.steps) + 1)}
+    new: tuple[Event, ...] = view.events[-fresh:] if fresh > 0 else ()
+    if fresh > len(new):
+        yield f"{fresh - len(new)} events came too fast to be told"
+    for saying in gather_events(event for event in new if event.text not in steps):
+        mark = "" if saying.level == "info" else f"{printable(saying.level).upper()}: "
+        yield f"{agents_named(saying.agents)}: {mark}{saying.text}"
+
+
+def _commands(previous: SwarmView | None, view: SwarmView) -> Iterator[str]:
+    before = {c.command.id: answers(c, previous) for c in previous.commands} if previous else {}
+    for command in view.commands:
+        now = answers(command, view)
+        if before.get(command.command.id) != now:
+            yield f"command {now}"
+
+
+def _alarms(previous: SwarmView | None, view: SwarmView) -> Iterator[str]:
+    old = _by_key(previous) if previous else {}
+    new = _by_key(view)
+    for level, text in gather_alarms([alarm for key, alarm in new.items() if key not in old]):
+        yield f"{level.name}: {text}"
+    cleared: dict[str, list[int]] = {}
+    for key, alarm in old.items():
+        if key not in new:
+            cleared.setdefault(alarm.name, []).extend(alarm.agents)
+    for name, ids in cleared.items():
+        yield f"cleared: {name} ({agents_named(ids)})"
+
+
+def _by_key(view: SwarmView) -> dict[tuple[str, tuple[int, ...]], Alarm]:
+    return {alarm.key: alarm for alarm in alarms(view)}

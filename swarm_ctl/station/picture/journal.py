@@ -1,0 +1,184 @@
+"""The log of a flight: events, alarms raised, acknowledged and cleared, commands and their answers; each thing once.
+
+A fold over views, so that every station that saw the same views has the same log. Times are mission seconds.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, replace
+from typing import Final
+
+from swarm_ctl.core.model.messages import Event
+from swarm_ctl.core.model.text import agents_named
+from swarm_ctl.station.picture.alarms import Alarm, Level, alarms
+from swarm_ctl.station.picture.summaries import answers, gather_alarms, gather_events
+from swarm_ctl.station.picture.view import SwarmView
+
+_ENTRIES: Final = 2000
+_FLAPS_S: Final = 10.0
+"""An alarm that comes back within this time is the same one: counted, not told again."""
+_EVENT_LEVEL: Final = {"warning": Level.WARNING, "error": Level.ERROR}
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One line of the log."""
+
+    time_s: float
+    kind: str
+    """`event`, `vehicle` (a status text), `alarm`, `cleared`, `command` or `station`."""
+    level: Level
+    agents: tuple[int, ...]
+    text: str
+    acknowledged: bool = False
+    count: int = 1
+
+
+@dataclass(slots=True)
+class _Standing:
+    """An alarm that stands, or stood until a moment ago."""
+
+    alarm: Alarm
+    entry: int
+    """Its number in the log."""
+    acknowledged: bool = False
+    gone_s: float | None = None
+
+
+class Journal:
+    """What has been told so far."""
+
+    def __init__(self) -> None:
+        self._entries: deque[Entry] = deque(maxlen=_ENTRIES)
+        self._first = 0
+        """The number of the oldest entry that is kept."""
+        self._alarms: dict[tuple[str, tuple[int, ...]], _Standing] = {}
+        self._commands: dict[str, tuple[int, str]] = {}
+        self._told_events = 0
+        self.standing: tuple[Alarm, ...] = ()
+        """Alarms of the newest view, the worst first."""
+
+    @property
+    def entries(self) -> tuple[Entry, ...]:
+        """Oldest first."""
+        return tuple(self._entries)
+
+    @property
+    def told(self) -> int:
+        """How many entries there were in all."""
+        return self._first + len(self._entries)
+
+    @property
+    def unacknowledged(self) -> int:
+        """How many alarms stand that nobody has acknowledged."""
+        return sum(s.gone_s is None and not s.acknowledged for s in self._alarms.values())
+
+    def is_acknowledged(self, alarm: Alarm) -> bool:
+        """Somebody has seen this one."""
+        standing = self._alarms.get(alarm.key)
+        return standing is not None and standing.acknowledged
+
+    def update(self, view: SwarmView) -> None:
+        """Take a newer view in."""
+        self._take_events(view)
+        self._take_commands(view)
+        self._take_alarms(view)
+
+    def acknowledge(self, now_s: float) -> int:
+        """The operator has seen all alarms that stand; how many were new to him."""
+        seen = [s for s in self._alarms.values() if s.gone_s is None and not s.acknowledged]
+        for standing in seen:
+            standing.acknowledged = True
+            self._change(standing.entry, acknowledged=True)
+        if seen:
+            names = ", ".join(dict.fromkeys(s.alarm.name for s in seen))
+            self._add(Entry(now_s, "station", Level.WELL, (), f"acknowledged: {names}"))
+        return len(seen)
+
+    def note(self, now_s: float, text: str, level: Level = Level.WELL) -> None:
+        """A word of the station itself."""
+        self._add(Entry(now_s, "station", level, (), text))
+
+    def _take_events(self, view: SwarmView) -> None:
+        fresh = view.event_count - self._told_events
+        self._told_events = view.event_count
+        new: tuple[Event, ...] = view.events[-fresh:] if fresh > 0 else ()
+        if fresh > len(new):
+            text = f"{fresh - len(new)} events came too fast to be told"
+            self._add(Entry(view.time_s, "station", Level.WARNING, (), text))
+        for saying in gather_events(new):
+            before = self._entries[-1] if self._entries else None
+            if before is not None and before.kind == "event" and before.text == saying.text:
+                # the others' same words, a view later
+                self._change(self._first + len(self._entries) - 1, agents=_joined(before.agents, saying.agents))
+                continue
+            vehicle = saying.text.startswith("vehicle: ")
+            text = saying.text.removeprefix("vehicle: ")
+            kind = "vehicle" if vehicle else "event"
+            self._add(Entry(saying.time_s, kind, _EVENT_LEVEL.get(saying.level, Level.WELL), saying.agents, text))
+
+    def _take_commands(self, view: SwarmView) -> None:
+        for command in view.commands:
+            text = answers(command, view)
+            refused = any(not ack.accepted for ack in command.acks.values())
+            level = Level.WARNING if refused else Level.WELL
+            number, told = self._commands.get(command.command.id, (-1, ""))
+            if number < 0:
+                self._add(Entry(command.received_s, "command", level, command.command.agents, text))
+                self._commands[command.command.id] = (self._first + len(self._entries) - 1, text)
+            elif told != text:
+                self._change(number, text=text, level=level)
+                self._commands[command.command.id] = (number, text)
+
+    def _take_alarms(self, view: SwarmView) -> None:
+        self.standing = alarms(view)
+        found = {alarm.key: alarm for alarm in self.standing}
+        self._raise([alarm for key, alarm in found.items() if key not in self._alarms], view.time_s)
+        for key in found:
+            standing = self._alarms[key]
+            if standing.gone_s is not None:
+                standing.gone_s = None
+                self._change(standing.entry, count_more=1)
+        gone = [standing for key, standing in self._alarms.items() if key not in found]
+        for standing in gone:
+            standing.gone_s = view.time_s if standing.gone_s is None else standing.gone_s
+        self._clear([s for s in gone if s.gone_s is not None and view.time_s - s.gone_s > _FLAPS_S])
+
+    def _raise(self, new: list[Alarm], now_s: float) -> None:
+        """One entry for all alarms of a kind that came up together."""
+        for name in dict.fromkeys(alarm.name for alarm in new):
+            same = [alarm for alarm in new if alarm.name == name]
+            ((level, text),) = gather_alarms(same)
+            self._add(Entry(now_s, "alarm", level, _all_agents(same), text))
+            for alarm in same:
+                self._alarms[alarm.key] = _Standing(alarm, self._first + len(self._entries) - 1)
+
+    def _clear(self, over: list[_Standing]) -> None:
+        """Likewise for those that are gone for good."""
+        for name in dict.fromkeys(standing.alarm.name for standing in over):
+            same = [standing for standing in over if standing.alarm.name == name]
+            ids = _all_agents([standing.alarm for standing in same])
+            last_s = max(standing.gone_s or 0.0 for standing in same)
+            self._add(Entry(last_s, "cleared", Level.WELL, ids, f"{name} ({agents_named(ids)})"))
+        for standing in over:
+            del self._alarms[standing.alarm.key]
+
+    def _add(self, entry: Entry) -> None:
+        if len(self._entries) == _ENTRIES:
+            self._first += 1
+        self._entries.append(entry)
+
+    def _change(self, number: int, *, count_more: int = 0, **changes: object) -> None:
+        place = number - self._first
+        if 0 <= place < len(self._entries):
+            entry = self._entries[place]
+            self._entries[place] = replace(entry, count=entry.count + count_more, **changes)  # type: ignore[arg-type]
+
+
+def _all_agents(found: list[Alarm]) -> tuple[int, ...]:
+    return tuple(sorted({agent for alarm in found for agent in alarm.agents}))
+
+
+def _joined(a: tuple[int, ...], b: tuple[int, ...]) -> tuple[int, ...]:
+    return tuple(sorted({*a, *b}))

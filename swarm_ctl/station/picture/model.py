@@ -1,0 +1,266 @@
+"""Folds mesh messages into one immutable view. Knows no clock, no mesh and no screen."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from swarm_ctl.core.control.reference import centred as centred_slots
+from swarm_ctl.core.control.reference import turned
+from swarm_ctl.core.law.formation import centred, distances, errors
+from swarm_ctl.core.law.graph import edges
+from swarm_ctl.core.model.messages import (
+    Ack,
+    AgentState,
+    AgentStatus,
+    Command,
+    Event,
+    Frame,
+    PairReport,
+    Payload,
+    Phase,
+    SigmaReport,
+    StationBeacon,
+)
+from swarm_ctl.core.model.plan import FormStep, Plan, Point
+from swarm_ctl.station.picture.history import History
+from swarm_ctl.station.picture.link_stats import Receiver
+from swarm_ctl.station.picture.view import AgentView, CommandView, EdgeView, LinkView, PairView, SwarmView, newest
+
+_EVENTS: Final = 200
+_COMMANDS: Final = 20
+_SIGMA_S: Final = 1.0
+"""A sigma report older than this is history: they come at 5 Hz while a pair is active."""
+
+
+@dataclass(slots=True)
+class _Heard:
+    """What came from one agent."""
+
+    state: AgentState | None = None
+    status: AgentStatus | None = None
+    sigma: SigmaReport | None = None
+    sigma_received_s: float = 0.0
+    last_s: float | None = None
+    """When anything came."""
+    law_since_s: float = -math.inf
+    """When its state first told of the law it flies now."""
+    receiver: Receiver = field(default_factory=Receiver)
+
+    def silence(self, now_s: float) -> float | None:
+        return None if self.last_s is None else max(0.0, now_s - self.last_s)
+
+    def lost(self, now_s: float, after_s: float) -> bool:
+        told, silence = newest(self.state, self.status), self.silence(now_s)
+        ended = told is not None and told.phase is Phase.ENDED
+        return silence is not None and not ended and silence > after_s
+
+
+@dataclass(slots=True)
+class _Answered:
+    command: Command
+    received_s: float
+    at_step: int = 0
+    """The mission's step when it came."""
+    acks: dict[int, Ack] = field(default_factory=dict)
+
+
+class Model:
+    """The station's memory. `fold` takes every payload that arrives, `view` gives the picture at a moment."""
+
+    def __init__(self, plan: Plan, *, speedup: float = 1.0, since_s: float = 0.0, station: str = "") -> None:
+        self._plan = plan
+        self._station = station
+        self._plan_hash = plan.hash()
+        self._speedup = speedup
+        self._since_s = since_s
+        self._planned = frozenset(agent.id for agent in plan.agents)
+        self._edges = edges({agent.id: agent.neighbours for agent in plan.agents})
+        self._heard = {agent.id: _Heard() for agent in plan.agents}
+        self._events: deque[Event] = deque(maxlen=_EVENTS)
+        self._event_count = 0
+        self._commands: dict[str, _Answered] = {}
+        self._stations: dict[str, float] = {}
+        self._history = History()
+
+    def fold(self, payload: Payload, received_s: float) -> None:
+        """Take one message in, as it arrived at `received_s`. Late and repeated ones change nothing but counters."""
+        match payload:
+            case AgentState():
+                heard = self._of(payload.agent, received_s)
+                if heard.receiver.hear(payload.seq, payload.time_s, received_s):
+                    if heard.state is not None and heard.state.law != payload.law:
+                        heard.law_since_s = received_s
+                    heard.state = payload
+                    self._history.state(payload)
+            case AgentStatus():
+                heard = self._of(payload.agent, received_s)
+                if heard.status is None or payload.time_s >= heard.status.time_s:
+                    heard.status = payload
+                    self._history.status(payload)
+                    self._time_echo(payload, received_s)
+            case SigmaReport():
+                heard = self._of(payload.agent, received_s)
+                if heard.sigma is None or payload.time_s >= heard.sigma.time_s:
+                    heard.sigma, heard.sigma_received_s = payload, received_s
+                    self._history.sigma(payload)
+            case Event():
+                if payload not in self._events:
+                    self._events.append(payload)
+                    self._event_count += 1
+            case Command():
+                now_at = max((heard.state.step for heard in self._heard.values() if heard.state), default=0)
+                self._commands.setdefault(payload.id, _Answered(payload, received_s, now_at))
+                while len(self._commands) > _COMMANDS:
+                    del self._commands[next(iter(self._commands))]
+            case Ack():
+                if payload.command in self._commands:
+                    self._commands[payload.command].acks[payload.agent] = payload
+            case StationBeacon():
+                self._stations[payload.station] = received_s
+
+    def _time_echo(self, status: AgentStatus, received_s: float) -> None:
+        """A beacon of ours that came back tells the round trip, both loops' waiting included."""
+        echo = status.echo
+        if echo is not None and echo.station == self._station:
+            heard = self._heard[status.agent]
+            heard.receiver.answered(echo.beacon_s, status.time_s - echo.held_s, status.time_s, received_s)
+            trip = received_s - echo.beacon_s - echo.held_s
+            if trip >= 0.0:
+                self._history.round_trip(status.agent, trip)
+
+    def view(self, now_s: float) -> SwarmView:
+        """The swarm at `now_s`."""
+        after_s = self._plan.policies.agent_lost_after_s
+        lost = {agent_id for agent_id, heard in self._heard.items() if heard.lost(now_s, after_s)}
+        step = max(
+            (told.step for heard in self._heard.values() for told in (heard.state, heard.status) if told), default=0
+        )
+        between = self._distances()
+        away, targets = self._errors(step, lost)
+        agents = tuple(
+            self._agent(agent_id, now_s, agent_id in lost, away.get(agent_id), targets.get(agent_id), between)
+            for agent_id in sorted(self._heard)
+        )
+        return SwarmView(
+            time_s=now_s,
+            since_s=self._since_s,
+            plan=self._plan,
+            plan_hash=self._plan_hash,
+            speedup=self._speedup,
+            agents=agents,
+            pairs=self._pairs(now_s),
+            links=tuple(
+                LinkView(agent_id, sender, report)
+                for agent_id, heard in sorted(self._heard.items())
+                if heard.status
+                for sender, report in sorted(heard.status.links.items())
+            ),
+            edges=tuple(EdgeView(a, b, between.get((a, b))) for a, b in self._edges),
+            step=step,
+            error_m=max(away.values(), default=None),
+            events=tuple(self._events),
+            event_count=self._event_count,
+            commands=tuple(CommandView(c.command, c.received_s, dict(c.acks)) for c in self._commands.values()),
+            stations=self._stations | ({self._station: now_s} if self._station else {}),
+            histories=self._history.view(),
+        )
+
+    def _of(self, agent_id: int, received_s: float) -> _Heard:
+        heard = self._heard.setdefault(agent_id, _Heard())
+        heard.last_s = received_s
+        return heard
+
+    def _distances(self) -> dict[tuple[int, int], float]:
+        """Horizontal distance [m] of every two agents ever heard, both orders."""
+        found = {i: heard.state.position_ned_m[:2] for i, heard in self._heard.items() if heard.state}
+        if len(found) < 2:
+            return {}
+        between = distances(list(found.values()))
+        ids = list(found)
+        return {(i, j): float(between[a, b]) for a, i in enumerate(ids) for b, j in enumerate(ids) if a != b}
+
+    def _errors(self, step: int, lost: set[int]) -> tuple[dict[int, float], dict[int, Point]]:
+        """|e_i - mean e| [m] of each live agent in the shape of the newest `form` step, and where everybody's slot
+        lies with the live agents' mean error taken out; both empty before the first one.
+        """
+        shape = self._shape(step)
+        if shape is None:
+            return {}, {}
+        slots, points = {}, {}
+        in_roles = not self._overridden()  # an operator's shape gives everybody his own slot
+        for k, agent in enumerate(self._plan.agents):
+            state = self._heard[agent.id].state
+            if state is None:
+                continue
+            slot = shape[state.deal.role if in_roles and state.deal.role in shape else k]
+            frame = state.frame or Frame((0.0, 0.0))
+            place = turned(slot, frame.angle_rad, frame.scale)
+            slots[agent.id] = (place[0] * self._plan.unit_m, place[1] * self._plan.unit_m)
+            if state.airborne and agent.id not in lost:
+                points[agent.id] = state.position_ned_m[:2]
+        if not points:
+            return {}, {}
+        away = errors(list(points.values()), [slots[i] for i in points])
+        sizes = np.linalg.norm(centred(away), axis=-1)
+        north, east = np.mean(away, axis=0).tolist()
+        targets = {i: (slot[0] + north, slot[1] + east) for i, slot in slots.items()}
+        return dict(zip(points, sizes.tolist(), strict=True)), targets
+
+    def _shape(self, step: int) -> dict[int, Point] | None:
+        """The newest slots, centred: an operator's since the mission's step began, or the mission's; None: none yet."""
+        forms = [(k, s.slots) for k, s in enumerate(self._plan.steps[:step], start=1) if isinstance(s, FormStep)]
+        for answered in self._commands.values():
+            commanded = answered.command.step
+            resumed = bool(forms) and forms[-1][0] == step and not self._overridden()
+            if isinstance(commanded, FormStep) and answered.at_step >= (forms[-1][0] if forms else 0) and not resumed:
+                forms.append((answered.at_step, commanded.slots))
+        return centred_slots(dict(enumerate(forms[-1][1]))) if forms else None
+
+    def _overridden(self) -> bool:
+        return any(heard.state is not None and heard.state.command for heard in self._heard.values())
+
+    def _agent(
+        self,
+        agent_id: int,
+        now_s: float,
+        lost: bool,
+        error_m: float | None,
+        target_m: Point | None,
+        between: dict[tuple[int, int], float],
+    ) -> AgentView:
+        near = min(((d, j) for j in self._heard if (d := between.get((agent_id, j))) is not None), default=None)
+        heard = self._heard[agent_id]
+        return AgentView(
+            id=agent_id,
+            in_plan=agent_id in self._planned,
+            state=heard.state,
+            status=heard.status,
+            law_since_s=heard.law_since_s,
+            link=heard.receiver.report(now_s),
+            silence_s=heard.silence(now_s),
+            lost=lost,
+            error_m=error_m,
+            nearest_agent=near[1] if near else None,
+            nearest_m=near[0] if near else None,
+            target_m=target_m,
+            round_trip_s=self._history.least_round_trip_s(agent_id),
+            sigma=heard.sigma if heard.sigma and now_s - heard.sigma_received_s <= _SIGMA_S else None,
+        )
+
+    def _pairs(self, now_s: float) -> tuple[PairView, ...]:
+        sides: dict[tuple[int, int], list[tuple[int, PairReport]]] = {}
+        for agent_id, heard in sorted(self._heard.items()):
+            if heard.sigma is not None and now_s - heard.sigma_received_s <= _SIGMA_S:
+                for report in heard.sigma.pairs:
+                    pair = (min(agent_id, report.peer), max(agent_id, report.peer))
+                    sides.setdefault(pair, []).append((agent_id, report))
+        found = (
+            PairView(a, b, self._plan.unit_m * min(report.distance for _, report in both), tuple(both))
+            for (a, b), both in sides.items()
+        )
+        return tuple(sorted(found, key=lambda pair: pair.distance_m))

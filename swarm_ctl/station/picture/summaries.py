@@ -1,0 +1,111 @@
+"""What a view has to say, gathered into as few lines as possible; for screens and logs alike."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from swarm_ctl.core.model.messages import Command, Event, Phase
+from swarm_ctl.core.model.plan import FormStep, MoveStep
+from swarm_ctl.core.model.text import agents_named, printable
+from swarm_ctl.core.swarm.gain_update import named
+from swarm_ctl.station.picture.alarms import Alarm, Level
+from swarm_ctl.station.picture.view import CommandView, SwarmView
+
+
+@dataclass(frozen=True, slots=True)
+class Saying:
+    """The same event of one or more agents."""
+
+    time_s: float
+    level: str
+    agents: tuple[int, ...]
+    text: str
+
+
+def gather_events(events: Iterable[Event]) -> list[Saying]:
+    """Events in their order, the same words of several agents as one, at the time of the first."""
+    found: dict[tuple[str, str], Saying] = {}
+    done: list[Saying] = []
+    for event in events:
+        key = (event.level, event.text)
+        known = found.get(key)
+        if known is None or event.agent in known.agents:
+            if known is not None:
+                done.append(known)
+            known = Saying(event.time_s, event.level, (), printable(event.text))
+        found[key] = Saying(known.time_s, known.level, (*known.agents, event.agent), known.text)
+    return sorted([*done, *found.values()], key=lambda saying: saying.time_s)
+
+
+def gather_alarms(alarms: Sequence[Alarm]) -> list[tuple[Level, str]]:
+    """One line per kind of alarm, in their order: the first one's text, and who else."""
+    kinds: dict[str, list[Alarm]] = {}
+    for alarm in alarms:
+        kinds.setdefault(alarm.name, []).append(alarm)
+    return [(kind[0].level, printable(kind[0].text) + _others(kind[1:])) for kind in kinds.values()]
+
+
+def _others(alarms: Sequence[Alarm]) -> str:
+    if not alarms:
+        return ""
+    return f" (and {len(alarms)} more: {agents_named(agent for alarm in alarms for agent in alarm.agents)})"
+
+
+def verdict(view: SwarmView, alarms: Sequence[Alarm]) -> list[tuple[Level, str]]:
+    """The state of the whole swarm in words, the most important first; never empty."""
+    if alarms:
+        return gather_alarms(alarms)
+    waits = waiting(view)
+    if waits:
+        return [(Level.WAITING, line) for line in waits]
+    outcomes = {agent.status.outcome if agent.status else "" for agent in view.agents}
+    if all(agent.phase is Phase.ENDED for agent in view.agents) and len(outcomes) == 1:
+        return [(Level.WELL, f"mission {printable(outcomes.pop()) or 'over'}")]
+    return [(Level.WELL, "all well")]
+
+
+def waiting(view: SwarmView) -> list[str]:
+    """Who is waited for before the flight, and why; one line a reason, most agents first."""
+    unheard = [agent.id for agent in view.agents if agent.phase is None]
+    lines = [f"waiting for {agents_named(unheard)}"] if unheard else []
+    told = sorted(reasons(view).items(), key=lambda item: -len(item[1]))
+    return lines + [f"{agents_named(ids)}: {why}" for why, ids in told]
+
+
+def reasons(view: SwarmView) -> dict[str, list[int]]:
+    """Why agents are not in the air yet: the reason, and whose it is."""
+    found: dict[str, list[int]] = {}
+    for agent in view.agents:
+        early = agent.phase in (Phase.CONNECT, Phase.PREPARE, Phase.ARM)
+        if early and agent.status is not None and agent.status.reason:
+            found.setdefault(printable(agent.status.reason), []).append(agent.id)
+    return found
+
+
+def command_words(command: Command) -> str:
+    """What was commanded, as far as it fits into a line."""
+    words = printable(command.kind)
+    if isinstance(command.step, FormStep):
+        return f"{words} {printable(command.step.shape)}"
+    if isinstance(command.step, MoveStep):
+        return f"{words} to {', '.join(f'{x:.4g}' for x in command.step.waypoints_m[-1])} m"
+    if command.tuning is None:
+        return words
+    law = named(command.tuning.gains)
+    return f"tune {law} from {command.tuning.at_s:.1f} s" if command.commits else f"ask for {law}"
+
+
+def answers(command: CommandView, view: SwarmView) -> str:
+    """How far a command is acknowledged: by whom, who refused and why, who is still waited for."""
+    meant = command.command.agents or tuple(agent.id for agent in view.agents)
+    taken = [i for i in meant if i in command.acks and command.acks[i].accepted]
+    open_ = [i for i in meant if i not in command.acks]
+    parts = [f"acknowledged by {agents_named(taken)}"] if taken else []
+    parts += [
+        f"refused by agent {i}: {printable(command.acks[i].reason)}"
+        for i in meant
+        if i in command.acks and not command.acks[i].accepted
+    ]
+    parts += [f"waiting for {agents_named(open_)}"] if open_ else []
+    return f"{command_words(command.command)}: " + ", ".join(parts)

@@ -1,0 +1,212 @@
+"""The swarm at one moment, as a ground station knows it: immutable values that screens, logs and alarms read.
+
+Made by `model.Model` from mesh messages and nothing else. Times are mission seconds of the station; lengths are metres
+unless a name says units; positions are in the common frame.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+from swarm_ctl.core.model.messages import (
+    Ack,
+    AgentState,
+    AgentStatus,
+    Command,
+    Event,
+    LinkReport,
+    PairReport,
+    Phase,
+    SigmaReport,
+)
+from swarm_ctl.core.model.plan import Plan, Point
+from swarm_ctl.station.picture.history import Histories
+
+_STATION_S: Final = 2.0
+"""A station that was not heard for eight of its beacons has left."""
+
+
+def newest(state: AgentState | None, status: AgentStatus | None) -> AgentState | AgentStatus | None:
+    """The younger of the two by the sender's clock; None where there is neither."""
+    if state is None or status is None:
+        return state or status
+    return state if state.time_s >= status.time_s else status
+
+
+@dataclass(frozen=True, slots=True)
+class Reception:
+    """How one agent's states arrive at this station. Percentiles and losses over the last `WINDOW_S`, mission time."""
+
+    age_s: float | None = None
+    """Since the newest state was true; None: never heard."""
+    age_p50_s: float | None = None
+    """Age that a state reached before the next one came, weighted by the time it took."""
+    age_p99_s: float | None = None
+    received: int = 0
+    """Over the whole run."""
+    lost: int = 0
+    """Missing by `seq`, over the whole run."""
+    late: int = 0
+    """Came after a newer one, or twice; over the whole run."""
+    restarts: int = 0
+    """How often `seq` began anew."""
+    recent_loss: float = 0.0
+    """Share (0..1) lost in the window."""
+    tick_rate_hz: float | None = None
+    """The sender's ticks per mission second, by its own `seq` and clock."""
+    clock_ahead_s: float | None = None
+    """The sender's clock less this station's, 0 where they may be one; None: not known."""
+
+
+@dataclass(frozen=True, slots=True)
+class AgentView:
+    """One agent: its newest messages, and what the station makes of them."""
+
+    id: int
+    in_plan: bool
+    state: AgentState | None
+    status: AgentStatus | None
+    link: Reception
+    """Of its states; an agent sends none without a fresh position from its vehicle."""
+    silence_s: float | None
+    """Since anything was heard from it; None: never heard."""
+    lost: bool
+    """Silent for the plan's `agent_lost_after_s`, and it had not ended."""
+    error_m: float | None
+    """Its own |e_i - mean e| among the live agents, from the first `form` step on."""
+    nearest_agent: int | None
+    nearest_m: float | None
+    """Horizontal, to the nearest agent ever heard, at their last known positions."""
+    target_m: Point | None = None
+    """Its slot (north, east) of the newest `form` step, laid under the live agents as they are."""
+    sigma: SigmaReport | None = None
+    """Its newest one, while a pair is in the avoidance region."""
+    round_trip_s: float | None = None
+    """A beacon of this station to the agent and back, without the time it lay there; None: not measured."""
+    law_since_s: float = -math.inf
+    """When this station saw its law change last."""
+
+    @property
+    def newest(self) -> AgentState | AgentStatus | None:
+        """The younger of state and status: both tell phase, step, done, airborne."""
+        return newest(self.state, self.status)
+
+    @property
+    def phase(self) -> Phase | None:
+        """None: never heard."""
+        return self.newest.phase if self.newest else None
+
+    @property
+    def airborne(self) -> bool:
+        """By its newest message."""
+        return self.newest is not None and self.newest.airborne
+
+    @property
+    def live(self) -> bool:
+        """In the air and heard."""
+        return self.airborne and not self.lost
+
+
+@dataclass(frozen=True, slots=True)
+class PairView:
+    """A pair in the avoidance region, as one or both of its agents reported it."""
+
+    a: int
+    b: int
+    distance_m: float
+    """Between the points the law was fed with; the smaller report."""
+    sides: tuple[tuple[int, PairReport], ...]
+    """(agent, its report), lower id first."""
+
+
+@dataclass(frozen=True, slots=True)
+class LinkView:
+    """One mesh link between agents, as its receiver reports it."""
+
+    receiver: int
+    sender: int
+    report: LinkReport
+
+
+@dataclass(frozen=True, slots=True)
+class EdgeView:
+    """One planned neighbour pair (a < b) and how long it is now; None while either was never heard."""
+
+    a: int
+    b: int
+    length_m: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class CommandView:
+    """A command seen on the mesh, and who answered it."""
+
+    command: Command
+    received_s: float
+    acks: Mapping[int, Ack]
+
+
+@dataclass(frozen=True, slots=True)
+class StationHealth:
+    """What this station itself has missed, over the whole run."""
+
+    bad_payloads: int = 0
+    frames_dropped: int = 0
+    """Views that a slow terminal never showed."""
+
+
+@dataclass(frozen=True, slots=True)
+class SwarmView:
+    """Everything a screen may show."""
+
+    time_s: float
+    since_s: float
+    """When this station began to listen."""
+    plan: Plan
+    plan_hash: int
+    speedup: float
+    agents: tuple[AgentView, ...]
+    """All of the plan's, heard or not, and any stranger; by id."""
+    pairs: tuple[PairView, ...]
+    """Nearest first."""
+    links: tuple[LinkView, ...]
+    edges: tuple[EdgeView, ...]
+    step: int
+    """The furthest step any agent is in; 0 is preparation."""
+    error_m: float | None
+    """Largest |e_i - mean e| of the live agents."""
+    events: tuple[Event, ...]
+    """The last ones, oldest first."""
+    event_count: int
+    """How many there were in all."""
+    commands: tuple[CommandView, ...]
+    """The last ones, oldest first."""
+    stations: Mapping[str, float]
+    """When each station's beacon was last heard, this one included."""
+    histories: Histories = field(default_factory=Histories)
+    health: StationHealth = field(default_factory=StationHealth)
+
+    @property
+    def stations_there(self) -> int:
+        """How many stations there are now, this one included."""
+        return sum(self.time_s - heard_s <= _STATION_S for heard_s in self.stations.values())
+
+    @property
+    def laws(self) -> dict[int, tuple[AgentView, ...]]:
+        """Who of those that are heard and not through flies which law, by its tag; the law of most first."""
+        found: dict[int, list[AgentView]] = {}
+        for agent in self.agents:
+            if agent.state is not None and not agent.lost and agent.phase not in (Phase.YIELD, Phase.ENDED):
+                found.setdefault(agent.state.law, []).append(agent)
+        most_first = sorted(found.items(), key=lambda item: -len(item[1]))
+        return {tag: tuple(agents) for tag, agents in most_first}
+
+    def agent(self, agent_id: int) -> AgentView:
+        """KeyError where nobody has that id."""
+        for agent in self.agents:
+            if agent.id == agent_id:
+                return agent
+        raise KeyError(agent_id)

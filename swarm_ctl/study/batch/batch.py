@@ -1,0 +1,219 @@
+"""Missions drawn for one block of a study: everything random happens here (but for lost news), from the block's number.
+
+A block is flown as one batch. Its size depends on n alone, so a row is the same however many processes work, and it can
+be drawn again alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarm_ctl.core.law.formation import centred
+from swarm_ctl.errors import InputError
+from swarm_ctl.mission.geometry.shapes import slots_of
+from swarm_ctl.mission.geometry.slot_assignment import nearest
+from swarm_ctl.mission.input import schema
+from swarm_ctl.study.parameter_space import RANGES, Cell, Range, Study
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+_BLOCK_AGENTS: Final = 12288
+"""Agents per block: enough for numpy to be quick, few enough for a core's cache."""
+_TRIES: Final = 2000
+_JITTER: Final = 0.05
+"""Of the spacing: what keeps the missions that start on a shape apart."""
+_DIES_BY_S: Final = 20.0
+_FACING: Final = 1.5
+"""Between the two columns of a crossing, in spacings."""
+OPPOSITE: Final = ("crossing", "antipodal")
+TABLE_II: Final = ((14, 16), (12, 12), (10, 18), (6, 12), (6, 16), (14, 10))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Batch:
+    """m missions of one cell; missions on the last axis. Lengths in units, north and east."""
+
+    cell: Cell
+    row: NDArray[np.int64]
+    """Number in the study; all others (m,) by mission, too, unless they say more."""
+    starts: Floats
+    """(2, n, m)."""
+    slots: Floats
+    """(2, n, m)."""
+    links: Bools
+    """(n, n, m)."""
+    h: Floats
+    kappa: Floats
+    lag_s: Floats
+    dead_time_s: Floats
+    delay_s: Floats
+    loss: Floats
+    wind_mps: Floats
+    area: Floats
+    spacing: Floats
+    silent: Floats
+    wind_from_rad: Floats
+    silent_agent: NDArray[np.int64]
+    """Whose process dies; -1: nobody's."""
+    silent_s: Floats
+    """When."""
+
+    def silent_from(self, tick_s: float) -> Floats:
+        """The tick from which each agent says nothing more, (n, m); infinity for most."""
+        n = self.starts.shape[1]
+        dies = np.arange(n)[:, None] == self.silent_agent
+        return np.where(dies, np.rint(self.silent_s / tick_s), np.inf)
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+    def only(self, missions: Bools | NDArray[np.intp]) -> Batch:
+        """Some of the missions."""
+        arrays = {f.name: getattr(self, f.name)[..., missions] for f in fields(self) if f.name != "cell"}
+        return replace(self, **arrays)
+
+
+def block_size(n: int) -> int:
+    """Missions flown together."""
+    return max(32, _BLOCK_AGENTS // n)
+
+
+def blocks(study: Study) -> list[tuple[Cell, int, int]]:
+    """(cell, first mission in the cell, missions) of every block, in the order of the rows."""
+    found = []
+    for cell in study.cells():
+        size = block_size(cell.n)
+        found += [(cell, first, min(size, study.missions - first)) for first in range(0, study.missions, size)]
+    return found
+
+
+def draw(cell: Cell, first: int, count: int) -> Batch:
+    """The missions `first` to `first + count` of a cell; InputError where the area is too small for them."""
+    random = np.random.default_rng([cell.seed, cell.index, first])
+    values = {name: _draw(getattr(cell, name), count, random) for name in RANGES}
+    # area 0: six in a square of 10 x 10, more a little denser: as sparse as six, many hardly ever hang together
+    values["area"] = np.where(values["area"] == 0, 10.0 * (cell.n / 6) ** 0.375, values["area"])
+    starts = _starts(cell, values["area"], values["spacing"], random)
+    slots = _slots(cell, starts, values["spacing"], random)
+    wind_from_rad = random.uniform(0.0, 2 * np.pi, count)
+    dies = random.random(count) < values["silent"]
+    who, when = random.integers(cell.n, size=count), random.uniform(0.0, _DIES_BY_S, count)
+    return Batch(
+        cell=cell,
+        row=cell.index * cell.missions + first + np.arange(count),
+        starts=starts,
+        slots=slots,
+        links=_links(starts, cell.law.r),
+        wind_from_rad=wind_from_rad,
+        silent_agent=np.where(dies, who, -1),
+        silent_s=np.where(dies, when, np.inf),
+        **values,
+    )
+
+
+def _draw(span: Range, count: int, random: np.random.Generator) -> Floats:
+    """Also a fixed value takes its share of random numbers: another range elsewhere then changes nothing here."""
+    return span.low + (span.high - span.low) * random.random(count)
+
+
+def _links(starts: Floats, r: float) -> Bools:
+    """Who starts within r of whom, (n, n, m)."""
+    apart = starts[:, :, None] - starts[:, None]
+    links: Bools = (apart**2).sum(axis=0) <= r * r
+    links[np.arange(len(links)), np.arange(len(links))] = False
+    return links
+
+
+def connected(links: Bools) -> Bools:
+    """Which of the graphs (n, n, m) hang together, (m,)."""
+    reach = np.moveaxis(links, -1, 0).astype(np.float32) + np.eye(len(links), dtype=np.float32)
+    for _ in range(max(1, len(links) - 1).bit_length()):
+        reach = np.minimum(reach @ reach, 1.0)
+    return np.asarray((reach > 0).all(axis=(1, 2)))
+
+
+def _starts(cell: Cell, area: Floats, spacing: Floats, random: np.random.Generator) -> Floats:
+    count = len(area)
+    if cell.start == "random":
+        return _scattered(cell, area, random)
+    if cell.start == "table2":
+        places = np.array(TABLE_II, dtype=np.float64)[:, :, None] * np.ones(count)
+    else:
+        places = start_shape(cell.start, cell.n)[:, :, None] * spacing
+        if cell.start in OPPOSITE:
+            places = places + _JITTER * spacing * random.uniform(-1.0, 1.0, (cell.n, 2, count))
+            return np.ascontiguousarray(places.transpose(1, 0, 2))
+        order = random.permuted(np.tile(np.arange(cell.n), (count, 1)), axis=1)
+        places = np.take_along_axis(places, order.T[:, None], axis=0)
+    starts = np.ascontiguousarray(places.transpose(1, 0, 2))
+    if not connected(_links(starts, cell.law.r)).all():
+        raise InputError(f"start {cell.start}: the agents do not hang together within r {cell.law.r:g}")
+    return starts
+
+
+def _scattered(cell: Cell, area: Floats, random: np.random.Generator) -> Floats:
+    """Random in the square, no two closer than the spacing, connected: what does not fit is drawn again."""
+    apart = cell.start_spacing or 2 * cell.law.r_in
+    starts = random.random((2, cell.n, len(area))) * area
+    bad = np.arange(len(area))
+    for _ in range(_TRIES):
+        crowded = np.triu(_links(starts[..., bad], apart).transpose(2, 0, 1), 1).any(axis=1).T
+        apart_missions = ~connected(_links(starts[..., bad], cell.law.r)) & ~crowded.any(axis=0)
+        again = crowded | apart_missions
+        keep = again.any(axis=0)
+        bad, again = bad[keep], again[:, keep]
+        if not len(bad):
+            return starts
+        fresh = random.random((2, cell.n, len(bad))) * area[bad]
+        starts[..., bad] = np.where(again, fresh, starts[..., bad])
+    raise InputError(
+        f"area {cell.area}: no {cell.n} starts {apart:g} apart found that hang together within r {cell.law.r:g};"
+        " a larger or smaller area may do"
+    )
+
+
+def _slots(cell: Cell, starts: Floats, spacing: Floats, random: np.random.Generator) -> Floats:
+    """The shape, turned at random, given out as the cell says, (2, n, m)."""
+    count = starts.shape[-1]
+    angle = random.uniform(0.0, 2 * np.pi, count)
+    order = random.permuted(np.tile(np.arange(cell.n), (count, 1)), axis=1).T
+    if cell.slots == "given" and cell.start in OPPOSITE:
+        mirror = (-1.0, -1.0) if cell.start == "antipodal" else (1.0, -1.0)
+        places = start_shape(cell.start, cell.n) * mirror
+        return np.ascontiguousarray((places[:, :, None] * spacing).transpose(1, 0, 2))
+    north, east = unit_shape(cell.shape, cell.n).T[:, :, None] * spacing
+    slots = np.stack((north * np.cos(angle) - east * np.sin(angle), north * np.sin(angle) + east * np.cos(angle)))
+    if cell.slots == "random":
+        slots = np.take_along_axis(slots, order[None], axis=1)
+    elif cell.slots == "nearest":
+        # once a mission, and not a part of flying it: scipy assigns one swarm at a time
+        chosen = [nearest(starts[..., k].T, slots[..., k].T) for k in range(count)]
+        slots = np.stack(chosen, axis=-1).transpose(1, 0, 2)
+    return np.ascontiguousarray(slots)
+
+
+def start_shape(name: str, n: int) -> Floats:
+    """Where agents start, with spacing 1, (n, 2): one of the shapes, or those where everybody faces another."""
+    if name == "antipodal":
+        return unit_shape("ring", n)
+    if name == "crossing":
+        row, side = np.divmod(np.arange(n), 2)
+        return np.stack((row - (n - 1) // 2 / 2, _FACING * (side - 0.5)), axis=-1)
+    return unit_shape(name, n)
+
+
+def unit_shape(name: str, n: int) -> Floats:
+    """Slots of a shape with spacing 1, centred, (n, 2)."""
+    kinds: dict[str, schema.Shape] = {
+        "ring": schema.Ring(kind="ring", side=1.0),
+        "line": schema.Line(kind="line", spacing=1.0),
+        "grid": schema.Grid(kind="grid", spacing=1.0),
+        "vee": schema.Vee(kind="vee", spacing=1.0),
+        "wedge": schema.Wedge(kind="wedge", spacing=1.0),
+    }
+    return centred(slots_of(kinds[name], n))

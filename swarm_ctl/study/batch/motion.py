@@ -1,0 +1,175 @@
+"""How the swarms of a batch move: the ideal points of the paper, or simulated vehicles.
+
+The vehicles' kinematics are the simulator's own (`sim.physics.vehicle`), the one thing of it that this side imports: it is
+pure, and a study with other vehicles than the runs would prove nothing about them.
+"""
+
+from __future__ import annotations
+
+from typing import Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.physics import response as firmware
+from sim.physics.vehicle import Array, Demands, Response, State, advance
+from swarm_ctl.core.law.stop_point import pending, stop_points
+from swarm_ctl.core.model.plan import Compensation
+from swarm_ctl.study.batch.batch import Batch, Floats
+
+_SUBSTEPS: Final = {"lag": 1, "ardupilot": 4, "px4": 4}
+"""Physics steps a tick: the firmwares' fastest lags are 0.05 s."""
+
+
+class Motion(Protocol):
+    """Where the swarms are, and how a commanded velocity moves them. Lengths in units, (2, n, m)."""
+
+    @property
+    def position(self) -> Floats:
+        """True positions."""
+
+    @property
+    def velocity(self) -> Floats:
+        """What an agent tells as its command [units/s]."""
+
+    def points(self) -> Floats:
+        """What the law is fed with."""
+
+    def move(self, wish: Floats) -> None:
+        """Fly one tick at `wish` [units/s]."""
+
+    def only(self, missions: NDArray[np.bool_]) -> None:
+        """Go on with some of the missions."""
+
+
+class Ideal:
+    """Single integrators: p <- p + tick * v. With v = kappa * u and kappa * tick = 1 that is (9)."""
+
+    def __init__(self, batch: Batch) -> None:
+        self.position = batch.starts.copy()
+        self.velocity = np.zeros_like(self.position)
+        self._tick_s = batch.cell.tick_s
+
+    def points(self) -> Floats:
+        """The positions."""
+        return self.position
+
+    def move(self, wish: Floats) -> None:
+        """As `Motion.move`."""
+        self.velocity = wish
+        self.position = self.position + wish * self._tick_s
+
+    def only(self, missions: NDArray[np.bool_]) -> None:
+        """As `Motion.only`."""
+        self.position = np.ascontiguousarray(self.position[..., missions])
+        self.velocity = np.ascontiguousarray(self.velocity[..., missions])
+
+
+class Lag:
+    """A first-order lag with bounded acceleration, one lag per mission: the model behind the stop point."""
+
+    memory_rows = 0
+
+    def __init__(self, lag_s: Floats, acceleration_mps2: float) -> None:
+        self._lag_s = lag_s
+        self._bound = acceleration_mps2
+
+    def acceleration(self, memory: Array, velocity: Array, target: Array, wind: Array, dt: float) -> Array:
+        """See `sim.physics.vehicle.Response`; knows no wind."""
+        del memory, wind
+        share = -np.expm1(-dt / np.maximum(self._lag_s, 1e-6))
+        wanted = (target - velocity) * (share / dt)[:, None, None]
+        size = np.sqrt(wanted[..., 0] ** 2 + wanted[..., 1] ** 2)
+        return np.asarray(wanted * (self._bound / np.maximum(size, self._bound))[..., None])
+
+    def only(self, missions: NDArray[np.bool_]) -> Lag:
+        """Some of the missions."""
+        return Lag(self._lag_s[missions], self._bound)
+
+
+class Vehicles:
+    """`sim.physics.vehicle` behind a dead time, the agents' speed limit and, if asked for, the stop point."""
+
+    def __init__(self, batch: Batch) -> None:
+        cell = batch.cell
+        self._cell, self._unit_m, self._tick_s = cell, cell.unit_m, cell.tick_s
+        self._model = cell.model
+        self._response: Response = _response(batch)
+        place = np.zeros((len(batch), cell.n, 3))
+        place[..., :2] = batch.starts.transpose(2, 1, 0) * cell.unit_m
+        place[..., 2] = -10.0
+        self._state = State.at_rest(place, self._response)
+        self._state.landed[:] = False
+        self._state.ground[:] = 0.0
+        self._state.wind[..., :2] = (_direction(batch.wind_from_rad) * -batch.wind_mps).T[:, None]
+        dead = batch.dead_time_s if cell.vehicle == "lag" else np.zeros(len(batch))
+        self._late = np.rint(dead / cell.tick_s).astype(np.intp)
+        ahead = pending(self._model, cell.tick_s) if cell.compensation is Compensation.STOP_POINT else 0
+        self._own = ahead
+        self._commands = np.zeros((max(ahead, int(self._late.max()) + 1), len(batch), cell.n, 2))
+        """The last ones, newest last [m/s]."""
+
+    @property
+    def position(self) -> Floats:
+        """As `Motion.position`."""
+        return self._units(self._state.position[..., :2])
+
+    @property
+    def velocity(self) -> Floats:
+        """As `Motion.velocity`."""
+        return self._units(self._commands[-1])
+
+    def points(self) -> Floats:
+        """Stop points, or positions without compensation."""
+        if self._cell.compensation is Compensation.NONE:
+            return self.position
+        under_way = np.moveaxis(self._commands[len(self._commands) - self._own :], 0, -2)
+        state = self._state
+        found = stop_points(state.position[..., :2], state.velocity[..., :2], under_way, self._tick_s, self._model)
+        return self._units(found)
+
+    def move(self, wish: Floats) -> None:
+        """As `Motion.move`."""
+        wanted = (wish * self._unit_m).transpose(2, 1, 0)
+        speed = np.sqrt(wanted[..., 0] ** 2 + wanted[..., 1] ** 2)
+        limit = self._cell.speed_mps
+        self._commands[:-1] = self._commands[1:]
+        self._commands[-1] = wanted * (limit / np.maximum(speed, limit))[..., None]
+        demands = Demands.idle(self._state)
+        demands.lift[:] = True
+        demands.velocity[..., :2] = self._commands[len(self._commands) - 1 - self._late, np.arange(len(self._late))]
+        steps = _SUBSTEPS[self._cell.vehicle]
+        for _ in range(steps):
+            advance(self._state, demands, self._response, self._tick_s / steps)
+
+    def only(self, missions: NDArray[np.bool_]) -> None:
+        """As `Motion.only`."""
+        state = self._state
+        for name in State.__slots__:
+            setattr(state, name, getattr(state, name)[missions])
+        self._late = self._late[missions]
+        self._commands = self._commands[:, missions]
+        if isinstance(self._response, Lag):
+            self._response = self._response.only(missions)
+
+    def _units(self, metres: Floats) -> Floats:
+        return np.ascontiguousarray(metres.transpose(2, 1, 0)) / self._unit_m
+
+
+def motion_of(batch: Batch) -> Motion:
+    """The motion that the batch's cell asks for."""
+    return Ideal(batch) if batch.cell.vehicle == "ideal" else Vehicles(batch)
+
+
+def _response(batch: Batch) -> Response:
+    match batch.cell.vehicle:
+        case "ardupilot":
+            return firmware.Ardupilot()
+        case "px4":
+            return firmware.Px4()
+        case _:
+            return Lag(batch.lag_s, batch.cell.acceleration_mps2)
+
+
+def _direction(angle_rad: Floats) -> Floats:
+    return np.stack((np.cos(angle_rad), np.sin(angle_rad)))

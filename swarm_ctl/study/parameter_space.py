@@ -1,0 +1,192 @@
+"""What a study flies: lists and ranges of everything that may matter, and the cells they span.
+
+Each list's values are combined with every other list's: one combination is a *cell*. A range is not combined: each
+mission of a cell draws its own value from it. Row `k` of a study is mission `k % missions` of cell `k // missions`.
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import Final, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from swarm_ctl.core.law.stop_point import TYPICAL
+from swarm_ctl.core.model.plan import Compensation, LawParameters, Response
+
+Shape = Literal["ring", "line", "grid", "vee", "wedge"]
+Slots = Literal["given", "random", "nearest"]
+Start = Literal["random", "ring", "grid", "table2", "crossing", "antipodal"]
+"""`crossing`: two columns that face each other and, with the slots `given`, change sides; `antipodal`: a ring, and
+everybody goes to the place opposite to the own one."""
+Safety = Literal["off", "filter", "guard", "release", "align", "exchange"]
+"""Each with all before it: the collision filter, the guard of links, swirl and tangential release, the pull to the
+average of all (what agents fly), slot exchange (what they fly in form steps that allow it)."""
+LEVELS: Final[tuple[Safety, ...]] = ("off", "filter", "guard", "release", "align", "exchange")
+"""In their order."""
+VehicleModel = Literal["ideal", "lag", "ardupilot", "px4"]
+
+LISTS: Final = ("n", "shape", "slots", "start", "compensation", "vehicle", "safety")
+RANGES: Final = ("h", "kappa", "lag_s", "dead_time_s", "delay_s", "loss", "wind_mps", "area", "spacing", "silent")
+_FIRMWARE: Final = ("ardupilot", "px4")
+
+
+class Range(BaseModel):
+    """From `low` to `high`, both the same for one value."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    low: float
+    high: float
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if not 0 <= self.low <= self.high:
+            raise ValueError(f"{self.low:g}:{self.high:g} is no range; allowed: LOW:HIGH, 0 <= LOW <= HIGH")
+        return self
+
+    def __str__(self) -> str:
+        return f"{self.low:g}" if self.low == self.high else f"{self.low:g}:{self.high:g}"
+
+    @property
+    def middle(self) -> float:
+        """Half-way."""
+        return (self.low + self.high) / 2
+
+
+def value(number: float) -> tuple[Range, ...]:
+    """A list of one value."""
+    return (Range(low=number, high=number),)
+
+
+class _Common(BaseModel):
+    """What is the same for all cells."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
+
+    seed: int = Field(default=1, ge=0)
+    missions: int = Field(default=1000, ge=1)
+    """Per cell."""
+    law: LawParameters = LawParameters()
+    """`h` is the cell's."""
+    unit_m: float = Field(default=5.0, gt=0)
+    tick_s: float = Field(default=0.05, gt=0)
+    speed_mps: float = Field(default=5.0, gt=0)
+    acceleration_mps2: float = Field(default=2.8, gt=0)
+    """Of the vehicle `lag`."""
+    start_spacing: float = Field(default=0.0, ge=0)
+    """Smallest distance between two random starts [units]; 0: twice `r_in`."""
+    tolerance: float = Field(default=0.1, gt=0)
+    """The formation stands when the largest |e_i - mean e| stays under it [units] ..."""
+    settle_s: float = Field(default=1.0, ge=0)
+    """... for this long."""
+    limit_s: float = Field(default=300.0, gt=0)
+    """Missions that have not formed by then are ended."""
+
+
+class Cell(_Common):
+    """One combination: all lists come down to one value, ranges may still be ranges."""
+
+    index: int
+    n: int
+    shape: Shape
+    slots: Slots
+    start: Start
+    compensation: Compensation
+    vehicle: VehicleModel
+    safety: Safety
+    h: Range
+    kappa: Range
+    lag_s: Range
+    dead_time_s: Range
+    delay_s: Range
+    loss: Range
+    wind_mps: Range
+    area: Range
+    spacing: Range
+    silent: Range
+
+    @property
+    def model(self) -> Response:
+        """What the agents take their vehicles for: the middle of the ranges, or the default of flown missions."""
+        if self.vehicle in _FIRMWARE:
+            return TYPICAL[self.vehicle]
+        return Response(self.dead_time_s.middle, max(self.lag_s.middle, 1e-3), self.acceleration_mps2)
+
+
+class Study(_Common):
+    """A study: lists (of values or of ranges) of what is varied."""
+
+    n: tuple[int, ...] = (6,)
+    shape: tuple[Shape, ...] = ("ring",)
+    slots: tuple[Slots, ...] = ("nearest",)
+    start: tuple[Start, ...] = ("random",)
+    compensation: tuple[Compensation, ...] = (Compensation.STOP_POINT,)
+    vehicle: tuple[VehicleModel, ...] = ("lag",)
+    safety: tuple[Safety, ...] = ("align",)
+    """What stands between the law and the vehicles; `align` is what agents fly with stop points."""
+    h: tuple[Range, ...] = value(0.05)
+    kappa: tuple[Range, ...] = value(20.0)
+    lag_s: tuple[Range, ...] = value(0.5)
+    dead_time_s: tuple[Range, ...] = value(0.4)
+    """Of the vehicle `lag`: between command and answer. Firmwares bring their own."""
+    delay_s: tuple[Range, ...] = value(0.0)
+    """How old news of the others is."""
+    loss: tuple[Range, ...] = value(0.0)
+    """The share of news that never arrives."""
+    wind_mps: tuple[Range, ...] = value(0.0)
+    """Constant, from a direction drawn per mission; only firmwares feel it."""
+    area: tuple[Range, ...] = value(0.0)
+    """Side of the square of random starts [units]; 0: six in 10 x 10, more a little denser."""
+    spacing: tuple[Range, ...] = value(2.0)
+    """Between adjacent slots [units]; for starts on a ring or grid as well."""
+    silent: tuple[Range, ...] = value(0.0)
+    """The share of missions in which one agent's process dies in the first 20 s; its vehicle flies its last command
+    until its own failsafe stops it, and stays."""
+
+    @model_validator(mode="after")
+    def _possible(self) -> Self:
+        law = self.law
+        checks = (
+            (all(2 <= n <= 200 for n in self.n), "n: allowed: 2 to 200"),
+            (0 < law.r_in < law.r_out < law.r, "law: allowed: 0 < r_in < r_out < r"),
+            (law.delta_l >= 2, "law: allowed: delta_l >= 2"),
+            (all(s.low > law.r_out for s in self.spacing), f"spacing: allowed: more than r_out {law.r_out:g}"),
+            (all(k.high * self.tick_s <= 1 + 1e-9 for k in self.kappa), "kappa: allowed: kappa * tick_s <= 1"),
+            (all(k.low > 0 for k in self.kappa), "kappa: allowed: more than 0"),
+            (all(loss.high < 1 for loss in self.loss), "loss: allowed: 0 to under 1"),
+            (
+                not any(w.high for w in self.wind_mps) or set(self.vehicle) <= set(_FIRMWARE),
+                "wind_mps: only the vehicles ardupilot and px4 feel wind",
+            ),
+            (all(share.high <= 1 for share in self.silent), "silent: allowed: 0 to 1"),
+            ("table2" not in self.start or set(self.n) == {6}, "start: table2 has six agents"),
+        )
+        wrong = [text for good, text in checks if not good]
+        if wrong:
+            raise ValueError("; ".join(wrong))
+        return self
+
+    @property
+    def rows(self) -> int:
+        """How many missions there are in all cells."""
+        return self.missions * len(self.cells())
+
+    @property
+    def with_silent(self) -> bool:
+        """Agents die in some missions."""
+        return any(share.high > 0 for share in self.silent)
+
+    @property
+    def varied(self) -> tuple[str, ...]:
+        """The names of the lists with more than one entry."""
+        return tuple(name for name in (*LISTS, *RANGES) if len(getattr(self, name)) > 1)
+
+    def cells(self) -> list[Cell]:
+        """Every combination, the last list varying fastest."""
+        names = (*LISTS, *RANGES)
+        common = {name: getattr(self, name) for name in _Common.model_fields}
+        combinations = itertools.product(*(getattr(self, name) for name in names))
+        return [
+            Cell(index=index, **common, **dict(zip(names, values, strict=True)))
+            for index, values in enumerate(combinations)
+        ]

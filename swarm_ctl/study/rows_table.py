@@ -1,0 +1,96 @@
+"""A study's rows as a table: shares with their confidence intervals, one line a cell."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from typing import Final
+
+import numpy as np
+from rich.table import Table
+
+from swarm_ctl.study.parameter_space import Study
+from swarm_ctl.study.rows import Row
+
+_Z95: Final = 1.959963984540054
+
+
+def wilson(hits: int, of: int) -> tuple[float, float]:
+    """The 95 % confidence interval of a share (Wilson's score interval); (0, 1) for nothing."""
+    if of == 0:
+        return 0.0, 1.0
+    share, zz = hits / of, _Z95**2
+    centre = (share + zz / (2 * of)) / (1 + zz / of)
+    half = _Z95 / (1 + zz / of) * math.sqrt(share * (1 - share) / of + zz / (4 * of * of))
+    return (0.0 if hits == 0 else centre - half), (1.0 if hits == of else centre + half)
+
+
+def share(hits: int, of: int) -> str:
+    """`1.2 % (0.8 to 1.7)`."""
+    low, high = wilson(hits, of)
+    return f"{100 * hits / max(of, 1):.3g} % ({100 * low:.3g} to {100 * high:.3g})"
+
+
+def table(study: Study, rows: Iterable[Row], by: tuple[str, ...] = ()) -> Table:
+    """One line for each combination of the lists `by` (of what was varied, where not given): how its missions went."""
+    names = by or study.varied or ("n", "vehicle")
+    groups: dict[tuple[str, ...], list[Row]] = {}
+    cells = study.cells()
+    for row in rows:
+        groups.setdefault(tuple(str(getattr(cells[row["cell"]], name)) for name in names), []).append(row)
+    found = Table(title=f"{study.rows} missions, seed {study.seed}; shares with 95 % confidence intervals")
+    for name in (*names, "missions"):
+        found.add_column(name)
+    columns = [column for column in _COLUMNS if study.with_silent or column[0] not in _SILENT]
+    for name, _ in columns:
+        found.add_column(name, justify="right")
+    for key, group in groups.items():
+        found.add_row(*key, str(len(group)), *(tell(group) for _, tell in columns))
+    return found
+
+
+def _share_of(rows: list[Row], name: str) -> str:
+    return share(_count(rows, name), len(rows))
+
+
+def _alive(rows: list[Row]) -> list[Row]:
+    """The missions in which no agent died."""
+    return [row for row in rows if row["smallest_silent"] == math.inf]
+
+
+def _with_silent(rows: list[Row]) -> list[Row]:
+    return [row for row in rows if row["smallest_silent"] < math.inf]
+
+
+def _hit(rows: list[Row]) -> str:
+    found = _with_silent(rows)
+    return share(sum(row["hit"] for row in found), len(found)) if found else "-"
+
+
+def _time(rows: list[Row], q: int) -> str:
+    times = [row["time_s"] for row in _alive(rows) if row["converged"]]
+    return f"{np.percentile(times, q):.1f}" if times else "-"
+
+
+_COLUMNS: Final[tuple[tuple[str, Callable[[list[Row]], str]], ...]] = (
+    ("under r_in", lambda rows: _share_of(rows, "collided")),
+    ("smallest", lambda rows: f"{min(row['smallest'] for row in rows):.3f}"),
+    ("silent one hit", _hit),
+    ("formed", lambda rows: _share_of(_alive(rows), "converged")),
+    ("formed, one silent", lambda rows: _share_of(_with_silent(rows), "converged")),
+    ("stuck", lambda rows: _share_of(_alive(rows), "stuck")),
+    ("median s", lambda rows: _time(rows, 50)),
+    ("p95 s", lambda rows: _time(rows, 95)),
+    ("a link broken", lambda rows: _share_of(rows, "links_broken")),
+    ("one that fits", lambda rows: _share_of(rows, "kept_broken")),
+    ("parted", lambda rows: _share_of(rows, "parted")),
+    ("overspeed", lambda rows: _share_of(rows, "sigma_overspeed")),
+    ("ticks changed", lambda rows: f"{100 * sum(row['touched'] for row in rows) / len(rows):.3g} %"),
+)
+"""Times and what formed: of missions in which everybody lived; `one that fits` are links whose slots fit in 0.9 r."""
+_SILENT: Final = ("silent one hit", "formed, one silent")
+
+
+def _count(rows: list[Row], name: str) -> int:
+    """Rows in which the column is not zero."""
+    return sum(row[name] > 0 for row in rows)

@@ -1,0 +1,156 @@
+"""A flight with real processes: `swarm-ctl run` at a speed-up, in a folder of its own, on ports of its own."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import IO
+
+from pydantic import TypeAdapter
+
+from swarm_ctl.core.model.messages import Event
+from swarm_ctl.mission.compile.loader import LoadedMission, dumps
+from swarm_ctl.report.folder.truth import TRUTH, load_truth
+from swarm_ctl.report.judge.summary import Summary
+from swarm_ctl.runtime.clock import pause, wall_s
+from swarm_ctl.runtime.station.sender import Answers, Sender
+from swarm_ctl.testing.flight import Answer, Flight, Flown
+
+_START_WALL_S = 40.0
+_POLL_WALL_S = 0.05
+_END_WALL_S = 15.0
+"""A second Ctrl-C kills everything at once; this is for a machine that is busy."""
+
+
+class RealFlight(Flight):
+    """See `Flight`. `folder` is the run folder."""
+
+    def __init__(self, mission: LoadedMission, where: Path, speedup: float, seed: int = 1) -> None:
+        self.plan = mission.plan
+        self._speedup = speedup
+        self._sender: Sender | None = None
+        where.mkdir(parents=True, exist_ok=True)
+        file = where / "mission.yaml"
+        file.write_text(dumps(mission.file))
+        self._log: IO[bytes] = (where / "run.log").open("wb")
+        command = [sys.executable, "-m", "swarm_ctl.cli.main", "run", str(file), "--headless"]
+        command += ["--speedup", str(speedup), "--seed", str(seed), "--runs", str(where / "runs")]
+        self._process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=self._log, stderr=subprocess.STDOUT)
+        try:
+            self.folder = self._wait_started(where)
+            self._pids: dict[str, int] = json.loads((self.folder / "processes.json").read_text())
+            self._sender = Sender(self.folder)
+        except BaseException:
+            self.close()
+            raise
+
+    def _wait_started(self, where: Path) -> Path:
+        until = wall_s() + _START_WALL_S
+        while not (found := list(where.glob("runs/*/processes.json"))):
+            if self._process.poll() is not None or wall_s() > until:
+                raise AssertionError(f"the run did not start:\n{self._tail(where)}")
+            pause(_POLL_WALL_S)
+        return found[0].parent
+
+    @staticmethod
+    def _tail(where: Path) -> str:
+        return "\n".join((where / "run.log").read_text(errors="replace").splitlines()[-20:])
+
+    def wait_step(self, step: int | str, within_s: float = 300.0) -> None:
+        """As `Flight.wait_step`."""
+        number, until = self.step_number(step), wall_s() + within_s / self._speedup
+        while not self._reached(number):
+            if wall_s() > until or self._process.poll() is not None:
+                raise AssertionError(f"step {step!r} was not reached within {within_s:g} s; see {self.folder}")
+            pause(_POLL_WALL_S)
+
+    def _reached(self, number: int) -> bool:
+        states = self._mesh.newest()
+        return len(states) > 0 and all(state.step >= number for state in states.values())
+
+    @property
+    def _mesh(self) -> Sender:
+        if self._sender is None:
+            raise AssertionError("the flight is over")
+        return self._sender
+
+    def wait_s(self, seconds: float) -> None:
+        """As `Flight.wait_s`."""
+        until = wall_s() + seconds / self._speedup
+        while wall_s() < until and self._process.poll() is None:
+            self._mesh.newest()
+            pause(min(_POLL_WALL_S, max(0.0, until - wall_s())))
+
+    def command(self, kind: str, agents: Sequence[int] = ()) -> Answer:
+        """As `Flight.command`."""
+        return self._answer(self._mesh.send(kind, agents))
+
+    def form(self, shape: str) -> Answer:
+        """As `Flight.form`."""
+        return self._answer(self._mesh.form(shape))
+
+    def move(self, north_m: float, east_m: float, speed_mps: float | None = None) -> Answer:
+        """As `Flight.move`."""
+        return self._answer(self._mesh.move((north_m, east_m), speed_mps=speed_mps))
+
+    def _answer(self, answers: Answers) -> Answer:
+        return Answer(answers.acks, tuple(sorted((*answers.acks, *answers.silent))))
+
+    def kill_agent(self, agent: int) -> None:
+        """As `Flight.kill_agent`: SIGKILL by its pid."""
+        self._signal(f"agent-{agent}", signal.SIGKILL)
+
+    def freeze_agent(self, agent: int) -> None:
+        """As `Flight.freeze_agent`: SIGSTOP."""
+        self._signal(f"agent-{agent}", signal.SIGSTOP)
+
+    def thaw_agent(self, agent: int) -> None:
+        """As `Flight.thaw_agent`: SIGCONT."""
+        self._signal(f"agent-{agent}", signal.SIGCONT)
+
+    def kill_station(self) -> None:
+        """As `Flight.kill_station`."""
+        self._signal("station", signal.SIGKILL)
+
+    def _signal(self, name: str, number: signal.Signals) -> None:
+        os.kill(self._pids[name], number)
+
+    def finish(self, within_s: float = 900.0) -> Flown:
+        """As `Flight.finish`: until `run` has ended by itself."""
+        try:
+            self._process.wait(_END_WALL_S + within_s / self._speedup)
+        except subprocess.TimeoutExpired:
+            raise AssertionError(f"the run did not end within {within_s:g} s; see {self.folder}") from None
+        self.close()
+        summary = TypeAdapter(Summary).validate_json((self.folder / "summary.json").read_bytes())
+        truth = load_truth(self.folder / TRUTH)
+        lines = (self.folder / "events.jsonl").read_bytes().splitlines()
+        events = tuple(TypeAdapter(Event).validate_json(line) for line in lines)
+        outcomes = {agent.agent: agent.outcome for agent in summary.agents if agent.account == "final"}
+        closest_m = math.inf if summary.min_true_distance_m is None else summary.min_true_distance_m
+        ups = [e.sysid for e in truth.events if e.event == "liftoff"]
+        downs = [e.sysid for e in truth.events if e.event == "touchdown"]
+        down = sorted(ups) == sorted(downs)
+        return Flown(outcomes, closest_m, down, events, summary, truth, self.folder)
+
+    def close(self) -> None:
+        """Interrupt the run twice, as an impatient operator would: it ends every process that it started."""
+        if self._sender is not None:
+            self._sender.close()
+            self._sender = None
+        for _ in range(2):
+            if self._process.poll() is None:
+                self._process.send_signal(signal.SIGINT)
+                pause(0.2)
+        try:
+            self._process.wait(_END_WALL_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()  # its children notice through their pipes and come down by themselves
+            self._process.wait()
+        self._log.close()

@@ -1,0 +1,248 @@
+"""A whole swarm in one process on a virtual clock: real agents, real drivers, real simulator, bytes carried in memory.
+
+The same parts as in a run but for what `run` itself is: processes, sockets, zenoh. Same seed, same trace.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from sim.config import SimConfig
+from sim.network.hub import Hub
+from sim.world.world import STEP_S
+from swarm_ctl.core.agent.agent import Actions, Agent, Ended, Inbox
+from swarm_ctl.core.model.messages import AgentState, AgentStatus, Command, Event, Phase, StationBeacon
+from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.vehicle import FlyGoal
+from swarm_ctl.mavlink.link import VehicleLink
+from swarm_ctl.mavlink.wires import MemoryWire, memory_wires
+from swarm_ctl.mesh import keys
+from swarm_ctl.mesh.memory_transport import MemoryHub, MemoryTransport
+from swarm_ctl.mesh.node import Node
+from swarm_ctl.mesh.transport import Transport
+from swarm_ctl.mission.compile.loader import LoadedMission
+from swarm_ctl.runtime.launch.sim_config import simulator_config
+
+_PORT = 1000
+_AGENT = ("agent", 1)
+
+
+@dataclass
+class Member:
+    """One agent with its wires."""
+
+    agent: Agent
+    link: VehicleLink
+    node: Node
+    alive: bool = True
+    frozen: bool = False
+    ended: Ended | None = None
+    status: AgentStatus | None = None
+    goals: list[str] = field(default_factory=list)
+    clock: Callable[[float], float] = float
+    """From the swarm's time to the agent's own."""
+    tampered: Callable[[AgentState], AgentState] | None = None
+    """What becomes of the states that it sends."""
+
+
+class VirtualSwarm:
+    """Flies a mission tick by tick; tests look in and break things between ticks.
+
+    `mesh` is given each agent's transport and its id, and what it gives back is used (`mesh/impaired.py`); `clocks` are
+    the clocks of agents that have one of their own.
+    """
+
+    def __init__(
+        self,
+        mission: LoadedMission,
+        seed: int = 1,
+        *,
+        mesh: Callable[[Transport, int], Transport] = lambda transport, _: transport,
+        clocks: Mapping[int, Callable[[float], float]] | None = None,
+    ) -> None:
+        self._wrap, self._clocks = mesh, dict(clocks or {})
+        self.plan: Plan = mission.plan
+        self.now = 0.0
+        self.events: list[Event] = []
+        self.minimum: dict[tuple[int, int], float] = {}
+        self.station_alive = True
+        self.lifeline_cut = False
+        self.mesh = MemoryHub(lambda: self.now)
+        self._station = Node(MemoryTransport(self.mesh), "test", "station")
+        self._station.listen(keys.EVENT, keys.STATUS, keys.ACK)
+        self.acks: list[Any] = []
+        self._far: list[MemoryWire] = []
+        self.members: dict[int, Member] = {}
+        self.simulator_alive = True
+        self.hub = Hub(_configuration(mission, seed), 0.0, self._transmit)
+        self._mission = mission
+        for agent in mission.plan.agents:
+            self._far.append(self._add(agent.id, self.plan))
+
+    def _add(self, agent_id: int, plan: Plan) -> MemoryWire:
+        entry = self._mission.fleet.agent(agent_id)
+        near, far = memory_wires()
+        node = Node(self._wrap(MemoryTransport(self.mesh), agent_id), "test", agent_id)
+        clock = self._clocks.get(agent_id, float)
+        node.listen(keys.STATE, keys.CLOCK, keys.BEACON, keys.COMMAND)
+        link = VehicleLink(near, entry.autopilot, entry.sysid)
+        agent = Agent(plan, agent_id, clock(self.now), vehicle=entry.response)
+        self.members[agent_id] = Member(agent, link, node, clock=clock)
+        return far
+
+    def _transmit(self, place: int, data: bytes, _: Any) -> None:
+        self._far[place].write(data)
+
+    # --- time ---
+
+    def tick(self) -> None:
+        """One control tick of everybody, then the world up to it."""
+        self.now += self.plan.tick_s
+        if self.simulator_alive:
+            self._run_world()
+        if self.station_alive and round(self.now / self.plan.tick_s) % 5 == 0:
+            self._station.send(keys.BEACON, StationBeacon("test", self.now, self.plan.hash()))
+        for member in self.members.values():
+            if member.alive and not member.frozen:
+                self._step(member)
+        self.events += [event for event, _ in self._station.take(keys.EVENT)]
+        self.acks += [ack for ack, _ in self._station.take(keys.ACK)]
+        self._station.take(keys.STATUS)
+
+    def _run_world(self) -> None:
+        for place, far in enumerate(self._far):
+            while (data := far.read()) is not None:
+                self.hub.receive(place, data, _AGENT)
+        while self.hub.world.next_s <= self.now + STEP_S / 2:
+            self.hub.step()
+            self._watch_distances()
+
+    def _watch_distances(self) -> None:
+        world = self.hub.world
+        if not any(world.airborne()):
+            return
+        points = np.asarray(world.positions())[:, :2]
+        gaps = np.linalg.norm(points[:, None] - points[None], axis=-1)
+        for i in range(len(points)):
+            for j in range(i):
+                self.minimum[j, i] = min(self.minimum.get((j, i), np.inf), float(gaps[i, j]))
+
+    def _step(self, member: Member) -> None:
+        now = member.clock(self.now)
+        member.link.receive(now)
+        inbox = Inbox(
+            view=member.link.view(),
+            states=[(state, member.clock(at)) for state, at in member.node.take(keys.STATE)],
+            clocks=[(news, member.clock(at)) for news, at in member.node.take(keys.CLOCK)],
+            beacons=[(beacon, member.clock(at)) for beacon, at in member.node.take(keys.BEACON)],
+            commands=[command for command, _ in member.node.take(keys.COMMAND)],
+            lifeline_cut=self.lifeline_cut,
+        )
+        actions = member.agent.step(now, inbox)
+        member.link.pursue(actions.goal, now)
+        if member.tampered is not None and actions.state is not None:
+            actions.state = member.tampered(actions.state)
+        self._publish(member, actions)
+
+    def _publish(self, member: Member, actions: Actions) -> None:
+        for channel, payloads in (
+            (keys.STATE, [actions.state]),
+            (keys.CLOCK, [actions.clock]),
+            (keys.ACK, actions.acks),
+            (keys.EVENT, actions.events),
+            (keys.SIGMA, [actions.sigma]),
+            (keys.STATUS, [actions.status]),
+        ):
+            for payload in payloads:
+                if payload is not None:
+                    member.node.send(channel, payload)  # type: ignore[misc]
+        name = type(actions.goal).__name__
+        if isinstance(actions.goal, FlyGoal):
+            name = "Fly"
+        if not member.goals or member.goals[-1] != name:
+            member.goals.append(name)
+        member.status = actions.status or member.status
+        if actions.ended is not None:
+            member.ended, member.alive = actions.ended, False
+            member.node.close()
+
+    def fly(self, until_s: float = 600.0) -> None:
+        """Until every agent that lives has ended, at most to `until_s`."""
+        while self.now < until_s and any(m.alive and not m.frozen for m in self.members.values()):
+            self.tick()
+
+    def wait(self, condition: Any, until_s: float = 300.0) -> None:
+        """Tick until `condition(self)` holds; AssertionError when it never does."""
+        while not condition(self):
+            if self.now >= until_s:
+                raise AssertionError(f"not reached by {until_s} s")
+            self.tick()
+
+    # --- what tests do and ask ---
+
+    def kill(self, agent_id: int) -> None:
+        """The agent is gone from now on, without a word."""
+        self.members[agent_id].alive = False
+        self.members[agent_id].node.close()
+
+    def restart(self, agent_id: int, plan: Plan | None = None, clock: Callable[[float], float] | None = None) -> None:
+        """A new process in the place of a dead one, which knows nothing of it; with another plan or clock, if given."""
+        self._clocks[agent_id] = clock or self._clocks.get(agent_id, float)
+        place = [agent.id for agent in self.plan.agents].index(agent_id)
+        self._far[place] = self._add(agent_id, plan or self.plan)
+
+    def command(self, kind: str, agents: tuple[int, ...] = (), name: str = "c1", **more: Any) -> None:
+        """An operator's command; `more`: its step, plan_hash, at_step."""
+        self.send(Command(name, kind, agents, self.now, **more))
+
+    def send(self, command: Command) -> None:
+        """A command as it is."""
+        self._station.send(keys.COMMAND, command)
+
+    def run(self, seconds: float) -> None:
+        """Tick for so long."""
+        until = self.now + seconds
+        while self.now < until:
+            self.tick()
+
+    def positions(self) -> dict[int, tuple[float, float]]:
+        """True (north, east) of every vehicle [m]."""
+        points = np.asarray(self.hub.world.positions())
+        return {agent.id: (float(p[0]), float(p[1])) for agent, p in zip(self.plan.agents, points, strict=True)}
+
+    def centre(self) -> tuple[float, float]:
+        """True centre of all vehicles [m]."""
+        points = list(self.positions().values())
+        return sum(p[0] for p in points) / len(points), sum(p[1] for p in points) / len(points)
+
+    def in_step(self, step: int) -> bool:
+        """Every live agent is in this step."""
+        return all(m.status is not None and m.status.step == step for m in self.members.values() if m.alive)
+
+    def phases(self) -> set[Phase]:
+        """Of all agents that live."""
+        return {m.status.phase for m in self.members.values() if m.alive and m.status is not None}
+
+    def outcomes(self) -> dict[int, str]:
+        """Of all agents that have ended."""
+        return {i: m.ended.outcome for i, m in self.members.items() if m.ended is not None}
+
+    @property
+    def closest_m(self) -> float:
+        """Smallest true horizontal distance in the air so far."""
+        return min(self.minimum.values())
+
+    @property
+    def all_down(self) -> bool:
+        """Every vehicle stands disarmed on the ground."""
+        return bool(self.hub.world.parked())
+
+
+def _configuration(mission: LoadedMission, seed: int) -> SimConfig:
+    vehicles = [replace(entry, endpoint=f"udpin:127.0.0.1:{_PORT + entry.sysid}") for entry in mission.fleet.agents]
+    settings = simulator_config(mission.plan, vehicles, mission.file.simulation)
+    return SimConfig.model_validate(settings | {"epoch_s": 0.0, "seed": seed})

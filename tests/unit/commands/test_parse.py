@@ -1,0 +1,107 @@
+"""What an operator may type: parsed, completed, or refused with what would be allowed."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarm_ctl.commands.parse import BY_NAME, KINDS, Order, complete, parse
+from swarm_ctl.core.agent import command_handler
+from swarm_ctl.errors import InputError
+from tests.unit.station.swarm import hexagon_plan
+
+PLAN = hexagon_plan()
+
+
+@pytest.mark.parametrize(
+    ("line", "marked", "order"),
+    [
+        ("land", (), Order("land")),
+        ("  hold  ", (3, 1), Order("hold", (), (1, 3))),
+        ("land @2", (3,), Order("land", (), (2,))),
+        ("land @all", (3,), Order("land")),
+        ("return @1,4-6", (), Order("return", (), (1, 4, 5, 6))),
+        ("form hexagon", (), Order("form", ("hexagon",))),
+        ("move 20 -5.5 2", (), Order("move", ("20", "-5.5", "2"))),
+        ("tune h=0.04 kappa=15", (), Order("tune", ("h=0.04", "kappa=15"))),
+        ("tune plan", (), Order("tune", ("plan",))),
+    ],
+)
+def test_orders(line: str, marked: tuple[int, ...], order: Order) -> None:
+    assert parse(line, PLAN, marked) == order
+
+
+@pytest.mark.parametrize(
+    ("line", "why"),
+    [
+        ("", "no command ''; allowed: hold, resume, next, form, move, tune, land, return, kill"),
+        ("fly", "no command 'fly'; allowed"),
+        ("land now", "usage: land"),
+        ("form", "usage: form SHAPE; this mission flies hexagon"),
+        ("form two shapes", "usage: form SHAPE"),
+        ("move 1", "usage: move NORTH EAST"),
+        ("move a b", "usage: move NORTH EAST"),
+        ("move nan 1", "usage: move NORTH EAST"),
+        ("form hexagon @1", "form is for the whole swarm; leave out @1"),
+        ("tune", "tune changes nothing; allowed: plan, or values of delta_a, delta_l, h, kappa"),
+        ("tune h", "'h' is no value of the law; allowed: delta_a, delta_l, h, kappa, e.g. tune h=0.04"),
+        ("tune r_in=1", "'r_in=1' is no value of the law"),
+        ("tune h=nan", "'h=nan' is no value of the law"),
+        ("tune h=0.3", "tune: h 0.3; allowed in flight: above 0, at most 0.2"),
+        ("tune kappa=21", "tune: kappa 21; allowed in flight: above 0, at most 20"),
+        ("tune delta_l=1.9", "tune: delta_l 1.9; allowed in flight: 2 to 2.2"),
+        ("tune h=0.04 @1", "tune is for the whole swarm"),
+        ("land @9", "no agent 9 in this mission; allowed: 1, 2, 3, 4, 5, 6"),
+        ("land @x", "@x names no agents; allowed: @all, @1,3-5"),
+        ("land @", "names no agents"),
+    ],
+)
+def test_refusals_say_what_is_allowed(line: str, why: str) -> None:
+    with pytest.raises(InputError, match=re.escape(why)):
+        parse(line, PLAN)
+
+
+def test_a_shape_is_not_for_the_marked() -> None:
+    with pytest.raises(InputError, match="unmark"):
+        parse("form hexagon", PLAN, (1,))
+
+
+@given(st.text(max_size=40))
+def test_any_text_is_an_order_or_refused(line: str) -> None:
+    with contextlib.suppress(InputError):
+        order = parse(line, PLAN)
+        assert order.kind in BY_NAME
+        assert set(order.agents) <= {agent.id for agent in PLAN.agents}
+
+
+@given(st.sampled_from([kind.name for kind in KINDS]), st.integers(0, 6))
+def test_completion_only_adds(name: str, length: int) -> None:
+    for line in complete(name[:length], PLAN):
+        assert line.startswith(name[:length])
+    assert length == 0 or length >= len(name) or name in [line.strip() for line in complete(name[:length], PLAN)]
+
+
+def test_completion_knows_shapes_and_agents() -> None:
+    assert complete("form ", PLAN) == ["form hexagon"]
+    assert complete("land @", PLAN)[:2] == ["land @all", "land @1"]
+    assert complete("form hexagon", PLAN) == []
+
+
+def test_completion_knows_the_law() -> None:
+    """Names that are not given yet, with the mission's values."""
+    assert complete("tune ", PLAN) == [f"tune {v}" for v in ("delta_a=0.1", "delta_l=2", "h=0.05", "kappa=20", "plan")]
+    assert complete("tune h", PLAN) == ["tune h=0.05"]
+    assert complete("tune h=0.04 k", PLAN) == ["tune h=0.04 kappa=20"]
+    assert complete("tune h=0.04 h", PLAN) == []
+
+
+def test_the_table_is_what_agents_take() -> None:
+    assert set(BY_NAME) == set(command_handler.KINDS)
+
+
+def test_every_kind_has_a_key_of_its_own() -> None:
+    assert len({kind.key for kind in KINDS}) == len(KINDS)

@@ -1,0 +1,141 @@
+"""No velocity leaves the safety layer above the limits, whatever goes in."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from swarm_ctl.core.model.plan import LawParameters, Limits, Response
+from swarm_ctl.core.safety.constraints import Margins, cap, climb_rate, half_plane, limited
+from swarm_ctl.core.safety.deadlock import DeadlockRelease, swirled
+from swarm_ctl.core.safety.velocity_qp import Plane, relaxed
+
+LIMITS = Limits(speed_mps=5.0, climb_mps=1.0, descent_mps=0.5)
+ANY = st.floats(allow_nan=True, allow_infinity=True)
+
+
+@given(ANY, ANY)
+def test_speed_never_above_the_limit(north: float, east: float) -> None:
+    """Infinities and NaN included; those become zero."""
+    out = limited(complex(north, east), LIMITS)
+    assert abs(out) <= LIMITS.speed_mps * (1 + 1e-12)
+    if not math.isfinite(math.hypot(north, east)):
+        assert out == 0
+
+
+@given(st.floats(-100, 100), st.floats(-100, 100))
+def test_direction_is_kept(north: float, east: float) -> None:
+    out = limited(complex(north, east), LIMITS)
+    assert out.real * east == pytest.approx(out.imag * north, abs=1e-6)
+    assert out.real * north >= 0
+
+
+def test_slow_velocities_pass_unchanged() -> None:
+    assert limited(3.0 - 1.0j, LIMITS) == 3.0 - 1.0j
+
+
+@given(ANY)
+def test_climb_rate_within_limits(error: float) -> None:
+    assert -LIMITS.descent_mps <= climb_rate(error, LIMITS) <= LIMITS.climb_mps
+
+
+def test_too_low_climbs() -> None:
+    assert climb_rate(0.5, LIMITS) > 0 > climb_rate(-0.5, LIMITS)
+
+
+# --- the filter ---
+
+LAW, SPEED = LawParameters(), 1.0
+MARGINS = Margins.of(LAW, Response(), SPEED)
+
+
+def test_the_proven_bound_lies_over_r_in() -> None:
+    """D F(W tau / D) > r_in for two that are as slow as at D, with a lag a fifth over the model's (SAFETY.md 3.2)."""
+    m = 2 * MARGINS.slow * 1.2 * Response().lag_s / MARGINS.keep_out
+    u = np.linspace(0.0, 40.0, 400_001)
+    f = np.where(m * u < np.pi / 2, np.cos(np.minimum(m * u, np.pi)), np.pi / 2 - m * u)
+    bound = MARGINS.keep_out * float(np.sum(np.exp(-u) * f) * (u[1] - u[0]))
+    assert bound == pytest.approx(1.15 * LAW.r_in, rel=1e-3)
+
+
+def test_margins_are_the_same_in_any_unit() -> None:
+    in_units, in_metres = MARGINS, Margins.of(LAW, Response(), 5.0, 5.0)
+    for name in ("keep_out", "growth", "zone", "slow", "speed", "r"):
+        assert getattr(in_metres, name) == pytest.approx(5.0 * getattr(in_units, name))
+
+
+points = st.tuples(st.floats(-2, 2), st.floats(-2, 2))
+
+
+@settings(max_examples=60)
+@given(st.lists(points, min_size=2, max_size=6), st.lists(points, min_size=6, max_size=6))
+def test_integrators_that_start_apart_stay_apart_whatever_they_wish(
+    starts: list[tuple[float, float]], wishes: list[tuple[float, float]]
+) -> None:
+    """|s_ij| >= D is invariant with fresh news, each doing its half, for any constant wishes (claim 1)."""
+    s = [complex(*start) for start in starts]
+    assume(all(abs(a - b) >= MARGINS.keep_out for i, a in enumerate(s) for b in s[:i]))
+    for _ in range(60):
+        planes: list[list[Plane]] = [[] for _ in s]
+        rooms = [math.inf for _ in s]
+        for i, a in enumerate(s):
+            for j, b in enumerate(s):
+                if i != j:
+                    n, bound, room = half_plane(a - b, 0j, 0.0, MARGINS.keep_out, 0.5, SPEED)
+                    planes[i].append((n.real, n.imag, bound))
+                    rooms[i] = min(rooms[i], room)
+        for i, wish in enumerate(wishes[: len(s)]):
+            (north, east), slack = relaxed(wish, planes[i], (), cap(rooms[i], MARGINS))
+            assert slack < 1e-6
+            s[i] += 0.05 * complex(north, east)
+        assert all(abs(a - b) >= MARGINS.keep_out - 1e-4 for i, a in enumerate(s) for b in s[:i])
+
+
+@given(points, points, st.floats(0, 1), st.floats(0, 3))
+def test_keep_out_counts_from_the_nearest_place_the_other_may_be_at(
+    apart: tuple[float, float], commanded: tuple[float, float], share: float, reach_s: float
+) -> None:
+    """No place on the way the other may have flown is nearer than the one the plane is drawn from."""
+    own, flies = complex(*apart), complex(*commanded)
+    _, _, room = half_plane(own, flies, reach_s, MARGINS.keep_out, 1.0, SPEED)
+    assert room <= abs(own - share * reach_s * flies) - MARGINS.keep_out + 1e-9
+
+
+def test_one_and_many_give_the_same_planes() -> None:
+    """The arrays of a study and the agent's numbers are one law."""
+    random = np.random.default_rng(5)
+    apart, flies = random.normal(size=50) + 1j * random.normal(size=50), random.normal(size=50) * 1j
+    reach, share = random.uniform(0, 1, 50), random.choice([0.5, 1.0], 50)
+    n, b, room = half_plane(apart, flies, reach, 0.8, share, SPEED, np.minimum, np.maximum)
+    for k in range(50):
+        one = half_plane(complex(apart[k]), complex(flies[k]), float(reach[k]), 0.8, float(share[k]), SPEED)
+        assert one == pytest.approx((n[k], b[k], room[k]))
+
+
+# --- the release ---
+
+
+def test_who_gets_nowhere_goes_sideways_and_who_flies_does_not() -> None:
+    """Stuck: wants to go and does not for a while. It then moves across its wish, and later tries again."""
+    for flown, stuck in ((0j, True), (1 + 0j, False)):
+        release, sideways = DeadlockRelease(3, SPEED, 0.05), 0
+        for _ in range(100):
+            wish = release.turn(0j, 1 + 0j)
+            sideways += abs(wish.imag) > 0.1
+            release.note(1 + 0j, flown)
+        assert (release.fails > 0) == stuck == (sideways > 10)
+
+
+@given(points, points)
+def test_the_swirl_only_turns_what_points_against_the_wish(to: tuple[float, float], away: tuple[float, float]) -> None:
+    consensus, avoidance = complex(*to), complex(*away)
+    assume(abs(consensus) > 1e-3 and abs(avoidance) > 1e-3)
+    out = complex(swirled(consensus, avoidance))
+    if (consensus * avoidance.conjugate()).real >= 0:
+        assert out == pytest.approx(avoidance)
+    else:
+        assert (out * avoidance.conjugate()).real == pytest.approx(abs(avoidance) ** 2)

@@ -1,0 +1,221 @@
+"""How far the others' clocks are ahead: the truth lies between the bounds, and news is never younger than it is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarm_ctl.core.model.messages import AgentState, ClockNews, Phase
+from swarm_ctl.core.model.timeouts import FRESH_S, NEIGHBOUR_S
+from swarm_ctl.core.swarm.clocks import ASK_EVERY_S, DRIFT, Clocks, PeerClock
+from swarm_ctl.core.swarm.peer import Peer
+
+ROUNDING_S = 1e-5
+Showing = Callable[[float], float]
+"""From the own time to what the other's clock shows."""
+
+OFFSET = st.floats(-3600, 3600) | st.floats(-0.5, 0.5)
+DRIFTS = st.floats(-1e-4, 1e-4) | st.floats(-0.9 * DRIFT, 0.9 * DRIFT)
+DELAY = st.floats(0, 0.5) | st.just(0.0)
+
+
+def state(time_s: float, seq: int = 1) -> AgentState:
+    zero = (0.0, 0.0, 0.0)
+    return AgentState(2, seq, time_s, 7, Phase.FLY, 1, False, True, zero, zero, (0.0, 0.0), (0.0, 0.0))
+
+
+@dataclass(frozen=True)
+class Trip:
+    """A word that goes out `gap_s` after the one before came back, and comes back."""
+
+    gap_s: float
+    out_s: float
+    held_s: float
+    back_s: float
+
+    @property
+    def s(self) -> float:
+        """The round trip."""
+        return self.out_s + self.back_s
+
+
+TRIPS = st.lists(st.builds(Trip, st.floats(0, 5), DELAY, st.floats(0, 2), DELAY), min_size=1, max_size=12)
+
+
+def travel(clock: PeerClock, shows: Showing, now: float, trip: Trip) -> float:
+    """One word there and back; when it is back."""
+    left = now + trip.gap_s
+    came = left + trip.out_s
+    answered = came + trip.held_s
+    back = answered + trip.back_s
+    clock.answered(left, shows(came), shows(answered), back)
+    return back
+
+
+def steady(offset: float, drift: float) -> Showing:
+    return lambda own: own * (1 + drift) + offset
+
+
+@given(OFFSET, DRIFTS, TRIPS, st.floats(0, 60))
+def test_the_truth_lies_between_the_bounds(offset: float, drift: float, trips: list[Trip], later: float) -> None:
+    """Whatever the ways are like, and long after the last word; the best guess is off by half a round trip at most."""
+    clock, shows, now = PeerClock(), steady(offset, drift), 0.0
+    for trip in trips:
+        now = travel(clock, shows, now, trip)
+        low, high = clock.bounds(now)
+        truth = shows(now) - now
+        assert low - ROUNDING_S <= truth <= high + ROUNDING_S
+        assert high - low <= trip.s + 2 * DRIFT * (trip.s + trip.held_s) + ROUNDING_S
+        assert abs(truth - 0.5 * (low + high)) <= 0.5 * trip.s + DRIFT * (trip.s + trip.held_s) + ROUNDING_S
+    low, high = clock.bounds(now + later)
+    assert low - ROUNDING_S <= shows(now + later) - (now + later) <= high + ROUNDING_S
+
+
+@given(OFFSET, DRIFTS, TRIPS, st.lists(st.tuples(st.floats(0.05, 0.3), DELAY), min_size=1, max_size=30))
+def test_news_is_never_younger_than_it_is(
+    offset: float, drift: float, trips: list[Trip], messages: list[tuple[float, float]]
+) -> None:
+    """States with random delays, out of order: the bound covers the true age, the guess is at least half of it."""
+    peer, shows, now = Peer(2, PeerClock()), steady(offset, drift), 0.0
+    for trip in trips:
+        now = travel(peer.clock, shows, now, trip)
+    sent_s, arrivals = now, []
+    for seq, (gap_s, delay_s) in enumerate(messages, start=1):
+        sent_s += gap_s
+        arrivals.append((sent_s + delay_s, sent_s, seq))
+    sent = {seq: sent_s for _, sent_s, seq in arrivals}
+    for came_s, left_s, seq in sorted(arrivals):
+        peer.hear(state(shows(left_s), seq), came_s)
+        assert peer.state is not None
+        true_age = came_s - sent[peer.state.seq]
+        assert peer.age_at_most(came_s) >= true_age - ROUNDING_S
+        assert peer.age_at_most(came_s) <= 2 * peer.age(came_s) + ROUNDING_S
+        assert peer.age(came_s) >= 0.0
+        assert peer.age(came_s + 3.0) == pytest.approx(peer.age(came_s) + 3.0)
+
+
+@given(OFFSET, DRIFTS, TRIPS, st.floats(-3600, 3600), st.lists(DELAY, max_size=5), TRIPS)
+def test_a_clock_that_jumps(
+    offset: float, drift: float, before: list[Trip], jump: float, delays: list[float], after: list[Trip]
+) -> None:
+    """One round trip later the bounds are off by no more than the round trips: what is less is no contradiction."""
+    clock, now = PeerClock(), 0.0
+    for trip in before:
+        now = travel(clock, steady(offset, drift), now, trip)
+    shows = steady(offset + jump, drift)
+    for delay in delays:
+        clock.told(shows(now), now + delay)
+        now += delay
+    for trip in after:
+        now = travel(clock, shows, now, trip)
+    widest = max(trip.s for trip in before) + min(trip.s for trip in after) + 2 * DRIFT * 60
+    low, high = clock.bounds(now)
+    assert clock.unknown_s is None
+    assert low - widest <= shows(now) - now <= high + widest
+
+
+@given(st.floats(0, 0.3), st.floats(0, 0.3))
+def test_late_news_is_seen_as_late(out_s: float, back_s: float) -> None:
+    """Also where only one way is slow: nothing that is over a second old counts as fresh."""
+    peer, shows = Peer(2, PeerClock()), steady(-7.0, 0.0)
+    now = travel(peer.clock, shows, 0.0, Trip(0.0, out_s, 0.3, back_s))
+    late_s = 0.4
+    peer.hear(state(shows(now), 1), now + late_s)
+    assert peer.age_at_most(now + late_s) >= late_s - ROUNDING_S
+    assert peer.age(now + late_s) >= late_s - 0.5 * (out_s + back_s) - 0.01
+    for held_s in (0.0, 0.2, 0.5, 0.8):
+        if peer.age(now + late_s + held_s) <= FRESH_S:
+            assert late_s + held_s <= 2 * FRESH_S
+
+
+def test_who_does_not_answer_is_not_fresh_and_lost_in_the_end() -> None:
+    """News comes, and nobody knows from when: it leaves N_i at once, and does not keep the sender alive."""
+    peer = Peer(2, PeerClock())
+    for k in range(100):
+        peer.hear(state(0.05 * k + 50.0, k), 0.05 * k)
+        assert peer.age(0.05 * k) > NEIGHBOUR_S
+    assert peer.age(0.05 * 99) == pytest.approx(0.05 * 99 + NEIGHBOUR_S, abs=0.02)
+    assert peer.report(5.0).clock_ahead_s is None
+
+
+def test_a_receiver_that_was_stopped_takes_no_dead_peer_for_heard() -> None:
+    """What waited in the queue is noted as received when it was looked for; it is as old as it is."""
+    peer, shows = Peer(2, PeerClock()), steady(100.0, 0.0)
+    now = travel(peer.clock, shows, 0.0, Trip(0.0, 0.01, 0.0, 0.01))
+    for k in range(1, 40):
+        peer.hear(state(shows(now + 0.05 * k), k), now + 10.0)
+    assert peer.age(now + 10.0) == pytest.approx(10.0 - 0.05 * 39, abs=0.02)
+
+
+def test_a_late_message_changes_nothing_and_a_clock_set_back_is_heard() -> None:
+    """Late ones are behind in time and number; another process or a clock set back is not, or is alone."""
+    peer = Peer(2, PeerClock())
+    travel(peer.clock, steady(0.0, 0.0), 0.0, Trip(0.0, 0.0, 0.0, 0.0))
+    peer.hear(state(10.0, 10), 10.0)
+    peer.hear(state(9.95, 9), 10.0)
+    assert peer.state == state(10.0, 10)
+    peer.hear(state(3.0, 11), 10.05)
+    assert peer.state == state(3.0, 11)
+    assert peer.age(10.05) > NEIGHBOUR_S
+    travel(peer.clock, steady(-7.05, 0.0), 10.1, Trip(0.0, 0.0, 0.0, 0.0))
+    peer.hear(state(3.1, 13), 10.15)
+    assert (peer.age(10.15), peer.lost) == (pytest.approx(0.0, abs=1e-3), 1)
+
+
+def test_a_clock_set_ahead_is_not_believed_until_it_has_answered() -> None:
+    """News from the future contradicts what is known of the clock."""
+    peer = Peer(2, PeerClock())
+    travel(peer.clock, steady(0.0, 0.0), 0.0, Trip(0.0, 0.01, 0.0, 0.01))
+    peer.hear(state(10.0, 1), 10.0)
+    assert peer.age(10.0) < 0.1
+    peer.hear(state(12.05, 2), 10.05)
+    assert peer.age(10.05) > NEIGHBOUR_S
+    travel(peer.clock, steady(2.0, 0.0), 10.06, Trip(0.0, 0.01, 0.0, 0.01))
+    peer.hear(state(12.1, 3), 10.1)
+    assert peer.age(10.1) < 0.1
+
+
+def test_everybody_knows_everybody_in_three_words() -> None:
+    """Agents that begin at different times, with clocks of their own, over a mesh of 0.05 s: half a second. Then it is
+    one word a second, and somebody who comes later is known as soon."""
+    begun, offset = {1: 0.0, 2: 0.0, 3: 3.0}, {1: 0.0, 2: -3600.0, 3: 12.0}
+    clocks = {i: Clocks(i, {1, 2, 3} - {i}) for i in begun}
+    under_way: list[tuple[float, ClockNews]] = []
+    said: dict[int, list[float]] = {i: [] for i in begun}
+    known_s: dict[tuple[int, int], float] = {}
+    for tick in range(160):
+        now = 0.05 * tick
+        for i, own in clocks.items():
+            if now < begun[i]:
+                continue
+            for came_s, news in under_way:
+                if came_s == pytest.approx(now) and news.agent != i:
+                    own.hear(news, now + offset[i])
+            for j in clocks.keys() - {i}:
+                if begun[j] <= now - 0.05:
+                    own.of[j].told(now - 0.05 + offset[j], now + offset[i])
+                if own.of[j].known:
+                    known_s.setdefault((i, j), now - max(begun[i], begun[j]))
+            news_or_none = own.say(now + offset[i])
+            if news_or_none is not None:
+                said[i].append(now)
+                under_way.append((now + 0.05, news_or_none))
+    assert len(known_s) == 6
+    assert max(known_s.values()) <= 3 * ASK_EVERY_S
+    for i, j in known_s:
+        low, high = clocks[i].of[j].bounds(7.95 + offset[i])
+        assert low <= offset[j] - offset[i] <= high
+        assert high - low <= 0.1 + 2 * DRIFT
+    assert all(len([at for at in times if at > 5.0]) <= 3 for times in said.values())
+
+
+def test_nothing_is_known_at_first() -> None:
+    """And nothing is said to those who are silent."""
+    clock = PeerClock()
+    assert (clock.known, clock.unknown_s, clock.bounds(3.0)) == (False, None, (-math.inf, math.inf))
+    assert Clocks(1, [2]).say(0.0) == ClockNews(1, 0.0, False, ())

@@ -1,0 +1,182 @@
+"""Slot exchange between agents, each with its own knowledge, over a mesh that loses and delays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from swarm_ctl.core.model.messages import AgentState, ExchangeState, Phase
+from swarm_ctl.core.model.plan import Plan, Point
+from swarm_ctl.core.swarm.peers import Peers
+from swarm_ctl.core.swarm.slot_exchange import SlotExchange
+from tests.scenarios.test_steps import quartet
+
+PLAN: Plan = quartet("hold: {duration_s: 5}", "land").plan
+IDS = [agent.id for agent in PLAN.agents]
+ALL_LINKED = {i: tuple(j for j in IDS if j != i) for i in IDS}
+TICK_S, SPEED = 0.05, 1.0
+
+
+@dataclass
+class Swarm:
+    """Points that fly straight to their slots; states that are late (up to `delay` ticks) and lost (`loss`)."""
+
+    slots: list[Point]
+    at: dict[int, complex]
+    seed: int = 1
+    loss: float = 0.0
+    delay: int = 0
+    dead: set[int] = field(default_factory=set)
+    now: float = 0.0
+    new: bool = True
+
+    def __post_init__(self) -> None:
+        self.random = np.random.default_rng(self.seed)
+        self.peers = {i: Peers(PLAN, i) for i in IDS}
+        self.dealers = {i: SlotExchange(PLAN, i, self.peers[i]) for i in IDS}
+        for dealer in self.dealers.values():
+            dealer.begin(self.slots)
+        self.way: list[tuple[int, int, AgentState]] = []
+        self.seq = 0
+
+    def tick(self) -> None:
+        self.now += TICK_S
+        self.seq += 1
+        for i, dealer in self.dealers.items():
+            if i in self.dead:
+                continue
+            self.tell_time(i)
+            dealer.hear()
+            dealer.look(self.now, (self.at[i].real, self.at[i].imag), (2, 0), ALL_LINKED, new=self.new)
+            for j in IDS:
+                if j != i and self.random.random() >= self.loss:
+                    self.way.append((self.seq + int(self.random.integers(0, self.delay + 1)), j, self.state(i)))
+        for _, to, state in [each for each in self.way if each[0] <= self.seq]:
+            self.peers[to].hear(state, self.now)
+        self.way = [each for each in self.way if each[0] > self.seq]
+        self.move()
+
+    def tell_time(self, i: int) -> None:
+        """All have one clock; they have to find that out."""
+        news = self.peers[i].clocks.say(self.now)
+        for j in IDS:
+            if news is not None and j != i:
+                self.peers[j].clocks.hear(news, self.now)
+
+    def state(self, i: int) -> AgentState:
+        place = (self.at[i].real, self.at[i].imag)
+        return AgentState(
+            i, self.seq, self.now, 0, Phase.FLY, 2, False, True, (*place, -8.0), (0.0, 0.0, 0.0), place, (0.0, 0.0),
+            deal=self.dealers[i].deal,
+        )  # fmt: skip
+
+    def move(self) -> None:
+        errors = {i: self.at[i] - complex(*self.slots[self.dealers[i].deal.role]) for i in IDS}
+        mean = sum(errors.values()) / len(errors)
+        for i, error in errors.items():
+            way = mean - error
+            if i not in self.dead:
+                self.at[i] += way / max(abs(way), 1e-9) * min(SPEED * TICK_S, abs(way))
+
+    def run(self, seconds: float) -> None:
+        for _ in range(round(seconds / TICK_S)):
+            self.tick()
+
+    @property
+    def roles(self) -> list[int]:
+        return [self.dealers[i].deal.role for i in IDS]
+
+
+def row() -> dict[int, complex]:
+    return {i: complex(0, 9 * k) for k, i in enumerate(IDS)}
+
+
+SWAPPED: list[Point] = [(0.0, 27.0), (0.0, 18.0), (0.0, 9.0), (0.0, 0.0)]
+"""Everybody has to go past everybody."""
+
+
+def test_a_row_that_is_to_turn_round_stays_where_it_is() -> None:
+    """Only the shape counts: the outer two and the inner two swap roles; all know it; nobody has to fly far."""
+    swarm = Swarm(SWAPPED, row())
+    swarm.run(20)
+    assert swarm.roles == [3, 2, 1, 0]
+    assert all(dealer.roles == dict(zip(IDS, swarm.roles, strict=True)) for dealer in swarm.dealers.values())
+    assert all(dealer.settled(swarm.now) for dealer in swarm.dealers.values())
+    assert all(abs(swarm.at[i] - at) < 9.0 for i, at in row().items())
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 1000), st.floats(0.0, 0.6), st.integers(0, 6), st.permutations(SWAPPED))
+def test_whatever_is_lost_or_late_everybody_ends_with_a_role_of_his_own(
+    seed: int, loss: float, delay: int, slots: list[Point]
+) -> None:
+    """Lost and late news delay exchanges; in the end the roles are a permutation, and nobody waits for anybody."""
+    swarm = Swarm(slots, row(), seed, loss, delay)
+    swarm.run(40)
+    swarm.new = False
+    swarm.run(10)
+    assert sorted(swarm.roles) == [0, 1, 2, 3]
+    assert all(dealer.settled(swarm.now) for dealer in swarm.dealers.values())
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.floats(0.2, 6.0), st.sampled_from(IDS), st.permutations(SWAPPED))
+def test_one_that_dies_in_the_middle_of_a_deal_blocks_nobody(after_s: float, who: int, slots: list[Point]) -> None:
+    """The living end with roles of their own, and settle."""
+    swarm = Swarm(slots, row())
+    swarm.run(after_s)
+    swarm.dead.add(who)
+    swarm.run(30)
+    living = [role for i, role in zip(IDS, swarm.roles, strict=True) if i != who]
+    assert len(set(living)) == 3
+    assert all(swarm.dealers[i].settled(swarm.now) for i in IDS if i != who)
+
+
+def test_nothing_is_dealt_where_it_is_not_allowed() -> None:
+    """With `new` off (fixed slots, another step, done) everybody keeps his role, and takes no offer."""
+    swarm = Swarm(SWAPPED, row(), new=False)
+    swarm.run(10)
+    assert swarm.roles == [0, 1, 2, 3]
+
+
+def test_a_restarted_agent_takes_the_role_that_is_free() -> None:
+    """It knows nothing of the exchanges it took part in; the others' roles tell."""
+    swarm = Swarm(SWAPPED, row())
+    swarm.run(20)
+    fresh = SlotExchange(PLAN, IDS[1], swarm.peers[IDS[1]])
+    fresh.rejoin(100.0)
+    assert fresh.deal.role == 2
+    assert fresh.deal.version > swarm.dealers[IDS[1]].deal.version
+    assert fresh.taken == [(100.0, 2)]
+
+
+def test_a_graph_follows_the_roles() -> None:
+    """Neighbours that a later step brings are those of whoever has the role now."""
+    swarm = Swarm(SWAPPED, row())
+    swarm.run(20)
+    chain = ((IDS[1],), (IDS[0],), (IDS[3],), (IDS[2],))
+    first = swarm.dealers[IDS[0]]
+    assert first.in_roles(chain) == chain  # 0-1 and 2-3 mirrored are the same links
+    star = ((IDS[1], IDS[2], IDS[3]), (IDS[0],), (IDS[0],), (IDS[0],))
+    assert first.in_roles(star) == ((IDS[3],), (IDS[3],), (IDS[3],), (IDS[0], IDS[1], IDS[2]))
+
+
+@pytest.mark.parametrize(
+    "deal",
+    [ExchangeState(role=-1), ExchangeState(role=4), ExchangeState(role=0, lock=9), ExchangeState(role=1, offer_to=-2)],
+)
+def test_a_deal_that_makes_no_sense_is_none(deal: ExchangeState) -> None:
+    """Whoever sends it keeps his own role in our eyes, and nothing breaks."""
+    swarm = Swarm(SWAPPED, row())
+    swarm.tick()
+    state = swarm.state(IDS[2])
+    bad = AgentState(*(deal if name == "deal" else getattr(state, name) for name in AgentState.__slots__))
+    swarm.peers[IDS[0]].hear(bad, swarm.now)
+    own = swarm.dealers[IDS[0]]
+    own.hear()
+    own.look(swarm.now + 1, (0.0, 0.0), (2, 0), ALL_LINKED, new=True)
+    assert own.roles[IDS[2]] == 2

@@ -1,0 +1,263 @@
+"""Folding: every message of the table, what is refused, and that nothing a vehicle says can raise."""
+
+from __future__ import annotations
+
+import copy
+import math
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from swarm_ctl.core.model.plan import Geodetic
+from swarm_ctl.mavlink import incoming
+from swarm_ctl.mavlink.incoming import CONTACT_KEPT_S, FOLDS_BY_ID, MAX_CONTACTS, Heard
+from swarm_ctl.mavlink.status_texts import CHUNK, COMPLETE_S, MAX_CHUNKS, MAX_TEXTS
+from tests.unit.mavlink import wire
+
+NAN, INF = math.nan, math.inf
+
+
+def fold(heard: Heard, message: Any, now: float = 10.0) -> bool:
+    return incoming.fold(heard, message, now)
+
+
+def known() -> Heard:
+    heard = Heard(watched=frozenset({"GUID_TIMEOUT"}))
+    for message in ONE_OF_EACH:
+        assert fold(heard, message)
+    return heard
+
+
+ONE_OF_EACH = [
+    wire.heartbeat(custom_mode=4, armed=True),
+    wire.local_position(),
+    wire.global_position(),
+    wire.global_origin(),
+    wire.system_status(),
+    wire.extended_state(2),
+    wire.traffic(5),
+    wire.wind(6.5),
+    wire.text("careful"),
+    wire.ack(400, 0),
+    wire.parameter("GUID_TIMEOUT", 3.0),
+]
+
+
+def test_each_message_lands_where_it_belongs_in_si_units() -> None:
+    heard = known()
+    assert (heard.heartbeat_s, heard.autopilot, heard.vehicle_type) == (10.0, 3, 2)
+    assert (heard.armed, heard.custom_mode, heard.on_ground) == (True, 4, False)
+    assert heard.local is not None
+    assert heard.local.position_ned_m == pytest.approx((1.0, 2.0, -3.0))
+    assert heard.local.velocity_ned_mps == pytest.approx((0.1, 0.2, -0.3))
+    assert heard.global_ is not None
+    assert place(heard.global_.position) == pytest.approx((47.397742, 8.545594, 488.0))
+    assert heard.global_.relative_alt_m == pytest.approx(3.0)
+    assert heard.global_.velocity_ned_mps == pytest.approx((0.1, 0.2, -0.3))
+    assert place(heard.origin) == pytest.approx((47.3977, 8.5455, 485.0))
+    assert heard.battery_percent == 80.0
+    assert (heard.wind_now(15.0), heard.wind_now(21.0)) == (6.5, None)
+    contact = heard.contacts[5]
+    assert place(contact.position) == pytest.approx((47.39775, 8.5456, 490.0))
+    assert contact.velocity_ned_mps == pytest.approx((0.0, 2.0, -0.5), abs=1e-9)
+    assert heard.texts.take(10.0) == ("careful",)
+    assert heard.parameters["GUID_TIMEOUT"].raw == 3.0
+
+
+@given(st.permutations(ONE_OF_EACH))
+def test_the_order_of_messages_does_not_matter(shuffled: list[Any]) -> None:
+    heard = Heard(watched=frozenset({"GUID_TIMEOUT"}))
+    for message in shuffled:
+        fold(heard, message)
+    assert heard == known()
+
+
+REFUSED = {
+    "nan position": wire.local_position((NAN, 0.0, 0.0)),
+    "infinite velocity": wire.local_position(velocity=(0.0, INF, 0.0)),
+    "too far": wire.local_position((0.0, 0.0, 2e5)),
+    "latitude": wire.global_position(lat=900_000_001),
+    "no fix yet": wire.global_position(lat=0, lon=0),
+    "height": wire.global_position(alt_mm=30_000_000),
+    "origin unset": wire.global_origin(lat=0, lon=0),
+    "battery": wire.system_status(battery_percent=101),
+    "landed state": wire.extended_state(9),
+    "traffic without place": wire.traffic(6, flags=0x02),
+    "traffic heading": wire.traffic(6, heading=65535),
+    "nan wind": wire.wind(NAN),
+    "wind below zero": wire.wind(-1.0),
+    "endless wind": wire.wind_cov(INF, 0.0),
+    "severity": wire.text("x", severity=99),
+    "nan parameter": wire.parameter("GUID_TIMEOUT", NAN),
+    "another firmware": wire.heartbeat(autopilot=12),
+    "another type": wire.heartbeat(kind=1),
+}
+
+
+@pytest.mark.parametrize("why", REFUSED)
+def test_what_cannot_be_true_is_refused_and_changes_nothing(why: str) -> None:
+    heard = known()
+    before = copy.deepcopy(heard)
+    assert not fold(heard, REFUSED[why])
+    assert heard == before
+
+
+def test_another_vehicle_may_take_the_place_of_one_long_silent() -> None:
+    heard = known()
+    assert fold(heard, wire.heartbeat(autopilot=12), 10.0 + 3.1)
+    assert heard.autopilot == 12
+
+
+@given(st.sampled_from(sorted(FOLDS_BY_ID)), st.binary(min_size=1, max_size=255), st.floats(0, 1e6))
+def test_no_payload_raises_or_leaves_anything_that_is_not_finite(number: int, payload: bytes, now: float) -> None:
+    message = decode(number, payload)
+    heard = known()
+    fold(heard, message, now)
+    numbers: list[float] = [heard.battery_percent or 0.0, heard.wind_mps]
+    for fix in (heard.local, heard.global_):
+        assert fix is not None
+        numbers += fix.velocity_ned_mps
+    numbers += [*(heard.local.position_ned_m if heard.local else ()), *place(heard.origin)]
+    for contact in heard.contacts.values():
+        numbers += [*place(contact.position), *contact.velocity_ned_mps]
+    assert all(math.isfinite(number) for number in numbers)
+    assert all(text.isprintable() for text in heard.texts.take(now + 100.0))
+
+
+def test_px4_tells_the_wind_by_where_it_blows() -> None:
+    heard = known()
+    assert fold(heard, wire.wind_cov(-3.0, 4.0))
+    assert heard.wind_now(10.0) == pytest.approx(5.0)
+
+
+def place(point: Geodetic | None) -> tuple[float, ...]:
+    return () if point is None else (point.lat_deg, point.lon_deg, point.alt_m)
+
+
+def decode(number: int, payload: bytes) -> Any:
+    """The message with this raw payload, through the real codec (with the checksum that makes it good)."""
+    header = bytes([0xFD, len(payload), 0, 0, 0, 1, 1, number & 0xFF, number >> 8 & 0xFF, 0])
+    crc = dialect.x25crc(header[1:] + payload + bytes([dialect.mavlink_map[number].crc_extra])).crc
+    return dialect.MAVLink(None).decode(bytearray(header + payload + crc.to_bytes(2, "little")))
+
+
+def test_unknown_battery_and_landed_state_leave_what_is_known() -> None:
+    heard = known()
+    assert fold(heard, wire.system_status(battery_percent=-1))
+    assert fold(heard, wire.extended_state(0))
+    assert (heard.battery_percent, heard.on_ground) == (80.0, False)
+
+
+@pytest.mark.parametrize(("state", "on_ground"), [(1, True), (2, False), (3, False), (4, False)])
+def test_landed_states(state: int, on_ground: bool) -> None:
+    heard = known()
+    fold(heard, wire.extended_state(state))
+    assert heard.on_ground is on_ground
+
+
+def test_a_heartbeat_without_custom_mode_has_none() -> None:
+    heard = Heard()
+    fold(heard, wire.heartbeat(custom_mode=4, base_mode=0))
+    assert heard.custom_mode is None
+
+
+def test_contacts_are_the_newest_per_address_bounded_and_forgotten() -> None:
+    heard = Heard()
+    for i in range(MAX_CONTACTS + 10):
+        fold(heard, wire.traffic(i), now=float(i))
+    assert len(heard.contacts) == MAX_CONTACTS
+    assert min(heard.contacts) == 10, "the oldest made room"
+    newest = max(contact.time_s for contact in heard.contacts.values())
+    heard.forget_old_contacts(newest + CONTACT_KEPT_S - 1.5)
+    assert sorted(heard.contacts) == [MAX_CONTACTS + 8, MAX_CONTACTS + 9]
+
+
+def test_traffic_without_heading_or_speed_stands_still() -> None:
+    heard = Heard()
+    assert fold(heard, wire.traffic(5, flags=0x03))
+    assert heard.contacts[5].velocity_ned_mps == (0.0, 0.0, 0.0)
+
+
+# --- texts ---
+
+
+def test_only_warnings_and_worse_are_kept_bounded_and_printable() -> None:
+    heard = Heard()
+    fold(heard, wire.text("just so you know", severity=6))
+    for i in range(MAX_TEXTS + 5):
+        fold(heard, wire.text(f"bad \x1b[31m{i}", severity=3))
+    texts = heard.texts.take(10.0)
+    assert len(texts) == MAX_TEXTS
+    assert texts[-1] == f"bad ?[31m{MAX_TEXTS + 4}"
+    assert heard.texts.take(10.0) == ()
+
+
+def test_chunks_of_a_long_text_are_joined() -> None:
+    heard = Heard()
+    long = "PreArm: " + "x" * 100
+    for chunk in range(3):
+        fold(heard, wire.text(long[50 * chunk : 50 * chunk + 50], number=9, chunk=chunk))
+        if chunk < 2:
+            assert heard.texts.take(10.0) == ()
+    assert heard.texts.take(10.0) == (long,)
+
+
+def test_a_long_text_whose_end_is_lost_comes_as_far_as_it_came() -> None:
+    heard = Heard()
+    fold(heard, wire.text("a" * 50, number=1), now=10.0)
+    fold(heard, wire.text("b" * 50, number=2), now=10.1)
+    assert heard.texts.take(10.2) == ("a" * 50,)
+    assert heard.texts.take(10.2 + COMPLETE_S) == ("b" * 50,)
+
+
+def test_endless_chunks_do_not_gather_without_bound() -> None:
+    heard = Heard()
+    for chunk in range(1000):
+        fold(heard, wire.text("c" * 50, number=3, chunk=chunk % 256))
+    texts = heard.texts.take(12.0)
+    assert len(texts) <= MAX_TEXTS
+    assert max(map(len, texts)) == MAX_CHUNKS * CHUNK
+
+
+def test_a_refusal_is_told_once_and_only_if_it_was_ours() -> None:
+    heard = Heard()
+    fold(heard, wire.ack(400, 4))
+    fold(heard, wire.ack(400, 4))
+    fold(heard, wire.ack(22, 1, system=77))
+    fold(heard, wire.ack(511, 2))
+    assert heard.texts.take(10.0) == ("arming refused: FAILED",)
+    fold(heard, wire.ack(400, 0))
+    fold(heard, wire.ack(400, 1))
+    assert heard.texts.take(10.0) == ("arming refused: TEMPORARILY_REJECTED",)
+
+
+# --- parameters, restarts ---
+
+
+def test_only_watched_parameters_are_remembered() -> None:
+    heard = known()
+    for i in range(100):
+        fold(heard, wire.parameter(f"P{i}", 1.0))
+    assert list(heard.parameters) == ["GUID_TIMEOUT"]
+
+
+def test_an_integer_parameter_may_have_the_bits_of_a_nan() -> None:
+    heard = known()
+    assert fold(heard, wire.parameter("GUID_TIMEOUT", NAN, kind=6))
+
+
+def test_a_restart_forgets_what_does_not_survive_it() -> None:
+    heard = known()
+    fold(heard, wire.local_position(boot_ms=600_000))
+    fold(heard, wire.local_position(boot_ms=599_000))
+    assert heard.origin is not None, "a frame that came late is no restart"
+    heard.texts.take(10.0)
+    fold(heard, wire.local_position(boot_ms=2_000))
+    assert heard.origin is None
+    assert heard.global_ is None
+    assert not heard.parameters
+    assert heard.system_status_s == -INF
+    assert heard.texts.take(10.0) == ("the vehicle restarted",)

@@ -1,0 +1,107 @@
+"""A measured response in a fleet file: there afterwards, and nothing else changed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarm_ctl.core.law.stop_point import TYPICAL
+from swarm_ctl.core.model.plan import Response
+from swarm_ctl.errors import InputError, MissionError
+from swarm_ctl.mission.compile.fleet_file import file_of, read_fleet, with_response
+from swarm_ctl.mission.input import document
+from tests.unit.mission.example import TEXT as MISSION
+
+BARE = MISSION[: MISSION.index("fleet:")]
+FOUND = Response(0.41, 0.52, 2.7)
+TEXT = "{dead_time_s: 0.41, lag_s: 0.52, acceleration_mps2: 2.7}"
+
+ENTRIES = {
+    "- {id: 3, sysid: 13}  # north\n": f"- {{id: 3, sysid: 13, response: {TEXT}}}  # north\n",
+    "- {id: 3,\n     sysid: 13, # here\n    }\n": f"- {{id: 3,\n     sysid: 13, response: {TEXT}, # here\n    }}\n",
+    "- {response: {lag_s: 1}, id: 3}\n": f"- {{response: {TEXT}, id: 3}}\n",
+    "- {id: 3, response: }\n": f"- {{id: 3, response: {TEXT} }}\n",
+    "- id: 3 # north\n    sysid: 13\n": f"- id: 3 # north\n    response: {TEXT}\n    sysid: 13\n",
+    "- sysid: 13\n    id: 3": f"- sysid: 13\n    response: {TEXT}\n    id: 3",
+    "- id: 3": f"- id: 3\n    response: {TEXT}",
+    "- id: 3\n    response:\n": f"- id: 3\n    response: {TEXT}\n",
+    "- id: 3\n    response:\n      lag_s: 1 # old\n      dead_time_s: 2\n\n  # end\n": (
+        "- id: 3\n    response:\n      lag_s: 0.52 # old\n      acceleration_mps2: 2.7\n"
+        "      dead_time_s: 0.41\n\n  # end\n"
+    ),
+}
+
+
+@pytest.mark.parametrize("before", ENTRIES)
+@pytest.mark.parametrize("newline", ["\n", "\r\n"])
+def test_only_the_response_changes(before: str, newline: str) -> None:
+    """However the entry is written; comments, order and line ends stay."""
+    head = "# mine\nversion: 1\nagents:\n  - {id: 30}\n  "
+    written = with_response((head + before).replace("\n", newline), 3, FOUND)
+    assert written == (head + ENTRIES[before]).replace("\n", newline)
+
+
+def test_a_fleet_inside_a_mission() -> None:
+    """The agents of the mission are not those of its fleet."""
+    text = "agents:\n  - {id: 3, start: [0, 0]}\nfleet:\n  agents:\n  - {id: 3}\n"
+    assert with_response(text, 3, FOUND).endswith(f"fleet:\n  agents:\n  - {{id: 3, response: {TEXT}}}\n")
+    assert "start: [0, 0]}\n" in with_response(text, 3, FOUND)
+
+
+def test_twice_is_once() -> None:
+    once = with_response("agents:\n  - id: 3\n", 3, FOUND)
+    assert with_response(once, 3, FOUND) == once
+
+
+@given(dead=st.integers(0, 200), lag=st.integers(2, 500), most=st.integers(1, 200))
+def test_what_is_written_is_what_is_read(dead: int, lag: int, most: int) -> None:
+    found = Response(dead / 100, lag / 100, most / 10)
+    data = document.parse(with_response("agents: [{id: 3}, {id: 4}]", 4, found), "").data
+    assert Response(**data["agents"][1]["response"]) == found
+    assert data["agents"][0] == {"id": 3}
+
+
+def test_an_agent_that_is_not_there() -> None:
+    with pytest.raises(InputError, match="no entry for agent 5"):
+        with_response("agents: [{id: 3}]", 5, FOUND)
+
+
+def test_a_fleet_is_read_without_a_mission(tmp_path: Path) -> None:
+    """Sorted, with what is typical for each autopilot."""
+    path = tmp_path / "fleet.yaml"
+    path.write_text("agents:\n  - {id: 2, autopilot: px4, sysid: 9}\n  - {id: 1, response: {lag_s: 0.7}}\n")
+    first, second = read_fleet(path).agents
+    assert (first.id, first.sysid, first.response.lag_s, first.endpoint) == (1, 1, 0.7, None)
+    assert (second.id, second.sysid, second.response) == (2, 9, TYPICAL["px4"])
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (
+            "agents:\n  - {id: 1, respons: {}}\n",
+            "fleet.yaml:2: agents[0].respons: unknown field; did you mean response?",
+        ),
+        ("agents:\n  - {id: 1}\n  - {id: 1}\n", "fleet.yaml:3: agents[1].id: 1 is taken by agents[0]"),
+        ("agents: []\n", "fleet.yaml:1: agents"),
+        ("agents:\n  - {id: 1, endpoint: 'udpout:h:99999'}\n", "port 99999 is out of range"),
+    ],
+)
+def test_mistakes_have_their_line(tmp_path: Path, text: str, told: str) -> None:
+    path = tmp_path / "fleet.yaml"
+    path.write_text(text)
+    with pytest.raises(MissionError) as refused:
+        read_fleet(path)
+    assert told in str(refused.value)
+
+
+def test_where_the_fleet_of_a_mission_stands(tmp_path: Path) -> None:
+    path = tmp_path / "mission.yaml"
+    for fleet, where in (("fleet: far/away.yaml", tmp_path / "far/away.yaml"), ("fleet: {agents: [{id: 1}]}", path)):
+        path.write_text(f"{BARE}{fleet}\n")
+        assert file_of(path) == where
+    path.write_text(BARE)
+    assert file_of(path) is None

@@ -1,0 +1,330 @@
+"""From file to plan: the paper's hexagon, defaults, the hash, fleets, warnings, writing again."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import re
+import textwrap
+from pathlib import Path
+
+import pytest
+import yaml
+
+from swarm_ctl.core.law import graph
+from swarm_ctl.core.law.stop_point import TYPICAL
+from swarm_ctl.core.model.plan import Compensation, FormStep, HoldStep, LandStep, Policies, Policy, TakeoffStep
+from swarm_ctl.errors import MissionError
+from swarm_ctl.mission.compile.fleet import FleetAgent
+from swarm_ctl.mission.compile.loader import dumps, load, loads
+from swarm_ctl.mission.input.schema import MissionFile
+from swarm_ctl.mission.input.simulation_section import NEUTRAL
+from tests.unit.mission.example import TEXT, edited, without_section
+
+MISSIONS = Path(__file__).parents[4] / "missions"
+
+
+def test_the_hexagon_is_the_papers() -> None:
+    loaded = load(MISSIONS / "hexagon.yaml")
+    plan = loaded.plan
+    links = {agent.id: agent.neighbours for agent in plan.agents}
+    assert links == {1: (2, 3), 2: (1, 6), 3: (1, 5), 4: (5,), 5: (3, 4), 6: (2,)}, "the path 6-2-1-3-5-4"
+    assert graph.edges(links) == ((1, 2), (1, 3), (2, 6), (3, 5), (4, 5))
+    assert [agent.start for agent in plan.agents] == [(14, 16), (12, 12), (10, 18), (6, 12), (6, 16), (14, 10)]
+    assert (plan.law.r, plan.law.r_out, plan.law.r_in, plan.unit_m) == (4.5, 1.5, 0.5, 5)
+    assert (plan.kappa, plan.law.h, plan.tick_s, plan.compensation) == (20, 0.05, 0.05, Compensation.STOP_POINT)
+    takeoff, form, hold, land = plan.steps
+    assert isinstance(takeoff, TakeoffStep)
+    assert takeoff.height_m == 10
+    assert isinstance(form, FormStep)
+    assert (form.tolerance_m, form.settle_s, form.timeout_s) == (0.5, 5, 120)
+    assert isinstance(hold, HoldStep)
+    assert hold.duration_s == 10
+    assert isinstance(land, LandStep)
+    assert plan.policies == Policies(agent_lost=Policy.LAND, station_lost=Policy.LAND)
+    assert loaded.warnings == ()
+
+
+def test_the_hexagon_is_regular_with_side_two() -> None:
+    plan = load(MISSIONS / "hexagon.yaml").plan
+    form = plan.steps[1]
+    assert isinstance(form, FormStep)
+    around = sorted(form.slots, key=lambda slot: math.atan2(slot[1], slot[0]))
+    sides = [math.dist(a, b) for a, b in zip(around, around[1:] + around[:1], strict=True)]
+    assert sides == pytest.approx([2] * 6)
+    assert [math.hypot(*slot) for slot in around] == pytest.approx([2] * 6)
+
+
+@pytest.mark.parametrize("path", sorted(MISSIONS.glob("*.yaml")), ids=lambda path: path.stem)
+def test_every_mission_of_the_project_loads_and_is_written_again(path: Path) -> None:
+    loaded = load(path)
+    again = loads(dumps(loaded.file), str(path))
+    assert again.file == loaded.file
+    assert again.plan == loaded.plan
+    assert again.fleet == loaded.fleet
+
+
+def test_an_agent_needs_little_more_than_a_start() -> None:
+    plan = loads(without_section("fleet").replace("  kappa: 20\n", "")).plan
+    assert (plan.kappa, plan.law.h) == (20, 0.2), "one iteration a tick, kappa * h = 4"
+    assert plan.policies == Policies()
+    assert all(step.timeout_s > 0 for step in plan.steps)
+
+
+def test_without_compensation_the_gain_is_the_papers() -> None:
+    assert loads(edited(("kappa: 20", "compensation: none"))).plan.law.h == 0.005
+
+
+@pytest.mark.parametrize(("height_m", "climb_mps"), [(1, 5), (10, 1), (120, 0.1)])
+def test_time_outs_by_default_leave_room_for_the_height(height_m: float, climb_mps: float) -> None:
+    limits = f"vehicle: {{limits: {{climb_mps: {climb_mps}}}}}\nlaw:"
+    steps = loads(edited(("height_m: 10", f"height_m: {height_m}"), ("law:", limits))).plan.steps
+    assert steps[0].timeout_s > 1.5 * height_m / climb_mps
+    assert steps[-1].timeout_s > 30 + height_m / 0.5
+
+
+# --- numbers and words as YAML has them ---
+
+
+@pytest.mark.parametrize("number", ["5", "5.0", "5.", "+5", "0.5e1", "5e0", "50E-1"])
+def test_numbers_may_be_written_in_any_usual_way(number: str) -> None:
+    assert loads(edited(("unit_m: 5", f"unit_m: {number}"))).plan == loads(TEXT).plan
+
+
+@pytest.mark.parametrize("name", ["on", "no", "y", "010", "1_000", "2026-01-01", "0x1F"])
+def test_words_that_older_yaml_would_turn_into_something_else_stay_words(name: str) -> None:
+    text = edited(("  ring:", f"  {name}:"), ("shape: ring", f"shape: {name}"), ("name: trio", f"name: {name}"))
+    loaded = loads(text)
+    assert (loaded.plan.name, loaded.plan.steps[1].shape) == (name, name)  # type: ignore[union-attr]
+    assert loads(dumps(loaded.file)).file == loaded.file
+
+
+@pytest.mark.parametrize("name", ["'1e3'", "'12'", "'true'", "'null'"])
+def test_words_that_look_like_values_are_written_in_quotes_again(name: str) -> None:
+    loaded = loads(edited(("name: trio", f"name: {name}")))
+    assert loads(dumps(loaded.file)).plan.name == name.strip("'")
+
+
+@pytest.mark.parametrize("land", ["- land: {}", "- land:", "- {land: }", '- "land"'])
+def test_land_may_be_written_short(land: str) -> None:
+    assert loads(edited(("- land\n", land + "\n"))).plan == loads(TEXT).plan
+
+
+# --- the hash ---
+
+
+def test_comments_order_and_the_fleet_do_not_change_the_hash() -> None:
+    top = yaml.safe_load(TEXT)
+    turned = {key: dict(reversed(v.items())) if isinstance(v, dict) else v for key, v in reversed(top.items())}
+    plan = loads(TEXT).plan
+    assert loads(json.dumps(turned)).plan.hash() == plan.hash()
+    assert loads("# a word\n" + TEXT.replace("  r: 4.5", "  r: 4.5   # metres? no: units")).plan.hash() == plan.hash()
+    assert loads(without_section("fleet")).plan.hash() == plan.hash()
+    agents = TEXT[TEXT.index("  - {id: 1, start") : TEXT.index("shapes:")]
+    reordered = "".join(reversed(agents.splitlines(keepends=True)))
+    assert loads(edited((agents, reordered))).plan.hash() == plan.hash()
+
+
+CHANGES = {
+    "name: trio": "name: trios",
+    "-35.36": "-35.361",
+    "149.16": "149.161",
+    "584": "585",
+    "unit_m: 5": "unit_m: 5.001",
+    "tick_s: 0.05": "tick_s: 0.04",
+    "law:": "prepare_timeout_s: 99\nlaw:",
+    "r: 4.5": "r: 4.6",
+    "r_out: 1.5": "r_out: 1.4",
+    "r_in: 0.5": "r_in: 0.4",
+    "kappa: 20": "kappa: 19",
+    "  kappa: 20": "  kappa: 20\n  h: 0.04",
+    "  kappa: 20\n": "  kappa: 20\n  delta_l: 2.1\n",
+    "kappa: 20\n": "kappa: 20\n  delta_a: 0.2\n",
+    "20\n": "20\n  h: 0.05\n  compensation: none\n",
+    "{id: 1, start": "{id: 4, start",
+    "[0, 3]": "[0, 3.1]",
+    "side: 2": "side: 2.1",
+    "count: 3": "count: 3, rotation_deg: 10",
+    "{kind: ring, count: 3, side: 2}": "{kind: column, spacing: 2}",
+    "height_m: 10": "height_m: 11",
+    "height_m: 10}": "height_m: 10, timeout_s: 44}",
+    "shape: ring": "shape: row",
+    "shape: ring}": "shape: ring, tolerance_m: 0.4}",
+    "{shape: ring}": "{shape: ring, settle_s: 4}",
+    "form: {shape: ring}": "form: {shape: ring, slots: fixed}",
+    "duration_s: 10": "duration_s: 11",
+    "duration_s: 10}": "duration_s: 10, timeout_s: 44}",
+    "timeout_s: 60": "timeout_s: 61",
+    "- land\n": "- land: {timeout_s: 44}\n",
+    "agent_lost: land": "agent_lost: hold",
+    "agent_lost: land\n": "agent_lost: land\n  agent_lost_after_s: 4\n",
+    "policies:": "policies:\n  station_lost: continue",
+    "policies:\n": "policies:\n  station_lost_after_s: 4\n",
+    "policies:\n ": "policies:\n  hold_before_land_s: 4\n ",
+    "shapes:": "vehicle: {response: {dead_time_s: 0.3}}\nshapes:",
+    "shapes:\n": "vehicle: {response: {lag_s: 0.3}}\nshapes:\n",
+    "shapes:\n ": "vehicle: {response: {acceleration_mps2: 2}}\nshapes:\n ",
+    "agents:\n  - {id: 1, start": "vehicle: {limits: {speed_mps: 4}}\nagents:\n  - {id: 1, start",
+    "steps:": "vehicle: {limits: {climb_mps: 2}}\nsteps:",
+    "steps:\n": "vehicle: {limits: {descent_mps: 0.6}}\nsteps:\n",
+    "{height_m: 10}": "{height_m: 10, on_timeout: return}",
+    "{shape: ring": "{on_timeout: hold, shape: ring",
+    "  - form: {shape: ring": "  - form: {neighbours: [[1, 2], [1, 3]], shape: ring",
+    "hold: {": "hold: {on_timeout: continue, ",
+    "fleet:": "neighbours: [[1, 2], [1, 3]]\nfleet:",
+    "fleet:\n": "fence: {height_m: 100}\nfleet:\n",
+    "fleet:\n ": "fence: {polygon: [[-10, -10], [-10, 10], [10, 0]]}\nfleet:\n ",
+    "policies:\n  agent_lost": "policies:\n  fence: hold\n  agent_lost",
+    "policies:\n  agent_lost:": "policies:\n  battery_low: return\n  agent_lost:",
+    "policies:\n  agent_lost: ": "policies:\n  battery_reserve_percent: 30\n  agent_lost: ",
+    "policies:\n  agent_lost: l": "policies:\n  too_fast: hold\n  agent_lost: l",
+    "policies:\n  agent_lost: la": "policies:\n  max_speed_mps: 9\n  agent_lost: la",
+    "policies:\n  agent_lost: lan": "policies:\n  max_tilt_deg: 30\n  agent_lost: lan",
+    "policies:\n  agent_lost: land": "policies:\n  return_separation_m: 2\n  agent_lost: land",
+    "policies:\n  a": "policies:\n  wind: hold\n  a",
+    "policies:\n  ag": "policies:\n  wind_limit_mps: 8\n  ag",
+    "policies:\n  agent_lost: land\n": "policies:\n  return_speed_mps: 2\n  agent_lost: land\n",
+}
+
+
+def changed(old: str, new: str) -> str:
+    text = edited((old, new))
+    return text.replace("{id: 1, sysid: 1", "{id: 4, sysid: 1") if "id: 4" in new else text
+
+
+@pytest.mark.parametrize(("old", "new"), CHANGES.items())
+def test_every_value_is_in_the_hash(old: str, new: str) -> None:
+    assert loads(changed(old, new)).plan.hash() != loads(TEXT).plan.hash()
+
+
+def test_the_changes_above_reach_every_field_of_a_plan() -> None:
+    """A field added to the plan has to be added to CHANGES, too: this counts the leaves that they reach."""
+
+    def leaves(value: object, name: str = "") -> dict[str, object]:
+        if dataclasses.is_dataclass(value) and not isinstance(value, type):
+            value = {f"{type(value).__name__}.{f.name}": getattr(value, f.name) for f in dataclasses.fields(value)}
+        if isinstance(value, dict):
+            return {k: v for key, inner in value.items() for k, v in leaves(inner, key).items()}
+        if isinstance(value, tuple) and value and dataclasses.is_dataclass(value[0]):
+            merged: dict[str, object] = {}
+            for inner in value:
+                for key, leaf in leaves(inner, name).items():
+                    merged[key] = (merged.get(key), leaf)
+            return merged
+        return {name: value}
+
+    before = leaves(loads(TEXT).plan)
+    reached = set()
+    for old, new in CHANGES.items():
+        after = leaves(loads(changed(old, new)).plan)
+        reached |= {key for key in before.keys() | after.keys() if before.get(key) != after.get(key)}
+    constant = {f"{kind}.kind" for kind in ("TakeoffStep", "FormStep", "HoldStep", "LandStep")}
+    constant.add("LandStep.on_timeout")  # always to land
+    assert set(before) - reached <= constant
+
+
+# --- fleets ---
+
+
+def test_the_fleet_has_one_entry_per_agent_sorted() -> None:
+    fleet = loads(TEXT).fleet
+    assert fleet.agents == (
+        FleetAgent(1, 1, "ardupilot", "udpout:10.0.0.1:14550", "tcp/10.0.0.1:7447"),
+        FleetAgent(2, 2, "ardupilot", "udpout:10.0.0.2:14550", "tcp/10.0.0.2:7447"),
+        FleetAgent(3, 3, "px4", response=TYPICAL["px4"]),
+    )
+    assert fleet.agent(3).autopilot == "px4"
+    with pytest.raises(KeyError):
+        fleet.agent(4)
+
+
+def test_without_a_fleet_all_are_simulated() -> None:
+    assert loads(without_section("fleet")).fleet.agents == tuple(FleetAgent(k, k, "ardupilot") for k in (1, 2, 3))
+
+
+def test_the_same_mission_flies_with_another_fleet(tmp_path: Path) -> None:
+    (tmp_path / "outdoors.yaml").write_text(
+        "version: 1\nagents:\n" + "".join(f"  - {{id: {k}, sysid: {k + 10}}}\n" for k in (1, 2, 3, 4))
+    )
+    named = tmp_path / "named.yaml"
+    named.write_text(without_section("fleet") + "fleet: outdoors.yaml\n")
+    inline = tmp_path / "inline.yaml"
+    inline.write_text(TEXT)
+    by_name, by_argument = load(named), load(inline, fleet=tmp_path / "outdoors.yaml")
+    assert [entry.sysid for entry in by_name.fleet.agents] == [11, 12, 13]
+    assert by_name.fleet == by_argument.fleet
+    assert by_name.plan == by_argument.plan == load(inline).plan
+    assert [w.partition(" ")[2] for w in by_name.warnings] == ["fleet.agents[3]: agent 4 is not in this mission"]
+    assert by_name.warnings[0].startswith(f"{tmp_path / 'outdoors.yaml'}:6:")
+
+
+def test_mistakes_in_a_fleet_file_are_shown_in_that_file(tmp_path: Path) -> None:
+    fleet = tmp_path / "fleet.yaml"
+    fleet.write_text("agents:\n  - {id: 1}\n  - {id: 2, sysid: 1}\n  - {id: 3}\nagents: []\n")
+    mission = tmp_path / "m.yaml"
+    mission.write_text(without_section("fleet") + "fleet: fleet.yaml\n")
+    with pytest.raises(MissionError) as caught:
+        load(mission)
+    assert [(p.where, p.field) for p in caught.value.problems] == [
+        (f"{fleet}:3", "fleet.agents[1].sysid"),
+        (f"{fleet}:5", "fleet.agents"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("content", "line_in_fleet", "what"),
+    [(None, None, "can't be read"), ("", 1, "is empty"), ("a: [", 1, "YAML"), ("- 1", 1, "is a list")],
+)
+def test_unreadable_fleet_files(tmp_path: Path, content: str | None, line_in_fleet: int | None, what: str) -> None:
+    fleet, mission = tmp_path / "f.yaml", tmp_path / "m.yaml"
+    if content is not None:
+        fleet.write_text(content)
+    mission.write_text(without_section("fleet") + "fleet: f.yaml\n")
+    with pytest.raises(MissionError) as caught:
+        load(mission)
+    (problem,) = caught.value.problems
+    expected = f"{mission}:31" if line_in_fleet is None else f"{fleet}:{line_in_fleet}"
+    assert (problem.where, problem.field) == (expected, "fleet")
+    assert what in problem.what
+    assert "f.yaml" in str(problem)
+
+
+# --- warnings ---
+
+
+@pytest.mark.parametrize(
+    ("edit", "line", "text"),
+    [
+        (("[0, 3]", "[0, 1]"), 11, "agents: agents 1 and 2 start 5 m apart, inside each other's avoidance region"),
+        (("- [0, 4]", "- [0, 5]"), 27, "steps[3].form.shape: row stretches the link"),
+        (("r_in: 0.5", "r_in: 0.1"), 9, "law.r_in: 0.5 m"),
+        (("  kappa: 20", "  kappa: 20\n  h: 0.05\n  compensation: none"), 12, "law.compensation: none, with kappa"),
+        (("  kappa: 20", "  kappa: 20\n  h: 0.3"), 11, "law.h: kappa * h = 6"),
+        (("shape: row", "shape: ring"), 17, "shapes.row: no step forms it"),
+    ],
+)
+def test_what_is_allowed_but_doubtful_is_said(edit: tuple[str, str], line: int, text: str) -> None:
+    (warning,) = loads(edited(edit), "trio.yaml").warnings
+    assert warning.startswith(f"trio.yaml:{line}: {text}")
+
+
+# --- the handbook ---
+
+
+def test_the_examples_in_the_missions_readme_are_right() -> None:
+    mission, faults, fleet = re.findall(r"```yaml\n(.*?)```", (MISSIONS / "README.md").read_text(), re.DOTALL)
+    assert len(loads(mission + faults).file.simulation.faults) == 2
+    loaded = loads(mission + "fleet:\n" + textwrap.indent(fleet, "  "))
+    assert loaded.plan == loads(mission).plan
+    assert [entry.sysid for entry in loaded.fleet.agents] == [11, 12]
+    assert loaded.warnings == ()
+
+
+def test_the_missions_readme_names_every_field_and_every_mission() -> None:
+    text = (MISSIONS / "README.md").read_text()
+    schema = MissionFile.model_json_schema()
+    fields = {name for section in (schema, *schema["$defs"].values()) for name in section.get("properties", ())}
+    fields -= set(NEUTRAL)  # the simulator's own README has them
+    assert {name for name in fields if f"`{name}`" not in text} <= {"lat_deg", "lon_deg", "alt_m", "origin", "kind"}
+    assert {path.name for path in MISSIONS.glob("*.yaml") if f"`{path.name}`" not in text} == set()

@@ -1,0 +1,138 @@
+"""The numbers of a flight."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from swarm_ctl.core.law import formation
+from swarm_ctl.report.folder.files import Damage
+from swarm_ctl.report.folder.metrics import (
+    Flight,
+    closest_approach,
+    flight_of,
+    formation_error,
+    last_number,
+    longest_link,
+    time_to_settle,
+)
+from swarm_ctl.report.folder.truth import Bools, Floats, Truth
+
+metres = st.floats(-500, 500, allow_nan=False)
+slots = hnp.arrays(np.float64, (4, 2), elements=metres)
+paths = hnp.arrays(np.float64, (3, 4, 2), elements=metres)
+alive = hnp.arrays(np.bool_, (3, 4))
+
+
+def _flight(points: Floats, live: Bools | None = None) -> Flight:
+    moments = len(points)
+    return Flight(np.linspace(0.0, 1.0, moments), points, np.ones(points.shape[:2], bool) if live is None else live)
+
+
+@given(paths, slots, alive)
+def test_formation_error_is_the_laws_over_the_live_agents(points, slots, live) -> None:  # type: ignore[no-untyped-def]
+    found = formation_error(_flight(points, live), slots)
+    for k in range(3):
+        chosen = live[k]
+        if chosen.any():
+            assert found[k] == pytest.approx(
+                float(formation.formation_error(points[k, chosen], slots[chosen])), abs=1e-9
+            )
+        else:
+            assert np.isnan(found[k])
+
+
+@given(paths, slots, alive, st.tuples(metres, metres))
+def test_formation_error_does_not_see_where_the_shape_stands(points, slots, live, shift) -> None:  # type: ignore[no-untyped-def]
+    here, there = formation_error(_flight(points, live), slots), formation_error(_flight(points + shift, live), slots)
+    np.testing.assert_allclose(here, there, atol=1e-6)
+
+
+def test_a_vehicle_without_truth_does_not_spoil_the_others() -> None:
+    points = np.zeros((1, 3, 2))
+    points[0, 1] = np.nan
+    live = np.array([[True, False, True]])
+    np.testing.assert_array_equal(formation_error(_flight(points, live), np.zeros((3, 2))), [0.0])
+
+
+TIMES = np.arange(0, 20.05, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("under", "expected"),
+    [
+        ([(3.0, 20.0)], 2.0),
+        ([(3.0, 7.9), (9.0, 20.0)], 8.0),
+        ([(3.0, 8.0)], 2.0),
+        ([(0.0, 20.0)], 0.0),
+        ([(3.0, 7.8)], None),
+        ([(16.0, 20.0)], None),
+        ([(12.1, 20.0)], None),
+        ([(12.0, 20.0)], 11.0),
+        ([], None),
+    ],
+)
+def test_time_to_settle(under: list[tuple[float, float]], expected: float | None) -> None:
+    """The form step starts at 1 s, the landing at 12 s, and the shape has to stand for 5 s."""
+    error = np.full(len(TIMES), 3.0)
+    for start, end in under:
+        error[np.abs(TIMES - (start + end) / 2) <= (end - start) / 2 + 0.01] = 0.4
+    found = time_to_settle(TIMES, error, 1.0, 12.0, tolerance_m=0.5, settle_s=5.0)
+    assert found == (None if expected is None else pytest.approx(expected))
+
+
+def test_the_tolerance_itself_is_not_under_it_and_nan_is_not_either() -> None:
+    assert time_to_settle(TIMES, np.full(len(TIMES), 0.5), 0.0, 20.0, 0.5, 5.0) is None
+    assert time_to_settle(TIMES, np.full(len(TIMES), np.nan), 0.0, 20.0, 0.5, 5.0) is None
+    assert time_to_settle(np.zeros(0), np.zeros(0), 0.0, 20.0, 0.5, 5.0) is None
+
+
+@given(hnp.arrays(np.float64, 40, elements=st.sampled_from([0.1, 0.9, np.nan])), st.integers(0, 39), st.integers(0, 8))
+def test_time_to_settle_is_the_first_window_that_holds(error, start, window) -> None:  # type: ignore[no-untyped-def]
+    times = np.arange(40.0)
+    found = time_to_settle(times, error, float(start), 39.0, 0.5, float(window))
+    wanted = next((k for k in range(start, 40 - window) if all(error[k : k + window + 1] < 0.5)), None)
+    assert found == (None if wanted is None else wanted - start)
+
+
+def test_longest_link_counts_only_links_with_two_live_ends() -> None:
+    points = np.array([[[0, 0], [3, 4], [0, 90]], [[0, 0], [6, 8], [0, 1]]], dtype=float)
+    live = np.array([[True, True, False], [True, True, True]])
+    assert longest_link(_flight(points, live), [(0, 1), (0, 2)]) == (10.0, (0, 1))
+    assert longest_link(_flight(points), [(0, 1), (0, 2)]) == (90.0, (0, 2))
+    assert longest_link(_flight(points, np.zeros((2, 3), bool)), [(0, 1)]) is None
+
+
+def _truth() -> Truth:
+    return Truth(
+        sysids=(7, 9),
+        time_s=np.array([0.0, 1.0, 2.0]),
+        position_ned_m=np.arange(18.0).reshape(3, 2, 3),
+        airborne=np.array([[False, True], [True, True], [True, True]]),
+        minima={(7, 9): 2.0, (7, 8): 1.5},
+        events=(),
+        last_s=2.0,
+        complete=True,
+        damage=Damage(),
+    )
+
+
+def test_a_flight_has_the_plans_order_and_the_agents_lives() -> None:
+    flight = flight_of(_truth(), (9, 8, 7), (1.0, np.inf, np.inf))
+    np.testing.assert_array_equal(flight.points_m[0, 0], [3.0, 4.0])
+    np.testing.assert_array_equal(flight.points_m[0, 2], [0.0, 1.0])
+    assert np.isnan(flight.points_m[:, 1]).all()
+    np.testing.assert_array_equal(flight.live, [[True, False, False], [True, False, True], [False, False, True]])
+    np.testing.assert_array_equal(flight.during(1.0, 1.5).time_s, [1.0])
+
+
+def test_closest_approach() -> None:
+    assert closest_approach(_truth()) == (1.5, (7, 8))
+
+
+def test_last_number() -> None:
+    assert last_number(np.array([1.0, 2.0, np.nan])) == 2.0
+    assert last_number(np.array([np.nan])) is None

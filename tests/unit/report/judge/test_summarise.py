@@ -1,0 +1,381 @@
+"""From a run folder to its summary, whatever is left of the folder."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from swarm_ctl.core.law.formation import formation_error
+from swarm_ctl.core.model.messages import Event, Phase, StepResult
+from swarm_ctl.errors import InputError
+from swarm_ctl.report.judge.summarise import summarise
+from swarm_ctl.report.judge.summary import Summary, read_summary, summary_schema, write_summary
+from swarm_ctl.report.page.flight_history import read_history
+from tests.unit.report.run_folders import (
+    END,
+    EXIT_CODES,
+    FORM,
+    FORMED,
+    HOLD,
+    LAND,
+    LIFTOFF,
+    PLAN,
+    STEPS,
+    SYSIDS,
+    TOUCHDOWN,
+    account,
+    manifest,
+    position,
+    true_minimum,
+    truth_lines,
+    write_lines,
+    write_run,
+    write_status,
+)
+from tests.unit.station.swarm import HEXAGON, status_of
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    return write_run(tmp_path)
+
+
+def _error_m(t: float, agents: tuple[int, ...] = (1, 2, 3, 4, 5, 6)) -> float:
+    slots = [(5 * HEXAGON[i - 1][0], 5 * HEXAGON[i - 1][1]) for i in agents]
+    return float(formation_error([position(i, t)[:2] for i in agents], slots))
+
+
+def test_a_completed_run(run: Path) -> None:
+    summary = summarise(run, EXIT_CODES)
+    assert (summary.outcome, summary.reason, summary.notes) == ("completed", "", ())
+    formed = next(k / 10 for k in range(int(FORM * 10), int(END * 10)) if _error_m(k / 10) < 0.5)
+    assert FORM < formed < FORMED
+    assert summary.time_to_form_s == pytest.approx(formed - FORM)
+    assert summary.formation_error_m == pytest.approx(0.0, abs=1e-6)
+    distance, pair = true_minimum()
+    assert summary.min_true_distance_m == pytest.approx(distance)
+    assert summary.min_true_pair == pair
+    assert (summary.r_in_m, summary.r_m) == (2.5, 22.5)
+    assert summary.longest_link_pair is not None
+    i, j = summary.longest_link_pair
+    assert j in PLAN.agent(i).neighbours
+    lengths = {
+        math.dist(position(a.id, k / 10)[:2], position(b, k / 10)[:2]): (a.id, b)
+        for a in PLAN.agents
+        for b in a.neighbours
+        for k in range(int(FORM * 10), int(LAND * 10) + 1)
+    }
+    assert summary.longest_link_m == pytest.approx(max(lengths))
+    assert {i, j} == set(lengths[max(lengths)])
+    assert (summary.mission_time_s, summary.wall_time_s, summary.speedup) == (END, END / 5, 5.0)
+    assert summary.exit_codes == EXIT_CODES
+
+
+def test_steps_counts_links_and_versions_of_a_completed_run(run: Path) -> None:
+    summary = summarise(run, EXIT_CODES)
+    assert [(step.step, step.name, step.result, step.exceptions) for step in summary.steps] == [
+        (0, "prepare", "done", {}),
+        (1, "takeoff", "done", {}),
+        (2, "form hexagon", "done", {}),
+        (3, "hold", "done", {}),
+        (4, "land", "done", {}),
+    ]
+    assert [(step.start_s, step.end_s) for step in summary.steps[2:4]] == [(FORM, HOLD), (HOLD, LAND)]
+    assert summary.steps[2].time_to_form_s == summary.time_to_form_s
+    assert summary.sigma_status == {"paper": 30, "narrow": 6, "inactive": 12, "overspeed": 0}
+    assert (summary.overspeed, summary.setpoint_rate_hz) == (0, 20.0)
+    assert (summary.tick.count, summary.tick.overruns, summary.tick.late_p99_ms) == (3000, 0, 1.3)
+    assert len(summary.links) == 30
+    assert {(link.age_p50_s, link.age_p99_s, link.loss) for link in summary.links} == {(0.02, 0.05, 0.01)}
+    assert [(agent.agent, agent.sysid, agent.account) for agent in summary.agents] == [
+        (i, sysid, "final") for i, sysid in zip(range(1, 7), SYSIDS, strict=True)
+    ]
+    assert summary.truth is not None
+    assert (summary.truth.first_liftoff_s, summary.truth.last_touchdown_s) == (LIFTOFF, TOUCHDOWN)
+    assert (summary.truth.complete, summary.truth.collisions) == (True, ())
+    assert summary.events == {"warning": 1, "info": 6}
+    assert (summary.mission, summary.mission_file, summary.swarm) == ("hexagon", "missions/hexagon.yaml", "swarm")
+    assert summary.plan_hash == manifest().plan_hash
+    assert summary.started_at == "2026-03-01T12:30:00+00:00"
+    assert summary.versions == {"swarm-ctl": "0.1.0"}
+
+
+def test_the_worst_tick_and_the_slowest_agent_stand_for_all(run: Path) -> None:
+    made = account(4)
+    write_status(run, replace(made, setpoint_rate_hz=17.5, tick=replace(made.tick, late_p99_ms=9.0, overruns=3)))
+    summary = summarise(run, EXIT_CODES)
+    assert (summary.setpoint_rate_hz, summary.tick.late_p99_ms, summary.tick.overruns) == (17.5, 9.0, 3)
+
+
+# --- outcomes ---
+
+
+def _abort(run: Path, *aborted: int, failed: tuple[int, ...] = ()) -> None:
+    broken = (*STEPS[:2], StepResult("form hexagon", "aborted", FORM, 28.0))
+    for i in range(1, 7):
+        outcome, reason = ("failed", "agent 1 broke the mission off") if i in failed else ("completed", "")
+        if i in aborted:
+            outcome, reason = "aborted", "landed by the operator"
+        write_status(run, account(i, outcome=outcome, reason=reason, step=2, steps=broken))
+
+
+def test_an_operators_landing_is_aborted(run: Path) -> None:
+    _abort(run, 1, 2, 3, 4, 5, 6)
+    summary = summarise(run, EXIT_CODES)
+    assert (summary.outcome, summary.reason) == ("aborted", "agents 1-6: landed by the operator")
+    assert summary.time_to_form_s is None
+    assert summary.formation_error_m == pytest.approx(_error_m(28.0))
+    assert [step.result for step in summary.steps] == ["done", "done", "aborted", "not reached", "not reached"]
+    assert summary.steps[3].exceptions == {}
+
+
+def test_agents_that_saw_the_others_land_first_do_not_make_it_a_failure(run: Path) -> None:
+    _abort(run, 1, 2, 3, failed=(4, 5, 6))
+    codes = EXIT_CODES | {"agent-4": 1, "agent-5": 1, "agent-6": 1}
+    assert summarise(run, codes).outcome == "aborted"
+
+
+def test_an_agent_that_fails_is_named_with_its_reason(run: Path) -> None:
+    write_status(run, account(4, outcome="failed", reason="no position from the vehicle for 3 s"))
+    summary = summarise(run, EXIT_CODES | {"agent-4": 1})
+    assert (summary.outcome, summary.reason) == ("failed", "agent 4: no position from the vehicle for 3 s")
+
+
+@pytest.mark.parametrize(("code", "words"), [(-9, "ended by SIGKILL"), (3, "exited with 3"), (1, "exited with 1")])
+def test_a_process_that_ended_badly_makes_it_a_failure(run: Path, code: int, words: str) -> None:
+    summary = summarise(run, EXIT_CODES | {"sim": code})
+    assert summary.outcome == "failed"
+    assert words in summary.reason
+    assert "sim" in summary.reason
+
+
+def test_an_operators_landing_that_not_everybody_survived_is_a_failure(run: Path) -> None:
+    _abort(run, 1, 2, 3, 4, 5)
+    (run / "agents" / "6.json").unlink()
+    assert summarise(run, EXIT_CODES | {"agent-6": -9}).outcome == "failed"
+
+
+def test_a_killed_agents_last_words_stand_in(run: Path) -> None:
+    """Agent 3 is killed at 30 s, long before the shape stands; its vehicle hovers on and no longer counts."""
+    (run / "agents" / "3.json").unlink()
+    broken = (*STEPS[:2], StepResult("form hexagon", "aborted", FORM, 33.1))
+    for i in (1, 2, 4, 5, 6):
+        reason = "agent 3 has not been heard for 3 s"
+        write_status(run, account(i, outcome="failed", reason=reason, steps=broken))
+    write_lines(run / "statuses.jsonl", *(status_of(PLAN, 3, t) for t in (25.0, 29.6)))
+    summary = summarise(run, EXIT_CODES | {"agent-3": -9} | {f"agent-{i}": 1 for i in (1, 2, 4, 5, 6)})
+    assert summary.outcome == "failed"
+    assert summary.reason == (
+        "agent-3 was ended by SIGKILL; agent 3 left no account; last heard at 29.6 s in phase fly; "
+        "agents 1-2, 4-6: agent 3 has not been heard for 3 s"
+    )
+    third = summary.agents[2]
+    assert (third.account, third.outcome, third.time_s) == ("last heard", "running", 29.6)
+    assert summary.steps[2].result == "aborted"
+    assert summary.steps[2].exceptions == {1: "aborted", 2: "aborted", 3: "running"} | dict.fromkeys(
+        (4, 5, 6), "aborted"
+    )
+    assert summary.formation_error_m == pytest.approx(_error_m(33.1, (1, 2, 4, 5, 6)), abs=1e-6)
+    assert any("3.json" in note for note in summary.notes)
+
+
+def test_an_agent_lives_as_long_as_it_was_heard_and_the_plans_time_more(run: Path) -> None:
+    (run / "agents" / "3.json").unlink()
+    broken = (*STEPS[:2], StepResult("form hexagon", "aborted", FORM, 28.0))
+    for i in (1, 2, 4, 5, 6):
+        write_status(run, account(i, outcome="failed", reason="x", steps=broken))
+    write_lines(run / "statuses.jsonl", status_of(PLAN, 3, 26.0))
+    assert summarise(run).formation_error_m == pytest.approx(_error_m(28.0))
+    write_lines(run / "statuses.jsonl", status_of(PLAN, 3, 24.0))
+    assert summarise(run).formation_error_m == pytest.approx(_error_m(28.0, (1, 2, 4, 5, 6)))
+
+
+def test_unknown_exit_codes_are_null_and_no_reproach(run: Path) -> None:
+    summary = summarise(run)
+    assert (summary.outcome, summary.exit_codes) == ("completed", None)
+
+
+# --- damage ---
+
+FILES = ["run.json", "truth.jsonl", "statuses.jsonl", "events.jsonl", "agents/4.json"]
+
+
+def _named(notes: tuple[str, ...], name: str) -> bool:
+    return any(name in note for note in notes)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_missing_file_is_noted_and_the_run_is_not_completed(run: Path, name: str) -> None:
+    (run / name).unlink()
+    summary = summarise(run, EXIT_CODES)
+    assert summary.outcome == "failed"
+    assert summary.reason
+    assert _named(summary.notes, name)
+    write_summary(run, summary)
+    assert read_summary(run) == summary
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_file_torn_anywhere_is_noted_and_the_run_is_not_completed(run: Path, name: str) -> None:
+    whole = (run / name).read_bytes()
+    for share in (0.0, 0.1, 0.5, 0.9, 0.999):
+        length = int(share * len(whole))
+        while length and whole[length - 1 : length] == b"\n":
+            length -= 1
+        (run / name).write_bytes(whole[:length])
+        summary = summarise(run, EXIT_CODES)
+        if length or name not in ("statuses.jsonl", "events.jsonl"):  # an empty one may just have had nothing to tell
+            assert summary.outcome == "failed", share
+            assert _named(summary.notes, name)
+
+
+def test_a_truth_that_ends_in_flight_still_tells_what_it_saw(run: Path) -> None:
+    text = "\n".join(truth_lines(until_s=35.0)) + '\n{"type":"state","t":35.1,"ned":[[1'
+    (run / "truth.jsonl").write_text(text)
+    summary = summarise(run, EXIT_CODES | {"sim": -9})
+    assert summary.outcome == "failed"
+    assert summary.time_to_form_s is None
+    assert summary.formation_error_m == pytest.approx(0.0, abs=1e-6)
+    assert summary.min_true_distance_m is not None
+    assert summary.truth is not None
+    assert not summary.truth.complete
+    assert len([note for note in summary.notes if "truth.jsonl" in note]) == 2
+
+
+def test_an_empty_folder_gives_a_summary(tmp_path: Path) -> None:
+    summary = summarise(tmp_path, {"sim": -9})
+    assert (summary.outcome, summary.mission, summary.steps) == ("failed", None, ())
+    assert summary.reason.startswith("sim was ended by SIGKILL")
+    assert len(summary.notes) == 4
+    assert read_summary(write_summary(tmp_path, summary).parent) == summary
+
+
+def test_without_a_manifest_the_agents_are_those_that_left_a_trace(run: Path) -> None:
+    (run / "run.json").unlink()
+    (run / "agents" / "3.json").unlink()
+    summary = summarise(run, EXIT_CODES)
+    assert [(agent.agent, agent.account) for agent in summary.agents][2] == (3, "last heard")
+    assert len(summary.agents) == 6
+    assert summary.min_true_distance_m is not None
+    assert summary.min_true_pair is None
+
+
+def test_nothing_at_all_known_of_an_agent(run: Path) -> None:
+    (run / "agents" / "5.json").unlink()
+    write_lines(run / "statuses.jsonl", *(account(i) for i in (1, 2, 3, 4, 6)))
+    summary = summarise(run, EXIT_CODES | {"agent-5": 3})
+    assert summary.reason.startswith("agent 5 left no account")
+    assert summary.agents[4].outcome == "unknown"
+    assert summary.steps[2].exceptions == {5: "not reached"}
+    assert summary.steps[2].result == "not reached"
+
+
+def test_vehicles_nobody_knows_are_noted(run: Path) -> None:
+    lines = truth_lines()
+    header = json.loads(lines[0])
+    header["sysids"][0] = 99
+    (run / "truth.jsonl").write_text("\n".join([json.dumps(header), *lines[1:]]) + "\n")
+    summary = summarise(run, EXIT_CODES)
+    assert summary.outcome == "failed"
+    assert "sysid 11, 99" in summary.reason
+
+
+def test_a_collision_is_told(run: Path) -> None:
+    with (run / "truth.jsonl").open("a") as file:
+        file.write('{"type":"event","t":61.0,"sysid":12,"event":"collision"}\n')
+    summary = summarise(run, EXIT_CODES)
+    assert summary.truth is not None
+    assert summary.truth.collisions == (12,)
+
+
+def test_results_this_program_does_not_know_are_no_success(run: Path) -> None:
+    steps = (*STEPS[:3], replace(STEPS[3], result="skipped"), STEPS[4])
+    write_status(run, account(2, steps=steps))
+    step = summarise(run, EXIT_CODES).steps[3]
+    assert (step.result, step.exceptions) == ("running", {2: "running"})
+
+
+# --- the schema ---
+
+
+def test_the_schema_names_what_later_tools_read() -> None:
+    schema = summary_schema()
+    wanted = {
+        "schema_version", "mission", "outcome", "reason", "steps", "time_to_form_s", "formation_error_m",
+        "min_true_distance_m", "min_true_pair", "r_in_m", "longest_link_m", "r_m", "sigma_status", "overspeed",
+        "setpoint_rate_hz", "tick", "links", "exit_codes", "speedup", "wall_time_s", "mission_time_s", "versions",
+        "notes",
+    }  # fmt: skip
+    assert wanted <= set(schema["properties"])
+    assert schema["properties"]["outcome"]["enum"] == ["completed", "failed", "aborted"]
+    assert "horizontal" in schema["properties"]["min_true_distance_m"]["description"]
+
+
+def test_a_summary_comes_back_as_it_was(run: Path) -> None:
+    summary = summarise(run, EXIT_CODES)
+    path = write_summary(run, summary)
+    data: dict[str, Any] = json.loads(path.read_text())
+    assert data["outcome"] == "completed"
+    assert data["min_true_pair"] == list(true_minimum()[1])
+    assert read_summary(run) == summary
+    path.write_text(json.dumps(data | {"surplus": 1}))
+    with pytest.raises(InputError, match="surplus"):
+        read_summary(run)
+
+
+def test_writing_twice_leaves_one_whole_file(run: Path) -> None:
+    before = {path.name for path in run.iterdir()}
+    write_summary(run, summarise(run))
+    write_summary(run, summarise(run, EXIT_CODES))
+    assert {path.name for path in run.iterdir()} - before == {"summary.json"}
+    assert read_summary(run).exit_codes == EXIT_CODES
+
+
+def test_no_summary_is_an_input_error(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"summary\.json"):
+        read_summary(tmp_path)
+
+
+def test_summarise_only_reads(run: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
+    copy = tmp_path_factory.mktemp("copy") / "run"
+    shutil.copytree(run, copy)
+    summarise(copy, EXIT_CODES)
+    assert {p.relative_to(copy): p.read_bytes() for p in copy.rglob("*") if p.is_file()} == {
+        p.relative_to(run): p.read_bytes() for p in run.rglob("*") if p.is_file()
+    }
+
+
+def test_events_and_phases_do_not_decide(run: Path) -> None:
+    """An error event alone is no failure: the agents' own words are."""
+    write_lines(run / "events.jsonl", Event(1, 30.0, "error", "something loud"))
+    write_status(run, account(1, phase=Phase.LAND))
+    summary = summarise(run, EXIT_CODES)
+    assert (summary.outcome, summary.events) == ("completed", {"error": 1})
+    assert isinstance(summary, Summary)
+
+
+def test_a_formation_is_judged_by_who_has_which_slot(run: Path) -> None:
+    """Agents 2 and 3 say that they exchanged slots, and fly to their first ones all the same: no formation since."""
+    for agent, role in ((2, 2), (3, 1)):
+        write_status(run, account(agent, roles=((HOLD, role),)))
+    summary = summarise(run, EXIT_CODES)
+    gap_m = 5 * math.dist(HEXAGON[1], HEXAGON[2])
+    assert summary.formation_error_m == pytest.approx(gap_m)
+    assert summary.time_to_form_s is not None  # before the exchange
+    assert summary.safety is not None
+    assert summary.safety.exchanges == 1
+    errors = read_history(run).errors()
+    assert math.dist(errors[int(FORMED * 10) + 1, 1], errors[int(FORMED * 10) + 1, 0]) == pytest.approx(0.0, abs=1e-6)
+    assert math.dist(errors[int(HOLD * 10) + 2, 1], errors[int(HOLD * 10) + 2, 0]) == pytest.approx(gap_m)
+
+
+def test_a_role_that_no_plan_has_is_left_out(run: Path) -> None:
+    """An account may be anything; its agent keeps its own slot then."""
+    write_status(run, account(2, roles=((HOLD, 99), (HOLD, -4))))
+    assert summarise(run, EXIT_CODES).formation_error_m == pytest.approx(0.0, abs=1e-6)

@@ -1,0 +1,175 @@
+"""The report's page and figures, and the numbers they are drawn from."""
+
+from __future__ import annotations
+
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from swarm_ctl.core.model.messages import AgentState, Event, Payload, SigmaReport
+from swarm_ctl.errors import InputError
+from swarm_ctl.recording import RECORDING
+from swarm_ctl.recording.recorder import Recorder
+from swarm_ctl.report.page.figures import FIGURES
+from swarm_ctl.report.page.flight_history import read_history
+from swarm_ctl.report.page.html_page import PAGE, make_comparison, make_report
+from tests.unit.report.run_folders import FORM, FORMED, LAND, LIFTOFF, PLAN, account, position, true_minimum, write_run
+from tests.unit.station.swarm import report_of, state_of, status_of
+
+
+def said() -> list[Payload]:
+    """What the station heard of the flight, thinly."""
+    found: list[Payload] = []
+    for t in np.arange(LIFTOFF, LAND, 0.5).tolist():
+        for agent in range(1, 7):
+            found.append(state_of(PLAN, agent, t, velocity_ned_mps=(0.5, 0.0, 0.0), commanded_mps=(1.0, 0.0)))
+            charge = 10.0 if agent == 4 and t > 30.0 else 90.0
+            found.append(status_of(PLAN, agent, t, links=account(agent).links, battery_percent=charge))
+    found += [Event(2, 25.0, "warning", "vehicle: EKF variance"), Event(1, LAND, "info", "ended: completed")]
+    found.append(SigmaReport(4, 25.0, (0.0, 0.0), (0.1, 0.0), (report_of(5, 1.2),)))
+    return found
+
+
+@pytest.fixture(scope="module")
+def reported(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The run with its report made."""
+    folder = _record(tmp_path_factory.mktemp("made") / "run")
+    make_report(folder)
+    return folder
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    """A whole run with a recording."""
+    return _record(tmp_path / "run")
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Which figures are drawn, without drawing them."""
+    monkeypatch.setattr("swarm_ctl.report.page.html_page.save", _touch)
+
+
+def _touch(made: Figure, folder: Path, name: str) -> list[Path]:
+    (folder / f"{name}.png").write_bytes(b"")
+    return [folder / f"{name}.png"] * 2
+
+
+def _record(folder: Path) -> Path:
+    folder.mkdir()
+    write_run(folder)
+    recorder = Recorder(folder, 0, {})
+    for payload in said():
+        recorder.take(payload, getattr(payload, "time_s", 0.0))
+    recorder.close()
+    return folder
+
+
+class Outside(HTMLParser):
+    """Collects what a page would fetch from elsewhere, and its images."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.fetched: list[str] = []
+        self.images = 0
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        for name, content in attrs:
+            if name in ("src", "href"):
+                self.images += tag == "img"
+                if not (content or "").startswith("data:"):
+                    self.fetched.append(content or "")
+        if tag in ("script", "link", "iframe"):
+            self.fetched.append(tag)
+
+
+def test_the_page_needs_nothing_beside_it(reported: Path) -> None:
+    """All images inside, nothing fetched; every figure as PNG and SVG, too."""
+    text = (reported / PAGE).read_text()
+    page = Outside()
+    page.feed(text)
+    assert page.fetched == []
+    assert page.images == len(FIGURES)
+    assert {path.name for path in (reported / "figures").iterdir()} == {
+        f"{name}.{kind}" for name, _ in FIGURES for kind in ("png", "svg")
+    }
+    assert "http" not in re.sub(r"data:[^\"]+", "", text)
+
+
+def test_summary_and_alarms_are_told(reported: Path) -> None:
+    """The outcome, each figure's number, the station's alarms and the agents' warnings; plain events are none."""
+    text = re.sub(r"<[^>]+>", " ", (reported / PAGE).read_text())
+    assert "COMPLETED" in text
+    assert f"{true_minimum()[0]:.2f} m" in text
+    assert re.search(r"25\.0 s\s+agent 2\s+vehicle\s+EKF variance", text)
+    assert re.search(r"3\d\.\d s\s+agent 4\s+alarm\s+battery of agent 4 at 10 %", text)
+    assert "ended: completed" not in text
+
+
+@pytest.mark.usefixtures("quick")
+def test_without_truth_or_recording_the_rest_is_drawn(run: Path) -> None:
+    (run / "truth.jsonl").unlink()
+    make_report(run)
+    assert {path.stem for path in (run / "figures").iterdir()} == {"sigma", "mesh", "ticks", "velocity"}
+    for path in (run / "figures").iterdir():
+        path.unlink()
+    write_run(run)
+    (run / RECORDING).unlink()
+    page = make_report(run).read_text()
+    assert "figures of what was said are left out" in page
+    assert "vehicle: EKF variance" in page
+    assert {path.stem for path in (run / "figures").iterdir()} == {
+        "trajectories", "min-distance", "error-x", "error-y", "links",
+    }  # fmt: skip
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_recording_that_was_cut_off_is_recovered(run: Path) -> None:
+    data = (run / RECORDING).read_bytes()
+    (run / RECORDING).write_bytes(data[:-100])
+    assert "recovered up to its last second" in make_report(run).read_text()
+    assert "recovered" not in make_report(run).read_text()
+
+
+def test_no_run_folder_is_an_input_error(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="is no run folder"):
+        make_report(tmp_path)
+
+
+def test_the_numbers_behind_the_figures(run: Path) -> None:
+    """Nearest distances, link lengths and errors against the flight itself."""
+    history = read_history(run)
+    t = 26.0
+    k = int(np.argmin(np.abs(history.flight.time_s - t)))
+    where = np.array([position(agent, t)[:2] for agent in range(1, 7)])
+    apart = np.linalg.norm(where[:, None] - where[None], axis=-1) + np.diag([np.inf] * 6)
+    assert history.nearest()[k] == pytest.approx(apart.min(axis=1))
+    assert history.lengths()[k] == pytest.approx([apart[i - 1, j - 1] for i, j in history.links])
+    errors = history.errors()
+    step = PLAN.steps[1]
+    assert errors[k] == pytest.approx(where - np.array(step.slots) * PLAN.unit_m)  # type: ignore[union-attr]
+    assert np.isnan(errors[history.flight.time_s < FORM - 0.05]).all()
+    assert np.isnan(errors[history.flight.time_s > LAND + 0.05]).all()
+    stands = (history.flight.time_s > FORMED + 0.1) & (history.flight.time_s < LAND)
+    assert np.ptp(errors[stands], axis=1).max() < 1e-6
+    assert all(isinstance(s, AgentState) for s in history.heard.states[3])
+    assert history.heard.sigmas[4, 5] == [(25.0, 1.2, 0.36)]
+
+
+def test_compare_needs_two_and_shows_both(run: Path, tmp_path: Path) -> None:
+    """A table with a column per run, each figure of each run, one of both together."""
+    other = tmp_path / "other"
+    other.mkdir()
+    write_run(other)
+    text = make_comparison([run, other], tmp_path / "compare.html").read_text()
+    page = Outside()
+    page.feed(text)
+    assert page.fetched == []
+    assert page.images == 1 + len(FIGURES) + 5
+    assert re.search(r"<th>run</th><th>other</th>", text)
+    with pytest.raises(InputError, match="two or more"):
+        make_comparison([run], tmp_path / "compare.html")

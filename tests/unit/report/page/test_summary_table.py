@@ -1,0 +1,69 @@
+"""The summary on the screen."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from swarm_ctl.report.judge.summarise import summarise
+from swarm_ctl.report.judge.summary import Summary
+from swarm_ctl.report.page.summary_table import render_summary
+from tests.unit.report.run_folders import EXIT_CODES, account, write_run, write_status
+
+
+def _shown(summary: Summary, width: int = 80) -> str:
+    console = Console(file=io.StringIO(), width=width, record=True, force_terminal=True)
+    console.print(render_summary(summary))
+    return console.export_text()
+
+
+@pytest.fixture
+def summary(tmp_path: Path) -> Summary:
+    return summarise(write_run(tmp_path), EXIT_CODES)
+
+
+def test_a_completed_run_on_one_screen(summary: Summary) -> None:
+    text = _shown(summary)
+    lines = text.splitlines()
+    assert lines[0] == "hexagon: COMPLETED"
+    assert max(len(line.rstrip()) for line in lines) <= 80
+    assert len(lines) <= 23
+    for words in (
+        "form hexagon",
+        "time to form",
+        "r_in 2.50 m",
+        "r 22.50 m",
+        "8 processes, all 0",
+        "1.00%",
+        "paper 30",
+    ):
+        assert words in text
+    assert f"{summary.min_true_distance_m:.2f} m" in text
+    assert "BREAKS" not in text
+
+
+def test_broken_bounds_are_said_in_words(summary: Summary) -> None:
+    text = _shown(summary.model_copy(update={"min_true_distance_m": 2.4, "longest_link_m": 22.6}))
+    assert "BREAKS r_in 2.50 m" in text
+    assert "BREAKS r 22.50 m" in text
+
+
+def test_a_failure_says_why_and_what_is_missing(tmp_path: Path) -> None:
+    run = write_run(tmp_path)
+    (run / "truth.jsonl").unlink()
+    write_status(run, account(4, outcome="failed", reason="[red]no\x1b[2J position[/]"))
+    text = _shown(summarise(run, EXIT_CODES | {"agent-4": 1}))
+    assert "FAILED" in text
+    assert "agent 4: [red]no?[2J position[/]" in text
+    assert "agent-4 1" in text
+    assert "! truth.jsonl: No such file" in text
+    assert "\x1b" not in text
+
+
+def test_the_summary_of_nothing_can_be_shown(tmp_path: Path) -> None:
+    text = _shown(summarise(tmp_path))
+    assert "mission: FAILED" in text
+    assert "no agent is known" in text

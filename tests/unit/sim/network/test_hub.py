@@ -1,0 +1,167 @@
+"""Bytes in memory: a client's pymavlink against a vehicle, without a socket, and the truth it leaves."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from sim.network.hub import MAX_CLIENTS, Hub
+from sim.network.ports import Address
+from sim.world.truth import TruthFile
+from sim.world.truth_recorder import Recorder
+from sim.world.world import STEP_S
+from tests.unit.sim.harness import GUIDED, config
+
+
+class Clients:
+    """A hub, and what each address has received from it."""
+
+    def __init__(self, n: int = 1, **more: Any) -> None:
+        self.datagrams: dict[Address, list[bytes]] = {}
+        self.hub = Hub(config(n, **more), 0.0, self._take)
+        self._mav = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
+
+    def tell(self, place: int, sender: Address, message: Any) -> None:
+        self.hub.receive(place, bytes(message.pack(self._mav)), sender)
+
+    def command(self, place: int, sender: Address, command: int, *p: float) -> None:
+        numbers = [*p, *[0.0] * (7 - len(p))]
+        self.tell(place, sender, mavlink.MAVLink_command_long_message(place + 1, 1, command, 0, *numbers))
+
+    def heard(self, address: Address) -> list[Any]:
+        parser = mavlink.MAVLink(None)
+        return [m for data in self.datagrams.get(address, []) for m in parser.parse_buffer(data) or []]
+
+    def run(self, seconds: float) -> None:
+        for _ in range(round(seconds / STEP_S)):
+            self.hub.step()
+
+    def _take(self, _place: int, data: bytes, to: Address) -> None:
+        self.datagrams.setdefault(to, []).append(data)
+
+
+A, B = ("127.0.0.1", 1), ("127.0.0.1", 2)
+HELLO = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
+
+
+def test_who_has_not_written_hears_nothing_and_who_has_hears_the_same_frames() -> None:
+    clients = Clients()
+    clients.run(1.0)
+    assert not clients.datagrams
+    clients.tell(0, A, HELLO)
+    clients.tell(0, B, HELLO)
+    clients.run(3.0)
+    assert clients.datagrams[A] == clients.datagrams[B]
+    assert [m.get_type() for m in clients.heard(A)].count("HEARTBEAT") == 3
+
+
+def test_answers_go_to_who_asked_alone_and_texts_to_all() -> None:
+    clients = Clients()
+    clients.tell(0, B, HELLO)
+    clients.command(0, A, 400, 1.0)
+    assert [m.get_type() for m in clients.heard(A)] == ["STATUSTEXT", "COMMAND_ACK"]
+    assert [m.get_type() for m in clients.heard(B)] == ["STATUSTEXT"]
+
+
+def test_a_vehicle_hears_only_its_own_port() -> None:
+    clients = Clients(2)
+    clients.command(1, A, 400, 1.0)
+    assert [v.firmware.armed for v in clients.hub.world.vehicles] == [False, True]
+    assert {m.get_srcSystem() for m in clients.heard(A)} == {2}
+
+
+def test_the_sequence_has_no_gap() -> None:
+    clients = Clients()
+    clients.tell(0, A, HELLO)
+    clients.command(0, A, 511, 30, 2e4)
+    clients.run(10.0)
+    numbers = [m.get_seq() for m in clients.heard(A)]
+    assert len(numbers) > 400
+    assert all((b - a) % 256 == 1 for a, b in itertools.pairwise(numbers))
+
+
+def test_frames_of_one_step_share_a_datagram_within_a_packet_s_size() -> None:
+    clients = Clients()
+    clients.tell(0, A, mavlink.MAVLink_param_request_list_message(1, 1))
+    clients.run(1.0)
+    assert max(map(len, clients.datagrams[A])) <= 1400
+    values = [m for m in clients.heard(A) if m.get_type() == "PARAM_VALUE"]
+    assert len(values) == values[0].param_count
+    assert len(clients.datagrams[A]) < len(values) / 5
+
+
+def test_the_client_silent_the_longest_is_forgotten_first() -> None:
+    clients = Clients()
+    for i in range(MAX_CLIENTS):
+        clients.tell(0, ("127.0.0.1", i), HELLO)
+    clients.tell(0, ("127.0.0.1", 0), HELLO)
+    clients.tell(0, ("127.0.0.1", 99), HELLO)
+    clients.run(2.0)
+    assert ("127.0.0.1", 1) not in clients.datagrams
+    assert {("127.0.0.1", 0), ("127.0.0.1", 99)} <= set(clients.datagrams)
+
+
+def test_a_datagram_of_garbage_and_frames_serves_the_frames() -> None:
+    clients = Clients()
+    frame = bytes(mavlink.MAVLink_set_mode_message(1, 1, GUIDED).pack(clients._mav))
+    clients.hub.receive(0, b"\xfd\x09garbage" + frame, A)
+    assert clients.hub.world.vehicles[0].firmware.custom_mode() == GUIDED
+    assert clients.hub.codecs[0].bad == 1
+
+
+def read(path: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in path.read_text().splitlines()]
+
+
+def test_truth_is_readable_at_any_time_and_says_what_the_brief_says(tmp_path: Path) -> None:
+    path = tmp_path / "run" / "truth.jsonl"
+    clients = Clients(2, spacing_m=4.0)
+    settings = config(2, spacing_m=4.0)
+    recorder = Recorder(clients.hub.world, settings, TruthFile(path))
+    clients.hub.recorder = recorder
+    clients.command(0, A, 176, 1, GUIDED)
+    clients.command(0, A, 400, 1)
+    clients.command(0, A, 22, 0, 0, 0, 0, 0, 0, 3.0)
+    clients.run(10.0)
+    (before_end, header) = (read(path), read(path)[0])
+    assert header == {
+        "type": "header",
+        "version": 1,
+        "t": 0.0,
+        "origin": settings.origin.model_dump(),
+        "sysids": [1, 2],
+    }
+    states = [line for line in before_end if line["type"] == "state"]
+    assert len(states) == pytest.approx(100, abs=1)
+    assert {k: len(states[0][k]) for k in ("ned", "vel", "armed", "airborne")} == dict.fromkeys(
+        ("ned", "vel", "armed", "airborne"), 2
+    )
+    assert states[-1]["armed"] == states[-1]["airborne"] == [1, 0]
+    assert states[-1]["ned"][0] == pytest.approx([0.0, 0.0, -3.0], abs=0.2)
+    minima = [pair for line in before_end if line["type"] == "min" for pair in line["pairs"]]
+    assert minima
+    assert minima[0][:2] == [1, 2]
+    assert minima[-1][2] == pytest.approx(4.0, abs=0.01)
+    assert [(x["sysid"], x["event"]) for x in before_end if x["type"] == "event"] == [(1, "liftoff")]
+    recorder.close()
+    assert read(path)[-1] == {"type": "end", "t": clients.hub.world.time_s}
+
+
+def test_minima_are_written_only_when_they_shrink(tmp_path: Path) -> None:
+    path = tmp_path / "truth.jsonl"
+    clients = Clients(2, spacing_m=4.0)
+    clients.hub.recorder = Recorder(clients.hub.world, config(2, spacing_m=4.0), TruthFile(path))
+    clients.command(0, A, 176, 1, GUIDED)
+    clients.command(0, A, 400, 1)
+    clients.command(0, A, 22, 0, 0, 0, 0, 0, 0, 3.0)
+    clients.run(15.0)
+    clients.hub.recorder.close()
+    lines = [line for line in read(path) if line["type"] == "min"]
+    distances = [line["pairs"][0][2] for line in lines]
+    assert len(lines) < 10
+    assert distances == sorted(distances, reverse=True)

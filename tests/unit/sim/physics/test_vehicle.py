@@ -1,0 +1,201 @@
+"""Properties of the kinematics, for every response."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from sim.physics.response import Ardupilot, Ideal, Px4
+from sim.physics.vehicle import GRAVITY_MPS2, Array, Demands, Response, State, advance
+
+DT = 0.01
+RESPONSES: list[Response] = [Ideal(), Ardupilot(), Px4()]
+REAL: list[Ardupilot | Px4] = [Ardupilot(), Px4()]
+
+N = 32
+"""Vehicles a drawn example has: array passes make them cheap."""
+targets = arrays(np.float64, (6, N, 3), elements=st.floats(-20.0, 20.0))
+
+
+def hovering(response: Response, n: int = 1, height_m: float = 1e5) -> tuple[State, Demands]:
+    state = State.at_rest(np.zeros((n, 3)), response)
+    state.landed[:] = False
+    state.position[:, 2] = -height_m
+    demands = Demands.idle(state)
+    demands.lift[:] = True
+    return state, demands
+
+
+def run(state: State, demands: Demands, response: Response, seconds: float) -> None:
+    for _ in range(round(seconds / DT)):
+        advance(state, demands, response, DT)
+
+
+@pytest.mark.parametrize("response", RESPONSES)
+def test_what_hovers_stays_exactly_where_it_is(response: Response) -> None:
+    state, demands = hovering(response)
+    run(state, demands, response, 10.0)
+    assert state.position[0].tolist() == [0.0, 0.0, -1e5]
+
+
+@pytest.mark.parametrize("response", RESPONSES)
+def test_what_stands_stays_whatever_is_asked_but_a_climb(response: Response) -> None:
+    state = State.at_rest(np.zeros((3, 3)), response)
+    demands = Demands.idle(state)
+    demands.velocity[:] = [3.0, -2.0, 1.0]
+    demands.lift[1] = True  # asked to descend
+    demands.velocity[2, 2] = -1.0  # asked to climb without motors
+    run(state, demands, response, 1.0)
+    assert not state.position.any()
+    assert state.landed.all()
+
+
+@pytest.mark.parametrize("response", REAL)
+@settings(max_examples=10)
+@given(sequence=targets)
+def test_acceleration_and_speed_stay_within_their_bounds(response: Ardupilot | Px4, sequence: Array) -> None:
+    """Whatever the targets: horizontal force within the lean limit, so speed within what drag balances at it."""
+    state, demands = hovering(response, N)
+    lean = response.lean_mps2 if isinstance(response, Ardupilot) else response.tilt_mps2
+    fastest = 12.0 if isinstance(response, Px4) else 11.0
+    for target in sequence:
+        demands.velocity[:] = target
+        for _ in range(100):
+            before = np.hypot(state.velocity[:, 0], state.velocity[:, 1])
+            advance(state, demands, response, DT)
+            air = np.hypot(state.velocity[:, 0], state.velocity[:, 1])
+            drag = before * (1.0 if isinstance(response, Px4) else 0.29 + 0.024 * np.abs(state.velocity).sum(axis=1))
+            assert (np.hypot(state.acceleration[:, 0], state.acceleration[:, 1]) <= lean + 1.05 * drag + 1e-9).all()
+            assert (air <= fastest).all()
+            assert (np.abs(state.acceleration[:, 2]) <= response.lift_mps2 + 12.0).all()
+
+
+@settings(max_examples=10)
+@given(sequence=targets)
+def test_arducopter_shapes_its_target_within_acceleration_and_jerk(sequence: Array) -> None:
+    """WPNAV_ACCEL and PSC_JERK_XY bound the horizontal *vectors* of the shaped path; more only over WPNAV_SPEED_DN."""
+    response = Ardupilot()
+    state, demands = hovering(response, N)
+    before = np.zeros((N, 3))
+    climb_mps2 = np.full(N, response.climb_mps2)
+    for target in sequence:
+        climb_mps2[np.abs(target[:, 2]) > response.descent_mps] = 0.7 * response.lift_mps2
+        demands.velocity[:] = target
+        for _ in range(50):
+            advance(state, demands, response, DT)
+            shaped = state.memory[:, 2].copy()
+            change = shaped - before
+            assert (np.hypot(shaped[:, 0], shaped[:, 1]) <= response.acceleration_mps2 + 1e-9).all()
+            assert (np.hypot(change[:, 0], change[:, 1]) <= response.jerk_mps3 * DT + 1e-9).all()
+            assert (np.abs(shaped[:, 2]) <= climb_mps2 + 1e-9).all()
+            before = shaped
+
+
+@pytest.mark.parametrize("response", RESPONSES)
+@settings(max_examples=20)
+@given(target=arrays(np.float64, 3, elements=st.floats(-3.0, 3.0)), bearing=st.floats(-math.pi, math.pi))
+def test_no_horizontal_direction_is_special(response: Response, target: Array, bearing: float) -> None:
+    c, s = math.cos(bearing), math.sin(bearing)
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    state, demands = hovering(response, n=2)
+    demands.velocity[0], demands.velocity[1] = target, turn @ target
+    run(state, demands, response, 2.0)
+    np.testing.assert_allclose(state.velocity[1], turn @ state.velocity[0], atol=1e-9)
+
+
+@pytest.mark.parametrize("response", RESPONSES)
+@settings(max_examples=10)
+@given(data=st.data())
+def test_batches_of_any_shape_give_what_single_vehicles_give(response: Response, data: st.DataObject) -> None:
+    wanted = data.draw(arrays(np.float64, (2, 3, 3), elements=st.floats(-4.0, 4.0)))
+    place = data.draw(arrays(np.float64, (2, 3, 3), elements=st.floats(-50.0, 50.0)))
+    batch = State.at_rest(place, response)
+    demands = Demands.idle(batch)
+    demands.velocity[:] = wanted
+    demands.lift[:] = True
+    run(batch, demands, response, 1.0)
+    for i, j in np.ndindex(2, 3):
+        one = State.at_rest(place[i, j][None], response)
+        alone = Demands.idle(one)
+        alone.velocity[0] = wanted[i, j]
+        alone.lift[:] = True
+        run(one, alone, response, 1.0)
+        np.testing.assert_allclose(batch.position[i, j], one.position[0], atol=1e-9)
+        np.testing.assert_allclose(batch.velocity[i, j], one.velocity[0], atol=1e-9)
+
+
+def test_ideal_is_the_single_integrator() -> None:
+    state, demands = hovering(Ideal())
+    demands.velocity[0] = [1.0, -2.0, 0.5]
+    run(state, demands, Ideal(), 2.0)
+    np.testing.assert_allclose(state.position[0], [2.0, -4.0, -1e5 + 1.0], rtol=1e-12)
+
+
+@pytest.mark.parametrize("response", REAL)
+@settings(max_examples=5)
+@given(goal=arrays(np.float64, (N, 3), elements=st.floats(-60.0, 60.0)))
+def test_a_held_position_is_reached_without_overshoot_worth_the_name(response: Response, goal: Array) -> None:
+    state, demands = hovering(response, N)
+    start = state.position.copy()
+    demands.position[:], demands.hold[:] = start + goal, 1.0
+    length = np.hypot(goal[:, 0], goal[:, 1])
+    along = goal[:, :2] / np.maximum(length, 1e-9)[:, None]
+    overshoot = np.zeros(N)
+    for _ in range(6000):
+        advance(state, demands, response, DT)
+        gone = ((state.position - start)[:, :2] * along).sum(axis=1)
+        overshoot = np.maximum(overshoot, gone - length)
+    np.testing.assert_allclose(state.position, start + goal, atol=0.1)
+    assert (overshoot < 0.05 + 0.05 * length).all()
+
+
+@pytest.mark.parametrize("response", REAL)
+def test_without_motors_in_the_air_it_falls_and_stays_down(response: Response) -> None:
+    state, demands = hovering(response, height_m=20.0)
+    demands.lift[:] = False
+    demands.velocity[:] = [2.0, 0.0, -2.0]
+    run(state, demands, response, 0.5)
+    assert state.velocity[0, 2] == pytest.approx(GRAVITY_MPS2 * 0.5, rel=0.1)
+    run(state, demands, response, 5.0)
+    assert state.landed[0]
+    assert state.position[0, 2] == 0.0
+    assert not state.velocity.any()
+
+
+@pytest.mark.parametrize("response", REAL)
+def test_never_below_the_ground(response: Response) -> None:
+    state, demands = hovering(response, height_m=5.0)
+    demands.velocity[0] = [1.0, 0.0, 1.5]
+    lowest = -5.0
+    for _ in range(1500):
+        advance(state, demands, response, DT)
+        lowest = max(lowest, state.position[0, 2])
+    assert lowest == 0.0
+    assert state.landed[0]
+
+
+@pytest.mark.parametrize("response", REAL)
+@settings(max_examples=5)
+@given(wind=arrays(np.float64, 3, elements=st.floats(-4.0, 4.0)).map(lambda w: w * [1, 1, 0]))
+def test_steady_wind_is_leant_against(response: Response, wind: Array) -> None:
+    """The integral part finds the force that holds zero speed over ground."""
+    state, demands = hovering(response)
+    state.wind[:] = wind
+    run(state, demands, response, 40.0)
+    assert np.abs(state.velocity[0]).max() < 0.05
+
+
+def test_turns_to_its_heading_the_short_way() -> None:
+    response = Ideal()
+    state, demands = hovering(response)
+    state.heading[:] = math.radians(170.0)
+    demands.heading[:] = math.radians(-170.0)
+    run(state, demands, response, 0.1)
+    assert math.degrees(state.heading[0]) == pytest.approx(176.0)
+    run(state, demands, response, 1.0)
+    assert math.remainder(state.heading[0] - demands.heading[0], 2 * math.pi) == pytest.approx(0.0, abs=1e-9)

@@ -1,0 +1,221 @@
+"""Whole flights of simulated vehicles on a virtual clock: firmware and physics together."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from sim.firmware.message import Message
+from sim.world.pair_distances import PairMinima
+from sim.world.world import STEP_S, World
+from tests.unit.sim.harness import GCS, GUIDED, LAND, RTL, SET_MODE, Flight, command_fields, config, setpoint_fields
+
+PERSONAS = pytest.mark.parametrize("persona", ["ardupilot", "px4"])
+LANDING = {"ardupilot": (1, LAND), "px4": (1, 4, 6)}
+HOMING = {"ardupilot": (1, RTL), "px4": (1, 4, 5)}
+
+
+def at_height(persona: str, n: int = 1) -> Flight:
+    """Vehicle 0 hovers at 10 m, all others stand."""
+    flight = Flight(config(n, persona))
+    flight.run(0.5)
+    flight.take_off()
+    flight.run(20.0)
+    return flight
+
+
+@PERSONAS
+def test_take_off_climbs_straight_up_and_stays(persona: str) -> None:
+    flight = Flight(config(1, persona))
+    flight.run(0.5)
+    start = flight.ned()
+    flight.take_off()
+    highest = 0.0
+    for _ in range(40):
+        flight.run(0.5)
+        highest = max(highest, -flight.ned()[2])
+    assert flight.ned()[:2] == pytest.approx(start[:2], abs=1e-6)
+    assert -flight.ned()[2] == pytest.approx(10.0, abs=0.1)
+    assert highest < 10.3
+    here = flight.ned()
+    flight.run(30.0)
+    assert flight.ned() == pytest.approx(here, abs=0.1)
+
+
+@PERSONAS
+def test_landing_from_ten_metres_is_slow_at_the_end_and_disarms(persona: str) -> None:
+    flight = at_height(persona)
+    start, began = flight.ned(), flight.world.time_s
+    assert flight.command(0, SET_MODE, *LANDING[persona]) == 0
+    touch = 0.0
+    while not flight.world.parked():
+        if flight.world.airborne()[0]:
+            touch = flight.velocity()[2]
+        flight.run(0.1)
+        assert flight.world.time_s < began + 40.0
+    assert touch == pytest.approx({"ardupilot": 0.5, "px4": 0.7}[persona], abs=0.05)
+    assert flight.ned() == pytest.approx([start[0], start[1], 0.0], abs=0.02)
+    expected = {"ardupilot": 22.0, "px4": 15.0}[persona]
+    assert flight.world.time_s - began == pytest.approx(expected, abs=3.0)
+
+
+@PERSONAS
+def test_return_comes_home_and_lands(persona: str) -> None:
+    flight = at_height(persona)
+    home = flight.ned()
+    fly(flight, persona, (4.0, -2.0, 0.0), 10.0)
+    assert math.hypot(flight.ned()[0] - home[0], flight.ned()[1] - home[1]) > 20.0
+    assert flight.command(0, SET_MODE, *HOMING[persona]) == 0
+    flight.run(120.0)
+    assert flight.world.parked()
+    assert flight.ned() == pytest.approx([home[0], home[1], 0.0], abs=0.5)
+
+
+def fly(flight: Flight, persona: str, velocity: tuple[float, float, float], seconds: float) -> None:
+    """Velocity setpoints, in the mode that follows them."""
+    if persona == "px4":
+        flight.run(1.2, setpoint=setpoint_fields(0.0, 0.0, 0.0))
+        assert flight.command(0, SET_MODE, 1, 6, 0) == 0
+    flight.run(seconds, setpoint=setpoint_fields(*velocity))
+
+
+@PERSONAS
+def test_a_setpoint_acts_at_the_next_step(persona: str) -> None:
+    flight = at_height(persona)
+    fly(flight, persona, (0.0, 0.0, 0.0), 0.5)
+    flight.tell(0, "SET_POSITION_TARGET_LOCAL_NED", **setpoint_fields(2.0, 0.0, 0.0))
+    before = flight.velocity()[0]
+    flight.run(STEP_S)
+    flight.run(STEP_S)
+    assert flight.velocity()[0] > before
+
+
+def test_ardupilot_silence_from_3_mps_stops_as_measured() -> None:
+    """Target to zero 3.1 s after the last setpoint, 11.7 m in all, still GUIDED and armed, not a word."""
+    flight = at_height("ardupilot")
+    fly(flight, "ardupilot", (3.0, 0.0, 0.0), 10.0)
+    flight.texts.clear()
+    start = flight.ned()
+    flight.run(10.0)
+    assert flight.ned()[0] - start[0] == pytest.approx(11.7, abs=0.8)
+    firmware = flight.world.vehicles[0].firmware
+    assert (firmware.custom_mode(), firmware.armed, flight.texts) == (GUIDED, True, [])
+
+
+def test_px4_silence_lands_and_disarms() -> None:
+    flight = at_height("px4")
+    fly(flight, "px4", (3.0, 0.0, 0.0), 8.0)
+    flight.run(30.0)
+    assert flight.world.parked()
+    assert "Failsafe activated" in flight.texts
+
+
+@PERSONAS
+def test_every_vehicle_has_an_origin_of_its_own_the_same_for_a_seed(persona: str) -> None:
+    def origins(seed: int) -> list[tuple[float, float, float]]:
+        world = World(config(4, persona, seed=seed), 0.0)
+        return [v.firmware.local_origin_ned for v in world.vehicles]
+
+    assert origins(1) == origins(1)
+    assert origins(1) != origins(2)
+    for place, (north, east, _) in enumerate(origins(1)):
+        assert 3.0 <= math.hypot(north - 10.0 * place, east) <= 30.0
+    assert len({round(north - 10.0 * i, 3) for i, (north, _, _) in enumerate(origins(1))}) == 4
+
+
+def test_mixed_personas_fly_in_one_world() -> None:
+    settings = config(4).model_dump()
+    for i, vehicle in enumerate(settings["vehicles"]):
+        vehicle["persona"] = ("ardupilot", "px4")[i % 2]
+    flight = Flight(type(config(1)).model_validate(settings))
+    flight.run(0.5)
+    for place in range(4):
+        flight.take_off(place, height_m=5.0 + place)
+    flight.run(20.0)
+    heights = [-flight.ned(i)[2] for i in range(4)]
+    assert heights == pytest.approx([5.0, 6.0, 7.0, 8.0], abs=0.15)
+    norths = [flight.ned(i)[0] for i in range(4)]
+    assert norths == pytest.approx([0.0, 10.0, 20.0, 30.0], abs=0.05)
+
+
+def test_traffic_is_who_is_within_range() -> None:
+    flight = Flight(config(4, spacing_m=20.0, sensing_range_m=45.0))
+    flight.run(0.1)
+
+    def seen(place: int) -> list[int]:
+        fields = command_fields(512, 246, target=(place + 1, 1))
+        said = flight.tell(place, "COMMAND_LONG", **fields)
+        return [m.fields["ICAO_address"] for m in said if m.name == "ADSB_VEHICLE"]
+
+    assert seen(0) == [2, 3]
+    assert seen(1) == [1, 3, 4]
+
+
+def test_lift_off_and_touchdown_are_noted_and_minima_count_only_in_flight() -> None:
+    flight = Flight(config(2, spacing_m=3.0))
+    flight.run(1.0)
+    assert flight.world.pairs.shrunk() == []
+    flight.take_off(0, height_m=2.0)
+    flight.run(12.0)
+    ((i, j, distance),) = flight.world.pairs.shrunk()
+    assert (i, j) == (0, 1)
+    assert distance == pytest.approx(3.0, abs=1e-4)
+    flight.command(0, SET_MODE, 1, LAND)
+    flight.run(12.0)
+    assert [(e.sysid, e.event) for e in flight.world.events] == [(1, "liftoff"), (1, "touchdown")]
+
+
+def test_a_collision_is_noted_once_for_both() -> None:
+    flight = Flight(config(2, spacing_m=6.0))
+    flight.run(1.0)
+    flight.take_off(0, height_m=3.0)
+    flight.take_off(1, height_m=3.0)
+    flight.run(12.0)
+    flight.run(8.0, setpoint=setpoint_fields(1.0, 0.0, 0.0))
+    events = [(e.sysid, e.event) for e in flight.world.events if e.event == "collision"]
+    assert events == [(1, "collision"), (2, "collision")]
+    assert flight.world.pairs.shrunk()[-1][2] < 0.02
+
+
+def test_one_above_the_other_is_a_small_distance_but_no_collision() -> None:
+    pairs = PairMinima(2)
+    assert pairs.update(np.array([[0.0, 0.0, -5.0], [0.1, 0.0, -8.0]])) == []
+    ((i, j, distance),) = pairs.shrunk()
+    assert (i, j, round(distance, 9)) == (0, 1, 0.1)
+    assert pairs.update(np.array([[0.0, 0.0, -5.0], [0.1, 0.0, -5.2]])) == [(0, 1)]
+    assert pairs.update(np.array([[0.0, 0.0, -5.0], [0.1, 0.0, -5.2]])) == []
+    assert pairs.shrunk() == []
+
+
+@PERSONAS
+def test_the_same_seed_and_messages_give_the_same_flight(persona: str) -> None:
+    def flown() -> list[float]:
+        flight = at_height(persona, n=2)
+        fly(flight, persona, (1.0, 0.7, -0.1), 3.0)
+        return flight.ned() + flight.velocity()
+
+    assert flown() == flown()
+
+
+def test_messages_may_come_before_the_first_step() -> None:
+    world = World(config(1), 123.456)
+    world.handle(0, Message("HEARTBEAT", {"type": 6}, GCS))
+    assert world.time_s == pytest.approx(123.46)
+    assert world.step() == [0]
+
+
+def test_an_ideal_vehicle_has_the_velocity_it_is_told_at_once() -> None:
+    settings = config(2).model_dump()
+    settings["vehicles"][1]["response"] = "ideal"
+    flight = Flight(type(config(1)).model_validate(settings))
+    flight.run(0.5)
+    for place in (0, 1):
+        flight.take_off(place, height_m=5.0)
+    flight.run(10.0)
+    for place in (0, 1):
+        flight.tell(place, "SET_POSITION_TARGET_LOCAL_NED", **setpoint_fields(2.0, 0.0, 0.0, target_system=place + 1))
+    flight.run(2 * STEP_S)
+    assert flight.velocity(1) == pytest.approx([2.0, 0.0, 0.0])
+    assert flight.velocity(0)[0] < 0.2

@@ -1,0 +1,110 @@
+"""The log of a headless run: everything once, in words."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+
+from swarm_ctl.core.model.messages import Ack, Command, Event, Phase
+from swarm_ctl.station.output.log_lines import log_lines
+from swarm_ctl.station.picture.model import Model
+from tests.unit.station.pictures import PICTURES
+from tests.unit.station.swarm import flying_model, hexagon_plan, state_of, status_of
+
+PLAN = hexagon_plan()
+
+
+def _waiting(model: Model, agent: int, time_s: float, reason: str) -> None:
+    model.fold(status_of(PLAN, agent, time_s, phase=Phase.PREPARE, step=0, reason=reason, airborne=False), time_s)
+
+
+@pytest.mark.parametrize("name", PICTURES)
+def test_the_same_view_again_is_no_news(name: str) -> None:
+    view = PICTURES[name]()
+    assert log_lines(view, view) == []
+    assert all(line.isascii() and line.isprintable() for line in log_lines(None, view))
+
+
+def test_a_flight_is_told_once_step_by_step() -> None:
+    model = Model(PLAN)
+    views = [model.view(0.0)]
+    for agent in PLAN.agents:
+        _waiting(model, agent.id, 1.0, "no 3-D fix" if agent.id > 4 else "")
+    views.append(model.view(1.0))
+    for agent in PLAN.agents:
+        model.fold(status_of(PLAN, agent.id, 8.0, phase=Phase.TAKEOFF, step=1), 8.0)
+        model.fold(Event(agent.id, 8.0, "info", "step 1: takeoff"), 8.0)
+    views.append(model.view(8.0))
+    for agent in PLAN.agents:
+        model.fold(state_of(PLAN, agent.id, 20.0), 20.0)
+    model.fold(Event(2, 20.0, "warning", "vehicle: EKF\x1b[2J variance"), 20.0)
+    views.append(model.view(20.0))
+    told = [line for before, after in zip([None, *views], views, strict=False) for line in log_lines(before, after)]
+    assert told == [
+        "[    1.0 s] agents 1-6: prepare",
+        "[    1.0 s] agents 5-6: no 3-D fix",
+        "[    8.0 s] step 1/4: takeoff",
+        "[    8.0 s] agents 1-6: prepare -> takeoff",
+        "[   20.0 s] step 2/4: form hexagon",
+        "[   20.0 s] agents 1-6: takeoff -> fly",
+        "[   20.0 s] agent 2: WARNING: vehicle: EKF?[2J variance",
+    ]
+
+
+def test_an_alarm_is_raised_once_and_cleared_once_though_its_figures_change() -> None:
+    model = flying_model(PLAN)
+    views = [model.view(30.0)]
+    for k, charge in enumerate((19.0, 18.0, 60.0)):
+        model.fold(status_of(PLAN, 4, 30.1 + 0.1 * k, battery_percent=charge), 30.1 + 0.1 * k)
+        views.append(model.view(30.1 + 0.1 * k))
+    told = [log_lines(a, b) for a, b in itertools.pairwise(views)]
+    assert told == [
+        ["[   30.1 s] WARNING: battery of agent 4 at 19 %"],
+        [],
+        ["[   30.3 s] cleared: battery (agent 4)"],
+    ]
+
+
+def test_a_reason_with_a_running_figure_is_told_once() -> None:
+    model = Model(PLAN)
+    views = [model.view(0.0)]
+    for k in range(3):
+        _waiting(model, 1, 1.0 + k, f"the vehicle stands {8 - k}.5 m from its planned start")
+        views.append(model.view(1.0 + k))
+    told = [line for a, b in itertools.pairwise(views) for line in log_lines(a, b)]
+    assert sum("stands" in line for line in told) == 1
+
+
+def test_answers_to_a_command_are_told_as_they_come() -> None:
+    model = flying_model(PLAN)
+    views = [model.view(30.0)]
+    model.fold(Command("c1", "land", (1, 2), 30.0), 30.0)
+    views.append(model.view(30.0))
+    model.fold(Ack(1, "c1", True, ""), 30.0)
+    model.fold(Ack(2, "c1", False, "no longer flies"), 30.0)
+    views.append(model.view(30.0))
+    assert [log_lines(a, b) for a, b in itertools.pairwise(views)] == [
+        ["[   30.0 s] command land: waiting for agents 1-2"],
+        ["[   30.0 s] command land: acknowledged by agent 1, refused by agent 2: no longer flies"],
+    ]
+
+
+def test_events_of_many_agents_are_one_line_and_what_is_dropped_is_counted() -> None:
+    model = flying_model(PLAN)
+    before = model.view(30.0)
+    for agent in PLAN.agents:
+        for k in range(60):
+            model.fold(Event(agent.id, 30.0 + k, "info", f"note {k}"), 30.0)
+    overrun, *told = log_lines(before, model.view(30.0))
+    assert overrun == "[   30.0 s] 160 events came too fast to be told"
+    assert len(told) == 60
+    assert "agents 3-6: note 59" in told[-1]
+
+
+def test_an_agent_repeating_itself_is_told_each_time() -> None:
+    model = flying_model(PLAN)
+    before = model.view(30.0)
+    for time_s in (30.1, 30.2):
+        model.fold(Event(1, time_s, "info", "going on"), time_s)
+    assert len(log_lines(before, model.view(30.2))) == 2

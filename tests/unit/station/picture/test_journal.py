@@ -1,0 +1,97 @@
+"""The log: each thing once, alarms from raised to cleared, flapping ones counted."""
+
+from __future__ import annotations
+
+from swarm_ctl.core.model.messages import Ack, Command, Event
+from swarm_ctl.station.picture.alarms import Level
+from swarm_ctl.station.picture.journal import Entry, Journal
+from swarm_ctl.station.picture.view import SwarmView
+from tests.unit.station.swarm import flying_model, hexagon_plan, state_of, status_of
+
+PLAN = hexagon_plan()
+
+
+class Flight:
+    """Six agents at 20 Hz, agent 2 with a battery of its own."""
+
+    def __init__(self) -> None:
+        self.model = flying_model(PLAN)
+        self._seq = 1199
+        self._sent = 29.97
+
+    def view(self, now: float, percent: float) -> SwarmView:
+        while self._sent + 0.05 < now:
+            self._seq, self._sent = self._seq + 1, self._sent + 0.05
+            for agent in PLAN.agents:
+                self.model.fold(state_of(PLAN, agent.id, self._sent, seq=self._seq), self._sent)
+        for agent in PLAN.agents:
+            charge = percent if agent.id == 2 else 90.0
+            self.model.fold(status_of(PLAN, agent.id, now, battery_percent=charge), now)
+        return self.model.view(now)
+
+
+def _kinds(journal: Journal) -> list[tuple[str, tuple[int, ...]]]:
+    return [(entry.kind, entry.agents) for entry in journal.entries]
+
+
+def test_an_alarm_is_raised_once_acknowledged_and_cleared() -> None:
+    flight, journal = Flight(), Journal()
+    for now in (30.1, 30.3, 30.5):
+        journal.update(flight.view(now, 10.0))
+    assert _kinds(journal) == [("alarm", (2,))]
+    assert journal.unacknowledged == 1
+    assert journal.acknowledge(30.6) == 1
+    assert (journal.unacknowledged, journal.entries[0].acknowledged) == (0, True)
+    assert journal.acknowledge(30.7) == 0
+    for now in (31.0, 36.0, 41.0, 42.0):
+        journal.update(flight.view(now, 80.0))
+    assert _kinds(journal) == [("alarm", (2,)), ("station", ()), ("cleared", (2,))]
+    assert journal.entries[-1] == Entry(31.0, "cleared", Level.WELL, (2,), "battery (agent 2)")
+    assert journal.standing == ()
+
+
+def test_a_flapping_alarm_is_counted_not_repeated() -> None:
+    flight, journal = Flight(), Journal()
+    for k in range(10):
+        journal.update(flight.view(30.1 + k, 10.0 if k % 2 == 0 else 80.0))
+    assert [entry.count for entry in journal.entries] == [5]
+
+
+def test_events_of_several_agents_and_views_become_one_line() -> None:
+    model, journal = flying_model(PLAN), Journal()
+    for now, agents in ((30.0, (1, 2)), (30.2, (3,)), (30.4, (4, 5, 6))):
+        for agent in agents:
+            model.fold(Event(agent, now, "info", "step 3: hold"), now)
+        journal.update(model.view(now))
+    assert journal.entries == (Entry(30.0, "event", Level.WELL, (1, 2, 3, 4, 5, 6), "step 3: hold"),)
+
+
+def test_status_texts_are_told_apart() -> None:
+    model, journal = flying_model(PLAN), Journal()
+    model.fold(Event(3, 30.0, "warning", "vehicle: EKF variance"), 30.0)
+    journal.update(model.view(30.0))
+    assert journal.entries == (Entry(30.0, "vehicle", Level.WARNING, (3,), "EKF variance"),)
+
+
+def test_a_command_is_one_line_that_grows() -> None:
+    model, journal = flying_model(PLAN), Journal()
+    model.fold(Command("c", "land", (), 30.0), 30.0)
+    journal.update(model.view(30.0))
+    for agent in range(1, 7):
+        model.fold(Ack(agent, "c", agent < 6, "" if agent < 6 else "no"), 30.1)
+        journal.update(model.view(30.1))
+    (entry,) = journal.entries
+    assert (entry.text, entry.level) == ("land: acknowledged by agents 1-5, refused by agent 6: no", Level.WARNING)
+
+
+def test_a_flood_of_events_is_bounded_and_said() -> None:
+    model, journal = flying_model(PLAN), Journal()
+    for k in range(5000):
+        model.fold(Event(1, 30.0, "info", f"event {k}"), 30.0)
+        if k % 100 == 99:
+            journal.update(model.view(30.0))
+    for k in range(300):
+        model.fold(Event(1, 30.0, "info", f"more {k}"), 30.0)
+    journal.update(model.view(30.0))
+    assert len(journal.entries) == 2000
+    assert any("100 events came too fast" in entry.text for entry in journal.entries)

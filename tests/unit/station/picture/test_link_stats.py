@@ -1,0 +1,103 @@
+"""Reception: what was lost, what was only late, how old things become."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarm_ctl.station.picture.link_stats import WINDOW_S, Receiver
+from swarm_ctl.station.picture.view import Reception
+
+
+def test_nothing_heard_is_nothing_known() -> None:
+    assert Receiver().report(5.0) == Reception()
+
+
+def test_age_is_time_since_receipt_plus_time_under_way() -> None:
+    receiver = Receiver()
+    receiver.hear(1, sent_s=10.0, received_s=10.02)
+    assert receiver.report(10.5).age_s == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("sent_s", [10.5, -50.0])
+def test_a_foreign_clock_is_not_believed(sent_s: float) -> None:
+    receiver = Receiver()
+    receiver.hear(1, sent_s=sent_s, received_s=10.0)
+    assert receiver.report(10.2).age_s == pytest.approx(0.2)
+
+
+def test_a_foreign_clock_that_answers_is_known() -> None:
+    """0.1 s there and back: a state that took 0.04 s is taken for 0.05 s old, whatever the clock shows."""
+    receiver = Receiver()
+    receiver.hear(1, sent_s=-49.0, received_s=10.04)
+    receiver.answered(10.0, -48.95, -48.9, 10.2)
+    receiver.hear(2, sent_s=-48.0, received_s=11.04)
+    report = receiver.report(11.5)
+    assert report.clock_ahead_s == pytest.approx(-59.0, abs=0.06)
+    assert report.age_s == pytest.approx(0.5, abs=0.06)
+
+
+def test_clocks_that_may_be_one_are_one() -> None:
+    """On one host they are; the round trip, with both loops' waiting in it, must not make two of them."""
+    receiver = Receiver()
+    receiver.hear(1, sent_s=10.0, received_s=10.02)
+    receiver.answered(9.0, 9.3, 9.35, 9.38)
+    report = receiver.report(10.5)
+    assert (report.clock_ahead_s, report.age_s) == (0.0, pytest.approx(0.5))
+
+
+@given(st.lists(st.booleans(), min_size=1, max_size=60), st.data())
+def test_received_and_lost_tell_what_happened_whatever_the_order(arrives: list[bool], data: st.DataObject) -> None:
+    """Messages vanish, come twice and out of order: received + lost spans the numbers heard, each counted once."""
+    sent = [seq for seq, kept in enumerate(arrives) if kept]
+    repeated = data.draw(st.lists(st.sampled_from(sent), max_size=5)) if sent else []
+    order = data.draw(st.permutations(sent + repeated))
+    receiver = Receiver()
+    for k, seq in enumerate(order):
+        receiver.hear(seq, sent_s=0.05 * seq, received_s=3.0 + 0.001 * k)
+    report = receiver.report(4.0)
+    # what came before the first one heard is unknown to a station that starts in mid-flight
+    known = [seq for seq in sent if seq >= order[0]] if order else []
+    assert report.received == len(known)
+    assert report.lost == (known[-1] - known[0] + 1 - len(known) if known else 0)
+
+
+def test_loss_and_age_forget_what_is_over() -> None:
+    receiver = Receiver()
+    for k in range(200):
+        if not 20 <= k < 60:
+            receiver.hear(k, 0.05 * k, 0.05 * k)
+    bad = receiver.report(9.95)
+    assert bad.recent_loss == pytest.approx(40 / 199)
+    assert bad.age_p99_s == pytest.approx(2.05)
+    for k in range(200, 440):
+        receiver.hear(k, 0.05 * k, 0.05 * k)
+    good = receiver.report(0.05 * 439)
+    assert (good.recent_loss, good.lost) == (0.0, 40)
+    assert good.age_p99_s == pytest.approx(0.05)
+
+
+def test_tick_rate_is_the_senders_own_even_when_states_are_lost() -> None:
+    receiver = Receiver()
+    for k in range(0, 100, 3):
+        receiver.hear(k, sent_s=0.05 * k, received_s=0.05 * k + 0.2)
+    assert receiver.report(5.0).tick_rate_hz == pytest.approx(20.0)
+
+
+def test_a_restarted_sender_begins_anew() -> None:
+    receiver = Receiver()
+    receiver.hear(900, 45.0, 45.0)
+    assert receiver.hear(1, 50.0, 50.0)
+    report = receiver.report(50.0)
+    assert (report.restarts, report.lost, report.received) == (1, 0, 2)
+
+
+def test_the_window_empties_when_nobody_speaks() -> None:
+    receiver = Receiver()
+    for k in range(5):
+        receiver.hear(k, 0.05 * k, 0.05 * k)
+    silent = receiver.report(0.2 + WINDOW_S + 0.1)
+    assert silent.age_p99_s is None
+    assert silent.tick_rate_hz is None
+    assert silent.age_s == pytest.approx(WINDOW_S + 0.1)

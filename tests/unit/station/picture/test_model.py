@@ -1,0 +1,186 @@
+"""The model: messages in, one picture out."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from swarm_ctl.core.law.formation import formation_error
+from swarm_ctl.core.model.messages import Ack, Command, Event, ExchangeState, Phase, SigmaReport, StationBeacon
+from swarm_ctl.core.model.plan import Policies
+from swarm_ctl.station.picture.model import Model
+from tests.unit.station.swarm import HEXAGON, flying_model, hexagon_plan, report_of, state_of, status_of
+
+PLAN = hexagon_plan()
+
+
+def test_all_agents_of_the_plan_are_there_before_anything_is_heard() -> None:
+    view = Model(PLAN).view(0.0)
+    assert [agent.id for agent in view.agents] == [1, 2, 3, 4, 5, 6]
+    assert all(agent.phase is None and not agent.lost and not agent.live for agent in view.agents)
+    assert (view.step, view.error_m, view.pairs, view.event_count) == (0, None, (), 0)
+
+
+def test_formation_error_is_the_laws_and_each_agent_has_its_share() -> None:
+    view = flying_model(PLAN).view(30.0)
+    points = [agent.state.position_ned_m[:2] for agent in view.agents if agent.state]
+    assert view.error_m == pytest.approx(float(formation_error(points, 5.0 * np.array(HEXAGON))))
+    assert view.error_m == max(agent.error_m or 0.0 for agent in view.agents)
+
+
+def test_exchanged_slots_are_those_of_the_role() -> None:
+    """Agents 1 and 2 took each other's slots and stand in them: the shape stands, and the map shows theirs."""
+    model = Model(PLAN)
+    taken = {1: 1, 2: 0}
+    for k, agent in enumerate(PLAN.agents):
+        role = taken.get(agent.id, k)
+        place = (5 * HEXAGON[role][0], 5 * HEXAGON[role][1], -10.0)
+        model.fold(state_of(PLAN, agent.id, 30.0, position_ned_m=place, deal=ExchangeState(role=role)), 30.0)
+    view = model.view(30.0)
+    assert view.error_m == pytest.approx(0.0, abs=1e-9)
+    assert view.agent(1).target_m == pytest.approx((5 * HEXAGON[1][0], 5 * HEXAGON[1][1]))
+
+
+def test_there_is_no_formation_error_before_the_form_step() -> None:
+    model = Model(PLAN)
+    for agent in PLAN.agents:
+        model.fold(state_of(PLAN, agent.id, 1.0, step=1), 1.0)
+    assert model.view(1.0).error_m is None
+
+
+def test_nearest_and_edges_are_horizontal_distances() -> None:
+    view = flying_model(PLAN).view(30.0)
+    two = view.agent(2)
+    assert two.nearest_agent == 6
+    assert two.nearest_m == pytest.approx(5 * 8**0.5)
+    assert {(edge.a, edge.b) for edge in view.edges} == {(1, 2), (1, 3), (2, 6), (3, 5), (4, 5)}
+    assert next(e.length_m for e in view.edges if (e.a, e.b) == (3, 5)) == pytest.approx(5 * 20**0.5)
+
+
+def test_an_agent_is_lost_after_the_plans_time_and_no_longer_counts() -> None:
+    plan = replace(PLAN, policies=Policies(agent_lost_after_s=3.0))
+    model = flying_model(plan, 30.0)
+    for agent in plan.agents:
+        if agent.id != 5:
+            model.fold(state_of(plan, agent.id, 33.0, seq=5000), 33.0)
+    assert not model.view(32.7).agent(5).lost
+    view = model.view(33.1)
+    assert [agent.id for agent in view.agents if agent.lost] == [5]
+    assert view.agent(5).error_m is None
+    kept = [agent.state.position_ned_m[:2] for agent in view.agents if agent.state and agent.id != 5]
+    slots = [slot for k, slot in enumerate(HEXAGON) if k != 4]
+    assert view.error_m == pytest.approx(float(formation_error(kept, 5.0 * np.array(slots))))
+
+
+def test_an_agent_that_has_ended_is_not_lost() -> None:
+    model = flying_model(PLAN, 30.0)
+    model.fold(status_of(PLAN, 5, 30.5, phase=Phase.ENDED), 30.5)
+    assert not model.view(99.0).agent(5).lost
+
+
+def test_an_agent_restarted_after_its_end_can_be_lost_again() -> None:
+    model = Model(PLAN)
+    model.fold(status_of(PLAN, 5, 30.0, phase=Phase.ENDED), 30.0)
+    model.fold(state_of(PLAN, 5, 31.0), 31.0)
+    assert model.view(40.0).agent(5).lost
+
+
+def test_a_status_alone_keeps_an_agent_heard() -> None:
+    """Before its vehicle has a position an agent sends no states."""
+    model = Model(PLAN)
+    model.fold(status_of(PLAN, 2, 5.0, phase=Phase.PREPARE, step=0, airborne=False), 5.0)
+    agent = model.view(6.0).agent(2)
+    assert (agent.phase, agent.lost, agent.link.age_s, agent.silence_s) == (Phase.PREPARE, False, None, 1.0)
+
+
+def test_late_messages_change_no_picture() -> None:
+    model = flying_model(PLAN, 30.0)
+    before = model.view(30.0)
+    model.fold(state_of(PLAN, 1, 12.0, seq=3, position_ned_m=(0.0, 0.0, 0.0)), 30.0)
+    model.fold(status_of(PLAN, 1, 12.0, phase=Phase.ARM), 30.0)
+    after = model.view(30.0)
+    assert after.agent(1).state == before.agent(1).state
+    assert after.agent(1).status == before.agent(1).status
+    assert after.agent(1).link.late == before.agent(1).link.late + 1
+
+
+def test_a_view_never_changes_again() -> None:
+    model = flying_model(PLAN, 30.0)
+    model.fold(Command("c1", "land", (), 30.0), 30.0)
+    view = model.view(30.0)
+    kept = copy.deepcopy(view)
+    model.fold(Ack(1, "c1", True, ""), 30.1)
+    model.fold(Event(1, 30.1, "info", "landing"), 30.1)
+    model.fold(StationBeacon("other", 30.1, 1), 30.1)
+    for agent in PLAN.agents:
+        model.fold(state_of(PLAN, agent.id, 31.0, seq=7000, phase=Phase.LAND), 31.0)
+    assert model.view(31.0) != kept
+    assert view == kept
+
+
+def test_pairs_hold_both_sides_and_go_when_reports_stop() -> None:
+    model = flying_model(PLAN, 30.0)
+    (pair,) = model.view(30.0).pairs
+    assert (pair.a, pair.b) == (2, 6)
+    assert pair.distance_m == pytest.approx(5 * 1.31)
+    assert [(agent, report.peer) for agent, report in pair.sides] == [(2, 6), (6, 2)]
+    assert model.view(31.5).pairs == ()
+
+
+def test_an_empty_sigma_report_clears_a_pair_at_once() -> None:
+    model = flying_model(PLAN, 30.0)
+    for agent in (2, 6):
+        model.fold(SigmaReport(agent, 30.0, (0.0, 0.0), (0.0, 0.0), ()), 30.0)
+    assert model.view(30.0).pairs == ()
+
+
+def test_pairs_come_nearest_first() -> None:
+    model = flying_model(PLAN, 30.0)
+    model.fold(SigmaReport(1, 30.0, (0.0, 0.0), (0.0, 0.0), (report_of(3, 1.4), report_of(2, 0.9))), 30.0)
+    assert [(pair.a, pair.b) for pair in model.view(30.0).pairs] == [(1, 2), (2, 6), (1, 3)]
+
+
+def test_a_repeated_event_is_one_event() -> None:
+    model = Model(PLAN)
+    event = Event(3, 4.0, "warning", "vehicle: low battery")
+    model.fold(event, 4.0)
+    model.fold(event, 4.1)
+    view = model.view(5.0)
+    assert (view.events, view.event_count) == ((event,), 1)
+
+
+def test_only_the_last_events_are_kept_and_all_are_counted() -> None:
+    model = Model(PLAN)
+    for k in range(500):
+        model.fold(Event(1, float(k), "info", f"event {k}"), float(k))
+    view = model.view(500.0)
+    assert view.event_count == 500
+    assert [event.time_s for event in view.events] == [float(k) for k in range(300, 500)]
+
+
+def test_acks_belong_to_their_command_and_the_first_word_of_a_command_counts() -> None:
+    model = Model(PLAN)
+    model.fold(Command("c1", "land", (), 1.0), 1.0)
+    model.fold(Command("c1", "land", (), 1.5), 1.5)
+    model.fold(Ack(2, "c1", True, ""), 1.6)
+    model.fold(Ack(2, "never sent", True, ""), 1.6)
+    (command,) = model.view(2.0).commands
+    assert command.received_s == 1.0
+    assert list(command.acks) == [2]
+
+
+def test_a_stranger_is_shown() -> None:
+    model = Model(PLAN)
+    model.fold(replace(state_of(PLAN, 1, 1.0), agent=42), 1.0)
+    view = model.view(1.0)
+    assert [agent.id for agent in view.agents if not agent.in_plan] == [42]
+    assert view.agent(42).error_m is None
+
+
+def test_links_are_what_receivers_report() -> None:
+    view = flying_model(PLAN).view(30.0)
+    assert len(view.links) == 30
+    assert all(link.receiver != link.sender and link.report.received == 400 for link in view.links)
