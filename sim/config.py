@@ -1,4 +1,5 @@
-"""The simulator's configuration: strict JSON, every mistake named with its field and what would be allowed."""
+"""The simulator's configuration: strict JSON, every mistake named with its field and what would be
+allowed."""
 
 from __future__ import annotations
 
@@ -88,7 +89,8 @@ class SimConfig(_Strict):
     truth_rate_hz: float = Field(default=10.0, gt=0.0, le=100.0)
     sensing_range_m: float = Field(default=50.0, ge=0.0)
     signing_key_path: Path | None = None
-    """A file with the MAVLink 2 signing key of all vehicles; without one nothing is signed, and everything served."""
+    """A file with the MAVLink 2 signing key of all vehicles; without one nothing is signed, and
+    everything served."""
     vehicles: tuple[VehicleConfig, ...] = Field(min_length=1)
     sim_parameters: dict[SimParameter, float] = {}
     """SIM_* parameters of all vehicles at start: weather, sensor errors, what is broken."""
@@ -107,12 +109,16 @@ class SimConfig(_Strict):
                     continue  # several may speak to one ground station
                 if value in seen:
                     first = seen[value]
-                    raise ValueError(f"vehicles[{first}] and vehicles[{i}] share {name} {value}; each needs its own")
+                    raise ValueError(
+                        f"vehicles[{first}] and vehicles[{i}] share {name} {value}; each needs its own"
+                    )
                 seen[value] = i
         known = {vehicle.sysid for vehicle in self.vehicles}
         for i, fault in enumerate(self.faults):
             if fault.sysid is not None and fault.sysid not in known:
-                raise ValueError(f"faults[{i}] names sysid {fault.sysid}; there are {sorted(known)}")
+                raise ValueError(
+                    f"faults[{i}] names sysid {fault.sysid}; there are {sorted(known)}"
+                )
         return self
 
 

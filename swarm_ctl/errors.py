@@ -1,4 +1,5 @@
-"""One error tree. The type says who is to blame; the text says what, where and what would be allowed."""
+"""One error tree. The type says who is to blame; the text says what, where and what would be
+allowed."""
 
 from __future__ import annotations
 
@@ -36,7 +37,8 @@ class InputError(SwarmError):
 
 
 class MissionError(InputError):
-    """A mission or fleet file was refused; `problems` holds every mistake found, not only the first."""
+    """A mission or fleet file was refused; `problems` holds every mistake found, not only the
+    first."""
 
     def __init__(self, problems: tuple[Problem, ...]) -> None:
         super().__init__("\n".join(str(problem) for problem in problems))
@@ -44,13 +46,15 @@ class MissionError(InputError):
 
 
 class StartError(SwarmError):
-    """The machine did not let us start: a busy port, a missing program, a process that died while starting."""
+    """The machine did not let us start: a busy port, a missing program, a process that died while
+    starting."""
 
     exit_code = 3
 
 
 class PayloadError(SwarmError):
-    """Bytes from the mesh that are not a payload we know (wrong size, version or field). Counted, dropped."""
+    """Bytes from the mesh that are not a payload we know (wrong size, version or field). Counted,
+    dropped."""
 
 
 class LinkError(SwarmError):

@@ -1,8 +1,9 @@
 """Settings for all tests, and how they share a machine of two cores.
 
-Tests in real time (processes, sockets, the system's clock) mostly wait, and must not be kept waiting. The two folders
-of them are a group each, so that one worker flies them one after another; the groups are the largest, so they are what
-the workers begin with. All other tests only compute: they come after, and a worker that has come to them gives way.
+Tests in real time (processes, sockets, the system's clock) mostly wait, and must not be kept
+waiting. The two folders of them are a group each, so that one worker flies them one after another;
+the groups are the largest, so they are what the workers begin with. All other tests only compute:
+they come after, and a worker that has come to them gives way.
 """
 
 from __future__ import annotations
@@ -46,4 +47,6 @@ settings.register_profile("here", deadline=None)
 settings.register_profile("ci", deadline=None, derandomize=True)
 settings.load_profile("ci" if os.environ.get("CI") else "here")
 
-pytest_plugins = ["swarm_ctl.testing.plugin"]  # known to pytest already where the package is installed anew
+pytest_plugins = [
+    "swarm_ctl.testing.plugin"
+]  # known to pytest already where the package is installed anew

@@ -1,1 +1,2 @@
-"""Autopilot personas: pure state machines from MAVLink messages to demands on the vehicle's motion."""
+"""Autopilot personas: pure state machines from MAVLink messages to demands on the vehicle's
+motion."""

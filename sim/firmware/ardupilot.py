@@ -1,4 +1,5 @@
-"""The ArduCopter persona (autopilot 3): GUIDED flight, with the answers a running ArduCopter 4.7 gives. Pure."""
+"""The ArduCopter persona (autopilot 3): GUIDED flight, with the answers a running ArduCopter 4.7
+gives. Pure."""
 
 from __future__ import annotations
 
@@ -10,7 +11,16 @@ from typing import ClassVar
 from sim.firmware.base import Firmware, Setup
 from sim.firmware.fault_parameters import SIM_DEFAULTS
 from sim.firmware.flying.guided import condition_yaw
-from sim.firmware.flying.maneuvers import Ground, Hold, Land, Maneuver, Return, Style, Takeoff, Velocity
+from sim.firmware.flying.maneuvers import (
+    Ground,
+    Hold,
+    Land,
+    Maneuver,
+    Return,
+    Style,
+    Takeoff,
+    Velocity,
+)
 from sim.firmware.flying.mission_flight import Auto, Course
 from sim.firmware.flying.setpoint import (
     FRAME_BODY_NED,
@@ -65,7 +75,8 @@ MODES: Mapping[int, Mode] = {
 STABILIZE, AUTO, GUIDED, LOITER, RTL, LAND, BRAKE = (MODES[n] for n in (0, 3, 4, 5, 6, 9, 17))
 
 GCS_FAILSAFE: Mapping[int, Mode] = {1: RTL, 2: RTL, 3: RTL, 4: LAND, 5: LAND, 6: RTL, 7: BRAKE}
-"""FS_GCS_ENABLE to mode. Smart RTL (3, 4) keeps no track here and takes its second choice; 0 is off."""
+"""FS_GCS_ENABLE to mode. Smart RTL (3, 4) keeps no track here and takes its second choice; 0 is
+off."""
 
 BATTERY_FAILSAFE: Mapping[int, Mode] = {1: LAND, 2: RTL, 3: RTL, 4: RTL}
 """BATT_FS_LOW_ACT to mode; 0 only warns."""
@@ -75,7 +86,14 @@ STREAM_GROUPS: Mapping[int, tuple[str, ...]] = {
     6: ("GLOBAL_POSITION_INT", "LOCAL_POSITION_NED"),
     10: ("ATTITUDE",),
     11: ("VFR_HUD",),
-    12: ("SYSTEM_TIME", "BATTERY_STATUS", "EKF_STATUS_REPORT", "ADSB_VEHICLE", "EXTENDED_SYS_STATE", "WIND"),
+    12: (
+        "SYSTEM_TIME",
+        "BATTERY_STATUS",
+        "EKF_STATUS_REPORT",
+        "ADSB_VEHICLE",
+        "EXTENDED_SYS_STATE",
+        "WIND",
+    ),
 }
 """REQUEST_DATA_STREAM: MAV_DATA_STREAM to messages; 0 is all of them."""
 
@@ -89,7 +107,9 @@ class Ardupilot(Firmware):
 
     autopilot: ClassVar[int] = 3
     version: ClassVar[int] = 4 << 24 | 7 << 16
-    capabilities: ClassVar[int] = 0x2 | 0x4 | 0x8 | 0x80 | 0x100 | 0x2000 | 0x4000 | 0x8000 | 0x20000
+    capabilities: ClassVar[int] = (
+        0x2 | 0x4 | 0x8 | 0x80 | 0x100 | 0x2000 | 0x4000 | 0x8000 | 0x20000
+    )
     boot_streams: ClassVar[Mapping[str, float]] = {"HEARTBEAT": 1.0}
     force_arm_magic: ClassVar[float] = 2989.0
     arm_nonsense: ClassVar[Result | None] = Result.UNSUPPORTED
@@ -138,12 +158,16 @@ class Ardupilot(Firmware):
     def battery_low(self) -> bool:
         """See `Firmware`; BATT_LOW_VOLT, BATT_LOW_MAH."""
         volt, mah = self.parameters["BATT_LOW_VOLT"], self.parameters["BATT_LOW_MAH"]
-        return (volt > 0 and self.battery.voltage_v < volt) or (mah > 0 and self.battery.left_mah < mah)
+        return (volt > 0 and self.battery.voltage_v < volt) or (
+            mah > 0 and self.battery.left_mah < mah
+        )
 
     def on_battery_low(self) -> None:
         """See `Firmware`; BATT_FS_LOW_ACT."""
         used = round(self.battery.used_mah)
-        self.text(Severity.WARNING, f"Battery 1 is low {self.battery.voltage_v:.2f}V used {used} mAh")
+        self.text(
+            Severity.WARNING, f"Battery 1 is low {self.battery.voltage_v:.2f}V used {used} mAh"
+        )
         action = BATTERY_FAILSAFE.get(round(self.parameters["BATT_FS_LOW_ACT"]))
         if action is None or not self.armed:
             return
@@ -175,7 +199,11 @@ class Ardupilot(Firmware):
         if not force and self.parameters["ARMING_CHECK"] and not self.ready():
             return "Need Position Estimate"
         if not force and self.parameters["ARMING_CHECK"] and not self.armable():
-            return "Battery 1 below minimum arming voltage" if self.battery_low() else "Hardware safety switch"
+            return (
+                "Battery 1 below minimum arming voltage"
+                if self.battery_low()
+                else "Hardware safety switch"
+            )
         return None
 
     def disarm(self, *, force: bool) -> Result:
@@ -218,7 +246,12 @@ class Ardupilot(Firmware):
     def _mode_refusal(self, mode: Mode) -> str | None:
         if mode is AUTO and not missions.present(self):
             return "no mission"
-        if mode is AUTO and self.armed and self.sensed.landed and not missions.begins_with_takeoff(self):
+        if (
+            mode is AUTO
+            and self.armed
+            and self.sensed.landed
+            and not missions.begins_with_takeoff(self)
+        ):
             return "Missing Takeoff Cmd"
         if self.armed and mode.positioned and not self.ready():
             return "requires position"
@@ -240,7 +273,10 @@ class Ardupilot(Firmware):
     # --- missions ---
 
     def course(
-        self, place: Callable[[Item], Vector3], reached: Callable[[int], None], set_speed: Callable[[float], None]
+        self,
+        place: Callable[[Item], Vector3],
+        reached: Callable[[int], None],
+        set_speed: Callable[[float], None],
     ) -> Course:
         """See `Firmware`."""
         p = self.parameters
@@ -261,7 +297,9 @@ class Ardupilot(Firmware):
         if not self.ready():
             return item
         at = self.plane.geodetic_from_ned(self.home_ned)
-        return Item(16, 0, (0.0, 0.0, 0.0, 0.0), round(at.lat_deg * 1e7), round(at.lon_deg * 1e7), at.alt_m)
+        return Item(
+            16, 0, (0.0, 0.0, 0.0, 0.0), round(at.lat_deg * 1e7), round(at.lon_deg * 1e7), at.alt_m
+        )
 
     def mission_lost(self) -> None:
         """See `Firmware`."""
@@ -295,7 +333,8 @@ class Ardupilot(Firmware):
         return Result.ACCEPTED
 
     def on_setpoint(self, setpoint: Setpoint) -> None:
-        """See `Firmware`; one ignored axis drops its whole group, and with nothing usable left the vehicle stops."""
+        """See `Firmware`; one ignored axis drops its whole group, and with nothing usable left the
+        vehicle stops."""
         if self.mode is not GUIDED or not self.armed:
             self.ignored += 1
             return
@@ -379,7 +418,11 @@ class Ardupilot(Firmware):
 
     def _check_setpoint(self) -> None:
         """GUID_TIMEOUT: without news a velocity becomes zero; a position stays."""
-        moving = isinstance(self.maneuver, Velocity) and self.maneuver.velocity_ned_mps != (0.0, 0.0, 0.0)
+        moving = isinstance(self.maneuver, Velocity) and self.maneuver.velocity_ned_mps != (
+            0.0,
+            0.0,
+            0.0,
+        )
         if moving and self.now - self._setpoint_s > self.parameters["GUID_TIMEOUT"]:
             self.begin(Hold(self.sensed.heading_rad))
 

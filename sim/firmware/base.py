@@ -1,8 +1,9 @@
-"""What both personas share: one autopilot's state, its time, and how it speaks. Pure: no socket, clock or pymavlink.
+"""What both personas share: one autopilot's state, its time, and how it speaks. Pure: no socket,
+clock or pymavlink.
 
-A firmware is told of messages (`handle`) and of time (`run`), both with what its sensors say; it answers through
-`outbox` and by `demand`. What every MAVLink vehicle serves is in `services.py` and `commands.py`; behaviour that
-differs between the real firmwares is in `ardupilot.py` and `px4.py`.
+A firmware is told of messages (`handle`) and of time (`run`), both with what its sensors say; it
+answers through `outbox` and by `demand`. What every MAVLink vehicle serves is in `services.py` and
+`commands.py`; behaviour that differs between the real firmwares is in `ardupilot.py` and `px4.py`.
 """
 
 from __future__ import annotations
@@ -75,7 +76,8 @@ class Firmware(ABC):
     arm_nonsense: ClassVar[Result | None]
     """The answer to arming with a first parameter that is neither 0 nor 1."""
     asks_in_kind: ClassVar[bool]
-    """It asks for mission items by MISSION_REQUEST_INT once the client has shown that it knows it."""
+    """It asks for mission items by MISSION_REQUEST_INT once the client has shown that it knows
+    it."""
     first_index: ClassVar[int]
     """Index of the first mission item that is flown."""
     refusal: ClassVar[Result]
@@ -175,7 +177,10 @@ class Firmware(ABC):
 
     @abstractmethod
     def course(
-        self, place: Callable[[Item], Vector3], reached: Callable[[int], None], set_speed: Callable[[float], None]
+        self,
+        place: Callable[[Item], Vector3],
+        reached: Callable[[int], None],
+        set_speed: Callable[[float], None],
     ) -> Course:
         """How missions are flown, from the parameters."""
 
@@ -188,7 +193,8 @@ class Firmware(ABC):
         return item
 
     def guided_item(self, _item: Item) -> bool | None:
-        """A mission item outside any upload, to be flown at once: whether it is; None: not answered."""
+        """A mission item outside any upload, to be flown at once: whether it is; None: not
+        answered."""
         return None
 
     @abstractmethod
@@ -230,10 +236,16 @@ class Firmware(ABC):
                 self.say(name, fields)
 
     def handle(self, message: Message, now: float, sensed: Sensed) -> None:
-        """Acts on a received message; what is not for us or makes no sense is counted in `ignored`."""
+        """Acts on a received message; what is not for us or makes no sense is counted in
+        `ignored`."""
         handler = HANDLERS.get(message.name)
         target = message.fields.get("target_system", 0)
-        if handler is None or now < self.boot_s or target not in (0, self.sysid) or not sane(message):
+        if (
+            handler is None
+            or now < self.boot_s
+            or target not in (0, self.sysid)
+            or not sane(message)
+        ):
             self.ignored += 1
             return
         self.now, self.sensed = now, sensed
@@ -256,12 +268,16 @@ class Firmware(ABC):
         self.update_demand()
         missions.keep_up(self)
         for _ in range(min(_PARAMETERS_PER_TICK, len(self.pending_parameters))):
-            self.say("PARAM_VALUE", self.parameters.value_message(self.pending_parameters.popleft()))
+            self.say(
+                "PARAM_VALUE", self.parameters.value_message(self.pending_parameters.popleft())
+            )
 
     def _watch_battery(self) -> None:
         p = self.parameters
         self.battery.failed = p["SIM_BATT_FAIL"] == 1.0
-        self.battery.drain(_BATTERY_S, flying=not self.sensed.landed, factor=max(0.0, p["SIM_BATT_DRAIN"]))
+        self.battery.drain(
+            _BATTERY_S, flying=not self.sensed.landed, factor=max(0.0, p["SIM_BATT_DRAIN"])
+        )
         low = self.battery_low()
         if low and not self._low:
             self.on_battery_low()
@@ -329,11 +345,16 @@ class Firmware(ABC):
 
     def ready(self) -> bool:
         """Position estimate and pre-arm checks are good."""
-        return self.now - self.boot_s >= self._ready_after_s and self.parameters["SIM_GPS_OFF"] != 1.0
+        return (
+            self.now - self.boot_s >= self._ready_after_s and self.parameters["SIM_GPS_OFF"] != 1.0
+        )
 
     def fix(self) -> bool:
         """GPS has a position."""
-        return self.now - self.boot_s >= 0.5 * self._ready_after_s and self.parameters["SIM_GPS_OFF"] != 1.0
+        return (
+            self.now - self.boot_s >= 0.5 * self._ready_after_s
+            and self.parameters["SIM_GPS_OFF"] != 1.0
+        )
 
     def armable(self) -> bool:
         """Pre-arm checks are good."""
@@ -357,7 +378,9 @@ class Firmware(ABC):
         """EXTENDED_SYS_STATE.landed_state."""
         if self.sensed.landed:
             return Landed.ON_GROUND
-        return self.maneuver.landed_state if self.armed and not self.maneuver.done else Landed.IN_AIR
+        return (
+            self.maneuver.landed_state if self.armed and not self.maneuver.done else Landed.IN_AIR
+        )
 
     # --- speaking ---
 
@@ -374,5 +397,10 @@ class Firmware(ABC):
 
     def acknowledge(self, command: int, result: Result, to: tuple[int, int]) -> None:
         """COMMAND_ACK to who asked."""
-        fields = {"command": command, "result": int(result), "target_system": to[0], "target_component": to[1]}
+        fields = {
+            "command": command,
+            "result": int(result),
+            "target_system": to[0],
+            "target_component": to[1],
+        }
         self.say("COMMAND_ACK", fields, private=True)

@@ -1,6 +1,8 @@
-"""SIM_* parameters: what can be made to go wrong, and the weather; the same for both personas, all off by default.
+"""SIM_* parameters: what can be made to go wrong, and the weather; the same for both personas, all
+off by default.
 
-Real parameters of the simulated vehicle: a client sets them live over MAVLink, a configuration at start or at a time.
+Real parameters of the simulated vehicle: a client sets them live over MAVLink, a configuration at
+start or at a time.
 """
 
 from __future__ import annotations

@@ -1,6 +1,8 @@
-"""What firmware takes and gives: MAVLink messages as plain records, and the numbers of the enumerations it uses.
+"""What firmware takes and gives: MAVLink messages as plain records, and the numbers of the
+enumerations it uses.
 
-The bytes are `sim.network.endpoint`'s work. Names of messages, fields and enumerations are MAVLink's (common.xml).
+The bytes are `sim.network.endpoint`'s work. Names of messages, fields and enumerations are
+MAVLink's (common.xml).
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""The PX4 persona (autopilot 12): OFFBOARD flight, with the answers a running PX4 1.15 gives. Pure."""
+"""The PX4 persona (autopilot 12): OFFBOARD flight, with the answers a running PX4 1.15 gives.
+Pure."""
 
 from __future__ import annotations
 
@@ -9,7 +10,16 @@ from typing import ClassVar
 
 from sim.firmware.base import Firmware, Setup
 from sim.firmware.fault_parameters import SIM_DEFAULTS
-from sim.firmware.flying.maneuvers import Ground, Hold, Land, Maneuver, Return, Style, Takeoff, Velocity
+from sim.firmware.flying.maneuvers import (
+    Ground,
+    Hold,
+    Land,
+    Maneuver,
+    Return,
+    Style,
+    Takeoff,
+    Velocity,
+)
 from sim.firmware.flying.mission_flight import Auto, Course
 from sim.firmware.flying.setpoint import FRAME_BODY_NED, FRAME_LOCAL_NED, NOTHING, Setpoint, moved
 from sim.firmware.message import (
@@ -64,7 +74,8 @@ POSCTL, TAKEOFF, LOITER, MISSION, RTL, LAND, OFFBOARD = (
 )
 
 OFFBOARD_LOSS: Mapping[int, Mode] = {0: POSCTL, 1: POSCTL, 2: POSCTL, 3: RTL, 4: LAND, 5: LOITER}
-"""COM_OBL_RC_ACT to mode. The manual ones have no sticks here: the vehicle descends, lands and disarms in them."""
+"""COM_OBL_RC_ACT to mode. The manual ones have no sticks here: the vehicle descends, lands and
+disarms in them."""
 DATALINK_LOSS: Mapping[int, Mode] = {1: LOITER, 2: RTL, 3: LAND}
 """NAV_DLL_ACT to mode; 0 is off."""
 
@@ -82,7 +93,9 @@ class Px4(Firmware):
 
     autopilot: ClassVar[int] = 12
     version: ClassVar[int] = 1 << 24 | 15 << 16
-    capabilities: ClassVar[int] = 0x2 | 0x4 | 0x8 | 0x10 | 0x40 | 0x80 | 0x100 | 0x2000 | 0x4000 | 0x8000
+    capabilities: ClassVar[int] = (
+        0x2 | 0x4 | 0x8 | 0x10 | 0x40 | 0x80 | 0x100 | 0x2000 | 0x4000 | 0x8000
+    )
     boot_streams: ClassVar[Mapping[str, float]] = {
         "HEARTBEAT": 1.0,
         "SYS_STATUS": 0.5,
@@ -160,14 +173,17 @@ class Px4(Firmware):
             self._fail(action)
 
     def addressed(self, command: Command) -> bool:
-        """Only commands for exactly this system and its autopilot (or all its components) are served."""
+        """Only commands for exactly this system and its autopilot (or all its components) are
+        served."""
         return command.target[0] == self.sysid and command.target[1] in (0, 1)
 
     # --- arming ---
 
     def arm(self, *, force: bool) -> Result:
         """See `Firmware`."""
-        if not force and not (self.armable() and self.mode.armable and self._mode_possible(self.mode)):
+        if not force and not (
+            self.armable() and self.mode.armable and self._mode_possible(self.mode)
+        ):
             self.text(Severity.CRITICAL, "Arming denied: Resolve system health failures first")
             return Result.TEMPORARILY_REJECTED
         self.set_armed()
@@ -185,7 +201,8 @@ class Px4(Firmware):
         return Result.ACCEPTED
 
     def set_disarmed(self, text: str) -> None:
-        """See `Firmware`; what has ended with the flight gives way to the mode a vehicle waits in."""
+        """See `Firmware`; what has ended with the flight gives way to the mode a vehicle waits
+        in."""
         super().set_disarmed(text)
         if self.mode in (TAKEOFF, LAND, RTL, MISSION):
             self.mode = LOITER
@@ -237,7 +254,9 @@ class Px4(Firmware):
             down = self._takeoff_down_m
             if down is None:
                 down = self.sensed.position_ned_m[2] - self.parameters["MIS_TAKEOFF_ALT"]
-            return Takeoff(self.sensed, down, self.now + SPOOL_UP_S, self.parameters["MPC_TKO_SPEED"])
+            return Takeoff(
+                self.sensed, down, self.now + SPOOL_UP_S, self.parameters["MPC_TKO_SPEED"]
+            )
         if mode is LAND:
             return Land(heading, self.home_ned[2])
         if mode is MISSION and self.armed:
@@ -252,7 +271,10 @@ class Px4(Firmware):
     # --- missions ---
 
     def course(
-        self, place: Callable[[Item], Vector3], reached: Callable[[int], None], set_speed: Callable[[float], None]
+        self,
+        place: Callable[[Item], Vector3],
+        reached: Callable[[int], None],
+        set_speed: Callable[[float], None],
     ) -> Course:
         """See `Firmware`."""
         p = self.parameters
@@ -286,7 +308,8 @@ class Px4(Firmware):
     # --- offboard ---
 
     def on_setpoint(self, setpoint: Setpoint) -> None:
-        """See `Firmware`; counted as a sign of life in every mode, flown in OFFBOARD. Axes are ignored one by one."""
+        """See `Firmware`; counted as a sign of life in every mode, flown in OFFBOARD. Axes are
+        ignored one by one."""
         usable = setpoint.position != NOTHING or setpoint.velocity != NOTHING
         if setpoint.frame not in (FRAME_LOCAL_NED, FRAME_BODY_NED) or not usable:
             self.ignored += 1
@@ -336,12 +359,19 @@ class Px4(Firmware):
         self._flown = self._flown or not self.sensed.landed
         self._check_offboard()
         self._check_datalink()
-        if not self.ready() and not self.sensed.landed and self.mode is not POSCTL and self.mode is not LAND:
+        if (
+            not self.ready()
+            and not self.sensed.landed
+            and self.mode is not POSCTL
+            and self.mode is not LAND
+        ):
             self._fail(POSCTL)  # no position: descends
         if isinstance(self.maneuver, Auto) and self.maneuver.finished and not self.maneuver.done:
             missions.keep_up(self)
             self.mode = LOITER
-            self.begin(Velocity((0.0, 0.0, 0.0), self.demand.heading_rad, self.demand.position_ned_m))
+            self.begin(
+                Velocity((0.0, 0.0, 0.0), self.demand.heading_rad, self.demand.position_ned_m)
+            )
         if self.mode is TAKEOFF and self.maneuver.done and not self.sensed.landed:
             self.mode = LOITER  # where the take-off led, not where it happens to be
         if self.sensed.landed:

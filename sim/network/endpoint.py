@@ -1,8 +1,9 @@
 """MAVLink bytes: the only user of pymavlink in `sim`.
 
-`Codec` turns bytes into plain messages and back, for one vehicle, without any socket. The message definitions and the
-checksum are pymavlink's; packing and unpacking is one table of precompiled structs, which is a third of the time that
-pymavlink's message objects take (the tests compare the two byte by byte).
+`Codec` turns bytes into plain messages and back, for one vehicle, without any socket. The message
+definitions and the checksum are pymavlink's; packing and unpacking is one table of precompiled
+structs, which is a third of the time that pymavlink's message objects take (the tests compare the
+two byte by byte).
 """
 
 from __future__ import annotations
@@ -30,7 +31,8 @@ _CHECK = struct.Struct("<H")
 
 @dataclass(frozen=True, slots=True)
 class _Field:
-    """One field in wire order: `size` 0 is a plain number, else the length of an array or a text."""
+    """One field in wire order: `size` 0 is a plain number, else the length of an array or a
+    text."""
 
     name: str
     size: int
@@ -53,7 +55,9 @@ class _Layout:
         self.names: list[str] = list(kind.ordered_fieldnames)
         kinds = dict(zip(kind.fieldnames, kind.fieldtypes, strict=True))
         sizes = zip(self.names, kind.array_lengths, strict=True)
-        self.fields = [_Field(name, size, kinds[name] == "char" and size > 0) for name, size in sizes]
+        self.fields = [
+            _Field(name, size, kinds[name] == "char" and size > 0) for name, size in sizes
+        ]
         self.plain = not any(field.size for field in self.fields)
         self._pick: Callable[[dict[str, Any]], tuple[Any, ...]] = (
             itemgetter(*self.names) if len(self.names) > 1 else lambda f: (f[self.names[0]],)
@@ -80,7 +84,8 @@ class _Layout:
         return [_fit(code, value) for code, value in zip(codes, values, strict=True)]
 
     def fields_of(self, payload: bytes) -> dict[str, Any]:
-        """The fields of a payload; one shorter than the message is filled with zeros, a longer one cut."""
+        """The fields of a payload; one shorter than the message is filled with zeros, a longer one
+        cut."""
         size = self.struct.size
         if len(payload) != size:
             payload = payload.ljust(size, b"\0")[:size]
@@ -117,7 +122,11 @@ _CODES = re.compile(r"(\d*)([a-zA-Z])")
 
 def _fit(code: str, value: Any) -> Any:
     if code == "f":
-        return math.copysign(_FLOAT_MAX, value) if math.isfinite(value) and abs(value) > _FLOAT_MAX else value
+        return (
+            math.copysign(_FLOAT_MAX, value)
+            if math.isfinite(value) and abs(value) > _FLOAT_MAX
+            else value
+        )
     if code in "sd":
         return value
     bits = 8 * struct.calcsize("<" + code)
@@ -127,7 +136,9 @@ def _fit(code: str, value: Any) -> Any:
 
 _FLOAT_MAX = 3.4028234e38
 
-_LAYOUTS: dict[int, _Layout] = {number: _Layout(kind) for number, kind in mavlink.mavlink_map.items()}
+_LAYOUTS: dict[int, _Layout] = {
+    number: _Layout(kind) for number, kind in mavlink.mavlink_map.items()
+}
 _BY_NAME: dict[str, _Layout] = {layout.name: layout for layout in _LAYOUTS.values()}
 
 
@@ -139,7 +150,8 @@ _checksum: Callable[[bytes], int] = mavlink.mcrf4xx or _slow_checksum
 
 
 class Codec:
-    """Frames of one vehicle, in and out. Every datagram stands alone: a broken one harms nothing after it."""
+    """Frames of one vehicle, in and out. Every datagram stands alone: a broken one harms nothing
+    after it."""
 
     def __init__(self, sysid: int, signing: Signing | None = None) -> None:
         self._sysid = sysid
@@ -148,7 +160,8 @@ class Codec:
         self.frames = 0
         """Good frames received."""
         self.bad = 0
-        """Frames with a wrong checksum, truncated, of an unknown message, or runs of bytes that are none."""
+        """Frames with a wrong checksum, truncated, of an unknown message, or runs of bytes that are
+        none."""
         self.unsigned = 0
         """Frames refused because they were not signed, or not as they should be."""
 
@@ -158,7 +171,17 @@ class Codec:
         payload = layout.payload(message.fields)
         number, sequence = layout.id, self._sequence
         flags = 0 if self._signing is None else _SIGNED
-        head = _HEAD.pack(_V2, len(payload), flags, 0, sequence, self._sysid, _AUTOPILOT, number & 0xFFFF, number >> 16)
+        head = _HEAD.pack(
+            _V2,
+            len(payload),
+            flags,
+            0,
+            sequence,
+            self._sysid,
+            _AUTOPILOT,
+            number & 0xFFFF,
+            number >> 16,
+        )
         self._sequence = (sequence + 1) & 0xFF
         body = head + payload
         frame = body + _CHECK.pack(_checksum(body[1:] + layout.extra))
@@ -203,7 +226,8 @@ class Codec:
 
 
 def split_stream(data: bytes) -> tuple[bytes, bytes]:
-    """What of a stream's bytes can be decoded now, and its end, where a frame has begun that isn't complete."""
+    """What of a stream's bytes can be decoded now, and its end, where a frame has begun that isn't
+    complete."""
     at = 0
     while at < len(data):
         size = frame_size(data, at)

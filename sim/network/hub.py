@@ -1,6 +1,8 @@
-"""Between bytes and world: who listens to which vehicle, frames packed once for all of them. No sockets, no clock.
+"""Between bytes and world: who listens to which vehicle, frames packed once for all of them. No
+sockets, no clock.
 
-The same hub serves real UDP ports (`sim.network.server`) and tests that carry the bytes in memory on a virtual clock.
+The same hub serves real UDP ports (`sim.network.server`) and tests that carry the bytes in memory
+on a virtual clock.
 """
 
 from __future__ import annotations
@@ -33,7 +35,11 @@ class Hub:
     """A world with clients."""
 
     def __init__(
-        self, config: SimConfig, now: float, send: Send, signing: Callable[[], Signing | None] = lambda: None
+        self,
+        config: SimConfig,
+        now: float,
+        send: Send,
+        signing: Callable[[], Signing | None] = lambda: None,
     ) -> None:
         self.world = World(config, now)
         self.recorder: Recorder | None = None
@@ -75,7 +81,9 @@ class Hub:
             what()
             return
         self._waiting_count += 1
-        heapq.heappush(self._waiting, (self.world.time_s + radio.delay_s, self._waiting_count, what))
+        heapq.heappush(
+            self._waiting, (self.world.time_s + radio.delay_s, self._waiting_count, what)
+        )
 
     def listen(self, place: int, peers: list[Address]) -> None:
         """Makes clients of those who are connected, though they have said nothing."""

@@ -97,7 +97,8 @@ class _Connection:
 
 
 class TcpPort:
-    """A TCP server (`tcpin`) with any number of clients; they hear the vehicle from their first moment."""
+    """A TCP server (`tcpin`) with any number of clients; they hear the vehicle from their first
+    moment."""
 
     def __init__(self, bind: Address) -> None:
         self._listener = socket.create_server(bind, backlog=16)
@@ -186,7 +187,9 @@ def open_port(endpoint: str) -> Port:
         return UdpPort(address)
     if kind == "tcpin":
         return TcpPort(address)
-    return UdpPort(("0.0.0.0" if host not in _LOCAL else host, 0), (socket.gethostbyname(host), int(port)))  # noqa: S104
+    return UdpPort(
+        ("0.0.0.0" if host not in _LOCAL else host, 0), (socket.gethostbyname(host), int(port))
+    )  # noqa: S104
 
 
 _LOCAL = ("127.0.0.1", "localhost")

@@ -25,7 +25,8 @@ DRAIN_S = 90.0
 _BATCH = 50
 """Steps done at a stretch while catching up, before sockets are looked at again."""
 _GATHER_S = 0.005
-"""Wall-clock time for which what comes after a first datagram is left to gather; none waits beyond the next step."""
+"""Wall-clock time for which what comes after a first datagram is left to gather; none waits beyond
+the next step."""
 _LATE_S, _SAY_AGAIN_S = 1.0, 10.0
 
 
@@ -62,7 +63,9 @@ class Server:
             for place, port in enumerate(self._ports):
                 self.hub.listen(place, port.peers())
             if self._config.truth_path is not None:
-                recorder = Recorder(self.hub.world, self._config, TruthFile(self._config.truth_path))
+                recorder = Recorder(
+                    self.hub.world, self._config, TruthFile(self._config.truth_path)
+                )
                 stack.callback(recorder.close)
                 self.hub.recorder = recorder
             self._stack = stack.pop_all()
@@ -92,7 +95,13 @@ class Server:
         refused = sum(codec.unsigned for codec in self.hub.codecs)
         if refused:
             log.warning("frames refused for want of a good signature: %d", refused)
-        log.info("frames in: %d good, %d bad, %d not for us; datagrams not sent: %d", good, bad, ignored, unsent)
+        log.info(
+            "frames in: %d good, %d bad, %d not for us; datagrams not sent: %d",
+            good,
+            bad,
+            ignored,
+            unsent,
+        )
 
     def _signing(self) -> Signing | None:
         path = self._config.signing_key_path
@@ -135,14 +144,19 @@ class Server:
         behind = now - self.hub.world.time_s
         if behind > _LATE_S and now - self._said_late_s > _SAY_AGAIN_S:
             self._said_late_s = now
-            log.warning("%.1f s of mission time behind the clock: this machine is too slow for the speed-up", behind)
+            log.warning(
+                "%.1f s of mission time behind the clock: this machine is too slow for the speed-up",
+                behind,
+            )
 
 
 def _open(endpoint: str) -> Port:
     try:
         return open_port(endpoint)
     except (OSError, OverflowError) as error:
-        raise PortError(f"{endpoint}: can't be opened: {getattr(error, 'strerror', None) or error}") from error
+        raise PortError(
+            f"{endpoint}: can't be opened: {getattr(error, 'strerror', None) or error}"
+        ) from error
 
 
 @contextlib.contextmanager

@@ -15,7 +15,8 @@ _BEHIND_10US = 60 * 100_000
 
 
 def read_key(path: Path) -> bytes:
-    """The key in a file of 32 bytes, or of 64 hexadecimal digits; ValueError (which doesn't show it) for another."""
+    """The key in a file of 32 bytes, or of 64 hexadecimal digits; ValueError (which doesn't show
+    it) for another."""
     data = path.read_bytes()
     if len(data) == KEY_BYTES:
         return data
@@ -24,15 +25,17 @@ def read_key(path: Path) -> bytes:
     except ValueError:
         key = b""
     if len(key) != KEY_BYTES:
-        raise ValueError(f"not a signing key: {KEY_BYTES} bytes or {2 * KEY_BYTES} hexadecimal digits are allowed")
+        raise ValueError(
+            f"not a signing key: {KEY_BYTES} bytes or {2 * KEY_BYTES} hexadecimal digits are allowed"
+        )
     return key
 
 
 class Signing:
     """Signs what one link sends, and judges what it receives.
 
-    Timestamps count 10 us since 2015 and only ever rise: per sender and link for what is received, on this link for
-    what is sent; so a recorded frame is worth nothing the second time.
+    Timestamps count 10 us since 2015 and only ever rise: per sender and link for what is received,
+    on this link for what is sent; so a recorded frame is worth nothing the second time.
     """
 
     def __init__(self, key: bytes, now_10us: Callable[[], int], link: int = 0) -> None:
@@ -63,7 +66,11 @@ class Signing:
         at = int.from_bytes(frame[-12:-6], "little")
         sender = (frame[-13], *source)
         last = self._heard.get(sender)
-        if at <= last if last is not None else at < max(self._last, self._now_10us()) - _BEHIND_10US:
+        if (
+            at <= last
+            if last is not None
+            else at < max(self._last, self._now_10us()) - _BEHIND_10US
+        ):
             return False
         self._heard[sender] = at
         return True

@@ -16,7 +16,8 @@ _EP2 = _E2 / (1.0 - _E2)
 
 @dataclass(frozen=True, slots=True)
 class Geodetic:
-    """Latitude and longitude in degrees, height above the ellipsoid in metres (we call it mean sea level)."""
+    """Latitude and longitude in degrees, height above the ellipsoid in metres (we call it mean sea
+    level)."""
 
     lat_deg: float
     lon_deg: float
@@ -24,7 +25,8 @@ class Geodetic:
 
 
 class TangentPlane:
-    """The plane that touches the ellipsoid at `origin`; NED metres. Exact: through earth-centred coordinates."""
+    """The plane that touches the ellipsoid at `origin`; NED metres. Exact: through earth-centred
+    coordinates."""
 
     def __init__(self, origin: Geodetic) -> None:
         self.origin = origin
@@ -57,7 +59,11 @@ def _ecef_from_geodetic(point: Geodetic) -> Vector3:
     sin_lat, cos_lat = math.sin(lat), math.cos(lat)
     normal = _A / math.sqrt(1.0 - _E2 * sin_lat * sin_lat)
     radial = (normal + point.alt_m) * cos_lat
-    return radial * math.cos(lon), radial * math.sin(lon), (normal * (1.0 - _E2) + point.alt_m) * sin_lat
+    return (
+        radial * math.cos(lon),
+        radial * math.sin(lon),
+        (normal * (1.0 - _E2) + point.alt_m) * sin_lat,
+    )
 
 
 def _geodetic_from_ecef(x: float, y: float, z: float) -> Geodetic:

@@ -1,7 +1,9 @@
-"""Velocity responses: how each firmware's velocity controller, and the airframe behind it, follow a target. Pure.
+"""Velocity responses: how each firmware's velocity controller, and the airframe behind it, follow a
+target. Pure.
 
-Each is used by `sim.physics.vehicle.advance`; all act on arrays with any leading axes and a last axis (north, east, down).
-Horizontal limits act on the length of the horizontal vector, as in the firmwares.
+Each is used by `sim.physics.vehicle.advance`; all act on arrays with any leading axes and a last
+axis (north, east, down). Horizontal limits act on the length of the horizontal vector, as in the
+firmwares.
 """
 
 from __future__ import annotations
@@ -27,11 +29,14 @@ def _axes(gains: Gains) -> Array:
 
 @dataclass(frozen=True)
 class Ideal:
-    """The paper's single integrator: the velocity is the target's, at once. For studies of the law alone."""
+    """The paper's single integrator: the velocity is the target's, at once. For studies of the law
+    alone."""
 
     memory_rows: int = 0
 
-    def acceleration(self, memory: Array, velocity: Array, target: Array, wind: Array, dt: float) -> Array:
+    def acceleration(
+        self, memory: Array, velocity: Array, target: Array, wind: Array, dt: float
+    ) -> Array:
         """See `sim.physics.vehicle.Response`."""
         del memory, wind
         return (target - velocity) / dt
@@ -39,15 +44,18 @@ class Ideal:
 
 @dataclass(frozen=True)
 class Ardupilot:
-    """ArduCopter in GUIDED: `input_vel_accel` shapes the target, AC_PosControl's P-P-I follows the shaped one.
+    """ArduCopter in GUIDED: `input_vel_accel` shapes the target, AC_PosControl's P-P-I follows the
+    shaped one.
 
-    Shaping (AP_Math `shape_vel_accel_xy`): acceleration towards the target proportional to the velocity error with
-    gain jerk / acceleration, bounded by WPNAV_ACCEL (2.5), its change by PSC_JERK_XY (5). Following: PSC_POSXY_P 1 on
-    the distance to where the shaped velocity would have led, PSC_VELXY_P 2, PSC_VELXY_I 1, lean angle at most 30 deg;
-    at that limit nothing winds up (`update_pos_vel_accel_xy`, AC_PID_2D). No speed is refused; vertical ones over
-    WPNAV_SPEED_UP and _DN (2.5, 1.5) are shaped faster (`calculate_overspeed_gain`).
-    Airframe: linear drag of the rotors, quadratic drag of the frame so that 15 m/s needs 45 deg, as the SITL quad has;
-    the lag of attitude and motors (two of 0.07 s) and the vertical gains are fitted to recorded steps.
+    Shaping (AP_Math `shape_vel_accel_xy`): acceleration towards the target proportional to the
+    velocity error with gain jerk / acceleration, bounded by WPNAV_ACCEL (2.5), its change by
+    PSC_JERK_XY (5). Following: PSC_POSXY_P 1 on the distance to where the shaped velocity would
+    have led, PSC_VELXY_P 2, PSC_VELXY_I 1, lean angle at most 30 deg; at that limit nothing winds
+    up (`update_pos_vel_accel_xy`, AC_PID_2D). No speed is refused; vertical ones over
+    WPNAV_SPEED_UP and _DN (2.5, 1.5) are shaped faster (`calculate_overspeed_gain`). Airframe:
+    linear drag of the rotors, quadratic drag of the frame so that 15 m/s needs 45 deg, as the SITL
+    quad has; the lag of attitude and motors (two of 0.07 s) and the vertical gains are fitted to
+    recorded steps.
     """
 
     memory_rows: int = 6
@@ -66,8 +74,11 @@ class Ardupilot:
     drag_per_s: Gains = (0.29, 0.0)
     drag_per_m: Gains = (0.024, 0.0)
 
-    def acceleration(self, memory: Array, velocity: Array, target: Array, wind: Array, dt: float) -> Array:
-        """See `sim.physics.vehicle.Response`. Memory: path error, shaped velocity and acceleration, integral, two lags."""
+    def acceleration(
+        self, memory: Array, velocity: Array, target: Array, wind: Array, dt: float
+    ) -> Array:
+        """See `sim.physics.vehicle.Response`. Memory: path error, shaped velocity and acceleration,
+        integral, two lags."""
         self._shape(memory[..., 1, :], memory[..., 2, :], target, dt)
         error = memory[..., 1, :] - velocity
         memory[..., 0, :] += error * dt
@@ -85,11 +96,18 @@ class Ardupilot:
         result: Array = force - air * (_axes(self.drag_per_s) + _axes(self.drag_per_m) * speed)
         return result
 
-    def _unwind(self, memory: Array, error: Array, command: Array, leaning: Mask, dt: float) -> None:
-        """Takes back (horizontally) what this step added towards where the vehicle can't lean more to go."""
+    def _unwind(
+        self, memory: Array, error: Array, command: Array, leaning: Mask, dt: float
+    ) -> None:
+        """Takes back (horizontally) what this step added towards where the vehicle can't lean more
+        to go."""
         path, shaped, acceleration, integral = (memory[..., row, :] for row in range(4))
         short = leaning & (_along(error, command) > 0.0)
-        path -= (short & (_along(shaped, command) > 0.0) & (_along(path, command) > 0.0))[..., None] * shaped * dt
+        path -= (
+            (short & (_along(shaped, command) > 0.0) & (_along(path, command) > 0.0))[..., None]
+            * shaped
+            * dt
+        )
         grown = short & (_along(acceleration, command) > 0.0) & (_along(shaped, command) >= 0.0)
         shaped -= grown[..., None] * acceleration * dt
         integral -= short[..., None] * (self.integral_per_s2[0] * dt) * error
@@ -105,20 +123,25 @@ class Ardupilot:
         velocity += acceleration * dt
 
     def _overspeed(self, down: Array) -> Array | float:
-        """By how much vertical acceleration and jerk may be larger; 1 within the speed limits, at most what lifts."""
+        """By how much vertical acceleration and jerk may be larger; 1 within the speed limits, at
+        most what lifts."""
         if down.max() <= self.descent_mps and down.min() >= -self.climb_mps:
             return 1.0
         over = np.maximum(down / self.descent_mps, -down / self.climb_mps)
-        faster: Array = np.where(over > 1.0, np.minimum(2.0 * over, 0.7 * self.lift_mps2 / self.climb_mps2), 1.0)
+        faster: Array = np.where(
+            over > 1.0, np.minimum(2.0 * over, 0.7 * self.lift_mps2 / self.climb_mps2), 1.0
+        )
         return faster
 
 
 @dataclass(frozen=True)
 class Px4:
-    """PX4 in OFFBOARD: the velocity target goes to the PI controller unshaped, so it starts fast and creeps in.
+    """PX4 in OFFBOARD: the velocity target goes to the PI controller unshaped, so it starts fast
+    and creeps in.
 
-    MPC_XY_VEL_P_ACC 1.8, _I_ACC 0.4; MPC_Z_VEL_P_ACC 4, _I_ACC 2; tilt at most MPC_TILTMAX_AIR 45 deg; target bounded
-    by MPC_XY_VEL_MAX 12, MPC_Z_VEL_MAX_UP 3, _DN 1.5. Airframe: linear drag 1 /s, as the SIH quadrotor has; lag fitted.
+    MPC_XY_VEL_P_ACC 1.8, _I_ACC 0.4; MPC_Z_VEL_P_ACC 4, _I_ACC 2; tilt at most MPC_TILTMAX_AIR 45
+    deg; target bounded by MPC_XY_VEL_MAX 12, MPC_Z_VEL_MAX_UP 3, _DN 1.5. Airframe: linear drag 1
+    /s, as the SIH quadrotor has; lag fitted.
     """
 
     memory_rows: int = 3
@@ -132,7 +155,9 @@ class Px4:
     integral_per_s2: Gains = (0.4, 2.0)
     drag_per_s: float = 1.0
 
-    def acceleration(self, memory: Array, velocity: Array, target: Array, wind: Array, dt: float) -> Array:
+    def acceleration(
+        self, memory: Array, velocity: Array, target: Array, wind: Array, dt: float
+    ) -> Array:
         """See `sim.physics.vehicle.Response`. Memory: integral, two lags."""
         error = target.copy()
         _bound(error, self.speed_mps, self.climb_mps)
@@ -177,7 +202,8 @@ def _shares(lag_s: Gains, dt: float) -> Array:
 
 
 def _lag(first: Array, second: Array, command: Array, share: Array) -> Array:
-    """Two first-order lags in a row, exact for a command that is constant over the step; changes both in place."""
+    """Two first-order lags in a row, exact for a command that is constant over the step; changes
+    both in place."""
     first += share * (command - first)
     second += share * (first - second)
     return second

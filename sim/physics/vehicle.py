@@ -1,9 +1,11 @@
-"""How a multirotor moves: pure numpy, batched over leading axes (missions, vehicles; one at least); last axis NED.
+"""How a multirotor moves: pure numpy, batched over leading axes (missions, vehicles; one at least);
+last axis NED.
 
-`advance` moves a `State` by one time step towards `Demands`. What lies between a velocity target and the acceleration
-that follows is the *response*, one replaceable object (`sim.physics.response`): `Ideal`, `Ardupilot` or `Px4`. It is the
-firmware's own velocity controller with the airframe behind it, so its numbers are the firmware's default parameters;
-what those don't give (attitude lag, drag) was fitted to recorded step responses.
+`advance` moves a `State` by one time step towards `Demands`. What lies between a velocity target
+and the acceleration that follows is the *response*, one replaceable object
+(`sim.physics.response`): `Ideal`, `Ardupilot` or `Px4`. It is the firmware's own velocity
+controller with the airframe behind it, so its numbers are the firmware's default parameters; what
+those don't give (attitude lag, drag) was fitted to recorded step responses.
 """
 
 from __future__ import annotations
@@ -24,7 +26,8 @@ GRAVITY_MPS2 = 9.80665
 class Response(Protocol):
     """From velocity target to acceleration.
 
-    `memory` (..., memory_rows, 3) is the controller's own state, zero for a vehicle at rest; changed in place.
+    `memory` (..., memory_rows, 3) is the controller's own state, zero for a vehicle at rest;
+    changed in place.
     """
 
     @property
@@ -32,7 +35,9 @@ class Response(Protocol):
         """Rows of `memory`."""
         ...
 
-    def acceleration(self, memory: Array, velocity: Array, target: Array, wind: Array, dt: float) -> Array:
+    def acceleration(
+        self, memory: Array, velocity: Array, target: Array, wind: Array, dt: float
+    ) -> Array:
         """Acceleration [m/s2] (..., 3) during the next `dt`, for velocities [m/s] (..., 3)."""
         ...
 
@@ -85,7 +90,8 @@ class Demands:
     descent: Array
     heading: Array
     lift: Mask
-    """Motors carry the vehicle. On the ground: may take off when asked to climb. In the air without: it falls."""
+    """Motors carry the vehicle. On the ground: may take off when asked to climb. In the air
+    without: it falls."""
 
     @staticmethod
     def idle(state: State) -> Demands:
@@ -104,7 +110,8 @@ class Demands:
 
 
 def advance(state: State, demands: Demands, response: Response, dt: float) -> None:
-    """Moves `state` by `dt` [s], in place (semi-implicit Euler: the new velocity moves the position)."""
+    """Moves `state` by `dt` [s], in place (semi-implicit Euler: the new velocity moves the
+    position)."""
     target = velocity_target(state, demands)
     state.landed &= ~(demands.lift & (target[..., 2] < -_LIFT_OFF_MPS))
     standing = np.count_nonzero(state.landed)
@@ -122,7 +129,8 @@ def advance(state: State, demands: Demands, response: Response, dt: float) -> No
 
 
 def velocity_target(state: State, demands: Demands) -> Array:
-    """The velocity [m/s] (..., 3) that brings held axes to their positions, slowing down in time to stop there."""
+    """The velocity [m/s] (..., 3) that brings held axes to their positions, slowing down in time to
+    stop there."""
     if not np.count_nonzero(demands.hold):
         return demands.velocity
     gap = demands.hold * (demands.position - state.position)
@@ -136,7 +144,8 @@ def velocity_target(state: State, demands: Demands) -> Array:
     return target
 
 
-# Outer position loop: gains low enough for the slower of the responses to follow without overshoot worth the name.
+# Outer position loop: gains low enough for the slower of the responses to follow without overshoot
+# worth the name.
 _HOLD_XY_PER_S, _HOLD_XY_MPS2 = 0.5, 1.0
 _HOLD_Z_PER_S, _HOLD_Z_MPS2 = 0.7, 0.45
 _LIFT_OFF_MPS = 0.01
@@ -171,7 +180,9 @@ def _turn(state: State, demands: Demands, dt: float) -> None:
 
 
 def _touch_down(state: State) -> None:
-    touched = (state.position[..., 2] >= state.ground) & (state.velocity[..., 2] >= 0.0) & ~state.landed
+    touched = (
+        (state.position[..., 2] >= state.ground) & (state.velocity[..., 2] >= 0.0) & ~state.landed
+    )
     if np.count_nonzero(touched):
         state.landed |= touched
         state.position[..., 2] = np.where(touched, state.ground, state.position[..., 2])

@@ -1,7 +1,9 @@
-"""What the SIM_* parameters of one vehicle do to it: weather, sensor errors, radio, motors. Deterministic under a seed.
+"""What the SIM_* parameters of one vehicle do to it: weather, sensor errors, radio, motors.
+Deterministic under a seed.
 
-The parameters are `sim.firmware.fault_parameters.SIM_DEFAULTS`; those the firmware itself feels (battery, arming, GPS off) it
-reads there. Errors and gusts are first-order Gauss-Markov processes, moved on every `TICK_S` of mission time.
+The parameters are `sim.firmware.fault_parameters.SIM_DEFAULTS`; those the firmware itself feels
+(battery, arming, GPS off) it reads there. Errors and gusts are first-order Gauss-Markov processes,
+moved on every `TICK_S` of mission time.
 """
 
 from __future__ import annotations
@@ -35,7 +37,8 @@ class Radio:
 
 
 class Wander:
-    """A value in three axes that wanders about zero: standard deviation `sigma`, forgotten over `tau_s`."""
+    """A value in three axes that wanders about zero: standard deviation `sigma`, forgotten over
+    `tau_s`."""
 
     def __init__(self, tau_s: float, rng: np.random.Generator) -> None:
         self._keep = math.exp(-TICK_S / tau_s)
@@ -49,7 +52,9 @@ class Wander:
             self._unit = STILL
             return STILL
         news = self._rng.standard_normal(3).tolist()
-        n, e, d = (self._keep * old + self._fresh * new for old, new in zip(self._unit, news, strict=True))
+        n, e, d = (
+            self._keep * old + self._fresh * new for old, new in zip(self._unit, news, strict=True)
+        )
         self._unit = (n, e, d)
         return (sigma * n, sigma * e, sigma * d)
 
@@ -61,7 +66,8 @@ class Faults:
         self._parameters = parameters
         self._version = -1
         self._noise, self._drift, self._gust = (
-            Wander(tau, np.random.default_rng([seed, sysid, i])) for i, tau in enumerate((_NOISE_S, _DRIFT_S, _GUST_S))
+            Wander(tau, np.random.default_rng([seed, sysid, i]))
+            for i, tau in enumerate((_NOISE_S, _DRIFT_S, _GUST_S))
         )
         self.radio_rng = np.random.default_rng([seed, sysid, 9])
         self._due_s = -math.inf
@@ -102,8 +108,15 @@ class Faults:
         self._due_s = now + TICK_S - 1e-6
         speed, from_rad = self["SIM_WIND_SPD"], math.radians(self["SIM_WIND_DIR"])
         gust = self._gust.move(self["SIM_WIND_GUST"])
-        self.wind = (gust[0] - speed * math.cos(from_rad), gust[1] - speed * math.sin(from_rad), 0.3 * gust[2])
-        noise, drift = self._noise.move(self["SIM_GPS_NOISE"]), self._drift.move(self["SIM_GPS_DRIFT"])
+        self.wind = (
+            gust[0] - speed * math.cos(from_rad),
+            gust[1] - speed * math.sin(from_rad),
+            0.3 * gust[2],
+        )
+        noise, drift = (
+            self._noise.move(self["SIM_GPS_NOISE"]),
+            self._drift.move(self["SIM_GPS_DRIFT"]),
+        )
         jump = (self["SIM_GPS_JUMP_N"], self["SIM_GPS_JUMP_E"], self["SIM_GPS_JUMP_D"])
         n, e, d = (sum(parts) for parts in zip(noise, drift, jump, strict=True))
         self._error = (n, e, d)
@@ -119,8 +132,12 @@ class Faults:
         """What the vehicle believes of itself."""
         if self._frozen is not None:
             there = self._frozen
-            return truth._replace(position_ned_m=there.position_ned_m, velocity_ned_mps=there.velocity_ned_mps)
+            return truth._replace(
+                position_ned_m=there.position_ned_m, velocity_ned_mps=there.velocity_ned_mps
+            )
         if self._error == STILL:
             return truth
         n, e, d = truth.position_ned_m
-        return truth._replace(position_ned_m=(n + self._error[0], e + self._error[1], d + self._error[2]))
+        return truth._replace(
+            position_ned_m=(n + self._error[0], e + self._error[1], d + self._error[2])
+        )

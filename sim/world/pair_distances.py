@@ -20,14 +20,17 @@ class PairMinima:
         self._touching: set[tuple[int, int]] = set()
 
     def update(self, position: Array) -> list[tuple[int, int]]:
-        """Takes positions (n, 3); returns the pairs (i < j) that have just begun to touch (in three dimensions)."""
+        """Takes positions (n, 3); returns the pairs (i < j) that have just begun to touch (in three
+        dimensions)."""
         if len(position) == 1:
             return []
         north, east = position[:, 0], position[:, 1]
         square = np.subtract.outer(north, north) ** 2 + np.subtract.outer(east, east) ** 2
         np.minimum(self._least, square, out=self._least)
         close = square < COLLISION_M**2
-        if not self._touching and np.count_nonzero(close) == len(position):  # everybody only with itself
+        if not self._touching and np.count_nonzero(close) == len(
+            position
+        ):  # everybody only with itself
             return []
         return self._collisions(position, close & ~self._below)
 

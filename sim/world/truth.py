@@ -1,4 +1,5 @@
-"""The truth file: what really happened, one JSON object a line, each written at once so that a kill loses nothing."""
+"""The truth file: what really happened, one JSON object a line, each written at once so that a kill
+loses nothing."""
 
 from __future__ import annotations
 
@@ -13,7 +14,8 @@ log = logging.getLogger(__name__)
 
 
 class TruthFile:
-    """Writes lines to `path` without buffering. A disk that takes no more ends the file, not the flight."""
+    """Writes lines to `path` without buffering. A disk that takes no more ends the file, not the
+    flight."""
 
     def __init__(self, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)

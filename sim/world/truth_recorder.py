@@ -28,7 +28,9 @@ class Recorder:
     def after_step(self) -> None:
         """Events at once; states and shrunken pair minima at the configured rate."""
         for event in self._world.events:
-            self._file.write({"type": "event", "t": _t(event.time_s), "sysid": event.sysid, "event": event.event})
+            self._file.write(
+                {"type": "event", "t": _t(event.time_s), "sysid": event.sysid, "event": event.event}
+            )
         self._world.events.clear()
         if self._world.time_s >= self._due_s - 1e-6:
             self._due_s += self._interval_s
@@ -36,7 +38,8 @@ class Recorder:
             self._minima()
 
     def close(self) -> None:
-        """The last state (whatever the rate: how it all ended counts) and minima, and the end line."""
+        """The last state (whatever the rate: how it all ended counts) and minima, and the end
+        line."""
         self.after_step()
         if self._world.time_s > self._written_s:
             self._state()
@@ -56,7 +59,10 @@ class Recorder:
         )
 
     def _minima(self) -> None:
-        pairs = [[self._sysids[i], self._sysids[j], round(d, _MM)] for i, j, d in self._world.pairs.shrunk()]
+        pairs = [
+            [self._sysids[i], self._sysids[j], round(d, _MM)]
+            for i, j, d in self._world.pairs.shrunk()
+        ]
         if pairs:
             self._write("min", pairs=pairs)
 

@@ -1,4 +1,5 @@
-"""All vehicles of one simulator: their firmware, and one array pass of physics a step. No sockets, no clock."""
+"""All vehicles of one simulator: their firmware, and one array pass of physics a step. No sockets,
+no clock."""
 
 from __future__ import annotations
 
@@ -26,17 +27,22 @@ from sim.world.pair_distances import PairMinima
 from sim.world.vehicle_group import Group
 
 STEP_S = 0.02
-"""Physics step, mission time. The fastest stream of a persona unasked comes each step (50 Hz), a setpoint waits 10 ms
-on average, and the lags of the responses (50 ms and more, solved exactly over a step) are still well resolved."""
+"""Physics step, mission time. The fastest stream of a persona unasked comes each step (50 Hz), a
+setpoint waits 10 ms on average, and the lags of the responses (50 ms and more, solved exactly over
+a step) are still well resolved."""
 
 _FIRMWARE: dict[str, type[Ardupilot | Px4]] = {"ardupilot": Ardupilot, "px4": Px4}
-_RESPONSE: dict[str, Response] = {"ardupilot": ArdupilotResponse(), "px4": Px4Response(), "ideal": Ideal()}
+_RESPONSE: dict[str, Response] = {
+    "ardupilot": ArdupilotResponse(),
+    "px4": Px4Response(),
+    "ideal": Ideal(),
+}
 
 
 @dataclass(frozen=True, slots=True)
 class WorldEvent:
-    """What happened to a vehicle: `liftoff`, `touchdown`, `crash`, `collision` (one event for each of the two), or
-    what the timetable has set (`SIM_GPS_FREEZE 1`)."""
+    """What happened to a vehicle: `liftoff`, `touchdown`, `crash`, `collision` (one event for each
+    of the two), or what the timetable has set (`SIM_GPS_FREEZE 1`)."""
 
     time_s: float
     sysid: int
@@ -102,7 +108,8 @@ class Vehicle:
 
 
 class World:
-    """All vehicles, in the order of the configuration. `time_s` is the mission time of the last step."""
+    """All vehicles, in the order of the configuration. `time_s` is the mission time of the last
+    step."""
 
     def __init__(self, config: SimConfig, now: float) -> None:
         self._step = math.ceil(now / STEP_S)
@@ -110,15 +117,22 @@ class World:
         self.plane = TangentPlane(config.origin.geodetic())
         starts = [self.plane.ned_from_geodetic(v.geodetic()) for v in config.vehicles]
         self.groups, rows = _groups(config, starts)
-        self.vehicles = [Vehicle(v, self.groups[v.motion], r) for v, r in zip(config.vehicles, rows, strict=True)]
-        self._places = {name: [i for i, v in enumerate(config.vehicles) if v.motion == name] for name in self.groups}
+        self.vehicles = [
+            Vehicle(v, self.groups[v.motion], r) for v, r in zip(config.vehicles, rows, strict=True)
+        ]
+        self._places = {
+            name: [i for i, v in enumerate(config.vehicles) if v.motion == name]
+            for name in self.groups
+        }
         self.pairs = PairMinima(len(self.vehicles))
         self.events: list[WorldEvent] = []
         self._airborne: Mask = np.zeros(len(self.vehicles), dtype=np.bool_)
         self._flying = False
         self._marks: list[bytes] = []
         for i, (vehicle, described) in enumerate(zip(self.vehicles, config.vehicles, strict=True)):
-            vehicle.boot(self._setup(i, described, config.seed), described.persona, self.time_s, config.seed)
+            vehicle.boot(
+                self._setup(i, described, config.seed), described.persona, self.time_s, config.seed
+            )
             for name, value in (config.sim_parameters | described.sim_parameters).items():
                 vehicle.firmware.parameters.set(name, value)
         self._timetable = deque(sorted(config.faults, key=lambda entry: entry.at_s))
@@ -199,7 +213,9 @@ class World:
         for i, other in (pair, pair[::-1]):
             vehicle = self.vehicles[i]
             self._event(i, "collision")
-            vehicle.firmware.text(Severity.EMERGENCY, f"Collision with vehicle {self.vehicles[other].sysid}")
+            vehicle.firmware.text(
+                Severity.EMERGENCY, f"Collision with vehicle {self.vehicles[other].sysid}"
+            )
             if vehicle.faults["SIM_COLL_FALL"] == 1.0:
                 vehicle.faults.fallen = True
 
@@ -253,7 +269,9 @@ class World:
             sysid=described.sysid,
             plane=self.plane,
             start=start,
-            local_origin_ned_m=_local_origin(start.position_ned_m, np.random.default_rng([seed, described.sysid])),
+            local_origin_ned_m=_local_origin(
+                start.position_ned_m, np.random.default_rng([seed, described.sysid])
+            ),
             ready_after_s=described.ready_after_s,
             traffic=lambda: self._traffic(place),
         )
@@ -284,7 +302,8 @@ def _groups(config: SimConfig, starts: list[Vector3]) -> tuple[dict[str, Group],
 
 
 def _local_origin(start: Vector3, rng: np.random.Generator) -> Vector3:
-    """Where a vehicle's own frame has its zero: 3 to 30 m from where it stands, as after a real power-up elsewhere."""
+    """Where a vehicle's own frame has its zero: 3 to 30 m from where it stands, as after a real
+    power-up elsewhere."""
     bearing = rng.uniform(0.0, 2.0 * math.pi)
     distance = rng.uniform(3.0, 30.0)
     north, east, down = start

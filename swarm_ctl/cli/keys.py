@@ -12,6 +12,10 @@ def keys() -> None:
     console = Console(highlight=False)
     for channel in CHANNELS:
         qos = channel.qos
-        service = ("reliable" if qos.reliable else "newest wins") + (", urgent" if qos.urgent else "")
-        console.print(f"[bold]{channel.template}[/bold]  {channel.payload.__name__}", soft_wrap=True)
+        service = ("reliable" if qos.reliable else "newest wins") + (
+            ", urgent" if qos.urgent else ""
+        )
+        console.print(
+            f"[bold]{channel.template}[/bold]  {channel.payload.__name__}", soft_wrap=True
+        )
         console.print(f"    {channel.who}; {channel.rate}; {service}", soft_wrap=True)

@@ -37,7 +37,9 @@ app = typer.Typer(
 
 @app.callback()
 def top(
-    version: Annotated[bool, typer.Option("--version", help="Show the version and exit.", is_eager=True)] = False,
+    version: Annotated[
+        bool, typer.Option("--version", help="Show the version and exit.", is_eager=True)
+    ] = False,
 ) -> None:
     """Fly a formation of drones from one terminal."""
     if version:
@@ -45,22 +47,43 @@ def top(
         raise typer.Exit
 
 
-for command in (run, validate, agent, station, sim, measure, report, replay, compare, study, paper, schema, keys):
+for command in (
+    run,
+    validate,
+    agent,
+    station,
+    sim,
+    measure,
+    report,
+    replay,
+    compare,
+    study,
+    paper,
+    schema,
+    keys,
+):
     app.command()(command)
-app.command(context_settings={"ignore_unknown_options": True})(send)  # `move -20 35`: a number, not an option
+app.command(context_settings={"ignore_unknown_options": True})(
+    send
+)  # `move -20 35`: a number, not an option
 
 
 def main() -> None:
-    """Run the command line; our own errors become one message and their exit code, without a traceback."""
+    """Run the command line; our own errors become one message and their exit code, without a
+    traceback."""
     try:
         app()
     except SwarmError as error:
-        Console(stderr=True, highlight=False).print(Text(f"error: {error}", style="red"), soft_wrap=True)
+        Console(stderr=True, highlight=False).print(
+            Text(f"error: {error}", style="red"), soft_wrap=True
+        )
         sys.exit(error.exit_code)
     except KeyboardInterrupt:
         sys.exit(130)
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nothing more to say, and no traceback about it
+        os.dup2(
+            os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno()
+        )  # nothing more to say, and no traceback about it
         sys.exit(141)  # as a shell reports SIGPIPE
 
 

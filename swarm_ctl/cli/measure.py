@@ -1,4 +1,5 @@
-"""`swarm-ctl measure`: how a vehicle answers a velocity setpoint, by a step flight, into the fleet file."""
+"""`swarm-ctl measure`: how a vehicle answers a velocity setpoint, by a step flight, into the fleet
+file."""
 
 from __future__ import annotations
 
@@ -30,42 +31,60 @@ _TICK_S = 0.05
 
 def measure(
     mission: Annotated[
-        Path | None, typer.Argument(help="A mission: its fleet, geofence, speed limit and tick.", show_default=False)
+        Path | None,
+        typer.Argument(
+            help="A mission: its fleet, geofence, speed limit and tick.", show_default=False
+        ),
     ] = None,
     agent_id: Annotated[
         str, typer.Option("--id", help="Whose vehicles, one after another: 3, 1,2 or 1-4; or all.")
     ] = "",
-    fleet: Annotated[Path | None, typer.Option(help="The fleet file to read endpoints from and write into.")] = None,
+    fleet: Annotated[
+        Path | None, typer.Option(help="The fleet file to read endpoints from and write into.")
+    ] = None,
     endpoint: Annotated[
-        str | None, typer.Option(help="A vehicle of no fleet, e.g. udpout:127.0.0.1:14601; nothing is written.")
+        str | None,
+        typer.Option(
+            help="A vehicle of no fleet, e.g. udpout:127.0.0.1:14601; nothing is written."
+        ),
     ] = None,
     sysid: Annotated[int, typer.Option(min=1, max=250, help="Its MAVLink system id.")] = 1,
     autopilot: Annotated[Persona, typer.Option(help="Its firmware.")] = Persona.ARDUPILOT,
     speed: Annotated[
         float | None,
-        typer.Option(min=0.5, help="Of the largest step [m/s]; default 5, or the mission's limit if that is less."),
+        typer.Option(
+            min=0.5,
+            help="Of the largest step [m/s]; default 5, or the mission's limit if that is less.",
+        ),
     ] = None,
-    height: Annotated[float, typer.Option(min=2.0, max=100.0, help="Above the take-off point [m].")] = 10.0,
+    height: Annotated[
+        float, typer.Option(min=2.0, max=100.0, help="Above the take-off point [m].")
+    ] = 10.0,
     box: Annotated[
         float | None,
-        typer.Option(help="It lands when it gets so far north, south, east or west [m]; default: what the steps need."),
+        typer.Option(
+            help="It lands when it gets so far north, south, east or west [m]; default: what the steps need."
+        ),
     ] = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Fly and show, but write nothing.")] = False,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Fly and show, but write nothing.")
+    ] = False,
     speedup: Annotated[
         float, typer.Option(min=0.1, max=100.0, help="For simulated vehicles at the same factor.")
     ] = 1.0,
 ) -> None:
     """Measure a vehicle's dead time, lag and acceleration limit and write them into the fleet file.
 
-    IT TAKES OFF: up to --height, velocity steps out and back north and east, each from and to the start, and lands.
-    About two and a half minutes a vehicle. The faster the steps, the better they tell the acceleration limit, and the
-    larger the box (4.5 s of flight). It refuses a vehicle that is armed already or not healthy, and lands at
-    Ctrl-C (twice: leaves it to its own failsafe), when it leaves its box or the link is lost, when another aircraft
-    comes near, and in all that lands it in a mission; a pilot who changes the mode has it at once. A vehicle without an
+    IT TAKES OFF: up to --height, velocity steps out and back north and east, each from and to the
+    start, and lands. About two and a half minutes a vehicle. The faster the steps, the better they
+    tell the acceleration limit, and the larger the box (4.5 s of flight). It refuses a vehicle that
+    is armed already or not healthy, and lands at Ctrl-C (twice: leaves it to its own failsafe),
+    when it leaves its box or the link is lost, when another aircraft comes near, and in all that
+    lands it in a mission; a pilot who changes the mode has it at once. A vehicle without an
     endpoint is simulated.
 
-    Exit codes: 0 all measured, 1 one was not (or answers unlike the model: nothing written for it), 2 bad input,
-    3 an endpoint or the simulator did not open, 130 landed by Ctrl-C.
+    Exit codes: 0 all measured, 1 one was not (or answers unlike the model: nothing written for it),
+    2 bad input, 3 an endpoint or the simulator did not open, 130 landed by Ctrl-C.
 
     Examples:
 
@@ -81,7 +100,9 @@ def measure(
 
     console = Console(highlight=False)
     if endpoint and (fleet or mission or agent_id):
-        raise InputError("--endpoint is a vehicle of no fleet; allowed: that, or a mission or --fleet with --id")
+        raise InputError(
+            "--endpoint is a vehicle of no fleet; allowed: that, or a mission or --fleet with --id"
+        )
     single = FleetAgent(sysid, sysid, autopilot.value, endpoint, None, TYPICAL[autopilot.value])
     task = _Task((single,)) if endpoint else _of_fleet(mission, fleet, dry_run=dry_run)
     vehicles = _chosen(task.vehicles, agent_id)
@@ -105,7 +126,9 @@ def measure(
             flight = StepFlight(steps, vehicle.response, task.tick_s, task.fence, task.origin)
             down = fly(vehicle, flight, task.tick_s, clock, watch)
             if ctrl_c.count:
-                console.print("  landed by Ctrl-C" if down else "  left to its own failsafe", style="bold red")
+                console.print(
+                    "  landed by Ctrl-C" if down else "  left to its own failsafe", style="bold red"
+                )
                 break
             measured = _result(console, vehicle, flight)
             failed |= measured is None
@@ -113,7 +136,10 @@ def measure(
                 _write(task.file, vehicle.id, measured)
                 console.print(f"  written into {task.file}", soft_wrap=True)
             if not down:
-                console.print("the vehicle does not stand disarmed: the next one does not take off", style="bold red")
+                console.print(
+                    "the vehicle does not stand disarmed: the next one does not take off",
+                    style="bold red",
+                )
                 break
     raise typer.Exit(130 if ctrl_c.count else int(failed))
 
@@ -142,15 +168,21 @@ def _of_fleet(mission: Path | None, fleet: Path | None, *, dry_run: bool) -> _Ta
         simulated = all(agent.endpoint is None for agent in loaded.fleet.agents)
         # a simulated vehicle stands anywhere: the mission's geofence is none of its business
         fence = None if simulated else plan.fence
-        task = _Task(loaded.fleet.agents, file, plan.tick_s, plan.limits.speed_mps, fence, plan.origin)
+        task = _Task(
+            loaded.fleet.agents, file, plan.tick_s, plan.limits.speed_mps, fence, plan.origin
+        )
     if file is None and not dry_run:
-        raise InputError(f"{mission}: has no fleet to write into; allowed: --fleet FILE, a fleet section, --dry-run")
+        raise InputError(
+            f"{mission}: has no fleet to write into; allowed: --fleet FILE, a fleet section, --dry-run"
+        )
     if (
         file is not None
         and not dry_run
         and not (os.access(file, os.W_OK) and os.access(file.resolve().parent, os.W_OK))
     ):
-        raise InputError(f"{file}: can't be written; allowed: a file and folder that may be, or --dry-run")
+        raise InputError(
+            f"{file}: can't be written; allowed: a file and folder that may be, or --dry-run"
+        )
     return task
 
 
@@ -172,14 +204,22 @@ def _steps(speed: float | None, height: float, box: float | None, limit_mps: flo
         raise InputError(f"--speed {fastest:g}: over the limit; allowed: up to {limit_mps:g} m/s")
     least = Steps(fastest, height).least_box_m
     if box is not None and box < least:
-        raise InputError(f"--box {box:g}: steps of {fastest:g} m/s lead farther; allowed: {least:g} m and more")
+        raise InputError(
+            f"--box {box:g}: steps of {fastest:g} m/s lead farther; allowed: {least:g} m and more"
+        )
     return Steps(fastest, height, math.ceil(least) if box is None else box)
 
 
 def _result(console: Console, vehicle: FleetAgent, flight: StepFlight) -> Response | None:
     """Show what was found; None where there is nothing to fly with."""
     ended = flight.ended
-    why = "" if ended is not None and ended.outcome == "completed" else ended.reason if ended is not None else "stopped"
+    why = (
+        ""
+        if ended is not None and ended.outcome == "completed"
+        else ended.reason
+        if ended is not None
+        else "stopped"
+    )
     why = why or flight.missing
     if why:
         console.print(f"  not measured: {why}", style="bold red", soft_wrap=True)
@@ -190,7 +230,10 @@ def _result(console: Console, vehicle: FleetAgent, flight: StepFlight) -> Respon
     for text in found.warnings:
         console.print(f"  warning: {text}", style="yellow", soft_wrap=True)
     if not found.usable:
-        console.print("  not to be flown with: a vehicle that answers unlike dead time and lag", style="bold red")
+        console.print(
+            "  not to be flown with: a vehicle that answers unlike dead time and lag",
+            style="bold red",
+        )
         return None
     return found.rounded
 
@@ -198,7 +241,9 @@ def _result(console: Console, vehicle: FleetAgent, flight: StepFlight) -> Respon
 def described(found: Fit, legs: Sequence[Leg]) -> list[str]:
     """The figures in words."""
     r = found.rounded
-    limit = f"{r.acceleration_mps2:g} m/s2" + ("" if found.limited else " (the typical one: the steps don't tell)")
+    limit = f"{r.acceleration_mps2:g} m/s2" + (
+        "" if found.limited else " (the typical one: the steps don't tell)"
+    )
     kinds = dict.fromkeys(leg.kind for leg in legs)
     lines = [
         f"response: {{dead_time_s: {r.dead_time_s:g}, lag_s: {r.lag_s:g}, acceleration_mps2: {r.acceleration_mps2:g}}}",
@@ -210,12 +255,15 @@ def described(found: Fit, legs: Sequence[Leg]) -> list[str]:
         alone = [part for leg, part in zip(legs, found.spread, strict=True) if leg.kind == kind]
         dead = " / ".join(f"{part.dead_time_s:.2f}" for part in alone)
         lag = " / ".join(f"{part.lag_s:.2f}" for part in alone)
-        lines.append(f"  {kind} alone ({' / '.join(leg.way for leg in legs if leg.kind == kind)}): {dead} s, {lag} s")
+        lines.append(
+            f"  {kind} alone ({' / '.join(leg.way for leg in legs if leg.kind == kind)}): {dead} s, {lag} s"
+        )
     return lines
 
 
 def _write(path: Path, agent: int, found: Response) -> None:
-    """The response into the file, in one move; it is read again, as it may have been edited meanwhile."""
+    """The response into the file, in one move; it is read again, as it may have been edited
+    meanwhile."""
     from swarm_ctl.report.folder.files import write_whole
 
     try:
@@ -224,4 +272,6 @@ def _write(path: Path, agent: int, found: Response) -> None:
         write_whole(target, fleet_file.with_response(text, agent, found))
     except (OSError, InputError) as error:
         reason = (error.strerror or str(error)) if isinstance(error, OSError) else str(error)
-        raise InputError(f"{path}: the response of agent {agent} can't be written: {reason}") from None
+        raise InputError(
+            f"{path}: the response of agent {agent} can't be written: {reason}"
+        ) from None

@@ -22,4 +22,10 @@ def paper(
     from swarm_ctl.study.paper import reproduce
 
     console = Console(highlight=False)
-    reproduce(out, seeds, seed, processes, console if console.is_terminal else Console(highlight=False, width=160))
+    reproduce(
+        out,
+        seeds,
+        seed,
+        processes,
+        console if console.is_terminal else Console(highlight=False, width=160),
+    )

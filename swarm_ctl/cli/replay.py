@@ -12,17 +12,28 @@ from swarm_ctl.cli.station import newest_run
 
 def replay(
     run: Annotated[
-        Path | None, typer.Argument(help="A run folder or a recording.mcap; default: the newest in runs/.")
+        Path | None,
+        typer.Argument(help="A run folder or a recording.mcap; default: the newest in runs/."),
     ] = None,
     speed: Annotated[
-        float, typer.Option(min=0.25, max=50.0, help="Mission seconds per second of the wall clock.")
+        float,
+        typer.Option(min=0.25, max=50.0, help="Mission seconds per second of the wall clock."),
     ] = 1.0,
-    start: Annotated[str, typer.Option("--from", help="Where to begin: seconds, MIN:SEC or end.")] = "start",
-    headless: Annotated[bool, typer.Option("--headless", help="Plain log lines instead of the dashboard.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="One line of JSON a second on stdout.")] = False,
-    compact: Annotated[bool, typer.Option("--compact", help="A plain live view instead of the dashboard.")] = False,
+    start: Annotated[
+        str, typer.Option("--from", help="Where to begin: seconds, MIN:SEC or end.")
+    ] = "start",
+    headless: Annotated[
+        bool, typer.Option("--headless", help="Plain log lines instead of the dashboard.")
+    ] = False,
+    json: Annotated[
+        bool, typer.Option("--json", help="One line of JSON a second on stdout.")
+    ] = False,
+    compact: Annotated[
+        bool, typer.Option("--compact", help="A plain live view instead of the dashboard.")
+    ] = False,
 ) -> None:
-    """Look at a recorded flight on the dashboard: pause, seek, speed. The same screens and alarms as in flight.
+    """Look at a recorded flight on the dashboard: pause, seek, speed. The same screens and alarms
+    as in flight.
 
     A recording that was cut off by a kill is recovered first, and plays up to its last second.
 

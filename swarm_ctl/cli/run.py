@@ -17,28 +17,43 @@ from swarm_ctl.mission.compile.loader import load
 def run(
     mission: Annotated[Path, typer.Argument(help="The mission file, e.g. missions/hexagon.yaml.")],
     speedup: Annotated[
-        float, typer.Option(min=0.1, max=100.0, help="Mission seconds per second of the wall clock.")
+        float,
+        typer.Option(min=0.1, max=100.0, help="Mission seconds per second of the wall clock."),
     ] = 1.0,
-    headless: Annotated[bool, typer.Option("--headless", help="Plain log lines instead of the dashboard.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="One line of JSON a second on stdout, nothing else.")] = False,
-    compact: Annotated[bool, typer.Option("--compact", help="A plain live view instead of the dashboard.")] = False,
+    headless: Annotated[
+        bool, typer.Option("--headless", help="Plain log lines instead of the dashboard.")
+    ] = False,
+    json: Annotated[
+        bool, typer.Option("--json", help="One line of JSON a second on stdout, nothing else.")
+    ] = False,
+    compact: Annotated[
+        bool, typer.Option("--compact", help="A plain live view instead of the dashboard.")
+    ] = False,
     metrics: Annotated[
-        int | None, typer.Option(min=1, max=65535, help="Prometheus metrics on this port of 127.0.0.1.")
+        int | None,
+        typer.Option(min=1, max=65535, help="Prometheus metrics on this port of 127.0.0.1."),
     ] = None,
-    fleet: Annotated[Path | None, typer.Option(help="A fleet file to fly with instead of the mission's own.")] = None,
+    fleet: Annotated[
+        Path | None, typer.Option(help="A fleet file to fly with instead of the mission's own.")
+    ] = None,
     runs: Annotated[Path, typer.Option(help="Where run folders are made.")] = Path("runs"),
     seed: Annotated[int, typer.Option(min=0, help="Seed of the simulator.")] = 1,
     record_hz: Annotated[
-        str, typer.Option(help="The most that is recorded of each agent's topics, e.g. state=5,truth=2; else all.")
+        str,
+        typer.Option(
+            help="The most that is recorded of each agent's topics, e.g. state=5,truth=2; else all."
+        ),
     ] = "",
     report: Annotated[bool, typer.Option(help="Make the report at the end.")] = True,
     tlog: Annotated[bool, typer.Option(help="Keep each vehicle's MAVLink frames.")] = True,
 ) -> None:
-    """Fly a mission: starts a simulator (for vehicles without an endpoint), the agents and a ground station.
+    """Fly a mission: starts a simulator (for vehicles without an endpoint), the agents and a ground
+    station.
 
     Ctrl-C lands the swarm and waits for it; a second Ctrl-C stops everything at once.
 
-    Exit codes: 0 completed, 1 mission failed, 2 bad input, 3 something did not start, 130 landed by Ctrl-C.
+    Exit codes: 0 completed, 1 mission failed, 2 bad input, 3 something did not start, 130 landed by
+    Ctrl-C.
 
     Examples:
 
@@ -72,10 +87,14 @@ def run(
     if report:
         _report(result.folder, sys.stderr if json else sys.stdout)
     if result.summary.outcome != "completed":
-        console.print(f"{result.summary.outcome}: {result.summary.reason}", style="bold red", soft_wrap=True)
+        console.print(
+            f"{result.summary.outcome}: {result.summary.reason}", style="bold red", soft_wrap=True
+        )
     raise typer.Exit(130 if result.interrupts else {"completed": 0}.get(result.summary.outcome, 1))
 
 
 def _report(folder: Path, to: TextIO) -> None:
     """In a process of its own: whatever happens to the figures, the run's result stands."""
-    subprocess.run([sys.executable, "-m", "swarm_ctl.cli.main", "report", str(folder)], check=False, stdout=to)
+    subprocess.run(
+        [sys.executable, "-m", "swarm_ctl.cli.main", "report", str(folder)], check=False, stdout=to
+    )

@@ -27,19 +27,27 @@ def send(
             help="form: a SHAPE of the mission's file; move: metres N E of the origin; tune: values of the law."
         ),
     ] = None,
-    run: Annotated[Path | None, typer.Option(help="The run folder; default: the newest in runs/.")] = None,
+    run: Annotated[
+        Path | None, typer.Option(help="The run folder; default: the newest in runs/.")
+    ] = None,
     agents: Annotated[str, typer.Option(help="Only these, e.g. 2,5-7; default: all.")] = "",
-    by: Annotated[bool, typer.Option("--by", help="move: by N E metres from where the formation is.")] = False,
-    speed: Annotated[float | None, typer.Option(help="move: m/s; default: half of what the vehicles may.")] = None,
+    by: Annotated[
+        bool, typer.Option("--by", help="move: by N E metres from where the formation is.")
+    ] = False,
+    speed: Annotated[
+        float | None, typer.Option(help="move: m/s; default: half of what the vehicles may.")
+    ] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask before kill.")] = False,
 ) -> None:
     """Command a swarm that flies, and show each agent's answer.
 
-    hold (stay), resume (the mission), next (step), form SHAPE, move N E, tune NAME=VALUE... (the law, of all agents
-    at one time or of none: h, kappa, delta_a, delta_l; `tune plan` for the mission's own), land, return (home, one at a
-    time), kill (motors off at once: the vehicles fall).
+    hold (stay), resume (the mission), next (step), form SHAPE, move N E, tune NAME=VALUE... (the
+    law, of all agents at one time or of none: h, kappa, delta_a, delta_l; `tune plan` for the
+    mission's own), land, return (home, one at a time), kill (motors off at once: the vehicles
+    fall).
 
-    Exit codes: 0 everybody accepted, 1 somebody refused or did not answer, 2 bad input, 3 nobody can be heard.
+    Exit codes: 0 everybody accepted, 1 somebody refused or did not answer, 2 bad input, 3 nobody
+    can be heard.
 
     Examples:
 
@@ -65,7 +73,9 @@ def send(
     console = Console(highlight=False)
     if command == "kill" and not yes:
         who = f"agent {agents}" if meant else "EVERY agent"
-        typer.confirm(f"kill: the motors of {who} stop at once and the vehicle falls. Really?", abort=True)
+        typer.confirm(
+            f"kill: the motors of {who} stop at once and the vehicle falls. Really?", abort=True
+        )
     with Sender(folder) as sender:
         answers: Answers
         if command == "form":
@@ -115,7 +125,9 @@ def agents_of(text: str, option: str = "--agents") -> tuple[int, ...]:
         except ValueError:
             span = range(0)
         if not 0 < len(span) <= 65535:
-            raise InputError(f"{option} {text!r}; allowed: ids and ranges with commas between them, such as 2,5-7")
+            raise InputError(
+                f"{option} {text!r}; allowed: ids and ranges with commas between them, such as 2,5-7"
+            )
         chosen.update(span)
     return tuple(sorted(chosen))
 

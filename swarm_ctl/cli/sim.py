@@ -43,23 +43,36 @@ def sim(
     tcp: Annotated[bool, typer.Option("--tcp", help="TCP servers instead of UDP.")] = False,
     endpoint: Annotated[
         list[str] | None,
-        typer.Option(help="udpin:, udpout: or tcpin:HOST:PORT of one vehicle; repeat it, in the vehicles' order."),
+        typer.Option(
+            help="udpin:, udpout: or tcpin:HOST:PORT of one vehicle; repeat it, in the vehicles' order."
+        ),
     ] = None,
     mission: Annotated[
-        Path | None, typer.Option(help="Take vehicles, origin, starts, weather and faults from this mission file.")
+        Path | None,
+        typer.Option(
+            help="Take vehicles, origin, starts, weather and faults from this mission file."
+        ),
     ] = None,
-    home: Annotated[str, typer.Option(help="LAT,LON,ALT of the first vehicle (degrees, metres).")] = (
-        "47.397742,8.545594,488"
-    ),
-    spacing: Annotated[float, typer.Option(min=0.5, help="Metres between vehicles of the grid.")] = 5.0,
-    speedup: Annotated[float, typer.Option(min=0.1, max=100.0, help="Simulated seconds per second.")] = 1.0,
+    home: Annotated[
+        str, typer.Option(help="LAT,LON,ALT of the first vehicle (degrees, metres).")
+    ] = ("47.397742,8.545594,488"),
+    spacing: Annotated[
+        float, typer.Option(min=0.5, help="Metres between vehicles of the grid.")
+    ] = 5.0,
+    speedup: Annotated[
+        float, typer.Option(min=0.1, max=100.0, help="Simulated seconds per second.")
+    ] = 1.0,
     seed: Annotated[int, typer.Option(min=0, help="Of everything random.")] = 1,
     parameter: Annotated[
-        list[str] | None, typer.Option(help="NAME=VALUE of a SIM_* parameter of all vehicles; repeat it.")
+        list[str] | None,
+        typer.Option(help="NAME=VALUE of a SIM_* parameter of all vehicles; repeat it."),
     ] = None,
-    truth: Annotated[Path | None, typer.Option(help="Write what truly happens there, a JSON object a line.")] = None,
+    truth: Annotated[
+        Path | None, typer.Option(help="Write what truly happens there, a JSON object a line.")
+    ] = None,
 ) -> None:
-    """Run simulated ArduCopter or PX4 vehicles until Ctrl-C. Whoever writes to a vehicle's port is answered.
+    """Run simulated ArduCopter or PX4 vehicles until Ctrl-C. Whoever writes to a vehicle's port is
+    answered.
 
     Examples:
 
@@ -70,7 +83,11 @@ def sim(
         mavproxy.py --master udpout:127.0.0.1:14601
     """
     scheme = "tcpin" if tcp else "udpin"
-    settings = _in_grid(count, persona, _origin(home), spacing) if mission is None else _from_mission(mission)
+    settings = (
+        _in_grid(count, persona, _origin(home), spacing)
+        if mission is None
+        else _from_mission(mission)
+    )
     vehicles = settings["vehicles"]
     if len(endpoint or []) > len(vehicles):
         raise InputError(
@@ -90,7 +107,9 @@ def _serve(settings: dict[str, Any], console: Console) -> None:
         path = Path(folder) / "sim.json"
         path.write_text(json.dumps(settings))
         command = [sys.executable, "-m", "sim", "--config", str(path)]
-        with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as child:
+        with subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        ) as child:
             stop = _Stop(child)
             ready = child.stdout.readline() if child.stdout is not None else ""
             if ready:
@@ -123,20 +142,28 @@ class _Stop:
 
 
 def _show(settings: dict[str, Any], console: Console) -> None:
-    table = Table("vehicle", "persona", "endpoint", "a client connects to", box=None, pad_edge=False)
+    table = Table(
+        "vehicle", "persona", "endpoint", "a client connects to", box=None, pad_edge=False
+    )
     for vehicle in settings["vehicles"]:
         kind, _, address = vehicle["endpoint"].partition(":")
         client = {"udpin": "udpout", "udpout": "udpin", "tcpin": "tcp"}[kind]
-        table.add_row(str(vehicle["sysid"]), vehicle["persona"], vehicle["endpoint"], f"{client}:{address}")
+        table.add_row(
+            str(vehicle["sysid"]), vehicle["persona"], vehicle["endpoint"], f"{client}:{address}"
+        )
     console.print(table)
-    console.print(f"{len(settings['vehicles'])} vehicles, speed-up {settings['speedup']:g}; Ctrl-C ends them")
+    console.print(
+        f"{len(settings['vehicles'])} vehicles, speed-up {settings['speedup']:g}; Ctrl-C ends them"
+    )
 
 
 def _origin(home: str) -> Geodetic:
     try:
         lat, lon, alt = (float(part) for part in home.split(","))
     except ValueError:
-        raise InputError(f"--home {home!r}: not a place; allowed: LAT,LON,ALT in degrees and metres") from None
+        raise InputError(
+            f"--home {home!r}: not a place; allowed: LAT,LON,ALT in degrees and metres"
+        ) from None
     return Geodetic(lat, lon, alt)
 
 

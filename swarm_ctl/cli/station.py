@@ -12,29 +12,46 @@ from swarm_ctl.mission.compile.loader import load
 
 
 def station(
-    run: Annotated[Path | None, typer.Argument(help="The run folder; default: the newest in runs/.")] = None,
+    run: Annotated[
+        Path | None, typer.Argument(help="The run folder; default: the newest in runs/.")
+    ] = None,
     mission: Annotated[
-        Path | None, typer.Option(help="A mission file instead of a run folder: for a swarm on other hosts.")
+        Path | None,
+        typer.Option(help="A mission file instead of a run folder: for a swarm on other hosts."),
     ] = None,
     mesh: Annotated[
         list[str] | None,
-        typer.Option(help="With --mission: where an agent listens, tcp/HOST:PORT; once for each. Default: its fleet."),
+        typer.Option(
+            help="With --mission: where an agent listens, tcp/HOST:PORT; once for each. Default: its fleet."
+        ),
     ] = None,
-    fleet: Annotated[Path | None, typer.Option(help="With --mission: the fleet file that is flown with.")] = None,
+    fleet: Annotated[
+        Path | None, typer.Option(help="With --mission: the fleet file that is flown with.")
+    ] = None,
     speedup: Annotated[
-        float | None, typer.Option(min=0.1, max=100.0, help="With --mission: that of a simulated swarm.")
+        float | None,
+        typer.Option(min=0.1, max=100.0, help="With --mission: that of a simulated swarm."),
     ] = None,
-    headless: Annotated[bool, typer.Option("--headless", help="Plain log lines instead of the dashboard.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="One line of JSON a second on stdout.")] = False,
-    compact: Annotated[bool, typer.Option("--compact", help="A plain live view instead of the dashboard.")] = False,
+    headless: Annotated[
+        bool, typer.Option("--headless", help="Plain log lines instead of the dashboard.")
+    ] = False,
+    json: Annotated[
+        bool, typer.Option("--json", help="One line of JSON a second on stdout.")
+    ] = False,
+    compact: Annotated[
+        bool, typer.Option("--compact", help="A plain live view instead of the dashboard.")
+    ] = False,
     metrics: Annotated[
-        int | None, typer.Option(min=1, max=65535, help="Prometheus metrics on this port of 127.0.0.1.")
+        int | None,
+        typer.Option(min=1, max=65535, help="Prometheus metrics on this port of 127.0.0.1."),
     ] = None,
 ) -> None:
-    """Watch and command a swarm from another terminal, or from another host. Ctrl-C leaves it; the swarm flies on.
+    """Watch and command a swarm from another terminal, or from another host. Ctrl-C leaves it; the
+    swarm flies on.
 
-    A run of this machine is found by its folder. Anywhere else the mission file is enough, with the endpoints of the
-    agents: the station waits until they are heard; agents that fly another plan are shown, and take no shapes from it.
+    A run of this machine is found by its folder. Anywhere else the mission file is enough, with the
+    endpoints of the agents: the station waits until they are heard; agents that fly another plan
+    are shown, and take no shapes from it.
 
     Examples:
 
@@ -60,7 +77,9 @@ def station(
 def _refuse_without_mission(options: dict[str, object]) -> None:
     for name, value in options.items():
         if value:
-            raise InputError(f"{name} says where a mission is flown; allowed: together with --mission FILE")
+            raise InputError(
+                f"{name} says where a mission is flown; allowed: together with --mission FILE"
+            )
 
 
 def newest_run(runs: Path) -> Path:

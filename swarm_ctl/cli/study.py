@@ -18,41 +18,72 @@ _RANGE = "Values with commas between, each a number or LOW:HIGH to draw from."
 
 
 def study(
-    out: Annotated[Path, typer.Option(help="The CSV file of rows; goes on where it ends.")] = Path("study.csv"),
-    missions: Annotated[int, typer.Option(min=1, help="Missions for each combination of the lists.")] = 1000,
+    out: Annotated[Path, typer.Option(help="The CSV file of rows; goes on where it ends.")] = Path(
+        "study.csv"
+    ),
+    missions: Annotated[
+        int, typer.Option(min=1, help="Missions for each combination of the lists.")
+    ] = 1000,
     seed: Annotated[int, typer.Option(min=0)] = 1,
     processes: Annotated[int | None, typer.Option(min=1, help="All cores where not given.")] = None,
-    n: Annotated[str, typer.Option(help=f"Agents. {_LIST} 2:50 is every number from 2 to 50.")] = "6",
+    n: Annotated[
+        str, typer.Option(help=f"Agents. {_LIST} 2:50 is every number from 2 to 50.")
+    ] = "6",
     shape: Annotated[str, typer.Option(help=f"ring, line, grid, vee, wedge. {_LIST}")] = "ring",
     slots: Annotated[str, typer.Option(help=f"given, random, nearest. {_LIST}")] = "nearest",
-    start: Annotated[str, typer.Option(help=f"random, ring, grid, table2, crossing, antipodal. {_LIST}")] = "random",
+    start: Annotated[
+        str, typer.Option(help=f"random, ring, grid, table2, crossing, antipodal. {_LIST}")
+    ] = "random",
     compensation: Annotated[str, typer.Option(help=f"stop_point, none. {_LIST}")] = "stop_point",
     vehicle: Annotated[str, typer.Option(help=f"ideal, lag, ardupilot, px4. {_LIST}")] = "lag",
-    safety: Annotated[str, typer.Option(help=f"off, filter, guard, release, align, exchange. {_LIST}")] = "align",
-    silent: Annotated[str, typer.Option(help=f"Share of missions in which an agent dies. {_RANGE}")] = "0",
+    safety: Annotated[
+        str, typer.Option(help=f"off, filter, guard, release, align, exchange. {_LIST}")
+    ] = "align",
+    silent: Annotated[
+        str, typer.Option(help=f"Share of missions in which an agent dies. {_RANGE}")
+    ] = "0",
     h: Annotated[str, typer.Option(help=f"Consensus gain. {_RANGE}")] = "0.05",
     kappa: Annotated[str, typer.Option(help=f"Iterations a second. {_RANGE}")] = "20",
     lag: Annotated[str, typer.Option(help=f"Of the vehicle lag [s]. {_RANGE}")] = "0.5",
     dead_time: Annotated[str, typer.Option(help=f"Of the vehicle lag [s]. {_RANGE}")] = "0.4",
     delay: Annotated[str, typer.Option(help=f"Age of news [s]. {_RANGE}")] = "0",
     loss: Annotated[str, typer.Option(help=f"Share of lost news. {_RANGE}")] = "0",
-    wind: Annotated[str, typer.Option(help=f"[m/s], only ardupilot and px4 feel it. {_RANGE}")] = "0",
-    area: Annotated[str, typer.Option(help=f"Side of the starts' square [units]; 0: by n. {_RANGE}")] = "0",
+    wind: Annotated[
+        str, typer.Option(help=f"[m/s], only ardupilot and px4 feel it. {_RANGE}")
+    ] = "0",
+    area: Annotated[
+        str, typer.Option(help=f"Side of the starts' square [units]; 0: by n. {_RANGE}")
+    ] = "0",
     spacing: Annotated[str, typer.Option(help=f"Between slots [units]. {_RANGE}")] = "2",
-    start_spacing: Annotated[float, typer.Option(help="Least distance of random starts [units]; 0: 2 r_in.")] = 0.0,
+    start_spacing: Annotated[
+        float, typer.Option(help="Least distance of random starts [units]; 0: 2 r_in.")
+    ] = 0.0,
     r: Annotated[float, typer.Option(help="Interaction range [units].")] = 4.5,
     r_out: Annotated[float, typer.Option(help="Outer radius [units].")] = 1.5,
     r_in: Annotated[float, typer.Option(help="Inner radius [units].")] = 0.5,
-    limit: Annotated[float, typer.Option(help="Missions that have not formed after so many seconds end.")] = 300.0,
+    limit: Annotated[
+        float, typer.Option(help="Missions that have not formed after so many seconds end.")
+    ] = 300.0,
     tick: Annotated[float, typer.Option(help="[s]")] = 0.05,
-    by: Annotated[str, typer.Option(help="Lists that the table tells apart; all that are varied if not given.")] = "",
-    row: Annotated[int | None, typer.Option(min=0, help="Fly this row of --out again, alone.")] = None,
-    picture: Annotated[Path | None, typer.Option(help="With --row: its animation (.gif) or picture.")] = None,
-    mission: Annotated[Path | None, typer.Option(help="With --row: write it as a mission file for `run`.")] = None,
+    by: Annotated[
+        str,
+        typer.Option(help="Lists that the table tells apart; all that are varied if not given."),
+    ] = "",
+    row: Annotated[
+        int | None, typer.Option(min=0, help="Fly this row of --out again, alone.")
+    ] = None,
+    picture: Annotated[
+        Path | None, typer.Option(help="With --row: its animation (.gif) or picture.")
+    ] = None,
+    mission: Annotated[
+        Path | None, typer.Option(help="With --row: write it as a mission file for `run`.")
+    ] = None,
 ) -> None:
-    """Fly thousands of missions in numpy: every combination of the lists, each range drawn from per mission.
+    """Fly thousands of missions in numpy: every combination of the lists, each range drawn from per
+    mission.
 
-    Lengths are units. Rows are appended to a CSV file with the study beside it as JSON; an interrupted study goes on.
+    Lengths are units. Rows are appended to a CSV file with the study beside it as JSON; an
+    interrupted study goes on.
 
     Examples:
 
@@ -93,7 +124,13 @@ def study(
         "spacing": spacing,
         "silent": silent,
     }
-    common = {"seed": seed, "missions": missions, "limit_s": limit, "tick_s": tick, "start_spacing": start_spacing}
+    common = {
+        "seed": seed,
+        "missions": missions,
+        "limit_s": limit,
+        "tick_s": tick,
+        "start_spacing": start_spacing,
+    }
     plan = _study(lists, ranges, common | {"law": {"r": r, "r_out": r_out, "r_in": r_in}})
     carry_out(plan, out, processes, console)
     wide = console if console.is_terminal else Console(highlight=False, width=200)
@@ -106,9 +143,13 @@ def _study(lists: dict[str, str], ranges: dict[str, str], common: dict[str, Any]
 
     from swarm_ctl.study.parameter_space import Study
 
-    spans = {name: [_range(name, text) for text in words.split(",")] for name, words in ranges.items()}
+    spans = {
+        name: [_range(name, text) for text in words.split(",")] for name, words in ranges.items()
+    }
     try:
-        return Study.model_validate(common | {name: text.split(",") for name, text in lists.items()} | spans)
+        return Study.model_validate(
+            common | {name: text.split(",") for name, text in lists.items()} | spans
+        )
     except ValidationError as error:
         found = error.errors(include_url=False)[0]
         where = found["loc"][0] if found["loc"] else "study"
@@ -120,7 +161,9 @@ def _whole(text: str) -> str:
     try:
         spans = [[int(end) for end in part.split(":")] for part in text.split(",")]
     except ValueError:
-        raise InputError(f"n: {text!r} is no list of numbers; allowed: 6 or 4,6,9 or 2:50") from None
+        raise InputError(
+            f"n: {text!r} is no list of numbers; allowed: 6 or 4,6,9 or 2:50"
+        ) from None
     return ",".join(str(k) for span in spans for k in range(span[0], span[-1] + 1))
 
 
@@ -128,7 +171,9 @@ def _by(text: str, study: Study) -> tuple[str, ...]:
     names = tuple(text.split(",")) if text else ()
     unknown = [name for name in names if name not in study.varied]
     if unknown:
-        raise InputError(f"--by {unknown[0]}: is not varied here; allowed: {', '.join(study.varied) or 'nothing'}")
+        raise InputError(
+            f"--by {unknown[0]}: is not varied here; allowed: {', '.join(study.varied) or 'nothing'}"
+        )
     return names
 
 
@@ -140,7 +185,9 @@ def _range(name: str, text: str) -> dict[str, float]:
         raise InputError(f"{name}: {text!r} is no number and no LOW:HIGH") from None
 
 
-def _again(out: Path, row: int, picture: Path | None, mission: Path | None, console: Console) -> None:
+def _again(
+    out: Path, row: int, picture: Path | None, mission: Path | None, console: Console
+) -> None:
     from swarm_ctl.study.rerun import fly_again, write_mission
 
     flown = fly_again(out, row)

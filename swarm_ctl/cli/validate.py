@@ -36,10 +36,15 @@ from swarm_ctl.mission.input.simulation_section import Simulation
 
 def validate(
     mission: Annotated[Path, typer.Argument(help="The mission file.")],
-    fleet: Annotated[Path | None, typer.Option(help="A fleet file to use instead of the mission's.")] = None,
-    plot: Annotated[Path | None, typer.Option(help="Draw it into this .png, .svg or .pdf (needs matplotlib).")] = None,
+    fleet: Annotated[
+        Path | None, typer.Option(help="A fleet file to use instead of the mission's.")
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option(help="Draw it into this .png, .svg or .pdf (needs matplotlib).")
+    ] = None,
 ) -> None:
-    """Check a mission file and show what would be flown: agents, graph, slots, distances, times, warnings."""
+    """Check a mission file and show what would be flown: agents, graph, slots, distances, times,
+    warnings."""
     loaded = load(mission, fleet=fleet)
     console = Console(highlight=False)
     show(loaded, forecast(loaded.plan), console)
@@ -53,7 +58,9 @@ def validate(
 def show(loaded: LoadedMission, forecasts: list[StepForecast], console: Console) -> None:
     """Print a checked mission."""
     plan = loaded.plan
-    console.print(f"[bold]{plan.name}[/bold] can be flown: {len(plan.agents)} agents, plan {plan.hash():016x}")
+    console.print(
+        f"[bold]{plan.name}[/bold] can be flown: {len(plan.agents)} agents, plan {plan.hash():016x}"
+    )
     console.print(_agents(loaded))
     console.print(_steps(plan, forecasts))
     for line in _facts(plan):
@@ -68,7 +75,13 @@ def show(loaded: LoadedMission, forecasts: list[StepForecast], console: Console)
 def _agents(loaded: LoadedMission) -> Table:
     plan = loaded.plan
     forms = [step for step in plan.steps if isinstance(step, FormStep)]
-    table = Table("agent", "start N, E m", "neighbours", *(f"{form.shape} N, E m" for form in forms), "vehicle")
+    table = Table(
+        "agent",
+        "start N, E m",
+        "neighbours",
+        *(f"{form.shape} N, E m" for form in forms),
+        "vehicle",
+    )
     for k, (agent, entry) in enumerate(zip(plan.agents, loaded.fleet.agents, strict=True)):
         vehicle = f"{entry.autopilot} {entry.sysid}, {entry.endpoint or 'simulated'}"
         slots = (_metres(form.slots[k], plan.unit_m) for form in forms)
@@ -81,13 +94,18 @@ def _steps(plan: Plan, forecasts: list[StepForecast]) -> Table:
     table = Table("step", "what", "expected", "time-out", "then")
     for number, (step, expected) in enumerate(zip(plan.steps, forecasts, strict=True), start=1):
         then = step.on_timeout.value
-        table.add_row(str(number), _what(plan, step), _expected(expected), f"{step.timeout_s:.0f} s", then)
+        table.add_row(
+            str(number), _what(plan, step), _expected(expected), f"{step.timeout_s:.0f} s", then
+        )
     table.add_row("", "whole flight", f"{_total_s(plan, forecasts):.0f} s", "", "")
     return table
 
 
 def _total_s(plan: Plan, forecasts: list[StepForecast]) -> float:
-    return sum(expected.expected_s or step.timeout_s for step, expected in zip(plan.steps, forecasts, strict=True))
+    return sum(
+        expected.expected_s or step.timeout_s
+        for step, expected in zip(plan.steps, forecasts, strict=True)
+    )
 
 
 def _what(plan: Plan, step: Step) -> str:
@@ -122,24 +140,34 @@ def _facts(plan: Plan) -> list[str]:
     starts = {agent.id: agent.start for agent in plan.agents}
     links = {agent.id: agent.neighbours for agent in plan.agents}
     law, unit, limits = plan.law, plan.unit_m, plan.limits
-    lines = [f"radii    r {law.r * unit:g} m, r_out {law.r_out * unit:g} m, r_in {law.r_in * unit:g} m"]
+    lines = [
+        f"radii    r {law.r * unit:g} m, r_out {law.r_out * unit:g} m, r_in {law.r_in * unit:g} m"
+    ]
     if edges := graph.edges(links):
         lines.append("graph    " + " ".join(f"{i}-{j}" for i, j in edges))
         time_s = 1 / (plan.kappa * law.h * graph.consensus_rate(links))
         connectivity = graph.algebraic_connectivity(links)
-        lines[-1] += f" (algebraic connectivity {connectivity:.3f}, slowest time constant {time_s:.1f} s)"
+        lines[-1] += (
+            f" (algebraic connectivity {connectivity:.3f}, slowest time constant {time_s:.1f} s)"
+        )
     lines += [f"closest  {line}" for line in _closest(plan, list(starts))]
     speed = np.array(limits.speed_mps)
-    stop_m = limits.speed_mps * plan.response.dead_time_s + float(stop_distance(speed, plan.response))
+    stop_m = limits.speed_mps * plan.response.dead_time_s + float(
+        stop_distance(speed, plan.response)
+    )
     lines.append(
         f"limits   {limits.speed_mps:g} m/s (stops within {stop_m:.1f} m),"
         f" {limits.climb_mps:g} up, {limits.descent_mps:g} down"
     )
-    lines.append(f"law      kappa {plan.kappa:g}, h {law.h:g}, {plan.compensation.value}, tick {plan.tick_s:g} s")
+    lines.append(
+        f"law      kappa {plan.kappa:g}, h {law.h:g}, {plan.compensation.value}, tick {plan.tick_s:g} s"
+    )
     lines.append(f"safety   {_safety(plan)}")
     if plan.fence is not None:
         box = " ".join(f"({north:g}, {east:g})" for north, east in plan.fence.polygon_m)
-        lines.append(f"fence    up to {plan.fence.height_m:g} m, inside {box} m: {plan.policies.fence.value}")
+        lines.append(
+            f"fence    up to {plan.fence.height_m:g} m, inside {box} m: {plan.policies.fence.value}"
+        )
     safe = plan.policies
     lines.append(
         f"limits   battery under {safe.battery_reserve_percent:g} %: {safe.battery_low.value};"
@@ -167,7 +195,10 @@ def _closest(plan: Plan, ids: list[int]) -> list[str]:
 
 def _late(plan: Plan, forecasts: list[StepForecast]) -> list[str]:
     late = [k for k, expected in enumerate(forecasts, start=1) if expected.expected_s is None]
-    return [f"step {k}, {step_name(plan, k)}, is not expected to be done before its time-out" for k in late]
+    return [
+        f"step {k}, {step_name(plan, k)}, is not expected to be done before its time-out"
+        for k in late
+    ]
 
 
 def _simulation(simulation: Simulation) -> list[str]:
@@ -187,7 +218,9 @@ def _settings(given: dict[str, float]) -> str:
     return ", ".join(f"{name} {value:g}" for name, value in given.items())
 
 
-def _too_late_faults(simulation: Simulation, plan: Plan, forecasts: list[StepForecast]) -> list[str]:
+def _too_late_faults(
+    simulation: Simulation, plan: Plan, forecasts: list[StepForecast]
+) -> list[str]:
     end_s = _total_s(plan, forecasts) + (_PREPARED_S if simulation.since == "start" else 0.0)
     return [
         f"the fault {fault.at_s:g} s after {simulation.since} comes later than the expected end, after {end_s:.0f} s"

@@ -1,6 +1,7 @@
 """What an operator can order: one table for keys, command line, completion and help. Pure.
 
-An order is what a person said; the station makes the mesh's `Command` of it, and agents refuse what can't be.
+An order is what a person said; the station makes the mesh's `Command` of it, and agents refuse what
+can't be.
 """
 
 from __future__ import annotations
@@ -37,7 +38,13 @@ KINDS: Final[tuple[Kind, ...]] = (
     Kind("resume", "", "go on with the mission", "r"),
     Kind("next", "", "end the current step", "n"),
     Kind("form", "SHAPE", "fly into another shape of the mission", "f", for_all=True),
-    Kind("move", "NORTH EAST [SPEED]", "move the formation to a point [m] at a speed [m/s]", "m", for_all=True),
+    Kind(
+        "move",
+        "NORTH EAST [SPEED]",
+        "move the formation to a point [m] at a speed [m/s]",
+        "m",
+        for_all=True,
+    ),
     Kind("tune", "NAME=VALUE ...", "change the law of all agents at one time", "u", for_all=True),
     Kind("land", "", "land in place", "l"),
     Kind("return", "", "fly home one at a time and land", "b"),
@@ -66,7 +73,8 @@ def shapes(plan: Plan) -> list[str]:
 
 
 def parse(line: str, plan: Plan, marked: Iterable[int] = ()) -> Order:
-    """The order in `line`, for `marked` agents or for those named behind an `@` (`land @1,3-5`, `land @all`).
+    """The order in `line`, for `marked` agents or for those named behind an `@` (`land @1,3-5`,
+    `land @all`).
 
     InputError says what would be allowed.
     """
@@ -78,7 +86,9 @@ def parse(line: str, plan: Plan, marked: Iterable[int] = ()) -> Order:
         raise InputError(f"no command {name!r}; allowed: {', '.join(BY_NAME)}")
     agents = _agents(at[-1][1:], plan) if at else tuple(sorted(set(marked)))
     if agents and kind.for_all:
-        raise InputError(f"{name} is for the whole swarm; {'leave out ' + at[-1] if at else 'unmark the agents (a)'}")
+        raise InputError(
+            f"{name} is for the whole swarm; {'leave out ' + at[-1] if at else 'unmark the agents (a)'}"
+        )
     _check(kind, arguments, plan)
     return Order(name, tuple(arguments), agents)
 
@@ -91,12 +101,16 @@ def complete(line: str, plan: Plan) -> list[str]:
         return [f"{head}{space}@{i}" for i in ids if i.startswith(last[1:]) and i != last[1:]]
     if not space:
         return [
-            name + (" " if BY_NAME[name].usage else "") for name in BY_NAME if name.startswith(line) and name != line
+            name + (" " if BY_NAME[name].usage else "")
+            for name in BY_NAME
+            if name.startswith(line) and name != line
         ]
     if head.split(" ")[0] == "tune":
         return [f"{head} {value}" for value in _values(head, last, plan)]
     if head == "form":
-        return [f"form {shape}" for shape in shapes(plan) if shape.startswith(last) and shape != last]
+        return [
+            f"form {shape}" for shape in shapes(plan) if shape.startswith(last) and shape != last
+        ]
     return []
 
 
@@ -112,10 +126,14 @@ def tuned(words: Iterable[str], law: Gains, plan: Plan) -> Gains:
             continue
         name, _, value = word.partition("=")
         if name not in limits(plan) or not math.isfinite(_number(value)):
-            raise InputError(f"{word!r} is no value of the law; allowed: {', '.join(limits(plan))}, e.g. tune h=0.04")
+            raise InputError(
+                f"{word!r} is no value of the law; allowed: {', '.join(limits(plan))}, e.g. tune h=0.04"
+            )
         changes[name] = _number(value)
     if not changes:
-        raise InputError(f"tune changes nothing; allowed: plan, or values of {', '.join(limits(plan))}")
+        raise InputError(
+            f"tune changes nothing; allowed: plan, or values of {', '.join(limits(plan))}"
+        )
     gains = replace(law, **changes)
     wrong = out_of_range(gains, plan)
     if wrong:
@@ -131,7 +149,9 @@ def ranges_of_law(plan: Plan) -> str:
 def _values(head: str, last: str, plan: Plan) -> list[str]:
     """Values of the law that are not named yet, completed to those of the mission."""
     named = {word.partition("=")[0] for word in head.split(" ")}
-    every = [f"{name}={value:g}" for name, value in asdict(planned(plan)).items() if name not in named]
+    every = [
+        f"{name}={value:g}" for name, value in asdict(planned(plan)).items() if name not in named
+    ]
     return [word for word in [*every, "plan"] if word.startswith(last) and word != last]
 
 
@@ -147,7 +167,9 @@ def _agents(text: str, plan: Plan) -> tuple[int, ...]:
         span = range(int(first), int(last or first) + 1)
         found |= {i for i in known if i in span}
         if not any(i in span for i in known):
-            raise InputError(f"no agent {part} in this mission; allowed: {', '.join(map(str, known))}")
+            raise InputError(
+                f"no agent {part} in this mission; allowed: {', '.join(map(str, known))}"
+            )
     return tuple(sorted(found))
 
 
@@ -155,7 +177,9 @@ def _check(kind: Kind, arguments: list[str], plan: Plan) -> None:
     usage = f"{kind.name} {kind.usage}".strip()
     if kind.name == "form":
         if len(arguments) != 1:  # which shapes there are is the mission file's business
-            raise InputError(f"usage: {usage}; this mission flies {', '.join(shapes(plan)) or 'none'}")
+            raise InputError(
+                f"usage: {usage}; this mission flies {', '.join(shapes(plan)) or 'none'}"
+            )
     elif kind.name == "move":
         numbers = [_number(word) for word in arguments]
         if len(numbers) not in (2, 3) or not all(map(math.isfinite, numbers)):

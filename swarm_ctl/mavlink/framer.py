@@ -1,7 +1,8 @@
 """Bytes to MAVLink frames, resynchronising after whatever is no frame.
 
-pymavlink's own parser drops as many bytes as a false header claims (up to 280) and the good frames among them. Real
-autopilots send plain text before and between frames on TCP, so here a failed checksum costs one byte, not a frame.
+pymavlink's own parser drops as many bytes as a false header claims (up to 280) and the good frames
+among them. Real autopilots send plain text before and between frames on TCP, so here a failed
+checksum costs one byte, not a frame.
 """
 
 from __future__ import annotations
@@ -17,7 +18,9 @@ _V2, _V1 = 0xFD, 0xFE
 _HEADER_V2, _HEADER_V1 = 10, 6
 _SIGNED = 0x01
 _SIGNATURE_BYTES = 13
-_CRC_EXTRA: dict[int, bytes] = {number: bytes([message.crc_extra]) for number, message in dialect.mavlink_map.items()}
+_CRC_EXTRA: dict[int, bytes] = {
+    number: bytes([message.crc_extra]) for number, message in dialect.mavlink_map.items()
+}
 _CRC = struct.Struct("<H")
 
 _NONE, _PARTIAL = 0, -1
@@ -25,7 +28,8 @@ _NONE, _PARTIAL = 0, -1
 
 
 class Frame(NamedTuple):
-    """One frame with a good checksum. `raw` is the whole frame, header, checksum and signature included."""
+    """One frame with a good checksum. `raw` is the whole frame, header, checksum and signature
+    included."""
 
     message_id: int
     seq: int
@@ -35,7 +39,8 @@ class Frame(NamedTuple):
 
 
 class Framer:
-    """Cuts a stream of byte chunks into frames. `bad` counts runs of bytes that were no frame of this dialect."""
+    """Cuts a stream of byte chunks into frames. `bad` counts runs of bytes that were no frame of
+    this dialect."""
 
     def __init__(self) -> None:
         self.bad = 0
@@ -45,7 +50,8 @@ class Framer:
     def feed(self, data: bytes) -> list[Frame]:
         """The frames completed by `data`. Keeps at most one incomplete frame (under 280 bytes).
 
-        What looks like a frame's beginning is given up as soon as a whole good frame is found after it.
+        What looks like a frame's beginning is given up as soon as a whole good frame is found after
+        it.
         """
         data = self._rest + data
         frames: list[Frame] = []

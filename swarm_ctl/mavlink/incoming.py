@@ -1,7 +1,8 @@
 """Folds what a vehicle says into what is known of it: one table, message name -> function.
 
-A function gets the state, a decoded pymavlink message and the time; it returns False where a field can't be true
-(NaN, infinite, out of range), and then has changed nothing. None of them may raise, whatever the bytes were.
+A function gets the state, a decoded pymavlink message and the time; it returns False where a field
+can't be true (NaN, infinite, out of range), and then has changed nothing. None of them may raise,
+whatever the bytes were.
 """
 
 from __future__ import annotations
@@ -29,11 +30,14 @@ WIND_KEPT_S = 10.0
 """An estimate not repeated for this long (PX4 sends one in 2 s) is none."""
 MAX_WIND_MPS = 100.0
 CONTACT_KEPT_S = 10.0
-"""A contact not repeated for this long is forgotten; what an older one means is the core's business before that."""
+"""A contact not repeated for this long is forgotten; what an older one means is the core's business
+before that."""
 IDENTITY_KEPT_S = 3.0
-"""A heartbeat of another firmware or type is not this vehicle's, unless this vehicle has been silent for so long."""
+"""A heartbeat of another firmware or type is not this vehicle's, unless this vehicle has been
+silent for so long."""
 REBOOT_BACK_S = 5.0
-"""The vehicle's own clock going back this far means that it restarted (less may be frames that overtook others)."""
+"""The vehicle's own clock going back this far means that it restarted (less may be frames that
+overtook others)."""
 
 
 @dataclass(slots=True)
@@ -46,10 +50,12 @@ class Parameter:
 
 @dataclass(slots=True)
 class Heard:
-    """Everything heard from one vehicle, in the wire's terms (SI units). Mutable; the link owns it."""
+    """Everything heard from one vehicle, in the wire's terms (SI units). Mutable; the link owns
+    it."""
 
     watched: frozenset[str] = frozenset()
-    """Names of the parameters worth remembering; others are dropped, so a flood of them costs no memory."""
+    """Names of the parameters worth remembering; others are dropped, so a flood of them costs no
+    memory."""
     heartbeat_s: float = -math.inf
     stranger: int = 0
     """The system id of another vehicle heard on this link, 0 for none."""
@@ -77,7 +83,8 @@ class Heard:
     counts: dict[int, int] = field(default_factory=dict)
     """Messages folded so far, by message id."""
     answers: dict[int, int] = field(default_factory=dict)
-    """Last COMMAND_ACK by command (those of `_REFUSABLE`): MAV_RESULT. A repeated refusal is told once."""
+    """Last COMMAND_ACK by command (those of `_REFUSABLE`): MAV_RESULT. A repeated refusal is told
+    once."""
     texts: Texts = field(default_factory=Texts)
     round_trip_s: float | None = None
     """Of the newest TIMESYNC that came back."""
@@ -107,7 +114,10 @@ class Heard:
 
 def _heartbeat(heard: Heard, message: Any, now: float) -> bool:
     identity = (message.autopilot, message.type)
-    if now - heard.heartbeat_s < IDENTITY_KEPT_S and identity != (heard.autopilot, heard.vehicle_type):
+    if now - heard.heartbeat_s < IDENTITY_KEPT_S and identity != (
+        heard.autopilot,
+        heard.vehicle_type,
+    ):
         return False
     heard.heartbeat_s = now
     heard.autopilot = message.autopilot
@@ -168,7 +178,8 @@ def _battery(heard: Heard, percent: int) -> bool:
 
 
 def _timesync(heard: Heard, message: Any, now: float) -> bool:
-    """An answer (tc1 set) to our request: `ts1` is our own time [ns]. Requests of the vehicle are not answered."""
+    """An answer (tc1 set) to our request: `ts1` is our own time [ns]. Requests of the vehicle are
+    not answered."""
     trip = now - message.ts1 * 1e-9
     if message.tc1 != 0 and 0.0 <= trip <= MAX_ROUND_TRIP_S:
         heard.round_trip_s = trip
@@ -179,7 +190,9 @@ def _attitude(heard: Heard, message: Any, now: float) -> bool:  # noqa: ARG001
     if not _within((message.roll, message.pitch), 2 * math.pi):
         return False
     # between the vehicle's own up and the world's
-    heard.tilt_deg = math.degrees(math.acos(max(-1.0, min(1.0, math.cos(message.roll) * math.cos(message.pitch)))))
+    heard.tilt_deg = math.degrees(
+        math.acos(max(-1.0, min(1.0, math.cos(message.roll) * math.cos(message.pitch))))
+    )
     return True
 
 
@@ -223,7 +236,11 @@ def _traffic(heard: Heard, message: Any, now: float) -> bool:
     velocity = (0.0, 0.0, 0.0)
     if message.flags & _ADSB_MOVING == _ADSB_MOVING:
         heading, speed = math.radians(message.heading * 0.01), message.hor_velocity * 0.01
-        velocity = (speed * math.cos(heading), speed * math.sin(heading), -message.ver_velocity * 0.01)
+        velocity = (
+            speed * math.cos(heading),
+            speed * math.sin(heading),
+            -message.ver_velocity * 0.01,
+        )
     contacts[message.ICAO_address] = Contact(now, message.ICAO_address, position, velocity)
     return True
 
@@ -239,7 +256,10 @@ def _status_text(heard: Heard, message: Any, now: float) -> bool:
 
 
 def _command_ack(heard: Heard, message: Any, now: float) -> bool:  # noqa: ARG001
-    if message.target_system not in (0, SOURCE_SYSTEM) or message.target_component not in (0, SOURCE_COMPONENT):
+    if message.target_system not in (0, SOURCE_SYSTEM) or message.target_component not in (
+        0,
+        SOURCE_COMPONENT,
+    ):
         return True  # an answer to somebody else
     name, result = _REFUSABLE.get(message.command), message.result
     if name is None or heard.answers.get(message.command) == result:
@@ -256,7 +276,10 @@ _REFUSABLE = {
     dialect.MAV_CMD_DO_SET_MODE: "mode change",
 }
 """Commands whose refusal an operator wants to know; nothing else depends on an answer."""
-_RESULTS = {number: entry.name.removeprefix("MAV_RESULT_") for number, entry in dialect.enums["MAV_RESULT"].items()}
+_RESULTS = {
+    number: entry.name.removeprefix("MAV_RESULT_")
+    for number, entry in dialect.enums["MAV_RESULT"].items()
+}
 
 
 def _parameter_value(heard: Heard, message: Any, now: float) -> bool:  # noqa: ARG001
@@ -273,11 +296,14 @@ def _within(vector: tuple[float, ...], limit: float) -> bool:
 
 
 def _geodetic(lat: int, lon: int, alt_mm: int) -> Geodetic | None:
-    """From 1e-7 degrees and millimetres; None out of range, and for 0/0: autopilots say so before they have a fix."""
+    """From 1e-7 degrees and millimetres; None out of range, and for 0/0: autopilots say so before
+    they have a fix."""
     if abs(lat) > 900_000_000 or abs(lon) > 1_800_000_000 or (lat == 0 and lon == 0):
         return None
     altitude_m = alt_mm * 1e-3
-    return Geodetic(lat * 1e-7, lon * 1e-7, altitude_m) if abs(altitude_m) <= MAX_ALTITUDE_M else None
+    return (
+        Geodetic(lat * 1e-7, lon * 1e-7, altitude_m) if abs(altitude_m) <= MAX_ALTITUDE_M else None
+    )
 
 
 FOLDS: dict[str, Callable[[Heard, Any, float], bool]] = {
@@ -299,11 +325,14 @@ FOLDS: dict[str, Callable[[Heard, Any, float], bool]] = {
 }
 """What is folded. Everything else the vehicle says is counted and left alone."""
 
-FOLDS_BY_ID = {number: FOLDS[m.msgname] for number, m in dialect.mavlink_map.items() if m.msgname in FOLDS}
+FOLDS_BY_ID = {
+    number: FOLDS[m.msgname] for number, m in dialect.mavlink_map.items() if m.msgname in FOLDS
+}
 
 
 def fold(heard: Heard, message: Any, now: float) -> bool:
-    """Take in one decoded message of the table, and count it; False (and nothing changed) if it was refused."""
+    """Take in one decoded message of the table, and count it; False (and nothing changed) if it was
+    refused."""
     number: int = message.get_msgId()  # not `.id`: some messages have a field of that name
     if not FOLDS_BY_ID[number](heard, message, now):
         return False
@@ -316,4 +345,6 @@ def message_id(name: str) -> int:
     return _IDS[name]
 
 
-_IDS: dict[str, int] = {m.msgname: number for number, m in dialect.mavlink_map.items() if m.msgname in FOLDS}
+_IDS: dict[str, int] = {
+    m.msgname: number for number, m in dialect.mavlink_map.items() if m.msgname in FOLDS
+}

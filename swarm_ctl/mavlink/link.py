@@ -1,7 +1,7 @@
 """The link to one vehicle: bytes in and out, and in between what is known and what is wanted.
 
-The only user of the wires. Non-blocking, and nothing a vehicle or a stranger sends can raise out of it; neither does a
-socket error: the age of the vehicle's heartbeat tells that it is gone.
+The only user of the wires. Non-blocking, and nothing a vehicle or a stranger sends can raise out of
+it; neither does a socket error: the age of the vehicle's heartbeat tells that it is gone.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ from swarm_ctl.mavlink.outgoing import (
 from swarm_ctl.mavlink.wires import Wire, open_wire
 
 MAX_CHUNKS = 2048
-"""Chunks read in one `receive`: a flood costs a bounded time per tick (a vehicle sends about 3 a tick)."""
+"""Chunks read in one `receive`: a flood costs a bounded time per tick (a vehicle sends about 3 a
+tick)."""
 _TIMESYNC_S = 1.0
 _SETPOINT_ID = dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
 
@@ -34,13 +35,18 @@ _SETPOINT_ID = dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
 class VehicleLink:
     """One vehicle behind one endpoint. Times are the caller's mission clock [s].
 
-    `endpoint` is a URL as pymavlink spells them (`udpout:127.0.0.1:14601`) or an open wire; `autopilot` names the
-    firmware; `sysid` (1..250) is the only vehicle listened to. LinkError says what would be allowed. `tap` is given
-    every whole frame that passes, with the time; it must not wait for anything.
+    `endpoint` is a URL as pymavlink spells them (`udpout:127.0.0.1:14601`) or an open wire;
+    `autopilot` names the firmware; `sysid` (1..250) is the only vehicle listened to. LinkError says
+    what would be allowed. `tap` is given every whole frame that passes, with the time; it must not
+    wait for anything.
     """
 
     def __init__(
-        self, endpoint: str | Wire, autopilot: str, sysid: int, tap: Callable[[bytes, float], None] | None = None
+        self,
+        endpoint: str | Wire,
+        autopilot: str,
+        sysid: int,
+        tap: Callable[[bytes, float], None] | None = None,
     ) -> None:
         if not 1 <= sysid <= 250:
             raise LinkError(f"sysid {sysid} is not one; allowed: 1..250")
@@ -107,7 +113,8 @@ class VehicleLink:
         )
 
     def pursue(self, goal: Goal, now: float) -> None:
-        """Send what `goal` needs now. A tick without this call sends nothing, so that silence is a deadman."""
+        """Send what `goal` needs now. A tick without this call sends nothing, so that silence is a
+        deadman."""
         for message in self._autopilot.pursue(goal, self._heard, now):
             self._send(message, now)
         if now >= self._timesync_due and self._may_ask(goal):
@@ -115,7 +122,8 @@ class VehicleLink:
             self._send(timesync(now), now)
 
     def _may_ask(self, goal: Goal) -> bool:
-        """Like the driver: nothing but heartbeats to a vehicle that is not heard, not ours, or flown by a pilot."""
+        """Like the driver: nothing but heartbeats to a vehicle that is not heard, not ours, or
+        flown by a pilot."""
         known = math.isfinite(self._heard.heartbeat_s) and not self._autopilot.fault(self._heard)
         return known and not isinstance(goal, YieldGoal)
 
@@ -137,7 +145,8 @@ class VehicleLink:
         self._wire.close()
 
     def _secure(self) -> None:
-        """The one place for MAVLink 2 signing (off): set the key and its rules on `self._codec.signing` here."""
+        """The one place for MAVLink 2 signing (off): set the key and its rules on
+        `self._codec.signing` here."""
 
     def _take(self, frame: Frame, now: float) -> None:
         self._frames += 1

@@ -1,6 +1,7 @@
 """The messages this project sends, as pymavlink message objects: no bytes, no I/O.
 
-Sources: the MAVLink common message set; the numbers of commands and parameters of commands are its own.
+Sources: the MAVLink common message set; the numbers of commands and parameters of commands are its
+own.
 """
 
 from __future__ import annotations
@@ -13,7 +14,8 @@ Message: TypeAlias = Any
 """A `MAVLink_message` (pymavlink has no types)."""
 
 SOURCE_SYSTEM = 255
-"""The system id of ground stations: ArduPilot's GCS failsafe counts heartbeats of this one only (MAV_GCS_SYSID)."""
+"""The system id of ground stations: ArduPilot's GCS failsafe counts heartbeats of this one only
+(MAV_GCS_SYSID)."""
 SOURCE_COMPONENT = 190
 """MAV_COMP_ID_MISSIONPLANNER: a ground station's component."""
 AUTOPILOT_COMPONENT = 1
@@ -85,9 +87,13 @@ def velocity(system: int, velocity_ned_mps: tuple[float, float, float], now: flo
 
 def read_parameter(system: int, name: str) -> Message:
     """PARAM_REQUEST_READ by name."""
-    return dialect.MAVLink_param_request_read_message(system, AUTOPILOT_COMPONENT, name.encode(), -1)
+    return dialect.MAVLink_param_request_read_message(
+        system, AUTOPILOT_COMPONENT, name.encode(), -1
+    )
 
 
 def set_parameter(system: int, name: str, value: float, kind: int) -> Message:
     """PARAM_SET; `value` already in the vehicle's encoding of type `kind`."""
-    return dialect.MAVLink_param_set_message(system, AUTOPILOT_COMPONENT, name.encode(), value, kind)
+    return dialect.MAVLink_param_set_message(
+        system, AUTOPILOT_COMPONENT, name.encode(), value, kind
+    )

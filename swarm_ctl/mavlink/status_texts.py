@@ -1,4 +1,5 @@
-"""The texts a vehicle says (STATUSTEXT), gathered between two looks: joined from chunks, printable, bounded."""
+"""The texts a vehicle says (STATUSTEXT), gathered between two looks: joined from chunks, printable,
+bounded."""
 
 from __future__ import annotations
 

@@ -1,7 +1,9 @@
-"""A vehicle's `.tlog`: each MAVLink frame, both ways, behind eight bytes of time, as log tools read it.
+"""A vehicle's `.tlog`: each MAVLink frame, both ways, behind eight bytes of time, as log tools read
+it.
 
-Written by an agent, so nothing here may hold up a control loop: `take` only appends to a list in memory, a thread takes
-that to the disk once a second. A disk that does not keep up costs the oldest frames, which are counted.
+Written by an agent, so nothing here may hold up a control loop: `take` only appends to a list in
+memory, a thread takes that to the disk once a second. A disk that does not keep up costs the oldest
+frames, which are counted.
 """
 
 from __future__ import annotations
@@ -20,7 +22,8 @@ _TURN_WALL_S: Final = 1.0
 
 
 class TlogWriter:
-    """Writes the frames of one link to `path`; mission time 0 is `started_us` microseconds of Unix time."""
+    """Writes the frames of one link to `path`; mission time 0 is `started_us` microseconds of Unix
+    time."""
 
     def __init__(self, path: Path, started_us: int) -> None:
         self._file = path.open("ab", buffering=0)

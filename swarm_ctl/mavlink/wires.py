@@ -1,7 +1,8 @@
 """Where the bytes of a vehicle's link come from: UDP, TCP, a serial port, or memory.
 
-pymavlink's `mavutil` has such connections, too, but costs twice the memory of a dialect alone, blocks while it
-connects, and hides socket errors. The spelling of endpoints is its own (serial ports get the prefix `serial:`).
+pymavlink's `mavutil` has such connections, too, but costs twice the memory of a dialect alone,
+blocks while it connects, and hides socket errors. The spelling of endpoints is its own (serial
+ports get the prefix `serial:`).
 """
 
 from __future__ import annotations
@@ -21,16 +22,19 @@ _CHUNK = 4096
 """Longer than any datagram of MAVLink frames (280 bytes each, a handful packed together)."""
 _RECONNECT_S = 1.0
 _TCP_SEND_BUFFER = 4096
-"""Small on purpose: setpoints that wait in a kernel buffer would arrive late, after the deadman should have acted."""
+"""Small on purpose: setpoints that wait in a kernel buffer would arrive late, after the deadman
+should have acted."""
 _DEFAULT_BAUD = 57600
 """What telemetry radios are set to when they are bought."""
 
 
 class Wire(Protocol):
-    """Non-blocking bytes in both directions. `now` is the caller's clock [s]; errors are OSError."""
+    """Non-blocking bytes in both directions. `now` is the caller's clock [s]; errors are
+    OSError."""
 
     def read(self, now: float) -> bytes | None:
-        """The next pending chunk (a datagram, or some of a stream), None when nothing is pending."""
+        """The next pending chunk (a datagram, or some of a stream), None when nothing is
+        pending."""
 
     def write(self, data: bytes, now: float) -> None:
         """Send one frame now, or drop it: a frame is never kept to be sent later."""
@@ -43,7 +47,8 @@ class Wire(Protocol):
 
 
 class MemoryWire:
-    """One end of an in-memory wire, for tests and for studies on a virtual clock. Bounded, newest kept."""
+    """One end of an in-memory wire, for tests and for studies on a virtual clock. Bounded, newest
+    kept."""
 
     def __init__(self, inbox: deque[bytes], outbox: deque[bytes]) -> None:
         self._inbox = inbox
@@ -87,7 +92,9 @@ def open_wire(endpoint: str) -> Wire:
 def _address(endpoint: str, rest: str) -> tuple[str, int]:
     host, _, port = rest.rpartition(":")
     if not host or not port.isdecimal() or not 1 <= int(port) <= 65535:
-        raise LinkError(f"endpoint {endpoint!r} has no HOST:PORT; allowed: {ALLOWED}, PORT 1..65535")
+        raise LinkError(
+            f"endpoint {endpoint!r} has no HOST:PORT; allowed: {ALLOWED}, PORT 1..65535"
+        )
     return socket.gethostbyname(host), int(port)
 
 
@@ -97,7 +104,8 @@ def _device_and_baud(rest: str) -> tuple[str, int]:
 
 
 class _UdpOutWire:
-    """A connected datagram socket: the kernel drops what others send, and tells when nobody listens there."""
+    """A connected datagram socket: the kernel drops what others send, and tells when nobody listens
+    there."""
 
     def __init__(self, address: tuple[str, int]) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -122,7 +130,8 @@ class _UdpOutWire:
 
 
 class _UdpInWire:
-    """Listens, and answers the address from which the vehicle was heard last; silent until it was heard."""
+    """Listens, and answers the address from which the vehicle was heard last; silent until it was
+    heard."""
 
     def __init__(self, address: tuple[str, int]) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -151,7 +160,8 @@ class _UdpInWire:
 
 
 class _StreamWire:
-    """What the TCP client and server share: one stream at a time, frames sent whole or not at all."""
+    """What the TCP client and server share: one stream at a time, frames sent whole or not at
+    all."""
 
     def __init__(self) -> None:
         self._stream: socket.socket | None = None
@@ -258,7 +268,9 @@ class _SerialWire:
         try:
             serial = importlib.import_module("serial")
         except ImportError as error:
-            raise LinkError(f"serial:{device} needs the package pyserial: pip install pyserial") from error
+            raise LinkError(
+                f"serial:{device} needs the package pyserial: pip install pyserial"
+            ) from error
         self._port = serial.Serial(device, baud, timeout=0, write_timeout=0)
 
     def read(self, now: float) -> bytes | None:  # noqa: ARG002

@@ -1,7 +1,9 @@
-"""A transport as bad as wanted: loss, delay, jitter (and with it reordering), duplicates, silent publishers.
+"""A transport as bad as wanted: loss, delay, jitter (and with it reordering), duplicates, silent
+publishers.
 
-Wraps any other. Everything happens where a message comes in, each publisher's link for itself, by a seeded generator
-and an injected clock: with the in-memory transport the same seed gives the same flight.
+Wraps any other. Everything happens where a message comes in, each publisher's link for itself, by a
+seeded generator and an injected clock: with the in-memory transport the same seed gives the same
+flight.
 """
 
 from __future__ import annotations
@@ -28,9 +30,11 @@ class Impairment:
 
 
 class ImpairedTransport:
-    """As `Transport`. `publishers` are all names that may speak (agents' ids, stations): each is a link of its own.
+    """As `Transport`. `publishers` are all names that may speak (agents' ids, stations): each is a
+    link of its own.
 
-    What is in `silent` (names, at any time) is not heard until it is taken out again: a partition, seen from one side.
+    What is in `silent` (names, at any time) is not heard until it is taken out again: a partition,
+    seen from one side.
     """
 
     def __init__(
@@ -71,7 +75,9 @@ class ImpairedTransport:
 class _Link:
     """What one publisher says, under way."""
 
-    def __init__(self, inlet: Inlet, owner: ImpairedTransport, name: str, dice: random.Random) -> None:
+    def __init__(
+        self, inlet: Inlet, owner: ImpairedTransport, name: str, dice: random.Random
+    ) -> None:
         self._inlet, self._owner, self._name, self._dice = inlet, owner, name, dice
         self._waiting: list[tuple[float, int, bytes]] = []
         self._count = 0

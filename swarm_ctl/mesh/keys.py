@@ -1,7 +1,7 @@
 """The one table of what goes over the mesh: key, payload, rate and quality of service.
 
-`{swarm}` is the swarm's name: two swarms on one network stay apart. `{id}` is the agent's id (the station's name for a
-beacon); an agent publishes only under its own id.
+`{swarm}` is the swarm's name: two swarms on one network stay apart. `{id}` is the agent's id (the
+station's name for a beacon); an agent publishes only under its own id.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ class Qos:
     """What the transport owes a payload."""
 
     reliable: bool
-    """The link sends it again until it arrives; nothing ever waits for a full queue (it is dropped)."""
+    """The link sends it again until it arrives; nothing ever waits for a full queue (it is
+    dropped)."""
     urgent: bool
     """Goes first and is not batched."""
     timed: bool = False
@@ -65,7 +66,12 @@ class Channel(Generic[P]):
 
 
 STATE: Final = Channel(
-    "state", "swarm/{swarm}/agent/{id}/state", AgentState, "every tick (20 Hz)", NEWEST, "agent -> agents, stations"
+    "state",
+    "swarm/{swarm}/agent/{id}/state",
+    AgentState,
+    "every tick (20 Hz)",
+    NEWEST,
+    "agent -> agents, stations",
 )
 CLOCK: Final = Channel(
     "clock",
@@ -75,14 +81,28 @@ CLOCK: Final = Channel(
     TIMED,
     "agent -> agents",
 )
-STATUS: Final = Channel("status", "swarm/{swarm}/agent/{id}/status", AgentStatus, "2 Hz", REPORT, "agent -> stations")
+STATUS: Final = Channel(
+    "status", "swarm/{swarm}/agent/{id}/status", AgentStatus, "2 Hz", REPORT, "agent -> stations"
+)
 SIGMA: Final = Channel(
-    "sigma", "swarm/{swarm}/agent/{id}/sigma", SigmaReport, "5 Hz while a pair is near", REPORT, "agent -> stations"
+    "sigma",
+    "swarm/{swarm}/agent/{id}/sigma",
+    SigmaReport,
+    "5 Hz while a pair is near",
+    REPORT,
+    "agent -> stations",
 )
 EVENT: Final = Channel(
-    "event", "swarm/{swarm}/agent/{id}/event", Event, "as it happens", MUST_ARRIVE, "agent -> stations"
+    "event",
+    "swarm/{swarm}/agent/{id}/event",
+    Event,
+    "as it happens",
+    MUST_ARRIVE,
+    "agent -> stations",
 )
-ACK: Final = Channel("ack", "swarm/{swarm}/agent/{id}/ack", Ack, "per command", MUST_ARRIVE, "agent -> stations")
+ACK: Final = Channel(
+    "ack", "swarm/{swarm}/agent/{id}/ack", Ack, "per command", MUST_ARRIVE, "agent -> stations"
+)
 COMMAND: Final = Channel(
     "command",
     "swarm/{swarm}/station/{id}/command",
@@ -92,16 +112,33 @@ COMMAND: Final = Channel(
     "station -> agents",
 )
 BEACON: Final = Channel(
-    "beacon", "swarm/{swarm}/station/{id}/beacon", StationBeacon, "4 Hz", REPORT, "station -> agents, stations"
+    "beacon",
+    "swarm/{swarm}/station/{id}/beacon",
+    StationBeacon,
+    "4 Hz",
+    REPORT,
+    "station -> agents, stations",
 )
 
-CHANNELS: Final[tuple[Channel[object], ...]] = (STATE, CLOCK, STATUS, SIGMA, EVENT, ACK, COMMAND, BEACON)  # type: ignore[assignment]
+CHANNELS: Final[tuple[Channel[object], ...]] = (
+    STATE,
+    CLOCK,
+    STATUS,
+    SIGMA,
+    EVENT,
+    ACK,
+    COMMAND,
+    BEACON,
+)  # type: ignore[assignment]
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 
 
 def check_name(name: str) -> str:
-    """`name` if it can stand in a key; InputError otherwise (`*`, `/` and the like would change who hears it)."""
+    """`name` if it can stand in a key; InputError otherwise (`*`, `/` and the like would change who
+    hears it)."""
     if not _NAME.fullmatch(name):
-        raise InputError(f"name {name!r} can't be used on the mesh; allowed: up to 64 letters, digits, '_.-'")
+        raise InputError(
+            f"name {name!r} can't be used on the mesh; allowed: up to 64 letters, digits, '_.-'"
+        )
     return name

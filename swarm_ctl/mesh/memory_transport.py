@@ -1,4 +1,5 @@
-"""The mesh inside one process, for whole swarms on a virtual clock: delivery is immediate and lossless."""
+"""The mesh inside one process, for whole swarms on a virtual clock: delivery is immediate and
+lossless."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""A member of the mesh with typed channels: payloads in, payloads out; bad bytes are counted and dropped."""
+"""A member of the mesh with typed channels: payloads in, payloads out; bad bytes are counted and
+dropped."""
 
 from __future__ import annotations
 

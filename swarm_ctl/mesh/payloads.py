@@ -1,7 +1,8 @@
 """Payloads as bytes. The first byte is the version; an unknown one is refused, never guessed.
 
-`AgentState` is sent every tick and has a fixed little-endian layout (`_STATE`), and so has `ClockNews` (`_CLOCK`, then
-one `_ECHO` each); everything else is JSON after the version byte, checked field by field by pydantic.
+`AgentState` is sent every tick and has a fixed little-endian layout (`_STATE`), and so has
+`ClockNews` (`_CLOCK`, then one `_ECHO` each); everything else is JSON after the version byte,
+checked field by field by pydantic.
 """
 
 from __future__ import annotations
@@ -33,9 +34,10 @@ VERSION: Final = 3
 P = TypeVar("P")
 
 _STATE: Final = struct.Struct("<BBHIdQHB3d3f2d2f2d3fBBIII8h")
-"""version, flags, agent, seq, time_s, plan_hash, step, phase, position_ned_m, velocity_ned_mps, stop_point_m,
-commanded_mps, frame (point_m, angle_rad, scale, rate, leg), stage, command, law, next_law, deal. Flags: bit 0 done,
-bit 1 airborne, bit 2 frame (without it the frame's fields are 0)."""
+"""version, flags, agent, seq, time_s, plan_hash, step, phase, position_ned_m, velocity_ned_mps,
+stop_point_m, commanded_mps, frame (point_m, angle_rad, scale, rate, leg), stage, command, law,
+next_law, deal. Flags: bit 0 done, bit 1 airborne, bit 2 frame (without it the frame's fields are
+0)."""
 _DONE, _AIRBORNE, _FRAME = 1, 2, 4
 _CLOCK: Final = struct.Struct("<BHd?")
 """version, agent, time_s, asks"""
@@ -74,9 +76,11 @@ def _adapter(kind: type[P]) -> TypeAdapter[P]:
     return _ADAPTERS[kind]
 
 
-# Built on import (30 ms): the agents' forkserver does it once for all, and no control loop stalls at its first status.
+# Built on import (30 ms): the agents' forkserver does it once for all, and no control loop stalls
+# at its first status.
 _ADAPTERS: Final[dict[type[Any], TypeAdapter[Any]]] = {
-    kind: TypeAdapter(kind) for kind in (AgentStatus, SigmaReport, Event, Ack, Command, StationBeacon)
+    kind: TypeAdapter(kind)
+    for kind in (AgentStatus, SigmaReport, Event, Ack, Command, StationBeacon)
 }
 
 
@@ -153,7 +157,9 @@ def _encode_clock(news: ClockNews) -> bytes:
 def _decode_clock(data: bytes) -> ClockNews:
     _, agent, time_s, asks = _CLOCK.unpack_from(data)
     echoes = tuple(ClockEcho(*echo) for echo in _ECHO.iter_unpack(memoryview(data)[_CLOCK.size :]))
-    if not all(map(math.isfinite, (time_s, *(e.told_s for e in echoes), *(e.held_s for e in echoes)))):
+    if not all(
+        map(math.isfinite, (time_s, *(e.told_s for e in echoes), *(e.held_s for e in echoes)))
+    ):
         raise ValueError("a number is not finite")
     return ClockNews(agent, time_s, asks, echoes)
 

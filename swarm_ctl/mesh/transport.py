@@ -1,4 +1,5 @@
-"""What the mesh needs of a transport. Implementations: `zenoh_transport` (real), `memory_transport` (in process)."""
+"""What the mesh needs of a transport. Implementations: `zenoh_transport` (real), `memory_transport`
+(in process)."""
 
 from __future__ import annotations
 
@@ -7,14 +8,16 @@ from typing import Protocol
 from swarm_ctl.mesh.keys import Qos
 
 QUEUE = 4096
-"""Messages a subscription keeps for a reader that does not come; the oldest go first (seen as gaps in `seq`)."""
+"""Messages a subscription keeps for a reader that does not come; the oldest go first (seen as gaps
+in `seq`)."""
 
 
 class Inlet(Protocol):
     """A subscription, polled by a control loop. The transport's receive thread only hands over."""
 
     def drain(self) -> list[tuple[float, bytes]]:
-        """Everything that came since the last call, oldest first: (received_s, bytes). Never blocks."""
+        """Everything that came since the last call, oldest first: (received_s, bytes). Never
+        blocks."""
 
 
 class Transport(Protocol):
@@ -26,7 +29,8 @@ class Transport(Protocol):
     def subscribe(self, key_expression: str, *, timed: bool = False) -> Inlet:
         """Everything published under keys that match (`*` stands for one part).
 
-        `timed`: the time of receipt has to be when a message came; else that of the next `drain` will do.
+        `timed`: the time of receipt has to be when a message came; else that of the next `drain`
+        will do.
         """
 
     def close(self) -> None:

@@ -1,4 +1,5 @@
-"""A recording opened for reading here and there: one chunk (about a second of the wall clock) at a time."""
+"""A recording opened for reading here and there: one chunk (about a second of the wall clock) at a
+time."""
 
 from __future__ import annotations
 
@@ -19,10 +20,11 @@ _LIMIT: Final = 1 << 30
 
 
 class Tape:
-    """The payloads of a recording, chunk by chunk: `tape[k]` is read from the disk when it is asked for.
+    """The payloads of a recording, chunk by chunk: `tape[k]` is read from the disk when it is asked
+    for.
 
-    `run` is a run folder or an MCAP file, whole, cut off, or still being written (then it ends where it ended when it
-    was opened). InputError where there is no recording of ours.
+    `run` is a run folder or an MCAP file, whole, cut off, or still being written (then it ends
+    where it ended when it was opened). InputError where there is no recording of ours.
     """
 
     def __init__(self, run: Path) -> None:
@@ -34,7 +36,9 @@ class Tape:
         self._find_chunks()
         if "start_ns" not in self.about:
             self._file.close()
-            raise InputError(f"{path_of(run)}: no recording of a run; allowed: a run folder or its recording.mcap")
+            raise InputError(
+                f"{path_of(run)}: no recording of a run; allowed: a run folder or its recording.mcap"
+            )
         self._start_ns = int(self.about["start_ns"])
         if not self._topics:  # a file without its footer
             self._find_topics()
@@ -42,7 +46,9 @@ class Tape:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, _: type[BaseException] | None, __: BaseException | None, ___: TracebackType | None) -> None:
+    def __exit__(
+        self, _: type[BaseException] | None, __: BaseException | None, ___: TracebackType | None
+    ) -> None:
         self._file.close()
 
     def __len__(self) -> int:
@@ -61,7 +67,9 @@ class Tape:
     def _find_chunks(self) -> None:
         with contextlib.suppress(*TORN):
             place = 8
-            for record in StreamReader(self._file, emit_chunks=True, record_size_limit=_LIMIT).records:
+            for record in StreamReader(
+                self._file, emit_chunks=True, record_size_limit=_LIMIT
+            ).records:
                 match record:
                     case Metadata() if record.name == "run":
                         self.about = dict(record.metadata)
@@ -79,5 +87,7 @@ class Tape:
 
     def _chunk(self, k: int) -> Chunk:
         self._file.seek(self._places[k])
-        reader = StreamReader(self._file, skip_magic=True, emit_chunks=True, record_size_limit=_LIMIT)
+        reader = StreamReader(
+            self._file, skip_magic=True, emit_chunks=True, record_size_limit=_LIMIT
+        )
         return next(record for record in reader.records if isinstance(record, Chunk))

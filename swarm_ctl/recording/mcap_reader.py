@@ -26,7 +26,9 @@ from swarm_ctl.recording.mcap_writer import NANO
 from swarm_ctl.recording.topics import ADAPTERS, TOPICS
 
 RECORDING: Final = "recording.mcap"
-_KINDS: Final = {topic.template.rpartition("/")[2]: topic.payload for topic in TOPICS if topic.payload}
+_KINDS: Final = {
+    topic.template.rpartition("/")[2]: topic.payload for topic in TOPICS if topic.payload
+}
 TORN: Final = (McapError, struct.error, ValueError, EOFError, zlib.error)
 """What the library raises where a file ends in the middle of a record."""
 
@@ -42,7 +44,8 @@ class Recorded:
 
 
 def read(run: Path) -> Iterator[tuple[float, Payload]]:
-    """(time, payload) of all that the station heard and sent, in its order: fold it into a `station.picture.model.Model`.
+    """(time, payload) of all that the station heard and sent, in its order: fold it into a
+    `station.picture.model.Model`.
 
     `run` is a run folder or an MCAP file, whole or not. InputError where there is no recording.
     """
@@ -72,7 +75,9 @@ def messages(run: Path) -> Iterator[Recorded]:
             elif isinstance(record, Channel):
                 topics[record.id] = record.topic
             elif isinstance(record, Message) and record.channel_id in topics:
-                yield Recorded(topics[record.channel_id], (record.log_time - start_ns) / NANO, record.data)
+                yield Recorded(
+                    topics[record.channel_id], (record.log_time - start_ns) / NANO, record.data
+                )
 
 
 def truth(run: Path) -> Iterator[tuple[float, dict[str, Any]]]:
@@ -96,9 +101,11 @@ def is_whole(run: Path) -> bool:
 
 
 def recover(run: Path) -> bool:
-    """Give a recording that was cut off its index and footer, in one move; True where there was something to do.
+    """Give a recording that was cut off its index and footer, in one move; True where there was
+    something to do.
 
-    A file that is being written is left alone. Finished files, and what is no MCAP file, are not touched.
+    A file that is being written is left alone. Finished files, and what is no MCAP file, are not
+    touched.
     """
     path = path_of(run)
     with open_recording(run) as file:
@@ -127,13 +134,21 @@ def _copy(file: IO[bytes], writer: Writer) -> None:
             case Metadata():
                 writer.add_metadata(record.name, record.metadata)
             case Schema() if record.id not in schemas:
-                schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
+                schemas[record.id] = writer.register_schema(
+                    record.name, record.encoding, record.data
+                )
             case Channel() if record.id not in channels:
                 schema = schemas.get(record.schema_id, 0)
-                channels[record.id] = writer.register_channel(record.topic, record.message_encoding, schema)
+                channels[record.id] = writer.register_channel(
+                    record.topic, record.message_encoding, schema
+                )
             case Message() if record.channel_id in channels:
                 writer.add_message(
-                    channels[record.channel_id], record.log_time, record.data, record.publish_time, record.sequence
+                    channels[record.channel_id],
+                    record.log_time,
+                    record.data,
+                    record.publish_time,
+                    record.sequence,
                 )
     writer.finish()  # type: ignore[no-untyped-call]
 

@@ -1,6 +1,8 @@
-"""Takes what is to be recorded off the station's hands: a thread encodes and writes, the caller never waits.
+"""Takes what is to be recorded off the station's hands: a thread encodes and writes, the caller
+never waits.
 
-A disk that can't keep up fills the queue; then messages are dropped and counted. Nothing here runs in an agent.
+A disk that can't keep up fills the queue; then messages are dropped and counted. Nothing here runs
+in an agent.
 """
 
 from __future__ import annotations
@@ -27,11 +29,17 @@ class Recorder:
     """Records payloads, and the lines of a truth file as they appear, into `folder`."""
 
     def __init__(
-        self, folder: Path, start_ns: int, about: Mapping[str, str], rates_hz: Mapping[str, float] | None = None
+        self,
+        folder: Path,
+        start_ns: int,
+        about: Mapping[str, str],
+        rates_hz: Mapping[str, float] | None = None,
     ) -> None:
         self._queue: queue.Queue[tuple[Payload, float] | None] = queue.Queue(_LIMIT)
         self._writer = McapWriter(folder / RECORDING, start_ns, about)
-        self._rates = {name: topic.rate_hz for name, topic in BY_NAME.items()} | dict(rates_hz or {})
+        self._rates = {name: topic.rate_hz for name, topic in BY_NAME.items()} | dict(
+            rates_hz or {}
+        )
         self._due: dict[tuple[str, Any], float] = {}
         self._truth = _Tail(folder / "truth.jsonl")
         self.dropped = 0
@@ -56,7 +64,8 @@ class Recorder:
             self.dropped += 1
 
     def close(self, patience_wall_s: float = 5.0) -> None:
-        """Write what waits, index and footer; gives a disk that does not answer up after a while."""
+        """Write what waits, index and footer; gives a disk that does not answer up after a
+        while."""
         with suppress(queue.Full):
             self._queue.put(None, timeout=patience_wall_s)
         self._thread.join(patience_wall_s)
@@ -103,9 +112,13 @@ class Recorder:
         if isinstance(payload, AgentState):
             (north, east), (vn, ve, _) = payload.commanded_mps, payload.velocity_ned_mps
             point = Setpoint(payload.time_s, north, east, vn, ve)
-            self._write(BY_NAME["setpoint"], agent, heard_s, said_s, ADAPTERS[Setpoint].dump_json(point))
+            self._write(
+                BY_NAME["setpoint"], agent, heard_s, said_s, ADAPTERS[Setpoint].dump_json(point)
+            )
 
-    def _write(self, topic: Topic, agent: int | None, time_s: float, said_s: float, data: bytes) -> None:
+    def _write(
+        self, topic: Topic, agent: int | None, time_s: float, said_s: float, data: bytes
+    ) -> None:
         rate_hz = self._rates[topic.name]
         if rate_hz > 0:
             key = (topic.name, agent)

@@ -1,7 +1,8 @@
 """What is in a recording: one table of topics, payloads and the most that is kept of each.
 
-Messages are JSON with their schema in the file. `log_time` is when the station heard it, `publish_time` when it was
-said, both mission time counted from the moment the run began (nanoseconds of Unix time).
+Messages are JSON with their schema in the file. `log_time` is when the station heard it,
+`publish_time` when it was said, both mission time counted from the moment the run began
+(nanoseconds of Unix time).
 """
 
 from __future__ import annotations
@@ -12,7 +13,15 @@ from typing import Any, Final
 
 from pydantic import TypeAdapter
 
-from swarm_ctl.core.model.messages import Ack, AgentState, AgentStatus, Command, Event, SigmaReport, StationBeacon
+from swarm_ctl.core.model.messages import (
+    Ack,
+    AgentState,
+    AgentStatus,
+    Command,
+    Event,
+    SigmaReport,
+    StationBeacon,
+)
 from swarm_ctl.errors import InputError
 
 
@@ -31,7 +40,8 @@ class Topic:
 
 @dataclass(frozen=True, slots=True)
 class Setpoint:
-    """The velocity (north, east) [m/s] an agent commands, and the one its vehicle has; a part of its state."""
+    """The velocity (north, east) [m/s] an agent commands, and the one its vehicle has; a part of
+    its state."""
 
     time_s: float
     commanded_north_mps: float
@@ -41,9 +51,11 @@ class Setpoint:
 
 
 def plain_schema(kind: type[Any]) -> dict[str, Any]:
-    """The JSON Schema of a payload in the words that viewers know: no references, lists of one kind, a type each.
+    """The JSON Schema of a payload in the words that viewers know: no references, lists of one
+    kind, a type each.
 
-    A number that may be null is a number in it: viewers refuse unions. It is never among the required ones.
+    A number that may be null is a number in it: viewers refuse unions. It is never among the
+    required ones.
     """
     schema = TypeAdapter(kind).json_schema(mode="serialization")
     plain: dict[str, Any] = _plain(schema, schema.get("$defs", {}))
@@ -64,10 +76,14 @@ def _plain(node: Any, definitions: Mapping[str, Any]) -> Any:
         kept["items"] = _plain(items, definitions)
     if node.get("type") == "object":
         properties = node.get("properties", {})
-        kept["properties"] = {name: _plain(field, definitions) for name, field in properties.items()}
+        kept["properties"] = {
+            name: _plain(field, definitions) for name, field in properties.items()
+        }
         if isinstance(node.get("additionalProperties"), dict):
             kept["additionalProperties"] = _plain(node["additionalProperties"], definitions)
-        kept["required"] = [name for name in node.get("required", ()) if "anyOf" not in properties[name]]
+        kept["required"] = [
+            name for name in node.get("required", ()) if "anyOf" not in properties[name]
+        ]
     return kept
 
 
@@ -88,7 +104,11 @@ _TRUTH: Final = {
     "properties": {
         "type": {"type": "string"},
         "t": {"type": "number", "description": "Mission time [s]."},
-        "ned": {"type": "array", "items": _NUMBERS, "description": "Per vehicle, north, east, down [m]."},
+        "ned": {
+            "type": "array",
+            "items": _NUMBERS,
+            "description": "Per vehicle, north, east, down [m].",
+        },
         "vel": {"type": "array", "items": _NUMBERS, "description": "Per vehicle [m/s]."},
         "armed": {"type": "array", "items": {"type": "integer"}},
         "airborne": {"type": "array", "items": {"type": "integer"}},
@@ -119,7 +139,9 @@ TOPICS: Final = (
 
 BY_NAME: Final = {topic.name: topic for topic in TOPICS}
 BY_PAYLOAD: Final = {topic.payload: topic for topic in TOPICS if topic.payload is not None}
-ADAPTERS: Final[dict[type[Any], TypeAdapter[Any]]] = {kind: TypeAdapter(kind) for kind in (*BY_PAYLOAD, Setpoint)}
+ADAPTERS: Final[dict[type[Any], TypeAdapter[Any]]] = {
+    kind: TypeAdapter(kind) for kind in (*BY_PAYLOAD, Setpoint)
+}
 
 
 def rates(words: str) -> dict[str, float]:
@@ -133,6 +155,8 @@ def rates(words: str) -> dict[str, float]:
             rate = -1.0
         if name not in BY_NAME or not 0 <= rate <= 1000:
             names = ", ".join(BY_NAME)
-            raise InputError(f"rate {word!r}: allowed: NAME=HZ with 0 to 1000 (0: all), NAME one of {names}")
+            raise InputError(
+                f"rate {word!r}: allowed: NAME=HZ with 0 to 1000 (0: all), NAME one of {names}"
+            )
         found[name] = rate
     return found

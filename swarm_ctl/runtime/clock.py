@@ -8,9 +8,11 @@ from typing import Final
 
 
 class Clock:
-    """Mission time [s]: `speedup` mission seconds pass per second of the wall clock, from 0 at `epoch_s`.
+    """Mission time [s]: `speedup` mission seconds pass per second of the wall clock, from 0 at
+    `epoch_s`.
 
-    Processes on one host are given the same `epoch_s` (of the monotonic clock), so their times compare directly.
+    Processes on one host are given the same `epoch_s` (of the monotonic clock), so their times
+    compare directly.
     """
 
     def __init__(self, epoch_s: float, speedup: float = 1.0) -> None:

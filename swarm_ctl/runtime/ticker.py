@@ -1,4 +1,5 @@
-"""A control loop's heartbeat: absolute deadlines, late ticks skipped and counted, never made up for in a burst."""
+"""A control loop's heartbeat: absolute deadlines, late ticks skipped and counted, never made up for
+in a burst."""
 
 from __future__ import annotations
 
@@ -11,7 +12,8 @@ _BIN_MS = 0.05
 
 
 class Ticker:
-    """Ticks every `period_s` of mission time; measures its own lateness and the work between ticks (wall clock)."""
+    """Ticks every `period_s` of mission time; measures its own lateness and the work between ticks
+    (wall clock)."""
 
     def __init__(self, clock: Clock, period_s: float) -> None:
         self._clock = clock
@@ -23,7 +25,8 @@ class Ticker:
         self._overruns = 0
 
     def wait(self) -> float:
-        """Sleep to the next deadline and return the mission time [s]. Deadlines already past are counted, not run."""
+        """Sleep to the next deadline and return the mission time [s]. Deadlines already past are
+        counted, not run."""
         clock, period = self._clock, self._period
         now = clock.now()
         to_ms = _MS / clock.speedup

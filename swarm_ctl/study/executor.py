@@ -1,4 +1,5 @@
-"""Flies the blocks of a study on all cores; rows come back in order, so the file does not depend on who worked."""
+"""Flies the blocks of a study on all cores; rows come back in order, so the file does not depend on
+who worked."""
 
 from __future__ import annotations
 
@@ -18,8 +19,8 @@ from swarm_ctl.study.rows import Row, begin, rows_of, to_csv
 
 
 def carry_out(study: Study, path: Path, processes: int | None, console: Console) -> None:
-    """Fly what is missing of a study and append it to the rows at `path`. Ctrl-C leaves whole blocks behind, says so,
-    and passes on.
+    """Fly what is missing of a study and append it to the rows at `path`. Ctrl-C leaves whole
+    blocks behind, says so, and passes on.
     """
     done = begin(path, study)
     work = blocks(study)
@@ -34,7 +35,9 @@ def carry_out(study: Study, path: Path, processes: int | None, console: Console)
                 flown += len(rows)
                 progress.advance(task, len(rows))
         except KeyboardInterrupt:
-            progress.print(f"{path}: {flown} of {study.rows} missions; the same command goes on from here")
+            progress.print(
+                f"{path}: {flown} of {study.rows} missions; the same command goes on from here"
+            )
             raise
 
 
@@ -49,7 +52,8 @@ def _flown(work: list[tuple[Cell, int, int]], processes: int | None) -> Iterator
 
 
 def _quiet() -> None:
-    """Ctrl-C is the parent's to answer. And one thread each: the cores are taken by the other workers."""
+    """Ctrl-C is the parent's to answer. And one thread each: the cores are taken by the other
+    workers."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 

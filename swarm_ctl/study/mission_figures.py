@@ -53,7 +53,10 @@ def draw_mission(flown: Flown, path: Path) -> None:
         return
     chosen = np.unique(np.linspace(0, len(tracks) - 1, _FRAMES).astype(int))
     radius = flown.batch.cell.law.r_out / 2
-    dots = [Circle(p[::-1], radius, alpha=0.35, color=line_style(k)["color"]) for k, p in enumerate(tracks[0].T)]
+    dots = [
+        Circle(p[::-1], radius, alpha=0.35, color=line_style(k)["color"])
+        for k, p in enumerate(tracks[0].T)
+    ]
     for dot in dots:
         axes.add_patch(dot)
 
@@ -73,9 +76,19 @@ def start_picture(batch: Batch, folder: Path, name: str, title: str) -> None:
         axes.plot(starts[1, [i, j]], starts[0, [i, j]], color="#888888", linewidth=0.9)
     for k in range(starts.shape[1]):
         colour = line_style(k)["color"]
-        axes.add_patch(Circle((starts[1, k], starts[0, k]), batch.cell.law.r_out, fill=False, color=colour, alpha=0.4))
+        axes.add_patch(
+            Circle(
+                (starts[1, k], starts[0, k]),
+                batch.cell.law.r_out,
+                fill=False,
+                color=colour,
+                alpha=0.4,
+            )
+        )
         axes.plot(starts[1, k], starts[0, k], "o", color=colour)
-        axes.annotate(str(k + 1), (starts[1, k], starts[0, k]), xytext=(5, 5), textcoords="offset points")
+        axes.annotate(
+            str(k + 1), (starts[1, k], starts[0, k]), xytext=(5, 5), textcoords="offset points"
+        )
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("y [units]")
     axes.set_ylabel("x [units]")
@@ -92,7 +105,9 @@ def track_picture(batch: Batch, trace: Trace, folder: Path, name: str, title: st
     save(made, folder, name)
 
 
-def distance_picture(batch: Batch, trace: Trace, iterations: Floats, folder: Path, name: str, title: str) -> None:
+def distance_picture(
+    batch: Batch, trace: Trace, iterations: Floats, folder: Path, name: str, title: str
+) -> None:
     """Each agent's distance to its nearest, over iterations (Figs. 9, 14)."""
     made, axes = figure(title)
     nearest = nearest_distances(trace.positions())
@@ -110,12 +125,21 @@ def nearest_distances(tracks: Floats) -> Floats:
     return np.asarray(apart.min(axis=-1))
 
 
-def sigma_picture(trace: Trace, iteration_s: float, agents: Sequence[int], folder: Path, name: str, title: str) -> None:
-    """sigma_ij as the given agents (counted from 0) tune it while j is in their region (Figs. 10, 15)."""
+def sigma_picture(
+    trace: Trace, iteration_s: float, agents: Sequence[int], folder: Path, name: str, title: str
+) -> None:
+    """sigma_ij as the given agents (counted from 0) tune it while j is in their region (Figs. 10,
+    15)."""
     made, axes = figure(title)
     wanted = sorted({(i, j) for _, i, j, *_ in trace.pairs if i in agents})
     for k, (i, j) in enumerate(wanted):
-        rows = np.array([(t / iteration_s, sigma) for t, a, b, _, sigma, _, _ in trace.pairs if (a, b) == (i, j)])
+        rows = np.array(
+            [
+                (t / iteration_s, sigma)
+                for t, a, b, _, sigma, _, _ in trace.pairs
+                if (a, b) == (i, j)
+            ]
+        )
         label = f"$\\sigma_{{{i + 1},{j + 1}}}$"
         curve = broken(rows[:, 0], rows[:, 1], 1.5)
         axes.plot(*curve, marker=".", markersize=2.5, linewidth=1.0, label=label, **line_style(k))
@@ -154,7 +178,15 @@ def sigma_against_distance(
         filled = [b for b in range(1, 16) if np.count_nonzero(place == b) > 5]
         middle = [(edges[b - 1] + edges[min(b, 15)]) / 2 for b in filled]
         medians = [np.median(points[place == b, 1]) for b in filled]
-        axes.plot(middle, medians, "o-", label=f"{label}, median", path_effects=_OUTLINE, zorder=5, **style)
+        axes.plot(
+            middle,
+            medians,
+            "o-",
+            label=f"{label}, median",
+            path_effects=_OUTLINE,
+            zorder=5,
+            **style,
+        )
     log_ticks(axes)
     axes.set_xlabel(f"$(x - {R_IN}) / ({R_OUT} - {R_IN})$: 0 at ${R_IN}$, 1 at ${R_OUT}$")
     axes.set_ylabel("$\\sigma$")

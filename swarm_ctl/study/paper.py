@@ -1,7 +1,7 @@
 """Section VI of the paper again: its figures, and its claims over many seeds.
 
-What the paper leaves open is chosen here and told in `CHOICES`. Time is counted in iterations of (9); continuous time
-is the same law integrated in steps of a small part of an iteration.
+What the paper leaves open is chosen here and told in `CHOICES`. Time is counted in iterations of
+(9); continuous time is the same law integrated in steps of a small part of an iteration.
 """
 
 from __future__ import annotations
@@ -66,7 +66,9 @@ def studies(seeds: int, seed: int, limit: int = LIMIT) -> dict[str, Study]:
             "settle_s": 10 / _KAPPA,
             "limit_s": limit / _KAPPA,
         }
-        found[f"six-{form}"] = Study.model_validate(common | {"law": SIX, "start": ("table2", "random")})
+        found[f"six-{form}"] = Study.model_validate(
+            common | {"law": SIX, "start": ("table2", "random")}
+        )
         found[f"thirty-two-{form}"] = Study.model_validate(
             common | {"law": THIRTY_TWO, "n": (32,), "shape": ("grid",), "area": value(20.0)}
         )
@@ -83,7 +85,8 @@ def reproduce(
     limit: int = LIMIT,
     cases: int = 500,
 ) -> None:
-    """Everything: figures, rows, claims, failing cases (out of `cases` missions per n); tells what it makes.
+    """Everything: figures, rows, claims, failing cases (out of `cases` missions per n); tells what
+    it makes.
 
     Missions end after `limit` iterations at the latest.
     """
@@ -98,7 +101,10 @@ def reproduce(
         carry_out(study, folder / f"{name}.csv", processes, console)
     made = [claims(found, folder), sigma_claim(found, folder)]
     few = studies(cases, seed, limit)
-    made += [collisions_by_gain(folder, few, processes, console), failing_cases(folder, few, processes, console)]
+    made += [
+        collisions_by_gain(folder, few, processes, console),
+        failing_cases(folder, few, processes, console),
+    ]
     with (folder / "claims.txt").open("w") as file:
         for target in (console, Console(file=file, width=160)):
             for table in made:
@@ -137,23 +143,40 @@ def _figures(folder: Path, part: float, limit: int, console: Console) -> None:
         console.print(
             f"{folder.name}, n = {batch.cell.n}: smallest distance {outcome.smallest[0]:.3f}"
             f" (r_in {batch.cell.law.r_in:g}), "
-            + (f"formed after {outcome.time_s[0] * _KAPPA:.0f} iterations" if outcome.converged[0] else "NOT formed")
+            + (
+                f"formed after {outcome.time_s[0] * _KAPPA:.0f} iterations"
+                if outcome.converged[0]
+                else "NOT formed"
+            )
             + f", {outcome.links_broken[0]} of {outcome.links[0]} links broken, statuses {statuses_seen(trace)}",
             soft_wrap=True,
         )
 
 
-def _pictures(batch: Batch, trace: Trace, first: int) -> Sequence[tuple[str, Callable[[Path, str, str], None]]]:
+def _pictures(
+    batch: Batch, trace: Trace, first: int
+) -> Sequence[tuple[str, Callable[[Path, str, str], None]]]:
     """(title, how to draw it) of the figures from number `first` on."""
     from swarm_ctl.study import mission_figures
 
     iterations = np.array(trace.time_s) * _KAPPA
     # the paper shows agents 2, 3 and 4 of the six, and does not say whom of the 32
-    shown = (1, 2, 3) if first == 7 and {1, 2, 3} & {i for _, i, *_ in trace.pairs} else _busiest(trace)
-    start = ("start, links within $r$, circles of $r_\\mathrm{out}$", partial(mission_figures.start_picture, batch))
+    shown = (
+        (1, 2, 3) if first == 7 and {1, 2, 3} & {i for _, i, *_ in trace.pairs} else _busiest(trace)
+    )
+    start = (
+        "start, links within $r$, circles of $r_\\mathrm{out}$",
+        partial(mission_figures.start_picture, batch),
+    )
     return [start] * (first == 7) + [
-        (f"trajectories and formation, n = {batch.cell.n}", partial(mission_figures.track_picture, batch, trace)),
-        ("minimum inter-agent distances", partial(mission_figures.distance_picture, batch, trace, iterations)),
+        (
+            f"trajectories and formation, n = {batch.cell.n}",
+            partial(mission_figures.track_picture, batch, trace),
+        ),
+        (
+            "minimum inter-agent distances",
+            partial(mission_figures.distance_picture, batch, trace, iterations),
+        ),
         (
             f"$\\sigma_{{ij}}$, $i$ = {', '.join(str(i + 1) for i in shown)}",
             partial(mission_figures.sigma_picture, trace, 1 / _KAPPA, shown),
@@ -188,7 +211,10 @@ CLAIMS: Final = (
 
 def claims(found: dict[str, Study], folder: Path) -> Table:
     """Each claim against each experiment."""
-    table = Table(title="Claims of the paper: share of missions that break each, 95 % confidence", show_lines=False)
+    table = Table(
+        title="Claims of the paper: share of missions that break each, 95 % confidence",
+        show_lines=False,
+    )
     for name in ("experiment", "claim", "broken in", "of", "share", "measured", "holds"):
         table.add_column(name)
     for name, study in found.items():
@@ -200,7 +226,15 @@ def claims(found: dict[str, Study], folder: Path) -> Table:
                 broken = sum(claim.broken(row) for row in own)
                 verdict = "no" if broken else "not broken"
                 measured = _measured(claim, own, cell)
-                table.add_row(what, claim.text, str(broken), str(len(own)), share(broken, len(own)), measured, verdict)
+                table.add_row(
+                    what,
+                    claim.text,
+                    str(broken),
+                    str(len(own)),
+                    share(broken, len(own)),
+                    measured,
+                    verdict,
+                )
                 what = ""
     return table
 
@@ -211,7 +245,11 @@ def _measured(claim: Claim, rows: list[Row], cell: Cell) -> str:
             return f"smallest {min(row['smallest'] for row in rows):.3f}, r_in {cell.law.r_in:g}"
         case 1:
             times = [row["time_s"] * _KAPPA for row in rows if row["converged"]]
-            return f"median {np.median(times):.0f}, p95 {np.percentile(times, 95):.0f} iterations" if times else "-"
+            return (
+                f"median {np.median(times):.0f}, p95 {np.percentile(times, 95):.0f} iterations"
+                if times
+                else "-"
+            )
         case 2:
             return f"longest {max(row['longest_link'] for row in rows):.2f}, r {cell.law.r:g}"
         case 3:
@@ -231,7 +269,9 @@ class _Samples:
     def __init__(self) -> None:
         self.parts: list[Floats] = []
 
-    def __call__(self, time_s: float, place: NDArray[np.intp], position: Floats, near: Near | None) -> None:
+    def __call__(
+        self, time_s: float, place: NDArray[np.intp], position: Floats, near: Near | None
+    ) -> None:
         del time_s, place, position
         if near is not None:
             tuned = near.numbers.status[0] <= NARROW
@@ -239,26 +279,41 @@ class _Samples:
 
 
 def sigma_claim(found: dict[str, Study], folder: Path) -> Table:
-    """Is sigma small when the distance is small? Over all near pairs of 200 missions per experiment."""
+    """Is sigma small when the distance is small? Over all near pairs of 200 missions per
+    experiment."""
     from scipy.stats import spearmanr
 
     from swarm_ctl.study.mission_figures import sigma_against_distance
 
-    table = Table(title="Claim: sigma is small when the distance is small (discrete form, 200 missions each)")
-    for name in ("experiment", "pair-steps", "rank correlation", "median sigma, inner | middle | outer third", "holds"):
+    table = Table(
+        title="Claim: sigma is small when the distance is small (discrete form, 200 missions each)"
+    )
+    for name in (
+        "experiment",
+        "pair-steps",
+        "rank correlation",
+        "median sigma, inner | middle | outer third",
+        "holds",
+    ):
         table.add_column(name)
     mission_figures, radii = [], []
     for name, study in found.items():
         if not name.endswith("discrete"):
             continue
-        cell = next(cell for cell in study.cells() if (cell.slots, cell.start) == ("random", "random"))
+        cell = next(
+            cell for cell in study.cells() if (cell.slots, cell.start) == ("random", "random")
+        )
         samples = _Samples()
         fly(draw(cell, 0, min(200, study.missions)), samples)
         points = np.concatenate(samples.parts) if samples.parts else np.zeros((0, 2))
         points = points[:: max(1, len(points) // 50000)]
         law = cell.law
-        third = np.clip((points[:, 0] - law.r_in) / (law.r_out - law.r_in) * 3, 0, 2.999).astype(int)
-        medians = [np.median(points[third == k, 1]) if (third == k).any() else np.nan for k in range(3)]
+        third = np.clip((points[:, 0] - law.r_in) / (law.r_out - law.r_in) * 3, 0, 2.999).astype(
+            int
+        )
+        medians = [
+            np.median(points[third == k, 1]) if (third == k).any() else np.nan for k in range(3)
+        ]
         rank = float(spearmanr(points[:, 0], points[:, 1]).statistic) if len(points) > 2 else np.nan
         seen = [m for m in medians if not np.isnan(m)]
         rises = rank > 0.5 and seen == sorted(seen)
@@ -271,14 +326,24 @@ def sigma_claim(found: dict[str, Study], folder: Path) -> Table:
     return table
 
 
-def collisions_by_gain(folder: Path, found: dict[str, Study], processes: int | None, console: Console) -> Table:
+def collisions_by_gain(
+    folder: Path, found: dict[str, Study], processes: int | None, console: Console
+) -> Table:
     """The first claim where it is hardest: starts just outside r_in, and gains above Table I's."""
-    table = Table(title="No distance under r_in? Starts from 1.02 r_in apart, random slots, discrete form")
+    table = Table(
+        title="No distance under r_in? Starts from 1.02 r_in apart, random slots, discrete form"
+    )
     for name in ("n", "h", "missions", "under r_in", "smallest / r_in"):
         table.add_column(name)
     for name, agents in (("six", (2, 3, 4, 5, 6)), ("thirty-two", (32,))):
         base = found[f"{name}-discrete"]
-        settings = {"n": agents, "h": _GAINS, "start": ("random",), "slots": ("random",), "limit_s": 3000 / _KAPPA}
+        settings = {
+            "n": agents,
+            "h": _GAINS,
+            "start": ("random",),
+            "slots": ("random",),
+            "limit_s": 3000 / _KAPPA,
+        }
         study = base.model_copy(update=settings | {"start_spacing": 1.02 * base.law.r_in})
         path = folder / f"{name}-gains.csv"
         console.print(f"{name}, gains: {study.rows} missions of at most 3000 iterations")
@@ -288,20 +353,29 @@ def collisions_by_gain(folder: Path, found: dict[str, Study], processes: int | N
             own = [row for row in rows if row["cell"] == cell.index]
             hits = sum(row["collided"] for row in own)
             least = min(row["smallest"] for row in own) / cell.law.r_in
-            table.add_row(str(cell.n), str(cell.h), str(len(own)), share(hits, len(own)), f"{least:.3f}")
+            table.add_row(
+                str(cell.n), str(cell.h), str(len(own)), share(hits, len(own)), f"{least:.3f}"
+            )
     return table
 
 
-def failing_cases(folder: Path, found: dict[str, Study], processes: int | None, console: Console) -> Table:
+def failing_cases(
+    folder: Path, found: dict[str, Study], processes: int | None, console: Console
+) -> Table:
     """For each claim the fewest agents that break it, with a picture of one such mission.
 
-    A claim that Table I's h does not break is looked for among the larger gains of `collisions_by_gain`.
+    A claim that Table I's h does not break is looked for among the larger gains of
+    `collisions_by_gain`.
     """
-    study = found["six-discrete"].model_copy(update={"n": (2, 3, 4, 5, 6), "start": ("random",), "slots": ("random",)})
+    study = found["six-discrete"].model_copy(
+        update={"n": (2, 3, 4, 5, 6), "start": ("random",), "slots": ("random",)}
+    )
     path = folder / "smallest-cases.csv"
     console.print(f"smallest failing cases: {study.rows} missions of 2 to 6 agents")
     carry_out(study, path, processes, console)
-    table = Table(title="Smallest failing case of each claim (hexagon's r, r_out, r_in; random starts and slots)")
+    table = Table(
+        title="Smallest failing case of each claim (hexagon's r, r_out, r_in; random starts and slots)"
+    )
     for name in ("claim", "fewest agents", "h", "row", "numbers", "picture"):
         table.add_column(name)
     for number, claim in enumerate(CLAIMS, start=1):

@@ -1,7 +1,8 @@
 """What a study flies: lists and ranges of everything that may matter, and the cells they span.
 
-Each list's values are combined with every other list's: one combination is a *cell*. A range is not combined: each
-mission of a cell draws its own value from it. Row `k` of a study is mission `k % missions` of cell `k // missions`.
+Each list's values are combined with every other list's: one combination is a *cell*. A range is not
+combined: each mission of a cell draws its own value from it. Row `k` of a study is mission `k %
+missions` of cell `k // missions`.
 """
 
 from __future__ import annotations
@@ -17,17 +18,29 @@ from swarm_ctl.core.model.plan import Compensation, LawParameters, Response
 Shape = Literal["ring", "line", "grid", "vee", "wedge"]
 Slots = Literal["given", "random", "nearest"]
 Start = Literal["random", "ring", "grid", "table2", "crossing", "antipodal"]
-"""`crossing`: two columns that face each other and, with the slots `given`, change sides; `antipodal`: a ring, and
-everybody goes to the place opposite to the own one."""
+"""`crossing`: two columns that face each other and, with the slots `given`, change sides;
+`antipodal`: a ring, and everybody goes to the place opposite to the own one."""
 Safety = Literal["off", "filter", "guard", "release", "align", "exchange"]
-"""Each with all before it: the collision filter, the guard of links, swirl and tangential release, the pull to the
-average of all (what agents fly), slot exchange (what they fly in form steps that allow it)."""
+"""Each with all before it: the collision filter, the guard of links, swirl and tangential release,
+the pull to the average of all (what agents fly), slot exchange (what they fly in form steps that
+allow it)."""
 LEVELS: Final[tuple[Safety, ...]] = ("off", "filter", "guard", "release", "align", "exchange")
 """In their order."""
 VehicleModel = Literal["ideal", "lag", "ardupilot", "px4"]
 
 LISTS: Final = ("n", "shape", "slots", "start", "compensation", "vehicle", "safety")
-RANGES: Final = ("h", "kappa", "lag_s", "dead_time_s", "delay_s", "loss", "wind_mps", "area", "spacing", "silent")
+RANGES: Final = (
+    "h",
+    "kappa",
+    "lag_s",
+    "dead_time_s",
+    "delay_s",
+    "loss",
+    "wind_mps",
+    "area",
+    "spacing",
+    "silent",
+)
 _FIRMWARE: Final = ("ardupilot", "px4")
 
 
@@ -41,7 +54,9 @@ class Range(BaseModel):
     @model_validator(mode="after")
     def _ordered(self) -> Self:
         if not 0 <= self.low <= self.high:
-            raise ValueError(f"{self.low:g}:{self.high:g} is no range; allowed: LOW:HIGH, 0 <= LOW <= HIGH")
+            raise ValueError(
+                f"{self.low:g}:{self.high:g} is no range; allowed: LOW:HIGH, 0 <= LOW <= HIGH"
+            )
         return self
 
     def __str__(self) -> str:
@@ -61,7 +76,9 @@ def value(number: float) -> tuple[Range, ...]:
 class _Common(BaseModel):
     """What is the same for all cells."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True
+    )
 
     seed: int = Field(default=1, ge=0)
     missions: int = Field(default=1000, ge=1)
@@ -107,10 +124,13 @@ class Cell(_Common):
 
     @property
     def model(self) -> Response:
-        """What the agents take their vehicles for: the middle of the ranges, or the default of flown missions."""
+        """What the agents take their vehicles for: the middle of the ranges, or the default of
+        flown missions."""
         if self.vehicle in _FIRMWARE:
             return TYPICAL[self.vehicle]
-        return Response(self.dead_time_s.middle, max(self.lag_s.middle, 1e-3), self.acceleration_mps2)
+        return Response(
+            self.dead_time_s.middle, max(self.lag_s.middle, 1e-3), self.acceleration_mps2
+        )
 
 
 class Study(_Common):
@@ -140,8 +160,8 @@ class Study(_Common):
     spacing: tuple[Range, ...] = value(2.0)
     """Between adjacent slots [units]; for starts on a ring or grid as well."""
     silent: tuple[Range, ...] = value(0.0)
-    """The share of missions in which one agent's process dies in the first 20 s; its vehicle flies its last command
-    until its own failsafe stops it, and stays."""
+    """The share of missions in which one agent's process dies in the first 20 s; its vehicle flies
+    its last command until its own failsafe stops it, and stays."""
 
     @model_validator(mode="after")
     def _possible(self) -> Self:
@@ -150,8 +170,14 @@ class Study(_Common):
             (all(2 <= n <= 200 for n in self.n), "n: allowed: 2 to 200"),
             (0 < law.r_in < law.r_out < law.r, "law: allowed: 0 < r_in < r_out < r"),
             (law.delta_l >= 2, "law: allowed: delta_l >= 2"),
-            (all(s.low > law.r_out for s in self.spacing), f"spacing: allowed: more than r_out {law.r_out:g}"),
-            (all(k.high * self.tick_s <= 1 + 1e-9 for k in self.kappa), "kappa: allowed: kappa * tick_s <= 1"),
+            (
+                all(s.low > law.r_out for s in self.spacing),
+                f"spacing: allowed: more than r_out {law.r_out:g}",
+            ),
+            (
+                all(k.high * self.tick_s <= 1 + 1e-9 for k in self.kappa),
+                "kappa: allowed: kappa * tick_s <= 1",
+            ),
             (all(k.low > 0 for k in self.kappa), "kappa: allowed: more than 0"),
             (all(loss.high < 1 for loss in self.loss), "loss: allowed: 0 to under 1"),
             (

@@ -1,4 +1,5 @@
-"""One row of a study flown again alone: its numbers, its track, and the same mission for a real run."""
+"""One row of a study flown again alone: its numbers, its track, and the same mission for a real
+run."""
 
 from __future__ import annotations
 
@@ -24,7 +25,8 @@ _ORIGIN = {"lat_deg": -35.363262, "lon_deg": 149.165237, "alt_m": 584}
 
 @dataclass(slots=True)
 class Trace:
-    """Everything about one mission tick by tick; a `flight.Watch` for a batch whose first mission is meant."""
+    """Everything about one mission tick by tick; a `flight.Watch` for a batch whose first mission
+    is meant."""
 
     time_s: list[float] = field(default_factory=list)
     position: list[Floats] = field(default_factory=list)
@@ -32,7 +34,9 @@ class Trace:
     pairs: list[tuple[float, int, int, float, float, float, int]] = field(default_factory=list)
     """(time, i, j, distance, sigma, D_ub - D_lb, status): how i sees j."""
 
-    def __call__(self, time_s: float, place: NDArray[np.intp], position: Floats, near: Near | None) -> None:
+    def __call__(
+        self, time_s: float, place: NDArray[np.intp], position: Floats, near: Near | None
+    ) -> None:
         """Take a tick in."""
         if not len(place) or place[0] != 0:
             return
@@ -92,7 +96,8 @@ def fly_again(path: Path, row: int) -> Flown:
 
 
 def write_mission(flown: Flown, path: Path) -> None:
-    """The mission as a file for `swarm-ctl run`: starts, slots, law, safety; not delay, loss, wind and who dies."""
+    """The mission as a file for `swarm-ctl run`: starts, slots, law, safety; not delay, loss, wind
+    and who dies."""
     batch, cell = flown.batch, flown.batch.cell
     law = cell.law
     document: dict[str, Any] = {

@@ -1,7 +1,8 @@
-"""A study's result: a CSV file, one row a mission, in the order of the rows; beside it the study itself as JSON.
+"""A study's result: a CSV file, one row a mission, in the order of the rows; beside it the study
+itself as JSON.
 
-Numbers are written so that they read back as the very same; whole blocks are appended, so that a study that was
-interrupted goes on behind its last whole block.
+Numbers are written so that they read back as the very same; whole blocks are appended, so that a
+study that was interrupted goes on behind its last whole block.
 """
 
 from __future__ import annotations
@@ -43,7 +44,15 @@ _OUTCOME: Final = (
     "small_gap",
     "steps",
 )
-COLUMNS: Final = ("row", "cell", *LISTS, *RANGES, "wind_from_rad", *_OUTCOME, *(f"sigma_{name}" for name in STATUSES))
+COLUMNS: Final = (
+    "row",
+    "cell",
+    *LISTS,
+    *RANGES,
+    "wind_from_rad",
+    *_OUTCOME,
+    *(f"sigma_{name}" for name in STATUSES),
+)
 _TEXT: Final = frozenset({"shape", "slots", "start", "compensation", "vehicle", "safety"})
 
 
@@ -55,7 +64,9 @@ def rows_of(batch: Batch, outcome: Outcome) -> list[Row]:
     columns |= {name: getattr(batch, name) for name in (*RANGES, "wind_from_rad")}
     columns["collided"] = outcome.smallest < cell.law.r_in
     columns["hit"] = outcome.smallest_silent < cell.law.r_in
-    columns |= {name: getattr(outcome, name) for name in _OUTCOME if name not in ("collided", "hit")}
+    columns |= {
+        name: getattr(outcome, name) for name in _OUTCOME if name not in ("collided", "hit")
+    }
     columns |= {f"sigma_{name}": outcome.statuses[k] for k, name in enumerate(STATUSES)}
     plain = [_plain(columns[name]) for name in COLUMNS]
     return [dict(zip(COLUMNS, values, strict=True)) for values in zip(*plain, strict=True)]
@@ -86,7 +97,9 @@ def study_of(path: Path) -> Study:
     except OSError as error:
         raise InputError(f"{about}: {error.strerror}; it belongs to the rows in {path}") from None
     except ValidationError as error:
-        raise InputError(f"{about}: is no study of this version: {error.errors()[0]['msg']}") from None
+        raise InputError(
+            f"{about}: is no study of this version: {error.errors()[0]['msg']}"
+        ) from None
 
 
 def begin(path: Path, study: Study) -> int:
@@ -96,7 +109,9 @@ def begin(path: Path, study: Study) -> int:
     """
     if path.exists() and path.stat().st_size:
         if study_of(path) != study:
-            raise InputError(f"{path} holds the rows of another study (see {_about(path)}); choose another --out")
+            raise InputError(
+                f"{path} holds the rows of another study (see {_about(path)}); choose another --out"
+            )
         return _whole_blocks(path, study)
     path.parent.mkdir(parents=True, exist_ok=True)
     _about(path).write_text(study.model_dump_json(indent=1) + "\n")

@@ -32,13 +32,18 @@ def share(hits: int, of: int) -> str:
 
 
 def table(study: Study, rows: Iterable[Row], by: tuple[str, ...] = ()) -> Table:
-    """One line for each combination of the lists `by` (of what was varied, where not given): how its missions went."""
+    """One line for each combination of the lists `by` (of what was varied, where not given): how
+    its missions went."""
     names = by or study.varied or ("n", "vehicle")
     groups: dict[tuple[str, ...], list[Row]] = {}
     cells = study.cells()
     for row in rows:
-        groups.setdefault(tuple(str(getattr(cells[row["cell"]], name)) for name in names), []).append(row)
-    found = Table(title=f"{study.rows} missions, seed {study.seed}; shares with 95 % confidence intervals")
+        groups.setdefault(
+            tuple(str(getattr(cells[row["cell"]], name)) for name in names), []
+        ).append(row)
+    found = Table(
+        title=f"{study.rows} missions, seed {study.seed}; shares with 95 % confidence intervals"
+    )
     for name in (*names, "missions"):
         found.add_column(name)
     columns = [column for column in _COLUMNS if study.with_silent or column[0] not in _SILENT]
@@ -85,9 +90,13 @@ _COLUMNS: Final[tuple[tuple[str, Callable[[list[Row]], str]], ...]] = (
     ("one that fits", lambda rows: _share_of(rows, "kept_broken")),
     ("parted", lambda rows: _share_of(rows, "parted")),
     ("overspeed", lambda rows: _share_of(rows, "sigma_overspeed")),
-    ("ticks changed", lambda rows: f"{100 * sum(row['touched'] for row in rows) / len(rows):.3g} %"),
+    (
+        "ticks changed",
+        lambda rows: f"{100 * sum(row['touched'] for row in rows) / len(rows):.3g} %",
+    ),
 )
-"""Times and what formed: of missions in which everybody lived; `one that fits` are links whose slots fit in 0.9 r."""
+"""Times and what formed: of missions in which everybody lived; `one that fits` are links whose
+slots fit in 0.9 r."""
 _SILENT: Final = ("silent one hit", "formed, one silent")
 
 

@@ -1,8 +1,9 @@
-"""Tests of missions: the `swarm` fixture (a pytest plugin that comes with the package), and what it flies.
+"""Tests of missions: the `swarm` fixture (a pytest plugin that comes with the package), and what it
+flies.
 
 def test_my_mission(swarm):
-    flight = swarm("missions/hexagon.yaml", speedup=5)      # real processes; virtual=True: milliseconds a second
-    flight.wait_step("form hexagon")
+    flight = swarm("missions/hexagon.yaml", speedup=5)      # real processes; virtual=True:
+    milliseconds a second flight.wait_step("form hexagon")
     assert flight.command("hold").accepted
     flight.command("resume")
     flight.kill_agent(3)

@@ -1,4 +1,5 @@
-"""One interface to a flight under test, whether its swarm is made of processes or flies on a virtual clock."""
+"""One interface to a flight under test, whether its swarm is made of processes or flies on a
+virtual clock."""
 
 from __future__ import annotations
 
@@ -54,7 +55,8 @@ class Flown:
     outcomes: dict[int, str]
     """By agent: `completed`, `failed`, `aborted`; agents that left no account are missing."""
     closest_m: float
-    """Smallest true horizontal distance of any two vehicles in the air; infinite for one vehicle."""
+    """Smallest true horizontal distance of any two vehicles in the air; infinite for one
+    vehicle."""
     all_down: bool
     """Every vehicle has touched down again."""
     events: tuple[Event, ...]
@@ -76,7 +78,8 @@ class Flight(ABC):
 
     @abstractmethod
     def wait_step(self, step: int | str, within_s: float = 300.0) -> None:
-        """Until every live agent is in this step (its number, or its name as screens show it: `form vee`) or beyond.
+        """Until every live agent is in this step (its number, or its name as screens show it: `form
+        vee`) or beyond.
 
         AssertionError when that takes longer, or when the flight ends before.
         """

@@ -14,8 +14,11 @@ from swarm_ctl.testing.flight import Flight, Mission, loaded
 class Fly(Protocol):
     """What the fixture is: a function that starts a flight."""
 
-    def __call__(self, mission: Mission, *, speedup: float = 5.0, virtual: bool = False, seed: int = 1) -> Flight:
-        """Start `mission`; `virtual`: in this process on a virtual clock, else with real processes at `speedup`."""
+    def __call__(
+        self, mission: Mission, *, speedup: float = 5.0, virtual: bool = False, seed: int = 1
+    ) -> Flight:
+        """Start `mission`; `virtual`: in this process on a virtual clock, else with real processes
+        at `speedup`."""
 
 
 @pytest.fixture
@@ -23,7 +26,9 @@ def swarm(tmp_path: Path) -> Iterator[Fly]:
     """Flies missions; whatever still flies when the test ends is ended, with all its processes."""
     flights: list[Flight] = []
 
-    def fly(mission: Mission, *, speedup: float = 5.0, virtual: bool = False, seed: int = 1) -> Flight:
+    def fly(
+        mission: Mission, *, speedup: float = 5.0, virtual: bool = False, seed: int = 1
+    ) -> Flight:
         # Imported here: pytest loads plugins for every session, most of which fly nothing.
         if virtual:
             from swarm_ctl.testing.virtual_flight import VirtualFlight
@@ -32,7 +37,9 @@ def swarm(tmp_path: Path) -> Iterator[Fly]:
         else:
             from swarm_ctl.testing.process_flight import RealFlight
 
-            flight = RealFlight(loaded(mission), tmp_path / f"flight-{len(flights) + 1}", speedup, seed)
+            flight = RealFlight(
+                loaded(mission), tmp_path / f"flight-{len(flights) + 1}", speedup, seed
+            )
         flights.append(flight)
         return flight
 

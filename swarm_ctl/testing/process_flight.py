@@ -1,4 +1,5 @@
-"""A flight with real processes: `swarm-ctl run` at a speed-up, in a folder of its own, on ports of its own."""
+"""A flight with real processes: `swarm-ctl run` at a speed-up, in a folder of its own, on ports of
+its own."""
 
 from __future__ import annotations
 
@@ -41,7 +42,9 @@ class RealFlight(Flight):
         self._log: IO[bytes] = (where / "run.log").open("wb")
         command = [sys.executable, "-m", "swarm_ctl.cli.main", "run", str(file), "--headless"]
         command += ["--speedup", str(speedup), "--seed", str(seed), "--runs", str(where / "runs")]
-        self._process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=self._log, stderr=subprocess.STDOUT)
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=self._log, stderr=subprocess.STDOUT
+        )
         try:
             self.folder = self._wait_started(where)
             self._pids: dict[str, int] = json.loads((self.folder / "processes.json").read_text())
@@ -67,7 +70,9 @@ class RealFlight(Flight):
         number, until = self.step_number(step), wall_s() + within_s / self._speedup
         while not self._reached(number):
             if wall_s() > until or self._process.poll() is not None:
-                raise AssertionError(f"step {step!r} was not reached within {within_s:g} s; see {self.folder}")
+                raise AssertionError(
+                    f"step {step!r} was not reached within {within_s:g} s; see {self.folder}"
+                )
             pause(_POLL_WALL_S)
 
     def _reached(self, number: int) -> bool:
@@ -126,13 +131,17 @@ class RealFlight(Flight):
         try:
             self._process.wait(_END_WALL_S + within_s / self._speedup)
         except subprocess.TimeoutExpired:
-            raise AssertionError(f"the run did not end within {within_s:g} s; see {self.folder}") from None
+            raise AssertionError(
+                f"the run did not end within {within_s:g} s; see {self.folder}"
+            ) from None
         self.close()
         summary = TypeAdapter(Summary).validate_json((self.folder / "summary.json").read_bytes())
         truth = load_truth(self.folder / TRUTH)
         lines = (self.folder / "events.jsonl").read_bytes().splitlines()
         events = tuple(TypeAdapter(Event).validate_json(line) for line in lines)
-        outcomes = {agent.agent: agent.outcome for agent in summary.agents if agent.account == "final"}
+        outcomes = {
+            agent.agent: agent.outcome for agent in summary.agents if agent.account == "final"
+        }
         closest_m = math.inf if summary.min_true_distance_m is None else summary.min_true_distance_m
         ups = [e.sysid for e in truth.events if e.event == "liftoff"]
         downs = [e.sysid for e in truth.events if e.event == "touchdown"]
@@ -140,7 +149,8 @@ class RealFlight(Flight):
         return Flown(outcomes, closest_m, down, events, summary, truth, self.folder)
 
     def close(self) -> None:
-        """Interrupt the run twice, as an impatient operator would: it ends every process that it started."""
+        """Interrupt the run twice, as an impatient operator would: it ends every process that it
+        started."""
         if self._sender is not None:
             self._sender.close()
             self._sender = None

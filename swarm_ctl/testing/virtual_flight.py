@@ -1,4 +1,5 @@
-"""A flight on the virtual clock: the whole swarm in this process, as fast as it computes, the same every time."""
+"""A flight on the virtual clock: the whole swarm in this process, as fast as it computes, the same
+every time."""
 
 from __future__ import annotations
 
@@ -34,7 +35,9 @@ class VirtualFlight(Flight):
             self.swarm.tick()
 
     def _reached(self, number: int) -> bool:
-        live = [member for member in self.swarm.members.values() if member.alive and not member.frozen]
+        live = [
+            member for member in self.swarm.members.values() if member.alive and not member.frozen
+        ]
         return bool(live) and all(m.status is not None and m.status.step >= number for m in live)
 
     def wait_s(self, seconds: float) -> None:
@@ -43,13 +46,21 @@ class VirtualFlight(Flight):
 
     def command(self, kind: str, agents: Sequence[int] = ()) -> Answer:
         """As `Flight.command`."""
-        steps = [member.status.step for member in self.swarm.members.values() if member.alive and member.status]
+        steps = [
+            member.status.step
+            for member in self.swarm.members.values()
+            if member.alive and member.status
+        ]
         at_step = max(steps, default=0) if kind == "next" else 0
-        return self._send(Command(self._name(), kind, tuple(agents), self.swarm.now, at_step=at_step))
+        return self._send(
+            Command(self._name(), kind, tuple(agents), self.swarm.now, at_step=at_step)
+        )
 
     def form(self, shape: str) -> Answer:
         """As `Flight.form`."""
-        step = build.form_step(self._shapes, self.plan, shape, self.swarm.positions(), "this mission")
+        step = build.form_step(
+            self._shapes, self.plan, shape, self.swarm.positions(), "this mission"
+        )
         return self._send(Command(self._name(), "form", (), self.swarm.now, step, self.plan.hash()))
 
     def move(self, north_m: float, east_m: float, speed_mps: float | None = None) -> Answer:
@@ -67,7 +78,11 @@ class VirtualFlight(Flight):
         self.swarm.send(command)
         while self.swarm.now < until:
             self.swarm.tick()
-            acks = {ack.agent: ack for ack in self.swarm.acks if ack.command == command.id and ack.agent in meant}
+            acks = {
+                ack.agent: ack
+                for ack in self.swarm.acks
+                if ack.command == command.id and ack.agent in meant
+            }
             if len(acks) == len(meant):
                 break
         return Answer(acks, meant)
@@ -95,7 +110,9 @@ class VirtualFlight(Flight):
         while not self.swarm.all_down and self.swarm.now < until:
             self.swarm.tick()
         closest_m = min(self.swarm.minimum.values(), default=math.inf)
-        return Flown(self.swarm.outcomes(), closest_m, self.swarm.all_down, tuple(self.swarm.events))
+        return Flown(
+            self.swarm.outcomes(), closest_m, self.swarm.all_down, tuple(self.swarm.events)
+        )
 
     def close(self) -> None:
         """Nothing is outside this process."""

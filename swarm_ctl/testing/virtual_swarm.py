@@ -1,6 +1,8 @@
-"""A whole swarm in one process on a virtual clock: real agents, real drivers, real simulator, bytes carried in memory.
+"""A whole swarm in one process on a virtual clock: real agents, real drivers, real simulator, bytes
+carried in memory.
 
-The same parts as in a run but for what `run` itself is: processes, sockets, zenoh. Same seed, same trace.
+The same parts as in a run but for what `run` itself is: processes, sockets, zenoh. Same seed, same
+trace.
 """
 
 from __future__ import annotations
@@ -15,7 +17,14 @@ from sim.config import SimConfig
 from sim.network.hub import Hub
 from sim.world.world import STEP_S
 from swarm_ctl.core.agent.agent import Actions, Agent, Ended, Inbox
-from swarm_ctl.core.model.messages import AgentState, AgentStatus, Command, Event, Phase, StationBeacon
+from swarm_ctl.core.model.messages import (
+    AgentState,
+    AgentStatus,
+    Command,
+    Event,
+    Phase,
+    StationBeacon,
+)
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.vehicle import FlyGoal
 from swarm_ctl.mavlink.link import VehicleLink
@@ -52,8 +61,8 @@ class Member:
 class VirtualSwarm:
     """Flies a mission tick by tick; tests look in and break things between ticks.
 
-    `mesh` is given each agent's transport and its id, and what it gives back is used (`mesh/impaired.py`); `clocks` are
-    the clocks of agents that have one of their own.
+    `mesh` is given each agent's transport and its id, and what it gives back is used
+    (`mesh/impaired.py`); `clocks` are the clocks of agents that have one of their own.
     """
 
     def __init__(
@@ -189,13 +198,18 @@ class VirtualSwarm:
         self.members[agent_id].alive = False
         self.members[agent_id].node.close()
 
-    def restart(self, agent_id: int, plan: Plan | None = None, clock: Callable[[float], float] | None = None) -> None:
-        """A new process in the place of a dead one, which knows nothing of it; with another plan or clock, if given."""
+    def restart(
+        self, agent_id: int, plan: Plan | None = None, clock: Callable[[float], float] | None = None
+    ) -> None:
+        """A new process in the place of a dead one, which knows nothing of it; with another plan or
+        clock, if given."""
         self._clocks[agent_id] = clock or self._clocks.get(agent_id, float)
         place = [agent.id for agent in self.plan.agents].index(agent_id)
         self._far[place] = self._add(agent_id, plan or self.plan)
 
-    def command(self, kind: str, agents: tuple[int, ...] = (), name: str = "c1", **more: Any) -> None:
+    def command(
+        self, kind: str, agents: tuple[int, ...] = (), name: str = "c1", **more: Any
+    ) -> None:
         """An operator's command; `more`: its step, plan_hash, at_step."""
         self.send(Command(name, kind, agents, self.now, **more))
 
@@ -212,7 +226,10 @@ class VirtualSwarm:
     def positions(self) -> dict[int, tuple[float, float]]:
         """True (north, east) of every vehicle [m]."""
         points = np.asarray(self.hub.world.positions())
-        return {agent.id: (float(p[0]), float(p[1])) for agent, p in zip(self.plan.agents, points, strict=True)}
+        return {
+            agent.id: (float(p[0]), float(p[1]))
+            for agent, p in zip(self.plan.agents, points, strict=True)
+        }
 
     def centre(self) -> tuple[float, float]:
         """True centre of all vehicles [m]."""
@@ -221,7 +238,9 @@ class VirtualSwarm:
 
     def in_step(self, step: int) -> bool:
         """Every live agent is in this step."""
-        return all(m.status is not None and m.status.step == step for m in self.members.values() if m.alive)
+        return all(
+            m.status is not None and m.status.step == step for m in self.members.values() if m.alive
+        )
 
     def phases(self) -> set[Phase]:
         """Of all agents that live."""
@@ -243,6 +262,9 @@ class VirtualSwarm:
 
 
 def _configuration(mission: LoadedMission, seed: int) -> SimConfig:
-    vehicles = [replace(entry, endpoint=f"udpin:127.0.0.1:{_PORT + entry.sysid}") for entry in mission.fleet.agents]
+    vehicles = [
+        replace(entry, endpoint=f"udpin:127.0.0.1:{_PORT + entry.sysid}")
+        for entry in mission.fleet.agents
+    ]
     settings = simulator_config(mission.plan, vehicles, mission.file.simulation)
     return SimConfig.model_validate(settings | {"epoch_s": 0.0, "seed": seed})

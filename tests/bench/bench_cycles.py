@@ -2,12 +2,14 @@
 
     python -m tests.bench.bench_cycles --cycles 500
 
-A cycle: `swarm-ctl run` until all processes are ready, Ctrl-C, its end. After each one counted: processes of its
-session, processes, sockets and open files of this machine, entries in the folder for temporary files and in shared
-memory, memory in use. Ends with exit code 1 when a cycle has failed, a process is left, or a count grows by more than
-one in ten cycles. On a machine that does other things, too, root counts in namespaces where nobody else is:
+A cycle: `swarm-ctl run` until all processes are ready, Ctrl-C, its end. After each one counted:
+processes of its session, processes, sockets and open files of this machine, entries in the folder
+for temporary files and in shared memory, memory in use. Ends with exit code 1 when a cycle has
+failed, a process is left, or a count grows by more than one in ten cycles. On a machine that does
+other things, too, root counts in namespaces where nobody else is:
 
-    unshare --net --pid --mount --fork --mount-proc sh -c 'ip link set lo up && mount -t tmpfs none /dev/shm &&
+    unshare --net --pid --mount --fork --mount-proc sh -c 'ip link set lo up && mount -t tmpfs none
+    /dev/shm &&
       python -m tests.bench.bench_cycles --cycles 500'
 """
 
@@ -29,9 +31,18 @@ from tests.system.running import HEXAGON, Running
 _GROWS: float = 0.1
 _TELL = 50
 """Cycles between two words on how far it is."""
-_NAMES = ("processes", "sockets", "temporary files", "shared memory files", "open files", "memory [MiB]", "time [s]")
+_NAMES = (
+    "processes",
+    "sockets",
+    "temporary files",
+    "shared memory files",
+    "open files",
+    "memory [MiB]",
+    "time [s]",
+)
 _STRICT = 4
-"""So many of them, from the first on, are this program's alone where nobody else runs; the others are everybody's."""
+"""So many of them, from the first on, are this program's alone where nobody else runs; the others
+are everybody's."""
 
 
 def _sockets() -> int:
@@ -45,7 +56,8 @@ def _sockets() -> int:
 
 
 def _lives(stat: Path) -> bool:
-    """No zombie: those are the business of init, which in a namespace of its own may be this program."""
+    """No zombie: those are the business of init, which in a namespace of its own may be this
+    program."""
     try:
         return stat.read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:
@@ -109,7 +121,9 @@ def main() -> None:
                     console.print(f"cycle {number}: {len(failures)} failed", style="dim")
     except KeyboardInterrupt:
         console.print("interrupted; so far:")
-    console.print(f"{len(rows)} cycles of {arguments.mission.name}; load {load:.1f} to {os.getloadavg()[0]:.1f}")
+    console.print(
+        f"{len(rows)} cycles of {arguments.mission.name}; load {load:.1f} to {os.getloadavg()[0]:.1f}"
+    )
     grown = _report(np.array(rows), console)
     for text in failures:
         console.print(text, style="red", markup=False)
@@ -122,7 +136,9 @@ def _report(counts: np.ndarray, console: Console) -> bool:
     for k, name in enumerate(_NAMES):
         column = counts[:, k]
         slope = float(np.polyfit(np.arange(len(column)), column, 1)[0]) if len(column) > 1 else 0.0
-        console.print(f"{name:20} first {column[0]:9.1f}  last {column[-1]:9.1f}  {slope:+8.3f} a cycle")
+        console.print(
+            f"{name:20} first {column[0]:9.1f}  last {column[-1]:9.1f}  {slope:+8.3f} a cycle"
+        )
         grown |= k < _STRICT and slope > _GROWS and column[-1] > column[0]
     return grown
 

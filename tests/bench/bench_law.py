@@ -1,8 +1,10 @@
-"""What one law iteration costs: `python -m tests.bench.bench_law` (agent-steps a second on one core, law only).
+"""What one law iteration costs: `python -m tests.bench.bench_law` (agent-steps a second on one
+core, law only).
 
-Three ways over the same random missions: `core.law.swarm_law` in numpy, a per-pair loop compiled by numba (not a
-dependency: `pip install numba`), and the same loop in plain Python (on a few missions). And a single agent's call of
-`core.law.formation_law.evaluate`, in microseconds. Processor time, best of many; results of all ways are checked against each other.
+Three ways over the same random missions: `core.law.swarm_law` in numpy, a per-pair loop compiled by
+numba (not a dependency: `pip install numba`), and the same loop in plain Python (on a few
+missions). And a single agent's call of `core.law.formation_law.evaluate`, in microseconds.
+Processor time, best of many; results of all ways are checked against each other.
 """
 
 from __future__ import annotations
@@ -26,7 +28,8 @@ MISSIONS = (512, 2048)
 
 
 def loop(points, slots, links, u, r, r_in, r_out, h, delta_l, delta_a):  # type: ignore[no-untyped-def]
-    """(26) with section 3 of LAW.md, pair by pair: what one would write first. Arrays (m, n, 2), links (m, n, n)."""
+    """(26) with section 3 of LAW.md, pair by pair: what one would write first. Arrays (m, n, 2),
+    links (m, n, n)."""
     for mission in range(points.shape[0]):
         p, z, linked = points[mission], slots[mission], links[mission]
         for i in range(p.shape[0]):
@@ -79,8 +82,11 @@ def best(call: Callable[[], object], times: int) -> float:
     return found
 
 
-def swarms(n: int, m: int, side: float, law: LawParameters) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points and slots (2, n, m) spread over a square, and who was in range of whom a little earlier (n, n, m)."""
+def swarms(
+    n: int, m: int, side: float, law: LawParameters
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points and slots (2, n, m) spread over a square, and who was in range of whom a little
+    earlier (n, n, m)."""
     random = np.random.default_rng(n)
     start, slots = random.random((2, n, m)) * side, random.random((2, n, m)) * side
     links = np.hypot(*(start[:, :, None] - start[:, None])) <= law.r
@@ -88,7 +94,9 @@ def swarms(n: int, m: int, side: float, law: LawParameters) -> tuple[np.ndarray,
     return start + random.normal(0.0, 0.5, start.shape), slots, links
 
 
-def compare(n: int, m: int, side: float, law: LawParameters, compiled: Callable[..., None] | None) -> None:
+def compare(
+    n: int, m: int, side: float, law: LawParameters, compiled: Callable[..., None] | None
+) -> None:
     """Print a row for n agents and m missions."""
     points, slots, links = swarms(n, m, side, law)
     swarm = SwarmLaw(slots, links, np.full(m, law.h), law)
@@ -114,7 +122,9 @@ def compare(n: int, m: int, side: float, law: LawParameters, compiled: Callable[
 def single(pairs: int) -> float:
     """Microseconds of one agent's call among six, with 0 or 3 others inside r_out."""
     near = [(1.0, 0.0), (0.0, 1.2), (0.0, -1.0)]
-    others = np.array([[*near[:pairs], (3.0, 0.0), (0.0, 3.0), (2.0, 2.0), (-3.0, 0.0), (0.0, -3.0)][:5]])
+    others = np.array(
+        [[*near[:pairs], (3.0, 0.0), (0.0, 3.0), (2.0, 2.0), (-3.0, 0.0), (0.0, -3.0)][:5]]
+    )
     slots = np.random.default_rng(1).random((1, 5, 2))
     yes = np.ones((1, 5), dtype=bool)
     arguments = (np.zeros((1, 2)), np.zeros((1, 2)), others, slots, yes, yes, yes, LawParameters())
@@ -133,7 +143,9 @@ def main() -> None:
     for n, side, law in CASES:
         for m in MISSIONS:
             compare(n, m, side, law, compiled)
-    print(f"one agent's call: {single(0):.1f} us with nobody near, {single(3):.1f} us with three near")
+    print(
+        f"one agent's call: {single(0):.1f} us with nobody near, {single(3):.1f} us with three near"
+    )
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
-"""What one tick of a vehicle link costs: `python -m tests.bench.bench_link` (microseconds, one core, no sockets).
+"""What one tick of a vehicle link costs: `python -m tests.bench.bench_link` (microseconds, one
+core, no sockets).
 
-A tick at 20 Hz receives what a vehicle with six others in sight streams: LOCAL_POSITION_NED each tick, the rest in
-turn (about 70 messages/s), then takes the view and sends a setpoint.
+A tick at 20 Hz receives what a vehicle with six others in sight streams: LOCAL_POSITION_NED each
+tick, the rest in turn (about 70 messages/s), then takes the view and sends a setpoint.
 """
 
 from __future__ import annotations
@@ -59,9 +60,13 @@ def main() -> None:
         parts["all"].append((marks[-1] - marks[0]) * 1e6)
         while theirs.read():
             pass
-    print(f"{count / (TICKS * TICK_S):.0f} messages/s in, {1 / TICK_S:.0f} setpoints/s out; us per tick")
+    print(
+        f"{count / (TICKS * TICK_S):.0f} messages/s in, {1 / TICK_S:.0f} setpoints/s out; us per tick"
+    )
     for name, values in parts.items():
-        print(f"{name:8} p50 {statistics.median(values):6.1f}  p99 {statistics.quantiles(values, n=100)[98]:6.1f}")
+        print(
+            f"{name:8} p50 {statistics.median(values):6.1f}  p99 {statistics.quantiles(values, n=100)[98]:6.1f}"
+        )
     link.close()
 
 

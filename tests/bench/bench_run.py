@@ -1,8 +1,10 @@
-"""What a run costs: from command to six airborne agents, tick lateness, CPU and memory of each process.
+"""What a run costs: from command to six airborne agents, tick lateness, CPU and memory of each
+process.
 
     python -m tests.bench.bench_run [--speedup 1] [--mission missions/hexagon.yaml]
 
-Prints the machine's load before and after: on a busy machine lateness tells about the machine, not about the program.
+Prints the machine's load before and after: on a busy machine lateness tells about the machine, not
+about the program.
 """
 
 from __future__ import annotations
@@ -26,7 +28,8 @@ _TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 
 @dataclass
 class Usage:
-    """One process at the last look: CPU seconds so far, seconds watched, memory of its own [MiB]."""
+    """One process at the last look: CPU seconds so far, seconds watched, memory of its own
+    [MiB]."""
 
     cpu_s: float = 0.0
     watched_s: float = 0.0
@@ -37,11 +40,15 @@ class Usage:
 def _look(pid: int, usage: Usage, since: float) -> None:
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     memory = dict(
-        line.split(":", 1) for line in Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()[1:] if ":" in line
+        line.split(":", 1)
+        for line in Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()[1:]
+        if ":" in line
     )
     usage.cpu_s = (int(fields[11]) + int(fields[12])) / _TICKS_PER_S
     usage.watched_s = time.monotonic() - since
-    usage.private_mib = sum(int(memory[key].split()[0]) for key in ("Private_Clean", "Private_Dirty")) / 1024
+    usage.private_mib = (
+        sum(int(memory[key].split()[0]) for key in ("Private_Clean", "Private_Dirty")) / 1024
+    )
     usage.pss_mib = int(memory["Pss"].split()[0]) / 1024
 
 
@@ -53,11 +60,19 @@ def main() -> None:
     arguments = parser.parse_args()
     load_before = os.getloadavg()
     with tempfile.TemporaryDirectory() as folder:
-        summary, usages, airborne_s, ready_s = _fly(arguments.mission, arguments.speedup, Path(folder))
+        summary, usages, airborne_s, ready_s = _fly(
+            arguments.mission, arguments.speedup, Path(folder)
+        )
     console = Console()
-    console.print(f"{arguments.mission.name} at speed-up {arguments.speedup:g}: {summary['outcome']}")
-    console.print(f"load before {load_before[0]:.2f}, after {os.getloadavg()[0]:.2f}, {os.cpu_count()} cores")
-    console.print(f"command to all processes ready: {ready_s:.2f} s; to all agents airborne: {airborne_s:.2f} s")
+    console.print(
+        f"{arguments.mission.name} at speed-up {arguments.speedup:g}: {summary['outcome']}"
+    )
+    console.print(
+        f"load before {load_before[0]:.2f}, after {os.getloadavg()[0]:.2f}, {os.cpu_count()} cores"
+    )
+    console.print(
+        f"command to all processes ready: {ready_s:.2f} s; to all agents airborne: {airborne_s:.2f} s"
+    )
     tick = summary["tick"]
     console.print(
         f"ticks of the worst agent: lateness p50 {tick['late_p50_ms']:.2f} ms, p99 {tick['late_p99_ms']:.2f} ms, "
@@ -66,11 +81,19 @@ def main() -> None:
     table = Table("process", "CPU s", "CPU % of a core", "private MiB", "proportional MiB")
     for name, usage in usages.items():
         share = 100 * usage.cpu_s / max(usage.watched_s, 1e-9)
-        table.add_row(name, f"{usage.cpu_s:.2f}", f"{share:.1f}", f"{usage.private_mib:.1f}", f"{usage.pss_mib:.1f}")
+        table.add_row(
+            name,
+            f"{usage.cpu_s:.2f}",
+            f"{share:.1f}",
+            f"{usage.private_mib:.1f}",
+            f"{usage.pss_mib:.1f}",
+        )
     console.print(table)
 
 
-def _fly(mission: Path, speedup: float, folder: Path) -> tuple[dict[str, object], dict[str, Usage], float, float]:
+def _fly(
+    mission: Path, speedup: float, folder: Path
+) -> tuple[dict[str, object], dict[str, Usage], float, float]:
     command = [str(Path(sys.executable).parent / "swarm-ctl"), "run", str(mission.resolve())]
     start = time.monotonic()
     process = subprocess.Popen(
@@ -107,7 +130,9 @@ def _all_airborne(run: Path) -> bool:
     if not truth.exists():
         return False
     lines = truth.read_text().splitlines()
-    states = [line for line in lines[-20:] if line.startswith('{"type":"state"') and line.endswith("}")]
+    states = [
+        line for line in lines[-20:] if line.startswith('{"type":"state"') and line.endswith("}")
+    ]
     return bool(states) and all(json.loads(states[-1])["airborne"])
 
 

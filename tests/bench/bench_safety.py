@@ -2,11 +2,13 @@
 
     python -m tests.bench.bench_safety
 
-1. Cost: a whole swarm of 32 on the virtual clock while it forms; the filter's share of the agents' ticks, in one run.
-2. Beside ORCA (van den Berg et al. 2011, reciprocal half-planes from velocity obstacles, horizon 4 s) and a plain
-   potential field, both written here, on the same scenarios, vehicles (dead time 0.4 s, lag 0.5 s, 2.8 m/s2, 5 m/s) and
-   fresh news: two columns that change sides, and an antipodal swap on a ring. Both are given what they ask for: the
-   goal of each agent as a point, while the law only knows the shape. Smallest distance, time until all are within
+1. Cost: a whole swarm of 32 on the virtual clock while it forms; the filter's share of the agents'
+   ticks, in one run.
+2. Beside ORCA (van den Berg et al. 2011, reciprocal half-planes from velocity obstacles, horizon 4
+   s) and a plain potential field, both written here, on the same scenarios, vehicles (dead time 0.4
+   s, lag 0.5 s, 2.8 m/s2, 5 m/s) and fresh news: two columns that change sides, and an antipodal
+   swap on a ring. Both are given what they ask for: the goal of each agent as a point, while the
+   law only knows the shape. Smallest distance, time until all are within
    0.5 m of their goals (or of the shape), and missions that are not there after 120 s.
 """
 
@@ -75,7 +77,13 @@ def cost(console: Console) -> None:
 def scenario(start: str, n: int, missions: int) -> Batch:
     """Jittered starts and everybody's goal opposite."""
     study = Study(
-        n=(n,), start=(start,), slots=("given",), shape=("grid",), missions=missions, h=value(0.2), limit_s=LIMIT_S
+        n=(n,),
+        start=(start,),
+        slots=("given",),
+        shape=("grid",),
+        missions=missions,
+        h=value(0.2),
+        limit_s=LIMIT_S,
     )
     ((cell, first, count),) = blocks(study)
     return draw(cell, first, count)
@@ -125,18 +133,27 @@ def orca(p: Floats, v: Floats, goals: Floats, speed: float, cell: Any) -> Floats
         u, normal = velocity_obstacle(gap, relative, reach, cell.tick_s)
         normals[k - 1], bounds[k - 1] = normal, (normal * (v.reshape(2, -1) + 0.5 * u)).sum(axis=0)
     flown, _ = relaxed_many(
-        wish.reshape(2, -1), normals, bounds, np.zeros(bounds.shape, dtype=bool), np.full(n * m, speed)
+        wish.reshape(2, -1),
+        normals,
+        bounds,
+        np.zeros(bounds.shape, dtype=bool),
+        np.full(n * m, speed),
     )
     return flown.reshape(2, n, m)
 
 
-def velocity_obstacle(gap: Floats, relative: Floats, reach: float, tick_s: float) -> tuple[Floats, Floats]:
-    """(u, n): the least change of the relative velocity that leaves the obstacle, and its outward normal (2, K)."""
+def velocity_obstacle(
+    gap: Floats, relative: Floats, reach: float, tick_s: float
+) -> tuple[Floats, Floats]:
+    """(u, n): the least change of the relative velocity that leaves the obstacle, and its outward
+    normal (2, K)."""
     distance2 = (gap**2).sum(axis=0)
     overlap = distance2 <= reach**2
     w = relative - gap / np.where(overlap, tick_s, HORIZON_S)
     w_size = np.maximum(np.sqrt((w**2).sum(axis=0)), 1e-9)
-    cut = overlap | (((w * gap).sum(axis=0) < 0) & ((w * gap).sum(axis=0) ** 2 > reach**2 * w_size**2))
+    cut = overlap | (
+        ((w * gap).sum(axis=0) < 0) & ((w * gap).sum(axis=0) ** 2 > reach**2 * w_size**2)
+    )
     front = w / w_size
     u_front = (reach / np.where(overlap, tick_s, HORIZON_S) - w_size) * front
     leg = np.sqrt(np.maximum(distance2 - reach**2, 1e-9))
@@ -156,7 +173,10 @@ def compare(console: Console, missions: int) -> None:
     table = Table("scenario", "n", "by", "under r_in", "smallest", "median s", "not there")
     for start, n in (("crossing", 8), ("crossing", 24), ("antipodal", 6), ("antipodal", 12)):
         batch = scenario(start, n, missions)
-        results = {f"law, {level}": _of(fly(batch_with(batch, level))) for level in ("off", "align", "exchange")}
+        results = {
+            f"law, {level}": _of(fly(batch_with(batch, level)))
+            for level in ("off", "align", "exchange")
+        }
         results["ORCA"] = beside(batch, orca)
         results["potential field"] = beside(batch, potential)
         for name, (smallest, time_s, there) in results.items():
@@ -182,7 +202,9 @@ def _of(outcome: Any) -> tuple[Floats, Floats, Floats]:
 
 def main() -> None:
     """Both parts."""
-    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    arguments = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     arguments.add_argument("--missions", type=int, default=60)
     console = Console(highlight=False, width=120)
     cost(console)

@@ -1,8 +1,8 @@
 """What simulated vehicles cost: `python -m tests.bench.bench_sim [--quick]`.
 
-Load per vehicle and mission second: LOCAL_POSITION_NED 20, ATTITUDE 10, GLOBAL_POSITION_INT 5, HEARTBEAT 1 out,
-velocity setpoints 20 in, all in flight. The client only sends: what the kernel has no room
-for is dropped.
+Load per vehicle and mission second: LOCAL_POSITION_NED 20, ATTITUDE 10, GLOBAL_POSITION_INT 5,
+HEARTBEAT 1 out, velocity setpoints 20 in, all in flight. The client only sends: what the kernel has
+no room for is dropped.
 """
 
 from __future__ import annotations
@@ -47,19 +47,28 @@ _mav = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
 
 def _command(place: int, command: int, *p: float) -> bytes:
     numbers = [*p, *[0.0] * (7 - len(p))]
-    return bytes(mavlink.MAVLink_command_long_message(place % 250 + 1, 1, command, 0, *numbers).pack(_mav))
+    return bytes(
+        mavlink.MAVLink_command_long_message(place % 250 + 1, 1, command, 0, *numbers).pack(_mav)
+    )
 
 
 def _setpoint(place: int) -> bytes:
     zeros = (0.0,) * 5
     target = (place % 250 + 1, 1)
-    m = mavlink.MAVLink_set_position_target_local_ned_message(0, *target, 1, 3527, 0, 0, 0, 1.0, 0.5, 0.0, *zeros)
+    m = mavlink.MAVLink_set_position_target_local_ned_message(
+        0, *target, 1, 3527, 0, 0, 0, 1.0, 0.5, 0.0, *zeros
+    )
     return bytes(m.pack(_mav))
 
 
 def _start(place: int) -> list[bytes]:
     streams = [_command(place, 511, number, 1e6 / rate) for number, rate in STREAMS]
-    return [*streams, _command(place, 176, 1, 4), _command(place, 400, 1), _command(place, 22, 0, 0, 0, 0, 0, 0, 10)]
+    return [
+        *streams,
+        _command(place, 176, 1, 4),
+        _command(place, 400, 1),
+        _command(place, 22, 0, 0, 0, 0, 0, 0, 10),
+    ]
 
 
 def physics(n: int) -> float:
@@ -142,7 +151,9 @@ def process(
         try:
             assert running.stdout is not None
             if not running.stdout.readline():
-                raise RuntimeError(f"the simulator did not start; is a port from {BASE_PORT} on busy?")
+                raise RuntimeError(
+                    f"the simulator did not start; is a port from {BASE_PORT} on busy?"
+                )
             yield running, truth
         finally:
             running.kill()
@@ -160,16 +171,21 @@ def _last_state(truth: Path) -> str:
 
 
 def served(n: int, speedup: float, seconds: float) -> dict[str, Any]:
-    """Flies `n` vehicles in processes of their own: CPU per vehicle-second, and how far they fell behind the clock.
+    """Flies `n` vehicles in processes of their own: CPU per vehicle-second, and how far they fell
+    behind the clock.
 
     System ids end at 250, so more vehicles take more than one process.
     """
     epoch_s = time.monotonic()
     with contextlib.ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        client = stack.enter_context(contextlib.closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)))
+        client = stack.enter_context(
+            contextlib.closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+        )
         parts = [(first, min(MOST, n - first)) for first in range(0, n, MOST)]
-        started = [stack.enter_context(process(m, speedup, epoch_s, folder, first)) for first, m in parts]
+        started = [
+            stack.enter_context(process(m, speedup, epoch_s, folder, first)) for first, m in parts
+        ]
         addresses = [("127.0.0.1", BASE_PORT + place) for place in range(n)]
 
         def now() -> float:
@@ -205,7 +221,11 @@ def greatest(n: int, seconds: float) -> tuple[int, dict[str, Any]]:
     best, figures = 0, {"us": float("nan"), "cores": float("nan")}
     for speedup in SPEEDUPS:
         found = served(n, speedup, seconds)
-        held = found["behind_s"] < 0.2 + 0.02 * speedup and found["airborne"] == n and found["rate_hz"] > 18
+        held = (
+            found["behind_s"] < 0.2 + 0.02 * speedup
+            and found["airborne"] == n
+            and found["rate_hz"] > 18
+        )
         if not held:
             break
         best, figures = speedup, found
@@ -226,17 +246,31 @@ def main() -> None:
     console.print(f"load before: {os.getloadavg()[0]:.2f}, {os.cpu_count()} cores")
     packed, parsed = frames()
     console.print(f"frames a CPU second: {packed:,.0f} packed, {parsed:,.0f} parsed")
-    table = Table("vehicles", "physics steps/s", "us per vehicle-second, no sockets", "physics", "setpoints in")
+    table = Table(
+        "vehicles",
+        "physics steps/s",
+        "us per vehicle-second, no sockets",
+        "physics",
+        "setpoints in",
+    )
     for n in [n for n in arguments.sizes if n <= MOST]:
         parts = inside(n)
         total = parts["setpoints in"] + parts["steps, firmware, frames out"]
         physical, setpoints = parts["of them physics"], parts["setpoints in"]
-        table.add_row(str(n), f"{physics(n):,.0f}", f"{total:.0f}", f"{physical:.0f}", f"{setpoints:.0f}")
+        table.add_row(
+            str(n), f"{physics(n):,.0f}", f"{total:.0f}", f"{physical:.0f}", f"{setpoints:.0f}"
+        )
     console.print(table)
     table = Table("vehicles", "speed-up", "us CPU per vehicle-second, process", "cores", "behind s")
     for n in arguments.sizes:
-        speedup, found = (ASKED[n], served(n, ASKED[n], 4.0)) if arguments.quick else greatest(n, 4.0)
-        row = (f"{found['us']:.0f}", f"{found['cores']:.2f}", f"{found.get('behind_s', float('nan')):.2f}")
+        speedup, found = (
+            (ASKED[n], served(n, ASKED[n], 4.0)) if arguments.quick else greatest(n, 4.0)
+        )
+        row = (
+            f"{found['us']:.0f}",
+            f"{found['cores']:.2f}",
+            f"{found.get('behind_s', float('nan')):.2f}",
+        )
         table.add_row(str(n), str(speedup), *row)
     console.print(table)
     console.print(f"load after: {os.getloadavg()[0]:.2f}")

@@ -2,18 +2,21 @@
 
     python -m tests.bench.bench_soak --minutes 120
 
-Flies the hexagon (`--mission` for another) with holds as long (mission time) and batteries that last, looks every few
-seconds, and prints for each process its memory and how it grows, in the whole time and in its second half; and for
-each agent how late its ticks are, the age of its newest news and of its vehicle's answers, and how they change. All by
-the hour of mission time, after the first minutes (`_WARM_S`).
+Flies the hexagon (`--mission` for another) with holds as long (mission time) and batteries that
+last, looks every few seconds, and prints for each process its memory and how it grows, in the whole
+time and in its second half; and for each agent how late its ticks are, the age of its newest news
+and of its vehicle's answers, and how they change. All by the hour of mission time, after the first
+minutes (`_WARM_S`).
 
-Two kinds of memory: `allocated` are all pages that no file backs; `own` those of them that are not shared with the
-process it was forked from. Own ones grow for a long time while nothing is allocated: an agent that counts a reference
-of an object made before the fork makes its page its own, one after the other, until all in use are.
+Two kinds of memory: `allocated` are all pages that no file backs; `own` those of them that are not
+shared with the process it was forked from. Own ones grow for a long time while nothing is
+allocated: an agent that counts a reference of an object made before the fork makes its page its
+own, one after the other, until all in use are.
 
-Two things are known to grow while all is well. An agent's subscriptions are rings of 4096 slots of 256 bytes, touched
-one after the other: the beacons' (4 Hz) takes 17 minutes to its full 1 MiB. And the station's recorder keeps 0.8 kB for
-each chunk of the recording, one a second of the wall clock: 3 MiB an hour, of which the recording's index is made.
+Two things are known to grow while all is well. An agent's subscriptions are rings of 4096 slots of
+256 bytes, touched one after the other: the beacons' (4 Hz) takes 17 minutes to its full 1 MiB. And
+the station's recorder keeps 0.8 kB for each chunk of the recording, one a second of the wall clock:
+3 MiB an hour, of which the recording's index is made.
 """
 
 from __future__ import annotations
@@ -44,7 +47,8 @@ Series = tuple[list[float], list[float]]
 
 
 def _held(mission: Path, minutes: float) -> str:
-    """The mission's file with its first hold so long, in parts that a mission file may have; batteries last."""
+    """The mission's file with its first hold so long, in parts that a mission file may have;
+    batteries last."""
     document = yaml.safe_load(mission.read_text())
     document.setdefault("simulation", {}).setdefault("parameters", {})["SIM_BATT_DRAIN"] = 0
     for k, step in enumerate(document["steps"]):
@@ -116,38 +120,63 @@ def main() -> None:
         mission = Path(folder) / "soak.yaml"
         speedup = ("--speedup", str(arguments.speedup))
         mission.write_text(_held(arguments.mission, arguments.minutes))
-        with Running("run", mission, "--headless", "--no-report", *speedup, cwd=Path(folder)) as running:
+        with Running(
+            "run", mission, "--headless", "--no-report", *speedup, cwd=Path(folder)
+        ) as running:
             running.wait_for(lambda: bool(list(Path(folder).glob("runs/*/processes.json"))))
             series = _memory(running, arguments.speedup)
             code = running.wait()
             statuses = _statuses(running, _WARM_S)
             told = running.summary()
     flown = f"{arguments.minutes:g} minutes at speed-up {arguments.speedup:g}"
-    console.print(f"{flown}: {told['outcome']} {told['reason']}; load {load:.1f} to {os.getloadavg()[0]:.1f}")
+    console.print(
+        f"{flown}: {told['outcome']} {told['reason']}; load {load:.1f} to {os.getloadavg()[0]:.1f}"
+    )
     console.print(_memories(series))
     console.print(_latencies(statuses))
     sys.exit(code)
 
 
 def _memories(series: dict[str, tuple[Series, Series]]) -> Table:
-    table = Table("process", "allocated [MiB]", "an hour: all, 2nd half", "own [MiB]", "an hour: all, 2nd half")
+    table = Table(
+        "process",
+        "allocated [MiB]",
+        "an hour: all, 2nd half",
+        "own [MiB]",
+        "an hour: all, 2nd half",
+    )
     for name, kinds in series.items():
         if kinds[0][1]:
             table.add_row(
-                name, *(c for kind in kinds for c in (f"{kind[1][0]:.1f} to {kind[1][-1]:.1f}", _slopes(kind)))
+                name,
+                *(
+                    c
+                    for kind in kinds
+                    for c in (f"{kind[1][0]:.1f} to {kind[1][-1]:.1f}", _slopes(kind))
+                ),
             )
     return table
 
 
 def _latencies(statuses: dict[int, list[dict[str, Any]]]) -> Table:
-    """Ticks' lateness is over all ticks so far: it rises where the last ones are later than those before."""
+    """Ticks' lateness is over all ticks so far: it rises where the last ones are later than those
+    before."""
     table = Table(
-        "agent", "ticks late p99 [ms]", "an hour", "overruns", "oldest news [ms]", "an hour", "vehicle [ms]", "an hour"
+        "agent",
+        "ticks late p99 [ms]",
+        "an hour",
+        "overruns",
+        "oldest news [ms]",
+        "an hour",
+        "vehicle [ms]",
+        "an hour",
     )
     for agent, lines in sorted(statuses.items()):
         times_s = [line["time_s"] for line in lines]
         late = [line["tick"]["late_p99_ms"] for line in lines]
-        ages = [1000 * max(link["age_s"] or 0.0 for link in line["links"].values()) for line in lines]
+        ages = [
+            1000 * max(link["age_s"] or 0.0 for link in line["links"].values()) for line in lines
+        ]
         trips = [1000 * (line["vehicle_link"]["round_trip_s"] or 0.0) for line in lines]
         overruns = lines[-1]["tick"]["overruns"] - lines[0]["tick"]["overruns"]
         table.add_row(

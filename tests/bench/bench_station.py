@@ -1,8 +1,11 @@
-"""What a station costs: 32 made-up agents at 20 Hz over zenoh, the dashboard on a terminal, everything recorded.
+"""What a station costs: 32 made-up agents at 20 Hz over zenoh, the dashboard on a terminal,
+everything recorded.
 
-    python -m tests.bench.bench_station [--agents 32] [--seconds 20] [--show dashboard] [--screen swarm] [--slow]
+    python -m tests.bench.bench_station [--agents 32] [--seconds 20] [--show dashboard] [--screen
+    swarm] [--slow]
 
-`--slow` reads the terminal at 2 kB/s: the station must go on listening, and say how many pictures it skipped.
+`--slow` reads the terminal at 2 kB/s: the station must go on listening, and say how many pictures
+it skipped.
 """
 
 from __future__ import annotations
@@ -68,7 +71,9 @@ def main() -> None:
             swarm.close()
 
 
-def _measure(arguments: argparse.Namespace, swarm: Swarm, pid: int, terminal: int, folder: Path, load: float) -> None:
+def _measure(
+    arguments: argparse.Namespace, swarm: Swarm, pid: int, terminal: int, folder: Path, load: float
+) -> None:
     reader = Reader(terminal, 2000 if arguments.slow else None)
     time.sleep(4.0)
     os.write(terminal, KEYS[arguments.screen])
@@ -85,7 +90,9 @@ def _measure(arguments: argparse.Namespace, swarm: Swarm, pid: int, terminal: in
     )
     tail = reader.tail.decode(errors="replace")
     if "frames skipped" in tail:
-        print("the title says:", tail[: tail.rindex("frames skipped")][-12:].strip(), "frames skipped")
+        print(
+            "the title says:", tail[: tail.rindex("frames skipped")][-12:].strip(), "frames skipped"
+        )
     reader.stop()
 
 
@@ -96,7 +103,9 @@ class Swarm:
         self._plan = plan
         self._epoch = epoch_s
         self._transport = ZenohTransport([endpoint], [], self._now)
-        self._nodes = {agent.id: Node(self._transport, plan.name, agent.id) for agent in plan.agents}
+        self._nodes = {
+            agent.id: Node(self._transport, plan.name, agent.id) for agent in plan.agents
+        }
         self.sent = 0
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run)
@@ -119,7 +128,10 @@ class Swarm:
         node.send(keys.STATE, state_of(self._plan, agent, now, seq=tick, position_ned_m=place))
         self.sent += 1
         if (tick + agent) % 4 == 0:
-            pairs = tuple(report_of(agent % len(self._nodes) + 1, 1.3, sigma=0.4 + 0.001 * (tick % 90)) for _ in (1,))
+            pairs = tuple(
+                report_of(agent % len(self._nodes) + 1, 1.3, sigma=0.4 + 0.001 * (tick % 90))
+                for _ in (1,)
+            )
             node.send(keys.SIGMA, SigmaReport(agent, now, (0.001, 0.0), (0.0, 0.002), pairs))
             self.sent += 1
         if (tick + agent) % 10 == 0:
@@ -163,7 +175,8 @@ class Reader:
 
 
 def _station(folder: Path, show: str, size: str) -> tuple[int, int, int]:
-    """Start it on a terminal of its own; (pid, our end of the terminal, our end of its control pipe)."""
+    """Start it on a terminal of its own; (pid, our end of the terminal, our end of its control
+    pipe)."""
     read, write = os.pipe()
     words = os.open(folder / "words", os.O_WRONLY | os.O_CREAT)
     os.set_inheritable(words, True)
@@ -200,7 +213,9 @@ def _manifest(plan: Plan, epoch_s: float, ports: list[str]) -> Manifest:
         headless=False,
         plan=plan,
         plan_hash=fingerprint(plan),
-        fleet=tuple(FleetAgent(agent.id, agent.id, "ardupilot", mesh=ports[0]) for agent in plan.agents),
+        fleet=tuple(
+            FleetAgent(agent.id, agent.id, "ardupilot", mesh=ports[0]) for agent in plan.agents
+        ),
         station_mesh=ports[1],
     )
 

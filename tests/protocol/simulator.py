@@ -1,4 +1,5 @@
-"""The simulator as a process of its own, and a pilot who speaks pymavlink to one of its vehicles."""
+"""The simulator as a process of its own, and a pilot who speaks pymavlink to one of its
+vehicles."""
 
 from __future__ import annotations
 
@@ -65,7 +66,9 @@ class Simulator:
 
     def now(self) -> float:
         """Mission time."""
-        return float((time.monotonic() - self.configuration["epoch_s"]) * self.configuration["speedup"])
+        return float(
+            (time.monotonic() - self.configuration["epoch_s"]) * self.configuration["speedup"]
+        )
 
     def endpoint(self, place: int = 0) -> str:
         """Where a client connects to."""
@@ -99,7 +102,8 @@ def simulator(tmp_path: Path, configuration: dict[str, Any]) -> Iterator[Simulat
 
 
 def wait_until(sim: Simulator, what: str, met: Callable[[], Any]) -> None:
-    """Until `met`, looked at often, within `PATIENCE_S` of mission time; for clients that have no wait of their own."""
+    """Until `met`, looked at often, within `PATIENCE_S` of mission time; for clients that have no
+    wait of their own."""
     end = sim.now() + PATIENCE_S
     while not met():
         if sim.now() > end:
@@ -127,9 +131,13 @@ class Pilot:
         self._link.close()
 
     def wait(
-        self, what: str, until: Callable[[Any], bool] = lambda _: True, each: Callable[[], None] | None = None
+        self,
+        what: str,
+        until: Callable[[Any], bool] = lambda _: True,
+        each: Callable[[], None] | None = None,
     ) -> Any:
-        """The next message named `what` for which `until` holds; `each` is called every 50 ms of mission time."""
+        """The next message named `what` for which `until` holds; `each` is called every 50 ms of
+        mission time."""
         return self._listen(PATIENCE_S, lambda m: m.get_type() == what and until(m), each, what)
 
     def listen(self, seconds: float, each: Callable[[], None] | None = None) -> list[Any]:
@@ -144,14 +152,20 @@ class Pilot:
         return heard
 
     def _listen(
-        self, seconds: float, until: Callable[[Any], bool], each: Callable[[], None] | None, what: str | None
+        self,
+        seconds: float,
+        until: Callable[[Any], bool],
+        each: Callable[[], None] | None,
+        what: str | None,
     ) -> Any:
         end = self.sim.now() + seconds
         due = self.sim.now()
         while (now := self.sim.now()) < end:
             if not self.silent and now - self._heartbeat_s >= 1.0:
                 self._heartbeat_s = now
-                self.mav.heartbeat_send(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 0)
+                self.mav.heartbeat_send(
+                    mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 0
+                )
             if each is not None and now >= due:
                 due += 0.05
                 each()

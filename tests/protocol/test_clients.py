@@ -1,4 +1,5 @@
-"""dronekit and MAVProxy: large, old, and in use. `pip install -e '.[dev,clients]' && pytest -m clients -rs`."""
+"""dronekit and MAVProxy: large, old, and in use. `pip install -e '.[dev,clients]' && pytest -m
+clients -rs`."""
 
 from __future__ import annotations
 
@@ -16,15 +17,26 @@ from typing import Any
 
 import pytest
 
-from tests.protocol.simulator import ORIGIN, Simulator, free_port, pilot, settings, simulator, wait_until
+from tests.protocol.simulator import (
+    ORIGIN,
+    Simulator,
+    free_port,
+    pilot,
+    settings,
+    simulator,
+    wait_until,
+)
 
 pytestmark = [pytest.mark.clients, pytest.mark.timeout(180)]
 PERSONAS = pytest.mark.parametrize("persona", ["ardupilot", "px4"])
 SPEEDUP = 3.0
 MAVPROXY = shutil.which("mavproxy.py", path=str(Path(sys.executable).parent))
-NEEDS_MAVPROXY = pytest.mark.skipif(MAVPROXY is None, reason="pip install 'swarm-ctl[clients]' (MAVProxy: 637 MB)")
+NEEDS_MAVPROXY = pytest.mark.skipif(
+    MAVPROXY is None, reason="pip install 'swarm-ctl[clients]' (MAVProxy: 637 MB)"
+)
 NEEDS_DRONEKIT = pytest.mark.skipif(
-    importlib.util.find_spec("dronekit") is None, reason="pip install 'swarm-ctl[clients]' (dronekit)"
+    importlib.util.find_spec("dronekit") is None,
+    reason="pip install 'swarm-ctl[clients]' (dronekit)",
 )
 
 
@@ -35,7 +47,9 @@ def dronekit_vehicle(sim: Simulator) -> Iterator[Any]:
         warnings.simplefilter("ignore")
         collections.MutableMapping = collections.abc.MutableMapping  # type: ignore[attr-defined]
         dronekit = pytest.importorskip("dronekit")
-        vehicle = dronekit.connect(sim.endpoint(), wait_ready=True, source_system=255, heartbeat_timeout=30, timeout=30)
+        vehicle = dronekit.connect(
+            sim.endpoint(), wait_ready=True, source_system=255, heartbeat_timeout=30, timeout=30
+        )
         try:
             yield vehicle
         finally:
@@ -87,14 +101,17 @@ def test_dronekit_flies_velocities_and_a_mission(tmp_path: Path) -> None:
 @NEEDS_DRONEKIT
 @pytest.mark.filterwarnings("ignore")
 def test_dronekit_flies_px4(tmp_path: Path) -> None:
-    """As far as dronekit knows PX4: no `is_armable`, no empty list downloaded, no take-off command without a target."""
+    """As far as dronekit knows PX4: no `is_armable`, no empty list downloaded, no take-off command
+    without a target."""
     configuration = settings(tmp_path, "px4") | {"speedup": SPEEDUP}
     with simulator(tmp_path, configuration) as sim, dronekit_vehicle(sim) as v:
         import dronekit
 
         v.parameters["COM_OF_LOSS_T"] = 0.8
         assert v.parameters["COM_OF_LOSS_T"] == pytest.approx(0.8)
-        wait_until(sim, "home", lambda: v.location.global_frame.alt is not None and v.gps_0.fix_type == 3)
+        wait_until(
+            sim, "home", lambda: v.location.global_frame.alt is not None and v.gps_0.fix_type == 3
+        )
         v.commands.clear()
         for command, north in ((22, 0.0), (16, 10.0), (21, 10.0)):
             place = (ORIGIN["lat_deg"] + north / 111_200.0, ORIGIN["lon_deg"], 5.0)
@@ -120,11 +137,31 @@ class MavProxy:
         self.sim = sim
         assert MAVPROXY is not None
         out = f"udpout:127.0.0.1:{free_port()}"
-        options = ["--state-basedir", str(folder), "--default-modules", "mode,arm,param,wp,cmdlong,misc,rally,link"]
-        command = [sys.executable, MAVPROXY, "--master", sim.endpoint(), "--out", out, "--retries", "9", *options]
+        options = [
+            "--state-basedir",
+            str(folder),
+            "--default-modules",
+            "mode,arm,param,wp,cmdlong,misc,rally,link",
+        ]
+        command = [
+            sys.executable,
+            MAVPROXY,
+            "--master",
+            sim.endpoint(),
+            "--out",
+            out,
+            "--retries",
+            "9",
+            *options,
+        ]
         self._file = self._said.open("w")
         self.process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=self._file, stderr=subprocess.STDOUT, text=True, cwd=folder
+            command,
+            stdin=subprocess.PIPE,
+            stdout=self._file,
+            stderr=subprocess.STDOUT,
+            text=True,
+            cwd=folder,
         )
 
     def type(self, line: str) -> None:
@@ -160,9 +197,24 @@ def mavproxy(sim: Simulator, folder: Path) -> Iterator[MavProxy]:
 def waypoints(folder: Path) -> Path:
     """A QGC WPL file: home, take-off, a point, land."""
     rows = ["QGC WPL 110"]
-    for i, (frame, command, north) in enumerate(((0, 16, 0.0), (3, 22, 0.0), (3, 16, 8.0), (3, 21, 8.0))):
+    for i, (frame, command, north) in enumerate(
+        ((0, 16, 0.0), (3, 22, 0.0), (3, 16, 8.0), (3, 21, 8.0))
+    ):
         lat = ORIGIN["lat_deg"] + north / 111_200.0
-        numbers = [i, int(i == 0), frame, command, 0, 0, 0, 0, f"{lat:.7f}", f"{ORIGIN['lon_deg']:.7f}", 5.0, 1]
+        numbers = [
+            i,
+            int(i == 0),
+            frame,
+            command,
+            0,
+            0,
+            0,
+            0,
+            f"{lat:.7f}",
+            f"{ORIGIN['lon_deg']:.7f}",
+            5.0,
+            1,
+        ]
         rows.append("\t".join(str(x) for x in numbers))
     path = folder / "mission.txt"
     path.write_text("\n".join(rows) + "\n")

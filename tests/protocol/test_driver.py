@@ -1,7 +1,8 @@
-"""The driver against the simulator, both personas. Every wait is for an observed state, bounded in mission time.
+"""The driver against the simulator, both personas. Every wait is for an observed state, bounded in
+mission time.
 
-The whole way up and down again goes over UDP to the simulator's own process, `SPEEDUP` times faster than the wall
-clock; what else may happen is played in memory on a virtual clock.
+The whole way up and down again goes over UDP to the simulator's own process, `SPEEDUP` times faster
+than the wall clock; what else may happen is played in memory on a virtual clock.
 """
 
 from __future__ import annotations
@@ -51,13 +52,16 @@ both = pytest.mark.parametrize("persona", DEFAULTS)
 
 
 class Flight:
-    """One simulated vehicle and its link, in this process: bytes carried in memory, on a virtual clock."""
+    """One simulated vehicle and its link, in this process: bytes carried in memory, on a virtual
+    clock."""
 
     def __init__(self, persona: str, *, ready_after_s: float = 1.0, autopilot: str = "") -> None:
         near, self._far = memory_wires()
         vehicle = _vehicle(persona, 14600, ready_after_s)
         settings = {"version": 1, "epoch_s": 0.0, "origin": ORIGIN, "vehicles": [vehicle]}
-        self._hub = Hub(SimConfig.model_validate(settings), 0.0, lambda _, data, __: self._far.write(data))
+        self._hub = Hub(
+            SimConfig.model_validate(settings), 0.0, lambda _, data, __: self._far.write(data)
+        )
         self._start(near, autopilot or persona)
 
     def _start(self, wire: str | MemoryWire, autopilot: str) -> None:
@@ -101,7 +105,10 @@ class Flight:
 
     def flying(self, persona: str) -> None:
         self.airborne()
-        self.until(lambda view: view.mode == CONTROLLED[persona] and speed(view) > 1.8, FlyGoal((2.0, 0.0, 0.0)))
+        self.until(
+            lambda view: view.mode == CONTROLLED[persona] and speed(view) > 1.8,
+            FlyGoal((2.0, 0.0, 0.0)),
+        )
 
     def close(self) -> None:
         self.link.close()
@@ -113,8 +120,16 @@ class RealFlight(Flight):
     def __init__(self, folder: Path, persona: str) -> None:
         self.epoch_s = time.monotonic()
         port = _free_port()
-        truth = {"truth_path": str(folder / "truth.jsonl"), "speedup": SPEEDUP, "epoch_s": self.epoch_s}
-        config = {"version": 1, "origin": ORIGIN, "vehicles": [_vehicle(persona, port, 1.0)]} | truth
+        truth = {
+            "truth_path": str(folder / "truth.jsonl"),
+            "speedup": SPEEDUP,
+            "epoch_s": self.epoch_s,
+        }
+        config = {
+            "version": 1,
+            "origin": ORIGIN,
+            "vehicles": [_vehicle(persona, port, 1.0)],
+        } | truth
         (folder / "sim.json").write_text(json.dumps(config))
         arguments = [sys.executable, "-m", "sim", "--config", str(folder / "sim.json")]
         self.simulator = subprocess.Popen(arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
@@ -189,7 +204,8 @@ def test_the_whole_way_up_and_down_again(persona: str, tmp_path: Path) -> None:
 
 
 def test_a_slow_start_is_waited_out() -> None:
-    """A real ArduCopter's cold start: ready after 42 s, no local position before although its stream was accepted."""
+    """A real ArduCopter's cold start: ready after 42 s, no local position before although its
+    stream was accepted."""
     with flight("ardupilot", ready_after_s=42.0) as fly:
         view = fly.until(lambda view: math.isfinite(view.heartbeat_s), StandbyGoal())
         assert not view.healthy
@@ -203,7 +219,9 @@ def test_a_slow_start_is_waited_out() -> None:
 def test_a_stream_that_another_ground_station_slows_is_taken_back() -> None:
     with flight("ardupilot") as fly:
         fly.until(lambda view: view.healthy, StandbyGoal())
-        message = common.MAVLink_request_data_stream_message(SYSID, 1, common.MAV_DATA_STREAM_ALL, 4, 1)
+        message = common.MAVLink_request_data_stream_message(
+            SYSID, 1, common.MAV_DATA_STREAM_ALL, 4, 1
+        )
         fly.link._send(message, fly.now())
         gaps = Gaps(fly)
         fly.until(lambda view: gaps.newest() == pytest.approx(0.25, abs=0.02), None)
@@ -249,10 +267,17 @@ def test_a_mode_changed_by_somebody_else_is_not_fought(persona: str) -> None:
         fly.link._send(message, fly.now())
         fly.until(lambda view: not view.controlled, FlyGoal((0.0, 0.0, 0.0)))
         setpoints, end = fly.link.counters.setpoints, fly.now() + 10.0
-        assert fly.until(lambda view: view.controlled or fly.now() > end, FlyGoal((0.0, 0.0, 0.0))).mode == pilots
+        assert (
+            fly.until(
+                lambda view: view.controlled or fly.now() > end, FlyGoal((0.0, 0.0, 0.0))
+            ).mode
+            == pilots
+        )
         assert fly.link.counters.setpoints == setpoints
         end = fly.now() + 5.0
-        assert fly.until(lambda view: view.controlled or fly.now() > end, YieldGoal()).mode == pilots
+        assert (
+            fly.until(lambda view: view.controlled or fly.now() > end, YieldGoal()).mode == pilots
+        )
 
 
 @both

@@ -13,7 +13,13 @@ from tests.protocol.simulator import ORIGIN, Pilot, Simulator, pilot, settings, 
 PERSONAS = pytest.mark.parametrize("persona", ["ardupilot", "px4"])
 PREARM = 0x10000000
 ARMED = 128
-CUSTOM_MODE = {"GUIDED": 4, "LAND": 9, "OFFBOARD": 6 << 16, "POSCTL": 3 << 16, "AUTO.LAND": 4 << 16 | 6 << 24}
+CUSTOM_MODE = {
+    "GUIDED": 4,
+    "LAND": 9,
+    "OFFBOARD": 6 << 16,
+    "POSCTL": 3 << 16,
+    "AUTO.LAND": 4 << 16 | 6 << 24,
+}
 
 
 @pytest.fixture
@@ -59,7 +65,9 @@ def test_a_whole_flight(flown: tuple[Simulator, Pilot], persona: str) -> None:
     take_off(p, persona, 5.0)
     follow_setpoints(p, persona)
     p.wait(
-        "LOCAL_POSITION_NED", lambda m: abs(m.vx - 2.0) < 0.3 and abs(m.vy - 1.0) < 0.2, each=p.velocity(2.0, 1.0, 0.0)
+        "LOCAL_POSITION_NED",
+        lambda m: abs(m.vx - 2.0) < 0.3 and abs(m.vy - 1.0) < 0.2,
+        each=p.velocity(2.0, 1.0, 0.0),
     )
     there = p.wait("LOCAL_POSITION_NED", each=p.velocity(2.0, 1.0, 0.0))
     if persona == "ardupilot":
@@ -94,7 +102,10 @@ def check_truth(sim: Simulator, p: Pilot) -> None:
     assert lines[0]["type"] == "header"
     assert lines[0]["sysids"] == [1, 2]
     assert lines[-1]["type"] == "end"
-    assert [(x["sysid"], x["event"]) for x in lines if x["type"] == "event"] == [(1, "liftoff"), (1, "touchdown")]
+    assert [(x["sysid"], x["event"]) for x in lines if x["type"] == "event"] == [
+        (1, "liftoff"),
+        (1, "touchdown"),
+    ]
     states = [x for x in lines if x["type"] == "state"]
     times = [x["t"] for x in states]
     regular = times[:-1]  # the last one is written when the simulator ends, whatever the rate
@@ -122,7 +133,13 @@ def test_the_other_vehicle_is_seen_as_traffic(flown: tuple[Simulator, Pilot], pe
 @PERSONAS
 def test_garbage_on_the_port_harms_nobody(flown: tuple[Simulator, Pilot], persona: str) -> None:
     _, p = flown
-    for junk in (b"", b"\x00" * 2000, b"\xfd" * 300, b"\xfd\xff\x01" + b"x" * 40, bytes(range(256)) * 5):
+    for junk in (
+        b"",
+        b"\x00" * 2000,
+        b"\xfd" * 300,
+        b"\xfd\xff\x01" + b"x" * 40,
+        bytes(range(256)) * 5,
+    ):
         p._link.write(junk)
     p.mav.command_long_send(99, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
     assert p.command(512, 148) == 0
@@ -145,8 +162,11 @@ def test_two_clients_at_once(flown: tuple[Simulator, Pilot], persona: str) -> No
 
 
 @pytest.mark.parametrize("persona", ["ardupilot"])
-def test_gcs_silence_lands_when_the_parameter_says_so(flown: tuple[Simulator, Pilot], persona: str) -> None:
-    """Also what ends a swarm whose agents died: the lifeline waits for the vehicle to come down by itself."""
+def test_gcs_silence_lands_when_the_parameter_says_so(
+    flown: tuple[Simulator, Pilot], persona: str
+) -> None:
+    """Also what ends a swarm whose agents died: the lifeline waits for the vehicle to come down by
+    itself."""
     sim, p = flown
     p.mav.param_set_send(1, 1, b"FS_GCS_ENABLE", 5, 2)
     assert p.wait("PARAM_VALUE", lambda m: m.param_id == "FS_GCS_ENABLE").param_value == 5

@@ -1,4 +1,5 @@
-"""MAVSDK, a client nobody here wrote: connects, reads, flies, falls silent, and sees what the vehicle makes of it."""
+"""MAVSDK, a client nobody here wrote: connects, reads, flies, falls silent, and sees what the
+vehicle makes of it."""
 
 from __future__ import annotations
 
@@ -24,7 +25,8 @@ from mavsdk.plugins.telemetry import Telemetry  # noqa: E402
 from mavsdk.plugins.telemetry.telemetry import FlightMode  # noqa: E402
 
 SPEEDUP = 3.0
-"""MAVSDK sends setpoints 20 times a wall-clock second: still fast enough for a vehicle that lives so much faster."""
+"""MAVSDK sends setpoints 20 times a wall-clock second: still fast enough for a vehicle that lives
+so much faster."""
 
 
 class Client:
@@ -99,7 +101,9 @@ def fly_offboard(sim: Simulator, c: Client) -> None:
 
 
 @pytest.mark.parametrize("persona", ["ardupilot", "px4"])
-def test_mavsdk_flies_a_mission_then_velocities_and_its_silence_is_noticed(tmp_path: Path, persona: str) -> None:
+def test_mavsdk_flies_a_mission_then_velocities_and_its_silence_is_noticed(
+    tmp_path: Path, persona: str
+) -> None:
     configuration = settings(tmp_path, persona) | {"speedup": SPEEDUP}
     with simulator(tmp_path, configuration) as sim:
         with client(sim) as c:
@@ -107,9 +111,16 @@ def test_mavsdk_flies_a_mission_then_velocities_and_its_silence_is_noticed(tmp_p
             name = {"ardupilot": "GUID_TIMEOUT", "px4": "COM_OF_LOSS_T"}[persona]
             parameters.set_param_float(name, 2.0)
             assert parameters.get_param_float(name) == 2.0
-            assert parameters.get_param_int({"ardupilot": "MAV_SYSID", "px4": "MAV_SYS_ID"}[persona]) == 1
+            assert (
+                parameters.get_param_int({"ardupilot": "MAV_SYSID", "px4": "MAV_SYS_ID"}[persona])
+                == 1
+            )
             action = Action(c.system)
-            until(sim, "health", lambda: c.telemetry.health().is_armable and c.telemetry.health_all_ok())
+            until(
+                sim,
+                "health",
+                lambda: c.telemetry.health().is_armable and c.telemetry.health_all_ok(),
+            )
             action.set_takeoff_altitude(4.0)
             action.arm()
             action.takeoff()
@@ -121,7 +132,13 @@ def test_mavsdk_flies_a_mission_then_velocities_and_its_silence_is_noticed(tmp_p
             if persona == "px4":
                 until(sim, "failsafe", lambda: c.telemetry.flight_mode() == FlightMode.POSCTL)
             else:
-                until(sim, "stop", lambda: c.telemetry.in_air() and abs(c.telemetry.velocity_ned().north_m_s) < 0.1)
+                until(
+                    sim,
+                    "stop",
+                    lambda: (
+                        c.telemetry.in_air() and abs(c.telemetry.velocity_ned().north_m_s) < 0.1
+                    ),
+                )
                 assert c.telemetry.armed()
                 Action(c.system).land()
             until(sim, "landing", lambda: not c.telemetry.in_air())

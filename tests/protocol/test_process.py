@@ -19,7 +19,12 @@ from tests.protocol.simulator import Pilot, command_line, pilot, settings, simul
 def refused(tmp_path: Path, configuration: dict[str, Any]) -> tuple[int, str, str]:
     """Exit code, stdout, stderr of one that doesn't start."""
     done = subprocess.run(
-        command_line(tmp_path, configuration), input="", capture_output=True, text=True, timeout=60, check=False
+        command_line(tmp_path, configuration),
+        input="",
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
     )
     return done.returncode, done.stdout, done.stderr
 
@@ -27,7 +32,9 @@ def refused(tmp_path: Path, configuration: dict[str, Any]) -> tuple[int, str, st
 def test_says_once_that_it_is_ready_and_where_it_listens(tmp_path: Path) -> None:
     configuration = settings(tmp_path, "ardupilot", n=3)
     with simulator(tmp_path, configuration) as sim:
-        listed = [{"sysid": v["sysid"], "endpoint": v["endpoint"]} for v in configuration["vehicles"]]
+        listed = [
+            {"sysid": v["sysid"], "endpoint": v["endpoint"]} for v in configuration["vehicles"]
+        ]
         assert sim.ready == {"ready": True, "vehicles": listed}
         sim.cut_lifeline()
         assert sim.end() == 0
@@ -68,7 +75,9 @@ def test_a_truth_file_that_can_not_be_written_exits_with_3(tmp_path: Path) -> No
 
 
 def test_without_a_configuration_it_says_what_it_wants() -> None:
-    done = subprocess.run([sys.executable, "-m", "sim"], capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(
+        [sys.executable, "-m", "sim"], capture_output=True, text=True, timeout=60, check=False
+    )
     assert done.returncode == 2
     assert "--config" in done.stderr
 
@@ -81,7 +90,8 @@ def test_sigterm_ends_it_at_once_with_a_finished_truth_file(tmp_path: Path) -> N
 
 
 def test_sigint_is_not_for_it(tmp_path: Path) -> None:
-    """The terminal's Ctrl-C reaches the whole process group; landing the swarm needs the vehicles."""
+    """The terminal's Ctrl-C reaches the whole process group; landing the swarm needs the
+    vehicles."""
     with simulator(tmp_path, settings(tmp_path, "ardupilot")) as sim, pilot(sim) as p:
         sim.process.send_signal(signal.SIGINT)
         p.wait("HEARTBEAT")
@@ -136,7 +146,9 @@ def test_with_a_key_only_signed_frames_are_served(tmp_path: Path) -> None:
 
 def test_a_bad_key_is_one_line_and_exit_code_2(tmp_path: Path) -> None:
     (tmp_path / "key").write_bytes(b"sesame")
-    code, out, err = refused(tmp_path, settings(tmp_path, "ardupilot") | {"signing_key_path": str(tmp_path / "key")})
+    code, out, err = refused(
+        tmp_path, settings(tmp_path, "ardupilot") | {"signing_key_path": str(tmp_path / "key")}
+    )
     assert (code, out, len(err.splitlines())) == (2, "", 1)
     assert "key" in err
     assert "sesame" not in err

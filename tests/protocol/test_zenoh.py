@@ -1,4 +1,5 @@
-"""The real transport, two sessions on loopback: what is timed has the time when it came, the rest that of the look."""
+"""The real transport, two sessions on loopback: what is timed has the time when it came, the rest
+that of the look."""
 
 from __future__ import annotations
 
@@ -27,7 +28,9 @@ def test_the_time_of_receipt() -> None:
         timed, looked_for = here.subscribe("test/*/word", timed=True), here.subscribe("test/*/word")
         assert isinstance(timed, TimedInlet)
         until = time.monotonic() + PATIENCE_S
-        while not timed._waiting and time.monotonic() < until:  # what is said before the link is up is lost
+        while (
+            not timed._waiting and time.monotonic() < until
+        ):  # what is said before the link is up is lost
             there.publish("test/2/word", b"first", NEWEST)
             time.sleep(0.05)
         shows[0] = 9.0

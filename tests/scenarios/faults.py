@@ -1,7 +1,9 @@
-"""What goes wrong, as rows, each with the checks that it must pass; the same seed gives the same trace.
+"""What goes wrong, as rows, each with the checks that it must pass; the same seed gives the same
+trace.
 
-A row is a mission, what is wrong from the start (mesh, clocks, vehicles), and what happens when. Times of happenings
-count from the first tick of the form step, where the agents cross each other's ways.
+A row is a mission, what is wrong from the start (mesh, clocks, vehicles), and what happens when.
+Times of happenings count from the first tick of the form step, where the agents cross each other's
+ways.
 """
 
 from __future__ import annotations
@@ -47,7 +49,8 @@ FORM = 2
 
 @functools.cache
 def mission(policy: str = "land") -> LoadedMission:
-    """Four on a square all change to the opposite corner, through each other's midst; then they fly a bit."""
+    """Four on a square all change to the opposite corner, through each other's midst; then they fly
+    a bit."""
     return loads(TEXT.format(policy=policy))
 
 
@@ -65,7 +68,11 @@ class Faulty:
 
     def _wrap(self, transport: Transport, agent: int) -> Transport:
         wrapped = ImpairedTransport(
-            transport, [*IDS, "station"], self.row.mesh, lambda: self.swarm.now, self._seed * 100 + agent
+            transport,
+            [*IDS, "station"],
+            self.row.mesh,
+            lambda: self.swarm.now,
+            self._seed * 100 + agent,
         )
         self.transports[agent] = wrapped
         return wrapped
@@ -73,7 +80,12 @@ class Faulty:
     def fly(self) -> None:
         """From the start to the end, with all that happens."""
         swarm = self.swarm
-        swarm.wait(lambda s: any(m.status is not None and m.status.step >= FORM for m in s.members.values()), 60)
+        swarm.wait(
+            lambda s: any(
+                m.status is not None and m.status.step >= FORM for m in s.members.values()
+            ),
+            60,
+        )
         begun = swarm.now
         for at_s, happening in self.row.happenings:
             while swarm.now < begun + at_s:
@@ -87,7 +99,13 @@ class Faulty:
         """Everything that a run of the same seed has to repeat, to the last bit."""
         swarm = self.swarm
         places = swarm.hub.world.positions().tobytes()
-        return swarm.now, swarm.minimum, swarm.events, places, [m.goals for m in swarm.members.values()]
+        return (
+            swarm.now,
+            swarm.minimum,
+            swarm.events,
+            places,
+            [m.goals for m in swarm.members.values()],
+        )
 
 
 Happening = tuple[float, Callable[[Faulty], None]]
@@ -104,7 +122,8 @@ def ahead(offset_s: float, drift: float = 0.0) -> Callable[[float], float]:
 
 
 def parted(faulty: Faulty) -> None:
-    """1 and 2 no longer hear 3 and 4, nor they them; the station stays with 1 and 2 and is heard by all."""
+    """1 and 2 no longer hear 3 and 4, nor they them; the station stays with 1 and 2 and is heard by
+    all."""
     for agent, transport in faulty.transports.items():
         transport.silent |= {str(other) for other in IDS if (other <= 2) != (agent <= 2)}
 
@@ -156,7 +175,9 @@ def lies(agent: int) -> Callable[[Faulty], None]:
 
     def moved(state: AgentState) -> AgentState:
         (n, e, d), (stop_n, stop_e) = state.position_ned_m, state.stop_point_m
-        return replace(state, position_ned_m=(n + LIE_M, e, d), stop_point_m=(stop_n + LIE_M, stop_e))
+        return replace(
+            state, position_ned_m=(n + LIE_M, e, d), stop_point_m=(stop_n + LIE_M, stop_e)
+        )
 
     return lambda faulty: setattr(faulty.swarm.members[agent], "tampered", moved)
 
@@ -230,7 +251,8 @@ class Row:
     policy: str = Policy.LAND.value
     within_s: float = 240.0
     falls: bool = False
-    """Out of the sky: nobody steers that, so where it comes down in gusts, 8 m under the others, proves nothing."""
+    """Out of the sky: nobody steers that, so where it comes down in gusts, 8 m under the others,
+    proves nothing."""
 
     def __str__(self) -> str:
         return self.name
@@ -250,7 +272,11 @@ ROWS = (
     Row("0.5 s late", (*SAFE, outcome("failed"), says("timed out")), Impairment(delay_s=0.5)),
     Row("a third comes twice", GOOD, Impairment(jitter_s=0.2, duplicate=0.33)),
     Row("lost, late, twice", GOOD, Impairment(0.3, 0.05, 0.15, 0.2)),
-    Row("parted for 3 s", (*GOOD, says("is not heard", "is heard again")), happenings=((3, parted), (6, healed))),
+    Row(
+        "parted for 3 s",
+        (*GOOD, says("is not heard", "is heard again")),
+        happenings=((3, parted), (6, healed)),
+    ),
     Row(
         "parted for 8 s",
         (*SAFE, outcome("failed"), says(LOST.format(1), LOST.format(3))),
@@ -258,8 +284,14 @@ ROWS = (
     ),
     Row("parted for 8 s, goes on", GOOD, happenings=((3, parted), (11, healed)), policy="continue"),
     # as over TCP that loses packets: everything waits for what was lost
-    Row("in spurts", GOOD, happenings=tuple((1.2 * k + dt, do) for k in range(50) for dt, do in _SPURT)),
-    Row("one is deaf", (*SAFE, outcome("failed"), says(LOST.format(1))), happenings=((3, deaf(4)),)),
+    Row(
+        "in spurts",
+        GOOD,
+        happenings=tuple((1.2 * k + dt, do) for k in range(50) for dt, do in _SPURT),
+    ),
+    Row(
+        "one is deaf", (*SAFE, outcome("failed"), says(LOST.format(1))), happenings=((3, deaf(4)),)
+    ),
     Row(
         "one has lost the mesh",
         (*SAFE, outcome("failed"), says(LOST.format(2), "no ground station")),
@@ -269,7 +301,11 @@ ROWS = (
     Row("clocks apart by 0.7 s", GOOD, clocks={1: ahead(-0.7)}),
     Row("clocks apart by seconds", GOOD, clocks={1: ahead(5.0), 3: ahead(-5.0)}),
     Row("clocks apart by an hour", GOOD, clocks={1: ahead(3600.0), 4: ahead(-3600.0)}),
-    Row("clocks drift", GOOD, clocks={1: ahead(0.0, 5e-4), 2: ahead(0.0, 1e-4), 4: ahead(0.0, -4e-4)}),
+    Row(
+        "clocks drift",
+        GOOD,
+        clocks={1: ahead(0.0, 5e-4), 2: ahead(0.0, 1e-4), 4: ahead(0.0, -4e-4)},
+    ),
     Row(
         "clocks apart, drifting; lost, late, twice",
         GOOD,
@@ -277,7 +313,10 @@ ROWS = (
         clocks={1: ahead(3600.0, 1e-4), 2: ahead(-0.3, -1e-4), 3: ahead(-0.7, 2e-4)},
     ),
     Row(
-        "clocks apart; 0.2 s late, a fifth is lost", GOOD, Impairment(0.2, 0.2), clocks={1: ahead(0.5), 3: ahead(-9.0)}
+        "clocks apart; 0.2 s late, a fifth is lost",
+        GOOD,
+        Impairment(0.2, 0.2),
+        clocks={1: ahead(0.5), 3: ahead(-9.0)},
     ),
     Row("a clock jumps ahead", GOOD, happenings=((3, clock(2, 2.0)),)),
     Row("a clock jumps back", GOOD, happenings=((3, clock(2, -2.0)),)),
@@ -293,9 +332,18 @@ ROWS = (
         (*SAFE, outcome("failed"), says(LOST.format(3))),
         happenings=((3, frozen(3)), (13, frozen(3, stops=False))),
     ),
-    Row("dies", (*SAFE, outcome("failed", of=(1, 2, 4)), says(LOST.format(3))), happenings=((3, dead(3)),)),
-    # the others follow what it says, and it follows the others: the shape never comes to rest, and drifts to the fence
-    Row("lies by 3 m", (*SAFE, outcome("failed"), says("outside the geofence")), happenings=((1, lies(2)),)),
+    Row(
+        "dies",
+        (*SAFE, outcome("failed", of=(1, 2, 4)), says(LOST.format(3))),
+        happenings=((3, dead(3)),),
+    ),
+    # the others follow what it says, and it follows the others: the shape never comes to rest, and
+    # drifts to the fence
+    Row(
+        "lies by 3 m",
+        (*SAFE, outcome("failed"), says("outside the geofence")),
+        happenings=((1, lies(2)),),
+    ),
     Row(
         "a vehicle restarts in the air",  # and falls; nobody asks it again for what it said before
         (*SAFE, outcome("failed"), says("disarmed by somebody else")),

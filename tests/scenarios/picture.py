@@ -1,7 +1,7 @@
 """Draws the README's picture: `python -m tests.scenarios.picture docs/live.svg`.
 
-Flies the hexagon on the virtual clock (real agents, drivers and simulator) and draws what a ground station shows after
-`--seconds` of mission time.
+Flies the hexagon on the virtual clock (real agents, drivers and simulator) and draws what a ground
+station shows after `--seconds` of mission time.
 """
 
 from __future__ import annotations
@@ -22,7 +22,13 @@ from swarm_ctl.station.picture.model import Model
 from tests.scenarios.swarm import VirtualSwarm
 
 WIDTH, HEIGHT = 100, 22
-CHANNELS: tuple[keys.Channel[Any], ...] = (keys.STATE, keys.STATUS, keys.SIGMA, keys.EVENT, keys.BEACON)
+CHANNELS: tuple[keys.Channel[Any], ...] = (
+    keys.STATE,
+    keys.STATUS,
+    keys.SIGMA,
+    keys.EVENT,
+    keys.BEACON,
+)
 
 
 def main() -> None:
@@ -41,7 +47,9 @@ def main() -> None:
         for channel in CHANNELS:
             for payload, received_s in node.take(channel):
                 model.fold(payload, received_s)
-    console = Console(record=True, width=WIDTH, height=HEIGHT, file=io.StringIO(), force_terminal=True)
+    console = Console(
+        record=True, width=WIDTH, height=HEIGHT, file=io.StringIO(), force_terminal=True
+    )
     console.print(render(model.view(swarm.now), WIDTH, HEIGHT))
     console.save_svg(str(arguments.svg), title="swarm-ctl run missions/hexagon.yaml")
 

@@ -1,7 +1,8 @@
 """Draws the README's pictures of the dashboard: `python -m tests.scenarios.screenshots docs`.
 
-Flies the hexagon with the slots crossed (so that agents meet and sigma has something to do) on the virtual clock (real
-agents, drivers and simulator) and takes each screen, dark and light: `docs/dashboard-swarm-dark.svg` and so on.
+Flies the hexagon with the slots crossed (so that agents meet and sigma has something to do) on the
+virtual clock (real agents, drivers and simulator) and takes each screen, dark and light:
+`docs/dashboard-swarm-dark.svg` and so on.
 """
 
 from __future__ import annotations
@@ -23,7 +24,13 @@ from tests.scenarios.swarm import VirtualSwarm
 
 SIZE: Final = (132, 36)
 VIEW_EVERY_S: Final = 0.2
-CHANNELS: Final[tuple[keys.Channel[Any], ...]] = (keys.STATE, keys.STATUS, keys.SIGMA, keys.EVENT, keys.ACK)
+CHANNELS: Final[tuple[keys.Channel[Any], ...]] = (
+    keys.STATE,
+    keys.STATUS,
+    keys.SIGMA,
+    keys.EVENT,
+    keys.ACK,
+)
 
 
 def main() -> None:

@@ -1,4 +1,5 @@
-"""The project's own scenarios fly the same virtual swarm that comes with the package for everybody's tests."""
+"""The project's own scenarios fly the same virtual swarm that comes with the package for
+everybody's tests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Agents with clocks of their own, on the virtual clock: they fly as if there were one, and see late news as late."""
+"""Agents with clocks of their own, on the virtual clock: they fly as if there were one, and see
+late news as late."""
 
 from __future__ import annotations
 
@@ -21,7 +22,8 @@ def peer(swarm: VirtualSwarm, agent: int, other: int) -> Peer:
 
 
 def test_they_fly_as_with_one_clock() -> None:
-    """To the same places in the same time; and each link's report tells the offset, to half the round trip."""
+    """To the same places in the same time; and each link's report tells the offset, to half the
+    round trip."""
     one, own = (Faulty(Row("clocks", GOOD, clocks=clocks), 1) for clocks in ({}, CLOCKS))
     for flight in (one, own):
         flight.fly()
@@ -34,9 +36,14 @@ def test_they_fly_as_with_one_clock() -> None:
         for j, link in member.status.links.items():
             assert link.clock_ahead_s is not None
             assert link.round_trip_s is not None
-            true_s = told_s / (1.0 + (1e-4 if i == 1 else -1e-4 if i == 3 else 0.0))  # near enough for a drift
+            true_s = told_s / (
+                1.0 + (1e-4 if i == 1 else -1e-4 if i == 3 else 0.0)
+            )  # near enough for a drift
             truth = CLOCKS[j](0.0) - CLOCKS[i](0.0)
-            assert abs(link.clock_ahead_s - truth) <= 0.5 * link.round_trip_s + 2e-4 * abs(true_s) + 1e-3
+            assert (
+                abs(link.clock_ahead_s - truth)
+                <= 0.5 * link.round_trip_s + 2e-4 * abs(true_s) + 1e-3
+            )
 
 
 def test_a_start_takes_no_longer() -> None:
@@ -50,17 +57,22 @@ def test_a_start_takes_no_longer() -> None:
 
 
 def test_who_is_not_answered_does_not_arm_and_says_why() -> None:
-    """Agent 4 is heard and hears nobody: nobody knows from when its news is, so nobody flies with it."""
+    """Agent 4 is heard and hears nobody: nobody knows from when its news is, so nobody flies with
+    it."""
     faulty = Faulty(Row("deaf", ()), 1)
     faulty.transports[4].silent |= {"1", "2", "3"}
     faulty.swarm.run(8.0)
-    reasons = [member.status.reason for i, member in faulty.swarm.members.items() if member.status and i != 4]
+    reasons = [
+        member.status.reason
+        for i, member in faulty.swarm.members.items()
+        if member.status and i != 4
+    ]
     assert reasons == ["agent 4 is heard and has not answered yet: its clock is not known"] * 3
 
 
 def test_news_that_is_late_one_way_is_seen_as_late() -> None:
-    """Agent 4 hears everybody 0.4 s late and is heard at once: it knows that the news may be so old, whatever the
-    clocks, and nobody comes too near.
+    """Agent 4 hears everybody 0.4 s late and is heard at once: it knows that the news may be so
+    old, whatever the clocks, and nobody comes too near.
     """
     faulty = Faulty(Row("one hears late", (), clocks=CLOCKS), 1)
     faulty.transports[4].impairment = Impairment(delay_s=0.4)
@@ -81,7 +93,8 @@ def test_news_that_is_late_one_way_is_seen_as_late() -> None:
 
 
 class Polled:
-    """As the real mesh gives it: news is received when it is looked for, but for what is to be timed."""
+    """As the real mesh gives it: news is received when it is looked for, but for what is to be
+    timed."""
 
     def __init__(self, inner: Transport, swarm: list[VirtualSwarm]) -> None:
         self._inner, self._swarm = inner, swarm
@@ -96,9 +109,12 @@ class Polled:
 
 
 def test_one_that_was_stopped_takes_no_dead_peer_for_heard() -> None:
-    """SIGSTOP for ten seconds, in which a peer dies: its last news waits in the queue, and is as old as it is."""
+    """SIGSTOP for ten seconds, in which a peer dies: its last news waits in the queue, and is as
+    old as it is."""
     swarms: list[VirtualSwarm] = []
-    swarm = VirtualSwarm(mission("continue"), clocks=CLOCKS, mesh=lambda inner, _: Polled(inner, swarms))
+    swarm = VirtualSwarm(
+        mission("continue"), clocks=CLOCKS, mesh=lambda inner, _: Polled(inner, swarms)
+    )
     swarms.append(swarm)
     swarm.wait(lambda s: s.in_step(FORM), 60)
     swarm.run(1.0)
@@ -116,5 +132,6 @@ def test_one_that_was_stopped_takes_no_dead_peer_for_heard() -> None:
 
 
 def test_only_what_has_to_be_timed_is() -> None:
-    """A message timed on arrival costs a wake-up of its own: not for what comes twenty times a second."""
+    """A message timed on arrival costs a wake-up of its own: not for what comes twenty times a
+    second."""
     assert [channel.name for channel in keys.CHANNELS if channel.qos.timed] == ["clock"]

@@ -1,4 +1,5 @@
-"""An operator's commands on the virtual clock: acknowledged by each agent, idempotent, refused where they can't be."""
+"""An operator's commands on the virtual clock: acknowledged by each agent, idempotent, refused
+where they can't be."""
 
 from __future__ import annotations
 
@@ -28,7 +29,9 @@ def holding() -> VirtualSwarm:
     return swarm
 
 
-def give(swarm: VirtualSwarm, kind: str, name: str = "", **more: Any) -> list[tuple[int, bool, str]]:
+def give(
+    swarm: VirtualSwarm, kind: str, name: str = "", **more: Any
+) -> list[tuple[int, bool, str]]:
     swarm.acks.clear()
     swarm.command(kind, name=name or f"{kind}-{swarm.now:.2f}", **more)
     swarm.run(0.2)
@@ -154,7 +157,11 @@ def test_on_the_ground_commands_are_refused(kind: str) -> None:
         ("form", {}, "no shape"),
         ("form", {"step": ROW, "agents": (1,)}, "whole swarm"),
         ("form", {"step": FormStep("x", ROW.slots[:3], 0.5, 2, 9)}, "3 slots for 4 agents"),
-        ("form", {"step": FormStep("x", ((0.0, 0.0),) * 4, 0.5, 2, 9)}, "apart; allowed: more than r_out"),
+        (
+            "form",
+            {"step": FormStep("x", ((0.0, 0.0),) * 4, 0.5, 2, 9)},
+            "apart; allowed: more than r_out",
+        ),
         ("form", {"step": ROW, "plan_hash": 1}, "made for the plan"),
         ("move", {}, "no point"),
         ("move", {"step": move_to(2000, 0)}, "outside the geofence"),
@@ -162,7 +169,9 @@ def test_on_the_ground_commands_are_refused(kind: str) -> None:
         ("move", {"step": move_to(10, 0), "agents": (2,)}, "as a whole"),
     ],
 )
-def test_what_cannot_be_is_refused(holding: VirtualSwarm, kind: str, more: dict[str, Any], reason: str) -> None:
+def test_what_cannot_be_is_refused(
+    holding: VirtualSwarm, kind: str, more: dict[str, Any], reason: str
+) -> None:
     """With the reason, and nothing happens."""
     answers = give(holding, kind, **more)
     meant = [answer for answer in answers if "not meant" not in answer[2]]

@@ -1,4 +1,5 @@
-"""Slot exchange flown by whole agents on the virtual clock: whose slot is whose, in this step and those that follow."""
+"""Slot exchange flown by whole agents on the virtual clock: whose slot is whose, in this step and
+those that follow."""
 
 from __future__ import annotations
 
@@ -34,7 +35,8 @@ def formed_s(swarm: VirtualSwarm) -> float:
 
 
 def test_exchange_saves_the_way_past_each_other() -> None:
-    """Fixed slots are flown to, all past each other; with exchange the row stands where it was, much sooner."""
+    """Fixed slots are flown to, all past each other; with exchange the row stands where it was,
+    much sooner."""
     fixed, exchanged = (fly(turned_round("land", exchange=exchange)) for exchange in (False, True))
     assert_good(fixed)
     assert_good(exchanged)
@@ -48,7 +50,11 @@ def test_exchange_saves_the_way_past_each_other() -> None:
     "steps",
     [
         ("rotate: {angle_deg: 90}", "move: {to: [30, 13], speed_mps: 2}", "land"),
-        ("form: {shape: square, slots: fixed, settle_s: 2, neighbours: rechoose}", "scale: {factor: 1.3}", "land"),
+        (
+            "form: {shape: square, slots: fixed, settle_s: 2, neighbours: rechoose}",
+            "scale: {factor: 1.3}",
+            "land",
+        ),
         ("form: {shape: square, settle_s: 2}", "return"),
     ],
 )

@@ -1,4 +1,5 @@
-"""The rows of `faults.py`: nobody too near, nothing hangs, everybody comes down, and the log says why."""
+"""The rows of `faults.py`: nobody too near, nothing hangs, everybody comes down, and the log says
+why."""
 
 from __future__ import annotations
 
@@ -24,7 +25,8 @@ def test_fault(row: Row) -> None:
 
 
 def test_same_seed_same_trace() -> None:
-    """A flight in bad weather over a bad mesh is repeated to the last bit; another seed is another flight."""
+    """A flight in bad weather over a bad mesh is repeated to the last bit; another seed is another
+    flight."""
     row = next(row for row in ROWS if row.name == "gusts, lost, late")
     flights = [Faulty(row, seed) for seed in (1, 1, 2)]
     for flight in flights:
@@ -55,6 +57,7 @@ def test_fault_again(row: Row, seed: int) -> None:
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("row", [row for row in ROWS if row.happenings and not row.falls], ids=str)
 def test_fault_on_a_bad_day(row: Row, seed: int) -> None:
-    """What happens to one agent, over a mesh that loses a fifth and is late, in gusts: safe whatever the outcome."""
+    """What happens to one agent, over a mesh that loses a fifth and is late, in gusts: safe
+    whatever the outcome."""
     bad = replace(row, checks=SAFE, mesh=Impairment(0.2, 0.05, 0.1, 0.05), vehicles=GUSTY)
     assert wrong(bad, seed) == []

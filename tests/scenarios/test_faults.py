@@ -1,4 +1,5 @@
-"""The fault timetable of a mission file, on the virtual clock: what is set happens, to whom, when, and ends."""
+"""The fault timetable of a mission file, on the virtual clock: what is set happens, to whom, when,
+and ends."""
 
 from __future__ import annotations
 
@@ -37,13 +38,15 @@ simulation:
 
 
 def test_what_the_timetable_says_happens(swarm: Fly) -> None:
-    """From the first lift-off on: a position that jumps moves the vehicle the other way, and back; an empty battery is
-    the end of one agent."""
+    """From the first lift-off on: a position that jumps moves the vehicle the other way, and back;
+    an empty battery is the end of one agent."""
     flight = swarm(TEXT, virtual=True)
     assert isinstance(flight, VirtualFlight)
 
     swarm_flown = flight.swarm
-    swarm_flown.wait(lambda flown: any(event.event == "liftoff" for event in flown.hub.world.events))
+    swarm_flown.wait(
+        lambda flown: any(event.event == "liftoff" for event in flown.hub.world.events)
+    )
     lifted_s = swarm_flown.now
 
     def at(time_s: float) -> dict[int, tuple[float, float]]:
@@ -57,7 +60,11 @@ def test_what_the_timetable_says_happens(swarm: Fly) -> None:
     run = flight.finish()
     assert run.outcomes == {1: "completed", 2: "completed", 3: "failed"}
     assert run.closest_m > 3.0
-    told = [(event.sysid, event.event) for event in swarm_flown.hub.world.events if "SIM_" in event.event]
+    told = [
+        (event.sysid, event.event)
+        for event in swarm_flown.hub.world.events
+        if "SIM_" in event.event
+    ]
     assert told == [(12, "SIM_GPS_JUMP_N 4"), (12, "SIM_GPS_JUMP_N 0"), (3, "SIM_BATT_FAIL 1")]
 
 

@@ -1,4 +1,5 @@
-"""Geofence, battery, speed, tilt and lost links: each limit with each action, on the virtual clock."""
+"""Geofence, battery, speed, tilt and lost links: each limit with each action, on the virtual
+clock."""
 
 from __future__ import annotations
 
@@ -15,7 +16,12 @@ from tests.scenarios.swarm import VirtualSwarm
 from tests.scenarios.test_steps import THIRD, quartet
 
 ACTIONS = [Policy.LAND, Policy.RETURN, Policy.HOLD, Policy.CONTINUE]
-PHASES = {Policy.LAND: Phase.LAND, Policy.RETURN: Phase.RETURN, Policy.HOLD: Phase.HOLD, Policy.CONTINUE: Phase.FLY}
+PHASES = {
+    Policy.LAND: Phase.LAND,
+    Policy.RETURN: Phase.RETURN,
+    Policy.HOLD: Phase.HOLD,
+    Policy.CONTINUE: Phase.FLY,
+}
 
 
 def mission(
@@ -55,7 +61,9 @@ def test_battery(policy: Policy) -> None:
     battery.used_mah = 0.85 * battery.capacity_mah
     swarm.run(6)
     assert phase_of(swarm, 2) is PHASES[policy]
-    assert ("battery at 15 %, the reserve is 20 %" in reasons(swarm)) is (policy is not Policy.CONTINUE)
+    assert ("battery at 15 %, the reserve is 20 %" in reasons(swarm)) is (
+        policy is not Policy.CONTINUE
+    )
     if policy is Policy.HOLD:
         swarm.command("land")
     settle(swarm)
@@ -88,7 +96,10 @@ def test_fence(policy: Policy) -> None:
     row = swarm.hub.world.vehicles[2].row
     group.state.position[row, 0] += 62.0  # carried off at once: the worst gust there is
     swarm.run(3)
-    assert phase_of(swarm, 3) in (PHASES[policy], Phase.HOLD if policy is Policy.LAND else PHASES[policy])
+    assert phase_of(swarm, 3) in (
+        PHASES[policy],
+        Phase.HOLD if policy is Policy.LAND else PHASES[policy],
+    )
     assert ("outside the geofence" in reasons(swarm)) is (policy is not Policy.CONTINUE)
     if policy in (Policy.HOLD, Policy.CONTINUE):
         swarm.command("land")
@@ -100,14 +111,20 @@ def test_fence(policy: Policy) -> None:
 def test_tilt_and_speed(policy: Policy) -> None:
     """Leaning or racing more than allowed is a vehicle that does not do what it is told."""
     swarm = in_third(
-        mission(f"too_fast: {policy.value}, max_tilt_deg: 5", steps=("move: {to: [90, 13], speed_mps: 5}", "land"))
+        mission(
+            f"too_fast: {policy.value}, max_tilt_deg: 5",
+            steps=("move: {to: [90, 13], speed_mps: 5}", "land"),
+        )
     )
     swarm.run(10)
     assert "leans" in reasons(swarm)
     settle(swarm)
     assert set(swarm.outcomes().values()) == {"failed"}
     swarm = in_third(
-        mission(f"too_fast: {policy.value}, max_speed_mps: 2", steps=("move: {to: [90, 13], speed_mps: 4}", "land"))
+        mission(
+            f"too_fast: {policy.value}, max_speed_mps: 2",
+            steps=("move: {to: [90, 13], speed_mps: 4}", "land"),
+        )
     )
     swarm.run(10)
     assert "m/s fast; allowed: 2 m/s" in reasons(swarm)
@@ -115,12 +132,16 @@ def test_tilt_and_speed(policy: Policy) -> None:
 
 
 @pytest.mark.parametrize(
-    ("autopilot", "policy"), [("ardupilot", Policy.LAND), ("px4", Policy.RETURN), ("px4", Policy.HOLD)]
+    ("autopilot", "policy"),
+    [("ardupilot", Policy.LAND), ("px4", Policy.RETURN), ("px4", Policy.HOLD)],
 )
 def test_wind(autopilot: str, policy: Policy) -> None:
-    """Under the limit nothing happens; above it all do as the mission says, and a hold ends with the wind."""
+    """Under the limit nothing happens; above it all do as the mission says, and a hold ends with
+    the wind."""
     windy = mission(f"wind: {policy.value}, wind_limit_mps: 7")
-    fleet = replace(windy.fleet, agents=tuple(replace(a, autopilot=autopilot) for a in windy.fleet.agents))
+    fleet = replace(
+        windy.fleet, agents=tuple(replace(a, autopilot=autopilot) for a in windy.fleet.agents)
+    )
     swarm = in_third(replace(windy, fleet=fleet))
     blow(swarm, 6.0)
     swarm.run(8)
@@ -140,11 +161,15 @@ def blow(swarm: VirtualSwarm, speed_mps: float) -> None:
         vehicle.firmware.parameters.set("SIM_WIND_DIR", 250.0)
 
 
-@pytest.mark.parametrize(("autopilot", "off"), [("ardupilot", "EK3_DRAG_BCOEF_X"), ("px4", "EKF2_DRAG_CTRL")])
+@pytest.mark.parametrize(
+    ("autopilot", "off"), [("ardupilot", "EK3_DRAG_BCOEF_X"), ("px4", "EKF2_DRAG_CTRL")]
+)
 def test_without_an_estimate_the_tilt_limit_stands_in(autopilot: str, off: str) -> None:
     """A vehicle as delivered tells no wind; it has to lean against it all the same."""
     calm = mission("too_fast: land, max_tilt_deg: 9")
-    fleet = replace(calm.fleet, agents=tuple(replace(a, autopilot=autopilot) for a in calm.fleet.agents))
+    fleet = replace(
+        calm.fleet, agents=tuple(replace(a, autopilot=autopilot) for a in calm.fleet.agents)
+    )
     swarm = VirtualSwarm(replace(calm, fleet=fleet))
     for vehicle in swarm.hub.world.vehicles:
         vehicle.firmware.parameters.set(off, 0.0)
@@ -173,7 +198,8 @@ def test_station_lost(policy: Policy) -> None:
 
 
 def test_without_a_mesh_nobody_returns() -> None:
-    """`agent_lost: return` with nobody to be heard: no order to keep, so everybody lands where it is."""
+    """`agent_lost: return` with nobody to be heard: no order to keep, so everybody lands where it
+    is."""
     swarm = in_third(mission("agent_lost: return, station_lost: return"))
     before = swarm.positions()
     for member in swarm.members.values():
@@ -183,10 +209,18 @@ def test_without_a_mesh_nobody_returns() -> None:
 
 
 def test_defaults_are_safe() -> None:
-    """What a mission does not say: land, a fence around all that is planned, a fifth of the battery kept."""
+    """What a mission does not say: land, a fence around all that is planned, a fifth of the battery
+    kept."""
     plan = quartet("land").plan
     safe = plan.policies
-    assert {safe.fence, safe.battery_low, safe.too_fast, safe.wind, safe.agent_lost, safe.station_lost} == {Policy.LAND}
+    assert {
+        safe.fence,
+        safe.battery_low,
+        safe.too_fast,
+        safe.wind,
+        safe.agent_lost,
+        safe.station_lost,
+    } == {Policy.LAND}
     assert safe.battery_reserve_percent == 20
     assert plan.fence is not None
     assert plan.fence.height_m == 120

@@ -1,4 +1,5 @@
-"""The hexagon on the virtual clock, nominal and broken in every way that `core/agent/failsafes.py` knows."""
+"""The hexagon on the virtual clock, nominal and broken in every way that `core/agent/failsafes.py`
+knows."""
 
 from __future__ import annotations
 
@@ -24,7 +25,9 @@ def hexagon() -> LoadedMission:
 
 
 def with_policies(mission: LoadedMission, **changes: Any) -> LoadedMission:
-    return replace(mission, plan=replace(mission.plan, policies=replace(mission.plan.policies, **changes)))
+    return replace(
+        mission, plan=replace(mission.plan, policies=replace(mission.plan.policies, **changes))
+    )
 
 
 def texts(swarm: VirtualSwarm) -> str:
@@ -47,8 +50,11 @@ def test_same_seed_same_trace(hexagon: LoadedMission) -> None:
 
 
 def test_mixed_personas(hexagon: LoadedMission) -> None:
-    """Half ArduCopter, half PX4 fly one formation: all agents complete all steps, apart, each asking for the same."""
-    agents = tuple(replace(a, autopilot=("ardupilot", "px4")[a.id % 2]) for a in hexagon.fleet.agents)
+    """Half ArduCopter, half PX4 fly one formation: all agents complete all steps, apart, each
+    asking for the same."""
+    agents = tuple(
+        replace(a, autopilot=("ardupilot", "px4")[a.id % 2]) for a in hexagon.fleet.agents
+    )
     swarm = VirtualSwarm(replace(hexagon, fleet=replace(hexagon.fleet, agents=agents)))
     swarm.fly(300)
     assert swarm.outcomes() == dict.fromkeys(range(1, 7), "completed")
@@ -59,14 +65,17 @@ def test_mixed_personas(hexagon: LoadedMission) -> None:
 
 @pytest.mark.parametrize("step", [0, TAKEOFF, FORM, HOLD, LAND])
 def test_an_agent_dies(hexagon: LoadedMission, step: int) -> None:
-    """In every step: its vehicle's failsafe lands it, the others hold, then land, and say that it failed."""
+    """In every step: its vehicle's failsafe lands it, the others hold, then land, and say that it
+    failed."""
     swarm = VirtualSwarm(hexagon)
     swarm.wait(lambda s: s.in_step(step))
     for _ in range(30):
         swarm.tick()
     swarm.kill(3)
     swarm.fly(400)
-    for _ in range(1500):  # the dead agent's vehicle comes down by itself: GCS failsafe, then landing
+    for _ in range(
+        1500
+    ):  # the dead agent's vehicle comes down by itself: GCS failsafe, then landing
         swarm.tick()
     outcomes = swarm.outcomes()
     assert set(outcomes) == {1, 2, 4, 5, 6}
@@ -74,14 +83,17 @@ def test_an_agent_dies(hexagon: LoadedMission, step: int) -> None:
         assert set(outcomes.values()) <= {"completed", "failed"}
     else:
         assert set(outcomes.values()) == {"failed"}
-        assert "agent 3 has not been heard" in texts(swarm) or "broke the mission off" in texts(swarm)
+        assert "agent 3 has not been heard" in texts(swarm) or "broke the mission off" in texts(
+            swarm
+        )
     assert swarm.all_down
     if step > 0:
         assert_safe(swarm)
 
 
 def test_survivors_go_on_if_the_mission_says_so(hexagon: LoadedMission) -> None:
-    """`agent_lost: continue`: the others form and land as planned, the barrier no longer waits for the lost one."""
+    """`agent_lost: continue`: the others form and land as planned, the barrier no longer waits for
+    the lost one."""
     swarm = VirtualSwarm(with_policies(hexagon, agent_lost=Policy.CONTINUE))
     swarm.wait(lambda s: s.in_step(HOLD))
     swarm.kill(6)
@@ -159,7 +171,8 @@ def test_simulator_gone(hexagon: LoadedMission) -> None:
 
 
 def test_a_frozen_agent_sends_nothing(hexagon: LoadedMission) -> None:
-    """Deadman: a stalled control loop stops the setpoints; its vehicle stops by its own failsafe."""
+    """Deadman: a stalled control loop stops the setpoints; its vehicle stops by its own
+    failsafe."""
     swarm = VirtualSwarm(hexagon)
     swarm.wait(lambda s: s.in_step(FORM))
     for _ in range(60):
@@ -172,7 +185,8 @@ def test_a_frozen_agent_sends_nothing(hexagon: LoadedMission) -> None:
 
 
 def test_another_plan_does_not_arm(hexagon: LoadedMission) -> None:
-    """An agent with a different plan keeps the whole swarm on the ground, and everybody says why."""
+    """An agent with a different plan keeps the whole swarm on the ground, and everybody says
+    why."""
     swarm = VirtualSwarm(hexagon)
     other = replace(hexagon.plan, kappa=19.0)
     swarm.members[4].agent = Agent(other, 4, 0.0)
@@ -185,7 +199,10 @@ def test_another_plan_does_not_arm(hexagon: LoadedMission) -> None:
 
 def test_a_vehicle_on_the_wrong_spot_does_not_arm(hexagon: LoadedMission) -> None:
     """A vehicle further than a unit from its planned start is not armed: N_i would be a lie."""
-    agents = tuple(replace(a, start=(a.start[0], a.start[1] + 2.0)) if a.id == 3 else a for a in hexagon.plan.agents)
+    agents = tuple(
+        replace(a, start=(a.start[0], a.start[1] + 2.0)) if a.id == 3 else a
+        for a in hexagon.plan.agents
+    )
     swarm = VirtualSwarm(hexagon)
     elsewhere = replace(hexagon.plan, agents=agents)
     for agent_id, member in swarm.members.items():
@@ -209,7 +226,8 @@ def test_preparation_times_out(hexagon: LoadedMission) -> None:
 
 
 def test_a_peer_silent_on_the_ground_is_waited_for(hexagon: LoadedMission) -> None:
-    """Ten seconds of silence before take-off (a busy machine, a radio that is plugged in late) end nothing."""
+    """Ten seconds of silence before take-off (a busy machine, a radio that is plugged in late) end
+    nothing."""
     swarm = VirtualSwarm(hexagon)
     swarm.members[2].frozen = True
     for _ in range(20):

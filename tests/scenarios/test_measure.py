@@ -1,4 +1,5 @@
-"""The flight of `swarm-ctl measure` on a virtual clock: real agent, driver and simulator, bytes carried in memory."""
+"""The flight of `swarm-ctl measure` on a virtual clock: real agent, driver and simulator, bytes
+carried in memory."""
 
 from __future__ import annotations
 
@@ -31,11 +32,25 @@ STEPS = Steps(height_m=5.0)
 class Measured:
     """One vehicle and its step flight."""
 
-    def __init__(self, persona: str = "ardupilot", *, motion: Motion | None = None, fence: Fence | None = None) -> None:
+    def __init__(
+        self,
+        persona: str = "ardupilot",
+        *,
+        motion: Motion | None = None,
+        fence: Fence | None = None,
+    ) -> None:
         near, self._far = memory_wires()
-        vehicle = {"sysid": 7, "persona": persona, "endpoint": "udpin:127.0.0.1:1", "ready_after_s": 1.0, **PLACE}
+        vehicle = {
+            "sysid": 7,
+            "persona": persona,
+            "endpoint": "udpin:127.0.0.1:1",
+            "ready_after_s": 1.0,
+            **PLACE,
+        }
         settings = {"version": 1, "epoch_s": 0.0, "origin": PLACE, "vehicles": [vehicle]}
-        self.hub = Hub(SimConfig.model_validate(settings), 0.0, lambda _, data, __: self._far.write(data))
+        self.hub = Hub(
+            SimConfig.model_validate(settings), 0.0, lambda _, data, __: self._far.write(data)
+        )
         if motion is not None:
             self.hub.world.groups[persona].response = motion
         self.persona, self.now = persona, 0.0
@@ -99,8 +114,8 @@ class Measured:
 
 
 def test_an_arducopter_is_measured_and_a_slower_one_found_slower() -> None:
-    """Near to what is typical; half the acceleration and a fifth of a second on the way show as just that. All of it
-    within the box, and the vehicle stands where it stood.
+    """Near to what is typical; half the acceleration and a fifth of a second on the way show as
+    just that. All of it within the box, and the vehicle stands where it stood.
     """
     usual = Measured()
     typical, found = TYPICAL["ardupilot"], usual.found()
@@ -175,7 +190,8 @@ def test_ctrl_c_on_the_ground_and_in_the_climb() -> None:
 
 
 def test_a_leg_with_a_gap_does_not_count() -> None:
-    """A busy machine: the vehicle stops by itself meanwhile. What is left is enough, as long as each kind is there."""
+    """A busy machine: the vehicle stops by itself meanwhile. What is left is enough, as long as
+    each kind is there."""
     measured = Measured()
     measured.until(lambda: any("north, 3 m/s for 0.7" in text for text in measured.texts))
     measured.now += 0.4
@@ -186,7 +202,8 @@ def test_a_leg_with_a_gap_does_not_count() -> None:
 
 
 def test_a_pilot_has_it_at_once() -> None:
-    """LOITER in the middle of a step: no setpoint, no mode comes from us any more, until the pilot has landed."""
+    """LOITER in the middle of a step: no setpoint, no mode comes from us any more, until the pilot
+    has landed."""
     measured = Measured()
     measured.stepping()
     measured.pilot(5)
@@ -209,7 +226,9 @@ def test_out_of_its_box_it_lands() -> None:
     measured.hub.world.vehicles[0].firmware.parameters.set("SIM_WIND_SPD", 30.0)
     outcome, reason = measured.to_the_end()
     assert outcome == "failed"
-    assert any(word in reason for word in ("outside the geofence", "fast; allowed", "leans", "wind of"))
+    assert any(
+        word in reason for word in ("outside the geofence", "fast; allowed", "leans", "wind of")
+    )
     assert measured.parked
 
 
@@ -228,7 +247,10 @@ def test_a_lost_link_lands_it_by_its_own_failsafe() -> None:
 
 def test_a_box_beyond_the_geofence_is_refused_on_the_ground() -> None:
     for fence, why in (
-        (Fence(((-13.0, -50.0), (50.0, -50.0), (50.0, 50.0), (-13.0, 50.0)), 50.0), "not all inside"),
+        (
+            Fence(((-13.0, -50.0), (50.0, -50.0), (50.0, 50.0), (-13.0, 50.0)), 50.0),
+            "not all inside",
+        ),
         (Fence((), 4.0), "above the geofence"),
     ):
         assert outside(fence, (0.0, 0.0), 0.0) == ""

@@ -1,4 +1,5 @@
-"""Every ready mission flies to its end, apart, and as long as `validate` says; from its own starts and from others."""
+"""Every ready mission flies to its end, apart, and as long as `validate` says; from its own starts
+and from others."""
 
 from __future__ import annotations
 
@@ -45,7 +46,10 @@ def test_ready_mission(name: str) -> None:
         results = [m.status.steps[number] for m in whole if m.status]
         took_s = max(r.end_s or math.inf for r in results) - min(r.start_s for r in results)
         assert expected.expected_s is not None
-        assert expected.expected_s / FACTOR < took_s < expected.expected_s * FACTOR, (number, results[0].name)
+        assert expected.expected_s / FACTOR < took_s < expected.expected_s * FACTOR, (
+            number,
+            results[0].name,
+        )
 
 
 def scattered(mission: LoadedMission, seed: int) -> LoadedMission:
@@ -58,10 +62,14 @@ def scattered(mission: LoadedMission, seed: int) -> LoadedMission:
             point = (round(dice.uniform(0, side), 3), round(dice.uniform(0, side), 3))
             if len(points) < count and all(math.dist(point, other) > law.r_out for other in points):
                 points.append(point)
-        if len(points) == count and graph.is_connected(graph.neighbours(dict(enumerate(points)), law.r)):
+        if len(points) == count and graph.is_connected(
+            graph.neighbours(dict(enumerate(points)), law.r)
+        ):
             break
         side *= 1.02
-    agents = tuple(a.model_copy(update={"start": p}) for a, p in zip(mission.file.agents, points, strict=True))
+    agents = tuple(
+        a.model_copy(update={"start": p}) for a, p in zip(mission.file.agents, points, strict=True)
+    )
     return loads(dumps(mission.file.model_copy(update={"agents": agents})), mission.source.name)
 
 
@@ -91,4 +99,8 @@ def test_the_schema_beside_the_missions_is_the_one_of_the_program() -> None:
     """`swarm-ctl schema > missions/mission.schema.json`; each mission names it."""
     assert json.loads((FOLDER / "mission.schema.json").read_text()) == json_schema()
     for name in MISSIONS:
-        assert (FOLDER / name).read_text().startswith("# yaml-language-server: $schema=mission.schema.json\n")
+        assert (
+            (FOLDER / name)
+            .read_text()
+            .startswith("# yaml-language-server: $schema=mission.schema.json\n")
+        )

@@ -1,4 +1,5 @@
-"""The `swarm` fixture that users write tests with: the same interface on the virtual clock and with real processes."""
+"""The `swarm` fixture that users write tests with: the same interface on the virtual clock and with
+real processes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""An agent that is killed in flight and started again: takes its vehicle over and rejoins, or leaves it alone."""
+"""An agent that is killed in flight and started again: takes its vehicle over and rejoins, or
+leaves it alone."""
 
 from __future__ import annotations
 
@@ -39,7 +40,9 @@ def killed(mission: LoadedMission, step: int, after_s: float, agent: int) -> Vir
     return swarm
 
 
-def restarted(mission: LoadedMission, step: int, after_s: float, agent: int, plan: Plan | None = None) -> VirtualSwarm:
+def restarted(
+    mission: LoadedMission, step: int, after_s: float, agent: int, plan: Plan | None = None
+) -> VirtualSwarm:
     swarm = killed(mission, step, after_s, agent)
     swarm.run(GONE_S)
     swarm.restart(agent, plan)
@@ -61,10 +64,14 @@ def most_acceleration(swarm: VirtualSwarm, agent: int, seconds: float) -> float:
 @pytest.mark.parametrize("agent", [1, 3])
 @pytest.mark.parametrize("where", [name for name in MISSIONS if name != "land"])
 def test_rejoins(where: str, agent: int) -> None:
-    """In every step, the pinned agent (1) and another: the mission completes, in shape, without a jerk, apart."""
+    """In every step, the pinned agent (1) and another: the mission completes, in shape, without a
+    jerk, apart."""
     step, after_s, mission = MISSIONS[where]
     swarm = restarted(mission, step, after_s, agent)
-    swarm.wait(lambda s: f"took over its vehicle in the air; rejoins at step {step}" in texts(s), swarm.now + 6)
+    swarm.wait(
+        lambda s: f"took over its vehicle in the air; rejoins at step {step}" in texts(s),
+        swarm.now + 6,
+    )
     assert most_acceleration(swarm, agent, LEARN_S) < 0.3
     height_m = -swarm.hub.world.positions()[agent - 1][2]
     swarm.wait(lambda s: s.in_step(len(s.plan.steps)))
@@ -101,7 +108,8 @@ def test_comes_too_late() -> None:
 
 
 def test_another_plan_leaves_the_vehicle_alone() -> None:
-    """It sends nothing that moves it, ends, and says why; the others land by the mission's policy."""
+    """It sends nothing that moves it, ends, and says why; the others land by the mission's
+    policy."""
     mission, step, after_s = _row("form")
     swarm = restarted(mission, step, after_s, 3, replace(mission.plan, kappa=19.0))
     swarm.wait(lambda s: 3 in s.outcomes())
@@ -116,7 +124,8 @@ def test_another_plan_leaves_the_vehicle_alone() -> None:
 
 @pytest.mark.parametrize("mode", [5, 17])
 def test_a_pilot_keeps_the_vehicle(mode: int) -> None:
-    """LOITER and BRAKE of an ArduCopter are somebody's word: yielded, not a setpoint, the mode stays."""
+    """LOITER and BRAKE of an ArduCopter are somebody's word: yielded, not a setpoint, the mode
+    stays."""
     swarm = killed(*_row("form"), 3)
     swarm.hub.world.vehicles[2].firmware.set_mode(1, mode)
     swarm.run(GONE_S)
@@ -129,7 +138,8 @@ def test_a_pilot_keeps_the_vehicle(mode: int) -> None:
 
 
 def test_nobody_else_flies() -> None:
-    """Without a peer in the air there is no proof that the vehicle is ours: left to its failsafe, which lands it."""
+    """Without a peer in the air there is no proof that the vehicle is ours: left to its failsafe,
+    which lands it."""
     swarm = killed(*_row("hold"), 3)
     for agent in (1, 2, 4):
         swarm.kill(agent)
@@ -162,7 +172,8 @@ def test_two_with_one_id() -> None:
 
 
 def test_px4_that_lands_is_seen_down() -> None:
-    """A PX4 left OFFBOARD for good and lands: the new process does not stop it, and the mission is over."""
+    """A PX4 left OFFBOARD for good and lands: the new process does not stop it, and the mission is
+    over."""
     mission = MISSIONS["hold"][2]
     agents = tuple(replace(a, autopilot="px4") for a in mission.fleet.agents)
     mission = replace(mission, fleet=replace(mission.fleet, agents=agents))
@@ -176,7 +187,8 @@ def test_px4_that_lands_is_seen_down() -> None:
 
 
 def test_px4_at_take_off() -> None:
-    """Its own take-off goes on without an agent, and ends in its hold: from there it is taken over."""
+    """Its own take-off goes on without an agent, and ends in its hold: from there it is taken
+    over."""
     mission = MISSIONS["takeoff"][2]
     agents = tuple(replace(a, autopilot="px4") for a in mission.fleet.agents)
     mission = replace(mission, fleet=replace(mission.fleet, agents=agents))
@@ -187,7 +199,8 @@ def test_px4_at_take_off() -> None:
 
 
 def test_an_operators_hold_outlives_the_agent() -> None:
-    """The new process does not know the command: it holds until the operator ends it, then goes on with the others."""
+    """The new process does not know the command: it holds until the operator ends it, then goes on
+    with the others."""
     swarm = VirtualSwarm(MISSIONS["move"][2])
     swarm.wait(lambda s: s.in_step(THIRD))
     swarm.run(3)
@@ -207,7 +220,8 @@ def test_an_operators_hold_outlives_the_agent() -> None:
 
 
 def test_a_clock_that_begins_anew() -> None:
-    """Between hosts each process has a clock of its own: peers hear the new one although its time is smaller."""
+    """Between hosts each process has a clock of its own: peers hear the new one although its time
+    is smaller."""
     swarm = killed(*_row("hold"), 3)
     swarm.run(GONE_S)
     began_s = swarm.now

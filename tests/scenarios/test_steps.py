@@ -58,7 +58,11 @@ def shape_error_m(swarm: VirtualSwarm, step: int, live: tuple[int, ...] = (1, 2,
     assert slots is not None
     unit = swarm.plan.unit_m
     planned = {i: slots[member.agent._dealer.deal.role] for i, member in swarm.members.items()}
-    return float(formation_error([at[i] for i in live], [(planned[i][0] * unit, planned[i][1] * unit) for i in live]))
+    return float(
+        formation_error(
+            [at[i] for i in live], [(planned[i][0] * unit, planned[i][1] * unit) for i in live]
+        )
+    )
 
 
 def test_move_keeps_shape_and_arrives() -> None:
@@ -86,7 +90,8 @@ def test_the_formation_does_not_drift_while_it_holds() -> None:
 
 
 @pytest.mark.parametrize(
-    ("step", "angle", "factor"), [("rotate: {angle_deg: 90}", 90, 1), ("scale: {factor: 1.5}", 0, 1.5)]
+    ("step", "angle", "factor"),
+    [("rotate: {angle_deg: 90}", 90, 1), ("scale: {factor: 1.5}", 0, 1.5)],
 )
 def test_rotate_and_scale(step: str, angle: float, factor: float) -> None:
     """The slots end turned (clockwise from above) or wider, the centre stays."""
@@ -118,7 +123,10 @@ def test_return_brings_everybody_home_one_at_a_time() -> None:
         flying = {
             i
             for i, m in swarm.members.items()
-            if m.alive and m.agent._homing.stage == 2 and m.status and m.status.phase is Phase.RETURN
+            if m.alive
+            and m.agent._homing.stage == 2
+            and m.status
+            and m.status.phase is Phase.RETURN
         }
         assert len(flying) <= 1
         flying_home |= flying
@@ -140,8 +148,11 @@ CASES = [
 
 @pytest.mark.parametrize(("step", "victim", "policy"), CASES)
 def test_an_agent_dies_in_any_step(step: int, victim: int, policy: Policy) -> None:
-    """The pinned one or another: the survivors do as the policy says, apart from each other, and all come down."""
-    mission = quartet("move: {to: [30, 13]}", "rotate: {angle_deg: 45}", "scale: {factor: 1.2}", "return")
+    """The pinned one or another: the survivors do as the policy says, apart from each other, and
+    all come down."""
+    mission = quartet(
+        "move: {to: [30, 13]}", "rotate: {angle_deg: 45}", "scale: {factor: 1.2}", "return"
+    )
     policies = replace(mission.plan.policies, agent_lost=policy)
     swarm = VirtualSwarm(replace(mission, plan=replace(mission.plan, policies=policies)))
     swarm.wait(lambda s: s.in_step(step))
@@ -205,10 +216,17 @@ def test_a_step_that_takes_too_long(policy: Policy) -> None:
 
 def test_neighbours_of_a_form_step() -> None:
     """An explicit graph takes effect with its step, in every agent."""
-    swarm = VirtualSwarm(quartet("form: {shape: row, neighbours: [[1, 2], [2, 3], [3, 4]]}", "land"))
+    swarm = VirtualSwarm(
+        quartet("form: {shape: row, neighbours: [[1, 2], [2, 3], [3, 4]]}", "land")
+    )
     swarm.wait(lambda s: s.in_step(THIRD))
     swarm.run(1)
     status = {i: m.status for i, m in swarm.members.items()}
-    assert {i: s.neighbours for i, s in status.items() if s} == {1: (2,), 2: (1, 3), 3: (2, 4), 4: (3,)}
+    assert {i: s.neighbours for i, s in status.items() if s} == {
+        1: (2,),
+        2: (1, 3),
+        3: (2, 4),
+        4: (3,),
+    }
     swarm.fly(900)
     assert_good(swarm)

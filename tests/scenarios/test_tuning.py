@@ -1,4 +1,5 @@
-"""The law changed in flight, on the virtual clock: by all agents at one time or by none, whatever is lost."""
+"""The law changed in flight, on the virtual clock: by all agents at one time or by none, whatever
+is lost."""
 
 from __future__ import annotations
 
@@ -18,7 +19,8 @@ ALL = (1, 2, 3, 4)
 
 
 class Desk:
-    """A ground station's sending side on a swarm; remembers when each agent's law changed, and to which."""
+    """A ground station's sending side on a swarm; remembers when each agent's law changed, and to
+    which."""
 
     def __init__(self, swarm: VirtualSwarm) -> None:
         self.swarm = swarm
@@ -53,7 +55,9 @@ class Desk:
             self.swarm.tick()
             for agent, member in self.swarm.members.items():
                 seen = self.changes[agent]
-                if (seen[-1][1] if seen else planned(self.swarm.plan)) != member.agent._controller.gains:
+                if (
+                    seen[-1][1] if seen else planned(self.swarm.plan)
+                ) != member.agent._controller.gains:
                     seen.append((self.swarm.now, member.agent._controller.gains))
 
     @property
@@ -71,7 +75,8 @@ def desk() -> Desk:
 
 
 def deaf(swarm: VirtualSwarm, agent: int, *channels: keys.Channel[Any], kind: str = "") -> Any:
-    """Nothing of these channels (or only no command of this kind) reaches the agent; call the result to end it."""
+    """Nothing of these channels (or only no command of this kind) reaches the agent; call the
+    result to end it."""
     node, take = swarm.members[agent].node, swarm.members[agent].node.take
 
     def nothing(channel: keys.Channel[Any]) -> list[Any]:
@@ -85,7 +90,8 @@ def deaf(swarm: VirtualSwarm, agent: int, *channels: keys.Channel[Any], kind: st
 
 
 def test_all_change_in_the_tick_of_the_order_s_time() -> None:
-    """In flight, while they form; the mission goes on to its end, and statuses tell the law in force."""
+    """In flight, while they form; the mission goes on to its end, and statuses tell the law in
+    force."""
     swarm = VirtualSwarm(quartet("land"))
     swarm.wait(lambda s: s.in_step(FORM))
     desk = Desk(swarm)
@@ -103,11 +109,13 @@ def test_all_change_in_the_tick_of_the_order_s_time() -> None:
 
 
 def test_agents_with_other_clocks_change_together() -> None:
-    """The order's time is the sender's; it says how far each clock is ahead, to some tenths of a second: who is early
-    is followed by the others as soon as they hear it.
+    """The order's time is the sender's; it says how far each clock is ahead, to some tenths of a
+    second: who is early is followed by the others as soon as they hear it.
     """
     clocks = {1: 3600.0, 2: -3600.0, 3: 0.3}
-    swarm = VirtualSwarm(quartet("land"), clocks={i: lambda now, s=s: now + s for i, s in clocks.items()})  # type: ignore[misc]
+    swarm = VirtualSwarm(
+        quartet("land"), clocks={i: lambda now, s=s: now + s for i, s in clocks.items()}
+    )  # type: ignore[misc]
     swarm.run(4)
     desk = Desk(swarm)
     order = desk.tune(ahead_s=((1, 3600.1), (2, -3600.05)), h=0.04)
@@ -129,7 +137,9 @@ def test_one_refusal_stops_all(desk: Desk) -> None:
         end()
     desk.tune(h=0.04)
     desk.run(6)
-    assert desk.told[0].startswith("tune: nothing changes; refused by agent 3: another change is under way")
+    assert desk.told[0].startswith(
+        "tune: nothing changes; refused by agent 3: another change is under way"
+    )
     assert desk.moments == [(), (), (), ()]
 
 
@@ -165,7 +175,8 @@ def test_a_station_that_dies_between_the_phases_changes_nothing(desk: Desk) -> N
 
 
 def test_a_late_agent_follows_as_soon_as_it_hears(desk: Desk) -> None:
-    """Cut off from all before `apply` came; it keeps the old law until a peer is heard, then changes at once."""
+    """Cut off from all before `apply` came; it keeps the old law until a peer is heard, then
+    changes at once."""
     desk.tune(h=0.04)
     desk.run(0.05)
     end = deaf(desk.swarm, 2, keys.COMMAND, keys.STATE)
@@ -215,7 +226,8 @@ def test_nobody_who_flies_is_left_out(desk: Desk) -> None:
 
 
 def test_who_was_gone_while_the_others_changed_keeps_its_law_and_says_so(desk: Desk) -> None:
-    """It was lost, so it was not asked; it can't know the values, and says that there are two laws."""
+    """It was lost, so it was not asked; it can't know the values, and says that there are two
+    laws."""
     desk.swarm.members[4].frozen = True
     desk.run(8)
     desk.tune((1, 2, 3), h=0.04)
@@ -223,7 +235,9 @@ def test_who_was_gone_while_the_others_changed_keeps_its_law_and_says_so(desk: D
     desk.swarm.members[4].frozen = False
     desk.run(1)
     assert [len(moments) for moments in desk.moments] == [1, 1, 1, 0]
-    assert any("flies a law that agent 4 was not asked about" in event.text for event in desk.swarm.events)
+    assert any(
+        "flies a law that agent 4 was not asked about" in event.text for event in desk.swarm.events
+    )
 
 
 def test_an_older_law_never_comes_back(desk: Desk) -> None:

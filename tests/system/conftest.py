@@ -1,4 +1,5 @@
-"""One flight as a user starts it, from the command to the report, that several tests look at from all sides."""
+"""One flight as a user starts it, from the command to the report, that several tests look at from
+all sides."""
 
 from __future__ import annotations
 

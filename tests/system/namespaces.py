@@ -1,7 +1,9 @@
-"""Hosts of a swarm as network namespaces of this machine, and the bad network between them (`relay.py`).
+"""Hosts of a swarm as network namespaces of this machine, and the bad network between them
+(`relay.py`).
 
-Each namespace lives as long as a process that waits in it for the end of its stdin: whatever becomes of the tests,
-SIGKILL included, the kernel takes namespaces, addresses and veth pairs back. Nothing is made in this machine's own.
+Each namespace lives as long as a process that waits in it for the end of its stdin: whatever
+becomes of the tests, SIGKILL included, the kernel takes namespaces, addresses and veth pairs back.
+Nothing is made in this machine's own.
 """
 
 from __future__ import annotations
@@ -41,14 +43,23 @@ class Namespace:
 
     def __init__(self) -> None:
         self._holder = subprocess.Popen(
-            ["/usr/bin/env", "unshare", "--net", "sh", "-c", "ip link set lo up && echo ready && exec cat"],
+            [
+                "/usr/bin/env",
+                "unshare",
+                "--net",
+                "sh",
+                "-c",
+                "ip link set lo up && echo ready && exec cat",
+            ],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
         )
         assert self._holder.stdout is not None
         if self._holder.stdout.readline() != b"ready\n":
-            raise RuntimeError(self._holder.communicate()[1].decode().strip() or "unshare --net failed")
+            raise RuntimeError(
+                self._holder.communicate()[1].decode().strip() or "unshare --net failed"
+            )
 
     @property
     def pid(self) -> int:
@@ -62,7 +73,11 @@ class Namespace:
     def run(self, command: str) -> None:
         """Run a command of words inside to its end; RuntimeError says what it said."""
         done = subprocess.run(
-            self.inside(command.split()), capture_output=True, text=True, timeout=_WAIT_S, check=False
+            self.inside(command.split()),
+            capture_output=True,
+            text=True,
+            timeout=_WAIT_S,
+            check=False,
         )
         if done.returncode:
             raise RuntimeError(f"{command}: {done.stderr.strip()}")
@@ -73,9 +88,11 @@ class Namespace:
 
 
 class Network:
-    """`sides` hosts that meet over the relay alone, at `address(side)`; and a place in the middle for their vehicles.
+    """`sides` hosts that meet over the relay alone, at `address(side)`; and a place in the middle
+    for their vehicles.
 
-    Each host has a link of its own to the middle that nothing disturbs: `middle_address(side)` is its far end.
+    Each host has a link of its own to the middle that nothing disturbs: `middle_address(side)` is
+    its far end.
     """
 
     def __init__(self, sides: int) -> None:
@@ -86,12 +103,19 @@ class Network:
             for side, namespace in enumerate(self.sides):
                 self._join(namespace, "mesh0", f"{self.address(side)}/24", f"air{side}", "")
                 there = self.middle_address(side)
-                self._join(namespace, "vehicles0", f"{there[:-1]}2/24", f"vehicles{side}", f"{there}/24")
+                self._join(
+                    namespace, "vehicles0", f"{there[:-1]}2/24", f"vehicles{side}", f"{there}/24"
+                )
             self._errors = tempfile.TemporaryFile()  # noqa: SIM115 - open as long as this
             self._open.callback(self._errors.close)
             self._relay = subprocess.Popen(
                 self.middle.inside(
-                    [sys.executable, "-m", "tests.system.relay", *(f"air{side}" for side in range(sides))]
+                    [
+                        sys.executable,
+                        "-m",
+                        "tests.system.relay",
+                        *(f"air{side}" for side in range(sides)),
+                    ]
                 ),
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
@@ -109,7 +133,9 @@ class Network:
         self._open.callback(namespace.close)
         return namespace
 
-    def _join(self, side: Namespace, here: str, address: str, there: str, other_address: str) -> None:
+    def _join(
+        self, side: Namespace, here: str, address: str, there: str, other_address: str
+    ) -> None:
         """A veth pair between a side and the middle."""
         side.run(f"ip link add {here} type veth peer name {there} netns {self.middle.pid}")
         side.run(f"ip address add {address} dev {here}")

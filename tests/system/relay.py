@@ -2,9 +2,10 @@
 
     python -m tests.system.relay SIDE SIDE ...
 
-Runs where one end of each side's veth pair is, and carries the frames between those ends through its own hands, as the
-kernel's netem would (which this machine's kernel may not have). Each line of stdin is JSON, fields of `Air`, and holds
-from then on; the answer is a line with what it has carried so far. Ends with its stdin.
+Runs where one end of each side's veth pair is, and carries the frames between those ends through
+its own hands, as the kernel's netem would (which this machine's kernel may not have). Each line of
+stdin is JSON, fields of `Air`, and holds from then on; the answer is a line with what it has
+carried so far. Ends with its stdin.
 """
 
 from __future__ import annotations
@@ -21,8 +22,9 @@ from dataclasses import asdict, dataclass, replace
 
 _ETH_P_ALL = 3
 _SOL_PACKET, _PACKET_VNET_HDR = 263, 15
-"""From linux/if_packet.h; not in the socket module. Each frame comes and goes with what is known of its checksums: a
-veth leaves them to be filled in by hardware that is not there, and drops what comes with wrong ones."""
+"""From linux/if_packet.h; not in the socket module. Each frame comes and goes with what is known of
+its checksums: a veth leaves them to be filled in by hardware that is not there, and drops what
+comes with wrong ones."""
 _LARGEST = 70_000
 _RATE_QUEUE_S = 0.5
 """What a slow link keeps waiting at most; the rest is dropped, as a router's queue does it."""

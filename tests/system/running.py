@@ -1,4 +1,5 @@
-"""`swarm-ctl` as a user starts it: a process of its own, watched through its run folder, nothing left behind."""
+"""`swarm-ctl` as a user starts it: a process of its own, watched through its run folder, nothing
+left behind."""
 
 from __future__ import annotations
 
@@ -19,10 +20,15 @@ SWARM_CTL = Path(sys.executable).parent / "swarm-ctl"
 
 
 class Running:
-    """One command in a session of its own, so that every process it starts can be found by its session id."""
+    """One command in a session of its own, so that every process it starts can be found by its
+    session id."""
 
     def __init__(
-        self, *arguments: str | Path, cwd: Path, env: dict[str, str] | None = None, stderr: bool = False
+        self,
+        *arguments: str | Path,
+        cwd: Path,
+        env: dict[str, str] | None = None,
+        stderr: bool = False,
     ) -> None:
         """`stderr`: kept apart from stdout, as `errors`."""
         self.cwd = cwd
@@ -75,10 +81,13 @@ class Running:
         os.killpg(self.process.pid, signal.SIGINT)
 
     def wait_for(self, condition: Callable[[], bool], seconds: float = 60.0) -> None:
-        """Poll until the condition holds; AssertionError with the output when the command ended or took too long."""
+        """Poll until the condition holds; AssertionError with the output when the command ended or
+        took too long."""
         until = time.monotonic() + seconds
         while not condition():
-            assert self.process.poll() is None, f"ended with {self.process.returncode}:\n{self.output}"
+            assert self.process.poll() is None, (
+                f"ended with {self.process.returncode}:\n{self.output}"
+            )
             assert time.monotonic() < until, f"not reached in {seconds} s:\n{self.output}"
             time.sleep(0.05)
 
@@ -117,9 +126,12 @@ class Running:
         return found
 
     def assert_nothing_left(self, seconds: float = 10.0) -> None:
-        """All processes are gone within a moment (multiprocessing's helpers end just after their parent)."""
+        """All processes are gone within a moment (multiprocessing's helpers end just after their
+        parent)."""
         until = time.monotonic() + seconds
         while self.alive() and time.monotonic() < until:
             time.sleep(0.05)
-        left = {pid: Path(f"/proc/{pid}/cmdline").read_text().replace("\0", " ") for pid in self.alive()}
+        left = {
+            pid: Path(f"/proc/{pid}/cmdline").read_text().replace("\0", " ") for pid in self.alive()
+        }
         assert not left, left

@@ -1,4 +1,5 @@
-"""One mission on several hosts: agents and a station in each network namespace, their vehicles in the middle."""
+"""One mission on several hosts: agents and a station in each network namespace, their vehicles in
+the middle."""
 
 from __future__ import annotations
 
@@ -24,9 +25,12 @@ _VEHICLES, _MESHES = 14600, 7400
 
 
 class Split:
-    """A mission in flight. `sides`: the ids of the agents on each host; `mission`: its file's text without a fleet."""
+    """A mission in flight. `sides`: the ids of the agents on each host; `mission`: its file's text
+    without a fleet."""
 
-    def __init__(self, mission: str, sides: Sequence[Sequence[int]], where: Path, speedup: float) -> None:
+    def __init__(
+        self, mission: str, sides: Sequence[Sequence[int]], where: Path, speedup: float
+    ) -> None:
         self._where, self._speedup, self._epoch_s = where, speedup, time.monotonic()
         self.sides = sides
         self.truth_path = where / "truth.jsonl"
@@ -41,7 +45,9 @@ class Split:
             self.plan = load(path).plan
             self._simulator = self._simulate()
             self._stations = [self._station(side, path) for side in range(len(sides))]
-            self._agents = {i: self._agent(i, side, path) for side, ids in enumerate(sides) for i in ids}
+            self._agents = {
+                i: self._agent(i, side, path) for side, ids in enumerate(sides) for i in ids
+            }
         except BaseException:
             self._open.close()
             raise
@@ -52,7 +58,9 @@ class Split:
             for i in ids:
                 vehicle = f"udpout:{self.network.middle_address(side)}:{_VEHICLES + i}"
                 mesh = f"tcp/{self.network.address(side)}:{_MESHES + i}"
-                lines.append(f"    - {{id: {i}, endpoint: '{vehicle}', mesh: {mesh}, autopilot: {self._autopilot(i)}}}")
+                lines.append(
+                    f"    - {{id: {i}, endpoint: '{vehicle}', mesh: {mesh}, autopilot: {self._autopilot(i)}}}"
+                )
         return "\n".join(lines) + "\n"
 
     @staticmethod
@@ -94,7 +102,10 @@ class Split:
         return self._started(self.network.sides[side].inside(words), f"agent-{agent}")
 
     def _started(self, command: list[str], name: str) -> subprocess.Popen[bytes]:
-        with (self._where / f"{name}.out").open("wb") as out, (self._where / f"{name}.err").open("wb") as err:
+        with (
+            (self._where / f"{name}.out").open("wb") as out,
+            (self._where / f"{name}.err").open("wb") as err,
+        ):
             process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=out, stderr=err)
         self._processes.append(process)
         return process
@@ -116,7 +127,8 @@ class Split:
         self.network.air(air)
 
     def seen(self, side: int) -> dict[str, Any]:
-        """What the station of this side has shown last (`swarm-ctl station --json`); {} before it has heard anybody."""
+        """What the station of this side has shown last (`swarm-ctl station --json`); {} before it
+        has heard anybody."""
         lines = (self._where / f"station-{side}.out").read_bytes().split(b"\n")
         found: dict[str, Any] = json.loads(lines[-2]) if len(lines) > 1 else {}
         return found
@@ -139,14 +151,17 @@ class Split:
         until = time.monotonic() + wall_s
         while not condition():
             if time.monotonic() > until:
-                raise AssertionError(f"not reached in {wall_s:g} s: {[self.seen(s) for s in range(len(self.sides))]}")
+                raise AssertionError(
+                    f"not reached in {wall_s:g} s: {[self.seen(s) for s in range(len(self.sides))]}"
+                )
             time.sleep(0.05)
 
     def wait_step(self, step: int) -> None:
         """Until every station sees its own agents in this step or beyond."""
         self.wait_for(
             lambda: all(
-                len(own := self.own(side)) == len(ids) and all((agent["step"] or 0) >= step for agent in own)
+                len(own := self.own(side)) == len(ids)
+                and all((agent["step"] or 0) >= step for agent in own)
                 for side, ids in enumerate(self.sides)
             )
         )
@@ -159,7 +174,10 @@ class Split:
         """The agents' exit codes; then simulator and stations end, too, as they should."""
         until = time.monotonic() + wall_s
         try:
-            codes = {i: agent.wait(max(0.1, until - time.monotonic())) for i, agent in self._agents.items()}
+            codes = {
+                i: agent.wait(max(0.1, until - time.monotonic()))
+                for i, agent in self._agents.items()
+            }
         except subprocess.TimeoutExpired:
             self.wait_for(lambda: False, 0.0)
             raise

@@ -17,24 +17,45 @@ import pytest
 
 from tests.system.running import SWARM_CTL
 
-needs_tmux = pytest.mark.skipif(shutil.which("tmux") is None, reason="tmux is not installed; it is the terminal here")
+needs_tmux = pytest.mark.skipif(
+    shutil.which("tmux") is None, reason="tmux is not installed; it is the terminal here"
+)
 
 
 class Terminal:
-    """`swarm-ctl` with these arguments in a terminal of `size`; afterwards a shell that says DONE and its exit code."""
+    """`swarm-ctl` with these arguments in a terminal of `size`; afterwards a shell that says DONE
+    and its exit code."""
 
-    def __init__(self, *arguments: str | Path, cwd: Path, size: tuple[int, int] = (100, 30)) -> None:
+    def __init__(
+        self, *arguments: str | Path, cwd: Path, size: tuple[int, int] = (100, 30)
+    ) -> None:
         self.cwd = cwd
         self._socket = cwd / f"tmux-{len(list(cwd.glob('tmux-*')))}"
         command = shlex.join([str(SWARM_CTL), *map(str, arguments)])
         modes = "stty -a | tr ' ' '\\n' | grep -x -e '-*isig;*' -e '-*echo;*'"
         script = f"trap : INT; {command}; echo DONE $?; {modes}; exec cat"
-        self._tmux("new-session", "-d", "-x", str(size[0]), "-y", str(size[1]), "-c", str(cwd), "sh", "-c", script)
+        self._tmux(
+            "new-session",
+            "-d",
+            "-x",
+            str(size[0]),
+            "-y",
+            str(size[1]),
+            "-c",
+            str(cwd),
+            "sh",
+            "-c",
+            script,
+        )
 
     def _tmux(self, *arguments: str) -> str:
         command = ["tmux", "-S", str(self._socket), "-f", os.devnull, *arguments]
-        environment = {key: value for key, value in os.environ.items() if key != "TMUX"} | {"LC_ALL": "C.UTF-8"}
-        return subprocess.run(command, check=True, capture_output=True, text=True, env=environment).stdout
+        environment = {key: value for key, value in os.environ.items() if key != "TMUX"} | {
+            "LC_ALL": "C.UTF-8"
+        }
+        return subprocess.run(
+            command, check=True, capture_output=True, text=True, env=environment
+        ).stdout
 
     def __enter__(self) -> Self:
         return self
@@ -76,12 +97,18 @@ class Terminal:
         """What `stty` says of the terminal: `isig` or `-isig`, and so on."""
         name = self._tmux("display-message", "-p", "#{pane_tty}").strip()
         command = ["stty", "-a", "-F", name]
-        return set(subprocess.run(command, check=True, capture_output=True, text=True).stdout.replace(";", " ").split())
+        return set(
+            subprocess.run(command, check=True, capture_output=True, text=True)
+            .stdout.replace(";", " ")
+            .split()
+        )
 
     def wait_for_end(self, seconds: float = 90.0) -> tuple[int, str]:
-        """The command's exit code, and the screen; the terminal is as it was before (AssertionError otherwise)."""
+        """The command's exit code, and the screen; the terminal is as it was before (AssertionError
+        otherwise)."""
         shown = self.wait_for(
-            lambda text: "DONE" in text and "isig" in text and "echo" in text.split("DONE")[1], seconds
+            lambda text: "DONE" in text and "isig" in text and "echo" in text.split("DONE")[1],
+            seconds,
         )
         code, *modes = shown.split("DONE")[1].split()
         assert {mode.strip(";") for mode in modes} == {"isig", "echo"}, shown

@@ -59,7 +59,9 @@ def two_free_ports(kind: socket.SocketKind) -> list[int]:
 def mission(tmp_path: Path) -> LoadedMission:
     path = tmp_path / "pair.yaml"
     path.write_text(
-        MISSION.format(vehicles=two_free_ports(socket.SOCK_DGRAM), meshes=two_free_ports(socket.SOCK_STREAM))
+        MISSION.format(
+            vehicles=two_free_ports(socket.SOCK_DGRAM), meshes=two_free_ports(socket.SOCK_STREAM)
+        )
     )
     return load(path)
 
@@ -68,23 +70,42 @@ def simulator_config(mission: LoadedMission, epoch_s: float, speedup: float) -> 
     plan = mission.plan
     vehicles = []
     for agent, entry in zip(plan.agents, mission.fleet.agents, strict=True):
-        at = geodetic_from_ned((agent.start[0] * plan.unit_m, agent.start[1] * plan.unit_m, 0.0), plan.origin)
+        at = geodetic_from_ned(
+            (agent.start[0] * plan.unit_m, agent.start[1] * plan.unit_m, 0.0), plan.origin
+        )
         place = {"lat_deg": at.lat_deg, "lon_deg": at.lon_deg, "alt_m": at.alt_m}
         endpoint = (entry.endpoint or "").replace("udpout", "udpin")
-        vehicles.append({"sysid": entry.sysid, "persona": entry.autopilot, "endpoint": endpoint} | place)
-    origin = {"lat_deg": plan.origin.lat_deg, "lon_deg": plan.origin.lon_deg, "alt_m": plan.origin.alt_m}
-    return {"version": 1, "speedup": speedup, "epoch_s": epoch_s, "origin": origin, "vehicles": vehicles}
+        vehicles.append(
+            {"sysid": entry.sysid, "persona": entry.autopilot, "endpoint": endpoint} | place
+        )
+    origin = {
+        "lat_deg": plan.origin.lat_deg,
+        "lon_deg": plan.origin.lon_deg,
+        "alt_m": plan.origin.alt_m,
+    }
+    return {
+        "version": 1,
+        "speedup": speedup,
+        "epoch_s": epoch_s,
+        "origin": origin,
+        "vehicles": vehicles,
+    }
 
 
-def test_two_agents_and_a_station_that_knows_the_mission(mission: LoadedMission, tmp_path: Path) -> None:
-    """Both find each other within 2 s of the last start, fly the mission and exit 0; no `run` was needed. A station
-    without a run folder waits for them, tells their time and their flight, and sees the end.
+def test_two_agents_and_a_station_that_knows_the_mission(
+    mission: LoadedMission, tmp_path: Path
+) -> None:
+    """Both find each other within 2 s of the last start, fly the mission and exit 0; no `run` was
+    needed. A station without a run folder waits for them, tells their time and their flight, and
+    sees the end.
     """
     speedup, epoch_s = 5.0, time.monotonic()
     config = tmp_path / "sim.json"
     config.write_text(json.dumps(simulator_config(mission, epoch_s, speedup)))
     listener = Node(
-        ZenohTransport([], [entry.mesh for entry in mission.fleet.agents if entry.mesh], time.monotonic),
+        ZenohTransport(
+            [], [entry.mesh for entry in mission.fleet.agents if entry.mesh], time.monotonic
+        ),
         mission.plan.name,
         "listener",
     )
@@ -107,7 +128,17 @@ def test_two_agents_and_a_station_that_knows_the_mission(mission: LoadedMission,
     try:
         agents = [
             subprocess.Popen(
-                [SWARM_CTL, "agent", mission.source, "--id", str(i), "--speedup", "5", "--epoch", str(epoch_s)],
+                [
+                    SWARM_CTL,
+                    "agent",
+                    mission.source,
+                    "--id",
+                    str(i),
+                    "--speedup",
+                    "5",
+                    "--epoch",
+                    str(epoch_s),
+                ],
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.PIPE,
             )
@@ -117,13 +148,16 @@ def test_two_agents_and_a_station_that_knows_the_mission(mission: LoadedMission,
         first: dict[int, float] = {}  # when each agent's first status came
         heard: dict[int, float] = {}  # when it first said that it hears its peer
         while len(heard) < 2:
-            assert all(agent.poll() is None for agent in agents), [a.communicate()[1] for a in agents]
+            assert all(agent.poll() is None for agent in agents), [
+                a.communicate()[1] for a in agents
+            ]
             for status, _ in listener.take(keys.STATUS):
                 first.setdefault(status.agent, status.time_s)
                 if all(link.received for link in status.links.values()):
                     heard.setdefault(status.agent, status.time_s)
             time.sleep(0.01)
-        # an agent's state is published once its vehicle's position is known, 3 s after the simulator's start
+        # an agent's state is published once its vehicle's position is known, 3 s after the
+        # simulator's start
         last_start = max(*first.values(), 3.0)
         assert max(heard.values()) - last_start < 2.0 * speedup
         assert [agent.wait(60) for agent in agents] == [0, 0]
@@ -134,7 +168,11 @@ def test_two_agents_and_a_station_that_knows_the_mission(mission: LoadedMission,
         assert lines[0]["verdict"] == "waiting for agents 1-2"
         assert abs(lines[-1]["time_s"] - flown) < 5.0
         assert {"takeoff", "form pair", "land"} <= {line["step_name"] for line in lines}
-        assert not {alarm["name"] for line in lines for alarm in line["alarms"]} & {"other plan", "silent", "stranger"}
+        assert not {alarm["name"] for line in lines for alarm in line["alarms"]} & {
+            "other plan",
+            "silent",
+            "stranger",
+        }
     finally:
         listener.close()
         for process in processes:
@@ -143,21 +181,38 @@ def test_two_agents_and_a_station_that_knows_the_mission(mission: LoadedMission,
             process.communicate()
 
 
-def started(mission: LoadedMission, agent: int, speedup: float, epoch_s: float) -> subprocess.Popen[bytes]:
+def started(
+    mission: LoadedMission, agent: int, speedup: float, epoch_s: float
+) -> subprocess.Popen[bytes]:
     return subprocess.Popen(
-        [SWARM_CTL, "agent", mission.source, "--id", str(agent), "--speedup", str(speedup), "--epoch", str(epoch_s)],
+        [
+            SWARM_CTL,
+            "agent",
+            mission.source,
+            "--id",
+            str(agent),
+            "--speedup",
+            str(speedup),
+            "--epoch",
+            str(epoch_s),
+        ],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
     )
 
 
 def test_an_agent_is_killed_and_started_again(mission: LoadedMission, tmp_path: Path) -> None:
-    """SIGKILL while they form, started again by hand: it takes its vehicle over, both complete, apart; no station."""
+    """SIGKILL while they form, started again by hand: it takes its vehicle over, both complete,
+    apart; no station."""
     speedup, epoch_s = 2.0, time.monotonic()
     config, truth = tmp_path / "sim.json", tmp_path / "truth.jsonl"
-    config.write_text(json.dumps(simulator_config(mission, epoch_s, speedup) | {"truth_path": str(truth)}))
+    config.write_text(
+        json.dumps(simulator_config(mission, epoch_s, speedup) | {"truth_path": str(truth)})
+    )
     listener = Node(
-        ZenohTransport([], [entry.mesh for entry in mission.fleet.agents if entry.mesh], time.monotonic),
+        ZenohTransport(
+            [], [entry.mesh for entry in mission.fleet.agents if entry.mesh], time.monotonic
+        ),
         mission.plan.name,
         "listener",
     )
@@ -173,8 +228,12 @@ def test_an_agent_is_killed_and_started_again(mission: LoadedMission, tmp_path: 
     try:
         forming: set[int] = set()
         while len(forming) < 2:
-            assert all(agent.poll() is None for agent in agents.values()), [a.communicate()[1] for a in agents.values()]
-            forming |= {status.agent for status, _ in listener.take(keys.STATUS) if status.step == 2}
+            assert all(agent.poll() is None for agent in agents.values()), [
+                a.communicate()[1] for a in agents.values()
+            ]
+            forming |= {
+                status.agent for status, _ in listener.take(keys.STATUS) if status.step == 2
+            }
             time.sleep(0.01)
         agents[1].kill()
         agents[1].wait()
@@ -183,7 +242,9 @@ def test_an_agent_is_killed_and_started_again(mission: LoadedMission, tmp_path: 
         codes = [agent.wait(60) for agent in agents.values()]
         assert codes == [0, 0], [agent.communicate()[1] for agent in agents.values()]
         said = [event.text for event, _ in listener.take(keys.EVENT)]
-        assert any("took over its vehicle in the air; rejoins at step 2" in text for text in said), said
+        assert any(
+            "took over its vehicle in the air; rejoins at step 2" in text for text in said
+        ), said
         assert said.count("ended: completed") == 2
         assert simulator.stdin is not None
         simulator.stdin.close()  # its lifeline: it ends, and finishes the truth
@@ -201,14 +262,19 @@ def test_an_agent_is_killed_and_started_again(mission: LoadedMission, tmp_path: 
 def test_one_agent_lands_on_sigint(mission: LoadedMission) -> None:
     """Without its peer it waits on the ground; Ctrl-C ends it cleanly, and it says how."""
     agent = subprocess.Popen(
-        [SWARM_CTL, "agent", mission.source, "--id", "1"], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+        [SWARM_CTL, "agent", mission.source, "--id", "1"],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
     )
     assert agent.stderr is not None
     try:
         assert agent.stderr.readline() == "agent: ready\n"
         agent.send_signal(signal.SIGINT)
         assert agent.wait(30) == 0
-        assert agent.stderr.read() == "agent: aborted: the process that started this agent is gone\n"
+        assert (
+            agent.stderr.read() == "agent: aborted: the process that started this agent is gone\n"
+        )
     finally:
         agent.kill()
         agent.communicate()
@@ -217,7 +283,10 @@ def test_one_agent_lands_on_sigint(mission: LoadedMission) -> None:
 @pytest.mark.parametrize(
     ("arguments", "why"),
     [
-        (["--mesh", "tcp/10.0.0.5"], "--mesh tcp/10.0.0.5: no endpoint of the mesh; allowed: tcp/HOST:PORT"),
+        (
+            ["--mesh", "tcp/10.0.0.5"],
+            "--mesh tcp/10.0.0.5: no endpoint of the mesh; allowed: tcp/HOST:PORT",
+        ),
         (["--mesh", "tcp/10.0.0.5:99999"], "no endpoint of the mesh"),
         ([], "its fleet does not say where agents listen (`mesh`)"),
         (["runs/x", "--mesh", "tcp/10.0.0.5:7447"], "both a run folder"),
@@ -229,7 +298,11 @@ def test_a_station_needs_endpoints(tmp_path: Path, arguments: list[str], why: st
     path = tmp_path / "bare.yaml"
     path.write_text(text[: text.index("fleet:")])
     with pytest.raises(InputError, match=re.escape(why)):
-        station(*(Path(a) for a in arguments[:1] if not a.startswith("-")), mission=path, mesh=arguments[-1:])
+        station(
+            *(Path(a) for a in arguments[:1] if not a.startswith("-")),
+            mission=path,
+            mesh=arguments[-1:],
+        )
 
 
 def test_an_agent_needs_its_endpoints(tmp_path: Path) -> None:
@@ -238,6 +311,8 @@ def test_an_agent_needs_its_endpoints(tmp_path: Path) -> None:
     path = tmp_path / "bare.yaml"
     path.write_text(text[: text.index("fleet:")])
     for arguments, words in ((["--id", "1"], "`endpoint`"), (["--id", "9"], "allowed: 1, 2")):
-        done = subprocess.run([SWARM_CTL, "agent", path, *arguments], capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            [SWARM_CTL, "agent", path, *arguments], capture_output=True, text=True, check=False
+        )
         assert done.returncode == 2
         assert words in done.stderr

@@ -15,10 +15,12 @@ RUN = ("run", LOW, "--speedup", "4")
 
 @needs_tmux
 def test_screens_orders_and_the_end(tmp_path: Path) -> None:
-    """From the first picture over all screens to a landing by one key, and the same again from the recording; the
-    terminal is left as it was.
+    """From the first picture over all screens to a landing by one key, and the same again from the
+    recording; the terminal is left as it was.
     """
-    with Terminal("run", HEXAGON, "--speedup", "2", cwd=tmp_path) as terminal:  # long enough for all these keys
+    with Terminal(
+        "run", HEXAGON, "--speedup", "2", cwd=tmp_path
+    ) as terminal:  # long enough for all these keys
         terminal.wait_for("6/6 agents")
         terminal.wait_for("takeoff")
         terminal.press("2")
@@ -63,7 +65,8 @@ def test_screens_orders_and_the_end(tmp_path: Path) -> None:
 
 @needs_tmux
 def test_ctrl_c_is_the_runs(tmp_path: Path) -> None:
-    """The first one lands the swarm, the second one stops all at once: the keys are ours, the meaning is `run`'s."""
+    """The first one lands the swarm, the second one stops all at once: the keys are ours, the
+    meaning is `run`'s."""
     with Terminal(*RUN[:2], "--speedup", "2", cwd=tmp_path) as terminal:
         terminal.wait_for("takeoff")
         terminal.press("C-c")
@@ -89,12 +92,15 @@ def test_a_killed_station_gives_the_terminal_back(tmp_path: Path) -> None:
 
 @needs_tmux
 def test_a_killed_run_leaves_the_terminal_to_the_shell(tmp_path: Path) -> None:
-    """The station gives it back at once, lands nothing itself, and writes the summary when all is over."""
+    """The station gives it back at once, lands nothing itself, and writes the summary when all is
+    over."""
     with Terminal(*RUN, cwd=tmp_path) as terminal:
         terminal.wait_for("takeoff")
         terminal.kill("run")
         terminal.wait_for("DONE 137")
-        terminal.wait_for(lambda text: "6/6 agents" not in text and {"isig", "echo", "icanon"} <= terminal.modes())
+        terminal.wait_for(
+            lambda text: "6/6 agents" not in text and {"isig", "echo", "icanon"} <= terminal.modes()
+        )
         terminal.wait_for(lambda _: bool(list(tmp_path.glob("runs/*/summary.json"))))
 
 
@@ -102,7 +108,10 @@ def test_a_killed_run_leaves_the_terminal_to_the_shell(tmp_path: Path) -> None:
 def test_two_more_stations_watch_command_and_leave(tmp_path: Path) -> None:
     with Running(*RUN[:2], "--speedup", "2", "--headless", cwd=tmp_path) as running:
         running.wait_for_event("step 1: takeoff")
-        with Terminal("station", cwd=tmp_path) as one, Terminal("station", "--compact", cwd=tmp_path) as other:
+        with (
+            Terminal("station", cwd=tmp_path) as one,
+            Terminal("station", "--compact", cwd=tmp_path) as other,
+        ):
             other.wait_for("takeoff")
             other.press("C-c")
             other.wait_for("DONE")
@@ -113,7 +122,9 @@ def test_two_more_stations_watch_command_and_leave(tmp_path: Path) -> None:
             code, _ = one.wait_for_end()
             assert code == 0
         assert running.wait() == 1
-        assert '"kind":"land"' in (running.folder / "commands.jsonl").read_text()  # stations hear each other
+        assert (
+            '"kind":"land"' in (running.folder / "commands.jsonl").read_text()
+        )  # stations hear each other
         running.assert_nothing_left()
 
 

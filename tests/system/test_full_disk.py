@@ -12,16 +12,22 @@ from tests.system.running import HEXAGON, Running
 pytestmark = pytest.mark.timeout(120)
 
 LEFT = 20_000
-"""Bytes that a file may have: less than every recording has by then, more than an agent's last account needs."""
+"""Bytes that a file may have: less than every recording has by then, more than an agent's last
+account needs."""
 
 
 def test_the_disk_is_full_in_flight(tmp_path: Path) -> None:
-    """From the form step on nobody can write: all agents complete at their pace, and the log names every file."""
-    with Running("run", HEXAGON, "--speedup", "5", "--headless", "--no-report", cwd=tmp_path) as running:
+    """From the form step on nobody can write: all agents complete at their pace, and the log names
+    every file."""
+    with Running(
+        "run", HEXAGON, "--speedup", "5", "--headless", "--no-report", cwd=tmp_path
+    ) as running:
         running.wait_for_event("step 2:", 6)
         for pid in running.pids.values():
             resource.prlimit(pid, resource.RLIMIT_FSIZE, (LEFT, LEFT))
-        assert running.wait() == 1, running.output  # flown to its end, but with no truth nobody can tell how safely
+        assert running.wait() == 1, (
+            running.output
+        )  # flown to its end, but with no truth nobody can tell how safely
         running.assert_nothing_left()
         assert "failed: truth.jsonl: no end line, the simulator did not finish it" in running.output
         summary = running.summary()
@@ -30,5 +36,8 @@ def test_the_disk_is_full_in_flight(tmp_path: Path) -> None:
         said = running.output.replace("\n", " ")
         for name in ("statuses.jsonl", "recording.mcap"):
             assert f"{name} is not written any more: File too large; the flight goes on" in said
-        assert "the truth file ends here: File too large" in (running.folder / "simulator.log").read_text()
+        assert (
+            "the truth file ends here: File too large"
+            in (running.folder / "simulator.log").read_text()
+        )
         assert all((running.folder / f"{i}.tlog").stat().st_size < 400_000 for i in range(1, 7))

@@ -1,7 +1,7 @@
 """Every kind of process killed, stopped for a while and started again, in every phase of a flight.
 
-Whatever it is, it ends: with no two vehicles under r_in in the truth, an outcome that is told, and nothing left behind.
-The whole table: `pytest -n0 -m long -rP tests/system/test_kills.py`.
+Whatever it is, it ends: with no two vehicles under r_in in the truth, an outcome that is told, and
+nothing left behind. The whole table: `pytest -n0 -m long -rP tests/system/test_kills.py`.
 """
 
 from __future__ import annotations
@@ -29,17 +29,20 @@ pytestmark = pytest.mark.timeout(180)
 
 MISSION = Path(__file__).with_name("kills.yaml")
 SPEEDUP = 3.0
-"""A PX4 leaves OFFBOARD for good after a second without setpoints: a busy machine must not take that long."""
+"""A PX4 leaves OFFBOARD for good after a second without setpoints: a busy machine must not take
+that long."""
 PROCESSES = ("agent-1", "agent-2", "station", "simulator", "run")
 """Agent 1 flies an ArduCopter, agent 2 a PX4."""
 DEEDS = ("kill", "blink", "sleep", "restart")
-"""SIGKILL; SIGSTOP for 2 s, and for 12 (mission time); SIGKILL and the same again by hand, as an operator would."""
+"""SIGKILL; SIGSTOP for 2 s, and for 12 (mission time); SIGKILL and the same again by hand, as an
+operator would."""
 PHASES = {"ready": 0, "takeoff": 1, "form": 2, "hold": 3, "landing": 4}
 """And the step that it is."""
 ENDS = ("kill", "restart")
 CODES = {"completed": 0, "failed": 1}
 CODES_BY_HAND = {"agent": {0, 1}, "station": {130}, "simulator": {0}, "run": {0}}
-"""Of the process started again: an agent's vehicle may be in its own landing, which ends the mission."""
+"""Of the process started again: an agent's vehicle may be in its own landing, which ends the
+mission."""
 IN_CI = {("simulator", "blink", "form"), ("run", "sleep", "form")}
 """What `test_run.py` does not fly already, and is quick."""
 BLINK_S, SLEEP_S, PATIENCE_S = 2.0, 12.0, 60.0
@@ -57,7 +60,9 @@ def test_whatever_is_killed(tmp_path: Path, process: str, deed: str, phase: str)
     """It is survived, or the flight ends in order; see the module."""
     mission = tmp_path / "kills.yaml"
     mission.write_text(MISSION.read_text() if deed != "restart" else patient(MISSION.read_text()))
-    with Running("run", mission, "--speedup", str(SPEEDUP), "--headless", "--no-report", cwd=tmp_path) as running:
+    with Running(
+        "run", mission, "--speedup", str(SPEEDUP), "--headless", "--no-report", cwd=tmp_path
+    ) as running:
         reach(running, PHASES[phase])
         pid = running.process.pid if process == "run" else running.pids[process]
         if deed in ("blink", "sleep"):
@@ -72,15 +77,27 @@ def test_whatever_is_killed(tmp_path: Path, process: str, deed: str, phase: str)
                 running.assert_nothing_left(60)
         running.assert_nothing_left(60)
         summary = running.summary()
-        told = f"{summary['outcome']}: {summary['reason']}" if summary["reason"] else summary["outcome"]
-        closest_m = min(load_truth(running.folder / "truth.jsonl").minima.values(), default=math.inf)
+        told = (
+            f"{summary['outcome']}: {summary['reason']}"
+            if summary["reason"]
+            else summary["outcome"]
+        )
+        closest_m = min(
+            load_truth(running.folder / "truth.jsonl").minima.values(), default=math.inf
+        )
         print(f"| {process} | {deed} | {phase} | {code} | {closest_m:.1f} | {told} |")
         assert closest_m > summary["r_in_m"]
         assert summary["outcome"] in expected(process, deed)
         if (process, deed, summary["outcome"]) == ("simulator", "blink", "failed"):
             assert "the vehicle was switched to AUTO.LAND" in summary["reason"]
-        assert code == (-signal.SIGKILL if process == "run" and deed in ENDS else CODES[summary["outcome"]])
-        assert process == "run" or deed not in ENDS or f"{process} was ended by SIGKILL" in summary["reason"]
+        assert code == (
+            -signal.SIGKILL if process == "run" and deed in ENDS else CODES[summary["outcome"]]
+        )
+        assert (
+            process == "run"
+            or deed not in ENDS
+            or f"{process} was ended by SIGKILL" in summary["reason"]
+        )
         assert_ports_free(running.folder)
 
 
@@ -88,8 +105,9 @@ def expected(process: str, deed: str) -> set[str]:
     """How the run may be called."""
     if deed in ENDS:
         return {"aborted" if process == "run" else "failed"}
-    # nobody misses `run`, nor anybody else for 2 s, but for the agent of a PX4; what is given up depends on the phase.
-    # A PX4 that wakes up after 2 s leaves OFFBOARD if it looks at the time before the set-points that waited for it.
+    # nobody misses `run`, nor anybody else for 2 s, but for the agent of a PX4; what is given up
+    # depends on the phase. A PX4 that wakes up after 2 s leaves OFFBOARD if it looks at the time
+    # before the set-points that waited for it.
     missed = process != "run" and (deed == "sleep" or process in ("agent-2", "simulator"))
     return {"completed", "failed"} if missed else {"completed"}
 
@@ -125,12 +143,22 @@ def again(process: str, folder: Path, where: Path) -> Iterator[None]:
     told = manifest(folder)
     own = str(told["epoch_s"]), str(told["speedup"])
     if process == "run":
-        command = [SWARM_CTL, "run", where / "kills.yaml", "--speedup", own[1], "--headless", "--no-report"]
+        command = [
+            SWARM_CTL,
+            "run",
+            where / "kills.yaml",
+            "--speedup",
+            own[1],
+            "--headless",
+            "--no-report",
+        ]
         command += ["--runs", where / "again"]
     elif process == "station":
         command = [SWARM_CTL, "station", folder, "--json"]
     elif process == "simulator":
-        config = json.loads((folder / "sim.json").read_text()) | {"truth_path": str(where / "truth-again.jsonl")}
+        config = json.loads((folder / "sim.json").read_text()) | {
+            "truth_path": str(where / "truth-again.jsonl")
+        }
         (where / "sim-again.json").write_text(json.dumps(config))
         command = [sys.executable, "-m", "sim", "--config", where / "sim-again.json"]
     else:
@@ -142,7 +170,11 @@ def again(process: str, folder: Path, where: Path) -> Iterator[None]:
         command += ["--epoch", own[0], "--speedup", own[1]]
     with (where / "again.out").open("wb") as out:
         started = subprocess.Popen(
-            [*map(str, command)], stdin=subprocess.PIPE, stdout=out, stderr=subprocess.STDOUT, cwd=ROOT
+            [*map(str, command)],
+            stdin=subprocess.PIPE,
+            stdout=out,
+            stderr=subprocess.STDOUT,
+            cwd=ROOT,
         )
     try:
         yield
@@ -150,7 +182,9 @@ def again(process: str, folder: Path, where: Path) -> Iterator[None]:
             started.send_signal(signal.SIGINT)
         assert started.stdin is not None
         started.stdin.close()
-        assert started.wait(60) in CODES_BY_HAND[process.partition("-")[0]], (where / "again.out").read_text()
+        assert started.wait(60) in CODES_BY_HAND[process.partition("-")[0]], (
+            where / "again.out"
+        ).read_text()
     finally:
         started.kill()
         started.wait()
@@ -165,5 +199,7 @@ def assert_ports_free(folder: Path) -> None:
         for endpoint in endpoints:
             with socket.socket(socket.AF_INET, kind) as one:
                 if kind == socket.SOCK_STREAM:
-                    one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # connections that only wait are no user
+                    one.setsockopt(
+                        socket.SOL_SOCKET, socket.SO_REUSEADDR, 1
+                    )  # connections that only wait are no user
                 one.bind(("127.0.0.1", int(endpoint.rpartition(":")[2])))

@@ -1,4 +1,5 @@
-"""`swarm-ctl measure` with real processes and sockets: a simulated vehicle, and what stands in the fleet file then."""
+"""`swarm-ctl measure` with real processes and sockets: a simulated vehicle, and what stands in the
+fleet file then."""
 
 from __future__ import annotations
 
@@ -25,8 +26,21 @@ def fleet(tmp_path: Path) -> Path:
 
 def test_ctrl_c_lands_it_and_nothing_is_written(fleet: Path) -> None:
     """In a step; every line that follows is about the way down."""
-    command = [SWARM_CTL, "measure", "--fleet", str(fleet), "--id", "1", "--speed", "2", "--speedup", "5"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+    command = [
+        SWARM_CTL,
+        "measure",
+        "--fleet",
+        str(fleet),
+        "--id",
+        "1",
+        "--speed",
+        "2",
+        "--speedup",
+        "5",
+    ]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as running:
         try:
             assert running.stdout is not None
             while "north" not in (line := running.stdout.readline()):

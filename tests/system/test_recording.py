@@ -1,4 +1,5 @@
-"""What real runs leave behind: recordings that match what was sent, and survive the kill of who wrote them."""
+"""What real runs leave behind: recordings that match what was sent, and survive the kill of who
+wrote them."""
 
 from __future__ import annotations
 
@@ -25,7 +26,8 @@ RUN = ("run", LOW, "--speedup", "4", "--headless")
 
 
 def test_a_whole_run_is_recorded_and_reported(whole: Whole) -> None:
-    """Each agent's states in order and hardly one missing; truth line by line; every setpoint in the tlogs."""
+    """Each agent's states in order and hardly one missing; truth line by line; every setpoint in
+    the tlogs."""
     folder = whole.folder
     assert f"report: {folder.relative_to(whole.cwd)}/report.html" in whole.stderr.replace("\n", "")
     assert (folder / "report.html").stat().st_size > 100_000
@@ -40,9 +42,13 @@ def test_a_whole_run_is_recorded_and_reported(whole: Whole) -> None:
     for agent in range(1, 7):
         heard = sequences[agent]
         assert heard == sorted(set(heard))
-        # states go out unacknowledged: a busy machine may lose some on the way to the station, the file none
+        # states go out unacknowledged: a busy machine may lose some on the way to the station, the
+        # file none
         assert len(heard) > 0.97 * (heard[-1] - heard[0] + 1)
-        assert json.loads((folder / "agents" / f"{agent}.json").read_text())["outcome"] == final[agent].outcome
+        assert (
+            json.loads((folder / "agents" / f"{agent}.json").read_text())["outcome"]
+            == final[agent].outcome
+        )
     lines = [json.loads(line) for line in (folder / "truth.jsonl").read_text().splitlines()]
     assert [line for _, line in truth(folder)] == lines
     with (folder / recording.RECORDING).open("rb") as file:
@@ -60,7 +66,8 @@ def test_a_whole_run_is_recorded_and_reported(whole: Whole) -> None:
 
 
 def _frames(path: Path, sysid: int) -> tuple[list[Velocity], list[Velocity], int]:
-    """Setpoints before and after the first command to land, as MAVExplorer reads them; all frames of the vehicle."""
+    """Setpoints before and after the first command to land, as MAVExplorer reads them; all frames
+    of the vehicle."""
     log = mavutil.mavlink_connection(str(path))
     flown: list[Velocity] = []
     landing: list[Velocity] = []
@@ -72,7 +79,9 @@ def _frames(path: Path, sysid: int) -> tuple[list[Velocity], list[Velocity], int
         if kind == "SET_POSITION_TARGET_LOCAL_NED":
             setpoints.append((message.vx, message.vy, message.vz))
         elif (
-            kind == "COMMAND_LONG" and message.command == mavutil.mavlink.MAV_CMD_DO_SET_MODE and message.param2 == LAND
+            kind == "COMMAND_LONG"
+            and message.command == mavutil.mavlink.MAV_CMD_DO_SET_MODE
+            and message.param2 == LAND
         ):
             setpoints = landing
     log.close()
@@ -80,18 +89,23 @@ def _frames(path: Path, sysid: int) -> tuple[list[Velocity], list[Velocity], int
 
 
 def test_a_killed_station_leaves_all_but_the_last_second(tmp_path: Path) -> None:
-    """SIGKILL in flight: the file reads up to the last chunk, `replay` and `report` give it its footer, and say so."""
+    """SIGKILL in flight: the file reads up to the last chunk, `replay` and `report` give it its
+    footer, and say so."""
     with Running(*RUN, "--no-report", cwd=tmp_path) as running:
         running.wait_for_event("step 2: form hexagon", 6)
         before_s = max(
-            payload.time_s for _, payload in recording.read(running.folder) if isinstance(payload, AgentState)
+            payload.time_s
+            for _, payload in recording.read(running.folder)
+            if isinstance(payload, AgentState)
         )
         running.kill("station")
         running.wait()
         running.assert_nothing_left()
         folder = running.folder
     assert not is_whole(folder)
-    last_s = max(payload.time_s for _, payload in recording.read(folder) if isinstance(payload, AgentState))
+    last_s = max(
+        payload.time_s for _, payload in recording.read(folder) if isinstance(payload, AgentState)
+    )
     assert last_s >= before_s
     alone = tmp_path / "alone.mcap"
     shutil.copy(folder / recording.RECORDING, alone)

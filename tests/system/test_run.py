@@ -34,7 +34,8 @@ def assert_truth_ends_on_the_ground(folder: Path) -> None:
 
 
 def test_hexagon_completes(whole: Whole) -> None:
-    """From command to disarmed: exit 0, every figure of the summary in its range, nothing left behind."""
+    """From command to disarmed: exit 0, every figure of the summary in its range, nothing left
+    behind."""
     assert whole.code == 0, whole.stderr
     summary = json.loads((whole.folder / "summary.json").read_text())
     assert summary["outcome"] == "completed"
@@ -117,7 +118,8 @@ def test_ctrl_c_lands_first(tmp_path: Path) -> None:
 
 
 def test_ctrl_c_lands_without_a_station(tmp_path: Path) -> None:
-    """With nobody left to pass the command on, `run` cuts the lifelines: the agents land all the same."""
+    """With nobody left to pass the command on, `run` cuts the lifelines: the agents land all the
+    same."""
     with Running(*RUN, cwd=tmp_path) as running:
         running.wait_for_event("step 2:", 6)
         running.kill("station")
@@ -142,14 +144,17 @@ def test_second_ctrl_c_stops_at_once(tmp_path: Path) -> None:
 def test_ctrl_c_on_the_ground(tmp_path: Path) -> None:
     """Before anything arms, Ctrl-C just ends the run."""
     with Running(*RUN[:2], "--speedup", "1", "--headless", cwd=tmp_path) as running:
-        running.wait_for(lambda: (tmp_path / "runs").exists() and (running.folder / "processes.json").exists())
+        running.wait_for(
+            lambda: (tmp_path / "runs").exists() and (running.folder / "processes.json").exists()
+        )
         running.interrupt()
         assert running.wait(30) == 130, running.output
         running.assert_nothing_left()
 
 
 def test_a_hung_agent_does_not_hang_the_run(tmp_path: Path) -> None:
-    """SIGSTOP: its vehicle holds by its own failsafe, the others land, `run` ends it and reports."""
+    """SIGSTOP: its vehicle holds by its own failsafe, the others land, `run` ends it and
+    reports."""
     with Running(*RUN, cwd=tmp_path) as running:
         running.wait_for_event("step 2:", 6)
         running.kill("agent-5", signal.SIGSTOP)
@@ -164,7 +169,8 @@ def test_a_hung_agent_does_not_hang_the_run(tmp_path: Path) -> None:
 
 
 def test_bad_mission_starts_nothing(tmp_path: Path) -> None:
-    """Refused with file, line, field and what would be allowed, exit 2; no run folder, no process."""
+    """Refused with file, line, field and what would be allowed, exit 2; no run folder, no
+    process."""
     broken = tmp_path / "broken.yaml"
     broken.write_text(HEXAGON.read_text().replace("r_in: 0.5", "r_in: 1.5"))
     with Running("run", broken, "--headless", cwd=tmp_path) as running:
@@ -227,7 +233,11 @@ def test_python_m_entry(tmp_path: Path) -> None:
     import subprocess
 
     done = subprocess.run(
-        [sys.executable, "-m", "sim"], capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL
+        [sys.executable, "-m", "sim"],
+        capture_output=True,
+        text=True,
+        check=False,
+        stdin=subprocess.DEVNULL,
     )
     assert done.returncode == 2
     assert "Traceback" not in done.stderr

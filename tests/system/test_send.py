@@ -9,16 +9,21 @@ from tests.system.running import LOW, SWARM_CTL, Running
 
 
 def test_an_operator_commands_from_the_shell(tmp_path: Path) -> None:
-    """Accepted with 0, refused with 1, senseless with 2, all in one flight; nothing refused has any effect."""
+    """Accepted with 0, refused with 1, senseless with 2, all in one flight; nothing refused has any
+    effect."""
 
     def send(*words: str) -> tuple[int, str]:
         command = [str(SWARM_CTL), "send", *words]
-        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, input="n\n")
+        done = subprocess.run(
+            command, cwd=tmp_path, capture_output=True, text=True, check=False, input="n\n"
+        )
         return done.returncode, (done.stdout + done.stderr).strip()
 
     mission = tmp_path / "low.yaml"
     mission.write_text(LOW.read_text().replace("duration_s: 5", "duration_s: 60"))
-    with Running("run", mission, "--speedup", "3", "--headless", "--no-report", cwd=tmp_path) as running:
+    with Running(
+        "run", mission, "--speedup", "3", "--headless", "--no-report", cwd=tmp_path
+    ) as running:
         running.wait_for_event("step 2:", 6)
         assert send("resume") == (1, "agents 1-6: refused: not held; there is nothing to resume")
         assert send("hold") == (0, "agents 1-6: accepted")
@@ -27,7 +32,10 @@ def test_an_operator_commands_from_the_shell(tmp_path: Path) -> None:
             f"error: there is no shape 'rwo' in {mission}; did you mean row?; allowed: hexagon, row",
         )
         assert send("move", "nan", "0")[0] == 2
-        assert send("move", "6000", "0") == (1, "agents 1-6: refused: (6000, 0) m: outside the geofence")
+        assert send("move", "6000", "0") == (
+            1,
+            "agents 1-6: refused: (6000, 0) m: outside the geofence",
+        )
         assert send("form", "row") == (0, "agents 1-6: accepted")
         assert send("next") == (0, "agents 1-6: accepted")
         running.wait_for_event("step 3:", 6)

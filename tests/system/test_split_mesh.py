@@ -1,7 +1,8 @@
 """One swarm on two hosts: a mesh that is slow, lossy, cut and healed, with TCP's own answers to it.
 
-Agents and a station of each side in a network namespace of their own, joined by a relay that carries each frame late or
-never; every vehicle's own link stays whole. Ranks change sides through each other's gaps while it happens.
+Agents and a station of each side in a network namespace of their own, joined by a relay that
+carries each frame late or never; every vehicle's own link stays whole. Ranks change sides through
+each other's gaps while it happens.
 """
 
 from __future__ import annotations
@@ -15,7 +16,10 @@ from tests.system.namespaces import why_not
 from tests.system.relay import Air
 from tests.system.split import Split
 
-pytestmark = [pytest.mark.timeout(240), pytest.mark.skipif(bool(why_not()), reason=why_not() or "-")]
+pytestmark = [
+    pytest.mark.timeout(240),
+    pytest.mark.skipif(bool(why_not()), reason=why_not() or "-"),
+]
 
 MISSION = """
 version: 1
@@ -54,7 +58,8 @@ def assert_apart_and_down(flight: Split) -> None:
 
 
 def test_a_mesh_that_is_cut_in_flight(tmp_path: Path) -> None:
-    """Each side finds the other lost, holds, lands where it stands, and says so; nobody comes near anybody."""
+    """Each side finds the other lost, holds, lands where it stands, and says so; nobody comes near
+    anybody."""
     with split(tmp_path, speedup=5) as flight:
         flight.wait_step(FORM)
         flight.wait_s(3)
@@ -62,14 +67,17 @@ def test_a_mesh_that_is_cut_in_flight(tmp_path: Path) -> None:
         assert flight.finish() == dict.fromkeys((1, 2, 3, 4), 1)
         for side, others in enumerate(reversed(SIDES)):
             for agent in SIDES[side]:
-                reasons = [f"agent: failed: agent {other} has not been heard for 5 s\n" for other in others]
+                reasons = [
+                    f"agent: failed: agent {other} has not been heard for 5 s\n" for other in others
+                ]
                 assert flight.said(agent).endswith(tuple(reasons))
         assert_apart_and_down(flight)
 
 
 @pytest.mark.long
 def test_a_slow_and_lossy_mesh(tmp_path: Path) -> None:
-    """150 +- 50 ms each way, one frame of ten lost, in real time: the mission is flown to its end."""
+    """150 +- 50 ms each way, one frame of ten lost, in real time: the mission is flown to its
+    end."""
     with split(tmp_path, speedup=1) as flight:
         flight.air(Air(delay_s=0.15, jitter_s=0.05, loss=0.1))
         assert flight.finish(180) == dict.fromkeys((1, 2, 3, 4), 0)
@@ -79,7 +87,8 @@ def test_a_slow_and_lossy_mesh(tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_a_narrow_mesh(tmp_path: Path) -> None:
-    """1 Mbit/s each way, a little more than two agents on each side have to say to the others and to two stations."""
+    """1 Mbit/s each way, a little more than two agents on each side have to say to the others and
+    to two stations."""
     with split(tmp_path, speedup=1) as flight:
         flight.air(Air(rate_bps=1e6))
         assert flight.finish(180) == dict.fromkeys((1, 2, 3, 4), 0)
@@ -92,7 +101,9 @@ def test_a_narrow_mesh(tmp_path: Path) -> None:
     [("land", 12, 4, 0), ("hold", 5, 12, 0), ("continue", 5, 12, 0), ("land", 5, 12, 1)],
     ids=["shorter than patience", "hold", "continue", "land"],
 )
-def test_a_mesh_that_is_cut_and_healed(tmp_path: Path, lost: str, after_s: float, cut_s: float, code: int) -> None:
+def test_a_mesh_that_is_cut_and_healed(
+    tmp_path: Path, lost: str, after_s: float, cut_s: float, code: int
+) -> None:
     """They find each other again; the mission goes on, or has ended, as the policy says."""
     with split(tmp_path, 1, lost, after_s) as flight:
         flight.wait_step(FORM)
@@ -102,7 +113,11 @@ def test_a_mesh_that_is_cut_and_healed(tmp_path: Path, lost: str, after_s: float
         flight.air(Air())
         if not code:  # who has landed is gone before TCP comes back
             flight.wait_for(
-                lambda: all(agent["age_s"] < 1.0 for side in (0, 1) for agent in flight.agents(side).values())
+                lambda: all(
+                    agent["age_s"] < 1.0
+                    for side in (0, 1)
+                    for agent in flight.agents(side).values()
+                )
             )
         assert flight.finish(180) == dict.fromkeys((1, 2, 3, 4), code)
         assert_apart_and_down(flight)

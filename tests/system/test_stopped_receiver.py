@@ -1,4 +1,5 @@
-"""A process that was stopped wakes up and finds old news in its sockets: it must not take them for new ones."""
+"""A process that was stopped wakes up and finds old news in its sockets: it must not take them for
+new ones."""
 
 from __future__ import annotations
 
@@ -22,11 +23,16 @@ LOST = "agent 3 has not been heard for 5 s"
 
 @pytest.mark.long
 def test_a_peer_that_died_while_this_agent_was_stopped(tmp_path: Path) -> None:
-    """Agent 3 dies just after agent 1 was stopped: agent 1 finds it lost when the others do, not so much later."""
+    """Agent 3 dies just after agent 1 was stopped: agent 1 finds it lost when the others do, not so
+    much later."""
     mission = tmp_path / "hold.yaml"
-    text = MISSION.read_text().replace("agent_lost_after_s: 5", "agent_lost: hold, agent_lost_after_s: 5")
+    text = MISSION.read_text().replace(
+        "agent_lost_after_s: 5", "agent_lost: hold, agent_lost_after_s: 5"
+    )
     mission.write_text(text.replace("duration_s: 5", "duration_s: 30"))
-    with Running("run", mission, "--speedup", str(SPEEDUP), "--headless", "--no-report", cwd=tmp_path) as running:
+    with Running(
+        "run", mission, "--speedup", str(SPEEDUP), "--headless", "--no-report", cwd=tmp_path
+    ) as running:
         running.wait_for_event("step 3:", 4)
         running.kill("agent-1", signal.SIGSTOP)
         time.sleep(0.5 / SPEEDUP)

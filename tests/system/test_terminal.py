@@ -1,4 +1,5 @@
-"""`swarm-ctl run` in a real terminal (a pty): the compact view, Ctrl-C as a key, a closed output."""
+"""`swarm-ctl run` in a real terminal (a pty): the compact view, Ctrl-C as a key, a closed
+output."""
 
 from __future__ import annotations
 
@@ -88,7 +89,8 @@ class Terminal:
 
 
 def test_live_view_and_ctrl_c(tmp_path: Path) -> None:
-    """The view shows the flight; Ctrl-C as a key lands the swarm, and the screen shows the acknowledgement."""
+    """The view shows the flight; Ctrl-C as a key lands the swarm, and the screen shows the
+    acknowledgement."""
     terminal = Terminal("run", LOW, "--speedup", "5", "--compact", cwd=tmp_path)
     try:
         terminal.wait_for("Ctrl-C lands the swarm")
@@ -103,7 +105,8 @@ def test_live_view_and_ctrl_c(tmp_path: Path) -> None:
 
 
 def test_a_closed_output_does_not_end_the_flight(tmp_path: Path) -> None:
-    """`swarm-ctl run ... | head -1`: the reader goes away in flight, the mission goes on to its end."""
+    """`swarm-ctl run ... | head -1`: the reader goes away in flight, the mission goes on to its
+    end."""
     read, write = os.pipe()
     process = subprocess.Popen(
         [str(SWARM_CTL), "run", str(LOW), "--speedup", "5", "--headless"],

@@ -15,7 +15,8 @@ from swarm_ctl.runtime.launch.ports import free_ports
 
 
 def lingering(port: int) -> dict[tuple[int, int], bool]:
-    """Whether close() waits, of each TCP connection of this process with `port` at an end: by its two ports."""
+    """Whether close() waits, of each TCP connection of this process with `port` at an end: by its
+    two ports."""
     found = {}
     for descriptor in [int(entry.name) for entry in Path("/dev/fd").iterdir()]:
         try:
@@ -24,7 +25,9 @@ def lingering(port: int) -> dict[tuple[int, int], bool]:
             with socket.socket(fileno=os.dup(descriptor)) as one:
                 ends = (one.getsockname()[1], one.getpeername()[1])
                 if port in ends:
-                    linger, _ = struct.unpack("ii", one.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER, 8))
+                    linger, _ = struct.unpack(
+                        "ii", one.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER, 8)
+                    )
                     found[ends] = bool(linger)
         except (OSError, IndexError):
             continue  # closed meanwhile, or not connected, or no TCP
@@ -32,7 +35,8 @@ def lingering(port: int) -> dict[tuple[int, int], bool]:
 
 
 def test_no_link_waits_for_its_last_bytes() -> None:
-    """Both ends of a link close at once, whoever has opened it: SO_LINGER blocks the thread that carries all others."""
+    """Both ends of a link close at once, whoever has opened it: SO_LINGER blocks the thread that
+    carries all others."""
     (port,) = free_ports(1, socket.SOCK_STREAM)
     one = ZenohTransport([f"tcp/127.0.0.1:{port}"], [], time.monotonic)
     two = ZenohTransport([], [f"tcp/127.0.0.1:{port}"], time.monotonic)

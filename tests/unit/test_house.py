@@ -1,4 +1,5 @@
-"""The house's own rules: imports, types, lint, format. A finding fails the tests like any other mistake."""
+"""The house's own rules: imports, types, lint, format. A finding fails the tests like any other
+mistake."""
 
 from __future__ import annotations
 
@@ -28,7 +29,8 @@ def test_house_rule(name: str) -> None:
 
 
 def test_agent_process_stays_small() -> None:
-    """What an agent imports does not reach the screen, the mission reader or the simulator, seen at run time."""
+    """What an agent imports does not reach the screen, the mission reader or the simulator, seen at
+    run time."""
     code = "import swarm_ctl.runtime.agent.agent_process, sys; print(*sorted({m.split('.')[0] for m in sys.modules}))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     loaded = set(done.stdout.split())

@@ -24,7 +24,9 @@ _NO_POSITION = 7
 def set_global_target(f: Firmware, message: Message) -> None:
     """SET_POSITION_TARGET_GLOBAL_INT: as the local one, with a place on the ellipsoid."""
     fields = _local(f, message.fields)
-    setpoint = None if fields is None else read_setpoint(fields, f.sensed.heading_rad, f.local_position())
+    setpoint = (
+        None if fields is None else read_setpoint(fields, f.sensed.heading_rad, f.local_position())
+    )
     if setpoint is None:
         f.ignored += 1
     else:
@@ -43,12 +45,15 @@ def _local(f: Firmware, m: Mapping[str, Any]) -> dict[str, Any] | None:
         if m["coordinate_frame"] in RELATIVE_FRAMES:
             alt_m += f.plane.geodetic_from_ned(f.home_ned).alt_m
         ned = f.plane.ned_from_geodetic(Geodetic(lat_deg, lon_deg, alt_m))
-        local |= zip("xyz", (a - b for a, b in zip(ned, f.local_origin_ned, strict=True)), strict=True)
+        local |= zip(
+            "xyz", (a - b for a, b in zip(ned, f.local_origin_ned, strict=True)), strict=True
+        )
     return {**m, **local}
 
 
 def condition_yaw(f: Firmware, command: Command) -> Result:
-    """CONDITION_YAW: p1 degrees, p3 the sense of a relative turn, p4 whether it is one. Turns a guided vehicle."""
+    """CONDITION_YAW: p1 degrees, p3 the sense of a relative turn, p4 whether it is one. Turns a
+    guided vehicle."""
     degrees, sense, relative = command.p[0], command.p[2], command.p[3]
     if not (0.0 <= degrees <= 360.0 and relative in (0.0, 1.0)):
         return Result.FAILED

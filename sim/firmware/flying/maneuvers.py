@@ -1,6 +1,7 @@
 """What a vehicle is doing: maneuvers that turn what it senses into a demand on its motion. Pure.
 
-Positions are NED metres in the simulator's common frame; a firmware translates its own local frame before.
+Positions are NED metres in the simulator's common frame; a firmware translates its own local frame
+before.
 """
 
 from __future__ import annotations
@@ -21,13 +22,15 @@ class Sensed(NamedTuple):
     position_ned_m: Vector3
     velocity_ned_mps: Vector3
     thrust_ned_mps2: Vector3
-    """Acceleration by the rotors alone, beside what carries the weight: it makes the vehicle lean."""
+    """Acceleration by the rotors alone, beside what carries the weight: it makes the vehicle
+    lean."""
     heading_rad: float
     landed: bool
 
 
 class Demand(NamedTuple):
-    """What the firmware wants of the motion; axes without a position (None) follow the velocity alone."""
+    """What the firmware wants of the motion; axes without a position (None) follow the velocity
+    alone."""
 
     velocity_ned_mps: Vector3
     position_ned_m: tuple[Axis, Axis, Axis]
@@ -49,7 +52,8 @@ class Style:
     """Descent below `land_below_m` above the take-off point."""
     land_below_m: float
     captures: bool
-    """Stops by holding the point where it came to rest (else the velocity controller itself remembers the path)."""
+    """Stops by holding the point where it came to rest (else the velocity controller itself
+    remembers the path)."""
 
 
 class Maneuver(Protocol):
@@ -91,7 +95,8 @@ class Anchor:
         self._point: tuple[float, float] | None = None
 
     def point(self, sensed: Sensed, style: Style) -> tuple[Axis, Axis]:
-        """The horizontal point to hold; (None, None) while still braking, or where the style needs none."""
+        """The horizontal point to hold; (None, None) while still braking, or where the style needs
+        none."""
         if self._point is None and style.captures:
             north, east, _ = sensed.velocity_ned_mps
             if math.hypot(north, east) < self._SLOW_MPS:
@@ -162,11 +167,14 @@ class Takeoff:
 
 
 class Land:
-    """Down where it is: fast first, then slowly to the ground at `ground_down_m`, and past it if that is lower."""
+    """Down where it is: fast first, then slowly to the ground at `ground_down_m`, and past it if
+    that is lower."""
 
     landed_state = Landed.LANDING
 
-    def __init__(self, heading_rad: float, ground_down_m: float, slow_mps: float | None = None) -> None:
+    def __init__(
+        self, heading_rad: float, ground_down_m: float, slow_mps: float | None = None
+    ) -> None:
         self.done = False
         self._heading_rad = heading_rad
         self._ground_down_m = ground_down_m
@@ -215,7 +223,10 @@ class Return:
         north, east, down_m = sensed.position_ned_m
         self._climbed = self._climbed or down_m - self._down_m < self._CLOSE_M
         place = self._home if self._climbed else self._from
-        if self._climbed and math.hypot(north - self._home[0], east - self._home[1]) < self._CLOSE_M:
+        if (
+            self._climbed
+            and math.hypot(north - self._home[0], east - self._home[1]) < self._CLOSE_M
+        ):
             self._home_since_s = now if self._home_since_s is None else self._home_since_s
             if now - self._home_since_s >= self._wait_s:
                 self._land = Land(self._heading_rad, self._home[2])

@@ -33,7 +33,12 @@ class GoTo:
     landed_state = Landed.IN_AIR
 
     def __init__(
-        self, place: Vector3, radius_m: float, wait_s: float, heading_rad: float, climb: Takeoff | None = None
+        self,
+        place: Vector3,
+        radius_m: float,
+        wait_s: float,
+        heading_rad: float,
+        climb: Takeoff | None = None,
     ) -> None:
         self.done = False
         self._climb = climb
@@ -62,7 +67,9 @@ class LandAt:
     """Fly over a point at the height one has, then land."""
 
     def __init__(self, place: Vector3, ground_down_m: float, sensed: Sensed) -> None:
-        self._goto = GoTo((place[0], place[1], sensed.position_ned_m[2]), 1.0, 0.0, sensed.heading_rad)
+        self._goto = GoTo(
+            (place[0], place[1], sensed.position_ned_m[2]), 1.0, 0.0, sensed.heading_rad
+        )
         self._over = place
         self._ground_down_m = ground_down_m
         self._land: Land | None = None
@@ -135,7 +142,9 @@ class Auto:
             self._hold = self._hold or Hold(sensed.heading_rad)
             return self._hold.demand(now, sensed, style)
         self._hold = None
-        for _ in range(len(self._items) + 1):  # items that take no time; bounded for jumps in circles
+        for _ in range(
+            len(self._items) + 1
+        ):  # items that take no time; bounded for jumps in circles
             if self.finished:
                 break
             if self._leg is None:
@@ -163,7 +172,11 @@ class Auto:
         self.current, self._leg = following, None
 
     def _jump_allowed(self, item: Item) -> bool:
-        if not (math.isfinite(item.p[0]) and math.isfinite(item.p[1]) and 0 <= item.p[0] < len(self._items)):
+        if not (
+            math.isfinite(item.p[0])
+            and math.isfinite(item.p[1])
+            and 0 <= item.p[0] < len(self._items)
+        ):
             return False
         made = self._jumps.get(self.current, 0)
         self._jumps[self.current] = made + 1
@@ -175,7 +188,9 @@ class Auto:
         if item.command == Nav.TAKEOFF:
             if sensed.landed:
                 return self._climb(now, sensed, course.place(item)[2])
-            return GoTo((here[0], here[1], course.place(item)[2]), course.radius_m, 0.0, sensed.heading_rad)
+            return GoTo(
+                (here[0], here[1], course.place(item)[2]), course.radius_m, 0.0, sensed.heading_rad
+            )
         if item.command == Nav.LAND:
             where = course.place(item) if item.placed else here
             return LandAt(where, course.home()[2], sensed)
@@ -200,12 +215,18 @@ class Auto:
         wait = math.inf if item.command == Nav.LOITER_UNLIM else _seconds(item.p[0])
         if item.command == Nav.LOITER_TURNS:
             wait = 0.0
-        own = item.p[1] if item.command == Nav.WAYPOINT and math.isfinite(item.p[1]) and item.p[1] > 0 else 0.0
+        own = (
+            item.p[1]
+            if item.command == Nav.WAYPOINT and math.isfinite(item.p[1]) and item.p[1] > 0
+            else 0.0
+        )
         climb = self._climb(now, sensed, d) if sensed.landed else None
         return GoTo(place, own or course.radius_m, wait, sensed.heading_rad, climb)
 
 
-_AT_A_PLACE = frozenset({Nav.WAYPOINT, Nav.SPLINE, Nav.LOITER_UNLIM, Nav.LOITER_TURNS, Nav.LOITER_TIME})
+_AT_A_PLACE = frozenset(
+    {Nav.WAYPOINT, Nav.SPLINE, Nav.LOITER_UNLIM, Nav.LOITER_TURNS, Nav.LOITER_TIME}
+)
 
 
 def _seconds(value: float) -> float:

@@ -1,4 +1,5 @@
-"""SET_POSITION_TARGET_LOCAL_NED, read per axis; each persona then keeps what its firmware would use. Pure."""
+"""SET_POSITION_TARGET_LOCAL_NED, read per axis; each persona then keeps what its firmware would
+use. Pure."""
 
 from __future__ import annotations
 
@@ -26,8 +27,11 @@ class Setpoint(NamedTuple):
     yaw_rate_radps: float | None
 
 
-def read_setpoint(fields: Mapping[str, Any], heading_rad: float, local: tuple[float, float, float]) -> Setpoint | None:
-    """The setpoint in `fields`; body frames are turned by the heading, offsets counted from `local`.
+def read_setpoint(
+    fields: Mapping[str, Any], heading_rad: float, local: tuple[float, float, float]
+) -> Setpoint | None:
+    """The setpoint in `fields`; body frames are turned by the heading, offsets counted from
+    `local`.
 
     None where a field that is to be used isn't a finite number.
     """
@@ -49,14 +53,19 @@ def read_setpoint(fields: Mapping[str, Any], heading_rad: float, local: tuple[fl
 def moved(axes: Axes, by: tuple[float, float, float]) -> Axes:
     """The axes that are given, each counted from elsewhere."""
     n, e, d = axes
-    return (None if n is None else n + by[0], None if e is None else e + by[1], None if d is None else d + by[2])
+    return (
+        None if n is None else n + by[0],
+        None if e is None else e + by[1],
+        None if d is None else d + by[2],
+    )
 
 
 _NO_YAW, _NO_YAW_RATE = 1 << 10, 1 << 11
 
 
 def _axes(fields: Mapping[str, Any], names: tuple[str, str, str], ignored: int) -> Axes | None:
-    """Three fields, None for an ignored one; None for all where one that is to be used isn't finite."""
+    """Three fields, None for an ignored one; None for all where one that is to be used isn't
+    finite."""
     if ignored == 7:
         return NOTHING
     n, e, d = (None if ignored >> i & 1 else float(fields[name]) for i, name in enumerate(names))

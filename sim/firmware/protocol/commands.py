@@ -1,6 +1,8 @@
-"""COMMAND_LONG and COMMAND_INT: what both personas answer alike, as a table from MAV_CMD to function. Pure.
+"""COMMAND_LONG and COMMAND_INT: what both personas answer alike, as a table from MAV_CMD to
+function. Pure.
 
-Each persona adds its own rows (`Ardupilot.commands`, `Px4.commands`); a command in neither is UNSUPPORTED.
+Each persona adds its own rows (`Ardupilot.commands`, `Px4.commands`); a command in neither is
+UNSUPPORTED.
 """
 
 from __future__ import annotations
@@ -50,13 +52,18 @@ def read_command(message: Message) -> Command:
     if message.name == "COMMAND_INT":
         place = (f["x"] * 1e-7, f["y"] * 1e-7, f["z"])
         return Command(f["command"], f["frame"], (*numbers, *place), target, message.source)
-    return Command(f["command"], 0, (*numbers, f["param5"], f["param6"], f["param7"]), target, message.source)
+    return Command(
+        f["command"], 0, (*numbers, f["param5"], f["param6"], f["param7"]), target, message.source
+    )
 
 
 def place(f: Firmware, command: Command) -> Vector3 | None:
-    """NED of the point in p[4:7]; missing coordinates are the current ones; None where there is no such point."""
+    """NED of the point in p[4:7]; missing coordinates are the current ones; None where there is no
+    such point."""
     here = f.plane.geodetic_from_ned(f.sensed.position_ned_m)
-    lat, lon, alt = (b if math.isnan(a) else a for a, b in zip(command.p[4:7], astuple(here), strict=True))
+    lat, lon, alt = (
+        b if math.isnan(a) else a for a, b in zip(command.p[4:7], astuple(here), strict=True)
+    )
     if not (abs(lat) <= 90 and abs(lon) <= 180 and abs(alt) < 1e5):
         return None
     if command.frame in _RELATIVE_FRAMES and not math.isnan(command.p[6]):
@@ -137,7 +144,9 @@ def _send_once(f: Firmware, name: str) -> Result:
 
 
 def _message_name(number: float) -> str | None:
-    return MESSAGE_NAMES.get(int(number)) if math.isfinite(number) and number == int(number) else None
+    return (
+        MESSAGE_NAMES.get(int(number)) if math.isfinite(number) and number == int(number) else None
+    )
 
 
 def set_mission_current(f: Firmware, command: Command) -> Result:

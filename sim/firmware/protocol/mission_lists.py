@@ -1,7 +1,8 @@
-"""The mission protocol: lists of items (mission, fence, rally) up and down, cleared, and the current one set. Pure.
+"""The mission protocol: lists of items (mission, fence, rally) up and down, cleared, and the
+current one set. Pure.
 
-https://mavlink.io/en/services/mission.html. Each list of a vehicle is one `Plan`; uploads replace it only when
-complete. Fence and rally lists are kept and given back; nothing flies by them.
+https://mavlink.io/en/services/mission.html. Each list of a vehicle is one `Plan`; uploads replace
+it only when complete. Fence and rally lists are kept and given back; nothing flies by them.
 """
 
 from __future__ import annotations
@@ -71,7 +72,11 @@ class Item:
     @property
     def placed(self) -> bool:
         """It names a point (0, 0 means here)."""
-        return (self.x, self.y) != (0, 0) and abs(self.x) <= 900_000_000 and abs(self.y) <= 1_800_000_000
+        return (
+            (self.x, self.y) != (0, 0)
+            and abs(self.x) <= 900_000_000
+            and abs(self.y) <= 1_800_000_000
+        )
 
 
 @dataclass(slots=True)
@@ -110,7 +115,11 @@ def refusal(kind: int, item: Item) -> Answer | None:
         known = item.command == _RALLY_COMMAND
     else:
         condition = _FIRST_CONDITION <= item.command <= _LAST_CONDITION
-        known = item.command in set(Nav) or condition or _FIRST_DO <= item.command < _FENCE_COMMANDS.start
+        known = (
+            item.command in set(Nav)
+            or condition
+            or _FIRST_DO <= item.command < _FENCE_COMMANDS.start
+        )
     return None if known else Answer.UNSUPPORTED
 
 
@@ -138,8 +147,22 @@ def request_item(f: Firmware, message: Message) -> None:
     frame = item.frame if as_int else {5: 0, 6: 3, 11: 10}.get(item.frame, item.frame)
     numbers = {f"param{i + 1}": v for i, v in enumerate(item.p)}
     rest = {"command": item.command, "current": int(kind == MISSION and seq == f.plans.current)}
-    more = {"seq": seq, "frame": frame, "autocontinue": item.autocontinue, "z": item.z, "mission_type": kind}
-    _say(f, "MISSION_ITEM_INT" if as_int else "MISSION_ITEM", message.source, **numbers, **here, **rest, **more)
+    more = {
+        "seq": seq,
+        "frame": frame,
+        "autocontinue": item.autocontinue,
+        "z": item.z,
+        "mission_type": kind,
+    }
+    _say(
+        f,
+        "MISSION_ITEM_INT" if as_int else "MISSION_ITEM",
+        message.source,
+        **numbers,
+        **here,
+        **rest,
+        **more,
+    )
 
 
 def _learn(f: Firmware, message: Message) -> bool:
@@ -163,7 +186,8 @@ def count(f: Firmware, message: Message) -> None:
 
 
 def item(f: Firmware, message: Message) -> None:
-    """MISSION_ITEM_INT, MISSION_ITEM: the one asked for is kept; for any other the right one is asked for again."""
+    """MISSION_ITEM_INT, MISSION_ITEM: the one asked for is kept; for any other the right one is
+    asked for again."""
     upload, m = f.plans.upload, message.fields
     if m["current"] == _GO_THERE:
         _go_there(f, message)
@@ -222,12 +246,20 @@ def clear(f: Firmware, message: Message) -> None:
 
 
 def answered(f: Firmware, message: Message) -> None:
-    """MISSION_ACK: a client that does not know the request says UNSUPPORTED; PX4 then asks by the other one."""
+    """MISSION_ACK: a client that does not know the request says UNSUPPORTED; PX4 then asks by the
+    other one."""
     upload = f.plans.upload
-    if upload is None or message.source != upload.source or message.fields["type"] != Answer.UNSUPPORTED:
+    if (
+        upload is None
+        or message.source != upload.source
+        or message.fields["type"] != Answer.UNSUPPORTED
+    ):
         return
     if f.asks_in_kind:
-        others = {"MISSION_REQUEST": "MISSION_REQUEST_INT", "MISSION_REQUEST_INT": "MISSION_REQUEST"}
+        others = {
+            "MISSION_REQUEST": "MISSION_REQUEST_INT",
+            "MISSION_REQUEST_INT": "MISSION_REQUEST",
+        }
         f.plans.item_request = others[f.plans.item_request]
         _go_on(f, upload)
 
@@ -259,7 +291,9 @@ def acknowledge(f: Firmware, to: tuple[int, int], kind: int, answer: Answer) -> 
 def _go_on(f: Firmware, upload: Upload) -> None:
     upload.asked_s = f.now
     if len(upload.items) < upload.count:
-        _say(f, f.plans.item_request, upload.source, seq=len(upload.items), mission_type=upload.kind)
+        _say(
+            f, f.plans.item_request, upload.source, seq=len(upload.items), mission_type=upload.kind
+        )
         return
     f.plans.upload = None
     _replace(f, upload.kind, upload.items)

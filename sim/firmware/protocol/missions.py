@@ -1,4 +1,5 @@
-"""Between the mission protocol and the mission's flight: what both personas do with an uploaded mission. Pure."""
+"""Between the mission protocol and the mission's flight: what both personas do with an uploaded
+mission. Pure."""
 
 from __future__ import annotations
 
@@ -15,7 +16,15 @@ if TYPE_CHECKING:
 
 NO_MISSION, NOT_STARTED, ACTIVE, PAUSED, COMPLETE = 1, 2, 3, 4, 5
 """MISSION_STATE."""
-_NAMES = {16: "WP", 17: "LoitUnlim", 18: "LoitTurns", 19: "LoitTime", 20: "RTL", 21: "Land", 22: "Takeoff"}
+_NAMES = {
+    16: "WP",
+    17: "LoitUnlim",
+    18: "LoitTurns",
+    19: "LoitTime",
+    20: "RTL",
+    21: "Land",
+    22: "Takeoff",
+}
 
 
 def items(f: Firmware) -> list[Item]:
@@ -35,7 +44,8 @@ def begins_with_takeoff(f: Firmware) -> bool:
 
 
 def flight(f: Firmware) -> Auto:
-    """The mission's flight, from the current item on; from the first one after it had been completed."""
+    """The mission's flight, from the current item on; from the first one after it had been
+    completed."""
     mission = items(f)
     current = f.plans.current
     if f.mission_complete or not f.first_index <= current < len(mission):
@@ -48,7 +58,11 @@ def flight(f: Firmware) -> Auto:
 
 def course(f: Firmware) -> Course:
     """What the mission's flight asks of this vehicle."""
-    return f.course(lambda item: place(f, item), lambda seq: _reached(f, seq), lambda speed: _set_speed(f, speed))
+    return f.course(
+        lambda item: place(f, item),
+        lambda seq: _reached(f, seq),
+        lambda speed: _set_speed(f, speed),
+    )
 
 
 def place(f: Firmware, item: Item) -> Vector3:
@@ -74,7 +88,8 @@ def keep_up(f: Firmware) -> None:
 
 
 def changed(f: Firmware) -> None:
-    """Another mission was uploaded, or it was cleared: one that is being flown starts anew, or ends."""
+    """Another mission was uploaded, or it was cleared: one that is being flown starts anew, or
+    ends."""
     f.mission_complete = False
     if isinstance(f.maneuver, Auto):
         if present(f):

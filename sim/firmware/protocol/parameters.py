@@ -1,6 +1,7 @@
 """Parameters: a fixed, ordered set of names with types, defaults and values. Pure.
 
-On the wire every value is a float: ArduPilot casts (`as_cast`), PX4 puts an integer's bytes there (`as_bytes`).
+On the wire every value is a float: ArduPilot casts (`as_cast`), PX4 puts an integer's bytes there
+(`as_bytes`).
 """
 
 from __future__ import annotations
@@ -92,7 +93,8 @@ class Parameters:
         self.version += 1
 
     def set_from_wire(self, name: str, wire: float) -> bool:
-        """Sets a known parameter from PARAM_SET's float; False, and nothing changed, where that isn't a number."""
+        """Sets a known parameter from PARAM_SET's float; False, and nothing changed, where that
+        isn't a number."""
         value = self._encoding.decode(self._items[name].kind, wire)
         if not math.isfinite(value):
             return False
@@ -135,8 +137,15 @@ ARDUPILOT_INERT: dict[str, Parameter] = (
     {f"FLTMODE{i}": _int8(mode) for i, mode in enumerate((7, 9, 6, 3, 5, 0), start=1)}
     | {f"RC{i}_{end}": _int16(value) for i in _CHANNELS for end, value in _ENDS}
     | {f"SERVO{i}_FUNCTION": _int16(32 + i) for i in range(1, 5)}
-    | {f"RCMAP_{name}": _int8(i) for i, name in enumerate(("ROLL", "PITCH", "THROTTLE", "YAW"), start=1)}
-    | {f"ATC_RAT_{axis}_{gain}": _real(value) for axis in ("PIT", "RLL") for gain, value in _RATE_GAINS}
+    | {
+        f"RCMAP_{name}": _int8(i)
+        for i, name in enumerate(("ROLL", "PITCH", "THROTTLE", "YAW"), start=1)
+    }
+    | {
+        f"ATC_RAT_{axis}_{gain}": _real(value)
+        for axis in ("PIT", "RLL")
+        for gain, value in _RATE_GAINS
+    }
     | {
         "ANGLE_MAX": _int16(3000),
         "BATT_FS_CRT_ACT": _int8(0),
@@ -166,11 +175,16 @@ ARDUPILOT_INERT: dict[str, Parameter] = (
         "WP_YAW_BEHAVIOR": _int8(2),
     }
 )
-"""Known by every ArduCopter, asked for and shown by clients; kept and told here, but nothing flies by them."""
+"""Known by every ArduCopter, asked for and shown by clients; kept and told here, but nothing flies
+by them."""
 PX4_INERT: dict[str, Parameter] = (
     {f"RC{i}_{end}": _real(value) for i in _CHANNELS for end, value in _ENDS}
     | {f"COM_FLTMODE{i}": _int32(-1) for i in range(1, 7)}
-    | {f"MC_{axis}RATE_{gain}": _real(value) for axis in ("PITCH", "ROLL") for gain, value in _PX4_GAINS}
+    | {
+        f"MC_{axis}RATE_{gain}": _real(value)
+        for axis in ("PITCH", "ROLL")
+        for gain, value in _PX4_GAINS
+    }
     | {
         "BAT_LOW_THR": _real(0.15),
         "BAT_EMERGEN_THR": _real(0.05),
@@ -211,7 +225,9 @@ ARDUPILOT_DEFAULTS: dict[str, Parameter] = ARDUPILOT_INERT | {
     "BATT_LOW_VOLT": _real(10.5),
     "BATT_MONITOR": _int8(4),
     "DISARM_DELAY": _int8(10),
-    "EK3_DRAG_BCOEF_X": _real(12.0),  # the real default is 0: no wind estimate; these vehicles are tuned
+    "EK3_DRAG_BCOEF_X": _real(
+        12.0
+    ),  # the real default is 0: no wind estimate; these vehicles are tuned
     "EK3_DRAG_BCOEF_Y": _real(12.0),
     "FENCE_ENABLE": _int8(0),
     "FRAME_CLASS": _int8(1),
@@ -247,7 +263,9 @@ PX4_DEFAULTS: dict[str, Parameter] = PX4_INERT | {
     "COM_LOW_BAT_ACT": _int32(0),
     "COM_OBL_RC_ACT": _int32(0),
     "COM_OF_LOSS_T": _real(1.0),
-    "EKF2_DRAG_CTRL": _int32(1),  # the real default is 0: no wind estimate; these vehicles are tuned
+    "EKF2_DRAG_CTRL": _int32(
+        1
+    ),  # the real default is 0: no wind estimate; these vehicles are tuned
     "MAV_SYS_ID": _int32(1),
     "MIS_TAKEOFF_ALT": _real(2.5),
     "MPC_LAND_ALT1": _real(10.0),

@@ -1,6 +1,7 @@
 """The messages every MAVLink vehicle serves, as a table from name to function. Pure.
 
-A message that isn't in the table, not for this system, or makes no sense is counted by `Firmware.handle` or here.
+A message that isn't in the table, not for this system, or makes no sense is counted by
+`Firmware.handle` or here.
 """
 
 from __future__ import annotations
@@ -91,11 +92,20 @@ def request_data_stream(f: Firmware, message: Message) -> None:
 
 
 def file_transfer(f: Firmware, message: Message) -> None:
-    """FILE_TRANSFER_PROTOCOL: refused at once, so that a client needn't wait before it asks for a list."""
+    """FILE_TRANSFER_PROTOCOL: refused at once, so that a client needn't wait before it asks for a
+    list."""
     asked = message.fields["payload"]
     sequence = (asked[0] | asked[1] << 8) + 1 & 0xFFFF
-    answer = [sequence & 0xFF, sequence >> 8, asked[2], _FTP_NAK, 1, asked[3]] + [0] * 6 + [_FTP_UNKNOWN_COMMAND]
-    to = {"target_network": 0, "target_system": message.source[0], "target_component": message.source[1]}
+    answer = (
+        [sequence & 0xFF, sequence >> 8, asked[2], _FTP_NAK, 1, asked[3]]
+        + [0] * 6
+        + [_FTP_UNKNOWN_COMMAND]
+    )
+    to = {
+        "target_network": 0,
+        "target_system": message.source[0],
+        "target_component": message.source[1],
+    }
     if asked[3] < _FTP_NAK - 1:  # never answer an answer
         payload = answer + [0] * (len(asked) - len(answer))
         f.say("FILE_TRANSFER_PROTOCOL", to | {"payload": payload}, private=True)
@@ -135,10 +145,17 @@ HANDLERS: Mapping[str, Callable[[Firmware, Message], None]] = {
     "TIMESYNC": timesync,
 }
 _NAN_HAS_MEANING = frozenset(
-    {"COMMAND_LONG", "COMMAND_INT", "PARAM_SET", "SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT"}
+    {
+        "COMMAND_LONG",
+        "COMMAND_INT",
+        "PARAM_SET",
+        "SET_POSITION_TARGET_LOCAL_NED",
+        "SET_POSITION_TARGET_GLOBAL_INT",
+    }
     | {"MISSION_ITEM", "MISSION_ITEM_INT"}
 )
-"""Ignored axes, defaults, and PX4's integers in float clothes: their handlers look for themselves."""
+"""Ignored axes, defaults, and PX4's integers in float clothes: their handlers look for
+themselves."""
 
 
 def sane(message: Message) -> bool:

@@ -9,8 +9,8 @@ from collections.abc import Iterable, Sequence
 class Streams:
     """Message intervals of one vehicle, and when each is due next.
 
-    After its first message a stream keeps to whole multiples of its interval, so that streams meet and share packets;
-    one that fell behind goes on at the next multiple instead of sending a burst.
+    After its first message a stream keeps to whole multiples of its interval, so that streams meet
+    and share packets; one that fell behind goes on at the next multiple instead of sending a burst.
     """
 
     def __init__(self) -> None:

@@ -1,6 +1,8 @@
-"""What each streamed message says: one builder a message, from the firmware's state to MAVLink fields. Pure.
+"""What each streamed message says: one builder a message, from the firmware's state to MAVLink
+fields. Pure.
 
-A builder gives the fields of each message to send: usually one, none while its source isn't there yet.
+A builder gives the fields of each message to send: usually one, none while its source isn't there
+yet.
 """
 
 from __future__ import annotations
@@ -34,7 +36,9 @@ _UNIX_EPOCH_S = 1_700_000_000
 
 def heartbeat(f: Firmware) -> list[Fields]:
     """HEARTBEAT."""
-    state = MAV_STATE_STANDBY if not f.armed else MAV_STATE_CRITICAL if f.failsafe else MAV_STATE_ACTIVE
+    state = (
+        MAV_STATE_STANDBY if not f.armed else MAV_STATE_CRITICAL if f.failsafe else MAV_STATE_ACTIVE
+    )
     armed = MAV_MODE_FLAG_SAFETY_ARMED if f.armed else 0
     return [
         {
@@ -86,7 +90,12 @@ def gps_raw_int(f: Firmware) -> list[Fields]:
         return [_gps(f, fix=1, place=(0, 0, 0), satellites=0)]
     at = f.plane.geodetic_from_ned(f.sensed.position_ned_m)
     return [
-        _gps(f, fix=3, place=(round(at.lat_deg * 1e7), round(at.lon_deg * 1e7), round(at.alt_m * 1e3)), satellites=12)
+        _gps(
+            f,
+            fix=3,
+            place=(round(at.lat_deg * 1e7), round(at.lon_deg * 1e7), round(at.alt_m * 1e3)),
+            satellites=12,
+        )
     ]
 
 
@@ -177,7 +186,11 @@ def home_position(f: Firmware) -> list[Fields]:
         "altitude": round(at.alt_m * 1e3),
     }
     approach = {"approach_x": 0.0, "approach_y": 0.0, "approach_z": 0.0}
-    return [place | {"x": x, "y": y, "z": z, "q": [1.0, 0.0, 0.0, 0.0], "time_usec": f.boot_ms() * 1000} | approach]
+    return [
+        place
+        | {"x": x, "y": y, "z": z, "q": [1.0, 0.0, 0.0, 0.0], "time_usec": f.boot_ms() * 1000}
+        | approach
+    ]
 
 
 def vfr_hud(f: Firmware) -> list[Fields]:
@@ -197,14 +210,25 @@ def vfr_hud(f: Firmware) -> list[Fields]:
 
 
 def position_target_local_ned(f: Firmware) -> list[Fields]:
-    """POSITION_TARGET_LOCAL_NED: the velocity, and where held the position, that the vehicle follows now."""
+    """POSITION_TARGET_LOCAL_NED: the velocity, and where held the position, that the vehicle
+    follows now."""
     demand = f.demand
     held = [p is not None for p in demand.position_ned_m]
     axes = zip(demand.position_ned_m, f.local_origin_ned, strict=True)
     x, y, z = (0.0 if p is None else p - o for p, o in axes)
     vx, vy, vz = demand.velocity_ned_mps
     mask = sum(1 << i for i in range(3) if not held[i]) | 0b111 << 6 | 1 << 11
-    target = {"x": x, "y": y, "z": z, "vx": vx, "vy": vy, "vz": vz, "afx": 0.0, "afy": 0.0, "afz": 0.0}
+    target = {
+        "x": x,
+        "y": y,
+        "z": z,
+        "vx": vx,
+        "vy": vy,
+        "vz": vz,
+        "afx": 0.0,
+        "afy": 0.0,
+        "afz": 0.0,
+    }
     yaw = {"yaw": demand.heading_rad, "yaw_rate": 0.0}
     return [{"time_boot_ms": f.boot_ms(), "coordinate_frame": 1, "type_mask": mask} | target | yaw]
 
@@ -228,7 +252,13 @@ def battery_status(f: Firmware) -> list[Fields]:
 
 def autopilot_version(f: Firmware) -> list[Fields]:
     """AUTOPILOT_VERSION."""
-    blank = {"middleware_sw_version": 0, "os_sw_version": 0, "board_version": 0, "vendor_id": 0, "product_id": 0}
+    blank = {
+        "middleware_sw_version": 0,
+        "os_sw_version": 0,
+        "board_version": 0,
+        "vendor_id": 0,
+        "product_id": 0,
+    }
     customs = {f"{kind}_custom_version": [0] * 8 for kind in ("flight", "middleware", "os")}
     who = {"capabilities": f.capabilities, "flight_sw_version": f.version, "uid": f.sysid}
     return [who | blank | customs]
@@ -243,9 +273,21 @@ def ekf_status_report(f: Firmware) -> list[Fields]:
 
 def estimator_status(f: Firmware) -> list[Fields]:
     """ESTIMATOR_STATUS."""
-    ratios = ("vel_ratio", "pos_horiz_ratio", "pos_vert_ratio", "mag_ratio", "hagl_ratio", "tas_ratio")
-    flags = {"time_usec": f.boot_ms() * 1000, "flags": _ESTIMATOR_READY if f.ready() else _ESTIMATOR_STARTING}
-    return [flags | dict.fromkeys(ratios, 0.01) | {"pos_horiz_accuracy": 0.3, "pos_vert_accuracy": 0.4}]
+    ratios = (
+        "vel_ratio",
+        "pos_horiz_ratio",
+        "pos_vert_ratio",
+        "mag_ratio",
+        "hagl_ratio",
+        "tas_ratio",
+    )
+    flags = {
+        "time_usec": f.boot_ms() * 1000,
+        "flags": _ESTIMATOR_READY if f.ready() else _ESTIMATOR_STARTING,
+    }
+    return [
+        flags | dict.fromkeys(ratios, 0.01) | {"pos_horiz_accuracy": 0.3, "pos_vert_accuracy": 0.4}
+    ]
 
 
 def extended_sys_state(f: Firmware) -> list[Fields]:
@@ -259,7 +301,10 @@ def adsb_vehicle(f: Firmware) -> list[Fields]:
 
 
 def _contact(
-    f: Firmware, sysid: int, position: tuple[float, float, float], velocity: tuple[float, float, float]
+    f: Firmware,
+    sysid: int,
+    position: tuple[float, float, float],
+    velocity: tuple[float, float, float],
 ) -> Fields:
     at = f.plane.geodetic_from_ned(position)
     north, east, down = velocity
@@ -294,7 +339,8 @@ def mission_current(f: Firmware) -> list[Fields]:
 
 
 def wind(f: Firmware) -> list[Fields]:
-    """WIND: while EKF3 estimates it, which takes a tuned drag model and flight. Gusts are averaged out."""
+    """WIND: while EKF3 estimates it, which takes a tuned drag model and flight. Gusts are averaged
+    out."""
     if not _tells_wind(f, "EK3_DRAG_BCOEF_X", "EK3_DRAG_BCOEF_Y"):
         return []
     from_deg = math.remainder(f.parameters["SIM_WIND_DIR"], 360.0)
@@ -302,18 +348,25 @@ def wind(f: Firmware) -> list[Fields]:
 
 
 def wind_cov(f: Firmware) -> list[Fields]:
-    """WIND_COV: while EKF2 estimates it, which takes EKF2_DRAG_CTRL and flight. Gusts are averaged out."""
+    """WIND_COV: while EKF2 estimates it, which takes EKF2_DRAG_CTRL and flight. Gusts are averaged
+    out."""
     if not _tells_wind(f, "EKF2_DRAG_CTRL"):
         return []
     speed, from_rad = f.parameters["SIM_WIND_SPD"], math.radians(f.parameters["SIM_WIND_DIR"])
-    blows = {"wind_x": -speed * math.cos(from_rad), "wind_y": -speed * math.sin(from_rad), "wind_z": 0.0}
+    blows = {
+        "wind_x": -speed * math.cos(from_rad),
+        "wind_y": -speed * math.sin(from_rad),
+        "wind_z": 0.0,
+    }
     certainty = {"var_horiz": 0.2, "var_vert": 0.0, "horiz_accuracy": 0.0, "vert_accuracy": 0.0}
     height = f.plane.origin.alt_m - f.sensed.position_ned_m[2]
     return [{"time_usec": f.boot_ms() * 1000, "wind_alt": height} | blows | certainty]
 
 
 def _tells_wind(f: Firmware, *switches: str) -> bool:
-    return not f.sensed.landed and all(name in f.parameters and f.parameters[name] > 0 for name in switches)
+    return not f.sensed.landed and all(
+        name in f.parameters and f.parameters[name] > 0 for name in switches
+    )
 
 
 BUILDERS: dict[str, Callable[[Firmware], list[Fields]]] = {

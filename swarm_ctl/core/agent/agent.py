@@ -1,8 +1,9 @@
 """The agent: `step(now, inbox) -> actions`, and nothing else. No I/O, no clock, no randomness.
 
-One tick: take in what was heard, find out where we are, see whether anything forbids going on (`core/agent/failsafes.py`), fly
-the current step (`core/agent/step_executor.py`) or wind the flight down (`core/agent/landing.py`), and say so. What these share is the
-`Sortie`; who else flies is `core/agent/barrier.py`. Everything sent anywhere is in `Actions`.
+One tick: take in what was heard, find out where we are, see whether anything forbids going on
+(`core/agent/failsafes.py`), fly the current step (`core/agent/step_executor.py`) or wind the flight
+down (`core/agent/landing.py`), and say so. What these share is the `Sortie`; who else flies is
+`core/agent/barrier.py`. Everything sent anywhere is in `Actions`.
 """
 
 from __future__ import annotations
@@ -49,7 +50,8 @@ _SIGMA_EVERY_S = 0.2
 _LINGER_S = 2.0
 """After the end an agent goes on saying so, and gives the vehicle its parameters back."""
 _RELEASE_AT_MOST_S = 5.0
-"""A vehicle that has not confirmed its own parameters by then (five tries) keeps ours, which are the careful ones."""
+"""A vehicle that has not confirmed its own parameters by then (five tries) keeps ours, which are
+the careful ones."""
 
 
 @dataclass(slots=True)
@@ -78,7 +80,8 @@ class Ended:
 
 @dataclass(slots=True)
 class Actions:
-    """What one tick sends: a goal for the vehicle, the rest for the mesh; None: nothing this time."""
+    """What one tick sends: a goal for the vehicle, the rest for the mesh; None: nothing this
+    time."""
 
     goal: Goal
     state: AgentState | None
@@ -93,12 +96,18 @@ class Actions:
 class Agent:
     """One agent of a plan, from its first tick to its end.
 
-    `expect_station`: it was started together with a ground station, so it does not arm before that is heard.
-    `vehicle`: how the own vehicle answers, where that is not the plan's `response`.
+    `expect_station`: it was started together with a ground station, so it does not arm before that
+    is heard. `vehicle`: how the own vehicle answers, where that is not the plan's `response`.
     """
 
     def __init__(
-        self, plan: Plan, agent_id: int, now: float, *, expect_station: bool = False, vehicle: Response | None = None
+        self,
+        plan: Plan,
+        agent_id: int,
+        now: float,
+        *,
+        expect_station: bool = False,
+        vehicle: Response | None = None,
     ) -> None:
         self._plan = plan
         self._id = agent_id
@@ -114,9 +123,13 @@ class Agent:
         self._operator = CommandHandler(plan, agent_id, self._hash)
         self._sortie = sortie = FlightContext(plan, agent_id, controller)
         self._members = members = Barrier(sortie, peers, controller, progress, reference)
-        gate = Preflight(plan, plan.agent(agent_id), self._hash, self._navigator, peers, expect_station)
+        gate = Preflight(
+            plan, plan.agent(agent_id), self._hash, self._navigator, peers, expect_station
+        )
         descent = Landing(sortie, controller, progress, self._homing)
-        self._takeover = takeover = Takeover(sortie, gate, controller, progress, reference, self._step_forms, dealer)
+        self._takeover = takeover = Takeover(
+            sortie, gate, controller, progress, reference, self._step_forms, dealer
+        )
         self._flight = StepExecutor(
             sortie,
             gate,
@@ -183,12 +196,23 @@ class Agent:
         return tuple(self._answer(now, command) for command in inbox.commands)
 
     def _answer(self, now: float, command: Command) -> Ack:
-        """Acknowledge an operator's command, and do what it asks for if it is new and can be done."""
+        """Acknowledge an operator's command, and do what it asks for if it is new and can be
+        done."""
         frame, before, sortie = self._reference.frame, self._operator.override, self._sortie
         flown = before.step if before else self._progress.current
         airborne = sortie.was_armed and sortie.phase is not Phase.ENDED
         formed = bool(self._reference.slots)
-        seat = Seat(self._plan, self._id, sortie.phase, airborne, self._progress, formed, before, now, self._peers)
+        seat = Seat(
+            self._plan,
+            self._id,
+            sortie.phase,
+            airborne,
+            self._progress,
+            formed,
+            before,
+            now,
+            self._peers,
+        )
         ack, new = self._operator.answer(command, seat, frame.leg if frame else 0)
         if not new:
             return ack
@@ -212,7 +236,9 @@ class Agent:
         return self._operator.override is not None or held or paused
 
     def _enter_step(self, now: float) -> None:
-        self._sortie.say(now, "info", f"step {self._progress.step}: {step_name(self._plan, self._progress.step)}")
+        self._sortie.say(
+            now, "info", f"step {self._progress.step}: {step_name(self._plan, self._progress.step)}"
+        )
         step = self._progress.current
         if step is not None:
             self._enter(step)
@@ -267,7 +293,11 @@ class Agent:
             sortie.heed(now, finding, fix, self._progress)
 
     def _watch_neighbours(self, now: float) -> None:
-        if self._progress.step == 0 or self._sortie.phase in (Phase.LAND, Phase.RETURN, Phase.ENDED):
+        if self._progress.step == 0 or self._sortie.phase in (
+            Phase.LAND,
+            Phase.RETURN,
+            Phase.ENDED,
+        ):
             return  # on the way down the others fall silent one by one, and nobody follows them any more
         said = self._neighbourhood.lose(self._members.lost(now)) + self._neighbourhood.watch(now)
         for level, text in said:

@@ -1,8 +1,9 @@
-"""An operator's commands as one agent takes them: acknowledged once and for all, refused with a reason, never repeated.
+"""An operator's commands as one agent takes them: acknowledged once and for all, refused with a
+reason, never repeated.
 
-A command that asks for something in the air (`hold`, `form`, `move`) overrides the mission: the current step waits,
-its time-out too, until `resume` or `next`. The newest command counts, by the sender's time, so that no order of arrival
-makes two agents differ.
+A command that asks for something in the air (`hold`, `form`, `move`) overrides the mission: the
+current step waits, its time-out too, until `resume` or `next`. The newest command counts, by the
+sender's time, so that no order of arrival makes two agents differ.
 """
 
 from __future__ import annotations
@@ -117,7 +118,8 @@ class CommandHandler:
 
 
 def _past(command: Command, seat: Seat) -> bool:
-    """A `next` that is done already: the swarm is in a later step than the one it was meant to end."""
+    """A `next` that is done already: the swarm is in a later step than the one it was meant to
+    end."""
     return command.kind == "next" and 0 < command.at_step < seat.progress.step
 
 
@@ -141,7 +143,9 @@ def _check_return(command: Command, seat: Seat) -> str:  # noqa: ARG001
 def _check_flying(command: Command, seat: Seat) -> str:  # noqa: ARG001
     if not seat.airborne or seat.phase in (Phase.ARM, Phase.TAKEOFF):
         return f"agent {seat.agent} is not flying yet (phase {seat.phase.name.lower()}); allowed now: land, kill"
-    if seat.phase in (Phase.LAND, Phase.RETURN) or isinstance(seat.progress.current, LandStep | ReturnStep):
+    if seat.phase in (Phase.LAND, Phase.RETURN) or isinstance(
+        seat.progress.current, LandStep | ReturnStep
+    ):
         return f"agent {seat.agent} is on its way down (phase {seat.phase.name.lower()}); allowed now: land, kill"
     if seat.phase is Phase.HOLD and seat.override is None:
         return f"agent {seat.agent} is held by a policy; allowed now: land, return, kill"

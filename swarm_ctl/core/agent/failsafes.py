@@ -1,6 +1,7 @@
 """What forbids going on: every reason to break a mission off or to pause it, as rows of one table.
 
-Each check is a pure function of one tick's situation and returns why, or None. The first row that answers decides.
+Each check is a pure function of one tick's situation and returns why, or None. The first row that
+answers decides.
 """
 
 from __future__ import annotations
@@ -50,7 +51,8 @@ class Situation:
 
 @dataclass(frozen=True, slots=True)
 class FailsafeTrigger:
-    """Why the mission can't go on as it is, what is done (a key of `RANK`), and how the run is then called."""
+    """Why the mission can't go on as it is, what is done (a key of `RANK`), and how the run is then
+    called."""
 
     action: str
     outcome: str
@@ -60,9 +62,11 @@ class FailsafeTrigger:
 Check = Callable[[Situation], FailsafeTrigger | None]
 
 _PATIENCE_S: Final = 30.0
-"""On the ground a silent peer costs nothing but time: nobody arms without it, so it may take a while to come back."""
+"""On the ground a silent peer costs nothing but time: nobody arms without it, so it may take a
+while to come back."""
 _VEHICLE_LOST_S: Final = 5.0
-"""No heartbeat (1 Hz) for this long: MAVProxy's and Skybrush's figure. Its own failsafe stops it after 1 s."""
+"""No heartbeat (1 Hz) for this long: MAVProxy's and Skybrush's figure. Its own failsafe stops it
+after 1 s."""
 
 
 RANK: Final = {"hold": 0, "return": 1, "land": 2, "leave": 3, "yield": 3, "kill": 4}
@@ -76,7 +80,8 @@ def find(situation: Situation) -> FailsafeTrigger | None:
 
 
 def replaces(new: FailsafeTrigger | None, old: FailsafeTrigger | None, *, landing: bool) -> bool:
-    """What is being done gives way to the new finding. A pause ends with its cause; landing is final but for a kill."""
+    """What is being done gives way to the new finding. A pause ends with its cause; landing is
+    final but for a kill."""
     if old is None or old.action == "hold":
         return new != old
     if new is None or RANK[new.action] <= RANK[old.action]:
@@ -90,7 +95,11 @@ def _operator(s: Situation) -> FailsafeTrigger | None:
 
 
 def _lifeline(s: Situation) -> FailsafeTrigger | None:
-    return FailsafeTrigger("land", "aborted", "the process that started this agent is gone") if s.lifeline_cut else None
+    return (
+        FailsafeTrigger("land", "aborted", "the process that started this agent is gone")
+        if s.lifeline_cut
+        else None
+    )
 
 
 def _vehicle_fault(s: Situation) -> FailsafeTrigger | None:
@@ -98,16 +107,25 @@ def _vehicle_fault(s: Situation) -> FailsafeTrigger | None:
 
 
 def _taken_over(s: Situation) -> FailsafeTrigger | None:
-    if not s.had_control or s.view.controlled or s.landing or isinstance(s.progress.current, LandStep):
+    if (
+        not s.had_control
+        or s.view.controlled
+        or s.landing
+        or isinstance(s.progress.current, LandStep)
+    ):
         return None
     what = f"switched to {s.view.mode}" if s.view.armed else "disarmed"
-    return FailsafeTrigger("yield", "failed", f"the vehicle was {what} by somebody else (a pilot, or its own failsafe)")
+    return FailsafeTrigger(
+        "yield", "failed", f"the vehicle was {what} by somebody else (a pilot, or its own failsafe)"
+    )
 
 
 def _vehicle_silent(s: Situation) -> FailsafeTrigger | None:
     if not s.was_armed or s.now - s.view.heartbeat_s <= _VEHICLE_LOST_S:
         return None
-    return FailsafeTrigger("land", "failed", f"no heartbeat from the vehicle for {_VEHICLE_LOST_S:g} s")
+    return FailsafeTrigger(
+        "land", "failed", f"no heartbeat from the vehicle for {_VEHICLE_LOST_S:g} s"
+    )
 
 
 def _position_lost(s: Situation) -> FailsafeTrigger | None:
@@ -152,7 +170,9 @@ def _too_slow(s: Situation) -> FailsafeTrigger | None:
     seconds = s.progress.timed_out_at - s.progress.started_s - s.progress.paused_s
     what = "the others were not" if s.progress.done else "this agent was not"
     name = s.progress.results[-1].name
-    return _by_policy(policy, f"step {s.progress.step} ({name}) timed out after {seconds:g} s: {what} done")
+    return _by_policy(
+        policy, f"step {s.progress.step} ({name}) timed out after {seconds:g} s: {what} done"
+    )
 
 
 def _beyond_fence(s: Situation) -> FailsafeTrigger | None:
@@ -165,9 +185,16 @@ def _beyond_fence(s: Situation) -> FailsafeTrigger | None:
 
 def _battery_low(s: Situation) -> FailsafeTrigger | None:
     left, reserve = s.view.battery_percent, s.plan.policies.battery_reserve_percent
-    if not s.was_armed or left is None or left >= reserve or isinstance(s.progress.current, LandStep | ReturnStep):
+    if (
+        not s.was_armed
+        or left is None
+        or left >= reserve
+        or isinstance(s.progress.current, LandStep | ReturnStep)
+    ):
         return None
-    return _by_policy(s.plan.policies.battery_low, f"battery at {left:.0f} %, the reserve is {reserve:g} %")
+    return _by_policy(
+        s.plan.policies.battery_low, f"battery at {left:.0f} %, the reserve is {reserve:g} %"
+    )
 
 
 def _too_fast(s: Situation) -> FailsafeTrigger | None:
@@ -176,18 +203,25 @@ def _too_fast(s: Situation) -> FailsafeTrigger | None:
     policies, (north, east, _) = s.plan.policies, s.fix.velocity_ned_mps
     speed, tilt = math.hypot(north, east), s.view.tilt_deg
     if speed > policies.max_speed_mps:
-        return _by_policy(policies.too_fast, f"{speed:.1f} m/s fast; allowed: {policies.max_speed_mps:g} m/s")
+        return _by_policy(
+            policies.too_fast, f"{speed:.1f} m/s fast; allowed: {policies.max_speed_mps:g} m/s"
+        )
     if tilt is not None and tilt > policies.max_tilt_deg:
-        return _by_policy(policies.too_fast, f"leans {tilt:.0f} degrees; allowed: {policies.max_tilt_deg:g}")
+        return _by_policy(
+            policies.too_fast, f"leans {tilt:.0f} degrees; allowed: {policies.max_tilt_deg:g}"
+        )
     return None
 
 
 def _too_windy(s: Situation) -> FailsafeTrigger | None:
-    """By the vehicle's own estimate. PX4 has the same limit of its own (COM_WIND_MAX), off as delivered."""
+    """By the vehicle's own estimate. PX4 has the same limit of its own (COM_WIND_MAX), off as
+    delivered."""
     wind, policies = s.view.wind_mps, s.plan.policies
     if not s.had_control or wind is None or wind <= policies.wind_limit_mps:
         return None
-    return _by_policy(policies.wind, f"wind of {wind:.1f} m/s; allowed: {policies.wind_limit_mps:g} m/s")
+    return _by_policy(
+        policies.wind, f"wind of {wind:.1f} m/s; allowed: {policies.wind_limit_mps:g} m/s"
+    )
 
 
 def _by_policy(policy: Policy, reason: str) -> FailsafeTrigger | None:
@@ -217,13 +251,17 @@ def progress_of(state: AgentState) -> tuple[int, bool]:
 
 
 def gave_up(state: AgentState, plan: Plan) -> str:
-    """Why this peer will not take part to the end, or '': it lands, yielded or ended before its time."""
+    """Why this peer will not take part to the end, or '': it lands, yielded or ended before its
+    time."""
     step = plan.steps[min(state.step, len(plan.steps)) - 1] if state.step > 0 else None
     going_down = isinstance(step, LandStep | ReturnStep)
     if state.phase is Phase.YIELD:
         return f"agent {state.agent} has lost its vehicle to a pilot or a failsafe"
-    # one that is called back has not left before it flies: the others hear the same command within a second
-    left = state.phase in (Phase.LAND, Phase.ENDED) or (state.phase is Phase.RETURN and state.stage >= Stage.FLY)
+    # one that is called back has not left before it flies: the others hear the same command within
+    # a second
+    left = state.phase in (Phase.LAND, Phase.ENDED) or (
+        state.phase is Phase.RETURN and state.stage >= Stage.FLY
+    )
     if left and not going_down:
         return f"agent {state.agent} broke the mission off"
     return ""

@@ -1,6 +1,8 @@
-"""What has become of the own flight so far: one record that the parts of an agent share, each writing its own lines.
+"""What has become of the own flight so far: one record that the parts of an agent share, each
+writing its own lines.
 
-`core/agent/agent.py` writes what forbids going on, `core/agent/step_executor.py` and `core/agent/landing.py` the phase, its reason and times.
+`core/agent/agent.py` writes what forbids going on, `core/agent/step_executor.py` and
+`core/agent/landing.py` the phase, its reason and times.
 """
 
 from __future__ import annotations
@@ -56,7 +58,8 @@ class FlightContext:
 
     @property
     def ours(self) -> bool:
-        """This process has asked the vehicle to arm, or has taken it over: it may be told to land."""
+        """This process has asked the vehicle to arm, or has taken it over: it may be told to
+        land."""
         return math.isfinite(self.arming_s)
 
     def say(self, now: float, level: str, text: str) -> None:
@@ -69,32 +72,45 @@ class FlightContext:
         self.had_control |= self.was_armed and view.controlled
 
     def heed(
-        self, now: float, finding: failsafes.FailsafeTrigger | None, fix: OwnFix | None, progress: Progress
+        self,
+        now: float,
+        finding: failsafes.FailsafeTrigger | None,
+        fix: OwnFix | None,
+        progress: Progress,
     ) -> None:
         """Something forbids going on from now on, or (None) no longer does."""
         if finding is None:
             self.say(now, "info", "going on")
             self.target_height_m = self.planned_height_m
         else:
-            self.say(now, "error" if finding.outcome == "failed" else "warning", f"{finding.action}: {finding.reason}")
+            self.say(
+                now,
+                "error" if finding.outcome == "failed" else "warning",
+                f"{finding.action}: {finding.reason}",
+            )
             if finding.action != "hold":
                 progress.break_off("timeout" if "timed out" in finding.reason else "aborted", now)
         self.finding, self.finding_s = finding, now
         if fix is not None:
-            self.target_height_m = min(self.target_height_m, self.height(fix))  # never climb on while stopping
+            self.target_height_m = min(
+                self.target_height_m, self.height(fix)
+            )  # never climb on while stopping
 
     def height(self, fix: OwnFix) -> float:
         """Above the take-off point [m]."""
         return fix.height_m - self.ground_m
 
     def setpoint(self, now: float, fix: OwnFix | None, velocity: Point | None) -> FlyGoal:
-        """The tick's setpoint: this velocity (north, east), and towards the target height. Zero without a fresh fix."""
+        """The tick's setpoint: this velocity (north, east), and towards the target height. Zero
+        without a fresh fix."""
         if fix is None or velocity is None:
             self.controller.rest()
             north, east, climb = 0.0, 0.0, 0.0
             self.reason = self.reason or "no fresh position from the vehicle"
         else:
             (north, east) = velocity
-            climb = constraints.climb_rate(self.target_height_m - self.height(fix), self.plan.limits)
+            climb = constraints.climb_rate(
+                self.target_height_m - self.height(fix), self.plan.limits
+            )
         self.account.setpoint(now)
         return FlyGoal((north, east, -climb))

@@ -1,4 +1,5 @@
-"""Winding a flight down: hold still, come back, land, yield or let fall. Ends with the vehicle on the ground."""
+"""Winding a flight down: hold still, come back, land, yield or let fall. Ends with the vehicle on
+the ground."""
 
 from __future__ import annotations
 
@@ -11,7 +12,15 @@ from swarm_ctl.core.agent.return_to_launch import ReturnToLaunch, Stage
 from swarm_ctl.core.control.controller import Controller
 from swarm_ctl.core.control.navigation import OwnFix
 from swarm_ctl.core.model.messages import Phase
-from swarm_ctl.core.model.vehicle import Goal, LandGoal, ReleaseGoal, StandbyGoal, TerminateGoal, VehicleView, YieldGoal
+from swarm_ctl.core.model.vehicle import (
+    Goal,
+    LandGoal,
+    ReleaseGoal,
+    StandbyGoal,
+    TerminateGoal,
+    VehicleView,
+    YieldGoal,
+)
 
 _AT_REST_MPS = 0.3
 _BRAKE_AT_MOST_S = 3.0
@@ -20,19 +29,25 @@ _LANDING_AT_MOST_S = 180.0
 _RETURN_AT_MOST_S = 120.0
 """Per agent of the plan: the way back is one at a time."""
 _ARMING_S = 3.0
-"""An arm command may act this long after it was sent, and the heartbeat that tells comes once a second."""
+"""An arm command may act this long after it was sent, and the heartbeat that tells comes once a
+second."""
 _GONE_VEHICLE_S = 10.0
 """Without a heartbeat for this long while winding down, there is nothing left to land."""
 _DISARMED_S = 10.0
-"""Without motors for this long it lies on the ground, whatever it said last: a vehicle that has restarted in the air
-tells no more than its heartbeat until it is asked, and who has yielded asks for nothing."""
+"""Without motors for this long it lies on the ground, whatever it said last: a vehicle that has
+restarted in the air tells no more than its heartbeat until it is asked, and who has yielded asks
+for nothing."""
 
 
 class Landing:
     """One agent's way out of the air, planned (`land`, `return` as steps) or not (a finding)."""
 
     def __init__(
-        self, sortie: FlightContext, controller: Controller, progress: Progress, homing: ReturnToLaunch
+        self,
+        sortie: FlightContext,
+        controller: Controller,
+        progress: Progress,
+        homing: ReturnToLaunch,
     ) -> None:
         self._plan = sortie.plan
         self._sortie = sortie
@@ -42,10 +57,13 @@ class Landing:
         self._alone_since: float | None = None
         self._disarmed_since: float | None = None
 
-    def carry_out(self, now: float, view: VehicleView, fix: OwnFix | None, finding: FailsafeTrigger) -> Goal:
+    def carry_out(
+        self, now: float, view: VehicleView, fix: OwnFix | None, finding: FailsafeTrigger
+    ) -> Goal:
         """Do what a finding asks for: pause, yield, or hold for a moment and land."""
         sortie = self._sortie
-        # a vehicle asked to arm a moment ago may do so yet: only what it says well after that counts
+        # a vehicle asked to arm a moment ago may do so yet: only what it says well after that
+        # counts
         down = self._on_ground(now, view) and now - sortie.arming_s > _ARMING_S
         if down or now - view.heartbeat_s > _GONE_VEHICLE_S:
             return self.end(now)
@@ -54,7 +72,9 @@ class Landing:
             self._controller.rest()
             return TerminateGoal()
         if view.armed and not sortie.ours and finding.action != "kill":
-            return self.end(now)  # somebody else's flight: nothing is sent to it, and soon no heartbeat either
+            return self.end(
+                now
+            )  # somebody else's flight: nothing is sent to it, and soon no heartbeat either
         if not view.armed and not sortie.was_armed:
             self._controller.rest()
             return LandGoal() if math.isfinite(sortie.arming_s) else StandbyGoal()
@@ -85,7 +105,9 @@ class Landing:
         why_not = self._cannot_return(now) if sortie.landing_s is None else ""
         if why_not:
             reason = sortie.finding.reason if sortie.finding else "return"
-            sortie.finding = FailsafeTrigger("land", "failed", f"{reason}; {why_not}, so it lands here")
+            sortie.finding = FailsafeTrigger(
+                "land", "failed", f"{reason}; {why_not}, so it lands here"
+            )
             sortie.finding_s = now
             sortie.say(now, "error", sortie.finding.reason)
             return self.land(now, view, fix)
@@ -99,11 +121,14 @@ class Landing:
             return sortie.setpoint(now, fix, None)
         if stage is Stage.FLY:
             speed = self._plan.policies.return_speed_mps
-            return sortie.setpoint(now, fix, self._controller.go_to(now, self._homing.home_m, speed, view.contacts))
+            return sortie.setpoint(
+                now, fix, self._controller.go_to(now, self._homing.home_m, speed, view.contacts)
+            )
         return sortie.setpoint(now, fix, self._controller.keep_clear(now, view.contacts))
 
     def land(self, now: float, view: VehicleView, fix: OwnFix | None, brake_s: float = 0.0) -> Goal:
-        """Stand still first, so that nobody leaves the avoidance behind while moving; then down in place."""
+        """Stand still first, so that nobody leaves the avoidance behind while moving; then down in
+        place."""
         sortie = self._sortie
         if sortie.landing_s is None:
             waited = now - self._begun_s
@@ -116,7 +141,9 @@ class Landing:
         if view.on_ground and not view.armed and sortie.finding is None:
             self._progress.finish_step(now)
         elif now - sortie.landing_s > _LANDING_AT_MOST_S:
-            sortie.finding = FailsafeTrigger("land", "failed", f"not down after {_LANDING_AT_MOST_S:g} s of landing")
+            sortie.finding = FailsafeTrigger(
+                "land", "failed", f"not down after {_LANDING_AT_MOST_S:g} s of landing"
+            )
             return self.end(now)
         return LandGoal()
 
@@ -127,15 +154,23 @@ class Landing:
         sortie.ended_s = now
         self._controller.rest()
         sortie.reason = sortie.finding.reason if sortie.finding else ""
-        sortie.say(now, "info", f"ended: {sortie.outcome}" + (f" ({sortie.reason})" if sortie.reason else ""))
+        sortie.say(
+            now,
+            "info",
+            f"ended: {sortie.outcome}" + (f" ({sortie.reason})" if sortie.reason else ""),
+        )
         return ReleaseGoal()
 
     def _hold(self, now: float, view: VehicleView, fix: OwnFix | None) -> Goal:
         self._sortie.phase = Phase.HOLD
         if not view.controlled and self._progress.step <= 1:
             self._controller.rest()
-            return LandGoal() if view.armed else StandbyGoal()  # still under the autopilot's own take-off
-        return self._sortie.setpoint(now, fix, self._controller.keep_clear(now, view.contacts) if fix else None)
+            return (
+                LandGoal() if view.armed else StandbyGoal()
+            )  # still under the autopilot's own take-off
+        return self._sortie.setpoint(
+            now, fix, self._controller.keep_clear(now, view.contacts) if fix else None
+        )
 
     @property
     def _begun_s(self) -> float:

@@ -1,4 +1,5 @@
-"""Whether a vehicle on the ground may take part: healthy, at its planned start, everybody with the same plan."""
+"""Whether a vehicle on the ground may take part: healthy, at its planned start, everybody with the
+same plan."""
 
 from __future__ import annotations
 
@@ -19,7 +20,8 @@ HeardStation: TypeAlias = tuple[StationBeacon, float]
 
 @dataclass(frozen=True, slots=True)
 class Preflight:
-    """What one agent has to see before it arms. `expect_station`: it does not arm before one is heard."""
+    """What one agent has to see before it arms. `expect_station`: it does not arm before one is
+    heard."""
 
     plan: Plan
     own: AgentPlan
@@ -35,7 +37,11 @@ class Preflight:
 
     def _unanswered(self) -> str:
         asked = [peer.id for peer in self.peers if peer.clock.unknown_s is not None]
-        return f"{agents_named(asked)} is heard and has not answered yet: its clock is not known" if asked else ""
+        return (
+            f"{agents_named(asked)} is heard and has not answered yet: its clock is not known"
+            if asked
+            else ""
+        )
 
     def disagrees(self, view: VehicleView, fix: OwnFix) -> str:
         """Why the vehicle's two positions can't both be true, or ''."""
@@ -54,7 +60,9 @@ class Preflight:
         return ""
 
 
-def not_ready(plan: Plan, own: AgentPlan, view: VehicleView, fix: OwnFix | None, navigator: Navigator) -> str:
+def not_ready(
+    plan: Plan, own: AgentPlan, view: VehicleView, fix: OwnFix | None, navigator: Navigator
+) -> str:
     """What keeps the vehicle of the agent `own` from taking off, or ''."""
     if not view.healthy or fix is None:
         return view.health_reason or "no position yet"
@@ -73,4 +81,8 @@ def not_ready(plan: Plan, own: AgentPlan, view: VehicleView, fix: OwnFix | None,
 
 def _disagreement(view: VehicleView, fix: OwnFix, navigator: Navigator) -> str:
     apart = navigator.disagreement_m(view, fix)
-    return f"global and local position differ by {apart:.1f} m; allowed: {AGREE_M:g} m" if apart > AGREE_M else ""
+    return (
+        f"global and local position differ by {apart:.1f} m; allowed: {AGREE_M:g} m"
+        if apart > AGREE_M
+        else ""
+    )

@@ -1,7 +1,7 @@
 """How an agent marches through the mission's steps: a barrier made of state, not of events.
 
-Every state carries (step, done), ordered lexicographically. An agent leaves step k when every live member shows at
-least (k, done); a peer at k + 1 proves k. Lost or repeated messages change nothing.
+Every state carries (step, done), ordered lexicographically. An agent leaves step k when every live
+member shows at least (k, done); a peer at k + 1 proves k. Lost or repeated messages change nothing.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ from swarm_ctl.core.model.plan import FormStep, Plan, Step
 
 
 def step_name(plan: Plan, step: int) -> str:
-    """`prepare` for 0, then the mission file's own words: `form hexagon`; `?` where the plan has no such step."""
+    """`prepare` for 0, then the mission file's own words: `form hexagon`; `?` where the plan has no
+    such step."""
     if not 0 <= step <= len(plan.steps):
         return "?"
     if step == 0:
@@ -32,7 +33,8 @@ class Progress:
         self.done = False
         self.started_s = now
         self.paused_s = 0.0
-        """How long this step has been held up (a policy, an operator): its time-out and duration wait."""
+        """How long this step has been held up (a policy, an operator): its time-out and duration
+        wait."""
         self.results: list[StepResult] = [StepResult("prepare", "running", now, None)]
 
     @property
@@ -49,10 +51,15 @@ class Progress:
     def timed_out_at(self) -> float:
         """When the current step has taken too long (the wait for the others included)."""
         step = self.current
-        return self.started_s + self.paused_s + (self._plan.prepare_timeout_s if step is None else step.timeout_s)
+        return (
+            self.started_s
+            + self.paused_s
+            + (self._plan.prepare_timeout_s if step is None else step.timeout_s)
+        )
 
     def finish_step(self, now: float, result: str = "done") -> None:
-        """Own part of the current step is done (`result`: or its time is over, `timeout`, or it was `skipped`)."""
+        """Own part of the current step is done (`result`: or its time is over, `timeout`, or it was
+        `skipped`)."""
         if not self.done:
             self.done = True
             self._close(result, now)
@@ -63,7 +70,8 @@ class Progress:
             self._close(result, now)
 
     def advance(self, members: Iterable[tuple[int, bool]], now: float) -> bool:
-        """Go on to the next step if own part is done and every live member shows at least (step, done)."""
+        """Go on to the next step if own part is done and every live member shows at least (step,
+        done)."""
         if not self.done or self.finished or any(member < (self.step, True) for member in members):
             return False
         self.step += 1
@@ -76,7 +84,9 @@ class Progress:
     def rejoin(self, step: int, now: float) -> None:
         """Start in the middle, at `step`: the others prove that everything before it is done."""
         self.step, self.done, self.started_s, self.paused_s = step, False, now, 0.0
-        self.results = [StepResult(step_name(self._plan, k), "done", now, None) for k in range(step)]
+        self.results = [
+            StepResult(step_name(self._plan, k), "done", now, None) for k in range(step)
+        ]
         self.results.append(StepResult(step_name(self._plan, step), "running", now, None))
 
     def _close(self, result: str, now: float) -> None:

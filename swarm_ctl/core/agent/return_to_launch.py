@@ -1,8 +1,9 @@
 """The way back: one agent at a time, each at a height of its own, to where it started.
 
-Everybody first climbs to its own height and waits there; the lowest id flies, at its height, over its own start; while
-it lands, the next one sets out. The order is made of told states, no coordinator: an agent that is not heard is not
-waited for. Horizontal avoidance stays on the whole way, so those that wait make room.
+Everybody first climbs to its own height and waits there; the lowest id flies, at its height, over
+its own start; while it lands, the next one sets out. The order is made of told states, no
+coordinator: an agent that is not heard is not waited for. Horizontal avoidance stays on the whole
+way, so those that wait make room.
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ _SETTLE_S: Final = 1.0
 """At the own height this long before setting out: the others' news travel meanwhile."""
 _SLOW_MPS: Final = 0.3
 _BLOCKED_S: Final = 8.0
-"""Standing still this long on the way: something is in the way for good (a lost agent's vehicle); land beside it."""
+"""Standing still this long on the way: something is in the way for good (a lost agent's vehicle);
+land beside it."""
 
 
 class Stage(IntEnum):
@@ -70,7 +72,9 @@ class ReturnToLaunch:
         elif self._at_height_since is None:
             self._at_height_since = now
         settled = self._at_height_since is not None and now - self._at_height_since >= _SETTLE_S
-        self.stage = Stage.FLY if settled and self._my_turn(now) else Stage.WAIT if settled else Stage.CLIMB
+        self.stage = (
+            Stage.FLY if settled and self._my_turn(now) else Stage.WAIT if settled else Stage.CLIMB
+        )
         return self.stage
 
     def _fly(self, now: float, fix: OwnFix) -> None:
@@ -83,7 +87,8 @@ class ReturnToLaunch:
             self.stage = Stage.DOWN
 
     def alone(self, now: float) -> bool:
-        """Nobody is heard although somebody should be in the air: without news there is no order to keep."""
+        """Nobody is heard although somebody should be in the air: without news there is no order to
+        keep."""
         up = [peer for peer in self._peers if peer.state is not None and flies(peer.state)]
         return bool(up) and all(peer.age(now) > NEIGHBOUR_S for peer in up)
 
@@ -92,7 +97,12 @@ class ReturnToLaunch:
             return False
         for peer in self._peers:
             s = peer.state
-            if s is None or peer.age(now) > NEIGHBOUR_S or s.phase is not Phase.RETURN or s.stage == Stage.DOWN:
+            if (
+                s is None
+                or peer.age(now) > NEIGHBOUR_S
+                or s.phase is not Phase.RETURN
+                or s.stage == Stage.DOWN
+            ):
                 continue
             if s.stage == Stage.FLY or peer.id < self._own:
                 return False
@@ -105,10 +115,13 @@ def flies(state: AgentState) -> bool:
 
 
 def return_height_m(plan: Plan, agent_id: int) -> float:
-    """Height above the take-off point on the way back: the mission's, and a separation for each agent before."""
+    """Height above the take-off point on the way back: the mission's, and a separation for each
+    agent before."""
     rank = [agent.id for agent in plan.agents].index(agent_id)
     first = next((step.height_m for step in plan.steps if isinstance(step, TakeoffStep)), 10.0)
     separation = plan.policies.return_separation_m
     if plan.fence is not None and len(plan.agents) > 1:
-        separation = min(separation, max(0.0, (plan.fence.height_m - 2.0 - first) / (len(plan.agents) - 1)))
+        separation = min(
+            separation, max(0.0, (plan.fence.height_m - 2.0 - first) / (len(plan.agents) - 1))
+        )
     return first + rank * separation

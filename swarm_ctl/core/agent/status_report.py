@@ -1,4 +1,5 @@
-"""An agent's account of itself: the status that goes out at 2 Hz, and what has to be counted for it."""
+"""An agent's account of itself: the status that goes out at 2 Hz, and what has to be counted for
+it."""
 
 from __future__ import annotations
 
@@ -8,7 +9,14 @@ from collections.abc import Iterable
 from swarm_ctl.core.agent.progress import Progress
 from swarm_ctl.core.control.controller import Controller
 from swarm_ctl.core.control.navigation import OwnFix
-from swarm_ctl.core.model.messages import AgentState, AgentStatus, Echo, Phase, TickReport, VehicleLinkReport
+from swarm_ctl.core.model.messages import (
+    AgentState,
+    AgentStatus,
+    Echo,
+    Phase,
+    TickReport,
+    VehicleLinkReport,
+)
 from swarm_ctl.core.model.vehicle import VehicleView
 from swarm_ctl.core.swarm.peers import Peers
 
@@ -90,7 +98,10 @@ def nearest(others: Iterable[AgentState], fix: OwnFix | None) -> tuple[int | Non
     if fix is None:
         return None, None
     own = fix.position_ned_m
-    gaps = [(math.hypot(own[0] - s.position_ned_m[0], own[1] - s.position_ned_m[1]), s.agent) for s in others]
+    gaps = [
+        (math.hypot(own[0] - s.position_ned_m[0], own[1] - s.position_ned_m[1]), s.agent)
+        for s in others
+    ]
     if not gaps:
         return None, None
     distance, agent = min(gaps)

@@ -1,4 +1,5 @@
-"""From where an agent is in its mission to the tick's goal: prepare, take off, fly the formation, or wind down."""
+"""From where an agent is in its mission to the tick's goal: prepare, take off, fly the formation,
+or wind down."""
 
 from __future__ import annotations
 
@@ -15,7 +16,17 @@ from swarm_ctl.core.control.controller import Controller
 from swarm_ctl.core.control.navigation import OwnFix
 from swarm_ctl.core.control.reference import Reference
 from swarm_ctl.core.model.messages import Phase
-from swarm_ctl.core.model.plan import FormStep, HoldStep, LandStep, Point, Policy, ReturnStep, Shaped, Step, TakeoffStep
+from swarm_ctl.core.model.plan import (
+    FormStep,
+    HoldStep,
+    LandStep,
+    Point,
+    Policy,
+    ReturnStep,
+    Shaped,
+    Step,
+    TakeoffStep,
+)
 from swarm_ctl.core.model.vehicle import AirborneGoal, Goal, ReleaseGoal, StandbyGoal, VehicleView
 from swarm_ctl.core.swarm.neighbourhood import Neighbourhood
 from swarm_ctl.core.swarm.peers import Common
@@ -54,7 +65,8 @@ class StepExecutor:
         self._dealer = dealer
         self._neighbourhood = neighbourhood
         self._scattered = False
-        """The operator's `hold` came while the shape was not formed yet: stay, don't go on forming."""
+        """The operator's `hold` came while the shape was not formed yet: stay, don't go on
+        forming."""
         self._inside_since: float | None = None
         self._judged_s = 0.0
         self._last_text = ""
@@ -72,7 +84,9 @@ class StepExecutor:
         """The operator's command `kind` takes the place of `before`, which was flown until now."""
         self._scattered = isinstance(before, FormStep) or (self._scattered and kind == "hold")
 
-    def decide(self, now: float, view: VehicleView, fix: OwnFix | None, station: HeardStation | None) -> Goal:
+    def decide(
+        self, now: float, view: VehicleView, fix: OwnFix | None, station: HeardStation | None
+    ) -> Goal:
         """The tick's goal. `fix` is None unless it is fresh."""
         sortie = self._sortie
         self._last_text = view.texts[-1] if view.texts else self._last_text
@@ -97,10 +111,15 @@ class StepExecutor:
             return self._descent.land(now, view, fix)
         if isinstance(step, ReturnStep):
             return self._descent.come_back(now, view, fix)
-        return self._takeover.learning(now, view, fix, self.command) or self._fly_formation(now, view, fix, step)
+        return self._takeover.learning(now, view, fix, self.command) or self._fly_formation(
+            now, view, fix, step
+        )
 
-    def _prepare(self, now: float, view: VehicleView, fix: OwnFix | None, station: HeardStation | None) -> Goal:
-        """Wait for a healthy vehicle on its planned start, and for peers and station with the same plan."""
+    def _prepare(
+        self, now: float, view: VehicleView, fix: OwnFix | None, station: HeardStation | None
+    ) -> Goal:
+        """Wait for a healthy vehicle on its planned start, and for peers and station with the same
+        plan."""
         sortie = self._sortie
         self._controller.rest()
         sortie.phase = Phase.PREPARE if math.isfinite(view.heartbeat_s) else Phase.CONNECT
@@ -117,7 +136,9 @@ class StepExecutor:
             self._progress.done = False  # health can be lost again while waiting
         return StandbyGoal()
 
-    def _take_off(self, now: float, view: VehicleView, fix: OwnFix | None, step: TakeoffStep) -> Goal:
+    def _take_off(
+        self, now: float, view: VehicleView, fix: OwnFix | None, step: TakeoffStep
+    ) -> Goal:
         sortie = self._sortie
         if not view.armed or fix is None:
             sortie.phase = Phase.ARM
@@ -137,14 +158,18 @@ class StepExecutor:
             self._progress.finish_step(now)
         return sortie.setpoint(now, fix, self._controller.keep_clear(now, view.contacts))
 
-    def _fly_formation(self, now: float, view: VehicleView, fix: OwnFix | None, step: Shaped) -> Goal:
+    def _fly_formation(
+        self, now: float, view: VehicleView, fix: OwnFix | None, step: Shaped
+    ) -> Goal:
         """The law in the mission's step, or in what the operator has put in its place."""
         sortie, override = self._sortie, self._operator.override
         sortie.phase = Phase.FLY
         if override is not None:
             sortie.reason = f"the operator commands: {override.kind}"
             if override.kind == "hold" and self._scattered:
-                return sortie.setpoint(now, fix, self._controller.keep_clear(now, view.contacts) if fix else None)
+                return sortie.setpoint(
+                    now, fix, self._controller.keep_clear(now, view.contacts) if fix else None
+                )
         flown = override.step if override is not None else step
         if override is None and fix is not None:
             self._exchange(now, step)
@@ -168,12 +193,16 @@ class StepExecutor:
         """Slots with whoever is in the way, where the step allows it."""
         new = isinstance(step, FormStep) and step.exchange and not self._progress.done
         key = (self._progress.step, self.command)
-        partner = self._dealer.look(now, self._controller.stop_point_m, key, self._neighbourhood.links, new=new)
+        partner = self._dealer.look(
+            now, self._controller.stop_point_m, key, self._neighbourhood.links, new=new
+        )
         if partner is not None:
             self._reference.assign(self._dealer.roles)
             self._inside_since = None
             self._sortie.say(
-                now, "info", f"takes the slot of agent {partner} (exchanged: they were in each other's way)"
+                now,
+                "info",
+                f"takes the slot of agent {partner} (exchanged: they were in each other's way)",
             )
 
     def _judge(self, now: float, step: Shaped) -> None:
@@ -189,7 +218,8 @@ class StepExecutor:
         if not isinstance(step, FormStep):
             inside = inside and self._reference.there(step, self._controller.stop_point_m)
         if error_m is None and self._inside_since is not None:
-            # late news (a mesh that lost something and waits for it) tells nothing of the shape: it takes longer
+            # late news (a mesh that lost something and waits for it) tells nothing of the shape: it
+            # takes longer
             self._inside_since = min(now, self._inside_since + unjudged_s)
         elif not inside:
             self._inside_since = None

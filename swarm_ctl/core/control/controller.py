@@ -1,4 +1,5 @@
-"""From where everybody is to the velocity to fly: the law on the chosen points, then the safety filter."""
+"""From where everybody is to the velocity to fly: the law on the chosen points, then the safety
+filter."""
 
 from __future__ import annotations
 
@@ -20,13 +21,15 @@ from swarm_ctl.core.safety.safety_filter import SafetyFilter
 from swarm_ctl.core.swarm.peers import NOTHING_COMMON, Common, LawInput, Peers
 
 _APPROACH_RATE = 1.0
-"""[1/s] of the room that is left: what a wish may come closer to somebody who stays. Stop points need no more."""
+"""[1/s] of the room that is left: what a wish may come closer to somebody who stays. Stop points
+need no more."""
 _NOWHERE: Mapping[int, Point] = {}
 _COMPLEX = np.array([1.0, 1.0j])
 
 
 class Controller:
-    """One agent's horizontal control. Remembers its last commands (for the stop point) and the law's last result.
+    """One agent's horizontal control. Remembers its last commands (for the stop point) and the
+    law's last result.
 
     `vehicle` is how the own vehicle answers.
     """
@@ -48,7 +51,8 @@ class Controller:
         self.stop_point_m: Point = (0.0, 0.0)
         """Where the vehicle would come to rest."""
         self.point_m: Point = (0.0, 0.0)
-        """What the law takes it to be at: the stop point, or (`compensation: none`) the position."""
+        """What the law takes it to be at: the stop point, or (`compensation: none`) the
+        position."""
 
     def tune(self, gains: Gains) -> None:
         """The law in force from now on (`core/swarm/gain_update.py` says when it may change)."""
@@ -62,15 +66,24 @@ class Controller:
     @property
     def tally(self) -> dict[str, int]:
         """Pair-ticks by sigma status since the start."""
-        return {name: int(count) for name, count in zip(formation_law.STATUSES, self._tally, strict=True)}
+        return {
+            name: int(count)
+            for name, count in zip(formation_law.STATUSES, self._tally, strict=True)
+        }
 
     def locate(self, fix: OwnFix) -> None:
         """Work out the own stop point for this tick."""
         north, east, _ = fix.position_ned_m
         self.stop_point_m = stop_point.stop_point(
-            (north, east), fix.velocity_ned_mps[:2], self._commands, self._plan.tick_s, self._vehicle
+            (north, east),
+            fix.velocity_ned_mps[:2],
+            self._commands,
+            self._plan.tick_s,
+            self._vehicle,
         )
-        self.point_m = (north, east) if self._plan.compensation is Compensation.NONE else self.stop_point_m
+        self.point_m = (
+            (north, east) if self._plan.compensation is Compensation.NONE else self.stop_point_m
+        )
 
     def form(
         self,
@@ -80,15 +93,19 @@ class Controller:
         extra_mps: Point = (0.0, 0.0),
         common: Common = NOTHING_COMMON,
     ) -> Point:
-        """The law (26): velocity (north, east) [m/s] towards the shape `slots` [units], keeping apart.
+        """The law (26): velocity (north, east) [m/s] towards the shape `slots` [units], keeping
+        apart.
 
-        `extra_mps` is flown on top: what moves the formation as a whole, of it `common` by everybody alike.
+        `extra_mps` is flown on top: what moves the formation as a whole, of it `common` by
+        everybody alike.
         """
         consensus, avoidance = self._terms(now, slots, contacts, common)
         if extra_mps != (0.0, 0.0):
             wish = self._around(now, consensus + complex(*extra_mps))
             return self._kept(now, wish + avoidance, slots, common)
-        wish = consensus + self.keeper.turned(complex(*self.stop_point_m), now, consensus, avoidance)
+        wish = consensus + self.keeper.turned(
+            complex(*self.stop_point_m), now, consensus, avoidance
+        )
         if not self._plan.safety.release:
             return self._kept(now, wish, slots)
         release = self.keeper.release
@@ -96,10 +113,14 @@ class Controller:
         release.note(consensus, complex(*flown))
         return flown
 
-    def go_to(self, now: float, to_m: Point, speed_mps: float, contacts: Sequence[Contact]) -> Point:
+    def go_to(
+        self, now: float, to_m: Point, speed_mps: float, contacts: Sequence[Contact]
+    ) -> Point:
         """Straight to a point, keeping apart from everybody; around whoever stands in the way."""
         _, avoidance = self._terms(now, _NOWHERE, contacts)
-        pull = constraints.shortened(self.gain * (complex(*to_m) - complex(*self.point_m)), speed_mps)
+        pull = constraints.shortened(
+            self.gain * (complex(*to_m) - complex(*self.point_m)), speed_mps
+        )
         return self._kept(now, avoidance + self._around(now, pull), _NOWHERE)
 
     def keep_clear(self, now: float, contacts: Sequence[Contact]) -> Point:
@@ -124,15 +145,24 @@ class Controller:
         contacts: Sequence[Contact],
         common: Common = NOTHING_COMMON,
     ) -> tuple[complex, complex]:
-        """The law's consensus, with the pull to the average of all who fly the same, and its avoidance [m/s]."""
+        """The law's consensus, with the pull to the average of all who fly the same, and its
+        avoidance [m/s]."""
         others = self._peers.law_input(now, self.point_m, slots, contacts, self._lead_s, common)
         result, rate = self._evaluate(others, slots), self._iteration_mps
-        (north, east), (away_north, away_east) = result.consensus[0].tolist(), result.avoidance[0].tolist()
+        (north, east), (away_north, away_east) = (
+            result.consensus[0].tolist(),
+            result.avoidance[0].tolist(),
+        )
         consensus = complex(north, east) * rate
         if self._plan.safety.align and common.flying is not None:
-            own = complex(*self.point_m) / self._plan.unit_m - complex(*slots.get(self._own, (0.0, 0.0)))
+            own = complex(*self.point_m) / self._plan.unit_m - complex(
+                *slots.get(self._own, (0.0, 0.0))
+            )
             errors = (others.points[0] - others.slots[0]) @ _COMPLEX
-            consensus += complex(mean_error_feedback.pull(np.array(own), errors, others.along)) * self._plan.unit_m
+            consensus += (
+                complex(mean_error_feedback.pull(np.array(own), errors, others.along))
+                * self._plan.unit_m
+            )
         return consensus, complex(away_north, away_east) * rate
 
     def _evaluate(self, others: LawInput, slots: Mapping[int, Point]) -> formation_law.LawResult:
@@ -157,7 +187,8 @@ class Controller:
         return result
 
     def _around(self, now: float, wish_mps: complex) -> complex:
-        """The wish, bent around everybody within `r_out` who does not fly along: lost, landing, landed, strangers."""
+        """The wish, bent around everybody within `r_out` who does not fly along: lost, landing,
+        landed, strangers."""
         pairs = self._result.pairs if self._result is not None else None
         if pairs is None or not wish_mps:
             return wish_mps
@@ -171,7 +202,11 @@ class Controller:
         return wish_mps
 
     def _kept(
-        self, now: float, wish_mps: complex, slots: Mapping[int, Point], common: Common = NOTHING_COMMON
+        self,
+        now: float,
+        wish_mps: complex,
+        slots: Mapping[int, Point],
+        common: Common = NOTHING_COMMON,
     ) -> Point:
         wish = constraints.limited(wish_mps, self._plan.limits)
         flown = self.keeper.keep(now, complex(*self.stop_point_m), wish, slots, common)

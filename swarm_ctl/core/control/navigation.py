@@ -1,7 +1,8 @@
 """Where the own vehicle is in the common frame, from what it says of its own frame.
 
-Each vehicle's LOCAL_POSITION_NED counts from its own origin. Where that origin lies is GPS_GLOBAL_ORIGIN's word; the
-offset to the mission's origin is constant, so it is worked out once per origin. Velocities need no origin.
+Each vehicle's LOCAL_POSITION_NED counts from its own origin. Where that origin lies is
+GPS_GLOBAL_ORIGIN's word; the offset to the mission's origin is constant, so it is worked out once
+per origin. Velocities need no origin.
 """
 
 from __future__ import annotations
@@ -14,13 +15,15 @@ from swarm_ctl.core.model.plan import Geodetic
 from swarm_ctl.core.model.vehicle import Vector3, VehicleView
 
 AGREE_M = 5.0
-"""GLOBAL_POSITION_INT and the local position may differ by this much [m] horizontally: both come from one estimator,
-so more than latency at full speed (5 m/s for 0.5 s) and rounding means that an origin is wrong."""
+"""GLOBAL_POSITION_INT and the local position may differ by this much [m] horizontally: both come
+from one estimator, so more than latency at full speed (5 m/s for 0.5 s) and rounding means that an
+origin is wrong."""
 
 
 @dataclass(frozen=True, slots=True)
 class OwnFix:
-    """The own vehicle in the common frame. `position_ned_m` is carried on to the time it was asked for."""
+    """The own vehicle in the common frame. `position_ned_m` is carried on to the time it was asked
+    for."""
 
     age_s: float
     position_ned_m: Vector3
@@ -38,7 +41,8 @@ class Navigator:
         self._offset: Vector3 = (0.0, 0.0, 0.0)
 
     def fix(self, view: VehicleView, now: float) -> OwnFix | None:
-        """Position at `now`, carried on from the last report at its velocity for at most half a second."""
+        """Position at `now`, carried on from the last report at its velocity for at most half a
+        second."""
         if view.local is None or view.origin is None:
             return None
         if view.origin != self._vehicle_origin:
@@ -52,7 +56,8 @@ class Navigator:
         return OwnFix(age, position, (vn, ve, vd), -d)
 
     def disagreement_m(self, view: VehicleView, fix: OwnFix) -> float:
-        """Horizontal distance between the fix and GLOBAL_POSITION_INT [m]; 0 while there is none."""
+        """Horizontal distance between the fix and GLOBAL_POSITION_INT [m]; 0 while there is
+        none."""
         if view.global_ is None:
             return 0.0
         north, east, _ = ned_from_geodetic(view.global_.position, self._origin)

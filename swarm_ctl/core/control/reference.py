@@ -1,12 +1,13 @@
 """Where the formation as a whole is to be: one frame (centre, angle, scale) that all agents share.
 
-The law keeps the shape and does not care where it stands. So one agent, the *pinned* one, advances the frame along
-the step's path, tells it in its state, and holds its own place in it; the others take the frame as told, fly its
-velocity (feed-forward) and let the law do the rest. The frame is a point that was told, not a function of a clock: it
-does not matter when an agent enters a step, and whoever is pinned next goes on from the frame it followed.
+The law keeps the shape and does not care where it stands. So one agent, the *pinned* one, advances
+the frame along the step's path, tells it in its state, and holds its own place in it; the others
+take the frame as told, fly its velocity (feed-forward) and let the law do the rest. The frame is a
+point that was told, not a function of a clock: it does not matter when an agent enters a step, and
+whoever is pinned next goes on from the frame it followed.
 
-Pinned is the lowest id in the air that is heard and flies the formation. It slows the frame down while the shape is
-out of tolerance, and stops it while anybody is unheard.
+Pinned is the lowest id in the air that is heard and flies the formation. It slows the frame down
+while the shape is out of tolerance, and stops it while anybody is unheard.
 """
 
 from __future__ import annotations
@@ -26,7 +27,8 @@ MOVING: Final = (MoveStep, RotateStep, ScaleStep)
 _SLOW_SPAN_M: Final = 2.0
 """From the step's tolerance to this much more, the frame slows down to a stop."""
 _CREEP: Final = 0.05
-"""The frame ends a leg at this share of its speed: a square root profile alone would never arrive."""
+"""The frame ends a leg at this share of its speed: a square root profile alone would never
+arrive."""
 _ARRIVED_M: Final = 0.02
 
 
@@ -47,7 +49,8 @@ def turned(slot: Point, angle_rad: float, scale: float) -> Point:
 
 
 def slots_after(plan: Plan, step: int) -> tuple[Point, ...] | None:
-    """The slots [units] that stand when step `step` (from 1) of the plan is done; None before the first form step."""
+    """The slots [units] that stand when step `step` (from 1) of the plan is done; None before the
+    first form step."""
     slots: tuple[Point, ...] | None = None
     angle, scale = 0.0, 1.0
     for each in plan.steps[:step]:
@@ -63,7 +66,8 @@ def slots_after(plan: Plan, step: int) -> tuple[Point, ...] | None:
 
 
 def left_m(frame: Frame, step: Moving, radius_m: float) -> float:
-    """How far the outermost agent has to go on this leg [m]; 0 when there is none left. `radius_m` at scale 1."""
+    """How far the outermost agent has to go on this leg [m]; 0 when there is none left. `radius_m`
+    at scale 1."""
     if isinstance(step, RotateStep):
         return abs(step.angle_rad - frame.angle_rad) * radius_m * frame.scale
     if isinstance(step, ScaleStep):
@@ -85,7 +89,9 @@ def advanced(frame: Frame, step: Moving, dt_s: float, radius_m: float) -> Frame:
     go = frame.rate * step.speed_mps * dt_s
     share = 1.0 if left <= max(go, _ARRIVED_M) else go / left
     if isinstance(step, RotateStep):
-        return replace(frame, angle_rad=frame.angle_rad + share * (step.angle_rad - frame.angle_rad))
+        return replace(
+            frame, angle_rad=frame.angle_rad + share * (step.angle_rad - frame.angle_rad)
+        )
     if isinstance(step, ScaleStep):
         return replace(frame, scale=frame.scale + share * (step.factor - frame.scale))
     if frame.leg >= len(step.waypoints_m):
@@ -96,7 +102,8 @@ def advanced(frame: Frame, step: Moving, dt_s: float, radius_m: float) -> Frame:
 
 
 def velocity_mps(frame: Frame, step: Moving, slot: Point, radius_m: float) -> Point:
-    """How fast the place of the centred `slot` (metres at scale 1) moves with the frame: the feed-forward."""
+    """How fast the place of the centred `slot` (metres at scale 1) moves with the frame: the
+    feed-forward."""
     left = left_m(frame, step, radius_m)
     if left < _ARRIVED_M or frame.rate == 0.0:
         return (0.0, 0.0)
@@ -113,11 +120,21 @@ def velocity_mps(frame: Frame, step: Moving, slot: Point, radius_m: float) -> Po
 
 
 def rate_towards(
-    frame: Frame, step: Moving, radius_m: float, error_m: float | None, acceleration_mps2: float, dt_s: float
+    frame: Frame,
+    step: Moving,
+    radius_m: float,
+    error_m: float | None,
+    acceleration_mps2: float,
+    dt_s: float,
 ) -> float:
-    """The rate for the next tick: as fast as the shape's error and the end of the leg allow, without a jump."""
+    """The rate for the next tick: as fast as the shape's error and the end of the leg allow,
+    without a jump."""
     # unheard is worse than out of shape: stop
-    wanted = 0.0 if error_m is None else max(0.0, min(1.0, 1.0 - (error_m - step.tolerance_m) / _SLOW_SPAN_M))
+    wanted = (
+        0.0
+        if error_m is None
+        else max(0.0, min(1.0, 1.0 - (error_m - step.tolerance_m) / _SLOW_SPAN_M))
+    )
     stopping = math.sqrt(2 * acceleration_mps2 * left_m(frame, step, radius_m)) / step.speed_mps
     jump = acceleration_mps2 * dt_s / step.speed_mps
     return max(0.0, min(wanted, max(stopping, _CREEP), frame.rate + jump))
@@ -152,12 +169,15 @@ class Reference:
         frame = self.frame
         if frame is None or (frame.angle_rad, frame.scale) == (0.0, 1.0):
             return self._slots
-        return {agent: turned(slot, frame.angle_rad, frame.scale) for agent, slot in self._slots.items()}
+        return {
+            agent: turned(slot, frame.angle_rad, frame.scale) for agent, slot in self._slots.items()
+        }
 
     def form(self, slots: Sequence[Point], roles: Mapping[int, int] | None = None) -> None:
         """A form step begins: the law alone decides where the shape will stand.
 
-        `roles` say which of the slots is whose; None: the k-th is that of the plan's k-th agent, whatever is exchanged.
+        `roles` say which of the slots is whose; None: the k-th is that of the plan's k-th agent,
+        whatever is exchanged.
         """
         self._places = list(centred(dict(enumerate(slots))).values())
         self.radius_m = max(math.hypot(*slot) for slot in self._places) * self._plan.unit_m
@@ -182,11 +202,20 @@ class Reference:
             self.frame = replace(self.frame, leg=leg, rate=0.0)
 
     def follow(
-        self, now: float, step: Step, key: tuple[int, int], own_m: Point, error_m: float | None, *, free: bool
+        self,
+        now: float,
+        step: Step,
+        key: tuple[int, int],
+        own_m: Point,
+        error_m: float | None,
+        *,
+        free: bool,
     ) -> None:
-        """One tick of a step that keeps the formation. `key`: what a leader has to be at (step, command) to be heard.
+        """One tick of a step that keeps the formation. `key`: what a leader has to be at (step,
+        command) to be heard.
 
-        `own_m` is the own stop point. `free`: this agent may lead (it is not held back by anything).
+        `own_m` is the own stop point. `free`: this agent may lead (it is not held back by
+        anything).
         """
         leader = self._leader(now, free)
         self.pinned = leader.agent if leader is not None else self._own
@@ -195,14 +224,18 @@ class Reference:
         elif (leader.step, leader.command) == key and leader.frame is not None:
             age = self._peers.age(leader.agent, now)
             told = replace(leader.frame, rate=leader.frame.rate if age <= PREDICT_S else 0.0)
-            self.frame = advanced(told, step, age, self.radius_m) if isinstance(step, MOVING) else told
+            self.frame = (
+                advanced(told, step, age, self.radius_m) if isinstance(step, MOVING) else told
+            )
         elif self.frame is not None:
             self.frame = replace(self.frame, rate=0.0)
 
     def feed_forward(self, step: Step, own_m: Point, gain: float) -> Point:
-        """What is flown on top of the law [m/s]: the frame's velocity, and for the pinned agent its way to its place.
+        """What is flown on top of the law [m/s]: the frame's velocity, and for the pinned agent its
+        way to its place.
 
-        `gain` [1/s] is the law's own, kappa * h: the place in the frame weighs as much as the neighbours together.
+        `gain` [1/s] is the law's own, kappa * h: the place in the frame weighs as much as the
+        neighbours together.
         """
         if self.frame is None or not self._slots:
             return (0.0, 0.0)
@@ -215,7 +248,8 @@ class Reference:
         return north, east
 
     def common_mps(self, step: Step) -> Point:
-        """What everybody's feed-forward has in common: the whole frame's velocity where it moves along a way."""
+        """What everybody's feed-forward has in common: the whole frame's velocity where it moves
+        along a way."""
         if self.frame is None or not isinstance(step, MoveStep):
             return (0.0, 0.0)
         return velocity_mps(self.frame, step, (0.0, 0.0), self.radius_m)
@@ -225,11 +259,17 @@ class Reference:
         if self.frame is None:
             return (0.0, 0.0)
         place = turned(self._slot_m(self._own), self.frame.angle_rad, self.frame.scale)
-        return self.frame.point_m[0] + place[0] - own_m[0], self.frame.point_m[1] + place[1] - own_m[1]
+        return self.frame.point_m[0] + place[0] - own_m[0], self.frame.point_m[1] + place[
+            1
+        ] - own_m[1]
 
     def there(self, step: Step, own_m: Point) -> bool:
         """The frame has arrived, and the pinned agent with it."""
-        if self.frame is None or not isinstance(step, MOVING) or not arrived(self.frame, step, self.radius_m):
+        if (
+            self.frame is None
+            or not isinstance(step, MOVING)
+            or not arrived(self.frame, step, self.radius_m)
+        ):
             return False
         return not self.leads or math.hypot(*self.off_m(own_m)) < step.tolerance_m
 
@@ -259,6 +299,8 @@ class Reference:
 
     def _centre(self, now: float, own_m: Point) -> Point:
         """Where the formation stands: the mean of point minus slot over everybody who is heard."""
-        found = {s.agent: s.stop_point_m for s in self._peers.fresh(now) if s.airborne} | {self._own: own_m}
+        found = {s.agent: s.stop_point_m for s in self._peers.fresh(now) if s.airborne} | {
+            self._own: own_m
+        }
         gaps = [(at[0] - self._slot_m(i)[0], at[1] - self._slot_m(i)[1]) for i, at in found.items()]
         return sum(gap[0] for gap in gaps) / len(gaps), sum(gap[1] for gap in gaps) / len(gaps)

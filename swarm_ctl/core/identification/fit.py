@@ -1,10 +1,12 @@
-"""From flown velocity steps to a vehicle's `Response`: dead time, first-order lag and acceleration limit.
+"""From flown velocity steps to a vehicle's `Response`: dead time, first-order lag and acceleration
+limit.
 
-The model is the one behind the stop point (`core/law/stop_point.py`): a command acts after the dead time, then
-`dv/dt = (command - v) / lag`, never faster than the limit. Its parameters are those with the least squares between its
-velocity and the flown one. Times are the controller's own, of sending and of hearing, so the dead time holds everything
-between the two: the links there and back, the vehicle's own delay, and what jerk limits and motors add that looks like
-one. That is what the stop point needs, which is worked out from the newest news of the own vehicle.
+The model is the one behind the stop point (`core/law/stop_point.py`): a command acts after the dead
+time, then `dv/dt = (command - v) / lag`, never faster than the limit. Its parameters are those with
+the least squares between its velocity and the flown one. Times are the controller's own, of sending
+and of hearing, so the dead time holds everything between the two: the links there and back, the
+vehicle's own delay, and what jerk limits and motors add that looks like one. That is what the stop
+point needs, which is worked out from the newest news of the own vehicle.
 """
 
 from __future__ import annotations
@@ -31,11 +33,13 @@ _FINER: Final = 0.6
 _COUNTS: Final = (15, 13, 9)
 """Of the first grid's dead times, lags and limits."""
 _FLAT: Final = 1.3
-"""Mean squares that differ by less say nothing about the limit, and the typical one is kept. ArduCopter's steps of
-3 m/s fit best without any; yet with the typical one stop points are predicted better in turns, and at 5 m/s by half."""
+"""Mean squares that differ by less say nothing about the limit, and the typical one is kept.
+ArduCopter's steps of 3 m/s fit best without any; yet with the typical one stop points are predicted
+better in turns, and at 5 m/s by half."""
 _AT_REST_MPS: Final = 0.2
 _STOPPING_S: Final = 2.5
-"""For so long after a stop the predicted stop point is compared with where the vehicle came to rest."""
+"""For so long after a stop the predicted stop point is compared with where the vehicle came to
+rest."""
 
 BAD_SHARE: Final = 0.25
 """A residual of this share of the step, and the model says nothing about this vehicle."""
@@ -47,7 +51,8 @@ _UNUSUAL: Final = 1.6
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """Steps along one line, out and back, begun at rest; one sample a tick. Along `name`, positive outwards."""
+    """Steps along one line, out and back, begun at rest; one sample a tick. Along `name`, positive
+    outwards."""
 
     way: str
     """`north`, `east`."""
@@ -72,13 +77,15 @@ class Fit:
 
     response: Response
     limited: bool
-    """The steps tell the acceleration limit; if not, the response has the typical one, as far as that fits."""
+    """The steps tell the acceleration limit; if not, the response has the typical one, as far as
+    that fits."""
     residual_mps: float
     """Root mean square of flown less modelled velocity."""
     share: float
     """The same, relative to the steps."""
     stop_rms_m: float
-    """Predicted stop point less the place where the vehicle came to rest, over all ticks of all stops."""
+    """Predicted stop point less the place where the vehicle came to rest, over all ticks of all
+    stops."""
     stop_most_m: float
     spread: tuple[Response, ...]
     """Dead time and lag of each leg alone."""
@@ -99,7 +106,8 @@ def fit(legs: Sequence[Leg], typical: Response) -> Fit:
 
     Args:
         legs: at least one, with at least one step each.
-        typical: of this autopilot; its acceleration limit is kept where no step reached one, and warnings compare.
+        typical: of this autopilot; its acceleration limit is kept where no step reached one, and
+        warnings compare.
 
     Raises:
         ValueError: no leg, or one without a step.
@@ -118,20 +126,24 @@ def fit(legs: Sequence[Leg], typical: Response) -> Fit:
     residual = math.sqrt(_error(runs, found))
     share = residual / math.sqrt(float(np.mean([leg.step_mps**2 for leg in legs])))
     stops = np.concatenate([_stop_errors(leg, found) for leg in legs])
-    stop_rms, stop_most = (math.sqrt(float(np.mean(stops**2))), float(stops.max())) if stops.size else (math.nan,) * 2
+    stop_rms, stop_most = (
+        (math.sqrt(float(np.mean(stops**2))), float(stops.max())) if stops.size else (math.nan,) * 2
+    )
     warnings = tuple(_warnings(legs, found, typical, spread, share))
     usable = share < BAD_SHARE and _inside(found)
     return Fit(found, limited, residual, share, stop_rms, stop_most, spread, warnings, usable)
 
 
 def model(times_s: Sequence[float], commands_mps: Sequence[float], vehicle: Response) -> Floats:
-    """Velocities (n,) [m/s] at `times_s` (n,), from rest, of a vehicle that answers exactly like this."""
+    """Velocities (n,) [m/s] at `times_s` (n,), from rest, of a vehicle that answers exactly like
+    this."""
     run = _Run(Leg("", "", times_s, commands_mps, (0.0,) * len(times_s), (0.0,) * len(times_s)))
     return run.velocities(*(np.array([x]) for x in _numbers(vehicle)))[:, 0]
 
 
 class _Run:
-    """One leg, laid out for the model: its commands as an integral over time, so that a dead time is a mere shift."""
+    """One leg, laid out for the model: its commands as an integral over time, so that a dead time
+    is a mere shift."""
 
     def __init__(self, leg: Leg) -> None:
         self._times = np.asarray(leg.times_s, dtype=np.float64)
@@ -172,13 +184,16 @@ Bounds = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 
 
 def _best(runs: Sequence[_Run], bounds: Bounds) -> Response:
-    """Least squares by a grid that follows its best point and gets finer: nothing to diverge, no start to choose.
+    """Least squares by a grid that follows its best point and gets finer: nothing to diverge, no
+    start to choose.
 
     Lag and acceleration are spaced by ratios.
     """
     low, high = (np.array(_scaled([bound[end] for bound in bounds])) for end in (0, 1))
     gaps = (high - low) / (np.array(_COUNTS) - 1)
-    axes = [np.linspace(a, b, n if b > a else 1) for a, b, n in zip(low, high, _COUNTS, strict=True)]
+    axes = [
+        np.linspace(a, b, n if b > a else 1) for a, b, n in zip(low, high, _COUNTS, strict=True)
+    ]
     best = low
     for _ in range(_ROUNDS):
         points = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")])
@@ -186,7 +201,9 @@ def _best(runs: Sequence[_Run], bounds: Bounds) -> Response:
         cost = np.sum([run.errors(dead, lag, most) for run in runs], axis=0)
         best = points[:, int(np.argmin(cost))]
         around = zip(best, gaps, low, high, strict=True)
-        axes = [np.unique(np.clip(x + gap * np.linspace(-1, 1, 5), a, b)) for x, gap, a, b in around]
+        axes = [
+            np.unique(np.clip(x + gap * np.linspace(-1, 1, 5), a, b)) for x, gap, a, b in around
+        ]
         gaps *= _FINER
     return Response(float(best[0]), math.exp(best[1]), math.exp(best[2]))
 
@@ -197,7 +214,9 @@ def _scaled(numbers: Sequence[float]) -> list[float]:
 
 
 def _error(runs: Sequence[_Run], vehicle: Response) -> float:
-    return float(np.mean([run.errors(*(np.array([x]) for x in _numbers(vehicle)))[0] for run in runs]))
+    return float(
+        np.mean([run.errors(*(np.array([x]) for x in _numbers(vehicle)))[0] for run in runs])
+    )
 
 
 def _numbers(vehicle: Response) -> tuple[float, float, float]:
@@ -210,20 +229,29 @@ def _inside(vehicle: Response) -> bool:
 
 
 def _stop_errors(leg: Leg, vehicle: Response) -> Floats:
-    """Distances [m] between predicted stop points and the place of rest, for each tick after each stop."""
+    """Distances [m] between predicted stop points and the place of rest, for each tick after each
+    stop."""
     times, commands = np.asarray(leg.times_s), np.asarray(leg.commands_mps)
     positions, velocities = np.asarray(leg.positions_m), np.asarray(leg.velocities_mps)
     tick_s = float(np.median(np.diff(times)))
     ahead = pending(vehicle, tick_s)
     before = np.concatenate([np.zeros(ahead), commands])
-    acting = np.array([before[k : k + len(commands)] for k in range(ahead)]).reshape(ahead, len(commands)).T
-    predicted = stop_points(_in_plane(positions), _in_plane(velocities), _in_plane(acting), tick_s, vehicle)[:, 0]
+    acting = (
+        np.array([before[k : k + len(commands)] for k in range(ahead)])
+        .reshape(ahead, len(commands))
+        .T
+    )
+    predicted = stop_points(
+        _in_plane(positions), _in_plane(velocities), _in_plane(acting), tick_s, vehicle
+    )[:, 0]
     stopped = np.concatenate([[False], commands == 0.0, [False]])
     edges = np.flatnonzero(np.diff(stopped.astype(np.int8)))
     found = [np.zeros(0)]
     for begin, end in zip(edges[::2], edges[1::2], strict=True):
         if begin > 0 and abs(velocities[end - 1]) < _AT_REST_MPS:
-            soon = slice(begin, begin + int(np.searchsorted(times[begin:end], times[begin] + _STOPPING_S)))
+            soon = slice(
+                begin, begin + int(np.searchsorted(times[begin:end], times[begin] + _STOPPING_S))
+            )
             found.append(np.abs(predicted[soon] - positions[end - 1]))
     return np.concatenate(found)
 
@@ -233,7 +261,11 @@ def _in_plane(along: Floats) -> Floats:
 
 
 def _warnings(
-    legs: Sequence[Leg], found: Response, typical: Response, spread: Sequence[Response], share: float
+    legs: Sequence[Leg],
+    found: Response,
+    typical: Response,
+    spread: Sequence[Response],
+    share: float,
 ) -> Iterator[str]:
     if share >= POOR_SHARE:
         yield (
@@ -243,7 +275,9 @@ def _warnings(
     if not _inside(found):
         yield f"dead time or lag lies beyond what is looked for ({DEAD_TIME_S[1]:g} s, {LAG_S[1]:g} s)"
     for kind in dict.fromkeys(leg.kind for leg in legs):
-        alike = [r.dead_time_s + r.lag_s for leg, r in zip(legs, spread, strict=True) if leg.kind == kind]
+        alike = [
+            r.dead_time_s + r.lag_s for leg, r in zip(legs, spread, strict=True) if leg.kind == kind
+        ]
         if max(alike) - min(alike) > _SPREAD_S:
             yield f"{kind}: dead time and lag together are {min(alike):.2f} to {max(alike):.2f} s from way to way"
     if abs(found.dead_time_s - typical.dead_time_s) > _UNUSUAL_S:

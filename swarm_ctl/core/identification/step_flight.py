@@ -1,9 +1,11 @@
-"""The flight that measures one vehicle: up, velocity steps out and back along north and east, down. Pure.
+"""The flight that measures one vehicle: up, velocity steps out and back along north and east, down.
+Pure.
 
-It is flown by an ordinary agent (`core/agent/agent.py`) alone in a plan of its own: take-off, hold, land. So everything that
-an agent refuses (an armed vehicle, one that is not healthy) and all that ends its flights in a landing (fence, battery,
-speed, tilt, silence, time-outs, Ctrl-C) is the same here. Only while it holds, the steps take the place of its
-horizontal velocity; between them its own law brings it back to where it held.
+It is flown by an ordinary agent (`core/agent/agent.py`) alone in a plan of its own: take-off, hold,
+land. So everything that an agent refuses (an armed vehicle, one that is not healthy) and all that
+ends its flights in a landing (fence, battery, speed, tilt, silence, time-outs, Ctrl-C) is the same
+here. Only while it holds, the steps take the place of its horizontal velocity; between them its own
+law brings it back to where it held.
 """
 
 from __future__ import annotations
@@ -42,15 +44,16 @@ WAYS: Final = {"north": (1.0, 0.0), "east": (0.0, 1.0)}
 LONGEST_S: Final = 3.0
 """How long the longest steps last: ArduCopter is at 90 % after 1.7 s."""
 _STEPS: Final = ((1 / 3, LONGEST_S), (1.0, 0.7), (1.0, 1.5), (1.0, LONGEST_S))
-"""Share of the speed, and for how long out and back: small and large, settled and broken off on the way up, since jerk
-limits answer each differently."""
+"""Share of the speed, and for how long out and back: small and large, settled and broken off on the
+way up, since jerk limits answer each differently."""
 _REST_S: Final = 3.0
 """Zero commanded after each."""
 _BACK_S: Final = 3.0
 """The agent's own way back to the start, before each leg; then zero for `_STILL_S`."""
 _STILL_S: Final = 2.0
 _SPARE_S: Final = 1.5
-"""The box is so many seconds of flight at full speed longer than the longest step: the way that stopping takes."""
+"""The box is so many seconds of flight at full speed longer than the longest step: the way that
+stopping takes."""
 _LOOK_S: Final = 1.0
 _HEARD_S: Final = 15.0
 """A heartbeat comes every second: by then nobody is there."""
@@ -69,7 +72,8 @@ _ID: Final = 1
 
 @dataclass(frozen=True, slots=True)
 class Steps:
-    """What to fly, and where: within a square of `box_m` north, south, east and west of the start."""
+    """What to fly, and where: within a square of `box_m` north, south, east and west of the
+    start."""
 
     speed_mps: float = 3.0
     height_m: float = 10.0
@@ -87,13 +91,20 @@ class Steps:
 
 
 class StepFlight:
-    """One vehicle's flight: call `step` every `tick_s`, pursue the goal it gives, until `ended` says how it went.
+    """One vehicle's flight: call `step` every `tick_s`, pursue the goal it gives, until `ended`
+    says how it went.
 
-    `typical` is what its own way back reckons with; `fence` a geofence [m] from `origin` that the box has to lie in.
+    `typical` is what its own way back reckons with; `fence` a geofence [m] from `origin` that the
+    box has to lie in.
     """
 
     def __init__(
-        self, steps: Steps, typical: Response, tick_s: float, fence: Fence | None = None, origin: Geodetic | None = None
+        self,
+        steps: Steps,
+        typical: Response,
+        tick_s: float,
+        fence: Fence | None = None,
+        origin: Geodetic | None = None,
     ) -> None:
         self._steps, self._typical, self._tick_s = steps, typical, tick_s
         self._fence, self._origin = fence, origin
@@ -123,7 +134,8 @@ class StepFlight:
 
     @property
     def missing(self) -> str:
-        """Why there is too little to go by, or '': each kind of leg has to be there, one way or the other."""
+        """Why there is too little to go by, or '': each kind of leg has to be there, one way or the
+        other."""
         legs = self.legs
         if {leg.kind for leg in legs} == {part.kind for part in self._schedule}:
             return ""
@@ -140,10 +152,19 @@ class StepFlight:
         actions = self._agent.step(now, Inbox(view, lifeline_cut=bool(self._stop)))
         self.said += [event.text for event in actions.events]
         if actions.ended is not None:
-            reason = self._stop if actions.ended.outcome == "aborted" and self._stop else actions.ended.reason
+            reason = (
+                self._stop
+                if actions.ended.outcome == "aborted" and self._stop
+                else actions.ended.reason
+            )
             self.ended = replace(actions.ended, reason=reason)
         state, goal = actions.state, actions.goal
-        if state is None or state.step != _HOLD or state.phase is not Phase.FLY or not isinstance(goal, FlyGoal):
+        if (
+            state is None
+            or state.step != _HOLD
+            or state.phase is not Phase.FLY
+            or not isinstance(goal, FlyGoal)
+        ):
             return goal
         return self._hold(now, state.position_ned_m[:2], state.velocity_ned_mps[:2], goal)
 
@@ -156,7 +177,10 @@ class StepFlight:
             self._refuse("failed", view.fault)
         elif view.armed or not view.on_ground:
             what = "is armed" if view.armed else "is in the air"
-            self._refuse("failed", f"the vehicle {what} already: somebody flies it, or land and disarm it first")
+            self._refuse(
+                "failed",
+                f"the vehicle {what} already: somebody flies it, or land and disarm it first",
+            )
         elif not view.healthy or view.global_ is None:
             self._ready_s = None
             patience_s = _LOOK_AT_MOST_S if math.isfinite(view.heartbeat_s) else _HEARD_S
@@ -200,7 +224,12 @@ class StepFlight:
         if part.leg:
             if place not in self._flown:
                 self.said.append(f"{part.way}, {part.kind}")
-            sample = (now, along, n * position[0] + e * position[1], n * velocity[0] + e * velocity[1])
+            sample = (
+                now,
+                along,
+                n * position[0] + e * position[1],
+                n * velocity[0] + e * velocity[1],
+            )
             self._flown.setdefault(place, []).append(sample)
         return FlyGoal((along * n, along * e, goal.velocity_ned_mps[2]))
 
@@ -211,7 +240,8 @@ _HOLD: Final = 3
 
 @dataclass(frozen=True, slots=True)
 class _Part:
-    """A stretch of the schedule, `until_s` after its begin; `command_mps` None: the agent's own way back."""
+    """A stretch of the schedule, `until_s` after its begin; `command_mps` None: the agent's own way
+    back."""
 
     way: str
     kind: str
@@ -250,7 +280,11 @@ def _traffic(view: VehicleView) -> str:
         return ""
     for contact in view.contacts:
         north, east, down = ned_from_geodetic(contact.position, view.global_.position)
-        if math.hypot(north, east) < _CLEAR_M and abs(down) < _CLEAR_HEIGHT_M and _above_ground(contact, view):
+        if (
+            math.hypot(north, east) < _CLEAR_M
+            and abs(down) < _CLEAR_HEIGHT_M
+            and _above_ground(contact, view)
+        ):
             return f"another aircraft is {math.hypot(north, east):.0f} m away; allowed: {_CLEAR_M:g} m and more"
     return ""
 
@@ -274,7 +308,9 @@ def _plan(steps: Steps, typical: Response, tick_s: float, here: Geodetic) -> Pla
         unit_m=5.0,
         tick_s=tick_s,
         kappa=kappa,
-        law=LawParameters(4.5, 0.3, 0.1, 1.0 / kappa),  # parked vehicles below are no reason to make way
+        law=LawParameters(
+            4.5, 0.3, 0.1, 1.0 / kappa
+        ),  # parked vehicles below are no reason to make way
         compensation=Compensation.STOP_POINT,
         response=typical,
         limits=Limits(speed_mps=steps.speed_mps),
@@ -287,6 +323,8 @@ def _plan(steps: Steps, typical: Response, tick_s: float, here: Geodetic) -> Pla
             HoldStep(steps.duration_s, steps.duration_s + spare_s),
             LandStep(spare_s + 3 * steps.height_m),
         ),
-        fence=Fence(((-box, -box), (box, -box), (box, box), (-box, box)), steps.height_m + _HEIGHT_SPARE_M),
+        fence=Fence(
+            ((-box, -box), (box, -box), (box, box), (-box, box)), steps.height_m + _HEIGHT_SPARE_M
+        ),
         safety=Safety(filter=False, guard=False, release=False, align=False),
     )

@@ -1,4 +1,5 @@
-"""How well a formation stands. Points and slots are (..., n, 2) arrays of (north, east) in one length unit."""
+"""How well a formation stands. Points and slots are (..., n, 2) arrays of (north, east) in one
+length unit."""
 
 from __future__ import annotations
 
@@ -22,7 +23,8 @@ def centred(points: npt.ArrayLike) -> Array:
 
 
 def formation_error(points: npt.ArrayLike, slots: npt.ArrayLike) -> Array:
-    """Largest `|e_i - mean e|`, (...): zero when the shape stands, wherever it stands. Pass live agents only."""
+    """Largest `|e_i - mean e|`, (...): zero when the shape stands, wherever it stands. Pass live
+    agents only."""
     return np.asarray(np.linalg.norm(centred(errors(points, slots)), axis=-1).max(axis=-1))
 
 
@@ -33,7 +35,8 @@ def distances(points: npt.ArrayLike) -> Array:
 
 
 def closest_pair(points: npt.ArrayLike) -> tuple[float, tuple[int, int]] | None:
-    """The smallest distance in one (n, 2) array and its pair of indices, lower first; None for fewer than two."""
+    """The smallest distance in one (n, 2) array and its pair of indices, lower first; None for
+    fewer than two."""
     between = distances(points)
     if between.shape[-1] < 2:
         return None
@@ -43,6 +46,7 @@ def closest_pair(points: npt.ArrayLike) -> tuple[float, tuple[int, int]] | None:
 
 
 def smallest_distance(points: npt.ArrayLike) -> float:
-    """The smallest distance between two of the points, an (n, 2) array; infinite for fewer than two."""
+    """The smallest distance between two of the points, an (n, 2) array; infinite for fewer than
+    two."""
     found = closest_pair(points)
     return np.inf if found is None else found[0]

@@ -1,9 +1,11 @@
-"""The formation law of Mondal et al. 2017: consensus plus an adaptive potential whose sigma is tuned online.
+"""The formation law of Mondal et al. 2017: consensus plus an adaptive potential whose sigma is
+tuned online.
 
-Written once, batched: leading axes `...` may be (missions, agents); an agent calls it with `(1,)`. All lengths are the
-paper's units. The paper's symbols are kept: `e = p - z`, `n` the consensus sum, `q = p_i - p_j`, `x = |q|`,
-`S = q . n`, `C = q x n`, `beta = h / N^2`, `D_lb`/`D_ub` the bounds (32), (59), (65), `g` the cut-off (18)-(21).
-`u` is a displacement per iteration: `p <- p + u` is (9).
+Written once, batched: leading axes `...` may be (missions, agents); an agent calls it with `(1,)`.
+All lengths are the paper's units. The paper's symbols are kept: `e = p - z`, `n` the consensus sum,
+`q = p_i - p_j`, `x = |q|`, `S = q . n`, `C = q x n`, `beta = h / N^2`, `D_lb`/`D_ub` the bounds
+(32), (59), (65), `g` the cut-off (18)-(21). `u` is a displacement per iteration: `p <- p + u` is
+(9).
 """
 
 from __future__ import annotations
@@ -78,8 +80,8 @@ def evaluate(
         other_slots: z_j (..., m, 2); read only where `neighbour`.
         neighbour: j in N_i (..., m).
         present: j is there (..., m).
-        lower_id: i has the lower id of the two (..., m); decides who goes where when two stand on one spot.
-        law: r, r_in, r_out, h, delta_l, delta_a.
+        lower_id: i has the lower id of the two (..., m); decides who goes where when two stand on
+        one spot. law: r, r_in, r_out, h, delta_l, delta_a.
     """
     linked = neighbour & present
     count = np.count_nonzero(linked, axis=-1)
@@ -111,13 +113,18 @@ def evaluate(
 
 def cut_off(x: Floats, law: LawParameters) -> Floats:
     """g(x), (18)-(21): 1 inside `r_in`, a cosine down to 0 at `r_out`; same shape as `x`."""
-    share = np.minimum(np.maximum((x - law.r_in) * (math.pi / (law.r_out - law.r_in)), 0.0), math.pi)
+    share = np.minimum(
+        np.maximum((x - law.r_in) * (math.pi / (law.r_out - law.r_in)), 0.0), math.pi
+    )
     g: Floats = 0.5 + 0.5 * np.cos(share)
     return g
 
 
-def separate(q_x: Floats, q_y: Floats, lower: Bools, law: LawParameters) -> tuple[Floats, Floats, Floats]:
-    """`q` and its length; two agents on one spot are taken sqrt(delta_a) apart, the lower id to the north."""
+def separate(
+    q_x: Floats, q_y: Floats, lower: Bools, law: LawParameters
+) -> tuple[Floats, Floats, Floats]:
+    """`q` and its length; two agents on one spot are taken sqrt(delta_a) apart, the lower id to the
+    north."""
     x = np.sqrt(q_x * q_x + q_y * q_y)
     if x.min(initial=1.0) < _SAME_SPOT:
         same = x < _SAME_SPOT
@@ -129,7 +136,8 @@ def separate(q_x: Floats, q_y: Floats, lower: Bools, law: LawParameters) -> tupl
 
 
 class Tuned(NamedTuple):
-    """The numbers of section 3 for pairs of any shape; `d` is NaN where the status leaves it undefined."""
+    """The numbers of section 3 for pairs of any shape; `d` is NaN where the status leaves it
+    undefined."""
 
     sigma: Floats
     sigma_lb: Floats
@@ -141,7 +149,13 @@ class Tuned(NamedTuple):
 
 
 def tune(
-    q_x: Floats, q_y: Floats, x: Floats, pull_x: Floats, pull_y: Floats, members: NDArray[np.intp], law: LawParameters
+    q_x: Floats,
+    q_y: Floats,
+    x: Floats,
+    pull_x: Floats,
+    pull_y: Floats,
+    members: NDArray[np.intp],
+    law: LawParameters,
 ) -> Tuned:
     """Section 3 of LAW.md: the bounds on D, D itself with its status, then sigma. Arrays broadcast.
 
@@ -149,9 +163,10 @@ def tune(
         q_x: p_i - p_j, never zero.
         q_y: likewise.
         x: |q|.
-        pull_x: beta n, the pull of the neighbours' errors on i; zero for a stranger (j not in N_i). A stranger is the
-            neighbour's case with beta = 0 and M in place of N: (32), (59), (65) turn into (69)'s bounds, and (50),
-            (52) into sigma_lb = g x / R - x^2.
+        pull_x: beta n, the pull of the neighbours' errors on i; zero for a stranger (j not in N_i).
+        A stranger is the
+            neighbour's case with beta = 0 and M in place of N: (32), (59), (65) turn into (69)'s
+            bounds, and (50), (52) into sigma_lb = g x / R - x^2.
         pull_y: likewise.
         members: N for a neighbour, M for a stranger.
         law: r, r_in, r_out, delta_l, delta_a; `h` is in the pull.
@@ -173,7 +188,8 @@ def tune(
     with np.errstate(divide="ignore", invalid="ignore"):
         R = (law.r / d - d_ic) / twice
         xx = x * x
-        # (50), the larger root, written so that a large S does not cancel: (R^2 - pull^2) / (S + sqrt(x^2 R^2 - C^2))
+        # (50), the larger root, written so that a large S does not cancel: (R^2 - pull^2) / (S +
+        # sqrt(x^2 R^2 - C^2))
         root = np.sqrt(np.maximum(R * R * xx - C, 0.0))
         root += np.abs(S)
         alpha_ub = np.where(S > 0.0, (R - pull) * (R + pull) / root, root / xx)
@@ -186,7 +202,8 @@ def tune(
 
 
 def _choose_d(d_lb: Floats, d_ub: Floats, law: LawParameters) -> tuple[Floats, NDArray[np.uint8]]:
-    """D by (66) and its status; `narrow`, `inactive` and `overspeed` are LAW.md's rules where (66) has no room."""
+    """D by (66) and its status; `narrow`, `inactive` and `overspeed` are LAW.md's rules where (66)
+    has no room."""
     middle = 0.5 * (d_lb + d_ub)
     d = np.where(d_lb < 2.0, d_lb + law.delta_l, middle)
     inactive = d_ub - d_lb <= _NO_ROOM * d_ub

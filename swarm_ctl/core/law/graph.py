@@ -1,4 +1,5 @@
-"""The neighbour graph: who listens to whom for the whole mission. A graph maps each agent id to its neighbours' ids."""
+"""The neighbour graph: who listens to whom for the whole mission. A graph maps each agent id to its
+neighbours' ids."""
 
 from __future__ import annotations
 
@@ -15,7 +16,8 @@ Graph: TypeAlias = Mapping[int, Collection[int]]
 
 
 def neighbours(starts: Mapping[int, Point], r: float) -> dict[int, tuple[int, ...]]:
-    """`N_i` of every agent: the others whose start lies within the interaction range `r` (same length unit)."""
+    """`N_i` of every agent: the others whose start lies within the interaction range `r` (same
+    length unit)."""
     return {
         i: tuple(sorted(j for j, q in starts.items() if j != i and math.dist(p, q) <= r))
         for i, p in sorted(starts.items())
@@ -58,11 +60,14 @@ def is_connected(graph: Graph) -> bool:
 
 def without(graph: Graph, lost: Collection[int]) -> dict[int, tuple[int, ...]]:
     """The graph that is left when the agents `lost` leave it."""
-    return {i: tuple(j for j in heard if j not in lost) for i, heard in graph.items() if i not in lost}
+    return {
+        i: tuple(j for j in heard if j not in lost) for i, heard in graph.items() if i not in lost
+    }
 
 
 def bridged(graph: Graph, lost: Collection[int]) -> dict[int, tuple[int, ...]]:
-    """The graph without `lost`, where the neighbours of each lost agent are linked: it hangs together as before."""
+    """The graph without `lost`, where the neighbours of each lost agent are linked: it hangs
+    together as before."""
     links = {i: set(heard) for i, heard in graph.items()}
     for gone in sorted(lost):
         left = links.pop(gone, set())
@@ -73,7 +78,8 @@ def bridged(graph: Graph, lost: Collection[int]) -> dict[int, tuple[int, ...]]:
 
 
 def algebraic_connectivity(graph: Graph) -> float:
-    """Second smallest eigenvalue of the Laplacian D - A (Fiedler value): 0 where the graph is not connected.
+    """Second smallest eigenvalue of the Laplacian D - A (Fiedler value): 0 where the graph is not
+    connected.
 
     Graphs of fewer than two agents have no second eigenvalue; they give 0.
     """
@@ -84,8 +90,8 @@ def algebraic_connectivity(graph: Graph) -> float:
 def consensus_rate(graph: Graph) -> float:
     """Second smallest eigenvalue of I - A / d_i, the Laplacian in the law's consensus term (26).
 
-    The slowest part of the formation error shrinks by (1 - h * rate) per law iteration, so its time constant is
-    1 / (kappa * h * rate) seconds. An agent without neighbours does not move: 0.
+    The slowest part of the formation error shrinks by (1 - h * rate) per law iteration, so its time
+    constant is 1 / (kappa * h * rate) seconds. An agent without neighbours does not move: 0.
     """
     adjacency = _adjacency(graph)
     degree = adjacency.sum(axis=1)

@@ -1,10 +1,12 @@
-"""The stop point: where a vehicle would come to rest if it were told to stop now (SAFETY.md section 1).
+"""The stop point: where a vehicle would come to rest if it were told to stop now (SAFETY.md section
+1).
 
-Seen from it, a vehicle with dead time and lag is a single integrator again: `ds/dt = v_cmd`, which is what the paper's
-law assumes. Exact for dead time plus first-order lag; measured, not proven, under the acceleration limit.
+Seen from it, a vehicle with dead time and lag is a single integrator again: `ds/dt = v_cmd`, which
+is what the paper's law assumes. Exact for dead time plus first-order lag; measured, not proven,
+under the acceleration limit.
 
-Written once for one vehicle (Python's complex numbers: a tenth of numpy's cost, this runs every tick) and for arrays of
-them: a horizontal vector is the complex number north + 1j * east.
+Written once for one vehicle (Python's complex numbers: a tenth of numpy's cost, this runs every
+tick) and for arrays of them: a horizontal vector is the complex number north + 1j * east.
 """
 
 from __future__ import annotations
@@ -20,10 +22,13 @@ from swarm_ctl.core.model.plan import Point, Response
 
 Floats = NDArray[np.float64]
 
-TYPICAL: Final = {"ardupilot": Response(), "px4": Response(dead_time_s=0.1, lag_s=0.6, acceleration_mps2=8.0)}
-"""By autopilot, at its own default parameters: fitted to the simulated ones, which are fitted to recorded steps. The
-PX4 follows a velocity unshaped, so it starts at once; ArduCopter bounds jerk and acceleration, which acts like a dead
-time."""
+TYPICAL: Final = {
+    "ardupilot": Response(),
+    "px4": Response(dead_time_s=0.1, lag_s=0.6, acceleration_mps2=8.0),
+}
+"""By autopilot, at its own default parameters: fitted to the simulated ones, which are fitted to
+recorded steps. The PX4 follows a velocity unshaped, so it starts at once; ArduCopter bounds jerk
+and acceleration, which acts like a dead time."""
 
 
 def stop_points(
@@ -34,7 +39,8 @@ def stop_points(
     Args:
         position_m: (..., 2), now.
         velocity_mps: (..., 2), now.
-        commands_mps: (..., k, 2), the commands still in the dead time, oldest first, one per `dt_s`; k is
+        commands_mps: (..., k, 2), the commands still in the dead time, oldest first, one per
+        `dt_s`; k is
             `pending(vehicle, dt_s)`.
         dt_s: time between commands.
         vehicle: dead time, lag, acceleration limit.
@@ -49,7 +55,11 @@ def stop_points(
 
 
 def stop_point(
-    position_m: Point, velocity_mps: Point, commands_mps: Iterable[Point], dt_s: float, vehicle: Response
+    position_m: Point,
+    velocity_mps: Point,
+    commands_mps: Iterable[Point],
+    dt_s: float,
+    vehicle: Response,
 ) -> Point:
     """`stop_points` for one vehicle."""
     acting = (complex(*command) for command in commands_mps)
@@ -58,13 +68,15 @@ def stop_point(
 
 
 def stop_distance(speed_mps: Any, vehicle: Response, most: Callable[[Any, Any], Any] = max) -> Any:
-    """How far a vehicle at `speed_mps` still goes once zero velocity acts on it [m]: full braking, then the lag.
+    """How far a vehicle at `speed_mps` still goes once zero velocity acts on it [m]: full braking,
+    then the lag.
 
     A float, or an array with `most=np.maximum`.
     """
     a, tau = vehicle.acceleration_mps2, vehicle.lag_s
     over = most(speed_mps - a * tau, 0.0)
-    # under the knee a tau it is tau w; above it (w^2 + (a tau)^2) / (2 a), which is tau w + (w - a tau)^2 / (2 a)
+    # under the knee a tau it is tau w; above it (w^2 + (a tau)^2) / (2 a), which is tau w + (w - a
+    # tau)^2 / (2 a)
     return tau * speed_mps + over * over / (2 * a)
 
 
@@ -74,9 +86,15 @@ def pending(vehicle: Response, dt_s: float) -> int:
 
 
 def _coast(
-    x: Any, v: Any, commands: Iterable[Any], dt_s: float, vehicle: Response, most: Callable[[Any, Any], Any]
+    x: Any,
+    v: Any,
+    commands: Iterable[Any],
+    dt_s: float,
+    vehicle: Response,
+    most: Callable[[Any, Any], Any],
 ) -> Any:
-    """Fly the commands that are under way, then stop. Complex scalars with `max`, arrays with `np.maximum`."""
+    """Fly the commands that are under way, then stop. Complex scalars with `max`, arrays with
+    `np.maximum`."""
     share = -math.expm1(-dt_s / vehicle.lag_s)
     bound = vehicle.acceleration_mps2 * dt_s
     for command in commands:

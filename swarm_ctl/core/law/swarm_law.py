@@ -1,11 +1,13 @@
-"""The law (26) for many whole swarms at once, laid out for speed: missions on the last axis, contiguous in memory.
+"""The law (26) for many whole swarms at once, laid out for speed: missions on the last axis,
+contiguous in memory.
 
-The same numbers as `core.law.formation_law.evaluate` gives each agent (`tune` is shared), but each distance is worked out once for
-both agents of a pair. Points are (2, n, m): component, agent, mission. Lengths in units.
+The same numbers as `core.law.formation_law.evaluate` gives each agent (`tune` is shared), but each
+distance is worked out once for both agents of a pair. Points are (2, n, m): component, agent,
+mission. Lengths in units.
 
-Pairs stand in rings: row (k, i), of n // 2 rings, is agent i and agent (i + k + 1) mod n. So the second of a pair is a
-window that slides over the doubled list of agents, and nothing has to be gathered. With an even n the last ring holds
-each pair twice; its second half is not used.
+Pairs stand in rings: row (k, i), of n // 2 rings, is agent i and agent (i + k + 1) mod n. So the
+second of a pair is a window that slides over the doubled list of agents, and nothing has to be
+gathered. With an even n the last ring holds each pair twice; its second half is not used.
 """
 
 from __future__ import annotations
@@ -28,7 +30,8 @@ _SMALL: Final = 16
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Near:
-    """The pairs inside `r_out`. Row 0 is how `first` sees the pair; row 1, if there is one, how `second` does."""
+    """The pairs inside `r_out`. Row 0 is how `first` sees the pair; row 1, if there is one, how
+    `second` does."""
 
     first: Indices
     second: Indices
@@ -58,7 +61,9 @@ class Rings:
         self._inside = np.empty((rings, n, m), dtype=np.bool_)
         self._doubled = np.empty((2, n + rings, m))
         a, b, c = self._doubled.strides
-        self._window = as_strided(self._doubled[:, 1:], (2, rings, n, m), (a, b, b, c), writeable=False)
+        self._window = as_strided(
+            self._doubled[:, 1:], (2, rings, n, m), (a, b, b, c), writeable=False
+        )
 
     def measure(self, points: Floats) -> Floats:
         """Fills `squared` for `points` (2, n, m)."""
@@ -82,10 +87,11 @@ class Rings:
 
 
 class SwarmLaw:
-    """The law of m missions of n >= 2 agents, with what does not change prepared once. Owns its working memory.
+    """The law of m missions of n >= 2 agents, with what does not change prepared once. Owns its
+    working memory.
 
-    A mission's numbers don't depend on the others in its batch, to the last bit, as long as it has others: a batch of
-    one is summed in another order.
+    A mission's numbers don't depend on the others in its batch, to the last bit, as long as it has
+    others: a batch of one is summed in another order.
 
     Args:
         slots: z (2, n, m).
@@ -103,7 +109,8 @@ class SwarmLaw:
         self._weights = np.ascontiguousarray(order, dtype=np.float64)
         self._count = np.count_nonzero(links, axis=1)
         self._apart = self._weights.copy()
-        """The same with minus the number of neighbours on the diagonal: n is one product with the errors."""
+        """The same with minus the number of neighbours on the diagonal: n is one product with the
+        errors."""
         diagonal = np.arange(n)
         self._apart[(diagonal, diagonal) if self._small else (slice(None), diagonal, diagonal)] = -(
             self._count if self._small else self._count.T
@@ -116,32 +123,45 @@ class SwarmLaw:
 
     def only(self, missions: Bools) -> SwarmLaw:
         """The same for some of the missions."""
-        return SwarmLaw(self.slots[..., missions], self.links[..., missions], self.h[missions], self.law)
+        return SwarmLaw(
+            self.slots[..., missions], self.links[..., missions], self.h[missions], self.law
+        )
 
     def unlinked(self, gone: Bools) -> SwarmLaw:
         """The same, but that nobody follows the agents `gone` (n, m) any more, nor they anybody."""
         return SwarmLaw(self.slots, self.links & ~gone & ~gone[:, None], self.h, self.law)
 
     def step(self, points: Floats) -> tuple[Floats, Near | None]:
-        """One iteration of (26) where everybody knows all `points` (2, n, m): u (2, n, m) [units], the near pairs."""
+        """One iteration of (26) where everybody knows all `points` (2, n, m): u (2, n, m) [units],
+        the near pairs."""
         n = self._sum_apart(points - self.slots)
         u: Floats = n * self._gain
         self.rings.measure(points)
         pair = self.rings.inside(self.law.r_out)
         if not len(pair[0]):
             return u, None
-        return u, self._repel(u, n, points, _taken(points, pair[1] * points.shape[-1] + pair[2]), pair)
+        return u, self._repel(
+            u, n, points, _taken(points, pair[1] * points.shape[-1] + pair[2]), pair
+        )
 
     def step_heard(
-        self, points: Floats, heard: Floats, slots: Floats | None = None, told_slots: Floats | None = None
+        self,
+        points: Floats,
+        heard: Floats,
+        slots: Floats | None = None,
+        told_slots: Floats | None = None,
     ) -> tuple[Floats, Near | None]:
-        """The same where agent i takes agent j to be at `heard[:, i, j]` (2, n or 1, n, m), old or foretold.
+        """The same where agent i takes agent j to be at `heard[:, i, j]` (2, n or 1, n, m), old or
+        foretold.
 
-        `slots` (2, n, m) and `told_slots` (as `heard`) are the slots as they are now, where they change.
+        `slots` (2, n, m) and `told_slots` (as `heard`) are the slots as they are now, where they
+        change.
         """
         slots = self.slots if slots is None else slots
         error = points - slots
-        told = np.broadcast_to(heard - (slots[:, None] if told_slots is None else told_slots), (2, *self.links.shape))
+        told = np.broadcast_to(
+            heard - (slots[:, None] if told_slots is None else told_slots), (2, *self.links.shape)
+        )
         terms = "ijm,cijm->cim" if self._small else "mij,cijm->cim"
         n = np.einsum(terms, self._weights, told) - self._count * error
         u: Floats = n * self._gain
@@ -159,7 +179,8 @@ class SwarmLaw:
         return u + self.avoidance, near
 
     def _sum_apart(self, error: Floats) -> Floats:
-        """Sum of e_j - e_i over the neighbours j, (2, n, m): one matrix product a mission, unless it is small."""
+        """Sum of e_j - e_i over the neighbours j, (2, n, m): one matrix product a mission, unless
+        it is small."""
         if not self._small:
             return np.ascontiguousarray((self._apart @ error.transpose(2, 1, 0)).transpose(2, 1, 0))
         total = np.empty_like(error)
@@ -176,7 +197,8 @@ class SwarmLaw:
         pair: tuple[Indices, Indices, Indices],
         both: bool = True,
     ) -> Near:
-        """Adds the avoidance term of `first` to u, and with `both` that of `second`; `seen` is where `second` is."""
+        """Adds the avoidance term of `first` to u, and with `both` that of `second`; `seen` is
+        where `second` is."""
         first, second, mission = pair
         count, m = points.shape[1:]
         q = _taken(points, first * m + mission) - seen
@@ -185,7 +207,8 @@ class SwarmLaw:
         # flat index into (n, m) of everybody who pushes himself off
         agents = (np.stack((first, second)) if both else first[None]) * m + mission
         members = self._members(agents, linked, count * m)
-        # seen from the second of a pair q points the other way; turning the pull instead is the same
+        # seen from the second of a pair q points the other way; turning the pull instead is the
+        # same
         side = np.array([[1.0], [-1.0]])[: len(agents)]
         beta = self._beta.ravel().take(agents) * linked * side
         pull_x, pull_y = n[0].ravel().take(agents) * beta, n[1].ravel().take(agents) * beta
@@ -206,5 +229,6 @@ class SwarmLaw:
 
 
 def _taken(points: Floats, places: Indices) -> Floats:
-    """Points (2, n, m) at flat places (K,) in (n, m): (2, K). A flat take is several times quicker than an index."""
+    """Points (2, n, m) at flat places (K,) in (n, m): (2, K). A flat take is several times quicker
+    than an index."""
     return points.reshape(2, -1).take(places, axis=1)

@@ -6,9 +6,11 @@ from typing import Final
 
 
 class Histogram:
-    """Counts values in bins of `width` from 0; the last bin takes everything beyond. Unit: the caller's.
+    """Counts values in bins of `width` from 0; the last bin takes everything beyond. Unit: the
+    caller's.
 
-    Percentiles are upper bin edges: at most one `width` too high, never too low (but for values beyond the last bin).
+    Percentiles are upper bin edges: at most one `width` too high, never too low (but for values
+    beyond the last bin).
     """
 
     __slots__ = ("_bins", "count", "most", "width")
@@ -27,7 +29,8 @@ class Histogram:
             self.most = value
 
     def percentile(self, share: float) -> float | None:
-        """The upper edge of the bin that holds the `share` (0..1) quantile; None before the first value."""
+        """The upper edge of the bin that holds the `share` (0..1) quantile; None before the first
+        value."""
         wanted = share * self.count
         seen = 0
         for index, number in enumerate(self._bins):

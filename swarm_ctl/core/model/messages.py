@@ -1,6 +1,7 @@
 """What agents and stations tell each other, as plain data. `mesh/payloads.py` gives each its bytes.
 
-Times are on the sender's mission clock [s]; horizontal vectors are (north, east) in the common frame, in metres.
+Times are on the sender's mission clock [s]; horizontal vectors are (north, east) in the common
+frame, in metres.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ from swarm_ctl.core.model.vehicle import Vector3
 
 
 class Phase(IntEnum):
-    """Where an agent is. The order is the order of a flight; the numbers are on the wire, so never reuse one."""
+    """Where an agent is. The order is the order of a flight; the numbers are on the wire, so never
+    reuse one."""
 
     CONNECT = 0
     """No heartbeat from the vehicle yet."""
@@ -37,7 +39,8 @@ class Phase(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """Where the formation as a whole is to be: its centre, and how its last form step's slots are turned and scaled."""
+    """Where the formation as a whole is to be: its centre, and how its last form step's slots are
+    turned and scaled."""
 
     point_m: Point
     angle_rad: float = 0.0
@@ -50,7 +53,8 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class ExchangeState:
-    """What an agent says of slot exchange (`core/swarm/exchange_protocol.py`). Agents by their place in the plan, -1 for nobody."""
+    """What an agent says of slot exchange (`core/swarm/exchange_protocol.py`). Agents by their
+    place in the plan, -1 for nobody."""
 
     role: int
     """The place in the plan whose slots it flies to."""
@@ -90,13 +94,16 @@ class AgentState:
     stop_point_m: Point
     commanded_mps: Point
     frame: Frame | None = None
-    """The shared reference as this agent has it; the pinned agent's is the one that counts (`core/control/reference.py`)."""
+    """The shared reference as this agent has it; the pinned agent's is the one that counts
+    (`core/control/reference.py`)."""
     stage: int = 0
     """How far the way back is (`core/agent/return_to_launch.py`)."""
     command: int = 0
-    """`Command.tag` of the operator's command it carries out, 0 for none: who has another one is not followed."""
+    """`Command.tag` of the operator's command it carries out, 0 for none: who has another one is
+    not followed."""
     law: int = 0
-    """`Command.tag` of the change that put its law in force, 0 for the mission's own (`core/swarm/gain_update.py`)."""
+    """`Command.tag` of the change that put its law in force, 0 for the mission's own
+    (`core/swarm/gain_update.py`)."""
     next_law: int = 0
     """Of the change that is decided and waits for its time, 0 for none."""
     deal: ExchangeState = NO_DEAL
@@ -104,7 +111,8 @@ class AgentState:
 
 @dataclass(frozen=True, slots=True)
 class PairReport:
-    """One pair in the avoidance region, as agent i computed it (LAW.md section 3). Lengths in units."""
+    """One pair in the avoidance region, as agent i computed it (LAW.md section 3). Lengths in
+    units."""
 
     peer: int
     neighbour: bool
@@ -221,7 +229,8 @@ class Gains:
 
 @dataclass(frozen=True, slots=True)
 class Tuning:
-    """Values for the law and the mission time from which they are to hold, on the sender's clock."""
+    """Values for the law and the mission time from which they are to hold, on the sender's
+    clock."""
 
     gains: Gains
     at_s: float
@@ -231,7 +240,8 @@ class Tuning:
 
 @dataclass(frozen=True, slots=True)
 class AgentStatus:
-    """Sent at 2 Hz: everything about an agent that is not needed every tick. The last one is its final account."""
+    """Sent at 2 Hz: everything about an agent that is not needed every tick. The last one is its
+    final account."""
 
     agent: int
     time_s: float
@@ -271,7 +281,8 @@ class AgentStatus:
     gains: Gains | None = None
     """The law in force."""
     roles: tuple[tuple[float, int], ...] = ()
-    """(since [s], place in the plan whose slots it flies to), for every role but its own first one."""
+    """(since [s], place in the plan whose slots it flies to), for every role but its own first
+    one."""
     safety: SafetyReport = field(default_factory=SafetyReport)
 
 
@@ -289,7 +300,8 @@ class ClockEcho:
 
 @dataclass(frozen=True, slots=True)
 class ClockNews:
-    """Sent at 1 Hz, at 5 Hz while somebody asks: what the own clock shows. A fixed binary layout."""
+    """Sent at 1 Hz, at 5 Hz while somebody asks: what the own clock shows. A fixed binary
+    layout."""
 
     agent: int
     time_s: float
@@ -310,7 +322,8 @@ class Event:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """An operator's word to agents. Idempotent: an `id` seen before is acknowledged again and not repeated."""
+    """An operator's word to agents. Idempotent: an `id` seen before is acknowledged again and not
+    repeated."""
 
     id: str
     kind: str
@@ -323,7 +336,8 @@ class Command:
     plan_hash: int = 0
     """The plan that `step` was made for; 0: any."""
     at_step: int = 0
-    """The mission step that `next` is to end; 0: whatever it is. An agent that is further has nothing to do."""
+    """The mission step that `next` is to end; 0: whatever it is. An agent that is further has
+    nothing to do."""
     tuning: Tuning | None = None
     """What `tune` asks to prepare, and `apply` decides."""
     commits: int = 0
@@ -354,4 +368,6 @@ class StationBeacon:
     plan_hash: int
 
 
-Payload: TypeAlias = AgentState | AgentStatus | ClockNews | SigmaReport | Event | Command | Ack | StationBeacon
+Payload: TypeAlias = (
+    AgentState | AgentStatus | ClockNews | SigmaReport | Event | Command | Ack | StationBeacon
+)

@@ -1,10 +1,12 @@
 """The plan: everything the agents of one mission must agree on, as plain frozen data.
 
-A mission file is turned into a plan once (`mission.compile.loader`); the plan's hash is compared by every agent and station,
-so no two of them can fly different missions. What may differ from agent to agent (endpoints, keys) is the fleet's.
+A mission file is turned into a plan once (`mission.compile.loader`); the plan's hash is compared by
+every agent and station, so no two of them can fly different missions. What may differ from agent to
+agent (endpoints, keys) is the fleet's.
 
-Lengths in `LawParameters`, `starts` and `slots` are the paper's units; multiply by `unit_m` for metres. Horizontal
-vectors are (north, east) in the common frame: the local tangent plane at `origin`.
+Lengths in `LawParameters`, `starts` and `slots` are the paper's units; multiply by `unit_m` for
+metres. Horizontal vectors are (north, east) in the common frame: the local tangent plane at
+`origin`.
 """
 
 from __future__ import annotations
@@ -42,7 +44,8 @@ class LawParameters:
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """How a vehicle answers a velocity setpoint: dead time, then a first-order lag with bounded acceleration."""
+    """How a vehicle answers a velocity setpoint: dead time, then a first-order lag with bounded
+    acceleration."""
 
     dead_time_s: float = 0.4
     lag_s: float = 0.5
@@ -69,7 +72,8 @@ class Compensation(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Safety:
-    """What stands between the law and the vehicles (`core/safety/constraints.py`, `core/safety/deadlock.py`, `core/law/mean_error_feedback.py`)."""
+    """What stands between the law and the vehicles (`core/safety/constraints.py`,
+    `core/safety/deadlock.py`, `core/law/mean_error_feedback.py`)."""
 
     filter: bool = True
     """No velocity that brings two closer than their keep-out distance."""
@@ -89,7 +93,8 @@ class Policy(StrEnum):
     LAND = "land"
     """Hold for `hold_before_land_s`, then land in place."""
     RETURN = "return"
-    """One at a time, at separated heights, back to the own start; land in place where that is not possible."""
+    """One at a time, at separated heights, back to the own start; land in place where that is not
+    possible."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,11 +111,13 @@ class Policies:
     battery_low: Policy = Policy.LAND
     battery_reserve_percent: float = 20.0
     too_fast: Policy = Policy.LAND
-    """Faster than `max_speed_mps` or leaning more than `max_tilt_deg`: it no longer does what it is told."""
+    """Faster than `max_speed_mps` or leaning more than `max_tilt_deg`: it no longer does what it is
+    told."""
     max_speed_mps: float = 10.0
     max_tilt_deg: float = 45.0
     wind: Policy = Policy.LAND
-    """Stronger wind than `wind_limit_mps`, where the vehicle estimates it; where not, the tilt limit stands in."""
+    """Stronger wind than `wind_limit_mps`, where the vehicle estimates it; where not, the tilt
+    limit stands in."""
     wind_limit_mps: float = 12.0
     return_separation_m: float = 3.0
     """Between the heights of two agents that return."""
@@ -119,7 +126,8 @@ class Policies:
 
 @dataclass(frozen=True, slots=True)
 class Fence:
-    """Where the vehicles may be: inside `polygon_m` ((north, east), in order; empty: anywhere), up to `height_m`."""
+    """Where the vehicles may be: inside `polygon_m` ((north, east), in order; empty: anywhere), up
+    to `height_m`."""
 
     polygon_m: tuple[Point, ...]
     height_m: float
@@ -151,7 +159,8 @@ class FormStep:
     """N_i from this step on, in the order of `Plan.agents`; None: as before."""
     on_timeout: Policy = Policy.LAND
     exchange: bool = False
-    """Agents that are in each other's way may take each other's slots (`core/swarm/exchange_protocol.py`)."""
+    """Agents that are in each other's way may take each other's slots
+    (`core/swarm/exchange_protocol.py`)."""
     kind: Literal["form"] = "form"
 
 
@@ -167,7 +176,8 @@ class HoldStep:
 
 @dataclass(frozen=True, slots=True)
 class MoveStep:
-    """Take the formation's centre along `waypoints_m` (common frame) at `speed_mps`, keeping shape."""
+    """Take the formation's centre along `waypoints_m` (common frame) at `speed_mps`, keeping
+    shape."""
 
     waypoints_m: tuple[Point, ...]
     speed_mps: float
@@ -180,7 +190,8 @@ class MoveStep:
 
 @dataclass(frozen=True, slots=True)
 class RotateStep:
-    """Turn the formation about its centre to `angle_rad` from its last form step's slots (clockwise from above).
+    """Turn the formation about its centre to `angle_rad` from its last form step's slots (clockwise
+    from above).
 
     `speed_mps` is the outermost slot's.
     """
@@ -196,7 +207,8 @@ class RotateStep:
 
 @dataclass(frozen=True, slots=True)
 class ScaleStep:
-    """Widen or narrow the formation to `factor` times its last form step's slots; `speed_mps` is the outermost's."""
+    """Widen or narrow the formation to `factor` times its last form step's slots; `speed_mps` is
+    the outermost's."""
 
     factor: float
     speed_mps: float
@@ -225,9 +237,12 @@ class LandStep:
     kind: Literal["land"] = "land"
 
 
-Step: TypeAlias = TakeoffStep | FormStep | HoldStep | MoveStep | RotateStep | ScaleStep | ReturnStep | LandStep
-"""`kind` names a step on screens, in results and in a plan's JSON. `on_timeout` is done when a step takes too long;
-`continue` goes on to the next step, as does everybody else, whose time is over as well."""
+Step: TypeAlias = (
+    TakeoffStep | FormStep | HoldStep | MoveStep | RotateStep | ScaleStep | ReturnStep | LandStep
+)
+"""`kind` names a step on screens, in results and in a plan's JSON. `on_timeout` is done when a step
+takes too long; `continue` goes on to the next step, as does everybody else, whose time is over as
+well."""
 
 Shaped: TypeAlias = FormStep | HoldStep | MoveStep | RotateStep | ScaleStep
 """The steps that fly a formation."""
@@ -235,7 +250,8 @@ Shaped: TypeAlias = FormStep | HoldStep | MoveStep | RotateStep | ScaleStep
 
 @dataclass(frozen=True, slots=True)
 class AgentPlan:
-    """One agent's part of the plan: id (1..65535), planned start (north, east) in units, neighbours N_i by id."""
+    """One agent's part of the plan: id (1..65535), planned start (north, east) in units, neighbours
+    N_i by id."""
 
     id: int
     start: Point
@@ -244,7 +260,8 @@ class AgentPlan:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A whole mission, checked. `agents` is sorted by id; `prepare_timeout_s` bounds the way to a healthy vehicle."""
+    """A whole mission, checked. `agents` is sorted by id; `prepare_timeout_s` bounds the way to a
+    healthy vehicle."""
 
     name: str
     origin: Geodetic
@@ -270,7 +287,8 @@ class Plan:
         raise KeyError(agent_id)
 
     def hash(self) -> int:
-        """A 64-bit fingerprint of the whole plan, the same on every machine (floats rounded to 1e-9)."""
+        """A 64-bit fingerprint of the whole plan, the same on every machine (floats rounded to
+        1e-9)."""
         text = json.dumps(_canonical(self), sort_keys=True, separators=(",", ":"))
         return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big")
 

@@ -6,7 +6,8 @@ from collections.abc import Iterable
 
 
 def printable(text: str, limit: int = 200) -> str:
-    """`text` on one line without control characters (they could command a terminal), at most `limit` characters."""
+    """`text` on one line without control characters (they could command a terminal), at most
+    `limit` characters."""
     clean = "".join(c if c.isprintable() else " " if c.isspace() else "?" for c in text)
     return clean if len(clean) <= limit else clean[: limit - 3] + "..."
 

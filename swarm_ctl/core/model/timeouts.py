@@ -1,8 +1,10 @@
-"""How old news may be, and what is done with it then: all timings in one table. Ages in seconds of mission time.
+"""How old news may be, and what is done with it then: all timings in one table. Ages in seconds of
+mission time.
 
-The age of a peer's state is the best guess, by its clock as far as that is known (`core/swarm/clocks.py`); it is off by half
-the round trip at most, so never more than twice as much: what counts as fresh is at most 1 s old, whatever the ways are
-like. What the safety filter reckons that somebody has flown since is counted with all that doubt (`age_at_most`).
+The age of a peer's state is the best guess, by its clock as far as that is known
+(`core/swarm/clocks.py`); it is off by half the round trip at most, so never more than twice as
+much: what counts as fresh is at most 1 s old, whatever the ways are like. What the safety filter
+reckons that somebody has flown since is counted with all that doubt (`age_at_most`).
 
 | news | age, for how long | what is done | why this number |
 |---|---|---|---|
@@ -48,20 +50,24 @@ from typing import Any, Final
 FRESH_S: Final = 0.5
 PREDICT_S: Final = 0.3
 CALM: Final = 0.3
-"""A consensus at `rate` [1/s] carries what it was told on for at most CALM / rate seconds: where everybody adds
-rate * lead of everybody else's command to his own, gains near 1 ring, and at 4 / s with news 0.15 s late swarms of 30
-did for ever. A share of 0.3 leaves room for vehicles that are not as their models say."""
+"""A consensus at `rate` [1/s] carries what it was told on for at most CALM / rate seconds: where
+everybody adds rate * lead of everybody else's command to his own, gains near 1 ring, and at 4 / s
+with news 0.15 s late swarms of 30 did for ever. A share of 0.3 leaves room for vehicles that are
+not as their models say."""
 NEIGHBOUR_S: Final = 1.0
 SETPOINT_TIMEOUT_S: Final = {"ardupilot": 0.5, "px4": 1.0}
-"""What an agent sets before it arms (GUID_TIMEOUT, COM_OF_LOSS_T): a vehicle whose agent is silent flies its last
-command for so long, blindly. In 1,600 missions with a dying agent one vehicle was hit with 1 s, none with 0.5 s. An
-ArduCopter then stands still and goes on with the next setpoint; a PX4 leaves OFFBOARD for good, so it waits longer."""
+"""What an agent sets before it arms (GUID_TIMEOUT, COM_OF_LOSS_T): a vehicle whose agent is silent
+flies its last command for so long, blindly. In 1,600 missions with a dying agent one vehicle was
+hit with 1 s, none with 0.5 s. An ArduCopter then stands still and goes on with the next setpoint; a
+PX4 leaves OFFBOARD for good, so it waits longer."""
 SILENT_FLIES_S: Final = 1.0
-"""For so long the others reckon with it: the longest of these, as they don't know what the silent one flies."""
+"""For so long the others reckon with it: the longest of these, as they don't know what the silent
+one flies."""
 OWN_FIX_S: Final = 0.5
 OWN_LOST_S: Final = 5.0
 
 
 def lead_s(rate: Any, least: Callable[[Any, Any], Any] = min) -> Any:
-    """For how long the law carries on what it was told, at a consensus of `rate` [1/s] (`least`: for arrays)."""
+    """For how long the law carries on what it was told, at a consensus of `rate` [1/s] (`least`:
+    for arrays)."""
     return least(PREDICT_S, CALM / rate)

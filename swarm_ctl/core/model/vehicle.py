@@ -1,4 +1,5 @@
-"""What an agent knows of its vehicle, and what it wants of it. Free of MAVLink: `mavlink/` translates both ways.
+"""What an agent knows of its vehicle, and what it wants of it. Free of MAVLink: `mavlink/`
+translates both ways.
 
 All times are on the agent's clock. Vectors are (north, east, down).
 """
@@ -37,7 +38,8 @@ class GlobalFix:
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """ADSB_VEHICLE: an aircraft near by, seen by the vehicle itself (the paper's proximity sensor)."""
+    """ADSB_VEHICLE: an aircraft near by, seen by the vehicle itself (the paper's proximity
+    sensor)."""
 
     time_s: float
     address: int
@@ -54,14 +56,16 @@ class VehicleView:
     autopilot: str = ""
     """`ardupilot`, `px4`, or '' while unknown."""
     fault: str = ""
-    """Why this vehicle can't be flown at all (an autopilot nobody here knows, a wrong type), or ''."""
+    """Why this vehicle can't be flown at all (an autopilot nobody here knows, a wrong type), or
+    ''."""
     armed: bool = False
     mode: str = ""
     """The autopilot's own word for its mode, e.g. GUIDED."""
     controlled: bool = False
     """The mode follows our velocity setpoints (GUIDED, OFFBOARD)."""
     taken_off: bool = False
-    """The mode is the autopilot's own take-off, or what that ends in: from here a driver enters the controlled one."""
+    """The mode is the autopilot's own take-off, or what that ends in: from here a driver enters the
+    controlled one."""
     landing: bool = False
     """The mode is the autopilot's landing mode."""
     on_ground: bool = True
@@ -71,12 +75,14 @@ class VehicleView:
     health_reason: str = "no heartbeat yet"
     """What is missing while not healthy."""
     released: bool = True
-    """The vehicle has its own failsafe parameters (not taken yet, or given back and confirmed): Release is done."""
+    """The vehicle has its own failsafe parameters (not taken yet, or given back and confirmed):
+    Release is done."""
     battery_percent: float | None = None
     tilt_deg: float | None = None
     """How far it leans (ATTITUDE: roll and pitch); None while unknown."""
     wind_mps: float | None = None
-    """Horizontal wind by the vehicle's own estimate (WIND, WIND_COV); None where it has none, or none that is new."""
+    """Horizontal wind by the vehicle's own estimate (WIND, WIND_COV); None where it has none, or
+    none that is new."""
     origin: Geodetic | None = None
     """GPS_GLOBAL_ORIGIN: where the vehicle's own local frame has its zero."""
     local: LocalFix | None = None
@@ -93,7 +99,8 @@ class VehicleView:
     """TIMESYNC there and back, the newest; at least a tick, since answers are read once a tick."""
 
 
-# --- goals: what the agent wants; reaching them (commands, order, retries) is the autopilot driver's work ---
+# --- goals: what the agent wants; reaching them (commands, order, retries) is the autopilot
+# driver's work ---
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +117,8 @@ class AirborneGoal:
 
 @dataclass(frozen=True, slots=True)
 class FlyGoal:
-    """Under our control with this velocity setpoint [m/s]; sent once per tick, so silence is a deadman."""
+    """Under our control with this velocity setpoint [m/s]; sent once per tick, so silence is a
+    deadman."""
 
     velocity_ned_mps: Vector3
 
@@ -135,7 +143,9 @@ class TerminateGoal:
     """Motors off at once, wherever it is: it falls. Only on an operator's confirmed word."""
 
 
-Goal: TypeAlias = StandbyGoal | AirborneGoal | FlyGoal | LandGoal | ReleaseGoal | YieldGoal | TerminateGoal
+Goal: TypeAlias = (
+    StandbyGoal | AirborneGoal | FlyGoal | LandGoal | ReleaseGoal | YieldGoal | TerminateGoal
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,5 +162,6 @@ class LinkCounters:
     rejected: int = 0
     """Good frames with a field that can't be true (NaN, out of range) or a bad signature."""
     errors: int = 0
-    """Reads and writes that the operating system refused (nobody listens there, a full buffer, ...)."""
+    """Reads and writes that the operating system refused (nobody listens there, a full buffer,
+    ...)."""
     texts: tuple[str, ...] = field(default=())

@@ -1,12 +1,14 @@
-"""Out of a dead-lock without giving up the distance: where law and filter are both satisfied and nothing moves.
+"""Out of a dead-lock without giving up the distance: where law and filter are both satisfied and
+nothing moves.
 
 Two means, both on the wish, so that the filter has the last word as always:
-- *swirl*: where avoidance points against consensus, it is turned a little, everywhere to the same side: two that meet
-  head-on go round each other;
-- *tangential release*: an agent that has wanted to go somewhere for a while and got nowhere goes sideways for some
-  seconds, each time for a little longer, sometimes to the other side.
+- *swirl*: where avoidance points against consensus, it is turned a little, everywhere to the same
+  side: two that meet head-on go round each other;
+- *tangential release*: an agent that has wanted to go somewhere for a while and got nowhere goes
+  sideways for some seconds, each time for a little longer, sometimes to the other side.
 
-A horizontal vector is the complex number north + 1j * east. `study.batch.batch_safety_filter` has the release for arrays of agents.
+A horizontal vector is the complex number north + 1j * east. `study.batch.batch_safety_filter` has
+the release for arrays of agents.
 """
 
 from __future__ import annotations
@@ -19,7 +21,8 @@ import numpy as np
 
 _SWIRL: Final = 0.5
 SWIRL_OFF: Final = 0.3
-"""[units]: within r_out plus this of somebody unheard nobody swirls, as that one does not turn with it."""
+"""[units]: within r_out plus this of somebody unheard nobody swirls, as that one does not turn with
+it."""
 AVERAGE_S: Final = 1.5
 WANTS: Final = 0.05
 """[of the top speed]: who wants to go faster than this on average ..."""
@@ -32,9 +35,12 @@ OTHER_SIDE: Final = (3, 0.4)
 
 
 def swirled(consensus: Any, avoidance: Any) -> Any:
-    """The avoidance, turned up to 27 degrees to the left of it where it points against the consensus (arrays)."""
+    """The avoidance, turned up to 27 degrees to the left of it where it points against the
+    consensus (arrays)."""
     sizes = np.abs(consensus) * np.abs(avoidance)
-    against = np.maximum(0.0, -(avoidance * np.conjugate(consensus)).real / np.maximum(sizes, 1e-300))
+    against = np.maximum(
+        0.0, -(avoidance * np.conjugate(consensus)).real / np.maximum(sizes, 1e-300)
+    )
     return avoidance * (1.0 - 1j * _SWIRL * against * against)
 
 
@@ -62,7 +68,11 @@ class DeadlockRelease:
     def turn(self, wish: complex, consensus: complex) -> complex:
         """The wish, or the way out for one that is stuck."""
         pull = abs(consensus)
-        if self._left_s <= 0.0 and self._wanted > WANTS * self._speed and self._got < GETS * self._wanted:
+        if (
+            self._left_s <= 0.0
+            and self._wanted > WANTS * self._speed
+            and self._got < GETS * self._wanted
+        ):
             self._left_s, self._side = terms(self.fails, dice(self._agent, self.fails))
             self.fails += 1
             self._wanted = self._got = 0.0

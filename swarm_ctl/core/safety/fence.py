@@ -8,7 +8,8 @@ from swarm_ctl.core.model.plan import Fence, Point
 
 
 def inside(polygon: Sequence[Point], point: Point) -> bool:
-    """The point lies in the polygon (even-odd rule; concave ones too). True for one of fewer than three corners."""
+    """The point lies in the polygon (even-odd rule; concave ones too). True for one of fewer than
+    three corners."""
     if len(polygon) < 3:
         return True
     north, east = point
@@ -26,7 +27,8 @@ def area(polygon: Sequence[Point]) -> float:
 
 
 def crossing_edges(polygon: Sequence[Point]) -> tuple[int, int] | None:
-    """Two edges that cross (edge k goes from corner k to the next), or None: the fence would not be what was meant."""
+    """Two edges that cross (edge k goes from corner k to the next), or None: the fence would not be
+    what was meant."""
     edges = list(zip(polygon, (*polygon[1:], polygon[0]), strict=True)) if polygon else []
     for j, (c, d) in enumerate(edges):
         for i, (a, b) in enumerate(edges[:j]):

@@ -1,4 +1,5 @@
-"""`core/safety/constraints.py` for one agent: from a wish to the velocity that is flown, tick by tick.
+"""`core/safety/constraints.py` for one agent: from a wish to the velocity that is flown, tick by
+tick.
 
 Metres; a horizontal vector is the complex number north + 1j * east.
 """
@@ -35,7 +36,9 @@ class SafetyFilter:
         self._reach_m = max(farthest, self._swirl_off_m)
         """Nobody farther away forbids anything."""
         # told up to a second ago: so much longer it may be by now
-        self._stretched_m = constraints.guards_from(self._margins) - self._margins.speed * NEIGHBOUR_S
+        self._stretched_m = (
+            constraints.guards_from(self._margins) - self._margins.speed * NEIGHBOUR_S
+        )
         self._looked: tuple[float, list[Other]] = (-math.inf, [])
         self.release = DeadlockRelease(own_id, plan.limits.speed_mps, plan.tick_s)
         self._slots: Mapping[int, Point] = {}
@@ -60,10 +63,14 @@ class SafetyFilter:
                 return avoidance
         return complex(swirled(consensus, avoidance))
 
-    def keep(self, now: float, own: complex, wish: complex, slots: Mapping[int, Point], common: Common) -> complex:
-        """The velocity nearest to the wish that keeps apart from everybody and, for the links of `slots`, together.
+    def keep(
+        self, now: float, own: complex, wish: complex, slots: Mapping[int, Point], common: Common
+    ) -> complex:
+        """The velocity nearest to the wish that keeps apart from everybody and, for the links of
+        `slots`, together.
 
-        Who flies the same formation moves with it, so between those only what differs from its velocity counts.
+        Who flies the same formation moves with it, so between those only what differs from its
+        velocity counts.
         """
         if not self._plan.safety.filter:
             return wish
@@ -81,12 +88,16 @@ class SafetyFilter:
         if not hard and not soft:
             return wish
         cap = min(constraints.cap(room, self._margins), self._margins.speed)
-        flown = self._nearest(wish - moving, hard, soft, cap, [other.id for other, _ in near]) + moving
+        flown = (
+            self._nearest(wish - moving, hard, soft, cap, [other.id for other, _ in near]) + moving
+        )
         return constraints.limited(flown, self._plan.limits) if moving else flown
 
-    def _keep_outs(self, near: list[tuple[Other, complex]], common: Common) -> tuple[list[Plane], float, bool]:
-        """The planes for velocities less the common one, the least room, and whether somebody who does not fly along
-        is so close that the common velocity itself has to bow to him.
+    def _keep_outs(
+        self, near: list[tuple[Other, complex]], common: Common
+    ) -> tuple[list[Plane], float, bool]:
+        """The planes for velocities less the common one, the least room, and whether somebody who
+        does not fly along is so close that the common velocity itself has to bow to him.
         """
         margins, moving = self._margins, common.velocity_mps
         planes: list[Plane] = []
@@ -107,7 +118,9 @@ class SafetyFilter:
             planes.append((normal.real, normal.imag, bound))
         return planes, least_room, stranger_near
 
-    def _guards(self, now: float, own: complex, slots: Mapping[int, Point], common: Common) -> list[Plane]:
+    def _guards(
+        self, now: float, own: complex, slots: Mapping[int, Point], common: Common
+    ) -> list[Plane]:
         """For the links that the shape keeps, but those to somebody who does not fly along."""
         planes: list[Plane] = []
         guarded = self._links(slots)
@@ -119,18 +132,26 @@ class SafetyFilter:
                 continue
             apart = own - other.stop_point - other.commanded * min(other.age_s, PREDICT_S)
             if constraints.guarded(0.0, abs(apart), self._margins):
-                normal, bound = constraints.guard_plane(apart, other.commanded - common.velocity_mps, self._margins)
+                normal, bound = constraints.guard_plane(
+                    apart, other.commanded - common.velocity_mps, self._margins
+                )
                 if bound > -self._margins.speed:
                     planes.append((normal.real, normal.imag, bound))
         return planes
 
-    def _nearest(self, wish: complex, hard: list[Plane], soft: list[Plane], cap: float, who: list[int]) -> complex:
+    def _nearest(
+        self, wish: complex, hard: list[Plane], soft: list[Plane], cap: float, who: list[int]
+    ) -> complex:
         (north, east), slack = relaxed((wish.real, wish.imag), hard, soft, cap)
         flown = complex(north, east)
         if abs(flown - wish) > _UNTOUCHED_MPS:
             self._touched += 1
             self._yielded += slack > 0.0
-            self._from.update(i for i, (n, e, b) in zip(who, hard, strict=True) if n * wish.real + e * wish.imag < b)
+            self._from.update(
+                i
+                for i, (n, e, b) in zip(who, hard, strict=True)
+                if n * wish.real + e * wish.imag < b
+            )
         return flown
 
     def _near(self, now: float, own: complex) -> list[Other]:
@@ -140,23 +161,38 @@ class SafetyFilter:
         return self._looked[1]
 
     def _reaches(self, other: Other, distance: float) -> bool:
-        """It may forbid something: with what it may have flown since, and all of the burden on us."""
+        """It may forbid something: with what it may have flown since, and all of the burden on
+        us."""
         if other.heard and other.yields:
-            return distance < self._near_m + abs(other.commanded) * other.age_s + self._margins.growth * other.age_s
+            return (
+                distance
+                < self._near_m
+                + abs(other.commanded) * other.age_s
+                + self._margins.growth * other.age_s
+            )
         flown = abs(other.commanded) * max(other.age_s if other.heard else SILENT_FLIES_S, 0.0)
         return distance < self._near_m + flown + 3.0 * self._margins.growth
 
     def _links(self, slots: Mapping[int, Point]) -> frozenset[int]:
-        """The neighbours whose slots lie within r of the own one; worked out when slots or neighbours change."""
+        """The neighbours whose slots lie within r of the own one; worked out when slots or
+        neighbours change."""
         if not self._plan.safety.guard:
             return frozenset()
         chosen = self._peers.links
         if slots is not self._slots or chosen is not self._chosen:
             self._slots, self._chosen = slots, chosen
             own, unit = slots.get(self._own), self._plan.unit_m
-            gaps = {i: math.dist(own, slots[i]) * unit for i in chosen if i in slots} if own is not None else {}
-            self._guarded = frozenset(i for i, gap in gaps.items() if constraints.guarded(gap, 0.0, self._margins))
-            self._slack = frozenset(i for i in self._guarded if not constraints.tight(gaps[i], self._margins))
+            gaps = (
+                {i: math.dist(own, slots[i]) * unit for i in chosen if i in slots}
+                if own is not None
+                else {}
+            )
+            self._guarded = frozenset(
+                i for i, gap in gaps.items() if constraints.guarded(gap, 0.0, self._margins)
+            )
+            self._slack = frozenset(
+                i for i in self._guarded if not constraints.tight(gaps[i], self._margins)
+            )
         return self._slack if self.release.releasing else self._guarded
 
 

@@ -1,10 +1,12 @@
-"""The velocity nearest to a wish that a disc and half-planes allow: an exact quadratic program in two dimensions.
+"""The velocity nearest to a wish that a disc and half-planes allow: an exact quadratic program in
+two dimensions.
 
-A half-plane is `n . v >= b` with a unit normal n. Solved incrementally, as linear programs of few dimensions are (de
-Berg et al., Computational Geometry, ch. 4; ORCA does the same): the best so far stays best while nothing forbids it;
-otherwise the best lies on the line that does. Where nothing is allowed, all planes are relaxed by the same least slack:
-none is dropped. Written twice: for one agent in plain Python (a tick has a handful of planes, numpy would cost ten
-times as much), and for arrays of agents. A test holds them together.
+A half-plane is `n . v >= b` with a unit normal n. Solved incrementally, as linear programs of few
+dimensions are (de Berg et al., Computational Geometry, ch. 4; ORCA does the same): the best so far
+stays best while nothing forbids it; otherwise the best lies on the line that does. Where nothing is
+allowed, all planes are relaxed by the same least slack: none is dropped. Written twice: for one
+agent in plain Python (a tick has a handful of planes, numpy would cost ten times as much), and for
+arrays of agents. A test holds them together.
 """
 
 from __future__ import annotations
@@ -29,8 +31,11 @@ UNBOUND: Final = -1e6
 """The b of a plane that forbids nothing: it fills rows of the arrays up."""
 
 
-def nearest(wish: tuple[float, float], planes: Sequence[Plane], cap: float) -> tuple[float, float] | None:
-    """The v with |v| <= cap inside all planes that is nearest to `wish`; None where there is none."""
+def nearest(
+    wish: tuple[float, float], planes: Sequence[Plane], cap: float
+) -> tuple[float, float] | None:
+    """The v with |v| <= cap inside all planes that is nearest to `wish`; None where there is
+    none."""
     x, y = wish
     size = math.hypot(x, y)
     if size > cap:
@@ -62,8 +67,9 @@ def nearest(wish: tuple[float, float], planes: Sequence[Plane], cap: float) -> t
 def relaxed(
     wish: tuple[float, float], hard: Sequence[Plane], soft: Sequence[Plane], cap: float
 ) -> tuple[tuple[float, float], float]:
-    """As `nearest`, giving way where not all planes are possible together: the soft ones first, by the least common
-    slack, then the hard ones. Returns v and the slack of the hard ones (0 where they hold).
+    """As `nearest`, giving way where not all planes are possible together: the soft ones first, by
+    the least common slack, then the hard ones. Returns v and the slack of the hard ones (0 where
+    they hold).
     """
     found = nearest(wish, [*hard, *soft], cap)
     if found is not None:
@@ -100,7 +106,9 @@ def _least(
     return best, high
 
 
-def nearest_many(wish: Floats, normals: Floats, bounds: Floats, cap: Floats) -> tuple[Floats, Bools]:
+def nearest_many(
+    wish: Floats, normals: Floats, bounds: Floats, cap: Floats
+) -> tuple[Floats, Bools]:
     """`nearest` for A agents.
 
     Args:
@@ -116,7 +124,9 @@ def nearest_many(wish: Floats, normals: Floats, bounds: Floats, cap: Floats) -> 
     v = wish * (cap / np.maximum(size, np.maximum(cap, 1e-300)))
     exists = np.ones(wish.shape[1], dtype=np.bool_)
     for k in range(len(bounds)):
-        here = np.flatnonzero((normals[k, 0] * v[0] + normals[k, 1] * v[1] < bounds[k] - _EXACT) & exists)
+        here = np.flatnonzero(
+            (normals[k, 0] * v[0] + normals[k, 1] * v[1] < bounds[k] - _EXACT) & exists
+        )
         if not len(here):
             continue
         n, b, top = normals[k][:, here], bounds[k][here], cap[here]
@@ -139,14 +149,22 @@ def nearest_many(wish: Floats, normals: Floats, bounds: Floats, cap: Floats) -> 
     return v, exists
 
 
-def relaxed_many(wish: Floats, normals: Floats, bounds: Floats, soft: Bools, cap: Floats) -> tuple[Floats, Floats]:
+def relaxed_many(
+    wish: Floats, normals: Floats, bounds: Floats, soft: Bools, cap: Floats
+) -> tuple[Floats, Floats]:
     """`relaxed` for A agents; `soft` (K, A). v (2, A) and the slack of the hard planes (A,)."""
     v, exists = nearest_many(wish, normals, bounds, cap)
     slack = np.zeros(wish.shape[1])
     none = np.flatnonzero(~exists)
     if not len(none):
         return v, slack
-    wish, normals, bounds, soft, cap = wish[:, none], normals[..., none], bounds[:, none], soft[:, none], cap[none]
+    wish, normals, bounds, soft, cap = (
+        wish[:, none],
+        normals[..., none],
+        bounds[:, none],
+        soft[:, none],
+        cap[none],
+    )
     hard = np.where(soft, UNBOUND, bounds)
     best, exists = nearest_many(wish, normals, hard, cap)
     stuck = np.flatnonzero(~exists)
@@ -171,9 +189,16 @@ def relaxed_many(wish: Floats, normals: Floats, bounds: Floats, soft: Bools, cap
 
 
 def _least_many(
-    wish: Floats, normals: Floats, firm: Floats, giving: Floats, cap: Floats, best: Floats, high: Floats
+    wish: Floats,
+    normals: Floats,
+    firm: Floats,
+    giving: Floats,
+    cap: Floats,
+    best: Floats,
+    high: Floats,
 ) -> tuple[Floats, Floats]:
-    """`_least` for A agents; each plane is in one of `firm` and `giving`, `UNBOUND` in the other."""
+    """`_least` for A agents; each plane is in one of `firm` and `giving`, `UNBOUND` in the
+    other."""
     low = np.zeros(wish.shape[1])
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)

@@ -1,19 +1,22 @@
 """How far the clocks of the others are ahead of the own one, and how well that is known.
 
-Every agent says once a second what its clock shows, and gives each other agent's newest such word back with the time
-that it has held it (`ClockNews`). A word that left here at t1, came to the peer at t2, was given back at t3 (its
-clock) and was here again at t4 shows, as no way takes less than no time, between what bounds the peer's clock is ahead:
+Every agent says once a second what its clock shows, and gives each other agent's newest such word
+back with the time that it has held it (`ClockNews`). A word that left here at t1, came to the peer
+at t2, was given back at t3 (its clock) and was here again at t4 shows, as no way takes less than no
+time, between what bounds the peer's clock is ahead:
 
     t3 - t4 <= ahead <= t2 - t1
 
-The middle is NTP's offset and the width NTP's round trip (RFC 5905, section 8): the middle is off by half the round
-trip at most, however unequal the two ways are. The bounds are kept apart, the best that was found of each: the fastest
-way there and the fastest way back need not be one round trip, and each state that is heard is a way back, too. An old
-bound loosens by `DRIFT` a second, so it gives way to a newer one by itself. That is the whole window.
+The middle is NTP's offset and the width NTP's round trip (RFC 5905, section 8): the middle is off
+by half the round trip at most, however unequal the two ways are. The bounds are kept apart, the
+best that was found of each: the fastest way there and the fastest way back need not be one round
+trip, and each state that is heard is a way back, too. An old bound loosens by `DRIFT` a second, so
+it gives way to a newer one by itself. That is the whole window.
 
-Everything is counted with the bound that makes news older (`Peer.age`): news is as old as it may be, never younger than
-it is. A clock that has jumped contradicts what is known of it, which is then forgotten; so does one that drifts more.
-A clock that is not known (yet, or any more) makes nobody's news fresh, and nobody lost at once.
+Everything is counted with the bound that makes news older (`Peer.age`): news is as old as it may
+be, never younger than it is. A clock that has jumped contradicts what is known of it, which is then
+forgotten; so does one that drifts more. A clock that is not known (yet, or any more) makes nobody's
+news fresh, and nobody lost at once.
 """
 
 from __future__ import annotations
@@ -25,13 +28,13 @@ from typing import Final
 from swarm_ctl.core.model.messages import ClockEcho, ClockNews
 
 DRIFT: Final = 1e-3
-"""[s/s] Between two clocks: 50 ppm each for bad crystals, and 500 ppm while NTP slews one of them (the kernel's most),
-with something to spare. It costs 1 ms a second until the next word."""
+"""[s/s] Between two clocks: 50 ppm each for bad crystals, and 500 ppm while NTP slews one of them
+(the kernel's most), with something to spare. It costs 1 ms a second until the next word."""
 EVERY_S: Final = 1.0
 """Between two words. Four in a row may be lost before the bounds are as wide as one lost state."""
 ASK_EVERY_S: Final = 0.2
-"""While somebody hears one whose clock is not known: at the start, and after a jump. With half of all lost it is known
-after half a second mostly; it has four (`Peer.age`)."""
+"""While somebody hears one whose clock is not known: at the start, and after a jump. With half of
+all lost it is known after half a second mostly; it has four (`Peer.age`)."""
 _ECHOED_S: Final = 5.0
 """Words of somebody who has been silent for longer are not given back."""
 _ROUNDING_S: Final = 1e-6
@@ -46,7 +49,8 @@ class PeerClock:
         self._low, self._low_at = -math.inf, 0.0
         self._high, self._high_at = math.inf, 0.0
         self.unknown_s: float | None = None
-        """Since when its news comes without its clock being known; None: it is known, or nothing was heard."""
+        """Since when its news comes without its clock being known; None: it is known, or nothing
+        was heard."""
 
     @property
     def known(self) -> bool:
@@ -74,7 +78,8 @@ class PeerClock:
         self.unknown_s = received_s
 
     def answered(self, asked_s: float, heard_s: float, told_s: float, received_s: float) -> None:
-        """Own time `asked_s` came to it at `heard_s`, which it told at `told_s` (both its clock): t1 to t4."""
+        """Own time `asked_s` came to it at `heard_s`, which it told at `told_s` (both its clock):
+        t1 to t4."""
         low, high = told_s - received_s, heard_s - asked_s
         since_then = DRIFT * max(0.0, received_s - asked_s)
         if low > high + since_then + _ROUNDING_S:
@@ -99,7 +104,8 @@ class Clocks:
         self._said_s = self._asked_s = -math.inf
 
     def hear(self, news: ClockNews, received_s: float) -> None:
-        """Take somebody's word in; `received_s` should be the moment it came, not that of a look into the queue."""
+        """Take somebody's word in; `received_s` should be the moment it came, not that of a look
+        into the queue."""
         clock = self.of.get(news.agent)
         if clock is None:
             return
@@ -119,5 +125,8 @@ class Clocks:
         self._said_s = now
         kept = {agent: word for agent, word in self._words.items() if now - word[1] <= _ECHOED_S}
         return ClockNews(
-            self._own, now, asks, tuple(ClockEcho(i, told, now - came) for i, (told, came) in kept.items())
+            self._own,
+            now,
+            asks,
+            tuple(ClockEcho(i, told, now - came) for i, (told, came) in kept.items()),
         )

@@ -1,24 +1,30 @@
-"""Two agents that are in each other's way exchange their slots: only the shape counts, not who stands where.
+"""Two agents that are in each other's way exchange their slots: only the shape counts, not who
+stands where.
 
-An exchange of i and j lowers the sum of all squared distances to the slots iff `(s_i - s_j) . (z_i - z_j) < 0`,
-wherever the shape as a whole stands. Each agent plays a *role*: the place in the plan's list of agents whose slots it
-takes; an exchange swaps two roles, for this step and all that follow. It takes one offer and one answer:
+An exchange of i and j lowers the sum of all squared distances to the slots iff `(s_i - s_j) . (z_i
+- z_j) < 0`, wherever the shape as a whole stands. Each agent plays a *role*: the place in the
+  plan's list of agents whose slots it
+takes; an exchange swaps two roles, for this step and all that follow. It takes one offer and one
+answer:
 
-1. The lower i offers to j. The offer names j's version (its number of exchanges so far), so it cannot be taken twice.
-2. j waits until all who could be concerned have heard of it, looks again, takes i's role and answers. The answer names
-   i's version, and stays in j's news until i has moved on.
-3. i takes j's old role as soon as it hears the answer, even if it has withdrawn the offer: its version still fits.
+1. The lower i offers to j. The offer names j's version (its number of exchanges so far), so it
+   cannot be taken twice.
+2. j waits until all who could be concerned have heard of it, looks again, takes i's role and
+   answers. The answer names i's version, and stays in j's news until i has moved on.
+3. i takes j's old role as soon as it hears the answer, even if it has withdrawn the offer: its
+   version still fits.
 
-A lost or repeated message delays, and changes nothing. Between 2 and 3 two agents have one role for a moment, which
-costs nothing: they are kept apart as always. Who is in a deal shows a lock, the id of the one who offers; whoever
-shares a link with it and sees a lock of lower rank than its own withdraws: so no two deals loosen the same links at
-once. A link whose slots fit in r must fit after an exchange as well, or its two ends must have a common neighbour whose
-links to both fit: the swarm stays connected. Should two be left with one role (the news of one was lost for seconds),
-the higher id takes a role that nobody has.
+A lost or repeated message delays, and changes nothing. Between 2 and 3 two agents have one role for
+a moment, which costs nothing: they are kept apart as always. Who is in a deal shows a lock, the id
+of the one who offers; whoever shares a link with it and sees a lock of lower rank than its own
+withdraws: so no two deals loosen the same links at once. A link whose slots fit in r must fit after
+an exchange as well, or its two ends must have a common neighbour whose links to both fit: the swarm
+stays connected. Should two be left with one role (the news of one was lost for seconds), the higher
+id takes a role that nobody has.
 
-Arrays throughout, so that an agent (`core/swarm/slot_exchange.py`) and a study of thousands of missions run the same protocol: a is
-the agents that decide (one, or all n), m the missions. Agents are named by their place 0..n-1 in the plan; -1 is
-nobody.
+Arrays throughout, so that an agent (`core/swarm/slot_exchange.py`) and a study of thousands of
+missions run the same protocol: a is the agents that decide (one, or all n), m the missions. Agents
+are named by their place 0..n-1 in the plan; -1 is nobody.
 """
 
 from __future__ import annotations
@@ -58,7 +64,8 @@ _TRIES: Final = 3
 
 @dataclass(slots=True, eq=False)
 class ExchangeStates:
-    """What agents say of their exchanges; integer arrays (a, m), or (a, n, m): what a has heard of each n."""
+    """What agents say of their exchanges; integer arrays (a, m), or (a, n, m): what a has heard of
+    each n."""
 
     role: Ints
     version: Ints
@@ -72,7 +79,11 @@ class ExchangeStates:
     @classmethod
     def none(cls, roles: Ints) -> Self:
         """Nothing said yet."""
-        nobody = {f.name: np.full(roles.shape, _NOBODY) for f in fields(cls) if f.name not in ("role", "version")}
+        nobody = {
+            f.name: np.full(roles.shape, _NOBODY)
+            for f in fields(cls)
+            if f.name not in ("role", "version")
+        }
         return cls(role=roles.copy(), version=np.zeros(roles.shape, dtype=np.int64), **nobody)
 
 
@@ -90,7 +101,8 @@ class ExchangeProtocol:
         self._own, self.slots, self.links, self._r = own[:, None], slots, links, r
         n = slots.shape[1]
         self._rank = np.argsort((np.arange(n) * 7919 + 3001) % 10007).argsort()
-        """Of locks: any order will do that does not follow the ids, or whole rows would wait for one another."""
+        """Of locks: any order will do that does not follow the ids, or whole rows would wait for
+        one another."""
         shape = (len(own), slots.shape[-1])
         self.deals = ExchangeStates.none(np.broadcast_to(self._own, shape))
         self._since, self._quiet = np.zeros(shape), np.full(shape, -np.inf)
@@ -104,7 +116,9 @@ class ExchangeProtocol:
         """Go on with some of the missions."""
         for name in ("slots", "links", "_since", "_quiet", "_partner", "_twins", "count"):
             setattr(self, name, getattr(self, name)[..., missions])
-        self.deals = ExchangeStates(*(getattr(self.deals, f.name)[..., missions] for f in fields(ExchangeStates)))
+        self.deals = ExchangeStates(
+            *(getattr(self.deals, f.name)[..., missions] for f in fields(ExchangeStates))
+        )
 
     def step(
         self,
@@ -124,8 +138,9 @@ class ExchangeProtocol:
             points: those of the others as heard (2, a, n, m).
             told: what they said (a, n, m).
             age_s: of it (a, n, m).
-            fresh: heard lately enough to deal with, and flying the same shape (a, n, m); false for oneself.
-            new: who offers and takes offers (a, m), everybody where not given; others end what they have begun.
+            fresh: heard lately enough to deal with, and flying the same shape (a, n, m); false for
+            oneself. new: who offers and takes offers (a, m), everybody where not given; others end
+            what they have begun.
         """
         fresh_for_new = fresh if new is None else fresh & new[:, None]
         before = self.deals.role.copy()
@@ -146,7 +161,9 @@ class ExchangeProtocol:
 
     def _complete(self, now: float, told: ExchangeStates) -> None:
         """3: somebody has taken the own role."""
-        mine = (told.answer_to == self._own[..., None]) & (told.answer_version == self.deals.version[:, None])
+        mine = (told.answer_to == self._own[..., None]) & (
+            told.answer_version == self.deals.version[:, None]
+        )
         answered = mine.any(axis=1)
         if answered.any():
             role = _of(told.answer_role, mine.argmax(axis=1))
@@ -170,7 +187,12 @@ class ExchangeProtocol:
             return
         roles = np.arange(told.role.shape[1])
         others = told.role.copy()
-        np.put_along_axis(others, np.broadcast_to(self._own, stuck.shape)[:, None], self.deals.role[:, None], axis=1)
+        np.put_along_axis(
+            others,
+            np.broadcast_to(self._own, stuck.shape)[:, None],
+            self.deals.role[:, None],
+            axis=1,
+        )
         held = (others[:, :, None] == roles[:, None]).any(axis=1)
         stuck &= ~held.all(axis=1)
         self._take(stuck, held.argmin(axis=1))
@@ -187,7 +209,8 @@ class ExchangeProtocol:
         return np.stack((self.slots[0, roles, mission], self.slots[1, roles, mission]))
 
     def _lowest_lock(self, told: ExchangeStates, fresh: Bools) -> Ints:
-        """The lowest rank of a lock that a link neighbour shows, who is not the own partner; n for none."""
+        """The lowest rank of a lock that a link neighbour shows, who is not the own partner; n for
+        none."""
         n = told.role.shape[1]
         linked = self.links[self._own[:, 0]] & fresh
         partner = np.where(self.deals.offer_to >= 0, self.deals.offer_to, self._partner)
@@ -196,7 +219,9 @@ class ExchangeProtocol:
         lowest: Ints = rank.min(axis=1)
         return lowest
 
-    def _mind_own_offer(self, now: float, told: ExchangeStates, fresh: Bools, gain: Floats, lowest: Ints) -> None:
+    def _mind_own_offer(
+        self, now: float, told: ExchangeStates, fresh: Bools, gain: Floats, lowest: Ints
+    ) -> None:
         to = self.deals.offer_to
         offering = to >= 0
         if not offering.any():
@@ -209,18 +234,31 @@ class ExchangeProtocol:
         )
         off = offering & ~good
         self._end(off)
-        # an answer takes `_WAIT_S` and an offer heard in the last half second: a young one can't have been taken
+        # an answer takes `_WAIT_S` and an offer heard in the last half second: a young one can't
+        # have been taken
         taken = now - self._since > _WAIT_S - _HEARD_S
         self._quiet = np.where(off & taken, now + _QUIET_S, self._quiet)
 
     def _consider(
-        self, now: float, told: ExchangeStates, fresh: Bools, gain: Floats, free: Bools, lowest: Ints
+        self,
+        now: float,
+        told: ExchangeStates,
+        fresh: Bools,
+        gain: Floats,
+        free: Bools,
+        lowest: Ints,
     ) -> None:
-        offers = fresh & (told.offer_to == self._own[:, None]) & (told.offer_version == self.deals.version[:, None])
+        offers = (
+            fresh
+            & (told.offer_to == self._own[:, None])
+            & (told.offer_version == self.deals.version[:, None])
+        )
         offers &= (gain < _WORTH) & free[:, None]
         partner = np.where(offers.any(axis=1), offers.argmax(axis=1), _NOBODY)
         if (partner >= 0).any():
-            partner = np.where((lowest >= self._rank[partner]) & self._legal(partner, told), partner, _NOBODY)
+            partner = np.where(
+                (lowest >= self._rank[partner]) & self._legal(partner, told), partner, _NOBODY
+            )
         self._since = np.where((partner >= 0) & (partner != self._partner), now, self._since)
         self._partner = partner
         offering = self.deals.offer_to >= 0
@@ -234,7 +272,9 @@ class ExchangeProtocol:
             self._take(due, _of(told.role, partner))
             self._end(due)
 
-    def _propose(self, now: float, told: ExchangeStates, near: Bools, gain: Floats, free: Bools, lowest: Ints) -> None:
+    def _propose(
+        self, now: float, told: ExchangeStates, near: Bools, gain: Floats, free: Bools, lowest: Ints
+    ) -> None:
         free = free & (lowest >= self._rank[self._own])
         higher = np.arange(told.role.shape[1])[:, None] > self._own[:, None]
         open_ = near & higher & free[:, None] & (told.lock < 0) & (gain < _WORTH)
@@ -253,7 +293,8 @@ class ExchangeProtocol:
             np.put_along_axis(open_, best[:, None], np.zeros_like(open_[:, :1]), axis=1)
 
     def _legal(self, partner: Ints, told: ExchangeStates) -> Bools:
-        """What holds the swarm together stays: each link of the two that fits in r still does, or is bridged."""
+        """What holds the swarm together stays: each link of the two that fits in r still does, or
+        is bridged."""
         legal = partner >= 0
         at, mission = np.nonzero(legal)
         if not len(at):
@@ -274,7 +315,9 @@ class ExchangeProtocol:
     def _fitting(self, roles: Ints, mission: Ints) -> Bools:
         """Which slots are within 0.98 r of each other, (K, n, n), for roles (K, n)."""
         z = self.slots[:, roles, mission[:, None]]
-        fits: Bools = ((z[:, :, :, None] - z[:, :, None]) ** 2).sum(axis=0) <= (_WITHIN * self._r) ** 2
+        fits: Bools = ((z[:, :, :, None] - z[:, :, None]) ** 2).sum(axis=0) <= (
+            _WITHIN * self._r
+        ) ** 2
         return fits
 
     def _take(self, who: Bools, role: Ints) -> None:

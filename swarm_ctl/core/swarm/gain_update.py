@@ -1,11 +1,14 @@
-"""The law changed in flight: `delta_a`, `delta_l`, `h`, `kappa`, by all agents at one mission time, or by none.
+"""The law changed in flight: `delta_a`, `delta_l`, `h`, `kappa`, by all agents at one mission time,
+or by none.
 
-Two phases. `tune` names the four values, the time they are for (about two seconds ahead) and the agents that fly; each
-of those prepares the change or refuses it with a reason (`Tuner`). Only when every one of them has prepared, and well
-before the time, the sender says `apply` (`Round`): now the change is *decided*, and everybody who knows that puts it in
-force at its time. What was prepared and not decided by then never happens: silence means the old law.
+Two phases. `tune` names the four values, the time they are for (about two seconds ahead) and the
+agents that fly; each of those prepares the change or refuses it with a reason (`Tuner`). Only when
+every one of them has prepared, and well before the time, the sender says `apply` (`Round`): now the
+change is *decided*, and everybody who knows that puts it in force at its time. What was prepared
+and not decided by then never happens: silence means the old law.
 
-Every state carries the tag of the law in force and of the one decided, so peers repair what the station's link loses:
+Every state carries the tag of the law in force and of the one decided, so peers repair what the
+station's link loses:
 
 | what happens to an agent | what it does |
 |---|---|
@@ -17,10 +20,10 @@ Every state carries the tag of the law in force and of the one decided, so peers
 | the station dies between the phases | nothing changes; dies while it says `apply`: who heard it tells the others |
 | an agent heard by a peer was not asked | that peer refuses, and so nothing changes |
 
-Laws are ordered by their time, then tag: nobody ever goes back to an older one. While one change is under way no other
-is prepared. Between hosts the time is told with how far each agent's clock is ahead of the sender's, as well as that is
-known; who is early is followed by the others as soon as they hear it.
-"""  # noqa: E501
+Laws are ordered by their time, then tag: nobody ever goes back to an older one. While one change is
+under way no other is prepared. Between hosts the time is told with how far each agent's clock is
+ahead of the sender's, as well as that is known; who is early is followed by the others as soon as
+they hear it."""  # noqa: E501
 
 from __future__ import annotations
 
@@ -36,23 +39,27 @@ from swarm_ctl.core.swarm.peers import Peers
 
 KINDS: Final = ("tune", "apply")
 LEAD_S: Final = 2.0
-"""From the order to its time, on the wall clock where that is the slower one: a lost message is sent again every half
-second."""
+"""From the order to its time, on the wall clock where that is the slower one: a lost message is
+sent again every half second."""
 _LEAD_AT_MOST_S: Final = 300.0
 _MARGIN: Final = 0.25
-"""The last part of the lead, in which nothing is decided any more: it belongs to `apply` on its way."""
+"""The last part of the lead, in which nothing is decided any more: it belongs to `apply` on its
+way."""
 _PREPARED_KEPT: Final = 16
 
 DELTA_A_AT_MOST: Final = 0.3
 DELTA_L_AT_MOST: Final = 2.2
 H_AT_MOST: Final = 0.05
-"""Larger ones weaken the repulsion, or outrun it. 900 random missions (n = 4, 6, 9; dead time 0.45 s, lag 0.55 s, news
-0.1 s late, 10 % lost; `study`) brought no pair under r_in with all three at these values at kappa 5, 10 and 20; with
-one of them at delta_a = 1, delta_l = 2.5, h = 0.06 they did in 2, 1 and 1, at delta_a = 5, h = 0.2 in 78 and 91."""
+"""Larger ones weaken the repulsion, or outrun it. 900 random missions (n = 4, 6, 9; dead time 0.45
+s, lag 0.55 s, news
+0.1 s late, 10 % lost; `study`) brought no pair under r_in with all three at these values at kappa
+5, 10 and 20; with one of them at delta_a = 1, delta_l = 2.5, h = 0.06 they did in 2, 1 and 1, at
+delta_a = 5, h = 0.2 in 78 and 91."""
 H_SAFE_AT_MOST: Final = 0.2
 RATE_AT_MOST: Final = 2.0
 SAFE_RATE_AT_MOST: Final = 4.0
-"""With the safety filter: 0 of 576 missions under r_in, n from 2 to 50, late and lost news (`study`)."""
+"""With the safety filter: 0 of 576 missions under r_in, n from 2 to 50, late and lost news
+(`study`)."""
 PLAIN_RATE_AT_MOST: Final = 0.05
 """kappa * h with `compensation: none`: four times as much brought laggy vehicles under r_in."""
 _ROUNDING: Final = 1e-9
@@ -65,7 +72,8 @@ def planned(plan: Plan) -> Gains:
 
 
 def limits(plan: Plan) -> dict[str, tuple[float, float]]:
-    """What each value may be in flight, (least, most); 0 as the least means above 0. The mission's own always may."""
+    """What each value may be in flight, (least, most); 0 as the least means above 0. The mission's
+    own always may."""
     own = planned(plan)
     return {
         "delta_a": (0.0, max(DELTA_A_AT_MOST, own.delta_a)),
@@ -109,7 +117,8 @@ def differences(one: Gains, other: Gains) -> str:
 
 
 class GainUpdate:
-    """One agent's law: what is in force, what is prepared, what is decided and waits for its time."""
+    """One agent's law: what is in force, what is prepared, what is decided and waits for its
+    time."""
 
     def __init__(self, plan: Plan, own_id: int, plan_hash: int) -> None:
         self._plan = plan
@@ -133,7 +142,9 @@ class GainUpdate:
             return "the command has no values"
         if not now < tuning.at_s <= now + _LEAD_AT_MOST_S:
             return f"it is for {tuning.at_s:.1f} s, and it is {now:.1f} s; allowed: within {_LEAD_AT_MOST_S:g} s"
-        pending = [t.at_s for tag, t in self._prepared.items() if t.at_s > now and tag != command.tag]
+        pending = [
+            t.at_s for tag, t in self._prepared.items() if t.at_s > now and tag != command.tag
+        ]
         if pending:
             return f"another change is under way until {max(pending):.1f} s"
         unasked = [peer for peer in self._flying(now, peers) if peer not in command.agents]
@@ -171,11 +182,16 @@ class GainUpdate:
             while len(self._prepared) > _PREPARED_KEPT:
                 del self._prepared[next(iter(self._prepared))]
 
-    def update(self, now: float, states: Iterable[tuple[AgentState, float]]) -> list[tuple[str, str]]:
-        """Once a tick, with what was heard of the peers since the last one: what is to be said, (level, text)."""
+    def update(
+        self, now: float, states: Iterable[tuple[AgentState, float]]
+    ) -> list[tuple[str, str]]:
+        """Once a tick, with what was heard of the peers since the last one: what is to be said,
+        (level, text)."""
         said: list[tuple[str, str]] = []
         for state, _ in states:
-            if (state.law == self.tag and state.next_law == self.decided) or state.plan_hash != self._hash:
+            if (
+                state.law == self.tag and state.next_law == self.decided
+            ) or state.plan_hash != self._hash:
                 continue
             known = self._prepared.get(state.next_law)
             if known is not None and now < known.at_s:
@@ -184,7 +200,12 @@ class GainUpdate:
                 said += self._adopt(state.law)
             elif state.law not in (0, self.tag) and state.law not in self._unknown:
                 self._unknown.add(state.law)
-                said.append(("warning", f"agent {state.agent} flies a law that agent {self._own} was not asked about"))
+                said.append(
+                    (
+                        "warning",
+                        f"agent {state.agent} flies a law that agent {self._own} was not asked about",
+                    )
+                )
         if self.decided and now >= self._prepared[self.decided].at_s:
             said += self._adopt(self.decided)
         return said
@@ -206,7 +227,12 @@ class GainUpdate:
             return []
         self._since, self.tag = (tuning.at_s, tag), tag
         before, self.gains = self.gains, tuning.gains
-        return [("info", f"the law is another one: {differences(before, self.gains) or 'the same values'}")]
+        return [
+            (
+                "info",
+                f"the law is another one: {differences(before, self.gains) or 'the same values'}",
+            )
+        ]
 
 
 @dataclass(slots=True)
@@ -232,7 +258,8 @@ class GainUpdateRound:
             self.answers[ack.agent] = ack
 
     def decide(self, now: float) -> Command | None:
-        """`apply`, once, when all have prepared in time. Sets `failed` as soon as that can't be any more."""
+        """`apply`, once, when all have prepared in time. Sets `failed` as soon as that can't be any
+        more."""
         tuning = self.ask.tuning
         if self.over or tuning is None:
             return None
@@ -241,10 +268,21 @@ class GainUpdateRound:
         if refused:
             self.failed = f"refused by agent {refused[0].agent}: {refused[0].reason}"
         elif now >= tuning.at_s - _MARGIN * (tuning.at_s - self.ask.time_s):
-            self.failed = f"no answer from {agents_named(missing)}" if missing else "the answers came too late"
+            self.failed = (
+                f"no answer from {agents_named(missing)}"
+                if missing
+                else "the answers came too late"
+            )
         elif not missing:
             name = f"{self.ask.id}-apply"
             self.applied = Command(
-                name, "apply", self.ask.agents, now, None, self.ask.plan_hash, tuning=tuning, commits=self.ask.tag
+                name,
+                "apply",
+                self.ask.agents,
+                now,
+                None,
+                self.ask.plan_hash,
+                tuning=tuning,
+                commits=self.ask.tag,
             )
         return self.applied

@@ -36,7 +36,8 @@ class Peer:
         return math.inf if self.state is None else now - self.true_s
 
     def age_at_most(self, now: float) -> float:
-        """The same with all doubt against it: never more than twice `age` where the clock is known."""
+        """The same with all doubt against it: never more than twice `age` where the clock is
+        known."""
         return math.inf if self.state is None else now - self.earliest_s
 
     def hear(self, state: AgentState, received_s: float) -> None:
@@ -44,8 +45,8 @@ class Peer:
         self.clock.told(state.time_s, received_s)
         old = self.state
         if old is not None:
-            # a late message is behind in both, and has a newer one behind it: else it is another process, or its clock
-            # was set back
+            # a late message is behind in both, and has a newer one behind it: else it is another
+            # process, or its clock was set back
             late = state.time_s <= old.time_s and state.seq <= old.seq
             if late and received_s - self.received_s <= NEIGHBOUR_S:
                 return
@@ -57,14 +58,19 @@ class Peer:
             self.clock.forget(state.time_s, received_s)  # and has not answered since
             self._date(state.time_s, received_s)
         self.state, self.received_s = state, received_s
-        self.stop_point, self.commanded = complex(*state.stop_point_m), complex(*state.commanded_mps)
+        self.stop_point, self.commanded = (
+            complex(*state.stop_point_m),
+            complex(*state.commanded_mps),
+        )
         self.received += 1
 
     def _date(self, told_s: float, received_s: float) -> None:
         low, high = self.clock.bounds(received_s)
         self.true_s = min(told_s - 0.5 * (low + high), received_s)
         self.earliest_s = min(told_s - high, received_s)
-        if self.clock.unknown_s is not None:  # heard, but from when? Not fresh, and lost if that lasts
+        if (
+            self.clock.unknown_s is not None
+        ):  # heard, but from when? Not fresh, and lost if that lasts
             self.true_s = self.earliest_s = self.clock.unknown_s - 1.01 * NEIGHBOUR_S
 
     def report(self, now: float) -> LinkReport:

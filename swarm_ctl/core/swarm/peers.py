@@ -62,7 +62,8 @@ NOTHING_COMMON: Final = Common(0j, None)
 
 @dataclass(frozen=True, slots=True)
 class LawInput:
-    """The others as `law.evaluate` wants them, leading size 1; units. Column k is `ids[k]`, 0 for traffic."""
+    """The others as `law.evaluate` wants them, leading size 1; units. Column k is `ids[k]`, 0 for
+    traffic."""
 
     points: NDArray[np.float64]
     slots: NDArray[np.float64]
@@ -83,7 +84,8 @@ class Peers:
         self.clocks = Clocks(own_id, (agent.id for agent in plan.agents if agent.id != own_id))
         self._by_id = {agent: Peer(agent, clock) for agent, clock in self.clocks.of.items()}
         self.ids = [*self._by_id, *[0] * _MAX_CONTACTS]
-        """Agent id of each column of the law's input; 0 for traffic that nobody on the mesh owns up to."""
+        """Agent id of each column of the law's input; 0 for traffic that nobody on the mesh owns up
+        to."""
         self._shape: tuple[list[bool], list[bool], int] | None = None
         self._slots: Mapping[int, Point] = {}
         self._seen: dict[int, tuple[Contact, Point]] = {}
@@ -135,7 +137,8 @@ class Peers:
         return tuple(p.id for p in self if p.id in self._chosen and p.age(now) <= NEIGHBOUR_S)
 
     def near(self, now: float, own: complex, reach_m: float) -> list[Other]:
-        """Everybody whose told stop point is within reach of the own one; strangers as of the last `law_input`."""
+        """Everybody whose told stop point is within reach of the own one; strangers as of the last
+        `law_input`."""
         found = [
             self._other(peer, peer.state, now)
             for peer in self._by_id.values()
@@ -157,12 +160,19 @@ class Peers:
         heard = peer.age(now) <= FRESH_S
         yields = heard and state.phase in _YIELDING
         flying = (state.step, state.command) if heard and state.phase is Phase.FLY else None
-        return Other(peer.id, peer.stop_point, peer.commanded, peer.age_at_most(now), heard, yields, flying)
+        return Other(
+            peer.id, peer.stop_point, peer.commanded, peer.age_at_most(now), heard, yields, flying
+        )
 
     def flies_along(self, column: int, now: float) -> bool:
-        """Whoever is at this column of the law's input is heard and flies the formation (traffic never does)."""
+        """Whoever is at this column of the law's input is heard and flies the formation (traffic
+        never does)."""
         state = self._by_id[self.ids[column]].state if self.ids[column] else None
-        return state is not None and state.phase is Phase.FLY and self.age(state.agent, now) <= NEIGHBOUR_S
+        return (
+            state is not None
+            and state.phase is Phase.FLY
+            and self.age(state.agent, now) <= NEIGHBOUR_S
+        )
 
     def law_input(
         self,
@@ -175,8 +185,9 @@ class Peers:
     ) -> LawInput:
         """Everyone who may be near, as points in units; a peer never heard is absent.
 
-        What they told is carried on with their commands for at most `lead_s`, with what is `common` for `PREDICT_S`.
-        Agents without a slot in `slots` are nobody's neighbours: with an empty one only avoidance is left.
+        What they told is carried on with their commands for at most `lead_s`, with what is `common`
+        for `PREDICT_S`. Agents without a slot in `slots` are nobody's neighbours: with an empty one
+        only avoidance is left.
         """
         points: list[Point] = []
         present, linked, along = [], [], []
@@ -190,7 +201,9 @@ class Peers:
                 and peer.id in slots
             )
             moving = common.velocity_mps if with_us else 0j
-            points.append(self._point(state, age, lead_s, moving) if state is not None else (0.0, 0.0))
+            points.append(
+                self._point(state, age, lead_s, moving) if state is not None else (0.0, 0.0)
+            )
             present.append(state is not None)
             along.append(with_us)
             linked.append(peer.id in self._chosen and age <= NEIGHBOUR_S and peer.id in slots)
@@ -201,7 +214,9 @@ class Peers:
             self._shape, self._slots = shape, slots
             self._columns = self._columns_for(present, linked, len(traffic), slots)
         where = np.array(points).reshape(1, -1, 2) / self._plan.unit_m
-        return LawInput(where, *self._columns, np.array(along + [False] * len(traffic), dtype=np.bool_))
+        return LawInput(
+            where, *self._columns, np.array(along + [False] * len(traffic), dtype=np.bool_)
+        )
 
     def _columns_for(
         self, present: list[bool], linked: list[bool], traffic: int, slots: Mapping[int, Point]
@@ -216,7 +231,8 @@ class Peers:
         )
 
     def _point(self, state: AgentState, age: float, lead_s: float, moving: complex) -> Point:
-        """Stop point carried on with its command, or the plain position (`compensation: none`) [m]."""
+        """Stop point carried on with its command, or the plain position (`compensation: none`)
+        [m]."""
         if self._plan.compensation is Compensation.NONE:
             return state.position_ned_m[0], state.position_ned_m[1]
         lead = min(age, lead_s)
@@ -225,24 +241,34 @@ class Peers:
         return north + vn * lead + moving.real * further, east + ve * lead + moving.imag * further
 
     def _traffic(self, now: float, own_m: Point, contacts: Sequence[Contact]) -> list[Point]:
-        """Contacts that are no fresh peer, as stop points [m]: what the mesh does not know, the sensor does."""
+        """Contacts that are no fresh peer, as stop points [m]: what the mesh does not know, the
+        sensor does."""
         self._strangers = []
         if not contacts:
             return []
         known = [p.state for p in self if p.state is not None and p.age(now) <= NEIGHBOUR_S]
         places = np.array(
-            [_carried(s.position_ned_m, s.velocity_ned_mps, self._by_id[s.agent].age(now)) for s in known]
+            [
+                _carried(s.position_ned_m, s.velocity_ned_mps, self._by_id[s.agent].age(now))
+                for s in known
+            ]
         )
         heard = [contact for contact in contacts if 0.0 <= now - contact.time_s <= _CONTACT_S]
         at = [_carried(self._place(c), c.velocity_ned_mps, now - c.time_s) for c in heard]
         # all with all at once: a swarm of 32 sees a thousand pairs a tick
-        stranger = (abs(np.array(at)[:, None] - places) >= _SAME_AIRCRAFT_M).all(axis=1) if known else [True] * len(at)
+        stranger = (
+            (abs(np.array(at)[:, None] - places) >= _SAME_AIRCRAFT_M).all(axis=1)
+            if known
+            else [True] * len(at)
+        )
         found: list[tuple[Point, Other]] = []
         for contact, where in itertools.compress(zip(heard, at, strict=True), stranger):
             vn, ve, _ = contact.velocity_ned_mps
             point = self._stopping(where.real, where.imag, vn, ve)
             age = min(now - contact.time_s, PREDICT_S)
-            found.append((point, Other(0, complex(*point), complex(vn, ve), age, True, False, None)))
+            found.append(
+                (point, Other(0, complex(*point), complex(vn, ve), age, True, False, None))
+            )
         found.sort(key=lambda entry: math.dist(entry[0], own_m))
         self._strangers = [other for _, other in found[:_MAX_CONTACTS]]
         return [point for point, _ in found[:_MAX_CONTACTS]]
@@ -256,7 +282,8 @@ class Peers:
         return seen[1]
 
     def _stopping(self, north: float, east: float, vn: float, ve: float) -> Point:
-        """The stop point of an aircraft whose commands are unknown: it flies on for the dead time, then brakes."""
+        """The stop point of an aircraft whose commands are unknown: it flies on for the dead time,
+        then brakes."""
         if self._plan.compensation is Compensation.NONE:
             return north, east
         speed = math.hypot(vn, ve)

@@ -1,9 +1,11 @@
-"""One agent's part in slot exchange (`core/swarm/exchange_protocol.py`): who flies to which slot, and the own offers and answers.
+"""One agent's part in slot exchange (`core/swarm/exchange_protocol.py`): who flies to which slot,
+and the own offers and answers.
 
-A *role* is a place in the plan's list of agents: role k flies to the k-th slot of each mission step. Everybody begins
-with his own; an exchange swaps two, for this step and all that follow. New deals are made only in form steps that allow
-them, and by agents that are not done; what was begun is brought to its end in any step that flies a formation. An
-operator's shape gives everybody his own slot of it and knows no roles.
+A *role* is a place in the plan's list of agents: role k flies to the k-th slot of each mission
+step. Everybody begins with his own; an exchange swaps two, for this step and all that follow. New
+deals are made only in form steps that allow them, and by agents that are not done; what was begun
+is brought to its end in any step that flies a formation. An operator's shape gives everybody his
+own slot of it and knows no roles.
 """
 
 from __future__ import annotations
@@ -25,7 +27,8 @@ Links: TypeAlias = Mapping[int, tuple[int, ...]]
 
 
 class SlotExchange:
-    """Knows the roles as they are heard, and deals for one agent. Call `hear` and `look` every tick."""
+    """Knows the roles as they are heard, and deals for one agent. Call `hear` and `look` every
+    tick."""
 
     def __init__(self, plan: Plan, own_id: int, peers: Peers) -> None:
         self._unit_m = plan.unit_m
@@ -46,20 +49,28 @@ class SlotExchange:
 
     def hear(self) -> None:
         """Take in what is told now."""
-        told = [self.deal, *(peer.state.deal if peer.state is not None else None for peer in self._peers)]
+        told = [
+            self.deal,
+            *(peer.state.deal if peer.state is not None else None for peer in self._peers),
+        ]
         if told == self._heard_of:
             return
         self._heard_of = told
-        roles = {peer.id: self._told(peer.id).role for peer in self._peers} | {self._own: self.deal.role}
+        roles = {peer.id: self._told(peer.id).role for peer in self._peers} | {
+            self._own: self.deal.role
+        }
         if roles != self.roles:
             self.roles = roles
 
     def in_roles(self, neighbours: Sequence[tuple[int, ...]]) -> tuple[tuple[int, ...], ...]:
-        """A graph that a step brings, by id in the plan's order, as it is with the roles as they are."""
+        """A graph that a step brings, by id in the plan's order, as it is with the roles as they
+        are."""
         holders = self._holders()
         found: list[tuple[int, ...]] = [()] * len(self._ids)
         for role, near in enumerate(neighbours):
-            found[self._ids.index(holders[role])] = tuple(sorted(holders[self._ids.index(i)] for i in near))
+            found[self._ids.index(holders[role])] = tuple(
+                sorted(holders[self._ids.index(i)] for i in near)
+            )
         return tuple(found)
 
     def begin(self, slots: Sequence[Point]) -> None:
@@ -67,11 +78,14 @@ class SlotExchange:
         z = np.array(slots, dtype=np.float64).T[:, :, None]
         nobody = np.zeros((len(self._ids), len(self._ids), 1), dtype=np.bool_)
         self._exchange = ExchangeProtocol(np.array([self._place]), z, nobody, self._r)
-        self._exchange.deals = ExchangeStates(*(np.array([[getattr(self.deal, name)]]) for name in _FIELDS))
+        self._exchange.deals = ExchangeStates(
+            *(np.array([[getattr(self.deal, name)]]) for name in _FIELDS)
+        )
         self._links = {}
 
     def rejoin(self, now: float) -> None:
-        """After a restart in flight: the role that none of the others has, and a version that was never told."""
+        """After a restart in flight: the role that none of the others has, and a version that was
+        never told."""
         held = {self._told(peer.id).role for peer in self._peers if peer.state is not None}
         free = [role for role in range(len(self._ids)) if role not in held]
         role = self.deal.role if self.deal.role in free or not free else free[0]
@@ -90,8 +104,11 @@ class SlotExchange:
         to = self._ids[deal.answer_to]
         return self._told(to).version != deal.answer_version or self._peers.age(to, now) > GONE_S
 
-    def look(self, now: float, own_m: Point, flying: tuple[int, int], links: Links, *, new: bool) -> int | None:
-        """Take part, if it is time. Whose slot is ours from now on, where that changes; None: as before.
+    def look(
+        self, now: float, own_m: Point, flying: tuple[int, int], links: Links, *, new: bool
+    ) -> int | None:
+        """Take part, if it is time. Whose slot is ours from now on, where that changes; None: as
+        before.
 
         Args:
             now: mission time [s].
@@ -106,7 +123,9 @@ class SlotExchange:
         self._due_s = now + EVERY_S
         if links is not self._links:
             self._links = links
-            exchange.links = np.array([[j in links.get(i, ()) for j in self._ids] for i in self._ids])[..., None]
+            exchange.links = np.array(
+                [[j in links.get(i, ()) for j in self._ids] for i in self._ids]
+            )[..., None]
         before = self.deal.role
         points, told, age_s, fresh = self._heard(now, flying)
         own = np.array(own_m)[:, None, None] / self._unit_m
@@ -114,17 +133,24 @@ class SlotExchange:
         self.deal = ExchangeState(*(int(getattr(exchange.deals, name)[0, 0]) for name in _FIELDS))
         if not changed.any():
             return None
-        # who takes an offer takes the role of somebody who has it still; who is answered, of one who has his already
+        # who takes an offer takes the role of somebody who has it still; who is answered, of one
+        # who has his already
         of = (
-            i for role in (self.deal.role, before) for i, told in self.roles.items() if told == role and i != self._own
+            i
+            for role in (self.deal.role, before)
+            for i, told in self.roles.items()
+            if told == role and i != self._own
         )
         partner = next(of, self._own)
         self.taken.append((now, self.deal.role))
         self.hear()
         return partner
 
-    def _heard(self, now: float, flying: tuple[int, int]) -> tuple[np.ndarray, ExchangeStates, np.ndarray, np.ndarray]:
-        """Points (2, 1, n, 1) [units], deals, ages and who counts (1, n, 1), all in the plan's order."""
+    def _heard(
+        self, now: float, flying: tuple[int, int]
+    ) -> tuple[np.ndarray, ExchangeStates, np.ndarray, np.ndarray]:
+        """Points (2, 1, n, 1) [units], deals, ages and who counts (1, n, 1), all in the plan's
+        order."""
         n = len(self._ids)
         points, age_s = np.zeros((2, 1, n, 1)), np.full((1, n, 1), _UNHEARD_S)
         fresh = np.zeros((1, n, 1), dtype=np.bool_)
@@ -135,11 +161,15 @@ class SlotExchange:
                 continue
             age = self._peers.age(i, now)
             ahead = min(age, PREDICT_S)
-            points[:, 0, place, 0] = np.add(state.stop_point_m, np.multiply(state.commanded_mps, ahead)) / self._unit_m
+            points[:, 0, place, 0] = (
+                np.add(state.stop_point_m, np.multiply(state.commanded_mps, ahead)) / self._unit_m
+            )
             age_s[0, place] = age
             same = (state.step, state.command) == flying and state.phase is Phase.FLY
             fresh[0, place] = same and age <= FRESH_S
-        told = ExchangeStates(*(np.array([getattr(deal, name) for deal in deals])[None, :, None] for name in _FIELDS))
+        told = ExchangeStates(
+            *(np.array([getattr(deal, name) for deal in deals])[None, :, None] for name in _FIELDS)
+        )
         return points, told, age_s, fresh
 
     def _told(self, agent: int) -> ExchangeState:
@@ -155,7 +185,8 @@ class SlotExchange:
         return deal
 
     def _holders(self) -> list[int]:
-        """Who has each role; where two have one for a moment, the lower id, and the others fill what is left."""
+        """Who has each role; where two have one for a moment, the lower id, and the others fill
+        what is left."""
         holders: list[int | None] = [None] * len(self._ids)
         spare = []
         for i in self._ids:

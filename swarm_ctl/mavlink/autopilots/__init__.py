@@ -11,7 +11,8 @@ AUTOPILOTS: dict[str, type[Autopilot]] = {kind.name: kind for kind in (Ardupilot
 
 
 def autopilot(name: str, system: int) -> Autopilot:
-    """The driver of the firmware `name` for the vehicle `system`. LinkError names those that exist."""
+    """The driver of the firmware `name` for the vehicle `system`. LinkError names those that
+    exist."""
     if name not in AUTOPILOTS:
         raise LinkError(f"autopilot {name!r} is not one; allowed: {', '.join(AUTOPILOTS)}")
     return AUTOPILOTS[name](system)

@@ -53,10 +53,12 @@ class Ardupilot(Autopilot):
     landing_mode: ClassVar[str] = "LAND"
     wind_message: ClassVar[str] = "WIND"  # with EK3_DRAG_BCOEF_X and _Y tuned
     failsafes: ClassVar[Mapping[str, float]] = {
-        # A silent agent's vehicle stops after this, not after the 3 s it comes with (11.7 m at 3 m/s). At 20 setpoints
-        # a second it is 10 lost in a row; the parameter's range is 0.1 .. 5 s.
+        # A silent agent's vehicle stops after this, not after the 3 s it comes with (11.7 m at 3
+        # m/s). At 20 setpoints a second it is 10 lost in a row; the parameter's range is 0.1 .. 5
+        # s.
         "GUID_TIMEOUT": SETPOINT_TIMEOUT_S["ardupilot"],
-        # Our heartbeats gone for FS_GCS_TIMEOUT (5 s): land in place. Return-to-launch would cross others' paths.
+        # Our heartbeats gone for FS_GCS_TIMEOUT (5 s): land in place. Return-to-launch would cross
+        # others' paths.
         "FS_GCS_ENABLE": 5.0,
     }
 
@@ -66,14 +68,18 @@ class Ardupilot(Autopilot):
 
     def set_mode(self, mode: str) -> Message:
         """DO_SET_MODE with the custom mode in parameter 2."""
-        return outgoing.command(self.system, outgoing.SET_MODE, outgoing.CUSTOM_MODE, _NUMBERS[mode])
+        return outgoing.command(
+            self.system, outgoing.SET_MODE, outgoing.CUSTOM_MODE, _NUMBERS[mode]
+        )
 
     def prearm(self, heard: Heard) -> bool:
-        """PREARM_CHECK present, enabled (it is not where the checks were switched off) and healthy."""
+        """PREARM_CHECK present, enabled (it is not where the checks were switched off) and
+        healthy."""
         return bool(heard.sensors_present & heard.sensors_enabled & heard.sensors_health & _PREARM)
 
     def climb(self, heard: Heard, height_m: float, now: float) -> list[Message]:
-        """GUIDED, arm, NAV_TAKEOFF (height above home): each once the one before is seen to be so."""
+        """GUIDED, arm, NAV_TAKEOFF (height above home): each once the one before is seen to be
+        so."""
         mode = self.mode(heard.custom_mode)
         if self.left(mode, self.controlled_mode):
             return []
@@ -90,7 +96,8 @@ class Ardupilot(Autopilot):
         return [take_off] if self.pacer.due("take-off", TAKEOFF_RETRY_S, now) else []
 
     def fly(self, heard: Heard, velocity_ned_mps: Vector3, now: float) -> list[Message]:
-        """A setpoint while in GUIDED: take-off has brought it there, and another mode is a pilot's or a failsafe's."""
+        """A setpoint while in GUIDED: take-off has brought it there, and another mode is a pilot's
+        or a failsafe's."""
         if self.mode(heard.custom_mode) != self.controlled_mode:
             return []
         return [outgoing.velocity(self.system, velocity_ned_mps, now)]

@@ -1,8 +1,8 @@
 """What all autopilots have in common, and the narrow seam behind which each keeps its quirks.
 
-Pure: goal, what was heard and the time go in, messages come out. Goals are pursued by observed state: what is not yet
-as wanted is asked for again about once a second, and no single answer is counted on. The only memory is when what was
-asked last, and whether a mode was reached.
+Pure: goal, what was heard and the time go in, messages come out. Goals are pursued by observed
+state: what is not yet as wanted is asked for again about once a second, and no single answer is
+counted on. The only memory is when what was asked last, and whether a mode was reached.
 """
 
 from __future__ import annotations
@@ -92,7 +92,9 @@ class Autopilot(ABC):
 
     def __init__(self, system: int) -> None:
         self.system = system
-        self.parameters = FailsafeParameters(system, self.failsafes, self.decode_parameter, self.encode_parameter)
+        self.parameters = FailsafeParameters(
+            system, self.failsafes, self.decode_parameter, self.encode_parameter
+        )
         self.pacer = Pacer()
         self._goal: type[Goal] | None = None
         self._reached = False
@@ -140,7 +142,8 @@ class Autopilot(ABC):
     # --- what is the same everywhere ---
 
     def pursue(self, goal: Goal, heard: Heard, now: float) -> list[Message]:
-        """The messages to send now so that the vehicle comes nearer to `goal`. To be called every tick."""
+        """The messages to send now so that the vehicle comes nearer to `goal`. To be called every
+        tick."""
         messages = [outgoing.heartbeat()] if self.pacer.due("heartbeat", HEARTBEAT_S, now) else []
         if isinstance(goal, YieldGoal) or heard.heartbeat_s == _NEVER or self.fault(heard):
             return messages
@@ -184,13 +187,15 @@ class Autopilot(ABC):
         return f"failsafe parameters not confirmed: {', '.join(unconfirmed)}" if unconfirmed else ""
 
     def left(self, mode: str, *wanted: str) -> bool:
-        """One of `wanted` was reached under this goal and is not the mode now: somebody else decided so."""
+        """One of `wanted` was reached under this goal and is not the mode now: somebody else
+        decided so."""
         inside = mode in wanted
         self._reached = self._reached or inside
         return self._reached and not inside
 
     def _streams(self, heard: Heard, now: float, messages: list[Message]) -> None:
-        """Once a second, ask for the streams of which less than half has come. Another client may have slowed them."""
+        """Once a second, ask for the streams of which less than half has come. Another client may
+        have slowed them."""
         if not self.pacer.due("streams", RETRY_S, now):
             return
         for name, rate_hz in (*STREAMS_HZ.items(), (self.wind_message, WIND_HZ)):
@@ -205,19 +210,23 @@ class Autopilot(ABC):
             messages.append(outgoing.request(self.system, message_id("GPS_GLOBAL_ORIGIN")))
 
     def _fly(self, heard: Heard, velocity_ned_mps: Vector3, now: float) -> list[Message]:
-        """Nothing where a NaN or a monster comes: the autopilot's time-out then stops the vehicle."""
+        """Nothing where a NaN or a monster comes: the autopilot's time-out then stops the
+        vehicle."""
         usable = all(-MAX_SETPOINT_MPS <= axis <= MAX_SETPOINT_MPS for axis in velocity_ned_mps)
         return self.fly(heard, velocity_ned_mps, now) if usable else []
 
     def _land(self, heard: Heard, now: float) -> list[Message]:
-        """Land mode until disarmed; stop while it is not reached yet; disarm what stays armed on the ground."""
+        """Land mode until disarmed; stop while it is not reached yet; disarm what stays armed on
+        the ground."""
         if not heard.armed:
             return []
         mode = self.mode(heard.custom_mode)
         if self.left(mode, self.landing_mode):
             return []
         if mode != self.landing_mode:
-            messages = [self.set_mode(self.landing_mode)] if self.pacer.due("land", RETRY_S, now) else []
+            messages = (
+                [self.set_mode(self.landing_mode)] if self.pacer.due("land", RETRY_S, now) else []
+            )
             if mode == self.controlled_mode:
                 messages.append(outgoing.velocity(self.system, (0.0, 0.0, 0.0), now))
             return messages
@@ -239,9 +248,15 @@ class Autopilot(ABC):
 def _not_passed(heard: Heard) -> str:
     bad = heard.sensors_present & heard.sensors_enabled & ~heard.sensors_health
     names = [name for bit, name in _SENSORS.items() if bad & bit]
-    return f"pre-arm checks not passed: {', '.join(names)}" if names else "pre-arm checks not passed"
+    return (
+        f"pre-arm checks not passed: {', '.join(names)}" if names else "pre-arm checks not passed"
+    )
 
 
 def _enum_name(enum: str, number: int) -> str:
     entry = dialect.enums[enum].get(number)
-    return f"{entry.name.removeprefix(enum + '_').lower()} ({number})" if entry else f"unknown ({number})"
+    return (
+        f"{entry.name.removeprefix(enum + '_').lower()} ({number})"
+        if entry
+        else f"unknown ({number})"
+    )

@@ -14,9 +14,12 @@ Code = Callable[[float, int], float]
 
 
 class FailsafeParameters:
-    """Reads, sets and puts back `wanted`; only a PARAM_VALUE with the right value counts as done."""
+    """Reads, sets and puts back `wanted`; only a PARAM_VALUE with the right value counts as
+    done."""
 
-    def __init__(self, system: int, wanted: Mapping[str, float], decode: Code, encode: Code) -> None:
+    def __init__(
+        self, system: int, wanted: Mapping[str, float], decode: Code, encode: Code
+    ) -> None:
         self.originals: dict[str, float] = {}
         """The vehicle's own values, as first read."""
         self._system = system
@@ -25,7 +28,8 @@ class FailsafeParameters:
         self._pacer = Pacer()
 
     def take(self, heard: Heard, now: float) -> list[Message]:
-        """What to send so that ours become valid. Not set on an armed vehicle: somebody may be flying it."""
+        """What to send so that ours become valid. Not set on an armed vehicle: somebody may be
+        flying it."""
         for name in self._wanted:
             value = self._value(heard, name)
             if value is not None:
@@ -51,7 +55,11 @@ class FailsafeParameters:
             if known is None:
                 if self._pacer.due(f"read {name}", RETRY_S, now):
                     messages.append(outgoing.read_parameter(self._system, name))
-            elif self._value(heard, name) != value and not heard.armed and self._pacer.due(name, RETRY_S, now):
+            elif (
+                self._value(heard, name) != value
+                and not heard.armed
+                and self._pacer.due(name, RETRY_S, now)
+            ):
                 raw = self._encode(value, known.kind)
                 messages.append(outgoing.set_parameter(self._system, name, raw, known.kind))
         return messages

@@ -13,7 +13,12 @@ from swarm_ctl.core.model.timeouts import SETPOINT_TIMEOUT_S
 from swarm_ctl.core.model.vehicle import Vector3
 from swarm_ctl.mavlink import outgoing
 from swarm_ctl.mavlink.autopilots.base import Autopilot
-from swarm_ctl.mavlink.autopilots.timing import RETRY_S, STREAM_BEFORE_S, STREAM_GAP_S, TAKEOFF_RETRY_S
+from swarm_ctl.mavlink.autopilots.timing import (
+    RETRY_S,
+    STREAM_BEFORE_S,
+    STREAM_GAP_S,
+    TAKEOFF_RETRY_S,
+)
 from swarm_ctl.mavlink.incoming import Heard
 from swarm_ctl.mavlink.outgoing import Message
 
@@ -49,9 +54,11 @@ class Px4(Autopilot):
     """Only from there OFFBOARD is entered."""
     wind_message: ClassVar[str] = "WIND_COV"  # with EKF2_DRAG_CTRL 1
     failsafes: ClassVar[Mapping[str, float]] = {
-        # A silent agent's vehicle leaves OFFBOARD after this. It comes with 1.0; less would be hit by a slow moment.
+        # A silent agent's vehicle leaves OFFBOARD after this. It comes with 1.0; less would be hit
+        # by a slow moment.
         "COM_OF_LOSS_T": SETPOINT_TIMEOUT_S["px4"],
-        # ... and lands (4) in place. Position mode (0), which it comes with, waits for a pilot who may not be there.
+        # ... and lands (4) in place. Position mode (0), which it comes with, waits for a pilot who
+        # may not be there.
         "COM_OBL_RC_ACT": 4.0,
     }
 
@@ -65,18 +72,26 @@ class Px4(Autopilot):
         if custom_mode is None:
             return ""
         main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
-        return MODES.get((main, sub)) or (MODES.get((main, 0)) if main != 4 else None) or f"MODE {main}/{sub}"
+        return (
+            MODES.get((main, sub))
+            or (MODES.get((main, 0)) if main != 4 else None)
+            or f"MODE {main}/{sub}"
+        )
 
     def set_mode(self, mode: str) -> Message:
         """DO_SET_MODE with main and sub mode in parameters 2 and 3."""
-        return outgoing.command(self.system, outgoing.SET_MODE, outgoing.CUSTOM_MODE, *_NUMBERS[mode])
+        return outgoing.command(
+            self.system, outgoing.SET_MODE, outgoing.CUSTOM_MODE, *_NUMBERS[mode]
+        )
 
     def prearm(self, heard: Heard) -> bool:
-        """PREARM_CHECK healthy. PX4 never says that it is present or enabled (streams/SYS_STATUS.hpp)."""
+        """PREARM_CHECK healthy. PX4 never says that it is present or enabled
+        (streams/SYS_STATUS.hpp)."""
         return bool(heard.sensors_health & _PREARM)
 
     def climb(self, heard: Heard, height_m: float, now: float) -> list[Message]:
-        """Hold mode, arm, NAV_TAKEOFF (height above sea level): each once the one before is seen to be so."""
+        """Hold mode, arm, NAV_TAKEOFF (height above sea level): each once the one before is seen to
+        be so."""
         mode = self.mode(heard.custom_mode)
         if self.left(mode, *self.takeoff_modes) or not heard.on_ground:
             return []
@@ -94,7 +109,9 @@ class Px4(Autopilot):
     def _take_off(self, heard: Heard, height_m: float) -> Message:
         ground_m = heard.global_.position.alt_m if heard.global_ is not None else math.nan
         nan = math.nan  # yaw and place: as they are
-        return outgoing.command(self.system, outgoing.TAKEOFF, 0, 0, 0, nan, nan, nan, ground_m + height_m)
+        return outgoing.command(
+            self.system, outgoing.TAKEOFF, 0, 0, 0, nan, nan, nan, ground_m + height_m
+        )
 
     def fly(self, heard: Heard, velocity_ned_mps: Vector3, now: float) -> list[Message]:
         """A setpoint; after `STREAM_BEFORE_S` of them also OFFBOARD, until it is seen."""
@@ -114,7 +131,11 @@ class Px4(Autopilot):
 
     def decode_parameter(self, raw: float, kind: int) -> float:
         """Integers travel as the float of the same bits."""
-        return float(_INT32.unpack(_FLOAT.pack(raw))[0]) if kind == dialect.MAV_PARAM_TYPE_INT32 else raw
+        return (
+            float(_INT32.unpack(_FLOAT.pack(raw))[0])
+            if kind == dialect.MAV_PARAM_TYPE_INT32
+            else raw
+        )
 
     def encode_parameter(self, value: float, kind: int) -> float:
         """The inverse."""

@@ -1,4 +1,5 @@
-"""Every interval and limit of the drivers, each with its reason, and what paces repeated asking. Mission time."""
+"""Every interval and limit of the drivers, each with its reason, and what paces repeated asking.
+Mission time."""
 
 from __future__ import annotations
 
@@ -12,9 +13,11 @@ RETRY_S = 1.0
 KILL_RETRY_S = 0.2
 """The one command where a lost frame must not cost a second."""
 TAKEOFF_RETRY_S = 3.0
-"""Motors spool up and the landed state follows; a second take-off before that starts the climb anew."""
+"""Motors spool up and the landed state follows; a second take-off before that starts the climb
+anew."""
 GROUNDED_S = 5.0
-"""Armed on the ground this long in land mode: the autopilot's own disarming (ArduCopter at once, PX4 2 s) failed."""
+"""Armed on the ground this long in land mode: the autopilot's own disarming (ArduCopter at once,
+PX4 2 s) failed."""
 HEARTBEAT_LOST_S = 3.0
 """MAVSDK's figure (the strictest of the known clients)."""
 FIX_MAX_AGE_S = 1.0
@@ -24,7 +27,8 @@ STATUS_MAX_AGE_S = 5.0
 ORIGIN_REFRESH_S = 10.0
 """A known origin is asked for again this often: an EKF that is reset moves it."""
 QUIET_RETRY_S = 5.0
-"""Streams that may rightly be silent (no traffic, no estimate of the wind) are asked for again this often."""
+"""Streams that may rightly be silent (no traffic, no estimate of the wind) are asked for again this
+often."""
 STREAM_BEFORE_S = 1.2
 """PX4 refuses OFFBOARD unless setpoints have come for over 1 s."""
 STREAM_GAP_S = 0.4
@@ -40,8 +44,9 @@ STREAMS_HZ: Mapping[str, float] = {
     "ADSB_VEHICLE": 5.0,
     "ATTITUDE": 4.0,
 }
-"""LOCAL_POSITION_NED at the tick (the law's input); GLOBAL_POSITION_INT ties it to the common frame; SYS_STATUS has
-health and battery; ADSB_VEHICLE is the proximity sensor; ATTITUDE tells how far it leans."""
+"""LOCAL_POSITION_NED at the tick (the law's input); GLOBAL_POSITION_INT ties it to the common
+frame; SYS_STATUS has health and battery; ADSB_VEHICLE is the proximity sensor; ATTITUDE tells how
+far it leans."""
 WIND_HZ = 2.0
 """Each firmware has a message of its own for it."""
 MAY_BE_SILENT = frozenset({"ADSB_VEHICLE", "WIND", "WIND_COV"})
@@ -57,7 +62,8 @@ class Pacer:
         self._asked: dict[str, float] = {}
 
     def due(self, what: str, every_s: float, now: float) -> bool:
-        """Whether `what` has not been asked for during the last `every_s`; if so, it counts as asked now."""
+        """Whether `what` has not been asked for during the last `every_s`; if so, it counts as
+        asked now."""
         if now - self._asked.get(what, -math.inf) < every_s - _CLOCK_NOISE_S:
             return False
         self._asked[what] = now

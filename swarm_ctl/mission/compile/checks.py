@@ -1,6 +1,8 @@
-"""What a mission's fields must be together. Each check is a pure function that yields every mistake it finds.
+"""What a mission's fields must be together. Each check is a pure function that yields every mistake
+it finds.
 
-`CHECKS` names the sections a check reads, so that a mission with one broken section still gets all the others checked.
+`CHECKS` names the sections a check reads, so that a mission with one broken section still gets all
+the others checked.
 """
 
 from __future__ import annotations
@@ -52,9 +54,13 @@ Findings: TypeAlias = Iterator[Finding]
 
 
 def check(mission: MissionFile, broken: frozenset[str] = frozenset()) -> list[Finding]:
-    """Everything that is wrong with a mission, but for what needs a section that is itself `broken`."""
+    """Everything that is wrong with a mission, but for what needs a section that is itself
+    `broken`."""
     found = [
-        finding for needs, function in CHECKS if not broken.intersection(needs.split()) for finding in function(mission)
+        finding
+        for needs, function in CHECKS
+        if not broken.intersection(needs.split())
+        for finding in function(mission)
     ]
     if found or broken:
         return found  # where the swarm will be can only be told of a mission that is sound so far
@@ -68,7 +74,9 @@ def check(mission: MissionFile, broken: frozenset[str] = frozenset()) -> list[Fi
 def _radii(mission: MissionFile) -> Findings:
     law = mission.law
     if law.r_in >= law.r_out:
-        yield Finding(("law", "r_in"), f"{law.r_in:g} is not below r_out", f"below law.r_out = {law.r_out:g}")
+        yield Finding(
+            ("law", "r_in"), f"{law.r_in:g} is not below r_out", f"below law.r_out = {law.r_out:g}"
+        )
     if law.r_out >= law.r:
         yield Finding(("law", "r_out"), f"{law.r_out:g} is not below r", f"below law.r = {law.r:g}")
 
@@ -84,7 +92,9 @@ def _gains(mission: MissionFile) -> Findings:
 
 
 def _agent_ids(mission: MissionFile) -> Findings:
-    ids: dict[Place, int] = {("agents", k, "id"): agent.id for k, agent in enumerate(mission.agents)}
+    ids: dict[Place, int] = {
+        ("agents", k, "id"): agent.id for k, agent in enumerate(mission.agents)
+    }
     yield from _twice(ids, "an id of its own for every agent")
 
 
@@ -93,7 +103,11 @@ def _start_range(mission: MissionFile) -> Findings:
         away_m = math.hypot(*agent.start) * mission.unit_m
         if away_m > MAX_DISTANCE_M:
             what = f"is {away_m:.0f} m from the origin"
-            yield Finding(("agents", k, "start"), what, f"at most {MAX_DISTANCE_M:g} m (unit_m {mission.unit_m:g})")
+            yield Finding(
+                ("agents", k, "start"),
+                what,
+                f"at most {MAX_DISTANCE_M:g} m (unit_m {mission.unit_m:g})",
+            )
 
 
 def _starts(mission: MissionFile) -> Findings:
@@ -102,7 +116,9 @@ def _starts(mission: MissionFile) -> Findings:
         apart = math.dist(a.start, b.start)
         if apart < r_in:
             what = f"agents {a.id} and {b.id} start {_length(mission, apart)} apart"
-            yield Finding(("agents", k, "start"), what, f"at least law.r_in = {_length(mission, r_in)}")
+            yield Finding(
+                ("agents", k, "start"), what, f"at least law.r_in = {_length(mission, r_in)}"
+            )
 
 
 def _connected(mission: MissionFile) -> Findings:
@@ -135,10 +151,18 @@ def _links(mission: MissionFile) -> Findings:
             continue
         for k, (i, j) in enumerate(links):
             if i not in ids or j not in ids or i == j:
-                yield Finding((*place, k), f"[{i}, {j}] is no link", "two different ids of " + ", ".join(map(str, ids)))
+                yield Finding(
+                    (*place, k),
+                    f"[{i}, {j}] is no link",
+                    "two different ids of " + ", ".join(map(str, ids)),
+                )
         parts = graph.components(graph.of_links(ids, links))
         if len(parts) > 1:
-            yield Finding(place, f"the graph is not connected: it falls into {_named(parts)}", "links between them")
+            yield Finding(
+                place,
+                f"the graph is not connected: it falls into {_named(parts)}",
+                "links between them",
+            )
 
 
 def _named(parts: tuple[tuple[int, ...], ...]) -> str:
@@ -154,15 +178,21 @@ def _fleet(mission: MissionFile) -> Findings:
 
 def fleet(entries: Sequence[FleetEntry], place: Place) -> Findings:
     """What is wrong with the entries of a fleet, which stand at `place`."""
-    yield from _twice({(*place, k, "id"): e.id for k, e in enumerate(entries)}, "one entry for each agent")
+    yield from _twice(
+        {(*place, k, "id"): e.id for k, e in enumerate(entries)}, "one entry for each agent"
+    )
     sysids = {(*place, k, "sysid"): sysid_of(e) for k, e in enumerate(entries)}
     yield from _twice(sysids, "a sysid of its own for every vehicle")
     endpoints = {(*place, k, "endpoint"): e.endpoint for k, e in enumerate(entries)}
     yield from _twice(endpoints, "an endpoint of its own for every vehicle")
-    yield from _twice({(*place, k, "mesh"): e.mesh for k, e in enumerate(entries)}, "a mesh endpoint of its own")
+    yield from _twice(
+        {(*place, k, "mesh"): e.mesh for k, e in enumerate(entries)}, "a mesh endpoint of its own"
+    )
     for k, entry in enumerate(entries):
         if entry.sysid is None and entry.id > 250:
-            yield Finding((*place, k), f"sysid is missing, and id {entry.id} is none", "sysid: 1 to 250")
+            yield Finding(
+                (*place, k), f"sysid is missing, and id {entry.id} is none", "sysid: 1 to 250"
+            )
         yield from _ports((*place, k), entry)
 
 
@@ -178,7 +208,11 @@ def _fleet_has_all(mission: MissionFile) -> Findings:
         for k, agent in enumerate(mission.agents):
             if agent.id > 250:
                 what = f"agent {agent.id} can't use its id as its vehicle's sysid"
-                yield Finding(("agents", k, "id"), what, "an id up to 250, or a fleet section that gives sysids")
+                yield Finding(
+                    ("agents", k, "id"),
+                    what,
+                    "an id up to 250, or a fleet section that gives sysids",
+                )
         return
     there = {entry.id for entry in mission.fleet.agents}
     for k, agent in enumerate(mission.agents):
@@ -219,7 +253,9 @@ def _shapes(mission: MissionFile) -> Findings:
     for name, shape in mission.shapes.items():
         place = ("shapes", name)
         if isinstance(shape, Ring) and (shape.side is None) == (shape.radius is None):
-            what = "has neither side nor radius" if shape.side is None else "has both side and radius"
+            what = (
+                "has neither side nor radius" if shape.side is None else "has both side and radius"
+            )
             yield Finding(place, what, "one of side, radius")
         else:
             yield from _slot_distances(mission, place, shape)
@@ -236,19 +272,29 @@ def _slot_distances(mission: MissionFile, place: Place, shape: Shape) -> Finding
         apart, i, j = close[0]
         more = f" (and {len(close) - 1} more pairs)" if len(close) > 1 else ""
         where = (*place, "offsets", j) if isinstance(shape, Offsets) else place
-        what = f"slots {i + 1} and {j + 1} of {len(between)} are {_length(mission, apart)} apart{more}"
+        what = (
+            f"slots {i + 1} and {j + 1} of {len(between)} are {_length(mission, apart)} apart{more}"
+        )
         yield Finding(where, what, f"more than law.r_out = {_length(mission, mission.law.r_out)}")
 
 
 def _slot_counts(mission: MissionFile) -> Findings:
     need = len(mission.agents)
-    for name in dict.fromkeys(form.shape for _, form in forms(mission) if form.shape in mission.shapes):
+    for name in dict.fromkeys(
+        form.shape for _, form in forms(mission) if form.shape in mission.shapes
+    ):
         shape = mission.shapes[name]
-        have = len(shape.offsets) if isinstance(shape, Offsets) else getattr(shape, "count", None) or need
+        have = (
+            len(shape.offsets)
+            if isinstance(shape, Offsets)
+            else getattr(shape, "count", None) or need
+        )
         if have != need:
             field = "offsets" if isinstance(shape, Offsets) else "count"
             few = "too few" if have < need else "too many"
-            yield Finding(("shapes", name, field), f"{have} slots for {need} agents: {few}", f"{need} slots")
+            yield Finding(
+                ("shapes", name, field), f"{have} slots for {need} agents: {few}", f"{need} slots"
+            )
 
 
 # --- steps ---
@@ -281,7 +327,11 @@ def _steps(mission: MissionFile) -> Findings:
         if kind in _KEEPING and "form" not in kinds[:k]:
             yield Finding(place, f"{kind} without a formation to keep", "a form step before it")
     if kinds[last] not in {*_LAST, ""}:
-        yield Finding(("steps", last), f"the mission ends with {kinds[last]}", "land or return as the last step")
+        yield Finding(
+            ("steps", last),
+            f"the mission ends with {kinds[last]}",
+            "land or return as the last step",
+        )
 
 
 _KINDS = ("takeoff", "form", "hold", "move", "rotate", "scale", "return", "land")
@@ -298,11 +348,15 @@ def _moves(mission: MissionFile) -> Findings:
         if isinstance(travel, Move):
             given = [name for name in ("to", "along", "by") if getattr(travel, name) is not None]
             if len(given) != 1:
-                yield Finding(place, f"has {' and '.join(given) or 'no way to go'}", "one of to, along, by")
+                yield Finding(
+                    place, f"has {' and '.join(given) or 'no way to go'}", "one of to, along, by"
+                )
         limit = mission.vehicle.limits.speed_mps
         if travel.speed_mps is not None and travel.speed_mps > limit:
             what = f"{travel.speed_mps:g} m/s is faster than the vehicles may fly"
-            yield Finding((*place, "speed_mps"), what, f"at most vehicle.limits.speed_mps = {limit:g}")
+            yield Finding(
+                (*place, "speed_mps"), what, f"at most vehicle.limits.speed_mps = {limit:g}"
+            )
 
 
 def travel_mps(mission: MissionFile, travel: Move | Rotate | Scale) -> float:
@@ -317,11 +371,15 @@ def way_m(mission: MissionFile, before: Stand, after: Stand) -> float:
     """How far the outermost agent goes in a move, rotate or scale step [m]."""
     points = (before.centre, *after.waypoints)
     way = sum(math.dist(a, b) for a, b in itertools.pairwise(points))
-    way += abs(after.angle_rad - before.angle_rad) * before.radius + abs(after.radius - before.radius)
+    way += abs(after.angle_rad - before.angle_rad) * before.radius + abs(
+        after.radius - before.radius
+    )
     return way * mission.unit_m
 
 
-def form_graph(mission: MissionFile, form: Form, before: Stand) -> dict[int, tuple[int, ...]] | None:
+def form_graph(
+    mission: MissionFile, form: Form, before: Stand
+) -> dict[int, tuple[int, ...]] | None:
     """N_i from a form step on; None: as before."""
     if form.neighbours == "keep":
         return None
@@ -336,7 +394,11 @@ def _rechosen(mission: MissionFile, stands: list[Stand]) -> Findings:
         parts = graph.components(links) if links else ()
         if len(parts) > 1:
             what = f"the shape before is not connected: it falls into {_named(parts)}"
-            yield Finding(("steps", k, "form", "neighbours"), what, f"every part within law.r = {mission.law.r:g}")
+            yield Finding(
+                ("steps", k, "form", "neighbours"),
+                what,
+                f"every part within law.r = {mission.law.r:g}",
+            )
 
 
 def _narrow(mission: MissionFile, stands: list[Stand]) -> Findings:
@@ -345,7 +407,9 @@ def _narrow(mission: MissionFile, stands: list[Stand]) -> Findings:
             between = distances(after.offsets)
             apart = float(between[~np.eye(len(between), dtype=bool)].min())
             if apart <= mission.law.r_out + _ROUNDING:
-                allowed = f"more than law.r_out = {_length(mission, mission.law.r_out)} between slots"
+                allowed = (
+                    f"more than law.r_out = {_length(mission, mission.law.r_out)} between slots"
+                )
                 what = f"{step.scale.factor:g} brings slots to {_length(mission, apart)}"
                 yield Finding(("steps", k, "scale", "factor"), what, allowed)
 
@@ -354,7 +418,9 @@ def _fenced(mission: MissionFile, stands: list[Stand]) -> Findings:
     polygon, ceiling = mission.fence.polygon or (), mission.fence.height_m
     for k, agent in enumerate(mission.agents):
         if not inside(polygon, agent.start):
-            yield Finding(("agents", k, "start"), "is outside the geofence", "a start inside fence.polygon")
+            yield Finding(
+                ("agents", k, "start"), "is outside the geofence", "a start inside fence.polygon"
+            )
     for k, (step, after) in enumerate(zip(mission.steps, stands[1:], strict=True)):
         place: Place = ("steps", k, _kinds(mission)[k])
         if step.takeoff and after.height_m > ceiling:
@@ -362,16 +428,26 @@ def _fenced(mission: MissionFile, stands: list[Stand]) -> Findings:
             yield Finding((*place, "height_m"), what, f"at most fence.height_m = {ceiling:g}")
         for centre in after.waypoints:
             away_m = math.hypot(*centre) * mission.unit_m
-            out = [i for i, at in zip(after.ids, _at(centre, after), strict=True) if not inside(polygon, at)]
+            out = [
+                i
+                for i, at in zip(after.ids, _at(centre, after), strict=True)
+                if not inside(polygon, at)
+            ]
             if out:
-                what = f"at {centre[0]:g}, {centre[1]:g} agent {out[0]} would be outside the geofence"
+                what = (
+                    f"at {centre[0]:g}, {centre[1]:g} agent {out[0]} would be outside the geofence"
+                )
                 yield Finding(place, what, "a way inside fence.polygon")
             elif away_m > MAX_DISTANCE_M:
-                yield Finding(place, f"goes {away_m:.0f} m from the origin", f"at most {MAX_DISTANCE_M:g} m")
+                yield Finding(
+                    place, f"goes {away_m:.0f} m from the origin", f"at most {MAX_DISTANCE_M:g} m"
+                )
 
 
 def _travel_timeouts(mission: MissionFile, stands: list[Stand]) -> Findings:
-    for k, (step, before, after) in enumerate(zip(mission.steps, stands[:-1], stands[1:], strict=True)):
+    for k, (step, before, after) in enumerate(
+        zip(mission.steps, stands[:-1], stands[1:], strict=True)
+    ):
         travel = step.move or step.rotate or step.scale
         if travel and travel.timeout_s is not None:
             needed_s = way_m(mission, before, after) / travel_mps(mission, travel) + travel.settle_s
@@ -399,14 +475,18 @@ def _form_shapes(mission: MissionFile) -> Findings:
         if form.shape not in mission.shapes:
             close = difflib.get_close_matches(form.shape, known, n=1)
             hint = f"; did you mean {close[0]}?" if close else ""
-            allowed = "one of " + ", ".join(known) if known else "a shape named in the section shapes"
+            allowed = (
+                "one of " + ", ".join(known) if known else "a shape named in the section shapes"
+            )
             yield Finding((*place, "shape"), f"there is no shape {form.shape!r}{hint}", allowed)
 
 
 def _timeouts(mission: MissionFile) -> Findings:
     for k, step in enumerate(mission.steps):
         if step.takeoff and step.takeoff.timeout_s is not None:
-            yield from _longer(("steps", k, "takeoff"), step.takeoff.timeout_s, climb_s(mission, step.takeoff))
+            yield from _longer(
+                ("steps", k, "takeoff"), step.takeoff.timeout_s, climb_s(mission, step.takeoff)
+            )
         if step.form:
             yield from _longer(("steps", k, "form"), step.form.timeout_s, step.form.settle_s)
         if step.hold and step.hold.timeout_s is not None:

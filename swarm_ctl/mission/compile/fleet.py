@@ -1,4 +1,5 @@
-"""The fleet: how each agent's vehicle is reached. Not part of the plan: the same mission flies with another fleet."""
+"""The fleet: how each agent's vehicle is reached. Not part of the plan: the same mission flies with
+another fleet."""
 
 from __future__ import annotations
 
@@ -17,9 +18,11 @@ class FleetAgent:
     autopilot: str
     """`ardupilot` or `px4`."""
     endpoint: str | None = None
-    """Where the vehicle is reached, as pymavlink writes it (`udpout:127.0.0.1:14601`); None: `run` simulates it."""
+    """Where the vehicle is reached, as pymavlink writes it (`udpout:127.0.0.1:14601`); None: `run`
+    simulates it."""
     mesh: str | None = None
-    """Where this agent listens on the mesh (`tcp/192.168.1.11:7447`); None: `run` chooses a loopback port."""
+    """Where this agent listens on the mesh (`tcp/192.168.1.11:7447`); None: `run` chooses a
+    loopback port."""
     response: Response = field(default_factory=Response)
     """How this vehicle answers a velocity setpoint: what its own stop point is worked out with."""
 

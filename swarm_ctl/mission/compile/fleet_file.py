@@ -1,4 +1,5 @@
-"""A fleet by itself, and a measured response put into its file: nothing else in the file changes, comments included."""
+"""A fleet by itself, and a measured response put into its file: nothing else in the file changes,
+comments included."""
 
 from __future__ import annotations
 
@@ -31,7 +32,9 @@ def read_fleet(path: Path) -> Fleet:
         section = FleetSection.model_validate(source.data)
     except ValidationError as error:
         schema = FleetSection.model_json_schema()
-        problems += [error_messages.problem_of(dict(each), source, schema) for each in error.errors()]
+        problems += [
+            error_messages.problem_of(dict(each), source, schema) for each in error.errors()
+        ]
         raise MissionError(tuple(problems)) from None
     problems += [source.problem(*finding) for finding in checks.fleet(section.agents, ("agents",))]
     if problems:
@@ -44,7 +47,9 @@ def read_fleet(path: Path) -> Fleet:
                 entry.autopilot,
                 entry.endpoint,
                 entry.mesh,
-                Response(**entry.response.model_dump()) if entry.response else TYPICAL[entry.autopilot],
+                Response(**entry.response.model_dump())
+                if entry.response
+                else TYPICAL[entry.autopilot],
             )
             for entry in sorted(section.agents, key=lambda entry: entry.id)
         )
@@ -52,7 +57,8 @@ def read_fleet(path: Path) -> Fleet:
 
 
 def file_of(mission: Path) -> Path | None:
-    """Where the fleet of a mission stands: in a file that it names, in itself, or (None) nowhere."""
+    """Where the fleet of a mission stands: in a file that it names, in itself, or (None)
+    nowhere."""
     source: Document = document.read(mission)
     fleet = source.data.get("fleet") if isinstance(source.data, dict) else None
     if isinstance(fleet, str):
@@ -61,7 +67,8 @@ def file_of(mission: Path) -> Path | None:
 
 
 def with_response(text: str, agent: int, response: Response) -> str:
-    """The text of a fleet file, or of a mission with its fleet in it, where `agent` has this `response`.
+    """The text of a fleet file, or of a mission with its fleet in it, where `agent` has this
+    `response`.
 
     Raises:
         InputError: it has no entry for the agent.
@@ -112,7 +119,9 @@ def _edits(text: str, entry: MappingNode, values: dict[str, str]) -> Iterator[_E
     elif old.flow_style:
         yield old.start_mark.index, old.end_mark.index, flow
     else:  # lines of their own, with comments: only the numbers change
-        missing = [f"{name}: {value}" for name, value in values.items() if _value(old, name) is None]
+        missing = [
+            f"{name}: {value}" for name, value in values.items() if _value(old, name) is None
+        ]
         if missing:
             yield _added(text, old, *missing)
         for name, value in values.items():
@@ -122,7 +131,8 @@ def _edits(text: str, entry: MappingNode, values: dict[str, str]) -> Iterator[_E
 
 
 def _added(text: str, mapping: MappingNode, *fields: str) -> _Edit:
-    """New fields of a mapping: behind its last one in braces, else on lines of their own behind its first scalar."""
+    """New fields of a mapping: behind its last one in braces, else on lines of their own behind its
+    first scalar."""
     if mapping.flow_style:
         end = mapping.value[-1][1].end_mark.index
         return end, end, "".join(f", {field}" for field in fields)
@@ -141,7 +151,11 @@ def _entry(root: Node | None, agent: int) -> MappingNode | None:
     agents = _value(fleet, "agents")
     for entry in agents.value if isinstance(agents, SequenceNode) else ():
         number = _value(entry, "id")
-        if isinstance(entry, MappingNode) and isinstance(number, ScalarNode) and number.value == str(agent):
+        if (
+            isinstance(entry, MappingNode)
+            and isinstance(number, ScalarNode)
+            and number.value == str(agent)
+        ):
             return entry
     return None
 
@@ -149,4 +163,11 @@ def _entry(root: Node | None, agent: int) -> MappingNode | None:
 def _value(mapping: Node | None, key: str) -> Node | None:
     if not isinstance(mapping, MappingNode):
         return None
-    return next((value for name, value in mapping.value if isinstance(name, ScalarNode) and name.value == key), None)
+    return next(
+        (
+            value
+            for name, value in mapping.value
+            if isinstance(name, ScalarNode) and name.value == key
+        ),
+        None,
+    )

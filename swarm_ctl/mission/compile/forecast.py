@@ -1,7 +1,9 @@
-"""A mission's formations flown on paper: the law on ideal points, from the planned starts, before anything flies.
+"""A mission's formations flown on paper: the law on ideal points, from the planned starts, before
+anything flies.
 
-Seen from its stop point a vehicle is a single integrator (SAFETY.md section 1), so this is what the swarm does but for
-late news, wind and model errors. With `compensation: none` real vehicles do worse than this.
+Seen from its stop point a vehicle is a single integrator (SAFETY.md section 1), so this is what the
+swarm does but for late news, wind and model errors. With `compensation: none` real vehicles do
+worse than this.
 """
 
 from __future__ import annotations
@@ -38,7 +40,8 @@ class FormForecast:
 
     shape: str
     formed_s: float | None
-    """From the step's start until the shape stands, settling included; None: not before its time-out."""
+    """From the step's start until the shape stands, settling included; None: not before its
+    time-out."""
     smallest_m: float
     smallest_pair: tuple[int, int] | None
     longest_link_m: float
@@ -56,7 +59,8 @@ class StepForecast:
 
 
 def forecast(plan: Plan) -> list[StepForecast]:
-    """Every step in order. Take-off and landing are the autopilots' own (ArduCopter's and PX4's default speeds)."""
+    """Every step in order. Take-off and landing are the autopilots' own (ArduCopter's and PX4's
+    default speeds)."""
     forms = iter(rehearse(plan))
     found: list[StepForecast] = []
     where = Whereabouts.at_start(plan)
@@ -98,7 +102,9 @@ class Whereabouts:
         """Where each agent is, (n, 2)."""
         c, s = np.cos(self.angle_rad), np.sin(self.angle_rad)
         turn = np.array([[c, -s], [s, c]])
-        slots: Array = centred(self.slots) @ turn.T * self.scale * self.plan.unit_m + np.array(self.centre_m)
+        slots: Array = centred(self.slots) @ turn.T * self.scale * self.plan.unit_m + np.array(
+            self.centre_m
+        )
         return slots
 
     def after(self, step: Step) -> Whereabouts:
@@ -122,7 +128,11 @@ def _seconds(plan: Plan, step: Step, where: Whereabouts) -> float:
         case HoldStep():
             return step.duration_s
         case MoveStep() | RotateStep() | ScaleStep():
-            return sum(_leg_s(plan, step, way_m) for way_m in _legs_m(step, where)) + late_s + step.settle_s
+            return (
+                sum(_leg_s(plan, step, way_m) for way_m in _legs_m(step, where))
+                + late_s
+                + step.settle_s
+            )
         case ReturnStep():
             return _return_s(plan, where)
         case _:
@@ -140,7 +150,8 @@ def _legs_m(step: Step, where: Whereabouts) -> list[float]:
 
 
 def _leg_s(plan: Plan, step: MoveStep | RotateStep | ScaleStep, way_m: float) -> float:
-    """From standstill to standstill at half the vehicles' acceleration, as the frame does (`core/control/reference.py`)."""
+    """From standstill to standstill at half the vehicles' acceleration, as the frame does
+    (`core/control/reference.py`)."""
     a, v = 0.5 * plan.response.acceleration_mps2, step.speed_mps
     return way_m / v + v / a if way_m > v * v / a else 2 * (way_m / a) ** 0.5
 
@@ -152,14 +163,20 @@ def _return_s(plan: Plan, where: Whereabouts) -> float:
     ways = np.linalg.norm(where.places_m() - starts, axis=1)
     for agent, way_m in zip(plan.agents, ways, strict=True):
         up_m = return_height_m(plan, agent.id)
-        late_s = max(late_s, (up_m - where.height_m) / plan.limits.climb_mps) + float(way_m) / speed + _TURN_S
+        late_s = (
+            max(late_s, (up_m - where.height_m) / plan.limits.climb_mps)
+            + float(way_m) / speed
+            + _TURN_S
+        )
         done_s = max(done_s, late_s + _landing_s(up_m))
     return done_s
 
 
 def _landing_s(height_m: float) -> float:
     """Fast to 10 m, slowly from there, a moment to disarm."""
-    return max(0.0, height_m - 10.0) / _DESCENT_MPS + min(height_m, 10.0) / _TOUCHDOWN_MPS + _DISARM_S
+    return (
+        max(0.0, height_m - 10.0) / _DESCENT_MPS + min(height_m, 10.0) / _TOUCHDOWN_MPS + _DISARM_S
+    )
 
 
 _ARM_S, _CLIMB_MPS = 6.0, 2.5
@@ -186,7 +203,9 @@ def rehearse(plan: Plan) -> list[FormForecast]:
     return forecasts
 
 
-def _form(plan: Plan, step: FormStep, points: Array, links: Sequence[tuple[int, ...]]) -> tuple[Array, FormForecast]:
+def _form(
+    plan: Plan, step: FormStep, points: Array, links: Sequence[tuple[int, ...]]
+) -> tuple[Array, FormForecast]:
     slots = np.array(step.slots, dtype=np.float64)
     ids = [agent.id for agent in plan.agents]
     linked = np.array([[j in near for j in ids] for near in links])
@@ -212,9 +231,14 @@ def _form(plan: Plan, step: FormStep, points: Array, links: Sequence[tuple[int, 
 
 
 def _move(
-    plan: Plan, points: Array, slots: Array, linked: npt.NDArray[np.bool_], pairs: npt.NDArray[np.bool_]
+    plan: Plan,
+    points: Array,
+    slots: Array,
+    linked: npt.NDArray[np.bool_],
+    pairs: npt.NDArray[np.bool_],
 ) -> Array:
-    """One tick's displacement of all agents [units], (n, 2): the law, the pull to the average, then the speed limit."""
+    """One tick's displacement of all agents [units], (n, 2): the law, the pull to the average, then
+    the speed limit."""
     count = len(points)
     others = np.broadcast_to(points, (count, count, 2))
     other_slots = np.broadcast_to(slots, (count, count, 2))

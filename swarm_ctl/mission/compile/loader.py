@@ -51,7 +51,8 @@ class LoadedMission:
 
 
 def load(path: Path | str, *, fleet: Path | str | None = None) -> LoadedMission:
-    """Read and check a mission; `fleet` replaces the fleet it names. Raises MissionError with all problems."""
+    """Read and check a mission; `fleet` replaces the fleet it names. Raises MissionError with all
+    problems."""
     path = Path(path)
     return _build(document.read(path), path, None if fleet is None else Path(fleet))
 
@@ -98,7 +99,8 @@ def _graft_fleet(source: Document, path: Path, fleet: Path | None) -> None:
     try:
         source.graft(("fleet",), document.read(fleet, what="fleet"))
     except MissionError as error:
-        # Where the fleet file has no line to show, the mission's line that names it is the one to look at.
+        # Where the fleet file has no line to show, the mission's line that names it is the one to
+        # look at.
         source.problems += [
             Problem(p.where, "fleet", p.what, p.allowed)
             if p.where != str(fleet)
@@ -117,7 +119,9 @@ def _validate(source: Document, broken: frozenset[str]) -> tuple[MissionFile | N
         rest = _partial(source.data, broken) if broken else mission
     except ValidationError as error:
         found = [each for each in error.errors() if not _follows(each)]
-        problems += [error_messages.problem_of(dict(each), source, _json_schema()) for each in found]
+        problems += [
+            error_messages.problem_of(dict(each), source, _json_schema()) for each in found
+        ]
         broken |= {str(each["loc"][0]) if each["loc"] else "" for each in found}
         if "" in broken:
             return None, problems
@@ -129,13 +133,19 @@ def _validate(source: Document, broken: frozenset[str]) -> tuple[MissionFile | N
 
 
 def _follows(error: Mapping[str, Any]) -> bool:
-    """pydantic calls a list too short when enough entries are there but some are bad: those are reported already."""
+    """pydantic calls a list too short when enough entries are there but some are bad: those are
+    reported already."""
     return error["type"] == "too_short" and bool(len(error["input"]) >= error["ctx"]["min_length"])
 
 
 def _partial(data: dict[str, Any], broken: frozenset[str]) -> MissionFile:
-    """The sections that are well-formed; the broken ones are missing, and nobody may ask for them."""
-    fields = {k: (info.annotation, info) for k, info in MissionFile.model_fields.items() if k not in broken}
+    """The sections that are well-formed; the broken ones are missing, and nobody may ask for
+    them."""
+    fields = {
+        k: (info.annotation, info)
+        for k, info in MissionFile.model_fields.items()
+        if k not in broken
+    }
     model = create_model("PartialMission", __base__=Section, **cast("Any", fields))
     return cast("MissionFile", model.model_validate({k: v for k, v in data.items() if k in fields}))
 
@@ -146,15 +156,18 @@ def _json_schema() -> dict[str, Any]:
 
 
 _RATE = 4.0
-"""kappa * h where the mission gives no h [1/s]: forms two to three times as fast as 1, which without the filter would
-bring pairs under r_in, and without the release block more of them (`swarm-ctl study --h 0.05,0.2`)."""
+"""kappa * h where the mission gives no h [1/s]: forms two to three times as fast as 1, which
+without the filter would bring pairs under r_in, and without the release block more of them
+(`swarm-ctl study --h 0.05,0.2`)."""
 _UNSAFE_RATE = 1.0
 
 
 def fleet_of(mission: MissionFile) -> Fleet:
     """The fleet's entries of the mission's agents; simulated ArduCopters where it has no fleet."""
     entries = {entry.id: entry for entry in mission.fleet.agents} if mission.fleet else {}
-    chosen = (entries.get(i) or FleetEntry(id=i) for i in sorted(agent.id for agent in mission.agents))
+    chosen = (
+        entries.get(i) or FleetEntry(id=i) for i in sorted(agent.id for agent in mission.agents)
+    )
     return Fleet(tuple(_fleet_agent(mission, entry) for entry in chosen))
 
 
@@ -162,7 +175,9 @@ def _fleet_agent(mission: MissionFile, entry: FleetEntry) -> FleetAgent:
     given = mission.vehicle.response if "response" in mission.vehicle.model_fields_set else None
     response = entry.response or given
     known = plan.Response(**response.model_dump()) if response else TYPICAL[entry.autopilot]
-    return FleetAgent(entry.id, checks.sysid_of(entry), entry.autopilot, entry.endpoint, entry.mesh, known)
+    return FleetAgent(
+        entry.id, checks.sysid_of(entry), entry.autopilot, entry.endpoint, entry.mesh, known
+    )
 
 
 def plan_of(mission: MissionFile) -> Plan:
@@ -205,7 +220,9 @@ def plan_of(mission: MissionFile) -> Plan:
 def _safety(mission: MissionFile) -> plan.Safety:
     default = mission.law.compensation is plan.Compensation.STOP_POINT
     given = mission.safety.model_dump()
-    return plan.Safety(**{name: default if choice is None else choice for name, choice in given.items()})
+    return plan.Safety(
+        **{name: default if choice is None else choice for name, choice in given.items()}
+    )
 
 
 def _policies(mission: MissionFile) -> plan.Policies:
@@ -223,14 +240,27 @@ def _fence(mission: MissionFile, stands: list[Stand]) -> plan.Fence:
 
 
 def _step(mission: MissionFile, step: Step, before: Stand, after: Stand) -> plan.Step:
-    match step.takeoff or step.form or step.hold or step.move or step.rotate or step.scale or step.return_ or step.land:
+    match (
+        step.takeoff
+        or step.form
+        or step.hold
+        or step.move
+        or step.rotate
+        or step.scale
+        or step.return_
+        or step.land
+    ):
         case Takeoff() as takeoff:
             # Arming and spooling up, then twice what the climb needs.
             generous_s = 30 + 2 * checks.climb_s(mission, takeoff)
-            return plan.TakeoffStep(takeoff.height_m, takeoff.timeout_s or generous_s, takeoff.on_timeout)
+            return plan.TakeoffStep(
+                takeoff.height_m, takeoff.timeout_s or generous_s, takeoff.on_timeout
+            )
         case Form() as form:
             near = _neighbours(mission, form, before)
-            default = form.slots == "nearest" and mission.law.compensation is plan.Compensation.STOP_POINT
+            default = (
+                form.slots == "nearest" and mission.law.compensation is plan.Compensation.STOP_POINT
+            )
             return plan.FormStep(
                 form.shape,
                 after.slots,
@@ -242,25 +272,38 @@ def _step(mission: MissionFile, step: Step, before: Stand, after: Stand) -> plan
                 default if form.exchange is None else form.exchange,
             )
         case Hold() as hold:
-            return plan.HoldStep(hold.duration_s, hold.timeout_s or hold.duration_s + 30, hold.on_timeout)
+            return plan.HoldStep(
+                hold.duration_s, hold.timeout_s or hold.duration_s + 30, hold.on_timeout
+            )
         case Move() | Rotate() | Scale() as travel:
             return _travel(mission, travel, before, after)
         case Return() as back:
             generous_s = (60 + _landing_s(mission, before.height_m)) * (len(mission.agents) + 1)
             return plan.ReturnStep(back.timeout_s or generous_s, back.on_timeout)
         case land:
-            return plan.LandStep((land and land.timeout_s) or 60 + _landing_s(mission, before.height_m))
+            return plan.LandStep(
+                (land and land.timeout_s) or 60 + _landing_s(mission, before.height_m)
+            )
 
 
 def _landing_s(mission: MissionFile, height_m: float) -> float:
-    """Autopilots touch down at 0.5 m/s or less, whatever the descent before; and they take a while to disarm."""
+    """Autopilots touch down at 0.5 m/s or less, whatever the descent before; and they take a while
+    to disarm."""
     return 1.5 * height_m / min(mission.vehicle.limits.descent_mps, 0.5)
 
 
-def _travel(mission: MissionFile, travel: Move | Rotate | Scale, before: Stand, after: Stand) -> plan.Step:
+def _travel(
+    mission: MissionFile, travel: Move | Rotate | Scale, before: Stand, after: Stand
+) -> plan.Step:
     unit, speed_mps = mission.unit_m, checks.travel_mps(mission, travel)
     generous_s = 30 + travel.settle_s + 2 * checks.way_m(mission, before, after) / speed_mps
-    rest = (speed_mps, travel.tolerance_m, travel.settle_s, travel.timeout_s or generous_s, travel.on_timeout)
+    rest = (
+        speed_mps,
+        travel.tolerance_m,
+        travel.settle_s,
+        travel.timeout_s or generous_s,
+        travel.on_timeout,
+    )
     if isinstance(travel, Rotate):
         return plan.RotateStep(round(after.angle_rad, 9), *rest)
     if isinstance(travel, Scale):
@@ -268,6 +311,8 @@ def _travel(mission: MissionFile, travel: Move | Rotate | Scale, before: Stand, 
     return plan.MoveStep(tuple((n * unit, e * unit) for n, e in after.waypoints), *rest)
 
 
-def _neighbours(mission: MissionFile, form: Form, before: Stand) -> tuple[tuple[int, ...], ...] | None:
+def _neighbours(
+    mission: MissionFile, form: Form, before: Stand
+) -> tuple[tuple[int, ...], ...] | None:
     links = checks.form_graph(mission, form, before)
     return None if links is None else tuple(links[i] for i in before.ids)

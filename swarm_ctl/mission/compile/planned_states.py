@@ -1,4 +1,5 @@
-"""Where the swarm is planned to be, step by step: what loader, checks, warnings and forecasts all start from."""
+"""Where the swarm is planned to be, step by step: what loader, checks, warnings and forecasts all
+start from."""
 
 from __future__ import annotations
 
@@ -20,7 +21,8 @@ FENCE_MARGIN_M = 100.0
 
 @dataclass(frozen=True)
 class Stand:
-    """The swarm at the end of a step. `slots` are the last form step's, in the order of the ids (units)."""
+    """The swarm at the end of a step. `slots` are the last form step's, in the order of the ids
+    (units)."""
 
     ids: tuple[int, ...]
     slots: tuple[Point, ...]
@@ -35,7 +37,10 @@ class Stand:
     @property
     def offsets(self) -> tuple[Point, ...]:
         """The slots as they stand now: turned, scaled, their mean at zero."""
-        return tuple(turned(slot, self.angle_rad, self.scale) for slot in centred(dict(enumerate(self.slots))).values())
+        return tuple(
+            turned(slot, self.angle_rad, self.scale)
+            for slot in centred(dict(enumerate(self.slots))).values()
+        )
 
     @property
     def radius(self) -> float:
@@ -59,7 +64,9 @@ def _after(mission: MissionFile, step: Step, before: Stand) -> Stand:
     if step.takeoff:
         return replace(before, height_m=step.takeoff.height_m)
     if step.form:
-        return replace(before, slots=_take_slots(mission, step.form, before.offsets), angle_rad=0.0, scale=1.0)
+        return replace(
+            before, slots=_take_slots(mission, step.form, before.offsets), angle_rad=0.0, scale=1.0
+        )
     if step.rotate:
         return replace(before, angle_rad=before.angle_rad + math.radians(step.rotate.angle_deg))
     if step.scale:

@@ -17,7 +17,8 @@ _WEAK_R_OUT = 3.0
 _RATE, _UNSAFE_RATE = 4.0, 1.0
 """Up to here nothing was seen in thousands of missions, with filter and release and without."""
 _PLAIN_RATE = 0.05
-"""kappa * h of the plain law that left no pair of a laggy swarm under r_in in trials; four times as much did."""
+"""kappa * h of the plain law that left no pair of a laggy swarm under r_in in trials; four times as
+much did."""
 
 
 def warnings(mission: MissionFile, plan: Plan) -> list[Finding]:
@@ -43,7 +44,9 @@ def _stretched_links(_mission: MissionFile, plan: Plan) -> Findings:
             continue
         links = list(step.neighbours or links)
         slots = {agent.id: slot for agent, slot in zip(plan.agents, step.slots, strict=True)}
-        for i, j in graph.edges({agent.id: near for agent, near in zip(plan.agents, links, strict=True)}):
+        for i, j in graph.edges(
+            {agent.id: near for agent, near in zip(plan.agents, links, strict=True)}
+        ):
             length = math.dist(slots[i], slots[j])
             if length > plan.law.r:
                 what = (
@@ -56,7 +59,9 @@ def _stretched_links(_mission: MissionFile, plan: Plan) -> Findings:
 def _small_r_in(_mission: MissionFile, plan: Plan) -> Findings:
     r_in_m = plan.law.r_in * plan.unit_m
     if r_in_m < _SMALLEST_R_IN_M:
-        yield Finding(("law", "r_in"), f"{r_in_m:.2g} m: vehicles and GPS errors are larger than that", "")
+        yield Finding(
+            ("law", "r_in"), f"{r_in_m:.2g} m: vehicles and GPS errors are larger than that", ""
+        )
 
 
 def _weak_avoidance(_mission: MissionFile, plan: Plan) -> Findings:
@@ -79,7 +84,9 @@ def _fast_gain(_mission: MissionFile, plan: Plan) -> Findings:
     most = _RATE if plan.safety.filter and plan.safety.release else _UNSAFE_RATE
     if plan.compensation is Compensation.STOP_POINT and rate > most + 1e-9:
         what = f"kappa * h = {rate:.3g}: above {most:g} the agents block each other more often"
-        yield Finding(("law", "h"), what + ("" if plan.safety.filter else ", or come under r_in"), "")
+        yield Finding(
+            ("law", "h"), what + ("" if plan.safety.filter else ", or come under r_in"), ""
+        )
 
 
 def _spare_fleet(mission: MissionFile, _plan: Plan) -> Findings:
@@ -90,9 +97,12 @@ def _spare_fleet(mission: MissionFile, _plan: Plan) -> Findings:
 
 
 def _real_vehicles(mission: MissionFile, _plan: Plan) -> Findings:
-    """Weather and faults are the simulator's: whoever trusts in them should know where they do not come."""
+    """Weather and faults are the simulator's: whoever trusts in them should know where they do not
+    come."""
     entries = mission.fleet.agents if mission.fleet else ()
-    real = {entry.id for entry in entries if entry.endpoint} & {agent.id for agent in mission.agents}
+    real = {entry.id for entry in entries if entry.endpoint} & {
+        agent.id for agent in mission.agents
+    }
     if not real:
         return
     if mission.simulation.parameters.given():

@@ -1,4 +1,5 @@
-"""A stroke font: letters as lines, and slots evenly along them. Heights are 1, widths 2/3; (north, east)."""
+"""A stroke font: letters as lines, and slots evenly along them. Heights are 1, widths 2/3; (north,
+east)."""
 
 from __future__ import annotations
 
@@ -12,7 +13,8 @@ Array: TypeAlias = npt.NDArray[np.float64]
 
 _WIDTH: Final = 2 / 3
 _GAP: Final = 1 / 3
-# Points on a grid of 3 columns (a b c, west to east) and 5 rows (1 to 5, south to north); strokes are words of them.
+# Points on a grid of 3 columns (a b c, west to east) and 5 rows (1 to 5, south to north); strokes
+# are words of them.
 _STROKES: Final[dict[str, str]] = {
     "A": "a1a4b5c4c1 a3c3",
     "B": "a1a5b5c4b3a3 b3c2b1a1",
@@ -82,7 +84,8 @@ def _sampled(strokes: list[Array], count: int) -> Array:
 
 
 def _spread(points: Array, count: int) -> Array:
-    """Always the point farthest from those chosen, from the first end on: evenly spread, the same everywhere."""
+    """Always the point farthest from those chosen, from the first end on: evenly spread, the same
+    everywhere."""
     chosen = [0]
     away = np.linalg.norm(points - points[0], axis=1)
     while len(chosen) < count:

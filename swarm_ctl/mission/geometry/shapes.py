@@ -1,4 +1,5 @@
-"""Shapes as slots: pure functions, one a kind, in a table. Slots are (n, 2) arrays of (north, east) in units.
+"""Shapes as slots: pure functions, one a kind, in a table. Slots are (n, 2) arrays of (north, east)
+in units.
 
 A shape is translation invariant; where its zero lies means nothing.
 """
@@ -19,7 +20,8 @@ Array: TypeAlias = npt.NDArray[np.float64]
 
 
 def slots_of(shape: schema.Shape, agents: int) -> Array:
-    """The slots of a shape, turned; as many as it counts, or one per agent where it does not say."""
+    """The slots of a shape, turned; as many as it counts, or one per agent where it does not
+    say."""
     slots = _SLOTS[type(shape)](shape, getattr(shape, "count", None) or agents)
     return slots @ _turn(math.radians(shape.rotation_deg)).T
 
@@ -34,7 +36,9 @@ def _ring(shape: schema.Ring, count: int) -> Array:
     if shape.radius is not None:
         return _circle(shape.radius, count)
     # A chord of length side spans 1 / count of the circle; one slot alone has no chord.
-    return _circle((shape.side or 0.0) / (2 * math.sin(math.pi / count)) if count > 1 else 0.0, count)
+    return _circle(
+        (shape.side or 0.0) / (2 * math.sin(math.pi / count)) if count > 1 else 0.0, count
+    )
 
 
 def _circle(radius: float | Array, count: int) -> Array:
@@ -43,7 +47,11 @@ def _circle(radius: float | Array, count: int) -> Array:
 
 
 def _centred_circle(shape: schema.Circle, count: int) -> Array:
-    return np.vstack([np.zeros((1, 2)), _circle(shape.radius, count - 1)]) if count > 1 else np.zeros((1, 2))
+    return (
+        np.vstack([np.zeros((1, 2)), _circle(shape.radius, count - 1)])
+        if count > 1
+        else np.zeros((1, 2))
+    )
 
 
 def _letters(shape: schema.Letters, count: int) -> Array:

@@ -13,9 +13,11 @@ Array: TypeAlias = npt.NDArray[np.float64]
 
 
 def nearest(points: npt.ArrayLike, slots: npt.ArrayLike) -> Array:
-    """The slots in the order of the points that makes the total squared distance least, centroids aligned; (n, 2).
+    """The slots in the order of the points that makes the total squared distance least, centroids
+    aligned; (n, 2).
 
-    The law reaches the shape anywhere, so only the place within it counts: that is why the centroids are aligned.
+    The law reaches the shape anywhere, so only the place within it counts: that is why the
+    centroids are aligned.
     """
     # Here and not above: scipy takes 0.3 s to import, and most commands never ask for slots.
     from scipy.optimize import linear_sum_assignment

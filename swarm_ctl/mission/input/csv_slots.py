@@ -1,4 +1,5 @@
-"""Slots from a CSV file, put into the mission where it names the file, so that everything behind sees offsets."""
+"""Slots from a CSV file, put into the mission where it names the file, so that everything behind
+sees offsets."""
 
 from __future__ import annotations
 
@@ -11,7 +12,8 @@ from swarm_ctl.mission.input.document import Document
 
 
 def graft(source: Document, folder: Path) -> bool:
-    """Replace every shape of kind `csv` by its slots; what can't be read becomes a problem at the mission's line.
+    """Replace every shape of kind `csv` by its slots; what can't be read becomes a problem at the
+    mission's line.
 
     False where there is such a problem: the shapes are not what the mission means then.
     """
@@ -20,7 +22,11 @@ def graft(source: Document, folder: Path) -> bool:
         return True
     before = len(source.problems)
     for name, shape in shapes.items():
-        if not isinstance(shape, dict) or shape.get("kind") != "csv" or not isinstance(shape.get("path"), str):
+        if (
+            not isinstance(shape, dict)
+            or shape.get("kind") != "csv"
+            or not isinstance(shape.get("path"), str)
+        ):
             continue
         place = ("shapes", name, "path")
         path = folder / shape["path"]
@@ -28,13 +34,17 @@ def graft(source: Document, folder: Path) -> bool:
             rows = _read(path)
         except (OSError, UnicodeDecodeError, csv.Error) as error:
             why = getattr(error, "strerror", None) or str(error)
-            source.problems.append(source.problem(place, f"{path} can't be read: {why}", "a readable CSV file"))
+            source.problems.append(
+                source.problem(place, f"{path} can't be read: {why}", "a readable CSV file")
+            )
             continue
         except _BadRowError as error:
             allowed = "two numbers a line: north, east (the first line may have names)"
             source.problems.append(source.problem(place, f"{path}:{error.line}: {error}", allowed))
             continue
-        rest: dict[str, Any] = {key: value for key, value in shape.items() if key not in ("kind", "path")}
+        rest: dict[str, Any] = {
+            key: value for key, value in shape.items() if key not in ("kind", "path")
+        }
         shapes[name] = {"kind": "offsets", "offsets": tuple(rows), **rest}
     return len(source.problems) == before
 

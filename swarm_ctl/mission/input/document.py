@@ -1,7 +1,7 @@
 """YAML read strictly, with the line of every value kept, so that a mistake can be pointed at.
 
-Scalars follow YAML 1.2's core schema without its exotic number forms: `on`, `yes`, `010`, `1_000`, `1:30` and dates are
-text, not the surprises YAML 1.1 makes of them, and `1e3` is a number.
+Scalars follow YAML 1.2's core schema without its exotic number forms: `on`, `yes`, `010`, `1_000`,
+`1:30` and dates are text, not the surprises YAML 1.1 makes of them, and `1e3` is a number.
 """
 
 from __future__ import annotations
@@ -32,7 +32,8 @@ class _Loader(yaml.SafeLoader):
 
 _TAG = "tag:yaml.org,2002:"
 _MOST_BYTES = 4_000_000
-"""A mission of 250 agents with a hundred shapes, slot by slot, has half of that; parsing more takes seconds."""
+"""A mission of 250 agents with a hundred shapes, slot by slot, has half of that; parsing more takes
+seconds."""
 for _name, _pattern, _first in (
     ("bool", r"true|True|TRUE|false|False|FALSE", "tTfF"),
     ("null", r"~|null|Null|NULL|", ["~", "n", "N", ""]),
@@ -49,12 +50,15 @@ class _Dumper(yaml.SafeDumper):
 
 def write(data: Any) -> str:
     """Plain data as YAML that `parse` reads back as it was."""
-    return yaml.dump(data, Dumper=_Dumper, sort_keys=False, default_flow_style=None, allow_unicode=True)
+    return yaml.dump(
+        data, Dumper=_Dumper, sort_keys=False, default_flow_style=None, allow_unicode=True
+    )
 
 
 @dataclass
 class Document:
-    """A file as plain data (dict, tuple, scalars) with the place of every value and the mistakes found on the way."""
+    """A file as plain data (dict, tuple, scalars) with the place of every value and the mistakes
+    found on the way."""
 
     name: str
     data: Any = None
@@ -77,7 +81,10 @@ class Document:
         self.wheres |= {place + inner: where for inner, where in other.wheres.items()}
         self.problems += [
             Problem(
-                p.where, dotted(place) if p.field == dotted(()) else f"{dotted(place)}.{p.field}", p.what, p.allowed
+                p.where,
+                dotted(place) if p.field == dotted(()) else f"{dotted(place)}.{p.field}",
+                p.what,
+                p.allowed,
             )
             for p in other.problems
         ]
@@ -97,12 +104,16 @@ def read(path: Path, *, what: str = "mission") -> Document:
         reason = error.strerror or str(error)
         raise _refuse(str(path), f"can't be read: {reason}", f"a readable {what} file") from error
     if data is None:
-        raise _refuse(f"{path}:1", "is too long for notes of an operator", f"at most {_MOST_BYTES} bytes")
+        raise _refuse(
+            f"{path}:1", "is too long for notes of an operator", f"at most {_MOST_BYTES} bytes"
+        )
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        raise _refuse(f"{path}:{line}", f"is not text: {error.reason} at byte {error.start}", "UTF-8 text") from error
+        raise _refuse(
+            f"{path}:{line}", f"is not text: {error.reason} at byte {error.start}", "UTF-8 text"
+        ) from error
     return parse(text, str(path))
 
 
@@ -113,7 +124,8 @@ def nodes(text: str) -> Node | None:
 
 
 def parse(text: str, name: str) -> Document:
-    """Parse YAML text; `name` stands for the file in messages. Raises MissionError where it is no YAML."""
+    """Parse YAML text; `name` stands for the file in messages. Raises MissionError where it is no
+    YAML."""
     try:
         node = yaml.compose(text, Loader=_Loader)
         document = Document(name)
@@ -131,9 +143,13 @@ def parse(text: str, name: str) -> Document:
     except yaml.reader.ReaderError as error:
         line = text.count("\n", 0, error.position) + 1
         character = f"character {error.character!r}"
-        raise _refuse(f"{name}:{line}", f"YAML: {character} ({error.reason})", "printable text") from error
+        raise _refuse(
+            f"{name}:{line}", f"YAML: {character} ({error.reason})", "printable text"
+        ) from error
     except RecursionError as error:
-        raise _refuse(f"{name}:1", "is nested too deeply", "a few levels of mappings and lists") from error
+        raise _refuse(
+            f"{name}:1", "is nested too deeply", "a few levels of mappings and lists"
+        ) from error
     return document
 
 
@@ -148,7 +164,8 @@ class _Converter:
         self._document = document
 
     def convert(self, node: Node, place: Place) -> Any:
-        # A mapping's entry has the line of its key, noted before; lists' entries and the top have their own.
+        # A mapping's entry has the line of its key, noted before; lists' entries and the top have
+        # their own.
         self._document.wheres.setdefault(place, self._where(node))
         if isinstance(node, MappingNode):
             self._untagged(node, place, "map")
@@ -162,7 +179,9 @@ class _Converter:
         result: dict[str, Any] = {}
         for key_node, value_node in node.value:
             if not isinstance(key_node, ScalarNode):
-                self._note(key_node, place, "a list or mapping can't be a field's name", "a plain word")
+                self._note(
+                    key_node, place, "a list or mapping can't be a field's name", "a plain word"
+                )
                 continue
             key = key_node.value
             inner = (*place, key)

@@ -1,4 +1,5 @@
-"""pydantic's complaints in an operator's words: what is wrong, and what the schema would allow instead."""
+"""pydantic's complaints in an operator's words: what is wrong, and what the schema would allow
+instead."""
 
 from __future__ import annotations
 
@@ -32,10 +33,14 @@ def problem_of(error: Mapping[str, Any], document: Document, schema: _Schema) ->
     if error["type"] == "missing":
         return document.problem(place, "is missing", describe(schema, _find(schema, loc)))
     if error["type"] == "union_tag_not_found":
-        return document.problem((*place, "kind"), "is missing", error["ctx"]["discriminator"] and _kinds(schema, loc))
+        return document.problem(
+            (*place, "kind"), "is missing", error["ctx"]["discriminator"] and _kinds(schema, loc)
+        )
     if error["type"] == "union_tag_invalid":
         value = show(error["ctx"]["tag"])
-        return document.problem((*place, "kind"), f"{value} is not a known kind", _kinds(schema, loc))
+        return document.problem(
+            (*place, "kind"), f"{value} is not a known kind", _kinds(schema, loc)
+        )
     if loc and loc[-1] == "[key]":
         return document.problem(place, "can't be a name", _NAME)
     return document.problem(place, _what(error), describe(schema, _find(schema, loc)))
@@ -45,7 +50,9 @@ def show(value: Any) -> str:
     """A value as the file would write it, shortened."""
     text = json.dumps(value, default=str, ensure_ascii=False)
     text = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
-    text = {"null": "nothing", "NaN": ".nan", "Infinity": ".inf", "-Infinity": "-.inf"}.get(text, text)
+    text = {"null": "nothing", "NaN": ".nan", "Infinity": ".inf", "-Infinity": "-.inf"}.get(
+        text, text
+    )
     return text if len(text) <= 40 else text[:37] + "..."
 
 
@@ -57,10 +64,14 @@ def describe(root: _Schema, node: _Schema) -> str:
     if "enum" in node:
         return "one of " + ", ".join(str(value) for value in node["enum"])
     if "anyOf" in node:
-        return " or ".join(describe(root, option) for option in node["anyOf"] if option.get("type") != "null")
+        return " or ".join(
+            describe(root, option) for option in node["anyOf"] if option.get("type") != "null"
+        )
     if "oneOf" in node:
         return "a mapping with kind: " + ", ".join(sorted(node["discriminator"]["mapping"]))
-    kind = {"number": "a number", "integer": "a whole number", "string": "text"}.get(node.get("type", ""))
+    kind = {"number": "a number", "integer": "a whole number", "string": "text"}.get(
+        node.get("type", "")
+    )
     if kind:
         return kind + _range(node)
     if node.get("type") == "array":
@@ -88,14 +99,20 @@ def _what(error: Mapping[str, Any]) -> str:
 def _kind_of(value: Any) -> str:
     if isinstance(value, str):
         looks = re.fullmatch(r"\s*[-+.]?[0-9][-+0-9a-zA-Z_.,: /]*", value)
-        return "text, not a number (write plain decimal digits, no quotes, no unit)" if looks else "text"
+        return (
+            "text, not a number (write plain decimal digits, no quotes, no unit)"
+            if looks
+            else "text"
+        )
     if isinstance(value, Mapping):
         return "a mapping"
     if isinstance(value, Sequence):
         return "a list"
     if isinstance(value, bool):
         return "a truth value"
-    return {type(None): "empty", int: "a number", float: "not a whole number"}.get(type(value), "of a wrong type")
+    return {type(None): "empty", int: "a number", float: "not a whole number"}.get(
+        type(value), "of a wrong type"
+    )
 
 
 def _range(node: _Schema) -> str:
@@ -121,7 +138,8 @@ def _kinds(root: _Schema, loc: Place) -> str:
 
 
 def _place(loc: Place, data: Any) -> Place:
-    """`loc` without the parts pydantic puts in for itself (the tags of unions), which the data do not have."""
+    """`loc` without the parts pydantic puts in for itself (the tags of unions), which the data do
+    not have."""
     place: list[str | int] = []
     for k, part in enumerate(loc):
         inside = (isinstance(data, Mapping) and part in data) or (
@@ -147,7 +165,8 @@ def _deref(root: _Schema, node: _Schema) -> _Schema:
 
 
 def _find(root: _Schema, loc: Place) -> _Schema:
-    """The part of a JSON Schema that speaks of `loc`, a place as pydantic gives it; empty where there is none."""
+    """The part of a JSON Schema that speaks of `loc`, a place as pydantic gives it; empty where
+    there is none."""
     node = _deref(root, root)
     for part in loc:
         mapping = node.get("discriminator", {}).get("mapping", {})

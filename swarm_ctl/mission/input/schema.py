@@ -1,7 +1,9 @@
-"""The mission file's form: sections, fields, ranges, defaults. What one field alone can't tell is in `checks.py`.
+"""The mission file's form: sections, fields, ranges, defaults. What one field alone can't tell is
+in `checks.py`.
 
-Lengths: a name with a suffix (`_m`) is in metres; radii, starts, spacings and offsets without one are in units of
-`unit_m` metres. Horizontal vectors are [north, east]. Angles are degrees clockwise from north, seen from above.
+Lengths: a name with a suffix (`_m`) is in metres; radii, starts, spacings and offsets without one
+are in units of `unit_m` metres. Horizontal vectors are [north, east]. Angles are degrees clockwise
+from north, seen from above.
 """
 
 from __future__ import annotations
@@ -20,7 +22,9 @@ NorthEast = tuple[Coordinate, Coordinate]
 Angle = Annotated[float, Field(ge=-360, le=360)]
 Timeout = Annotated[float, Field(gt=0, le=3600)]
 LossTime = Annotated[float, Field(ge=1, le=60)]
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,39}$", examples=["hexagon", "search-line_2"])]
+Name = Annotated[
+    str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,39}$", examples=["hexagon", "search-line_2"])
+]
 Action = Annotated[Policy, Field(strict=False)]
 
 
@@ -43,18 +47,20 @@ class Law(Section):
     r_in: Length
     """Inner radius: no two vehicles may ever come this close."""
     compensation: Annotated[Compensation, Field(strict=False)] = Compensation.STOP_POINT
-    """Which points the law sees: stop_point (vehicles with dead time and lag), or none (positions, as in the paper)."""
+    """Which points the law sees: stop_point (vehicles with dead time and lag), or none (positions,
+    as in the paper)."""
     kappa: float | None = Field(default=None, gt=0, le=1000)
     """Law iterations per second; 1 / tick_s where not given."""
     h: float | None = Field(default=None, gt=0, le=1)
-    """Consensus gain per iteration; where not given 4 / kappa with stop points (1 / kappa without filter or release),
-    and 0.005, the paper's, without stop points."""
+    """Consensus gain per iteration; where not given 4 / kappa with stop points (1 / kappa without
+    filter or release), and 0.005, the paper's, without stop points."""
     delta_l: float = Field(default=2.0, ge=2, le=100)
     delta_a: float = Field(default=0.1, gt=0, le=100)
 
 
 class SafetySection(Section):
-    """What stands between the law and the vehicles; all on with stop points, all off without (as in the paper)."""
+    """What stands between the law and the vehicles; all on with stop points, all off without (as in
+    the paper)."""
 
     filter: bool | None = None
     """No velocity that would bring two closer than their keep-out distance."""
@@ -63,7 +69,8 @@ class SafetySection(Section):
     release: bool | None = None
     """Out of dead-locks by going round each other."""
     align: bool | None = None
-    """Out of slow modes: everybody also moves to where all who are heard say, on the average, that his slot is."""
+    """Out of slow modes: everybody also moves to where all who are heard say, on the average, that
+    his slot is."""
 
 
 class VehicleResponse(Section):
@@ -150,14 +157,16 @@ class Vee(_Counted):
 
 
 class Wedge(_Counted):
-    """A filled triangle: rows of one, two, three ... slots from north to south, all `spacing` apart."""
+    """A filled triangle: rows of one, two, three ... slots from north to south, all `spacing`
+    apart."""
 
     kind: Literal["wedge"]
     spacing: Length
 
 
 class Circle(_Counted):
-    """A slot in the middle, the others evenly on a circle around it, the first of them north, clockwise."""
+    """A slot in the middle, the others evenly on a circle around it, the first of them north,
+    clockwise."""
 
     kind: Literal["circle"]
     radius: Length
@@ -175,7 +184,8 @@ class Letters(_Shape):
 
 
 class Imported(_Shape):
-    """Slots from a CSV file: two columns, north and east, in units; a first line of names is left out."""
+    """Slots from a CSV file: two columns, north and east, in units; a first line of names is left
+    out."""
 
     kind: Literal["csv"]
     path: Annotated[str, Field(min_length=1, max_length=400)]
@@ -183,7 +193,8 @@ class Imported(_Shape):
 
 
 class Star(_Counted):
-    """Slots alternately on an outer and an inner circle, the first one outside and north, clockwise."""
+    """Slots alternately on an outer and an inner circle, the first one outside and north,
+    clockwise."""
 
     kind: Literal["star"]
     radius: Length
@@ -226,23 +237,27 @@ class Form(_Timed):
     shape: Name
     """A name from `shapes`."""
     slots: Literal["nearest", "fixed"] = "nearest"
-    """nearest: least total squared distance; fixed: the k-th slot to the agent with the k-th lowest id."""
+    """nearest: least total squared distance; fixed: the k-th slot to the agent with the k-th lowest
+    id."""
     exchange: bool | None = None
-    """Agents that are in each other's way take each other's slots; by default with nearest slots and stop points."""
+    """Agents that are in each other's way take each other's slots; by default with nearest slots
+    and stop points."""
     tolerance_m: float = Field(default=0.5, ge=0.05, le=50)
     """The largest deviation from the shape that counts as formed."""
     settle_s: float = Field(default=5.0, ge=0, le=600)
     """How long the deviation has to stay under it."""
     timeout_s: Timeout = 120.0
     neighbours: Literal["keep", "rechoose"] | Links = "keep"
-    """keep: as before; rechoose: who is within `r` in the shape before this one; or a list of links, [id, id]."""
+    """keep: as before; rechoose: who is within `r` in the shape before this one; or a list of
+    links, [id, id]."""
 
 
 class _Travel(_Timed):
     speed_mps: float | None = Field(default=None, ge=0.1, le=20)
     """Of the fastest agent; half of vehicle.limits.speed_mps where not given."""
     tolerance_m: float = Field(default=0.5, ge=0.05, le=50)
-    """The largest deviation from the shape, and of the pinned agent from its place, that counts as arrived."""
+    """The largest deviation from the shape, and of the pinned agent from its place, that counts as
+    arrived."""
     settle_s: float = Field(default=2.0, ge=0, le=600)
     timeout_s: Timeout | None = None
     """Where not given, 30 s more than twice the time at full speed."""
@@ -339,7 +354,8 @@ class PolicySection(Section):
     """Twice vehicle.limits.speed_mps where not given."""
     max_tilt_deg: float = Field(default=45.0, ge=5, le=90)
     wind: Action = Policy.LAND
-    """More wind than `wind_limit_mps`, as the vehicle estimates it; where it does not, the tilt limit stands in."""
+    """More wind than `wind_limit_mps`, as the vehicle estimates it; where it does not, the tilt
+    limit stands in."""
     wind_limit_mps: float = Field(default=12.0, ge=1, le=30)
     return_separation_m: float = Field(default=3.0, ge=0, le=20)
     """Between the heights of two agents on their way back."""
@@ -348,10 +364,12 @@ class PolicySection(Section):
 
 
 class FenceSection(Section):
-    """Where the vehicles may be. Where it is not given: 100 m around everything planned, up to 120 m."""
+    """Where the vehicles may be. Where it is not given: 100 m around everything planned, up to 120
+    m."""
 
     polygon: Annotated[tuple[NorthEast, ...], Field(min_length=3, max_length=200)] | None = None
-    """Corners in order, [north, east] of the origin, in units; 100 m around everything planned where not given."""
+    """Corners in order, [north, east] of the origin, in units; 100 m around everything planned
+    where not given."""
     height_m: float = Field(default=120.0, ge=2, le=500)
     """Above each vehicle's own take-off point."""
 
@@ -364,8 +382,8 @@ class FleetEntry(Section):
     """The vehicle's MAVLink system id; the agent's id where not given."""
     autopilot: Literal["ardupilot", "px4"] = "ardupilot"
     response: VehicleResponse | None = None
-    """How this vehicle answers a velocity setpoint; the mission's `vehicle.response` or, without one, what is typical
-    for the autopilot where not given."""
+    """How this vehicle answers a velocity setpoint; the mission's `vehicle.response` or, without
+    one, what is typical for the autopilot where not given."""
     endpoint: str | None = Field(
         default=None,
         pattern=r"^((udp|udpin|udpout|tcp|tcpin):[^:\s]+:[0-9]{1,5}|serial:/dev/[^:\s]+(:[0-9]{3,7})?)$",
@@ -373,7 +391,9 @@ class FleetEntry(Section):
     )
     """The vehicle's link; simulated where not given."""
     mesh: str | None = Field(
-        default=None, pattern=r"^(tcp|tls|udp|quic)/\S+:[0-9]{1,5}$", examples=["tcp/192.168.1.11:7447"]
+        default=None,
+        pattern=r"^(tcp|tls|udp|quic)/\S+:[0-9]{1,5}$",
+        examples=["tcp/192.168.1.11:7447"],
     )
     """Where the agent listens on the mesh; a loopback port where not given."""
 
@@ -406,7 +426,8 @@ class MissionFile(Section):
     policies: PolicySection = PolicySection()
     fence: FenceSection = FenceSection()
     neighbours: Literal["starts"] | Links = "starts"
-    """starts: who starts within `r` of each other (the paper's rule); or a list of links, [id, id]."""
+    """starts: who starts within `r` of each other (the paper's rule); or a list of links, [id,
+    id]."""
     agents: tuple[Agent, ...] = Field(min_length=1, max_length=250)
     """At most as many as there are sysids."""
     shapes: dict[Name, Shape] = Field(default={})
@@ -421,7 +442,9 @@ def json_schema() -> dict[str, Any]:
     schema = MissionFile.model_json_schema()
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
     fleet = schema["properties"]["fleet"]
-    fleet["anyOf"].append({"type": "string", "description": "path of a fleet file, relative to this file"})
+    fleet["anyOf"].append(
+        {"type": "string", "description": "path of a fleet file, relative to this file"}
+    )
     schema["properties"]["steps"]["items"] = {
         "anyOf": [schema["properties"]["steps"]["items"], {"enum": ["land", "return"]}]
     }

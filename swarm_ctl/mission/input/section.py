@@ -1,4 +1,5 @@
-"""What every section of a mission file is: strict, frozen, its fields documented where they stand."""
+"""What every section of a mission file is: strict, frozen, its fields documented where they
+stand."""
 
 from __future__ import annotations
 

@@ -1,6 +1,8 @@
-"""The section `simulation`: weather and faults of the simulated vehicles. Nothing of it is in the plan.
+"""The section `simulation`: weather and faults of the simulated vehicles. Nothing of it is in the
+plan.
 
-The parameters are the simulator's, by the names a MAVLink client sets them by (a test holds the two lists together).
+The parameters are the simulator's, by the names a MAVLink client sets them by (a test holds the two
+lists together).
 """
 
 from __future__ import annotations
@@ -75,24 +77,28 @@ class Fault(Section):
     at_s: float = Field(ge=0, le=86_400)
     """Seconds after what `since` says."""
     for_s: float | None = Field(default=None, gt=0, le=86_400)
-    """For so long; then each parameter has the value of the start again. To the end where not given."""
+    """For so long; then each parameter has the value of the start again. To the end where not
+    given."""
     agents: Annotated[tuple[AgentId, ...], Field(min_length=1, max_length=250)] | None = None
     """Whose vehicles; all where not given."""
     set: SimParameters
 
 
 class Simulation(Section):
-    """Weather and faults, in simulated vehicles only; a vehicle with an endpoint of its own knows nothing of them."""
+    """Weather and faults, in simulated vehicles only; a vehicle with an endpoint of its own knows
+    nothing of them."""
 
     parameters: SimParameters = SimParameters()
     """From the start, of all simulated vehicles."""
     since: Literal["liftoff", "start"] = "liftoff"
-    """Where the faults' times count from: the first lift-off, or the run's start, seconds before anybody arms."""
+    """Where the faults' times count from: the first lift-off, or the run's start, seconds before
+    anybody arms."""
     faults: Annotated[tuple[Fault, ...], Field(max_length=1000)] = ()
     """What changes when, in any order."""
 
     def timetable(self, sysids: Mapping[int, int]) -> list[dict[str, Any]]:
-        """The faults as the simulator takes them, for its vehicles: agent -> sysid. Those of other agents are left out.
+        """The faults as the simulator takes them, for its vehicles: agent -> sysid. Those of other
+        agents are left out.
 
         At one time what ends comes before what begins.
         """
@@ -109,11 +115,14 @@ class Simulation(Section):
 
 
 def overlaps(faults: tuple[Fault, ...]) -> Iterator[tuple[int, int, str]]:
-    """Pairs of faults (their places) that set one parameter of one vehicle, the second while the first lasts."""
+    """Pairs of faults (their places) that set one parameter of one vehicle, the second while the
+    first lasts."""
     ordered = sorted(enumerate(faults), key=lambda entry: entry[1].at_s)
     for (i, first), (k, second) in itertools.combinations(ordered, 2):
         if first.for_s is None or second.at_s >= first.at_s + first.for_s:
             continue
-        same = first.agents is None or second.agents is None or set(first.agents) & set(second.agents)
+        same = (
+            first.agents is None or second.agents is None or set(first.agents) & set(second.agents)
+        )
         for name in first.set.given().keys() & second.set.given().keys() if same else ():
             yield i, k, name

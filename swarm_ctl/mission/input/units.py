@@ -1,7 +1,8 @@
-"""A mission written in metres, in the law's units: the one place where lengths are divided by `unit_m`.
+"""A mission written in metres, in the law's units: the one place where lengths are divided by
+`unit_m`.
 
-The law is not indifferent to its unit: repulsion is tuned for radii of the paper's size (r_out 1.5 units). So a mission
-in metres gets a unit of its own, `r_out` / 1.5, where it names none.
+The law is not indifferent to its unit: repulsion is tuned for radii of the paper's size (r_out 1.5
+units). So a mission in metres gets a unit of its own, `r_out` / 1.5, where it names none.
 """
 
 from __future__ import annotations
@@ -13,7 +14,18 @@ from swarm_ctl.mission.input.section import Section
 
 R_OUT_UNITS: Final = 1.5
 _LENGTHS: Final = frozenset(
-    {"r", "r_out", "r_in", "start", "side", "radius", "inner_radius", "spacing", "height", "offsets"}
+    {
+        "r",
+        "r_out",
+        "r_in",
+        "start",
+        "side",
+        "radius",
+        "inner_radius",
+        "spacing",
+        "height",
+        "offsets",
+    }
     | {"to", "along", "by", "polygon"}
 )
 """Fields of the schema that are lengths in the file's unit (those in metres end in `_m`)."""
@@ -23,7 +35,9 @@ def in_units(mission: MissionFile) -> MissionFile:
     """The same mission with every length in units of `unit_m`; as it is where it was written so."""
     if mission.lengths == "units":
         return mission
-    unit_m = mission.unit_m if "unit_m" in mission.model_fields_set else mission.law.r_out / R_OUT_UNITS
+    unit_m = (
+        mission.unit_m if "unit_m" in mission.model_fields_set else mission.law.r_out / R_OUT_UNITS
+    )
     converted: MissionFile = _converted(mission, unit_m)
     return converted.model_copy(update={"unit_m": unit_m, "lengths": "units"})
 
@@ -31,7 +45,9 @@ def in_units(mission: MissionFile) -> MissionFile:
 def _converted(value: Any, unit_m: float, is_length: bool = False) -> Any:
     if isinstance(value, Section):
         fields = {
-            name: _converted(inner, unit_m, name in _LENGTHS) for name, inner in value if name in value.model_fields_set
+            name: _converted(inner, unit_m, name in _LENGTHS)
+            for name, inner in value
+            if name in value.model_fields_set
         }
         return value.model_copy(update=fields)
     if isinstance(value, tuple):

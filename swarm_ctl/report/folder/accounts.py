@@ -1,4 +1,5 @@
-"""What the agents said of themselves: their final accounts, and what the station last heard where one is missing."""
+"""What the agents said of themselves: their final accounts, and what the station last heard where
+one is missing."""
 
 from __future__ import annotations
 
@@ -37,8 +38,11 @@ class Account:
         return self.status.steps[k] if k < len(self.status.steps) else None
 
 
-def read_accounts(folder: Path, agents: Iterable[int] | None, notes: list[str]) -> dict[int, Account]:
-    """The account of each of `agents` (None: of whoever left one); what is missing or torn goes to `notes`."""
+def read_accounts(
+    folder: Path, agents: Iterable[int] | None, notes: list[str]
+) -> dict[int, Account]:
+    """The account of each of `agents` (None: of whoever left one); what is missing or torn goes to
+    `notes`."""
     heard = {status.agent: status for status in _read(folder / STATUSES, _STATUS, notes)}
     if agents is None:
         left = (path.stem for path in (folder / ACCOUNTS).glob("*.json"))
@@ -49,7 +53,9 @@ def read_accounts(folder: Path, agents: Iterable[int] | None, notes: list[str]) 
         if final is not None:
             found[agent] = Account(final, final=True)
         elif agent in heard:
-            notes.append(f"agent {agent}: its last status heard, of {heard[agent].time_s:.1f} s, stands in")
+            notes.append(
+                f"agent {agent}: its last status heard, of {heard[agent].time_s:.1f} s, stands in"
+            )
             found[agent] = Account(heard[agent], final=False)
         else:
             notes.append(f"agent {agent}: nothing is known of it")
@@ -57,7 +63,8 @@ def read_accounts(folder: Path, agents: Iterable[int] | None, notes: list[str]) 
 
 
 def read_events(folder: Path, notes: list[str]) -> Iterator[Event]:
-    """The station's events, in the order they were heard; what is missing or torn goes to `notes` at the end."""
+    """The station's events, in the order they were heard; what is missing or torn goes to `notes`
+    at the end."""
     return _read(folder / EVENTS, _EVENT, notes)
 
 

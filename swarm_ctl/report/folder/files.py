@@ -25,11 +25,14 @@ class Damage:
     def describe(self, name: str) -> list[str]:
         """The damage in words; empty where there is none."""
         lines = f"{self.bad_lines} line{'s' if self.bad_lines > 1 else ''} could not be read"
-        return [f"{name}: {lines}"] * bool(self.bad_lines) + [f"{name}: the last line is torn"] * self.torn
+        return [f"{name}: {lines}"] * bool(self.bad_lines) + [
+            f"{name}: the last line is torn"
+        ] * self.torn
 
 
 def read_lines(path: Path, damage: Damage) -> Iterator[bytes]:
-    """The lines of a file, one after the other; a torn last one is told in `damage` and left out. OSError passes."""
+    """The lines of a file, one after the other; a torn last one is told in `damage` and left out.
+    OSError passes."""
     with path.open("rb") as file:
         for line in file:
             if not line.endswith(b"\n"):
@@ -39,7 +42,8 @@ def read_lines(path: Path, damage: Damage) -> Iterator[bytes]:
 
 
 def write_whole(path: Path, text: str) -> None:
-    """Replace a file in one move: a reader finds the old or the new one, never a part. Its rights stay."""
+    """Replace a file in one move: a reader finds the old or the new one, never a part. Its rights
+    stay."""
     part = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         part.write_text(text, encoding="utf-8", newline="")
@@ -53,6 +57,11 @@ def write_whole(path: Path, text: str) -> None:
 
 def wording(error: ValidationError) -> str:
     """pydantic's complaints in one line, the first few of them."""
-    problems = [f"{'.'.join(map(str, found['loc'])) or 'document'}: {found['msg']}" for found in error.errors()]
-    more = [f"and {len(problems) - _SHOWN_PROBLEMS} more"] if len(problems) > _SHOWN_PROBLEMS else []
+    problems = [
+        f"{'.'.join(map(str, found['loc'])) or 'document'}: {found['msg']}"
+        for found in error.errors()
+    ]
+    more = (
+        [f"and {len(problems) - _SHOWN_PROBLEMS} more"] if len(problems) > _SHOWN_PROBLEMS else []
+    )
     return "; ".join(problems[:_SHOWN_PROBLEMS] + more)

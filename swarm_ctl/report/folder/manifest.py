@@ -1,4 +1,5 @@
-"""`run.json`: what was flown, by whom, when. `run` writes it before anything starts; later tools read it first."""
+"""`run.json`: what was flown, by whom, when. `run` writes it before anything starts; later tools
+read it first."""
 
 from __future__ import annotations
 
@@ -20,7 +21,9 @@ MANIFEST: Final = "run.json"
 class _Strict(BaseModel):
     """No unknown field, no silent conversion; holds for the plan's own dataclasses as well."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, use_attribute_docstrings=True)
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", strict=True, use_attribute_docstrings=True
+    )
 
 
 class _PlanDocument(_Strict):
@@ -42,7 +45,8 @@ class Manifest(_Strict):
     headless: bool
     plan: Plan
     plan_hash: str = Field(pattern=r"^[0-9a-f]{16}$")
-    """`fingerprint(plan)`: hexadecimal, because many JSON readers lose a 64-bit integer's last digits."""
+    """`fingerprint(plan)`: hexadecimal, because many JSON readers lose a 64-bit integer's last
+    digits."""
     fleet: tuple[FleetAgent, ...]
     """One entry per agent, with the endpoints that were really used."""
     station_mesh: str | None = None
@@ -55,7 +59,9 @@ class Manifest(_Strict):
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         if self.plan_hash != fingerprint(self.plan):
-            raise ValueError(f"plan_hash is {self.plan_hash}, the plan's is {fingerprint(self.plan)}")
+            raise ValueError(
+                f"plan_hash is {self.plan_hash}, the plan's is {fingerprint(self.plan)}"
+            )
         _refuse_repeated("agent id", (agent.id for agent in self.fleet))
         _refuse_repeated("sysid", (agent.sysid for agent in self.fleet))
         if {agent.id for agent in self.fleet} != {agent.id for agent in self.plan.agents}:
@@ -69,7 +75,8 @@ class Manifest(_Strict):
 
     @property
     def whole_mesh(self) -> list[str]:
-        """Where agents and the run's station listen: who joins later is heard by all, and hears all."""
+        """Where agents and the run's station listen: who joins later is heard by all, and hears
+        all."""
         return self.agents_mesh + ([self.station_mesh] if self.station_mesh else [])
 
     @property
@@ -89,7 +96,8 @@ def plan_to_json(plan: Plan) -> str:
 
 
 def plan_from_json(text: str | bytes) -> Plan:
-    """The plan that `plan_to_json` wrote; InputError names each field that is wrong, missing or unknown."""
+    """The plan that `plan_to_json` wrote; InputError names each field that is wrong, missing or
+    unknown."""
     try:
         return _PlanDocument.model_validate_json(text).plan
     except ValidationError as error:

@@ -1,6 +1,7 @@
 """The numbers of a flight, from the truth. Pure: arrays in, numbers out.
 
-T moments, n agents in the plan's order; points are horizontal (north, east) in metres, times in mission seconds.
+T moments, n agents in the plan's order; points are horizontal (north, east) in metres, times in
+mission seconds.
 """
 
 from __future__ import annotations
@@ -32,11 +33,14 @@ class Flight:
     def during(self, start_s: float, end_s: float) -> Flight:
         """The part from `start_s` to `end_s`, both included."""
         inside = (self.time_s >= start_s - _CLOCK_S) & (self.time_s <= end_s + _CLOCK_S)
-        return replace(self, time_s=self.time_s[inside], points_m=self.points_m[inside], live=self.live[inside])
+        return replace(
+            self, time_s=self.time_s[inside], points_m=self.points_m[inside], live=self.live[inside]
+        )
 
 
 def flight_of(truth: Truth, sysids: Sequence[int], live_until_s: npt.ArrayLike) -> Flight:
-    """The flight of the agents whose vehicles are `sysids`, each live until its `live_until_s` (n,) at most."""
+    """The flight of the agents whose vehicles are `sysids`, each live until its `live_until_s` (n,)
+    at most."""
     column = {sysid: k for k, sysid in enumerate(truth.sysids)}
     points = np.full((len(truth.time_s), len(sysids), 2), np.nan)
     airborne = np.zeros(points.shape[:2], dtype=np.bool_)
@@ -44,7 +48,9 @@ def flight_of(truth: Truth, sysids: Sequence[int], live_until_s: npt.ArrayLike) 
         if sysid in column:
             points[:, k] = truth.position_ned_m[:, column[sysid], :2]
             airborne[:, k] = truth.airborne[:, column[sysid]]
-    return Flight(truth.time_s, points, airborne & (truth.time_s[:, None] <= np.asarray(live_until_s)))
+    return Flight(
+        truth.time_s, points, airborne & (truth.time_s[:, None] <= np.asarray(live_until_s))
+    )
 
 
 def formation_error(flight: Flight, slots_m: npt.ArrayLike) -> Floats:
@@ -61,22 +67,33 @@ def formation_error(flight: Flight, slots_m: npt.ArrayLike) -> Floats:
 
 
 def time_to_settle(
-    time_s: Floats, error_m: Floats, start_s: float, end_s: float, tolerance_m: float, settle_s: float
+    time_s: Floats,
+    error_m: Floats,
+    start_s: float,
+    end_s: float,
+    tolerance_m: float,
+    settle_s: float,
 ) -> float | None:
-    """Seconds from `start_s` to the first moment, `end_s` at the latest, from which on the error stays under
-    `tolerance_m` for `settle_s`; None where there is none. `error_m` is (T,), nan counts as over.
+    """Seconds from `start_s` to the first moment, `end_s` at the latest, from which on the error
+    stays under `tolerance_m` for `settle_s`; None where there is none. `error_m` is (T,), nan
+    counts as over.
     """
     chosen = time_s >= start_s - _CLOCK_S
     time_s, under = time_s[chosen], (error_m < tolerance_m)[chosen]
     edges = np.diff(np.concatenate(([0], under.astype(np.int8), [0])))
     begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
-    long_enough = (time_s[ends] - time_s[begins] >= settle_s - _CLOCK_S) & (time_s[begins] <= end_s + _CLOCK_S)
+    long_enough = (time_s[ends] - time_s[begins] >= settle_s - _CLOCK_S) & (
+        time_s[begins] <= end_s + _CLOCK_S
+    )
     found = begins[long_enough]
     return max(0.0, float(time_s[found[0]]) - start_s) if len(found) else None
 
 
-def longest_link(flight: Flight, links: Iterable[tuple[int, int]]) -> tuple[float, tuple[int, int]] | None:
-    """The greatest length [m] any of the `links` (pairs of columns) had while both ends were live, and which one."""
+def longest_link(
+    flight: Flight, links: Iterable[tuple[int, int]]
+) -> tuple[float, tuple[int, int]] | None:
+    """The greatest length [m] any of the `links` (pairs of columns) had while both ends were live,
+    and which one."""
     found: list[tuple[float, tuple[int, int]]] = []
     for i, j in links:
         both = flight.live[:, i] & flight.live[:, j]
@@ -87,7 +104,8 @@ def longest_link(flight: Flight, links: Iterable[tuple[int, int]]) -> tuple[floa
 
 
 def closest_approach(truth: Truth) -> tuple[float, tuple[int, int]] | None:
-    """The smallest true horizontal distance [m] of the flight and its pair of sysids; None where nobody flew."""
+    """The smallest true horizontal distance [m] of the flight and its pair of sysids; None where
+    nobody flew."""
     return min(((distance, pair) for pair, distance in truth.minima.items()), default=None)
 
 

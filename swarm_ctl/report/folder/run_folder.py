@@ -42,7 +42,8 @@ class Run:
         return [account.status for account in self.accounts.values()]
 
     def roles(self, time_s: Floats) -> npt.NDArray[np.intp]:
-        """Whose slots each agent flew to at each moment, (T, n): places in the plan; exchanges change them."""
+        """Whose slots each agent flew to at each moment, (T, n): places in the plan; exchanges
+        change them."""
         found = np.tile(np.arange(len(self.agents)), (len(time_s), 1))
         for k, agent in enumerate(self.agents):
             account = self.accounts.get(agent)
@@ -57,9 +58,14 @@ class Run:
         return min((result.start_s for result in found if result), default=math.inf)
 
     def landing_s(self) -> float:
-        """When the landing began: the land step, or the first agent that broke its step off; inf: neither is known."""
+        """When the landing began: the land step, or the first agent that broke its step off; inf:
+        neither is known."""
         steps = self.plan.steps if self.plan else ()
-        planned = (self.start_s(k) for k, step in enumerate(steps, 1) if isinstance(step, LandStep | ReturnStep))
+        planned = (
+            self.start_s(k)
+            for k, step in enumerate(steps, 1)
+            if isinstance(step, LandStep | ReturnStep)
+        )
         broken = (
             result.end_s
             for status in self.statuses
@@ -70,7 +76,8 @@ class Run:
 
 
 def read_run(folder: Path) -> Run:
-    """Read what there is of manifest, truth and accounts; raises for nothing that a killed process leaves behind."""
+    """Read what there is of manifest, truth and accounts; raises for nothing that a killed process
+    leaves behind."""
     notes: list[str] = []
     manifest = _manifest(folder, notes)
     truth = _truth(folder, manifest, notes)
@@ -100,18 +107,25 @@ def _truth(folder: Path, manifest: Manifest | None, notes: list[str]) -> Truth |
     if manifest is not None:
         strange = set(truth.sysids) ^ {agent.sysid for agent in manifest.fleet}
         if strange:
-            notes.append(f"{TRUTH}: it and the fleet do not agree about sysid {', '.join(map(str, sorted(strange)))}")
+            notes.append(
+                f"{TRUTH}: it and the fleet do not agree about sysid {', '.join(map(str, sorted(strange)))}"
+            )
     return truth
 
 
 def _flight(truth: Truth, manifest: Manifest, accounts: dict[int, Account]) -> Flight:
     agents = [agent.id for agent in manifest.plan.agents]
     sysid = {agent.id: agent.sysid for agent in manifest.fleet}
-    return flight_of(truth, [sysid[i] for i in agents], [_live_until(accounts.get(i), manifest.plan) for i in agents])
+    return flight_of(
+        truth,
+        [sysid[i] for i in agents],
+        [_live_until(accounts.get(i), manifest.plan) for i in agents],
+    )
 
 
 def _live_until(account: Account | None, plan: Plan) -> float:
-    """An agent that left no account lived as long as it was heard, and a little longer by the mission's own rule."""
+    """An agent that left no account lived as long as it was heard, and a little longer by the
+    mission's own rule."""
     if account is None:
         return -math.inf
     return math.inf if account.final else account.status.time_s + plan.policies.agent_lost_after_s

@@ -1,6 +1,7 @@
 """`truth.jsonl`: where the vehicles really were, as the simulator wrote it. Agents never see it.
 
-One JSON object a line, written at once; a simulator that was killed leaves a torn last line, which is no error here.
+One JSON object a line, written at once; a simulator that was killed leaves a torn last line, which
+is no error here.
 """
 
 from __future__ import annotations
@@ -41,7 +42,8 @@ class Header(_Line):
 
 
 class State(_Line):
-    """All vehicles at one moment, in the header's order; NED [m, m/s] relative to the header's origin."""
+    """All vehicles at one moment, in the header's order; NED [m, m/s] relative to the header's
+    origin."""
 
     type: Literal["state"]
     position_ned_m: tuple[Vector3, ...] = Field(alias="ned")
@@ -51,7 +53,8 @@ class State(_Line):
 
 
 class Minimum(_Line):
-    """Pairs (sysid, sysid, metres) whose smallest horizontal distance has shrunk since the last such line."""
+    """Pairs (sysid, sysid, metres) whose smallest horizontal distance has shrunk since the last
+    such line."""
 
     type: Literal["min"]
     pairs: tuple[tuple[int, int, float], ...]
@@ -71,13 +74,16 @@ class End(_Line):
     type: Literal["end"]
 
 
-Line: TypeAlias = Annotated[Header | State | Minimum | TruthEvent | End, Field(discriminator="type")]
+Line: TypeAlias = Annotated[
+    Header | State | Minimum | TruthEvent | End, Field(discriminator="type")
+]
 
 _LINE: Final[TypeAdapter[Line]] = TypeAdapter(Line)
 
 
 def read_truth(path: Path, damage: Damage) -> Iterator[Header | State | Minimum | TruthEvent | End]:
-    """The records of a truth file in order, streaming; what is no record is counted in `damage`. OSError passes."""
+    """The records of a truth file in order, streaming; what is no record is counted in `damage`.
+    OSError passes."""
     for line in read_lines(path, damage):
         try:
             yield _LINE.validate_json(line)
@@ -97,7 +103,8 @@ class Truth:
     airborne: Bools
     """(T, n)."""
     minima: dict[tuple[int, int], float]
-    """Smallest horizontal distance [m] of each pair of sysids (lower first), first lift-off to last touchdown."""
+    """Smallest horizontal distance [m] of each pair of sysids (lower first), first lift-off to last
+    touchdown."""
     events: tuple[TruthEvent, ...]
     last_s: float | None
     """Mission time of the last line."""
@@ -150,7 +157,9 @@ def load_truth(path: Path) -> Truth:
         sysids=folding.sysids,
         time_s=np.array(folding.times),
         position_ned_m=np.stack(folding.positions) if folding.positions else np.zeros((0, n, 3)),
-        airborne=np.stack(folding.airborne) if folding.airborne else np.zeros((0, n), dtype=np.bool_),
+        airborne=np.stack(folding.airborne)
+        if folding.airborne
+        else np.zeros((0, n), dtype=np.bool_),
         minima=folding.minima,
         events=tuple(folding.events),
         last_s=folding.last_s,

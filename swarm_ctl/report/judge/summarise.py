@@ -1,4 +1,5 @@
-"""From a run folder to its summary. Reads files and nothing else, so whoever outlived the run can do it."""
+"""From a run folder to its summary. Reads files and nothing else, so whoever outlived the run can
+do it."""
 
 from __future__ import annotations
 
@@ -37,14 +38,18 @@ _WORSE: Final[tuple[Result, ...]] = ("done", "not reached", "running", "aborted"
 
 
 def summarise(folder: Path, exit_codes: Mapping[str, int] | None = None) -> Summary:
-    """The summary of the run in `folder`. `exit_codes` by process name, None where they are not known.
+    """The summary of the run in `folder`. `exit_codes` by process name, None where they are not
+    known.
 
-    Every file may be missing or torn: what that leaves open is null, `notes` says why, and the run is not completed.
+    Every file may be missing or torn: what that leaves open is null, `notes` says why, and the run
+    is not completed.
     """
     run = read_run(folder)
     manifest, truth, notes = run.manifest, run.truth, run.notes
     levels = Counter[str]()
-    last_s = [s.time_s for s in run.statuses] + ([truth.last_s] if truth and truth.last_s is not None else [])
+    last_s = [s.time_s for s in run.statuses] + (
+        [truth.last_s] if truth and truth.last_s is not None else []
+    )
     for event in read_events(folder, notes):
         levels[event.level] += 1
         last_s.append(event.time_s)
@@ -66,7 +71,9 @@ def summarise(folder: Path, exit_codes: Mapping[str, int] | None = None) -> Summ
         outcome=outcome,
         reason=reason,
         steps=steps,
-        time_to_form_s=next((step.time_to_form_s for step in steps if step.name.startswith("form")), None),
+        time_to_form_s=next(
+            (step.time_to_form_s for step in steps if step.name.startswith("form")), None
+        ),
         formation_error_m=flown.formation_error_m,
         min_true_distance_m=closest,
         min_true_pair=closest_pair,
@@ -129,10 +136,17 @@ def _time_to_form(run: Run, plan: Plan, k: int, start_s: float | None) -> float 
     flight = run.flight
     if not isinstance(step, FormStep) or start_s is None or flight is None:
         return None
-    next_form = next((j for j in range(k + 1, len(plan.steps) + 1) if isinstance(plan.steps[j - 1], FormStep)), None)
+    next_form = next(
+        (j for j in range(k + 1, len(plan.steps) + 1) if isinstance(plan.steps[j - 1], FormStep)),
+        None,
+    )
     end_s = min(run.landing_s(), run.start_s(next_form) if next_form else math.inf)
-    error_m = metrics.formation_error(flight, _in_metres(plan, step.slots)[run.roles(flight.time_s)])
-    return metrics.time_to_settle(flight.time_s, error_m, start_s, end_s, step.tolerance_m, step.settle_s)
+    error_m = metrics.formation_error(
+        flight, _in_metres(plan, step.slots)[run.roles(flight.time_s)]
+    )
+    return metrics.time_to_settle(
+        flight.time_s, error_m, start_s, end_s, step.tolerance_m, step.settle_s
+    )
 
 
 # --- flight ---
@@ -150,14 +164,18 @@ def _flown(run: Run) -> _Flown:
     flight, plan = run.flight, run.plan
     if flight is None or plan is None:
         return _Flown()
-    formed = [(run.start_s(k), step) for k, step in enumerate(plan.steps, 1) if isinstance(step, FormStep)]
+    formed = [
+        (run.start_s(k), step) for k, step in enumerate(plan.steps, 1) if isinstance(step, FormStep)
+    ]
     begun = [(start_s, step) for start_s, step in formed if start_s < math.inf]
     if not begun:
         return _Flown()
     flight = flight.during(begun[0][0], run.landing_s())
     last = max(k for k in range(1, len(plan.steps) + 1) if run.start_s(k) < math.inf)
     standing = slots_after(plan, last) or begun[-1][1].slots  # turned and scaled as planned
-    error_m = metrics.last_number(metrics.formation_error(flight, _in_metres(plan, standing)[run.roles(flight.time_s)]))
+    error_m = metrics.last_number(
+        metrics.formation_error(flight, _in_metres(plan, standing)[run.roles(flight.time_s)])
+    )
     column = {agent.id: k for k, agent in enumerate(plan.agents)}
     links = edges({agent.id: agent.neighbours for agent in plan.agents})
     longest = metrics.longest_link(flight, [(column[a], column[b]) for a, b in links])
@@ -249,11 +267,16 @@ def _worst_tick(ticks: list[TickReport]) -> TickReport:
 
 
 def _truth_summary(truth: Truth) -> TruthSummary:
-    times = {kind: [event.time_s for event in truth.events if event.event == kind] for kind in ("liftoff", "touchdown")}
+    times = {
+        kind: [event.time_s for event in truth.events if event.event == kind]
+        for kind in ("liftoff", "touchdown")
+    }
     return TruthSummary(
         samples=len(truth.time_s),
         complete=truth.complete,
         first_liftoff_s=min(times["liftoff"], default=None),
         last_touchdown_s=max(times["touchdown"], default=None),
-        collisions=tuple(sorted({event.sysid for event in truth.events if event.event == "collision"})),
+        collisions=tuple(
+            sorted({event.sysid for event in truth.events if event.event == "collision"})
+        ),
     )

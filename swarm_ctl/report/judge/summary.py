@@ -1,4 +1,5 @@
-"""`summary.json`: what came out of one run, in numbers that other tools read. The models are its JSON Schema."""
+"""`summary.json`: what came out of one run, in numbers that other tools read. The models are its
+JSON Schema."""
 
 from __future__ import annotations
 
@@ -38,7 +39,8 @@ class StepSummary(_Part):
     exceptions: dict[int, str]
     """Result of each agent (by id) for which it was not done; empty where nobody got here."""
     time_to_form_s: float | None = None
-    """Of a form step: from `start_s` until the true error stays under the tolerance for the settle time."""
+    """Of a form step: from `start_s` until the true error stays under the tolerance for the settle
+    time."""
 
 
 class AgentSummary(_Part):
@@ -119,22 +121,24 @@ class Summary(_Part):
     started_at: str | None
     """ISO 8601."""
     outcome: Outcome
-    """`completed`: every agent says so, every process ended with 0, nothing is missing here; `aborted`: landed on an
-    operator's command; `failed`: everything else."""
+    """`completed`: every agent says so, every process ended with 0, nothing is missing here;
+    `aborted`: landed on an operator's command; `failed`: everything else."""
     reason: str
     """Why it was not completed; empty otherwise."""
     steps: tuple[StepSummary, ...]
     time_to_form_s: float | None
-    """Of the first form step: from its start until the true formation error stays under the tolerance for the settle
-    time; null if it never did."""
+    """Of the first form step: from its start until the true formation error stays under the
+    tolerance for the settle time; null if it never did."""
     formation_error_m: float | None
-    """Largest |e_i - mean e| of the live agents, from truth, at the last moment before the landing begins."""
+    """Largest |e_i - mean e| of the live agents, from truth, at the last moment before the landing
+    begins."""
     min_true_distance_m: float | None
     """Smallest true horizontal distance of any two vehicles, first lift-off to last touchdown."""
     min_true_pair: AgentPair | None
     r_in_m: float | None
     longest_link_m: float | None
-    """Greatest true horizontal distance of a planned neighbour pair, from the first form step to the landing."""
+    """Greatest true horizontal distance of a planned neighbour pair, from the first form step to
+    the landing."""
     longest_link_pair: AgentPair | None
     r_m: float | None
     sigma_status: dict[str, int]
@@ -153,7 +157,8 @@ class Summary(_Part):
     events: dict[str, int]
     """Events the station heard, by level."""
     exit_codes: dict[str, int] | None
-    """By process; negative: ended by that signal. Null where whoever wrote this did not know them."""
+    """By process; negative: ended by that signal. Null where whoever wrote this did not know
+    them."""
     speedup: float | None
     mission_time_s: float | None
     """Until the last thing on record."""

@@ -23,8 +23,8 @@ def judge(
 ) -> tuple[Outcome, str]:
     """The run's outcome and the reason ('' when completed). `notes` are what was missing or torn.
 
-    Completed asks for everything: each agent's own word, every exit code 0, nothing missing. An operator's landing is
-    one only if every agent lived to tell.
+    Completed asks for everything: each agent's own word, every exit code 0, nothing missing. An
+    operator's landing is one only if every agent lived to tell.
     """
     agents = tuple(agents)
     codes = exit_codes or {}
@@ -36,8 +36,18 @@ def judge(
     causes = [
         *(f"{name} was ended by {_signal(code)}" for name, code in codes.items() if code < 0),
         *_unaccounted(agents, accounts, final),
-        *_grouped({i: _complaint(s.outcome, s.reason) for i, s in final.items() if s.outcome != "completed"}),
-        *(f"{name} exited with {code}" for name, code in codes.items() if code > 1 or (code == 1 and not final)),
+        *_grouped(
+            {
+                i: _complaint(s.outcome, s.reason)
+                for i, s in final.items()
+                if s.outcome != "completed"
+            }
+        ),
+        *(
+            f"{name} exited with {code}"
+            for name, code in codes.items()
+            if code > 1 or (code == 1 and not final)
+        ),
     ]
     causes += [f"{name} exited with 1" for name, code in codes.items() if code == 1 and not causes]
     if not agents:
@@ -46,7 +56,9 @@ def judge(
     return ("failed", _join(causes)) if causes else ("completed", "")
 
 
-def _unaccounted(agents: Sequence[int], accounts: Mapping[int, Account], final: Mapping[int, object]) -> Iterable[str]:
+def _unaccounted(
+    agents: Sequence[int], accounts: Mapping[int, Account], final: Mapping[int, object]
+) -> Iterable[str]:
     for i in agents:
         if i not in accounts:
             yield f"agent {i} left no account"
@@ -56,7 +68,9 @@ def _unaccounted(agents: Sequence[int], accounts: Mapping[int, Account], final: 
 
 
 def _complaint(outcome: str, reason: str) -> str:
-    return reason if outcome == "failed" and reason else f"{outcome}: {reason}" if reason else outcome
+    return (
+        reason if outcome == "failed" and reason else f"{outcome}: {reason}" if reason else outcome
+    )
 
 
 def _grouped(reasons: Mapping[int, str]) -> list[str]:

@@ -17,7 +17,8 @@ _LEVELS: Final = {"warning": Level.WARNING, "error": Level.ERROR}
 
 
 def told(folder: Path, manifest: Manifest) -> list[Entry]:
-    """Alarms raised and cleared, warnings, errors, orders; without a recording the warnings of the agents alone."""
+    """Alarms raised and cleared, warnings, errors, orders; without a recording the warnings of the
+    agents alone."""
     try:
         with Tape(folder) as tape:
             film = Film(tape, manifest.plan, speedup=manifest.speedup)
@@ -29,5 +30,9 @@ def told(folder: Path, manifest: Manifest) -> list[Entry]:
             for event in read_events(folder, [])
             if event.level in _LEVELS
         )
-    wanted = (entry for entry in entries if entry.level >= Level.WARNING or entry.kind in ("cleared", "command"))
+    wanted = (
+        entry
+        for entry in entries
+        if entry.level >= Level.WARNING or entry.kind in ("cleared", "command")
+    )
     return sorted(wanted, key=lambda entry: entry.time_s)

@@ -1,4 +1,5 @@
-"""How this project's figures look, and how they become PNG and SVG files. Imports matplotlib: import it late."""
+"""How this project's figures look, and how they become PNG and SVG files. Imports matplotlib:
+import it late."""
 
 from __future__ import annotations
 
@@ -15,7 +16,17 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-COLOURS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8C564B", "#7F7F7F", "#000000")
+COLOURS: Final = (
+    "#0072B2",
+    "#D55E00",
+    "#009E73",
+    "#CC79A7",
+    "#E69F00",
+    "#56B4E9",
+    "#8C564B",
+    "#7F7F7F",
+    "#000000",
+)
 """Told apart by colour-blind readers, too (Okabe and Ito), and repeated with other dashes."""
 _DASHES: Final = ("-", "--", ":", "-.")
 _STYLE: Final[Any] = {
@@ -38,7 +49,8 @@ R_IN, R_OUT = r"r_\mathrm{in}", r"r_\mathrm{out}"
 
 
 def figure(title: str, width: float = 5.2, height: float = 3.2) -> tuple[Figure, Axes]:
-    """A figure with one pair of axes in the house's style [inches]: legible at 3.5, a column of a paper."""
+    """A figure with one pair of axes in the house's style [inches]: legible at 3.5, a column of a
+    paper."""
     with mpl.rc_context(_STYLE):
         made = Figure(figsize=(width, height), layout="constrained")
         axes = made.subplots()
@@ -48,7 +60,10 @@ def figure(title: str, width: float = 5.2, height: float = 3.2) -> tuple[Figure,
 
 def line_style(k: int) -> dict[str, Any]:
     """Colour and dashes of the k-th line."""
-    return {"color": COLOURS[k % len(COLOURS)], "linestyle": _DASHES[k // len(COLOURS) % len(_DASHES)]}
+    return {
+        "color": COLOURS[k % len(COLOURS)],
+        "linestyle": _DASHES[k // len(COLOURS) % len(_DASHES)],
+    }
 
 
 def save(made: Figure, folder: Path, name: str) -> list[Path]:
@@ -109,23 +124,43 @@ def same_scale(figures: Sequence[Figure]) -> None:
     """The same y axes in all of them, where they have as many and they are not maps."""
     for panels in zip(*(made.axes for made in figures), strict=False):
         if not any(axes.get_aspect() == 1.0 for axes in panels):
-            low, high = min(axes.get_ylim()[0] for axes in panels), max(axes.get_ylim()[1] for axes in panels)
+            low, high = (
+                min(axes.get_ylim()[0] for axes in panels),
+                max(axes.get_ylim()[1] for axes in panels),
+            )
             for axes in panels:
                 axes.set_ylim(low, high)
 
 
 def trajectories(
-    axes: Axes, tracks: Floats, names: Sequence[str], links: Sequence[tuple[int, int]] = (), unit: str = "units"
+    axes: Axes,
+    tracks: Floats,
+    names: Sequence[str],
+    links: Sequence[tuple[int, int]] = (),
+    unit: str = "units",
 ) -> None:
-    """Tracks (T, 2, n) (north, east) from above: hollow at the start, filled at the end, the final shape dotted.
+    """Tracks (T, 2, n) (north, east) from above: hollow at the start, filled at the end, the final
+    shape dotted.
 
     Names stand beside the starts.
     """
     small = len(names) > 12
     for k, name in enumerate(names):
         colour = line_style(k)["color"]
-        axes.plot(tracks[:, 1, k], tracks[:, 0, k], linewidth=0.8 if small else 1.2, color=colour, label=name)
-        axes.plot(*tracks[0, ::-1, k], "o", markersize=4 if small else 6, markerfacecolor="white", color=colour)
+        axes.plot(
+            tracks[:, 1, k],
+            tracks[:, 0, k],
+            linewidth=0.8 if small else 1.2,
+            color=colour,
+            label=name,
+        )
+        axes.plot(
+            *tracks[0, ::-1, k],
+            "o",
+            markersize=4 if small else 6,
+            markerfacecolor="white",
+            color=colour,
+        )
         axes.plot(*tracks[-1, ::-1, k], "o", markersize=4 if small else 7, color=colour)
         axes.annotate(
             name,
@@ -136,7 +171,14 @@ def trajectories(
         )
     ends = tracks[-1]
     for i, j in links:
-        axes.plot(ends[1, [i, j]], ends[0, [i, j]], color="#555555", linewidth=0.9, linestyle=":", zorder=0)
+        axes.plot(
+            ends[1, [i, j]],
+            ends[0, [i, j]],
+            color="#555555",
+            linewidth=0.9,
+            linestyle=":",
+            zorder=0,
+        )
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel(f"east [{unit}]")
     axes.set_ylabel(f"north [{unit}]")
@@ -146,4 +188,8 @@ def hull_order(points: Floats) -> list[tuple[int, int]]:
     """Each of the points (2, n) with its nearest others, as lines that show a shape."""
     apart = np.hypot(*(points[:, :, None] - points[:, None]))
     np.fill_diagonal(apart, np.inf)
-    return [(int(i), int(j)) for i, j in zip(*np.nonzero(apart < 1.1 * apart.min()), strict=True) if i < j]
+    return [
+        (int(i), int(j))
+        for i, j in zip(*np.nonzero(apart < 1.1 * apart.min()), strict=True)
+        if i < j
+    ]

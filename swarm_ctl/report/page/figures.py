@@ -1,4 +1,5 @@
-"""The figures of a run, each from its `History`; None where the run left nothing to draw. Imports matplotlib."""
+"""The figures of a run, each from its `History`; None where the run left nothing to draw. Imports
+matplotlib."""
 
 from __future__ import annotations
 
@@ -49,7 +50,9 @@ def tracks(history: History) -> Figure | None:
 
 def _shape(history: History) -> list[tuple[int, int]]:
     """Pairs of agents that are next to each other in the last shape that was flown."""
-    begun = [k for k in range(1, len(history.plan.steps) + 1) if np.isfinite(history.run.start_s(k))]
+    begun = [
+        k for k in range(1, len(history.plan.steps) + 1) if np.isfinite(history.run.start_s(k))
+    ]
     slots = slots_after(history.plan, max(begun, default=0)) or ()
     return hull_order(np.array(slots).T) if len(slots) > 1 else []
 
@@ -77,7 +80,9 @@ def sigma(history: History) -> Figure | None:
     for k, ((i, j), rows) in enumerate(pairs):
         numbers = np.array(rows)
         curve = broken(numbers[:, 0], numbers[:, 2], _SIGMA_GAP_S)
-        axes.plot(*curve, marker=".", markersize=4, linewidth=0.8, label=f"{i}-{j}", **line_style(k))
+        axes.plot(
+            *curve, marker=".", markersize=4, linewidth=0.8, label=f"{i}-{j}", **line_style(k)
+        )
     log_ticks(axes)
     axes.set_xlabel("mission time [s]")
     axes.set_ylabel("$\\sigma$")
@@ -93,7 +98,9 @@ def error(axis: int) -> Callable[[History], Figure | None]:
         if not np.isfinite(values).any():
             return None
         name = f"$e_{'xy'[axis]}$"
-        made, axes = figure(f"Formation error {name} ({('north', 'east')[axis]}): equal where the shape stands")
+        made, axes = figure(
+            f"Formation error {name} ({('north', 'east')[axis]}): equal where the shape stands"
+        )
         _per_agent(axes, history, values)
         axes.set_ylabel(f"{name} [m]")
         return made
@@ -108,7 +115,9 @@ def links(history: History) -> Figure | None:
         return None
     made, axes = figure("Length of each link (truth)")
     for k, (i, j) in enumerate(history.links):
-        axes.plot(history.flight.time_s, values[:, k], linewidth=1.0, label=f"{i}-{j}", **line_style(k))
+        axes.plot(
+            history.flight.time_s, values[:, k], linewidth=1.0, label=f"{i}-{j}", **line_style(k)
+        )
     bounds(axes, [("r", history.plan.law.r * history.plan.unit_m)])
     axes.set_xlabel("mission time [s]")
     axes.set_ylabel("length [m]")
@@ -118,7 +127,9 @@ def links(history: History) -> Figure | None:
 
 def mesh(history: History) -> Figure | None:
     """Age of the oldest news, and loss, as each agent sees its peers."""
-    statuses = {i: [s for s in found if s.links] for i, found in sorted(history.heard.statuses.items())}
+    statuses = {
+        i: [s for s in found if s.links] for i, found in sorted(history.heard.statuses.items())
+    }
     if not any(statuses.values()):
         return None
     made, (age, loss) = grid("Links of the mesh, as each agent hears them", 2, 1, 5.2, 4.2)
@@ -144,11 +155,19 @@ def ticks(history: History) -> Figure | None:
     statuses = sorted(history.heard.statuses.items())
     if not statuses:
         return None
-    made, (late, over) = grid("Control loop, so far (thin: median, thick: 99th percentile)", 2, 1, 5.2, 4.2)
+    made, (late, over) = grid(
+        "Control loop, so far (thin: median, thick: 99th percentile)", 2, 1, 5.2, 4.2
+    )
     for k, (agent, found) in enumerate(statuses):
         times = [s.time_s for s in found]
         late.plot(times, [s.tick.late_p50_ms for s in found], linewidth=0.6, **line_style(k))
-        late.plot(times, [s.tick.late_p99_ms for s in found], linewidth=1.4, label=str(agent), **line_style(k))
+        late.plot(
+            times,
+            [s.tick.late_p99_ms for s in found],
+            linewidth=1.4,
+            label=str(agent),
+            **line_style(k),
+        )
         over.plot(times, [s.tick.overruns for s in found], linewidth=1.0, **line_style(k))
     late.set_ylabel("late [ms, wall clock]")
     over.set_ylabel("ticks skipped")
@@ -173,8 +192,12 @@ def speeds(history: History) -> Figure | None:
         times = [s.time_s for s in states]
         for axis in range(2):
             colour = line_style(axis)["color"]
-            axes.plot(times, [s.velocity_ned_mps[axis] for s in states], linewidth=1.0, color=colour)
-            axes.plot(times, [s.commanded_mps[axis] for s in states], "--", linewidth=0.8, color=colour)
+            axes.plot(
+                times, [s.velocity_ned_mps[axis] for s in states], linewidth=1.0, color=colour
+            )
+            axes.plot(
+                times, [s.commanded_mps[axis] for s in states], "--", linewidth=0.8, color=colour
+            )
         axes.set_title(f"agent {agent}", fontsize=8, loc="left")
     for axis, name in enumerate(("north", "east")):
         panels[0].plot([], [], color=line_style(axis)["color"], label=name)
@@ -201,14 +224,17 @@ FIGURES: Final[tuple[tuple[str, Callable[[History], Figure | None]], ...]] = (
 
 
 def overlay(histories: Sequence[History]) -> Figure:
-    """Smallest distance and formation error of several runs in one figure, time counted from the first form step."""
+    """Smallest distance and formation error of several runs in one figure, time counted from the
+    first form step."""
     made, (near, away) = grid("Smallest distance and formation error", 2, 1, 7.0, 4.8)
     for k, history in enumerate(histories):
         start_s = _first_form(history)
         times = history.flight.time_s - start_s
         errors = history.errors()
         deviation = np.linalg.norm(errors - _mean(errors), axis=-1)
-        near.plot(times, _least(history.nearest()), linewidth=1.2, label=history.name, **line_style(k))
+        near.plot(
+            times, _least(history.nearest()), linewidth=1.2, label=history.name, **line_style(k)
+        )
         away.plot(times, -_least(-deviation), linewidth=1.2, **line_style(k))
     near.set_ylabel("smallest distance [m]")
     near.set_ylim(bottom=0)
@@ -220,7 +246,11 @@ def overlay(histories: Sequence[History]) -> Figure:
 
 
 def _first_form(history: History) -> float:
-    starts = [history.run.start_s(k) for k, s in enumerate(history.plan.steps, 1) if isinstance(s, FormStep)]
+    starts = [
+        history.run.start_s(k)
+        for k, s in enumerate(history.plan.steps, 1)
+        if isinstance(s, FormStep)
+    ]
     found = min(starts, default=np.inf)
     return found if np.isfinite(found) else 0.0
 
@@ -239,7 +269,9 @@ def _least(values: Floats) -> Floats:
 
 def _per_agent(axes: Axes, history: History, values: Floats) -> None:
     for k, agent in enumerate(history.agents):
-        axes.plot(history.flight.time_s, values[:, k], linewidth=1.0, label=str(agent), **line_style(k))
+        axes.plot(
+            history.flight.time_s, values[:, k], linewidth=1.0, label=str(agent), **line_style(k)
+        )
     axes.set_xlabel("mission time [s]")
     _name(axes, len(history.agents), "agent")
 

@@ -31,7 +31,8 @@ class Heard:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class History:
-    """Everything the figures of one run need. Without truth or recording the parts that need it are empty."""
+    """Everything the figures of one run need. Without truth or recording the parts that need it are
+    empty."""
 
     name: str
     run: Run
@@ -60,22 +61,35 @@ class History:
         return self.agents.index(agent)
 
     def errors(self) -> Floats:
-        """e_i [m] in the form step of each moment (T, n, 2); nan before the first, and for agents not flying."""
+        """e_i [m] in the form step of each moment (T, n, 2); nan before the first, and for agents
+        not flying."""
         found = np.full(self.flight.points_m.shape, np.nan)
         for k, step in enumerate(self.plan.steps, start=1):
             start_s = self.run.start_s(k)
             if isinstance(step, FormStep) and math.isfinite(start_s):
                 from_here = self.flight.time_s >= start_s
-                slots = self._turned(np.array(step.slots) * self.plan.unit_m, self.flight.time_s[from_here])
+                slots = self._turned(
+                    np.array(step.slots) * self.plan.unit_m, self.flight.time_s[from_here]
+                )
                 roles = self.run.roles(self.flight.time_s[from_here])
-                found[from_here] = self.flight.points_m[from_here] - np.take_along_axis(slots, roles[..., None], axis=1)
+                found[from_here] = self.flight.points_m[from_here] - np.take_along_axis(
+                    slots, roles[..., None], axis=1
+                )
         found[~self.flight.live] = np.nan
         found[self.flight.time_s > self.run.landing_s()] = np.nan
         return found
 
     def _turned(self, slots_m: Floats, time_s: Floats) -> Floats:
-        """The slots (n, 2) as the swarm's frame had them turned and scaled at each moment, (T, n, 2)."""
-        told = next((t for _, states in sorted(self.heard.states.items()) if (t := [s for s in states if s.frame])), [])
+        """The slots (n, 2) as the swarm's frame had them turned and scaled at each moment, (T, n,
+        2)."""
+        told = next(
+            (
+                t
+                for _, states in sorted(self.heard.states.items())
+                if (t := [s for s in states if s.frame])
+            ),
+            [],
+        )
         centre = slots_m.mean(axis=0)
         if not told:
             return np.broadcast_to(slots_m, (len(time_s), *slots_m.shape))
@@ -88,7 +102,8 @@ class History:
         return np.asarray(np.stack((turned.real, turned.imag), axis=-1) + centre)
 
     def nearest(self) -> Floats:
-        """Distance [m] of each live agent to the nearest other vehicle, on the ground or not (T, n); nan: none."""
+        """Distance [m] of each live agent to the nearest other vehicle, on the ground or not (T,
+        n); nan: none."""
         points = self.flight.points_m
         apart = np.linalg.norm(points[:, :, None] - points[:, None], axis=-1)
         apart[np.isnan(apart)] = np.inf
@@ -109,14 +124,17 @@ class History:
 
 
 def read_history(folder: Path) -> History:
-    """Read a run folder; a recording that was cut off gets its footer first. InputError where there is no manifest."""
+    """Read a run folder; a recording that was cut off gets its footer first. InputError where there
+    is no manifest."""
     run = read_run(folder)
     if run.manifest is None:
         raise InputError(f"{folder}: is no run folder: {run.notes[0]}")
     notes = list(run.notes)
     heard = _heard(folder, notes)
     n = len(run.manifest.plan.agents)
-    flight = run.flight or Flight(np.zeros(0), np.zeros((0, n, 2)), np.zeros((0, n), dtype=np.bool_))
+    flight = run.flight or Flight(
+        np.zeros(0), np.zeros((0, n, 2)), np.zeros((0, n), dtype=np.bool_)
+    )
     return History(folder.resolve().name, run, run.manifest, flight, heard, tuple(notes))
 
 

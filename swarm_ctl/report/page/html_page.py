@@ -1,4 +1,5 @@
-"""The report of a run as one HTML page that needs nothing beside it, and the same figures as files."""
+"""The report of a run as one HTML page that needs nothing beside it, and the same figures as
+files."""
 
 from __future__ import annotations
 
@@ -51,20 +52,25 @@ _BROAD: Final = ("velocity",)
 
 
 def make_report(folder: Path) -> Path:
-    """Write figures and page into the run folder; where the page is. InputError where it is no run folder."""
+    """Write figures and page into the run folder; where the page is. InputError where it is no run
+    folder."""
     history = read_history(folder)
     summary = _summary(folder)
     figures = folder / "figures"
     figures.mkdir(exist_ok=True)
     parts = [_block("Summary", _pre(render_summary(summary)))]
-    parts.append(_block("Alarms", _alarms(told(folder, history.manifest), (*history.notes, *summary.notes))))
+    parts.append(
+        _block("Alarms", _alarms(told(folder, history.manifest), (*history.notes, *summary.notes)))
+    )
     drawn = []
     for name, draw in FIGURES:
         made = draw(history)
         if made is not None:
             picture, _ = save(made, figures, name)
             drawn.append(_image(picture.read_bytes(), name))
-    parts.append(_block("Figures", _gallery(drawn) if drawn else "<p>The run left nothing to draw.</p>"))
+    parts.append(
+        _block("Figures", _gallery(drawn) if drawn else "<p>The run left nothing to draw.</p>")
+    )
     write_whole(folder / PAGE, _page(f"{summary.mission or folder.name}: {summary.outcome}", parts))
     return folder / PAGE
 
@@ -83,7 +89,10 @@ def make_comparison(folders: Sequence[Path], path: Path) -> Path:
         made = [draw(history) for history in histories]
         if any(made):
             same_scale([figure for figure in made if figure is not None])
-            side = [_side(history.name, name, figure) for history, figure in zip(histories, made, strict=True)]
+            side = [
+                _side(history.name, name, figure)
+                for history, figure in zip(histories, made, strict=True)
+            ]
             parts.append(_block(name, _gallery(side)))
     write_whole(path, _page("Runs compared", parts))
     return path
@@ -98,7 +107,8 @@ def comparison_table(folders: Sequence[Path]) -> Table:
 
 
 def _summary(folder: Path) -> Summary:
-    """The summary that was written at the end, or what can be said of a run that never came to it."""
+    """The summary that was written at the end, or what can be said of a run that never came to
+    it."""
     try:
         return read_summary(folder)
     except InputError:
@@ -115,7 +125,8 @@ def _rows(summaries: Sequence[Summary]) -> list[list[str]]:
 def _numbers(histories: Sequence[History], summaries: Sequence[Summary]) -> str:
     head = "".join(f"<th>{html.escape(history.name)}</th>" for history in histories)
     rows = "".join(
-        "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in _rows(summaries)
+        "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>"
+        for row in _rows(summaries)
     )
     return f'<div class="wide"><table><tr><th></th>{head}</tr>{rows}</table></div>'
 

@@ -1,4 +1,5 @@
-"""A mission as a picture: starts, shapes, path, graph, fence. The one module that imports matplotlib (extra `plot`)."""
+"""A mission as a picture: starts, shapes, path, graph, fence. The one module that imports
+matplotlib (extra `plot`)."""
 
 from __future__ import annotations
 
@@ -24,7 +25,9 @@ def plot(plan: Plan, file: Path) -> None:
         _draw(plan, axes)
         figure.savefig(file, dpi=120, bbox_inches="tight")
     except (OSError, ValueError) as error:
-        raise InputError(f"--plot {file}: {error}; allowed: a .png, .svg or .pdf that can be written") from None
+        raise InputError(
+            f"--plot {file}: {error}; allowed: a .png, .svg or .pdf that can be written"
+        ) from None
     finally:
         pyplot.close(figure)
 
@@ -34,8 +37,20 @@ def _draw(plan: Plan, axes: Any) -> None:
     starts = {agent.id: (agent.start[0] * unit, agent.start[1] * unit) for agent in plan.agents}
     links = {agent.id: agent.neighbours for agent in plan.agents}
     for i, j in graph.edges(links):
-        axes.plot([starts[i][1], starts[j][1]], [starts[i][0], starts[j][0]], color="0.8", lw=0.8, zorder=1)
-    axes.scatter([p[1] for p in starts.values()], [p[0] for p in starts.values()], c="k", label="starts", zorder=3)
+        axes.plot(
+            [starts[i][1], starts[j][1]],
+            [starts[i][0], starts[j][0]],
+            color="0.8",
+            lw=0.8,
+            zorder=1,
+        )
+    axes.scatter(
+        [p[1] for p in starts.values()],
+        [p[0] for p in starts.values()],
+        c="k",
+        label="starts",
+        zorder=3,
+    )
     for agent, (north, east) in starts.items():
         axes.annotate(str(agent), (east, north), textcoords="offset points", xytext=(5, 5))
     _draw_steps(plan, axes)
@@ -56,8 +71,18 @@ def _draw_steps(plan: Plan, axes: Any) -> None:
         if isinstance(step, MoveStep):
             way = [before.centre_m, *step.waypoints_m]
             axes.plot(
-                [p[1] for p in way], [p[0] for p in way], "-", lw=1.5, label=f"{number} {step_name(plan, number)}"
+                [p[1] for p in way],
+                [p[0] for p in way],
+                "-",
+                lw=1.5,
+                label=f"{number} {step_name(plan, number)}",
             )
         elif isinstance(step, FormStep) or where.places_m().tolist() != before.places_m().tolist():
             places = where.places_m()
-            axes.scatter(places[:, 1], places[:, 0], marker="x", label=f"{number} {step_name(plan, number)}", zorder=2)
+            axes.scatter(
+                places[:, 1],
+                places[:, 0],
+                marker="x",
+                label=f"{number} {step_name(plan, number)}",
+                zorder=2,
+            )

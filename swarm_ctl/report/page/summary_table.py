@@ -22,7 +22,9 @@ def render_summary(summary: Summary) -> RenderableType:
 
 def _heading(summary: Summary) -> Text:
     text = Text.assemble(
-        f"{summary.mission or 'mission'}: ", (summary.outcome.upper(), _STYLE[summary.outcome]), no_wrap=False
+        f"{summary.mission or 'mission'}: ",
+        (summary.outcome.upper(), _STYLE[summary.outcome]),
+        no_wrap=False,
     )
     return text.append(f"  {printable(summary.reason, 1000)}") if summary.reason else text
 
@@ -50,7 +52,9 @@ def _exceptions(step: StepSummary) -> Text:
     by_result: dict[str, list[int]] = {}
     for agent, result in step.exceptions.items():
         by_result.setdefault(result, []).append(agent)
-    return Text("; ".join(f"{ranges(ids)} {printable(result)}" for result, ids in by_result.items()))
+    return Text(
+        "; ".join(f"{ranges(ids)} {printable(result)}" for result, ids in by_result.items())
+    )
 
 
 def _figures(summary: Summary) -> Table:
@@ -74,7 +78,11 @@ def _rows(s: Summary) -> Iterator[tuple[str, str, bool]]:
     yield "formation error", "-" if left is None else f"{left:.2f} m before the landing", True
     near, r_in = s.min_true_distance_m, s.r_in_m
     collided = near is not None and r_in is not None and near < r_in
-    yield "smallest true distance", _distance(near, s.min_true_pair, "r_in", r_in, collided), not collided
+    yield (
+        "smallest true distance",
+        _distance(near, s.min_true_pair, "r_in", r_in, collided),
+        not collided,
+    )
     long, r = s.longest_link_m, s.r_m
     stretched = long is not None and r is not None and long > r
     yield "longest link", _distance(long, s.longest_link_pair, "r", r, stretched), not stretched
@@ -82,10 +90,17 @@ def _rows(s: Summary) -> Iterator[tuple[str, str, bool]]:
         yield "collisions", f"sysid {ranges(s.truth.collisions)}", False
     if s.safety is not None:
         share = 100 * s.safety.touched / max(1, s.safety.ticks)
-        more = ((s.safety.releases, "ways out of dead-locks"), (s.safety.exchanges, "slots exchanged"))
+        more = (
+            (s.safety.releases, "ways out of dead-locks"),
+            (s.safety.exchanges, "slots exchanged"),
+        )
         told = "".join(f", {count} {what}" for count, what in more if count)
         yield "filter", f"changed {share:.1f} % of the ticks{told}", True
-    yield "sigma", ", ".join(f"{name} {count}" for name, count in s.sigma_status.items()) or "-", not s.overspeed
+    yield (
+        "sigma",
+        ", ".join(f"{name} {count}" for name, count in s.sigma_status.items()) or "-",
+        not s.overspeed,
+    )
     yield "setpoints", f"{_number(s.setpoint_rate_hz, 2)} Hz (slowest agent)", True
     tick = s.tick
     lateness = f"p50 {tick.late_p50_ms:.2f} ms, p99 {tick.late_p99_ms:.2f} ms late, {tick.overruns} overruns"
@@ -96,10 +111,16 @@ def _rows(s: Summary) -> Iterator[tuple[str, str, bool]]:
         bad = {name: code for name, code in s.exit_codes.items() if code}
         words = ", ".join(f"{name} {code}" for name, code in bad.items())
         yield "exit codes", words or f"{len(s.exit_codes)} processes, all 0", not bad
-    yield "time", f"{_number(s.mission_time_s, 1)} s mission, {_number(s.wall_time_s, 1)} s wall clock", True
+    yield (
+        "time",
+        f"{_number(s.mission_time_s, 1)} s mission, {_number(s.wall_time_s, 1)} s wall clock",
+        True,
+    )
 
 
-def _distance(value: float | None, pair: AgentPair | None, bound_name: str, bound: float | None, broken: bool) -> str:
+def _distance(
+    value: float | None, pair: AgentPair | None, bound_name: str, bound: float | None, broken: bool
+) -> str:
     if value is None:
         return "-"
     who = f"agents {pair[0]}-{pair[1]}, " if pair else ""
@@ -108,7 +129,9 @@ def _distance(value: float | None, pair: AgentPair | None, bound_name: str, boun
 
 def _ages(s: Summary) -> str:
     worst = max(
-        ((x.age_p99_s, x) for x in s.links if x.age_p99_s is not None), key=lambda found: found[0], default=None
+        ((x.age_p99_s, x) for x in s.links if x.age_p99_s is not None),
+        key=lambda found: found[0],
+        default=None,
     )
     if worst is None:
         return "-"
@@ -118,7 +141,9 @@ def _ages(s: Summary) -> str:
 
 def _loss(s: Summary) -> str:
     received, lost = sum(x.received for x in s.links), sum(x.lost for x in s.links)
-    return f"{lost} of {received + lost} states ({lost / (received + lost):.2%})" if received else "-"
+    return (
+        f"{lost} of {received + lost} states ({lost / (received + lost):.2%})" if received else "-"
+    )
 
 
 def _remarks(summary: Summary) -> Iterator[Text]:

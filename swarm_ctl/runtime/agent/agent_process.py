@@ -1,7 +1,8 @@
-"""One agent's process: carries bytes between the wires and `core.Agent`, tick by tick, and decides nothing.
+"""One agent's process: carries bytes between the wires and `core.Agent`, tick by tick, and decides
+nothing.
 
-Each tick: read vehicle and mesh, `step`, send the vehicle's goal first, then the rest. If this loop stalls, nothing is
-sent: the vehicle's own failsafe stops it (deadman).
+Each tick: read vehicle and mesh, `step`, send the vehicle's goal first, then the rest. If this loop
+stalls, nothing is sent: the vehicle's own failsafe stops it (deadman).
 """
 
 from __future__ import annotations
@@ -35,12 +36,14 @@ READY: Final = "ready"
 ALIVE: Final = "alive"
 """Said with every status, so that a hung agent is noticed."""
 _GC_THRESHOLD: Final = 50_000
-"""Objects between collections: everything built at the start is frozen, a tick leaves next to none behind."""
+"""Objects between collections: everything built at the start is frozen, a tick leaves next to none
+behind."""
 
 
 @dataclass(frozen=True, slots=True)
 class AgentConfig:
-    """All an agent's process is told. Endpoints as in `mission.compile.fleet`; the mesh connects to `connect`."""
+    """All an agent's process is told. Endpoints as in `mission.compile.fleet`; the mesh connects to
+    `connect`."""
 
     plan: Plan
     agent_id: int
@@ -61,7 +64,8 @@ class AgentConfig:
     log: Path | None = None
     """Where stdout and stderr go; None: they stay."""
     tlog: Path | None = None
-    """Where the vehicle's MAVLink frames are kept, with mission time 0 at `started_us` microseconds of Unix time."""
+    """Where the vehicle's MAVLink frames are kept, with mission time 0 at `started_us` microseconds
+    of Unix time."""
     started_us: int = 0
 
 
@@ -152,7 +156,8 @@ def _redirect(log: Path) -> None:
 
 
 def run_agent(config: AgentConfig, lifeline: Lifeline) -> int:
-    """Fly one agent to its end; 0 when it ended as it should (completed, or landed on command), 1 when it failed."""
+    """Fly one agent to its end; 0 when it ended as it should (completed, or landed on command), 1
+    when it failed."""
     clock = Clock(config.epoch_s, config.speedup)
     tlog = TlogWriter(config.tlog, config.started_us) if config.tlog else None
     link = VehicleLink(config.endpoint, config.autopilot, config.sysid, tlog.take if tlog else None)
@@ -178,7 +183,8 @@ def run_agent(config: AgentConfig, lifeline: Lifeline) -> int:
 
 
 def _write_report(path: Path, status: AgentStatus) -> None:
-    """A disk that takes no more does not make a flight a failure: the station's record has the last status, too."""
+    """A disk that takes no more does not make a flight a failure: the station's record has the last
+    status, too."""
     try:
         path.write_bytes(TypeAdapter(AgentStatus).dump_json(status, indent=1))
     except OSError as error:
@@ -189,7 +195,11 @@ def _loop(
     config: AgentConfig, clock: Clock, link: VehicleLink, node: Node, lifeline: Lifeline
 ) -> tuple[Ended, AgentStatus | None]:
     agent = Agent(
-        config.plan, config.agent_id, clock.now(), expect_station=config.expect_station, vehicle=config.vehicle
+        config.plan,
+        config.agent_id,
+        clock.now(),
+        expect_station=config.expect_station,
+        vehicle=config.vehicle,
     )
     ticker = Ticker(clock, config.plan.tick_s)
     status: AgentStatus | None = None

@@ -1,5 +1,5 @@
-"""What the agents' forkserver imports once for all of them, then freezes: no collection in an agent touches the pages
-of objects it shares with the others (7 MB an agent)."""
+"""What the agents' forkserver imports once for all of them, then freezes: no collection in an agent
+touches the pages of objects it shares with the others (7 MB an agent)."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
-"""Flies a step flight: carries bytes between one vehicle's link and `core/identification/step_flight.py`, tick by tick.
+"""Flies a step flight: carries bytes between one vehicle's link and
+`core/identification/step_flight.py`, tick by tick.
 
-If this loop stalls or its process dies nothing is sent, and the vehicle's own failsafe stops and lands it, as with an
-agent's.
+If this loop stalls or its process dies nothing is sent, and the vehicle's own failsafe stops and
+lands it, as with an agent's.
 """
 
 from __future__ import annotations
@@ -43,7 +44,8 @@ class Watch:
 
 
 def fly(vehicle: FleetAgent, flight: StepFlight, tick_s: float, clock: Clock, watch: Watch) -> bool:
-    """Fly until `flight.ended`; whether the vehicle stands disarmed then. LinkError where its endpoint can't be opened.
+    """Fly until `flight.ended`; whether the vehicle stands disarmed then. LinkError where its
+    endpoint can't be opened.
 
     A vehicle without an endpoint is simulated, for as long as this takes.
     """
@@ -76,7 +78,9 @@ def _reached(vehicle: FleetAgent, clock: Clock) -> Iterator[str]:
         yield vehicle.endpoint
         return
     (port,) = free_ports(1, socket.SOCK_DGRAM)
-    stands = vehicle_config(vehicle.sysid, vehicle.autopilot, f"udpin:127.0.0.1:{port}", (0.0, 0.0), SOMEWHERE)
+    stands = vehicle_config(
+        vehicle.sysid, vehicle.autopilot, f"udpin:127.0.0.1:{port}", (0.0, 0.0), SOMEWHERE
+    )
     settings = {"version": 1, "origin": place(SOMEWHERE), "vehicles": [stands]}
     settings |= {"speedup": clock.speedup, "epoch_s": clock.epoch_s}
     with tempfile.TemporaryDirectory() as folder:

@@ -1,7 +1,9 @@
-"""The processes `run` starts, each behind the same few words: start, alive, exit code, let go, kill.
+"""The processes `run` starts, each behind the same few words: start, alive, exit code, let go,
+kill.
 
-Each holds a pipe to its child. Letting go closes it: the child takes that as its parent's end and winds down by itself
-(an agent lands, the simulator waits until all stand, the station writes the summary). So nothing outlives a killed run.
+Each holds a pipe to its child. Letting go closes it: the child takes that as its parent's end and
+winds down by itself (an agent lands, the simulator waits until all stand, the station writes the
+summary). So nothing outlives a killed run.
 """
 
 from __future__ import annotations
@@ -52,7 +54,8 @@ class Child(Protocol):
 
 @contextlib.contextmanager
 def _without_main() -> Iterator[None]:
-    """Keep multiprocessing from importing our command line (typer, scipy) into every agent as `__mp_main__`."""
+    """Keep multiprocessing from importing our command line (typer, scipy) into every agent as
+    `__mp_main__`."""
     main = sys.modules["__main__"]
     sys.modules["__main__"] = ModuleType("__main__")
     try:
@@ -62,7 +65,8 @@ def _without_main() -> Iterator[None]:
 
 
 class AgentChild:
-    """An agent, forked from a server that has imported everything already (32 in 0.2 s instead of 2.7 s)."""
+    """An agent, forked from a server that has imported everything already (32 in 0.2 s instead of
+    2.7 s)."""
 
     def __init__(self, config: AgentConfig) -> None:
         self.name = f"agent-{config.agent_id}"
@@ -102,7 +106,9 @@ class AgentChild:
                 raise StartError(f"{self.name} did not start: {word}")
             self._ready = True
         elif not self._ready and self.exit_code() is not None:
-            raise StartError(f"{self.name} died while starting, exit code {self.exit_code()}{_tail(self.config.log)}")
+            raise StartError(
+                f"{self.name} died while starting, exit code {self.exit_code()}{_tail(self.config.log)}"
+            )
         return self._ready
 
     def exit_code(self) -> int | None:
@@ -129,16 +135,20 @@ def _has_data(connection: Connection) -> bool:
 
 
 class CommandChild:
-    """A process started by its command line; stdin is its lifeline and takes JSON lines, `words` is what it says."""
+    """A process started by its command line; stdin is its lifeline and takes JSON lines, `words` is
+    what it says."""
 
-    def __init__(self, name: str, command: list[str], log: Path, *, own_terminal: bool = False) -> None:
+    def __init__(
+        self, name: str, command: list[str], log: Path, *, own_terminal: bool = False
+    ) -> None:
         self.name = name
         self._log = log
         self._ready = False
         self._heard = b""
         read, write = os.pipe()
         with log.open("ab") as errors:
-            # the simulator speaks on its stdout; the station's is the terminal, so it gets a descriptor of its own
+            # the simulator speaks on its stdout; the station's is the terminal, so it gets a
+            # descriptor of its own
             self._process = subprocess.Popen(
                 [*command, "--words-fd", str(write)] if own_terminal else command,
                 stdin=subprocess.PIPE,
@@ -161,7 +171,9 @@ class CommandChild:
                 self._heard += os.read(self._words, 65536)
             self._ready = b"\n" in self._heard
         if not self._ready and self.exit_code() is not None:
-            raise StartError(f"the {self.name} did not start, exit code {self.exit_code()}{_tail(self._log)}")
+            raise StartError(
+                f"the {self.name} did not start, exit code {self.exit_code()}{_tail(self._log)}"
+            )
         return self._ready
 
     def exit_code(self) -> int | None:
@@ -183,7 +195,9 @@ class CommandChild:
     def let_go(self) -> None:
         """As `Child.let_go`."""
         if self._process.stdin is not None and not self._process.stdin.closed:
-            with contextlib.suppress(BrokenPipeError):  # it is gone already: that is what we wanted to tell it
+            with contextlib.suppress(
+                BrokenPipeError
+            ):  # it is gone already: that is what we wanted to tell it
                 self._process.stdin.close()
 
     def kill(self) -> None:
@@ -204,7 +218,13 @@ def simulator(config: Path, log: Path) -> CommandChild:
 
 def station(folder: Path, log: Path, show: str, metrics_port: int | None = None) -> CommandChild:
     """The ground station of a run; it has the terminal."""
-    command = [sys.executable, "-m", "swarm_ctl.runtime.station.station_process", "--run", str(folder)]
+    command = [
+        sys.executable,
+        "-m",
+        "swarm_ctl.runtime.station.station_process",
+        "--run",
+        str(folder),
+    ]
     metrics = [] if metrics_port is None else ["--metrics", str(metrics_port)]
     return CommandChild("station", [*command, "--show", show, *metrics], log, own_terminal=True)
 

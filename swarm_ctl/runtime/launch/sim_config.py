@@ -13,8 +13,11 @@ from swarm_ctl.mission.input.simulation_section import Simulation
 _READY_AFTER_S = 3.0
 
 
-def simulator_config(plan: Plan, vehicles: Sequence[FleetAgent], simulation: Simulation) -> dict[str, Any]:
-    """Geodetic starts, weather and faults of the mission; each vehicle listens where its entry's endpoint says."""
+def simulator_config(
+    plan: Plan, vehicles: Sequence[FleetAgent], simulation: Simulation
+) -> dict[str, Any]:
+    """Geodetic starts, weather and faults of the mission; each vehicle listens where its entry's
+    endpoint says."""
     return {
         "version": 1,
         "origin": place(plan.origin),
@@ -37,11 +40,18 @@ def vehicle_config(
 ) -> dict[str, Any]:
     """One vehicle that stands at `ne_m` [m] north and east of the origin and is ready soon."""
     at = place(geodetic_from_ned((*ne_m, 0.0), origin))
-    return {"sysid": sysid, "persona": persona, "endpoint": endpoint, "ready_after_s": _READY_AFTER_S} | at
+    return {
+        "sysid": sysid,
+        "persona": persona,
+        "endpoint": endpoint,
+        "ready_after_s": _READY_AFTER_S,
+    } | at
 
 
 def _vehicle(plan: Plan, vehicle: FleetAgent) -> dict[str, Any]:
     north, east = plan.agent(vehicle.id).start
     port = (vehicle.endpoint or "").rpartition(":")[2]
     start = (north * plan.unit_m, east * plan.unit_m)
-    return vehicle_config(vehicle.sysid, vehicle.autopilot, f"udpin:127.0.0.1:{port}", start, plan.origin)
+    return vehicle_config(
+        vehicle.sysid, vehicle.autopilot, f"udpin:127.0.0.1:{port}", start, plan.origin
+    )

@@ -1,5 +1,5 @@
-"""A whole run on this machine: starts simulator, agents and station, watches them, ends them, in this order of care:
-vehicles come down first, then processes end, then the summary is written.
+"""A whole run on this machine: starts simulator, agents and station, watches them, ends them, in
+this order of care: vehicles come down first, then processes end, then the summary is written.
 """
 
 from __future__ import annotations
@@ -25,7 +25,14 @@ from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.agent.agent_process import AgentConfig
 from swarm_ctl.runtime.clock import Clock
 from swarm_ctl.runtime.launch.ports import free_ports
-from swarm_ctl.runtime.launch.processes import AgentChild, Child, CommandChild, simulator, station, wait_all
+from swarm_ctl.runtime.launch.processes import (
+    AgentChild,
+    Child,
+    CommandChild,
+    simulator,
+    station,
+    wait_all,
+)
 from swarm_ctl.runtime.launch.sim_config import simulator_config
 from swarm_ctl.runtime.launch.terminal_state import Terminal
 from swarm_ctl.runtime.station.screens import Show
@@ -34,10 +41,12 @@ _START_WALL_S = 20.0
 """From the first process to the last `ready`; a loaded two-core machine needs 1 to 2 s."""
 _POLL_WALL_S = 0.05
 _LAND_WALL_S = 3.0
-"""A land command that no agent has obeyed for this long (no station left to pass it on): cut the lifelines instead."""
+"""A land command that no agent has obeyed for this long (no station left to pass it on): cut the
+lifelines instead."""
 _HUNG_WALL_S = 20.0
-"""An agent that has not said a word for this long is killed, so that a hung process can't hang the run; its vehicle's
-failsafe has acted long before. Generous: an agent that is only suspended for a while comes back by itself."""
+"""An agent that has not said a word for this long is killed, so that a hung process can't hang the
+run; its vehicle's failsafe has acted long before. Generous: an agent that is only suspended for a
+while comes back by itself."""
 _SIMULATOR_S = 100.0
 """The simulator itself waits 90 s for vehicles that still fly."""
 _STATION_WALL_S = 10.0
@@ -75,7 +84,8 @@ class Interrupts:
 
     def __enter__(self) -> Self:
         self._before = {
-            number: signal.signal(number, self._take) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+            number: signal.signal(number, self._take)
+            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
         }
         return self
 
@@ -88,7 +98,8 @@ class Interrupts:
 
 
 def fly(mission: LoadedMission, options: Options, say: Callable[[str], None]) -> Result:
-    """Fly a mission to its end; StartError when something did not start (nothing is left running then)."""
+    """Fly a mission to its end; StartError when something did not start (nothing is left running
+    then)."""
     clock = Clock.starting_now(options.speedup)
     folder = run_folder(options.runs, mission.plan.name)
     manifest = _manifest(mission, options, clock)
@@ -112,7 +123,9 @@ def fly(mission: LoadedMission, options: Options, say: Callable[[str], None]) ->
 class Run:
     """The processes of one run."""
 
-    def __init__(self, folder: Path, manifest: Manifest, options: Options, clock: Clock, ctrl_c: Interrupts) -> None:
+    def __init__(
+        self, folder: Path, manifest: Manifest, options: Options, clock: Clock, ctrl_c: Interrupts
+    ) -> None:
         self._folder = folder
         self._manifest = manifest
         self._options = options
@@ -125,30 +138,42 @@ class Run:
 
     @property
     def _children(self) -> list[Child]:
-        return [child for child in (self._simulator, *self._agents, self._station) if child is not None]
+        return [
+            child for child in (self._simulator, *self._agents, self._station) if child is not None
+        ]
 
-    def start(self, simulated: list[FleetAgent], simulation: Simulation, say: Callable[[str], None]) -> None:
+    def start(
+        self, simulated: list[FleetAgent], simulation: Simulation, say: Callable[[str], None]
+    ) -> None:
         """Start everything side by side and wait until all have said that they work."""
         folder, fleet = self._folder, self._manifest.fleet
-        say(f"starting {'1 simulator, ' if simulated else ''}{len(fleet)} agents, 1 station; run folder {folder}")
+        say(
+            f"starting {'1 simulator, ' if simulated else ''}{len(fleet)} agents, 1 station; run folder {folder}"
+        )
         try:
             if simulated:
                 config = folder / "sim.json"
                 endpoints = {agent.id: agent.endpoint for agent in fleet}
                 vehicles = [replace(agent, endpoint=endpoints[agent.id]) for agent in simulated]
-                config.write_text(json.dumps(self._simulator_config(vehicles, simulation), indent=1))
+                config.write_text(
+                    json.dumps(self._simulator_config(vehicles, simulation), indent=1)
+                )
                 self._simulator = simulator(config, folder / "simulator.log")
             (folder / "agents").mkdir()
             for index, agent in enumerate(fleet):
                 self._agents.append(AgentChild(self._agent_config(index, agent)))
-            self._station = station(folder, folder / "station.log", self._options.show, self._options.metrics_port)
+            self._station = station(
+                folder, folder / "station.log", self._options.show, self._options.metrics_port
+            )
             self._wait_ready()
         except BaseException:
             for child in self._children:  # nothing has armed yet
                 child.kill()
             self._terminal.restore()
             raise
-        (folder / "processes.json").write_text(json.dumps({child.name: child.pid for child in self._children}))
+        (folder / "processes.json").write_text(
+            json.dumps({child.name: child.pid for child in self._children})
+        )
 
     def _wait_ready(self) -> None:
         until = wall.wall_s() + _START_WALL_S
@@ -159,11 +184,14 @@ class Run:
                 raise KeyboardInterrupt
             if waiting and wall.wall_s() > until:
                 names = ", ".join(child.name for child in waiting)
-                raise StartError(f"not ready after {_START_WALL_S:g} s: {names}; see the logs in {self._folder}")
+                raise StartError(
+                    f"not ready after {_START_WALL_S:g} s: {names}; see the logs in {self._folder}"
+                )
             wall.pause(0.01)
 
     def watch(self, say: Callable[[str], None]) -> None:
-        """Until all agents have ended: pass Ctrl-C on, cut lifelines where nobody can, kill at the second Ctrl-C."""
+        """Until all agents have ended: pass Ctrl-C on, cut lifelines where nobody can, kill at the
+        second Ctrl-C."""
         asked_s: float | None = None
         while any(agent.exit_code() is None for agent in self._agents):
             if self._ctrl_c.count > 1:
@@ -172,7 +200,11 @@ class Run:
                 asked_s = wall.wall_s()
                 self._tell("landing the swarm; Ctrl-C again stops everything at once", say)
                 self._ask_to_land()
-            if asked_s is not None and not self._can_command() and wall.wall_s() > asked_s + _LAND_WALL_S:
+            if (
+                asked_s is not None
+                and not self._can_command()
+                and wall.wall_s() > asked_s + _LAND_WALL_S
+            ):
                 self._let_agents_go()
             for agent in self._agents:
                 if agent.exit_code() is None and agent.silent_wall_s() > _HUNG_WALL_S:
@@ -184,7 +216,11 @@ class Run:
 
     def _tell(self, text: str, say: Callable[[str], None]) -> None:
         """Say it where somebody looks: on the dashboard while that has the terminal."""
-        if self._options.show is not Show.DASHBOARD or self._station is None or not self._station.say(note=text):
+        if (
+            self._options.show is not Show.DASHBOARD
+            or self._station is None
+            or not self._station.say(note=text)
+        ):
             say(text)
 
     def _can_command(self) -> bool:
@@ -199,7 +235,8 @@ class Run:
             agent.let_go()
 
     def end(self) -> None:
-        """Wind down: agents (down already, or landing by themselves), the simulator, the station."""
+        """Wind down: agents (down already, or landing by themselves), the simulator, the
+        station."""
         if self._ctrl_c.count > 1:
             for child in self._children:
                 child.kill()
@@ -220,10 +257,13 @@ class Run:
 
     def exit_codes(self) -> dict[str, int]:
         """Of all processes, by name; negative: the signal."""
-        return {child.name: code for child in self._children if (code := child.exit_code()) is not None}
+        return {
+            child.name: code for child in self._children if (code := child.exit_code()) is not None
+        }
 
     def _agent_config(self, index: int, agent: FleetAgent) -> AgentConfig:
-        """Agent `index` listens for those after it and connects to those before it: every pair is linked once."""
+        """Agent `index` listens for those after it and connects to those before it: every pair is
+        linked once."""
         manifest = self._manifest
         return AgentConfig(
             plan=manifest.plan,
@@ -244,7 +284,9 @@ class Run:
             started_us=round(manifest.started_at.timestamp() * 1e6),
         )
 
-    def _simulator_config(self, vehicles: list[FleetAgent], simulation: Simulation) -> dict[str, Any]:
+    def _simulator_config(
+        self, vehicles: list[FleetAgent], simulation: Simulation
+    ) -> dict[str, Any]:
         return simulator_config(self._manifest.plan, vehicles, simulation) | {
             "speedup": self._manifest.speedup,
             "epoch_s": self._manifest.epoch_s,
@@ -263,7 +305,9 @@ def run_folder(runs: Path, mission: str) -> Path:
         except FileExistsError:
             continue
         except OSError as error:
-            raise StartError(f"can't make the run folder {folder}: {error.strerror}; choose with --runs") from None
+            raise StartError(
+                f"can't make the run folder {folder}: {error.strerror}; choose with --runs"
+            ) from None
         return folder
     raise StartError(f"{runs} has a thousand folders {name}-*")
 
@@ -273,9 +317,12 @@ def _simulated(fleet: Fleet) -> list[FleetAgent]:
 
 
 def _manifest(mission: LoadedMission, options: Options, clock: Clock) -> Manifest:
-    """The run's manifest, with every endpoint decided: simulated vehicles and mesh on free loopback ports."""
+    """The run's manifest, with every endpoint decided: simulated vehicles and mesh on free loopback
+    ports."""
     vehicles = free_ports(len(_simulated(mission.fleet)), socket.SOCK_DGRAM)
-    meshes = free_ports(sum(agent.mesh is None for agent in mission.fleet.agents) + 1, socket.SOCK_STREAM)
+    meshes = free_ports(
+        sum(agent.mesh is None for agent in mission.fleet.agents) + 1, socket.SOCK_STREAM
+    )
     fleet = tuple(
         replace(
             agent,
@@ -296,5 +343,6 @@ def _manifest(mission: LoadedMission, options: Options, clock: Clock) -> Manifes
         fleet=fleet,
         station_mesh=f"tcp/127.0.0.1:{meshes.pop(0)}",
         record_hz=options.record_hz,
-        versions={"python": platform.python_version()} | {name: metadata.version(name) for name in PACKAGES},
+        versions={"python": platform.python_version()}
+        | {name: metadata.version(name) for name in PACKAGES},
     )

@@ -1,4 +1,5 @@
-"""The terminal as it was before a child took it over; put back where the child can't do it any more."""
+"""The terminal as it was before a child took it over; put back where the child can't do it any
+more."""
 
 from __future__ import annotations
 
@@ -24,7 +25,8 @@ _LEAVE: Final = b"".join(
         b"0m",
     )
 )
-"""No pasting, no mouse, no focus reports, plain keys, wrapping, a cursor, the normal screen, plain colours."""
+"""No pasting, no mouse, no focus reports, plain keys, wrapping, a cursor, the normal screen, plain
+colours."""
 
 
 class Terminal:

@@ -1,4 +1,5 @@
-"""Sends an operator's commands until everybody has answered; a `tune` in its two phases (`core/swarm/gain_update.py`)."""
+"""Sends an operator's commands until everybody has answered; a `tune` in its two phases
+(`core/swarm/gain_update.py`)."""
 
 from __future__ import annotations
 
@@ -13,9 +14,12 @@ _AT_MOST_S: Final = 10.0
 
 
 class Commander:
-    """One sender's open commands. Times are the sender's mission clock; `repeat_s` is between two tries."""
+    """One sender's open commands. Times are the sender's mission clock; `repeat_s` is between two
+    tries."""
 
-    def __init__(self, send: Callable[[Command], None], agents: list[int], repeat_s: float = _REPEAT_S) -> None:
+    def __init__(
+        self, send: Callable[[Command], None], agents: list[int], repeat_s: float = _REPEAT_S
+    ) -> None:
         self._send = send
         self._agents = agents
         self._repeat_s = repeat_s
@@ -38,7 +42,8 @@ class Commander:
             change.hear(ack)
 
     def turn(self, now: float) -> tuple[list[Command], list[str]]:
-        """Send what is due. What was given by itself (the second phase of a change), and what is to be said."""
+        """Send what is due. What was given by itself (the second phase of a change), and what is to
+        be said."""
         followed, said = [], []
         for change in self._rounds:
             follows = change.decide(now)

@@ -1,4 +1,5 @@
-"""An operator's order as the mesh's command: what `form` and `move` want is decided here, once for all agents."""
+"""An operator's order as the mesh's command: what `form` and `move` want is decided here, once for
+all agents."""
 
 from __future__ import annotations
 
@@ -16,7 +17,8 @@ from swarm_ctl.station.picture.view import SwarmView
 
 
 def compose(order: Order, view: SwarmView, mission: Path) -> Command:
-    """The command for `order`, the swarm being as it is; InputError says what is missing. Shapes are in `mission`."""
+    """The command for `order`, the swarm being as it is; InputError says what is missing. Shapes
+    are in `mission`."""
     if order.kind == "tune":
         return _tune(order, view)
     step = _step(order, view, mission)
@@ -33,18 +35,28 @@ def _tune(order: Order, view: SwarmView) -> Command:
     asked = sorted(agent.id for agents in view.laws.values() for agent in agents if agent.in_plan)
     if not asked:
         raise InputError("tune: no agent flies any more; nothing was sent")
-    statuses = [status for i in asked if (status := view.agent(i).status) is not None and status.gains is not None]
+    statuses = [
+        status
+        for i in asked
+        if (status := view.agent(i).status) is not None and status.gains is not None
+    ]
     laws = {status.gains for status in statuses}
     names = set(limits(view.plan))
-    whole = "plan" in order.arguments or names <= {word.partition("=")[0] for word in order.arguments}
+    whole = "plan" in order.arguments or names <= {
+        word.partition("=")[0] for word in order.arguments
+    }
     if len(laws) != 1 and not whole:
         what = "agents fly different laws" if laws else "no agent has told its law yet"
-        raise InputError(f"tune: {what}; name all of {', '.join(sorted(names))}, or say `tune plan`")
+        raise InputError(
+            f"tune: {what}; name all of {', '.join(sorted(names))}, or say `tune plan`"
+        )
     gains = tuned(order.arguments, next(iter(laws), None) or planned(view.plan), view.plan)
     at_s = view.time_s + LEAD_S * max(1.0, view.speedup)
     ahead_s = tuple((i, ahead) for i in asked if (ahead := view.agent(i).link.clock_ahead_s))
     tuning = Tuning(gains, at_s, ahead_s)
-    return Command(uuid.uuid4().hex, "tune", tuple(asked), view.time_s, plan_hash=view.plan_hash, tuning=tuning)
+    return Command(
+        uuid.uuid4().hex, "tune", tuple(asked), view.time_s, plan_hash=view.plan_hash, tuning=tuning
+    )
 
 
 def _step(order: Order, view: SwarmView, mission: Path) -> FormStep | MoveStep | None:
@@ -58,7 +70,11 @@ def _step(order: Order, view: SwarmView, mission: Path) -> FormStep | MoveStep |
 
 def _stop_points(view: SwarmView) -> dict[int, Point]:
     """Where everybody would come to rest: who is nearest to which slot is told by that."""
-    silent = [str(agent.id) for agent in view.agents if agent.in_plan and (agent.state is None or agent.lost)]
+    silent = [
+        str(agent.id)
+        for agent in view.agents
+        if agent.in_plan and (agent.state is None or agent.lost)
+    ]
     if silent:
         raise InputError(f"form: agent {', '.join(silent)} is not heard; nothing was sent")
     return {agent.id: agent.state.stop_point_m for agent in view.agents if agent.state is not None}

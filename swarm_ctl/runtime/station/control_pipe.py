@@ -1,4 +1,5 @@
-"""What `run` and its station tell each other: JSON lines on a pipe. The pipe's end is the other one's end."""
+"""What `run` and its station tell each other: JSON lines on a pipe. The pipe's end is the other
+one's end."""
 
 from __future__ import annotations
 
@@ -18,7 +19,8 @@ class ControlPipe:
         os.set_blocking(descriptor, False)
 
     def poll(self) -> list[dict[str, Any]]:
-        """All whole messages since the last call; what is no JSON object is ignored. Sets `closed` at the end."""
+        """All whole messages since the last call; what is no JSON object is ignored. Sets `closed`
+        at the end."""
         while not self.closed:
             try:
                 data = os.read(self._descriptor, 65536)

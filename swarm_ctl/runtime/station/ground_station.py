@@ -1,4 +1,5 @@
-"""A ground station: hears the mesh, folds it into the model, records it, passes an operator's orders on."""
+"""A ground station: hears the mesh, folds it into the model, records it, passes an operator's
+orders on."""
 
 from __future__ import annotations
 
@@ -26,9 +27,11 @@ from swarm_ctl.station.picture.view import StationHealth, SwarmView
 
 _ONLY_SHOWN: Final[tuple[keys.Channel[Any], ...]] = (keys.STATE, keys.SIGMA, keys.BEACON)
 _BEACON_S: Final = 0.25
-"""Twenty before an agent gives it up (5 s): with half of all messages lost one flight in 1,000; with ten, one in 5."""
+"""Twenty before an agent gives it up (5 s): with half of all messages lost one flight in 1,000;
+with ten, one in 5."""
 _STATUS_S: Final = 2.0
-"""Mission time between recorded statuses of one agent: the fallback when it can't write its own last one."""
+"""Mission time between recorded statuses of one agent: the fallback when it can't write its own
+last one."""
 
 
 class _Lines:
@@ -55,7 +58,8 @@ class _Lines:
 
 
 class Recorder:
-    """Events, commands (with their answers) and statuses as JSON lines in the run folder, each line written at once.
+    """Events, commands (with their answers) and statuses as JSON lines in the run folder, each line
+    written at once.
 
     `mcap` takes everything. `station` is whose echoes the recording has.
     """
@@ -92,11 +96,16 @@ class Recorder:
 
     def troubles(self) -> list[str]:
         """What is not recorded any more, and why: each file once."""
-        files = {lines.name: lines.failure for lines in (self._events, self._commands, self._statuses)}
+        files = {
+            lines.name: lines.failure for lines in (self._events, self._commands, self._statuses)
+        }
         files["recording.mcap"] = self.mcap.failure
         new = {name: why for name, why in files.items() if why and name not in self._told}
         self._told |= new.keys()
-        return [f"{name} is not written any more: {why}; the flight goes on" for name, why in new.items()]
+        return [
+            f"{name} is not written any more: {why}; the flight goes on"
+            for name, why in new.items()
+        ]
 
     def close(self) -> None:
         """Close the files."""
@@ -107,7 +116,8 @@ class Recorder:
 
 
 class Station:
-    """One ground station on one mesh; `name` is its node's, `mission` the file that has the shapes."""
+    """One ground station on one mesh; `name` is its node's, `mission` the file that has the
+    shapes."""
 
     def __init__(
         self,
@@ -130,7 +140,9 @@ class Station:
         self._beacon_due = 0.0
         self._mission = mission
         self._noted: set[str] = set()
-        node.listen(keys.STATE, keys.STATUS, keys.SIGMA, keys.EVENT, keys.ACK, keys.BEACON, keys.COMMAND)
+        node.listen(
+            keys.STATE, keys.STATUS, keys.SIGMA, keys.EVENT, keys.ACK, keys.BEACON, keys.COMMAND
+        )
 
     def _new_model(self) -> Model:
         clock = self._clock
@@ -184,7 +196,8 @@ class Station:
         return told + (self._recorder.troubles() if self._recorder else [])
 
     def _heard(self, clock: HeardClock) -> bool:
-        """Set the clock by what agents say. The first words only do that: their times mean nothing before."""
+        """Set the clock by what agents say. The first words only do that: their times mean nothing
+        before."""
         known = clock.heard
         states = self._node.take(keys.STATE)
         for state, _ in states:

@@ -1,4 +1,5 @@
-"""A station that knows the mission and where to find the swarm, and has no run folder: on another host, say."""
+"""A station that knows the mission and where to find the swarm, and has no run folder: on another
+host, say."""
 
 from __future__ import annotations
 
@@ -14,11 +15,13 @@ _ENDPOINT: Final = re.compile(r"(tcp|udp|tls|quic|ws)/[^/\s]+:(\d{1,5})")
 _LATE_AT_MOST_S: Final = 1.0
 """News that is older than this says nothing about the clock."""
 _LEAK: Final = 0.001
-"""Share of being ahead that is given up at each message: a clock a little faster than the agents' comes back."""
+"""Share of being ahead that is given up at each message: a clock a little faster than the agents'
+comes back."""
 
 
 class HeardClock:
-    """The swarm's mission clock by what agents say: as if the fastest message of the last minutes took no time."""
+    """The swarm's mission clock by what agents say: as if the fastest message of the last minutes
+    took no time."""
 
     def __init__(self, speedup: float = 1.0) -> None:
         self._own = Clock.starting_now(speedup)
@@ -41,7 +44,8 @@ class HeardClock:
 
 
 def endpoints(mission: LoadedMission, given: Sequence[str]) -> list[str]:
-    """Where the agents listen on the mesh: as given, or as the fleet says; InputError where neither does."""
+    """Where the agents listen on the mesh: as given, or as the fleet says; InputError where neither
+    does."""
     for endpoint in given:
         match = _ENDPOINT.fullmatch(endpoint)
         if match is None or not 0 < int(match[2]) <= 65535:

@@ -15,11 +15,20 @@ from swarm_ctl.station.picture.view import AgentView, SwarmView
 
 HOST: Final = "127.0.0.1"
 _GAUGES: Final = {
-    "swarm_agent_phase": ("Phase by number: " + ", ".join(f"{p.value} {p.name.lower()}" for p in Phase), "phase"),
+    "swarm_agent_phase": (
+        "Phase by number: " + ", ".join(f"{p.value} {p.name.lower()}" for p in Phase),
+        "phase",
+    ),
     "swarm_agent_state_age_seconds": ("Age of the newest state, mission time", "age"),
-    "swarm_agent_loss_ratio": ("Share of states lost on the way to this station, last 10 s", "loss"),
+    "swarm_agent_loss_ratio": (
+        "Share of states lost on the way to this station, last 10 s",
+        "loss",
+    ),
     "swarm_agent_round_trip_seconds": ("Station to agent and back, mission time", "trip"),
-    "swarm_agent_heartbeat_age_seconds": ("Age of the vehicle's last heartbeat, mission time", "beat"),
+    "swarm_agent_heartbeat_age_seconds": (
+        "Age of the vehicle's last heartbeat, mission time",
+        "beat",
+    ),
     "swarm_agent_battery_ratio": ("Charge of the vehicle's battery", "battery"),
     "swarm_agent_error_meters": ("Distance from its place in the formation", "error"),
     "swarm_agent_nearest_meters": ("Horizontal distance to the nearest agent", "near"),
@@ -29,7 +38,8 @@ _GAUGES: Final = {
 
 
 class Metrics:
-    """Serves on `HOST:port` until closed; StartError where the port is taken. A scrape reads the newest view."""
+    """Serves on `HOST:port` until closed; StartError where the port is taken. A scrape reads the
+    newest view."""
 
     def __init__(self, port: int) -> None:
         self.view: SwarmView | None = None
@@ -38,7 +48,9 @@ class Metrics:
         try:
             self._server, self._thread = start_http_server(port, HOST, registry)
         except OSError as error:
-            raise StartError(f"metrics: {HOST}:{port}: {error.strerror}; name another port") from None
+            raise StartError(
+                f"metrics: {HOST}:{port}: {error.strerror}; name another port"
+            ) from None
 
     def __enter__(self) -> Self:
         return self
@@ -74,7 +86,9 @@ class Metrics:
                 if value is not None:
                     family.add_metric((str(agent.id),), value)
             yield family
-        received = CounterMetricFamily("swarm_agent_states_received", "States received", labels=("agent",))
+        received = CounterMetricFamily(
+            "swarm_agent_states_received", "States received", labels=("agent",)
+        )
         lost = CounterMetricFamily("swarm_agent_states_lost", "States lost", labels=("agent",))
         for agent in view.agents:
             received.add_metric((str(agent.id),), agent.link.received)
@@ -91,7 +105,9 @@ def _values(agent: AgentView) -> dict[str, float | None]:
         "loss": link.recent_loss if link.received else None,
         "trip": agent.round_trip_s,
         "beat": status.heartbeat_age_s if status else None,
-        "battery": status.battery_percent / 100 if status and status.battery_percent is not None else None,
+        "battery": status.battery_percent / 100
+        if status and status.battery_percent is not None
+        else None,
         "error": agent.error_m,
         "near": agent.nearest_m,
         "rate": link.tick_rate_hz,

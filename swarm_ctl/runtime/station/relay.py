@@ -1,7 +1,8 @@
-"""Views on their way to a terminal or a pipe that may block (Ctrl-S, a full pipe): a thread of their own writes them.
+"""Views on their way to a terminal or a pipe that may block (Ctrl-S, a full pipe): a thread of
+their own writes them.
 
-The station hands the newest view over and goes on; whoever reads slowly misses views and slows nobody down. A write
-that never returns ends with the process.
+The station hands the newest view over and goes on; whoever reads slowly misses views and slows
+nobody down. A write that never returns ends with the process.
 """
 
 from __future__ import annotations
@@ -29,7 +30,8 @@ class Printer(Protocol):
     """What writes views; runs on the relay's thread and may block."""
 
     def draw(self, view: SwarmView) -> None:
-        """A newer view; `health.frames_dropped` says how many this output has missed. OSError: nobody reads."""
+        """A newer view; `health.frames_dropped` says how many this output has missed. OSError:
+        nobody reads."""
 
     def say(self, text: str) -> None:
         """Something that is in no view."""
@@ -39,7 +41,8 @@ class Printer(Protocol):
 
 
 class Descriptor(io.TextIOBase):
-    """Text straight to a file descriptor: without a buffer there is no lock that a blocked thread could keep."""
+    """Text straight to a file descriptor: without a buffer there is no lock that a blocked thread
+    could keep."""
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor

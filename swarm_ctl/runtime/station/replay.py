@@ -1,4 +1,5 @@
-"""A recording played again: the dashboard with a player's keys, the compact view, log lines or JSON lines."""
+"""A recording played again: the dashboard with a player's keys, the compact view, log lines or JSON
+lines."""
 
 from __future__ import annotations
 
@@ -17,7 +18,13 @@ from swarm_ctl.recording import Tape, recover
 from swarm_ctl.report.folder.manifest import Manifest
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.station.relay import Descriptor, Printer
-from swarm_ctl.runtime.station.screens import CompactPrinter, JsonPrinter, LogPrinter, Show, possible
+from swarm_ctl.runtime.station.screens import (
+    CompactPrinter,
+    JsonPrinter,
+    LogPrinter,
+    Show,
+    possible,
+)
 from swarm_ctl.station.picture.playback import Film
 from swarm_ctl.station.picture.view import SwarmView
 
@@ -35,7 +42,8 @@ class _EveryView(JsonPrinter):
 
 
 def replay(run: Path, show: Show, speed: float, start: str) -> int:
-    """Play the recording of `run` (a folder or an MCAP file) from the time `start` on; 0 at its end.
+    """Play the recording of `run` (a folder or an MCAP file) from the time `start` on; 0 at its
+    end.
 
     InputError where there is no recording of ours, or nothing in it.
     """
@@ -47,8 +55,18 @@ def replay(run: Path, show: Show, speed: float, start: str) -> int:
             case Show.DASHBOARD:
                 _with_keys(film, speed)
             case Show.COMPACT:
-                with Live(console=console, auto_refresh=False, vertical_overflow="crop", redirect_stderr=False) as live:
-                    _play(film, CompactPrinter(live, console, "Ctrl-C ends the replay"), speed, _SHOW_WALL_S * speed)
+                with Live(
+                    console=console,
+                    auto_refresh=False,
+                    vertical_overflow="crop",
+                    redirect_stderr=False,
+                ) as live:
+                    _play(
+                        film,
+                        CompactPrinter(live, console, "Ctrl-C ends the replay"),
+                        speed,
+                        _SHOW_WALL_S * speed,
+                    )
             case Show.LOG:
                 _play(film, LogPrinter(out), speed, film.look_s)
             case Show.JSON:
@@ -58,14 +76,19 @@ def replay(run: Path, show: Show, speed: float, start: str) -> int:
 
 @contextlib.contextmanager
 def _opened(run: Path) -> Iterator[Film]:
-    """The film of a recording; one that was cut off gets its footer first, where that can be written."""
+    """The film of a recording; one that was cut off gets its footer first, where that can be
+    written."""
     with Tape(run) as tape:
-        manifest = _manifest(run, tape)  # before anything is written: it might be somebody else's file
+        manifest = _manifest(
+            run, tape
+        )  # before anything is written: it might be somebody else's file
     with contextlib.suppress(OSError):
         if recover(run):
             sys.stderr.write(f"{run}: the recording was cut off; recovered up to its last second\n")
     with Tape(run) as tape:
-        yield Film(tape, manifest.plan, speedup=manifest.speedup, station=tape.about.get("station", ""))
+        yield Film(
+            tape, manifest.plan, speedup=manifest.speedup, station=tape.about.get("station", "")
+        )
 
 
 def _manifest(run: Path, tape: Tape) -> Manifest:
@@ -73,7 +96,9 @@ def _manifest(run: Path, tape: Tape) -> Manifest:
         return Manifest.model_validate_json(tape.about.get("manifest", ""))
     except ValidationError as error:
         (problem, *_) = error.errors(include_url=False)
-        raise InputError(f"{run}: the recording does not say what was flown: {problem['msg']}") from None
+        raise InputError(
+            f"{run}: the recording does not say what was flown: {problem['msg']}"
+        ) from None
 
 
 def _with_keys(film: Film, speed: float) -> None:

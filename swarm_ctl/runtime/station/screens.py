@@ -1,4 +1,5 @@
-"""Where a station's views go: the dashboard, the compact view, log lines, JSON lines. Heavy ones are imported late."""
+"""Where a station's views go: the dashboard, the compact view, log lines, JSON lines. Heavy ones
+are imported late."""
 
 from __future__ import annotations
 
@@ -36,7 +37,8 @@ class Show(StrEnum):
 
     DASHBOARD = "dashboard"
     COMPACT = "compact"
-    """One screen without keys, drawn in the terminal's own colours: for terminals that can't do more."""
+    """One screen without keys, drawn in the terminal's own colours: for terminals that can't do
+    more."""
     LOG = "log"
     """Plain lines: what changed."""
     JSON = "json"
@@ -45,7 +47,11 @@ class Show(StrEnum):
 
 def shown(*, headless: bool, json: bool, compact: bool) -> Show:
     """What a command line's switches ask for; InputError for more than one."""
-    asked = [show for show, wanted in ((Show.LOG, headless), (Show.JSON, json), (Show.COMPACT, compact)) if wanted]
+    asked = [
+        show
+        for show, wanted in ((Show.LOG, headless), (Show.JSON, json), (Show.COMPACT, compact))
+        if wanted
+    ]
     if len(asked) > 1:
         raise InputError("--headless, --json and --compact exclude each other; name one")
     return asked[0] if asked else Show.DASHBOARD
@@ -81,9 +87,14 @@ class LogPrinter:
     def draw(self, view: SwarmView) -> None:
         """Write what is new."""
         lines = log_lines(self._last, view)
-        missed = view.health.frames_dropped - (self._last.health.frames_dropped if self._last else 0)
+        missed = view.health.frames_dropped - (
+            self._last.health.frames_dropped if self._last else 0
+        )
         if missed >= _TOLD_VIEWS:
-            lines.insert(0, f"[{view.time_s:7.1f} s] station: nobody read this output; {missed} views were skipped")
+            lines.insert(
+                0,
+                f"[{view.time_s:7.1f} s] station: nobody read this output; {missed} views were skipped",
+            )
         self._last = view
         self._out.write("".join(line + "\n" for line in lines))
 
@@ -96,7 +107,8 @@ class LogPrinter:
 
 
 class JsonPrinter:
-    """One JSON object a line and second of the wall clock; one once all agents were heard, one when all is over."""
+    """One JSON object a line and second of the wall clock; one once all agents were heard, one when
+    all is over."""
 
     def __init__(self, out: TextIO) -> None:
         self._out = out
@@ -107,7 +119,11 @@ class JsonPrinter:
     def draw(self, view: SwarmView) -> None:
         """Write it, if it is time."""
         self._open = view
-        whole = all(agent.state is not None and agent.status is not None for agent in view.agents if agent.in_plan)
+        whole = all(
+            agent.state is not None and agent.status is not None
+            for agent in view.agents
+            if agent.in_plan
+        )
         if wall.wall_s() >= self._due or (whole and not self._whole):
             self._due = wall.wall_s() + _JSON_WALL_S
             self._whole |= whole
@@ -176,7 +192,8 @@ def metrics_on(port: int | None) -> Iterator[Callable[[Screen], Screen]]:
 
 
 class DashboardScreen:
-    """The station's side of the dashboard, which runs on the main thread. Views go over by `offer`: the newest wins."""
+    """The station's side of the dashboard, which runs on the main thread. Views go over by `offer`:
+    the newest wins."""
 
     def __init__(self, plan: Plan, interrupt: Callable[[], None] | None) -> None:
         from swarm_ctl.station.dashboard.app import Dashboard
@@ -207,9 +224,14 @@ class DashboardScreen:
 
 
 def present(
-    show: Show, plan: Plan, interrupt: Callable[[], None] | None, watch: Callable[[Screen], None], out: int = 1
+    show: Show,
+    plan: Plan,
+    interrupt: Callable[[], None] | None,
+    watch: Callable[[Screen], None],
+    out: int = 1,
 ) -> None:
-    """Run `watch` with the screen asked for, or with the best that this terminal can do; returns when `watch` does.
+    """Run `watch` with the screen asked for, or with the best that this terminal can do; returns
+    when `watch` does.
 
     All but the dashboard write to the descriptor `out`.
     """
@@ -221,7 +243,10 @@ def present(
             _with_dashboard(DashboardScreen(plan, interrupt), watch)
         case Show.COMPACT:
             _relayed(
-                lambda: _compact(console, "" if interrupt else "Ctrl-C leaves this station; the swarm flies on"), watch
+                lambda: _compact(
+                    console, "" if interrupt else "Ctrl-C leaves this station; the swarm flies on"
+                ),
+                watch,
             )
         case Show.LOG:
             _relayed(lambda: contextlib.nullcontext(LogPrinter(cast("TextIO", file))), watch)
@@ -229,7 +254,10 @@ def present(
             _relayed(lambda: contextlib.nullcontext(JsonPrinter(cast("TextIO", file))), watch)
 
 
-def _relayed(opened: Callable[[], contextlib.AbstractContextManager[Printer]], watch: Callable[[Screen], None]) -> None:
+def _relayed(
+    opened: Callable[[], contextlib.AbstractContextManager[Printer]],
+    watch: Callable[[Screen], None],
+) -> None:
     relay = Relay(opened)
     try:
         watch(relay)
@@ -240,7 +268,11 @@ def _relayed(opened: Callable[[], contextlib.AbstractContextManager[Printer]], w
 @contextlib.contextmanager
 def _compact(console: Console, ctrl_c: str) -> Iterator[Printer]:
     with Live(
-        console=console, auto_refresh=False, vertical_overflow="crop", redirect_stdout=False, redirect_stderr=False
+        console=console,
+        auto_refresh=False,
+        vertical_overflow="crop",
+        redirect_stdout=False,
+        redirect_stderr=False,
     ) as live:
         yield CompactPrinter(live, console, ctrl_c)
 
@@ -263,8 +295,8 @@ def _can_show_dashboard(console: Console) -> bool:
 
 
 def _with_dashboard(screen: DashboardScreen, watch: Callable[[Screen], None]) -> None:
-    """The application wants the main thread (signals), so the station works on another: a terminal that blocks stops
-    the pictures and nothing else.
+    """The application wants the main thread (signals), so the station works on another: a terminal
+    that blocks stops the pictures and nothing else.
     """
     failed: list[BaseException] = []
 

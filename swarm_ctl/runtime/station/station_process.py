@@ -1,8 +1,10 @@
-"""The ground station's process: hears the mesh, folds it into the model, shows it, records it, passes commands on.
+"""The ground station's process: hears the mesh, folds it into the model, shows it, records it,
+passes commands on.
 
-`python -m swarm_ctl.runtime.station.station_process --run FOLDER` is how `run` starts it. Its stdin takes JSON lines
-(`{"command": "land"}`, `{"finish": true}`); its end means that `run` is gone: then the station waits until all agents
-have ended and the simulator has closed its book, and writes the summary itself.
+`python -m swarm_ctl.runtime.station.station_process --run FOLDER` is how `run` starts it. Its stdin
+takes JSON lines (`{"command": "land"}`, `{"finish": true}`); its end means that `run` is gone: then
+the station waits until all agents have ended and the simulator has closed its book, and writes the
+summary itself.
 """
 
 from __future__ import annotations
@@ -39,14 +41,19 @@ _LOOP_WALL_S = 0.05
 _SHOW_WALL_S = 0.25
 _QUIET_WALL_S = 5.0
 _SILENT_S = 15.0
-"""An agent not heard for this long (mission time) has ended for an orphaned station: longer than any pause of a live
-one (it gives its vehicle up after 10 s)."""
+"""An agent not heard for this long (mission time) has ended for an orphaned station: longer than
+any pause of a live one (it gives its vehicle up after 10 s)."""
 _BOOK_S = 100.0
-"""How long an orphaned station waits for the simulator (it waits 90 s for the last vehicle to stand)."""
+"""How long an orphaned station waits for the simulator (it waits 90 s for the last vehicle to
+stand)."""
 
 
 def run_station(
-    folder: Path, control: ControlPipe | None, say: Callable[[str], None], show: Show, metrics_port: int | None = None
+    folder: Path,
+    control: ControlPipe | None,
+    say: Callable[[str], None],
+    show: Show,
+    metrics_port: int | None = None,
 ) -> int:
     """Watch the run in `folder` until told to finish; 0 when all went as it should."""
     manifest = read_manifest(folder)
@@ -62,7 +69,12 @@ def run_station(
         with metrics_on(metrics_port) as measured:
             say("ready")
             orphan = Orphan(clock, folder)
-            present(show, manifest.plan, interrupt, lambda screen: _watch(station, control, measured(screen), orphan))
+            present(
+                show,
+                manifest.plan,
+                interrupt,
+                lambda screen: _watch(station, control, measured(screen), orphan),
+            )
     finally:
         node.close()
         if recorder:
@@ -72,15 +84,27 @@ def run_station(
     return 0
 
 
-def join(mission: LoadedMission, mesh: Sequence[str], show: Show, speedup: float, metrics_port: int | None) -> int:
-    """Watch and command a swarm that flies `mission`, wherever it is; waits until it is heard. Ends with its screen."""
+def join(
+    mission: LoadedMission,
+    mesh: Sequence[str],
+    show: Show,
+    speedup: float,
+    metrics_port: int | None,
+) -> int:
+    """Watch and command a swarm that flies `mission`, wherever it is; waits until it is heard. Ends
+    with its screen."""
     clock, connect, name = HeardClock(speedup), endpoints(mission, mesh), _name()
     node = Node(ZenohTransport([], connect, clock.now, speedup), mission.plan.name, name)
     hint = Hint(clock, connect)
     try:
         station = Station(mission.plan, mission.source, node, clock, name)
         with metrics_on(metrics_port) as measured:
-            present(show, mission.plan, None, lambda screen: _watch(station, None, measured(screen), hint))
+            present(
+                show,
+                mission.plan,
+                None,
+                lambda screen: _watch(station, None, measured(screen), hint),
+            )
     finally:
         node.close()
     return 0
@@ -104,11 +128,14 @@ class Hint:
         if self._clock.heard or wall.wall_s() < self._due:
             return []
         self._due = wall.wall_s() + 4 * _QUIET_WALL_S
-        return [f"nobody is heard at {self._where}; does the swarm fly, and is this where it listens? Trying on"]
+        return [
+            f"nobody is heard at {self._where}; does the swarm fly, and is this where it listens? Trying on"
+        ]
 
 
 def _interrupt_of(control: ControlPipe) -> Callable[[], None]:
-    """Ctrl-C in a terminal that gives it to us as a key: `run` gets the signal that it would have got."""
+    """Ctrl-C in a terminal that gives it to us as a key: `run` gets the signal that it would have
+    got."""
 
     def interrupt() -> None:
         if not control.closed:
@@ -117,7 +144,9 @@ def _interrupt_of(control: ControlPipe) -> Callable[[], None]:
     return interrupt
 
 
-def _watch(station: Station, control: ControlPipe | None, screen: Screen, aside: Orphan | Hint) -> None:
+def _watch(
+    station: Station, control: ControlPipe | None, screen: Screen, aside: Orphan | Hint
+) -> None:
     show_due = 0.0
     while control is not None or not screen.left:
         for message in control.poll() if control else ():
@@ -136,7 +165,12 @@ def _watch(station: Station, control: ControlPipe | None, screen: Screen, aside:
             show_due = wall.wall_s() + _SHOW_WALL_S
             view = station.view()
             screen.show(view)
-            if control is not None and control.closed and isinstance(aside, Orphan) and aside.may_go(view):
+            if (
+                control is not None
+                and control.closed
+                and isinstance(aside, Orphan)
+                and aside.may_go(view)
+            ):
                 return
         wall.pause(_LOOP_WALL_S)
 
@@ -158,7 +192,8 @@ def _order(order: Order, station: Station, screen: Screen) -> None:
 
 
 class Orphan:
-    """When a station whose `run` was killed may end: all agents have, and the simulator's book is closed."""
+    """When a station whose `run` was killed may end: all agents have, and the simulator's book is
+    closed."""
 
     def __init__(self, clock: Clock, folder: Path) -> None:
         self._clock = clock
@@ -204,7 +239,9 @@ def main() -> int:
             os.write(arguments.words_fd, (json.dumps({"say": text}) + "\n").encode())
 
     try:
-        return run_station(arguments.run, ControlPipe(sys.stdin.fileno()), say, arguments.show, arguments.metrics)
+        return run_station(
+            arguments.run, ControlPipe(sys.stdin.fileno()), say, arguments.show, arguments.metrics
+        )
     except SwarmError as error:
         sys.stderr.write(f"{error}\n")
         return error.exit_code

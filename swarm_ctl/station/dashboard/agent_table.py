@@ -1,4 +1,5 @@
-"""The table of agents: one row each, sorted by any column; a click on a title sorts, one on a row marks."""
+"""The table of agents: one row each, sorted by any column; a click on a title sorts, one on a row
+marks."""
 
 from __future__ import annotations
 
@@ -69,9 +70,12 @@ COLUMNS: Final[tuple[Sortable, ...]] = (
     Sortable(Column("id", 3, id_cell), lambda a: a.id),
     Sortable(Column("phase", 7, phase_cell, justify="left"), lambda a: a.phase),
     Sortable(
-        Column("step", 8, step_cell, justify="left", below_width=_ROOMY), lambda a: a.newest and (a.newest.step, a.id)
+        Column("step", 8, step_cell, justify="left", below_width=_ROOMY),
+        lambda a: a.newest and (a.newest.step, a.id),
     ),
-    Sortable(Column("step", 16, step_cell, _ROOMY, "left"), lambda a: a.newest and (a.newest.step, a.id)),
+    Sortable(
+        Column("step", 16, step_cell, _ROOMY, "left"), lambda a: a.newest and (a.newest.step, a.id)
+    ),
     Sortable(Column("mode", 9, mode_cell, justify="left"), _status(lambda s: s.mode)),
     Sortable(Column("A", 1, armed_sign_cell), _status(lambda s: s.armed)),
     Sortable(Column("batt", 4, _by(_charge, 0)), _status(lambda s: s.battery_percent)),
@@ -80,7 +84,10 @@ COLUMNS: Final[tuple[Sortable, ...]] = (
     Sortable(Column("err", 4, _by(lambda row: row.agent.error_m, 2)), lambda a: a.error_m),
     Sortable(Column("near", 7, nearest_cell), lambda a: a.nearest_m),
     Sortable(Column("age", 4, age_cell), lambda a: a.link.age_s),
-    Sortable(Column("Hz", 3, _by(lambda row: row.agent.link.tick_rate_hz, 1)), lambda a: a.link.tick_rate_hz),
+    Sortable(
+        Column("Hz", 3, _by(lambda row: row.agent.link.tick_rate_hz, 1)),
+        lambda a: a.link.tick_rate_hz,
+    ),
     Sortable(Column("late", 4, _by(late_ms, 1)), _status(lambda s: s.tick.late_p99_ms)),
 )
 TITLES: Final = tuple(dict.fromkeys(sortable.column.title for sortable in COLUMNS))
@@ -92,7 +99,10 @@ def table_lines(picture: Picture, width: int) -> list[Line]:
     levels = picture.levels()
     return [
         _heading(picture, sortables, width),
-        *(_row(picture, agent, levels.get(agent.id, Level.WELL), sortables, width) for agent in in_order(picture)),
+        *(
+            _row(picture, agent, levels.get(agent.id, Level.WELL), sortables, width)
+            for agent in in_order(picture)
+        ),
     ]
 
 
@@ -101,7 +111,11 @@ def in_order(picture: Picture) -> list[AgentView]:
     chosen = picture.chosen
     key = next((s.key for s in COLUMNS if s.column.title == chosen.sort), COLUMNS[0].key)
     keyed = [(key(agent), agent) for agent in picture.view.agents]
-    known = sorted(((k, a) for k, a in keyed if k is not None), key=lambda item: item[0], reverse=chosen.backwards)
+    known = sorted(
+        ((k, a) for k, a in keyed if k is not None),
+        key=lambda item: item[0],
+        reverse=chosen.backwards,
+    )
     return [agent for _, agent in known] + [agent for k, agent in keyed if k is None]
 
 
@@ -110,13 +124,23 @@ def _heading(picture: Picture, sortables: list[Sortable], width: int) -> Line:
     for sortable in sortables:
         column = sortable.column
         ours = column.title == picture.chosen.sort
-        arrow = ("▾" if picture.chosen.backwards else "▴") if ours and len(column.title) < column.width else ""
-        words = column.place(arrow + column.title if column.justify == "right" else column.title + arrow)
-        line.add(words, "bold underline" if ours else "bold dim", f"app.sort('{column.title}')").add(" ")
+        arrow = (
+            ("▾" if picture.chosen.backwards else "▴")
+            if ours and len(column.title) < column.width
+            else ""
+        )
+        words = column.place(
+            arrow + column.title if column.justify == "right" else column.title + arrow
+        )
+        line.add(
+            words, "bold underline" if ours else "bold dim", f"app.sort('{column.title}')"
+        ).add(" ")
     return line.add("alarms", "bold dim") if width - line.width >= 8 else line
 
 
-def _row(picture: Picture, agent: AgentView, level: Level, sortables: list[Sortable], width: int) -> Line:
+def _row(
+    picture: Picture, agent: AgentView, level: Level, sortables: list[Sortable], width: int
+) -> Line:
     chosen, click = picture.chosen, f"app.mark({agent.id})"
     here, marked = agent.id == chosen.cursor, agent.id in chosen.marked
     back = " reverse" if here else ""
@@ -126,9 +150,16 @@ def _row(picture: Picture, agent: AgentView, level: Level, sortables: list[Sorta
     for sortable in sortables:
         cell = sortable.column.cell(row, sortable.column.width)
         words, name = (cell, "") if isinstance(cell, str) else cell
-        line.add(sortable.column.place(words), f"{base} {name}".strip(), click).add(" ", back.strip(), click)
+        line.add(sortable.column.place(words), f"{base} {name}".strip(), click).add(
+            " ", back.strip(), click
+        )
     rest = width - line.width
     if rest >= 8:
         names = dict.fromkeys(alarm.name for alarm in picture.alarms if agent.id in alarm.agents)
-        line.add(", ".join(names), f"{LEVEL_STYLE[level] if names else ''}{back}".strip(), click, size=rest)
+        line.add(
+            ", ".join(names),
+            f"{LEVEL_STYLE[level] if names else ''}{back}".strip(),
+            click,
+            size=rest,
+        )
     return line.add(" " * max(0, width - line.width), back.strip(), click) if here else line

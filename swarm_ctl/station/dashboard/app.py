@@ -1,5 +1,5 @@
-"""The dashboard: screens over one `SwarmView` after the other. It fetches nothing and decides nothing: views come in
-from the station's thread, orders go out to it.
+"""The dashboard: screens over one `SwarmView` after the other. It fetches nothing and decides
+nothing: views come in from the station's thread, orders go out to it.
 """
 
 from __future__ import annotations
@@ -77,11 +77,13 @@ _INKS: Final = TerminalTheme(
         (255, 255, 255),
     ],
 )
-"""The sixteen colours on a light ground: the usual yellow, green and cyan can hardly be read there."""
+"""The sixteen colours on a light ground: the usual yellow, green and cyan can hardly be read
+there."""
 
 
 def _by_background() -> str:
-    """Light where the terminal says so: `COLORFGBG` is `foreground;background`, of which 7 and 15 are white."""
+    """Light where the terminal says so: `COLORFGBG` is `foreground;background`, of which 7 and 15
+    are white."""
     return LIGHT if os.environ.get("COLORFGBG", "").rpartition(";")[2] in ("7", "15") else DARK
 
 
@@ -164,15 +166,17 @@ def _bindings() -> list[BindingType]:
     ]
     keys += [Binding(str(k + 1), f"go('{name}')") for k, name in enumerate(SCREENS[:4])]
     for kind in KINDS:
-        keys.append(Binding(kind.key, f"command('{kind.name} ')" if kind.usage else f"order('{kind.name}')"))
+        keys.append(
+            Binding(kind.key, f"command('{kind.name} ')" if kind.usage else f"order('{kind.name}')")
+        )
     return keys
 
 
 class Dashboard(App[None]):
     """The application.
 
-    `give` passes an order on; `interrupt` is what Ctrl-C means in the terminal of a `run`, None where this station only
-    watches: then Ctrl-C leaves.
+    `give` passes an order on; `interrupt` is what Ctrl-C means in the terminal of a `run`, None
+    where this station only watches: then Ctrl-C leaves.
     """
 
     CSS = """
@@ -310,7 +314,9 @@ class Dashboard(App[None]):
         """Lay the swarm's screen out for the new size."""
         wide = event.size.width >= _WIDE
         self.query_one("#swarm").set_class(wide, "wide")
-        self.query_one("#left").styles.width = (78 if event.size.width < 140 else 98) if wide else "1fr"
+        self.query_one("#left").styles.width = (
+            (78 if event.size.width < 140 else 98) if wide else "1fr"
+        )
 
     def on_painted_sized(self) -> None:
         """A panel was shown, hidden or resized: draw for its new room."""
@@ -332,12 +338,16 @@ class Dashboard(App[None]):
             return
         width = self.size.width
         self._painted("title").paint([title_line(picture, width)], width=width)
-        self._painted("tabs").paint([tabs_line(picture, self._shown, self._journal.unacknowledged, width)], width=width)
+        self._painted("tabs").paint(
+            [tabs_line(picture, self._shown, self._journal.unacknowledged, width)], width=width
+        )
         verdict, back = verdict_line(picture, width)
         self._painted("verdict").paint([verdict], back, width=width)
         line = self.query_one(CommandInput)
         typed = line.value if line.purpose == "order" else None
-        answer = command_line(picture, self._notice) if typed is None else usage_line(typed, self._plan)
+        answer = (
+            command_line(picture, self._notice) if typed is None else usage_line(typed, self._plan)
+        )
         self._painted("answers").paint([answer], width=width)
         self._painted("keys").paint([self.keys_line(picture, width)], width=width)
         if self._shown == "swarm":
@@ -413,7 +423,11 @@ class Dashboard(App[None]):
         if picture is None:
             return
         ids = [agent.id for agent in in_order(picture)]
-        at = ids.index(self._chosen.cursor) if self._chosen.cursor in ids else (-1 if by > 0 else len(ids))
+        at = (
+            ids.index(self._chosen.cursor)
+            if self._chosen.cursor in ids
+            else (-1 if by > 0 else len(ids))
+        )
         place = min(max(0, at + by), len(ids) - 1)
         self._choose(cursor=ids[place])
         table = self._painted("table")
@@ -442,7 +456,9 @@ class Dashboard(App[None]):
 
     def action_sort_next(self) -> None:
         """Sort by the next column."""
-        self._choose(sort=TITLES[(TITLES.index(self._chosen.sort) + 1) % len(TITLES)], backwards=False)
+        self._choose(
+            sort=TITLES[(TITLES.index(self._chosen.sort) + 1) % len(TITLES)], backwards=False
+        )
 
     def action_sort_turn(self) -> None:
         """Turn the order round."""
@@ -473,18 +489,22 @@ class Dashboard(App[None]):
             self._say(f"{count} alarms seen" if count else "no new alarms")
 
     def action_leave(self) -> None:
-        """Only a station that watches can be left; the last one of a swarm that needs one asks first."""
+        """Only a station that watches can be left; the last one of a swarm that needs one asks
+        first."""
         if self._interrupt is not None:
             self._say("this dashboard belongs to the run: Ctrl-C lands the swarm and ends it")
         elif (policy := self._alone()) and not isinstance(self.screen, Ask):
             question = f"leave? No other station is heard: the agents {policy.value} after"
             after_s = self._plan.policies.station_lost_after_s
-            self.push_screen(Ask(f"{question} {after_s:g} s."), lambda yes: self.exit() if yes else None)
+            self.push_screen(
+                Ask(f"{question} {after_s:g} s."), lambda yes: self.exit() if yes else None
+            )
         else:
             self.exit()
 
     def _alone(self) -> Policy | None:
-        """What the mission's policy will do when this station leaves; None where it changes nothing."""
+        """What the mission's policy will do when this station leaves; None where it changes
+        nothing."""
         view, policy = self._view, self._plan.policies.station_lost
         if view is None or view.stations_there > 1 or policy is Policy.CONTINUE:
             return None
@@ -504,7 +524,8 @@ class Dashboard(App[None]):
         self._order(name)
 
     def action_begin(self, character: str) -> None:
-        """`:` and `/` open the line before the next key is looked at: typed fast, nothing behind them is an order."""
+        """`:` and `/` open the line before the next key is looked at: typed fast, nothing behind
+        them is an order."""
         line = self.query_one(CommandInput)
         if line.purpose:
             line.insert_text_at_cursor(character)
@@ -531,7 +552,8 @@ class Dashboard(App[None]):
             self._choose(marked=frozenset())
 
     async def on_key(self, event: Key) -> None:
-        """A key that was on its way to the screen when the command line opened belongs to the line: nothing is lost."""
+        """A key that was on its way to the screen when the command line opened belongs to the line:
+        nothing is lost."""
         line = self.query_one(CommandInput)
         if line.purpose and event.key == "enter":
             await line.action_submit()

@@ -1,4 +1,5 @@
-"""The lines that every screen has: title, tabs, the verdict, the last command's answers, the keys."""
+"""The lines that every screen has: title, tabs, the verdict, the last command's answers, the
+keys."""
 
 from __future__ import annotations
 
@@ -34,7 +35,9 @@ def title_line(picture: Picture, width: int) -> Line:
     minutes, seconds = divmod(max(0.0, view.time_s), 60)
     heard = sum(agent.phase is not None and not agent.lost for agent in view.agents)
     line = Line(f" {printable(view.plan.name)}", "bold").add(gap, "dim")
-    line.add(f"step {view.step}/{len(view.plan.steps)}: {step_name(view.plan, view.step)}", "bold").add(gap, "dim")
+    line.add(
+        f"step {view.step}/{len(view.plan.steps)}: {step_name(view.plan, view.step)}", "bold"
+    ).add(gap, "dim")
     line.add(f"{minutes:02.0f}:{seconds:04.1f}")
     line.add(f" ×{view.speedup:g}" if view.speedup != 1 else "").add(gap, "dim")
     everybody = heard == len(view.agents)
@@ -72,11 +75,16 @@ def tabs_line(picture: Picture, shown: str, unacknowledged: int, width: int) -> 
 def _figures(view: SwarmView, room: int) -> str:
     """Error, nearest, longest: as many as there is room for, the first ones first."""
     law, unit = view.plan.law, view.plan.unit_m
-    near = min(((a.nearest_m, a.id, a.nearest_agent) for a in view.agents if a.nearest_m is not None), default=None)
+    near = min(
+        ((a.nearest_m, a.id, a.nearest_agent) for a in view.agents if a.nearest_m is not None),
+        default=None,
+    )
     long = max(((e.length_m, e.a, e.b) for e in view.edges if e.length_m is not None), default=None)
     parts = [f"error {fit(view.error_m, 5, 2)} m"]
     if near:
-        parts.append(f"nearest {near[1]}-{near[2]} {fit(near[0], 5, 2)} m (r_in {law.r_in * unit:g})")
+        parts.append(
+            f"nearest {near[1]}-{near[2]} {fit(near[0], 5, 2)} m (r_in {law.r_in * unit:g})"
+        )
     if long:
         parts.append(f"longest {long[1]}-{long[2]} {fit(long[0], 5, 1)} m (r {law.r * unit:g})")
     for count in range(len(parts), 0, -1):
@@ -87,12 +95,16 @@ def _figures(view: SwarmView, room: int) -> str:
 
 
 def verdict_line(picture: Picture, width: int) -> tuple[Line, str]:
-    """The state of the swarm in one sentence, and the bar's style; how much more there is to say on the right."""
+    """The state of the swarm in one sentence, and the bar's style; how much more there is to say on
+    the right."""
     (level, worst), *others = verdict(picture.view, picture.alarms)
     more = f" +{len(others)} " if others else " "
     line = Line(f" {UNICODE.of(level)} {worst}", click="app.go('log')")
     if line.width > width - len(more):
-        line = Line(f" {UNICODE.of(level)} {worst}"[: max(1, width - len(more) - 1)] + "…", click="app.go('log')")
+        line = Line(
+            f" {UNICODE.of(level)} {worst}"[: max(1, width - len(more) - 1)] + "…",
+            click="app.go('log')",
+        )
     return line.to(width - len(more)).add(more), BAR_STYLE[level]
 
 
@@ -130,7 +142,9 @@ def _answers(command: CommandView, view: SwarmView) -> Line:
     for i in meant:
         if i in command.acks and not command.acks[i].accepted:
             # "agent 3 is ..." of many agents is one reason
-            refused.setdefault(printable(command.acks[i].reason).replace(f"agent {i} ", "it "), []).append(i)
+            refused.setdefault(
+                printable(command.acks[i].reason).replace(f"agent {i} ", "it "), []
+            ).append(i)
     waiting = [i for i in meant if i not in command.acks]
     if not waiting and not refused:
         return line.add(f" {UNICODE.well} {agents_named(taken)}", "green")
@@ -151,9 +165,17 @@ def keys_line(picture: Picture, shown: str, *, owns_run: bool, width: int) -> Li
     marked = picture.chosen.marked
     who = f"{len(marked)} marked" if marked else "all"
     ended = all(agent.phase is Phase.ENDED for agent in picture.view.agents)
-    line = Line(" all agents have ended ", "bold") if ended else Line(f" {who}: ", "bold magenta" if marked else "bold")
+    line = (
+        Line(" all agents have ended ", "bold")
+        if ended
+        else Line(f" {who}: ", "bold magenta" if marked else "bold")
+    )
     if not ended:
-        orders = (("l", "land", "order('land')"), ("h", "hold", "order('hold')"), ("r", "resume", "order('resume')"))
+        orders = (
+            ("l", "land", "order('land')"),
+            ("h", "hold", "order('hold')"),
+            ("r", "resume", "order('resume')"),
+        )
         key_words(line, (*orders, ("n", "next", "order('next')"), (":", "command", "command('')")))
     extra = {
         "swarm": (("space", "mark", "mark_cursor"), ("s", "sort", "sort_next")),
@@ -166,7 +188,9 @@ def keys_line(picture: Picture, shown: str, *, owns_run: bool, width: int) -> Li
         if line.width + len(key[0]) + len(key[1]) + 2 + len(last) + 2 <= width:
             key_words(line, (key,))
     if last and line.width + len(last) + 2 <= width:
-        line.to(width - len(last) - 1).add(last, "bold", "app.interrupt" if owns_run else "app.leave")
+        line.to(width - len(last) - 1).add(
+            last, "bold", "app.interrupt" if owns_run else "app.leave"
+        )
     return line
 
 

@@ -1,4 +1,5 @@
-"""A drawing of braille dots (2 x 4 in a cell) under words; made anew for every picture, in numpy."""
+"""A drawing of braille dots (2 x 4 in a cell) under words; made anew for every picture, in
+numpy."""
 
 from __future__ import annotations
 
@@ -17,7 +18,8 @@ Floats = npt.NDArray[np.float64]
 
 
 class Canvas:
-    """`width` x `height` cells. What is drawn later gives a cell its colour; words lie over all dots."""
+    """`width` x `height` cells. What is drawn later gives a cell its colour; words lie over all
+    dots."""
 
     def __init__(self, width: int, height: int) -> None:
         self.width, self.height = width, height
@@ -28,7 +30,8 @@ class Canvas:
         self._words: dict[tuple[int, int], tuple[str, int]] = {}
 
     def dots(self, x: Floats, y: Floats, name: str) -> None:
-        """Dots at (column, row) in dot coordinates (2 and 4 to a cell); those outside are left out."""
+        """Dots at (column, row) in dot coordinates (2 and 4 to a cell); those outside are left
+        out."""
         column, row = np.rint(x).astype(np.intp), np.rint(y).astype(np.intp)
         inside = (column >= 0) & (column < 2 * self.width) & (row >= 0) & (row < 4 * self.height)
         column, row = column[inside], row[inside]
@@ -36,7 +39,9 @@ class Canvas:
         np.bitwise_or.at(self._dots, cells, _BITS[row % 4, column % 2])
         self._ink[cells] = self._number(name, "")
 
-    def line(self, a: tuple[float, float], b: tuple[float, float], name: str, every: float = 1.0) -> None:
+    def line(
+        self, a: tuple[float, float], b: tuple[float, float], name: str, every: float = 1.0
+    ) -> None:
         """A straight line between two points in dot coordinates, a dot every so many."""
         steps = max(1, round(max(abs(b[0] - a[0]), abs(b[1] - a[1])) / every))
         share = np.linspace(0.0, 1.0, steps + 1)

@@ -1,4 +1,5 @@
-"""The terminal itself as Textual's driver: a station's stdin may be a control pipe and its stderr a log file."""
+"""The terminal itself as Textual's driver: a station's stdin may be a control pipe and its stderr a
+log file."""
 
 from __future__ import annotations
 
@@ -34,7 +35,12 @@ class TtyDriver(LinuxDriver):
     """Reads keys from the controlling terminal and draws on it, whatever stdin and stderr are."""
 
     def __init__(
-        self, app: App[object], *, debug: bool = False, mouse: bool = True, size: tuple[int, int] | None = None
+        self,
+        app: App[object],
+        *,
+        debug: bool = False,
+        mouse: bool = True,
+        size: tuple[int, int] | None = None,
     ) -> None:
         super().__init__(app, debug=debug, mouse=mouse, size=size)
         self._file = self._screen = open(TTY, "w", encoding="utf-8")  # noqa: PTH123, SIM115 - closed in `close`

@@ -10,7 +10,10 @@ from swarm_ctl.station.dashboard.styled_line import Line, wrapped
 
 _KEYS: Final = (
     ("1 2 3 4 ?", "screens: swarm, links, sigma, log, help; also tab, or a click"),
-    ("↑ ↓ space a", "move the cursor, mark its agent, mark all or none: orders go to the marked ones"),
+    (
+        "↑ ↓ space a",
+        "move the cursor, mark its agent, mark all or none: orders go to the marked ones",
+    ),
     ("s S", "sort by the next column, turn the order round; or click a title"),
     ("v", "links: what the matrix shows"),
     ("/ w", "log: filter by words, by level"),
@@ -19,10 +22,16 @@ _KEYS: Final = (
     ("t", "light or dark"),
     ("q", "leave (a station that only watches; the last one of a swarm asks first)"),
     ("Ctrl-C", "land the swarm; again: stop everything at once. A watching station only leaves"),
-    ("mouse", "a screen's name, a title of the table, an agent in the table or on the map, a key below"),
+    (
+        "mouse",
+        "a screen's name, a title of the table, an agent in the table or on the map, a key below",
+    ),
 )
 _SIGNS: Final = (
-    ("map", "number: agent, ○ slot to fill, dots: where it came from, circle: half of r_out (two that touch avoid)"),
+    (
+        "map",
+        "number: agent, ○ slot to fill, dots: where it came from, circle: half of r_out (two that touch avoid)",
+    ),
     ("lines", "neighbours; green well, yellow bad or nearly too long, red lost"),
     (
         "table",
@@ -47,12 +56,18 @@ _SIGNS: Final = (
 def help_lines(width: int) -> list[Line]:
     """The whole screen."""
     orders = [
-        (f"{kind.key or ' '}  {kind.name} {kind.usage}".rstrip(), kind.does + (" (asks once)" if kind.asks else ""))
+        (
+            f"{kind.key or ' '}  {kind.name} {kind.usage}".rstrip(),
+            kind.does + (" (asks once)" if kind.asks else ""),
+        )
         for kind in KINDS
     ]
     lines = rows("orders, by key or after ':'", orders, 28, width)
     lines.append(
-        Line("   for some agents only: mark them, or 'land @1,3-5'; 'tune plan' is the mission's own law", "dim")
+        Line(
+            "   for some agents only: mark them, or 'land @1,3-5'; 'tune plan' is the mission's own law",
+            "dim",
+        )
     )
     return [*lines, *rows("keys", _KEYS, 14, width), *sign_rows(width)]
 
@@ -62,7 +77,9 @@ def sign_rows(width: int) -> list[Line]:
     return rows("signs", _SIGNS, 14, width)
 
 
-def rows(title: str, said: tuple[tuple[str, str], ...] | list[tuple[str, str]], at: int, width: int) -> list[Line]:
+def rows(
+    title: str, said: tuple[tuple[str, str], ...] | list[tuple[str, str]], at: int, width: int
+) -> list[Line]:
     """Words and what they mean, under a title."""
     lines = [Line(f" {title}", "bold underline")]
     for what, words in said:

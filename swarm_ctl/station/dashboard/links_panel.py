@@ -1,6 +1,8 @@
-"""The mesh as a matrix (who hears whom how well), the links to vehicles and to this station, and the bad ones in words.
+"""The mesh as a matrix (who hears whom how well), the links to vehicles and to this station, and
+the bad ones in words.
 
-Ages are mission time; the matrix' rows listen, its columns speak. All mesh links are direct: there is no hop between.
+Ages are mission time; the matrix' rows listen, its columns speak. All mesh links are direct: there
+is no hop between.
 """
 
 from __future__ import annotations
@@ -51,12 +53,18 @@ def _ms(seconds: float | None, width: int = 4) -> str:
 
 
 def _ahead(seconds: float | None, trip_s: float | None = None) -> str:
-    """At most 4 characters: ms, or a larger unit that is named; and at most 5 more for half the round trip in ms."""
+    """At most 4 characters: ms, or a larger unit that is named; and at most 5 more for half the
+    round trip in ms."""
     if seconds is None:
         return _DASH
     if trip_s is not None:
         return f"{_ahead(seconds)}±{_ms(0.5 * trip_s)}"
-    for most, size, unit in ((0.9995, 0.001, ""), (99.5, 1.0, "s"), (5970.0, 60.0, "m"), (358000.0, 3600.0, "h")):
+    for most, size, unit in (
+        (0.9995, 0.001, ""),
+        (99.5, 1.0, "s"),
+        (5970.0, 60.0, "m"),
+        (358000.0, 3600.0, "h"),
+    ):
         if abs(seconds) < most:
             return f"{seconds / size:+.0f}{unit}"
     return f"{seconds / 86400.0:+.0f}d"[:4]
@@ -115,9 +123,16 @@ def _sentences(picture: Picture, judged: dict[tuple[int, int], Judgement]) -> li
     bad = bad_links(picture.view, judged)
     if not bad:
         heard = sum(judgement.level is Level.WELL for judgement in judged.values())
-        words = f" {UNICODE.well} {heard} mesh links, all direct, all well" if heard else " … no mesh link yet"
+        words = (
+            f" {UNICODE.well} {heard} mesh links, all direct, all well"
+            if heard
+            else " … no mesh link yet"
+        )
         return [Line(words, "green" if heard else "cyan")]
-    lines = [Line(f" {UNICODE.of(level)} {printable(text)}", LEVEL_STYLE[level]) for level, text in bad[:5]]
+    lines = [
+        Line(f" {UNICODE.of(level)} {printable(text)}", LEVEL_STYLE[level])
+        for level, text in bad[:5]
+    ]
     return lines + ([Line(f"   and {len(bad) - 5} more", "yellow")] if len(bad) > 5 else [])
 
 
@@ -147,7 +162,13 @@ def _matrix(picture: Picture, judged: dict[tuple[int, int], Judgement], width: i
                 continue
             level = judged[receiver, sender].level
             told = series.get((receiver, sender), LinkSeries())
-            words = _SIGN[level] if size == 1 else metric.long(link, told) if size == 9 else metric.short(link, told)
+            words = (
+                _SIGN[level]
+                if size == 1
+                else metric.long(link, told)
+                if size == 9
+                else metric.short(link, told)
+            )
             line.add(right(words, size), _STYLE[level])
         lines.append(line)
     return lines
@@ -171,20 +192,34 @@ def _agent_line(picture: Picture, agent: AgentView, spark: int) -> Line:
     line = Line(right(str(agent.id), 6), "bold").add(" │ ", "dim")
     ended = agent.phase is Phase.ENDED
     beat = None if ended or status is None else status.heartbeat_age_s
-    line.add(right(f"{fit(beat, 5, 1)} s" if beat is not None else _DASH, 13), _STYLE[vehicle.level])
+    line.add(
+        right(f"{fit(beat, 5, 1)} s" if beat is not None else _DASH, 13), _STYLE[vehicle.level]
+    )
     told = report.received + report.lost if report else 0
     line.add(right(_percent(report.lost / told) if report and told else _DASH, 6))
-    line.add(right(f"{_ms(report.round_trip_s)} ms" if report and report.round_trip_s is not None else _DASH, 7))
+    line.add(
+        right(
+            f"{_ms(report.round_trip_s)} ms"
+            if report and report.round_trip_s is not None
+            else _DASH,
+            7,
+        )
+    )
     line.add(" │ ", "dim")
     link = agent.link
     age = None if ended else link.age_s
     line.add(right(f"{fit(age, 4, 2)} s" if age is not None else _DASH, 12), _STYLE[station.level])
     line.add(right(f"{_ms(link.age_p50_s)}/{_ms(link.age_p99_s)}", 12), _STYLE[station.level])
-    line.add(right(_percent(link.recent_loss) if link.received else _DASH, 6), _STYLE[station.level])
+    line.add(
+        right(_percent(link.recent_loss) if link.received else _DASH, 6), _STYLE[station.level]
+    )
     trip = agent.round_trip_s
     line.add(right(f"{fit(1000 * trip, 4, 1)} ms" if trip is not None else _DASH, 8))
     if spark >= 18:
-        line.add("  " + sparkline(picture.view.histories.round_trips_s.get(agent.id, ()), spark - 2), "cyan")
+        line.add(
+            "  " + sparkline(picture.view.histories.round_trips_s.get(agent.id, ()), spark - 2),
+            "cyan",
+        )
     return line
 
 

@@ -13,7 +13,12 @@ from swarm_ctl.station.output.columns import LEVEL_STYLE, UNICODE
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.journal import Entry
 
-_KIND_STYLE: Final = {"command": "bold magenta", "cleared": "green", "station": "cyan", "vehicle": ""}
+_KIND_STYLE: Final = {
+    "command": "bold magenta",
+    "cleared": "green",
+    "station": "cyan",
+    "vehicle": "",
+}
 _WORDS_AT: Final = 31
 
 
@@ -22,7 +27,10 @@ def log_lines(picture: Picture, width: int) -> list[Line]:
     entries = [entry for entry in picture.entries if passes(entry, picture)]
     lines = [line for entry in entries for line in _entry_lines(entry, width)]
     return lines or [
-        Line("   nothing in the log yet" if not picture.entries else "   nothing passes the filter", "dim")
+        Line(
+            "   nothing in the log yet" if not picture.entries else "   nothing passes the filter",
+            "dim",
+        )
     ]
 
 
@@ -46,7 +54,9 @@ def _entry_lines(entry: Entry, width: int) -> list[Line]:
     words = entry.text + (f" (×{entry.count})" if entry.count > 1 else "")
     words += "  [seen]" if entry.acknowledged else ""
     head = Line(f" {entry.time_s:7.1f} ", "dim").add(f"{sign} ", name)
-    head.add(entry.kind, name or "dim", size=8).add(_who(entry), "bold", size=_WORDS_AT - head.width - 1).add(" ")
+    head.add(entry.kind, name or "dim", size=8).add(
+        _who(entry), "bold", size=_WORDS_AT - head.width - 1
+    ).add(" ")
     room = max(10, width - _WORDS_AT)
     rows = wrapped(_broken(words, room), room)
     lines = [head.add(rows[0] if rows else "", name)]

@@ -27,7 +27,8 @@ _LINK_STYLE: Final = {
     Level.ERROR: "bold red",
 }
 _CROWDED: Final = 3
-"""With more links per agent than this, good ones would hide everything: only the others are drawn."""
+"""With more links per agent than this, good ones would hide everything: only the others are
+drawn."""
 _LONG: Final = 0.95
 """Share of the interaction range from which a link counts as nearly too long."""
 
@@ -81,7 +82,9 @@ def fitted(view: SwarmView, width: int, height: int) -> Scale:
     dots_per_m = _STEP ** math.floor(math.log(most, _STEP))
     grid = 8 / dots_per_m  # two rows: who drifts does not make the picture tremble
     middle = np.round((low + high) / 2 / grid) * grid
-    spare = np.array([(4 * height - 2) / dots_per_m - north, (2 * width - 2) / dots_per_m - east]) / 2
+    spare = (
+        np.array([(4 * height - 2) / dots_per_m - north, (2 * width - 2) / dots_per_m - east]) / 2
+    )
     middle = np.clip(middle, (low + high) / 2 - spare, (low + high) / 2 + spare)
     return Scale(dots_per_m, (float(middle[0]), float(middle[1])), width, height)
 
@@ -91,9 +94,13 @@ def position(agent: AgentView) -> Point:
     return agent.state.position_ned_m[:2] if agent.state else (math.nan, math.nan)
 
 
-def _draw_links(canvas: Canvas, scale: Scale, picture: Picture, placed: dict[int, AgentView]) -> None:
+def _draw_links(
+    canvas: Canvas, scale: Scale, picture: Picture, placed: dict[int, AgentView]
+) -> None:
     view = picture.view
-    judged = mesh_judgements(view, {pair for edge in view.edges for pair in ((edge.a, edge.b), (edge.b, edge.a))})
+    judged = mesh_judgements(
+        view, {pair for edge in view.edges for pair in ((edge.a, edge.b), (edge.b, edge.a))}
+    )
     long_m = _LONG * view.plan.law.r * view.plan.unit_m
     worst: dict[tuple[int, int], Level] = {}
     for edge in view.edges:
@@ -103,7 +110,9 @@ def _draw_links(canvas: Canvas, scale: Scale, picture: Picture, placed: dict[int
         if edge.length_m is not None and edge.length_m > long_m and level < Level.WARNING:
             level = Level.WARNING
         if placed.get(edge.a) and placed.get(edge.b):
-            worst[pair] = Level.ERROR if view.agent(edge.a).lost or view.agent(edge.b).lost else level
+            worst[pair] = (
+                Level.ERROR if view.agent(edge.a).lost or view.agent(edge.b).lost else level
+            )
     crowded = len(worst) > _CROWDED * len(placed)
     for (a, b), level in sorted(worst.items(), key=lambda item: item[1]):
         if crowded and level < Level.WARNING:
@@ -112,13 +121,17 @@ def _draw_links(canvas: Canvas, scale: Scale, picture: Picture, placed: dict[int
         canvas.line(*ends, _LINK_STYLE[level], every=1.0 if level >= Level.WARNING else 3.0)
 
 
-def _draw_circles(canvas: Canvas, scale: Scale, picture: Picture, placed: dict[int, AgentView]) -> None:
+def _draw_circles(
+    canvas: Canvas, scale: Scale, picture: Picture, placed: dict[int, AgentView]
+) -> None:
     """Half of r_out around each: where two touch, the avoidance begins."""
     near = {agent for pair in picture.view.pairs for agent in (pair.a, pair.b)}
     radius = picture.view.plan.law.r_out * picture.view.plan.unit_m / 2 * scale.dots_per_m
     for agent in placed.values():
         if agent.phase is not Phase.ENDED and radius >= 3:
-            canvas.circle(scale.dot(position(agent)), radius, "yellow" if agent.id in near else "blue")
+            canvas.circle(
+                scale.dot(position(agent)), radius, "yellow" if agent.id in near else "blue"
+            )
 
 
 def _draw_trails(canvas: Canvas, scale: Scale, view: SwarmView) -> None:
@@ -137,19 +150,33 @@ def _draw_slots(canvas: Canvas, scale: Scale, view: SwarmView) -> None:
             canvas.words(int(x // 2), int(y // 4), "○", "bold")
 
 
-def _draw_agents(canvas: Canvas, scale: Scale, picture: Picture, placed: dict[int, AgentView]) -> None:
+def _draw_agents(
+    canvas: Canvas, scale: Scale, picture: Picture, placed: dict[int, AgentView]
+) -> None:
     levels = picture.levels()
     for agent in placed.values():
         x, y = scale.dot(position(agent))
         level = levels.get(agent.id, Level.WELL)
-        name = LEVEL_STYLE[level] if level >= Level.WARNING else "bold green" if agent.airborne else "dim"
+        name = (
+            LEVEL_STYLE[level]
+            if level >= Level.WARNING
+            else "bold green"
+            if agent.airborne
+            else "dim"
+        )
         if agent.id in picture.chosen.marked:
             name = "bold magenta"
         if agent.id == picture.chosen.cursor:
             name += " reverse"
         words = str(agent.id)
         sign = {Level.WARNING: "!", Level.ERROR: "✗"}.get(level, "")
-        canvas.words(int(x // 2) - (len(words) - 1) // 2, int(y // 4), words + sign, name, f"app.mark({agent.id})")
+        canvas.words(
+            int(x // 2) - (len(words) - 1) // 2,
+            int(y // 4),
+            words + sign,
+            name,
+            f"app.mark({agent.id})",
+        )
 
 
 def _draw_scale(canvas: Canvas, scale: Scale) -> None:

@@ -1,4 +1,5 @@
-"""All a panel is drawn from: the swarm's view, what the journal made of it, and what the operator has chosen."""
+"""All a panel is drawn from: the swarm's view, what the journal made of it, and what the operator
+has chosen."""
 
 from __future__ import annotations
 
@@ -41,7 +42,9 @@ class Picture:
 
     def level(self, agent: int) -> Level:
         """An agent's worst alarm."""
-        return max((alarm.level for alarm in self.alarms if agent in alarm.agents), default=Level.WELL)
+        return max(
+            (alarm.level for alarm in self.alarms if agent in alarm.agents), default=Level.WELL
+        )
 
     def levels(self) -> dict[int, Level]:
         """Of all agents that have one."""

@@ -36,7 +36,10 @@ _KEYS: Final = (
     (":", "go to a time: 83, 1:23, +10, -10, end; or click on the line below"),
     ("1 2 3 4 ?", "screens: swarm, links, sigma, log, help; also tab, or a click"),
     ("↑ ↓", "move the cursor, or the lines of a screen"),
-    ("s S v / w", "sort, turn the order round; what the link matrix shows; filter the log by words, by level"),
+    (
+        "s S v / w",
+        "sort, turn the order round; what the link matrix shows; filter the log by words, by level",
+    ),
     ("t q", "light or dark; leave"),
 )
 
@@ -105,7 +108,8 @@ class Player(Dashboard, inherit_bindings=False):
         """A film may be left at any time."""
 
     def turn(self) -> None:
-        """Go on as the wall clock does, read ahead in what is left of the time, draw what is new."""
+        """Go on as the wall clock does, read ahead in what is left of the time, draw what is
+        new."""
         now_s = self._wall_s()
         passed_s, self._last_s = now_s - self._last_s, now_s
 
@@ -139,9 +143,16 @@ class Player(Dashboard, inherit_bindings=False):
         line = Line()
         key_words(line, (("space", pause, "pause"), ("←", "", "skip(-5)"), ("→", "5 s", "skip(5)")))
         key_words(line, (("e", "event", "next(False)"), ("a", "alarm", "next(True)")))
-        key_words(line, (("-", "", "speed(-1)"), ("+", "speed", "speed(1)"), (":", "go to", "command('')")))
+        key_words(
+            line,
+            (("-", "", "speed(-1)"), ("+", "speed", "speed(1)"), (":", "go to", "command('')")),
+        )
         last = "q leave"
-        return line.to(width - len(last) - 1).add(last, "bold", "app.leave") if line.width + 10 <= width else line
+        return (
+            line.to(width - len(last) - 1).add(last, "bold", "app.leave")
+            if line.width + 10 <= width
+            else line
+        )
 
     def help_lines(self, width: int) -> list[Line]:
         """A player's keys."""

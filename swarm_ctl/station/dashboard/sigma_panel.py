@@ -1,6 +1,8 @@
-"""What the law does: every pair in the avoidance region with its sigma, D and budget; each agent's two terms; tallies.
+"""What the law does: every pair in the avoidance region with its sigma, D and budget; each agent's
+two terms; tallies.
 
-One line per side of a pair: each agent tunes its own sigma. Distances in metres, the law's figures in units.
+One line per side of a pair: each agent tunes its own sigma. Distances in metres, the law's figures
+in units.
 """
 
 from __future__ import annotations
@@ -19,13 +21,18 @@ from swarm_ctl.station.picture.view import PairView, SwarmView
 
 INVARIANTS: Final = ("too close", "sigma bound", "long link", "overspeed")
 """Alarms about what the law promises."""
-_STATUS_STYLE: Final = {"paper": "green", "narrow": "cyan", "inactive": "dim", "overspeed": "bold yellow"}
+_STATUS_STYLE: Final = {
+    "paper": "green",
+    "narrow": "cyan",
+    "inactive": "dim",
+    "overspeed": "bold yellow",
+}
 _STATUSES: Final = tuple(_STATUS_STYLE)
 
 
 def budget_used(report: PairReport, law: SigmaReport | None, r: float) -> float | None:
-    """Share of the connectivity budget `r / D - x / 2` (Property 1) that the agent's whole step |u_i| takes; over 1 the
-    property does not hold for it. None where the pair has no D.
+    """Share of the connectivity budget `r / D - x / 2` (Property 1) that the agent's whole step
+    |u_i| takes; over 1 the property does not hold for it. None where the pair has no D.
     """
     if law is None or report.d is None or report.d <= 0:
         return None
@@ -59,7 +66,9 @@ def _filter(view: SwarmView) -> list[Line]:
     reports = [(agent.id, agent.status.safety) for agent in view.agents if agent.status is not None]
     ticks, touched = sum(r.ticks for _, r in reports), sum(r.touched for _, r in reports)
     yielded, releases = sum(r.yielded for _, r in reports), sum(r.releases for _, r in reports)
-    line = Line("   safety filter:", "bold dim").add(f"  changed {100 * touched / max(1, ticks):.1f}% of the ticks")
+    line = Line("   safety filter:", "bold dim").add(
+        f"  changed {100 * touched / max(1, ticks):.1f}% of the ticks"
+    )
     line.add(f"  gave way in {yielded}", "yellow" if yielded else "dim")
     line.add(f"  dead-locks left {releases}", "" if releases else "dim")
     swapped = sum(len(agent.status.roles) for agent in view.agents if agent.status is not None) // 2
@@ -78,20 +87,29 @@ def _broken(picture: Picture) -> list[Line]:
         law, unit = picture.view.plan.law, picture.view.plan.unit_m
         words = f"sigma over its bound, nobody under {law.r_in * unit:g} m, no link over {law.r * unit:g} m"
         return [Line(f" {UNICODE.well} {words}", "green")]
-    return [Line(f" {UNICODE.of(a.level)} {printable(a.text)}", LEVEL_STYLE[a.level]) for a in found]
+    return [
+        Line(f" {UNICODE.of(a.level)} {printable(a.text)}", LEVEL_STYLE[a.level]) for a in found
+    ]
 
 
 def _laws(view: SwarmView) -> list[Line]:
     """The law in force; each of them where agents fly different ones."""
     laws, lines = view.laws, []
     for agents in laws.values():
-        statuses = [agent.status for agent in agents if agent.status is not None and agent.status.gains is not None]
+        statuses = [
+            agent.status
+            for agent in agents
+            if agent.status is not None and agent.status.gains is not None
+        ]
         gains = max(statuses, key=lambda status: status.time_s).gains if statuses else None
         if gains is None:
             continue
         line = Line("   law ", "dim").add(named(gains), "bold")
         changed = differences(planned(view.plan), gains)
-        line.add("  (the mission's own)" if not changed else f"  (tuned: {changed})", "" if changed else "dim")
+        line.add(
+            "  (the mission's own)" if not changed else f"  (tuned: {changed})",
+            "" if changed else "dim",
+        )
         if len(laws) > 1:
             line.add(f"  {agents_named(agent.id for agent in agents)}", "bold red")
         lines.append(line)
@@ -99,7 +117,9 @@ def _laws(view: SwarmView) -> list[Line]:
 
 
 def _heading(spark: int) -> Line:
-    line = Line("   side    apart      σ  bound   D_lb ────── D ────── D_ub  status    budget", "bold dim")
+    line = Line(
+        "   side    apart      σ  bound   D_lb ────── D ────── D_ub  status    budget", "bold dim"
+    )
     return line.to(80).add(" σ, history", "bold dim") if spark >= 6 else line
 
 
@@ -119,7 +139,9 @@ def _pair_lines(view: SwarmView, pair: PairView, spark: int) -> list[Line]:
         line.add(right(words, 7), "yellow" if share is not None and share > 1 else "")
         if spark >= 6:
             points = view.histories.pairs.get((agent, report.peer))
-            line.to(80).add(" " + sparkline([p[2] for p in points.points] if points else (), spark - 1), "cyan")
+            line.to(80).add(
+                " " + sparkline([p[2] for p in points.points] if points else (), spark - 1), "cyan"
+            )
         lines.append(line)
     return lines
 
@@ -133,7 +155,9 @@ def _gauge(line: Line, report: PairReport) -> None:
     else:
         before, marker, after = gauge((report.d - report.d_lb) / (report.d_ub - report.d_lb), rail)
         inside = report.d_lb < report.d < report.d_ub
-        line.add(before, "dim").add(marker, "bold green" if inside else "bold red").add(after, "dim")
+        line.add(before, "dim").add(marker, "bold green" if inside else "bold red").add(
+            after, "dim"
+        )
     line.add(" ").add(f"{fit(report.d_ub, 5, 2):<5}", "dim")
 
 
@@ -141,14 +165,20 @@ def _terms(view: SwarmView, width: int) -> list[Line]:
     """Each agent's consensus against its repulsion."""
     active = [(agent.id, agent.sigma) for agent in view.agents if agent.sigma is not None]
     lines = [
-        Line("   agent   consensus  repulsion  share of repulsion", "bold dim").add("  (units an iteration)", "dim")
+        Line("   agent   consensus  repulsion  share of repulsion", "bold dim").add(
+            "  (units an iteration)", "dim"
+        )
     ]
     size = max(10, min(40, width - 48))
     for agent, report in active:
         consensus, repulsion = math.hypot(*report.consensus), math.hypot(*report.avoidance)
         whole = consensus + repulsion
         share = repulsion / whole if whole > 0 else 0.0
-        line = Line(f" {agent:>6}  ", "bold").add(right(fit(consensus, 8, 5), 10)).add(right(fit(repulsion, 8, 5), 11))
+        line = (
+            Line(f" {agent:>6}  ", "bold")
+            .add(right(fit(consensus, 8, 5), 10))
+            .add(right(fit(repulsion, 8, 5), 11))
+        )
         lines.append(line.add("  ").add(bar(share, size), "cyan").add(f" {100 * share:3.0f}%"))
     return lines if active else [*lines, Line(f"   {UNICODE.dash}", "dim")]
 
@@ -166,5 +196,7 @@ def _tally(view: SwarmView, width: int) -> list[Line]:
         share = f" ({100 * count / whole:.0f}%)" if count else ""
         if lines[-1].width + len(words) + len(share) + 2 > width:
             lines.append(Line("  "))
-        lines[-1].add("  ").add(words, _STATUS_STYLE.get(status, "") if count else "dim").add(share, "dim")
+        lines[-1].add("  ").add(words, _STATUS_STYLE.get(status, "") if count else "dim").add(
+            share, "dim"
+        )
     return lines

@@ -1,5 +1,5 @@
-"""Lines of a screen: styled words at fixed widths, gauges, sparklines. Colours are names of the sixteen; the
-application turns them into those of its light or dark theme.
+"""Lines of a screen: styled words at fixed widths, gauges, sparklines. Colours are names of the
+sixteen; the application turns them into those of its light or dark theme.
 """
 
 from __future__ import annotations
@@ -66,7 +66,8 @@ def right(words: str, size: int) -> str:
 
 
 def sparkline(values: Sequence[float], width: int, most: float | None = None) -> str:
-    """The newest `width` values, oldest first, from 0 to `most` (their own largest where not given)."""
+    """The newest `width` values, oldest first, from 0 to `most` (their own largest where not
+    given)."""
     shown = values[-width:]
     top = max([most or 0.0, *shown])
     if top <= 0.0:

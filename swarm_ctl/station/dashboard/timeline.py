@@ -39,7 +39,11 @@ def clock(time_s: float) -> str:
 def timeline(film: Film, playing: Playing, width: int) -> Line:
     """State and time on the left, speed on the right, the flight in between."""
     sign = "▶" if playing.going else "■" if film.time_s >= film.end_s else "‖"
-    line = Line(" REPLAY ", "bold reverse", "app.pause").add(f" {sign} ", "bold", "app.pause").add(clock(film.time_s))
+    line = (
+        Line(" REPLAY ", "bold reverse", "app.pause")
+        .add(f" {sign} ", "bold", "app.pause")
+        .add(clock(film.time_s))
+    )
     speed = f" ×{playing.speed:g} "
     end = f" {clock(film.end_s)}"
     if playing.wanted_s is not None:
@@ -70,6 +74,14 @@ def _rail(film: Film, room: int) -> Line:
         elif cell in levels:
             line.add("▲", LEVEL_STYLE[levels[cell]], goes_to)
         else:
-            rail = ("┿" if passed else "┼") if cell in steps else "━" if passed else "─" if read else "·"
+            rail = (
+                ("┿" if passed else "┼")
+                if cell in steps
+                else "━"
+                if passed
+                else "─"
+                if read
+                else "·"
+            )
             line.add(rail, "cyan" if passed else "dim", goes_to)
     return line

@@ -27,7 +27,8 @@ _PLACEHOLDERS: Final = {
 
 
 class Painted(ScrollView, can_focus=False):
-    """Lines under a scroll bar where they don't fit. `follows`: stays at the end while nobody scrolls up."""
+    """Lines under a scroll bar where they don't fit. `follows`: stays at the end while nobody
+    scrolls up."""
 
     class Sized(Message):
         """There is another room to draw in."""
@@ -70,9 +71,13 @@ class Painted(ScrollView, can_focus=False):
         k = y + self.scroll_offset.y
         width = self.scrollable_content_region.width
         if self._ground is None:
-            self._ground = self.rich_style  # a tenth of all drawing, if it were looked up for each line
+            self._ground = (
+                self.rich_style
+            )  # a tenth of all drawing, if it were looked up for each line
         strip = self._strips[k] if k < len(self._strips) else Strip.blank(width)
-        return (strip if strip.cell_length == width else strip.adjust_cell_length(width)).apply_style(self._ground)
+        return (
+            strip if strip.cell_length == width else strip.adjust_cell_length(width)
+        ).apply_style(self._ground)
 
     def notify_style_update(self) -> None:
         """Another theme, say."""
@@ -81,7 +86,8 @@ class Painted(ScrollView, can_focus=False):
 
 
 class CommandInput(Input):
-    """The command line (and the log's filter): completion with tab, the lines before with up and down."""
+    """The command line (and the log's filter): completion with tab, the lines before with up and
+    down."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("tab", "complete"),
@@ -100,8 +106,8 @@ class CommandInput(Input):
         """A key of `_PLACEHOLDERS`; empty: not in use."""
 
     async def _on_key(self, event: Key) -> None:
-        """Editing keys act in their turn. As mere bindings they would be looked at after what was typed behind them:
-        over a slow line, or pasted, `5`, backspace, `4` would come out as 5.
+        """Editing keys act in their turn. As mere bindings they would be looked at after what was
+        typed behind them: over a slow line, or pasted, `5`, backspace, `4` would come out as 5.
         """
         bindings = self._bindings.key_to_bindings.get(event.key)
         if not bindings:
@@ -120,7 +126,9 @@ class CommandInput(Input):
         self.value = text
         self.cursor_position = len(text)
         self._at = len(self._before)
-        self.screen.set_focus(self, scroll_visible=False)  # at once: the next key belongs to the line already
+        self.screen.set_focus(
+            self, scroll_visible=False
+        )  # at once: the next key belongs to the line already
 
     def close(self) -> None:
         """Give it back."""

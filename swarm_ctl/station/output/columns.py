@@ -73,7 +73,8 @@ Cell: TypeAlias = str | tuple[str, str]
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One column: title, cells of at most `width` characters, and the narrowest screen that has it."""
+    """One column: title, cells of at most `width` characters, and the narrowest screen that has
+    it."""
 
     title: str
     width: int
@@ -127,12 +128,20 @@ def step_cell(row: Row, width: int) -> str:
     done = f" {row.glyphs.well}" if told.done else ""
     if len(name + done) > width:
         name = name.partition(" ")[0]
-    return name + done if len(name + done) <= width else name[: width - len(done.strip())] + done.strip()
+    return (
+        name + done
+        if len(name + done) <= width
+        else name[: width - len(done.strip())] + done.strip()
+    )
 
 
 def mode_cell(row: Row, _: int) -> str:
     """The autopilot's own word for its mode."""
-    return printable(row.agent.status.mode) if row.agent.status and row.agent.status.mode else row.glyphs.dash
+    return (
+        printable(row.agent.status.mode)
+        if row.agent.status and row.agent.status.mode
+        else row.glyphs.dash
+    )
 
 
 def armed_sign_cell(row: Row, _: int) -> str:
@@ -157,7 +166,9 @@ def numbers(of: Callable[[Row], float | None], decimals: int) -> Callable[[Row, 
 def coordinate(axis: int, sign: int = 1) -> Callable[[Row], float | None]:
     """One coordinate [m] of the common frame."""
     # adding zero: -0.0 is a height nobody reads
-    return lambda row: sign * row.agent.state.position_ned_m[axis] + 0.0 if row.agent.state else None
+    return lambda row: (
+        sign * row.agent.state.position_ned_m[axis] + 0.0 if row.agent.state else None
+    )
 
 
 def nearest_cell(row: Row, width: int) -> str:
@@ -178,7 +189,9 @@ def age_cell(row: Row, width: int) -> Cell:
 
 def loss_cell(row: Row, _: int) -> str:
     """Share of its states lost on the way here."""
-    return f"{100 * row.agent.link.recent_loss:.0f}%" if row.agent.link.received else row.glyphs.dash
+    return (
+        f"{100 * row.agent.link.recent_loss:.0f}%" if row.agent.link.received else row.glyphs.dash
+    )
 
 
 def speed_mps(row: Row) -> float | None:
@@ -191,7 +204,11 @@ def speed_mps(row: Row) -> float | None:
 
 def late_ms(row: Row) -> float | None:
     """Lateness of its ticks, p99."""
-    return row.agent.status.tick.late_p99_ms if row.agent.status and row.agent.status.tick.count else None
+    return (
+        row.agent.status.tick.late_p99_ms
+        if row.agent.status and row.agent.status.tick.count
+        else None
+    )
 
 
 _WIDE: Final = 110
@@ -216,5 +233,10 @@ COLUMNS: Final[tuple[Column, ...]] = (
     Column("loss", 4, loss_cell, _WIDE),
     Column("Hz", 3, numbers(lambda row: row.agent.link.tick_rate_hz, 1)),
     Column("late", 4, numbers(late_ms, 1)),
-    Column("batt", 4, numbers(lambda row: row.agent.status.battery_percent if row.agent.status else None, 0), _WIDE),
+    Column(
+        "batt",
+        4,
+        numbers(lambda row: row.agent.status.battery_percent if row.agent.status else None, 0),
+        _WIDE,
+    ),
 )

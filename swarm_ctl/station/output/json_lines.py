@@ -1,4 +1,5 @@
-"""The view as one line of JSON, for scripts. Lengths in metres, times in mission seconds; null: not known."""
+"""The view as one line of JSON, for scripts. Lengths in metres, times in mission seconds; null: not
+known."""
 
 from __future__ import annotations
 
@@ -30,7 +31,8 @@ def json_line(view: SwarmView) -> str:
             "error_m": _rounded(view.error_m),
             "agents": [_agent(agent) for agent in view.agents],
             "alarms": [
-                {"name": a.name, "level": a.level.name.lower(), "agents": a.agents, "text": a.text} for a in standing
+                {"name": a.name, "level": a.level.name.lower(), "agents": a.agents, "text": a.text}
+                for a in standing
             ],
             "commands": [_command(command) for command in view.commands],
             "unreadable": view.health.bad_payloads,

@@ -1,7 +1,7 @@
 """The live view: a whole screen drawn from one `SwarmView`, and from nothing else.
 
-It has always the height it is given, so that a redraw moves nothing. Colours are the terminal's own sixteen (light and
-dark alike), and every colour has a sign or a word beside it.
+It has always the height it is given, so that a redraw moves nothing. Colours are the terminal's own
+sixteen (light and dark alike), and every colour has a sign or a word beside it.
 """
 
 from __future__ import annotations
@@ -33,7 +33,8 @@ _BAR_STYLE: Final = {
 def render(
     view: SwarmView, width: int | None = None, height: int | None = None, *, ctrl_c: str = ""
 ) -> ConsoleRenderable:
-    """The view as a rich renderable of exactly `width` x `height` cells; the console's own size where not given.
+    """The view as a rich renderable of exactly `width` x `height` cells; the console's own size
+    where not given.
 
     `ctrl_c`: what that means where it does not land the swarm.
     """
@@ -48,9 +49,14 @@ class _Screen:
     ctrl_c: str
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        width, height = self.width or options.max_width, self.height or options.height or console.height
+        width, height = (
+            self.width or options.max_width,
+            self.height or options.height or console.height,
+        )
         plain = options.ascii_only
-        for k, line in enumerate(_Drawing(self.view, width, ASCII if plain else UNICODE, self.ctrl_c).lines(height)):
+        for k, line in enumerate(
+            _Drawing(self.view, width, ASCII if plain else UNICODE, self.ctrl_c).lines(height)
+        ):
             line.truncate(width, overflow="crop" if plain else "ellipsis", pad=True)
             # Text.render leaves a plain line's own style to its caller
             for segment in Segment.apply_style(line.render(console), console.get_style(line.style)):
@@ -69,7 +75,8 @@ class _Drawing:
         self._alarms = alarms(view)
 
     def lines(self, height: int) -> list[Text]:
-        """Everything from top to bottom, exactly `height` lines; in too little room the head comes first."""
+        """Everything from top to bottom, exactly `height` lines; in too little room the head comes
+        first."""
         free = height - 5  # title, figures, bar, the table's head, footer
         agents = self._agents(max(1, free - 4))
         hidden = len(self._view.agents) - len(agents)
@@ -79,12 +86,18 @@ class _Drawing:
         free -= len(shown)
         sigma_rows = max(0, min(8, (free - 4) // 3))
         parts: list[Text] = [self._title(), self._figures(), self._bar(level, worst)]
-        parts += [Text(f" {self._glyphs.of(level)} {text}", style=LEVEL_STYLE[level]) for level, text in shown]
+        parts += [
+            Text(f" {self._glyphs.of(level)} {text}", style=LEVEL_STYLE[level])
+            for level, text in shown
+        ]
         parts += self._table(agents)
         if hidden:
             parts.append(Text(f"    and {hidden} more agents", style="dim"))
         if sigma_rows:
-            parts += [self._rule(f"{self._glyphs.sigma}: pairs in the avoidance region"), *self._sigma(sigma_rows)]
+            parts += [
+                self._rule(f"{self._glyphs.sigma}: pairs in the avoidance region"),
+                *self._sigma(sigma_rows),
+            ]
             free -= sigma_rows + 2
         if free > 1:
             parts += [self._rule("events"), *self._events(free - 1)]
@@ -107,20 +120,36 @@ class _Drawing:
             f" {glyphs.times}{view.speedup:g}" if view.speedup != 1 else "",
             gap,
             f"{heard}/{len(view.agents)} agents",
-            (f"{gap}{view.health.frames_dropped} views skipped" if view.health.frames_dropped else "", "yellow"),
+            (
+                f"{gap}{view.health.frames_dropped} views skipped"
+                if view.health.frames_dropped
+                else "",
+                "yellow",
+            ),
         )
 
     def _figures(self) -> Text:
         view, law = self._view, self._view.plan.law
         near = min(
-            ((a.nearest_m, (a.id, a.nearest_agent)) for a in view.agents if a.nearest_m is not None), default=None
+            (
+                (a.nearest_m, (a.id, a.nearest_agent))
+                for a in view.agents
+                if a.nearest_m is not None
+            ),
+            default=None,
         )
-        long = max(((e.length_m, (e.a, e.b)) for e in view.edges if e.length_m is not None), default=None)
+        long = max(
+            ((e.length_m, (e.a, e.b)) for e in view.edges if e.length_m is not None), default=None
+        )
         parts = [f"error {fit(view.error_m, 5, 2, self._glyphs)} m"]
         if near:
-            parts.append(f"nearest {_pair(near[1])} {fit(near[0], 5, 2)} m (r_in {law.r_in * view.plan.unit_m:g})")
+            parts.append(
+                f"nearest {_pair(near[1])} {fit(near[0], 5, 2)} m (r_in {law.r_in * view.plan.unit_m:g})"
+            )
         if long:
-            parts.append(f"longest {_pair(long[1])} {fit(long[0], 5, 1)} m (r {law.r * view.plan.unit_m:g})")
+            parts.append(
+                f"longest {_pair(long[1])} {fit(long[0], 5, 1)} m (r {law.r * view.plan.unit_m:g})"
+            )
         return Text(" " + self._gap().join(parts))
 
     def _gap(self) -> str:
@@ -138,16 +167,24 @@ class _Drawing:
         agents = self._view.agents
         if len(agents) <= room:
             return list(agents)
-        chosen = sorted(agents, key=lambda agent: (-self._level(agent.id), agent.id))[: max(1, room - 1)]
+        chosen = sorted(agents, key=lambda agent: (-self._level(agent.id), agent.id))[
+            : max(1, room - 1)
+        ]
         return sorted(chosen, key=lambda agent: agent.id)
 
     def _level(self, agent_id: int) -> Level:
-        return max((alarm.level for alarm in self._alarms if agent_id in alarm.agents), default=Level.WELL)
+        return max(
+            (alarm.level for alarm in self._alarms if agent_id in alarm.agents), default=Level.WELL
+        )
 
     def _table(self, agents: Iterable[AgentView]) -> list[Text]:
         """A heading and one line per agent; what room there is goes between the columns."""
-        columns = [column for column in COLUMNS if column.from_width <= self._width < column.below_width]
-        gap = " " * max(1, (self._width - sum(column.width for column in columns)) // (len(columns) - 1))
+        columns = [
+            column for column in COLUMNS if column.from_width <= self._width < column.below_width
+        ]
+        gap = " " * max(
+            1, (self._width - sum(column.width for column in columns)) // (len(columns) - 1)
+        )
         lines = [Text(gap.join(column.place(column.title) for column in columns), style="dim")]
         for agent in agents:
             row = Row(self._view, agent, self._level(agent.id), self._glyphs)
@@ -171,7 +208,9 @@ class _Drawing:
         chosen = pairs if len(pairs) <= rows else pairs[: rows - 1]
         lines = [self._sigma_line(pair) for pair in chosen] or [Text("   none", style="dim")]
         if len(chosen) < len(pairs):
-            lines.append(Text(f"   and {len(pairs) - len(chosen)} more, further apart", style="dim"))
+            lines.append(
+                Text(f"   and {len(pairs) - len(chosen)} more, further apart", style="dim")
+            )
         heads = ("pair", "apart", "sigma", "over bound", "D", "status")
         return [Text(_sigma_cells(heads), style="dim"), *lines, *[Text("")] * (rows - len(lines))]
 
@@ -189,9 +228,13 @@ class _Drawing:
         )
         return Text(_sigma_cells(cells), style="yellow" if "overspeed" in statuses else "")
 
-    def _each(self, both: Iterable[PairReport | None], of: Callable[[PairReport], float | None]) -> str:
+    def _each(
+        self, both: Iterable[PairReport | None], of: Callable[[PairReport], float | None]
+    ) -> str:
         """One figure as the two agents see it, in the order of the pair."""
-        return "  ".join(f"{fit(of(report) if report else None, 5, 2, self._glyphs):>5}" for report in both)
+        return "  ".join(
+            f"{fit(of(report) if report else None, 5, 2, self._glyphs):>5}" for report in both
+        )
 
     def _events(self, rows: int) -> list[Text]:
         """Exactly `rows` lines, the newest at the bottom."""
@@ -216,7 +259,10 @@ class _Drawing:
         landing = [command for command in self._view.commands if command.command.kind == "land"]
         if not landing:
             return Text(" Ctrl-C lands the swarm", style="bold")
-        return Text(f" Ctrl-C again stops at once{self._gap()}{answers(landing[-1], self._view)}", style="bold")
+        return Text(
+            f" Ctrl-C again stops at once{self._gap()}{answers(landing[-1], self._view)}",
+            style="bold",
+        )
 
 
 def _ascii(text: str) -> str:

@@ -1,4 +1,5 @@
-"""Plain lines for a log: what has changed from one view to the next, each thing once. ASCII only."""
+"""Plain lines for a log: what has changed from one view to the next, each thing once. ASCII
+only."""
 
 from __future__ import annotations
 
@@ -17,8 +18,8 @@ _FIGURE: Final = re.compile(r"[\d.]+")
 
 
 def log_lines(previous: SwarmView | None, view: SwarmView) -> list[str]:
-    """Lines for everything new in `view` since `previous` (None: since nothing was known): steps, phases, events,
-    commands, alarms raised and cleared.
+    """Lines for everything new in `view` since `previous` (None: since nothing was known): steps,
+    phases, events, commands, alarms raised and cleared.
     """
     said = [
         *_step(previous, view),
@@ -42,7 +43,11 @@ def _phases(previous: SwarmView | None, view: SwarmView) -> Iterator[str]:
     for agent in view.agents:
         old = before.get(agent.id)
         if agent.phase is not None and agent.phase is not old:
-            words = f"{old.name.lower()} -> {agent.phase.name.lower()}" if old is not None else agent.phase.name.lower()
+            words = (
+                f"{old.name.lower()} -> {agent.phase.name.lower()}"
+                if old is not None
+                else agent.phase.name.lower()
+            )
             changed.setdefault(words, []).append(agent.id)
     for words, ids in changed.items():
         yield f"{agents_named(ids)}: {words}"
@@ -50,7 +55,11 @@ def _phases(previous: SwarmView | None, view: SwarmView) -> Iterator[str]:
 
 def _reasons(previous: SwarmView | None, view: SwarmView) -> Iterator[str]:
     """Why agents wait; a figure that changes within the reason is no news."""
-    before = {(i, _FIGURE.sub("", why)) for why, ids in reasons(previous).items() for i in ids} if previous else set()
+    before = (
+        {(i, _FIGURE.sub("", why)) for why, ids in reasons(previous).items() for i in ids}
+        if previous
+        else set()
+    )
     for why, ids in reasons(view).items():
         new = [i for i in ids if (i, _FIGURE.sub("", why)) not in before]
         if new:

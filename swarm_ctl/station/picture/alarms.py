@@ -1,7 +1,8 @@
-"""What an operator must be told: a table of alarms, each a pure function of the view, with threshold and reason.
+"""What an operator must be told: a table of alarms, each a pure function of the view, with
+threshold and reason.
 
-Nothing is remembered here: an alarm is raised when it appears in a view and cleared when it does not any more.
-Thresholds are mission time and metres.
+Nothing is remembered here: an alarm is raised when it appears in a view and cleared when it does
+not any more. Thresholds are mission time and metres.
 """
 
 from __future__ import annotations
@@ -33,7 +34,8 @@ class Level(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """One alarm that stands. `(name, agents)` tells it from others; `text` holds today's figures."""
+    """One alarm that stands. `(name, agents)` tells it from others; `text` holds today's
+    figures."""
 
     name: str
     level: Level
@@ -95,7 +97,10 @@ def _too_close(view: SwarmView, r_in_m: float) -> Found:
                 apart = math.dist(a.state.position_ned_m[:2], b.state.position_ned_m[:2])
                 if apart < r_in_m:
                     short, limit = _apart(apart, r_in_m, 2)
-                    yield (a.id, b.id), f"agents {a.id} and {b.id} are {short} m apart, under r_in {limit} m"
+                    yield (
+                        (a.id, b.id),
+                        f"agents {a.id} and {b.id} are {short} m apart, under r_in {limit} m",
+                    )
 
 
 def _silent(view: SwarmView, _: float) -> Found:
@@ -107,7 +112,10 @@ def _silent(view: SwarmView, _: float) -> Found:
 def _failed(view: SwarmView, _: float) -> Found:
     for agent in view.agents:
         if agent.status is not None and agent.status.outcome == "failed":
-            yield (agent.id,), f"agent {agent.id} failed: {agent.status.reason or 'no reason given'}"
+            yield (
+                (agent.id,),
+                f"agent {agent.id} failed: {agent.status.reason or 'no reason given'}",
+            )
 
 
 def _other_plan(view: SwarmView, _: float) -> Found:
@@ -158,7 +166,10 @@ def _mixed_laws(view: SwarmView, settled_s: float) -> Found:
         gains, usual = _gains(agents), _gains(most)
         how = f": {differences(usual, gains)}" if gains and usual else ""
         ids = tuple(agent.id for agent in agents)
-        yield ids, f"{agents_named(ids)} flies another law than {agents_named(agent.id for agent in most)}{how}"
+        yield (
+            ids,
+            f"{agents_named(ids)} flies another law than {agents_named(agent.id for agent in most)}{how}",
+        )
 
 
 def _gains(agents: tuple[AgentView, ...]) -> Gains | None:
@@ -197,7 +208,10 @@ def _no_state(view: SwarmView, limit_s: float) -> Found:
 def _overspeed(view: SwarmView, _: float) -> Found:
     for pair in view.pairs:
         if any(report.status == "overspeed" for _, report in pair.sides):
-            yield (pair.a, pair.b), f"consensus alone leaves the safety region of agents {pair.a} and {pair.b}"
+            yield (
+                (pair.a, pair.b),
+                f"consensus alone leaves the safety region of agents {pair.a} and {pair.b}",
+            )
 
 
 def _long_link(view: SwarmView, r_m: float) -> Found:
@@ -209,11 +223,18 @@ def _long_link(view: SwarmView, r_m: float) -> Found:
 
 
 def _old_link(view: SwarmView, limit_s: float) -> Found:
-    ended = {agent.id for agent in view.agents if agent.phase is Phase.ENDED or agent.lost or not agent.airborne}
+    ended = {
+        agent.id
+        for agent in view.agents
+        if agent.phase is Phase.ENDED or agent.lost or not agent.airborne
+    }
     for link in view.links:
         age = link.report.age_s
         if age is not None and age > limit_s and not {link.receiver, link.sender} & ended:
-            yield (link.receiver, link.sender), f"agent {link.receiver} last heard agent {link.sender} {age:.1f} s ago"
+            yield (
+                (link.receiver, link.sender),
+                f"agent {link.receiver} last heard agent {link.sender} {age:.1f} s ago",
+            )
 
 
 def _lossy(view: SwarmView, share: float) -> Found:
@@ -236,7 +257,10 @@ def _slow_ticks(view: SwarmView, least_hz: float) -> Found:
     for agent in _active(view):
         rate = agent.link.tick_rate_hz
         if rate is not None and rate < least_hz:
-            yield (agent.id,), f"agent {agent.id} ticks at {rate:.1f} Hz instead of {1 / view.plan.tick_s:.0f} Hz"
+            yield (
+                (agent.id,),
+                f"agent {agent.id} ticks at {rate:.1f} Hz instead of {1 / view.plan.tick_s:.0f} Hz",
+            )
 
 
 def _late_ticks(view: SwarmView, limit_ms: float) -> Found:
@@ -258,20 +282,74 @@ def _nothing(_: SwarmView) -> float:
 
 
 RULES: Final[tuple[Rule, ...]] = (
-    Rule("too close", Level.ERROR, lambda v: v.plan.law.r_in * v.plan.unit_m, "the law's inner radius", _too_close),
-    Rule("silent", Level.ERROR, lambda v: v.plan.policies.agent_lost_after_s, "the mission's policy", _silent),
+    Rule(
+        "too close",
+        Level.ERROR,
+        lambda v: v.plan.law.r_in * v.plan.unit_m,
+        "the law's inner radius",
+        _too_close,
+    ),
+    Rule(
+        "silent",
+        Level.ERROR,
+        lambda v: v.plan.policies.agent_lost_after_s,
+        "the mission's policy",
+        _silent,
+    ),
     Rule("failed", Level.ERROR, _nothing, "the agent says so", _failed),
     Rule("other plan", Level.ERROR, _nothing, "two missions in one air", _other_plan),
-    Rule("vehicle silent", Level.ERROR, lambda _: OWN_LOST_S, "five heartbeats at 1 Hz", _vehicle_silent),
+    Rule(
+        "vehicle silent",
+        Level.ERROR,
+        lambda _: OWN_LOST_S,
+        "five heartbeats at 1 Hz",
+        _vehicle_silent,
+    ),
     Rule("sigma bound", Level.ERROR, _nothing, "equations (52), (66) and (67)", _sigma_bound),
-    Rule("mixed laws", Level.ERROR, lambda _: 1.0, "a change takes all agents within a few ticks", _mixed_laws),
+    Rule(
+        "mixed laws",
+        Level.ERROR,
+        lambda _: 1.0,
+        "a change takes all agents within a few ticks",
+        _mixed_laws,
+    ),
     Rule("taken over", Level.WARNING, _nothing, "somebody else flies", _taken_over),
     Rule("holding", Level.WARNING, _nothing, "a policy stopped the mission", _holding),
-    Rule("never heard", Level.WARNING, lambda _: 5.0, "all processes hear each other within 2 s", _unheard),
-    Rule("old state", Level.WARNING, lambda _: NEIGHBOUR_S, "its neighbours stop following it", _no_state),
-    Rule("overspeed", Level.WARNING, _nothing, "D_ub <= 2: no sigma keeps this pair's link", _overspeed),
-    Rule("long link", Level.WARNING, lambda v: v.plan.law.r * v.plan.unit_m, "the interaction range", _long_link),
-    Rule("old link", Level.WARNING, lambda _: NEIGHBOUR_S, "the neighbour is left out of the law", _old_link),
+    Rule(
+        "never heard",
+        Level.WARNING,
+        lambda _: 5.0,
+        "all processes hear each other within 2 s",
+        _unheard,
+    ),
+    Rule(
+        "old state",
+        Level.WARNING,
+        lambda _: NEIGHBOUR_S,
+        "its neighbours stop following it",
+        _no_state,
+    ),
+    Rule(
+        "overspeed",
+        Level.WARNING,
+        _nothing,
+        "D_ub <= 2: no sigma keeps this pair's link",
+        _overspeed,
+    ),
+    Rule(
+        "long link",
+        Level.WARNING,
+        lambda v: v.plan.law.r * v.plan.unit_m,
+        "the interaction range",
+        _long_link,
+    ),
+    Rule(
+        "old link",
+        Level.WARNING,
+        lambda _: NEIGHBOUR_S,
+        "the neighbour is left out of the law",
+        _old_link,
+    ),
     Rule("loss", Level.WARNING, lambda _: 0.2, "what the law was tried with", _lossy),
     Rule(
         "no station",
@@ -280,7 +358,13 @@ RULES: Final[tuple[Rule, ...]] = (
         "half way to the mission's policy",
         _no_station,
     ),
-    Rule("slow ticks", Level.WARNING, lambda v: 0.8 / v.plan.tick_s, "a fifth of the ticks missing", _slow_ticks),
+    Rule(
+        "slow ticks",
+        Level.WARNING,
+        lambda v: 0.8 / v.plan.tick_s,
+        "a fifth of the ticks missing",
+        _slow_ticks,
+    ),
     Rule(
         "late ticks",
         Level.WARNING,

@@ -1,6 +1,8 @@
-"""What a screen draws as a line instead of a figure: trails, link series, pair series. Folded by `model.Model`.
+"""What a screen draws as a line instead of a figure: trails, link series, pair series. Folded by
+`model.Model`.
 
-Everything kept is an immutable tuple, replaced and not changed, so that views share it. Times are mission seconds.
+Everything kept is an immutable tuple, replaced and not changed, so that views share it. Times are
+mission seconds.
 """
 
 from __future__ import annotations
@@ -42,7 +44,8 @@ class LinkSeries:
 
 @dataclass(frozen=True, slots=True)
 class PairSeries:
-    """One agent's view of one pair, oldest first: (time, distance in units, sigma, its lower bound)."""
+    """One agent's view of one pair, oldest first: (time, distance in units, sigma, its lower
+    bound)."""
 
     points: tuple[tuple[float, float, float, float], ...] = ()
 
@@ -76,7 +79,9 @@ class History:
         if state.time_s >= self._due.get(state.agent, 0.0):
             self._due[state.agent] = state.time_s + TRAIL_EVERY_S
             north, east, _ = state.position_ned_m
-            self._trails[state.agent] = _put(self._trails.get(state.agent, ()), (north, east), TRAIL_POINTS)
+            self._trails[state.agent] = _put(
+                self._trails.get(state.agent, ()), (north, east), TRAIL_POINTS
+            )
 
     def status(self, status: AgentStatus) -> None:
         """A point of every link's series."""
@@ -102,7 +107,9 @@ class History:
 
     def view(self) -> Histories:
         """As it is now."""
-        return Histories(dict(self._trails), dict(self._links), dict(self._pairs), dict(self._round_trips))
+        return Histories(
+            dict(self._trails), dict(self._links), dict(self._pairs), dict(self._round_trips)
+        )
 
 
 def _grown(series: LinkSeries, report: LinkReport, time_s: float) -> LinkSeries:

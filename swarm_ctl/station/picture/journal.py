@@ -1,6 +1,8 @@
-"""The log of a flight: events, alarms raised, acknowledged and cleared, commands and their answers; each thing once.
+"""The log of a flight: events, alarms raised, acknowledged and cleared, commands and their answers;
+each thing once.
 
-A fold over views, so that every station that saw the same views has the same log. Times are mission seconds.
+A fold over views, so that every station that saw the same views has the same log. Times are mission
+seconds.
 """
 
 from __future__ import annotations
@@ -111,12 +113,23 @@ class Journal:
             before = self._entries[-1] if self._entries else None
             if before is not None and before.kind == "event" and before.text == saying.text:
                 # the others' same words, a view later
-                self._change(self._first + len(self._entries) - 1, agents=_joined(before.agents, saying.agents))
+                self._change(
+                    self._first + len(self._entries) - 1,
+                    agents=_joined(before.agents, saying.agents),
+                )
                 continue
             vehicle = saying.text.startswith("vehicle: ")
             text = saying.text.removeprefix("vehicle: ")
             kind = "vehicle" if vehicle else "event"
-            self._add(Entry(saying.time_s, kind, _EVENT_LEVEL.get(saying.level, Level.WELL), saying.agents, text))
+            self._add(
+                Entry(
+                    saying.time_s,
+                    kind,
+                    _EVENT_LEVEL.get(saying.level, Level.WELL),
+                    saying.agents,
+                    text,
+                )
+            )
 
     def _take_commands(self, view: SwarmView) -> None:
         for command in view.commands:

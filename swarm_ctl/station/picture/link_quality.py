@@ -1,4 +1,5 @@
-"""How good a link is, and in which words: thresholds and judgement, pure. Mission time throughout."""
+"""How good a link is, and in which words: thresholds and judgement, pure. Mission time
+throughout."""
 
 from __future__ import annotations
 
@@ -76,7 +77,8 @@ def jitter_s(p50_s: float | None, p99_s: float | None) -> float | None:
 def mesh_judgements(
     view: SwarmView, only: Container[tuple[int, int]] | None = None
 ) -> dict[tuple[int, int], Judgement]:
-    """Every mesh link (or `only` these) by (receiver, sender); those of agents that are through count as waiting."""
+    """Every mesh link (or `only` these) by (receiver, sender); those of agents that are through
+    count as waiting."""
     ended = {agent.id for agent in view.agents if agent.phase is Phase.ENDED}
     none = LinkSeries()
     return {
@@ -89,11 +91,15 @@ def mesh_judgements(
 
 
 def bad_links(view: SwarmView, judged: dict[tuple[int, int], Judgement]) -> list[tuple[Level, str]]:
-    """Every bad link in words, the worst first; one sentence for an agent that nobody hears well."""
+    """Every bad link in words, the worst first; one sentence for an agent that nobody hears
+    well."""
     found = [
         (judgement.level, f"{what} of agent {agent.id}: {judgement.words}")
         for agent in view.agents
-        for what, judgement in (("vehicle link", judge_vehicle(agent)), ("station link", judge_station(agent)))
+        for what, judgement in (
+            ("vehicle link", judge_vehicle(agent)),
+            ("station link", judge_station(agent)),
+        )
         if judgement.level >= Level.WARNING
     ]
     for sender in {sender for _, sender in judged}:
@@ -103,5 +109,8 @@ def bad_links(view: SwarmView, judged: dict[tuple[int, int], Judgement]) -> list
             worst = max(bad.values(), key=lambda j: j.level)
             found.append((worst.level, f"agent {sender} is heard badly by everyone: {worst.words}"))
         else:
-            found += [(j.level, f"agent {r} hears agent {sender} badly: {j.words}") for r, j in sorted(bad.items())]
+            found += [
+                (j.level, f"agent {r} hears agent {sender} badly: {j.words}")
+                for r, j in sorted(bad.items())
+            ]
     return sorted(found, key=lambda item: -item[0])

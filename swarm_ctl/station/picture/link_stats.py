@@ -13,7 +13,8 @@ from swarm_ctl.station.picture.view import Reception
 WINDOW_S: Final = 10.0
 """Long enough for a p99 at 20 Hz, short enough that a bad link shows while it is bad."""
 _MAX_TRANSIT_S: Final = 1.0
-"""Before a sender's clock is known, one that is further off than this is not believed: age counts from the receipt."""
+"""Before a sender's clock is known, one that is further off than this is not believed: age counts
+from the receipt."""
 _MOST_MISSING: Final = 200
 """Ten seconds at 20 Hz; nothing comes later than that."""
 
@@ -98,7 +99,8 @@ class Receiver:
         return max(0.0, now_s - self._last.received_s) + max(0.0, transit)
 
     def _ahead(self, now_s: float) -> float | None:
-        """The sender's clock less this station's; as long as they may be one clock (on one host they are) they are."""
+        """The sender's clock less this station's; as long as they may be one clock (on one host
+        they are) they are."""
         low, high = self._clock.bounds(now_s)
         if not self._clock.known:
             return None
@@ -121,7 +123,8 @@ class Receiver:
 
 
 def _quantile(ordered: Sequence[float], share: float) -> float | None:
-    """The age that is not exceeded for `share` of the time: an age reached counts as long as it took to reach it."""
+    """The age that is not exceeded for `share` of the time: an age reached counts as long as it
+    took to reach it."""
     wanted, passed = share * sum(ordered), 0.0
     for age in ordered:
         passed += age

@@ -29,7 +29,15 @@ from swarm_ctl.core.model.messages import (
 from swarm_ctl.core.model.plan import FormStep, Plan, Point
 from swarm_ctl.station.picture.history import History
 from swarm_ctl.station.picture.link_stats import Receiver
-from swarm_ctl.station.picture.view import AgentView, CommandView, EdgeView, LinkView, PairView, SwarmView, newest
+from swarm_ctl.station.picture.view import (
+    AgentView,
+    CommandView,
+    EdgeView,
+    LinkView,
+    PairView,
+    SwarmView,
+    newest,
+)
 
 _EVENTS: Final = 200
 _COMMANDS: Final = 20
@@ -70,9 +78,12 @@ class _Answered:
 
 
 class Model:
-    """The station's memory. `fold` takes every payload that arrives, `view` gives the picture at a moment."""
+    """The station's memory. `fold` takes every payload that arrives, `view` gives the picture at a
+    moment."""
 
-    def __init__(self, plan: Plan, *, speedup: float = 1.0, since_s: float = 0.0, station: str = "") -> None:
+    def __init__(
+        self, plan: Plan, *, speedup: float = 1.0, since_s: float = 0.0, station: str = ""
+    ) -> None:
         self._plan = plan
         self._station = station
         self._plan_hash = plan.hash()
@@ -88,7 +99,8 @@ class Model:
         self._history = History()
 
     def fold(self, payload: Payload, received_s: float) -> None:
-        """Take one message in, as it arrived at `received_s`. Late and repeated ones change nothing but counters."""
+        """Take one message in, as it arrived at `received_s`. Late and repeated ones change nothing
+        but counters."""
         match payload:
             case AgentState():
                 heard = self._of(payload.agent, received_s)
@@ -113,7 +125,9 @@ class Model:
                     self._events.append(payload)
                     self._event_count += 1
             case Command():
-                now_at = max((heard.state.step for heard in self._heard.values() if heard.state), default=0)
+                now_at = max(
+                    (heard.state.step for heard in self._heard.values() if heard.state), default=0
+                )
                 self._commands.setdefault(payload.id, _Answered(payload, received_s, now_at))
                 while len(self._commands) > _COMMANDS:
                     del self._commands[next(iter(self._commands))]
@@ -128,7 +142,9 @@ class Model:
         echo = status.echo
         if echo is not None and echo.station == self._station:
             heard = self._heard[status.agent]
-            heard.receiver.answered(echo.beacon_s, status.time_s - echo.held_s, status.time_s, received_s)
+            heard.receiver.answered(
+                echo.beacon_s, status.time_s - echo.held_s, status.time_s, received_s
+            )
             trip = received_s - echo.beacon_s - echo.held_s
             if trip >= 0.0:
                 self._history.round_trip(status.agent, trip)
@@ -138,12 +154,25 @@ class Model:
         after_s = self._plan.policies.agent_lost_after_s
         lost = {agent_id for agent_id, heard in self._heard.items() if heard.lost(now_s, after_s)}
         step = max(
-            (told.step for heard in self._heard.values() for told in (heard.state, heard.status) if told), default=0
+            (
+                told.step
+                for heard in self._heard.values()
+                for told in (heard.state, heard.status)
+                if told
+            ),
+            default=0,
         )
         between = self._distances()
         away, targets = self._errors(step, lost)
         agents = tuple(
-            self._agent(agent_id, now_s, agent_id in lost, away.get(agent_id), targets.get(agent_id), between)
+            self._agent(
+                agent_id,
+                now_s,
+                agent_id in lost,
+                away.get(agent_id),
+                targets.get(agent_id),
+                between,
+            )
             for agent_id in sorted(self._heard)
         )
         return SwarmView(
@@ -165,7 +194,9 @@ class Model:
             error_m=max(away.values(), default=None),
             events=tuple(self._events),
             event_count=self._event_count,
-            commands=tuple(CommandView(c.command, c.received_s, dict(c.acks)) for c in self._commands.values()),
+            commands=tuple(
+                CommandView(c.command, c.received_s, dict(c.acks)) for c in self._commands.values()
+            ),
             stations=self._stations | ({self._station: now_s} if self._station else {}),
             histories=self._history.view(),
         )
@@ -177,16 +208,24 @@ class Model:
 
     def _distances(self) -> dict[tuple[int, int], float]:
         """Horizontal distance [m] of every two agents ever heard, both orders."""
-        found = {i: heard.state.position_ned_m[:2] for i, heard in self._heard.items() if heard.state}
+        found = {
+            i: heard.state.position_ned_m[:2] for i, heard in self._heard.items() if heard.state
+        }
         if len(found) < 2:
             return {}
         between = distances(list(found.values()))
         ids = list(found)
-        return {(i, j): float(between[a, b]) for a, i in enumerate(ids) for b, j in enumerate(ids) if a != b}
+        return {
+            (i, j): float(between[a, b])
+            for a, i in enumerate(ids)
+            for b, j in enumerate(ids)
+            if a != b
+        }
 
     def _errors(self, step: int, lost: set[int]) -> tuple[dict[int, float], dict[int, Point]]:
-        """|e_i - mean e| [m] of each live agent in the shape of the newest `form` step, and where everybody's slot
-        lies with the live agents' mean error taken out; both empty before the first one.
+        """|e_i - mean e| [m] of each live agent in the shape of the newest `form` step, and where
+        everybody's slot lies with the live agents' mean error taken out; both empty before the
+        first one.
         """
         shape = self._shape(step)
         if shape is None:
@@ -212,17 +251,28 @@ class Model:
         return dict(zip(points, sizes.tolist(), strict=True)), targets
 
     def _shape(self, step: int) -> dict[int, Point] | None:
-        """The newest slots, centred: an operator's since the mission's step began, or the mission's; None: none yet."""
-        forms = [(k, s.slots) for k, s in enumerate(self._plan.steps[:step], start=1) if isinstance(s, FormStep)]
+        """The newest slots, centred: an operator's since the mission's step began, or the
+        mission's; None: none yet."""
+        forms = [
+            (k, s.slots)
+            for k, s in enumerate(self._plan.steps[:step], start=1)
+            if isinstance(s, FormStep)
+        ]
         for answered in self._commands.values():
             commanded = answered.command.step
             resumed = bool(forms) and forms[-1][0] == step and not self._overridden()
-            if isinstance(commanded, FormStep) and answered.at_step >= (forms[-1][0] if forms else 0) and not resumed:
+            if (
+                isinstance(commanded, FormStep)
+                and answered.at_step >= (forms[-1][0] if forms else 0)
+                and not resumed
+            ):
                 forms.append((answered.at_step, commanded.slots))
         return centred_slots(dict(enumerate(forms[-1][1]))) if forms else None
 
     def _overridden(self) -> bool:
-        return any(heard.state is not None and heard.state.command for heard in self._heard.values())
+        return any(
+            heard.state is not None and heard.state.command for heard in self._heard.values()
+        )
 
     def _agent(
         self,
@@ -233,7 +283,10 @@ class Model:
         target_m: Point | None,
         between: dict[tuple[int, int], float],
     ) -> AgentView:
-        near = min(((d, j) for j in self._heard if (d := between.get((agent_id, j))) is not None), default=None)
+        near = min(
+            ((d, j) for j in self._heard if (d := between.get((agent_id, j))) is not None),
+            default=None,
+        )
         heard = self._heard[agent_id]
         return AgentView(
             id=agent_id,
@@ -249,7 +302,9 @@ class Model:
             nearest_m=near[0] if near else None,
             target_m=target_m,
             round_trip_s=self._history.least_round_trip_s(agent_id),
-            sigma=heard.sigma if heard.sigma and now_s - heard.sigma_received_s <= _SIGMA_S else None,
+            sigma=heard.sigma
+            if heard.sigma and now_s - heard.sigma_received_s <= _SIGMA_S
+            else None,
         )
 
     def _pairs(self, now_s: float) -> tuple[PairView, ...]:
@@ -260,7 +315,9 @@ class Model:
                     pair = (min(agent_id, report.peer), max(agent_id, report.peer))
                     sides.setdefault(pair, []).append((agent_id, report))
         found = (
-            PairView(a, b, self._plan.unit_m * min(report.distance for _, report in both), tuple(both))
+            PairView(
+                a, b, self._plan.unit_m * min(report.distance for _, report in both), tuple(both)
+            )
             for (a, b), both in sides.items()
         )
         return tuple(sorted(found, key=lambda pair: pair.distance_m))

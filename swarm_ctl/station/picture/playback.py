@@ -1,7 +1,8 @@
-"""A recorded flight that can be looked at from any moment: what a station saw and told then, alarms included.
+"""A recorded flight that can be looked at from any moment: what a station saw and told then, alarms
+included.
 
-Pure: a fold over what was said, on a grid of looks that does not depend on how fast or in which order one looks on. So
-a moment's picture is the same however one came there.
+Pure: a fold over what was said, on a grid of looks that does not depend on how fast or in which
+order one looks on. So a moment's picture is the same however one came there.
 """
 
 from __future__ import annotations
@@ -25,15 +26,19 @@ from swarm_ctl.station.picture.model import Model
 from swarm_ctl.station.picture.view import SwarmView
 
 LOOK_S: Final = 0.25
-"""Mission time between two looks for alarms: what a live station does at the speed of the wall clock."""
+"""Mission time between two looks for alarms: what a live station does at the speed of the wall
+clock."""
 _MANY: Final = 16
 _KEYFRAME_LOOKS: Final = 40
 _MOMENT_S: Final = 1e-6
-_TYPED: Final = re.compile(r"(?P<sign>[+-]?)(?:(?P<minutes>\d{1,4}):)?(?P<seconds>\d{1,6}(?:\.\d*)?)")
+_TYPED: Final = re.compile(
+    r"(?P<sign>[+-]?)(?:(?P<minutes>\d{1,4}):)?(?P<seconds>\d{1,6}(?:\.\d*)?)"
+)
 
 
 class Scenes(Protocol):
-    """Parts of a recording in order, each a list of (time heard [s], payload) by time. A list of lists is one."""
+    """Parts of a recording in order, each a list of (time heard [s], payload) by time. A list of
+    lists is one."""
 
     def __len__(self) -> int: ...
 
@@ -69,12 +74,16 @@ class Film:
     Seeking is quick where `read_ahead` has been, which also finds the `marks`.
     """
 
-    def __init__(self, scenes: Scenes, plan: Plan, *, speedup: float = 1.0, station: str = "") -> None:
+    def __init__(
+        self, scenes: Scenes, plan: Plan, *, speedup: float = 1.0, station: str = ""
+    ) -> None:
         self._scenes = scenes
         self._scene = lru_cache(4)(scenes.__getitem__)  # two cursors, and those they come from
         times = _ends(scenes)
         if times is None:
-            raise InputError("the recording holds no message of an agent that this version can read")
+            raise InputError(
+                "the recording holds no message of an agent that this version can read"
+            )
         self.plan = plan
         self.look_s: Final = LOOK_S * max(1, len(plan.agents) // _MANY)
         """A look costs n squared: large swarms are looked at less often."""
@@ -118,7 +127,8 @@ class Film:
         return True
 
     def seek(self, time_s: float, enough: Callable[[], bool] = lambda: False) -> None:
-        """Go to the moment `time_s`, or to the nearest one there is; `enough` may end a way forwards early."""
+        """Go to the moment `time_s`, or to the nearest one there is; `enough` may end a way
+        forwards early."""
         time_s = min(max(time_s, self.start_s), self.end_s)
         keyframe = self._keyframe(time_s)
         if time_s < self.time_s or keyframe * _KEYFRAME_LOOKS > self._here.look:
@@ -131,12 +141,15 @@ class Film:
         self.time_s = time_s
 
     def moment(self, text: str) -> float:
-        """`83`, `1:23`, `+10` or `-10` (from here), `start`, `end` as a time; InputError says what is allowed."""
+        """`83`, `1:23`, `+10` or `-10` (from here), `start`, `end` as a time; InputError says what
+        is allowed."""
         if text in ("start", "end"):
             return self.start_s if text == "start" else self.end_s
         found = _TYPED.fullmatch(text)
         if found is None:
-            raise InputError(f"time {text!r}; allowed: seconds, MIN:SEC, +SECONDS, -SECONDS, start, end")
+            raise InputError(
+                f"time {text!r}; allowed: seconds, MIN:SEC, +SECONDS, -SECONDS, start, end"
+            )
         seconds = 60.0 * int(found["minutes"] or 0) + float(found["seconds"])
         return {"": seconds, "+": self.time_s + seconds, "-": self.time_s - seconds}[found["sign"]]
 
@@ -154,7 +167,8 @@ class Film:
         return self.start_s + look * self.look_s
 
     def _keyframe(self, time_s: float) -> int:
-        """The last one that is not behind `time_s`: number k was taken after look k * _KEYFRAME_LOOKS - 1."""
+        """The last one that is not behind `time_s`: number k was taken after look k *
+        _KEYFRAME_LOOKS - 1."""
         looks = int((time_s - self.start_s) / self.look_s + _MOMENT_S) + 1
         return min(looks // _KEYFRAME_LOOKS, len(self._keyframes) - 1)
 

@@ -1,7 +1,8 @@
-"""The swarm at one moment, as a ground station knows it: immutable values that screens, logs and alarms read.
+"""The swarm at one moment, as a ground station knows it: immutable values that screens, logs and
+alarms read.
 
-Made by `model.Model` from mesh messages and nothing else. Times are mission seconds of the station; lengths are metres
-unless a name says units; positions are in the common frame.
+Made by `model.Model` from mesh messages and nothing else. Times are mission seconds of the station;
+lengths are metres unless a name says units; positions are in the common frame.
 """
 
 from __future__ import annotations
@@ -38,7 +39,8 @@ def newest(state: AgentState | None, status: AgentStatus | None) -> AgentState |
 
 @dataclass(frozen=True, slots=True)
 class Reception:
-    """How one agent's states arrive at this station. Percentiles and losses over the last `WINDOW_S`, mission time."""
+    """How one agent's states arrive at this station. Percentiles and losses over the last
+    `WINDOW_S`, mission time."""
 
     age_s: float | None = None
     """Since the newest state was true; None: never heard."""
@@ -85,7 +87,8 @@ class AgentView:
     sigma: SigmaReport | None = None
     """Its newest one, while a pair is in the avoidance region."""
     round_trip_s: float | None = None
-    """A beacon of this station to the agent and back, without the time it lay there; None: not measured."""
+    """A beacon of this station to the agent and back, without the time it lay there; None: not
+    measured."""
     law_since_s: float = -math.inf
     """When this station saw its law change last."""
 
@@ -133,7 +136,8 @@ class LinkView:
 
 @dataclass(frozen=True, slots=True)
 class EdgeView:
-    """One planned neighbour pair (a < b) and how long it is now; None while either was never heard."""
+    """One planned neighbour pair (a < b) and how long it is now; None while either was never
+    heard."""
 
     a: int
     b: int
@@ -196,10 +200,15 @@ class SwarmView:
 
     @property
     def laws(self) -> dict[int, tuple[AgentView, ...]]:
-        """Who of those that are heard and not through flies which law, by its tag; the law of most first."""
+        """Who of those that are heard and not through flies which law, by its tag; the law of most
+        first."""
         found: dict[int, list[AgentView]] = {}
         for agent in self.agents:
-            if agent.state is not None and not agent.lost and agent.phase not in (Phase.YIELD, Phase.ENDED):
+            if (
+                agent.state is not None
+                and not agent.lost
+                and agent.phase not in (Phase.YIELD, Phase.ENDED)
+            ):
                 found.setdefault(agent.state.law, []).append(agent)
         most_first = sorted(found.items(), key=lambda item: -len(item[1]))
         return {tag: tuple(agents) for tag, agents in most_first}

@@ -1,7 +1,8 @@
-"""Missions drawn for one block of a study: everything random happens here (but for lost news), from the block's number.
+"""Missions drawn for one block of a study: everything random happens here (but for lost news), from
+the block's number.
 
-A block is flown as one batch. Its size depends on n alone, so a row is the same however many processes work, and it can
-be drawn again alone.
+A block is flown as one batch. Its size depends on n alone, so a row is the same however many
+processes work, and it can be drawn again alone.
 """
 
 from __future__ import annotations
@@ -74,7 +75,9 @@ class Batch:
 
     def only(self, missions: Bools | NDArray[np.intp]) -> Batch:
         """Some of the missions."""
-        arrays = {f.name: getattr(self, f.name)[..., missions] for f in fields(self) if f.name != "cell"}
+        arrays = {
+            f.name: getattr(self, f.name)[..., missions] for f in fields(self) if f.name != "cell"
+        }
         return replace(self, **arrays)
 
 
@@ -88,15 +91,20 @@ def blocks(study: Study) -> list[tuple[Cell, int, int]]:
     found = []
     for cell in study.cells():
         size = block_size(cell.n)
-        found += [(cell, first, min(size, study.missions - first)) for first in range(0, study.missions, size)]
+        found += [
+            (cell, first, min(size, study.missions - first))
+            for first in range(0, study.missions, size)
+        ]
     return found
 
 
 def draw(cell: Cell, first: int, count: int) -> Batch:
-    """The missions `first` to `first + count` of a cell; InputError where the area is too small for them."""
+    """The missions `first` to `first + count` of a cell; InputError where the area is too small for
+    them."""
     random = np.random.default_rng([cell.seed, cell.index, first])
     values = {name: _draw(getattr(cell, name), count, random) for name in RANGES}
-    # area 0: six in a square of 10 x 10, more a little denser: as sparse as six, many hardly ever hang together
+    # area 0: six in a square of 10 x 10, more a little denser: as sparse as six, many hardly ever
+    # hang together
     values["area"] = np.where(values["area"] == 0, 10.0 * (cell.n / 6) ** 0.375, values["area"])
     starts = _starts(cell, values["area"], values["spacing"], random)
     slots = _slots(cell, starts, values["spacing"], random)
@@ -117,7 +125,8 @@ def draw(cell: Cell, first: int, count: int) -> Batch:
 
 
 def _draw(span: Range, count: int, random: np.random.Generator) -> Floats:
-    """Also a fixed value takes its share of random numbers: another range elsewhere then changes nothing here."""
+    """Also a fixed value takes its share of random numbers: another range elsewhere then changes
+    nothing here."""
     return span.low + (span.high - span.low) * random.random(count)
 
 
@@ -152,12 +161,15 @@ def _starts(cell: Cell, area: Floats, spacing: Floats, random: np.random.Generat
         places = np.take_along_axis(places, order.T[:, None], axis=0)
     starts = np.ascontiguousarray(places.transpose(1, 0, 2))
     if not connected(_links(starts, cell.law.r)).all():
-        raise InputError(f"start {cell.start}: the agents do not hang together within r {cell.law.r:g}")
+        raise InputError(
+            f"start {cell.start}: the agents do not hang together within r {cell.law.r:g}"
+        )
     return starts
 
 
 def _scattered(cell: Cell, area: Floats, random: np.random.Generator) -> Floats:
-    """Random in the square, no two closer than the spacing, connected: what does not fit is drawn again."""
+    """Random in the square, no two closer than the spacing, connected: what does not fit is drawn
+    again."""
     apart = cell.start_spacing or 2 * cell.law.r_in
     starts = random.random((2, cell.n, len(area))) * area
     bad = np.arange(len(area))
@@ -187,7 +199,9 @@ def _slots(cell: Cell, starts: Floats, spacing: Floats, random: np.random.Genera
         places = start_shape(cell.start, cell.n) * mirror
         return np.ascontiguousarray((places[:, :, None] * spacing).transpose(1, 0, 2))
     north, east = unit_shape(cell.shape, cell.n).T[:, :, None] * spacing
-    slots = np.stack((north * np.cos(angle) - east * np.sin(angle), north * np.sin(angle) + east * np.cos(angle)))
+    slots = np.stack(
+        (north * np.cos(angle) - east * np.sin(angle), north * np.sin(angle) + east * np.cos(angle))
+    )
     if cell.slots == "random":
         slots = np.take_along_axis(slots, order[None], axis=1)
     elif cell.slots == "nearest":
@@ -198,7 +212,8 @@ def _slots(cell: Cell, starts: Floats, spacing: Floats, random: np.random.Genera
 
 
 def start_shape(name: str, n: int) -> Floats:
-    """Where agents start, with spacing 1, (n, 2): one of the shapes, or those where everybody faces another."""
+    """Where agents start, with spacing 1, (n, 2): one of the shapes, or those where everybody faces
+    another."""
     if name == "antipodal":
         return unit_shape("ring", n)
     if name == "crossing":

@@ -28,7 +28,8 @@ _COMPACT: Final = 0.75
 """Finished missions are taken out of the arrays once no more than this share is left."""
 
 Watch: TypeAlias = Callable[[float, NDArray[np.intp], Floats, "Near | None"], None]
-"""Called every tick with the time, the places in the batch that are still flown, positions (2, n, m), near pairs."""
+"""Called every tick with the time, the places in the batch that are still flown, positions (2, n,
+m), near pairs."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,7 +39,8 @@ class Outcome:
     smallest: Floats
     """Smallest true distance of any two live agents."""
     smallest_silent: Floats
-    """Smallest true distance of a live agent to the vehicle of a silent one; infinity without one."""
+    """Smallest true distance of a live agent to the vehicle of a silent one; infinity without
+    one."""
     converged: Bools
     time_s: Floats
     """When the formation stood (before settling); at the limit where it did not."""
@@ -70,7 +72,8 @@ class Outcome:
 def fly(batch: Batch, watch: Watch | None = None) -> Outcome:
     """Fly all missions of a batch to their ends."""
     count = len(batch)
-    # A batch of one is summed in another order: last bits would differ from the same mission's in a full batch.
+    # A batch of one is summed in another order: last bits would differ from the same mission's in a
+    # full batch.
     flight = _Flight(batch if count > 1 else batch.only(np.zeros(2, dtype=np.intp)))
     last = round(batch.cell.limit_s / batch.cell.tick_s)
     for tick in range(last + 1):
@@ -106,7 +109,9 @@ class _Flight:
         self._slots = batch.slots
         """As they are now: exchanges change them."""
         self._rings = Rings(cell.n, m)
-        self._linked = batch.links[self._rings.first, self._rings.second] & self._rings.once[..., None]
+        self._linked = (
+            batch.links[self._rings.first, self._rings.second] & self._rings.once[..., None]
+        )
         self._fits = self._fitting()
         self._held = self._fits
         self._nearest = np.full(self._rings.squared.shape, np.inf)
@@ -145,7 +150,11 @@ class _Flight:
         if self._silent:
             both = talks[self._rings.first] & talks[self._rings.second]
             live = np.where(both, squared, np.inf)
-            np.minimum(self._nearest_silent, np.where(both, np.inf, squared).min(axis=(0, 1)), out=self._nearest_silent)
+            np.minimum(
+                self._nearest_silent,
+                np.where(both, np.inf, squared).min(axis=(0, 1)),
+                out=self._nearest_silent,
+            )
             squared = np.where(both, squared, 0.0)
         np.minimum(self._nearest, live, out=self._nearest)
         np.maximum(self._farthest, squared, out=self._farthest)
@@ -164,7 +173,10 @@ class _Flight:
             told = self._news.exchange(tick, points, velocity)
         else:
             told = Told(
-                points[:, None], velocity[:, None], np.zeros((1, *points.shape[1:])), np.zeros(points.shape[-1])
+                points[:, None],
+                velocity[:, None],
+                np.zeros((1, *points.shape[1:])),
+                np.zeros(points.shape[-1]),
             )
         if self._silent:
             self._unlink(tick)
@@ -217,7 +229,9 @@ class _Flight:
         self._since = np.where(error < self._cell.tolerance, np.minimum(self._since, now), np.inf)
         formed = now - self._since >= self._cell.settle_s - 1e-9
         speed = np.sqrt((self._motion.velocity**2).sum(axis=0).max(axis=0)) * self._cell.unit_m
-        self._moved_s = np.where((speed >= _STILL[0]) | (error < self._cell.tolerance), now, self._moved_s)
+        self._moved_s = np.where(
+            (speed >= _STILL[0]) | (error < self._cell.tolerance), now, self._moved_s
+        )
         stuck = now - self._moved_s >= _STILL[1]
         over = (formed | last) & self._flying
         if over.any():
@@ -260,7 +274,11 @@ class _Flight:
         result.error[place] = error[over]
         result.links[place] = np.count_nonzero(self._linked[..., over], axis=(0, 1))
         result.links_broken[place] = np.count_nonzero(far > r2, axis=(0, 1))
-        kept = self._farthest_kept if self._keeper is not None else np.where(self._fits, self._farthest, 0.0)
+        kept = (
+            self._farthest_kept
+            if self._keeper is not None
+            else np.where(self._fits, self._farthest, 0.0)
+        )
         result.kept_broken[place] = np.count_nonzero(kept[..., over] > r2, axis=(0, 1))
         result.longest_link[place] = np.sqrt(far.max(axis=(0, 1), initial=0.0))
         result.parted[place] = self._parted[over]

@@ -1,4 +1,5 @@
-"""The safety of `core.safety.constraints` and `core.safety.deadlock` for whole batches. Lengths in units, speeds in units/s."""
+"""The safety of `core.safety.constraints` and `core.safety.deadlock` for whole batches. Lengths in
+units, speeds in units/s."""
 
 from __future__ import annotations
 
@@ -45,7 +46,9 @@ class BatchSafetyFilter:
         self._speed = cell.speed_mps / cell.unit_m
         self.margins = Margins.of(cell.law, cell.model, self._speed)
         self._r_out = cell.law.r_out
-        self._release = _BatchDeadlockRelease((n, m), self._speed, cell.tick_s) if self._on("release") else None
+        self._release = (
+            _BatchDeadlockRelease((n, m), self._speed, cell.tick_s) if self._on("release") else None
+        )
         self._row = batch.row
         self.counts = Counts(np.zeros(m), np.zeros(m), np.zeros(m))
         self.dealing = BatchSlotExchange(batch) if self._on("exchange") else None
@@ -60,12 +63,21 @@ class BatchSafetyFilter:
                 part.only(missions)
         self._row = self._row[missions]
         counts = self.counts
-        self.counts = Counts(counts.flown[missions], counts.touched[missions], counts.yielded[missions])
+        self.counts = Counts(
+            counts.flown[missions], counts.touched[missions], counts.yielded[missions]
+        )
 
-    def velocity(self, law: SwarmLaw, kappa: Floats, points: Floats, told: Told, slots: Floats, talks: Bools) -> Floats:
-        """What is commanded instead of the law's wish (its last step's terms times `kappa`), (2, n, m)."""
+    def velocity(
+        self, law: SwarmLaw, kappa: Floats, points: Floats, told: Told, slots: Floats, talks: Bools
+    ) -> Floats:
+        """What is commanded instead of the law's wish (its last step's terms times `kappa`), (2, n,
+        m)."""
         consensus, avoidance = _complex(law.consensus) * kappa, _complex(law.avoidance) * kappa
-        own, told_points, told_speed = _complex(points), _complex(told.points), _complex(told.velocity)
+        own, told_points, told_speed = (
+            _complex(points),
+            _complex(told.points),
+            _complex(told.velocity),
+        )
         apart = own[:, None] - told_points
         distance = np.abs(apart)
         lost = (told.age_s > FRESH_S) & np.ones_like(distance, dtype=np.bool_)
@@ -79,7 +91,9 @@ class BatchSafetyFilter:
         wish = _limited(consensus + avoidance, self._speed)
         if self._release is not None:
             wish = self._release.turn(wish, consensus, self._dice(self._release.fails))
-        flown = self._filtered(wish, apart, told_speed, told.age_s, distance, lost, law, slots, talks)
+        flown = self._filtered(
+            wish, apart, told_speed, told.age_s, distance, lost, law, slots, talks
+        )
         if self._release is not None:
             self._release.note(consensus, flown)
         return np.stack((flown.real, flown.imag))
@@ -106,7 +120,9 @@ class BatchSafetyFilter:
     ) -> Complex:
         margins, n = self.margins, len(wish)
         reach = margins.keep_out + margins.reach
-        near = distance < np.where(lost, reach + 3 * margins.growth + self._speed * (SILENT_FLIES_S + 1), reach + 0.5)
+        near = distance < np.where(
+            lost, reach + 3 * margins.growth + self._speed * (SILENT_FLIES_S + 1), reach + 0.5
+        )
         i, j, mission = np.nonzero(near)
         agent = i * wish.shape[1] + mission
         receiver = i if commanded.shape[0] > 1 else np.zeros_like(i)
@@ -129,7 +145,10 @@ class BatchSafetyFilter:
         if self._on("guard"):
             a, b, c = self._guards(apart, distance, commanded, age_s, law, slots)
             agent, normal = np.concatenate((agent, a)), np.concatenate((normal, b))
-            bound, soft = np.concatenate((bound, c)), np.concatenate((soft, np.ones(len(a), dtype=np.bool_)))
+            bound, soft = (
+                np.concatenate((bound, c)),
+                np.concatenate((soft, np.ones(len(a), dtype=np.bool_))),
+            )
         flown, touched, yielded = _solved(wish.ravel(), agent, normal, bound, soft, cap)
         counts = self.counts
         counts.flown += np.count_nonzero(talks, axis=0)
@@ -138,7 +157,13 @@ class BatchSafetyFilter:
         return flown.reshape(wish.shape)
 
     def _guards(
-        self, apart: Complex, distance: Floats, commanded: Complex, age_s: Floats, law: SwarmLaw, slots: Floats
+        self,
+        apart: Complex,
+        distance: Floats,
+        commanded: Complex,
+        age_s: Floats,
+        law: SwarmLaw,
+        slots: Floats,
     ) -> tuple[NDArray[np.intp], Complex, Floats]:
         z = _complex(slots)
         slot_gap = np.abs(z[:, None] - z)
@@ -146,13 +171,21 @@ class BatchSafetyFilter:
         far = distance > constraints.guards_from(self.margins) - self._speed * PREDICT_S
         minded = law.links & far & (age_s <= NEIGHBOUR_S)
         if self._release is not None:
-            minded &= ~(self._release.releasing[:, None] & constraints.tight(slot_gap, self.margins))
+            minded &= ~(
+                self._release.releasing[:, None] & constraints.tight(slot_gap, self.margins)
+            )
         i, j, mission = np.nonzero(minded)
         receiver = i if commanded.shape[0] > 1 else np.zeros_like(i)
         age = np.broadcast_to(age_s, (commanded.shape[0], *age_s.shape[1:]))[receiver, j, mission]
         now = apart[i, j, mission] - commanded[receiver, j, mission] * np.minimum(age, PREDICT_S)
         minded = constraints.guarded(slot_gap[i, j, mission], np.abs(now), self.margins)
-        i, j, mission, receiver, now = i[minded], j[minded], mission[minded], receiver[minded], now[minded]
+        i, j, mission, receiver, now = (
+            i[minded],
+            j[minded],
+            mission[minded],
+            receiver[minded],
+            now[minded],
+        )
         normal, bound = constraints.guard_plane(
             now, commanded[receiver, j, mission], self.margins, np.minimum, np.maximum
         )
@@ -168,7 +201,8 @@ class BatchSafetyFilter:
 def _solved(
     wish: Complex, agent: NDArray[np.intp], normal: Complex, bound: Floats, soft: Bools, cap: Floats
 ) -> tuple[Complex, Bools, Bools]:
-    """The program of each agent that has something to obey; agent-wise arrays (A,), plane-wise ones (K,)."""
+    """The program of each agent that has something to obey; agent-wise arrays (A,), plane-wise ones
+    (K,)."""
     violated = (normal.real * wish.real[agent] + normal.imag * wish.imag[agent]) < bound - 1e-9
     busy = np.zeros(len(wish), dtype=np.bool_)
     busy[agent[violated]] = True
@@ -190,7 +224,9 @@ def _solved(
     is_soft = np.zeros((size, len(who)), dtype=np.bool_)
     normals[rank, 0, column], normals[rank, 1, column] = normal.real, normal.imag
     bounds[rank, column], is_soft[rank, column] = bound, soft
-    v, slack = relaxed_many(np.stack((wish[who].real, wish[who].imag)), normals, bounds, is_soft, cap[who])
+    v, slack = relaxed_many(
+        np.stack((wish[who].real, wish[who].imag)), normals, bounds, is_soft, cap[who]
+    )
     flown[who] = v[0] + 1j * v[1]
     yielded[who] = slack > 0
     return flown, busy, yielded
@@ -232,12 +268,19 @@ class _BatchDeadlockRelease:
         stuck = (self._left_s <= 0.0) & (self._wanted > deadlock.WANTS * self._speed)
         stuck &= self._got < deadlock.GETS * self._wanted
         if stuck.any():
-            lasts = (deadlock.AVERAGE_S + np.minimum(self.fails, deadlock.LONGER_S)) * (0.7 + 0.6 * dice[0])
+            lasts = (deadlock.AVERAGE_S + np.minimum(self.fails, deadlock.LONGER_S)) * (
+                0.7 + 0.6 * dice[0]
+            )
             other = (self.fails >= deadlock.OTHER_SIDE[0]) & (dice[1] < deadlock.OTHER_SIDE[1])
             self._left_s = np.where(stuck, lasts, self._left_s)
-            self._side = np.where(stuck, np.where(other, deadlock.SIDEWAYS.conjugate(), deadlock.SIDEWAYS), self._side)
+            self._side = np.where(
+                stuck, np.where(other, deadlock.SIDEWAYS.conjugate(), deadlock.SIDEWAYS), self._side
+            )
             self.fails = self.fails + stuck
-            self._wanted, self._got = np.where(stuck, 0.0, self._wanted), np.where(stuck, 0.0, self._got)
+            self._wanted, self._got = (
+                np.where(stuck, 0.0, self._wanted),
+                np.where(stuck, 0.0, self._got),
+            )
         releasing = self._left_s > 0.0
         self._left_s = self._left_s - self._tick_s * releasing
         size = np.maximum(0.2 * self._speed, np.minimum(pull, 0.5 * self._speed))

@@ -1,4 +1,5 @@
-"""Slot exchange (`core.swarm.exchange_protocol`) in a batch: who has which slots, and what is heard of it."""
+"""Slot exchange (`core.swarm.exchange_protocol`) in a batch: who has which slots, and what is heard
+of it."""
 
 from __future__ import annotations
 
@@ -13,7 +14,8 @@ from swarm_ctl.study.batch.batch import Batch, Bools, Floats
 from swarm_ctl.study.batch.lossy_channel import Told
 
 _KEPT: Final = 64
-"""Looks that are remembered: no news is older, but that of the silent, who have changed nothing since."""
+"""Looks that are remembered: no news is older, but that of the silent, who have changed nothing
+since."""
 
 
 class BatchSlotExchange:
@@ -66,15 +68,22 @@ class BatchSlotExchange:
     def _silence(self, before: Ints, talks: Bools) -> None:
         """Who is silent decides nothing."""
         for old, f in zip(before, fields(ExchangeStates), strict=True):
-            setattr(self._exchange.deals, f.name, np.where(talks, getattr(self._exchange.deals, f.name), old))
+            setattr(
+                self._exchange.deals,
+                f.name,
+                np.where(talks, getattr(self._exchange.deals, f.name), old),
+            )
 
     def _heard(self, look: int, tick: int, told: Told) -> ExchangeStates:
-        """What each receiver knows of each sender's deals, by the age of the news; (n, n, m) each."""
+        """What each receiver knows of each sender's deals, by the age of the news; (n, n, m)
+        each."""
         n, m = self._exchange.deals.role.shape
         sent = tick - np.rint(told.age_s / self._tick_s).astype(np.intp)
         at = np.clip((sent - 1) // self._every, max(0, look - _KEPT + 1), None) % _KEPT
         heard = self._history[at, :, np.arange(n)[:, None], np.arange(m)]
-        return ExchangeStates(*np.broadcast_to(np.moveaxis(heard, -1, 0), (len(fields(ExchangeStates)), n, n, m)))
+        return ExchangeStates(
+            *np.broadcast_to(np.moveaxis(heard, -1, 0), (len(fields(ExchangeStates)), n, n, m))
+        )
 
     def _slots_of(self, roles: Ints) -> Floats:
         z, mission = self._exchange.slots, np.arange(roles.shape[-1])

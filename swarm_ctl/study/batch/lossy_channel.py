@@ -1,4 +1,5 @@
-"""What agents hear of each other when news are late and some get lost. Times in ticks, lengths in units."""
+"""What agents hear of each other when news are late and some get lost. Times in ticks, lengths in
+units."""
 
 from __future__ import annotations
 
@@ -35,8 +36,8 @@ class Told:
 class News:
     """Each agent sends (point, velocity) every tick; every link loses news on its own.
 
-    Loss comes from a hash of (seed, row, tick, link) and not from a generator: a mission loses the same news whatever
-    it is flown beside. Silent agents send no more from their tick on.
+    Loss comes from a hash of (seed, row, tick, link) and not from a generator: a mission loses the
+    same news whatever it is flown beside. Silent agents send no more from their tick on.
     """
 
     def __init__(self, batch: Batch, tick_s: float) -> None:
@@ -45,7 +46,9 @@ class News:
         self._loss = batch.loss
         self._lead_s: Floats = lead_s(batch.kappa * batch.h, np.minimum)
         self._row = batch.row.astype(np.uint64)
-        self._seed = np.array([batch.cell.seed], dtype=np.uint64)  # arrays wrap around, scalars warn
+        self._seed = np.array(
+            [batch.cell.seed], dtype=np.uint64
+        )  # arrays wrap around, scalars warn
         _, n, m = batch.starts.shape
         self._silent_from = batch.silent_from(tick_s)
         self._past = np.zeros((int(self._delay.max()) + 1, 4, n, m))
@@ -58,7 +61,16 @@ class News:
 
     def only(self, missions: Bools) -> None:
         """Go on with some of the missions."""
-        for name in ("_delay", "_loss", "_row", "_past", "_known", "_sent", "_silent_from", "_lead_s"):
+        for name in (
+            "_delay",
+            "_loss",
+            "_row",
+            "_past",
+            "_known",
+            "_sent",
+            "_silent_from",
+            "_lead_s",
+        ):
             setattr(self, name, getattr(self, name)[..., missions])
 
     def exchange(self, tick: int, points: Floats, velocity: Floats) -> Told:
@@ -66,20 +78,29 @@ class News:
         place = tick % len(self._past)
         self._past[place, :2], self._past[place, 2:] = points, velocity
         missions = np.arange(len(self._delay))
-        arriving = np.moveaxis(self._past[(tick - self._delay) % len(self._past), :, :, missions], 0, -1)
+        arriving = np.moveaxis(
+            self._past[(tick - self._delay) % len(self._past), :, :, missions], 0, -1
+        )
         sent = tick - self._delay
         arrives = (sent < self._silent_from)[None]
         if self._lossy:
             arrives = arrives & self._arrives(tick)
         self._known = np.where(arrives, arriving[:, None], self._known)
         self._sent = np.where(arrives, sent, self._sent)
-        return Told(self._known[:2], self._known[2:], (tick - self._sent) * self._tick_s, self._lead_s)
+        return Told(
+            self._known[:2], self._known[2:], (tick - self._sent) * self._tick_s, self._lead_s
+        )
 
     def _arrives(self, tick: int) -> NDArray[np.bool_]:
-        """Which links (n, n, m) get this tick's news: splitmix64 of all that names it, as a share of 1."""
+        """Which links (n, n, m) get this tick's news: splitmix64 of all that names it, as a share
+        of 1."""
         _, n, _, _ = self._known.shape
         link = np.arange(n * n, dtype=np.uint64).reshape(n, n, 1)
-        z = (self._row * _MIX[2] ^ self._seed * _MIX[0]) + (link << np.uint64(32)) + np.uint64(tick + 1)
+        z = (
+            (self._row * _MIX[2] ^ self._seed * _MIX[0])
+            + (link << np.uint64(32))
+            + np.uint64(tick + 1)
+        )
         for shift, factor in ((30, _MIX[0]), (27, _MIX[1]), (30, _MIX[0]), (27, _MIX[1])):
             z = (z ^ (z >> np.uint64(shift))) * factor
         z ^= z >> np.uint64(31)

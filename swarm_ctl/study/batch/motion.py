@@ -1,7 +1,8 @@
 """How the swarms of a batch move: the ideal points of the paper, or simulated vehicles.
 
-The vehicles' kinematics are the simulator's own (`sim.physics.vehicle`), the one thing of it that this side imports: it is
-pure, and a study with other vehicles than the runs would prove nothing about them.
+The vehicles' kinematics are the simulator's own (`sim.physics.vehicle`), the one thing of it that
+this side imports: it is pure, and a study with other vehicles than the runs would prove nothing
+about them.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ _SUBSTEPS: Final = {"lag": 1, "ardupilot": 4, "px4": 4}
 
 
 class Motion(Protocol):
-    """Where the swarms are, and how a commanded velocity moves them. Lengths in units, (2, n, m)."""
+    """Where the swarms are, and how a commanded velocity moves them. Lengths in units, (2, n,
+    m)."""
 
     @property
     def position(self) -> Floats:
@@ -43,7 +45,8 @@ class Motion(Protocol):
 
 
 class Ideal:
-    """Single integrators: p <- p + tick * v. With v = kappa * u and kappa * tick = 1 that is (9)."""
+    """Single integrators: p <- p + tick * v. With v = kappa * u and kappa * tick = 1 that is
+    (9)."""
 
     def __init__(self, batch: Batch) -> None:
         self.position = batch.starts.copy()
@@ -66,7 +69,8 @@ class Ideal:
 
 
 class Lag:
-    """A first-order lag with bounded acceleration, one lag per mission: the model behind the stop point."""
+    """A first-order lag with bounded acceleration, one lag per mission: the model behind the stop
+    point."""
 
     memory_rows = 0
 
@@ -74,7 +78,9 @@ class Lag:
         self._lag_s = lag_s
         self._bound = acceleration_mps2
 
-    def acceleration(self, memory: Array, velocity: Array, target: Array, wind: Array, dt: float) -> Array:
+    def acceleration(
+        self, memory: Array, velocity: Array, target: Array, wind: Array, dt: float
+    ) -> Array:
         """See `sim.physics.vehicle.Response`; knows no wind."""
         del memory, wind
         share = -np.expm1(-dt / np.maximum(self._lag_s, 1e-6))
@@ -88,7 +94,8 @@ class Lag:
 
 
 class Vehicles:
-    """`sim.physics.vehicle` behind a dead time, the agents' speed limit and, if asked for, the stop point."""
+    """`sim.physics.vehicle` behind a dead time, the agents' speed limit and, if asked for, the stop
+    point."""
 
     def __init__(self, batch: Batch) -> None:
         cell = batch.cell
@@ -104,7 +111,9 @@ class Vehicles:
         self._state.wind[..., :2] = (_direction(batch.wind_from_rad) * -batch.wind_mps).T[:, None]
         dead = batch.dead_time_s if cell.vehicle == "lag" else np.zeros(len(batch))
         self._late = np.rint(dead / cell.tick_s).astype(np.intp)
-        ahead = pending(self._model, cell.tick_s) if cell.compensation is Compensation.STOP_POINT else 0
+        ahead = (
+            pending(self._model, cell.tick_s) if cell.compensation is Compensation.STOP_POINT else 0
+        )
         self._own = ahead
         self._commands = np.zeros((max(ahead, int(self._late.max()) + 1), len(batch), cell.n, 2))
         """The last ones, newest last [m/s]."""
@@ -125,7 +134,9 @@ class Vehicles:
             return self.position
         under_way = np.moveaxis(self._commands[len(self._commands) - self._own :], 0, -2)
         state = self._state
-        found = stop_points(state.position[..., :2], state.velocity[..., :2], under_way, self._tick_s, self._model)
+        found = stop_points(
+            state.position[..., :2], state.velocity[..., :2], under_way, self._tick_s, self._model
+        )
         return self._units(found)
 
     def move(self, wish: Floats) -> None:
@@ -137,7 +148,9 @@ class Vehicles:
         self._commands[-1] = wanted * (limit / np.maximum(speed, limit))[..., None]
         demands = Demands.idle(self._state)
         demands.lift[:] = True
-        demands.velocity[..., :2] = self._commands[len(self._commands) - 1 - self._late, np.arange(len(self._late))]
+        demands.velocity[..., :2] = self._commands[
+            len(self._commands) - 1 - self._late, np.arange(len(self._late))
+        ]
         steps = _SUBSTEPS[self._cell.vehicle]
         for _ in range(steps):
             advance(self._state, demands, self._response, self._tick_s / steps)

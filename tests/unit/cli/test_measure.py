@@ -39,16 +39,36 @@ def fleet(tmp_path: Path) -> Path:
         ({"fleet": "FLEET"}, "--id is missing; allowed: 1, 2, several of them, or all"),
         ({"fleet": "FLEET", "agent_id": "1,7"}, "--id 7 is not in the fleet; allowed: 1, 2"),
         ({"fleet": "FLEET", "agent_id": "x"}, "--id 'x'; allowed: ids and ranges"),
-        ({"fleet": "FLEET", "agent_id": "1", "speed": 30.0}, "--speed 30: over the limit; allowed: up to 20 m/s"),
-        ({"fleet": "FLEET", "agent_id": "1", "box": 5.0}, "--box 5: steps of 5 m/s lead farther; allowed: 22.5 m"),
+        (
+            {"fleet": "FLEET", "agent_id": "1", "speed": 30.0},
+            "--speed 30: over the limit; allowed: up to 20 m/s",
+        ),
+        (
+            {"fleet": "FLEET", "agent_id": "1", "box": 5.0},
+            "--box 5: steps of 5 m/s lead farther; allowed: 22.5 m",
+        ),
         ({"fleet": Path("nowhere.yaml")}, "nowhere.yaml: (whole file): can't be read"),
-        ({"endpoint": "udpout:127.0.0.1:1", "agent_id": "1"}, "--endpoint is a vehicle of no fleet"),
-        ({"mission": "BARE", "agent_id": "1"}, "has no fleet to write into; allowed: --fleet FILE, a fleet section"),
-        ({"mission": "BARE", "agent_id": "1", "dry_run": True, "speed": 6.0}, "allowed: up to 5 m/s"),
-        ({"mission": "BARE", "fleet": "FLEET", "agent_id": "3"}, "agent 3 has no entry in the fleet"),
+        (
+            {"endpoint": "udpout:127.0.0.1:1", "agent_id": "1"},
+            "--endpoint is a vehicle of no fleet",
+        ),
+        (
+            {"mission": "BARE", "agent_id": "1"},
+            "has no fleet to write into; allowed: --fleet FILE, a fleet section",
+        ),
+        (
+            {"mission": "BARE", "agent_id": "1", "dry_run": True, "speed": 6.0},
+            "allowed: up to 5 m/s",
+        ),
+        (
+            {"mission": "BARE", "fleet": "FLEET", "agent_id": "3"},
+            "agent 3 has no entry in the fleet",
+        ),
     ],
 )
-def test_it_refuses_before_anything_flies(arguments: dict[str, Any], told: str, fleet: Path) -> None:
+def test_it_refuses_before_anything_flies(
+    arguments: dict[str, Any], told: str, fleet: Path
+) -> None:
     bare = fleet.with_name("bare.yaml")
     bare.write_text(TEXT[: TEXT.index("fleet:")])
     files = {"FLEET": fleet, "BARE": bare}
@@ -62,7 +82,9 @@ def test_a_file_that_can_not_be_written_is_refused_before_the_flight(
     fleet: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(os, "access", lambda *_: False)
-    with pytest.raises(InputError, match="can't be written; allowed: a file and folder that may be, or --dry-run"):
+    with pytest.raises(
+        InputError, match="can't be written; allowed: a file and folder that may be, or --dry-run"
+    ):
         measure(fleet=fleet, agent_id="1", speed=None, box=None, height=10.0, speedup=1.0)
 
 
@@ -80,7 +102,11 @@ def test_an_endpoint_that_does_not_open_is_exit_code_3() -> None:
     with contextlib.closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as other:
         other.bind(("127.0.0.1", port))
         done = subprocess.run(
-            [*COMMAND, "--endpoint", f"udpin:127.0.0.1:{port}"], capture_output=True, text=True, timeout=60, check=False
+            [*COMMAND, "--endpoint", f"udpin:127.0.0.1:{port}"],
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
         )
     assert done.returncode == 3
     assert str(port) in done.stderr

@@ -29,14 +29,20 @@ def test_it_says_where_vehicles_listen_serves_them_and_ends_at_ctrl_c(tmp_path: 
     base = base_port(socket.SOCK_DGRAM)
     truth = tmp_path / "truth.jsonl"
     command = [*COMMAND, "--persona", "px4", "--base-port", str(base), "--truth", str(truth)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as running:
         try:
             assert running.stdout is not None
             lines = [running.stdout.readline() for _ in range(3)]
-            assert re.search(rf"1 +px4 +udpin:127.0.0.1:{base + 1} +udpout:127.0.0.1:{base + 1}", lines[1])
+            assert re.search(
+                rf"1 +px4 +udpin:127.0.0.1:{base + 1} +udpout:127.0.0.1:{base + 1}", lines[1]
+            )
             with contextlib.closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as client:
                 client.settimeout(20.0)
-                hello = common.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(common.MAVLink(None, 255, 190))
+                hello = common.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(
+                    common.MAVLink(None, 255, 190)
+                )
                 client.sendto(hello, ("127.0.0.1", base + 1))
                 assert client.recv(2000)[0] == 0xFD
             running.send_signal(signal.SIGINT)
@@ -49,12 +55,16 @@ def test_it_says_where_vehicles_listen_serves_them_and_ends_at_ctrl_c(tmp_path: 
 def test_over_tcp_a_client_hears_without_a_word() -> None:
     base = base_port(socket.SOCK_STREAM)
     command = [*COMMAND, "--tcp", "--base-port", str(base)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as running:
         try:
             assert running.stdout is not None
             for _ in range(3):
                 running.stdout.readline()
-            with contextlib.closing(socket.create_connection(("127.0.0.1", base + 1), timeout=20.0)) as client:
+            with contextlib.closing(
+                socket.create_connection(("127.0.0.1", base + 1), timeout=20.0)
+            ) as client:
                 assert client.recv(2000)[0] == 0xFD
             running.terminate()
             assert running.wait(20) == 0
@@ -73,7 +83,9 @@ def test_over_tcp_a_client_hears_without_a_word() -> None:
     ],
 )
 def test_bad_input_is_one_message_and_exit_code_2(arguments: list[str], told: str) -> None:
-    done = subprocess.run([*COMMAND, *arguments], capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(
+        [*COMMAND, *arguments], capture_output=True, text=True, timeout=60, check=False
+    )
     assert done.returncode == 2
     assert told in done.stderr
     assert "Traceback" not in done.stderr
@@ -84,7 +96,11 @@ def test_a_busy_port_is_exit_code_3() -> None:
         other.bind(("127.0.0.1", 0))
         endpoint = f"udpin:127.0.0.1:{other.getsockname()[1]}"
         done = subprocess.run(
-            [*COMMAND, "--endpoint", endpoint], capture_output=True, text=True, timeout=60, check=False
+            [*COMMAND, "--endpoint", endpoint],
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
         )
     assert done.returncode == 3
     assert endpoint in done.stderr
@@ -95,7 +111,9 @@ def test_starts_come_from_a_grid_or_a_mission() -> None:
     assert len(set(_grid(250, 5.0))) == 250
     settings = _from_mission(HEXAGON)
     starts = settings["vehicles"]
-    assert [(start["persona"], start["sysid"]) for start in starts] == [("ardupilot", i) for i in range(1, 7)]
+    assert [(start["persona"], start["sysid"]) for start in starts] == [
+        ("ardupilot", i) for i in range(1, 7)
+    ]
     assert settings["origin"]["lat_deg"] != 0.0
     assert len({(start["lat_deg"], start["lon_deg"]) for start in starts}) == 6
     assert _origin("47.5,8.5,400").alt_m == 400.0

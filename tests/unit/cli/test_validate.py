@@ -27,7 +27,11 @@ app.command()(schema)
 def shown(path: Path, forecasts: list[StepForecast] | None = None) -> str:
     screen = io.StringIO()
     loaded = load(path)
-    show(loaded, forecast(loaded.plan) if forecasts is None else forecasts, Console(file=screen, width=80))
+    show(
+        loaded,
+        forecast(loaded.plan) if forecasts is None else forecasts,
+        Console(file=screen, width=80),
+    )
     return screen.getvalue()
 
 
@@ -90,5 +94,10 @@ def test_weather_and_faults_are_shown_and_those_that_come_too_late(tmp_path: Pat
     assert "fault    30 s after liftoff for 10 s, agent 6: SIM_GPS_JUMP_N 4" in text
     assert "warning" not in text
     path = tmp_path / "late.yaml"
-    path.write_text(HEXAGON.read_text() + "simulation: {faults: [{at_s: 500, set: {SIM_LOSS: 5}}]}\n")
-    assert "warning  the fault 500 s after liftoff comes later than the expected end, after" in shown(path)
+    path.write_text(
+        HEXAGON.read_text() + "simulation: {faults: [{at_s: 500, set: {SIM_LOSS: 5}}]}\n"
+    )
+    assert (
+        "warning  the fault 500 s after liftoff comes later than the expected end, after"
+        in shown(path)
+    )

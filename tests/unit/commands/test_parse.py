@@ -48,7 +48,10 @@ def test_orders(line: str, marked: tuple[int, ...], order: Order) -> None:
         ("move nan 1", "usage: move NORTH EAST"),
         ("form hexagon @1", "form is for the whole swarm; leave out @1"),
         ("tune", "tune changes nothing; allowed: plan, or values of delta_a, delta_l, h, kappa"),
-        ("tune h", "'h' is no value of the law; allowed: delta_a, delta_l, h, kappa, e.g. tune h=0.04"),
+        (
+            "tune h",
+            "'h' is no value of the law; allowed: delta_a, delta_l, h, kappa, e.g. tune h=0.04",
+        ),
         ("tune r_in=1", "'r_in=1' is no value of the law"),
         ("tune h=nan", "'h=nan' is no value of the law"),
         ("tune h=0.3", "tune: h 0.3; allowed in flight: above 0, at most 0.2"),
@@ -82,7 +85,11 @@ def test_any_text_is_an_order_or_refused(line: str) -> None:
 def test_completion_only_adds(name: str, length: int) -> None:
     for line in complete(name[:length], PLAN):
         assert line.startswith(name[:length])
-    assert length == 0 or length >= len(name) or name in [line.strip() for line in complete(name[:length], PLAN)]
+    assert (
+        length == 0
+        or length >= len(name)
+        or name in [line.strip() for line in complete(name[:length], PLAN)]
+    )
 
 
 def test_completion_knows_shapes_and_agents() -> None:
@@ -93,7 +100,9 @@ def test_completion_knows_shapes_and_agents() -> None:
 
 def test_completion_knows_the_law() -> None:
     """Names that are not given yet, with the mission's values."""
-    assert complete("tune ", PLAN) == [f"tune {v}" for v in ("delta_a=0.1", "delta_l=2", "h=0.05", "kappa=20", "plan")]
+    assert complete("tune ", PLAN) == [
+        f"tune {v}" for v in ("delta_a=0.1", "delta_l=2", "h=0.05", "kappa=20", "plan")
+    ]
     assert complete("tune h", PLAN) == ["tune h=0.05"]
     assert complete("tune h=0.04 k", PLAN) == ["tune h=0.04 kappa=20"]
     assert complete("tune h=0.04 h", PLAN) == []

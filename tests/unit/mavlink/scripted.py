@@ -1,7 +1,8 @@
-"""Scripted vehicles: as little of each firmware as a driver's sequence needs, with the quirks seen on the real ones.
+"""Scripted vehicles: as little of each firmware as a driver's sequence needs, with the quirks seen
+on the real ones.
 
-They live on a virtual clock, take pymavlink messages and fold their answers straight into a `Heard`. A `Random` may
-lose any message in either direction.
+They live on a virtual clock, take pymavlink messages and fold their answers straight into a
+`Heard`. A `Random` may lose any message in either direction.
 """
 
 from __future__ import annotations
@@ -28,7 +29,9 @@ class Scripted:
     parameters: dict[str, tuple[float, int]]
     landing_modes: tuple[int, ...]
 
-    def __init__(self, driver: Autopilot, *, ready_s: float = 0.0, loss: float = 0.0, seed: int = 1) -> None:
+    def __init__(
+        self, driver: Autopilot, *, ready_s: float = 0.0, loss: float = 0.0, seed: int = 1
+    ) -> None:
         self.driver = driver
         self.heard = Heard(watched=frozenset(driver.failsafes))
         self.ready_s = ready_s
@@ -90,7 +93,10 @@ class Scripted:
 
     def on_param_set(self, message: Any) -> None:
         if message.param_id in self.parameters:
-            self.parameters[message.param_id] = (message.param_value, self.parameters[message.param_id][1])
+            self.parameters[message.param_id] = (
+                message.param_value,
+                self.parameters[message.param_id][1],
+            )
             self.on_param_request_read(message)
 
     def do_511(self, message: Any) -> int:
@@ -126,7 +132,9 @@ class Scripted:
 
     def stream(self) -> None:
         if self.every(0, 1.0):
-            self.say(wire.heartbeat(custom_mode=self.mode, armed=self.armed, autopilot=self.autopilot))
+            self.say(
+                wire.heartbeat(custom_mode=self.mode, armed=self.armed, autopilot=self.autopilot)
+            )
         for number, interval_s in self.intervals.items():
             if number in STREAMED and self.every(number, interval_s):
                 self.say_stream(STREAMED[number])
@@ -142,7 +150,11 @@ class Scripted:
         elif name == "local" and self.ready:
             self.say(wire.local_position((0.0, 0.0, -self.height_m), boot_ms=boot_ms))
         elif name == "global" and self.ready:
-            self.say(wire.global_position(alt_mm=GROUND_ALT_MM + round(self.height_m * 1000), boot_ms=boot_ms))
+            self.say(
+                wire.global_position(
+                    alt_mm=GROUND_ALT_MM + round(self.height_m * 1000), boot_ms=boot_ms
+                )
+            )
 
     def every(self, number: int, interval_s: float) -> bool:
         if self.now - self._last.get(number, -1e9) < interval_s - 1e-9:
@@ -152,7 +164,8 @@ class Scripted:
 
 
 class ScriptedArdupilot(Scripted):
-    """Accepts intervals but is silent before it is ready; arms in GUIDED only; a second take-off fails."""
+    """Accepts intervals but is silent before it is ready; arms in GUIDED only; a second take-off
+    fails."""
 
     autopilot = 3
     landing_modes = (9,)
@@ -181,7 +194,8 @@ POSCTL = 3 << 16
 
 
 class ScriptedPx4(Scripted):
-    """Streams by itself; take-off heights are above sea level; OFFBOARD needs setpoints before and during."""
+    """Streams by itself; take-off heights are above sea level; OFFBOARD needs setpoints before and
+    during."""
 
     autopilot = 12
     landing_modes = (AUTO_LAND,)

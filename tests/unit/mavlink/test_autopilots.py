@@ -1,4 +1,5 @@
-"""Both drivers against scripted vehicles, on a virtual clock: sequences, retries, loss, a pilot who takes over."""
+"""Both drivers against scripted vehicles, on a virtual clock: sequences, retries, loss, a pilot who
+takes over."""
 
 from __future__ import annotations
 
@@ -11,7 +12,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swarm_ctl.core.model.vehicle import AirborneGoal, FlyGoal, Goal, LandGoal, ReleaseGoal, StandbyGoal, YieldGoal
+from swarm_ctl.core.model.vehicle import (
+    AirborneGoal,
+    FlyGoal,
+    Goal,
+    LandGoal,
+    ReleaseGoal,
+    StandbyGoal,
+    YieldGoal,
+)
 from swarm_ctl.errors import LinkError
 from swarm_ctl.mavlink.autopilots import AUTOPILOTS, autopilot
 from swarm_ctl.mavlink.autopilots.timing import GROUNDED_S, STREAMS_HZ
@@ -67,17 +76,29 @@ def flying(name: str, **how: Any) -> Scripted:
 
 @both
 @settings(max_examples=15, deadline=None)
-@given(loss=st.sampled_from([0.0, 0.2, 0.5]), seed=st.integers(0, 10_000), ready_s=st.sampled_from([0.0, 42.0]))
-def test_every_goal_is_reached_through_loss_and_a_slow_start(name: str, loss: float, seed: int, ready_s: float) -> None:
+@given(
+    loss=st.sampled_from([0.0, 0.2, 0.5]),
+    seed=st.integers(0, 10_000),
+    ready_s=st.sampled_from([0.0, 42.0]),
+)
+def test_every_goal_is_reached_through_loss_and_a_slow_start(
+    name: str, loss: float, seed: int, ready_s: float
+) -> None:
     vehicle = make(name, ready_s=ready_s, loss=loss, seed=seed)
     before = dict(vehicle.parameters)
     vehicle.run(StandbyGoal(), ready_s + 60.0)
-    assert missing(vehicle) in ("", "heartbeat lost", "no local position (LOCAL_POSITION_NED)")  # a run of losses
+    assert missing(vehicle) in (
+        "",
+        "heartbeat lost",
+        "no local position (LOCAL_POSITION_NED)",
+    )  # a run of losses
     assert not vehicle.armed
     vehicle.run(AirborneGoal(3.0), 60.0)
     assert vehicle.height_m == pytest.approx(3.0, abs=0.1)
     vehicle.run(FlyGoal((1.0, 0.0, 0.0)), 20.0)
-    assert vehicle.mode == CONTROLLED[name] or loss == 0.5  # at half lost, PX4 may miss a second of setpoints
+    assert (
+        vehicle.mode == CONTROLLED[name] or loss == 0.5
+    )  # at half lost, PX4 may miss a second of setpoints
     vehicle.run(LandGoal(), 60.0)
     assert (vehicle.armed, vehicle.height_m) == (False, 0.0)
     vehicle.run(ReleaseGoal(), 60.0)
@@ -99,7 +120,15 @@ def test_a_whole_flight_without_loss_wastes_no_command(name: str) -> None:
 
 @both
 @pytest.mark.parametrize(
-    "goal", [StandbyGoal(), AirborneGoal(3.0), FlyGoal((0.0, 0.0, 0.0)), LandGoal(), ReleaseGoal(), YieldGoal()]
+    "goal",
+    [
+        StandbyGoal(),
+        AirborneGoal(3.0),
+        FlyGoal((0.0, 0.0, 0.0)),
+        LandGoal(),
+        ReleaseGoal(),
+        YieldGoal(),
+    ],
 )
 def test_our_heartbeat_is_sent_once_a_second_whatever_the_goal(name: str, goal: Goal) -> None:
     vehicle = airborne(name)
@@ -118,7 +147,13 @@ def test_the_heartbeat_is_a_ground_stations() -> None:
 
 def test_nothing_but_heartbeats_before_the_vehicle_was_heard() -> None:
     driver = autopilot("ardupilot", 7)
-    for goal in (StandbyGoal(), AirborneGoal(3.0), FlyGoal((1.0, 0.0, 0.0)), LandGoal(), ReleaseGoal()):
+    for goal in (
+        StandbyGoal(),
+        AirborneGoal(3.0),
+        FlyGoal((1.0, 0.0, 0.0)),
+        LandGoal(),
+        ReleaseGoal(),
+    ):
         driver = autopilot("ardupilot", 7)
         assert [m.msgname for m in driver.pursue(goal, Heard(), 0.0)] == ["HEARTBEAT"]
 
@@ -127,7 +162,9 @@ def test_all_streams_are_asked_for_at_first_and_none_again_while_it_comes() -> N
     vehicle = make("ardupilot")
     sent = vehicle.run(StandbyGoal(), 30.0)
     asked = {round(m.param1): 1e6 / m.param2 for _, m in commands(sent, INTERVAL)}
-    assert asked == pytest.approx({32: 20.0, 33: 5.0, 1: 2.0, 245: 2.0, 246: 5.0, 30: 4.0, 168: 2.0}, rel=1e-3)
+    assert asked == pytest.approx(
+        {32: 20.0, 33: 5.0, 1: 2.0, 245: 2.0, 246: 5.0, 30: 4.0, 168: 2.0}, rel=1e-3
+    )
     assert len(asked) == len(STREAMS_HZ) + 1  # and the wind
     for number in (32, 33, 1, 245):
         assert len(ask_for(sent, number)) == 1
@@ -202,7 +239,9 @@ def test_a_vehicle_without_the_parameter_is_never_healthy() -> None:
     del vehicle.parameters["GUID_TIMEOUT"]
     sent = vehicle.run(StandbyGoal(), 10.0)
     assert missing(vehicle) == "failsafe parameters not confirmed: GUID_TIMEOUT"
-    assert len([m for _, m in of(sent, "PARAM_REQUEST_READ") if m.param_id == "GUID_TIMEOUT"]) in range(9, 12)
+    assert len(
+        [m for _, m in of(sent, "PARAM_REQUEST_READ") if m.param_id == "GUID_TIMEOUT"]
+    ) in range(9, 12)
 
 
 def test_a_parameter_that_somebody_changes_back_is_set_again() -> None:
@@ -230,7 +269,10 @@ def test_health_names_what_is_missing(name: str) -> None:
     assert driver.missing(heard, vehicle.now + 4.0) == "heartbeat lost"
     for status, reason in (
         (wire.system_status(health=0), "pre-arm checks not passed"),
-        (wire.system_status(present=0x2F, enabled=0x2F, health=0x0B), "pre-arm checks not passed: compass, GPS"),
+        (
+            wire.system_status(present=0x2F, enabled=0x2F, health=0x0B),
+            "pre-arm checks not passed: compass, GPS",
+        ),
     ):
         vehicle.say(status)
         assert missing(vehicle).startswith(reason)
@@ -246,7 +288,8 @@ def test_health_names_what_is_missing(name: str) -> None:
 
 @pytest.mark.parametrize(("name", "healthy"), [("ardupilot", False), ("px4", True)])
 def test_prearm_bit_alone_is_enough_for_px4_only(name: str, healthy: bool) -> None:
-    """PX4 sets the health bit without present and enabled; ArduPilot without them has its checks switched off."""
+    """PX4 sets the health bit without present and enabled; ArduPilot without them has its checks
+    switched off."""
     for present in (0, wire.PREARM):
         heard = Heard(sensors_present=present, sensors_health=wire.PREARM)
         assert autopilot(name, 7).prearm(heard) is healthy
@@ -269,12 +312,20 @@ def test_an_unknown_name_is_refused_with_what_is_allowed() -> None:
         (wire.heartbeat(kind=1), "type fixed_wing (1); allowed: quadrotor (2)"),
     ],
 )
-def test_another_firmware_or_kind_of_vehicle_gets_nothing_but_heartbeats(heartbeat: Any, says: str) -> None:
+def test_another_firmware_or_kind_of_vehicle_gets_nothing_but_heartbeats(
+    heartbeat: Any, says: str
+) -> None:
     driver, heard = autopilot("ardupilot", 7), Heard()
     Scripted.say.__get__(vehicle := make("ardupilot"))(heartbeat)
     heard = vehicle.heard
     assert says in driver.fault(heard)
-    for goal in (StandbyGoal(), AirborneGoal(3.0), FlyGoal((1.0, 0.0, 0.0)), LandGoal(), ReleaseGoal()):
+    for goal in (
+        StandbyGoal(),
+        AirborneGoal(3.0),
+        FlyGoal((1.0, 0.0, 0.0)),
+        LandGoal(),
+        ReleaseGoal(),
+    ):
         assert {m.msgname for m in driver.pursue(goal, heard, 1.0)} <= {"HEARTBEAT"}
 
 
@@ -285,7 +336,11 @@ def test_ardupilot_enters_guided_then_arms_then_takes_off_each_when_seen() -> No
     vehicle = make("ardupilot")
     vehicle.run(StandbyGoal(), 6.0)
     sent = vehicle.run(AirborneGoal(3.0), 8.0)
-    order = [(t, m.command) for t, m in sent if m.msgname == "COMMAND_LONG" and m.command in (MODE, ARM, TAKE_OFF)]
+    order = [
+        (t, m.command)
+        for t, m in sent
+        if m.msgname == "COMMAND_LONG" and m.command in (MODE, ARM, TAKE_OFF)
+    ]
     assert [number for _, number in order] == [MODE, ARM, TAKE_OFF]
     assert all(b - a <= 1.05 for (a, _), (b, _) in pairwise(order)), "the next heartbeat shows it"
     (_, mode), (_, arm), (_, take_off) = (commands(sent, n)[0] for n in (MODE, ARM, TAKE_OFF))
@@ -322,7 +377,9 @@ def test_refused_commands_are_tried_again_every_second(name: str) -> None:
 def test_in_the_air_airborne_asks_for_nothing_more(name: str) -> None:
     vehicle = airborne(name)
     sent = vehicle.run(AirborneGoal(3.0), 10.0)
-    assert [m for _, m in sent if m.msgname == "COMMAND_LONG" and m.command not in (INTERVAL, REQUEST)] == []
+    assert [
+        m for _, m in sent if m.msgname == "COMMAND_LONG" and m.command not in (INTERVAL, REQUEST)
+    ] == []
 
 
 @both
@@ -416,7 +473,9 @@ def test_a_controlled_mode_that_was_left_is_never_entered_again(name: str) -> No
     vehicle.run(FlyGoal((1.0, 0.0, 0.0)), 1.05)
     sent = vehicle.run(FlyGoal((1.0, 0.0, 0.0)), 10.0)
     assert commands(sent, MODE) == of(sent, "SET_POSITION_TARGET_LOCAL_NED") == []
-    vehicle.mode = scripted.LOITER if name == "px4" else 17  # also not from a mode we could enter from
+    vehicle.mode = (
+        scripted.LOITER if name == "px4" else 17
+    )  # also not from a mode we could enter from
     assert commands(vehicle.run(FlyGoal((1.0, 0.0, 0.0)), 10.0), MODE) == []
 
 

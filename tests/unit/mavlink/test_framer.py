@@ -22,7 +22,13 @@ def frames_of(*messages: wire.Message) -> list[bytes]:
     return [vehicle.bytes_of(message) for message in messages]
 
 
-GOOD = frames_of(wire.heartbeat(), wire.local_position(), wire.text("hello"), wire.traffic(7), wire.system_status())
+GOOD = frames_of(
+    wire.heartbeat(),
+    wire.local_position(),
+    wire.text("hello"),
+    wire.traffic(7),
+    wire.system_status(),
+)
 
 # Noise that looks like frames: magics, plausible headers, halves of good frames.
 headers = st.builds(
@@ -31,13 +37,21 @@ headers = st.builds(
     st.integers(0, 3),
     st.sampled_from([0, 1, 32, 33, 253]),
 )
-halves = st.builds(lambda frame, cut: frame[: cut % len(frame)], st.sampled_from(GOOD), st.integers(1, 400))
+halves = st.builds(
+    lambda frame, cut: frame[: cut % len(frame)], st.sampled_from(GOOD), st.integers(1, 400)
+)
 flipped = st.builds(
-    lambda frame, at: frame[: at % len(frame)] + bytes([frame[at % len(frame)] ^ 0x55]) + frame[at % len(frame) + 1 :],
+    lambda frame, at: (
+        frame[: at % len(frame)]
+        + bytes([frame[at % len(frame)] ^ 0x55])
+        + frame[at % len(frame) + 1 :]
+    ),
     st.sampled_from(GOOD),
     st.integers(0, 400),
 )
-noise = st.lists(st.one_of(st.binary(max_size=40), headers, halves, flipped), max_size=6).map(b"".join)
+noise = st.lists(st.one_of(st.binary(max_size=40), headers, halves, flipped), max_size=6).map(
+    b"".join
+)
 
 
 @given(noise, st.sampled_from(GOOD))
@@ -54,7 +68,11 @@ def test_all_good_frames_are_found_in_order_however_the_stream_is_cut(
     stream = b"".join(before + good for before, good in parts)
     cuts = sorted(data.draw(st.lists(st.integers(0, len(stream)), max_size=8)))
     framer = Framer()
-    found = [frame.raw for a, b in pairwise([0, *cuts, len(stream)]) for frame in framer.feed(stream[a:b])]
+    found = [
+        frame.raw
+        for a, b in pairwise([0, *cuts, len(stream)])
+        for frame in framer.feed(stream[a:b])
+    ]
     assert found == [good for _, good in parts]
 
 

@@ -1,4 +1,5 @@
-"""Folding: every message of the table, what is refused, and that nothing a vehicle says can raise."""
+"""Folding: every message of the table, what is refused, and that nothing a vehicle says can
+raise."""
 
 from __future__ import annotations
 
@@ -112,7 +113,9 @@ def test_another_vehicle_may_take_the_place_of_one_long_silent() -> None:
 
 
 @given(st.sampled_from(sorted(FOLDS_BY_ID)), st.binary(min_size=1, max_size=255), st.floats(0, 1e6))
-def test_no_payload_raises_or_leaves_anything_that_is_not_finite(number: int, payload: bytes, now: float) -> None:
+def test_no_payload_raises_or_leaves_anything_that_is_not_finite(
+    number: int, payload: bytes, now: float
+) -> None:
     message = decode(number, payload)
     heard = known()
     fold(heard, message, now)
@@ -138,7 +141,8 @@ def place(point: Geodetic | None) -> tuple[float, ...]:
 
 
 def decode(number: int, payload: bytes) -> Any:
-    """The message with this raw payload, through the real codec (with the checksum that makes it good)."""
+    """The message with this raw payload, through the real codec (with the checksum that makes it
+    good)."""
     header = bytes([0xFD, len(payload), 0, 0, 0, 1, 1, number & 0xFF, number >> 8 & 0xFF, 0])
     crc = dialect.x25crc(header[1:] + payload + bytes([dialect.mavlink_map[number].crc_extra])).crc
     return dialect.MAVLink(None).decode(bytearray(header + payload + crc.to_bytes(2, "little")))

@@ -25,7 +25,14 @@ from swarm_ctl.mavlink import VehicleLink, memory_wires
 from swarm_ctl.mavlink.link import MAX_CHUNKS
 from tests.unit.mavlink import wire
 
-GOALS: list[Goal] = [StandbyGoal(), AirborneGoal(3.0), FlyGoal((1.0, 0.0, 0.0)), LandGoal(), ReleaseGoal(), YieldGoal()]
+GOALS: list[Goal] = [
+    StandbyGoal(),
+    AirborneGoal(3.0),
+    FlyGoal((1.0, 0.0, 0.0)),
+    LandGoal(),
+    ReleaseGoal(),
+    YieldGoal(),
+]
 
 
 def make(autopilot: str = "ardupilot", sysid: int = 7) -> tuple[VehicleLink, wire.Vehicle]:
@@ -166,7 +173,9 @@ def test_fields_that_cannot_be_true_are_counted() -> None:
 
 @settings(max_examples=200)
 @given(st.lists(st.binary(max_size=300), max_size=10), st.sampled_from(GOALS))
-def test_hostile_bytes_raise_nothing_and_the_good_frame_after_them_is_heard(chunks: list[bytes], goal: Goal) -> None:
+def test_hostile_bytes_raise_nothing_and_the_good_frame_after_them_is_heard(
+    chunks: list[bytes], goal: Goal
+) -> None:
     link, vehicle = make()
     for chunk in chunks:
         vehicle.end.write(chunk)
@@ -178,7 +187,10 @@ def test_hostile_bytes_raise_nothing_and_the_good_frame_after_them_is_heard(chun
 
 @settings(max_examples=200)
 @given(
-    st.lists(st.tuples(st.sampled_from(sorted(common.mavlink_map)), st.binary(min_size=1, max_size=255)), max_size=20),
+    st.lists(
+        st.tuples(st.sampled_from(sorted(common.mavlink_map)), st.binary(min_size=1, max_size=255)),
+        max_size=20,
+    ),
     st.sampled_from(GOALS),
 )
 def test_well_framed_nonsense_from_the_vehicle_itself_raises_nothing(
@@ -187,7 +199,9 @@ def test_well_framed_nonsense_from_the_vehicle_itself_raises_nothing(
     link, vehicle = healthy()
     for number, payload in bodies:
         header = bytes([0xFD, len(payload), 0, 0, 0, 7, 1]) + number.to_bytes(3, "little")
-        crc = common.x25crc(header[1:] + payload + bytes([common.mavlink_map[number].crc_extra])).crc
+        crc = common.x25crc(
+            header[1:] + payload + bytes([common.mavlink_map[number].crc_extra])
+        ).crc
         vehicle.end.write(header + payload + crc.to_bytes(2, "little"))
     link.receive(11.0)
     link.pursue(goal, 11.0)

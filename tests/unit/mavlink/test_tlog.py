@@ -45,14 +45,20 @@ def test_both_directions_with_their_times(tmp_path: Path) -> None:
     link.close()
     writer.close()
     found = read(path)
-    assert found[:2] == [("HEARTBEAT", pytest.approx(1.0)), ("LOCAL_POSITION_NED", pytest.approx(2.0))]
+    assert found[:2] == [
+        ("HEARTBEAT", pytest.approx(1.0)),
+        ("LOCAL_POSITION_NED", pytest.approx(2.0)),
+    ]
     setpoints = [time for name, time in found if name == "SET_POSITION_TARGET_LOCAL_NED"]
     assert sent == 1
     assert setpoints == [pytest.approx(2.5)]
 
 
-def test_a_stuck_disk_does_not_stop_the_loop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """`take` returns while the thread hangs in a write; the oldest frames are given up and counted."""
+def test_a_stuck_disk_does_not_stop_the_loop(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`take` returns while the thread hangs in a write; the oldest frames are given up and
+    counted."""
     monkeypatch.setattr(tlog_module, "_LIMIT", 10)
     monkeypatch.setattr(tlog_module, "_TURN_WALL_S", 0.0)
     gate, inside = threading.Event(), threading.Event()

@@ -1,4 +1,5 @@
-"""Endpoints on the loopback: each kind in both directions, peers that vanish, and what is refused."""
+"""Endpoints on the loopback: each kind in both directions, peers that vanish, and what is
+refused."""
 
 from __future__ import annotations
 
@@ -92,7 +93,9 @@ def test_a_host_that_does_not_exist_is_refused_by_name() -> None:
 
 
 def test_udpout_talks_first_and_hears_the_answer(udp: socket.socket) -> None:
-    with contextlib.closing(VehicleLink(f"udpout:{HOST}:{udp.getsockname()[1]}", "ardupilot", 7)) as link:
+    with contextlib.closing(
+        VehicleLink(f"udpout:{HOST}:{udp.getsockname()[1]}", "ardupilot", 7)
+    ) as link:
         link.pursue(StandbyGoal(), 0.0)
         data, address = udp.recvfrom(4096)
         assert data[0] == 0xFD
@@ -128,7 +131,9 @@ def test_udpout_hears_nobody_else(udp: socket.socket) -> None:
         assert opened.read(0.0) == b"vehicle"
 
 
-def test_udpin_is_silent_until_it_heard_its_vehicle_and_answers_it_alone(udp: socket.socket) -> None:
+def test_udpin_is_silent_until_it_heard_its_vehicle_and_answers_it_alone(
+    udp: socket.socket,
+) -> None:
     port = free_port(socket.SOCK_DGRAM)
     with (
         contextlib.closing(VehicleLink(f"udpin:{HOST}:{port}", "ardupilot", 7)) as link,
@@ -168,7 +173,9 @@ def read_all(opened: Wire, now: float) -> bytes:
     return data
 
 
-def test_tcp_survives_text_between_frames_and_a_server_that_goes_and_comes(server: socket.socket) -> None:
+def test_tcp_survives_text_between_frames_and_a_server_that_goes_and_comes(
+    server: socket.socket,
+) -> None:
     port = server.getsockname()[1]
     with contextlib.closing(VehicleLink(f"tcp:{HOST}:{port}", "ardupilot", 7)) as link:
         link.receive(0.0)
@@ -210,7 +217,9 @@ def test_a_stalled_tcp_peer_gets_no_old_setpoints(server: socket.socket) -> None
                     opened.write(frame, 0.0)
                 except BlockingIOError:
                     dropped += 1
-            assert dropped > 10_000, "the kernel's buffers are full, and nothing piles up on our side"
+            assert dropped > 10_000, (
+                "the kernel's buffers are full, and nothing piles up on our side"
+            )
             data, whole = b"", (20_000 - dropped) * len(frame)
             peer.settimeout(5.0)
             while len(data) < whole:
@@ -287,7 +296,9 @@ def test_a_serial_port_carries_frames() -> None:
     pytest.importorskip("serial", reason="pyserial is not installed")
     master, slave = pty.openpty()
     try:
-        with contextlib.closing(VehicleLink(f"serial:{os.ttyname(slave)}:57600", "ardupilot", 7)) as link:
+        with contextlib.closing(
+            VehicleLink(f"serial:{os.ttyname(slave)}:57600", "ardupilot", 7)
+        ) as link:
             os.write(master, frame_from())
             wait_readable(slave)
             link.receive(1.0)

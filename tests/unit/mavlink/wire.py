@@ -1,4 +1,5 @@
-"""The vehicle's side of the wire for tests: messages as a vehicle would send them, and their bytes."""
+"""The vehicle's side of the wire for tests: messages as a vehicle would send them, and their
+bytes."""
 
 from __future__ import annotations
 
@@ -15,10 +16,17 @@ GUIDED = 4
 
 
 def heartbeat(
-    *, custom_mode: int = 0, armed: bool = False, autopilot: int = 3, kind: int = 2, base_mode: int = 1
+    *,
+    custom_mode: int = 0,
+    armed: bool = False,
+    autopilot: int = 3,
+    kind: int = 2,
+    base_mode: int = 1,
 ) -> Message:
     """HEARTBEAT of a vehicle; the defaults are a disarmed ArduCopter in STABILIZE."""
-    return dialect.MAVLink_heartbeat_message(kind, autopilot, base_mode | 128 * armed, custom_mode, 4, 3)
+    return dialect.MAVLink_heartbeat_message(
+        kind, autopilot, base_mode | 128 * armed, custom_mode, 4, 3
+    )
 
 
 def local_position(
@@ -31,10 +39,16 @@ def local_position(
 
 
 def global_position(
-    lat: int = 473_977_420, lon: int = 85_455_940, alt_mm: int = 488_000, relative_mm: int = 3_000, boot_ms: int = 1000
+    lat: int = 473_977_420,
+    lon: int = 85_455_940,
+    alt_mm: int = 488_000,
+    relative_mm: int = 3_000,
+    boot_ms: int = 1000,
 ) -> Message:
     """GLOBAL_POSITION_INT (1e-7 degrees, millimetres)."""
-    return dialect.MAVLink_global_position_int_message(boot_ms, lat, lon, alt_mm, relative_mm, 10, 20, -30, 9000)
+    return dialect.MAVLink_global_position_int_message(
+        boot_ms, lat, lon, alt_mm, relative_mm, 10, 20, -30, 9000
+    )
 
 
 def global_origin(lat: int = 473_977_000, lon: int = 85_455_000, alt_mm: int = 485_000) -> Message:
@@ -89,7 +103,8 @@ def parameter(name: str, value: float, kind: int = 9) -> Message:
 
 
 class Vehicle:
-    """The other end of a memory wire: packs with its own ids and sequence, unpacks what the link sent."""
+    """The other end of a memory wire: packs with its own ids and sequence, unpacks what the link
+    sent."""
 
     def __init__(self, end: MemoryWire, sysid: int = 1, component: int = 1) -> None:
         self.end = end

@@ -1,4 +1,5 @@
-"""The impaired transport does what it says: shares of loss and duplicates, bounds of delay, silence, the seed."""
+"""The impaired transport does what it says: shares of loss and duplicates, bounds of delay,
+silence, the seed."""
 
 from __future__ import annotations
 
@@ -15,7 +16,9 @@ class Pair:
         self.now = 0.0
         hub = MemoryHub(lambda: self.now)
         self.speaker = MemoryTransport(hub)
-        self.transport = ImpairedTransport(MemoryTransport(hub), [7, 8], impairment, lambda: self.now, seed)
+        self.transport = ImpairedTransport(
+            MemoryTransport(hub), [7, 8], impairment, lambda: self.now, seed
+        )
         self.inlet: Inlet = self.transport.subscribe("swarm/x/agent/*/state")
 
     def hear(self, count: int, name: int = 7) -> list[tuple[float, float]]:

@@ -66,9 +66,18 @@ STATES = st.builds(
 OTHERS: list[Any] = [
     Event(3, 1.5, "warning", "ünïcode"),
     Command("abc", "land", (1, 2), 2.0),
-    Command("f", "form", (), 2.0, FormStep("vee", ((0.0, 0.5), (2.0, 1.0)), 0.5, 5.0, 60.0), 2**64 - 1),
+    Command(
+        "f", "form", (), 2.0, FormStep("vee", ((0.0, 0.5), (2.0, 1.0)), 0.5, 5.0, 60.0), 2**64 - 1
+    ),
     Command("m", "move", (), 2.0, MoveStep(((10.0, -5.5),), 2.5, 0.5, 2.0, 60.0), 7, 3),
-    Command("t", "tune", (1, 2), 2.0, plan_hash=7, tuning=Tuning(Gains(0.1, 2.0, 0.04, 15.0), 4.0, ((2, -0.5),))),
+    Command(
+        "t",
+        "tune",
+        (1, 2),
+        2.0,
+        plan_hash=7,
+        tuning=Tuning(Gains(0.1, 2.0, 0.04, 15.0), 4.0, ((2, -0.5),)),
+    ),
     Command("t-apply", "apply", (1, 2), 2.5, commits=2**32 - 1),
     Ack(1, "abc", False, "no"),
     ClockNews(1, 2.5, False, ()),
@@ -148,14 +157,22 @@ def test_unknown_version_is_refused(state: AgentState, version: int) -> None:
 def test_numbers_that_are_none_are_refused(bad: float) -> None:
     """NaN in any number of a state would poison the law of everybody who hears it."""
     good = AgentState(1, 1, 1.0, 1, Phase.FLY, 1, False, True, (1, 2, 3), (0, 0, 0), (1, 2), (0, 0))
-    for field, value in (("position_ned_m", (bad, 0, 0)), ("stop_point_m", (0, bad)), ("time_s", bad)):
-        broken = {name: getattr(good, name) for name in AgentState.__dataclass_fields__} | {field: value}
+    for field, value in (
+        ("position_ned_m", (bad, 0, 0)),
+        ("stop_point_m", (0, bad)),
+        ("time_s", bad),
+    ):
+        broken = {name: getattr(good, name) for name in AgentState.__dataclass_fields__} | {
+            field: value
+        }
         with pytest.raises(PayloadError):
             decode(AgentState, encode(AgentState(**broken)))
 
 
 def test_truncated_state_is_refused() -> None:
-    data = encode(AgentState(1, 1, 1.0, 1, Phase.FLY, 1, False, True, (1, 2, 3), (0, 0, 0), (1, 2), (0, 0)))
+    data = encode(
+        AgentState(1, 1, 1.0, 1, Phase.FLY, 1, False, True, (1, 2, 3), (0, 0, 0), (1, 2), (0, 0))
+    )
     for size in range(len(data)):
         with pytest.raises(PayloadError):
             decode(AgentState, data[:size])

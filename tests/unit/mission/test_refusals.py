@@ -1,4 +1,5 @@
-"""Every refusal names the file, the line, the field, what is wrong and what would be allowed; all of them at once."""
+"""Every refusal names the file, the line, the field, what is wrong and what would be allowed; all
+of them at once."""
 # ruff: noqa: E501 (a refusal is one row of the table)
 
 from __future__ import annotations
@@ -119,7 +120,11 @@ REFUSALS = {
 def test_a_mistake_is_reported_at_its_place(case: tuple[str, str, int, str, str, str]) -> None:
     old, new, line, field, what, allowed = case
     found = problems(edited((old, new)))
-    (it,) = (problem for problem in found if (problem.where, problem.field) == (f"trio.yaml:{line}", field))
+    (it,) = (
+        problem
+        for problem in found
+        if (problem.where, problem.field) == (f"trio.yaml:{line}", field)
+    )
     assert what in it.what
     assert allowed in it.allowed
     assert it.allowed
@@ -159,7 +164,9 @@ def test_all_mistakes_at_once_in_the_order_of_the_file() -> None:
 
 
 def test_a_broken_section_does_not_hide_the_others() -> None:
-    found = {problem.field for problem in problems(edited(("r: 4.5", "r: x"), ("count: 3", "count: 5")))}
+    found = {
+        problem.field for problem in problems(edited(("r: 4.5", "r: x"), ("count: 3", "count: 5")))
+    }
     assert found == {"law.r", "shapes.ring.count"}
 
 
@@ -168,8 +175,14 @@ def test_an_id_that_is_no_sysid_needs_a_fleet() -> None:
     (problem,) = problems(text)
     assert (problem.where, problem.field) == ("trio.yaml:14", "agents[2].id")
     assert "fleet section" in problem.allowed
-    (problem,) = problems(edited(("{id: 3, start", "{id: 300, start"), ("{id: 3, sysid: 3,", "{id: 300,")))
-    assert (problem.where, problem.field, problem.allowed) == ("trio.yaml:35", "fleet.agents[2]", "sysid: 1 to 250")
+    (problem,) = problems(
+        edited(("{id: 3, start", "{id: 300, start"), ("{id: 3, sysid: 3,", "{id: 300,"))
+    )
+    assert (problem.where, problem.field, problem.allowed) == (
+        "trio.yaml:35",
+        "fleet.agents[2]",
+        "sysid: 1 to 250",
+    )
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,5 @@
-"""Moves, letters, CSV files, lengths in metres: what is loaded, and what each mistake is answered with."""
+"""Moves, letters, CSV files, lengths in metres: what is loaded, and what each mistake is answered
+with."""
 
 from __future__ import annotations
 
@@ -27,15 +28,45 @@ def with_step(step: str) -> str:
 
 REFUSALS = {
     "no way": ("move: {speed_mps: 1}", "steps[2].move", "no way to go", "one of to, along, by"),
-    "two ways": ("move: {to: [1, 1], by: [1, 1]}", "steps[2].move", "to and by", "one of to, along, by"),
-    "too fast": ("move: {to: [1, 1], speed_mps: 9}", "steps[2].move.speed_mps", "faster", "limits.speed_mps = 5"),
+    "two ways": (
+        "move: {to: [1, 1], by: [1, 1]}",
+        "steps[2].move",
+        "to and by",
+        "one of to, along, by",
+    ),
+    "too fast": (
+        "move: {to: [1, 1], speed_mps: 9}",
+        "steps[2].move.speed_mps",
+        "faster",
+        "limits.speed_mps = 5",
+    ),
     "too far": ("move: {to: [2000, 1]}", "steps[2].move", "10000 m from the origin", "5000 m"),
-    "too narrow": ("scale: {factor: 0.5}", "steps[2].scale.factor", "brings slots to 1 units", "law.r_out"),
+    "too narrow": (
+        "scale: {factor: 0.5}",
+        "steps[2].scale.factor",
+        "brings slots to 1 units",
+        "law.r_out",
+    ),
     "no angle": ("rotate: {speed_mps: 1}", "steps[2].rotate.angle_deg", "is missing", "a number"),
     "early return": ("return", "steps[2]", "steps after return", "as the last step only"),
-    "bad policy": ("hold: {duration_s: 1, on_timeout: explode}", "steps[2].hold.on_timeout", "explode", "land"),
-    "bad link": ("form: {shape: ring, neighbours: [[1, 9]]}", "steps[2].form.neighbours[0]", "is no link", "1, 2, 3"),
-    "cut graph": ("form: {shape: ring, neighbours: [[1, 2]]}", "steps[2].form.neighbours", "{1, 2} and {3}", "links"),
+    "bad policy": (
+        "hold: {duration_s: 1, on_timeout: explode}",
+        "steps[2].hold.on_timeout",
+        "explode",
+        "land",
+    ),
+    "bad link": (
+        "form: {shape: ring, neighbours: [[1, 9]]}",
+        "steps[2].form.neighbours[0]",
+        "is no link",
+        "1, 2, 3",
+    ),
+    "cut graph": (
+        "form: {shape: ring, neighbours: [[1, 2]]}",
+        "steps[2].form.neighbours",
+        "{1, 2} and {3}",
+        "links",
+    ),
 }
 
 
@@ -50,17 +81,24 @@ def test_a_mistake_in_a_step_is_reported(case: tuple[str, str, str, str]) -> Non
 
 
 def test_a_move_before_any_shape_is_refused() -> None:
-    (problem,) = (p for p in problems(edited((FORM, "  - move: {to: [1, 1]}\n" + FORM))) if p.field == "steps[1]")
+    (problem,) = (
+        p
+        for p in problems(edited((FORM, "  - move: {to: [1, 1]}\n" + FORM)))
+        if p.field == "steps[1]"
+    )
     assert "without a formation to keep" in problem.what
 
 
 def test_targets_add_up_over_steps() -> None:
-    """Rotations add, factors multiply, `by` counts from where the centre is planned to be; a form starts anew."""
+    """Rotations add, factors multiply, `by` counts from where the centre is planned to be; a form
+    starts anew."""
     text = with_step(
         "rotate: {angle_deg: 30}\n  - rotate: {angle_deg: 60}\n  - scale: {factor: 2}\n  - scale: {factor: 1.5}"
     )
     steps = loads(text).plan.steps
-    assert [s.angle_rad for s in steps if isinstance(s, RotateStep)] == pytest.approx([math.pi / 6, math.pi / 2])
+    assert [s.angle_rad for s in steps if isinstance(s, RotateStep)] == pytest.approx(
+        [math.pi / 6, math.pi / 2]
+    )
     assert [s.factor for s in steps if isinstance(s, ScaleStep)] == [2, 3]
     moves = loads(with_step("move: {to: [4, 2]}\n  - move: {by: [1, -1]}")).plan.steps
     assert [s.waypoints_m for s in moves if isinstance(s, MoveStep)] == [((20, 10),), ((25, 5),)]

@@ -22,7 +22,9 @@ def run(tmp_path: Path) -> Path:
     made = McapWriter(tmp_path / recording.RECORDING, START_NS, {"mission": "test"})
     for k, (payload, heard_s) in enumerate(sorted(flight(6), key=lambda said: said[1])):
         data = ADAPTERS[type(payload)].dump_json(payload)
-        made.write(BY_PAYLOAD[type(payload)], getattr(payload, "agent", None), heard_s, heard_s, data)
+        made.write(
+            BY_PAYLOAD[type(payload)], getattr(payload, "agent", None), heard_s, heard_s, data
+        )
         if k % 40 == 0:
             made.flush()
     made.close()
@@ -44,8 +46,13 @@ def test_its_chunks_are_what_read_gives(run: Path, share: float) -> None:
 
 
 def test_foreign_files_are_refused_and_left_alone(tmp_path: Path) -> None:
-    """No MCAP, another tool's MCAP, nothing at all: an error with the name, and not a byte changed by `recover`."""
-    words, foreign, empty = tmp_path / "words.txt", tmp_path / "foreign.mcap", tmp_path / "empty.mcap"
+    """No MCAP, another tool's MCAP, nothing at all: an error with the name, and not a byte changed
+    by `recover`."""
+    words, foreign, empty = (
+        tmp_path / "words.txt",
+        tmp_path / "foreign.mcap",
+        tmp_path / "empty.mcap",
+    )
     words.write_text("a long story " * 100)
     with foreign.open("wb") as file:
         writer = Writer(file)

@@ -42,7 +42,9 @@ def flight(seconds: int = 3) -> list[tuple[Payload, float]]:
     return said
 
 
-def record(folder: Path, said: list[tuple[Payload, float]], rates_hz: dict[str, float] | None = None) -> Recorder:
+def record(
+    folder: Path, said: list[tuple[Payload, float]], rates_hz: dict[str, float] | None = None
+) -> Recorder:
     made = Recorder(folder, START_NS, {"mission": "test"}, rates_hz)
     for payload, heard_s in said:
         made.take(payload, heard_s)
@@ -71,7 +73,10 @@ def test_other_tools_count_the_same(tmp_path: Path) -> None:
         summary = make_reader(file).get_summary()
         assert summary is not None
         assert summary.statistics is not None
-        by_topic = {summary.channels[c].topic: n for c, n in summary.statistics.channel_message_counts.items()}
+        by_topic = {
+            summary.channels[c].topic: n
+            for c, n in summary.statistics.channel_message_counts.items()
+        }
         for channel in summary.channels.values():
             assert channel.message_encoding == "json"
             assert summary.schemas[channel.schema_id].encoding == "jsonschema"
@@ -82,7 +87,8 @@ def test_other_tools_count_the_same(tmp_path: Path) -> None:
 
 
 def test_schemas_are_of_the_plain_kind() -> None:
-    """Each node has one type that viewers know: no references, no unions, no lists of several kinds."""
+    """Each node has one type that viewers know: no references, no unions, no lists of several
+    kinds."""
 
     def check(node: dict[str, Any]) -> None:
         assert node["type"] in ("object", "array", "string", "number", "integer", "boolean")
@@ -98,18 +104,30 @@ def test_schemas_are_of_the_plain_kind() -> None:
 def test_messages_fit_their_schemas(tmp_path: Path) -> None:
     """Every required field is there, with its type."""
     record(tmp_path, flight(1))
-    kinds = {"number": (int, float), "integer": int, "string": str, "boolean": bool, "array": list, "object": dict}
+    kinds = {
+        "number": (int, float),
+        "integer": int,
+        "string": str,
+        "boolean": bool,
+        "array": list,
+        "object": dict,
+    }
     schemas = {topic.template.rpartition("/")[2]: topic.schema for topic in TOPICS}
     for message in messages(tmp_path):
         schema, found = schemas[message.topic.rpartition("/")[2]], json.loads(message.data)
         assert set(schema["required"]) <= set(found)
         for name, number in found.items():
-            assert number is None or isinstance(number, kinds[schema["properties"][name]["type"]]), name
+            assert number is None or isinstance(
+                number, kinds[schema["properties"][name]["type"]]
+            ), name
 
 
 @pytest.mark.parametrize("share", [0.02, 0.3, 0.6, 0.9, 0.99, 0.9999])
-def test_cut_anywhere_it_is_recovered(tmp_path: Path, share: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What was flushed before the cut is there after; the file has its footer then; twice changes nothing."""
+def test_cut_anywhere_it_is_recovered(
+    tmp_path: Path, share: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What was flushed before the cut is there after; the file has its footer then; twice changes
+    nothing."""
     monkeypatch.setattr(recorder, "_CHUNK_WALL_S", 0.02)
     made = Recorder(tmp_path, START_NS, {}, None)
     said = flight(6)
@@ -182,7 +200,10 @@ def test_truth_is_taken_in_as_it_grows(tmp_path: Path) -> None:
     path.write_bytes(text)
     assert [time for time, _ in tail.lines()] == [2.5]
     record(tmp_path, [])
-    assert [(time, line["type"]) for time, line in truth(tmp_path)] == [(1.5, "state"), (2.5, "end")]
+    assert [(time, line["type"]) for time, line in truth(tmp_path)] == [
+        (1.5, "state"),
+        (2.5, "end"),
+    ]
 
 
 class _Stuck(mcap_reader.Writer):  # type: ignore[name-defined]
@@ -195,7 +216,9 @@ class _Stuck(mcap_reader.Writer):  # type: ignore[name-defined]
         super().add_message(*arguments, **names)
 
 
-def test_a_stuck_disk_costs_messages_not_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stuck_disk_costs_messages_not_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """`take` returns though nothing is written; what does not fit is counted; later all goes on."""
     monkeypatch.setattr("swarm_ctl.recording.mcap_writer.Writer", _Stuck)
     monkeypatch.setattr(recorder, "_LIMIT", 50)
@@ -210,7 +233,9 @@ def test_a_stuck_disk_costs_messages_not_time(tmp_path: Path, monkeypatch: pytes
     assert sum(1 for _ in recording.read(tmp_path)) == len(said) - made.dropped
 
 
-def test_a_full_disk_is_told_and_ends_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_is_told_and_ends_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def full(*_: Any) -> None:
         raise OSError(28, "No space left on device")
 

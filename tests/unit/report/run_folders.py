@@ -21,7 +21,16 @@ from tests.unit.station.swarm import HEXAGON, hexagon_plan, status_of
 PLAN: Final = hexagon_plan()
 SYSIDS: Final = (11, 12, 13, 14, 15, 16)
 CENTRE: Final = (50.0, 70.0)
-START, LIFTOFF, FORM, FORMED, HOLD, LAND, TOUCHDOWN, END = 0.0, 6.0, 20.0, 32.0, 37.1, 47.1, 60.0, 61.0
+START, LIFTOFF, FORM, FORMED, HOLD, LAND, TOUCHDOWN, END = (
+    0.0,
+    6.0,
+    20.0,
+    32.0,
+    37.1,
+    47.1,
+    60.0,
+    61.0,
+)
 """Mission times of the flight; the vehicles reach the shape at FORMED."""
 STEPS: Final = (
     StepResult("prepare", "done", START, LIFTOFF),
@@ -36,7 +45,13 @@ EXIT_CODES: Final = {"sim": 0, "station": 0} | {f"agent-{i}": 0 for i in range(1
 def manifest(plan: Plan = PLAN, **changes: Any) -> Manifest:
     """The manifest of the flight."""
     fleet = tuple(
-        FleetAgent(a.id, sysid, "ardupilot", f"udpout:127.0.0.1:{14600 + sysid}", f"tcp/127.0.0.1:{7440 + a.id}")
+        FleetAgent(
+            a.id,
+            sysid,
+            "ardupilot",
+            f"udpout:127.0.0.1:{14600 + sysid}",
+            f"tcp/127.0.0.1:{7440 + a.id}",
+        )
         for a, sysid in zip(plan.agents, SYSIDS, strict=False)
     )
     made: dict[str, Any] = {
@@ -57,13 +72,19 @@ def manifest(plan: Plan = PLAN, **changes: Any) -> Manifest:
 
 def account(agent: int, **changes: Any) -> AgentStatus:
     """An agent's final account of the completed flight."""
-    made = status_of(PLAN, agent, END, phase=Phase.ENDED, step=4, done=True, outcome="completed", steps=STEPS)
-    made = replace(made, links={p.id: LinkReport(0.03, 0.02, 0.05, 990, 10) for p in PLAN.agents if p.id != agent})
+    made = status_of(
+        PLAN, agent, END, phase=Phase.ENDED, step=4, done=True, outcome="completed", steps=STEPS
+    )
+    made = replace(
+        made,
+        links={p.id: LinkReport(0.03, 0.02, 0.05, 990, 10) for p in PLAN.agents if p.id != agent},
+    )
     return replace(made, **changes)
 
 
 def position(agent: int, t: float, wobble: float = 0.0) -> tuple[float, float, float]:
-    """Where the vehicle of `agent` (1..6) is at `t`: straight from start to slot between FORM and FORMED."""
+    """Where the vehicle of `agent` (1..6) is at `t`: straight from start to slot between FORM and
+    FORMED."""
     (n0, e0), (zn, ze) = PLAN.agents[agent - 1].start, HEXAGON[agent - 1]
     share = min(1.0, max(0.0, (t - FORM) / (FORMED - FORM)))
     north = (1 - share) * 5 * n0 + share * (CENTRE[0] + 5 * zn) + wobble * math.sin(t)
@@ -74,9 +95,17 @@ def position(agent: int, t: float, wobble: float = 0.0) -> tuple[float, float, f
 def truth_lines(until_s: float = END) -> list[str]:
     """The truth file of the flight, 10 Hz; complete if it goes to the END."""
     lines: list[dict[str, Any]] = [
-        {"type": "header", "version": 1, "t": 0.0, "origin": asdict(PLAN.origin), "sysids": list(SYSIDS)}
+        {
+            "type": "header",
+            "version": 1,
+            "t": 0.0,
+            "origin": asdict(PLAN.origin),
+            "sysids": list(SYSIDS),
+        }
     ]
-    lines += [{"type": "event", "t": LIFTOFF, "sysid": sysid, "event": "liftoff"} for sysid in SYSIDS]
+    lines += [
+        {"type": "event", "t": LIFTOFF, "sysid": sysid, "event": "liftoff"} for sysid in SYSIDS
+    ]
     closest = dict.fromkeys([(a, b) for a in range(1, 7) for b in range(a + 1, 7)], math.inf)
     for k in range(int(until_s * 10) + 1):
         t = k / 10
@@ -93,7 +122,10 @@ def truth_lines(until_s: float = END) -> list[str]:
         if shrunk:
             lines.append({"type": "min", "t": t, "pairs": shrunk})
     if until_s >= END:
-        lines += [{"type": "event", "t": TOUCHDOWN, "sysid": sysid, "event": "touchdown"} for sysid in SYSIDS]
+        lines += [
+            {"type": "event", "t": TOUCHDOWN, "sysid": sysid, "event": "touchdown"}
+            for sysid in SYSIDS
+        ]
         lines.append({"type": "end", "t": END})
     return [json.dumps(line) for line in lines]
 
@@ -129,5 +161,7 @@ def write_run(folder: Path) -> Path:
     statuses = [status_of(PLAN, agent, t) for t in (25.0, 30.0) for agent in range(1, 7)]
     write_lines(folder / "statuses.jsonl", *statuses, *(account(agent) for agent in range(1, 7)))
     events = [Event(agent, END, "info", "ended: completed") for agent in range(1, 7)]
-    write_lines(folder / "events.jsonl", Event(2, 25.0, "warning", "vehicle: EKF variance"), *events)
+    write_lines(
+        folder / "events.jsonl", Event(2, 25.0, "warning", "vehicle: EKF variance"), *events
+    )
     return folder

@@ -1,4 +1,5 @@
-"""A station's records on a disk that takes no more: it is given up, and told once; the others go on."""
+"""A station's records on a disk that takes no more: it is given up, and told once; the others go
+on."""
 
 from __future__ import annotations
 
@@ -23,5 +24,7 @@ def test_a_full_disk_is_told_once(tmp_path: Path) -> None:
         recorder.command(Ack(1, "c", True, ""))
         told += recorder.troubles()
     recorder.close()
-    assert told == ["events.jsonl is not written any more: No space left on device; the flight goes on"]
+    assert told == [
+        "events.jsonl is not written any more: No space left on device; the flight goes on"
+    ]
     assert (tmp_path / "commands.jsonl").read_bytes().count(b"\n") == 3

@@ -1,4 +1,5 @@
-"""The ticker on a clock that the test moves: absolute deadlines, skipped ticks counted, none made up for."""
+"""The ticker on a clock that the test moves: absolute deadlines, skipped ticks counted, none made
+up for."""
 
 from __future__ import annotations
 

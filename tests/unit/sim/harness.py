@@ -1,4 +1,5 @@
-"""A simulated vehicle's firmware alone, and whole worlds, on a virtual clock: no sockets, no waiting."""
+"""A simulated vehicle's firmware alone, and whole worlds, on a virtual clock: no sockets, no
+waiting."""
 
 from __future__ import annotations
 
@@ -29,7 +30,12 @@ def command_fields(command: int, *p: float, target: tuple[int, int] = (1, 1)) ->
     """COMMAND_LONG's fields."""
     numbers = [*p, *[0.0] * (7 - len(p))]
     named = {f"param{i + 1}": float(v) for i, v in enumerate(numbers)}
-    return named | {"command": command, "confirmation": 0, "target_system": target[0], "target_component": target[1]}
+    return named | {
+        "command": command,
+        "confirmation": 0,
+        "target_system": target[0],
+        "target_component": target[1],
+    }
 
 
 def setpoint_fields(
@@ -37,23 +43,34 @@ def setpoint_fields(
 ) -> dict[str, Any]:
     """SET_POSITION_TARGET_LOCAL_NED's fields."""
     rest = dict.fromkeys(("x", "y", "z", "afx", "afy", "afz", "yaw", "yaw_rate"), 0.0)
-    head = {"time_boot_ms": 0, "target_system": 1, "target_component": 1, "coordinate_frame": frame, "type_mask": mask}
+    head = {
+        "time_boot_ms": 0,
+        "target_system": 1,
+        "target_component": 1,
+        "coordinate_frame": frame,
+        "type_mask": mask,
+    }
     return head | rest | {"vx": vx, "vy": vy, "vz": vz} | more
 
 
 class Rig:
     """One firmware whose sensors the test holds in its hand."""
 
-    def __init__(self, persona: type[Ardupilot | Px4], ready_after_s: float = 3.0, start: Sensed = ON_GROUND) -> None:
+    def __init__(
+        self, persona: type[Ardupilot | Px4], ready_after_s: float = 3.0, start: Sensed = ON_GROUND
+    ) -> None:
         self.contacts: list[Contact] = []
-        setup = Setup(1, TangentPlane(ORIGIN), start, LOCAL_ORIGIN, ready_after_s, lambda: self.contacts)
+        setup = Setup(
+            1, TangentPlane(ORIGIN), start, LOCAL_ORIGIN, ready_after_s, lambda: self.contacts
+        )
         self.firmware: Firmware = persona(setup, 0.0)
         self.now = 0.0
         self.sensed = start
         self.said: list[Message] = []
 
     def run(self, seconds: float, *, gcs: bool = False) -> None:
-        """Lets time pass in steps of 50 ms; with `gcs`, a ground station's heartbeat each of them."""
+        """Lets time pass in steps of 50 ms; with `gcs`, a ground station's heartbeat each of
+        them."""
         for _ in range(round(seconds / 0.05)):
             self.now = round(self.now + 0.05, 6)
             if gcs:
@@ -70,7 +87,11 @@ class Rig:
         """The result of a command; None without an answer."""
         self.said.clear()
         self.tell("COMMAND_LONG", **command_fields(command, *p, target=target))
-        acks = [m.fields for m in self.said if m.name == "COMMAND_ACK" and m.fields["command"] == command]
+        acks = [
+            m.fields
+            for m in self.said
+            if m.name == "COMMAND_ACK" and m.fields["command"] == command
+        ]
         assert len(acks) <= 1
         return acks[0]["result"] if acks else None
 
@@ -95,7 +116,9 @@ class Rig:
         self.firmware.outbox.clear()
 
 
-def config(n: int = 1, persona: str = "ardupilot", spacing_m: float = 10.0, **more: Any) -> SimConfig:
+def config(
+    n: int = 1, persona: str = "ardupilot", spacing_m: float = 10.0, **more: Any
+) -> SimConfig:
     """`n` vehicles in a row to the north, ready at once."""
     plane = TangentPlane(ORIGIN)
     places = [plane.geodetic_from_ned((spacing_m * i, 0.0, 0.0)) for i in range(n)]
@@ -112,7 +135,9 @@ def config(n: int = 1, persona: str = "ardupilot", spacing_m: float = 10.0, **mo
         for i, p in enumerate(places)
     ]
     origin = {"lat_deg": ORIGIN.lat_deg, "lon_deg": ORIGIN.lon_deg, "alt_m": ORIGIN.alt_m}
-    return SimConfig.model_validate({"version": 1, "epoch_s": 0.0, "origin": origin, "vehicles": vehicles} | more)
+    return SimConfig.model_validate(
+        {"version": 1, "epoch_s": 0.0, "origin": origin, "vehicles": vehicles} | more
+    )
 
 
 class Flight:
@@ -122,13 +147,19 @@ class Flight:
         self.world = World(settings, 0.0)
         self.texts: list[str] = []
 
-    def run(self, seconds: float, *, setpoint: dict[str, Any] | None = None, place: int = 0) -> None:
+    def run(
+        self, seconds: float, *, setpoint: dict[str, Any] | None = None, place: int = 0
+    ) -> None:
         """Steps the world; with a setpoint, sends it to the vehicle at `place` at 20 Hz."""
         end = self.world.time_s + seconds - 1e-9
         k = 0
         while self.world.time_s < end:
             if setpoint is not None and k % 5 == 0:
-                self.tell(place, "SET_POSITION_TARGET_LOCAL_NED", **setpoint | {"target_system": place + 1})
+                self.tell(
+                    place,
+                    "SET_POSITION_TARGET_LOCAL_NED",
+                    **setpoint | {"target_system": place + 1},
+                )
             k += 1
             self.world.step()
             self.collect()
@@ -154,7 +185,9 @@ class Flight:
         else:
             assert self.command(place, ARM, 1) == 0
             nan = float("nan")
-            assert self.command(place, TAKEOFF, 0, 0, 0, nan, nan, nan, ORIGIN.alt_m + height_m) == 0
+            assert (
+                self.command(place, TAKEOFF, 0, 0, 0, nan, nan, nan, ORIGIN.alt_m + height_m) == 0
+            )
 
     def ned(self, place: int = 0) -> list[float]:
         """True position."""
@@ -166,6 +199,8 @@ class Flight:
 
     def collect(self) -> list[Message]:
         """Empties all outboxes; keeps the texts."""
-        said = [out.message for i in range(len(self.world.vehicles)) for out in self.world.outbox(i)]
+        said = [
+            out.message for i in range(len(self.world.vehicles)) for out in self.world.outbox(i)
+        ]
         self.texts += [m.fields["text"].decode() for m in said if m.name == "STATUSTEXT"]
         return said

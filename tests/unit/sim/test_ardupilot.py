@@ -1,4 +1,5 @@
-"""The ArduCopter persona's tables: each answer as measured on a running ArduCopter, without sockets or physics."""
+"""The ArduCopter persona's tables: each answer as measured on a running ArduCopter, without sockets
+or physics."""
 
 from __future__ import annotations
 
@@ -23,7 +24,12 @@ from tests.unit.sim.harness import (
     Rig,
 )
 
-ACCEPTED, DENIED, UNSUPPORTED, FAILED = Result.ACCEPTED, Result.DENIED, Result.UNSUPPORTED, Result.FAILED
+ACCEPTED, DENIED, UNSUPPORTED, FAILED = (
+    Result.ACCEPTED,
+    Result.DENIED,
+    Result.UNSUPPORTED,
+    Result.FAILED,
+)
 
 
 def ready() -> Rig:
@@ -86,7 +92,9 @@ class TestAnswers:
     def test_arm_with_nonsense(self) -> None:
         assert ready().ask(ARM, 7) == UNSUPPORTED
 
-    @pytest.mark.parametrize(("target", "answer"), [((2, 1), None), ((1, 25), ACCEPTED), ((0, 0), ACCEPTED)])
+    @pytest.mark.parametrize(
+        ("target", "answer"), [((2, 1), None), ((1, 25), ACCEPTED), ((0, 0), ACCEPTED)]
+    )
     def test_targets(self, target: tuple[int, int], answer: int | None) -> None:
         assert ready().ask(ARM, 1, target=target) == answer
 
@@ -148,7 +156,9 @@ class TestAnswers:
     def test_legacy_set_mode_message(self) -> None:
         rig = ready()
         rig.tell("SET_MODE", target_system=1, base_mode=1, custom_mode=GUIDED)
-        assert rig.heard("COMMAND_ACK") == [{"command": 11, "result": 0, "target_system": 255, "target_component": 190}]
+        assert rig.heard("COMMAND_ACK") == [
+            {"command": 11, "result": 0, "target_system": 255, "target_component": 190}
+        ]
         assert mode(rig) == GUIDED
 
 
@@ -231,7 +241,12 @@ class TestSetpoints:
     def test_guid_timeout_is_a_parameter(self) -> None:
         rig = flying()
         rig.tell(
-            "PARAM_SET", target_system=1, target_component=1, param_id="GUID_TIMEOUT", param_value=0.5, param_type=9
+            "PARAM_SET",
+            target_system=1,
+            target_component=1,
+            param_id="GUID_TIMEOUT",
+            param_value=0.5,
+            param_type=9,
         )
         rig.fly(3.0, 0.0, 0.0)
         rig.run(0.4)
@@ -253,7 +268,8 @@ class TestGcsFailsafe:
         return rig
 
     @pytest.mark.parametrize(
-        ("action", "expected"), [(0, GUIDED), (1, RTL), (3, RTL), (4, LAND), (5, LAND), (7, BRAKE), (99, GUIDED)]
+        ("action", "expected"),
+        [(0, GUIDED), (1, RTL), (3, RTL), (4, LAND), (5, LAND), (7, BRAKE), (99, GUIDED)],
     )
     def test_actions(self, action: int, expected: int) -> None:
         rig = self.lost(action)

@@ -111,7 +111,9 @@ def random_value(rng: random.Random, kind: str, size: int) -> Any:
     if kind == "char":
         return b"x"
     bits = int(kind.removesuffix("_t").removeprefix("u").removeprefix("int"))
-    low, high = (0, 2**bits - 1) if kind.startswith("u") else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
+    low, high = (
+        (0, 2**bits - 1) if kind.startswith("u") else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
+    )
     return rng.choice([0, low, high, rng.randint(low, high)])
 
 

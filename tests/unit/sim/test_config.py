@@ -58,7 +58,14 @@ def test_a_mistake_in_a_vehicle(tmp_path: Path, field: str, value: Any, told: li
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("speedup", 0.0), ("speedup", "fast"), ("version", 2), ("vehicles", []), ("truth_rate_hz", -1), ("what", 1)],
+    [
+        ("speedup", 0.0),
+        ("speedup", "fast"),
+        ("version", 2),
+        ("vehicles", []),
+        ("truth_rate_hz", -1),
+        ("what", 1),
+    ],
 )
 def test_a_mistake_at_the_top(tmp_path: Path, field: str, value: Any) -> None:
     assert field in refusal(tmp_path, settings() | {field: value})

@@ -24,7 +24,9 @@ def hovering(persona: str) -> Flight:
     return flight
 
 
-def target(flight: Flight, north: float, east: float, alt_m: float, frame: int, **more: Any) -> dict[str, Any]:
+def target(
+    flight: Flight, north: float, east: float, alt_m: float, frame: int, **more: Any
+) -> dict[str, Any]:
     """A SET_POSITION_TARGET_GLOBAL_INT for the harness' setpoints."""
     at = flight.world.plane.geodetic_from_ned((north, east, 0.0))
     where = {"lat_int": round(at.lat_deg * 1e7), "lon_int": round(at.lon_deg * 1e7), "alt": alt_m}
@@ -43,7 +45,9 @@ def stream(flight: Flight, fields: dict[str, Any], seconds: float) -> None:
 
 
 @pytest.mark.parametrize("persona", ["ardupilot", "px4"])
-@pytest.mark.parametrize(("frame", "alt_m"), [(6, 15.0), (5, ORIGIN.alt_m + 15.0), (0, ORIGIN.alt_m + 15.0)])
+@pytest.mark.parametrize(
+    ("frame", "alt_m"), [(6, 15.0), (5, ORIGIN.alt_m + 15.0), (0, ORIGIN.alt_m + 15.0)]
+)
 def test_a_global_target_is_flown_to(persona: str, frame: int, alt_m: float) -> None:
     flight = hovering(persona)
     stream(flight, target(flight, 20.0, -10.0, alt_m, frame), 25.0)
@@ -52,7 +56,14 @@ def test_a_global_target_is_flown_to(persona: str, frame: int, alt_m: float) -> 
 
 @pytest.mark.parametrize("persona", ["ardupilot", "px4"])
 @pytest.mark.parametrize(
-    "more", [{"lat_int": 2**31 - 1}, {"alt": math.nan}, {"alt": math.inf}, {"coordinate_frame": 1}, {"type_mask": 0}]
+    "more",
+    [
+        {"lat_int": 2**31 - 1},
+        {"alt": math.nan},
+        {"alt": math.inf},
+        {"coordinate_frame": 1},
+        {"type_mask": 0},
+    ],
 )
 def test_a_global_target_that_is_none_moves_nothing(persona: str, more: dict[str, Any]) -> None:
     """`type_mask` 0: then a velocity counts, too, which is no number here."""
@@ -82,22 +93,31 @@ def item(at: Geodetic, up: float, **more: Any) -> dict[str, Any]:
 def test_an_item_that_is_no_part_of_a_list_is_flown_at_once_by_arducopter_in_guided() -> None:
     flight = hovering("ardupilot")
     there = flight.world.plane.geodetic_from_ned((-15.0, 8.0, 0.0))
-    (answer,) = [m for m in flight.tell(0, "MISSION_ITEM", **item(there, 12.0)) if m.name == "MISSION_ACK"]
+    (answer,) = [
+        m for m in flight.tell(0, "MISSION_ITEM", **item(there, 12.0)) if m.name == "MISSION_ACK"
+    ]
     assert answer.fields["type"] == 0
     flight.run(20.0)
     assert math.dist(flight.ned(), (-15.0, 8.0, -12.0)) < 0.7
     assert flight.command(0, 176, 1, 5) == 0, "LOITER"
-    (answer,) = [m for m in flight.tell(0, "MISSION_ITEM", **item(there, 30.0)) if m.name == "MISSION_ACK"]
+    (answer,) = [
+        m for m in flight.tell(0, "MISSION_ITEM", **item(there, 30.0)) if m.name == "MISSION_ACK"
+    ]
     assert answer.fields["type"] == 1
     assert flight.tell(0, "MISSION_ITEM", **item(there, math.nan)) == []
 
 
 def test_px4_has_no_such_items() -> None:
     flight = hovering("px4")
-    assert flight.tell(0, "MISSION_ITEM", **item(Geodetic(ORIGIN.lat_deg, ORIGIN.lon_deg, 0.0), 12.0)) == []
+    assert (
+        flight.tell(0, "MISSION_ITEM", **item(Geodetic(ORIGIN.lat_deg, ORIGIN.lon_deg, 0.0), 12.0))
+        == []
+    )
 
 
-@pytest.mark.parametrize(("p", "degrees"), [((90, 0, 1, 0), 90.0), ((30, 0, -1, 1), -30.0), ((30, 0, 1, 1), 30.0)])
+@pytest.mark.parametrize(
+    ("p", "degrees"), [((90, 0, 1, 0), 90.0), ((30, 0, -1, 1), -30.0), ((30, 0, 1, 1), 30.0)]
+)
 def test_condition_yaw_turns_a_hovering_arducopter(p: tuple[float, ...], degrees: float) -> None:
     flight = hovering("ardupilot")
     assert flight.command(0, CONDITION_YAW, *p) == 0

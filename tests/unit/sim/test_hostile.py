@@ -1,4 +1,5 @@
-"""Hostile bytes at full rate: whatever comes, nothing raises, nothing grows, and a good frame right after is served."""
+"""Hostile bytes at full rate: whatever comes, nothing raises, nothing grows, and a good frame right
+after is served."""
 
 from __future__ import annotations
 
@@ -18,7 +19,27 @@ from tests.unit.sim.network.test_hub import A, Clients
 from tests.unit.sim.test_codec import random_value
 
 BAD_NUMBERS = (math.nan, math.inf, -math.inf, 3.4e38, -3.4e38, 1e-45, -0.0, 2.0**31, 250.0, 65535.0)
-COMMANDS = (11, 16, 20, 21, 22, 176, 178, 179, 192, 193, 224, 246, 300, 400, 410, 511, 512, 520, 31999)
+COMMANDS = (
+    11,
+    16,
+    20,
+    21,
+    22,
+    176,
+    178,
+    179,
+    192,
+    193,
+    224,
+    246,
+    300,
+    400,
+    410,
+    511,
+    512,
+    520,
+    31999,
+)
 
 
 class Attacker:
@@ -42,7 +63,9 @@ class Attacker:
     def datagram(self) -> bytes:
         """One to three of them."""
         kinds, weights = zip(*self._kinds, strict=True)
-        made = b"".join(kind() for kind in self.rng.choices(kinds, weights, k=self.rng.randint(1, 3)))
+        made = b"".join(
+            kind() for kind in self.rng.choices(kinds, weights, k=self.rng.randint(1, 3))
+        )
         self._sent = [*self._sent[-50:], made]
         return made
 
@@ -72,7 +95,9 @@ class Attacker:
         if "seq" in fields and self.rng.random() < 0.8:
             fields["seq"] = self.rng.randint(0, 4)
         if "param_id" in fields and self.rng.random() < 0.8:
-            fields["param_id"] = self.rng.choice([b"GUID_TIMEOUT", b"SIM_WIND_SPD", b"RTL_ALT", b"SIM_GPS_NOISE"])
+            fields["param_id"] = self.rng.choice(
+                [b"GUID_TIMEOUT", b"SIM_WIND_SPD", b"RTL_ALT", b"SIM_GPS_NOISE"]
+            )
         return self._codec.pack(Message(name, fields))
 
     def _any(self) -> bytes:
@@ -98,7 +123,11 @@ class Attacker:
         layout = _BY_NAME[self.rng.choice(sorted(HANDLERS))]
         payload = self.rng.randbytes(255)
         head = bytes([0xFD, 255, 0, 0, 0, 255, 190]) + layout.id.to_bytes(3, "little")
-        return head + payload + mavlink.x25crc(head[1:] + payload + layout.extra).crc.to_bytes(2, "little")
+        return (
+            head
+            + payload
+            + mavlink.x25crc(head[1:] + payload + layout.extra).crc.to_bytes(2, "little")
+        )
 
     def _replayed(self) -> bytes:
         return self.rng.choice(self._sent) if self._sent else b""

@@ -20,10 +20,14 @@ TO: dict[str, Any] = {"target_system": 1, "target_component": 1}
 WAYPOINT, RTL, LAND, TAKEOFF, START, PAUSE, SET_CURRENT, SPEED = 16, 20, 21, 22, 300, 193, 224, 178
 
 
-def item(command: int, north: float = 0.0, east: float = 0.0, up: float = 0.0, *p: float) -> dict[str, Any]:
+def item(
+    command: int, north: float = 0.0, east: float = 0.0, up: float = 0.0, *p: float
+) -> dict[str, Any]:
     """An item `north` and `east` [m] of the origin, `up` above home; no place where both are 0."""
     lat = round((ORIGIN.lat_deg + north / 111_200.0) * 1e7)
-    lon = round((ORIGIN.lon_deg + east / (111_320.0 * math.cos(math.radians(ORIGIN.lat_deg)))) * 1e7)
+    lon = round(
+        (ORIGIN.lon_deg + east / (111_320.0 * math.cos(math.radians(ORIGIN.lat_deg)))) * 1e7
+    )
     here = north == east == 0.0
     numbers = {f"param{i + 1}": v for i, v in enumerate([*p, *[0.0] * (4 - len(p))])}
     place = {"x": 0 if here else lat, "y": 0 if here else lon, "z": up}
@@ -61,7 +65,12 @@ def ready(persona: Persona) -> Rig:
 
 
 HOME = item(WAYPOINT, 1.0, 1.0)
-ROUND = [item(TAKEOFF, up=5.0), item(WAYPOINT, 20.0, 0.1, 5.0), item(WAYPOINT, 20.0, 15.0, 8.0), item(RTL)]
+ROUND = [
+    item(TAKEOFF, up=5.0),
+    item(WAYPOINT, 20.0, 0.1, 5.0),
+    item(WAYPOINT, 20.0, 15.0, 8.0),
+    item(RTL),
+]
 
 
 @BOTH
@@ -75,7 +84,9 @@ def test_what_goes_up_comes_down(persona: Persona, kind: int) -> None:
     assert [g["seq"] for g in got] == list(range(5))
     first = 1 if persona is Ardupilot and kind == 0 else 0
     for sent, found in list(zip(items, got, strict=True))[first:]:
-        assert {k: found[k] for k in sent if k != "current"} == {k: v for k, v in sent.items() if k != "current"}
+        assert {k: found[k] for k in sent if k != "current"} == {
+            k: v for k, v in sent.items() if k != "current"
+        }
     if first:
         here = (got[0]["x"] * 1e-7, got[0]["y"] * 1e-7)
         home = rig.firmware.plane.geodetic_from_ned(rig.firmware.home_ned)
@@ -124,7 +135,9 @@ def test_px4_asks_otherwise_when_its_client_does_not_know_the_request() -> None:
 
 
 @BOTH
-def test_an_item_that_does_not_come_is_asked_for_again_then_the_upload_forgotten(persona: Persona) -> None:
+def test_an_item_that_does_not_come_is_asked_for_again_then_the_upload_forgotten(
+    persona: Persona,
+) -> None:
     rig = ready(persona)
     assert upload(rig, [HOME, *ROUND]) == [0]
     rig.said.clear()

@@ -1,4 +1,5 @@
-"""The PX4 persona's tables: each answer as measured on a running PX4, without sockets or physics."""
+"""The PX4 persona's tables: each answer as measured on a running PX4, without sockets or
+physics."""
 
 from __future__ import annotations
 
@@ -11,7 +12,16 @@ from sim.firmware.message import Result
 from sim.firmware.px4 import LAND as LAND_MODE
 from sim.firmware.px4 import LOITER, MODES, OFFBOARD_LOSS, POSCTL, RTL, TAKEOFF, Px4
 from sim.firmware.px4 import OFFBOARD as OFFBOARD_MODE
-from tests.unit.sim.harness import ARM, IN_AIR, OFFBOARD, ORIGIN, PX4_LAND, PX4_POSCTL, SET_MODE, Rig
+from tests.unit.sim.harness import (
+    ARM,
+    IN_AIR,
+    OFFBOARD,
+    ORIGIN,
+    PX4_LAND,
+    PX4_POSCTL,
+    SET_MODE,
+    Rig,
+)
 from tests.unit.sim.harness import TAKEOFF as TAKE_OFF
 
 ACCEPTED, REJECTED, UNSUPPORTED = Result.ACCEPTED, Result.TEMPORARILY_REJECTED, Result.UNSUPPORTED
@@ -70,7 +80,9 @@ class TestAnswers:
         assert ready().ask(31999) == UNSUPPORTED
 
     @pytest.mark.parametrize("asked", [(1, 99, 0), (1, 4, 99), (0, 6, 0)])
-    def test_modes_that_make_no_sense_are_accepted_and_change_nothing(self, asked: tuple[int, int, int]) -> None:
+    def test_modes_that_make_no_sense_are_accepted_and_change_nothing(
+        self, asked: tuple[int, int, int]
+    ) -> None:
         rig = ready()
         assert rig.ask(SET_MODE, *asked) == ACCEPTED
         assert mode(rig) == LOITER.custom
@@ -79,7 +91,8 @@ class TestAnswers:
         assert ready().ask(ARM, 7) is None
 
     @pytest.mark.parametrize(
-        ("target", "answer"), [((2, 1), None), ((1, 25), None), ((0, 1), None), ((1, 1), ACCEPTED), ((1, 0), ACCEPTED)]
+        ("target", "answer"),
+        [((2, 1), None), ((1, 25), None), ((0, 1), None), ((1, 1), ACCEPTED), ((1, 0), ACCEPTED)],
     )
     def test_targets(self, target: tuple[int, int], answer: int | None) -> None:
         assert ready().ask(ARM, 1, target=target) == answer
@@ -112,8 +125,12 @@ class TestAnswers:
         assert rig.ask(SET_MODE, 1, *OFFBOARD) == REJECTED
         assert mode(rig) == LOITER.custom
 
-    @pytest.mark.parametrize(("seconds", "rate_hz", "answer"), [(0.8, 20, REJECTED), (1.2, 20, ACCEPTED)])
-    def test_offboard_wants_a_stream_of_over_a_second(self, seconds: float, rate_hz: float, answer: int) -> None:
+    @pytest.mark.parametrize(
+        ("seconds", "rate_hz", "answer"), [(0.8, 20, REJECTED), (1.2, 20, ACCEPTED)]
+    )
+    def test_offboard_wants_a_stream_of_over_a_second(
+        self, seconds: float, rate_hz: float, answer: int
+    ) -> None:
         rig = flying()
         stream(rig, seconds, rate_hz)
         assert rig.ask(SET_MODE, 1, *OFFBOARD) == answer
@@ -170,7 +187,9 @@ class TestOffboard:
         rig.run(2.3)
         assert not rig.firmware.armed
 
-    @pytest.mark.parametrize(("action", "expected"), [(0, POSCTL), (3, RTL), (4, LAND_MODE), (5, LOITER)])
+    @pytest.mark.parametrize(
+        ("action", "expected"), [(0, POSCTL), (3, RTL), (4, LAND_MODE), (5, LOITER)]
+    )
     def test_the_action_is_a_parameter(self, action: int, expected: object) -> None:
         assert OFFBOARD_LOSS[action] is expected
         rig = offboard()

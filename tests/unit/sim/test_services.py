@@ -55,7 +55,9 @@ def test_arducopter_streams_nothing_unasked_and_px4_does() -> None:
     assert {m.name for m in rig.said} == {"HEARTBEAT", "GPS_GLOBAL_ORIGIN", "HOME_POSITION"}
     rig = Rig(Px4)
     rig.run(10.0)
-    assert {"ATTITUDE", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "SYS_STATUS"} <= {m.name for m in rig.said}
+    assert {"ATTITUDE", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "SYS_STATUS"} <= {
+        m.name for m in rig.said
+    }
 
 
 @BOTH
@@ -81,7 +83,9 @@ def test_positions_are_the_same_place_in_every_message(persona: Persona) -> None
     (local,) = BUILDERS["LOCAL_POSITION_NED"](f)
     (where,) = BUILDERS["GLOBAL_POSITION_INT"](f)
     (origin,) = BUILDERS["GPS_GLOBAL_ORIGIN"](f)
-    assert [local[k] + o for k, o in zip("xyz", LOCAL_ORIGIN, strict=True)] == list(IN_AIR.position_ned_m)
+    assert [local[k] + o for k, o in zip("xyz", LOCAL_ORIGIN, strict=True)] == list(
+        IN_AIR.position_ned_m
+    )
     north_m = (where["lat"] - origin["latitude"]) * 0.0111
     assert north_m == pytest.approx(local["x"], rel=0.01)
     assert (origin["altitude"] - where["alt"]) / 1000 == pytest.approx(local["z"], abs=0.01)
@@ -139,8 +143,7 @@ def test_interval_zero_is_the_default_rate() -> None:
 
 
 @given(
-    interval=st.floats(0.0025, 5.0),
-    steps=st.lists(st.floats(0.001, 0.2), min_size=20, max_size=60),
+    interval=st.floats(0.0025, 5.0), steps=st.lists(st.floats(0.001, 0.2), min_size=20, max_size=60)
 )
 def test_a_stream_is_never_early_and_never_bursts(interval: float, steps: list[float]) -> None:
     streams = Streams()
@@ -182,7 +185,10 @@ def test_every_message_can_be_requested_and_unknown_ones_fail(persona: Persona) 
 @BOTH
 def test_traffic_is_one_message_a_vehicle(persona: Persona) -> None:
     rig = quiet(persona)
-    rig.contacts += [(7, (10.0, 20.0, -30.0), (3.0, 4.0, -1.0)), (9, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))]
+    rig.contacts += [
+        (7, (10.0, 20.0, -30.0), (3.0, 4.0, -1.0)),
+        (9, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+    ]
     rig.ask(INTERVAL, 246, 1e6)
     rig.run(0.5)
     first, second = rig.heard("ADSB_VEHICLE")
@@ -221,9 +227,18 @@ def test_parameters_by_list_name_and_index_agree(persona: Persona) -> None:
         (Px4, "COM_OF_LOSS_T", 0.5, 0.5),
     ],
 )
-def test_parameters_are_set_in_the_persona_s_encoding(persona: Persona, name: str, wire: float, value: float) -> None:
+def test_parameters_are_set_in_the_persona_s_encoding(
+    persona: Persona, name: str, wire: float, value: float
+) -> None:
     rig = quiet(persona)
-    rig.tell("PARAM_SET", target_system=1, target_component=1, param_id=name, param_value=wire, param_type=9)
+    rig.tell(
+        "PARAM_SET",
+        target_system=1,
+        target_component=1,
+        param_id=name,
+        param_value=wire,
+        param_type=9,
+    )
     assert rig.firmware.parameters[name] == value
     (told,) = rig.heard("PARAM_VALUE")
     assert (told["param_id"], told["param_value"]) == (name.encode(), wire)
@@ -234,7 +249,14 @@ def test_a_parameter_never_becomes_nan(persona: Persona) -> None:
     rig = quiet(persona)
     name = "GUID_TIMEOUT" if persona is Ardupilot else "COM_OF_LOSS_T"
     before = rig.firmware.parameters[name]
-    rig.tell("PARAM_SET", target_system=1, target_component=1, param_id=name, param_value=math.nan, param_type=9)
+    rig.tell(
+        "PARAM_SET",
+        target_system=1,
+        target_component=1,
+        param_id=name,
+        param_value=math.nan,
+        param_type=9,
+    )
     assert rig.firmware.parameters[name] == before
     assert rig.heard("PARAM_VALUE")[0]["param_value"] == before
 
@@ -277,7 +299,9 @@ def test_reboot_falls_silent_then_starts_afresh_with_its_parameters(persona: Per
     rig.run(0.2)
     assert rig.heard("HEARTBEAT")
     assert not rig.firmware.ready()
-    assert rig.firmware.parameters["GUID_TIMEOUT" if persona is Ardupilot else "COM_OF_LOSS_T"] == 0.25
+    assert (
+        rig.firmware.parameters["GUID_TIMEOUT" if persona is Ardupilot else "COM_OF_LOSS_T"] == 0.25
+    )
 
 
 @BOTH
@@ -305,8 +329,11 @@ numbers = st.floats(width=32) | st.sampled_from([math.nan, math.inf, -math.inf, 
 
 @BOTH
 @given(data=st.data())
-def test_nothing_a_command_or_setpoint_can_hold_raises(persona: Persona, data: st.DataObject) -> None:
-    """Every command of the tables, any parameters, in the air and on the ground; then a good one is served."""
+def test_nothing_a_command_or_setpoint_can_hold_raises(
+    persona: Persona, data: st.DataObject
+) -> None:
+    """Every command of the tables, any parameters, in the air and on the ground; then a good one is
+    served."""
     rig = quiet(persona)
     rig.ask(ARM, 1)
     if data.draw(st.booleans()):

@@ -33,7 +33,8 @@ def airborne(response: Ardupilot | Px4, velocity: Array) -> tuple[State, Demands
 
 
 def settle(response: Ardupilot | Px4, state: State, target: Array) -> None:
-    """The controller's memory after it has flown the state's velocity, wanting `target`, for long."""
+    """The controller's memory after it has flown the state's velocity, wanting `target`, for
+    long."""
     velocity = state.velocity[0]
     if isinstance(response, Ardupilot):
         per_s = response.drag_per_s[0] + response.drag_per_m[0] * np.linalg.norm(velocity[:2])
@@ -47,7 +48,9 @@ def settle(response: Ardupilot | Px4, state: State, target: Array) -> None:
         state.memory[0, 1:3] = force
 
 
-def simulated(response: Ardupilot | Px4, label: str, start: float, dt: float = 0.01) -> tuple[Array, Array]:
+def simulated(
+    response: Ardupilot | Px4, label: str, start: float, dt: float = 0.01
+) -> tuple[Array, Array]:
     before, after = (float(x) for x in label.split()[1].split("->"))
     axis = 0 if label.startswith("vx") else 2
     unit = np.eye(3)[axis]
@@ -79,7 +82,8 @@ def test_arducopter_steps_fit_within_5_percent(label: str) -> None:
 
 @pytest.mark.parametrize("label", recorded("px4"))
 def test_px4_steps_fit_as_well_as_their_noise_allows(label: str) -> None:
-    """Vertically less: the recorded climb sags to 0.87 of what is set, so whatever settles there errs by 8 %."""
+    """Vertically less: the recorded climb sags to 0.87 of what is set, so whatever settles there
+    errs by 8 %."""
     record = recorded("px4")[label]
     start = float(record[record[:, 0] < 0, 1][-20:].mean())
     assert relative_error(Px4(), label, record, start) < (0.05 if label.startswith("vx") else 0.09)
@@ -87,9 +91,15 @@ def test_px4_steps_fit_as_well_as_their_noise_allows(label: str) -> None:
 
 @pytest.mark.parametrize(
     ("label", "t10", "t63", "t90", "peak"),
-    [("vx 0->1", 0.33, 0.74, 1.29, 1.44), ("vx 0->3", 0.47, 1.08, 1.66, 2.8), ("vz 0->-1", 0.28, 0.79, 1.04, 1.13)],
+    [
+        ("vx 0->1", 0.33, 0.74, 1.29, 1.44),
+        ("vx 0->3", 0.47, 1.08, 1.66, 2.8),
+        ("vz 0->-1", 0.28, 0.79, 1.04, 1.13),
+    ],
 )
-def test_arducopter_times_are_the_measured_ones(label: str, t10: float, t63: float, t90: float, peak: float) -> None:
+def test_arducopter_times_are_the_measured_ones(
+    label: str, t10: float, t63: float, t90: float, peak: float
+) -> None:
     times, speeds = simulated(Ardupilot(), label, 0.0)
     share = speeds / float(label.split("->")[1])
     reached = [times[np.argmax(share >= level)] for level in (0.1, 0.63, 0.9)]
@@ -110,7 +120,8 @@ MANY = 200
 
 
 def many(response: Ardupilot | Px4, phases: list[tuple[Array, float]]) -> list[tuple[Array, Array]]:
-    """Velocities (steps, MANY, 3) and ways (MANY, 3) of vehicles that want each of the `phases` for its seconds."""
+    """Velocities (steps, MANY, 3) and ways (MANY, 3) of vehicles that want each of the `phases` for
+    its seconds."""
     state = State.at_rest(np.zeros((MANY, 3)), response)
     state.landed[:] = False
     state.ground[:] = 1e6
@@ -135,7 +146,8 @@ def horizontals(seed: int, fastest_mps: float) -> Array:
 
 
 def test_arducopter_keeps_its_acceleration_in_steps_of_any_size() -> None:
-    """From any velocity to any other, reversals too: WPNAV_ACCEL but for what feedback adds, little overshoot."""
+    """From any velocity to any other, reversals too: WPNAV_ACCEL but for what feedback adds, little
+    overshoot."""
     before, after = horizontals(1, 8.0), horizontals(2, 8.0)
     step = np.linalg.norm(after - before, axis=-1)
     (_, _), (speeds, _) = many(Ardupilot(), [(before, 15.0), (after, 15.0)])
@@ -151,8 +163,11 @@ def test_arducopter_keeps_its_acceleration_in_steps_of_any_size() -> None:
 
 @pytest.mark.parametrize("response", [Ardupilot(), Px4()], ids=["ardupilot", "px4"])
 @pytest.mark.parametrize("wanted_mps", [10.0, 15.0, 30.0])
-def test_what_can_not_be_flown_does_not_wind_up(response: Ardupilot | Px4, wanted_mps: float) -> None:
-    """Half a minute of a speed beyond what leaning gives, then a stop: it takes no longer than from that speed."""
+def test_what_can_not_be_flown_does_not_wind_up(
+    response: Ardupilot | Px4, wanted_mps: float
+) -> None:
+    """Half a minute of a speed beyond what leaning gives, then a stop: it takes no longer than from
+    that speed."""
     wanted = horizontals(3, 1.0)
     wanted *= wanted_mps / np.linalg.norm(wanted, axis=-1, keepdims=True)
     (speeds, _), (_, way) = many(response, [(wanted, 30.0), (np.zeros(3), 20.0)])

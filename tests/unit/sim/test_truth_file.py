@@ -1,4 +1,5 @@
-"""The truth file on a disk that takes no more (`/dev/full`): it ends, and says so once; nothing is raised."""
+"""The truth file on a disk that takes no more (`/dev/full`): it ends, and says so once; nothing is
+raised."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""Screens worth looking at. `python -m tests.unit.station.pictures [FOLDER]` draws the snapshots anew, and SVGs of them
-(light and dark) into FOLDER.
+"""Screens worth looking at. `python -m tests.unit.station.pictures [FOLDER]` draws the snapshots
+anew, and SVGs of them (light and dark) into FOLDER.
 """
 
 from __future__ import annotations
@@ -32,7 +32,17 @@ def waiting() -> SwarmView:
         reason = "PreArm: GPS 1: Bad fix" if agent < 5 else "no heartbeat yet"
         phase = Phase.PREPARE if agent < 5 else Phase.CONNECT
         mode = "STABILIZE" if agent < 5 else ""
-        told = status_of(PLAN, agent, 2.0, phase=phase, step=0, mode=mode, reason=reason, armed=False, airborne=False)
+        told = status_of(
+            PLAN,
+            agent,
+            2.0,
+            phase=phase,
+            step=0,
+            mode=mode,
+            reason=reason,
+            armed=False,
+            airborne=False,
+        )
         model.fold(told, 2.05)
     return model.view(2.1)
 
@@ -56,7 +66,9 @@ def lost() -> SwarmView:
             told = state_of(PLAN, agent, 30.0 + 0.05 * k, seq=1200 + k, phase=Phase.HOLD)
             model.fold(told, 30.01 + 0.05 * k)
         reason = "agent 3 has not been heard for 3 s"
-        model.fold(status_of(PLAN, agent, 33.9, phase=Phase.HOLD, reason=reason, station_age_s=3.1), 33.9)
+        model.fold(
+            status_of(PLAN, agent, 33.9, phase=Phase.HOLD, reason=reason, station_age_s=3.1), 33.9
+        )
         model.fold(Event(agent, 33.0, "error", f"land: {reason}"), 33.1)
     model.fold(Command("c1", "land", (), 33.5), 33.5)
     for agent in (1, 2, 4, 5):
@@ -72,7 +84,10 @@ def ended() -> SwarmView:
     for agent in PLAN.agents:
         down = {"phase": Phase.ENDED, "step": 4, "done": True, "airborne": False}
         model.fold(state_of(PLAN, agent.id, 90.0, seq=2400, **down), 90.0)
-        model.fold(status_of(PLAN, agent.id, 90.0, outcome="completed", mode="LAND", armed=False, **down), 90.0)
+        model.fold(
+            status_of(PLAN, agent.id, 90.0, outcome="completed", mode="LAND", armed=False, **down),
+            90.0,
+        )
     return model.view(95.0)
 
 

@@ -1,4 +1,5 @@
-"""A minute of flight as a recording holds it: agent 3 is silent for a while, an order comes, all end."""
+"""A minute of flight as a recording holds it: agent 3 is silent for a while, an order comes, all
+end."""
 
 from __future__ import annotations
 

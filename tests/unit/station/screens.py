@@ -1,5 +1,5 @@
-"""The dashboard at rest, for snapshots. `python -m tests.unit.station.screens [FOLDER]` draws them anew, and SVGs of
-them (light and dark) into FOLDER.
+"""The dashboard at rest, for snapshots. `python -m tests.unit.station.screens [FOLDER]` draws them
+anew, and SVGs of them (light and dark) into FOLDER.
 """
 
 from __future__ import annotations
@@ -67,7 +67,11 @@ def text(app: Dashboard) -> str:
 
 def snapshot_path(name: str, screen: str, size: tuple[int, int]) -> Path:
     """Where the text of a screen is kept."""
-    return Path(__file__).with_name("snapshots") / "dashboard" / f"{name}-{screen}-{size[0]}x{size[1]}.txt"
+    return (
+        Path(__file__).with_name("snapshots")
+        / "dashboard"
+        / f"{name}-{screen}-{size[0]}x{size[1]}.txt"
+    )
 
 
 async def drawn(name: str, size: tuple[int, int], svgs: Path | None = None) -> dict[str, str]:

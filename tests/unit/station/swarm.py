@@ -37,8 +37,17 @@ from swarm_ctl.core.model.plan import (
 from swarm_ctl.core.swarm.gain_update import planned
 from swarm_ctl.station.picture.model import Model
 
-TABLE_II = {1: (14.0, 16.0), 2: (12.0, 12.0), 3: (10.0, 18.0), 4: (6.0, 12.0), 5: (6.0, 16.0), 6: (14.0, 10.0)}
-HEXAGON = tuple((2 * math.cos(math.radians(60 * k)), 2 * math.sin(math.radians(60 * k))) for k in range(6))
+TABLE_II = {
+    1: (14.0, 16.0),
+    2: (12.0, 12.0),
+    3: (10.0, 18.0),
+    4: (6.0, 12.0),
+    5: (6.0, 16.0),
+    6: (14.0, 10.0),
+}
+HEXAGON = tuple(
+    (2 * math.cos(math.radians(60 * k)), 2 * math.sin(math.radians(60 * k))) for k in range(6)
+)
 FORM = 2
 """The number of the form step."""
 
@@ -141,7 +150,8 @@ def report_of(peer: int, distance: float, status: str = "paper", **changes: obje
 
 
 def flying_model(plan: Plan, now_s: float = 30.0) -> Model:
-    """Ten seconds of everybody's states at 20 Hz until `now_s`, a status each, one pair in the avoidance region."""
+    """Ten seconds of everybody's states at 20 Hz until `now_s`, a status each, one pair in the
+    avoidance region."""
     model = Model(plan, speedup=5.0, station="station-1")
     for k in range(200):
         sent = now_s - 0.03 - 0.05 * (199 - k)
@@ -149,8 +159,13 @@ def flying_model(plan: Plan, now_s: float = 30.0) -> Model:
             model.fold(state_of(plan, agent.id, sent, seq=1000 + k), sent + 0.01)
     for agent in plan.agents:
         model.fold(status_of(plan, agent.id, now_s - 0.2), now_s - 0.19)
-    model.fold(SigmaReport(2, now_s - 0.1, (0.01, 0.02), (0.0, -0.05), (report_of(6, 1.31),)), now_s - 0.1)
     model.fold(
-        SigmaReport(6, now_s - 0.1, (0.1, 0.1), (-0.3, 0.1), (report_of(2, 1.33, "narrow", sigma=0.52),)), now_s - 0.1
+        SigmaReport(2, now_s - 0.1, (0.01, 0.02), (0.0, -0.05), (report_of(6, 1.31),)), now_s - 0.1
+    )
+    model.fold(
+        SigmaReport(
+            6, now_s - 0.1, (0.1, 0.1), (-0.3, 0.1), (report_of(2, 1.33, "narrow", sigma=0.52),)
+        ),
+        now_s - 0.1,
     )
     return model

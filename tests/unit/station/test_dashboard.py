@@ -21,19 +21,37 @@ from swarm_ctl.station.dashboard.picture import Chosen, Picture
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.view import SwarmView
 from tests.unit.station.pictures import PICTURES, PLAN
-from tests.unit.station.screens import SHOWN, SIZES, Desk, drawn, opened, settled, shown, snapshot_path, text
+from tests.unit.station.screens import (
+    SHOWN,
+    SIZES,
+    Desk,
+    drawn,
+    opened,
+    settled,
+    shown,
+    snapshot_path,
+    text,
+)
 from tests.unit.station.swarm import flying_model, hexagon_plan, status_of
 
 Play = Callable[[Dashboard, Pilot[None], Desk], Awaitable[None]]
 
 
 def _play(
-    play: Play, view: SwarmView | None = None, size: tuple[int, int] = (80, 24), *, owns_run: bool = True
+    play: Play,
+    view: SwarmView | None = None,
+    size: tuple[int, int] = (80, 24),
+    *,
+    owns_run: bool = True,
 ) -> None:
     """Open a dashboard and do something with it."""
 
     async def go() -> None:
-        async with opened(view or PICTURES["well"](), size, owns_run=owns_run) as (app, pilot, desk):
+        async with opened(view or PICTURES["well"](), size, owns_run=owns_run) as (
+            app,
+            pilot,
+            desk,
+        ):
             await play(app, pilot, desk)
 
     asyncio.run(go())
@@ -49,7 +67,10 @@ def test_screens_as_they_were_found_good(name: str, size: tuple[int, int]) -> No
 
 def test_snapshots_have_no_strays() -> None:
     wanted = {
-        snapshot_path(name, screen, size) for name, screens in SHOWN.items() for screen in screens for size in SIZES
+        snapshot_path(name, screen, size)
+        for name, screens in SHOWN.items()
+        for screen in screens
+        for size in SIZES
     }
     assert set((Path(__file__).with_name("snapshots") / "dashboard").glob("*")) == wanted
 
@@ -100,7 +121,12 @@ def test_orders_by_key_go_to_all_or_to_the_marked() -> None:
         row, column = _find(app, "  5 fly")
         await pilot.click(offset=(column + 3, row))
         await pilot.press("r", "escape", "n")
-        wanted = [Order("land"), Order("hold", (), (2,)), Order("resume", (), (2, 5)), Order("next")]
+        wanted = [
+            Order("land"),
+            Order("hold", (), (2,)),
+            Order("resume", (), (2, 5)),
+            Order("next"),
+        ]
         assert desk.orders == wanted
 
     _play(play)
@@ -180,7 +206,19 @@ def test_keys_that_come_all_at_once_keep_their_order() -> None:
 
     async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
         await pilot.press("colon")
-        keys = [*"tune", " ", "h", "tab", "backspace", "4", "left", "backspace", "3", "right", "enter"]
+        keys = [
+            *"tune",
+            " ",
+            "h",
+            "tab",
+            "backspace",
+            "4",
+            "left",
+            "backspace",
+            "3",
+            "right",
+            "enter",
+        ]
         for key in keys:
             app.post_message(Key({" ": "space"}.get(key, key), key if len(key) == 1 else None))
         await settled(pilot)
@@ -208,7 +246,11 @@ def test_ctrl_c_is_the_runs_and_q_leaves_only_a_watcher() -> None:
 
     view = PICTURES["well"]()
     _play(mine)
-    _play(watching, replace(view, stations=view.stations | {"station-2": view.time_s - 1.0}), owns_run=False)
+    _play(
+        watching,
+        replace(view, stations=view.stations | {"station-2": view.time_s - 1.0}),
+        owns_run=False,
+    )
     _play(watching, PICTURES["ended"](), owns_run=False)
 
 
@@ -314,7 +356,9 @@ def test_light_dark_and_no_colour(monkeypatch: pytest.MonkeyPatch) -> None:
         (colours,) = [f for f in app._filters if isinstance(f, NoColor)]
         filtered = [colours.apply(list(strip), app.screen.background_colors[1]) for strip in strips]
         styles = [segment.style for line in filtered for segment in line if segment.style]
-        colours_left = {colour for style in styles for colour in (style.color, style.bgcolor) if colour}
+        colours_left = {
+            colour for style in styles for colour in (style.color, style.bgcolor) if colour
+        }
         assert all(colour.is_default for colour in colours_left)
 
     monkeypatch.setenv("COLORFGBG", "0;15")

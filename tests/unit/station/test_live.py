@@ -26,7 +26,8 @@ PLAN = hexagon_plan()
 @pytest.mark.parametrize("size", SIZES, ids=lambda size: f"{size[0]}x{size[1]}")
 @pytest.mark.parametrize("name", PICTURES)
 def test_picture(name: str, size: tuple[int, int]) -> None:
-    """The screen as it was looked at and found good; `python -m tests.unit.station.pictures` draws it anew."""
+    """The screen as it was looked at and found good; `python -m tests.unit.station.pictures` draws
+    it anew."""
     assert drawn(PICTURES[name](), *size) == snapshot_path(name, size).read_text(encoding="utf-8")
 
 
@@ -100,7 +101,14 @@ def test_nothing_an_agent_says_commands_the_terminal() -> None:
 def _printed(view: SwarmView, encoding: str, *, no_color: bool = False) -> bytes:
     raw = io.BytesIO()
     file = io.TextIOWrapper(raw, encoding=encoding, errors="strict", write_through=True)
-    console = Console(file=file, width=80, height=24, force_terminal=True, no_color=no_color, color_system="standard")
+    console = Console(
+        file=file,
+        width=80,
+        height=24,
+        force_terminal=True,
+        no_color=no_color,
+        color_system="standard",
+    )
     console.print(render(view))
     return raw.getvalue()
 
@@ -113,11 +121,16 @@ def test_an_ascii_terminal_shows_it_too(name: str) -> None:
 
 def test_without_colour_nothing_is_lost() -> None:
     """NO_COLOR: no colour codes at all, the same words and signs."""
-    coloured, plain = _printed(PICTURES["lost"](), "utf-8"), _printed(PICTURES["lost"](), "utf-8", no_color=True)
+    coloured, plain = (
+        _printed(PICTURES["lost"](), "utf-8"),
+        _printed(PICTURES["lost"](), "utf-8", no_color=True),
+    )
     assert b"\x1b[1;37;41m \xe2\x9c\x97 agent 3 has not been heard" in coloured
     assert re.search(rb"\x1b\[1;31m *SILENT", coloured)
     assert b"\x1b[33m ! agent 1 holds" in coloured
-    codes = {number for found in re.findall(rb"\x1b\[([0-9;]*)m", plain) for number in found.split(b";")}
+    codes = {
+        number for found in re.findall(rb"\x1b\[([0-9;]*)m", plain) for number in found.split(b";")
+    }
     assert codes <= {b"0", b"1", b"2"}
     words = re.sub(rb"\x1b\[[0-9;]*m", b"", plain).decode()
     assert words.rstrip("\n") == drawn(PICTURES["lost"](), 80, 24)
@@ -134,7 +147,9 @@ def test_extreme_figures_do_not_break_the_picture(
     place: float, phase: Phase, done: bool, battery: float | None
 ) -> None:
     model = Model(PLAN)
-    model.fold(state_of(PLAN, 1, 1e5, position_ned_m=(place, -place, place), phase=phase, done=done), 1e5)
+    model.fold(
+        state_of(PLAN, 1, 1e5, position_ned_m=(place, -place, place), phase=phase, done=done), 1e5
+    )
     status: AgentStatus = status_of(PLAN, 1, 1e5 - 1, battery_percent=battery, phase=phase)
     model.fold(status, 1e5)
     for width in (80, 140):

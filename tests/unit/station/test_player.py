@@ -28,7 +28,9 @@ class Watch:
 Play = Callable[[Player, Pilot[None], Watch], Awaitable[None]]
 
 
-def _play(play: Play, size: tuple[int, int] = (100, 30), *, speed: float = 1.0, read: bool = True) -> None:
+def _play(
+    play: Play, size: tuple[int, int] = (100, 30), *, speed: float = 1.0, read: bool = True
+) -> None:
     async def go() -> None:
         watch, made = Watch(), film()
         if read:
@@ -79,7 +81,9 @@ def test_pause_and_seek() -> None:
         begin_s = app.film.time_s
         _pass(app, watch, 5.0)
         assert app.film.time_s == begin_s
-        await pilot.press("right", "right", "shift+right", "left", "full_stop", "full_stop", "comma")
+        await pilot.press(
+            "right", "right", "shift+right", "left", "full_stop", "full_stop", "comma"
+        )
         assert app.film.time_s == pytest.approx(begin_s + 35.25)
         await pilot.press("colon", *"25", "enter")
         assert app.film.time_s == 25.0
@@ -120,7 +124,9 @@ def test_from_event_to_event_and_from_alarm_to_alarm() -> None:
 def test_a_click_on_the_line_of_time_goes_there() -> None:
     async def play(app: Player, pilot: Pilot[None], watch: Watch) -> None:
         await pilot.press("space")
-        row, line = next((k, line) for k, line in enumerate(text(app).splitlines()) if "REPLAY" in line)
+        row, line = next(
+            (k, line) for k, line in enumerate(text(app).splitlines()) if "REPLAY" in line
+        )
         await pilot.click(offset=(line.index("▲"), row))
         await settled(pilot)
         assert app.film.time_s == pytest.approx(sum(SILENT_S) / 2, abs=5.0)
@@ -176,7 +182,11 @@ def test_what_is_not_read_yet_is_gone_to_when_it_is() -> None:
 def test_the_same_screens_and_its_own_help() -> None:
     async def play(app: Player, pilot: Pilot[None], watch: Watch) -> None:
         await pilot.press("space", "colon", *"30", "enter")
-        for key, words in (("2", "rx\\tx"), ("3", "tally of the flight"), ("4", "agent 3 has not been heard")):
+        for key, words in (
+            ("2", "rx\\tx"),
+            ("3", "tally of the flight"),
+            ("4", "agent 3 has not been heard"),
+        ):
             await pilot.press(key)
             await settled(pilot)
             assert words in text(app)
@@ -208,6 +218,11 @@ def test_speeds_and_lines() -> None:
     assert [at_speed(speed, 0) for speed in (0.25, 0.3, 3.0, 49.0)] == [0.25, 0.25, 2.0, 50.0]
     assert at_speed(50.0, 1) == SPEEDS[-1]
     assert at_speed(0.25, -1) == SPEEDS[0]
-    assert [clock(t) for t in (0.0, 59.99, 60.0, 3605.25)] == ["00:00.0", "00:59.9", "01:00.0", "60:05.2"]
+    assert [clock(t) for t in (0.0, 59.99, 60.0, 3605.25)] == [
+        "00:00.0",
+        "00:59.9",
+        "01:00.0",
+        "60:05.2",
+    ]
     made = film()
     assert timeline(made, Player(made, lambda: 0.0).playing, 30).text.startswith(" REPLAY ")

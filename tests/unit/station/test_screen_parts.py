@@ -41,8 +41,13 @@ def test_dots_are_braille_at_their_place() -> None:
     assert _text(canvas) == ["\u2801\u2880"]
 
 
-@given(st.lists(st.tuples(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6)), min_size=2, max_size=6), st.floats(0, 1e4))
-def test_whatever_is_drawn_stays_on_the_canvas(points: list[tuple[float, float]], radius: float) -> None:
+@given(
+    st.lists(st.tuples(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6)), min_size=2, max_size=6),
+    st.floats(0, 1e4),
+)
+def test_whatever_is_drawn_stays_on_the_canvas(
+    points: list[tuple[float, float]], radius: float
+) -> None:
     canvas = Canvas(9, 4)
     xs, ys = np.array(points).T
     canvas.dots(xs, ys, "green")
@@ -100,12 +105,16 @@ def test_an_agent_that_nobody_hears_is_one_sentence() -> None:
     model = flying_model(PLAN)
     for agent in PLAN.agents:
         links = {
-            p.id: LinkReport(0.7 if p.id == 3 else 0.04, 0.03, 0.06, 400, 1) for p in PLAN.agents if p.id != agent.id
+            p.id: LinkReport(0.7 if p.id == 3 else 0.04, 0.03, 0.06, 400, 1)
+            for p in PLAN.agents
+            if p.id != agent.id
         }
         model.fold(status_of(PLAN, agent.id, 30.0, links=links), 30.0)
     view = model.view(30.0)
     sentences = bad_links(view, mesh_judgements(view))
-    assert sentences == [(Level.WARNING, "agent 3 is heard badly by everyone: last state 0.7 s old")]
+    assert sentences == [
+        (Level.WARNING, "agent 3 is heard badly by everyone: last state 0.7 s old")
+    ]
 
 
 def test_loss_is_that_of_the_last_ten_seconds() -> None:
@@ -124,7 +133,9 @@ def test_loss_is_that_of_the_last_ten_seconds() -> None:
 def test_trails_are_bounded_and_follow_the_agent() -> None:
     model = Model(PLAN)
     for k in range(4000):
-        model.fold(state_of(PLAN, 1, 0.05 * k, seq=k, position_ned_m=(float(k), 0.0, -10.0)), 0.05 * k)
+        model.fold(
+            state_of(PLAN, 1, 0.05 * k, seq=k, position_ned_m=(float(k), 0.0, -10.0)), 0.05 * k
+        )
     trail = model.view(200.0).histories.trails[1]
     assert len(trail) == 80
     assert trail[-1][0] == pytest.approx(3990.0, abs=10.0)
@@ -135,13 +146,16 @@ def test_a_beacon_that_comes_back_tells_the_round_trip() -> None:
     model = Model(PLAN, station="here")
     model.fold(status_of(PLAN, 1, 30.3, echo=Echo("here", 30.0, 0.3)), 30.35)
     model.fold(status_of(PLAN, 2, 30.3, echo=Echo("elsewhere", 30.0, 0.3)), 30.35)
-    model.fold(status_of(PLAN, 3, 30.3, echo=Echo("here", 31.0, 0.3)), 30.35)  # a clock that can't be
+    model.fold(
+        status_of(PLAN, 3, 30.3, echo=Echo("here", 31.0, 0.3)), 30.35
+    )  # a clock that can't be
     trips = [model.view(30.4).agent(i).round_trip_s for i in (1, 2, 3)]
     assert trips == [pytest.approx(0.05), None, None]
 
 
 def test_a_beacon_that_comes_back_tells_the_agent_s_clock() -> None:
-    """Agent 2's is 50 s behind; agent 1's may be the station's own. Who changes the law says so (`Tuning.ahead_s`)."""
+    """Agent 2's is 50 s behind; agent 1's may be the station's own. Who changes the law says so
+    (`Tuning.ahead_s`)."""
     model = Model(PLAN, station="here")
     for agent in PLAN.agents:
         told = 40.1 - (50.0 if agent.id == 2 else 0.0)
@@ -199,11 +213,16 @@ def test_json_lines_tell_what_a_script_acts_on() -> None:
     assert (told["level"], told["verdict"]) == ("error", "agent 3 has not been heard for 4.2 s")
     assert told["agents"][2]["lost"] is True
     (command,) = told["commands"]
-    assert (command["kind"], command["accepted"], list(command["refused"])) == ("land", [1, 2, 4, 5], ["6"])
+    assert (command["kind"], command["accepted"], list(command["refused"])) == (
+        "land",
+        [1, 2, 4, 5],
+        ["6"],
+    )
 
 
 def test_slots_are_laid_under_the_live_agents() -> None:
-    """Where everybody is at its own slot but for a common shift, every slot is where its agent is."""
+    """Where everybody is at its own slot but for a common shift, every slot is where its agent
+    is."""
     model = Model(PLAN)
     form = PLAN.steps[1]
     for agent, slot in zip(PLAN.agents, form.slots, strict=True):  # type: ignore[union-attr]

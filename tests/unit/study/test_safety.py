@@ -1,4 +1,5 @@
-"""Safety in studies: nobody collides where all did, the paper's own regime is not touched, links hold."""
+"""Safety in studies: nobody collides where all did, the paper's own regime is not touched, links
+hold."""
 
 from __future__ import annotations
 
@@ -32,8 +33,15 @@ def missions(**settings: Any) -> Batch:
 
 @pytest.mark.parametrize("n", [6, 12])
 def test_nobody_collides_where_everybody_did(n: int) -> None:
-    """Two columns that change sides, news late and lost: every mission of the bare law brings a pair under r_in."""
-    crossing = {"n": (n,), "start": ("crossing",), "slots": ("given",), "shape": ("grid",), "h": value(0.2)}
+    """Two columns that change sides, news late and lost: every mission of the bare law brings a
+    pair under r_in."""
+    crossing = {
+        "n": (n,),
+        "start": ("crossing",),
+        "slots": ("given",),
+        "shape": ("grid",),
+        "h": value(0.2),
+    }
     bare, safe = (fly(missions(**crossing, safety=(level,))) for level in ("off", "release"))
     assert (bare.smallest < 0.5).all()
     assert (safe.smallest > 0.5).all()
@@ -42,7 +50,8 @@ def test_nobody_collides_where_everybody_did(n: int) -> None:
 
 
 def test_the_papers_own_regime_is_not_touched() -> None:
-    """(9) with Table I's gains: the filter changes nothing at all, so the reproduction is the paper's with it too."""
+    """(9) with Table I's gains: the filter changes nothing at all, so the reproduction is the
+    paper's with it too."""
     plain = {
         "compensation": (Compensation.NONE,), "vehicle": ("ideal",), "slots": ("random",), "h": value(0.005),
         "delay_s": value(0.0), "loss": value(0.0),
@@ -54,7 +63,9 @@ def test_the_papers_own_regime_is_not_touched() -> None:
 
 def test_links_whose_slots_fit_are_kept_by_the_guard() -> None:
     """Without it a good part of the missions stretches one past r."""
-    free, guarded = (fly(missions(n=(6,), slots=("random",), safety=(level,))) for level in ("filter", "guard"))
+    free, guarded = (
+        fly(missions(n=(6,), slots=("random",), safety=(level,))) for level in ("filter", "guard")
+    )
     assert np.count_nonzero(free.kept_broken) > 10
     assert not guarded.kept_broken.any()
 
@@ -68,7 +79,8 @@ def test_a_vehicle_whose_agent_died_is_not_hit() -> None:
 
 
 def test_sparse_swarms_form_sooner_when_all_move_to_the_average() -> None:
-    """Forty scattered sparsely: the slowest mode of their graph takes a minute, the average of all does not."""
+    """Forty scattered sparsely: the slowest mode of their graph takes a minute, the average of all
+    does not."""
     settings = {"n": (40,), "missions": 8, "h": value(0.2)}
     alone, aligned = (fly(missions(**settings, safety=(level,))) for level in ("release", "align"))
     assert aligned.converged.all()
@@ -78,9 +90,12 @@ def test_sparse_swarms_form_sooner_when_all_move_to_the_average() -> None:
 
 
 def test_exchange_shortens_the_way() -> None:
-    """Two that are in each other's way take each other's slots: sooner formed, and nobody comes under r_in."""
+    """Two that are in each other's way take each other's slots: sooner formed, and nobody comes
+    under r_in."""
     settings = {"n": (6,), "slots": ("random",)}
-    fixed, exchanged = (fly(missions(**settings, safety=(level,))) for level in ("align", "exchange"))
+    fixed, exchanged = (
+        fly(missions(**settings, safety=(level,))) for level in ("align", "exchange")
+    )
     assert exchanged.exchanges.sum() > 20
     assert exchanged.converged.all()
     assert np.median(exchanged.time_s) < np.median(fixed.time_s)
@@ -88,14 +103,17 @@ def test_exchange_shortens_the_way() -> None:
 
 
 def test_releases_of_one_and_of_many_are_the_same() -> None:
-    """The agent's release and the study's, fed alike, turn alike; the dice are each one's own and so not compared."""
+    """The agent's release and the study's, fed alike, turn alike; the dice are each one's own and
+    so not compared."""
     random = np.random.default_rng(2)
     one, many = DeadlockRelease(1, 1.0, 0.05), _BatchDeadlockRelease((1, 1), 1.0, 0.05)
     for _ in range(200):
         consensus, flown = complex(*random.normal(size=2)), complex(*random.normal(size=2)) * 0.01
         wish = consensus * 0.5
         for_one = one.turn(wish, consensus)
-        for_many = many.turn(np.array([[wish]]), np.array([[consensus]]), np.array([[[0.5]], [[0.9]]]))
+        for_many = many.turn(
+            np.array([[wish]]), np.array([[consensus]]), np.array([[[0.5]], [[0.9]]])
+        )
         one.note(consensus, flown)
         many.note(np.array([[consensus]]), np.array([[flown]]))
         if one.fails == 0:

@@ -1,4 +1,5 @@
-"""Studies: the same rows however they are flown, and each number in a row against its definition."""
+"""Studies: the same rows however they are flown, and each number in a row against its
+definition."""
 
 from __future__ import annotations
 
@@ -88,7 +89,9 @@ def test_another_study_is_not_mixed_in(tmp_path: Path) -> None:
 @pytest.mark.parametrize("vehicle", ["ideal", "lag", "ardupilot", "px4"])
 def test_a_row_flown_alone_is_the_row(tmp_path: Path, vehicle: str) -> None:
     """To the last digit, for every kind of vehicle."""
-    study = Study.model_validate(SHORT | LATE | {"vehicle": (vehicle,), "missions": 12, "limit_s": 3.0})
+    study = Study.model_validate(
+        SHORT | LATE | {"vehicle": (vehicle,), "missions": 12, "limit_s": 3.0}
+    )
     path = tmp_path / "rows.csv"
     carry_out(study, path, 1, silent())
     for row in (0, 5, 17):
@@ -120,23 +123,33 @@ def test_a_row_becomes_a_mission_that_loads(tmp_path: Path) -> None:
     flown = fly_again(path, 1)
     write_mission(flown, tmp_path / "row.yaml")
     plan = load(tmp_path / "row.yaml").plan
-    assert [agent.start for agent in plan.agents] == [tuple(p) for p in flown.batch.starts[..., 0].T.tolist()]
+    assert [agent.start for agent in plan.agents] == [
+        tuple(p) for p in flown.batch.starts[..., 0].T.tolist()
+    ]
     links = {agent.id - 1: {j - 1 for j in agent.neighbours} for agent in plan.agents}
     assert links == {i: set(np.flatnonzero(flown.batch.links[i, :, 0]).tolist()) for i in links}
 
 
 @pytest.mark.parametrize(("level", "on"), list(zip(LEVELS, (0, 1, 2, 3, 4, 4), strict=True)))
-def test_a_row_is_handed_on_with_the_safety_it_was_flown_with(tmp_path: Path, level: str, on: int) -> None:
+def test_a_row_is_handed_on_with_the_safety_it_was_flown_with(
+    tmp_path: Path, level: str, on: int
+) -> None:
     study = Study.model_validate(SHORT | {"missions": 2, "safety": (level,)})
     carry_out(study, tmp_path / "rows.csv", 1, silent())
     write_mission(fly_again(tmp_path / "rows.csv", 1), tmp_path / "row.yaml")
     safety = load(tmp_path / "row.yaml").plan.safety
-    assert (safety.filter, safety.guard, safety.release, safety.align) == (on > 0, on > 1, on > 2, on > 3)
+    assert (safety.filter, safety.guard, safety.release, safety.align) == (
+        on > 0,
+        on > 1,
+        on > 2,
+        on > 3,
+    )
 
 
 @pytest.mark.parametrize("n", [2, 6, 20])
 def test_starts_are_apart_and_connected(n: int) -> None:
-    """Every drawn mission could be flown: nobody too close, one connected graph, symmetric links."""
+    """Every drawn mission could be flown: nobody too close, one connected graph, symmetric
+    links."""
     batch = only_batch(n=(n,), start_spacing=1.2)
     for k in range(len(batch)):
         starts = batch.starts[..., k].T
@@ -173,7 +186,8 @@ def test_slots_are_the_shape_in_some_order() -> None:
 
 
 def test_outcomes_by_their_definition() -> None:
-    """Smallest distance, longest link and broken links against the whole track of single missions."""
+    """Smallest distance, longest link and broken links against the whole track of single
+    missions."""
     batch = only_batch(slots=("random",), vehicle=("ideal",), limit_s=20.0)
     outcome = fly(batch)
     assert outcome.converged.any()
@@ -214,12 +228,22 @@ def test_ideal_with_a_whole_iteration_a_tick_is_the_discrete_form() -> None:
         assert pytest.approx(p, abs=1e-9) == position.T
         p = (
             p
-            + evaluate(p, z, np.tile(p, (4, 1, 1)), np.tile(z, (4, 1, 1)), links, ~np.eye(4, dtype=bool), lower, law).u
+            + evaluate(
+                p,
+                z,
+                np.tile(p, (4, 1, 1)),
+                np.tile(z, (4, 1, 1)),
+                links,
+                ~np.eye(4, dtype=bool),
+                lower,
+                law,
+            ).u
         )
 
 
 def test_stop_points_keep_real_vehicles_apart_where_positions_do_not() -> None:
-    """The finding of SAFETY.md on a few hundred missions: with dead time and lag the plain law collides often."""
+    """The finding of SAFETY.md on a few hundred missions: with dead time and lag the plain law
+    collides often."""
     settings = {
         "n": (6,),
         "slots": ("random",),
@@ -236,7 +260,8 @@ def test_stop_points_keep_real_vehicles_apart_where_positions_do_not() -> None:
 
 
 def test_news_arrive_late_and_some_never() -> None:
-    """Delay is exact; the share of lost news is the one asked for; what is known is what was sent."""
+    """Delay is exact; the share of lost news is the one asked for; what is known is what was
+    sent."""
     batch = only_batch(n=(5,), missions=30, delay_s=value(0.1), loss=value(0.3))
     news = News(batch, 0.05)
     points = batch.starts
@@ -256,7 +281,9 @@ def test_news_are_carried_on_by_their_velocity() -> None:
     batch = only_batch(missions=4, delay_s=value(0.2), loss=value(0.0))
     news = News(batch, 0.05)
     for tick in range(30):
-        heard = news.exchange(tick, batch.starts + 0.05 * tick, np.ones_like(batch.starts)).carried()
+        heard = news.exchange(
+            tick, batch.starts + 0.05 * tick, np.ones_like(batch.starts)
+        ).carried()
     assert heard[:, 0] == pytest.approx(batch.starts + 0.05 * 29)
 
 

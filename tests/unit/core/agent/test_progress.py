@@ -1,4 +1,5 @@
-"""The barrier of states: nobody is ahead of what everybody has done, whatever is lost, late or repeated."""
+"""The barrier of states: nobody is ahead of what everybody has done, whatever is lost, late or
+repeated."""
 
 from __future__ import annotations
 
@@ -18,7 +19,8 @@ NEVER = (-1, False)
 
 @given(st.data())
 def test_nobody_runs_ahead(data: st.DataObject) -> None:
-    """An agent is in step k + 1 only when every agent has been done with step k; true at every moment."""
+    """An agent is in step k + 1 only when every agent has been done with step k; true at every
+    moment."""
     agents = [Progress(PLAN, 0.0) for _ in range(AGENTS)]
     heard = [[NEVER] * AGENTS for _ in agents]  # heard[i][j]: what i last heard of j
     done_with = [-1] * AGENTS  # the furthest step each has finished
@@ -64,4 +66,11 @@ def test_results_tell_how_each_step_went() -> None:
 
 
 def test_steps_have_the_mission_files_names() -> None:
-    assert [step_name(PLAN, k) for k in range(6)] == ["prepare", "takeoff", "form hexagon", "hold", "land", "?"]
+    assert [step_name(PLAN, k) for k in range(6)] == [
+        "prepare",
+        "takeoff",
+        "form hexagon",
+        "hold",
+        "land",
+        "?",
+    ]

@@ -1,4 +1,5 @@
-"""The frame a formation shares: it arrives, never overshoots, and its feed-forward is its own derivative."""
+"""The frame a formation shares: it arrives, never overshoots, and its feed-forward is its own
+derivative."""
 
 from __future__ import annotations
 
@@ -10,7 +11,15 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from swarm_ctl.core.control.reference import Moving, advanced, arrived, left_m, rate_towards, turned, velocity_mps
+from swarm_ctl.core.control.reference import (
+    Moving,
+    advanced,
+    arrived,
+    left_m,
+    rate_towards,
+    turned,
+    velocity_mps,
+)
 from swarm_ctl.core.model.messages import Frame
 from swarm_ctl.core.model.plan import MoveStep, RotateStep, ScaleStep
 
@@ -22,8 +31,12 @@ STEPS = st.one_of(
         st.lists(POINT, min_size=1, max_size=4),
         st.floats(0.5, 5),
     ),
-    st.builds(lambda angle, v: RotateStep(angle, v, 0.5, 2.0, 60.0), st.floats(-7, 7), st.floats(0.5, 5)),
-    st.builds(lambda factor, v: ScaleStep(factor, v, 0.5, 2.0, 60.0), st.floats(0.2, 4), st.floats(0.5, 5)),
+    st.builds(
+        lambda angle, v: RotateStep(angle, v, 0.5, 2.0, 60.0), st.floats(-7, 7), st.floats(0.5, 5)
+    ),
+    st.builds(
+        lambda factor, v: ScaleStep(factor, v, 0.5, 2.0, 60.0), st.floats(0.2, 4), st.floats(0.5, 5)
+    ),
 )
 
 
@@ -51,7 +64,9 @@ def test_the_frame_arrives_and_stays(step: Moving) -> None:
 
 
 @given(STEPS, st.tuples(st.floats(-20, 20), st.floats(-20, 20)), st.floats(0.1, 1))
-def test_feed_forward_is_the_derivative_of_the_place(step: Moving, slot: tuple[float, float], rate: float) -> None:
+def test_feed_forward_is_the_derivative_of_the_place(
+    step: Moving, slot: tuple[float, float], rate: float
+) -> None:
     """Of each slot's place in the frame, whatever the step."""
     frame, dt = Frame((3.0, -4.0), 0.2, 1.1, 0, rate), 1e-5
     if left_m(frame, step, RADIUS_M) < 0.1:

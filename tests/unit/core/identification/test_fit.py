@@ -17,8 +17,11 @@ STEPS = ((1.0, 3.0), (3.0, 0.7), (3.0, 1.5), (3.0, 3.0))
 USUAL = Response(0.4, 0.5, 2.8)
 
 
-def flown(vehicle: Response, *, noise_mps: float = 0.0, late_s: float = 0.0, seed: int = 1) -> list[Leg]:
-    """What a vehicle that answers exactly like this would be heard to do, each tick a little late."""
+def flown(
+    vehicle: Response, *, noise_mps: float = 0.0, late_s: float = 0.0, seed: int = 1
+) -> list[Leg]:
+    """What a vehicle that answers exactly like this would be heard to do, each tick a little
+    late."""
     dice = np.random.default_rng(seed)
     legs = []
     for way in ("north", "east"):
@@ -38,7 +41,8 @@ def found(vehicle: Response, typical: Response = USUAL, **how: float) -> Fit:
 
 
 def test_the_model_is_dead_time_then_an_exponential_then_a_ramp() -> None:
-    """Nothing within the dead time; 63 % of a small step after one lag more; a large one no faster than the limit."""
+    """Nothing within the dead time; 63 % of a small step after one lag more; a large one no faster
+    than the limit."""
     times = TICK_S * np.arange(100)
     small = model(times, np.full(100, 1.0), Response(0.4, 0.5, 20.0))
     assert np.all(small[times < 0.39] == 0.0)
@@ -47,7 +51,9 @@ def test_the_model_is_dead_time_then_an_exponential_then_a_ramp() -> None:
     assert np.diff(large).max() == pytest.approx(2.0 * TICK_S)
 
 
-@settings(max_examples=10, phases=[Phase.explicit, Phase.generate])  # half a second each: too slow to shrink
+@settings(
+    max_examples=10, phases=[Phase.explicit, Phase.generate]
+)  # half a second each: too slow to shrink
 @given(
     dead_s=st.floats(0.0, 1.0),
     lag_s=st.floats(0.3, 1.0),
@@ -55,8 +61,11 @@ def test_the_model_is_dead_time_then_an_exponential_then_a_ramp() -> None:
     noise_mps=st.floats(0.0, 0.05),
     seed=st.integers(0, 1000),
 )
-def test_what_went_in_comes_out(dead_s: float, lag_s: float, reached: float, noise_mps: float, seed: int) -> None:
-    """Up to noise of 2 % of the step and late ticks: dead time within 0.02 s, lag within 8 %, limit within 5 %.
+def test_what_went_in_comes_out(
+    dead_s: float, lag_s: float, reached: float, noise_mps: float, seed: int
+) -> None:
+    """Up to noise of 2 % of the step and late ticks: dead time within 0.02 s, lag within 8 %, limit
+    within 5 %.
 
     The limit is a share of what the largest step asks for.
     """
@@ -140,7 +149,9 @@ def test_what_is_written_is_within_what_a_mission_file_allows() -> None:
 
 def test_no_steps_no_fit() -> None:
     leg = flown(USUAL)[0]
-    still = Leg("north", "", leg.times_s, (0.0,) * len(leg.times_s), leg.positions_m, leg.velocities_mps)
+    still = Leg(
+        "north", "", leg.times_s, (0.0,) * len(leg.times_s), leg.positions_m, leg.velocities_mps
+    )
     for legs in ([], [still]):
         with pytest.raises(ValueError, match="no steps"):
             fit(legs, USUAL)

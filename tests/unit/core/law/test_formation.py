@@ -36,7 +36,9 @@ def test_moving_points_or_slots_together_changes_nothing(
 def test_formation_error_is_the_largest_deviation(p: Array, z: Array) -> None:
     e = [(a[0] - b[0], a[1] - b[1]) for a, b in zip(p.tolist(), z.tolist(), strict=True)]
     mean = (sum(x for x, _ in e) / len(e), sum(y for _, y in e) / len(e))
-    assert formation.formation_error(p, z) == pytest.approx(max(math.dist(x, mean) for x in e), abs=1e-9)
+    assert formation.formation_error(p, z) == pytest.approx(
+        max(math.dist(x, mean) for x in e), abs=1e-9
+    )
 
 
 @given(points)
@@ -46,7 +48,9 @@ def test_closest_pair_is_the_closest(p: Array) -> None:
     apart, (i, j) = found
     assert i < j
     assert apart == pytest.approx(math.dist(p[i], p[j]))
-    assert apart == pytest.approx(min(math.dist(a, b) for a, b in itertools.combinations(p.tolist(), 2)))
+    assert apart == pytest.approx(
+        min(math.dist(a, b) for a, b in itertools.combinations(p.tolist(), 2))
+    )
     assert formation.smallest_distance(p) == apart
 
 

@@ -1,4 +1,5 @@
-"""The law against worked cases of an independent implementation, and its properties (LAW.md section 4)."""
+"""The law against worked cases of an independent implementation, and its properties (LAW.md section
+4)."""
 
 from __future__ import annotations
 
@@ -15,10 +16,20 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from swarm_ctl.core.law import formation_law as law_module
-from swarm_ctl.core.law.formation_law import INACTIVE, NARROW, OVERSPEED, PAPER, STATUSES, LawResult, evaluate
+from swarm_ctl.core.law.formation_law import (
+    INACTIVE,
+    NARROW,
+    OVERSPEED,
+    PAPER,
+    STATUSES,
+    LawResult,
+    evaluate,
+)
 from swarm_ctl.core.model.plan import LawParameters
 
-VECTORS = Path(os.environ.get("LAW_VECTORS", Path(__file__).parents[4] / "data" / "law_vectors.json"))
+VECTORS = Path(
+    os.environ.get("LAW_VECTORS", Path(__file__).parents[4] / "data" / "law_vectors.json")
+)
 CASES = json.loads(VECTORS.read_text())["cases"]
 KEYS = {
     "distance": "distance",
@@ -34,7 +45,8 @@ KEYS = {
 def evaluate_one(
     i: int, positions: np.ndarray, slots: np.ndarray, neighbours: list[int], law: LawParameters
 ) -> LawResult:
-    """Agent i of `positions` (n, 2), as an agent calls it: leading size 1; column j of the pairs is id j without i."""
+    """Agent i of `positions` (n, 2), as an agent calls it: leading size 1; column j of the pairs is
+    id j without i."""
     others = [j for j in range(len(positions)) if j != i]
     return evaluate(
         positions[None, i],
@@ -64,7 +76,9 @@ def test_worked_cases(case: dict[str, Any]) -> None:
     scale = max(np.linalg.norm(expect["consensus"]), np.linalg.norm(expect["avoidance"]))
     for name in ("u", "consensus", "avoidance"):
         # u may cancel to nearly nothing: relative to its terms
-        assert getattr(result, name)[0] == pytest.approx(expect[name], rel=1e-9, abs=1e-9 * scale), name
+        assert getattr(result, name)[0] == pytest.approx(
+            expect[name], rel=1e-9, abs=1e-9 * scale
+        ), name
     others = [k for k in ids if k != str(case["agent"])]
     assert _pair_ids(result, others) == sorted(expect["pairs"])
     for k, (_, column) in enumerate(zip(*result.pairs.index, strict=True) if result.pairs else ()):
@@ -87,7 +101,8 @@ def _check_pair(result: LawResult, k: int, want: dict[str, Any]) -> None:
             assert got == pytest.approx(want[name], rel=1e-9, abs=1e-15), (name, want["status"])
 
 
-# --- properties -------------------------------------------------------------------------------------------------
+# --- properties
+# -------------------------------------------------------------------------------------------------
 
 HEXAGON = LawParameters()
 
@@ -97,8 +112,11 @@ def coordinates(limit: float) -> st.SearchStrategy[float]:
 
 
 @st.composite
-def swarms(draw: st.DrawFn, limit: float = 6.0) -> tuple[np.ndarray, np.ndarray, list[int], LawParameters]:
-    """(positions, slots, neighbours of agent 0, parameters): 2 to 7 agents, crowded enough to meet."""
+def swarms(
+    draw: st.DrawFn, limit: float = 6.0
+) -> tuple[np.ndarray, np.ndarray, list[int], LawParameters]:
+    """(positions, slots, neighbours of agent 0, parameters): 2 to 7 agents, crowded enough to
+    meet."""
     n = draw(st.integers(2, 7))
     positions = draw(arrays(float, (n, 2), elements=coordinates(limit)))
     slots = draw(arrays(float, (n, 2), elements=coordinates(limit)))
@@ -188,11 +206,14 @@ def test_repulsion_stays_inside_its_bound(swarm: Any) -> None:
     st.integers(0, 2),
 )
 def test_finite_for_all_inputs(positions: np.ndarray, crowd: bool, linked: int) -> None:
-    """sigma > 0 and finite, u finite, for every input up to 1e6 units, crowds and equal spots included."""
+    """sigma > 0 and finite, u finite, for every input up to 1e6 units, crowds and equal spots
+    included."""
     if crowd:
         positions = positions * 1e-6
     slots = positions[::-1] * 1e3 if crowd else positions[::-1]
-    result = evaluate_one(0, positions, slots, list(range(1, min(linked + 1, len(positions)))), HEXAGON)
+    result = evaluate_one(
+        0, positions, slots, list(range(1, min(linked + 1, len(positions)))), HEXAGON
+    )
     assert np.isfinite(result.u).all()
     if result.pairs is not None:
         assert (result.pairs.sigma > 0).all()
@@ -231,7 +252,9 @@ def test_batch_is_the_same_as_one_by_one(swarms_: list[Any]) -> None:
         own[b, 0], own_slot[b, 0], others[b, 0, :k], slots[b, 0, :k] = p[0], z[0], p[1:], z[1:]
         present[b, 0, :k] = True
         linked[b, 0, [j - 1 for j in neighbours]] = True
-    result = evaluate(own, own_slot, others, slots, linked, present, np.ones((batch, 1, m), bool), law)
+    result = evaluate(
+        own, own_slot, others, slots, linked, present, np.ones((batch, 1, m), bool), law
+    )
     for b, (p, z, neighbours, _) in enumerate(swarms_):
         single = evaluate_one(0, p, z, neighbours, law)
         assert result.u[b] == pytest.approx(single.u, rel=1e-12, abs=1e-15)

@@ -11,7 +11,14 @@ from hypothesis import strategies as st
 from swarm_ctl.core.law import graph
 from swarm_ctl.core.model.plan import Point
 
-TABLE_II: dict[int, Point] = {1: (14, 16), 2: (12, 12), 3: (10, 18), 4: (6, 12), 5: (6, 16), 6: (14, 10)}
+TABLE_II: dict[int, Point] = {
+    1: (14, 16),
+    2: (12, 12),
+    3: (10, 18),
+    4: (6, 12),
+    5: (6, 16),
+    6: (14, 10),
+}
 
 coordinate = st.integers(-8, 8).map(float)
 many_starts = st.dictionaries(st.integers(1, 65535), st.tuples(coordinate, coordinate), max_size=12)
@@ -37,25 +44,33 @@ def test_the_range_itself_is_within_range() -> None:
 
 
 @given(many_starts, st.floats(0.5, 10))
-def test_neighbours_are_mutual_and_the_components_a_partition(starts: dict[int, Point], r: float) -> None:
+def test_neighbours_are_mutual_and_the_components_a_partition(
+    starts: dict[int, Point], r: float
+) -> None:
     near = graph.neighbours(starts, r)
     assert all(i in near[j] and i != j for i in near for j in near[i])
     parts = graph.components(near)
     assert sorted(i for part in parts for i in part) == sorted(starts)
     where = {i: k for k, part in enumerate(parts) for i in part}
     assert all(where[i] == where[j] for i in near for j in near[i])
-    assert all(math.dist(starts[i], starts[j]) > r for i in starts for j in starts if where[i] != where[j])
+    assert all(
+        math.dist(starts[i], starts[j]) > r for i in starts for j in starts if where[i] != where[j]
+    )
 
 
 @given(many_starts.filter(lambda starts: len(starts) > 1), st.floats(0.5, 10))
-def test_connectivity_is_positive_exactly_where_the_graph_is_connected(starts: dict[int, Point], r: float) -> None:
+def test_connectivity_is_positive_exactly_where_the_graph_is_connected(
+    starts: dict[int, Point], r: float
+) -> None:
     near = graph.neighbours(starts, r)
     assert (graph.algebraic_connectivity(near) > 0) == graph.is_connected(near)
     assert (graph.consensus_rate(near) > 0) == graph.is_connected(near)
 
 
 @given(many_starts, st.floats(0.5, 10), st.sets(st.integers(0, 11)))
-def test_losing_agents_is_never_having_had_them(starts: dict[int, Point], r: float, picked: set[int]) -> None:
+def test_losing_agents_is_never_having_had_them(
+    starts: dict[int, Point], r: float, picked: set[int]
+) -> None:
     lost = {agent for k, agent in enumerate(sorted(starts)) if k in picked}
     left = {i: p for i, p in starts.items() if i not in lost}
     assert graph.without(graph.neighbours(starts, r), lost) == graph.neighbours(left, r)
@@ -63,9 +78,12 @@ def test_losing_agents_is_never_having_had_them(starts: dict[int, Point], r: flo
 
 @pytest.mark.parametrize("count", [2, 3, 6, 10])
 def test_known_spectra(count: int) -> None:
-    """Path: 2 - 2 cos(pi / n), and 1 - cos(pi / (n - 1)) normalised; complete: n, and n / (n - 1)."""
+    """Path: 2 - 2 cos(pi / n), and 1 - cos(pi / (n - 1)) normalised; complete: n, and n / (n -
+    1)."""
     complete = {i: tuple(j for j in range(count) if j != i) for i in range(count)}
-    assert graph.algebraic_connectivity(path(count)) == pytest.approx(2 - 2 * math.cos(math.pi / count))
+    assert graph.algebraic_connectivity(path(count)) == pytest.approx(
+        2 - 2 * math.cos(math.pi / count)
+    )
     assert graph.consensus_rate(path(count)) == pytest.approx(1 - math.cos(math.pi / (count - 1)))
     assert graph.algebraic_connectivity(complete) == pytest.approx(count)
     assert graph.consensus_rate(complete) == pytest.approx(count / (count - 1))

@@ -20,7 +20,8 @@ def pulls(e: list[complex]) -> np.ndarray:
 
 @given(errors)
 def test_it_moves_everybody_to_the_mean_and_the_mean_nowhere(e: list[complex]) -> None:
-    """Each pull is `RATE` times the way to the mean of all; the swarm as a whole is left where it is."""
+    """Each pull is `RATE` times the way to the mean of all; the swarm as a whole is left where it
+    is."""
     np.testing.assert_allclose(pulls(e), RATE * (np.mean(e) - np.array(e)), atol=1e-9)
     assert abs(pulls(e).sum()) < 1e-8
 
@@ -42,5 +43,10 @@ def test_who_is_not_counted_does_not_matter(e: list[complex]) -> None:
 def test_along_an_axis() -> None:
     """Receivers, senders, missions: as the studies have them."""
     own = np.array([[1 + 1j], [3 - 1j]])
-    others, counted = np.array([[[0j], [3 - 1j]], [[1 + 1j], [0j]]]), np.array([[[False], [True]], [[True], [False]]])
-    np.testing.assert_allclose(pull(own, others, counted, axis=1), RATE * np.array([[1 - 1j], [-1 + 1j]]))
+    others, counted = (
+        np.array([[[0j], [3 - 1j]], [[1 + 1j], [0j]]]),
+        np.array([[[False], [True]], [[True], [False]]]),
+    )
+    np.testing.assert_allclose(
+        pull(own, others, counted, axis=1), RATE * np.array([[1 - 1j], [-1 + 1j]])
+    )

@@ -19,7 +19,8 @@ VECTOR = st.tuples(SPEED, SPEED)
 
 
 class Simulated:
-    """Dead time, lag, acceleration limit, integrated in fine steps. A complex number is north + east * 1j."""
+    """Dead time, lag, acceleration limit, integrated in fine steps. A complex number is north +
+    east * 1j."""
 
     def __init__(self, vehicle: Response) -> None:
         self.vehicle = vehicle
@@ -37,7 +38,9 @@ class Simulated:
 
     def stop_point(self) -> complex:
         commands = [(c.real, c.imag) for c in self.delayed]
-        found = stop_point((self.p.real, self.p.imag), (self.v.real, self.v.imag), commands, DT, self.vehicle)
+        found = stop_point(
+            (self.p.real, self.p.imag), (self.v.real, self.v.imag), commands, DT, self.vehicle
+        )
         return complex(*found)
 
 

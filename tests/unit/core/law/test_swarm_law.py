@@ -57,13 +57,18 @@ def test_same_as_one_by_one(batch: Any) -> None:
     mission, i, j = want.pairs.index
     assert np.count_nonzero(~np.isnan(sigma)) == len(i)
     settled = want.pairs.status == status[i, j, mission]
-    assert settled.mean() > 0.9  # a pair on the edge between two statuses may fall to either side by rounding
-    assert sigma[i, j, mission][settled] == pytest.approx(want.pairs.sigma[settled], rel=1e-6, abs=1e-9)
+    assert (
+        settled.mean() > 0.9
+    )  # a pair on the edge between two statuses may fall to either side by rounding
+    assert sigma[i, j, mission][settled] == pytest.approx(
+        want.pairs.sigma[settled], rel=1e-6, abs=1e-9
+    )
 
 
 @given(batches())
 def test_heard_truth_is_truth(batch: Any) -> None:
-    """Who hears of everybody's present place does what he does who knows it, told once for all or to each apart."""
+    """Who hears of everybody's present place does what he does who knows it, told once for all or
+    to each apart."""
     points, slots, links = batch
     law = SwarmLaw(slots, links, np.full(points.shape[-1], LAW.h), LAW)
     n = points.shape[1]
@@ -74,13 +79,17 @@ def test_heard_truth_is_truth(batch: Any) -> None:
 
 @given(batches())
 def test_squared_distances_of_every_pair(batch: Any) -> None:
-    """The pair layout holds each pair's squared distance, and `once` names each pair exactly once."""
+    """The pair layout holds each pair's squared distance, and `once` names each pair exactly
+    once."""
     points, _, _ = batch
     _, n, m = points.shape
     rings = Rings(n, m)
     apart = points[:, rings.first] - points[:, rings.second]
     assert rings.measure(points) == pytest.approx((apart**2).sum(axis=0))
-    named = {frozenset(pair) for pair in zip(rings.first[rings.once], rings.second[rings.once], strict=True)}
+    named = {
+        frozenset(pair)
+        for pair in zip(rings.first[rings.once], rings.second[rings.once], strict=True)
+    }
     assert len(named) == rings.once.sum() == n * (n - 1) // 2
 
 

@@ -1,4 +1,5 @@
-"""The tangent plane against an independent route (arc lengths along the ellipsoid), and its round trip."""
+"""The tangent plane against an independent route (arc lengths along the ellipsoid), and its round
+trip."""
 
 from __future__ import annotations
 
@@ -13,12 +14,16 @@ from swarm_ctl.core.model.plan import Geodetic
 
 CANBERRA = Geodetic(-35.363262, 149.165237, 584.0)
 
-origins = st.builds(Geodetic, st.floats(-90, 90), st.floats(-180, 180, exclude_min=True), st.floats(-500, 9000))
+origins = st.builds(
+    Geodetic, st.floats(-90, 90), st.floats(-180, 180, exclude_min=True), st.floats(-500, 9000)
+)
 offsets = st.tuples(st.floats(-5000, 5000), st.floats(-5000, 5000), st.floats(-500, 500))
 
 
 @given(origins, offsets)
-def test_there_and_back_is_where_one_started(origin: Geodetic, ned_m: tuple[float, float, float]) -> None:
+def test_there_and_back_is_where_one_started(
+    origin: Geodetic, ned_m: tuple[float, float, float]
+) -> None:
     back = ned_from_geodetic(geodetic_from_ned(ned_m, origin), origin)
     assert back == pytest.approx(ned_m, abs=1e-6)
 
@@ -29,13 +34,18 @@ def test_the_origin_is_zero(origin: Geodetic) -> None:
 
 
 @given(st.floats(-80, 80), st.floats(-180, 180), st.floats(-1e-3, 1e-3), st.floats(-1e-3, 1e-3))
-def test_small_offsets_follow_the_radii_of_curvature(lat: float, lon: float, dlat: float, dlon: float) -> None:
-    """Within 111 m the exact plane and the textbook's meridian and prime-vertical radii agree to 5 cm."""
+def test_small_offsets_follow_the_radii_of_curvature(
+    lat: float, lon: float, dlat: float, dlon: float
+) -> None:
+    """Within 111 m the exact plane and the textbook's meridian and prime-vertical radii agree to 5
+    cm."""
     a, e2 = 6378137.0, 0.00669437999014
     s = math.sin(math.radians(lat))
     meridian = a * (1 - e2) / (1 - e2 * s * s) ** 1.5
     parallel = a / math.sqrt(1 - e2 * s * s) * math.cos(math.radians(lat))
-    north, east, down = ned_from_geodetic(Geodetic(lat + dlat, lon + dlon, 0.0), Geodetic(lat, lon, 0.0))
+    north, east, down = ned_from_geodetic(
+        Geodetic(lat + dlat, lon + dlon, 0.0), Geodetic(lat, lon, 0.0)
+    )
     assert north == pytest.approx(meridian * math.radians(dlat), abs=0.05)
     assert east == pytest.approx(parallel * math.radians(dlon), abs=0.05)
     assert 0 <= down + 1e-9 <= 0.01
@@ -44,7 +54,8 @@ def test_small_offsets_follow_the_radii_of_curvature(lat: float, lon: float, dla
 @pytest.mark.parametrize(
     ("point", "ned_m"),
     [
-        # One quarter of the way round the equator, and a pole: known from the ellipsoid's axes alone.
+        # One quarter of the way round the equator, and a pole: known from the ellipsoid's axes
+        # alone.
         (Geodetic(0.0, 90.0, 0.0), (0.0, 6378137.0, 6378137.0)),
         (Geodetic(90.0, 0.0, 0.0), (6356752.314245, 0.0, 6378137.0)),
         (Geodetic(0.0, 0.0, 100.0), (0.0, 0.0, -100.0)),
@@ -53,12 +64,17 @@ def test_small_offsets_follow_the_radii_of_curvature(lat: float, lon: float, dla
 def test_places_known_from_the_axes(point: Geodetic, ned_m: tuple[float, float, float]) -> None:
     origin = Geodetic(0.0, 0.0, 0.0)
     assert ned_from_geodetic(point, origin) == pytest.approx(ned_m, abs=1e-5)
-    assert ned_from_geodetic(geodetic_from_ned(ned_m, origin), origin) == pytest.approx(ned_m, abs=1e-5)
+    assert ned_from_geodetic(geodetic_from_ned(ned_m, origin), origin) == pytest.approx(
+        ned_m, abs=1e-5
+    )
 
 
 def test_signs_north_east_down() -> None:
     north, east, down = (
-        ned_from_geodetic(Geodetic(CANBERRA.lat_deg + dlat, CANBERRA.lon_deg + dlon, CANBERRA.alt_m + dalt), CANBERRA)
+        ned_from_geodetic(
+            Geodetic(CANBERRA.lat_deg + dlat, CANBERRA.lon_deg + dlon, CANBERRA.alt_m + dalt),
+            CANBERRA,
+        )
         for dlat, dlon, dalt in ((1e-4, 0, 0), (0, 1e-4, 0), (0, 0, -1))
     )
     assert north == pytest.approx((11.095, 0, 0), abs=0.01)

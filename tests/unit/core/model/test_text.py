@@ -27,6 +27,8 @@ def test_ranges_name_every_number_and_no_other(numbers: set[int]) -> None:
     assert named == numbers
 
 
-@pytest.mark.parametrize(("ids", "words"), [([3], "agent 3"), ([2, 1, 3, 5], "agents 1-3, 5"), ([4, 4], "agent 4")])
+@pytest.mark.parametrize(
+    ("ids", "words"), [([3], "agent 3"), ([2, 1, 3, 5], "agents 1-3, 5"), ([4, 4], "agent 4")]
+)
 def test_agents_named(ids: list[int], words: str) -> None:
     assert agents_named(ids) == words

@@ -14,7 +14,13 @@ from swarm_ctl.core.model import timeouts
 from swarm_ctl.core.model.plan import Policies
 
 PACKAGE = Path(swarm_ctl.__file__).parent
-NAMED = sorted(set(re.findall(r"`((?:\w+\.)?\w*_(?:s|S)|\w+\._GROWTH|\w+\.DRIFT)` ([\d.]+)", timeouts.__doc__ or "")))
+NAMED = sorted(
+    set(
+        re.findall(
+            r"`((?:\w+\.)?\w*_(?:s|S)|\w+\._GROWTH|\w+\.DRIFT)` ([\d.]+)", timeouts.__doc__ or ""
+        )
+    )
+)
 
 
 def value(name: str) -> Any:
@@ -25,7 +31,10 @@ def value(name: str) -> Any:
     if not where:
         return getattr(timeouts, what)
     (file,) = PACKAGE.rglob(f"{where}.py")
-    return getattr(import_module(".".join(("swarm_ctl", *file.relative_to(PACKAGE).with_suffix("").parts))), what)
+    return getattr(
+        import_module(".".join(("swarm_ctl", *file.relative_to(PACKAGE).with_suffix("").parts))),
+        what,
+    )
 
 
 @pytest.mark.parametrize(("name", "told"), NAMED)

@@ -54,7 +54,8 @@ MARGINS = Margins.of(LAW, Response(), SPEED)
 
 
 def test_the_proven_bound_lies_over_r_in() -> None:
-    """D F(W tau / D) > r_in for two that are as slow as at D, with a lag a fifth over the model's (SAFETY.md 3.2)."""
+    """D F(W tau / D) > r_in for two that are as slow as at D, with a lag a fifth over the model's
+    (SAFETY.md 3.2)."""
     m = 2 * MARGINS.slow * 1.2 * Response().lag_s / MARGINS.keep_out
     u = np.linspace(0.0, 40.0, 400_001)
     f = np.where(m * u < np.pi / 2, np.cos(np.minimum(m * u, np.pi)), np.pi / 2 - m * u)
@@ -76,7 +77,8 @@ points = st.tuples(st.floats(-2, 2), st.floats(-2, 2))
 def test_integrators_that_start_apart_stay_apart_whatever_they_wish(
     starts: list[tuple[float, float]], wishes: list[tuple[float, float]]
 ) -> None:
-    """|s_ij| >= D is invariant with fresh news, each doing its half, for any constant wishes (claim 1)."""
+    """|s_ij| >= D is invariant with fresh news, each doing its half, for any constant wishes (claim
+    1)."""
     s = [complex(*start) for start in starts]
     assume(all(abs(a - b) >= MARGINS.keep_out for i, a in enumerate(s) for b in s[:i]))
     for _ in range(60):
@@ -99,7 +101,8 @@ def test_integrators_that_start_apart_stay_apart_whatever_they_wish(
 def test_keep_out_counts_from_the_nearest_place_the_other_may_be_at(
     apart: tuple[float, float], commanded: tuple[float, float], share: float, reach_s: float
 ) -> None:
-    """No place on the way the other may have flown is nearer than the one the plane is drawn from."""
+    """No place on the way the other may have flown is nearer than the one the plane is drawn
+    from."""
     own, flies = complex(*apart), complex(*commanded)
     _, _, room = half_plane(own, flies, reach_s, MARGINS.keep_out, 1.0, SPEED)
     assert room <= abs(own - share * reach_s * flies) - MARGINS.keep_out + 1e-9
@@ -112,7 +115,9 @@ def test_one_and_many_give_the_same_planes() -> None:
     reach, share = random.uniform(0, 1, 50), random.choice([0.5, 1.0], 50)
     n, b, room = half_plane(apart, flies, reach, 0.8, share, SPEED, np.minimum, np.maximum)
     for k in range(50):
-        one = half_plane(complex(apart[k]), complex(flies[k]), float(reach[k]), 0.8, float(share[k]), SPEED)
+        one = half_plane(
+            complex(apart[k]), complex(flies[k]), float(reach[k]), 0.8, float(share[k]), SPEED
+        )
         assert one == pytest.approx((n[k], b[k], room[k]))
 
 
@@ -120,7 +125,8 @@ def test_one_and_many_give_the_same_planes() -> None:
 
 
 def test_who_gets_nowhere_goes_sideways_and_who_flies_does_not() -> None:
-    """Stuck: wants to go and does not for a while. It then moves across its wish, and later tries again."""
+    """Stuck: wants to go and does not for a while. It then moves across its wish, and later tries
+    again."""
     for flown, stuck in ((0j, True), (1 + 0j, False)):
         release, sideways = DeadlockRelease(3, SPEED, 0.05), 0
         for _ in range(100):
@@ -131,7 +137,9 @@ def test_who_gets_nowhere_goes_sideways_and_who_flies_does_not() -> None:
 
 
 @given(points, points)
-def test_the_swirl_only_turns_what_points_against_the_wish(to: tuple[float, float], away: tuple[float, float]) -> None:
+def test_the_swirl_only_turns_what_points_against_the_wish(
+    to: tuple[float, float], away: tuple[float, float]
+) -> None:
     consensus, avoidance = complex(*to), complex(*away)
     assume(abs(consensus) > 1e-3 and abs(avoidance) > 1e-3)
     out = complex(swirled(consensus, avoidance))

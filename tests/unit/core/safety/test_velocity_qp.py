@@ -1,4 +1,5 @@
-"""The nearest allowed velocity: optimal, inside, the same for one and for many, and least slack where nothing is."""
+"""The nearest allowed velocity: optimal, inside, the same for one and for many, and least slack
+where nothing is."""
 
 from __future__ import annotations
 
@@ -10,18 +11,29 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from swarm_ctl.core.safety.velocity_qp import UNBOUND, Plane, nearest, nearest_many, relaxed, relaxed_many
+from swarm_ctl.core.safety.velocity_qp import (
+    UNBOUND,
+    Plane,
+    nearest,
+    nearest_many,
+    relaxed,
+    relaxed_many,
+)
 
 numbers = st.floats(-2, 2)
 angles = st.floats(0, 2 * math.pi)
 planes = st.lists(
-    st.builds(lambda a, b: (math.cos(a), math.sin(a), b), angles, st.floats(-1.2, 0.6)), min_size=0, max_size=7
+    st.builds(lambda a, b: (math.cos(a), math.sin(a), b), angles, st.floats(-1.2, 0.6)),
+    min_size=0,
+    max_size=7,
 )
 caps = st.floats(0.1, 1.5)
 
 
 def inside(v: tuple[float, float], of: list[Plane], cap: float, slack: float = 1e-6) -> bool:
-    return math.hypot(*v) <= cap + slack and all(nx * v[0] + ny * v[1] >= b - slack for nx, ny, b in of)
+    return math.hypot(*v) <= cap + slack and all(
+        nx * v[0] + ny * v[1] >= b - slack for nx, ny, b in of
+    )
 
 
 @given(st.tuples(numbers, numbers), planes, caps)
@@ -29,7 +41,12 @@ def test_nothing_allowed_is_nearer(wish: tuple[float, float], of: list[Plane], c
     """The answer is allowed, and no allowed point of a fine grid is nearer to the wish."""
     found = nearest(wish, of, cap)
     steps = np.linspace(-cap, cap, 41)
-    grid = [(float(x), float(y)) for x in steps for y in steps if inside((float(x), float(y)), of, cap, -1e-6)]
+    grid = [
+        (float(x), float(y))
+        for x in steps
+        for y in steps
+        if inside((float(x), float(y)), of, cap, -1e-6)
+    ]
     if found is None:
         assert not grid
         return
@@ -38,28 +55,39 @@ def test_nothing_allowed_is_nearer(wish: tuple[float, float], of: list[Plane], c
 
 
 @given(st.tuples(numbers, numbers), planes, caps)
-def test_a_wish_that_is_allowed_is_kept_to_the_last_bit(wish: tuple[float, float], of: list[Plane], cap: float) -> None:
+def test_a_wish_that_is_allowed_is_kept_to_the_last_bit(
+    wish: tuple[float, float], of: list[Plane], cap: float
+) -> None:
     """Passive where nothing is violated."""
     if inside(wish, of, cap, 0.0):
         assert nearest(wish, of, cap) == wish
 
 
 @given(st.tuples(numbers, numbers), planes, planes, caps)
-def test_slack_is_the_least(wish: tuple[float, float], hard: list[Plane], soft: list[Plane], cap: float) -> None:
-    """The hard planes give way by the least common slack: a linear program's, with the disc as a 64-gon."""
+def test_slack_is_the_least(
+    wish: tuple[float, float], hard: list[Plane], soft: list[Plane], cap: float
+) -> None:
+    """The hard planes give way by the least common slack: a linear program's, with the disc as a
+    64-gon."""
     found, slack = relaxed(wish, hard, soft, cap)
     assert inside(found, [(nx, ny, b - slack) for nx, ny, b in hard], cap)
     if slack == 0.0:
         return
     turns = [2 * math.pi * k / 64 for k in range(64)]
-    rows = [[-nx, -ny, -1.0] for nx, ny, _ in hard] + [[math.cos(a), math.sin(a), 0.0] for a in turns]
+    rows = [[-nx, -ny, -1.0] for nx, ny, _ in hard] + [
+        [math.cos(a), math.sin(a), 0.0] for a in turns
+    ]
     ends = [-b for _, _, b in hard] + [cap] * 64
     least = linprog([0, 0, 1], A_ub=rows, b_ub=ends, bounds=[(None, None), (None, None), (0, None)])
     assert slack == pytest.approx(least.fun, abs=5e-3)
 
 
-@given(st.lists(st.tuples(st.tuples(numbers, numbers), planes, planes, caps), min_size=1, max_size=6))
-def test_one_and_many_agree(cases: list[tuple[tuple[float, float], list[Plane], list[Plane], float]]) -> None:
+@given(
+    st.lists(st.tuples(st.tuples(numbers, numbers), planes, planes, caps), min_size=1, max_size=6)
+)
+def test_one_and_many_agree(
+    cases: list[tuple[tuple[float, float], list[Plane], list[Plane], float]],
+) -> None:
     """The arrays give what the plain version gives, for feasible and infeasible cases."""
     size = max(len(hard) + len(soft) for _, hard, soft, _ in cases) or 1
     normals, bounds = np.zeros((size, 2, len(cases))), np.full((size, len(cases)), UNBOUND)

@@ -1,4 +1,5 @@
-"""How far the others' clocks are ahead: the truth lies between the bounds, and news is never younger than it is."""
+"""How far the others' clocks are ahead: the truth lies between the bounds, and news is never
+younger than it is."""
 
 from __future__ import annotations
 
@@ -26,7 +27,9 @@ DELAY = st.floats(0, 0.5) | st.just(0.0)
 
 def state(time_s: float, seq: int = 1) -> AgentState:
     zero = (0.0, 0.0, 0.0)
-    return AgentState(2, seq, time_s, 7, Phase.FLY, 1, False, True, zero, zero, (0.0, 0.0), (0.0, 0.0))
+    return AgentState(
+        2, seq, time_s, 7, Phase.FLY, 1, False, True, zero, zero, (0.0, 0.0), (0.0, 0.0)
+    )
 
 
 @dataclass(frozen=True)
@@ -44,7 +47,9 @@ class Trip:
         return self.out_s + self.back_s
 
 
-TRIPS = st.lists(st.builds(Trip, st.floats(0, 5), DELAY, st.floats(0, 2), DELAY), min_size=1, max_size=12)
+TRIPS = st.lists(
+    st.builds(Trip, st.floats(0, 5), DELAY, st.floats(0, 2), DELAY), min_size=1, max_size=12
+)
 
 
 def travel(clock: PeerClock, shows: Showing, now: float, trip: Trip) -> float:
@@ -62,8 +67,11 @@ def steady(offset: float, drift: float) -> Showing:
 
 
 @given(OFFSET, DRIFTS, TRIPS, st.floats(0, 60))
-def test_the_truth_lies_between_the_bounds(offset: float, drift: float, trips: list[Trip], later: float) -> None:
-    """Whatever the ways are like, and long after the last word; the best guess is off by half a round trip at most."""
+def test_the_truth_lies_between_the_bounds(
+    offset: float, drift: float, trips: list[Trip], later: float
+) -> None:
+    """Whatever the ways are like, and long after the last word; the best guess is off by half a
+    round trip at most."""
     clock, shows, now = PeerClock(), steady(offset, drift), 0.0
     for trip in trips:
         now = travel(clock, shows, now, trip)
@@ -71,16 +79,22 @@ def test_the_truth_lies_between_the_bounds(offset: float, drift: float, trips: l
         truth = shows(now) - now
         assert low - ROUNDING_S <= truth <= high + ROUNDING_S
         assert high - low <= trip.s + 2 * DRIFT * (trip.s + trip.held_s) + ROUNDING_S
-        assert abs(truth - 0.5 * (low + high)) <= 0.5 * trip.s + DRIFT * (trip.s + trip.held_s) + ROUNDING_S
+        assert (
+            abs(truth - 0.5 * (low + high))
+            <= 0.5 * trip.s + DRIFT * (trip.s + trip.held_s) + ROUNDING_S
+        )
     low, high = clock.bounds(now + later)
     assert low - ROUNDING_S <= shows(now + later) - (now + later) <= high + ROUNDING_S
 
 
-@given(OFFSET, DRIFTS, TRIPS, st.lists(st.tuples(st.floats(0.05, 0.3), DELAY), min_size=1, max_size=30))
+@given(
+    OFFSET, DRIFTS, TRIPS, st.lists(st.tuples(st.floats(0.05, 0.3), DELAY), min_size=1, max_size=30)
+)
 def test_news_is_never_younger_than_it_is(
     offset: float, drift: float, trips: list[Trip], messages: list[tuple[float, float]]
 ) -> None:
-    """States with random delays, out of order: the bound covers the true age, the guess is at least half of it."""
+    """States with random delays, out of order: the bound covers the true age, the guess is at least
+    half of it."""
     peer, shows, now = Peer(2, PeerClock()), steady(offset, drift), 0.0
     for trip in trips:
         now = travel(peer.clock, shows, now, trip)
@@ -101,9 +115,15 @@ def test_news_is_never_younger_than_it_is(
 
 @given(OFFSET, DRIFTS, TRIPS, st.floats(-3600, 3600), st.lists(DELAY, max_size=5), TRIPS)
 def test_a_clock_that_jumps(
-    offset: float, drift: float, before: list[Trip], jump: float, delays: list[float], after: list[Trip]
+    offset: float,
+    drift: float,
+    before: list[Trip],
+    jump: float,
+    delays: list[float],
+    after: list[Trip],
 ) -> None:
-    """One round trip later the bounds are off by no more than the round trips: what is less is no contradiction."""
+    """One round trip later the bounds are off by no more than the round trips: what is less is no
+    contradiction."""
     clock, now = PeerClock(), 0.0
     for trip in before:
         now = travel(clock, steady(offset, drift), now, trip)
@@ -134,7 +154,8 @@ def test_late_news_is_seen_as_late(out_s: float, back_s: float) -> None:
 
 
 def test_who_does_not_answer_is_not_fresh_and_lost_in_the_end() -> None:
-    """News comes, and nobody knows from when: it leaves N_i at once, and does not keep the sender alive."""
+    """News comes, and nobody knows from when: it leaves N_i at once, and does not keep the sender
+    alive."""
     peer = Peer(2, PeerClock())
     for k in range(100):
         peer.hear(state(0.05 * k + 50.0, k), 0.05 * k)
@@ -144,7 +165,8 @@ def test_who_does_not_answer_is_not_fresh_and_lost_in_the_end() -> None:
 
 
 def test_a_receiver_that_was_stopped_takes_no_dead_peer_for_heard() -> None:
-    """What waited in the queue is noted as received when it was looked for; it is as old as it is."""
+    """What waited in the queue is noted as received when it was looked for; it is as old as it
+    is."""
     peer, shows = Peer(2, PeerClock()), steady(100.0, 0.0)
     now = travel(peer.clock, shows, 0.0, Trip(0.0, 0.01, 0.0, 0.01))
     for k in range(1, 40):
@@ -153,7 +175,8 @@ def test_a_receiver_that_was_stopped_takes_no_dead_peer_for_heard() -> None:
 
 
 def test_a_late_message_changes_nothing_and_a_clock_set_back_is_heard() -> None:
-    """Late ones are behind in time and number; another process or a clock set back is not, or is alone."""
+    """Late ones are behind in time and number; another process or a clock set back is not, or is
+    alone."""
     peer = Peer(2, PeerClock())
     travel(peer.clock, steady(0.0, 0.0), 0.0, Trip(0.0, 0.0, 0.0, 0.0))
     peer.hear(state(10.0, 10), 10.0)
@@ -181,8 +204,8 @@ def test_a_clock_set_ahead_is_not_believed_until_it_has_answered() -> None:
 
 
 def test_everybody_knows_everybody_in_three_words() -> None:
-    """Agents that begin at different times, with clocks of their own, over a mesh of 0.05 s: half a second. Then it is
-    one word a second, and somebody who comes later is known as soon."""
+    """Agents that begin at different times, with clocks of their own, over a mesh of 0.05 s: half a
+    second. Then it is one word a second, and somebody who comes later is known as soon."""
     begun, offset = {1: 0.0, 2: 0.0, 3: 3.0}, {1: 0.0, 2: -3600.0, 3: 12.0}
     clocks = {i: Clocks(i, {1, 2, 3} - {i}) for i in begun}
     under_way: list[tuple[float, ClockNews]] = []

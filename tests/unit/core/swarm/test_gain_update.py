@@ -1,4 +1,5 @@
-"""Changes of the law between agents that lose words: never a law that was not decided, never two for long."""
+"""Changes of the law between agents that lose words: never a law that was not decided, never two
+for long."""
 
 from __future__ import annotations
 
@@ -14,7 +15,13 @@ from hypothesis import strategies as st
 
 from swarm_ctl.core.model.messages import Ack, AgentState, Command, Gains, Phase, Tuning
 from swarm_ctl.core.model.plan import Compensation, Plan
-from swarm_ctl.core.swarm.gain_update import GainUpdate, GainUpdateRound, limits, out_of_range, planned
+from swarm_ctl.core.swarm.gain_update import (
+    GainUpdate,
+    GainUpdateRound,
+    limits,
+    out_of_range,
+    planned,
+)
 from swarm_ctl.core.swarm.peers import Peers
 from swarm_ctl.errors import InputError
 from swarm_ctl.mission.compile.loader import load, loads
@@ -70,7 +77,9 @@ class Swarm:
 
     def _state(self, agent: int) -> AgentState:
         tuner, zero = self.tuners[agent], (0.0, 0.0, 0.0)
-        made = AgentState(agent, 1, self.now, 7, Phase.FLY, 1, False, True, zero, zero, zero[:2], zero[:2])
+        made = AgentState(
+            agent, 1, self.now, 7, Phase.FLY, 1, False, True, zero, zero, zero[:2], zero[:2]
+        )
         return replace(made, law=tuner.tag, next_law=tuner.decided)
 
     @property
@@ -80,8 +89,11 @@ class Swarm:
 
 @settings(max_examples=60)
 @given(st.integers(0, 2**32), st.floats(0, 0.99), st.floats(0, 1))
-def test_whatever_is_lost_all_fly_one_law_once_they_hear_each_other(seed: int, early: float, late: float) -> None:
-    """Nobody changes without a decision or before its time; after it, one tick of whole links makes one law of it."""
+def test_whatever_is_lost_all_fly_one_law_once_they_hear_each_other(
+    seed: int, early: float, late: float
+) -> None:
+    """Nobody changes without a decision or before its time; after it, one tick of whole links makes
+    one law of it."""
     swarm = Swarm(seed)
     while swarm.now < END_S:
         swarm.tick(early if swarm.round.applied is None else late)
@@ -111,10 +123,14 @@ def test_whatever_is_lost_all_fly_one_law_once_they_hear_each_other(seed: int, e
     ),
     st.sampled_from(Compensation),
 )
-def test_what_can_be_flown_is_what_a_mission_may_say(gains: Gains, compensation: Compensation) -> None:
+def test_what_can_be_flown_is_what_a_mission_may_say(
+    gains: Gains, compensation: Compensation
+) -> None:
     """Everything accepted in flight passes `validate` without a warning about the gains."""
     h = 0.0025 if compensation is Compensation.NONE else 0.05
-    if out_of_range(gains, replace(plan(), compensation=compensation, law=replace(plan().law, h=h))):
+    if out_of_range(
+        gains, replace(plan(), compensation=compensation, law=replace(plan().law, h=h))
+    ):
         return
     mission = yaml.safe_load(HEXAGON.read_text())
     mission["law"] |= asdict(gains) | {"compensation": compensation.value}

@@ -23,7 +23,8 @@ TICK_S, SPEED = 0.05, 1.0
 
 @dataclass
 class Swarm:
-    """Points that fly straight to their slots; states that are late (up to `delay` ticks) and lost (`loss`)."""
+    """Points that fly straight to their slots; states that are late (up to `delay` ticks) and lost
+    (`loss`)."""
 
     slots: list[Point]
     at: dict[int, complex]
@@ -51,10 +52,14 @@ class Swarm:
                 continue
             self.tell_time(i)
             dealer.hear()
-            dealer.look(self.now, (self.at[i].real, self.at[i].imag), (2, 0), ALL_LINKED, new=self.new)
+            dealer.look(
+                self.now, (self.at[i].real, self.at[i].imag), (2, 0), ALL_LINKED, new=self.new
+            )
             for j in IDS:
                 if j != i and self.random.random() >= self.loss:
-                    self.way.append((self.seq + int(self.random.integers(0, self.delay + 1)), j, self.state(i)))
+                    self.way.append(
+                        (self.seq + int(self.random.integers(0, self.delay + 1)), j, self.state(i))
+                    )
         for _, to, state in [each for each in self.way if each[0] <= self.seq]:
             self.peers[to].hear(state, self.now)
         self.way = [each for each in self.way if each[0] > self.seq]
@@ -100,11 +105,15 @@ SWAPPED: list[Point] = [(0.0, 27.0), (0.0, 18.0), (0.0, 9.0), (0.0, 0.0)]
 
 
 def test_a_row_that_is_to_turn_round_stays_where_it_is() -> None:
-    """Only the shape counts: the outer two and the inner two swap roles; all know it; nobody has to fly far."""
+    """Only the shape counts: the outer two and the inner two swap roles; all know it; nobody has to
+    fly far."""
     swarm = Swarm(SWAPPED, row())
     swarm.run(20)
     assert swarm.roles == [3, 2, 1, 0]
-    assert all(dealer.roles == dict(zip(IDS, swarm.roles, strict=True)) for dealer in swarm.dealers.values())
+    assert all(
+        dealer.roles == dict(zip(IDS, swarm.roles, strict=True))
+        for dealer in swarm.dealers.values()
+    )
     assert all(dealer.settled(swarm.now) for dealer in swarm.dealers.values())
     assert all(abs(swarm.at[i] - at) < 9.0 for i, at in row().items())
 
@@ -114,7 +123,8 @@ def test_a_row_that_is_to_turn_round_stays_where_it_is() -> None:
 def test_whatever_is_lost_or_late_everybody_ends_with_a_role_of_his_own(
     seed: int, loss: float, delay: int, slots: list[Point]
 ) -> None:
-    """Lost and late news delay exchanges; in the end the roles are a permutation, and nobody waits for anybody."""
+    """Lost and late news delay exchanges; in the end the roles are a permutation, and nobody waits
+    for anybody."""
     swarm = Swarm(slots, row(), seed, loss, delay)
     swarm.run(40)
     swarm.new = False
@@ -125,7 +135,9 @@ def test_whatever_is_lost_or_late_everybody_ends_with_a_role_of_his_own(
 
 @settings(max_examples=20, deadline=None)
 @given(st.floats(0.2, 6.0), st.sampled_from(IDS), st.permutations(SWAPPED))
-def test_one_that_dies_in_the_middle_of_a_deal_blocks_nobody(after_s: float, who: int, slots: list[Point]) -> None:
+def test_one_that_dies_in_the_middle_of_a_deal_blocks_nobody(
+    after_s: float, who: int, slots: list[Point]
+) -> None:
     """The living end with roles of their own, and settle."""
     swarm = Swarm(slots, row())
     swarm.run(after_s)
@@ -137,7 +149,8 @@ def test_one_that_dies_in_the_middle_of_a_deal_blocks_nobody(after_s: float, who
 
 
 def test_nothing_is_dealt_where_it_is_not_allowed() -> None:
-    """With `new` off (fixed slots, another step, done) everybody keeps his role, and takes no offer."""
+    """With `new` off (fixed slots, another step, done) everybody keeps his role, and takes no
+    offer."""
     swarm = Swarm(SWAPPED, row(), new=False)
     swarm.run(10)
     assert swarm.roles == [0, 1, 2, 3]
@@ -167,14 +180,21 @@ def test_a_graph_follows_the_roles() -> None:
 
 @pytest.mark.parametrize(
     "deal",
-    [ExchangeState(role=-1), ExchangeState(role=4), ExchangeState(role=0, lock=9), ExchangeState(role=1, offer_to=-2)],
+    [
+        ExchangeState(role=-1),
+        ExchangeState(role=4),
+        ExchangeState(role=0, lock=9),
+        ExchangeState(role=1, offer_to=-2),
+    ],
 )
 def test_a_deal_that_makes_no_sense_is_none(deal: ExchangeState) -> None:
     """Whoever sends it keeps his own role in our eyes, and nothing breaks."""
     swarm = Swarm(SWAPPED, row())
     swarm.tick()
     state = swarm.state(IDS[2])
-    bad = AgentState(*(deal if name == "deal" else getattr(state, name) for name in AgentState.__slots__))
+    bad = AgentState(
+        *(deal if name == "deal" else getattr(state, name) for name in AgentState.__slots__)
+    )
     swarm.peers[IDS[0]].hear(bad, swarm.now)
     own = swarm.dealers[IDS[0]]
     own.hear()

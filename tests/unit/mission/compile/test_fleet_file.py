@@ -47,7 +47,9 @@ def test_only_the_response_changes(before: str, newline: str) -> None:
 def test_a_fleet_inside_a_mission() -> None:
     """The agents of the mission are not those of its fleet."""
     text = "agents:\n  - {id: 3, start: [0, 0]}\nfleet:\n  agents:\n  - {id: 3}\n"
-    assert with_response(text, 3, FOUND).endswith(f"fleet:\n  agents:\n  - {{id: 3, response: {TEXT}}}\n")
+    assert with_response(text, 3, FOUND).endswith(
+        f"fleet:\n  agents:\n  - {{id: 3, response: {TEXT}}}\n"
+    )
     assert "start: [0, 0]}\n" in with_response(text, 3, FOUND)
 
 
@@ -72,7 +74,9 @@ def test_an_agent_that_is_not_there() -> None:
 def test_a_fleet_is_read_without_a_mission(tmp_path: Path) -> None:
     """Sorted, with what is typical for each autopilot."""
     path = tmp_path / "fleet.yaml"
-    path.write_text("agents:\n  - {id: 2, autopilot: px4, sysid: 9}\n  - {id: 1, response: {lag_s: 0.7}}\n")
+    path.write_text(
+        "agents:\n  - {id: 2, autopilot: px4, sysid: 9}\n  - {id: 1, response: {lag_s: 0.7}}\n"
+    )
     first, second = read_fleet(path).agents
     assert (first.id, first.sysid, first.response.lag_s, first.endpoint) == (1, 1, 0.7, None)
     assert (second.id, second.sysid, second.response) == (2, 9, TYPICAL["px4"])
@@ -85,7 +89,10 @@ def test_a_fleet_is_read_without_a_mission(tmp_path: Path) -> None:
             "agents:\n  - {id: 1, respons: {}}\n",
             "fleet.yaml:2: agents[0].respons: unknown field; did you mean response?",
         ),
-        ("agents:\n  - {id: 1}\n  - {id: 1}\n", "fleet.yaml:3: agents[1].id: 1 is taken by agents[0]"),
+        (
+            "agents:\n  - {id: 1}\n  - {id: 1}\n",
+            "fleet.yaml:3: agents[1].id: 1 is taken by agents[0]",
+        ),
         ("agents: []\n", "fleet.yaml:1: agents"),
         ("agents:\n  - {id: 1, endpoint: 'udpout:h:99999'}\n", "port 99999 is out of range"),
     ],
@@ -100,7 +107,10 @@ def test_mistakes_have_their_line(tmp_path: Path, text: str, told: str) -> None:
 
 def test_where_the_fleet_of_a_mission_stands(tmp_path: Path) -> None:
     path = tmp_path / "mission.yaml"
-    for fleet, where in (("fleet: far/away.yaml", tmp_path / "far/away.yaml"), ("fleet: {agents: [{id: 1}]}", path)):
+    for fleet, where in (
+        ("fleet: far/away.yaml", tmp_path / "far/away.yaml"),
+        ("fleet: {agents: [{id: 1}]}", path),
+    ):
         path.write_text(f"{BARE}{fleet}\n")
         assert file_of(path) == where
     path.write_text(BARE)

@@ -1,4 +1,5 @@
-"""The rehearsal: agrees with closed forms where there are any, and starts each shape where the one before ended."""
+"""The rehearsal: agrees with closed forms where there are any, and starts each shape where the one
+before ended."""
 
 from __future__ import annotations
 
@@ -80,8 +81,16 @@ def test_every_form_step_has_its_forecast_and_the_second_time_is_shorter() -> No
 
 
 def test_one_agent_is_a_formation_at_once() -> None:
-    lines = [line for line in without_section("fleet").splitlines() if "{id: 2," not in line and "{id: 3," not in line]
-    text = "\n".join(lines).replace("count: 3", "count: 1").replace("      - [0, 2]\n      - [0, 4]\n", "")
+    lines = [
+        line
+        for line in without_section("fleet").splitlines()
+        if "{id: 2," not in line and "{id: 3," not in line
+    ]
+    text = (
+        "\n".join(lines)
+        .replace("count: 3", "count: 1")
+        .replace("      - [0, 2]\n      - [0, 4]\n", "")
+    )
     for forecast in rehearse(loads(text).plan):
         assert forecast.formed_s == pytest.approx(5.9, abs=0.06)
         assert forecast.smallest_pair is None

@@ -14,7 +14,15 @@ import yaml
 
 from swarm_ctl.core.law import graph
 from swarm_ctl.core.law.stop_point import TYPICAL
-from swarm_ctl.core.model.plan import Compensation, FormStep, HoldStep, LandStep, Policies, Policy, TakeoffStep
+from swarm_ctl.core.model.plan import (
+    Compensation,
+    FormStep,
+    HoldStep,
+    LandStep,
+    Policies,
+    Policy,
+    TakeoffStep,
+)
 from swarm_ctl.errors import MissionError
 from swarm_ctl.mission.compile.fleet import FleetAgent
 from swarm_ctl.mission.compile.loader import dumps, load, loads
@@ -29,11 +37,25 @@ def test_the_hexagon_is_the_papers() -> None:
     loaded = load(MISSIONS / "hexagon.yaml")
     plan = loaded.plan
     links = {agent.id: agent.neighbours for agent in plan.agents}
-    assert links == {1: (2, 3), 2: (1, 6), 3: (1, 5), 4: (5,), 5: (3, 4), 6: (2,)}, "the path 6-2-1-3-5-4"
+    assert links == {1: (2, 3), 2: (1, 6), 3: (1, 5), 4: (5,), 5: (3, 4), 6: (2,)}, (
+        "the path 6-2-1-3-5-4"
+    )
     assert graph.edges(links) == ((1, 2), (1, 3), (2, 6), (3, 5), (4, 5))
-    assert [agent.start for agent in plan.agents] == [(14, 16), (12, 12), (10, 18), (6, 12), (6, 16), (14, 10)]
+    assert [agent.start for agent in plan.agents] == [
+        (14, 16),
+        (12, 12),
+        (10, 18),
+        (6, 12),
+        (6, 16),
+        (14, 10),
+    ]
     assert (plan.law.r, plan.law.r_out, plan.law.r_in, plan.unit_m) == (4.5, 1.5, 0.5, 5)
-    assert (plan.kappa, plan.law.h, plan.tick_s, plan.compensation) == (20, 0.05, 0.05, Compensation.STOP_POINT)
+    assert (plan.kappa, plan.law.h, plan.tick_s, plan.compensation) == (
+        20,
+        0.05,
+        0.05,
+        Compensation.STOP_POINT,
+    )
     takeoff, form, hold, land = plan.steps
     assert isinstance(takeoff, TakeoffStep)
     assert takeoff.height_m == 10
@@ -94,7 +116,11 @@ def test_numbers_may_be_written_in_any_usual_way(number: str) -> None:
 
 @pytest.mark.parametrize("name", ["on", "no", "y", "010", "1_000", "2026-01-01", "0x1F"])
 def test_words_that_older_yaml_would_turn_into_something_else_stay_words(name: str) -> None:
-    text = edited(("  ring:", f"  {name}:"), ("shape: ring", f"shape: {name}"), ("name: trio", f"name: {name}"))
+    text = edited(
+        ("  ring:", f"  {name}:"),
+        ("shape: ring", f"shape: {name}"),
+        ("name: trio", f"name: {name}"),
+    )
     loaded = loads(text)
     assert (loaded.plan.name, loaded.plan.steps[1].shape) == (name, name)  # type: ignore[union-attr]
     assert loads(dumps(loaded.file)).file == loaded.file
@@ -116,10 +142,16 @@ def test_land_may_be_written_short(land: str) -> None:
 
 def test_comments_order_and_the_fleet_do_not_change_the_hash() -> None:
     top = yaml.safe_load(TEXT)
-    turned = {key: dict(reversed(v.items())) if isinstance(v, dict) else v for key, v in reversed(top.items())}
+    turned = {
+        key: dict(reversed(v.items())) if isinstance(v, dict) else v
+        for key, v in reversed(top.items())
+    }
     plan = loads(TEXT).plan
     assert loads(json.dumps(turned)).plan.hash() == plan.hash()
-    assert loads("# a word\n" + TEXT.replace("  r: 4.5", "  r: 4.5   # metres? no: units")).plan.hash() == plan.hash()
+    assert (
+        loads("# a word\n" + TEXT.replace("  r: 4.5", "  r: 4.5   # metres? no: units")).plan.hash()
+        == plan.hash()
+    )
     assert loads(without_section("fleet")).plan.hash() == plan.hash()
     agents = TEXT[TEXT.index("  - {id: 1, start") : TEXT.index("shapes:")]
     reordered = "".join(reversed(agents.splitlines(keepends=True)))
@@ -199,11 +231,15 @@ def test_every_value_is_in_the_hash(old: str, new: str) -> None:
 
 
 def test_the_changes_above_reach_every_field_of_a_plan() -> None:
-    """A field added to the plan has to be added to CHANGES, too: this counts the leaves that they reach."""
+    """A field added to the plan has to be added to CHANGES, too: this counts the leaves that they
+    reach."""
 
     def leaves(value: object, name: str = "") -> dict[str, object]:
         if dataclasses.is_dataclass(value) and not isinstance(value, type):
-            value = {f"{type(value).__name__}.{f.name}": getattr(value, f.name) for f in dataclasses.fields(value)}
+            value = {
+                f"{type(value).__name__}.{f.name}": getattr(value, f.name)
+                for f in dataclasses.fields(value)
+            }
         if isinstance(value, dict):
             return {k: v for key, inner in value.items() for k, v in leaves(inner, key).items()}
         if isinstance(value, tuple) and value and dataclasses.is_dataclass(value[0]):
@@ -218,7 +254,9 @@ def test_the_changes_above_reach_every_field_of_a_plan() -> None:
     reached = set()
     for old, new in CHANGES.items():
         after = leaves(loads(changed(old, new)).plan)
-        reached |= {key for key in before.keys() | after.keys() if before.get(key) != after.get(key)}
+        reached |= {
+            key for key in before.keys() | after.keys() if before.get(key) != after.get(key)
+        }
     constant = {f"{kind}.kind" for kind in ("TakeoffStep", "FormStep", "HoldStep", "LandStep")}
     constant.add("LandStep.on_timeout")  # always to land
     assert set(before) - reached <= constant
@@ -240,12 +278,15 @@ def test_the_fleet_has_one_entry_per_agent_sorted() -> None:
 
 
 def test_without_a_fleet_all_are_simulated() -> None:
-    assert loads(without_section("fleet")).fleet.agents == tuple(FleetAgent(k, k, "ardupilot") for k in (1, 2, 3))
+    assert loads(without_section("fleet")).fleet.agents == tuple(
+        FleetAgent(k, k, "ardupilot") for k in (1, 2, 3)
+    )
 
 
 def test_the_same_mission_flies_with_another_fleet(tmp_path: Path) -> None:
     (tmp_path / "outdoors.yaml").write_text(
-        "version: 1\nagents:\n" + "".join(f"  - {{id: {k}, sysid: {k + 10}}}\n" for k in (1, 2, 3, 4))
+        "version: 1\nagents:\n"
+        + "".join(f"  - {{id: {k}, sysid: {k + 10}}}\n" for k in (1, 2, 3, 4))
     )
     named = tmp_path / "named.yaml"
     named.write_text(without_section("fleet") + "fleet: outdoors.yaml\n")
@@ -255,7 +296,9 @@ def test_the_same_mission_flies_with_another_fleet(tmp_path: Path) -> None:
     assert [entry.sysid for entry in by_name.fleet.agents] == [11, 12, 13]
     assert by_name.fleet == by_argument.fleet
     assert by_name.plan == by_argument.plan == load(inline).plan
-    assert [w.partition(" ")[2] for w in by_name.warnings] == ["fleet.agents[3]: agent 4 is not in this mission"]
+    assert [w.partition(" ")[2] for w in by_name.warnings] == [
+        "fleet.agents[3]: agent 4 is not in this mission"
+    ]
     assert by_name.warnings[0].startswith(f"{tmp_path / 'outdoors.yaml'}:6:")
 
 
@@ -274,9 +317,16 @@ def test_mistakes_in_a_fleet_file_are_shown_in_that_file(tmp_path: Path) -> None
 
 @pytest.mark.parametrize(
     ("content", "line_in_fleet", "what"),
-    [(None, None, "can't be read"), ("", 1, "is empty"), ("a: [", 1, "YAML"), ("- 1", 1, "is a list")],
+    [
+        (None, None, "can't be read"),
+        ("", 1, "is empty"),
+        ("a: [", 1, "YAML"),
+        ("- 1", 1, "is a list"),
+    ],
 )
-def test_unreadable_fleet_files(tmp_path: Path, content: str | None, line_in_fleet: int | None, what: str) -> None:
+def test_unreadable_fleet_files(
+    tmp_path: Path, content: str | None, line_in_fleet: int | None, what: str
+) -> None:
     fleet, mission = tmp_path / "f.yaml", tmp_path / "m.yaml"
     if content is not None:
         fleet.write_text(content)
@@ -296,10 +346,18 @@ def test_unreadable_fleet_files(tmp_path: Path, content: str | None, line_in_fle
 @pytest.mark.parametrize(
     ("edit", "line", "text"),
     [
-        (("[0, 3]", "[0, 1]"), 11, "agents: agents 1 and 2 start 5 m apart, inside each other's avoidance region"),
+        (
+            ("[0, 3]", "[0, 1]"),
+            11,
+            "agents: agents 1 and 2 start 5 m apart, inside each other's avoidance region",
+        ),
         (("- [0, 4]", "- [0, 5]"), 27, "steps[3].form.shape: row stretches the link"),
         (("r_in: 0.5", "r_in: 0.1"), 9, "law.r_in: 0.5 m"),
-        (("  kappa: 20", "  kappa: 20\n  h: 0.05\n  compensation: none"), 12, "law.compensation: none, with kappa"),
+        (
+            ("  kappa: 20", "  kappa: 20\n  h: 0.05\n  compensation: none"),
+            12,
+            "law.compensation: none, with kappa",
+        ),
         (("  kappa: 20", "  kappa: 20\n  h: 0.3"), 11, "law.h: kappa * h = 6"),
         (("shape: row", "shape: ring"), 17, "shapes.row: no step forms it"),
     ],
@@ -313,7 +371,9 @@ def test_what_is_allowed_but_doubtful_is_said(edit: tuple[str, str], line: int, 
 
 
 def test_the_examples_in_the_missions_readme_are_right() -> None:
-    mission, faults, fleet = re.findall(r"```yaml\n(.*?)```", (MISSIONS / "README.md").read_text(), re.DOTALL)
+    mission, faults, fleet = re.findall(
+        r"```yaml\n(.*?)```", (MISSIONS / "README.md").read_text(), re.DOTALL
+    )
     assert len(loads(mission + faults).file.simulation.faults) == 2
     loaded = loads(mission + "fleet:\n" + textwrap.indent(fleet, "  "))
     assert loaded.plan == loads(mission).plan
@@ -324,7 +384,17 @@ def test_the_examples_in_the_missions_readme_are_right() -> None:
 def test_the_missions_readme_names_every_field_and_every_mission() -> None:
     text = (MISSIONS / "README.md").read_text()
     schema = MissionFile.model_json_schema()
-    fields = {name for section in (schema, *schema["$defs"].values()) for name in section.get("properties", ())}
+    fields = {
+        name
+        for section in (schema, *schema["$defs"].values())
+        for name in section.get("properties", ())
+    }
     fields -= set(NEUTRAL)  # the simulator's own README has them
-    assert {name for name in fields if f"`{name}`" not in text} <= {"lat_deg", "lon_deg", "alt_m", "origin", "kind"}
+    assert {name for name in fields if f"`{name}`" not in text} <= {
+        "lat_deg",
+        "lon_deg",
+        "alt_m",
+        "origin",
+        "kind",
+    }
     assert {path.name for path in MISSIONS.glob("*.yaml") if f"`{path.name}`" not in text} == set()

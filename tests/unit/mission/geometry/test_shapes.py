@@ -26,11 +26,18 @@ counts = st.integers(2, 40)
 spacings = st.floats(0.1, 100)
 
 
-@given(st.sampled_from(["line", "column", "grid", "wedge", "vee"]), counts, spacings, st.floats(-360, 360))
+@given(
+    st.sampled_from(["line", "column", "grid", "wedge", "vee"]),
+    counts,
+    spacings,
+    st.floats(-360, 360),
+)
 def test_adjacent_slots_are_spacing_apart_and_none_is_closer(
     kind: str, count: int, spacing: float, turn: float
 ) -> None:
-    assert smallest_distance(slots(count, kind=kind, spacing=spacing, rotation_deg=turn)) == pytest.approx(spacing)
+    assert smallest_distance(
+        slots(count, kind=kind, spacing=spacing, rotation_deg=turn)
+    ) == pytest.approx(spacing)
 
 
 @given(counts, spacings)
@@ -45,9 +52,15 @@ def test_a_ring_by_radius_has_that_radius(count: int, radius: float) -> None:
     assert np.linalg.norm(slots(count, kind="ring", radius=radius), axis=1) == pytest.approx(radius)
 
 
-@given(st.sampled_from(["ring", "line", "column", "grid", "vee", "wedge", "star"]), counts, st.floats(-360, 360))
+@given(
+    st.sampled_from(["ring", "line", "column", "grid", "vee", "wedge", "star"]),
+    counts,
+    st.floats(-360, 360),
+)
 def test_turning_keeps_every_distance(kind: str, count: int, turn: float) -> None:
-    sizes = {"ring": {"side": 2.0}, "star": {"radius": 5.0, "inner_radius": 2.0}}.get(kind, {"spacing": 2.0})
+    sizes = {"ring": {"side": 2.0}, "star": {"radius": 5.0, "inner_radius": 2.0}}.get(
+        kind, {"spacing": 2.0}
+    )
     straight = slots(count, kind=kind, **sizes)
     turned = slots(count, kind=kind, rotation_deg=turn, **sizes)
     assert len(straight) == count
@@ -60,12 +73,18 @@ def test_turning_keeps_every_distance(kind: str, count: int, turn: float) -> Non
         ({"kind": "ring", "radius": 1.0}, [[1, 0], [0, 1], [-1, 0], [0, -1]]),
         ({"kind": "ring", "radius": 1.0, "rotation_deg": 90.0}, [[0, 1], [-1, 0], [0, -1], [1, 0]]),
         ({"kind": "line", "spacing": 2.0}, [[0, 0], [0, 2], [0, 4], [0, 6]]),
-        ({"kind": "line", "spacing": 2.0, "rotation_deg": 90.0}, [[0, 0], [-2, 0], [-4, 0], [-6, 0]]),
+        (
+            {"kind": "line", "spacing": 2.0, "rotation_deg": 90.0},
+            [[0, 0], [-2, 0], [-4, 0], [-6, 0]],
+        ),
         ({"kind": "column", "spacing": 2.0}, [[0, 0], [-2, 0], [-4, 0], [-6, 0]]),
         ({"kind": "grid", "spacing": 2.0}, [[0, 0], [0, 2], [-2, 0], [-2, 2]]),
         ({"kind": "grid", "spacing": 2.0, "columns": 3}, [[0, 0], [0, 2], [0, 4], [-2, 0]]),
         ({"kind": "vee", "spacing": math.sqrt(2)}, [[0, 0], [-1, -1], [-1, 1], [-2, -2]]),
-        ({"kind": "wedge", "spacing": 2.0}, [[0, 0], [-math.sqrt(3), -1], [-math.sqrt(3), 1], [-2 * math.sqrt(3), -2]]),
+        (
+            {"kind": "wedge", "spacing": 2.0},
+            [[0, 0], [-math.sqrt(3), -1], [-math.sqrt(3), 1], [-2 * math.sqrt(3), -2]],
+        ),
         ({"kind": "star", "radius": 2.0, "inner_radius": 1.0}, [[2, 0], [0, 1], [-2, 0], [0, -1]]),
         ({"kind": "offsets", "offsets": ((1.0, 2.0), (3.0, 4.0))}, [[1, 2], [3, 4]]),
         ({"kind": "ring", "side": 2.0, "count": 1}, [[0, 0]]),

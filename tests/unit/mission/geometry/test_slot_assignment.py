@@ -25,7 +25,9 @@ def cost(p: Array, z: Array) -> float:
 @given(points, points)
 def test_no_other_choice_costs_less(p: Array, slots: Array) -> None:
     chosen = nearest(p, slots)
-    assert sorted(map(tuple, chosen.tolist())) == sorted(map(tuple, slots.tolist())), "every slot taken once"
+    assert sorted(map(tuple, chosen.tolist())) == sorted(map(tuple, slots.tolist())), (
+        "every slot taken once"
+    )
     least = min(cost(p, slots[list(order)]) for order in itertools.permutations(range(len(slots))))
     assert cost(p, chosen) == pytest.approx(least, rel=1e-9, abs=1e-6)
 
@@ -39,7 +41,9 @@ def test_where_shape_and_swarm_are_does_not_matter(
 
 
 @given(points, shift, st.randoms(use_true_random=False))
-def test_agents_that_stand_in_the_shape_stay(slots: Array, by: tuple[float, float], random: object) -> None:
+def test_agents_that_stand_in_the_shape_stay(
+    slots: Array, by: tuple[float, float], random: object
+) -> None:
     order = list(range(len(slots)))
     random.shuffle(order)  # type: ignore[attr-defined]
     assert nearest(slots[order] + np.array(by), slots) == pytest.approx(slots[order], abs=1e-3)

@@ -28,7 +28,11 @@ def test_it_is_json_and_all_its_references_lead_somewhere() -> None:
 
 
 def test_unknown_fields_are_refused_in_every_section() -> None:
-    sections = [node for node in nodes(json_schema()) if node.get("type") == "object" and "properties" in node]
+    sections = [
+        node
+        for node in nodes(json_schema())
+        if node.get("type") == "object" and "properties" in node
+    ]
     assert len(sections) > 15
     assert all(section["additionalProperties"] is False for section in sections)
 
@@ -40,4 +44,7 @@ def test_the_short_forms_an_operator_may_write_are_in_it() -> None:
 
 
 def test_every_section_says_what_it_is() -> None:
-    assert all(MissionFile.model_json_schema()["$defs"][name].get("description") for name in ("Law", "Form", "Ring"))
+    assert all(
+        MissionFile.model_json_schema()["$defs"][name].get("description")
+        for name in ("Law", "Form", "Ring")
+    )

@@ -1,4 +1,5 @@
-"""The section `simulation`: what it may say, what the simulator is told, and that the plan knows nothing of it."""
+"""The section `simulation`: what it may say, what the simulator is told, and that the plan knows
+nothing of it."""
 
 from __future__ import annotations
 
@@ -33,9 +34,13 @@ def test_the_parameters_are_the_simulators() -> None:
 
 
 def test_the_simulator_is_told_what_begins_and_what_ends() -> None:
-    """Under system ids, which need not be the agents'; at one time what ends comes first; back to the start's value."""
+    """Under system ids, which need not be the agents'; at one time what ends comes first; back to
+    the start's value."""
     loaded = loads((TEXT + SECTION).replace("sysid: 3", "sysid: 33"))
-    vehicles = [replace(entry, endpoint=f"udpout:127.0.0.1:{15000 + entry.id}") for entry in loaded.fleet.agents]
+    vehicles = [
+        replace(entry, endpoint=f"udpout:127.0.0.1:{15000 + entry.id}")
+        for entry in loaded.fleet.agents
+    ]
     told = simulator_config(loaded.plan, vehicles, loaded.file.simulation)
     config = SimConfig.model_validate(told | {"epoch_s": 0.0})
     assert config.sim_parameters == {"SIM_WIND_SPD": 4}
@@ -71,18 +76,55 @@ def test_it_is_written_again() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "line", "field", "what", "allowed"),
     [
-        ("SIM_GPS_FREEZE", "SIM_GPS_FREZE", 3, "simulation.faults[0].set.SIM_GPS_FREZE", "did you mean", "SIM_LOSS"),
-        ("[3]", "[4]", 3, "simulation.faults[0].agents[0]", "agent 4 is not in this mission", "one of 1, 2, 3"),
+        (
+            "SIM_GPS_FREEZE",
+            "SIM_GPS_FREZE",
+            3,
+            "simulation.faults[0].set.SIM_GPS_FREZE",
+            "did you mean",
+            "SIM_LOSS",
+        ),
+        (
+            "[3]",
+            "[4]",
+            3,
+            "simulation.faults[0].agents[0]",
+            "agent 4 is not in this mission",
+            "one of 1, 2, 3",
+        ),
         ("[3]", "[]", 3, "simulation.faults[0].agents", "has 0 entries", "1 to 250"),
         ("at_s: 30", "at_s: -1", 3, "simulation.faults[0].at_s", "-1 is out of range", "from 0"),
         ("for_s: 5", "for_s: 0", 3, "simulation.faults[0].for_s", "0 is out of range", "above 0"),
         ("{SIM_GPS_FREEZE: 1}", "{}", 3, "simulation.faults[0].set", "sets nothing", "SIM_*"),
-        ("FREEZE: 1", "FREEZE: 2", 3, "simulation.faults[0].set.SIM_GPS_FREEZE", "2 is not allowed", "one of 0, 1"),
-        ("SPD: 4", "SPD: fast", 1, "simulation.parameters.SIM_WIND_SPD", '"fast" is text', "from 0 to 60"),
-        ("GPS_FREEZE: 1}", "WIND_SPD: 1}", 4, "simulation.faults[1].at_s", "while faults[0] lasts", "36 or later"),
+        (
+            "FREEZE: 1",
+            "FREEZE: 2",
+            3,
+            "simulation.faults[0].set.SIM_GPS_FREEZE",
+            "2 is not allowed",
+            "one of 0, 1",
+        ),
+        (
+            "SPD: 4",
+            "SPD: fast",
+            1,
+            "simulation.parameters.SIM_WIND_SPD",
+            '"fast" is text',
+            "from 0 to 60",
+        ),
+        (
+            "GPS_FREEZE: 1}",
+            "WIND_SPD: 1}",
+            4,
+            "simulation.faults[1].at_s",
+            "while faults[0] lasts",
+            "36 or later",
+        ),
     ],
 )
-def test_what_is_refused(old: str, new: str, line: int, field: str, what: str, allowed: str) -> None:
+def test_what_is_refused(
+    old: str, new: str, line: int, field: str, what: str, allowed: str
+) -> None:
     text = SECTION.replace("for_s: 5", "for_s: 6") if "WIND_SPD" in new else SECTION
     assert text.count(old) == 1
     (problem,) = problems(TEXT + text.replace(old, new))
@@ -93,7 +135,8 @@ def test_what_is_refused(old: str, new: str, line: int, field: str, what: str, a
 
 def test_two_faults_of_one_parameter_may_follow_or_hit_different_agents() -> None:
     more = "".join(
-        f"    - {{at_s: {at_s}, agents: [{i}], set: {{SIM_GPS_FREEZE: 1}}}}\n" for at_s, i in ((35, 3), (31, 1))
+        f"    - {{at_s: {at_s}, agents: [{i}], set: {{SIM_GPS_FREEZE: 1}}}}\n"
+        for at_s, i in ((35, 3), (31, 1))
     )
     assert len(loads(TEXT + SECTION + more).file.simulation.faults) == 4
 

@@ -28,7 +28,9 @@ numbers = st.floats(-1e6, 1e6, allow_nan=False)
 points = st.tuples(numbers, numbers)
 steps = st.one_of(
     st.builds(TakeoffStep, numbers, numbers),
-    st.builds(FormStep, st.text(), st.lists(points, max_size=3).map(tuple), numbers, numbers, numbers),
+    st.builds(
+        FormStep, st.text(), st.lists(points, max_size=3).map(tuple), numbers, numbers, numbers
+    ),
     st.builds(HoldStep, numbers, numbers),
     st.builds(LandStep, numbers),
 )
@@ -51,7 +53,10 @@ def test_a_plan_built_with_whole_numbers_has_the_same_hash() -> None:
 def _places(value: Any, path: tuple[str | int, ...] = ()) -> list[tuple[str | int, ...]]:
     """Where the plan's JSON has mappings."""
     if isinstance(value, dict):
-        return [path, *(place for key, inner in value.items() for place in _places(inner, (*path, key)))]
+        return [
+            path,
+            *(place for key, inner in value.items() for place in _places(inner, (*path, key))),
+        ]
     if isinstance(value, list):
         return [place for k, inner in enumerate(value) for place in _places(inner, (*path, k))]
     return []
@@ -59,7 +64,9 @@ def _places(value: Any, path: tuple[str | int, ...] = ()) -> list[tuple[str | in
 
 def test_an_unknown_field_is_refused_wherever_it_stands() -> None:
     places = _places(json.loads(plan_to_json(PLAN)))
-    assert len(places) == 2 + 6 + len(PLAN.agents) + len(PLAN.steps)  # document, plan, its sections, agents, steps
+    assert len(places) == 2 + 6 + len(PLAN.agents) + len(
+        PLAN.steps
+    )  # document, plan, its sections, agents, steps
     for place in places:
         data = json.loads(plan_to_json(PLAN))
         inner = data

@@ -29,7 +29,11 @@ alive = hnp.arrays(np.bool_, (3, 4))
 
 def _flight(points: Floats, live: Bools | None = None) -> Flight:
     moments = len(points)
-    return Flight(np.linspace(0.0, 1.0, moments), points, np.ones(points.shape[:2], bool) if live is None else live)
+    return Flight(
+        np.linspace(0.0, 1.0, moments),
+        points,
+        np.ones(points.shape[:2], bool) if live is None else live,
+    )
 
 
 @given(paths, slots, alive)
@@ -47,7 +51,10 @@ def test_formation_error_is_the_laws_over_the_live_agents(points, slots, live) -
 
 @given(paths, slots, alive, st.tuples(metres, metres))
 def test_formation_error_does_not_see_where_the_shape_stands(points, slots, live, shift) -> None:  # type: ignore[no-untyped-def]
-    here, there = formation_error(_flight(points, live), slots), formation_error(_flight(points + shift, live), slots)
+    here, there = (
+        formation_error(_flight(points, live), slots),
+        formation_error(_flight(points + shift, live), slots),
+    )
     np.testing.assert_allclose(here, there, atol=1e-6)
 
 
@@ -90,11 +97,17 @@ def test_the_tolerance_itself_is_not_under_it_and_nan_is_not_either() -> None:
     assert time_to_settle(np.zeros(0), np.zeros(0), 0.0, 20.0, 0.5, 5.0) is None
 
 
-@given(hnp.arrays(np.float64, 40, elements=st.sampled_from([0.1, 0.9, np.nan])), st.integers(0, 39), st.integers(0, 8))
+@given(
+    hnp.arrays(np.float64, 40, elements=st.sampled_from([0.1, 0.9, np.nan])),
+    st.integers(0, 39),
+    st.integers(0, 8),
+)
 def test_time_to_settle_is_the_first_window_that_holds(error, start, window) -> None:  # type: ignore[no-untyped-def]
     times = np.arange(40.0)
     found = time_to_settle(times, error, float(start), 39.0, 0.5, float(window))
-    wanted = next((k for k in range(start, 40 - window) if all(error[k : k + window + 1] < 0.5)), None)
+    wanted = next(
+        (k for k in range(start, 40 - window) if all(error[k : k + window + 1] < 0.5)), None
+    )
     assert found == (None if wanted is None else wanted - start)
 
 
@@ -125,7 +138,9 @@ def test_a_flight_has_the_plans_order_and_the_agents_lives() -> None:
     np.testing.assert_array_equal(flight.points_m[0, 0], [3.0, 4.0])
     np.testing.assert_array_equal(flight.points_m[0, 2], [0.0, 1.0])
     assert np.isnan(flight.points_m[:, 1]).all()
-    np.testing.assert_array_equal(flight.live, [[True, False, False], [True, False, True], [False, False, True]])
+    np.testing.assert_array_equal(
+        flight.live, [[True, False, False], [True, False, True], [False, False, True]]
+    )
     np.testing.assert_array_equal(flight.during(1.0, 1.5).time_s, [1.0])
 
 

@@ -10,7 +10,15 @@ import pytest
 
 from swarm_ctl.report.folder.files import Damage
 from swarm_ctl.report.folder.truth import End, Header, State, TruthEvent, load_truth, read_truth
-from tests.unit.report.run_folders import CENTRE, END, LIFTOFF, SYSIDS, TOUCHDOWN, position, truth_lines
+from tests.unit.report.run_folders import (
+    CENTRE,
+    END,
+    LIFTOFF,
+    SYSIDS,
+    TOUCHDOWN,
+    position,
+    truth_lines,
+)
 
 SMALL = [
     '{"type":"header","version":1,"t":0.0,"origin":{"lat_deg":1.0,"lon_deg":2.0,"alt_m":3.0},"sysids":[7,9]}',
@@ -34,7 +42,9 @@ def test_a_whole_file(tmp_path: Path) -> None:
     np.testing.assert_array_equal(truth.position_ned_m, [[[0, 0, 0], [3, 4, -5]]])
     np.testing.assert_array_equal(truth.airborne, [[False, True]])
     assert truth.minima == {(7, 9): 4.0}
-    assert [(event.time_s, event.sysid, event.event) for event in truth.events] == [(0.5, 9, "liftoff")]
+    assert [(event.time_s, event.sysid, event.event) for event in truth.events] == [
+        (0.5, 9, "liftoff")
+    ]
     assert (truth.complete, truth.last_s, truth.damage) == (True, 2.0, Damage())
 
 

@@ -86,13 +86,18 @@ def test_steps_counts_links_and_versions_of_a_completed_run(run: Path) -> None:
         (3, "hold", "done", {}),
         (4, "land", "done", {}),
     ]
-    assert [(step.start_s, step.end_s) for step in summary.steps[2:4]] == [(FORM, HOLD), (HOLD, LAND)]
+    assert [(step.start_s, step.end_s) for step in summary.steps[2:4]] == [
+        (FORM, HOLD),
+        (HOLD, LAND),
+    ]
     assert summary.steps[2].time_to_form_s == summary.time_to_form_s
     assert summary.sigma_status == {"paper": 30, "narrow": 6, "inactive": 12, "overspeed": 0}
     assert (summary.overspeed, summary.setpoint_rate_hz) == (0, 20.0)
     assert (summary.tick.count, summary.tick.overruns, summary.tick.late_p99_ms) == (3000, 0, 1.3)
     assert len(summary.links) == 30
-    assert {(link.age_p50_s, link.age_p99_s, link.loss) for link in summary.links} == {(0.02, 0.05, 0.01)}
+    assert {(link.age_p50_s, link.age_p99_s, link.loss) for link in summary.links} == {
+        (0.02, 0.05, 0.01)
+    }
     assert [(agent.agent, agent.sysid, agent.account) for agent in summary.agents] == [
         (i, sysid, "final") for i, sysid in zip(range(1, 7), SYSIDS, strict=True)
     ]
@@ -100,7 +105,11 @@ def test_steps_counts_links_and_versions_of_a_completed_run(run: Path) -> None:
     assert (summary.truth.first_liftoff_s, summary.truth.last_touchdown_s) == (LIFTOFF, TOUCHDOWN)
     assert (summary.truth.complete, summary.truth.collisions) == (True, ())
     assert summary.events == {"warning": 1, "info": 6}
-    assert (summary.mission, summary.mission_file, summary.swarm) == ("hexagon", "missions/hexagon.yaml", "swarm")
+    assert (summary.mission, summary.mission_file, summary.swarm) == (
+        "hexagon",
+        "missions/hexagon.yaml",
+        "swarm",
+    )
     assert summary.plan_hash == manifest().plan_hash
     assert summary.started_at == "2026-03-01T12:30:00+00:00"
     assert summary.versions == {"swarm-ctl": "0.1.0"}
@@ -108,9 +117,16 @@ def test_steps_counts_links_and_versions_of_a_completed_run(run: Path) -> None:
 
 def test_the_worst_tick_and_the_slowest_agent_stand_for_all(run: Path) -> None:
     made = account(4)
-    write_status(run, replace(made, setpoint_rate_hz=17.5, tick=replace(made.tick, late_p99_ms=9.0, overruns=3)))
+    write_status(
+        run,
+        replace(made, setpoint_rate_hz=17.5, tick=replace(made.tick, late_p99_ms=9.0, overruns=3)),
+    )
     summary = summarise(run, EXIT_CODES)
-    assert (summary.setpoint_rate_hz, summary.tick.late_p99_ms, summary.tick.overruns) == (17.5, 9.0, 3)
+    assert (summary.setpoint_rate_hz, summary.tick.late_p99_ms, summary.tick.overruns) == (
+        17.5,
+        9.0,
+        3,
+    )
 
 
 # --- outcomes ---
@@ -119,7 +135,9 @@ def test_the_worst_tick_and_the_slowest_agent_stand_for_all(run: Path) -> None:
 def _abort(run: Path, *aborted: int, failed: tuple[int, ...] = ()) -> None:
     broken = (*STEPS[:2], StepResult("form hexagon", "aborted", FORM, 28.0))
     for i in range(1, 7):
-        outcome, reason = ("failed", "agent 1 broke the mission off") if i in failed else ("completed", "")
+        outcome, reason = (
+            ("failed", "agent 1 broke the mission off") if i in failed else ("completed", "")
+        )
         if i in aborted:
             outcome, reason = "aborted", "landed by the operator"
         write_status(run, account(i, outcome=outcome, reason=reason, step=2, steps=broken))
@@ -131,7 +149,13 @@ def test_an_operators_landing_is_aborted(run: Path) -> None:
     assert (summary.outcome, summary.reason) == ("aborted", "agents 1-6: landed by the operator")
     assert summary.time_to_form_s is None
     assert summary.formation_error_m == pytest.approx(_error_m(28.0))
-    assert [step.result for step in summary.steps] == ["done", "done", "aborted", "not reached", "not reached"]
+    assert [step.result for step in summary.steps] == [
+        "done",
+        "done",
+        "aborted",
+        "not reached",
+        "not reached",
+    ]
     assert summary.steps[3].exceptions == {}
 
 
@@ -144,10 +168,15 @@ def test_agents_that_saw_the_others_land_first_do_not_make_it_a_failure(run: Pat
 def test_an_agent_that_fails_is_named_with_its_reason(run: Path) -> None:
     write_status(run, account(4, outcome="failed", reason="no position from the vehicle for 3 s"))
     summary = summarise(run, EXIT_CODES | {"agent-4": 1})
-    assert (summary.outcome, summary.reason) == ("failed", "agent 4: no position from the vehicle for 3 s")
+    assert (summary.outcome, summary.reason) == (
+        "failed",
+        "agent 4: no position from the vehicle for 3 s",
+    )
 
 
-@pytest.mark.parametrize(("code", "words"), [(-9, "ended by SIGKILL"), (3, "exited with 3"), (1, "exited with 1")])
+@pytest.mark.parametrize(
+    ("code", "words"), [(-9, "ended by SIGKILL"), (3, "exited with 3"), (1, "exited with 1")]
+)
 def test_a_process_that_ended_badly_makes_it_a_failure(run: Path, code: int, words: str) -> None:
     summary = summarise(run, EXIT_CODES | {"sim": code})
     assert summary.outcome == "failed"
@@ -162,14 +191,17 @@ def test_an_operators_landing_that_not_everybody_survived_is_a_failure(run: Path
 
 
 def test_a_killed_agents_last_words_stand_in(run: Path) -> None:
-    """Agent 3 is killed at 30 s, long before the shape stands; its vehicle hovers on and no longer counts."""
+    """Agent 3 is killed at 30 s, long before the shape stands; its vehicle hovers on and no longer
+    counts."""
     (run / "agents" / "3.json").unlink()
     broken = (*STEPS[:2], StepResult("form hexagon", "aborted", FORM, 33.1))
     for i in (1, 2, 4, 5, 6):
         reason = "agent 3 has not been heard for 3 s"
         write_status(run, account(i, outcome="failed", reason=reason, steps=broken))
     write_lines(run / "statuses.jsonl", *(status_of(PLAN, 3, t) for t in (25.0, 29.6)))
-    summary = summarise(run, EXIT_CODES | {"agent-3": -9} | {f"agent-{i}": 1 for i in (1, 2, 4, 5, 6)})
+    summary = summarise(
+        run, EXIT_CODES | {"agent-3": -9} | {f"agent-{i}": 1 for i in (1, 2, 4, 5, 6)}
+    )
     assert summary.outcome == "failed"
     assert summary.reason == (
         "agent-3 was ended by SIGKILL; agent 3 left no account; last heard at 29.6 s in phase fly; "
@@ -178,9 +210,11 @@ def test_a_killed_agents_last_words_stand_in(run: Path) -> None:
     third = summary.agents[2]
     assert (third.account, third.outcome, third.time_s) == ("last heard", "running", 29.6)
     assert summary.steps[2].result == "aborted"
-    assert summary.steps[2].exceptions == {1: "aborted", 2: "aborted", 3: "running"} | dict.fromkeys(
-        (4, 5, 6), "aborted"
-    )
+    assert summary.steps[2].exceptions == {
+        1: "aborted",
+        2: "aborted",
+        3: "running",
+    } | dict.fromkeys((4, 5, 6), "aborted")
     assert summary.formation_error_m == pytest.approx(_error_m(33.1, (1, 2, 4, 5, 6)), abs=1e-6)
     assert any("3.json" in note for note in summary.notes)
 
@@ -230,7 +264,10 @@ def test_a_file_torn_anywhere_is_noted_and_the_run_is_not_completed(run: Path, n
             length -= 1
         (run / name).write_bytes(whole[:length])
         summary = summarise(run, EXIT_CODES)
-        if length or name not in ("statuses.jsonl", "events.jsonl"):  # an empty one may just have had nothing to tell
+        if length or name not in (
+            "statuses.jsonl",
+            "events.jsonl",
+        ):  # an empty one may just have had nothing to tell
             assert summary.outcome == "failed", share
             assert _named(summary.notes, name)
 
@@ -361,7 +398,8 @@ def test_events_and_phases_do_not_decide(run: Path) -> None:
 
 
 def test_a_formation_is_judged_by_who_has_which_slot(run: Path) -> None:
-    """Agents 2 and 3 say that they exchanged slots, and fly to their first ones all the same: no formation since."""
+    """Agents 2 and 3 say that they exchanged slots, and fly to their first ones all the same: no
+    formation since."""
     for agent, role in ((2, 2), (3, 1)):
         write_status(run, account(agent, roles=((HOLD, role),)))
     summary = summarise(run, EXIT_CODES)
@@ -371,8 +409,12 @@ def test_a_formation_is_judged_by_who_has_which_slot(run: Path) -> None:
     assert summary.safety is not None
     assert summary.safety.exchanges == 1
     errors = read_history(run).errors()
-    assert math.dist(errors[int(FORMED * 10) + 1, 1], errors[int(FORMED * 10) + 1, 0]) == pytest.approx(0.0, abs=1e-6)
-    assert math.dist(errors[int(HOLD * 10) + 2, 1], errors[int(HOLD * 10) + 2, 0]) == pytest.approx(gap_m)
+    assert math.dist(
+        errors[int(FORMED * 10) + 1, 1], errors[int(FORMED * 10) + 1, 0]
+    ) == pytest.approx(0.0, abs=1e-6)
+    assert math.dist(errors[int(HOLD * 10) + 2, 1], errors[int(HOLD * 10) + 2, 0]) == pytest.approx(
+        gap_m
+    )
 
 
 def test_a_role_that_no_plan_has_is_left_out(run: Path) -> None:

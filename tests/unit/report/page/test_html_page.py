@@ -17,7 +17,17 @@ from swarm_ctl.recording.recorder import Recorder
 from swarm_ctl.report.page.figures import FIGURES
 from swarm_ctl.report.page.flight_history import read_history
 from swarm_ctl.report.page.html_page import PAGE, make_comparison, make_report
-from tests.unit.report.run_folders import FORM, FORMED, LAND, LIFTOFF, PLAN, account, position, true_minimum, write_run
+from tests.unit.report.run_folders import (
+    FORM,
+    FORMED,
+    LAND,
+    LIFTOFF,
+    PLAN,
+    account,
+    position,
+    true_minimum,
+    write_run,
+)
 from tests.unit.station.swarm import report_of, state_of, status_of
 
 
@@ -26,10 +36,17 @@ def said() -> list[Payload]:
     found: list[Payload] = []
     for t in np.arange(LIFTOFF, LAND, 0.5).tolist():
         for agent in range(1, 7):
-            found.append(state_of(PLAN, agent, t, velocity_ned_mps=(0.5, 0.0, 0.0), commanded_mps=(1.0, 0.0)))
+            found.append(
+                state_of(PLAN, agent, t, velocity_ned_mps=(0.5, 0.0, 0.0), commanded_mps=(1.0, 0.0))
+            )
             charge = 10.0 if agent == 4 and t > 30.0 else 90.0
-            found.append(status_of(PLAN, agent, t, links=account(agent).links, battery_percent=charge))
-    found += [Event(2, 25.0, "warning", "vehicle: EKF variance"), Event(1, LAND, "info", "ended: completed")]
+            found.append(
+                status_of(PLAN, agent, t, links=account(agent).links, battery_percent=charge)
+            )
+    found += [
+        Event(2, 25.0, "warning", "vehicle: EKF variance"),
+        Event(1, LAND, "info", "ended: completed"),
+    ]
     found.append(SigmaReport(4, 25.0, (0.0, 0.0), (0.1, 0.0), (report_of(5, 1.2),)))
     return found
 
@@ -101,7 +118,8 @@ def test_the_page_needs_nothing_beside_it(reported: Path) -> None:
 
 
 def test_summary_and_alarms_are_told(reported: Path) -> None:
-    """The outcome, each figure's number, the station's alarms and the agents' warnings; plain events are none."""
+    """The outcome, each figure's number, the station's alarms and the agents' warnings; plain
+    events are none."""
     text = re.sub(r"<[^>]+>", " ", (reported / PAGE).read_text())
     assert "COMPLETED" in text
     assert f"{true_minimum()[0]:.2f} m" in text
@@ -114,7 +132,12 @@ def test_summary_and_alarms_are_told(reported: Path) -> None:
 def test_without_truth_or_recording_the_rest_is_drawn(run: Path) -> None:
     (run / "truth.jsonl").unlink()
     make_report(run)
-    assert {path.stem for path in (run / "figures").iterdir()} == {"sigma", "mesh", "ticks", "velocity"}
+    assert {path.stem for path in (run / "figures").iterdir()} == {
+        "sigma",
+        "mesh",
+        "ticks",
+        "velocity",
+    }
     for path in (run / "figures").iterdir():
         path.unlink()
     write_run(run)

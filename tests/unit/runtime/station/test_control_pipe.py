@@ -1,4 +1,5 @@
-"""The pipe between `run` and its station, and an agent's lifeline: never block, know when the other end is gone."""
+"""The pipe between `run` and its station, and an agent's lifeline: never block, know when the other
+end is gone."""
 
 from __future__ import annotations
 
@@ -12,7 +13,8 @@ from swarm_ctl.runtime.station.control_pipe import ControlPipe
 
 
 def test_messages_in_pieces() -> None:
-    """Lines torn by the pipe are put together; what is no JSON object is passed over; the end is seen."""
+    """Lines torn by the pipe are put together; what is no JSON object is passed over; the end is
+    seen."""
     read, write = os.pipe()
     pipe = ControlPipe(read)
     assert pipe.poll() == []

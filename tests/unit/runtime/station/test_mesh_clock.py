@@ -43,7 +43,8 @@ def test_the_first_word_sets_it(clock: HeardClock, first: float) -> None:
 
 
 def test_the_fastest_message_counts(clock: HeardClock, time: Time) -> None:
-    """Messages take 5 to 200 ms; the clock is as late as the fastest, and is not pulled by the slow ones."""
+    """Messages take 5 to 200 ms; the clock is as late as the fastest, and is not pulled by the slow
+    ones."""
     for k in range(200):
         time.s += 0.05
         clock.hear(1000.0 + time.s - (0.005 if k % 10 == 0 else 0.2))

@@ -1,4 +1,5 @@
-"""Terminals and pipes that nobody reads: they miss views; the station beacons, hears and records as before."""
+"""Terminals and pipes that nobody reads: they miss views; the station beacons, hears and records as
+before."""
 
 from __future__ import annotations
 
@@ -72,7 +73,8 @@ def test_nobody_reads(show: Show, pipe: tuple[int, int]) -> None:
 
 
 def test_a_terminal_that_is_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Ctrl-S: the compact picture stands still, the station does not; it says what was skipped when it goes on."""
+    """Ctrl-S: the compact picture stands still, the station does not; it says what was skipped when
+    it goes on."""
     monkeypatch.setattr("swarm_ctl.runtime.station.relay._END_WALL_S", 0.3)
     ours, theirs = os.openpty()
     termios.tcsetwinsize(theirs, (24, 80))
@@ -100,7 +102,8 @@ def test_a_terminal_that_is_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_who_reads_again_is_told_what_was_missed(pipe: tuple[int, int]) -> None:
-    """Whole lines, and how many views were skipped; nothing that happened meanwhile is left out of the log."""
+    """Whole lines, and how many views were skipped; nothing that happened meanwhile is left out of
+    the log."""
     read, write = pipe
     got = b""
 
@@ -170,7 +173,9 @@ def test_text_goes_out_whole(pipe: tuple[int, int]) -> None:
     assert got.decode() == text
 
 
-def test_the_station_beacons_and_records_while_nobody_reads(pipe: tuple[int, int], tmp_path: Path) -> None:
+def test_the_station_beacons_and_records_while_nobody_reads(
+    pipe: tuple[int, int], tmp_path: Path
+) -> None:
     """What would otherwise happen: the agents miss the station, and land."""
     made = manifest(speedup=10.0, epoch_s=time.monotonic())
     clock = Clock(made.epoch_s, made.speedup)
@@ -199,6 +204,8 @@ def test_the_station_beacons_and_records_while_nobody_reads(pipe: tuple[int, int
     recorder.close()
     os.close(control)
     os.close(orders)
-    assert max(b - a for a, b in itertools.pairwise(heard)) < 0.5 * PLAN.policies.station_lost_after_s
+    assert (
+        max(b - a for a, b in itertools.pairwise(heard)) < 0.5 * PLAN.policies.station_lost_after_s
+    )
     assert heard[-1] > 8.0
     assert (tmp_path / "events.jsonl").read_text().count("event ") == 250

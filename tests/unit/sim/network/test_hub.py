@@ -1,4 +1,5 @@
-"""Bytes in memory: a client's pymavlink against a vehicle, without a socket, and the truth it leaves."""
+"""Bytes in memory: a client's pymavlink against a vehicle, without a socket, and the truth it
+leaves."""
 
 from __future__ import annotations
 
@@ -31,11 +32,15 @@ class Clients:
 
     def command(self, place: int, sender: Address, command: int, *p: float) -> None:
         numbers = [*p, *[0.0] * (7 - len(p))]
-        self.tell(place, sender, mavlink.MAVLink_command_long_message(place + 1, 1, command, 0, *numbers))
+        self.tell(
+            place, sender, mavlink.MAVLink_command_long_message(place + 1, 1, command, 0, *numbers)
+        )
 
     def heard(self, address: Address) -> list[Any]:
         parser = mavlink.MAVLink(None)
-        return [m for data in self.datagrams.get(address, []) for m in parser.parse_buffer(data) or []]
+        return [
+            m for data in self.datagrams.get(address, []) for m in parser.parse_buffer(data) or []
+        ]
 
     def run(self, seconds: float) -> None:
         for _ in range(round(seconds / STEP_S)):
@@ -147,7 +152,9 @@ def test_truth_is_readable_at_any_time_and_says_what_the_brief_says(tmp_path: Pa
     assert minima
     assert minima[0][:2] == [1, 2]
     assert minima[-1][2] == pytest.approx(4.0, abs=0.01)
-    assert [(x["sysid"], x["event"]) for x in before_end if x["type"] == "event"] == [(1, "liftoff")]
+    assert [(x["sysid"], x["event"]) for x in before_end if x["type"] == "event"] == [
+        (1, "liftoff")
+    ]
     recorder.close()
     assert read(path)[-1] == {"type": "end", "t": clients.hub.world.time_s}
 

@@ -1,4 +1,5 @@
-"""Sockets of a vehicle: TCP clients come and go, UDP may speak first; streams cut anywhere lose nothing."""
+"""Sockets of a vehicle: TCP clients come and go, UDP may speak first; streams cut anywhere lose
+nothing."""
 
 from __future__ import annotations
 
@@ -45,7 +46,9 @@ def test_a_tcp_client_is_a_peer_at_once_and_gets_what_is_sent(server: tuple[TcpP
     assert port.peers() == []
 
 
-def test_a_tcp_client_that_does_not_read_loses_and_blocks_nobody(server: tuple[TcpPort, int]) -> None:
+def test_a_tcp_client_that_does_not_read_loses_and_blocks_nobody(
+    server: tuple[TcpPort, int],
+) -> None:
     port, number = server
     with socket.create_connection(("127.0.0.1", number)) as client:
         take(port)

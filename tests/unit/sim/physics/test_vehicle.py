@@ -58,8 +58,11 @@ def test_what_stands_stays_whatever_is_asked_but_a_climb(response: Response) -> 
 @pytest.mark.parametrize("response", REAL)
 @settings(max_examples=10)
 @given(sequence=targets)
-def test_acceleration_and_speed_stay_within_their_bounds(response: Ardupilot | Px4, sequence: Array) -> None:
-    """Whatever the targets: horizontal force within the lean limit, so speed within what drag balances at it."""
+def test_acceleration_and_speed_stay_within_their_bounds(
+    response: Ardupilot | Px4, sequence: Array
+) -> None:
+    """Whatever the targets: horizontal force within the lean limit, so speed within what drag
+    balances at it."""
     state, demands = hovering(response, N)
     lean = response.lean_mps2 if isinstance(response, Ardupilot) else response.tilt_mps2
     fastest = 12.0 if isinstance(response, Px4) else 11.0
@@ -69,8 +72,15 @@ def test_acceleration_and_speed_stay_within_their_bounds(response: Ardupilot | P
             before = np.hypot(state.velocity[:, 0], state.velocity[:, 1])
             advance(state, demands, response, DT)
             air = np.hypot(state.velocity[:, 0], state.velocity[:, 1])
-            drag = before * (1.0 if isinstance(response, Px4) else 0.29 + 0.024 * np.abs(state.velocity).sum(axis=1))
-            assert (np.hypot(state.acceleration[:, 0], state.acceleration[:, 1]) <= lean + 1.05 * drag + 1e-9).all()
+            drag = before * (
+                1.0
+                if isinstance(response, Px4)
+                else 0.29 + 0.024 * np.abs(state.velocity).sum(axis=1)
+            )
+            assert (
+                np.hypot(state.acceleration[:, 0], state.acceleration[:, 1])
+                <= lean + 1.05 * drag + 1e-9
+            ).all()
             assert (air <= fastest).all()
             assert (np.abs(state.acceleration[:, 2]) <= response.lift_mps2 + 12.0).all()
 
@@ -78,7 +88,8 @@ def test_acceleration_and_speed_stay_within_their_bounds(response: Ardupilot | P
 @settings(max_examples=10)
 @given(sequence=targets)
 def test_arducopter_shapes_its_target_within_acceleration_and_jerk(sequence: Array) -> None:
-    """WPNAV_ACCEL and PSC_JERK_XY bound the horizontal *vectors* of the shaped path; more only over WPNAV_SPEED_DN."""
+    """WPNAV_ACCEL and PSC_JERK_XY bound the horizontal *vectors* of the shaped path; more only over
+    WPNAV_SPEED_DN."""
     response = Ardupilot()
     state, demands = hovering(response, N)
     before = np.zeros((N, 3))
@@ -98,8 +109,13 @@ def test_arducopter_shapes_its_target_within_acceleration_and_jerk(sequence: Arr
 
 @pytest.mark.parametrize("response", RESPONSES)
 @settings(max_examples=20)
-@given(target=arrays(np.float64, 3, elements=st.floats(-3.0, 3.0)), bearing=st.floats(-math.pi, math.pi))
-def test_no_horizontal_direction_is_special(response: Response, target: Array, bearing: float) -> None:
+@given(
+    target=arrays(np.float64, 3, elements=st.floats(-3.0, 3.0)),
+    bearing=st.floats(-math.pi, math.pi),
+)
+def test_no_horizontal_direction_is_special(
+    response: Response, target: Array, bearing: float
+) -> None:
     c, s = math.cos(bearing), math.sin(bearing)
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     state, demands = hovering(response, n=2)
@@ -111,7 +127,9 @@ def test_no_horizontal_direction_is_special(response: Response, target: Array, b
 @pytest.mark.parametrize("response", RESPONSES)
 @settings(max_examples=10)
 @given(data=st.data())
-def test_batches_of_any_shape_give_what_single_vehicles_give(response: Response, data: st.DataObject) -> None:
+def test_batches_of_any_shape_give_what_single_vehicles_give(
+    response: Response, data: st.DataObject
+) -> None:
     wanted = data.draw(arrays(np.float64, (2, 3, 3), elements=st.floats(-4.0, 4.0)))
     place = data.draw(arrays(np.float64, (2, 3, 3), elements=st.floats(-50.0, 50.0)))
     batch = State.at_rest(place, response)
@@ -139,7 +157,9 @@ def test_ideal_is_the_single_integrator() -> None:
 @pytest.mark.parametrize("response", REAL)
 @settings(max_examples=5)
 @given(goal=arrays(np.float64, (N, 3), elements=st.floats(-60.0, 60.0)))
-def test_a_held_position_is_reached_without_overshoot_worth_the_name(response: Response, goal: Array) -> None:
+def test_a_held_position_is_reached_without_overshoot_worth_the_name(
+    response: Response, goal: Array
+) -> None:
     state, demands = hovering(response, N)
     start = state.position.copy()
     demands.position[:], demands.hold[:] = start + goal, 1.0
@@ -198,4 +218,6 @@ def test_turns_to_its_heading_the_short_way() -> None:
     run(state, demands, response, 0.1)
     assert math.degrees(state.heading[0]) == pytest.approx(176.0)
     run(state, demands, response, 1.0)
-    assert math.remainder(state.heading[0] - demands.heading[0], 2 * math.pi) == pytest.approx(0.0, abs=1e-9)
+    assert math.remainder(state.heading[0] - demands.heading[0], 2 * math.pi) == pytest.approx(
+        0.0, abs=1e-9
+    )

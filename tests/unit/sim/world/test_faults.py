@@ -1,4 +1,5 @@
-"""Weather, sensor errors, broken parts and radio: each SIM_* parameter does what it says, and the same every time."""
+"""Weather, sensor errors, broken parts and radio: each SIM_* parameter does what it says, and the
+same every time."""
 
 from __future__ import annotations
 
@@ -29,7 +30,13 @@ def hovering(persona: str = "ardupilot", n: int = 1, **more: Any) -> Flight:
 def put(flight: Flight, place: int = 0, **values: float) -> None:
     for name, value in values.items():
         fields = {"target_system": place + 1, "target_component": 1, "param_type": 9}
-        flight.tell(place, "PARAM_SET", **fields, param_id=name, param_value=wire(flight, place, name, value))
+        flight.tell(
+            place,
+            "PARAM_SET",
+            **fields,
+            param_id=name,
+            param_value=wire(flight, place, name, value),
+        )
 
 
 def wire(flight: Flight, place: int, name: str, value: float) -> float:
@@ -40,7 +47,9 @@ def wire(flight: Flight, place: int, name: str, value: float) -> float:
 def reported(flight: Flight) -> list[float]:
     firmware = flight.world.vehicles[0].firmware
     firmware.sensed = flight.world.vehicles[0].sense()
-    return [a + b for a, b in zip(firmware.local_position(), firmware.local_origin_ned, strict=True)]
+    return [
+        a + b for a, b in zip(firmware.local_position(), firmware.local_origin_ned, strict=True)
+    ]
 
 
 @PERSONAS
@@ -65,7 +74,13 @@ def test_a_steady_wind_is_leant_into_and_carries_off_who_holds_no_place(persona:
     (attitude,) = [
         m.fields
         for m in flight.tell(
-            0, "COMMAND_LONG", command=REQUEST, confirmation=0, target_system=1, target_component=1, **P30
+            0,
+            "COMMAND_LONG",
+            command=REQUEST,
+            confirmation=0,
+            target_system=1,
+            target_component=1,
+            **P30,
         )
         if m.name == "ATTITUDE"
     ]
@@ -174,9 +189,12 @@ def test_a_reboot_in_flight_is_a_fall_then_a_fresh_start(persona: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("persona", "name", "action"), [("ardupilot", "BATT_FS_LOW_ACT", 1.0), ("px4", "COM_LOW_BAT_ACT", 2.0)]
+    ("persona", "name", "action"),
+    [("ardupilot", "BATT_FS_LOW_ACT", 1.0), ("px4", "COM_LOW_BAT_ACT", 2.0)],
 )
-def test_a_failed_battery_acts_as_its_parameter_says(persona: str, name: str, action: float) -> None:
+def test_a_failed_battery_acts_as_its_parameter_says(
+    persona: str, name: str, action: float
+) -> None:
     flight = hovering(persona)
     put(flight, SIM_BATT_FAIL=1.0)
     flight.run(5.0)
@@ -195,7 +213,9 @@ def test_a_battery_drains_faster_when_told() -> None:
     before = flight.world.vehicles[0].firmware.battery.used_mah
     put(flight, SIM_BATT_DRAIN=50.0)
     flight.run(10.0)
-    assert flight.world.vehicles[0].firmware.battery.used_mah - before == pytest.approx(50 * 25.0, rel=0.05)
+    assert flight.world.vehicles[0].firmware.battery.used_mah - before == pytest.approx(
+        50 * 25.0, rel=0.05
+    )
 
 
 @pytest.mark.parametrize("fall", [False, True])
@@ -214,7 +234,10 @@ def test_after_a_collision_both_fall_if_asked(fall: bool) -> None:
 
 
 def test_a_timetable_acts_at_its_time_on_whom_it_names() -> None:
-    faults = [{"at_s": 5.0, "sysid": 2, "set": {"SIM_ARM_REFUSE": 1}}, {"at_s": 2.0, "set": {"SIM_LOSS": 10}}]
+    faults = [
+        {"at_s": 5.0, "sysid": 2, "set": {"SIM_ARM_REFUSE": 1}},
+        {"at_s": 2.0, "set": {"SIM_LOSS": 10}},
+    ]
     flight = Flight(config(2, faults=faults))
 
     def values(name: str) -> list[float]:
@@ -231,7 +254,9 @@ def test_a_timetable_acts_at_its_time_on_whom_it_names() -> None:
 
 def test_a_timetable_may_count_from_the_first_liftoff() -> None:
     """However long the vehicles stand there before."""
-    flight = Flight(config(2, faults=[{"at_s": 2.0, "set": {"SIM_LOSS": 10}}], faults_since="liftoff"))
+    flight = Flight(
+        config(2, faults=[{"at_s": 2.0, "set": {"SIM_LOSS": 10}}], faults_since="liftoff")
+    )
     flight.run(20.0)
     assert [event.event for event in flight.world.events] == []
     flight.take_off()
@@ -302,7 +327,10 @@ def test_delayed_frames_come_late_in_order_and_all() -> None:
 
 def test_faults_and_landing_after_them_repeat_exactly() -> None:
     def flown() -> list[float]:
-        flight = hovering(sim_parameters={"SIM_WIND_GUST": 1.0, "SIM_GPS_NOISE": 0.2, "SIM_GPS_DRIFT": 1.0}, seed=5)
+        flight = hovering(
+            sim_parameters={"SIM_WIND_GUST": 1.0, "SIM_GPS_NOISE": 0.2, "SIM_GPS_DRIFT": 1.0},
+            seed=5,
+        )
         flight.command(0, SET_MODE, 1, LAND)
         flight.run(40.0)
         assert flight.world.parked()

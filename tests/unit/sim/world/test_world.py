@@ -10,7 +10,17 @@ import pytest
 from sim.firmware.message import Message
 from sim.world.pair_distances import PairMinima
 from sim.world.world import STEP_S, World
-from tests.unit.sim.harness import GCS, GUIDED, LAND, RTL, SET_MODE, Flight, command_fields, config, setpoint_fields
+from tests.unit.sim.harness import (
+    GCS,
+    GUIDED,
+    LAND,
+    RTL,
+    SET_MODE,
+    Flight,
+    command_fields,
+    config,
+    setpoint_fields,
+)
 
 PERSONAS = pytest.mark.parametrize("persona", ["ardupilot", "px4"])
 LANDING = {"ardupilot": (1, LAND), "px4": (1, 4, 6)}
@@ -93,7 +103,8 @@ def test_a_setpoint_acts_at_the_next_step(persona: str) -> None:
 
 
 def test_ardupilot_silence_from_3_mps_stops_as_measured() -> None:
-    """Target to zero 3.1 s after the last setpoint, 11.7 m in all, still GUIDED and armed, not a word."""
+    """Target to zero 3.1 s after the last setpoint, 11.7 m in all, still GUIDED and armed, not a
+    word."""
     flight = at_height("ardupilot")
     fly(flight, "ardupilot", (3.0, 0.0, 0.0), 10.0)
     flight.texts.clear()
@@ -215,7 +226,11 @@ def test_an_ideal_vehicle_has_the_velocity_it_is_told_at_once() -> None:
         flight.take_off(place, height_m=5.0)
     flight.run(10.0)
     for place in (0, 1):
-        flight.tell(place, "SET_POSITION_TARGET_LOCAL_NED", **setpoint_fields(2.0, 0.0, 0.0, target_system=place + 1))
+        flight.tell(
+            place,
+            "SET_POSITION_TARGET_LOCAL_NED",
+            **setpoint_fields(2.0, 0.0, 0.0, target_system=place + 1),
+        )
     flight.run(2 * STEP_S)
     assert flight.velocity(1) == pytest.approx([2.0, 0.0, 0.0])
     assert flight.velocity(0)[0] < 0.2

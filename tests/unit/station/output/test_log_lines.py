@@ -16,7 +16,10 @@ PLAN = hexagon_plan()
 
 
 def _waiting(model: Model, agent: int, time_s: float, reason: str) -> None:
-    model.fold(status_of(PLAN, agent, time_s, phase=Phase.PREPARE, step=0, reason=reason, airborne=False), time_s)
+    model.fold(
+        status_of(PLAN, agent, time_s, phase=Phase.PREPARE, step=0, reason=reason, airborne=False),
+        time_s,
+    )
 
 
 @pytest.mark.parametrize("name", PICTURES)
@@ -40,7 +43,11 @@ def test_a_flight_is_told_once_step_by_step() -> None:
         model.fold(state_of(PLAN, agent.id, 20.0), 20.0)
     model.fold(Event(2, 20.0, "warning", "vehicle: EKF\x1b[2J variance"), 20.0)
     views.append(model.view(20.0))
-    told = [line for before, after in zip([None, *views], views, strict=False) for line in log_lines(before, after)]
+    told = [
+        line
+        for before, after in zip([None, *views], views, strict=False)
+        for line in log_lines(before, after)
+    ]
     assert told == [
         "[    1.0 s] agents 1-6: prepare",
         "[    1.0 s] agents 5-6: no 3-D fix",

@@ -32,7 +32,9 @@ def _status(agent: int, **changes: object) -> SwarmView:
 
 def _sigma(status: str = "paper", **changes: object) -> SwarmView:
     model = flying_model(PLAN, 30.0)
-    model.fold(SigmaReport(1, 30.0, (0.0, 0.0), (0.0, 0.0), (report_of(2, 1.2, status, **changes),)), 30.0)
+    model.fold(
+        SigmaReport(1, 30.0, (0.0, 0.0), (0.0, 0.0), (report_of(2, 1.2, status, **changes),)), 30.0
+    )
     return model.view(30.0)
 
 
@@ -62,7 +64,9 @@ def _slow() -> SwarmView:
     for k in range(100):
         for agent in PLAN.agents:
             period = 0.08 if agent.id == 4 else 0.05
-            model.fold(state_of(PLAN, agent.id, 30 - period * (99 - k), seq=k), 30 - period * (99 - k))
+            model.fold(
+                state_of(PLAN, agent.id, 30 - period * (99 - k), seq=k), 30 - period * (99 - k)
+            )
     return model.view(30.0)
 
 
@@ -71,7 +75,10 @@ def _other_law(for_s: float) -> SwarmView:
     model = flying_model(PLAN, 30.0)
     for agent in PLAN.agents:
         model.fold(state_of(PLAN, agent.id, 30.0, seq=1200, law=7 if agent.id == 4 else 0), 30.0)
-        model.fold(state_of(PLAN, agent.id, 30.0 + for_s, seq=1201, law=7 if agent.id == 4 else 0), 30.0 + for_s)
+        model.fold(
+            state_of(PLAN, agent.id, 30.0 + for_s, seq=1201, law=7 if agent.id == 4 else 0),
+            30.0 + for_s,
+        )
     gains = replace(planned(PLAN), h=0.04)
     model.fold(status_of(PLAN, 4, 30.0 + for_s, gains=gains), 30.0 + for_s)
     return model.view(30.0 + for_s)
@@ -92,7 +99,10 @@ CASES: dict[str, tuple[Callable[[], SwarmView], tuple[int, ...]]] = {
     "sigma bound": (lambda: _sigma(sigma=0.2), (1, 2)),
     "mixed laws": (lambda: _other_law(1.1), (4,)),
     "taken over": (lambda: _state(4, phase=Phase.YIELD), (4,)),
-    "holding": (lambda: _status(4, phase=Phase.HOLD, reason="agent 3 has not been heard for 3 s"), (4,)),
+    "holding": (
+        lambda: _status(4, phase=Phase.HOLD, reason="agent 3 has not been heard for 3 s"),
+        (4,),
+    ),
     "never heard": (lambda: Model(PLAN, since_s=10.0).view(15.1), (1,)),
     "old state": (lambda: _silence(1.1), (4,)),
     "overspeed": (lambda: _sigma("overspeed", d=None), (1, 2)),
@@ -156,7 +166,9 @@ def test_just_inside_a_threshold_is_silence(nearly: Callable[[], SwarmView]) -> 
     assert alarms(nearly()) == ()
 
 
-@pytest.mark.parametrize("changes", [{"sigma": float("nan")}, {"sigma": -0.1}, {"d": 3.0}, {"d": 2.0}])
+@pytest.mark.parametrize(
+    "changes", [{"sigma": float("nan")}, {"sigma": -0.1}, {"d": 3.0}, {"d": 2.0}]
+)
 def test_every_broken_sigma_is_an_error(changes: dict[str, object]) -> None:
     (alarm,) = alarms(_sigma(**changes))  # type: ignore[arg-type]
     assert (alarm.name, alarm.level) == ("sigma bound", Level.ERROR)

@@ -63,7 +63,9 @@ def test_events_of_several_agents_and_views_become_one_line() -> None:
         for agent in agents:
             model.fold(Event(agent, now, "info", "step 3: hold"), now)
         journal.update(model.view(now))
-    assert journal.entries == (Entry(30.0, "event", Level.WELL, (1, 2, 3, 4, 5, 6), "step 3: hold"),)
+    assert journal.entries == (
+        Entry(30.0, "event", Level.WELL, (1, 2, 3, 4, 5, 6), "step 3: hold"),
+    )
 
 
 def test_status_texts_are_told_apart() -> None:
@@ -81,7 +83,10 @@ def test_a_command_is_one_line_that_grows() -> None:
         model.fold(Ack(agent, "c", agent < 6, "" if agent < 6 else "no"), 30.1)
         journal.update(model.view(30.1))
     (entry,) = journal.entries
-    assert (entry.text, entry.level) == ("land: acknowledged by agents 1-5, refused by agent 6: no", Level.WARNING)
+    assert (entry.text, entry.level) == (
+        "land: acknowledged by agents 1-5, refused by agent 6: no",
+        Level.WARNING,
+    )
 
 
 def test_a_flood_of_events_is_bounded_and_said() -> None:

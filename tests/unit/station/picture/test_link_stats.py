@@ -28,7 +28,8 @@ def test_a_foreign_clock_is_not_believed(sent_s: float) -> None:
 
 
 def test_a_foreign_clock_that_answers_is_known() -> None:
-    """0.1 s there and back: a state that took 0.04 s is taken for 0.05 s old, whatever the clock shows."""
+    """0.1 s there and back: a state that took 0.04 s is taken for 0.05 s old, whatever the clock
+    shows."""
     receiver = Receiver()
     receiver.hear(1, sent_s=-49.0, received_s=10.04)
     receiver.answered(10.0, -48.95, -48.9, 10.2)
@@ -39,7 +40,8 @@ def test_a_foreign_clock_that_answers_is_known() -> None:
 
 
 def test_clocks_that_may_be_one_are_one() -> None:
-    """On one host they are; the round trip, with both loops' waiting in it, must not make two of them."""
+    """On one host they are; the round trip, with both loops' waiting in it, must not make two of
+    them."""
     receiver = Receiver()
     receiver.hear(1, sent_s=10.0, received_s=10.02)
     receiver.answered(9.0, 9.3, 9.35, 9.38)
@@ -48,8 +50,11 @@ def test_clocks_that_may_be_one_are_one() -> None:
 
 
 @given(st.lists(st.booleans(), min_size=1, max_size=60), st.data())
-def test_received_and_lost_tell_what_happened_whatever_the_order(arrives: list[bool], data: st.DataObject) -> None:
-    """Messages vanish, come twice and out of order: received + lost spans the numbers heard, each counted once."""
+def test_received_and_lost_tell_what_happened_whatever_the_order(
+    arrives: list[bool], data: st.DataObject
+) -> None:
+    """Messages vanish, come twice and out of order: received + lost spans the numbers heard, each
+    counted once."""
     sent = [seq for seq, kept in enumerate(arrives) if kept]
     repeated = data.draw(st.lists(st.sampled_from(sent), max_size=5)) if sent else []
     order = data.draw(st.permutations(sent + repeated))

@@ -9,10 +9,25 @@ import numpy as np
 import pytest
 
 from swarm_ctl.core.law.formation import formation_error
-from swarm_ctl.core.model.messages import Ack, Command, Event, ExchangeState, Phase, SigmaReport, StationBeacon
+from swarm_ctl.core.model.messages import (
+    Ack,
+    Command,
+    Event,
+    ExchangeState,
+    Phase,
+    SigmaReport,
+    StationBeacon,
+)
 from swarm_ctl.core.model.plan import Policies
 from swarm_ctl.station.picture.model import Model
-from tests.unit.station.swarm import HEXAGON, flying_model, hexagon_plan, report_of, state_of, status_of
+from tests.unit.station.swarm import (
+    HEXAGON,
+    flying_model,
+    hexagon_plan,
+    report_of,
+    state_of,
+    status_of,
+)
 
 PLAN = hexagon_plan()
 
@@ -32,13 +47,17 @@ def test_formation_error_is_the_laws_and_each_agent_has_its_share() -> None:
 
 
 def test_exchanged_slots_are_those_of_the_role() -> None:
-    """Agents 1 and 2 took each other's slots and stand in them: the shape stands, and the map shows theirs."""
+    """Agents 1 and 2 took each other's slots and stand in them: the shape stands, and the map shows
+    theirs."""
     model = Model(PLAN)
     taken = {1: 1, 2: 0}
     for k, agent in enumerate(PLAN.agents):
         role = taken.get(agent.id, k)
         place = (5 * HEXAGON[role][0], 5 * HEXAGON[role][1], -10.0)
-        model.fold(state_of(PLAN, agent.id, 30.0, position_ned_m=place, deal=ExchangeState(role=role)), 30.0)
+        model.fold(
+            state_of(PLAN, agent.id, 30.0, position_ned_m=place, deal=ExchangeState(role=role)),
+            30.0,
+        )
     view = model.view(30.0)
     assert view.error_m == pytest.approx(0.0, abs=1e-9)
     assert view.agent(1).target_m == pytest.approx((5 * HEXAGON[1][0], 5 * HEXAGON[1][1]))
@@ -57,7 +76,9 @@ def test_nearest_and_edges_are_horizontal_distances() -> None:
     assert two.nearest_agent == 6
     assert two.nearest_m == pytest.approx(5 * 8**0.5)
     assert {(edge.a, edge.b) for edge in view.edges} == {(1, 2), (1, 3), (2, 6), (3, 5), (4, 5)}
-    assert next(e.length_m for e in view.edges if (e.a, e.b) == (3, 5)) == pytest.approx(5 * 20**0.5)
+    assert next(e.length_m for e in view.edges if (e.a, e.b) == (3, 5)) == pytest.approx(
+        5 * 20**0.5
+    )
 
 
 def test_an_agent_is_lost_after_the_plans_time_and_no_longer_counts() -> None:
@@ -70,7 +91,9 @@ def test_an_agent_is_lost_after_the_plans_time_and_no_longer_counts() -> None:
     view = model.view(33.1)
     assert [agent.id for agent in view.agents if agent.lost] == [5]
     assert view.agent(5).error_m is None
-    kept = [agent.state.position_ned_m[:2] for agent in view.agents if agent.state and agent.id != 5]
+    kept = [
+        agent.state.position_ned_m[:2] for agent in view.agents if agent.state and agent.id != 5
+    ]
     slots = [slot for k, slot in enumerate(HEXAGON) if k != 4]
     assert view.error_m == pytest.approx(float(formation_error(kept, 5.0 * np.array(slots))))
 
@@ -93,7 +116,12 @@ def test_a_status_alone_keeps_an_agent_heard() -> None:
     model = Model(PLAN)
     model.fold(status_of(PLAN, 2, 5.0, phase=Phase.PREPARE, step=0, airborne=False), 5.0)
     agent = model.view(6.0).agent(2)
-    assert (agent.phase, agent.lost, agent.link.age_s, agent.silence_s) == (Phase.PREPARE, False, None, 1.0)
+    assert (agent.phase, agent.lost, agent.link.age_s, agent.silence_s) == (
+        Phase.PREPARE,
+        False,
+        None,
+        1.0,
+    )
 
 
 def test_late_messages_change_no_picture() -> None:
@@ -139,7 +167,9 @@ def test_an_empty_sigma_report_clears_a_pair_at_once() -> None:
 
 def test_pairs_come_nearest_first() -> None:
     model = flying_model(PLAN, 30.0)
-    model.fold(SigmaReport(1, 30.0, (0.0, 0.0), (0.0, 0.0), (report_of(3, 1.4), report_of(2, 0.9))), 30.0)
+    model.fold(
+        SigmaReport(1, 30.0, (0.0, 0.0), (0.0, 0.0), (report_of(3, 1.4), report_of(2, 0.9))), 30.0
+    )
     assert [(pair.a, pair.b) for pair in model.view(30.0).pairs] == [(1, 2), (2, 6), (1, 3)]
 
 

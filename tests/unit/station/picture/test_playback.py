@@ -1,4 +1,5 @@
-"""A recorded flight from any moment: the same picture however one came there, and the alarms of the live station."""
+"""A recorded flight from any moment: the same picture however one came there, and the alarms of the
+live station."""
 
 from __future__ import annotations
 
@@ -11,14 +12,24 @@ from swarm_ctl.station.picture.alarms import Level, alarms
 from swarm_ctl.station.picture.journal import Journal
 from swarm_ctl.station.picture.model import Model
 from swarm_ctl.station.picture.playback import LOOK_S, Film, Mark
-from tests.unit.station.recorded import COMMAND_S, END_S, PLAN, SILENT_S, START_S, film, said, scenes
+from tests.unit.station.recorded import (
+    COMMAND_S,
+    END_S,
+    PLAN,
+    SILENT_S,
+    START_S,
+    film,
+    said,
+    scenes,
+)
 
 WHOLE = film()
 WHOLE.read_ahead(lambda: False)
 
 
 def test_a_film_tells_what_the_live_station_told() -> None:
-    """Every line of the log and every alarm of the last view, from a model and a journal fed by hand."""
+    """Every line of the log and every alarm of the last view, from a model and a journal fed by
+    hand."""
     model, journal, messages = Model(PLAN, since_s=START_S), Journal(), said()
     for look in range(int((END_S - START_S) / LOOK_S) + 2):
         now_s = messages[0][0] + look * LOOK_S
@@ -30,7 +41,11 @@ def test_a_film_tells_what_the_live_station_told() -> None:
             made = film()
             made.seek(now_s)
             assert made.journal.entries == journal.entries
-            assert [a.key for a in alarms(made.view())] == [a.key for a in journal.standing] == [("silent", (3,))]
+            assert (
+                [a.key for a in alarms(made.view())]
+                == [a.key for a in journal.standing]
+                == [("silent", (3,))]
+            )
     made = film()
     made.seek(END_S + 1.0)
     assert made.journal.entries == journal.entries
@@ -90,7 +105,9 @@ def test_marks_are_where_the_log_got_longer() -> None:
     battery_s = WHOLE.last_mark(bad)
     assert battery_s is not None
     assert 40.0 <= battery_s <= 40.0 + LOOK_S
-    assert WHOLE.next_mark(lambda mark: mark.kind == "command") == pytest.approx(COMMAND_S, abs=LOOK_S)
+    assert WHOLE.next_mark(lambda mark: mark.kind == "command") == pytest.approx(
+        COMMAND_S, abs=LOOK_S
+    )
     WHOLE.seek(WHOLE.end_s)
     assert WHOLE.next_mark(lambda _: True) is None
     WHOLE.seek(WHOLE.start_s)
@@ -99,7 +116,14 @@ def test_marks_are_where_the_log_got_longer() -> None:
 
 def test_times_as_they_are_typed() -> None:
     WHOLE.seek(30.0)
-    wanted = {"33": 33.0, "1:02.5": 62.5, "+10": 40.0, "-0:10": 20.0, "start": WHOLE.start_s, "end": WHOLE.end_s}
+    wanted = {
+        "33": 33.0,
+        "1:02.5": 62.5,
+        "+10": 40.0,
+        "-0:10": 20.0,
+        "start": WHOLE.start_s,
+        "end": WHOLE.end_s,
+    }
     assert {text: WHOLE.moment(text) for text in wanted} == pytest.approx(wanted)
     for text in ("", "x", "1:", ":5", "1:2:3", "nan", "1e3", "--4"):
         with pytest.raises(InputError, match=r"allowed: seconds, MIN:SEC"):
