@@ -26,7 +26,6 @@ from swarm_ctl.core.model.messages import (
     StationBeacon,
 )
 from swarm_ctl.core.model.plan import Plan
-from swarm_ctl.core.model.vehicle import FlyGoal
 from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.mavlink.wires import MemoryWire, memory_wires
 from swarm_ctl.mesh import keys
@@ -170,8 +169,6 @@ class VirtualSwarm:
                 if payload is not None:
                     member.node.send(channel, payload)  # type: ignore[misc]
         name = type(actions.goal).__name__
-        if isinstance(actions.goal, FlyGoal):
-            name = "Fly"
         if not member.goals or member.goals[-1] != name:
             member.goals.append(name)
         member.status = actions.status or member.status

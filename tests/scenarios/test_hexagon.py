@@ -60,7 +60,7 @@ def test_mixed_personas(hexagon: LoadedMission) -> None:
     assert swarm.outcomes() == dict.fromkeys(range(1, 7), "completed")
     assert_safe(swarm)
     for member in swarm.members.values():
-        assert member.goals == ["Standby", "Airborne", "Fly", "Land", "Release"]
+        assert member.goals == ["StandbyGoal", "AirborneGoal", "FlyGoal", "LandGoal", "ReleaseGoal"]
 
 
 @pytest.mark.parametrize("step", [0, TAKEOFF, FORM, HOLD, LAND])

@@ -113,7 +113,7 @@ def test_another_plan_leaves_the_vehicle_alone() -> None:
     mission, step, after_s = _row("form")
     swarm = restarted(mission, step, after_s, 3, replace(mission.plan, kappa=19.0))
     swarm.wait(lambda s: 3 in s.outcomes())
-    assert set(swarm.members[3].goals) == {"Standby", "Release"}
+    assert set(swarm.members[3].goals) == {"StandbyGoal", "ReleaseGoal"}
     assert "is not taken over: agent 1 has another plan" in texts(swarm)
     swarm.fly(900)
     swarm.run(60)
@@ -131,8 +131,8 @@ def test_a_pilot_keeps_the_vehicle(mode: int) -> None:
     swarm.run(GONE_S)
     swarm.restart(3)
     swarm.run(5)
-    assert set(swarm.members[3].goals) <= {"Standby", "Yield"}
-    assert swarm.members[3].goals[-1] == "Yield"
+    assert set(swarm.members[3].goals) <= {"StandbyGoal", "YieldGoal"}
+    assert swarm.members[3].goals[-1] == "YieldGoal"
     assert "not taken over" in texts(swarm)
     assert swarm.hub.world.vehicles[2].firmware.custom_mode() == mode
 
@@ -150,7 +150,7 @@ def test_nobody_else_flies() -> None:
     swarm.wait(lambda s: 3 in s.outcomes())
     assert swarm.now - start < 10
     assert "no agent that flies this mission is heard" in texts(swarm)
-    assert set(swarm.members[3].goals) == {"Standby", "Release"}
+    assert set(swarm.members[3].goals) == {"StandbyGoal", "ReleaseGoal"}
     swarm.run(60)
     assert swarm.all_down
 
@@ -167,7 +167,7 @@ def test_two_with_one_id() -> None:
     for _ in range(80):
         swarm.tick()
         swarm._step(first)
-    assert "Fly" not in second.goals
+    assert "FlyGoal" not in second.goals
     assert "another process speaks as agent 3" in (second.status.reason if second.status else "")
 
 
@@ -180,7 +180,7 @@ def test_px4_that_lands_is_seen_down() -> None:
     swarm = restarted(mission, THIRD, 3.0, 2)
     swarm.fly(900)
     assert "lands already (AUTO.LAND): seen down" in texts(swarm)
-    assert "Fly" not in swarm.members[2].goals
+    assert "FlyGoal" not in swarm.members[2].goals
     assert set(swarm.outcomes().values()) == {"failed"}
     assert swarm.closest_m > swarm.plan.law.r_in * swarm.plan.unit_m
     assert swarm.all_down
@@ -236,5 +236,5 @@ def test_an_operators_kill_counts_for_any_vehicle() -> None:
     swarm.run(0.5)
     swarm.command("kill", agents=(3,))
     swarm.run(3)
-    assert "Terminate" in swarm.members[3].goals
-    assert "Fly" not in swarm.members[3].goals
+    assert "TerminateGoal" in swarm.members[3].goals
+    assert "FlyGoal" not in swarm.members[3].goals

@@ -28,7 +28,7 @@ from swarm_ctl.core.law.formation_law import (
 from swarm_ctl.core.model.plan import LawParameters
 
 VECTORS = Path(
-    os.environ.get("LAW_VECTORS", Path(__file__).parents[4] / "data" / "law_vectors.json")
+    os.environ.get("LAW_VECTORS", Path(__file__).parents[3] / "data" / "law_vectors.json")
 )
 CASES = json.loads(VECTORS.read_text())["cases"]
 KEYS = {
