@@ -28,7 +28,7 @@ MISSIONS = (512, 2048)
 
 
 def loop(points, slots, links, u, r, r_in, r_out, h, delta_l, delta_a):  # type: ignore[no-untyped-def]
-    """(26) with section 3 of LAW.md, pair by pair: what one would write first. Arrays (m, n, 2),
+    """(26), pair by pair (docs/pages/law.md#one-iteration): a first version. Arrays (m, n, 2),
     links (m, n, n)."""
     for mission in range(points.shape[0]):
         p, z, linked = points[mission], slots[mission], links[mission]

@@ -157,7 +157,9 @@ def tune(
     members: NDArray[np.intp],
     law: LawParameters,
 ) -> Tuned:
-    """Section 3 of LAW.md: the bounds on D, D itself with its status, then sigma. Arrays broadcast.
+    """The bounds on D, D itself with its status, then sigma (docs/pages/law.md#sigma).
+
+    Arrays broadcast.
 
     Args:
         q_x: p_i - p_j, never zero.
@@ -202,8 +204,8 @@ def tune(
 
 
 def _choose_d(d_lb: Floats, d_ub: Floats, law: LawParameters) -> tuple[Floats, NDArray[np.uint8]]:
-    """D by (66) and its status; `narrow`, `inactive` and `overspeed` are LAW.md's rules where (66)
-    has no room."""
+    """D by (66) and its status; `narrow`, `inactive` and `overspeed` are this project's rules where
+    (66) has no room (docs/pages/law.md#status-of-a-pair)."""
     middle = 0.5 * (d_lb + d_ub)
     d = np.where(d_lb < 2.0, d_lb + law.delta_l, middle)
     inactive = d_ub - d_lb <= _NO_ROOM * d_ub

@@ -111,7 +111,7 @@ class AgentState:
 
 @dataclass(frozen=True, slots=True)
 class PairReport:
-    """One pair in the avoidance region, as agent i computed it (LAW.md section 3). Lengths in
+    """One pair in the avoidance region, as agent i sees it (docs/pages/law.md#sigma). Lengths in
     units."""
 
     peer: int
@@ -218,7 +218,7 @@ class Echo:
 
 @dataclass(frozen=True, slots=True)
 class Gains:
-    """What of the law can be changed in flight (LAW.md sections 1 and 6)."""
+    """What of the law can be changed in flight (docs/pages/law.md#symbols)."""
 
     delta_a: float
     delta_l: float

@@ -32,7 +32,7 @@ class Geodetic:
 
 @dataclass(frozen=True, slots=True)
 class LawParameters:
-    """LAW.md section 1, in units; defaults are Table I and the hexagon of section VI."""
+    """docs/pages/law.md#symbols, in units; defaults are Table I and the hexagon of section VI."""
 
     r: float = 4.5
     r_out: float = 1.5

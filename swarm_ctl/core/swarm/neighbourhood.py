@@ -50,7 +50,7 @@ class Neighbourhood:
         )
 
     def watch(self, now: float) -> list[tuple[str, str]]:
-        """Who leaves and rejoins N_i, and what that does to the graph (LAW.md section 1)."""
+        """Who leaves and rejoins N_i, and what that does to the graph (docs/pages/law.md#symbols)."""
         heard = self._peers.neighbours(now)
         if heard == self._heard:
             return []

@@ -133,7 +133,7 @@ class Peers:
         return [peer.state for peer in self if peer.state is not None and peer.age(now) <= FRESH_S]
 
     def neighbours(self, now: float) -> tuple[int, ...]:
-        """N_i now: the chosen neighbours that are heard (LAW.md section 1)."""
+        """N_i now: the chosen neighbours that are heard (docs/pages/law.md#symbols)."""
         return tuple(p.id for p in self if p.id in self._chosen and p.age(now) <= NEIGHBOUR_S)
 
     def near(self, now: float, own: complex, reach_m: float) -> list[Other]:

@@ -1,9 +1,9 @@
 """A mission's formations flown on paper: the law on ideal points, from the planned starts, before
 anything flies.
 
-Seen from its stop point a vehicle is a single integrator (SAFETY.md section 1), so this is what the
-swarm does but for late news, wind and model errors. With `compensation: none` real vehicles do
-worse than this.
+Seen from its stop point a vehicle is a single integrator
+(docs/pages/law.md#from-units-to-a-vehicle), so this is what the swarm does but for late states,
+wind and model errors. With `compensation: none` real vehicles do worse than this.
 """
 
 from __future__ import annotations

@@ -55,7 +55,7 @@ MARGINS = Margins.of(LAW, Response(), SPEED)
 
 def test_the_proven_bound_lies_over_r_in() -> None:
     """D F(W tau / D) > r_in for two that are as slow as at D, with a lag a fifth over the model's
-    (SAFETY.md 3.2)."""
+    (docs/pages/safety.md#proven, 2)."""
     m = 2 * MARGINS.slow * 1.2 * Response().lag_s / MARGINS.keep_out
     u = np.linspace(0.0, 40.0, 400_001)
     f = np.where(m * u < np.pi / 2, np.cos(np.minimum(m * u, np.pi)), np.pi / 2 - m * u)
