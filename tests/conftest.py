@@ -1,33 +1,56 @@
-"""Settings for all tests, and how they share a machine of two cores.
+"""Settings for all tests: how many workers run them, and which rows run.
+
+`python -m pytest` shares the tests among two workers. One process runs them where a debugger or
+the order needs it: with `--pdb`, `--trace` or `-s`, where files or single tests are named, and for
+the long rows (`python -m pytest -m long`). `-n0` or another number wins over this choice.
 
 Tests in real time (processes, sockets, the system's clock) mostly wait, and must not be kept
-waiting. The two folders of them are a group each, so that one worker flies them one after another;
-the groups are the largest, so they are what the workers begin with. All other tests only compute:
-they come after, and a worker that has come to them gives way.
+waiting. Each of the two folders of them is a group that one worker runs in order; the groups are
+the largest, so the workers begin with them. All other tests only compute: they come afterwards,
+and a worker that computes gives way to a worker that flies.
 """
 
 from __future__ import annotations
 
 import os
+import signal
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
 
+WORKERS = 2
 REALTIME = ("system", "protocol")
 _GIVE_WAY = 10
 
 
-@pytest.hookimpl(tryfirst=True)  # before xdist reads the groups and pytest its -m
+@pytest.hookimpl(tryfirst=True)
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
+    """The number of workers for `-n auto`, which pyproject.toml asks for; 0: this process."""
+    option = config.option
+    debugging = option.usepdb or option.trace or option.capture == "no"
+    named = any(".py" in argument for argument in config.args)
+    return 0 if debugging or named or option.markexpr else WORKERS
+
+
+@pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Long runs only on demand: `pytest -m long`. Tests in real time get their group."""
+    """Leave out long rows that are not asked for; give tests in real time their group."""
     if not config.option.markexpr:
-        items[:] = [item for item in items if "long" not in item.keywords]
+        every, items[:] = list(items), [item for item in items if _wanted(item, config)]
+        config.hook.pytest_deselected(items=[item for item in every if not _wanted(item, config)])
     for item in items:
         group = _group(item)
         if group:
             item.add_marker(pytest.mark.realtime)
             item.add_marker(pytest.mark.xdist_group(group))
+
+
+def _wanted(item: pytest.Item, config: pytest.Config) -> bool:
+    """Whether this is no long row, or the command line has its very id."""
+    ids = [argument for argument in config.args if "::" in argument]
+    named = any(item.nodeid.endswith(name) or name.endswith(item.nodeid) for name in ids)
+    return named or "long" not in item.keywords
 
 
 def _group(item: pytest.Item) -> str:
@@ -47,6 +70,10 @@ settings.register_profile("here", deadline=None)
 settings.register_profile("ci", deadline=None, derandomize=True)
 settings.load_profile("ci" if os.environ.get("CI") else "here")
 
-pytest_plugins = [
-    "swarm_ctl.testing.plugin"
-]  # known to pytest already where the package is installed anew
+# A shell has its background jobs ignore Ctrl-C, and they hand that down to the processes that tests
+# start and interrupt.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+# Known to pytest already where the package is installed anew.
+pytest_plugins = ["swarm_ctl.testing.plugin"]
