@@ -28,9 +28,6 @@ def replay(
     json: Annotated[
         bool, typer.Option("--json", help="One line of JSON a second on stdout.")
     ] = False,
-    compact: Annotated[
-        bool, typer.Option("--compact", help="A plain live view instead of the dashboard.")
-    ] = False,
 ) -> None:
     """Look at a recorded flight on the dashboard: pause, seek, speed. The same screens and alarms
     as in flight.
@@ -48,6 +45,6 @@ def replay(
     from swarm_ctl.runtime.station.replay import replay as play
     from swarm_ctl.runtime.station.screens import shown
 
-    show = shown(headless=headless, json=json, compact=compact)
+    show = shown(headless=headless, json=json)
     folder = run if run is not None else newest_run(Path("runs"))
     raise typer.Exit(play(folder, show, speed, start))

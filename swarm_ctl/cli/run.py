@@ -26,9 +26,6 @@ def run(
     json: Annotated[
         bool, typer.Option("--json", help="One line of JSON a second on stdout, nothing else.")
     ] = False,
-    compact: Annotated[
-        bool, typer.Option("--compact", help="A plain live view instead of the dashboard.")
-    ] = False,
     metrics: Annotated[
         int | None,
         typer.Option(min=1, max=65535, help="Prometheus metrics on this port of 127.0.0.1."),
@@ -68,9 +65,9 @@ def run(
     from swarm_ctl.runtime.launch.supervisor import Options, fly
     from swarm_ctl.runtime.station.screens import Show, shown
 
-    show = shown(headless=headless, json=json, compact=compact)
+    show = shown(headless=headless, json=json)
     console = Console(highlight=False, stderr=json)
-    if show in (Show.DASHBOARD, Show.COMPACT) and not console.is_terminal:
+    if show is Show.DASHBOARD and not console.is_terminal:
         show = Show.LOG
     loaded = load(mission, fleet=fleet)
     for warning in loaded.warnings:

@@ -38,9 +38,6 @@ def station(
     json: Annotated[
         bool, typer.Option("--json", help="One line of JSON a second on stdout.")
     ] = False,
-    compact: Annotated[
-        bool, typer.Option("--compact", help="A plain live view instead of the dashboard.")
-    ] = False,
     metrics: Annotated[
         int | None,
         typer.Option(min=1, max=65535, help="Prometheus metrics on this port of 127.0.0.1."),
@@ -64,7 +61,7 @@ def station(
     from swarm_ctl.runtime.station.screens import shown
     from swarm_ctl.runtime.station.station_process import join, run_station
 
-    show = shown(headless=headless, json=json, compact=compact)
+    show = shown(headless=headless, json=json)
     if mission is None:
         _refuse_without_mission({"--mesh": mesh, "--fleet": fleet, "--speedup": speedup})
         folder = run if run is not None else newest_run(Path("runs"))

@@ -110,7 +110,7 @@ def test_two_more_stations_watch_command_and_leave(tmp_path: Path) -> None:
         running.wait_for_event("step 1: takeoff")
         with (
             Terminal("station", cwd=tmp_path) as one,
-            Terminal("station", "--compact", cwd=tmp_path) as other,
+            Terminal("station", "--headless", cwd=tmp_path) as other,
         ):
             other.wait_for("takeoff")
             other.press("C-c")

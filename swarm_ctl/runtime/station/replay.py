@@ -1,5 +1,4 @@
-"""A recording played again: the dashboard with a player's keys, the compact view, log lines or JSON
-lines."""
+"""A recording played again: the dashboard with a player's keys, log lines or JSON lines."""
 
 from __future__ import annotations
 
@@ -11,24 +10,16 @@ from typing import Final, TextIO, cast
 
 from pydantic import ValidationError
 from rich.console import Console
-from rich.live import Live
 
 from swarm_ctl.errors import InputError
 from swarm_ctl.recording import Tape, recover
 from swarm_ctl.report.folder.manifest import Manifest
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.station.relay import Descriptor, Printer
-from swarm_ctl.runtime.station.screens import (
-    CompactPrinter,
-    JsonPrinter,
-    LogPrinter,
-    Show,
-    possible,
-)
+from swarm_ctl.runtime.station.screens import JsonPrinter, LogPrinter, Show, possible
 from swarm_ctl.station.picture.playback import Film
 from swarm_ctl.station.picture.view import SwarmView
 
-_SHOW_WALL_S: Final = 0.25
 _JSON_WALL_S: Final = 1.0
 
 
@@ -54,19 +45,6 @@ def replay(run: Path, show: Show, speed: float, start: str) -> int:
         match show:
             case Show.DASHBOARD:
                 _with_keys(film, speed)
-            case Show.COMPACT:
-                with Live(
-                    console=console,
-                    auto_refresh=False,
-                    vertical_overflow="crop",
-                    redirect_stderr=False,
-                ) as live:
-                    _play(
-                        film,
-                        CompactPrinter(live, console, "Ctrl-C ends the replay"),
-                        speed,
-                        _SHOW_WALL_S * speed,
-                    )
             case Show.LOG:
                 _play(film, LogPrinter(out), speed, film.look_s)
             case Show.JSON:

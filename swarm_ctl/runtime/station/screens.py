@@ -1,5 +1,4 @@
-"""Where a station's views go: the dashboard, the compact view, log lines, JSON lines. Heavy ones
-are imported late."""
+"""Where a station's views go: the dashboard (imported late), log lines, JSON lines."""
 
 from __future__ import annotations
 
@@ -11,7 +10,6 @@ from enum import StrEnum
 from typing import TYPE_CHECKING, Final, Protocol, TextIO, cast
 
 from rich.console import Console
-from rich.live import Live
 
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.core.model.plan import Plan
@@ -19,7 +17,6 @@ from swarm_ctl.errors import InputError
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.station.relay import Descriptor, Printer, Relay
 from swarm_ctl.station.output.json_lines import json_line
-from swarm_ctl.station.output.live import render
 from swarm_ctl.station.output.log_lines import log_lines
 from swarm_ctl.station.picture.view import SwarmView
 
@@ -36,25 +33,17 @@ class Show(StrEnum):
     """What a station shows."""
 
     DASHBOARD = "dashboard"
-    COMPACT = "compact"
-    """One screen without keys, drawn in the terminal's own colours: for terminals that can't do
-    more."""
     LOG = "log"
     """Plain lines: what changed."""
     JSON = "json"
     """A line a second for scripts."""
 
 
-def shown(*, headless: bool, json: bool, compact: bool) -> Show:
-    """What a command line's switches ask for; InputError for more than one."""
-    asked = [
-        show
-        for show, wanted in ((Show.LOG, headless), (Show.JSON, json), (Show.COMPACT, compact))
-        if wanted
-    ]
-    if len(asked) > 1:
-        raise InputError("--headless, --json and --compact exclude each other; name one")
-    return asked[0] if asked else Show.DASHBOARD
+def shown(*, headless: bool, json: bool) -> Show:
+    """What a command line's switches ask for; InputError for both."""
+    if headless and json:
+        raise InputError("--headless and --json exclude each other; name one")
+    return Show.LOG if headless else Show.JSON if json else Show.DASHBOARD
 
 
 class Screen(Protocol):
@@ -91,10 +80,8 @@ class LogPrinter:
             self._last.health.frames_dropped if self._last else 0
         )
         if missed >= _TOLD_VIEWS:
-            lines.insert(
-                0,
-                f"[{view.time_s:7.1f} s] station: nobody read this output; {missed} views were skipped",
-            )
+            words = f"station: this output was blocked; {missed} views were skipped"
+            lines.insert(0, f"[{view.time_s:7.1f} s] {words}")
         self._last = view
         self._out.write("".join(line + "\n" for line in lines))
 
@@ -137,27 +124,6 @@ class JsonPrinter:
         if self._open is not None:
             self._out.write(json_line(self._open) + "\n")
             self._open = None
-
-
-class CompactPrinter:
-    """The compact live view."""
-
-    def __init__(self, live: Live, console: Console, ctrl_c: str) -> None:
-        self._live = live
-        self._ctrl_c = ctrl_c
-        self._console = console
-
-    def draw(self, view: SwarmView) -> None:
-        """Redraw."""
-        picture = render(view, self._console.width, self._console.height, ctrl_c=self._ctrl_c)
-        self._live.update(picture, refresh=True)
-
-    def say(self, text: str) -> None:
-        """Above the picture, so that it scrolls away."""
-        self._console.print(text, markup=False, highlight=False)
-
-    def end(self) -> None:
-        """The last picture stays."""
 
 
 class MeasuredScreen:
@@ -241,13 +207,6 @@ def present(
     match show:
         case Show.DASHBOARD:
             _with_dashboard(DashboardScreen(plan, interrupt), watch)
-        case Show.COMPACT:
-            _relayed(
-                lambda: _compact(
-                    console, "" if interrupt else "Ctrl-C leaves this station; the swarm flies on"
-                ),
-                watch,
-            )
         case Show.LOG:
             _relayed(lambda: contextlib.nullcontext(LogPrinter(cast("TextIO", file))), watch)
         case Show.JSON:
@@ -265,25 +224,9 @@ def _relayed(
         relay.finish()
 
 
-@contextlib.contextmanager
-def _compact(console: Console, ctrl_c: str) -> Iterator[Printer]:
-    with Live(
-        console=console,
-        auto_refresh=False,
-        vertical_overflow="crop",
-        redirect_stdout=False,
-        redirect_stderr=False,
-    ) as live:
-        yield CompactPrinter(live, console, ctrl_c)
-
-
 def possible(show: Show, console: Console) -> Show:
     """What was asked for, or the best that this terminal can do instead."""
-    if show is Show.DASHBOARD and not _can_show_dashboard(console):
-        show = Show.COMPACT
-    if show is Show.COMPACT and not console.is_terminal:
-        show = Show.LOG
-    return show
+    return Show.LOG if show is Show.DASHBOARD and not _can_show_dashboard(console) else show
 
 
 def _can_show_dashboard(console: Console) -> bool:

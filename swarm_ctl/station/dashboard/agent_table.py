@@ -8,9 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from swarm_ctl.core.model.messages import Phase
-from swarm_ctl.station.dashboard.picture import Picture
-from swarm_ctl.station.dashboard.styled_line import Line
-from swarm_ctl.station.output.columns import (
+from swarm_ctl.station.dashboard.columns import (
     LEVEL_STYLE,
     UNICODE,
     Cell,
@@ -28,6 +26,8 @@ from swarm_ctl.station.output.columns import (
     speed_mps,
     step_cell,
 )
+from swarm_ctl.station.dashboard.picture import Picture
+from swarm_ctl.station.dashboard.styled_line import Line
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.view import AgentView
 

@@ -10,9 +10,9 @@ from swarm_ctl.core.agent.progress import step_name
 from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.text import agents_named, printable, ranges
+from swarm_ctl.station.dashboard.columns import UNICODE, fit
 from swarm_ctl.station.dashboard.picture import Picture
 from swarm_ctl.station.dashboard.styled_line import Line
-from swarm_ctl.station.output.columns import UNICODE, fit
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.summaries import command_words, verdict
 from swarm_ctl.station.picture.view import CommandView, SwarmView

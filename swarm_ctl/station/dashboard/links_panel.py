@@ -13,9 +13,9 @@ from typing import Final
 
 from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.text import printable
+from swarm_ctl.station.dashboard.columns import LEVEL_STYLE, UNICODE, fit
 from swarm_ctl.station.dashboard.picture import Picture
 from swarm_ctl.station.dashboard.styled_line import Line, right, sparkline
-from swarm_ctl.station.output.columns import LEVEL_STYLE, UNICODE, fit
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.history import LinkSeries
 from swarm_ctl.station.picture.link_quality import (

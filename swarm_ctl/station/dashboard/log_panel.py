@@ -7,9 +7,9 @@ from typing import Final
 from rich.cells import cell_len
 
 from swarm_ctl.core.model.text import ranges
+from swarm_ctl.station.dashboard.columns import LEVEL_STYLE, UNICODE
 from swarm_ctl.station.dashboard.picture import Picture
 from swarm_ctl.station.dashboard.styled_line import Line, wrapped
-from swarm_ctl.station.output.columns import LEVEL_STYLE, UNICODE
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.journal import Entry
 

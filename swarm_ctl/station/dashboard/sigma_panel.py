@@ -14,9 +14,9 @@ from typing import Final
 from swarm_ctl.core.model.messages import PairReport, SigmaReport
 from swarm_ctl.core.model.text import agents_named, printable
 from swarm_ctl.core.swarm.gain_update import differences, named, planned
+from swarm_ctl.station.dashboard.columns import LEVEL_STYLE, UNICODE, fit
 from swarm_ctl.station.dashboard.picture import Picture
 from swarm_ctl.station.dashboard.styled_line import Line, bar, gauge, right, sparkline
-from swarm_ctl.station.output.columns import LEVEL_STYLE, UNICODE, fit
 from swarm_ctl.station.picture.view import PairView, SwarmView
 
 INVARIANTS: Final = ("too close", "sigma bound", "long link", "overspeed")

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
+from swarm_ctl.station.dashboard.columns import LEVEL_STYLE
 from swarm_ctl.station.dashboard.styled_line import Line
-from swarm_ctl.station.output.columns import LEVEL_STYLE
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.playback import Film
 

@@ -1,26 +1,16 @@
-"""Screens worth looking at. `python -m tests.unit.station.pictures [FOLDER]` draws the snapshots
-anew, and SVGs of them (light and dark) into FOLDER.
-"""
+"""Moments of a flight worth looking at."""
 
 from __future__ import annotations
 
-import io
-import sys
 from collections.abc import Callable
 from functools import cache
-from pathlib import Path
 from typing import Final
 
-from rich.console import Console
-from rich.terminal_theme import DEFAULT_TERMINAL_THEME, MONOKAI
-
 from swarm_ctl.core.model.messages import Ack, Command, Event, Phase
-from swarm_ctl.station.output.live import render
 from swarm_ctl.station.picture.model import Model
 from swarm_ctl.station.picture.view import SwarmView
 from tests.unit.station.swarm import flying_model, hexagon_plan, state_of, status_of
 
-SIZES: Final = ((80, 24), (140, 40))
 PLAN: Final = hexagon_plan()
 
 
@@ -104,45 +94,3 @@ PICTURES: Final[dict[str, Callable[[], SwarmView]]] = {
     "ended": ended,
     "crowd": crowd,
 }
-
-
-def snapshot_path(name: str, size: tuple[int, int]) -> Path:
-    """Where the text of a picture is kept."""
-    return Path(__file__).with_name("snapshots") / f"{name}-{size[0]}x{size[1]}.txt"
-
-
-def recorded(view: SwarmView, width: int, height: int) -> Console:
-    """A console that has drawn the view once."""
-    console = Console(
-        file=io.TextIOWrapper(io.BytesIO(), encoding="utf-8"),
-        width=width,
-        height=height,
-        record=True,
-        force_terminal=True,
-        color_system="standard",
-        legacy_windows=False,
-    )
-    console.print(render(view), end="")
-    return console
-
-
-def drawn(view: SwarmView, width: int, height: int) -> str:
-    """The screen as plain text, `height` lines of `width` characters."""
-    return recorded(view, width, height).export_text(styles=False).removesuffix("\n")
-
-
-def main() -> None:
-    """Draw everything."""
-    for name, picture in PICTURES.items():
-        for size in SIZES:
-            snapshot_path(name, size).parent.mkdir(exist_ok=True)
-            snapshot_path(name, size).write_text(drawn(picture(), *size), encoding="utf-8")
-            for folder in map(Path, sys.argv[1:]):
-                console = recorded(picture(), *size)
-                for look, theme in (("dark", MONOKAI), ("light", DEFAULT_TERMINAL_THEME)):
-                    path = folder / f"{name}-{size[0]}x{size[1]}-{look}.svg"
-                    console.save_svg(str(path), title="swarm-ctl", theme=theme, clear=False)
-
-
-if __name__ == "__main__":
-    main()

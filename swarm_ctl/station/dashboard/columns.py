@@ -1,4 +1,4 @@
-"""The columns of the live view's table: one row of `COLUMNS` each, told from the view alone."""
+"""The cells of the agents' table, told from the view alone."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from swarm_ctl.station.picture.view import AgentView, SwarmView
 
 @dataclass(frozen=True, slots=True)
 class Glyphs:
-    """Signs, with plain ASCII where the terminal has no more."""
+    """Signs beside the colours."""
 
     well: str = "✓"
     waiting: str = "…"
@@ -37,7 +37,6 @@ class Glyphs:
 
 
 UNICODE: Final = Glyphs()
-ASCII: Final = Glyphs("ok", "..", "!", "X", "*", "o", "-", "sigma", "x", "-", "-")
 
 LEVEL_STYLE: Final = {
     Level.WELL: "green",
@@ -151,13 +150,6 @@ def armed_sign_cell(row: Row, _: int) -> str:
     return row.glyphs.armed if row.agent.status.armed else row.glyphs.disarmed
 
 
-def armed_word_cell(row: Row, _: int) -> str:
-    """Armed or not."""
-    if row.agent.status is None:
-        return row.glyphs.dash
-    return "yes" if row.agent.status.armed else "no"
-
-
 def numbers(of: Callable[[Row], float | None], decimals: int) -> Callable[[Row, int], str]:
     """Cells of one figure."""
     return lambda row, width: fit(of(row), width, decimals, row.glyphs)
@@ -187,13 +179,6 @@ def age_cell(row: Row, width: int) -> Cell:
     return fit(agent.link.age_s, width, 2, row.glyphs), "bold red" if agent.lost else ""
 
 
-def loss_cell(row: Row, _: int) -> str:
-    """Share of its states lost on the way here."""
-    return (
-        f"{100 * row.agent.link.recent_loss:.0f}%" if row.agent.link.received else row.glyphs.dash
-    )
-
-
 def speed_mps(row: Row) -> float | None:
     """Horizontal speed."""
     if row.agent.state is None:
@@ -209,34 +194,3 @@ def late_ms(row: Row) -> float | None:
         if row.agent.status and row.agent.status.tick.count
         else None
     )
-
-
-_WIDE: Final = 110
-"""From here on words instead of signs, and what an operator can do without."""
-
-COLUMNS: Final[tuple[Column, ...]] = (
-    Column("id", 3, id_cell),
-    Column("phase", 7, phase_cell, justify="left"),
-    Column("step", 8, step_cell, justify="left", below_width=_WIDE),
-    Column("step", 16, step_cell, _WIDE, "left"),
-    Column("mode", 9, mode_cell, justify="left"),
-    Column("A", 1, armed_sign_cell, below_width=_WIDE),
-    Column("armed", 5, armed_word_cell, _WIDE, "left"),
-    Column("north", 5, numbers(coordinate(0), 1)),
-    Column("east", 5, numbers(coordinate(1), 1)),
-    Column("up", 4, numbers(coordinate(2, -1), 1)),
-    Column("m/s", 4, numbers(speed_mps, 1), _WIDE),
-    Column("err", 4, numbers(lambda row: row.agent.error_m, 2)),
-    Column("near", 6, nearest_cell),
-    Column("age", 4, age_cell),
-    Column("p99", 4, numbers(lambda row: row.agent.link.age_p99_s, 2)),
-    Column("loss", 4, loss_cell, _WIDE),
-    Column("Hz", 3, numbers(lambda row: row.agent.link.tick_rate_hz, 1)),
-    Column("late", 4, numbers(late_ms, 1)),
-    Column(
-        "batt",
-        4,
-        numbers(lambda row: row.agent.status.battery_percent if row.agent.status else None, 0),
-        _WIDE,
-    ),
-)
