@@ -18,9 +18,10 @@ from rich.console import Console
 from rich.table import Table
 
 from swarm_ctl.core.law.formation_law import NARROW
-from swarm_ctl.core.law.swarm_law import Near
+from swarm_ctl.core.law.swarm_law import NearPairs
+from swarm_ctl.core.model.arrays import Floats
 from swarm_ctl.core.model.plan import LawParameters
-from swarm_ctl.study.batch.batch import Batch, Floats, draw, unit_shape
+from swarm_ctl.study.batch.batch import Batch, draw, unit_shape
 from swarm_ctl.study.batch.batch_flight import fly
 from swarm_ctl.study.executor import carry_out
 from swarm_ctl.study.parameter_space import Cell, Study, value
@@ -270,7 +271,7 @@ class _Samples:
         self.parts: list[Floats] = []
 
     def __call__(
-        self, time_s: float, place: NDArray[np.intp], position: Floats, near: Near | None
+        self, time_s: float, place: NDArray[np.intp], position: Floats, near: NearPairs | None
     ) -> None:
         del time_s, place, position
         if near is not None:

@@ -15,16 +15,16 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from swarm_ctl.core.law.stop_point import TYPICAL
 from swarm_ctl.core.model.plan import Compensation, LawParameters, Response
 
-Shape = Literal["ring", "line", "grid", "vee", "wedge"]
-Slots = Literal["given", "random", "nearest"]
-Start = Literal["random", "ring", "grid", "table2", "crossing", "antipodal"]
+ShapeKind = Literal["ring", "line", "grid", "vee", "wedge"]
+SlotOrder = Literal["given", "random", "nearest"]
+StartKind = Literal["random", "ring", "grid", "table2", "crossing", "antipodal"]
 """`crossing`: two columns that face each other and, with the slots `given`, change sides;
 `antipodal`: a ring, and everybody goes to the place opposite to the own one."""
-Safety = Literal["off", "filter", "guard", "release", "align", "exchange"]
+SafetyLevel = Literal["off", "filter", "guard", "release", "align", "exchange"]
 """Each with all before it: the collision filter, the guard of links, swirl and tangential release,
 the pull to the average of all (what agents fly), slot exchange (what they fly in form steps that
 allow it)."""
-LEVELS: Final[tuple[Safety, ...]] = ("off", "filter", "guard", "release", "align", "exchange")
+LEVELS: Final[tuple[SafetyLevel, ...]] = ("off", "filter", "guard", "release", "align", "exchange")
 """In their order."""
 VehicleModel = Literal["ideal", "lag", "ardupilot", "px4"]
 
@@ -105,12 +105,12 @@ class Cell(_Common):
 
     index: int
     n: int
-    shape: Shape
-    slots: Slots
-    start: Start
+    shape: ShapeKind
+    slots: SlotOrder
+    start: StartKind
     compensation: Compensation
     vehicle: VehicleModel
-    safety: Safety
+    safety: SafetyLevel
     h: Range
     kappa: Range
     lag_s: Range
@@ -132,17 +132,21 @@ class Cell(_Common):
             self.dead_time_s.middle, max(self.lag_s.middle, 1e-3), self.acceleration_mps2
         )
 
+    def has(self, level: SafetyLevel) -> bool:
+        """The cell flies with this safety, or with more."""
+        return LEVELS.index(self.safety) >= LEVELS.index(level)
+
 
 class Study(_Common):
     """A study: lists (of values or of ranges) of what is varied."""
 
     n: tuple[int, ...] = (6,)
-    shape: tuple[Shape, ...] = ("ring",)
-    slots: tuple[Slots, ...] = ("nearest",)
-    start: tuple[Start, ...] = ("random",)
+    shape: tuple[ShapeKind, ...] = ("ring",)
+    slots: tuple[SlotOrder, ...] = ("nearest",)
+    start: tuple[StartKind, ...] = ("random",)
     compensation: tuple[Compensation, ...] = (Compensation.STOP_POINT,)
     vehicle: tuple[VehicleModel, ...] = ("lag",)
-    safety: tuple[Safety, ...] = ("align",)
+    safety: tuple[SafetyLevel, ...] = ("align",)
     """What stands between the law and the vehicles; `align` is what agents fly with stop points."""
     h: tuple[Range, ...] = value(0.05)
     kappa: tuple[Range, ...] = value(20.0)

@@ -12,9 +12,10 @@ import yaml
 from numpy.typing import NDArray
 from rich.table import Table
 
-from swarm_ctl.core.law.swarm_law import Near
+from swarm_ctl.core.law.swarm_law import NearPairs
+from swarm_ctl.core.model.arrays import Floats
 from swarm_ctl.errors import InputError
-from swarm_ctl.study.batch.batch import Batch, Floats
+from swarm_ctl.study.batch.batch import Batch
 from swarm_ctl.study.batch.batch_flight import fly
 from swarm_ctl.study.executor import again
 from swarm_ctl.study.parameter_space import LEVELS, Cell
@@ -35,7 +36,7 @@ class Trace:
     """(time, i, j, distance, sigma, D_ub - D_lb, status): how i sees j."""
 
     def __call__(
-        self, time_s: float, place: NDArray[np.intp], position: Floats, near: Near | None
+        self, time_s: float, place: NDArray[np.intp], position: Floats, near: NearPairs | None
     ) -> None:
         """Take a tick in."""
         if not len(place) or place[0] != 0:

@@ -19,7 +19,7 @@ from pydantic import ValidationError
 from swarm_ctl.core.law.formation_law import STATUSES
 from swarm_ctl.errors import InputError
 from swarm_ctl.study.batch.batch import Batch, blocks
-from swarm_ctl.study.batch.batch_flight import Outcome
+from swarm_ctl.study.batch.batch_flight import BatchResult
 from swarm_ctl.study.parameter_space import LISTS, RANGES, Study
 
 Row: TypeAlias = dict[str, Any]
@@ -56,7 +56,7 @@ COLUMNS: Final = (
 _TEXT: Final = frozenset({"shape", "slots", "start", "compensation", "vehicle", "safety"})
 
 
-def rows_of(batch: Batch, outcome: Outcome) -> list[Row]:
+def rows_of(batch: Batch, outcome: BatchResult) -> list[Row]:
     """The rows of a flown batch. Lengths in units."""
     cell, count = batch.cell, len(batch)
     columns: dict[str, Any] = {"row": batch.row, "cell": np.full(count, cell.index)}

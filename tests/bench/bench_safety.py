@@ -25,10 +25,11 @@ from rich.console import Console
 from rich.table import Table
 
 from swarm_ctl.core.agent.agent import Agent
+from swarm_ctl.core.model.arrays import Floats
 from swarm_ctl.core.safety.safety_filter import SafetyFilter
 from swarm_ctl.core.safety.velocity_qp import relaxed_many
 from swarm_ctl.mission.compile.loader import load
-from swarm_ctl.study.batch.batch import Batch, Floats, blocks, draw
+from swarm_ctl.study.batch.batch import Batch, blocks, draw
 from swarm_ctl.study.batch.batch_flight import fly
 from swarm_ctl.study.batch.motion import motion_of
 from swarm_ctl.study.parameter_space import Study, value

@@ -17,10 +17,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from swarm_ctl.core.model.arrays import Bools, Floats
 from swarm_ctl.core.model.plan import LawParameters
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 STATUSES: Final = ("paper", "narrow", "inactive", "overspeed")
 """Names of the pair statuses; `Pairs.status` holds indices into this."""

@@ -13,23 +13,21 @@ gathered. With an even n the last ring holds each pair twice; its second half is
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import as_strided
-from numpy.typing import NDArray
 
-from swarm_ctl.core.law.formation_law import Bools, Floats, Tuned, separate, tune
+from swarm_ctl.core.law.formation_law import Tuned, separate, tune
+from swarm_ctl.core.model.arrays import Bools, Floats, Indices
 from swarm_ctl.core.model.plan import LawParameters
-
-Indices = NDArray[np.intp]
 
 _SMALL: Final = 16
 """Under so many agents a loop along the missions beats a matrix product for each."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Near:
+class NearPairs:
     """The pairs inside `r_out`. Row 0 is how `first` sees the pair; row 1, if there is one, how
     `second` does."""
 
@@ -42,6 +40,14 @@ class Near:
     """(K,)."""
     numbers: Tuned
     """Each (1, K) or (2, K)."""
+
+
+class SwarmTerms(NamedTuple):
+    """The two terms of u (2, n, m), and the pairs behind the second."""
+
+    consensus: Floats
+    avoidance: Floats
+    near: NearPairs | None
 
 
 class Rings:
@@ -131,7 +137,7 @@ class SwarmLaw:
         """The same, but that nobody follows the agents `gone` (n, m) any more, nor they anybody."""
         return SwarmLaw(self.slots, self.links & ~gone & ~gone[:, None], self.h, self.law)
 
-    def step(self, points: Floats) -> tuple[Floats, Near | None]:
+    def step(self, points: Floats) -> tuple[Floats, NearPairs | None]:
         """One iteration of (26) where everybody knows all `points` (2, n, m): u (2, n, m) [units],
         the near pairs."""
         n = self._sum_apart(points - self.slots)
@@ -145,38 +151,32 @@ class SwarmLaw:
         )
 
     def step_heard(
-        self,
-        points: Floats,
-        heard: Floats,
-        slots: Floats | None = None,
-        told_slots: Floats | None = None,
-    ) -> tuple[Floats, Near | None]:
-        """The same where agent i takes agent j to be at `heard[:, i, j]` (2, n or 1, n, m), old or
-        foretold.
+        self, points: Floats, heard: Floats, slots: Floats, told_slots: Floats
+    ) -> SwarmTerms:
+        """The same where agent i takes agent j to be elsewhere: late, or foretold.
 
-        `slots` (2, n, m) and `told_slots` (as `heard`) are the slots as they are now, where they
-        change.
+        Args:
+            points: where agents are (2, n, m).
+            heard: where agent i takes agent j to be (2, i, j, m), or (2, 1, j, m).
+            slots: as they are now (2, n, m).
+            told_slots: as agent i has heard of agent j's, shaped as `heard`.
         """
-        slots = self.slots if slots is None else slots
         error = points - slots
-        told = np.broadcast_to(
-            heard - (slots[:, None] if told_slots is None else told_slots), (2, *self.links.shape)
-        )
+        told = np.broadcast_to(heard - told_slots, (2, *self.links.shape))
+        # the sum of the neighbours' e_j, for each i, component and mission
         terms = "ijm,cijm->cim" if self._small else "mij,cijm->cim"
         n = np.einsum(terms, self._weights, told) - self._count * error
-        u: Floats = n * self._gain
-        self.consensus = u
+        avoidance, near = np.zeros_like(n), None
         q = points[:, :, None] - heard
         q *= q
         inside = q[0] + q[1] < self.law.r_out**2
         inside[np.arange(inside.shape[0]), np.arange(inside.shape[0])] = False
         first, second, mission = inside.nonzero()
-        self.avoidance = np.zeros_like(u)
-        if not len(first):
-            return u, None
-        seen = heard[:, first if heard.shape[1] > 1 else np.zeros_like(first), second, mission]
-        near = self._repel(self.avoidance, n, points, seen, (first, second, mission), both=False)
-        return u + self.avoidance, near
+        if len(first):
+            receiver = first if heard.shape[1] > 1 else np.zeros_like(first)
+            seen, pair = heard[:, receiver, second, mission], (first, second, mission)
+            near = self._repel(avoidance, n, points, seen, pair, both=False)
+        return SwarmTerms(n * self._gain, avoidance, near)
 
     def _sum_apart(self, error: Floats) -> Floats:
         """Sum of e_j - e_i over the neighbours j, (2, n, m): one matrix product a mission, unless
@@ -196,7 +196,7 @@ class SwarmLaw:
         seen: Floats,
         pair: tuple[Indices, Indices, Indices],
         both: bool = True,
-    ) -> Near:
+    ) -> NearPairs:
         """Adds the avoidance term of `first` to u, and with `both` that of `second`; `seen` is
         where `second` is."""
         first, second, mission = pair
@@ -217,7 +217,7 @@ class SwarmLaw:
         flat = agents.ravel()
         u[0] += np.bincount(flat, (push * q_x).ravel(), count * m).reshape(count, m)
         u[1] += np.bincount(flat, (push * q_y).ravel(), count * m).reshape(count, m)
-        return Near(first, second, mission, x, linked, numbers)
+        return NearPairs(first, second, mission, x, linked, numbers)
 
     def _members(self, agents: Indices, linked: Bools, size: int) -> Indices:
         """N for neighbours, M (near strangers) for strangers."""

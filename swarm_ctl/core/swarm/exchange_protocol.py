@@ -35,9 +35,8 @@ from typing import Final, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
+from swarm_ctl.core.model.arrays import Bools, Floats, Ints
+
 T = TypeVar("T", bound=np.generic)
 
 EVERY_S: Final = 0.25
@@ -200,11 +199,12 @@ class ExchangeProtocol:
 
     def _gain(self, apart: Floats, told: ExchangeStates) -> Floats:
         """(s_i - s_j) . (z_i - z_j), (a, n, m)."""
-        z = self._slots_of(self.deals.role)[:, :, None] - self._slots_of(told.role)
+        z = self.slots_of(self.deals.role)[:, :, None] - self.slots_of(told.role)
         gain: Floats = (apart * z).sum(axis=0)
         return gain
 
-    def _slots_of(self, roles: Ints) -> Floats:
+    def slots_of(self, roles: Ints) -> Floats:
+        """The slots (2, ..., m) of roles (..., m)."""
         mission = np.arange(roles.shape[-1])
         return np.stack((self.slots[0, roles, mission], self.slots[1, roles, mission]))
 

@@ -11,17 +11,14 @@ from dataclasses import dataclass, fields, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swarm_ctl.core.law.formation import centred
+from swarm_ctl.core.model.arrays import Bools, Floats, Indices, Ints
 from swarm_ctl.errors import InputError
 from swarm_ctl.mission.geometry.shapes import slots_of
 from swarm_ctl.mission.geometry.slot_assignment import nearest
 from swarm_ctl.mission.input import schema
 from swarm_ctl.study.parameter_space import RANGES, Cell, Range, Study
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 _BLOCK_AGENTS: Final = 12288
 """Agents per block: enough for numpy to be quick, few enough for a core's cache."""
@@ -40,7 +37,7 @@ class Batch:
     """m missions of one cell; missions on the last axis. Lengths in units, north and east."""
 
     cell: Cell
-    row: NDArray[np.int64]
+    row: Ints
     """Number in the study; all others (m,) by mission, too, unless they say more."""
     starts: Floats
     """(2, n, m)."""
@@ -59,7 +56,7 @@ class Batch:
     spacing: Floats
     silent: Floats
     wind_from_rad: Floats
-    silent_agent: NDArray[np.int64]
+    silent_agent: Ints
     """Whose process dies; -1: nobody's."""
     silent_s: Floats
     """When."""
@@ -73,7 +70,7 @@ class Batch:
     def __len__(self) -> int:
         return len(self.row)
 
-    def only(self, missions: Bools | NDArray[np.intp]) -> Batch:
+    def only(self, missions: Bools | Indices) -> Batch:
         """Some of the missions."""
         arrays = {
             f.name: getattr(self, f.name)[..., missions] for f in fields(self) if f.name != "cell"

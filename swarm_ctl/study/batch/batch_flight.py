@@ -3,20 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Final, TypeAlias
+from dataclasses import dataclass, fields
+from typing import Final, Self, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-from swarm_ctl.core.law.formation_law import OVERSPEED, STATUSES
-from swarm_ctl.core.law.swarm_law import Near, Rings, SwarmLaw
-from swarm_ctl.core.model.plan import Compensation
-from swarm_ctl.core.model.timeouts import NEIGHBOUR_S, SETPOINT_TIMEOUT_S
-from swarm_ctl.study.batch.batch import Batch, Bools, Floats, connected
-from swarm_ctl.study.batch.batch_safety_filter import BatchSafetyFilter
-from swarm_ctl.study.batch.lossy_channel import News, Told
-from swarm_ctl.study.batch.motion import Motion, motion_of
+from swarm_ctl.core.law import mean_error_feedback
+from swarm_ctl.core.law.formation_law import STATUSES
+from swarm_ctl.core.law.swarm_law import NearPairs, Rings, SwarmLaw
+from swarm_ctl.core.model.arrays import (
+    Bools,
+    Complex,
+    Floats,
+    Indices,
+    Ints,
+    complex_of,
+    keep_missions,
+)
+from swarm_ctl.core.model.plan import Compensation, Safety
+from swarm_ctl.core.model.timeouts import FRESH_S, NEIGHBOUR_S, SETPOINT_TIMEOUT_S
+from swarm_ctl.core.safety.batch_safety_filter import BatchLinks, BatchPeers, BatchSafetyFilter
+from swarm_ctl.core.safety.constraints import Margins
+from swarm_ctl.study.batch.batch import Batch, connected
+from swarm_ctl.study.batch.batch_slot_exchange import BatchSlotExchange
+from swarm_ctl.study.batch.lossy_channel import Heard, LossyChannel
+from swarm_ctl.study.batch.motion import BatchMotion, motion_of
+from swarm_ctl.study.parameter_space import Cell
 
 _CHECK: Final = 5
 """Ticks between two looks at whether the formation stands."""
@@ -27,13 +39,13 @@ _KEPT: Final = 0.9
 _COMPACT: Final = 0.75
 """Finished missions are taken out of the arrays once no more than this share is left."""
 
-Watch: TypeAlias = Callable[[float, NDArray[np.intp], Floats, "Near | None"], None]
+TickObserver: TypeAlias = Callable[[float, Indices, Floats, "NearPairs | None"], None]
 """Called every tick with the time, the places in the batch that are still flown, positions (2, n,
 m), near pairs."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Outcome:
+class BatchResult:
     """How each mission of a batch went; all (m,) unless they say more. Lengths in units."""
 
     smallest: Floats
@@ -46,83 +58,99 @@ class Outcome:
     """When the formation stood (before settling); at the limit where it did not."""
     error: Floats
     """Largest |e_i - mean e| at the end."""
-    links: NDArray[np.int64]
-    links_broken: NDArray[np.int64]
+    links: Ints
+    links_broken: Ints
     """Links of the start graph that ever got longer than r."""
-    kept_broken: NDArray[np.int64]
+    kept_broken: Ints
     """Of those, the ones between live agents while their slots were within 0.9 r."""
     longest_link: Floats
     stuck: Bools
     """A dead-lock: not formed at the end, and all commands under 0.05 m/s for the last 20 s."""
     touched: Floats
     """Share of agent-ticks in which the safety filter changed the wish; 0 without one."""
-    yielded: NDArray[np.int64]
+    yielded: Ints
     """Agent-ticks in which keep-outs excluded each other."""
-    exchanges: NDArray[np.int64]
+    exchanges: Ints
     parted: Bools
     """The links that were within r did not hang together at some look (every `_CHECK` ticks)."""
-    statuses: NDArray[np.int64]
+    statuses: Ints
     """Pair-ticks by sigma status (4, m), each agent's view of a pair counted."""
-    small_gap: NDArray[np.int64]
+    small_gap: Ints
     """Pair-ticks with D_ub - D_lb <= 2, which the paper takes for impossible."""
-    steps: NDArray[np.int64]
+    steps: Ints
     """Ticks flown."""
 
+    @classmethod
+    def blank(cls, m: int) -> Self:
+        """For m missions, nothing flown yet."""
+        types = {"Floats": np.float64, "Ints": np.int64, "Bools": np.bool_}
+        shapes = {"statuses": (len(STATUSES), m)}
+        return cls(*(np.zeros(shapes.get(f.name, (m,)), types[str(f.type)]) for f in fields(cls)))
 
-def fly(batch: Batch, watch: Watch | None = None) -> Outcome:
+    def first(self, count: int) -> Self:
+        """Of the first missions."""
+        return type(self)(*(getattr(self, f.name)[..., :count] for f in fields(self)))
+
+
+def fly(batch: Batch, observer: TickObserver | None = None) -> BatchResult:
     """Fly all missions of a batch to their ends."""
     count = len(batch)
     # A batch of one is summed in another order: last bits would differ from the same mission's in a
     # full batch.
-    flight = _Flight(batch if count > 1 else batch.only(np.zeros(2, dtype=np.intp)))
+    flight = _BatchFlight(batch if count > 1 else batch.only(np.zeros(2, dtype=np.intp)))
     last = round(batch.cell.limit_s / batch.cell.tick_s)
     for tick in range(last + 1):
-        flight.step(tick, watch)
+        flight.step(tick, observer)
         if (tick % _CHECK == 0 or tick == last) and flight.look(tick, tick == last):
             break
-    return _of_first(flight.result, count)
+    return flight.result.first(count)
 
 
-def _of_first(outcome: Outcome, count: int) -> Outcome:
-    return Outcome(*(getattr(outcome, name)[..., :count] for name in Outcome.__slots__))
+def safety_filter_of(cell: Cell, agents: Ints) -> BatchSafetyFilter:
+    """The safety filter that a cell asks for; `agents` are ids (n, m)."""
+    safety = Safety(*(cell.has(part) for part in ("filter", "guard", "release", "align")))
+    margins = Margins.of(cell.law, cell.model, cell.speed_mps / cell.unit_m)
+    return BatchSafetyFilter(safety, cell.law, margins, cell.tick_s, agents)
 
 
-class _Flight:
+class _BatchFlight:
     """A batch in the air."""
 
     def __init__(self, batch: Batch) -> None:
-        cell, m = batch.cell, len(batch)
+        cell, (_, n, m) = batch.cell, batch.starts.shape
         self._cell, self._kappa = cell, batch.kappa
-        self.result = _blank(m)
+        self.result = BatchResult.blank(m)
         self._place = np.arange(m)
         self._flying = np.ones(m, dtype=np.bool_)
         self._law = SwarmLaw(batch.slots, batch.links, batch.h, cell.law)
-        self._motion: Motion = motion_of(batch)
+        self._motion: BatchMotion = motion_of(batch)
         self._seen = batch.starts
         """Positions at the last step."""
-        self._carry_on = cell.compensation is Compensation.STOP_POINT
         self._silent_from = batch.silent_from(cell.tick_s)
         self._silent = bool(np.isfinite(self._silent_from).any())
         told_late = batch.delay_s.any() or batch.loss.any() or self._silent
-        self._news = News(batch, cell.tick_s) if told_late else None
-        self._keeper = BatchSafetyFilter(batch) if cell.safety != "off" else None
-        self._slots = batch.slots
-        """As they are now: exchanges change them."""
-        self._rings = Rings(cell.n, m)
+        self._channel = LossyChannel(batch, cell.tick_s) if told_late else None
+        ids = np.repeat(1 + np.arange(n)[:, None], m, axis=1)
+        self._filter = safety_filter_of(cell, ids) if cell.has("filter") else None
+        self._exchange = BatchSlotExchange(batch) if cell.has("exchange") else None
+        self._slots, self._told_slots = batch.slots, batch.slots[:, None]
+        """As they are now, and as they are heard: exchanges change them."""
+        self._links: BatchLinks | None = None
+        self._flown, self._touched, self._yielded = np.zeros(m), np.zeros(m), np.zeros(m)
+        """Agent-ticks: all, those in which the filter changed the wish, and those in which
+        keep-outs excluded each other."""
+        self._rings = Rings(n, m)
         self._linked = (
             batch.links[self._rings.first, self._rings.second] & self._rings.once[..., None]
         )
-        self._fits = self._fitting()
-        self._held = self._fits
-        self._nearest = np.full(self._rings.squared.shape, np.inf)
-        self._nearest_silent = np.full(m, np.inf)
-        self._farthest = np.zeros(self._rings.squared.shape)
-        self._farthest_kept = np.zeros(self._rings.squared.shape)
+        self._fits = self._held = self._fitting()
+        pairs = self._rings.squared.shape
+        self._nearest, self._nearest_silent = np.full(pairs, np.inf), np.full(m, np.inf)
+        self._farthest, self._farthest_kept = np.zeros(pairs), np.zeros(pairs)
         self._statuses = np.zeros((len(STATUSES), m), dtype=np.int64)
         self._small_gap = np.zeros(m, dtype=np.int64)
         self._parted = np.zeros(m, dtype=np.bool_)
-        self._since = np.full(m, np.inf)
-        self._moved_s = np.zeros(m)
+        self._since, self._moved_s = np.full(m, np.inf), np.zeros(m)
 
     def _fitting(self) -> Bools:
         """Links (rings, n, m) that the shape keeps within r."""
@@ -130,86 +158,95 @@ class _Flight:
         fits: Bools = self._linked & ((apart**2).sum(axis=0) <= (_KEPT * self._cell.law.r) ** 2)
         return fits
 
-    def step(self, tick: int, watch: Watch | None) -> None:
+    def step(self, tick: int, observer: TickObserver | None) -> None:
         """One tick of all missions."""
         position, points = self._motion.position, self._motion.points()
         self._seen = position
-        talks = tick < self._silent_from
-        self._measure(position, talks)
-        wish, near = self._wish(tick, points, talks)
+        live = tick < self._silent_from
+        self._measure(position, live)
+        wish, near = self._wish(tick, points, live)
         self._count(near)
-        if watch is not None:
-            watch(tick * self._cell.tick_s, self._place, position, near)
+        if observer is not None:
+            observer(tick * self._cell.tick_s, self._place, position, near)
         if self._silent:
-            wish = self._without_the_silent(tick, wish, talks)
+            wish = self._without_the_silent(tick, wish, live)
         self._motion.move(wish)
 
-    def _measure(self, position: Floats, talks: Bools) -> None:
-        squared = self._rings.measure(position)
-        live = squared
+    def _measure(self, position: Floats, live: Bools) -> None:
+        """Take the distances of all pairs into the smallest and the largest."""
+        squared = apart = self._rings.measure(position)
         if self._silent:
-            both = talks[self._rings.first] & talks[self._rings.second]
-            live = np.where(both, squared, np.inf)
-            np.minimum(
-                self._nearest_silent,
-                np.where(both, np.inf, squared).min(axis=(0, 1)),
-                out=self._nearest_silent,
-            )
+            both = live[self._rings.first] & live[self._rings.second]
+            apart = np.where(both, squared, np.inf)
+            to_silent = np.where(both, np.inf, squared).min(axis=(0, 1))
+            np.minimum(self._nearest_silent, to_silent, out=self._nearest_silent)
             squared = np.where(both, squared, 0.0)
-        np.minimum(self._nearest, live, out=self._nearest)
+        np.minimum(self._nearest, apart, out=self._nearest)
         np.maximum(self._farthest, squared, out=self._farthest)
-        if self._keeper is not None:
+        if self._filter is not None:
             # a link that an exchange makes fit counts from when it is as short as its slots
             self._held = self._fits & (self._held | (squared <= (_KEPT * self._cell.law.r) ** 2))
             np.maximum(self._farthest_kept, squared, out=self._farthest_kept, where=self._held)
 
-    def _wish(self, tick: int, points: Floats, talks: Bools) -> tuple[Floats, Near | None]:
+    def _wish(self, tick: int, points: Floats, live: Bools) -> tuple[Floats, NearPairs | None]:
         """What is commanded [units/s], and the near pairs."""
-        if self._news is None and self._keeper is None:
+        if self._channel is None and self._filter is None:
             u, near = self._law.step(points)
             return u * self._kappa, near
-        velocity = self._motion.velocity
-        if self._news is not None:
-            told = self._news.exchange(tick, points, velocity)
-        else:
-            told = Told(
-                points[:, None],
-                velocity[:, None],
-                np.zeros((1, *points.shape[1:])),
-                np.zeros(points.shape[-1]),
-            )
+        heard = self._heard(tick, points)
         if self._silent:
             self._unlink(tick)
-        at = told.carried() if self._carry_on else told.points
-        dealing = self._keeper.dealing if self._keeper is not None else None
-        if dealing is not None:
-            dealing.look(tick, points, told, talks)
-            u, near = self._law.step_heard(points, at, dealing.slots, dealing.told_slots)
-            self._change_slots(dealing.slots)
-        else:
-            u, near = self._law.step_heard(points, at)
-        if self._keeper is None:
-            return u * self._kappa, near
-        return self._keeper.velocity(self._law, self._kappa, points, told, self._slots, talks), near
+        if self._exchange is not None and self._exchange.look(tick, points, heard, live):
+            self._slots, self._told_slots = self._exchange.slots, self._exchange.told_slots
+            self._links, self._fits = None, self._fitting()
+        carry_on = self._cell.compensation is Compensation.STOP_POINT
+        at = heard.carried(heard.lead_s) if carry_on else heard.points
+        terms = self._law.step_heard(points, at, self._slots, self._told_slots)
+        if self._filter is None:
+            return (terms.consensus + terms.avoidance) * self._kappa, terms.near
+        consensus = complex_of(terms.consensus) * self._kappa
+        avoidance = complex_of(terms.avoidance) * self._kappa
+        peers = _peers_of(points, heard)
+        if self._cell.has("align"):
+            consensus = consensus + self._aligned(points, at, peers.heard)
+        if self._links is None:
+            told = complex_of(self._told_slots)
+            self._links = BatchLinks(self._law.links, complex_of(self._slots), told)
+        flown = self._filter.velocity(consensus, avoidance, peers, self._links)
+        self._flown += np.count_nonzero(live, axis=0)
+        self._touched += np.count_nonzero(self._filter.touched & live, axis=0)
+        self._yielded += np.count_nonzero(self._filter.yielded & live, axis=0)
+        return np.stack((flown.real, flown.imag)), terms.near
 
-    def _change_slots(self, slots: Floats) -> None:
-        if slots is not self._slots:
-            self._slots = slots
-            self._fits = self._fitting()
+    def _heard(self, tick: int, points: Floats) -> Heard:
+        velocity = self._motion.velocity
+        if self._channel is not None:
+            return self._channel.exchange(tick, points, velocity)
+        _, n, m = points.shape
+        return Heard(points[:, None], velocity[:, None], np.zeros((1, n, m)), np.zeros(m))
+
+    def _aligned(self, points: Floats, at: Floats, counted: Bools) -> Complex:
+        """The pull to the average of all agents that are heard."""
+        others = np.arange(points.shape[1])
+        counted = np.repeat(counted, len(others) // len(counted), axis=0)
+        counted[others, others] = False
+        errors = complex_of(at) - complex_of(self._told_slots)
+        own = complex_of(points) - complex_of(self._slots)
+        return mean_error_feedback.pull(own, errors, counted, axis=1)
 
     def _unlink(self, tick: int) -> None:
-        """Nobody follows whoever has not been heard for `NEIGHBOUR_S`."""
+        """No agent follows an agent that has not been heard for `NEIGHBOUR_S`."""
         gone = self._silent_from + round(NEIGHBOUR_S / self._cell.tick_s) == tick
         if gone.any():
-            self._law = self._law.unlinked(gone)
+            self._law, self._links = self._law.unlinked(gone), None
 
-    def _without_the_silent(self, tick: int, wish: Floats, talks: Bools) -> Floats:
+    def _without_the_silent(self, tick: int, wish: Floats, live: Bools) -> Floats:
         """Vehicles of silent agents go on with the last command, then stop."""
         blind_s = SETPOINT_TIMEOUT_S.get(self._cell.vehicle, SETPOINT_TIMEOUT_S["ardupilot"])
         still = tick >= self._silent_from + blind_s / self._cell.tick_s
-        return np.where(talks, wish, np.where(still, 0.0, self._motion.velocity))
+        return np.where(live, wish, np.where(still, 0.0, self._motion.velocity))
 
-    def _count(self, near: Near | None) -> None:
+    def _count(self, near: NearPairs | None) -> None:
         if near is None:
             return
         m = len(self._place)
@@ -242,14 +279,14 @@ class _Flight:
                 self._compact()
         return not self._flying.any()
 
-    def _error(self, talks: Bools) -> Floats:
+    def _error(self, live: Bools) -> Floats:
         """Largest |e_i - mean e| over the live agents, (m,)."""
         e = self._seen - self._slots
         if not self._silent:
             e -= e.mean(axis=1, keepdims=True)
         else:
-            e -= e.mean(axis=1, keepdims=True, where=talks)
-            e = np.where(talks, e, 0.0)
+            e -= e.mean(axis=1, keepdims=True, where=live)
+            e = np.where(live, e, 0.0)
         error: Floats = np.sqrt((e * e).sum(axis=0).max(axis=0))
         return error
 
@@ -274,31 +311,26 @@ class _Flight:
         result.error[place] = error[over]
         result.links[place] = np.count_nonzero(self._linked[..., over], axis=(0, 1))
         result.links_broken[place] = np.count_nonzero(far > r2, axis=(0, 1))
-        kept = (
-            self._farthest_kept
-            if self._keeper is not None
-            else np.where(self._fits, self._farthest, 0.0)
-        )
+        kept = self._farthest_kept
+        if self._filter is None:
+            kept = np.where(self._fits, self._farthest, 0.0)
         result.kept_broken[place] = np.count_nonzero(kept[..., over] > r2, axis=(0, 1))
         result.longest_link[place] = np.sqrt(far.max(axis=(0, 1), initial=0.0))
         result.parted[place] = self._parted[over]
         result.statuses[:, place] = self._statuses[:, over]
         result.small_gap[place] = self._small_gap[over]
         result.steps[place] = tick + 1
-        if self._keeper is not None:
-            counts = self._keeper.counts
-            result.touched[place] = (counts.touched / np.maximum(counts.flown, 1))[over]
-            result.yielded[place] = counts.yielded[over]
-            if self._keeper.dealing is not None:
-                result.exchanges[place] = self._keeper.dealing.count[over]
+        result.touched[place] = (self._touched / np.maximum(self._flown, 1))[over]
+        result.yielded[place] = self._yielded[over]
+        if self._exchange is not None:
+            result.exchanges[place] = self._exchange.count[over]
 
     def _compact(self) -> None:
         keep = self._flying
-        for name in _BY_MISSION:
-            setattr(self, name, np.ascontiguousarray(getattr(self, name)[..., keep]))
-        self._law = self._law.only(keep)
+        keep_missions(self, keep, *_BY_MISSION)
+        self._law, self._links = self._law.only(keep), None
         self._motion.only(keep)
-        for part in (self._news, self._keeper):
+        for part in (self._channel, self._filter, self._exchange):
             if part is not None:
                 part.only(keep)
         self._rings = Rings(self._cell.n, len(self._place))
@@ -306,31 +338,15 @@ class _Flight:
 
 
 _BY_MISSION: Final = (
-    "_linked", "_fits", "_held", "_nearest", "_nearest_silent", "_farthest", "_farthest_kept", "_statuses",
-    "_small_gap", "_parted", "_since", "_moved_s", "_place", "_kappa", "_silent_from", "_slots",
-)  # fmt: skip
+    *("_place", "_kappa", "_silent_from", "_slots", "_told_slots", "_linked", "_fits", "_held"),
+    *("_nearest", "_nearest_silent", "_farthest", "_farthest_kept", "_statuses", "_small_gap"),
+    *("_parted", "_since", "_moved_s", "_flown", "_touched", "_yielded"),
+)
 
 
-def _blank(m: int) -> Outcome:
-    def whole() -> NDArray[np.int64]:
-        return np.zeros(m, dtype=np.int64)
-
-    return Outcome(
-        smallest=np.zeros(m),
-        smallest_silent=np.full(m, np.inf),
-        converged=np.zeros(m, dtype=np.bool_),
-        time_s=np.zeros(m),
-        error=np.zeros(m),
-        links=whole(),
-        links_broken=whole(),
-        kept_broken=whole(),
-        longest_link=np.zeros(m),
-        stuck=np.zeros(m, dtype=np.bool_),
-        touched=np.zeros(m),
-        yielded=whole(),
-        exchanges=whole(),
-        parted=np.zeros(m, dtype=np.bool_),
-        statuses=np.zeros((OVERSPEED + 1, m), dtype=np.int64),
-        small_gap=whole(),
-        steps=whole(),
+def _peers_of(points: Floats, heard: Heard) -> BatchPeers:
+    told = complex_of(heard.points)
+    fresh = heard.age_s <= FRESH_S
+    return BatchPeers(
+        complex_of(points)[:, None] - told, complex_of(heard.velocity), heard.age_s, fresh, fresh
     )

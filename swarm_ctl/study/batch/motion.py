@@ -10,19 +10,19 @@ from __future__ import annotations
 from typing import Final, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sim.physics import response as firmware
 from sim.physics.vehicle import Array, Demands, Response, State, advance
 from swarm_ctl.core.law.stop_point import pending, stop_points
+from swarm_ctl.core.model.arrays import Bools, Floats, keep_missions
 from swarm_ctl.core.model.plan import Compensation
-from swarm_ctl.study.batch.batch import Batch, Floats
+from swarm_ctl.study.batch.batch import Batch
 
 _SUBSTEPS: Final = {"lag": 1, "ardupilot": 4, "px4": 4}
 """Physics steps a tick: the firmwares' fastest lags are 0.05 s."""
 
 
-class Motion(Protocol):
+class BatchMotion(Protocol):
     """Where the swarms are, and how a commanded velocity moves them. Lengths in units, (2, n,
     m)."""
 
@@ -40,11 +40,11 @@ class Motion(Protocol):
     def move(self, wish: Floats) -> None:
         """Fly one tick at `wish` [units/s]."""
 
-    def only(self, missions: NDArray[np.bool_]) -> None:
+    def only(self, missions: Bools) -> None:
         """Go on with some of the missions."""
 
 
-class Ideal:
+class IdealMotion:
     """Single integrators: p <- p + tick * v. With v = kappa * u and kappa * tick = 1 that is
     (9)."""
 
@@ -58,17 +58,14 @@ class Ideal:
         return self.position
 
     def move(self, wish: Floats) -> None:
-        """As `Motion.move`."""
         self.velocity = wish
         self.position = self.position + wish * self._tick_s
 
-    def only(self, missions: NDArray[np.bool_]) -> None:
-        """As `Motion.only`."""
-        self.position = np.ascontiguousarray(self.position[..., missions])
-        self.velocity = np.ascontiguousarray(self.velocity[..., missions])
+    def only(self, missions: Bools) -> None:
+        keep_missions(self, missions, "position", "velocity")
 
 
-class Lag:
+class LagResponse:
     """A first-order lag with bounded acceleration, one lag per mission: the model behind the stop
     point."""
 
@@ -88,12 +85,12 @@ class Lag:
         size = np.sqrt(wanted[..., 0] ** 2 + wanted[..., 1] ** 2)
         return np.asarray(wanted * (self._bound / np.maximum(size, self._bound))[..., None])
 
-    def only(self, missions: NDArray[np.bool_]) -> Lag:
+    def only(self, missions: Bools) -> LagResponse:
         """Some of the missions."""
-        return Lag(self._lag_s[missions], self._bound)
+        return LagResponse(self._lag_s[missions], self._bound)
 
 
-class Vehicles:
+class VehicleMotion:
     """`sim.physics.vehicle` behind a dead time, the agents' speed limit and, if asked for, the stop
     point."""
 
@@ -120,12 +117,10 @@ class Vehicles:
 
     @property
     def position(self) -> Floats:
-        """As `Motion.position`."""
         return self._units(self._state.position[..., :2])
 
     @property
     def velocity(self) -> Floats:
-        """As `Motion.velocity`."""
         return self._units(self._commands[-1])
 
     def points(self) -> Floats:
@@ -140,7 +135,6 @@ class Vehicles:
         return self._units(found)
 
     def move(self, wish: Floats) -> None:
-        """As `Motion.move`."""
         wanted = (wish * self._unit_m).transpose(2, 1, 0)
         speed = np.sqrt(wanted[..., 0] ** 2 + wanted[..., 1] ** 2)
         limit = self._cell.speed_mps
@@ -155,23 +149,22 @@ class Vehicles:
         for _ in range(steps):
             advance(self._state, demands, self._response, self._tick_s / steps)
 
-    def only(self, missions: NDArray[np.bool_]) -> None:
-        """As `Motion.only`."""
+    def only(self, missions: Bools) -> None:
         state = self._state
         for name in State.__slots__:
             setattr(state, name, getattr(state, name)[missions])
         self._late = self._late[missions]
         self._commands = self._commands[:, missions]
-        if isinstance(self._response, Lag):
+        if isinstance(self._response, LagResponse):
             self._response = self._response.only(missions)
 
     def _units(self, metres: Floats) -> Floats:
         return np.ascontiguousarray(metres.transpose(2, 1, 0)) / self._unit_m
 
 
-def motion_of(batch: Batch) -> Motion:
+def motion_of(batch: Batch) -> BatchMotion:
     """The motion that the batch's cell asks for."""
-    return Ideal(batch) if batch.cell.vehicle == "ideal" else Vehicles(batch)
+    return IdealMotion(batch) if batch.cell.vehicle == "ideal" else VehicleMotion(batch)
 
 
 def _response(batch: Batch) -> Response:
@@ -181,7 +174,7 @@ def _response(batch: Batch) -> Response:
         case "px4":
             return firmware.Px4()
         case _:
-            return Lag(batch.lag_s, batch.cell.acceleration_mps2)
+            return LagResponse(batch.lag_s, batch.cell.acceleration_mps2)
 
 
 def _direction(angle_rad: Floats) -> Floats:

@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 
 from swarm_ctl.core.model.plan import Compensation
-from swarm_ctl.core.safety.deadlock import DeadlockRelease
 from swarm_ctl.study.batch.batch import Batch, blocks, draw
 from swarm_ctl.study.batch.batch_flight import fly
-from swarm_ctl.study.batch.batch_safety_filter import _BatchDeadlockRelease
 from swarm_ctl.study.parameter_space import Range, Study, value
 
 LATE: dict[str, Any] = {
@@ -100,23 +98,3 @@ def test_exchange_shortens_the_way() -> None:
     assert exchanged.converged.all()
     assert np.median(exchanged.time_s) < np.median(fixed.time_s)
     assert (exchanged.smallest > 0.5).all()
-
-
-def test_releases_of_one_and_of_many_are_the_same() -> None:
-    """The agent's release and the study's, fed alike, turn alike; the dice are each one's own and
-    so not compared."""
-    random = np.random.default_rng(2)
-    one, many = DeadlockRelease(1, 1.0, 0.05), _BatchDeadlockRelease((1, 1), 1.0, 0.05)
-    for _ in range(200):
-        consensus, flown = complex(*random.normal(size=2)), complex(*random.normal(size=2)) * 0.01
-        wish = consensus * 0.5
-        for_one = one.turn(wish, consensus)
-        for_many = many.turn(
-            np.array([[wish]]), np.array([[consensus]]), np.array([[[0.5]], [[0.9]]])
-        )
-        one.note(consensus, flown)
-        many.note(np.array([[consensus]]), np.array([[flown]]))
-        if one.fails == 0:
-            assert for_many[0, 0] == for_one
-    assert one.fails > 0
-    assert many.fails[0, 0] > 0

@@ -20,7 +20,7 @@ from swarm_ctl.mission.compile.loader import load
 from swarm_ctl.study.batch import batch as batch_module
 from swarm_ctl.study.batch.batch import Batch, blocks, connected, draw
 from swarm_ctl.study.batch.batch_flight import fly
-from swarm_ctl.study.batch.lossy_channel import News
+from swarm_ctl.study.batch.lossy_channel import LossyChannel
 from swarm_ctl.study.executor import carry_out
 from swarm_ctl.study.parameter_space import LEVELS, Range, Study, value
 from swarm_ctl.study.rerun import Trace, fly_again, write_mission
@@ -263,7 +263,7 @@ def test_news_arrive_late_and_some_never() -> None:
     """Delay is exact; the share of lost news is the one asked for; what is known is what was
     sent."""
     batch = only_batch(n=(5,), missions=30, delay_s=value(0.1), loss=value(0.3))
-    news = News(batch, 0.05)
+    news = LossyChannel(batch, 0.05)
     points = batch.starts
     fresh = total = 0
     for tick in range(60):
@@ -279,11 +279,11 @@ def test_news_arrive_late_and_some_never() -> None:
 
 def test_news_are_carried_on_by_their_velocity() -> None:
     batch = only_batch(missions=4, delay_s=value(0.2), loss=value(0.0))
-    news = News(batch, 0.05)
+    news = LossyChannel(batch, 0.05)
     for tick in range(30):
-        heard = news.exchange(
-            tick, batch.starts + 0.05 * tick, np.ones_like(batch.starts)
-        ).carried()
+        heard = news.exchange(tick, batch.starts + 0.05 * tick, np.ones_like(batch.starts)).carried(
+            0.3
+        )
     assert heard[:, 0] == pytest.approx(batch.starts + 0.05 * 29)
 
 

@@ -74,7 +74,8 @@ def test_heard_truth_is_truth(batch: Any) -> None:
     n = points.shape[1]
     u, _ = law.step(points)
     for heard in (points[:, None], np.repeat(points[:, None], n, axis=1)):
-        assert law.step_heard(points, heard)[0] == pytest.approx(u, rel=1e-9, abs=1e-12)
+        terms = law.step_heard(points, heard, slots, slots[:, None])
+        assert terms.consensus + terms.avoidance == pytest.approx(u, rel=1e-9, abs=1e-12)
 
 
 @given(batches())

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from swarm_ctl.core.model.arrays import MANY
 from swarm_ctl.core.model.plan import LawParameters, Limits, Response
 from swarm_ctl.core.safety.constraints import Margins, cap, climb_rate, half_plane, limited
 from swarm_ctl.core.safety.deadlock import DeadlockRelease, swirled
@@ -147,3 +148,22 @@ def test_the_swirl_only_turns_what_points_against_the_wish(
         assert out == pytest.approx(avoidance)
     else:
         assert (out * avoidance.conjugate()).real == pytest.approx(abs(avoidance) ** 2)
+
+
+def test_releases_of_one_and_of_many_are_the_same() -> None:
+    """Arrays of agents get what each agent gets alone, dice included."""
+    random, shape = np.random.default_rng(2), (3, 2)
+    ids = np.array([[1, 1], [2, 2], [65535, 7]])
+    alone = {place: DeadlockRelease(int(ids[place]), 1.0, 0.05) for place in np.ndindex(shape)}
+    together = DeadlockRelease(ids, 1.0, 0.05, MANY)
+    for _ in range(2000):
+        consensus = random.normal(size=shape) + 1j * random.normal(size=shape)
+        flown = consensus * random.normal(0.1, 0.1, shape)
+        turned = together.turn(0.5 * consensus, consensus)
+        together.note(consensus, flown)
+        for place, one in alone.items():
+            to, did = complex(consensus[place]), complex(flown[place])
+            assert one.turn(0.5 * to, to) == pytest.approx(turned[place], rel=1e-12)
+            one.note(to, did)
+            assert one.fails == together.fails[place]
+    assert together.fails.min() > 5
