@@ -61,7 +61,8 @@ def send(
 
         swarm-ctl send kill --agents 3
     """
-    from swarm_ctl.runtime.station.sender import Answers, Sender
+    from swarm_ctl.commands.parse import Order
+    from swarm_ctl.runtime.station.run_client import RunClient
     from swarm_ctl.station.picture.summaries import command_words
 
     given = arguments or []
@@ -76,16 +77,10 @@ def send(
         typer.confirm(
             f"kill: the motors of {who} stop at once and the vehicle falls. Really?", abort=True
         )
-    with Sender(folder) as sender:
-        answers: Answers
-        if command == "form":
-            answers = sender.form(given[0])
-        elif command == "move":
-            answers = sender.move((_number(given[0]), _number(given[1])), by=by, speed_mps=speed)
-        elif command == "tune":
-            answers = sender.tune(given)
-        else:
-            answers = sender.send(command, meant)
+    if command == "move":
+        given = [str(_number(word)) for word in given] + ([] if speed is None else [str(speed)])
+    with RunClient(folder) as client:
+        answers = client.order(Order(command, tuple(given), meant, by))
     for words, ids in _said(answers.acks.values()).items():
         console.print(f"{agents_named(ids)}: {words}", soft_wrap=True)
     if answers.silent:

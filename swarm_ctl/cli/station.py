@@ -58,17 +58,18 @@ def station(
 
         swarm-ctl station --mission pair.yaml --mesh tcp/10.0.0.11:7447 --mesh tcp/10.0.0.12:7447
     """
+    from swarm_ctl.runtime.station.join import join_run, join_swarm
     from swarm_ctl.runtime.station.screens import shown
-    from swarm_ctl.runtime.station.station_process import join, run_station
 
     show = shown(headless=headless, json=json)
     if mission is None:
         _refuse_without_mission({"--mesh": mesh, "--fleet": fleet, "--speedup": speedup})
         folder = run if run is not None else newest_run(Path("runs"))
-        raise typer.Exit(run_station(folder, None, lambda _: None, show, metrics))
+        join_run(folder, show, metrics)
+        return
     if run is not None:
         raise InputError(f"both a run folder ({run}) and --mission {mission}; allowed: one of them")
-    raise typer.Exit(join(load(mission, fleet=fleet), mesh or [], show, speedup or 1.0, metrics))
+    join_swarm(load(mission, fleet=fleet), mesh or [], show, speedup or 1.0, metrics)
 
 
 def _refuse_without_mission(options: dict[str, object]) -> None:

@@ -1,39 +1,116 @@
-"""What `form` and `move` from an operator carry: steps as a mission has them, decided by the sender
-once."""
+"""Makes the mesh's `Command` of an operator's order.
+
+What `form`, `move` and `tune` ask for is decided here, once for all agents, so that no two of them
+can differ.
+"""
 
 from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Mapping
+import uuid
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
+from swarm_ctl.commands.parse import BY_NAME, Order, tuned
 from swarm_ctl.core.law.formation import smallest_distance
+from swarm_ctl.core.model.messages import Command, Gains, Tuning
 from swarm_ctl.core.model.plan import FormStep, MoveStep, Plan, Point
+from swarm_ctl.core.model.text import agents_named
+from swarm_ctl.core.swarm.gain_update import LEAD_S, limits, planned
 from swarm_ctl.errors import InputError
-from swarm_ctl.mission.compile.loader import load
+from swarm_ctl.mission.compile.loader import LoadedMission, load
 from swarm_ctl.mission.geometry import slot_assignment
 from swarm_ctl.mission.geometry.shapes import slots_of
-from swarm_ctl.mission.input.schema import Shape
 from swarm_ctl.mission.input.units import in_units
 
-_TOLERANCE_M, _SETTLE_S, _NO_END_S = 0.5, 5.0, 1e9
+_TOLERANCE_M: Final = 0.5
+_SETTLE_S: Final = 5.0
+_NO_END_S: Final = 1e9
 
 
-def form(mission: Path, plan: Plan, shape: str, points_m: Mapping[int, Point]) -> FormStep:
-    """A shape of the mission's file, its slots given out to whoever is nearest. `points_m`: where
-    each agent is."""
-    return form_step(in_units(load(mission).file).shapes, plan, shape, points_m, str(mission))
+@dataclass(frozen=True, slots=True)
+class AgentNow:
+    """What the sender knows of one agent of the plan."""
+
+    id: int
+    stop_point_m: Point | None
+    """Where it would come to rest, (north, east) of the origin; None: it was never heard."""
+    lost: bool = False
+    """It was heard, but not of late."""
+    flies: bool = True
+    """It is heard and controls its vehicle."""
+    gains: Gains | None = None
+    """The law it flies; None: it has not told yet."""
+    clock_ahead_s: float | None = None
+    """Its clock less the sender's, 0 where they may be one; None: not known."""
 
 
-def form_step(
-    shapes: Mapping[str, Shape], plan: Plan, shape: str, points_m: Mapping[int, Point], where: str
-) -> FormStep:
-    """The same from the shapes themselves (lengths in units); InputError where there is no such
-    shape in `where`."""
+@dataclass(frozen=True, slots=True)
+class SwarmNow:
+    """What the sender knows of the swarm. `time_s` is on its own mission clock."""
+
+    plan: Plan
+    time_s: float
+    step: int
+    """The furthest step any agent is in."""
+    agents: tuple[AgentNow, ...]
+    speedup: float = 1.0
+
+    def stop_points_m(self, kind: str) -> dict[int, Point]:
+        """Where each agent would come to rest; InputError where one is not heard."""
+        found = {
+            a.id: a.stop_point_m for a in self.agents if a.stop_point_m is not None and not a.lost
+        }
+        silent = [str(agent.id) for agent in self.agents if agent.id not in found]
+        if silent:
+            raise InputError(f"{kind}: agent {', '.join(silent)} is not heard; nothing was sent")
+        return found
+
+
+def build(order: Order, swarm: SwarmNow, mission: LoadedMission | Path) -> Command:
+    """The command for `order` and the swarm as it is; `mission` has the shapes.
+
+    Raises:
+        InputError: there is no such command, agent or shape, a number is out of range, or an agent
+            is not heard that has to be.
+    """
+    _check(order, swarm.plan)
+    command = Command(uuid.uuid4().hex, order.kind, order.agents, swarm.time_s)
+    match order.kind:
+        case "next":
+            return replace(command, at_step=swarm.step)
+        case "form":
+            step: FormStep | MoveStep = _form(order.arguments[0], swarm, mission)
+        case "move":
+            step = _move(order, swarm)
+        case "tune":
+            agents, tuning = _tune(order, swarm)
+            return replace(command, agents=agents, tuning=tuning, plan_hash=swarm.plan.hash())
+        case _:
+            return command
+    return replace(command, step=step, plan_hash=swarm.plan.hash())
+
+
+def _check(order: Order, plan: Plan) -> None:
+    if order.kind not in BY_NAME:
+        raise InputError(f"unknown command {order.kind!r}; allowed: {', '.join(BY_NAME)}")
+    known = [agent.id for agent in plan.agents]
+    for agent in order.agents:
+        if agent not in known:
+            raise InputError(f"there is no agent {agent}; allowed: {', '.join(map(str, known))}")
+
+
+def _form(shape: str, swarm: SwarmNow, mission: LoadedMission | Path) -> FormStep:
+    """A shape of the mission; each slot goes to an agent that is near."""
+    plan, points_m = swarm.plan, swarm.stop_points_m("form")
+    file = mission.file if isinstance(mission, LoadedMission) else load(mission).file
+    shapes = in_units(file).shapes
     if shape not in shapes:
+        where = "this mission" if isinstance(mission, LoadedMission) else mission
         close = difflib.get_close_matches(shape, shapes, n=1)
         hint = f"; did you mean {close[0]}?" if close else ""
         raise InputError(
@@ -42,10 +119,11 @@ def form_step(
     points = [
         (points_m[a.id][0] / plan.unit_m, points_m[a.id][1] / plan.unit_m) for a in plan.agents
     ]
-    targets = slots_of(shapes[shape], len(points))
-    if len(targets) != len(points):
-        raise InputError(f"{shape} has {len(targets)} slots for {len(points)} agents")
-    chosen = np.round(slot_assignment.nearest(points, targets), 9) + 0.0
+    slots = slots_of(shapes[shape], len(points))
+    if len(slots) != len(points):
+        raise InputError(f"{shape} has {len(slots)} slots for {len(points)} agents")
+    # Rounded, so that the command's text is short; + 0.0 makes 0.0 of -0.0.
+    chosen = np.round(slot_assignment.nearest(points, slots), 9) + 0.0
     if smallest_distance(chosen) <= plan.law.r_out:
         raise InputError(
             f"slots of {shape} are closer than r_out, {plan.law.r_out * plan.unit_m:g} m"
@@ -55,16 +133,41 @@ def form_step(
     )
 
 
-def move(plan: Plan, to_m: Point, speed_mps: float | None = None) -> MoveStep:
-    """The formation's centre to a point, in metres north and east of the origin; InputError where
-    that can't be."""
-    if not all(map(math.isfinite, to_m)):
+def _move(order: Order, swarm: SwarmNow) -> MoveStep:
+    """The formation's centre to a point, or by so much from where it is."""
+    north, east, *speeds = map(float, order.arguments)
+    if order.by:
+        centre = np.mean(list(swarm.stop_points_m("move").values()), axis=0)
+        north, east = north + float(centre[0]), east + float(centre[1])
+    if not (math.isfinite(north) and math.isfinite(east)):
         raise InputError(
-            f"move to ({to_m[0]:g}, {to_m[1]:g}) m; allowed: finite numbers of metres, north and east"
+            f"move to ({north:g}, {east:g}) m; allowed: finite numbers of metres, north and east"
         )
-    speed = plan.limits.speed_mps / 2 if speed_mps is None else speed_mps
-    if not 0 < speed <= plan.limits.speed_mps:
+    most = swarm.plan.limits.speed_mps
+    speed = speeds[0] if speeds else most / 2
+    if not 0 < speed <= most:
+        raise InputError(f"move at {speed:g} m/s; allowed: above 0, at most {most:g} m/s")
+    return MoveStep(((north, east),), speed, _TOLERANCE_M, _SETTLE_S, _NO_END_S)
+
+
+def _tune(order: Order, swarm: SwarmNow) -> tuple[tuple[int, ...], Tuning]:
+    """The agents asked, and the change. Every agent that controls a vehicle is asked."""
+    plan = swarm.plan
+    unheard = [agent.id for agent in swarm.agents if agent.stop_point_m is None]
+    if unheard:
+        raise InputError(f"tune: {agents_named(unheard)} is not heard; nothing was sent")
+    asked = [agent for agent in swarm.agents if agent.flies]
+    if not asked:
+        raise InputError("tune: no agent flies any more; nothing was sent")
+    laws = {agent.gains for agent in asked if agent.gains is not None}
+    names = set(limits(plan))
+    named = {word.partition("=")[0] for word in order.arguments}
+    if len(laws) != 1 and "plan" not in named and not names <= named:
+        what = "agents fly different laws" if laws else "no agent has told its law yet"
         raise InputError(
-            f"move at {speed:g} m/s; allowed: above 0, at most {plan.limits.speed_mps:g} m/s"
+            f"tune: {what}; name all of {', '.join(sorted(names))}, or say `tune plan`"
         )
-    return MoveStep((to_m,), speed, _TOLERANCE_M, _SETTLE_S, _NO_END_S)
+    gains = tuned(order.arguments, next(iter(laws), planned(plan)), plan)
+    at_s = swarm.time_s + LEAD_S * max(1.0, swarm.speedup)
+    ahead_s = tuple((agent.id, agent.clock_ahead_s) for agent in asked if agent.clock_ahead_s)
+    return tuple(agent.id for agent in asked), Tuning(gains, at_s, ahead_s)

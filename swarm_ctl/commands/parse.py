@@ -1,7 +1,7 @@
-"""What an operator can order: one table for keys, command line, completion and help. Pure.
+"""Makes an order of what an operator typed or pressed. Pure.
 
-An order is what a person said; the station makes the mesh's `Command` of it, and agents refuse what
-can't be.
+One table has all commands: for keys, the command line, completion and help. `commands/build.py`
+makes the mesh's `Command` of an order.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from swarm_ctl.errors import InputError
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """One row of the table."""
+    """One kind of command: a row of the table."""
 
     name: str
     usage: str
@@ -28,9 +28,9 @@ class Kind:
     key: str = ""
     """The one key that gives the order; with a `usage` it begins the command line instead."""
     for_all: bool = False
-    """Only the whole swarm can be told."""
+    """It can't be given to single agents."""
     asks: str = ""
-    """What is asked before it is sent."""
+    """The question that the operator answers before it is sent; '' for none."""
 
 
 KINDS: Final[tuple[Kind, ...]] = (
@@ -55,28 +55,32 @@ BY_NAME: Final = {kind.name: kind for kind in KINDS}
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """`agents` empty: all of them."""
+    """What an operator wants."""
 
     kind: str
     arguments: tuple[str, ...] = ()
     agents: tuple[int, ...] = ()
+    """Empty: all of them."""
+    by: bool = False
+    """`move` by so much, not to a point."""
 
     @property
     def text(self) -> str:
-        """As it would be typed."""
+        """The order as an operator types it."""
         return " ".join((self.kind, *self.arguments))
 
 
 def shapes(plan: Plan) -> list[str]:
-    """The names that `form` knows in this mission."""
+    """The names of the shapes in the mission's steps."""
     return list(dict.fromkeys(step.shape for step in plan.steps if isinstance(step, FormStep)))
 
 
 def parse(line: str, plan: Plan, marked: Iterable[int] = ()) -> Order:
-    """The order in `line`, for `marked` agents or for those named behind an `@` (`land @1,3-5`,
-    `land @all`).
+    """The order in `line`, for the agents named behind an `@` (`land @1,3-5`, `land @all`) or else
+    for the `marked` ones.
 
-    InputError says what would be allowed.
+    Raises:
+        InputError: with what would be allowed.
     """
     words = line.split()
     at = [word for word in words if word.startswith("@")]
@@ -86,15 +90,14 @@ def parse(line: str, plan: Plan, marked: Iterable[int] = ()) -> Order:
         raise InputError(f"no command {name!r}; allowed: {', '.join(BY_NAME)}")
     agents = _agents(at[-1][1:], plan) if at else tuple(sorted(set(marked)))
     if agents and kind.for_all:
-        raise InputError(
-            f"{name} is for the whole swarm; {'leave out ' + at[-1] if at else 'unmark the agents (a)'}"
-        )
+        instead = f"leave out {at[-1]}" if at else "unmark the agents (a)"
+        raise InputError(f"{name} is for the whole swarm; {instead}")
     _check(kind, arguments, plan)
     return Order(name, tuple(arguments), agents)
 
 
 def complete(line: str, plan: Plan) -> list[str]:
-    """Whole lines that `line` could become, best first."""
+    """Whole lines that begin with `line`, the best one first."""
     head, space, last = line.rpartition(" ")
     if last.startswith("@"):
         ids = ["all", *(str(agent.id) for agent in plan.agents)]
@@ -115,9 +118,10 @@ def complete(line: str, plan: Plan) -> list[str]:
 
 
 def tuned(words: Iterable[str], law: Gains, plan: Plan) -> Gains:
-    """`law` with the values that `h=0.04 kappa=15` names, or the mission's own for the word `plan`.
+    """`law` with the values that `words` name (`h=0.04`), or the mission's own for the word `plan`.
 
-    InputError where a value can't be flown.
+    Raises:
+        InputError: a value is out of range, or a name is unknown.
     """
     changes: dict[str, float] = {}
     for word in words:
@@ -127,7 +131,8 @@ def tuned(words: Iterable[str], law: Gains, plan: Plan) -> Gains:
         name, _, value = word.partition("=")
         if name not in limits(plan) or not math.isfinite(_number(value)):
             raise InputError(
-                f"{word!r} is no value of the law; allowed: {', '.join(limits(plan))}, e.g. tune h=0.04"
+                f"{word!r} is no value of the law; allowed: {', '.join(limits(plan))},"
+                " e.g. tune h=0.04"
             )
         changes[name] = _number(value)
     if not changes:
@@ -142,12 +147,12 @@ def tuned(words: Iterable[str], law: Gains, plan: Plan) -> Gains:
 
 
 def ranges_of_law(plan: Plan) -> str:
-    """`delta_a 0 to 0.3, ...`: what `tune` takes, for the line above the keys."""
+    """`delta_a 0–0.3, ...`: the values that `tune` takes, for the line above the keys."""
     return ", ".join(f"{name} {least:g}–{most:g}" for name, (least, most) in limits(plan).items())
 
 
 def _values(head: str, last: str, plan: Plan) -> list[str]:
-    """Values of the law that are not named yet, completed to those of the mission."""
+    """The mission's values for the names that `head` does not have yet."""
     named = {word.partition("=")[0] for word in head.split(" ")}
     every = [
         f"{name}={value:g}" for name, value in asdict(planned(plan)).items() if name not in named
@@ -176,7 +181,7 @@ def _agents(text: str, plan: Plan) -> tuple[int, ...]:
 def _check(kind: Kind, arguments: list[str], plan: Plan) -> None:
     usage = f"{kind.name} {kind.usage}".strip()
     if kind.name == "form":
-        if len(arguments) != 1:  # which shapes there are is the mission file's business
+        if len(arguments) != 1:  # `build` checks the name: the mission file may have more shapes
             raise InputError(
                 f"usage: {usage}; this mission flies {', '.join(shapes(plan)) or 'none'}"
             )

@@ -3,7 +3,7 @@ dropped."""
 
 from __future__ import annotations
 
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 from swarm_ctl.errors import PayloadError
 from swarm_ctl.mesh.keys import Channel
@@ -19,7 +19,7 @@ class Node:
     def __init__(self, transport: Transport, swarm: str, name: int | str) -> None:
         self._transport = transport
         self._swarm = swarm
-        self._name = name
+        self.name: Final = name
         self._inlets: dict[str, Inlet] = {}
         self._keys: dict[str, str] = {}
         self.bad_payloads = 0
@@ -36,7 +36,7 @@ class Node:
         """Publish under the own key."""
         key = self._keys.get(channel.name)
         if key is None:
-            key = self._keys[channel.name] = channel.key(self._swarm, self._name)
+            key = self._keys[channel.name] = channel.key(self._swarm, self.name)
         self._transport.publish(key, encode(payload), channel.qos)
 
     def take(self, channel: Channel[P]) -> list[tuple[P, float]]:

@@ -9,8 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
+from swarm_ctl.commands.parse import Order
+from swarm_ctl.commands.send import SentCommand
 from swarm_ctl.core.agent.progress import step_name
-from swarm_ctl.core.model.messages import Ack, Event
+from swarm_ctl.core.model.messages import Event
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.mission.compile.loader import LoadedMission, dumps, load, loads
 from swarm_ctl.mission.input.schema import MissionFile
@@ -28,24 +30,6 @@ def loaded(mission: Mission) -> LoadedMission:
     if isinstance(mission, MissionFile):
         return loads(dumps(mission))
     return loads(mission) if isinstance(mission, str) and "\n" in mission else load(mission)
-
-
-@dataclass(frozen=True, slots=True)
-class Answer:
-    """What the agents said to a command."""
-
-    acks: dict[int, Ack]
-    meant: tuple[int, ...]
-
-    @property
-    def accepted(self) -> bool:
-        """Everybody who was meant answered, and nobody refused."""
-        return all(agent in self.acks and self.acks[agent].accepted for agent in self.meant)
-
-    @property
-    def reasons(self) -> dict[int, str]:
-        """Why, of those that refused."""
-        return {agent: ack.reason for agent, ack in self.acks.items() if not ack.accepted}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,16 +73,21 @@ class Flight(ABC):
         """Let it fly for so long."""
 
     @abstractmethod
-    def command(self, kind: str, agents: Sequence[int] = ()) -> Answer:
+    def order(self, order: Order) -> SentCommand:
+        """Give an operator's order, and wait for the answers."""
+
+    def command(self, kind: str, agents: Sequence[int] = ()) -> SentCommand:
         """An operator's hold, resume, next, land, return or kill; waits for the answers."""
+        return self.order(Order(kind, (), tuple(agents)))
 
-    @abstractmethod
-    def form(self, shape: str) -> Answer:
+    def form(self, shape: str) -> SentCommand:
         """The operator commands a shape of the mission."""
+        return self.order(Order("form", (shape,)))
 
-    @abstractmethod
-    def move(self, north_m: float, east_m: float, speed_mps: float | None = None) -> Answer:
+    def move(self, north_m: float, east_m: float, speed_mps: float | None = None) -> SentCommand:
         """The operator sends the formation's centre to a point of the common frame."""
+        speed = [] if speed_mps is None else [speed_mps]
+        return self.order(Order("move", tuple(map(str, [north_m, east_m, *speed]))))
 
     @abstractmethod
     def kill_agent(self, agent: int) -> None:

@@ -9,19 +9,20 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import IO
 
 from pydantic import TypeAdapter
 
+from swarm_ctl.commands.parse import Order
+from swarm_ctl.commands.send import SentCommand
 from swarm_ctl.core.model.messages import Event
 from swarm_ctl.mission.compile.loader import LoadedMission, dumps
 from swarm_ctl.report.folder.truth import TRUTH, load_truth
 from swarm_ctl.report.judge.summary import Summary
 from swarm_ctl.runtime.clock import pause, wall_s
-from swarm_ctl.runtime.station.sender import Answers, Sender
-from swarm_ctl.testing.flight import Answer, Flight, Flown
+from swarm_ctl.runtime.station.run_client import RunClient
+from swarm_ctl.testing.flight import Flight, Flown
 
 _START_WALL_S = 40.0
 _POLL_WALL_S = 0.05
@@ -35,7 +36,7 @@ class RealFlight(Flight):
     def __init__(self, mission: LoadedMission, where: Path, speedup: float, seed: int = 1) -> None:
         self.plan = mission.plan
         self._speedup = speedup
-        self._sender: Sender | None = None
+        self._client: RunClient | None = None
         where.mkdir(parents=True, exist_ok=True)
         file = where / "mission.yaml"
         file.write_text(dumps(mission.file))
@@ -48,7 +49,7 @@ class RealFlight(Flight):
         try:
             self.folder = self._wait_started(where)
             self._pids: dict[str, int] = json.loads((self.folder / "processes.json").read_text())
-            self._sender = Sender(self.folder)
+            self._client = RunClient(self.folder)
         except BaseException:
             self.close()
             raise
@@ -80,10 +81,10 @@ class RealFlight(Flight):
         return len(states) > 0 and all(state.step >= number for state in states.values())
 
     @property
-    def _mesh(self) -> Sender:
-        if self._sender is None:
+    def _mesh(self) -> RunClient:
+        if self._client is None:
             raise AssertionError("the flight is over")
-        return self._sender
+        return self._client
 
     def wait_s(self, seconds: float) -> None:
         """As `Flight.wait_s`."""
@@ -92,20 +93,9 @@ class RealFlight(Flight):
             self._mesh.newest()
             pause(min(_POLL_WALL_S, max(0.0, until - wall_s())))
 
-    def command(self, kind: str, agents: Sequence[int] = ()) -> Answer:
-        """As `Flight.command`."""
-        return self._answer(self._mesh.send(kind, agents))
-
-    def form(self, shape: str) -> Answer:
-        """As `Flight.form`."""
-        return self._answer(self._mesh.form(shape))
-
-    def move(self, north_m: float, east_m: float, speed_mps: float | None = None) -> Answer:
-        """As `Flight.move`."""
-        return self._answer(self._mesh.move((north_m, east_m), speed_mps=speed_mps))
-
-    def _answer(self, answers: Answers) -> Answer:
-        return Answer(answers.acks, tuple(sorted((*answers.acks, *answers.silent))))
+    def order(self, order: Order) -> SentCommand:
+        """As `Flight.order`."""
+        return self._mesh.order(order)
 
     def kill_agent(self, agent: int) -> None:
         """As `Flight.kill_agent`: SIGKILL by its pid."""
@@ -151,9 +141,9 @@ class RealFlight(Flight):
     def close(self) -> None:
         """Interrupt the run twice, as an impatient operator would: it ends every process that it
         started."""
-        if self._sender is not None:
-            self._sender.close()
-            self._sender = None
+        if self._client is not None:
+            self._client.close()
+            self._client = None
         for _ in range(2):
             if self._process.poll() is None:
                 self._process.send_signal(signal.SIGINT)

@@ -4,16 +4,13 @@ every time."""
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
-from swarm_ctl.commands import build
-from swarm_ctl.core.model.messages import Command
+from swarm_ctl.commands.build import AgentNow, SwarmNow, build
+from swarm_ctl.commands.parse import Order
+from swarm_ctl.commands.send import CommandSender, SentCommand
 from swarm_ctl.mission.compile.loader import LoadedMission
-from swarm_ctl.mission.input.units import in_units
-from swarm_ctl.testing.flight import Answer, Flight, Flown
+from swarm_ctl.testing.flight import Flight, Flown
 from swarm_ctl.testing.virtual_swarm import VirtualSwarm
-
-_ANSWER_S = 1.0
 
 
 class VirtualFlight(Flight):
@@ -22,8 +19,8 @@ class VirtualFlight(Flight):
     def __init__(self, mission: LoadedMission, seed: int = 1) -> None:
         self.plan = mission.plan
         self.swarm = VirtualSwarm(mission, seed)
-        self._shapes = in_units(mission.file).shapes
-        self._sent = 0
+        self._mission = mission
+        self._sender = CommandSender(self.swarm.send, [agent.id for agent in self.plan.agents])
 
     def wait_step(self, step: int | str, within_s: float = 300.0) -> None:
         """As `Flight.wait_step`."""
@@ -44,48 +41,30 @@ class VirtualFlight(Flight):
         """As `Flight.wait_s`."""
         self.swarm.run(seconds)
 
-    def command(self, kind: str, agents: Sequence[int] = ()) -> Answer:
-        """As `Flight.command`."""
-        steps = [
-            member.status.step
-            for member in self.swarm.members.values()
-            if member.alive and member.status
-        ]
-        at_step = max(steps, default=0) if kind == "next" else 0
-        return self._send(
-            Command(self._name(), kind, tuple(agents), self.swarm.now, at_step=at_step)
-        )
-
-    def form(self, shape: str) -> Answer:
-        """As `Flight.form`."""
-        step = build.form_step(
-            self._shapes, self.plan, shape, self.swarm.positions(), "this mission"
-        )
-        return self._send(Command(self._name(), "form", (), self.swarm.now, step, self.plan.hash()))
-
-    def move(self, north_m: float, east_m: float, speed_mps: float | None = None) -> Answer:
-        """As `Flight.move`."""
-        step = build.move(self.plan, (north_m, east_m), speed_mps)
-        return self._send(Command(self._name(), "move", (), self.swarm.now, step, self.plan.hash()))
-
-    def _name(self) -> str:
-        self._sent += 1
-        return f"test-{self._sent}"
-
-    def _send(self, command: Command) -> Answer:
-        meant = command.agents or tuple(agent.id for agent in self.plan.agents)
-        until = self.swarm.now + _ANSWER_S
-        self.swarm.send(command)
-        while self.swarm.now < until:
+    def order(self, order: Order) -> SentCommand:
+        """As `Flight.order`."""
+        sent = self._sender.send(build(order, self._now(), self._mission), self.swarm.now)
+        while not sent.over:
             self.swarm.tick()
-            acks = {
-                ack.agent: ack
-                for ack in self.swarm.acks
-                if ack.command == command.id and ack.agent in meant
-            }
-            if len(acks) == len(meant):
-                break
-        return Answer(acks, meant)
+            for ack in self.swarm.acks:
+                self._sender.hear(ack)
+            self._sender.turn(self.swarm.now)
+        return sent
+
+    def _now(self) -> SwarmNow:
+        """What a ground station without any delay would know."""
+        agents, step = [], 0
+        for agent_id, point in self.swarm.positions().items():
+            member = self.swarm.members[agent_id]
+            status = member.status
+            agents.append(
+                AgentNow(
+                    agent_id, point, flies=member.alive, gains=status.gains if status else None
+                )
+            )
+            if member.alive and status:
+                step = max(step, status.step)
+        return SwarmNow(self.plan, self.swarm.now, step, tuple(agents))
 
     def kill_agent(self, agent: int) -> None:
         """As `Flight.kill_agent`."""

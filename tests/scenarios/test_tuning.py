@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
+from swarm_ctl.commands.send import CommandSender
 from swarm_ctl.core.model.messages import Command, Gains, Tuning
 from swarm_ctl.core.swarm.gain_update import LEAD_S, planned
 from swarm_ctl.mesh import keys
-from swarm_ctl.runtime.station.commander import Commander
 from tests.scenarios.swarm import VirtualSwarm
 from tests.scenarios.test_steps import FORM, assert_good, quartet
 
@@ -24,8 +24,8 @@ class Desk:
 
     def __init__(self, swarm: VirtualSwarm) -> None:
         self.swarm = swarm
-        self.commander = Commander(swarm.send, list(ALL))
-        self.told: list[str] = []
+        self.sender = CommandSender(swarm.send, ALL)
+        self.failures: list[str] = []
         self.changes: dict[int, list[tuple[float, Gains]]] = {agent: [] for agent in ALL}
         self.alive = True
 
@@ -40,7 +40,7 @@ class Desk:
         now, plan = self.swarm.now, self.swarm.plan
         tuning = Tuning(replace(planned(plan), **values), now + LEAD_S, ahead_s)
         command = Command(name, "tune", agents, now, plan_hash=plan.hash(), tuning=tuning)
-        self.commander.give(command, now)
+        self.sender.send(command, now)
         return command
 
     def run(self, seconds: float) -> None:
@@ -49,8 +49,10 @@ class Desk:
         while self.swarm.now < until:
             if self.alive:
                 for ack in self.swarm.acks:
-                    self.commander.answered(ack)
-                self.told += self.commander.turn(self.swarm.now)[1]
+                    self.sender.hear(ack)
+                self.failures += [
+                    sent.failed for sent in self.sender.turn(self.swarm.now) if sent.failed
+                ]
             self.swarm.acks.clear()
             self.swarm.tick()
             for agent, member in self.swarm.members.items():
@@ -137,9 +139,7 @@ def test_one_refusal_stops_all(desk: Desk) -> None:
         end()
     desk.tune(h=0.04)
     desk.run(6)
-    assert desk.told[0].startswith(
-        "tune: nothing changes; refused by agent 3: another change is under way"
-    )
+    assert desk.failures[0].startswith("refused by agent 3: another change is under way")
     assert desk.moments == [(), (), (), ()]
 
 
@@ -210,7 +210,7 @@ def test_no_answer_of_one_stops_all(desk: Desk) -> None:
     deaf(desk.swarm, 2, keys.COMMAND)
     order = desk.tune(h=0.04)
     desk.run(1.6)
-    assert desk.told == ["tune: nothing changes; no answer from agent 2"]
+    assert desk.failures == ["no answer from agent 2"]
     assert order.tuning is not None
     assert desk.swarm.now < order.tuning.at_s
     desk.run(5)
@@ -221,7 +221,7 @@ def test_nobody_who_flies_is_left_out(desk: Desk) -> None:
     """Agents refuse a change that a peer they hear was not asked about."""
     desk.tune((1, 2, 3), h=0.04)
     desk.run(4)
-    assert desk.told[0].endswith("agent 4 flies too, and was not asked")
+    assert desk.failures[0].endswith("agent 4 flies too, and was not asked")
     assert desk.moments == [(), (), (), ()]
 
 

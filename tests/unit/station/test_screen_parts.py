@@ -12,10 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.cells import cell_len
 
+from swarm_ctl.commands.build import build
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.core.model.messages import Echo, LinkReport, Phase, SigmaReport
 from swarm_ctl.core.swarm.gain_update import LEAD_S
-from swarm_ctl.runtime.station.composing import compose
+from swarm_ctl.runtime.station.ground_station import swarm_now
 from swarm_ctl.station.dashboard.canvas import Canvas
 from swarm_ctl.station.dashboard.links_panel import METRICS
 from swarm_ctl.station.dashboard.map_panel import fitted, position
@@ -165,7 +166,7 @@ def test_a_beacon_that_comes_back_tells_the_agent_s_clock() -> None:
     assert view.agent(1).link.clock_ahead_s == 0.0
     assert view.agent(2).link.clock_ahead_s == pytest.approx(-50.0, abs=0.04)
     assert view.agent(2).link.age_s == pytest.approx(0.1, abs=0.04)
-    command = compose(Order("tune", ("plan",)), view, Path())
+    command = build(Order("tune", ("plan",)), swarm_now(view), Path())
     assert command.tuning is not None
     assert command.tuning.at_s == pytest.approx(40.3 + LEAD_S)
     assert command.tuning.ahead_s == ((2, pytest.approx(-50.0, abs=0.04)),)

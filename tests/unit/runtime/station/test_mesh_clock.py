@@ -1,10 +1,10 @@
-"""A station's clock by what agents say, and where it looks for them."""
+"""The mission clock that a station tells from the agents' messages."""
 
 from __future__ import annotations
 
 import pytest
 
-from swarm_ctl.runtime.station.mesh_clock import HeardClock
+from swarm_ctl.runtime.station.mesh_clock import MeshClock
 
 
 class Time:
@@ -23,26 +23,26 @@ def time() -> Time:
 
 
 @pytest.fixture
-def clock(time: Time) -> HeardClock:
-    made = HeardClock()
+def clock(time: Time) -> MeshClock:
+    made = MeshClock()
     made._own = time  # type: ignore[assignment]
     return made
 
 
-def test_before_anything_is_heard_it_counts_from_its_start(clock: HeardClock) -> None:
+def test_before_anything_is_heard_it_counts_from_its_start(clock: MeshClock) -> None:
     assert clock.now() == 3.0
     assert not clock.heard
 
 
 @pytest.mark.parametrize("first", [500.0, 0.5])
-def test_the_first_word_sets_it(clock: HeardClock, first: float) -> None:
+def test_the_first_word_sets_it(clock: MeshClock, first: float) -> None:
     """Forwards or backwards."""
     clock.hear(first)
     assert clock.heard
     assert clock.now() == first
 
 
-def test_the_fastest_message_counts(clock: HeardClock, time: Time) -> None:
+def test_the_fastest_message_counts(clock: MeshClock, time: Time) -> None:
     """Messages take 5 to 200 ms; the clock is as late as the fastest, and is not pulled by the slow
     ones."""
     for k in range(200):
@@ -51,7 +51,7 @@ def test_the_fastest_message_counts(clock: HeardClock, time: Time) -> None:
     assert abs(clock.now() - (1000.0 + time.s)) < 0.02
 
 
-def test_it_follows_agents_whose_clock_is_a_little_slower(clock: HeardClock, time: Time) -> None:
+def test_it_follows_agents_whose_clock_is_a_little_slower(clock: MeshClock, time: Time) -> None:
     """Fifty millionths, for an hour: it does not run away from them by the whole 180 ms."""
     for _ in range(36000):
         time.s += 0.1
@@ -59,7 +59,7 @@ def test_it_follows_agents_whose_clock_is_a_little_slower(clock: HeardClock, tim
     assert abs(clock.now() - (100.0 + time.s * (1 - 50e-6))) < 0.03
 
 
-def test_an_agent_with_a_clock_of_its_own_does_not_move_it(clock: HeardClock, time: Time) -> None:
+def test_an_agent_with_a_clock_of_its_own_does_not_move_it(clock: MeshClock, time: Time) -> None:
     """It was started ten seconds later and counts from then: the first one's time stays."""
     for _ in range(2000):
         time.s += 0.05

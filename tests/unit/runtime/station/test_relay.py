@@ -21,10 +21,11 @@ from swarm_ctl.mesh.memory_transport import MemoryHub, MemoryTransport
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.runtime.clock import Clock
 from swarm_ctl.runtime.station.control_pipe import ControlPipe
-from swarm_ctl.runtime.station.ground_station import Recorder, Station
+from swarm_ctl.runtime.station.ground_station import Station
 from swarm_ctl.runtime.station.relay import Descriptor
 from swarm_ctl.runtime.station.screens import Screen, Show, present
-from swarm_ctl.runtime.station.station_process import Orphan, _watch
+from swarm_ctl.runtime.station.station_loop import RunControl, loop
+from swarm_ctl.runtime.station.station_process import run_recorder
 from swarm_ctl.station.picture.view import SwarmView
 from tests.unit.report.run_folders import PLAN, manifest
 from tests.unit.station.swarm import flying_model
@@ -182,14 +183,13 @@ def test_the_station_beacons_and_records_while_nobody_reads(
     hub = MemoryHub(clock.now)
     agent = Node(MemoryTransport(hub), "swarm", 1)
     agent.listen(keys.BEACON)
-    recorder = Recorder(tmp_path, made)
+    recorder = run_recorder(tmp_path, made, "station")
     node = Node(MemoryTransport(hub), "swarm", "station")
-    station = Station(PLAN, Path("missions/hexagon.yaml"), node, clock, "station", recorder)
+    station = Station(PLAN, Path("missions/hexagon.yaml"), node, clock, recorder)
     orders, control = os.pipe()
-    pipe_in = ControlPipe(orders)
 
     def watch(screen: Screen) -> None:
-        _watch(station, pipe_in, screen, Orphan(clock, tmp_path))
+        loop(station, screen, RunControl(ControlPipe(orders), clock, tmp_path))
 
     worker = threading.Thread(target=lambda: present(Show.LOG, PLAN, None, watch, out=pipe[1]))
     worker.start()

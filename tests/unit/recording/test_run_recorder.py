@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from swarm_ctl.core.model.messages import Ack, Event
-from swarm_ctl.runtime.station.ground_station import Recorder
-from tests.unit.report.run_folders import manifest
+from swarm_ctl.recording.run_recorder import RunRecorder
 
 FULL = Path("/dev/full")
 
@@ -17,11 +16,11 @@ FULL = Path("/dev/full")
 @pytest.mark.skipif(not FULL.exists(), reason="no /dev/full on this system")
 def test_a_full_disk_is_told_once(tmp_path: Path) -> None:
     (tmp_path / "events.jsonl").symlink_to(FULL)
-    recorder = Recorder(tmp_path, manifest(speedup=1.0, epoch_s=0.0))
+    recorder = RunRecorder(tmp_path, 0, {}, {})
     told: list[str] = []
     for _ in range(3):
-        recorder.event(Event(1, 0.0, "info", "hello"))
-        recorder.command(Ack(1, "c", True, ""))
+        recorder.take(Event(1, 0.0, "info", "hello"), 0.0)
+        recorder.take(Ack(1, "c", True, ""), 0.0)
         told += recorder.troubles()
     recorder.close()
     assert told == [

@@ -1,0 +1,92 @@
+"""What a station writes into the run folder: everything it hears as MCAP, and the few messages that
+a summary is made from as JSON lines, each line at once."""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+from pydantic import TypeAdapter
+
+from swarm_ctl.core.model.messages import Ack, AgentStatus, Command, Event, Payload
+from swarm_ctl.recording.recorder import Recorder
+
+_STATUS_S: Final = 2.0
+"""Mission time between recorded statuses of one agent: the fallback when it can't write its own
+last one."""
+
+
+class _Lines:
+    """A file that grows by whole JSON lines; a disk that takes no more ends it, not the station."""
+
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("ab", buffering=0)
+        self.name = path.name
+        self.failure = ""
+
+    def write(self, data: bytes) -> None:
+        if self.failure:
+            return
+        try:
+            if self._file.write(data + b"\n") <= len(data):
+                self.failure = os.strerror(errno.ENOSPC)
+        except OSError as error:
+            self.failure = error.strerror or str(error)
+
+    def close(self) -> None:
+        self._file.close()
+
+
+class RunRecorder:
+    """Records what a station hears and sends: `recording.mcap` takes every message; events,
+    commands with their answers, and statuses go into files of their own."""
+
+    def __init__(
+        self, folder: Path, start_ns: int, about: Mapping[str, str], rates_hz: Mapping[str, float]
+    ) -> None:
+        self._mcap = Recorder(folder, start_ns, about, rates_hz)
+        self._events = _Lines(folder / "events.jsonl")
+        self._commands = _Lines(folder / "commands.jsonl")
+        self._statuses = _Lines(folder / "statuses.jsonl")
+        self._told: set[str] = set()
+        self._adapter = TypeAdapter(object)
+        self._due: dict[int, float] = {}
+
+    def take(self, payload: Payload, received_s: float) -> None:
+        """Record a message. Of statuses, the JSON lines have one now and then, and the last."""
+        self._mcap.take(payload, received_s)
+        match payload:
+            case Event():
+                self._events.write(self._adapter.dump_json(payload))
+            case Command() | Ack():
+                self._commands.write(self._adapter.dump_json(payload))
+            case AgentStatus() if self._is_due(payload):
+                self._statuses.write(self._adapter.dump_json(payload))
+
+    def _is_due(self, status: AgentStatus) -> bool:
+        if status.outcome == "running" and status.time_s < self._due.get(status.agent, 0.0):
+            return False
+        self._due[status.agent] = status.time_s + _STATUS_S
+        return True
+
+    def troubles(self) -> list[str]:
+        """The files that can't be written any more, and why: each once."""
+        files = {
+            lines.name: lines.failure for lines in (self._events, self._commands, self._statuses)
+        }
+        files["recording.mcap"] = self._mcap.failure
+        new = {name: why for name, why in files.items() if why and name not in self._told}
+        self._told |= new.keys()
+        return [
+            f"{name} is not written any more: {why}; the flight goes on"
+            for name, why in new.items()
+        ]
+
+    def close(self) -> None:
+        """Write what waits, and close the files."""
+        for lines in (self._events, self._commands, self._statuses):
+            lines.close()
+        self._mcap.close()

@@ -1,0 +1,91 @@
+"""One more ground station on a swarm that flies: found by its run folder, or by its mission and the
+agents' mesh endpoints."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import Final
+
+from swarm_ctl.errors import InputError
+from swarm_ctl.mission.compile.loader import LoadedMission
+from swarm_ctl.report.folder.manifest import read_manifest
+from swarm_ctl.runtime import clock as wall
+from swarm_ctl.runtime.clock import Clock
+from swarm_ctl.runtime.station.ground_station import Station, open_node
+from swarm_ctl.runtime.station.mesh_clock import MeshClock
+from swarm_ctl.runtime.station.screens import Show, metrics_on, present
+from swarm_ctl.runtime.station.station_loop import GuestControl, loop
+
+_ENDPOINT: Final = re.compile(r"(tcp|udp|tls|quic|ws)/[^/\s]+:(\d{1,5})")
+_QUIET_WALL_S: Final = 5.0
+
+
+def join_run(folder: Path, show: Show, metrics_port: int | None) -> None:
+    """Watch and command a run of this machine; ends with the screen."""
+    manifest = read_manifest(folder)
+    clock = Clock(manifest.epoch_s, manifest.speedup)
+    with closing(open_node(manifest.swarm, manifest.whole_mesh, clock)) as node:
+        station = Station(manifest.plan, Path(manifest.mission), node, clock)
+        _watch(station, GuestControl(), show, metrics_port)
+
+
+def join_swarm(
+    mission: LoadedMission, mesh: Sequence[str], show: Show, speedup: float, port: int | None
+) -> None:
+    """Watch and command a swarm that flies `mission` on any host; ends with the screen.
+
+    Args:
+        mission: the file that the agents fly.
+        mesh: where agents listen, such as `tcp/10.0.0.5:7447`; empty: as the mission's fleet says.
+        show: the kind of screen.
+        speedup: that of a simulated swarm.
+        port: of the metrics, if any.
+    """
+    connect, clock = _endpoints(mission, mesh), MeshClock(speedup)
+    with closing(open_node(mission.plan.name, connect, clock)) as node:
+        station = Station(mission.plan, mission.source, node, clock)
+        _watch(station, GuestControl(_Hint(clock, connect)), show, port)
+
+
+def _watch(station: Station, control: GuestControl, show: Show, metrics_port: int | None) -> None:
+    with metrics_on(metrics_port) as measured:
+        present(show, station.plan, None, lambda screen: loop(station, measured(screen), control))
+
+
+class _Hint:
+    """What to tell the operator of a station that hears no agent: now and then, the endpoints."""
+
+    def __init__(self, clock: MeshClock, connect: Sequence[str]) -> None:
+        self._clock = clock
+        self._where = ", ".join(connect)
+        self._due = wall.wall_s() + _QUIET_WALL_S
+
+    def __call__(self) -> str:
+        if self._clock.heard or wall.wall_s() < self._due:
+            return ""
+        self._due = wall.wall_s() + 4 * _QUIET_WALL_S
+        return (
+            f"no agent is heard at {self._where}; does the swarm fly, and is this where it listens?"
+            " Trying on"
+        )
+
+
+def _endpoints(mission: LoadedMission, given: Sequence[str]) -> list[str]:
+    """Where the agents listen on the mesh: as given, or as the fleet says."""
+    for endpoint in given:
+        match = _ENDPOINT.fullmatch(endpoint)
+        if match is None or not 0 < int(match[2]) <= 65535:
+            raise InputError(
+                f"--mesh {endpoint}: no endpoint of the mesh; allowed: tcp/HOST:PORT, as in"
+                " tcp/10.0.0.5:7447"
+            )
+    found = list(given) or [agent.mesh for agent in mission.fleet.agents if agent.mesh]
+    if not found:
+        raise InputError(
+            f"{mission.source}: its fleet does not say where agents listen (`mesh`);"
+            " name each agent's endpoint with --mesh tcp/HOST:PORT, or a fleet file with --fleet"
+        )
+    return found

@@ -1,0 +1,87 @@
+"""A client of a run that flies: joins its mesh, gives orders, waits for the answers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final, Self
+
+from swarm_ctl.commands.parse import Order
+from swarm_ctl.commands.send import SentCommand
+from swarm_ctl.core.model.messages import AgentState
+from swarm_ctl.errors import StartError
+from swarm_ctl.report.folder.manifest import Manifest, read_manifest
+from swarm_ctl.runtime import clock as wall
+from swarm_ctl.runtime.clock import Clock
+from swarm_ctl.runtime.station.ground_station import Station, open_node
+from swarm_ctl.station.picture.view import AgentView
+
+_HEAR_WALL_S: Final = 3.0
+"""To hear the agents after joining; an agent that is silent for so long has ended or hangs."""
+_REST_WALL_S: Final = 0.3
+"""To hear the others after the first agent, for a command that can do without them."""
+_POLL_WALL_S: Final = 0.02
+_OLD_S: Final = 5.0
+
+
+class RunClient:
+    """A member of a run's mesh that speaks for an operator. Close it, or use it in a `with`."""
+
+    def __init__(self, folder: Path) -> None:
+        self._manifest: Manifest = read_manifest(folder)
+        clock = self._clock = Clock(self._manifest.epoch_s, self._manifest.speedup)
+        self._node = open_node(self._manifest.swarm, self._manifest.whole_mesh, clock, role="send")
+        self._station = Station(
+            self._manifest.plan, Path(self._manifest.mission), self._node, clock
+        )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Leave the mesh."""
+        self._node.close()
+
+    def newest(self) -> dict[int, AgentState]:
+        """The newest state of every agent heard in the last seconds; does not wait."""
+        self._station.hear()
+        since_s = self._clock.now() - _OLD_S
+        return {agent.id: agent.state for agent in self._heard(since_s) if agent.state}
+
+    def order(self, order: Order) -> SentCommand:
+        """Send an order until every agent that is meant has answered, or for ten seconds.
+
+        Raises:
+            InputError: there can't be such a command.
+            StartError: no agent is heard.
+        """
+        self._wait_for_agents(order)
+        sent = self._station.order(order)
+        while not sent.over:
+            wall.pause(_POLL_WALL_S)
+            self._station.hear()
+        return sent
+
+    def _wait_for_agents(self, order: Order) -> None:
+        """A command that is made of where the agents are, or of their law, waits for all of them;
+        others leave as soon as the mesh is joined."""
+        needs_all, since_s = order.kind in ("form", "tune") or order.by, self._clock.now()
+        until, count = wall.wall_s() + _HEAR_WALL_S, len(self._manifest.plan.agents)
+        heard: list[AgentView] = []
+        ready: list[AgentView] = []
+        while len(ready) < count and wall.wall_s() < until:
+            self._station.hear()
+            before, heard = heard, self._heard(since_s)
+            ready = [agent for agent in heard if agent.status or order.kind != "tune"]
+            if heard and not before and not needs_all:
+                until = min(until, wall.wall_s() + _REST_WALL_S)
+            wall.pause(_POLL_WALL_S)
+        if not heard:
+            raise StartError(f"no agent of {self._manifest.swarm} can be heard; is the run over?")
+
+    def _heard(self, since_s: float) -> list[AgentView]:
+        """The agents with a state that is not older."""
+        agents = self._station.view().agents
+        return [agent for agent in agents if agent.state and agent.state.time_s >= since_s]

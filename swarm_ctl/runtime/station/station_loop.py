@@ -1,0 +1,126 @@
+"""A ground station's loop: orders from the screen, messages from the mesh, views to the screen,
+until its control ends it."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final, Protocol
+
+from swarm_ctl.commands.parse import Order
+from swarm_ctl.errors import InputError
+from swarm_ctl.runtime import clock as wall
+from swarm_ctl.runtime.clock import Clock
+from swarm_ctl.runtime.station.control_pipe import ControlPipe
+from swarm_ctl.runtime.station.ground_station import Station
+from swarm_ctl.runtime.station.screens import Screen
+from swarm_ctl.station.picture.view import AgentView, SwarmView
+
+_LOOP_WALL_S: Final = 0.05
+_SHOW_WALL_S: Final = 0.25
+_SILENT_S: Final = 15.0
+"""Mission time after which an orphaned station takes a silent agent's process for ended: longer
+than any pause of a live one, which gives its vehicle up after 10 s."""
+_TRUTH_S: Final = 100.0
+"""How long an orphaned station waits for the simulator, which waits 90 s for the last vehicle to
+stand."""
+
+
+class Control(Protocol):
+    """What a station obeys beside its operator."""
+
+    def obey(self, station: Station, screen: Screen) -> bool:
+        """Once a turn; True ends the loop."""
+
+
+def loop(station: Station, screen: Screen, control: Control) -> None:
+    """Run the station until its control ends it."""
+    show_due = 0.0
+    while not control.obey(station, screen):
+        for order in screen.orders():
+            _give(order, station, screen)
+        for text in station.turn():
+            screen.note(text)
+        if wall.wall_s() >= show_due:
+            show_due = wall.wall_s() + _SHOW_WALL_S
+            screen.show(station.view())
+        wall.pause(_LOOP_WALL_S)
+
+
+def _give(order: Order, station: Station, screen: Screen) -> None:
+    try:
+        station.order(order)
+    except InputError as error:
+        screen.note(str(error))
+
+
+class GuestControl:
+    """Of a station that has joined a swarm: it ends with its screen."""
+
+    def __init__(self, hint: Callable[[], str] = str) -> None:
+        self._hint = hint
+        """What to tell the operator now; '' for nothing."""
+
+    def obey(self, station: Station, screen: Screen) -> bool:  # noqa: ARG002
+        if text := self._hint():
+            screen.note(text)
+        return screen.left
+
+
+class RunControl:
+    """Of a run's own station: `run` ends it. When `run` is killed, the station ends after the
+    agents and the simulator."""
+
+    def __init__(self, pipe: ControlPipe, clock: Clock, folder: Path) -> None:
+        self._pipe = pipe
+        self._clock = clock
+        self._truth = folder / "truth.jsonl"
+        self._accounts = folder / "agents"
+        self._look_wall_s = 0.0
+        self._agents_ended_s: float | None = None
+
+    def obey(self, station: Station, screen: Screen) -> bool:
+        for message in self._pipe.poll():
+            if message.get("finish"):
+                station.turn()
+                screen.show(station.view())
+                return True
+            self._pass_on(message, station, screen)
+        if not self._pipe.closed:
+            return False
+        screen.close()
+        if wall.wall_s() < self._look_wall_s:
+            return False
+        self._look_wall_s = wall.wall_s() + _SHOW_WALL_S
+        return self._all_ended(station.view())
+
+    @staticmethod
+    def _pass_on(message: dict[str, Any], station: Station, screen: Screen) -> None:
+        if isinstance(message.get("command"), str):
+            _give(Order(message["command"]), station, screen)
+        if isinstance(message.get("note"), str):
+            screen.note(message["note"])
+
+    def _all_ended(self, view: SwarmView) -> bool:
+        """All agents have ended, and the simulator has closed its truth file."""
+        now = self._clock.now()
+        if not all(self._has_ended(agent, now) for agent in view.agents if agent.in_plan):
+            return False
+        if self._agents_ended_s is None:
+            self._agents_ended_s = now
+        late = now - self._agents_ended_s > _TRUTH_S
+        return late or not self._truth.exists() or _is_closed(self._truth)
+
+    def _has_ended(self, agent: AgentView, now: float) -> bool:
+        """It has written its account, or is silent for so long that it will not any more."""
+        heard_s = agent.status.time_s if agent.status else -math.inf
+        return (self._accounts / f"{agent.id}.json").exists() or now - heard_s > _SILENT_S
+
+
+def _is_closed(truth: Path) -> bool:
+    """The file has the simulator's last line."""
+    with truth.open("rb") as file:
+        file.seek(max(0, file.seek(0, os.SEEK_END) - 200))
+        return b'"type":"end"' in file.read().replace(b" ", b"")

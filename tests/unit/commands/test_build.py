@@ -1,0 +1,110 @@
+"""Orders as commands: decided once by the sender, or refused with what would be allowed."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from swarm_ctl.commands.build import AgentNow, SwarmNow, build
+from swarm_ctl.commands.parse import Order
+from swarm_ctl.core.model.plan import FormStep, MoveStep
+from swarm_ctl.core.swarm.gain_update import LEAD_S, planned
+from swarm_ctl.errors import InputError
+from swarm_ctl.mission.compile.loader import load
+from tests.unit.station.swarm import hexagon_plan
+
+PLAN = hexagon_plan()
+HEXAGON = Path(__file__).parents[3] / "missions" / "hexagon.yaml"
+LAW = planned(PLAN)
+AGENTS = tuple(AgentNow(k, (10.0 * k, 5.0), gains=LAW) for k in range(1, 7))
+SWARM = SwarmNow(PLAN, 40.0, 3, AGENTS)
+
+
+def with_agent(agent_id: int, **changes: object) -> SwarmNow:
+    """The swarm with one agent changed."""
+    agents = [replace(a, **changes) if a.id == agent_id else a for a in AGENTS]  # type: ignore[arg-type]
+    return replace(SWARM, agents=tuple(agents))
+
+
+@pytest.mark.parametrize("kind", ["hold", "resume", "next", "land", "return", "kill"])
+def test_a_bare_command(kind: str) -> None:
+    """Only `next` says which step it is to end."""
+    command = build(Order(kind, (), (2, 4)), SWARM, HEXAGON)
+    assert (command.kind, command.agents, command.time_s) == (kind, (2, 4), 40.0)
+    assert command.at_step == (3 if kind == "next" else 0)
+    assert (command.step, command.tuning, command.plan_hash) == (None, None, 0)
+
+
+def test_each_command_has_an_id_of_its_own() -> None:
+    assert len({build(Order("hold"), SWARM, HEXAGON).id for _ in range(100)}) == 100
+
+
+def test_form_has_a_slot_for_each_agent() -> None:
+    """From the file or from a loaded mission alike; for this plan only."""
+    command = build(Order("form", ("hexagon",)), SWARM, HEXAGON)
+    assert isinstance(command.step, FormStep)
+    assert len(command.step.slots) == len(PLAN.agents)
+    assert command.plan_hash == PLAN.hash()
+    assert build(Order("form", ("hexagon",)), SWARM, load(HEXAGON)).step == command.step
+
+
+@pytest.mark.parametrize(
+    ("order", "point", "speed"),
+    [
+        (Order("move", ("20", "-5.5")), (20.0, -5.5), PLAN.limits.speed_mps / 2),
+        (Order("move", ("20", "-5.5", "1.5")), (20.0, -5.5), 1.5),
+        (Order("move", ("20", "-5.5"), by=True), (55.0, -0.5), PLAN.limits.speed_mps / 2),
+    ],
+)
+def test_move(order: Order, point: tuple[float, float], speed: float) -> None:
+    """To a point, or by so much from the centre of all stop points, (35, 5)."""
+    step = build(order, SWARM, HEXAGON).step
+    assert isinstance(step, MoveStep)
+    assert (step.waypoints_m, step.speed_mps) == ((pytest.approx(point),), speed)
+
+
+def test_tune_asks_every_agent_that_flies() -> None:
+    """For a time that leaves room for the answers; with how far clocks are ahead."""
+    swarm = with_agent(2, flies=False)
+    swarm = replace(swarm, agents=(replace(AGENTS[0], clock_ahead_s=0.5), *swarm.agents[1:]))
+    command = build(Order("tune", ("h=0.04",)), swarm, HEXAGON)
+    assert command.agents == (1, 3, 4, 5, 6)
+    assert command.tuning is not None
+    assert command.tuning.gains == replace(LAW, h=0.04)
+    assert command.tuning.at_s == 40.0 + LEAD_S
+    assert command.tuning.ahead_s == ((1, 0.5),)
+    fast = build(Order("tune", ("plan",)), replace(swarm, speedup=10.0), HEXAGON)
+    assert fast.tuning is not None
+    assert fast.tuning.at_s == 40.0 + 10.0 * LEAD_S
+
+
+def test_agents_with_different_laws_need_all_values() -> None:
+    swarm = with_agent(3, gains=replace(LAW, h=0.03))
+    with pytest.raises(InputError, match="agents fly different laws; name all of"):
+        build(Order("tune", ("h=0.04",)), swarm, HEXAGON)
+    assert build(Order("tune", ("plan",)), swarm, HEXAGON).tuning is not None
+
+
+@pytest.mark.parametrize(
+    ("order", "swarm", "why"),
+    [
+        (Order("fly"), SWARM, "unknown command 'fly'; allowed: hold, resume"),
+        (Order("hold", (), (1, 9)), SWARM, "there is no agent 9; allowed: 1, 2, 3, 4, 5, 6"),
+        (Order("form", ("hexagn",)), SWARM, "did you mean hexagon?; allowed: "),
+        (Order("form", ("hexagon",)), with_agent(2, lost=True), "form: agent 2 is not heard"),
+        (Order("move", ("1", "1"), by=True), with_agent(2, lost=True), "move: agent 2 is not"),
+        (Order("move", ("inf", "1")), SWARM, "move to (inf, 1) m; allowed: finite numbers"),
+        (Order("move", ("1", "1", "0")), SWARM, "move at 0 m/s; allowed: above 0, at most"),
+        (Order("move", ("1", "1", str(math.nan))), SWARM, "move at nan m/s"),
+        (Order("tune", ("h=9",)), SWARM, "tune: h 9; allowed in flight"),
+        (Order("tune", ("plan",)), with_agent(2, stop_point_m=None), "tune: agent 2 is not heard"),
+        (Order("tune", ("plan",)), replace(SWARM, agents=()), "tune: no agent flies any more"),
+    ],
+)
+def test_refusals_say_what_is_allowed(order: Order, swarm: SwarmNow, why: str) -> None:
+    with pytest.raises(InputError, match=re.escape(why)):
+        build(order, swarm, HEXAGON)
