@@ -25,7 +25,6 @@ from swarm_ctl.errors import InputError
 from swarm_ctl.mission.compile.loader import LoadedMission, load
 from swarm_ctl.mission.geometry import slot_assignment
 from swarm_ctl.mission.geometry.shapes import slots_of
-from swarm_ctl.mission.input.units import in_units
 
 _TOLERANCE_M: Final = 0.5
 _SETTLE_S: Final = 5.0
@@ -107,8 +106,7 @@ def _check(order: Order, plan: Plan) -> None:
 def _form(shape: str, swarm: SwarmNow, mission: LoadedMission | Path) -> FormStep:
     """A shape of the mission; each slot goes to an agent that is near."""
     plan, points_m = swarm.plan, swarm.stop_points_m("form")
-    file = mission.file if isinstance(mission, LoadedMission) else load(mission).file
-    shapes = in_units(file).shapes
+    shapes = (mission if isinstance(mission, LoadedMission) else load(mission)).shapes
     if shape not in shapes:
         where = "this mission" if isinstance(mission, LoadedMission) else mission
         close = difflib.get_close_matches(shape, shapes, n=1)

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from swarm_ctl.core.control.reference import slots_after
 from swarm_ctl.core.law.formation import formation_error
+from swarm_ctl.core.law.planned_formation import planned_formations
 from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.plan import Policy
 from swarm_ctl.mission.compile.loader import LoadedMission, loads
@@ -54,8 +54,9 @@ def assert_good(swarm: VirtualSwarm) -> None:
 
 
 def shape_error_m(swarm: VirtualSwarm, step: int, live: tuple[int, ...] = (1, 2, 3, 4)) -> float:
-    slots, at = slots_after(swarm.plan, step), swarm.positions()
-    assert slots is not None
+    formation, at = planned_formations(swarm.plan)[step], swarm.positions()
+    assert formation.formed
+    slots = formation.offsets
     unit = swarm.plan.unit_m
     planned = {i: slots[member.agent._dealer.deal.role] for i, member in swarm.members.items()}
     return float(

@@ -12,6 +12,11 @@ def printable(text: str, limit: int = 200) -> str:
     return clean if len(clean) <= limit else clean[: limit - 3] + "..."
 
 
+def escaped(text: str) -> str:
+    """`text` with control and invisible characters as escapes such as `\\x1b`."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
 def ranges(numbers: Iterable[int]) -> str:
     """`1-3, 5` of 1, 2, 3, 5."""
     spans: list[list[int]] = []

@@ -1,5 +1,4 @@
-"""A fleet by itself, and a measured response put into its file: nothing else in the file changes,
-comments included."""
+"""Reads a fleet file, and puts a measured response into one without changing anything else."""
 
 from __future__ import annotations
 
@@ -11,55 +10,35 @@ from typing import Any, TypeAlias
 from pydantic import ValidationError
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
-from swarm_ctl.core.law.stop_point import TYPICAL
 from swarm_ctl.core.model.plan import Response
 from swarm_ctl.errors import InputError, MissionError
-from swarm_ctl.mission.compile import checks
-from swarm_ctl.mission.compile.fleet import Fleet, FleetAgent
+from swarm_ctl.mission.compile.checks import check_fleet
+from swarm_ctl.mission.compile.fleet import Fleet, fleet_agent
 from swarm_ctl.mission.input import document, error_messages
-from swarm_ctl.mission.input.document import Document
 from swarm_ctl.mission.input.schema import FleetSection
 
 _Edit: TypeAlias = tuple[int, int, str]
-"""From here to there (characters of the file) stands this instead."""
+"""Replace the characters from here to there by this text."""
 
 
 def read_fleet(path: Path) -> Fleet:
-    """The vehicles of a fleet file, without a mission; MissionError with every mistake in it."""
+    """The agents of a fleet file, sorted by id; MissionError with every mistake in it."""
     source = document.read(path, what="fleet")
-    problems = list(source.problems)
     try:
-        section = FleetSection.model_validate(source.data)
+        entries = FleetSection.model_validate(source.data).agents
+        found = [source.problem(*finding) for finding in check_fleet(entries, ("agents",))]
     except ValidationError as error:
         schema = FleetSection.model_json_schema()
-        problems += [
-            error_messages.problem_of(dict(each), source, schema) for each in error.errors()
-        ]
-        raise MissionError(tuple(problems)) from None
-    problems += [source.problem(*finding) for finding in checks.fleet(section.agents, ("agents",))]
-    if problems:
-        raise MissionError(tuple(problems))
-    return Fleet(
-        tuple(
-            FleetAgent(
-                entry.id,
-                checks.sysid_of(entry),
-                entry.autopilot,
-                entry.endpoint,
-                entry.mesh,
-                Response(**entry.response.model_dump())
-                if entry.response
-                else TYPICAL[entry.autopilot],
-            )
-            for entry in sorted(section.agents, key=lambda entry: entry.id)
-        )
-    )
+        entries = ()
+        found = [error_messages.problem_of(dict(each), source, schema) for each in error.errors()]
+    if source.problems + found:
+        raise MissionError(tuple(source.problems + found))
+    return Fleet(tuple(fleet_agent(e) for e in sorted(entries, key=lambda entry: entry.id)))
 
 
 def file_of(mission: Path) -> Path | None:
-    """Where the fleet of a mission stands: in a file that it names, in itself, or (None)
-    nowhere."""
-    source: Document = document.read(mission)
+    """The file with the fleet of a mission: the one it names, the mission itself, or None."""
+    source = document.read(mission)
     fleet = source.data.get("fleet") if isinstance(source.data, dict) else None
     if isinstance(fleet, str):
         return mission.parent / fleet
@@ -67,32 +46,26 @@ def file_of(mission: Path) -> Path | None:
 
 
 def with_response(text: str, agent: int, response: Response) -> str:
-    """The text of a fleet file, or of a mission with its fleet in it, where `agent` has this
-    `response`.
+    """The text of a fleet file, or of a mission with a fleet, with this `response` of `agent`.
 
     Raises:
-        InputError: it has no entry for the agent.
+        InputError: the text has no entry for the agent, or one that can't be changed here.
     """
     entry = _entry(document.nodes(text), agent)
     if entry is None:
         raise InputError(f"has no entry for agent {agent}")
-    values = {
-        "dead_time_s": f"{response.dead_time_s:g}",
-        "lag_s": f"{response.lag_s:g}",
-        "acceleration_mps2": f"{response.acceleration_mps2:g}",
-    }
+    values = {name: f"{value:g}" for name, value in dataclasses.asdict(response).items()}
     changed = text
     for begin, end, new in sorted(_edits(text, entry, values), reverse=True):
         changed = changed[:begin] + new + changed[end:]
     if _plain(changed, agent) != (_plain(text, agent)[0], dataclasses.asdict(response)):
-        raise InputError(
-            f"the entry of agent {agent} is written in a way that can't be changed here; add to it {values}"
-        )
+        why = "is written in a way that can't be changed here"
+        raise InputError(f"the entry of agent {agent} {why}; add to it {values}")
     return changed
 
 
 def _plain(text: str, agent: int) -> tuple[Any, Any]:
-    """All of the file but the agent's response, and that."""
+    """The whole file but the agent's response, and the response."""
     try:
         data = document.parse(text, "").data
     except MissionError:
@@ -111,11 +84,8 @@ def _edits(text: str, entry: MappingNode, values: dict[str, str]) -> Iterator[_E
     if old is None:
         yield _added(text, entry, f"response: {flow}")
     elif not isinstance(old, MappingNode):
-        yield (
-            old.start_mark.index,
-            old.end_mark.index,
-            flow if old.start_mark.index < old.end_mark.index else f" {flow}",
-        )
+        begin, end = old.start_mark.index, old.end_mark.index
+        yield begin, end, flow if begin < end else f" {flow}"
     elif old.flow_style:
         yield old.start_mark.index, old.end_mark.index, flow
     else:  # lines of their own, with comments: only the numbers change
@@ -131,7 +101,7 @@ def _edits(text: str, entry: MappingNode, values: dict[str, str]) -> Iterator[_E
 
 
 def _added(text: str, mapping: MappingNode, *fields: str) -> _Edit:
-    """New fields of a mapping: behind its last one in braces, else on lines of their own behind its
+    """New fields of a mapping: after its last field in braces, else on lines of their own after its
     first scalar."""
     if mapping.flow_style:
         end = mapping.value[-1][1].end_mark.index

@@ -1,9 +1,8 @@
-"""A mission's formations flown on paper: the law on ideal points, from the planned starts, before
-anything flies.
+"""A mission's forecast: how long each step takes, how close vehicles come, how long links get.
 
-Seen from its stop point a vehicle is a single integrator
-(docs/pages/law.md#from-units-to-a-vehicle), so this is what the swarm does but for late states,
-wind and model errors. With `compensation: none` real vehicles do worse than this.
+Form steps are flown by the law on ideal points, from the planned starts. Seen from its stop point a
+vehicle is a single integrator (docs/pages/law.md#from-units-to-a-vehicle), so the swarm does the
+same but for late states, wind and model errors. With `compensation: none` real vehicles do worse.
 """
 
 from __future__ import annotations
@@ -17,13 +16,13 @@ import numpy.typing as npt
 
 from swarm_ctl.core.agent.return_to_launch import return_height_m
 from swarm_ctl.core.law import formation_law, mean_error_feedback
-from swarm_ctl.core.law.formation import centred, distances, formation_error
+from swarm_ctl.core.law.formation import distances, formation_error
+from swarm_ctl.core.law.planned_formation import PlannedFormation, planned_formations
 from swarm_ctl.core.model.plan import (
     FormStep,
     HoldStep,
     MoveStep,
     Plan,
-    Point,
     ReturnStep,
     RotateStep,
     ScaleStep,
@@ -32,6 +31,14 @@ from swarm_ctl.core.model.plan import (
 )
 
 Array: TypeAlias = npt.NDArray[np.float64]
+Links: TypeAlias = Sequence[tuple[int, ...]]
+"""N_i by agent id, in the order of `Plan.agents`."""
+
+# ArduCopter's and PX4's default speeds.
+_ARM_S, _CLIMB_MPS = 6.0, 2.5
+_DESCENT_MPS, _TOUCHDOWN_MPS, _DISARM_S = 1.5, 0.5, 4.0
+_TURN_S = 4.0
+"""From one agent's arrival to the next agent's departure: braking, settling, the message."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +52,7 @@ class FormForecast:
     smallest_m: float
     smallest_pair: tuple[int, int] | None
     longest_link_m: float
-    """The longest any link of the start graph gets on the way; 0 where there is none."""
+    """The longest any neighbour link gets on the way; 0 where there is none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,159 +66,92 @@ class StepForecast:
 
 
 def forecast(plan: Plan) -> list[StepForecast]:
-    """Every step in order. Take-off and landing are the autopilots' own (ArduCopter's and PX4's
-    default speeds)."""
-    forms = iter(rehearse(plan))
+    """Every step in order; take-off and landing at the autopilots' default speeds."""
+    forms = iter(forecast_forms(plan))
     found: list[StepForecast] = []
-    where = Whereabouts.at_start(plan)
-    for step in plan.steps:
+    for step, before in zip(plan.steps, planned_formations(plan), strict=False):
         if isinstance(step, FormStep):
             form = next(forms)
             found.append(StepForecast(form.formed_s, form))
         else:
-            seconds = _seconds(plan, step, where)
+            seconds = _seconds(plan, step, before)
             found.append(StepForecast(seconds if seconds <= step.timeout_s else None))
-        where = where.after(step)
     return found
 
 
-@dataclass(frozen=True, slots=True)
-class Whereabouts:
-    """Centre [m], slots [units], height [m] of the swarm between two steps of a plan."""
-
-    plan: Plan
-    centre_m: Point
-    slots: tuple[Point, ...]
-    angle_rad: float = 0.0
-    scale: float = 1.0
-    height_m: float = 0.0
-
-    @classmethod
-    def at_start(cls, plan: Plan) -> Whereabouts:
-        """On the ground."""
-        starts = np.array([agent.start for agent in plan.agents]) * plan.unit_m
-        north, east = starts.mean(axis=0).tolist()
-        return cls(plan, (north, east), tuple(agent.start for agent in plan.agents))
-
-    @property
-    def radius_m(self) -> float:
-        """Of the outermost slot at scale 1."""
-        return float(np.linalg.norm(centred(self.slots), axis=1).max()) * self.plan.unit_m
-
-    def places_m(self) -> Array:
-        """Where each agent is, (n, 2)."""
-        c, s = np.cos(self.angle_rad), np.sin(self.angle_rad)
-        turn = np.array([[c, -s], [s, c]])
-        slots: Array = centred(self.slots) @ turn.T * self.scale * self.plan.unit_m + np.array(
-            self.centre_m
-        )
-        return slots
-
-    def after(self, step: Step) -> Whereabouts:
-        """When the step is done."""
-        if isinstance(step, FormStep):
-            return replace(self, slots=step.slots, angle_rad=0.0, scale=1.0)
-        if isinstance(step, TakeoffStep):
-            return replace(self, height_m=step.height_m)
-        if isinstance(step, MoveStep):
-            return replace(self, centre_m=step.waypoints_m[-1])
-        if isinstance(step, RotateStep):
-            return replace(self, angle_rad=step.angle_rad)
-        return replace(self, scale=step.factor) if isinstance(step, ScaleStep) else self
-
-
-def _seconds(plan: Plan, step: Step, where: Whereabouts) -> float:
-    late_s = plan.response.dead_time_s + plan.response.lag_s
+def _seconds(plan: Plan, step: Step, before: PlannedFormation) -> float:
     match step:
         case TakeoffStep():
             return _ARM_S + step.height_m / _CLIMB_MPS
         case HoldStep():
             return step.duration_s
         case MoveStep() | RotateStep() | ScaleStep():
-            return (
-                sum(_leg_s(plan, step, way_m) for way_m in _legs_m(step, where))
-                + late_s
-                + step.settle_s
-            )
+            legs_s = sum(_leg_s(plan, step.speed_mps, way_m) for way_m in before.legs_m(step))
+            return legs_s + _late_s(plan) + step.settle_s
         case ReturnStep():
-            return _return_s(plan, where)
+            return _return_s(plan, before)
         case _:
-            return _landing_s(where.height_m)
+            return _landing_s(before.height_m)
 
 
-def _legs_m(step: Step, where: Whereabouts) -> list[float]:
-    """How far the outermost agent goes, leg by leg."""
-    if isinstance(step, MoveStep):
-        points = np.array([where.centre_m, *step.waypoints_m])
-        return [float(way) for way in np.linalg.norm(np.diff(points, axis=0), axis=1)]
-    if isinstance(step, RotateStep):
-        return [abs(step.angle_rad - where.angle_rad) * where.radius_m * where.scale]
-    return [abs(step.factor - where.scale) * where.radius_m] if isinstance(step, ScaleStep) else []
+def _late_s(plan: Plan) -> float:
+    """Vehicles follow their stop points by dead time and lag."""
+    return plan.response.dead_time_s + plan.response.lag_s
 
 
-def _leg_s(plan: Plan, step: MoveStep | RotateStep | ScaleStep, way_m: float) -> float:
-    """From standstill to standstill at half the vehicles' acceleration, as the frame does
+def _leg_s(plan: Plan, speed_mps: float, way_m: float) -> float:
+    """From standstill to standstill at half the vehicles' acceleration, as the shared frame moves
     (`core/control/reference.py`)."""
-    a, v = 0.5 * plan.response.acceleration_mps2, step.speed_mps
+    a, v = 0.5 * plan.response.acceleration_mps2, speed_mps
     return way_m / v + v / a if way_m > v * v / a else 2 * (way_m / a) ** 0.5
 
 
-def _return_s(plan: Plan, where: Whereabouts) -> float:
-    """One flies after the other; each lands while the next one flies."""
+def _return_s(plan: Plan, before: PlannedFormation) -> float:
+    """Agents fly one after the other; each lands while the next one flies."""
     speed, late_s, done_s = plan.policies.return_speed_mps, _TURN_S, 0.0
     starts = np.array([agent.start for agent in plan.agents]) * plan.unit_m
-    ways = np.linalg.norm(where.places_m() - starts, axis=1)
+    ways = np.linalg.norm(np.array(before.places_m()) - starts, axis=1)
     for agent, way_m in zip(plan.agents, ways, strict=True):
         up_m = return_height_m(plan, agent.id)
-        late_s = (
-            max(late_s, (up_m - where.height_m) / plan.limits.climb_mps)
-            + float(way_m) / speed
-            + _TURN_S
-        )
+        climbed_s = max(late_s, (up_m - before.height_m) / plan.limits.climb_mps)
+        late_s = climbed_s + float(way_m) / speed + _TURN_S
         done_s = max(done_s, late_s + _landing_s(up_m))
     return done_s
 
 
 def _landing_s(height_m: float) -> float:
-    """Fast to 10 m, slowly from there, a moment to disarm."""
-    return (
-        max(0.0, height_m - 10.0) / _DESCENT_MPS + min(height_m, 10.0) / _TOUCHDOWN_MPS + _DISARM_S
-    )
+    """Fast to 10 m, slowly from there, then disarming."""
+    fast_s = max(0.0, height_m - 10.0) / _DESCENT_MPS
+    return fast_s + min(height_m, 10.0) / _TOUCHDOWN_MPS + _DISARM_S
 
 
-_ARM_S, _CLIMB_MPS = 6.0, 2.5
-_DESCENT_MPS, _TOUCHDOWN_MPS, _DISARM_S = 1.5, 0.5, 4.0
-_TURN_S = 4.0
-"""From one agent's arrival to the next one's way: braking, settling, the news."""
-
-
-def rehearse(plan: Plan) -> list[FormForecast]:
+def forecast_forms(plan: Plan) -> list[FormForecast]:
     """Every `form` step in order, each from where the one before ended."""
-    points = np.array([agent.start for agent in plan.agents], dtype=np.float64)
-    where, forecasts = Whereabouts.at_start(plan), []
-    links = [agent.neighbours for agent in plan.agents]
+    starts = [agent.start for agent in plan.agents]
+    points, forecasts = np.array(starts, dtype=np.float64), list[FormForecast]()
+    formation = PlannedFormation.at_start(starts, plan.unit_m)
+    links: Links = [agent.neighbours for agent in plan.agents]
     for step in plan.steps:
+        formation = formation.after(step)
         if isinstance(step, FormStep):
-            links = list(step.neighbours or links)
+            links = step.neighbours or links
             points, found = _form(plan, step, points, links)
             forecasts.append(found)
-        where = where.after(step)
-        if isinstance(step, FormStep):
-            where = replace(where, centre_m=tuple((points.mean(axis=0) * plan.unit_m).tolist()))
+            # The law lets the centre drift; the next steps go on from there.
+            north, east = (points.mean(axis=0) * plan.unit_m).tolist()
+            formation = replace(formation, centre_m=(north, east))
         elif isinstance(step, MoveStep | RotateStep | ScaleStep):
-            points = where.places_m() / plan.unit_m
+            points = np.array(formation.places)
     return forecasts
 
 
-def _form(
-    plan: Plan, step: FormStep, points: Array, links: Sequence[tuple[int, ...]]
-) -> tuple[Array, FormForecast]:
+def _form(plan: Plan, step: FormStep, points: Array, links: Links) -> tuple[Array, FormForecast]:
+    """The points [units] at the end of a form step that begins at `points`, and its forecast."""
     slots = np.array(step.slots, dtype=np.float64)
     ids = [agent.id for agent in plan.agents]
     linked = np.array([[j in near for j in ids] for near in links])
     pairs = ~np.eye(len(ids), dtype=bool)
-    # Vehicles follow their stop points by dead time and lag; the shape stands that much later.
-    formed_s, since_s, late_s = None, None, plan.response.dead_time_s + plan.response.lag_s
+    formed_s, since_s, late_s = None, None, _late_s(plan)
     nearest, farthest = np.full(linked.shape, np.inf), 0.0
     for tick in range(round(step.timeout_s / plan.tick_s)):
         now_s = tick * plan.tick_s + late_s
@@ -237,9 +177,9 @@ def _move(
     linked: npt.NDArray[np.bool_],
     pairs: npt.NDArray[np.bool_],
 ) -> Array:
-    """One tick's displacement of all agents [units], (n, 2): the law, the pull to the average, then
-    the speed limit."""
+    """One tick's displacement of all agents [units], (n, 2): law, mean error feedback, speed limit."""
     count = len(points)
+    # Every agent hears all points as they are: row i is what agent i sees.
     others = np.broadcast_to(points, (count, count, 2))
     other_slots = np.broadcast_to(slots, (count, count, 2))
     lower = np.triu(np.ones((count, count), dtype=bool), 1)

@@ -1,5 +1,7 @@
-"""A stroke font: letters as lines, and slots evenly along them. Heights are 1, widths 2/3; (north,
-east)."""
+"""A stroke font: letters as lines, and slots evenly along them.
+
+Points are (north, east); a letter is 1 high and 2/3 wide.
+"""
 
 from __future__ import annotations
 
@@ -13,8 +15,8 @@ Array: TypeAlias = npt.NDArray[np.float64]
 
 _WIDTH: Final = 2 / 3
 _GAP: Final = 1 / 3
-# Points on a grid of 3 columns (a b c, west to east) and 5 rows (1 to 5, south to north); strokes
-# are words of them.
+# A word is one stroke through points of a grid with 3 columns (a to c, west to east) and 5 rows
+# (1 to 5, south to north).
 _STROKES: Final[dict[str, str]] = {
     "A": "a1a4b5c4c1 a3c3",
     "B": "a1a5b5c4b3a3 b3c2b1a1",
@@ -57,7 +59,7 @@ _STROKES: Final[dict[str, str]] = {
 
 
 def slots(text: str, height: float, count: int) -> Array:
-    """`count` slots along the strokes of `text`, (count, 2), as evenly as its strokes allow."""
+    """`count` slots along the strokes of `text`, as evenly as they allow; (count, 2), as `height`."""
     points = _sampled(_strokes(text), 200 * max(1, count // 10 + 1))
     return _spread(points, count) * height
 
@@ -73,7 +75,7 @@ def _strokes(text: str) -> list[Array]:
 
 
 def _sampled(strokes: list[Array], count: int) -> Array:
-    """Points close together along all strokes, corners included."""
+    """At least `count` points along all strokes, corners included; (m, 2)."""
     length = sum(float(np.linalg.norm(np.diff(stroke, axis=0), axis=1).sum()) for stroke in strokes)
     points = []
     for stroke in strokes:
@@ -84,8 +86,7 @@ def _sampled(strokes: list[Array], count: int) -> Array:
 
 
 def _spread(points: Array, count: int) -> Array:
-    """Always the point farthest from those chosen, from the first end on: evenly spread, the same
-    everywhere."""
+    """Choose `count` points, each time the one farthest from those chosen before."""
     chosen = [0]
     away = np.linalg.norm(points - points[0], axis=1)
     while len(chosen) < count:

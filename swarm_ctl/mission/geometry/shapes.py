@@ -1,7 +1,6 @@
-"""Shapes as slots: pure functions, one a kind, in a table. Slots are (n, 2) arrays of (north, east)
-in units.
+"""Shapes as slots: one pure function for each kind, in a table.
 
-A shape is translation invariant; where its zero lies means nothing.
+Slots are (n, 2) arrays of (north, east) in units. Only their differences matter.
 """
 
 from __future__ import annotations
@@ -20,14 +19,20 @@ Array: TypeAlias = npt.NDArray[np.float64]
 
 
 def slots_of(shape: schema.Shape, agents: int) -> Array:
-    """The slots of a shape, turned; as many as it counts, or one per agent where it does not
-    say."""
-    slots = _SLOTS[type(shape)](shape, getattr(shape, "count", None) or agents)
+    """The slots of a shape, turned; (n, 2) with n = `slot_count(shape, agents)`."""
+    slots = _SLOTS[type(shape)](shape, slot_count(shape, agents))
     return slots @ _turn(math.radians(shape.rotation_deg)).T
 
 
+def slot_count(shape: schema.Shape, agents: int) -> int:
+    """How many slots a shape has: its offsets, its `count`, or one per agent."""
+    if isinstance(shape, schema.Offsets):
+        return len(shape.offsets)
+    return getattr(shape, "count", None) or agents
+
+
 def _turn(angle_rad: float) -> Array:
-    """Turns (north, east) clockwise, from north to east."""
+    """The matrix that turns (north, east) clockwise."""
     c, s = math.cos(angle_rad), math.sin(angle_rad)
     return np.array([[c, -s], [s, c]])
 
@@ -36,9 +41,8 @@ def _ring(shape: schema.Ring, count: int) -> Array:
     if shape.radius is not None:
         return _circle(shape.radius, count)
     # A chord of length side spans 1 / count of the circle; one slot alone has no chord.
-    return _circle(
-        (shape.side or 0.0) / (2 * math.sin(math.pi / count)) if count > 1 else 0.0, count
-    )
+    radius = (shape.side or 0.0) / (2 * math.sin(math.pi / count)) if count > 1 else 0.0
+    return _circle(radius, count)
 
 
 def _circle(radius: float | Array, count: int) -> Array:
@@ -47,11 +51,8 @@ def _circle(radius: float | Array, count: int) -> Array:
 
 
 def _centred_circle(shape: schema.Circle, count: int) -> Array:
-    return (
-        np.vstack([np.zeros((1, 2)), _circle(shape.radius, count - 1)])
-        if count > 1
-        else np.zeros((1, 2))
-    )
+    middle = np.zeros((1, 2))
+    return np.vstack([middle, _circle(shape.radius, count - 1)]) if count > 1 else middle
 
 
 def _letters(shape: schema.Letters, count: int) -> Array:
@@ -59,7 +60,7 @@ def _letters(shape: schema.Letters, count: int) -> Array:
 
 
 def _imported(shape: schema.Imported, _count: int) -> Array:
-    raise LookupError(f"{shape.path} has not been read")  # the loader puts offsets in its place
+    raise LookupError(f"{shape.path} has not been read")  # csv_slots puts offsets in its place
 
 
 def _line(shape: schema.Line, count: int) -> Array:

@@ -1,4 +1,4 @@
-"""Who takes which slot, from plan data alone, so that everybody who computes it gets the same."""
+"""Which agent takes which slot: from plan data alone, so that every process gets the same."""
 
 from __future__ import annotations
 
@@ -13,18 +13,17 @@ Array: TypeAlias = npt.NDArray[np.float64]
 
 
 def nearest(points: npt.ArrayLike, slots: npt.ArrayLike) -> Array:
-    """The slots in the order of the points that makes the total squared distance least, centroids
-    aligned; (n, 2).
+    """The slots (n, 2) in the order of the points (n, 2) with the least total squared distance.
 
-    The law reaches the shape anywhere, so only the place within it counts: that is why the
-    centroids are aligned.
+    The centroids are aligned first: the law forms the shape anywhere, so only the place within it
+    counts.
     """
-    # Here and not above: scipy takes 0.3 s to import, and most commands never ask for slots.
+    # Imported here: scipy takes 0.3 s, and most commands never need slots.
     from scipy.optimize import linear_sum_assignment
 
     targets = np.asarray(slots, dtype=np.float64)
     between = centred(points)[:, None, :] - centred(targets)[None, :, :]
-    # Rounded, so that slots equally far away are chosen alike on machines whose last bits differ.
+    # Rounded, so that machines whose last bits differ choose alike between slots equally far away.
     cost = np.round(np.sum(between**2, axis=-1), 9)
     _, chosen = linear_sum_assignment(cost)
     return targets[chosen]

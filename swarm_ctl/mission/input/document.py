@@ -1,7 +1,7 @@
-"""YAML read strictly, with the line of every value kept, so that a mistake can be pointed at.
+"""Reads YAML strictly and keeps the line of every value, so that a problem names its place.
 
 Scalars follow YAML 1.2's core schema without its exotic number forms: `on`, `yes`, `010`, `1_000`,
-`1:30` and dates are text, not the surprises YAML 1.1 makes of them, and `1e3` is a number.
+`1:30` and dates are text (YAML 1.1 converts them), and `1e3` is a number.
 """
 
 from __future__ import annotations
@@ -9,15 +9,24 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import yaml
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
+from swarm_ctl.core.model.text import escaped
 from swarm_ctl.errors import MissionError, Problem
 
 Place: TypeAlias = tuple[str | int, ...]
 """Where a value stands in its document: keys and list indices from the top."""
+
+
+class Finding(NamedTuple):
+    """A mistake: where in the document, what is wrong, what would be allowed."""
+
+    place: Place
+    what: str
+    allowed: str
 
 
 class _Loader(yaml.SafeLoader):
@@ -32,8 +41,7 @@ class _Loader(yaml.SafeLoader):
 
 _TAG = "tag:yaml.org,2002:"
 _MOST_BYTES = 4_000_000
-"""A mission of 250 agents with a hundred shapes, slot by slot, has half of that; parsing more takes
-seconds."""
+"""Twice what 250 agents with a hundred shapes, slot by slot, need; more takes seconds to parse."""
 for _name, _pattern, _first in (
     ("bool", r"true|True|TRUE|false|False|FALSE", "tTfF"),
     ("null", r"~|null|Null|NULL|", ["~", "n", "N", ""]),
@@ -57,8 +65,7 @@ def write(data: Any) -> str:
 
 @dataclass
 class Document:
-    """A file as plain data (dict, tuple, scalars) with the place of every value and the mistakes
-    found on the way."""
+    """A file as plain data (dict, tuple, scalars), the line of every value and the problems."""
 
     name: str
     data: Any = None
@@ -73,21 +80,20 @@ class Document:
 
     def problem(self, place: Place, what: str, allowed: str) -> Problem:
         """A problem with the value at `place`."""
-        return Problem(self.where(place), dotted(place), what, allowed)
+        return _problem(self.where(place), dotted(place), what, allowed)
 
     def graft(self, place: Place, other: Document) -> None:
         """Put the whole of `other` at `place`; its values keep their own file and lines."""
         self.data[place[0]] = other.data
         self.wheres |= {place + inner: where for inner, where in other.wheres.items()}
-        self.problems += [
-            Problem(
-                p.where,
-                dotted(place) if p.field == dotted(()) else f"{dotted(place)}.{p.field}",
-                p.what,
-                p.allowed,
-            )
-            for p in other.problems
-        ]
+        for p in other.problems:
+            field = dotted(place) if p.field == dotted(()) else f"{dotted(place)}.{p.field}"
+            self.problems.append(_problem(p.where, field, p.what, p.allowed))
+
+
+def _problem(where: str, field: str, what: str, allowed: str) -> Problem:
+    """A problem that is safe to print: names and values of a file may hold control characters."""
+    return Problem(escaped(where), escaped(field), escaped(what), escaped(allowed))
 
 
 def dotted(place: Place) -> str:
@@ -97,16 +103,14 @@ def dotted(place: Place) -> str:
 
 
 def read(path: Path, *, what: str = "mission") -> Document:
-    """Read a YAML file; raises MissionError where it can't be read or parsed at all."""
+    """Read a YAML file; MissionError if it can't be read or parsed at all."""
     try:
         data = path.read_bytes() if path.stat().st_size <= _MOST_BYTES else None
     except OSError as error:
         reason = error.strerror or str(error)
         raise _refuse(str(path), f"can't be read: {reason}", f"a readable {what} file") from error
     if data is None:
-        raise _refuse(
-            f"{path}:1", "is too long for notes of an operator", f"at most {_MOST_BYTES} bytes"
-        )
+        raise _refuse(f"{path}:1", "the file is too large", f"at most {_MOST_BYTES / 1e6:g} MB")
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -118,14 +122,13 @@ def read(path: Path, *, what: str = "mission") -> Document:
 
 
 def nodes(text: str) -> Node | None:
-    """The nodes of a text that `parse` has taken, with their places in it."""
+    """The YAML nodes of a text that `parse` accepts, with their positions in it."""
     found: Node | None = yaml.compose(text, Loader=_Loader)
     return found
 
 
 def parse(text: str, name: str) -> Document:
-    """Parse YAML text; `name` stands for the file in messages. Raises MissionError where it is no
-    YAML."""
+    """Parse YAML text; problems call it `name`. MissionError if it is not YAML."""
     try:
         node = yaml.compose(text, Loader=_Loader)
         document = Document(name)
@@ -154,18 +157,17 @@ def parse(text: str, name: str) -> Document:
 
 
 def _refuse(where: str, what: str, allowed: str) -> MissionError:
-    return MissionError((Problem(where, dotted(()), what, allowed),))
+    return MissionError((_problem(where, dotted(()), what, allowed),))
 
 
 class _Converter:
-    """Nodes to plain data, noting lines and duplicate keys in the document."""
+    """Converts nodes to plain data; notes lines and duplicate keys in the document."""
 
     def __init__(self, document: Document) -> None:
         self._document = document
 
     def convert(self, node: Node, place: Place) -> Any:
-        # A mapping's entry has the line of its key, noted before; lists' entries and the top have
-        # their own.
+        # The line of a mapping's entry is its key's, noted before; other nodes have their own.
         self._document.wheres.setdefault(place, self._where(node))
         if isinstance(node, MappingNode):
             self._untagged(node, place, "map")
@@ -179,9 +181,8 @@ class _Converter:
         result: dict[str, Any] = {}
         for key_node, value_node in node.value:
             if not isinstance(key_node, ScalarNode):
-                self._note(
-                    key_node, place, "a list or mapping can't be a field's name", "a plain word"
-                )
+                what = "a list or mapping can't be a field's name"
+                self._note(key_node, place, what, "a plain word")
                 continue
             key = key_node.value
             inner = (*place, key)
@@ -215,4 +216,4 @@ class _Converter:
         return f"{self._document.name}:{node.start_mark.line + 1}"
 
     def _note(self, node: Node, place: Place, what: str, allowed: str) -> None:
-        self._document.problems.append(Problem(self._where(node), dotted(place), what, allowed))
+        self._document.problems.append(_problem(self._where(node), dotted(place), what, allowed))

@@ -9,6 +9,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from swarm_ctl.core.model.text import escaped
 from swarm_ctl.errors import Problem
 from swarm_ctl.mission.input.document import Document, Place
 
@@ -49,7 +50,7 @@ def problem_of(error: Mapping[str, Any], document: Document, schema: _Schema) ->
 def show(value: Any) -> str:
     """A value as the file would write it, shortened."""
     text = json.dumps(value, default=str, ensure_ascii=False)
-    text = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+    text = escaped(text)
     text = {"null": "nothing", "NaN": ".nan", "Infinity": ".inf", "-Infinity": "-.inf"}.get(
         text, text
     )

@@ -310,6 +310,9 @@ class Land(Section):
     """Where not given, generous for the height."""
 
 
+StepBody: TypeAlias = Takeoff | Form | Hold | Move | Rotate | Scale | Return | Land
+
+
 class Step(Section):
     """One step of the mission: exactly one of these."""
 
@@ -323,6 +326,22 @@ class Step(Section):
     scale: Scale | None = None
     return_: Return | None = Field(default=None, alias="return")
     land: Land | None = None
+
+    @property
+    def kind(self) -> str:
+        """The name of its only field, as in the file; '' where it has none or several."""
+        given = [name.rstrip("_") for name in self.model_fields_set]
+        return given[0] if len(given) == 1 else ""
+
+    @property
+    def body(self) -> StepBody | None:
+        """The value of its only field."""
+        return next((value for _, value in self if value is not None), None)
+
+    @classmethod
+    def kinds(cls) -> list[str]:
+        """The names of all fields, as in the file."""
+        return [name.rstrip("_") for name in cls.model_fields]
 
     @model_validator(mode="before")
     @classmethod
@@ -396,6 +415,11 @@ class FleetEntry(Section):
         examples=["tcp/192.168.1.11:7447"],
     )
     """Where the agent listens on the mesh; a loopback port where not given."""
+
+    @property
+    def vehicle_sysid(self) -> int:
+        """The vehicle's system id; the agent's id where the file gives none."""
+        return self.id if self.sysid is None else self.sysid
 
 
 class FleetSection(Section):

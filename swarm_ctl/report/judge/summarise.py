@@ -13,8 +13,8 @@ from typing import Final
 import numpy as np
 
 from swarm_ctl.core.agent.progress import step_name
-from swarm_ctl.core.control.reference import slots_after
 from swarm_ctl.core.law.graph import edges
+from swarm_ctl.core.law.planned_formation import planned_formations
 from swarm_ctl.core.model.messages import AgentStatus, StepResult, TickReport
 from swarm_ctl.core.model.plan import FormStep, Plan
 from swarm_ctl.report.folder import metrics
@@ -172,7 +172,7 @@ def _flown(run: Run) -> _Flown:
         return _Flown()
     flight = flight.during(begun[0][0], run.landing_s())
     last = max(k for k in range(1, len(plan.steps) + 1) if run.start_s(k) < math.inf)
-    standing = slots_after(plan, last) or begun[-1][1].slots  # turned and scaled as planned
+    standing = planned_formations(plan)[last].offsets
     error_m = metrics.last_number(
         metrics.formation_error(flight, _in_metres(plan, standing)[run.roles(flight.time_s)])
     )

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from swarm_ctl.core.control.reference import slots_after
+from swarm_ctl.core.law.planned_formation import planned_formations
 from swarm_ctl.core.model.plan import FormStep
 from swarm_ctl.report.page.drawing import (
     R_IN,
@@ -53,8 +53,8 @@ def _shape(history: History) -> list[tuple[int, int]]:
     begun = [
         k for k in range(1, len(history.plan.steps) + 1) if np.isfinite(history.run.start_s(k))
     ]
-    slots = slots_after(history.plan, max(begun, default=0)) or ()
-    return hull_order(np.array(slots).T) if len(slots) > 1 else []
+    formation = planned_formations(history.plan)[max(begun, default=0)]
+    return hull_order(np.array(formation.offsets).T) if formation.formed else []
 
 
 def nearest(history: History) -> Figure | None:

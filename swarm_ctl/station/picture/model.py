@@ -9,10 +9,10 @@ from typing import Final
 
 import numpy as np
 
-from swarm_ctl.core.control.reference import centred as centred_slots
-from swarm_ctl.core.control.reference import turned
 from swarm_ctl.core.law.formation import centred, distances, errors
 from swarm_ctl.core.law.graph import edges
+from swarm_ctl.core.law.planned_formation import centred as centred_slots
+from swarm_ctl.core.law.planned_formation import turned
 from swarm_ctl.core.model.messages import (
     Ack,
     AgentState,
@@ -267,7 +267,7 @@ class Model:
                 and not resumed
             ):
                 forms.append((answered.at_step, commanded.slots))
-        return centred_slots(dict(enumerate(forms[-1][1]))) if forms else None
+        return dict(enumerate(centred_slots(forms[-1][1]))) if forms else None
 
     def _overridden(self) -> bool:
         return any(

@@ -163,6 +163,14 @@ def test_all_mistakes_at_once_in_the_order_of_the_file() -> None:
     ]
 
 
+def test_a_refusal_escapes_control_characters() -> None:
+    """A name or value of the file can't command the terminal that shows the refusal."""
+    evil = '"\\e[2J\\u009b"'
+    for old, new in (("  row:", f"  {evil}:"), ("name: trio", f"name: {evil}")):
+        for problem in problems(edited((old, new))):
+            assert str(problem).isprintable()
+
+
 def test_a_broken_section_does_not_hide_the_others() -> None:
     found = {
         problem.field for problem in problems(edited(("r: 4.5", "r: x"), ("count: 3", "count: 5")))
@@ -194,7 +202,7 @@ def test_an_id_that_is_no_sysid_needs_a_fleet() -> None:
         (b"hello\n", "is text"),
         (b"\xff\xfe\x00", "is not text"),
         (b"version: 1\nname: p\xe4r\n", "mission.yaml:2: (whole file): is not text"),
-        (b"#" * 4_000_001, "too long"),
+        (b"#" * 4_000_001, "too large"),
         (b"[" * 5000, "nested too deeply"),
         (b"a: " + b"9" * 5000, "unknown field"),
     ],

@@ -1,5 +1,4 @@
-"""The frame a formation shares: it arrives, never overshoots, and its feed-forward is its own
-derivative."""
+"""The shared frame: it arrives, never overshoots, and its feed-forward is its derivative."""
 
 from __future__ import annotations
 
@@ -17,9 +16,9 @@ from swarm_ctl.core.control.reference import (
     arrived,
     left_m,
     rate_towards,
-    turned,
     velocity_mps,
 )
+from swarm_ctl.core.law.planned_formation import turned
 from swarm_ctl.core.model.messages import Frame
 from swarm_ctl.core.model.plan import MoveStep, RotateStep, ScaleStep
 
@@ -85,7 +84,7 @@ def test_feed_forward_is_the_derivative_of_the_place(
 
 @given(STEPS)
 def test_the_frame_waits_for_the_shape_and_stops_when_blind(step: Moving) -> None:
-    """Out of tolerance by two metres more, or with somebody unheard, it does not move."""
+    """Two metres out of tolerance, or with a peer unheard, it does not move."""
     assume(left_m(Frame((3.0, -4.0)), step, RADIUS_M) > 0.1)
     for error_m in (2.6, None):
         assert flown(step, 20.0, error_m) == Frame((3.0, -4.0))

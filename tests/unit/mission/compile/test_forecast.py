@@ -1,5 +1,4 @@
-"""The rehearsal: agrees with closed forms where there are any, and starts each shape where the one
-before ended."""
+"""The forecast of form steps agrees with closed forms, and each starts where the one before ended."""
 
 from __future__ import annotations
 
@@ -10,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from swarm_ctl.core.model.plan import FormStep, Limits, Plan
-from swarm_ctl.mission.compile.forecast import rehearse
+from swarm_ctl.mission.compile.forecast import forecast_forms
 from swarm_ctl.mission.compile.loader import load, loads
 from tests.unit.mission.example import TEXT, without_section
 
@@ -41,7 +40,7 @@ def fast(plan: Plan) -> Plan:
 def test_two_agents_meet_as_the_closed_form_says() -> None:
     """Each one's error halves the difference by h per iteration: (1 - 2 h)^k * 15 m < 0.5 m."""
     plan = fast(loads(PAIR).plan)
-    (forecast,) = rehearse(plan)
+    (forecast,) = forecast_forms(plan)
     iterations = math.ceil(math.log(0.5 / 15) / math.log(1 - 2 * plan.law.h))
     assert forecast.formed_s == pytest.approx(iterations * plan.tick_s + 0.9, abs=1e-6)
     assert forecast.smallest_m == pytest.approx(10, abs=1.0)
@@ -51,20 +50,20 @@ def test_two_agents_meet_as_the_closed_form_says() -> None:
 
 def test_the_speed_limit_slows_it_down() -> None:
     plan = loads(PAIR).plan
-    (forecast,) = rehearse(dataclasses.replace(plan, limits=Limits(speed_mps=0.5)))
+    (forecast,) = forecast_forms(dataclasses.replace(plan, limits=Limits(speed_mps=0.5)))
     assert forecast.formed_s is not None
     assert forecast.formed_s > 14.5 / 0.5
 
 
 def test_what_does_not_form_in_time_is_said() -> None:
     plan = loads(PAIR.replace("settle_s: 0", "settle_s: 0, timeout_s: 1")).plan
-    (forecast,) = rehearse(plan)
+    (forecast,) = forecast_forms(plan)
     assert forecast.formed_s is None
 
 
 def test_the_hexagon_forms_with_room_to_spare() -> None:
     plan = load(HEXAGON).plan
-    (forecast,) = rehearse(plan)
+    (forecast,) = forecast_forms(plan)
     assert forecast.formed_s is not None
     assert 10 < forecast.formed_s < 40
     assert forecast.smallest_m > plan.law.r_in * plan.unit_m
@@ -72,10 +71,10 @@ def test_the_hexagon_forms_with_room_to_spare() -> None:
 
 def test_every_form_step_has_its_forecast_and_the_second_time_is_shorter() -> None:
     plan = loads(TEXT).plan
-    assert [f.shape for f in rehearse(plan)] == ["ring", "row"]
+    assert [f.shape for f in forecast_forms(plan)] == ["ring", "row"]
     form = plan.steps[1]
     assert isinstance(form, FormStep)
-    first, again = rehearse(dataclasses.replace(plan, steps=(form, form)))
+    first, again = forecast_forms(dataclasses.replace(plan, steps=(form, form)))
     assert first.formed_s is not None
     assert again.formed_s == pytest.approx(form.settle_s + 0.9, abs=0.11)
 
@@ -91,7 +90,7 @@ def test_one_agent_is_a_formation_at_once() -> None:
         .replace("count: 3", "count: 1")
         .replace("      - [0, 2]\n      - [0, 4]\n", "")
     )
-    for forecast in rehearse(loads(text).plan):
+    for forecast in forecast_forms(loads(text).plan):
         assert forecast.formed_s == pytest.approx(5.9, abs=0.06)
         assert forecast.smallest_pair is None
         assert forecast.longest_link_m == 0

@@ -1,0 +1,91 @@
+"""What is wrong with a plan: where the formation will be, and how long it takes to get there."""
+
+from __future__ import annotations
+
+import math
+
+from swarm_ctl.core.law import graph
+from swarm_ctl.core.law.formation import smallest_distance
+from swarm_ctl.core.law.planned_formation import PlannedFormation, planned_formations
+from swarm_ctl.core.model.plan import (
+    FormStep,
+    MoveStep,
+    Plan,
+    RotateStep,
+    ScaleStep,
+    Step,
+    TakeoffStep,
+)
+from swarm_ctl.core.safety.fence import inside
+from swarm_ctl.mission.compile.checks import (
+    MAX_DISTANCE_M,
+    ROUNDING,
+    Findings,
+    named_parts,
+    too_short,
+    with_metres,
+)
+from swarm_ctl.mission.input.document import Finding, Place
+
+
+def check_plan(plan: Plan) -> list[Finding]:
+    """Every mistake that shows only in the plan; `place` is the step's in the mission file."""
+    found: list[Finding] = []
+    formations = planned_formations(plan)
+    for k, (step, before, after) in enumerate(
+        zip(plan.steps, formations[:-1], formations[1:], strict=True)
+    ):
+        place: Place = ("steps", k, step.kind)
+        found += _connected(plan, step, place)
+        found += _spacing(plan, step, before, after, place)
+        found += _fenced(plan, step, after, place)
+        found += _timeout(step, before, place)
+    return found
+
+
+def _connected(plan: Plan, step: Step, place: Place) -> Findings:
+    if isinstance(step, FormStep) and step.neighbours:
+        ids = [agent.id for agent in plan.agents]
+        parts = graph.components(dict(zip(ids, step.neighbours, strict=True)))
+        if len(parts) > 1:
+            what = f"the shape before is not connected: it falls into {named_parts(parts)}"
+            allowed = f"every part within law.r = {plan.law.r:g}"
+            yield Finding((*place, "neighbours"), what, allowed)
+
+
+def _spacing(
+    plan: Plan, step: Step, before: PlannedFormation, after: PlannedFormation, place: Place
+) -> Findings:
+    if not isinstance(step, ScaleStep):
+        return
+    r_out, apart = plan.law.r_out, smallest_distance(after.offsets)
+    if apart <= r_out + ROUNDING:
+        narrowing = step.factor / before.scale
+        what = f"{narrowing:g} brings slots to {with_metres(apart, plan.unit_m)}"
+        allowed = f"more than law.r_out = {with_metres(r_out, plan.unit_m)} between slots"
+        yield Finding((*place, "factor"), what, allowed)
+
+
+def _fenced(plan: Plan, step: Step, after: PlannedFormation, place: Place) -> Findings:
+    if plan.fence is None:
+        return
+    ceiling_m = plan.fence.height_m
+    if isinstance(step, TakeoffStep) and step.height_m > ceiling_m:
+        what = f"{step.height_m:g} m is above the geofence"
+        yield Finding((*place, "height_m"), what, f"at most fence.height_m = {ceiling_m:g}")
+    for centre in step.waypoints_m if isinstance(step, MoveStep) else ():
+        places = zip(plan.agents, after.places_m(centre), strict=True)
+        out = [agent.id for agent, at in places if not inside(plan.fence.polygon_m, at)]
+        if out:
+            at = f"{centre[0]:g} m north, {centre[1]:g} m east of the origin"
+            what = f"with its centre {at}, agent {out[0]} would be outside the geofence"
+            yield Finding(place, what, "a way inside fence.polygon")
+        elif math.hypot(*centre) > MAX_DISTANCE_M:
+            what = f"goes {math.hypot(*centre):.0f} m from the origin"
+            yield Finding(place, what, f"at most {MAX_DISTANCE_M:g} m")
+
+
+def _timeout(step: Step, before: PlannedFormation, place: Place) -> Findings:
+    if isinstance(step, MoveStep | RotateStep | ScaleStep):
+        needed_s = sum(before.legs_m(step)) / step.speed_mps + step.settle_s
+        yield from too_short(place, step.timeout_s, needed_s)
