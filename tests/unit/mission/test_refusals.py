@@ -1,6 +1,5 @@
 """Every refusal names the file, the line, the field, what is wrong and what would be allowed; all
 of them at once."""
-# ruff: noqa: E501 (a refusal is one row of the table)
 
 from __future__ import annotations
 
