@@ -5,12 +5,22 @@ from __future__ import annotations
 import subprocess
 from pathlib import Path
 
+import pytest
+
 from tests.system.running import LOW, SWARM_CTL, Running
+
+pytestmark = pytest.mark.timeout(240)  # it starts `swarm-ctl send` twelve times
+
+
+def waiting(text: str) -> str:
+    """The mission with two steps that end by a command alone."""
+    hold = "  - hold: {duration_s: 3000}\n"
+    return text.replace("  - hold: {duration_s: 5}\n", hold + hold)
 
 
 def test_an_operator_commands_from_the_shell(tmp_path: Path) -> None:
-    """Accepted with 0, refused with 1, senseless with 2, all in one flight; nothing refused has any
-    effect."""
+    """Exit code 0 for accepted, 1 for refused, 2 for an input error; a refused command has no
+    effect. The mission waits in its steps, however long this machine takes to start each `send`."""
 
     def send(*words: str) -> tuple[int, str]:
         command = [str(SWARM_CTL), "send", *words]
@@ -20,11 +30,11 @@ def test_an_operator_commands_from_the_shell(tmp_path: Path) -> None:
         return done.returncode, (done.stdout + done.stderr).strip()
 
     mission = tmp_path / "low.yaml"
-    mission.write_text(LOW.read_text().replace("duration_s: 5", "duration_s: 60"))
+    mission.write_text(waiting(LOW.read_text()))
     with Running(
         "run", mission, "--speedup", "3", "--headless", "--no-report", cwd=tmp_path
     ) as running:
-        running.wait_for_event("step 2:", 6)
+        running.wait_for_event("step 3:", 6)
         assert send("resume") == (1, "agents 1-6: refused: not held; there is nothing to resume")
         assert send("hold") == (0, "agents 1-6: accepted")
         assert send("form", "rwo") == (
@@ -38,7 +48,7 @@ def test_an_operator_commands_from_the_shell(tmp_path: Path) -> None:
         )
         assert send("form", "row") == (0, "agents 1-6: accepted")
         assert send("next") == (0, "agents 1-6: accepted")
-        running.wait_for_event("step 3:", 6)
+        running.wait_for_event("step 4:", 6)
         assert send("hold", "--agents", "2,4-5") == (0, "agents 2, 4-5: accepted")
         assert send("kill")[0] == 1  # "n" to the question
         assert send("kill", "--yes") == (0, "agents 1-6: accepted")
