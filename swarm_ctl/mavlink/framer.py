@@ -1,7 +1,7 @@
-"""Bytes to MAVLink frames, resynchronising after whatever is no frame.
+"""Cuts bytes into MAVLink frames, and finds the next frame after bytes that are none.
 
-pymavlink's own parser drops as many bytes as a false header claims (up to 280) and the good frames
-among them. Real autopilots send plain text before and between frames on TCP, so here a failed
+pymavlink's parser drops as many bytes as a false header claims (up to 280), with the good frames
+among them. Real autopilots send plain text before and between frames on TCP. So here a failed
 checksum costs one byte, not a frame.
 """
 
@@ -24,12 +24,11 @@ _CRC_EXTRA: dict[int, bytes] = {
 _CRC = struct.Struct("<H")
 
 _NONE, _PARTIAL = 0, -1
-"""`_size` of bytes that start no frame, and of bytes that may start one but end too early."""
+"""`_size` of bytes that start no frame, and of bytes that may start one but are not complete."""
 
 
-class Frame(NamedTuple):
-    """One frame with a good checksum. `raw` is the whole frame, header, checksum and signature
-    included."""
+class MavlinkFrame(NamedTuple):
+    """A frame with a good checksum. `raw`: all of it, with header, checksum and signature."""
 
     message_id: int
     seq: int
@@ -39,22 +38,20 @@ class Frame(NamedTuple):
 
 
 class Framer:
-    """Cuts a stream of byte chunks into frames. `bad` counts runs of bytes that were no frame of
-    this dialect."""
+    """Cuts a stream of chunks into frames; `bad` counts runs of bytes that were no frame."""
 
     def __init__(self) -> None:
         self.bad = 0
         self._rest = b""
         self._skipping = False
 
-    def feed(self, data: bytes) -> list[Frame]:
+    def feed(self, data: bytes) -> list[MavlinkFrame]:
         """The frames completed by `data`. Keeps at most one incomplete frame (under 280 bytes).
 
-        What looks like a frame's beginning is given up as soon as a whole good frame is found after
-        it.
+        Bytes that may begin a frame are dropped as soon as a whole good frame follows them.
         """
         data = self._rest + data
-        frames: list[Frame] = []
+        frames: list[MavlinkFrame] = []
         partial = None
         done = position = 0
         while found := _MAGIC.search(data, position):
@@ -109,7 +106,7 @@ def _message_id(data: bytes, at: int) -> int:
     return data[at + 5]
 
 
-def _frame(raw: bytes) -> Frame:
+def _frame(raw: bytes) -> MavlinkFrame:
     if raw[0] == _V2:
-        return Frame(_message_id(raw, 0), raw[4], raw[5], raw[6], raw)
-    return Frame(raw[5], raw[2], raw[3], raw[4], raw)
+        return MavlinkFrame(_message_id(raw, 0), raw[4], raw[5], raw[6], raw)
+    return MavlinkFrame(raw[5], raw[2], raw[3], raw[4], raw)

@@ -1,15 +1,14 @@
-"""Folds what a vehicle says into what is known of it: one table, message name -> function.
+"""Folds a vehicle's messages into its telemetry: one table, message name -> function.
 
-A function gets the state, a decoded pymavlink message and the time; it returns False where a field
-can't be true (NaN, infinite, out of range), and then has changed nothing. None of them may raise,
-whatever the bytes were.
+A function gets the telemetry, a decoded pymavlink message and the time. It returns False, and has
+changed nothing, where a field can't be true (NaN, infinite, out of range). No bytes may make it
+raise.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -17,118 +16,35 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from swarm_ctl.core.model.plan import Geodetic
 from swarm_ctl.core.model.vehicle import Contact, GlobalFix, LocalFix
 from swarm_ctl.mavlink.outgoing import SOURCE_COMPONENT, SOURCE_SYSTEM
-from swarm_ctl.mavlink.status_texts import Texts
+from swarm_ctl.mavlink.vehicle_telemetry import ParameterValue, Telemetry
 
 MAX_POSITION_M = 1e5
-"""A local position further from its origin than this is not one: EKFs work in a tangent plane."""
+"""A local position is at most this far from its origin: EKFs work in a tangent plane."""
 MAX_SPEED_MPS = 300.0
 MAX_ALTITUDE_M = 2e4
 MAX_CONTACTS = 256
 MAX_ROUND_TRIP_S = 10.0
-"""An older answer, or one from the future, answers somebody else's request."""
-WIND_KEPT_S = 10.0
-"""An estimate not repeated for this long (PX4 sends one in 2 s) is none."""
+"""An older TIMESYNC answer, or one from the future, belongs to another ground station's request."""
 MAX_WIND_MPS = 100.0
-CONTACT_KEPT_S = 10.0
-"""A contact not repeated for this long is forgotten; what an older one means is the core's business
-before that."""
 IDENTITY_KEPT_S = 3.0
 """A heartbeat of another firmware or type is not this vehicle's, unless this vehicle has been
 silent for so long."""
-REBOOT_BACK_S = 5.0
-"""The vehicle's own clock going back this far means that it restarted (less may be frames that
-overtook others)."""
 
 
-@dataclass(slots=True)
-class Parameter:
-    """A PARAM_VALUE as it came: `raw` still in the vehicle's encoding of type `kind`."""
-
-    raw: float
-    kind: int
-
-
-@dataclass(slots=True)
-class Heard:
-    """Everything heard from one vehicle, in the wire's terms (SI units). Mutable; the link owns
-    it."""
-
-    watched: frozenset[str] = frozenset()
-    """Names of the parameters worth remembering; others are dropped, so a flood of them costs no
-    memory."""
-    heartbeat_s: float = -math.inf
-    stranger: int = 0
-    """The system id of another vehicle heard on this link, 0 for none."""
-    autopilot: int = -1
-    """MAV_AUTOPILOT, -1 before the first heartbeat."""
-    vehicle_type: int = -1
-    armed: bool = False
-    custom_mode: int | None = None
-    """None while unknown, or where the heartbeat says that it has none."""
-    on_ground: bool = True
-    system_status_s: float = -math.inf
-    sensors_present: int = 0
-    sensors_enabled: int = 0
-    sensors_health: int = 0
-    battery_percent: float | None = None
-    tilt_deg: float | None = None
-    wind_mps: float = 0.0
-    wind_s: float = -math.inf
-    """When it was told; -inf: never."""
-    origin: Geodetic | None = None
-    local: LocalFix | None = None
-    global_: GlobalFix | None = None
-    contacts: dict[int, Contact] = field(default_factory=dict)
-    parameters: dict[str, Parameter] = field(default_factory=dict)
-    counts: dict[int, int] = field(default_factory=dict)
-    """Messages folded so far, by message id."""
-    answers: dict[int, int] = field(default_factory=dict)
-    """Last COMMAND_ACK by command (those of `_REFUSABLE`): MAV_RESULT. A repeated refusal is told
-    once."""
-    texts: Texts = field(default_factory=Texts)
-    round_trip_s: float | None = None
-    """Of the newest TIMESYNC that came back."""
-    boot_s: float = 0.0
-    """The vehicle's own clock at its last LOCAL_POSITION_NED or GLOBAL_POSITION_INT."""
-
-    def forget_old_contacts(self, now: float) -> None:
-        """Drop the contacts not repeated for `CONTACT_KEPT_S`."""
-        old = [a for a, contact in self.contacts.items() if now - contact.time_s > CONTACT_KEPT_S]
-        for address in old:
-            del self.contacts[address]
-
-    def wind_now(self, now: float) -> float | None:
-        """Horizontal wind [m/s], while the vehicle tells it."""
-        return self.wind_mps if now - self.wind_s <= WIND_KEPT_S else None
-
-    def clocked(self, boot_ms: int) -> None:
-        """Note the vehicle's clock; forget what does not survive a restart when it went back."""
-        boot_s = boot_ms * 1e-3
-        if boot_s < self.boot_s - REBOOT_BACK_S:
-            self.origin = self.local = self.global_ = None
-            self.system_status_s = -math.inf
-            self.parameters.clear()
-            self.texts.add("the vehicle restarted")
-        self.boot_s = boot_s
-
-
-def _heartbeat(heard: Heard, message: Any, now: float) -> bool:
+def _heartbeat(heard: Telemetry, message: Any, now: float) -> bool:
     identity = (message.autopilot, message.type)
-    if now - heard.heartbeat_s < IDENTITY_KEPT_S and identity != (
-        heard.autopilot,
-        heard.vehicle_type,
-    ):
+    other = identity != (heard.autopilot, heard.vehicle_type)
+    if other and now - heard.heartbeat_s < IDENTITY_KEPT_S:
         return False
     heard.heartbeat_s = now
-    heard.autopilot = message.autopilot
-    heard.vehicle_type = message.type
+    heard.autopilot, heard.vehicle_type = identity
     heard.armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
     custom = message.base_mode & dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
     heard.custom_mode = message.custom_mode if custom else None
     return True
 
 
-def _local_position(heard: Heard, message: Any, now: float) -> bool:
+def _local_position(heard: Telemetry, message: Any, now: float) -> bool:
     position = (message.x, message.y, message.z)
     velocity = (message.vx, message.vy, message.vz)
     if not (_within(position, MAX_POSITION_M) and _within(velocity, MAX_SPEED_MPS)):
@@ -138,7 +54,7 @@ def _local_position(heard: Heard, message: Any, now: float) -> bool:
     return True
 
 
-def _global_position(heard: Heard, message: Any, now: float) -> bool:
+def _global_position(heard: Telemetry, message: Any, now: float) -> bool:
     position = _geodetic(message.lat, message.lon, message.alt)
     relative_m = message.relative_alt * 1e-3
     if position is None or abs(relative_m) > MAX_ALTITUDE_M:
@@ -149,7 +65,7 @@ def _global_position(heard: Heard, message: Any, now: float) -> bool:
     return True
 
 
-def _global_origin(heard: Heard, message: Any, now: float) -> bool:  # noqa: ARG001
+def _global_origin(heard: Telemetry, message: Any, now: float) -> bool:  # noqa: ARG001
     origin = _geodetic(message.latitude, message.longitude, message.altitude)
     if origin is None:
         return False
@@ -157,7 +73,7 @@ def _global_origin(heard: Heard, message: Any, now: float) -> bool:  # noqa: ARG
     return True
 
 
-def _system_status(heard: Heard, message: Any, now: float) -> bool:
+def _system_status(heard: Telemetry, message: Any, now: float) -> bool:
     if not _battery(heard, message.battery_remaining):
         return False
     heard.system_status_s = now
@@ -167,53 +83,51 @@ def _system_status(heard: Heard, message: Any, now: float) -> bool:
     return True
 
 
-def _battery_status(heard: Heard, message: Any, now: float) -> bool:  # noqa: ARG001
+def _battery_status(heard: Telemetry, message: Any, now: float) -> bool:  # noqa: ARG001
     return message.id != 0 or _battery(heard, message.battery_remaining)
 
 
-def _battery(heard: Heard, percent: int) -> bool:
+def _battery(heard: Telemetry, percent: int) -> bool:
     if 0 <= percent <= 100:
         heard.battery_percent = float(percent)
     return -1 <= percent <= 100
 
 
-def _timesync(heard: Heard, message: Any, now: float) -> bool:
-    """An answer (tc1 set) to our request: `ts1` is our own time [ns]. Requests of the vehicle are
-    not answered."""
+def _timesync(heard: Telemetry, message: Any, now: float) -> bool:
+    """An answer (tc1 set) to our request: `ts1` is our own time [ns]."""
     trip = now - message.ts1 * 1e-9
     if message.tc1 != 0 and 0.0 <= trip <= MAX_ROUND_TRIP_S:
         heard.round_trip_s = trip
     return True
 
 
-def _attitude(heard: Heard, message: Any, now: float) -> bool:  # noqa: ARG001
+def _attitude(heard: Telemetry, message: Any, now: float) -> bool:  # noqa: ARG001
     if not _within((message.roll, message.pitch), 2 * math.pi):
         return False
-    # between the vehicle's own up and the world's
-    heard.tilt_deg = math.degrees(
-        math.acos(max(-1.0, min(1.0, math.cos(message.roll) * math.cos(message.pitch))))
-    )
+    # The angle between the vehicle's up axis and the world's.
+    cosine = math.cos(message.roll) * math.cos(message.pitch)
+    heard.tilt_deg = math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
     return True
 
 
-def _wind(heard: Heard, message: Any, now: float) -> bool:
-    """ArduPilot: speed and where it comes from."""
-    return _winds(heard, message.speed, now)
+def _wind(heard: Telemetry, message: Any, now: float) -> bool:
+    """ArduPilot: speed [m/s] and the direction it comes from."""
+    return _wind_speed(heard, message.speed, now)
 
 
-def _wind_cov(heard: Heard, message: Any, now: float) -> bool:
-    """PX4: where it blows."""
-    return _winds(heard, math.hypot(message.wind_x, message.wind_y), now)
+def _wind_cov(heard: Telemetry, message: Any, now: float) -> bool:
+    """PX4: the wind's velocity vector [m/s]."""
+    return _wind_speed(heard, math.hypot(message.wind_x, message.wind_y), now)
 
 
-def _winds(heard: Heard, speed_mps: float, now: float) -> bool:
-    if not 0.0 <= speed_mps <= MAX_WIND_MPS:  # NaN is not
+def _wind_speed(heard: Telemetry, speed_mps: float, now: float) -> bool:
+    if not 0.0 <= speed_mps <= MAX_WIND_MPS:  # true for NaN, too
         return False
     heard.wind_mps, heard.wind_s = speed_mps, now
     return True
 
 
-def _extended_state(heard: Heard, message: Any, now: float) -> bool:  # noqa: ARG001
+def _extended_state(heard: Telemetry, message: Any, now: float) -> bool:  # noqa: ARG001
     if message.landed_state == dialect.MAV_LANDED_STATE_UNDEFINED:
         return True
     if message.landed_state > dialect.MAV_LANDED_STATE_LANDING:
@@ -226,7 +140,7 @@ _ADSB_NEEDED = dialect.ADSB_FLAGS_VALID_COORDS | dialect.ADSB_FLAGS_VALID_ALTITU
 _ADSB_MOVING = dialect.ADSB_FLAGS_VALID_HEADING | dialect.ADSB_FLAGS_VALID_VELOCITY
 
 
-def _traffic(heard: Heard, message: Any, now: float) -> bool:
+def _traffic(heard: Telemetry, message: Any, now: float) -> bool:
     position = _geodetic(message.lat, message.lon, message.altitude)
     if position is None or message.flags & _ADSB_NEEDED != _ADSB_NEEDED or message.heading > 36000:
         return False
@@ -236,16 +150,13 @@ def _traffic(heard: Heard, message: Any, now: float) -> bool:
     velocity = (0.0, 0.0, 0.0)
     if message.flags & _ADSB_MOVING == _ADSB_MOVING:
         heading, speed = math.radians(message.heading * 0.01), message.hor_velocity * 0.01
-        velocity = (
-            speed * math.cos(heading),
-            speed * math.sin(heading),
-            -message.ver_velocity * 0.01,
-        )
+        down = -message.ver_velocity * 0.01
+        velocity = (speed * math.cos(heading), speed * math.sin(heading), down)
     contacts[message.ICAO_address] = Contact(now, message.ICAO_address, position, velocity)
     return True
 
 
-def _status_text(heard: Heard, message: Any, now: float) -> bool:
+def _status_text(heard: Telemetry, message: Any, now: float) -> bool:
     if message.severity > dialect.MAV_SEVERITY_WARNING:
         return message.severity <= dialect.MAV_SEVERITY_DEBUG  # type: ignore[no-any-return]
     if message.id:
@@ -255,12 +166,10 @@ def _status_text(heard: Heard, message: Any, now: float) -> bool:
     return True
 
 
-def _command_ack(heard: Heard, message: Any, now: float) -> bool:  # noqa: ARG001
-    if message.target_system not in (0, SOURCE_SYSTEM) or message.target_component not in (
-        0,
-        SOURCE_COMPONENT,
-    ):
-        return True  # an answer to somebody else
+def _command_ack(heard: Telemetry, message: Any, now: float) -> bool:  # noqa: ARG001
+    ours = (0, SOURCE_SYSTEM), (0, SOURCE_COMPONENT)
+    if message.target_system not in ours[0] or message.target_component not in ours[1]:
+        return True  # an answer to another ground station
     name, result = _REFUSABLE.get(message.command), message.result
     if name is None or heard.answers.get(message.command) == result:
         return True
@@ -275,19 +184,19 @@ _REFUSABLE = {
     dialect.MAV_CMD_NAV_TAKEOFF: "take-off",
     dialect.MAV_CMD_DO_SET_MODE: "mode change",
 }
-"""Commands whose refusal an operator wants to know; nothing else depends on an answer."""
+"""Commands whose refusal is reported to the operator; nothing else depends on an answer."""
 _RESULTS = {
     number: entry.name.removeprefix("MAV_RESULT_")
     for number, entry in dialect.enums["MAV_RESULT"].items()
 }
 
 
-def _parameter_value(heard: Heard, message: Any, now: float) -> bool:  # noqa: ARG001
+def _parameter_value(heard: Telemetry, message: Any, now: float) -> bool:  # noqa: ARG001
     name, real = message.param_id, message.param_type == dialect.MAV_PARAM_TYPE_REAL32
     if real and not math.isfinite(message.param_value):
         return False
     if name in heard.watched:
-        heard.parameters[name] = Parameter(message.param_value, message.param_type)
+        heard.parameters[name] = ParameterValue(message.param_value, message.param_type)
     return True
 
 
@@ -296,17 +205,18 @@ def _within(vector: tuple[float, ...], limit: float) -> bool:
 
 
 def _geodetic(lat: int, lon: int, alt_mm: int) -> Geodetic | None:
-    """From 1e-7 degrees and millimetres; None out of range, and for 0/0: autopilots say so before
-    they have a fix."""
-    if abs(lat) > 900_000_000 or abs(lon) > 1_800_000_000 or (lat == 0 and lon == 0):
-        return None
+    """From 1e-7 degrees and millimetres; None out of range, and for 0/0, which autopilots send
+    before they have a fix."""
     altitude_m = alt_mm * 1e-3
+    nowhere = lat == 0 and lon == 0
+    if nowhere or abs(lat) > 900_000_000 or abs(lon) > 1_800_000_000:
+        return None
     return (
         Geodetic(lat * 1e-7, lon * 1e-7, altitude_m) if abs(altitude_m) <= MAX_ALTITUDE_M else None
     )
 
 
-FOLDS: dict[str, Callable[[Heard, Any, float], bool]] = {
+FOLDS: dict[str, Callable[[Telemetry, Any, float], bool]] = {
     "HEARTBEAT": _heartbeat,
     "LOCAL_POSITION_NED": _local_position,
     "GLOBAL_POSITION_INT": _global_position,
@@ -323,16 +233,16 @@ FOLDS: dict[str, Callable[[Heard, Any, float], bool]] = {
     "COMMAND_ACK": _command_ack,
     "PARAM_VALUE": _parameter_value,
 }
-"""What is folded. Everything else the vehicle says is counted and left alone."""
+"""All other messages of the vehicle are counted and dropped."""
 
-FOLDS_BY_ID = {
-    number: FOLDS[m.msgname] for number, m in dialect.mavlink_map.items() if m.msgname in FOLDS
+_IDS: dict[str, int] = {
+    m.msgname: number for number, m in dialect.mavlink_map.items() if m.msgname in FOLDS
 }
+FOLDS_BY_ID = {number: FOLDS[name] for name, number in _IDS.items()}
 
 
-def fold(heard: Heard, message: Any, now: float) -> bool:
-    """Take in one decoded message of the table, and count it; False (and nothing changed) if it was
-    refused."""
+def fold(heard: Telemetry, message: Any, now: float) -> bool:
+    """Fold and count one decoded message of the table; False (nothing has changed) if refused."""
     number: int = message.get_msgId()  # not `.id`: some messages have a field of that name
     if not FOLDS_BY_ID[number](heard, message, now):
         return False
@@ -341,10 +251,5 @@ def fold(heard: Heard, message: Any, now: float) -> bool:
 
 
 def message_id(name: str) -> int:
-    """The number of a message of the table above (KeyError for others)."""
+    """The number of a message of the table (KeyError for another name)."""
     return _IDS[name]
-
-
-_IDS: dict[str, int] = {
-    m.msgname: number for number, m in dialect.mavlink_map.items() if m.msgname in FOLDS
-}

@@ -1,7 +1,7 @@
-"""The link to one vehicle: bytes in and out, and in between what is known and what is wanted.
+"""The link to one vehicle: bytes from the wire to a view of the vehicle, goals to bytes.
 
-The only user of the wires. Non-blocking, and nothing a vehicle or a stranger sends can raise out of
-it; neither does a socket error: the age of the vehicle's heartbeat tells that it is gone.
+Non-blocking. No message of a vehicle or a stranger raises an error here, and no socket error does:
+the age of the vehicle's heartbeat shows that it is gone.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from swarm_ctl.core.model.vehicle import Goal, LinkCounters, VehicleView, YieldGoal
 from swarm_ctl.errors import LinkError
 from swarm_ctl.mavlink.autopilots import autopilot as autopilot_of
-from swarm_ctl.mavlink.framer import Frame, Framer
-from swarm_ctl.mavlink.incoming import FOLDS_BY_ID, Heard, fold
+from swarm_ctl.mavlink.framer import Framer, MavlinkFrame
+from swarm_ctl.mavlink.incoming import FOLDS_BY_ID, fold
 from swarm_ctl.mavlink.outgoing import (
     AUTOPILOT_COMPONENT,
     SOURCE_COMPONENT,
@@ -23,11 +23,11 @@ from swarm_ctl.mavlink.outgoing import (
     Message,
     timesync,
 )
+from swarm_ctl.mavlink.vehicle_telemetry import Telemetry
 from swarm_ctl.mavlink.wires import Wire, open_wire
 
 MAX_CHUNKS = 2048
-"""Chunks read in one `receive`: a flood costs a bounded time per tick (a vehicle sends about 3 a
-tick)."""
+"""Chunks read in one `receive`, a bound for floods; a vehicle sends about 3 a tick."""
 _TIMESYNC_S = 1.0
 _SETPOINT_ID = dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
 
@@ -35,10 +35,15 @@ _SETPOINT_ID = dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
 class VehicleLink:
     """One vehicle behind one endpoint. Times are the caller's mission clock [s].
 
-    `endpoint` is a URL as pymavlink spells them (`udpout:127.0.0.1:14601`) or an open wire;
-    `autopilot` names the firmware; `sysid` (1..250) is the only vehicle listened to. LinkError says
-    what would be allowed. `tap` is given every whole frame that passes, with the time; it must not
-    wait for anything.
+    Args:
+        endpoint: as pymavlink spells it (`udpout:127.0.0.1:14601`), or an open wire.
+        autopilot: the firmware, a name in `AUTOPILOTS`.
+        sysid: the system id of the vehicle, 1..250; other systems are not listened to.
+        tap: gets every whole frame, in and out, with the time; it must not block.
+
+    Raises:
+        LinkError: an argument is wrong (the text says what is allowed), or the endpoint can't be
+            opened.
     """
 
     def __init__(
@@ -49,13 +54,13 @@ class VehicleLink:
         tap: Callable[[bytes, float], None] | None = None,
     ) -> None:
         if not 1 <= sysid <= 250:
-            raise LinkError(f"sysid {sysid} is not one; allowed: 1..250")
+            raise LinkError(f"sysid {sysid} is out of range; allowed: 1..250")
         self._autopilot = autopilot_of(autopilot, sysid)
         self._sysid = sysid
         self._tap = tap
         self._wire = open_wire(endpoint) if isinstance(endpoint, str) else endpoint
         self._framer = Framer()
-        self._heard = Heard(watched=frozenset(self._autopilot.failsafes))
+        self._heard = Telemetry(watched=frozenset(self._autopilot.failsafes))
         self._codec = dialect.MAVLink(None, srcSystem=SOURCE_SYSTEM, srcComponent=SOURCE_COMPONENT)
         self._secure()
         self._now = 0.0
@@ -65,7 +70,7 @@ class VehicleLink:
         self._foreign = self._rejected = self._errors = 0
 
     def receive(self, now: float) -> None:
-        """Read everything pending and fold it into what is known."""
+        """Read all pending bytes and fold them into the vehicle's telemetry."""
         self._now = now
         for _ in range(MAX_CHUNKS):
             try:
@@ -79,11 +84,11 @@ class VehicleLink:
                 self._take(frame, now)
 
     def view(self) -> VehicleView:
-        """A snapshot as of the last `receive`. Hands out each text once."""
+        """A snapshot as of the last `receive`. Each STATUSTEXT is in one snapshot only."""
         heard, driver, now = self._heard, self._autopilot, self._now
         if heard.contacts:
             heard.forget_old_contacts(now)
-        mode = driver.mode(heard.custom_mode)
+        mode = driver.mode(heard)
         fault = driver.fault(heard)
         missing = fault or driver.missing(heard, now)
         return VehicleView(
@@ -113,8 +118,8 @@ class VehicleLink:
         )
 
     def pursue(self, goal: Goal, now: float) -> None:
-        """Send what `goal` needs now. A tick without this call sends nothing, so that silence is a
-        deadman."""
+        """Send what `goal` needs now. A tick without this call sends nothing: the vehicle's own
+        failsafe notices a stalled agent."""
         for message in self._autopilot.pursue(goal, self._heard, now):
             self._send(message, now)
         if now >= self._timesync_due and self._may_ask(goal):
@@ -122,14 +127,13 @@ class VehicleLink:
             self._send(timesync(now), now)
 
     def _may_ask(self, goal: Goal) -> bool:
-        """Like the driver: nothing but heartbeats to a vehicle that is not heard, not ours, or
-        flown by a pilot."""
+        """As in the driver, a vehicle that is silent, of a wrong type or flown by a pilot gets our
+        heartbeats only."""
         known = math.isfinite(self._heard.heartbeat_s) and not self._autopilot.fault(self._heard)
         return known and not isinstance(goal, YieldGoal)
 
     @property
     def counters(self) -> LinkCounters:
-        """What was counted since the link was opened."""
         return LinkCounters(
             frames=self._frames,
             bad_frames=self._framer.bad,
@@ -141,14 +145,13 @@ class VehicleLink:
         )
 
     def close(self) -> None:
-        """Give the endpoint back. Idempotent."""
+        """Close the endpoint. Idempotent."""
         self._wire.close()
 
     def _secure(self) -> None:
-        """The one place for MAVLink 2 signing (off): set the key and its rules on
-        `self._codec.signing` here."""
+        """The place for MAVLink 2 signing (off): set key and rules on `self._codec.signing`."""
 
-    def _take(self, frame: Frame, now: float) -> None:
+    def _take(self, frame: MavlinkFrame, now: float) -> None:
         self._frames += 1
         if self._tap is not None:
             self._tap(frame.raw, now)
@@ -169,7 +172,7 @@ class VehicleLink:
         self._rejected += not fold(self._heard, message, now)
 
     def _count_lost(self, seq: int) -> None:
-        """By the gap in the 8-bit seq; more than half a turn is a frame that came late or twice."""
+        """By the gap in the 8-bit seq; a gap over half its range is a late or repeated frame."""
         if self._seq is not None:
             gap = (seq - self._seq - 1) & 0xFF
             if gap >= 128:

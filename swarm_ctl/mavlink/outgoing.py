@@ -1,7 +1,6 @@
-"""The messages this project sends, as pymavlink message objects: no bytes, no I/O.
+"""The messages that an agent sends, as pymavlink message objects: no bytes, no I/O.
 
-Sources: the MAVLink common message set; the numbers of commands and parameters of commands are its
-own.
+Source of all numbers: the MAVLink common message set.
 """
 
 from __future__ import annotations
@@ -14,19 +13,18 @@ Message: TypeAlias = Any
 """A `MAVLink_message` (pymavlink has no types)."""
 
 SOURCE_SYSTEM = 255
-"""The system id of ground stations: ArduPilot's GCS failsafe counts heartbeats of this one only
-(MAV_GCS_SYSID)."""
+"""A ground station's: ArduPilot's GCS failsafe counts its heartbeats alone (MAV_GCS_SYSID)."""
 SOURCE_COMPONENT = 190
 """MAV_COMP_ID_MISSIONPLANNER: a ground station's component."""
 AUTOPILOT_COMPONENT = 1
 
 VELOCITY_ONLY = 3527
-"""type_mask: ignore position, acceleration, yaw and yaw rate; all three velocity axes count."""
+"""type_mask: ignore position, acceleration, yaw and yaw rate; use all three velocity axes."""
 FRAME_LOCAL_NED = 1
 
 ARM_DISARM = dialect.MAV_CMD_COMPONENT_ARM_DISARM
 FORCE = 21196.0
-"""Parameter 2 of ARM_DISARM: whatever the state (MAV_CMD_COMPONENT_ARM_DISARM)."""
+"""Parameter 2 of MAV_CMD_COMPONENT_ARM_DISARM: in any state."""
 TAKEOFF = dialect.MAV_CMD_NAV_TAKEOFF
 SET_MODE = dialect.MAV_CMD_DO_SET_MODE
 SET_INTERVAL = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
@@ -63,37 +61,21 @@ def request(system: int, message_id: int) -> Message:
 
 
 def velocity(system: int, velocity_ned_mps: tuple[float, float, float], now: float) -> Message:
-    """SET_POSITION_TARGET_LOCAL_NED with a velocity [m/s] only; frame 1, mask 3527."""
-    north, east, down = velocity_ned_mps
-    return dialect.MAVLink_set_position_target_local_ned_message(
-        int(now * 1000.0) & 0xFFFFFFFF,
-        system,
-        AUTOPILOT_COMPONENT,
-        FRAME_LOCAL_NED,
-        VELOCITY_ONLY,
-        0.0,
-        0.0,
-        0.0,
-        north,
-        east,
-        down,
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-    )
+    """SET_POSITION_TARGET_LOCAL_NED with a velocity [m/s] alone; frame 1, mask 3527."""
+    time_ms = int(now * 1000.0) & 0xFFFFFFFF
+    position = acceleration = (0.0, 0.0, 0.0)
+    numbers = (*position, *velocity_ned_mps, *acceleration, 0.0, 0.0)  # and yaw, yaw rate
+    target = (system, AUTOPILOT_COMPONENT, FRAME_LOCAL_NED, VELOCITY_ONLY)
+    return dialect.MAVLink_set_position_target_local_ned_message(time_ms, *target, *numbers)
 
 
 def read_parameter(system: int, name: str) -> Message:
     """PARAM_REQUEST_READ by name."""
-    return dialect.MAVLink_param_request_read_message(
-        system, AUTOPILOT_COMPONENT, name.encode(), -1
-    )
+    by_name = (system, AUTOPILOT_COMPONENT, name.encode(), -1)
+    return dialect.MAVLink_param_request_read_message(*by_name)
 
 
 def set_parameter(system: int, name: str, value: float, kind: int) -> Message:
-    """PARAM_SET; `value` already in the vehicle's encoding of type `kind`."""
-    return dialect.MAVLink_param_set_message(
-        system, AUTOPILOT_COMPONENT, name.encode(), value, kind
-    )
+    """PARAM_SET; `value` already in the vehicle's encoding of MAV_PARAM_TYPE `kind`."""
+    to = (system, AUTOPILOT_COMPONENT, name.encode())
+    return dialect.MAVLink_param_set_message(*to, value, kind)

@@ -1,5 +1,4 @@
-"""The texts a vehicle says (STATUSTEXT), gathered between two looks: joined from chunks, printable,
-bounded."""
+"""A vehicle's STATUSTEXTs between two snapshots: joined from chunks, printable, bounded."""
 
 from __future__ import annotations
 
@@ -11,12 +10,12 @@ CHUNK = 50
 """Characters in a STATUSTEXT; a shorter chunk is the last one."""
 MAX_CHUNKS = 8
 COMPLETE_S = 1.0
-"""A text in chunks whose end has not come after this time is passed on as it is."""
+"""A text whose last chunk has not come after this time is passed on without it."""
 
 
 @dataclass(slots=True)
-class Texts:
-    """The newest `MAX_TEXTS`, and at most one that is still coming in."""
+class StatusTexts:
+    """The newest `MAX_TEXTS` texts, and at most one incomplete text."""
 
     _done: deque[str] = field(default_factory=lambda: deque(maxlen=MAX_TEXTS))
     _chunks: list[str] = field(default_factory=list)
@@ -24,11 +23,11 @@ class Texts:
     _heard_s: float = 0.0
 
     def add(self, text: str) -> None:
-        """A whole text."""
+        """Store a whole text."""
         self._done.append(_printable(text))
 
     def add_chunk(self, text: str, number: int, now: float) -> None:
-        """A part of the long text `number` (> 0)."""
+        """Store a chunk of the long text `number` (> 0)."""
         if self._chunks and self._number != number:
             self._finish()
         self._number, self._heard_s = number, now
@@ -37,11 +36,9 @@ class Texts:
             self._finish()
 
     def take(self, now: float) -> tuple[str, ...]:
-        """Those gathered since the last call."""
+        """The texts since the last call."""
         if self._chunks and now - self._heard_s > COMPLETE_S:
             self._finish()
-        if not self._done:
-            return ()
         taken = tuple(self._done)
         self._done.clear()
         return taken
@@ -52,5 +49,5 @@ class Texts:
 
 
 def _printable(text: str) -> str:
-    """Other characters could drive an operator's terminal."""
+    """Control characters could change an operator's terminal."""
     return "".join(c if c.isprintable() else "?" for c in text)

@@ -1,8 +1,8 @@
-"""Where the bytes of a vehicle's link come from: UDP, TCP, a serial port, or memory.
+"""Carry the bytes of a vehicle's link: UDP, TCP, a serial port, or memory.
 
 pymavlink's `mavutil` has such connections, too, but costs twice the memory of a dialect alone,
-blocks while it connects, and hides socket errors. The spelling of endpoints is its own (serial
-ports get the prefix `serial:`).
+blocks while it connects, and hides socket errors. Endpoints are spelled as there (serial ports get
+the prefix `serial:`).
 """
 
 from __future__ import annotations
@@ -19,71 +19,60 @@ from swarm_ctl.errors import LinkError
 ALLOWED = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT, serial:DEVICE[:BAUD]"
 
 _CHUNK = 4096
-"""Longer than any datagram of MAVLink frames (280 bytes each, a handful packed together)."""
+"""Longer than a datagram of MAVLink frames (280 bytes each, a few in one)."""
 _RECONNECT_S = 1.0
 _TCP_SEND_BUFFER = 4096
-"""Small on purpose: setpoints that wait in a kernel buffer would arrive late, after the deadman
-should have acted."""
+"""Small: a setpoint that waits in the kernel's buffer would arrive after the vehicle's time-out."""
 _DEFAULT_BAUD = 57600
-"""What telemetry radios are set to when they are bought."""
+"""The default of telemetry radios."""
 
 
 class Wire(Protocol):
-    """Non-blocking bytes in both directions. `now` is the caller's clock [s]; errors are
-    OSError."""
+    """Non-blocking bytes both ways. `now` is the caller's clock [s]; errors are OSError."""
 
     def read(self, now: float) -> bytes | None:
-        """The next pending chunk (a datagram, or some of a stream), None when nothing is
-        pending."""
+        """The next pending chunk (a datagram, or a part of a stream), None when none is pending."""
 
     def write(self, data: bytes, now: float) -> None:
-        """Send one frame now, or drop it: a frame is never kept to be sent later."""
+        """Send a frame now, or drop it: no frame is kept to be sent later."""
 
     def confirm(self) -> None:
-        """The chunk read last came from the vehicle: answer there."""
+        """The last chunk came from the vehicle: send to its sender. For wires with a choice."""
+        return
 
     def close(self) -> None:
         """Idempotent."""
+        return
 
 
-class MemoryWire:
-    """One end of an in-memory wire, for tests and for studies on a virtual clock. Bounded, newest
-    kept."""
+class MemoryWire(Wire):
+    """One end of an in-memory wire, for tests on a virtual clock; keeps the newest chunks."""
 
     def __init__(self, inbox: deque[bytes], outbox: deque[bytes]) -> None:
         self._inbox = inbox
         self._outbox = outbox
 
     def read(self, now: float = 0.0) -> bytes | None:  # noqa: ARG002
-        """The oldest chunk that the other end wrote."""
         return self._inbox.popleft() if self._inbox else None
 
     def write(self, data: bytes, now: float = 0.0) -> None:  # noqa: ARG002
-        """Seen by the other end's next read."""
         self._outbox.append(data)
-
-    def confirm(self) -> None:
-        """Nothing to choose: there is one other end."""
-
-    def close(self) -> None:
-        """Nothing to give back."""
 
 
 def memory_wires(limit: int = 4096) -> tuple[MemoryWire, MemoryWire]:
     """Both ends of a wire in memory; each direction keeps the newest `limit` chunks."""
-    one: deque[bytes] = deque(maxlen=limit)
-    two: deque[bytes] = deque(maxlen=limit)
+    one, two = deque[bytes](maxlen=limit), deque[bytes](maxlen=limit)
     return MemoryWire(one, two), MemoryWire(two, one)
 
 
 def open_wire(endpoint: str) -> Wire:
-    """Open what `endpoint` names. LinkError says what is allowed, or what the machine refused."""
+    """Open `endpoint`; LinkError for a wrong spelling, or when the machine refuses it."""
     scheme, _, rest = endpoint.partition(":")
     try:
         if scheme == "serial" and rest:
             return _SerialWire(*_device_and_baud(rest))
         if scheme not in _SCHEMES:
-            raise LinkError(f"endpoint {endpoint!r} is not one; allowed: {ALLOWED}")
+            raise LinkError(f"endpoint {endpoint!r} has no known scheme; allowed: {ALLOWED}")
         return _SCHEMES[scheme](_address(endpoint, rest))
     except OSError as error:
         raise LinkError(f"endpoint {endpoint}: can't be opened: {error}") from error
@@ -103,43 +92,11 @@ def _device_and_baud(rest: str) -> tuple[str, int]:
     return (device, int(baud)) if device and baud.isdecimal() else (rest, _DEFAULT_BAUD)
 
 
-class _UdpOutWire:
-    """A connected datagram socket: the kernel drops what others send, and tells when nobody listens
-    there."""
-
-    def __init__(self, address: tuple[str, int]) -> None:
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.setblocking(False)
-        with _closing_on_error(self._socket):
-            self._socket.connect(address)
-
-    def read(self, now: float) -> bytes | None:  # noqa: ARG002
-        try:
-            return self._socket.recv(_CHUNK)
-        except BlockingIOError:
-            return None
-
-    def write(self, data: bytes, now: float) -> None:  # noqa: ARG002
-        self._socket.send(data)
-
-    def confirm(self) -> None:
-        pass
-
-    def close(self) -> None:
-        self._socket.close()
-
-
-class _UdpInWire:
-    """Listens, and answers the address from which the vehicle was heard last; silent until it was
-    heard."""
-
-    def __init__(self, address: tuple[str, int]) -> None:
+class _UdpWire(Wire):
+    def __init__(self) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         self._sender: Any = None
-        self._vehicle: Any = None
-        with _closing_on_error(self._socket):
-            self._socket.bind(address)
 
     def read(self, now: float) -> bytes | None:  # noqa: ARG002
         try:
@@ -148,6 +105,32 @@ class _UdpInWire:
             return None
         return data
 
+    def close(self) -> None:
+        self._socket.close()
+
+
+class _UdpOutWire(_UdpWire):
+    """A connected socket: the kernel drops the datagrams of other senders, and reports an endpoint
+    where no process listens."""
+
+    def __init__(self, address: tuple[str, int]) -> None:
+        super().__init__()
+        with _closing_on_error(self._socket):
+            self._socket.connect(address)
+
+    def write(self, data: bytes, now: float) -> None:  # noqa: ARG002
+        self._socket.send(data)
+
+
+class _UdpInWire(_UdpWire):
+    """Listens, and sends to the address from which the vehicle was heard last, none before."""
+
+    def __init__(self, address: tuple[str, int]) -> None:
+        super().__init__()
+        self._vehicle: Any = None
+        with _closing_on_error(self._socket):
+            self._socket.bind(address)
+
     def write(self, data: bytes, now: float) -> None:  # noqa: ARG002
         if self._vehicle is not None:
             self._socket.sendto(data, self._vehicle)
@@ -155,58 +138,53 @@ class _UdpInWire:
     def confirm(self) -> None:
         self._vehicle = self._sender
 
-    def close(self) -> None:
-        self._socket.close()
 
-
-class _StreamWire:
-    """What the TCP client and server share: one stream at a time, frames sent whole or not at
-    all."""
+class _StreamWire(Wire):
+    """One TCP stream at a time; a frame is sent whole or not at all."""
 
     def __init__(self) -> None:
         self._stream: socket.socket | None = None
         self._unsent = b""
 
     def _connected(self, now: float) -> socket.socket | None:
+        """The stream, if there is one now."""
         raise NotImplementedError
 
     def read(self, now: float) -> bytes | None:
         stream = self._connected(now)
         if stream is None:
             return None
-        try:
-            data = stream.recv(_CHUNK)
-        except BlockingIOError:
-            return None
-        except OSError:
-            self._drop()
-            raise
+        with self._dropped_on_error():
+            try:
+                data = stream.recv(_CHUNK)
+            except BlockingIOError:
+                return None
         if not data:
             self._drop()
-            return None
-        return data
+        return data or None
 
     def write(self, data: bytes, now: float) -> None:
         stream = self._connected(now)
         if stream is None:
             return
-        try:
+        with self._dropped_on_error():
             if self._unsent:
                 self._unsent = self._unsent[stream.send(self._unsent) :]
             if self._unsent:
                 raise BlockingIOError("the stream is full; a frame was dropped")
             self._unsent = data[stream.send(data) :]
-        except BlockingIOError:
-            raise
-        except OSError:
-            self._drop()
-            raise
-
-    def confirm(self) -> None:
-        pass
 
     def close(self) -> None:
         self._drop()
+
+    @contextlib.contextmanager
+    def _dropped_on_error(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            if not isinstance(error, BlockingIOError):
+                self._drop()
+            raise
 
     def _drop(self) -> None:
         if self._stream is not None:
@@ -223,7 +201,7 @@ class _StreamWire:
 
 
 class _TcpWire(_StreamWire):
-    """A TCP client that connects without waiting and tries again every second."""
+    """A client that connects without blocking, and tries again every second."""
 
     def __init__(self, address: tuple[str, int]) -> None:
         super().__init__()
@@ -240,7 +218,7 @@ class _TcpWire(_StreamWire):
 
 
 class _TcpInWire(_StreamWire):
-    """A TCP server for one vehicle: whoever connects last takes the link."""
+    """A server for one vehicle: the last client to connect takes the link."""
 
     def __init__(self, address: tuple[str, int]) -> None:
         super().__init__()
@@ -261,16 +239,15 @@ class _TcpInWire(_StreamWire):
         self._server.close()
 
 
-class _SerialWire:
+class _SerialWire(Wire):
     """A serial port (needs the package pyserial)."""
 
     def __init__(self, device: str, baud: int) -> None:
         try:
             serial = importlib.import_module("serial")
         except ImportError as error:
-            raise LinkError(
-                f"serial:{device} needs the package pyserial: pip install pyserial"
-            ) from error
+            allowed = "pip install pyserial"
+            raise LinkError(f"serial:{device} needs the package pyserial: {allowed}") from error
         self._port = serial.Serial(device, baud, timeout=0, write_timeout=0)
 
     def read(self, now: float) -> bytes | None:  # noqa: ARG002
@@ -279,9 +256,6 @@ class _SerialWire:
 
     def write(self, data: bytes, now: float) -> None:  # noqa: ARG002
         self._port.write(data)
-
-    def confirm(self) -> None:
-        pass
 
     def close(self) -> None:
         self._port.close()

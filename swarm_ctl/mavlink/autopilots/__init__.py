@@ -1,4 +1,4 @@
-"""Firmware families, one module each; what is not here is not flown."""
+"""Firmware families, one module each: which modes, commands and parameters fly a goal."""
 
 from __future__ import annotations
 
@@ -11,10 +11,9 @@ AUTOPILOTS: dict[str, type[Autopilot]] = {kind.name: kind for kind in (Ardupilot
 
 
 def autopilot(name: str, system: int) -> Autopilot:
-    """The driver of the firmware `name` for the vehicle `system`. LinkError names those that
-    exist."""
+    """The driver of the firmware `name` for the vehicle `system`; LinkError for another name."""
     if name not in AUTOPILOTS:
-        raise LinkError(f"autopilot {name!r} is not one; allowed: {', '.join(AUTOPILOTS)}")
+        raise LinkError(f"autopilot {name!r} does not exist; allowed: {', '.join(AUTOPILOTS)}")
     return AUTOPILOTS[name](system)
 
 

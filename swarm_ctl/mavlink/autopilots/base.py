@@ -1,15 +1,16 @@
-"""What all autopilots have in common, and the narrow seam behind which each keeps its quirks.
+"""What all autopilots have in common, and the seam behind which each firmware keeps its own ways.
 
-Pure: goal, what was heard and the time go in, messages come out. Goals are pursued by observed
-state: what is not yet as wanted is asked for again about once a second, and no single answer is
-counted on. The only memory is when what was asked last, and whether a mode was reached.
+Pure: a goal, the vehicle's telemetry and the time go in, messages come out. A goal is pursued by
+observed state: what is not yet as wanted is asked for again about once a second, and no single
+answer is relied on. The only memory is when each thing was asked for, and whether a mode was
+reached.
 """
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import ClassVar
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -26,7 +27,8 @@ from swarm_ctl.core.model.vehicle import (
     YieldGoal,
 )
 from swarm_ctl.mavlink import outgoing
-from swarm_ctl.mavlink.autopilots.parameters import FailsafeParameters
+from swarm_ctl.mavlink.autopilots.failsafe_parameters import FailsafeParameters
+from swarm_ctl.mavlink.autopilots.modes import ModeTable
 from swarm_ctl.mavlink.autopilots.timing import (
     FIX_MAX_AGE_S,
     GROUNDED_S,
@@ -43,8 +45,9 @@ from swarm_ctl.mavlink.autopilots.timing import (
     WIND_HZ,
     Pacer,
 )
-from swarm_ctl.mavlink.incoming import Heard, message_id
+from swarm_ctl.mavlink.incoming import message_id
 from swarm_ctl.mavlink.outgoing import Message
+from swarm_ctl.mavlink.vehicle_telemetry import Telemetry
 
 MULTIROTORS = frozenset(
     {
@@ -76,19 +79,20 @@ _NEVER = -math.inf
 
 
 class Autopilot(ABC):
-    """One firmware's ways. An instance belongs to one vehicle and remembers what it has asked."""
+    """One firmware's behaviour. An instance belongs to one vehicle and stores what it asked for."""
 
     name: ClassVar[str]
     wire_id: ClassVar[int]
     """MAV_AUTOPILOT of its heartbeats."""
+    modes: ClassVar[ModeTable]
     controlled_mode: ClassVar[str]
     landing_mode: ClassVar[str]
     takeoff_modes: ClassVar[tuple[str, ...]] = ()
-    """What its own take-off leads to, where that is not the controlled mode."""
+    """The modes of its own take-off, where that is not flown in the controlled mode."""
     wind_message: ClassVar[str]
-    """Sent while the firmware estimates the wind; neither does as delivered."""
+    """Sent while the firmware estimates the wind; with default parameters neither firmware does."""
     failsafes: ClassVar[Mapping[str, float]]
-    """The failsafe parameters we fly with, and put back in the end."""
+    """The failsafe parameters we fly with; afterwards the vehicle gets its own values back."""
 
     def __init__(self, system: int) -> None:
         self.system = system
@@ -100,73 +104,85 @@ class Autopilot(ABC):
         self._reached = False
         self._grounded_since: float | None = None
         self._stream_counts: dict[int, int] = {}
-        self._pursue: dict[type[Goal], Callable[..., list[Message]]] = {
-            StandbyGoal: lambda goal, heard, now: self.parameters.take(heard, now),  # noqa: ARG005
-            AirborneGoal: lambda goal, heard, now: self.climb(heard, goal.height_m, now),
-            FlyGoal: lambda goal, heard, now: self._fly(heard, goal.velocity_ned_mps, now),
-            LandGoal: lambda goal, heard, now: self._land(heard, now),  # noqa: ARG005
-            ReleaseGoal: lambda goal, heard, now: self.parameters.restore(heard, now),  # noqa: ARG005
-            TerminateGoal: lambda goal, heard, now: self._terminate(heard, now),  # noqa: ARG005
-        }
 
     # --- the seam: what differs from firmware to firmware ---
 
     @abstractmethod
-    def mode(self, custom_mode: int | None) -> str:
-        """The firmware's own word for a HEARTBEAT's custom_mode ('' for None)."""
+    def prearm(self, heard: Telemetry) -> bool:
+        """SYS_STATUS says that the vehicle would arm."""
 
     @abstractmethod
-    def set_mode(self, mode: str) -> Message:
-        """The command that asks for `mode` (one of the words of `mode`)."""
-
-    @abstractmethod
-    def prearm(self, heard: Heard) -> bool:
-        """SYS_STATUS says that it would arm."""
-
-    @abstractmethod
-    def climb(self, heard: Heard, height_m: float, now: float) -> list[Message]:
+    def take_off(self, heard: Telemetry, height_m: float, now: float) -> list[Message]:
         """The next messages towards armed and at `height_m` above the take-off point."""
 
     @abstractmethod
-    def fly(self, heard: Heard, velocity_ned_mps: Vector3, now: float) -> list[Message]:
-        """One setpoint, and whatever the controlled mode needs. Nothing once that mode was left."""
+    def fly(self, heard: Telemetry, velocity_ned_mps: Vector3, now: float) -> list[Message]:
+        """One setpoint, and what the controlled mode needs; nothing once that mode was left."""
 
-    @abstractmethod
-    def decode_parameter(self, raw: float, kind: int) -> float:
-        """The value in a PARAM_VALUE of MAV_PARAM_TYPE `kind`."""
+    def decode_parameter(self, raw: float, kind: int) -> float:  # noqa: ARG002
+        """The value in a PARAM_VALUE of MAV_PARAM_TYPE `kind`; here a float of the same value."""
+        return raw
 
-    @abstractmethod
-    def encode_parameter(self, value: float, kind: int) -> float:
+    def encode_parameter(self, value: float, kind: int) -> float:  # noqa: ARG002
         """The inverse of `decode_parameter`."""
+        return value
 
-    # --- what is the same everywhere ---
+    # --- what is the same for all firmware ---
 
-    def pursue(self, goal: Goal, heard: Heard, now: float) -> list[Message]:
-        """The messages to send now so that the vehicle comes nearer to `goal`. To be called every
-        tick."""
+    def mode(self, heard: Telemetry) -> str:
+        """The name of the vehicle's mode, '' while unknown."""
+        return self.modes.name(heard.custom_mode)
+
+    def set_mode(self, mode: str) -> Message:
+        """The command that asks for `mode`."""
+        return self.modes.command(self.system, mode)
+
+    def arm(self, now: float) -> list[Message]:
+        """COMPONENT_ARM_DISARM, again after `RETRY_S`."""
+        command = outgoing.command(self.system, outgoing.ARM_DISARM, 1.0)
+        return [command] if self.pacer.due("arm", RETRY_S, now) else []
+
+    def pursue(self, goal: Goal, heard: Telemetry, now: float) -> list[Message]:
+        """The messages of this tick that bring the vehicle nearer to `goal`; call it every tick."""
         messages = [outgoing.heartbeat()] if self.pacer.due("heartbeat", HEARTBEAT_S, now) else []
         if isinstance(goal, YieldGoal) or heard.heartbeat_s == _NEVER or self.fault(heard):
             return messages
         if type(goal) is not self._goal:
             self._goal, self._reached, self._grounded_since = type(goal), False, None
-        self._streams(heard, now, messages)
-        messages += self._pursue[type(goal)](goal, heard, now)
-        return messages
+        return messages + self._streams(heard, now) + self._towards(goal, heard, now)
 
-    def fault(self, heard: Heard) -> str:
+    def _towards(self, goal: Goal, heard: Telemetry, now: float) -> list[Message]:
+        match goal:
+            case StandbyGoal():
+                return self.parameters.take(heard, now)
+            case AirborneGoal():
+                return self.take_off(heard, goal.height_m, now)
+            case FlyGoal():
+                return self._fly(heard, goal.velocity_ned_mps, now)
+            case LandGoal():
+                return self._land(heard, now)
+            case ReleaseGoal():
+                return self.parameters.restore(heard, now)
+            case TerminateGoal():
+                return self._terminate(heard, now)
+            case YieldGoal():
+                return []
+
+    def fault(self, heard: Telemetry) -> str:
         """Why this vehicle can't be flown at all, or ''."""
         if heard.heartbeat_s == _NEVER:
             return ""
+        vehicle = f"sysid {self.system} is"
         if heard.autopilot != self.wire_id:
-            who = _enum_name("MAV_AUTOPILOT", heard.autopilot)
-            return f"sysid {self.system} is an autopilot {who}; allowed here: {self.name} ({self.wire_id})"
+            found = _enum_name("MAV_AUTOPILOT", heard.autopilot)
+            return f"{vehicle} an autopilot {found}; allowed here: {self.name} ({self.wire_id})"
         if heard.vehicle_type not in MULTIROTORS:
             allowed = ", ".join(_enum_name("MAV_TYPE", kind) for kind in sorted(MULTIROTORS))
-            what = _enum_name("MAV_TYPE", heard.vehicle_type)
-            return f"sysid {self.system} is a vehicle of type {what}; allowed: {allowed}"
+            found = _enum_name("MAV_TYPE", heard.vehicle_type)
+            return f"{vehicle} a vehicle of type {found}; allowed: {allowed}"
         return ""
 
-    def missing(self, heard: Heard, now: float) -> str:
+    def missing(self, heard: Telemetry, now: float) -> str:
         """What keeps the vehicle from being healthy, or ''."""
         if heard.heartbeat_s == _NEVER:
             stranger = f" (heard sysid {heard.stranger} instead)" if heard.stranger else ""
@@ -187,46 +203,44 @@ class Autopilot(ABC):
         return f"failsafe parameters not confirmed: {', '.join(unconfirmed)}" if unconfirmed else ""
 
     def left(self, mode: str, *wanted: str) -> bool:
-        """One of `wanted` was reached under this goal and is not the mode now: somebody else
-        decided so."""
+        """The vehicle was in one of the modes `wanted` under this goal and is not now: a pilot or a
+        failsafe has changed the mode."""
         inside = mode in wanted
         self._reached = self._reached or inside
         return self._reached and not inside
 
-    def _streams(self, heard: Heard, now: float, messages: list[Message]) -> None:
-        """Once a second, ask for the streams of which less than half has come. Another client may
-        have slowed them."""
+    def _streams(self, heard: Telemetry, now: float) -> list[Message]:
+        """Once a second, ask for the streams of which less than half has come: another ground
+        station may have slowed them."""
         if not self.pacer.due("streams", RETRY_S, now):
-            return
+            return []
+        messages = []
         for name, rate_hz in (*STREAMS_HZ.items(), (self.wind_message, WIND_HZ)):
             number = message_id(name)
             count = heard.counts.get(number, 0)
             came, self._stream_counts[number] = count - self._stream_counts.get(number, 0), count
-            every_s = QUIET_RETRY_S if name in MAY_BE_SILENT else RETRY_S
-            enough = came >= 1 if name in MAY_BE_SILENT else came >= 0.5 * rate_hz * RETRY_S
-            if not enough and self.pacer.due(name, every_s, now):
+            quiet = name in MAY_BE_SILENT
+            least = 1 if quiet else 0.5 * rate_hz * RETRY_S
+            if came < least and self.pacer.due(name, QUIET_RETRY_S if quiet else RETRY_S, now):
                 messages.append(outgoing.interval(self.system, number, rate_hz))
         if self.pacer.due("origin", RETRY_S if heard.origin is None else ORIGIN_REFRESH_S, now):
             messages.append(outgoing.request(self.system, message_id("GPS_GLOBAL_ORIGIN")))
+        return messages
 
-    def _fly(self, heard: Heard, velocity_ned_mps: Vector3, now: float) -> list[Message]:
-        """Nothing where a NaN or a monster comes: the autopilot's time-out then stops the
-        vehicle."""
+    def _fly(self, heard: Telemetry, velocity_ned_mps: Vector3, now: float) -> list[Message]:
+        """No setpoint for NaN or a monstrous speed: the autopilot's time-out stops the vehicle."""
         usable = all(-MAX_SETPOINT_MPS <= axis <= MAX_SETPOINT_MPS for axis in velocity_ned_mps)
         return self.fly(heard, velocity_ned_mps, now) if usable else []
 
-    def _land(self, heard: Heard, now: float) -> list[Message]:
-        """Land mode until disarmed; stop while it is not reached yet; disarm what stays armed on
-        the ground."""
-        if not heard.armed:
-            return []
-        mode = self.mode(heard.custom_mode)
-        if self.left(mode, self.landing_mode):
+    def _land(self, heard: Telemetry, now: float) -> list[Message]:
+        """The landing mode, with zero velocity until it is reached; disarm a vehicle that stays
+        armed on the ground."""
+        mode = self.mode(heard)
+        if not heard.armed or self.left(mode, self.landing_mode):
             return []
         if mode != self.landing_mode:
-            messages = (
-                [self.set_mode(self.landing_mode)] if self.pacer.due("land", RETRY_S, now) else []
-            )
+            due = self.pacer.due("land", RETRY_S, now)
+            messages = [self.set_mode(self.landing_mode)] if due else []
             if mode == self.controlled_mode:
                 messages.append(outgoing.velocity(self.system, (0.0, 0.0, 0.0), now))
             return messages
@@ -238,25 +252,20 @@ class Autopilot(ABC):
             return [outgoing.command(self.system, outgoing.ARM_DISARM, 0.0)]
         return []
 
-    def _terminate(self, heard: Heard, now: float) -> list[Message]:
-        """Disarm, in the air too, until the heartbeat says that it is."""
+    def _terminate(self, heard: Telemetry, now: float) -> list[Message]:
+        """Disarm, in the air too, until HEARTBEAT says disarmed."""
         if not heard.armed or not self.pacer.due("terminate", KILL_RETRY_S, now):
             return []
         return [outgoing.command(self.system, outgoing.ARM_DISARM, 0.0, outgoing.FORCE)]
 
 
-def _not_passed(heard: Heard) -> str:
+def _not_passed(heard: Telemetry) -> str:
     bad = heard.sensors_present & heard.sensors_enabled & ~heard.sensors_health
     names = [name for bit, name in _SENSORS.items() if bad & bit]
-    return (
-        f"pre-arm checks not passed: {', '.join(names)}" if names else "pre-arm checks not passed"
-    )
+    return f"pre-arm checks not passed{': ' if names else ''}{', '.join(names)}"
 
 
 def _enum_name(enum: str, number: int) -> str:
     entry = dialect.enums[enum].get(number)
-    return (
-        f"{entry.name.removeprefix(enum + '_').lower()} ({number})"
-        if entry
-        else f"unknown ({number})"
-    )
+    name = entry.name.removeprefix(enum + "_").lower() if entry else "unknown"
+    return f"{name} ({number})"

@@ -1,5 +1,5 @@
-"""Every interval and limit of the drivers, each with its reason, and what paces repeated asking.
-Mission time."""
+"""Intervals and limits of the drivers, each with its reason, and the pace of repeated requests.
+All in mission time."""
 
 from __future__ import annotations
 
@@ -11,15 +11,14 @@ HEARTBEAT_S = 1.0
 RETRY_S = 1.0
 """A vehicle's heartbeat shows the effect of a command within 1 s: asking sooner would ask twice."""
 KILL_RETRY_S = 0.2
-"""The one command where a lost frame must not cost a second."""
+"""For this one command a lost frame must not cost a second."""
 TAKEOFF_RETRY_S = 3.0
-"""Motors spool up and the landed state follows; a second take-off before that starts the climb
-anew."""
+"""Motors spool up before the landed state changes; a second take-off would restart the climb."""
 GROUNDED_S = 5.0
-"""Armed on the ground this long in land mode: the autopilot's own disarming (ArduCopter at once,
-PX4 2 s) failed."""
+"""Armed on the ground this long in the landing mode: the autopilot's own disarming (ArduCopter at
+once, PX4 after 2 s) has failed."""
 HEARTBEAT_LOST_S = 3.0
-"""MAVSDK's figure (the strictest of the known clients)."""
+"""MAVSDK's figure, the strictest of the known ground stations."""
 FIX_MAX_AGE_S = 1.0
 """20 local positions missing in a row."""
 STATUS_MAX_AGE_S = 5.0
@@ -27,14 +26,13 @@ STATUS_MAX_AGE_S = 5.0
 ORIGIN_REFRESH_S = 10.0
 """A known origin is asked for again this often: an EKF that is reset moves it."""
 QUIET_RETRY_S = 5.0
-"""Streams that may rightly be silent (no traffic, no estimate of the wind) are asked for again this
-often."""
+"""Streams that may be silent (no traffic, no wind estimate) are asked for again this often."""
 STREAM_BEFORE_S = 1.2
 """PX4 refuses OFFBOARD unless setpoints have come for over 1 s."""
 STREAM_GAP_S = 0.4
 """... at 2 Hz at least: a longer gap starts the second anew."""
 MAX_SETPOINT_MPS = 100.0
-"""No multirotor is faster: such a setpoint is a mistake."""
+"""No multirotor is faster: a setpoint beyond it is a mistake."""
 
 STREAMS_HZ: Mapping[str, float] = {
     "LOCAL_POSITION_NED": 20.0,
@@ -44,26 +42,25 @@ STREAMS_HZ: Mapping[str, float] = {
     "ADSB_VEHICLE": 5.0,
     "ATTITUDE": 4.0,
 }
-"""LOCAL_POSITION_NED at the tick (the law's input); GLOBAL_POSITION_INT ties it to the common
-frame; SYS_STATUS has health and battery; ADSB_VEHICLE is the proximity sensor; ATTITUDE tells how
-far it leans."""
+"""LOCAL_POSITION_NED once a tick for the law; GLOBAL_POSITION_INT ties it to the common frame;
+SYS_STATUS has health and battery; ADSB_VEHICLE is the proximity sensor; ATTITUDE has the tilt."""
 WIND_HZ = 2.0
-"""Each firmware has a message of its own for it."""
+"""Each firmware has its own message for it: `Autopilot.wind_message`."""
 MAY_BE_SILENT = frozenset({"ADSB_VEHICLE", "WIND", "WIND_COV"})
 
 _CLOCK_NOISE_S = 1e-6
-"""Ticks are sums of floats: an interval is over when it is over but for this."""
+"""Ticks are sums of floats, so an interval may end this much early."""
 
 
 class Pacer:
-    """Remembers when what was asked last."""
+    """Stores when each thing was last asked for."""
 
     def __init__(self) -> None:
         self._asked: dict[str, float] = {}
 
     def due(self, what: str, every_s: float, now: float) -> bool:
-        """Whether `what` has not been asked for during the last `every_s`; if so, it counts as
-        asked now."""
+        """Whether `what` was not asked for in the last `every_s` [s]; if so, it is marked as asked
+        for now."""
         if now - self._asked.get(what, -math.inf) < every_s - _CLOCK_NOISE_S:
             return False
         self._asked[what] = now

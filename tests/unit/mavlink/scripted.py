@@ -2,7 +2,7 @@
 on the real ones.
 
 They live on a virtual clock, take pymavlink messages and fold their answers straight into a
-`Heard`. A `Random` may lose any message in either direction.
+`Telemetry`. A `Random` may lose any message in either direction.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ from pymavlink.dialects.v20 import common
 
 from swarm_ctl.core.model.vehicle import Goal
 from swarm_ctl.mavlink.autopilots import Autopilot
-from swarm_ctl.mavlink.incoming import Heard, fold
+from swarm_ctl.mavlink.incoming import fold
+from swarm_ctl.mavlink.vehicle_telemetry import Telemetry
 from tests.unit.mavlink import wire
 
 TICK_S = 0.05
@@ -33,7 +34,7 @@ class Scripted:
         self, driver: Autopilot, *, ready_s: float = 0.0, loss: float = 0.0, seed: int = 1
     ) -> None:
         self.driver = driver
-        self.heard = Heard(watched=frozenset(driver.failsafes))
+        self.heard = Telemetry(watched=frozenset(driver.failsafes))
         self.ready_s = ready_s
         self.now = 0.0
         self.mode = 0

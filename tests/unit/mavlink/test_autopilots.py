@@ -24,7 +24,7 @@ from swarm_ctl.core.model.vehicle import (
 from swarm_ctl.errors import LinkError
 from swarm_ctl.mavlink.autopilots import AUTOPILOTS, autopilot
 from swarm_ctl.mavlink.autopilots.timing import GROUNDED_S, STREAMS_HZ
-from swarm_ctl.mavlink.incoming import Heard
+from swarm_ctl.mavlink.vehicle_telemetry import Telemetry
 from tests.unit.mavlink import scripted, wire
 from tests.unit.mavlink.scripted import Scripted, ScriptedArdupilot, ScriptedPx4
 
@@ -155,7 +155,7 @@ def test_nothing_but_heartbeats_before_the_vehicle_was_heard() -> None:
         ReleaseGoal(),
     ):
         driver = autopilot("ardupilot", 7)
-        assert [m.msgname for m in driver.pursue(goal, Heard(), 0.0)] == ["HEARTBEAT"]
+        assert [m.msgname for m in driver.pursue(goal, Telemetry(), 0.0)] == ["HEARTBEAT"]
 
 
 def test_all_streams_are_asked_for_at_first_and_none_again_while_it_comes() -> None:
@@ -291,7 +291,7 @@ def test_prearm_bit_alone_is_enough_for_px4_only(name: str, healthy: bool) -> No
     """PX4 sets the health bit without present and enabled; ArduPilot without them has its checks
     switched off."""
     for present in (0, wire.PREARM):
-        heard = Heard(sensors_present=present, sensors_health=wire.PREARM)
+        heard = Telemetry(sensors_present=present, sensors_health=wire.PREARM)
         assert autopilot(name, 7).prearm(heard) is healthy
 
 
@@ -299,7 +299,7 @@ def test_prearm_bit_alone_is_enough_for_px4_only(name: str, healthy: bool) -> No
 
 
 def test_an_unknown_name_is_refused_with_what_is_allowed() -> None:
-    with pytest.raises(LinkError, match="'betaflight' is not one; allowed: ardupilot, px4"):
+    with pytest.raises(LinkError, match="'betaflight' does not exist; allowed: ardupilot, px4"):
         autopilot("betaflight", 1)
 
 
@@ -315,7 +315,7 @@ def test_an_unknown_name_is_refused_with_what_is_allowed() -> None:
 def test_another_firmware_or_kind_of_vehicle_gets_nothing_but_heartbeats(
     heartbeat: Any, says: str
 ) -> None:
-    driver, heard = autopilot("ardupilot", 7), Heard()
+    driver, heard = autopilot("ardupilot", 7), Telemetry()
     Scripted.say.__get__(vehicle := make("ardupilot"))(heartbeat)
     heard = vehicle.heard
     assert says in driver.fault(heard)
@@ -572,4 +572,4 @@ def test_yield_sends_heartbeats_and_nothing_else(name: str) -> None:
     ],
 )
 def test_modes_have_the_firmwares_words(name: str, custom_mode: int | None, word: str) -> None:
-    assert autopilot(name, 1).mode(custom_mode) == word
+    assert autopilot(name, 1).modes.name(custom_mode) == word

@@ -14,19 +14,20 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from swarm_ctl.core.model.plan import Geodetic
 from swarm_ctl.mavlink import incoming
-from swarm_ctl.mavlink.incoming import CONTACT_KEPT_S, FOLDS_BY_ID, MAX_CONTACTS, Heard
+from swarm_ctl.mavlink.incoming import FOLDS_BY_ID, MAX_CONTACTS
 from swarm_ctl.mavlink.status_texts import CHUNK, COMPLETE_S, MAX_CHUNKS, MAX_TEXTS
+from swarm_ctl.mavlink.vehicle_telemetry import CONTACT_KEPT_S, Telemetry
 from tests.unit.mavlink import wire
 
 NAN, INF = math.nan, math.inf
 
 
-def fold(heard: Heard, message: Any, now: float = 10.0) -> bool:
+def fold(heard: Telemetry, message: Any, now: float = 10.0) -> bool:
     return incoming.fold(heard, message, now)
 
 
-def known() -> Heard:
-    heard = Heard(watched=frozenset({"GUID_TIMEOUT"}))
+def known() -> Telemetry:
+    heard = Telemetry(watched=frozenset({"GUID_TIMEOUT"}))
     for message in ONE_OF_EACH:
         assert fold(heard, message)
     return heard
@@ -70,7 +71,7 @@ def test_each_message_lands_where_it_belongs_in_si_units() -> None:
 
 @given(st.permutations(ONE_OF_EACH))
 def test_the_order_of_messages_does_not_matter(shuffled: list[Any]) -> None:
-    heard = Heard(watched=frozenset({"GUID_TIMEOUT"}))
+    heard = Telemetry(watched=frozenset({"GUID_TIMEOUT"}))
     for message in shuffled:
         fold(heard, message)
     assert heard == known()
@@ -163,13 +164,13 @@ def test_landed_states(state: int, on_ground: bool) -> None:
 
 
 def test_a_heartbeat_without_custom_mode_has_none() -> None:
-    heard = Heard()
+    heard = Telemetry()
     fold(heard, wire.heartbeat(custom_mode=4, base_mode=0))
     assert heard.custom_mode is None
 
 
 def test_contacts_are_the_newest_per_address_bounded_and_forgotten() -> None:
-    heard = Heard()
+    heard = Telemetry()
     for i in range(MAX_CONTACTS + 10):
         fold(heard, wire.traffic(i), now=float(i))
     assert len(heard.contacts) == MAX_CONTACTS
@@ -180,7 +181,7 @@ def test_contacts_are_the_newest_per_address_bounded_and_forgotten() -> None:
 
 
 def test_traffic_without_heading_or_speed_stands_still() -> None:
-    heard = Heard()
+    heard = Telemetry()
     assert fold(heard, wire.traffic(5, flags=0x03))
     assert heard.contacts[5].velocity_ned_mps == (0.0, 0.0, 0.0)
 
@@ -189,7 +190,7 @@ def test_traffic_without_heading_or_speed_stands_still() -> None:
 
 
 def test_only_warnings_and_worse_are_kept_bounded_and_printable() -> None:
-    heard = Heard()
+    heard = Telemetry()
     fold(heard, wire.text("just so you know", severity=6))
     for i in range(MAX_TEXTS + 5):
         fold(heard, wire.text(f"bad \x1b[31m{i}", severity=3))
@@ -200,7 +201,7 @@ def test_only_warnings_and_worse_are_kept_bounded_and_printable() -> None:
 
 
 def test_chunks_of_a_long_text_are_joined() -> None:
-    heard = Heard()
+    heard = Telemetry()
     long = "PreArm: " + "x" * 100
     for chunk in range(3):
         fold(heard, wire.text(long[50 * chunk : 50 * chunk + 50], number=9, chunk=chunk))
@@ -210,7 +211,7 @@ def test_chunks_of_a_long_text_are_joined() -> None:
 
 
 def test_a_long_text_whose_end_is_lost_comes_as_far_as_it_came() -> None:
-    heard = Heard()
+    heard = Telemetry()
     fold(heard, wire.text("a" * 50, number=1), now=10.0)
     fold(heard, wire.text("b" * 50, number=2), now=10.1)
     assert heard.texts.take(10.2) == ("a" * 50,)
@@ -218,7 +219,7 @@ def test_a_long_text_whose_end_is_lost_comes_as_far_as_it_came() -> None:
 
 
 def test_endless_chunks_do_not_gather_without_bound() -> None:
-    heard = Heard()
+    heard = Telemetry()
     for chunk in range(1000):
         fold(heard, wire.text("c" * 50, number=3, chunk=chunk % 256))
     texts = heard.texts.take(12.0)
@@ -227,7 +228,7 @@ def test_endless_chunks_do_not_gather_without_bound() -> None:
 
 
 def test_a_refusal_is_told_once_and_only_if_it_was_ours() -> None:
-    heard = Heard()
+    heard = Telemetry()
     fold(heard, wire.ack(400, 4))
     fold(heard, wire.ack(400, 4))
     fold(heard, wire.ack(22, 1, system=77))

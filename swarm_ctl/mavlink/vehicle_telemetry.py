@@ -1,0 +1,87 @@
+"""What is known of one vehicle from its messages, in the wire's terms (SI units)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from swarm_ctl.core.model.plan import Geodetic
+from swarm_ctl.core.model.vehicle import Contact, GlobalFix, LocalFix
+from swarm_ctl.mavlink.status_texts import StatusTexts
+
+WIND_KEPT_S = 10.0
+"""An estimate not repeated for this long (PX4 sends one in 2 s) is no estimate."""
+CONTACT_KEPT_S = 10.0
+"""A contact not repeated for this long is dropped; `core` judges the age of a contact before."""
+REBOOT_BACK_S = 5.0
+"""The vehicle restarted if its own clock goes back this far; less may be a late frame."""
+
+
+@dataclass(slots=True)
+class ParameterValue:
+    """A PARAM_VALUE as it came: `raw` still in the vehicle's encoding of MAV_PARAM_TYPE `kind`."""
+
+    raw: float
+    kind: int
+
+
+@dataclass(slots=True)
+class Telemetry:
+    """Mutable; the vehicle link owns it. Times are the link's clock [s], -inf: never heard."""
+
+    watched: frozenset[str] = frozenset()
+    """The names of the parameters to store; others are dropped, so a flood costs no memory."""
+    heartbeat_s: float = -math.inf
+    stranger: int = 0
+    """The system id of another vehicle heard on this link, 0 for none."""
+    autopilot: int = -1
+    """MAV_AUTOPILOT, -1 before the first heartbeat."""
+    vehicle_type: int = -1
+    """MAV_TYPE, -1 before the first heartbeat."""
+    armed: bool = False
+    custom_mode: int | None = None
+    """None while unknown, or where the heartbeat says that the vehicle has none."""
+    on_ground: bool = True
+    system_status_s: float = -math.inf
+    sensors_present: int = 0
+    sensors_enabled: int = 0
+    sensors_health: int = 0
+    battery_percent: float | None = None
+    tilt_deg: float | None = None
+    wind_mps: float = 0.0
+    wind_s: float = -math.inf
+    origin: Geodetic | None = None
+    local: LocalFix | None = None
+    global_: GlobalFix | None = None
+    contacts: dict[int, Contact] = field(default_factory=dict)
+    """By ICAO address."""
+    parameters: dict[str, ParameterValue] = field(default_factory=dict)
+    counts: dict[int, int] = field(default_factory=dict)
+    """Messages folded so far, by message id."""
+    answers: dict[int, int] = field(default_factory=dict)
+    """MAV_RESULT of the last COMMAND_ACK by command: a repeated refusal is reported once."""
+    texts: StatusTexts = field(default_factory=StatusTexts)
+    round_trip_s: float | None = None
+    """Of the newest TIMESYNC answer."""
+    boot_s: float = 0.0
+    """The vehicle's own clock at its last LOCAL_POSITION_NED or GLOBAL_POSITION_INT."""
+
+    def forget_old_contacts(self, now: float) -> None:
+        """Drop the contacts not repeated for `CONTACT_KEPT_S`."""
+        old = [a for a, contact in self.contacts.items() if now - contact.time_s > CONTACT_KEPT_S]
+        for address in old:
+            del self.contacts[address]
+
+    def wind_now(self, now: float) -> float | None:
+        """Horizontal wind [m/s] while the vehicle reports it."""
+        return self.wind_mps if now - self.wind_s <= WIND_KEPT_S else None
+
+    def clocked(self, boot_ms: int) -> None:
+        """Store the vehicle's clock; if it went back, drop what does not survive a restart."""
+        boot_s = boot_ms * 1e-3
+        if boot_s < self.boot_s - REBOOT_BACK_S:
+            self.origin = self.local = self.global_ = None
+            self.system_status_s = -math.inf
+            self.parameters.clear()
+            self.texts.add("the vehicle restarted")
+        self.boot_s = boot_s
