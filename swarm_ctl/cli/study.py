@@ -95,7 +95,7 @@ def study(
 
         swarm-ctl study --out late.csv --row 4711 --picture 4711.gif --mission 4711.yaml
     """
-    from swarm_ctl.study.executor import carry_out
+    from swarm_ctl.study.executor import run_study
     from swarm_ctl.study.rows import read_rows
     from swarm_ctl.study.rows_table import table
 
@@ -132,7 +132,7 @@ def study(
         "start_spacing": start_spacing,
     }
     plan = _study(lists, ranges, common | {"law": {"r": r, "r_out": r_out, "r_in": r_in}})
-    carry_out(plan, out, processes, console)
+    run_study(plan, out, processes, console)
     wide = console if console.is_terminal else Console(highlight=False, width=200)
     wide.print(table(plan, read_rows(out), _by(by, plan)))
     console.print(f"rows: {out}", soft_wrap=True)
@@ -188,9 +188,9 @@ def _range(name: str, text: str) -> dict[str, float]:
 def _again(
     out: Path, row: int, picture: Path | None, mission: Path | None, console: Console
 ) -> None:
-    from swarm_ctl.study.rerun import fly_again, write_mission
+    from swarm_ctl.study.rerun import rerun, write_mission
 
-    flown = fly_again(out, row)
+    flown = rerun(out, row)
     console.print(flown.table())
     if picture is not None:
         from swarm_ctl.study.mission_figures import draw_mission

@@ -1,5 +1,5 @@
-"""Flies the blocks of a study on all cores; rows come back in order, so the file does not depend on
-who worked."""
+"""Flies the blocks of a study on all cores. Rows come back in order: the file is the same for any
+number of processes."""
 
 from __future__ import annotations
 
@@ -18,9 +18,10 @@ from swarm_ctl.study.parameter_space import Cell, Study
 from swarm_ctl.study.rows import Row, begin, rows_of, to_csv
 
 
-def carry_out(study: Study, path: Path, processes: int | None, console: Console) -> None:
-    """Fly what is missing of a study and append it to the rows at `path`. Ctrl-C leaves whole
-    blocks behind, says so, and passes on.
+def run_study(study: Study, path: Path, processes: int | None, console: Console) -> None:
+    """Fly what is missing of a study and append it to the rows at `path`.
+
+    Ctrl-C leaves whole blocks behind, says so, and is raised again.
     """
     done = begin(path, study)
     work = blocks(study)
@@ -52,8 +53,7 @@ def _flown(work: list[tuple[Cell, int, int]], processes: int | None) -> Iterator
 
 
 def _quiet() -> None:
-    """Ctrl-C is the parent's to answer. And one thread each: the cores are taken by the other
-    workers."""
+    """The parent alone answers Ctrl-C."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
@@ -62,8 +62,8 @@ def _block(block: tuple[Cell, int, int]) -> list[Row]:
     return rows_of(batch, fly(batch))
 
 
-def again(study: Study, row: int) -> Batch:
-    """The mission of one row, drawn as it was; a batch of one."""
+def batch_of_row(study: Study, row: int) -> Batch:
+    """The mission of one row, drawn as it was; a batch of one. IndexError where there is none."""
     for cell, first, count in blocks(study):
         start = cell.index * study.missions + first
         if start <= row < start + count:

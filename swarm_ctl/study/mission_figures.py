@@ -12,7 +12,6 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 from matplotlib.patheffects import withStroke
 
-from swarm_ctl.core.law.formation_law import STATUSES
 from swarm_ctl.report.page.drawing import (
     R_IN,
     R_OUT,
@@ -28,11 +27,11 @@ from swarm_ctl.report.page.drawing import (
     trajectories,
 )
 from swarm_ctl.study.batch.batch import Batch
-from swarm_ctl.study.rerun import Flown, Trace
+from swarm_ctl.study.rerun import Rerun, Trace
 
 _FRAMES: Final = 120
 _OUTLINE: Final = (withStroke(linewidth=3.0, foreground="black"),)
-"""Seen on a cloud of dots of its own colour."""
+"""Keeps a line visible on a cloud of dots of its own colour."""
 
 
 def agent_names(n: int) -> list[str]:
@@ -40,7 +39,7 @@ def agent_names(n: int) -> list[str]:
     return [str(k + 1) for k in range(n)]
 
 
-def draw_mission(flown: Flown, path: Path) -> None:
+def draw_mission(flown: Rerun, path: Path) -> None:
     """A row's tracks as a picture, or as an animation where the name ends in .gif."""
     title = f"row {flown.batch.row[0]}: smallest distance {flown.row['smallest']:.2f}, " + (
         f"formed after {flown.row['time_s']:.1f} s" if flown.row["converged"] else "not formed"
@@ -76,19 +75,10 @@ def start_picture(batch: Batch, folder: Path, name: str, title: str) -> None:
         axes.plot(starts[1, [i, j]], starts[0, [i, j]], color="#888888", linewidth=0.9)
     for k in range(starts.shape[1]):
         colour = line_style(k)["color"]
-        axes.add_patch(
-            Circle(
-                (starts[1, k], starts[0, k]),
-                batch.cell.law.r_out,
-                fill=False,
-                color=colour,
-                alpha=0.4,
-            )
-        )
-        axes.plot(starts[1, k], starts[0, k], "o", color=colour)
-        axes.annotate(
-            str(k + 1), (starts[1, k], starts[0, k]), xytext=(5, 5), textcoords="offset points"
-        )
+        place, radius = (starts[1, k], starts[0, k]), batch.cell.law.r_out
+        axes.add_patch(Circle(place, radius, fill=False, color=colour, alpha=0.4))
+        axes.plot(*place, "o", color=colour)
+        axes.annotate(str(k + 1), place, xytext=(5, 5), textcoords="offset points")
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("y [units]")
     axes.set_ylabel("x [units]")
@@ -133,13 +123,8 @@ def sigma_picture(
     made, axes = figure(title)
     wanted = sorted({(i, j) for _, i, j, *_ in trace.pairs if i in agents})
     for k, (i, j) in enumerate(wanted):
-        rows = np.array(
-            [
-                (t / iteration_s, sigma)
-                for t, a, b, _, sigma, _, _ in trace.pairs
-                if (a, b) == (i, j)
-            ]
-        )
+        seen = [(t, sigma) for t, a, b, _, sigma, _, _ in trace.pairs if (a, b) == (i, j)]
+        rows = np.array(seen) / (iteration_s, 1.0)
         label = f"$\\sigma_{{{i + 1},{j + 1}}}$"
         curve = broken(rows[:, 0], rows[:, 1], 1.5)
         axes.plot(*curve, marker=".", markersize=2.5, linewidth=1.0, label=label, **line_style(k))
@@ -178,26 +163,13 @@ def sigma_against_distance(
         filled = [b for b in range(1, 16) if np.count_nonzero(place == b) > 5]
         middle = [(edges[b - 1] + edges[min(b, 15)]) / 2 for b in filled]
         medians = [np.median(points[place == b, 1]) for b in filled]
-        axes.plot(
-            middle,
-            medians,
-            "o-",
-            label=f"{label}, median",
-            path_effects=_OUTLINE,
-            zorder=5,
-            **style,
-        )
+        named = f"{label}, median"
+        axes.plot(middle, medians, "o-", label=named, path_effects=_OUTLINE, zorder=5, **style)
     log_ticks(axes)
     axes.set_xlabel(f"$(x - {R_IN}) / ({R_OUT} - {R_IN})$: 0 at ${R_IN}$, 1 at ${R_OUT}$")
     axes.set_ylabel("$\\sigma$")
     made.legend(loc="outside lower center", ncols=2, frameon=False, fontsize=9)
     save(made, folder, name)
-
-
-def statuses_seen(trace: Trace) -> dict[str, int]:
-    """How often each status was given."""
-    found = np.bincount([status for *_, status in trace.pairs] or [0], minlength=len(STATUSES))
-    return dict(zip(STATUSES, found.tolist() if trace.pairs else [0] * len(STATUSES), strict=True))
 
 
 def _lines(axes: Axes, iterations: Floats, values: Floats, names: Sequence[str]) -> None:

@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 from rich.table import Table
 
+from swarm_ctl.core.law.formation_law import STATUSES
 from swarm_ctl.core.law.swarm_law import NearPairs
-from swarm_ctl.core.model.arrays import Floats
+from swarm_ctl.core.model.arrays import Floats, Indices
 from swarm_ctl.errors import InputError
 from swarm_ctl.study.batch.batch import Batch
 from swarm_ctl.study.batch.batch_flight import fly
-from swarm_ctl.study.executor import again
+from swarm_ctl.study.executor import batch_of_row
 from swarm_ctl.study.parameter_space import LEVELS, Cell
 from swarm_ctl.study.rows import Row, read_rows, rows_of, study_of
 
@@ -26,8 +26,7 @@ _ORIGIN = {"lat_deg": -35.363262, "lon_deg": 149.165237, "alt_m": 584}
 
 @dataclass(slots=True)
 class Trace:
-    """Everything about one mission tick by tick; a `flight.Watch` for a batch whose first mission
-    is meant."""
+    """The first mission of a batch, tick by tick; a `TickObserver`."""
 
     time_s: list[float] = field(default_factory=list)
     position: list[Floats] = field(default_factory=list)
@@ -36,7 +35,7 @@ class Trace:
     """(time, i, j, distance, sigma, D_ub - D_lb, status): how i sees j."""
 
     def __call__(
-        self, time_s: float, place: NDArray[np.intp], position: Floats, near: NearPairs | None
+        self, time_s: float, place: Indices, position: Floats, near: NearPairs | None
     ) -> None:
         """Take a tick in."""
         if not len(place) or place[0] != 0:
@@ -49,32 +48,33 @@ class Trace:
         for k in np.flatnonzero(near.mission == 0):
             ends = (int(near.first[k]), int(near.second[k]))
             for side, (i, j) in enumerate((ends, ends[::-1])[: len(numbers.sigma)]):
+                sigma, status = float(numbers.sigma[side, k]), int(numbers.status[side, k])
                 gap = float(numbers.d_ub[side, k] - numbers.d_lb[side, k])
-                self.pairs.append(
-                    (
-                        time_s,
-                        i,
-                        j,
-                        float(near.distance[k]),
-                        float(numbers.sigma[side, k]),
-                        gap,
-                        int(numbers.status[side, k]),
-                    )
-                )
+                self.pairs.append((time_s, i, j, float(near.distance[k]), sigma, gap, status))
 
     def positions(self) -> Floats:
         """(T, 2, n) in units."""
         return np.array(self.position)
 
+    def statuses(self) -> dict[str, int]:
+        """How often each sigma status was given."""
+        given = [status for *_, status in self.pairs]
+        return {name: given.count(k) for k, name in enumerate(STATUSES)}
+
+    def busiest(self) -> tuple[int, ...]:
+        """The three agents with most pair-ticks."""
+        counts = np.bincount([i for _, i, *_ in self.pairs] or [0])
+        return tuple(sorted(int(i) for i in np.argsort(-counts, kind="stable")[:3]))
+
 
 @dataclass(frozen=True, slots=True)
-class Flown:
+class Rerun:
     """A mission that was flown again."""
 
     batch: Batch
     row: Row
     before: Row | None
-    """The row in the file, where the study has come that far."""
+    """The row in the file; None where the study has not come that far."""
     trace: Trace
 
     def table(self) -> Table:
@@ -85,20 +85,20 @@ class Flown:
         return found
 
 
-def fly_again(path: Path, row: int) -> Flown:
+def rerun(path: Path, row: int) -> Rerun:
     """Fly row `row` of the study at `path` again. InputError where the study has no such row."""
     study = study_of(path)
     if row >= study.rows:
         raise InputError(f"--row {row}: {path} has the rows 0 to {study.rows - 1}")
-    batch, trace = again(study, row), Trace()
-    outcome = fly(batch, trace)
+    batch, trace = batch_of_row(study, row), Trace()
+    flown = fly(batch, trace)
     before = next((found for found in read_rows(path) if found["row"] == row), None)
-    return Flown(batch, rows_of(batch, outcome)[0], before, trace)
+    return Rerun(batch, rows_of(batch, flown)[0], before, trace)
 
 
-def write_mission(flown: Flown, path: Path) -> None:
-    """The mission as a file for `swarm-ctl run`: starts, slots, law, safety; not delay, loss, wind
-    and who dies."""
+def write_mission(flown: Rerun, path: Path) -> None:
+    """The mission as a file for `swarm-ctl run`: starts, slots, law and safety, but not delay,
+    loss, wind and which agent dies."""
     batch, cell = flown.batch, flown.batch.cell
     law = cell.law
     document: dict[str, Any] = {
@@ -118,26 +118,30 @@ def write_mission(flown: Flown, path: Path) -> None:
         "safety": _safety(cell),
         "agents": [{"id": k + 1, "start": start} for k, start in enumerate(_pairs(batch.starts))],
         "shapes": {"shape": {"kind": "offsets", "offsets": _pairs(batch.slots)}},
-        "steps": [
-            {"takeoff": {"height_m": 10}},
-            {"form": {"shape": "shape", "slots": "fixed", "exchange": cell.safety == "exchange",
-                      "tolerance_m": cell.tolerance * cell.unit_m, "settle_s": cell.settle_s,
-                      "timeout_s": cell.limit_s}},
-            "land",
-        ],
-        "fleet": {"agents": [{"id": k + 1, "sysid": k + 1, "autopilot": _autopilot(batch)} for k in range(cell.n)]},
-    }  # fmt: skip
+        "steps": [{"takeoff": {"height_m": 10}}, {"form": _form_step(cell)}, "land"],
+        "fleet": {"agents": [_vehicle(k, cell) for k in range(1, cell.n + 1)]},
+    }
     path.write_text(yaml.safe_dump(document, sort_keys=False))
 
 
 def _safety(cell: Cell) -> dict[str, bool]:
-    """As the row was flown; slot exchange is a form step's."""
-    level = LEVELS.index(cell.safety)
-    return {name: level >= LEVELS.index(name) for name in ("filter", "guard", "release", "align")}
+    """As the row was flown, but slot exchange: that is the form step's."""
+    return {level: cell.has(level) for level in LEVELS if level not in ("off", "exchange")}
 
 
-def _autopilot(batch: Batch) -> str:
-    return "px4" if batch.cell.vehicle == "px4" else "ardupilot"
+def _form_step(cell: Cell) -> dict[str, Any]:
+    slots = {"shape": "shape", "slots": "fixed", "exchange": cell.has("exchange")}
+    tolerance_m = cell.tolerance * cell.unit_m
+    return slots | {
+        "tolerance_m": tolerance_m,
+        "settle_s": cell.settle_s,
+        "timeout_s": cell.limit_s,
+    }
+
+
+def _vehicle(agent: int, cell: Cell) -> dict[str, Any]:
+    autopilot = "px4" if cell.vehicle == "px4" else "ardupilot"
+    return {"id": agent, "sysid": agent, "autopilot": autopilot}
 
 
 def _pairs(points: Floats) -> list[list[float]]:

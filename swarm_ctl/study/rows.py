@@ -98,7 +98,7 @@ def study_of(path: Path) -> Study:
         raise InputError(f"{about}: {error.strerror}; it belongs to the rows in {path}") from None
     except ValidationError as error:
         raise InputError(
-            f"{about}: is no study of this version: {error.errors()[0]['msg']}"
+            f"{about}: is not a study of this version: {error.errors()[0]['msg']}"
         ) from None
 
 
@@ -152,5 +152,8 @@ def read_rows(path: Path) -> Iterator[Row]:
 
 
 def _typed(row: Mapping[str, str]) -> Row:
-    return {name: text if name in _TEXT else int(text) if text.lstrip("-").isdigit() else float(text)
-            for name, text in row.items()}  # fmt: skip
+    return {name: text if name in _TEXT else _number(text) for name, text in row.items()}
+
+
+def _number(text: str) -> int | float:
+    return int(text) if text.lstrip("-").isdigit() else float(text)

@@ -159,7 +159,7 @@ def _starts(cell: Cell, area: Floats, spacing: Floats, random: np.random.Generat
     starts = np.ascontiguousarray(places.transpose(1, 0, 2))
     if not connected(_links(starts, cell.law.r)).all():
         raise InputError(
-            f"start {cell.start}: the agents do not hang together within r {cell.law.r:g}"
+            f"start {cell.start}: the agents are not connected within r {cell.law.r:g}"
         )
     return starts
 
@@ -181,8 +181,8 @@ def _scattered(cell: Cell, area: Floats, random: np.random.Generator) -> Floats:
         fresh = random.random((2, cell.n, len(bad))) * area[bad]
         starts[..., bad] = np.where(again, fresh, starts[..., bad])
     raise InputError(
-        f"area {cell.area}: no {cell.n} starts {apart:g} apart found that hang together within r {cell.law.r:g};"
-        " a larger or smaller area may do"
+        f"area {cell.area}: found no {cell.n} starts {apart:g} apart that are connected within r"
+        f" {cell.law.r:g}; a larger or smaller area may do"
     )
 
 

@@ -11,7 +11,8 @@ from rich.console import Console
 
 from swarm_ctl.study import paper
 from swarm_ctl.study.batch.batch_flight import fly
-from swarm_ctl.study.paper import CLAIMS, hexagon, reproduce, thirty_two
+from swarm_ctl.study.paper import hexagon, reproduce, thirty_two
+from swarm_ctl.study.paper_claims import CLAIMS
 from swarm_ctl.study.rerun import Trace
 
 

@@ -21,9 +21,9 @@ from swarm_ctl.study.batch import batch as batch_module
 from swarm_ctl.study.batch.batch import Batch, blocks, connected, draw
 from swarm_ctl.study.batch.batch_flight import fly
 from swarm_ctl.study.batch.lossy_channel import LossyChannel
-from swarm_ctl.study.executor import carry_out
+from swarm_ctl.study.executor import run_study
 from swarm_ctl.study.parameter_space import LEVELS, Range, Study, value
-from swarm_ctl.study.rerun import Trace, fly_again, write_mission
+from swarm_ctl.study.rerun import Trace, rerun, write_mission
 from swarm_ctl.study.rows import COLUMNS, read_rows, rows_of
 from swarm_ctl.study.rows_table import table, wilson
 
@@ -59,7 +59,7 @@ def test_one_process_and_two_write_the_same_file(tmp_path: Path) -> None:
     """Byte for byte, late and lost news included."""
     study = Study.model_validate(SHORT | LATE)
     for processes in (1, 2):
-        carry_out(study, tmp_path / f"{processes}.csv", processes, silent())
+        run_study(study, tmp_path / f"{processes}.csv", processes, silent())
     text = (tmp_path / "1.csv").read_bytes()
     assert text == (tmp_path / "2.csv").read_bytes()
     assert text.count(b"\n") == 1 + 80
@@ -71,19 +71,19 @@ def test_an_interrupted_study_goes_on_to_the_same_file(tmp_path: Path, cut: int)
     """Torn anywhere, the file ends up as if nothing had happened."""
     study = Study.model_validate(SHORT | LATE)
     path = tmp_path / "rows.csv"
-    carry_out(study, path, 1, silent())
+    run_study(study, path, 1, silent())
     whole = path.read_bytes()
     path.write_bytes(whole[:-cut])
-    carry_out(study, path, 1, silent())
+    run_study(study, path, 1, silent())
     assert path.read_bytes() == whole
 
 
 def test_another_study_is_not_mixed_in(tmp_path: Path) -> None:
     path = tmp_path / "rows.csv"
     study = Study.model_validate(SHORT | {"missions": 3})
-    carry_out(study, path, 1, silent())
+    run_study(study, path, 1, silent())
     with pytest.raises(InputError, match="another study"):
-        carry_out(study.model_copy(update={"seed": 6}), path, 1, silent())
+        run_study(study.model_copy(update={"seed": 6}), path, 1, silent())
 
 
 @pytest.mark.parametrize("vehicle", ["ideal", "lag", "ardupilot", "px4"])
@@ -93,21 +93,21 @@ def test_a_row_flown_alone_is_the_row(tmp_path: Path, vehicle: str) -> None:
         SHORT | LATE | {"vehicle": (vehicle,), "missions": 12, "limit_s": 3.0}
     )
     path = tmp_path / "rows.csv"
-    carry_out(study, path, 1, silent())
+    run_study(study, path, 1, silent())
     for row in (0, 5, 17):
-        flown = fly_again(path, row)
+        flown = rerun(path, row)
         assert flown.before is not None
         assert {name: str(number) for name, number in flown.row.items()} == {
             name: str(number) for name, number in flown.before.items()
         }
     with pytest.raises(InputError, match="rows 0 to 23"):
-        fly_again(path, 24)
+        rerun(path, 24)
 
 
 def test_rows_read_back_as_written(tmp_path: Path) -> None:
     study = Study.model_validate(SHORT | {"missions": 6})
     path = tmp_path / "rows.csv"
-    carry_out(study, path, 1, silent())
+    run_study(study, path, 1, silent())
     ((cell, first, count),) = blocks(study)
     batch = draw(cell, first, count)
     written = rows_of(batch, fly(batch))
@@ -119,8 +119,8 @@ def test_a_row_becomes_a_mission_that_loads(tmp_path: Path) -> None:
     """The mission file has the row's starts and slots."""
     study = Study.model_validate(SHORT | {"missions": 3})
     path = tmp_path / "rows.csv"
-    carry_out(study, path, 1, silent())
-    flown = fly_again(path, 1)
+    run_study(study, path, 1, silent())
+    flown = rerun(path, 1)
     write_mission(flown, tmp_path / "row.yaml")
     plan = load(tmp_path / "row.yaml").plan
     assert [agent.start for agent in plan.agents] == [
@@ -135,8 +135,8 @@ def test_a_row_is_handed_on_with_the_safety_it_was_flown_with(
     tmp_path: Path, level: str, on: int
 ) -> None:
     study = Study.model_validate(SHORT | {"missions": 2, "safety": (level,)})
-    carry_out(study, tmp_path / "rows.csv", 1, silent())
-    write_mission(fly_again(tmp_path / "rows.csv", 1), tmp_path / "row.yaml")
+    run_study(study, tmp_path / "rows.csv", 1, silent())
+    write_mission(rerun(tmp_path / "rows.csv", 1), tmp_path / "row.yaml")
     safety = load(tmp_path / "row.yaml").plan.safety
     assert (safety.filter, safety.guard, safety.release, safety.align) == (
         on > 0,
@@ -161,7 +161,7 @@ def test_starts_are_apart_and_connected(n: int) -> None:
 
 def test_an_area_too_small_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(batch_module, "_TRIES", 20)
-    with pytest.raises(InputError, match="area 1: no 6 starts"):
+    with pytest.raises(InputError, match="area 1: found no 6 starts"):
         only_batch(area=value(1.0))
 
 
@@ -321,7 +321,7 @@ def test_wilson_against_known_values() -> None:
 
 def test_the_table_counts(tmp_path: Path) -> None:
     study = Study.model_validate(SHORT | {"n": (3, 4), "missions": 5})
-    carry_out(study, tmp_path / "rows.csv", 1, silent())
+    run_study(study, tmp_path / "rows.csv", 1, silent())
     screen = Console(file=io.StringIO(), width=200)
     screen.print(table(study, read_rows(tmp_path / "rows.csv")))
     lines = [line.split() for line in screen.file.getvalue().splitlines() if line.startswith("│")]  # type: ignore[attr-defined]
