@@ -177,7 +177,7 @@ def _move(
     linked: npt.NDArray[np.bool_],
     pairs: npt.NDArray[np.bool_],
 ) -> Array:
-    """One tick's displacement of all agents [units], (n, 2): law, mean error feedback, speed limit."""
+    """One tick's displacement of all agents [units], (n, 2)."""
     count = len(points)
     # Every agent hears all points as they are: row i is what agent i sees.
     others = np.broadcast_to(points, (count, count, 2))

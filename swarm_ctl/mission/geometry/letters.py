@@ -59,7 +59,7 @@ _STROKES: Final[dict[str, str]] = {
 
 
 def slots(text: str, height: float, count: int) -> Array:
-    """`count` slots along the strokes of `text`, as evenly as they allow; (count, 2), as `height`."""
+    """`count` slots evenly along the strokes of `text`; (count, 2), in the unit of `height`."""
     points = _sampled(_strokes(text), 200 * max(1, count // 10 + 1))
     return _spread(points, count) * height
 

@@ -1,51 +1,42 @@
-"""Slots from a CSV file, put into the mission where it names the file, so that everything behind
-sees offsets."""
+"""Replaces each shape of kind `csv` in a mission by the slots of its file."""
 
 from __future__ import annotations
 
 import csv
 import math
 from pathlib import Path
-from typing import Any
 
 from swarm_ctl.mission.input.document import Document
 
 
 def graft(source: Document, folder: Path) -> bool:
-    """Replace every shape of kind `csv` by its slots; what can't be read becomes a problem at the
-    mission's line.
+    """Replace every shape of kind `csv` by one of kind `offsets`; paths are relative to `folder`.
 
-    False where there is such a problem: the shapes are not what the mission means then.
+    False if a file can't be read: a problem at the mission's line says why.
     """
     shapes = source.data.get("shapes") if isinstance(source.data, dict) else None
     if not isinstance(shapes, dict):
         return True
     before = len(source.problems)
     for name, shape in shapes.items():
-        if (
-            not isinstance(shape, dict)
-            or shape.get("kind") != "csv"
-            or not isinstance(shape.get("path"), str)
-        ):
+        if not isinstance(shape, dict) or shape.get("kind") != "csv":
             continue
-        place = ("shapes", name, "path")
-        path = folder / shape["path"]
+        rest = dict(shape)
+        path = rest.pop("path", None)
+        if not isinstance(path, str):
+            continue
         try:
-            rows = _read(path)
-        except (OSError, UnicodeDecodeError, csv.Error) as error:
-            why = getattr(error, "strerror", None) or str(error)
-            source.problems.append(
-                source.problem(place, f"{path} can't be read: {why}", "a readable CSV file")
-            )
-            continue
+            rest |= {"kind": "offsets", "offsets": tuple(_read(folder / path))}
         except _BadRowError as error:
+            what = f"{folder / path}:{error.line}: {error}"
             allowed = "two numbers a line: north, east (the first line may have names)"
-            source.problems.append(source.problem(place, f"{path}:{error.line}: {error}", allowed))
+        except (OSError, ValueError, csv.Error) as error:
+            why = getattr(error, "strerror", None) or str(error)
+            what, allowed = f"{folder / path} can't be read: {why}", "a readable CSV file"
+        else:
+            shapes[name] = rest
             continue
-        rest: dict[str, Any] = {
-            key: value for key, value in shape.items() if key not in ("kind", "path")
-        }
-        shapes[name] = {"kind": "offsets", "offsets": tuple(rows), **rest}
+        source.problems.append(source.problem(("shapes", name, "path"), what, allowed))
     return len(source.problems) == before
 
 

@@ -1,5 +1,4 @@
-"""pydantic's complaints in an operator's words: what is wrong, and what the schema would allow
-instead."""
+"""Turns pydantic's errors into problems: what is wrong, and what the schema allows instead."""
 
 from __future__ import annotations
 
@@ -19,11 +18,14 @@ _OF = {
     r"^[A-Za-z0-9][A-Za-z0-9_-]{0,39}$": f" of {_NAME},",
     r"^[A-Za-z0-9 ]{1,12}$": " of A to Z, digits and spaces, at most 12,",
 }
-"""What a pattern of the schema means."""
+"""A pattern of the schema in words."""
+
+
+_YAML = {"null": "nothing", "NaN": ".nan", "Infinity": ".inf", "-Infinity": "-.inf"}
 
 
 def problem_of(error: Mapping[str, Any], document: Document, schema: _Schema) -> Problem:
-    """One entry of `ValidationError.errors()` as a problem. `schema` is the model's JSON Schema."""
+    """An entry of `ValidationError.errors()` as a problem; `schema` is the model's JSON Schema."""
     loc: Place = tuple(error["loc"])
     place = _place(loc, document.data)
     if error["type"] == "extra_forbidden":
@@ -33,32 +35,26 @@ def problem_of(error: Mapping[str, Any], document: Document, schema: _Schema) ->
         return document.problem(place, f"unknown field{hint}", ", ".join(names))
     if error["type"] == "missing":
         return document.problem(place, "is missing", describe(schema, _find(schema, loc)))
-    if error["type"] == "union_tag_not_found":
-        return document.problem(
-            (*place, "kind"), "is missing", error["ctx"]["discriminator"] and _kinds(schema, loc)
-        )
-    if error["type"] == "union_tag_invalid":
-        value = show(error["ctx"]["tag"])
-        return document.problem(
-            (*place, "kind"), f"{value} is not a known kind", _kinds(schema, loc)
-        )
+    if error["type"] in ("union_tag_not_found", "union_tag_invalid"):
+        tag = error["ctx"].get("tag")
+        what = "is missing" if tag is None else f"{show(tag)} is not a known kind"
+        kinds = ", ".join(sorted(_find(schema, loc)["discriminator"]["mapping"]))
+        return document.problem((*place, "kind"), what, f"one of {kinds}")
     if loc and loc[-1] == "[key]":
         return document.problem(place, "can't be a name", _NAME)
     return document.problem(place, _what(error), describe(schema, _find(schema, loc)))
 
 
 def show(value: Any) -> str:
-    """A value as the file would write it, shortened."""
+    """A value as a file would write it, on one line, shortened."""
     text = json.dumps(value, default=str, ensure_ascii=False)
     text = escaped(text)
-    text = {"null": "nothing", "NaN": ".nan", "Infinity": ".inf", "-Infinity": "-.inf"}.get(
-        text, text
-    )
+    text = _YAML.get(text, text)
     return text if len(text) <= 40 else text[:37] + "..."
 
 
 def describe(root: _Schema, node: _Schema) -> str:
-    """What a schema node allows, in a few words."""
+    """What a node of the schema allows, in a few words."""
     node = _deref(root, node)
     if "const" in node:
         return show(node["const"])
@@ -100,11 +96,8 @@ def _what(error: Mapping[str, Any]) -> str:
 def _kind_of(value: Any) -> str:
     if isinstance(value, str):
         looks = re.fullmatch(r"\s*[-+.]?[0-9][-+0-9a-zA-Z_.,: /]*", value)
-        return (
-            "text, not a number (write plain decimal digits, no quotes, no unit)"
-            if looks
-            else "text"
-        )
+        hint = ", not a number (write plain decimal digits, no quotes, no unit)"
+        return f"text{hint if looks else ''}"
     if isinstance(value, Mapping):
         return "a mapping"
     if isinstance(value, Sequence):
@@ -134,13 +127,8 @@ def _describe_list(node: _Schema) -> str:
     return f"a list of {low or 0} to {high} entries" if high else "a list"
 
 
-def _kinds(root: _Schema, loc: Place) -> str:
-    return "one of " + ", ".join(sorted(_find(root, loc)["discriminator"]["mapping"]))
-
-
 def _place(loc: Place, data: Any) -> Place:
-    """`loc` without the parts pydantic puts in for itself (the tags of unions), which the data do
-    not have."""
+    """`loc` without the parts that pydantic adds (tags of unions) and `data` does not have."""
     place: list[str | int] = []
     for k, part in enumerate(loc):
         inside = (isinstance(data, Mapping) and part in data) or (
@@ -160,14 +148,13 @@ def _deref(root: _Schema, node: _Schema) -> _Schema:
     options = [option for option in node.get("anyOf", ()) if option.get("type") != "null"]
     if len(options) != 1:
         return node
-    # An optional value: what is said of the whole (its examples) holds for the value.
+    # An optional value: the examples of the union are examples of the value.
     said = {"examples": node["examples"]} if "examples" in node else {}
     return {**said, **_deref(root, options[0])}
 
 
 def _find(root: _Schema, loc: Place) -> _Schema:
-    """The part of a JSON Schema that speaks of `loc`, a place as pydantic gives it; empty where
-    there is none."""
+    """The part of a JSON Schema about `loc` (as pydantic gives it); empty if there is none."""
     node = _deref(root, root)
     for part in loc:
         mapping = node.get("discriminator", {}).get("mapping", {})

@@ -1,9 +1,8 @@
-"""The mission file's form: sections, fields, ranges, defaults. What one field alone can't tell is
-in `checks.py`.
+"""The sections of a mission file: fields, ranges, defaults. Their docstrings are the descriptions
+in the published JSON Schema. What several fields must be together is in `compile/checks.py`.
 
-Lengths: a name with a suffix (`_m`) is in metres; radii, starts, spacings and offsets without one
-are in units of `unit_m` metres. Horizontal vectors are [north, east]. Angles are degrees clockwise
-from north, seen from above.
+Lengths with a suffix (`_m`) are in metres; other lengths are in what `lengths` says. Horizontal
+vectors are [north, east]. Angles are degrees clockwise from north, seen from above.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ Action = Annotated[Policy, Field(strict=False)]
 
 
 class Origin(Section):
-    """Zero of the common frame on the WGS-84 ellipsoid."""
+    """Origin of the common frame (WGS-84)."""
 
     lat_deg: float = Field(ge=-90, le=90)
     lon_deg: float = Field(ge=-180, le=180)
@@ -38,59 +37,66 @@ class Origin(Section):
 
 
 class Law(Section):
-    """The formation law's parameters. Lengths in units."""
+    """The formation law's parameters."""
 
     r: Length
-    """Interaction range: neighbours are the agents that start within it."""
+    """Interaction range: agents that start within it are neighbours."""
     r_out: Length
-    """Outer radius of the avoidance region; slots lie further apart."""
+    """Outer radius of the avoidance region: closer than this, agents repel each other. Slots must
+    lie further apart."""
     r_in: Length
-    """Inner radius: no two vehicles may ever come this close."""
+    """Inner radius of the avoidance region: the least distance between two vehicles."""
     compensation: Annotated[Compensation, Field(strict=False)] = Compensation.STOP_POINT
-    """Which points the law sees: stop_point (vehicles with dead time and lag), or none (positions,
-    as in the paper)."""
+    """The points that the law works on: stop_point (where each vehicle would come to rest; for
+    vehicles with dead time and lag), or none (positions, as in the paper)."""
     kappa: float | None = Field(default=None, gt=0, le=1000)
-    """Law iterations per second; 1 / tick_s where not given."""
+    """Law iterations per second. Default: 1 / tick_s."""
     h: float | None = Field(default=None, gt=0, le=1)
-    """Consensus gain per iteration; where not given 4 / kappa with stop points (1 / kappa without
-    filter or release), and 0.005, the paper's, without stop points."""
+    """Consensus gain per iteration. Default: 4 / kappa with stop points (1 / kappa without
+    safety.filter or safety.release), and 0.005, the paper's, without stop points."""
     delta_l: float = Field(default=2.0, ge=2, le=100)
+    """Offset of the paper's D (equation 66)."""
     delta_a: float = Field(default=0.1, gt=0, le=100)
+    """Offset of the repulsion's gain sigma above its lower bound (equation 67)."""
 
 
 class SafetySection(Section):
-    """What stands between the law and the vehicles; all on with stop points, all off without (as in
-    the paper)."""
+    """What stands between the law and the vehicles. Default of each: on with stop points, off
+    without (as in the paper)."""
 
     filter: bool | None = None
-    """No velocity that would bring two closer than their keep-out distance."""
+    """Correct each velocity that would bring two vehicles closer than their keep-out distance."""
     guard: bool | None = None
-    """Links whose slots fit in r are not stretched past r on the way."""
+    """Keep neighbour links shorter than r on the way, if the shape keeps them so."""
     release: bool | None = None
-    """Out of dead-locks by going round each other."""
+    """Resolve dead-locks: blocked agents go round each other."""
     align: bool | None = None
-    """Out of slow modes: everybody also moves to where all who are heard say, on the average, that
-    his slot is."""
+    """Form faster (mean error feedback): each agent also moves to where its slot lies by the mean
+    of all agents that it hears, not only by its neighbours."""
 
 
 class VehicleResponse(Section):
-    """How the vehicles answer a velocity setpoint; the stop point is predicted with it."""
+    """How vehicles answer a velocity setpoint; stop points are computed with it."""
 
     dead_time_s: float = Field(default=0.4, ge=0, le=2)
+    """Until the vehicle begins to react."""
     lag_s: float = Field(default=0.5, ge=0.01, le=5)
+    """Time constant of the velocity."""
     acceleration_mps2: float = Field(default=2.8, ge=0.1, le=20)
+    """The most that the vehicle accelerates or brakes."""
 
 
 class VehicleLimits(Section):
-    """What an agent never commands more of."""
+    """The most that an agent commands."""
 
     speed_mps: float = Field(default=5.0, ge=0.1, le=20)
+    """Horizontal."""
     climb_mps: float = Field(default=1.0, ge=0.1, le=5)
     descent_mps: float = Field(default=1.0, ge=0.1, le=3)
 
 
 class Vehicle(Section):
-    """What all vehicles of the mission have in common."""
+    """What holds for all vehicles of the mission."""
 
     response: VehicleResponse = VehicleResponse()
     limits: VehicleLimits = VehicleLimits()
@@ -101,7 +107,7 @@ class Agent(Section):
 
     id: AgentId
     start: NorthEast
-    """Where its vehicle stands before take-off: [north, east] of the origin, in units."""
+    """Where its vehicle stands before take-off: [north, east] of the origin."""
 
 
 class _Shape(Section):
@@ -111,90 +117,88 @@ class _Shape(Section):
 
 class _Counted(_Shape):
     count: int | None = Field(default=None, ge=1, le=1000)
-    """How many slots; one per agent where not given."""
+    """Number of slots. Default: one per agent."""
 
 
 class Ring(_Counted):
-    """Slots evenly on a circle, the first one north, clockwise. Give `side` or `radius`."""
+    """Slots evenly on a circle, clockwise from north. Give `side` or `radius`."""
 
     kind: Literal["ring"]
     side: Length | None = None
-    """Distance between adjacent slots, in units."""
+    """Distance between adjacent slots."""
     radius: Length | None = None
 
 
 class Line(_Counted):
-    """Abreast: slots from west to east."""
+    """Line abreast: slots from west to east."""
 
     kind: Literal["line"]
     spacing: Length
 
 
 class Column(_Counted):
-    """In trail: slots from north to south."""
+    """Line in trail: slots from north to south."""
 
     kind: Literal["column"]
     spacing: Length
 
 
 class Grid(_Counted):
-    """Rows from west to east, the northern one first."""
+    """Rows of slots from west to east, the northern row first."""
 
     kind: Literal["grid"]
     spacing: Length
     columns: int | None = Field(default=None, ge=1, le=1000)
-    """Slots per row; as square as possible where not given."""
+    """Slots per row. Default: as square as possible."""
 
 
 class Vee(_Counted):
-    """A leader in the north, the others alternately on its left and right arm."""
+    """A leader in the north, the other slots alternately on its left and right arm."""
 
     kind: Literal["vee"]
     spacing: Length
-    """Distance between adjacent slots of an arm, in units."""
+    """Distance between adjacent slots of an arm."""
     angle_deg: float = Field(default=90.0, ge=20, le=180)
-    """Between the arms; 60 and more keeps the two arms' slots `spacing` apart."""
+    """Between the arms; from 60 on, slots of different arms are at least `spacing` apart."""
 
 
 class Wedge(_Counted):
-    """A filled triangle: rows of one, two, three ... slots from north to south, all `spacing`
-    apart."""
+    """A filled triangle: rows of one, two, three ... slots from north to south, adjacent ones
+    `spacing` apart."""
 
     kind: Literal["wedge"]
     spacing: Length
 
 
 class Circle(_Counted):
-    """A slot in the middle, the others evenly on a circle around it, the first of them north,
-    clockwise."""
+    """One slot in the middle, the others evenly on a circle around it, clockwise from north."""
 
     kind: Literal["circle"]
     radius: Length
 
 
 class Letters(_Shape):
-    """Words in a simple stroke font, as many slots as the agents have, evenly along the strokes."""
+    """Text in a simple stroke font, slots evenly along the strokes."""
 
     kind: Literal["letters"]
     text: Annotated[str, Field(pattern=r"^[A-Za-z0-9 ]{1,12}$", examples=["A", "HELLO"])]
     height: Length
-    """Of a letter, in units; it is as wide as two thirds of that."""
+    """Of a letter; its width is two thirds of that."""
     count: int | None = Field(default=None, ge=1, le=1000)
-    """How many slots; one per agent where not given."""
+    """Number of slots. Default: one per agent."""
 
 
 class Imported(_Shape):
-    """Slots from a CSV file: two columns, north and east, in units; a first line of names is left
-    out."""
+    """Slots from a CSV file with two columns, north and east. A first line of names is skipped."""
 
     kind: Literal["csv"]
     path: Annotated[str, Field(min_length=1, max_length=400)]
-    """Relative to the mission file."""
+    """Path of the CSV file, relative to the mission file."""
 
 
 class Star(_Counted):
-    """Slots alternately on an outer and an inner circle, the first one outside and north,
-    clockwise."""
+    """Slots alternately on an outer and an inner circle, clockwise from north, the first one
+    outside."""
 
     kind: Literal["star"]
     radius: Length
@@ -202,11 +206,11 @@ class Star(_Counted):
 
 
 class Offsets(_Shape):
-    """Any slots, one by one."""
+    """Any slots, given one by one."""
 
     kind: Literal["offsets"]
     offsets: tuple[NorthEast, ...] = Field(min_length=1, max_length=1000)
-    """[north, east] of each slot, in units."""
+    """[north, east] of each slot."""
 
 
 Shape: TypeAlias = Annotated[
@@ -219,16 +223,16 @@ Links = Annotated[tuple[Link, ...], Field(min_length=1, max_length=31125)]
 
 class _Timed(Section):
     on_timeout: Action = Policy.LAND
-    """When the step takes too long: land, return, hold, or continue with the next step."""
+    """What to do after `timeout_s`: land, return, hold, or continue with the next step."""
 
 
 class Takeoff(_Timed):
-    """Set the mode, arm and climb."""
+    """Set the autopilot's mode, arm and climb."""
 
     height_m: float = Field(ge=1, le=120)
     """Above each vehicle's own take-off point."""
     timeout_s: Timeout | None = None
-    """Where not given, generous for the height and the climb rate."""
+    """Default: 30 s more than twice the climb at vehicle.limits.climb_mps."""
 
 
 class Form(_Timed):
@@ -237,84 +241,85 @@ class Form(_Timed):
     shape: Name
     """A name from `shapes`."""
     slots: Literal["nearest", "fixed"] = "nearest"
-    """nearest: least total squared distance; fixed: the k-th slot to the agent with the k-th lowest
-    id."""
+    """nearest: slots are assigned with the least total squared distance; fixed: the agent with the
+    k-th lowest id takes the k-th slot."""
     exchange: bool | None = None
-    """Agents that are in each other's way take each other's slots; by default with nearest slots
-    and stop points."""
+    """Two agents that block each other may exchange their slots. Default: true with nearest slots
+    and stop points, else false."""
     tolerance_m: float = Field(default=0.5, ge=0.05, le=50)
-    """The largest deviation from the shape that counts as formed."""
+    """The largest deviation from the shape at which it counts as formed."""
     settle_s: float = Field(default=5.0, ge=0, le=600)
-    """How long the deviation has to stay under it."""
+    """How long the deviation must stay below `tolerance_m`."""
     timeout_s: Timeout = 120.0
     neighbours: Literal["keep", "rechoose"] | Links = "keep"
-    """keep: as before; rechoose: who is within `r` in the shape before this one; or a list of
-    links, [id, id]."""
+    """The neighbours of each agent from this step on. keep: as before; rechoose: the agents within
+    `r` in the shape before this step; or a list of links, [id, id]."""
 
 
 class _Travel(_Timed):
     speed_mps: float | None = Field(default=None, ge=0.1, le=20)
-    """Of the fastest agent; half of vehicle.limits.speed_mps where not given."""
+    """Of the fastest agent. Default: half of vehicle.limits.speed_mps."""
     tolerance_m: float = Field(default=0.5, ge=0.05, le=50)
-    """The largest deviation from the shape, and of the pinned agent from its place, that counts as
-    arrived."""
+    """The largest deviation from the shape, and of the pinned agent from its place, at which the
+    formation counts as arrived."""
     settle_s: float = Field(default=2.0, ge=0, le=600)
+    """How long the deviations must stay below `tolerance_m`."""
     timeout_s: Timeout | None = None
-    """Where not given, 30 s more than twice the time at full speed."""
+    """Default: 30 s and settle_s more than twice the time at speed_mps."""
 
 
 class Move(_Travel):
-    """Take the formation's centre along a path, keeping shape. Give `to`, `along` or `by`."""
+    """Move the formation's centre along a path and keep the shape. Give `to`, `along` or `by`."""
 
     to: NorthEast | None = None
-    """[north, east] of the origin, in units."""
+    """Where the centre goes: [north, east] of the origin."""
     along: Annotated[tuple[NorthEast, ...], Field(min_length=1, max_length=200)] | None = None
-    """Waypoints, each as `to`."""
+    """Waypoints of the centre, each as `to`."""
     by: NorthEast | None = None
-    """[north, east] of where the formation is planned to be, in units."""
+    """How far the centre goes: [north, east] of where it is planned to be."""
 
 
 class Rotate(_Travel):
-    """Turn the formation about its centre."""
+    """Turn the formation about its centre and keep the shape."""
 
     angle_deg: float = Field(ge=-3600, le=3600)
-    """Clockwise from above."""
+    """Clockwise as seen from above."""
 
 
 class Scale(_Travel):
     """Widen or narrow the formation about its centre."""
 
     factor: float = Field(ge=0.05, le=20)
-    """Of the shape as it is."""
+    """Relative to the shape's present size."""
 
 
 class Return(_Timed):
-    """One at a time, at separated heights, back to the own start; land there, disarm."""
+    """Return to the starts, one agent at a time, at separated heights; land there and disarm."""
 
     timeout_s: Timeout | None = None
-    """Where not given, generous for the number of agents."""
+    """Default: long enough for the number of agents and the height."""
 
 
 class Hold(_Timed):
-    """Keep the formation."""
+    """Keep the formation for a while."""
 
     duration_s: float = Field(gt=0, le=3600)
     timeout_s: Annotated[float, Field(gt=0, le=7200)] | None = None
-    """Where not given, 30 s more than the duration."""
+    """Default: 30 s more than the duration."""
 
 
 class Land(Section):
-    """Stop, land in place, disarm."""
+    """Stop, land in place and disarm."""
 
     timeout_s: Timeout | None = None
-    """Where not given, generous for the height."""
+    """Default: long enough for the height."""
 
 
 StepBody: TypeAlias = Takeoff | Form | Hold | Move | Rotate | Scale | Return | Land
 
 
 class Step(Section):
-    """One step of the mission: exactly one of these."""
+    """One step of the mission: exactly one of these fields."""
 
     model_config = ConfigDict(json_schema_extra={"minProperties": 1, "maxProperties": 1})
 
@@ -346,7 +351,7 @@ class Step(Section):
     @model_validator(mode="before")
     @classmethod
     def _bare(cls, value: Any) -> Any:
-        """`- land` and `- land:` mean `- land: {}`; so does `- return`."""
+        """`- land` and `- land:` mean `- land: {}`, and likewise for `return`."""
         if value in ("land", "return"):
             return {value: {}}
         if isinstance(value, dict):
@@ -355,40 +360,42 @@ class Step(Section):
 
 
 class PolicySection(Section):
-    """What an agent does when it loses something, and after which time it counts as lost."""
+    """What an agent does when something that it relies on fails: continue, hold, land or return."""
 
     agent_lost: Action = Policy.LAND
+    """When a peer was not heard for `agent_lost_after_s`."""
     agent_lost_after_s: LossTime = 5.0
     station_lost: Action = Policy.LAND
+    """When no station was heard for `station_lost_after_s`."""
     station_lost_after_s: LossTime = 5.0
     hold_before_land_s: float = Field(default=3.0, ge=0, le=60)
+    """How long a policy of land holds before it lands."""
     fence: Action = Policy.LAND
-    """Outside the geofence, or unable to stop inside."""
+    """When the vehicle is outside the geofence, or can't stop inside."""
     battery_low: Action = Policy.LAND
+    """When less than `battery_reserve_percent` is left in the air."""
     battery_reserve_percent: float = Field(default=20.0, ge=0, le=90)
-    """With less than this left nobody takes off, and `battery_low` is done in the air."""
+    """With less than this no vehicle takes off."""
     too_fast: Action = Policy.LAND
-    """Faster than `max_speed_mps`, or leaning more than `max_tilt_deg`."""
+    """When the vehicle flies faster than `max_speed_mps` or tilts more than `max_tilt_deg`."""
     max_speed_mps: float | None = Field(default=None, ge=0.5, le=60)
-    """Twice vehicle.limits.speed_mps where not given."""
+    """Default: twice vehicle.limits.speed_mps."""
     max_tilt_deg: float = Field(default=45.0, ge=5, le=90)
     wind: Action = Policy.LAND
-    """More wind than `wind_limit_mps`, as the vehicle estimates it; where it does not, the tilt
-    limit stands in."""
+    """When the vehicle estimates more wind than `wind_limit_mps`. Vehicles that do not estimate the
+    wind have the tilt limit instead."""
     wind_limit_mps: float = Field(default=12.0, ge=1, le=30)
     return_separation_m: float = Field(default=3.0, ge=0, le=20)
-    """Between the heights of two agents on their way back."""
+    """Between the heights of two returning agents."""
     return_speed_mps: float | None = Field(default=None, ge=0.1, le=20)
-    """Half of vehicle.limits.speed_mps where not given."""
+    """Default: half of vehicle.limits.speed_mps."""
 
 
 class FenceSection(Section):
-    """Where the vehicles may be. Where it is not given: 100 m around everything planned, up to 120
-    m."""
+    """The geofence: where vehicles may be."""
 
     polygon: Annotated[tuple[NorthEast, ...], Field(min_length=3, max_length=200)] | None = None
-    """Corners in order, [north, east] of the origin, in units; 100 m around everything planned
-    where not given."""
+    """Corners in order, [north, east] of the origin. Default: 100 m around everything planned."""
     height_m: float = Field(default=120.0, ge=2, le=500)
     """Above each vehicle's own take-off point."""
 
@@ -398,23 +405,23 @@ class FleetEntry(Section):
 
     id: AgentId
     sysid: int | None = Field(default=None, ge=1, le=250)
-    """The vehicle's MAVLink system id; the agent's id where not given."""
+    """The vehicle's MAVLink system id. Default: the agent's id."""
     autopilot: Literal["ardupilot", "px4"] = "ardupilot"
     response: VehicleResponse | None = None
-    """How this vehicle answers a velocity setpoint; the mission's `vehicle.response` or, without
-    one, what is typical for the autopilot where not given."""
+    """How this vehicle answers a velocity setpoint. Default: the mission's vehicle.response; if it
+    gives none, what is typical for the autopilot."""
     endpoint: str | None = Field(
         default=None,
         pattern=r"^((udp|udpin|udpout|tcp|tcpin):[^:\s]+:[0-9]{1,5}|serial:/dev/[^:\s]+(:[0-9]{3,7})?)$",
         examples=["udpout:192.168.1.21:14550", "serial:/dev/ttyACM0:115200"],
     )
-    """The vehicle's link; simulated where not given."""
+    """The vehicle's MAVLink endpoint. Default: the vehicle is simulated."""
     mesh: str | None = Field(
         default=None,
         pattern=r"^(tcp|tls|udp|quic)/\S+:[0-9]{1,5}$",
         examples=["tcp/192.168.1.11:7447"],
     )
-    """Where the agent listens on the mesh; a loopback port where not given."""
+    """Where the agent listens on the mesh. Default: a loopback port."""
 
     @property
     def vehicle_sysid(self) -> int:
@@ -434,35 +441,35 @@ class MissionFile(Section):
 
     version: Literal[1]
     name: Name
-    """Letters, digits, - and _; names the run's folder."""
+    """Letters, digits, - and _. Part of the name of the run's folder."""
     origin: Origin
     lengths: Literal["units", "metres"] = "units"
-    """What lengths without a suffix are in: units of `unit_m` metres, or plain metres."""
+    """Unit of all lengths without a suffix: units of `unit_m` metres, or metres."""
     unit_m: float = Field(default=5.0, ge=0.1, le=1000)
-    """Metres per unit of the law; where not given 5, or with `lengths: metres` law.r_out / 1.5."""
+    """Metres per unit of the law. Default: 5; with `lengths: metres` law.r_out / 1.5."""
     tick_s: float = Field(default=0.05, ge=0.01, le=1)
     """The control loop's period."""
     prepare_timeout_s: Timeout = 120.0
-    """How long to wait for all vehicles to be healthy and all agents to be there."""
+    """How long agents wait until all vehicles are healthy and all agents are heard."""
     law: Law
     vehicle: Vehicle = Vehicle()
     safety: SafetySection = SafetySection()
     policies: PolicySection = PolicySection()
     fence: FenceSection = FenceSection()
     neighbours: Literal["starts"] | Links = "starts"
-    """starts: who starts within `r` of each other (the paper's rule); or a list of links, [id,
-    id]."""
+    """starts: agents that start within `r` of each other are neighbours (the paper's rule); or a
+    list of links, [id, id]."""
     agents: tuple[Agent, ...] = Field(min_length=1, max_length=250)
-    """At most as many as there are sysids."""
+    """At most 250, the number of sysids."""
     shapes: dict[Name, Shape] = Field(default={})
     steps: tuple[Step, ...] = Field(min_length=1, max_length=1000)
     fleet: FleetSection | None = None
-    """The vehicles, or the path of a fleet file beside this one; all simulated where not given."""
+    """The vehicles, or the path of a fleet file relative to this file. Default: all simulated."""
     simulation: Simulation = Simulation()
 
 
 def json_schema() -> dict[str, Any]:
-    """The JSON Schema of a mission file as it is written (editors complete and check with it)."""
+    """The JSON Schema of a mission file, for editors."""
     schema = MissionFile.model_json_schema()
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
     fleet = schema["properties"]["fleet"]

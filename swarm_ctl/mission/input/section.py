@@ -1,5 +1,4 @@
-"""What every section of a mission file is: strict, frozen, its fields documented where they
-stand."""
+"""The base of every section of a mission file."""
 
 from __future__ import annotations
 

@@ -1,8 +1,6 @@
-"""The section `simulation`: weather and faults of the simulated vehicles. Nothing of it is in the
-plan.
+"""The section `simulation`: weather and faults of the simulated vehicles; not part of the plan.
 
-The parameters are the simulator's, by the names a MAVLink client sets them by (a test holds the two
-lists together).
+The parameters are the simulator's, by their MAVLink names; a test compares the two lists.
 """
 
 from __future__ import annotations
@@ -21,22 +19,22 @@ Deviation = Annotated[float, Field(ge=0, le=100)] | None
 
 
 class SimParameters(Section):
-    """SIM_* parameters; those not given stay as they are."""
+    """SIM_* parameters of the simulator; a parameter that is not given stays as it is."""
 
     SIM_ARM_REFUSE: Switch = None
-    """1: the vehicle will not arm."""
+    """1: the vehicle refuses to arm."""
     SIM_BATT_DRAIN: Annotated[float, Field(ge=0, le=10_000)] | None = None
-    """Factor on the battery's consumption (1)."""
+    """Factor of the battery's consumption; 1 is normal."""
     SIM_BATT_FAIL: Switch = None
     """1: the battery is empty at once."""
     SIM_COLL_FALL: Switch = None
-    """1: falls after touching another vehicle."""
+    """1: the vehicle falls after touching another vehicle."""
     SIM_DELAY: Annotated[float, Field(ge=0, le=60)] | None = None
-    """Delay of every frame [s], both ways."""
+    """Delay of every MAVLink frame [s], both ways."""
     SIM_GPS_DRIFT: Deviation = None
-    """Standard deviation [m] of the position error that changes within a minute."""
+    """Standard deviation [m] of the slow position error (changes within a minute)."""
     SIM_GPS_FREEZE: Switch = None
-    """1: the reported position and velocity stay as they are."""
+    """1: the reported position and velocity do not change."""
     SIM_GPS_JUMP_D: Offset = None
     """Added to the reported position [m], down."""
     SIM_GPS_JUMP_E: Offset = None
@@ -44,26 +42,26 @@ class SimParameters(Section):
     SIM_GPS_JUMP_N: Offset = None
     """Added to the reported position [m], north."""
     SIM_GPS_NOISE: Deviation = None
-    """Standard deviation [m] of the position error that changes within a second."""
+    """Standard deviation [m] of the fast position error (changes within a second)."""
     SIM_GPS_OFF: Switch = None
     """1: no fix, no position."""
     SIM_HB_MUTE: Switch = None
-    """1: no heartbeat."""
+    """1: the vehicle sends no heartbeat."""
     SIM_LOSS: Annotated[float, Field(ge=0, le=100)] | None = None
-    """Percent of frames lost, both ways."""
+    """Percent of MAVLink frames lost, both ways."""
     SIM_MOTOR_STOP: Switch = None
-    """1: falls."""
+    """1: the motors stop, the vehicle falls."""
     SIM_REBOOT: Literal[1] | None = None
-    """1: restarts at once, in flight too."""
+    """1: the autopilot restarts at once, also in flight."""
     SIM_WIND_DIR: Annotated[float, Field(ge=-360, le=360)] | None = None
-    """Where the wind comes from [degrees]."""
+    """Direction that the wind comes from [degrees]."""
     SIM_WIND_GUST: Annotated[float, Field(ge=0, le=30)] | None = None
-    """Standard deviation of gusts [m/s]."""
+    """Standard deviation of the gusts [m/s]."""
     SIM_WIND_SPD: Annotated[float, Field(ge=0, le=60)] | None = None
-    """Wind [m/s]."""
+    """Mean wind [m/s]."""
 
     def given(self) -> dict[str, float]:
-        """Name and value of those that are given."""
+        """Name and value of each parameter that is given."""
         return self.model_dump(exclude_none=True)
 
 
@@ -72,35 +70,32 @@ NEUTRAL: dict[str, float] = dict.fromkeys(SimParameters.model_fields, 0.0) | {"S
 
 
 class Fault(Section):
-    """What changes at a time."""
+    """Parameters that change at a time, and for how long."""
 
     at_s: float = Field(ge=0, le=86_400)
-    """Seconds after what `since` says."""
+    """Seconds after what `since` names."""
     for_s: float | None = Field(default=None, gt=0, le=86_400)
-    """For so long; then each parameter has the value of the start again. To the end where not
-    given."""
+    """How long; then each parameter gets its first value again. Default: to the end."""
     agents: Annotated[tuple[AgentId, ...], Field(min_length=1, max_length=250)] | None = None
-    """Whose vehicles; all where not given."""
+    """Agents whose vehicles it hits. Default: all."""
     set: SimParameters
 
 
 class Simulation(Section):
-    """Weather and faults, in simulated vehicles only; a vehicle with an endpoint of its own knows
-    nothing of them."""
+    """Weather and faults of simulated vehicles; vehicles with an endpoint ignore them."""
 
     parameters: SimParameters = SimParameters()
-    """From the start, of all simulated vehicles."""
+    """Of all simulated vehicles, from the start."""
     since: Literal["liftoff", "start"] = "liftoff"
-    """Where the faults' times count from: the first lift-off, or the run's start, seconds before
-    anybody arms."""
+    """Zero of the faults' times: the first lift-off, or the run's start (seconds before arming)."""
     faults: Annotated[tuple[Fault, ...], Field(max_length=1000)] = ()
-    """What changes when, in any order."""
+    """In any order."""
 
     def timetable(self, sysids: Mapping[int, int]) -> list[dict[str, Any]]:
-        """The faults as the simulator takes them, for its vehicles: agent -> sysid. Those of other
-        agents are left out.
+        """The faults as the simulator takes them, in the order of time; of faults at the same time,
+        those that end come first.
 
-        At one time what ends comes before what begins.
+        `sysids` gives the sysid of each simulated agent; other agents are left out.
         """
         start = NEUTRAL | self.parameters.given()
         begin, end = [], []
@@ -115,8 +110,8 @@ class Simulation(Section):
 
 
 def overlaps(faults: tuple[Fault, ...]) -> Iterator[tuple[int, int, str]]:
-    """Pairs of faults (their places) that set one parameter of one vehicle, the second while the
-    first lasts."""
+    """Pairs of faults (by index) of which the second sets a parameter of a vehicle while the first
+    sets the same one, and the parameter."""
     ordered = sorted(enumerate(faults), key=lambda entry: entry[1].at_s)
     for (i, first), (k, second) in itertools.combinations(ordered, 2):
         if first.for_s is None or second.at_s >= first.at_s + first.for_s:

@@ -1,8 +1,7 @@
-"""A mission written in metres, in the law's units: the one place where lengths are divided by
-`unit_m`.
+"""The one place where lengths of a mission file become units of the law.
 
-The law is not indifferent to its unit: repulsion is tuned for radii of the paper's size (r_out 1.5
-units). So a mission in metres gets a unit of its own, `r_out` / 1.5, where it names none.
+The law depends on its unit: its repulsion is tuned for radii of the paper's size (r_out 1.5 units).
+So a mission in metres that names no `unit_m` gets `r_out` / 1.5.
 """
 
 from __future__ import annotations
@@ -14,30 +13,18 @@ from swarm_ctl.mission.input.section import Section
 
 R_OUT_UNITS: Final = 1.5
 _LENGTHS: Final = frozenset(
-    {
-        "r",
-        "r_out",
-        "r_in",
-        "start",
-        "side",
-        "radius",
-        "inner_radius",
-        "spacing",
-        "height",
-        "offsets",
-    }
-    | {"to", "along", "by", "polygon"}
+    {"r", "r_out", "r_in", "start", "side", "radius", "inner_radius", "spacing", "height"}
+    | {"offsets", "to", "along", "by", "polygon"}
 )
-"""Fields of the schema that are lengths in the file's unit (those in metres end in `_m`)."""
+"""Fields of the schema that are lengths in the file's unit; those in metres end in `_m`."""
 
 
 def in_units(mission: MissionFile) -> MissionFile:
-    """The same mission with every length in units of `unit_m`; as it is where it was written so."""
+    """The mission with every length in units of its `unit_m`."""
     if mission.lengths == "units":
         return mission
-    unit_m = (
-        mission.unit_m if "unit_m" in mission.model_fields_set else mission.law.r_out / R_OUT_UNITS
-    )
+    given = "unit_m" in mission.model_fields_set
+    unit_m = mission.unit_m if given else mission.law.r_out / R_OUT_UNITS
     converted: MissionFile = _converted(mission, unit_m)
     return converted.model_copy(update={"unit_m": unit_m, "lengths": "units"})
 
