@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from rich.console import Console
-
-from swarm_ctl.mesh.keys import CHANNELS
+from swarm_ctl.cli.console import PlainConsole
 
 
 def keys() -> None:
-    """Show what goes over the mesh: key, payload, rate, quality of service, who."""
-    console = Console(highlight=False)
+    """Show what is sent on the mesh, key by key.
+
+    For each key: its payload, sender and receivers, rate and quality of service.
+
+    Example:
+
+    \b
+        swarm-ctl keys
+    """
+    from swarm_ctl.mesh.keys import CHANNELS
+
+    console = PlainConsole()
     for channel in CHANNELS:
-        qos = channel.qos
-        service = ("reliable" if qos.reliable else "newest wins") + (
-            ", urgent" if qos.urgent else ""
-        )
-        console.print(
-            f"[bold]{channel.template}[/bold]  {channel.payload.__name__}", soft_wrap=True
-        )
-        console.print(f"    {channel.who}; {channel.rate}; {service}", soft_wrap=True)
+        service = "reliable" if channel.qos.reliable else "newest wins"
+        urgent = ", urgent" if channel.qos.urgent else ""
+        console.say(f"{channel.template}  {channel.payload.__name__}", style="bold")
+        console.say(f"    {channel.who}; {channel.rate}; {service}{urgent}")

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import os
 import sys
-from importlib import metadata
-from typing import Annotated
+from collections.abc import Callable
+from typing import Annotated, Any, Final
 
 import typer
-from rich.console import Console
-from rich.text import Text
+from typer.core import TyperCommand
 
+from swarm_ctl import __version__
 from swarm_ctl.cli.agent import agent
+from swarm_ctl.cli.console import PlainConsole
+from swarm_ctl.cli.extras import require
 from swarm_ctl.cli.keys import keys
 from swarm_ctl.cli.measure import measure
 from swarm_ctl.cli.paper import paper
@@ -28,63 +30,97 @@ from swarm_ctl.errors import SwarmError
 
 app = typer.Typer(
     name="swarm-ctl",
-    help="Fly a formation of drones from one terminal.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
+    rich_markup_mode=None,  # markup would swallow what stands in square brackets
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+
+class _Command(TyperCommand):
+    """A command that needs no more than the core."""
+
+    extra = ""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Refuse to start where the command's extra is not installed."""
+        if self.extra:
+            require(self.extra, f"swarm-ctl {self.name}")
+        return super().invoke(ctx)
+
+
+class _GroundCommand(_Command):
+    extra = "ground"
+
+
+class _StudyCommand(_Command):
+    extra = "study"
+
+
+_COMMANDS: Final[tuple[tuple[Callable[..., None], type[_Command]], ...]] = (
+    (run, _GroundCommand),
+    (validate, _GroundCommand),
+    (agent, _Command),
+    (station, _GroundCommand),
+    (send, _GroundCommand),
+    (sim, _Command),
+    (measure, _GroundCommand),
+    (report, _GroundCommand),
+    (replay, _GroundCommand),
+    (compare, _GroundCommand),
+    (study, _StudyCommand),
+    (paper, _StudyCommand),
+    (schema, _Command),
+    (keys, _Command),
+)
+for function, kind in _COMMANDS:
+    # `send move -20 35`: a number, not an option
+    settings = {"ignore_unknown_options": function is send}
+    app.command(cls=kind, context_settings=settings)(function)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        sys.stdout.write(f"swarm-ctl {__version__}\n")
+        raise typer.Exit
 
 
 @app.callback()
 def top(
     version: Annotated[
-        bool, typer.Option("--version", help="Show the version and exit.", is_eager=True)
+        bool,
+        typer.Option(
+            "--version", help="Show the version and exit.", is_eager=True, callback=_show_version
+        ),
     ] = False,
 ) -> None:
-    """Fly a formation of drones from one terminal."""
-    if version:
-        sys.stdout.write(f"swarm-ctl {metadata.version('swarm-ctl')}\n")
-        raise typer.Exit
+    """Fly a formation of drones from one terminal.
 
-
-for command in (
-    run,
-    validate,
-    agent,
-    station,
-    sim,
-    measure,
-    report,
-    replay,
-    compare,
-    study,
-    paper,
-    schema,
-    keys,
-):
-    app.command()(command)
-app.command(context_settings={"ignore_unknown_options": True})(
-    send
-)  # `move -20 35`: a number, not an option
+    Try: swarm-ctl run missions/hexagon.yaml
+    """
 
 
 def main() -> None:
-    """Run the command line; our own errors become one message and their exit code, without a
-    traceback."""
+    """Run the command line. An error of ours or of the system is one message and an exit code,
+    without a traceback."""
     try:
-        app()
+        app(prog_name="swarm-ctl")
     except SwarmError as error:
-        Console(stderr=True, highlight=False).print(
-            Text(f"error: {error}", style="red"), soft_wrap=True
-        )
-        sys.exit(error.exit_code)
+        _fail(str(error), error.exit_code)
     except KeyboardInterrupt:
         sys.exit(130)
     except BrokenPipeError:
-        os.dup2(
-            os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno()
-        )  # nothing more to say, and no traceback about it
+        # The reader of our output is gone: no more output, no traceback about it.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(141)  # as a shell reports SIGPIPE
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        _fail(f"{where}{error.strerror or error}", 3)
+
+
+def _fail(text: str, exit_code: int) -> None:
+    PlainConsole(stderr=True).say(f"error: {text}", style="red")
+    sys.exit(exit_code)
 
 
 if __name__ == "__main__":

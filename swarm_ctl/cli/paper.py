@@ -6,26 +6,32 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
+
+from swarm_ctl.cli.console import PlainConsole
+from swarm_ctl.cli.options import Processes, Seed
 
 
 def paper(
-    out: Annotated[Path, typer.Option(help="Folder for figures, rows and claims.")] = Path("paper"),
+    out: Annotated[
+        Path, typer.Option(metavar="FOLDER", help="Where figures, rows and claims are written.")
+    ] = Path("paper"),
     seeds: Annotated[int, typer.Option(min=1, help="Missions for each experiment.")] = 1000,
-    seed: Annotated[int, typer.Option(min=0)] = 1,
-    processes: Annotated[int | None, typer.Option(min=1, help="All cores where not given.")] = None,
+    seed: Seed = 1,
+    processes: Processes = None,
 ) -> None:
-    """Reproduce section VI of Mondal et al. (2017): Figs. 7-17, and each claim over many seeds.
+    """Reproduce the paper's experiments and test its claims.
 
-    In the discrete form (9) and in continuous time. Interrupted, it goes on where it was.
+    Section VI of Mondal et al. (2017): Figs. 7-17, in the discrete form (9) and in continuous time,
+    and each claim over many seeds. A run that was interrupted continues where it ended.
+
+    Examples:
+
+    \b
+        swarm-ctl paper
+        swarm-ctl paper --seeds 50 --out quick
     """
     from swarm_ctl.study.paper import reproduce
 
-    console = Console(highlight=False)
-    reproduce(
-        out,
-        seeds,
-        seed,
-        processes,
-        console if console.is_terminal else Console(highlight=False, width=160),
-    )
+    console = PlainConsole()
+    wide = console if console.is_terminal else PlainConsole(width=160)
+    reproduce(out, seeds, seed, processes, wide)

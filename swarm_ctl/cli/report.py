@@ -6,17 +6,21 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
+from swarm_ctl.cli.console import PlainConsole
 from swarm_ctl.errors import InputError
 
-_Run = Annotated[Path, typer.Argument(help="A run folder, e.g. runs/20260101-120000-hexagon.")]
 
+def report(run: Annotated[Path, typer.Argument(metavar="RUN", help="The run folder.")]) -> None:
+    """Make the report of a run: a page of figures.
 
-def report(run: _Run) -> None:
-    """Make the report of a run: an HTML page that needs nothing beside it, and PNG and SVG figures.
+    Writes report.html, which needs no other file, and its figures as PNG and SVG into the run
+    folder. A recording that was cut off by a kill is recovered first.
 
-    A recording that was cut off by a kill is recovered first.
+    Example:
+
+    \b
+        swarm-ctl report runs/20260101-120000-hexagon
     """
     from swarm_ctl.report.page.html_page import make_report
 
@@ -24,17 +28,27 @@ def report(run: _Run) -> None:
         page = make_report(run)
     except OSError as error:
         raise InputError(f"{run}: the report can't be written: {error.strerror}") from error
-    Console(highlight=False).print(f"report: {page}", soft_wrap=True)
+    PlainConsole().say(f"report: {page}")
 
 
 def compare(
-    runs: Annotated[list[Path], typer.Argument(help="Two or more run folders.")],
-    out: Annotated[Path, typer.Option(help="The page to write.")] = Path("compare.html"),
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN", help="Two or more run folders.")],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="The page to write.")] = Path(
+        "compare.html"
+    ),
 ) -> None:
-    """Show several runs side by side: a table, one figure of all, and each figure of each run."""
+    """Show several runs side by side on one page.
+
+    The page has a table of the runs, one figure of all, and each figure of each run.
+
+    Example:
+
+    \b
+        swarm-ctl compare runs/20260101-120000-square runs/20260102-120000-square
+    """
     from swarm_ctl.report.page.html_page import comparison_table, make_comparison
 
-    console = Console(highlight=False)
+    console = PlainConsole()
     page = make_comparison(runs, out)
     console.print(comparison_table(runs))
-    console.print(f"page: {page}", soft_wrap=True)
+    console.say(f"page: {page}")

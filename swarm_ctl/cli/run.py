@@ -9,85 +9,76 @@ from pathlib import Path
 from typing import Annotated, TextIO
 
 import typer
-from rich.console import Console
 
-from swarm_ctl.mission.compile.loader import load
+from swarm_ctl.cli.console import PlainConsole
+from swarm_ctl.cli.options import FleetFile, Headless, Json, Metrics, MissionFile, Speedup
 
 
 def run(
-    mission: Annotated[Path, typer.Argument(help="The mission file, e.g. missions/hexagon.yaml.")],
-    speedup: Annotated[
-        float,
-        typer.Option(min=0.1, max=100.0, help="Mission seconds per second of the wall clock."),
-    ] = 1.0,
-    headless: Annotated[
-        bool, typer.Option("--headless", help="Plain log lines instead of the dashboard.")
-    ] = False,
-    json: Annotated[
-        bool, typer.Option("--json", help="One line of JSON a second on stdout, nothing else.")
-    ] = False,
-    metrics: Annotated[
-        int | None,
-        typer.Option(min=1, max=65535, help="Prometheus metrics on this port of 127.0.0.1."),
-    ] = None,
-    fleet: Annotated[
-        Path | None, typer.Option(help="A fleet file to fly with instead of the mission's own.")
-    ] = None,
-    runs: Annotated[Path, typer.Option(help="Where run folders are made.")] = Path("runs"),
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the simulator.")] = 1,
+    mission: MissionFile,
+    speedup: Speedup = 1.0,
+    headless: Headless = False,
+    json: Json = False,
+    metrics: Metrics = None,
+    fleet: FleetFile = None,
+    runs: Annotated[
+        Path, typer.Option(metavar="FOLDER", help="Where the run's folder is made.")
+    ] = Path("runs"),
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the simulator's random numbers.")] = 1,
     record_hz: Annotated[
         str,
         typer.Option(
-            help="The most that is recorded of each agent's topics, e.g. state=5,truth=2; else all."
+            metavar="TOPIC=HZ,...",
+            help="Record at most so many messages a second of an agent's topic, e.g. "
+            "state=5,truth=2.  [default: all]",
         ),
     ] = "",
     report: Annotated[bool, typer.Option(help="Make the report at the end.")] = True,
-    tlog: Annotated[bool, typer.Option(help="Keep each vehicle's MAVLink frames.")] = True,
+    tlog: Annotated[bool, typer.Option(help="Record each vehicle's MAVLink frames.")] = True,
 ) -> None:
-    """Fly a mission: starts a simulator (for vehicles without an endpoint), the agents and a ground
-    station.
+    """Fly a mission on this machine.
 
-    Ctrl-C lands the swarm and waits for it; a second Ctrl-C stops everything at once.
+    Starts the agents, a ground station, and a simulator for the vehicles that have no endpoint.
+    Ctrl-C lands the swarm and waits for it; a second Ctrl-C stops all processes at once.
 
     Exit codes: 0 completed, 1 mission failed, 2 bad input, 3 something did not start, 130 landed by
     Ctrl-C.
 
     Examples:
 
+    \b
         swarm-ctl run missions/hexagon.yaml
-
         swarm-ctl run missions/hexagon.yaml --speedup 5 --headless
-
         swarm-ctl run missions/hexagon.yaml --json | jq .verdict
     """
+    from swarm_ctl.mission.compile.loader import load
     from swarm_ctl.recording.topics import rates
     from swarm_ctl.report.page.summary_table import render_summary
     from swarm_ctl.runtime.launch.supervisor import Options, fly
     from swarm_ctl.runtime.station.screens import Show, shown
 
     show = shown(headless=headless, json=json)
-    console = Console(highlight=False, stderr=json)
+    console = PlainConsole(stderr=json)
     if show is Show.DASHBOARD and not console.is_terminal:
         show = Show.LOG
     loaded = load(mission, fleet=fleet)
     for warning in loaded.warnings:
-        console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
+        console.say(f"warning: {warning}", style="yellow")
 
     def say(text: str) -> None:
-        with contextlib.suppress(OSError):  # whoever read our output is gone; the swarm flies on
-            console.print(text, soft_wrap=True)
+        with contextlib.suppress(OSError):  # the reader of our output is gone; the swarm flies on
+            console.say(text)
 
     options = Options(speedup, show, runs, seed, rates(record_hz), tlog, metrics)
     result = fly(loaded, options, say)
     console.print(render_summary(result.summary))
-    console.print(f"summary: {result.folder / 'summary.json'}", soft_wrap=True)
+    console.say(f"summary: {result.folder / 'summary.json'}")
     if report:
         _report(result.folder, sys.stderr if json else sys.stdout)
-    if result.summary.outcome != "completed":
-        console.print(
-            f"{result.summary.outcome}: {result.summary.reason}", style="bold red", soft_wrap=True
-        )
-    raise typer.Exit(130 if result.interrupts else {"completed": 0}.get(result.summary.outcome, 1))
+    completed = result.summary.outcome == "completed"
+    if not completed:
+        console.say(f"{result.summary.outcome}: {result.summary.reason}", style="bold red")
+    raise typer.Exit(130 if result.interrupts else int(not completed))
 
 
 def _report(folder: Path, to: TextIO) -> None:

@@ -6,9 +6,15 @@ import json
 
 import typer
 
-from swarm_ctl.mission.input.schema import json_schema
-
 
 def schema() -> None:
-    """Print the JSON Schema of mission files."""
+    """Print the JSON Schema of mission files.
+
+    Example:
+
+    \b
+        swarm-ctl schema > mission.schema.json
+    """
+    from swarm_ctl.mission.input.schema import json_schema
+
     typer.echo(json.dumps(json_schema(), indent=2))

@@ -4,27 +4,25 @@ from __future__ import annotations
 
 import itertools
 import json
-import math
-import signal
 import subprocess
 import sys
 import tempfile
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
+from swarm_ctl.cli.console import PlainConsole
+from swarm_ctl.cli.extras import require
+from swarm_ctl.cli.options import Seed, Speedup
 from swarm_ctl.core.model.plan import Geodetic
 from swarm_ctl.errors import InputError, StartError
-from swarm_ctl.mission.compile.loader import load
-from swarm_ctl.runtime.clock import Clock
-from swarm_ctl.runtime.launch.sim_config import place, simulator_config, vehicle_config
 
-MAX_VEHICLES = 250
+_MOST_VEHICLES: Final = 250
 """MAVLink's system ids end at 255; ground stations and companions need some."""
+_POLL_WALL_S: Final = 0.05
 
 
 class Persona(StrEnum):
@@ -35,113 +33,107 @@ class Persona(StrEnum):
 
 
 def sim(
-    count: Annotated[int, typer.Option(min=1, max=MAX_VEHICLES, help="How many vehicles.")] = 1,
+    count: Annotated[int, typer.Option(min=1, max=_MOST_VEHICLES, help="How many vehicles.")] = 1,
     persona: Annotated[Persona, typer.Option(help="The firmware they play.")] = Persona.ARDUPILOT,
     base_port: Annotated[
-        int, typer.Option(min=1, max=65000, help="Vehicle i is on this port + i of 127.0.0.1.")
+        int,
+        typer.Option(
+            metavar="PORT", min=1, max=65000, help="Vehicle i listens on PORT + i of 127.0.0.1."
+        ),
     ] = 14600,
     tcp: Annotated[bool, typer.Option("--tcp", help="TCP servers instead of UDP.")] = False,
     endpoint: Annotated[
         list[str] | None,
         typer.Option(
-            help="udpin:, udpout: or tcpin:HOST:PORT of one vehicle; repeat it, in the vehicles' order."
+            metavar="KIND:HOST:PORT",
+            help="Of one vehicle; KIND is udpin, udpout or tcpin. Repeat it for the next vehicle.",
         ),
     ] = None,
     mission: Annotated[
         Path | None,
         typer.Option(
-            help="Take vehicles, origin, starts, weather and faults from this mission file."
+            metavar="FILE", help="Take vehicles, starts, weather and faults from this mission."
         ),
     ] = None,
     home: Annotated[
-        str, typer.Option(help="LAT,LON,ALT of the first vehicle (degrees, metres).")
-    ] = ("47.397742,8.545594,488"),
+        str,
+        typer.Option(metavar="LAT,LON,ALT", help="Of the first vehicle: degrees, degrees, metres."),
+    ] = "47.397742,8.545594,488",
     spacing: Annotated[
-        float, typer.Option(min=0.5, help="Metres between vehicles of the grid.")
+        float, typer.Option(metavar="METRES", min=0.5, help="Between neighbours on the grid.")
     ] = 5.0,
-    speedup: Annotated[
-        float, typer.Option(min=0.1, max=100.0, help="Simulated seconds per second.")
-    ] = 1.0,
-    seed: Annotated[int, typer.Option(min=0, help="Of everything random.")] = 1,
+    speedup: Speedup = 1.0,
+    seed: Seed = 1,
     parameter: Annotated[
         list[str] | None,
-        typer.Option(help="NAME=VALUE of a SIM_* parameter of all vehicles; repeat it."),
+        typer.Option(metavar="NAME=VALUE", help="A SIM_* parameter of all vehicles; repeat it."),
     ] = None,
     truth: Annotated[
-        Path | None, typer.Option(help="Write what truly happens there, a JSON object a line.")
+        Path | None,
+        typer.Option(metavar="FILE", help="Write the true positions: a JSON object a line."),
     ] = None,
 ) -> None:
-    """Run simulated ArduCopter or PX4 vehicles until Ctrl-C. Whoever writes to a vehicle's port is
-    answered.
+    """Run simulated ArduCopter or PX4 vehicles until Ctrl-C.
+
+    A vehicle answers any MAVLink client that writes to its port.
 
     Examples:
 
+    \b
         swarm-ctl sim --count 3 --persona px4
-
         swarm-ctl sim --mission missions/hexagon.yaml --parameter SIM_WIND_SPD=4
-
         mavproxy.py --master udpout:127.0.0.1:14601
     """
-    scheme = "tcpin" if tcp else "udpin"
+    from swarm_ctl.runtime.clock import Clock
+    from swarm_ctl.runtime.launch.sim_config import grid_config
+
     settings = (
-        _in_grid(count, persona, _origin(home), spacing)
+        grid_config(count, persona.value, _origin(home), spacing)
         if mission is None
         else _from_mission(mission)
     )
-    vehicles = settings["vehicles"]
-    if len(endpoint or []) > len(vehicles):
+    vehicles, endpoints = settings["vehicles"], endpoint or []
+    if len(endpoints) > len(vehicles):
         raise InputError(
-            f"--endpoint: {len(endpoint or [])} given for {len(vehicles)} vehicles; allowed: one a vehicle"
+            f"--endpoint: {len(endpoints)} for {len(vehicles)} vehicles; allowed: one a vehicle"
         )
-    for vehicle, given in itertools.zip_longest(vehicles, endpoint or []):
+    scheme = "tcpin" if tcp else "udpin"
+    for vehicle, given in itertools.zip_longest(vehicles, endpoints):
         vehicle["endpoint"] = given or f"{scheme}:127.0.0.1:{base_port + vehicle['sysid']}"
     settings["sim_parameters"] |= dict(_parameter(text) for text in parameter or [])
     settings |= {"speedup": speedup, "epoch_s": Clock.starting_now(speedup).epoch_s, "seed": seed}
     settings["truth_path"] = None if truth is None else str(truth)
-    _serve(settings, Console(highlight=False))
+    _serve(settings, PlainConsole())
 
 
-def _serve(settings: dict[str, Any], console: Console) -> None:
-    """Starts the simulator, shows what listens where, and ends it at Ctrl-C."""
-    with tempfile.TemporaryDirectory() as folder:
+def _serve(settings: dict[str, Any], console: PlainConsole) -> None:
+    """Start the simulator, show where its vehicles listen, and end it at Ctrl-C."""
+    from swarm_ctl.runtime.clock import pause
+    from swarm_ctl.runtime.launch.interrupts import Interrupts
+
+    with tempfile.TemporaryDirectory() as folder, Interrupts() as ctrl_c:
         path = Path(folder) / "sim.json"
         path.write_text(json.dumps(settings))
         command = [sys.executable, "-m", "sim", "--config", str(path)]
         with subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         ) as child:
-            stop = _Stop(child)
-            ready = child.stdout.readline() if child.stdout is not None else ""
-            if ready:
+            if child.stdout is not None and child.stdout.readline():
                 _show(settings, console)
-            code = child.wait()
-            stop.restore()
-    if code != 0 and not stop.asked:
+            passed_on = 0
+            while (code := child.poll()) is None:
+                if ctrl_c.count > passed_on:
+                    passed_on = ctrl_c.count
+                    child.terminate()  # once a signal: it still has to finish its truth file
+                pause(_POLL_WALL_S)
+    if ctrl_c.count:
+        console.say("ended")
+    elif code != 0:
         error = InputError if code == 2 else StartError
         raise error(f"the simulator ended with code {code}; its reason stands above")
-    if stop.asked:
-        console.print("ended")
 
 
-class _Stop:
-    """Ctrl-C and SIGTERM end the simulator, which finishes its truth file first."""
-
-    def __init__(self, child: subprocess.Popen[str]) -> None:
-        self.asked = False
-        self._child = child
-        self._before = {n: signal.signal(n, self._take) for n in (signal.SIGINT, signal.SIGTERM)}
-
-    def _take(self, *_: object) -> None:
-        self.asked = True
-        self._child.terminate()
-
-    def restore(self) -> None:
-        """Puts the handlers back."""
-        for number, handler in self._before.items():
-            signal.signal(number, handler)
-
-
-def _show(settings: dict[str, Any], console: Console) -> None:
+def _show(settings: dict[str, Any], console: PlainConsole) -> None:
     table = Table(
         "vehicle", "persona", "endpoint", "a client connects to", box=None, pad_edge=False
     )
@@ -152,9 +144,8 @@ def _show(settings: dict[str, Any], console: Console) -> None:
             str(vehicle["sysid"]), vehicle["persona"], vehicle["endpoint"], f"{client}:{address}"
         )
     console.print(table)
-    console.print(
-        f"{len(settings['vehicles'])} vehicles, speed-up {settings['speedup']:g}; Ctrl-C ends them"
-    )
+    vehicles, factor = len(settings["vehicles"]), settings["speedup"]
+    console.say(f"{vehicles} vehicles, speed-up {factor:g}; Ctrl-C ends them")
 
 
 def _origin(home: str) -> Geodetic:
@@ -167,22 +158,12 @@ def _origin(home: str) -> Geodetic:
     return Geodetic(lat, lon, alt)
 
 
-def _in_grid(count: int, persona: Persona, origin: Geodetic, spacing_m: float) -> dict[str, Any]:
-    vehicles = [
-        vehicle_config(sysid, persona.value, "", start, origin)
-        for sysid, start in enumerate(_grid(count, spacing_m), start=1)
-    ]
-    return {"version": 1, "origin": place(origin), "sim_parameters": {}, "vehicles": vehicles}
-
-
-def _grid(count: int, spacing_m: float) -> list[tuple[float, float]]:
-    """North and east of `count` places in a square."""
-    side = math.isqrt(count - 1) + 1
-    return [(i // side * spacing_m, i % side * spacing_m) for i in range(count)]
-
-
 def _from_mission(path: Path) -> dict[str, Any]:
-    """Settings of a mission's vehicles, all of them, those with an endpoint of their own too."""
+    """Settings for all vehicles of a mission, those with an endpoint of their own too."""
+    require("ground", "a mission file")
+    from swarm_ctl.mission.compile.loader import load
+    from swarm_ctl.runtime.launch.sim_config import simulator_config
+
     loaded = load(path)
     return simulator_config(loaded.plan, loaded.fleet.agents, loaded.file.simulation)
 

@@ -7,82 +7,64 @@ from typing import Annotated
 
 import typer
 
+from swarm_ctl.cli.options import Headless, Json, Metrics, RunFolder, run_folder
 from swarm_ctl.errors import InputError
-from swarm_ctl.mission.compile.loader import load
 
 
 def station(
-    run: Annotated[
-        Path | None, typer.Argument(help="The run folder; default: the newest in runs/.")
-    ] = None,
+    run: RunFolder = None,
     mission: Annotated[
         Path | None,
-        typer.Option(help="A mission file instead of a run folder: for a swarm on other hosts."),
+        typer.Option(
+            metavar="FILE", help="A mission file instead of a run: for a swarm on other hosts."
+        ),
     ] = None,
     mesh: Annotated[
         list[str] | None,
         typer.Option(
-            help="With --mission: where an agent listens, tcp/HOST:PORT; once for each. Default: its fleet."
+            metavar="tcp/HOST:PORT",
+            help="With --mission: where an agent listens; repeat it for each.  [default: as in "
+            "its fleet]",
         ),
     ] = None,
     fleet: Annotated[
-        Path | None, typer.Option(help="With --mission: the fleet file that is flown with.")
+        Path | None,
+        typer.Option(metavar="FILE", help="With --mission: the fleet file that is flown."),
     ] = None,
     speedup: Annotated[
         float | None,
-        typer.Option(min=0.1, max=100.0, help="With --mission: that of a simulated swarm."),
+        typer.Option(
+            metavar="FACTOR", min=0.1, max=100.0, help="With --mission: of the simulated swarm."
+        ),
     ] = None,
-    headless: Annotated[
-        bool, typer.Option("--headless", help="Plain log lines instead of the dashboard.")
-    ] = False,
-    json: Annotated[
-        bool, typer.Option("--json", help="One line of JSON a second on stdout.")
-    ] = False,
-    metrics: Annotated[
-        int | None,
-        typer.Option(min=1, max=65535, help="Prometheus metrics on this port of 127.0.0.1."),
-    ] = None,
+    headless: Headless = False,
+    json: Json = False,
+    metrics: Metrics = None,
 ) -> None:
-    """Watch and command a swarm from another terminal, or from another host. Ctrl-C leaves it; the
-    swarm flies on.
+    """Watch and command a swarm that flies already.
 
-    A run of this machine is found by its folder. Anywhere else the mission file is enough, with the
-    endpoints of the agents: the station waits until they are heard; agents that fly another plan
-    are shown, and take no shapes from it.
+    From another terminal, the run folder is enough. From another host, give the mission file and
+    the agents' mesh addresses: the station waits until it hears them. It shows agents that fly
+    another plan, but can't send them a shape. Ctrl-C leaves; the swarm flies on.
 
     Examples:
 
+    \b
         swarm-ctl station runs/20260101-120000-hexagon
-
         swarm-ctl station --mission missions/hexagon.yaml --fleet outdoors.yaml
-
-        swarm-ctl station --mission pair.yaml --mesh tcp/10.0.0.11:7447 --mesh tcp/10.0.0.12:7447
+        swarm-ctl station --mission pair.yaml --mesh tcp/10.0.0.11:7447
     """
+    from swarm_ctl.mission.compile.loader import load
     from swarm_ctl.runtime.station.join import join_run, join_swarm
     from swarm_ctl.runtime.station.screens import shown
 
     show = shown(headless=headless, json=json)
     if mission is None:
-        _refuse_without_mission({"--mesh": mesh, "--fleet": fleet, "--speedup": speedup})
-        folder = run if run is not None else newest_run(Path("runs"))
-        join_run(folder, show, metrics)
-        return
-    if run is not None:
+        for name, value in {"--mesh": mesh, "--fleet": fleet, "--speedup": speedup}.items():
+            if value:
+                raise InputError(f"{name} without a mission; allowed: together with --mission FILE")
+        join_run(run_folder(run), show, metrics)
+    elif run is not None:
         raise InputError(f"both a run folder ({run}) and --mission {mission}; allowed: one of them")
-    join_swarm(load(mission, fleet=fleet), mesh or [], show, speedup or 1.0, metrics)
-
-
-def _refuse_without_mission(options: dict[str, object]) -> None:
-    for name, value in options.items():
-        if value:
-            raise InputError(
-                f"{name} says where a mission is flown; allowed: together with --mission FILE"
-            )
-
-
-def newest_run(runs: Path) -> Path:
-    """The newest run folder in `runs`."""
-    folders = [path.parent for path in runs.glob("*/run.json")]
-    if not folders:
-        raise InputError(f"no run in {runs}/; name a run folder")
-    return max(folders)
+    else:
+        join_swarm(load(mission, fleet=fleet), mesh or [], show, speedup or 1.0, metrics)

@@ -8,7 +8,7 @@ missions` of cell `k // missions`.
 from __future__ import annotations
 
 import itertools
-from typing import Final, Literal, Self
+from typing import Any, Final, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -50,6 +50,18 @@ class Range(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
     low: float
     high: float
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_text(cls, data: Any) -> Any:
+        """`0.2` or `0:0.2`, as on the command line."""
+        if not isinstance(data, str):
+            return data
+        low, _, high = data.partition(":")
+        try:
+            return {"low": float(low), "high": float(high or low)}
+        except ValueError:
+            raise ValueError(f"{data!r} is no number and no LOW:HIGH") from None
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:

@@ -1,14 +1,19 @@
-"""The pytest plugin: one fixture, `swarm`."""
+"""The pytest plugin: one fixture, `swarm`.
+
+pytest loads it in every run of its environment, so this module imports nothing of the project until
+the fixture flies.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import pytest
 
-from swarm_ctl.testing.flight import Flight, Mission, loaded
+if TYPE_CHECKING:
+    from swarm_ctl.testing.flight import Flight, Mission
 
 
 class Fly(Protocol):
@@ -23,13 +28,18 @@ class Fly(Protocol):
 
 @pytest.fixture
 def swarm(tmp_path: Path) -> Iterator[Fly]:
-    """Flies missions; whatever still flies when the test ends is ended, with all its processes."""
+    """Flies missions; a flight that is not over when the test ends is ended, with all its
+    processes."""
     flights: list[Flight] = []
 
     def fly(
         mission: Mission, *, speedup: float = 5.0, virtual: bool = False, seed: int = 1
     ) -> Flight:
-        # Imported here: pytest loads plugins for every session, most of which fly nothing.
+        from swarm_ctl.cli.extras import require
+
+        require("ground", "the fixture `swarm`")
+        from swarm_ctl.testing.flight import loaded
+
         if virtual:
             from swarm_ctl.testing.virtual_flight import VirtualFlight
 

@@ -1,8 +1,10 @@
-"""Words for a terminal: text of others made harmless, many agents named in few characters."""
+"""Words for a terminal: foreign text made harmless, many agents named in few characters."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+
+from swarm_ctl.errors import InputError
 
 
 def printable(text: str, limit: int = 200) -> str:
@@ -26,6 +28,21 @@ def ranges(numbers: Iterable[int]) -> str:
         else:
             spans.append([number, number])
     return ", ".join(str(first) if first == last else f"{first}-{last}" for first, last in spans)
+
+
+def ids_of(text: str, option: str) -> tuple[int, ...]:
+    """1, 2, 3, 5 of `1-3,5`, in order; none of ''. InputError names the option that it stood in."""
+    chosen: set[int] = set()
+    for word in filter(None, map(str.strip, text.split(","))):
+        first, _, last = word.partition("-")
+        try:
+            span = range(int(first), int(last or first) + 1)
+        except ValueError:
+            span = range(0)
+        if not span or span[-1] > 65535:
+            raise InputError(f"{option} {text!r}; allowed: ids and ranges, such as 2,5-7")
+        chosen.update(span)
+    return tuple(sorted(chosen))
 
 
 def agents_named(ids: Iterable[int]) -> str:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import socket
 import tempfile
 from collections.abc import Callable, Iterator
@@ -16,10 +17,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from swarm_ctl.core.identification.step_flight import StepFlight
-from swarm_ctl.core.model.plan import Geodetic
-from swarm_ctl.errors import StartError
+from swarm_ctl.core.model.plan import Fence, Geodetic, Response
+from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.mission.compile.fleet import FleetAgent
+from swarm_ctl.report.folder.files import write_whole
 from swarm_ctl.runtime.clock import Clock, pause, wall_s
 from swarm_ctl.runtime.launch.ports import free_ports
 from swarm_ctl.runtime.launch.processes import simulator, wait_all
@@ -30,6 +32,72 @@ _START_WALL_S = 20.0
 _END_WALL_S = 5.0
 SOMEWHERE = Geodetic(47.397742, 8.545594, 488.0)
 """Where a simulated vehicle stands that no mission gives a place."""
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """The vehicles that may be measured, where their responses are written, and the bounds of their
+    flights."""
+
+    vehicles: tuple[FleetAgent, ...]
+    file: Path | None = None
+    tick_s: float = 0.05
+    limit_mps: float = 20.0
+    fence: Fence | None = None
+    origin: Geodetic | None = None
+
+
+def task_of(mission: Path | None, fleet: Path | None, *, dry_run: bool) -> Task:
+    """The vehicles of a mission or of a fleet file.
+
+    InputError where there are none, or where their file can't be written and this is no `dry_run`.
+    """
+    # Here and not above: they read YAML, which a vehicle without a fleet does without.
+    from swarm_ctl.mission.compile import fleet_file
+    from swarm_ctl.mission.compile.loader import load
+
+    if mission is not None:
+        loaded = load(mission, fleet=fleet)
+        plan, file = loaded.plan, fleet or fleet_file.file_of(mission)
+        # A simulated vehicle stands anywhere, so the mission's geofence says nothing about it.
+        simulated = all(agent.endpoint is None for agent in loaded.fleet.agents)
+        fence = None if simulated else plan.fence
+        limit_mps = plan.limits.speed_mps
+        task = Task(loaded.fleet.agents, file, plan.tick_s, limit_mps, fence, plan.origin)
+    elif fleet is not None:
+        task = Task(fleet_file.read_fleet(fleet).agents, fleet)
+    else:
+        raise InputError("no vehicle; allowed: --fleet FILE, a mission, or --endpoint URL")
+    if not dry_run:
+        _refuse_unwritable(task.file, mission)
+    return task
+
+
+def _refuse_unwritable(file: Path | None, mission: Path | None) -> None:
+    if file is None:
+        raise InputError(
+            f"{mission}: has no fleet to write into;"
+            " allowed: --fleet FILE, a fleet section, --dry-run"
+        )
+    if not (os.access(file, os.W_OK) and os.access(file.resolve().parent, os.W_OK)):
+        raise InputError(
+            f"{file}: can't be written; allowed: a file and folder that may be, or --dry-run"
+        )
+
+
+def write_response(path: Path, agent: int, found: Response) -> None:
+    """Write a response into a fleet file, in one move. The file is read again, because it may have
+    been edited meanwhile."""
+    from swarm_ctl.mission.compile.fleet_file import with_response
+
+    try:
+        target = path.resolve()
+        write_whole(target, with_response(target.read_bytes().decode("utf-8"), agent, found))
+    except (OSError, InputError) as error:
+        reason = (error.strerror or str(error)) if isinstance(error, OSError) else str(error)
+        raise InputError(
+            f"{path}: the response of agent {agent} can't be written: {reason}"
+        ) from None
 
 
 @dataclass(frozen=True, slots=True)

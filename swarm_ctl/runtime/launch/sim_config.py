@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -28,6 +29,21 @@ def simulator_config(
         "faults": simulation.timetable({vehicle.id: vehicle.sysid for vehicle in vehicles}),
         "vehicles": [_vehicle(plan, vehicle) for vehicle in vehicles],
     }
+
+
+def grid_config(count: int, persona: str, origin: Geodetic, spacing_m: float) -> dict[str, Any]:
+    """`count` vehicles on a square grid whose first place is the origin; no mission, no faults."""
+    vehicles = [
+        vehicle_config(sysid, persona, "", start, origin)
+        for sysid, start in enumerate(grid(count, spacing_m), start=1)
+    ]
+    return {"version": 1, "origin": place(origin), "sim_parameters": {}, "vehicles": vehicles}
+
+
+def grid(count: int, spacing_m: float) -> list[tuple[float, float]]:
+    """North and east [m] of `count` places in a square."""
+    side = math.isqrt(count - 1) + 1
+    return [(i // side * spacing_m, i % side * spacing_m) for i in range(count)]
 
 
 def place(at: Any) -> dict[str, float]:

@@ -6,13 +6,12 @@ from __future__ import annotations
 
 import json
 import platform
-import signal
 import socket
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from importlib import metadata
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 from swarm_ctl.errors import StartError
 from swarm_ctl.mission.compile.fleet import Fleet, FleetAgent
@@ -24,6 +23,7 @@ from swarm_ctl.report.judge.summary import Summary, write_summary
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.agent.agent_process import AgentConfig
 from swarm_ctl.runtime.clock import Clock
+from swarm_ctl.runtime.launch.interrupts import Interrupts
 from swarm_ctl.runtime.launch.ports import free_ports
 from swarm_ctl.runtime.launch.processes import (
     AgentChild,
@@ -74,27 +74,6 @@ class Result:
     folder: Path
     summary: Summary
     interrupts: int
-
-
-class Interrupts:
-    """Counts Ctrl-C (and SIGTERM, SIGHUP) instead of dying of it."""
-
-    def __init__(self) -> None:
-        self.count = 0
-
-    def __enter__(self) -> Self:
-        self._before = {
-            number: signal.signal(number, self._take)
-            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-        }
-        return self
-
-    def _take(self, *_: object) -> None:
-        self.count += 1
-
-    def __exit__(self, *_: object) -> None:
-        for number, handler in self._before.items():
-            signal.signal(number, handler)
 
 
 def fly(mission: LoadedMission, options: Options, say: Callable[[str], None]) -> Result:

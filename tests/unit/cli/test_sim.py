@@ -13,9 +13,10 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import common
 
-from swarm_ctl.cli.sim import _from_mission, _grid, _origin, _parameter
+from swarm_ctl.cli.sim import _from_mission, _origin, _parameter
 from swarm_ctl.errors import InputError
 from swarm_ctl.runtime.launch.ports import free_ports
+from swarm_ctl.runtime.launch.sim_config import grid
 
 HEXAGON = Path(__file__).parents[3] / "missions" / "hexagon.yaml"
 COMMAND = [str(Path(sys.executable).parent / "swarm-ctl"), "sim"]
@@ -107,8 +108,8 @@ def test_a_busy_port_is_exit_code_3() -> None:
 
 
 def test_starts_come_from_a_grid_or_a_mission() -> None:
-    assert _grid(5, 2.0) == [(0.0, 0.0), (0.0, 2.0), (0.0, 4.0), (2.0, 0.0), (2.0, 2.0)]
-    assert len(set(_grid(250, 5.0))) == 250
+    assert grid(5, 2.0) == [(0.0, 0.0), (0.0, 2.0), (0.0, 4.0), (2.0, 0.0), (2.0, 2.0)]
+    assert len(set(grid(250, 5.0))) == 250
     settings = _from_mission(HEXAGON)
     starts = settings["vehicles"]
     assert [(start["persona"], start["sysid"]) for start in starts] == [

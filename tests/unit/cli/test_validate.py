@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 import typer
-from rich.console import Console
 from typer.testing import CliRunner
 
+from swarm_ctl.cli.console import PlainConsole
 from swarm_ctl.cli.schema import schema
 from swarm_ctl.cli.validate import show, validate
 from swarm_ctl.errors import InputError, MissionError
@@ -24,14 +24,11 @@ app.command()(validate)
 app.command()(schema)
 
 
-def shown(path: Path, forecasts: list[StepForecast] | None = None) -> str:
+def shown(path: Path, forecasts: list[StepForecast] | None = None, *, full: bool = False) -> str:
     screen = io.StringIO()
     loaded = load(path)
-    show(
-        loaded,
-        forecast(loaded.plan) if forecasts is None else forecasts,
-        Console(file=screen, width=80),
-    )
+    expected = forecast(loaded.plan) if forecasts is None else forecasts
+    show(PlainConsole(file=screen, width=80), loaded, expected, full=full)
     return screen.getvalue()
 
 
@@ -41,8 +38,9 @@ def test_it_shows_what_will_be_flown() -> None:
         "6 agents",
         f"{load(HEXAGON).plan.hash():016x}",
         "70.0, 80.0",
-        "ardupilot 4, simulated",
-        "1-2 1-3 2-6 3-5 4-5",
+        "6 simulated",
+        "ardupilot 4",
+        "graph    1-2 1-3 2-6 3-5 4-5 (",
         "starts 14.14 m (2-6)",
         "hexagon 10.00 m",
         "r_in 2.5 m",
@@ -63,6 +61,19 @@ def test_warnings_are_shown_with_their_place(tmp_path: Path) -> None:
     assert f"warning  {path}:19: agents: agents 2 and 6 start 5 m apart" in text
     assert "not in time, closest 8.0 m" in text
     assert "warning  step 2, form hexagon, is not expected to be done before its time-out" in text
+
+
+def test_a_mission_of_many_agents_fits_a_screen() -> None:
+    """32 agents that all hear each other: long lists are folded, and `full` unfolds them."""
+    many = HEXAGON.with_name("thirtytwo.yaml")
+    text = shown(many)
+    assert len(text.splitlines()) < 40
+    assert "graph    all with all (algebraic connectivity" in text
+    assert "22 more agents; --full shows them" in text
+    whole = shown(many, full=True)
+    assert "31-32 (algebraic connectivity" in whole
+    assert "ardupilot 32" in whole
+    assert "--full" not in whole
 
 
 def test_a_mission_is_drawn(tmp_path: Path) -> None:

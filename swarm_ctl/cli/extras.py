@@ -1,0 +1,39 @@
+"""Installs by role: what a command needs beyond the core, and what to install where it is
+missing."""
+
+from __future__ import annotations
+
+import re
+from importlib import metadata
+
+from swarm_ctl.errors import StartError
+
+
+def require(extra: str, what: str) -> None:
+    """Raise StartError where a package of this extra is not installed; `what` needs it."""
+    missing = [name for name in packages(extra) if not _installed(name)]
+    if missing:
+        raise StartError(
+            f"{what} needs {', '.join(missing)}; install with: pip install 'swarm-ctl[{extra}]'"
+        )
+
+
+def packages(extra: str) -> list[str]:
+    """The packages that an extra of this installation adds; none where nothing is installed (a
+    source tree on PYTHONPATH)."""
+    try:
+        requirements = metadata.requires("swarm-ctl") or []
+    except metadata.PackageNotFoundError:
+        return []
+    marker = re.compile(rf"extra == ['\"]{extra}['\"]")
+    return [
+        re.split(r"[^\w.-]", text, maxsplit=1)[0] for text in requirements if marker.search(text)
+    ]
+
+
+def _installed(package: str) -> bool:
+    try:
+        metadata.distribution(package)
+    except metadata.PackageNotFoundError:
+        return False
+    return True

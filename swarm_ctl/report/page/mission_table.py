@@ -1,0 +1,252 @@
+"""What a checked mission would fly, for a screen: agents, steps, distances, limits, warnings."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+import numpy as np
+from rich.console import RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from swarm_ctl.core.agent.progress import step_name
+from swarm_ctl.core.agent.return_to_launch import return_height_m
+from swarm_ctl.core.law import graph
+from swarm_ctl.core.law.formation import closest_pair
+from swarm_ctl.core.law.stop_point import stop_distance
+from swarm_ctl.core.model.plan import (
+    AgentPlan,
+    FormStep,
+    MoveStep,
+    Plan,
+    Point,
+    ReturnStep,
+    RotateStep,
+    ScaleStep,
+    Step,
+    TakeoffStep,
+)
+from swarm_ctl.core.model.text import ranges
+from swarm_ctl.core.safety.constraints import Margins
+from swarm_ctl.mission.compile.forecast import StepForecast
+from swarm_ctl.mission.compile.loader import LoadedMission
+from swarm_ctl.mission.input.simulation_section import Simulation
+
+_AGENTS: Final = 12
+"""Of more agents, a table that is not `full` shows so many."""
+_NEAR: Final = 4
+"""More neighbours than this are named by ranges."""
+_LINKS: Final = 20
+"""More links than this are counted, not listed."""
+_PREPARED_S: Final = 5.0
+"""Simulated vehicles take so long to get ready for take-off, at no speed-up."""
+
+
+def mission_parts(
+    loaded: LoadedMission, forecasts: Sequence[StepForecast], *, full: bool = False
+) -> Iterator[RenderableType]:
+    """Tables and lines of a mission, top to bottom; long lists are folded unless `full`."""
+    plan, simulation = loaded.plan, loaded.file.simulation
+    count = len(plan.agents)
+    simulated = sum(entry.endpoint is None for entry in loaded.fleet.agents)
+    yield Text(
+        f"{plan.name} can be flown: {count} agents, {simulated} simulated, plan {plan.hash():016x}",
+        style="bold",
+    )
+    yield _agents(loaded, count if full or count <= _AGENTS else _AGENTS - 2)
+    if count > _AGENTS and not full:
+        yield f"{count - _AGENTS + 2} more agents; --full shows them"
+    yield _steps(plan, forecasts)
+    yield from _facts(plan, full)
+    yield from _simulation(simulation)
+    late = (*_late_steps(plan, forecasts), *_late_faults(simulation, plan, forecasts))
+    for warning in (*loaded.warnings, *late):
+        yield Text.assemble(("warning  ", "yellow"), warning)
+
+
+def _table(*headings: str) -> Table:
+    return Table(*headings, box=None, pad_edge=False, header_style="dim", padding=(0, 2, 0, 0))
+
+
+def _agents(loaded: LoadedMission, shown: int) -> Table:
+    plan = loaded.plan
+    forms = [step for step in plan.steps if isinstance(step, FormStep)]
+    headings = (f"{form.shape} N, E m" for form in forms)
+    table = _table("agent", "start N, E m", "neighbours", *headings, "vehicle")
+    rows = zip(plan.agents, loaded.fleet.agents, strict=True)
+    for k, (agent, entry) in enumerate(rows):
+        if k < shown:
+            table.add_row(
+                str(agent.id),
+                _metres(agent.start, plan.unit_m),
+                _neighbours(agent, len(plan.agents)),
+                *(_metres(form.slots[k], plan.unit_m) for form in forms),
+                f"{entry.autopilot} {entry.sysid} {entry.endpoint or ''}",
+            )
+    return table
+
+
+def _neighbours(agent: AgentPlan, count: int) -> str:
+    near = agent.neighbours
+    if len(near) == count - 1 > 1:
+        return "all"
+    return (", ".join(map(str, near)) if len(near) <= _NEAR else ranges(near)) or "none"
+
+
+def _metres(point: Point, unit_m: float) -> str:
+    return f"{point[0] * unit_m:.1f}, {point[1] * unit_m:.1f}"
+
+
+def _steps(plan: Plan, forecasts: Sequence[StepForecast]) -> Table:
+    table = _table("step", "what", "expected", "time-out", "then")
+    for number, (step, expected) in enumerate(zip(plan.steps, forecasts, strict=True), start=1):
+        timeout = f"{step.timeout_s:.0f} s"
+        what = _what(plan, step)
+        table.add_row(str(number), what, _expected(expected), timeout, step.on_timeout.value)
+    table.add_row("", "whole flight", f"{_total_s(plan, forecasts):.0f} s", "", "")
+    return table
+
+
+def _total_s(plan: Plan, forecasts: Sequence[StepForecast]) -> float:
+    return sum(
+        expected.expected_s or step.timeout_s
+        for step, expected in zip(plan.steps, forecasts, strict=True)
+    )
+
+
+def _what(plan: Plan, step: Step) -> str:
+    match step:
+        case TakeoffStep():
+            return f"takeoff to {step.height_m:g} m"
+        case FormStep():
+            return f"form {step.shape}, {step.tolerance_m:g} m"
+        case MoveStep():
+            return f"move to {_corners(step.waypoints_m, ', ')} m at {step.speed_mps:g} m/s"
+        case RotateStep():
+            return f"rotate to {math.degrees(step.angle_rad):g} degrees at {step.speed_mps:g} m/s"
+        case ScaleStep():
+            return f"scale to {step.factor:g} at {step.speed_mps:g} m/s"
+        case ReturnStep():
+            first, last = (return_height_m(plan, plan.agents[k].id) for k in (0, -1))
+            return f"return at {first:g} to {last:g} m"
+        case _:
+            return step.kind
+
+
+def _corners(points: Sequence[Point], between: str) -> str:
+    return between.join(f"({north:g}, {east:g})" for north, east in points)
+
+
+def _expected(expected: StepForecast) -> str:
+    time = "not in time" if expected.expected_s is None else f"{expected.expected_s:.0f} s"
+    if expected.form is None or expected.form.smallest_pair is None:
+        return time
+    i, j = expected.form.smallest_pair
+    return f"{time}, closest {expected.form.smallest_m:.1f} m ({i}-{j})"
+
+
+def _facts(plan: Plan, full: bool) -> Iterator[str]:
+    law, unit, limits, policies = plan.law, plan.unit_m, plan.limits, plan.policies
+    yield f"radii    r {law.r * unit:g} m, r_out {law.r_out * unit:g} m, r_in {law.r_in * unit:g} m"
+    yield from _graph(plan, full)
+    yield from _closest(plan)
+    braking_m = float(stop_distance(np.array(limits.speed_mps), plan.response))
+    stop_m = limits.speed_mps * plan.response.dead_time_s + braking_m
+    yield (
+        f"limits   {limits.speed_mps:g} m/s (stops within {stop_m:.1f} m),"
+        f" {limits.climb_mps:g} up, {limits.descent_mps:g} down"
+    )
+    compensation = plan.compensation.value
+    yield f"law      kappa {plan.kappa:g}, h {law.h:g}, {compensation}, tick {plan.tick_s:g} s"
+    yield f"safety   {_safety(plan)}"
+    if plan.fence is not None:
+        inside = _corners(plan.fence.polygon_m, " ")
+        yield f"fence    up to {plan.fence.height_m:g} m, inside {inside} m: {policies.fence.value}"
+    yield (
+        f"limits   battery under {policies.battery_reserve_percent:g} %:"
+        f" {policies.battery_low.value}; over {policies.max_speed_mps:g} m/s or"
+        f" {policies.max_tilt_deg:g} degrees: {policies.too_fast.value};"
+        f" wind over {policies.wind_limit_mps:g} m/s: {policies.wind.value}"
+    )
+    yield (
+        f"lost     agent after {policies.agent_lost_after_s:g} s: {policies.agent_lost.value};"
+        f" station after {policies.station_lost_after_s:g} s: {policies.station_lost.value}"
+    )
+
+
+def _graph(plan: Plan, full: bool) -> Iterator[str]:
+    neighbours = {agent.id: agent.neighbours for agent in plan.agents}
+    edges, count = graph.edges(neighbours), len(neighbours)
+    if not edges:
+        return
+    if len(edges) == count * (count - 1) // 2 and not full:
+        named = "all with all"
+    elif len(edges) > _LINKS and not full:
+        named = f"{len(edges)} links; --full lists them"
+    else:
+        named = " ".join(f"{i}-{j}" for i, j in edges)
+    time_s = 1 / (plan.kappa * plan.law.h * graph.consensus_rate(neighbours))
+    connectivity = graph.algebraic_connectivity(neighbours)
+    yield (
+        f"graph    {named} (algebraic connectivity {connectivity:.3f},"
+        f" slowest time constant {time_s:.1f} s)"
+    )
+
+
+def _closest(plan: Plan) -> Iterator[str]:
+    places = [("starts", tuple(agent.start for agent in plan.agents))]
+    places += [(step.shape, step.slots) for step in plan.steps if isinstance(step, FormStep)]
+    for name, points in places:
+        if found := closest_pair(points):
+            apart, (i, j) = found
+            pair = f"{plan.agents[i].id}-{plan.agents[j].id}"
+            yield f"closest  {name} {apart * plan.unit_m:.2f} m ({pair})"
+
+
+def _safety(plan: Plan) -> str:
+    parts = plan.safety
+    if not parts.filter:
+        return "no filter: only the law keeps the vehicles apart"
+    margins = Margins.of(plan.law, plan.response, plan.limits.speed_mps, plan.unit_m)
+    named = (
+        ("guard of links", parts.guard),
+        ("release from dead-locks", parts.release),
+        ("pull to the average of all", parts.align),
+    )
+    others = [name for name, on in named if on]
+    return ", ".join((f"filter (stop points {margins.keep_out:.1f} m apart or more)", *others))
+
+
+def _simulation(simulation: Simulation) -> Iterator[str]:
+    """Weather, and the faults in the order of their times."""
+    if given := simulation.parameters.given():
+        yield f"weather  {_settings(given)} (simulated vehicles)"
+    for fault in sorted(simulation.faults, key=lambda fault: fault.at_s):
+        agents = "all agents" if fault.agents is None else f"agent {ranges(fault.agents)}"
+        lasting = "" if fault.for_s is None else f" for {fault.for_s:g} s"
+        when = f"{fault.at_s:g} s after {simulation.since}{lasting}"
+        yield f"fault    {when}, {agents}: {_settings(fault.set.given())}"
+
+
+def _settings(given: dict[str, float]) -> str:
+    return ", ".join(f"{name} {value:g}" for name, value in given.items())
+
+
+def _late_steps(plan: Plan, forecasts: Sequence[StepForecast]) -> Iterator[str]:
+    for k, expected in enumerate(forecasts, start=1):
+        if expected.expected_s is None:
+            yield f"step {k}, {step_name(plan, k)}, is not expected to be done before its time-out"
+
+
+def _late_faults(
+    simulation: Simulation, plan: Plan, forecasts: Sequence[StepForecast]
+) -> Iterator[str]:
+    end_s = _total_s(plan, forecasts) + (_PREPARED_S if simulation.since == "start" else 0.0)
+    for fault in simulation.faults:
+        if fault.at_s > end_s:
+            yield (
+                f"the fault {fault.at_s:g} s after {simulation.since} comes later than the"
+                f" expected end, after {end_s:.0f} s"
+            )

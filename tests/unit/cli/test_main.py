@@ -1,0 +1,158 @@
+"""The command line as a whole: version, help, errors."""
+
+from __future__ import annotations
+
+import io
+import re
+import subprocess
+import sys
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+import typer
+from rich.table import Table
+from rich.text import Text
+
+from swarm_ctl.cli.console import PlainConsole
+from swarm_ctl.cli.main import app, main
+from swarm_ctl.cli.options import run_folder
+from swarm_ctl.commands.parse import KINDS
+from swarm_ctl.errors import InputError
+
+GROUP = typer.main.get_command(app)
+COMMANDS = sorted(GROUP.commands)  # type: ignore[attr-defined]
+"""typer's group has its commands by name."""
+
+
+def called(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
+    """The exit code of `swarm-ctl` with these words."""
+    monkeypatch.setattr("sys.argv", ["swarm-ctl", *words])
+    monkeypatch.setenv("COLUMNS", "80")
+    with pytest.raises(SystemExit) as ended:
+        main()
+    return int(ended.value.code or 0)
+
+
+def words_of(text: str) -> str:
+    """One line, as if nothing were wrapped: hyphens, too, may end a line."""
+    return re.sub(r"\s+", "", text.replace("\b", ""))
+
+
+def test_the_version(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    assert called(monkeypatch, "--version") == 0
+    assert capsys.readouterr().out == f"swarm-ctl {metadata.version('swarm-ctl')}\n"
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_no_help_text_loses_anything(
+    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """At 80 columns the help has every character of the docstring and of each option's text; every
+    command has an example, and every option says what it does."""
+    command = GROUP.commands[name]  # type: ignore[attr-defined]
+    assert called(monkeypatch, name, "--help") == 0
+    out = capsys.readouterr().out
+    assert max(map(len, out.splitlines())) <= 80
+    assert f"swarm-ctl {name}" in out
+    shown = words_of(out)
+    assert words_of(command.help) in shown
+    for parameter in command.params:
+        assert parameter.help, parameter.name
+        assert words_of(parameter.help) in shown
+
+
+def test_the_list_of_commands_is_whole(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The first sentence of each command fits on its line."""
+    assert called(monkeypatch, "--help") == 0
+    out = capsys.readouterr().out
+    assert "..." not in out.partition("Commands:")[2]
+    assert all(re.search(rf"^  {name} +\S.*\.$", out, re.MULTILINE) for name in COMMANDS)
+
+
+def test_the_help_of_send_has_every_command(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert called(monkeypatch, "send", "--help") == 0
+    out = capsys.readouterr().out
+    assert all(re.search(rf"^  {kind.name} .*  ", out, re.MULTILINE) for kind in KINDS)
+
+
+def test_an_error_is_one_message_without_control_characters(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A name in a refused file can't command the terminal."""
+    path = tmp_path / "evil.yaml"
+    path.write_text('version: 1\nshapes: {"a\\e[2J[red]": {kind: ring}}\n')
+    assert called(monkeypatch, "validate", str(path)) == 2
+    said = capsys.readouterr().err
+    assert "shapes.a?[2J[red]: can't be a name" in said
+    assert "\x1b" not in said
+
+
+def test_a_file_that_can_not_be_written_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Exit code 3, as for all that the system refuses; whatever the command."""
+    assert called(monkeypatch, "study", "--missions", "1", "--out", "/proc/x.csv") == 3
+    assert capsys.readouterr().err == "error: /proc/x.csv.json: No such file or directory\n"
+
+
+def test_the_console_prints_text_as_it_is() -> None:
+    """Strings, texts and cells: brackets and colons mean nothing, control characters are gone."""
+    screen = io.StringIO()
+    table = Table("[b]", box=None)
+    table.add_row("\x1b[31m:smile:")
+    console = PlainConsole(file=screen, width=80)
+    console.say("[red]\x1b]0;title\x07\nnext")
+    console.print(Text("\x1b[2J"), table)
+    out = screen.getvalue()
+    assert "[red]?]0;title" in out
+    assert "\nnext\n" in out
+    assert "?[2J" in out
+    assert "[b]" in out
+    assert "?[31m:smile" in out
+    assert "\x1b" not in out
+
+
+def test_the_newest_run_is_taken_where_none_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match="no run in runs/"):
+        run_folder(None)
+    for name in ("20260101-a", "20260102-a"):
+        (tmp_path / "runs" / name).mkdir(parents=True)
+        (tmp_path / "runs" / name / "run.json").touch()
+    assert run_folder(None) == Path("runs/20260102-a")
+    assert run_folder(Path("x")) == Path("x")
+
+
+def test_the_pytest_plugin_imports_nothing_heavy() -> None:
+    """Every pytest run of its environment loads it, where extras are missing, too."""
+    code = "import swarm_ctl.testing.plugin, sys; print(*sorted(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = set(done.stdout.split())
+    assert not loaded & {"numpy", "pydantic", "rich", "typer", "yaml", "zenoh", "pymavlink"}
+    assert {name for name in loaded if name.startswith("swarm_ctl")} == {
+        "swarm_ctl",
+        "swarm_ctl.testing",
+        "swarm_ctl.testing.plugin",
+    }
+
+
+def test_a_missing_extra_is_named_with_its_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One line, exit code 3, before anything starts; `--help` works all the same."""
+    needs = ["numpy>=1", "no-such-thing>=1.2; extra == 'ground'", "rich[x]; extra == 'ground'"]
+    monkeypatch.setattr(metadata, "requires", lambda _: needs)
+    screen = io.StringIO()
+    monkeypatch.setattr("sys.stderr", screen)
+    assert called(monkeypatch, "run", "missions/hexagon.yaml") == 3
+    assert (
+        screen.getvalue() == "error: swarm-ctl run needs no-such-thing;"
+        " install with: pip install 'swarm-ctl[ground]'\n"
+    )
+    assert called(monkeypatch, "run", "--help") == 0
+    assert called(monkeypatch, "keys") == 0
