@@ -1,0 +1,88 @@
+"""What the pages state of the code is what the code does."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from typer.main import get_command
+
+from swarm_ctl.cli.main import app
+from swarm_ctl.core.model.plan import Compensation, Plan
+from swarm_ctl.core.swarm import gain_update
+from swarm_ctl.mission.compile.loader import loads
+from tests.unit.docs import mission_reference
+from tests.unit.docs.pages import PAGES, ROOT, blocks
+
+MISSION = blocks(PAGES / "missions.md")[0].text
+OPTIONS = {
+    name: {option for parameter in command.params for option in parameter.opts}
+    for name, command in get_command(app).commands.items()  # type: ignore[attr-defined]
+}
+TEXT = {path.stem: path.read_text() for path in PAGES.glob("*.md")}
+
+
+def plan(more: str = "", law: str = "") -> Plan:
+    """The mission of the page, with more sections or other fields of the law."""
+    return loads(MISSION.replace("r_in: 0.5", f"r_in: 0.5{law}") + more).plan
+
+
+def test_the_mission_reference_is_the_schema_s() -> None:
+    assert TEXT["reference"] == mission_reference.page(), f"write it: {mission_reference.COMMAND}"
+
+
+def test_the_default_gains_are_those_of_the_law_s_page() -> None:
+    page = TEXT["law"]
+    assert "`kappa * h` is 4 a second for a usual mission" in page
+    assert "`h = 1 / kappa` on stop points without them" in page
+    assert plan().kappa == pytest.approx(1 / plan().tick_s)
+    assert plan().kappa * plan().law.h == pytest.approx(4)
+    unsafe = plan("safety: {filter: false, guard: false, release: false}\n")
+    assert unsafe.kappa * unsafe.law.h == pytest.approx(1)
+    plain = plan(law=", compensation: none")
+    assert plain.compensation is Compensation.NONE
+    assert plain.law.h == 0.005
+
+
+def test_the_limits_of_tune_are_those_of_the_missions_page() -> None:
+    (sentence,) = re.findall(r"In flight `delta_a` may be up to .*", TEXT["missions"])
+    numbers = [
+        float(number) for number in re.findall(r"(?<![\w.])\d[\d.]*\d|(?<![\w.])\d", sentence)
+    ]
+    assert numbers == [
+        gain_update.DELTA_A_AT_MOST,
+        gain_update.DELTA_L_AT_MOST,
+        gain_update.H_SAFE_AT_MOST,
+        gain_update.H_AT_MOST,
+        gain_update.SAFE_RATE_AT_MOST,
+        gain_update.RATE_AT_MOST,
+        gain_update.PLAIN_RATE_AT_MOST,
+    ]
+
+
+def test_each_mission_is_in_the_list() -> None:
+    listed = re.findall(
+        r"^\| `(\w+\.yaml)`", (ROOT / "missions" / "README.md").read_text(), re.MULTILINE
+    )
+    assert sorted(listed) == sorted(path.name for path in (ROOT / "missions").glob("*.yaml"))
+
+
+def test_each_command_is_in_the_list() -> None:
+    names = set(OPTIONS)
+    assert [name for name in names if f"`swarm-ctl {name}" not in TEXT["commands"]] == []
+    listed = set(re.findall(r"^\| `swarm-ctl (\w+)", TEXT["commands"], re.MULTILINE))
+    assert listed == names
+
+
+def test_each_option_in_a_command_exists() -> None:
+    """`swarm-ctl COMMAND --option` of every page and of the README."""
+    texts = [
+        *TEXT.values(),
+        (ROOT / "README.md").read_text(),
+        (ROOT / "sim" / "README.md").read_text(),
+    ]
+    for text in texts:
+        for name, rest in re.findall(r"swarm-ctl (\w+)([^`\n]*(?:\\\n[^`\n]*)*)", text):
+            if name in OPTIONS:
+                used = set(re.findall(r"(?<!\w)--[a-z][a-z-]*", rest))
+                assert used - OPTIONS[name] <= {"--help"}, (name, rest)

@@ -1,0 +1,120 @@
+"""The documentation as a site: it builds, its links lead somewhere, it names files that exist."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+from tests.unit.docs.pages import DOCUMENTS, PAGES, ROOT, blocks, prose
+
+README_WORDS = 900
+PICTURE_BYTES = 1_000_000
+LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
+OWN_PATH = re.compile(r"`((?:swarm_ctl|sim|tests|missions|docs|docker)/[\w./*-]+)`")
+CITED = re.compile(r"docs/pages/(\w+)\.md(?:#([\w-]+))?")
+
+
+def identify(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+documents = pytest.mark.parametrize("document", DOCUMENTS, ids=identify)
+
+
+def anchors(document: Path) -> set[str]:
+    """The anchors of a page's headings, as GitHub and mkdocs make them."""
+    headings = re.findall(r"^#+ (.+)$", prose(document), re.MULTILINE)
+    plain = [re.sub(r"[^\w\s-]", "", heading).strip().lower() for heading in headings]
+    return {re.sub(r"\s+", "-", heading) for heading in plain}
+
+
+@documents
+def test_links_lead_to_files_and_headings_that_exist(document: Path) -> None:
+    wrong = []
+    for target in LINK.findall(prose(document)):
+        if target.startswith(("https://", "http://")):
+            continue
+        path, _, anchor = target.partition("#")
+        file = (document.parent / path).resolve() if path else document
+        if not file.exists() or (anchor and anchor not in anchors(file)):
+            wrong.append(target)
+    assert wrong == []
+
+
+@documents
+def test_files_in_backticks_exist(document: Path) -> None:
+    named = OWN_PATH.findall(document.read_text())
+    assert [path for path in named if not list(ROOT.glob(path.rstrip("/")))] == []
+
+
+@documents
+def test_modules_that_commands_name_exist(document: Path) -> None:
+    """`python -m tests.bench.bench_run` and the like."""
+    for name in re.findall(r"python -m ((?:swarm_ctl|sim|tests)[\w.]*)", document.read_text()):
+        path = ROOT.joinpath(*name.split("."))
+        assert path.with_suffix(".py").exists() or (path / "__main__.py").exists(), name
+
+
+@documents
+def test_python_blocks_import_what_exists(document: Path) -> None:
+    for block in blocks(document):
+        if block.language == "python":
+            for node in ast.walk(ast.parse(block.text)):
+                if isinstance(node, ast.ImportFrom) and node.module:
+                    module = import_module(node.module)
+                    assert [n.name for n in node.names if not hasattr(module, n.name)] == []
+
+
+def test_the_code_cites_pages_and_sections_that_exist() -> None:
+    wrong = []
+    for top in ("swarm_ctl", "sim", "tests"):
+        for file in (ROOT / top).rglob("*.py"):
+            for page, anchor in CITED.findall(file.read_text()):
+                path = PAGES / f"{page}.md"
+                if not path.exists() or (anchor and anchor not in anchors(path)):
+                    wrong.append(f"{identify(file)}: {page}.md#{anchor}")
+    assert wrong == []
+
+
+def test_the_code_names_modules_that_exist() -> None:
+    """`core/law/stop_point.py` and other paths in backticks, from any folder above or `tests/`."""
+    files = [file for top in ("swarm_ctl", "sim", "tests") for file in (ROOT / top).rglob("*.py")]
+    wrong = [
+        f"{identify(file)}: {path}"
+        for file in files
+        for path in re.findall(r"`([\w/]+/\w+\.(?:py|md|yaml))`", file.read_text())
+        if not any((root / path).exists() for root in (*file.parents, ROOT / "swarm_ctl"))
+    ]
+    assert wrong == []
+
+
+def test_the_readme_is_short() -> None:
+    assert len((ROOT / "README.md").read_text().split()) <= README_WORDS
+
+
+def test_pictures_are_small() -> None:
+    for picture in (ROOT / "docs").rglob("*.svg"):
+        assert picture.stat().st_size < PICTURE_BYTES
+
+
+@pytest.mark.timeout(120)
+def test_the_site_builds_without_warnings_and_needs_no_other_host(tmp_path: Path) -> None:
+    command = ["-m", "mkdocs", "build", "--strict", "-q", "-f", str(ROOT / "docs" / "mkdocs.yml")]
+    built = subprocess.run(
+        [sys.executable, "-W", "ignore", *command, "-d", str(tmp_path)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert built.returncode == 0, built.stdout + built.stderr
+    for page in tmp_path.rglob("*.html"):
+        loaded = re.findall(
+            r'<(?:script|img|link)[^>]*(?:src|href)="(https?://[^"]+)"', page.read_text()
+        )
+        assert [host for host in loaded if "canonical" not in host] == []
