@@ -22,4 +22,4 @@ def keys() -> None:
         service = "reliable" if channel.qos.reliable else "newest wins"
         urgent = ", urgent" if channel.qos.urgent else ""
         console.say(f"{channel.template}  {channel.payload.__name__}", style="bold")
-        console.say(f"    {channel.who}; {channel.rate}; {service}{urgent}")
+        console.say(f"    {channel.route}; {channel.rate}; {service}{urgent}")

@@ -1,8 +1,7 @@
-"""A transport as bad as wanted: loss, delay, jitter (and with it reordering), duplicates, silent
-publishers.
+"""A transport with loss, delay, jitter (messages overtake each other), duplicates, silence.
 
-Wraps any other. Everything happens where a message comes in, each publisher's link for itself, by a
-seeded generator and an injected clock: with the in-memory transport the same seed gives the same
+Wraps another transport and changes what comes in. Each publisher's link has its own seeded
+generator, and the clock is injected: with the in-memory transport, the same seed gives the same
 flight.
 """
 
@@ -19,22 +18,21 @@ from swarm_ctl.mesh.transport import Inlet, Transport
 
 @dataclass(frozen=True, slots=True)
 class Impairment:
-    """What happens to each message. Shares from 0 to 1; times on the clock."""
+    """What happens to each message. Shares are 0 .. 1, times mission seconds."""
 
     loss: float = 0.0
     delay_s: float = 0.0
     jitter_s: float = 0.0
-    """Evenly spread on top of the delay: messages overtake each other."""
+    """Uniform on top of the delay."""
     duplicate: float = 0.0
-    """Share that comes twice, the second with a delay of its own."""
+    """Share that comes twice, each time with its own delay."""
 
 
-class ImpairedTransport:
-    """As `Transport`. `publishers` are all names that may speak (agents' ids, stations): each is a
-    link of its own.
+class ImpairedTransport(Transport):
+    """Wraps `inner`. `publishers` are all names that may publish (agent ids, stations).
 
-    What is in `silent` (names, at any time) is not heard until it is taken out again: a partition,
-    seen from one side.
+    Messages of the publishers in `silent` are lost, also those under way, until the test removes
+    the name: a partition, seen from one side.
     """
 
     def __init__(
@@ -54,26 +52,23 @@ class ImpairedTransport:
         self.silent: set[str] = set()
 
     def publish(self, key: str, data: bytes, qos: Qos) -> None:
-        """As `Transport.publish`."""
         self._inner.publish(key, data, qos)
 
     def subscribe(self, key_expression: str, *, timed: bool = False) -> Inlet:
-        """As `Transport.subscribe`."""
         links = []
         for name in self._publishers:
             self._inlets += 1
-            dice = random.Random(self._seed * 1_000_003 + self._inlets)  # noqa: S311 - a simulation
+            dice = random.Random(self._seed * 1_000_003 + self._inlets)  # noqa: S311
             inlet = self._inner.subscribe(key_expression.replace("*", name), timed=timed)
-            links.append(_Link(inlet, self, name, dice))
+            links.append(_ImpairedLink(inlet, self, name, dice))
         return ImpairedInlet(links, self._now)
 
     def close(self) -> None:
-        """As `Transport.close`."""
         self._inner.close()
 
 
-class _Link:
-    """What one publisher says, under way."""
+class _ImpairedLink:
+    """The messages of one publisher that are under way."""
 
     def __init__(
         self, inlet: Inlet, owner: ImpairedTransport, name: str, dice: random.Random
@@ -83,7 +78,7 @@ class _Link:
         self._count = 0
 
     def due(self, now: float) -> list[tuple[float, bytes]]:
-        """What has arrived by now; what is silent loses what was under way, too."""
+        """(arrival [s], bytes) of the messages that have arrived by `now`."""
         for sent_s, data in self._inlet.drain():
             self._send(sent_s, data)
         if self._name in self._owner.silent:
@@ -104,15 +99,13 @@ class _Link:
             heapq.heappush(self._waiting, (at, self._count, data))
 
 
-class ImpairedInlet:
-    """As `Inlet`: all links in the order of arrival."""
+class ImpairedInlet(Inlet):
+    """The messages of all links in the order of arrival."""
 
-    def __init__(self, links: list[_Link], now: Callable[[], float]) -> None:
+    def __init__(self, links: list[_ImpairedLink], now: Callable[[], float]) -> None:
         self._links, self._now = links, now
 
     def drain(self) -> list[tuple[float, bytes]]:
-        """As `Inlet.drain`; the time of receipt is when a message had arrived."""
         now = self._now()
         arrived = [message for link in self._links for message in link.due(now)]
-        arrived.sort(key=lambda message: message[0])
-        return arrived
+        return sorted(arrived, key=lambda message: message[0])

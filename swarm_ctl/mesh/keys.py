@@ -1,12 +1,11 @@
 """The one table of what goes over the mesh: key, payload, rate and quality of service.
 
-`{swarm}` is the swarm's name: two swarms on one network stay apart. `{id}` is the agent's id (the
-station's name for a beacon); an agent publishes only under its own id.
+The keys of two swarms on one network differ by the swarm's name. An agent publishes only under its
+own id, a station only under its own name.
 """
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from typing import Final, Generic, TypeVar
 
@@ -20,7 +19,6 @@ from swarm_ctl.core.model.messages import (
     SigmaReport,
     StationBeacon,
 )
-from swarm_ctl.errors import InputError
 
 P = TypeVar("P")
 
@@ -30,12 +28,11 @@ class Qos:
     """What the transport owes a payload."""
 
     reliable: bool
-    """The link sends it again until it arrives; nothing ever waits for a full queue (it is
-    dropped)."""
+    """The link repeats it until it arrives; a full queue drops it, no sender ever waits."""
     urgent: bool
-    """Goes first and is not batched."""
+    """Sent first, and not batched."""
     timed: bool = False
-    """The receiver notes when it came, not when it looked for it."""
+    """The receiver stores when it came, not when the control loop read it."""
 
 
 NEWEST: Final = Qos(reliable=False, urgent=True)
@@ -49,96 +46,45 @@ class Channel(Generic[P]):
     """One row of the table."""
 
     name: str
-    template: str
     payload: type[P]
+    publisher: str
+    """`agent` or `station`."""
+    listeners: str
     rate: str
     qos: Qos
-    who: str
-    """Who publishes, who listens."""
+
+    @property
+    def template(self) -> str:
+        """The key; `{id}` is the agent's id or the station's name."""
+        return f"swarm/{{swarm}}/{self.publisher}/{{id}}/{self.name}"
+
+    @property
+    def route(self) -> str:
+        """Publisher -> listeners."""
+        return f"{self.publisher} -> {self.listeners}"
 
     def key(self, swarm: str, publisher: int | str) -> str:
-        """The key one publisher uses."""
+        """The key of one publisher."""
         return self.template.format(swarm=swarm, id=publisher)
 
-    def everyone(self, swarm: str) -> str:
-        """The key expression that matches all publishers."""
-        return self.template.format(swarm=swarm, id="*")
+    def key_expression(self, swarm: str) -> str:
+        """Matches the keys of all publishers."""
+        return self.key(swarm, "*")
 
 
-STATE: Final = Channel(
-    "state",
-    "swarm/{swarm}/agent/{id}/state",
-    AgentState,
-    "every tick (20 Hz)",
-    NEWEST,
-    "agent -> agents, stations",
-)
-CLOCK: Final = Channel(
-    "clock",
-    "swarm/{swarm}/agent/{id}/clock",
-    ClockNews,
-    "1 Hz, 5 Hz while one is not known",
-    TIMED,
-    "agent -> agents",
-)
-STATUS: Final = Channel(
-    "status", "swarm/{swarm}/agent/{id}/status", AgentStatus, "2 Hz", REPORT, "agent -> stations"
-)
-SIGMA: Final = Channel(
-    "sigma",
-    "swarm/{swarm}/agent/{id}/sigma",
-    SigmaReport,
-    "5 Hz while a pair is near",
-    REPORT,
-    "agent -> stations",
-)
-EVENT: Final = Channel(
-    "event",
-    "swarm/{swarm}/agent/{id}/event",
-    Event,
-    "as it happens",
-    MUST_ARRIVE,
-    "agent -> stations",
-)
-ACK: Final = Channel(
-    "ack", "swarm/{swarm}/agent/{id}/ack", Ack, "per command", MUST_ARRIVE, "agent -> stations"
-)
-COMMAND: Final = Channel(
-    "command",
-    "swarm/{swarm}/station/{id}/command",
-    Command,
-    "as given, again every 0.5 s until acknowledged",
-    MUST_ARRIVE,
-    "station -> agents",
-)
-BEACON: Final = Channel(
-    "beacon",
-    "swarm/{swarm}/station/{id}/beacon",
-    StationBeacon,
-    "4 Hz",
-    REPORT,
-    "station -> agents, stations",
-)
+_EVERY_TICK: Final = "every tick (20 Hz)"
+_CLOCK_RATE: Final = "1 Hz, 5 Hz while one is not known"
+_SIGMA_RATE: Final = "5 Hz while a pair is near"
+_COMMAND_RATE: Final = "as given, again every 0.5 s until acknowledged"
 
-CHANNELS: Final[tuple[Channel[object], ...]] = (
-    STATE,
-    CLOCK,
-    STATUS,
-    SIGMA,
-    EVENT,
-    ACK,
-    COMMAND,
-    BEACON,
-)  # type: ignore[assignment]
+STATE: Final = Channel("state", AgentState, "agent", "agents, stations", _EVERY_TICK, NEWEST)
+CLOCK: Final = Channel("clock", ClockNews, "agent", "agents", _CLOCK_RATE, TIMED)
+STATUS: Final = Channel("status", AgentStatus, "agent", "stations", "2 Hz", REPORT)
+SIGMA: Final = Channel("sigma", SigmaReport, "agent", "stations", _SIGMA_RATE, REPORT)
+EVENT: Final = Channel("event", Event, "agent", "stations", "as it happens", MUST_ARRIVE)
+ACK: Final = Channel("ack", Ack, "agent", "stations", "per command", MUST_ARRIVE)
+COMMAND: Final = Channel("command", Command, "station", "agents", _COMMAND_RATE, MUST_ARRIVE)
+BEACON: Final = Channel("beacon", StationBeacon, "station", "agents, stations", "4 Hz", REPORT)
 
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
-
-
-def check_name(name: str) -> str:
-    """`name` if it can stand in a key; InputError otherwise (`*`, `/` and the like would change who
-    hears it)."""
-    if not _NAME.fullmatch(name):
-        raise InputError(
-            f"name {name!r} can't be used on the mesh; allowed: up to 64 letters, digits, '_.-'"
-        )
-    return name
+_ALL = (STATE, CLOCK, STATUS, SIGMA, EVENT, ACK, COMMAND, BEACON)
+CHANNELS: Final[tuple[Channel[object], ...]] = _ALL  # type: ignore[assignment]  # P is invariant

@@ -1,5 +1,4 @@
-"""A member of the mesh with typed channels: payloads in, payloads out; bad bytes are counted and
-dropped."""
+"""A member of the mesh: payloads in and out by channel; bad bytes are counted and dropped."""
 
 from __future__ import annotations
 
@@ -26,11 +25,10 @@ class Node:
         self.last_bad = ""
 
     def listen(self, *channels: Channel[Any]) -> None:
-        """Start to hear every publisher of these channels."""
+        """Subscribe to all publishers of these channels."""
         for channel in channels:
-            self._inlets[channel.name] = self._transport.subscribe(
-                channel.everyone(self._swarm), timed=channel.qos.timed
-            )
+            keys = channel.key_expression(self._swarm)
+            self._inlets[channel.name] = self._transport.subscribe(keys, timed=channel.qos.timed)
 
     def send(self, channel: Channel[P], payload: P) -> None:
         """Publish under the own key."""
@@ -40,7 +38,7 @@ class Node:
         self._transport.publish(key, encode(payload), channel.qos)
 
     def take(self, channel: Channel[P]) -> list[tuple[P, float]]:
-        """(payload, received_s) of everything heard since the last call, oldest first."""
+        """(payload, received_s [s]) of all messages since the last call, oldest first."""
         taken = []
         for received_s, data in self._inlets[channel.name].drain():
             try:

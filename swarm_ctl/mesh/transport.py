@@ -1,36 +1,50 @@
-"""What the mesh needs of a transport. Implementations: `zenoh_transport` (real), `memory_transport`
-(in process)."""
+"""The seam between the mesh and its transport: `zenoh_transport` or `memory_transport`."""
 
 from __future__ import annotations
 
+from collections import deque
 from typing import Protocol
 
 from swarm_ctl.mesh.keys import Qos
 
 QUEUE = 4096
-"""Messages a subscription keeps for a reader that does not come; the oldest go first (seen as gaps
-in `seq`)."""
+"""Unread messages that a subscription keeps; it drops the oldest first (a gap in `seq`)."""
 
 
 class Inlet(Protocol):
-    """A subscription, polled by a control loop. The transport's receive thread only hands over."""
+    """A subscription, polled by a control loop. A receive thread only puts messages in."""
 
     def drain(self) -> list[tuple[float, bytes]]:
-        """Everything that came since the last call, oldest first: (received_s, bytes). Never
-        blocks."""
+        """(received_s [s], bytes) since the last call, oldest first. Never blocks."""
+
+
+class QueueInlet(Inlet):
+    """A queue of the newest `QUEUE` messages, which another thread may fill."""
+
+    def __init__(self) -> None:
+        self._waiting: deque[tuple[float, bytes]] = deque(maxlen=QUEUE)
+
+    def put(self, received_s: float, data: bytes) -> None:
+        """Add a message."""
+        self._waiting.append((received_s, data))
+
+    def drain(self) -> list[tuple[float, bytes]]:
+        taken = []
+        while self._waiting:
+            taken.append(self._waiting.popleft())
+        return taken
 
 
 class Transport(Protocol):
-    """Publish and subscribe by key; own messages are not delivered to oneself."""
+    """Publish and subscribe by key; a member does not get its own messages."""
 
     def publish(self, key: str, data: bytes, qos: Qos) -> None:
-        """Send without waiting."""
+        """Send without blocking."""
 
     def subscribe(self, key_expression: str, *, timed: bool = False) -> Inlet:
-        """Everything published under keys that match (`*` stands for one part).
+        """All messages under keys that match (`*` stands for one part).
 
-        `timed`: the time of receipt has to be when a message came; else that of the next `drain`
-        will do.
+        `timed`: `received_s` is when a message came; otherwise it may be the time of `drain`.
         """
 
     def close(self) -> None:

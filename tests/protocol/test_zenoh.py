@@ -1,5 +1,5 @@
-"""The real transport, two sessions on loopback: what is timed has the time when it came, the rest
-that of the look."""
+"""zenoh itself, two sessions on loopback: a timed message has the time when it came, another one
+the time of `drain`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ import socket
 import time
 
 from swarm_ctl.mesh.keys import NEWEST
-from swarm_ctl.mesh.zenoh_transport import TimedInlet, ZenohTransport
+from swarm_ctl.mesh.transport import QueueInlet
+from swarm_ctl.mesh.zenoh_transport import ZenohTransport
 
 PATIENCE_S = 20.0
 
@@ -19,18 +20,17 @@ def free_port() -> int:
 
 
 def test_the_time_of_receipt() -> None:
-    """A clock that stands still shows it: at 1 while messages come, at 9 when somebody looks."""
+    """By a clock that stands still: at 1 while messages come, at 9 when `drain` is called."""
     shows = [1.0]
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     here = ZenohTransport([endpoint], [], lambda: shows[0])
     there = ZenohTransport([], [endpoint], lambda: 0.0)
     try:
         timed, looked_for = here.subscribe("test/*/word", timed=True), here.subscribe("test/*/word")
-        assert isinstance(timed, TimedInlet)
+        assert isinstance(timed, QueueInlet)
         until = time.monotonic() + PATIENCE_S
-        while (
-            not timed._waiting and time.monotonic() < until
-        ):  # what is said before the link is up is lost
+        # A message sent before the link is up is lost.
+        while not timed._waiting and time.monotonic() < until:
             there.publish("test/2/word", b"first", NEWEST)
             time.sleep(0.05)
         shows[0] = 9.0
