@@ -37,8 +37,8 @@ P = TypeVar("P")
 
 _STATE: Final = struct.Struct("<BBHIdQHB3d3f2d2f2d3fBBIII8h")
 """version, flags, agent, seq, time_s, plan_hash, step, phase, position_ned_m, velocity_ned_mps,
-stop_point_m, commanded_mps, frame (point_m, angle_rad, scale, rate, leg), stage, command, law,
-next_law, deal. Flags: bit 0 done, bit 1 airborne, bit 2 frame (else the frame's fields are 0)."""
+stop_point_m, setpoint_mps, frame (point_m, angle_rad, scale, rate, leg), stage, override,
+gains_tag, next_gains_tag, exchange. Flags: bit 0 done, bit 1 airborne, bit 2 frame (else the frame's fields are 0)."""
 _DONE, _AIRBORNE, _FRAME = 1, 2, 4
 _CLOCK: Final = struct.Struct("<BHd?")
 """version, agent, time_s, asks"""
@@ -86,10 +86,10 @@ def _encode_state(s: AgentState) -> bytes:
     flags = _DONE * s.done | _AIRBORNE * s.airborne | _FRAME * (s.frame is not None)
     frame = s.frame or _NO_FRAME
     head = (VERSION, flags, s.agent, s.seq, s.time_s, s.plan_hash, s.step, s.phase)
-    motion = (*s.position_ned_m, *s.velocity_ned_mps, *s.stop_point_m, *s.commanded_mps)
+    motion = (*s.position_ned_m, *s.velocity_ned_mps, *s.stop_point_m, *s.setpoint_mps)
     shared = (*frame.point_m, frame.angle_rad, frame.scale, frame.rate, min(frame.leg, 255))
-    progress = (s.stage, s.command, s.law, s.next_law)
-    return _STATE.pack(*head, *motion, *shared, *progress, *_exchange_fields(s.deal))
+    progress = (s.stage, s.override, s.gains_tag, s.next_gains_tag)
+    return _STATE.pack(*head, *motion, *shared, *progress, *_exchange_fields(s.exchange))
 
 
 def _decode_state(data: bytes) -> AgentState:

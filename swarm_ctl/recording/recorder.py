@@ -110,7 +110,7 @@ class Recorder:
         said_s = getattr(payload, "time_s", heard_s)
         self._write(topic, agent, heard_s, said_s, ADAPTERS[type(payload)].dump_json(payload))
         if isinstance(payload, AgentState):
-            (north, east), (vn, ve, _) = payload.commanded_mps, payload.velocity_ned_mps
+            (north, east), (vn, ve, _) = payload.setpoint_mps, payload.velocity_ned_mps
             point = Setpoint(payload.time_s, north, east, vn, ve)
             self._write(
                 BY_NAME["setpoint"], agent, heard_s, said_s, ADAPTERS[Setpoint].dump_json(point)

@@ -44,8 +44,8 @@ class Setpoint:
     its state."""
 
     time_s: float
-    commanded_north_mps: float
-    commanded_east_mps: float
+    setpoint_north_mps: float
+    setpoint_east_mps: float
     achieved_north_mps: float
     achieved_east_mps: float
 

@@ -84,7 +84,7 @@ def test_news_that_is_late_one_way_is_seen_as_late() -> None:
         now = swarm.members[4].clock(swarm.now)
         for other in (1, 2, 3):
             heard = peer(swarm, 4, other)
-            youngest = min(youngest, heard.age_at_most(now))
+            youngest = min(youngest, heard.view(now).age_at_most_s)
             ages.append(heard.age(now))
     assert youngest >= 0.4 - 1e-3
     assert min(ages) >= 0.2 - 1e-2
@@ -128,7 +128,7 @@ def test_one_that_was_stopped_takes_no_dead_peer_for_heard() -> None:
     assert peer(swarm, 1, 3).received_s == pytest.approx(now)
     assert peer(swarm, 1, 3).age(now) == pytest.approx(8.0, abs=0.2)
     assert peer(swarm, 1, 2).age(now) < 0.1
-    assert [state.agent for state in swarm.members[1].agent._peers.fresh(now)] == [2, 4]
+    assert [state.agent for state in swarm.members[1].agent._peers.snapshot(now).fresh()] == [2, 4]
 
 
 def test_only_what_has_to_be_timed_is() -> None:

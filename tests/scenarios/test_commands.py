@@ -177,7 +177,7 @@ def test_what_cannot_be_is_refused(
     meant = [answer for answer in answers if "not meant" not in answer[2]]
     assert meant
     assert all(not ok and reason in why for _, ok, why in meant)
-    assert all(m.agent._operator.override is None for m in holding.members.values())
+    assert all(m.agent._command_handler.override is None for m in holding.members.values())
 
 
 def test_the_newest_command_counts(holding: VirtualSwarm) -> None:

@@ -58,7 +58,10 @@ def shape_error_m(swarm: VirtualSwarm, step: int, live: tuple[int, ...] = (1, 2,
     assert formation.formed
     slots = formation.offsets
     unit = swarm.plan.unit_m
-    planned = {i: slots[member.agent._dealer.deal.role] for i, member in swarm.members.items()}
+    planned = {
+        i: slots[member.agent._context.slot_exchange.deal.role]
+        for i, member in swarm.members.items()
+    }
     return float(
         formation_error(
             [at[i] for i in live], [(planned[i][0] * unit, planned[i][1] * unit) for i in live]
@@ -125,7 +128,7 @@ def test_return_brings_everybody_home_one_at_a_time() -> None:
             i
             for i, m in swarm.members.items()
             if m.alive
-            and m.agent._homing.stage == 2
+            and m.agent._way_back.stage == 2
             and m.status
             and m.status.phase is Phase.RETURN
         }
@@ -182,15 +185,15 @@ def test_another_takes_over_when_the_pinned_agent_is_lost() -> None:
     swarm = VirtualSwarm(replace(mission, plan=replace(mission.plan, policies=policies)))
     swarm.wait(lambda s: s.in_step(THIRD))
     swarm.run(8)
-    assert [m.agent._reference.pinned for m in swarm.members.values()] == [1, 1, 1, 1]
-    frame = swarm.members[2].agent._reference.frame
+    assert [m.agent._context.reference.pinned for m in swarm.members.values()] == [1, 1, 1, 1]
+    frame = swarm.members[2].agent._context.reference.frame
     swarm.kill(1)
     swarm.run(2)
-    after = swarm.members[2].agent._reference.frame
+    after = swarm.members[2].agent._context.reference.frame
     assert frame is not None
     assert after is not None
     assert math.dist(frame.point_m, after.point_m) < 5
-    assert [swarm.members[i].agent._reference.pinned for i in (2, 3, 4)] == [2, 2, 2]
+    assert [swarm.members[i].agent._context.reference.pinned for i in (2, 3, 4)] == [2, 2, 2]
     swarm.wait(lambda s: s.in_step(4))
     assert shape_error_m(swarm, THIRD, (2, 3, 4)) < 1.0
     swarm.fly(900)

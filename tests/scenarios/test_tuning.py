@@ -59,8 +59,8 @@ class Desk:
                 seen = self.changes[agent]
                 if (
                     seen[-1][1] if seen else planned(self.swarm.plan)
-                ) != member.agent._controller.gains:
-                    seen.append((self.swarm.now, member.agent._controller.gains))
+                ) != member.agent._context.controller.gains:
+                    seen.append((self.swarm.now, member.agent._context.controller.gains))
 
     @property
     def moments(self) -> list[tuple[float, ...]]:
@@ -105,7 +105,9 @@ def test_all_change_in_the_tick_of_the_order_s_time() -> None:
     assert -1e-3 < when - order.tuning.at_s < 0.051
     statuses = [member.status for member in swarm.members.values()]
     assert {status.gains for status in statuses if status} == {Gains(0.1, 2.0, 0.04, 15.0)}
-    assert {member.agent._controller.gain for member in swarm.members.values()} == {0.04 * 15.0}
+    assert {member.agent._context.controller.gain for member in swarm.members.values()} == {
+        0.04 * 15.0
+    }
     swarm.fly(900)
     assert_good(swarm)
 
@@ -171,7 +173,10 @@ def test_a_station_that_dies_between_the_phases_changes_nothing(desk: Desk) -> N
     desk.alive = False
     desk.run(6)
     assert desk.moments == [(), (), (), ()]
-    assert all(member.agent._operator.tuner._prepared for member in desk.swarm.members.values())
+    assert all(
+        member.agent._command_handler.gain_update._prepared
+        for member in desk.swarm.members.values()
+    )
 
 
 def test_a_late_agent_follows_as_soon_as_it_hears(desk: Desk) -> None:
@@ -250,5 +255,5 @@ def test_an_older_law_never_comes_back(desk: Desk) -> None:
     desk.run(3)
     end()
     desk.run(1)
-    assert {m.agent._controller.gains.h for m in desk.swarm.members.values()} == {0.03}
+    assert {m.agent._context.controller.gains.h for m in desk.swarm.members.values()} == {0.03}
     assert [gains.h for _, gains in desk.changes[3]][-1] == 0.03

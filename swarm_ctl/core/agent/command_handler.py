@@ -2,8 +2,8 @@
 reason, never repeated.
 
 A command that asks for something in the air (`hold`, `form`, `move`) overrides the mission: the
-current step waits, its time-out too, until `resume` or `next`. The newest command counts, by the
-sender's time, so that no order of arrival makes two agents differ.
+current step waits, and its time-out with it, until `resume` or `next`. The newest command counts,
+by the sender's time, so that no order of arrival makes two agents differ.
 """
 
 from __future__ import annotations
@@ -15,13 +15,14 @@ from typing import Final
 
 from swarm_ctl.core.agent.progress import Progress
 from swarm_ctl.core.law.formation import smallest_distance
-from swarm_ctl.core.model.messages import Ack, Command, Phase
+from swarm_ctl.core.model.messages import Ack, Command, CommandKind, Phase
 from swarm_ctl.core.model.plan import FormStep, HoldStep, LandStep, MoveStep, Plan, ReturnStep, Step
 from swarm_ctl.core.safety.fence import outside
 from swarm_ctl.core.swarm import gain_update
-from swarm_ctl.core.swarm.peers import Peers
+from swarm_ctl.core.swarm.snapshot import PeerSnapshot
 
-KINDS: Final = ("hold", "resume", "next", "form", "move", "tune", "land", "return", "kill")
+KINDS: Final = tuple(kind for kind in CommandKind if kind is not CommandKind.APPLY)
+"""What an operator can command."""
 _ANSWERS_KEPT: Final = 256
 _FOREVER_S: Final = 1e9
 _OVER: Final = (Phase.YIELD, Phase.ENDED)
@@ -29,7 +30,8 @@ _OVER: Final = (Phase.YIELD, Phase.ENDED)
 
 @dataclass(frozen=True, slots=True)
 class Override:
-    """What is flown instead of the mission's step until the operator says `resume` or `next`."""
+    """What is flown instead of the mission's step until the operator commands `resume` or
+    `next`."""
 
     kind: str
     step: Step
@@ -37,12 +39,12 @@ class Override:
     tag: int
     """`Command.tag`: agents with different ones do not lead each other."""
     leg: int
-    """Where the mission's own step was, to go on from."""
+    """Where the mission's own step was, to go on from there."""
 
 
 @dataclass(frozen=True, slots=True)
-class Seat:
-    """What a command is judged by: where the agent is."""
+class AgentSituation:
+    """Where the agent is: what a command is judged by."""
 
     plan: Plan
     agent: int
@@ -50,155 +52,167 @@ class Seat:
     airborne: bool
     progress: Progress
     formed: bool
-    """A form step has been begun: there is a shape to keep."""
+    """A form step has begun: there is a shape to keep."""
     override: Override | None
-    now: float
-    peers: Peers
+    peers: PeerSnapshot
+
+    @property
+    def phase_name(self) -> str:
+        """`land`."""
+        return self.phase.name.lower()
 
 
 class CommandHandler:
     """Answers commands and remembers what they asked for."""
 
     def __init__(self, plan: Plan, agent_id: int, plan_hash: int) -> None:
-        self._plan = plan
         self._id = agent_id
         self._hash = plan_hash
         self._answers: dict[str, Ack] = {}
         self._newest_s = -math.inf
         self.override: Override | None = None
-        self.wants = ""
-        """`land`, `return` or `kill` once asked for; these end the mission."""
-        self.tuner = gain_update.GainUpdate(plan, agent_id, plan_hash)
+        self.ordered: CommandKind | None = None
+        """`LAND`, `RETURN` or `KILL` once commanded; these end the mission."""
+        self.gain_update = gain_update.GainUpdate(plan, agent_id, plan_hash)
 
-    def answer(self, command: Command, seat: Seat, leg: int) -> tuple[Ack, bool]:
-        """The answer, and whether something is to be done now (False: seen before, or refused)."""
+    def answer(self, command: Command, situation: AgentSituation, leg: int) -> tuple[Ack, bool]:
+        """The answer, and whether something is to be done now (False: seen before, or refused).
+
+        `leg`: how far the mission's step has come, in waypoints.
+        """
         known = self._answers.get(command.id)
         if known is not None:
             return known, False
-        reason = self._refusal(command, seat)
-        if not reason and not _past(command, seat):
+        reason = self._refusal(command, situation)
+        obeyed = not reason and not _past(command, situation)
+        if obeyed:
             self._obey(command, leg)
         ack = Ack(self._id, command.id, not reason, reason)
         self._answers[command.id] = ack
         if len(self._answers) > _ANSWERS_KEPT:
             del self._answers[next(iter(self._answers))]
-        return ack, not reason and not _past(command, seat)
+        return ack, obeyed
 
-    def _refusal(self, command: Command, seat: Seat) -> str:
+    def _refusal(self, command: Command, situation: AgentSituation) -> str:
         if command.agents and self._id not in command.agents:
             return f"not meant for agent {self._id}"
         check = _CHECKS.get(command.kind)
         if check is None and command.kind not in gain_update.KINDS:
             return f"unknown command {command.kind!r}; allowed: {', '.join(KINDS)}"
-        if seat.phase in _OVER and command.kind != "kill":
+        if situation.phase in _OVER and command.kind != CommandKind.KILL:
             return f"agent {self._id} no longer flies its vehicle"
         if command.plan_hash not in (0, self._hash):
             return f"it was made for the plan {command.plan_hash:016x}, ours is {self._hash:016x}"
         if check is None:
-            return self.tuner.refusal(command, seat.now, seat.peers)
+            return self.gain_update.refusal(command, situation.peers)
         if command.kind not in _ENDING and command.time_s < self._newest_s:
             return "a newer command is in force"
-        return check(command, seat)
+        return check(command, situation)
 
     def _obey(self, command: Command, leg: int) -> None:
         if command.kind in _ENDING:
-            self.wants = command.kind
+            self.ordered = CommandKind(command.kind)
             return
         if command.kind in gain_update.KINDS:
-            self.tuner.obey(command)
+            self.gain_update.obey(command)
             return
         self._newest_s = command.time_s
         leg = self.override.leg if self.override else leg
-        if command.kind in ("resume", "next"):
+        if command.kind in (CommandKind.RESUME, CommandKind.NEXT):
             self.override = None
-        elif command.kind == "hold":
-            self.override = Override("hold", HoldStep(_FOREVER_S, _FOREVER_S), command.tag, leg)
+        elif command.kind == CommandKind.HOLD:
+            forever = HoldStep(_FOREVER_S, _FOREVER_S)
+            self.override = Override(command.kind, forever, command.tag, leg)
         elif command.step is not None:
             self.override = Override(command.kind, command.step, command.tag, leg)
 
 
-def _past(command: Command, seat: Seat) -> bool:
-    """A `next` that is done already: the swarm is in a later step than the one it was meant to
-    end."""
-    return command.kind == "next" and 0 < command.at_step < seat.progress.step
+def _past(command: Command, situation: AgentSituation) -> bool:
+    """A `next` that is done already: the swarm is past the step that it was meant to end."""
+    return command.kind == CommandKind.NEXT and 0 < command.at_step < situation.progress.step
 
 
-# --- why a command can't be: '' where it can ---
+# --- why a command cannot be obeyed: '' where it can ---
+
+_WAY_DOWN: Final = "allowed now: land, kill"
 
 
-def _check_kill(command: Command, seat: Seat) -> str:  # noqa: ARG001
-    return f"agent {seat.agent} has ended" if seat.phase is Phase.ENDED else ""
+def _check_kill(_: Command, situation: AgentSituation) -> str:
+    return f"agent {situation.agent} has ended" if situation.phase is Phase.ENDED else ""
 
 
-def _check_land(command: Command, seat: Seat) -> str:  # noqa: ARG001
+def _check_land(_: Command, __: AgentSituation) -> str:
     return ""
 
 
-def _check_return(command: Command, seat: Seat) -> str:  # noqa: ARG001
-    if seat.phase is Phase.LAND:
-        return f"agent {seat.agent} is landing already"
-    return "" if seat.airborne else f"agent {seat.agent} is not in the air"
+def _check_return(_: Command, situation: AgentSituation) -> str:
+    if situation.phase is Phase.LAND:
+        return f"agent {situation.agent} is landing already"
+    return "" if situation.airborne else f"agent {situation.agent} is not in the air"
 
 
-def _check_flying(command: Command, seat: Seat) -> str:  # noqa: ARG001
-    if not seat.airborne or seat.phase in (Phase.ARM, Phase.TAKEOFF):
-        return f"agent {seat.agent} is not flying yet (phase {seat.phase.name.lower()}); allowed now: land, kill"
-    if seat.phase in (Phase.LAND, Phase.RETURN) or isinstance(
-        seat.progress.current, LandStep | ReturnStep
-    ):
-        return f"agent {seat.agent} is on its way down (phase {seat.phase.name.lower()}); allowed now: land, kill"
-    if seat.phase is Phase.HOLD and seat.override is None:
-        return f"agent {seat.agent} is held by a policy; allowed now: land, return, kill"
+def _check_flying(_: Command, situation: AgentSituation) -> str:
+    agent, phase = f"agent {situation.agent}", situation.phase
+    if not situation.airborne or phase in (Phase.ARM, Phase.TAKEOFF):
+        return f"{agent} is not flying yet (phase {situation.phase_name}); {_WAY_DOWN}"
+    down = isinstance(situation.progress.current, LandStep | ReturnStep)
+    if down or phase in (Phase.LAND, Phase.RETURN):
+        return f"{agent} is on its way down (phase {situation.phase_name}); {_WAY_DOWN}"
+    if phase is Phase.HOLD and situation.override is None:
+        return f"{agent} is held by a policy; allowed now: land, return, kill"
     return ""
 
 
-def _check_resume(command: Command, seat: Seat) -> str:
-    if seat.override is None:
-        return f"agent {seat.agent} is not held; there is nothing to resume"
-    return _check_flying(command, seat)
+def _check_resume(command: Command, situation: AgentSituation) -> str:
+    if situation.override is None:
+        return f"agent {situation.agent} is not held; there is nothing to resume"
+    return _check_flying(command, situation)
 
 
-def _check_form(command: Command, seat: Seat) -> str:
-    if not isinstance(command.step, FormStep):
+def _check_form(command: Command, situation: AgentSituation) -> str:
+    step, plan = command.step, situation.plan
+    if not isinstance(step, FormStep):
         return "the command has no shape"
     if command.agents:
         return "a shape is for the whole swarm; give it to all agents"
-    plan = seat.plan
-    if len(command.step.slots) != len(plan.agents):
-        return f"{command.step.shape} has {len(command.step.slots)} slots for {len(plan.agents)} agents"
-    if not all(math.isfinite(x) for slot in command.step.slots for x in slot):
+    if len(step.slots) != len(plan.agents):
+        return f"{step.shape} has {len(step.slots)} slots for {len(plan.agents)} agents"
+    if not all(math.isfinite(x) for slot in step.slots for x in slot):
         return "a slot is not finite"
-    apart = smallest_distance(command.step.slots)
-    if apart <= plan.law.r_out:
-        return f"slots of {command.step.shape} are {apart:.3g} units apart; allowed: more than r_out {plan.law.r_out:g}"
-    return _check_flying(command, seat)
+    apart, r_out = smallest_distance(step.slots), plan.law.r_out
+    if apart <= r_out:
+        return (
+            f"slots of {step.shape} are {apart:.3g} units apart; allowed: more than r_out {r_out:g}"
+        )
+    return _check_flying(command, situation)
 
 
-def _check_move(command: Command, seat: Seat) -> str:
-    if not isinstance(command.step, MoveStep) or not command.step.waypoints_m:
+def _check_move(command: Command, situation: AgentSituation) -> str:
+    step = command.step
+    if not isinstance(step, MoveStep) or not step.waypoints_m:
         return "the command has no point to go to"
     if command.agents:
         return "the formation moves as a whole; give it to all agents"
-    if not seat.formed:
+    if not situation.formed:
         return "there is no formation to move yet"
-    limit = seat.plan.limits.speed_mps
-    if not 0 < command.step.speed_mps <= limit:
-        return f"{command.step.speed_mps:g} m/s; allowed: above 0, at most {limit:g} m/s"
-    for point in command.step.waypoints_m:
-        reason = outside(seat.plan.fence, point, 0.0)
+    limit = situation.plan.limits.speed_mps
+    if not 0 < step.speed_mps <= limit:
+        return f"{step.speed_mps:g} m/s; allowed: above 0, at most {limit:g} m/s"
+    for point in step.waypoints_m:
+        reason = outside(situation.plan.fence, point, 0.0)
         if reason:
             return f"({point[0]:.0f}, {point[1]:.0f}) m: {reason}"
-    return _check_flying(command, seat)
+    return _check_flying(command, situation)
 
 
-_ENDING: Final = ("land", "return", "kill")
-_CHECKS: Final[dict[str, Callable[[Command, Seat], str]]] = {
-    "hold": _check_flying,
-    "resume": _check_resume,
-    "next": _check_flying,
-    "form": _check_form,
-    "move": _check_move,
-    "land": _check_land,
-    "return": _check_return,
-    "kill": _check_kill,
+_ENDING: Final = (CommandKind.LAND, CommandKind.RETURN, CommandKind.KILL)
+_CHECKS: Final[dict[str, Callable[[Command, AgentSituation], str]]] = {
+    CommandKind.HOLD: _check_flying,
+    CommandKind.RESUME: _check_resume,
+    CommandKind.NEXT: _check_flying,
+    CommandKind.FORM: _check_form,
+    CommandKind.MOVE: _check_move,
+    CommandKind.LAND: _check_land,
+    CommandKind.RETURN: _check_return,
+    CommandKind.KILL: _check_kill,
 }

@@ -1,7 +1,7 @@
-"""What forbids going on: every reason to break a mission off or to pause it, as rows of one table.
+"""Every reason to break a mission off or to pause it, as rows of one table.
 
-Each check is a pure function of one tick's situation and returns why, or None. The first row that
-answers decides.
+Each check is a pure function of one tick's situation and returns a trigger, or None. The weightiest
+trigger decides; of equal ones the first in the table.
 """
 
 from __future__ import annotations
@@ -9,228 +9,264 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Final
 
 from swarm_ctl.core.agent.progress import Progress
-from swarm_ctl.core.agent.return_to_launch import Stage
-from swarm_ctl.core.control.navigation import OwnFix
-from swarm_ctl.core.model.messages import AgentState, Phase
+from swarm_ctl.core.agent.return_to_launch import ReturnStage
+from swarm_ctl.core.agent.tick import Tick
+from swarm_ctl.core.model.messages import AgentState, CommandKind, Outcome, Phase, StepOutcome
 from swarm_ctl.core.model.plan import LandStep, Plan, Point, Policy, ReturnStep
 from swarm_ctl.core.model.timeouts import OWN_LOST_S
-from swarm_ctl.core.model.vehicle import VehicleView
 from swarm_ctl.core.safety.fence import outside
-from swarm_ctl.core.swarm.peers import Peers
+
+
+class FailsafeAction(StrEnum):
+    """What an agent does when a failsafe fires."""
+
+    HOLD = "hold"
+    """Stop and wait, avoidance on, until the cause is gone."""
+    RETURN = "return"
+    LAND = "land"
+    LEAVE = "leave"
+    """End at once and send nothing: the vehicle is in a flight that is not ours."""
+    YIELD = "yield"
+    """Send heartbeats alone until the vehicle is down: a pilot or its own failsafe flies it."""
+    KILL = "kill"
+    """Motors off."""
+
+    @property
+    def rank(self) -> int:
+        """An action of higher rank outweighs one of lower rank."""
+        return _RANK[self]
+
+
+_RANK: Final = {
+    FailsafeAction.HOLD: 0,
+    FailsafeAction.RETURN: 1,
+    FailsafeAction.LAND: 2,
+    FailsafeAction.LEAVE: 3,
+    FailsafeAction.YIELD: 3,
+    FailsafeAction.KILL: 4,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class FailsafeTrigger:
+    """Why the mission cannot go on as it is, what the agent does, and how its run then ends."""
+
+    action: FailsafeAction
+    outcome: Outcome
+    reason: str
+    step_outcome: StepOutcome = StepOutcome.ABORTED
+    """How the step ends that the trigger breaks off."""
 
 
 @dataclass(frozen=True, slots=True)
 class Situation:
     """One tick, as the checks see it."""
 
-    now: float
+    tick: Tick
     plan: Plan
-    view: VehicleView
-    fix: OwnFix | None
-    peers: Peers
     progress: Progress
-    station_s: float | None
-    """When a station was last heard; None: never (a mission may fly without one)."""
     had_control: bool
     """The vehicle has followed our setpoints in this flight."""
     was_armed: bool
     lifeline_cut: bool
-    operator_wants: str
-    """`land`, `return`, `kill`, or ''."""
+    ordered: CommandKind | None
+    """`LAND`, `RETURN` or `KILL` once an operator has commanded it."""
     stop_point_m: Point
     height_m: float
     """Above the take-off point."""
     landing: bool
-    """This agent is landing its vehicle: leaving the controlled mode is its own doing."""
+    """This agent is landing its vehicle: that it leaves the controlled mode is our own doing."""
     returning: bool
-    """It is on its way back: each for itself then, in turn."""
-
-
-@dataclass(frozen=True, slots=True)
-class FailsafeTrigger:
-    """Why the mission can't go on as it is, what is done (a key of `RANK`), and how the run is then
-    called."""
-
-    action: str
-    outcome: str
-    reason: str
+    """It is on its way back, where each agent flies for itself."""
 
 
 Check = Callable[[Situation], FailsafeTrigger | None]
 
 _PATIENCE_S: Final = 30.0
-"""On the ground a silent peer costs nothing but time: nobody arms without it, so it may take a
-while to come back."""
+"""On the ground a silent peer costs only time, because no agent arms without it."""
 _VEHICLE_LOST_S: Final = 5.0
-"""No heartbeat (1 Hz) for this long: MAVProxy's and Skybrush's figure. Its own failsafe stops it
-after 1 s."""
-
-
-RANK: Final = {"hold": 0, "return": 1, "land": 2, "leave": 3, "yield": 3, "kill": 4}
-"""What can be done, and what outweighs what."""
+"""No heartbeat (1 Hz) for this long: the figure of MAVProxy and Skybrush. The vehicle's own
+failsafe stops it after 1 s."""
 
 
 def find(situation: Situation) -> FailsafeTrigger | None:
-    """The weightiest finding of the table, the first of those; None: all is well."""
-    found = [finding for check in CHECKS if (finding := check(situation)) is not None]
-    return max(found, key=lambda finding: RANK[finding.action], default=None)
+    """The weightiest trigger of the table, the first of those; None: all is well."""
+    found = [trigger for check in CHECKS if (trigger := check(situation)) is not None]
+    return max(found, key=lambda trigger: trigger.action.rank, default=None)
 
 
 def replaces(new: FailsafeTrigger | None, old: FailsafeTrigger | None, *, landing: bool) -> bool:
-    """What is being done gives way to the new finding. A pause ends with its cause; landing is
-    final but for a kill."""
-    if old is None or old.action == "hold":
+    """Does the new trigger take the place of the old one?
+
+    A hold ends with its cause. A landing is final, but for a kill.
+    """
+    if old is None or old.action is FailsafeAction.HOLD:
         return new != old
-    if new is None or RANK[new.action] <= RANK[old.action]:
+    if new is None or new.action.rank <= old.action.rank:
         return False
-    return new.action == "kill" or (old.action == "return" and not landing)
-
-
-def _operator(s: Situation) -> FailsafeTrigger | None:
-    how = {"land": "landed", "return": "called back", "kill": "killed"}.get(s.operator_wants)
-    return FailsafeTrigger(s.operator_wants, "aborted", f"{how} by the operator") if how else None
-
-
-def _lifeline(s: Situation) -> FailsafeTrigger | None:
-    return (
-        FailsafeTrigger("land", "aborted", "the process that started this agent is gone")
-        if s.lifeline_cut
-        else None
+    return new.action is FailsafeAction.KILL or (
+        old.action is FailsafeAction.RETURN and not landing
     )
+
+
+def failed(action: FailsafeAction, reason: str) -> FailsafeTrigger:
+    """A trigger after which the run counts as failed."""
+    return FailsafeTrigger(action, Outcome.FAILED, reason)
+
+
+def _by_policy(policy: Policy, reason: str) -> FailsafeTrigger | None:
+    return None if policy is Policy.CONTINUE else failed(FailsafeAction(policy.value), reason)
+
+
+def _by_order(s: Situation) -> FailsafeTrigger | None:
+    how = _ORDERED.get(s.ordered) if s.ordered is not None else None
+    if how is None:
+        return None
+    action, what = how
+    return FailsafeTrigger(action, Outcome.ABORTED, f"{what} by the operator")
+
+
+_ORDERED: Final = {
+    CommandKind.LAND: (FailsafeAction.LAND, "landed"),
+    CommandKind.RETURN: (FailsafeAction.RETURN, "called back"),
+    CommandKind.KILL: (FailsafeAction.KILL, "killed"),
+}
+
+
+def _lifeline_cut(s: Situation) -> FailsafeTrigger | None:
+    if not s.lifeline_cut:
+        return None
+    reason = "the process that started this agent is gone"
+    return FailsafeTrigger(FailsafeAction.LAND, Outcome.ABORTED, reason)
 
 
 def _vehicle_fault(s: Situation) -> FailsafeTrigger | None:
-    return FailsafeTrigger("land", "failed", s.view.fault) if s.view.fault else None
+    return failed(FailsafeAction.LAND, s.tick.view.fault) if s.tick.view.fault else None
 
 
 def _taken_over(s: Situation) -> FailsafeTrigger | None:
-    if (
-        not s.had_control
-        or s.view.controlled
-        or s.landing
-        or isinstance(s.progress.current, LandStep)
-    ):
+    view = s.tick.view
+    if not s.had_control or view.controlled or s.landing:
         return None
-    what = f"switched to {s.view.mode}" if s.view.armed else "disarmed"
-    return FailsafeTrigger(
-        "yield", "failed", f"the vehicle was {what} by somebody else (a pilot, or its own failsafe)"
-    )
+    if isinstance(s.progress.current, LandStep):
+        return None
+    what = f"switched to {view.mode}" if view.armed else "disarmed"
+    reason = f"the vehicle was {what} by somebody else (a pilot, or its own failsafe)"
+    return failed(FailsafeAction.YIELD, reason)
 
 
 def _vehicle_silent(s: Situation) -> FailsafeTrigger | None:
-    if not s.was_armed or s.now - s.view.heartbeat_s <= _VEHICLE_LOST_S:
+    if not s.was_armed or s.tick.now - s.tick.view.heartbeat_s <= _VEHICLE_LOST_S:
         return None
-    return FailsafeTrigger(
-        "land", "failed", f"no heartbeat from the vehicle for {_VEHICLE_LOST_S:g} s"
-    )
+    reason = f"no heartbeat from the vehicle for {_VEHICLE_LOST_S:g} s"
+    return failed(FailsafeAction.LAND, reason)
 
 
 def _position_lost(s: Situation) -> FailsafeTrigger | None:
-    if not s.was_armed or (s.fix is not None and s.fix.age_s <= OWN_LOST_S):
+    fix = s.tick.newest_fix
+    if not s.was_armed or (fix is not None and fix.age_s <= OWN_LOST_S):
         return None
-    return FailsafeTrigger("land", "failed", f"no position from the vehicle for {OWN_LOST_S:g} s")
+    return failed(FailsafeAction.LAND, f"no position from the vehicle for {OWN_LOST_S:g} s")
 
 
 def _peers_gone(s: Situation) -> FailsafeTrigger | None:
-    """Lost peers, and peers that gave up: the mission can't be completed without them."""
+    """Lost peers, and peers that gave up: the mission cannot be completed without them."""
     policy, after = s.plan.policies.agent_lost, s.plan.policies.agent_lost_after_s
-    if s.returning or s.operator_wants == "return" or isinstance(s.progress.current, ReturnStep):
+    on_its_own = s.returning or s.ordered is CommandKind.RETURN
+    if on_its_own or isinstance(s.progress.current, ReturnStep):
         return None
     if s.progress.step == 0:
         after = max(after, _PATIENCE_S)
-    for peer in s.peers:
+    for peer in s.tick.peers.peers:
         if peer.state is None or progress_of(peer.state) >= (len(s.plan.steps), True):
-            continue  # never heard: the step's time-out bounds the wait; or it has landed at its end
+            continue  # never heard: the step's time-out bounds the wait; or it completed its part
         reason = gave_up(peer.state, s.plan)
-        if not reason and peer.age(s.now) > after:
+        if not reason and peer.age_s > after:
             reason = f"agent {peer.id} has not been heard for {after:g} s"
-        # before anything flies there is nothing to hold: any loss ends the mission
-        if reason and (policy is not Policy.CONTINUE or not s.was_armed):
-            return FailsafeTrigger(policy.value if s.was_armed else "land", "failed", reason)
+        if not reason:
+            continue
+        if not s.was_armed:
+            return failed(FailsafeAction.LAND, reason)  # nothing flies yet that could hold
+        if policy is not Policy.CONTINUE:
+            return _by_policy(policy, reason)
     return None
 
 
 def _station_gone(s: Situation) -> FailsafeTrigger | None:
     policy, after = s.plan.policies.station_lost, s.plan.policies.station_lost_after_s
-    if s.station_s is None or s.now - s.station_s <= after:
-        return None
+    heard_s = s.tick.station_s
+    if heard_s is None or s.tick.now - heard_s <= after:
+        return None  # a mission may fly without a station
     return _by_policy(policy, f"no ground station has been heard for {after:g} s")
 
 
-def _too_slow(s: Situation) -> FailsafeTrigger | None:
-    step = s.progress.current
+def _step_timed_out(s: Situation) -> FailsafeTrigger | None:
+    progress, step = s.progress, s.progress.current
     policy = step.on_timeout if step is not None else Policy.LAND
-    if s.progress.finished or s.now <= s.progress.timed_out_at or policy is Policy.CONTINUE:
+    if progress.finished or s.tick.now <= progress.timed_out_at or policy is Policy.CONTINUE:
         return None
     if s.returning and not isinstance(step, ReturnStep):
         return None  # the way back has its own bound
-    seconds = s.progress.timed_out_at - s.progress.started_s - s.progress.paused_s
-    what = "the others were not" if s.progress.done else "this agent was not"
-    name = s.progress.results[-1].name
-    return _by_policy(
-        policy, f"step {s.progress.step} ({name}) timed out after {seconds:g} s: {what} done"
+    seconds = progress.timed_out_at - progress.started_s - progress.paused_s
+    what = "the others were not" if progress.done else "this agent was not"
+    reason = (
+        f"step {progress.step} ({progress.results[-1].name}) timed out after {seconds:g} s: "
+        f"{what} done"
     )
+    action = FailsafeAction(policy.value)
+    return FailsafeTrigger(action, Outcome.FAILED, reason, StepOutcome.TIMEOUT)
 
 
 def _beyond_fence(s: Situation) -> FailsafeTrigger | None:
     """The stop point counts: a vehicle that can no longer stop inside is as good as outside."""
-    if not s.had_control or s.fix is None or isinstance(s.progress.current, LandStep):
+    if not s.had_control or s.tick.newest_fix is None or isinstance(s.progress.current, LandStep):
         return None
     reason = outside(s.plan.fence, s.stop_point_m, s.height_m)
     return _by_policy(s.plan.policies.fence, reason) if reason else None
 
 
 def _battery_low(s: Situation) -> FailsafeTrigger | None:
-    left, reserve = s.view.battery_percent, s.plan.policies.battery_reserve_percent
-    if (
-        not s.was_armed
-        or left is None
-        or left >= reserve
-        or isinstance(s.progress.current, LandStep | ReturnStep)
-    ):
+    left, reserve = s.tick.view.battery_percent, s.plan.policies.battery_reserve_percent
+    if not s.was_armed or left is None or left >= reserve:
         return None
-    return _by_policy(
-        s.plan.policies.battery_low, f"battery at {left:.0f} %, the reserve is {reserve:g} %"
-    )
+    if isinstance(s.progress.current, LandStep | ReturnStep):
+        return None
+    reason = f"battery at {left:.0f} %, the reserve is {reserve:g} %"
+    return _by_policy(s.plan.policies.battery_low, reason)
 
 
 def _too_fast(s: Situation) -> FailsafeTrigger | None:
-    if not s.had_control or s.fix is None:
+    fix = s.tick.newest_fix
+    if not s.had_control or fix is None:
         return None
-    policies, (north, east, _) = s.plan.policies, s.fix.velocity_ned_mps
-    speed, tilt = math.hypot(north, east), s.view.tilt_deg
+    policies, (north, east, _) = s.plan.policies, fix.velocity_ned_mps
+    speed, tilt = math.hypot(north, east), s.tick.view.tilt_deg
     if speed > policies.max_speed_mps:
-        return _by_policy(
-            policies.too_fast, f"{speed:.1f} m/s fast; allowed: {policies.max_speed_mps:g} m/s"
-        )
+        reason = f"{speed:.1f} m/s fast; allowed: {policies.max_speed_mps:g} m/s"
+        return _by_policy(policies.too_fast, reason)
     if tilt is not None and tilt > policies.max_tilt_deg:
-        return _by_policy(
-            policies.too_fast, f"leans {tilt:.0f} degrees; allowed: {policies.max_tilt_deg:g}"
-        )
+        reason = f"leans {tilt:.0f} degrees; allowed: {policies.max_tilt_deg:g}"
+        return _by_policy(policies.too_fast, reason)
     return None
 
 
 def _too_windy(s: Situation) -> FailsafeTrigger | None:
     """By the vehicle's own estimate. PX4 has the same limit of its own (COM_WIND_MAX), off as
     delivered."""
-    wind, policies = s.view.wind_mps, s.plan.policies
+    wind, policies = s.tick.view.wind_mps, s.plan.policies
     if not s.had_control or wind is None or wind <= policies.wind_limit_mps:
         return None
-    return _by_policy(
-        policies.wind, f"wind of {wind:.1f} m/s; allowed: {policies.wind_limit_mps:g} m/s"
-    )
-
-
-def _by_policy(policy: Policy, reason: str) -> FailsafeTrigger | None:
-    return None if policy is Policy.CONTINUE else FailsafeTrigger(policy.value, "failed", reason)
+    reason = f"wind of {wind:.1f} m/s; allowed: {policies.wind_limit_mps:g} m/s"
+    return _by_policy(policies.wind, reason)
 
 
 CHECKS: Final[tuple[Check, ...]] = (
-    _operator,
-    _lifeline,
+    _by_order,
+    _lifeline_cut,
     _vehicle_fault,
     _taken_over,
     _vehicle_silent,
@@ -241,7 +277,7 @@ CHECKS: Final[tuple[Check, ...]] = (
     _battery_low,
     _peers_gone,
     _station_gone,
-    _too_slow,
+    _step_timed_out,
 )
 
 
@@ -251,17 +287,14 @@ def progress_of(state: AgentState) -> tuple[int, bool]:
 
 
 def gave_up(state: AgentState, plan: Plan) -> str:
-    """Why this peer will not take part to the end, or '': it lands, yielded or ended before its
-    time."""
+    """Why this peer will not take part to the end, or '': it lands, yielded or ended early."""
     step = plan.steps[min(state.step, len(plan.steps)) - 1] if state.step > 0 else None
     going_down = isinstance(step, LandStep | ReturnStep)
     if state.phase is Phase.YIELD:
         return f"agent {state.agent} has lost its vehicle to a pilot or a failsafe"
-    # one that is called back has not left before it flies: the others hear the same command within
-    # a second
-    left = state.phase in (Phase.LAND, Phase.ENDED) or (
-        state.phase is Phase.RETURN and state.stage >= Stage.FLY
-    )
-    if left and not going_down:
+    # A peer that is called back has not left before it flies: all agents hear the same command
+    # within a second.
+    back = state.phase is Phase.RETURN and state.stage >= ReturnStage.FLY
+    if (back or state.phase in (Phase.LAND, Phase.ENDED)) and not going_down:
         return f"agent {state.agent} broke the mission off"
     return ""

@@ -1,8 +1,7 @@
-"""What has become of the own flight so far: one record that the parts of an agent share, each
-writing its own lines.
+"""What has become of one agent's flight so far: the record that the parts of an agent share.
 
-`core/agent/agent.py` writes what forbids going on, `core/agent/step_executor.py` and
-`core/agent/landing.py` the phase, its reason and times.
+`agent.py` writes the failsafe trigger; `step_executor.py`, `landing.py` and `takeover.py` write the
+phase, its reason and the times.
 """
 
 from __future__ import annotations
@@ -10,31 +9,61 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from swarm_ctl.core.agent import failsafes
+from swarm_ctl.core.agent.failsafes import FailsafeAction, FailsafeTrigger
 from swarm_ctl.core.agent.progress import Progress
-from swarm_ctl.core.agent.status_report import StatusReport
+from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.control.controller import Controller
 from swarm_ctl.core.control.navigation import OwnFix
-from swarm_ctl.core.model.messages import Event, Phase
-from swarm_ctl.core.model.plan import Plan, Point
+from swarm_ctl.core.control.reference import Reference
+from swarm_ctl.core.model.messages import Event, Outcome, Phase, Severity
+from swarm_ctl.core.model.plan import FormStep, Plan, Point
 from swarm_ctl.core.model.vehicle import FlyGoal, VehicleView
 from swarm_ctl.core.safety import constraints
+from swarm_ctl.core.swarm.neighbourhood import Neighbourhood
+from swarm_ctl.core.swarm.slot_exchange import SlotExchange
+
+
+@dataclass(slots=True)
+class SetpointCount:
+    """Setpoints sent so far."""
+
+    count: int = 0
+    first_s: float = 0.0
+    last_s: float = 0.0
+
+    def add(self, now: float) -> None:
+        """One was sent."""
+        if self.count == 0:
+            self.first_s = now
+        self.count += 1
+        self.last_s = now
+
+    @property
+    def rate_hz(self) -> float:
+        """The mean rate from the first to the last one."""
+        span = self.last_s - self.first_s
+        return (self.count - 1) / span if span > 0 else 0.0
 
 
 @dataclass(slots=True)
 class FlightContext:
-    """One agent's flight. Times are on the agent's clock, heights above the take-off point."""
+    """One agent's flight. Times are on the agent's clock [s], heights above its take-off point
+    [m]."""
 
     plan: Plan
     agent: int
     controller: Controller
-    account: StatusReport = field(default_factory=StatusReport)
+    progress: Progress
+    reference: Reference
+    neighbourhood: Neighbourhood
+    slot_exchange: SlotExchange
+    setpoints: SetpointCount = field(default_factory=SetpointCount)
     phase: Phase = Phase.CONNECT
     reason: str = ""
     """Why it waits, holds or lands; '' when all is well."""
-    finding: failsafes.FailsafeTrigger | None = None
-    """What forbids going on, and is being carried out."""
-    finding_s: float = math.inf
+    trigger: FailsafeTrigger | None = None
+    """The failsafe that is being carried out."""
+    trigger_s: float = math.inf
     arming_s: float = -math.inf
     """When the vehicle was last asked to arm, or taken over in the air."""
     was_armed: bool = False
@@ -50,55 +79,52 @@ class FlightContext:
     """Said since the last tick."""
 
     @property
-    def outcome(self) -> str:
-        """As in `AgentStatus`."""
+    def outcome(self) -> Outcome:
+        """How the flight ended."""
         if self.ended_s is None:
-            return "running"
-        return self.finding.outcome if self.finding else "completed"
+            return Outcome.RUNNING
+        return self.trigger.outcome if self.trigger else Outcome.COMPLETED
 
     @property
     def ours(self) -> bool:
-        """This process has asked the vehicle to arm, or has taken it over: it may be told to
-        land."""
+        """This process asked the vehicle to arm, or took it over: it may tell it to land."""
         return math.isfinite(self.arming_s)
 
-    def say(self, now: float, level: str, text: str) -> None:
+    def say(self, now: float, severity: Severity, text: str) -> None:
         """A line for the log."""
-        self.events.append(Event(self.agent, now, level, text))
+        self.events.append(Event(self.agent, now, severity, text))
 
     def observe(self, view: VehicleView) -> None:
-        """What the vehicle says of itself, as far as it is our doing."""
+        """Note that the vehicle armed, or followed our setpoints, by our own doing."""
         self.was_armed |= view.armed and self.ours
         self.had_control |= self.was_armed and view.controlled
 
-    def heed(
-        self,
-        now: float,
-        finding: failsafes.FailsafeTrigger | None,
-        fix: OwnFix | None,
-        progress: Progress,
-    ) -> None:
-        """Something forbids going on from now on, or (None) no longer does."""
-        if finding is None:
-            self.say(now, "info", "going on")
+    def heed(self, tick: Tick, trigger: FailsafeTrigger | None) -> None:
+        """A failsafe fires, or (None) its cause is gone and the mission goes on."""
+        if trigger is None:
+            self.say(tick.now, Severity.INFO, "going on")
             self.target_height_m = self.planned_height_m
         else:
-            self.say(
-                now,
-                "error" if finding.outcome == "failed" else "warning",
-                f"{finding.action}: {finding.reason}",
-            )
-            if finding.action != "hold":
-                progress.break_off("timeout" if "timed out" in finding.reason else "aborted", now)
-        self.finding, self.finding_s = finding, now
-        if fix is not None:
-            self.target_height_m = min(
-                self.target_height_m, self.height(fix)
-            )  # never climb on while stopping
+            severity = Severity.ERROR if trigger.outcome is Outcome.FAILED else Severity.WARNING
+            self.say(tick.now, severity, f"{trigger.action}: {trigger.reason}")
+            if trigger.action is not FailsafeAction.HOLD:
+                self.progress.break_off(trigger.step_outcome, tick.now)
+        self.trigger, self.trigger_s = trigger, tick.now
+        if tick.newest_fix is not None:
+            # never climb on while stopping
+            self.target_height_m = min(self.target_height_m, self.height(tick.newest_fix))
 
     def height(self, fix: OwnFix) -> float:
         """Above the take-off point [m]."""
         return fix.height_m - self.ground_m
+
+    def begin_form(self, step: FormStep) -> None:
+        """Begin a form step of the mission: its shape by slot index, its graph, its exchanges."""
+        exchange = self.slot_exchange
+        self.reference.form(step.slots, exchange.roles)
+        if step.neighbours is not None:
+            self.neighbourhood.choose(exchange.in_roles(step.neighbours))
+        exchange.begin(step.slots)
 
     def setpoint(self, now: float, fix: OwnFix | None, velocity: Point | None) -> FlyGoal:
         """The tick's setpoint: this velocity (north, east), and towards the target height. Zero
@@ -108,9 +134,13 @@ class FlightContext:
             north, east, climb = 0.0, 0.0, 0.0
             self.reason = self.reason or "no fresh position from the vehicle"
         else:
-            (north, east) = velocity
-            climb = constraints.climb_rate(
-                self.target_height_m - self.height(fix), self.plan.limits
-            )
-        self.account.setpoint(now)
+            north, east = velocity
+            missing_m = self.target_height_m - self.height(fix)
+            climb = constraints.climb_rate(missing_m, self.plan.limits)
+        self.setpoints.add(now)
         return FlyGoal((north, east, -climb))
+
+    def keep_clear(self, tick: Tick) -> FlyGoal:
+        """The setpoint of an agent that stays where it is and makes room."""
+        fix = tick.fix
+        return self.setpoint(tick.now, fix, self.controller.keep_clear(tick.peers) if fix else None)

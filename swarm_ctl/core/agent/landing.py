@@ -5,20 +5,17 @@ from __future__ import annotations
 
 import math
 
-from swarm_ctl.core.agent.failsafes import FailsafeTrigger
+from swarm_ctl.core.agent.failsafes import FailsafeAction, FailsafeTrigger, failed
 from swarm_ctl.core.agent.flight_context import FlightContext
-from swarm_ctl.core.agent.progress import Progress
-from swarm_ctl.core.agent.return_to_launch import ReturnToLaunch, Stage
-from swarm_ctl.core.control.controller import Controller
-from swarm_ctl.core.control.navigation import OwnFix
-from swarm_ctl.core.model.messages import Phase
+from swarm_ctl.core.agent.return_to_launch import ReturnStage, ReturnToLaunch, deserted
+from swarm_ctl.core.agent.tick import Tick
+from swarm_ctl.core.model.messages import Outcome, Phase, Severity
 from swarm_ctl.core.model.vehicle import (
     Goal,
     LandGoal,
     ReleaseGoal,
     StandbyGoal,
     TerminateGoal,
-    VehicleView,
     YieldGoal,
 )
 
@@ -27,165 +24,143 @@ _BRAKE_AT_MOST_S = 3.0
 """From 5 m/s a multirotor stands after 2.5 s (2.8 m/s2 and 0.4 s of dead time)."""
 _LANDING_AT_MOST_S = 180.0
 _RETURN_AT_MOST_S = 120.0
-"""Per agent of the plan: the way back is one at a time."""
+"""Per agent of the plan, because the agents come back one at a time."""
 _ARMING_S = 3.0
 """An arm command may act this long after it was sent, and the heartbeat that tells comes once a
 second."""
 _GONE_VEHICLE_S = 10.0
 """Without a heartbeat for this long while winding down, there is nothing left to land."""
 _DISARMED_S = 10.0
-"""Without motors for this long it lies on the ground, whatever it said last: a vehicle that has
-restarted in the air tells no more than its heartbeat until it is asked, and who has yielded asks
-for nothing."""
+"""A vehicle without motors for this long lies on the ground, whatever it said last. One that
+restarted in the air says no more than its heartbeat until it is asked, and an agent that yielded
+asks for nothing."""
 
 
 class Landing:
-    """One agent's way out of the air, planned (`land`, `return` as steps) or not (a finding)."""
+    """One agent's way out of the air: planned (`land` and `return` steps) or by a failsafe."""
 
-    def __init__(
-        self,
-        sortie: FlightContext,
-        controller: Controller,
-        progress: Progress,
-        homing: ReturnToLaunch,
-    ) -> None:
-        self._plan = sortie.plan
-        self._sortie = sortie
-        self._controller = controller
-        self._progress = progress
-        self._homing = homing
-        self._alone_since: float | None = None
+    def __init__(self, context: FlightContext, way_back: ReturnToLaunch) -> None:
+        self._plan = context.plan
+        self._context = context
+        self._way_back = way_back
+        self._deserted_since: float | None = None
         self._disarmed_since: float | None = None
 
-    def carry_out(
-        self, now: float, view: VehicleView, fix: OwnFix | None, finding: FailsafeTrigger
-    ) -> Goal:
-        """Do what a finding asks for: pause, yield, or hold for a moment and land."""
-        sortie = self._sortie
-        # a vehicle asked to arm a moment ago may do so yet: only what it says well after that
-        # counts
-        down = self._on_ground(now, view) and now - sortie.arming_s > _ARMING_S
+    def carry_out(self, tick: Tick, trigger: FailsafeTrigger) -> Goal:
+        """Do what a failsafe asks for: pause, yield, or hold for a moment and land."""
+        context, view, now = self._context, tick.view, tick.now
+        # A vehicle that was asked to arm a moment ago may still do so: only what it says well
+        # after that counts.
+        down = self._on_ground(tick) and now - context.arming_s > _ARMING_S
         if down or now - view.heartbeat_s > _GONE_VEHICLE_S:
             return self.end(now)
-        if finding.action == "kill":
-            sortie.phase = Phase.LAND
-            self._controller.rest()
+        if trigger.action is FailsafeAction.KILL:
+            context.phase = Phase.LAND
+            context.controller.rest()
             return TerminateGoal()
-        if view.armed and not sortie.ours and finding.action != "kill":
-            return self.end(
-                now
-            )  # somebody else's flight: nothing is sent to it, and soon no heartbeat either
-        if not view.armed and not sortie.was_armed:
-            self._controller.rest()
-            return LandGoal() if math.isfinite(sortie.arming_s) else StandbyGoal()
-        if finding.action == "yield":
-            sortie.phase = Phase.YIELD
-            self._controller.rest()
+        if view.armed and not context.ours:
+            return self.end(now)  # not our flight: nothing is sent, soon no heartbeat either
+        if not view.armed and not context.was_armed:
+            context.controller.rest()
+            return LandGoal() if math.isfinite(context.arming_s) else StandbyGoal()
+        if trigger.action is FailsafeAction.YIELD:
+            context.phase = Phase.YIELD
+            context.controller.rest()
             return YieldGoal()
-        if finding.action == "hold":
-            return self._hold(now, view, fix)
-        if finding.action == "return" and sortie.had_control:
-            return self.come_back(now, view, fix)
-        wait = self._plan.policies.hold_before_land_s if finding.outcome == "failed" else 0.0
-        return self.land(now, view, fix, wait)
+        if trigger.action is FailsafeAction.HOLD:
+            return self._hold(tick)
+        if trigger.action is FailsafeAction.RETURN and context.had_control:
+            return self.come_back(tick)
+        failure = trigger.outcome is Outcome.FAILED
+        return self.land(tick, self._plan.policies.hold_before_land_s if failure else 0.0)
 
-    def _on_ground(self, now: float, view: VehicleView) -> bool:
-        """It stands there disarmed."""
-        if view.armed:
-            self._disarmed_since = None
-            return False
-        self._disarmed_since = now if self._disarmed_since is None else self._disarmed_since
-        return view.on_ground or now - self._disarmed_since > _DISARMED_S
-
-    def come_back(self, now: float, view: VehicleView, fix: OwnFix | None) -> Goal:
+    def come_back(self, tick: Tick) -> Goal:
         """Up to the own height, wait for the turn, over the own start, down."""
-        sortie = self._sortie
-        if sortie.phase is not Phase.RETURN and sortie.landing_s is None:
-            sortie.phase = Phase.RETURN
-        why_not = self._cannot_return(now) if sortie.landing_s is None else ""
+        context, way_back, fix = self._context, self._way_back, tick.fix
+        if context.phase is not Phase.RETURN and context.landing_s is None:
+            context.phase = Phase.RETURN
+        why_not = self._cannot_return(tick) if context.landing_s is None else ""
         if why_not:
-            reason = sortie.finding.reason if sortie.finding else "return"
-            sortie.finding = FailsafeTrigger(
-                "land", "failed", f"{reason}; {why_not}, so it lands here"
-            )
-            sortie.finding_s = now
-            sortie.say(now, "error", sortie.finding.reason)
-            return self.land(now, view, fix)
-        stage = self._homing.update(now, fix, sortie.height(fix) if fix else 0.0)
-        if stage is Stage.DOWN:
-            sortie.landing_s = sortie.landing_s or now
-            return self.land(now, view, fix)
-        sortie.reason = sortie.reason or f"return: {stage.name.lower()}"
-        sortie.target_height_m = self._homing.height_m
-        if fix is None:
-            return sortie.setpoint(now, fix, None)
-        if stage is Stage.FLY:
-            speed = self._plan.policies.return_speed_mps
-            return sortie.setpoint(
-                now, fix, self._controller.go_to(now, self._homing.home_m, speed, view.contacts)
-            )
-        return sortie.setpoint(now, fix, self._controller.keep_clear(now, view.contacts))
+            cause = context.trigger.reason if context.trigger else "return"
+            context.trigger_s = tick.now
+            context.trigger = failed(FailsafeAction.LAND, f"{cause}; {why_not}, so it lands here")
+            context.say(tick.now, Severity.ERROR, context.trigger.reason)
+            return self.land(tick)
+        stage = way_back.update(tick.peers, fix, context.height(fix) if fix else 0.0)
+        if stage is ReturnStage.DOWN:
+            context.landing_s = context.landing_s or tick.now
+            return self.land(tick)
+        context.reason = context.reason or f"return: {stage.name.lower()}"
+        context.target_height_m = way_back.height_m
+        if fix is None or stage is not ReturnStage.FLY:
+            return context.keep_clear(tick)
+        speed = self._plan.policies.return_speed_mps
+        velocity = context.controller.go_to(tick.peers, way_back.home_m, speed)
+        return context.setpoint(tick.now, fix, velocity)
 
-    def land(self, now: float, view: VehicleView, fix: OwnFix | None, brake_s: float = 0.0) -> Goal:
-        """Stand still first, so that nobody leaves the avoidance behind while moving; then down in
+    def land(self, tick: Tick, brake_s: float = 0.0) -> Goal:
+        """Stand still first, so that no agent drops its avoidance while it moves; then down in
         place."""
-        sortie = self._sortie
-        if sortie.landing_s is None:
+        context, view, fix, now = self._context, tick.view, tick.fix, tick.now
+        if context.landing_s is None:
             waited = now - self._begun_s
             slow = fix is not None and math.hypot(*fix.velocity_ned_mps[:2]) < _AT_REST_MPS
             if waited < brake_s or not (slow or waited > _BRAKE_AT_MOST_S):
-                return self._hold(now, view, fix)
-            sortie.landing_s = now
-        sortie.phase = Phase.LAND
-        self._controller.rest()
-        if view.on_ground and not view.armed and sortie.finding is None:
-            self._progress.finish_step(now)
-        elif now - sortie.landing_s > _LANDING_AT_MOST_S:
-            sortie.finding = FailsafeTrigger(
-                "land", "failed", f"not down after {_LANDING_AT_MOST_S:g} s of landing"
-            )
+                return self._hold(tick)
+            context.landing_s = now
+        context.phase = Phase.LAND
+        context.controller.rest()
+        if view.on_ground and not view.armed and context.trigger is None:
+            context.progress.finish_step(now)
+        elif now - context.landing_s > _LANDING_AT_MOST_S:
+            why = f"not down after {_LANDING_AT_MOST_S:g} s of landing"
+            context.trigger = failed(FailsafeAction.LAND, why)
             return self.end(now)
         return LandGoal()
 
     def end(self, now: float) -> Goal:
         """The flight is over: on the ground, or with nothing left to fly."""
-        sortie = self._sortie
-        sortie.phase = Phase.ENDED
-        sortie.ended_s = now
-        self._controller.rest()
-        sortie.reason = sortie.finding.reason if sortie.finding else ""
-        sortie.say(
-            now,
-            "info",
-            f"ended: {sortie.outcome}" + (f" ({sortie.reason})" if sortie.reason else ""),
-        )
+        context = self._context
+        context.phase = Phase.ENDED
+        context.ended_s = now
+        context.controller.rest()
+        context.reason = context.trigger.reason if context.trigger else ""
+        why = f" ({context.reason})" if context.reason else ""
+        context.say(now, Severity.INFO, f"ended: {context.outcome}{why}")
         return ReleaseGoal()
 
-    def _hold(self, now: float, view: VehicleView, fix: OwnFix | None) -> Goal:
-        self._sortie.phase = Phase.HOLD
-        if not view.controlled and self._progress.step <= 1:
-            self._controller.rest()
-            return (
-                LandGoal() if view.armed else StandbyGoal()
-            )  # still under the autopilot's own take-off
-        return self._sortie.setpoint(
-            now, fix, self._controller.keep_clear(now, view.contacts) if fix else None
-        )
+    def _hold(self, tick: Tick) -> Goal:
+        self._context.phase = Phase.HOLD
+        if not tick.view.controlled and self._context.progress.step <= 1:
+            # still under the autopilot's own take-off
+            self._context.controller.rest()
+            return LandGoal() if tick.view.armed else StandbyGoal()
+        return self._context.keep_clear(tick)
+
+    def _on_ground(self, tick: Tick) -> bool:
+        """The vehicle stands there disarmed."""
+        if tick.view.armed:
+            self._disarmed_since = None
+            return False
+        since = self._disarmed_since
+        self._disarmed_since = tick.now if since is None else since
+        return tick.view.on_ground or tick.now - self._disarmed_since > _DISARMED_S
 
     @property
     def _begun_s(self) -> float:
-        """When this way down began: with the finding, or with the mission's own step."""
-        return self._sortie.finding_s if self._sortie.finding else self._progress.started_s
+        """When this way down began: with the trigger, or with the mission's own step."""
+        context = self._context
+        return context.trigger_s if context.trigger else context.progress.started_s
 
-    def _cannot_return(self, now: float) -> str:
+    def _cannot_return(self, tick: Tick) -> str:
         """Why the way back has to be given up, or ''."""
-        if now - self._begun_s > _RETURN_AT_MOST_S * len(self._plan.agents):
+        if tick.now - self._begun_s > _RETURN_AT_MOST_S * len(self._plan.agents):
             return "it took too long"
-        return "no other agent is heard" if self._deserted(now) else ""
-
-    def _deserted(self, now: float) -> bool:
-        if not self._homing.alone(now):
-            self._alone_since = None
-            return False
-        self._alone_since = now if self._alone_since is None else self._alone_since
-        return now - self._alone_since > self._plan.policies.agent_lost_after_s
+        if not deserted(tick.peers):
+            self._deserted_since = None
+            return ""
+        since = self._deserted_since
+        self._deserted_since = tick.now if since is None else since
+        patience_s = self._plan.policies.agent_lost_after_s
+        late = tick.now - self._deserted_since > patience_s
+        return "no other agent is heard" if late else ""

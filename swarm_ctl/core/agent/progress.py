@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from swarm_ctl.core.model.messages import StepResult
+from swarm_ctl.core.model.messages import StepOutcome, StepResult
 from swarm_ctl.core.model.plan import FormStep, Plan, Step
 
 
@@ -35,7 +35,7 @@ class Progress:
         self.paused_s = 0.0
         """How long this step has been held up (a policy, an operator): its time-out and duration
         wait."""
-        self.results: list[StepResult] = [StepResult("prepare", "running", now, None)]
+        self.results: list[StepResult] = [StepResult("prepare", StepOutcome.RUNNING, now, None)]
 
     @property
     def current(self) -> Step | None:
@@ -57,17 +57,17 @@ class Progress:
             + (self._plan.prepare_timeout_s if step is None else step.timeout_s)
         )
 
-    def finish_step(self, now: float, result: str = "done") -> None:
+    def finish_step(self, now: float, outcome: StepOutcome = StepOutcome.DONE) -> None:
         """Own part of the current step is done (`result`: or its time is over, `timeout`, or it was
         `skipped`)."""
         if not self.done:
             self.done = True
-            self._close(result, now)
+            self._close(outcome, now)
 
-    def break_off(self, result: str, now: float) -> None:
+    def break_off(self, outcome: StepOutcome, now: float) -> None:
         """The current step ends early (`timeout`, `aborted`), and with it the mission."""
         if not self.done:
-            self._close(result, now)
+            self._close(outcome, now)
 
     def advance(self, members: Iterable[tuple[int, bool]], now: float) -> bool:
         """Go on to the next step if own part is done and every live member shows at least (step,
@@ -78,17 +78,19 @@ class Progress:
         self.done = False
         self.started_s = now
         self.paused_s = 0.0
-        self.results.append(StepResult(step_name(self._plan, self.step), "running", now, None))
+        self.results.append(
+            StepResult(step_name(self._plan, self.step), StepOutcome.RUNNING, now, None)
+        )
         return True
 
     def rejoin(self, step: int, now: float) -> None:
         """Start in the middle, at `step`: the others prove that everything before it is done."""
         self.step, self.done, self.started_s, self.paused_s = step, False, now, 0.0
         self.results = [
-            StepResult(step_name(self._plan, k), "done", now, None) for k in range(step)
+            StepResult(step_name(self._plan, k), StepOutcome.DONE, now, None) for k in range(step)
         ]
-        self.results.append(StepResult(step_name(self._plan, step), "running", now, None))
+        self.results.append(StepResult(step_name(self._plan, step), StepOutcome.RUNNING, now, None))
 
-    def _close(self, result: str, now: float) -> None:
+    def _close(self, outcome: StepOutcome, now: float) -> None:
         last = self.results[-1]
-        self.results[-1] = StepResult(last.name, result, last.start_s, now)
+        self.results[-1] = StepResult(last.name, outcome, last.start_s, now)

@@ -1,108 +1,91 @@
-"""An agent's account of itself: the status that goes out at 2 Hz, and what has to be counted for
-it."""
+"""An agent's account of itself: the status that goes out at 2 Hz."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 
-from swarm_ctl.core.agent.progress import Progress
-from swarm_ctl.core.control.controller import Controller
-from swarm_ctl.core.control.navigation import OwnFix
+from swarm_ctl.core.agent.flight_context import FlightContext
+from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.model.messages import (
-    AgentState,
     AgentStatus,
     Echo,
-    Phase,
+    LinkReport,
     TickReport,
     VehicleLinkReport,
 )
-from swarm_ctl.core.model.vehicle import VehicleView
-from swarm_ctl.core.swarm.peers import Peers
+from swarm_ctl.core.swarm.snapshot import PeerSnapshot
 
 
-class StatusReport:
-    """Counts setpoints; puts the status together."""
+def status_report(
+    context: FlightContext,
+    tick: Tick,
+    *,
+    formation_error_m: float | None,
+    links: dict[int, LinkReport],
+    loop: TickReport,
+    bad_payloads: int,
+) -> AgentStatus:
+    """Everything about an agent that is not needed every tick.
 
-    def __init__(self) -> None:
-        self._setpoints = 0
-        self._first_s = self._last_s = 0.0
-
-    def setpoint(self, now: float) -> None:
-        """One was sent."""
-        if self._setpoints == 0:
-            self._first_s = now
-        self._setpoints += 1
-        self._last_s = now
-
-    def status(
-        self,
-        now: float,
-        view: VehicleView,
-        peers: Peers,
-        controller: Controller,
-        progress: Progress,
-        *,
-        agent: int,
-        phase: Phase,
-        reason: str,
-        outcome: str,
-        height_m: float | None,
-        formation_error_m: float | None,
-        near: tuple[int | None, float | None],
-        station_s: float | None,
-        tick: TickReport,
-        bad_payloads: int,
-        echo: Echo | None,
-        roles: tuple[tuple[float, int], ...],
-    ) -> AgentStatus:
-        """Everything about an agent that is not needed every tick."""
-        span = self._last_s - self._first_s
-        return AgentStatus(
-            agent=agent,
-            time_s=now,
-            phase=phase,
-            step=progress.step,
-            done=progress.done,
-            reason=reason,
-            outcome=outcome,
-            mode=view.mode,
-            armed=view.armed,
-            airborne=not view.on_ground,
-            battery_percent=view.battery_percent,
-            height_m=height_m,
-            formation_error_m=formation_error_m,
-            nearest_agent=near[0],
-            nearest_m=near[1],
-            heartbeat_age_s=now - view.heartbeat_s if math.isfinite(view.heartbeat_s) else None,
-            station_age_s=None if station_s is None else now - station_s,
-            setpoints=self._setpoints,
-            setpoint_rate_hz=(self._setpoints - 1) / span if span > 0 else 0.0,
-            neighbours=peers.neighbours(now),
-            sigma_tally=controller.tally,
-            overspeed_ticks=controller.overspeed_ticks,
-            links={peer.id: peer.report(now) for peer in peers},
-            steps=tuple(progress.results),
-            tick=tick,
-            bad_payloads=bad_payloads,
-            vehicle_link=VehicleLinkReport(view.frames, view.frames_lost, view.round_trip_s),
-            echo=echo,
-            gains=controller.gains,
-            safety=controller.keeper.report(),
-            roles=roles,
-        )
+    Args:
+        context: the flight so far.
+        tick: this tick.
+        formation_error_m: as the barrier measured it.
+        links: the mesh link from each peer.
+        loop: the control loop's punctuality.
+        bad_payloads: mesh messages that could not be read, so far.
+    """
+    view, fix, now, controller = tick.view, tick.newest_fix, tick.now, context.controller
+    nearest_agent, nearest_m = _nearest(tick.peers, fix.position_ned_m if fix else None)
+    station_s, echo = tick.station_s, None
+    if tick.station is not None:
+        beacon, received_s = tick.station
+        echo = Echo(beacon.station, beacon.time_s, now - received_s)
+    return AgentStatus(
+        agent=context.agent,
+        time_s=now,
+        phase=context.phase,
+        step=context.progress.step,
+        done=context.progress.done,
+        reason=context.reason,
+        outcome=context.outcome,
+        mode=view.mode,
+        armed=view.armed,
+        airborne=not view.on_ground,
+        battery_percent=view.battery_percent,
+        height_m=context.height(fix) if fix is not None else None,
+        formation_error_m=formation_error_m,
+        nearest_agent=nearest_agent,
+        nearest_m=nearest_m,
+        heartbeat_age_s=now - view.heartbeat_s if math.isfinite(view.heartbeat_s) else None,
+        station_age_s=None if station_s is None else now - station_s,
+        setpoints=context.setpoints.count,
+        setpoint_rate_hz=context.setpoints.rate_hz,
+        neighbours=context.neighbourhood.heard(tick.peers),
+        sigma_tally=controller.tally,
+        overspeed_ticks=controller.overspeed_ticks,
+        links=links,
+        steps=tuple(context.progress.results),
+        tick=loop,
+        bad_payloads=bad_payloads,
+        vehicle_link=VehicleLinkReport(view.frames, view.frames_lost, view.round_trip_s),
+        echo=echo,
+        gains=controller.gains,
+        safety=controller.safety_filter.report(),
+        roles=tuple(context.slot_exchange.taken),
+    )
 
 
-def nearest(others: Iterable[AgentState], fix: OwnFix | None) -> tuple[int | None, float | None]:
-    """Who is nearest, and its horizontal distance [m]."""
-    if fix is None:
+def _nearest(
+    peers: PeerSnapshot, own: tuple[float, float, float] | None
+) -> tuple[int | None, float | None]:
+    """The nearest fresh peer, and its horizontal distance [m]."""
+    states = peers.fresh()
+    if own is None or not states:
         return None, None
-    own = fix.position_ned_m
     gaps = [
         (math.hypot(own[0] - s.position_ned_m[0], own[1] - s.position_ned_m[1]), s.agent)
-        for s in others
+        for s in states
     ]
-    if not gaps:
-        return None, None
     distance, agent = min(gaps)
     return agent, distance

@@ -1,168 +1,151 @@
-"""An agent that starts and finds its vehicle in the air: a restarted one takes it over, everybody
-else leaves it alone.
+"""An agent that starts and finds its vehicle in the air. A restarted agent takes its own vehicle
+over; it leaves any other alone.
 
-What is demanded before a single setpoint is sent (all of it at once, within `EVIDENCE_S`):
+What it demands before it sends a single setpoint (all of it at once, within `EVIDENCE_S`):
 1. the vehicle is heard, of the planned autopilot, armed, in the air, its position known by both of
    its messages;
-2. it is in the mode that follows setpoints (an ArduCopter whose agent has died stays in GUIDED and
-   stands), or, while the swarm takes off, in the autopilot's own take-off or hold, or it lands as
-   the swarm does. LOITER of an ArduCopter is a pilot's, and so is BRAKE;
-3. it has our failsafe parameters: one of us has armed it. They are read, never set, on an armed
-   vehicle;
-4. it stands still over the ground: nobody sends it setpoints;
-5. an agent of the same plan is heard and flies this mission, none with another plan is, and nobody
-   speaks as us (for a second).
+2. the vehicle is in the mode that follows setpoints (an ArduCopter whose agent has died stays in
+   GUIDED and stands), or, while the swarm takes off, in the autopilot's own take-off or hold, or
+   it lands as the swarm does. LOITER and BRAKE of an ArduCopter are a pilot's modes;
+3. the vehicle has our failsafe parameters, so an agent of ours has armed it. They are read, never
+   set, on an armed vehicle;
+4. the vehicle stands still over the ground, so no other process sends it setpoints;
+5. an agent of the same plan is heard and flies this mission, no agent with another plan is heard,
+   and for a second no other process speaks with this agent's id.
 
-While that is looked for, nothing but heartbeats and requests is sent. Without it the agent ends,
-and its heartbeats with it: the vehicle is its own failsafe's, or whoever's it was. A vehicle that
-lands already is seen down, not stopped; one in a pilot's mode is yielded.
+Meanwhile the agent sends nothing but heartbeats and requests. Without the evidence it ends, and its
+heartbeats with it: the vehicle is left to its own failsafe, or to whoever flies it. A vehicle that
+lands already is seen down, not stopped. To a vehicle in a pilot's mode the agent yields.
 
-Taken over, it is held where it is (avoidance on) for `LEARN_S`, and as long as the others carry out
-an operator's command that came before this agent did. Then it flies the swarm's step like everybody
-else.
+A vehicle that was taken over is held where it is (avoidance on) for `LEARN_S`, and for as long as
+its peers carry out a command that came before this agent did. Then it flies the swarm's step.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Final
 
-from swarm_ctl.core.agent.failsafes import FailsafeTrigger
+from swarm_ctl.core.agent.failsafes import FailsafeAction, FailsafeTrigger, failed
 from swarm_ctl.core.agent.flight_context import FlightContext
 from swarm_ctl.core.agent.preflight import Preflight
-from swarm_ctl.core.agent.progress import Progress, step_name
-from swarm_ctl.core.control.controller import Controller
+from swarm_ctl.core.agent.progress import step_name
+from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.control.navigation import OwnFix
-from swarm_ctl.core.control.reference import Reference
-from swarm_ctl.core.model.messages import AgentState, Phase
-from swarm_ctl.core.model.plan import FormStep, HoldStep, LandStep, Plan, ReturnStep, TakeoffStep
+from swarm_ctl.core.model.messages import AgentState, Phase, Severity
+from swarm_ctl.core.model.plan import FormStep, HoldStep, LandStep, ReturnStep, TakeoffStep
 from swarm_ctl.core.model.timeouts import FRESH_S, NEIGHBOUR_S
 from swarm_ctl.core.model.vehicle import FlyGoal, VehicleView
-from swarm_ctl.core.swarm.peers import Peers
-from swarm_ctl.core.swarm.slot_exchange import SlotExchange
+from swarm_ctl.core.swarm.snapshot import PeerSnapshot
 
 EVIDENCE_S: Final = 5.0
-"""Heartbeats come once a second, lost parameter answers are asked for again after one, a mesh link
-is up after half a second; our heartbeats keep the vehicle's own failsafe from landing it meanwhile,
-so not longer than that takes."""
+"""Heartbeats come once a second, lost parameter answers are asked for again after one, and a mesh
+link is up after half a second. Our heartbeats keep the vehicle's own failsafe from landing it
+meanwhile, so the agent looks no longer than that takes."""
 LEARN_S: Final = 1.0
-"""Twenty states of each peer, and one of the others' time to see that this one flies by setpoints
+"""Twenty states of each peer, and time for the peers to see that this agent flies by setpoints
 again."""
 _STANDS_MPS: Final = 0.5
-"""An ArduCopter left alone is under this 3 s after 5 m/s; gusts move it less."""
+"""An ArduCopter left alone is slower than this 3 s after 5 m/s; gusts move it less."""
 _IN_THE_AIR: Final = frozenset({Phase.TAKEOFF, Phase.FLY, Phase.HOLD, Phase.RETURN, Phase.LAND})
+_DECIDED: Final = frozenset({FailsafeAction.LEAVE, FailsafeAction.YIELD, FailsafeAction.KILL})
 
 
 class Takeover:
     """One agent's way from a vehicle found in the air to the mission, or away from it."""
 
-    def __init__(
-        self,
-        sortie: FlightContext,
-        gate: Preflight,
-        controller: Controller,
-        progress: Progress,
-        reference: Reference,
-        form: Callable[[FormStep], None],
-        dealer: SlotExchange,
-    ) -> None:
-        self._plan: Plan = sortie.plan
-        self._sortie = sortie
-        self._gate = gate
-        self._peers: Peers = gate.peers
-        self._controller = controller
-        self._progress = progress
-        self._reference = reference
-        self._form = form
-        """Begins a form step."""
-        self._dealer = dealer
+    def __init__(self, context: FlightContext, preflight: Preflight) -> None:
+        self._plan = context.plan
+        self._context = context
+        self._preflight = preflight
         self._since: float | None = None
         self._double_s = -math.inf
+        """When a state with our own id was heard last."""
         self._step = -1
+        """The step that it rejoined at; -1: it took no vehicle over."""
         self._learn_until: float | None = None
 
     def hear(self, state: AgentState, received_s: float) -> None:
-        """It may be another process with our id."""
-        if state.agent == self._sortie.agent:
+        """A state with our own id comes from another process."""
+        if state.agent == self._context.agent:
             self._double_s = received_s
 
     def pending(self, view: VehicleView) -> bool:
-        """The vehicle is in the air and not by our doing; nothing is decided yet."""
-        sortie = self._sortie
-        decided = sortie.finding is not None and sortie.finding.action in ("leave", "yield", "kill")
-        found = view.armed and not view.on_ground and not sortie.ours
-        return found and not decided and self._progress.step == 0
+        """The vehicle is in the air, not by our doing, and nothing is decided yet."""
+        context = self._context
+        decided = context.trigger is not None and context.trigger.action in _DECIDED
+        found = view.armed and not view.on_ground and not context.ours
+        return found and not decided and context.progress.step == 0
 
-    def look(self, now: float, view: VehicleView, fix: OwnFix | None) -> str:
-        """One tick of looking: takes over, refuses (a finding, carried out from the next tick on),
-        or why it waits."""
-        sortie = self._sortie
+    def look(self, tick: Tick) -> str:
+        """One tick of looking: takes over, or fires a trigger that is carried out from the next
+        tick on. Returns why it waits, or ''."""
+        context, now, fix = self._context, tick.now, tick.fix
         self._since = now if self._since is None else self._since
-        flying = self._flying(now)
-        if flying and not self._may_follow(view, flying):
-            sortie.arming_s = now
-            return self._decide(now, fix, _not_followed(view))
-        missing = self._missing(now, view, fix, flying)
+        flying = self._flying(tick.peers)
+        if flying and not self._may_follow(tick.view, flying):
+            context.arming_s = now
+            return self._decide(tick, _not_followed(tick.view))
+        missing = self._missing(tick, flying)
         if not missing and fix is not None and now - self._since >= NEIGHBOUR_S:
-            self._take(now, view, fix, flying)
+            self._take(tick, fix, flying)
             return ""
         if missing and now - self._since > EVIDENCE_S:
             why = f"a vehicle in the air is not taken over: {missing}"
-            return self._decide(now, fix, FailsafeTrigger("leave", "failed", why))
+            return self._decide(tick, failed(FailsafeAction.LEAVE, why))
         return f"the vehicle is in the air; {missing or 'listening whether anybody else flies it'}"
 
-    def learning(
-        self, now: float, view: VehicleView, fix: OwnFix | None, command: int
-    ) -> FlyGoal | None:
-        """The setpoint while a vehicle just taken over is held; None: fly on."""
+    def learning(self, tick: Tick, override: int) -> FlyGoal | None:
+        """The setpoint while a vehicle that was just taken over is held; None: fly on.
+
+        `override` is the tag of the command that this agent carries out.
+        """
         if self._step < 0:
             return None
-        self._catch_up(now)
-        foreign = any(s.command not in (0, command) for s in self._flying(now))
-        if self._learn_until is None or (now >= self._learn_until and not foreign):
+        self._catch_up(tick)
+        foreign = any(s.override not in (0, override) for s in self._flying(tick.peers))
+        if self._learn_until is None or (tick.now >= self._learn_until and not foreign):
             self._learn_until = None
             return None
-        sortie = self._sortie
-        sortie.phase = Phase.HOLD
-        sortie.reason = (
+        context = self._context
+        context.phase = Phase.HOLD
+        context.reason = (
             "waits for the operator's command to end"
             if foreign
             else "taken over: holds while it learns"
         )
-        return sortie.setpoint(
-            now, fix, self._controller.keep_clear(now, view.contacts) if fix else None
-        )
+        return context.keep_clear(tick)
 
     # --- the evidence ---
 
-    def _missing(
-        self, now: float, view: VehicleView, fix: OwnFix | None, flying: list[AgentState]
-    ) -> str:
-        other_plan = self._gate.other_plan(None)
-        if now - self._double_s <= NEIGHBOUR_S:
-            return f"another process speaks as agent {self._sortie.agent}"
+    def _missing(self, tick: Tick, flying: list[AgentState]) -> str:
+        view, fix = tick.view, tick.fix
+        if tick.now - self._double_s <= NEIGHBOUR_S:
+            return f"another process speaks as agent {self._context.agent}"
+        other_plan = self._preflight.other_plan(tick.peers, None)
         if other_plan:
             return other_plan
         if not view.healthy or fix is None or fix.age_s > FRESH_S or view.global_ is None:
             return view.health_reason or "no position yet"
-        apart = self._gate.disagrees(view, fix)
+        apart = self._preflight.disagreement(tick)
         if apart:
             return apart
         if not flying:
             return "no agent that flies this mission is heard"
         speed = math.hypot(*fix.velocity_ned_mps[:2])
-        return (
-            f"it moves at {speed:.1f} m/s: somebody else may fly it" if speed > _STANDS_MPS else ""
-        )
+        if speed > _STANDS_MPS:
+            return f"it moves at {speed:.1f} m/s: somebody else may fly it"
+        return ""
 
-    def _flying(self, now: float) -> list[AgentState]:
-        """Who is heard in the air in this mission."""
-        heard = (s for s in self._peers.fresh(now) if s.plan_hash == self._gate.plan_hash)
+    def _flying(self, peers: PeerSnapshot) -> list[AgentState]:
+        """The newest states of the peers that fly this mission."""
         return [
-            s
-            for s in heard
-            if s.airborne and s.phase in _IN_THE_AIR and 0 < s.step <= len(self._plan.steps)
+            state
+            for state in peers.fresh()
+            if state.plan_hash == self._preflight.plan_hash
+            and state.airborne
+            and state.phase in _IN_THE_AIR
+            and 0 < state.step <= len(self._plan.steps)
         ]
 
     def _may_follow(self, view: VehicleView, flying: list[AgentState]) -> bool:
@@ -173,62 +156,54 @@ class Takeover:
 
     # --- what comes of it ---
 
-    def _decide(self, now: float, fix: OwnFix | None, finding: FailsafeTrigger) -> str:
-        self._sortie.heed(now, finding, fix, self._progress)
-        return finding.reason
+    def _decide(self, tick: Tick, trigger: FailsafeTrigger) -> str:
+        self._context.heed(tick, trigger)
+        return trigger.reason
 
-    def _take(self, now: float, view: VehicleView, fix: OwnFix, flying: list[AgentState]) -> None:
-        sortie, plan = self._sortie, self._plan
+    def _take(self, tick: Tick, fix: OwnFix, flying: list[AgentState]) -> None:
+        context, plan, now = self._context, self._plan, tick.now
         self._step = step = _step_of(flying)
-        sortie.arming_s, sortie.was_armed = now, True
-        sortie.ground_m = fix.height_m - _height_above_home(view, fix)
+        context.arming_s, context.was_armed = now, True
+        context.ground_m = fix.height_m - _height_above_home(tick.view, fix)
         heights = [each.height_m for each in plan.steps[:step] if isinstance(each, TakeoffStep)]
-        sortie.target_height_m = sortie.planned_height_m = (
-            heights[-1] if heights else sortie.height(fix)
-        )
-        self._progress.rejoin(step, now)
-        self._dealer.rejoin(now)
+        height_m = heights[-1] if heights else context.height(fix)
+        context.target_height_m = context.planned_height_m = height_m
+        context.progress.rejoin(step, now)
+        context.slot_exchange.rejoin(now)
         for each in plan.steps[:step]:
             if isinstance(each, FormStep):
-                self._form(each)
-        self._reference.frame = min(
-            (s for s in flying if s.step == step), key=lambda s: s.agent
-        ).frame
-        sortie.say(
-            now,
-            "warning",
+                context.begin_form(each)
+        in_step = [state for state in flying if state.step == step]
+        context.reference.frame = min(in_step, key=lambda state: state.agent).frame
+        for text in (
             f"took over its vehicle in the air; rejoins at step {step}: {step_name(plan, step)}",
-        )
-        sortie.say(
-            now,
-            "warning",
             "the vehicle's own failsafe parameters are not known any more: it keeps ours",
-        )
+        ):
+            context.say(now, Severity.WARNING, text)
         if not isinstance(plan.steps[step - 1], TakeoffStep | LandStep | ReturnStep):
             self._learn_until = now + LEARN_S
 
-    def _catch_up(self, now: float) -> None:
-        """A hold lasts from its beginning, which this agent has not seen: it is over when another
-        says so."""
-        progress = self._progress
+    def _catch_up(self, tick: Tick) -> None:
+        """This agent has not seen the beginning of a hold step: the step is over when a peer says
+        so."""
+        progress = self._context.progress
         if progress.step != self._step or not isinstance(progress.current, HoldStep):
             return
-        if any((s.step, s.done) >= (self._step, True) for s in self._flying(now)):
-            progress.finish_step(now)
+        if any((s.step, s.done) >= (self._step, True) for s in self._flying(tick.peers)):
+            progress.finish_step(tick.now)
 
 
 def _not_followed(view: VehicleView) -> FailsafeTrigger:
     if view.landing:
-        return FailsafeTrigger(
-            "land", "failed", f"the vehicle lands already ({view.mode}): seen down"
-        )
+        why = f"the vehicle lands already ({view.mode}): seen down"
+        return failed(FailsafeAction.LAND, why)
     why = f"the vehicle is in the air in {view.mode}, which is somebody else's word: not taken over"
-    return FailsafeTrigger("yield", "failed", why)
+    return failed(FailsafeAction.YIELD, why)
 
 
 def _step_of(flying: list[AgentState]) -> int:
-    """The swarm's step: the furthest that anybody is in proves all before it."""
-    return max(s.step for s in flying)
+    """The swarm's step: the furthest step of any peer proves all before it."""
+    return max(state.step for state in flying)
 
 
 def _height_above_home(view: VehicleView, fix: OwnFix) -> float:

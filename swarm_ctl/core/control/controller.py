@@ -1,61 +1,65 @@
-"""From where everybody is to the velocity to fly: the law on the chosen points, then the safety
-filter."""
+"""From where the other aircraft are to the velocity to fly: the law on the chosen points, then the
+safety filter.
+
+Horizontal vectors inside are complex numbers north + 1j * east [m, m/s].
+"""
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from swarm_ctl.core.control.law_input import LawInput, LawInputBuilder, flies_along
 from swarm_ctl.core.control.navigation import OwnFix
 from swarm_ctl.core.law import formation_law, mean_error_feedback, stop_point
 from swarm_ctl.core.model.messages import Gains, PairReport, SigmaReport
 from swarm_ctl.core.model.plan import Compensation, Plan, Point, Response
 from swarm_ctl.core.model.timeouts import lead_s
-from swarm_ctl.core.model.vehicle import Contact
 from swarm_ctl.core.safety import constraints
 from swarm_ctl.core.safety.safety_filter import SafetyFilter
-from swarm_ctl.core.swarm.peers import NOTHING_COMMON, Common, LawInput, Peers
+from swarm_ctl.core.swarm.snapshot import NO_FORMATION, Formation, PeerSnapshot
 
 _APPROACH_RATE = 1.0
-"""[1/s] of the room that is left: what a wish may come closer to somebody who stays. Stop points
-need no more."""
-_NOWHERE: Mapping[int, Point] = {}
+"""[1/s] of the room that is left: how fast a wish may approach an aircraft that does not fly along.
+Stop points need no more."""
 _COMPLEX = np.array([1.0, 1.0j])
+"""Turns (north, east) into north + 1j * east by a matrix product."""
 
 
 class Controller:
-    """One agent's horizontal control. Remembers its last commands (for the stop point) and the
-    law's last result.
+    """One agent's horizontal control.
 
-    `vehicle` is how the own vehicle answers.
+    Remembers its last setpoints, for the stop point, and the law's last result, for the report.
+    `vehicle` is how the own vehicle answers a setpoint.
     """
 
-    def __init__(self, plan: Plan, own_id: int, peers: Peers, vehicle: Response) -> None:
+    def __init__(self, plan: Plan, own_id: int, vehicle: Response) -> None:
         self._plan = plan
         self._vehicle = vehicle
         self._own = own_id
-        self._peers = peers
-        self.keeper = SafetyFilter(plan, own_id, peers, vehicle)
+        self._law_input = LawInputBuilder(plan, own_id)
+        self.safety_filter = SafetyFilter(plan, own_id, vehicle)
         delayed = stop_point.pending(vehicle, plan.tick_s)
-        self._commands: deque[Point] = deque([(0.0, 0.0)] * delayed, maxlen=delayed)
-        self.tune(Gains(plan.law.delta_a, plan.law.delta_l, plan.law.h, plan.kappa))
+        self._sent: deque[Point] = deque([(0.0, 0.0)] * delayed, maxlen=delayed)
+        """Setpoints that are still in the vehicle's dead time."""
+        self.set_gains(Gains(plan.law.delta_a, plan.law.delta_l, plan.law.h, plan.kappa))
         self._result: formation_law.LawResult | None = None
-        self._points = np.zeros((0, 2))
+        self._others: LawInput | None = None
         self._tally = np.zeros(len(formation_law.STATUSES), dtype=np.int64)
         self.overspeed_ticks = 0
-        self.commanded_mps: Point = (0.0, 0.0)
+        self.setpoint_mps: Point = (0.0, 0.0)
+        """This tick's."""
         self.stop_point_m: Point = (0.0, 0.0)
         """Where the vehicle would come to rest."""
         self.point_m: Point = (0.0, 0.0)
-        """What the law takes it to be at: the stop point, or (`compensation: none`) the
+        """Where the law takes the vehicle to be: the stop point, or with `compensation: none` the
         position."""
 
-    def tune(self, gains: Gains) -> None:
-        """The law in force from now on (`core/swarm/gain_update.py` says when it may change)."""
+    def set_gains(self, gains: Gains) -> None:
+        """The gains in force from now on; `core/swarm/gain_update.py` says when they may change."""
         self.gains = gains
         self._law = replace(self._plan.law, h=gains.h, delta_l=gains.delta_l, delta_a=gains.delta_a)
         self._iteration_mps = self._plan.unit_m * gains.kappa
@@ -66,112 +70,85 @@ class Controller:
     @property
     def tally(self) -> dict[str, int]:
         """Pair-ticks by sigma status since the start."""
-        return {
-            name: int(count)
-            for name, count in zip(formation_law.STATUSES, self._tally, strict=True)
-        }
+        return dict(zip(formation_law.STATUSES, self._tally.tolist(), strict=True))
 
     def locate(self, fix: OwnFix) -> None:
         """Work out the own stop point for this tick."""
         north, east, _ = fix.position_ned_m
         self.stop_point_m = stop_point.stop_point(
-            (north, east),
-            fix.velocity_ned_mps[:2],
-            self._commands,
-            self._plan.tick_s,
-            self._vehicle,
+            (north, east), fix.velocity_ned_mps[:2], self._sent, self._plan.tick_s, self._vehicle
         )
-        self.point_m = (
-            (north, east) if self._plan.compensation is Compensation.NONE else self.stop_point_m
-        )
+        plain = self._plan.compensation is Compensation.NONE
+        self.point_m = (north, east) if plain else self.stop_point_m
+
+    # --- what can be flown: each gives the velocity (north, east) [m/s] that was chosen ---
 
     def form(
-        self,
-        now: float,
-        slots: Mapping[int, Point],
-        contacts: Sequence[Contact],
-        extra_mps: Point = (0.0, 0.0),
-        common: Common = NOTHING_COMMON,
+        self, snapshot: PeerSnapshot, formation: Formation, extra_mps: Point = (0.0, 0.0)
     ) -> Point:
-        """The law (26): velocity (north, east) [m/s] towards the shape `slots` [units], keeping
-        apart.
+        """The law (26) towards the formation's slots, keeping apart.
 
-        `extra_mps` is flown on top: what moves the formation as a whole, of it `common` by
-        everybody alike.
+        `extra_mps` moves the formation as a whole; it is flown on top of the law.
         """
-        consensus, avoidance = self._terms(now, slots, contacts, common)
+        consensus, avoidance = self._terms(snapshot, formation)
         if extra_mps != (0.0, 0.0):
-            wish = self._around(now, consensus + complex(*extra_mps))
-            return self._kept(now, wish + avoidance, slots, common)
-        wish = consensus + self.keeper.turned(
-            complex(*self.stop_point_m), now, consensus, avoidance
-        )
+            wish = self._around(consensus + complex(*extra_mps))
+            return self._filtered(snapshot, wish + avoidance, formation)
+        own = complex(*self.stop_point_m)
+        wish = consensus + self.safety_filter.swirled(snapshot, own, consensus, avoidance)
         if not self._plan.safety.release:
-            return self._kept(now, wish, slots)
-        release = self.keeper.release
-        flown = self._kept(now, release.turn(wish, consensus), slots)
+            return self._filtered(snapshot, wish, formation)
+        release = self.safety_filter.release
+        flown = self._filtered(snapshot, release.turn(wish, consensus), formation)
         release.note(consensus, complex(*flown))
         return flown
 
-    def go_to(
-        self, now: float, to_m: Point, speed_mps: float, contacts: Sequence[Contact]
-    ) -> Point:
-        """Straight to a point, keeping apart from everybody; around whoever stands in the way."""
-        _, avoidance = self._terms(now, _NOWHERE, contacts)
-        pull = constraints.shortened(
-            self.gain * (complex(*to_m) - complex(*self.point_m)), speed_mps
-        )
-        return self._kept(now, avoidance + self._around(now, pull), _NOWHERE)
+    def go_to(self, snapshot: PeerSnapshot, to_m: Point, speed_mps: float) -> Point:
+        """Straight to a point, keeping apart; around an aircraft that stands in the way."""
+        _, avoidance = self._terms(snapshot, NO_FORMATION)
+        pull = self.gain * (complex(*to_m) - complex(*self.point_m))
+        wish = avoidance + self._around(constraints.shortened(pull, speed_mps))
+        return self._filtered(snapshot, wish, NO_FORMATION)
 
-    def keep_clear(self, now: float, contacts: Sequence[Contact]) -> Point:
-        """Stay, but make room for whoever comes close: the law's avoidance term alone."""
-        _, avoidance = self._terms(now, _NOWHERE, contacts)
-        return self._kept(now, avoidance, _NOWHERE)
+    def keep_clear(self, snapshot: PeerSnapshot) -> Point:
+        """Stay, but make room for an aircraft that comes close: the law's avoidance term alone."""
+        _, avoidance = self._terms(snapshot, NO_FORMATION)
+        return self._filtered(snapshot, avoidance, NO_FORMATION)
 
     def rest(self) -> None:
-        """Another than us moves the vehicle this tick, or nobody does."""
+        """No setpoint of ours moves the vehicle in this tick."""
         self._result = None
-        self.commanded(0.0, 0.0)
+        self.send(0j)
 
-    def commanded(self, north_mps: float, east_mps: float) -> None:
-        """Remember what this tick's setpoint said: it acts after the dead time."""
-        self.commanded_mps = (north_mps, east_mps)
-        self._commands.append(self.commanded_mps)
+    def send(self, setpoint: complex) -> None:
+        """Remember this tick's setpoint: it acts after the dead time."""
+        self.setpoint_mps = (setpoint.real, setpoint.imag)
+        self._sent.append(self.setpoint_mps)
 
-    def _terms(
-        self,
-        now: float,
-        slots: Mapping[int, Point],
-        contacts: Sequence[Contact],
-        common: Common = NOTHING_COMMON,
-    ) -> tuple[complex, complex]:
-        """The law's consensus, with the pull to the average of all who fly the same, and its
-        avoidance [m/s]."""
-        others = self._peers.law_input(now, self.point_m, slots, contacts, self._lead_s, common)
-        result, rate = self._evaluate(others, slots), self._iteration_mps
+    # --- parts ---
+
+    def _terms(self, snapshot: PeerSnapshot, formation: Formation) -> tuple[complex, complex]:
+        """The law's consensus, with the mean-error feedback, and its avoidance [m/s]."""
+        others = self._law_input.build(snapshot, formation, self._lead_s)
+        result, rate = self._evaluate(others, formation), self._iteration_mps
         (north, east), (away_north, away_east) = (
             result.consensus[0].tolist(),
             result.avoidance[0].tolist(),
         )
         consensus = complex(north, east) * rate
-        if self._plan.safety.align and common.flying is not None:
-            own = complex(*self.point_m) / self._plan.unit_m - complex(
-                *slots.get(self._own, (0.0, 0.0))
-            )
+        if self._plan.safety.align and formation.key is not None:
+            unit, slot = self._plan.unit_m, formation.slots.get(self._own, (0.0, 0.0))
+            own_error = complex(*self.point_m) / unit - complex(*slot)
             errors = (others.points[0] - others.slots[0]) @ _COMPLEX
-            consensus += (
-                complex(mean_error_feedback.pull(np.array(own), errors, others.along))
-                * self._plan.unit_m
-            )
+            pull = mean_error_feedback.pull(np.array(own_error), errors, others.along)
+            consensus += complex(pull) * unit
         return consensus, complex(away_north, away_east) * rate
 
-    def _evaluate(self, others: LawInput, slots: Mapping[int, Point]) -> formation_law.LawResult:
+    def _evaluate(self, others: LawInput, formation: Formation) -> formation_law.LawResult:
         unit = self._plan.unit_m
-        own = np.array([[self.point_m[0] / unit, self.point_m[1] / unit]])
-        own_slot = np.array([slots.get(self._own, (0.0, 0.0))])
         result = formation_law.evaluate(
-            own,
-            own_slot,
+            np.array([[self.point_m[0] / unit, self.point_m[1] / unit]]),
+            np.array([formation.slots.get(self._own, (0.0, 0.0))]),
             others.points,
             others.slots,
             others.neighbour,
@@ -183,60 +160,58 @@ class Controller:
             counts = np.bincount(result.pairs.status, minlength=len(formation_law.STATUSES))
             self._tally += counts
             self.overspeed_ticks += bool(counts[formation_law.OVERSPEED])
-        self._result, self._points = result, others.points[0]
+        self._result, self._others = result, others
         return result
 
-    def _around(self, now: float, wish_mps: complex) -> complex:
-        """The wish, bent around everybody within `r_out` who does not fly along: lost, landing,
-        landed, strangers."""
-        pairs = self._result.pairs if self._result is not None else None
-        if pairs is None or not wish_mps:
-            return wish_mps
-        unit, law_ = self._plan.unit_m, self._plan.law
+    def _around(self, wish: complex) -> complex:
+        """The wish, bent around each aircraft within `r_out` that does not fly along: lost peers,
+        landing ones, strangers. Reads this tick's result of the law."""
+        if self._result is None or self._result.pairs is None or not wish or self._others is None:
+            return wish
+        pairs, unit, law = self._result.pairs, self._plan.unit_m, self._plan.law
         for k, column in enumerate(pairs.index[-1].tolist()):
-            if self._peers.flies_along(column, now):
+            if flies_along(self._others.aircraft[column]):
                 continue
-            room_m = (float(pairs.distance[k]) - 0.5 * (law_.r_in + law_.r_out)) * unit
-            away = complex(*self.point_m) / unit - complex(*self._points[column].tolist())
-            wish_mps = constraints.bent(wish_mps, away, max(0.0, _APPROACH_RATE * room_m))
-        return wish_mps
+            room_m = (float(pairs.distance[k]) - 0.5 * (law.r_in + law.r_out)) * unit
+            at = complex(*self._others.points[0, column].tolist())
+            away = complex(*self.point_m) / unit - at
+            wish = constraints.bent(wish, away, max(0.0, _APPROACH_RATE * room_m))
+        return wish
 
-    def _kept(
-        self,
-        now: float,
-        wish_mps: complex,
-        slots: Mapping[int, Point],
-        common: Common = NOTHING_COMMON,
-    ) -> Point:
-        wish = constraints.limited(wish_mps, self._plan.limits)
-        flown = self.keeper.keep(now, complex(*self.stop_point_m), wish, slots, common)
-        self.commanded(flown.real, flown.imag)
-        return self.commanded_mps
+    def _filtered(self, snapshot: PeerSnapshot, wish: complex, formation: Formation) -> Point:
+        wish = constraints.limited(wish, self._plan.limits)
+        own = complex(*self.stop_point_m)
+        self.send(self.safety_filter.filtered(snapshot, own, wish, formation))
+        return self.setpoint_mps
+
+    # --- what is told of it ---
 
     def sigma_report(self, now: float) -> SigmaReport | None:
-        """All pairs of the last evaluation; None when nobody was within `r_out`."""
-        if self._result is None or self._result.pairs is None:
+        """All pairs of the last evaluation; None where no aircraft was within `r_out`."""
+        result, others = self._result, self._others
+        if result is None or result.pairs is None or others is None:
             return None
-        pairs = self._result.pairs
+        pairs = result.pairs
         return SigmaReport(
             self._own,
             now,
-            (float(self._result.consensus[0, 0]), float(self._result.consensus[0, 1])),
-            (float(self._result.avoidance[0, 0]), float(self._result.avoidance[0, 1])),
-            tuple(self._pair(pairs, k) for k in range(len(pairs.distance))),
+            (float(result.consensus[0, 0]), float(result.consensus[0, 1])),
+            (float(result.avoidance[0, 0]), float(result.avoidance[0, 1])),
+            tuple(_pair(pairs, k, others) for k in range(len(pairs.distance))),
         )
 
-    def _pair(self, pairs: formation_law.Pairs, k: int) -> PairReport:
-        d = float(pairs.d[k])
-        return PairReport(
-            self._peers.ids[int(pairs.index[-1][k])],
-            bool(pairs.neighbour[k]),
-            formation_law.STATUSES[int(pairs.status[k])],
-            float(pairs.distance[k]),
-            float(pairs.sigma[k]),
-            float(pairs.sigma_lb[k]),
-            float(pairs.d_lb[k]),
-            float(pairs.d_ub[k]),
-            None if math.isnan(d) else d,
-            float(pairs.alpha[k]),
-        )
+
+def _pair(pairs: formation_law.Pairs, k: int, others: LawInput) -> PairReport:
+    d = float(pairs.d[k])
+    return PairReport(
+        others.aircraft[int(pairs.index[-1][k])].id,
+        bool(pairs.neighbour[k]),
+        formation_law.STATUSES[int(pairs.status[k])],
+        float(pairs.distance[k]),
+        float(pairs.sigma[k]),
+        float(pairs.sigma_lb[k]),
+        float(pairs.d_lb[k]),
+        float(pairs.d_ub[k]),
+        None if math.isnan(d) else d,
+        float(pairs.alpha[k]),
+    )

@@ -21,8 +21,8 @@ from typing import Final, TypeAlias
 from swarm_ctl.core.law.planned_formation import centred, mean_of, turned
 from swarm_ctl.core.model.messages import AgentState, Frame, Phase
 from swarm_ctl.core.model.plan import MoveStep, Plan, Point, RotateStep, ScaleStep, Step
-from swarm_ctl.core.model.timeouts import NEIGHBOUR_S, PREDICT_S
-from swarm_ctl.core.swarm.peers import Peers
+from swarm_ctl.core.model.timeouts import PREDICT_S
+from swarm_ctl.core.swarm.snapshot import PeerSnapshot
 
 Moving: TypeAlias = MoveStep | RotateStep | ScaleStep
 MOVING: Final = (MoveStep, RotateStep, ScaleStep)
@@ -122,10 +122,9 @@ def rate_towards(
 class Reference:
     """One agent's view of the shared frame, tick by tick."""
 
-    def __init__(self, plan: Plan, own_id: int, peers: Peers) -> None:
+    def __init__(self, plan: Plan, own_id: int) -> None:
         self._plan = plan
         self._own = own_id
-        self._peers = peers
         self._places: tuple[Point, ...] = ()
         """The newest shape's slots, centred, in the plan's order [units]."""
         self._indices: Mapping[int, int] | None = None
@@ -184,7 +183,7 @@ class Reference:
 
     def follow(
         self,
-        now: float,
+        peers: PeerSnapshot,
         step: Step,
         key: tuple[int, int],
         own_m: Point,
@@ -197,12 +196,12 @@ class Reference:
         `key` is the own (step, command): the frame of a pinned agent at another one stands still.
         `own_m` is the own stop point. `free`: this agent may be the pinned one.
         """
-        leader = self._leader(now, free)
+        leader = self._leader(peers, free)
         self.pinned = leader.agent if leader is not None else self._own
         if leader is None:
-            self._lead(now, step, own_m, error_m)
-        elif (leader.step, leader.command) == key and leader.frame is not None:
-            age = self._peers.age(leader.agent, now)
+            self._lead(peers, step, own_m, error_m)
+        elif (leader.step, leader.override) == key and leader.frame is not None:
+            age = peers.age_s(leader.agent)
             told = replace(leader.frame, rate=leader.frame.rate if age <= PREDICT_S else 0.0)
             self.frame = (
                 advanced(told, step, age, self.radius_m) if isinstance(step, MOVING) else told
@@ -254,19 +253,19 @@ class Reference:
         unit = self._plan.unit_m
         return self._slots[agent][0] * unit, self._slots[agent][1] * unit
 
-    def _leader(self, now: float, free: bool) -> AgentState | None:
+    def _leader(self, peers: PeerSnapshot, free: bool) -> AgentState | None:
         """The pinned agent's state; None if this agent is the pinned one."""
-        for peer in self._peers:
+        for peer in peers.peers:
             s = peer.state
             if s is None or (free and peer.id > self._own):
                 continue
-            if peer.age(now) <= NEIGHBOUR_S and s.airborne and s.phase is Phase.FLY:
+            if peer.followed and s.airborne and s.phase is Phase.FLY:
                 return s
         return None
 
-    def _lead(self, now: float, step: Step, own_m: Point, error_m: float | None) -> None:
+    def _lead(self, peers: PeerSnapshot, step: Step, own_m: Point, error_m: float | None) -> None:
         if self.frame is None:
-            self.frame = Frame(self._centre(now, own_m))
+            self.frame = Frame(self._centre(peers, own_m))
         if not isinstance(step, MOVING):
             self.frame = replace(self.frame, rate=0.0)
             return
@@ -274,10 +273,8 @@ class Reference:
         rate = rate_towards(self.frame, step, self.radius_m, error_m, brake, dt_s)
         self.frame = advanced(replace(self.frame, rate=rate), step, dt_s, self.radius_m)
 
-    def _centre(self, now: float, own_m: Point) -> Point:
+    def _centre(self, peers: PeerSnapshot, own_m: Point) -> Point:
         """The mean of stop point minus slot over this agent and the peers it hears."""
-        found = {s.agent: s.stop_point_m for s in self._peers.fresh(now) if s.airborne} | {
-            self._own: own_m
-        }
+        found = {s.agent: s.stop_point_m for s in peers.fresh() if s.airborne} | {self._own: own_m}
         slots = {i: self._slot_m(i) for i in found}
         return mean_of((at[0] - slots[i][0], at[1] - slots[i][1]) for i, at in found.items())

@@ -19,7 +19,7 @@ from typing import Final
 from swarm_ctl.core.agent.agent import Agent, Ended, Inbox
 from swarm_ctl.core.identification.fit import Leg
 from swarm_ctl.core.model.frames import ned_from_geodetic
-from swarm_ctl.core.model.messages import Phase
+from swarm_ctl.core.model.messages import Outcome, Phase
 from swarm_ctl.core.model.plan import (
     AgentPlan,
     Compensation,
@@ -154,7 +154,7 @@ class StepFlight:
         if actions.ended is not None:
             reason = (
                 self._stop
-                if actions.ended.outcome == "aborted" and self._stop
+                if actions.ended.outcome is Outcome.ABORTED and self._stop
                 else actions.ended.reason
             )
             self.ended = replace(actions.ended, reason=reason)
@@ -172,32 +172,34 @@ class StepFlight:
         """Nothing is planned before the vehicle is heard, ready, and nobody else's."""
         waited = now - (self._began_s or now)
         if self._stop:
-            self._refuse("aborted", self._stop)
+            self._refuse(Outcome.ABORTED, self._stop)
         elif view.fault:
-            self._refuse("failed", view.fault)
+            self._refuse(Outcome.FAILED, view.fault)
         elif view.armed or not view.on_ground:
             what = "is armed" if view.armed else "is in the air"
             self._refuse(
-                "failed",
+                Outcome.FAILED,
                 f"the vehicle {what} already: somebody flies it, or land and disarm it first",
             )
         elif not view.healthy or view.global_ is None:
             self._ready_s = None
             patience_s = _LOOK_AT_MOST_S if math.isfinite(view.heartbeat_s) else _HEARD_S
             if waited > patience_s:
-                self._refuse("failed", f"not ready after {patience_s:g} s: {view.health_reason}")
+                self._refuse(
+                    Outcome.FAILED, f"not ready after {patience_s:g} s: {view.health_reason}"
+                )
         elif self._ready_s is None:
             self._ready_s = now
         elif now - self._ready_s >= _LOOK_S:
             here = view.global_.position
             beyond = self._beyond(here)
             if beyond:
-                self._refuse("failed", beyond)
+                self._refuse(Outcome.FAILED, beyond)
             else:
                 self._agent = Agent(_plan(self._steps, self._typical, self._tick_s, here), _ID, now)
         return StandbyGoal()
 
-    def _refuse(self, outcome: str, reason: str) -> None:
+    def _refuse(self, outcome: Outcome, reason: str) -> None:
         self.ended = Ended(outcome, reason)
 
     def _beyond(self, here: Geodetic) -> str:

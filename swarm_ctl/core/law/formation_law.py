@@ -100,7 +100,7 @@ def evaluate(
     q_x, q_y, x = separate(q[..., 0][index], q[..., 1][index], lower_id[index], law)
     members = np.where(together, count[agent], strangers[agent])
     pull = n[agent] * (together * law.h / (members * members))[:, None]
-    tuned = tune(q_x, q_y, x, pull[:, 0], pull[:, 1], members, law)
+    tuned = adapt_sigma(q_x, q_y, x, pull[:, 0], pull[:, 1], members, law)
     pairs = Pairs(index, x, together, *tuned)
     push = np.zeros_like(q)
     push[..., 0][index] = pairs.alpha * q_x
@@ -133,7 +133,7 @@ def separate(
     return q_x, q_y, x
 
 
-class Tuned(NamedTuple):
+class AdaptedSigma(NamedTuple):
     """The numbers of section 3 for pairs of any shape; `d` is NaN where the status leaves it
     undefined."""
 
@@ -146,7 +146,7 @@ class Tuned(NamedTuple):
     status: NDArray[np.uint8]
 
 
-def tune(
+def adapt_sigma(
     q_x: Floats,
     q_y: Floats,
     x: Floats,
@@ -154,7 +154,7 @@ def tune(
     pull_y: Floats,
     members: NDArray[np.intp],
     law: LawParameters,
-) -> Tuned:
+) -> AdaptedSigma:
     """The bounds on D, D itself with its status, then sigma (docs/pages/law.md#sigma).
 
     Arrays broadcast.
@@ -198,7 +198,7 @@ def tune(
     sigma_lb[np.isnan(sigma_lb)] = 0.0  # where D is undefined
     sigma = np.maximum(sigma_lb, 0.0)
     sigma += law.delta_a
-    return Tuned(sigma, sigma_lb, d_lb, d_ub, d, g / (sigma + xx), status)
+    return AdaptedSigma(sigma, sigma_lb, d_lb, d_ub, d, g / (sigma + xx), status)
 
 
 def _choose_d(d_lb: Floats, d_ub: Floats, law: LawParameters) -> tuple[Floats, NDArray[np.uint8]]:

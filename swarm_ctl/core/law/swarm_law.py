@@ -1,7 +1,7 @@
 """The law (26) for many whole swarms at once, laid out for speed: missions on the last axis,
 contiguous in memory.
 
-The same numbers as `core.law.formation_law.evaluate` gives each agent (`tune` is shared), but each
+The same numbers as `core.law.formation_law.evaluate` gives each agent (`adapt_sigma` is shared), but each
 distance is worked out once for both agents of a pair. Points are (2, n, m): component, agent,
 mission. Lengths in units.
 
@@ -18,7 +18,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.lib.stride_tricks import as_strided
 
-from swarm_ctl.core.law.formation_law import Tuned, separate, tune
+from swarm_ctl.core.law.formation_law import AdaptedSigma, adapt_sigma, separate
 from swarm_ctl.core.model.arrays import Bools, Floats, Indices
 from swarm_ctl.core.model.plan import LawParameters
 
@@ -38,7 +38,7 @@ class NearPairs:
     distance: Floats
     neighbour: Bools
     """(K,)."""
-    numbers: Tuned
+    numbers: AdaptedSigma
     """Each (1, K) or (2, K)."""
 
 
@@ -212,7 +212,7 @@ class SwarmLaw:
         side = np.array([[1.0], [-1.0]])[: len(agents)]
         beta = self._beta.ravel().take(agents) * linked * side
         pull_x, pull_y = n[0].ravel().take(agents) * beta, n[1].ravel().take(agents) * beta
-        numbers = tune(q_x, q_y, x, pull_x, pull_y, members, self.law)
+        numbers = adapt_sigma(q_x, q_y, x, pull_x, pull_y, members, self.law)
         push = numbers.alpha * side
         flat = agents.ravel()
         u[0] += np.bincount(flat, (push * q_x).ravel(), count * m).reshape(count, m)

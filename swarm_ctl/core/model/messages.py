@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import zlib
 from dataclasses import dataclass, field
-from enum import IntEnum
+from enum import IntEnum, StrEnum
 from typing import TypeAlias
 
 from swarm_ctl.core.model.plan import FormStep, MoveStep, Point
@@ -35,6 +35,52 @@ class Phase(IntEnum):
     ENDED = 8
     RETURN = 9
     """On the way back to its own start; `AgentState.stage` says how far."""
+
+
+class Severity(StrEnum):
+    """How much an event or an alarm matters."""
+
+    INFO = "info"
+    WARNING = "warning"
+    ERROR = "error"
+
+
+class Outcome(StrEnum):
+    """How an agent's flight, or a whole run, ended."""
+
+    RUNNING = "running"
+    COMPLETED = "completed"
+    ABORTED = "aborted"
+    """An operator's command or the end of `run` broke it off."""
+    FAILED = "failed"
+
+
+class StepOutcome(StrEnum):
+    """How one step of the mission ended."""
+
+    RUNNING = "running"
+    DONE = "done"
+    SKIPPED = "skipped"
+    """The operator's `next` ended it."""
+    TIMEOUT = "timeout"
+    ABORTED = "aborted"
+
+
+class CommandKind(StrEnum):
+    """What an operator can command. `Command.kind` holds one of these, or an unknown word."""
+
+    HOLD = "hold"
+    RESUME = "resume"
+    NEXT = "next"
+    FORM = "form"
+    MOVE = "move"
+    TUNE = "tune"
+    """First phase of a gain update: prepare these gains."""
+    LAND = "land"
+    RETURN = "return"
+    KILL = "kill"
+    APPLY = "apply"
+    """Second phase of a gain update, sent by stations: the gains that `tune` prepared hold."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +118,7 @@ class ExchangeState:
     """What is the other's now."""
 
 
-NO_DEAL = ExchangeState(role=-1)
+NO_EXCHANGE = ExchangeState(role=-1)
 """Says nothing: its role is its own place."""
 
 
@@ -92,21 +138,21 @@ class AgentState:
     position_ned_m: Vector3
     velocity_ned_mps: Vector3
     stop_point_m: Point
-    commanded_mps: Point
+    setpoint_mps: Point
     frame: Frame | None = None
     """The shared reference as this agent has it; the pinned agent's is the one that counts
     (`core/control/reference.py`)."""
     stage: int = 0
     """How far the way back is (`core/agent/return_to_launch.py`)."""
-    command: int = 0
-    """`Command.tag` of the operator's command it carries out, 0 for none: who has another one is
-    not followed."""
-    law: int = 0
-    """`Command.tag` of the change that put its law in force, 0 for the mission's own
-    (`core/swarm/gain_update.py`)."""
-    next_law: int = 0
-    """Of the change that is decided and waits for its time, 0 for none."""
-    deal: ExchangeState = NO_DEAL
+    override: int = 0
+    """`Command.tag` of the command that this agent flies instead of the mission's step; 0: none.
+    Agents follow only peers with the same override."""
+    gains_tag: int = 0
+    """`Command.tag` of the gain update in force (`core/swarm/gain_update.py`); 0: the mission's
+    own gains."""
+    next_gains_tag: int = 0
+    """The gain update that is decided and waits for its time; 0: none."""
+    exchange: ExchangeState = NO_EXCHANGE
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,10 +186,10 @@ class SigmaReport:
 
 @dataclass(frozen=True, slots=True)
 class StepResult:
-    """How a step went for one agent; `result` is `done`, `timeout`, `aborted` or `running`."""
+    """How a step went for one agent, from `start_s` to `end_s` (None: still running)."""
 
     name: str
-    result: str
+    result: StepOutcome
     start_s: float
     end_s: float | None
 
@@ -250,8 +296,7 @@ class AgentStatus:
     done: bool
     reason: str
     """Why it waits, holds, lands or failed; '' when all is well."""
-    outcome: str
-    """`running`, `completed`, `failed` or `aborted` (an operator's command)."""
+    outcome: Outcome
     mode: str
     armed: bool
     airborne: bool
@@ -312,11 +357,11 @@ class ClockNews:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something worth a line in the log. `level` is `info`, `warning` or `error`."""
+    """Something worth a line in the log."""
 
     agent: int
     time_s: float
-    level: str
+    level: Severity
     text: str
 
 
@@ -327,7 +372,7 @@ class Command:
 
     id: str
     kind: str
-    """One of `core.agent.command_handler.KINDS`, or `apply`, the second word of a `tune`."""
+    """A `CommandKind`. Agents refuse any other word by name, so it is kept as it came."""
     agents: tuple[int, ...]
     """Who is meant; empty: all."""
     time_s: float

@@ -1,5 +1,5 @@
-"""`core/safety/constraints.py` for one agent: from a wish to the velocity that is flown, tick by
-tick.
+"""The constraints of `core/safety/constraints.py` for one agent: from a wish to the velocity that
+is flown, tick by tick.
 
 Metres; a horizontal vector is the complex number north + 1j * east.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 from swarm_ctl.core.model.messages import SafetyReport
 from swarm_ctl.core.model.plan import Plan, Point, Response
@@ -16,132 +17,154 @@ from swarm_ctl.core.safety import constraints
 from swarm_ctl.core.safety.constraints import Margins
 from swarm_ctl.core.safety.deadlock import SWIRL_OFF, DeadlockRelease, swirled
 from swarm_ctl.core.safety.velocity_qp import Plane, relaxed
-from swarm_ctl.core.swarm.peers import NOTHING_COMMON, Common, Other, Peers
+from swarm_ctl.core.swarm.snapshot import Formation, OtherAircraft, PeerSnapshot
 
 _UNTOUCHED_MPS = 1e-6
+"""A velocity this close to the wish counts as unchanged."""
+
+
+@dataclass(frozen=True, slots=True)
+class _KeepOuts:
+    """The keep-out constraints of one tick."""
+
+    planes: list[Plane]
+    ids: list[int]
+    """The aircraft that each plane keeps away from."""
+    least_room_m: float
+    stranger_near: bool
+    """An aircraft that does not fly along is so close that the common velocity has to give way."""
 
 
 class SafetyFilter:
-    """One agent's last word. Counts what it changes."""
+    """Chooses the velocity that one agent flies, and counts what it changes.
 
-    def __init__(self, plan: Plan, own_id: int, peers: Peers, vehicle: Response) -> None:
+    `vehicle` is how the own vehicle answers a setpoint.
+    """
+
+    def __init__(self, plan: Plan, own_id: int, vehicle: Response) -> None:
         self._plan = plan
         self._own = own_id
-        self._peers = peers
         unit = plan.unit_m
         self._margins = Margins.of(plan.law, vehicle, plan.limits.speed_mps, unit)
         self._near_m = self._margins.keep_out + self._margins.reach
+        # a silent vehicle may have flown on with its last setpoint
         farthest = self._near_m + 3.0 * self._margins.growth + self._margins.speed * SILENT_FLIES_S
         self._swirl_off_m = (plan.law.r_out + SWIRL_OFF) * unit
         self._reach_m = max(farthest, self._swirl_off_m)
-        """Nobody farther away forbids anything."""
-        # told up to a second ago: so much longer it may be by now
+        """An aircraft farther away constrains nothing."""
+        # a link that was told up to `NEIGHBOUR_S` ago may be so much longer by now
         self._stretched_m = (
             constraints.guards_from(self._margins) - self._margins.speed * NEIGHBOUR_S
         )
-        self._looked: tuple[float, list[Other]] = (-math.inf, [])
+        self._looked: tuple[PeerSnapshot | None, list[OtherAircraft]] = (None, [])
         self.release = DeadlockRelease(own_id, plan.limits.speed_mps, plan.tick_s)
-        self._slots: Mapping[int, Point] = {}
-        self._chosen: frozenset[int] = frozenset()
-        self._guarded: frozenset[int] = frozenset()
-        self._slack: frozenset[int] = frozenset()
-        """Of those, the links that are minded even while the release goes sideways."""
+        self._links = _GuardedLinks()
         self._ticks = self._touched = self._yielded = 0
         self._from: set[int] = set()
 
     def report(self) -> SafetyReport:
-        """What was changed so far, and because of whom since the last report."""
+        """What was changed so far, and because of which aircraft since the last report."""
         seen, self._from = tuple(sorted(self._from)), set()
         return SafetyReport(self._ticks, self._touched, self._yielded, self.release.fails, seen)
 
-    def turned(self, own: complex, now: float, consensus: complex, avoidance: complex) -> complex:
-        """The avoidance with its swirl (`core/safety/deadlock.py`)."""
+    def swirled(
+        self, snapshot: PeerSnapshot, own: complex, consensus: complex, avoidance: complex
+    ) -> complex:
+        """The avoidance with its swirl (`core/safety/deadlock.py`); without it near an aircraft
+        that is not heard, because that one does not turn."""
         if not self._plan.safety.release or not avoidance or not consensus:
             return avoidance
-        for other in self._near(now, own):
-            if not other.heard and abs(own - other.stop_point) < self._swirl_off_m:
+        for other in self._near(snapshot, own):
+            if not other.fresh and abs(own - other.stop_point) < self._swirl_off_m:
                 return avoidance
         return complex(swirled(consensus, avoidance))
 
-    def keep(
-        self, now: float, own: complex, wish: complex, slots: Mapping[int, Point], common: Common
+    def filtered(
+        self, snapshot: PeerSnapshot, own: complex, wish: complex, formation: Formation
     ) -> complex:
-        """The velocity nearest to the wish that keeps apart from everybody and, for the links of
-        `slots`, together.
+        """The velocity nearest to the wish that keeps apart from all aircraft and, for the
+        formation's links, together.
 
-        Who flies the same formation moves with it, so between those only what differs from its
-        velocity counts.
+        Peers of the same formation move with it, so between those only the difference from its
+        common velocity counts. `own` is the own stop point.
         """
         if not self._plan.safety.filter:
             return wish
         self._ticks += 1
         near = [
             (other, apart)
-            for other in self._near(now, own)
+            for other in self._near(snapshot, own)
             if self._reaches(other, abs(apart := own - other.stop_point))
         ]
-        hard, room, stranger_near = self._keep_outs(near, common)
-        moving = 0j if stranger_near else common.velocity_mps
-        if moving != common.velocity_mps:
-            hard, room, _ = self._keep_outs(near, NOTHING_COMMON)
-        soft = self._guards(now, own, slots, common if moving else NOTHING_COMMON)
-        if not hard and not soft:
+        moving = formation.velocity
+        keep_outs = self._keep_outs(near, formation.key, moving)
+        if keep_outs.stranger_near:
+            moving = 0j
+            keep_outs = self._keep_outs(near, None, moving)
+        soft = self._guards(snapshot, own, formation, moving)
+        if not keep_outs.planes and not soft:
             return wish
-        cap = min(constraints.cap(room, self._margins), self._margins.speed)
-        flown = (
-            self._nearest(wish - moving, hard, soft, cap, [other.id for other, _ in near]) + moving
-        )
+        cap = min(constraints.cap(keep_outs.least_room_m, self._margins), self._margins.speed)
+        flown = self._nearest(wish - moving, keep_outs, soft, cap) + moving
         return constraints.limited(flown, self._plan.limits) if moving else flown
 
     def _keep_outs(
-        self, near: list[tuple[Other, complex]], common: Common
-    ) -> tuple[list[Plane], float, bool]:
-        """The planes for velocities less the common one, the least room, and whether somebody who
-        does not fly along is so close that the common velocity itself has to bow to him.
-        """
-        margins, moving = self._margins, common.velocity_mps
+        self,
+        near: list[tuple[OtherAircraft, complex]],
+        key: tuple[int, int] | None,
+        moving: complex,
+    ) -> _KeepOuts:
+        """The keep-outs for velocities less the common one, `moving`."""
+        margins = self._margins
         planes: list[Plane] = []
         least_room, stranger_near = math.inf, False
         for other, apart in near:
             normal, bound, room = constraints.half_plane(
                 _distinct(apart, self._own < other.id),
-                other.commanded,
-                other.age_s if other.heard else SILENT_FLIES_S,
-                margins.out(other.age_s),
+                other.setpoint,
+                other.age_at_most_s if other.fresh else SILENT_FLIES_S,
+                margins.out(other.age_at_most_s),
                 0.5 if other.yields else 1.0,
                 margins.speed,
             )
-            if moving and other.flying != common.flying:
+            if moving and other.formation != key:
                 bound -= (normal.conjugate() * moving).real
                 stranger_near |= room < margins.zone
             least_room = min(least_room, room)
             planes.append((normal.real, normal.imag, bound))
-        return planes, least_room, stranger_near
+        return _KeepOuts(planes, [other.id for other, _ in near], least_room, stranger_near)
 
     def _guards(
-        self, now: float, own: complex, slots: Mapping[int, Point], common: Common
+        self, snapshot: PeerSnapshot, own: complex, formation: Formation, moving: complex
     ) -> list[Plane]:
-        """For the links that the shape keeps, but those to somebody who does not fly along."""
+        """The constraints of the links that the shape keeps. While the formation moves, links to
+        peers that do not fly along are left out."""
         planes: list[Plane] = []
-        guarded = self._links(slots)
+        if not self._plan.safety.guard:
+            return planes
+        guarded = self._links.guarded(
+            self._own, formation, self._margins, self._plan.unit_m, self.release.releasing
+        )
         if not guarded:
             return planes
-        for other in self._peers.far(guarded, now, own, self._stretched_m):
-            along = not common.velocity_mps or other.flying == common.flying
-            if other.age_s > NEIGHBOUR_S or not along:
+        for other in snapshot.far(guarded, own, self._stretched_m):
+            along = not moving or other.formation == formation.key
+            if other.age_at_most_s > NEIGHBOUR_S or not along:
                 continue
-            apart = own - other.stop_point - other.commanded * min(other.age_s, PREDICT_S)
+            # carried on with its setpoint to now
+            apart = own - other.stop_point - other.setpoint * min(other.age_at_most_s, PREDICT_S)
             if constraints.guarded(0.0, abs(apart), self._margins):
                 normal, bound = constraints.guard_plane(
-                    apart, other.commanded - common.velocity_mps, self._margins
+                    apart, other.setpoint - moving, self._margins
                 )
                 if bound > -self._margins.speed:
                     planes.append((normal.real, normal.imag, bound))
         return planes
 
     def _nearest(
-        self, wish: complex, hard: list[Plane], soft: list[Plane], cap: float, who: list[int]
+        self, wish: complex, keep_outs: _KeepOuts, soft: list[Plane], cap: float
     ) -> complex:
+        hard = keep_outs.planes
         (north, east), slack = relaxed((wish.real, wish.imag), hard, soft, cap)
         flown = complex(north, east)
         if abs(flown - wish) > _UNTOUCHED_MPS:
@@ -149,53 +172,57 @@ class SafetyFilter:
             self._yielded += slack > 0.0
             self._from.update(
                 i
-                for i, (n, e, b) in zip(who, hard, strict=True)
+                for i, (n, e, b) in zip(keep_outs.ids, hard, strict=True)
                 if n * wish.real + e * wish.imag < b
             )
         return flown
 
-    def _near(self, now: float, own: complex) -> list[Other]:
-        """Everybody who may forbid something; looked up once a tick."""
-        if self._looked[0] != now:
-            self._looked = (now, self._peers.near(now, own, self._reach_m))
+    def _near(self, snapshot: PeerSnapshot, own: complex) -> list[OtherAircraft]:
+        """All aircraft that may constrain this tick; looked up once a snapshot."""
+        if self._looked[0] is not snapshot:
+            self._looked = (snapshot, snapshot.near(own, self._reach_m))
         return self._looked[1]
 
-    def _reaches(self, other: Other, distance: float) -> bool:
-        """It may forbid something: with what it may have flown since, and all of the burden on
-        us."""
-        if other.heard and other.yields:
+    def _reaches(self, other: OtherAircraft, distance: float) -> bool:
+        """It may constrain: with what it may have flown since it was heard, and all of the burden
+        on us."""
+        age_s = other.age_at_most_s
+        if other.fresh and other.yields:
             return (
-                distance
-                < self._near_m
-                + abs(other.commanded) * other.age_s
-                + self._margins.growth * other.age_s
+                distance < self._near_m + abs(other.setpoint) * age_s + self._margins.growth * age_s
             )
-        flown = abs(other.commanded) * max(other.age_s if other.heard else SILENT_FLIES_S, 0.0)
+        flown = abs(other.setpoint) * max(age_s if other.fresh else SILENT_FLIES_S, 0.0)
         return distance < self._near_m + flown + 3.0 * self._margins.growth
 
-    def _links(self, slots: Mapping[int, Point]) -> frozenset[int]:
-        """The neighbours whose slots lie within r of the own one; worked out when slots or
-        neighbours change."""
-        if not self._plan.safety.guard:
-            return frozenset()
-        chosen = self._peers.links
-        if slots is not self._slots or chosen is not self._chosen:
-            self._slots, self._chosen = slots, chosen
-            own, unit = slots.get(self._own), self._plan.unit_m
-            gaps = (
-                {i: math.dist(own, slots[i]) * unit for i in chosen if i in slots}
-                if own is not None
-                else {}
+
+class _GuardedLinks:
+    """The neighbours whose slots lie within r of the own one; worked out when slots or neighbours
+    change."""
+
+    def __init__(self) -> None:
+        self._slots: Mapping[int, Point] = {}
+        self._neighbours: frozenset[int] = frozenset()
+        self._all: frozenset[int] = frozenset()
+        self._loose: frozenset[int] = frozenset()
+        """Of those, the links that the guard minds even while a dead-lock release is under way."""
+
+    def guarded(
+        self, own_id: int, formation: Formation, margins: Margins, unit_m: float, releasing: bool
+    ) -> frozenset[int]:
+        """The neighbours to stay together with."""
+        slots, neighbours = formation.slots, formation.neighbours
+        if slots is not self._slots or neighbours is not self._neighbours:
+            self._slots, self._neighbours = slots, neighbours
+            own, gaps = slots.get(own_id), {}
+            if own is not None:
+                gaps = {i: math.dist(own, slots[i]) * unit_m for i in neighbours if i in slots}
+            self._all = frozenset(
+                i for i, gap in gaps.items() if constraints.guarded(gap, 0.0, margins)
             )
-            self._guarded = frozenset(
-                i for i, gap in gaps.items() if constraints.guarded(gap, 0.0, self._margins)
-            )
-            self._slack = frozenset(
-                i for i in self._guarded if not constraints.tight(gaps[i], self._margins)
-            )
-        return self._slack if self.release.releasing else self._guarded
+            self._loose = frozenset(i for i in self._all if not constraints.tight(gaps[i], margins))
+        return self._loose if releasing else self._all
 
 
 def _distinct(apart: complex, first: bool) -> complex:
-    """Two on one spot part along north, the lower id northwards."""
+    """Two aircraft on one spot part along north, the lower id northwards."""
     return apart if abs(apart) > 1e-9 else complex(1e-9 if first else -1e-9, 0.0)

@@ -23,7 +23,7 @@ station's link loses:
 Laws are ordered by their time, then tag: nobody ever goes back to an older one. While one change is
 under way no other is prepared. Between hosts the time is told with how far each agent's clock is
 ahead of the sender's, as well as that is known; who is early is followed by the others as soon as
-they hear it."""  # noqa: E501
+they hear it."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field, replace
 from typing import Final
 
-from swarm_ctl.core.model.messages import Ack, AgentState, Command, Gains, Phase, Tuning
+from swarm_ctl.core.model.messages import Ack, AgentState, Command, Gains, Phase, Severity, Tuning
 from swarm_ctl.core.model.plan import Compensation, Plan
 from swarm_ctl.core.model.text import agents_named
-from swarm_ctl.core.swarm.peers import Peers
+from swarm_ctl.core.swarm.snapshot import PeerSnapshot
 
 KINDS: Final = ("tune", "apply")
 LEAD_S: Final = 2.0
@@ -133,8 +133,9 @@ class GainUpdate:
         self.decided = 0
         """Of the one that waits for its time; 0: none does."""
 
-    def refusal(self, command: Command, now: float, peers: Peers) -> str:
-        """Why the command can't be obeyed; '' where it can."""
+    def refusal(self, command: Command, peers: PeerSnapshot) -> str:
+        """Why the command cannot be obeyed; '' where it can."""
+        now = peers.now_s
         if command.kind == "apply":
             return self._too_late(command.commits, now)
         tuning = self._on_own_clock(command.tuning)
@@ -147,7 +148,7 @@ class GainUpdate:
         ]
         if pending:
             return f"another change is under way until {max(pending):.1f} s"
-        unasked = [peer for peer in self._flying(now, peers) if peer not in command.agents]
+        unasked = [peer for peer in self._flying(peers) if peer not in command.agents]
         if unasked:
             return f"{agents_named(unasked)} flies too, and was not asked"
         return out_of_range(tuning.gains, self._plan)
@@ -162,14 +163,14 @@ class GainUpdate:
             return ""
         return f"too late: it was for {tuning.at_s:.1f} s; agent {self._own} keeps its law until a peer flies the other"
 
-    def _flying(self, now: float, peers: Peers) -> list[int]:
+    def _flying(self, peers: PeerSnapshot) -> list[int]:
         """Peers that are heard and whose vehicles are under their control."""
         patience = self._plan.policies.agent_lost_after_s
         return [
             peer.id
-            for peer in peers
+            for peer in peers.peers
             if peer.state is not None
-            and peer.age(now) <= patience
+            and peer.age_s <= patience
             and peer.state.phase not in (Phase.YIELD, Phase.ENDED)
         ]
 
@@ -184,25 +185,25 @@ class GainUpdate:
 
     def update(
         self, now: float, states: Iterable[tuple[AgentState, float]]
-    ) -> list[tuple[str, str]]:
+    ) -> list[tuple[Severity, str]]:
         """Once a tick, with what was heard of the peers since the last one: what is to be said,
-        (level, text)."""
-        said: list[tuple[str, str]] = []
+        (severity, text)."""
+        said: list[tuple[Severity, str]] = []
         for state, _ in states:
             if (
-                state.law == self.tag and state.next_law == self.decided
+                state.gains_tag == self.tag and state.next_gains_tag == self.decided
             ) or state.plan_hash != self._hash:
                 continue
-            known = self._prepared.get(state.next_law)
+            known = self._prepared.get(state.next_gains_tag)
             if known is not None and now < known.at_s:
-                self._decide(state.next_law)
-            if state.law in self._prepared:
-                said += self._adopt(state.law)
-            elif state.law not in (0, self.tag) and state.law not in self._unknown:
-                self._unknown.add(state.law)
+                self._decide(state.next_gains_tag)
+            if state.gains_tag in self._prepared:
+                said += self._adopt(state.gains_tag)
+            elif state.gains_tag not in (0, self.tag) and state.gains_tag not in self._unknown:
+                self._unknown.add(state.gains_tag)
                 said.append(
                     (
-                        "warning",
+                        Severity.WARNING,
                         f"agent {state.agent} flies a law that agent {self._own} was not asked about",
                     )
                 )
@@ -218,7 +219,7 @@ class GainUpdate:
         if tag != self.tag:
             self.decided = tag
 
-    def _adopt(self, tag: int) -> list[tuple[str, str]]:
+    def _adopt(self, tag: int) -> list[tuple[Severity, str]]:
         """Put it in force, unless what is in force is newer."""
         if tag == self.decided:
             self.decided = 0
@@ -229,7 +230,7 @@ class GainUpdate:
         before, self.gains = self.gains, tuning.gains
         return [
             (
-                "info",
+                Severity.INFO,
                 f"the law is another one: {differences(before, self.gains) or 'the same values'}",
             )
         ]

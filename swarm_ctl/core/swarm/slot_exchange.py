@@ -51,7 +51,7 @@ class SlotExchange:
         """Take in what is told now."""
         told = [
             self.deal,
-            *(peer.state.deal if peer.state is not None else None for peer in self._peers),
+            *(peer.state.exchange if peer.state is not None else None for peer in self._peers),
         ]
         if told == self._heard_of:
             return
@@ -162,10 +162,10 @@ class SlotExchange:
             age = self._peers.age(i, now)
             ahead = min(age, PREDICT_S)
             points[:, 0, place, 0] = (
-                np.add(state.stop_point_m, np.multiply(state.commanded_mps, ahead)) / self._unit_m
+                np.add(state.stop_point_m, np.multiply(state.setpoint_mps, ahead)) / self._unit_m
             )
             age_s[0, place] = age
-            same = (state.step, state.command) == flying and state.phase is Phase.FLY
+            same = (state.step, state.override) == flying and state.phase is Phase.FLY
             fresh[0, place] = same and age <= FRESH_S
         told = ExchangeStates(
             *(np.array([getattr(deal, name) for deal in deals])[None, :, None] for name in _FIELDS)
@@ -178,7 +178,7 @@ class SlotExchange:
         n = len(self._ids)
         if state is None:
             return ExchangeState(role=self._ids.index(agent))
-        deal = state.deal
+        deal = state.exchange
         places = (deal.lock, deal.offer_to, deal.answer_to, deal.answer_role)
         if not 0 <= deal.role < n or not all(-1 <= place < n for place in places):
             return ExchangeState(role=self._ids.index(agent))

@@ -196,7 +196,7 @@ def speeds(history: History) -> Figure | None:
                 times, [s.velocity_ned_mps[axis] for s in states], linewidth=1.0, color=colour
             )
             axes.plot(
-                times, [s.commanded_mps[axis] for s in states], "--", linewidth=0.8, color=colour
+                times, [s.setpoint_mps[axis] for s in states], "--", linewidth=0.8, color=colour
             )
         axes.set_title(f"agent {agent}", fontsize=8, loc="left")
     for axis, name in enumerate(("north", "east")):

@@ -105,7 +105,7 @@ class Model:
             case AgentState():
                 heard = self._of(payload.agent, received_s)
                 if heard.receiver.hear(payload.seq, payload.time_s, received_s):
-                    if heard.state is not None and heard.state.law != payload.law:
+                    if heard.state is not None and heard.state.gains_tag != payload.gains_tag:
                         heard.law_since_s = received_s
                     heard.state = payload
                     self._history.state(payload)
@@ -236,7 +236,7 @@ class Model:
             state = self._heard[agent.id].state
             if state is None:
                 continue
-            slot = shape[state.deal.role if in_roles and state.deal.role in shape else k]
+            slot = shape[state.exchange.role if in_roles and state.exchange.role in shape else k]
             frame = state.frame or Frame((0.0, 0.0))
             place = turned(slot, frame.angle_rad, frame.scale)
             slots[agent.id] = (place[0] * self._plan.unit_m, place[1] * self._plan.unit_m)
@@ -271,7 +271,7 @@ class Model:
 
     def _overridden(self) -> bool:
         return any(
-            heard.state is not None and heard.state.command for heard in self._heard.values()
+            heard.state is not None and heard.state.override for heard in self._heard.values()
         )
 
     def _agent(

@@ -209,7 +209,7 @@ class SwarmView:
                 and not agent.lost
                 and agent.phase not in (Phase.YIELD, Phase.ENDED)
             ):
-                found.setdefault(agent.state.law, []).append(agent)
+                found.setdefault(agent.state.gains_tag, []).append(agent)
         most_first = sorted(found.items(), key=lambda item: -len(item[1]))
         return {tag: tuple(agents) for tag, agents in most_first}
 

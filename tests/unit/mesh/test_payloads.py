@@ -19,10 +19,13 @@ from swarm_ctl.core.model.messages import (
     Frame,
     Gains,
     LinkReport,
+    Outcome,
     PairReport,
     Phase,
+    Severity,
     SigmaReport,
     StationBeacon,
+    StepOutcome,
     StepResult,
     Tuning,
 )
@@ -47,7 +50,7 @@ STATES = st.builds(
     position_ned_m=st.tuples(FLOAT, FLOAT, FLOAT),
     velocity_ned_mps=st.tuples(FLOAT32, FLOAT32, FLOAT32),
     stop_point_m=st.tuples(FLOAT, FLOAT),
-    commanded_mps=st.tuples(FLOAT32, FLOAT32),
+    setpoint_mps=st.tuples(FLOAT32, FLOAT32),
     frame=st.none()
     | st.builds(
         Frame,
@@ -58,13 +61,13 @@ STATES = st.builds(
         rate=st.floats(0, 1, width=32),
     ),
     stage=st.integers(0, 3),
-    command=st.integers(0, 2**32 - 1),
-    law=st.integers(0, 2**32 - 1),
-    next_law=st.integers(0, 2**32 - 1),
+    override=st.integers(0, 2**32 - 1),
+    gains_tag=st.integers(0, 2**32 - 1),
+    next_gains_tag=st.integers(0, 2**32 - 1),
 )
 
 OTHERS: list[Any] = [
-    Event(3, 1.5, "warning", "ünïcode"),
+    Event(3, 1.5, Severity.WARNING, "ünïcode"),
     Command("abc", "land", (1, 2), 2.0),
     Command(
         "f", "form", (), 2.0, FormStep("vee", ((0.0, 0.5), (2.0, 1.0)), 0.5, 5.0, 60.0), 2**64 - 1
@@ -97,7 +100,7 @@ OTHERS: list[Any] = [
         step=2,
         done=False,
         reason="",
-        outcome="running",
+        outcome=Outcome.RUNNING,
         mode="GUIDED",
         armed=True,
         airborne=True,
@@ -114,7 +117,7 @@ OTHERS: list[Any] = [
         sigma_tally={"paper": 3},
         overspeed_ticks=0,
         links={2: LinkReport(0.05, 0.05, 0.1, 100, 1)},
-        steps=(StepResult("prepare", "done", 0.0, 3.0),),
+        steps=(StepResult("prepare", StepOutcome.DONE, 0.0, 3.0),),
     ),
 ]
 

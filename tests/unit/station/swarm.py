@@ -99,7 +99,7 @@ def state_of(plan: Plan, agent: int, time_s: float, seq: int = 1, **changes: obj
         position_ned_m=(north * plan.unit_m, east * plan.unit_m, -10.0),
         velocity_ned_mps=(0.6, -0.8, 0.0),
         stop_point_m=(north * plan.unit_m, east * plan.unit_m),
-        commanded_mps=(0.0, 0.0),
+        setpoint_mps=(0.0, 0.0),
     )
     return replace(made, **changes)  # type: ignore[arg-type]
 

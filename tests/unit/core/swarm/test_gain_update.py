@@ -69,7 +69,7 @@ class Swarm:
 
     def _answer(self, agent: int, command: Command) -> Ack:
         if (agent, command.id) not in self.known:
-            reason = self.tuners[agent].refusal(command, self.now, self.peers[agent])
+            reason = self.tuners[agent].refusal(command, self.peers[agent].snapshot(self.now))
             if not reason:
                 self.tuners[agent].obey(command)
             self.known[agent, command.id] = Ack(agent, command.id, not reason, reason)
@@ -80,7 +80,7 @@ class Swarm:
         made = AgentState(
             agent, 1, self.now, 7, Phase.FLY, 1, False, True, zero, zero, zero[:2], zero[:2]
         )
-        return replace(made, law=tuner.tag, next_law=tuner.decided)
+        return replace(made, gains_tag=tuner.tag, next_gains_tag=tuner.decided)
 
     @property
     def laws(self) -> set[float]:

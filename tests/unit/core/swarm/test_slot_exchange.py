@@ -76,7 +76,7 @@ class Swarm:
         place = (self.at[i].real, self.at[i].imag)
         return AgentState(
             i, self.seq, self.now, 0, Phase.FLY, 2, False, True, (*place, -8.0), (0.0, 0.0, 0.0), place, (0.0, 0.0),
-            deal=self.dealers[i].deal,
+            exchange=self.dealers[i].deal,
         )  # fmt: skip
 
     def move(self) -> None:

@@ -37,7 +37,7 @@ def said() -> list[Payload]:
     for t in np.arange(LIFTOFF, LAND, 0.5).tolist():
         for agent in range(1, 7):
             found.append(
-                state_of(PLAN, agent, t, velocity_ned_mps=(0.5, 0.0, 0.0), commanded_mps=(1.0, 0.0))
+                state_of(PLAN, agent, t, velocity_ned_mps=(0.5, 0.0, 0.0), setpoint_mps=(1.0, 0.0))
             )
             charge = 10.0 if agent == 4 and t > 30.0 else 90.0
             found.append(

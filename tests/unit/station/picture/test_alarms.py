@@ -74,9 +74,11 @@ def _other_law(for_s: float) -> SwarmView:
     """Agent 4 has flown another law for so long."""
     model = flying_model(PLAN, 30.0)
     for agent in PLAN.agents:
-        model.fold(state_of(PLAN, agent.id, 30.0, seq=1200, law=7 if agent.id == 4 else 0), 30.0)
         model.fold(
-            state_of(PLAN, agent.id, 30.0 + for_s, seq=1201, law=7 if agent.id == 4 else 0),
+            state_of(PLAN, agent.id, 30.0, seq=1200, gains_tag=7 if agent.id == 4 else 0), 30.0
+        )
+        model.fold(
+            state_of(PLAN, agent.id, 30.0 + for_s, seq=1201, gains_tag=7 if agent.id == 4 else 0),
             30.0 + for_s,
         )
     gains = replace(planned(PLAN), h=0.04)

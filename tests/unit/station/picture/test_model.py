@@ -55,7 +55,7 @@ def test_exchanged_slots_are_those_of_the_role() -> None:
         role = taken.get(agent.id, k)
         place = (5 * HEXAGON[role][0], 5 * HEXAGON[role][1], -10.0)
         model.fold(
-            state_of(PLAN, agent.id, 30.0, position_ned_m=place, deal=ExchangeState(role=role)),
+            state_of(PLAN, agent.id, 30.0, position_ned_m=place, exchange=ExchangeState(role=role)),
             30.0,
         )
     view = model.view(30.0)

@@ -1,0 +1,101 @@
+"""What one tick knows of the other aircraft: one immutable snapshot, read by law, filter and frame.
+
+`Peers.snapshot` makes it once a tick. Horizontal vectors are complex numbers north + 1j * east in
+the common frame, in m and m/s; ages are seconds at `now_s`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+from swarm_ctl.core.model.messages import AgentState
+from swarm_ctl.core.model.plan import Point
+
+TRAFFIC: Final = 0
+"""The id of an aircraft that the traffic sensor sees and no peer on the mesh explains."""
+
+
+class OtherAircraft(NamedTuple):
+    """A peer as it was heard last, or an aircraft that only the traffic sensor sees."""
+
+    id: int
+    """Agent id, or `TRAFFIC`."""
+    state: AgentState | None = None
+    """The newest state; None for traffic and for a peer that was never heard."""
+    position: complex = 0j
+    stop_point: complex = 0j
+    """As it was told, `age_s` ago."""
+    setpoint: complex = 0j
+    """The velocity it was told to fly."""
+    age_s: float = math.inf
+    """Best guess."""
+    age_at_most_s: float = math.inf
+    """With all doubt about the sender's clock."""
+    fresh: bool = False
+    """Its state is at most `FRESH_S` old."""
+    followed: bool = False
+    """Its state is at most `NEIGHBOUR_S` old: it may be a neighbour."""
+    yields: bool = False
+    """It does its half of keeping apart."""
+    formation: tuple[int, int] | None = None
+    """The (step, override) whose formation it flies; None: none, or its state is not fresh."""
+    clock_unknown: bool = False
+    """It is heard, and how far its clock is ahead is not known yet."""
+
+
+@dataclass(frozen=True, slots=True)
+class PeerSnapshot:
+    """All other aircraft at one tick."""
+
+    now_s: float
+    peers: tuple[OtherAircraft, ...]
+    """Every other agent of the plan, in the plan's order, heard or not."""
+    traffic: tuple[OtherAircraft, ...] = ()
+    """What only the traffic sensor sees, nearest first."""
+
+    def fresh(self) -> list[AgentState]:
+        """The states that are at most `FRESH_S` old."""
+        return [peer.state for peer in self.peers if peer.fresh and peer.state is not None]
+
+    def age_s(self, agent: int) -> float:
+        """Age of the newest state of `agent`; infinite where it was never heard."""
+        return next((peer.age_s for peer in self.peers if peer.id == agent), math.inf)
+
+    def near(self, own: complex, reach_m: float) -> list[OtherAircraft]:
+        """All aircraft whose told stop point is less than `reach_m` from the point `own`."""
+        found = [
+            peer
+            for peer in self.peers
+            if peer.state is not None and abs(own - peer.stop_point) < reach_m
+        ]
+        found += (other for other in self.traffic if abs(own - other.stop_point) < reach_m)
+        return found
+
+    def far(self, ids: Iterable[int], own: complex, beyond_m: float) -> list[OtherAircraft]:
+        """The peers in `ids` whose told stop point is more than `beyond_m` from `own`."""
+        return [
+            peer
+            for peer in self.peers
+            if peer.id in ids and peer.state is not None and abs(own - peer.stop_point) > beyond_m
+        ]
+
+
+@dataclass(frozen=True, slots=True)
+class Formation:
+    """What an agent flies with its peers in this tick."""
+
+    slots: Mapping[int, Point]
+    """By agent [units]. Agents without a slot have no neighbour links."""
+    neighbours: frozenset[int]
+    """N_i as chosen, heard or not."""
+    velocity: complex = 0j
+    """The velocity that all of the formation share."""
+    key: tuple[int, int] | None = None
+    """The (step, override) that peers of the same formation tell; None: no formation."""
+
+
+NO_FORMATION: Final = Formation({}, frozenset())
+"""Keep apart, and nothing else."""

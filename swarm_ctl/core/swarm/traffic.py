@@ -1,0 +1,89 @@
+"""Aircraft that the vehicle's own traffic receiver sees (ADSB_VEHICLE) and no peer explains.
+
+The second source of proximity: avoidance goes on where the mesh is cut.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from swarm_ctl.core.law.stop_point import stop_distance
+from swarm_ctl.core.model.frames import ned_from_geodetic
+from swarm_ctl.core.model.plan import Compensation, Plan, Point
+from swarm_ctl.core.model.timeouts import PREDICT_S
+from swarm_ctl.core.model.vehicle import Contact
+from swarm_ctl.core.swarm.snapshot import TRAFFIC, OtherAircraft
+
+MAX_CONTACTS: Final = 8
+"""The nearest contacts that the law takes in."""
+_SAME_AIRCRAFT_M: Final = 2.5
+"""A contact this close to a followed peer is that peer, seen by the other sensor."""
+_CONTACT_S: Final = 3.0
+"""Older contacts are dropped; ADSB_VEHICLE comes at about 1 Hz."""
+
+
+class Traffic:
+    """Contacts in the common frame; remembers where each report places its aircraft."""
+
+    def __init__(self, plan: Plan) -> None:
+        self._plan = plan
+        self._placed: dict[int, tuple[Contact, complex]] = {}
+
+    def unexplained(
+        self, now: float, contacts: Sequence[Contact], peers: Sequence[OtherAircraft], own_m: Point
+    ) -> tuple[OtherAircraft, ...]:
+        """The contacts that are no followed peer, the `MAX_CONTACTS` nearest to `own_m` first."""
+        recent = [contact for contact in contacts if 0.0 <= now - contact.time_s <= _CONTACT_S]
+        if not recent:
+            return ()
+        at = [
+            self._place(contact) + _horizontal(contact.velocity_ned_mps) * (now - contact.time_s)
+            for contact in recent
+        ]
+        known = [
+            peer.position + _horizontal(peer.state.velocity_ned_mps) * peer.age_s
+            for peer in peers
+            if peer.followed and peer.state is not None
+        ]
+        stranger = [True] * len(at)
+        if known:
+            # all contacts against all peers at once: a swarm of 32 sees a thousand pairs a tick
+            apart = np.abs(np.array(at)[:, None] - np.array(known))
+            stranger = (apart >= _SAME_AIRCRAFT_M).all(axis=1).tolist()
+        found = [
+            self._aircraft(now, contact, where)
+            for contact, where in itertools.compress(zip(recent, at, strict=True), stranger)
+        ]
+        found.sort(key=lambda other: abs(other.stop_point - complex(*own_m)))
+        return tuple(found[:MAX_CONTACTS])
+
+    def _place(self, contact: Contact) -> complex:
+        """Where the report places it [m]; worked out once a report."""
+        placed = self._placed.get(contact.address)
+        if placed is None or placed[0] is not contact:
+            north, east, _ = ned_from_geodetic(contact.position, self._plan.origin)
+            placed = self._placed[contact.address] = (contact, complex(north, east))
+        return placed[1]
+
+    def _aircraft(self, now: float, contact: Contact, where: complex) -> OtherAircraft:
+        velocity = _horizontal(contact.velocity_ned_mps)
+        age_s = min(now - contact.time_s, PREDICT_S)
+        stop = self._stop_point(where, velocity)
+        return OtherAircraft(TRAFFIC, None, where, stop, velocity, age_s, age_s, fresh=True)
+
+    def _stop_point(self, where: complex, velocity: complex) -> complex:
+        """Of an aircraft whose setpoints are unknown: it flies on for the dead time, then brakes."""
+        speed = abs(velocity)
+        if self._plan.compensation is Compensation.NONE or speed < 1e-6:
+            return where
+        response = self._plan.response
+        ahead_s = response.dead_time_s + stop_distance(speed, response) / speed
+        return complex(where + velocity * ahead_s)
+
+
+def _horizontal(vector: Sequence[float]) -> complex:
+    return complex(vector[0], vector[1])
