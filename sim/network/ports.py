@@ -189,7 +189,7 @@ def open_port(endpoint: str) -> Port:
         return TcpPort(address)
     return UdpPort(
         ("0.0.0.0" if host not in _LOCAL else host, 0), (socket.gethostbyname(host), int(port))
-    )
+    )  # noqa: S104
 
 
 _LOCAL = ("127.0.0.1", "localhost")
