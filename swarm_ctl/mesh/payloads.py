@@ -38,7 +38,8 @@ P = TypeVar("P")
 _STATE: Final = struct.Struct("<BBHIdQHB3d3f2d2f2d3fBBIII8h")
 """version, flags, agent, seq, time_s, plan_hash, step, phase, position_ned_m, velocity_ned_mps,
 stop_point_m, setpoint_mps, frame (point_m, angle_rad, scale, rate, leg), stage, override,
-gains_tag, next_gains_tag, exchange. Flags: bit 0 done, bit 1 airborne, bit 2 frame (else the frame's fields are 0)."""
+gains_tag, next_gains_tag, exchange. Flags: bit 0 done, bit 1 airborne, bit 2 frame (else its
+fields are 0)."""
 _DONE, _AIRBORNE, _FRAME = 1, 2, 4
 _CLOCK: Final = struct.Struct("<BHd?")
 """version, agent, time_s, asks"""
