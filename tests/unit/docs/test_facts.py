@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tomllib
 
 import pytest
 from typer.main import get_command
@@ -19,6 +20,7 @@ OPTIONS = {
     name: {option for parameter in command.params for option in parameter.opts}
     for name, command in get_command(app).commands.items()  # type: ignore[attr-defined]
 }
+README = (ROOT / "README.md").read_text()
 TEXT = {path.stem: path.read_text() for path in PAGES.glob("*.md")}
 
 
@@ -74,13 +76,17 @@ def test_each_command_is_in_the_list() -> None:
     assert listed == names
 
 
+def test_each_install_by_role_is_in_the_list() -> None:
+    """And the README's first command installs what `run` needs."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    listed = set(re.findall(r"^\| `pip install .*'\.\[(\w+)\]'`", TEXT["commands"], re.MULTILINE))
+    assert listed == set(project["optional-dependencies"])
+    assert "pip install -q '.[ground]' && .venv/bin/swarm-ctl run" in README
+
+
 def test_each_option_in_a_command_exists() -> None:
     """`swarm-ctl COMMAND --option` of every page and of the README."""
-    texts = [
-        *TEXT.values(),
-        (ROOT / "README.md").read_text(),
-        (ROOT / "sim" / "README.md").read_text(),
-    ]
+    texts = [*TEXT.values(), README, (ROOT / "sim" / "README.md").read_text()]
     for text in texts:
         for name, rest in re.findall(r"swarm-ctl (\w+)([^`\n]*(?:\\\n[^`\n]*)*)", text):
             if name in OPTIONS:

@@ -16,7 +16,7 @@ from tests.unit.docs.pages import PAGES, ROOT, commands, saved_files
 TUTORIAL = PAGES / "tutorial.md"
 INSTALL = [
     "python3 -m venv .venv",
-    ".venv/bin/pip install -q .",
+    ".venv/bin/pip install -q '.[ground]'",
     ". .venv/bin/activate",
     "pip install pytest",
 ]
@@ -76,7 +76,7 @@ def test_the_mission_flies_holds_resumes_and_replays(folder: Path) -> None:
     log = folder / "run.log"
     with log.open("w") as file:
         run = subprocess.Popen(
-            typed(f"{RUN} --speedup 5"),
+            typed(f"{RUN} --speedup 8 --no-report"),
             cwd=folder,
             stdin=subprocess.DEVNULL,
             stdout=file,
