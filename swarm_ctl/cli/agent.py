@@ -39,7 +39,8 @@ def agent(
 
         swarm-ctl agent missions/hexagon.yaml --fleet outdoors.yaml --id 3
     """
-    from swarm_ctl.runtime.agent.agent_process import AgentConfig, SignalLifeline, run_agent
+    from swarm_ctl.runtime.agent.agent_process import AgentConfig, run_agent
+    from swarm_ctl.runtime.agent.lifeline import SignalLifeline
     from swarm_ctl.runtime.clock import Clock
 
     loaded = load(mission, fleet=fleet)

@@ -54,7 +54,8 @@ def run(
     from swarm_ctl.mission.compile.loader import load
     from swarm_ctl.recording.topics import rates
     from swarm_ctl.report.page.summary_table import render_summary
-    from swarm_ctl.runtime.launch.supervisor import Options, fly
+    from swarm_ctl.runtime.launch.run_setup import Options
+    from swarm_ctl.runtime.launch.supervisor import fly
     from swarm_ctl.runtime.station.screens import Show, shown
 
     show = shown(headless=headless, json=json)

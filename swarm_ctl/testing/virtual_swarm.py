@@ -33,6 +33,7 @@ from swarm_ctl.mesh.memory_transport import MemoryHub, MemoryTransport
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.transport import Transport
 from swarm_ctl.mission.compile.loader import LoadedMission
+from swarm_ctl.runtime.agent.publish import publish
 from swarm_ctl.runtime.launch.sim_config import simulator_config
 
 _PORT = 1000
@@ -157,17 +158,7 @@ class VirtualSwarm:
         self._publish(member, actions)
 
     def _publish(self, member: Member, actions: Actions) -> None:
-        for channel, payloads in (
-            (keys.STATE, [actions.state]),
-            (keys.CLOCK, [actions.clock]),
-            (keys.ACK, actions.acks),
-            (keys.EVENT, actions.events),
-            (keys.SIGMA, [actions.sigma]),
-            (keys.STATUS, [actions.status]),
-        ):
-            for payload in payloads:
-                if payload is not None:
-                    member.node.send(channel, payload)  # type: ignore[misc]
+        publish(member.node, actions)
         name = type(actions.goal).__name__
         if not member.goals or member.goals[-1] != name:
             member.goals.append(name)

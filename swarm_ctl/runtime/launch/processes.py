@@ -1,9 +1,8 @@
-"""The processes `run` starts, each behind the same few words: start, alive, exit code, let go,
-kill.
+"""The processes that `run` starts, each behind the same few methods.
 
-Each holds a pipe to its child. Letting go closes it: the child takes that as its parent's end and
-winds down by itself (an agent lands, the simulator waits until all stand, the station writes the
-summary). So nothing outlives a killed run.
+Each holds a pipe to its child, the lifeline. Letting go closes it: the child takes that as its
+parent's end and winds down by itself (an agent lands, the simulator waits until all vehicles stand,
+the station writes the summary). So nothing outlives a killed run.
 """
 
 from __future__ import annotations
@@ -15,41 +14,117 @@ import os
 import select
 import subprocess
 import sys
-from collections.abc import Iterator
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
 from types import ModuleType
-from typing import IO, Protocol
+from typing import Final
 
 from swarm_ctl.errors import StartError
 from swarm_ctl.runtime.agent import agent_process
-from swarm_ctl.runtime.agent.agent_process import READY, AgentConfig
+from swarm_ctl.runtime.agent.agent_process import AgentConfig
+from swarm_ctl.runtime.agent.lifeline import READY
 from swarm_ctl.runtime.clock import pause, wall_s
 
-_LOG_LINES = 5
-_POLL_S = 0.02
+_LOG_LINES: Final = 5
+_POLL_WALL_S: Final = 0.02
 
 
-class Child(Protocol):
-    """One process that `run` answers for."""
+class Child(ABC):
+    """One process that `run` answers for; `log` has its last words."""
 
-    name: str
-
-    @property
-    def pid(self) -> int:
-        """Its process id."""
+    def __init__(self, name: str, log: Path | None) -> None:
+        self.name = name
+        self._title = name
+        self._log = log
+        self._ready = False
 
     def poll_ready(self) -> bool:
         """True once it has said that it works; StartError when it has said why not, or died."""
+        if not self._ready:
+            self._ready = self._says_ready()
+        if not self._ready and self.exit_code() is not None:
+            raise StartError(
+                f"{self._title} did not start, exit code {self.exit_code()}{_tail(self._log)}"
+            )
+        return self._ready
 
+    @property
+    @abstractmethod
+    def pid(self) -> int:
+        """Its process id."""
+
+    @abstractmethod
+    def _says_ready(self) -> bool:
+        """It has said so since the last call."""
+
+    @abstractmethod
     def exit_code(self) -> int | None:
         """None while it runs; negative: the signal that ended it."""
 
+    @abstractmethod
     def let_go(self) -> None:
         """Close its lifeline."""
 
+    @abstractmethod
     def kill(self) -> None:
         """End it at once (SIGKILL) and take its exit code; nothing happens if it has ended."""
+
+
+class AgentChild(Child):
+    """An agent, forked from a server that has imported everything already (32 in 0.2 s instead of
+    2.7 s)."""
+
+    def __init__(self, config: AgentConfig) -> None:
+        super().__init__(f"agent-{config.agent_id}", config.log)
+        context = multiprocessing.get_context("forkserver")
+        context.set_forkserver_preload(["swarm_ctl.runtime.agent.preload"])
+        self._lifeline, theirs = context.Pipe()
+        self._process = context.Process(
+            target=agent_process.child_main, args=(config, theirs), name=self.name, daemon=False
+        )
+        with _without_main():
+            self._process.start()
+        theirs.close()
+        self._heard_wall_s = wall_s()
+
+    @property
+    def pid(self) -> int:
+        return self._process.pid or 0
+
+    def silent_wall_s(self) -> float:
+        """Seconds since it last said that it is alive (it does with every status)."""
+        while _has_data(self._lifeline):
+            try:
+                self._lifeline.recv()
+            except (EOFError, OSError):
+                break  # it has closed its end: its exit code will tell
+            self._heard_wall_s = wall_s()
+        return wall_s() - self._heard_wall_s
+
+    def _says_ready(self) -> bool:
+        if not _has_data(self._lifeline):
+            return False
+        try:
+            word = self._lifeline.recv()
+        except EOFError:
+            return False  # it has died: its exit code will tell
+        if word != READY:
+            raise StartError(f"{self.name} did not start: {word}")
+        return True
+
+    def exit_code(self) -> int | None:
+        return self._process.exitcode
+
+    def let_go(self) -> None:
+        self._lifeline.close()
+
+    def kill(self) -> None:
+        if self._process.exitcode is None:
+            self._process.kill()
+        self._process.join()
+        self._lifeline.close()
 
 
 @contextlib.contextmanager
@@ -64,69 +139,6 @@ def _without_main() -> Iterator[None]:
         sys.modules["__main__"] = main
 
 
-class AgentChild:
-    """An agent, forked from a server that has imported everything already (32 in 0.2 s instead of
-    2.7 s)."""
-
-    def __init__(self, config: AgentConfig) -> None:
-        self.name = f"agent-{config.agent_id}"
-        self.config = config
-        context = multiprocessing.get_context("forkserver")
-        context.set_forkserver_preload(["swarm_ctl.runtime.agent.preload"])
-        self._lifeline, theirs = context.Pipe()
-        self._process = context.Process(
-            target=agent_process.child_main, args=(config, theirs), name=self.name, daemon=False
-        )
-        with _without_main():
-            self._process.start()
-        theirs.close()
-        self._ready = False
-        self._heard_wall_s = wall_s()
-
-    @property
-    def pid(self) -> int:
-        """As `Child.pid`."""
-        return self._process.pid or 0
-
-    def silent_wall_s(self) -> float:
-        """Seconds since it last said that it is alive (it does with every status)."""
-        while _has_data(self._lifeline):
-            try:
-                self._lifeline.recv()
-            except (EOFError, OSError):
-                break  # it has closed its end: its exit code will tell
-            self._heard_wall_s = wall_s()
-        return wall_s() - self._heard_wall_s
-
-    def poll_ready(self) -> bool:
-        """As `Child.poll_ready`."""
-        if not self._ready and _has_data(self._lifeline):
-            word = self._lifeline.recv()
-            if word != READY:
-                raise StartError(f"{self.name} did not start: {word}")
-            self._ready = True
-        elif not self._ready and self.exit_code() is not None:
-            raise StartError(
-                f"{self.name} died while starting, exit code {self.exit_code()}{_tail(self.config.log)}"
-            )
-        return self._ready
-
-    def exit_code(self) -> int | None:
-        """As `Child.exit_code`."""
-        return self._process.exitcode
-
-    def let_go(self) -> None:
-        """As `Child.let_go`."""
-        self._lifeline.close()
-
-    def kill(self) -> None:
-        """As `Child.kill`."""
-        if self._process.exitcode is None:
-            self._process.kill()
-        self._process.join()
-        self._lifeline.close()
-
-
 def _has_data(connection: Connection) -> bool:
     try:
         return not connection.closed and connection.poll()
@@ -134,21 +146,19 @@ def _has_data(connection: Connection) -> bool:
         return False
 
 
-class CommandChild:
-    """A process started by its command line; stdin is its lifeline and takes JSON lines, `words` is
-    what it says."""
+class CommandChild(Child):
+    """A process started by its command line. Its stdin is the lifeline and takes JSON lines."""
 
     def __init__(
         self, name: str, command: list[str], log: Path, *, own_terminal: bool = False
     ) -> None:
-        self.name = name
-        self._log = log
-        self._ready = False
+        super().__init__(name, log)
+        self._title = f"the {name}"
         self._heard = b""
-        read, write = os.pipe()
+        self._words, write = os.pipe()
+        # The simulator speaks on its stdout; the station's stdout is the terminal, so it speaks on
+        # a descriptor of its own.
         with log.open("ab") as errors:
-            # the simulator speaks on its stdout; the station's is the terminal, so it gets a
-            # descriptor of its own
             self._process = subprocess.Popen(
                 [*command, "--words-fd", str(write)] if own_terminal else command,
                 stdin=subprocess.PIPE,
@@ -157,32 +167,23 @@ class CommandChild:
                 pass_fds=(write,) if own_terminal else (),
             )
         os.close(write)
-        self._words = read
 
     @property
     def pid(self) -> int:
-        """As `Child.pid`."""
         return self._process.pid
 
-    def poll_ready(self) -> bool:
-        """As `Child.poll_ready`: ready with its first whole line."""
-        if not self._ready:
-            if select.select([self._words], [], [], 0)[0]:
-                self._heard += os.read(self._words, 65536)
-            self._ready = b"\n" in self._heard
-        if not self._ready and self.exit_code() is not None:
-            raise StartError(
-                f"the {self.name} did not start, exit code {self.exit_code()}{_tail(self._log)}"
-            )
-        return self._ready
+    def _says_ready(self) -> bool:
+        """Its first whole line says so."""
+        if select.select([self._words], [], [], 0)[0]:
+            self._heard += os.read(self._words, 65536)
+        return b"\n" in self._heard
 
     def exit_code(self) -> int | None:
-        """As `Child.exit_code`."""
         return self._process.poll()
 
     def say(self, **message: object) -> bool:
-        """Send one JSON line; False when nobody listens any more."""
-        pipe: IO[bytes] | None = self._process.stdin
+        """Send one JSON line; False where the process does not listen any more."""
+        pipe = self._process.stdin
         try:
             if pipe is None or pipe.closed:
                 return False
@@ -193,15 +194,11 @@ class CommandChild:
         return True
 
     def let_go(self) -> None:
-        """As `Child.let_go`."""
-        if self._process.stdin is not None and not self._process.stdin.closed:
-            with contextlib.suppress(
-                BrokenPipeError
-            ):  # it is gone already: that is what we wanted to tell it
+        if self._process.stdin is not None:
+            with contextlib.suppress(BrokenPipeError):  # it has gone already
                 self._process.stdin.close()
 
     def kill(self) -> None:
-        """As `Child.kill`."""
         if self._process.poll() is None:
             self._process.kill()
         self._process.wait()
@@ -213,30 +210,24 @@ class CommandChild:
 
 def simulator(config: Path, log: Path) -> CommandChild:
     """The simulator, by its command line."""
-    return CommandChild("simulator", [sys.executable, "-m", "sim", "--config", str(config)], log)
+    command = [sys.executable, "-m", "sim", "--config", str(config)]
+    return CommandChild("simulator", command, log)
 
 
 def station(folder: Path, log: Path, show: str, metrics_port: int | None = None) -> CommandChild:
     """The ground station of a run; it has the terminal."""
-    command = [
-        sys.executable,
-        "-m",
-        "swarm_ctl.runtime.station.station_process",
-        "--run",
-        str(folder),
-    ]
-    metrics = [] if metrics_port is None else ["--metrics", str(metrics_port)]
-    return CommandChild("station", [*command, "--show", show, *metrics], log, own_terminal=True)
+    module = "swarm_ctl.runtime.station.station_process"
+    command = [sys.executable, "-m", module, "--run", str(folder), "--show", show]
+    if metrics_port is not None:
+        command += ["--metrics", str(metrics_port)]
+    return CommandChild("station", command, log, own_terminal=True)
 
 
-def wait_all(children: list[Child], wall_seconds: float) -> list[Child]:
-    """Wait until all have ended, at most so long; returns those that still run."""
+def wait_all(children: Sequence[Child], wall_seconds: float) -> None:
+    """Wait until all have ended, at most so long."""
     until = wall_s() + wall_seconds
-    running = [child for child in children if child.exit_code() is None]
-    while running and wall_s() < until:
-        pause(_POLL_S)
-        running = [child for child in running if child.exit_code() is None]
-    return running
+    while wall_s() < until and any(child.exit_code() is None for child in children):
+        pause(_POLL_WALL_S)
 
 
 def _tail(log: Path | None) -> str:

@@ -9,28 +9,14 @@ import sys
 import termios
 from typing import Any, Final
 
-_LEAVE: Final = b"".join(
-    b"\x1b[" + code
-    for code in (
-        b"?2004l",
-        b"?1000l",
-        b"?1003l",
-        b"?1015l",
-        b"?1006l",
-        b"?1004l",
-        b"<u",
-        b"?7h",
-        b"?25h",
-        b"?1049l",
-        b"0m",
-    )
-)
+_MODES: Final = "?2004l ?1000l ?1003l ?1015l ?1006l ?1004l <u ?7h ?25h ?1049l 0m"
 """No pasting, no mouse, no focus reports, plain keys, wrapping, a cursor, the normal screen, plain
 colours."""
+_LEAVE: Final = "".join(f"\x1b[{mode}" for mode in _MODES.split()).encode()
 
 
-class Terminal:
-    """What stdin's terminal was like when this was made; nothing where stdin is no terminal."""
+class TerminalState:
+    """The state of stdin's terminal when this was made; nothing where stdin is no terminal."""
 
     def __init__(self) -> None:
         self._before: list[Any] | None = None

@@ -7,7 +7,7 @@ import multiprocessing
 import os
 import socket
 
-from swarm_ctl.runtime.agent.agent_process import PipeLifeline
+from swarm_ctl.runtime.agent.lifeline import PipeLifeline
 from swarm_ctl.runtime.launch.ports import free_ports
 from swarm_ctl.runtime.station.control_pipe import ControlPipe
 

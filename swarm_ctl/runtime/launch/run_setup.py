@@ -1,0 +1,145 @@
+"""What is decided before a run starts: its folder, its endpoints, and what each process is told."""
+
+from __future__ import annotations
+
+import json
+import platform
+import socket
+from dataclasses import dataclass, field, replace
+from importlib import metadata
+from pathlib import Path
+from typing import Final
+
+from swarm_ctl.errors import StartError
+from swarm_ctl.mission.compile.fleet import FleetAgent
+from swarm_ctl.mission.compile.loader import LoadedMission
+from swarm_ctl.report.folder.manifest import Manifest, fingerprint, write_manifest
+from swarm_ctl.runtime import clock as wall
+from swarm_ctl.runtime.agent.agent_process import AgentConfig
+from swarm_ctl.runtime.clock import Clock
+from swarm_ctl.runtime.launch.ports import free_ports
+from swarm_ctl.runtime.launch.sim_config import simulator_config
+from swarm_ctl.runtime.station.screens import Show
+
+_PACKAGES: Final = (
+    *("swarm-ctl", "eclipse-zenoh", "numpy"),
+    *("pydantic", "pymavlink", "rich", "textual"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """How to run a mission."""
+
+    speedup: float = 1.0
+    show: Show = Show.DASHBOARD
+    runs: Path = Path("runs")
+    seed: int = 1
+    record_hz: dict[str, float] = field(default_factory=dict)
+    tlog: bool = True
+    metrics_port: int | None = None
+
+
+class RunSetup:
+    """One run, decided: `manifest` has every endpoint, and stands in `folder` already."""
+
+    def __init__(self, mission: LoadedMission, options: Options) -> None:
+        self.options = options
+        self.folder = _make_folder(options.runs, mission.plan.name)
+        self.manifest = _manifest(mission, options)
+        self._simulation = mission.file.simulation
+        self._simulated = {agent.id for agent in mission.fleet.agents if agent.endpoint is None}
+        write_manifest(self.folder, self.manifest)
+
+    def agent_configs(self) -> list[AgentConfig]:
+        """For each agent. It connects to those before it and listens for those after it, so that
+        every pair is linked once."""
+        fleet = self.manifest.fleet
+        return [
+            self._agent_config(agent, tuple(other.mesh or "" for other in fleet[:k]))
+            for k, agent in enumerate(fleet)
+        ]
+
+    def _agent_config(self, agent: FleetAgent, connect: tuple[str, ...]) -> AgentConfig:
+        manifest, agents = self.manifest, self.folder / "agents"
+        return AgentConfig(
+            plan=manifest.plan,
+            agent_id=agent.id,
+            sysid=agent.sysid,
+            autopilot=agent.autopilot,
+            endpoint=agent.endpoint or "",
+            swarm=manifest.swarm,
+            listen=agent.mesh or "",
+            connect=connect,
+            epoch_s=manifest.epoch_s,
+            speedup=manifest.speedup,
+            vehicle=agent.response,
+            expect_station=True,
+            report=agents / f"{agent.id}.json",
+            log=agents / f"{agent.id}.log",
+            tlog=self.folder / f"{agent.id}.tlog" if self.options.tlog else None,
+            started_us=round(manifest.started_at.timestamp() * 1e6),
+        )
+
+    def write_simulator_config(self) -> Path | None:
+        """The simulator's configuration file; None where no vehicle is simulated."""
+        if not self._simulated:
+            return None
+        manifest = self.manifest
+        vehicles = [agent for agent in manifest.fleet if agent.id in self._simulated]
+        config = simulator_config(manifest.plan, vehicles, self._simulation) | {
+            "speedup": manifest.speedup,
+            "epoch_s": manifest.epoch_s,
+            "seed": self.options.seed,
+            "truth_path": str(self.folder / "truth.jsonl"),
+        }
+        path = self.folder / "sim.json"
+        path.write_text(json.dumps(config, indent=1))
+        return path
+
+
+def _make_folder(runs: Path, mission: str) -> Path:
+    """Make `runs/<time>-<mission>`, with a number behind it where that is taken."""
+    name = f"{wall.date_and_time():%Y%m%d-%H%M%S}-{mission}"
+    for number in range(1, 1000):
+        folder = runs / (name if number == 1 else f"{name}-{number}")
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise StartError(
+                f"can't make the run folder {folder}: {error.strerror}; choose with --runs"
+            ) from None
+        return folder
+    raise StartError(f"{runs} has a thousand folders {name}-*")
+
+
+def _manifest(mission: LoadedMission, options: Options) -> Manifest:
+    """Simulated vehicles, and agents without a place on the mesh, get free loopback ports."""
+    agents = mission.fleet.agents
+    vehicles = free_ports(sum(agent.endpoint is None for agent in agents), socket.SOCK_DGRAM)
+    meshes = free_ports(sum(agent.mesh is None for agent in agents) + 1, socket.SOCK_STREAM)
+    fleet = tuple(
+        replace(
+            agent,
+            endpoint=agent.endpoint or f"udpout:127.0.0.1:{vehicles.pop(0)}",
+            mesh=agent.mesh or f"tcp/127.0.0.1:{meshes.pop(0)}",
+        )
+        for agent in agents
+    )
+    versions = {name: metadata.version(name) for name in _PACKAGES}
+    return Manifest(
+        mission=str(mission.source),
+        swarm=mission.plan.name,
+        started_at=wall.date_and_time(),
+        speedup=options.speedup,
+        epoch_s=Clock.starting_now(options.speedup).epoch_s,
+        headless=options.show is not Show.DASHBOARD,
+        plan=mission.plan,
+        plan_hash=fingerprint(mission.plan),
+        fleet=fleet,
+        station_mesh=f"tcp/127.0.0.1:{meshes.pop(0)}",
+        record_hz=options.record_hz,
+        versions={"python": platform.python_version()} | versions,
+    )
