@@ -48,4 +48,4 @@ def replay(
     from swarm_ctl.runtime.station.screens import shown
 
     show = shown(headless=headless, json=json)
-    raise typer.Exit(play(run_folder(run), show, speed, start))
+    play(run_folder(run), show, speed, start)

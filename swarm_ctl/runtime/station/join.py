@@ -16,8 +16,8 @@ from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.clock import Clock
 from swarm_ctl.runtime.station.ground_station import Station, open_node
 from swarm_ctl.runtime.station.mesh_clock import MeshClock
-from swarm_ctl.runtime.station.screens import Show, metrics_on, present
-from swarm_ctl.runtime.station.station_loop import GuestControl, loop
+from swarm_ctl.runtime.station.screens import Show, present
+from swarm_ctl.runtime.station.station_loop import GuestControl, loop, metrics_on
 
 _ENDPOINT: Final = re.compile(r"(tcp|udp|tls|quic|ws)/[^/\s]+:(\d{1,5})")
 _QUIET_WALL_S: Final = 5.0
@@ -51,8 +51,8 @@ def join_swarm(
 
 
 def _watch(station: Station, control: GuestControl, show: Show, metrics_port: int | None) -> None:
-    with metrics_on(metrics_port) as measured:
-        present(show, station.plan, None, lambda screen: loop(station, measured(screen), control))
+    with metrics_on(metrics_port) as measure:
+        present(show, station.plan, None, lambda screen: loop(station, screen, control, measure))
 
 
 class _Hint:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Final, Self
 
 from prometheus_client import CollectorRegistry, start_http_server
@@ -14,27 +14,43 @@ from swarm_ctl.station.picture.alarms import RULES, Level, alarms
 from swarm_ctl.station.picture.view import AgentView, SwarmView
 
 HOST: Final = "127.0.0.1"
-_GAUGES: Final = {
-    "swarm_agent_phase": (
+
+
+def _battery(agent: AgentView) -> float | None:
+    percent = agent.status.battery_percent if agent.status else None
+    return None if percent is None else percent / 100
+
+
+_OF_AGENT: Final[dict[str, tuple[str, Callable[[AgentView], float | None]]]] = {
+    "phase": (
         "Phase by number: " + ", ".join(f"{p.value} {p.name.lower()}" for p in Phase),
-        "phase",
+        lambda agent: agent.phase,
     ),
-    "swarm_agent_state_age_seconds": ("Age of the newest state, mission time", "age"),
-    "swarm_agent_loss_ratio": (
+    "state_age_seconds": ("Age of the newest state, mission time", lambda agent: agent.link.age_s),
+    "loss_ratio": (
         "Share of states lost on the way to this station, last 10 s",
-        "loss",
+        lambda agent: agent.link.recent_loss if agent.link.received else None,
     ),
-    "swarm_agent_round_trip_seconds": ("Station to agent and back, mission time", "trip"),
-    "swarm_agent_heartbeat_age_seconds": (
+    "round_trip_seconds": (
+        "Station to agent and back, mission time",
+        lambda agent: agent.round_trip_s,
+    ),
+    "heartbeat_age_seconds": (
         "Age of the vehicle's last heartbeat, mission time",
-        "beat",
+        lambda agent: agent.status.heartbeat_age_s if agent.status else None,
     ),
-    "swarm_agent_battery_ratio": ("Charge of the vehicle's battery", "battery"),
-    "swarm_agent_error_meters": ("Distance from its place in the formation", "error"),
-    "swarm_agent_nearest_meters": ("Horizontal distance to the nearest agent", "near"),
-    "swarm_agent_tick_rate_hertz": ("Ticks a mission second", "rate"),
-    "swarm_agent_tick_late_p99_seconds": ("Lateness of ticks, wall clock", "late"),
+    "battery_ratio": ("Charge of the vehicle's battery", _battery),
+    "error_meters": ("Distance from its place in the formation", lambda agent: agent.error_m),
+    "nearest_meters": ("Horizontal distance to the nearest agent", lambda agent: agent.nearest_m),
+    "tick_rate_hertz": ("Ticks a mission second", lambda agent: agent.link.tick_rate_hz),
+    "tick_late_p99_seconds": (
+        "Lateness of ticks, wall clock",
+        lambda agent: agent.status.tick.late_p99_ms / 1000 if agent.status else None,
+    ),
+    "states_received": ("States received", lambda agent: agent.link.received),
+    "states_lost": ("States lost", lambda agent: agent.link.lost),
 }
+_COUNTERS: Final = ("states_received", "states_lost")
 
 
 class Metrics:
@@ -42,7 +58,7 @@ class Metrics:
     newest view."""
 
     def __init__(self, port: int) -> None:
-        self.view: SwarmView | None = None
+        self._view: SwarmView | None = None
         registry = CollectorRegistry()
         registry.register(self)
         try:
@@ -60,56 +76,33 @@ class Metrics:
         self._server.server_close()
         self._thread.join()
 
+    def take(self, view: SwarmView) -> None:
+        """Let scrapes read this view from now on."""
+        self._view = view
+
     def describe(self) -> list[Metric]:
         """Nothing is known before the first view."""
         return []
 
     def collect(self) -> Iterator[Metric]:
         """All metrics of the newest view, as Prometheus asks for them."""
-        view = self.view
+        view = self._view
         if view is None:
             return
         yield GaugeMetricFamily("swarm_time_seconds", "Mission time", value=view.time_s)
         yield GaugeMetricFamily("swarm_step", "The furthest step any agent is in", value=view.step)
         yield GaugeMetricFamily("swarm_agents", "Agents of the plan", value=len(view.plan.agents))
         yield CounterMetricFamily("swarm_events", "Events heard", value=view.event_count)
-        standing = alarms(view)
+        standing = [alarm.name for alarm in alarms(view)]
         raised = GaugeMetricFamily("swarm_alarms", "Alarms that stand", labels=("name", "level"))
         for rule in RULES:
-            count = sum(alarm.name == rule.name for alarm in standing)
-            raised.add_metric((rule.name, Level(rule.level).name.lower()), count)
+            labels = (rule.name, Level(rule.level).name.lower())
+            raised.add_metric(labels, standing.count(rule.name))
         yield raised
-        for name, (words, key) in _GAUGES.items():
-            family = GaugeMetricFamily(name, words, labels=("agent",))
+        for name, (words, value_of) in _OF_AGENT.items():
+            kind = CounterMetricFamily if name in _COUNTERS else GaugeMetricFamily
+            family = kind(f"swarm_agent_{name}", words, labels=("agent",))
             for agent in view.agents:
-                value = _values(agent)[key]
-                if value is not None:
+                if (value := value_of(agent)) is not None:
                     family.add_metric((str(agent.id),), value)
             yield family
-        received = CounterMetricFamily(
-            "swarm_agent_states_received", "States received", labels=("agent",)
-        )
-        lost = CounterMetricFamily("swarm_agent_states_lost", "States lost", labels=("agent",))
-        for agent in view.agents:
-            received.add_metric((str(agent.id),), agent.link.received)
-            lost.add_metric((str(agent.id),), agent.link.lost)
-        yield received
-        yield lost
-
-
-def _values(agent: AgentView) -> dict[str, float | None]:
-    status, link = agent.status, agent.link
-    return {
-        "phase": agent.phase,
-        "age": link.age_s,
-        "loss": link.recent_loss if link.received else None,
-        "trip": agent.round_trip_s,
-        "beat": status.heartbeat_age_s if status else None,
-        "battery": status.battery_percent / 100
-        if status and status.battery_percent is not None
-        else None,
-        "error": agent.error_m,
-        "near": agent.nearest_m,
-        "rate": link.tick_rate_hz,
-        "late": status.tick.late_p99_ms / 1000 if status else None,
-    }

@@ -4,62 +4,48 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Final, TextIO, cast
+from typing import Final
 
 from pydantic import ValidationError
-from rich.console import Console
 
 from swarm_ctl.errors import InputError
 from swarm_ctl.recording import Tape, recover
 from swarm_ctl.report.folder.manifest import Manifest
 from swarm_ctl.runtime import clock as wall
-from swarm_ctl.runtime.station.relay import Descriptor, Printer
-from swarm_ctl.runtime.station.screens import JsonPrinter, LogPrinter, Show, possible
+from swarm_ctl.runtime.station.printers import LogPrinter, write
+from swarm_ctl.runtime.station.screens import Show, possible
+from swarm_ctl.station.output.json_lines import json_line
 from swarm_ctl.station.picture.playback import Film
 from swarm_ctl.station.picture.view import SwarmView
 
 _JSON_WALL_S: Final = 1.0
 
 
-class _EveryView(JsonPrinter):
-    """One JSON object a line and view."""
+def replay(run: Path, show: Show, speed: float, start: str) -> None:
+    """Play the recording of `run` (a folder or an MCAP file) from the time `start` to its end.
 
-    def draw(self, view: SwarmView) -> None:
-        """Write it."""
-        self._open = view
-        self.end()
-
-
-def replay(run: Path, show: Show, speed: float, start: str) -> int:
-    """Play the recording of `run` (a folder or an MCAP file) from the time `start` on; 0 at its
-    end.
-
-    InputError where there is no recording of ours, or nothing in it.
+    Raises:
+        InputError: there is no recording of this program, or nothing in it.
     """
-    console, out = Console(), cast("TextIO", Descriptor(1))
-    show = possible(show, console)
     with _opened(run) as film:
         film.seek(film.moment(start))
-        match show:
+        match possible(show):
             case Show.DASHBOARD:
                 _with_keys(film, speed)
             case Show.LOG:
-                _play(film, LogPrinter(out), speed, film.look_s)
+                _play(film, LogPrinter().lines, speed, film.look_s)
             case Show.JSON:
-                _play(film, _EveryView(out), speed, _JSON_WALL_S * speed)
-    return 0
+                _play(film, lambda view: [json_line(view)], speed, _JSON_WALL_S * speed)
 
 
 @contextlib.contextmanager
 def _opened(run: Path) -> Iterator[Film]:
-    """The film of a recording; one that was cut off gets its footer first, where that can be
-    written."""
+    """The film of a recording. A recording that was cut off gets its footer first, where that can
+    be written."""
     with Tape(run) as tape:
-        manifest = _manifest(
-            run, tape
-        )  # before anything is written: it might be somebody else's file
+        manifest = _manifest(run, tape)  # first of all: another program's file is not written to
     with contextlib.suppress(OSError):
         if recover(run):
             sys.stderr.write(f"{run}: the recording was cut off; recovered up to its last second\n")
@@ -86,11 +72,13 @@ def _with_keys(film: Film, speed: float) -> None:
     Player(film, wall.wall_s, speed=speed, driver_class=TtyDriver).run()
 
 
-def _play(film: Film, printer: Printer, speed: float, every_s: float) -> None:
-    """Show every so many mission seconds, and the end."""
+def _play(
+    film: Film, lines: Callable[[SwarmView], list[str]], speed: float, every_s: float
+) -> None:
+    """Write a view every so many mission seconds, and the last one."""
     start_s, began_s, shown = film.time_s, wall.wall_s(), 0
     while True:
-        printer.draw(film.view())
+        write(1, lines(film.view()))
         if film.time_s >= film.end_s:
             return
         shown += 1

@@ -3,9 +3,10 @@ until its control ends it."""
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Final, Protocol
 
@@ -35,8 +36,13 @@ class Control(Protocol):
         """Once a turn; True ends the loop."""
 
 
-def loop(station: Station, screen: Screen, control: Control) -> None:
-    """Run the station until its control ends it."""
+def loop(
+    station: Station,
+    screen: Screen,
+    control: Control,
+    measure: Callable[[SwarmView], None] = lambda _: None,
+) -> None:
+    """Run the station until its control ends it; `measure` gets each view for the metrics."""
     show_due = 0.0
     while not control.obey(station, screen):
         for order in screen.orders():
@@ -45,8 +51,22 @@ def loop(station: Station, screen: Screen, control: Control) -> None:
             screen.note(text)
         if wall.wall_s() >= show_due:
             show_due = wall.wall_s() + _SHOW_WALL_S
-            screen.show(station.view())
+            view = station.view()
+            screen.show(view)
+            measure(view)
         wall.pause(_LOOP_WALL_S)
+
+
+@contextlib.contextmanager
+def metrics_on(port: int | None) -> Iterator[Callable[[SwarmView], None]]:
+    """Takes the views that Prometheus may ask for on this port, if any."""
+    if port is None:
+        yield lambda _: None
+        return
+    from swarm_ctl.runtime.station.prometheus import Metrics
+
+    with Metrics(port) as metrics:
+        yield metrics.take
 
 
 def _give(order: Order, station: Station, screen: Screen) -> None:

@@ -26,8 +26,8 @@ from swarm_ctl.report.judge.summary import write_summary
 from swarm_ctl.runtime.clock import Clock
 from swarm_ctl.runtime.station.control_pipe import ControlPipe
 from swarm_ctl.runtime.station.ground_station import Station, open_node
-from swarm_ctl.runtime.station.screens import Show, metrics_on, present
-from swarm_ctl.runtime.station.station_loop import RunControl, loop
+from swarm_ctl.runtime.station.screens import Show, present
+from swarm_ctl.runtime.station.station_loop import RunControl, loop, metrics_on
 
 
 def run_station(
@@ -47,13 +47,13 @@ def run_station(
         recorder = opened.enter_context(closing(run_recorder(folder, manifest, str(node.name))))
         station = Station(manifest.plan, Path(manifest.mission), node, clock, recorder)
         control = RunControl(pipe, clock, folder)
-        measured = opened.enter_context(metrics_on(metrics_port))
+        measure = opened.enter_context(metrics_on(metrics_port))
         ready()
         present(
             show,
             manifest.plan,
             lambda: None if pipe.closed else os.kill(os.getppid(), signal.SIGINT),
-            lambda screen: loop(station, measured(screen), control),
+            lambda screen: loop(station, screen, control, measure),
         )
     if pipe.closed:
         write_summary(folder, summarise(folder, None))

@@ -26,9 +26,9 @@ def test_a_scrape_gets_the_newest_view() -> None:
     (port,) = free_ports(1, socket.SOCK_STREAM)
     with Metrics(port) as metrics:
         assert _scrape(port) == {}
-        metrics.view = PICTURES["waiting"]()
+        metrics.take(PICTURES["waiting"]())
         assert ("swarm_agent_battery_ratio", "6") not in _scrape(port)
-        metrics.view = PICTURES["lost"]()
+        metrics.take(PICTURES["lost"]())
         found = _scrape(port)
     assert found["swarm_alarms", "silent"] == 1
     assert found["swarm_alarms", "too close"] == 0

@@ -22,7 +22,7 @@ from swarm_ctl.mesh.node import Node
 from swarm_ctl.runtime.clock import Clock
 from swarm_ctl.runtime.station.control_pipe import ControlPipe
 from swarm_ctl.runtime.station.ground_station import Station
-from swarm_ctl.runtime.station.relay import Descriptor
+from swarm_ctl.runtime.station.printers import write as write_lines
 from swarm_ctl.runtime.station.screens import Screen, Show, present
 from swarm_ctl.runtime.station.station_loop import RunControl, loop
 from swarm_ctl.runtime.station.station_process import run_recorder
@@ -165,13 +165,13 @@ def test_text_goes_out_whole(pipe: tuple[int, int]) -> None:
     read, write = pipe
     os.set_blocking(write, False)
     text = "äöü" * 3000
-    writer = threading.Thread(target=Descriptor(write).write, args=(text,))
+    writer = threading.Thread(target=write_lines, args=(write, [text]))
     writer.start()
     got = b""
-    while len(got) < len(text.encode()):
+    while len(got) <= len(text.encode()):
         got += os.read(read, ROOM)
     writer.join(5)
-    assert got.decode() == text
+    assert got.decode() == text + "\n"
 
 
 def test_the_station_beacons_and_records_while_nobody_reads(
