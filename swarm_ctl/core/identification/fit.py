@@ -18,7 +18,8 @@ from typing import Final
 
 import numpy as np
 
-from swarm_ctl.core.law.stop_point import Floats, pending, stop_points
+from swarm_ctl.core.law.stop_point import pending, stop_points
+from swarm_ctl.core.model.arrays import Floats
 from swarm_ctl.core.model.plan import Response
 
 DEAD_TIME_S: Final = (0.0, 2.0)

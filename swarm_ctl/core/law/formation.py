@@ -3,32 +3,30 @@ length unit."""
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
 import numpy.typing as npt
 
-Array: TypeAlias = npt.NDArray[np.float64]
+from swarm_ctl.core.model.arrays import Floats
 
 
-def errors(points: npt.ArrayLike, slots: npt.ArrayLike) -> Array:
+def errors(points: npt.ArrayLike, slots: npt.ArrayLike) -> Floats:
     """`e_i = p_i - z_i`, (..., n, 2)."""
     return np.asarray(points, dtype=np.float64) - np.asarray(slots, dtype=np.float64)
 
 
-def centred(points: npt.ArrayLike) -> Array:
+def centred(points: npt.ArrayLike) -> Floats:
     """The same points with their centroid at zero, (..., n, 2)."""
     array = np.asarray(points, dtype=np.float64)
     return np.asarray(array - array.mean(axis=-2, keepdims=True))
 
 
-def formation_error(points: npt.ArrayLike, slots: npt.ArrayLike) -> Array:
+def formation_error(points: npt.ArrayLike, slots: npt.ArrayLike) -> Floats:
     """Largest `|e_i - mean e|`, (...): zero when the shape stands, wherever it stands. Pass live
     agents only."""
     return np.asarray(np.linalg.norm(centred(errors(points, slots)), axis=-1).max(axis=-1))
 
 
-def distances(points: npt.ArrayLike) -> Array:
+def distances(points: npt.ArrayLike) -> Floats:
     """`|p_i - p_j|` of every pair, (..., n, n); zero on the diagonal."""
     array = np.asarray(points, dtype=np.float64)
     return np.asarray(np.linalg.norm(array[..., :, None, :] - array[..., None, :, :], axis=-1))

@@ -1,18 +1,18 @@
 """The formation law of Mondal et al. 2017: consensus plus an adaptive potential whose sigma is
 tuned online.
 
-Written once, batched: leading axes `...` may be (missions, agents); an agent calls it with `(1,)`.
-All lengths are the paper's units. The paper's symbols are kept: `e = p - z`, `n` the consensus sum,
-`q = p_i - p_j`, `x = |q|`, `S = q . n`, `C = q x n`, `beta = h / N^2`, `D_lb`/`D_ub` the bounds
-(32), (59), (65), `g` the cut-off (18)-(21). `u` is a displacement per iteration: `p <- p + u` is
-(9).
+Numbers in parentheses are the paper's equations; `docs/pages/law.md` has the law as it is built.
+Leading axes `...` may be (missions, agents); an agent calls `evaluate` with `(1,)`. All lengths are
+the paper's units. The paper's symbols are kept: `e = p - z`, `n` the consensus sum, `q = p_i -
+p_j`, `x = |q|`, `S = q . n`, `C = q x n`, `beta = h / N^2`, `D_lb`/`D_ub` the bounds (32), (59),
+(65), `g` the cut-off (18)-(21). `u` is a displacement per iteration: `p <- p + u` is (9).
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,7 +56,7 @@ class LawResult:
     consensus: Floats
     avoidance: Floats
     pairs: Pairs | None
-    """None when nobody is in anybody's avoidance region."""
+    """None where no two agents are within `r_out`."""
 
 
 def evaluate(
@@ -78,16 +78,19 @@ def evaluate(
         other_slots: z_j (..., m, 2); read only where `neighbour`.
         neighbour: j in N_i (..., m).
         present: j is there (..., m).
-        lower_id: i has the lower id of the two (..., m); decides who goes where when two stand on
-        one spot. law: r, r_in, r_out, h, delta_l, delta_a.
+        lower_id: i has the lower id of the two (..., m); decides which way two agents on one spot
+            part.
+        law: r, r_in, r_out, h, delta_l, delta_a.
     """
     linked = neighbour & present
     count = np.count_nonzero(linked, axis=-1)
+    gain, beta = gains(law.h, count)
     error = own - own_slot
     # n, the paper's (n2, n4): the sum of the neighbours' e_j - e_i
     n = ((others - other_slots - error[..., None, :]) * linked[..., None]).sum(axis=-2)
-    consensus = n * (law.h / np.maximum(count, 1))[..., None]
+    consensus = n * gain[..., None]
 
+    # the pairs inside r_out, flat: (K,)
     q = own[..., None, :] - others
     near = ((q * q).sum(axis=-1) < law.r_out * law.r_out) & present
     if not near.any():
@@ -99,14 +102,21 @@ def evaluate(
     strangers = np.count_nonzero(near & ~linked, axis=-1)
     q_x, q_y, x = separate(q[..., 0][index], q[..., 1][index], lower_id[index], law)
     members = np.where(together, count[agent], strangers[agent])
-    pull = n[agent] * (together * law.h / (members * members))[:, None]
+    pull = n[agent] * (together * beta[agent])[:, None]
     tuned = adapt_sigma(q_x, q_y, x, pull[:, 0], pull[:, 1], members, law)
     pairs = Pairs(index, x, together, *tuned)
+    # alpha q of each pair, summed over the others
     push = np.zeros_like(q)
     push[..., 0][index] = pairs.alpha * q_x
     push[..., 1][index] = pairs.alpha * q_y
     avoidance = push.sum(axis=-2)
     return LawResult(consensus + avoidance, consensus, avoidance, pairs)
+
+
+def gains(h: Any, count: Any) -> tuple[Any, Any]:
+    """The factors of n: h / d_i in (26), and beta = h / N^2; `count` neighbours, (...)."""
+    some = np.maximum(count, 1)
+    return h / some, h / (some * some)
 
 
 def cut_off(x: Floats, law: LawParameters) -> Floats:
@@ -121,8 +131,8 @@ def cut_off(x: Floats, law: LawParameters) -> Floats:
 def separate(
     q_x: Floats, q_y: Floats, lower: Bools, law: LawParameters
 ) -> tuple[Floats, Floats, Floats]:
-    """`q` and its length; two agents on one spot are taken sqrt(delta_a) apart, the lower id to the
-    north."""
+    """`q` and its length; two agents on one spot count as sqrt(delta_a) apart, the lower id
+    north of the other."""
     x = np.sqrt(q_x * q_x + q_y * q_y)
     if x.min(initial=1.0) < _SAME_SPOT:
         same = x < _SAME_SPOT
@@ -134,8 +144,7 @@ def separate(
 
 
 class AdaptedSigma(NamedTuple):
-    """The numbers of section 3 for pairs of any shape; `d` is NaN where the status leaves it
-    undefined."""
+    """What `adapt_sigma` finds for pairs of any shape; `d` is NaN where the status leaves it undefined."""
 
     sigma: Floats
     sigma_lb: Floats
@@ -155,29 +164,28 @@ def adapt_sigma(
     members: NDArray[np.intp],
     law: LawParameters,
 ) -> AdaptedSigma:
-    """The bounds on D, D itself with its status, then sigma (docs/pages/law.md#sigma).
+    """Tune sigma, (31)-(69): the bounds on D, D itself with its status, then sigma.
 
-    Arrays broadcast.
+    A stranger (j not in N_i) is the neighbour's case with beta = 0 and M in place of N: (32), (59),
+    (65) turn into (69)'s bounds, and (50), (52) into sigma_lb = g x / R - x^2.
 
     Args:
-        q_x: p_i - p_j, never zero.
-        q_y: likewise.
+        q_x: p_i - p_j, north, never zero; arrays of any shapes that broadcast, as all that follow.
+        q_y: east.
         x: |q|.
-        pull_x: beta n, the pull of the neighbours' errors on i; zero for a stranger (j not in N_i).
-        A stranger is the
-            neighbour's case with beta = 0 and M in place of N: (32), (59), (65) turn into (69)'s
-            bounds, and (50), (52) into sigma_lb = g x / R - x^2.
+        pull_x: beta n, the pull of the neighbours' errors on i; zero for a stranger.
         pull_y: likewise.
         members: N for a neighbour, M for a stranger.
         law: r, r_in, r_out, delta_l, delta_a; `h` is in the pull.
     """
     g = cut_off(x, law)
-    d_ic = 0.5 * x
+    d_ic = 0.5 * x  # from i to the middle of the pair
     twice = 2.0 * members
     S = q_x * pull_x + q_y * pull_y
     C = q_x * pull_y - q_y * pull_x
     C *= C
     pull = np.sqrt(pull_x * pull_x + pull_y * pull_y)
+    # (32) with (59), and (65)
     push = g + S
     push *= push
     push += C
@@ -202,8 +210,8 @@ def adapt_sigma(
 
 
 def _choose_d(d_lb: Floats, d_ub: Floats, law: LawParameters) -> tuple[Floats, NDArray[np.uint8]]:
-    """D by (66) and its status; `narrow`, `inactive` and `overspeed` are this project's rules where
-    (66) has no room (docs/pages/law.md#status-of-a-pair)."""
+    """D by (66) and its status; `narrow`, `inactive` and `overspeed` are this program's rules where
+    (66) has no room (`docs/pages/law.md`)."""
     middle = 0.5 * (d_lb + d_ub)
     d = np.where(d_lb < 2.0, d_lb + law.delta_l, middle)
     inactive = d_ub - d_lb <= _NO_ROOM * d_ub

@@ -1,16 +1,16 @@
-"""Out of slow modes: everybody also moves slowly to where all who are heard say, on the average,
-that his slot is.
+"""Out of slow modes: each agent also moves slowly to where its slot is by the average error of all
+agents that it hears.
 
 The law's consensus runs along the links of N_i. Where the graph is long and thin, what is left of
 an error has to travel from end to end, and takes minutes: the rate of the slowest mode is `kappa h`
 times the second eigenvalue of the graph's normalised Laplacian, 0.01 and less for fifty agents. The
-mesh carries everybody's state to everybody, so each agent can see the average error itself:
+mesh carries each agent's state to all others, so an agent can see the average error itself:
 
-    v_i += rate (mean_j e_j - e_i),     j: all who are heard and fly the same shape, and i
+    v_i += rate (mean_j e_j - e_i),     j: all agents that are heard and fly the same shape, and i
 
-which adds `rate` to the decay of each mode but the common one, and moves the mean of those who
-agree on it nowhere. It is a wish like the law's own: the filter has the last word. A swarm whose
-graph was cut by a lost agent forms as well.
+which adds `rate` to the decay of each mode but the common one, and does not move the mean of agents
+that agree on it. It is a wish like the law's own: the filter has the last word. A swarm whose graph
+was cut by a lost agent forms as well.
 """
 
 from __future__ import annotations
@@ -18,22 +18,18 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
+
+from swarm_ctl.core.model.arrays import Bools, Complex
 
 RATE: Final = 0.5
 """[1/s]: an eighth of the law's own, and slow against the age of any news that counts (0.5 s). At
 1.0 the slowest twentieth of formations stood 1 % sooner, at 0.2 20 % later."""
 
 
-def pull(
-    own: NDArray[np.complex128],
-    others: NDArray[np.complex128],
-    counted: NDArray[np.bool_],
-    axis: int = -1,
-) -> NDArray[np.complex128]:
-    """The velocity [length/s] for an error `own` among the errors `others`, of which `counted`
-    count (along `axis`)."""
+def pull(own: Complex, others: Complex, counted: Bools, axis: int = -1) -> Complex:
+    """The velocity [length/s] for an error `own` (...) among the errors `others`, of which
+    `counted` count; the others are along `axis`."""
     total = np.where(counted, others, 0).sum(axis=axis)
     count = np.count_nonzero(counted, axis=axis)
-    found: NDArray[np.complex128] = RATE * ((total + own) / (count + 1) - own)
+    found: Complex = RATE * ((total + own) / (count + 1) - own)
     return found

@@ -16,11 +16,9 @@ from collections.abc import Callable, Iterable
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarm_ctl.core.model.arrays import Complex, Floats
 from swarm_ctl.core.model.plan import Point, Response
-
-Floats = NDArray[np.float64]
 
 TYPICAL: Final = {
     "ardupilot": Response(),
@@ -106,6 +104,6 @@ def _coast(
     return x + v * (stop_distance(speed, vehicle, most) / most(speed, 1e-12))
 
 
-def _complex(vectors: Floats) -> NDArray[np.complex128]:
-    combined: NDArray[np.complex128] = vectors[..., 0] + 1j * vectors[..., 1]
+def _complex(vectors: Floats) -> Complex:
+    combined: Complex = vectors[..., 0] + 1j * vectors[..., 1]
     return combined

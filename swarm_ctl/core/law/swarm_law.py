@@ -1,9 +1,10 @@
 """The law (26) for many whole swarms at once, laid out for speed: missions on the last axis,
 contiguous in memory.
 
-The same numbers as `core.law.formation_law.evaluate` gives each agent (`adapt_sigma` is shared), but each
-distance is worked out once for both agents of a pair. Points are (2, n, m): component, agent,
-mission. Lengths in units.
+It gives each agent what `formation_law.evaluate` gives it (`gains`, `separate` and `adapt_sigma` are
+shared; a test holds the sums together), but the sum over the neighbours is one product with a
+matrix of links, and each distance serves both agents of a pair. Points are (2, n, m): component,
+agent, mission. Lengths in units.
 
 Pairs stand in rings: row (k, i), of n // 2 rings, is agent i and agent (i + k + 1) mod n. So the
 second of a pair is a window that slides over the doubled list of agents, and nothing has to be
@@ -18,7 +19,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.lib.stride_tricks import as_strided
 
-from swarm_ctl.core.law.formation_law import AdaptedSigma, adapt_sigma, separate
+from swarm_ctl.core.law.formation_law import AdaptedSigma, adapt_sigma, gains, separate
 from swarm_ctl.core.model.arrays import Bools, Floats, Indices
 from swarm_ctl.core.model.plan import LawParameters
 
@@ -51,7 +52,7 @@ class SwarmTerms(NamedTuple):
 
 
 class Rings:
-    """Squared distances of all pairs of n agents in m missions, in a working memory of its own."""
+    """Squared distances of all pairs of n agents in m missions. Owns its working memory."""
 
     def __init__(self, n: int, m: int) -> None:
         rings = n // 2
@@ -93,11 +94,10 @@ class Rings:
 
 
 class SwarmLaw:
-    """The law of m missions of n >= 2 agents, with what does not change prepared once. Owns its
-    working memory.
+    """The law of m missions of n >= 2 agents. Owns its working memory.
 
-    A mission's numbers don't depend on the others in its batch, to the last bit, as long as it has
-    others: a batch of one is summed in another order.
+    A mission's numbers do not depend on the others in its batch, to the last bit, as long as there
+    are others: a batch of one is summed in another order.
 
     Args:
         slots: z (2, n, m).
@@ -121,9 +121,7 @@ class SwarmLaw:
         self._apart[(diagonal, diagonal) if self._small else (slice(None), diagonal, diagonal)] = -(
             self._count if self._small else self._count.T
         )
-        some = np.maximum(self._count, 1)
-        self._gain = h / some
-        self._beta = h / (some * some)
+        self._gain, self._beta = gains(h, self._count)
         self.rings = Rings(n, m)
         """Holds the distances of the last `step`."""
 
@@ -134,12 +132,12 @@ class SwarmLaw:
         )
 
     def unlinked(self, gone: Bools) -> SwarmLaw:
-        """The same, but that nobody follows the agents `gone` (n, m) any more, nor they anybody."""
+        """The same without the links of the agents `gone` (n, m)."""
         return SwarmLaw(self.slots, self.links & ~gone & ~gone[:, None], self.h, self.law)
 
     def step(self, points: Floats) -> tuple[Floats, NearPairs | None]:
-        """One iteration of (26) where everybody knows all `points` (2, n, m): u (2, n, m) [units],
-        the near pairs."""
+        """One iteration of (26) where all agents know all `points` (2, n, m): u (2, n, m) [units]
+        and the near pairs."""
         n = self._sum_apart(points - self.slots)
         u: Floats = n * self._gain
         self.rings.measure(points)
@@ -179,8 +177,8 @@ class SwarmLaw:
         return SwarmTerms(n * self._gain, avoidance, near)
 
     def _sum_apart(self, error: Floats) -> Floats:
-        """Sum of e_j - e_i over the neighbours j, (2, n, m): one matrix product a mission, unless
-        it is small."""
+        """Sum of e_j - e_i over the neighbours j, (2, n, m): one matrix product a mission, or a
+        loop along the missions of small swarms."""
         if not self._small:
             return np.ascontiguousarray((self._apart @ error.transpose(2, 1, 0)).transpose(2, 1, 0))
         total = np.empty_like(error)
@@ -197,14 +195,22 @@ class SwarmLaw:
         pair: tuple[Indices, Indices, Indices],
         both: bool = True,
     ) -> NearPairs:
-        """Adds the avoidance term of `first` to u, and with `both` that of `second`; `seen` is
-        where `second` is."""
+        """Add the avoidance terms of the pairs (first, second, mission), (K,) each, to u.
+
+        Args:
+            u: added to, (2, n, m).
+            n: sum of the neighbours' e_j - e_i (2, n, m).
+            points: (2, n, m).
+            seen: where `first` takes `second` to be (2, K).
+            pair: the pairs.
+            both: `second` is pushed as well, by the same distance.
+        """
         first, second, mission = pair
         count, m = points.shape[1:]
         q = _taken(points, first * m + mission) - seen
         q_x, q_y, x = separate(q[0], q[1], first < second, self.law)
         linked = self.links.ravel().take((first * count + second) * m + mission)
-        # flat index into (n, m) of everybody who pushes himself off
+        # flat index into (n, m) of the agents that are pushed, (1 or 2, K)
         agents = (np.stack((first, second)) if both else first[None]) * m + mission
         members = self._members(agents, linked, count * m)
         # seen from the second of a pair q points the other way; turning the pull instead is the
@@ -213,6 +219,7 @@ class SwarmLaw:
         beta = self._beta.ravel().take(agents) * linked * side
         pull_x, pull_y = n[0].ravel().take(agents) * beta, n[1].ravel().take(agents) * beta
         numbers = adapt_sigma(q_x, q_y, x, pull_x, pull_y, members, self.law)
+        # alpha q of each pair, summed by agent
         push = numbers.alpha * side
         flat = agents.ravel()
         u[0] += np.bincount(flat, (push * q_x).ravel(), count * m).reshape(count, m)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from swarm_ctl.core.law import formation
-from swarm_ctl.core.law.formation import Array
+from swarm_ctl.core.model.arrays import Floats
 
 count = st.shared(st.integers(2, 9), key="n")
 points = count.flatmap(lambda n: arrays(np.float64, (n, 2), elements=st.floats(-1000, 1000)))
@@ -20,20 +20,20 @@ shift = st.tuples(st.floats(-1000, 1000), st.floats(-1000, 1000))
 
 
 @given(points, shift)
-def test_a_shape_stands_wherever_it_stands(slots: Array, by: tuple[float, float]) -> None:
+def test_a_shape_stands_wherever_it_stands(slots: Floats, by: tuple[float, float]) -> None:
     assert formation.formation_error(slots + np.array(by), slots) == pytest.approx(0, abs=1e-9)
 
 
 @given(points, points, shift, shift)
 def test_moving_points_or_slots_together_changes_nothing(
-    p: Array, z: Array, by: tuple[float, float], slots_by: tuple[float, float]
+    p: Floats, z: Floats, by: tuple[float, float], slots_by: tuple[float, float]
 ) -> None:
     moved = formation.formation_error(p + np.array(by), z + np.array(slots_by))
     assert moved == pytest.approx(formation.formation_error(p, z), abs=1e-8)
 
 
 @given(points, points)
-def test_formation_error_is_the_largest_deviation(p: Array, z: Array) -> None:
+def test_formation_error_is_the_largest_deviation(p: Floats, z: Floats) -> None:
     e = [(a[0] - b[0], a[1] - b[1]) for a, b in zip(p.tolist(), z.tolist(), strict=True)]
     mean = (sum(x for x, _ in e) / len(e), sum(y for _, y in e) / len(e))
     assert formation.formation_error(p, z) == pytest.approx(
@@ -42,7 +42,7 @@ def test_formation_error_is_the_largest_deviation(p: Array, z: Array) -> None:
 
 
 @given(points)
-def test_closest_pair_is_the_closest(p: Array) -> None:
+def test_closest_pair_is_the_closest(p: Floats) -> None:
     found = formation.closest_pair(p)
     assert found is not None
     apart, (i, j) = found

@@ -11,14 +11,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import TypeAdapter
 
-from swarm_ctl.core.law.formation import Array, distances, smallest_distance
+from swarm_ctl.core.law.formation import distances, smallest_distance
+from swarm_ctl.core.model.arrays import Floats
 from swarm_ctl.mission.geometry.shapes import slots_of
 from swarm_ctl.mission.input.schema import Shape
 
 ADAPTER: TypeAdapter[Shape] = TypeAdapter(Shape)
 
 
-def slots(agents: int, **fields: Any) -> Array:
+def slots(agents: int, **fields: Any) -> Floats:
     return slots_of(ADAPTER.validate_python(fields), agents)
 
 

@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from swarm_ctl.core.law.formation import Array, centred
+from swarm_ctl.core.law.formation import centred
+from swarm_ctl.core.model.arrays import Floats
 from swarm_ctl.mission.geometry.slot_assignment import nearest
 
 count = st.shared(st.integers(1, 6), key="n")
@@ -18,12 +19,12 @@ points = count.flatmap(lambda n: arrays(np.float64, (n, 2), elements=st.floats(-
 shift = st.tuples(st.floats(-1000, 1000), st.floats(-1000, 1000))
 
 
-def cost(p: Array, z: Array) -> float:
+def cost(p: Floats, z: Floats) -> float:
     return float(np.sum((centred(p) - centred(z)) ** 2))
 
 
 @given(points, points)
-def test_no_other_choice_costs_less(p: Array, slots: Array) -> None:
+def test_no_other_choice_costs_less(p: Floats, slots: Floats) -> None:
     chosen = nearest(p, slots)
     assert sorted(map(tuple, chosen.tolist())) == sorted(map(tuple, slots.tolist())), (
         "every slot taken once"
@@ -34,7 +35,7 @@ def test_no_other_choice_costs_less(p: Array, slots: Array) -> None:
 
 @given(points, points, shift, shift)
 def test_where_shape_and_swarm_are_does_not_matter(
-    p: Array, slots: Array, by: tuple[float, float], slots_by: tuple[float, float]
+    p: Floats, slots: Floats, by: tuple[float, float], slots_by: tuple[float, float]
 ) -> None:
     moved = nearest(p + np.array(by), slots + np.array(slots_by)) - np.array(slots_by)
     assert cost(p, moved) == pytest.approx(cost(p, nearest(p, slots)), rel=1e-6, abs=1e-4)
@@ -42,7 +43,7 @@ def test_where_shape_and_swarm_are_does_not_matter(
 
 @given(points, shift, st.randoms(use_true_random=False))
 def test_agents_that_stand_in_the_shape_stay(
-    slots: Array, by: tuple[float, float], random: object
+    slots: Floats, by: tuple[float, float], random: object
 ) -> None:
     order = list(range(len(slots)))
     random.shuffle(order)  # type: ignore[attr-defined]
