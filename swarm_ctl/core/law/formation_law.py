@@ -144,7 +144,7 @@ def separate(
 
 
 class AdaptedSigma(NamedTuple):
-    """What `adapt_sigma` finds for pairs of any shape; `d` is NaN where the status leaves it undefined."""
+    """What `adapt_sigma` finds for pairs; `d` is NaN where the status leaves it undefined."""
 
     sigma: Floats
     sigma_lb: Floats
@@ -164,7 +164,7 @@ def adapt_sigma(
     members: NDArray[np.intp],
     law: LawParameters,
 ) -> AdaptedSigma:
-    """Tune sigma, (31)-(69): the bounds on D, D itself with its status, then sigma.
+    """Adapt sigma, (31)-(69): the bounds on D, D itself with its status, then sigma.
 
     A stranger (j not in N_i) is the neighbour's case with beta = 0 and M in place of N: (32), (59),
     (65) turn into (69)'s bounds, and (50), (52) into sigma_lb = g x / R - x^2.
