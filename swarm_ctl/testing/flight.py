@@ -1,5 +1,4 @@
-"""One interface to a flight under test, whether its swarm is made of processes or flies on a
-virtual clock."""
+"""One interface to a flight under test, with real processes or on a virtual clock."""
 
 from __future__ import annotations
 
@@ -24,7 +23,7 @@ Mission: TypeAlias = "str | Path | MissionFile | LoadedMission"
 
 
 def loaded(mission: Mission) -> LoadedMission:
-    """Whatever a test has, as a checked mission."""
+    """The checked mission. Raises MissionError with all mistakes."""
     if isinstance(mission, LoadedMission):
         return mission
     if isinstance(mission, MissionFile):
@@ -33,19 +32,17 @@ def loaded(mission: Mission) -> LoadedMission:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Flown:
-    """How a flight went."""
+class FlightResult:
+    """How a flight went. Summary, truth and folder are those of a flight with processes."""
 
     outcomes: dict[int, str]
-    """By agent: `completed`, `failed`, `aborted`; agents that left no account are missing."""
+    """By agent: `completed`, `failed`, `aborted`; an agent that left no account is missing."""
     closest_m: float
-    """Smallest true horizontal distance of any two vehicles in the air; infinite for one
-    vehicle."""
+    """Smallest true horizontal distance [m] of two vehicles in the air; infinite for one."""
     all_down: bool
     """Every vehicle has touched down again."""
     events: tuple[Event, ...]
     summary: Summary | None = None
-    """With real processes only, as are the next two."""
     truth: Truth | None = None
     folder: Path | None = None
 
@@ -55,66 +52,64 @@ class Flown:
         return "\n".join(event.text for event in self.events)
 
 
-class Flight(ABC):
+class SwarmFlight(ABC):
     """A mission in the air. Times are mission seconds."""
 
     plan: Plan
 
     @abstractmethod
     def wait_step(self, step: int | str, within_s: float = 300.0) -> None:
-        """Until every live agent is in this step (its number, or its name as screens show it: `form
-        vee`) or beyond.
-
-        AssertionError when that takes longer, or when the flight ends before.
+        """Until every live agent is in this step (number, or name as on screens: `form vee`) or
+        beyond; AssertionError when that takes longer, or when the flight ends before.
         """
 
     @abstractmethod
     def wait_s(self, seconds: float) -> None:
-        """Let it fly for so long."""
+        """Let the swarm fly for so long."""
 
     @abstractmethod
     def order(self, order: Order) -> SentCommand:
-        """Give an operator's order, and wait for the answers."""
+        """Give an operator's order, and wait for the agents' answers."""
 
     def command(self, kind: str, agents: Sequence[int] = ()) -> SentCommand:
-        """An operator's hold, resume, next, land, return or kill; waits for the answers."""
+        """Order hold, resume, next, land, return or kill."""
         return self.order(Order(kind, (), tuple(agents)))
 
     def form(self, shape: str) -> SentCommand:
-        """The operator commands a shape of the mission."""
+        """Order a shape of the mission."""
         return self.order(Order("form", (shape,)))
 
     def move(self, north_m: float, east_m: float, speed_mps: float | None = None) -> SentCommand:
-        """The operator sends the formation's centre to a point of the common frame."""
+        """Order the formation's centre to a point of the common frame."""
         speed = [] if speed_mps is None else [speed_mps]
         return self.order(Order("move", tuple(map(str, [north_m, east_m, *speed]))))
 
     @abstractmethod
     def kill_agent(self, agent: int) -> None:
-        """The agent's process is gone at once; its vehicle is left to itself."""
+        """End the agent's process at once; its vehicle flies on without it."""
 
     @abstractmethod
     def freeze_agent(self, agent: int) -> None:
-        """The agent's process stops working without ending."""
+        """Stop the agent's process without ending it."""
 
     @abstractmethod
     def thaw_agent(self, agent: int) -> None:
-        """It works again."""
+        """Let a frozen agent work again."""
 
     @abstractmethod
     def kill_station(self) -> None:
-        """No ground station any more."""
+        """End the ground station's process at once."""
 
     @abstractmethod
-    def finish(self, within_s: float = 900.0) -> Flown:
-        """Fly on to the end, and tell how it went."""
+    def finish(self, within_s: float = 900.0) -> FlightResult:
+        """Fly to the end."""
 
     @abstractmethod
     def close(self) -> None:
-        """Leave nothing behind, whatever the state (the fixture does this)."""
+        """End all processes of the flight, in any state; the fixture calls it."""
 
     def step_number(self, step: int | str) -> int:
-        """`form vee` as the number of the first step of that name."""
+        """The number of the first step of this name; ValueError lists the names."""
         if isinstance(step, int):
             return step
         names = [step_name(self.plan, k) for k in range(len(self.plan.steps) + 1)]

@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING, Protocol
 import pytest
 
 if TYPE_CHECKING:
-    from swarm_ctl.testing.flight import Flight, Mission
+    from swarm_ctl.testing.flight import Mission, SwarmFlight
 
 
 class Fly(Protocol):
-    """What the fixture is: a function that starts a flight."""
+    """The fixture: a function that starts a flight."""
 
     def __call__(
         self, mission: Mission, *, speedup: float = 5.0, virtual: bool = False, seed: int = 1
-    ) -> Flight:
+    ) -> SwarmFlight:
         """Start `mission`; `virtual`: in this process on a virtual clock, else with real processes
         at `speedup`."""
 
@@ -30,11 +30,11 @@ class Fly(Protocol):
 def swarm(tmp_path: Path) -> Iterator[Fly]:
     """Flies missions; a flight that is not over when the test ends is ended, with all its
     processes."""
-    flights: list[Flight] = []
+    flights: list[SwarmFlight] = []
 
     def fly(
         mission: Mission, *, speedup: float = 5.0, virtual: bool = False, seed: int = 1
-    ) -> Flight:
+    ) -> SwarmFlight:
         from swarm_ctl.cli.extras import require
 
         require("ground", "the fixture `swarm`")
@@ -43,13 +43,12 @@ def swarm(tmp_path: Path) -> Iterator[Fly]:
         if virtual:
             from swarm_ctl.testing.virtual_flight import VirtualFlight
 
-            flight: Flight = VirtualFlight(loaded(mission), seed)
+            flight: SwarmFlight = VirtualFlight(loaded(mission), seed)
         else:
-            from swarm_ctl.testing.process_flight import RealFlight
+            from swarm_ctl.testing.process_flight import ProcessFlight
 
-            flight = RealFlight(
-                loaded(mission), tmp_path / f"flight-{len(flights) + 1}", speedup, seed
-            )
+            folder = tmp_path / f"flight-{len(flights) + 1}"
+            flight = ProcessFlight(loaded(mission), folder, speedup, seed)
         flights.append(flight)
         return flight
 

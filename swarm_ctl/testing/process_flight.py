@@ -1,5 +1,4 @@
-"""A flight with real processes: `swarm-ctl run` at a speed-up, in a folder of its own, on ports of
-its own."""
+"""A flight with real processes: `swarm-ctl run` in its own folder and on its own ports."""
 
 from __future__ import annotations
 
@@ -22,16 +21,16 @@ from swarm_ctl.report.folder.truth import TRUTH, load_truth
 from swarm_ctl.report.judge.summary import Summary
 from swarm_ctl.runtime.clock import pause, wall_s
 from swarm_ctl.runtime.station.run_client import RunClient
-from swarm_ctl.testing.flight import Flight, Flown
+from swarm_ctl.testing.flight import FlightResult, SwarmFlight
 
 _START_WALL_S = 40.0
 _POLL_WALL_S = 0.05
 _END_WALL_S = 15.0
-"""A second Ctrl-C kills everything at once; this is for a machine that is busy."""
+"""A second Ctrl-C kills all processes at once; a busy machine needs time for it."""
 
 
-class RealFlight(Flight):
-    """See `Flight`. `folder` is the run folder."""
+class ProcessFlight(SwarmFlight):
+    """`folder` is the run folder."""
 
     def __init__(self, mission: LoadedMission, where: Path, speedup: float, seed: int = 1) -> None:
         self.plan = mission.plan
@@ -67,7 +66,6 @@ class RealFlight(Flight):
         return "\n".join((where / "run.log").read_text(errors="replace").splitlines()[-20:])
 
     def wait_step(self, step: int | str, within_s: float = 300.0) -> None:
-        """As `Flight.wait_step`."""
         number, until = self.step_number(step), wall_s() + within_s / self._speedup
         while not self._reached(number):
             if wall_s() > until or self._process.poll() is not None:
@@ -87,60 +85,51 @@ class RealFlight(Flight):
         return self._client
 
     def wait_s(self, seconds: float) -> None:
-        """As `Flight.wait_s`."""
         until = wall_s() + seconds / self._speedup
         while wall_s() < until and self._process.poll() is None:
             self._mesh.newest()
             pause(min(_POLL_WALL_S, max(0.0, until - wall_s())))
 
     def order(self, order: Order) -> SentCommand:
-        """As `Flight.order`."""
         return self._mesh.order(order)
 
     def kill_agent(self, agent: int) -> None:
-        """As `Flight.kill_agent`: SIGKILL by its pid."""
         self._signal(f"agent-{agent}", signal.SIGKILL)
 
     def freeze_agent(self, agent: int) -> None:
-        """As `Flight.freeze_agent`: SIGSTOP."""
         self._signal(f"agent-{agent}", signal.SIGSTOP)
 
     def thaw_agent(self, agent: int) -> None:
-        """As `Flight.thaw_agent`: SIGCONT."""
         self._signal(f"agent-{agent}", signal.SIGCONT)
 
     def kill_station(self) -> None:
-        """As `Flight.kill_station`."""
         self._signal("station", signal.SIGKILL)
 
     def _signal(self, name: str, number: signal.Signals) -> None:
         os.kill(self._pids[name], number)
 
-    def finish(self, within_s: float = 900.0) -> Flown:
+    def finish(self, within_s: float = 900.0) -> FlightResult:
         """As `Flight.finish`: until `run` has ended by itself."""
         try:
             self._process.wait(_END_WALL_S + within_s / self._speedup)
         except subprocess.TimeoutExpired:
-            raise AssertionError(
-                f"the run did not end within {within_s:g} s; see {self.folder}"
-            ) from None
+            why = f"the run did not end within {within_s:g} s; see {self.folder}"
+            raise AssertionError(why) from None
         self.close()
-        summary = TypeAdapter(Summary).validate_json((self.folder / "summary.json").read_bytes())
-        truth = load_truth(self.folder / TRUTH)
-        lines = (self.folder / "events.jsonl").read_bytes().splitlines()
+        folder = self.folder
+        summary = TypeAdapter(Summary).validate_json((folder / "summary.json").read_bytes())
+        lines = (folder / "events.jsonl").read_bytes().splitlines()
         events = tuple(TypeAdapter(Event).validate_json(line) for line in lines)
-        outcomes = {
-            agent.agent: agent.outcome for agent in summary.agents if agent.account == "final"
-        }
-        closest_m = math.inf if summary.min_true_distance_m is None else summary.min_true_distance_m
-        ups = [e.sysid for e in truth.events if e.event == "liftoff"]
-        downs = [e.sysid for e in truth.events if e.event == "touchdown"]
-        down = sorted(ups) == sorted(downs)
-        return Flown(outcomes, closest_m, down, events, summary, truth, self.folder)
+        outcomes = {each.agent: each.outcome for each in summary.agents if each.account == "final"}
+        closest_m = summary.min_true_distance_m
+        truth = load_truth(folder / TRUTH)
+        ups = sorted(e.sysid for e in truth.events if e.event == "liftoff")
+        downs = sorted(e.sysid for e in truth.events if e.event == "touchdown")
+        apart_m = math.inf if closest_m is None else closest_m
+        return FlightResult(outcomes, apart_m, ups == downs, events, summary, truth, folder)
 
     def close(self) -> None:
-        """Interrupt the run twice, as an impatient operator would: it ends every process that it
-        started."""
+        """Interrupt the run twice, as an impatient operator does: it ends all its processes."""
         if self._client is not None:
             self._client.close()
             self._client = None
@@ -151,6 +140,6 @@ class RealFlight(Flight):
         try:
             self._process.wait(_END_WALL_S)
         except subprocess.TimeoutExpired:
-            self._process.kill()  # its children notice through their pipes and come down by themselves
+            self._process.kill()  # its children notice through their pipes and land
             self._process.wait()
         self._log.close()

@@ -1,5 +1,4 @@
-"""A flight on the virtual clock: the whole swarm in this process, as fast as it computes, the same
-every time."""
+"""A flight on the virtual clock: all agents in this process, the same in every run."""
 
 from __future__ import annotations
 
@@ -9,12 +8,12 @@ from swarm_ctl.commands.build import AgentNow, SwarmNow, build
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.commands.send import CommandSender, SentCommand
 from swarm_ctl.mission.compile.loader import LoadedMission
-from swarm_ctl.testing.flight import Flight, Flown
+from swarm_ctl.testing.flight import FlightResult, SwarmFlight
 from swarm_ctl.testing.virtual_swarm import VirtualSwarm
 
 
-class VirtualFlight(Flight):
-    """See `Flight`; `swarm` is open to look into."""
+class VirtualFlight(SwarmFlight):
+    """Tests may read and change `swarm`."""
 
     def __init__(self, mission: LoadedMission, seed: int = 1) -> None:
         self.plan = mission.plan
@@ -23,7 +22,6 @@ class VirtualFlight(Flight):
         self._sender = CommandSender(self.swarm.send, [agent.id for agent in self.plan.agents])
 
     def wait_step(self, step: int | str, within_s: float = 300.0) -> None:
-        """As `Flight.wait_step`."""
         number, until = self.step_number(step), self.swarm.now + within_s
         while not self._reached(number):
             live = any(member.alive for member in self.swarm.members.values())
@@ -32,17 +30,13 @@ class VirtualFlight(Flight):
             self.swarm.tick()
 
     def _reached(self, number: int) -> bool:
-        live = [
-            member for member in self.swarm.members.values() if member.alive and not member.frozen
-        ]
+        live = [m for m in self.swarm.members.values() if m.alive and not m.frozen]
         return bool(live) and all(m.status is not None and m.status.step >= number for m in live)
 
     def wait_s(self, seconds: float) -> None:
-        """As `Flight.wait_s`."""
         self.swarm.run(seconds)
 
     def order(self, order: Order) -> SentCommand:
-        """As `Flight.order`."""
         sent = self._sender.send(build(order, self._now(), self._mission), self.swarm.now)
         while not sent.over:
             self.swarm.tick()
@@ -52,46 +46,37 @@ class VirtualFlight(Flight):
         return sent
 
     def _now(self) -> SwarmNow:
-        """What a ground station without any delay would know."""
+        """What a ground station would know if messages took no time."""
         agents, step = [], 0
         for agent_id, point in self.swarm.positions().items():
             member = self.swarm.members[agent_id]
             status = member.status
-            agents.append(
-                AgentNow(
-                    agent_id, point, flies=member.alive, gains=status.gains if status else None
-                )
-            )
+            gains = status.gains if status else None
+            agents.append(AgentNow(agent_id, point, flies=member.alive, gains=gains))
             if member.alive and status:
                 step = max(step, status.step)
         return SwarmNow(self.plan, self.swarm.now, step, tuple(agents))
 
     def kill_agent(self, agent: int) -> None:
-        """As `Flight.kill_agent`."""
         self.swarm.kill(agent)
 
     def freeze_agent(self, agent: int) -> None:
-        """As `Flight.freeze_agent`."""
         self.swarm.members[agent].frozen = True
 
     def thaw_agent(self, agent: int) -> None:
-        """As `Flight.thaw_agent`."""
         self.swarm.members[agent].frozen = False
 
     def kill_station(self) -> None:
-        """As `Flight.kill_station`."""
         self.swarm.station_alive = False
 
-    def finish(self, within_s: float = 900.0) -> Flown:
-        """As `Flight.finish`; waits for vehicles left to themselves, too."""
-        until = self.swarm.now + within_s
-        self.swarm.fly(until)
-        while not self.swarm.all_down and self.swarm.now < until:
-            self.swarm.tick()
-        closest_m = min(self.swarm.minimum.values(), default=math.inf)
-        return Flown(
-            self.swarm.outcomes(), closest_m, self.swarm.all_down, tuple(self.swarm.events)
-        )
+    def finish(self, within_s: float = 900.0) -> FlightResult:
+        swarm, until = self.swarm, self.swarm.now + within_s
+        swarm.fly(until)
+        # Vehicles without an agent take longer to come down.
+        while not swarm.all_down and swarm.now < until:
+            swarm.tick()
+        closest_m = min(swarm.minimum.values(), default=math.inf)
+        return FlightResult(swarm.outcomes(), closest_m, swarm.all_down, tuple(swarm.events))
 
     def close(self) -> None:
-        """Nothing is outside this process."""
+        """There is no process to end."""

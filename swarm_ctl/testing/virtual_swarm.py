@@ -1,8 +1,7 @@
-"""A whole swarm in one process on a virtual clock: real agents, real drivers, real simulator, bytes
-carried in memory.
+"""A whole swarm in one process on a virtual clock: real agents, drivers and simulator.
 
-The same parts as in a run but for what `run` itself is: processes, sockets, zenoh. Same seed, same
-trace.
+All parts of a run but its processes, sockets and zenoh; bytes are carried in memory. The same seed
+gives the same trace.
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ _AGENT = ("agent", 1)
 
 @dataclass
 class Member:
-    """One agent with its wires."""
+    """One agent with its links."""
 
     agent: Agent
     link: VehicleLink
@@ -55,14 +54,14 @@ class Member:
     clock: Callable[[float], float] = float
     """From the swarm's time to the agent's own."""
     tampered: Callable[[AgentState], AgentState] | None = None
-    """What becomes of the states that it sends."""
+    """Changes the states that it sends."""
 
 
 class VirtualSwarm:
-    """Flies a mission tick by tick; tests look in and break things between ticks.
+    """Flies a mission tick by tick; between ticks, tests read its parts and break them.
 
-    `mesh` is given each agent's transport and its id, and what it gives back is used
-    (`mesh/impaired.py`); `clocks` are the clocks of agents that have one of their own.
+    `mesh` makes each agent's transport of the plain one and the agent's id (`mesh/impaired.py`);
+    `clocks` has the agents whose clock is not the swarm's.
     """
 
     def __init__(
@@ -109,7 +108,7 @@ class VirtualSwarm:
     # --- time ---
 
     def tick(self) -> None:
-        """One control tick of everybody, then the world up to it."""
+        """The world up to the next control tick, then one step of each agent."""
         self.now += self.plan.tick_s
         if self.simulator_alive:
             self._run_world()
@@ -168,29 +167,28 @@ class VirtualSwarm:
             member.node.close()
 
     def fly(self, until_s: float = 600.0) -> None:
-        """Until every agent that lives has ended, at most to `until_s`."""
+        """Tick until every live agent has ended, at most to `until_s`."""
         while self.now < until_s and any(m.alive and not m.frozen for m in self.members.values()):
             self.tick()
 
     def wait(self, condition: Any, until_s: float = 300.0) -> None:
-        """Tick until `condition(self)` holds; AssertionError when it never does."""
+        """Tick until `condition(self)` holds; AssertionError after `until_s`."""
         while not condition(self):
             if self.now >= until_s:
                 raise AssertionError(f"not reached by {until_s} s")
             self.tick()
 
-    # --- what tests do and ask ---
+    # --- for tests ---
 
     def kill(self, agent_id: int) -> None:
-        """The agent is gone from now on, without a word."""
+        """End the agent without a last message."""
         self.members[agent_id].alive = False
         self.members[agent_id].node.close()
 
     def restart(
         self, agent_id: int, plan: Plan | None = None, clock: Callable[[float], float] | None = None
     ) -> None:
-        """A new process in the place of a dead one, which knows nothing of it; with another plan or
-        clock, if given."""
+        """Start a new agent for a dead one's vehicle, with another plan or clock if given."""
         self._clocks[agent_id] = clock or self._clocks.get(agent_id, float)
         place = [agent.id for agent in self.plan.agents].index(agent_id)
         self._far[place] = self._add(agent_id, plan or self.plan)
@@ -198,26 +196,24 @@ class VirtualSwarm:
     def command(
         self, kind: str, agents: tuple[int, ...] = (), name: str = "c1", **more: Any
     ) -> None:
-        """An operator's command; `more`: its step, plan_hash, at_step."""
+        """Send an operator's command; `more`: its step, plan_hash, at_step."""
         self.send(Command(name, kind, agents, self.now, **more))
 
     def send(self, command: Command) -> None:
-        """A command as it is."""
+        """Send this command."""
         self._station.send(keys.COMMAND, command)
 
     def run(self, seconds: float) -> None:
-        """Tick for so long."""
+        """Tick for `seconds`."""
         until = self.now + seconds
         while self.now < until:
             self.tick()
 
     def positions(self) -> dict[int, tuple[float, float]]:
         """True (north, east) of every vehicle [m]."""
-        points = np.asarray(self.hub.world.positions())
-        return {
-            agent.id: (float(p[0]), float(p[1]))
-            for agent, p in zip(self.plan.agents, points, strict=True)
-        }
+        points = np.asarray(self.hub.world.positions())[:, :2].tolist()
+        ids = [agent.id for agent in self.plan.agents]
+        return {i: (north, east) for i, (north, east) in zip(ids, points, strict=True)}
 
     def centre(self) -> tuple[float, float]:
         """True centre of all vehicles [m]."""
@@ -225,27 +221,26 @@ class VirtualSwarm:
         return sum(p[0] for p in points) / len(points), sum(p[1] for p in points) / len(points)
 
     def in_step(self, step: int) -> bool:
-        """Every live agent is in this step."""
-        return all(
-            m.status is not None and m.status.step == step for m in self.members.values() if m.alive
-        )
+        """Whether every live agent is in this step."""
+        live = [member for member in self.members.values() if member.alive]
+        return all(m.status is not None and m.status.step == step for m in live)
 
     def phases(self) -> set[Phase]:
-        """Of all agents that live."""
+        """The phases of the live agents."""
         return {m.status.phase for m in self.members.values() if m.alive and m.status is not None}
 
     def outcomes(self) -> dict[int, str]:
-        """Of all agents that have ended."""
+        """By agent, for those that have ended."""
         return {i: m.ended.outcome for i, m in self.members.items() if m.ended is not None}
 
     @property
     def closest_m(self) -> float:
-        """Smallest true horizontal distance in the air so far."""
+        """Smallest true horizontal distance in the air so far [m]."""
         return min(self.minimum.values())
 
     @property
     def all_down(self) -> bool:
-        """Every vehicle stands disarmed on the ground."""
+        """Whether every vehicle stands disarmed on the ground."""
         return bool(self.hub.world.parked())
 
 

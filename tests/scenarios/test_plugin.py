@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from swarm_ctl.testing.plugin import Fly
-from swarm_ctl.testing.process_flight import RealFlight
+from swarm_ctl.testing.process_flight import ProcessFlight
 from tests.scenarios.test_steps import TEXT
 
 PAIR = TEXT + "  - hold: {duration_s: 20}\n  - land\n"
@@ -38,7 +38,7 @@ def test_a_test_as_a_user_writes_it(swarm: Fly, virtual: bool) -> None:
 def test_nothing_is_left_behind_by_a_test_that_fails(swarm: Fly, tmp_path: Path) -> None:
     """`close` in the middle of a flight ends every process."""
     flight = swarm(PAIR, speedup=4)
-    assert isinstance(flight, RealFlight)
+    assert isinstance(flight, ProcessFlight)
     flight.wait_step("takeoff")
     flight.close()
     for pid in flight._pids.values():
