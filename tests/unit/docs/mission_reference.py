@@ -5,6 +5,7 @@ python -m tests.unit.docs.mission_reference > docs/pages/reference.md
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Iterator
 from typing import Any, Final
@@ -28,7 +29,10 @@ Schema = dict[str, Any]
 def page() -> str:
     """The whole page, as Markdown."""
     schema = json_schema()
-    return HEAD + "".join(_section(*found) for found in _sections(schema))
+    sections = list(_sections(schema))
+    headings = {inner["title"]: heading for heading, inner in sections}
+    tables = (_section(*found, _Values(schema["$defs"], headings)) for found in sections)
+    return HEAD + "".join(tables)
 
 
 def _sections(schema: Schema) -> Iterator[tuple[str, Schema]]:
@@ -73,14 +77,14 @@ def _heading(path: str, schema: Schema, *, is_step: bool) -> str:
     return f"Shape: {kind}" if kind else f"Step: {path}" if is_step else path
 
 
-def _section(heading: str, schema: Schema) -> str:
+def _section(heading: str, schema: Schema, values: _Values) -> str:
     lines = [f"\n## {heading}\n", schema.get("description", "").replace("\n", " "), ""]
     lines += ["| field | values | default | meaning |", "|---|---|---|---|"]
     required = schema.get("required", ())
     for field, body in schema["properties"].items():
         if field != "kind":
             meaning = body.get("description", "").replace("\n", " ")
-            row = (f"`{field}`", _values(body), _default(body, field in required), meaning)
+            row = (f"`{field}`", values.of(body), _default(body, field in required), meaning)
             lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |")
     return "\n".join(lines) + "\n"
 
@@ -94,42 +98,50 @@ def _default(body: Schema, required: bool) -> str:
     return f"`{str(default).lower() if isinstance(default, bool) else default}`"
 
 
-def _values(body: Schema) -> str:
-    """What may be written there: `0.1 to 20`, `land, return`, a section's name."""
-    found = [_value(part) for part in body.get("anyOf", body.get("oneOf", [body]))]
-    return " or ".join(text for text in dict.fromkeys(found) if text)
+class _Values:
+    """What may be written into a field: `0.1 to 20`, `land, return`, a section by its link."""
 
+    def __init__(self, definitions: dict[str, Schema], headings: dict[str, str]) -> None:
+        self._definitions, self._headings = definitions, headings
 
-def _value(body: Schema) -> str:
-    if "$ref" in body:
-        name = body["$ref"].rsplit("/", 1)[1]
-        definition = json_schema()["$defs"][name]
-        return _value(definition) if "enum" in definition else "a section"
-    if "enum" in body:
-        return ", ".join(f"`{value}`" for value in body["enum"])
-    if "const" in body:
-        return f"`{body['const']}`"
-    kind = body.get("type", "")
-    if kind in ("number", "integer"):
-        return _range(body)
-    if kind == "array":
-        return _array(body)
-    return {"boolean": "`true`, `false`", "string": "text", "object": "by name"}.get(kind, "")
+    def of(self, body: Schema) -> str:
+        found = [self._value(part) for part in body.get("anyOf", body.get("oneOf", [body]))]
+        return " or ".join(text for text in dict.fromkeys(found) if text)
+
+    def _value(self, body: Schema) -> str:
+        if "$ref" in body:
+            return self._named(body["$ref"].rsplit("/", 1)[1])
+        if "enum" in body:
+            return ", ".join(f"`{value}`" for value in body["enum"])
+        if "const" in body:
+            return f"`{body['const']}`"
+        kind = body.get("type", "")
+        if kind in ("number", "integer"):
+            return _range(body)
+        if kind == "array":
+            return self._array(body)
+        return {"boolean": "`true`, `false`", "string": "text", "object": "by name"}.get(kind, "")
+
+    def _named(self, name: str) -> str:
+        definition = self._definitions[name]
+        if "enum" in definition:
+            return self._value(definition)
+        heading = self._headings.get(name, "")
+        slug = re.sub(r"[^\w\s-]", "", heading).lower().replace(" ", "-")
+        return f"[{heading}](#{slug})" if heading else ""
+
+    def _array(self, body: Schema) -> str:
+        if "prefixItems" in body:
+            return "a pair"
+        items = body.get("items", {})
+        of = "pairs" if "prefixItems" in items else self.of(items) if "$ref" in items else ""
+        return f"a list of {of}" if of else "a list"
 
 
 def _range(body: Schema) -> str:
-    least, over = body.get("minimum"), body.get("exclusiveMinimum")
-    most = body.get("maximum")
-    low = f"above {over:g}, " if over is not None else f"{least:g} "
+    least, over, most = body.get("minimum"), body.get("exclusiveMinimum"), body.get("maximum")
     whole = "integer, " if body["type"] == "integer" else ""
-    return whole + low + (f"to {most:g}" if over is None else f"at most {most:g}")
-
-
-def _array(body: Schema) -> str:
-    if "prefixItems" in body:
-        return "a pair"
-    items = body.get("items", {})
-    return "a list of pairs" if "prefixItems" in items else "a list"
+    return f"{whole}{least:g} to {most:g}" if over is None else f"above {over:g}, at most {most:g}"
 
 
 if __name__ == "__main__":
