@@ -13,8 +13,7 @@ from swarm_ctl.core.model.plan import FormStep, Plan, Step
 
 
 def step_name(plan: Plan, step: int) -> str:
-    """`prepare` for 0, then the mission file's own words: `form hexagon`; `?` where the plan has no
-    such step."""
+    """`prepare` for 0, then the mission file's own words (`form hexagon`); `?` beyond the plan."""
     if not 0 <= step <= len(plan.steps):
         return "?"
     if step == 0:
@@ -33,13 +32,12 @@ class Progress:
         self.done = False
         self.started_s = now
         self.paused_s = 0.0
-        """How long this step has been held up (a policy, an operator): its time-out and duration
-        wait."""
+        """How long a policy or a command has held this step up; its time-out waits as long."""
         self.results: list[StepResult] = [StepResult("prepare", StepOutcome.RUNNING, now, None)]
 
     @property
     def current(self) -> Step | None:
-        """The step's own words; None while preparing."""
+        """The current step; None while preparing."""
         return self._plan.steps[self.step - 1] if self.step else None
 
     @property
@@ -58,20 +56,19 @@ class Progress:
         )
 
     def finish_step(self, now: float, outcome: StepOutcome = StepOutcome.DONE) -> None:
-        """Own part of the current step is done (`result`: or its time is over, `timeout`, or it was
-        `skipped`)."""
+        """This agent's part of the current step is over."""
         if not self.done:
             self.done = True
             self._close(outcome, now)
 
     def break_off(self, outcome: StepOutcome, now: float) -> None:
-        """The current step ends early (`timeout`, `aborted`), and with it the mission."""
+        """The current step ends early, and the mission with it."""
         if not self.done:
             self._close(outcome, now)
 
     def advance(self, members: Iterable[tuple[int, bool]], now: float) -> bool:
-        """Go on to the next step if own part is done and every live member shows at least (step,
-        done)."""
+        """Go on to the next step if the own part is done and every member shows at least (step,
+        True)."""
         if not self.done or self.finished or any(member < (self.step, True) for member in members):
             return False
         self.step += 1
@@ -84,7 +81,7 @@ class Progress:
         return True
 
     def rejoin(self, step: int, now: float) -> None:
-        """Start in the middle, at `step`: the others prove that everything before it is done."""
+        """Start in the middle, at `step`: the peers prove that all steps before it are done."""
         self.step, self.done, self.started_s, self.paused_s = step, False, now, 0.0
         self.results = [
             StepResult(step_name(self._plan, k), StepOutcome.DONE, now, None) for k in range(step)

@@ -1,22 +1,20 @@
-"""How far the clocks of the others are ahead of the own one, and how well that is known.
+"""How far the peers' clocks are ahead of the own one, and how well that is known.
 
-Every agent says once a second what its clock shows, and gives each other agent's newest such word
-back with the time that it has held it (`ClockNews`). A word that left here at t1, came to the peer
-at t2, was given back at t3 (its clock) and was here again at t4 shows, as no way takes less than no
-time, between what bounds the peer's clock is ahead:
+Each agent says once a second what its clock shows (`ClockNews`), and gives each peer's newest word
+back with the time that it has held it. A word that left here at t1, came to the peer at t2, was
+given back at t3 (both by its clock) and came here at t4 bounds how far the peer's clock is ahead:
 
     t3 - t4 <= ahead <= t2 - t1
 
-The middle is NTP's offset and the width NTP's round trip (RFC 5905, section 8): the middle is off
-by half the round trip at most, however unequal the two ways are. The bounds are kept apart, the
-best that was found of each: the fastest way there and the fastest way back need not be one round
-trip, and each state that is heard is a way back, too. An old bound loosens by `DRIFT` a second, so
-it gives way to a newer one by itself. That is the whole window.
+The middle is NTP's offset, the width its round trip (RFC 5905, section 8), so the middle is off by
+at most half the round trip, however unequal the two ways are. The two bounds are kept apart, each
+the best that was found: the fastest way there and the fastest way back need not be one round trip,
+and each state that is heard is a way back, too. An old bound loosens by `DRIFT` a second, so a
+newer one replaces it without any window.
 
-Everything is counted with the bound that makes news older (`Peer.age`): news is as old as it may
-be, never younger than it is. A clock that has jumped contradicts what is known of it, which is then
-forgotten; so does one that drifts more. A clock that is not known (yet, or any more) makes nobody's
-news fresh, and nobody lost at once.
+Ages are counted with the bound that makes a message older (`Peer.view`). A clock that jumps, or
+drifts more, contradicts its bounds; they are then forgotten. While a clock is not known, its
+agent's states are not fresh, and the agent is not lost at once.
 """
 
 from __future__ import annotations
@@ -28,20 +26,20 @@ from typing import Final
 from swarm_ctl.core.model.messages import ClockEcho, ClockNews
 
 DRIFT: Final = 1e-3
-"""[s/s] Between two clocks: 50 ppm each for bad crystals, and 500 ppm while NTP slews one of them
-(the kernel's most), with something to spare. It costs 1 ms a second until the next word."""
+"""[s/s] Between two clocks: 50 ppm each for bad crystals, 500 ppm while NTP slews one of them (the
+kernel's most), and a margin. It costs 1 ms a second until the next word."""
 EVERY_S: Final = 1.0
 """Between two words. Four in a row may be lost before the bounds are as wide as one lost state."""
 ASK_EVERY_S: Final = 0.2
-"""While somebody hears one whose clock is not known: at the start, and after a jump. With half of
-all lost it is known after half a second mostly; it has four (`Peer.age`)."""
+"""While an agent hears a peer whose clock it does not know: at the start, and after a jump. With
+half of all words lost it mostly knows the clock after half a second; it has four."""
 _ECHOED_S: Final = 5.0
-"""Words of somebody who has been silent for longer are not given back."""
+"""Words of a peer that has been silent for longer are not given back."""
 _ROUNDING_S: Final = 1e-6
 
 
 class PeerClock:
-    """What is known of one other's clock. All times [s]; `ahead` is its clock less the own one."""
+    """What is known of one peer's clock. Times in s; `ahead` is its clock less the own one."""
 
     __slots__ = ("_high", "_high_at", "_low", "_low_at", "unknown_s")
 
@@ -49,22 +47,22 @@ class PeerClock:
         self._low, self._low_at = -math.inf, 0.0
         self._high, self._high_at = math.inf, 0.0
         self.unknown_s: float | None = None
-        """Since when its news comes without its clock being known; None: it is known, or nothing
-        was heard."""
+        """Since when its states come without its clock being known; None: the clock is known, or
+        nothing was heard."""
 
     @property
     def known(self) -> bool:
-        """Both bounds are."""
+        """Both bounds are finite."""
         return self._high < math.inf and self._low > -math.inf
 
     def bounds(self, now: float) -> tuple[float, float]:
-        """(least, most) that it is ahead; infinite where nothing is known."""
+        """(least, most) that the clock is ahead; infinite where nothing is known."""
         low = self._low - DRIFT * max(0.0, now - self._low_at)
         high = self._high + DRIFT * max(0.0, now - self._high_at)
         return low, max(low, high)
 
     def told(self, told_s: float, received_s: float) -> None:
-        """It showed `told_s` when something left that came at `received_s`."""
+        """The clock showed `told_s` when a message left that came at `received_s`."""
         low, at_least = self.bounds(received_s)[0], told_s - received_s
         if at_least > low:
             self._low, self._low_at = at_least, received_s
@@ -73,17 +71,17 @@ class PeerClock:
             self.forget(told_s, received_s)
 
     def forget(self, told_s: float, received_s: float) -> None:
-        """It has been set back, or is another one: what it told now is all that is known."""
+        """The clock was set back, or is another one: only what it told now is known."""
         self._low, self._low_at, self._high = told_s - received_s, received_s, math.inf
         self.unknown_s = received_s
 
     def answered(self, asked_s: float, heard_s: float, told_s: float, received_s: float) -> None:
-        """Own time `asked_s` came to it at `heard_s`, which it told at `told_s` (both its clock):
-        t1 to t4."""
+        """A round trip: t1 to t4 of the module's docstring; `heard_s` and `told_s` by the peer's
+        clock."""
         low, high = told_s - received_s, heard_s - asked_s
         since_then = DRIFT * max(0.0, received_s - asked_s)
         if low > high + since_then + _ROUNDING_S:
-            return  # one of the two has jumped in between
+            return  # one of the two clocks has jumped in between
         before_low, before_high = self.bounds(received_s)
         anew = low > before_high + _ROUNDING_S or high + since_then < before_low - _ROUNDING_S
         if anew or low > before_low:
@@ -94,18 +92,17 @@ class PeerClock:
 
 
 class Clocks:
-    """One agent's knowledge of all others' clocks, and what it says for theirs."""
+    """One agent's knowledge of its peers' clocks, and what it says of its own."""
 
     def __init__(self, own_id: int, others: Iterable[int]) -> None:
         self._own = own_id
         self.of = {agent: PeerClock() for agent in others}
         self._words: dict[int, tuple[float, float]] = {}
-        """By agent: what its newest word told, and when it came."""
+        """By agent: the time its newest word told, and when it came."""
         self._said_s = self._asked_s = -math.inf
 
     def hear(self, news: ClockNews, received_s: float) -> None:
-        """Take somebody's word in; `received_s` should be the moment it came, not that of a look
-        into the queue."""
+        """Take a peer's word in. `received_s` is when it came, not when it was read."""
         clock = self.of.get(news.agent)
         if clock is None:
             return
@@ -117,7 +114,7 @@ class Clocks:
                 clock.answered(echo.told_s, news.time_s - echo.held_s, news.time_s, received_s)
 
     def say(self, now: float) -> ClockNews | None:
-        """The own word, when it is due."""
+        """The own word, if it is due."""
         asks = any(clock.unknown_s is not None for clock in self.of.values())
         soon = asks or now - self._asked_s <= EVERY_S
         if now - self._said_s < (ASK_EVERY_S if soon else EVERY_S) - _ROUNDING_S:

@@ -1,29 +1,30 @@
-"""The law changed in flight: `delta_a`, `delta_l`, `h`, `kappa`, by all agents at one mission time,
-or by none.
+"""The law's gains changed in flight (`delta_a`, `delta_l`, `h`, `kappa`): by all agents at one
+mission time, or by none.
 
-Two phases. `tune` names the four values, the time they are for (about two seconds ahead) and the
-agents that fly; each of those prepares the change or refuses it with a reason (`Tuner`). Only when
-every one of them has prepared, and well before the time, the sender says `apply` (`Round`): now the
-change is *decided*, and everybody who knows that puts it in force at its time. What was prepared
-and not decided by then never happens: silence means the old law.
+Two phases. `tune` names the four values, the time from which they hold (about two seconds ahead)
+and the agents that fly. Each of those prepares the update or refuses it with a reason. When every
+one of them has prepared, and well before the time, the station sends `apply`: now the update is
+*decided*, and every agent that knows so puts it in force at its time. An update that was prepared
+and not decided by then never happens: silence means the old gains.
 
-Every state carries the tag of the law in force and of the one decided, so peers repair what the
-station's link loses:
+Every state carries the tag of the gains in force and of the update that is decided, so peers repair
+what the station's mesh link loses. What happens to an agent, and what it does:
 
-| what happens to an agent | what it does |
-|---|---|
-| `apply` comes before the time | tells it in its states, puts the law in force at the time |
-| `apply` is lost, a peer's state says that it is decided | the same |
-| not a word before the time (its links were down, it was late) | keeps the old law; as soon as a peer's state says that the prepared law is in force, it adopts it in the same tick |
-| `apply` comes after the time | refuses it: if nobody flies the new law by then nobody is to begin, else a peer's state says so |
-| a peer flies a law that it has not prepared (another station's mistake, or it was lost while the others were asked) | keeps its own, and warns; so does every station, with the agents named |
-| the station dies between the phases | nothing changes; dies while it says `apply`: who heard it tells the others |
-| an agent heard by a peer was not asked | that peer refuses, and so nothing changes |
+- `apply` comes before the time, or a peer's state says that the update is decided: it says so in
+  its own states, and puts the gains in force at the time.
+- It hears neither before the time: it keeps the old gains. As soon as a peer's state says that the
+  prepared gains are in force, it adopts them in the same tick.
+- `apply` comes after the time: it refuses. If no agent flies the new gains by then, none begins.
+- A peer flies gains that this agent has not prepared (another station's mistake, or the agent was
+  lost while its peers were asked): it keeps its own and warns; so does every station.
+- The station dies between the phases: nothing changes. It dies while it sends `apply`: the agents
+  that heard it tell their peers.
+- An agent that a peer hears was not asked: that peer refuses, so nothing changes.
 
-Laws are ordered by their time, then tag: nobody ever goes back to an older one. While one change is
-under way no other is prepared. Between hosts the time is told with how far each agent's clock is
-ahead of the sender's, as well as that is known; who is early is followed by the others as soon as
-they hear it."""
+Updates are ordered by their time, then by tag; no agent goes back to an older one. While one update
+is under way no other is prepared. Between hosts, `tune` also tells how far each agent's clock is
+ahead of the sender's; peers follow an agent that is early as soon as they hear it.
+"""
 
 from __future__ import annotations
 
@@ -32,33 +33,41 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field, replace
 from typing import Final
 
-from swarm_ctl.core.model.messages import Ack, AgentState, Command, Gains, Phase, Severity, Tuning
+from swarm_ctl.core.model.messages import (
+    Ack,
+    AgentState,
+    Command,
+    CommandKind,
+    Gains,
+    Phase,
+    Severity,
+    Tuning,
+)
 from swarm_ctl.core.model.plan import Compensation, Plan
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.swarm.snapshot import PeerSnapshot
 
-KINDS: Final = ("tune", "apply")
+KINDS: Final = (CommandKind.TUNE, CommandKind.APPLY)
 LEAD_S: Final = 2.0
-"""From the order to its time, on the wall clock where that is the slower one: a lost message is
-sent again every half second."""
+"""From the command to its time; a lost message is sent again every half second. On the wall clock
+where that is the slower one."""
 _LEAD_AT_MOST_S: Final = 300.0
 _MARGIN: Final = 0.25
-"""The last part of the lead, in which nothing is decided any more: it belongs to `apply` on its
-way."""
+"""The last part of the lead, in which nothing is decided any more, because `apply` needs time to
+arrive."""
 _PREPARED_KEPT: Final = 16
 
 DELTA_A_AT_MOST: Final = 0.3
 DELTA_L_AT_MOST: Final = 2.2
 H_AT_MOST: Final = 0.05
-"""Larger ones weaken the repulsion, or outrun it. 900 random missions (n = 4, 6, 9; dead time 0.45
-s, lag 0.55 s, news
-0.1 s late, 10 % lost; `study`) brought no pair under r_in with all three at these values at kappa
-5, 10 and 20; with one of them at delta_a = 1, delta_l = 2.5, h = 0.06 they did in 2, 1 and 1, at
-delta_a = 5, h = 0.2 in 78 and 91."""
+"""Larger values weaken the repulsion, or outrun it. In 900 random missions without the safety
+filter (`study`; n = 4, 6, 9; dead time 0.45 s, lag 0.55 s, states 0.1 s late, 10 % lost) no pair
+came under r_in with all three at these values and kappa 5, 10, 20. With one of them at delta_a 1,
+delta_l 2.5 or h 0.06 a pair did in 2, 1 and 1 missions, with delta_a 5 or h 0.2 in 78 and 91."""
 H_SAFE_AT_MOST: Final = 0.2
 RATE_AT_MOST: Final = 2.0
 SAFE_RATE_AT_MOST: Final = 4.0
-"""With the safety filter: 0 of 576 missions under r_in, n from 2 to 50, late and lost news
+"""With the safety filter: 0 of 576 missions under r_in, n from 2 to 50, late and lost states
 (`study`)."""
 PLAIN_RATE_AT_MOST: Final = 0.05
 """kappa * h with `compensation: none`: four times as much brought laggy vehicles under r_in."""
@@ -67,13 +76,13 @@ _ORIGINAL: Final = (-math.inf, 0)
 
 
 def planned(plan: Plan) -> Gains:
-    """What the mission says."""
+    """The mission's own gains."""
     return Gains(plan.law.delta_a, plan.law.delta_l, plan.law.h, plan.kappa)
 
 
 def limits(plan: Plan) -> dict[str, tuple[float, float]]:
-    """What each value may be in flight, (least, most); 0 as the least means above 0. The mission's
-    own always may."""
+    """The range of each value in flight, (least, most); a least of 0 means above 0. The mission's
+    own values are always allowed."""
     own = planned(plan)
     return {
         "delta_a": (0.0, max(DELTA_A_AT_MOST, own.delta_a)),
@@ -92,7 +101,7 @@ def rate_at_most(plan: Plan) -> float:
 
 
 def out_of_range(gains: Gains, plan: Plan) -> str:
-    """Why these values can't be flown, and what could; '' where they can."""
+    """Why these gains cannot be flown, and what could; '' where they can."""
     for name, (least, most) in limits(plan).items():
         value = getattr(gains, name)
         above = value >= least if least else value > 0
@@ -107,7 +116,8 @@ def out_of_range(gains: Gains, plan: Plan) -> str:
 
 def named(gains: Gains) -> str:
     """`h 0.05, kappa 20, delta_a 0.1, delta_l 2`."""
-    return f"h {gains.h:g}, kappa {gains.kappa:g}, delta_a {gains.delta_a:g}, delta_l {gains.delta_l:g}"
+    values = (f"{name} {getattr(gains, name):g}" for name in ("h", "kappa", "delta_a", "delta_l"))
+    return ", ".join(values)
 
 
 def differences(one: Gains, other: Gains) -> str:
@@ -117,8 +127,7 @@ def differences(one: Gains, other: Gains) -> str:
 
 
 class GainUpdate:
-    """One agent's law: what is in force, what is prepared, what is decided and waits for its
-    time."""
+    """One agent's gains: in force, prepared, and decided but waiting for their time."""
 
     def __init__(self, plan: Plan, own_id: int, plan_hash: int) -> None:
         self._plan = plan
@@ -129,20 +138,21 @@ class GainUpdate:
         self._unknown: set[int] = set()
         self.gains = planned(plan)
         self.tag = 0
-        """`Command.tag` of the change that put the law in force; 0: it is the mission's."""
+        """`Command.tag` of the update in force; 0: the mission's own gains."""
         self.decided = 0
-        """Of the one that waits for its time; 0: none does."""
+        """`Command.tag` of the update that waits for its time; 0: none."""
 
     def refusal(self, command: Command, peers: PeerSnapshot) -> str:
         """Why the command cannot be obeyed; '' where it can."""
         now = peers.now_s
-        if command.kind == "apply":
+        if command.kind == CommandKind.APPLY:
             return self._too_late(command.commits, now)
         tuning = self._on_own_clock(command.tuning)
         if tuning is None:
             return "the command has no values"
         if not now < tuning.at_s <= now + _LEAD_AT_MOST_S:
-            return f"it is for {tuning.at_s:.1f} s, and it is {now:.1f} s; allowed: within {_LEAD_AT_MOST_S:g} s"
+            when = f"it is for {tuning.at_s:.1f} s, and it is {now:.1f} s"
+            return f"{when}; allowed: within {_LEAD_AT_MOST_S:g} s"
         pending = [
             t.at_s for tag, t in self._prepared.items() if t.at_s > now and tag != command.tag
         ]
@@ -161,10 +171,11 @@ class GainUpdate:
             return f"agent {self._own} has not prepared this change"
         if now < tuning.at_s:
             return ""
-        return f"too late: it was for {tuning.at_s:.1f} s; agent {self._own} keeps its law until a peer flies the other"
+        keeps = f"agent {self._own} keeps its law until a peer flies the other"
+        return f"too late: it was for {tuning.at_s:.1f} s; {keeps}"
 
     def _flying(self, peers: PeerSnapshot) -> list[int]:
-        """Peers that are heard and whose vehicles are under their control."""
+        """The peers that are heard and fly their vehicles."""
         patience = self._plan.policies.agent_lost_after_s
         return [
             peer.id
@@ -175,8 +186,8 @@ class GainUpdate:
         ]
 
     def obey(self, command: Command) -> None:
-        """Prepare what was accepted, or take it as decided."""
-        if command.kind == "apply":
+        """Prepare an update that was accepted, or take it as decided."""
+        if command.kind == CommandKind.APPLY:
             self._decide(command.commits)
         elif (tuning := self._on_own_clock(command.tuning)) is not None:
             self._prepared[command.tag] = tuning
@@ -186,7 +197,7 @@ class GainUpdate:
     def update(
         self, now: float, states: Iterable[tuple[AgentState, float]]
     ) -> list[tuple[Severity, str]]:
-        """Once a tick, with what was heard of the peers since the last one: what is to be said,
+        """One tick: `states` of peers that came since the last one. Returns what is to be said,
         (severity, text)."""
         said: list[tuple[Severity, str]] = []
         for state, _ in states:
@@ -201,12 +212,8 @@ class GainUpdate:
                 said += self._adopt(state.gains_tag)
             elif state.gains_tag not in (0, self.tag) and state.gains_tag not in self._unknown:
                 self._unknown.add(state.gains_tag)
-                said.append(
-                    (
-                        Severity.WARNING,
-                        f"agent {state.agent} flies a law that agent {self._own} was not asked about",
-                    )
-                )
+                text = f"flies a law that agent {self._own} was not asked about"
+                said.append((Severity.WARNING, f"agent {state.agent} {text}"))
         if self.decided and now >= self._prepared[self.decided].at_s:
             said += self._adopt(self.decided)
         return said
@@ -220,7 +227,7 @@ class GainUpdate:
             self.decided = tag
 
     def _adopt(self, tag: int) -> list[tuple[Severity, str]]:
-        """Put it in force, unless what is in force is newer."""
+        """Put an update in force, unless a newer one is."""
         if tag == self.decided:
             self.decided = 0
         tuning = self._prepared[tag]
@@ -228,17 +235,13 @@ class GainUpdate:
             return []
         self._since, self.tag = (tuning.at_s, tag), tag
         before, self.gains = self.gains, tuning.gains
-        return [
-            (
-                Severity.INFO,
-                f"the law is another one: {differences(before, self.gains) or 'the same values'}",
-            )
-        ]
+        what = differences(before, self.gains) or "the same values"
+        return [(Severity.INFO, f"the law is another one: {what}")]
 
 
 @dataclass(slots=True)
 class GainUpdateRound:
-    """The sender's side of one change: who has answered, and what follows from it. Mission time."""
+    """The sender's side of one update: which agents have answered, and what follows from it."""
 
     ask: Command
     """A `tune` with the agents named and a `tuning`."""
@@ -246,7 +249,7 @@ class GainUpdateRound:
     failed: str = ""
     """Why nothing changes."""
     applied: Command | None = None
-    """What was said once all had prepared."""
+    """The `apply` that was sent once all agents had prepared."""
 
     @property
     def over(self) -> bool:
@@ -254,13 +257,13 @@ class GainUpdateRound:
         return bool(self.failed) or self.applied is not None
 
     def hear(self, ack: Ack) -> None:
-        """An answer to anything; those to this change count."""
+        """Take an answer in; answers to other commands are ignored."""
         if ack.command == self.ask.id and ack.agent in self.ask.agents:
             self.answers[ack.agent] = ack
 
     def decide(self, now: float) -> Command | None:
-        """`apply`, once, when all have prepared in time. Sets `failed` as soon as that can't be any
-        more."""
+        """`apply`, once all agents have prepared in time. Sets `failed` as soon as that cannot be
+        any more. `now`: mission time [s]."""
         tuning = self.ask.tuning
         if self.over or tuning is None:
             return None
@@ -269,21 +272,14 @@ class GainUpdateRound:
         if refused:
             self.failed = f"refused by agent {refused[0].agent}: {refused[0].reason}"
         elif now >= tuning.at_s - _MARGIN * (tuning.at_s - self.ask.time_s):
-            self.failed = (
-                f"no answer from {agents_named(missing)}"
-                if missing
-                else "the answers came too late"
-            )
+            names = agents_named(missing)
+            self.failed = f"no answer from {names}" if missing else "the answers came too late"
         elif not missing:
-            name = f"{self.ask.id}-apply"
-            self.applied = Command(
-                name,
-                "apply",
-                self.ask.agents,
-                now,
-                None,
-                self.ask.plan_hash,
-                tuning=tuning,
+            self.applied = replace(
+                self.ask,
+                id=f"{self.ask.id}-apply",
+                kind=CommandKind.APPLY,
+                time_s=now,
                 commits=self.ask.tag,
             )
         return self.applied

@@ -30,7 +30,7 @@ class Neighbourhood:
         """N_i of this agent, heard or not."""
 
     def heard(self, peers: PeerSnapshot) -> tuple[int, ...]:
-        """N_i now: the neighbours that are heard (docs/pages/law.md#symbols), in the plan's order."""
+        """N_i now: the neighbours that are heard, in the plan's order."""
         return tuple(peer.id for peer in peers.peers if peer.followed and peer.id in self.own)
 
     def choose(self, neighbours: Iterable[tuple[int, ...]]) -> None:

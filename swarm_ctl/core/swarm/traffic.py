@@ -76,7 +76,7 @@ class Traffic:
         return OtherAircraft(TRAFFIC, None, where, stop, velocity, age_s, age_s, fresh=True)
 
     def _stop_point(self, where: complex, velocity: complex) -> complex:
-        """Of an aircraft whose setpoints are unknown: it flies on for the dead time, then brakes."""
+        """Of an aircraft with unknown setpoints: it flies on for the dead time, then brakes."""
         speed = abs(velocity)
         if self._plan.compensation is Compensation.NONE or speed < 1e-6:
             return where
