@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import itertools
 import re
 import subprocess
 import sys
@@ -24,6 +25,9 @@ def identify(path: Path) -> str:
     return str(path.relative_to(ROOT))
 
 
+CODE = "\n".join(
+    file.read_text() for top in ("swarm_ctl", "sim", "tests") for file in (ROOT / top).rglob("*.py")
+)
 documents = pytest.mark.parametrize("document", DOCUMENTS, ids=identify)
 
 
@@ -79,6 +83,33 @@ def test_the_code_cites_pages_and_sections_that_exist() -> None:
                 path = PAGES / f"{page}.md"
                 if not path.exists() or (anchor and anchor not in anchors(path)):
                     wrong.append(f"{identify(file)}: {page}.md#{anchor}")
+    assert wrong == []
+
+
+@documents
+def test_identifiers_in_backticks_are_in_the_code(document: Path) -> None:
+    """`adapt_sigma`, `Phase.HOLD` and the like; plain words are not looked up."""
+    names = itertools.chain.from_iterable(
+        re.findall(r"`(\w+)(?:\.(\w+))?(?:\(\))?`", prose(document))
+    )
+    code = [
+        name
+        for name in names
+        if "_" in name or re.search(r"[a-z][A-Z]|^[A-Z][a-z]+$|^[A-Z]{2}", name)
+    ]
+    assert [name for name in code if name not in CODE] == []
+
+
+def test_documents_named_in_capitals_exist() -> None:
+    """README.md and its like, in code and in documents."""
+    there = {path.name for path in DOCUMENTS}
+    files = [file for top in ("swarm_ctl", "sim", "tests") for file in (ROOT / top).rglob("*.py")]
+    wrong = [
+        f"{identify(file)}: {name}"
+        for file in (*files, *DOCUMENTS)
+        for name in re.findall(r"\b[A-Z]{3,}\.md\b", file.read_text())
+        if name not in there
+    ]
     assert wrong == []
 
 
