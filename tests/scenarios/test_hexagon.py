@@ -65,27 +65,20 @@ def test_mixed_personas(hexagon: LoadedMission) -> None:
 
 @pytest.mark.parametrize("step", [0, TAKEOFF, FORM, HOLD, LAND])
 def test_an_agent_dies(hexagon: LoadedMission, step: int) -> None:
-    """In every step: its vehicle's failsafe lands it, the others hold, then land, and say that it
-    failed."""
+    """In every step, the landing too: the dead agent's vehicle lands by its own failsafe; the
+    others hold, land, and report that the mission failed."""
     swarm = VirtualSwarm(hexagon)
     swarm.wait(lambda s: s.in_step(step))
     for _ in range(30):
         swarm.tick()
     swarm.kill(3)
     swarm.fly(400)
-    for _ in range(
-        1500
-    ):  # the dead agent's vehicle comes down by itself: GCS failsafe, then landing
-        swarm.tick()
+    swarm.run(75)  # the dead agent's vehicle needs its GCS failsafe's time, then lands
     outcomes = swarm.outcomes()
     assert set(outcomes) == {1, 2, 4, 5, 6}
-    if step == LAND:  # everybody was landing anyway
-        assert set(outcomes.values()) <= {"completed", "failed"}
-    else:
-        assert set(outcomes.values()) == {"failed"}
-        assert "agent 3 has not been heard" in texts(swarm) or "broke the mission off" in texts(
-            swarm
-        )
+    assert set(outcomes.values()) == {"failed"}
+    # In preparation, agent 3 dies before it has a position to tell.
+    assert ("prepare) timed out" if step == 0 else "agent 3 has not been heard") in texts(swarm)
     assert swarm.all_down
     if step > 0:
         assert_safe(swarm)

@@ -1,0 +1,363 @@
+"""The failsafes: for each check of the table a row that fires it, one just inside its limit, and
+one for each exception; then what outweighs and replaces what."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarm_ctl.core.agent.failsafes import (
+    CHECKS,
+    FailsafeAction,
+    FailsafeTrigger,
+    Situation,
+    failed,
+    find,
+    replaces,
+)
+from swarm_ctl.core.agent.return_to_launch import ReturnStage
+from swarm_ctl.core.model.messages import CommandKind, Outcome, Phase, StepOutcome
+from swarm_ctl.core.model.plan import Fence, Plan, Policies, Policy, ReturnStep
+from tests.unit.core.builders import (
+    HOLD,
+    LAST,
+    NOW,
+    PARKED,
+    RETURNING,
+    fix,
+    peer,
+    plan,
+    progress,
+    tick,
+)
+
+INFINITE = float("inf")
+FENCE = Fence(((-10.0, -10.0), (10.0, -10.0), (10.0, 10.0), (-10.0, 10.0)), 20.0)
+FENCED = plan(fence=FENCE)
+
+
+def policies(**named: Any) -> Plan:
+    """The plan with these policies."""
+    return plan(policies=Policies(**named), fence=FENCE)
+
+
+def situation(
+    *peers: Any, of: Plan | None = None, step: int = HOLD, done: bool = False, **changes: Any
+) -> Situation:
+    """All is well in the hold step, but for `changes`: of the tick (`seen`) and the situation."""
+    of = of or plan()
+    made = Situation(
+        tick(*peers, **changes.pop("seen", {})),
+        of,
+        progress(of, step, done=done),
+        had_control=True,
+        was_armed=True,
+        lifeline_cut=False,
+        ordered=None,
+        stop_point_m=(0.0, 0.0),
+        height_m=8.0,
+        landing=False,
+        returning=False,
+    )
+    return replace(made, **changes)
+
+
+def on_the_ground(*peers: Any, **changes: Any) -> Situation:
+    """The same in preparation, the vehicle disarmed."""
+    told = {"seen": PARKED | changes.pop("seen", {}), "was_armed": False, "had_control": False}
+    return situation(*peers, step=0, **(told | changes))
+
+
+@dataclass(frozen=True)
+class Row:
+    """A situation, and the trigger it fires: action and words of its reason. None: no trigger."""
+
+    what: str
+    make: Callable[[], Situation]
+    action: FailsafeAction | None = None
+    reason: str = ""
+    outcome: Outcome = Outcome.FAILED
+    step_outcome: StepOutcome = field(default=StepOutcome.ABORTED)
+
+
+def seen(**values: Any) -> Callable[[], Situation]:
+    """Something in the tick differs."""
+    return lambda: situation(seen=values)
+
+
+def case(*peers: Any, **changes: Any) -> Callable[[], Situation]:
+    """Something in the situation differs."""
+    return lambda: situation(*peers, **changes)
+
+
+def moving(*velocity: float, **changes: Any) -> Callable[[], Situation]:
+    north, east, down = velocity
+    return case(seen={"fix": fix(velocity=(north, east, down))}, **changes)
+
+
+HOLDS, RETURNS, LANDS = FailsafeAction.HOLD, FailsafeAction.RETURN, FailsafeAction.LAND
+YIELDS, KILLS = FailsafeAction.YIELD, FailsafeAction.KILL
+OURS = Outcome.ABORTED
+TIMEOUT = StepOutcome.TIMEOUT
+OVER = NOW + 50.0 + 0.01
+"""The hold step began 10 s before NOW and may take 60 s."""
+
+ROWS = [
+    Row("all is well", case()),
+    # an operator's command
+    Row("land", case(ordered=CommandKind.LAND), LANDS, "landed by the operator", OURS),
+    Row("return", case(ordered=CommandKind.RETURN), RETURNS, "called back by the operator", OURS),
+    Row("kill", case(ordered=CommandKind.KILL), KILLS, "killed by the operator", OURS),
+    # the lifeline
+    Row("the parent is gone", case(lifeline_cut=True), LANDS, "started this agent is gone", OURS),
+    # the vehicle's own fault
+    Row("a fault", seen(fault="a fixed wing"), LANDS, "a fixed wing"),
+    # the vehicle was taken over
+    Row("a pilot's mode", seen(controlled=False, mode="LOITER"), YIELDS, "switched to LOITER"),
+    Row("disarmed", seen(controlled=False, armed=False), YIELDS, "the vehicle was disarmed"),
+    Row("never controlled", case(seen={"controlled": False}, had_control=False)),
+    Row("its own landing", case(seen={"controlled": False}, landing=True)),
+    Row("the landing step", case(seen={"controlled": False}, step=LAST)),
+    # the vehicle's heartbeat
+    Row("silent for 5 s", seen(heartbeat_s=NOW - 5.01), LANDS, "no heartbeat from the vehicle"),
+    Row("silent for just 5 s", seen(heartbeat_s=NOW - 5.0)),
+    Row("silent on the ground", lambda: on_the_ground(seen={"heartbeat_s": NOW - 60.0})),
+    # the own position
+    Row("no position", seen(fix=None), LANDS, "no position from the vehicle for 5 s"),
+    Row("an old position", seen(fix=fix(age_s=5.01)), LANDS, "no position from the vehicle"),
+    Row("a position of just 5 s", seen(fix=fix(age_s=5.0))),
+    Row("no position on the ground", lambda: on_the_ground(seen={"fix": None})),
+    # too fast, too steep
+    Row("10.1 m/s", moving(8.0, 6.2, 0.0), LANDS, "10.1 m/s fast; allowed: 10 m/s"),
+    Row("just 10 m/s", moving(8.0, 6.0, 0.0)),
+    Row("fast down", moving(0.0, 0.0, 12.0)),
+    Row("fast, by policy hold", moving(11, 0, 0, of=policies(too_fast=Policy.HOLD)), HOLDS, "fast"),
+    Row("fast, by policy continue", moving(11, 0, 0, of=policies(too_fast=Policy.CONTINUE))),
+    Row("fast under a pilot", moving(11.0, 0.0, 0.0, had_control=False)),
+    Row("46 degrees", seen(tilt_deg=46.0), LANDS, "leans 46 degrees; allowed: 45"),
+    Row("just 45 degrees", seen(tilt_deg=45.0)),
+    Row("no tilt known", seen(tilt_deg=None)),
+    # wind
+    Row("12.1 m/s of wind", seen(wind_mps=12.1), LANDS, "wind of 12.1 m/s; allowed: 12 m/s"),
+    Row("just 12 m/s of wind", seen(wind_mps=12.0)),
+    Row("no wind known", seen(wind_mps=None)),
+    Row("wind before control", case(seen={"wind_mps": 20.0}, had_control=False)),
+    Row("wind, by policy", case(seen={"wind_mps": 20.0}, of=policies(wind=Policy.RETURN)), RETURNS),
+    # the geofence
+    Row("outside", case(of=FENCED, stop_point_m=(10.1, 0.0)), LANDS, "outside the geofence"),
+    Row("just inside", case(of=FENCED, stop_point_m=(9.9, 0.0))),
+    Row("too high", case(of=FENCED, height_m=20.1), LANDS, "20.1 m high; the geofence ends at 20"),
+    Row("just low enough", case(of=FENCED, height_m=20.0)),
+    Row("no fence", case(stop_point_m=(1e4, 0.0), height_m=1e3)),
+    Row("outside, landing step", case(of=FENCED, stop_point_m=(99.0, 0.0), step=LAST)),
+    Row("outside under a pilot", case(of=FENCED, stop_point_m=(99.0, 0.0), had_control=False)),
+    Row(
+        "outside, by policy",
+        case(of=policies(fence=Policy.RETURN), stop_point_m=(99.0, 0.0)),
+        RETURNS,
+        "outside the geofence",
+    ),
+    # the battery
+    Row("below the reserve", seen(battery_percent=19.0), LANDS, "battery at 19 %, the reserve"),
+    Row("just the reserve", seen(battery_percent=20.0)),
+    Row("no battery known", seen(battery_percent=None)),
+    Row("low on the ground", lambda: on_the_ground(seen={"battery_percent": 5.0})),
+    Row("low, landing", case(seen={"battery_percent": 5.0}, step=LAST)),
+    Row("low, returning", case(seen={"battery_percent": 5.0}, of=RETURNING, step=LAST)),
+    Row(
+        "low, by policy",
+        case(seen={"battery_percent": 5.0}, of=policies(battery_low=Policy.RETURN)),
+        RETURNS,
+        "battery at 5 %",
+    ),
+    # peers
+    Row("a silent peer", case(peer(2, 5.01), peer(3)), LANDS, "agent 2 has not been heard for 5 s"),
+    Row("just heard", case(peer(2, 5.0), peer(3))),
+    Row("never heard", case(peer(2, INFINITE), peer(3))),
+    Row("silent after its end", case(peer(2, 60.0, step=LAST, done=True), peer(3))),
+    Row("it lands", case(peer(2), peer(3, phase=Phase.LAND)), LANDS, "agent 3 broke the mission"),
+    Row("it ended", case(peer(2), peer(3, phase=Phase.ENDED)), LANDS, "agent 3 broke the mission"),
+    Row("it lands in the last step", case(peer(2), peer(3, phase=Phase.LAND, step=LAST))),
+    Row("it yields", case(peer(2), peer(3, phase=Phase.YIELD)), LANDS, "lost its vehicle to a"),
+    Row(
+        "it flies back",
+        case(peer(2, phase=Phase.RETURN, stage=int(ReturnStage.FLY)), peer(3)),
+        LANDS,
+        "agent 2 broke the mission off",
+    ),
+    Row(
+        "it waits to fly back",
+        case(peer(2, phase=Phase.RETURN, stage=int(ReturnStage.WAIT)), peer(3)),
+    ),
+    Row("silent while we return", case(peer(2, 60.0), peer(3), returning=True)),
+    Row("silent in the return step", case(peer(2, 60.0), peer(3), of=RETURNING, step=LAST)),
+    Row(
+        "silent after a return command",
+        case(peer(2, 60.0), peer(3), ordered=CommandKind.RETURN),
+        RETURNS,
+        "called back",
+        OURS,
+    ),
+    Row(
+        "by policy hold", case(peer(2, 9.0), of=policies(agent_lost=Policy.HOLD)), HOLDS, "agent 2"
+    ),
+    Row("by policy continue", case(peer(2, 9.0), of=policies(agent_lost=Policy.CONTINUE))),
+    Row("silent in preparation", lambda: on_the_ground(peer(2, 30.01)), LANDS, "heard for 30 s"),
+    Row("just heard in preparation", lambda: on_the_ground(peer(2, 30.0))),
+    Row(
+        "silent in preparation, by policy continue",
+        lambda: on_the_ground(peer(2, 31.0), of=policies(agent_lost=Policy.CONTINUE)),
+        LANDS,
+        "agent 2 has not been heard for 30 s",
+    ),
+    # the ground station
+    Row("no station", seen(station_age_s=5.01), LANDS, "no ground station has been heard for 5 s"),
+    Row("a station just heard", seen(station_age_s=5.0)),
+    Row("a station never heard", seen(station_age_s=None)),
+    Row(
+        "no station, by policy hold",
+        case(seen={"station_age_s": 9.0}, of=policies(station_lost=Policy.HOLD)),
+        HOLDS,
+        "no ground station",
+    ),
+    Row(
+        "no station, by policy continue",
+        case(seen={"station_age_s": 9.0}, of=policies(station_lost=Policy.CONTINUE)),
+    ),
+    # time-outs
+    Row(
+        "this agent is late",
+        seen(now=OVER),
+        LANDS,
+        "step 3 (hold) timed out after 60 s: this agent was not done",
+        step_outcome=TIMEOUT,
+    ),
+    Row(
+        "the others are late",
+        case(seen={"now": OVER}, done=True),
+        LANDS,
+        "step 3 (hold) timed out after 60 s: the others were not done",
+        step_outcome=TIMEOUT,
+    ),
+    Row("just in time", seen(now=NOW + 50.0)),
+    Row("late after the last step", case(seen={"now": OVER}, step=LAST, done=True)),
+    Row("late on the way back", case(seen={"now": OVER}, returning=True)),
+    Row(
+        "the way back is late",
+        case(seen={"now": OVER}, of=RETURNING, step=LAST, returning=True),
+        LANDS,
+        "step 5 (return) timed out",
+        step_outcome=TIMEOUT,
+    ),
+    Row(
+        "late, and the step goes on",
+        case(seen={"now": OVER}, of=plan(ReturnStep(60.0, Policy.CONTINUE)), step=LAST),
+    ),
+    Row(
+        "late in preparation",
+        lambda: on_the_ground(seen={"now": NOW + 110.01}),
+        LANDS,
+        "step 0 (prepare) timed out after 120 s: this agent was not done",
+        step_outcome=TIMEOUT,
+    ),
+]
+
+
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: row.what)
+def test_what_fires(row: Row) -> None:
+    """The trigger of the row, with its outcome, or none."""
+    trigger = find(row.make())
+    if row.action is None:
+        assert trigger is None
+        return
+    assert trigger is not None
+    assert (trigger.action, trigger.outcome) == (row.action, row.outcome)
+    assert trigger.step_outcome is row.step_outcome
+    assert row.reason in trigger.reason
+
+
+@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+def test_every_check_has_a_row_that_fires_it(check: Callable[[Situation], object]) -> None:
+    assert any(check(row.make()) is not None for row in ROWS)
+
+
+def test_a_pause_postpones_the_time_out() -> None:
+    late = situation(seen={"now": OVER})
+    late.progress.paused_s = 0.02
+    assert find(late) is None
+
+
+# --- which of several ---
+
+
+def trigger(action: FailsafeAction, reason: str = "a reason") -> FailsafeTrigger:
+    return failed(action, reason)
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"ordered": CommandKind.KILL, "lifeline_cut": True}, "killed"),
+        ({"seen": {"controlled": False, "mode": "LOITER", "tilt_deg": 60.0}}, "LOITER"),
+        ({"ordered": CommandKind.RETURN, "lifeline_cut": True}, "started this agent"),
+        ({"ordered": CommandKind.LAND, "lifeline_cut": True}, "landed by the operator"),
+        ({"seen": {"wind_mps": 20.0, "battery_percent": 1.0}}, "wind"),
+    ],
+    ids=["kill over land", "yield over land", "land over return", "first of equals", "in order"],
+)
+def test_the_weightiest_decides(changes: dict[str, Any], reason: str) -> None:
+    """Of equal ones, the first check of the table."""
+    found = find(situation(**changes))
+    assert found is not None
+    assert reason in found.reason
+
+
+ACTIONS = list(FailsafeAction)
+REPLACED = {  # by what each action is replaced: while not landing, and while landing
+    FailsafeAction.HOLD: (set(ACTIONS), set(ACTIONS)),
+    FailsafeAction.RETURN: (
+        {FailsafeAction.LAND, FailsafeAction.LEAVE, FailsafeAction.YIELD, FailsafeAction.KILL},
+        {FailsafeAction.KILL},
+    ),
+    FailsafeAction.LAND: ({FailsafeAction.KILL}, {FailsafeAction.KILL}),
+    FailsafeAction.LEAVE: ({FailsafeAction.KILL}, {FailsafeAction.KILL}),
+    FailsafeAction.YIELD: ({FailsafeAction.KILL}, {FailsafeAction.KILL}),
+    FailsafeAction.KILL: (set(), set()),
+}
+
+
+@pytest.mark.parametrize("landing", [False, True])
+@pytest.mark.parametrize("old", ACTIONS)
+def test_what_replaces_what(old: FailsafeAction, landing: bool) -> None:
+    """A hold ends with its cause and gives way to anything; a landing is final, but for a kill."""
+    before = trigger(old)
+    allowed = {new for new in ACTIONS if replaces(trigger(new, "new"), before, landing=landing)}
+    assert allowed == REPLACED[old][landing]
+    assert replaces(None, before, landing=landing) is (old is FailsafeAction.HOLD)
+    assert not replaces(before, before, landing=landing)
+
+
+@pytest.mark.parametrize("landing", [False, True])
+def test_nothing_to_replace(landing: bool) -> None:
+    assert not replaces(None, None, landing=landing)
+    assert all(replaces(trigger(new), None, landing=landing) for new in ACTIONS)
+
+
+@given(st.lists(st.sampled_from(ACTIONS), max_size=8), st.booleans())
+def test_a_kill_is_carried_out_whatever_came_before(
+    before: list[FailsafeAction], landing: bool
+) -> None:
+    """In any sequence of triggers, the kill takes their place and keeps it."""
+    current: FailsafeTrigger | None = None
+    for action in (*before, FailsafeAction.KILL, *before):
+        new = trigger(action)
+        if replaces(new, current, landing=landing):
+            current = new
+        landing |= current is not None and current.action is FailsafeAction.LAND
+    assert current is not None
+    assert current.action is FailsafeAction.KILL
