@@ -346,7 +346,7 @@ ROWS = (
     ),
     Row(
         "a vehicle restarts in the air",  # and falls; nobody asks it again for what it said before
-        (*SAFE, outcome("failed"), says("disarmed by somebody else")),
+        (*SAFE, outcome("failed"), says("disarmed by a pilot or by its own failsafe")),
         happenings=((3, vehicle(2, SIM_REBOOT=1.0)),),
         falls=True,
     ),

@@ -155,7 +155,7 @@ def _taken_over(s: Situation) -> FailsafeTrigger | None:
     if isinstance(s.progress.current, LandStep):
         return None
     what = f"switched to {view.mode}" if view.armed else "disarmed"
-    reason = f"the vehicle was {what} by somebody else (a pilot, or its own failsafe)"
+    reason = f"the vehicle was {what} by a pilot or by its own failsafe"
     return failed(FailsafeAction.YIELD, reason)
 
 

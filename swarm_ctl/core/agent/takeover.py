@@ -14,8 +14,8 @@ What it demands before it sends a single setpoint (all of it at once, within `EV
    and for a second no other process speaks with this agent's id.
 
 Meanwhile the agent sends nothing but heartbeats and requests. Without the evidence it ends, and its
-heartbeats with it: the vehicle is left to its own failsafe, or to whoever flies it. A vehicle that
-lands already is seen down, not stopped. To a vehicle in a pilot's mode the agent yields.
+heartbeats with it: the vehicle is left to its own failsafe, or to the pilot who flies it. A vehicle
+that lands already is seen down, not stopped. To a vehicle in a pilot's mode the agent yields.
 
 A vehicle that was taken over is held where it is (avoidance on) for `LEARN_S`, and for as long as
 its peers carry out a command that came before this agent did. Then it flies the swarm's step.
@@ -93,7 +93,9 @@ class Takeover:
         if missing and now - self._since > EVIDENCE_S:
             why = f"a vehicle in the air is not taken over: {missing}"
             return self._decide(tick, failed(FailsafeAction.LEAVE, why))
-        return f"the vehicle is in the air; {missing or 'listening whether anybody else flies it'}"
+        return (
+            f"the vehicle is in the air; {missing or 'listening for another process that flies it'}"
+        )
 
     def learning(self, tick: Tick, override: int) -> FlyGoal | None:
         """The setpoint while a vehicle that was just taken over is held; None: fly on.
@@ -134,7 +136,7 @@ class Takeover:
             return "no agent that flies this mission is heard"
         speed = math.hypot(*fix.velocity_ned_mps[:2])
         if speed > _STANDS_MPS:
-            return f"it moves at {speed:.1f} m/s: somebody else may fly it"
+            return f"it moves at {speed:.1f} m/s: a pilot may fly it"
         return ""
 
     def _flying(self, peers: PeerSnapshot) -> list[AgentState]:
@@ -197,7 +199,7 @@ def _not_followed(view: VehicleView) -> FailsafeTrigger:
     if view.landing:
         why = f"the vehicle lands already ({view.mode}): seen down"
         return failed(FailsafeAction.LAND, why)
-    why = f"the vehicle is in the air in {view.mode}, which is somebody else's word: not taken over"
+    why = f"the vehicle is in the air in {view.mode}, a mode that no agent set: not taken over"
     return failed(FailsafeAction.YIELD, why)
 
 

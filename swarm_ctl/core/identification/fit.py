@@ -1,12 +1,12 @@
 """From flown velocity steps to a vehicle's `Response`: dead time, first-order lag and acceleration
 limit.
 
-The model is the one behind the stop point (`core/law/stop_point.py`): a command acts after the dead
-time, then `dv/dt = (command - v) / lag`, never faster than the limit. Its parameters are those with
-the least squares between its velocity and the flown one. Times are the controller's own, of sending
-and of hearing, so the dead time holds everything between the two: the links there and back, the
-vehicle's own delay, and what jerk limits and motors add that looks like one. That is what the stop
-point needs, which is worked out from the newest news of the own vehicle.
+The model is the one behind the stop point (`core/law/stop_point.py`): a setpoint acts after the dead
+time, then `dv/dt = (setpoint - v) / lag`, never faster than the limit. The fit minimises the squared
+difference between modelled and flown velocity. Times are the controller's own, of sending and of
+hearing, so the dead time contains all that lies between: the vehicle link both ways, the vehicle's
+own delay, and the part of jerk limits and motors that looks like a delay. The stop point needs just
+that, because it starts from the newest position that was heard.
 """
 
 from __future__ import annotations
@@ -25,25 +25,24 @@ from swarm_ctl.core.model.plan import Response
 DEAD_TIME_S: Final = (0.0, 2.0)
 LAG_S: Final = (0.02, 5.0)
 ACCELERATION_MPS2: Final = (0.1, 20.0)
-"""Where the parameters are looked for; what a mission file allows is as wide."""
+"""The ranges searched; a mission file allows the same."""
 _DT_S: Final = 0.025
 """The model's own step: half a tick."""
 _ROUNDS: Final = 11
-"""Of refining, each by `_FINER`: from the first grid's spacing to half a hundredth of it."""
+"""Refinements, each by `_FINER`: from the first grid's spacing to half a hundredth of it."""
 _FINER: Final = 0.6
 _COUNTS: Final = (15, 13, 9)
-"""Of the first grid's dead times, lags and limits."""
+"""Points of the first grid: dead times, lags, limits."""
 _FLAT: Final = 1.3
-"""Mean squares that differ by less say nothing about the limit, and the typical one is kept.
-ArduCopter's steps of 3 m/s fit best without any; yet with the typical one stop points are predicted
-better in turns, and at 5 m/s by half."""
+"""A smaller ratio of mean squares does not tell the acceleration limit, so the typical one is kept.
+ArduCopter's steps of 3 m/s fit best without a limit; but with the typical one stop points are
+predicted better in turns, and at 5 m/s twice as well."""
 _AT_REST_MPS: Final = 0.2
 _STOPPING_S: Final = 2.5
-"""For so long after a stop the predicted stop point is compared with where the vehicle came to
-rest."""
+"""The predicted stop point is compared with the place of rest for this long after a stop."""
 
 BAD_SHARE: Final = 0.25
-"""A residual of this share of the step, and the model says nothing about this vehicle."""
+"""With a residual of this share of the step the model does not describe the vehicle."""
 POOR_SHARE: Final = 0.1
 _SPREAD_S: Final = 0.15
 _UNUSUAL_S: Final = 0.25
@@ -52,19 +51,18 @@ _UNUSUAL: Final = 1.6
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """Steps along one line, out and back, begun at rest; one sample a tick. Along `name`, positive
-    outwards."""
+    """Steps along one line, out and back, begun at rest; one sample a tick, positive outwards."""
 
     way: str
     """`north`, `east`."""
     kind: str
-    """`3 m/s for 1.5 s`; the same in all ways."""
+    """`3 m/s for 1.5 s`; the same in all directions."""
     times_s: Sequence[float]
     commands_mps: Sequence[float]
-    """Sent at that time, in force until the next."""
+    """The setpoint sent at that time, in force until the next."""
     positions_m: Sequence[float]
     velocities_mps: Sequence[float]
-    """As known at that time, before the command was sent."""
+    """As known at that time, before the setpoint was sent."""
 
     @property
     def step_mps(self) -> float:
@@ -74,19 +72,18 @@ class Leg:
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """What was found, and how far to trust it."""
+    """The response that was found, and how far to trust it."""
 
     response: Response
     limited: bool
-    """The steps tell the acceleration limit; if not, the response has the typical one, as far as
-    that fits."""
+    """The steps tell the acceleration limit. If not, the response has the typical limit, provided
+    that it fits."""
     residual_mps: float
-    """Root mean square of flown less modelled velocity."""
+    """Root mean square of flown minus modelled velocity."""
     share: float
     """The same, relative to the steps."""
     stop_rms_m: float
-    """Predicted stop point less the place where the vehicle came to rest, over all ticks of all
-    stops."""
+    """From the predicted stop point to the place of rest, over all ticks of all stops."""
     stop_most_m: float
     spread: tuple[Response, ...]
     """Dead time and lag of each leg alone."""
@@ -103,15 +100,15 @@ class Fit:
 
 
 def fit(legs: Sequence[Leg], typical: Response) -> Fit:
-    """The response that comes nearest to what was flown.
+    """The response that fits the flown legs best.
 
     Args:
         legs: at least one, with at least one step each.
-        typical: of this autopilot; its acceleration limit is kept where no step reached one, and
-        warnings compare.
+        typical: the autopilot's usual response. Its acceleration limit is kept where no step
+            reached one, and warnings compare with it.
 
     Raises:
-        ValueError: no leg, or one without a step.
+        ValueError: no leg, or a leg without a step.
     """
     if not legs or not all(leg.step_mps > 0.0 for leg in legs):
         raise ValueError("no steps to fit")
@@ -136,15 +133,15 @@ def fit(legs: Sequence[Leg], typical: Response) -> Fit:
 
 
 def model(times_s: Sequence[float], commands_mps: Sequence[float], vehicle: Response) -> Floats:
-    """Velocities (n,) [m/s] at `times_s` (n,), from rest, of a vehicle that answers exactly like
-    this."""
+    """Velocities (n,) [m/s] at `times_s` (n,), from rest, of a vehicle with exactly this
+    response."""
     run = _Run(Leg("", "", times_s, commands_mps, (0.0,) * len(times_s), (0.0,) * len(times_s)))
     return run.velocities(*(np.array([x]) for x in _numbers(vehicle)))[:, 0]
 
 
 class _Run:
-    """One leg, laid out for the model: its commands as an integral over time, so that a dead time
-    is a mere shift."""
+    """One leg, laid out for the model: its setpoints as an integral over time, so that a dead time
+    is a shift."""
 
     def __init__(self, leg: Leg) -> None:
         self._times = np.asarray(leg.times_s, dtype=np.float64)
@@ -185,11 +182,8 @@ Bounds = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 
 
 def _best(runs: Sequence[_Run], bounds: Bounds) -> Response:
-    """Least squares by a grid that follows its best point and gets finer: nothing to diverge, no
-    start to choose.
-
-    Lag and acceleration are spaced by ratios.
-    """
+    """Least squares by a grid that moves to its best point and gets finer: it cannot diverge and
+    needs no start. Lag and acceleration are spaced by ratios."""
     low, high = (np.array(_scaled([bound[end] for bound in bounds])) for end in (0, 1))
     gaps = (high - low) / (np.array(_COUNTS) - 1)
     axes = [
@@ -225,13 +219,12 @@ def _numbers(vehicle: Response) -> tuple[float, float, float]:
 
 
 def _inside(vehicle: Response) -> bool:
-    """Not at the end of where it was looked for: the truth may lie beyond."""
+    """The response is not at the end of the range searched, beyond which the truth may lie."""
     return vehicle.dead_time_s < DEAD_TIME_S[1] - 0.01 and vehicle.lag_s < 0.98 * LAG_S[1]
 
 
 def _stop_errors(leg: Leg, vehicle: Response) -> Floats:
-    """Distances [m] between predicted stop points and the place of rest, for each tick after each
-    stop."""
+    """Distances [m] from predicted stop points to the place of rest, each tick after each stop."""
     times, commands = np.asarray(leg.times_s), np.asarray(leg.commands_mps)
     positions, velocities = np.asarray(leg.positions_m), np.asarray(leg.velocities_mps)
     tick_s = float(np.median(np.diff(times)))
@@ -270,18 +263,21 @@ def _warnings(
 ) -> Iterator[str]:
     if share >= POOR_SHARE:
         yield (
-            f"the velocity differs from the model's by {share:.0%} of the step: wind, or a vehicle that answers unlike "
-            "dead time and lag"
+            f"the velocity differs from the model's by {share:.0%} of the step: wind, or a vehicle "
+            "that answers unlike dead time and lag"
         )
     if not _inside(found):
-        yield f"dead time or lag lies beyond what is looked for ({DEAD_TIME_S[1]:g} s, {LAG_S[1]:g} s)"
+        most = f"{DEAD_TIME_S[1]:g} s, {LAG_S[1]:g} s"
+        yield f"dead time or lag lies beyond what is looked for ({most})"
     for kind in dict.fromkeys(leg.kind for leg in legs):
         alike = [
             r.dead_time_s + r.lag_s for leg, r in zip(legs, spread, strict=True) if leg.kind == kind
         ]
         if max(alike) - min(alike) > _SPREAD_S:
-            yield f"{kind}: dead time and lag together are {min(alike):.2f} to {max(alike):.2f} s from way to way"
+            span = f"{min(alike):.2f} to {max(alike):.2f} s"
+            yield f"{kind}: dead time and lag together are {span} from way to way"
     if abs(found.dead_time_s - typical.dead_time_s) > _UNUSUAL_S:
-        yield f"a dead time of {found.dead_time_s:.2f} s is unusual for this autopilot ({typical.dead_time_s:g} s)"
+        usual = f"unusual for this autopilot ({typical.dead_time_s:g} s)"
+        yield f"a dead time of {found.dead_time_s:.2f} s is {usual}"
     if not 1 / _UNUSUAL < found.lag_s / typical.lag_s < _UNUSUAL:
         yield f"a lag of {found.lag_s:.2f} s is unusual for this autopilot ({typical.lag_s:g} s)"

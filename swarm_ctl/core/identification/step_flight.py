@@ -1,11 +1,10 @@
 """The flight that measures one vehicle: up, velocity steps out and back along north and east, down.
 Pure.
 
-It is flown by an ordinary agent (`core/agent/agent.py`) alone in a plan of its own: take-off, hold,
-land. So everything that an agent refuses (an armed vehicle, one that is not healthy) and all that
-ends its flights in a landing (fence, battery, speed, tilt, silence, time-outs, Ctrl-C) is the same
-here. Only while it holds, the steps take the place of its horizontal velocity; between them its own
-law brings it back to where it held.
+An ordinary agent (`core/agent/agent.py`) flies it, alone in a plan of its own: take-off, hold, land.
+So all that an agent refuses (an armed or unhealthy vehicle) and all that lands it (fence, battery,
+speed, tilt, silence, time-outs, Ctrl-C) is the same here. While the agent holds, the steps replace
+its horizontal setpoint; between them its own law brings it back to where it held.
 """
 
 from __future__ import annotations
@@ -42,38 +41,37 @@ from swarm_ctl.core.safety.fence import inside
 
 WAYS: Final = {"north": (1.0, 0.0), "east": (0.0, 1.0)}
 LONGEST_S: Final = 3.0
-"""How long the longest steps last: ArduCopter is at 90 % after 1.7 s."""
+"""Length of the longest steps; ArduCopter reaches 90 % after 1.7 s."""
 _STEPS: Final = ((1 / 3, LONGEST_S), (1.0, 0.7), (1.0, 1.5), (1.0, LONGEST_S))
-"""Share of the speed, and for how long out and back: small and large, settled and broken off on the
-way up, since jerk limits answer each differently."""
+"""Share of the speed, and its time out and back: small and large, settled and broken off while the
+velocity rises, because jerk limits answer each differently."""
 _REST_S: Final = 3.0
-"""Zero commanded after each."""
+"""Zero velocity after each step."""
 _BACK_S: Final = 3.0
 """The agent's own way back to the start, before each leg; then zero for `_STILL_S`."""
 _STILL_S: Final = 2.0
 _SPARE_S: Final = 1.5
-"""The box is so many seconds of flight at full speed longer than the longest step: the way that
-stopping takes."""
+"""The box is longer than the longest step by this time at full speed: the way that stopping
+takes."""
 _LOOK_S: Final = 1.0
 _HEARD_S: Final = 15.0
-"""A heartbeat comes every second: by then nobody is there."""
+"""Heartbeats come once a second: a vehicle that is silent for this long is not there."""
 _LOOK_AT_MOST_S: Final = 120.0
 """A real ArduCopter is ready 42 s after its start."""
 _CLEAR_M: Final = 10.0
 _CLEAR_HEIGHT_M: Final = 5.0
-"""No other aircraft is that near, farther than the steps lead."""
+"""No other aircraft may be nearer than this; the steps lead less far."""
 _HEIGHT_SPARE_M: Final = 5.0
 _TORN_S: Final = 0.5
-"""A leg that lacks so much of its end was broken off."""
+"""A leg that lacks this much of its end was broken off."""
 _GAP_S: Final = 0.25
-"""Between two setpoints: half of what an ArduCopter waits before it stops by itself."""
+"""The longest gap between setpoints: half of what an ArduCopter waits before it stops."""
 _ID: Final = 1
 
 
 @dataclass(frozen=True, slots=True)
 class Steps:
-    """What to fly, and where: within a square of `box_m` north, south, east and west of the
-    start."""
+    """What to fly, and where: at most `box_m` north, south, east and west of the start."""
 
     speed_mps: float = 3.0
     height_m: float = 10.0
@@ -81,7 +79,7 @@ class Steps:
 
     @property
     def least_box_m(self) -> float:
-        """The steps need so much."""
+        """The smallest box that the steps fit in."""
         return self.speed_mps * (LONGEST_S + _SPARE_S)
 
     @property
@@ -91,11 +89,14 @@ class Steps:
 
 
 class StepFlight:
-    """One vehicle's flight: call `step` every `tick_s`, pursue the goal it gives, until `ended`
-    says how it went.
+    """One vehicle's flight: call `step` every `tick_s` and pursue its goal, until `ended` is set.
 
-    `typical` is what its own way back reckons with; `fence` a geofence [m] from `origin` that the
-    box has to lie in.
+    Args:
+        steps: what to fly.
+        typical: the response that the agent's own way back uses.
+        tick_s: between two calls.
+        fence: a geofence that the box has to lie in, in metres from `origin`.
+        origin: of the fence.
     """
 
     def __init__(
@@ -116,12 +117,12 @@ class StepFlight:
         self._flown: dict[int, list[tuple[float, float, float, float]]] = {}
         self._stop = ""
         self.said: list[str] = []
-        """Since it was emptied last: what the flight says, in an operator's words."""
+        """What the flight has to say to the operator; the caller empties it."""
         self.ended: Ended | None = None
 
     @property
     def legs(self) -> list[Leg]:
-        """Those flown to their end, with a setpoint each tick."""
+        """The legs that were flown to their end, with a setpoint each tick."""
         found = []
         for k, part in enumerate(self._schedule):
             samples = self._flown.get(k, [])
@@ -134,13 +135,14 @@ class StepFlight:
 
     @property
     def missing(self) -> str:
-        """Why there is too little to go by, or '': each kind of leg has to be there, one way or the
-        other."""
+        """Why there is too little to fit, or '': each kind of leg has to be there, in one direction
+        at least."""
         legs = self.legs
         if {leg.kind for leg in legs} == {part.kind for part in self._schedule}:
             return ""
         all_legs = len(_STEPS) * len(WAYS)
-        return f"{len(legs)} of {all_legs} legs were flown without a gap of {_GAP_S:g} s: is this machine too busy?"
+        flown = f"{len(legs)} of {all_legs} legs were flown without a gap of {_GAP_S:g} s"
+        return f"{flown}: is this machine too busy?"
 
     def step(self, now: float, view: VehicleView, stop: str = "") -> Goal:
         """One tick. `stop` says why to land now, for good."""
@@ -169,7 +171,7 @@ class StepFlight:
         return self._hold(now, state.position_ned_m[:2], state.velocity_ned_mps[:2], goal)
 
     def _look(self, now: float, view: VehicleView) -> StandbyGoal:
-        """Nothing is planned before the vehicle is heard, ready, and nobody else's."""
+        """Plan nothing before the vehicle is heard, ready, on the ground and disarmed."""
         waited = now - (self._began_s or now)
         if self._stop:
             self._refuse(Outcome.ABORTED, self._stop)
@@ -177,10 +179,7 @@ class StepFlight:
             self._refuse(Outcome.FAILED, view.fault)
         elif view.armed or not view.on_ground:
             what = "is armed" if view.armed else "is in the air"
-            self._refuse(
-                Outcome.FAILED,
-                f"the vehicle {what} already: somebody flies it, or land and disarm it first",
-            )
+            self._refuse(Outcome.FAILED, f"the vehicle {what} already; land and disarm it first")
         elif not view.healthy or view.global_ is None:
             self._ready_s = None
             patience_s = _LOOK_AT_MOST_S if math.isfinite(view.heartbeat_s) else _HEARD_S
@@ -207,7 +206,8 @@ class StepFlight:
         if self._fence is None or self._origin is None:
             return ""
         if self._steps.height_m > self._fence.height_m:
-            return f"{self._steps.height_m:g} m is above the geofence, which ends at {self._fence.height_m:g} m"
+            top = f"the geofence, which ends at {self._fence.height_m:g} m"
+            return f"{self._steps.height_m:g} m is above {top}"
         north, east, _ = ned_from_geodetic(here, self._origin)
         box, parts = self._steps.box_m, [k / 10 for k in range(-10, 11)]
         edge = [(box * a, box * b) for a in parts for b in parts if max(abs(a), abs(b)) == 1.0]
@@ -216,7 +216,7 @@ class StepFlight:
         return f"the box of {box:g} m around the vehicle is not all inside the mission's geofence"
 
     def _hold(self, now: float, position: Point, velocity: Point, goal: FlyGoal) -> FlyGoal:
-        """The schedule's velocity in place of the hold's, and the record of it."""
+        """The schedule's velocity instead of the hold's, and its record."""
         self._holding_s = now if self._holding_s is None else self._holding_s
         since = now - self._holding_s
         place = next((k for k, part in enumerate(self._schedule) if since < part.until_s), None)
@@ -242,7 +242,7 @@ _HOLD: Final = 3
 
 @dataclass(frozen=True, slots=True)
 class _Part:
-    """A stretch of the schedule, `until_s` after its begin; `command_mps` None: the agent's own way
+    """A stretch of the schedule that ends at `until_s`; `command_mps` None: the agent's own way
     back."""
 
     way: str
@@ -277,7 +277,7 @@ def _schedule(speed_mps: float) -> Iterator[_Part]:
 
 
 def _traffic(view: VehicleView) -> str:
-    """Somebody flies near: steps don't look where they lead."""
+    """Why another aircraft is too near, or '': steps do not keep clear of it."""
     if view.global_ is None or view.on_ground:
         return ""
     for contact in view.contacts:
@@ -287,12 +287,13 @@ def _traffic(view: VehicleView) -> str:
             and abs(down) < _CLEAR_HEIGHT_M
             and _above_ground(contact, view)
         ):
-            return f"another aircraft is {math.hypot(north, east):.0f} m away; allowed: {_CLEAR_M:g} m and more"
+            near = f"another aircraft is {math.hypot(north, east):.0f} m away"
+            return f"{near}; allowed: {_CLEAR_M:g} m and more"
     return ""
 
 
 def _above_ground(contact: Contact, view: VehicleView) -> bool:
-    """Not one that is parked beside the start."""
+    """The aircraft is not parked beside the start."""
     if view.global_ is None:
         return False
     ground_m = view.global_.position.alt_m - view.global_.relative_alt_m

@@ -1,4 +1,4 @@
-"""What agents and stations tell each other, as plain data. `mesh/payloads.py` gives each its bytes.
+"""What agents and stations tell each other, as plain data. `mesh/payloads.py` makes bytes of it.
 
 Times are on the sender's mission clock [s]; horizontal vectors are (north, east) in the common
 frame, in metres.
@@ -16,19 +16,18 @@ from swarm_ctl.core.model.vehicle import Vector3
 
 
 class Phase(IntEnum):
-    """Where an agent is. The order is the order of a flight; the numbers are on the wire, so never
-    reuse one."""
+    """Where an agent is in its flight. The numbers are on the wire, so never reuse one."""
 
     CONNECT = 0
     """No heartbeat from the vehicle yet."""
     PREPARE = 1
-    """Heard; waiting for a healthy vehicle, or for the others."""
+    """The vehicle is heard; waiting until it is healthy, or for the peers."""
     ARM = 2
     TAKEOFF = 3
     FLY = 4
-    """Under the mission's law (form, hold)."""
+    """Under the law: steps that form, hold, move, rotate or scale, and commands that do."""
     HOLD = 5
-    """Stopped in the air by a policy; avoidance stays on."""
+    """Stopped in the air by a failsafe; avoidance stays on."""
     LAND = 6
     YIELD = 7
     """A pilot has taken the vehicle; this agent sends nothing."""
@@ -85,8 +84,8 @@ class CommandKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """Where the formation as a whole is to be: its centre, and how its last form step's slots are
-    turned and scaled."""
+    """Where the formation as a whole is to be: its centre [m], and how the slots of the last form
+    step are turned and scaled."""
 
     point_m: Point
     angle_rad: float = 0.0
@@ -94,28 +93,28 @@ class Frame:
     leg: int = 0
     """Waypoints passed."""
     rate: float = 0.0
-    """Progress now, as a share of the step's speed."""
+    """Speed now, as a share of the step's."""
 
 
 @dataclass(frozen=True, slots=True)
 class ExchangeState:
     """What an agent says of slot exchange (`core/swarm/exchange_protocol.py`). Agents by their
-    place in the plan, -1 for nobody."""
+    place in the plan; -1: none."""
 
     role: int
     """The place in the plan whose slots it flies to."""
     version: int = 0
     """Of the role: exchanges so far."""
     lock: int = -1
-    """Who offers in the deal that it is in."""
+    """The agent that offers in the exchange that this agent takes part in."""
     offer_to: int = -1
     offer_version: int = -1
-    """The other's, when it was offered."""
+    """The other agent's version when it was offered."""
     answer_to: int = -1
-    """Whose offer it took last."""
+    """The agent whose offer it took last."""
     answer_version: int = -1
     answer_role: int = -1
-    """What is the other's now."""
+    """The role that the other agent has from now on."""
 
 
 NO_EXCHANGE = ExchangeState(role=-1)
@@ -143,7 +142,7 @@ class AgentState:
     """The shared reference as this agent has it; the pinned agent's is the one that counts
     (`core/control/reference.py`)."""
     stage: int = 0
-    """How far the way back is (`core/agent/return_to_launch.py`)."""
+    """`ReturnStage` of the way back (`core/agent/return_to_launch.py`)."""
     override: int = 0
     """`Command.tag` of the command that this agent flies instead of the mission's step; 0: none.
     Agents follow only peers with the same override."""
@@ -205,9 +204,9 @@ class LinkReport:
     received: int
     lost: int
     clock_ahead_s: float | None = None
-    """The sender's clock less the receiver's, give or take half the round trip; None: not known."""
+    """The sender's clock less the receiver's, within half a round trip; None: not known."""
     round_trip_s: float | None = None
-    """The fastest way there and back of late."""
+    """The fastest recent way there and back."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,18 +225,18 @@ class TickReport:
 
 @dataclass(frozen=True, slots=True)
 class SafetyReport:
-    """What the safety filter has done so far (`core/safety/safety_filter.py`); in ticks."""
+    """What the safety filter has done so far (`core/safety/safety_filter.py`), in ticks."""
 
     ticks: int = 0
-    """In which it was asked."""
+    """The filter ran."""
     touched: int = 0
-    """In which it changed the wish."""
+    """The filter changed the wish."""
     yielded: int = 0
-    """In which the keep-outs excluded each other, and all gave way a little."""
+    """The keep-outs excluded each other, and all gave way a little."""
     releases: int = 0
-    """Times it was stuck and went sideways."""
+    """Dead-lock releases begun."""
     kept_from: tuple[int, ...] = ()
-    """Whom it was kept apart from since the status before; 0 is a stranger."""
+    """The aircraft it was kept apart from since the status before; 0: one without an agent."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -246,14 +245,14 @@ class VehicleLinkReport:
 
     received: int
     lost: int
-    """By MAVLink's 8-bit seq: right where nothing but the vehicle speaks on the link."""
+    """By MAVLink's 8-bit seq: right where only the vehicle speaks on the link."""
     round_trip_s: float | None
     """TIMESYNC to the vehicle and back, the newest; mission time."""
 
 
 @dataclass(frozen=True, slots=True)
 class Echo:
-    """A station's newest beacon sent back, so that the station can tell the round trip."""
+    """A station's newest beacon sent back, which gives the station the round trip."""
 
     station: str
     beacon_s: float
@@ -275,19 +274,17 @@ class Gains:
 
 @dataclass(frozen=True, slots=True)
 class Tuning:
-    """Values for the law and the mission time from which they are to hold, on the sender's
-    clock."""
+    """New gains, and the mission time from which they hold, on the sender's clock."""
 
     gains: Gains
     at_s: float
     ahead_s: tuple[tuple[int, float], ...] = ()
-    """(agent, how far ahead its clock is) of those that have another one than the sender."""
+    """(agent, how far its clock is ahead of the sender's), where they differ."""
 
 
 @dataclass(frozen=True, slots=True)
 class AgentStatus:
-    """Sent at 2 Hz: everything about an agent that is not needed every tick. The last one is its
-    final account."""
+    """Sent at 2 Hz: everything about an agent that is not needed every tick."""
 
     agent: int
     time_s: float
@@ -303,7 +300,7 @@ class AgentStatus:
     battery_percent: float | None
     height_m: float | None
     formation_error_m: float | None
-    """Largest |e_j - mean e| over the live agents it hears, itself included."""
+    """Largest |e_j - mean e| over the agents that it hears, itself included."""
     nearest_agent: int | None
     nearest_m: float | None
     """Horizontal distance between positions."""
@@ -312,7 +309,7 @@ class AgentStatus:
     setpoints: int
     setpoint_rate_hz: float
     neighbours: tuple[int, ...]
-    """N_i now (lost ones have left it)."""
+    """N_i now: without lost agents."""
     sigma_tally: dict[str, int]
     """Pair-ticks by status."""
     overspeed_ticks: int
@@ -326,32 +323,30 @@ class AgentStatus:
     gains: Gains | None = None
     """The law in force."""
     roles: tuple[tuple[float, int], ...] = ()
-    """(since [s], place in the plan whose slots it flies to), for every role but its own first
-    one."""
+    """(since [s], place in the plan whose slots it flies to), for every role but its first."""
     safety: SafetyReport = field(default_factory=SafetyReport)
 
 
 @dataclass(frozen=True, slots=True)
 class ClockEcho:
-    """Somebody's word of its clock, given back (`core/swarm/clocks.py`)."""
+    """A peer's word of its clock, given back (`core/swarm/clocks.py`)."""
 
     agent: int
-    """Whose."""
+    """The peer."""
     told_s: float
     """Its `ClockNews.time_s`."""
     held_s: float
-    """From its receipt to this word."""
+    """From its receipt to this word [s]."""
 
 
 @dataclass(frozen=True, slots=True)
 class ClockNews:
-    """Sent at 1 Hz, at 5 Hz while somebody asks: what the own clock shows. A fixed binary
-    layout."""
+    """Sent at 1 Hz, at 5 Hz while a peer asks: what the own clock shows. Binary."""
 
     agent: int
     time_s: float
     asks: bool
-    """It hears somebody whose clock it does not know: answers are wanted soon."""
+    """It hears a peer whose clock it does not know: it wants answers soon."""
     echoes: tuple[ClockEcho, ...]
 
 
@@ -367,24 +362,23 @@ class Event:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """An operator's word to agents. Idempotent: an `id` seen before is acknowledged again and not
-    repeated."""
+    """An operator's order to agents. An `id` that was seen before is acknowledged again, and not
+    carried out again."""
 
     id: str
     kind: str
     """A `CommandKind`. Agents refuse any other word by name, so it is kept as it came."""
     agents: tuple[int, ...]
-    """Who is meant; empty: all."""
+    """The agents that are meant; empty: all."""
     time_s: float
     step: FormStep | MoveStep | None = None
-    """What `form` and `move` want, decided by the sender once, so that no two agents can differ."""
+    """What `form` and `move` want, made by the sender, so that no two agents can differ."""
     plan_hash: int = 0
     """The plan that `step` was made for; 0: any."""
     at_step: int = 0
-    """The mission step that `next` is to end; 0: whatever it is. An agent that is further has
-    nothing to do."""
+    """The mission step that `next` ends; 0: the current one. An agent past it does nothing."""
     tuning: Tuning | None = None
-    """What `tune` asks to prepare, and `apply` decides."""
+    """The gain update that `tune` asks to prepare and `apply` decides."""
     commits: int = 0
     """The `tag` of the `tune` that `apply` decides."""
 

@@ -44,7 +44,7 @@ class LawParameters:
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """How a vehicle answers a velocity setpoint: dead time, then a first-order lag with bounded
+    """How a vehicle answers a velocity setpoint: dead time, then a first-order lag, with bounded
     acceleration."""
 
     dead_time_s: float = 0.4
@@ -54,7 +54,7 @@ class Response:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What the agent never commands more of."""
+    """The agent's setpoints never exceed these."""
 
     speed_mps: float = 5.0
     climb_mps: float = 1.0
@@ -62,7 +62,7 @@ class Limits:
 
 
 class Compensation(StrEnum):
-    """Which points the law is fed with."""
+    """The points that the law works on."""
 
     STOP_POINT = "stop_point"
     """Where the vehicle would come to rest if told to stop now (the default of flown missions)."""
@@ -76,13 +76,14 @@ class Safety:
     `core/safety/deadlock.py`, `core/law/mean_error_feedback.py`)."""
 
     filter: bool = True
-    """No velocity that brings two closer than their keep-out distance."""
+    """No setpoint that brings two vehicles closer than their keep-out distance."""
     guard: bool = True
-    """Links that the shape keeps are not stretched past r on the way."""
+    """Neighbour links that the shape keeps are not stretched past r on the way."""
     release: bool = True
     """Out of dead-locks by going round each other."""
     align: bool = True
-    """Out of slow modes: everybody also moves to the average of all who are heard."""
+    """Mean-error feedback: against slow modes, each agent also moves to where all agents that it
+    hears place its slot on the average."""
 
 
 class Policy(StrEnum):
@@ -99,7 +100,7 @@ class Policy(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Policies:
-    """Each loss, its action and the time (mission clock) after which it counts as a loss."""
+    """What an agent does about each loss or excess, and when it counts as one [mission s]."""
 
     agent_lost: Policy = Policy.LAND
     agent_lost_after_s: float = 5.0
@@ -111,8 +112,8 @@ class Policies:
     battery_low: Policy = Policy.LAND
     battery_reserve_percent: float = 20.0
     too_fast: Policy = Policy.LAND
-    """Faster than `max_speed_mps` or leaning more than `max_tilt_deg`: it no longer does what it is
-    told."""
+    """Faster than `max_speed_mps`, or leaning more than `max_tilt_deg`: the vehicle no longer does
+    what it is told."""
     max_speed_mps: float = 10.0
     max_tilt_deg: float = 45.0
     wind: Policy = Policy.LAND
@@ -241,8 +242,7 @@ Step: TypeAlias = (
     TakeoffStep | FormStep | HoldStep | MoveStep | RotateStep | ScaleStep | ReturnStep | LandStep
 )
 """`kind` names a step on screens, in results and in a plan's JSON. `on_timeout` is done when a step
-takes too long; `continue` goes on to the next step, as does everybody else, whose time is over as
-well."""
+takes too long; with `continue` all agents go on to the next step, as their time is over, too."""
 
 Shaped: TypeAlias = FormStep | HoldStep | MoveStep | RotateStep | ScaleStep
 """The steps that fly a formation."""
@@ -260,7 +260,7 @@ class AgentPlan:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A whole mission, checked. `agents` is sorted by id; `prepare_timeout_s` bounds the way to a
+    """A whole mission, checked. `agents` is sorted by id; `prepare_timeout_s` bounds the wait for a
     healthy vehicle."""
 
     name: str

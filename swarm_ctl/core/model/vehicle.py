@@ -56,7 +56,7 @@ class VehicleView:
     autopilot: str = ""
     """`ardupilot`, `px4`, or '' while unknown."""
     fault: str = ""
-    """Why this vehicle can't be flown at all (an autopilot nobody here knows, a wrong type), or
+    """Why this vehicle cannot be flown at all (an unknown autopilot, a wrong type), or
     ''."""
     armed: bool = False
     mode: str = ""
@@ -117,7 +117,7 @@ class AirborneGoal:
 
 @dataclass(frozen=True, slots=True)
 class FlyGoal:
-    """Under our control with this velocity setpoint [m/s]; sent once per tick, so silence is a
+    """Under our control with this velocity setpoint [m/s], sent once a tick: silence is the
     deadman."""
 
     velocity_ned_mps: Vector3
@@ -135,12 +135,12 @@ class ReleaseGoal:
 
 @dataclass(frozen=True, slots=True)
 class YieldGoal:
-    """Somebody else flies (a pilot changed the mode): send nothing but our heartbeat."""
+    """A pilot or a failsafe flies it: send nothing but our heartbeat."""
 
 
 @dataclass(frozen=True, slots=True)
 class TerminateGoal:
-    """Motors off at once, wherever it is: it falls. Only on an operator's confirmed word."""
+    """Motors off at once, wherever it is: it falls. Only by an operator's confirmed command."""
 
 
 Goal: TypeAlias = (
@@ -162,6 +162,6 @@ class LinkCounters:
     rejected: int = 0
     """Good frames with a field that can't be true (NaN, out of range) or a bad signature."""
     errors: int = 0
-    """Reads and writes that the operating system refused (nobody listens there, a full buffer,
+    """Reads and writes that the operating system refused (no listener, a full buffer,
     ...)."""
     texts: tuple[str, ...] = field(default=())
