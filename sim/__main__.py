@@ -1,8 +1,8 @@
 """`python -m sim --config FILE`: a swarm of simulated MAVLink vehicles.
 
-Prints one line of JSON on stdout when ready. Stdin is the lifeline: at its end the simulator waits
-until all vehicles are parked, then exits. Exit codes: 0 done, 2 bad configuration, 3 a port or file
-can't be opened.
+It prints one line of JSON on stdout when ready. Stdin is the lifeline: at its end the simulator
+waits until all vehicles are parked, then exits. Exit codes: 0 done, 2 bad configuration, 3 a port
+or file can't be opened.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ import logging
 import sys
 from pathlib import Path
 
-from sim.clock import Clock
+from sim.clock import SimClock
 from sim.config import ConfigError, load_config
-from sim.network.server import PortError, Server, signals
+from sim.network.server import EndpointError, Server, signals
 
 
 def main() -> int:
@@ -31,27 +31,26 @@ def main() -> int:
     try:
         config = load_config(arguments.config)
     except ConfigError as error:
-        print(f"sim: {error}", file=sys.stderr)  # noqa: T201
-        return 2
+        return _failed(2, str(error))
     try:
-        with (
-            Server(config, Clock(config.epoch_s, config.speedup), sys.stdin) as server,
-            signals(server),
-        ):
+        clock = SimClock(config.epoch_s, config.speedup)
+        with Server(config, clock, sys.stdin) as server, signals(server):
             ready = [{"sysid": v.sysid, "endpoint": v.endpoint} for v in config.vehicles]
             print(json.dumps({"ready": True, "vehicles": ready}), flush=True)  # noqa: T201
             server.serve()
             server.report()
     except ValueError as error:  # the signing key
-        print(f"sim: {config.signing_key_path}: {error}", file=sys.stderr)  # noqa: T201
-        return 2
-    except PortError as error:
-        print(f"sim: {error}", file=sys.stderr)  # noqa: T201
-        return 3
+        return _failed(2, f"{config.signing_key_path}: {error}")
+    except EndpointError as error:
+        return _failed(3, str(error))
     except OSError as error:
-        print(f"sim: {error.filename or ''}: {error.strerror}", file=sys.stderr)  # noqa: T201
-        return 3
+        return _failed(3, f"{error.filename or ''}: {error.strerror}")
     return 0
+
+
+def _failed(code: int, reason: str) -> int:
+    print(f"sim: {reason}", file=sys.stderr)  # noqa: T201
+    return code
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ import time
 _YEAR_2015_S = 1_420_070_400
 
 
-class Clock:
+class SimClock:
     """Mission time is (monotonic - `epoch_s`) * `speedup`; all processes of one host share both."""
 
     def __init__(self, epoch_s: float, speedup: float) -> None:

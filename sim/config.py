@@ -1,5 +1,4 @@
-"""The simulator's configuration: strict JSON, every mistake named with its field and what would be
-allowed."""
+"""The simulator's configuration: strict JSON; errors name the field and what is allowed."""
 
 from __future__ import annotations
 
@@ -10,8 +9,8 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
-from sim.firmware.fault_parameters import SIM_DEFAULTS
-from sim.physics.geodesy import Geodetic
+from sim.firmware.parameters.fault_parameters import SIM_DEFAULTS
+from sim.physics.geodesy import GeodeticPoint
 
 Persona = Literal["ardupilot", "px4"]
 
@@ -20,20 +19,19 @@ class ConfigError(Exception):
     """The configuration was refused; the text names the file, the field and what is allowed."""
 
 
-class _Strict(BaseModel):
+class _StrictConfig(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-class Place(_Strict):
+class Place(_StrictConfig):
     """A point on the ellipsoid."""
 
     lat_deg: float = Field(ge=-89.0, le=89.0)
     lon_deg: float = Field(ge=-180.0, le=180.0)
     alt_m: float = Field(ge=-500.0, le=9000.0)
 
-    def geodetic(self) -> Geodetic:
-        """The same as plain data."""
-        return Geodetic(self.lat_deg, self.lon_deg, self.alt_m)
+    def geodetic(self) -> GeodeticPoint:
+        return GeodeticPoint(self.lat_deg, self.lon_deg, self.alt_m)
 
 
 def _known(name: str) -> str:
@@ -45,8 +43,8 @@ def _known(name: str) -> str:
 SimParameter = Annotated[str, AfterValidator(_known)]
 
 
-class Fault(_Strict):
-    """SIM_* parameters to set at a time: of one vehicle, or of all."""
+class TimetableEntry(_StrictConfig):
+    """SIM_* parameters to set at a given time: of one vehicle, or of all."""
 
     at_s: float
     """Seconds after what `faults_since` says."""
@@ -66,17 +64,17 @@ class VehicleConfig(Place):
     """Mission seconds from start until position estimate and pre-arm checks are good."""
 
     response: Literal["persona", "ideal"] = "persona"
-    """How velocities are followed: as the persona's firmware and airframe do, or at once."""
+    """How velocities are followed: as by the persona's firmware and airframe, or at once."""
     sim_parameters: dict[SimParameter, float] = {}
     """SIM_* parameters of this vehicle at start, over those for all."""
 
     @property
     def motion(self) -> str:
-        """The name of its response."""
+        """The name of its velocity response."""
         return self.persona if self.response == "persona" else self.response
 
 
-class SimConfig(_Strict):
+class SimConfig(_StrictConfig):
     """Everything the simulator is told; see the README for the units (in the names)."""
 
     version: Literal[1]
@@ -89,15 +87,15 @@ class SimConfig(_Strict):
     truth_rate_hz: float = Field(default=10.0, gt=0.0, le=100.0)
     sensing_range_m: float = Field(default=50.0, ge=0.0)
     signing_key_path: Path | None = None
-    """A file with the MAVLink 2 signing key of all vehicles; without one nothing is signed, and
-    everything served."""
+    """A file with the MAVLink 2 signing key of all vehicles; without it nothing is signed, and
+    unsigned frames are served."""
     vehicles: tuple[VehicleConfig, ...] = Field(min_length=1)
     sim_parameters: dict[SimParameter, float] = {}
     """SIM_* parameters of all vehicles at start: weather, sensor errors, what is broken."""
-    faults: tuple[Fault, ...] = ()
+    faults: tuple[TimetableEntry, ...] = ()
     """What changes when."""
     faults_since: Literal["start", "liftoff"] = "start"
-    """Where their times count from: mission time 0, or the first lift-off of any vehicle."""
+    """What their times count from: mission time 0, or the first lift-off of any vehicle."""
 
     @model_validator(mode="after")
     def _unique(self) -> SimConfig:
@@ -105,14 +103,11 @@ class SimConfig(_Strict):
             seen: dict[object, int] = {}
             for i, vehicle in enumerate(self.vehicles):
                 value = getattr(vehicle, name)
-                if str(value).startswith("udpout:"):
-                    continue  # several may speak to one ground station
-                if value in seen:
-                    first = seen[value]
-                    raise ValueError(
-                        f"vehicles[{first}] and vehicles[{i}] share {name} {value}; each needs its own"
-                    )
-                seen[value] = i
+                first = seen.setdefault(value, i)
+                # several vehicles may speak to one ground station
+                if first != i and not str(value).startswith("udpout:"):
+                    both = f"vehicles[{first}] and vehicles[{i}]"
+                    raise ValueError(f"{both} share {name} {value}; each needs its own")
         known = {vehicle.sysid for vehicle in self.vehicles}
         for i, fault in enumerate(self.faults):
             if fault.sysid is not None and fault.sysid not in known:

@@ -1,8 +1,8 @@
-"""Between bytes and world: who listens to which vehicle, frames packed once for all of them. No
+"""Between bytes and world: the clients of each vehicle, and frames packed once for all of them. No
 sockets, no clock.
 
-The same hub serves real UDP ports (`sim.network.server`) and tests that carry the bytes in memory
-on a virtual clock.
+The same hub serves real sockets (`sim.network.server`) and tests that carry the bytes in memory on
+a virtual clock.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from typing import TypeVar
 
 from sim.config import SimConfig
 from sim.firmware.message import Message
-from sim.network.endpoint import Codec
-from sim.network.ports import Address
+from sim.network.codec import Codec
 from sim.network.signing import Signing
+from sim.network.sockets import Address
 from sim.world.faults import Radio
-from sim.world.truth_recorder import Recorder
+from sim.world.truth_recorder import TruthRecorder
 from sim.world.world import World
 
 Send = Callable[[int, bytes, Address], None]
@@ -27,7 +27,7 @@ Send = Callable[[int, bytes, Address], None]
 T = TypeVar("T")
 
 MAX_CLIENTS = 16
-"""Per vehicle; when one more comes, the one silent the longest is forgotten."""
+"""Per vehicle; one more takes the place of the one silent the longest."""
 _DATAGRAM = 1400
 
 
@@ -42,7 +42,7 @@ class Hub:
         signing: Callable[[], Signing | None] = lambda: None,
     ) -> None:
         self.world = World(config, now)
-        self.recorder: Recorder | None = None
+        self.recorder: TruthRecorder | None = None
         self.codecs = [Codec(vehicle.sysid, signing()) for vehicle in self.world.vehicles]
         self._clients: list[dict[Address, None]] = [{} for _ in self.codecs]
         self._send = send
@@ -50,7 +50,7 @@ class Hub:
         self._waiting_count = 0
 
     def receive(self, place: int, data: bytes, sender: Address) -> None:
-        """A datagram for the vehicle at `place`; whoever writes to it is listened to and told."""
+        """A datagram for the vehicle at `place`; its sender becomes a client."""
         clients = self._clients[place]
         clients.pop(sender, None)
         clients[sender] = None
@@ -70,7 +70,7 @@ class Hub:
         self._flush(place, sender)
 
     def _survivors(self, place: int, frames: list[T], radio: Radio) -> list[T]:
-        """What a lossy radio lets through."""
+        """The frames that a lossy radio lets through."""
         if not radio.loss:
             return frames
         draws = self.world.vehicles[place].faults.radio_rng.random(len(frames)).tolist()
@@ -81,12 +81,11 @@ class Hub:
             what()
             return
         self._waiting_count += 1
-        heapq.heappush(
-            self._waiting, (self.world.time_s + radio.delay_s, self._waiting_count, what)
-        )
+        due_s = self.world.time_s + radio.delay_s
+        heapq.heappush(self._waiting, (due_s, self._waiting_count, what))
 
     def listen(self, place: int, peers: list[Address]) -> None:
-        """Makes clients of those who are connected, though they have said nothing."""
+        """Makes clients of addresses that are connected and have said nothing yet."""
         for peer in peers:
             self._clients[place].setdefault(peer)
 
@@ -104,13 +103,12 @@ class Hub:
         clients = self._clients[place]
         if not said or not clients:
             return
-        codec = self.codecs[place]
         radio = self.world.vehicles[place].faults.radio
         if radio is not None and radio.mute_heartbeat:
             said = [out for out in said if out.message.name != "HEARTBEAT"]
         public, answers = [], []
         for out in said:
-            frame = codec.pack(out.message)
+            frame = self.codecs[place].pack(out.message)
             answers.append(frame)
             if not out.private:
                 public.append(frame)

@@ -1,4 +1,4 @@
-"""Runs a world in real time (times the speed-up) behind one UDP port a vehicle."""
+"""Runs a world in real time (times the speed-up) behind one socket a vehicle."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import signal
 from collections.abc import Iterator
 from typing import IO, Any, Self
 
-from sim.clock import Clock
+from sim.clock import SimClock
 from sim.config import SimConfig
 from sim.network.hub import Hub
-from sim.network.ports import Address, Port, open_port
 from sim.network.signing import Signing, read_key
-from sim.world.truth import TruthFile
-from sim.world.truth_recorder import Recorder
+from sim.network.sockets import Address, VehicleSocket, open_socket
+from sim.world.truth_file import TruthFile
+from sim.world.truth_recorder import TruthRecorder
 
 log = logging.getLogger("sim")
 
@@ -25,26 +25,25 @@ DRAIN_S = 90.0
 _BATCH = 50
 """Steps done at a stretch while catching up, before sockets are looked at again."""
 _GATHER_S = 0.005
-"""Wall-clock time for which what comes after a first datagram is left to gather; none waits beyond
-the next step."""
+"""Wall-clock time for which datagrams gather after a first one; none waits beyond the next step."""
 _LATE_S, _SAY_AGAIN_S = 1.0, 10.0
 
 
-class PortError(Exception):
+class EndpointError(Exception):
     """An endpoint can't be opened; the text names it."""
 
 
 class Server:
     """Serves until told to stop. A context manager: opens the ports, and leaves none behind."""
 
-    def __init__(self, config: SimConfig, clock: Clock, lifeline: IO[Any] | None) -> None:
+    def __init__(self, config: SimConfig, clock: SimClock, lifeline: IO[Any] | None) -> None:
         self._config = config
         self._clock = clock
         self._lifeline = lifeline
         self._drain_until_s: float | None = None
         self._stopping = False
         self._said_late_s = -_SAY_AGAIN_S
-        self._ports: list[Port] = []
+        self._sockets: list[VehicleSocket] = []
         self.hub: Hub
         self._selector: selectors.BaseSelector
 
@@ -52,22 +51,20 @@ class Server:
         with contextlib.ExitStack() as stack:
             self._selector = stack.enter_context(selectors.DefaultSelector())
             for place, vehicle in enumerate(self._config.vehicles):
-                port = _open(vehicle.endpoint)
-                stack.callback(port.close)
-                self._ports.append(port)
-                self._selector.register(port.fileno(), selectors.EVENT_READ, place)
+                opened = _open(vehicle.endpoint)
+                stack.callback(opened.close)
+                self._sockets.append(opened)
+                self._selector.register(opened.fileno(), selectors.EVENT_READ, place)
             if self._lifeline is not None:
                 with contextlib.suppress(PermissionError):  # a plain file: no lifeline
                     self._selector.register(self._lifeline, selectors.EVENT_READ, None)
             self.hub = Hub(self._config, self._clock.now(), self._transmit, self._signing)
-            for place, port in enumerate(self._ports):
-                self.hub.listen(place, port.peers())
+            for place, opened in enumerate(self._sockets):
+                self.hub.listen(place, opened.peers())
             if self._config.truth_path is not None:
-                recorder = Recorder(
-                    self.hub.world, self._config, TruthFile(self._config.truth_path)
-                )
-                stack.callback(recorder.close)
-                self.hub.recorder = recorder
+                file = TruthFile(self._config.truth_path)
+                self.hub.recorder = TruthRecorder(self.hub.world, self._config, file)
+                stack.callback(self.hub.recorder.close)
             self._stack = stack.pop_all()
         return self
 
@@ -88,27 +85,21 @@ class Server:
 
     def report(self) -> None:
         """Logs what was counted."""
-        bad = sum(codec.bad for codec in self.hub.codecs)
-        good = sum(codec.frames for codec in self.hub.codecs)
-        ignored = sum(vehicle.firmware.ignored for vehicle in self.hub.world.vehicles)
-        unsent = sum(port.unsent for port in self._ports)
-        refused = sum(codec.unsigned for codec in self.hub.codecs)
-        if refused:
+        codecs = self.hub.codecs
+        if refused := sum(codec.unsigned for codec in codecs):
             log.warning("frames refused for want of a good signature: %d", refused)
-        log.info(
-            "frames in: %d good, %d bad, %d not for us; datagrams not sent: %d",
-            good,
-            bad,
-            ignored,
-            unsent,
-        )
+        good, bad = sum(codec.frames for codec in codecs), sum(codec.bad for codec in codecs)
+        ignored = sum(vehicle.firmware.ignored for vehicle in self.hub.world.vehicles)
+        unsent = sum(each.unsent for each in self._sockets)
+        text = "frames in: %d good, %d bad, %d not for us; datagrams not sent: %d"
+        log.info(text, good, bad, ignored, unsent)
 
     def _signing(self) -> Signing | None:
         path = self._config.signing_key_path
         return None if path is None else Signing(read_key(path), self._clock.signing_10us)
 
     def _transmit(self, place: int, data: bytes, to: Address) -> None:
-        self._ports[place].send(data, to)
+        self._sockets[place].send(data, to)
 
     def _poll(self, timeout_s: float) -> bool:
         ready = self._selector.select(timeout_s)
@@ -116,10 +107,10 @@ class Server:
             if key.data is None:
                 self._read_lifeline()
                 continue
-            port = self._ports[key.data]
-            for data, sender in port.receive():
+            socket = self._sockets[key.data]
+            for data, sender in socket.receive():
                 self.hub.receive(key.data, data, sender)
-            self.hub.listen(key.data, port.peers())
+            self.hub.listen(key.data, socket.peers())
         return bool(ready)
 
     def _read_lifeline(self) -> None:
@@ -144,24 +135,21 @@ class Server:
         behind = now - self.hub.world.time_s
         if behind > _LATE_S and now - self._said_late_s > _SAY_AGAIN_S:
             self._said_late_s = now
-            log.warning(
-                "%.1f s of mission time behind the clock: this machine is too slow for the speed-up",
-                behind,
-            )
+            text = "%.1f s of mission time behind the clock: machine too slow for the speed-up"
+            log.warning(text, behind)
 
 
-def _open(endpoint: str) -> Port:
+def _open(endpoint: str) -> VehicleSocket:
     try:
-        return open_port(endpoint)
+        return open_socket(endpoint)
     except (OSError, OverflowError) as error:
-        raise PortError(
-            f"{endpoint}: can't be opened: {getattr(error, 'strerror', None) or error}"
-        ) from error
+        reason = getattr(error, "strerror", None) or error
+        raise EndpointError(f"{endpoint}: can't be opened: {reason}") from error
 
 
 @contextlib.contextmanager
 def signals(server: Server) -> Iterator[None]:
-    """SIGTERM ends the server at once; SIGINT (the terminal's Ctrl-C) is not for us."""
+    """SIGTERM ends the server at once; SIGINT (the terminal's Ctrl-C) is ignored."""
     before_int = signal.signal(signal.SIGINT, signal.SIG_IGN)
     before_term = signal.signal(signal.SIGTERM, lambda *_: server.stop())
     try:

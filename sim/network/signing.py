@@ -1,4 +1,7 @@
-"""MAVLink 2 signing: who may speak to a vehicle. The key is held here and never shown or logged."""
+"""MAVLink 2 signing: only clients with the key may speak to a vehicle.
+
+The key is never shown or logged.
+"""
 
 from __future__ import annotations
 
@@ -15,8 +18,8 @@ _BEHIND_10US = 60 * 100_000
 
 
 def read_key(path: Path) -> bytes:
-    """The key in a file of 32 bytes, or of 64 hexadecimal digits; ValueError (which doesn't show
-    it) for another."""
+    """The key in a file of 32 bytes, or of 64 hexadecimal digits; otherwise ValueError, which
+    doesn't show the content."""
     data = path.read_bytes()
     if len(data) == KEY_BYTES:
         return data
@@ -25,17 +28,16 @@ def read_key(path: Path) -> bytes:
     except ValueError:
         key = b""
     if len(key) != KEY_BYTES:
-        raise ValueError(
-            f"not a signing key: {KEY_BYTES} bytes or {2 * KEY_BYTES} hexadecimal digits are allowed"
-        )
+        allowed = f"{KEY_BYTES} bytes or {2 * KEY_BYTES} hexadecimal digits are allowed"
+        raise ValueError(f"not a signing key: {allowed}")
     return key
 
 
 class Signing:
     """Signs what one link sends, and judges what it receives.
 
-    Timestamps count 10 us since 2015 and only ever rise: per sender and link for what is received,
-    on this link for what is sent; so a recorded frame is worth nothing the second time.
+    Timestamps count 10 us since 2015 and must rise, per sender and link, so that a recorded frame
+    is refused the second time.
     """
 
     def __init__(self, key: bytes, now_10us: Callable[[], int], link: int = 0) -> None:
@@ -57,7 +59,8 @@ class Signing:
         return mark + self._hash(frame + mark)
 
     def accepts(self, frame: bytes, source: tuple[int, int]) -> bool:
-        """Whether a good frame (with its signature) is signed with our key, and is news."""
+        """Whether a good frame (with its signature) is signed with our key, and was not heard
+        before."""
         if frame[0] != 0xFD or not frame[2] & 1:
             return False
         signed, claimed = frame[:-6], frame[-6:]
@@ -66,11 +69,9 @@ class Signing:
         at = int.from_bytes(frame[-12:-6], "little")
         sender = (frame[-13], *source)
         last = self._heard.get(sender)
-        if (
-            at <= last
-            if last is not None
-            else at < max(self._last, self._now_10us()) - _BEHIND_10US
-        ):
+        if last is None:
+            last = max(self._last, self._now_10us()) - _BEHIND_10US - 1
+        if at <= last:
             return False
         self._heard[sender] = at
         return True

@@ -15,9 +15,8 @@ _EP2 = _E2 / (1.0 - _E2)
 
 
 @dataclass(frozen=True, slots=True)
-class Geodetic:
-    """Latitude and longitude in degrees, height above the ellipsoid in metres (we call it mean sea
-    level)."""
+class GeodeticPoint:
+    """Height in metres above the ellipsoid, which the simulator takes for mean sea level."""
 
     lat_deg: float
     lon_deg: float
@@ -28,14 +27,14 @@ class TangentPlane:
     """The plane that touches the ellipsoid at `origin`; NED metres. Exact: through earth-centred
     coordinates."""
 
-    def __init__(self, origin: Geodetic) -> None:
+    def __init__(self, origin: GeodeticPoint) -> None:
         self.origin = origin
         lat, lon = math.radians(origin.lat_deg), math.radians(origin.lon_deg)
         self._sin_lat, self._cos_lat = math.sin(lat), math.cos(lat)
         self._sin_lon, self._cos_lon = math.sin(lon), math.cos(lon)
         self._ecef = _ecef_from_geodetic(origin)
 
-    def geodetic_from_ned(self, ned_m: Vector3) -> Geodetic:
+    def geodetic_from_ned(self, ned_m: Vector3) -> GeodeticPoint:
         """Where the point `ned_m` of this plane is on the ellipsoid."""
         north, east, down = ned_m
         radial = -self._sin_lat * north - self._cos_lat * down
@@ -44,7 +43,7 @@ class TangentPlane:
         z = self._ecef[2] + self._cos_lat * north - self._sin_lat * down
         return _geodetic_from_ecef(x, y, z)
 
-    def ned_from_geodetic(self, point: Geodetic) -> Vector3:
+    def ned_from_geodetic(self, point: GeodeticPoint) -> Vector3:
         """`point` seen from this plane's origin."""
         x, y, z = _ecef_from_geodetic(point)
         dx, dy, dz = x - self._ecef[0], y - self._ecef[1], z - self._ecef[2]
@@ -54,7 +53,7 @@ class TangentPlane:
         return north, east, -self._cos_lat * radial - self._sin_lat * dz
 
 
-def _ecef_from_geodetic(point: Geodetic) -> Vector3:
+def _ecef_from_geodetic(point: GeodeticPoint) -> Vector3:
     lat, lon = math.radians(point.lat_deg), math.radians(point.lon_deg)
     sin_lat, cos_lat = math.sin(lat), math.cos(lat)
     normal = _A / math.sqrt(1.0 - _E2 * sin_lat * sin_lat)
@@ -66,7 +65,7 @@ def _ecef_from_geodetic(point: Geodetic) -> Vector3:
     )
 
 
-def _geodetic_from_ecef(x: float, y: float, z: float) -> Geodetic:
+def _geodetic_from_ecef(x: float, y: float, z: float) -> GeodeticPoint:
     """Bowring's formula: one pass is good to nanometres near the ground."""
     radial = math.hypot(x, y)
     beta = math.atan2(z * _A, radial * _B)
@@ -75,4 +74,4 @@ def _geodetic_from_ecef(x: float, y: float, z: float) -> Geodetic:
     sin_lat, cos_lat = math.sin(lat), math.cos(lat)
     normal = _A / math.sqrt(1.0 - _E2 * sin_lat * sin_lat)
     alt = radial * cos_lat + z * sin_lat - _A * _A / normal
-    return Geodetic(math.degrees(lat), math.degrees(math.atan2(y, x)), alt)
+    return GeodeticPoint(math.degrees(lat), math.degrees(math.atan2(y, x)), alt)

@@ -1,9 +1,9 @@
 """Velocity responses: how each firmware's velocity controller, and the airframe behind it, follow a
 target. Pure.
 
-Each is used by `sim.physics.vehicle.advance`; all act on arrays with any leading axes and a last
-axis (north, east, down). Horizontal limits act on the length of the horizontal vector, as in the
-firmwares.
+Their numbers are the firmware's default parameters; what those don't give (attitude lag, drag) was
+fitted to recorded step responses. Arrays have any leading axes and a last axis (north, east, down).
+Horizontal limits act on the length of the horizontal vector, as in the firmwares.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.physics.vehicle import GRAVITY_MPS2, Array, Mask
+from sim.physics.kinematics import GRAVITY_MPS2, Array, Mask
 
 Gains = tuple[float, float]
 """Horizontal, vertical."""
@@ -28,7 +28,7 @@ def _axes(gains: Gains) -> Array:
 
 
 @dataclass(frozen=True)
-class Ideal:
+class IdealResponse:
     """The paper's single integrator: the velocity is the target's, at once. For studies of the law
     alone."""
 
@@ -37,13 +37,12 @@ class Ideal:
     def acceleration(
         self, memory: Array, velocity: Array, target: Array, wind: Array, dt: float
     ) -> Array:
-        """See `sim.physics.vehicle.Response`."""
         del memory, wind
         return (target - velocity) / dt
 
 
 @dataclass(frozen=True)
-class Ardupilot:
+class ArdupilotResponse:
     """ArduCopter in GUIDED: `input_vel_accel` shapes the target, AC_PosControl's P-P-I follows the
     shaped one.
 
@@ -77,9 +76,9 @@ class Ardupilot:
     def acceleration(
         self, memory: Array, velocity: Array, target: Array, wind: Array, dt: float
     ) -> Array:
-        """See `sim.physics.vehicle.Response`. Memory: path error, shaped velocity and acceleration,
-        integral, two lags."""
+        """Memory: path error, shaped velocity and acceleration, integral, two lags."""
         self._shape(memory[..., 1, :], memory[..., 2, :], target, dt)
+        # P on the distance to where the shaped velocity leads, then PI on the velocity
         error = memory[..., 1, :] - velocity
         memory[..., 0, :] += error * dt
         error += _axes(self.position_per_s) * memory[..., 0, :]
@@ -90,6 +89,7 @@ class Ardupilot:
         command += integral
         if (leaning := _bound(command, self.lean_mps2, self.lift_mps2)) is not None:
             self._unwind(memory[..., :2], error[..., :2], command[..., :2], leaning, dt)
+        # attitude and motors lag behind; the air brakes
         force = _lag(memory[..., 4, :], memory[..., 5, :], command, _shares(self.lag_s, dt))
         air = velocity - wind
         speed = np.sqrt(np.einsum("...i,...i->...", air, air))[..., None]
@@ -99,20 +99,20 @@ class Ardupilot:
     def _unwind(
         self, memory: Array, error: Array, command: Array, leaning: Mask, dt: float
     ) -> None:
-        """Takes back (horizontally) what this step added towards where the vehicle can't lean more
-        to go."""
+        """Takes back what this step added (horizontally) in a direction in which the vehicle can't
+        lean more."""
         path, shaped, acceleration, integral = (memory[..., row, :] for row in range(4))
+        # the path error shrinks by what the shaped velocity has just added in that direction
         short = leaning & (_along(error, command) > 0.0)
-        path -= (
-            (short & (_along(shaped, command) > 0.0) & (_along(path, command) > 0.0))[..., None]
-            * shaped
-            * dt
-        )
+        ahead = short & (_along(shaped, command) > 0.0) & (_along(path, command) > 0.0)
+        path -= ahead[..., None] * shaped * dt
+        # the same for the shaped velocity and its acceleration
         grown = short & (_along(acceleration, command) > 0.0) & (_along(shaped, command) >= 0.0)
         shaped -= grown[..., None] * acceleration * dt
         integral -= short[..., None] * (self.integral_per_s2[0] * dt) * error
 
     def _shape(self, velocity: Array, acceleration: Array, target: Array, dt: float) -> None:
+        # acceleration proportional to the error, bounded, and its change bounded by the jerk
         faster = self._overspeed(velocity[..., 2])
         gain = (self.jerk_mps3 / self.acceleration_mps2, self.climb_jerk_mps3 / self.climb_mps2)
         wanted = (target - velocity) * _axes(gain)
@@ -123,8 +123,8 @@ class Ardupilot:
         velocity += acceleration * dt
 
     def _overspeed(self, down: Array) -> Array | float:
-        """By how much vertical acceleration and jerk may be larger; 1 within the speed limits, at
-        most what lifts."""
+        """Factor on vertical acceleration and jerk: 1 within the speed limits, at most what the
+        rotors lift."""
         if down.max() <= self.descent_mps and down.min() >= -self.climb_mps:
             return 1.0
         over = np.maximum(down / self.descent_mps, -down / self.climb_mps)
@@ -135,9 +135,9 @@ class Ardupilot:
 
 
 @dataclass(frozen=True)
-class Px4:
-    """PX4 in OFFBOARD: the velocity target goes to the PI controller unshaped, so it starts fast
-    and creeps in.
+class Px4Response:
+    """PX4 in OFFBOARD: the velocity target goes to the PI controller unshaped, so the vehicle
+    starts fast and ends slowly.
 
     MPC_XY_VEL_P_ACC 1.8, _I_ACC 0.4; MPC_Z_VEL_P_ACC 4, _I_ACC 2; tilt at most MPC_TILTMAX_AIR 45
     deg; target bounded by MPC_XY_VEL_MAX 12, MPC_Z_VEL_MAX_UP 3, _DN 1.5. Airframe: linear drag 1
@@ -158,7 +158,8 @@ class Px4:
     def acceleration(
         self, memory: Array, velocity: Array, target: Array, wind: Array, dt: float
     ) -> Array:
-        """See `sim.physics.vehicle.Response`. Memory: integral, two lags."""
+        """Memory: integral, two lags."""
+        # the bounded target, minus the velocity, goes through a PI controller with bounded tilt
         error = target.copy()
         _bound(error, self.speed_mps, self.climb_mps)
         np.minimum(error[..., 2], self.descent_mps, out=error[..., 2])
@@ -179,12 +180,12 @@ def _along(vectors: Array, way: Array) -> Array:
 
 
 def _bound(vector: Array, horizontal: float, vertical: Array | float) -> Mask | None:
-    """Shortens `vector` (..., 3) in place: its horizontal part's length, its vertical part's size.
+    """Shortens `vector` (..., 3) in place to a horizontal length and a vertical size.
 
-    Which were too long horizontally; None: none.
+    Returns a mask of those that were too long horizontally, or None.
     """
     if np.vdot(vector, vector) <= min(horizontal, np.min(vertical)) ** 2:
-        return None  # nobody near it, seen by one cheap sum: most steps of a few vehicles' flight
+        return None  # one cheap sum shows that no vector is near its bound: the usual case
     length = np.hypot(vector[..., 0], vector[..., 1])
     long: Mask = length > horizontal
     np.maximum(length, horizontal, out=length)

@@ -1,9 +1,8 @@
 """What the SIM_* parameters of one vehicle do to it: weather, sensor errors, radio, motors.
 Deterministic under a seed.
 
-The parameters are `sim.firmware.fault_parameters.SIM_DEFAULTS`; those the firmware itself feels
-(battery, arming, GPS off) it reads there. Errors and gusts are first-order Gauss-Markov processes,
-moved on every `TICK_S` of mission time.
+The firmware itself reads those that it feels (battery, arming, GPS off). Errors and gusts are
+first-order Gauss-Markov processes, moved on every `TICK_S` of mission time.
 """
 
 from __future__ import annotations
@@ -13,22 +12,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.firmware.fault_parameters import SIM_DEFAULTS
-from sim.firmware.flying.maneuvers import Sensed
-from sim.firmware.protocol.parameters import Parameters
+from sim.firmware.flying.maneuvers import STILL, Sensed
+from sim.firmware.parameters.fault_parameters import SIM_DEFAULTS
+from sim.firmware.parameters.parameter_set import Parameters
 from sim.physics.geodesy import Vector3
-from sim.world.vehicle_group import STILL
 
 TICK_S = 0.1
 _NOISE_S, _DRIFT_S, _GUST_S = 1.0, 60.0, 3.0
 _MOST = 10_000.0
-"""No error, wind or delay is larger, whatever a parameter says."""
+"""Bound on errors, wind and delays."""
 _NEUTRAL = {name: item.value for name, item in SIM_DEFAULTS.items()}
 
 
 @dataclass(frozen=True, slots=True)
 class Radio:
-    """What happens to frames on their way."""
+    """What happens to frames on the vehicle link."""
 
     mute_heartbeat: bool
     loss: float
@@ -37,8 +35,7 @@ class Radio:
 
 
 class Wander:
-    """A value in three axes that wanders about zero: standard deviation `sigma`, forgotten over
-    `tau_s`."""
+    """Gauss-Markov noise about zero in three axes, with correlation time `tau_s`."""
 
     def __init__(self, tau_s: float, rng: np.random.Generator) -> None:
         self._keep = math.exp(-TICK_S / tau_s)
@@ -47,7 +44,7 @@ class Wander:
         self._unit: Vector3 = STILL
 
     def move(self, sigma: float) -> Vector3:
-        """The next value; nothing is drawn while it is off."""
+        """The next value, with standard deviation `sigma`; at 0 no random number is drawn."""
         if sigma <= 0.0:
             self._unit = STILL
             return STILL
@@ -59,8 +56,8 @@ class Wander:
         return (sigma * n, sigma * e, sigma * d)
 
 
-class Faults:
-    """The troubles of one vehicle."""
+class VehicleFaults:
+    """Weather and faults of one vehicle."""
 
     def __init__(self, parameters: Parameters, seed: int, sysid: int) -> None:
         self._parameters = parameters
@@ -76,7 +73,7 @@ class Faults:
         self.fallen = False
         """Broken in a collision."""
         self.active = False
-        """Anything is not as it should be."""
+        """A SIM_* parameter is not at its default."""
         self.radio: Radio | None = None
         self.wind: Vector3 = STILL
         self.offset: Vector3 = STILL
@@ -87,11 +84,11 @@ class Faults:
 
     @property
     def motors_dead(self) -> bool:
-        """Nothing lifts the vehicle any more."""
+        """The rotors no longer lift the vehicle."""
         return self.fallen or (self.active and self["SIM_MOTOR_STOP"] == 1.0)
 
     def look(self) -> bool:
-        """Takes notice of changed parameters; whether there is anything to do."""
+        """Reads changed parameters; whether there is anything to do."""
         if self._version != self._parameters.version:
             self._version = self._parameters.version
             self.active = any(self[name] != neutral for name, neutral in _NEUTRAL.items())
@@ -102,7 +99,7 @@ class Faults:
         return self.active or self.fallen or self.offset != STILL or self.wind != STILL
 
     def move(self, now: float, truth: Sensed) -> bool:
-        """Weather and errors go on when it is time; whether they did."""
+        """Moves weather and errors on when that is due; whether it did."""
         if now < self._due_s:
             return False
         self._due_s = now + TICK_S - 1e-6
@@ -113,10 +110,8 @@ class Faults:
             gust[1] - speed * math.sin(from_rad),
             0.3 * gust[2],
         )
-        noise, drift = (
-            self._noise.move(self["SIM_GPS_NOISE"]),
-            self._drift.move(self["SIM_GPS_DRIFT"]),
-        )
+        noise = self._noise.move(self["SIM_GPS_NOISE"])
+        drift = self._drift.move(self["SIM_GPS_DRIFT"])
         jump = (self["SIM_GPS_JUMP_N"], self["SIM_GPS_JUMP_E"], self["SIM_GPS_JUMP_D"])
         n, e, d = (sum(parts) for parts in zip(noise, drift, jump, strict=True))
         self._error = (n, e, d)
@@ -131,13 +126,9 @@ class Faults:
     def sense(self, truth: Sensed) -> Sensed:
         """What the vehicle believes of itself."""
         if self._frozen is not None:
-            there = self._frozen
-            return truth._replace(
-                position_ned_m=there.position_ned_m, velocity_ned_mps=there.velocity_ned_mps
-            )
+            position, velocity = self._frozen[:2]
+            return truth._replace(position_ned_m=position, velocity_ned_mps=velocity)
         if self._error == STILL:
             return truth
-        n, e, d = truth.position_ned_m
-        return truth._replace(
-            position_ned_m=(n + self._error[0], e + self._error[1], d + self._error[2])
-        )
+        n, e, d = (p + error for p, error in zip(truth.position_ned_m, self._error, strict=True))
+        return truth._replace(position_ned_m=(n, e, d))

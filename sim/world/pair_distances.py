@@ -1,17 +1,17 @@
-"""The smallest true distance of every pair, kept as the vehicles fly. Pure."""
+"""The smallest true distance of each pair so far, and collisions. Pure."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from sim.physics.vehicle import Array, Mask
+from sim.physics.kinematics import Array, Mask
 
 COLLISION_M = 0.5
 """Airframes half a metre across touch when their centres are closer than this."""
 
 
 class PairMinima:
-    """Running smallest horizontal distance of all pairs of n vehicles, and who touches whom."""
+    """Running smallest horizontal distance of all pairs of n vehicles, and which pairs touch."""
 
     def __init__(self, n: int) -> None:
         self._below = np.tri(n, k=0, dtype=np.bool_)
@@ -24,13 +24,13 @@ class PairMinima:
         dimensions)."""
         if len(position) == 1:
             return []
+        # all pairs at once, by squares; the diagonal is each vehicle with itself
         north, east = position[:, 0], position[:, 1]
         square = np.subtract.outer(north, north) ** 2 + np.subtract.outer(east, east) ** 2
         np.minimum(self._least, square, out=self._least)
         close = square < COLLISION_M**2
-        if not self._touching and np.count_nonzero(close) == len(
-            position
-        ):  # everybody only with itself
+        alone = np.count_nonzero(close) == len(position)
+        if alone and not self._touching:
             return []
         return self._collisions(position, close & ~self._below)
 

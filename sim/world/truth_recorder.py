@@ -6,14 +6,14 @@ import math
 from typing import Any
 
 from sim.config import SimConfig
-from sim.world.truth import TruthFile
+from sim.world.truth_file import TruthFile
 from sim.world.world import World
 
-_MM = 4
-"""Decimals of positions and velocities: a tenth of a millimetre."""
+_DECIMALS = 4
+"""Of positions and velocities: a tenth of a millimetre."""
 
 
-class Recorder:
+class TruthRecorder:
     """Call `after_step` after each step of the world, and `close` at the end."""
 
     def __init__(self, world: World, config: SimConfig, file: TruthFile) -> None:
@@ -28,9 +28,8 @@ class Recorder:
     def after_step(self) -> None:
         """Events at once; states and shrunken pair minima at the configured rate."""
         for event in self._world.events:
-            self._file.write(
-                {"type": "event", "t": _t(event.time_s), "sysid": event.sysid, "event": event.event}
-            )
+            line = {"sysid": event.sysid, "event": event.event}
+            self._file.write({"type": "event", "t": _t(event.time_s)} | line)
         self._world.events.clear()
         if self._world.time_s >= self._due_s - 1e-6:
             self._due_s += self._interval_s
@@ -38,8 +37,7 @@ class Recorder:
             self._minima()
 
     def close(self) -> None:
-        """The last state (whatever the rate: how it all ended counts) and minima, and the end
-        line."""
+        """Writes the last state, whatever the rate, the minima and the end line."""
         self.after_step()
         if self._world.time_s > self._written_s:
             self._state()
@@ -52,17 +50,15 @@ class Recorder:
         self._written_s = world.time_s
         self._write(
             "state",
-            ned=world.positions().round(_MM).tolist(),
-            vel=world.velocities().round(_MM).tolist(),
+            ned=world.positions().round(_DECIMALS).tolist(),
+            vel=world.velocities().round(_DECIMALS).tolist(),
             armed=[int(x) for x in world.armed()],
             airborne=[int(x) for x in world.airborne()],
         )
 
     def _minima(self) -> None:
-        pairs = [
-            [self._sysids[i], self._sysids[j], round(d, _MM)]
-            for i, j, d in self._world.pairs.shrunk()
-        ]
+        ids = self._sysids
+        pairs = [[ids[i], ids[j], round(d, _DECIMALS)] for i, j, d in self._world.pairs.shrunk()]
         if pairs:
             self._write("min", pairs=pairs)
 

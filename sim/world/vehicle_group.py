@@ -1,20 +1,18 @@
-"""The vehicles that move alike: one response, one array pass a step. No sockets, no clock."""
+"""The vehicles that move alike: one response, one array pass a step. Pure."""
 
 from __future__ import annotations
 
-from sim.firmware.flying.maneuvers import Demand, Sensed
+from sim.firmware.flying.maneuvers import STILL, Demand, Sensed
 from sim.physics.geodesy import Vector3
-from sim.physics.vehicle import Array, Demands, Response, State, advance
-
-STILL: Vector3 = (0.0, 0.0, 0.0)
+from sim.physics.kinematics import Array, Demands, MotionState, VelocityResponse, advance
 
 
-class Group:
+class VehicleGroup:
     """State and demands of some vehicles, each a row."""
 
-    def __init__(self, response: Response, position: Array, heading: Array) -> None:
+    def __init__(self, response: VelocityResponse, position: Array, heading: Array) -> None:
         self.response = response
-        self.state = State.at_rest(position, response, heading)
+        self.state = MotionState.at_rest(position, response, heading)
         self.demands = Demands.idle(self.state)
         self._rows: list[Sensed] | None = None
 
@@ -24,7 +22,7 @@ class Group:
         self._rows = None
 
     def sense(self, row: int) -> Sensed:
-        """What vehicle `row` feels; worked out for all rows at once, when the first one asks."""
+        """What vehicle `row` feels; worked out for all rows when it is first asked for."""
         if self._rows is None:
             self._rows = self._sense()
         return self._rows[row]
@@ -32,13 +30,9 @@ class Group:
     def _sense(self) -> list[Sensed]:
         s = self.state
         thrust = s.memory[:, -1] if self.response.memory_rows else s.acceleration
-        columns = (
-            s.position.tolist(),
-            s.velocity.tolist(),
-            thrust.tolist(),
-            s.heading.tolist(),
-            s.landed.tolist(),
-        )
+        # plain Python numbers, much faster to read one by one than numpy's
+        arrays = (s.position, s.velocity, thrust, s.heading, s.landed)
+        columns = (array.tolist() for array in arrays)
         return [
             Sensed(tuple(p), tuple(v), tuple(a), h, on)
             for p, v, a, h, on in zip(*columns, strict=True)
@@ -47,8 +41,8 @@ class Group:
     def obey(
         self, row: int, demand: Demand, before: Demand | None, offset: Vector3 = STILL
     ) -> None:
-        """Takes over what differs from the demand `before`; positions are wanted `offset` away from
-        where they are."""
+        """Takes over what differs from the demand `before`, whose positions are those reported:
+        `offset` more than the true ones."""
         d = self.demands
         if before is None or demand.velocity_ned_mps != before.velocity_ned_mps:
             d.velocity[row] = demand.velocity_ned_mps
@@ -59,9 +53,4 @@ class Group:
             ]
             d.hold[row] = [p is not None for p in wanted]
         if before is None or demand[2:] != before[2:]:
-            d.speed[row], d.climb[row], d.descent[row] = (
-                demand.speed_mps,
-                demand.climb_mps,
-                demand.descent_mps,
-            )
-            d.heading[row], d.lift[row] = demand.heading_rad, demand.lift
+            d.speed[row], d.climb[row], d.descent[row], d.heading[row], d.lift[row] = demand[2:]

@@ -26,10 +26,10 @@ from rich.console import Console
 from rich.table import Table
 
 from sim.firmware.message import Message
-from sim.network.endpoint import Codec
+from sim.network.codec import Codec
 from sim.network.hub import Hub
-from sim.physics.response import Ardupilot
-from sim.world.vehicle_group import Group
+from sim.physics.response import ArdupilotResponse
+from sim.world.vehicle_group import VehicleGroup
 from sim.world.world import STEP_S
 from tests.unit.sim.harness import config
 
@@ -73,7 +73,7 @@ def _start(place: int) -> list[bytes]:
 
 def physics(n: int) -> float:
     """Steps of `n` vehicles a second of CPU."""
-    group = Group(Ardupilot(), np.zeros((n, 3)), np.zeros(n))
+    group = VehicleGroup(ArdupilotResponse(), np.zeros((n, 3)), np.zeros(n))
     group.state.landed[:] = False
     group.state.ground[:] = 1e6
     group.demands.lift[:] = True

@@ -12,8 +12,8 @@ from pymavlink.dialects.v20 import common
 
 from sim.config import SimConfig
 from sim.network.hub import Hub
-from sim.physics.response import Ardupilot
-from sim.physics.vehicle import Response as Motion
+from sim.physics.kinematics import VelocityResponse as Motion
+from sim.physics.response import ArdupilotResponse
 from sim.world.world import STEP_S
 from swarm_ctl.core.identification.fit import Fit, fit
 from swarm_ctl.core.identification.step_flight import StepFlight, Steps
@@ -130,7 +130,7 @@ def test_an_arducopter_is_measured_and_a_slower_one_found_slower() -> None:
     own = usual.link._autopilot.parameters
     assert own.released(usual.link._heard), "it has its own failsafe parameters again"
 
-    slow = Measured(motion=Ardupilot(acceleration_mps2=1.2, jerk_mps3=2.4))
+    slow = Measured(motion=ArdupilotResponse(acceleration_mps2=1.2, jerk_mps3=2.4))
     slow.hub.world.vehicles[0].firmware.parameters.set("SIM_DELAY", 0.1)
     slower = slow.found()
     assert slower.response.dead_time_s > found.response.dead_time_s + 0.15

@@ -134,7 +134,7 @@ def test_a_pilot_keeps_the_vehicle(mode: int) -> None:
     assert set(swarm.members[3].goals) <= {"StandbyGoal", "YieldGoal"}
     assert swarm.members[3].goals[-1] == "YieldGoal"
     assert "not taken over" in texts(swarm)
-    assert swarm.hub.world.vehicles[2].firmware.custom_mode() == mode
+    assert swarm.hub.world.vehicles[2].firmware.mode.custom == mode
 
 
 def test_nobody_else_flies() -> None:

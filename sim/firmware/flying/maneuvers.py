@@ -1,6 +1,6 @@
-"""What a vehicle is doing: maneuvers that turn what it senses into a demand on its motion. Pure.
+"""What a vehicle is doing: maneuvers turn what it senses into a demand on its motion. Pure.
 
-Positions are NED metres in the simulator's common frame; a firmware translates its own local frame
+Positions are NED metres in the simulator's common frame; a firmware converts its own local frame
 before.
 """
 
@@ -10,10 +10,13 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
-from sim.firmware.message import Landed
+from sim.firmware.flying.position_target import NOTHING, Axes, Axis
+from sim.firmware.message import LandedState
 from sim.physics.geodesy import Vector3
 
-Axis = float | None
+STILL: Vector3 = (0.0, 0.0, 0.0)
+SPOOL_UP_S = 1.0
+"""From a take-off command to lift."""
 
 
 class Sensed(NamedTuple):
@@ -22,18 +25,16 @@ class Sensed(NamedTuple):
     position_ned_m: Vector3
     velocity_ned_mps: Vector3
     thrust_ned_mps2: Vector3
-    """Acceleration by the rotors alone, beside what carries the weight: it makes the vehicle
-    lean."""
+    """Acceleration by the rotors beyond what carries the weight: it makes the vehicle lean."""
     heading_rad: float
     landed: bool
 
 
 class Demand(NamedTuple):
-    """What the firmware wants of the motion; axes without a position (None) follow the velocity
-    alone."""
+    """The motion a firmware wants; axes without a position follow the velocity alone."""
 
     velocity_ned_mps: Vector3
-    position_ned_m: tuple[Axis, Axis, Axis]
+    position_ned_m: Axes
     speed_mps: float
     climb_mps: float
     descent_mps: float
@@ -42,7 +43,7 @@ class Demand(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Style:
+class FlightStyle:
     """How a firmware flies by itself, from its parameters."""
 
     speed_mps: float
@@ -51,126 +52,126 @@ class Style:
     land_mps: float
     """Descent below `land_below_m` above the take-off point."""
     land_below_m: float
+    takeoff_mps: float
+    return_height_m: float
+    return_wait_s: float
+    """Between the arrival above home and the landing."""
+    waypoint_radius_m: float
     captures: bool
-    """Stops by holding the point where it came to rest (else the velocity controller itself
-    remembers the path)."""
+    """Stops by holding the point where it came to rest; otherwise the velocity controller itself
+    remembers the path."""
 
 
 class Maneuver(Protocol):
     """One thing a vehicle does until told otherwise."""
 
     @property
-    def landed_state(self) -> Landed:
+    def landed_state(self) -> LandedState:
         """EXTENDED_SYS_STATE.landed_state while it goes on in the air."""
-        ...
 
     @property
     def done(self) -> bool:
-        """It has reached what it was begun for."""
-        ...
+        """It has reached its goal."""
 
-    def demand(self, now: float, sensed: Sensed, style: Style, /) -> Demand:
+    def demand(self, now: float, sensed: Sensed, style: FlightStyle, /) -> Demand:
         """Called at least every 0.1 s of mission time."""
-        ...
 
 
 @dataclass(slots=True)
-class Ground:
-    """Motors idle or off. In the air it would fall."""
+class GroundManeuver:
+    """Motors idle or off; in the air the vehicle would fall."""
 
-    landed_state: Landed = Landed.IN_AIR
+    landed_state: LandedState = LandedState.IN_AIR
     done: bool = True
 
-    def demand(self, _now: float, sensed: Sensed, style: Style) -> Demand:
-        """See `Maneuver`."""
-        return _demand(style, sensed.heading_rad, lift=False)
+    def demand(self, _now: float, sensed: Sensed, style: FlightStyle) -> Demand:
+        return fly(style, sensed.heading_rad)._replace(lift=False)
 
 
-class Anchor:
+class _Anchor:
     """Remembers where a stopping vehicle came to rest."""
 
     _SLOW_MPS = 0.3
 
     def __init__(self) -> None:
-        self._point: tuple[float, float] | None = None
+        self._point: tuple[Axis, Axis] = (None, None)
 
-    def point(self, sensed: Sensed, style: Style) -> tuple[Axis, Axis]:
+    def point(self, sensed: Sensed, style: FlightStyle) -> tuple[Axis, Axis]:
         """The horizontal point to hold; (None, None) while still braking, or where the style needs
         none."""
-        if self._point is None and style.captures:
+        if self._point == (None, None) and style.captures:
             north, east, _ = sensed.velocity_ned_mps
             if math.hypot(north, east) < self._SLOW_MPS:
                 self._point = sensed.position_ned_m[:2]
-        return self._point if self._point is not None else (None, None)
+        return self._point
 
 
-class Hold:
+class HoldManeuver:
     """Stop and stay."""
 
-    landed_state = Landed.IN_AIR
+    landed_state = LandedState.IN_AIR
     done = True
+    _SLOW_MPS = 0.2
 
     def __init__(self, heading_rad: float) -> None:
         self._heading_rad = heading_rad
-        self._anchor = Anchor()
+        self._anchor = _Anchor()
         self._down: Axis = None
 
-    def demand(self, _now: float, sensed: Sensed, style: Style) -> Demand:
-        """See `Maneuver`."""
+    def demand(self, _now: float, sensed: Sensed, style: FlightStyle) -> Demand:
         north, east = self._anchor.point(sensed, style)
-        if self._down is None and style.captures and abs(sensed.velocity_ned_mps[2]) < 0.2:
+        slow = abs(sensed.velocity_ned_mps[2]) < self._SLOW_MPS
+        if self._down is None and style.captures and slow:
             self._down = sensed.position_ned_m[2]
-        return _demand(style, self._heading_rad, position=(north, east, self._down))
+        return fly(style, self._heading_rad, position=(north, east, self._down))
 
 
 @dataclass(slots=True)
-class Velocity:
+class VelocityManeuver:
     """Follow a velocity, and where given a position, until the next setpoint."""
 
     velocity_ned_mps: Vector3
     heading_rad: float
-    position_ned_m: tuple[Axis, Axis, Axis] = (None, None, None)
+    position_ned_m: Axes = NOTHING
     yaw_rate_radps: float = 0.0
     since_s: float = 0.0
-    landed_state: Landed = Landed.IN_AIR
+    landed_state: LandedState = LandedState.IN_AIR
     done: bool = True
 
-    def demand(self, now: float, _sensed: Sensed, style: Style) -> Demand:
-        """See `Maneuver`."""
+    def demand(self, now: float, _sensed: Sensed, style: FlightStyle) -> Demand:
         heading = self.heading_rad
         if self.yaw_rate_radps:
             heading += self.yaw_rate_radps * (now - self.since_s)
-        return _demand(style, heading, self.velocity_ned_mps, self.position_ned_m)
+        return fly(style, heading, self.velocity_ned_mps, self.position_ned_m)
 
 
-class Takeoff:
-    """Spool up, climb straight to `down_m`."""
+class TakeoffManeuver:
+    """Spool up, then climb straight to `down_m`."""
 
-    landed_state = Landed.TAKEOFF
+    landed_state = LandedState.TAKEOFF
     _CLOSE_M = 0.3
 
-    def __init__(self, start: Sensed, down_m: float, at_s: float, climb_mps: float) -> None:
+    def __init__(self, start: Sensed, down_m: float, now: float, climb_mps: float) -> None:
         self.done = False
         self._start = start
         self._down_m = down_m
-        self._at_s = at_s
+        self._lift_s = now + SPOOL_UP_S
         self._climb_mps = climb_mps
 
-    def demand(self, now: float, sensed: Sensed, style: Style) -> Demand:
-        """See `Maneuver`."""
-        if sensed.landed and now < self._at_s:
-            return _demand(style, self._start.heading_rad, lift=False)
+    def demand(self, now: float, sensed: Sensed, style: FlightStyle) -> Demand:
+        if sensed.landed and now < self._lift_s:
+            return fly(style, self._start.heading_rad)._replace(lift=False)
         north, east, _ = self._start.position_ned_m
         self.done = abs(sensed.position_ned_m[2] - self._down_m) < self._CLOSE_M
-        where = (north, east, self._down_m)
-        return _demand(style, self._start.heading_rad, position=where, climb_mps=self._climb_mps)
+        demand = fly(style, self._start.heading_rad, position=(north, east, self._down_m))
+        return demand._replace(climb_mps=self._climb_mps)
 
 
-class Land:
+class LandManeuver:
     """Down where it is: fast first, then slowly to the ground at `ground_down_m`, and past it if
-    that is lower."""
+    the real ground is lower."""
 
-    landed_state = Landed.LANDING
+    landed_state = LandedState.LANDING
 
     def __init__(
         self, heading_rad: float, ground_down_m: float, slow_mps: float | None = None
@@ -179,73 +180,123 @@ class Land:
         self._heading_rad = heading_rad
         self._ground_down_m = ground_down_m
         self._slow_mps = slow_mps
-        self._anchor = Anchor()
+        self._anchor = _Anchor()
 
-    def demand(self, _now: float, sensed: Sensed, style: Style) -> Demand:
-        """See `Maneuver`."""
+    def demand(self, _now: float, sensed: Sensed, style: FlightStyle) -> Demand:
         self.done = sensed.landed
         height = self._ground_down_m - sensed.position_ned_m[2]
         rate = style.land_mps if height < style.land_below_m else style.descent_mps
         if self._slow_mps is not None:
             rate = self._slow_mps
         north, east = self._anchor.point(sensed, style)
-        return _demand(style, self._heading_rad, (0.0, 0.0, rate), (north, east, None))
+        return fly(style, self._heading_rad, (0.0, 0.0, rate), (north, east, None))
 
 
-class Return:
+class _EndsInLanding:
+    """A maneuver whose last part is a landing over a given point."""
+
+    def __init__(self, over: Vector3) -> None:
+        self.done = False
+        self._over = over
+        self._land: LandManeuver | None = None
+
+    @property
+    def landed_state(self) -> LandedState:
+        return LandedState.IN_AIR if self._land is None else LandedState.LANDING
+
+    def _land_demand(
+        self, land: LandManeuver, now: float, sensed: Sensed, style: FlightStyle
+    ) -> Demand:
+        down = land.demand(now, sensed, style)
+        self.done = land.done
+        return down._replace(position_ned_m=(self._over[0], self._over[1], None))
+
+
+class ReturnManeuver(_EndsInLanding):
     """Climb (never descend) to the return height, fly home, wait, land."""
 
     _CLOSE_M = 1.0
 
     def __init__(self, start: Sensed, home_ned_m: Vector3, height_m: float, wait_s: float) -> None:
-        self.done = False
+        super().__init__(home_ned_m)
         self._heading_rad = start.heading_rad
-        self._home = home_ned_m
         self._from = start.position_ned_m
         self._down_m = min(home_ned_m[2] - height_m, start.position_ned_m[2])
         self._wait_s = wait_s
         self._home_since_s: float | None = None
         self._climbed = False
-        self._land: Land | None = None
 
-    @property
-    def landed_state(self) -> Landed:
-        """Landing in its last part."""
-        return Landed.IN_AIR if self._land is None else Landed.LANDING
-
-    def demand(self, now: float, sensed: Sensed, style: Style) -> Demand:
-        """See `Maneuver`."""
+    def demand(self, now: float, sensed: Sensed, style: FlightStyle) -> Demand:
         if self._land is not None:
-            down = self._land.demand(now, sensed, style)
-            self.done = self._land.done
-            home = (self._home[0], self._home[1], None)
-            return _demand(style, self._heading_rad, down.velocity_ned_mps, home)
+            return self._land_demand(self._land, now, sensed, style)
+        home = self._over
         north, east, down_m = sensed.position_ned_m
         self._climbed = self._climbed or down_m - self._down_m < self._CLOSE_M
-        place = self._home if self._climbed else self._from
-        if (
-            self._climbed
-            and math.hypot(north - self._home[0], east - self._home[1]) < self._CLOSE_M
-        ):
+        place = home if self._climbed else self._from
+        if self._climbed and math.hypot(north - home[0], east - home[1]) < self._CLOSE_M:
             self._home_since_s = now if self._home_since_s is None else self._home_since_s
             if now - self._home_since_s >= self._wait_s:
-                self._land = Land(self._heading_rad, self._home[2])
-        return _demand(style, self._heading_rad, position=(place[0], place[1], self._down_m))
+                self._land = LandManeuver(self._heading_rad, home[2])
+        return fly(style, self._heading_rad, position=(place[0], place[1], self._down_m))
 
 
-def cruise(style: Style, heading_rad: float, place: tuple[Axis, Axis, Axis]) -> Demand:
-    """Fly to a point, in the style."""
-    return _demand(style, heading_rad, position=place)
+class GoToManeuver:
+    """Fly to a point, wait there; from the ground, climb first."""
+
+    landed_state = LandedState.IN_AIR
+    _FACE_BEYOND_M = 2.0
+    _HEIGHT_M = 1.0
+
+    def __init__(
+        self,
+        place: Vector3,
+        radius_m: float,
+        wait_s: float,
+        heading_rad: float,
+        climb: TakeoffManeuver | None = None,
+    ) -> None:
+        self.done = False
+        self._climb = climb
+        self._place = place
+        self._radius_m = radius_m
+        self._wait_s = wait_s
+        self._heading_rad = heading_rad
+        self._there_s: float | None = None
+
+    def demand(self, now: float, sensed: Sensed, style: FlightStyle) -> Demand:
+        if self._climb is not None and not self._climb.done:
+            return self._climb.demand(now, sensed, style)
+        north, east, down = (p - s for p, s in zip(self._place, sensed.position_ned_m, strict=True))
+        distance = math.hypot(north, east)
+        if distance > self._FACE_BEYOND_M:
+            self._heading_rad = math.atan2(east, north)
+        if self._there_s is None and distance <= self._radius_m and abs(down) <= self._HEIGHT_M:
+            self._there_s = now
+        self.done = self._there_s is not None and now - self._there_s >= self._wait_s
+        return fly(style, self._heading_rad, position=self._place)
 
 
-def _demand(
-    style: Style,
-    heading_rad: float,
-    velocity: Vector3 = (0.0, 0.0, 0.0),
-    position: tuple[Axis, Axis, Axis] = (None, None, None),
-    *,
-    climb_mps: float | None = None,
-    lift: bool = True,
+class LandAtManeuver(_EndsInLanding):
+    """Fly over a point at the present height, then land."""
+
+    def __init__(self, place: Vector3, ground_down_m: float, sensed: Sensed) -> None:
+        super().__init__(place)
+        over = (place[0], place[1], sensed.position_ned_m[2])
+        self._goto = GoToManeuver(over, 1.0, 0.0, sensed.heading_rad)
+        self._ground_down_m = ground_down_m
+
+    def demand(self, now: float, sensed: Sensed, style: FlightStyle) -> Demand:
+        if self._land is None:
+            demand = self._goto.demand(now, sensed, style)
+            if not self._goto.done:
+                return demand
+            self._land = LandManeuver(demand.heading_rad, self._ground_down_m)
+        return self._land_demand(self._land, now, sensed, style)
+
+
+def fly(
+    style: FlightStyle, heading_rad: float, velocity: Vector3 = STILL, position: Axes = NOTHING
 ) -> Demand:
-    climb = style.climb_mps if climb_mps is None else climb_mps
-    return Demand(velocity, position, style.speed_mps, climb, style.descent_mps, heading_rad, lift)
+    """The demand for a velocity or a position, with the speeds of `style`."""
+    s = style
+    return Demand(velocity, position, s.speed_mps, s.climb_mps, s.descent_mps, heading_rad, True)

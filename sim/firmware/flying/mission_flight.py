@@ -7,144 +7,77 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from sim.firmware.flying.maneuvers import (
-    Axis,
     Demand,
-    Ground,
-    Hold,
-    Land,
+    FlightStyle,
+    GoToManeuver,
+    GroundManeuver,
+    HoldManeuver,
+    LandAtManeuver,
+    LandManeuver,
     Maneuver,
-    Return,
+    ReturnManeuver,
     Sensed,
-    Style,
-    Takeoff,
-    cruise,
+    TakeoffManeuver,
 )
-from sim.firmware.message import Landed
-from sim.firmware.protocol.mission_lists import Item, Nav
+from sim.firmware.flying.mission_items import MissionItem
+from sim.firmware.message import LandedState, MavCmd
 from sim.physics.geodesy import Vector3
 
-_FACE_BEYOND_M = 2.0
-_HEIGHT_M = 1.0
-
-
-class GoTo:
-    """Fly to a point, wait there; from the ground, climb first."""
-
-    landed_state = Landed.IN_AIR
-
-    def __init__(
-        self,
-        place: Vector3,
-        radius_m: float,
-        wait_s: float,
-        heading_rad: float,
-        climb: Takeoff | None = None,
-    ) -> None:
-        self.done = False
-        self._climb = climb
-        self._place = place
-        self._radius_m = radius_m
-        self._wait_s = wait_s
-        self._heading_rad = heading_rad
-        self._there_s: float | None = None
-
-    def demand(self, now: float, sensed: Sensed, style: Style) -> Demand:
-        """See `Maneuver`."""
-        if self._climb is not None and not self._climb.done:
-            return self._climb.demand(now, sensed, style)
-        north, east, down = (p - s for p, s in zip(self._place, sensed.position_ned_m, strict=True))
-        distance = math.hypot(north, east)
-        if distance > _FACE_BEYOND_M:
-            self._heading_rad = math.atan2(east, north)
-        if self._there_s is None and distance <= self._radius_m and abs(down) <= _HEIGHT_M:
-            self._there_s = now
-        self.done = self._there_s is not None and now - self._there_s >= self._wait_s
-        place: tuple[Axis, Axis, Axis] = self._place
-        return cruise(style, self._heading_rad, place)
-
-
-class LandAt:
-    """Fly over a point at the height one has, then land."""
-
-    def __init__(self, place: Vector3, ground_down_m: float, sensed: Sensed) -> None:
-        self._goto = GoTo(
-            (place[0], place[1], sensed.position_ned_m[2]), 1.0, 0.0, sensed.heading_rad
-        )
-        self._over = place
-        self._ground_down_m = ground_down_m
-        self._land: Land | None = None
-        self.done = False
-
-    @property
-    def landed_state(self) -> Landed:
-        """Landing in its last part."""
-        return Landed.IN_AIR if self._land is None else Landed.LANDING
-
-    def demand(self, now: float, sensed: Sensed, style: Style) -> Demand:
-        """See `Maneuver`."""
-        if self._land is None:
-            demand = self._goto.demand(now, sensed, style)
-            if not self._goto.done:
-                return demand
-            self._land = Land(demand.heading_rad, self._ground_down_m)
-        down = self._land.demand(now, sensed, style)
-        self.done = self._land.done
-        return down._replace(position_ned_m=(self._over[0], self._over[1], None))
+_AT_A_PLACE = frozenset({16, 17, 18, 19, 82})
+"""MAV_CMDs of items that are a point to fly to: waypoints and loiters."""
+_WAIT_S: dict[int, float] = {MavCmd.NAV_LOITER_UNLIM: math.inf, MavCmd.NAV_LOITER_TURNS: 0.0}
+"""At the point, where the item itself doesn't say it; turns are not flown."""
 
 
 @dataclass(frozen=True)
-class Course:
-    """What a mission needs to know of its vehicle."""
+class MissionVehicle:
+    """What a mission needs to know of its vehicle, and tells it."""
 
-    place: Callable[[Item], Vector3]
+    style: FlightStyle
+    """As it was when the mission began."""
+    place: Callable[[MissionItem], Vector3]
     """NED of an item's point."""
     home: Callable[[], Vector3]
-    radius_m: float
-    return_height_m: float
-    return_wait_s: float
-    takeoff_mps: float
-    spool_up_s: float
     set_speed: Callable[[float], None]
     reached: Callable[[int], None]
     """Told the index of each item as it is done."""
 
 
-class Auto:
+class MissionManeuver:
     """A mission from item `first` on. At its end it hovers, unless it has landed."""
 
-    def __init__(self, items: Sequence[Item], first: int, course: Course) -> None:
+    def __init__(self, items: Sequence[MissionItem], first: int, vehicle: MissionVehicle) -> None:
         self.current = first
         self.finished = False
         self.paused = False
         self._items = items
-        self._course = course
+        self._vehicle = vehicle
         self._leg: Maneuver | None = None
         self._jumps: dict[int, int] = {}
-        self._hold: Hold | None = None
+        self._hold: HoldManeuver | None = None
 
     @property
-    def landed_state(self) -> Landed:
+    def landed_state(self) -> LandedState:
         """The leg's."""
-        return Landed.IN_AIR if self._leg is None else self._leg.landed_state
+        return LandedState.IN_AIR if self._leg is None else self._leg.landed_state
 
     @property
     def done(self) -> bool:
         """It has come to its end, and that was a landing."""
-        return self.finished and isinstance(self._leg, LandAt | Land | Return)
+        landing = isinstance(self._leg, LandAtManeuver | LandManeuver | ReturnManeuver)
+        return self.finished and landing
 
     def jump_to(self, index: int) -> None:
         """Goes on with another item."""
         self.current, self._leg, self.finished = index, None, False
 
-    def demand(self, now: float, sensed: Sensed, style: Style) -> Demand:
-        """See `Maneuver`."""
+    def demand(self, now: float, sensed: Sensed, style: FlightStyle) -> Demand:
         if self.paused and not sensed.landed:
-            self._hold = self._hold or Hold(sensed.heading_rad)
+            self._hold = self._hold or HoldManeuver(sensed.heading_rad)
             return self._hold.demand(now, sensed, style)
         self._hold = None
-        for _ in range(
-            len(self._items) + 1
-        ):  # items that take no time; bounded for jumps in circles
+        # several items may take no time; the bound ends jumps in circles
+        for _ in range(len(self._items) + 1):
             if self.finished:
                 break
             if self._leg is None:
@@ -155,79 +88,65 @@ class Auto:
             self._next()
         return self._after(now, sensed, style)
 
-    def _after(self, now: float, sensed: Sensed, style: Style) -> Demand:
-        if self._leg is None or isinstance(self._leg, Ground):
-            self._leg = Ground() if sensed.landed else Hold(sensed.heading_rad)
+    def _after(self, now: float, sensed: Sensed, style: FlightStyle) -> Demand:
+        if self._leg is None or isinstance(self._leg, GroundManeuver):
+            self._leg = GroundManeuver() if sensed.landed else HoldManeuver(sensed.heading_rad)
         return self._leg.demand(now, sensed, style)
 
     def _next(self) -> None:
-        self._course.reached(self.current)
+        self._vehicle.reached(self.current)
         item = self._items[self.current]
         following = self.current + 1
-        if item.command == Nav.DO_JUMP and self._jump_allowed(item):
+        if item.command == MavCmd.DO_JUMP and self._jump_allowed(item):
             following = int(item.p[0])
         if following >= len(self._items):
             self.finished = True
-            return
-        self.current, self._leg = following, None
+        else:
+            self.jump_to(following)
 
-    def _jump_allowed(self, item: Item) -> bool:
-        if not (
-            math.isfinite(item.p[0])
-            and math.isfinite(item.p[1])
-            and 0 <= item.p[0] < len(self._items)
-        ):
+    def _jump_allowed(self, item: MissionItem) -> bool:
+        to, times = item.p[:2]
+        if not (math.isfinite(to) and math.isfinite(times) and 0 <= to < len(self._items)):
             return False
         made = self._jumps.get(self.current, 0)
         self._jumps[self.current] = made + 1
-        return item.p[1] < 0 or made < item.p[1]
+        return times < 0 or made < times
 
     def _begin(self, now: float, sensed: Sensed) -> Maneuver:
-        item, course = self._items[self.current], self._course
-        here = sensed.position_ned_m
-        if item.command == Nav.TAKEOFF:
+        item, vehicle, style = self._items[self.current], self._vehicle, self._vehicle.style
+        here, heading = sensed.position_ned_m, sensed.heading_rad
+        if item.command == MavCmd.NAV_TAKEOFF:
+            down = vehicle.place(item)[2]
             if sensed.landed:
-                return self._climb(now, sensed, course.place(item)[2])
-            return GoTo(
-                (here[0], here[1], course.place(item)[2]), course.radius_m, 0.0, sensed.heading_rad
+                return TakeoffManeuver(sensed, down, now, style.takeoff_mps)
+            return GoToManeuver((here[0], here[1], down), style.waypoint_radius_m, 0.0, heading)
+        if item.command == MavCmd.NAV_LAND:
+            where = vehicle.place(item) if item.placed else here
+            return LandAtManeuver(where, vehicle.home()[2], sensed)
+        if item.command == MavCmd.NAV_RETURN_TO_LAUNCH:
+            return ReturnManeuver(
+                sensed, vehicle.home(), style.return_height_m, style.return_wait_s
             )
-        if item.command == Nav.LAND:
-            where = course.place(item) if item.placed else here
-            return LandAt(where, course.home()[2], sensed)
-        if item.command == Nav.RETURN:
-            return Return(sensed, course.home(), course.return_height_m, course.return_wait_s)
-        if item.command == Nav.DELAY:
-            return GoTo(here, math.inf, _seconds(item.p[0]), sensed.heading_rad)
-        if item.command == Nav.DO_CHANGE_SPEED and math.isfinite(item.p[1]) and item.p[1] > 0:
-            course.set_speed(item.p[1])
+        if item.command == MavCmd.NAV_DELAY:
+            return GoToManeuver(here, math.inf, _positive(item.p[0]), heading)
+        if item.command == MavCmd.DO_CHANGE_SPEED and (speed := _positive(item.p[1])):
+            vehicle.set_speed(speed)
         if item.command in _AT_A_PLACE:
-            return self._goto(item, now, sensed)
-        return Ground()  # done at once
+            return self._go_to(item, now, sensed)
+        return GroundManeuver()  # done at once
 
-    def _climb(self, now: float, sensed: Sensed, down_m: float) -> Takeoff:
-        return Takeoff(sensed, down_m, now + self._course.spool_up_s, self._course.takeoff_mps)
-
-    def _goto(self, item: Item, now: float, sensed: Sensed) -> GoTo:
-        course = self._course
-        n, e, d = course.place(item)
+    def _go_to(self, item: MissionItem, now: float, sensed: Sensed) -> GoToManeuver:
+        style = self._vehicle.style
+        n, e, d = self._vehicle.place(item)
         here = sensed.position_ned_m
         place = (n, e, d) if item.placed else (here[0], here[1], d)
-        wait = math.inf if item.command == Nav.LOITER_UNLIM else _seconds(item.p[0])
-        if item.command == Nav.LOITER_TURNS:
-            wait = 0.0
-        own = (
-            item.p[1]
-            if item.command == Nav.WAYPOINT and math.isfinite(item.p[1]) and item.p[1] > 0
-            else 0.0
-        )
-        climb = self._climb(now, sensed, d) if sensed.landed else None
-        return GoTo(place, own or course.radius_m, wait, sensed.heading_rad, climb)
+        wait = _WAIT_S.get(item.command, _positive(item.p[0]))
+        own = _positive(item.p[1]) if item.command == MavCmd.NAV_WAYPOINT else 0.0
+        climb = TakeoffManeuver(sensed, d, now, style.takeoff_mps) if sensed.landed else None
+        radius = own or style.waypoint_radius_m
+        return GoToManeuver(place, radius, wait, sensed.heading_rad, climb)
 
 
-_AT_A_PLACE = frozenset(
-    {Nav.WAYPOINT, Nav.SPLINE, Nav.LOITER_UNLIM, Nav.LOITER_TURNS, Nav.LOITER_TIME}
-)
-
-
-def _seconds(value: float) -> float:
+def _positive(value: float) -> float:
+    """The value; 0 where it is not a positive number."""
     return value if math.isfinite(value) and value > 0 else 0.0

@@ -1,6 +1,6 @@
 """How the swarms of a batch move: the ideal points of the paper, or simulated vehicles.
 
-The vehicles' kinematics are the simulator's own (`sim.physics.vehicle`), the one thing of it that
+The vehicles' kinematics are the simulator's own (`sim.physics.kinematics`), the one thing of it that
 this side imports: it is pure, and a study with other vehicles than the runs would prove nothing
 about them.
 """
@@ -12,7 +12,7 @@ from typing import Final, Protocol
 import numpy as np
 
 from sim.physics import response as firmware
-from sim.physics.vehicle import Array, Demands, Response, State, advance
+from sim.physics.kinematics import Array, Demands, MotionState, VelocityResponse, advance
 from swarm_ctl.core.law.stop_point import pending, stop_points
 from swarm_ctl.core.model.arrays import Bools, Floats, keep_missions
 from swarm_ctl.core.model.plan import Compensation
@@ -78,7 +78,7 @@ class LagResponse:
     def acceleration(
         self, memory: Array, velocity: Array, target: Array, wind: Array, dt: float
     ) -> Array:
-        """See `sim.physics.vehicle.Response`; knows no wind."""
+        """See `sim.physics.kinematics.VelocityResponse`; knows no wind."""
         del memory, wind
         share = -np.expm1(-dt / np.maximum(self._lag_s, 1e-6))
         wanted = (target - velocity) * (share / dt)[:, None, None]
@@ -91,18 +91,18 @@ class LagResponse:
 
 
 class VehicleMotion:
-    """`sim.physics.vehicle` behind a dead time, the agents' speed limit and, if asked for, the stop
+    """Simulated vehicles behind a dead time, the agents' speed limit and, if asked for, the stop
     point."""
 
     def __init__(self, batch: Batch) -> None:
         cell = batch.cell
         self._cell, self._unit_m, self._tick_s = cell, cell.unit_m, cell.tick_s
         self._model = cell.model
-        self._response: Response = _response(batch)
+        self._response: VelocityResponse = _response(batch)
         place = np.zeros((len(batch), cell.n, 3))
         place[..., :2] = batch.starts.transpose(2, 1, 0) * cell.unit_m
         place[..., 2] = -10.0
-        self._state = State.at_rest(place, self._response)
+        self._state = MotionState.at_rest(place, self._response)
         self._state.landed[:] = False
         self._state.ground[:] = 0.0
         self._state.wind[..., :2] = (_direction(batch.wind_from_rad) * -batch.wind_mps).T[:, None]
@@ -151,7 +151,7 @@ class VehicleMotion:
 
     def only(self, missions: Bools) -> None:
         state = self._state
-        for name in State.__slots__:
+        for name in MotionState.__slots__:
             setattr(state, name, getattr(state, name)[missions])
         self._late = self._late[missions]
         self._commands = self._commands[:, missions]
@@ -167,12 +167,12 @@ def motion_of(batch: Batch) -> BatchMotion:
     return IdealMotion(batch) if batch.cell.vehicle == "ideal" else VehicleMotion(batch)
 
 
-def _response(batch: Batch) -> Response:
+def _response(batch: Batch) -> VelocityResponse:
     match batch.cell.vehicle:
         case "ardupilot":
-            return firmware.Ardupilot()
+            return firmware.ArdupilotResponse()
         case "px4":
-            return firmware.Px4()
+            return firmware.Px4Response()
         case _:
             return LagResponse(batch.lag_s, batch.cell.acceleration_mps2)
 

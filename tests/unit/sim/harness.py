@@ -6,15 +6,16 @@ from __future__ import annotations
 from typing import Any
 
 from sim.config import SimConfig
-from sim.firmware.ardupilot import Ardupilot
-from sim.firmware.base import Contact, Firmware, Setup
+from sim.firmware.ardupilot_persona import ArdupilotPersona
+from sim.firmware.autopilot import AutopilotSetup, Contact
+from sim.firmware.firmware import Firmware
 from sim.firmware.flying.maneuvers import Sensed
 from sim.firmware.message import Message
-from sim.firmware.px4 import Px4
-from sim.physics.geodesy import Geodetic, TangentPlane
+from sim.firmware.px4_persona import Px4Persona
+from sim.physics.geodesy import GeodeticPoint, TangentPlane
 from sim.world.world import World
 
-ORIGIN = Geodetic(47.397742, 8.545594, 488.0)
+ORIGIN = GeodeticPoint(47.397742, 8.545594, 488.0)
 GCS = (255, 190)
 ON_GROUND = Sensed((10.0, 5.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0, landed=True)
 IN_AIR = Sensed((10.0, 5.0, -10.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0, landed=False)
@@ -57,10 +58,13 @@ class Rig:
     """One firmware whose sensors the test holds in its hand."""
 
     def __init__(
-        self, persona: type[Ardupilot | Px4], ready_after_s: float = 3.0, start: Sensed = ON_GROUND
+        self,
+        persona: type[ArdupilotPersona | Px4Persona],
+        ready_after_s: float = 3.0,
+        start: Sensed = ON_GROUND,
     ) -> None:
         self.contacts: list[Contact] = []
-        setup = Setup(
+        setup = AutopilotSetup(
             1, TangentPlane(ORIGIN), start, LOCAL_ORIGIN, ready_after_s, lambda: self.contacts
         )
         self.firmware: Firmware = persona(setup, 0.0)
@@ -178,7 +182,7 @@ class Flight:
 
     def take_off(self, place: int = 0, height_m: float = 10.0) -> None:
         """Mode, arm, climb (without waiting for the height)."""
-        if isinstance(self.world.vehicles[place].firmware, Ardupilot):
+        if isinstance(self.world.vehicles[place].firmware, ArdupilotPersona):
             assert self.command(place, SET_MODE, 1, GUIDED) == 0
             assert self.command(place, ARM, 1) == 0
             assert self.command(place, TAKEOFF, 0, 0, 0, 0, 0, 0, height_m) == 0

@@ -7,9 +7,14 @@ import math
 
 import pytest
 
-from sim.firmware.ardupilot import GCS_FAILSAFE, MODES, Ardupilot
-from sim.firmware.flying.maneuvers import Hold, Land, Takeoff, Velocity
-from sim.firmware.message import Result
+from sim.firmware.ardupilot_persona import GCS_FAILSAFE, MODES, ArdupilotPersona
+from sim.firmware.flying.maneuvers import (
+    HoldManeuver,
+    LandManeuver,
+    TakeoffManeuver,
+    VelocityManeuver,
+)
+from sim.firmware.message import MavResult
 from tests.unit.sim.harness import (
     ARM,
     AUTO,
@@ -25,16 +30,16 @@ from tests.unit.sim.harness import (
 )
 
 ACCEPTED, DENIED, UNSUPPORTED, FAILED = (
-    Result.ACCEPTED,
-    Result.DENIED,
-    Result.UNSUPPORTED,
-    Result.FAILED,
+    MavResult.ACCEPTED,
+    MavResult.DENIED,
+    MavResult.UNSUPPORTED,
+    MavResult.FAILED,
 )
 
 
 def ready() -> Rig:
     """Disarmed on the ground, would arm."""
-    rig = Rig(Ardupilot)
+    rig = Rig(ArdupilotPersona)
     rig.run(3.0)
     return rig
 
@@ -56,21 +61,21 @@ def flying() -> Rig:
 
 
 def mode(rig: Rig) -> int:
-    return rig.firmware.custom_mode()
+    return rig.firmware.mode.custom
 
 
 class TestAnswers:
     """The table at the end of MEASURED, ArduCopter's column."""
 
     def test_arm_before_ready(self) -> None:
-        rig = Rig(Ardupilot)
+        rig = Rig(ArdupilotPersona)
         rig.run(2.9)
         assert rig.ask(ARM, 1) == FAILED
         assert rig.texts()[0].startswith("Arm: ")
         assert not rig.firmware.armed
 
     def test_forced_arming_needs_its_number(self) -> None:
-        rig = Rig(Ardupilot)
+        rig = Rig(ArdupilotPersona)
         rig.run(1.0)
         assert rig.ask(ARM, 1, 21196) == FAILED
         assert rig.ask(ARM, 1, 2989) == ACCEPTED
@@ -132,7 +137,7 @@ class TestAnswers:
         assert rig.ask(ARM, 0, 21196) == ACCEPTED
         assert not rig.firmware.demand.lift
 
-    @pytest.mark.parametrize("number", [m.number for m in MODES.values()])
+    @pytest.mark.parametrize("number", [m.custom for m in MODES.values()])
     def test_arming_by_mode(self, number: int) -> None:
         rig = ready()
         entered = rig.ask(SET_MODE, 1, number)
@@ -144,7 +149,7 @@ class TestAnswers:
                 assert rig.texts() == [f"Arm: {row.name} mode not armable"]
 
     def test_guided_in_the_air_without_a_position_estimate(self) -> None:
-        rig = Rig(Ardupilot, ready_after_s=100.0)
+        rig = Rig(ArdupilotPersona, ready_after_s=100.0)
         rig.run(1.0)
         rig.ask(ARM, 1, 2989)
         rig.sensed = IN_AIR
@@ -184,9 +189,9 @@ class TestSetpoints:
 
     def test_it_takes_the_place_of_a_take_off(self) -> None:
         rig = flying()
-        assert isinstance(rig.firmware.maneuver, Takeoff)
+        assert isinstance(rig.firmware.maneuver, TakeoffManeuver)
         rig.fly(0.0, 0.0, 0.0)
-        assert isinstance(rig.firmware.maneuver, Velocity)
+        assert isinstance(rig.firmware.maneuver, VelocityManeuver)
 
     @pytest.mark.parametrize(
         ("mask", "frame"),
@@ -197,7 +202,7 @@ class TestSetpoints:
         rig = flying()
         rig.fly(1.0, 0.0, 0.0)
         rig.fly(3.0, 0.0, 0.0, mask=mask, frame=frame)
-        assert isinstance(rig.firmware.maneuver, Hold)
+        assert isinstance(rig.firmware.maneuver, HoldManeuver)
         assert mode(rig) == GUIDED
 
     @pytest.mark.parametrize(("mask", "yaw"), [(2503, 1.0), (1479, None), (4039, None)])
@@ -320,7 +325,7 @@ class TestGround:
     def test_land_disarms_once_it_has_stood_a_second(self) -> None:
         rig = flying()
         assert rig.ask(SET_MODE, 1, LAND) == ACCEPTED
-        assert isinstance(rig.firmware.maneuver, Land)
+        assert isinstance(rig.firmware.maneuver, LandManeuver)
         rig.run(20.0)
         assert rig.firmware.armed
         rig.move(landed=True)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from sim.firmware.message import MESSAGE_IDS, Message
-from sim.network.endpoint import Codec
+from sim.network.codec import Codec
 from sim.network.signing import Signing, read_key
 
 

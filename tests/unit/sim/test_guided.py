@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from sim.physics.geodesy import Geodetic
+from sim.physics.geodesy import GeodeticPoint
 from tests.unit.sim.harness import ORIGIN, Flight, config
 
 CONDITION_YAW, OFFBOARD = 115, 6 << 16
@@ -83,7 +83,7 @@ def test_a_global_velocity_needs_no_place() -> None:
     assert flight.velocity()[0] == pytest.approx(2.0, abs=0.1)
 
 
-def item(at: Geodetic, up: float, **more: Any) -> dict[str, Any]:
+def item(at: GeodeticPoint, up: float, **more: Any) -> dict[str, Any]:
     """A guided item, as dronekit's `simple_goto` sends it."""
     numbers = dict.fromkeys(("param1", "param2", "param3", "param4"), 0.0)
     rest = {"frame": 3, "command": 16, "current": 2, "autocontinue": 0, "mission_type": 0, "seq": 0}
@@ -110,7 +110,9 @@ def test_an_item_that_is_no_part_of_a_list_is_flown_at_once_by_arducopter_in_gui
 def test_px4_has_no_such_items() -> None:
     flight = hovering("px4")
     assert (
-        flight.tell(0, "MISSION_ITEM", **item(Geodetic(ORIGIN.lat_deg, ORIGIN.lon_deg, 0.0), 12.0))
+        flight.tell(
+            0, "MISSION_ITEM", **item(GeodeticPoint(ORIGIN.lat_deg, ORIGIN.lon_deg, 0.0), 12.0)
+        )
         == []
     )
 

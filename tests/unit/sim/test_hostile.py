@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from sim.firmware.flying.mission_items import MAX_ITEMS
 from sim.firmware.message import Message
-from sim.firmware.protocol.mission_lists import MAX_ITEMS
-from sim.firmware.protocol.services import HANDLERS
-from sim.network.endpoint import _BY_NAME, Codec
+from sim.firmware.protocol.handlers import HANDLERS
+from sim.network.codec import _BY_NAME, Codec
 from sim.network.hub import MAX_CLIENTS
 from tests.unit.sim.network.test_hub import A, Clients
 from tests.unit.sim.test_codec import random_value
@@ -159,7 +159,7 @@ def check(clients: Clients) -> None:
     assert len(clients.hub._clients[0]) <= MAX_CLIENTS
     assert len(firmware.outbox) == 0
     assert len(firmware.pending_parameters) <= len(firmware.parameters)
-    assert all(len(items) <= MAX_ITEMS for items in firmware.plans.lists.values())
+    assert all(len(items) <= MAX_ITEMS for items in firmware.missions.lists.values())
     assert all(math.isfinite(firmware.parameters[name]) for name in firmware.parameters.names)
     if clients.hub.world.time_s >= firmware.boot_s:  # not just restarting
         clients.command(0, A, 512, 148)

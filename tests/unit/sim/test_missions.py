@@ -7,14 +7,14 @@ from typing import Any
 
 import pytest
 
-from sim.firmware.ardupilot import Ardupilot
+from sim.firmware.ardupilot_persona import ArdupilotPersona
+from sim.firmware.flying.mission_items import MissionResult
 from sim.firmware.message import Message
-from sim.firmware.protocol.mission_lists import Answer
-from sim.firmware.px4 import Px4
+from sim.firmware.px4_persona import Px4Persona
 from tests.unit.sim.harness import ARM, GUIDED, ORIGIN, SET_MODE, Flight, Rig, config
 
-Persona = type[Ardupilot | Px4]
-BOTH = pytest.mark.parametrize("persona", [Ardupilot, Px4])
+Persona = type[ArdupilotPersona | Px4Persona]
+BOTH = pytest.mark.parametrize("persona", [ArdupilotPersona, Px4Persona])
 NAMES = pytest.mark.parametrize("persona", ["ardupilot", "px4"])
 TO: dict[str, Any] = {"target_system": 1, "target_component": 1}
 WAYPOINT, RTL, LAND, TAKEOFF, START, PAUSE, SET_CURRENT, SPEED = 16, 20, 21, 22, 300, 193, 224, 178
@@ -79,10 +79,10 @@ def test_what_goes_up_comes_down(persona: Persona, kind: int) -> None:
     rig = ready(persona)
     command = {0: WAYPOINT, 1: 5001, 2: 5100}[kind]
     items = [item(command, 5.0 * i, 3.0 * i + 1.0, 10.0, 1.0, 2.0) for i in range(1, 6)]
-    assert upload(rig, items, kind) == [Answer.ACCEPTED]
+    assert upload(rig, items, kind) == [MissionResult.ACCEPTED]
     got = download(rig, kind)
     assert [g["seq"] for g in got] == list(range(5))
-    first = 1 if persona is Ardupilot and kind == 0 else 0
+    first = 1 if persona is ArdupilotPersona and kind == 0 else 0
     for sent, found in list(zip(items, got, strict=True))[first:]:
         assert {k: found[k] for k in sent if k != "current"} == {
             k: v for k, v in sent.items() if k != "current"
@@ -110,7 +110,10 @@ def test_old_clients_ask_and_send_in_floats(persona: Persona) -> None:
 
 def test_each_firmware_asks_with_the_message_its_clients_know() -> None:
     """Both begin with the older one; PX4 goes over to integers, and back, as its client does."""
-    for persona, then in ((Ardupilot, "MISSION_REQUEST"), (Px4, "MISSION_REQUEST_INT")):
+    for persona, then in (
+        (ArdupilotPersona, "MISSION_REQUEST"),
+        (Px4Persona, "MISSION_REQUEST_INT"),
+    ):
         rig = ready(persona)
         for expected, answer in (("MISSION_REQUEST", "MISSION_ITEM_INT"), (then, "MISSION_ITEM")):
             rig.said.clear()
@@ -122,7 +125,7 @@ def test_each_firmware_asks_with_the_message_its_clients_know() -> None:
 
 def test_px4_asks_otherwise_when_its_client_does_not_know_the_request() -> None:
     """MAVSDK takes no MISSION_REQUEST from PX4, and says so."""
-    rig = ready(Px4)
+    rig = ready(Px4Persona)
     rig.tell("MISSION_COUNT", **TO, count=2, mission_type=0)
     for expected in ("MISSION_REQUEST_INT", "MISSION_REQUEST"):
         rig.said.clear()
@@ -170,14 +173,14 @@ def test_the_wrong_item_is_not_taken_and_strangers_neither(persona: Persona) -> 
 @pytest.mark.parametrize(
     ("bad", "answer"),
     [
-        (item(91), Answer.UNSUPPORTED),
-        (item(WAYPOINT) | {"frame": 1}, Answer.UNSUPPORTED_FRAME),
-        (item(WAYPOINT) | {"z": math.nan}, Answer.INVALID),
-        (item(5001), Answer.UNSUPPORTED),
+        (item(91), MissionResult.UNSUPPORTED),
+        (item(WAYPOINT) | {"frame": 1}, MissionResult.UNSUPPORTED_FRAME),
+        (item(WAYPOINT) | {"z": math.nan}, MissionResult.INVALID),
+        (item(5001), MissionResult.UNSUPPORTED),
     ],
 )
 def test_what_can_not_be_flown_is_refused_and_the_old_list_kept(
-    persona: Persona, bad: dict[str, Any], answer: Answer
+    persona: Persona, bad: dict[str, Any], answer: MissionResult
 ) -> None:
     rig = ready(persona)
     assert upload(rig, [HOME, *ROUND]) == [0]
@@ -202,7 +205,11 @@ def test_clearing_and_what_is_not_there(persona: Persona) -> None:
     rig.tell("MISSION_REQUEST_LIST", **TO, mission_type=77)
     rig.tell("MISSION_COUNT", **TO, count=60000, mission_type=0)
     types = [m["type"] for m in rig.heard("MISSION_ACK")]
-    assert types == [Answer.INVALID_SEQUENCE, Answer.UNSUPPORTED, Answer.NO_SPACE]
+    assert types == [
+        MissionResult.INVALID_SEQUENCE,
+        MissionResult.UNSUPPORTED,
+        MissionResult.NO_SPACE,
+    ]
 
 
 @BOTH
@@ -277,7 +284,7 @@ def test_a_mission_that_ends_in_the_air_hovers_there(persona: str) -> None:
     assert flight.ned() == pytest.approx([20.0, 15.0, -8.0], abs=1.0)
     assert flight.world.armed() == [True]
     if persona == "px4":
-        assert flight.world.vehicles[0].firmware.custom_mode() == 4 << 16 | 3 << 24
+        assert flight.world.vehicles[0].firmware.mode.custom == 4 << 16 | 3 << 24
 
 
 @NAMES

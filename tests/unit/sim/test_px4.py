@@ -7,11 +7,12 @@ import math
 
 import pytest
 
-from sim.firmware.flying.maneuvers import Land
-from sim.firmware.message import Result
-from sim.firmware.px4 import LAND as LAND_MODE
-from sim.firmware.px4 import LOITER, MODES, OFFBOARD_LOSS, POSCTL, RTL, TAKEOFF, Px4
-from sim.firmware.px4 import OFFBOARD as OFFBOARD_MODE
+from sim.firmware.autopilot import FlightMode
+from sim.firmware.flying.maneuvers import LandManeuver
+from sim.firmware.message import MavResult
+from sim.firmware.px4_persona import LAND as LAND_MODE
+from sim.firmware.px4_persona import LOITER, MODES, OFFBOARD_LOSS, POSCTL, RTL, TAKEOFF, Px4Persona
+from sim.firmware.px4_persona import OFFBOARD as OFFBOARD_MODE
 from tests.unit.sim.harness import (
     ARM,
     IN_AIR,
@@ -24,12 +25,16 @@ from tests.unit.sim.harness import (
 )
 from tests.unit.sim.harness import TAKEOFF as TAKE_OFF
 
-ACCEPTED, REJECTED, UNSUPPORTED = Result.ACCEPTED, Result.TEMPORARILY_REJECTED, Result.UNSUPPORTED
+ACCEPTED, REJECTED, UNSUPPORTED = (
+    MavResult.ACCEPTED,
+    MavResult.TEMPORARILY_REJECTED,
+    MavResult.UNSUPPORTED,
+)
 NAN = math.nan
 
 
 def ready() -> Rig:
-    rig = Rig(Px4)
+    rig = Rig(Px4Persona)
     rig.run(3.0)
     return rig
 
@@ -64,14 +69,14 @@ def offboard() -> Rig:
 
 
 def mode(rig: Rig) -> int:
-    return rig.firmware.custom_mode()
+    return rig.firmware.mode.custom
 
 
 class TestAnswers:
     """The table at the end of MEASURED, PX4's column."""
 
     def test_arm_before_ready(self) -> None:
-        rig = Rig(Px4)
+        rig = Rig(Px4Persona)
         rig.run(1.0)
         assert rig.ask(ARM, 1) == REJECTED
         assert rig.texts()[0].startswith("Arming denied")
@@ -142,11 +147,11 @@ class TestAnswers:
         assert rig.ask(SET_MODE, 1, *OFFBOARD) == REJECTED
 
     @pytest.mark.parametrize("row", MODES.values(), ids=lambda row: row.name)
-    def test_modes_while_armed(self, row: object) -> None:
+    def test_modes_while_armed(self, row: FlightMode) -> None:
         """Manual modes have no sticks, missions no mission, OFFBOARD no stream."""
-        assert isinstance(row, type(LOITER))
-        possible = not row.manual and row.name not in ("AUTO.MISSION", "OFFBOARD")
-        assert flying().ask(SET_MODE, 1, row.main, row.sub) == (ACCEPTED if possible else REJECTED)
+        possible = row.guided and row.name not in ("AUTO.MISSION", "OFFBOARD")
+        main, sub = row.custom >> 16 & 0xFF, row.custom >> 24
+        assert flying().ask(SET_MODE, 1, main, sub) == (ACCEPTED if possible else REJECTED)
 
     def test_arming_needs_a_mode_to_fly_in(self) -> None:
         for wanted in (PX4_POSCTL, PX4_LAND, OFFBOARD):
@@ -208,7 +213,7 @@ class TestOffboard:
     def test_a_new_stream_may_take_over_again(self) -> None:
         rig = offboard()
         rig.run(1.5)
-        assert isinstance(rig.firmware.maneuver, Land)
+        assert isinstance(rig.firmware.maneuver, LandManeuver)
         stream(rig, 1.2)
         assert rig.ask(SET_MODE, 1, *OFFBOARD) == ACCEPTED
         assert rig.firmware.demand.velocity_ned_mps == (1.0, 0.0, 0.0)

@@ -10,17 +10,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.firmware.ardupilot import Ardupilot
-from sim.firmware.fault_parameters import SIM_DEFAULTS
-from sim.firmware.message import MESSAGE_IDS, Result, Severity
-from sim.firmware.protocol.parameters import ARDUPILOT_DEFAULTS, BYTEWISE, CAST, PX4_DEFAULTS, Kind
-from sim.firmware.protocol.streams import Streams
-from sim.firmware.protocol.telemetry import BUILDERS
-from sim.firmware.px4 import Px4
+from sim.firmware.ardupilot_persona import ArdupilotPersona
+from sim.firmware.message import MESSAGE_IDS, MavResult, MavSeverity
+from sim.firmware.parameters.ardupilot_parameters import ARDUPILOT_DEFAULTS
+from sim.firmware.parameters.fault_parameters import SIM_DEFAULTS
+from sim.firmware.parameters.parameter_set import BYTEWISE, CAST, ParamType
+from sim.firmware.parameters.px4_parameters import PX4_DEFAULTS
+from sim.firmware.protocol.telemetry import readings
+from sim.firmware.px4_persona import Px4Persona
+from sim.firmware.streams import Streams
 from tests.unit.sim.harness import ARM, IN_AIR, LOCAL_ORIGIN, Rig, command_fields, setpoint_fields
 
-Persona = type[Ardupilot | Px4]
-BOTH = pytest.mark.parametrize("persona", [Ardupilot, Px4])
+Persona = type[ArdupilotPersona | Px4Persona]
+BOTH = pytest.mark.parametrize("persona", [ArdupilotPersona, Px4Persona])
 INTERVAL, REQUEST = 511, 512
 
 
@@ -44,16 +46,16 @@ def test_heartbeat_once_a_second_says_who_and_how(persona: Persona) -> None:
     assert all(b["type"] == 2 and b["autopilot"] == persona.autopilot for b in beats)
     assert beats[-1]["base_mode"] & 1
     assert not beats[-1]["base_mode"] & 128
-    assert rig.ask(ARM, 1) == Result.ACCEPTED
+    assert rig.ask(ARM, 1) == MavResult.ACCEPTED
     rig.run(1.1)
     assert rig.heard("HEARTBEAT")[-1]["base_mode"] & 128
 
 
 def test_arducopter_streams_nothing_unasked_and_px4_does() -> None:
-    rig = Rig(Ardupilot)
+    rig = Rig(ArdupilotPersona)
     rig.run(10.0)
     assert {m.name for m in rig.said} == {"HEARTBEAT", "GPS_GLOBAL_ORIGIN", "HOME_POSITION"}
-    rig = Rig(Px4)
+    rig = Rig(Px4Persona)
     rig.run(10.0)
     assert {"ATTITUDE", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "SYS_STATUS"} <= {
         m.name for m in rig.said
@@ -64,7 +66,7 @@ def test_arducopter_streams_nothing_unasked_and_px4_does() -> None:
 def test_no_position_before_ready_although_the_interval_was_accepted(persona: Persona) -> None:
     rig = Rig(persona)
     rig.run(0.1)
-    assert rig.ask(INTERVAL, 32, 1e5) == Result.ACCEPTED
+    assert rig.ask(INTERVAL, 32, 1e5) == MavResult.ACCEPTED
     rig.run(2.5)
     assert not rig.heard("LOCAL_POSITION_NED")
     assert not rig.firmware.ready()
@@ -77,12 +79,12 @@ def test_positions_are_the_same_place_in_every_message(persona: Persona) -> None
     rig = quiet(persona)
     rig.sensed = IN_AIR
     for number in (32, 33, 49, 242):
-        assert rig.ask(REQUEST, number) == Result.ACCEPTED
+        assert rig.ask(REQUEST, number) == MavResult.ACCEPTED
     rig.run(0.1)
     f = rig.firmware
-    (local,) = BUILDERS["LOCAL_POSITION_NED"](f)
-    (where,) = BUILDERS["GLOBAL_POSITION_INT"](f)
-    (origin,) = BUILDERS["GPS_GLOBAL_ORIGIN"](f)
+    (local,) = readings(f, "LOCAL_POSITION_NED")
+    (where,) = readings(f, "GLOBAL_POSITION_INT")
+    (origin,) = readings(f, "GPS_GLOBAL_ORIGIN")
     assert [local[k] + o for k, o in zip("xyz", LOCAL_ORIGIN, strict=True)] == list(
         IN_AIR.position_ned_m
     )
@@ -97,11 +99,11 @@ def test_health_tells_when_it_would_arm(persona: Persona) -> None:
     rig = Rig(persona)
     prearm = 0x10000000
     rig.run(2.0)
-    (status,) = BUILDERS["SYS_STATUS"](rig.firmware)
+    (status,) = readings(rig.firmware, "SYS_STATUS")
     assert status["onboard_control_sensors_present"] & prearm
     assert not status["onboard_control_sensors_health"] & prearm
     rig.run(1.1)
-    (status,) = BUILDERS["SYS_STATUS"](rig.firmware)
+    (status,) = readings(rig.firmware, "SYS_STATUS")
     assert status["onboard_control_sensors_health"] & (prearm | 0x2F) == prearm | 0x2F
 
 
@@ -109,15 +111,15 @@ def test_health_tells_when_it_would_arm(persona: Persona) -> None:
 @pytest.mark.parametrize(
     ("p", "answer"),
     [
-        ((32, 50_000.0), Result.ACCEPTED),
-        ((32, 1_000.0), Result.DENIED),
-        ((9999, 50_000.0), Result.DENIED),
-        ((32, -1.0), Result.ACCEPTED),
-        ((math.nan, 1e6), Result.DENIED),
-        ((32, math.inf), Result.DENIED),
+        ((32, 50_000.0), MavResult.ACCEPTED),
+        ((32, 1_000.0), MavResult.DENIED),
+        ((9999, 50_000.0), MavResult.DENIED),
+        ((32, -1.0), MavResult.ACCEPTED),
+        ((math.nan, 1e6), MavResult.DENIED),
+        ((32, math.inf), MavResult.DENIED),
     ],
 )
-def test_message_intervals(persona: Persona, p: tuple[float, float], answer: Result) -> None:
+def test_message_intervals(persona: Persona, p: tuple[float, float], answer: MavResult) -> None:
     assert quiet(persona).ask(INTERVAL, *p) == answer
 
 
@@ -134,10 +136,10 @@ def test_streams_come_at_their_rate(persona: Persona, rate_hz: float, expected: 
 
 
 def test_interval_zero_is_the_default_rate() -> None:
-    rig = quiet(Px4)
+    rig = quiet(Px4Persona)
     rig.ask(INTERVAL, 1, 0.0)
-    assert rig.firmware.streams.interval_s("SYS_STATUS") == Px4.boot_streams["SYS_STATUS"]
-    rig = quiet(Ardupilot)
+    assert rig.firmware.streams.interval_s("SYS_STATUS") == Px4Persona.boot_streams["SYS_STATUS"]
+    rig = quiet(ArdupilotPersona)
     rig.ask(INTERVAL, 32, 0.0)
     assert rig.firmware.streams.interval_s("LOCAL_POSITION_NED") is None
 
@@ -159,7 +161,7 @@ def test_a_stream_is_never_early_and_never_bursts(interval: float, steps: list[f
 
 
 def test_data_streams_override_message_intervals() -> None:
-    rig = quiet(Ardupilot)
+    rig = quiet(ArdupilotPersona)
     rig.ask(INTERVAL, 32, 50_000.0)
     ask: dict[str, Any] = {"target_system": 1, "target_component": 1, "start_stop": 1}
     rig.tell("REQUEST_DATA_STREAM", **ask, req_stream_id=0, req_message_rate=4)
@@ -177,9 +179,9 @@ def test_every_message_can_be_requested_and_unknown_ones_fail(persona: Persona) 
     rig.contacts.append((2, (1.0, 2.0, -3.0), (0.1, 0.2, 0.3)))
     for name, number in MESSAGE_IDS.items():
         there = name not in ("WIND", "WIND_COV")  # estimated in flight alone
-        assert rig.ask(REQUEST, number) == (Result.ACCEPTED if there else Result.FAILED)
+        assert rig.ask(REQUEST, number) == (MavResult.ACCEPTED if there else MavResult.FAILED)
         assert len(rig.heard(name)) == there, name
-    assert rig.ask(REQUEST, 9999) == Result.FAILED
+    assert rig.ask(REQUEST, 9999) == MavResult.FAILED
 
 
 @BOTH
@@ -202,7 +204,7 @@ def test_parameters_by_list_name_and_index_agree(persona: Persona) -> None:
     rig.tell("PARAM_REQUEST_LIST", target_system=1, target_component=1)
     rig.run(1.0)
     listed = rig.heard("PARAM_VALUE")
-    defaults = (ARDUPILOT_DEFAULTS if persona is Ardupilot else PX4_DEFAULTS) | SIM_DEFAULTS
+    defaults = (ARDUPILOT_DEFAULTS if persona is ArdupilotPersona else PX4_DEFAULTS) | SIM_DEFAULTS
     assert [v["param_id"].decode() for v in listed] == list(defaults)
     assert [v["param_index"] for v in listed] == list(range(len(defaults)))
     assert {v["param_count"] for v in listed} == {len(defaults)}
@@ -221,10 +223,10 @@ def test_parameters_by_list_name_and_index_agree(persona: Persona) -> None:
 @pytest.mark.parametrize(
     ("persona", "name", "wire", "value"),
     [
-        (Ardupilot, "FS_GCS_ENABLE", 5.0, 5.0),
-        (Ardupilot, "GUID_TIMEOUT", 0.5, 0.5),
-        (Px4, "COM_OBL_RC_ACT", struct.unpack("<f", struct.pack("<i", 4))[0], 4.0),
-        (Px4, "COM_OF_LOSS_T", 0.5, 0.5),
+        (ArdupilotPersona, "FS_GCS_ENABLE", 5.0, 5.0),
+        (ArdupilotPersona, "GUID_TIMEOUT", 0.5, 0.5),
+        (Px4Persona, "COM_OBL_RC_ACT", struct.unpack("<f", struct.pack("<i", 4))[0], 4.0),
+        (Px4Persona, "COM_OF_LOSS_T", 0.5, 0.5),
     ],
 )
 def test_parameters_are_set_in_the_persona_s_encoding(
@@ -247,7 +249,7 @@ def test_parameters_are_set_in_the_persona_s_encoding(
 @BOTH
 def test_a_parameter_never_becomes_nan(persona: Persona) -> None:
     rig = quiet(persona)
-    name = "GUID_TIMEOUT" if persona is Ardupilot else "COM_OF_LOSS_T"
+    name = "GUID_TIMEOUT" if persona is ArdupilotPersona else "COM_OF_LOSS_T"
     before = rig.firmware.parameters[name]
     rig.tell(
         "PARAM_SET",
@@ -263,10 +265,10 @@ def test_a_parameter_never_becomes_nan(persona: Persona) -> None:
 
 @given(value=st.integers(-(2**31), 2**31 - 1))
 def test_bytewise_integers_survive_the_wire(value: int) -> None:
-    (wire,) = struct.unpack("<f", struct.pack("<f", BYTEWISE.encode(Kind.INT32, value)))
+    (wire,) = struct.unpack("<f", struct.pack("<f", BYTEWISE.encode(ParamType.INT32, value)))
     if not math.isnan(wire):  # Python may quieten a signalling NaN; real links carry the bytes
-        assert BYTEWISE.decode(Kind.INT32, wire) == value
-    assert CAST.decode(Kind.INT16, 3.0) == 3.0
+        assert BYTEWISE.decode(ParamType.INT32, wire) == value
+    assert CAST.decode(ParamType.INT16, 3.0) == 3.0
 
 
 @BOTH
@@ -290,8 +292,10 @@ def test_an_empty_mission_list_is_answered_at_once(persona: Persona) -> None:
 @BOTH
 def test_reboot_falls_silent_then_starts_afresh_with_its_parameters(persona: Persona) -> None:
     rig = quiet(persona)
-    rig.firmware.parameters.set("GUID_TIMEOUT" if persona is Ardupilot else "COM_OF_LOSS_T", 0.25)
-    assert rig.ask(246, 1) == Result.ACCEPTED
+    rig.firmware.parameters.set(
+        "GUID_TIMEOUT" if persona is ArdupilotPersona else "COM_OF_LOSS_T", 0.25
+    )
+    assert rig.ask(246, 1) == MavResult.ACCEPTED
     rig.said.clear()
     rig.run(2.9)
     assert not rig.said
@@ -300,14 +304,15 @@ def test_reboot_falls_silent_then_starts_afresh_with_its_parameters(persona: Per
     assert rig.heard("HEARTBEAT")
     assert not rig.firmware.ready()
     assert (
-        rig.firmware.parameters["GUID_TIMEOUT" if persona is Ardupilot else "COM_OF_LOSS_T"] == 0.25
+        rig.firmware.parameters["GUID_TIMEOUT" if persona is ArdupilotPersona else "COM_OF_LOSS_T"]
+        == 0.25
     )
 
 
 @BOTH
 def test_long_texts_come_in_chunks(persona: Persona) -> None:
     rig = quiet(persona)
-    rig.firmware.text(Severity.INFO, "x" * 50 + "y" * 10)
+    rig.firmware.text(MavSeverity.INFO, "x" * 50 + "y" * 10)
     rig.run(0.05)
     parts = rig.heard("STATUSTEXT")
     assert [(p["text"], p["chunk_seq"]) for p in parts] == [(b"x" * 50, 0), (b"y" * 10, 1)]
@@ -349,4 +354,4 @@ def test_nothing_a_command_or_setpoint_can_hold_raises(
         rig.tell("SET_POSITION_TARGET_LOCAL_NED", **setpoint_fields(*v, mask=mask, frame=frame))
         rig.run(0.2)
         assert all(math.isfinite(v) for v in rig.firmware.demand.velocity_ned_mps)
-    assert rig.ask(REQUEST, 0) == Result.ACCEPTED
+    assert rig.ask(REQUEST, 0) == MavResult.ACCEPTED

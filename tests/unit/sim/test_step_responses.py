@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim.physics.response import Ardupilot, Px4
-from sim.physics.vehicle import Array, Demands, State, advance
+from sim.physics.kinematics import Array, Demands, MotionState, advance
+from sim.physics.response import ArdupilotResponse, Px4Response
 
 DATA = Path(__file__).parents[2] / "data"
 SECONDS = 6.0
@@ -21,9 +21,11 @@ def recorded(name: str) -> dict[str, Array]:
     return {label: np.array(pairs) for label, pairs in steps.items()}
 
 
-def airborne(response: Ardupilot | Px4, velocity: Array) -> tuple[State, Demands]:
+def airborne(
+    response: ArdupilotResponse | Px4Response, velocity: Array
+) -> tuple[MotionState, Demands]:
     """One vehicle far above the ground, moving."""
-    state = State.at_rest(np.zeros((1, 3)), response)
+    state = MotionState.at_rest(np.zeros((1, 3)), response)
     state.landed[:] = False
     state.ground[:] = 1e6
     state.velocity[:] = velocity
@@ -32,11 +34,11 @@ def airborne(response: Ardupilot | Px4, velocity: Array) -> tuple[State, Demands
     return state, demands
 
 
-def settle(response: Ardupilot | Px4, state: State, target: Array) -> None:
+def settle(response: ArdupilotResponse | Px4Response, state: MotionState, target: Array) -> None:
     """The controller's memory after it has flown the state's velocity, wanting `target`, for
     long."""
     velocity = state.velocity[0]
-    if isinstance(response, Ardupilot):
+    if isinstance(response, ArdupilotResponse):
         per_s = response.drag_per_s[0] + response.drag_per_m[0] * np.linalg.norm(velocity[:2])
         force = velocity * [per_s, per_s, response.drag_per_s[1]]
         state.memory[0, 1] = velocity
@@ -49,7 +51,7 @@ def settle(response: Ardupilot | Px4, state: State, target: Array) -> None:
 
 
 def simulated(
-    response: Ardupilot | Px4, label: str, start: float, dt: float = 0.01
+    response: ArdupilotResponse | Px4Response, label: str, start: float, dt: float = 0.01
 ) -> tuple[Array, Array]:
     before, after = (float(x) for x in label.split()[1].split("->"))
     axis = 0 if label.startswith("vx") else 2
@@ -65,7 +67,9 @@ def simulated(
     return np.array(times), np.array(speeds)
 
 
-def relative_error(response: Ardupilot | Px4, label: str, record: Array, start: float) -> float:
+def relative_error(
+    response: ArdupilotResponse | Px4Response, label: str, record: Array, start: float
+) -> float:
     """Root-mean-square difference from the record, as a share of the step."""
     before, after = (float(x) for x in label.split()[1].split("->"))
     times, speeds = simulated(response, label, start)
@@ -77,7 +81,7 @@ def relative_error(response: Ardupilot | Px4, label: str, record: Array, start: 
 @pytest.mark.parametrize("label", recorded("ardupilot"))
 def test_arducopter_steps_fit_within_5_percent(label: str) -> None:
     before = float(label.split()[1].split("->")[0])
-    assert relative_error(Ardupilot(), label, recorded("ardupilot")[label], before) < 0.05
+    assert relative_error(ArdupilotResponse(), label, recorded("ardupilot")[label], before) < 0.05
 
 
 @pytest.mark.parametrize("label", recorded("px4"))
@@ -86,7 +90,9 @@ def test_px4_steps_fit_as_well_as_their_noise_allows(label: str) -> None:
     errs by 8 %."""
     record = recorded("px4")[label]
     start = float(record[record[:, 0] < 0, 1][-20:].mean())
-    assert relative_error(Px4(), label, record, start) < (0.05 if label.startswith("vx") else 0.09)
+    assert relative_error(Px4Response(), label, record, start) < (
+        0.05 if label.startswith("vx") else 0.09
+    )
 
 
 @pytest.mark.parametrize(
@@ -100,7 +106,7 @@ def test_px4_steps_fit_as_well_as_their_noise_allows(label: str) -> None:
 def test_arducopter_times_are_the_measured_ones(
     label: str, t10: float, t63: float, t90: float, peak: float
 ) -> None:
-    times, speeds = simulated(Ardupilot(), label, 0.0)
+    times, speeds = simulated(ArdupilotResponse(), label, 0.0)
     share = speeds / float(label.split("->")[1])
     reached = [times[np.argmax(share >= level)] for level in (0.1, 0.63, 0.9)]
     assert reached == pytest.approx([t10, t63, t90], abs=0.13)
@@ -109,8 +115,8 @@ def test_arducopter_times_are_the_measured_ones(
 
 def test_a_coarse_time_step_keeps_the_fit() -> None:
     """Studies step at the control tick."""
-    _, fine = simulated(Ardupilot(), "vx 0->3", 0.0, dt=0.01)
-    _, coarse = simulated(Ardupilot(), "vx 0->3", 0.0, dt=0.05)
+    _, fine = simulated(ArdupilotResponse(), "vx 0->3", 0.0, dt=0.01)
+    _, coarse = simulated(ArdupilotResponse(), "vx 0->3", 0.0, dt=0.05)
     assert np.sqrt(np.mean((fine[::5] - coarse) ** 2)) < 0.05 * 3.0
 
 
@@ -119,10 +125,12 @@ def test_a_coarse_time_step_keeps_the_fit() -> None:
 MANY = 200
 
 
-def many(response: Ardupilot | Px4, phases: list[tuple[Array, float]]) -> list[tuple[Array, Array]]:
+def many(
+    response: ArdupilotResponse | Px4Response, phases: list[tuple[Array, float]]
+) -> list[tuple[Array, Array]]:
     """Velocities (steps, MANY, 3) and ways (MANY, 3) of vehicles that want each of the `phases` for
     its seconds."""
-    state = State.at_rest(np.zeros((MANY, 3)), response)
+    state = MotionState.at_rest(np.zeros((MANY, 3)), response)
     state.landed[:] = False
     state.ground[:] = 1e6
     demands = Demands.idle(state)
@@ -150,21 +158,21 @@ def test_arducopter_keeps_its_acceleration_in_steps_of_any_size() -> None:
     overshoot."""
     before, after = horizontals(1, 8.0), horizontals(2, 8.0)
     step = np.linalg.norm(after - before, axis=-1)
-    (_, _), (speeds, _) = many(Ardupilot(), [(before, 15.0), (after, 15.0)])
+    (_, _), (speeds, _) = many(ArdupilotResponse(), [(before, 15.0), (after, 15.0)])
     acceleration = np.linalg.norm(np.diff(speeds, axis=0) / 0.02, axis=-1)
-    assert acceleration.max() < 1.2 * Ardupilot().acceleration_mps2
+    assert acceleration.max() < 1.2 * ArdupilotResponse().acceleration_mps2
     assert np.linalg.norm(speeds[-1] - after, axis=-1).max() < 0.1
     progress = np.einsum("tni,ni->tn", speeds - before, after - before) / step**2
     assert progress.max(axis=0)[step > 1.0].max() < 1.06
     reached_s = 0.02 * np.argmax(progress > 0.9, axis=0)[step > 1.0]
-    least_s = 0.9 * step[step > 1.0] / Ardupilot().acceleration_mps2
+    least_s = 0.9 * step[step > 1.0] / ArdupilotResponse().acceleration_mps2
     assert np.all((reached_s > least_s) & (reached_s < least_s + 1.3))
 
 
-@pytest.mark.parametrize("response", [Ardupilot(), Px4()], ids=["ardupilot", "px4"])
+@pytest.mark.parametrize("response", [ArdupilotResponse(), Px4Response()], ids=["ardupilot", "px4"])
 @pytest.mark.parametrize("wanted_mps", [10.0, 15.0, 30.0])
 def test_what_can_not_be_flown_does_not_wind_up(
-    response: Ardupilot | Px4, wanted_mps: float
+    response: ArdupilotResponse | Px4Response, wanted_mps: float
 ) -> None:
     """Half a minute of a speed beyond what leaning gives, then a stop: it takes no longer than from
     that speed."""
@@ -180,8 +188,8 @@ def test_vertical_speeds_over_the_parameters_are_as_the_firmwares_have_them() ->
     """ArduCopter's GUIDED flies them, in a hurry; PX4 never goes over MPC_Z_VEL_MAX_UP and _DN."""
     targets = np.zeros((MANY, 3))
     targets[:, 2] = np.linspace(-8.0, 8.0, MANY)
-    ((copter, _),) = many(Ardupilot(), [(targets, 15.0)])
-    ((px4, _),) = many(Px4(), [(targets, 15.0)])
+    ((copter, _),) = many(ArdupilotResponse(), [(targets, 15.0)])
+    ((px4, _),) = many(Px4Response(), [(targets, 15.0)])
     assert np.abs(copter[-1, :, 2] - targets[:, 2]).max() < 0.1
     assert (np.abs(copter[..., 2]).max(axis=0) < 1.1 * np.abs(targets[:, 2]) + 0.1).all()
     assert px4[..., 2].min() > -3.1

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from sim.world.truth import TruthFile
+from sim.world.truth_file import TruthFile
 
 FULL = Path("/dev/full")
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from sim.config import SimConfig
-from sim.firmware.fault_parameters import SIM_DEFAULTS
+from sim.firmware.parameters.fault_parameters import SIM_DEFAULTS
 from swarm_ctl.mission.compile.loader import dumps, load, loads
 from swarm_ctl.mission.input.simulation_section import NEUTRAL
 from swarm_ctl.runtime.launch.sim_config import simulator_config

@@ -12,9 +12,9 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from sim.network.hub import MAX_CLIENTS, Hub
-from sim.network.ports import Address
-from sim.world.truth import TruthFile
-from sim.world.truth_recorder import Recorder
+from sim.network.sockets import Address
+from sim.world.truth_file import TruthFile
+from sim.world.truth_recorder import TruthRecorder
 from sim.world.world import STEP_S
 from tests.unit.sim.harness import GUIDED, config
 
@@ -115,7 +115,7 @@ def test_a_datagram_of_garbage_and_frames_serves_the_frames() -> None:
     clients = Clients()
     frame = bytes(mavlink.MAVLink_set_mode_message(1, 1, GUIDED).pack(clients._mav))
     clients.hub.receive(0, b"\xfd\x09garbage" + frame, A)
-    assert clients.hub.world.vehicles[0].firmware.custom_mode() == GUIDED
+    assert clients.hub.world.vehicles[0].firmware.mode.custom == GUIDED
     assert clients.hub.codecs[0].bad == 1
 
 
@@ -127,7 +127,7 @@ def test_truth_is_readable_at_any_time_and_says_what_the_brief_says(tmp_path: Pa
     path = tmp_path / "run" / "truth.jsonl"
     clients = Clients(2, spacing_m=4.0)
     settings = config(2, spacing_m=4.0)
-    recorder = Recorder(clients.hub.world, settings, TruthFile(path))
+    recorder = TruthRecorder(clients.hub.world, settings, TruthFile(path))
     clients.hub.recorder = recorder
     clients.command(0, A, 176, 1, GUIDED)
     clients.command(0, A, 400, 1)
@@ -162,7 +162,9 @@ def test_truth_is_readable_at_any_time_and_says_what_the_brief_says(tmp_path: Pa
 def test_minima_are_written_only_when_they_shrink(tmp_path: Path) -> None:
     path = tmp_path / "truth.jsonl"
     clients = Clients(2, spacing_m=4.0)
-    clients.hub.recorder = Recorder(clients.hub.world, config(2, spacing_m=4.0), TruthFile(path))
+    clients.hub.recorder = TruthRecorder(
+        clients.hub.world, config(2, spacing_m=4.0), TruthFile(path)
+    )
     clients.command(0, A, 176, 1, GUIDED)
     clients.command(0, A, 400, 1)
     clients.command(0, A, 22, 0, 0, 0, 0, 0, 0, 3.0)

@@ -8,20 +8,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.physics.geodesy import Geodetic, TangentPlane
+from sim.physics.geodesy import GeodeticPoint, TangentPlane
 
-origins = st.builds(Geodetic, st.floats(-85, 85), st.floats(-180, 180), st.floats(-100, 5000))
+origins = st.builds(GeodeticPoint, st.floats(-85, 85), st.floats(-180, 180), st.floats(-100, 5000))
 offsets = st.tuples(st.floats(-5000, 5000), st.floats(-5000, 5000), st.floats(-500, 500))
 
 
 @given(origin=origins, ned=offsets)
-def test_there_and_back(origin: Geodetic, ned: tuple[float, float, float]) -> None:
+def test_there_and_back(origin: GeodeticPoint, ned: tuple[float, float, float]) -> None:
     plane = TangentPlane(origin)
     assert plane.ned_from_geodetic(plane.geodetic_from_ned(ned)) == pytest.approx(ned, abs=1e-5)
 
 
 @given(origin=origins)
-def test_small_steps_are_the_ellipsoid_s_radii_of_curvature(origin: Geodetic) -> None:
+def test_small_steps_are_the_ellipsoid_s_radii_of_curvature(origin: GeodeticPoint) -> None:
     """Meridian radius to the north, prime vertical to the east, at the origin's height."""
     e2 = 0.00669437999014
     sin_lat = math.sin(math.radians(origin.lat_deg))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sim.config import SimConfig
-from sim.firmware.fault_parameters import SIM_DEFAULTS
+from sim.firmware.parameters.fault_parameters import SIM_DEFAULTS
 from tests.unit.sim.harness import ARM, GUIDED, LAND, SET_MODE, Flight, config, setpoint_fields
 from tests.unit.sim.network.test_hub import HELLO, A, Clients
 
@@ -41,7 +41,7 @@ def put(flight: Flight, place: int = 0, **values: float) -> None:
 
 def wire(flight: Flight, place: int, name: str, value: float) -> float:
     parameters = flight.world.vehicles[place].firmware.parameters
-    return float(parameters._encoding.encode(parameters._items[name].kind, value))
+    return float(parameters._encoding.encode(parameters._items[name].type, value))
 
 
 def reported(flight: Flight) -> list[float]:
@@ -317,9 +317,9 @@ def test_delayed_frames_come_late_in_order_and_all() -> None:
     clients.command(0, A, 176, 1, GUIDED)
     clients.run(0.4)
     firmware = clients.hub.world.vehicles[0].firmware
-    assert firmware.custom_mode() != GUIDED
+    assert firmware.mode.custom != GUIDED
     clients.run(0.2)
-    assert firmware.custom_mode() == GUIDED
+    assert firmware.mode.custom == GUIDED
     assert not clients.heard(A)
     clients.run(0.5)
     assert "COMMAND_ACK" in [m.get_type() for m in clients.heard(A)]

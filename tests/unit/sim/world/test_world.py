@@ -112,7 +112,7 @@ def test_ardupilot_silence_from_3_mps_stops_as_measured() -> None:
     flight.run(10.0)
     assert flight.ned()[0] - start[0] == pytest.approx(11.7, abs=0.8)
     firmware = flight.world.vehicles[0].firmware
-    assert (firmware.custom_mode(), firmware.armed, flight.texts) == (GUIDED, True, [])
+    assert (firmware.mode.custom, firmware.armed, flight.texts) == (GUIDED, True, [])
 
 
 def test_px4_silence_lands_and_disarms() -> None:

@@ -12,26 +12,28 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.network.endpoint import Codec, split_stream
-from sim.network.ports import Port, TcpPort, UdpPort, open_port
+from sim.network.codec import Codec, split_stream
+from sim.network.sockets import TcpSocket, UdpSocket, VehicleSocket, open_socket
 from tests.unit.sim.test_codec import GOOD
 
 
 @pytest.fixture
-def server() -> Iterator[tuple[TcpPort, int]]:
-    port = TcpPort(("127.0.0.1", 0))
+def server() -> Iterator[tuple[TcpSocket, int]]:
+    port = TcpSocket(("127.0.0.1", 0))
     with contextlib.closing(port):
         yield port, port._listener.getsockname()[1]
 
 
-def take(port: Port) -> bytes:
+def take(port: VehicleSocket) -> bytes:
     """What is there, once something is."""
     readable, _, _ = select.select([port], [], [], 10.0)
     assert readable
     return b"".join(data for data, _ in port.receive())
 
 
-def test_a_tcp_client_is_a_peer_at_once_and_gets_what_is_sent(server: tuple[TcpPort, int]) -> None:
+def test_a_tcp_client_is_a_peer_at_once_and_gets_what_is_sent(
+    server: tuple[TcpSocket, int],
+) -> None:
     port, number = server
     with socket.create_connection(("127.0.0.1", number)) as client:
         assert take(port) == b""
@@ -47,7 +49,7 @@ def test_a_tcp_client_is_a_peer_at_once_and_gets_what_is_sent(server: tuple[TcpP
 
 
 def test_a_tcp_client_that_does_not_read_loses_and_blocks_nobody(
-    server: tuple[TcpPort, int],
+    server: tuple[TcpSocket, int],
 ) -> None:
     port, number = server
     with socket.create_connection(("127.0.0.1", number)) as client:
@@ -57,7 +59,7 @@ def test_a_tcp_client_that_does_not_read_loses_and_blocks_nobody(
         assert port.unsent > 0
 
 
-def test_a_reset_connection_is_forgotten(server: tuple[TcpPort, int]) -> None:
+def test_a_reset_connection_is_forgotten(server: tuple[TcpSocket, int]) -> None:
     port, number = server
     client = socket.create_connection(("127.0.0.1", number))
     take(port)
@@ -73,7 +75,7 @@ def test_udpout_speaks_first() -> None:
     with contextlib.closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as station:
         station.bind(("127.0.0.1", 0))
         where = station.getsockname()
-        port = open_port(f"udpout:127.0.0.1:{where[1]}")
+        port = open_socket(f"udpout:127.0.0.1:{where[1]}")
         with contextlib.closing(port):
             assert port.peers() == [where]
             port.send(b"hello", where)
@@ -84,8 +86,8 @@ def test_udpout_speaks_first() -> None:
 
 
 def test_udpin_waits_to_be_spoken_to() -> None:
-    port = open_port("udpin:127.0.0.1:0")
-    assert isinstance(port, UdpPort)
+    port = open_socket("udpin:127.0.0.1:0")
+    assert isinstance(port, UdpSocket)
     with contextlib.closing(port):
         assert port.peers() == []
 

@@ -8,17 +8,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from sim.network.endpoint import split_stream
+from sim.network.codec import split_stream
 
 Address = tuple[str, int]
 _BURST = 256
-"""Datagrams taken at once, so that one flood can't stop the others."""
+"""Datagrams taken at once, so that a flood of one vehicle's can't stop the others."""
 _CHUNK = 65535
 _BACKLOG = 1 << 18
-"""Bytes kept for a TCP client that doesn't read; what comes on top is lost, as on a radio."""
+"""Bytes kept for a TCP client that doesn't read; more are lost, as on a radio."""
 
 
-class Port(Protocol):
+class VehicleSocket(Protocol):
     """An endpoint of one vehicle."""
 
     unsent: int
@@ -26,26 +26,21 @@ class Port(Protocol):
 
     def fileno(self) -> int:
         """Readable when there is something to `receive`."""
-        ...
 
     def peers(self) -> list[Address]:
-        """Who is spoken to without having spoken: those connected to, or connected."""
-        ...
+        """Clients to serve before they speak: the configured one, or those connected."""
 
     def receive(self) -> Iterator[tuple[bytes, Address]]:
         """Whole frames that wait, with their sender."""
-        ...
 
     def send(self, data: bytes, to: Address) -> None:
-        """Never waits, never raises."""
-        ...
+        """Never waits, never raises: what can't be sent is lost, as on a radio."""
 
     def close(self) -> None:
         """Frees the port."""
-        ...
 
 
-class UdpPort:
+class UdpSocket:
     """UDP: bound to an address (`udpin`), or talking to one from the start (`udpout`)."""
 
     def __init__(self, bind: Address, peer: Address | None = None) -> None:
@@ -60,15 +55,15 @@ class UdpPort:
         self.unsent = 0
 
     def fileno(self) -> int:
-        """See `Port`."""
         return self._socket.fileno()
 
+    def close(self) -> None:
+        self._socket.close()
+
     def peers(self) -> list[Address]:
-        """See `Port`."""
         return self._peers
 
     def receive(self) -> Iterator[tuple[bytes, Address]]:
-        """See `Port`; at most `_BURST`."""
         for _ in range(_BURST):
             try:
                 yield self._socket.recvfrom(_CHUNK)
@@ -78,15 +73,10 @@ class UdpPort:
                 continue
 
     def send(self, data: bytes, to: Address) -> None:
-        """See `Port`: what can't be sent is lost, as on a radio."""
         try:
             self._socket.sendto(data, to)
         except OSError:
             self.unsent += 1
-
-    def close(self) -> None:
-        """See `Port`."""
-        self._socket.close()
 
 
 @dataclass(slots=True)
@@ -96,7 +86,7 @@ class _Connection:
     waiting: bytearray = field(default_factory=bytearray)
 
 
-class TcpPort:
+class TcpSocket:
     """A TCP server (`tcpin`) with any number of clients; they hear the vehicle from their first
     moment."""
 
@@ -109,15 +99,13 @@ class TcpPort:
         self.unsent = 0
 
     def fileno(self) -> int:
-        """See `Port`: the set of all its sockets can itself be waited for."""
+        """The selector's: one can wait for all its sockets at once."""
         return int(self._selector.fileno())
 
     def peers(self) -> list[Address]:
-        """See `Port`."""
         return list(self._connections)
 
     def receive(self) -> Iterator[tuple[bytes, Address]]:
-        """See `Port`."""
         for key, _ in self._selector.select(0):
             if key.data is None:
                 self._accept()
@@ -127,7 +115,6 @@ class TcpPort:
                 yield data, key.data
 
     def send(self, data: bytes, to: Address) -> None:
-        """See `Port`."""
         connection = self._connections.get(to)
         if connection is None or len(connection.waiting) > _BACKLOG:
             self.unsent += 1
@@ -142,7 +129,6 @@ class TcpPort:
             self._drop(to)
 
     def close(self) -> None:
-        """See `Port`."""
         for address in list(self._connections):
             self._drop(address)
         self._selector.close()
@@ -179,17 +165,13 @@ class TcpPort:
             connection.socket.close()
 
 
-def open_port(endpoint: str) -> Port:
-    """The port of `udpin:`, `udpout:` or `tcpin:` HOST:PORT; OSError where the system says no."""
+def open_socket(endpoint: str) -> VehicleSocket:
+    """The socket of `udpin:`, `udpout:` or `tcpin:` HOST:PORT; OSError where the system refuses."""
     kind, host, port = endpoint.split(":")
     address = (host, int(port))
     if kind == "udpin":
-        return UdpPort(address)
+        return UdpSocket(address)
     if kind == "tcpin":
-        return TcpPort(address)
-    return UdpPort(
-        ("0.0.0.0" if host not in _LOCAL else host, 0), (socket.gethostbyname(host), int(port))
-    )  # noqa: S104
-
-
-_LOCAL = ("127.0.0.1", "localhost")
+        return TcpSocket(address)
+    own = host if host in ("127.0.0.1", "localhost") else "0.0.0.0"  # noqa: S104
+    return UdpSocket((own, 0), (socket.gethostbyname(host), int(port)))

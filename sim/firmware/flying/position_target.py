@@ -1,5 +1,4 @@
-"""SET_POSITION_TARGET_LOCAL_NED, read per axis; each persona then keeps what its firmware would
-use. Pure."""
+"""SET_POSITION_TARGET_LOCAL_NED, read per axis; each persona keeps what its firmware uses. Pure."""
 
 from __future__ import annotations
 
@@ -7,17 +6,22 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from sim.firmware.flying.maneuvers import Axis
+from sim.physics.geodesy import Vector3
 
-FRAME_LOCAL_NED, FRAME_LOCAL_OFFSET_NED, FRAME_BODY_NED, FRAME_BODY_OFFSET_NED = 1, 7, 8, 9
-_BODY = (FRAME_BODY_NED, FRAME_BODY_OFFSET_NED)
-
+Axis = float | None
 Axes = tuple[Axis, Axis, Axis]
+"""North, east, down; None for an axis that is not given."""
 NOTHING: Axes = (None, None, None)
 
+FRAME_LOCAL_NED, FRAME_LOCAL_OFFSET_NED, FRAME_BODY_NED, FRAME_BODY_OFFSET_NED = 1, 7, 8, 9
+"""MAV_FRAME."""
+NO_POSITION = 0b111
+"""Bits of the type mask that ignore all three axes of the position."""
+_NO_YAW, _NO_YAW_RATE = 1 << 10, 1 << 11
 
-class Setpoint(NamedTuple):
-    """Positions [m] and velocities [m/s] of the axes that are not ignored, in north, east, down."""
+
+class PositionTarget(NamedTuple):
+    """A setpoint: positions [m] and velocities [m/s] of the axes that are not ignored."""
 
     frame: int
     position: Axes
@@ -27,45 +31,37 @@ class Setpoint(NamedTuple):
     yaw_rate_radps: float | None
 
 
-def read_setpoint(
-    fields: Mapping[str, Any], heading_rad: float, local: tuple[float, float, float]
-) -> Setpoint | None:
+def read_position_target(
+    fields: Mapping[str, Any], heading_rad: float, local: Vector3
+) -> PositionTarget | None:
     """The setpoint in `fields`; body frames are turned by the heading, offsets counted from
     `local`.
 
-    None where a field that is to be used isn't a finite number.
+    None where a field that is not ignored isn't a finite number.
     """
     mask, frame = int(fields["type_mask"]), int(fields["coordinate_frame"])
-    position = _axes(fields, ("x", "y", "z"), mask & 7)
+    position = _axes(fields, ("x", "y", "z"), mask & NO_POSITION)
     velocity = _axes(fields, ("vx", "vy", "vz"), mask >> 3 & 7)
     yaw = None if mask & _NO_YAW else float(fields["yaw"])
     yaw_rate = None if mask & _NO_YAW_RATE else float(fields["yaw_rate"])
     if position is None or velocity is None or not (_usable(yaw) and _usable(yaw_rate)):
         return None
-    if frame in _BODY:
+    if frame in (FRAME_BODY_NED, FRAME_BODY_OFFSET_NED):
         position, velocity = _turned(position, heading_rad), _turned(velocity, heading_rad)
         yaw = None if yaw is None else heading_rad + yaw
     if frame != FRAME_LOCAL_NED and position is not NOTHING:
         position = moved(position, local)
-    return Setpoint(frame, position, velocity, yaw, yaw_rate)
+    return PositionTarget(frame, position, velocity, yaw, yaw_rate)
 
 
-def moved(axes: Axes, by: tuple[float, float, float]) -> Axes:
-    """The axes that are given, each counted from elsewhere."""
-    n, e, d = axes
-    return (
-        None if n is None else n + by[0],
-        None if e is None else e + by[1],
-        None if d is None else d + by[2],
-    )
-
-
-_NO_YAW, _NO_YAW_RATE = 1 << 10, 1 << 11
+def moved(axes: Axes, by: Vector3) -> Axes:
+    """The axes that are given, moved by `by`."""
+    n, e, d = (None if a is None else a + b for a, b in zip(axes, by, strict=True))
+    return n, e, d
 
 
 def _axes(fields: Mapping[str, Any], names: tuple[str, str, str], ignored: int) -> Axes | None:
-    """Three fields, None for an ignored one; None for all where one that is to be used isn't
-    finite."""
+    """Three fields, None for an ignored one; None where one that is not ignored isn't finite."""
     if ignored == 7:
         return NOTHING
     n, e, d = (None if ignored >> i & 1 else float(fields[name]) for i, name in enumerate(names))

@@ -1,5 +1,5 @@
-"""The truth file: what really happened, one JSON object a line, each written at once so that a kill
-loses nothing."""
+"""The truth file: what really happened, one JSON object a line. Each is written at once, so that a
+killed simulator loses nothing."""
 
 from __future__ import annotations
 
@@ -14,14 +14,13 @@ log = logging.getLogger(__name__)
 
 
 class TruthFile:
-    """Writes lines to `path` without buffering. A disk that takes no more ends the file, not the
-    flight."""
+    """Writes lines to `path` without buffering. A full disk ends the file, not the flight."""
 
     def __init__(self, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
         self.failure = ""
-        """Why nothing is written any more."""
+        """Why it has ended early."""
 
     def write(self, line: dict[str, Any]) -> None:
         """One object, one line, one system call."""
@@ -36,5 +35,4 @@ class TruthFile:
             log.warning("the truth file ends here: %s; flying on", self.failure)
 
     def close(self) -> None:
-        """No more lines."""
         os.close(self._fd)

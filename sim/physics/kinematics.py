@@ -1,11 +1,9 @@
-"""How a multirotor moves: pure numpy, batched over leading axes (missions, vehicles; one at least);
+"""How a multirotor moves: pure numpy, batched over leading axes (missions, vehicles; at least one);
 last axis NED.
 
-`advance` moves a `State` by one time step towards `Demands`. What lies between a velocity target
-and the acceleration that follows is the *response*, one replaceable object
-(`sim.physics.response`): `Ideal`, `Ardupilot` or `Px4`. It is the firmware's own velocity
-controller with the airframe behind it, so its numbers are the firmware's default parameters; what
-those don't give (attitude lag, drag) was fitted to recorded step responses.
+`advance` moves a `MotionState` by one time step towards `Demands`. What lies between a velocity
+target and the acceleration that follows is the *velocity response*, one replaceable object
+(`sim.physics.response`).
 """
 
 from __future__ import annotations
@@ -23,7 +21,7 @@ Mask = NDArray[np.bool_]
 GRAVITY_MPS2 = 9.80665
 
 
-class Response(Protocol):
+class VelocityResponse(Protocol):
     """From velocity target to acceleration.
 
     `memory` (..., memory_rows, 3) is the controller's own state, zero for a vehicle at rest;
@@ -33,17 +31,15 @@ class Response(Protocol):
     @property
     def memory_rows(self) -> int:
         """Rows of `memory`."""
-        ...
 
     def acceleration(
         self, memory: Array, velocity: Array, target: Array, wind: Array, dt: float
     ) -> Array:
         """Acceleration [m/s2] (..., 3) during the next `dt`, for velocities [m/s] (..., 3)."""
-        ...
 
 
 @dataclass(slots=True)
-class State:
+class MotionState:
     """Kinematics of a batch. NED in metres from one common origin; arrays (..., 3) or (...)."""
 
     position: Array
@@ -58,11 +54,13 @@ class State:
     wind: Array
 
     @staticmethod
-    def at_rest(position: Array, response: Response, heading: Array | None = None) -> State:
+    def at_rest(
+        position: Array, response: VelocityResponse, heading: Array | None = None
+    ) -> MotionState:
         """A batch that stands on the ground at `position` (..., 3)."""
         position = np.array(position, dtype=np.float64)
         batch = position.shape[:-1]
-        return State(
+        return MotionState(
             position=position,
             velocity=np.zeros_like(position),
             acceleration=np.zeros_like(position),
@@ -79,7 +77,7 @@ class Demands:
     """What the firmware wants of each vehicle of a batch; arrays (..., 3) or (...)."""
 
     velocity: Array
-    """[m/s], feed-forward where the axis is held."""
+    """[m/s]; feed-forward where the axis is held."""
     position: Array
     """[m]; only where `hold` is 1."""
     hold: Array
@@ -94,7 +92,7 @@ class Demands:
     without: it falls."""
 
     @staticmethod
-    def idle(state: State) -> Demands:
+    def idle(state: MotionState) -> Demands:
         """Motors off, for the batch of `state`."""
         batch = state.landed.shape
         return Demands(
@@ -109,10 +107,11 @@ class Demands:
         )
 
 
-def advance(state: State, demands: Demands, response: Response, dt: float) -> None:
+def advance(state: MotionState, demands: Demands, response: VelocityResponse, dt: float) -> None:
     """Moves `state` by `dt` [s], in place (semi-implicit Euler: the new velocity moves the
     position)."""
     target = velocity_target(state, demands)
+    # a vehicle lifts off once it is asked to climb
     state.landed &= ~(demands.lift & (target[..., 2] < -_LIFT_OFF_MPS))
     standing = np.count_nonzero(state.landed)
     if standing == state.landed.size:
@@ -128,24 +127,25 @@ def advance(state: State, demands: Demands, response: Response, dt: float) -> No
     _touch_down(state)
 
 
-def velocity_target(state: State, demands: Demands) -> Array:
+def velocity_target(state: MotionState, demands: Demands) -> Array:
     """The velocity [m/s] (..., 3) that brings held axes to their positions, slowing down in time to
     stop there."""
     if not np.count_nonzero(demands.hold):
         return demands.velocity
+    # horizontally along the straight line, never faster than the demand's speed
     gap = demands.hold * (demands.position - state.position)
     target = demands.velocity.copy()
     distance = np.hypot(gap[..., 0], gap[..., 1])
     speed = np.minimum(_approach(distance, _HOLD_XY_PER_S, _HOLD_XY_MPS2), demands.speed)
     target[..., :2] += gap[..., :2] * (speed / np.maximum(distance, 1e-9))[..., None]
+    # vertically within the rates of climb and descent
     height = gap[..., 2]
     rate = _approach(np.abs(height), _HOLD_Z_PER_S, _HOLD_Z_MPS2)
     target[..., 2] += np.clip(np.copysign(rate, height), -demands.climb, demands.descent)
     return target
 
 
-# Outer position loop: gains low enough for the slower of the responses to follow without overshoot
-# worth the name.
+# Outer position loop: gains so low that the slowest response follows almost without overshoot.
 _HOLD_XY_PER_S, _HOLD_XY_MPS2 = 0.5, 1.0
 _HOLD_Z_PER_S, _HOLD_Z_MPS2 = 0.7, 0.45
 _LIFT_OFF_MPS = 0.01
@@ -154,36 +154,39 @@ _FALL_DRAG_PER_S = 0.3
 
 
 def _approach(distance: Array, gain: float, deceleration: float) -> Array:
-    """Speed at `distance` from the goal: linear near it, constant deceleration farther out."""
+    """Speed at `distance` from the goal: linear near it, constant deceleration farther away."""
     return np.minimum(gain * distance, np.sqrt(2.0 * deceleration * distance))
 
 
-def _fall(state: State, demands: Demands, acceleration: Array) -> None:
+def _fall(state: MotionState, demands: Demands, acceleration: Array) -> None:
     falling = ~(demands.lift | state.landed)
     if np.count_nonzero(falling):
+        # gravity and the drag of the air; the controller starts afresh
         acceleration[falling] = -_FALL_DRAG_PER_S * (state.velocity - state.wind)[falling]
         acceleration[falling, 2] += GRAVITY_MPS2
         state.memory[falling] = 0.0
 
 
-def _stand(state: State, acceleration: Array) -> None:
+def _stand(state: MotionState, acceleration: Array) -> None:
     acceleration[state.landed] = 0.0
     state.velocity[state.landed] = 0.0
     state.memory[state.landed] = 0.0
 
 
-def _turn(state: State, demands: Demands, dt: float) -> None:
+def _turn(state: MotionState, demands: Demands, dt: float) -> None:
     if np.count_nonzero(state.heading != demands.heading):
+        # the shorter way round, at the turn rate; a vehicle on the ground keeps its heading
         error = np.remainder(demands.heading - state.heading + math.pi, 2 * math.pi) - math.pi
         step = np.clip(error, -_TURN_RADPS * dt, _TURN_RADPS * dt)
         state.heading = state.heading + np.where(state.landed, 0.0, step)
 
 
-def _touch_down(state: State) -> None:
+def _touch_down(state: MotionState) -> None:
     touched = (
         (state.position[..., 2] >= state.ground) & (state.velocity[..., 2] >= 0.0) & ~state.landed
     )
     if np.count_nonzero(touched):
+        # stands at the height of its ground, at rest
         state.landed |= touched
         state.position[..., 2] = np.where(touched, state.ground, state.position[..., 2])
         state.velocity[touched] = 0.0

@@ -1,9 +1,8 @@
 """MAVLink bytes: the only user of pymavlink in `sim`.
 
-`Codec` turns bytes into plain messages and back, for one vehicle, without any socket. The message
-definitions and the checksum are pymavlink's; packing and unpacking is one table of precompiled
-structs, which is a third of the time that pymavlink's message objects take (the tests compare the
-two byte by byte).
+`Codec` turns bytes into plain messages and back, for one vehicle. The message definitions and the
+checksum are pymavlink's; packing and unpacking is one table of precompiled structs, which takes a
+third of the time of pymavlink's message objects (the tests compare the two byte by byte).
 """
 
 from __future__ import annotations
@@ -31,8 +30,7 @@ _CHECK = struct.Struct("<H")
 
 @dataclass(frozen=True, slots=True)
 class _Field:
-    """One field in wire order: `size` 0 is a plain number, else the length of an array or a
-    text."""
+    """One field in wire order: `size` is 0 for a number, or the length of an array or a text."""
 
     name: str
     size: int
@@ -40,12 +38,12 @@ class _Field:
 
     @property
     def zero(self) -> Any:
-        """What an extension field that wasn't given holds."""
+        """What a field holds that isn't given."""
         return b"" if self.is_text else [0] * self.size if self.size else 0
 
 
 class _Layout:
-    """How one message lies on the wire."""
+    """How the fields of one message are laid out on the wire."""
 
     def __init__(self, kind: Any) -> None:
         self.name: str = kind.msgname
@@ -58,15 +56,19 @@ class _Layout:
         self.fields = [
             _Field(name, size, kinds[name] == "char" and size > 0) for name, size in sizes
         ]
+        self._zeros = {field.name: field.zero for field in self.fields}
         self.plain = not any(field.size for field in self.fields)
         self._pick: Callable[[dict[str, Any]], tuple[Any, ...]] = (
             itemgetter(*self.names) if len(self.names) > 1 else lambda f: (f[self.names[0]],)
         )
 
     def payload(self, fields: dict[str, Any]) -> bytes:
-        """The payload with its trailing zeros cut off, as MAVLink 2 wants it."""
+        """The payload without its trailing zeros, as MAVLink 2 wants it.
+
+        A field that isn't given is zero.
+        """
         if len(fields) != len(self.names):
-            fields = {field.name: field.zero for field in self.fields} | fields
+            fields = self._zeros | fields
         values = self._pick(fields) if self.plain else self._flat(fields)
         try:
             packed = self.struct.pack(*values)
@@ -76,16 +78,13 @@ class _Layout:
 
     def _saturated(self, values: Sequence[Any]) -> list[Any]:
         """Numbers that don't fit their field become the nearest that do."""
-        codes = [
-            code
-            for count, code in _CODES.findall(self.struct.format)
-            for _ in range(int(count or 1) if code != "s" else 1)
-        ]
+        codes: list[str] = []
+        for count, code in _CODES.findall(self.struct.format):
+            codes += [code] * (int(count or 1) if code != "s" else 1)
         return [_fit(code, value) for code, value in zip(codes, values, strict=True)]
 
     def fields_of(self, payload: bytes) -> dict[str, Any]:
-        """The fields of a payload; one shorter than the message is filled with zeros, a longer one
-        cut."""
+        """The fields of a payload, which is filled with zeros or cut to the message's length."""
         size = self.struct.size
         if len(payload) != size:
             payload = payload.ljust(size, b"\0")[:size]
@@ -105,15 +104,12 @@ class _Layout:
         found: dict[str, Any] = {}
         at = 0
         for field in self.fields:
+            width = field.size if field.size and not field.is_text else 1
             if field.is_text:
                 found[field.name] = values[at].split(b"\0", 1)[0].decode("ascii", "replace")
-                at += 1
-            elif field.size:
-                found[field.name] = list(values[at : at + field.size])
-                at += field.size
             else:
-                found[field.name] = values[at]
-                at += 1
+                found[field.name] = list(values[at : at + width]) if field.size else values[at]
+            at += width
         return found
 
 
@@ -121,13 +117,9 @@ _CODES = re.compile(r"(\d*)([a-zA-Z])")
 
 
 def _fit(code: str, value: Any) -> Any:
-    if code == "f":
-        return (
-            math.copysign(_FLOAT_MAX, value)
-            if math.isfinite(value) and abs(value) > _FLOAT_MAX
-            else value
-        )
-    if code in "sd":
+    if code == "f" and math.isfinite(value) and abs(value) > _FLOAT_MAX:
+        return math.copysign(_FLOAT_MAX, value)
+    if code in "fsd":
         return value
     bits = 8 * struct.calcsize("<" + code)
     low, high = (0, 2**bits - 1) if code.isupper() else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
@@ -150,8 +142,8 @@ _checksum: Callable[[bytes], int] = mavlink.mcrf4xx or _slow_checksum
 
 
 class Codec:
-    """Frames of one vehicle, in and out. Every datagram stands alone: a broken one harms nothing
-    after it."""
+    """Frames of one vehicle, in and out. Each datagram stands alone: a broken one does not harm
+    the next."""
 
     def __init__(self, sysid: int, signing: Signing | None = None) -> None:
         self._sysid = sysid
@@ -160,30 +152,20 @@ class Codec:
         self.frames = 0
         """Good frames received."""
         self.bad = 0
-        """Frames with a wrong checksum, truncated, of an unknown message, or runs of bytes that are
-        none."""
+        """Frames with a wrong checksum, truncated, or of an unknown message, and runs of other
+        bytes."""
         self.unsigned = 0
-        """Frames refused because they were not signed, or not as they should be."""
+        """Frames refused for want of a good signature."""
 
     def pack(self, message: Message) -> bytes:
         """The next frame, with `message`."""
         layout = _BY_NAME[message.name]
         payload = layout.payload(message.fields)
-        number, sequence = layout.id, self._sequence
         flags = 0 if self._signing is None else _SIGNED
-        head = _HEAD.pack(
-            _V2,
-            len(payload),
-            flags,
-            0,
-            sequence,
-            self._sysid,
-            _AUTOPILOT,
-            number & 0xFFFF,
-            number >> 16,
-        )
-        self._sequence = (sequence + 1) & 0xFF
-        body = head + payload
+        source = (self._sequence, self._sysid, _AUTOPILOT)
+        number = (layout.id & 0xFFFF, layout.id >> 16)
+        body = _HEAD.pack(_V2, len(payload), flags, 0, *source, *number) + payload
+        self._sequence = (self._sequence + 1) & 0xFF
         frame = body + _CHECK.pack(_checksum(body[1:] + layout.extra))
         return frame if self._signing is None else frame + self._signing.sign(frame)
 
@@ -193,15 +175,15 @@ class Codec:
         lost = False
         while at < len(data):
             size = frame_size(data, at)
-            message = self._decode(data[at : at + size]) if size else None
+            frame = data[at : at + size]
+            message = self._decode(frame) if size else None
+            at += size if message else 1
             if message is None:
                 self.bad += not lost
                 lost = True
-                at += 1
                 continue
             lost = False
-            at += size
-            if self._signing is None or self._signing.accepts(data[at - size : at], message.source):
+            if self._signing is None or self._signing.accepts(frame, message.source):
                 self.frames += 1
                 yield message
             else:
@@ -226,8 +208,7 @@ class Codec:
 
 
 def split_stream(data: bytes) -> tuple[bytes, bytes]:
-    """What of a stream's bytes can be decoded now, and its end, where a frame has begun that isn't
-    complete."""
+    """The bytes of a stream that can be decoded now, and the rest: a frame that isn't complete."""
     at = 0
     while at < len(data):
         size = frame_size(data, at)
@@ -238,7 +219,7 @@ def split_stream(data: bytes) -> tuple[bytes, bytes]:
 
 
 def frame_size(data: bytes, at: int) -> int:
-    """Length of the frame that may start at `at`; 0 where none can (yet)."""
+    """Length of the frame that may start at `at`; 0 where none does, or isn't complete."""
     left = len(data) - at
     if data[at] == _V2 and left >= _V2_HEADER + _CRC:
         size = _V2_HEADER + _CRC + data[at + 1] + (SIGNATURE_BYTES if data[at + 2] & _SIGNED else 0)

@@ -10,20 +10,29 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from sim.physics.response import Ardupilot, Ideal, Px4
-from sim.physics.vehicle import GRAVITY_MPS2, Array, Demands, Response, State, advance
+from sim.physics.kinematics import (
+    GRAVITY_MPS2,
+    Array,
+    Demands,
+    MotionState,
+    VelocityResponse,
+    advance,
+)
+from sim.physics.response import ArdupilotResponse, IdealResponse, Px4Response
 
 DT = 0.01
-RESPONSES: list[Response] = [Ideal(), Ardupilot(), Px4()]
-REAL: list[Ardupilot | Px4] = [Ardupilot(), Px4()]
+RESPONSES: list[VelocityResponse] = [IdealResponse(), ArdupilotResponse(), Px4Response()]
+REAL: list[ArdupilotResponse | Px4Response] = [ArdupilotResponse(), Px4Response()]
 
 N = 32
 """Vehicles a drawn example has: array passes make them cheap."""
 targets = arrays(np.float64, (6, N, 3), elements=st.floats(-20.0, 20.0))
 
 
-def hovering(response: Response, n: int = 1, height_m: float = 1e5) -> tuple[State, Demands]:
-    state = State.at_rest(np.zeros((n, 3)), response)
+def hovering(
+    response: VelocityResponse, n: int = 1, height_m: float = 1e5
+) -> tuple[MotionState, Demands]:
+    state = MotionState.at_rest(np.zeros((n, 3)), response)
     state.landed[:] = False
     state.position[:, 2] = -height_m
     demands = Demands.idle(state)
@@ -31,21 +40,21 @@ def hovering(response: Response, n: int = 1, height_m: float = 1e5) -> tuple[Sta
     return state, demands
 
 
-def run(state: State, demands: Demands, response: Response, seconds: float) -> None:
+def run(state: MotionState, demands: Demands, response: VelocityResponse, seconds: float) -> None:
     for _ in range(round(seconds / DT)):
         advance(state, demands, response, DT)
 
 
 @pytest.mark.parametrize("response", RESPONSES)
-def test_what_hovers_stays_exactly_where_it_is(response: Response) -> None:
+def test_what_hovers_stays_exactly_where_it_is(response: VelocityResponse) -> None:
     state, demands = hovering(response)
     run(state, demands, response, 10.0)
     assert state.position[0].tolist() == [0.0, 0.0, -1e5]
 
 
 @pytest.mark.parametrize("response", RESPONSES)
-def test_what_stands_stays_whatever_is_asked_but_a_climb(response: Response) -> None:
-    state = State.at_rest(np.zeros((3, 3)), response)
+def test_what_stands_stays_whatever_is_asked_but_a_climb(response: VelocityResponse) -> None:
+    state = MotionState.at_rest(np.zeros((3, 3)), response)
     demands = Demands.idle(state)
     demands.velocity[:] = [3.0, -2.0, 1.0]
     demands.lift[1] = True  # asked to descend
@@ -59,13 +68,13 @@ def test_what_stands_stays_whatever_is_asked_but_a_climb(response: Response) -> 
 @settings(max_examples=10)
 @given(sequence=targets)
 def test_acceleration_and_speed_stay_within_their_bounds(
-    response: Ardupilot | Px4, sequence: Array
+    response: ArdupilotResponse | Px4Response, sequence: Array
 ) -> None:
     """Whatever the targets: horizontal force within the lean limit, so speed within what drag
     balances at it."""
     state, demands = hovering(response, N)
-    lean = response.lean_mps2 if isinstance(response, Ardupilot) else response.tilt_mps2
-    fastest = 12.0 if isinstance(response, Px4) else 11.0
+    lean = response.lean_mps2 if isinstance(response, ArdupilotResponse) else response.tilt_mps2
+    fastest = 12.0 if isinstance(response, Px4Response) else 11.0
     for target in sequence:
         demands.velocity[:] = target
         for _ in range(100):
@@ -74,7 +83,7 @@ def test_acceleration_and_speed_stay_within_their_bounds(
             air = np.hypot(state.velocity[:, 0], state.velocity[:, 1])
             drag = before * (
                 1.0
-                if isinstance(response, Px4)
+                if isinstance(response, Px4Response)
                 else 0.29 + 0.024 * np.abs(state.velocity).sum(axis=1)
             )
             assert (
@@ -90,7 +99,7 @@ def test_acceleration_and_speed_stay_within_their_bounds(
 def test_arducopter_shapes_its_target_within_acceleration_and_jerk(sequence: Array) -> None:
     """WPNAV_ACCEL and PSC_JERK_XY bound the horizontal *vectors* of the shaped path; more only over
     WPNAV_SPEED_DN."""
-    response = Ardupilot()
+    response = ArdupilotResponse()
     state, demands = hovering(response, N)
     before = np.zeros((N, 3))
     climb_mps2 = np.full(N, response.climb_mps2)
@@ -114,7 +123,7 @@ def test_arducopter_shapes_its_target_within_acceleration_and_jerk(sequence: Arr
     bearing=st.floats(-math.pi, math.pi),
 )
 def test_no_horizontal_direction_is_special(
-    response: Response, target: Array, bearing: float
+    response: VelocityResponse, target: Array, bearing: float
 ) -> None:
     c, s = math.cos(bearing), math.sin(bearing)
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
@@ -128,17 +137,17 @@ def test_no_horizontal_direction_is_special(
 @settings(max_examples=10)
 @given(data=st.data())
 def test_batches_of_any_shape_give_what_single_vehicles_give(
-    response: Response, data: st.DataObject
+    response: VelocityResponse, data: st.DataObject
 ) -> None:
     wanted = data.draw(arrays(np.float64, (2, 3, 3), elements=st.floats(-4.0, 4.0)))
     place = data.draw(arrays(np.float64, (2, 3, 3), elements=st.floats(-50.0, 50.0)))
-    batch = State.at_rest(place, response)
+    batch = MotionState.at_rest(place, response)
     demands = Demands.idle(batch)
     demands.velocity[:] = wanted
     demands.lift[:] = True
     run(batch, demands, response, 1.0)
     for i, j in np.ndindex(2, 3):
-        one = State.at_rest(place[i, j][None], response)
+        one = MotionState.at_rest(place[i, j][None], response)
         alone = Demands.idle(one)
         alone.velocity[0] = wanted[i, j]
         alone.lift[:] = True
@@ -148,9 +157,9 @@ def test_batches_of_any_shape_give_what_single_vehicles_give(
 
 
 def test_ideal_is_the_single_integrator() -> None:
-    state, demands = hovering(Ideal())
+    state, demands = hovering(IdealResponse())
     demands.velocity[0] = [1.0, -2.0, 0.5]
-    run(state, demands, Ideal(), 2.0)
+    run(state, demands, IdealResponse(), 2.0)
     np.testing.assert_allclose(state.position[0], [2.0, -4.0, -1e5 + 1.0], rtol=1e-12)
 
 
@@ -158,7 +167,7 @@ def test_ideal_is_the_single_integrator() -> None:
 @settings(max_examples=5)
 @given(goal=arrays(np.float64, (N, 3), elements=st.floats(-60.0, 60.0)))
 def test_a_held_position_is_reached_without_overshoot_worth_the_name(
-    response: Response, goal: Array
+    response: VelocityResponse, goal: Array
 ) -> None:
     state, demands = hovering(response, N)
     start = state.position.copy()
@@ -175,7 +184,7 @@ def test_a_held_position_is_reached_without_overshoot_worth_the_name(
 
 
 @pytest.mark.parametrize("response", REAL)
-def test_without_motors_in_the_air_it_falls_and_stays_down(response: Response) -> None:
+def test_without_motors_in_the_air_it_falls_and_stays_down(response: VelocityResponse) -> None:
     state, demands = hovering(response, height_m=20.0)
     demands.lift[:] = False
     demands.velocity[:] = [2.0, 0.0, -2.0]
@@ -188,7 +197,7 @@ def test_without_motors_in_the_air_it_falls_and_stays_down(response: Response) -
 
 
 @pytest.mark.parametrize("response", REAL)
-def test_never_below_the_ground(response: Response) -> None:
+def test_never_below_the_ground(response: VelocityResponse) -> None:
     state, demands = hovering(response, height_m=5.0)
     demands.velocity[0] = [1.0, 0.0, 1.5]
     lowest = -5.0
@@ -202,7 +211,7 @@ def test_never_below_the_ground(response: Response) -> None:
 @pytest.mark.parametrize("response", REAL)
 @settings(max_examples=5)
 @given(wind=arrays(np.float64, 3, elements=st.floats(-4.0, 4.0)).map(lambda w: w * [1, 1, 0]))
-def test_steady_wind_is_leant_against(response: Response, wind: Array) -> None:
+def test_steady_wind_is_leant_against(response: VelocityResponse, wind: Array) -> None:
     """The integral part finds the force that holds zero speed over ground."""
     state, demands = hovering(response)
     state.wind[:] = wind
@@ -211,7 +220,7 @@ def test_steady_wind_is_leant_against(response: Response, wind: Array) -> None:
 
 
 def test_turns_to_its_heading_the_short_way() -> None:
-    response = Ideal()
+    response = IdealResponse()
     state, demands = hovering(response)
     state.heading[:] = math.radians(170.0)
     demands.heading[:] = math.radians(-170.0)

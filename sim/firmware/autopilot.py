@@ -1,0 +1,354 @@
+"""One simulated autopilot: its state, the facts that follow from it, and how it speaks. Pure: no
+socket, clock or pymavlink.
+
+The persona's part (abstract here) is in `ardupilot_persona.py` and `px4_persona.py`. What every
+MAVLink vehicle serves is in `protocol/`, whose functions act on an `Autopilot`; `firmware.py` gives
+it time and messages. It answers through `outbox` and by `demand`.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, NamedTuple
+
+from sim.firmware.flying.battery import Battery
+from sim.firmware.flying.maneuvers import (
+    Demand,
+    FlightStyle,
+    GroundManeuver,
+    Maneuver,
+    ReturnManeuver,
+    Sensed,
+    VelocityManeuver,
+)
+from sim.firmware.flying.mission_items import MissionItem, MissionLists
+from sim.firmware.flying.position_target import PositionTarget, moved
+from sim.firmware.message import (
+    MAV_TYPE_GCS,
+    LandedState,
+    MavCommand,
+    MavResult,
+    MavSeverity,
+    Message,
+)
+from sim.firmware.parameters.fault_parameters import SIM_DEFAULTS
+from sim.firmware.parameters.parameter_set import Encoding, Parameters, TypedValue
+from sim.firmware.streams import Streams
+from sim.physics.geodesy import GeodeticPoint, TangentPlane, Vector3
+
+Contact = tuple[int, Vector3, Vector3]
+"""Address, position and velocity (NED) of an aircraft in sensing range."""
+CommandHandler = Callable[[Any, MavCommand], MavResult | None]
+"""From the autopilot and a command to the answer; None: no answer, or it has been given already."""
+
+MAX_SPEED_MPS = 20.0
+_TEXT = 50
+"""Characters in one STATUSTEXT."""
+
+
+@dataclass(frozen=True, slots=True)
+class FlightMode:
+    """A row of a persona's mode table."""
+
+    custom: int
+    """HEARTBEAT.custom_mode."""
+    name: str
+    armable: bool = False
+    """Arming by a ground station is allowed in it."""
+    guided: bool = False
+    """HEARTBEAT tells MAV_MODE_FLAG_GUIDED. A PX4 needs a pilot's sticks in all other modes."""
+    positioned: bool = False
+    """Needs a position estimate (ArduCopter)."""
+
+
+@dataclass(frozen=True)
+class AutopilotSetup:
+    """What one simulated autopilot is built with."""
+
+    sysid: int
+    plane: TangentPlane
+    """The simulator's common frame, in which `Sensed` is."""
+    start: Sensed
+    local_origin_ned_m: Vector3
+    """Where the vehicle's own local frame has its zero."""
+    ready_after_s: float
+    traffic: Callable[[], Iterable[Contact]]
+
+
+class Outgoing(NamedTuple):
+    """A message to send: to every client, or only to the one that asked."""
+
+    message: Message
+    private: bool
+
+
+class Autopilot(ABC):
+    """One autopilot. All times are mission seconds."""
+
+    autopilot: ClassVar[int]
+    """MAV_AUTOPILOT."""
+    version: ClassVar[int]
+    capabilities: ClassVar[int]
+    defaults: ClassVar[Mapping[str, TypedValue]]
+    encoding: ClassVar[Encoding]
+    sysid_parameter: ClassVar[str]
+    capacity_parameter: ClassVar[str]
+    """Of the battery [mAh]."""
+    boot_mode: ClassVar[FlightMode]
+    boot_streams: ClassVar[Mapping[str, float]]
+    """Intervals [s] of what is streamed unasked."""
+    commands: ClassVar[Mapping[int, CommandHandler]]
+    force_arm_magic: ClassVar[float]
+    arm_nonsense: ClassVar[MavResult | None]
+    """The answer to arming with a first parameter that is neither 0 nor 1."""
+    asks_in_kind: ClassVar[bool]
+    """It asks for mission items by MISSION_REQUEST_INT once the client has used it."""
+    first_index: ClassVar[int]
+    """Index of the first mission item that is flown."""
+    refusal: ClassVar[MavResult]
+    """The answer to a known command that can't be done now."""
+
+    def __init__(self, setup: AutopilotSetup, boot_s: float) -> None:
+        self.sysid = setup.sysid
+        self.plane = setup.plane
+        self.traffic = setup.traffic
+        self.local_origin_ned = setup.local_origin_ned_m
+        self.parameters = Parameters({**self.defaults, **SIM_DEFAULTS}, self.encoding)
+        self.parameters.set(self.sysid_parameter, setup.sysid)
+        self.outbox: list[Outgoing] = []
+        self.ignored = 0
+        """Messages for another vehicle, not known, or without sense."""
+        self.missions = MissionLists()
+        self._ready_after_s = setup.ready_after_s
+        self.start(setup.start, boot_s)
+
+    def start(self, sensed: Sensed, boot_s: float) -> None:
+        """Everything a (re)boot at `boot_s` makes fresh; before that time the firmware is dead."""
+        self.boot_s = self.now = self.tick_s = self.battery_s = boot_s
+        self.sensed = sensed
+        self.mode = self.boot_mode
+        self.armed = self.failsafe = self.told_ready = self.low_battery = False
+        self.home_ned = sensed.position_ned_m
+        self.speed_mps: float | None = None
+        """DO_CHANGE_SPEED's, in place of the parameter's."""
+        self.gcs_heartbeat_s: float | None = None
+        self.armed_s = -math.inf
+        self.landed_s: float | None = boot_s
+        """Since when the vehicle stands on the ground; None in the air."""
+        self._style: tuple[int, float | None, FlightStyle] | None = None
+        self.booted()
+        self.battery = Battery(max(1.0, self.parameters[self.capacity_parameter]))
+        self.maneuver: Maneuver = GroundManeuver()
+        self.demand: Demand = self.maneuver.demand(boot_s, sensed, self.style())
+        self.pending_parameters: deque[str] = deque()
+        self.streams = Streams()
+        for name, interval_s in self.boot_streams.items():
+            self.streams.set(name, interval_s, boot_s)
+
+    # --- the persona's part ---
+
+    @abstractmethod
+    def booted(self) -> None:
+        """Makes the persona's own state fresh."""
+
+    @abstractmethod
+    def style_by_parameters(self) -> FlightStyle:
+        """How it flies by itself, from the parameters."""
+
+    @abstractmethod
+    def battery_low(self) -> bool:
+        """Below the failsafe's threshold."""
+
+    @abstractmethod
+    def on_battery_low(self) -> None:
+        """The failsafe of a low battery."""
+
+    @abstractmethod
+    def addressed(self, command: MavCommand, /) -> bool:
+        """Whether a command with this target is answered."""
+
+    @abstractmethod
+    def arm(self, *, force: bool) -> MavResult:
+        """Arms, or says why not."""
+
+    @abstractmethod
+    def disarm(self, *, force: bool) -> MavResult:
+        """Disarms, or says why not."""
+
+    @abstractmethod
+    def set_mode(self, base_mode: int, custom_mode: int) -> MavResult:
+        """A mode asked for by SET_MODE."""
+
+    @abstractmethod
+    def enter(self, mode: FlightMode) -> MavResult:
+        """Changes the mode, or says why not."""
+
+    @abstractmethod
+    def go_to(self, place_ned: Vector3) -> MavResult:
+        """Flies to a point and stays, in the air and armed."""
+
+    @abstractmethod
+    def mission_lost(self) -> None:
+        """The mission that is being flown was cleared."""
+
+    @abstractmethod
+    def on_position_target(self, target: PositionTarget) -> None:
+        """A readable setpoint."""
+
+    @abstractmethod
+    def housekeeping(self) -> None:
+        """Failsafes, landing, ends of maneuvers; every tick, while armed."""
+
+    def first_item(self, item: MissionItem | None) -> MissionItem | None:
+        """What is told as the first mission item, for the one uploaded."""
+        return item
+
+    def guided_item(self, _item: MissionItem) -> bool | None:
+        """A mission item outside any upload, to be flown at once: whether it is; None: no
+        answer."""
+        return None
+
+    def data_stream(self, stream: int, interval_s: float | None) -> None:  # noqa: B027 - PX4 has none
+        """REQUEST_DATA_STREAM."""
+
+    def is_gcs(self, _system: int, kind: int) -> bool:
+        """Whether a heartbeat of this system and MAV_TYPE is a ground station's."""
+        return kind == MAV_TYPE_GCS
+
+    def gcs_heartbeat(self) -> None:
+        """A ground station was heard."""
+        self.gcs_heartbeat_s = self.now
+
+    # --- motion ---
+
+    def begin(self, maneuver: Maneuver) -> None:
+        """From now on does this."""
+        self.maneuver = maneuver
+        self.update_demand()
+
+    def update_demand(self) -> None:
+        """The maneuver's demand now; nothing lifts while disarmed."""
+        maneuver = self.maneuver if self.armed else GroundManeuver()
+        demand = maneuver.demand(self.now, self.sensed, self.style())
+        if demand != self.demand:
+            self.demand = demand
+
+    def style(self) -> FlightStyle:
+        """How it flies by itself; worked out again only after a change."""
+        known = self._style
+        if known is None or known[0] != self.parameters.version or known[1] != self.speed_mps:
+            style = self.style_by_parameters()
+            if self.speed_mps is not None:
+                style = replace(style, speed_mps=self.speed_mps)
+            self._style = known = (self.parameters.version, self.speed_mps, style)
+        return known[2]
+
+    def set_speed(self, speed_mps: float) -> None:
+        """The speed at which it flies by itself."""
+        self.speed_mps = min(speed_mps, MAX_SPEED_MPS)
+
+    def set_armed(self) -> None:
+        """Motors run; home is here."""
+        self.armed = True
+        self.armed_s = self.now
+        self.home_ned = self.sensed.position_ned_m
+
+    def set_disarmed(self, text: str) -> None:
+        """Motors stop."""
+        self.armed = False
+        self.failsafe = False
+        self.begin(GroundManeuver())
+        self.text(MavSeverity.INFO, text)
+
+    def follow(self, target: PositionTarget) -> None:
+        """Flies by a setpoint; axes without a velocity are not fed forward."""
+        yaw = self.demand.heading_rad if target.yaw_rad is None else target.yaw_rad
+        n, e, d = target.velocity
+        held = moved(target.position, self.local_origin_ned)
+        rate = target.yaw_rate_radps or 0.0
+        velocity = (n or 0.0, e or 0.0, d or 0.0)
+        self.begin(VelocityManeuver(velocity, yaw, held, rate, self.now))
+
+    def return_home(self) -> ReturnManeuver:
+        """The way home from here."""
+        style = self.style()
+        return ReturnManeuver(
+            self.sensed, self.home_ned, style.return_height_m, style.return_wait_s
+        )
+
+    def crashed(self) -> None:
+        """It fell to the ground."""
+        self.text(MavSeverity.EMERGENCY, "Crash: Disarming")
+        if self.armed:
+            self.set_disarmed("Disarming motors")
+
+    # --- facts ---
+
+    def ready(self) -> bool:
+        """Position estimate and pre-arm checks are good."""
+        return self._has_position(self._ready_after_s)
+
+    def fix(self) -> bool:
+        """GPS has a position, which takes half as long."""
+        return self._has_position(0.5 * self._ready_after_s)
+
+    def _has_position(self, after_s: float) -> bool:
+        return self.now - self.boot_s >= after_s and self.parameters["SIM_GPS_OFF"] != 1.0
+
+    def armable(self) -> bool:
+        """Pre-arm checks are good."""
+        healthy = self.parameters["SIM_ARM_REFUSE"] != 1.0 and not self.low_battery
+        return healthy and self.ready()
+
+    def standing_s(self) -> float:
+        """For how long it has stood on the ground; 0 in the air."""
+        return 0.0 if self.landed_s is None else self.now - self.landed_s
+
+    def boot_ms(self) -> int:
+        """Milliseconds since boot."""
+        return round((self.now - self.boot_s) * 1000) & 0xFFFFFFFF
+
+    def local_position(self) -> Vector3:
+        """Position in the vehicle's own local frame."""
+        n, e, d = self.sensed.position_ned_m
+        on, oe, od = self.local_origin_ned
+        return n - on, e - oe, d - od
+
+    def geodetic(self, ned_m: Vector3 | None = None) -> GeodeticPoint:
+        """A point (here, if not given) on the ellipsoid."""
+        return self.plane.geodetic_from_ned(self.sensed.position_ned_m if ned_m is None else ned_m)
+
+    def ned(self, lat_deg: float, lon_deg: float, alt_m: float, *, above_home: bool) -> Vector3:
+        """NED of a point on the ellipsoid; its height is above sea level, or above home."""
+        if above_home:
+            alt_m += self.geodetic(self.home_ned).alt_m
+        return self.plane.ned_from_geodetic(GeodeticPoint(lat_deg, lon_deg, alt_m))
+
+    def landed_state(self) -> LandedState:
+        """EXTENDED_SYS_STATE.landed_state."""
+        if self.sensed.landed:
+            return LandedState.ON_GROUND
+        flies = self.armed and not self.maneuver.done
+        return self.maneuver.landed_state if flies else LandedState.IN_AIR
+
+    # --- speaking ---
+
+    def say(self, name: str, fields: dict[str, Any], *, private: bool = False) -> None:
+        """Queues a message for every client, or only for the one that asked."""
+        self.outbox.append(Outgoing(Message(name, fields), private))
+
+    def text(self, severity: MavSeverity, text: str) -> None:
+        """STATUSTEXT; longer ones in chunks of 50 characters."""
+        chunks = [text[i : i + _TEXT] for i in range(0, len(text), _TEXT)]
+        for i, chunk in enumerate(chunks):
+            ident = {"id": 1 if len(chunks) > 1 else 0, "chunk_seq": i}
+            self.say("STATUSTEXT", {"severity": int(severity), "text": chunk.encode()} | ident)
+
+    def acknowledge(self, command: int, result: MavResult, to: tuple[int, int]) -> None:
+        """COMMAND_ACK to the client that asked."""
+        target = {"target_system": to[0], "target_component": to[1]}
+        self.say("COMMAND_ACK", {"command": command, "result": int(result)} | target, private=True)
