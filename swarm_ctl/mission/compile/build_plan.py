@@ -13,15 +13,15 @@ from swarm_ctl.core.model.plan import Compensation, Plan, Point
 from swarm_ctl.mission.geometry import slot_assignment
 from swarm_ctl.mission.geometry.shapes import slots_of
 from swarm_ctl.mission.input.schema import (
-    Form,
-    Hold,
+    FormSection,
+    HoldSection,
     MissionFile,
-    Move,
-    Return,
-    Rotate,
-    Scale,
-    Step,
-    Takeoff,
+    MoveSection,
+    ReturnSection,
+    RotateSection,
+    ScaleSection,
+    StepEntry,
+    TakeoffSection,
 )
 
 _FENCE_MARGIN_M = 100.0
@@ -136,23 +136,25 @@ def _steps(mission: MissionFile, starts: dict[int, Point]) -> tuple[plan.Step, .
     return tuple(steps)
 
 
-def _step(mission: MissionFile, step: Step, ids: list[int], before: PlannedFormation) -> plan.Step:
+def _step(
+    mission: MissionFile, step: StepEntry, ids: list[int], before: PlannedFormation
+) -> plan.Step:
     limits = mission.vehicle.limits
     landing_s = _DISARM_S + 1.5 * before.height_m / min(limits.descent_mps, _TOUCHDOWN_MPS)
     match step.body:
-        case Takeoff() as takeoff:
+        case TakeoffSection() as takeoff:
             generous_s = _SPOOL_UP_S + 2 * takeoff.height_m / limits.climb_mps
             return plan.TakeoffStep(
                 takeoff.height_m, takeoff.timeout_s or generous_s, takeoff.on_timeout
             )
-        case Form() as form:
+        case FormSection() as form:
             return _form(mission, form, ids, before)
-        case Hold() as hold:
+        case HoldSection() as hold:
             timeout_s = hold.timeout_s or hold.duration_s + 30
             return plan.HoldStep(hold.duration_s, timeout_s, hold.on_timeout)
-        case Move() | Rotate() | Scale() as travel:
+        case MoveSection() | RotateSection() | ScaleSection() as travel:
             return _travel(mission, travel, before)
-        case Return() as back:
+        case ReturnSection() as back:
             generous_s = landing_s * (len(ids) + 1)
             return plan.ReturnStep(back.timeout_s or generous_s, back.on_timeout)
         case land:
@@ -160,7 +162,7 @@ def _step(mission: MissionFile, step: Step, ids: list[int], before: PlannedForma
 
 
 def _form(
-    mission: MissionFile, form: Form, ids: list[int], before: PlannedFormation
+    mission: MissionFile, form: FormSection, ids: list[int], before: PlannedFormation
 ) -> plan.FormStep:
     slots = slots_of(mission.shapes[form.shape], len(ids))
     if form.slots == "nearest":
@@ -189,25 +191,27 @@ def _form(
 
 
 def _travel(
-    mission: MissionFile, travel: Move | Rotate | Scale, before: PlannedFormation
+    mission: MissionFile,
+    travel: MoveSection | RotateSection | ScaleSection,
+    before: PlannedFormation,
 ) -> plan.Step:
     speed_mps = travel.speed_mps or mission.vehicle.limits.speed_mps / 2
 
     def planned(timeout_s: float) -> plan.MoveStep | plan.RotateStep | plan.ScaleStep:
         rest = (speed_mps, travel.tolerance_m, travel.settle_s, timeout_s, travel.on_timeout)
         match travel:
-            case Move():
+            case MoveSection():
                 return plan.MoveStep(_waypoints_m(travel, before), *rest)
-            case Rotate():
+            case RotateSection():
                 return plan.RotateStep(before.angle_rad + math.radians(travel.angle_deg), *rest)
-            case Scale():
+            case ScaleSection():
                 return plan.ScaleStep(before.scale * travel.factor, *rest)
 
     way_m = sum(before.legs_m(planned(0.0)))
     return planned(travel.timeout_s or 30 + travel.settle_s + 2 * way_m / speed_mps)
 
 
-def _waypoints_m(move: Move, before: PlannedFormation) -> tuple[Point, ...]:
+def _waypoints_m(move: MoveSection, before: PlannedFormation) -> tuple[Point, ...]:
     unit = before.unit_m
     if move.by is not None:
         north, east = before.centre_m

@@ -20,15 +20,15 @@ from swarm_ctl.mission.geometry.shapes import slot_count, slots_of
 from swarm_ctl.mission.input.document import Finding, Place, dotted
 from swarm_ctl.mission.input.schema import (
     FleetEntry,
-    Form,
+    FormSection,
     MissionFile,
-    Move,
-    Offsets,
-    Ring,
-    Rotate,
-    Scale,
+    MoveSection,
+    OffsetsShape,
+    RingShape,
+    RotateSection,
+    ScaleSection,
     Shape,
-    Step,
+    StepEntry,
 )
 from swarm_ctl.mission.input.simulation_section import overlaps
 
@@ -205,7 +205,7 @@ def _faults(mission: MissionFile) -> Findings:
 def _shapes(mission: MissionFile) -> Findings:
     for name, shape in mission.shapes.items():
         place = ("shapes", name)
-        if isinstance(shape, Ring) and (shape.side is None) == (shape.radius is None):
+        if isinstance(shape, RingShape) and (shape.side is None) == (shape.radius is None):
             given = "neither side nor radius" if shape.side is None else "both side and radius"
             yield Finding(place, f"has {given}", "one of side, radius")
         else:
@@ -222,7 +222,7 @@ def _slot_distances(mission: MissionFile, place: Place, shape: Shape) -> Finding
     if close:
         apart, i, j = close[0]
         more = f" (and {len(close) - 1} more pairs)" if len(close) > 1 else ""
-        where = (*place, "offsets", j) if isinstance(shape, Offsets) else place
+        where = (*place, "offsets", j) if isinstance(shape, OffsetsShape) else place
         pair = f"slots {i + 1} and {j + 1} of {len(between)}"
         what = f"{pair} are {with_metres(apart, mission.unit_m)} apart{more}"
         yield Finding(where, what, f"more than law.r_out = {with_metres(r_out, mission.unit_m)}")
@@ -235,7 +235,7 @@ def _slot_counts(mission: MissionFile) -> Findings:
         shape = mission.shapes[name]
         have = slot_count(shape, need)
         if have != need:
-            place = ("shapes", name, "offsets" if isinstance(shape, Offsets) else "count")
+            place = ("shapes", name, "offsets" if isinstance(shape, OffsetsShape) else "count")
             few = "too few" if have < need else "too many"
             yield Finding(place, f"{have} slots for {need} agents: {few}", f"{need} slots")
 
@@ -243,7 +243,7 @@ def _slot_counts(mission: MissionFile) -> Findings:
 # --- steps ---
 
 
-def _forms(mission: MissionFile) -> list[tuple[Place, Form]]:
+def _forms(mission: MissionFile) -> list[tuple[Place, FormSection]]:
     return [(("steps", k, "form"), step.form) for k, step in enumerate(mission.steps) if step.form]
 
 
@@ -253,7 +253,9 @@ def _steps(mission: MissionFile) -> Findings:
     for k, kind in enumerate(kinds):
         place = ("steps", k)
         if not kind:
-            yield Finding(place, "is not one step", f"exactly one of {', '.join(Step.kinds())}")
+            yield Finding(
+                place, "is not one step", f"exactly one of {', '.join(StepEntry.kinds())}"
+            )
         elif k == 0 and kind != "takeoff":
             yield Finding(place, f"{kind} before takeoff", "takeoff as the first step")
         elif k > 0 and kind == "takeoff":
@@ -281,12 +283,15 @@ def _travels(mission: MissionFile) -> Findings:
     limit = mission.vehicle.limits.speed_mps
     for k, step in enumerate(mission.steps):
         travel, place = step.body, ("steps", k, step.kind)
-        if isinstance(travel, Move):
+        if isinstance(travel, MoveSection):
             given = [name for name in ("to", "along", "by") if getattr(travel, name) is not None]
             if len(given) != 1:
                 what = f"has {' and '.join(given) or 'no way to go'}"
                 yield Finding(place, what, "one of to, along, by")
-        if isinstance(travel, Move | Rotate | Scale) and (travel.speed_mps or 0.0) > limit:
+        if (
+            isinstance(travel, MoveSection | RotateSection | ScaleSection)
+            and (travel.speed_mps or 0.0) > limit
+        ):
             what = f"{travel.speed_mps:g} m/s is faster than the vehicles may fly"
             allowed = f"at most vehicle.limits.speed_mps = {limit:g}"
             yield Finding((*place, "speed_mps"), what, allowed)

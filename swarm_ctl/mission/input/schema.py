@@ -13,7 +13,7 @@ from pydantic import ConfigDict, Field, model_validator
 
 from swarm_ctl.core.model.plan import Compensation, Policy
 from swarm_ctl.mission.input.section import AgentId, Section
-from swarm_ctl.mission.input.simulation_section import Simulation
+from swarm_ctl.mission.input.simulation_section import SimulationSection
 
 Length = Annotated[float, Field(gt=0, le=1000)]
 Coordinate = Annotated[float, Field(ge=-10_000, le=10_000)]
@@ -27,7 +27,7 @@ Name = Annotated[
 Action = Annotated[Policy, Field(strict=False)]
 
 
-class Origin(Section):
+class OriginSection(Section):
     """Origin of the common frame (WGS-84)."""
 
     lat_deg: float = Field(ge=-90, le=90)
@@ -36,7 +36,7 @@ class Origin(Section):
     """Metres above mean sea level."""
 
 
-class Law(Section):
+class LawSection(Section):
     """The formation law's parameters."""
 
     r: Length
@@ -95,14 +95,14 @@ class VehicleLimits(Section):
     descent_mps: float = Field(default=1.0, ge=0.1, le=3)
 
 
-class Vehicle(Section):
+class VehicleSection(Section):
     """What holds for all vehicles of the mission."""
 
     response: VehicleResponse = VehicleResponse()
     limits: VehicleLimits = VehicleLimits()
 
 
-class Agent(Section):
+class AgentEntry(Section):
     """One agent of the mission."""
 
     id: AgentId
@@ -110,17 +110,17 @@ class Agent(Section):
     """Where its vehicle stands before take-off: [north, east] of the origin."""
 
 
-class _Shape(Section):
+class _ShapeSection(Section):
     rotation_deg: Angle = 0.0
     """Turns the whole shape clockwise."""
 
 
-class _Counted(_Shape):
+class _CountedShape(_ShapeSection):
     count: int | None = Field(default=None, ge=1, le=1000)
     """Number of slots. Default: one per agent."""
 
 
-class Ring(_Counted):
+class RingShape(_CountedShape):
     """Slots evenly on a circle, clockwise from north. Give `side` or `radius`."""
 
     kind: Literal["ring"]
@@ -129,21 +129,21 @@ class Ring(_Counted):
     radius: Length | None = None
 
 
-class Line(_Counted):
+class LineShape(_CountedShape):
     """Line abreast: slots from west to east."""
 
     kind: Literal["line"]
     spacing: Length
 
 
-class Column(_Counted):
+class ColumnShape(_CountedShape):
     """Line in trail: slots from north to south."""
 
     kind: Literal["column"]
     spacing: Length
 
 
-class Grid(_Counted):
+class GridShape(_CountedShape):
     """Rows of slots from west to east, the northern row first."""
 
     kind: Literal["grid"]
@@ -152,7 +152,7 @@ class Grid(_Counted):
     """Slots per row. Default: as square as possible."""
 
 
-class Vee(_Counted):
+class VeeShape(_CountedShape):
     """A leader in the north, the other slots alternately on its left and right arm."""
 
     kind: Literal["vee"]
@@ -162,7 +162,7 @@ class Vee(_Counted):
     """Between the arms; from 60 on, slots of different arms are at least `spacing` apart."""
 
 
-class Wedge(_Counted):
+class WedgeShape(_CountedShape):
     """A filled triangle: rows of one, two, three ... slots from north to south, adjacent ones
     `spacing` apart."""
 
@@ -170,25 +170,23 @@ class Wedge(_Counted):
     spacing: Length
 
 
-class Circle(_Counted):
+class CircleShape(_CountedShape):
     """One slot in the middle, the others evenly on a circle around it, clockwise from north."""
 
     kind: Literal["circle"]
     radius: Length
 
 
-class Letters(_Shape):
+class LettersShape(_CountedShape):
     """Text in a simple stroke font, slots evenly along the strokes."""
 
     kind: Literal["letters"]
     text: Annotated[str, Field(pattern=r"^[A-Za-z0-9 ]{1,12}$", examples=["A", "HELLO"])]
     height: Length
     """Of a letter; its width is two thirds of that."""
-    count: int | None = Field(default=None, ge=1, le=1000)
-    """Number of slots. Default: one per agent."""
 
 
-class Imported(_Shape):
+class CsvShape(_ShapeSection):
     """Slots from a CSV file with two columns, north and east. A first line of names is skipped."""
 
     kind: Literal["csv"]
@@ -196,7 +194,7 @@ class Imported(_Shape):
     """Path of the CSV file, relative to the mission file."""
 
 
-class Star(_Counted):
+class StarShape(_CountedShape):
     """Slots alternately on an outer and an inner circle, clockwise from north, the first one
     outside."""
 
@@ -205,7 +203,7 @@ class Star(_Counted):
     inner_radius: Length
 
 
-class Offsets(_Shape):
+class OffsetsShape(_ShapeSection):
     """Any slots, given one by one."""
 
     kind: Literal["offsets"]
@@ -214,19 +212,29 @@ class Offsets(_Shape):
 
 
 Shape: TypeAlias = Annotated[
-    Ring | Circle | Line | Column | Grid | Vee | Wedge | Star | Letters | Offsets | Imported,
+    RingShape
+    | CircleShape
+    | LineShape
+    | ColumnShape
+    | GridShape
+    | VeeShape
+    | WedgeShape
+    | StarShape
+    | LettersShape
+    | OffsetsShape
+    | CsvShape,
     Field(discriminator="kind"),
 ]
 Link = tuple[AgentId, AgentId]
 Links = Annotated[tuple[Link, ...], Field(min_length=1, max_length=31125)]
 
 
-class _Timed(Section):
+class _TimedSection(Section):
     on_timeout: Action = Policy.LAND
     """What to do after `timeout_s`: land, return, hold, or continue with the next step."""
 
 
-class Takeoff(_Timed):
+class TakeoffSection(_TimedSection):
     """Set the autopilot's mode, arm and climb."""
 
     height_m: float = Field(ge=1, le=120)
@@ -235,7 +243,7 @@ class Takeoff(_Timed):
     """Default: 30 s more than twice the climb at vehicle.limits.climb_mps."""
 
 
-class Form(_Timed):
+class FormSection(_TimedSection):
     """Fly into a shape and wait until it stands."""
 
     shape: Name
@@ -256,7 +264,7 @@ class Form(_Timed):
     `r` in the shape before this step; or a list of links, [id, id]."""
 
 
-class _Travel(_Timed):
+class _TravelSection(_TimedSection):
     speed_mps: float | None = Field(default=None, ge=0.1, le=20)
     """Of the fastest agent. Default: half of vehicle.limits.speed_mps."""
     tolerance_m: float = Field(default=0.5, ge=0.05, le=50)
@@ -268,7 +276,7 @@ class _Travel(_Timed):
     """Default: 30 s and settle_s more than twice the time at speed_mps."""
 
 
-class Move(_Travel):
+class MoveSection(_TravelSection):
     """Move the formation's centre along a path and keep the shape. Give `to`, `along` or `by`."""
 
     to: NorthEast | None = None
@@ -279,28 +287,28 @@ class Move(_Travel):
     """How far the centre goes: [north, east] of where it is planned to be."""
 
 
-class Rotate(_Travel):
+class RotateSection(_TravelSection):
     """Turn the formation about its centre and keep the shape."""
 
     angle_deg: float = Field(ge=-3600, le=3600)
     """Clockwise as seen from above."""
 
 
-class Scale(_Travel):
+class ScaleSection(_TravelSection):
     """Widen or narrow the formation about its centre."""
 
     factor: float = Field(ge=0.05, le=20)
     """Relative to the shape's present size."""
 
 
-class Return(_Timed):
+class ReturnSection(_TimedSection):
     """Return to the starts, one agent at a time, at separated heights; land there and disarm."""
 
     timeout_s: Timeout | None = None
     """Default: long enough for the number of agents and the height."""
 
 
-class Hold(_Timed):
+class HoldSection(_TimedSection):
     """Keep the formation for a while."""
 
     duration_s: float = Field(gt=0, le=3600)
@@ -308,29 +316,38 @@ class Hold(_Timed):
     """Default: 30 s more than the duration."""
 
 
-class Land(Section):
+class LandSection(Section):
     """Stop, land in place and disarm."""
 
     timeout_s: Timeout | None = None
     """Default: long enough for the height."""
 
 
-StepBody: TypeAlias = Takeoff | Form | Hold | Move | Rotate | Scale | Return | Land
+StepBody: TypeAlias = (
+    TakeoffSection
+    | FormSection
+    | HoldSection
+    | MoveSection
+    | RotateSection
+    | ScaleSection
+    | ReturnSection
+    | LandSection
+)
 
 
-class Step(Section):
+class StepEntry(Section):
     """One step of the mission: exactly one of these fields."""
 
     model_config = ConfigDict(json_schema_extra={"minProperties": 1, "maxProperties": 1})
 
-    takeoff: Takeoff | None = None
-    form: Form | None = None
-    hold: Hold | None = None
-    move: Move | None = None
-    rotate: Rotate | None = None
-    scale: Scale | None = None
-    return_: Return | None = Field(default=None, alias="return")
-    land: Land | None = None
+    takeoff: TakeoffSection | None = None
+    form: FormSection | None = None
+    hold: HoldSection | None = None
+    move: MoveSection | None = None
+    rotate: RotateSection | None = None
+    scale: ScaleSection | None = None
+    return_: ReturnSection | None = Field(default=None, alias="return")
+    land: LandSection | None = None
 
     @property
     def kind(self) -> str:
@@ -442,7 +459,7 @@ class MissionFile(Section):
     version: Literal[1]
     name: Name
     """Letters, digits, - and _. Part of the name of the run's folder."""
-    origin: Origin
+    origin: OriginSection
     lengths: Literal["units", "metres"] = "units"
     """Unit of all lengths without a suffix: units of `unit_m` metres, or metres."""
     unit_m: float = Field(default=5.0, ge=0.1, le=1000)
@@ -451,21 +468,21 @@ class MissionFile(Section):
     """The control loop's period."""
     prepare_timeout_s: Timeout = 120.0
     """How long agents wait until all vehicles are healthy and all agents are heard."""
-    law: Law
-    vehicle: Vehicle = Vehicle()
+    law: LawSection
+    vehicle: VehicleSection = VehicleSection()
     safety: SafetySection = SafetySection()
     policies: PolicySection = PolicySection()
     fence: FenceSection = FenceSection()
     neighbours: Literal["starts"] | Links = "starts"
     """starts: agents that start within `r` of each other are neighbours (the paper's rule); or a
     list of links, [id, id]."""
-    agents: tuple[Agent, ...] = Field(min_length=1, max_length=250)
+    agents: tuple[AgentEntry, ...] = Field(min_length=1, max_length=250)
     """At most 250, the number of sysids."""
     shapes: dict[Name, Shape] = Field(default={})
-    steps: tuple[Step, ...] = Field(min_length=1, max_length=1000)
+    steps: tuple[StepEntry, ...] = Field(min_length=1, max_length=1000)
     fleet: FleetSection | None = None
     """The vehicles, or the path of a fleet file relative to this file. Default: all simulated."""
-    simulation: Simulation = Simulation()
+    simulation: SimulationSection = SimulationSection()
 
 
 def json_schema() -> dict[str, Any]:

@@ -69,7 +69,7 @@ NEUTRAL: dict[str, float] = dict.fromkeys(SimParameters.model_fields, 0.0) | {"S
 """What the simulator starts with."""
 
 
-class Fault(Section):
+class FaultEntry(Section):
     """Parameters that change at a time, and for how long."""
 
     at_s: float = Field(ge=0, le=86_400)
@@ -81,14 +81,14 @@ class Fault(Section):
     set: SimParameters
 
 
-class Simulation(Section):
+class SimulationSection(Section):
     """Weather and faults of simulated vehicles; vehicles with an endpoint ignore them."""
 
     parameters: SimParameters = SimParameters()
     """Of all simulated vehicles, from the start."""
     since: Literal["liftoff", "start"] = "liftoff"
     """Zero of the faults' times: the first lift-off, or the run's start (seconds before arming)."""
-    faults: Annotated[tuple[Fault, ...], Field(max_length=1000)] = ()
+    faults: Annotated[tuple[FaultEntry, ...], Field(max_length=1000)] = ()
     """In any order."""
 
     def timetable(self, sysids: Mapping[int, int]) -> list[dict[str, Any]]:
@@ -109,7 +109,7 @@ class Simulation(Section):
         return sorted(end + begin, key=lambda entry: entry["at_s"])
 
 
-def overlaps(faults: tuple[Fault, ...]) -> Iterator[tuple[int, int, str]]:
+def overlaps(faults: tuple[FaultEntry, ...]) -> Iterator[tuple[int, int, str]]:
     """Pairs of faults (by index) of which the second sets a parameter of a vehicle while the first
     sets the same one, and the parameter."""
     ordered = sorted(enumerate(faults), key=lambda entry: entry[1].at_s)

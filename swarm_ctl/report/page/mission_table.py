@@ -32,7 +32,7 @@ from swarm_ctl.core.model.text import ranges
 from swarm_ctl.core.safety.constraints import Margins
 from swarm_ctl.mission.compile.forecast import StepForecast
 from swarm_ctl.mission.compile.loader import LoadedMission
-from swarm_ctl.mission.input.simulation_section import Simulation
+from swarm_ctl.mission.input.simulation_section import SimulationSection
 
 _AGENTS: Final = 12
 """Of more agents, a table that is not `full` shows so many."""
@@ -219,7 +219,7 @@ def _safety(plan: Plan) -> str:
     return ", ".join((f"filter (stop points {margins.keep_out:.1f} m apart or more)", *others))
 
 
-def _simulation(simulation: Simulation) -> Iterator[str]:
+def _simulation(simulation: SimulationSection) -> Iterator[str]:
     """Weather, and the faults in the order of their times."""
     if given := simulation.parameters.given():
         yield f"weather  {_settings(given)} (simulated vehicles)"
@@ -241,7 +241,7 @@ def _late_steps(plan: Plan, forecasts: Sequence[StepForecast]) -> Iterator[str]:
 
 
 def _late_faults(
-    simulation: Simulation, plan: Plan, forecasts: Sequence[StepForecast]
+    simulation: SimulationSection, plan: Plan, forecasts: Sequence[StepForecast]
 ) -> Iterator[str]:
     end_s = _total_s(plan, forecasts) + (_PREPARED_S if simulation.since == "start" else 0.0)
     for fault in simulation.faults:

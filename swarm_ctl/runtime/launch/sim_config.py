@@ -9,13 +9,13 @@ from typing import Any
 from swarm_ctl.core.model.frames import geodetic_from_ned
 from swarm_ctl.core.model.plan import Geodetic, Plan
 from swarm_ctl.mission.compile.fleet import FleetAgent
-from swarm_ctl.mission.input.simulation_section import Simulation
+from swarm_ctl.mission.input.simulation_section import SimulationSection
 
 _READY_AFTER_S = 3.0
 
 
 def simulator_config(
-    plan: Plan, vehicles: Sequence[FleetAgent], simulation: Simulation
+    plan: Plan, vehicles: Sequence[FleetAgent], simulation: SimulationSection
 ) -> dict[str, Any]:
     """Geodetic starts, weather and faults of the mission; each vehicle listens where its entry's
     endpoint says."""

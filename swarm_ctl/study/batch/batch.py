@@ -222,10 +222,10 @@ def start_shape(name: str, n: int) -> Floats:
 def unit_shape(name: str, n: int) -> Floats:
     """Slots of a shape with spacing 1, centred, (n, 2)."""
     kinds: dict[str, schema.Shape] = {
-        "ring": schema.Ring(kind="ring", side=1.0),
-        "line": schema.Line(kind="line", spacing=1.0),
-        "grid": schema.Grid(kind="grid", spacing=1.0),
-        "vee": schema.Vee(kind="vee", spacing=1.0),
-        "wedge": schema.Wedge(kind="wedge", spacing=1.0),
+        "ring": schema.RingShape(kind="ring", side=1.0),
+        "line": schema.LineShape(kind="line", spacing=1.0),
+        "grid": schema.GridShape(kind="grid", spacing=1.0),
+        "vee": schema.VeeShape(kind="vee", spacing=1.0),
+        "wedge": schema.WedgeShape(kind="wedge", spacing=1.0),
     }
     return centred(slots_of(kinds[name], n))
