@@ -12,6 +12,7 @@ import typer
 
 from swarm_ctl.cli.console import PlainConsole
 from swarm_ctl.cli.options import FleetFile, Headless, Json, Metrics, MissionFile, Speedup
+from swarm_ctl.core.model.messages import Outcome
 
 
 def run(
@@ -76,7 +77,7 @@ def run(
     console.say(f"summary: {result.folder / 'summary.json'}")
     if report:
         _report(result.folder, sys.stderr if json else sys.stdout)
-    completed = result.summary.outcome == "completed"
+    completed = result.summary.outcome is Outcome.COMPLETED
     if not completed:
         console.say(f"{result.summary.outcome}: {result.summary.reason}", style="bold red")
     raise typer.Exit(130 if result.interrupts else int(not completed))

@@ -120,7 +120,8 @@ class ProcessFlight(SwarmFlight):
         summary = TypeAdapter(Summary).validate_json((folder / "summary.json").read_bytes())
         lines = (folder / "events.jsonl").read_bytes().splitlines()
         events = tuple(TypeAdapter(Event).validate_json(line) for line in lines)
-        outcomes = {each.agent: each.outcome for each in summary.agents if each.account == "final"}
+        final = [each for each in summary.agents if each.account == "final"]
+        outcomes = {each.agent: str(each.outcome) for each in final}
         closest_m = summary.min_true_distance_m
         truth = load_truth(folder / TRUTH)
         ups = sorted(e.sysid for e in truth.events if e.event == "liftoff")

@@ -1,17 +1,19 @@
-"""Small things about files that the run folder's readers and writers share."""
+"""Reading and writing files of a run folder that a killed process may have torn."""
 
 from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from pydantic import ValidationError
 
-_SHOWN_PROBLEMS: Final = 5
+from swarm_ctl.core.model.text import escaped
+
+_SHOWN: Final = 5
 
 
 @dataclass(slots=True)
@@ -24,15 +26,13 @@ class Damage:
 
     def describe(self, name: str) -> list[str]:
         """The damage in words; empty where there is none."""
-        lines = f"{self.bad_lines} line{'s' if self.bad_lines > 1 else ''} could not be read"
-        return [f"{name}: {lines}"] * bool(self.bad_lines) + [
-            f"{name}: the last line is torn"
-        ] * self.torn
+        many = "s" if self.bad_lines > 1 else ""
+        bad = f"{name}: {self.bad_lines} line{many} could not be read"
+        return [bad] * bool(self.bad_lines) + [f"{name}: the last line is torn"] * self.torn
 
 
 def read_lines(path: Path, damage: Damage) -> Iterator[bytes]:
-    """The lines of a file, one after the other; a torn last one is told in `damage` and left out.
-    OSError passes."""
+    """The lines of a file but for a torn last one, which `damage` notes. OSError passes."""
     with path.open("rb") as file:
         for line in file:
             if not line.endswith(b"\n"):
@@ -42,8 +42,7 @@ def read_lines(path: Path, damage: Damage) -> Iterator[bytes]:
 
 
 def write_whole(path: Path, text: str) -> None:
-    """Replace a file in one move: a reader finds the old or the new one, never a part. Its rights
-    stay."""
+    """Replace a file in one move, so that no reader finds a part of it; its permissions stay."""
     part = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         part.write_text(text, encoding="utf-8", newline="")
@@ -55,13 +54,16 @@ def write_whole(path: Path, text: str) -> None:
         raise
 
 
-def wording(error: ValidationError) -> str:
-    """pydantic's complaints in one line, the first few of them."""
-    problems = [
-        f"{'.'.join(map(str, found['loc'])) or 'document'}: {found['msg']}"
+def explained(error: ValidationError) -> str:
+    """The first few of pydantic's errors on one line."""
+    return first_few(
+        escaped(f"{'.'.join(map(str, found['loc'])) or 'document'}: {found['msg']}")
         for found in error.errors()
-    ]
-    more = (
-        [f"and {len(problems) - _SHOWN_PROBLEMS} more"] if len(problems) > _SHOWN_PROBLEMS else []
     )
-    return "; ".join(problems[:_SHOWN_PROBLEMS] + more)
+
+
+def first_few(sentences: Iterable[str]) -> str:
+    """The first five of some sentences, and how many more there are."""
+    said = list(sentences)
+    more = [f"and {len(said) - _SHOWN} more"] if len(said) > _SHOWN else []
+    return "; ".join([*said[:_SHOWN], *more])

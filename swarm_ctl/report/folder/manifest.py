@@ -1,5 +1,4 @@
-"""`run.json`: what was flown, by whom, when. `run` writes it before anything starts; later tools
-read it first."""
+"""`run.json`: plan, fleet and time of a run. `run` writes it before it starts any process."""
 
 from __future__ import annotations
 
@@ -13,55 +12,53 @@ from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationErro
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.errors import InputError
 from swarm_ctl.mission.compile.fleet import FleetAgent
-from swarm_ctl.report.folder.files import wording, write_whole
+from swarm_ctl.report.folder.files import explained, write_whole
 
 MANIFEST: Final = "run.json"
 
 
-class _Strict(BaseModel):
-    """No unknown field, no silent conversion; holds for the plan's own dataclasses as well."""
+class _StrictModel(BaseModel):
+    """No unknown field, no silent conversion, in the plan's dataclasses as well."""
 
     model_config = ConfigDict(
         frozen=True, extra="forbid", strict=True, use_attribute_docstrings=True
     )
 
 
-class _PlanDocument(_Strict):
+class _PlanDocument(_StrictModel):
     plan: Plan
 
 
-class Manifest(_Strict):
+class Manifest(_StrictModel):
     """The manifest of one run."""
 
     schema_version: Literal[1] = 1
     mission: str
-    """The mission file as it was named on the command line."""
+    """The mission file as the command line names it."""
     swarm: str
     """The swarm's name on the mesh."""
     started_at: AwareDatetime
     speedup: float = Field(gt=0)
     epoch_s: float
-    """Zero of the mission clock, on this machine's monotonic clock."""
+    """Zero of the mission clock on this machine's monotonic clock."""
     headless: bool
     plan: Plan
     plan_hash: str = Field(pattern=r"^[0-9a-f]{16}$")
-    """`fingerprint(plan)`: hexadecimal, because many JSON readers lose a 64-bit integer's last
-    digits."""
+    """`fingerprint(plan)`; hexadecimal, as many JSON readers round 64-bit integers."""
     fleet: tuple[FleetAgent, ...]
-    """One entry per agent, with the endpoints that were really used."""
+    """One entry per agent, with the endpoints in use."""
     station_mesh: str | None = None
     """Where the station listens on the mesh."""
     record_hz: dict[str, float] = Field(default_factory=dict)
-    """The most that is recorded of a topic from each agent, where it is not all."""
+    """Limits on the messages of a topic that are recorded from each agent."""
     versions: dict[str, str] = Field(default_factory=dict)
-    """Of this program, Python and the libraries that matter."""
+    """Of this program, Python and some libraries."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        if self.plan_hash != fingerprint(self.plan):
-            raise ValueError(
-                f"plan_hash is {self.plan_hash}, the plan's is {fingerprint(self.plan)}"
-            )
+        found = fingerprint(self.plan)
+        if self.plan_hash != found:
+            raise ValueError(f"plan_hash is {self.plan_hash}, the plan's is {found}")
         _refuse_repeated("agent id", (agent.id for agent in self.fleet))
         _refuse_repeated("sysid", (agent.sysid for agent in self.fleet))
         if {agent.id for agent in self.fleet} != {agent.id for agent in self.plan.agents}:
@@ -75,8 +72,7 @@ class Manifest(_Strict):
 
     @property
     def whole_mesh(self) -> list[str]:
-        """Where agents and the run's station listen: who joins later is heard by all, and hears
-        all."""
+        """Where agents and the run's station listen: a process that joins later connects to all."""
         return self.agents_mesh + ([self.station_mesh] if self.station_mesh else [])
 
     @property
@@ -96,12 +92,11 @@ def plan_to_json(plan: Plan) -> str:
 
 
 def plan_from_json(text: str | bytes) -> Plan:
-    """The plan that `plan_to_json` wrote; InputError names each field that is wrong, missing or
-    unknown."""
+    """The plan that `plan_to_json` wrote; InputError names each field that is wrong."""
     try:
         return _PlanDocument.model_validate_json(text).plan
     except ValidationError as error:
-        raise InputError(f"plan: {wording(error)}") from error
+        raise InputError(f"plan: {explained(error)}") from error
 
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:
@@ -117,7 +112,7 @@ def read_manifest(folder: Path) -> Manifest:
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}") from error
     except ValidationError as error:
-        raise InputError(f"{path}: {wording(error)}") from error
+        raise InputError(f"{path}: {explained(error)}") from error
 
 
 def _refuse_repeated(what: str, numbers: Iterable[int]) -> None:

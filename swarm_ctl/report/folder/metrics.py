@@ -20,7 +20,7 @@ _CLOCK_S = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Flight:
+class TrueFlight:
     """The truth, seen from the plan: one column per agent."""
 
     time_s: Floats
@@ -30,7 +30,7 @@ class Flight:
     live: Bools
     """(T, n): airborne, and its agent not yet lost."""
 
-    def during(self, start_s: float, end_s: float) -> Flight:
+    def during(self, start_s: float, end_s: float) -> TrueFlight:
         """The part from `start_s` to `end_s`, both included."""
         inside = (self.time_s >= start_s - _CLOCK_S) & (self.time_s <= end_s + _CLOCK_S)
         return replace(
@@ -38,7 +38,7 @@ class Flight:
         )
 
 
-def flight_of(truth: Truth, sysids: Sequence[int], live_until_s: npt.ArrayLike) -> Flight:
+def flight_of(truth: Truth, sysids: Sequence[int], live_until_s: npt.ArrayLike) -> TrueFlight:
     """The flight of the agents whose vehicles are `sysids`, each live until its `live_until_s` (n,)
     at most."""
     column = {sysid: k for k, sysid in enumerate(truth.sysids)}
@@ -48,13 +48,13 @@ def flight_of(truth: Truth, sysids: Sequence[int], live_until_s: npt.ArrayLike) 
         if sysid in column:
             points[:, k] = truth.position_ned_m[:, column[sysid], :2]
             airborne[:, k] = truth.airborne[:, column[sysid]]
-    return Flight(
+    return TrueFlight(
         truth.time_s, points, airborne & (truth.time_s[:, None] <= np.asarray(live_until_s))
     )
 
 
-def formation_error(flight: Flight, slots_m: npt.ArrayLike) -> Floats:
-    """Largest |e_i - mean e| of the live agents at each moment [m], (T,); nan where nobody is live.
+def formation_error(flight: TrueFlight, slots_m: npt.ArrayLike) -> Floats:
+    """Largest |e_i - mean e| of the live agents at each moment [m], (T,); nan without live agents.
 
     `slots_m` is (n, 2), or (T, n, 2) where they change.
     """
@@ -74,10 +74,11 @@ def time_to_settle(
     tolerance_m: float,
     settle_s: float,
 ) -> float | None:
-    """Seconds from `start_s` to the first moment, `end_s` at the latest, from which on the error
-    stays under `tolerance_m` for `settle_s`; None where there is none. `error_m` is (T,), nan
-    counts as over.
+    """Seconds from `start_s` until the error begins to stay below `tolerance_m` for `settle_s`.
+
+    It has to begin by `end_s`; None if it does not. `error_m` is (T,), nan is not below.
     """
+    # The runs of consecutive samples below the tolerance: from `begins` to `ends`, both included.
     chosen = time_s >= start_s - _CLOCK_S
     time_s, under = time_s[chosen], (error_m < tolerance_m)[chosen]
     edges = np.diff(np.concatenate(([0], under.astype(np.int8), [0])))
@@ -90,10 +91,10 @@ def time_to_settle(
 
 
 def longest_link(
-    flight: Flight, links: Iterable[tuple[int, int]]
+    flight: TrueFlight, links: Iterable[tuple[int, int]]
 ) -> tuple[float, tuple[int, int]] | None:
-    """The greatest length [m] any of the `links` (pairs of columns) had while both ends were live,
-    and which one."""
+    """The greatest length [m] of any of the `links` (pairs of columns) while both agents were live,
+    and that link."""
     found: list[tuple[float, tuple[int, int]]] = []
     for i, j in links:
         both = flight.live[:, i] & flight.live[:, j]
@@ -104,12 +105,11 @@ def longest_link(
 
 
 def closest_approach(truth: Truth) -> tuple[float, tuple[int, int]] | None:
-    """The smallest true horizontal distance [m] of the flight and its pair of sysids; None where
-    nobody flew."""
+    """The smallest true horizontal distance [m] and its pair of sysids; None without a flight."""
     return min(((distance, pair) for pair, distance in truth.minima.items()), default=None)
 
 
 def last_number(values: Floats) -> float | None:
-    """The last of `values` (T,) that is a number; None where none is."""
+    """The last of `values` (T,) that is finite, or None."""
     numbers = values[np.isfinite(values)]
     return float(numbers[-1]) if len(numbers) else None

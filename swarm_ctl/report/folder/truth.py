@@ -1,13 +1,12 @@
-"""`truth.jsonl`: where the vehicles really were, as the simulator wrote it. Agents never see it.
+"""`truth.jsonl`: where the vehicles really were, by the simulator. Agents never see it.
 
-One JSON object a line, written at once; a simulator that was killed leaves a torn last line, which
-is no error here.
+One JSON object a line; a killed simulator leaves a torn last line, which is no error here.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Final, Literal, TypeAlias
 
@@ -25,14 +24,14 @@ Floats: TypeAlias = npt.NDArray[np.float64]
 Bools: TypeAlias = npt.NDArray[np.bool_]
 
 
-class _Line(BaseModel):
+class _TruthLine(BaseModel):
     model_config = ConfigDict(frozen=True)
 
     time_s: float = Field(alias="t")
     """Mission time."""
 
 
-class Header(_Line):
+class TruthHeader(_TruthLine):
     """The first line: the frame and the order of the vehicles in every state line."""
 
     type: Literal["header"]
@@ -41,7 +40,7 @@ class Header(_Line):
     sysids: tuple[int, ...]
 
 
-class State(_Line):
+class TruthState(_TruthLine):
     """All vehicles at one moment, in the header's order; NED [m, m/s] relative to the header's
     origin."""
 
@@ -52,15 +51,14 @@ class State(_Line):
     airborne: tuple[bool, ...]
 
 
-class Minimum(_Line):
-    """Pairs (sysid, sysid, metres) whose smallest horizontal distance has shrunk since the last
-    such line."""
+class TruthMinima(_TruthLine):
+    """Pairs (sysid, sysid, metres) with a smaller horizontal distance than in any line before."""
 
     type: Literal["min"]
     pairs: tuple[tuple[int, int, float], ...]
 
 
-class TruthEvent(_Line):
+class TruthEvent(_TruthLine):
     """`liftoff`, `touchdown`, `collision`, ... of one vehicle."""
 
     type: Literal["event"]
@@ -68,22 +66,21 @@ class TruthEvent(_Line):
     event: str
 
 
-class End(_Line):
+class TruthEnd(_TruthLine):
     """The simulator finished the file."""
 
     type: Literal["end"]
 
 
-Line: TypeAlias = Annotated[
-    Header | State | Minimum | TruthEvent | End, Field(discriminator="type")
+TruthLine: TypeAlias = Annotated[
+    TruthHeader | TruthState | TruthMinima | TruthEvent | TruthEnd, Field(discriminator="type")
 ]
 
-_LINE: Final[TypeAdapter[Line]] = TypeAdapter(Line)
+_LINE: Final[TypeAdapter[TruthLine]] = TypeAdapter(TruthLine)
 
 
-def read_truth(path: Path, damage: Damage) -> Iterator[Header | State | Minimum | TruthEvent | End]:
-    """The records of a truth file in order, streaming; what is no record is counted in `damage`.
-    OSError passes."""
+def read_truth(path: Path, damage: Damage) -> Iterator[TruthLine]:
+    """The records of a truth file one by one; `damage` counts other lines. OSError passes."""
     for line in read_lines(path, damage):
         try:
             yield _LINE.validate_json(line)
@@ -103,8 +100,7 @@ class Truth:
     airborne: Bools
     """(T, n)."""
     minima: dict[tuple[int, int], float]
-    """Smallest horizontal distance [m] of each pair of sysids (lower first), first lift-off to last
-    touchdown."""
+    """Smallest horizontal distance [m] of each pair of sysids (lower first) during the flight."""
     events: tuple[TruthEvent, ...]
     last_s: float | None
     """Mission time of the last line."""
@@ -113,56 +109,40 @@ class Truth:
     damage: Damage
 
 
-@dataclass(slots=True)
-class _Folding:
-    sysids: tuple[int, ...] = ()
-    times: list[float] = field(default_factory=list)
-    positions: list[npt.NDArray[np.float64]] = field(default_factory=list)
-    airborne: list[npt.NDArray[np.bool_]] = field(default_factory=list)
-    minima: dict[tuple[int, int], float] = field(default_factory=dict)
-    events: list[TruthEvent] = field(default_factory=list)
-    last_s: float | None = None
-    complete: bool = False
-
-    def fold(self, line: Header | State | Minimum | TruthEvent | End) -> bool:
-        """Take one record in; False where it does not fit to the header."""
-        match line:
-            case Header():
-                self.sysids = line.sysids
-            case State():
-                if not len(line.position_ned_m) == len(line.airborne) == len(self.sysids):
-                    return False
-                self.times.append(line.time_s)
-                self.positions.append(np.array(line.position_ned_m).reshape(-1, 3))
-                self.airborne.append(np.array(line.airborne, dtype=np.bool_))
-            case Minimum():
-                for a, b, distance in line.pairs:
-                    pair = (min(a, b), max(a, b))
-                    self.minima[pair] = min(distance, self.minima.get(pair, np.inf))
-            case TruthEvent():
-                self.events.append(line)
-            case End():
-                self.complete = True
-        self.last_s = line.time_s
-        return True
-
-
 def load_truth(path: Path) -> Truth:
     """Read a truth file as far as it goes. OSError where it can't be opened."""
-    damage, folding = Damage(), _Folding()
+    damage, sysids, last_s, complete = Damage(), tuple[int, ...](), None, False
+    states: list[tuple[float, Floats, Bools]] = []
+    minima: dict[tuple[int, int], float] = {}
+    events: list[TruthEvent] = []
     for line in read_truth(path, damage):
-        damage.bad_lines += not folding.fold(line)
-    n = len(folding.sysids)
+        match line:
+            case TruthHeader():
+                sysids = line.sysids
+            case TruthState():
+                if not len(line.position_ned_m) == len(line.airborne) == len(sysids):
+                    damage.bad_lines += 1
+                    continue
+                places = np.array(line.position_ned_m).reshape(-1, 3)
+                states.append((line.time_s, places, np.array(line.airborne, dtype=np.bool_)))
+            case TruthMinima():
+                for a, b, distance in line.pairs:
+                    pair = (min(a, b), max(a, b))
+                    minima[pair] = min(distance, minima.get(pair, np.inf))
+            case TruthEvent():
+                events.append(line)
+            case TruthEnd():
+                complete = True
+        last_s = line.time_s
+    shape = (len(states), len(sysids))
     return Truth(
-        sysids=folding.sysids,
-        time_s=np.array(folding.times),
-        position_ned_m=np.stack(folding.positions) if folding.positions else np.zeros((0, n, 3)),
-        airborne=np.stack(folding.airborne)
-        if folding.airborne
-        else np.zeros((0, n), dtype=np.bool_),
-        minima=folding.minima,
-        events=tuple(folding.events),
-        last_s=folding.last_s,
-        complete=folding.complete,
+        sysids=sysids,
+        time_s=np.array([time_s for time_s, _, _ in states]),
+        position_ned_m=np.array([places for _, places, _ in states]).reshape(*shape, 3),
+        airborne=np.array([flying for _, _, flying in states], dtype=np.bool_).reshape(shape),
+        minima=minima,
+        events=tuple(events),
+        last_s=last_s,
+        complete=complete,
         damage=damage,
     )

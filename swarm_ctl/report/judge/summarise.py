@@ -1,14 +1,12 @@
-"""From a run folder to its summary. Reads files and nothing else, so whoever outlived the run can
-do it."""
+"""From a run folder to its summary. Reads files only: it works after every process has ended."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any
 
 import numpy as np
 
@@ -16,134 +14,128 @@ from swarm_ctl.core.agent.progress import step_name
 from swarm_ctl.core.law.graph import edges
 from swarm_ctl.core.law.planned_formation import planned_formations
 from swarm_ctl.core.model.messages import AgentStatus, StepResult, TickReport
-from swarm_ctl.core.model.plan import FormStep, Plan
+from swarm_ctl.core.model.plan import FormStep, Plan, Point
 from swarm_ctl.report.folder import metrics
-from swarm_ctl.report.folder.accounts import read_events
-from swarm_ctl.report.folder.run_folder import Run, read_run
+from swarm_ctl.report.folder.last_statuses import read_events
+from swarm_ctl.report.folder.manifest import Manifest
+from swarm_ctl.report.folder.run_folder import RunFolder, read_run
 from swarm_ctl.report.folder.truth import Floats, Truth
 from swarm_ctl.report.judge.summary import (
     AgentPair,
     AgentSummary,
     LinkSummary,
-    Result,
     SafetySummary,
     StepSummary,
+    StepVerdict,
     Summary,
     TruthSummary,
 )
 from swarm_ctl.report.judge.verdict import judge
 
-_WORSE: Final[tuple[Result, ...]] = ("done", "not reached", "running", "aborted", "timeout")
-"""Step results from good to bad."""
+_FROM_BAD_TO_GOOD = list(reversed(StepVerdict))
 
 
 def summarise(folder: Path, exit_codes: Mapping[str, int] | None = None) -> Summary:
-    """The summary of the run in `folder`. `exit_codes` by process name, None where they are not
-    known.
+    """The summary of the run in `folder`; `exit_codes` by process name, None if not known.
 
-    Every file may be missing or torn: what that leaves open is null, `notes` says why, and the run
+    Every file may be missing or torn: what depends on it is null, `notes` says why, and the run
     is not completed.
     """
     run = read_run(folder)
-    manifest, truth, notes = run.manifest, run.truth, run.notes
-    levels = Counter[str]()
-    last_s = [s.time_s for s in run.statuses] + (
-        [truth.last_s] if truth and truth.last_s is not None else []
-    )
-    for event in read_events(folder, notes):
-        levels[event.level] += 1
-        last_s.append(event.time_s)
-    outcome, reason = judge(run.agents, run.accounts, exit_codes, notes)
-    steps, flown = _steps(run), _flown(run)
+    truth, statuses = run.truth, run.statuses
+    events = list(read_events(folder, run.notes))
+    last_s = [s.time_s for s in statuses] + [event.time_s for event in events]
+    last_s += [truth.last_s] if truth and truth.last_s is not None else []
+    outcome, reason = judge(run.agents, run.last, exit_codes or {}, run.notes)
+    steps = _steps(run)
     closest, closest_pair = _closest(run)
     tally = Counter[str]()
-    for status in run.statuses:
+    for status in statuses:
         tally.update(status.sigma_tally)
-    rates = [s.setpoint_rate_hz for s in run.statuses]
-    speedup = manifest.speedup if manifest else None
-    law, unit_m = (manifest.plan.law, manifest.plan.unit_m) if manifest else (None, 1.0)
+    speedup = run.manifest.speedup if run.manifest else None
     return Summary(
-        mission=manifest.plan.name if manifest else None,
-        mission_file=manifest.mission if manifest else None,
-        plan_hash=manifest.plan_hash if manifest else None,
-        swarm=manifest.swarm if manifest else None,
-        started_at=manifest.started_at.isoformat() if manifest else None,
+        **_of_manifest(run.manifest),
+        **_flown(run),
         outcome=outcome,
         reason=reason,
         steps=steps,
-        time_to_form_s=next(
-            (step.time_to_form_s for step in steps if step.name.startswith("form")), None
-        ),
-        formation_error_m=flown.formation_error_m,
+        time_to_form_s=next((s.time_to_form_s for s in steps if s.name.startswith("form")), None),
         min_true_distance_m=closest,
         min_true_pair=closest_pair,
-        r_in_m=law.r_in * unit_m if law else None,
-        longest_link_m=flown.longest_link_m,
-        longest_link_pair=flown.longest_link_pair,
-        r_m=law.r * unit_m if law else None,
         sigma_status=dict(tally),
-        overspeed=sum(s.overspeed_ticks for s in run.statuses),
+        overspeed=sum(s.overspeed_ticks for s in statuses),
         safety=_safety(run),
-        setpoint_rate_hz=min(rates, default=None),
-        tick=_worst_tick([s.tick for s in run.statuses]),
-        links=tuple(link for s in run.statuses for link in _links(s)),
+        setpoint_rate_hz=min((s.setpoint_rate_hz for s in statuses), default=None),
+        tick=_worst_tick([s.tick for s in statuses]),
+        links=tuple(link for s in statuses for link in _links(s)),
         agents=tuple(_agent(run, agent) for agent in run.agents),
         truth=_truth_summary(truth) if truth else None,
-        events=dict(levels),
+        events=dict(Counter(event.level for event in events)),
         exit_codes=dict(exit_codes) if exit_codes is not None else None,
-        speedup=speedup,
         mission_time_s=max(last_s, default=None),
         wall_time_s=max(last_s) / speedup if last_s and speedup else None,
-        versions=manifest.versions if manifest else {},
-        notes=tuple(notes),
+        notes=tuple(run.notes),
     )
+
+
+def _of_manifest(manifest: Manifest | None) -> dict[str, Any]:
+    """The fields that come from the manifest alone."""
+    names = ("mission", "mission_file", "plan_hash", "swarm", "started_at", "r_in_m", "r_m")
+    if manifest is None:
+        return dict.fromkeys((*names, "speedup")) | {"versions": {}}
+    law, unit_m = manifest.plan.law, manifest.plan.unit_m
+    return {
+        "mission": manifest.plan.name,
+        "mission_file": manifest.mission,
+        "plan_hash": manifest.plan_hash,
+        "swarm": manifest.swarm,
+        "started_at": manifest.started_at.isoformat(),
+        "r_in_m": law.r_in * unit_m,
+        "r_m": law.r * unit_m,
+        "speedup": manifest.speedup,
+        "versions": manifest.versions,
+    }
 
 
 # --- steps ---
 
 
-def _steps(run: Run) -> tuple[StepSummary, ...]:
-    if run.plan is None:
-        return ()
-    return tuple(_step(run, run.plan, k) for k in range(len(run.plan.steps) + 1))
+def _steps(run: RunFolder) -> tuple[StepSummary, ...]:
+    plan = run.plan
+    return tuple(_step(run, plan, k) for k in range(len(plan.steps) + 1)) if plan else ()
 
 
-def _step(run: Run, plan: Plan, k: int) -> StepSummary:
-    results = {i: run.accounts[i].step(k) if i in run.accounts else None for i in run.agents}
-    words = {i: _word(found) for i, found in results.items()}
+def _step(run: RunFolder, plan: Plan, k: int) -> StepSummary:
+    results = {i: run.last[i].step(k) if i in run.last else None for i in run.agents}
+    verdicts = {i: _verdict(found) for i, found in results.items()}
     reached = [found for found in results.values() if found]
+    undone = {i: each for i, each in verdicts.items() if each is not StepVerdict.DONE}
     start_s = min((found.start_s for found in reached), default=None)
+    worst = min(verdicts.values(), key=_FROM_BAD_TO_GOOD.index, default=StepVerdict.NOT_REACHED)
     return StepSummary(
         step=k,
         name=step_name(plan, k),
-        result=max(words.values(), key=_WORSE.index, default="not reached"),
+        result=worst,
         start_s=start_s,
         end_s=max((found.end_s for found in reached if found.end_s is not None), default=None),
-        exceptions={i: word for i, word in words.items() if word != "done"} if reached else {},
+        exceptions=undone if reached else {},
         time_to_form_s=_time_to_form(run, plan, k, start_s),
     )
 
 
-def _word(found: StepResult | None) -> Result:
-    """A result of the schema; a word that it does not know is no success."""
-    if found is None:
-        return "not reached"
-    return next((word for word in _WORSE if word == found.result), "running")
+def _verdict(found: StepResult | None) -> StepVerdict:
+    return StepVerdict(found.result) if found else StepVerdict.NOT_REACHED
 
 
-def _time_to_form(run: Run, plan: Plan, k: int, start_s: float | None) -> float | None:
+def _time_to_form(run: RunFolder, plan: Plan, k: int, start_s: float | None) -> float | None:
     step = plan.steps[k - 1] if k else None
     flight = run.flight
     if not isinstance(step, FormStep) or start_s is None or flight is None:
         return None
-    next_form = next(
-        (j for j in range(k + 1, len(plan.steps) + 1) if isinstance(plan.steps[j - 1], FormStep)),
-        None,
-    )
-    end_s = min(run.landing_s(), run.start_s(next_form) if next_form else math.inf)
-    error_m = metrics.formation_error(
-        flight, _in_metres(plan, step.slots)[run.roles(flight.time_s)]
-    )
+    later = [j for j, each in enumerate(plan.steps, 1) if j > k and isinstance(each, FormStep)]
+    end_s = min([run.landing_s(), *(run.start_s(j) for j in later[:1])])
+    slots_m = _in_metres(plan, step.slots)[run.slot_indices(flight.time_s)]
+    error_m = metrics.formation_error(flight, slots_m)
     return metrics.time_to_settle(
         flight.time_s, error_m, start_s, end_s, step.tolerance_m, step.settle_s
     )
@@ -152,49 +144,40 @@ def _time_to_form(run: Run, plan: Plan, k: int, start_s: float | None) -> float 
 # --- flight ---
 
 
-@dataclass(frozen=True, slots=True)
-class _Flown:
-    formation_error_m: float | None = None
-    longest_link_m: float | None = None
-    longest_link_pair: AgentPair | None = None
-
-
-def _flown(run: Run) -> _Flown:
-    """What happened from the first form step to the landing."""
-    flight, plan = run.flight, run.plan
-    if flight is None or plan is None:
-        return _Flown()
-    formed = [
-        (run.start_s(k), step) for k, step in enumerate(plan.steps, 1) if isinstance(step, FormStep)
-    ]
-    begun = [(start_s, step) for start_s, step in formed if start_s < math.inf]
-    if not begun:
-        return _Flown()
-    flight = flight.during(begun[0][0], run.landing_s())
-    last = max(k for k in range(1, len(plan.steps) + 1) if run.start_s(k) < math.inf)
-    standing = planned_formations(plan)[last].offsets
-    error_m = metrics.last_number(
-        metrics.formation_error(flight, _in_metres(plan, standing)[run.roles(flight.time_s)])
+def _flown(run: RunFolder) -> dict[str, Any]:
+    """Formation error and longest link from the first form step to the landing."""
+    found: dict[str, Any] = dict.fromkeys(
+        ("formation_error_m", "longest_link_m", "longest_link_pair")
     )
+    flight, plan = run.flight, run.plan
+    begun = [k for k in range(1, len(plan.steps) + 1) if run.start_s(k) < math.inf] if plan else []
+    forms = [k for k in begun if plan and isinstance(plan.steps[k - 1], FormStep)]
+    if flight is None or plan is None or not forms:
+        return found
+    flight = flight.during(run.start_s(forms[0]), run.landing_s())
+    # The newest shape, turned and scaled as planned.
+    slots_m = _in_metres(plan, planned_formations(plan)[begun[-1]].offsets)
+    error_m = metrics.formation_error(flight, slots_m[run.slot_indices(flight.time_s)])
+    found["formation_error_m"] = metrics.last_number(error_m)
     column = {agent.id: k for k, agent in enumerate(plan.agents)}
     links = edges({agent.id: agent.neighbours for agent in plan.agents})
     longest = metrics.longest_link(flight, [(column[a], column[b]) for a, b in links])
-    if longest is None:
-        return _Flown(error_m)
-    i, j = longest[1]
-    return _Flown(error_m, longest[0], (plan.agents[i].id, plan.agents[j].id))
+    if longest is not None:
+        found["longest_link_m"], (i, j) = longest
+        found["longest_link_pair"] = (plan.agents[i].id, plan.agents[j].id)
+    return found
 
 
-def _in_metres(plan: Plan, slots: tuple[tuple[float, float], ...]) -> Floats:
+def _in_metres(plan: Plan, slots: Sequence[Point]) -> Floats:
     return np.array(slots) * plan.unit_m
 
 
-def _closest(run: Run) -> tuple[float | None, AgentPair | None]:
+def _closest(run: RunFolder) -> tuple[float | None, AgentPair | None]:
     found = metrics.closest_approach(run.truth) if run.truth else None
     if found is None:
         return None, None
     agent_of = run.manifest.agent_of_sysid if run.manifest else {}
-    if not all(sysid in agent_of for sysid in found[1]):
+    if not agent_of.keys() >= set(found[1]):
         return found[0], None
     a, b = sorted(agent_of[sysid] for sysid in found[1])
     return found[0], (a, b)
@@ -203,40 +186,39 @@ def _closest(run: Run) -> tuple[float | None, AgentPair | None]:
 # --- agents, links, truth ---
 
 
-def _agent(run: Run, agent: int) -> AgentSummary:
-    account = run.accounts.get(agent)
+def _agent(run: RunFolder, agent: int) -> AgentSummary:
+    last = run.last.get(agent)
     fleet = run.manifest.fleet if run.manifest else ()
-    s = account.status if account else None
+    sysid = next((entry.sysid for entry in fleet if entry.id == agent), None)
+    if last is None:
+        return AgentSummary(agent=agent, sysid=sysid, account="none")
+    s = last.status
     return AgentSummary(
         agent=agent,
-        sysid=next((entry.sysid for entry in fleet if entry.id == agent), None),
-        account="none" if account is None else "final" if account.final else "last heard",
-        time_s=s.time_s if s else None,
-        outcome=s.outcome if s else "unknown",
-        reason=s.reason if s else "",
-        phase=s.phase.name.lower() if s else "unknown",
-        armed=s.armed if s else None,
-        airborne=s.airborne if s else None,
-        setpoints=s.setpoints if s else 0,
-        setpoint_rate_hz=s.setpoint_rate_hz if s else None,
-        sigma_status=s.sigma_tally if s else {},
-        overspeed=s.overspeed_ticks if s else 0,
-        tick=s.tick if s else TickReport(),
-        bad_payloads=s.bad_payloads if s else 0,
+        sysid=sysid,
+        account="final" if last.final else "last heard",
+        time_s=s.time_s,
+        outcome=s.outcome,
+        reason=s.reason,
+        phase=s.phase.name.lower(),
+        armed=s.armed,
+        airborne=s.airborne,
+        setpoints=s.setpoints,
+        setpoint_rate_hz=s.setpoint_rate_hz,
+        sigma_status=s.sigma_tally,
+        overspeed=s.overspeed_ticks,
+        tick=s.tick,
+        bad_payloads=s.bad_payloads,
     )
 
 
-def _safety(run: Run) -> SafetySummary | None:
-    told = [s.safety for s in run.statuses]
-    if not told or (run.plan is not None and not run.plan.safety.filter):
+def _safety(run: RunFolder) -> SafetySummary | None:
+    reports = [s.safety for s in run.statuses]
+    if not reports or (run.plan is not None and not run.plan.safety.filter):
         return None
-    return SafetySummary(
-        ticks=sum(s.ticks for s in told),
-        touched=sum(s.touched for s in told),
-        yielded=sum(s.yielded for s in told),
-        releases=sum(s.releases for s in told),
-        exchanges=sum(len(s.roles) for s in run.statuses) // 2,
-    )
+    names = ("ticks", "touched", "yielded", "releases")
+    sums = {name: sum(getattr(report, name) for report in reports) for name in names}
+    return SafetySummary(**sums, exchanges=sum(len(s.roles) for s in run.statuses) // 2)
 
 
 def _links(s: AgentStatus) -> list[LinkSummary]:
@@ -255,28 +237,24 @@ def _links(s: AgentStatus) -> list[LinkSummary]:
 
 
 def _worst_tick(ticks: list[TickReport]) -> TickReport:
+    """The sums of the counts, and the worst of each percentile."""
+    worst = ("late_p50_ms", "late_p99_ms", "late_max_ms", "work_p50_ms", "work_p99_ms")
     return TickReport(
         count=sum(tick.count for tick in ticks),
         overruns=sum(tick.overruns for tick in ticks),
-        late_p50_ms=max((tick.late_p50_ms for tick in ticks), default=0.0),
-        late_p99_ms=max((tick.late_p99_ms for tick in ticks), default=0.0),
-        late_max_ms=max((tick.late_max_ms for tick in ticks), default=0.0),
-        work_p50_ms=max((tick.work_p50_ms for tick in ticks), default=0.0),
-        work_p99_ms=max((tick.work_p99_ms for tick in ticks), default=0.0),
+        **{name: max((getattr(tick, name) for tick in ticks), default=0.0) for name in worst},
     )
 
 
 def _truth_summary(truth: Truth) -> TruthSummary:
-    times = {
-        kind: [event.time_s for event in truth.events if event.event == kind]
-        for kind in ("liftoff", "touchdown")
-    }
+    def times(kind: str) -> list[float]:
+        return [event.time_s for event in truth.events if event.event == kind]
+
+    collided = {event.sysid for event in truth.events if event.event == "collision"}
     return TruthSummary(
         samples=len(truth.time_s),
         complete=truth.complete,
-        first_liftoff_s=min(times["liftoff"], default=None),
-        last_touchdown_s=max(times["touchdown"], default=None),
-        collisions=tuple(
-            sorted({event.sysid for event in truth.events if event.event == "collision"})
-        ),
+        first_liftoff_s=min(times("liftoff"), default=None),
+        last_touchdown_s=max(times("touchdown"), default=None),
+        collisions=tuple(sorted(collided)),
     )

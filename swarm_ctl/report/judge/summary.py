@@ -1,91 +1,101 @@
-"""`summary.json`: what came out of one run, in numbers that other tools read. The models are its
-JSON Schema."""
+"""`summary.json`: the outcome and the numbers of one run, for other tools."""
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
-from typing import Any, Final, Literal, TypeAlias
+from typing import Final, Literal, TypeAlias
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from swarm_ctl.core.model.messages import TickReport
+from swarm_ctl.core.model.messages import Outcome, TickReport
 from swarm_ctl.errors import InputError
-from swarm_ctl.report.folder.files import wording, write_whole
+from swarm_ctl.report.folder.files import explained, write_whole
 
 SUMMARY: Final = "summary.json"
 
-Outcome: TypeAlias = Literal["completed", "failed", "aborted"]
-Result: TypeAlias = Literal["done", "running", "aborted", "timeout", "not reached"]
+RunOutcome: TypeAlias = Literal[Outcome.COMPLETED, Outcome.FAILED, Outcome.ABORTED]
 AgentPair: TypeAlias = tuple[int, int]
 """Two agent ids, the lower first."""
 
 
-class _Part(BaseModel):
+class StepVerdict(StrEnum):
+    """How a step went for an agent or for all agents; from good to bad."""
+
+    DONE = "done"
+    SKIPPED = "skipped"
+    NOT_REACHED = "not reached"
+    RUNNING = "running"
+    ABORTED = "aborted"
+    TIMEOUT = "timeout"
+
+
+class _SummaryPart(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
 
-class StepSummary(_Part):
+class StepSummary(_SummaryPart):
     """One step of the plan, over all agents. Times are mission seconds."""
 
     step: int
     """0 is preparation."""
     name: str
-    result: Result
-    """`done` only if it was done for every agent; otherwise the worst of the agents' results."""
+    result: StepVerdict
+    """The worst of all agents."""
     start_s: float | None
     """When the first agent began."""
     end_s: float | None
-    """When the last agent ended, of those that did."""
-    exceptions: dict[int, str]
-    """Result of each agent (by id) for which it was not done; empty where nobody got here."""
+    """When the last agent ended, of the agents that did."""
+    exceptions: dict[int, StepVerdict]
+    """Of each agent (by id) that did not do it; empty where no agent reached the step."""
     time_to_form_s: float | None = None
-    """Of a form step: from `start_s` until the true error stays under the tolerance for the settle
+    """Of a form step: from `start_s` until the true error stays below the tolerance for the settle
     time."""
 
 
-class AgentSummary(_Part):
-    """One agent's account."""
+class AgentSummary(_SummaryPart):
+    """One agent by its last status; null and 0 where there is none."""
 
     agent: int
     sysid: int | None
     account: Literal["final", "last heard", "none"]
-    """Written by the agent at its end; else what the station last heard of it; else nothing."""
-    time_s: float | None
-    """When the account was made, mission time."""
-    outcome: str
-    """`completed`, `failed`, `aborted`, `running` (it did not live to its end) or `unknown`."""
-    reason: str
-    phase: str
-    armed: bool | None
-    airborne: bool | None
-    setpoints: int
-    setpoint_rate_hz: float | None
+    """Where the status is from: the agent at its end, or the station; or there is none."""
+    time_s: float | None = None
+    """When the agent made the status, mission time."""
+    outcome: Outcome | Literal["unknown"] = "unknown"
+    """`running`: the agent did not live to its end."""
+    reason: str = ""
+    phase: str = "unknown"
+    armed: bool | None = None
+    airborne: bool | None = None
+    setpoints: int = 0
+    setpoint_rate_hz: float | None = None
     """Per mission second."""
-    sigma_status: dict[str, int]
+    sigma_status: dict[str, int] = {}
     """Pair-ticks by status."""
-    overspeed: int
+    overspeed: int = 0
     """Ticks with a pair for which consensus alone leaves the safety region."""
-    tick: TickReport
-    bad_payloads: int
+    tick: TickReport = TickReport()
+    bad_payloads: int = 0
 
 
-class SafetySummary(_Part):
+class SafetySummary(_SummaryPart):
     """What the safety filter did, all agents (`core/safety/constraints.py`)."""
 
     ticks: int
-    """Agent-ticks in which it was asked."""
+    """Agent-ticks with the filter."""
     touched: int
-    """In which it changed the wish."""
+    """Agent-ticks in which the filter changed the velocity."""
     yielded: int
-    """In which the keep-outs excluded each other, and all gave way a little."""
+    """Agent-ticks in which the keep-outs excluded each other, and each was relaxed a little."""
     releases: int
-    """Times an agent was stuck and went sideways."""
+    """Dead-locks that an agent left sideways."""
     exchanges: int
-    """Pairs of agents that took each other's slots."""
+    """Pairs of agents that exchanged their slots."""
 
 
-class LinkSummary(_Part):
-    """One mesh link, as its receiver counted it over the run."""
+class LinkSummary(_SummaryPart):
+    """One mesh link over the run, by its receiver's counts."""
 
     receiver: int
     sender: int
@@ -94,23 +104,23 @@ class LinkSummary(_Part):
     received: int
     lost: int
     loss: float | None
-    """Share (0..1) of the states sent that did not arrive; None where nothing was ever heard."""
+    """Share (0..1) of the states sent that did not arrive; null if none arrived."""
 
 
-class TruthSummary(_Part):
+class TruthSummary(_SummaryPart):
     """What the simulator's truth file holds."""
 
     samples: int
     complete: bool
-    """The simulator finished it."""
+    """The simulator finished the file."""
     first_liftoff_s: float | None
     last_touchdown_s: float | None
     collisions: tuple[int, ...]
     """Sysids of vehicles that hit something."""
 
 
-class Summary(_Part):
-    """The summary of one run. What could not be told is null, and `notes` says why."""
+class Summary(_SummaryPart):
+    """The summary of one run. What is not known is null, and `notes` says why."""
 
     schema_version: Literal[1] = 1
     mission: str | None
@@ -120,18 +130,16 @@ class Summary(_Part):
     swarm: str | None
     started_at: str | None
     """ISO 8601."""
-    outcome: Outcome
-    """`completed`: every agent says so, every process ended with 0, nothing is missing here;
+    outcome: RunOutcome
+    """`completed`: by every agent's final status, every process ended with 0, no file is missing;
     `aborted`: landed on an operator's command; `failed`: everything else."""
     reason: str
     """Why it was not completed; empty otherwise."""
     steps: tuple[StepSummary, ...]
     time_to_form_s: float | None
-    """Of the first form step: from its start until the true formation error stays under the
-    tolerance for the settle time; null if it never did."""
+    """Of the first form step; null if the shape never stood."""
     formation_error_m: float | None
-    """Largest |e_i - mean e| of the live agents, from truth, at the last moment before the landing
-    begins."""
+    """Largest true |e_i - mean e| of the live agents, just before the landing begins."""
     min_true_distance_m: float | None
     """Smallest true horizontal distance of any two vehicles, first lift-off to last touchdown."""
     min_true_pair: AgentPair | None
@@ -146,7 +154,7 @@ class Summary(_Part):
     overspeed: int
     """Ticks with an overspeed pair, all agents."""
     safety: SafetySummary | None = None
-    """Null where the mission flies without the filter, or no agent left an account."""
+    """Null where the mission flies without the filter, or no agent's status is known."""
     setpoint_rate_hz: float | None
     """The slowest agent's, per mission second."""
     tick: TickReport
@@ -157,21 +165,15 @@ class Summary(_Part):
     events: dict[str, int]
     """Events the station heard, by level."""
     exit_codes: dict[str, int] | None
-    """By process; negative: ended by that signal. Null where whoever wrote this did not know
-    them."""
+    """By process; negative: ended by that signal. Null where they are not known."""
     speedup: float | None
     mission_time_s: float | None
-    """Until the last thing on record."""
+    """Until the last message or line of truth."""
     wall_time_s: float | None
-    """The same at the wall clock."""
+    """`mission_time_s` by the wall clock."""
     versions: dict[str, str]
     notes: tuple[str, ...]
     """What was missing or torn when this was written."""
-
-
-def summary_schema() -> dict[str, Any]:
-    """The JSON Schema of `summary.json`."""
-    return Summary.model_json_schema()
 
 
 def write_summary(folder: Path, summary: Summary) -> Path:
@@ -189,4 +191,4 @@ def read_summary(folder: Path) -> Summary:
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}") from error
     except ValidationError as error:
-        raise InputError(f"{path}: {wording(error)}") from error
+        raise InputError(f"{path}: {explained(error)}") from error

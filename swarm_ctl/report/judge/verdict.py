@@ -1,79 +1,80 @@
-"""How a run is called, and why: completed, aborted or failed."""
+"""The outcome of a run, and why: completed, aborted or failed."""
 
 from __future__ import annotations
 
 import signal
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final
 
+from swarm_ctl.core.model.messages import AgentStatus, Outcome
 from swarm_ctl.core.model.text import agents_named
-from swarm_ctl.report.folder.accounts import Account
-from swarm_ctl.report.judge.summary import Outcome
+from swarm_ctl.report.folder.files import first_few
+from swarm_ctl.report.folder.last_statuses import LastStatus
+from swarm_ctl.report.judge.summary import RunOutcome
 
 _ORDERLY: Final = frozenset({0, 1, 130})
 """Exit codes of processes that ended by themselves: done, failed, aborted."""
-_SHOWN_CAUSES: Final = 5
 
 
 def judge(
-    agents: Iterable[int],
-    accounts: Mapping[int, Account],
-    exit_codes: Mapping[str, int] | None,
+    agents: Sequence[int],
+    last: Mapping[int, LastStatus],
+    exit_codes: Mapping[str, int],
     notes: Sequence[str],
-) -> tuple[Outcome, str]:
-    """The run's outcome and the reason ('' when completed). `notes` are what was missing or torn.
+) -> tuple[RunOutcome, str]:
+    """The run's outcome and the reason ('' when completed). `notes` say what is missing or torn.
 
-    Completed asks for everything: each agent's own word, every exit code 0, nothing missing. An
-    operator's landing is one only if every agent lived to tell.
+    Completed needs every agent's own final status, every exit code 0 and no missing file. Aborted
+    needs a final status of every agent, and every process to end by itself.
     """
-    agents = tuple(agents)
-    codes = exit_codes or {}
-    final = {i: accounts[i].status for i in agents if i in accounts and accounts[i].final}
-    aborted = [i for i in final if final[i].outcome == "aborted"]
-    # an agent that sees the others land before it hears the command itself calls that a failure
-    if aborted and len(final) == len(agents) and _ORDERLY.issuperset(codes.values()):
-        return "aborted", _join(_grouped({i: final[i].reason or "on command" for i in aborted}))
-    causes = [
-        *(f"{name} was ended by {_signal(code)}" for name, code in codes.items() if code < 0),
-        *_unaccounted(agents, accounts, final),
-        *_grouped(
-            {
-                i: _complaint(s.outcome, s.reason)
-                for i, s in final.items()
-                if s.outcome != "completed"
-            }
-        ),
-        *(
-            f"{name} exited with {code}"
-            for name, code in codes.items()
-            if code > 1 or (code == 1 and not final)
-        ),
+    final = {i: last[i].status for i in agents if i in last and last[i].final}
+    aborted = {i: s for i, s in final.items() if s.outcome is Outcome.ABORTED}
+    # An agent that sees its peers land before it hears the command reports a failure.
+    if aborted and len(final) == len(agents) and _ORDERLY.issuperset(exit_codes.values()):
+        reasons = _grouped({i: s.reason or "on command" for i, s in aborted.items()})
+        return Outcome.ABORTED, first_few(reasons)
+    causes = [*_causes(agents, last, final, exit_codes)] or [
+        f"{name} exited with 1" for name, code in exit_codes.items() if code == 1
     ]
-    causes += [f"{name} exited with 1" for name, code in codes.items() if code == 1 and not causes]
-    if not agents:
-        causes.append("no agent is known")
+    causes += [] if agents else ["no agent is known"]
     causes = causes or list(notes)
-    return ("failed", _join(causes)) if causes else ("completed", "")
+    return (Outcome.FAILED, first_few(causes)) if causes else (Outcome.COMPLETED, "")
 
 
-def _unaccounted(
-    agents: Sequence[int], accounts: Mapping[int, Account], final: Mapping[int, object]
-) -> Iterable[str]:
+def _causes(
+    agents: Sequence[int],
+    last: Mapping[int, LastStatus],
+    final: Mapping[int, AgentStatus],
+    exit_codes: Mapping[str, int],
+) -> Iterator[str]:
+    """What made the run fail. An agent that failed exits with 1: its status says more."""
+    for name, code in exit_codes.items():
+        if code < 0:
+            yield f"{name} was ended by {_signal(code)}"
     for i in agents:
-        if i not in accounts:
-            yield f"agent {i} left no account"
+        if i not in last:
+            yield f"agent {i} left no status"
         elif i not in final:
-            last = accounts[i].status
-            yield f"agent {i} left no account; last heard at {last.time_s:.1f} s in phase {last.phase.name.lower()}"
+            heard = last[i].status
+            phase = heard.phase.name.lower()
+            yield (
+                f"agent {i} left no final status; "
+                f"last heard at {heard.time_s:.1f} s in phase {phase}"
+            )
+    incomplete = {i: s for i, s in final.items() if s.outcome is not Outcome.COMPLETED}
+    yield from _grouped({i: _complaint(s) for i, s in incomplete.items()})
+    for name, code in exit_codes.items():
+        if code > 1 or (code == 1 and not final):
+            yield f"{name} exited with {code}"
 
 
-def _complaint(outcome: str, reason: str) -> str:
-    return (
-        reason if outcome == "failed" and reason else f"{outcome}: {reason}" if reason else outcome
-    )
+def _complaint(status: AgentStatus) -> str:
+    if status.outcome is Outcome.FAILED and status.reason:
+        return status.reason
+    return f"{status.outcome}: {status.reason}" if status.reason else str(status.outcome)
 
 
-def _grouped(reasons: Mapping[int, str]) -> list[str]:
+def _grouped(reasons: Mapping[int, str]) -> Iterable[str]:
     """`agents 1-3: why`, each reason once."""
     by_reason: dict[str, list[int]] = {}
     for i, reason in reasons.items():
@@ -86,8 +87,3 @@ def _signal(code: int) -> str:
         return signal.Signals(-code).name
     except ValueError:
         return f"signal {-code}"
-
-
-def _join(causes: Sequence[str]) -> str:
-    more = [f"and {len(causes) - _SHOWN_CAUSES} more"] if len(causes) > _SHOWN_CAUSES else []
-    return "; ".join([*causes[:_SHOWN_CAUSES], *more])

@@ -1,4 +1,4 @@
-"""What the station told of a flight: the dashboard's log again, from the recording."""
+"""The station's log of a flight, again from the recording."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Final
 
 from swarm_ctl.errors import InputError
 from swarm_ctl.recording import Tape
-from swarm_ctl.report.folder.accounts import read_events
+from swarm_ctl.report.folder.last_statuses import read_events
 from swarm_ctl.report.folder.manifest import Manifest
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.journal import Entry
@@ -16,15 +16,14 @@ from swarm_ctl.station.picture.playback import Film
 _LEVELS: Final = {"warning": Level.WARNING, "error": Level.ERROR}
 
 
-def told(folder: Path, manifest: Manifest) -> list[Entry]:
-    """Alarms raised and cleared, warnings, errors, orders; without a recording the warnings of the
-    agents alone."""
+def log_entries(folder: Path, manifest: Manifest) -> list[Entry]:
+    """Alarms, warnings, errors and commands; without a recording the agents' warnings alone."""
     try:
         with Tape(folder) as tape:
             film = Film(tape, manifest.plan, speedup=manifest.speedup)
             film.seek(film.end_s)
             entries = film.journal.entries
-    except InputError:  # no recording, or nothing in it: the page says so
+    except InputError:  # no recording, or nothing in it: the notes say so
         entries = tuple(
             Entry(event.time_s, "event", _LEVELS[event.level], (event.agent,), event.text)
             for event in read_events(folder, [])

@@ -1,5 +1,4 @@
-"""How this project's figures look, and how they become PNG and SVG files. Imports matplotlib:
-import it late."""
+"""The style of all figures, and their PNG and SVG files. Imports matplotlib: import it late."""
 
 from __future__ import annotations
 
@@ -17,17 +16,10 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 COLOURS: Final = (
-    "#0072B2",
-    "#D55E00",
-    "#009E73",
-    "#CC79A7",
-    "#E69F00",
-    "#56B4E9",
-    "#8C564B",
-    "#7F7F7F",
-    "#000000",
+    *("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00"),
+    *("#56B4E9", "#8C564B", "#7F7F7F", "#000000"),
 )
-"""Told apart by colour-blind readers, too (Okabe and Ito), and repeated with other dashes."""
+"""Colour-blind readers can tell them apart (Okabe and Ito); they repeat with other dashes."""
 _DASHES: Final = ("-", "--", ":", "-.")
 _STYLE: Final[Any] = {
     "font.size": 10,
@@ -43,14 +35,12 @@ _STYLE: Final[Any] = {
     "figure.dpi": 100,
 }
 
-
 DPI: Final = 160
 R_IN, R_OUT = r"r_\mathrm{in}", r"r_\mathrm{out}"
 
 
 def figure(title: str, width: float = 5.2, height: float = 3.2) -> tuple[Figure, Axes]:
-    """A figure with one pair of axes in the house's style [inches]: legible at 3.5, a column of a
-    paper."""
+    """A figure with one pair of axes; sizes in inches. Legible at 3.5, a column of a paper."""
     with mpl.rc_context(_STYLE):
         made = Figure(figsize=(width, height), layout="constrained")
         axes = made.subplots()
@@ -90,20 +80,33 @@ def grid(
 def legend(axes: Axes, count: int, what: str = "") -> None:
     """Beside the axes; many entries in columns."""
     if count:
-        beside = axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), ncols=1 + (count - 1) // 16, fontsize=9,
-                             handlelength=1.4, columnspacing=0.8)  # fmt: skip
-        beside.set_frame_on(False)
-        if what:
-            beside.set_title(what)
-            beside.get_title().set_fontsize(9)
+        axes.legend(
+            loc="center left",
+            bbox_to_anchor=(1.0, 0.5),
+            ncols=1 + (count - 1) // 16,
+            columnspacing=0.8,
+            handlelength=1.4,
+            frameon=False,
+            fontsize=9,
+            title=what or None,
+            title_fontsize=9,
+        )
 
 
 def bounds(axes: Axes, lines: Sequence[tuple[str, float]]) -> None:
     """Horizontal bounds with their names, as mathematics, above their right ends."""
     for name, value in lines:
         axes.axhline(value, color="#B00020", linewidth=1.0, linestyle=(0, (4, 3)))
-        axes.annotate(f"${name}$", (1.0, value), xycoords=("axes fraction", "data"), xytext=(-2, 3),
-                      textcoords="offset points", ha="right", fontsize=10, color="#B00020")  # fmt: skip
+        axes.annotate(
+            f"${name}$",
+            (1.0, value),
+            xycoords=("axes fraction", "data"),
+            xytext=(-2, 3),
+            textcoords="offset points",
+            ha="right",
+            fontsize=10,
+            color="#B00020",
+        )
 
 
 def broken(time: Floats, values: Floats, gap: float) -> tuple[Floats, Floats]:
@@ -124,12 +127,9 @@ def same_scale(figures: Sequence[Figure]) -> None:
     """The same y axes in all of them, where they have as many and they are not maps."""
     for panels in zip(*(made.axes for made in figures), strict=False):
         if not any(axes.get_aspect() == 1.0 for axes in panels):
-            low, high = (
-                min(axes.get_ylim()[0] for axes in panels),
-                max(axes.get_ylim()[1] for axes in panels),
-            )
+            lows, highs = zip(*(axes.get_ylim() for axes in panels), strict=True)
             for axes in panels:
-                axes.set_ylim(low, high)
+                axes.set_ylim(min(lows), max(highs))
 
 
 def trajectories(
@@ -139,57 +139,28 @@ def trajectories(
     links: Sequence[tuple[int, int]] = (),
     unit: str = "units",
 ) -> None:
-    """Tracks (T, 2, n) (north, east) from above: hollow at the start, filled at the end, the final
-    shape dotted.
-
-    Names stand beside the starts.
+    """Tracks (T, 2, n) (north, east) from above: hollow at the start, filled at the end, names
+    beside the starts, the final shape dotted.
     """
-    small = len(names) > 12
+    width, start_size, end_size, font = (0.8, 4, 4, 7) if len(names) > 12 else (1.2, 6, 7, 9)
     for k, name in enumerate(names):
-        colour = line_style(k)["color"]
-        axes.plot(
-            tracks[:, 1, k],
-            tracks[:, 0, k],
-            linewidth=0.8 if small else 1.2,
-            color=colour,
-            label=name,
-        )
-        axes.plot(
-            *tracks[0, ::-1, k],
-            "o",
-            markersize=4 if small else 6,
-            markerfacecolor="white",
-            color=colour,
-        )
-        axes.plot(*tracks[-1, ::-1, k], "o", markersize=4 if small else 7, color=colour)
-        axes.annotate(
-            name,
-            (tracks[0, 1, k], tracks[0, 0, k]),
-            xytext=(4, 4),
-            textcoords="offset points",
-            fontsize=7 if small else 9,
-        )
-    ends = tracks[-1]
+        (north, east), colour = tracks[:, :, k].T, line_style(k)["color"]
+        start = (east[0], north[0])
+        axes.plot(east, north, linewidth=width, color=colour, label=name)
+        axes.plot(*start, "o", markersize=start_size, markerfacecolor="white", color=colour)
+        axes.plot(east[-1], north[-1], "o", markersize=end_size, color=colour)
+        axes.annotate(name, start, xytext=(4, 4), textcoords="offset points", fontsize=font)
+    dotted: dict[str, Any] = {"color": "#555555", "linewidth": 0.9, "linestyle": ":", "zorder": 0}
     for i, j in links:
-        axes.plot(
-            ends[1, [i, j]],
-            ends[0, [i, j]],
-            color="#555555",
-            linewidth=0.9,
-            linestyle=":",
-            zorder=0,
-        )
+        axes.plot(tracks[-1, 1, [i, j]], tracks[-1, 0, [i, j]], **dotted)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel(f"east [{unit}]")
     axes.set_ylabel(f"north [{unit}]")
 
 
 def hull_order(points: Floats) -> list[tuple[int, int]]:
-    """Each of the points (2, n) with its nearest others, as lines that show a shape."""
+    """Pairs of the points (2, n) that are about as close as the closest: a shape's outline."""
     apart = np.hypot(*(points[:, :, None] - points[:, None]))
     np.fill_diagonal(apart, np.inf)
-    return [
-        (int(i), int(j))
-        for i, j in zip(*np.nonzero(apart < 1.1 * apart.min()), strict=True)
-        if i < j
-    ]
+    close = np.argwhere(np.triu(apart < 1.1 * apart.min()))
+    return [(int(i), int(j)) for i, j in close]

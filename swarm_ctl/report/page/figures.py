@@ -1,5 +1,4 @@
-"""The figures of a run, each from its `History`; None where the run left nothing to draw. Imports
-matplotlib."""
+"""The figures of a run, each from its `RunHistory`; None: nothing to draw. Imports matplotlib."""
 
 from __future__ import annotations
 
@@ -12,6 +11,7 @@ from matplotlib.figure import Figure
 
 from swarm_ctl.core.law.planned_formation import planned_formations
 from swarm_ctl.core.model.plan import FormStep
+from swarm_ctl.core.model.text import printable
 from swarm_ctl.report.page.drawing import (
     R_IN,
     R_OUT,
@@ -26,17 +26,17 @@ from swarm_ctl.report.page.drawing import (
     log_ticks,
     trajectories,
 )
-from swarm_ctl.report.page.flight_history import History
+from swarm_ctl.report.page.run_history import RunHistory, least
 
 _SHOWN: Final = 12
 """Agents with a panel of their own, at most."""
 _SIGMA_GAP_S: Final = 1.0
-"""A pair that was not told for this long was not active: reports come at 5 Hz."""
+"""A pair without a report for this long was not active: reports come at 5 Hz."""
 _NAMED: Final = 32
 """Lines with a name in a legend, at most."""
 
 
-def tracks(history: History) -> Figure | None:
+def tracks(history: RunHistory) -> Figure | None:
     """From above, start hollow, end filled, the shape dotted."""
     flight = history.flight
     flown = flight.live.any(axis=1) & (flight.time_s <= history.run.landing_s())
@@ -48,22 +48,21 @@ def tracks(history: History) -> Figure | None:
     return made
 
 
-def _shape(history: History) -> list[tuple[int, int]]:
-    """Pairs of agents that are next to each other in the last shape that was flown."""
-    begun = [
-        k for k in range(1, len(history.plan.steps) + 1) if np.isfinite(history.run.start_s(k))
-    ]
+def _shape(history: RunHistory) -> list[tuple[int, int]]:
+    """Pairs of agents that are adjacent in the last shape that was flown."""
+    steps = range(1, len(history.plan.steps) + 1)
+    begun = [k for k in steps if np.isfinite(history.run.start_s(k))]
     formation = planned_formations(history.plan)[max(begun, default=0)]
     return hull_order(np.array(formation.offsets).T) if formation.formed else []
 
 
-def nearest(history: History) -> Figure | None:
-    """Each agent's distance to its nearest."""
+def nearest(history: RunHistory) -> Figure | None:
+    """Each agent's distance to the nearest vehicle."""
     values = history.nearest()
     if not np.isfinite(values).any():
         return None
     made, axes = figure("Distance to the nearest vehicle, while flying (truth)")
-    _per_agent(axes, history, values)
+    _lines(axes, history.flight.time_s, values, history.agents, "agent")
     law, unit_m = history.plan.law, history.plan.unit_m
     bounds(axes, [(R_IN, law.r_in * unit_m), (R_OUT, law.r_out * unit_m)])
     axes.set_ylim(bottom=0)
@@ -71,8 +70,8 @@ def nearest(history: History) -> Figure | None:
     return made
 
 
-def sigma(history: History) -> Figure | None:
-    """sigma of every pair that came into the avoidance region."""
+def sigma(history: RunHistory) -> Figure | None:
+    """sigma of each pair that came into the avoidance region."""
     pairs = sorted(history.heard.sigmas.items())
     if not pairs:
         return None
@@ -80,9 +79,8 @@ def sigma(history: History) -> Figure | None:
     for k, ((i, j), rows) in enumerate(pairs):
         numbers = np.array(rows)
         curve = broken(numbers[:, 0], numbers[:, 2], _SIGMA_GAP_S)
-        axes.plot(
-            *curve, marker=".", markersize=4, linewidth=0.8, label=f"{i}-{j}", **line_style(k)
-        )
+        style = {"marker": ".", "markersize": 4, "linewidth": 0.8, **line_style(k)}
+        axes.plot(*curve, label=f"{i}-{j}", **style)
     log_ticks(axes)
     axes.set_xlabel("mission time [s]")
     axes.set_ylabel("$\\sigma$")
@@ -90,43 +88,37 @@ def sigma(history: History) -> Figure | None:
     return made
 
 
-def error(axis: int) -> Callable[[History], Figure | None]:
+def error(axis: int) -> Callable[[RunHistory], Figure | None]:
     """e_i in one coordinate: 0 is x (north), 1 is y (east)."""
 
-    def draw(history: History) -> Figure | None:
+    def draw(history: RunHistory) -> Figure | None:
         values = history.errors()[..., axis]
         if not np.isfinite(values).any():
             return None
-        name = f"$e_{'xy'[axis]}$"
-        made, axes = figure(
-            f"Formation error {name} ({('north', 'east')[axis]}): equal where the shape stands"
-        )
-        _per_agent(axes, history, values)
+        name, towards = f"$e_{'xy'[axis]}$", ("north", "east")[axis]
+        made, axes = figure(f"Formation error {name} ({towards}): equal where the shape stands")
+        _lines(axes, history.flight.time_s, values, history.agents, "agent")
         axes.set_ylabel(f"{name} [m]")
         return made
 
     return draw
 
 
-def links(history: History) -> Figure | None:
+def links(history: RunHistory) -> Figure | None:
     """Length of each link of the start graph."""
     values = history.lengths()
     if not np.isfinite(values).any():
         return None
     made, axes = figure("Length of each link (truth)")
-    for k, (i, j) in enumerate(history.links):
-        axes.plot(
-            history.flight.time_s, values[:, k], linewidth=1.0, label=f"{i}-{j}", **line_style(k)
-        )
+    names = [f"{i}-{j}" for i, j in history.links]
+    _lines(axes, history.flight.time_s, values, names, "link")
     bounds(axes, [("r", history.plan.law.r * history.plan.unit_m)])
-    axes.set_xlabel("mission time [s]")
     axes.set_ylabel("length [m]")
-    _name(axes, len(history.links), "link")
     return made
 
 
-def mesh(history: History) -> Figure | None:
-    """Age of the oldest news, and loss, as each agent sees its peers."""
+def mesh(history: RunHistory) -> Figure | None:
+    """Age of the oldest state, and loss, as each agent hears its peers."""
     statuses = {
         i: [s for s in found if s.links] for i, found in sorted(history.heard.statuses.items())
     }
@@ -141,7 +133,7 @@ def mesh(history: History) -> Figure | None:
         age.plot(times, ages, linewidth=1.0, label=str(agent), **line_style(k))
         shares = [100.0 * gone / max(gone + got, 1) for gone, got in zip(lost, heard, strict=True)]
         loss.plot(times, shares, linewidth=1.0, **line_style(k))
-    age.set_ylabel("oldest news [s]")
+    age.set_ylabel("oldest state [s]")
     loss.set_ylabel("lost so far [%]")
     loss.set_xlabel("mission time [s]")
     age.set_ylim(bottom=0)
@@ -150,7 +142,7 @@ def mesh(history: History) -> Figure | None:
     return made
 
 
-def ticks(history: History) -> Figure | None:
+def ticks(history: RunHistory) -> Figure | None:
     """How late the control loops were: median and 99th percentile so far, and overruns."""
     statuses = sorted(history.heard.statuses.items())
     if not statuses:
@@ -160,15 +152,12 @@ def ticks(history: History) -> Figure | None:
     )
     for k, (agent, found) in enumerate(statuses):
         times = [s.time_s for s in found]
-        late.plot(times, [s.tick.late_p50_ms for s in found], linewidth=0.6, **line_style(k))
+        style = line_style(k)
+        late.plot(times, [s.tick.late_p50_ms for s in found], linewidth=0.6, **style)
         late.plot(
-            times,
-            [s.tick.late_p99_ms for s in found],
-            linewidth=1.4,
-            label=str(agent),
-            **line_style(k),
+            times, [s.tick.late_p99_ms for s in found], linewidth=1.4, label=str(agent), **style
         )
-        over.plot(times, [s.tick.overruns for s in found], linewidth=1.0, **line_style(k))
+        over.plot(times, [s.tick.overruns for s in found], linewidth=1.0, **style)
     late.set_ylabel("late [ms, wall clock]")
     over.set_ylabel("ticks skipped")
     over.set_xlabel("mission time [s]")
@@ -176,7 +165,7 @@ def ticks(history: History) -> Figure | None:
     return made
 
 
-def speeds(history: History) -> Figure | None:
+def speeds(history: RunHistory) -> Figure | None:
     """Commanded against achieved velocity, a panel per agent."""
     agents = sorted(history.heard.states)
     if not agents:
@@ -192,12 +181,10 @@ def speeds(history: History) -> Figure | None:
         times = [s.time_s for s in states]
         for axis in range(2):
             colour = line_style(axis)["color"]
-            axes.plot(
-                times, [s.velocity_ned_mps[axis] for s in states], linewidth=1.0, color=colour
-            )
-            axes.plot(
-                times, [s.setpoint_mps[axis] for s in states], "--", linewidth=0.8, color=colour
-            )
+            flown = [s.velocity_ned_mps[axis] for s in states]
+            setpoints = [s.setpoint_mps[axis] for s in states]
+            axes.plot(times, flown, linewidth=1.0, color=colour)
+            axes.plot(times, setpoints, "--", linewidth=0.8, color=colour)
         axes.set_title(f"agent {agent}", fontsize=8, loc="left")
     for axis, name in enumerate(("north", "east")):
         panels[0].plot([], [], color=line_style(axis)["color"], label=name)
@@ -209,7 +196,7 @@ def speeds(history: History) -> Figure | None:
     return made
 
 
-FIGURES: Final[tuple[tuple[str, Callable[[History], Figure | None]], ...]] = (
+FIGURES: Final[tuple[tuple[str, Callable[[RunHistory], Figure | None]], ...]] = (
     ("trajectories", tracks),
     ("min-distance", nearest),
     ("sigma", sigma),
@@ -223,7 +210,7 @@ FIGURES: Final[tuple[tuple[str, Callable[[History], Figure | None]], ...]] = (
 """Name and function of every figure, in the order of the report."""
 
 
-def overlay(histories: Sequence[History]) -> Figure:
+def overlay(histories: Sequence[RunHistory]) -> Figure:
     """Smallest distance and formation error of several runs in one figure, time counted from the
     first form step."""
     made, (near, away) = grid("Smallest distance and formation error", 2, 1, 7.0, 4.8)
@@ -232,10 +219,9 @@ def overlay(histories: Sequence[History]) -> Figure:
         times = history.flight.time_s - start_s
         errors = history.errors()
         deviation = np.linalg.norm(errors - _mean(errors), axis=-1)
-        near.plot(
-            times, _least(history.nearest()), linewidth=1.2, label=history.name, **line_style(k)
-        )
-        away.plot(times, -_least(-deviation), linewidth=1.2, **line_style(k))
+        style = {"linewidth": 1.2, **line_style(k)}
+        near.plot(times, least(history.nearest()), label=printable(history.name), **style)
+        away.plot(times, -least(-deviation), **style)
     near.set_ylabel("smallest distance [m]")
     near.set_ylim(bottom=0)
     log_ticks(away)
@@ -245,35 +231,25 @@ def overlay(histories: Sequence[History]) -> Figure:
     return made
 
 
-def _first_form(history: History) -> float:
-    starts = [
-        history.run.start_s(k)
-        for k, s in enumerate(history.plan.steps, 1)
-        if isinstance(s, FormStep)
-    ]
+def _first_form(history: RunHistory) -> float:
+    steps = enumerate(history.plan.steps, 1)
+    starts = [history.run.start_s(k) for k, step in steps if isinstance(step, FormStep)]
     found = min(starts, default=np.inf)
     return found if np.isfinite(found) else 0.0
+
+
+def _lines(axes: Axes, times: Floats, values: Floats, names: Sequence[object], what: str) -> None:
+    """A line for each column of `values` (T, names) over mission time."""
+    for k, name in enumerate(names):
+        axes.plot(times, values[:, k], linewidth=1.0, label=str(name), **line_style(k))
+    axes.set_xlabel("mission time [s]")
+    _name(axes, len(names), what)
 
 
 def _mean(values: Floats) -> Floats:
     there = np.isfinite(values)
     count = np.maximum(there.sum(axis=1, keepdims=True), 1)
     return np.asarray(np.where(there, values, 0.0).sum(axis=1, keepdims=True) / count)
-
-
-def _least(values: Floats) -> Floats:
-    """The least number of each row (T, n); nan where there is none."""
-    least = np.where(np.isnan(values), np.inf, values).min(axis=1, initial=np.inf)
-    return np.where(np.isfinite(least), least, np.nan)
-
-
-def _per_agent(axes: Axes, history: History, values: Floats) -> None:
-    for k, agent in enumerate(history.agents):
-        axes.plot(
-            history.flight.time_s, values[:, k], linewidth=1.0, label=str(agent), **line_style(k)
-        )
-    axes.set_xlabel("mission time [s]")
-    _name(axes, len(history.agents), "agent")
 
 
 def _name(axes: Axes, count: int, what: str) -> None:

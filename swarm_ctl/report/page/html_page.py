@@ -1,49 +1,51 @@
-"""The report of a run as one HTML page that needs nothing beside it, and the same figures as
-files."""
+"""The report of a run: one HTML page that fetches nothing, and its figures as files."""
 
 from __future__ import annotations
 
 import base64
 import html
 import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
 from matplotlib.figure import Figure
 from rich.console import Console, RenderableType
 from rich.table import Table
+from rich.text import Text
 
 from swarm_ctl.core.model.text import agents_named, printable
 from swarm_ctl.errors import InputError
 from swarm_ctl.report.folder.files import write_whole
 from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.report.judge.summary import Summary, read_summary
-from swarm_ctl.report.page.alarm_list import told
+from swarm_ctl.report.page.alarm_list import log_entries
 from swarm_ctl.report.page.drawing import DPI, same_scale, save
 from swarm_ctl.report.page.figures import FIGURES, overlay
-from swarm_ctl.report.page.flight_history import History, read_history
+from swarm_ctl.report.page.run_history import read_history
 from swarm_ctl.report.page.summary_table import figures_of, render_summary
-from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.journal import Entry
 
 PAGE: Final = "report.html"
 _STYLE: Final = """
-:root { color-scheme: light dark; --ink: #1a1a1a; --paper: #fff; --rule: #ddd; --warning: #8a5a00; --error: #b00020; }
-@media (prefers-color-scheme: dark) {
-  :root { --ink: #e6e6e6; --paper: #17191c; --rule: #3a3d42; --warning: #f0b34a; --error: #ff8095; }
-}
-body { font: 15px/1.45 system-ui, sans-serif; margin: 2em auto; max-width: 90em; padding: 0 1em; color: var(--ink);
-  background: var(--paper); }
+:root { color-scheme: light dark; --ink: #1a1a1a; --paper: #fff; --rule: #ddd;
+  --warning: #8a5a00; --error: #b00020; }
+@media (prefers-color-scheme: dark) { :root { --ink: #e6e6e6; --paper: #17191c; --rule: #3a3d42;
+  --warning: #f0b34a; --error: #ff8095; } }
+body { font: 15px/1.45 system-ui, sans-serif; margin: 2em auto; max-width: 90em; padding: 0 1em;
+  color: var(--ink); background: var(--paper); }
 h1 { font-size: 1.5em; } h2 { font-size: 1.15em; margin-top: 2em; }
-pre { background: #f6f6f6; color: #1a1a1a; padding: 1em; overflow-x: auto; font: 13px/1.35 ui-monospace, monospace; }
-.figures { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(100%, 36em), 1fr)); gap: 1em; }
+pre { background: #f6f6f6; color: #1a1a1a; padding: 1em; overflow-x: auto;
+  font: 13px/1.35 ui-monospace, monospace; }
+.figures { display: grid; gap: 1em;
+  grid-template-columns: repeat(auto-fill, minmax(min(100%, 36em), 1fr)); }
 figure { margin: 0; background: #fff; color: #1a1a1a; overflow-x: auto; }
 figcaption { padding: .4em .6em 0; font-size: .9em; }
 img { display: block; width: 100%; min-width: 30em; max-width: 52em; height: auto; }
 .broad { grid-column: 1 / -1; } .broad img { max-width: 78em; min-width: 45em; }
 table { border-collapse: collapse; }
-td, th { padding: .25em .8em; border-bottom: 1px solid var(--rule); text-align: left; vertical-align: top; }
+td, th { padding: .25em .8em; border-bottom: 1px solid var(--rule); text-align: left;
+  vertical-align: top; }
 .warning { color: var(--warning); } .error { color: var(--error); font-weight: 600; }
 .wide { overflow-x: auto; } .time { text-align: right; white-space: nowrap; }
 """
@@ -52,63 +54,62 @@ _BROAD: Final = ("velocity",)
 
 
 def make_report(folder: Path) -> Path:
-    """Write figures and page into the run folder; where the page is. InputError where it is no run
-    folder."""
-    history = read_history(folder)
-    summary = _summary(folder)
+    """Write figures and page into the run folder; the page's path.
+
+    Raises:
+        InputError: it is no run folder.
+    """
+    history, summary = read_history(folder), _summary(folder)
     figures = folder / "figures"
     figures.mkdir(exist_ok=True)
-    parts = [_block("Summary", _pre(render_summary(summary)))]
-    parts.append(
-        _block("Alarms", _alarms(told(folder, history.manifest), (*history.notes, *summary.notes)))
-    )
     drawn = []
     for name, draw in FIGURES:
         made = draw(history)
         if made is not None:
-            picture, _ = save(made, figures, name)
-            drawn.append(_image(picture.read_bytes(), name))
-    parts.append(
-        _block("Figures", _gallery(drawn) if drawn else "<p>The run left nothing to draw.</p>")
-    )
-    write_whole(folder / PAGE, _page(f"{summary.mission or folder.name}: {summary.outcome}", parts))
+            drawn.append(_image(save(made, figures, name)[0].read_bytes(), name))
+    entries, notes = log_entries(folder, history.manifest), (*history.notes, *summary.notes)
+    parts = {
+        "Summary": _pre(render_summary(summary)),
+        "Alarms": _alarms(entries, notes),
+        "Figures": _gallery(drawn) if drawn else "<p>There is nothing to draw.</p>",
+    }
+    title = f"{summary.mission or folder.name}: {summary.outcome}"
+    write_whole(folder / PAGE, _page(title, parts))
     return folder / PAGE
 
 
 def make_comparison(folders: Sequence[Path], path: Path) -> Path:
-    """Write a page with the figures of several runs side by side; where it is."""
+    """Write a page with the figures of several runs side by side; its path."""
     if len(folders) < 2:
         raise InputError(f"{len(folders)} run to compare; allowed: two or more")
     histories = [read_history(folder) for folder in folders]
-    summaries = [_summary(folder) for folder in folders]
-    parts = [
-        _block("Numbers", _numbers(histories, summaries)),
-        _block("Together", _figure(overlay(histories), "together")),
-    ]
+    names = [history.name for history in histories]
+    parts = {
+        "Numbers": _numbers(names, [_summary(folder) for folder in folders]),
+        "Together": _figure(overlay(histories), "together"),
+    }
     for name, draw in FIGURES:
         made = [draw(history) for history in histories]
         if any(made):
             same_scale([figure for figure in made if figure is not None])
-            side = [
-                _side(history.name, name, figure)
-                for history, figure in zip(histories, made, strict=True)
-            ]
-            parts.append(_block(name, _gallery(side)))
+            sides = zip(names, made, strict=True)
+            parts[name] = _gallery(_side(run, name, figure) for run, figure in sides)
     write_whole(path, _page("Runs compared", parts))
     return path
 
 
 def comparison_table(folders: Sequence[Path]) -> Table:
-    """The same numbers for the screen."""
-    table = Table("", *(folder.resolve().name for folder in folders))
+    """The numbers of several runs for a terminal."""
+    table = Table("")
+    for folder in folders:
+        table.add_column(Text(printable(folder.resolve().name)))
     for row in _rows([_summary(folder) for folder in folders]):
-        table.add_row(*row)
+        table.add_row(*(Text(cell) for cell in row))
     return table
 
 
 def _summary(folder: Path) -> Summary:
-    """The summary that was written at the end, or what can be said of a run that never came to
-    it."""
+    """The summary in the folder; a run that was killed has none, so it is made."""
     try:
         return read_summary(folder)
     except InputError:
@@ -116,34 +117,40 @@ def _summary(folder: Path) -> Summary:
 
 
 def _rows(summaries: Sequence[Summary]) -> list[list[str]]:
-    outcome = ["outcome", *(summary.outcome for summary in summaries)]
+    outcome = ["outcome", *(str(summary.outcome) for summary in summaries)]
     columns = [dict(figures_of(summary)) for summary in summaries]
     names = list(dict.fromkeys(name for column in columns for name in column))
     return [outcome, *([name, *(column.get(name, "-") for column in columns)] for name in names)]
 
 
-def _numbers(histories: Sequence[History], summaries: Sequence[Summary]) -> str:
-    head = "".join(f"<th>{html.escape(history.name)}</th>" for history in histories)
-    rows = "".join(
-        "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>"
-        for row in _rows(summaries)
-    )
+def _numbers(names: Sequence[str], summaries: Sequence[Summary]) -> str:
+    head = "".join(f"<th>{_text(name)}</th>" for name in names)
+    rows = "".join(f"<tr>{_cells(row)}</tr>" for row in _rows(summaries))
     return f'<div class="wide"><table><tr><th></th>{head}</tr>{rows}</table></div>'
 
 
 def _alarms(entries: Iterable[Entry], notes: Sequence[str]) -> str:
-    rows = [
-        _alarm(f"{entry.time_s:.1f} s", agents_named(entry.agents) if entry.agents else "", entry.kind, entry.level,
-               entry.text + (f" (×{entry.count})" if entry.count > 1 else ""))
-        for entry in entries
-    ]  # fmt: skip
-    rows += [_alarm("", "", "note", Level.WARNING, note) for note in dict.fromkeys(notes)]
+    rows = [_alarm(entry) for entry in entries]
+    said = (_cells(("", "note", note)) for note in dict.fromkeys(notes))
+    rows += [f'<tr class="warning"><td></td>{cells}</tr>' for cells in said]
     return f'<div class="wide"><table>{"".join(rows)}</table></div>' if rows else "<p>None.</p>"
 
 
-def _alarm(time: str, who: str, kind: str, level: Level, text: str) -> str:
-    cells = "".join(f"<td>{html.escape(printable(cell, 1000))}</td>" for cell in (who, kind, text))
-    return f'<tr class="{level.name.lower()}"><td class="time">{time}</td>{cells}</tr>'
+def _alarm(entry: Entry) -> str:
+    agents = agents_named(entry.agents) if entry.agents else ""
+    times = f" (×{entry.count})" if entry.count > 1 else ""
+    cells = _cells((agents, entry.kind, entry.text + times))
+    time = f'<td class="time">{entry.time_s:.1f} s</td>'
+    return f'<tr class="{entry.level.name.lower()}">{time}{cells}</tr>'
+
+
+def _cells(texts: Iterable[str]) -> str:
+    return "".join(f"<td>{_text(text)}</td>" for text in texts)
+
+
+def _text(text: str) -> str:
+    """Any text as HTML: markup and control characters are escaped."""
+    return html.escape(printable(text, 1000))
 
 
 def _pre(what: RenderableType) -> str:
@@ -158,7 +165,7 @@ def _gallery(figures: Iterable[str]) -> str:
 
 def _side(run: str, name: str, made: Figure | None) -> str:
     if made is None:
-        return f"<figure><figcaption>{html.escape(run)}: nothing to draw</figcaption></figure>"
+        return f"<figure><figcaption>{_text(run)}: nothing to draw</figcaption></figure>"
     return _figure(made, name, run)
 
 
@@ -169,20 +176,19 @@ def _figure(made: Figure, name: str, caption: str = "") -> str:
 
 
 def _image(png: bytes, name: str, caption: str = "") -> str:
-    text = base64.b64encode(png).decode()
-    alt = html.escape(f"{caption}: {name}" if caption else name)
-    above = f"<figcaption>{html.escape(caption)}</figcaption>" if caption else ""
+    alt = _text(f"{caption}: {name}" if caption else name)
+    above = f"<figcaption>{_text(caption)}</figcaption>" if caption else ""
     broad = ' class="broad"' if name in _BROAD else ""
-    return f'<figure{broad}>{above}<img alt="{alt}" title="{alt}" src="data:image/png;base64,{text}"></figure>'
+    source = f"data:image/png;base64,{base64.b64encode(png).decode()}"
+    return f'<figure{broad}>{above}<img alt="{alt}" title="{alt}" src="{source}"></figure>'
 
 
-def _block(title: str, content: str) -> str:
-    return f"<h2>{html.escape(title)}</h2>{content}"
-
-
-def _page(title: str, parts: Iterable[str]) -> str:
+def _page(title: str, parts: Mapping[str, str]) -> str:
+    """A whole page; `parts` are HTML by their headings."""
+    body = "".join(f"<h2>{_text(heading)}</h2>{part}" for heading, part in parts.items())
     return (
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8">'
-        f'<meta name="viewport" content="width=device-width, initial-scale=1"><title>{html.escape(title)}</title>'
-        f"<style>{_STYLE}</style></head><body><h1>{html.escape(title)}</h1>{''.join(parts)}</body></html>\n"
+        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{_text(title)}</title><style>{_STYLE}</style></head>"
+        f"<body><h1>{_text(title)}</h1>{body}</body></html>\n"
     )

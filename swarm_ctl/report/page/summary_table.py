@@ -1,4 +1,4 @@
-"""The summary for a screen. Colours always stand beside a word."""
+"""The summary as tables for a terminal; a word says what each colour says."""
 
 from __future__ import annotations
 
@@ -9,10 +9,22 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from swarm_ctl.core.model.messages import Outcome
 from swarm_ctl.core.model.text import printable, ranges
-from swarm_ctl.report.judge.summary import AgentPair, StepSummary, Summary
+from swarm_ctl.report.judge.summary import (
+    AgentPair,
+    SafetySummary,
+    StepSummary,
+    StepVerdict,
+    Summary,
+)
 
-_STYLE: Final = {"completed": "bold green", "aborted": "bold yellow", "failed": "bold red"}
+_STYLE: Final = {
+    Outcome.COMPLETED: "bold green",
+    Outcome.ABORTED: "bold yellow",
+    Outcome.FAILED: "bold red",
+}
+_STEP_STYLE: Final = {StepVerdict.DONE: "green", StepVerdict.NOT_REACHED: "dim"}
 
 
 def render_summary(summary: Summary) -> RenderableType:
@@ -22,9 +34,8 @@ def render_summary(summary: Summary) -> RenderableType:
 
 def _heading(summary: Summary) -> Text:
     text = Text.assemble(
-        f"{summary.mission or 'mission'}: ",
+        f"{printable(summary.mission or 'mission')}: ",
         (summary.outcome.upper(), _STYLE[summary.outcome]),
-        no_wrap=False,
     )
     return text.append(f"  {printable(summary.reason, 1000)}") if summary.reason else text
 
@@ -37,24 +48,21 @@ def _steps(summary: Summary) -> Table:
     table.add_column(Text("to [s]"), justify="right")
     table.add_column("not done")
     for step in summary.steps:
-        style = {"done": "green", "not reached": "dim"}.get(step.result, "red")
         table.add_row(
-            Text(step.name),
-            Text(step.result, style=style),
+            Text(printable(step.name)),
+            Text(step.result, style=_STEP_STYLE.get(step.result, "red")),
             _number(step.start_s, 1),
             _number(step.end_s, 1),
-            _exceptions(step),
+            Text(_exceptions(step)),
         )
     return table
 
 
-def _exceptions(step: StepSummary) -> Text:
+def _exceptions(step: StepSummary) -> str:
     by_result: dict[str, list[int]] = {}
     for agent, result in step.exceptions.items():
         by_result.setdefault(result, []).append(agent)
-    return Text(
-        "; ".join(f"{ranges(ids)} {printable(result)}" for result, ids in by_result.items())
-    )
+    return "; ".join(f"{ranges(ids)} {result}" for result, ids in by_result.items())
 
 
 def _figures(summary: Summary) -> Table:
@@ -72,71 +80,55 @@ def figures_of(summary: Summary) -> Iterator[tuple[str, str]]:
 
 
 def _rows(s: Summary) -> Iterator[tuple[str, str, bool]]:
-    """(name, value, whether it is as it should be)."""
-    yield "time to form", "-" if s.time_to_form_s is None else f"{s.time_to_form_s:.1f} s", True
-    left = s.formation_error_m
-    yield "formation error", "-" if left is None else f"{left:.2f} m before the landing", True
-    near, r_in = s.min_true_distance_m, s.r_in_m
-    collided = near is not None and r_in is not None and near < r_in
-    yield (
-        "smallest true distance",
-        _distance(near, s.min_true_pair, "r_in", r_in, collided),
-        not collided,
-    )
-    long, r = s.longest_link_m, s.r_m
-    stretched = long is not None and r is not None and long > r
-    yield "longest link", _distance(long, s.longest_link_pair, "r", r, stretched), not stretched
+    """(name, value, whether it is as it should be); values are safe to print."""
+    formed, left_m = s.time_to_form_s, s.formation_error_m
+    yield "time to form", "-" if formed is None else f"{formed:.1f} s", True
+    yield "formation error", "-" if left_m is None else f"{left_m:.2f} m before the landing", True
+    near_m, long_m, r_in_m, r_m = s.min_true_distance_m, s.longest_link_m, s.r_in_m, s.r_m
+    kept = near_m is None or r_in_m is None or near_m >= r_in_m
+    yield "smallest true distance", _distance(near_m, s.min_true_pair, "r_in", r_in_m, kept), kept
+    kept = long_m is None or r_m is None or long_m <= r_m
+    yield "longest link", _distance(long_m, s.longest_link_pair, "r", r_m, kept), kept
     if s.truth is not None and s.truth.collisions:
         yield "collisions", f"sysid {ranges(s.truth.collisions)}", False
     if s.safety is not None:
-        share = 100 * s.safety.touched / max(1, s.safety.ticks)
-        more = (
-            (s.safety.releases, "ways out of dead-locks"),
-            (s.safety.exchanges, "slots exchanged"),
-        )
-        told = "".join(f", {count} {what}" for count, what in more if count)
-        yield "filter", f"changed {share:.1f} % of the ticks{told}", True
-    yield (
-        "sigma",
-        ", ".join(f"{name} {count}" for name, count in s.sigma_status.items()) or "-",
-        not s.overspeed,
-    )
+        yield "filter", _filter(s.safety), True
+    sigma = ", ".join(f"{printable(name)} {count}" for name, count in s.sigma_status.items())
+    yield "sigma", sigma or "-", not s.overspeed
     yield "setpoints", f"{_number(s.setpoint_rate_hz, 2)} Hz (slowest agent)", True
-    tick = s.tick
-    lateness = f"p50 {tick.late_p50_ms:.2f} ms, p99 {tick.late_p99_ms:.2f} ms late, {tick.overruns} overruns"
-    yield "ticks", lateness, True
+    late = f"p50 {s.tick.late_p50_ms:.2f} ms, p99 {s.tick.late_p99_ms:.2f} ms late"
+    yield "ticks", f"{late}, {s.tick.overruns} overruns", True
     yield "state age", _ages(s), True
     yield "loss", _loss(s), True
     if s.exit_codes is not None:
-        bad = {name: code for name, code in s.exit_codes.items() if code}
-        words = ", ".join(f"{name} {code}" for name, code in bad.items())
-        yield "exit codes", words or f"{len(s.exit_codes)} processes, all 0", not bad
-    yield (
-        "time",
-        f"{_number(s.mission_time_s, 1)} s mission, {_number(s.wall_time_s, 1)} s wall clock",
-        True,
-    )
+        bad = [f"{printable(name)} {code}" for name, code in s.exit_codes.items() if code]
+        yield "exit codes", ", ".join(bad) or f"{len(s.exit_codes)} processes, all 0", not bad
+    flown_s, wall_s = _number(s.mission_time_s, 1), _number(s.wall_time_s, 1)
+    yield "time", f"{flown_s} s mission, {wall_s} s wall clock", True
+
+
+def _filter(safety: SafetySummary) -> str:
+    counts = {"dead-locks resolved": safety.releases, "slot exchanges": safety.exchanges}
+    more = "".join(f", {count} {what}" for what, count in counts.items() if count)
+    return f"changed {100 * safety.touched / max(1, safety.ticks):.1f} % of the ticks{more}"
 
 
 def _distance(
-    value: float | None, pair: AgentPair | None, bound_name: str, bound: float | None, broken: bool
+    value: float | None, pair: AgentPair | None, name: str, bound: float | None, kept: bool
 ) -> str:
     if value is None:
         return "-"
-    who = f"agents {pair[0]}-{pair[1]}, " if pair else ""
-    return f"{value:.2f} m ({who}{'BREAKS ' if broken else ''}{bound_name} {_number(bound, 2)} m)"
+    agents = f"agents {pair[0]}-{pair[1]}, " if pair else ""
+    return f"{value:.2f} m ({agents}{'' if kept else 'BREAKS '}{name} {_number(bound, 2)} m)"
 
 
 def _ages(s: Summary) -> str:
-    worst = max(
-        ((x.age_p99_s, x) for x in s.links if x.age_p99_s is not None),
-        key=lambda found: found[0],
-        default=None,
-    )
-    if worst is None:
+    worst = max(s.links, key=lambda link: link.age_p99_s or 0.0, default=None)
+    if worst is None or worst.age_p99_s is None:
         return "-"
-    p50 = max((x.age_p50_s for x in s.links if x.age_p50_s is not None), default=0.0)
-    return f"p50 {p50:.3f} s, p99 {worst[0]:.3f} s (worst link: {worst[1].sender} to {worst[1].receiver})"
+    p50 = max(link.age_p50_s or 0.0 for link in s.links)
+    link = f"worst link: {worst.sender} to {worst.receiver}"
+    return f"p50 {p50:.3f} s, p99 {worst.age_p99_s:.3f} s ({link})"
 
 
 def _loss(s: Summary) -> str:

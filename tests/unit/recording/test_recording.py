@@ -11,7 +11,15 @@ import pytest
 from mcap.reader import make_reader
 
 from swarm_ctl import recording
-from swarm_ctl.core.model.messages import Ack, Command, Event, Payload, SigmaReport, StationBeacon
+from swarm_ctl.core.model.messages import (
+    Ack,
+    Command,
+    Event,
+    Payload,
+    Severity,
+    SigmaReport,
+    StationBeacon,
+)
 from swarm_ctl.errors import InputError
 from swarm_ctl.recording import mcap_reader, recorder
 from swarm_ctl.recording.mcap_reader import counts, is_whole, messages, recover, truth
@@ -34,7 +42,7 @@ def flight(seconds: int = 3) -> list[tuple[Payload, float]]:
             said.append((state_of(PLAN, agent, now, seq=k), now + 0.01))
             if k % 10 == 0:
                 said.append((status_of(PLAN, agent, now), now + 0.02))
-    said.append((Event(1, 11.0, "warning", "low ± battery"), 11.1))
+    said.append((Event(1, 11.0, Severity.WARNING, "low ± battery"), 11.1))
     said.append((Command("x", "land", (), 12.0), 12.0))
     said.append((Ack(2, "x", True, ""), 12.1))
     said.append((StationBeacon("station-1", 12.0, 7), 12.2))

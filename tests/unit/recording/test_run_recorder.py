@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from swarm_ctl.core.model.messages import Ack, Event
+from swarm_ctl.core.model.messages import Ack, Event, Severity
 from swarm_ctl.recording.run_recorder import RunRecorder
 
 FULL = Path("/dev/full")
@@ -19,7 +19,7 @@ def test_a_full_disk_is_told_once(tmp_path: Path) -> None:
     recorder = RunRecorder(tmp_path, 0, {}, {})
     told: list[str] = []
     for _ in range(3):
-        recorder.take(Event(1, 0.0, "info", "hello"), 0.0)
+        recorder.take(Event(1, 0.0, Severity.INFO, "hello"), 0.0)
         recorder.take(Ack(1, "c", True, ""), 0.0)
         told += recorder.troubles()
     recorder.close()

@@ -12,7 +12,16 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
 
-from swarm_ctl.core.model.messages import AgentStatus, Event, LinkReport, Phase, StepResult
+from swarm_ctl.core.model.messages import (
+    AgentStatus,
+    Event,
+    LinkReport,
+    Outcome,
+    Phase,
+    Severity,
+    StepOutcome,
+    StepResult,
+)
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.mission.compile.fleet import FleetAgent
 from swarm_ctl.report.folder.manifest import Manifest, fingerprint, write_manifest
@@ -33,11 +42,11 @@ START, LIFTOFF, FORM, FORMED, HOLD, LAND, TOUCHDOWN, END = (
 )
 """Mission times of the flight; the vehicles reach the shape at FORMED."""
 STEPS: Final = (
-    StepResult("prepare", "done", START, LIFTOFF),
-    StepResult("takeoff", "done", LIFTOFF, FORM),
-    StepResult("form hexagon", "done", FORM, HOLD),
-    StepResult("hold", "done", HOLD, LAND),
-    StepResult("land", "done", LAND, END),
+    StepResult("prepare", StepOutcome.DONE, START, LIFTOFF),
+    StepResult("takeoff", StepOutcome.DONE, LIFTOFF, FORM),
+    StepResult("form hexagon", StepOutcome.DONE, FORM, HOLD),
+    StepResult("hold", StepOutcome.DONE, HOLD, LAND),
+    StepResult("land", StepOutcome.DONE, LAND, END),
 )
 EXIT_CODES: Final = {"sim": 0, "station": 0} | {f"agent-{i}": 0 for i in range(1, 7)}
 
@@ -73,7 +82,14 @@ def manifest(plan: Plan = PLAN, **changes: Any) -> Manifest:
 def account(agent: int, **changes: Any) -> AgentStatus:
     """An agent's final account of the completed flight."""
     made = status_of(
-        PLAN, agent, END, phase=Phase.ENDED, step=4, done=True, outcome="completed", steps=STEPS
+        PLAN,
+        agent,
+        END,
+        phase=Phase.ENDED,
+        step=4,
+        done=True,
+        outcome=Outcome.COMPLETED,
+        steps=STEPS,
     )
     made = replace(
         made,
@@ -160,8 +176,8 @@ def write_run(folder: Path) -> Path:
         write_status(folder, account(agent))
     statuses = [status_of(PLAN, agent, t) for t in (25.0, 30.0) for agent in range(1, 7)]
     write_lines(folder / "statuses.jsonl", *statuses, *(account(agent) for agent in range(1, 7)))
-    events = [Event(agent, END, "info", "ended: completed") for agent in range(1, 7)]
+    events = [Event(agent, END, Severity.INFO, "ended: completed") for agent in range(1, 7)]
     write_lines(
-        folder / "events.jsonl", Event(2, 25.0, "warning", "vehicle: EKF variance"), *events
+        folder / "events.jsonl", Event(2, 25.0, Severity.WARNING, "vehicle: EKF variance"), *events
     )
     return folder

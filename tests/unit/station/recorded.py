@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from swarm_ctl.core.model.messages import Ack, Command, Event, Payload, Phase
+from swarm_ctl.core.model.messages import Ack, Command, Event, Payload, Phase, Severity
 from swarm_ctl.station.picture.playback import Film
 from tests.unit.station.swarm import FORM, hexagon_plan, state_of, status_of
 
@@ -31,7 +31,7 @@ def said() -> list[tuple[float, Payload]]:
             found.append((heard_s, replace(state_of(PLAN, agent, now_s, seq=k), **changed)))  # type: ignore[arg-type]
             if k % 4 == 0:
                 found.append((heard_s, replace(status_of(PLAN, agent, now_s), **changed)))  # type: ignore[arg-type]
-    found.append((40.0, Event(2, 39.9, "warning", "vehicle: low battery")))
+    found.append((40.0, Event(2, 39.9, Severity.WARNING, "vehicle: low battery")))
     found.append((COMMAND_S, Command("c", "land", (), COMMAND_S)))
     found += [(COMMAND_S + 0.1, Ack(agent, "c", True, "")) for agent in range(1, 7)]
     return sorted(found, key=lambda one: one[0])

@@ -46,5 +46,5 @@ def test_the_short_forms_an_operator_may_write_are_in_it() -> None:
 def test_every_section_says_what_it_is() -> None:
     assert all(
         MissionFile.model_json_schema()["$defs"][name].get("description")
-        for name in ("Law", "Form", "Ring")
+        for name in ("LawSection", "FormSection", "RingShape")
     )

@@ -11,7 +11,7 @@ from hypothesis.extra import numpy as hnp
 from swarm_ctl.core.law import formation
 from swarm_ctl.report.folder.files import Damage
 from swarm_ctl.report.folder.metrics import (
-    Flight,
+    TrueFlight,
     closest_approach,
     flight_of,
     formation_error,
@@ -27,9 +27,9 @@ paths = hnp.arrays(np.float64, (3, 4, 2), elements=metres)
 alive = hnp.arrays(np.bool_, (3, 4))
 
 
-def _flight(points: Floats, live: Bools | None = None) -> Flight:
+def _flight(points: Floats, live: Bools | None = None) -> TrueFlight:
     moments = len(points)
-    return Flight(
+    return TrueFlight(
         np.linspace(0.0, 1.0, moments),
         points,
         np.ones(points.shape[:2], bool) if live is None else live,

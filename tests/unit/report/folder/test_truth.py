@@ -9,7 +9,14 @@ import numpy as np
 import pytest
 
 from swarm_ctl.report.folder.files import Damage
-from swarm_ctl.report.folder.truth import End, Header, State, TruthEvent, load_truth, read_truth
+from swarm_ctl.report.folder.truth import (
+    TruthEnd,
+    TruthEvent,
+    TruthHeader,
+    TruthState,
+    load_truth,
+    read_truth,
+)
 from tests.unit.report.run_folders import (
     CENTRE,
     END,
@@ -50,12 +57,12 @@ def test_a_whole_file(tmp_path: Path) -> None:
 
 def test_records_come_in_their_order_one_by_one(tmp_path: Path) -> None:
     records = read_truth(_write(tmp_path / "truth.jsonl", SMALL), Damage())
-    assert isinstance(next(records), Header)
+    assert isinstance(next(records), TruthHeader)
     assert isinstance(next(records), TruthEvent)
     state = next(records)
-    assert isinstance(state, State)
+    assert isinstance(state, TruthState)
     assert state.velocity_ned_mps[1] == (1.0, 0.0, 0.0)
-    assert isinstance(list(records)[-1], End)
+    assert isinstance(list(records)[-1], TruthEnd)
 
 
 def test_every_torn_length_gives_the_lines_before(tmp_path: Path) -> None:

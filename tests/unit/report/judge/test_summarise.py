@@ -12,11 +12,11 @@ from typing import Any
 import pytest
 
 from swarm_ctl.core.law.formation import formation_error
-from swarm_ctl.core.model.messages import Event, Phase, StepResult
+from swarm_ctl.core.model.messages import Event, Outcome, Phase, Severity, StepOutcome, StepResult
 from swarm_ctl.errors import InputError
 from swarm_ctl.report.judge.summarise import summarise
-from swarm_ctl.report.judge.summary import Summary, read_summary, summary_schema, write_summary
-from swarm_ctl.report.page.flight_history import read_history
+from swarm_ctl.report.judge.summary import Summary, read_summary, write_summary
+from swarm_ctl.report.page.run_history import read_history
 from tests.unit.report.run_folders import (
     END,
     EXIT_CODES,
@@ -133,14 +133,14 @@ def test_the_worst_tick_and_the_slowest_agent_stand_for_all(run: Path) -> None:
 
 
 def _abort(run: Path, *aborted: int, failed: tuple[int, ...] = ()) -> None:
-    broken = (*STEPS[:2], StepResult("form hexagon", "aborted", FORM, 28.0))
+    broken = (*STEPS[:2], StepResult("form hexagon", StepOutcome.ABORTED, FORM, 28.0))
     for i in range(1, 7):
         outcome, reason = (
             ("failed", "agent 1 broke the mission off") if i in failed else ("completed", "")
         )
         if i in aborted:
             outcome, reason = "aborted", "landed by the operator"
-        write_status(run, account(i, outcome=outcome, reason=reason, step=2, steps=broken))
+        write_status(run, account(i, outcome=Outcome(outcome), reason=reason, step=2, steps=broken))
 
 
 def test_an_operators_landing_is_aborted(run: Path) -> None:
@@ -166,7 +166,9 @@ def test_agents_that_saw_the_others_land_first_do_not_make_it_a_failure(run: Pat
 
 
 def test_an_agent_that_fails_is_named_with_its_reason(run: Path) -> None:
-    write_status(run, account(4, outcome="failed", reason="no position from the vehicle for 3 s"))
+    write_status(
+        run, account(4, outcome=Outcome.FAILED, reason="no position from the vehicle for 3 s")
+    )
     summary = summarise(run, EXIT_CODES | {"agent-4": 1})
     assert (summary.outcome, summary.reason) == (
         "failed",
@@ -194,17 +196,18 @@ def test_a_killed_agents_last_words_stand_in(run: Path) -> None:
     """Agent 3 is killed at 30 s, long before the shape stands; its vehicle hovers on and no longer
     counts."""
     (run / "agents" / "3.json").unlink()
-    broken = (*STEPS[:2], StepResult("form hexagon", "aborted", FORM, 33.1))
+    broken = (*STEPS[:2], StepResult("form hexagon", StepOutcome.ABORTED, FORM, 33.1))
     for i in (1, 2, 4, 5, 6):
         reason = "agent 3 has not been heard for 3 s"
-        write_status(run, account(i, outcome="failed", reason=reason, steps=broken))
+        write_status(run, account(i, outcome=Outcome.FAILED, reason=reason, steps=broken))
     write_lines(run / "statuses.jsonl", *(status_of(PLAN, 3, t) for t in (25.0, 29.6)))
     summary = summarise(
         run, EXIT_CODES | {"agent-3": -9} | {f"agent-{i}": 1 for i in (1, 2, 4, 5, 6)}
     )
     assert summary.outcome == "failed"
     assert summary.reason == (
-        "agent-3 was ended by SIGKILL; agent 3 left no account; last heard at 29.6 s in phase fly; "
+        "agent-3 was ended by SIGKILL; "
+        "agent 3 left no final status; last heard at 29.6 s in phase fly; "
         "agents 1-2, 4-6: agent 3 has not been heard for 3 s"
     )
     third = summary.agents[2]
@@ -221,9 +224,9 @@ def test_a_killed_agents_last_words_stand_in(run: Path) -> None:
 
 def test_an_agent_lives_as_long_as_it_was_heard_and_the_plans_time_more(run: Path) -> None:
     (run / "agents" / "3.json").unlink()
-    broken = (*STEPS[:2], StepResult("form hexagon", "aborted", FORM, 28.0))
+    broken = (*STEPS[:2], StepResult("form hexagon", StepOutcome.ABORTED, FORM, 28.0))
     for i in (1, 2, 4, 5, 6):
-        write_status(run, account(i, outcome="failed", reason="x", steps=broken))
+        write_status(run, account(i, outcome=Outcome.FAILED, reason="x", steps=broken))
     write_lines(run / "statuses.jsonl", status_of(PLAN, 3, 26.0))
     assert summarise(run).formation_error_m == pytest.approx(_error_m(28.0))
     write_lines(run / "statuses.jsonl", status_of(PLAN, 3, 24.0))
@@ -307,7 +310,7 @@ def test_nothing_at_all_known_of_an_agent(run: Path) -> None:
     (run / "agents" / "5.json").unlink()
     write_lines(run / "statuses.jsonl", *(account(i) for i in (1, 2, 3, 4, 6)))
     summary = summarise(run, EXIT_CODES | {"agent-5": 3})
-    assert summary.reason.startswith("agent 5 left no account")
+    assert summary.reason.startswith("agent 5 left no status")
     assert summary.agents[4].outcome == "unknown"
     assert summary.steps[2].exceptions == {5: "not reached"}
     assert summary.steps[2].result == "not reached"
@@ -331,24 +334,43 @@ def test_a_collision_is_told(run: Path) -> None:
     assert summary.truth.collisions == (12,)
 
 
-def test_results_this_program_does_not_know_are_no_success(run: Path) -> None:
-    steps = (*STEPS[:3], replace(STEPS[3], result="skipped"), STEPS[4])
+def test_a_skipped_step_is_told_as_such(run: Path) -> None:
+    steps = (*STEPS[:3], replace(STEPS[3], result=StepOutcome.SKIPPED), STEPS[4])
     write_status(run, account(2, steps=steps))
     step = summarise(run, EXIT_CODES).steps[3]
-    assert (step.result, step.exceptions) == ("running", {2: "running"})
+    assert (step.result, step.exceptions) == ("skipped", {2: "skipped"})
 
 
 # --- the schema ---
 
 
 def test_the_schema_names_what_later_tools_read() -> None:
-    schema = summary_schema()
+    schema = Summary.model_json_schema()
     wanted = {
-        "schema_version", "mission", "outcome", "reason", "steps", "time_to_form_s", "formation_error_m",
-        "min_true_distance_m", "min_true_pair", "r_in_m", "longest_link_m", "r_m", "sigma_status", "overspeed",
-        "setpoint_rate_hz", "tick", "links", "exit_codes", "speedup", "wall_time_s", "mission_time_s", "versions",
+        "schema_version",
+        "mission",
+        "outcome",
+        "reason",
+        "steps",
+        "time_to_form_s",
+        "formation_error_m",
+        "min_true_distance_m",
+        "min_true_pair",
+        "r_in_m",
+        "longest_link_m",
+        "r_m",
+        "sigma_status",
+        "overspeed",
+        "setpoint_rate_hz",
+        "tick",
+        "links",
+        "exit_codes",
+        "speedup",
+        "wall_time_s",
+        "mission_time_s",
+        "versions",
         "notes",
-    }  # fmt: skip
+    }
     assert wanted <= set(schema["properties"])
     assert schema["properties"]["outcome"]["enum"] == ["completed", "failed", "aborted"]
     assert "horizontal" in schema["properties"]["min_true_distance_m"]["description"]
@@ -390,7 +412,7 @@ def test_summarise_only_reads(run: Path, tmp_path_factory: pytest.TempPathFactor
 
 def test_events_and_phases_do_not_decide(run: Path) -> None:
     """An error event alone is no failure: the agents' own words are."""
-    write_lines(run / "events.jsonl", Event(1, 30.0, "error", "something loud"))
+    write_lines(run / "events.jsonl", Event(1, 30.0, Severity.ERROR, "something loud"))
     write_status(run, account(1, phase=Phase.LAND))
     summary = summarise(run, EXIT_CODES)
     assert (summary.outcome, summary.events) == ("completed", {"error": 1})

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from swarm_ctl.core.model.messages import AgentState, Event, Payload, SigmaReport
+from swarm_ctl.core.model.messages import AgentState, Event, Payload, Severity, SigmaReport
 from swarm_ctl.errors import InputError
 from swarm_ctl.recording import RECORDING
 from swarm_ctl.recording.recorder import Recorder
 from swarm_ctl.report.page.figures import FIGURES
-from swarm_ctl.report.page.flight_history import read_history
 from swarm_ctl.report.page.html_page import PAGE, make_comparison, make_report
+from swarm_ctl.report.page.run_history import read_history
 from tests.unit.report.run_folders import (
     FORM,
     FORMED,
@@ -44,8 +44,8 @@ def said() -> list[Payload]:
                 status_of(PLAN, agent, t, links=account(agent).links, battery_percent=charge)
             )
     found += [
-        Event(2, 25.0, "warning", "vehicle: EKF variance"),
-        Event(1, LAND, "info", "ended: completed"),
+        Event(2, 25.0, Severity.WARNING, "vehicle: EKF variance"),
+        Event(1, LAND, Severity.INFO, "ended: completed"),
     ]
     found.append(SigmaReport(4, 25.0, (0.0, 0.0), (0.1, 0.0), (report_of(5, 1.2),)))
     return found
@@ -143,7 +143,7 @@ def test_without_truth_or_recording_the_rest_is_drawn(run: Path) -> None:
     write_run(run)
     (run / RECORDING).unlink()
     page = make_report(run).read_text()
-    assert "figures of what was said are left out" in page
+    assert "figures of messages are left out" in page
     assert "vehicle: EKF variance" in page
     assert {path.stem for path in (run / "figures").iterdir()} == {
         "trajectories", "min-distance", "error-x", "error-y", "links",

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from swarm_ctl.core.model.messages import Outcome
 from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.report.judge.summary import Summary
 from swarm_ctl.report.page.summary_table import render_summary
@@ -54,7 +55,7 @@ def test_broken_bounds_are_said_in_words(summary: Summary) -> None:
 def test_a_failure_says_why_and_what_is_missing(tmp_path: Path) -> None:
     run = write_run(tmp_path)
     (run / "truth.jsonl").unlink()
-    write_status(run, account(4, outcome="failed", reason="[red]no\x1b[2J position[/]"))
+    write_status(run, account(4, outcome=Outcome.FAILED, reason="[red]no\x1b[2J position[/]"))
     text = _shown(summarise(run, EXIT_CODES | {"agent-4": 1}))
     assert "FAILED" in text
     assert "agent 4: [red]no?[2J position[/]" in text

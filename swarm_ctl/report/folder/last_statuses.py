@@ -1,5 +1,4 @@
-"""What the agents said of themselves: their final accounts, and what the station last heard where
-one is missing."""
+"""The last status of each agent: the one it wrote at its end, or the last one the station heard."""
 
 from __future__ import annotations
 
@@ -13,8 +12,8 @@ from pydantic import TypeAdapter, ValidationError
 from swarm_ctl.core.model.messages import AgentStatus, Event, StepResult
 from swarm_ctl.report.folder.files import Damage, read_lines
 
-ACCOUNTS: Final = "agents"
-"""Folder of one `<id>.json` per agent: its last AgentStatus, written by itself at its end."""
+FINAL: Final = "agents"
+"""Folder of one `<id>.json` per agent: its last AgentStatus, written by the agent at its end."""
 STATUSES: Final = "statuses.jsonl"
 """Every AgentStatus the station heard, one JSON object a line."""
 EVENTS: Final = "events.jsonl"
@@ -26,56 +25,56 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
-class Account:
+class LastStatus:
     """The last that is known of one agent."""
 
     status: AgentStatus
     final: bool
-    """Written by the agent itself at its end; otherwise it is what the station last heard."""
+    """Written by the agent itself at its end; otherwise the station heard it last."""
 
     def step(self, k: int) -> StepResult | None:
-        """How step k (0: prepare) went for this agent; None where it did not get there."""
+        """The result of step k (0: prepare) for this agent; None where it did not get there."""
         return self.status.steps[k] if k < len(self.status.steps) else None
 
 
-def read_accounts(
+def read_last_statuses(
     folder: Path, agents: Iterable[int] | None, notes: list[str]
-) -> dict[int, Account]:
-    """The account of each of `agents` (None: of whoever left one); what is missing or torn goes to
-    `notes`."""
+) -> dict[int, LastStatus]:
+    """The last status of each of `agents` (None: of all agents in the folder).
+
+    `notes` gets a line for each file that is missing or torn.
+    """
     heard = {status.agent: status for status in _read(folder / STATUSES, _STATUS, notes)}
     if agents is None:
-        left = (path.stem for path in (folder / ACCOUNTS).glob("*.json"))
-        agents = sorted({int(name) for name in left if name.isdecimal()} | set(heard))
-    found: dict[int, Account] = {}
+        written = (path.stem for path in (folder / FINAL).glob("*.json"))
+        agents = sorted({int(name) for name in written if name.isdecimal()} | set(heard))
+    found: dict[int, LastStatus] = {}
     for agent in agents:
-        final = _final_account(folder / ACCOUNTS / f"{agent}.json", notes)
+        final = _final_status(folder / FINAL / f"{agent}.json", notes)
         if final is not None:
-            found[agent] = Account(final, final=True)
+            found[agent] = LastStatus(final, final=True)
         elif agent in heard:
-            notes.append(
-                f"agent {agent}: its last status heard, of {heard[agent].time_s:.1f} s, stands in"
-            )
-            found[agent] = Account(heard[agent], final=False)
+            last_s = heard[agent].time_s
+            notes.append(f"agent {agent}: its last status heard, of {last_s:.1f} s, stands in")
+            found[agent] = LastStatus(heard[agent], final=False)
         else:
-            notes.append(f"agent {agent}: nothing is known of it")
+            notes.append(f"agent {agent}: no status is known")
     return found
 
 
 def read_events(folder: Path, notes: list[str]) -> Iterator[Event]:
-    """The station's events, in the order they were heard; what is missing or torn goes to `notes`
-    at the end."""
+    """The station's events in their order; a missing or torn file goes to `notes` at the end."""
     return _read(folder / EVENTS, _EVENT, notes)
 
 
-def _final_account(path: Path, notes: list[str]) -> AgentStatus | None:
+def _final_status(path: Path, notes: list[str]) -> AgentStatus | None:
     name = f"{path.parent.name}/{path.name}"
     try:
         return _STATUS.validate_json(path.read_bytes())
     except OSError as error:
         notes.append(f"{name}: {error.strerror}")
     except ValidationError:
-        notes.append(f"{name}: torn, or no account of an agent")
+        notes.append(f"{name}: torn, or not an agent's status")
     return None
 
 

@@ -1,0 +1,151 @@
+"""A run over time, for figures: from the truth, and from the recording if there is one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from swarm_ctl.core.law.formation import distances
+from swarm_ctl.core.law.graph import edges
+from swarm_ctl.core.model.messages import AgentState, AgentStatus, SigmaReport
+from swarm_ctl.core.model.plan import FormStep, Plan
+from swarm_ctl.errors import InputError
+from swarm_ctl.recording import RECORDING, read, recover
+from swarm_ctl.report.folder.manifest import Manifest
+from swarm_ctl.report.folder.metrics import TrueFlight
+from swarm_ctl.report.folder.run_folder import RunFolder, read_run
+from swarm_ctl.report.folder.truth import Floats
+
+
+@dataclass(slots=True)
+class HeardMessages:
+    """What the station heard of each agent, by id."""
+
+    states: dict[int, list[AgentState]] = field(default_factory=dict)
+    statuses: dict[int, list[AgentStatus]] = field(default_factory=dict)
+    sigmas: dict[tuple[int, int], list[tuple[float, float, float]]] = field(default_factory=dict)
+    """(time, distance, sigma) as agent i sees j, by (i, j); units."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RunHistory:
+    """What the figures of one run need; without truth or recording, parts of it are empty."""
+
+    name: str
+    run: RunFolder
+    manifest: Manifest
+    flight: TrueFlight
+    heard: HeardMessages
+    notes: tuple[str, ...]
+
+    @property
+    def plan(self) -> Plan:
+        """What was flown."""
+        return self.manifest.plan
+
+    @property
+    def agents(self) -> list[int]:
+        """Ids in the plan's order."""
+        return [agent.id for agent in self.plan.agents]
+
+    @property
+    def links(self) -> tuple[tuple[int, int], ...]:
+        """The start graph, by id."""
+        return edges({agent.id: agent.neighbours for agent in self.plan.agents})
+
+    def errors(self) -> Floats:
+        """e_i [m] in the newest form step of each moment (T, n, 2); nan before the first one, and
+        for agents that do not fly."""
+        flight = self.flight
+        found = np.full(flight.points_m.shape, np.nan)
+        for k, step in enumerate(self.plan.steps, start=1):
+            if isinstance(step, FormStep):
+                since = flight.time_s >= self.run.start_s(k)
+                slots = self._turned(np.array(step.slots) * self.plan.unit_m, flight.time_s[since])
+                indices = self.run.slot_indices(flight.time_s[since])[..., None]
+                found[since] = flight.points_m[since] - np.take_along_axis(slots, indices, axis=1)
+        found[~flight.live] = np.nan
+        found[flight.time_s > self.run.landing_s()] = np.nan
+        return found
+
+    def _turned(self, slots_m: Floats, time_s: Floats) -> Floats:
+        """The slots (n, 2) turned and scaled as the shared frame at each moment, (T, n, 2)."""
+        states = next((found for found in self._framed() if found), [])
+        if not states:
+            return np.broadcast_to(slots_m, (len(time_s), *slots_m.shape))
+        # Turning and scaling is a product of complex numbers north + i east; 1 before any frame.
+        turns = [1.0, *(s.frame.scale * np.exp(1j * s.frame.angle_rad) for s in states if s.frame)]
+        at = np.searchsorted([s.time_s for s in states], time_s, side="right")
+        centre = slots_m.mean(axis=0)
+        z = np.array(turns)[at, None] * ((slots_m - centre) @ np.array([1.0, 1.0j]))
+        return np.asarray(np.stack((z.real, z.imag), axis=-1) + centre)
+
+    def _framed(self) -> Iterator[list[AgentState]]:
+        """By agent, its states that hold a frame."""
+        for _, states in sorted(self.heard.states.items()):
+            yield [s for s in states if s.frame]
+
+    def nearest(self) -> Floats:
+        """Distance [m] of each live agent to the nearest other vehicle, flying or not (T, n); nan:
+        none."""
+        apart = distances(self.flight.points_m)
+        own = np.arange(apart.shape[1])
+        apart[:, own, own] = np.nan
+        apart[~self.flight.live] = np.nan
+        return least(apart)
+
+    def lengths(self) -> Floats:
+        """Length [m] of each link while both agents fly (T, links); nan: one of them does not."""
+        points, live = self.flight.points_m, self.flight.live
+        column = self.agents.index
+        ends = np.array([(column(i), column(j)) for i, j in self.links], dtype=np.intp)
+        i, j = ends.reshape(-1, 2).T
+        lengths = np.linalg.norm(points[:, i] - points[:, j], axis=-1)
+        return np.where(live[:, i] & live[:, j], lengths, np.nan)
+
+
+def least(values: Floats) -> Floats:
+    """The least number along the last axis; nan where there is none."""
+    found = np.where(np.isnan(values), np.inf, values).min(axis=-1, initial=np.inf)
+    return np.where(np.isfinite(found), found, np.nan)
+
+
+def read_history(folder: Path) -> RunHistory:
+    """Read a run folder; a recording that was cut off is recovered first.
+
+    Raises:
+        InputError: the folder has no manifest.
+    """
+    run = read_run(folder)
+    if run.manifest is None:
+        raise InputError(f"{folder}: is no run folder: {run.notes[0]}")
+    notes = list(run.notes)
+    heard = _heard(folder, notes)
+    n = len(run.manifest.plan.agents)
+    flight = run.flight or TrueFlight(
+        np.zeros(0), np.zeros((0, n, 2)), np.zeros((0, n), dtype=np.bool_)
+    )
+    return RunHistory(folder.resolve().name, run, run.manifest, flight, heard, tuple(notes))
+
+
+def _heard(folder: Path, notes: list[str]) -> HeardMessages:
+    heard = HeardMessages()
+    if not (folder / RECORDING).exists():
+        notes.append(f"{RECORDING}: is missing; figures of messages are left out")
+        return heard
+    if recover(folder):
+        notes.append(f"{RECORDING}: was cut off; recovered up to its last second")
+    for _, payload in read(folder):
+        match payload:
+            case AgentState():
+                heard.states.setdefault(payload.agent, []).append(payload)
+            case AgentStatus():
+                heard.statuses.setdefault(payload.agent, []).append(payload)
+            case SigmaReport():
+                for pair in payload.pairs:
+                    row = (payload.time_s, pair.distance, pair.sigma)
+                    heard.sigmas.setdefault((payload.agent, pair.peer), []).append(row)
+    return heard
