@@ -1,0 +1,287 @@
+"""An operator's commands, each in each phase: accepted or refused with a reason, never repeated."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, Final
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarm_ctl.core.agent.command_handler import KINDS, AgentSituation, CommandHandler, Override
+from swarm_ctl.core.model.messages import Ack, Command, CommandKind, Phase
+from swarm_ctl.core.model.plan import Fence, FormStep, HoldStep, MoveStep, Plan, Point
+from tests.unit.core.builders import (
+    FORM,
+    FORMING,
+    HOLD,
+    LAST,
+    MOVING,
+    NOW,
+    OWN,
+    RETURNING,
+    SLOTS,
+    TAKEOFF,
+    plan,
+    progress,
+    snapshot,
+)
+
+PLAN = plan(fence=Fence(((-50.0, -50.0), (50.0, -50.0), (50.0, 50.0), (-50.0, 50.0)), 30.0))
+HASH = PLAN.hash()
+HELD: Final = Override(CommandKind.HOLD, HoldStep(1e9, 1e9), 7, 0)
+
+
+def command(kind: str, name: str = "c1", **changes: Any) -> Command:
+    """To all agents; with the step that `form` and `move` need."""
+    steps = {CommandKind.FORM: FORMING, CommandKind.MOVE: MOVING}
+    return replace(
+        Command(name, kind, (), NOW, step=steps.get(CommandKind(kind)) if kind in KINDS else None),
+        **changes,
+    )
+
+
+def situation(
+    phase: Phase = Phase.FLY,
+    override: Override | None = None,
+    *,
+    step: int = HOLD,
+    of: Plan = PLAN,
+    formed: bool = True,
+) -> AgentSituation:
+    airborne = phase not in (Phase.CONNECT, Phase.PREPARE, Phase.ENDED)
+    return AgentSituation(
+        of, OWN, phase, airborne, progress(of, step), formed, override, snapshot()
+    )
+
+
+def answer(what: Command, where: AgentSituation | None = None) -> Ack:
+    """The answer of an agent that has heard no other command but the one it carries out."""
+    where = where or situation()
+    handler = CommandHandler(PLAN, OWN, HASH)
+    handler.override = where.override
+    return handler.answer(what, where, 0)[0]
+
+
+# --- each command in each phase ---
+
+TABLE = """
+        connect prepare arm takeoff fly hold held land return yield ended
+hold    no      no      no  no      ok  no   ok   no   no     no    no
+resume  no      no      no  no      no  no   ok   no   no     no    no
+next    no      no      no  no      ok  no   ok   no   no     no    no
+form    no      no      no  no      ok  no   ok   no   no     no    no
+move    no      no      no  no      ok  no   ok   no   no     no    no
+land    ok      ok      ok  ok      ok  ok   ok   ok   ok     no    no
+return  no      no      ok  ok      ok  ok   ok   no   ok     no    no
+kill    ok      ok      ok  ok      ok  ok   ok   ok   ok     ok    no
+"""
+"""`hold`: by a failsafe's policy; `held`: by an operator's command, in phase FLY."""
+_HEAD, *_LINES = [line.split() for line in TABLE.strip().splitlines()]
+CELLS = [
+    (kind, phase, word == "ok")
+    for kind, *words in _LINES
+    for phase, word in zip(_HEAD, words, strict=True)
+]
+STEP_OF = {"connect": 0, "prepare": 0, "arm": TAKEOFF, "takeoff": TAKEOFF, "land": LAST}
+
+
+@pytest.mark.parametrize(("kind", "phase", "accepted"), CELLS)
+def test_each_command_in_each_phase(kind: str, phase: str, accepted: bool) -> None:
+    """As the table says; every refusal gives a reason."""
+    held = phase == "held"
+    where = situation(
+        Phase.FLY if held else Phase[phase.upper()],
+        HELD if held else None,
+        step=STEP_OF.get(phase, HOLD),
+    )
+    ack = answer(command(kind), where)
+    assert (ack.accepted, ack.agent, ack.command) == (accepted, OWN, "c1")
+    assert bool(ack.reason) is not accepted
+
+
+def test_the_table_has_every_command_and_phase() -> None:
+    told = {kind for kind, *_ in _LINES}
+    assert told == set(KINDS) - {CommandKind.TUNE}  # test_gain_update.py
+    assert {phase.name.lower() for phase in Phase} == set(_HEAD) - {"held"}
+
+
+# --- why not ---
+
+
+def form(*slots: Point) -> Command:
+    return command("form", step=replace(FORMING, slots=slots))
+
+
+def move(to: Point, speed_mps: float = 2.0) -> Command:
+    return command("move", step=MoveStep((to,), speed_mps, 0.5, 2.0, 60.0))
+
+
+NAN = float("nan")
+REFUSALS: list[tuple[str, Command, AgentSituation, str]] = [
+    ("another agent's", command("hold", agents=(2, 3)), situation(), "not meant for agent 1"),
+    ("unknown", command("loop"), situation(), "unknown command 'loop'; allowed: hold"),
+    ("ended", command("land"), situation(Phase.ENDED), "no longer flies its vehicle"),
+    ("another plan's", command("form", plan_hash=HASH + 1), situation(), "made for the plan"),
+    ("nothing to resume", command("resume"), situation(), "not held; there is nothing to resume"),
+    ("not yet", command("hold"), situation(Phase.TAKEOFF), "not flying yet (phase takeoff)"),
+    ("landing", command("hold"), situation(Phase.LAND), "on its way down (phase land)"),
+    ("land step", command("hold"), situation(step=LAST), "on its way down (phase fly)"),
+    ("return step", command("hold"), situation(of=RETURNING, step=LAST), "on its way down"),
+    ("held by a policy", command("form"), situation(Phase.HOLD), "held by a policy"),
+    ("return while landing", command("return"), situation(Phase.LAND), "is landing already"),
+    ("return on the ground", command("return"), situation(Phase.PREPARE), "is not in the air"),
+    ("kill after the end", command("kill"), situation(Phase.ENDED), "agent 1 has ended"),
+    ("no shape", command("form", step=None), situation(), "the command has no shape"),
+    ("some form", command("form", agents=(1, 2)), situation(), "for the whole swarm"),
+    ("two slots", form(*SLOTS[:2]), situation(), "row has 2 slots for 3 agents"),
+    ("a slot is NaN", form(*SLOTS[:2], (NAN, 0.0)), situation(), "a slot is not finite"),
+    ("slots too near", form(*SLOTS[:2], (0.0, 8.0)), situation(), "3 units apart; allowed: more"),
+    ("no point", command("move", step=None), situation(), "no point to go to"),
+    ("no waypoints", command("move", step=MoveStep((), 1, 1, 1, 1)), situation(), "no point to"),
+    ("some move", command("move", agents=(1,)), situation(), "moves as a whole"),
+    ("no formation", command("move"), situation(formed=False), "no formation to move yet"),
+    ("too fast", move((0.0, 0.0), 5.1), situation(), "5.1 m/s; allowed: above 0, at most 5 m/s"),
+    ("no speed", move((0.0, 0.0), 0.0), situation(), "0 m/s; allowed: above 0"),
+    ("beyond the fence", move((51.0, 0.0)), situation(), "(51, 0) m: outside the geofence"),
+    ("to NaN", move((NAN, 0.0)), situation(), "outside the geofence"),
+]
+
+
+@pytest.mark.parametrize(
+    ("what", "given_command", "where", "reason"), REFUSALS, ids=[row[0] for row in REFUSALS]
+)
+def test_why_a_command_is_refused(
+    what: str, given_command: Command, where: AgentSituation, reason: str
+) -> None:
+    ack = answer(given_command, where)
+    assert not ack.accepted
+    assert reason in ack.reason
+
+
+@pytest.mark.parametrize(
+    "just_allowed",
+    [
+        command("hold", agents=(1, 3)),
+        command("form", plan_hash=HASH),
+        form(*SLOTS[:2], (0.0, 8.01)),
+        move((49.9, 0.0)),
+        move((0.0, 0.0), 5.0),
+    ],
+)
+def test_just_allowed(just_allowed: Command) -> None:
+    assert answer(just_allowed).accepted
+
+
+# --- what they leave behind ---
+
+
+class Flying:
+    """An agent in the hold step, to which commands come."""
+
+    def __init__(self) -> None:
+        self.handler = CommandHandler(PLAN, OWN, HASH)
+        self.done: list[str] = []
+
+    def take(self, *commands: Command, leg: int = 0) -> list[Ack]:
+        acks = []
+        for each in commands:
+            ack, new = self.handler.answer(each, situation(override=self.handler.override), leg)
+            acks.append(ack)
+            self.done += [each.id] * new
+        return acks
+
+
+def at(later_s: float, kind: str, name: str, **changes: Any) -> Command:
+    return command(kind, name, time_s=NOW + later_s, **changes)
+
+
+def test_an_override_lasts_until_resume_or_next() -> None:
+    """It carries the command's step and tag, and the leg on which the mission's step goes on."""
+    agent = Flying()
+    form = at(0, "form", "a")
+    agent.take(form, leg=2)
+    assert agent.handler.override == Override("form", FORMING, form.tag, 2)
+    agent.take(at(1, "hold", "b"), leg=0)
+    assert agent.handler.override is not None
+    assert isinstance(agent.handler.override.step, HoldStep)
+    assert agent.handler.override.leg == 2
+    agent.take(at(2, "resume", "c"))
+    assert agent.handler.override is None
+
+
+@pytest.mark.parametrize("kind", ["land", "return", "kill"])
+def test_an_ending_command_is_kept(kind: str) -> None:
+    agent = Flying()
+    agent.take(command(kind))
+    assert agent.handler.ordered == kind
+    assert agent.handler.override is None
+
+
+def test_an_older_command_is_refused_but_never_an_ending_one() -> None:
+    """By the sender's time, not by the order in which they come."""
+    agent = Flying()
+    older = at(-1, "form", "old"), at(-1, "land", "down")
+    assert agent.take(at(0, "hold", "new"))[0].accepted
+    refused, landed = agent.take(*older)
+    assert refused.reason == "a newer command is in force"
+    assert landed.accepted
+
+
+def test_a_next_for_a_step_that_is_over_is_accepted_and_does_nothing() -> None:
+    agent = Flying()
+    assert agent.take(at(0, "next", "late", at_step=FORM))[0].accepted
+    assert agent.done == []
+    agent.take(at(1, "next", "now", at_step=HOLD))
+    assert agent.done == ["now"]
+
+
+NAMES = st.integers(0, 5)
+COMMANDS = st.lists(
+    st.tuples(NAMES, st.sampled_from(["hold", "resume", "next", "form", "move", "land"])),
+    max_size=8,
+    unique_by=lambda row: row[0],
+)
+
+
+def commands_of(rows: list[tuple[int, str]]) -> list[Command]:
+    """One command a name, at the time that its name says."""
+    return [at(name, kind, f"c{name}") for name, kind in rows]
+
+
+@given(COMMANDS, st.data())
+def test_repeated_commands_change_nothing(rows: list[tuple[int, str]], data: st.DataObject) -> None:
+    """A station repeats a command until it is acknowledged: each copy gets the first answer, and
+    what the agent flies is the same as without the copies."""
+    once = commands_of(rows)
+    often = list(once)
+    for each in data.draw(st.lists(st.sampled_from(once), max_size=8)) if once else []:
+        often.insert(data.draw(st.integers(often.index(each) + 1, len(often))), each)
+    plain, repeated = Flying(), Flying()
+    acks = {ack.command: ack for ack in plain.take(*once)}
+    assert all(ack == acks[ack.command] for ack in repeated.take(*often))
+    assert repeated.done == plain.done
+    assert repeated.handler.override == plain.handler.override
+    assert repeated.handler.ordered == plain.handler.ordered
+
+
+@given(
+    st.lists(
+        st.tuples(NAMES, st.sampled_from(["hold", "form", "move"])),
+        min_size=1,
+        max_size=6,
+        unique_by=lambda row: row[0],
+    ),
+    st.randoms(use_true_random=False),
+)
+def test_the_order_of_arrival_decides_nothing(rows: list[tuple[int, str]], random: Any) -> None:
+    """Of commands that override the mission, the newest by the sender's time is flown."""
+    commands = commands_of(rows)
+    newest = max(commands, key=lambda each: each.time_s)
+    random.shuffle(commands)
+    agent = Flying()
+    agent.take(*commands)
+    assert agent.handler.override is not None
+    assert agent.handler.override.tag == newest.tag
+    assert isinstance(agent.handler.override.step, FormStep | MoveStep | HoldStep)

@@ -1,0 +1,102 @@
+"""What keeps a vehicle on the ground: each check with a row that refuses and one at its limit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from swarm_ctl.core.agent.preflight import Preflight
+from swarm_ctl.core.agent.tick import Tick
+from swarm_ctl.core.control.navigation import Navigator
+from swarm_ctl.core.model.frames import geodetic_from_ned
+from swarm_ctl.core.model.vehicle import GlobalFix
+from swarm_ctl.core.swarm.snapshot import OtherAircraft
+from tests.unit.core.builders import NOW, ORIGIN, OWN, PARKED, UNIT_M, fix, peer, plan, tick
+
+PLAN = plan()
+OTHER = PLAN.hash() + 1
+
+
+def preflight(*, expect_station: bool = False) -> Preflight:
+    navigator = Navigator(PLAN.origin)
+    return Preflight(PLAN, PLAN.agent(OWN), PLAN.hash(), navigator, expect_station)
+
+
+def on_ground(*peers: OtherAircraft, **changes: Any) -> Tick:
+    return tick(*peers, **(PARKED | {"fix": fix(height_m=0.0)} | changes))
+
+
+def global_fix(north: float) -> GlobalFix:
+    """GLOBAL_POSITION_INT so far north of the origin [m]."""
+    return GlobalFix(NOW, geodetic_from_ned((north, 0.0, 0.0), ORIGIN), 0.0, (0.0, 0.0, 0.0))
+
+
+def unknown_clock() -> OtherAircraft:
+    return peer(2)._replace(clock_unknown=True)
+
+
+NEVER = float("inf")
+ROWS: list[tuple[str, Callable[[], Tick], str]] = [
+    ("all is well", on_ground, ""),
+    (
+        "not healthy",
+        lambda: on_ground(healthy=False, health_reason="no SYS_STATUS"),
+        "no SYS_STATUS",
+    ),
+    ("no position", lambda: on_ground(fix=None), "no position yet"),
+    ("an old position", lambda: on_ground(fix=fix(age_s=0.51)), "no position yet"),
+    ("a position just fresh", lambda: on_ground(fix=fix(age_s=0.5)), ""),
+    (
+        "beside its start",
+        lambda: on_ground(fix=fix(1.5, 1.5)),
+        "the vehicle stands 2.1 m from its planned start; allowed: 2 m",
+    ),
+    ("one unit from its start", lambda: on_ground(fix=fix(0.0, UNIT_M)), ""),
+    (
+        "two positions",
+        lambda: on_ground(global_=global_fix(5.1)),
+        "global and local position differ by 5.1 m; allowed: 5 m",
+    ),
+    ("nearly one position", lambda: on_ground(global_=global_fix(4.9)), ""),
+    ("no global position", lambda: on_ground(global_=None), ""),
+    ("battery", lambda: on_ground(battery_percent=19.0), "battery at 19 %; allowed: the reserve"),
+    ("battery at the reserve", lambda: on_ground(battery_percent=20.0), ""),
+    ("battery unknown", lambda: on_ground(battery_percent=None), ""),
+    (
+        "a peer's plan",
+        lambda: on_ground(peer(2), peer(3, plan_hash=OTHER)),
+        "agent 3 has another plan",
+    ),
+    ("a peer not heard", lambda: on_ground(peer(2), peer(3, NEVER)), ""),
+    ("a station's plan", lambda: on_ground(plan_hash=OTHER), "station desk has another plan"),
+    ("no station", lambda: on_ground(station_age_s=None), ""),
+    (
+        "a peer's clock",
+        lambda: on_ground(unknown_clock()),
+        "agent 2 is heard and has not answered yet",
+    ),
+    # which of two is told
+    ("vehicle first", lambda: on_ground(plan_hash=OTHER, battery_percent=1.0), "battery at 1 %"),
+    ("plan before clock", lambda: on_ground(unknown_clock(), plan_hash=OTHER), "another plan"),
+]
+
+
+@pytest.mark.parametrize(("what", "make", "refusal"), ROWS, ids=[row[0] for row in ROWS])
+def test_what_is_refused(what: str, make: Callable[[], Tick], refusal: str) -> None:
+    found = preflight().refusal(make())
+    assert refusal in found if refusal else found == ""
+
+
+def test_a_station_that_is_expected_has_to_be_heard() -> None:
+    check = preflight(expect_station=True)
+    assert check.refusal(on_ground(station_age_s=None)) == "no ground station heard yet"
+    assert check.refusal(on_ground()) == ""
+
+
+def test_an_agent_that_looks_at_plans_alone_needs_no_station() -> None:
+    """A takeover asks for the peers' plans, not for a station's."""
+    check = preflight()
+    assert check.other_plan(on_ground().peers, None) == ""
+    assert "agent 2" in check.other_plan(on_ground(peer(2, plan_hash=OTHER)).peers, None)
