@@ -17,7 +17,8 @@ from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.memory_transport import MemoryTransport
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mission.compile.loader import load
-from swarm_ctl.station.dashboard.app import DARK, LIGHT, Dashboard
+from swarm_ctl.station.dashboard.app import Dashboard
+from swarm_ctl.station.dashboard.themes import DARK, LIGHT
 from swarm_ctl.station.picture.model import Model
 from swarm_ctl.station.picture.view import SwarmView
 from tests.scenarios.swarm import VirtualSwarm

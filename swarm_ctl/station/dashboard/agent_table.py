@@ -7,159 +7,194 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
-from swarm_ctl.core.model.messages import Phase
-from swarm_ctl.station.dashboard.columns import (
-    LEVEL_STYLE,
-    UNICODE,
-    Cell,
-    Column,
-    Row,
-    age_cell,
-    armed_sign_cell,
-    coordinate,
-    id_cell,
-    late_ms,
-    mode_cell,
-    nearest_cell,
-    numbers,
-    phase_cell,
-    speed_mps,
-    step_cell,
-)
+from swarm_ctl.core.agent.progress import step_name
+from swarm_ctl.core.model.messages import AgentStatus, Phase
+from swarm_ctl.core.model.text import printable
 from swarm_ctl.station.dashboard.picture import Picture
-from swarm_ctl.station.dashboard.styled_line import Line
+from swarm_ctl.station.dashboard.styled_line import DASH, LEVEL_STYLE, SIGN, WELL, fit
+from swarm_ctl.station.dashboard.widgets import Cell, CellTable, Heading
 from swarm_ctl.station.picture.alarms import Level
-from swarm_ctl.station.picture.view import AgentView
+from swarm_ctl.station.picture.view import AgentView, SwarmView
 
 _ROOMY: Final = 92
-"""From this width on there is room for whole step names and alarms."""
+"""From this width on there is room for whole step names."""
+_PHASE_STYLE: Final = {
+    Phase.FLY: "green",
+    Phase.HOLD: "yellow",
+    Phase.YIELD: "bold yellow",
+    Phase.LAND: "cyan",
+    Phase.TAKEOFF: "cyan",
+    Phase.ARM: "cyan",
+}
 
 
 @dataclass(frozen=True, slots=True)
-class Sortable:
-    """A column and what it sorts by; None goes last."""
+class AgentColumn:
+    """A column: its words and their style for an agent, and what it sorts by (None goes last)."""
 
-    column: Column
+    heading: Heading
+    words: Callable[[AgentView, SwarmView, int], tuple[str, str]]
+    """Of an agent in a view, for a width."""
     key: Callable[[AgentView], Any]
 
 
-def _charge(row: Row) -> float | None:
-    return row.agent.status.battery_percent if row.agent.status else None
+def _number(
+    title: str, width: int, decimals: int, of: Callable[[AgentView], float | None]
+) -> AgentColumn:
+    """A column of figures."""
+    return AgentColumn(
+        Heading(title, width), lambda agent, _, room: (fit(of(agent), room, decimals), ""), of
+    )
 
 
-def _by(of: Callable[[Row], float | None], decimals: int) -> Callable[[Row, int], Cell]:
-    return numbers(of, decimals)
+def _status(of: Callable[[AgentStatus], Any]) -> Callable[[AgentView], Any]:
+    return lambda agent: of(agent.status) if agent.status else None
 
 
-def _height(agent: AgentView) -> float | None:
-    return -agent.state.position_ned_m[2] if agent.state else None
+def _height_m(agent: AgentView) -> float | None:
+    # adding zero: there is no height -0.0
+    return 0.0 - agent.state.position_ned_m[2] if agent.state else None
 
 
-def _speed(agent: AgentView) -> float | None:
+def _speed_mps(agent: AgentView) -> float | None:
     if agent.state is None:
         return None
     north, east, _ = agent.state.velocity_ned_mps
     return float((north * north + east * east) ** 0.5)
 
 
-def _status(of: Callable[[Any], Any]) -> Callable[[AgentView], Any]:
-    return lambda agent: of(agent.status) if agent.status else None
+def _phase(agent: AgentView, _: SwarmView, __: int) -> tuple[str, str]:
+    if agent.lost:
+        return "SILENT", "bold red"
+    if agent.phase is None:
+        return "unheard", "dim"
+    return agent.phase.name.lower(), _PHASE_STYLE.get(agent.phase, "")
 
 
-COLUMNS: Final[tuple[Sortable, ...]] = (
-    Sortable(Column("id", 3, id_cell), lambda a: a.id),
-    Sortable(Column("phase", 7, phase_cell, justify="left"), lambda a: a.phase),
-    Sortable(
-        Column("step", 8, step_cell, justify="left", below_width=_ROOMY),
-        lambda a: a.newest and (a.newest.step, a.id),
-    ),
-    Sortable(
-        Column("step", 16, step_cell, _ROOMY, "left"), lambda a: a.newest and (a.newest.step, a.id)
-    ),
-    Sortable(Column("mode", 9, mode_cell, justify="left"), _status(lambda s: s.mode)),
-    Sortable(Column("A", 1, armed_sign_cell), _status(lambda s: s.armed)),
-    Sortable(Column("batt", 4, _by(_charge, 0)), _status(lambda s: s.battery_percent)),
-    Sortable(Column("up", 4, _by(coordinate(2, -1), 1)), _height),
-    Sortable(Column("m/s", 4, _by(speed_mps, 1)), _speed),
-    Sortable(Column("err", 4, _by(lambda row: row.agent.error_m, 2)), lambda a: a.error_m),
-    Sortable(Column("near", 7, nearest_cell), lambda a: a.nearest_m),
-    Sortable(Column("age", 4, age_cell), lambda a: a.link.age_s),
-    Sortable(
-        Column("Hz", 3, _by(lambda row: row.agent.link.tick_rate_hz, 1)),
-        lambda a: a.link.tick_rate_hz,
-    ),
-    Sortable(Column("late", 4, _by(late_ms, 1)), _status(lambda s: s.tick.late_p99_ms)),
+def _step(agent: AgentView, view: SwarmView, width: int) -> tuple[str, str]:
+    told = agent.newest
+    if told is None:
+        return DASH, ""
+    name = step_name(view.plan, told.step)
+    done = f" {WELL}" if told.done else ""
+    if len(name + done) > width:
+        name = name.partition(" ")[0]
+    whole = len(name + done) <= width
+    return (name + done if whole else name[: width - len(done.strip())] + done.strip()), ""
+
+
+def _mode(agent: AgentView, _: SwarmView, __: int) -> tuple[str, str]:
+    return (printable(agent.status.mode) if agent.status and agent.status.mode else DASH), ""
+
+
+def _armed(agent: AgentView, _: SwarmView, __: int) -> tuple[str, str]:
+    return ("" if agent.status is None else "●" if agent.status.armed else "○"), ""
+
+
+def _nearest(agent: AgentView, _: SwarmView, width: int) -> tuple[str, str]:
+    if agent.nearest_agent is None:
+        return DASH, ""
+    room = width - len(str(agent.nearest_agent)) - 1
+    return f"{agent.nearest_agent} {fit(agent.nearest_m, room, 2)}", ""
+
+
+def _age(agent: AgentView, _: SwarmView, width: int) -> tuple[str, str]:
+    if agent.phase is Phase.ENDED:
+        return DASH, ""
+    return fit(agent.link.age_s, width, 2), "bold red" if agent.lost else ""
+
+
+_ID: Final = Heading("id", 4)
+"""One cell of it for the mark."""
+_STEP: Final = AgentColumn(
+    Heading("step", 16, left=True), _step, lambda a: a.newest and (a.newest.step, a.id)
 )
-TITLES: Final = tuple(dict.fromkeys(sortable.column.title for sortable in COLUMNS))
-
-
-def table_lines(picture: Picture, width: int) -> list[Line]:
-    """A heading and one line per agent; the last column takes the rest for alarms' names."""
-    sortables = [s for s in COLUMNS if s.column.from_width <= width < s.column.below_width]
-    levels = picture.levels()
-    return [
-        _heading(picture, sortables, width),
-        *(
-            _row(picture, agent, levels.get(agent.id, Level.WELL), sortables, width)
-            for agent in in_order(picture)
-        ),
-    ]
+_COLUMNS: Final[tuple[AgentColumn, ...]] = (
+    AgentColumn(Heading("phase", 7, left=True), _phase, lambda a: a.phase),
+    _STEP,
+    AgentColumn(Heading("mode", 9, left=True), _mode, _status(lambda s: s.mode)),
+    AgentColumn(Heading("A", 1), _armed, _status(lambda s: s.armed)),
+    _number("batt", 4, 0, _status(lambda s: s.battery_percent)),
+    _number("up", 4, 1, _height_m),
+    _number("m/s", 4, 1, _speed_mps),
+    _number("err", 4, 2, lambda a: a.error_m),
+    AgentColumn(Heading("near", 7), _nearest, lambda a: a.nearest_m),
+    AgentColumn(Heading("age", 4), _age, lambda a: a.link.age_s),
+    _number("Hz", 3, 1, lambda a: a.link.tick_rate_hz),
+    _number("late", 4, 1, _status(lambda s: s.tick.late_p99_ms if s.tick.count else None)),
+)
+_NARROW: Final = tuple(
+    AgentColumn(Heading("step", 8, left=True), _step, c.key) if c is _STEP else c for c in _COLUMNS
+)
+_KEYS: Final = {"id": lambda a: a.id} | {c.heading.title: c.key for c in _COLUMNS}
+TITLES: Final = tuple(_KEYS)
 
 
 def in_order(picture: Picture) -> list[AgentView]:
     """The agents as the table shows them."""
     chosen = picture.chosen
-    key = next((s.key for s in COLUMNS if s.column.title == chosen.sort), COLUMNS[0].key)
-    keyed = [(key(agent), agent) for agent in picture.view.agents]
-    known = sorted(
-        ((k, a) for k, a in keyed if k is not None),
-        key=lambda item: item[0],
-        reverse=chosen.backwards,
-    )
-    return [agent for _, agent in known] + [agent for k, agent in keyed if k is None]
+    keyed = [(_KEYS[chosen.sort](agent), agent) for agent in picture.view.agents]
+    known = [item for item in keyed if item[0] is not None]
+    known.sort(key=lambda item: item[0], reverse=chosen.backwards)
+    return [agent for _, agent in known] + [agent for key, agent in keyed if key is None]
 
 
-def _heading(picture: Picture, sortables: list[Sortable], width: int) -> Line:
-    line = Line(" ")
-    for sortable in sortables:
-        column = sortable.column
-        ours = column.title == picture.chosen.sort
-        arrow = (
-            ("▾" if picture.chosen.backwards else "▴")
-            if ours and len(column.title) < column.width
-            else ""
-        )
-        words = column.place(
-            arrow + column.title if column.justify == "right" else column.title + arrow
-        )
-        line.add(
-            words, "bold underline" if ours else "bold dim", f"app.sort('{column.title}')"
-        ).add(" ")
-    return line.add("alarms", "bold dim") if width - line.width >= 8 else line
+class AgentTable(CellTable):
+    """All agents of a picture."""
+
+    def draw(self, picture: Picture) -> None:
+        """Show the picture's agents, and its cursor."""
+        columns = _COLUMNS if self.room >= _ROOMY else _NARROW
+        headings = [_titled(h, picture) for h in (_ID, *(column.heading for column in columns))]
+        rest = self.room - sum(heading.width + 1 for heading in headings) - 1
+        if rest >= len("alarms"):
+            headings.append(Heading("alarms", rest, left=True))
+        levels, names = picture.levels(), _alarm_names(picture)
+        agents = in_order(picture)
+        rows = {}
+        for agent in agents:
+            click, level = f"app.mark({agent.id})", levels.get(agent.id, Level.WELL)
+            dim = "dim" if agent.phase is Phase.ENDED else ""
+            row = [_id_cell(picture, agent, level, click)]
+            for column, heading in zip(columns, headings[1:], strict=False):
+                words, name = column.words(agent, picture.view, heading.width)
+                row.append(heading.cell(words, f"{dim} {name}".strip(), click))
+            if len(headings) > len(row):
+                row.append(headings[-1].cell(names.get(agent.id, ""), LEVEL_STYLE[level], click))
+            rows[str(agent.id)] = row
+        self.show(tuple(headings), rows)
+        self._place_cursor([agent.id for agent in agents], picture.chosen.cursor)
+
+    def _place_cursor(self, ids: list[int], cursor: int) -> None:
+        self.show_cursor = cursor in ids
+        if cursor in ids:
+            self.move_cursor(row=ids.index(cursor), animate=False)
 
 
-def _row(
-    picture: Picture, agent: AgentView, level: Level, sortables: list[Sortable], width: int
-) -> Line:
-    chosen, click = picture.chosen, f"app.mark({agent.id})"
-    here, marked = agent.id == chosen.cursor, agent.id in chosen.marked
-    back = " reverse" if here else ""
-    base = ("dim" if agent.phase is Phase.ENDED else "") + back
-    line = Line("◆" if marked else " ", "bold magenta" + back, click)
-    row = Row(picture.view, agent, level, UNICODE)
-    for sortable in sortables:
-        cell = sortable.column.cell(row, sortable.column.width)
-        words, name = (cell, "") if isinstance(cell, str) else cell
-        line.add(sortable.column.place(words), f"{base} {name}".strip(), click).add(
-            " ", back.strip(), click
-        )
-    rest = width - line.width
-    if rest >= 8:
-        names = dict.fromkeys(alarm.name for alarm in picture.alarms if agent.id in alarm.agents)
-        line.add(
-            ", ".join(names),
-            f"{LEVEL_STYLE[level] if names else ''}{back}".strip(),
-            click,
-            size=rest,
-        )
-    return line.add(" " * max(0, width - line.width), back.strip(), click) if here else line
+def _titled(heading: Heading, picture: Picture) -> Heading:
+    """The sorted column's title is underlined, with an arrow where there is room."""
+    if heading.title != picture.chosen.sort:
+        return heading
+    arrow = "▾" if picture.chosen.backwards else "▴"
+    title = heading.title
+    if len(title) < heading.width:
+        title = title + arrow if heading.left else arrow + title
+    return Heading(title, heading.width, heading.left, "bold underline")
+
+
+def _id_cell(picture: Picture, agent: AgentView, level: Level, click: str) -> Cell:
+    """The mark, the sign of the worst alarm, the id."""
+    mark = "◆" if agent.id in picture.chosen.marked else " "
+    sign = SIGN[level] if level >= Level.WARNING else " "
+    name = "bold magenta" if mark != " " else LEVEL_STYLE[level] if sign != " " else "bold"
+    words = f"{sign}{agent.id:>2}" if agent.id < 100 else str(agent.id)
+    return _ID.cell(mark + words, name, click)
+
+
+def _alarm_names(picture: Picture) -> dict[int, str]:
+    """The names of each agent's alarms."""
+    found: dict[int, dict[str, None]] = {}
+    for alarm in picture.alarms:
+        for agent in alarm.agents:
+            found.setdefault(agent, {})[alarm.name] = None
+    return {agent: ", ".join(names) for agent, names in found.items()}

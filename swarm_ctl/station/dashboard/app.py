@@ -10,81 +10,52 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import ClassVar, Final
 
-from rich.terminal_theme import TerminalTheme
 from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
-from textual.containers import Container, Horizontal, Vertical
+from textual.containers import Horizontal
 from textual.driver import Driver
-from textual.events import Key, Resize
+from textual.events import Key
 from textual.message import Message
-from textual.screen import ModalScreen, Screen
-from textual.widgets import Button, ContentSwitcher, Input, Label
+from textual.screen import Screen
+from textual.widgets import DataTable, Footer, Input, Label, TabbedContent
 
 from swarm_ctl.commands.parse import BY_NAME, KINDS, Order, parse
+from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.plan import Plan, Policy
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.errors import InputError
-from swarm_ctl.station.dashboard.agent_table import TITLES, in_order, table_lines
-from swarm_ctl.station.dashboard.bars import (
-    SCREENS,
-    command_line,
-    keys_line,
-    tabs_line,
-    title_line,
-    usage_line,
-    verdict_line,
-)
-from swarm_ctl.station.dashboard.help_panel import help_lines
-from swarm_ctl.station.dashboard.links_panel import METRICS, links_lines
-from swarm_ctl.station.dashboard.log_panel import log_lines
-from swarm_ctl.station.dashboard.map_panel import map_lines
+from swarm_ctl.station.dashboard.agent_table import TITLES, in_order
+from swarm_ctl.station.dashboard.ask import Ask
+from swarm_ctl.station.dashboard.bars import answers_line, title_line, usage_line, verdict_line
+from swarm_ctl.station.dashboard.command_input import CommandInput, Purpose
+from swarm_ctl.station.dashboard.help_pane import KEYS, SIGNS, HelpPane, commands
+from swarm_ctl.station.dashboard.link_matrix import METRICS
+from swarm_ctl.station.dashboard.links_pane import LinksPane
+from swarm_ctl.station.dashboard.log_pane import LogPane
+from swarm_ctl.station.dashboard.pane import Pane
 from swarm_ctl.station.dashboard.picture import Chosen, Picture
-from swarm_ctl.station.dashboard.sigma_panel import sigma_lines
-from swarm_ctl.station.dashboard.styled_line import Line
-from swarm_ctl.station.dashboard.widgets import CommandInput, Painted
+from swarm_ctl.station.dashboard.sigma_pane import SigmaPane
+from swarm_ctl.station.dashboard.styled_line import StyledLine
+from swarm_ctl.station.dashboard.swarm_pane import SwarmPane
+from swarm_ctl.station.dashboard.themes import DARK, LIGHT, LIGHT_INKS, PLAIN, by_background
+from swarm_ctl.station.dashboard.widgets import Painted
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.journal import Journal
 from swarm_ctl.station.picture.view import SwarmView
 
-_WIDE: Final = 120
-"""From this width on the map stands beside the table, not under it."""
+SCREENS: Final = ("swarm", "links", "sigma", "log", "help")
 _LEVELS: Final = (Level.WELL, Level.WARNING, Level.ERROR)
-DARK, LIGHT, PLAIN = "textual-dark", "textual-light", "ansi-dark"
-"""Themes; the last one has the terminal's own colours, for `NO_COLOR`."""
-
-
-_INKS: Final = TerminalTheme(
-    (247, 247, 247),
-    (0, 0, 0),
-    [
-        (0, 0, 0),
-        (160, 30, 30),
-        (30, 105, 20),
-        (130, 85, 0),
-        (30, 70, 160),
-        (120, 40, 140),
-        (0, 95, 135),
-        (247, 247, 247),
-    ],
-    [
-        (90, 90, 90),
-        (200, 50, 50),
-        (120, 200, 60),
-        (250, 190, 60),
-        (0, 100, 180),
-        (190, 40, 190),
-        (70, 190, 220),
-        (255, 255, 255),
-    ],
-)
-"""The sixteen colours on a light ground: the usual yellow, green and cyan can hardly be read
-there."""
-
-
-def _by_background() -> str:
-    """Light where the terminal says so: `COLORFGBG` is `foreground;background`, of which 7 and 15
-    are white."""
-    return LIGHT if os.environ.get("COLORFGBG", "").rpartition(";")[2] in ("7", "15") else DARK
+_NOTICE_WALL_S: Final = 8.0
+_ONLY_ON: Final = {
+    "mark_cursor": "swarm",
+    "mark_all": "swarm",
+    "sort_next": "swarm",
+    "sort_turn": "swarm",
+    "metric_next": "links",
+    "level_next": "log",
+    "filter": "log",
+}
+"""Keys that mean something on one screen alone."""
 
 
 class NewView(Message):
@@ -107,69 +78,51 @@ class Board(Screen[None], inherit_bindings=False):
     """The one screen below all: its tab key is ours."""
 
 
-class Ask(ModalScreen[bool]):
-    """One question before something that can't be taken back."""
-
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("y", "answer(True)"),
-        Binding("n,escape", "answer(False)"),
-    ]
-
-    def __init__(self, question: str) -> None:
-        super().__init__()
-        self._question = question
-
-    def compose(self) -> ComposeResult:
-        """The question and its answers."""
-        with Vertical(id="ask"):
-            yield Label(self._question, markup=False)
-            with Horizontal():
-                yield Button("y  yes", id="yes", variant="error", compact=True)
-                yield Button("n  no", id="no", compact=True)
-
-    def on_mount(self) -> None:
-        """No key but `y` says yes."""
-        self.set_focus(None)
-
-    def on_button_pressed(self, event: Button.Pressed) -> None:
-        """A mouse's answer."""
-        self.dismiss(event.button.id == "yes")
-
-    def action_answer(self, yes: bool) -> None:
-        """A key's answer."""
-        self.dismiss(yes)
+def hidden(keys: dict[str, str]) -> list[BindingType]:
+    """Keys that the footer doesn't show, and their actions."""
+    return [Binding(key, action, show=False) for key, action in keys.items()]
 
 
 def _bindings() -> list[BindingType]:
-    keys: list[BindingType] = [
-        Binding("ctrl+c", "interrupt", priority=True),
-        Binding("ctrl+q", "leave", priority=True),
-        Binding("q", "leave"),
-        Binding("question_mark,f1", "go('help')"),
-        Binding("tab", "go_on(1)"),
-        Binding("shift+tab", "go_on(-1)"),
-        Binding("up,k", "cursor(-1)"),
-        Binding("down,j", "cursor(1)"),
-        Binding("pageup", "scroll(-1)"),
-        Binding("pagedown", "scroll(1)"),
-        Binding("space", "mark_cursor"),
-        Binding("a", "mark_all"),
-        Binding("s", "sort_next"),
-        Binding("S", "sort_turn"),
-        Binding("v", "metric_next"),
-        Binding("slash", "begin('/')", priority=True),
-        Binding("w", "level_next"),
-        Binding("x", "acknowledge"),
-        Binding("t", "theme"),
-        Binding("colon", "begin(':')", priority=True),
-        Binding("escape", "close_line"),
-    ]
-    keys += [Binding(str(k + 1), f"go('{name}')") for k, name in enumerate(SCREENS[:4])]
-    for kind in KINDS:
-        keys.append(
-            Binding(kind.key, f"command('{kind.name} ')" if kind.usage else f"order('{kind.name}')")
+    shown = {"land": "land", "hold": "hold", "resume": "resume", "next": "next"}
+    orders = [
+        Binding(
+            kind.key,
+            f"command('{kind.name} ')" if kind.usage else f"order('{kind.name}')",
+            shown.get(kind.name, ""),
+            show=kind.name in shown,
         )
-    return keys
+        for kind in sorted(KINDS, key=lambda kind: kind.name != "land")
+    ]
+    return [
+        Binding("ctrl+c", "interrupt", "land all", priority=True, key_display="^C"),
+        *orders,
+        Binding("colon", "begin(':')", "command", priority=True),
+        Binding("space", "mark_cursor", "mark"),
+        Binding("s", "sort_next", "sort"),
+        Binding("v", "metric_next", "view"),
+        Binding("slash", "begin('/')", show=False, priority=True),
+        Binding("slash", "filter", "filter"),
+        Binding("w", "level_next", "worst"),
+        Binding("x", "acknowledge", "seen"),
+        Binding("ctrl+q", "leave", show=False, priority=True),
+        *hidden({"q": "leave", "a": "mark_all", "S": "sort_turn", "t": "theme"}),
+        *hidden(MOVES),
+    ]
+
+
+MOVES: Final = {
+    **{str(k + 1): f"go('{name}')" for k, name in enumerate(SCREENS[:4])},
+    "question_mark,f1": "go('help')",
+    "tab": "go_on(1)",
+    "shift+tab": "go_on(-1)",
+    "up,k": "cursor(-1)",
+    "down,j": "cursor(1)",
+    "pageup": "scroll(-1)",
+    "pagedown": "scroll(1)",
+    "escape": "close_line",
+}
+"""Keys that move about."""
 
 
 class Dashboard(App[None]):
@@ -180,26 +133,34 @@ class Dashboard(App[None]):
     """
 
     CSS = """
-    Painted { height: 1; overflow: hidden; scrollbar-size-vertical: 1; }
-    ContentSwitcher { height: 1fr; }
-    #links, #sigma, #log, #help { height: 1fr; overflow-y: auto; }
-    #log, #help { scrollbar-gutter: stable; }
-    #swarm { height: 1fr; layout: vertical; }
-    #left { height: auto; }
-    #table { overflow-y: auto; }
+    Painted { height: 1; overflow: hidden; }
+    Painted, CellTable, RichLog { scrollbar-size-vertical: 1; background: $background; }
+    VerticalScroll { scrollbar-size-vertical: 1; }
+    TabbedContent, TabPane, ContentSwitcher { height: 1fr; padding: 0; }
+    Tabs, ContentTabs { height: 1; }
+    Tab.-active { text-style: bold reverse; }
+    #matrix, #law, #tally, #empty { height: auto; }
+    CellTable { height: auto; overflow-x: hidden; }
+    CellTable > .datatable--header { background: $background; }
+    #swarm { layout: vertical; }
+    #left { height: auto; max-height: 50%; }
+    #agents { max-height: 100%; }
     #map { height: 1fr; }
     #recent { display: none; }
     #swarm.wide { layout: horizontal; }
-    #swarm.wide #left { height: 1fr; }
+    #swarm.wide #left { height: 1fr; max-height: 100%; }
+    #swarm.wide #agents { max-height: 85%; }
     #swarm.wide #recent { display: block; height: 1fr; }
-    #swarm.wide #map { width: 1fr; height: 1fr; }
-    #entry { display: none; height: 1; }
+    #swarm.wide #map { width: 1fr; }
+    #entries { height: 1fr; scrollbar-gutter: stable; }
+    #keys, #entry { height: 1; }
+    #who { width: auto; text-style: bold; color: ansi_magenta; }
+    Footer { dock: none; width: 1fr; background: $background; }
+    FooterKey, FooterKey .footer-key--key { background: $background; }
+    FooterKey .footer-key--description { background: $background; }
+    #entry { display: none; }
     #prompt { width: 2; padding-left: 1; text-style: bold; }
     #line { width: 1fr; height: 1; border: none; padding: 0; background: $background; }
-    Ask { align: center middle; }
-    #ask { width: auto; max-width: 90%; height: auto; padding: 1 2; border: heavy $error; background: $surface; }
-    #ask Horizontal { height: auto; width: auto; padding-top: 1; }
-    #ask Button { margin-right: 2; }
     """
     BINDINGS: ClassVar[list[BindingType]] = _bindings()
     ENABLE_COMMAND_PALETTE = False
@@ -215,8 +176,9 @@ class Dashboard(App[None]):
     ) -> None:
         plain = "NO_COLOR" in os.environ
         super().__init__(driver_class=driver_class, ansi_color=True if plain else None)
-        self.ansi_theme_light = _INKS
-        self.theme = PLAIN if plain else os.environ.get("TEXTUAL_THEME", _by_background())
+        self.animation_level = "none"
+        self.ansi_theme_light = LIGHT_INKS
+        self.theme = PLAIN if plain else os.environ.get("TEXTUAL_THEME", by_background())
         self._plan = plan
         self._give = give
         self._interrupt = interrupt
@@ -225,9 +187,11 @@ class Dashboard(App[None]):
         self._view: SwarmView | None = None
         self._chosen = Chosen()
         self._notice = ""
-        self._shown = SCREENS[0]
         self._up = self._over = False
         self.frames_dropped = 0
+        if interrupt is None:
+            keys = self._bindings.key_to_bindings
+            keys["ctrl+c"] = [replace(key, description="leave") for key in keys["ctrl+c"]]
 
     # --- the station's side, from its thread ---
 
@@ -256,26 +220,27 @@ class Dashboard(App[None]):
     # --- the screen ---
 
     def get_default_screen(self) -> Screen[None]:
-        """As `App.get_default_screen`."""
+        """The screen below all."""
         return Board(id="_default")
+
+    def help_pane(self) -> HelpPane:
+        """The help screen."""
+        return HelpPane({"commands, by key or after ':'": commands(), "keys": KEYS, "signs": SIGNS})
 
     def compose(self) -> ComposeResult:
         """Bars above and below, one screen in between."""
         yield Painted("title")
-        yield Painted("tabs")
         yield Painted("verdict")
-        with ContentSwitcher(initial=self._shown):
-            with Container(id="swarm"):
-                with Vertical(id="left"):
-                    yield Painted("table")
-                    yield Painted("recent", follows=True)
-                yield Painted("map")
-            yield Painted("links")
-            yield Painted("sigma")
-            yield Painted("log", follows=True)
-            yield Painted("help")
+        with TabbedContent(initial=SCREENS[0]):
+            yield SwarmPane("1 Swarm", id="swarm")
+            yield LinksPane("2 Links", id="links")
+            yield SigmaPane("3 Sigma", id="sigma")
+            yield LogPane("4 Log", id="log")
+            yield self.help_pane()
         yield Painted("answers")
-        yield Painted("keys")
+        with Horizontal(id="keys"):
+            yield Label("", id="who", markup=False)
+            yield Footer(compact=True, show_command_palette=False)
         with Horizontal(id="entry"):
             yield Label("", id="prompt", markup=False)
             yield CommandInput(self._plan)
@@ -287,6 +252,7 @@ class Dashboard(App[None]):
 
     def on_ready(self) -> None:
         """From here on messages are taken; what came before waits."""
+        self.query_one("ContentTabs").can_focus = False
         self._up = True
         self.on_new_view()
         if self._over:
@@ -310,14 +276,6 @@ class Dashboard(App[None]):
             self._journal.update(self._view)
             self.draw()
 
-    def on_resize(self, event: Resize) -> None:
-        """Lay the swarm's screen out for the new size."""
-        wide = event.size.width >= _WIDE
-        self.query_one("#swarm").set_class(wide, "wide")
-        self.query_one("#left").styles.width = (
-            (78 if event.size.width < 140 else 98) if wide else "1fr"
-        )
-
     def on_painted_sized(self) -> None:
         """A panel was shown, hidden or resized: draw for its new room."""
         self.draw()
@@ -327,70 +285,54 @@ class Dashboard(App[None]):
         """What is drawn now; None before the first view."""
         if self._view is None:
             return None
-        standing = self._journal.standing
-        seen = frozenset(alarm.key for alarm in standing if self._journal.is_acknowledged(alarm))
-        return Picture(self._view, standing, seen, self._journal.entries, self._chosen)
+        journal = self._journal
+        alarms, entries = journal.standing, journal.entries
+        return Picture(self._view, alarms, entries, journal.unacknowledged, self._chosen)
+
+    @property
+    def pane(self) -> Pane | None:
+        """The screen that is shown; None before there is one."""
+        tabs = self.query(TabbedContent)
+        pane = tabs.first().active_pane if tabs else None
+        return pane if isinstance(pane, Pane) else None
 
     def draw(self) -> None:
         """Draw what is visible."""
-        picture = self.picture
-        if picture is None:
+        picture, pane = self.picture, self.pane
+        if picture is None or pane is None:
             return
         width = self.size.width
-        self._painted("title").paint([title_line(picture, width)], width=width)
-        self._painted("tabs").paint(
-            [tabs_line(picture, self._shown, self._journal.unacknowledged, width)], width=width
-        )
-        verdict, back = verdict_line(picture, width)
-        self._painted("verdict").paint([verdict], back, width=width)
+        self._paint("title", title_line(picture, width))
+        self._paint("verdict", *verdict_line(picture, width))
+        self._paint("answers", self._words_below(picture))
+        self._label(picture)
+        pane.draw(picture)
+
+    def _paint(self, name: str, line: StyledLine, back: str = "") -> None:
+        self.query_one(f"#{name}", Painted).paint([line], back, self.size.width)
+
+    def _words_below(self, picture: Picture) -> StyledLine:
+        """What can be typed; else what the station has to say; else the newest command's
+        answers."""
         line = self.query_one(CommandInput)
-        typed = line.value if line.purpose == "order" else None
-        answer = (
-            command_line(picture, self._notice) if typed is None else usage_line(typed, self._plan)
-        )
-        self._painted("answers").paint([answer], width=width)
-        self._painted("keys").paint([self.keys_line(picture, width)], width=width)
-        if self._shown == "swarm":
-            self._draw_swarm(picture)
-        else:
-            panel = self._painted(self._shown)
-            panel.paint(self._lines(picture, panel.room[0]))
+        if line.purpose is Purpose.COMMAND:
+            return usage_line(line.value, self._plan)
+        if self._notice:
+            return StyledLine(f" {self._notice}", "cyan")
+        return answers_line(picture)
 
-    def keys_line(self, picture: Picture, width: int) -> Line:
-        """The keys that matter on this screen."""
-        return keys_line(picture, self._shown, owns_run=self._interrupt is not None, width=width)
-
-    def help_lines(self, width: int) -> list[Line]:
-        """The help screen."""
-        return help_lines(width)
-
-    def _lines(self, picture: Picture, width: int) -> list[Line]:
-        match self._shown:
-            case "links":
-                return links_lines(picture, width)
-            case "sigma":
-                return sigma_lines(picture, width)
-            case "log":
-                return log_lines(picture, width)
-            case _:
-                return self.help_lines(width)
-
-    def _draw_swarm(self, picture: Picture) -> None:
-        table, recent = self._painted("table"), self._painted("recent")
-        room = self.query_one("#swarm").size.height
-        most = room - 4 if self.query_one("#swarm").has_class("wide") else max(4, room // 2)
-        height = min(len(picture.view.agents) + 1, most)
-        if table.styles.height is None or table.styles.height.value != height:
-            table.styles.height = height  # the map has another size then, and says so
-        table.paint(table_lines(picture, table.room[0]))
-        if recent.display and recent.room[0] > 0:
-            heading = Line("─ log ".ljust(recent.room[0], "─"), "dim")
-            recent.paint([heading, *log_lines(picture, recent.room[0])[-(recent.room[1] - 1) :]])
-        drawing = self._painted("map")
-        drawing.paint(map_lines(picture, *drawing.room))
-
-    def _painted(self, name: str) -> Painted:
-        return self.query_one(f"#{name}", Painted)
+    def _label(self, picture: Picture) -> None:
+        """New alarms on the log's tab; which agents a command goes to."""
+        new, marked = picture.unacknowledged, len(self._chosen.marked)
+        tab = self.query_one(TabbedContent).get_tab("log")
+        words = f"4 Log {new}!" if new else "4 Log"
+        if str(tab.label) != words:
+            tab.label = words
+        ended = all(agent.phase is Phase.ENDED for agent in picture.view.agents)
+        who = " all agents have ended" if ended else f" {marked} marked:" if marked else ""
+        label = self.query_one("#who", Label)
+        if str(label.content) != who:
+            label.update(who)
 
     def _choose(self, **changes: object) -> None:
         self._chosen = replace(self._chosen, **changes)  # type: ignore[arg-type]
@@ -398,42 +340,44 @@ class Dashboard(App[None]):
 
     # --- moving about ---
 
+    def check_action(self, action: str, _: tuple[object, ...]) -> bool | None:
+        """Some keys belong to one screen."""
+        pane = self.pane if action in _ONLY_ON else None
+        return pane is None or pane.id == _ONLY_ON[action]
+
+    def on_tabbed_content_tab_activated(self) -> None:
+        """Another screen: it has other keys."""
+        self.refresh_bindings()
+        self.draw()
+
     def action_go(self, name: str) -> None:
         """Another screen."""
-        self._shown = name
-        self.query_one(ContentSwitcher).current = name
-        self.draw()
+        self.query_one(TabbedContent).active = name
 
     def action_go_on(self, by: int) -> None:
         """The next screen."""
-        self.action_go(SCREENS[(SCREENS.index(self._shown) + by) % len(SCREENS)])
+        at = SCREENS.index(self.query_one(TabbedContent).active)
+        self.action_go(SCREENS[(at + by) % len(SCREENS)])
 
     def action_scroll(self, pages: int) -> None:
         """Turn a page of the visible screen."""
-        panel = self._painted("table" if self._shown == "swarm" else self._shown)
-        (panel.scroll_page_up if pages < 0 else panel.scroll_page_down)(animate=False, force=True)
+        if self.pane is not None:
+            scroller = self.pane.scroller
+            turn = scroller.scroll_page_up if pages < 0 else scroller.scroll_page_down
+            turn(animate=False, force=True)
 
     def action_cursor(self, by: int) -> None:
         """The next row of the table, or line of another screen."""
-        if self._shown != "swarm":
-            panel = self._painted(self._shown)
-            panel.scroll_relative(y=by, animate=False, force=True)
+        picture, pane = self.picture, self.pane
+        if picture is None or pane is None:
             return
-        picture = self.picture
-        if picture is None:
+        if not isinstance(pane, SwarmPane):
+            pane.scroller.scroll_relative(y=by, animate=False, force=True)
             return
         ids = [agent.id for agent in in_order(picture)]
-        at = (
-            ids.index(self._chosen.cursor)
-            if self._chosen.cursor in ids
-            else (-1 if by > 0 else len(ids))
-        )
-        place = min(max(0, at + by), len(ids) - 1)
-        self._choose(cursor=ids[place])
-        table = self._painted("table")
-        row, (_, height), top = place + 1, table.room, table.scroll_offset.y
-        if row < top + 1 or row >= top + height:
-            table.scroll_to(y=max(0, row - height // 2), animate=False, force=True)
+        before = -1 if by > 0 else len(ids)
+        at = ids.index(self._chosen.cursor) if self._chosen.cursor in ids else before
+        self._choose(cursor=ids[min(max(0, at + by), len(ids) - 1)])
 
     def action_mark(self, agent: int) -> None:
         """A click on an agent: the cursor goes there, its mark changes."""
@@ -445,20 +389,21 @@ class Dashboard(App[None]):
             self.action_mark(self._chosen.cursor)
 
     def action_mark_all(self) -> None:
-        """Mark everybody; nobody, where somebody is marked."""
-        everybody = frozenset(agent.id for agent in self._plan.agents)
-        self._choose(marked=frozenset() if self._chosen.marked else everybody)
+        """Mark all agents; none, where any is marked."""
+        every = frozenset(agent.id for agent in self._plan.agents)
+        self._choose(marked=frozenset() if self._chosen.marked else every)
 
-    def action_sort(self, title: str) -> None:
-        """Sort by a column; the same one again turns the order round."""
-        again = title == self._chosen.sort
-        self._choose(sort=title, backwards=again and not self._chosen.backwards)
+    def on_data_table_header_selected(self, event: DataTable.HeaderSelected) -> None:
+        """A click on a title sorts; the same one again turns the order round."""
+        if event.data_table.id == "agents" and event.column_index < len(TITLES):
+            title = TITLES[event.column_index]
+            again = title == self._chosen.sort
+            self._choose(sort=title, backwards=again and not self._chosen.backwards)
 
     def action_sort_next(self) -> None:
         """Sort by the next column."""
-        self._choose(
-            sort=TITLES[(TITLES.index(self._chosen.sort) + 1) % len(TITLES)], backwards=False
-        )
+        at = TITLES.index(self._chosen.sort)
+        self._choose(sort=TITLES[(at + 1) % len(TITLES)], backwards=False)
 
     def action_sort_turn(self) -> None:
         """Turn the order round."""
@@ -494,11 +439,10 @@ class Dashboard(App[None]):
         if self._interrupt is not None:
             self._say("this dashboard belongs to the run: Ctrl-C lands the swarm and ends it")
         elif (policy := self._alone()) and not isinstance(self.screen, Ask):
-            question = f"leave? No other station is heard: the agents {policy.value} after"
             after_s = self._plan.policies.station_lost_after_s
-            self.push_screen(
-                Ask(f"{question} {after_s:g} s."), lambda yes: self.exit() if yes else None
-            )
+            words = f"the agents {policy.value} after {after_s:g} s."
+            question = Ask(f"leave? No other station is heard: {words}")
+            self.push_screen(question, lambda yes: self.exit() if yes else None)
         else:
             self.exit()
 
@@ -534,19 +478,18 @@ class Dashboard(App[None]):
 
     def action_command(self, text: str) -> None:
         """Open the command line."""
-        self._open_line("order", text)
+        self._open_line(Purpose.COMMAND, text)
 
     def action_filter(self) -> None:
         """Open the log's filter."""
         self.action_go("log")
-        self._open_line("filter", self._chosen.log_words)
+        self._open_line(Purpose.FILTER, self._chosen.log_words)
 
     def action_close_line(self) -> None:
         """Leave the command line; elsewhere: unmark, and drop the filter."""
-        line = self.query_one(CommandInput)
-        if line.purpose:
+        if self.query_one(CommandInput).purpose:
             self._close_line()
-        elif self._shown == "log":
+        elif isinstance(self.pane, LogPane):
             self._choose(log_words="", log_level=Level.WELL)
         else:
             self._choose(marked=frozenset())
@@ -562,7 +505,7 @@ class Dashboard(App[None]):
 
     def on_input_changed(self, event: Input.Changed) -> None:
         """The filter works while it is typed."""
-        if self.query_one(CommandInput).purpose == "filter":
+        if self.query_one(CommandInput).purpose is Purpose.FILTER:
             self._choose(log_words=event.value)
         else:
             self.draw()
@@ -572,7 +515,7 @@ class Dashboard(App[None]):
         line = self.query_one(CommandInput)
         purpose, text = line.purpose, event.value.strip()
         self._close_line()
-        if purpose not in ("", "filter") and text:
+        if purpose not in (None, Purpose.FILTER) and text:
             line.remember(text)
             self.typed(text)
 
@@ -580,18 +523,20 @@ class Dashboard(App[None]):
         """A line was typed behind a colon."""
         self._order(text)
 
-    def _open_line(self, purpose: str, text: str) -> None:
-        self._painted("keys").display = False
-        self.query_one("#entry").display = True
-        self.query_one("#prompt", Label).update("/" if purpose == "filter" else ":")
+    def _open_line(self, purpose: Purpose, text: str) -> None:
+        self._show_line(True)
+        self.query_one("#prompt", Label).update(purpose.value[0])
         self.query_one(CommandInput).open(purpose, text)
         self.draw()
 
     def _close_line(self) -> None:
         self.query_one(CommandInput).close()
-        self.query_one("#entry").display = False
-        self._painted("keys").display = True
+        self._show_line(False)
         self.draw()
+
+    def _show_line(self, line: bool) -> None:
+        self.query_one("#keys").display = not line
+        self.query_one("#entry").display = line
 
     def _order(self, text: str) -> None:
         try:
@@ -618,7 +563,7 @@ class Dashboard(App[None]):
         """A word to the operator, until the next one."""
         self._notice = text
         self.draw()
-        self.set_timer(8.0, lambda: self._unsay(text))
+        self.set_timer(_NOTICE_WALL_S, lambda: self._unsay(text))
 
     def _unsay(self, text: str) -> None:
         if self._notice == text:

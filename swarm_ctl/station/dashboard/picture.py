@@ -21,7 +21,7 @@ class Chosen:
     """Title of the table's column."""
     backwards: bool = False
     metric: str = "age"
-    """What the link matrix shows, a key of `links_panel.METRICS`."""
+    """What the link matrix shows, a key of `link_matrix.METRICS`."""
     log_words: str = ""
     """Only entries with these words."""
     log_level: Level = Level.WELL
@@ -35,19 +35,13 @@ class Picture:
     view: SwarmView
     alarms: tuple[Alarm, ...] = ()
     """Those that stand, the worst first."""
-    acknowledged: frozenset[tuple[str, tuple[int, ...]]] = frozenset()
-    """Keys of those somebody has seen."""
     entries: tuple[Entry, ...] = ()
+    unacknowledged: int = 0
+    """Alarms that the operator has not acknowledged."""
     chosen: Chosen = field(default_factory=Chosen)
 
-    def level(self, agent: int) -> Level:
-        """An agent's worst alarm."""
-        return max(
-            (alarm.level for alarm in self.alarms if agent in alarm.agents), default=Level.WELL
-        )
-
     def levels(self) -> dict[int, Level]:
-        """Of all agents that have one."""
+        """The worst alarm of each agent that has one."""
         found: dict[int, Level] = {}
         for alarm in self.alarms:
             for agent in alarm.agents:

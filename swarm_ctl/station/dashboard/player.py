@@ -11,11 +11,9 @@ from textual.driver import Driver
 
 from swarm_ctl.commands.parse import KINDS
 from swarm_ctl.errors import InputError
-from swarm_ctl.station.dashboard.app import Dashboard
-from swarm_ctl.station.dashboard.bars import key_words
-from swarm_ctl.station.dashboard.help_panel import rows, sign_rows
-from swarm_ctl.station.dashboard.picture import Picture
-from swarm_ctl.station.dashboard.styled_line import Line
+from swarm_ctl.station.dashboard.app import MOVES, Dashboard, hidden
+from swarm_ctl.station.dashboard.command_input import Purpose
+from swarm_ctl.station.dashboard.help_pane import SIGNS, HelpPane
 from swarm_ctl.station.dashboard.timeline import Playing, at_speed, timeline
 from swarm_ctl.station.dashboard.widgets import Painted
 from swarm_ctl.station.picture.alarms import Level
@@ -25,57 +23,56 @@ _TICK_WALL_S: Final = 0.1
 _WORK_WALL_S: Final = 0.04
 """How long reading on may keep the screen waiting."""
 _NO_ORDERS: Final = "this is a recording: nothing can be ordered"
-_KEYS: Final = (
-    ("space", "pause, go on; at the end: once more from the start"),
-    ("← →", "5 s back, 5 s on; with shift 30 s"),
-    (", .", "a quarter of a second back, on"),
-    ("home end", "start, end"),
-    ("e E", "next event of any kind, the last one"),
-    ("a A", "next alarm or warning, the last one"),
-    ("- + 0", "slower, faster (0.25 to 50), 1: mission seconds in seconds"),
-    (":", "go to a time: 83, 1:23, +10, -10, end; or click on the line below"),
-    ("1 2 3 4 ?", "screens: swarm, links, sigma, log, help; also tab, or a click"),
-    ("↑ ↓", "move the cursor, or the lines of a screen"),
-    (
-        "s S v / w",
-        "sort, turn the order round; what the link matrix shows; filter the log by words, by level",
-    ),
-    ("t q", "light or dark; leave"),
-)
-
-
-_KEPT: Final = {
-    "interrupt", "leave", "go", "go_on", "cursor", "scroll", "sort_next", "sort_turn", "metric_next", "begin",
-    "level_next", "theme", "close_line",
-}  # fmt: skip
+_KEYS: Final = f"""
+space | pause, go on; at the end: once more from the start
+← → | 5 s back, 5 s on; with shift 30 s
+, . | a quarter of a second back, on
+home end | start, end
+e E | next event of any kind, the last one
+a A | next alarm or warning, the last one
+- + 0 | slower, faster (0.25 to 50), 1: mission seconds in seconds
+: | go to a time: 83, 1:23, +10, -10, end; or click on the line below
+1 2 3 4 ? | screens: swarm, links, sigma, log, help; also tab, or a click
+↑ ↓ | move the cursor, or the lines of a screen
+s S v / w | sort, reverse the order; what the link matrix shows; filter the log by words, by level
+t q | light or dark; leave
+replay | {_NO_ORDERS}; alarms come as they would have come in flight
+"""
 
 
 def _bindings() -> list[BindingType]:
+    shown = [
+        Binding("space", "pause", "pause, play"),
+        Binding("left", "skip(-5)", "5 s back"),
+        Binding("right", "skip(5)", "on"),
+        Binding("e", "next(False)", "event"),
+        Binding("a", "next(True)", "alarm"),
+        Binding("minus", "speed(-1)", "slower", key_display="-"),
+        Binding("plus,equals_sign", "speed(1)", "faster", key_display="+"),
+        Binding("colon", "begin(':')", "go to", priority=True),
+        Binding("q", "leave", "leave"),
+        Binding("slash", "begin('/')", show=False, priority=True),
+        Binding("ctrl+c", "interrupt", show=False, priority=True),
+        Binding("ctrl+q", "leave", show=False, priority=True),
+    ]
     keys = {
-        "space": "pause",
-        "left": "skip(-5)",
-        "right": "skip(5)",
         "shift+left": "skip(-30)",
         "shift+right": "skip(30)",
         "comma": "skip(-0.25)",
         "full_stop": "skip(0.25)",
         "home": "seek(-1)",
         "end": "seek(1e9)",
-        "e": "next(False)",
         "E": "last(False)",
-        "a": "next(True)",
         "A": "last(True)",
-        "plus,equals_sign": "speed(1)",
-        "minus": "speed(-1)",
         "0": "usual_speed",
+        "s": "sort_next",
+        "S": "sort_turn",
+        "v": "metric_next",
+        "w": "level_next",
+        "t": "theme",
     }
-    orders = [Binding(kind.key, f"refuse('{kind.name}')") for kind in KINDS]
-    kept = [
-        binding
-        for binding in Dashboard.BINDINGS
-        if isinstance(binding, Binding) and binding.action.split("(")[0] in _KEPT
-    ]
-    return [*(Binding(key, action) for key, action in keys.items()), *orders, *kept]
+    orders = {kind.key: f"refuse('{kind.name}')" for kind in KINDS}
+    return [*shown, *hidden(keys | orders | MOVES)]
 
 
 class Player(Dashboard, inherit_bindings=False):
@@ -137,27 +134,9 @@ class Player(Dashboard, inherit_bindings=False):
             width = self.size.width
             line.paint([timeline(self.film, self.playing, width)], width=width)
 
-    def keys_line(self, _: Picture, width: int) -> Line:
-        """The keys of a player."""
-        pause = "pause" if self.playing.going else "play"
-        line = Line()
-        key_words(line, (("space", pause, "pause"), ("←", "", "skip(-5)"), ("→", "5 s", "skip(5)")))
-        key_words(line, (("e", "event", "next(False)"), ("a", "alarm", "next(True)")))
-        key_words(
-            line,
-            (("-", "", "speed(-1)"), ("+", "speed", "speed(1)"), (":", "go to", "command('')")),
-        )
-        last = "q leave"
-        return (
-            line.to(width - len(last) - 1).add(last, "bold", "app.leave")
-            if line.width + 10 <= width
-            else line
-        )
-
-    def help_lines(self, width: int) -> list[Line]:
+    def help_pane(self) -> HelpPane:
         """A player's keys."""
-        words = Line(f"   {_NO_ORDERS}; alarms come as they would have come in flight", "dim")
-        return [*rows("keys", _KEYS, 14, width), words, *sign_rows(width)]
+        return HelpPane({"keys": _KEYS, "signs": SIGNS})
 
     # --- keys ---
 
@@ -209,7 +188,7 @@ class Player(Dashboard, inherit_bindings=False):
 
     def action_command(self, _: str) -> None:
         """Open the line for a time."""
-        self._open_line("time", "")
+        self._open_line(Purpose.TIME, "")
 
     def typed(self, text: str) -> None:
         """A time."""

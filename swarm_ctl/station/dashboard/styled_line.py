@@ -1,10 +1,11 @@
-"""Lines of a screen: styled words at fixed widths, gauges, sparklines. Colours are names of the
-sixteen; the application turns them into those of its light or dark theme.
+"""Styled words at fixed widths: lines, signs, numbers and gauges of the panels painted by hand.
+
+Colours are names of the sixteen; the application turns them into those of its theme.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import cache
 from typing import Final
 
@@ -12,6 +13,16 @@ from rich.cells import cell_len, set_cell_size
 from rich.segment import Segment
 from rich.style import Style
 
+from swarm_ctl.station.picture.alarms import Level
+
+WELL, WAITING, DASH = "✓", "…", "–"
+SIGN: Final = {Level.WELL: WELL, Level.WAITING: WAITING, Level.WARNING: "!", Level.ERROR: "✗"}
+LEVEL_STYLE: Final = {
+    Level.WELL: "green",
+    Level.WAITING: "cyan",
+    Level.WARNING: "yellow",
+    Level.ERROR: "bold red",
+}
 _BLOCKS: Final = "▁▂▃▄▅▆▇█"
 
 
@@ -22,7 +33,7 @@ def style(name: str, click: str = "") -> Style:
     return plain + Style(meta={"@click": click}) if click else plain
 
 
-class Line:
+class StyledLine:
     """One line, built from left to right."""
 
     def __init__(self, words: str = "", name: str = "", click: str = "") -> None:
@@ -31,21 +42,19 @@ class Line:
         if words:
             self.add(words, name, click)
 
-    def add(self, words: str, name: str = "", click: str = "", *, size: int | None = None) -> Line:
-        """Append words, cut or filled to `size` cells."""
-        if size is not None:
-            words = set_cell_size(words, size)
+    def add(self, words: str, name: str = "", click: str = "") -> StyledLine:
+        """Append words."""
         self.segments.append(Segment(words, style(name, click)))
         self.width += cell_len(words)
         return self
 
-    def put(self, other: Line) -> Line:
+    def put(self, other: StyledLine) -> StyledLine:
         """Append another line."""
         self.segments += other.segments
         self.width += other.width
         return self
 
-    def to(self, column: int) -> Line:
+    def to(self, column: int) -> StyledLine:
         """Fill with blanks up to a column."""
         return self.add(" " * (column - self.width)) if column > self.width else self
 
@@ -60,40 +69,41 @@ class Line:
         return "".join(segment.text for segment in self.segments)
 
 
+def level_line(level: Level, words: str) -> StyledLine:
+    """A sentence with the sign and the colour of its level."""
+    return StyledLine(f" {SIGN[level]} {words}", LEVEL_STYLE[level])
+
+
 def right(words: str, size: int) -> str:
-    """At the right end of `size` cells."""
+    """At the right end of `size` cells, cut if need be."""
     return " " * max(0, size - cell_len(words)) + set_cell_size(words, min(size, cell_len(words)))
 
 
-def sparkline(values: Sequence[float], width: int, most: float | None = None) -> str:
-    """The newest `width` values, oldest first, from 0 to `most` (their own largest where not
-    given)."""
+def fit(value: float | None, width: int, decimals: int) -> str:
+    """A number with as many of its decimals as fit into `width`; a dash for none."""
+    if value is None:
+        return DASH
+    for places in range(decimals, -1, -1):
+        text = f"{value:.{places}f}"
+        if len(text) <= width:
+            return text
+    return "9" * (width - 1) + "+" if value > 0 else "-" * width
+
+
+def blocks(values: Sequence[float], width: int, most: float) -> str:
+    """The newest `width` values as blocks, oldest first, from 0 to at least `most`."""
     shown = values[-width:]
-    top = max([most or 0.0, *shown])
-    if top <= 0.0:
-        return ("▁" * len(shown)).ljust(width)
+    top = max([most, *shown])
     return "".join(_BLOCKS[min(7, max(0, int(8 * value / top)))] for value in shown).ljust(width)
 
 
-def gauge(share: float, width: int, marker: str = "┃", rail: str = "─") -> tuple[str, str, str]:
+def gauge(share: float, width: int) -> tuple[str, str, str]:
     """A rail with a marker at `share` (0..1): (before, marker, after), `width` cells in all."""
     place = round(min(1.0, max(0.0, share)) * (width - 1))
-    return rail * place, marker, rail * (width - 1 - place)
+    return "─" * place, "┃", "─" * (width - 1 - place)
 
 
 def bar(share: float, width: int) -> str:
     """A bar filled up to `share` (0..1)."""
     filled = round(min(1.0, max(0.0, share)) * width)
     return "█" * filled + "░" * (width - filled)
-
-
-def wrapped(words: Iterable[str], width: int, indent: int = 2) -> list[str]:
-    """Words on as many lines as they need; all but the first are indented."""
-    lines, line = [], ""
-    for word in words:
-        if line and cell_len(line) + 1 + cell_len(word) > width:
-            lines.append(line)
-            line = " " * indent + word
-        else:
-            line = f"{line} {word}" if line else word
-    return [*lines, line] if line else lines

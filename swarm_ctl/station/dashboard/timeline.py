@@ -6,8 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from swarm_ctl.station.dashboard.columns import LEVEL_STYLE
-from swarm_ctl.station.dashboard.styled_line import Line
+from swarm_ctl.station.dashboard.styled_line import LEVEL_STYLE, StyledLine
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.playback import Film
 
@@ -36,11 +35,11 @@ def clock(time_s: float) -> str:
     return f"{minutes:02d}:{tenths // 10:02d}.{tenths % 10}"
 
 
-def timeline(film: Film, playing: Playing, width: int) -> Line:
+def timeline(film: Film, playing: Playing, width: int) -> StyledLine:
     """State and time on the left, speed on the right, the flight in between."""
     sign = "▶" if playing.going else "■" if film.time_s >= film.end_s else "‖"
     line = (
-        Line(" REPLAY ", "bold reverse", "app.pause")
+        StyledLine(" REPLAY ", "bold reverse", "app.pause")
         .add(f" {sign} ", "bold", "app.pause")
         .add(clock(film.time_s))
     )
@@ -54,7 +53,7 @@ def timeline(film: Film, playing: Playing, width: int) -> Line:
     return line.add(end, "dim").to(width - len(speed)).add(speed, "bold")
 
 
-def _rail(film: Film, room: int) -> Line:
+def _rail(film: Film, room: int) -> StyledLine:
     """One cell for each part of the flight; ┼ a step begins, ▲ something to look at was told."""
     per_cell = (film.end_s - film.start_s) / (room - 1) or 1.0
     steps, levels = set[int](), dict[int, Level]()
@@ -65,7 +64,7 @@ def _rail(film: Film, room: int) -> Line:
         elif mark.level >= Level.WARNING:
             levels[cell] = max(levels.get(cell, Level.WELL), mark.level)
     here, known = ((t - film.start_s) / per_cell for t in (film.time_s, film.known_s))
-    line = Line()
+    line = StyledLine()
     for cell in range(room):
         goes_to = f"app.seek({film.start_s + cell * per_cell:.2f})"
         passed, read = cell <= here, cell <= known

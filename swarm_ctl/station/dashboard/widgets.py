@@ -1,43 +1,54 @@
-"""Panels and bars: widgets that show lines drawn elsewhere, and redraw only those that changed."""
+"""Textual's widgets as all screens use them: painted lines, and tables that change by cells."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import ClassVar, Final
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
 
+from rich.cells import cell_len, set_cell_size
+from rich.console import Console
+from rich.segment import Segment
 from rich.style import Style
-from textual.binding import Binding, BindingType
-from textual.events import Key
+from rich.text import Text
 from textual.geometry import Size
 from textual.message import Message
+from textual.renderables.sparkline import Sparkline
 from textual.scroll_view import ScrollView
 from textual.strip import Strip
-from textual.suggester import Suggester
-from textual.widgets import Input
+from textual.widget import Widget
+from textual.widgets import DataTable
 
-from swarm_ctl.commands.parse import complete
-from swarm_ctl.core.model.plan import Plan
-from swarm_ctl.station.dashboard.styled_line import Line
-
-_PLACEHOLDERS: Final = {
-    "order": "a command; tab completes, esc leaves",
-    "filter": "words to look for",
-    "time": "a time: 83, 1:23, +10, -10, end; esc leaves",
-}
+from swarm_ctl.station.dashboard.styled_line import DASH, StyledLine, style
 
 
-class Painted(ScrollView, can_focus=False):
-    """Lines under a scroll bar where they don't fit. `follows`: stays at the end while nobody
-    scrolls up."""
+class OnGround(Widget):
+    """Looks its own style up once: for each line it would take a tenth of all drawing."""
+
+    _ground: Style | None = None
+
+    @property
+    def rich_style(self) -> Style:
+        """The theme's colours."""
+        if self._ground is None:
+            self._ground = super().rich_style
+        return self._ground
+
+    def notify_style_update(self) -> None:
+        """Another theme, say."""
+        self._ground = None
+        super().notify_style_update()
+
+
+class Painted(ScrollView, OnGround, can_focus=False):
+    """Lines painted by hand. Only those that changed are drawn again."""
 
     class Sized(Message):
         """There is another room to draw in."""
 
-    def __init__(self, name: str, *, follows: bool = False) -> None:
+    def __init__(self, name: str) -> None:
         super().__init__(id=name)
         self._strips: list[Strip] = []
-        self._follows = follows
-        self._ground: Style | None = None
 
     @property
     def room(self) -> tuple[int, int]:
@@ -45,20 +56,16 @@ class Painted(ScrollView, can_focus=False):
         size = self.scrollable_content_region.size
         return size.width, size.height
 
-    def paint(self, lines: Sequence[Line], back: str = "", width: int | None = None) -> None:
-        """Show other lines, each cut or filled to the width (the widget's own where not given)."""
-        own, height = self.room
-        width = own if width is None else width
-        strips = [Strip(line.fit(width, back), width) for line in lines]
-        before, self._strips = self._strips, strips
-        at_end = self.scroll_offset.y >= self.virtual_size.height - height - 1
-        if len(strips) != len(before):
-            self.virtual_size = Size(width, len(strips))
-            self.refresh()
-            if self._follows and at_end:
-                self.scroll_end(animate=False, force=True)
+    def paint(self, lines: Sequence[StyledLine], back: str = "", width: int | None = None) -> None:
+        """Show other lines, each cut or filled to the width (by default the widget's own)."""
+        width = self.room[0] if width is None else width
+        before = self._strips
+        self._strips = [Strip(line.fit(width, back), width) for line in lines]
+        if len(self._strips) != len(before):
+            self.virtual_size = Size(width, len(self._strips))
+            self.refresh(layout=True)
             return
-        for y, (old, new) in enumerate(zip(before, strips, strict=True)):
+        for y, (old, new) in enumerate(zip(before, self._strips, strict=True)):
             if old != new:
                 self.refresh_lines(y, 1)
 
@@ -70,99 +77,141 @@ class Painted(ScrollView, can_focus=False):
         """One row of the widget, on the theme's own colours."""
         k = y + self.scroll_offset.y
         width = self.scrollable_content_region.width
-        if self._ground is None:
-            self._ground = (
-                self.rich_style
-            )  # a tenth of all drawing, if it were looked up for each line
         strip = self._strips[k] if k < len(self._strips) else Strip.blank(width)
-        return (
-            strip if strip.cell_length == width else strip.adjust_cell_length(width)
-        ).apply_style(self._ground)
-
-    def notify_style_update(self) -> None:
-        """Another theme, say."""
-        self._ground = None
-        super().notify_style_update()
+        return strip.adjust_cell_length(width).apply_style(self.rich_style)
 
 
-class CommandInput(Input):
-    """The command line (and the log's filter): completion with tab, the lines before with up and
-    down."""
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """Words of one style in a table."""
 
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("tab", "complete"),
-        Binding("up", "recall(-1)"),
-        Binding("down", "recall(1)"),
-    ]
+    words: str
+    name: str = ""
+    click: str = ""
 
-    def __init__(self, plan: Plan) -> None:
-        self._plan = plan
-        self._completion = _Completion(plan)
-        super().__init__(id="line", compact=True, suggester=self._completion)
-        self.can_focus = False
-        self._before: list[str] = []
-        self._at = 0
-        self.purpose = ""
-        """A key of `_PLACEHOLDERS`; empty: not in use."""
+    def segments(self, _: Console) -> list[Segment]:
+        """As a table draws it."""
+        return [Segment(self.words, style(self.name, self.click))]
 
-    async def _on_key(self, event: Key) -> None:
-        """Editing keys act in their turn. As mere bindings they would be looked at after what was
-        typed behind them: over a slow line, or pasted, `5`, backspace, `4` would come out as 5.
+
+@dataclass(frozen=True, slots=True)
+class Trend:
+    """A series as a sparkline in a table."""
+
+    values: tuple[float, ...]
+    width: int
+
+    def segments(self, console: Console) -> list[Segment]:
+        """As a table draws it."""
+        values = self.values[-self.width :]
+        if len(values) < 2:
+            return [Segment(DASH, style("dim"))]
+        return list(console.render(Sparkline(values, width=len(values))))
+
+
+@dataclass(frozen=True, slots=True)
+class Painting:
+    """A cell painted by hand: (words, style) from left to right."""
+
+    parts: tuple[tuple[str, str], ...]
+
+    def segments(self, _: Console) -> list[Segment]:
+        """As a table draws it."""
+        return [Segment(words, style(name)) for words, name in self.parts]
+
+
+TableCell: TypeAlias = Cell | Trend | Painting
+
+
+@dataclass(frozen=True, slots=True)
+class Heading:
+    """A column of a table: its title, its width without the gap behind it, where its words go."""
+
+    title: str
+    width: int
+    left: bool = False
+    name: str = "bold dim"
+
+    @property
+    def label(self) -> Text:
+        """What stands above the column."""
+        return Text(self.cell(self.title).words, style(self.name))
+
+    def cell(self, words: str, name: str = "", click: str = "") -> Cell:
+        """Words at their place in the column, cut if need be, and the gap."""
+        words = set_cell_size(words, self.width) if cell_len(words) > self.width else words
+        room = " " * (self.width - cell_len(words))
+        return Cell(words + room + " " if self.left else room + words + " ", name, click)
+
+
+class CellTable(DataTable[TableCell], OnGround, can_focus=False):
+    """A `DataTable` that is told whole rows, and changes only the cells that say something else.
+
+    Each row's first cell names it; no two are equal.
+    """
+
+    def __init__(self, name: str) -> None:
+        super().__init__(id=name, cell_padding=0, cursor_type="row", show_cursor=False)
+        self._headings: tuple[Heading, ...] = ()
+        self._told: dict[str, Sequence[TableCell]] = {}
+        self._order: list[str] = []
+        self._drawn: dict[int, tuple[tuple[TableCell, ...], Strip]] = {}
+
+    @property
+    def room(self) -> int:
+        """The width to draw in."""
+        return self.scrollable_content_region.width
+
+    def show(self, headings: tuple[Heading, ...], rows: Mapping[str, Sequence[TableCell]]) -> None:
+        """Show these rows in their order."""
+        if [h.width for h in headings] != [h.width for h in self._headings] or (
+            rows.keys() != self._told.keys()
+        ):
+            self._build(headings, rows)
+        else:
+            self._change(headings, rows)
+        self._headings, self._told = headings, dict(rows)
+
+    def _build(self, headings: Sequence[Heading], rows: Mapping[str, Sequence[TableCell]]) -> None:
+        self.clear(columns=True)
+        for k, heading in enumerate(headings):
+            self.add_column(heading.label, width=heading.width + 1, key=str(k))
+        for key, row in rows.items():
+            self.add_row(*row, key=key)
+        self._order = list(rows)
+
+    def _change(self, headings: Sequence[Heading], rows: Mapping[str, Sequence[TableCell]]) -> None:
+        for column, new, old in zip(self.ordered_columns, headings, self._headings, strict=True):
+            if new != old:
+                column.label = new.label
+                self._clear_caches()
+        for key, row in rows.items():
+            for k, (now, before) in enumerate(zip(row, self._told[key], strict=True)):
+                if now != before:
+                    self.update_cell(key, str(k), now)
+        if list(rows) != self._order:
+            self._order = list(rows)
+            place = {row[0]: k for k, row in enumerate(rows.values())}
+            self.sort("0", key=place.__getitem__)
+
+    def on_resize(self) -> None:
+        """What was drawn was for another room."""
+        self.post_message(Painted.Sized())
+
+    def render_line(self, y: int) -> Strip:
+        """A row by its cells: `DataTable` forgets all rows when one cell changes, and its own way
+        through Rich takes twenty times as long. The header is its own.
         """
-        bindings = self._bindings.key_to_bindings.get(event.key)
-        if not bindings:
-            await super()._on_key(event)
-            return
-        event.stop()
-        event.prevent_default()
-        await self.run_action(bindings[0].action)
-
-    def open(self, purpose: str, text: str) -> None:
-        """Take the keyboard."""
-        self.purpose = purpose
-        self.suggester = self._completion if purpose == "order" else None
-        self.placeholder = _PLACEHOLDERS[purpose]
-        self.can_focus = True
-        self.value = text
-        self.cursor_position = len(text)
-        self._at = len(self._before)
-        self.screen.set_focus(
-            self, scroll_visible=False
-        )  # at once: the next key belongs to the line already
-
-    def close(self) -> None:
-        """Give it back."""
-        self.purpose = ""
-        self.can_focus = False
-        self.screen.set_focus(None)
-
-    def remember(self, text: str) -> None:
-        """For `up`."""
-        self._before = [*(line for line in self._before if line != text), text]
-
-    def action_complete(self) -> None:
-        """Take the first line that this one could become."""
-        found = complete(self.value, self._plan)
-        if self.purpose == "order" and found:
-            self.value = found[0]
-            self.cursor_position = len(found[0])
-
-    def action_recall(self, by: int) -> None:
-        """A line from before."""
-        self._at = min(max(0, self._at + by), len(self._before))
-        self.value = self._before[self._at] if self._at < len(self._before) else ""
-        self.cursor_position = len(self.value)
-
-
-class _Completion(Suggester):
-    def __init__(self, plan: Plan) -> None:
-        super().__init__(use_cache=False)
-        self._plan = plan
-
-    async def get_suggestion(self, value: str) -> str | None:
-        """The first line that `value` could become."""
-        return next(iter(complete(value, self._plan)), None) if value else None
-
-
-Draw = Callable[[int, int], Sequence[Line]]
-"""Lines for a width and a height."""
+        row = y - 1 + self.scroll_offset.y
+        if y == 0 or row >= self.row_count:
+            return super().render_line(y)
+        cells = tuple(self.get_row_at(row))
+        told, strip = self._drawn.get(row, ((), Strip([])))
+        if cells != told:
+            segments = [segment for cell in cells for segment in cell.segments(self.app.console)]
+            strip = Strip(segments)
+            self._drawn[row] = cells, strip
+        ink = self.rich_style
+        if self.show_cursor and row == self.cursor_row:
+            ink += style("reverse")
+        return strip.adjust_cell_length(self.size.width).apply_style(ink)

@@ -16,8 +16,10 @@ from textual.widgets import Button
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.core.model.messages import Ack, Command, Event
 from swarm_ctl.station.dashboard.agent_table import TITLES, in_order
-from swarm_ctl.station.dashboard.app import DARK, LIGHT, PLAIN, Ask, Dashboard
+from swarm_ctl.station.dashboard.app import Dashboard
+from swarm_ctl.station.dashboard.ask import Ask
 from swarm_ctl.station.dashboard.picture import Chosen, Picture
+from swarm_ctl.station.dashboard.themes import DARK, LIGHT, PLAIN
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.view import SwarmView
 from tests.unit.station.pictures import PICTURES, PLAN
@@ -408,8 +410,8 @@ def test_nothing_an_agent_says_commands_the_terminal() -> None:
 
 def test_the_verdict_is_the_worst_alarm() -> None:
     async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
-        assert text(app).splitlines()[2].startswith(" ✗ agent 3 has not been heard for 4.2 s")
+        assert text(app).splitlines()[1].startswith(" ✗ agent 3 has not been heard for 4.2 s")
         assert app.picture is not None
-        assert app.picture.level(3) is Level.ERROR
+        assert app.picture.levels()[3] is Level.ERROR
 
     _play(play, PICTURES["lost"]())

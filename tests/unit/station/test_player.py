@@ -88,7 +88,7 @@ def test_pause_and_seek() -> None:
         await pilot.press("colon", *"25", "enter")
         assert app.film.time_s == 25.0
         await settled(pilot)
-        assert "✗ agent 3 has not been heard for" in text(app).splitlines()[2], text(app)
+        assert "✗ agent 3 has not been heard for" in text(app).splitlines()[1], text(app)
         assert "00:25.0" in text(app).splitlines()[0]
         await pilot.press("colon", *"1", "colon", *"02", "enter")
         assert app.film.time_s == 62.0

@@ -18,10 +18,11 @@ from swarm_ctl.core.model.messages import Echo, LinkReport, Phase, SigmaReport
 from swarm_ctl.core.swarm.gain_update import LEAD_S
 from swarm_ctl.runtime.station.ground_station import swarm_now
 from swarm_ctl.station.dashboard.canvas import Canvas
-from swarm_ctl.station.dashboard.links_panel import METRICS
-from swarm_ctl.station.dashboard.map_panel import fitted, position
-from swarm_ctl.station.dashboard.sigma_panel import budget_used
-from swarm_ctl.station.dashboard.styled_line import Line, bar, gauge, sparkline, wrapped
+from swarm_ctl.station.dashboard.link_matrix import METRICS
+from swarm_ctl.station.dashboard.sigma_pane import budget_used
+from swarm_ctl.station.dashboard.styled_line import StyledLine, bar, blocks, fit, gauge
+from swarm_ctl.station.dashboard.swarm_map import fitted, position
+from swarm_ctl.station.dashboard.widgets import Heading
 from swarm_ctl.station.output.json_lines import json_line
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.history import LOSS_WINDOW_S, LinkSeries
@@ -74,16 +75,24 @@ def test_the_map_shows_everybody(size: tuple[int, int], places: list[tuple[float
 
 @given(st.lists(st.floats(0, 1e9), max_size=60), st.integers(1, 30))
 def test_lines_have_the_width_they_were_given(values: list[float], width: int) -> None:
-    assert cell_len(sparkline(values, width)) == width
+    assert cell_len(blocks(values, width, 0.5)) == width
     assert cell_len("".join(gauge(values[0] if values else 0.5, width))) == width
     assert cell_len(bar(values[0] if values else 0.5, width)) == width
-    assert sum(segment.cell_length for segment in Line("漢字" * 9).fit(width)) == width
+    assert sum(segment.cell_length for segment in StyledLine("漢字" * 9).fit(width)) == width
 
 
-@given(st.text(alphabet="ab ", max_size=60), st.integers(6, 30))
-def test_wrapping_loses_no_word(text: str, width: int) -> None:
-    rows = wrapped(text.split(), width)
-    assert " ".join(rows).split() == text.split()
+@given(st.floats(allow_nan=False, allow_infinity=False), st.integers(2, 8), st.integers(0, 3))
+def test_a_number_never_leaves_its_column(value: float, width: int, decimals: int) -> None:
+    text = fit(value, width, decimals)
+    assert len(text) <= width
+    if abs(value) < 10 ** (width - 2):
+        assert float(text) == pytest.approx(value, abs=0.5)
+
+
+@given(st.text(max_size=30))
+def test_a_cell_is_as_wide_as_its_column_whatever_it_holds(text: str) -> None:
+    printable = "".join(c for c in text if c.isprintable())
+    assert cell_len(Heading("x", 8).cell(printable).words) == 9
 
 
 def _link(age: float | None, series: LinkSeries = LinkSeries()) -> tuple[Level, str]:  # noqa: B008 - immutable

@@ -11,9 +11,8 @@ import numpy as np
 from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.plan import Point
 from swarm_ctl.station.dashboard.canvas import Canvas
-from swarm_ctl.station.dashboard.columns import LEVEL_STYLE
 from swarm_ctl.station.dashboard.picture import Picture
-from swarm_ctl.station.dashboard.styled_line import Line
+from swarm_ctl.station.dashboard.styled_line import LEVEL_STYLE, StyledLine
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.link_quality import mesh_judgements
 from swarm_ctl.station.picture.view import AgentView, SwarmView
@@ -48,12 +47,12 @@ class Scale:
         return self.width + self.dots_per_m * east, 2 * self.height - self.dots_per_m * north
 
 
-def map_lines(picture: Picture, width: int, height: int) -> list[Line]:
+def map_lines(picture: Picture, width: int, height: int) -> list[StyledLine]:
     """`height` lines of `width` cells."""
     view = picture.view
     placed = {agent.id: agent for agent in view.agents if agent.state is not None}
     if not placed or width < 8 or height < 3:
-        return [Line("  no positions yet: no map" if not placed else "", "dim")]
+        return [StyledLine("  no positions yet: no map" if not placed else "", "dim")]
     canvas = Canvas(width, height)
     scale = fitted(view, width, height)
     _draw_links(canvas, scale, picture, placed)
@@ -64,7 +63,7 @@ def map_lines(picture: Picture, width: int, height: int) -> list[Line]:
     _draw_scale(canvas, scale)
     lines = []
     for segments in canvas.lines():
-        line = Line()
+        line = StyledLine()
         line.segments, line.width = segments, width
         lines.append(line)
     return lines

@@ -1,0 +1,91 @@
+"""The help screen: keys, commands, what the colours and signs mean."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from typing import Final
+
+from rich.table import Table
+from rich.text import Text
+from textual.app import ComposeResult
+from textual.containers import VerticalScroll
+from textual.widgets import Static
+
+from swarm_ctl.commands.parse import KINDS
+from swarm_ctl.station.dashboard.pane import Pane
+from swarm_ctl.station.dashboard.picture import Picture
+from swarm_ctl.station.picture.link_quality import (
+    AGE_ERROR_S,
+    AGE_WARNING_S,
+    LOSS_ERROR,
+    LOSS_WARNING,
+)
+
+KEYS: Final = """
+1 2 3 4 ? | screens: swarm, links, sigma, log, help; also tab, or a click
+↑ ↓ space a | move the cursor, mark its agent, mark all or none: commands go to the marked ones
+s S | sort by the next column, reverse the order; or click a title
+v | links: what the matrix shows
+/ w | log: filter by words, by level
+x | acknowledge alarms: they stay, and no longer count as new
+: | command line; tab completes, ↑ brings the last one back, esc leaves it
+t | light or dark
+q | leave (a station that only watches; the last one of a swarm asks first)
+Ctrl-C | land the swarm; again: stop everything at once. A watching station only leaves
+mouse | a screen's name, a title of the table, an agent in the table or map, a key below
+"""
+SIGNS: Final = f"""
+map | number: agent, ○ slot to fill, dots: the agent's trail, circle: half of r_out (where two
+  touch, avoidance begins)
+lines | neighbours; green well, yellow bad or nearly too long, red lost
+table | A: ● armed, ○ not; batt: percent; up: height [m]; err: distance from its place in the shape
+  [m]; near: nearest agent, and how near [m]; age: of its last state [s]; Hz, late: of its ticks,
+  late as the p99 in ms
+links | a row listens, a column speaks; trip: there and back. Yellow: a state older than
+  {1000 * AGE_WARNING_S:.0f} ms or {LOSS_WARNING:.0%} lost in 10 s; red:
+  {1000 * AGE_ERROR_S:.0f} ms or {LOSS_ERROR:.0%}.
+sigma | one row for each side of a pair; D must lie between its bounds; over 100 % of the budget
+  Property 1 does not hold for that agent; paper, narrow, inactive, overspeed: the rule that D was
+  chosen by (overspeed: by none); safety filter: how often the agent flew something else than the
+  law's wish
+"""
+
+
+def commands() -> str:
+    """Every command by its key, and what it does."""
+    asks = {True: " (asks once)", False: ""}
+    lines = [
+        f"{kind.key or ' '}  {kind.name} {kind.usage} | {kind.does}{asks[bool(kind.asks)]}"
+        for kind in KINDS
+    ]
+    words = "for some agents only: mark them, or 'land @1,3-5'; 'tune plan': the mission's own law"
+    return "\n".join([*lines, f"@ | {words}"])
+
+
+def _explained(text: str) -> Iterable[list[str]]:
+    """[words, what they mean] of each entry; a long one goes on in indented lines."""
+    return (entry.split(" | ") for entry in re.split(r"\n(?! )", text.strip("\n")))
+
+
+class HelpPane(Pane):
+    """Sections of words and what they mean."""
+
+    def __init__(self, sections: dict[str, str]) -> None:
+        super().__init__("? Help", id="help")
+        self._sections = sections
+
+    def compose(self) -> ComposeResult:
+        """All sections, one below the other."""
+        with VerticalScroll(can_focus=False):
+            for title, text in self._sections.items():
+                table = Table.grid(padding=(0, 2))
+                table.add_column(width=29 if title.startswith("commands") else 14, no_wrap=True)
+                table.add_column()
+                for words, meaning in _explained(text):
+                    table.add_row(Text(f"   {words}", "bold"), Text(" ".join(meaning.split())))
+                yield Static(Text(f" {title}", "bold underline"))
+                yield Static(table)
+
+    def draw(self, picture: Picture) -> None:
+        """Nothing changes here."""

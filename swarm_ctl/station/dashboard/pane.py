@@ -1,0 +1,22 @@
+"""What all screens have in common."""
+
+from __future__ import annotations
+
+from textual.containers import VerticalScroll
+from textual.widget import Widget
+from textual.widgets import TabPane
+
+from swarm_ctl.station.dashboard.picture import Picture
+
+
+class Pane(TabPane):
+    """One screen: it draws pictures, and has something that scrolls."""
+
+    def draw(self, picture: Picture) -> None:
+        """Show this picture."""
+        raise NotImplementedError
+
+    @property
+    def scroller(self) -> Widget:
+        """What the page keys and the arrows scroll."""
+        return self.query_one(VerticalScroll)

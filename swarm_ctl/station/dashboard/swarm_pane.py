@@ -1,0 +1,53 @@
+"""The swarm screen: the table of agents, the newest of the log, the map."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from textual.app import ComposeResult
+from textual.containers import Vertical
+from textual.events import Resize
+from textual.widget import Widget
+
+from swarm_ctl.station.dashboard.agent_table import AgentTable
+from swarm_ctl.station.dashboard.log_pane import EntryLog, passes
+from swarm_ctl.station.dashboard.pane import Pane
+from swarm_ctl.station.dashboard.picture import Picture
+from swarm_ctl.station.dashboard.swarm_map import map_lines
+from swarm_ctl.station.dashboard.widgets import Painted
+
+_WIDE: Final = 120
+"""From this width on the map stands beside the table, not under it."""
+_RECENT: Final = 60
+"""Entries of the log beside the map: more than a terminal has lines."""
+
+
+class SwarmPane(Pane):
+    """What the agents do, and where they are."""
+
+    def compose(self) -> ComposeResult:
+        """Table and log on the left, map on the right."""
+        with Vertical(id="left"):
+            yield AgentTable("agents")
+            yield EntryLog("recent")
+        yield Painted("map")
+
+    def on_resize(self, event: Resize) -> None:
+        """Lay out for the new size."""
+        width, wide = event.size.width, event.size.width >= _WIDE
+        self.set_class(wide, "wide")
+        self.query_one("#left").styles.width = (78 if width < 140 else 98) if wide else "1fr"
+
+    @property
+    def scroller(self) -> Widget:
+        """The table scrolls itself."""
+        return self.query_one(AgentTable)
+
+    def draw(self, picture: Picture) -> None:
+        """Show this picture's agents."""
+        self.query_one(AgentTable).draw(picture)
+        recent, drawing = self.query_one(EntryLog), self.query_one("#map", Painted)
+        if recent.display and recent.size.width:
+            newest = picture.entries[-_RECENT:]
+            recent.show([entry for entry in newest if passes(entry, picture.chosen)])
+        drawing.paint(map_lines(picture, *drawing.room))

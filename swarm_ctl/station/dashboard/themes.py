@@ -1,0 +1,29 @@
+"""Light, dark, and the terminal's own colours."""
+
+from __future__ import annotations
+
+import os
+
+from rich.terminal_theme import TerminalTheme
+
+DARK, LIGHT, PLAIN = "textual-dark", "textual-light", "ansi-dark"
+"""Themes; the last one has the terminal's own colours, for `NO_COLOR`."""
+
+# Black, red, green, yellow, blue, magenta, cyan, white: usual yellow, green and cyan can hardly be
+# read on white.
+_DULL = """000000 a01e1e 1e6914 825500 1e46a0 78288c 005f87 f7f7f7"""
+_BRIGHT = """5a5a5a c83232 78c83c fabe3c 0064b4 be28be 46bedc ffffff"""
+
+
+def _colours(text: str) -> list[tuple[int, int, int]]:
+    return [(int(word[:2], 16), int(word[2:4], 16), int(word[4:], 16)) for word in text.split()]
+
+
+LIGHT_INKS = TerminalTheme((247, 247, 247), (0, 0, 0), _colours(_DULL), _colours(_BRIGHT))
+"""The sixteen colours on a light ground."""
+
+
+def by_background() -> str:
+    """Light where the terminal says so: `COLORFGBG` is `foreground;background`, of which 7 and 15
+    are white."""
+    return LIGHT if os.environ.get("COLORFGBG", "").rpartition(";")[2] in ("7", "15") else DARK
