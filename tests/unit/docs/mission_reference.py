@@ -47,10 +47,10 @@ def _sections(schema: Schema) -> Iterator[tuple[str, Schema]]:
             continue
         seen.add(name)
         inner = definitions[name]
-        if name != "Step":
-            steps = definitions["Step"]["properties"]
+        if name != "StepEntry":
+            steps = definitions["StepEntry"]["properties"]
             yield _heading(path, inner, is_step=path in steps), inner
-        waiting = list(_named(inner, "" if name == "Step" else path)) + waiting
+        waiting = list(_named(inner, "" if name == "StepEntry" else path)) + waiting
 
 
 def _named(schema: Schema, path: str = "") -> Iterator[tuple[str, str]]:

@@ -1,4 +1,4 @@
-"""The forecast of form steps agrees with closed forms, and each starts where the one before ended."""
+"""The forecast of form steps agrees with closed forms; each begins where the one before ended."""
 
 from __future__ import annotations
 
