@@ -12,13 +12,13 @@ from dataclasses import dataclass, field
 from swarm_ctl.core.agent.failsafes import FailsafeAction, FailsafeTrigger
 from swarm_ctl.core.agent.progress import Progress
 from swarm_ctl.core.agent.tick import Tick
+from swarm_ctl.core.control.altitude import climb_rate
 from swarm_ctl.core.control.controller import Controller
 from swarm_ctl.core.control.navigation import OwnFix
 from swarm_ctl.core.control.reference import Reference
 from swarm_ctl.core.model.messages import Event, Outcome, Phase, Severity
 from swarm_ctl.core.model.plan import FormStep, Plan, Point
 from swarm_ctl.core.model.vehicle import FlyGoal, VehicleView
-from swarm_ctl.core.safety import constraints
 from swarm_ctl.core.swarm.neighbourhood import Neighbourhood
 from swarm_ctl.core.swarm.slot_exchange import SlotExchange
 
@@ -136,7 +136,7 @@ class FlightContext:
         else:
             north, east = velocity
             missing_m = self.target_height_m - self.height(fix)
-            climb = constraints.climb_rate(missing_m, self.plan.limits)
+            climb = climb_rate(missing_m, self.plan.limits)
         self.setpoints.add(now)
         return FlyGoal((north, east, -climb))
 

@@ -18,8 +18,8 @@ from swarm_ctl.core.law import formation_law, mean_error_feedback, stop_point
 from swarm_ctl.core.model.messages import Gains, PairReport, SigmaReport
 from swarm_ctl.core.model.plan import Compensation, Plan, Point, Response
 from swarm_ctl.core.model.timeouts import lead_s
-from swarm_ctl.core.safety import constraints
 from swarm_ctl.core.safety.safety_filter import SafetyFilter
+from swarm_ctl.core.safety.wish import bent, shortened
 from swarm_ctl.core.swarm.snapshot import NO_FORMATION, Formation, PeerSnapshot
 
 _APPROACH_RATE = 1.0
@@ -95,19 +95,15 @@ class Controller:
             wish = self._around(consensus + complex(*extra_mps))
             return self._filtered(snapshot, wish + avoidance, formation)
         own = complex(*self.stop_point_m)
-        wish = consensus + self.safety_filter.swirled(snapshot, own, consensus, avoidance)
-        if not self._plan.safety.release:
-            return self._filtered(snapshot, wish, formation)
-        release = self.safety_filter.release
-        flown = self._filtered(snapshot, release.turn(wish, consensus), formation)
-        release.note(consensus, complex(*flown))
-        return flown
+        flown = self.safety_filter.velocity(snapshot, own, consensus, avoidance, formation)
+        self.send(flown)
+        return self.setpoint_mps
 
     def go_to(self, snapshot: PeerSnapshot, to_m: Point, speed_mps: float) -> Point:
         """Straight to a point, keeping apart; around an aircraft that stands in the way."""
         _, avoidance = self._terms(snapshot, NO_FORMATION)
         pull = self.gain * (complex(*to_m) - complex(*self.point_m))
-        wish = avoidance + self._around(constraints.shortened(pull, speed_mps))
+        wish = avoidance + self._around(shortened(pull, speed_mps))
         return self._filtered(snapshot, wish, NO_FORMATION)
 
     def keep_clear(self, snapshot: PeerSnapshot) -> Point:
@@ -175,11 +171,10 @@ class Controller:
             room_m = (float(pairs.distance[k]) - 0.5 * (law.r_in + law.r_out)) * unit
             at = complex(*self._others.points[0, column].tolist())
             away = complex(*self.point_m) / unit - at
-            wish = constraints.bent(wish, away, max(0.0, _APPROACH_RATE * room_m))
+            wish = bent(wish, away, max(0.0, _APPROACH_RATE * room_m))
         return wish
 
     def _filtered(self, snapshot: PeerSnapshot, wish: complex, formation: Formation) -> Point:
-        wish = constraints.limited(wish, self._plan.limits)
         own = complex(*self.stop_point_m)
         self.send(self.safety_filter.filtered(snapshot, own, wish, formation))
         return self.setpoint_mps

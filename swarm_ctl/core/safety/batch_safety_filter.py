@@ -9,16 +9,44 @@ together.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swarm_ctl.core.model.arrays import MANY, Bools, Complex, Floats, Indices, Ints
 from swarm_ctl.core.model.plan import LawParameters, Safety
-from swarm_ctl.core.model.timeouts import NEIGHBOUR_S, PREDICT_S, SILENT_FLIES_S
+from swarm_ctl.core.model.timeouts import NEIGHBOUR_S, PREDICT_S
 from swarm_ctl.core.safety import constraints
 from swarm_ctl.core.safety.constraints import Margins
 from swarm_ctl.core.safety.deadlock import SWIRL_OFF, DeadlockRelease, swirled
 from swarm_ctl.core.safety.velocity_qp import UNBOUND, relaxed_many
+
+T = TypeVar("T", bound=np.generic)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BatchHeard:
+    """What is known of other aircraft, of pairs (K,) or by receiver, sender and mission."""
+
+    setpoint: Complex
+    """The velocity it was told to fly."""
+    age_at_most_s: Floats
+    fresh: Bools
+    """The news is at most `FRESH_S` old."""
+    yields: Bools
+    """It does its half of keeping apart."""
+
+    def of_pairs(self, receiver: Indices, sender: Indices, mission: Indices) -> BatchHeard:
+        """What single pairs know, (K,)."""
+        every = np.zeros_like(receiver)  # where all receivers hear the same
+
+        def at(known: NDArray[T]) -> NDArray[T]:
+            return known[receiver if len(known) > 1 else every, sender, mission]
+
+        return BatchHeard(
+            at(self.setpoint), at(self.age_at_most_s), at(self.fresh), at(self.yields)
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,14 +54,9 @@ class BatchPeers:
     """What each receiver (n, or 1 where all hear the same) knows of each sender (n), by mission."""
 
     apart: Complex
-    """The receiver's stop point minus the sender's as told (n, n, m)."""
-    commanded: Complex
-    """As told, like all that follows (n or 1, n, m)."""
-    age_s: Floats
-    heard: Bools
-    """Its news is fresh."""
-    yields: Bools
-    """It does its half of keeping apart."""
+    """The receiver's stop point minus the sender's as it was told (n, n, m)."""
+    heard: BatchHeard
+    """(n or 1, n, m)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,14 +72,14 @@ class BatchLinks:
 
 
 class BatchSafetyFilter:
-    """Between the law's wish and the vehicles.
+    """Chooses the velocities that the agents fly.
 
     Args:
         safety: which parts are on.
         law: r_out, in the unit of `margins`.
         margins: lengths and speeds of the filter.
         tick_s: between two calls of `velocity`.
-        agents: ids (n, m), for the dice of the dead-lock release.
+        agents: ids (n, m); a lower row has a lower id.
     """
 
     def __init__(
@@ -84,45 +107,30 @@ class BatchSafetyFilter:
         itself = np.arange(len(distance))
         distance[itself, itself] = np.inf
         if not self._safety.release:
-            return self._keep(consensus + avoidance, peers, distance, links)
-        # an unheard agent close by does not swirl along: the avoidance stays as it is
-        unheard = (~peers.heard & (distance < self._swirl_off)).any(axis=1)
+            return self._filtered(consensus + avoidance, peers, distance, links)
+        # an agent close by that is not heard does not swirl along: the avoidance stays as it is
+        unheard = (~peers.heard.fresh & (distance < self._swirl_off)).any(axis=1)
         avoidance = np.where(unheard, avoidance, swirled(consensus, avoidance))
         wish = self.release.turn(consensus + avoidance, consensus)
-        flown = self._keep(wish, peers, distance, links)
+        flown = self._filtered(wish, peers, distance, links)
         self.release.note(consensus, flown)
         return flown
 
-    def _keep(
+    def _filtered(
         self, wish: Complex, peers: BatchPeers, distance: Floats, links: BatchLinks
     ) -> Complex:
         """The velocities nearest to the wishes that keep apart and, for the links, together."""
         margins, missions = self._margins, wish.shape[1]
-        speed = margins.speed
-        wish = wish * (speed / np.maximum(np.abs(wish), speed))
-        reach = margins.keep_out + margins.reach
-        lost = ~peers.heard
-        near = distance < np.where(
-            lost, reach + 3 * margins.growth + speed * (SILENT_FLIES_S + 1), reach + 0.5
-        )
+        wish = wish * (margins.speed / np.maximum(np.abs(wish), margins.speed))
+        i, j, mission = self._near(peers.heard, distance)
         # one plane for each near pair: agent i keeps out of j
-        i, j, mission = np.nonzero(near)
-        agent = i * missions + mission
-        apart, commanded, age_s = _of_pairs(peers, i, j, mission)
-        gone = np.broadcast_to(lost, distance.shape)[i, j, mission]
-        normal, bound, room = constraints.half_plane(
-            apart,
-            commanded,
-            np.where(gone, SILENT_FLIES_S, age_s),
-            margins.out(age_s, np.minimum),
-            np.where(gone, 1.0, 0.5),
-            speed,
-            np.minimum,
-            np.maximum,
+        agent, heard = i * missions + mission, peers.heard.of_pairs(i, j, mission)
+        normal, bound, room = constraints.keep_out_plane(
+            peers.apart[i, j, mission], i < j, heard, margins, MANY
         )
         least_room = np.full(wish.size, np.inf)
         np.minimum.at(least_room, agent, room)
-        cap = constraints.cap(least_room, margins, np.maximum, np.minimum)
+        cap = constraints.cap(least_room, margins, MANY)
         soft = np.zeros(len(agent), dtype=np.bool_)
         if self._safety.guard:
             # and one, soft, for each guarded link that is long
@@ -130,47 +138,51 @@ class BatchSafetyFilter:
             agent, normal = np.concatenate((agent, guarding)), np.concatenate((normal, normals))
             bound = np.concatenate((bound, bounds))
             soft = np.concatenate((soft, np.ones(len(guarding), dtype=np.bool_)))
-        flown, touched, yielded = _solved(wish.ravel(), agent, normal, bound, soft, cap)
-        self.touched, self.yielded = touched.reshape(wish.shape), yielded.reshape(wish.shape)
-        return flown.reshape(wish.shape)
+        flown, yielded = _solved(wish.ravel(), agent, normal, bound, soft, cap)
+        flown = flown.reshape(wish.shape)
+        self.touched = np.abs(flown - wish) > constraints.UNTOUCHED
+        self.yielded = yielded.reshape(wish.shape) & self.touched
+        return flown
+
+    def _near(self, heard: BatchHeard, distance: Floats) -> tuple[Indices, Indices, Indices]:
+        """(i, j, mission) of the pairs in which j may constrain i."""
+        margins = self._margins
+        # most pairs are far apart: a coarse look at all, an exact one at those that are left
+        oldest_s = heard.age_at_most_s.max(where=heard.fresh, initial=0.0)
+        half = margins.keep_out + margins.reach + (margins.speed + margins.growth) * oldest_s
+        far = max(half, margins.farthest)
+        coarse = np.where(heard.fresh & heard.yields, half + 1e-6, far + 1e-6)
+        i, j, mission = np.nonzero(distance < coarse)
+        pairs = heard.of_pairs(i, j, mission)
+        exact = constraints.constrains(pairs, distance[i, j, mission], margins, MANY)
+        return i[exact], j[exact], mission[exact]
 
     def _guards(
         self, peers: BatchPeers, distance: Floats, links: BatchLinks
     ) -> tuple[Indices, Complex, Floats]:
-        """(agent, normal, bound) of each link that is guarded and so long that it forbids
-        something."""
+        """(agent, normal, bound), (K,) each, of the guarded links that forbid something."""
+        margins = self._margins
         if links is not self._links:
             self._links = links
             gap = np.abs(links.slots[:, None] - links.told_slots)
-            self._guarded = links.links & constraints.guarded(gap, 0.0, self._margins)
-            self._tight = constraints.tight(gap, self._margins)
-        far = distance > constraints.guards_from(self._margins) - self._margins.speed * PREDICT_S
-        minded = self._guarded & far & (peers.age_s <= NEIGHBOUR_S)
+            self._guarded = links.links & constraints.fits(gap, margins)
+            self._tight = constraints.tight(gap, margins)
+        # a link that was told up to `PREDICT_S` ago may be so much longer by now
+        stretched = distance > margins.guards_from - margins.speed * PREDICT_S
+        minded = self._guarded & stretched & (peers.heard.age_at_most_s <= NEIGHBOUR_S)
         if self._safety.release:
             minded &= ~(self.release.releasing[:, None] & self._tight)
         i, j, mission = np.nonzero(minded)
-        apart, commanded, age_s = _of_pairs(peers, i, j, mission)
-        now = apart - commanded * np.minimum(age_s, PREDICT_S)
-        # links that are lost already are left alone
-        kept = np.flatnonzero(constraints.guarded(0.0, np.abs(now), self._margins))
-        normal, bound = constraints.guard_plane(
-            now[kept], commanded[kept], self._margins, np.minimum, np.maximum
-        )
-        return (i * distance.shape[-1] + mission)[kept], normal, bound
-
-
-def _of_pairs(
-    peers: BatchPeers, i: Indices, j: Indices, mission: Indices
-) -> tuple[Complex, Complex, Floats]:
-    """(apart, commanded, age_s) of single pairs, (K,) each."""
-    receiver = i if peers.commanded.shape[0] > 1 else np.zeros_like(i)
-    age_s = peers.age_s[i if peers.age_s.shape[0] > 1 else np.zeros_like(i), j, mission]
-    return peers.apart[i, j, mission], peers.commanded[receiver, j, mission], age_s
+        heard = peers.heard.of_pairs(i, j, mission)
+        now = constraints.carried(peers.apart[i, j, mission], heard, MANY)
+        normal, bound = constraints.guard_plane(now, heard.setpoint, margins, MANY)
+        binds = constraints.kept(np.abs(now), margins) & (bound > -margins.speed)
+        return (i * distance.shape[-1] + mission)[binds], normal[binds], bound[binds]
 
 
 def _solved(
     wish: Complex, agent: Indices, normal: Complex, bound: Floats, soft: Bools, cap: Floats
-) -> tuple[Complex, Bools, Bools]:
+) -> tuple[Complex, Bools]:
     """The quadratic program of each agent that has something to obey.
 
     Args:
@@ -178,16 +190,16 @@ def _solved(
         agent: whose plane this is (K,), as are normal, bound and soft.
 
     Returns:
-        the velocities, which of them differ, and where hard planes gave way, (A,) each.
+        the velocities, and where hard planes gave way, (A,) each.
     """
     # most agents wish for something that is allowed: only the others are solved
     violated = (normal.real * wish.real[agent] + normal.imag * wish.imag[agent]) < bound - 1e-9
     busy = np.zeros(len(wish), dtype=np.bool_)
     busy[agent[violated]] = True
-    busy |= np.abs(wish) > cap + 1e-9
+    busy |= np.abs(wish) > cap * (1.0 + 1e-12)
     flown, yielded = wish.copy(), np.zeros(len(wish), dtype=np.bool_)
     if not busy.any():
-        return flown, busy, yielded
+        return flown, yielded
     # their planes, sorted by agent, and the place of each in its agent's list
     chosen = np.flatnonzero(busy[agent])
     chosen = chosen[np.argsort(agent[chosen], kind="stable")]
@@ -206,4 +218,4 @@ def _solved(
     v, slack = relaxed_many(wishes, normals, bounds, is_soft, cap[solved])
     flown[solved] = v[0] + 1j * v[1]
     yielded[solved] = slack > 0
-    return flown, busy, yielded
+    return flown, yielded

@@ -1,53 +1,34 @@
-"""The last word between the law and the vehicle: no velocity reaches a vehicle without passing
-here.
+"""The constraints between the law's wish and a vehicle, as half-planes of velocities.
 
-**What is done.** Everything is judged on stop points (`core/law/stop_point.py`), where a vehicle
-with dead time and lag is the single integrator `ds/dt = v_cmd`. For each other j that may be near,
-with `q` from the nearest place it may have got to, and `x = |q|`:
+For each other aircraft j that may be near, `q` points to the own stop point from the nearest place
+that j's may have reached, and `x = |q|`:
 
-    q/x . v >= min(0.5 v_max, -rate * share * (x - D_j))           keep-out: a half-plane of
-    velocities (`half_plane`)
-    |v| <= slow + (v_max - slow) * (x - D_j) / zone, where x < D_j + zone           caution: a speed limit (`cap`)
-    -q/x . v >= min(0.45 v_max, -0.5 rate_g * (0.98 r - x) + what j does not do of its half)
-                                                                   guard, for links that the shape
-                                                                   keeps: soft
+    q/x . v >= min(0.5 v_max, -RATE share (x - D_j))               keep-out: `keep_out_plane`
+    |v| <= slow + (v_max - slow) (x - D_j) / zone                  caution near D: `cap`
+    -q/x . v >= min(0.45 v_max, -0.5 (0.98 r - x) + undone)        guard of a link: `guard_plane`
 
-and the velocity nearest to the wish that satisfies all of them is flown
-(`core/safety/velocity_qp.py`). Where they exclude each other the guard gives way first, then all
-keep-outs by the same least slack: none is dropped. `share` is 0.5 where the other does its half, 1
-where it does not (lost, landing, landed, a stranger).
+`core/safety/velocity_qp.py` finds the velocity nearest to the wish that satisfies them all. What is
+proven, under which assumptions, and what is only measured: `docs/pages/safety.md`.
 
-**What is proven**, for vehicles that answer exactly as modelled, linearly, with fresh news:
-1. `|s_ij| >= D` is invariant: each pair's two half-planes add up to `dx/dt >= -rate (x - D)`, which
-   with `rate * tick <= 1` cannot pass zero; v = 0 is allowed from there, so the program always has
-   an answer.
-2. A position is a positive-weight average of past stop points, so `|s_ij| <= R` always keeps
-   `|p_ij| <= R` (the guard); and where no two velocities differ by more than W, `|p_ij| >= D F(W
-   tau / D)`, `F(m) = int_0^inf e^-u f(m u) du`, `f(a) = cos a` up to pi/2, then `pi/2 - a`.
-   `Margins.of` chooses `slow` so that this is over `r_in`.
-3. With news of age A the distance stays over D as long as `rate * A <= 1/e` (a delay equation),
-   radially.
-**What is only measured**: acceleration limits, vehicles unlike the model, later and lost news,
-direction errors of old news, everything about silent vehicles. `swarm-ctl study` measures it.
-
-Written once for one agent and for arrays: a horizontal vector is the complex number north + 1j *
-east. Any unit of length will do, if it is the same everywhere.
+Each formula serves one agent (`ONE`) and arrays of agents (`MANY`). A horizontal vector is the
+complex number north + 1j * east, in any one unit of length.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
-from swarm_ctl.core.model.plan import LawParameters, Limits, Response
+from swarm_ctl.core.model.arrays import ONE, Arithmetic
+from swarm_ctl.core.model.plan import LawParameters, Response
+from swarm_ctl.core.model.timeouts import PREDICT_S, SILENT_FLIES_S
 
 RATE: Final = 3.0
-"""[1/s] of the room that is left. 2 touches the paper's own regime, 4 covers less age of news (1 /
-(e rate))."""
+"""[1/s] of the room that is left. 2 changes velocities in the paper's own regime; 4 bears only
+younger news (1 / (e rate))."""
 _KEEP_OUT: Final = 0.35
-"""D lies so far from r_in to r_out: room for what the stop point does not know. At 0.3 simulated
+"""D lies so far from r_in to r_out: room for what the stop point does not know. At 0.3, simulated
 ArduCopters that crossed came within 0.57 units (r_in 0.5); at 0.4, 90 of 96 such missions had not
 formed after 40 s."""
 _GROWTH: Final = 0.1
@@ -61,23 +42,44 @@ _LAG_ERROR: Final = 1.2
 _SPARE: Final = 1.15
 """By this much the proven bound of two cautious vehicles lies over r_in."""
 _ESCAPE: Final = 0.5
-"""Of the top speed: what is asked for at most where two are under D."""
+"""Of the top speed: the most that a keep-out asks for where two are under D."""
 _GUARD_RATE: Final = 1.0
 """[1/s]: holds with news up to 1 / (e rate) = 0.37 s old."""
 _GUARD_AT: Final = 0.98
+"""In r: where the guard ends a link's growth."""
 _GUARD_SLOTS: Final = 0.985
 _GUARD_TO: Final = 1.2
-"""In r: where the guard ends a link's growth; links whose slots are farther apart, or that are
-longer, it leaves."""
+"""In r: the guard leaves links alone whose slots are farther apart, or that are longer already."""
 _GUARD_TIGHT: Final = 0.9
-"""In r: links that the shape itself stretches so far leave no room to go round anybody. Who is
-stuck lets go of them: two columns of twenty that face each other, 2.1 units from row to row, stood
-for ever."""
+"""In r: links that the shape stretches so far leave no room to go round another agent. A
+dead-locked agent drops these link constraints; otherwise two facing columns of twenty, 2.1 units
+from row to row, never part."""
 _GUARD_PULL: Final = 0.45
-"""Of the top speed: what a link that is too long asks for at most. Less than `_ESCAPE`: apart comes
-before together."""
+"""Of the top speed: the most that the guard of a link that is too long asks for. Less than
+`_ESCAPE`: keeping apart comes before keeping together."""
+UNTOUCHED: Final = 1e-6
+"""A velocity this close to the wish counts as unchanged."""
+_ONE_SPOT: Final = 1e-9
 
-Most = Callable[[Any, Any], Any]
+
+class Heard(Protocol):
+    """What is known of another aircraft; its fields are numbers or arrays."""
+
+    @property
+    def setpoint(self) -> Any:
+        """The velocity it was told to fly."""
+
+    @property
+    def age_at_most_s(self) -> Any:
+        """Of that news."""
+
+    @property
+    def fresh(self) -> Any:
+        """The news is at most `FRESH_S` old."""
+
+    @property
+    def yields(self) -> Any:
+        """It does its half of keeping apart."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,98 +91,130 @@ class Margins:
     growth: float
     """Of D, per second of age."""
     zone: float
+    """Caution begins so far outside D."""
     slow: float
     """Speed allowed to two that are at D."""
     speed: float
+    """The top speed."""
     r: float
+    """Interaction range."""
 
     @classmethod
     def of(cls, law: LawParameters, response: Response, speed: float, unit: float = 1.0) -> Margins:
-        """For vehicles with this response. `speed` and the result count in a length that a law's
-        unit is `unit` of."""
+        """For vehicles with this response.
+
+        Args:
+            law: r, r_in and r_out in the law's units.
+            response: of the vehicles.
+            speed: the limit.
+            unit: length of a law's unit; `speed` and the result count in the same length.
+        """
         span = (law.r_out - law.r_in) * unit
         keep_out = law.r_in * unit + _KEEP_OUT * span
-        slow = (
-            0.5
-            * _widest(_SPARE * law.r_in * unit / keep_out)
-            * keep_out
-            / (_LAG_ERROR * response.lag_s)
+        # W of the proven bound D F(W tau / D) = _SPARE r_in, half of it for each of two vehicles
+        widest = (
+            _widest(_SPARE * law.r_in * unit / keep_out) * keep_out / (_LAG_ERROR * response.lag_s)
         )
-        return cls(keep_out, _GROWTH * span, _ZONE * span, min(slow, speed), speed, law.r * unit)
-
-    def out(self, age_s: Any, least: Most = min) -> Any:
-        """D for news of this age."""
-        return self.keep_out + self.growth * least(age_s, _GROWS_S)
+        slow = min(0.5 * widest, speed)
+        return cls(keep_out, _GROWTH * span, _ZONE * span, slow, speed, law.r * unit)
 
     @property
     def reach(self) -> float:
-        """Beyond D plus this nobody forbids anything to an agent whose other does its half."""
+        """Beyond D plus this, an aircraft that does its half constrains nothing."""
         return max(self.zone, self.speed / (0.5 * RATE))
 
+    @property
+    def farthest(self) -> float:
+        """An aircraft whose told stop point is farther away constrains nothing: a silent vehicle
+        may have flown on with its last setpoint."""
+        return self.keep_out + self.reach + _GROWS_S * self.growth + self.speed * SILENT_FLIES_S
 
-def half_plane(
-    apart: Any,
-    commanded: Any,
-    reach_s: Any,
-    keep_out: Any,
-    share: Any,
-    speed: float,
-    least: Most = min,
-    most: Most = max,
+    @property
+    def guards_from(self) -> float:
+        """Under this length a link's guard forbids nothing that the speed limit allows."""
+        return _GUARD_AT * self.r - 2.0 * self.speed / _GUARD_RATE
+
+
+def _flown_s(other: Heard, of: Arithmetic) -> Any:
+    """For so long it may have flown on with its setpoint."""
+    return of.where(other.fresh, other.age_at_most_s, SILENT_FLIES_S)
+
+
+def constrains(other: Heard, distance: Any, margins: Margins, of: Arithmetic = ONE) -> Any:
+    """An aircraft at this distance, as it was told, may constrain a velocity."""
+    grows_s = of.where(other.fresh & other.yields, other.age_at_most_s, _GROWS_S)
+    flown = abs(other.setpoint) * _flown_s(other, of)
+    return distance < margins.keep_out + margins.reach + flown + margins.growth * grows_s
+
+
+def keep_out_plane(
+    apart: Any, lower: Any, other: Heard, margins: Margins, of: Arithmetic = ONE
 ) -> tuple[Any, Any, Any]:
-    """(normal, bound, x - keep_out) of the keep-out plane against one other.
+    """(normal, bound, room) of the keep-out against one other aircraft; room is x - D.
 
     Args:
         apart: own stop point minus the other's, as it was told.
-        commanded: what the other told to command; it may have flown on with it for up to `reach_s`.
-        keep_out: D.
-        share: of the burden.
-        speed: the limit.
-        least: `np.minimum` for arrays.
-        most: `np.maximum` for arrays.
+        lower: the own id is lower: decides which way two on one spot part.
+        other: it may have flown on with its setpoint until now.
+        margins: lengths and speeds.
+        of: `MANY` for arrays.
     """
-    along = (apart * commanded.conjugate()).real / most(abs(commanded) ** 2, 1e-12)
-    q = apart - commanded * most(0.0, least(along, reach_s))
+    north = of.where(lower, _ONE_SPOT, -_ONE_SPOT)
+    apart = of.where(abs(apart) > _ONE_SPOT, apart, north + 0j)
+    # the nearest place on the way that it may have flown
+    setpoint = other.setpoint
+    along = (apart * setpoint.conjugate()).real / of.most(abs(setpoint) ** 2, 1e-12)
+    q = apart - setpoint * of.most(0.0, of.least(along, _flown_s(other, of)))
     x = abs(q)
-    room = x - keep_out
-    return q / most(x, 1e-12), least(_ESCAPE * speed, -RATE * share * room), room
+    room = x - (margins.keep_out + margins.growth * of.least(other.age_at_most_s, _GROWS_S))
+    share = of.where(other.yields, 0.5, 1.0)
+    return q / of.most(x, 1e-12), of.least(_ESCAPE * margins.speed, -RATE * share * room), room
 
 
-def cap(room: Any, margins: Margins, most: Most = max, least: Most = min) -> Any:
+def cap(room: Any, margins: Margins, of: Arithmetic = ONE) -> Any:
     """Speed allowed with this much room to the nearest keep-out."""
-    return margins.slow + (margins.speed - margins.slow) * least(
-        1.0, most(0.0, room) / margins.zone
-    )
+    share = of.least(1.0, of.most(0.0, room) / margins.zone)
+    return margins.slow + (margins.speed - margins.slow) * share
+
+
+def carried(apart: Any, other: Heard, of: Arithmetic = ONE) -> Any:
+    """`apart`, with the other carried on by its setpoint to now."""
+    return apart - other.setpoint * of.least(other.age_at_most_s, PREDICT_S)
 
 
 def guard_plane(
-    apart: Any, commanded: Any, margins: Margins, least: Most = min, most: Most = max
+    apart: Any, setpoint: Any, margins: Margins, of: Arithmetic = ONE
 ) -> tuple[Any, Any]:
-    """(normal, bound) of the plane that keeps a link's stop points within r; `apart`, `commanded`
-    as in `half_plane`.
+    """(normal, bound) of the guard that keeps a link's stop points within r.
 
-    What the other one cannot do of its half (it is pushed away by somebody), this one does as well.
+    What the other end does not do of its half (another aircraft pushes it away), this one does as
+    well.
+
+    Args:
+        apart: own stop point minus the other's, now.
+        setpoint: of the other.
+        margins: lengths and speeds.
+        of: `MANY` for arrays.
     """
     x = abs(apart)
-    away = apart / most(x, 1e-12)
+    away = apart / of.most(x, 1e-12)
     half = -0.5 * _GUARD_RATE * (_GUARD_AT * margins.r - x)
-    undone = most(0.0, half - (away * commanded.conjugate()).real)
-    return -away, least(_GUARD_PULL * margins.speed, half + undone)
+    undone = of.most(0.0, half - (away * setpoint.conjugate()).real)
+    return -away, of.least(_GUARD_PULL * margins.speed, half + undone)
 
 
-def guards_from(margins: Margins) -> float:
-    """Under this length a link's guard forbids nothing that the speed limit allows."""
-    return _GUARD_AT * margins.r - 2.0 * margins.speed / _GUARD_RATE
+def fits(slots_apart: Any, margins: Margins) -> Any:
+    """A link whose slots are so far apart may be guarded."""
+    return slots_apart <= _GUARD_SLOTS * margins.r
 
 
-def guarded(slots_apart: Any, apart: Any, margins: Margins) -> Any:
-    """The guard minds this link: its slots fit in r, and it is not lost already (distances, or
-    arrays of them)."""
-    return (slots_apart <= _GUARD_SLOTS * margins.r) & (apart <= _GUARD_TO * margins.r)
+def kept(length: Any, margins: Margins) -> Any:
+    """A link of this length is not lost yet."""
+    return length <= _GUARD_TO * margins.r
 
 
 def tight(slots_apart: Any, margins: Margins) -> Any:
-    """An agent that goes sideways to get out of a dead-lock does not mind this link."""
+    """A dead-locked agent that goes sideways drops the constraint of this link."""
     return slots_apart > _GUARD_TIGHT * margins.r
 
 
@@ -194,50 +228,9 @@ def _widest(ratio: float) -> float:
 
 
 def _average(m: float) -> float:
-    """F(m) in closed form: int e^-u f(m u) du with f(a) = cos a up to pi/2, then pi/2 - a."""
+    """F(m) = int_0^inf e^-u f(m u) du with f(a) = cos a up to pi/2, then pi/2 - a, in closed
+    form."""
     if m < 1e-9:
         return 1.0
     tail = math.exp(-0.5 * math.pi / m)
     return (1.0 + m * tail) / (1.0 + m * m) - m * tail
-
-
-# --- shaping a wish before it is judged ---
-
-
-def limited(wish: complex, limits: Limits) -> complex:
-    """Scaled to the speed limit. What is not finite becomes zero: stopping is the one answer right
-    for every cause."""
-    finite = math.isfinite(math.hypot(wish.real, wish.imag))  # abs() of huge ones raises
-    return shortened(wish, limits.speed_mps) if finite else 0j
-
-
-def shortened(vector: complex, most: float) -> complex:
-    """The vector, not longer than `most`."""
-    length = abs(vector)
-    return vector if length <= most else vector / length * most
-
-
-def bent(wish: complex, away: complex, closing_mps: float) -> complex:
-    """The wish, not closing in faster than `closing_mps` on somebody who stays; what is too much
-    goes past it.
-
-    `away` points from the other to us. Everybody turns to the same side, so nobody is stuck
-    head-on.
-    """
-    size = abs(away)
-    if size < 1e-9:
-        return wish
-    away /= size
-    excess = -(wish * away.conjugate()).real - closing_mps
-    return wish + excess * away * (1 - 1j) if excess > 0.0 else wish
-
-
-def climb_rate(height_error_m: float, limits: Limits) -> float:
-    """The slow altitude loop: climb rate [m/s, up] for a height error [m, positive: too low]."""
-    if not math.isfinite(height_error_m):
-        return 0.0
-    return max(-limits.descent_mps, min(limits.climb_mps, _ALTITUDE_GAIN * height_error_m))
-
-
-_ALTITUDE_GAIN = 0.5
-"""[1/s]: well under 1 / (dead time + lag) of any multirotor, so the loop cannot ring."""

@@ -12,15 +12,13 @@ from dataclasses import dataclass
 
 from swarm_ctl.core.model.messages import SafetyReport
 from swarm_ctl.core.model.plan import Plan, Point, Response
-from swarm_ctl.core.model.timeouts import NEIGHBOUR_S, PREDICT_S, SILENT_FLIES_S
+from swarm_ctl.core.model.timeouts import NEIGHBOUR_S
 from swarm_ctl.core.safety import constraints
 from swarm_ctl.core.safety.constraints import Margins
 from swarm_ctl.core.safety.deadlock import SWIRL_OFF, DeadlockRelease, swirled
 from swarm_ctl.core.safety.velocity_qp import Plane, relaxed
+from swarm_ctl.core.safety.wish import limited
 from swarm_ctl.core.swarm.snapshot import Formation, OtherAircraft, PeerSnapshot
-
-_UNTOUCHED_MPS = 1e-6
-"""A velocity this close to the wish counts as unchanged."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,18 +42,12 @@ class SafetyFilter:
     def __init__(self, plan: Plan, own_id: int, vehicle: Response) -> None:
         self._plan = plan
         self._own = own_id
-        unit = plan.unit_m
-        self._margins = Margins.of(plan.law, vehicle, plan.limits.speed_mps, unit)
-        self._near_m = self._margins.keep_out + self._margins.reach
-        # a silent vehicle may have flown on with its last setpoint
-        farthest = self._near_m + 3.0 * self._margins.growth + self._margins.speed * SILENT_FLIES_S
-        self._swirl_off_m = (plan.law.r_out + SWIRL_OFF) * unit
-        self._reach_m = max(farthest, self._swirl_off_m)
+        self._margins = Margins.of(plan.law, vehicle, plan.limits.speed_mps, plan.unit_m)
+        self._swirl_off_m = (plan.law.r_out + SWIRL_OFF) * plan.unit_m
+        self._reach_m = max(self._margins.farthest, self._swirl_off_m)
         """An aircraft farther away constrains nothing."""
         # a link that was told up to `NEIGHBOUR_S` ago may be so much longer by now
-        self._stretched_m = (
-            constraints.guards_from(self._margins) - self._margins.speed * NEIGHBOUR_S
-        )
+        self._stretched_m = self._margins.guards_from - self._margins.speed * NEIGHBOUR_S
         self._looked: tuple[PeerSnapshot | None, list[OtherAircraft]] = (None, [])
         self.release = DeadlockRelease(own_id, plan.limits.speed_mps, plan.tick_s)
         self._links = _GuardedLinks()
@@ -67,12 +59,29 @@ class SafetyFilter:
         seen, self._from = tuple(sorted(self._from)), set()
         return SafetyReport(self._ticks, self._touched, self._yielded, self.release.fails, seen)
 
-    def swirled(
+    def velocity(
+        self,
+        snapshot: PeerSnapshot,
+        own: complex,
+        consensus: complex,
+        avoidance: complex,
+        formation: Formation,
+    ) -> complex:
+        """What is flown for the law's two terms; `own` is the own stop point."""
+        if not self._plan.safety.release:
+            return self.filtered(snapshot, own, consensus + avoidance, formation)
+        wish = consensus + self._swirled(snapshot, own, consensus, avoidance)
+        wish = self.release.turn(wish, consensus)
+        flown = self.filtered(snapshot, own, wish, formation)
+        self.release.note(consensus, flown)
+        return flown
+
+    def _swirled(
         self, snapshot: PeerSnapshot, own: complex, consensus: complex, avoidance: complex
     ) -> complex:
         """The avoidance with its swirl (`core/safety/deadlock.py`); without it near an aircraft
         that is not heard, because that one does not turn."""
-        if not self._plan.safety.release or not avoidance or not consensus:
+        if not avoidance or not consensus:
             return avoidance
         for other in self._near(snapshot, own):
             if not other.fresh and abs(own - other.stop_point) < self._swirl_off_m:
@@ -82,19 +91,20 @@ class SafetyFilter:
     def filtered(
         self, snapshot: PeerSnapshot, own: complex, wish: complex, formation: Formation
     ) -> complex:
-        """The velocity nearest to the wish that keeps apart from all aircraft and, for the
-        formation's links, together.
+        """The velocity nearest to the wish, within the speed limit, that keeps apart from all
+        aircraft and, for the formation's links, together.
 
         Peers of the same formation move with it, so between those only the difference from its
         common velocity counts. `own` is the own stop point.
         """
+        wish = limited(wish, self._margins.speed)
         if not self._plan.safety.filter:
             return wish
         self._ticks += 1
         near = [
             (other, apart)
             for other in self._near(snapshot, own)
-            if self._reaches(other, abs(apart := own - other.stop_point))
+            if constraints.constrains(other, abs(apart := own - other.stop_point), self._margins)
         ]
         moving = formation.velocity
         keep_outs = self._keep_outs(near, formation.key, moving)
@@ -106,7 +116,7 @@ class SafetyFilter:
             return wish
         cap = min(constraints.cap(keep_outs.least_room_m, self._margins), self._margins.speed)
         flown = self._nearest(wish - moving, keep_outs, soft, cap) + moving
-        return constraints.limited(flown, self._plan.limits) if moving else flown
+        return limited(flown, self._margins.speed) if moving else flown
 
     def _keep_outs(
         self,
@@ -119,13 +129,8 @@ class SafetyFilter:
         planes: list[Plane] = []
         least_room, stranger_near = math.inf, False
         for other, apart in near:
-            normal, bound, room = constraints.half_plane(
-                _distinct(apart, self._own < other.id),
-                other.setpoint,
-                other.age_at_most_s if other.fresh else SILENT_FLIES_S,
-                margins.out(other.age_at_most_s),
-                0.5 if other.yields else 1.0,
-                margins.speed,
+            normal, bound, room = constraints.keep_out_plane(
+                apart, self._own < other.id, other, margins
             )
             if moving and other.formation != key:
                 bound -= (normal.conjugate() * moving).real
@@ -151,9 +156,8 @@ class SafetyFilter:
             along = not moving or other.formation == formation.key
             if other.age_at_most_s > NEIGHBOUR_S or not along:
                 continue
-            # carried on with its setpoint to now
-            apart = own - other.stop_point - other.setpoint * min(other.age_at_most_s, PREDICT_S)
-            if constraints.guarded(0.0, abs(apart), self._margins):
+            apart = constraints.carried(own - other.stop_point, other)
+            if constraints.kept(abs(apart), self._margins):
                 normal, bound = constraints.guard_plane(
                     apart, other.setpoint - moving, self._margins
                 )
@@ -167,7 +171,7 @@ class SafetyFilter:
         hard = keep_outs.planes
         (north, east), slack = relaxed((wish.real, wish.imag), hard, soft, cap)
         flown = complex(north, east)
-        if abs(flown - wish) > _UNTOUCHED_MPS:
+        if abs(flown - wish) > constraints.UNTOUCHED:
             self._touched += 1
             self._yielded += slack > 0.0
             self._from.update(
@@ -182,17 +186,6 @@ class SafetyFilter:
         if self._looked[0] is not snapshot:
             self._looked = (snapshot, snapshot.near(own, self._reach_m))
         return self._looked[1]
-
-    def _reaches(self, other: OtherAircraft, distance: float) -> bool:
-        """It may constrain: with what it may have flown since it was heard, and all of the burden
-        on us."""
-        age_s = other.age_at_most_s
-        if other.fresh and other.yields:
-            return (
-                distance < self._near_m + abs(other.setpoint) * age_s + self._margins.growth * age_s
-            )
-        flown = abs(other.setpoint) * max(age_s if other.fresh else SILENT_FLIES_S, 0.0)
-        return distance < self._near_m + flown + 3.0 * self._margins.growth
 
 
 class _GuardedLinks:
@@ -216,13 +209,6 @@ class _GuardedLinks:
             own, gaps = slots.get(own_id), {}
             if own is not None:
                 gaps = {i: math.dist(own, slots[i]) * unit_m for i in neighbours if i in slots}
-            self._all = frozenset(
-                i for i, gap in gaps.items() if constraints.guarded(gap, 0.0, margins)
-            )
+            self._all = frozenset(i for i, gap in gaps.items() if constraints.fits(gap, margins))
             self._loose = frozenset(i for i in self._all if not constraints.tight(gaps[i], margins))
         return self._loose if releasing else self._all
-
-
-def _distinct(apart: complex, first: bool) -> complex:
-    """Two aircraft on one spot part along north, the lower id northwards."""
-    return apart if abs(apart) > 1e-9 else complex(1e-9 if first else -1e-9, 0.0)

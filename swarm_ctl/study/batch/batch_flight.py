@@ -22,7 +22,12 @@ from swarm_ctl.core.model.arrays import (
 )
 from swarm_ctl.core.model.plan import Compensation, Safety
 from swarm_ctl.core.model.timeouts import FRESH_S, NEIGHBOUR_S, SETPOINT_TIMEOUT_S
-from swarm_ctl.core.safety.batch_safety_filter import BatchLinks, BatchPeers, BatchSafetyFilter
+from swarm_ctl.core.safety.batch_safety_filter import (
+    BatchHeard,
+    BatchLinks,
+    BatchPeers,
+    BatchSafetyFilter,
+)
 from swarm_ctl.core.safety.constraints import Margins
 from swarm_ctl.study.batch.batch import Batch, connected
 from swarm_ctl.study.batch.batch_slot_exchange import BatchSlotExchange
@@ -208,7 +213,7 @@ class _BatchFlight:
         avoidance = complex_of(terms.avoidance) * self._kappa
         peers = _peers_of(points, heard)
         if self._cell.has("align"):
-            consensus = consensus + self._aligned(points, at, peers.heard)
+            consensus = consensus + self._aligned(points, at, peers.heard.fresh)
         if self._links is None:
             told = complex_of(self._told_slots)
             self._links = BatchLinks(self._law.links, complex_of(self._slots), told)
@@ -347,6 +352,5 @@ _BY_MISSION: Final = (
 def _peers_of(points: Floats, heard: Heard) -> BatchPeers:
     told = complex_of(heard.points)
     fresh = heard.age_s <= FRESH_S
-    return BatchPeers(
-        complex_of(points)[:, None] - told, complex_of(heard.velocity), heard.age_s, fresh, fresh
-    )
+    known = BatchHeard(complex_of(heard.velocity), heard.age_s, fresh, fresh)
+    return BatchPeers(complex_of(points)[:, None] - told, known)

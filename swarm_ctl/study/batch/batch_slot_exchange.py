@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from swarm_ctl.core.model.arrays import Bools, Floats, Ints, keep_missions
-from swarm_ctl.core.model.timeouts import FRESH_S
+from swarm_ctl.core.model.timeouts import FRESH_S, PREDICT_S
 from swarm_ctl.core.swarm.exchange_protocol import EVERY_S, ExchangeProtocol, ExchangeStates
 from swarm_ctl.study.batch.batch import Batch
 from swarm_ctl.study.batch.lossy_channel import Heard
@@ -56,7 +56,7 @@ class BatchSlotExchange:
         age_s = np.broadcast_to(heard.age_s, wide)
         fresh = (age_s <= FRESH_S) & ~np.eye(n, dtype=np.bool_)[..., None]
         before = self._said()
-        at = np.broadcast_to(heard.carried(heard.lead_s), (2, *wide))
+        at = np.broadcast_to(heard.carried(PREDICT_S), (2, *wide))
         self._exchange.step(tick * self._tick_s, points, at, told, age_s, fresh)
         # a silent agent decides nothing
         for old, name in zip(before, _FIELDS, strict=True):

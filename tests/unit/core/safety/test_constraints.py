@@ -1,4 +1,4 @@
-"""No velocity leaves the safety layer above the limits, whatever goes in."""
+"""The filter's half-planes: what is proven of them, and that one agent and many get the same."""
 
 from __future__ import annotations
 
@@ -10,45 +10,12 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from swarm_ctl.core.model.arrays import MANY
-from swarm_ctl.core.model.plan import LawParameters, Limits, Response
-from swarm_ctl.core.safety.constraints import Margins, cap, climb_rate, half_plane, limited
+from swarm_ctl.core.model.plan import LawParameters, Response
+from swarm_ctl.core.safety.batch_safety_filter import BatchHeard
+from swarm_ctl.core.safety.constraints import Margins, cap, keep_out_plane
 from swarm_ctl.core.safety.deadlock import DeadlockRelease, swirled
 from swarm_ctl.core.safety.velocity_qp import Plane, relaxed
-
-LIMITS = Limits(speed_mps=5.0, climb_mps=1.0, descent_mps=0.5)
-ANY = st.floats(allow_nan=True, allow_infinity=True)
-
-
-@given(ANY, ANY)
-def test_speed_never_above_the_limit(north: float, east: float) -> None:
-    """Infinities and NaN included; those become zero."""
-    out = limited(complex(north, east), LIMITS)
-    assert abs(out) <= LIMITS.speed_mps * (1 + 1e-12)
-    if not math.isfinite(math.hypot(north, east)):
-        assert out == 0
-
-
-@given(st.floats(-100, 100), st.floats(-100, 100))
-def test_direction_is_kept(north: float, east: float) -> None:
-    out = limited(complex(north, east), LIMITS)
-    assert out.real * east == pytest.approx(out.imag * north, abs=1e-6)
-    assert out.real * north >= 0
-
-
-def test_slow_velocities_pass_unchanged() -> None:
-    assert limited(3.0 - 1.0j, LIMITS) == 3.0 - 1.0j
-
-
-@given(ANY)
-def test_climb_rate_within_limits(error: float) -> None:
-    assert -LIMITS.descent_mps <= climb_rate(error, LIMITS) <= LIMITS.climb_mps
-
-
-def test_too_low_climbs() -> None:
-    assert climb_rate(0.5, LIMITS) > 0 > climb_rate(-0.5, LIMITS)
-
-
-# --- the filter ---
+from swarm_ctl.core.swarm.snapshot import OtherAircraft
 
 LAW, SPEED = LawParameters(), 1.0
 MARGINS = Margins.of(LAW, Response(), SPEED)
@@ -62,6 +29,11 @@ def test_the_proven_bound_lies_over_r_in() -> None:
     f = np.where(m * u < np.pi / 2, np.cos(np.minimum(m * u, np.pi)), np.pi / 2 - m * u)
     bound = MARGINS.keep_out * float(np.sum(np.exp(-u) * f) * (u[1] - u[0]))
     assert bound == pytest.approx(1.15 * LAW.r_in, rel=1e-3)
+
+
+def heard(setpoint: complex = 0j, age_s: float = 0.0, *, yields: bool = True) -> OtherAircraft:
+    """Another aircraft whose news is fresh."""
+    return OtherAircraft(2, setpoint=setpoint, age_at_most_s=age_s, fresh=True, yields=yields)
 
 
 def test_margins_are_the_same_in_any_unit() -> None:
@@ -88,7 +60,7 @@ def test_integrators_that_start_apart_stay_apart_whatever_they_wish(
         for i, a in enumerate(s):
             for j, b in enumerate(s):
                 if i != j:
-                    n, bound, room = half_plane(a - b, 0j, 0.0, MARGINS.keep_out, 0.5, SPEED)
+                    n, bound, room = keep_out_plane(a - b, i < j, heard(), MARGINS)
                     planes[i].append((n.real, n.imag, bound))
                     rooms[i] = min(rooms[i], room)
         for i, wish in enumerate(wishes[: len(s)]):
@@ -100,34 +72,42 @@ def test_integrators_that_start_apart_stay_apart_whatever_they_wish(
 
 @given(points, points, st.floats(0, 1), st.floats(0, 3))
 def test_keep_out_counts_from_the_nearest_place_the_other_may_be_at(
-    apart: tuple[float, float], commanded: tuple[float, float], share: float, reach_s: float
+    apart: tuple[float, float], setpoint: tuple[float, float], share: float, age_s: float
 ) -> None:
-    """No place on the way the other may have flown is nearer than the one the plane is drawn
-    from."""
-    own, flies = complex(*apart), complex(*commanded)
-    _, _, room = half_plane(own, flies, reach_s, MARGINS.keep_out, 1.0, SPEED)
-    assert room <= abs(own - share * reach_s * flies) - MARGINS.keep_out + 1e-9
+    """No place on the way that the other may have flown is nearer than the one that counts."""
+    own, flies = complex(*apart), complex(*setpoint)
+    assume(abs(own) > 1e-6)
+    _, _, room = keep_out_plane(own, True, heard(flies, age_s), MARGINS)
+    keep_out = MARGINS.keep_out + MARGINS.growth * age_s
+    assert room <= abs(own - share * age_s * flies) - keep_out + 1e-9
+
+
+def test_two_on_one_spot_part_along_north() -> None:
+    """The lower id northwards."""
+    for lower in (True, False):
+        normal, bound, _ = keep_out_plane(0j, lower, heard(), MARGINS)
+        assert bound > 0
+        assert (normal * bound).real == pytest.approx(0.5 if lower else -0.5, abs=1e-2)
 
 
 def test_one_and_many_give_the_same_planes() -> None:
     """The arrays of a study and the agent's numbers are one law."""
     random = np.random.default_rng(5)
     apart, flies = random.normal(size=50) + 1j * random.normal(size=50), random.normal(size=50) * 1j
-    reach, share = random.uniform(0, 1, 50), random.choice([0.5, 1.0], 50)
-    n, b, room = half_plane(apart, flies, reach, 0.8, share, SPEED, np.minimum, np.maximum)
+    age_s, yields = random.uniform(0, 4, 50), random.choice([True, False], 50)
+    many = BatchHeard(flies, age_s, np.ones(50, dtype=np.bool_), yields)
+    n, b, room = keep_out_plane(apart, np.ones(50, dtype=np.bool_), many, MARGINS, MANY)
     for k in range(50):
-        one = half_plane(
-            complex(apart[k]), complex(flies[k]), float(reach[k]), 0.8, float(share[k]), SPEED
-        )
+        other = heard(complex(flies[k]), float(age_s[k]), yields=bool(yields[k]))
+        one = keep_out_plane(complex(apart[k]), True, other, MARGINS)
         assert one == pytest.approx((n[k], b[k], room[k]))
 
 
 # --- the release ---
 
 
-def test_who_gets_nowhere_goes_sideways_and_who_flies_does_not() -> None:
-    """Stuck: wants to go and does not for a while. It then moves across its wish, and later tries
-    again."""
+def test_an_agent_that_does_not_get_on_goes_sideways() -> None:
+    """It wants to go and does not for a while: it then moves across its wish, and tries again."""
     for flown, stuck in ((0j, True), (1 + 0j, False)):
         release, sideways = DeadlockRelease(3, SPEED, 0.05), 0
         for _ in range(100):
