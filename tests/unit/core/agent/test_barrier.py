@@ -1,0 +1,203 @@
+"""What a mission waits for: the barrier's members, the peers it is flown without, the formation's
+error."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarm_ctl.core.agent.barrier import Barrier
+from swarm_ctl.core.agent.flight_context import FlightContext
+from swarm_ctl.core.control.navigation import OwnFix
+from swarm_ctl.core.model.messages import AgentState, Phase
+from swarm_ctl.core.model.plan import Plan, Policies, Policy, RotateStep
+from swarm_ctl.core.swarm.peers import Peers
+from swarm_ctl.core.swarm.snapshot import OtherAircraft
+from tests.unit.core.builders import (
+    FORM,
+    HOLD,
+    LAST,
+    NOW,
+    OWN,
+    SLOTS,
+    UNIT_M,
+    context,
+    fix,
+    peer,
+    plan,
+    snapshot,
+    state,
+    tick,
+)
+
+NEVER = math.inf
+GOING_ON = plan(policies=Policies(agent_lost=Policy.CONTINUE))
+BLOCKS = (-1, False)
+
+
+def barrier(of: Plan | None = None, **changes: Any) -> Barrier:
+    return Barrier(context(of, **changes))
+
+
+# --- members ---
+
+MEMBERS: list[tuple[str, OtherAircraft, tuple[int, bool]]] = [
+    ("at work", peer(2, step=HOLD), (HOLD, False)),
+    ("done", peer(2, step=HOLD, done=True), (HOLD, True)),
+    ("just heard", peer(2, 5.0, step=HOLD, done=True), (HOLD, True)),
+    ("silent", peer(2, 5.01, step=HOLD, done=True), BLOCKS),
+    ("never heard", peer(2, NEVER), BLOCKS),
+    ("silent after its last step", peer(2, 60.0, step=LAST, done=True), (LAST, True)),
+    ("silent in its last step", peer(2, 60.0, step=LAST), BLOCKS),
+    ("gave up", peer(2, phase=Phase.LAND, step=HOLD, done=True), (HOLD, True)),
+]
+
+
+@pytest.mark.parametrize(("what", "other", "told"), MEMBERS, ids=[row[0] for row in MEMBERS])
+def test_what_a_peer_shows(what: str, other: OtherAircraft, told: tuple[int, bool]) -> None:
+    """(step, done) while it is heard; a silent peer blocks, but for one that completed."""
+    assert barrier().members(snapshot(other, peer(3, step=FORM))) == [told, (FORM, False)]
+
+
+@given(st.data())
+def test_the_order_of_arrival_never_matters(data: st.DataObject) -> None:
+    """Lost, late and repeated states: what counts is the newest of each peer."""
+    told = [
+        state(agent, seq=k, time_s=NOW + 0.05 * k, step=k // 2, done=bool(k % 2))
+        for agent in (2, 3)
+        for k in range(1, 8)
+    ]
+    heard = data.draw(st.lists(st.sampled_from(told), min_size=1, max_size=25))
+    peers = Peers(plan(), OWN)
+    for each in heard:
+        peers.hear(each, NOW + 0.5)
+    newest = [_newest(heard, agent) for agent in (2, 3)]
+    assert barrier().members(peers.snapshot(NOW + 0.6)) == newest
+
+
+def _newest(heard: list[AgentState], agent: int) -> tuple[int, bool]:
+    own = [each for each in heard if each.agent == agent]
+    last = max(own, key=lambda each: each.seq, default=None)
+    return BLOCKS if last is None else (last.step, last.done)
+
+
+# --- lost ---
+
+LOST: list[tuple[str, OtherAircraft, bool]] = [
+    ("heard", peer(2), False),
+    ("just heard", peer(2, 5.0), False),
+    ("silent", peer(2, 5.01), True),
+    ("never heard", peer(2, NEVER), False),
+    ("it landed", peer(2, phase=Phase.LAND), True),
+    ("it yielded", peer(2, phase=Phase.YIELD), True),
+    ("it lands in the last step", peer(2, phase=Phase.LAND, step=LAST), False),
+]
+
+
+@pytest.mark.parametrize(("what", "other", "lost"), LOST, ids=[row[0] for row in LOST])
+def test_a_mission_that_goes_on_does_so_without_the_lost(
+    what: str, other: OtherAircraft, lost: bool
+) -> None:
+    """The policy `continue`, in flight: the barrier waits for the others alone."""
+    peers = snapshot(other, peer(3))
+    assert barrier(GOING_ON).lost(peers) == ({2} if lost else set())
+    assert len(barrier(GOING_ON).members(peers)) == (1 if lost else 2)
+
+
+@pytest.mark.parametrize("policy", [Policy.HOLD, Policy.LAND, Policy.RETURN])
+def test_by_any_other_policy_the_mission_waits(policy: Policy) -> None:
+    waiting = plan(policies=Policies(agent_lost=policy))
+    assert barrier(waiting).lost(snapshot(peer(2, 60.0), peer(3))) == set()
+
+
+def test_on_the_ground_no_peer_is_left_behind() -> None:
+    assert barrier(GOING_ON, was_armed=False).lost(snapshot(peer(2, 60.0), peer(3))) == set()
+
+
+# --- the formation's error ---
+
+
+def formed(of: Plan | None = None, **changes: Any) -> FlightContext:
+    """The record of a flight whose shape is the starts' row."""
+    made = context(of, **changes)
+    made.reference.form(SLOTS)
+    return made
+
+
+def error_m(
+    *peers: OtherAircraft,
+    of: Plan | None = None,
+    own: OwnFix | None = fix(),  # noqa: B008 - frozen
+) -> float | None:
+    measured = Barrier(formed(of))
+    measured.measure(tick(*peers, fix=own))
+    return measured.formation_error_m
+
+
+def beside(agent: int, north_m: float, **changes: Any) -> OtherAircraft:
+    """A peer so far north of its slot."""
+    east = UNIT_M * SLOTS[agent - 1][1]
+    return peer(agent, position_ned_m=(north_m, east, -8.0), **changes)
+
+
+def test_a_formation_in_its_shape_has_no_error() -> None:
+    """Wherever it is: only the shape counts."""
+    assert error_m() == pytest.approx(0.0)
+    assert error_m(beside(2, 7.0), beside(3, 7.0), own=fix(7.0)) == pytest.approx(0.0)
+
+
+def test_the_error_is_the_largest_distance_from_the_mean() -> None:
+    """[m]: one agent of three is 3 m off, so the mean is 1 m off, and that one by 2 m."""
+    assert error_m(beside(2, 3.0), beside(3, 0.0)) == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize(
+    ("what", "peers", "own"),
+    [
+        ("no own position", (peer(2), peer(3)), None),
+        ("an old own position", (peer(2), peer(3)), fix(age_s=0.51)),
+        ("a state that is not fresh", (peer(2), peer(3, 0.51)), fix()),
+        ("a peer never heard", (peer(2), peer(3, NEVER)), fix()),
+    ],
+)
+def test_it_is_unknown_unless_all_are_fresh(
+    what: str, peers: tuple[OtherAircraft, ...], own: OwnFix | None
+) -> None:
+    assert error_m(*peers, own=own) is None
+
+
+def test_it_is_measured_without_the_lost() -> None:
+    """A peer that gave up leaves the shape, whatever the policy; a silent one by `continue`."""
+    gone = beside(3, 40.0, phase=Phase.ENDED)
+    assert error_m(beside(2, 0.0), gone, of=GOING_ON) == pytest.approx(0.0)
+    assert error_m(beside(2, 0.0), peer(3, 60.0), of=GOING_ON) == pytest.approx(0.0)
+
+
+def test_while_a_shape_turns_the_stop_points_count() -> None:
+    """The vehicles lag behind their places, their stop points do not."""
+    turning = plan(RotateStep(1.0, 1.0, 0.5, 2.0, 60.0))
+    measured = Barrier(formed(turning, step=LAST))
+    measured.measure(tick(beside(2, 3.0), beside(3, -3.0)))
+    assert measured.formation_error_m == pytest.approx(0.0)
+
+
+def test_it_is_measured_five_times_a_second() -> None:
+    measured = Barrier(formed())
+    measured.measure(tick())
+    measured.measure(tick(beside(2, 3.0), beside(3, 0.0), now=NOW + 0.19))
+    assert measured.formation_error_m == pytest.approx(0.0)
+    measured.measure(tick(beside(2, 3.0), beside(3, 0.0), now=NOW + 0.2))
+    assert measured.formation_error_m == pytest.approx(2.0)
+
+
+def test_a_new_shape_forgets_the_error_of_the_old_one() -> None:
+    measured = Barrier(formed())
+    measured.measure(tick())
+    measured.forget_shape()
+    assert measured.formation_error_m is None
+    measured.measure(tick(now=NOW + 0.01))
+    assert measured.formation_error_m is not None

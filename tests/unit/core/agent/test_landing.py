@@ -1,0 +1,281 @@
+"""Winding a flight down: for each failsafe and each state of the vehicle the goal, the phase and
+the end."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+from swarm_ctl.core.agent.failsafes import FailsafeAction, FailsafeTrigger, failed
+from swarm_ctl.core.agent.flight_context import FlightContext
+from swarm_ctl.core.agent.landing import Landing
+from swarm_ctl.core.agent.return_to_launch import ReturnToLaunch
+from swarm_ctl.core.model.messages import Outcome, Phase
+from swarm_ctl.core.model.vehicle import (
+    FlyGoal,
+    Goal,
+    LandGoal,
+    ReleaseGoal,
+    StandbyGoal,
+    TerminateGoal,
+    YieldGoal,
+)
+from tests.unit.core.builders import (
+    LAST,
+    NOW,
+    OWN,
+    PARKED,
+    RETURNING,
+    TAKEOFF,
+    context,
+    fix,
+    peer,
+    plan,
+    texts,
+    tick,
+)
+
+HOLDS, RETURNS, LANDS = FailsafeAction.HOLD, FailsafeAction.RETURN, FailsafeAction.LAND
+YIELDS, KILLS, LEAVES = FailsafeAction.YIELD, FailsafeAction.KILL, FailsafeAction.LEAVE
+MOVING = fix(velocity=(2.0, 0.0, 0.0))
+
+
+class Flight:
+    """An agent that carries out a failsafe which fired at NOW."""
+
+    def __init__(
+        self,
+        action: FailsafeAction = LANDS,
+        outcome: Outcome = Outcome.FAILED,
+        own: FlightContext | None = None,
+    ) -> None:
+        self.context = own or context()
+        self.trigger = FailsafeTrigger(action, outcome, "a reason")
+        self.context.trigger, self.context.trigger_s = self.trigger, NOW
+        self.landing = Landing(self.context, ReturnToLaunch(self.context.plan, OWN))
+
+    def at(self, later_s: float = 0.1, *peers: Any, **seen: Any) -> Goal:
+        """The goal of one tick."""
+        now = tick(*peers, now=NOW + later_s, **seen)
+        if now.fix is not None:
+            self.context.controller.locate(now.fix)
+        return self.landing.carry_out(now, self.context.trigger or self.trigger)
+
+
+def airborne(**changes: Any) -> FlightContext:
+    return context(**changes)
+
+
+GROUNDED = PARKED | {"fix": fix(height_m=0.0)}
+
+ROWS: list[tuple[str, FailsafeAction, FlightContext, dict[str, Any], type[Goal], Phase]] = [
+    ("hold", HOLDS, airborne(), {}, FlyGoal, Phase.HOLD),
+    ("land: stop first", LANDS, airborne(), {"fix": MOVING}, FlyGoal, Phase.HOLD),
+    ("return: climb first", RETURNS, airborne(), {}, FlyGoal, Phase.RETURN),
+    ("yield", YIELDS, airborne(), {"controlled": False}, YieldGoal, Phase.YIELD),
+    ("kill", KILLS, airborne(), {}, TerminateGoal, Phase.LAND),
+    ("on the ground", LANDS, airborne(), GROUNDED, ReleaseGoal, Phase.ENDED),
+    ("on the ground, kill", KILLS, airborne(), GROUNDED, ReleaseGoal, Phase.ENDED),
+    ("on the ground, yield", YIELDS, airborne(), GROUNDED, ReleaseGoal, Phase.ENDED),
+    (
+        "no heartbeat for 10 s",
+        LANDS,
+        airborne(),
+        {"heartbeat_s": NOW - 10.0},
+        ReleaseGoal,
+        Phase.ENDED,
+    ),
+    (
+        "not our flight",
+        LEAVES,
+        airborne(arming_s=-math.inf, was_armed=False),
+        {},
+        ReleaseGoal,
+        Phase.ENDED,
+    ),
+    (
+        "asked to arm a moment ago",
+        LANDS,
+        airborne(arming_s=NOW - 2.0, was_armed=False, phase=Phase.ARM),
+        GROUNDED,
+        LandGoal,
+        Phase.ARM,
+    ),
+    (
+        "disarmed in the air",
+        LANDS,
+        airborne(was_armed=False, arming_s=-math.inf, phase=Phase.PREPARE),
+        {"armed": False},
+        StandbyGoal,
+        Phase.PREPARE,
+    ),
+    (
+        "hold in the autopilot's take-off",
+        HOLDS,
+        airborne(step=TAKEOFF, had_control=False),
+        {"controlled": False},
+        LandGoal,
+        Phase.HOLD,
+    ),
+    (
+        "return without ever having had control",
+        RETURNS,
+        airborne(had_control=False),
+        {"fix": MOVING},
+        FlyGoal,
+        Phase.HOLD,
+    ),
+]
+
+
+@pytest.mark.parametrize(
+    ("what", "action", "own", "seen", "goal", "phase"), ROWS, ids=[row[0] for row in ROWS]
+)
+def test_what_a_failsafe_does_at_first(
+    what: str,
+    action: FailsafeAction,
+    own: FlightContext,
+    seen: dict[str, Any],
+    goal: type[Goal],
+    phase: Phase,
+) -> None:
+    flight = Flight(action, own=own)
+    assert isinstance(flight.at(**seen), goal)
+    assert own.phase is phase
+
+
+# --- landing ---
+
+
+@pytest.mark.parametrize(
+    ("what", "outcome", "later_s", "own", "lands"),
+    [
+        ("failed, at rest: holds for a moment", Outcome.FAILED, 2.99, fix(), False),
+        ("failed, at rest, after 3 s", Outcome.FAILED, 3.0, fix(), True),
+        ("commanded, at rest: at once", Outcome.ABORTED, 0.0, fix(), True),
+        ("commanded, moving: brakes", Outcome.ABORTED, 3.0, MOVING, False),
+        ("commanded, moving still", Outcome.ABORTED, 3.01, MOVING, True),
+        ("no position: brakes", Outcome.ABORTED, 3.0, None, False),
+        ("no position, after 3 s", Outcome.ABORTED, 3.01, None, True),
+    ],
+)
+def test_it_stands_still_before_it_comes_down(
+    what: str, outcome: Outcome, later_s: float, own: Any, lands: bool
+) -> None:
+    """So that no agent drops its avoidance while it moves; a failed mission waits 3 s for the
+    others to hear of it."""
+    flight = Flight(outcome=outcome)
+    assert isinstance(flight.at(later_s, fix=own), LandGoal) is lands
+    assert flight.context.phase is (Phase.LAND if lands else Phase.HOLD)
+
+
+def test_a_landing_does_not_stop_again() -> None:
+    flight = Flight(outcome=Outcome.ABORTED)
+    flight.at(0.0)
+    assert isinstance(flight.at(1.0, fix=MOVING), LandGoal)
+
+
+def test_a_landing_of_three_minutes_is_given_up() -> None:
+    flight = Flight(outcome=Outcome.ABORTED)
+    flight.at(0.0)
+    assert isinstance(flight.at(180.0), LandGoal)
+    assert isinstance(flight.at(180.1), ReleaseGoal)
+    assert flight.context.trigger == failed(LANDS, "not down after 180 s of landing")
+
+
+def test_it_ends_when_the_vehicle_is_down() -> None:
+    """With the outcome and the reason of the failsafe, said once."""
+    flight = Flight(outcome=Outcome.ABORTED)
+    flight.at(0.0)
+    assert isinstance(flight.at(20.0, **GROUNDED), ReleaseGoal)
+    assert flight.context.outcome is Outcome.ABORTED
+    assert texts(flight.context.events) == ["ended: aborted (a reason)"]
+
+
+@pytest.mark.parametrize(("seconds", "ends"), [(10.0, False), (10.1, True)])
+def test_a_vehicle_without_motors_for_ten_seconds_is_down(seconds: float, ends: bool) -> None:
+    """Whatever it said last of the ground."""
+    flight = Flight(YIELDS)
+    silent = {"armed": False, "controlled": False}
+    flight.at(0.0, **silent)
+    assert isinstance(flight.at(seconds, **silent), ReleaseGoal) is ends
+
+
+def test_the_landing_step_is_done_on_the_ground() -> None:
+    """Without a failsafe: the mission's own end."""
+    own = context(step=LAST)
+    landing = Landing(own, ReturnToLaunch(own.plan, OWN))
+    assert isinstance(landing.land(tick()), LandGoal)
+    assert not own.progress.done
+    landing.land(tick(**GROUNDED))
+    assert own.progress.finished
+    assert own.phase is Phase.LAND
+
+
+# --- the way back ---
+
+
+def test_it_comes_back_and_lands_at_home() -> None:
+    """Climb, fly, down: each with its phase and reason."""
+    flight = Flight(RETURNS, Outcome.ABORTED)
+    own = flight.context
+    home, away = fix(), fix(30.0)
+    assert isinstance(flight.at(0.1, fix=away), FlyGoal)
+    assert (own.phase, own.reason) == (Phase.RETURN, "return: climb")
+    own.reason = ""
+    goal = flight.at(1.2, fix=away)
+    assert own.reason == "return: fly"
+    assert isinstance(goal, FlyGoal)
+    assert goal.velocity_ned_mps[0] < 0.0
+    assert isinstance(flight.at(9.0, fix=home), LandGoal)
+    assert own.phase is Phase.LAND
+
+
+def test_a_way_back_without_a_peer_is_given_up() -> None:
+    """No agent knows whose turn it is: land here, after the patience of `agent_lost_after_s`."""
+    flight = Flight(RETURNS, Outcome.ABORTED)
+    silent = (peer(2, 60.0), peer(3, 60.0))
+    flight.at(0.0, *silent)
+    assert isinstance(flight.at(5.0, *silent), FlyGoal)
+    flight.at(5.1, *silent)
+    assert flight.context.trigger == failed(
+        LANDS, "a reason; no other agent is heard, so it lands here"
+    )
+
+
+def test_a_way_back_has_two_minutes_for_each_agent() -> None:
+    flight = Flight(RETURNS, Outcome.ABORTED)
+    flight.at(0.0)
+    flight.at(360.0)
+    assert flight.context.trigger is flight.trigger
+    flight.at(360.1)
+    assert flight.context.trigger is not None
+    assert "it took too long, so it lands here" in flight.context.trigger.reason
+
+
+def test_the_return_step_is_the_missions_own_way_back() -> None:
+    own = context(RETURNING, step=LAST)
+    landing = Landing(own, ReturnToLaunch(own.plan, OWN))
+    assert isinstance(landing.come_back(tick(now=NOW)), FlyGoal)
+    assert isinstance(landing.come_back(tick(now=NOW + 1.0)), FlyGoal)
+    assert isinstance(landing.come_back(tick(now=NOW + 1.1)), LandGoal)
+    landing.come_back(tick(now=NOW + 20.0, **GROUNDED))
+    assert own.progress.finished
+    assert own.outcome is Outcome.RUNNING
+    landing.end(NOW + 20.1)
+    assert own.outcome is Outcome.COMPLETED
+
+
+def test_an_agent_that_holds_makes_room() -> None:
+    """Avoidance stays on: a peer one metre away pushes it off."""
+    near = peer(2, position_ned_m=(1.0, 0.0, -8.0), stop_point_m=(1.0, 0.0))
+    goal = Flight(HOLDS).at(0.1, near, peer(3))
+    assert isinstance(goal, FlyGoal)
+    assert goal.velocity_ned_mps[0] < 0.0
+
+
+def test_the_policies_of_the_rows() -> None:
+    assert plan().policies.hold_before_land_s == 3.0
+    assert plan().policies.agent_lost_after_s == 5.0

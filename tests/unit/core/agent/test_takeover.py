@@ -1,0 +1,269 @@
+"""A vehicle found in the air: the evidence that a takeover needs, each piece missing once, and what
+comes of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from swarm_ctl.core.agent.failsafes import FailsafeAction
+from swarm_ctl.core.agent.flight_context import FlightContext
+from swarm_ctl.core.agent.preflight import Preflight
+from swarm_ctl.core.agent.takeover import EVIDENCE_S, LEARN_S, Takeover
+from swarm_ctl.core.control.navigation import Navigator
+from swarm_ctl.core.model.frames import geodetic_from_ned
+from swarm_ctl.core.model.messages import Frame, Phase
+from swarm_ctl.core.model.vehicle import FlyGoal, GlobalFix
+from tests.unit.core.builders import (
+    HEIGHT_M,
+    HOLD,
+    LAST,
+    NOW,
+    ORIGIN,
+    OWN,
+    PARKED,
+    TAKEOFF,
+    context,
+    fix,
+    peer,
+    plan,
+    state,
+    texts,
+    tick,
+    view,
+)
+
+YIELDS, LEAVES, LANDS = FailsafeAction.YIELD, FailsafeAction.LEAVE, FailsafeAction.LAND
+HASH = plan().hash()
+
+
+def started(**changes: Any) -> tuple[FlightContext, Takeover]:
+    """A new process, in preparation."""
+    fresh: dict[str, Any] = {"arming_s": -math.inf, "was_armed": False, "had_control": False}
+    own = context(step=0, **(fresh | {"phase": Phase.CONNECT, "target_height_m": 0.0} | changes))
+    preflight = Preflight(own.plan, own.plan.agent(OWN), HASH, Navigator(ORIGIN), False)
+    return own, Takeover(own, preflight)
+
+
+def looking(seconds: float, *peers: Any, **seen: Any) -> tuple[FlightContext, str]:
+    """What it says after looking at one and the same thing for so long."""
+    own, takeover = started()
+    said = takeover.look(tick(*peers, **seen))
+    if seconds:
+        said = takeover.look(tick(*peers, now=NOW + seconds, **seen))
+    return own, said
+
+
+# --- whether to look at all ---
+
+
+@pytest.mark.parametrize(
+    ("what", "seen", "changes", "pending"),
+    [
+        ("in the air", {}, {}, True),
+        ("on the ground", {"on_ground": True}, {}, False),
+        ("disarmed", {"armed": False}, {}, False),
+        ("our own flight", {}, {"arming_s": NOW}, False),
+    ],
+)
+def test_what_is_looked_at(
+    what: str, seen: dict[str, Any], changes: dict[str, Any], pending: bool
+) -> None:
+    """A vehicle in the air that this process has not armed."""
+    assert started(**changes)[1].pending(view(**seen)) is pending
+
+
+# --- the evidence ---
+
+
+def far() -> GlobalFix:
+    place = geodetic_from_ned((9.0, 0.0, -HEIGHT_M), ORIGIN)
+    return GlobalFix(NOW, place, HEIGHT_M, (0.0, 0.0, 0.0))
+
+
+DOWN = {"phase": Phase.PREPARE, "airborne": False, "step": 0}
+MISSING: list[tuple[str, tuple[Any, ...], dict[str, Any], str]] = [
+    ("unhealthy", (), {"healthy": False, "health_reason": "no SYS_STATUS"}, "no SYS_STATUS"),
+    ("no position", (), {"fix": None}, "no position yet"),
+    ("an old position", (), {"fix": fix(age_s=0.51)}, "no position yet"),
+    ("no global position", (), {"global_": None}, "no position yet"),
+    ("two positions", (), {"global_": far()}, "global and local position differ by 9.0 m"),
+    ("no peer", (peer(2, math.inf), peer(3, math.inf)), {}, "no agent that flies this mission"),
+    ("silent peers", (peer(2, 0.51), peer(3, 0.51)), {}, "no agent that flies this mission"),
+    ("peers on the ground", (peer(2, **DOWN), peer(3, **DOWN)), {}, "no agent that flies this"),
+    ("another plan", (peer(2), peer(3, plan_hash=7)), {}, "agent 3 has another plan"),
+    ("it moves", (), {"fix": fix(velocity=(0.4, 0.4, 0.0))}, "it moves at 0.6 m/s"),
+]
+
+
+@pytest.mark.parametrize(("what", "peers", "seen", "why"), MISSING, ids=[m[0] for m in MISSING])
+def test_without_a_piece_of_the_evidence_it_waits_and_then_leaves(
+    what: str, peers: tuple[Any, ...], seen: dict[str, Any], why: str
+) -> None:
+    """It says what is missing for `EVIDENCE_S`, then ends without having sent a setpoint."""
+    own, said = looking(EVIDENCE_S, *peers, **seen)
+    assert said.startswith(f"the vehicle is in the air; {why}")
+    assert own.trigger is None
+    own, _ = looking(EVIDENCE_S + 0.1, *peers, **seen)
+    assert own.trigger is not None
+    assert own.trigger.action is LEAVES
+    assert why in own.trigger.reason
+    assert not own.ours
+
+
+def test_just_standing_still_is_enough() -> None:
+    own, said = looking(1.0, fix=fix(velocity=(0.3, 0.4, 0.0)))
+    assert said == ""
+    assert own.ours
+
+
+def test_it_listens_for_a_second_whether_it_is_there_twice() -> None:
+    own, said = looking(0.99)
+    assert "listening" in said
+    assert not own.ours
+
+
+def test_another_process_with_its_id_is_left_the_vehicle() -> None:
+    """A state with the own id within the last second."""
+    own, takeover = started()
+    takeover.hear(state(OWN), NOW + 0.5)
+    takeover.look(tick())
+    assert "another process speaks as agent 1" in takeover.look(tick(now=NOW + 1.5))
+    assert takeover.look(tick(now=NOW + 1.51)) == ""
+    assert own.ours
+
+
+def test_states_of_the_peers_are_not_its_own() -> None:
+    _, takeover = started()
+    takeover.hear(state(2), NOW)
+    takeover.look(tick())
+    assert takeover.look(tick(now=NOW + 1.0)) == ""
+
+
+# --- the vehicle's mode ---
+
+PILOT = {"controlled": False, "mode": "LOITER"}
+LANDING = {"controlled": False, "landing": True, "mode": "LAND"}
+CLIMBING = {"controlled": False, "taken_off": True, "mode": "AUTO.TAKEOFF"}
+MODES: list[tuple[str, dict[str, Any], int, FailsafeAction | None, str]] = [
+    ("follows setpoints", {}, HOLD, None, ""),
+    ("a pilot's", PILOT, HOLD, YIELDS, "in the air in LOITER"),
+    ("landing", LANDING, HOLD, LANDS, "the vehicle lands already (LAND): seen down"),
+    ("landing as the swarm does", LANDING, LAST, None, ""),
+    ("taking off as the swarm does", CLIMBING, TAKEOFF, None, ""),
+    ("taking off, the swarm holds", CLIMBING, HOLD, YIELDS, "in the air in AUTO.TAKEOFF"),
+]
+
+
+@pytest.mark.parametrize(
+    ("what", "seen", "step", "action", "why"), MODES, ids=[m[0] for m in MODES]
+)
+def test_which_modes_are_taken_over(
+    what: str, seen: dict[str, Any], step: int, action: FailsafeAction | None, why: str
+) -> None:
+    """A mode that follows setpoints, or what the swarm does as well."""
+    own, said = looking(0.0 if action else 1.0, peer(2, step=step), peer(3, step=step), **seen)
+    if action is None:
+        assert own.trigger is None
+        assert own.progress.step == step
+        return
+    assert own.trigger is not None
+    assert own.trigger.action is action
+    assert why in said
+
+
+def test_a_decision_is_carried_out_not_repeated() -> None:
+    own, takeover = started()
+    takeover.look(tick(**PILOT))
+    assert own.trigger is not None
+    assert not takeover.pending(view(**PILOT))
+
+
+# --- what is taken over ---
+
+
+def taken(*peers: Any, **seen: Any) -> tuple[FlightContext, Takeover]:
+    own, takeover = started()
+    takeover.look(tick(*peers, **seen))
+    assert takeover.look(tick(*peers, now=NOW + 1.0, **seen)) == ""
+    return own, takeover
+
+
+def test_it_rejoins_at_the_furthest_step_of_its_peers() -> None:
+    own, _ = taken(peer(2, step=HOLD), peer(3, step=HOLD + 1))
+    assert own.progress.step == HOLD + 1
+    assert own.was_armed
+    assert own.ours
+    assert own.target_height_m == HEIGHT_M
+    assert own.reference.slots
+    assert texts(own.events)[0].startswith("took over its vehicle in the air; rejoins at step 4")
+
+
+def test_it_takes_the_frame_of_the_lowest_peer_in_its_step() -> None:
+    frame, other = Frame((1.0, 2.0)), Frame((9.0, 9.0))
+    own, _ = taken(peer(2, step=HOLD, frame=frame), peer(3, step=HOLD, frame=other))
+    assert own.reference.frame == frame
+
+
+def test_the_take_off_point_is_where_home_is() -> None:
+    """The vehicle tells its height above home; its local height may count from elsewhere."""
+    own, _ = taken(fix=fix(height_m=HEIGHT_M + 3.0))
+    assert own.ground_m == pytest.approx(3.0)
+    assert own.height(fix(height_m=HEIGHT_M + 3.0)) == pytest.approx(HEIGHT_M)
+
+
+# --- learning ---
+
+
+def test_it_holds_for_a_second_while_it_learns() -> None:
+    own, takeover = taken()
+    goal = takeover.learning(tick(now=NOW + 1.0 + LEARN_S - 0.01), 0)
+    assert isinstance(goal, FlyGoal)
+    assert own.phase is Phase.HOLD
+    assert takeover.learning(tick(now=NOW + 1.0 + LEARN_S), 0) is None
+    assert takeover.learning(tick(now=NOW + 1.1), 0) is None  # once and for all
+
+
+def test_it_holds_while_its_peers_carry_out_an_older_command() -> None:
+    """It has not heard the command, so it cannot follow; one it knows itself is no reason."""
+    commanded = (peer(2, override=77), peer(3))
+    late = NOW + 60.0
+    own, takeover = taken()
+    assert takeover.learning(tick(*commanded, now=late), 0) is not None
+    assert own.reason == "waits for the operator's command to end"
+    assert takeover.learning(tick(*commanded, now=late), 77) is None
+
+
+def test_an_agent_that_took_nothing_over_learns_nothing() -> None:
+    assert started()[1].learning(tick(), 0) is None
+
+
+@pytest.mark.parametrize("step", [TAKEOFF, LAST])
+def test_on_the_way_up_and_down_it_does_not_hold(step: int) -> None:
+    _, takeover = taken(peer(2, step=step), peer(3, step=step))
+    assert takeover.learning(tick(now=NOW + 1.01), 0) is None
+
+
+DONE: list[tuple[str, Callable[[], Any], bool]] = [
+    ("a peer is done", lambda: peer(2, done=True), True),
+    ("a peer is further", lambda: peer(2, step=HOLD + 1), True),
+    ("none is done", lambda: peer(2), False),
+]
+
+
+@pytest.mark.parametrize(("what", "other", "done"), DONE, ids=[row[0] for row in DONE])
+def test_a_hold_step_is_over_when_a_peer_says_so(
+    what: str, other: Callable[[], Any], done: bool
+) -> None:
+    """It has not seen the beginning of the step."""
+    own, takeover = taken()
+    takeover.learning(tick(other(), now=NOW + 1.5), 0)
+    assert own.progress.done is done
+
+
+def test_a_parked_vehicle_is_no_takeover() -> None:
+    assert not started()[1].pending(replace(view(), **PARKED))
