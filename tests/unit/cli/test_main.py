@@ -81,14 +81,11 @@ def test_the_help_of_send_has_every_command(
 
 
 def test_an_error_is_one_message_without_control_characters(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A name in a refused file can't command the terminal."""
-    path = tmp_path / "evil.yaml"
-    path.write_text('version: 1\nshapes: {"a\\e[2J[red]": {kind: ring}}\n')
-    assert called(monkeypatch, "validate", str(path)) == 2
+    assert called(monkeypatch, "report", "no\x1b[2J[red]run") == 2
     said = capsys.readouterr().err
-    assert "shapes.a?[2J[red]: can't be a name" in said
+    assert said.startswith("error: no?[2J[red]run: is no run folder")
     assert "\x1b" not in said
 
 
