@@ -2,58 +2,82 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from swarm_ctl.cli.extras import require
+from swarm_ctl.cli.options import FleetFile, Speedup
+from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.errors import InputError
 from swarm_ctl.mission.compile.fleet import Fleet, FleetAgent
-from swarm_ctl.mission.compile.loader import load
 
 
 def agent(
-    mission: Annotated[Path, typer.Argument(help="The mission file.")],
-    agent_id: Annotated[
-        int, typer.Option("--id", help="Which agent of the mission this process is.")
+    file: Annotated[
+        Path, typer.Argument(metavar="PLAN", help="A plan file, or a mission file (needs ground).")
     ],
-    fleet: Annotated[
-        Path | None, typer.Option(help="A fleet file: endpoints of vehicles and mesh.")
+    agent_id: Annotated[
+        int, typer.Option("--id", metavar="ID", help="The agent that this process is.")
+    ],
+    endpoint: Annotated[
+        str | None,
+        typer.Option(
+            metavar="URL",
+            help="Its vehicle, e.g. serial:/dev/ttyAMA0:921600.  [default: as in the fleet]",
+        ),
     ] = None,
-    speedup: Annotated[
-        float, typer.Option(min=0.1, max=100.0, help="For simulated vehicles at the same factor.")
-    ] = 1.0,
+    mesh: Annotated[
+        str | None,
+        typer.Option(metavar="tcp/HOST:PORT", help="Where it listens.  [default: as in the fleet]"),
+    ] = None,
+    peer: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="tcp/HOST:PORT",
+            help="Where another agent listens; repeat it. Of two agents, one has to name the "
+            "other.  [default: the agents before it in the fleet]",
+        ),
+    ] = None,
+    fleet: FleetFile = None,
+    speedup: Speedup = 1.0,
     epoch: Annotated[
         float | None,
         typer.Option(
-            help="Zero of the mission clock on this host's monotonic clock; default: now."
+            metavar="SECONDS",
+            help="Zero of the mission clock, on this host's monotonic clock.  [default: now]",
         ),
     ] = None,
 ) -> None:
-    """Fly one agent. Its fleet entry must name `endpoint` (the vehicle) and `mesh` (where this
-    agent listens).
+    """Fly one agent, on the computer of its drone.
 
-    Ctrl-C lands its vehicle.
+    The vehicle's endpoint and the address on the mesh are in the file's fleet, or given here. The
+    agents need no ground station. Ctrl-C lands the vehicle.
 
-    Example:
+    Examples:
 
+    \b
+        swarm-ctl agent plan.json --id 3
+        swarm-ctl agent plan.json --id 3 --endpoint serial:/dev/ttyAMA0:921600
         swarm-ctl agent missions/hexagon.yaml --fleet outdoors.yaml --id 3
     """
     from swarm_ctl.runtime.agent.agent_process import AgentConfig, run_agent
     from swarm_ctl.runtime.agent.lifeline import SignalLifeline
     from swarm_ctl.runtime.clock import Clock
 
-    loaded = load(mission, fleet=fleet)
-    own, before = _own(loaded.fleet, agent_id)
+    plan, entries = _plan(file, fleet)
+    own, before = _own(entries, agent_id, endpoint, mesh)
     config = AgentConfig(
-        plan=loaded.plan,
+        plan=plan,
         agent_id=agent_id,
         sysid=own.sysid,
         autopilot=own.autopilot,
         endpoint=own.endpoint or "",
-        swarm=loaded.plan.name,
+        swarm=plan.name,
         listen=own.mesh or "",
-        connect=tuple(other.mesh for other in before if other.mesh),
+        connect=tuple(peer or (other.mesh for other in before if other.mesh)),
         epoch_s=Clock.starting_now().epoch_s if epoch is None else epoch,
         speedup=speedup,
         vehicle=own.response,
@@ -61,17 +85,37 @@ def agent(
     raise typer.Exit(run_agent(config, SignalLifeline()))
 
 
-def _own(fleet: Fleet, agent_id: int) -> tuple[FleetAgent, tuple[FleetAgent, ...]]:
-    """The agent's fleet entry and those before it, which it connects to."""
+def _plan(file: Path, fleet: Path | None) -> tuple[Plan, Fleet]:
+    from swarm_ctl.mission.compile.plan_file import is_plan_file, read_plan
+
+    if not is_plan_file(file):
+        require("ground", f"{file} is a mission file, which")
+        from swarm_ctl.mission.compile.loader import load
+
+        loaded = load(file, fleet=fleet)
+        return loaded.plan, loaded.fleet
+    if fleet is not None:
+        raise InputError(
+            f"--fleet {fleet}: {file} is a plan file and has its fleet; allowed: --endpoint, --mesh"
+        )
+    found = read_plan(file)
+    return found.plan, Fleet(found.fleet)
+
+
+def _own(
+    fleet: Fleet, agent_id: int, endpoint: str | None, mesh: str | None
+) -> tuple[FleetAgent, tuple[FleetAgent, ...]]:
+    """The agent's fleet entry with the addresses that were given, and the entries before it."""
     ids = [entry.id for entry in fleet.agents]
     if agent_id not in ids:
-        raise InputError(
-            f"--id {agent_id} is no agent of this mission; allowed: {', '.join(map(str, ids))}"
-        )
-    own = fleet.agent(agent_id)
-    for field in ("endpoint", "mesh"):
-        if not getattr(own, field):
+        allowed = ", ".join(map(str, ids))
+        raise InputError(f"--id {agent_id} is no agent of this mission; allowed: {allowed}")
+    entry = fleet.agent(agent_id)
+    own = replace(entry, endpoint=endpoint or entry.endpoint, mesh=mesh or entry.mesh)
+    for name, value in {"endpoint": own.endpoint, "mesh": own.mesh}.items():
+        if not value:
             raise InputError(
-                f"agent {agent_id} has no `{field}` in the fleet; a single agent needs one"
+                f"agent {agent_id} has no `{name}` in the fleet; a single agent needs one,"
+                f" there or as --{name}"
             )
     return own, fleet.agents[: ids.index(agent_id)]

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any, Final
+from collections.abc import Iterable, Iterator
+from typing import Any
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
 
-from swarm_ctl.core.model.text import printable
-
-_LINE: Final = 100_000
-"""Lines are not shortened: 250 agents fill long ones."""
+from swarm_ctl.core.model.text import escaped
 
 
 class PlainConsole(Console):
-    """Prints text as it is: brackets and colons mean nothing, and control characters from a file or
-    a message can't command the terminal."""
+    """Prints text as it is: brackets and colons mean nothing, and control characters of a file or a
+    message become escapes such as `\\x1b`, which can't command the terminal."""
 
     def __init__(self, *, stderr: bool = False, **settings: Any) -> None:
         super().__init__(stderr=stderr, highlight=False, markup=False, emoji=False, **settings)
@@ -29,8 +26,12 @@ class PlainConsole(Console):
             if segment.control:
                 yield segment
             else:
-                lines = (printable(line, _LINE) for line in segment.text.split("\n"))
-                yield Segment("\n".join(lines), segment.style)
+                yield Segment("\n".join(map(escaped, segment.text.split("\n"))), segment.style)
+
+    def warn(self, warnings: Iterable[str]) -> None:
+        """Print what is allowed but worth a second look."""
+        for warning in warnings:
+            self.say(f"warning: {warning}", style="yellow")
 
     def say(self, text: str, style: str | None = None) -> None:
         """Print lines that the terminal wraps, so that a path can be copied whole."""

@@ -17,6 +17,7 @@ from swarm_ctl.cli.extras import require
 from swarm_ctl.cli.keys import keys
 from swarm_ctl.cli.measure import measure
 from swarm_ctl.cli.paper import paper
+from swarm_ctl.cli.plan import plan
 from swarm_ctl.cli.replay import replay
 from swarm_ctl.cli.report import compare, report
 from swarm_ctl.cli.run import run
@@ -60,6 +61,7 @@ class _StudyCommand(_Command):
 _COMMANDS: Final[tuple[tuple[Callable[..., None], type[_Command]], ...]] = (
     (run, _GroundCommand),
     (validate, _GroundCommand),
+    (plan, _GroundCommand),
     (agent, _Command),
     (station, _GroundCommand),
     (send, _GroundCommand),

@@ -190,8 +190,7 @@ def _result(console: PlainConsole, vehicle: FleetAgent, flight: StepFlight) -> R
     found = fit(flight.legs, TYPICAL[vehicle.autopilot])
     for line in described(found, flight.legs):
         console.say(f"  {line}")
-    for text in found.warnings:
-        console.say(f"  warning: {text}", style="yellow")
+    console.warn(found.warnings)
     if found.usable:
         return found.rounded
     console.say("  not usable: it does not answer like dead time and lag", style="bold red")

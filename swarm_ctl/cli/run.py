@@ -64,8 +64,7 @@ def run(
     if show is Show.DASHBOARD and not console.is_terminal:
         show = Show.LOG
     loaded = load(mission, fleet=fleet)
-    for warning in loaded.warnings:
-        console.say(f"warning: {warning}", style="yellow")
+    console.warn(loaded.warnings)
 
     def say(text: str) -> None:
         with contextlib.suppress(OSError):  # the reader of our output is gone; the swarm flies on

@@ -34,7 +34,7 @@ from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
 from swarm_ctl.mission.compile.fleet import FleetAgent
-from swarm_ctl.report.folder.manifest import Manifest, fingerprint, write_manifest
+from swarm_ctl.report.folder.manifest import Manifest, write_manifest
 from swarm_ctl.runtime.launch.ports import free_ports
 from tests.unit.station.swarm import hexagon_plan, report_of, state_of, status_of
 
@@ -212,7 +212,7 @@ def _manifest(plan: Plan, epoch_s: float, ports: list[str]) -> Manifest:
         epoch_s=epoch_s,
         headless=False,
         plan=plan,
-        plan_hash=fingerprint(plan),
+        plan_hash=plan.fingerprint(),
         fleet=tuple(
             FleetAgent(agent.id, agent.id, "ardupilot", mesh=ports[0]) for agent in plan.agents
         ),

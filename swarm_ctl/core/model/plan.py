@@ -292,6 +292,10 @@ class Plan:
         text = json.dumps(_canonical(self), sort_keys=True, separators=(",", ":"))
         return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big")
 
+    def fingerprint(self) -> str:
+        """The hash as 16 hexadecimal digits, for people and files."""
+        return f"{self.hash():016x}"
+
 
 def _canonical(value: Any) -> Any:
     if dataclasses.is_dataclass(value) and not isinstance(value, type):

@@ -14,7 +14,7 @@ from swarm_ctl.core.model.plan import Response
 from swarm_ctl.errors import InputError, MissionError
 from swarm_ctl.mission.compile.checks import check_fleet
 from swarm_ctl.mission.compile.fleet import Fleet, fleet_agent
-from swarm_ctl.mission.input import document, error_messages
+from swarm_ctl.mission.input import error_messages, yaml_file
 from swarm_ctl.mission.input.schema import FleetSection
 
 _Edit: TypeAlias = tuple[int, int, str]
@@ -23,7 +23,7 @@ _Edit: TypeAlias = tuple[int, int, str]
 
 def read_fleet(path: Path) -> Fleet:
     """The agents of a fleet file, sorted by id; MissionError with every mistake in it."""
-    source = document.read(path, what="fleet")
+    source = yaml_file.read(path, what="fleet")
     try:
         entries = FleetSection.model_validate(source.data).agents
         found = [source.problem(*finding) for finding in check_fleet(entries, ("agents",))]
@@ -38,7 +38,7 @@ def read_fleet(path: Path) -> Fleet:
 
 def file_of(mission: Path) -> Path | None:
     """The file with the fleet of a mission: the one it names, the mission itself, or None."""
-    source = document.read(mission)
+    source = yaml_file.read(mission)
     fleet = source.data.get("fleet") if isinstance(source.data, dict) else None
     if isinstance(fleet, str):
         return mission.parent / fleet
@@ -51,7 +51,7 @@ def with_response(text: str, agent: int, response: Response) -> str:
     Raises:
         InputError: the text has no entry for the agent, or one that can't be changed here.
     """
-    entry = _entry(document.nodes(text), agent)
+    entry = _entry(yaml_file.nodes(text), agent)
     if entry is None:
         raise InputError(f"has no entry for agent {agent}")
     values = {name: f"{value:g}" for name, value in dataclasses.asdict(response).items()}
@@ -67,7 +67,7 @@ def with_response(text: str, agent: int, response: Response) -> str:
 def _plain(text: str, agent: int) -> tuple[Any, Any]:
     """The whole file but the agent's response, and the response."""
     try:
-        data = document.parse(text, "").data
+        data = yaml_file.parse(text, "").data
     except MissionError:
         return None, None
     fleet = data.get("fleet") or data

@@ -1,6 +1,6 @@
 """From a mission file to a plan and a fleet, or to every mistake in it at once.
 
-The way of a file: document (`input/document.py`), fleet file and CSV slots put in, sections
+The way of a file: document (`input/yaml_file.py`), fleet file and CSV slots put in, sections
 (`input/schema.py`), lengths in units (`input/units.py`), checks, plan, checks of the plan,
 warnings.
 """
@@ -22,7 +22,7 @@ from swarm_ctl.mission.compile.checks import check
 from swarm_ctl.mission.compile.fleet import Fleet, fleet_of
 from swarm_ctl.mission.compile.plan_checks import check_plan
 from swarm_ctl.mission.compile.warnings import warnings
-from swarm_ctl.mission.input import csv_slots, document, error_messages
+from swarm_ctl.mission.input import csv_slots, error_messages, yaml_file
 from swarm_ctl.mission.input.document import Document
 from swarm_ctl.mission.input.schema import MissionFile, Shape
 from swarm_ctl.mission.input.section import Section
@@ -51,17 +51,17 @@ def load(path: Path | str, *, fleet: Path | str | None = None) -> LoadedMission:
         MissionError: with all problems, in the order of the file.
     """
     path = Path(path)
-    return _build(document.read(path), path, None if fleet is None else Path(fleet))
+    return _build(yaml_file.read(path), path, None if fleet is None else Path(fleet))
 
 
 def loads(text: str, name: str = "mission.yaml") -> LoadedMission:
     """Load a mission from text; a fleet file is looked for in the directory of `name`."""
-    return _build(document.parse(text, name), Path(name), None)
+    return _build(yaml_file.parse(text, name), Path(name), None)
 
 
 def dumps(file: MissionFile) -> str:
     """A mission as text that loads to the same: what was given, not the defaults."""
-    return document.write(file.model_dump(mode="json", exclude_unset=True, by_alias=True))
+    return yaml_file.write(file.model_dump(mode="json", exclude_unset=True, by_alias=True))
 
 
 def _build(source: Document, path: Path, fleet: Path | None) -> LoadedMission:
@@ -101,7 +101,7 @@ def _graft_fleet(source: Document, path: Path, fleet: Path | None) -> None:
     if fleet is None:
         return
     try:
-        source.graft(("fleet",), document.read(fleet, what="fleet"))
+        source.graft(("fleet",), yaml_file.read(fleet, what="fleet"))
     except MissionError as error:
         # Without a line in the fleet file, the mission's line that names it is the place to look.
         source.problems += [

@@ -1,21 +1,12 @@
-"""Reads YAML strictly and keeps the line of every value, so that a problem names its place.
-
-Scalars follow YAML 1.2's core schema without its exotic number forms: `on`, `yes`, `010`, `1_000`,
-`1:30` and dates are text (YAML 1.1 converts them), and `1e3` is a number.
-"""
+"""What is known of a file that was read: its data, where each value stands, what is wrong."""
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
-import yaml
-from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
-
 from swarm_ctl.core.model.text import escaped
-from swarm_ctl.errors import MissionError, Problem
+from swarm_ctl.errors import Problem
 
 Place: TypeAlias = tuple[str | int, ...]
 """Where a value stands in its document: keys and list indices from the top."""
@@ -27,40 +18,6 @@ class Finding(NamedTuple):
     place: Place
     what: str
     allowed: str
-
-
-class _Loader(yaml.SafeLoader):
-    yaml_implicit_resolvers = {}  # noqa: RUF012 (PyYAML declares it on the instance)
-
-    def compose_node(self, parent: Node | None, index: int) -> Node | None:
-        if self.check_event(yaml.events.AliasEvent):
-            mark = self.peek_event().start_mark  # type: ignore[no-untyped-call]
-            raise yaml.composer.ComposerError(None, None, "aliases (*name) are not supported", mark)
-        return super().compose_node(parent, index)
-
-
-_TAG = "tag:yaml.org,2002:"
-_MOST_BYTES = 4_000_000
-"""Twice what 250 agents with a hundred shapes, slot by slot, need; more takes seconds to parse."""
-for _name, _pattern, _first in (
-    ("bool", r"true|True|TRUE|false|False|FALSE", "tTfF"),
-    ("null", r"~|null|Null|NULL|", ["~", "n", "N", ""]),
-    ("int", r"[-+]?(0|[1-9][0-9]*)", "-+0123456789"),
-    ("float", r"[-+]?(\.[0-9]+|(0|[1-9][0-9]*)(\.[0-9]*)?)([eE][-+]?[0-9]+)?", "-+.0123456789"),
-    ("float", r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)", "-+."),
-):
-    _Loader.add_implicit_resolver(_TAG + _name, re.compile(f"(?:{_pattern})$"), list(_first))
-
-
-class _Dumper(yaml.SafeDumper):
-    yaml_implicit_resolvers = _Loader.yaml_implicit_resolvers
-
-
-def write(data: Any) -> str:
-    """Plain data as YAML that `parse` reads back as it was."""
-    return yaml.dump(
-        data, Dumper=_Dumper, sort_keys=False, default_flow_style=None, allow_unicode=True
-    )
 
 
 @dataclass
@@ -80,7 +37,7 @@ class Document:
 
     def problem(self, place: Place, what: str, allowed: str) -> Problem:
         """A problem with the value at `place`."""
-        return _problem(self.where(place), dotted(place), what, allowed)
+        return problem_at(self.where(place), dotted(place), what, allowed)
 
     def graft(self, place: Place, other: Document) -> None:
         """Put the whole of `other` at `place`; its values keep their own file and lines."""
@@ -88,10 +45,10 @@ class Document:
         self.wheres |= {place + inner: where for inner, where in other.wheres.items()}
         for p in other.problems:
             field = dotted(place) if p.field == dotted(()) else f"{dotted(place)}.{p.field}"
-            self.problems.append(_problem(p.where, field, p.what, p.allowed))
+            self.problems.append(problem_at(p.where, field, p.what, p.allowed))
 
 
-def _problem(where: str, field: str, what: str, allowed: str) -> Problem:
+def problem_at(where: str, field: str, what: str, allowed: str) -> Problem:
     """A problem that is safe to print: names and values of a file may hold control characters."""
     return Problem(escaped(where), escaped(field), escaped(what), escaped(allowed))
 
@@ -100,120 +57,3 @@ def dotted(place: Place) -> str:
     """`("fleet", "agents", 2, "sysid")` as `fleet.agents[2].sysid`."""
     text = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place)
     return text.removeprefix(".") or "(whole file)"
-
-
-def read(path: Path, *, what: str = "mission") -> Document:
-    """Read a YAML file; MissionError if it can't be read or parsed at all."""
-    try:
-        data = path.read_bytes() if path.stat().st_size <= _MOST_BYTES else None
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise _refuse(str(path), f"can't be read: {reason}", f"a readable {what} file") from error
-    if data is None:
-        raise _refuse(f"{path}:1", "the file is too large", f"at most {_MOST_BYTES / 1e6:g} MB")
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        raise _refuse(
-            f"{path}:{line}", f"is not text: {error.reason} at byte {error.start}", "UTF-8 text"
-        ) from error
-    return parse(text, str(path))
-
-
-def nodes(text: str) -> Node | None:
-    """The YAML nodes of a text that `parse` accepts, with their positions in it."""
-    found: Node | None = yaml.compose(text, Loader=_Loader)
-    return found
-
-
-def parse(text: str, name: str) -> Document:
-    """Parse YAML text; problems call it `name`. MissionError if it is not YAML."""
-    try:
-        node = yaml.compose(text, Loader=_Loader)
-        document = Document(name)
-        if node is None:
-            raise _refuse(f"{name}:1", "is empty", "a mapping of fields to values")
-        document.data = _Converter(document).convert(node, ())
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        if error.problem == "could not find expected ':'":
-            mark = error.context_mark or mark  # PyYAML notices on the next line
-        where = f"{name}:{mark.line + 1}" if mark else name
-        what = " ".join(part for part in (error.context, error.problem) if part)
-        allowed = "spaces, not tabs, in front of a field" if "'\\t'" in what else "well-formed YAML"
-        raise _refuse(where, f"YAML: {what}", allowed) from error
-    except yaml.reader.ReaderError as error:
-        line = text.count("\n", 0, error.position) + 1
-        character = f"character {error.character!r}"
-        raise _refuse(
-            f"{name}:{line}", f"YAML: {character} ({error.reason})", "printable text"
-        ) from error
-    except RecursionError as error:
-        raise _refuse(
-            f"{name}:1", "is nested too deeply", "a few levels of mappings and lists"
-        ) from error
-    return document
-
-
-def _refuse(where: str, what: str, allowed: str) -> MissionError:
-    return MissionError((_problem(where, dotted(()), what, allowed),))
-
-
-class _Converter:
-    """Converts nodes to plain data; notes lines and duplicate keys in the document."""
-
-    def __init__(self, document: Document) -> None:
-        self._document = document
-
-    def convert(self, node: Node, place: Place) -> Any:
-        # The line of a mapping's entry is its key's, noted before; other nodes have their own.
-        self._document.wheres.setdefault(place, self._where(node))
-        if isinstance(node, MappingNode):
-            self._untagged(node, place, "map")
-            return self._mapping(node, place)
-        if isinstance(node, SequenceNode):
-            self._untagged(node, place, "seq")
-            return tuple(self.convert(item, (*place, k)) for k, item in enumerate(node.value))
-        return self._scalar(node, place)
-
-    def _mapping(self, node: MappingNode, place: Place) -> dict[str, Any]:
-        result: dict[str, Any] = {}
-        for key_node, value_node in node.value:
-            if not isinstance(key_node, ScalarNode):
-                what = "a list or mapping can't be a field's name"
-                self._note(key_node, place, what, "a plain word")
-                continue
-            key = key_node.value
-            inner = (*place, key)
-            if key in result:
-                first = self._document.where(inner)
-                self._note(key_node, inner, f"is given twice (first at {first})", "each field once")
-                continue
-            self._document.wheres[inner] = self._where(key_node)
-            result[key] = self.convert(value_node, inner)
-        return result
-
-    def _scalar(self, node: Node, place: Place) -> Any:
-        text, tag = node.value, node.tag.removeprefix(_TAG)
-        try:
-            if tag == "bool":
-                return text.lower() == "true"
-            if tag == "int":
-                return int(text)
-            if tag == "float":
-                return float(text.lower().replace(".inf", "inf").replace(".nan", "nan"))
-        except ValueError:
-            return text
-        self._untagged(node, place, "str", "null")
-        return None if tag == "null" else text
-
-    def _untagged(self, node: Node, place: Place, *plain: str) -> None:
-        if node.tag.removeprefix(_TAG) not in plain:
-            self._note(node, place, f"has the YAML tag {node.tag!r}", "no tags")
-
-    def _where(self, node: Node) -> str:
-        return f"{self._document.name}:{node.start_mark.line + 1}"
-
-    def _note(self, node: Node, place: Place, what: str, allowed: str) -> None:
-        self._document.problems.append(_problem(self._where(node), dotted(place), what, allowed))

@@ -28,7 +28,7 @@ def problem_of(error: Mapping[str, Any], document: Document, schema: _Schema) ->
     """An entry of `ValidationError.errors()` as a problem; `schema` is the model's JSON Schema."""
     loc: Place = tuple(error["loc"])
     place = _place(loc, document.data)
-    if error["type"] == "extra_forbidden":
+    if error["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
         names = sorted(_find(schema, loc[:-1]).get("properties", {}))
         close = difflib.get_close_matches(str(loc[-1]), names, n=1)
         hint = f"; did you mean {close[0]}?" if close else ""

@@ -51,10 +51,8 @@ def mission_parts(
     plan, simulation = loaded.plan, loaded.file.simulation
     count = len(plan.agents)
     simulated = sum(entry.endpoint is None for entry in loaded.fleet.agents)
-    yield Text(
-        f"{plan.name} can be flown: {count} agents, {simulated} simulated, plan {plan.hash():016x}",
-        style="bold",
-    )
+    agents = f"{count} agents, {simulated} simulated"
+    yield Text(f"{plan.name} can be flown: {agents}, plan {plan.fingerprint()}", style="bold")
     yield _agents(loaded, count if full or count <= _AGENTS else _AGENTS - 2)
     if count > _AGENTS and not full:
         yield f"{count - _AGENTS + 2} more agents; --full shows them"

@@ -36,7 +36,7 @@ def test_it_shows_what_will_be_flown() -> None:
     text = shown(HEXAGON)
     for part in (
         "6 agents",
-        f"{load(HEXAGON).plan.hash():016x}",
+        load(HEXAGON).plan.fingerprint(),
         "70.0, 80.0",
         "6 simulated",
         "ardupilot 4",

@@ -24,7 +24,7 @@ from swarm_ctl.core.model.messages import (
 )
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.mission.compile.fleet import FleetAgent
-from swarm_ctl.report.folder.manifest import Manifest, fingerprint, write_manifest
+from swarm_ctl.report.folder.manifest import Manifest, write_manifest
 from tests.unit.station.swarm import HEXAGON, hexagon_plan, status_of
 
 PLAN: Final = hexagon_plan()
@@ -71,7 +71,7 @@ def manifest(plan: Plan = PLAN, **changes: Any) -> Manifest:
         "epoch_s": 1234.5,
         "headless": True,
         "plan": plan,
-        "plan_hash": fingerprint(plan),
+        "plan_hash": plan.fingerprint(),
         "fleet": fleet,
         "station_mesh": "tcp/127.0.0.1:7440",
         "versions": {"swarm-ctl": "0.1.0"},

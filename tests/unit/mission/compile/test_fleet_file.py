@@ -12,7 +12,7 @@ from swarm_ctl.core.law.stop_point import TYPICAL
 from swarm_ctl.core.model.plan import Response
 from swarm_ctl.errors import InputError, MissionError
 from swarm_ctl.mission.compile.fleet_file import file_of, read_fleet, with_response
-from swarm_ctl.mission.input import document
+from swarm_ctl.mission.input import yaml_file
 from tests.unit.mission.example import TEXT as MISSION
 
 BARE = MISSION[: MISSION.index("fleet:")]
@@ -61,7 +61,7 @@ def test_twice_is_once() -> None:
 @given(dead=st.integers(0, 200), lag=st.integers(2, 500), most=st.integers(1, 200))
 def test_what_is_written_is_what_is_read(dead: int, lag: int, most: int) -> None:
     found = Response(dead / 100, lag / 100, most / 10)
-    data = document.parse(with_response("agents: [{id: 3}, {id: 4}]", 4, found), "").data
+    data = yaml_file.parse(with_response("agents: [{id: 3}, {id: 4}]", 4, found), "").data
     assert Response(**data["agents"][1]["response"]) == found
     assert data["agents"][0] == {"id": 3}
 

@@ -1,0 +1,41 @@
+"""`swarm-ctl plan`: a mission as data for the drones' computers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from swarm_ctl.cli.console import PlainConsole
+from swarm_ctl.cli.options import FleetFile, MissionFile
+
+
+def plan(
+    mission: MissionFile,
+    fleet: FleetFile = None,
+    out: Annotated[Path, typer.Option(metavar="FILE", help="The plan file to write.")] = Path(
+        "plan.json"
+    ),
+) -> None:
+    """Write a mission as a plan file for the drones' computers.
+
+    The plan file holds all that `swarm-ctl agent` needs: the checked mission with its slots dealt,
+    a hash, and the fleet's endpoints. An agent that flies it needs only the core of swarm-ctl.
+
+    Examples:
+
+    \b
+        swarm-ctl plan missions/square.yaml --fleet outdoors.yaml
+        swarm-ctl plan missions/hexagon.yaml --out hexagon.json
+    """
+    from swarm_ctl.mission.compile.loader import load
+    from swarm_ctl.mission.compile.plan_file import plan_to_json
+    from swarm_ctl.report.folder.files import write_whole
+
+    console = PlainConsole()
+    loaded = load(mission, fleet=fleet)
+    console.warn(loaded.warnings)
+    write_whole(out, plan_to_json(loaded.plan, loaded.fleet))
+    agents, fingerprint = len(loaded.plan.agents), loaded.plan.fingerprint()
+    console.say(f"plan: {out}, {agents} agents, {fingerprint}; swarm-ctl agent {out} --id ID")

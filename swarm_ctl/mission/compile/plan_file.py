@@ -1,0 +1,119 @@
+"""A plan as a file: all that an agent needs of a mission, slots dealt, as JSON.
+
+A drone's computer reads it without YAML, shapes or the assignment of slots. The plan's hash stands
+in the file, so that no edited or damaged plan flies.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.errors import InputError, MissionError
+from swarm_ctl.mission.compile.fleet import Fleet, FleetAgent
+from swarm_ctl.mission.input.document import Document
+from swarm_ctl.mission.input.error_messages import problem_of
+
+
+class PlanFile(BaseModel):
+    """What the file says. Strict: no unknown field, no silent conversion, in the plan's own
+    dataclasses as well."""
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", strict=True, use_attribute_docstrings=True
+    )
+
+    schema_version: Literal[1] = 1
+    plan: Plan
+    plan_hash: str = Field(pattern=r"^[0-9a-f]{16}$")
+    """`Plan.fingerprint`: hexadecimal, because many JSON readers lose a 64-bit integer's last
+    digits."""
+    fleet: tuple[FleetAgent, ...]
+    """One entry per agent of the plan."""
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if self.plan_hash != self.plan.fingerprint():
+            raise ValueError(
+                f"plan_hash is {self.plan_hash}, the plan's is {self.plan.fingerprint()}: it was"
+                " changed after it was checked; allowed: a plan as it was written"
+            )
+        _refuse_repeated("agent id", (agent.id for agent in self.fleet))
+        _refuse_repeated("sysid", (agent.sysid for agent in self.fleet))
+        ids = [agent.id for agent in self.plan.agents]
+        if {agent.id for agent in self.fleet} != set(ids):
+            raise ValueError(
+                "fleet and plan name different agents; allowed: one entry in the fleet for each of"
+                f" {', '.join(map(str, ids))}"
+            )
+        return self
+
+
+def plan_to_json(plan: Plan, fleet: Fleet) -> str:
+    """The text of a plan file."""
+    file = PlanFile(plan=plan, plan_hash=plan.fingerprint(), fleet=fleet.agents)
+    return file.model_dump_json(indent=1) + "\n"
+
+
+def is_plan_file(path: Path) -> bool:
+    """Whether the file is meant as a plan file, torn or not: a mission has no `schema_version`.
+
+    InputError where it can't be read.
+    """
+    data = _read(path)
+    return data.lstrip().startswith(b"{") and b'"schema_version"' in data
+
+
+def read_plan(path: Path) -> PlanFile:
+    """Read a plan file.
+
+    Raises:
+        InputError: it can't be read, is no JSON, or what it says is inconsistent.
+        MissionError: with every field that is missing, unknown or wrong.
+    """
+    return plan_from_json(_read(path), str(path))
+
+
+def plan_from_json(text: str | bytes, name: str = "plan") -> PlanFile:
+    """The plan file in a text that errors call `name`; raises as `read_plan`."""
+    try:
+        return PlanFile.model_validate_json(text)
+    except ValidationError as error:
+        found = error.errors(include_url=False)
+    for each in found:
+        if each["type"] == "json_invalid":
+            raise InputError(
+                f"{name}: not JSON: {each['ctx']['error']}; allowed: a whole plan file"
+            )
+        if each["type"] == "value_error" and not each["loc"]:
+            raise InputError(f"{name}: {each['ctx']['error']}")
+    # Of another version, other fields may be right: only the version is told.
+    version = [each for each in found if each["loc"] == ("schema_version",)]
+    document, schema = Document(name, _tuples(json.loads(text))), PlanFile.model_json_schema()
+    raise MissionError(tuple(problem_of(dict(each), document, schema) for each in version or found))
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: can't be read: {error.strerror}") from None
+
+
+def _tuples(data: Any) -> Any:
+    """JSON as a `Document` has it."""
+    if isinstance(data, dict):
+        return {key: _tuples(value) for key, value in data.items()}
+    return tuple(map(_tuples, data)) if isinstance(data, list) else data
+
+
+def _refuse_repeated(what: str, numbers: Iterable[int]) -> None:
+    repeated = sorted(number for number, times in Counter(numbers).items() if times > 1)
+    if repeated:
+        raise ValueError(f"fleet: {what} {', '.join(map(str, repeated))} more than once")

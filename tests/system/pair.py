@@ -1,0 +1,101 @@
+"""Two agents, an ArduCopter and a PX4, started one by one by hand as on real hosts."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from swarm_ctl.mission.compile.loader import LoadedMission, load
+from swarm_ctl.runtime.launch.ports import free_ports
+from swarm_ctl.runtime.launch.sim_config import simulator_config
+from tests.system.running import SWARM_CTL
+
+MISSION = """
+version: 1
+name: pair
+origin: {{lat_deg: 47.4, lon_deg: 8.5, alt_m: 400}}
+unit_m: 5
+law: {{r: 4.5, r_out: 1.5, r_in: 0.5}}
+agents:
+  - {{id: 1, start: [0, 0]}}
+  - {{id: 2, start: [0, 3]}}
+policies: {{agent_lost_after_s: 10}}
+shapes:
+  pair: {{kind: line, spacing: 2}}
+steps:
+  - takeoff: {{height_m: 5}}
+  - form: {{shape: pair}}
+  - land
+fleet:
+  agents:
+    - {{id: 1, endpoint: "udpout:127.0.0.1:{vehicles[0]}", mesh: tcp/127.0.0.1:{meshes[0]}}}
+    - id: 2
+      endpoint: "udpout:127.0.0.1:{vehicles[1]}"
+      mesh: tcp/127.0.0.1:{meshes[1]}
+      autopilot: px4
+"""
+BARE = MISSION.format(vehicles=[1, 2], meshes=[3, 4]).partition("fleet:")[0]
+"""Without a fleet."""
+
+
+def pair_mission(folder: Path) -> LoadedMission:
+    """The mission in `folder`, on free ports of this host."""
+    path = folder / "pair.yaml"
+    vehicles, meshes = (free_ports(2, kind) for kind in (socket.SOCK_DGRAM, socket.SOCK_STREAM))
+    path.write_text(MISSION.format(vehicles=vehicles, meshes=meshes))
+    return load(path)
+
+
+def simulator(
+    mission: LoadedMission, epoch_s: float, speedup: float, **more: Any
+) -> subprocess.Popen[bytes]:
+    """The simulator of the mission's vehicles; it ends with its stdin."""
+    settings = simulator_config(mission.plan, mission.fleet.agents, mission.file.simulation)
+    path = mission.source.with_name("sim.json")
+    path.write_text(json.dumps(settings | {"epoch_s": epoch_s, "speedup": speedup} | more))
+    return subprocess.Popen(
+        [sys.executable, "-m", "sim", "--config", str(path)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+
+
+def agent(
+    file: Path,
+    agent_id: int,
+    epoch_s: float,
+    speedup: float,
+    *more: str,
+    command: Path = SWARM_CTL,
+    env: dict[str, str] | None = None,
+) -> subprocess.Popen[bytes]:
+    """`swarm-ctl agent` with a plan or mission file."""
+    clock = ("--epoch", str(epoch_s), "--speedup", str(speedup))
+    return subprocess.Popen(
+        [command, "agent", file, "--id", str(agent_id), *clock, *more],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        env=os.environ if env is None else env,
+    )
+
+
+@contextmanager
+def ended(processes: list[subprocess.Popen[Any]]) -> Iterator[None]:
+    """All processes of the list are gone behind this block."""
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+            for pipe in (process.stdin, process.stdout, process.stderr):
+                if pipe is not None:
+                    pipe.close()

@@ -1,0 +1,153 @@
+"""The plan as a file: what was written is read again with the same hash, and nothing else is."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarm_ctl.core.model.plan import FormStep, HoldStep, LandStep, Plan, TakeoffStep
+from swarm_ctl.errors import InputError
+from swarm_ctl.mission.compile.fleet import Fleet, FleetAgent
+from swarm_ctl.mission.compile.loader import load
+from swarm_ctl.mission.compile.plan_file import (
+    is_plan_file,
+    plan_from_json,
+    plan_to_json,
+    read_plan,
+)
+from tests.unit.report.run_folders import PLAN
+
+MISSIONS = sorted((Path(__file__).parents[4] / "missions").glob("*.yaml"))
+FLEET = Fleet(tuple(FleetAgent(agent.id, agent.id, "px4") for agent in PLAN.agents))
+
+numbers = st.floats(-1e6, 1e6, allow_nan=False)
+points = st.tuples(numbers, numbers)
+steps = st.one_of(
+    st.builds(TakeoffStep, numbers, numbers),
+    st.builds(
+        FormStep, st.text(), st.lists(points, max_size=3).map(tuple), numbers, numbers, numbers
+    ),
+    st.builds(HoldStep, numbers, numbers),
+    st.builds(LandStep, numbers),
+)
+
+
+def again(plan: Plan) -> Plan:
+    return plan_from_json(plan_to_json(plan, FLEET)).plan
+
+
+@given(st.lists(steps, max_size=5).map(tuple), numbers, st.text())
+def test_a_plan_comes_back_as_it_was(chosen: tuple[Any, ...], unit_m: float, name: str) -> None:
+    plan = replace(PLAN, steps=chosen, unit_m=unit_m, name=name)
+    assert again(plan) == plan
+    assert again(plan).hash() == plan.hash()
+    assert [type(step) for step in again(plan).steps] == [type(step) for step in chosen]
+
+
+@pytest.mark.parametrize("mission", MISSIONS, ids=lambda path: path.stem)
+def test_every_mission_comes_back_with_its_fleet(mission: Path, tmp_path: Path) -> None:
+    loaded, path = load(mission), tmp_path / "plan.json"
+    path.write_text(plan_to_json(loaded.plan, loaded.fleet))
+    assert is_plan_file(path)
+    assert not is_plan_file(mission)
+    found = read_plan(path)
+    assert found.plan == loaded.plan
+    assert found.plan.hash() == loaded.plan.hash()
+    assert found.fleet == loaded.fleet.agents
+
+
+def test_a_plan_built_with_whole_numbers_has_the_same_hash() -> None:
+    plan = replace(PLAN, steps=(LandStep(90),), unit_m=5)
+    assert again(plan).hash() == plan.hash()
+    assert len(plan.fingerprint()) == 16
+
+
+def _places(value: Any, path: tuple[str | int, ...] = ()) -> list[tuple[str | int, ...]]:
+    """Where the plan's JSON has mappings."""
+    if isinstance(value, dict):
+        return [
+            path,
+            *(place for key, inner in value.items() for place in _places(inner, (*path, key))),
+        ]
+    if isinstance(value, list):
+        return [place for k, inner in enumerate(value) for place in _places(inner, (*path, k))]
+    return []
+
+
+def test_an_unknown_field_is_refused_wherever_it_stands() -> None:
+    text = plan_to_json(PLAN, FLEET)
+    places = _places(json.loads(text))
+    agents = len(PLAN.agents)
+    # document, plan, its sections, agents, steps, and the fleet's entries with their responses
+    assert len(places) == 2 + 6 + agents + len(PLAN.steps) + 2 * agents
+    for place in places:
+        data = json.loads(text)
+        inner = data
+        for key in place:
+            inner = inner[key]
+        inner["surplus"] = 1
+        with pytest.raises(InputError, match=r"surplus: unknown field; allowed: "):
+            plan_from_json(json.dumps(data))
+
+
+@pytest.mark.parametrize("field", [field.name for field in fields(Plan)])
+def test_a_missing_or_mistyped_field_is_refused(field: str) -> None:
+    whole = json.loads(plan_to_json(PLAN, FLEET))
+    missing = {k: v for k, v in whole["plan"].items() if k != field}
+    with pytest.raises(InputError, match=rf"^plan: plan\.{field}: is missing; allowed: "):
+        plan_from_json(json.dumps(whole | {"plan": missing}))
+    with pytest.raises(InputError, match=field):
+        plan_from_json(json.dumps(whole | {"plan": whole["plan"] | {field: True}}))
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"schema_version": 2, "plan": {}}, "plan: schema_version: 2 is not allowed; allowed: 1"),
+        ({"plan_hash": "0" * 16}, "plan: plan_hash is 0000000000000000, the plan's is "),
+        ({"fleet": []}, "allowed: one entry in the fleet for each of 1, 2, 3, 4, 5, 6"),
+        ({"plan_hash": 7}, "plan: plan_hash: 7 is a number; allowed: text"),
+    ],
+)
+def test_what_is_wrong_is_told_with_what_would_be_allowed(
+    change: dict[str, Any], told: str
+) -> None:
+    data = json.loads(plan_to_json(PLAN, FLEET)) | change
+    with pytest.raises(InputError) as caught:
+        plan_from_json(json.dumps(data))
+    assert told in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_plan_that_was_edited_does_not_fly() -> None:
+    """A gain of the law, after the mission's checks: the hash tells."""
+    text = plan_to_json(PLAN, FLEET).replace('"tolerance_m": 0.5', '"tolerance_m": 5')
+    with pytest.raises(InputError, match="it was changed after it was checked"):
+        plan_from_json(text)
+
+
+@pytest.mark.parametrize("text", ["", "{", "null", "[]", '{"plan": 3}'])
+def test_what_is_no_plan_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match=r"^plan: "):
+        plan_from_json(text)
+
+
+def test_a_torn_file_is_refused_at_every_length(tmp_path: Path) -> None:
+    """As what it is: a plan file that is not whole."""
+    path, whole = tmp_path / "plan.json", plan_to_json(PLAN, FLEET)
+    for length in range(25, len(whole) - 2, 97):
+        path.write_text(whole[:length])
+        assert is_plan_file(path)
+        with pytest.raises(InputError, match=r"plan\.json: not JSON: .*allowed: a whole plan file"):
+            read_plan(path)
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"no\.json: can't be read: No such file"):
+        read_plan(tmp_path / "no.json")
