@@ -55,8 +55,8 @@ def test_two_agents_and_a_station_that_knows_the_mission(
     plan, fleet = tmp_path / "plan.json", mission.fleet.agents
     bare = Fleet(tuple(replace(entry, endpoint=None, mesh=None) for entry in fleet))
     plan.write_text(plan_to_json(mission.plan, bare))
-    addresses = ("--endpoint", fleet[1].endpoint or "", "--mesh", fleet[1].mesh or "")
-    addresses += ("--peer", fleet[0].mesh or "")
+    own, peer = fleet[1], fleet[0]
+    addresses = [f"--endpoint={own.endpoint}", f"--mesh={own.mesh}", f"--peer={peer.mesh}"]
     watching = subprocess.Popen(
         [SWARM_CTL, "station", "--mission", mission.source, "--json", "--speedup", "5"],
         stdout=subprocess.PIPE,

@@ -49,9 +49,13 @@ def test_the_core_has_no_extras(core: Path) -> None:
     code = f"import importlib.util as u; print([m for m in {EXTRAS} if u.find_spec(m)])"
     found = subprocess.check_output([core / "python", "-c", code], text=True, env=ENV)
     assert found.strip() == "[]"
-    for words in (["run", HEXAGON], ["agent", HEXAGON, "--id", "1"], ["sim", "--mission", HEXAGON]):
+    for words in ("run", "agent --id 1", "sim --mission"):
         done = subprocess.run(
-            [core / "swarm-ctl", *words], capture_output=True, text=True, check=False, env=ENV
+            [core / "swarm-ctl", *words.split(), HEXAGON],
+            capture_output=True,
+            text=True,
+            check=False,
+            env=ENV,
         )
         assert done.returncode == 3, done.stderr
         assert done.stderr.count("\n") == 1

@@ -13,7 +13,7 @@ from typing import Final
 from swarm_ctl.errors import StartError
 from swarm_ctl.mission.compile.fleet import FleetAgent
 from swarm_ctl.mission.compile.loader import LoadedMission
-from swarm_ctl.report.folder.manifest import Manifest, fingerprint, write_manifest
+from swarm_ctl.report.folder.manifest import Manifest, write_manifest
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.agent.agent_process import AgentConfig
 from swarm_ctl.runtime.clock import Clock
@@ -137,7 +137,7 @@ def _manifest(mission: LoadedMission, options: Options) -> Manifest:
         epoch_s=Clock.starting_now(options.speedup).epoch_s,
         headless=options.show is not Show.DASHBOARD,
         plan=mission.plan,
-        plan_hash=fingerprint(mission.plan),
+        plan_hash=mission.plan.fingerprint(),
         fleet=fleet,
         station_mesh=f"tcp/127.0.0.1:{meshes.pop(0)}",
         record_hz=options.record_hz,
