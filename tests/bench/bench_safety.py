@@ -58,7 +58,7 @@ class Timed:
 
 def cost(console: Console) -> None:
     """The filter's share of an agent's tick at 32 agents."""
-    parts = [Timed(SafetyFilter, "keep"), Timed(SafetyFilter, "turned")]
+    parts = [Timed(SafetyFilter, "filtered"), Timed(SafetyFilter, "swirled")]
     step = Timed(Agent, "step")
     swarm = VirtualSwarm(load(MISSION), 1)
     while not all(m.status and m.status.step == 2 for m in swarm.members.values()):
@@ -70,7 +70,8 @@ def cost(console: Console) -> None:
     ticks = np.array(step.each) * 1e6
     spent = sum(sum(part.each) for part in parts) * 1e6
     console.print(
-        f"agent's tick at 32 agents: p50 {np.percentile(ticks, 50):.0f}, p99 {np.percentile(ticks, 99):.0f} us;"
+        f"agent's tick at 32 agents: p50 {np.percentile(ticks, 50):.0f}, "
+        f"p99 {np.percentile(ticks, 99):.0f} us;"
         f" the filter: {spent / len(ticks):.0f} us a tick, {100 * spent / ticks.sum():.1f} % of it"
     )
 
