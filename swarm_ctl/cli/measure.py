@@ -103,7 +103,8 @@ def measure(
     """
     from swarm_ctl.runtime.clock import Clock
     from swarm_ctl.runtime.launch.interrupts import Interrupts
-    from swarm_ctl.runtime.launch.measure import Task, Watch, fly, task_of, write_response
+    from swarm_ctl.runtime.launch.measure import Task, fly, task_of, write_response
+    from swarm_ctl.runtime.ticker import Ticker
 
     console = PlainConsole()
     if endpoint is None:
@@ -118,18 +119,15 @@ def measure(
         task = Task((FleetAgent(sysid, sysid, autopilot.value, endpoint, None, typical),))
     vehicles = _chosen(task.vehicles, agent_id)
     steps = _steps(speed, height, box, task.limit_mps)
-    clock = Clock.starting_now(speedup)
+    ticker = Ticker(Clock.starting_now(speedup), task.tick_s)
     failed = False
     with Interrupts() as ctrl_c:
-        watch = Watch(
-            lambda text: console.say(f"  {text}", style="dim"),
-            lambda: "Ctrl-C" if ctrl_c.count else "",
-            lambda: ctrl_c.count > 1,
-        )
         for vehicle in vehicles:
             console.say(_headline(vehicle, steps))
             flight = StepFlight(steps, vehicle.response, task.tick_s, task.fence, task.origin)
-            down = fly(vehicle, flight, task.tick_s, clock, watch)
+            down = fly(
+                vehicle, flight, ticker, lambda text: console.say(f"  {text}", style="dim"), ctrl_c
+            )
             if ctrl_c.count:
                 how = "landed by Ctrl-C" if down else "left to its own failsafe"
                 console.say(f"  {how}", style="bold red")

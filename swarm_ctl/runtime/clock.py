@@ -8,8 +8,7 @@ from typing import Final
 
 
 class Clock:
-    """Mission time [s]: `speedup` mission seconds pass per second of the wall clock, from 0 at
-    `epoch_s`.
+    """Mission time [s]: from 0 at `epoch_s`, `speedup` times as fast as the wall clock.
 
     Processes on one host are given the same `epoch_s` (of the monotonic clock), so their times
     compare directly.
@@ -33,10 +32,6 @@ class Clock:
         left = self.epoch_s + mission_s / self.speedup - time.monotonic()
         if left > 0:
             time.sleep(left)
-
-    def sleep(self, mission_s: float) -> None:
-        """Sleep for `mission_s` of mission time."""
-        time.sleep(mission_s / self.speedup)
 
 
 def wall_s() -> float:

@@ -1,5 +1,5 @@
-"""A control loop's heartbeat: absolute deadlines, late ticks skipped and counted, never made up for
-in a burst."""
+"""A control loop's heartbeat. Deadlines are absolute; ticks that are missed are counted, and never
+made up for in a burst."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Ticker:
     (wall clock)."""
 
     def __init__(self, clock: Clock, period_s: float) -> None:
-        self._clock = clock
+        self.clock = clock
         self._period = period_s
         self._due = clock.now()
         self._started: float | None = None
@@ -25,9 +25,8 @@ class Ticker:
         self._overruns = 0
 
     def wait(self) -> float:
-        """Sleep to the next deadline and return the mission time [s]. Deadlines already past are
-        counted, not run."""
-        clock, period = self._clock, self._period
+        """Sleep to the next deadline that is still ahead; the mission time [s]."""
+        clock, period = self.clock, self._period
         now = clock.now()
         to_ms = _MS / clock.speedup
         if self._started is not None:
@@ -43,7 +42,7 @@ class Ticker:
         return now
 
     def report(self) -> TickReport:
-        """The figures so far."""
+        """The figures so far [ms]."""
         return TickReport(
             self._late.count,
             self._overruns,

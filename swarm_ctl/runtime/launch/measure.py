@@ -22,9 +22,10 @@ from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.mission.compile.fleet import FleetAgent
 from swarm_ctl.report.folder.files import write_whole
-from swarm_ctl.runtime.clock import Clock, pause, wall_s
+from swarm_ctl.runtime.clock import Clock
+from swarm_ctl.runtime.launch.interrupts import Interrupts
 from swarm_ctl.runtime.launch.ports import free_ports
-from swarm_ctl.runtime.launch.processes import simulator, wait_all
+from swarm_ctl.runtime.launch.processes import simulator, wait_all, wait_ready
 from swarm_ctl.runtime.launch.sim_config import place, vehicle_config
 from swarm_ctl.runtime.ticker import Ticker
 
@@ -100,43 +101,33 @@ def write_response(path: Path, agent: int, found: Response) -> None:
         ) from None
 
 
-@dataclass(frozen=True, slots=True)
-class Watch:
-    """What is told while it flies, and what can end it."""
+def fly(
+    vehicle: FleetAgent,
+    flight: StepFlight,
+    ticker: Ticker,
+    say: Callable[[str], None],
+    ctrl_c: Interrupts,
+) -> bool:
+    """Fly until `flight.ended`, or the second Ctrl-C; whether the vehicle is disarmed then.
 
-    say: Callable[[str], None]
-    stop: Callable[[], str]
-    """Why to land now, or ''."""
-    quit: Callable[[], bool]
-    """Leave at once, whatever the vehicle does."""
-
-
-def fly(vehicle: FleetAgent, flight: StepFlight, tick_s: float, clock: Clock, watch: Watch) -> bool:
-    """Fly until `flight.ended`; whether the vehicle stands disarmed then. LinkError where its
+    A vehicle without an endpoint is simulated, for as long as this takes. LinkError where its
     endpoint can't be opened.
-
-    A vehicle without an endpoint is simulated, for as long as this takes.
     """
-    with _reached(vehicle, clock) as endpoint:
-        link = VehicleLink(endpoint, vehicle.autopilot, vehicle.sysid)
-        try:
-            return _loop(link, flight, Ticker(clock, tick_s), watch)
-        finally:
-            link.close()
-
-
-def _loop(link: VehicleLink, flight: StepFlight, ticker: Ticker, watch: Watch) -> bool:
-    while True:
-        now = ticker.wait()
-        link.receive(now)
-        view = link.view()
-        goal = flight.step(now, view, watch.stop())
-        link.pursue(goal, now)
-        for text in flight.said:
-            watch.say(text)
-        flight.said.clear()
-        if flight.ended is not None or watch.quit():
-            return not view.armed
+    with (
+        _reached(vehicle, ticker.clock) as endpoint,
+        contextlib.closing(VehicleLink(endpoint, vehicle.autopilot, vehicle.sysid)) as link,
+    ):
+        while True:
+            now = ticker.wait()
+            link.receive(now)
+            view = link.view()
+            goal = flight.step(now, view, "Ctrl-C" if ctrl_c.count else "")
+            link.pursue(goal, now)
+            for text in flight.said:
+                say(text)
+            flight.said.clear()
+            if flight.ended is not None or ctrl_c.count > 1:
+                return not view.armed
 
 
 @contextlib.contextmanager
@@ -156,11 +147,8 @@ def _reached(vehicle: FleetAgent, clock: Clock) -> Iterator[str]:
         config.write_text(json.dumps(settings))
         child = simulator(config, Path(folder) / "simulator.log")
         try:
-            until = wall_s() + _START_WALL_S
-            while not child.poll_ready():
-                if wall_s() > until:
-                    raise StartError(f"the simulator was not ready after {_START_WALL_S:g} s")
-                pause(0.01)
+            if wait_ready([child], _START_WALL_S):
+                raise StartError(f"the simulator was not ready after {_START_WALL_S:g} s")
             yield f"udpout:127.0.0.1:{port}"
             child.let_go()
             wait_all([child], _END_WALL_S)

@@ -15,7 +15,7 @@ import select
 import subprocess
 import sys
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
 from types import ModuleType
@@ -29,6 +29,7 @@ from swarm_ctl.runtime.clock import pause, wall_s
 
 _LOG_LINES: Final = 5
 _POLL_WALL_S: Final = 0.02
+_POLL_READY_WALL_S: Final = 0.01
 
 
 class Child(ABC):
@@ -221,6 +222,20 @@ def station(folder: Path, log: Path, show: str, metrics_port: int | None = None)
     if metrics_port is not None:
         command += ["--metrics", str(metrics_port)]
     return CommandChild("station", command, log, own_terminal=True)
+
+
+def wait_ready(
+    children: Sequence[Child], wall_seconds: float, stop: Callable[[], bool] = lambda: False
+) -> list[Child]:
+    """Wait until all are ready, at most so long or until `stop`; the others."""
+    until, waiting = wall_s() + wall_seconds, list(children)
+    while (
+        (waiting := [child for child in waiting if not child.poll_ready()])
+        and wall_s() < until
+        and not stop()
+    ):
+        pause(_POLL_READY_WALL_S)
+    return waiting
 
 
 def wait_all(children: Sequence[Child], wall_seconds: float) -> None:

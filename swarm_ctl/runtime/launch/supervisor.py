@@ -24,6 +24,7 @@ from swarm_ctl.runtime.launch.processes import (
     simulator,
     station,
     wait_all,
+    wait_ready,
 )
 from swarm_ctl.runtime.launch.run_setup import Options, RunSetup
 from swarm_ctl.runtime.launch.terminal_state import TerminalState
@@ -115,18 +116,14 @@ class RunProcesses:
         (folder / "processes.json").write_text(json.dumps(pids))
 
     def _wait_ready(self) -> None:
-        until = wall.wall_s() + _START_WALL_S
-        waiting = self._children
-        while waiting := [child for child in waiting if not child.poll_ready()]:
-            if self._interrupts.count:
-                raise KeyboardInterrupt
-            if wall.wall_s() > until:
-                names = ", ".join(child.name for child in waiting)
-                folder = self._setup.folder
-                raise StartError(
-                    f"not ready after {_START_WALL_S:g} s: {names}; see the logs in {folder}"
-                )
-            wall.pause(0.01)
+        late = wait_ready(self._children, _START_WALL_S, lambda: self._interrupts.count > 0)
+        if late and self._interrupts.count:
+            raise KeyboardInterrupt
+        if late:
+            names, folder = ", ".join(child.name for child in late), self._setup.folder
+            raise StartError(
+                f"not ready after {_START_WALL_S:g} s: {names}; see the logs in {folder}"
+            )
 
     def watch(self) -> None:
         """Until all agents have ended, or the second Ctrl-C. The first one lands the swarm."""

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from swarm_ctl.core.model.messages import Event
+from swarm_ctl.core.model.messages import Event, Severity
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.memory_transport import MemoryHub, MemoryTransport
 from swarm_ctl.mesh.node import Node
@@ -48,7 +48,7 @@ def views(count: int) -> list[SwarmView]:
     """Each with something new to say."""
     model, found = flying_model(PLAN, 30.0), []
     for k in range(count):
-        model.fold(Event(1 + k % 6, 30.0 + k, "info", f"event {k}: " + "x" * 60), 30.0 + k)
+        model.fold(Event(1 + k % 6, 30.0 + k, Severity.INFO, f"event {k}: " + "x" * 60), 30.0 + k)
         found.append(model.view(30.0 + k))
     return found
 
@@ -191,12 +191,16 @@ def test_the_station_beacons_and_records_while_nobody_reads(
     def watch(screen: Screen) -> None:
         loop(station, screen, RunControl(ControlPipe(orders), clock, tmp_path))
 
-    worker = threading.Thread(target=lambda: present(Show.LOG, PLAN, None, watch, out=pipe[1]))
+    worker = threading.Thread(
+        target=lambda: present(Show.LOG, PLAN, None, watch, out=pipe[1]), daemon=True
+    )
     worker.start()
     heard: list[float] = []
     for k in range(50):
         for j in range(5):
-            agent.send(keys.EVENT, Event(1, clock.now(), "info", f"event {k}.{j}: " + "x" * 60))
+            agent.send(
+                keys.EVENT, Event(1, clock.now(), Severity.INFO, f"event {k}.{j}: " + "x" * 60)
+            )
         heard += [received_s for _, received_s in agent.take(keys.BEACON)]
         time.sleep(0.02)
     os.write(control, b'{"finish": true}\n')
