@@ -17,7 +17,7 @@ import numpy as np
 
 from swarm_ctl.commands.parse import BY_NAME, Order, tuned
 from swarm_ctl.core.law.formation import smallest_distance
-from swarm_ctl.core.model.messages import Command, Gains, Tuning
+from swarm_ctl.core.model.messages import Command, CommandKind, Gains, Tuning
 from swarm_ctl.core.model.plan import FormStep, MoveStep, Plan, Point
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.swarm.gain_update import LEAD_S, limits, planned
@@ -80,13 +80,13 @@ def build(order: Order, swarm: SwarmNow, mission: LoadedMission | Path) -> Comma
     _check(order, swarm.plan)
     command = Command(uuid.uuid4().hex, order.kind, order.agents, swarm.time_s)
     match order.kind:
-        case "next":
+        case CommandKind.NEXT:
             return replace(command, at_step=swarm.step)
-        case "form":
+        case CommandKind.FORM:
             step: FormStep | MoveStep = _form(order.arguments[0], swarm, mission)
-        case "move":
+        case CommandKind.MOVE:
             step = _move(order, swarm)
-        case "tune":
+        case CommandKind.TUNE:
             agents, tuning = _tune(order, swarm)
             return replace(command, agents=agents, tuning=tuning, plan_hash=swarm.plan.hash())
         case _:

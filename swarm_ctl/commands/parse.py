@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 from typing import Final
 
-from swarm_ctl.core.model.messages import Gains
+from swarm_ctl.core.model.messages import CommandKind, Gains
 from swarm_ctl.core.model.plan import FormStep, Plan
 from swarm_ctl.core.swarm.gain_update import limits, out_of_range, planned
 from swarm_ctl.errors import InputError
@@ -21,7 +21,7 @@ from swarm_ctl.errors import InputError
 class Kind:
     """One kind of command: a row of the table."""
 
-    name: str
+    name: CommandKind
     usage: str
     """What follows the name on the command line; '' for nothing."""
     does: str
@@ -34,23 +34,35 @@ class Kind:
 
 
 KINDS: Final[tuple[Kind, ...]] = (
-    Kind("hold", "", "stop in the air; avoidance stays on", "h"),
-    Kind("resume", "", "go on with the mission", "r"),
-    Kind("next", "", "end the current step", "n"),
-    Kind("form", "SHAPE", "fly into another shape of the mission", "f", for_all=True),
+    Kind(CommandKind.HOLD, "", "stop in the air; avoidance stays on", "h"),
+    Kind(CommandKind.RESUME, "", "go on with the mission", "r"),
+    Kind(CommandKind.NEXT, "", "end the current step", "n"),
+    Kind(CommandKind.FORM, "SHAPE", "fly into another shape of the mission", "f", for_all=True),
     Kind(
-        "move",
+        CommandKind.MOVE,
         "NORTH EAST [SPEED]",
         "move the formation to a point [m] at a speed [m/s]",
         "m",
         for_all=True,
     ),
-    Kind("tune", "NAME=VALUE ...", "change the law of all agents at one time", "u", for_all=True),
-    Kind("land", "", "land in place", "l"),
-    Kind("return", "", "fly home one at a time and land", "b"),
-    Kind("kill", "", "stop the motors: the vehicle falls", "K", asks="They fall out of the air."),
+    Kind(
+        CommandKind.TUNE,
+        "NAME=VALUE ...",
+        "change the law of all agents at one time",
+        "u",
+        for_all=True,
+    ),
+    Kind(CommandKind.LAND, "", "land in place", "l"),
+    Kind(CommandKind.RETURN, "", "fly home one at a time and land", "b"),
+    Kind(
+        CommandKind.KILL,
+        "",
+        "stop the motors: the vehicle falls",
+        "K",
+        asks="They fall out of the air.",
+    ),
 )
-BY_NAME: Final = {kind.name: kind for kind in KINDS}
+BY_NAME: Final[dict[str, Kind]] = {kind.name: kind for kind in KINDS}
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,16 +192,16 @@ def _agents(text: str, plan: Plan) -> tuple[int, ...]:
 
 def _check(kind: Kind, arguments: list[str], plan: Plan) -> None:
     usage = f"{kind.name} {kind.usage}".strip()
-    if kind.name == "form":
+    if kind.name is CommandKind.FORM:
         if len(arguments) != 1:  # `build` checks the name: the mission file may have more shapes
             raise InputError(
                 f"usage: {usage}; this mission flies {', '.join(shapes(plan)) or 'none'}"
             )
-    elif kind.name == "move":
+    elif kind.name is CommandKind.MOVE:
         numbers = [_number(word) for word in arguments]
         if len(numbers) not in (2, 3) or not all(map(math.isfinite, numbers)):
             raise InputError(f"usage: {usage}, e.g. move 20 -5")
-    elif kind.name == "tune":
+    elif kind.name is CommandKind.TUNE:
         tuned(arguments, planned(plan), plan)
     elif arguments:
         raise InputError(f"usage: {usage}")

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from swarm_ctl.core.model.messages import Ack, Command
+from swarm_ctl.core.model.messages import Ack, Command, CommandKind
 from swarm_ctl.core.swarm.gain_update import GainUpdateRound
 
 REPEAT_WALL_S: Final = 0.5
@@ -74,7 +74,7 @@ class CommandSender:
     def send(self, command: Command, now: float) -> SentCommand:
         """Send a command now, and again at each `turn` that it is due."""
         sent = SentCommand(command, command.agents or self._agents)
-        first_phase = GainUpdateRound(command) if command.kind == "tune" else None
+        first_phase = GainUpdateRound(command) if command.kind == CommandKind.TUNE else None
         self._open.append(_Open(sent, now, now, first_phase))
         self._repeat(self._open[-1], now)
         return sent

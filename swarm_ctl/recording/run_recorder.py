@@ -11,7 +11,7 @@ from typing import Final
 
 from pydantic import TypeAdapter
 
-from swarm_ctl.core.model.messages import Ack, AgentStatus, Command, Event, Payload
+from swarm_ctl.core.model.messages import Ack, AgentStatus, Command, Event, Outcome, Payload
 from swarm_ctl.recording.recorder import Recorder
 
 _STATUS_S: Final = 2.0
@@ -67,7 +67,7 @@ class RunRecorder:
                 self._statuses.write(self._adapter.dump_json(payload))
 
     def _is_due(self, status: AgentStatus) -> bool:
-        if status.outcome == "running" and status.time_s < self._due.get(status.agent, 0.0):
+        if status.outcome == Outcome.RUNNING and status.time_s < self._due.get(status.agent, 0.0):
             return False
         self._due[status.agent] = status.time_s + _STATUS_S
         return True

@@ -21,7 +21,7 @@ from typing import Final
 from pydantic import TypeAdapter
 
 from swarm_ctl.core.agent.agent import Agent, Ended, Inbox
-from swarm_ctl.core.model.messages import AgentStatus
+from swarm_ctl.core.model.messages import AgentStatus, Outcome
 from swarm_ctl.core.model.plan import Plan, Response
 from swarm_ctl.errors import SwarmError
 from swarm_ctl.mavlink.link import VehicleLink
@@ -110,7 +110,7 @@ def run_agent(config: AgentConfig, lifeline: Lifeline) -> int:
         lifeline.tell(f"{ended.outcome}: {ended.reason}" if ended.reason else ended.outcome)
     if config.report is not None and status is not None:
         _write_report(config.report, status)
-    return 0 if ended.outcome in ("completed", "aborted") else 1
+    return 0 if ended.outcome in (Outcome.COMPLETED, Outcome.ABORTED) else 1
 
 
 @contextmanager

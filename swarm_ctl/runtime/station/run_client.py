@@ -7,7 +7,7 @@ from typing import Final, Self
 
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.commands.send import SentCommand
-from swarm_ctl.core.model.messages import AgentState
+from swarm_ctl.core.model.messages import AgentState, CommandKind
 from swarm_ctl.errors import StartError
 from swarm_ctl.report.folder.manifest import Manifest, read_manifest
 from swarm_ctl.runtime import clock as wall
@@ -67,14 +67,17 @@ class RunClient:
     def _wait_for_agents(self, order: Order) -> None:
         """A command that is made of where the agents are, or of their law, waits for all of them;
         others leave as soon as the mesh is joined."""
-        needs_all, since_s = order.kind in ("form", "tune") or order.by, self._clock.now()
+        needs_all, since_s = (
+            order.kind in (CommandKind.FORM, CommandKind.TUNE) or order.by,
+            self._clock.now(),
+        )
         until, count = wall.wall_s() + _HEAR_WALL_S, len(self._manifest.plan.agents)
         heard: list[AgentView] = []
         ready: list[AgentView] = []
         while len(ready) < count and wall.wall_s() < until:
             self._station.hear()
             before, heard = heard, self._heard(since_s)
-            ready = [agent for agent in heard if agent.status or order.kind != "tune"]
+            ready = [agent for agent in heard if agent.status or order.kind != CommandKind.TUNE]
             if heard and not before and not needs_all:
                 until = min(until, wall.wall_s() + _REST_WALL_S)
             wall.pause(_POLL_WALL_S)
