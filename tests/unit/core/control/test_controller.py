@@ -1,0 +1,197 @@
+"""The seam between the law and the safety filter: what an agent flies, and what it stores of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from swarm_ctl.core.control.controller import Controller
+from swarm_ctl.core.model.messages import Gains
+from swarm_ctl.core.model.plan import Compensation, Plan, Point, Safety
+from swarm_ctl.core.swarm.snapshot import NO_FORMATION, Formation, OtherAircraft, PeerSnapshot
+from tests.unit.core.builders import HOLD, NOW, OWN, SLOTS, UNIT_M, alone, fix, peer, plan, snapshot
+
+PLAN = plan()
+R_IN_M, R_OUT_M = PLAN.law.r_in * UNIT_M, PLAN.law.r_out * UNIT_M
+ROW = Formation({1: SLOTS[0], 2: SLOTS[1], 3: SLOTS[2]}, frozenset({2, 3}), 0j, (HOLD, 0))
+
+
+def controller(of: Plan = PLAN, north: float = 0.0, east: float = 0.0, **own: Any) -> Controller:
+    """Of agent 1, at a place [m]."""
+    made = Controller(of, OWN, of.response)
+    made.locate(fix(north, east, **own))
+    return made
+
+
+def at(agent: int, north: float, east: float, age_s: float = 0.05, **told: Any) -> OtherAircraft:
+    """A peer that stands there, unless `told` says otherwise."""
+    place = {"position_ned_m": (north, east, -8.0), "stop_point_m": (north, east)}
+    return peer(agent, age_s, **(place | told))
+
+
+def in_the_row(away: dict[int, Point] | None = None) -> PeerSnapshot:
+    """Both peers on their slots, or so far off them [m]."""
+    off = {2: (0.0, 0.0), 3: (0.0, 0.0)} | (away or {})
+    peers = [at(i, off[i][0], UNIT_M * SLOTS[i - 1][1] + off[i][1]) for i in (2, 3)]
+    return snapshot(*peers)
+
+
+def speed(velocity: Point) -> float:
+    return math.hypot(*velocity)
+
+
+# --- the law ---
+
+
+def test_in_its_shape_an_agent_stands() -> None:
+    assert speed(controller().form(in_the_row(), ROW)) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_out_of_its_slot_it_flies_towards_it() -> None:
+    """North of the row it flies south, slower than the limit."""
+    north, east = controller(north=3.0).form(in_the_row(), ROW)
+    assert -PLAN.limits.speed_mps <= north < -0.5
+    assert abs(east) < abs(north)
+
+
+def test_its_neighbours_alone_pull() -> None:
+    """An agent without neighbours and slots stands where it is."""
+    assert speed(controller(north=3.0).form(in_the_row(), NO_FORMATION)) == 0.0
+
+
+def test_a_silent_neighbour_does_not_pull() -> None:
+    """Agent 3, far from its slot, pulls agent 1; with an old state it does not."""
+    pulled = controller().form(snapshot(at(2, 0, 10), at(3, 0, 40)), ROW)
+    free = controller().form(snapshot(at(2, 0, 10), at(3, 0, 40, age_s=1.5)), ROW)
+    assert pulled[1] > 0.1
+    assert free == pytest.approx((0.0, 0.0), abs=1e-9)
+
+
+def test_the_feed_forward_comes_on_top() -> None:
+    """What moves the formation as a whole."""
+    moving = replace(ROW, velocity=1 + 0j)
+    assert controller().form(in_the_row(), moving, (1.0, 0.0)) == pytest.approx((1.0, 0.0), abs=0.1)
+
+
+def test_higher_gains_pull_harder() -> None:
+    away = {2: (1.5, 0.0), 3: (1.5, 0.0)}
+    slow, fast = controller(), controller()
+    fast.set_gains(Gains(PLAN.law.delta_a, PLAN.law.delta_l, PLAN.law.h, PLAN.kappa * 2))
+    assert fast.gain == pytest.approx(2 * slow.gain)
+    pull = slow.form(in_the_row(away), ROW)
+    assert fast.form(in_the_row(away), ROW)[0] > 1.2 * pull[0] > 0.0
+
+
+# --- what stands between the law and the vehicle ---
+
+
+def anywhere(metres: float = 25.0) -> st.SearchStrategy[float]:
+    return st.floats(-metres, metres, allow_nan=False)
+
+
+PLACES = st.tuples(anywhere(), anywhere(), anywhere(5.0), anywhere(5.0), st.floats(0.0, 6.0))
+
+
+def other(agent: int, place: tuple[float, float, float, float, float]) -> OtherAircraft:
+    north, east, vn, ve, age_s = place
+    return at(agent, north, east, age_s, setpoint_mps=(vn, ve), velocity_ned_mps=(vn, ve, 0.0))
+
+
+@settings(max_examples=60)
+@given(PLACES, PLACES, anywhere(60.0), anywhere(60.0))
+def test_no_velocity_is_above_the_limit(
+    second: tuple[float, ...], third: tuple[float, ...], north: float, east: float
+) -> None:
+    """Whatever the peers tell, in every way of flying; and what is returned is what is stored."""
+    peers = snapshot(other(2, second), other(3, third))  # type: ignore[arg-type]
+    own = controller(north=north, east=east)
+    for flown in (own.form(peers, ROW), own.go_to(peers, (0.0, 0.0), 2.5), own.keep_clear(peers)):
+        assert all(map(math.isfinite, flown))
+        assert speed(flown) <= PLAN.limits.speed_mps + 1e-6
+    assert own.setpoint_mps == flown
+
+
+@settings(max_examples=60)
+@given(st.floats(0.0, 2 * math.pi), st.floats(1.05, 1.4), st.floats(0.0, 2 * math.pi))
+def test_no_agent_flies_at_a_peer_that_stands_beside_it(
+    bearing: float, ratio: float, wish: float
+) -> None:
+    """With the filter, whatever lies behind the peer."""
+    gap = ratio * R_IN_M
+    peer_at = gap * math.cos(bearing), gap * math.sin(bearing)
+    goal = 50 * math.cos(wish), 50 * math.sin(wish)
+    north, east = controller().go_to(snapshot(at(2, *peer_at)), goal, 2.5)
+    assert north * peer_at[0] + east * peer_at[1] <= 1e-6 * gap
+
+
+def test_without_the_filter_the_wish_is_flown() -> None:
+    """The plain law of the paper, as a mission may ask for."""
+    plain = plan(safety=Safety(filter=False, guard=False, release=False, align=False))
+    near = snapshot(at(2, 1.1 * R_IN_M, 0.0), at(3, 0.0, 20.0))
+    unfiltered = controller(plain).form(near, ROW)
+    assert controller().form(near, ROW) != unfiltered
+
+
+def test_it_keeps_clear_of_all_that_comes_near() -> None:
+    """A peer or an aircraft that only the traffic sensor sees; far ones move nothing."""
+    near, far = at(2, 0.8 * R_OUT_M, 0.0), at(2, 40.0, 0.0)
+    assert controller().keep_clear(snapshot(near))[0] < 0.0
+    assert speed(controller().keep_clear(snapshot(far))) == 0.0
+    stranger = OtherAircraft(0, None, 4 + 0j, 4 + 0j, 0j, 0.1, 0.1, fresh=True)
+    assert controller().keep_clear(PeerSnapshot(NOW, (), (stranger,)))[0] < 0.0
+
+
+def test_it_goes_straight_to_a_point_and_stops_there() -> None:
+    own = controller()
+    north, east = own.go_to(alone(), (30.0, 40.0), 2.5)
+    assert speed((north, east)) == pytest.approx(2.5)
+    assert north / east == pytest.approx(0.75)
+    assert speed(own.go_to(alone(), (0.0, 0.0), 2.5)) == 0.0
+
+
+# --- what it stores ---
+
+
+def test_setpoints_in_the_dead_time_move_the_stop_point() -> None:
+    """Which is where the vehicle would come to rest: its position, while nothing was sent."""
+    own = controller()
+    assert own.stop_point_m == (0.0, 0.0)
+    for _ in range(20):
+        own.send(2 + 0j)
+    own.locate(fix(velocity=(2.0, 0.0, 0.0)))
+    assert own.stop_point_m[0] > 1.0
+    for _ in range(20):
+        own.rest()
+    own.locate(fix())
+    assert own.stop_point_m == (0.0, 0.0)
+
+
+def test_the_law_is_fed_with_the_position_where_the_mission_says_so() -> None:
+    plain = controller(plan(compensation=Compensation.NONE), velocity=(4.0, 0.0, 0.0))
+    assert plain.point_m == (0.0, 0.0) != plain.stop_point_m
+    compensated = controller(velocity=(4.0, 0.0, 0.0))
+    assert compensated.point_m == compensated.stop_point_m
+
+
+def test_a_rest_is_a_setpoint_of_zero_and_has_no_report() -> None:
+    own = controller()
+    own.form(snapshot(at(2, 0.5 * R_OUT_M, 0.0), at(3, 0.0, 20.0)), ROW)
+    assert own.sigma_report(NOW) is not None
+    own.rest()
+    assert own.setpoint_mps == (0.0, 0.0)
+    assert own.sigma_report(NOW) is None
+
+
+def test_the_sigma_report_has_the_pairs_within_r_out() -> None:
+    own = controller()
+    own.form(snapshot(at(2, 0.5 * R_OUT_M, 0.0), at(3, 0.0, 20.0)), ROW)
+    report = own.sigma_report(NOW)
+    assert report is not None
+    assert [(pair.peer, pair.neighbour) for pair in report.pairs] == [(2, True)]
+    assert report.pairs[0].distance == pytest.approx(0.5 * PLAN.law.r_out)
+    assert sum(own.tally.values()) == 1
