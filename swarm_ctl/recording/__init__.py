@@ -1,9 +1,6 @@
-"""What a run leaves for other people's tools: an MCAP file of everything on the mesh, and a `.tlog`
-per vehicle."""
+"""The recording of a run: one MCAP file with all messages on the mesh, for any tool."""
 
-from swarm_ctl.recording.mcap_index import Tape
-from swarm_ctl.recording.mcap_reader import RECORDING, Recorded, read, recover
-from swarm_ctl.recording.mcap_writer import McapWriter
-from swarm_ctl.recording.recorder import Recorder
+from swarm_ctl.recording.mcap_index import IndexedRecording
+from swarm_ctl.recording.mcap_reader import RECORDING, read, recover
 
-__all__ = ["RECORDING", "McapWriter", "Recorded", "Recorder", "Tape", "read", "recover"]
+__all__ = ["RECORDING", "IndexedRecording", "read", "recover"]

@@ -1,30 +1,29 @@
-"""A recording opened for reading here and there: one chunk (about a second of the wall clock) at a
-time."""
+"""A recording read by chunks, in any order; a chunk is about a second of the wall clock."""
 
 from __future__ import annotations
 
 import contextlib
 from pathlib import Path
 from types import TracebackType
-from typing import Final, Self
+from typing import Self
 
 from mcap.records import Channel, Chunk, Message, Metadata
-from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.stream_reader import breakup_chunk
 
 from swarm_ctl.core.model.messages import Payload
 from swarm_ctl.errors import InputError
-from swarm_ctl.recording.mcap_reader import TORN, open_recording, path_of, payload_of
+from swarm_ctl.recording.mcap_reader import TORN, open_recording, path_of, payload_of, records_of
 from swarm_ctl.recording.mcap_writer import NANO
 
-_LIMIT: Final = 1 << 30
 
+class IndexedRecording:
+    """The payloads of a recording by chunks: `recording[k]` reads the k-th one from the disk.
 
-class Tape:
-    """The payloads of a recording, chunk by chunk: `tape[k]` is read from the disk when it is asked
-    for.
+    `run` is a run folder or an MCAP file, whole, cut off, or still being written; of the latter
+    the chunks at the time of opening.
 
-    `run` is a run folder or an MCAP file, whole, cut off, or still being written (then it ends
-    where it ended when it was opened). InputError where there is no recording of ours.
+    Raises:
+        InputError: it is not a recording of a run.
     """
 
     def __init__(self, run: Path) -> None:
@@ -32,13 +31,12 @@ class Tape:
         self._places: list[int] = []
         self._topics: dict[int, str] = {}
         self.about: dict[str, str] = {}
-        """What the station wrote of the run: mission, plan_hash, manifest and so on."""
+        """The station's words about the run: mission, plan_hash, manifest and so on."""
         self._find_chunks()
         if "start_ns" not in self.about:
             self._file.close()
-            raise InputError(
-                f"{path_of(run)}: no recording of a run; allowed: a run folder or its recording.mcap"
-            )
+            allowed = "a run folder or its recording.mcap"
+            raise InputError(f"{path_of(run)}: no recording of a run; allowed: {allowed}")
         self._start_ns = int(self.about["start_ns"])
         if not self._topics:  # a file without its footer
             self._find_topics()
@@ -67,9 +65,7 @@ class Tape:
     def _find_chunks(self) -> None:
         with contextlib.suppress(*TORN):
             place = 8
-            for record in StreamReader(
-                self._file, emit_chunks=True, record_size_limit=_LIMIT
-            ).records:
+            for record in records_of(self._file, emit_chunks=True):
                 match record:
                     case Metadata() if record.name == "run":
                         self.about = dict(record.metadata)
@@ -87,7 +83,5 @@ class Tape:
 
     def _chunk(self, k: int) -> Chunk:
         self._file.seek(self._places[k])
-        reader = StreamReader(
-            self._file, skip_magic=True, emit_chunks=True, record_size_limit=_LIMIT
-        )
-        return next(record for record in reader.records if isinstance(record, Chunk))
+        records = records_of(self._file, skip_magic=True, emit_chunks=True)
+        return next(record for record in records if isinstance(record, Chunk))

@@ -1,14 +1,12 @@
-"""Reads recordings, whole or cut off by a kill, and gives the latter their footer."""
+"""Reads recordings, whole or cut off by a kill, and repairs the latter."""
 
 from __future__ import annotations
 
 import contextlib
 import fcntl
-import json
 import os
 import struct
 import zlib
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,8 +32,8 @@ TORN: Final = (McapError, struct.error, ValueError, EOFError, zlib.error)
 
 
 @dataclass(frozen=True, slots=True)
-class Recorded:
-    """One message as it stands in the file."""
+class RecordedMessage:
+    """One message of the file."""
 
     topic: str
     time_s: float
@@ -44,8 +42,7 @@ class Recorded:
 
 
 def read(run: Path) -> Iterator[tuple[float, Payload]]:
-    """(time, payload) of all that the station heard and sent, in its order: fold it into a
-    `station.picture.model.Model`.
+    """(time, payload) of all messages that the station heard and sent, in its order.
 
     `run` is a run folder or an MCAP file, whole or not. InputError where there is no recording.
     """
@@ -56,7 +53,7 @@ def read(run: Path) -> Iterator[tuple[float, Payload]]:
 
 
 def payload_of(topic: str, data: bytes) -> Payload | None:
-    """What a message said; None where it is not from the mesh, or not of this version."""
+    """The payload of a message; None if it is not from the mesh, or of another version."""
     kind = _KINDS.get(topic.rpartition("/")[2])
     if kind is not None:
         with contextlib.suppress(ValidationError):
@@ -65,35 +62,22 @@ def payload_of(topic: str, data: bytes) -> Payload | None:
     return None
 
 
-def messages(run: Path) -> Iterator[Recorded]:
-    """Every message in a recording in the order of the file, as far as it can be read."""
+def messages(run: Path) -> Iterator[RecordedMessage]:
+    """All messages in the order of the file, as far as it can be read."""
     with open_recording(run) as file:
         start_ns, topics = 0, dict[int, str]()
-        for record in _records(file):
+        for record in _readable(file):
             if isinstance(record, Metadata) and record.name == "run":
                 start_ns = int(record.metadata["start_ns"])
             elif isinstance(record, Channel):
                 topics[record.id] = record.topic
             elif isinstance(record, Message) and record.channel_id in topics:
-                yield Recorded(
-                    topics[record.channel_id], (record.log_time - start_ns) / NANO, record.data
-                )
-
-
-def truth(run: Path) -> Iterator[tuple[float, dict[str, Any]]]:
-    """(time, line) of the simulator's truth in a recording."""
-    for message in messages(run):
-        if message.topic == "/truth":
-            yield message.time_s, json.loads(message.data)
-
-
-def counts(run: Path) -> Counter[str]:
-    """Messages by topic."""
-    return Counter(message.topic for message in messages(run))
+                time_s = (record.log_time - start_ns) / NANO
+                yield RecordedMessage(topics[record.channel_id], time_s, record.data)
 
 
 def is_whole(run: Path) -> bool:
-    """The file has its footer, and the magic bytes behind it."""
+    """Whether the file ends with a footer and the magic bytes."""
     with open_recording(run) as file:
         size = file.seek(0, os.SEEK_END)
         file.seek(max(0, size - len(MCAP0_MAGIC)))
@@ -101,11 +85,9 @@ def is_whole(run: Path) -> bool:
 
 
 def recover(run: Path) -> bool:
-    """Give a recording that was cut off its index and footer, in one move; True where there was
-    something to do.
+    """Give a recording that was cut off its index and footer, in one move; False: it needs none.
 
-    A file that is being written is left alone. Finished files, and what is no MCAP file, are not
-    touched.
+    A file that is being written, a whole one and one that is not MCAP are not touched.
     """
     path = path_of(run)
     with open_recording(run) as file:
@@ -129,43 +111,40 @@ def recover(run: Path) -> bool:
 def _copy(file: IO[bytes], writer: Writer) -> None:
     writer.start(profile="", library="swarm_ctl")
     schemas, channels = dict[int, int](), dict[int, int]()
-    for record in _records(file):
+    for record in _readable(file):
         match record:
             case Metadata():
                 writer.add_metadata(record.name, record.metadata)
             case Schema() if record.id not in schemas:
-                schemas[record.id] = writer.register_schema(
-                    record.name, record.encoding, record.data
-                )
+                schema = writer.register_schema(record.name, record.encoding, record.data)
+                schemas[record.id] = schema
             case Channel() if record.id not in channels:
-                schema = schemas.get(record.schema_id, 0)
-                channels[record.id] = writer.register_channel(
-                    record.topic, record.message_encoding, schema
-                )
+                schema, encoding = schemas.get(record.schema_id, 0), record.message_encoding
+                channels[record.id] = writer.register_channel(record.topic, encoding, schema)
             case Message() if record.channel_id in channels:
-                writer.add_message(
-                    channels[record.channel_id],
-                    record.log_time,
-                    record.data,
-                    record.publish_time,
-                    record.sequence,
-                )
+                channel, times = channels[record.channel_id], (record.log_time, record.publish_time)
+                writer.add_message(channel, times[0], record.data, times[1], record.sequence)
     writer.finish()  # type: ignore[no-untyped-call]
 
 
-def _records(file: IO[bytes]) -> Iterator[Any]:
+def _readable(file: IO[bytes]) -> Iterator[Any]:
     """All records up to the end or to where the file is torn."""
     with contextlib.suppress(*TORN):
-        yield from StreamReader(file, record_size_limit=1 << 30).records
+        yield from records_of(file)
+
+
+def records_of(file: IO[bytes], **options: bool) -> Iterator[Any]:
+    """The MCAP library's records from here on; TORN passes."""
+    return StreamReader(file, record_size_limit=1 << 30, **options).records
 
 
 def path_of(run: Path) -> Path:
-    """The MCAP file of a run folder; a file is meant itself."""
+    """The MCAP file of a run folder, or the file itself."""
     return run / RECORDING if run.is_dir() else run
 
 
 def open_recording(run: Path) -> IO[bytes]:
-    """The file, open for reading; InputError where that can't be."""
+    """The file, open for reading; InputError if it can't be opened."""
     path = path_of(run)
     try:
         return path.open("rb")

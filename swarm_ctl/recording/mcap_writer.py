@@ -1,5 +1,4 @@
-"""Writes one MCAP file. Not for a control loop: it works with the disk; `recorder.Recorder` keeps
-it off the caller."""
+"""Writes one MCAP file. It waits for the disk: `mcap_recorder.py` runs it in a thread."""
 
 from __future__ import annotations
 
@@ -19,14 +18,12 @@ NANO: Final = 1_000_000_000
 
 
 class McapWriter:
-    """An MCAP file that is whole up to the last `flush`: each one ends a chunk and hands it to the
-    system."""
+    """An MCAP file that can be read up to the last `flush`, which ends a chunk."""
 
     def __init__(self, path: Path, start_ns: int, about: Mapping[str, str]) -> None:
         self._file = path.open("wb")
-        fcntl.flock(
-            self._file, fcntl.LOCK_EX | fcntl.LOCK_NB
-        )  # `recover` sees by it that the file is being written
+        # By this lock `recover` sees that the file is being written.
+        fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         self._start_ns = start_ns
         self._writer = Writer(self._file)
         self._writer.start(profile="", library="swarm_ctl")
@@ -40,23 +37,17 @@ class McapWriter:
     def write(
         self, topic: Topic, agent: int | None, time_s: float, said_s: float, data: bytes
     ) -> None:
-        """Add one JSON message: heard at `time_s`, said at `said_s` (mission time)."""
+        """Add one JSON message, heard at `time_s` and sent at `said_s` (mission time)."""
         name = topic.template.format(id=agent)
         channel = self._channels.get(name)
         if channel is None:
             channel = self._channels[name] = self._register(topic, name)
         self.counts[name] += 1
-        self._writer.add_message(
-            channel,
-            self._nanoseconds(time_s),
-            data,
-            self._nanoseconds(said_s),
-            sequence=self.counts[name],
-        )
+        heard_ns, sent_ns = self._nanoseconds(time_s), self._nanoseconds(said_s)
+        self._writer.add_message(channel, heard_ns, data, sent_ns, sequence=self.counts[name])
 
     def flush(self) -> None:
-        """End the chunk: whatever happens to this process now, all that was written so far can be
-        read."""
+        """End the chunk: if this process dies now, all that was written can be read."""
         self._writer.flush()  # type: ignore[no-untyped-call]
         self._file.flush()
 
@@ -66,7 +57,7 @@ class McapWriter:
         self._file.close()
 
     def abandon(self) -> None:
-        """Give the file up as it is, after an error."""
+        """Close the file as it is, after an error."""
         with contextlib.suppress(OSError):
             self._file.close()
 

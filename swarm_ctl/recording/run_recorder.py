@@ -1,5 +1,5 @@
-"""What a station writes into the run folder: everything it hears as MCAP, and the few messages that
-a summary is made from as JSON lines, each line at once."""
+"""Records a run for the station: all messages as MCAP; events, commands with their acks, and
+statuses as JSON lines too, for the summary."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from typing import Final
 from pydantic import TypeAdapter
 
 from swarm_ctl.core.model.messages import Ack, AgentStatus, Command, Event, Outcome, Payload
-from swarm_ctl.recording.recorder import Recorder
+from swarm_ctl.recording.mcap_reader import RECORDING
+from swarm_ctl.recording.mcap_recorder import McapRecorder
 
 _STATUS_S: Final = 2.0
-"""Mission time between recorded statuses of one agent: the fallback when it can't write its own
-last one."""
+"""Mission time between two statuses of an agent in `statuses.jsonl`."""
 
 
 class _Lines:
-    """A file that grows by whole JSON lines; a disk that takes no more ends it, not the station."""
+    """A file that grows by whole JSON lines; a full disk ends the file, not the station."""
 
     def __init__(self, path: Path) -> None:
         self._file = path.open("ab", buffering=0)
@@ -41,22 +41,22 @@ class _Lines:
 
 
 class RunRecorder:
-    """Records what a station hears and sends: `recording.mcap` takes every message; events,
-    commands with their answers, and statuses go into files of their own."""
+    """Records what a station hears and sends."""
 
     def __init__(
         self, folder: Path, start_ns: int, about: Mapping[str, str], rates_hz: Mapping[str, float]
     ) -> None:
-        self._mcap = Recorder(folder, start_ns, about, rates_hz)
+        self._mcap = McapRecorder(folder, start_ns, about, rates_hz)
         self._events = _Lines(folder / "events.jsonl")
         self._commands = _Lines(folder / "commands.jsonl")
         self._statuses = _Lines(folder / "statuses.jsonl")
-        self._told: set[str] = set()
+        self._lines = (self._events, self._commands, self._statuses)
+        self._reported: set[str] = set()
         self._adapter = TypeAdapter(object)
         self._due: dict[int, float] = {}
 
     def take(self, payload: Payload, received_s: float) -> None:
-        """Record a message. Of statuses, the JSON lines have one now and then, and the last."""
+        """Record a message; `statuses.jsonl` gets some of the statuses, and the last one."""
         self._mcap.take(payload, received_s)
         match payload:
             case Event():
@@ -67,26 +67,22 @@ class RunRecorder:
                 self._statuses.write(self._adapter.dump_json(payload))
 
     def _is_due(self, status: AgentStatus) -> bool:
-        if status.outcome == Outcome.RUNNING and status.time_s < self._due.get(status.agent, 0.0):
+        if status.outcome is Outcome.RUNNING and status.time_s < self._due.get(status.agent, 0.0):
             return False
         self._due[status.agent] = status.time_s + _STATUS_S
         return True
 
     def troubles(self) -> list[str]:
         """The files that can't be written any more, and why: each once."""
-        files = {
-            lines.name: lines.failure for lines in (self._events, self._commands, self._statuses)
-        }
-        files["recording.mcap"] = self._mcap.failure
-        new = {name: why for name, why in files.items() if why and name not in self._told}
-        self._told |= new.keys()
-        return [
-            f"{name} is not written any more: {why}; the flight goes on"
-            for name, why in new.items()
-        ]
+        files = {lines.name: lines.failure for lines in self._lines}
+        files[RECORDING] = self._mcap.failure
+        new = {name: why for name, why in files.items() if why and name not in self._reported}
+        self._reported |= new.keys()
+        end = "the flight goes on"
+        return [f"{name} is not written any more: {why}; {end}" for name, why in new.items()]
 
     def close(self) -> None:
-        """Write what waits, and close the files."""
-        for lines in (self._events, self._commands, self._statuses):
+        """Write what waits and close the files."""
+        for lines in self._lines:
             lines.close()
         self._mcap.close()

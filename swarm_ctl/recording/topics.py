@@ -1,8 +1,7 @@
-"""What is in a recording: one table of topics, payloads and the most that is kept of each.
+"""The topics of a recording in one table, with their payloads and rates.
 
-Messages are JSON with their schema in the file. `log_time` is when the station heard it,
-`publish_time` when it was said, both mission time counted from the moment the run began
-(nanoseconds of Unix time).
+Messages are JSON with their schema in the file. `log_time` is when the station heard a message,
+`publish_time` when it was sent: mission time, counted from the Unix time of the run's start [ns].
 """
 
 from __future__ import annotations
@@ -32,14 +31,14 @@ class Topic:
     name: str
     template: str
     payload: type[Any] | None
-    """What `read` makes of it; None: it is derived, or not from the mesh."""
+    """The type that `read` gives; None: derived from another topic, or not from the mesh."""
     schema: Mapping[str, Any]
     rate_hz: float
-    """At most so many a second from each agent are kept; 0: all."""
+    """The most that is recorded from each agent; 0: all."""
 
 
 @dataclass(frozen=True, slots=True)
-class Setpoint:
+class SetpointRecord:
     """The velocity (north, east) [m/s] an agent commands, and the one its vehicle has; a part of
     its state."""
 
@@ -51,11 +50,9 @@ class Setpoint:
 
 
 def plain_schema(kind: type[Any]) -> dict[str, Any]:
-    """The JSON Schema of a payload in the words that viewers know: no references, lists of one
-    kind, a type each.
+    """The JSON Schema of a payload as viewers know it: no references, no unions, one type a node.
 
-    A number that may be null is a number in it: viewers refuse unions. It is never among the
-    required ones.
+    A value that may be null has the type of its other values and is not required.
     """
     schema = TypeAdapter(kind).json_schema(mode="serialization")
     plain: dict[str, Any] = _plain(schema, schema.get("$defs", {}))
@@ -88,7 +85,7 @@ def _plain(node: Any, definitions: Mapping[str, Any]) -> Any:
 
 
 def _merged(kinds: list[Any]) -> Any:
-    """One object with the fields of several: which of them a message has, its `kind` tells."""
+    """One object with the fields of several kinds; a message has those of its `kind`."""
     if any(kind["type"] != "object" for kind in kinds):
         return kinds[0]
     properties = {name: field for kind in kinds for name, field in kind["properties"].items()}
@@ -126,7 +123,7 @@ def _topic(name: str, template: str, payload: type[Any], rate_hz: float = 0.0) -
 
 TOPICS: Final = (
     _topic("state", "/agent/{id}/state", AgentState),
-    Topic("setpoint", "/agent/{id}/setpoint", None, plain_schema(Setpoint), 0.0),
+    Topic("setpoint", "/agent/{id}/setpoint", None, plain_schema(SetpointRecord), 0.0),
     _topic("status", "/agent/{id}/status", AgentStatus),
     _topic("sigma", "/agent/{id}/sigma", SigmaReport),
     _topic("event", "/agent/{id}/event", Event),
@@ -135,17 +132,17 @@ TOPICS: Final = (
     _topic("beacon", "/beacon", StationBeacon),
     Topic("truth", "/truth", None, _TRUTH, 0.0),
 )
-"""`status` carries the agent's links (age, loss) by peer."""
+"""`status` has the agent's mesh links (age, loss) by peer."""
 
 BY_NAME: Final = {topic.name: topic for topic in TOPICS}
 BY_PAYLOAD: Final = {topic.payload: topic for topic in TOPICS if topic.payload is not None}
 ADAPTERS: Final[dict[type[Any], TypeAdapter[Any]]] = {
-    kind: TypeAdapter(kind) for kind in (*BY_PAYLOAD, Setpoint)
+    kind: TypeAdapter(kind) for kind in (*BY_PAYLOAD, SetpointRecord)
 }
 
 
 def rates(words: str) -> dict[str, float]:
-    """`state=5,truth=2` as rates [Hz]; InputError says what is allowed."""
+    """Rates [Hz] by topic, of `state=5,truth=2`; InputError says what is allowed."""
     found = {}
     for word in filter(None, words.split(",")):
         name, _, hz = word.partition("=")
@@ -154,9 +151,7 @@ def rates(words: str) -> dict[str, float]:
         except ValueError:
             rate = -1.0
         if name not in BY_NAME or not 0 <= rate <= 1000:
-            names = ", ".join(BY_NAME)
-            raise InputError(
-                f"rate {word!r}: allowed: NAME=HZ with 0 to 1000 (0: all), NAME one of {names}"
-            )
+            allowed = f"NAME=HZ with 0 to 1000 (0: all), NAME one of {', '.join(BY_NAME)}"
+            raise InputError(f"rate {word!r}: allowed: {allowed}")
         found[name] = rate
     return found

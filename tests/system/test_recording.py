@@ -13,7 +13,7 @@ from pymavlink import mavutil
 
 from swarm_ctl import recording
 from swarm_ctl.core.model.messages import AgentState, AgentStatus
-from swarm_ctl.recording.mcap_reader import is_whole, messages, truth
+from swarm_ctl.recording.mcap_reader import is_whole, messages
 from tests.system.conftest import Whole
 from tests.system.running import LOW, Running
 
@@ -50,7 +50,8 @@ def test_a_whole_run_is_recorded_and_reported(whole: Whole) -> None:
             == final[agent].outcome
         )
     lines = [json.loads(line) for line in (folder / "truth.jsonl").read_text().splitlines()]
-    assert [line for _, line in truth(folder)] == lines
+    truth = (message for message in messages(folder) if message.topic == "/truth")
+    assert [json.loads(message.data) for message in truth] == lines
     with (folder / recording.RECORDING).open("rb") as file:
         summary = make_reader(file).get_summary()
     assert summary is not None

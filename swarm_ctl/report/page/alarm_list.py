@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from swarm_ctl.errors import InputError
-from swarm_ctl.recording import Tape
+from swarm_ctl.recording import IndexedRecording
 from swarm_ctl.report.folder.last_statuses import read_events
 from swarm_ctl.report.folder.manifest import Manifest
 from swarm_ctl.station.picture.alarms import Level
@@ -19,7 +19,7 @@ _LEVELS: Final = {"warning": Level.WARNING, "error": Level.ERROR}
 def log_entries(folder: Path, manifest: Manifest) -> list[Entry]:
     """Alarms, warnings, errors and commands; without a recording the agents' warnings alone."""
     try:
-        with Tape(folder) as tape:
+        with IndexedRecording(folder) as tape:
             film = Film(tape, manifest.plan, speedup=manifest.speedup)
             film.seek(film.end_s)
             entries = film.journal.entries

@@ -11,7 +11,7 @@ from typing import Final
 from pydantic import ValidationError
 
 from swarm_ctl.errors import InputError
-from swarm_ctl.recording import Tape, recover
+from swarm_ctl.recording import IndexedRecording, recover
 from swarm_ctl.report.folder.manifest import Manifest
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.station.printers import LogPrinter, write
@@ -44,18 +44,18 @@ def replay(run: Path, show: Show, speed: float, start: str) -> None:
 def _opened(run: Path) -> Iterator[Film]:
     """The film of a recording. A recording that was cut off gets its footer first, where that can
     be written."""
-    with Tape(run) as tape:
+    with IndexedRecording(run) as tape:
         manifest = _manifest(run, tape)  # first of all: another program's file is not written to
     with contextlib.suppress(OSError):
         if recover(run):
             sys.stderr.write(f"{run}: the recording was cut off; recovered up to its last second\n")
-    with Tape(run) as tape:
+    with IndexedRecording(run) as tape:
         yield Film(
             tape, manifest.plan, speedup=manifest.speedup, station=tape.about.get("station", "")
         )
 
 
-def _manifest(run: Path, tape: Tape) -> Manifest:
+def _manifest(run: Path, tape: IndexedRecording) -> Manifest:
     try:
         return Manifest.model_validate_json(tape.about.get("manifest", ""))
     except ValidationError as error:

@@ -9,7 +9,7 @@ from mcap.writer import Writer
 
 from swarm_ctl import recording
 from swarm_ctl.errors import InputError
-from swarm_ctl.recording.mcap_index import Tape
+from swarm_ctl.recording.mcap_index import IndexedRecording
 from swarm_ctl.recording.mcap_reader import recover
 from swarm_ctl.recording.mcap_writer import McapWriter
 from swarm_ctl.recording.topics import ADAPTERS, BY_PAYLOAD
@@ -38,7 +38,7 @@ def test_its_chunks_are_what_read_gives(run: Path, share: float) -> None:
     data = path.read_bytes()
     path.write_bytes(data[: int(len(data) * share)])
     wanted = list(recording.read(run))
-    with Tape(run) as tape:
+    with IndexedRecording(run) as tape:
         assert len(tape) > 3
         chunks = {k: tape[k] for k in reversed(range(len(tape)))}
         assert [said for k in range(len(tape)) for said in chunks[k]] == wanted
@@ -62,9 +62,9 @@ def test_foreign_files_are_refused_and_left_alone(tmp_path: Path) -> None:
     for path in (words, foreign, empty):
         before = path.read_bytes()
         with pytest.raises(InputError, match=rf"{path.name}: no recording of a run; allowed"):
-            Tape(path)
+            IndexedRecording(path)
         if path is not empty:
             assert not recover(path)
         assert path.read_bytes() == before
     with pytest.raises(InputError, match="No such file"):
-        Tape(tmp_path)
+        IndexedRecording(tmp_path)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +22,9 @@ from swarm_ctl.core.model.messages import (
     StationBeacon,
 )
 from swarm_ctl.errors import InputError
-from swarm_ctl.recording import mcap_reader, recorder
-from swarm_ctl.recording.mcap_reader import counts, is_whole, messages, recover, truth
-from swarm_ctl.recording.recorder import Recorder
+from swarm_ctl.recording import mcap_reader, mcap_recorder
+from swarm_ctl.recording.mcap_reader import is_whole, messages, recover
+from swarm_ctl.recording.mcap_recorder import McapRecorder
 from swarm_ctl.recording.topics import TOPICS, rates
 from swarm_ctl.station.picture.model import Model
 from tests.unit.station.swarm import hexagon_plan, report_of, state_of, status_of
@@ -50,10 +51,14 @@ def flight(seconds: int = 3) -> list[tuple[Payload, float]]:
     return said
 
 
+def counts(run: Path) -> Counter[str]:
+    return Counter(message.topic for message in messages(run))
+
+
 def record(
     folder: Path, said: list[tuple[Payload, float]], rates_hz: dict[str, float] | None = None
-) -> Recorder:
-    made = Recorder(folder, START_NS, {"mission": "test"}, rates_hz)
+) -> McapRecorder:
+    made = McapRecorder(folder, START_NS, {"mission": "test"}, rates_hz)
     for payload, heard_s in said:
         made.take(payload, heard_s)
     made.close()
@@ -136,8 +141,8 @@ def test_cut_anywhere_it_is_recovered(
 ) -> None:
     """What was flushed before the cut is there after; the file has its footer then; twice changes
     nothing."""
-    monkeypatch.setattr(recorder, "_CHUNK_WALL_S", 0.02)
-    made = Recorder(tmp_path, START_NS, {}, None)
+    monkeypatch.setattr(mcap_recorder, "_CHUNK_WALL_S", 0.02)
+    made = McapRecorder(tmp_path, START_NS, {}, None)
     said = flight(6)
     for k, (payload, heard_s) in enumerate(said):
         made.take(payload, heard_s)
@@ -170,7 +175,7 @@ def _wait_for(condition: Any) -> None:
 
 
 def test_a_file_being_written_is_left_alone(tmp_path: Path) -> None:
-    made = Recorder(tmp_path, START_NS, {}, None)
+    made = McapRecorder(tmp_path, START_NS, {}, None)
     made.take(flight()[0][0], 1.0)
     inode = (tmp_path / recording.RECORDING).stat().st_ino
     assert not recover(tmp_path)
@@ -200,7 +205,7 @@ def test_truth_is_taken_in_as_it_grows(tmp_path: Path) -> None:
     """Whole lines only, each once, with its own time."""
     lines = [{"type": "state", "t": 1.5, "ned": [[0, 0, 0]]}, {"type": "end", "t": 2.5}]
     path = tmp_path / "truth.jsonl"
-    tail = recorder._Tail(path)
+    tail = mcap_recorder._Tail(path)
     assert tail.lines() == []
     text = "".join(json.dumps(line) + "\n" for line in lines).encode()
     path.write_bytes(text[:-5])
@@ -208,10 +213,9 @@ def test_truth_is_taken_in_as_it_grows(tmp_path: Path) -> None:
     path.write_bytes(text)
     assert [time for time, _ in tail.lines()] == [2.5]
     record(tmp_path, [])
-    assert [(time, line["type"]) for time, line in truth(tmp_path)] == [
-        (1.5, "state"),
-        (2.5, "end"),
-    ]
+    found = [message for message in messages(tmp_path) if message.topic == "/truth"]
+    kinds = [(message.time_s, json.loads(message.data)["type"]) for message in found]
+    assert kinds == [(1.5, "state"), (2.5, "end")]
 
 
 class _Stuck(mcap_reader.Writer):  # type: ignore[name-defined]
@@ -229,9 +233,9 @@ def test_a_stuck_disk_costs_messages_not_time(
 ) -> None:
     """`take` returns though nothing is written; what does not fit is counted; later all goes on."""
     monkeypatch.setattr("swarm_ctl.recording.mcap_writer.Writer", _Stuck)
-    monkeypatch.setattr(recorder, "_LIMIT", 50)
+    monkeypatch.setattr(mcap_recorder, "_LIMIT", 50)
     _Stuck.gate.clear()
-    made = Recorder(tmp_path, START_NS, {}, None)
+    made = McapRecorder(tmp_path, START_NS, {}, None)
     said = flight()
     for payload, heard_s in said:
         made.take(payload, heard_s)
@@ -247,7 +251,7 @@ def test_a_full_disk_is_told_and_ends_nothing(
     def full(*_: Any) -> None:
         raise OSError(28, "No space left on device")
 
-    made = Recorder(tmp_path, START_NS, {}, None)
+    made = McapRecorder(tmp_path, START_NS, {}, None)
     monkeypatch.setattr(made._writer, "flush", full)
     made.take(flight()[0][0], 1.0)
     made.close()

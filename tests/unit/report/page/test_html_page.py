@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from swarm_ctl.core.model.messages import AgentState, Event, Payload, Severity, SigmaReport
 from swarm_ctl.errors import InputError
 from swarm_ctl.recording import RECORDING
-from swarm_ctl.recording.recorder import Recorder
+from swarm_ctl.recording.mcap_recorder import McapRecorder
 from swarm_ctl.report.page.figures import FIGURES
 from swarm_ctl.report.page.html_page import PAGE, make_comparison, make_report
 from swarm_ctl.report.page.run_history import read_history
@@ -79,7 +79,7 @@ def _touch(made: Figure, folder: Path, name: str) -> list[Path]:
 def _record(folder: Path) -> Path:
     folder.mkdir()
     write_run(folder)
-    recorder = Recorder(folder, 0, {})
+    recorder = McapRecorder(folder, 0, {})
     for payload in said():
         recorder.take(payload, getattr(payload, "time_s", 0.0))
     recorder.close()

@@ -1,8 +1,6 @@
-"""Takes what is to be recorded off the station's hands: a thread encodes and writes, the caller
-never waits.
+"""Records messages without a wait: a thread encodes and writes them.
 
-A disk that can't keep up fills the queue; then messages are dropped and counted. Nothing here runs
-in an agent.
+A disk that can't keep up fills the queue; then messages are dropped and counted.
 """
 
 from __future__ import annotations
@@ -18,15 +16,15 @@ from typing import Any, Final
 from swarm_ctl.core.model.messages import AgentState, Payload
 from swarm_ctl.recording.mcap_reader import RECORDING
 from swarm_ctl.recording.mcap_writer import McapWriter
-from swarm_ctl.recording.topics import ADAPTERS, BY_NAME, BY_PAYLOAD, Setpoint, Topic
+from swarm_ctl.recording.topics import ADAPTERS, BY_NAME, BY_PAYLOAD, SetpointRecord, Topic
 
 _LIMIT: Final = 20_000
 """Messages that may wait: ten seconds of a hundred agents."""
 _CHUNK_WALL_S: Final = 1.0
 
 
-class Recorder:
-    """Records payloads, and the lines of a truth file as they appear, into `folder`."""
+class McapRecorder:
+    """Records payloads, and the lines of the truth file as it grows, into `folder`."""
 
     def __init__(
         self,
@@ -44,7 +42,7 @@ class Recorder:
         self._truth = _Tail(folder / "truth.jsonl")
         self.dropped = 0
         self.failure = ""
-        """Why nothing is written any more (a full disk)."""
+        """Why the recording ended (a full disk); '' as long as it goes on."""
         self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
         self._thread.start()
 
@@ -54,7 +52,7 @@ class Recorder:
         return self._writer.counts
 
     def take(self, payload: Payload, heard_s: float) -> None:
-        """Record a payload; returns at once."""
+        """Record a payload heard at `heard_s`; returns at once."""
         if self.failure:
             self.dropped += 1
             return
@@ -64,8 +62,7 @@ class Recorder:
             self.dropped += 1
 
     def close(self, patience_wall_s: float = 5.0) -> None:
-        """Write what waits, index and footer; gives a disk that does not answer up after a
-        while."""
+        """Write the queue, index and footer; gives up if the disk does not answer."""
         with suppress(queue.Full):
             self._queue.put(None, timeout=patience_wall_s)
         self._thread.join(patience_wall_s)
@@ -80,7 +77,7 @@ class Recorder:
             self._writer.abandon()
 
     def _write_chunk(self) -> bool:
-        """A second's messages and a flush; False after the last one."""
+        """Write the messages of a second and flush; False after the last one."""
         going = True
         alarm = threading.Event()
         timer = threading.Timer(_CHUNK_WALL_S, alarm.set)
@@ -111,32 +108,35 @@ class Recorder:
         self._write(topic, agent, heard_s, said_s, ADAPTERS[type(payload)].dump_json(payload))
         if isinstance(payload, AgentState):
             (north, east), (vn, ve, _) = payload.setpoint_mps, payload.velocity_ned_mps
-            point = Setpoint(payload.time_s, north, east, vn, ve)
+            point = SetpointRecord(payload.time_s, north, east, vn, ve)
             self._write(
-                BY_NAME["setpoint"], agent, heard_s, said_s, ADAPTERS[Setpoint].dump_json(point)
+                BY_NAME["setpoint"],
+                agent,
+                heard_s,
+                said_s,
+                ADAPTERS[SetpointRecord].dump_json(point),
             )
 
     def _write(
         self, topic: Topic, agent: int | None, time_s: float, said_s: float, data: bytes
     ) -> None:
         rate_hz = self._rates[topic.name]
-        if rate_hz > 0:
-            key = (topic.name, agent)
-            if said_s < self._due.get(key, 0.0):
-                return
-            self._due[key] = said_s + 1.0 / rate_hz - 1e-9
+        key = (topic.name, agent)
+        if rate_hz > 0 and said_s < self._due.get(key, 0.0):
+            return
+        self._due[key] = said_s + (1.0 / rate_hz - 1e-9 if rate_hz > 0 else 0.0)
         self._writer.write(topic, agent, time_s, said_s, data)
 
 
 class _Tail:
-    """The new whole lines of a growing file of JSON objects with a time `t`."""
+    """Reads the new lines of a growing file of JSON objects with a time `t`."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self._read = 0
 
     def lines(self) -> list[tuple[float, bytes]]:
-        """(time, line) of each since the last call."""
+        """(time, line) of each whole line since the last call."""
         try:
             with self._path.open("rb") as file:
                 file.seek(self._read)
@@ -149,7 +149,7 @@ class _Tail:
 
 
 def _time_of(line: bytes) -> float:
-    """The value of `"t":` without reading the whole line."""
+    """The value of `"t":`, without parsing the whole line."""
     _, _, rest = line.partition(b'"t":')
     number = rest.lstrip().split(b",", 1)[0].rstrip(b"}")
     try:
