@@ -2,8 +2,8 @@
 socket, clock or pymavlink.
 
 The persona's part (abstract here) is in `ardupilot_persona.py` and `px4_persona.py`. What every
-MAVLink vehicle serves is in `protocol/`, whose functions act on an `Autopilot`; `firmware.py` gives
-it time and messages. It answers through `outbox` and by `demand`.
+MAVLink vehicle serves is in `protocol/`, whose functions act on a `SimAutopilot`; `firmware.py`
+gives it time and messages. It answers through `outbox` and by `demand`.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ class Outgoing(NamedTuple):
     private: bool
 
 
-class Autopilot(ABC):
+class SimAutopilot(ABC):
     """One autopilot. All times are mission seconds."""
 
     autopilot: ClassVar[int]

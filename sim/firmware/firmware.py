@@ -5,7 +5,7 @@ Both calls bring what the sensors say at that time.
 
 from __future__ import annotations
 
-from sim.firmware.autopilot import Autopilot
+from sim.firmware.autopilot import SimAutopilot
 from sim.firmware.flying.maneuvers import Sensed
 from sim.firmware.message import Message
 from sim.firmware.protocol import mission_transfer, uploaded_mission
@@ -20,7 +20,7 @@ _BATTERY_S = 0.5
 """The battery is looked at this often."""
 
 
-class Firmware(Autopilot):
+class Firmware(SimAutopilot):
     """An autopilot that runs."""
 
     @property

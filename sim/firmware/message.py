@@ -47,7 +47,6 @@ class MavSeverity(IntEnum):
     CRITICAL = 2
     ERROR = 3
     WARNING = 4
-    NOTICE = 5
     INFO = 6
 
 
@@ -100,28 +99,3 @@ MAV_MODE_FLAG_SAFETY_ARMED = 128
 MAV_STATE_STANDBY = 3
 MAV_STATE_ACTIVE = 4
 MAV_STATE_CRITICAL = 5
-
-MESSAGE_IDS: dict[str, int] = {
-    "HEARTBEAT": 0,
-    "SYS_STATUS": 1,
-    "SYSTEM_TIME": 2,
-    "GPS_RAW_INT": 24,
-    "ATTITUDE": 30,
-    "LOCAL_POSITION_NED": 32,
-    "MISSION_CURRENT": 42,
-    "GLOBAL_POSITION_INT": 33,
-    "GPS_GLOBAL_ORIGIN": 49,
-    "VFR_HUD": 74,
-    "POSITION_TARGET_LOCAL_NED": 85,
-    "BATTERY_STATUS": 147,
-    "AUTOPILOT_VERSION": 148,
-    "EKF_STATUS_REPORT": 193,
-    "ESTIMATOR_STATUS": 230,
-    "HOME_POSITION": 242,
-    "EXTENDED_SYS_STATE": 245,
-    "ADSB_VEHICLE": 246,
-    "WIND": 168,
-    "WIND_COV": 231,
-}
-"""Every message that can be streamed or requested."""
-MESSAGE_NAMES = {number: name for name, number in MESSAGE_IDS.items()}

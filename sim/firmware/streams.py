@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 
 class Streams:
@@ -14,7 +14,7 @@ class Streams:
     """
 
     def __init__(self) -> None:
-        self._interval_s: dict[str, float] = {}
+        self.interval_s: dict[str, float] = {}
         self._due_s: dict[str, float] = {}
         self.next_s = math.inf
         """When the next message is due."""
@@ -22,20 +22,12 @@ class Streams:
     def set(self, name: str, interval_s: float | None, now: float) -> None:
         """Streams `name` every `interval_s`, the first at once; None stops it."""
         if interval_s is None:
-            self._interval_s.pop(name, None)
+            self.interval_s.pop(name, None)
             self._due_s.pop(name, None)
         else:
-            self._interval_s[name] = interval_s
+            self.interval_s[name] = interval_s
             self._due_s[name] = now
         self.next_s = min(self._due_s.values(), default=math.inf)
-
-    def interval_s(self, name: str) -> float | None:
-        """The interval of `name`; None where it isn't streamed."""
-        return self._interval_s.get(name)
-
-    def names(self) -> Iterable[str]:
-        """Everything streamed."""
-        return tuple(self._interval_s)
 
     def take_due(self, now: float) -> Sequence[str]:
         """The names that are due at `now`, each once; moves them on."""
@@ -44,7 +36,7 @@ class Streams:
             return ()
         due = [name for name, at in self._due_s.items() if at <= late]
         for name in due:
-            self._due_s[name] = next_on_grid(now, self._interval_s[name])
+            self._due_s[name] = next_on_grid(now, self.interval_s[name])
         self.next_s = min(self._due_s.values(), default=math.inf)
         return due
 

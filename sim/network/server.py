@@ -1,8 +1,15 @@
-"""Runs a world in real time (times the speed-up) behind one socket a vehicle."""
+"""Runs a world in real time (times the speed-up) behind one socket a vehicle.
+
+A process that was not scheduled for a while must not look to its vehicles like a silent link: the
+world never goes beyond the last look at the sockets, and what came since the look before is spread
+evenly over the time in between.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import heapq
+import itertools
 import logging
 import os
 import selectors
@@ -43,6 +50,11 @@ class Server:
         self._drain_until_s: float | None = None
         self._stopping = False
         self._said_late_s = -_SAY_AGAIN_S
+        self._looked_s = clock.now()
+        """When the sockets were last looked at, mission time."""
+        self._received: list[tuple[float, int, int, bytes, Address]] = []
+        """A heap of datagrams not yet delivered: time, count, place, bytes, sender."""
+        self._count = itertools.count()
         self._sockets: list[VehicleSocket] = []
         self.hub: Hub
         self._selector: selectors.BaseSelector
@@ -103,13 +115,17 @@ class Server:
 
     def _poll(self, timeout_s: float) -> bool:
         ready = self._selector.select(timeout_s)
+        since_s, self._looked_s = self._looked_s, self._clock.now()
         for key, _ in ready:
             if key.data is None:
                 self._read_lifeline()
                 continue
             socket = self._sockets[key.data]
-            for data, sender in socket.receive():
-                self.hub.receive(key.data, data, sender)
+            came = list(socket.receive())
+            for i, (data, sender) in enumerate(came, start=1):
+                at_s = since_s + (self._looked_s - since_s) * i / len(came)
+                entry = (at_s, next(self._count), key.data, data, sender)
+                heapq.heappush(self._received, entry)
             self.hub.listen(key.data, socket.peers())
         return bool(ready)
 
@@ -127,8 +143,11 @@ class Server:
         return world.parked() or world.time_s >= self._drain_until_s
 
     def _catch_up(self) -> None:
-        now = self._clock.now()
+        now = self._looked_s
         for _ in range(_BATCH):
+            next_s = min(self.hub.world.next_s, now)
+            while self._received and self._received[0][0] <= next_s:
+                self.hub.receive(*heapq.heappop(self._received)[2:])
             if self.hub.world.next_s > now:
                 return
             self.hub.step()

@@ -7,7 +7,7 @@ before.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
 from sim.firmware.flying.position_target import NOTHING, Axes, Axis
@@ -91,19 +91,17 @@ class GroundManeuver:
 class _Anchor:
     """Remembers where a stopping vehicle came to rest."""
 
-    _SLOW_MPS = 0.3
+    point: tuple[Axis, Axis] = (None, None)
+    """To hold, horizontally; nothing while still braking, or where the style needs none."""
+    down: Axis = None
 
-    def __init__(self) -> None:
-        self._point: tuple[Axis, Axis] = (None, None)
-
-    def point(self, sensed: Sensed, style: FlightStyle) -> tuple[Axis, Axis]:
-        """The horizontal point to hold; (None, None) while still braking, or where the style needs
-        none."""
-        if self._point == (None, None) and style.captures:
-            north, east, _ = sensed.velocity_ned_mps
-            if math.hypot(north, east) < self._SLOW_MPS:
-                self._point = sensed.position_ned_m[:2]
-        return self._point
+    def settle(self, sensed: Sensed, style: FlightStyle) -> None:
+        """Takes the present point once the vehicle is slow."""
+        north, east, down = sensed.velocity_ned_mps
+        if style.captures and self.point == (None, None) and math.hypot(north, east) < 0.3:
+            self.point = sensed.position_ned_m[:2]
+        if style.captures and self.down is None and abs(down) < 0.2:
+            self.down = sensed.position_ned_m[2]
 
 
 class HoldManeuver:
@@ -111,19 +109,14 @@ class HoldManeuver:
 
     landed_state = LandedState.IN_AIR
     done = True
-    _SLOW_MPS = 0.2
 
     def __init__(self, heading_rad: float) -> None:
         self._heading_rad = heading_rad
         self._anchor = _Anchor()
-        self._down: Axis = None
 
     def demand(self, _now: float, sensed: Sensed, style: FlightStyle) -> Demand:
-        north, east = self._anchor.point(sensed, style)
-        slow = abs(sensed.velocity_ned_mps[2]) < self._SLOW_MPS
-        if self._down is None and style.captures and slow:
-            self._down = sensed.position_ned_m[2]
-        return fly(style, self._heading_rad, position=(north, east, self._down))
+        self._anchor.settle(sensed, style)
+        return fly(style, self._heading_rad, position=(*self._anchor.point, self._anchor.down))
 
 
 @dataclass(slots=True)
@@ -145,51 +138,46 @@ class VelocityManeuver:
         return fly(style, heading, self.velocity_ned_mps, self.position_ned_m)
 
 
+@dataclass(slots=True)
 class TakeoffManeuver:
     """Spool up, then climb straight to `down_m`."""
 
-    landed_state = LandedState.TAKEOFF
-    _CLOSE_M = 0.3
-
-    def __init__(self, start: Sensed, down_m: float, now: float, climb_mps: float) -> None:
-        self.done = False
-        self._start = start
-        self._down_m = down_m
-        self._lift_s = now + SPOOL_UP_S
-        self._climb_mps = climb_mps
+    start: Sensed
+    down_m: float
+    began_s: float
+    climb_mps: float
+    landed_state: LandedState = LandedState.TAKEOFF
+    done: bool = False
 
     def demand(self, now: float, sensed: Sensed, style: FlightStyle) -> Demand:
-        if sensed.landed and now < self._lift_s:
-            return fly(style, self._start.heading_rad)._replace(lift=False)
-        north, east, _ = self._start.position_ned_m
-        self.done = abs(sensed.position_ned_m[2] - self._down_m) < self._CLOSE_M
-        demand = fly(style, self._start.heading_rad, position=(north, east, self._down_m))
-        return demand._replace(climb_mps=self._climb_mps)
+        if sensed.landed and now < self.began_s + SPOOL_UP_S:
+            return fly(style, self.start.heading_rad)._replace(lift=False)
+        north, east, _ = self.start.position_ned_m
+        self.done = abs(sensed.position_ned_m[2] - self.down_m) < 0.3
+        demand = fly(style, self.start.heading_rad, position=(north, east, self.down_m))
+        return demand._replace(climb_mps=self.climb_mps)
 
 
+@dataclass(slots=True)
 class LandManeuver:
     """Down where it is: fast first, then slowly to the ground at `ground_down_m`, and past it if
     the real ground is lower."""
 
-    landed_state = LandedState.LANDING
-
-    def __init__(
-        self, heading_rad: float, ground_down_m: float, slow_mps: float | None = None
-    ) -> None:
-        self.done = False
-        self._heading_rad = heading_rad
-        self._ground_down_m = ground_down_m
-        self._slow_mps = slow_mps
-        self._anchor = _Anchor()
+    heading_rad: float
+    ground_down_m: float
+    slow_mps: float | None = None
+    """In place of the style's rates."""
+    anchor: _Anchor = field(default_factory=_Anchor)
+    landed_state: LandedState = LandedState.LANDING
+    done: bool = False
 
     def demand(self, _now: float, sensed: Sensed, style: FlightStyle) -> Demand:
         self.done = sensed.landed
-        height = self._ground_down_m - sensed.position_ned_m[2]
+        self.anchor.settle(sensed, style)
+        height = self.ground_down_m - sensed.position_ned_m[2]
         rate = style.land_mps if height < style.land_below_m else style.descent_mps
-        if self._slow_mps is not None:
-            rate = self._slow_mps
-        north, east = self._anchor.point(sensed, style)
-        return fly(style, self._heading_rad, (0.0, 0.0, rate), (north, east, None))
+        velocity = (0.0, 0.0, rate if self.slow_mps is None else self.slow_mps)
+        return fly(style, self.heading_rad, velocity, (*self.anchor.point, None))
 
 
 class _EndsInLanding:
@@ -240,40 +228,30 @@ class ReturnManeuver(_EndsInLanding):
         return fly(style, self._heading_rad, position=(place[0], place[1], self._down_m))
 
 
+@dataclass(slots=True)
 class GoToManeuver:
     """Fly to a point, wait there; from the ground, climb first."""
 
-    landed_state = LandedState.IN_AIR
-    _FACE_BEYOND_M = 2.0
-    _HEIGHT_M = 1.0
-
-    def __init__(
-        self,
-        place: Vector3,
-        radius_m: float,
-        wait_s: float,
-        heading_rad: float,
-        climb: TakeoffManeuver | None = None,
-    ) -> None:
-        self.done = False
-        self._climb = climb
-        self._place = place
-        self._radius_m = radius_m
-        self._wait_s = wait_s
-        self._heading_rad = heading_rad
-        self._there_s: float | None = None
+    place: Vector3
+    radius_m: float
+    wait_s: float
+    heading_rad: float
+    climb: TakeoffManeuver | None = None
+    there_s: float | None = None
+    landed_state: LandedState = LandedState.IN_AIR
+    done: bool = False
 
     def demand(self, now: float, sensed: Sensed, style: FlightStyle) -> Demand:
-        if self._climb is not None and not self._climb.done:
-            return self._climb.demand(now, sensed, style)
-        north, east, down = (p - s for p, s in zip(self._place, sensed.position_ned_m, strict=True))
+        if self.climb is not None and not self.climb.done:
+            return self.climb.demand(now, sensed, style)
+        north, east, down = (p - s for p, s in zip(self.place, sensed.position_ned_m, strict=True))
         distance = math.hypot(north, east)
-        if distance > self._FACE_BEYOND_M:
-            self._heading_rad = math.atan2(east, north)
-        if self._there_s is None and distance <= self._radius_m and abs(down) <= self._HEIGHT_M:
-            self._there_s = now
-        self.done = self._there_s is not None and now - self._there_s >= self._wait_s
-        return fly(style, self._heading_rad, position=self._place)
+        if distance > 2.0:
+            self.heading_rad = math.atan2(east, north)
+        if self.there_s is None and distance <= self.radius_m and abs(down) <= 1.0:
+            self.there_s = now
+        self.done = self.there_s is not None and now - self.there_s >= self.wait_s
+        return fly(style, self.heading_rad, position=self.place)
 
 
 class LandAtManeuver(_EndsInLanding):

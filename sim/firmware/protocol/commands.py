@@ -9,10 +9,10 @@ from __future__ import annotations
 import math
 from dataclasses import astuple
 
-from sim.firmware.autopilot import Autopilot, CommandHandler
-from sim.firmware.message import MESSAGE_NAMES, MavCmd, MavCommand, MavResult, Message
+from sim.firmware.autopilot import CommandHandler, SimAutopilot
+from sim.firmware.message import MavCmd, MavCommand, MavResult, Message
 from sim.firmware.protocol import uploaded_mission
-from sim.firmware.protocol.telemetry import readings
+from sim.firmware.protocol.telemetry import MESSAGES, readings
 from sim.physics.geodesy import Vector3
 
 MAX_RATE_HZ = 400.0
@@ -35,7 +35,7 @@ def read_command(message: Message) -> MavCommand:
     return MavCommand(f["command"], frame, (*numbers, *place), target, message.source)
 
 
-def _place(a: Autopilot, command: MavCommand) -> Vector3 | None:
+def _place(a: SimAutopilot, command: MavCommand) -> Vector3 | None:
     """NED of the point in p[4:7]; missing coordinates are the current ones; None where there is no
     such point."""
     given, here = command.p[4:7], astuple(a.geodetic())
@@ -46,7 +46,7 @@ def _place(a: Autopilot, command: MavCommand) -> Vector3 | None:
     return a.ned(lat, lon, alt, above_home=above_home)
 
 
-def arm(a: Autopilot, command: MavCommand) -> MavResult | None:
+def arm(a: SimAutopilot, command: MavCommand) -> MavResult | None:
     """COMPONENT_ARM_DISARM; a repeat changes nothing and is accepted."""
     wanted, magic = command.p[0], command.p[1]
     if wanted == 1.0:
@@ -56,9 +56,9 @@ def arm(a: Autopilot, command: MavCommand) -> MavResult | None:
     return a.arm_nonsense
 
 
-def set_message_interval(a: Autopilot, command: MavCommand) -> MavResult:
+def set_message_interval(a: SimAutopilot, command: MavCommand) -> MavResult:
     """p2 microseconds, 0 the default, -1 off."""
-    name, interval_us = _message_name(command.p[0]), command.p[1]
+    name, interval_us = _NAMES.get(command.p[0]), command.p[1]
     if name is None or not math.isfinite(interval_us) or 0 < interval_us < 1e6 / MAX_RATE_HZ:
         return MavResult.DENIED
     default = a.boot_streams.get(name)
@@ -67,12 +67,12 @@ def set_message_interval(a: Autopilot, command: MavCommand) -> MavResult:
     return MavResult.ACCEPTED
 
 
-def request_message(a: Autopilot, command: MavCommand) -> MavResult:
-    name = _message_name(command.p[0])
+def request_message(a: SimAutopilot, command: MavCommand) -> MavResult:
+    name = _NAMES.get(command.p[0])
     return MavResult.FAILED if name is None else _send_once(a, name)
 
 
-def reboot(a: Autopilot, command: MavCommand) -> MavResult | None:
+def reboot(a: SimAutopilot, command: MavCommand) -> MavResult | None:
     """Silent for a while, then as after power-up; parameters stay."""
     if command.p[0] != 1.0:
         return MavResult.DENIED
@@ -83,7 +83,7 @@ def reboot(a: Autopilot, command: MavCommand) -> MavResult | None:
     return None
 
 
-def change_speed(a: Autopilot, command: MavCommand) -> MavResult:
+def change_speed(a: SimAutopilot, command: MavCommand) -> MavResult:
     speed = command.p[1]
     if not (math.isfinite(speed) and speed > 0):
         return a.refusal
@@ -92,14 +92,14 @@ def change_speed(a: Autopilot, command: MavCommand) -> MavResult:
     return MavResult.ACCEPTED
 
 
-def reposition(a: Autopilot, command: MavCommand) -> MavResult:
+def reposition(a: SimAutopilot, command: MavCommand) -> MavResult:
     where = _place(a, command)
     if where is None or a.sensed.landed or not a.armed:
         return MavResult.DENIED
     return a.go_to(where)
 
 
-def set_home(a: Autopilot, command: MavCommand) -> MavResult:
+def set_home(a: SimAutopilot, command: MavCommand) -> MavResult:
     """p1 = 1 here, else the given place."""
     where = a.sensed.position_ned_m if command.p[0] == 1.0 else _place(a, command)
     if where is None or not a.ready():
@@ -108,7 +108,7 @@ def set_home(a: Autopilot, command: MavCommand) -> MavResult:
     return MavResult.ACCEPTED
 
 
-def set_mission_current(a: Autopilot, command: MavCommand) -> MavResult:
+def set_mission_current(a: SimAutopilot, command: MavCommand) -> MavResult:
     index = command.p[0]
     if not (math.isfinite(index) and uploaded_mission.go_on_at(a, int(index))):
         return a.refusal
@@ -116,16 +116,14 @@ def set_mission_current(a: Autopilot, command: MavCommand) -> MavResult:
     return MavResult.ACCEPTED
 
 
-def _send_once(a: Autopilot, name: str) -> MavResult:
+def _send_once(a: SimAutopilot, name: str) -> MavResult:
     found = readings(a, name)
     for fields in found:
         a.say(name, fields, private=True)
     return MavResult.ACCEPTED if found or name == "ADSB_VEHICLE" else MavResult.FAILED
 
 
-def _message_name(number: float) -> str | None:
-    whole = math.isfinite(number) and number == int(number)
-    return MESSAGE_NAMES.get(int(number)) if whole else None
+_NAMES: dict[float, str] = {number: name for name, (number, _) in MESSAGES.items()}
 
 
 COMMON: dict[int, CommandHandler] = {

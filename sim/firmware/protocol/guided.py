@@ -7,23 +7,23 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from sim.firmware.autopilot import Autopilot
+from sim.firmware.autopilot import SimAutopilot
 from sim.firmware.flying.maneuvers import STILL, HoldManeuver, TakeoffManeuver, VelocityManeuver
 from sim.firmware.flying.position_target import FRAME_LOCAL_NED, NO_POSITION, read_position_target
 from sim.firmware.message import ABSOLUTE_FRAMES, RELATIVE_FRAMES, MavCommand, MavResult, Message
 
 
-def set_local_target(a: Autopilot, message: Message) -> None:
+def set_local_target(a: SimAutopilot, message: Message) -> None:
     """SET_POSITION_TARGET_LOCAL_NED."""
     _take(a, message.fields)
 
 
-def set_global_target(a: Autopilot, message: Message) -> None:
+def set_global_target(a: SimAutopilot, message: Message) -> None:
     """SET_POSITION_TARGET_GLOBAL_INT: as the local one, with a place on the ellipsoid."""
     _take(a, _local(a, message.fields))
 
 
-def _take(a: Autopilot, fields: Mapping[str, Any] | None) -> None:
+def _take(a: SimAutopilot, fields: Mapping[str, Any] | None) -> None:
     target = None
     if fields is not None:
         target = read_position_target(fields, a.sensed.heading_rad, a.local_position())
@@ -33,7 +33,7 @@ def _take(a: Autopilot, fields: Mapping[str, Any] | None) -> None:
         a.on_position_target(target)
 
 
-def _local(a: Autopilot, m: Mapping[str, Any]) -> dict[str, Any] | None:
+def _local(a: SimAutopilot, m: Mapping[str, Any]) -> dict[str, Any] | None:
     """The fields of the local message that says the same; None where there is no such place."""
     if m["coordinate_frame"] not in (*ABSOLUTE_FRAMES, *RELATIVE_FRAMES):
         return None
@@ -49,7 +49,7 @@ def _local(a: Autopilot, m: Mapping[str, Any]) -> dict[str, Any] | None:
     return {**m, **local}
 
 
-def condition_yaw(a: Autopilot, command: MavCommand) -> MavResult:
+def condition_yaw(a: SimAutopilot, command: MavCommand) -> MavResult:
     """CONDITION_YAW turns a guided vehicle: p1 degrees, p3 the sense of a relative turn, p4 whether
     it is one."""
     degrees, sense, relative = command.p[0], command.p[2], command.p[3]

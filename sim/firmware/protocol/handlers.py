@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 
-from sim.firmware.autopilot import Autopilot
+from sim.firmware.autopilot import SimAutopilot
 from sim.firmware.message import MavResult, Message
 from sim.firmware.protocol import guided, mission_transfer
 from sim.firmware.protocol.commands import MAX_RATE_HZ, read_command
@@ -21,13 +21,13 @@ _BY_NAME = -1
 _FTP_NAK, _FTP_FAIL, _FTP_UNKNOWN_COMMAND = 129, 128, 7
 
 
-def heartbeat(a: Autopilot, message: Message) -> None:
+def heartbeat(a: SimAutopilot, message: Message) -> None:
     """A ground station's keeps the vehicle from its failsafe."""
     if a.is_gcs(message.source[0], message.fields["type"]):
         a.gcs_heartbeat()
 
 
-def command(a: Autopilot, message: Message) -> None:
+def command(a: SimAutopilot, message: Message) -> None:
     """COMMAND_LONG, COMMAND_INT."""
     asked = read_command(message)
     if not a.addressed(asked):
@@ -39,18 +39,18 @@ def command(a: Autopilot, message: Message) -> None:
         a.acknowledge(asked.id, result, asked.source)
 
 
-def set_mode(a: Autopilot, message: Message) -> None:
+def set_mode(a: SimAutopilot, message: Message) -> None:
     result = a.set_mode(message.fields["base_mode"], message.fields["custom_mode"])
     a.acknowledge(SET_MODE_ID, result, message.source)
 
 
-def param_request_list(a: Autopilot, _: Message) -> None:
+def param_request_list(a: SimAutopilot, _: Message) -> None:
     """The values follow a few at a time."""
     a.pending_parameters.clear()
     a.pending_parameters.extend(a.parameters.names)
 
 
-def param_request_read(a: Autopilot, message: Message) -> None:
+def param_request_read(a: SimAutopilot, message: Message) -> None:
     index = message.fields["param_index"]
     name = message.fields["param_id"] if index == _BY_NAME else a.parameters.name_at(index)
     if name is None or name not in a.parameters:
@@ -59,7 +59,7 @@ def param_request_read(a: Autopilot, message: Message) -> None:
     a.say("PARAM_VALUE", a.parameters.value_message(name))
 
 
-def param_set(a: Autopilot, message: Message) -> None:
+def param_set(a: SimAutopilot, message: Message) -> None:
     """Answered by the value that holds then."""
     name, value = message.fields["param_id"], message.fields["param_value"]
     known = name in a.parameters
@@ -69,12 +69,12 @@ def param_set(a: Autopilot, message: Message) -> None:
         a.say("PARAM_VALUE", a.parameters.value_message(name))
 
 
-def request_data_stream(a: Autopilot, message: Message) -> None:
+def request_data_stream(a: SimAutopilot, message: Message) -> None:
     rate = message.fields["req_message_rate"] if message.fields["start_stop"] else 0
     a.data_stream(message.fields["req_stream_id"], 1.0 / min(rate, MAX_RATE_HZ) if rate else None)
 
 
-def file_transfer(a: Autopilot, message: Message) -> None:
+def file_transfer(a: SimAutopilot, message: Message) -> None:
     """FILE_TRANSFER_PROTOCOL: refused at once, so that a client needn't wait before it asks for a
     list."""
     asked = message.fields["payload"]
@@ -92,14 +92,14 @@ def file_transfer(a: Autopilot, message: Message) -> None:
     a.say("FILE_TRANSFER_PROTOCOL", fields, private=True)
 
 
-def timesync(a: Autopilot, message: Message) -> None:
+def timesync(a: SimAutopilot, message: Message) -> None:
     """A request (tc1 = 0) is answered with our time since boot."""
     if message.fields["tc1"] == 0:
         own_ns = round((a.now - a.boot_s) * 1e9)
         a.say("TIMESYNC", {"tc1": own_ns, "ts1": message.fields["ts1"]}, private=True)
 
 
-HANDLERS: Mapping[str, Callable[[Autopilot, Message], None]] = {
+HANDLERS: Mapping[str, Callable[[SimAutopilot, Message], None]] = {
     "HEARTBEAT": heartbeat,
     "COMMAND_LONG": command,
     "COMMAND_INT": command,

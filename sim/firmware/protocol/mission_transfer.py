@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from sim.firmware.autopilot import Autopilot
+from sim.firmware.autopilot import SimAutopilot
 from sim.firmware.flying.mission_items import (
     ALL,
     MAX_ITEMS,
@@ -34,7 +34,7 @@ _OTHER_REQUEST = {
 }
 
 
-def request_list(a: Autopilot, message: Message) -> None:
+def request_list(a: SimAutopilot, message: Message) -> None:
     """MISSION_REQUEST_LIST."""
     kind = message.fields["mission_type"]
     if kind not in a.missions.lists:
@@ -44,7 +44,7 @@ def request_list(a: Autopilot, message: Message) -> None:
     _say(a, "MISSION_COUNT", message.source, count=count, mission_type=kind)
 
 
-def request_item(a: Autopilot, message: Message) -> None:
+def request_item(a: SimAutopilot, message: Message) -> None:
     """MISSION_REQUEST_INT, and MISSION_REQUEST, whose answer has degrees as floats."""
     kind, seq = message.fields["mission_type"], message.fields["seq"]
     items = a.missions.lists.get(kind, [])
@@ -70,7 +70,7 @@ def request_item(a: Autopilot, message: Message) -> None:
     _say(a, "MISSION_ITEM_INT" if as_int else "MISSION_ITEM", message.source, **fields)
 
 
-def _learn(a: Autopilot, message: Message) -> bool:
+def _learn(a: SimAutopilot, message: Message) -> bool:
     """Whether the client speaks in integers (1e-7 degrees)."""
     as_int = message.name.endswith("_INT")
     if a.asks_in_kind:
@@ -78,7 +78,7 @@ def _learn(a: Autopilot, message: Message) -> bool:
     return as_int
 
 
-def count(a: Autopilot, message: Message) -> None:
+def count(a: SimAutopilot, message: Message) -> None:
     """MISSION_COUNT: an upload begins; a second one takes the place of the first."""
     kind, number = message.fields["mission_type"], message.fields["count"]
     if kind not in a.missions.lists:
@@ -90,7 +90,7 @@ def count(a: Autopilot, message: Message) -> None:
         _go_on(a, a.missions.upload)
 
 
-def item(a: Autopilot, message: Message) -> None:
+def item(a: SimAutopilot, message: Message) -> None:
     """MISSION_ITEM_INT, MISSION_ITEM: the one asked for is kept; instead of any other the right one
     is asked for again."""
     upload, m = a.missions.upload, message.fields
@@ -112,7 +112,7 @@ def item(a: Autopilot, message: Message) -> None:
     _go_on(a, upload)
 
 
-def _fly_there(a: Autopilot, message: Message) -> None:
+def _fly_there(a: SimAutopilot, message: Message) -> None:
     """dronekit's `simple_goto` and MAVProxy's `guided`."""
     found = read_item(message)
     flown = None if found is None or refusal(MISSION, found) is not None else a.guided_item(found)
@@ -123,7 +123,7 @@ def _fly_there(a: Autopilot, message: Message) -> None:
         _acknowledge(a, message.source, MISSION, result)
 
 
-def clear(a: Autopilot, message: Message) -> None:
+def clear(a: SimAutopilot, message: Message) -> None:
     """MISSION_CLEAR_ALL."""
     kind = message.fields["mission_type"]
     kinds = tuple(a.missions.lists) if kind == ALL else (kind,)
@@ -135,7 +135,7 @@ def clear(a: Autopilot, message: Message) -> None:
     _acknowledge(a, message.source, kind, MissionResult.ACCEPTED)
 
 
-def answered(a: Autopilot, message: Message) -> None:
+def answered(a: SimAutopilot, message: Message) -> None:
     """MISSION_ACK: a client that does not know the request says UNSUPPORTED; PX4 then uses the
     other one."""
     upload = a.missions.upload
@@ -146,7 +146,7 @@ def answered(a: Autopilot, message: Message) -> None:
     _go_on(a, upload)
 
 
-def set_current(a: Autopilot, message: Message) -> None:
+def set_current(a: SimAutopilot, message: Message) -> None:
     """MISSION_SET_CURRENT, answered by MISSION_CURRENT."""
     if uploaded_mission.go_on_at(a, message.fields["seq"]):
         uploaded_mission.say_current(a)
@@ -154,7 +154,7 @@ def set_current(a: Autopilot, message: Message) -> None:
         a.ignored += 1
 
 
-def remind(a: Autopilot) -> None:
+def remind(a: SimAutopilot) -> None:
     """Asks again for an item that doesn't come; gives up in the end."""
     upload = a.missions.upload
     if upload is None or a.now - upload.asked_s < _AGAIN_S:
@@ -165,11 +165,11 @@ def remind(a: Autopilot) -> None:
         _go_on(a, upload)
 
 
-def _acknowledge(a: Autopilot, to: tuple[int, int], kind: int, result: MissionResult) -> None:
+def _acknowledge(a: SimAutopilot, to: tuple[int, int], kind: int, result: MissionResult) -> None:
     _say(a, "MISSION_ACK", to, type=int(result), mission_type=kind)
 
 
-def _go_on(a: Autopilot, upload: MissionUpload) -> None:
+def _go_on(a: SimAutopilot, upload: MissionUpload) -> None:
     upload.asked_s = a.now
     at, kind = len(upload.items), upload.kind
     if at < upload.count:
@@ -180,12 +180,12 @@ def _go_on(a: Autopilot, upload: MissionUpload) -> None:
     _acknowledge(a, upload.source, kind, MissionResult.ACCEPTED)
 
 
-def _replace(a: Autopilot, kind: int, items: list[MissionItem]) -> None:
+def _replace(a: SimAutopilot, kind: int, items: list[MissionItem]) -> None:
     a.missions.lists[kind] = items
     if kind == MISSION:
         a.missions.current = 0
         uploaded_mission.changed(a)
 
 
-def _say(a: Autopilot, name: str, to: tuple[int, int], **fields: Any) -> None:
+def _say(a: SimAutopilot, name: str, to: tuple[int, int], **fields: Any) -> None:
     a.say(name, {"target_system": to[0], "target_component": to[1]} | fields, private=True)

@@ -1,17 +1,17 @@
 """What each streamed message says: one builder a message, from the autopilot's state to MAVLink
 fields. Pure.
 
-A builder gives None while its source isn't there yet; fields that it
-leaves out are zero.
+A builder gives None while its source isn't there yet, and a list where several messages are due at
+once; fields that it leaves out are zero.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
-from sim.firmware.autopilot import Autopilot
+from sim.firmware.autopilot import SimAutopilot
 from sim.firmware.message import (
     MAV_MODE_FLAG_CUSTOM,
     MAV_MODE_FLAG_GUIDED,
@@ -35,7 +35,7 @@ _UNIX_EPOCH_S = 1_700_000_000
 """Wall-clock time of mission time 0 as told to clients: fixed, so that runs repeat."""
 
 
-def heartbeat(a: Autopilot) -> Fields:
+def heartbeat(a: SimAutopilot) -> Fields:
     flags = MAV_MODE_FLAG_CUSTOM | MAV_MODE_FLAG_STABILIZE
     flags |= MAV_MODE_FLAG_GUIDED if a.mode.guided else 0
     state = MAV_STATE_STANDBY
@@ -52,7 +52,7 @@ def heartbeat(a: Autopilot) -> Fields:
     }
 
 
-def sys_status(a: Autopilot) -> Fields:
+def sys_status(a: SimAutopilot) -> Fields:
     """The pre-arm bit is healthy when arming would succeed."""
     present = _SENSORS | _AHRS | _BATTERY | _PREARM
     health = _SENSORS | _BATTERY if a.fix() else _SENSORS & ~_GPS | _BATTERY
@@ -71,11 +71,11 @@ def sys_status(a: Autopilot) -> Fields:
     }
 
 
-def system_time(a: Autopilot) -> Fields:
+def system_time(a: SimAutopilot) -> Fields:
     return {"time_unix_usec": round((_UNIX_EPOCH_S + a.now) * 1e6), "time_boot_ms": a.boot_ms()}
 
 
-def gps_raw_int(a: Autopilot) -> Fields:
+def gps_raw_int(a: SimAutopilot) -> Fields:
     north, east, _ = a.sensed.velocity_ned_mps
     course = {
         "time_usec": a.boot_ms() * 1000,
@@ -88,7 +88,7 @@ def gps_raw_int(a: Autopilot) -> Fields:
     return course | fix | _place(a, a.sensed.position_ned_m)
 
 
-def attitude(a: Autopilot) -> Fields:
+def attitude(a: SimAutopilot) -> Fields:
     """Leaning to where the rotors pull."""
     north, east, down = a.sensed.thrust_ned_mps2
     heading = a.sensed.heading_rad
@@ -103,7 +103,7 @@ def attitude(a: Autopilot) -> Fields:
     }
 
 
-def local_position_ned(a: Autopilot) -> Fields | None:
+def local_position_ned(a: SimAutopilot) -> Fields | None:
     """From this vehicle's own origin."""
     if not a.ready():
         return None
@@ -112,7 +112,7 @@ def local_position_ned(a: Autopilot) -> Fields | None:
     return {"time_boot_ms": a.boot_ms(), "x": x, "y": y, "z": z, "vx": vx, "vy": vy, "vz": vz}
 
 
-def global_position_int(a: Autopilot) -> Fields | None:
+def global_position_int(a: SimAutopilot) -> Fields | None:
     if not a.ready():
         return None
     vx, vy, vz = a.sensed.velocity_ned_mps
@@ -126,7 +126,7 @@ def global_position_int(a: Autopilot) -> Fields | None:
     }
 
 
-def gps_global_origin(a: Autopilot) -> Fields | None:
+def gps_global_origin(a: SimAutopilot) -> Fields | None:
     """Where LOCAL_POSITION_NED counts from."""
     if not a.ready():
         return None
@@ -134,7 +134,7 @@ def gps_global_origin(a: Autopilot) -> Fields | None:
     return place | {"time_usec": a.boot_ms() * 1000}
 
 
-def home_position(a: Autopilot) -> Fields | None:
+def home_position(a: SimAutopilot) -> Fields | None:
     if not a.ready():
         return None
     place = _place(a, a.home_ned, ("latitude", "longitude", "altitude"))
@@ -143,7 +143,7 @@ def home_position(a: Autopilot) -> Fields | None:
     return place | {"x": x, "y": y, "z": z, "q": upright, "time_usec": a.boot_ms() * 1000}
 
 
-def vfr_hud(a: Autopilot) -> Fields:
+def vfr_hud(a: SimAutopilot) -> Fields:
     north, east, down = a.sensed.velocity_ned_mps
     speed = math.hypot(north, east)
     return {
@@ -156,7 +156,7 @@ def vfr_hud(a: Autopilot) -> Fields:
     }
 
 
-def position_target_local_ned(a: Autopilot) -> Fields:
+def position_target_local_ned(a: SimAutopilot) -> Fields:
     """The velocity, and where held the position, that the vehicle follows now."""
     demand = a.demand
     axes = zip(demand.position_ned_m, a.local_origin_ned, strict=True)
@@ -177,7 +177,7 @@ def position_target_local_ned(a: Autopilot) -> Fields:
     }
 
 
-def battery_status(a: Autopilot) -> Fields:
+def battery_status(a: SimAutopilot) -> Fields:
     return {
         "type": 1,
         "temperature": 32767,
@@ -189,28 +189,28 @@ def battery_status(a: Autopilot) -> Fields:
     }
 
 
-def autopilot_version(a: Autopilot) -> Fields:
+def autopilot_version(a: SimAutopilot) -> Fields:
     return {"capabilities": a.capabilities, "flight_sw_version": a.version, "uid": a.sysid}
 
 
-def ekf_status_report(a: Autopilot) -> Fields:
+def ekf_status_report(a: SimAutopilot) -> Fields:
     variances = ("velocity", "pos_horiz", "pos_vert", "compass", "terrain_alt")
     flags = {"flags": _READY if a.ready() else _EKF_STARTING}
     return flags | {f"{name}_variance": 0.01 for name in variances}
 
 
-def estimator_status(a: Autopilot) -> Fields:
+def estimator_status(a: SimAutopilot) -> Fields:
     ratios = {f"{name}_ratio": 0.01 for name in ("vel", "pos_horiz", "pos_vert", "mag", "hagl")}
     flags = _READY if a.ready() else _ESTIMATOR_STARTING
     accuracy = {"tas_ratio": 0.01, "pos_horiz_accuracy": 0.3, "pos_vert_accuracy": 0.4}
     return ratios | accuracy | {"time_usec": a.boot_ms() * 1000, "flags": flags}
 
 
-def extended_sys_state(a: Autopilot) -> Fields:
+def extended_sys_state(a: SimAutopilot) -> Fields:
     return {"landed_state": int(a.landed_state())}
 
 
-def wind(a: Autopilot) -> Fields | None:
+def wind(a: SimAutopilot) -> Fields | None:
     """While EKF3 estimates it, which takes a tuned drag model and flight. Gusts are averaged
     out."""
     if not _estimates_wind(a, "EK3_DRAG_BCOEF_X", "EK3_DRAG_BCOEF_Y"):
@@ -219,7 +219,7 @@ def wind(a: Autopilot) -> Fields | None:
     return {"direction": from_deg, "speed": a.parameters["SIM_WIND_SPD"]}
 
 
-def wind_cov(a: Autopilot) -> Fields | None:
+def wind_cov(a: SimAutopilot) -> Fields | None:
     """While EKF2 estimates it, which takes EKF2_DRAG_CTRL and flight. Gusts are averaged out."""
     if not _estimates_wind(a, "EKF2_DRAG_CTRL"):
         return None
@@ -233,13 +233,17 @@ def wind_cov(a: Autopilot) -> Fields | None:
     }
 
 
-def _estimates_wind(a: Autopilot, *switches: str) -> bool:
+def _estimates_wind(a: SimAutopilot, *switches: str) -> bool:
     on = (name in a.parameters and a.parameters[name] > 0 for name in switches)
     return not a.sensed.landed and all(on)
 
 
-def _contact(a: Autopilot, sysid: int, position: Vector3, velocity: Vector3) -> Fields:
-    """One ADSB_VEHICLE; the address is the vehicle's system id."""
+def adsb_vehicle(a: SimAutopilot) -> list[Fields]:
+    """One for each vehicle in sensing range; the address is its system id."""
+    return [_contact(a, *contact) for contact in a.traffic()]
+
+
+def _contact(a: SimAutopilot, sysid: int, position: Vector3, velocity: Vector3) -> Fields:
     north, east, down = velocity
     return _place(a, position, ("lat", "lon", "altitude")) | {
         "ICAO_address": sysid,
@@ -254,7 +258,7 @@ def _contact(a: Autopilot, sysid: int, position: Vector3, velocity: Vector3) -> 
 
 
 def _place(
-    a: Autopilot, ned_m: Vector3, names: tuple[str, str, str] = ("lat", "lon", "alt")
+    a: SimAutopilot, ned_m: Vector3, names: tuple[str, str, str] = ("lat", "lon", "alt")
 ) -> Fields:
     """A point on the ellipsoid: 1e-7 degrees, millimetres."""
     at = a.geodetic(ned_m)
@@ -262,7 +266,7 @@ def _place(
     return dict(zip(names, numbers, strict=True))
 
 
-def _height(a: Autopilot) -> float:
+def _height(a: SimAutopilot) -> float:
     return a.plane.origin.alt_m - a.sensed.position_ned_m[2]
 
 
@@ -274,33 +278,35 @@ def _centidegrees(angle_rad: float) -> int:
     return round(math.degrees(angle_rad) % 360 * 100) % 36000
 
 
-BUILDERS: dict[str, Callable[[Autopilot], Fields | None]] = {
-    "HEARTBEAT": heartbeat,
-    "SYS_STATUS": sys_status,
-    "SYSTEM_TIME": system_time,
-    "GPS_RAW_INT": gps_raw_int,
-    "ATTITUDE": attitude,
-    "LOCAL_POSITION_NED": local_position_ned,
-    "GLOBAL_POSITION_INT": global_position_int,
-    "GPS_GLOBAL_ORIGIN": gps_global_origin,
-    "VFR_HUD": vfr_hud,
-    "POSITION_TARGET_LOCAL_NED": position_target_local_ned,
-    "BATTERY_STATUS": battery_status,
-    "AUTOPILOT_VERSION": autopilot_version,
-    "EKF_STATUS_REPORT": ekf_status_report,
-    "ESTIMATOR_STATUS": estimator_status,
-    "HOME_POSITION": home_position,
-    "EXTENDED_SYS_STATE": extended_sys_state,
-    "MISSION_CURRENT": mission_current,
-    "WIND": wind,
-    "WIND_COV": wind_cov,
+Builder = Callable[[SimAutopilot], Fields | list[Fields] | None]
+MESSAGES: dict[str, tuple[int, Builder]] = {
+    "HEARTBEAT": (0, heartbeat),
+    "SYS_STATUS": (1, sys_status),
+    "SYSTEM_TIME": (2, system_time),
+    "GPS_RAW_INT": (24, gps_raw_int),
+    "ATTITUDE": (30, attitude),
+    "LOCAL_POSITION_NED": (32, local_position_ned),
+    "MISSION_CURRENT": (42, mission_current),
+    "GLOBAL_POSITION_INT": (33, global_position_int),
+    "GPS_GLOBAL_ORIGIN": (49, gps_global_origin),
+    "VFR_HUD": (74, vfr_hud),
+    "POSITION_TARGET_LOCAL_NED": (85, position_target_local_ned),
+    "BATTERY_STATUS": (147, battery_status),
+    "AUTOPILOT_VERSION": (148, autopilot_version),
+    "EKF_STATUS_REPORT": (193, ekf_status_report),
+    "ESTIMATOR_STATUS": (230, estimator_status),
+    "HOME_POSITION": (242, home_position),
+    "EXTENDED_SYS_STATE": (245, extended_sys_state),
+    "ADSB_VEHICLE": (246, adsb_vehicle),
+    "WIND": (168, wind),
+    "WIND_COV": (231, wind_cov),
 }
+"""Every message that can be streamed or requested: its number and builder."""
 
 
-def readings(a: Autopilot, name: str) -> Sequence[Fields]:
-    """The fields of each message of this name to send now: usually one, ADSB_VEHICLE one a vehicle
-    in sensing range."""
-    if name == "ADSB_VEHICLE":
-        return [_contact(a, *contact) for contact in a.traffic()]
-    fields = BUILDERS[name](a)
-    return () if fields is None else (fields,)
+def readings(a: SimAutopilot, name: str) -> list[Fields]:
+    """The fields of each message of this name to send now."""
+    found = MESSAGES[name][1](a)
+    if isinstance(found, list):
+        return found
+    return [] if found is None else [found]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from sim.firmware.autopilot import Autopilot
+from sim.firmware.autopilot import SimAutopilot
 from sim.firmware.flying.mission_flight import MissionManeuver, MissionVehicle
 from sim.firmware.flying.mission_items import MISSION, MissionItem
 from sim.firmware.message import ABSOLUTE_FRAMES, MavCmd, MavSeverity
@@ -17,23 +17,23 @@ _NAMES = dict(
 )
 
 
-def items(a: Autopilot) -> list[MissionItem]:
+def items(a: SimAutopilot) -> list[MissionItem]:
     """The uploaded mission."""
     return a.missions.lists[MISSION]
 
 
-def present(a: Autopilot) -> bool:
+def present(a: SimAutopilot) -> bool:
     """There is something to fly."""
     return len(items(a)) > a.first_index
 
 
-def begins_with_takeoff(a: Autopilot) -> bool:
+def begins_with_takeoff(a: SimAutopilot) -> bool:
     """The first thing flown is a take-off."""
     flown = [i for i in items(a)[a.first_index :] if i.command < MavCmd.DO_JUMP]
     return bool(flown) and flown[0].command == MavCmd.NAV_TAKEOFF
 
 
-def fly(a: Autopilot) -> MissionManeuver:
+def fly(a: SimAutopilot) -> MissionManeuver:
     """The mission's flight, from the current item on; from the first one after it had been
     completed."""
     mission = items(a)
@@ -53,14 +53,14 @@ def fly(a: Autopilot) -> MissionManeuver:
     return MissionManeuver(mission, current, vehicle)
 
 
-def place(a: Autopilot, item: MissionItem) -> Vector3:
+def place(a: SimAutopilot, item: MissionItem) -> Vector3:
     """NED of an item's point; its height alone where it has no place."""
     here = a.geodetic()
     lat, lon = (item.x * 1e-7, item.y * 1e-7) if item.placed else (here.lat_deg, here.lon_deg)
     return a.ned(lat, lon, item.z, above_home=item.frame not in ABSOLUTE_FRAMES)
 
 
-def keep_up(a: Autopilot) -> None:
+def keep_up(a: SimAutopilot) -> None:
     """Notes how far the mission has come; every tick."""
     flight = a.maneuver
     if not isinstance(flight, MissionManeuver):
@@ -73,7 +73,7 @@ def keep_up(a: Autopilot) -> None:
         say_current(a)
 
 
-def changed(a: Autopilot) -> None:
+def changed(a: SimAutopilot) -> None:
     """Another mission was uploaded, or it was cleared: one that is being flown starts anew, or
     ends."""
     a.missions.complete = False
@@ -84,7 +84,7 @@ def changed(a: Autopilot) -> None:
             a.mission_lost()
 
 
-def go_on_at(a: Autopilot, index: int) -> bool:
+def go_on_at(a: SimAutopilot, index: int) -> bool:
     """The item to fly next; False where there is none."""
     if not 0 <= index < len(items(a)):
         return False
@@ -96,18 +96,18 @@ def go_on_at(a: Autopilot, index: int) -> bool:
     return True
 
 
-def say_current(a: Autopilot) -> None:
+def say_current(a: SimAutopilot) -> None:
     """MISSION_CURRENT, now."""
     a.say("MISSION_CURRENT", mission_current(a))
 
 
-def mission_current(a: Autopilot) -> dict[str, Any]:
+def mission_current(a: SimAutopilot) -> dict[str, Any]:
     """MISSION_CURRENT's fields."""
     total = max(0, len(items(a)) - a.first_index)
     return {"seq": a.missions.current, "total": total, "mission_state": state(a)}
 
 
-def state(a: Autopilot) -> int:
+def state(a: SimAutopilot) -> int:
     """MISSION_STATE."""
     if not present(a):
         return NO_MISSION
@@ -118,7 +118,7 @@ def state(a: Autopilot) -> int:
     return NOT_STARTED if a.missions.current <= a.first_index else PAUSED
 
 
-def _announce(a: Autopilot) -> None:
+def _announce(a: SimAutopilot) -> None:
     mission, at = items(a), a.missions.current
     if at < len(mission):
         name = _NAMES.get(mission[at].command, f"Command {mission[at].command}")

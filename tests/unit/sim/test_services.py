@@ -11,12 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.firmware.ardupilot_persona import ArdupilotPersona
-from sim.firmware.message import MESSAGE_IDS, MavResult, MavSeverity
+from sim.firmware.message import MavResult, MavSeverity
 from sim.firmware.parameters.ardupilot_parameters import ARDUPILOT_DEFAULTS
 from sim.firmware.parameters.fault_parameters import SIM_DEFAULTS
 from sim.firmware.parameters.parameter_set import BYTEWISE, CAST, ParamType
 from sim.firmware.parameters.px4_parameters import PX4_DEFAULTS
-from sim.firmware.protocol.telemetry import readings
+from sim.firmware.protocol.telemetry import MESSAGES, readings
 from sim.firmware.px4_persona import Px4Persona
 from sim.firmware.streams import Streams
 from tests.unit.sim.harness import ARM, IN_AIR, LOCAL_ORIGIN, Rig, command_fields, setpoint_fields
@@ -29,7 +29,7 @@ INTERVAL, REQUEST = 511, 512
 def quiet(persona: Persona) -> Rig:
     """Ready, nothing streamed but heartbeats."""
     rig = Rig(persona)
-    for name in rig.firmware.streams.names():
+    for name in tuple(rig.firmware.streams.interval_s):
         if name != "HEARTBEAT":
             rig.firmware.streams.set(name, None, 0.0)
     rig.run(3.0)
@@ -138,10 +138,10 @@ def test_streams_come_at_their_rate(persona: Persona, rate_hz: float, expected: 
 def test_interval_zero_is_the_default_rate() -> None:
     rig = quiet(Px4Persona)
     rig.ask(INTERVAL, 1, 0.0)
-    assert rig.firmware.streams.interval_s("SYS_STATUS") == Px4Persona.boot_streams["SYS_STATUS"]
+    assert rig.firmware.streams.interval_s["SYS_STATUS"] == Px4Persona.boot_streams["SYS_STATUS"]
     rig = quiet(ArdupilotPersona)
     rig.ask(INTERVAL, 32, 0.0)
-    assert rig.firmware.streams.interval_s("LOCAL_POSITION_NED") is None
+    assert rig.firmware.streams.interval_s.get("LOCAL_POSITION_NED") is None
 
 
 @given(
@@ -165,19 +165,19 @@ def test_data_streams_override_message_intervals() -> None:
     rig.ask(INTERVAL, 32, 50_000.0)
     ask: dict[str, Any] = {"target_system": 1, "target_component": 1, "start_stop": 1}
     rig.tell("REQUEST_DATA_STREAM", **ask, req_stream_id=0, req_message_rate=4)
-    assert rig.firmware.streams.interval_s("LOCAL_POSITION_NED") == 0.25
-    assert rig.firmware.streams.interval_s("ATTITUDE") == 0.25
+    assert rig.firmware.streams.interval_s["LOCAL_POSITION_NED"] == 0.25
+    assert rig.firmware.streams.interval_s["ATTITUDE"] == 0.25
     rig.tell("REQUEST_DATA_STREAM", **ask | {"start_stop": 0}, req_stream_id=6, req_message_rate=4)
-    assert rig.firmware.streams.interval_s("LOCAL_POSITION_NED") is None
-    assert rig.firmware.streams.interval_s("ATTITUDE") == 0.25
-    assert rig.firmware.streams.interval_s("HEARTBEAT") == 1.0
+    assert rig.firmware.streams.interval_s.get("LOCAL_POSITION_NED") is None
+    assert rig.firmware.streams.interval_s["ATTITUDE"] == 0.25
+    assert rig.firmware.streams.interval_s["HEARTBEAT"] == 1.0
 
 
 @BOTH
 def test_every_message_can_be_requested_and_unknown_ones_fail(persona: Persona) -> None:
     rig = quiet(persona)
     rig.contacts.append((2, (1.0, 2.0, -3.0), (0.1, 0.2, 0.3)))
-    for name, number in MESSAGE_IDS.items():
+    for name, (number, _) in MESSAGES.items():
         there = name not in ("WIND", "WIND_COV")  # estimated in flight alone
         assert rig.ask(REQUEST, number) == (MavResult.ACCEPTED if there else MavResult.FAILED)
         assert len(rig.heard(name)) == there, name
