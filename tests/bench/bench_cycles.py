@@ -122,7 +122,8 @@ def main() -> None:
     except KeyboardInterrupt:
         console.print("interrupted; so far:")
     console.print(
-        f"{len(rows)} cycles of {arguments.mission.name}; load {load:.1f} to {os.getloadavg()[0]:.1f}"
+        f"{len(rows)} cycles of {arguments.mission.name}; load {load:.1f} to "
+        f"{os.getloadavg()[0]:.1f}"
     )
     grown = _report(np.array(rows), console)
     for text in failures:

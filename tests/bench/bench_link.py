@@ -61,11 +61,13 @@ def main() -> None:
         while theirs.read():
             pass
     print(
-        f"{count / (TICKS * TICK_S):.0f} messages/s in, {1 / TICK_S:.0f} setpoints/s out; us per tick"
+        f"{count / (TICKS * TICK_S):.0f} messages/s in, {1 / TICK_S:.0f} setpoints/s out; "
+        "us per tick"
     )
     for name, values in parts.items():
         print(
-            f"{name:8} p50 {statistics.median(values):6.1f}  p99 {statistics.quantiles(values, n=100)[98]:6.1f}"
+            f"{name:8} p50 {statistics.median(values):6.1f}  "
+            f"p99 {statistics.quantiles(values, n=100)[98]:6.1f}"
         )
     link.close()
 

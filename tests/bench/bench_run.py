@@ -71,11 +71,13 @@ def main() -> None:
         f"load before {load_before[0]:.2f}, after {os.getloadavg()[0]:.2f}, {os.cpu_count()} cores"
     )
     console.print(
-        f"command to all processes ready: {ready_s:.2f} s; to all agents airborne: {airborne_s:.2f} s"
+        f"command to all processes ready: {ready_s:.2f} s; "
+        f"to all agents airborne: {airborne_s:.2f} s"
     )
     tick = summary["tick"]
     console.print(
-        f"ticks of the worst agent: lateness p50 {tick['late_p50_ms']:.2f} ms, p99 {tick['late_p99_ms']:.2f} ms, "
+        f"ticks of the worst agent: lateness p50 {tick['late_p50_ms']:.2f} ms, "
+        f"p99 {tick['late_p99_ms']:.2f} ms, "
         f"max {tick['late_max_ms']:.1f} ms; {tick['overruns']} of {tick['count']} overrun"
     )
     table = Table("process", "CPU s", "CPU % of a core", "private MiB", "proportional MiB")

@@ -103,8 +103,8 @@ def test_exchange_is_for_nearest_slots_unless_said() -> None:
     """`fixed` means fixed; the plain law of the paper exchanges nothing."""
 
     def allowed(form: str, head: str = "") -> bool:
-        step = loads(head + TEXT.replace("form: {shape: square, settle_s: 2}", f"form: {{shape: square{form}}}")
-                     + "  - land\n").plan.steps[1]  # fmt: skip
+        text = TEXT.replace("form: {shape: square, settle_s: 2}", f"form: {{shape: square{form}}}")
+        step = loads(head + text + "  - land\n").plan.steps[1]
         assert isinstance(step, FormStep)
         return step.exchange
 

@@ -203,7 +203,8 @@ def test_another_takes_over_when_the_pinned_agent_is_lost() -> None:
 @pytest.mark.parametrize("policy", list(Policy))
 def test_a_step_that_takes_too_long(policy: Policy) -> None:
     """`on_timeout`: hold until told otherwise, land, return, or go on to the next step."""
-    step = f"form: {{shape: row, tolerance_m: 0.05, settle_s: 8, timeout_s: 9, on_timeout: {policy.value}}}"
+    late = f"timeout_s: 9, on_timeout: {policy.value}"
+    step = f"form: {{shape: row, tolerance_m: 0.05, settle_s: 8, {late}}}"
     swarm = VirtualSwarm(quartet(step, "land"))
     swarm.wait(lambda s: s.in_step(THIRD))
     swarm.run(20)

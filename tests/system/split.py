@@ -59,7 +59,8 @@ class Split:
                 vehicle = f"udpout:{self.network.middle_address(side)}:{_VEHICLES + i}"
                 mesh = f"tcp/{self.network.address(side)}:{_MESHES + i}"
                 lines.append(
-                    f"    - {{id: {i}, endpoint: '{vehicle}', mesh: {mesh}, autopilot: {self._autopilot(i)}}}"
+                    f"    - {{id: {i}, endpoint: '{vehicle}', mesh: {mesh}, "
+                    f"autopilot: {self._autopilot(i)}}}"
                 )
         return "\n".join(lines) + "\n"
 

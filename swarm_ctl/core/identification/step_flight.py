@@ -1,8 +1,8 @@
 """The flight that measures one vehicle: up, velocity steps out and back along north and east, down.
 Pure.
 
-An ordinary agent (`core/agent/agent.py`) flies it, alone in a plan of its own: take-off, hold, land.
-So all that an agent refuses (an armed or unhealthy vehicle) and all that lands it (fence, battery,
+An ordinary agent (`core/agent/agent.py`) flies it, alone in a plan of its own: take-off, hold,
+land. So all that an agent refuses (an armed or unhealthy vehicle) and all that lands it (fence, battery,
 speed, tilt, silence, time-outs, Ctrl-C) is the same here. While the agent holds, the steps replace
 its horizontal setpoint; between them its own law brings it back to where it held.
 """
