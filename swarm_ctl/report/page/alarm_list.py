@@ -10,7 +10,7 @@ from swarm_ctl.recording import IndexedRecording
 from swarm_ctl.report.folder.last_statuses import read_events
 from swarm_ctl.report.folder.manifest import Manifest
 from swarm_ctl.station.picture.alarms import Level
-from swarm_ctl.station.picture.journal import Entry
+from swarm_ctl.station.picture.journal import Entry, EntryKind
 from swarm_ctl.station.picture.playback import Film
 
 _LEVELS: Final = {"warning": Level.WARNING, "error": Level.ERROR}
@@ -25,13 +25,13 @@ def log_entries(folder: Path, manifest: Manifest) -> list[Entry]:
             entries = film.journal.entries
     except InputError:  # no recording, or nothing in it: the notes say so
         entries = tuple(
-            Entry(event.time_s, "event", _LEVELS[event.level], (event.agent,), event.text)
+            Entry(event.time_s, EntryKind.EVENT, _LEVELS[event.level], (event.agent,), event.text)
             for event in read_events(folder, [])
             if event.level in _LEVELS
         )
     wanted = (
         entry
         for entry in entries
-        if entry.level >= Level.WARNING or entry.kind in ("cleared", "command")
+        if entry.level >= Level.WARNING or entry.kind in (EntryKind.CLEARED, EntryKind.COMMAND)
     )
     return sorted(wanted, key=lambda entry: entry.time_s)

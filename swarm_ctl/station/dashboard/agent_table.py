@@ -12,7 +12,7 @@ from swarm_ctl.core.model.messages import AgentStatus, Phase
 from swarm_ctl.core.model.text import printable
 from swarm_ctl.station.dashboard.picture import Picture
 from swarm_ctl.station.dashboard.styled_line import DASH, LEVEL_STYLE, SIGN, WELL, fit
-from swarm_ctl.station.dashboard.widgets import Cell, CellTable, Heading
+from swarm_ctl.station.dashboard.widgets import CellTable, Heading, Words
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.view import AgentView, SwarmView
 
@@ -182,7 +182,7 @@ def _titled(heading: Heading, picture: Picture) -> Heading:
     return Heading(title, heading.width, heading.left, "bold underline")
 
 
-def _id_cell(picture: Picture, agent: AgentView, level: Level, click: str) -> Cell:
+def _id_cell(picture: Picture, agent: AgentView, level: Level, click: str) -> Words:
     """The mark, the sign of the worst alarm, the id."""
     mark = "◆" if agent.id in picture.chosen.marked else " "
     sign = SIGN[level] if level >= Level.WARNING else " "

@@ -101,8 +101,8 @@ def _bindings() -> list[BindingType]:
         Binding("space", "mark_cursor", "mark"),
         Binding("s", "sort_next", "sort"),
         Binding("v", "metric_next", "view"),
+        Binding("slash", "filter", "filter", priority=True),
         Binding("slash", "begin('/')", show=False, priority=True),
-        Binding("slash", "filter", "filter"),
         Binding("w", "level_next", "worst"),
         Binding("x", "acknowledge", "seen"),
         Binding("ctrl+q", "leave", show=False, priority=True),
@@ -154,7 +154,7 @@ class Dashboard(App[None]):
     #swarm.wide #map { width: 1fr; }
     #entries { height: 1fr; scrollbar-gutter: stable; }
     #keys, #entry { height: 1; }
-    #who { width: auto; text-style: bold; color: ansi_magenta; }
+    #marked { width: auto; text-style: bold; color: ansi_magenta; }
     Footer { dock: none; width: 1fr; background: $background; }
     FooterKey, FooterKey .footer-key--key { background: $background; }
     FooterKey .footer-key--description { background: $background; }
@@ -196,7 +196,7 @@ class Dashboard(App[None]):
     # --- the station's side, from its thread ---
 
     def offer(self, view: SwarmView) -> None:
-        """Show this view soon; one that is still waiting was one too many for this terminal."""
+        """Show this view soon; a view that still waits was one too many for this terminal."""
         if self._waiting is not None:
             self.frames_dropped += self._up
             self._waiting = view
@@ -239,7 +239,7 @@ class Dashboard(App[None]):
             yield self.help_pane()
         yield Painted("answers")
         with Horizontal(id="keys"):
-            yield Label("", id="who", markup=False)
+            yield Label("", id="marked", markup=False)
             yield Footer(compact=True, show_command_palette=False)
         with Horizontal(id="entry"):
             yield Label("", id="prompt", markup=False)
@@ -329,10 +329,10 @@ class Dashboard(App[None]):
         if str(tab.label) != words:
             tab.label = words
         ended = all(agent.phase is Phase.ENDED for agent in picture.view.agents)
-        who = " all agents have ended" if ended else f" {marked} marked:" if marked else ""
-        label = self.query_one("#who", Label)
-        if str(label.content) != who:
-            label.update(who)
+        words = " all agents have ended" if ended else f" {marked} marked:" if marked else ""
+        label = self.query_one("#marked", Label)
+        if str(label.content) != words:
+            label.update(words)
 
     def _choose(self, **changes: object) -> None:
         self._chosen = replace(self._chosen, **changes)  # type: ignore[arg-type]
@@ -474,14 +474,17 @@ class Dashboard(App[None]):
         if line.purpose:
             line.insert_text_at_cursor(character)
         elif isinstance(self.screen, Board):
-            self.action_command("") if character == ":" else self.action_filter()
+            self.action_command("") if character == ":" else self._filter()
 
     def action_command(self, text: str) -> None:
         """Open the command line."""
         self._open_line(Purpose.COMMAND, text)
 
     def action_filter(self) -> None:
-        """Open the log's filter."""
+        """The footer's name for `/` on the log's screen."""
+        self.action_begin("/")
+
+    def _filter(self) -> None:
         self.action_go("log")
         self._open_line(Purpose.FILTER, self._chosen.log_words)
 
@@ -549,7 +552,7 @@ class Dashboard(App[None]):
         if not asks:
             self._give(order)
             return
-        who = agents_named(order.agents or (agent.id for agent in self._plan.agents))
+        agents = agents_named(order.agents or (agent.id for agent in self._plan.agents))
 
         def answered(yes: bool | None) -> None:
             if yes:
@@ -557,7 +560,7 @@ class Dashboard(App[None]):
             else:
                 self._say(f"{order.kind}: not sent")
 
-        self.push_screen(Ask(f"{order.kind} {who}? {asks}"), answered)
+        self.push_screen(Ask(f"{order.kind} {agents}? {asks}"), answered)
 
     def _say(self, text: str) -> None:
         """A word to the operator, until the next one."""

@@ -18,9 +18,13 @@ from swarm_ctl.station.dashboard.picture import Chosen, Picture
 from swarm_ctl.station.dashboard.styled_line import LEVEL_STYLE, SIGN, WELL, StyledLine
 from swarm_ctl.station.dashboard.widgets import OnGround, Painted
 from swarm_ctl.station.picture.alarms import Level
-from swarm_ctl.station.picture.journal import Entry
+from swarm_ctl.station.picture.journal import Entry, EntryKind
 
-_KIND_STYLE: Final = {"command": "bold magenta", "cleared": "green", "station": "cyan"}
+_KIND_STYLE: Final = {
+    EntryKind.COMMAND: "bold magenta",
+    EntryKind.CLEARED: "green",
+    EntryKind.STATION: "cyan",
+}
 _WORDS_AT: Final = 31
 
 
@@ -61,7 +65,7 @@ class EntryLog(RichLog, OnGround, can_focus=False):
     def _text(self, entry: Entry, width: int) -> Text:
         bad = entry.level >= Level.WARNING
         name = LEVEL_STYLE[entry.level] if bad else _KIND_STYLE.get(entry.kind, "")
-        sign = SIGN[entry.level] if bad else WELL if entry.kind == "cleared" else " "
+        sign = SIGN[entry.level] if bad else WELL if entry.kind is EntryKind.CLEARED else " "
         words = entry.text + (f" (×{entry.count})" if entry.count > 1 else "")
         words += "  [seen]" if entry.acknowledged else ""
         room = max(10, width - _WORDS_AT)

@@ -1,4 +1,4 @@
-"""The swarm from above, north up, in the largest round scale that shows everybody."""
+"""The swarm from above, north up, in the largest round scale that shows all agents."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _LONG: Final = 0.95
 
 
 @dataclass(frozen=True, slots=True)
-class Scale:
+class MapScale:
     """Dots of a canvas for metres: `dots_per_m`, and which point lies in the middle."""
 
     dots_per_m: float
@@ -69,8 +69,8 @@ def map_lines(picture: Picture, width: int, height: int) -> list[StyledLine]:
     return lines
 
 
-def fitted(view: SwarmView, width: int, height: int) -> Scale:
-    """Where everybody's circle and slot is on the canvas."""
+def fitted(view: SwarmView, width: int, height: int) -> MapScale:
+    """The largest scale with each agent's circle and slot on the canvas."""
     margin = view.plan.law.r_out * view.plan.unit_m / 2
     points = [position(agent) for agent in view.agents if agent.state is not None]
     points += [agent.target_m for agent in view.agents if agent.target_m is not None]
@@ -79,13 +79,13 @@ def fitted(view: SwarmView, width: int, height: int) -> Scale:
     north, east = np.maximum(high - low, 4 * margin).tolist()
     most = min((4 * height - 2) / north, (2 * width - 2) / east)
     dots_per_m = _STEP ** math.floor(math.log(most, _STEP))
-    grid = 8 / dots_per_m  # two rows: who drifts does not make the picture tremble
+    grid = 8 / dots_per_m  # two rows: a drifting agent does not make the picture tremble
     middle = np.round((low + high) / 2 / grid) * grid
     spare = (
         np.array([(4 * height - 2) / dots_per_m - north, (2 * width - 2) / dots_per_m - east]) / 2
     )
     middle = np.clip(middle, (low + high) / 2 - spare, (low + high) / 2 + spare)
-    return Scale(dots_per_m, (float(middle[0]), float(middle[1])), width, height)
+    return MapScale(dots_per_m, (float(middle[0]), float(middle[1])), width, height)
 
 
 def position(agent: AgentView) -> Point:
@@ -94,7 +94,7 @@ def position(agent: AgentView) -> Point:
 
 
 def _draw_links(
-    canvas: Canvas, scale: Scale, picture: Picture, placed: dict[int, AgentView]
+    canvas: Canvas, scale: MapScale, picture: Picture, placed: dict[int, AgentView]
 ) -> None:
     view = picture.view
     judged = mesh_judgements(
@@ -121,7 +121,7 @@ def _draw_links(
 
 
 def _draw_circles(
-    canvas: Canvas, scale: Scale, picture: Picture, placed: dict[int, AgentView]
+    canvas: Canvas, scale: MapScale, picture: Picture, placed: dict[int, AgentView]
 ) -> None:
     """Half of r_out around each: where two touch, the avoidance begins."""
     near = {agent for pair in picture.view.pairs for agent in (pair.a, pair.b)}
@@ -133,7 +133,7 @@ def _draw_circles(
             )
 
 
-def _draw_trails(canvas: Canvas, scale: Scale, view: SwarmView) -> None:
+def _draw_trails(canvas: Canvas, scale: MapScale, view: SwarmView) -> None:
     for trail in view.histories.trails.values():
         if len(trail) > 1:
             points = np.array(trail)
@@ -142,7 +142,7 @@ def _draw_trails(canvas: Canvas, scale: Scale, view: SwarmView) -> None:
             canvas.dots(x, y, "cyan")
 
 
-def _draw_slots(canvas: Canvas, scale: Scale, view: SwarmView) -> None:
+def _draw_slots(canvas: Canvas, scale: MapScale, view: SwarmView) -> None:
     for agent in view.agents:
         if agent.target_m is not None:
             x, y = scale.dot(agent.target_m)
@@ -150,7 +150,7 @@ def _draw_slots(canvas: Canvas, scale: Scale, view: SwarmView) -> None:
 
 
 def _draw_agents(
-    canvas: Canvas, scale: Scale, picture: Picture, placed: dict[int, AgentView]
+    canvas: Canvas, scale: MapScale, picture: Picture, placed: dict[int, AgentView]
 ) -> None:
     levels = picture.levels()
     for agent in placed.values():
@@ -178,7 +178,7 @@ def _draw_agents(
         )
 
 
-def _draw_scale(canvas: Canvas, scale: Scale) -> None:
+def _draw_scale(canvas: Canvas, scale: MapScale) -> None:
     """A bar of a round length and where north is."""
     room_m = min(20, canvas.width // 3) * 2 / scale.dots_per_m
     unit = 10.0 ** math.floor(math.log10(room_m))

@@ -8,6 +8,7 @@ from typing import Final
 
 from swarm_ctl.station.dashboard.styled_line import LEVEL_STYLE, StyledLine
 from swarm_ctl.station.picture.alarms import Level
+from swarm_ctl.station.picture.journal import EntryKind
 from swarm_ctl.station.picture.playback import Film
 
 SPEEDS: Final = (0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
@@ -59,7 +60,7 @@ def _rail(film: Film, room: int) -> StyledLine:
     steps, levels = set[int](), dict[int, Level]()
     for mark in film.marks:
         cell = round((mark.time_s - film.start_s) / per_cell)
-        if mark.kind == "step":
+        if mark.kind is EntryKind.STEP:
             steps.add(cell)
         elif mark.level >= Level.WARNING:
             levels[cell] = max(levels.get(cell, Level.WELL), mark.level)

@@ -41,7 +41,7 @@ class OnGround(Widget):
 
 
 class Painted(ScrollView, OnGround, can_focus=False):
-    """Lines painted by hand. Only those that changed are drawn again."""
+    """Lines painted by hand. Only changed lines are drawn again."""
 
     class Sized(Message):
         """There is another room to draw in."""
@@ -82,7 +82,7 @@ class Painted(ScrollView, OnGround, can_focus=False):
 
 
 @dataclass(frozen=True, slots=True)
-class Cell:
+class Words:
     """Words of one style in a table."""
 
     words: str
@@ -120,7 +120,7 @@ class Painting:
         return [Segment(words, style(name)) for words, name in self.parts]
 
 
-TableCell: TypeAlias = Cell | Trend | Painting
+TableCell: TypeAlias = Words | Trend | Painting
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,11 +137,11 @@ class Heading:
         """What stands above the column."""
         return Text(self.cell(self.title).words, style(self.name))
 
-    def cell(self, words: str, name: str = "", click: str = "") -> Cell:
+    def cell(self, words: str, name: str = "", click: str = "") -> Words:
         """Words at their place in the column, cut if need be, and the gap."""
         words = set_cell_size(words, self.width) if cell_len(words) > self.width else words
         room = " " * (self.width - cell_len(words))
-        return Cell(words + room + " " if self.left else room + words + " ", name, click)
+        return Words(words + room + " " if self.left else room + words + " ", name, click)
 
 
 class CellTable(DataTable[TableCell], OnGround, can_focus=False):

@@ -1,4 +1,4 @@
-"""What an operator must be told: a table of alarms, each a pure function of the view, with
+"""What an operator must be told: `RULES`, a table of alarms, each a pure function of the view, with
 threshold and reason.
 
 Nothing is remembered here: an alarm is raised when it appears in a view and cleared when it does
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
 
-from swarm_ctl.core.model.messages import Gains, PairReport, Phase
+from swarm_ctl.core.model.messages import AgentStatus, Gains, Outcome, PairReport, Phase, Severity
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.timeouts import NEIGHBOUR_S, OWN_LOST_S
 from swarm_ctl.core.swarm.gain_update import differences
@@ -21,7 +21,7 @@ from swarm_ctl.station.picture.view import AgentView, SwarmView
 
 
 class Level(IntEnum):
-    """How things stand; an alarm is a warning or an error."""
+    """How things stand, in order; an alarm is a warning or an error."""
 
     WELL = 0
     WAITING = 1
@@ -29,7 +29,15 @@ class Level(IntEnum):
     WARNING = 2
     """Look at it."""
     ERROR = 3
-    """The mission, or somebody's safety, is at stake."""
+    """The mission, or safety, is at stake."""
+
+
+LEVEL_OF: Final = {
+    Severity.INFO: Level.WELL,
+    Severity.WARNING: Level.WARNING,
+    Severity.ERROR: Level.ERROR,
+}
+"""Of an agent's events."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +60,8 @@ class Alarm:
 
 Found = Iterator[tuple[tuple[int, ...], str]]
 """(agents, text) of each case."""
+Check = Callable[[SwarmView, float], Found]
+"""The cases in a view, for a threshold."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +72,7 @@ class Rule:
     level: Level
     threshold: Callable[[SwarmView], float]
     reason: str
-    check: Callable[[SwarmView, float], Found]
+    check: Check
 
 
 def alarms(view: SwarmView) -> tuple[Alarm, ...]:
@@ -75,6 +85,32 @@ def alarms(view: SwarmView) -> tuple[Alarm, ...]:
     return tuple(sorted(found, key=lambda alarm: -alarm.level))
 
 
+def _if(words: Callable[[AgentView], str | None]) -> Check:
+    """A case for each agent that `words` has something to say of."""
+
+    def check(view: SwarmView, _: float) -> Found:
+        for agent in view.agents:
+            text = words(agent)
+            if text:
+                yield (agent.id,), text
+
+    return check
+
+
+def _figure(of: Callable[[AgentView], float | None], words: str, *, least: bool = False) -> Check:
+    """A case for each agent whose part is not over and whose figure is over the threshold, or under
+    it where that is the `least`."""
+
+    def check(view: SwarmView, limit: float) -> Found:
+        for agent in view.agents:
+            value = None if agent.phase in (None, Phase.ENDED) else of(agent)
+            if value is not None and (value < limit if least else value > limit):
+                usual_hz = 1 / view.plan.tick_s
+                yield (agent.id,), words.format(id=agent.id, value=value, usual_hz=usual_hz)
+
+    return check
+
+
 def _apart(value: float, limit: float, decimals: int) -> tuple[str, str]:
     """Both with as many decimals as it takes to tell them apart."""
     for places in range(decimals, 7):
@@ -84,38 +120,26 @@ def _apart(value: float, limit: float, decimals: int) -> tuple[str, str]:
     return words
 
 
-def _active(view: SwarmView) -> Iterator[AgentView]:
-    """Agents heard whose part is not over."""
-    return (agent for agent in view.agents if agent.phase not in (None, Phase.ENDED))
-
-
 def _too_close(view: SwarmView, r_in_m: float) -> Found:
-    flying = [agent for agent in view.agents if agent.airborne and agent.state is not None]
-    for k, a in enumerate(flying):
-        for b in flying[k + 1 :]:
-            if a.state and b.state:
-                apart = math.dist(a.state.position_ned_m[:2], b.state.position_ned_m[:2])
-                if apart < r_in_m:
-                    short, limit = _apart(apart, r_in_m, 2)
-                    yield (
-                        (a.id, b.id),
-                        f"agents {a.id} and {b.id} are {short} m apart, under r_in {limit} m",
-                    )
+    flying = [(a.id, a.state.position_ned_m[:2]) for a in view.agents if a.airborne and a.state]
+    for k, (a, here) in enumerate(flying):
+        for b, there in flying[k + 1 :]:
+            apart = math.dist(here, there)
+            if apart < r_in_m:
+                short, limit = _apart(apart, r_in_m, 2)
+                yield (a, b), f"agents {a} and {b} are {short} m apart, under r_in {limit} m"
 
 
-def _silent(view: SwarmView, _: float) -> Found:
-    for agent in view.agents:
-        if agent.lost and agent.silence_s is not None:
-            yield (agent.id,), f"agent {agent.id} has not been heard for {agent.silence_s:.1f} s"
+def _silent(agent: AgentView) -> str | None:
+    if not agent.lost or agent.silence_s is None:
+        return None
+    return f"agent {agent.id} has not been heard for {agent.silence_s:.1f} s"
 
 
-def _failed(view: SwarmView, _: float) -> Found:
-    for agent in view.agents:
-        if agent.status is not None and agent.status.outcome == "failed":
-            yield (
-                (agent.id,),
-                f"agent {agent.id} failed: {agent.status.reason or 'no reason given'}",
-            )
+def _failed(agent: AgentView) -> str | None:
+    if agent.status is None or agent.status.outcome != Outcome.FAILED:
+        return None
+    return f"agent {agent.id} failed: {agent.status.reason or 'no reason given'}"
 
 
 def _other_plan(view: SwarmView, _: float) -> Found:
@@ -124,17 +148,8 @@ def _other_plan(view: SwarmView, _: float) -> Found:
             yield (agent.id,), f"agent {agent.id} flies another plan ({agent.state.plan_hash:016x})"
 
 
-def _stranger(view: SwarmView, _: float) -> Found:
-    for agent in view.agents:
-        if not agent.in_plan:
-            yield (agent.id,), f"agent {agent.id} is on the mesh and not in the plan"
-
-
-def _vehicle_silent(view: SwarmView, limit_s: float) -> Found:
-    for agent in _active(view):
-        age = agent.status.heartbeat_age_s if agent.status else None
-        if age is not None and age > limit_s:
-            yield (agent.id,), f"agent {agent.id} has no heartbeat from its vehicle for {age:.1f} s"
+def _stranger(agent: AgentView) -> str | None:
+    return None if agent.in_plan else f"agent {agent.id} is on the mesh and not in the plan"
 
 
 def _sigma_bound(view: SwarmView, _: float) -> Found:
@@ -161,15 +176,13 @@ def _mixed_laws(view: SwarmView, settled_s: float) -> Found:
     most, *others = view.laws.values() or ((),)
     newest_s = max((agent.law_since_s for agent in view.agents), default=-math.inf)
     if not others or view.time_s - newest_s <= settled_s:
-        return  # a change is just being told
+        return  # a change is on its way to all agents
     for agents in others:
         gains, usual = _gains(agents), _gains(most)
         how = f": {differences(usual, gains)}" if gains and usual else ""
         ids = tuple(agent.id for agent in agents)
-        yield (
-            ids,
-            f"{agents_named(ids)} flies another law than {agents_named(agent.id for agent in most)}{how}",
-        )
+        usual_ids = agents_named(agent.id for agent in most)
+        yield ids, f"{agents_named(ids)} flies another law than {usual_ids}{how}"
 
 
 def _gains(agents: tuple[AgentView, ...]) -> Gains | None:
@@ -178,17 +191,15 @@ def _gains(agents: tuple[AgentView, ...]) -> Gains | None:
     return max(told, key=lambda status: status.time_s).gains if told else None
 
 
-def _taken_over(view: SwarmView, _: float) -> Found:
-    for agent in view.agents:
-        if agent.phase is Phase.YIELD:
-            yield (agent.id,), f"a pilot or a failsafe has taken the vehicle of agent {agent.id}"
+def _taken_over(agent: AgentView) -> str | None:
+    taken = f"a pilot or a failsafe has taken the vehicle of agent {agent.id}"
+    return taken if agent.phase is Phase.YIELD else None
 
 
-def _holding(view: SwarmView, _: float) -> Found:
-    for agent in view.agents:
-        # without a reason it is only braking before it lands
-        if agent.phase is Phase.HOLD and agent.status is not None and agent.status.reason:
-            yield (agent.id,), f"agent {agent.id} holds: {agent.status.reason}"
+def _holding(agent: AgentView) -> str | None:
+    # without a reason the agent only brakes before it lands
+    held = agent.phase is Phase.HOLD and agent.status is not None and agent.status.reason
+    return f"agent {agent.id} holds: {held}" if held else None
 
 
 def _unheard(view: SwarmView, limit_s: float) -> Found:
@@ -198,20 +209,11 @@ def _unheard(view: SwarmView, limit_s: float) -> Found:
                 yield (agent.id,), f"agent {agent.id} was never heard"
 
 
-def _no_state(view: SwarmView, limit_s: float) -> Found:
-    for agent in _active(view):
-        age = agent.link.age_s
-        if agent.airborne and not agent.lost and age is not None and age > limit_s:
-            yield (agent.id,), f"last state of agent {agent.id} is {age:.1f} s old"
-
-
 def _overspeed(view: SwarmView, _: float) -> Found:
+    words = "consensus alone leaves the safety region of agents"
     for pair in view.pairs:
         if any(report.status == "overspeed" for _, report in pair.sides):
-            yield (
-                (pair.a, pair.b),
-                f"consensus alone leaves the safety region of agents {pair.a} and {pair.b}",
-            )
+            yield (pair.a, pair.b), f"{words} {pair.a} and {pair.b}"
 
 
 def _long_link(view: SwarmView, r_m: float) -> Found:
@@ -223,155 +225,94 @@ def _long_link(view: SwarmView, r_m: float) -> Found:
 
 
 def _old_link(view: SwarmView, limit_s: float) -> Found:
-    ended = {
-        agent.id
-        for agent in view.agents
-        if agent.phase is Phase.ENDED or agent.lost or not agent.airborne
-    }
+    flying = {agent.id for agent in view.agents if agent.live and agent.phase is not Phase.ENDED}
     for link in view.links:
-        age = link.report.age_s
-        if age is not None and age > limit_s and not {link.receiver, link.sender} & ended:
-            yield (
-                (link.receiver, link.sender),
-                f"agent {link.receiver} last heard agent {link.sender} {age:.1f} s ago",
-            )
+        age, ends = link.report.age_s, (link.receiver, link.sender)
+        if age is not None and age > limit_s and flying.issuperset(ends):
+            yield ends, f"agent {link.receiver} last heard agent {link.sender} {age:.1f} s ago"
 
 
-def _lossy(view: SwarmView, share: float) -> Found:
-    for agent in _active(view):
-        if agent.link.recent_loss > share:
-            yield (
-                (agent.id,),
-                f"{agent.link.recent_loss:.0%} of the states of agent {agent.id} are lost on the way here",
-            )
+def _of(value: Callable[[AgentStatus], float | None]) -> Callable[[AgentView], float | None]:
+    return lambda agent: value(agent.status) if agent.status else None
 
 
-def _no_station(view: SwarmView, limit_s: float) -> Found:
-    for agent in _active(view):
-        age = agent.status.station_age_s if agent.status else None
-        if age is not None and age > limit_s:
-            yield (agent.id,), f"agent {agent.id} has not heard a station for {age:.1f} s"
+_no_heartbeat: Final = _figure(
+    _of(lambda status: status.heartbeat_age_s),
+    "agent {id} has no heartbeat from its vehicle for {value:.1f} s",
+)
+_old_state: Final = _figure(
+    lambda agent: agent.link.age_s if agent.live else None,
+    "last state of agent {id} is {value:.1f} s old",
+)
+_loss: Final = _figure(
+    lambda agent: agent.link.recent_loss,
+    "{value:.0%} of the states of agent {id} are lost on the way here",
+)
+_no_station: Final = _figure(
+    _of(lambda status: status.station_age_s), "agent {id} has not heard a station for {value:.1f} s"
+)
+_slow_ticks: Final = _figure(
+    lambda agent: agent.link.tick_rate_hz,
+    "agent {id} ticks at {value:.1f} Hz instead of {usual_hz:.0f} Hz",
+    least=True,
+)
+_late_ticks: Final = _figure(
+    _of(lambda status: status.tick.late_p99_ms),
+    "ticks of agent {id} are up to {value:.1f} ms late (p99)",
+)
+_battery: Final = _figure(
+    _of(lambda status: status.battery_percent), "battery of agent {id} at {value:.0f} %", least=True
+)
+_E, _W = Level.ERROR, Level.WARNING
 
 
-def _slow_ticks(view: SwarmView, least_hz: float) -> Found:
-    for agent in _active(view):
-        rate = agent.link.tick_rate_hz
-        if rate is not None and rate < least_hz:
-            yield (
-                (agent.id,),
-                f"agent {agent.id} ticks at {rate:.1f} Hz instead of {1 / view.plan.tick_s:.0f} Hz",
-            )
+def _is(value: float) -> Callable[[SwarmView], float]:
+    return lambda _: value
 
 
-def _late_ticks(view: SwarmView, limit_ms: float) -> Found:
-    for agent in _active(view):
-        if agent.status is not None and agent.status.tick.late_p99_ms > limit_ms:
-            late = agent.status.tick.late_p99_ms
-            yield (agent.id,), f"ticks of agent {agent.id} are up to {late:.1f} ms late (p99)"
+def _r_in_m(view: SwarmView) -> float:
+    return view.plan.law.r_in * view.plan.unit_m
 
 
-def _battery(view: SwarmView, least: float) -> Found:
-    for agent in _active(view):
-        charge = agent.status.battery_percent if agent.status else None
-        if charge is not None and charge < least:
-            yield (agent.id,), f"battery of agent {agent.id} at {charge:.0f} %"
+def _r_m(view: SwarmView) -> float:
+    return view.plan.law.r * view.plan.unit_m
 
 
-def _nothing(_: SwarmView) -> float:
-    return 0.0
+def _lost_s(view: SwarmView) -> float:
+    return view.plan.policies.agent_lost_after_s
+
+
+def _half_alone_s(view: SwarmView) -> float:
+    return view.plan.policies.station_lost_after_s / 2
+
+
+def _tick_hz(view: SwarmView) -> float:
+    return 0.8 / view.plan.tick_s
+
+
+def _tick_ms(view: SwarmView) -> float:
+    return 1000 * view.plan.tick_s / view.speedup
 
 
 RULES: Final[tuple[Rule, ...]] = (
-    Rule(
-        "too close",
-        Level.ERROR,
-        lambda v: v.plan.law.r_in * v.plan.unit_m,
-        "the law's inner radius",
-        _too_close,
-    ),
-    Rule(
-        "silent",
-        Level.ERROR,
-        lambda v: v.plan.policies.agent_lost_after_s,
-        "the mission's policy",
-        _silent,
-    ),
-    Rule("failed", Level.ERROR, _nothing, "the agent says so", _failed),
-    Rule("other plan", Level.ERROR, _nothing, "two missions in one air", _other_plan),
-    Rule(
-        "vehicle silent",
-        Level.ERROR,
-        lambda _: OWN_LOST_S,
-        "five heartbeats at 1 Hz",
-        _vehicle_silent,
-    ),
-    Rule("sigma bound", Level.ERROR, _nothing, "equations (52), (66) and (67)", _sigma_bound),
-    Rule(
-        "mixed laws",
-        Level.ERROR,
-        lambda _: 1.0,
-        "a change takes all agents within a few ticks",
-        _mixed_laws,
-    ),
-    Rule("taken over", Level.WARNING, _nothing, "somebody else flies", _taken_over),
-    Rule("holding", Level.WARNING, _nothing, "a policy stopped the mission", _holding),
-    Rule(
-        "never heard",
-        Level.WARNING,
-        lambda _: 5.0,
-        "all processes hear each other within 2 s",
-        _unheard,
-    ),
-    Rule(
-        "old state",
-        Level.WARNING,
-        lambda _: NEIGHBOUR_S,
-        "its neighbours stop following it",
-        _no_state,
-    ),
-    Rule(
-        "overspeed",
-        Level.WARNING,
-        _nothing,
-        "D_ub <= 2: no sigma keeps this pair's link",
-        _overspeed,
-    ),
-    Rule(
-        "long link",
-        Level.WARNING,
-        lambda v: v.plan.law.r * v.plan.unit_m,
-        "the interaction range",
-        _long_link,
-    ),
-    Rule(
-        "old link",
-        Level.WARNING,
-        lambda _: NEIGHBOUR_S,
-        "the neighbour is left out of the law",
-        _old_link,
-    ),
-    Rule("loss", Level.WARNING, lambda _: 0.2, "what the law was tried with", _lossy),
-    Rule(
-        "no station",
-        Level.WARNING,
-        lambda v: v.plan.policies.station_lost_after_s / 2,
-        "half way to the mission's policy",
-        _no_station,
-    ),
-    Rule(
-        "slow ticks",
-        Level.WARNING,
-        lambda v: 0.8 / v.plan.tick_s,
-        "a fifth of the ticks missing",
-        _slow_ticks,
-    ),
-    Rule(
-        "late ticks",
-        Level.WARNING,
-        lambda v: 1000 * v.plan.tick_s / v.speedup,
-        "a whole tick, in wall-clock milliseconds",
-        _late_ticks,
-    ),
-    Rule("battery", Level.WARNING, lambda _: 20.0, "what the autopilots call low", _battery),
-    Rule("stranger", Level.WARNING, _nothing, "another swarm under this one's name", _stranger),
+    Rule("too close", _E, _r_in_m, "the law's inner radius", _too_close),
+    Rule("silent", _E, _lost_s, "the mission's policy", _if(_silent)),
+    Rule("failed", _E, _is(0), "the agent says so", _if(_failed)),
+    Rule("other plan", _E, _is(0), "two missions in one air", _other_plan),
+    Rule("vehicle silent", _E, _is(OWN_LOST_S), "five heartbeats at 1 Hz", _no_heartbeat),
+    Rule("sigma bound", _E, _is(0), "equations (52), (66) and (67)", _sigma_bound),
+    Rule("mixed laws", _E, _is(1.0), "a change takes all agents within a few ticks", _mixed_laws),
+    Rule("taken over", _W, _is(0), "a pilot or a failsafe flies", _if(_taken_over)),
+    Rule("holding", _W, _is(0), "a policy stopped the mission", _if(_holding)),
+    Rule("never heard", _W, _is(5.0), "all processes hear each other within 2 s", _unheard),
+    Rule("old state", _W, _is(NEIGHBOUR_S), "its neighbours stop following it", _old_state),
+    Rule("overspeed", _W, _is(0), "D_ub <= 2: no sigma keeps this pair's link", _overspeed),
+    Rule("long link", _W, _r_m, "the interaction range", _long_link),
+    Rule("old link", _W, _is(NEIGHBOUR_S), "the neighbour is left out of the law", _old_link),
+    Rule("loss", _W, _is(0.2), "what the law was tried with", _loss),
+    Rule("no station", _W, _half_alone_s, "half way to the mission's policy", _no_station),
+    Rule("slow ticks", _W, _tick_hz, "a fifth of the ticks missing", _slow_ticks),
+    Rule("late ticks", _W, _tick_ms, "a whole tick, in wall-clock milliseconds", _late_ticks),
+    Rule("battery", _W, _is(20.0), "what the autopilots call low", _battery),
+    Rule("stranger", _W, _is(0), "another swarm under this one's name", _if(_stranger)),
 )

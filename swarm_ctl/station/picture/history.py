@@ -16,7 +16,7 @@ from swarm_ctl.core.model.plan import Point
 
 TRAIL_EVERY_S: Final = 0.5
 TRAIL_POINTS: Final = 80
-"""40 s: where everybody came from in a step, not the whole flight."""
+"""40 s: where the agents came from in a step, not the whole flight."""
 SAMPLES: Final = 40
 LOSS_WINDOW_S: Final = 10.0
 _TRIPS: Final = 8
@@ -64,7 +64,7 @@ class Histories:
     """Station to agent and back, by agent."""
 
 
-class History:
+class HistoryKeeper:
     """Takes in what was accepted as newer than all before."""
 
     def __init__(self) -> None:
@@ -75,7 +75,7 @@ class History:
         self._round_trips: dict[int, tuple[float, ...]] = {}
 
     def state(self, state: AgentState) -> None:
-        """A point of the trail, now and then."""
+        """Add a point to the agent's trail, if it is time."""
         if state.time_s >= self._due.get(state.agent, 0.0):
             self._due[state.agent] = state.time_s + TRAIL_EVERY_S
             north, east, _ = state.position_ned_m
@@ -84,13 +84,13 @@ class History:
             )
 
     def status(self, status: AgentStatus) -> None:
-        """A point of every link's series."""
+        """Add a point to the series of each link that the agent receives on."""
         for sender, report in status.links.items():
             key = (status.agent, sender)
             self._links[key] = _grown(self._links.get(key, LinkSeries()), report, status.time_s)
 
     def sigma(self, report: SigmaReport) -> None:
-        """A point of every pair's series."""
+        """Add a point to the series of each pair that the agent reports."""
         for pair in report.pairs:
             key = (report.agent, pair.peer)
             before = self._pairs.get(key, PairSeries()).points
@@ -98,7 +98,7 @@ class History:
             self._pairs[key] = PairSeries(_put(before, point, SAMPLES))
 
     def round_trip(self, agent: int, seconds: float) -> None:
-        """A station's word has come back."""
+        """Add the time that a beacon of this station took to the agent and back [s]."""
         self._round_trips[agent] = _put(self._round_trips.get(agent, ()), seconds, SAMPLES)
 
     def least_round_trip_s(self, agent: int) -> float | None:
@@ -106,7 +106,7 @@ class History:
         return min(self._round_trips.get(agent, ())[-_TRIPS:], default=None)
 
     def view(self) -> Histories:
-        """As it is now."""
+        """Everything kept, as it is now."""
         return Histories(
             dict(self._trails), dict(self._links), dict(self._pairs), dict(self._round_trips)
         )

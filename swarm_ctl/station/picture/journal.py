@@ -9,18 +9,33 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from typing import Final
 
 from swarm_ctl.core.model.messages import Event
 from swarm_ctl.core.model.text import agents_named
-from swarm_ctl.station.picture.alarms import Alarm, Level, alarms
+from swarm_ctl.station.picture.alarms import LEVEL_OF, Alarm, Level, alarms
 from swarm_ctl.station.picture.summaries import answers, gather_alarms, gather_events
 from swarm_ctl.station.picture.view import SwarmView
 
 _ENTRIES: Final = 2000
 _FLAPS_S: Final = 10.0
 """An alarm that comes back within this time is the same one: counted, not told again."""
-_EVENT_LEVEL: Final = {"warning": Level.WARNING, "error": Level.ERROR}
+
+
+class EntryKind(StrEnum):
+    """What an entry of the log, or a mark on the line of time, tells."""
+
+    EVENT = "event"
+    VEHICLE = "vehicle"
+    """A status text of an autopilot."""
+    ALARM = "alarm"
+    CLEARED = "cleared"
+    COMMAND = "command"
+    STATION = "station"
+    """A word of the station itself."""
+    STEP = "step"
+    """The mission's step changed: a mark alone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,8 +43,7 @@ class Entry:
     """One line of the log."""
 
     time_s: float
-    kind: str
-    """`event`, `vehicle` (a status text), `alarm`, `cleared`, `command` or `station`."""
+    kind: EntryKind
     level: Level
     agents: tuple[int, ...]
     text: str
@@ -73,13 +87,8 @@ class Journal:
 
     @property
     def unacknowledged(self) -> int:
-        """How many alarms stand that nobody has acknowledged."""
+        """How many alarms stand that the operator has not acknowledged."""
         return sum(s.gone_s is None and not s.acknowledged for s in self._alarms.values())
-
-    def is_acknowledged(self, alarm: Alarm) -> bool:
-        """Somebody has seen this one."""
-        standing = self._alarms.get(alarm.key)
-        return standing is not None and standing.acknowledged
 
     def update(self, view: SwarmView) -> None:
         """Take a newer view in."""
@@ -88,19 +97,19 @@ class Journal:
         self._take_alarms(view)
 
     def acknowledge(self, now_s: float) -> int:
-        """The operator has seen all alarms that stand; how many were new to him."""
+        """Acknowledge all alarms that stand; how many of them were new to the operator."""
         seen = [s for s in self._alarms.values() if s.gone_s is None and not s.acknowledged]
         for standing in seen:
             standing.acknowledged = True
             self._change(standing.entry, acknowledged=True)
         if seen:
             names = ", ".join(dict.fromkeys(s.alarm.name for s in seen))
-            self._add(Entry(now_s, "station", Level.WELL, (), f"acknowledged: {names}"))
+            self._add(Entry(now_s, EntryKind.STATION, Level.WELL, (), f"acknowledged: {names}"))
         return len(seen)
 
     def note(self, now_s: float, text: str, level: Level = Level.WELL) -> None:
         """A word of the station itself."""
-        self._add(Entry(now_s, "station", level, (), text))
+        self._add(Entry(now_s, EntryKind.STATION, level, (), text))
 
     def _take_events(self, view: SwarmView) -> None:
         fresh = view.event_count - self._told_events
@@ -108,28 +117,20 @@ class Journal:
         new: tuple[Event, ...] = view.events[-fresh:] if fresh > 0 else ()
         if fresh > len(new):
             text = f"{fresh - len(new)} events came too fast to be told"
-            self._add(Entry(view.time_s, "station", Level.WARNING, (), text))
+            self._add(Entry(view.time_s, EntryKind.STATION, Level.WARNING, (), text))
         for saying in gather_events(new):
             before = self._entries[-1] if self._entries else None
-            if before is not None and before.kind == "event" and before.text == saying.text:
+            if before is not None and before.kind is EntryKind.EVENT and before.text == saying.text:
                 # the others' same words, a view later
                 self._change(
                     self._first + len(self._entries) - 1,
                     agents=_joined(before.agents, saying.agents),
                 )
                 continue
-            vehicle = saying.text.startswith("vehicle: ")
             text = saying.text.removeprefix("vehicle: ")
-            kind = "vehicle" if vehicle else "event"
-            self._add(
-                Entry(
-                    saying.time_s,
-                    kind,
-                    _EVENT_LEVEL.get(saying.level, Level.WELL),
-                    saying.agents,
-                    text,
-                )
-            )
+            kind = EntryKind.EVENT if text == saying.text else EntryKind.VEHICLE
+            level = LEVEL_OF[saying.level]
+            self._add(Entry(saying.time_s, kind, level, saying.agents, text))
 
     def _take_commands(self, view: SwarmView) -> None:
         for command in view.commands:
@@ -138,7 +139,11 @@ class Journal:
             level = Level.WARNING if refused else Level.WELL
             number, told = self._commands.get(command.command.id, (-1, ""))
             if number < 0:
-                self._add(Entry(command.received_s, "command", level, command.command.agents, text))
+                self._add(
+                    Entry(
+                        command.received_s, EntryKind.COMMAND, level, command.command.agents, text
+                    )
+                )
                 self._commands[command.command.id] = (self._first + len(self._entries) - 1, text)
             elif told != text:
                 self._change(number, text=text, level=level)
@@ -163,17 +168,19 @@ class Journal:
         for name in dict.fromkeys(alarm.name for alarm in new):
             same = [alarm for alarm in new if alarm.name == name]
             ((level, text),) = gather_alarms(same)
-            self._add(Entry(now_s, "alarm", level, _all_agents(same), text))
+            self._add(Entry(now_s, EntryKind.ALARM, level, _all_agents(same), text))
             for alarm in same:
                 self._alarms[alarm.key] = _Standing(alarm, self._first + len(self._entries) - 1)
 
     def _clear(self, over: list[_Standing]) -> None:
-        """Likewise for those that are gone for good."""
+        """One entry for all alarms of a kind that cleared together."""
         for name in dict.fromkeys(standing.alarm.name for standing in over):
             same = [standing for standing in over if standing.alarm.name == name]
             ids = _all_agents([standing.alarm for standing in same])
             last_s = max(standing.gone_s or 0.0 for standing in same)
-            self._add(Entry(last_s, "cleared", Level.WELL, ids, f"{name} ({agents_named(ids)})"))
+            self._add(
+                Entry(last_s, EntryKind.CLEARED, Level.WELL, ids, f"{name} ({agents_named(ids)})")
+            )
         for standing in over:
             del self._alarms[standing.alarm.key]
 

@@ -91,8 +91,8 @@ def mesh_judgements(
 
 
 def bad_links(view: SwarmView, judged: dict[tuple[int, int], Judgement]) -> list[tuple[Level, str]]:
-    """Every bad link in words, the worst first; one sentence for an agent that nobody hears
-    well."""
+    """Every bad link in words, the worst first; one sentence for an agent that all others
+    hear badly."""
     found = [
         (judgement.level, f"{what} of agent {agent.id}: {judgement.words}")
         for agent in view.agents

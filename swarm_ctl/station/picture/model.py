@@ -27,7 +27,7 @@ from swarm_ctl.core.model.messages import (
     StationBeacon,
 )
 from swarm_ctl.core.model.plan import FormStep, Plan, Point
-from swarm_ctl.station.picture.history import History
+from swarm_ctl.station.picture.history import HistoryKeeper
 from swarm_ctl.station.picture.link_stats import Receiver
 from swarm_ctl.station.picture.view import (
     AgentView,
@@ -62,10 +62,29 @@ class _Heard:
     def silence(self, now_s: float) -> float | None:
         return None if self.last_s is None else max(0.0, now_s - self.last_s)
 
+    def active_sigma(self, now_s: float) -> SigmaReport | None:
+        """The newest sigma report, while a pair is in the avoidance region."""
+        return self.sigma if now_s - self.sigma_received_s <= _SIGMA_S else None
+
     def lost(self, now_s: float, after_s: float) -> bool:
         told, silence = newest(self.state, self.status), self.silence(now_s)
         ended = told is not None and told.phase is Phase.ENDED
         return silence is not None and not ended and silence > after_s
+
+
+@dataclass(frozen=True, slots=True)
+class _Moment:
+    """What all agents' views at one time are made from."""
+
+    now_s: float
+    lost: set[int]
+    step: int
+    between: dict[tuple[int, int], float]
+    """Distance [m] of every two agents, both orders."""
+    away_m: dict[int, float]
+    """|e_i - mean e| of each live agent."""
+    targets_m: dict[int, Point]
+    """Each agent's slot, laid under the live agents."""
 
 
 @dataclass(slots=True)
@@ -96,7 +115,7 @@ class Model:
         self._event_count = 0
         self._commands: dict[str, _Answered] = {}
         self._stations: dict[str, float] = {}
-        self._history = History()
+        self._history = HistoryKeeper()
 
     def fold(self, payload: Payload, received_s: float) -> None:
         """Take one message in, as it arrived at `received_s`. Late and repeated ones change nothing
@@ -151,54 +170,42 @@ class Model:
 
     def view(self, now_s: float) -> SwarmView:
         """The swarm at `now_s`."""
-        after_s = self._plan.policies.agent_lost_after_s
-        lost = {agent_id for agent_id, heard in self._heard.items() if heard.lost(now_s, after_s)}
-        step = max(
-            (
-                told.step
-                for heard in self._heard.values()
-                for told in (heard.state, heard.status)
-                if told
-            ),
-            default=0,
-        )
-        between = self._distances()
-        away, targets = self._errors(step, lost)
-        agents = tuple(
-            self._agent(
-                agent_id,
-                now_s,
-                agent_id in lost,
-                away.get(agent_id),
-                targets.get(agent_id),
-                between,
-            )
-            for agent_id in sorted(self._heard)
-        )
+        moment = self._moment(now_s)
+        stations = self._stations | ({self._station: now_s} if self._station else {})
         return SwarmView(
             time_s=now_s,
             since_s=self._since_s,
             plan=self._plan,
             plan_hash=self._plan_hash,
             speedup=self._speedup,
-            agents=agents,
+            agents=tuple(self._agent(agent_id, moment) for agent_id in sorted(self._heard)),
             pairs=self._pairs(now_s),
-            links=tuple(
-                LinkView(agent_id, sender, report)
-                for agent_id, heard in sorted(self._heard.items())
-                if heard.status
-                for sender, report in sorted(heard.status.links.items())
-            ),
-            edges=tuple(EdgeView(a, b, between.get((a, b))) for a, b in self._edges),
-            step=step,
-            error_m=max(away.values(), default=None),
+            links=self._links(),
+            edges=tuple(EdgeView(a, b, moment.between.get((a, b))) for a, b in self._edges),
+            step=moment.step,
+            error_m=max(moment.away_m.values(), default=None),
             events=tuple(self._events),
             event_count=self._event_count,
             commands=tuple(
                 CommandView(c.command, c.received_s, dict(c.acks)) for c in self._commands.values()
             ),
-            stations=self._stations | ({self._station: now_s} if self._station else {}),
+            stations=stations,
             histories=self._history.view(),
+        )
+
+    def _moment(self, now_s: float) -> _Moment:
+        after_s = self._plan.policies.agent_lost_after_s
+        lost = {agent_id for agent_id, heard in self._heard.items() if heard.lost(now_s, after_s)}
+        told = [t for heard in self._heard.values() for t in (heard.state, heard.status) if t]
+        step = max((t.step for t in told), default=0)
+        return _Moment(now_s, lost, step, self._distances(), *self._errors(step, lost))
+
+    def _links(self) -> tuple[LinkView, ...]:
+        return tuple(
+            LinkView(agent_id, sender, report)
+            for agent_id, heard in sorted(self._heard.items())
+            if heard.status
+            for sender, report in sorted(heard.status.links.items())
         )
 
     def _of(self, agent_id: int, received_s: float) -> _Heard:
@@ -224,14 +231,14 @@ class Model:
 
     def _errors(self, step: int, lost: set[int]) -> tuple[dict[int, float], dict[int, Point]]:
         """|e_i - mean e| [m] of each live agent in the shape of the newest `form` step, and where
-        everybody's slot lies with the live agents' mean error taken out; both empty before the
-        first one.
+        each slot lies with the live agents' mean error taken out; both empty before the first
+        one.
         """
         shape = self._shape(step)
         if shape is None:
             return {}, {}
         slots, points = {}, {}
-        in_roles = not self._overridden()  # an operator's shape gives everybody his own slot
+        in_roles = not self._overridden()  # an operator's shape gives each agent its own slot
         for k, agent in enumerate(self._plan.agents):
             state = self._heard[agent.id].state
             if state is None:
@@ -274,20 +281,10 @@ class Model:
             heard.state is not None and heard.state.override for heard in self._heard.values()
         )
 
-    def _agent(
-        self,
-        agent_id: int,
-        now_s: float,
-        lost: bool,
-        error_m: float | None,
-        target_m: Point | None,
-        between: dict[tuple[int, int], float],
-    ) -> AgentView:
-        near = min(
-            ((d, j) for j in self._heard if (d := between.get((agent_id, j))) is not None),
-            default=None,
-        )
-        heard = self._heard[agent_id]
+    def _agent(self, agent_id: int, moment: _Moment) -> AgentView:
+        heard, now_s = self._heard[agent_id], moment.now_s
+        pairs = ((moment.between.get((agent_id, j)), j) for j in self._heard)
+        near = min(((d, j) for d, j in pairs if d is not None), default=None)
         return AgentView(
             id=agent_id,
             in_plan=agent_id in self._planned,
@@ -296,22 +293,21 @@ class Model:
             law_since_s=heard.law_since_s,
             link=heard.receiver.report(now_s),
             silence_s=heard.silence(now_s),
-            lost=lost,
-            error_m=error_m,
+            lost=agent_id in moment.lost,
+            error_m=moment.away_m.get(agent_id),
             nearest_agent=near[1] if near else None,
             nearest_m=near[0] if near else None,
-            target_m=target_m,
+            target_m=moment.targets_m.get(agent_id),
             round_trip_s=self._history.least_round_trip_s(agent_id),
-            sigma=heard.sigma
-            if heard.sigma and now_s - heard.sigma_received_s <= _SIGMA_S
-            else None,
+            sigma=heard.active_sigma(now_s),
         )
 
     def _pairs(self, now_s: float) -> tuple[PairView, ...]:
         sides: dict[tuple[int, int], list[tuple[int, PairReport]]] = {}
         for agent_id, heard in sorted(self._heard.items()):
-            if heard.sigma is not None and now_s - heard.sigma_received_s <= _SIGMA_S:
-                for report in heard.sigma.pairs:
+            sigma = heard.active_sigma(now_s)
+            if sigma is not None:
+                for report in sigma.pairs:
                     pair = (min(agent_id, report.peer), max(agent_id, report.peer))
                     sides.setdefault(pair, []).append((agent_id, report))
         found = (

@@ -21,7 +21,7 @@ from swarm_ctl.core.model.messages import Payload
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.errors import InputError
 from swarm_ctl.station.picture.alarms import Level
-from swarm_ctl.station.picture.journal import Journal
+from swarm_ctl.station.picture.journal import EntryKind, Journal
 from swarm_ctl.station.picture.model import Model
 from swarm_ctl.station.picture.view import SwarmView
 
@@ -50,8 +50,7 @@ class Mark:
     """Something was told at this moment."""
 
     time_s: float
-    kind: str
-    """As `journal.Entry.kind`, or `step` where the mission's step changed."""
+    kind: EntryKind
     level: Level
 
 
@@ -195,7 +194,7 @@ class Film:
     def _mark(self, view: SwarmView, journal: Journal, told: int) -> None:
         if view.step > self._step:
             self._step = view.step
-            self.marks.append(Mark(view.time_s, "step", Level.WELL))
+            self.marks.append(Mark(view.time_s, EntryKind.STEP, Level.WELL))
         fresh = journal.told - told
         entries = journal.entries[-fresh:] if fresh else ()
         self.marks += [Mark(view.time_s, entry.kind, entry.level) for entry in entries]

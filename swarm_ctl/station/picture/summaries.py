@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from swarm_ctl.core.model.messages import Command, Event, Phase
+from swarm_ctl.core.model.messages import Command, Event, Phase, Severity
 from swarm_ctl.core.model.plan import FormStep, MoveStep
 from swarm_ctl.core.model.text import agents_named, printable
 from swarm_ctl.core.swarm.gain_update import named
@@ -18,14 +18,14 @@ class Saying:
     """The same event of one or more agents."""
 
     time_s: float
-    level: str
+    level: Severity
     agents: tuple[int, ...]
     text: str
 
 
 def gather_events(events: Iterable[Event]) -> list[Saying]:
     """Events in their order, the same words of several agents as one, at the time of the first."""
-    found: dict[tuple[str, str], Saying] = {}
+    found: dict[tuple[Severity, str], Saying] = {}
     done: list[Saying] = []
     for event in events:
         key = (event.level, event.text)
@@ -39,7 +39,7 @@ def gather_events(events: Iterable[Event]) -> list[Saying]:
 
 
 def gather_alarms(alarms: Sequence[Alarm]) -> list[tuple[Level, str]]:
-    """One line per kind of alarm, in their order: the first one's text, and who else."""
+    """One line per kind of alarm, in their order: the first one's text, and the other agents."""
     kinds: dict[str, list[Alarm]] = {}
     for alarm in alarms:
         kinds.setdefault(alarm.name, []).append(alarm)
@@ -49,7 +49,8 @@ def gather_alarms(alarms: Sequence[Alarm]) -> list[tuple[Level, str]]:
 def _others(alarms: Sequence[Alarm]) -> str:
     if not alarms:
         return ""
-    return f" (and {len(alarms)} more: {agents_named(agent for alarm in alarms for agent in alarm.agents)})"
+    agents = agents_named(agent for alarm in alarms for agent in alarm.agents)
+    return f" (and {len(alarms)} more: {agents})"
 
 
 def verdict(view: SwarmView, alarms: Sequence[Alarm]) -> list[tuple[Level, str]]:
@@ -66,7 +67,7 @@ def verdict(view: SwarmView, alarms: Sequence[Alarm]) -> list[tuple[Level, str]]
 
 
 def waiting(view: SwarmView) -> list[str]:
-    """Who is waited for before the flight, and why; one line a reason, most agents first."""
+    """Which agents the flight waits for, and why; one line a reason, most agents first."""
     unheard = [agent.id for agent in view.agents if agent.phase is None]
     lines = [f"waiting for {agents_named(unheard)}"] if unheard else []
     told = sorted(reasons(view).items(), key=lambda item: -len(item[1]))
@@ -97,7 +98,7 @@ def command_words(command: Command) -> str:
 
 
 def answers(command: CommandView, view: SwarmView) -> str:
-    """How far a command is acknowledged: by whom, who refused and why, who is still waited for."""
+    """How far a command is acknowledged: the agents that took it, refused it, have not answered."""
     meant = command.command.agents or tuple(agent.id for agent in view.agents)
     taken = [i for i in meant if i in command.acks and command.acks[i].accepted]
     open_ = [i for i in meant if i not in command.acks]

@@ -146,7 +146,7 @@ class EdgeView:
 
 @dataclass(frozen=True, slots=True)
 class CommandView:
-    """A command seen on the mesh, and who answered it."""
+    """A command seen on the mesh, and the answers of the agents."""
 
     command: Command
     received_s: float
@@ -200,8 +200,8 @@ class SwarmView:
 
     @property
     def laws(self) -> dict[int, tuple[AgentView, ...]]:
-        """Who of those that are heard and not through flies which law, by its tag; the law of most
-        first."""
+        """The agents that fly each law, by its tag; the law of most agents first. Silent agents and
+        agents whose flight is over or taken over don't count."""
         found: dict[int, list[AgentView]] = {}
         for agent in self.agents:
             if (
@@ -214,7 +214,7 @@ class SwarmView:
         return {tag: tuple(agents) for tag, agents in most_first}
 
     def agent(self, agent_id: int) -> AgentView:
-        """KeyError where nobody has that id."""
+        """The agent with that id; KeyError where there is none."""
         for agent in self.agents:
             if agent.id == agent_id:
                 return agent
