@@ -55,8 +55,8 @@ def test_hold_and_resume(holding: VirtualSwarm) -> None:
     assert_good(holding)
 
 
-def test_hold_while_forming_stops_everybody() -> None:
-    """Not only the shape waits: nobody goes on towards it."""
+def test_hold_while_forming_stops_all() -> None:
+    """No agent flies on towards its slot."""
     swarm = VirtualSwarm(quartet("land"))
     swarm.wait(lambda s: s.in_step(FORM))
     swarm.run(2)
@@ -110,7 +110,7 @@ def test_return_brings_all_home(holding: VirtualSwarm) -> None:
 
 
 def test_land_outweighs_return(holding: VirtualSwarm) -> None:
-    """The operator who called them back can still have them land where they are."""
+    """On the way back, the operator can still make them land where they are."""
     give(holding, "return")
     holding.run(5)
     give(holding, "land")
@@ -181,7 +181,7 @@ def test_what_cannot_be_is_refused(
 
 
 def test_the_newest_command_counts(holding: VirtualSwarm) -> None:
-    """An older one that arrives later is refused, so that the order of arrival does not matter."""
+    """An older command that arrives later is refused, so the order of arrival does not matter."""
     late = holding.now
     holding.run(1)
     assert accepted(give(holding, "hold"))

@@ -114,7 +114,7 @@ def test_all_change_in_the_tick_of_the_order_s_time() -> None:
 
 def test_agents_with_other_clocks_change_together() -> None:
     """The order's time is the sender's; it says how far each clock is ahead, to some tenths of a
-    second: who is early is followed by the others as soon as they hear it.
+    second: the others follow an early agent as soon as they hear it.
     """
     clocks = {1: 3600.0, 2: -3600.0, 3: 0.3}
     swarm = VirtualSwarm(
@@ -154,7 +154,7 @@ def test_a_lost_word_is_repaired_by_the_peers(desk: Desk) -> None:
     assert len(desk.moments[0]) == 1
 
 
-def test_one_who_heard_is_enough_when_the_station_dies(desk: Desk) -> None:
+def test_one_agent_that_heard_is_enough_when_the_station_dies(desk: Desk) -> None:
     """The station says `apply` once, one agent hears it, and all change at the time."""
     for agent in (1, 3, 4):
         deaf(desk.swarm, agent, keys.COMMAND, kind="apply")
@@ -196,7 +196,7 @@ def test_a_late_agent_follows_as_soon_as_it_hears(desk: Desk) -> None:
 
 
 def test_a_decision_after_the_time_is_refused_by_all(desk: Desk) -> None:
-    """`apply` was under way for too long: nobody is to begin."""
+    """`apply` was under way for too long: no agent begins."""
     order = desk.tune(h=0.04)
     desk.run(0.05)
     desk.alive = False
@@ -222,7 +222,7 @@ def test_no_answer_of_one_stops_all(desk: Desk) -> None:
     assert desk.moments == [(), (), (), ()]
 
 
-def test_nobody_who_flies_is_left_out(desk: Desk) -> None:
+def test_no_agent_that_flies_is_left_out(desk: Desk) -> None:
     """Agents refuse a change that a peer they hear was not asked about."""
     desk.tune((1, 2, 3), h=0.04)
     desk.run(4)
@@ -230,7 +230,7 @@ def test_nobody_who_flies_is_left_out(desk: Desk) -> None:
     assert desk.moments == [(), (), (), ()]
 
 
-def test_who_was_gone_while_the_others_changed_keeps_its_law_and_says_so(desk: Desk) -> None:
+def test_an_agent_that_was_gone_keeps_its_law_and_says_so(desk: Desk) -> None:
     """It was lost, so it was not asked; it can't know the values, and says that there are two
     laws."""
     desk.swarm.members[4].frozen = True

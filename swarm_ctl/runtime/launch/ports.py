@@ -9,15 +9,14 @@ from contextlib import ExitStack
 from swarm_ctl.errors import StartError
 
 _FIRST, _LAST = 20000, 32000
-"""Below the ephemeral ports (32768 and up on Linux), which any client on this machine may take at
-any time."""
+"""Below the ephemeral ports (32768 and up on Linux), which any client may get at any time."""
 
 
 def free_ports(count: int, kind: socket.SocketKind) -> list[int]:
-    """`count` ports nobody listens on now; StartError when there are not that many.
+    """`count` ports that are free now; StartError where there are fewer.
 
-    Different processes begin their search in different places, so two runs that start together
-    rarely meet.
+    Processes begin their search in different places, so two runs that start together rarely
+    collide.
     """
     span = _LAST - _FIRST
     start = os.getpid() * 97 + (span // 2 if kind is socket.SOCK_DGRAM else 0)

@@ -1,4 +1,4 @@
-"""Terminals and pipes that nobody reads: they miss views; the station beacons, hears and records as
+"""Terminals and pipes that are not read: they miss views; the station beacons, hears and records as
 before."""
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def views(count: int) -> list[SwarmView]:
 
 
 @pytest.mark.parametrize("show", [Show.LOG, Show.JSON])
-def test_nobody_reads(show: Show, pipe: tuple[int, int]) -> None:
+def test_an_output_that_is_not_read(show: Show, pipe: tuple[int, int]) -> None:
     """Showing never waits, and the end waits only a moment."""
     slowest = 0.0
 
@@ -174,7 +174,7 @@ def test_text_goes_out_whole(pipe: tuple[int, int]) -> None:
     assert got.decode() == text + "\n"
 
 
-def test_the_station_beacons_and_records_while_nobody_reads(
+def test_the_station_beacons_and_records_while_its_output_is_blocked(
     pipe: tuple[int, int], tmp_path: Path
 ) -> None:
     """What would otherwise happen: the agents miss the station, and land."""
