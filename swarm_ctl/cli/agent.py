@@ -4,51 +4,40 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 
 from swarm_ctl.cli.extras import require
-from swarm_ctl.cli.options import FleetFile, Speedup
+from swarm_ctl.cli.options import FleetFile, Speedup, option
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.errors import InputError
 from swarm_ctl.mission.compile.fleet import Fleet, FleetAgent
+
+_PEER: Final = (
+    "Where another agent listens; repeat it. Of two agents, one has to name the other."
+    "  [default: the agents before it in the fleet]"
+)
 
 
 def agent(
     file: Annotated[
         Path, typer.Argument(metavar="PLAN", help="A plan file, or a mission file (needs ground).")
     ],
-    agent_id: Annotated[
-        int, typer.Option("--id", metavar="ID", help="The agent that this process is.")
-    ],
+    agent_id: Annotated[int, option("ID", "The agent that this process is.", "--id")],
     endpoint: Annotated[
         str | None,
-        typer.Option(
-            metavar="URL",
-            help="Its vehicle, e.g. serial:/dev/ttyAMA0:921600.  [default: as in the fleet]",
-        ),
+        option("URL", "Its vehicle, e.g. serial:/dev/ttyAMA0:921600.  [default: as in the fleet]"),
     ] = None,
     mesh: Annotated[
-        str | None,
-        typer.Option(metavar="tcp/HOST:PORT", help="Where it listens.  [default: as in the fleet]"),
+        str | None, option("tcp/HOST:PORT", "Where it listens.  [default: as in the fleet]")
     ] = None,
-    peer: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="tcp/HOST:PORT",
-            help="Where another agent listens; repeat it. Of two agents, one has to name the "
-            "other.  [default: the agents before it in the fleet]",
-        ),
-    ] = None,
+    peer: Annotated[list[str] | None, option("tcp/HOST:PORT", _PEER)] = None,
     fleet: FleetFile = None,
     speedup: Speedup = 1.0,
     epoch: Annotated[
         float | None,
-        typer.Option(
-            metavar="SECONDS",
-            help="Zero of the mission clock, on this host's monotonic clock.  [default: now]",
-        ),
+        option("SECONDS", "Mission time 0 on this host's monotonic clock.  [default: now]"),
     ] = None,
 ) -> None:
     """Fly one agent, on the computer of its drone.

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import sys
-from collections.abc import Callable
 from typing import Annotated, Any, Final
 
 import typer
@@ -38,47 +38,27 @@ app = typer.Typer(
 )
 
 
+_COMMANDS: Final = {
+    "ground": (run, validate, plan, station, send, replay, report, compare),
+    "": (agent, sim, measure, schema, keys),
+    "study": (study, paper),
+}
+"""The commands that need an extra, or only the core."""
+
+
 class _Command(TyperCommand):
-    """A command that needs no more than the core."""
-
-    extra = ""
-
     def invoke(self, ctx: Any) -> Any:
         """Refuse to start where the command's extra is not installed."""
-        if self.extra:
-            require(self.extra, f"swarm-ctl {self.name}")
+        for extra, functions in _COMMANDS.items():
+            if extra and str(self.name) in (function.__name__ for function in functions):
+                require(extra, f"swarm-ctl {self.name}")
         return super().invoke(ctx)
 
 
-class _GroundCommand(_Command):
-    extra = "ground"
-
-
-class _StudyCommand(_Command):
-    extra = "study"
-
-
-_COMMANDS: Final[tuple[tuple[Callable[..., None], type[_Command]], ...]] = (
-    (run, _GroundCommand),
-    (validate, _GroundCommand),
-    (plan, _GroundCommand),
-    (agent, _Command),
-    (station, _GroundCommand),
-    (send, _GroundCommand),
-    (sim, _Command),
-    (measure, _GroundCommand),
-    (report, _GroundCommand),
-    (replay, _GroundCommand),
-    (compare, _GroundCommand),
-    (study, _StudyCommand),
-    (paper, _StudyCommand),
-    (schema, _Command),
-    (keys, _Command),
-)
-for function, kind in _COMMANDS:
+for function in itertools.chain(*_COMMANDS.values()):
     # `send move -20 35`: a number, not an option
     settings = {"ignore_unknown_options": function is send}
-    app.command(cls=kind, context_settings=settings)(function)
+    app.command(cls=_Command, context_settings=settings)(function)
 
 
 def _show_version(wanted: bool) -> None:

@@ -3,8 +3,8 @@ file."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -12,17 +12,20 @@ import typer
 
 from swarm_ctl.cli.console import PlainConsole
 from swarm_ctl.cli.extras import require
-from swarm_ctl.cli.options import Speedup
+from swarm_ctl.cli.options import Speedup, option, switch
 from swarm_ctl.cli.sim import Persona
 from swarm_ctl.core.identification.fit import Fit, Leg, fit
 from swarm_ctl.core.identification.step_flight import StepFlight, Steps
 from swarm_ctl.core.law.stop_point import TYPICAL
-from swarm_ctl.core.model.plan import Limits, Response
-from swarm_ctl.core.model.text import ids_of
+from swarm_ctl.core.model.plan import Response
 from swarm_ctl.errors import InputError
 from swarm_ctl.mission.compile.fleet import FleetAgent
 
-_SPEED_MPS: Final = Limits().speed_mps
+_SPEED: Final = "Of the largest step.  [default: 5, or the mission's limit if that is less]"
+_BOX: Final = (
+    "It lands when it is farther north, south, east or west than this."
+    "  [default: what the steps need]"
+)
 
 
 def measure(
@@ -33,50 +36,27 @@ def measure(
         ),
     ] = None,
     agent_id: Annotated[
-        str,
-        typer.Option(
-            "--id", metavar="IDS", help="The vehicles, one after another: 3, 1,2 or 1-4; or all."
-        ),
+        str, option("IDS", "The vehicles, one after another: 3, 1,2 or 1-4; or all.", "--id")
     ] = "",
     fleet: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="The fleet file to read from and to write into."),
+        Path | None, option("FILE", "The fleet file to read from and to write into.")
     ] = None,
     endpoint: Annotated[
         str | None,
-        typer.Option(
-            metavar="URL",
-            help="A vehicle of no fleet, e.g. udpout:127.0.0.1:14601; no file is written.",
-        ),
+        option("URL", "A vehicle of no fleet, e.g. udpout:127.0.0.1:14601; no file is written."),
     ] = None,
     sysid: Annotated[
-        int, typer.Option(min=1, max=250, help="With --endpoint: its MAVLink system id.")
+        int, option("NUMBER", "With --endpoint: its MAVLink system id.", min=1, max=250)
     ] = 1,
     autopilot: Annotated[
         Persona, typer.Option(help="With --endpoint: its firmware.")
     ] = Persona.ARDUPILOT,
-    speed: Annotated[
-        float | None,
-        typer.Option(
-            metavar="M/S",
-            min=0.5,
-            help="Of the largest step.  [default: 5, or the mission's limit if that is less]",
-        ),
-    ] = None,
+    speed: Annotated[float | None, option("M/S", _SPEED, min=0.5)] = None,
     height: Annotated[
-        float, typer.Option(metavar="METRES", min=2.0, max=100.0, help="Above the take-off point.")
+        float, option("METRES", "Above the take-off point.", min=2.0, max=100.0)
     ] = 10.0,
-    box: Annotated[
-        float | None,
-        typer.Option(
-            metavar="METRES",
-            help="It lands when it is farther north, south, east or west than this.  "
-            "[default: what the steps need]",
-        ),
-    ] = None,
-    dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Fly and show, but write no file.")
-    ] = False,
+    box: Annotated[float | None, option("METRES", _BOX)] = None,
+    dry_run: Annotated[bool, switch("--dry-run", "Fly and show, but write no file.")] = False,
     speedup: Speedup = 1.0,
 ) -> None:
     """Measure how a vehicle answers velocity setpoints.
@@ -117,17 +97,16 @@ def measure(
     else:
         typical = TYPICAL[autopilot.value]
         task = Task((FleetAgent(sysid, sysid, autopilot.value, endpoint, None, typical),))
-    vehicles = _chosen(task.vehicles, agent_id)
-    steps = _steps(speed, height, box, task.limit_mps)
+    vehicles = task.chosen(agent_id)
+    steps = task.steps(speed, height, box)
     ticker = Ticker(Clock.starting_now(speedup), task.tick_s)
+    told = partial(console.say, style="dim")
     failed = False
     with Interrupts() as ctrl_c:
         for vehicle in vehicles:
             console.say(_headline(vehicle, steps))
             flight = StepFlight(steps, vehicle.response, task.tick_s, task.fence, task.origin)
-            down = fly(
-                vehicle, flight, ticker, lambda text: console.say(f"  {text}", style="dim"), ctrl_c
-            )
+            down = fly(vehicle, flight, ticker, told, ctrl_c)
             if ctrl_c.count:
                 how = "landed by Ctrl-C" if down else "left to its own failsafe"
                 console.say(f"  {how}", style="bold red")
@@ -143,30 +122,6 @@ def measure(
                 )
                 break
     raise typer.Exit(130 if ctrl_c.count else int(failed))
-
-
-def _chosen(vehicles: Sequence[FleetAgent], named: str) -> list[FleetAgent]:
-    if named == "all" or (not named and len(vehicles) == 1):
-        return list(vehicles)
-    known = {vehicle.id: vehicle for vehicle in vehicles}
-    ids = ids_of(named, "--id")
-    missing = [i for i in ids if i not in known]
-    if not ids or missing:
-        wrong = f"--id {missing[0]} is not in the fleet" if missing else "--id is missing"
-        raise InputError(f"{wrong}; allowed: {', '.join(map(str, known))}, several of them, or all")
-    return [known[i] for i in ids]
-
-
-def _steps(speed: float | None, height: float, box: float | None, limit_mps: float) -> Steps:
-    fastest = min(_SPEED_MPS, limit_mps) if speed is None else speed
-    if fastest > limit_mps:
-        raise InputError(f"--speed {fastest:g}: over the limit; allowed: up to {limit_mps:g} m/s")
-    least = Steps(fastest, height).least_box_m
-    if box is not None and box < least:
-        raise InputError(
-            f"--box {box:g}: steps of {fastest:g} m/s lead farther; allowed: {least:g} m and more"
-        )
-    return Steps(fastest, height, math.ceil(least) if box is None else box)
 
 
 def _headline(vehicle: FleetAgent, steps: Steps) -> str:

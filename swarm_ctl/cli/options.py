@@ -3,41 +3,39 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from swarm_ctl.errors import InputError
 
+
+def option(metavar: str, text: str, *names: str, **bounds: float) -> Any:
+    """An option with a value that the help calls `metavar`."""
+    return typer.Option(*names, metavar=metavar, help=text, **bounds)  # type: ignore[arg-type]
+
+
+def switch(name: str, text: str) -> Any:
+    """An option that is either given or not."""
+    return typer.Option(name, help=text)
+
+
 MissionFile = Annotated[
     Path, typer.Argument(metavar="MISSION", help="The mission file, e.g. missions/hexagon.yaml.")
 ]
-FleetFile = Annotated[
-    Path | None, typer.Option(metavar="FILE", help="A fleet file instead of the mission's own.")
-]
+FleetFile = Annotated[Path | None, option("FILE", "A fleet file instead of the mission's own.")]
 RunFolder = Annotated[
     Path | None, typer.Argument(metavar="RUN", help="The run folder.  [default: newest in runs/]")
 ]
-Headless = Annotated[
-    bool, typer.Option("--headless", help="Plain log lines instead of the dashboard.")
-]
-Json = Annotated[bool, typer.Option("--json", help="One line of JSON a second on stdout.")]
-Metrics = Annotated[
-    int | None,
-    typer.Option(
-        metavar="PORT", min=1, max=65535, help="Prometheus metrics on this port of 127.0.0.1."
-    ),
-]
-Speedup = Annotated[
-    float,
-    typer.Option(
-        metavar="FACTOR", min=0.1, max=100.0, help="Mission seconds per second of the wall clock."
-    ),
-]
-Seed = Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")]
-Processes = Annotated[
-    int | None, typer.Option(min=1, help="Processes to fly with.  [default: one per core]")
-]
+Headless = Annotated[bool, switch("--headless", "Plain log lines instead of the dashboard.")]
+Json = Annotated[bool, switch("--json", "One line of JSON a second on stdout.")]
+_METRICS = "Prometheus metrics on this port of 127.0.0.1."
+Metrics = Annotated[int | None, option("PORT", _METRICS, min=1, max=65535)]
+_SPEEDUP = "Mission seconds per second of the wall clock."
+Speedup = Annotated[float, option("FACTOR", _SPEEDUP, min=0.1, max=100.0)]
+Seed = Annotated[int, option("NUMBER", "Seed of all random numbers.", min=0)]
+_PROCESSES = "Processes to fly with.  [default: one per core]"
+Processes = Annotated[int | None, option("NUMBER", _PROCESSES, min=1)]
 
 
 def run_folder(given: Path | None) -> Path:

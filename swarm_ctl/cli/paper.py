@@ -5,17 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from swarm_ctl.cli.console import PlainConsole
-from swarm_ctl.cli.options import Processes, Seed
+from swarm_ctl.cli.options import Processes, Seed, option
 
 
 def paper(
-    out: Annotated[
-        Path, typer.Option(metavar="FOLDER", help="Where figures, rows and claims are written.")
-    ] = Path("paper"),
-    seeds: Annotated[int, typer.Option(min=1, help="Missions for each experiment.")] = 1000,
+    out: Annotated[Path, option("FOLDER", "Where figures, rows and claims are written.")] = Path(
+        "paper"
+    ),
+    seeds: Annotated[int, option("NUMBER", "Missions for each experiment.", min=1)] = 1000,
     seed: Seed = 1,
     processes: Processes = None,
 ) -> None:

@@ -5,18 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from swarm_ctl.cli.console import PlainConsole
-from swarm_ctl.cli.options import FleetFile, MissionFile
+from swarm_ctl.cli.options import FleetFile, MissionFile, option
 
 
 def plan(
     mission: MissionFile,
     fleet: FleetFile = None,
-    out: Annotated[Path, typer.Option(metavar="FILE", help="The plan file to write.")] = Path(
-        "plan.json"
-    ),
+    out: Annotated[Path, option("FILE", "The plan file to write.")] = Path("plan.json"),
 ) -> None:
     """Write a mission as a plan file for the drones' computers.
 

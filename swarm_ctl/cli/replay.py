@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from swarm_ctl.cli.options import Headless, Json, run_folder
+from swarm_ctl.cli.options import Headless, Json, option, run_folder
 
 
 def replay(
@@ -18,16 +18,10 @@ def replay(
         ),
     ] = None,
     speed: Annotated[
-        float,
-        typer.Option(
-            metavar="FACTOR",
-            min=0.25,
-            max=50.0,
-            help="Mission seconds per second of the wall clock.",
-        ),
+        float, option("FACTOR", "Mission seconds per second of the wall clock.", min=0.25, max=50.0)
     ] = 1.0,
     start: Annotated[
-        str, typer.Option("--from", metavar="TIME", help="Where to begin: seconds, MIN:SEC or end.")
+        str, option("TIME", "Where to begin: seconds, MIN:SEC or end.", "--from")
     ] = "start",
     headless: Headless = False,
     json: Json = False,

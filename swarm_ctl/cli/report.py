@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from swarm_ctl.cli.console import PlainConsole
-from swarm_ctl.errors import InputError
+from swarm_ctl.cli.options import option
 
 
 def report(run: Annotated[Path, typer.Argument(metavar="RUN", help="The run folder.")]) -> None:
@@ -24,18 +24,12 @@ def report(run: Annotated[Path, typer.Argument(metavar="RUN", help="The run fold
     """
     from swarm_ctl.report.page.html_page import make_report
 
-    try:
-        page = make_report(run)
-    except OSError as error:
-        raise InputError(f"{run}: the report can't be written: {error.strerror}") from error
-    PlainConsole().say(f"report: {page}")
+    PlainConsole().say(f"report: {make_report(run)}")
 
 
 def compare(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN", help="Two or more run folders.")],
-    out: Annotated[Path, typer.Option(metavar="FILE", help="The page to write.")] = Path(
-        "compare.html"
-    ),
+    out: Annotated[Path, option("FILE", "The page to write.")] = Path("compare.html"),
 ) -> None:
     """Show several runs side by side on one page.
 

@@ -6,13 +6,27 @@ import contextlib
 import subprocess
 import sys
 from pathlib import Path
-from typing import Annotated, TextIO
+from typing import Annotated, Final, TextIO
 
 import typer
 
 from swarm_ctl.cli.console import PlainConsole
-from swarm_ctl.cli.options import FleetFile, Headless, Json, Metrics, MissionFile, Speedup
+from swarm_ctl.cli.options import (
+    FleetFile,
+    Headless,
+    Json,
+    Metrics,
+    MissionFile,
+    Seed,
+    Speedup,
+    option,
+)
 from swarm_ctl.core.model.messages import Outcome
+
+_RECORD: Final = (
+    "Record at most so many messages a second of a topic, per agent, e.g. state=5,truth=2."
+    "  [default: all]"
+)
 
 
 def run(
@@ -22,18 +36,9 @@ def run(
     json: Json = False,
     metrics: Metrics = None,
     fleet: FleetFile = None,
-    runs: Annotated[
-        Path, typer.Option(metavar="FOLDER", help="Where the run's folder is made.")
-    ] = Path("runs"),
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the simulator's random numbers.")] = 1,
-    record_hz: Annotated[
-        str,
-        typer.Option(
-            metavar="TOPIC=HZ,...",
-            help="Record at most so many messages a second of an agent's topic, e.g. "
-            "state=5,truth=2.  [default: all]",
-        ),
-    ] = "",
+    runs: Annotated[Path, option("FOLDER", "Where the run's folder is made.")] = Path("runs"),
+    seed: Seed = 1,
+    record_hz: Annotated[str, option("TOPIC=HZ,...", _RECORD)] = "",
     report: Annotated[bool, typer.Option(help="Make the report at the end.")] = True,
     tlog: Annotated[bool, typer.Option(help="Record each vehicle's MAVLink frames.")] = True,
 ) -> None:

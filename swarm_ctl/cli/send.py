@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from swarm_ctl.cli.console import PlainConsole
-from swarm_ctl.cli.options import run_folder
+from swarm_ctl.cli.options import option, run_folder, switch
 from swarm_ctl.core.model.messages import Ack
 from swarm_ctl.core.model.text import agents_named
 
@@ -21,19 +21,14 @@ def send(
         list[str] | None, typer.Argument(metavar="WORD", help="What the command needs, as above.")
     ] = None,
     run: Annotated[
-        Path | None, typer.Option(metavar="RUN", help="The run folder.  [default: newest in runs/]")
+        Path | None, option("RUN", "The run folder.  [default: newest in runs/]")
     ] = None,
-    agents: Annotated[
-        str, typer.Option(metavar="IDS", help="Only these, e.g. 2,5-7.  [default: all]")
-    ] = "",
-    by: Annotated[
-        bool, typer.Option("--by", help="move: N and E count from the formation's centre.")
-    ] = False,
+    agents: Annotated[str, option("IDS", "Only these, e.g. 2,5-7.  [default: all]")] = "",
+    by: Annotated[bool, switch("--by", "move: N and E count from the formation's centre.")] = False,
     speed: Annotated[
-        float | None,
-        typer.Option(metavar="M/S", help="move: its speed.  [default: half of the limit]"),
+        float | None, option("M/S", "move: its speed.  [default: half of the limit]")
     ] = None,
-    yes: Annotated[bool, typer.Option("--yes", help="Do not ask before kill.")] = False,
+    yes: Annotated[bool, switch("--yes", "Do not ask before kill.")] = False,
 ) -> None:
     """Command a swarm that flies, and show each agent's answer.
 

@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import json
-import subprocess
-import sys
-import tempfile
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, Final
@@ -16,13 +12,12 @@ from rich.table import Table
 
 from swarm_ctl.cli.console import PlainConsole
 from swarm_ctl.cli.extras import require
-from swarm_ctl.cli.options import Seed, Speedup
+from swarm_ctl.cli.options import Seed, Speedup, option, switch
 from swarm_ctl.core.model.plan import Geodetic
-from swarm_ctl.errors import InputError, StartError
+from swarm_ctl.errors import InputError
 
 _MOST_VEHICLES: Final = 250
 """MAVLink's system ids end at 255; ground stations and companions need some."""
-_POLL_WALL_S: Final = 0.05
 
 
 class Persona(StrEnum):
@@ -33,44 +28,30 @@ class Persona(StrEnum):
 
 
 def sim(
-    count: Annotated[int, typer.Option(min=1, max=_MOST_VEHICLES, help="How many vehicles.")] = 1,
+    count: Annotated[int, option("NUMBER", "How many vehicles.", min=1, max=_MOST_VEHICLES)] = 1,
     persona: Annotated[Persona, typer.Option(help="The firmware they play.")] = Persona.ARDUPILOT,
     base_port: Annotated[
-        int,
-        typer.Option(
-            metavar="PORT", min=1, max=65000, help="Vehicle i listens on PORT + i of 127.0.0.1."
-        ),
+        int, option("PORT", "Vehicle i listens on PORT + i of 127.0.0.1.", min=1, max=65000)
     ] = 14600,
-    tcp: Annotated[bool, typer.Option("--tcp", help="TCP servers instead of UDP.")] = False,
+    tcp: Annotated[bool, switch("--tcp", "TCP servers instead of UDP.")] = False,
     endpoint: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="KIND:HOST:PORT",
-            help="Of one vehicle; KIND is udpin, udpout or tcpin. Repeat it for the next vehicle.",
-        ),
+        option("KIND:HOST:PORT", "Of one vehicle: udpin, udpout or tcpin. Repeat it for the next."),
     ] = None,
     mission: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE", help="Take vehicles, starts, weather and faults from this mission."
-        ),
+        Path | None, option("FILE", "Take vehicles, starts, weather and faults from this mission.")
     ] = None,
     home: Annotated[
-        str,
-        typer.Option(metavar="LAT,LON,ALT", help="Of the first vehicle: degrees, degrees, metres."),
+        str, option("LAT,LON,ALT", "Of the first vehicle: degrees, degrees, metres.")
     ] = "47.397742,8.545594,488",
-    spacing: Annotated[
-        float, typer.Option(metavar="METRES", min=0.5, help="Between neighbours on the grid.")
-    ] = 5.0,
+    spacing: Annotated[float, option("METRES", "Between neighbours on the grid.", min=0.5)] = 5.0,
     speedup: Speedup = 1.0,
     seed: Seed = 1,
     parameter: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME=VALUE", help="A SIM_* parameter of all vehicles; repeat it."),
+        list[str] | None, option("NAME=VALUE", "A SIM_* parameter of all vehicles; repeat it.")
     ] = None,
     truth: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Write the true positions: a JSON object a line."),
+        Path | None, option("FILE", "Write the true positions: a JSON object a line.")
     ] = None,
 ) -> None:
     """Run simulated ArduCopter or PX4 vehicles until Ctrl-C.
@@ -85,6 +66,7 @@ def sim(
         mavproxy.py --master udpout:127.0.0.1:14601
     """
     from swarm_ctl.runtime.clock import Clock
+    from swarm_ctl.runtime.launch.sim_alone import serve
     from swarm_ctl.runtime.launch.sim_config import grid_config
 
     settings = (
@@ -103,34 +85,9 @@ def sim(
     settings["sim_parameters"] |= dict(_parameter(text) for text in parameter or [])
     settings |= {"speedup": speedup, "epoch_s": Clock.starting_now(speedup).epoch_s, "seed": seed}
     settings["truth_path"] = None if truth is None else str(truth)
-    _serve(settings, PlainConsole())
-
-
-def _serve(settings: dict[str, Any], console: PlainConsole) -> None:
-    """Start the simulator, show where its vehicles listen, and end it at Ctrl-C."""
-    from swarm_ctl.runtime.clock import pause
-    from swarm_ctl.runtime.launch.interrupts import Interrupts
-
-    with tempfile.TemporaryDirectory() as folder, Interrupts() as ctrl_c:
-        path = Path(folder) / "sim.json"
-        path.write_text(json.dumps(settings))
-        command = [sys.executable, "-m", "sim", "--config", str(path)]
-        with subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        ) as child:
-            if child.stdout is not None and child.stdout.readline():
-                _show(settings, console)
-            passed_on = 0
-            while (code := child.poll()) is None:
-                if ctrl_c.count > passed_on:
-                    passed_on = ctrl_c.count
-                    child.terminate()  # once a signal: it still has to finish its truth file
-                pause(_POLL_WALL_S)
-    if ctrl_c.count:
-        console.say("ended")
-    elif code != 0:
-        error = InputError if code == 2 else StartError
-        raise error(f"the simulator ended with code {code}; its reason stands above")
+    console = PlainConsole()
+    serve(settings, ready=lambda: _show(settings, console))
+    console.say("ended")
 
 
 def _show(settings: dict[str, Any], console: PlainConsole) -> None:

@@ -3,39 +3,28 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
-import typer
-
-from swarm_ctl.cli.options import Headless, Json, Metrics, RunFolder, run_folder
+from swarm_ctl.cli.options import Headless, Json, Metrics, RunFolder, option, run_folder
 from swarm_ctl.errors import InputError
+
+_MESH: Final = (
+    "With --mission: where an agent listens; repeat it for each.  [default: as in its fleet]"
+)
 
 
 def station(
     run: RunFolder = None,
     mission: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE", help="A mission file instead of a run: for a swarm on other hosts."
-        ),
+        Path | None, option("FILE", "A mission file instead of a run: for a swarm on other hosts.")
     ] = None,
-    mesh: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="tcp/HOST:PORT",
-            help="With --mission: where an agent listens; repeat it for each.  [default: as in "
-            "its fleet]",
-        ),
-    ] = None,
+    mesh: Annotated[list[str] | None, option("tcp/HOST:PORT", _MESH)] = None,
     fleet: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="With --mission: the fleet file that is flown."),
+        Path | None, option("FILE", "With --mission: the fleet file that is flown.")
     ] = None,
     speedup: Annotated[
         float | None,
-        typer.Option(
-            metavar="FACTOR", min=0.1, max=100.0, help="With --mission: of the simulated swarm."
-        ),
+        option("FACTOR", "With --mission: of the simulated swarm.", min=0.1, max=100.0),
     ] = None,
     headless: Headless = False,
     json: Json = False,

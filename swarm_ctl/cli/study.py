@@ -5,85 +5,75 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from swarm_ctl.cli.console import PlainConsole
-from swarm_ctl.cli.options import Processes, Seed
+from swarm_ctl.cli.options import Processes, Seed, option
 from swarm_ctl.errors import InputError
 
 if TYPE_CHECKING:
     from swarm_ctl.study.parameter_space import Study
 
 
-def _list(help_text: str) -> Any:
-    return typer.Option(metavar="A,B,...", help=help_text)
-
-
-def _range(help_text: str) -> Any:
-    return typer.Option(metavar="X,LOW:HIGH,...", help=help_text)
-
-
-def _units(help_text: str) -> Any:
-    return typer.Option(metavar="UNITS", help=help_text)
+_A, _X, _U = "A,B,...", "X,LOW:HIGH,...", "UNITS"
 
 
 def study(
-    out: Annotated[
-        Path, typer.Option(metavar="FILE", help="The CSV file that rows are appended to.")
-    ] = Path("study.csv"),
-    missions: Annotated[int, typer.Option(min=1, help="Missions for each combination.")] = 1000,
+    out: Annotated[Path, option("FILE", "The CSV file for the rows.")] = Path("study.csv"),
+    missions: Annotated[int, option("NUMBER", "Missions for each combination.", min=1)] = 1000,
     seed: Seed = 1,
     processes: Processes = None,
-    n: Annotated[str, _list("Number of agents; 2:50 is every number from 2 to 50.")] = "6",
-    shape: Annotated[str, _list("ring, line, grid, vee, wedge.")] = "ring",
-    slots: Annotated[str, _list("How slots are assigned: given, random, nearest.")] = "nearest",
+    n: Annotated[str, option(_A, "Number of agents; 2:50 is every number from 2 to 50.")] = "6",
+    shape: Annotated[str, option(_A, "ring, line, grid, vee, wedge.")] = "ring",
+    slots: Annotated[
+        str, option(_A, "How slots are assigned: given, random, nearest.")
+    ] = "nearest",
     start: Annotated[
-        str, _list("Where agents start: random, ring, grid, table2, crossing, antipodal.")
+        str, option(_A, "Where agents start: random, ring, grid, table2, crossing, antipodal.")
     ] = "random",
     compensation: Annotated[
-        str, _list("What the law is fed with: stop_point, none (the position).")
+        str, option(_A, "What the law is fed with: stop_point, none (the position).")
     ] = "stop_point",
     vehicle: Annotated[
-        str, _list("ideal, lag (dead time and first-order lag), ardupilot, px4.")
+        str, option(_A, "ideal, lag (dead time and first-order lag), ardupilot, px4.")
     ] = "lag",
     safety: Annotated[
-        str, _list("off, filter, guard, release, align, exchange; each includes those before it.")
+        str,
+        option(_A, "off, filter, guard, release, align, exchange; each includes those before it."),
     ] = "align",
-    silent: Annotated[str, _range("Share of missions in which an agent dies.")] = "0",
-    h: Annotated[str, _range("The law's consensus gain h.")] = "0.05",
-    kappa: Annotated[str, _range("The law's iterations a second.")] = "20",
-    lag: Annotated[str, _range("Lag of the vehicle `lag`, in seconds.")] = "0.5",
-    dead_time: Annotated[str, _range("Dead time of the vehicle `lag`, in seconds.")] = "0.4",
-    delay: Annotated[str, _range("Age of a peer's state when it arrives, in seconds.")] = "0",
-    loss: Annotated[str, _range("Share of states that are lost.")] = "0",
-    wind: Annotated[str, _range("Wind in m/s; only the vehicles ardupilot and px4 feel it.")] = "0",
-    area: Annotated[
-        str, _range("Side of the square of random starts, in units; 0: chosen by n.")
+    silent: Annotated[str, option(_X, "Share of missions in which an agent dies.")] = "0",
+    h: Annotated[str, option(_X, "The law's consensus gain h.")] = "0.05",
+    kappa: Annotated[str, option(_X, "The law's iterations a second.")] = "20",
+    lag: Annotated[str, option(_X, "Lag of the vehicle `lag`, in seconds.")] = "0.5",
+    dead_time: Annotated[str, option(_X, "Dead time of the vehicle `lag`, in seconds.")] = "0.4",
+    delay: Annotated[str, option(_X, "Age of a peer's state when it arrives, in seconds.")] = "0",
+    loss: Annotated[str, option(_X, "Share of states that are lost.")] = "0",
+    wind: Annotated[
+        str, option(_X, "Wind in m/s; only the vehicles ardupilot and px4 feel it.")
     ] = "0",
-    spacing: Annotated[str, _range("Distance of adjacent slots, in units.")] = "2",
+    area: Annotated[
+        str, option(_X, "Side of the square of random starts, in units; 0: chosen by n.")
+    ] = "0",
+    spacing: Annotated[str, option(_X, "Distance of adjacent slots, in units.")] = "2",
     start_spacing: Annotated[
-        float, _units("Least distance of random starts; 0: twice --r-in.")
+        float, option(_U, "Least distance of random starts; 0: twice --r-in.")
     ] = 0.0,
-    r: Annotated[float, _units("Interaction range.")] = 4.5,
-    r_out: Annotated[float, _units("Outer radius.")] = 1.5,
-    r_in: Annotated[float, _units("Inner radius.")] = 0.5,
+    r: Annotated[float, option(_U, "Interaction range.")] = 4.5,
+    r_out: Annotated[float, option(_U, "Outer radius.")] = 1.5,
+    r_in: Annotated[float, option(_U, "Inner radius.")] = 0.5,
     limit: Annotated[
-        float, typer.Option(metavar="SECONDS", help="End a mission that has not formed by then.")
+        float, option("SECONDS", "End a mission that has not formed by then.")
     ] = 300.0,
-    tick: Annotated[float, typer.Option(metavar="SECONDS", help="Length of a tick.")] = 0.05,
+    tick: Annotated[float, option("SECONDS", "Length of a tick.")] = 0.05,
     by: Annotated[
-        str, _list("Make the table's rows by these options only.  [default: all that vary]")
+        str, option(_A, "Make the table's rows by these only.  [default: all that vary]")
     ] = "",
     row: Annotated[
-        int | None, typer.Option(min=0, help="Fly this row of --out again, alone.")
+        int | None, option("NUMBER", "Fly this row of --out again, alone.", min=0)
     ] = None,
     picture: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="With --row: draw it, as .gif (animated) or .png."),
+        Path | None, option("FILE", "With --row: draw it, as .gif (animated) or .png.")
     ] = None,
     mission: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="With --row: write it as a mission for `run`."),
+        Path | None, option("FILE", "With --row: write it as a mission for `run`.")
     ] = None,
 ) -> None:
     """Fly thousands of missions in one go, in numpy.

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
 from rich.table import Table
 
 from swarm_ctl.cli.console import PlainConsole
-from swarm_ctl.cli.options import FleetFile, MissionFile
+from swarm_ctl.cli.options import FleetFile, MissionFile, option, switch
 
 if TYPE_CHECKING:
     from swarm_ctl.mission.compile.forecast import StepForecast
@@ -21,11 +20,9 @@ def validate(
     mission: MissionFile,
     fleet: FleetFile = None,
     full: Annotated[
-        bool, typer.Option("--full", help="All agents and links, however many there are.")
+        bool, switch("--full", "All agents and links, however many there are.")
     ] = False,
-    plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw it into a .png, .svg or .pdf.")
-    ] = None,
+    plot: Annotated[Path | None, option("FILE", "Draw it into a .png, .svg or .pdf.")] = None,
 ) -> None:
     """Check a mission file and show what would be flown.
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import socket
 import tempfile
@@ -16,8 +17,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from swarm_ctl.core.identification.step_flight import StepFlight
-from swarm_ctl.core.model.plan import Fence, Geodetic, Response
+from swarm_ctl.core.identification.step_flight import StepFlight, Steps
+from swarm_ctl.core.model.plan import Fence, Geodetic, Limits, Response
+from swarm_ctl.core.model.text import ids_of
 from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.mission.compile.fleet import FleetAgent
@@ -31,6 +33,7 @@ from swarm_ctl.runtime.ticker import Ticker
 
 _START_WALL_S = 20.0
 _END_WALL_S = 5.0
+_SPEED_MPS = Limits().speed_mps
 SOMEWHERE = Geodetic(47.397742, 8.545594, 488.0)
 """Where a simulated vehicle stands that no mission gives a place."""
 
@@ -46,6 +49,41 @@ class Task:
     limit_mps: float = 20.0
     fence: Fence | None = None
     origin: Geodetic | None = None
+
+    def chosen(self, named: str) -> list[FleetAgent]:
+        """The vehicles that `3`, `1,2`, `1-4` or `all` name; '' is the only one there is.
+
+        InputError with the ids there are.
+        """
+        if named == "all" or (not named and len(self.vehicles) == 1):
+            return list(self.vehicles)
+        known = {vehicle.id: vehicle for vehicle in self.vehicles}
+        ids = ids_of(named, "--id")
+        missing = [i for i in ids if i not in known]
+        if not ids or missing:
+            wrong = f"--id {missing[0]} is not in the fleet" if missing else "--id is missing"
+            raise InputError(
+                f"{wrong}; allowed: {', '.join(map(str, known))}, several of them, or all"
+            )
+        return [known[i] for i in ids]
+
+    def steps(self, speed: float | None, height: float, box: float | None) -> Steps:
+        """What to fly, in m/s and metres; None: the fastest and the smallest there can be.
+
+        InputError for a speed over the limit, or a box that the steps leave.
+        """
+        fastest = min(_SPEED_MPS, self.limit_mps) if speed is None else speed
+        if fastest > self.limit_mps:
+            raise InputError(
+                f"--speed {fastest:g}: over the limit; allowed: up to {self.limit_mps:g} m/s"
+            )
+        least = Steps(fastest, height).least_box_m
+        if box is not None and box < least:
+            raise InputError(
+                f"--box {box:g}: steps of {fastest:g} m/s lead farther;"
+                f" allowed: {least:g} m and more"
+            )
+        return Steps(fastest, height, math.ceil(least) if box is None else box)
 
 
 def task_of(mission: Path | None, fleet: Path | None, *, dry_run: bool) -> Task:
