@@ -4,7 +4,6 @@ file."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -95,12 +94,15 @@ def measure(
             "--endpoint is a vehicle of no fleet; allowed: that, or a mission or --fleet with --id"
         )
     else:
-        typical = TYPICAL[autopilot.value]
-        task = Task((FleetAgent(sysid, sysid, autopilot.value, endpoint, None, typical),))
+        kind = autopilot.value
+        task = Task((FleetAgent(sysid, sysid, kind, endpoint, None, TYPICAL[kind]),))
     vehicles = task.chosen(agent_id)
     steps = task.steps(speed, height, box)
     ticker = Ticker(Clock.starting_now(speedup), task.tick_s)
-    told = partial(console.say, style="dim")
+
+    def told(text: str) -> None:
+        console.say(f"  {text}", style="dim")
+
     failed = False
     with Interrupts() as ctrl_c:
         for vehicle in vehicles:
@@ -113,7 +115,7 @@ def measure(
                 break
             measured = _result(console, vehicle, flight)
             failed |= measured is None
-            if measured is not None and task.file is not None and not dry_run:
+            if measured and task.file and not dry_run:
                 write_response(task.file, vehicle.id, measured)
                 console.say(f"  written into {task.file}")
             if not down:

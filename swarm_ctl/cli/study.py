@@ -97,35 +97,32 @@ def study(
 
     console = PlainConsole()
     if row is not None:
-        _again(out, row, picture, mission, console)
+        _rerun(out, row, picture, mission, console)
         return
-    varied = {
-        "n": _whole(n),
-        "shape": shape,
-        "slots": slots,
-        "start": start,
-        "compensation": compensation,
-        "vehicle": vehicle,
-        "safety": safety,
-        "h": h,
-        "kappa": kappa,
-        "lag_s": lag,
-        "dead_time_s": dead_time,
-        "delay_s": delay,
-        "loss": loss,
-        "wind_mps": wind,
-        "area": area,
-        "spacing": spacing,
-        "silent": silent,
-    }
     plan = _study(
-        varied,
         seed=seed,
         missions=missions,
         limit_s=limit,
         tick_s=tick,
         start_spacing=start_spacing,
         law={"r": r, "r_out": r_out, "r_in": r_in},
+        n=_whole(n),
+        shape=shape,
+        slots=slots,
+        start=start,
+        compensation=compensation,
+        vehicle=vehicle,
+        safety=safety,
+        h=h,
+        kappa=kappa,
+        lag_s=lag,
+        dead_time_s=dead_time,
+        delay_s=delay,
+        loss=loss,
+        wind_mps=wind,
+        area=area,
+        spacing=spacing,
+        silent=silent,
     )
     run_study(plan, out, processes, console)
     wide = console if console.is_terminal else PlainConsole(width=200)
@@ -133,14 +130,16 @@ def study(
     console.say(f"rows: {out}")
 
 
-def _study(varied: dict[str, str], **common: Any) -> Study:
+def _study(**given: Any) -> Study:
+    """The study of these fields; a text is a list."""
     from pydantic import ValidationError
 
     from swarm_ctl.study.parameter_space import Study
 
     try:
-        lists = {name: text.split(",") for name, text in varied.items()}
-        return Study.model_validate(common | lists)
+        return Study.model_validate(
+            {k: v.split(",") if isinstance(v, str) else v for k, v in given.items()}
+        )
     except ValidationError as error:
         found = error.errors(include_url=False)[0]
         where = found["loc"][0] if found["loc"] else "study"
@@ -152,9 +151,7 @@ def _whole(text: str) -> str:
     try:
         spans = [[int(end) for end in part.split(":")] for part in text.split(",")]
     except ValueError:
-        raise InputError(
-            f"n: {text!r} is no list of numbers; allowed: 6 or 4,6,9 or 2:50"
-        ) from None
+        raise InputError(f"n: {text!r} is no list; allowed: 6 or 4,6,9 or 2:50") from None
     return ",".join(str(k) for span in spans for k in range(span[0], span[-1] + 1))
 
 
@@ -167,7 +164,7 @@ def _by(text: str, study: Study) -> tuple[str, ...]:
     return names
 
 
-def _again(
+def _rerun(
     out: Path, row: int, picture: Path | None, mission: Path | None, console: PlainConsole
 ) -> None:
     from swarm_ctl.study.rerun import rerun, write_mission
