@@ -59,7 +59,7 @@ def shape_error_m(swarm: VirtualSwarm, step: int, live: tuple[int, ...] = (1, 2,
     slots = formation.offsets
     unit = swarm.plan.unit_m
     planned = {
-        i: slots[member.agent._context.slot_exchange.deal.role]
+        i: slots[member.agent._context.slot_exchange.exchange.role]
         for i, member in swarm.members.items()
     }
     return float(

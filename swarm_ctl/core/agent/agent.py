@@ -320,7 +320,7 @@ class Agent:
             self._executor.override,
             gain_update.tag,
             gain_update.decided,
-            context.slot_exchange.deal,
+            context.slot_exchange.exchange,
         )
 
     def _publish_slow(self, tick: Tick, inbox: Inbox, actions: Actions) -> None:

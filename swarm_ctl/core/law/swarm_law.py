@@ -1,8 +1,8 @@
 """The law (26) for many whole swarms at once, laid out for speed: missions on the last axis,
 contiguous in memory.
 
-It gives each agent what `formation_law.evaluate` gives it (`gains`, `separate` and `adapt_sigma` are
-shared; a test holds the sums together), but the sum over the neighbours is one product with a
+It gives each agent what `formation_law.evaluate` gives it (`gains`, `separate` and `adapt_sigma`
+are shared; a test holds the sums together), but the sum over the neighbours is one product with a
 matrix of links, and each distance serves both agents of a pair. Points are (2, n, m): component,
 agent, mission. Lengths in units.
 
@@ -101,7 +101,7 @@ class SwarmLaw:
 
     Args:
         slots: z (2, n, m).
-        links: j in N_i (n, n, m), symmetric, false on the diagonal.
+        links: i follows j (n, n, m), false on the diagonal; symmetric for `step`.
         h: (m,), each mission's consensus gain.
         law: all but `h`.
     """
@@ -130,10 +130,6 @@ class SwarmLaw:
         return SwarmLaw(
             self.slots[..., missions], self.links[..., missions], self.h[missions], self.law
         )
-
-    def unlinked(self, gone: Bools) -> SwarmLaw:
-        """The same without the links of the agents `gone` (n, m)."""
-        return SwarmLaw(self.slots, self.links & ~gone & ~gone[:, None], self.h, self.law)
 
     def step(self, points: Floats) -> tuple[Floats, NearPairs | None]:
         """One iteration of (26) where all agents know all `points` (2, n, m): u (2, n, m) [units]

@@ -104,10 +104,10 @@ class ExchangeProtocol:
         """Of locks. Any order will do that does not follow the ids: else whole rows would wait for
         one another."""
         shape = (len(own), slots.shape[-1])
-        self.deals = ExchangeStates.none(np.broadcast_to(self._own, shape))
+        self.states = ExchangeStates.none(np.broadcast_to(self._own, shape))
         self._since, self._quiet = np.zeros(shape), np.full(shape, -np.inf)
         self._partner = np.full(shape, _NONE)
-        """The agent whose offer is considered, since `_since`; an own offer stands since then, too."""
+        """The agent whose offer is considered since `_since`; an own offer stands since then."""
         self._twins = np.full(shape, np.inf)
         self.count = np.zeros(shape, dtype=np.int64)
         """Exchanges so far."""
@@ -116,7 +116,7 @@ class ExchangeProtocol:
         """Go on with some of the missions."""
         names = ("slots", "links", "_since", "_quiet", "_partner", "_twins", "count")
         keep_missions(self, missions, *names)
-        keep_missions(self.deals, missions, *(f.name for f in fields(ExchangeStates)))
+        keep_missions(self.states, missions, *(f.name for f in fields(ExchangeStates)))
 
     def step(
         self,
@@ -142,7 +142,7 @@ class ExchangeProtocol:
                 they have begun.
         """
         fresh_for_new = fresh if new is None else fresh & new[:, None]
-        before = self.deals.role.copy()
+        before = self.states.role.copy()
         self._complete(now, told)
         settled = self._settled(told, age_s) & (now >= self._quiet)
         self._repair(now, told, fresh, settled)
@@ -150,18 +150,18 @@ class ExchangeProtocol:
         gain = self._gain(apart, told)
         lowest = self._lowest_lock(told, fresh)
         self._mind_own_offer(now, told, fresh_for_new, gain, lowest)
-        free = settled & (self.deals.offer_to < 0) & (now >= self._quiet)
+        free = settled & (self.states.offer_to < 0) & (now >= self._quiet)
         self._consider(now, told, fresh_for_new, gain, free, lowest)
         near = fresh_for_new & ((apart**2).sum(axis=0) <= self._r**2)
         self._propose(now, told, near, gain, free & (self._partner < 0), lowest)
-        changed: Bools = self.deals.role != before
+        changed: Bools = self.states.role != before
         self.count += changed
         return changed
 
     def _complete(self, now: float, told: ExchangeStates) -> None:
         """3: another agent has taken the own role."""
         mine = (told.answer_to == self._own[..., None]) & (
-            told.answer_version == self.deals.version[:, None]
+            told.answer_version == self.states.version[:, None]
         )
         answered = mine.any(axis=1)
         if answered.any():
@@ -172,15 +172,15 @@ class ExchangeProtocol:
 
     def _settled(self, told: ExchangeStates, age_s: Floats) -> Bools:
         """No agent needs the own last answer any more."""
-        to = self.deals.answer_to
-        moved_on = _of(told.version, to) != self.deals.answer_version
+        to = self.states.answer_to
+        moved_on = _of(told.version, to) != self.states.answer_version
         settled: Bools = (to < 0) | moved_on | (_of(age_s, to) > GONE_S)
         return settled
 
     def _repair(self, now: float, told: ExchangeStates, fresh: Bools, settled: Bools) -> None:
         """The higher id of two with one role takes a role that is free."""
         lower = np.arange(told.role.shape[1])[:, None] < self._own[:, None]
-        twin = ((told.role == self.deals.role[:, None]) & fresh & lower).any(axis=1) & settled
+        twin = ((told.role == self.states.role[:, None]) & fresh & lower).any(axis=1) & settled
         self._twins = np.where(twin, np.minimum(self._twins, now), np.inf)
         stuck = now - self._twins >= _TWINS_S
         if not stuck.any():
@@ -191,7 +191,7 @@ class ExchangeProtocol:
         np.put_along_axis(
             others,
             np.broadcast_to(self._own, stuck.shape)[:, None],
-            self.deals.role[:, None],
+            self.states.role[:, None],
             axis=1,
         )
         held = (others[:, :, None] == roles[:, None]).any(axis=1)
@@ -201,7 +201,7 @@ class ExchangeProtocol:
 
     def _gain(self, apart: Floats, told: ExchangeStates) -> Floats:
         """(s_i - s_j) . (z_i - z_j), (a, n, m)."""
-        z = self.slots_of(self.deals.role)[:, :, None] - self.slots_of(told.role)
+        z = self.slots_of(self.states.role)[:, :, None] - self.slots_of(told.role)
         gain: Floats = (apart * z).sum(axis=0)
         return gain
 
@@ -215,7 +215,7 @@ class ExchangeProtocol:
         none."""
         n = told.role.shape[1]
         linked = self.links[self._own[:, 0]] & fresh
-        partner = np.where(self.deals.offer_to >= 0, self.deals.offer_to, self._partner)
+        partner = np.where(self.states.offer_to >= 0, self.states.offer_to, self._partner)
         linked &= np.arange(n)[:, None] != partner[:, None]
         # place -1, no lock, picks the appended n
         rank = np.append(self._rank, n)[np.where(linked, told.lock, _NONE)]
@@ -226,13 +226,13 @@ class ExchangeProtocol:
         self, now: float, told: ExchangeStates, fresh: Bools, gain: Floats, lowest: Ints
     ) -> None:
         """Withdraw the own offer where it no longer holds."""
-        to = self.deals.offer_to
+        to = self.states.offer_to
         offering = to >= 0
         if not offering.any():
             return
         good = (_of(gain, to) < 0.5 * _WORTH) & _of(fresh, to) & (now - self._since <= _OFFER_S)
         good &= (
-            (_of(told.version, to) == self.deals.offer_version)
+            (_of(told.version, to) == self.states.offer_version)
             & (lowest >= self._rank[self._own])
             & self._legal(to, told)
         )
@@ -256,7 +256,7 @@ class ExchangeProtocol:
         offers = (
             fresh
             & (told.offer_to == self._own[:, None])
-            & (told.offer_version == self.deals.version[:, None])
+            & (told.offer_version == self.states.version[:, None])
         )
         offers &= (gain < _WORTH) & free[:, None]
         partner = np.where(offers.any(axis=1), offers.argmax(axis=1), _NONE)
@@ -266,14 +266,14 @@ class ExchangeProtocol:
             )
         self._since = np.where((partner >= 0) & (partner != self._partner), now, self._since)
         self._partner = partner
-        offering = self.deals.offer_to >= 0
-        self.deals.lock = np.where(offering, self._own, partner)
+        offering = self.states.offer_to >= 0
+        self.states.lock = np.where(offering, self._own, partner)
         due = (partner >= 0) & (now - self._since >= _WAIT_S)
         if due.any():
-            deals, version = self.deals, _of(told.version, partner)
-            deals.answer_to = np.where(due, partner, deals.answer_to)
-            deals.answer_version = np.where(due, version, deals.answer_version)
-            deals.answer_role = np.where(due, deals.role, deals.answer_role)
+            states, version = self.states, _of(told.version, partner)
+            states.answer_to = np.where(due, partner, states.answer_to)
+            states.answer_version = np.where(due, version, states.answer_version)
+            states.answer_role = np.where(due, states.role, states.answer_role)
             self._take(due, _of(told.role, partner))
             self._end(due)
 
@@ -290,10 +290,10 @@ class ExchangeProtocol:
                 return
             best = np.where(open_, gain, np.inf).argmin(axis=1)
             legal = wants & self._legal(np.where(wants, best, _NONE), told)
-            deals = self.deals
-            deals.offer_to = np.where(legal, best, deals.offer_to)
-            deals.offer_version = np.where(legal, _of(told.version, best), deals.offer_version)
-            deals.lock = np.where(legal, self._own, deals.lock)
+            states = self.states
+            states.offer_to = np.where(legal, best, states.offer_to)
+            states.offer_version = np.where(legal, _of(told.version, best), states.offer_version)
+            states.lock = np.where(legal, self._own, states.lock)
             self._since = np.where(legal, now, self._since)
             open_ = open_ & ~legal[:, None]
             np.put_along_axis(open_, best[:, None], np.zeros_like(open_[:, :1]), axis=1)
@@ -308,7 +308,7 @@ class ExchangeProtocol:
         # K candidates: roles as heard, before and after the exchange (K, n)
         one, other, k = self._own[at, 0], partner[at, mission], np.arange(len(at))
         roles = told.role[at, :, mission]
-        roles[k, one] = self.deals.role[at, mission]
+        roles[k, one] = self.states.role[at, mission]
         links = np.moveaxis(self.links[..., mission], -1, 0)
         now = self._fitting(roles, mission) & links
         roles[k, one], roles[k, other] = roles[k, other], roles[k, one]
@@ -328,13 +328,13 @@ class ExchangeProtocol:
         return fits
 
     def _take(self, agents: Bools, role: Ints) -> None:
-        self.deals.role = np.where(agents, role, self.deals.role)
-        self.deals.version = self.deals.version + agents
+        self.states.role = np.where(agents, role, self.states.role)
+        self.states.version = self.states.version + agents
 
     def _end(self, agents: Bools) -> None:
         """No offer, no consideration, no lock."""
         for name in ("offer_to", "offer_version", "lock"):
-            setattr(self.deals, name, np.where(agents, _NONE, getattr(self.deals, name)))
+            setattr(self.states, name, np.where(agents, _NONE, getattr(self.states, name)))
         self._partner = np.where(agents, _NONE, self._partner)
 
 

@@ -1,11 +1,11 @@
-"""One agent's part in slot exchange (`core/swarm/exchange_protocol.py`): who flies to which slot,
-and the own offers and answers.
+"""One agent's part in slot exchange (`core/swarm/exchange_protocol.py`): which agent flies to which
+slot, and the own offers and answers.
 
 A *role* is a place in the plan's list of agents: role k flies to the k-th slot of each mission
-step. Everybody begins with his own; an exchange swaps two, for this step and all that follow. New
-deals are made only in form steps that allow them, and by agents that are not done; what was begun
-is brought to its end in any step that flies a formation. An operator's shape gives everybody his
-own slot of it and knows no roles.
+step. Each agent begins with its own; an exchange swaps two, for this step and all that follow. New
+exchanges begin only in form steps that allow them, and only between agents that are not done; an
+exchange that has begun is brought to its end in any step that flies a formation. An operator's
+shape gives each agent its own slot of it and knows no roles.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Links: TypeAlias = Mapping[int, tuple[int, ...]]
 
 
 class SlotExchange:
-    """Knows the roles as they are heard, and deals for one agent. Call `hear` and `look` every
+    """Knows the roles as they are heard, and exchanges for one agent. Call `hear` and `look` every
     tick."""
 
     def __init__(self, plan: Plan, own_id: int, peers: Peers) -> None:
@@ -36,35 +36,34 @@ class SlotExchange:
         self._ids = tuple(agent.id for agent in plan.agents)
         self._own, self._place = own_id, self._ids.index(own_id)
         self._peers = peers
-        self._exchange: ExchangeProtocol | None = None
+        self._protocol: ExchangeProtocol | None = None
         self._links: Links = {}
         self._heard_of: list[ExchangeState | None] = []
         self._due_s = 0.0
-        self.deal = ExchangeState(role=self._place)
-        """What the own state tells."""
+        self.exchange = ExchangeState(role=self._place)
+        """What the own agent tells in its state."""
         self.roles: Mapping[int, int] = {agent: place for place, agent in enumerate(self._ids)}
-        """By agent, as heard; a new object whenever somebody's changes."""
+        """By agent, as heard; a new object whenever a role changes."""
         self.taken: list[tuple[float, int]] = []
         """(since [s], role), for every role but the first."""
 
     def hear(self) -> None:
         """Take in what is told now."""
         told = [
-            self.deal,
+            self.exchange,
             *(peer.state.exchange if peer.state is not None else None for peer in self._peers),
         ]
         if told == self._heard_of:
             return
         self._heard_of = told
         roles = {peer.id: self._told(peer.id).role for peer in self._peers} | {
-            self._own: self.deal.role
+            self._own: self.exchange.role
         }
         if roles != self.roles:
             self.roles = roles
 
     def in_roles(self, neighbours: Sequence[tuple[int, ...]]) -> tuple[tuple[int, ...], ...]:
-        """A graph that a step brings, by id in the plan's order, as it is with the roles as they
-        are."""
+        """A step's graph by role as a graph by agent; both by id, in the plan's order."""
         holders = self._holders()
         found: list[tuple[int, ...]] = [()] * len(self._ids)
         for role, near in enumerate(neighbours):
@@ -74,12 +73,12 @@ class SlotExchange:
         return tuple(found)
 
     def begin(self, slots: Sequence[Point]) -> None:
-        """A form step begins: its slots by role [units]. What is going on goes on."""
+        """A form step begins: its slots by role [units]. An exchange under way goes on."""
         z = np.array(slots, dtype=np.float64).T[:, :, None]
-        nobody = np.zeros((len(self._ids), len(self._ids), 1), dtype=np.bool_)
-        self._exchange = ExchangeProtocol(np.array([self._place]), z, nobody, self._r)
-        self._exchange.deals = ExchangeStates(
-            *(np.array([[getattr(self.deal, name)]]) for name in _FIELDS)
+        unlinked = np.zeros((len(self._ids), len(self._ids), 1), dtype=np.bool_)
+        self._protocol = ExchangeProtocol(np.array([self._place]), z, unlinked, self._r)
+        self._protocol.states = ExchangeStates(
+            *(np.array([[getattr(self.exchange, name)]]) for name in _FIELDS)
         )
         self._links = {}
 
@@ -88,73 +87,74 @@ class SlotExchange:
         never told."""
         held = {self._told(peer.id).role for peer in self._peers if peer.state is not None}
         free = [role for role in range(len(self._ids)) if role not in held]
-        role = self.deal.role if self.deal.role in free or not free else free[0]
-        self.deal = ExchangeState(role=role, version=1 + int(now) % 0x4000)
+        role = self.exchange.role if self.exchange.role in free or not free else free[0]
+        self.exchange = ExchangeState(role=role, version=1 + int(now) % 0x4000)
         if role != self._place:
             self.taken.append((now, role))
         self.hear()
 
     def settled(self, now: float) -> bool:
-        """Nobody who is heard waits for a word of ours, nor we for anybody's."""
-        deal = self.deal
-        if deal.offer_to >= 0 or deal.lock >= 0:
+        """No agent that is heard waits for an answer of ours, nor we for one of theirs."""
+        own = self.exchange
+        if own.offer_to >= 0 or own.lock >= 0:
             return False
-        if deal.answer_to < 0:
+        if own.answer_to < 0:
             return True
-        to = self._ids[deal.answer_to]
-        return self._told(to).version != deal.answer_version or self._peers.age(to, now) > GONE_S
+        to = self._ids[own.answer_to]
+        return self._told(to).version != own.answer_version or self._peers.age(to, now) > GONE_S
 
     def look(
         self, now: float, own_m: Point, flying: tuple[int, int], links: Links, *, new: bool
     ) -> int | None:
-        """Take part, if it is time. Whose slot is ours from now on, where that changes; None: as
-        before.
+        """Take part, if it is time. The agent whose slot becomes ours; None where ours stays.
 
         Args:
             now: mission time [s].
             own_m: own stop point.
-            flying: the own (step, command): with others nothing is dealt.
-            links: N_i of everybody by id.
+            flying: the own (step, override); agents that fly another one take no part.
+            links: N_i of every agent by id.
             new: offers may be made and taken.
         """
-        exchange = self._exchange
-        if exchange is None or now < self._due_s:
+        protocol = self._protocol
+        if protocol is None or now < self._due_s:
             return None
         self._due_s = now + EVERY_S
         if links is not self._links:
             self._links = links
-            exchange.links = np.array(
+            protocol.links = np.array(
                 [[j in links.get(i, ()) for j in self._ids] for i in self._ids]
             )[..., None]
-        before = self.deal.role
+        before = self.exchange.role
         points, told, age_s, fresh = self._heard(now, flying)
         own = np.array(own_m)[:, None, None] / self._unit_m
-        changed = exchange.step(now, own, points, told, age_s, fresh, np.array([[new]]))
-        self.deal = ExchangeState(*(int(getattr(exchange.deals, name)[0, 0]) for name in _FIELDS))
+        changed = protocol.step(now, own, points, told, age_s, fresh, np.array([[new]]))
+        self.exchange = ExchangeState(
+            *(int(getattr(protocol.states, name)[0, 0]) for name in _FIELDS)
+        )
         if not changed.any():
             return None
-        # who takes an offer takes the role of somebody who has it still; who is answered, of one
-        # who has his already
+        # An agent that takes an offer takes a role that its partner still has; an agent that is
+        # answered takes the role of a partner that already has ours.
         of = (
             i
-            for role in (self.deal.role, before)
+            for role in (self.exchange.role, before)
             for i, told in self.roles.items()
             if told == role and i != self._own
         )
         partner = next(of, self._own)
-        self.taken.append((now, self.deal.role))
+        self.taken.append((now, self.exchange.role))
         self.hear()
         return partner
 
     def _heard(
         self, now: float, flying: tuple[int, int]
     ) -> tuple[np.ndarray, ExchangeStates, np.ndarray, np.ndarray]:
-        """Points (2, 1, n, 1) [units], deals, ages and who counts (1, n, 1), all in the plan's
-        order."""
+        """Points (2, 1, n, 1) [units], what was said, its age and whether it counts (1, n, 1), all in
+        the plan's order."""
         n = len(self._ids)
         points, age_s = np.zeros((2, 1, n, 1)), np.full((1, n, 1), _UNHEARD_S)
         fresh = np.zeros((1, n, 1), dtype=np.bool_)
-        deals = [self._told(i) if i != self._own else self.deal for i in self._ids]
+        said = [self._told(i) if i != self._own else self.exchange for i in self._ids]
         for place, i in enumerate(self._ids):
             state = self._peers.state(i) if i != self._own else None
             if state is None:
@@ -167,26 +167,26 @@ class SlotExchange:
             age_s[0, place] = age
             same = (state.step, state.override) == flying and state.phase is Phase.FLY
             fresh[0, place] = same and age <= FRESH_S
-        told = ExchangeStates(
-            *(np.array([getattr(deal, name) for deal in deals])[None, :, None] for name in _FIELDS)
-        )
+        fields = ([getattr(state, name) for state in said] for name in _FIELDS)
+        told = ExchangeStates(*(np.array(field)[None, :, None] for field in fields))
         return points, told, age_s, fresh
 
     def _told(self, agent: int) -> ExchangeState:
-        """The newest deal of somebody; his own role, where nothing that makes sense was heard."""
+        """What an agent said last; that it has its own role, where nothing that makes sense was
+        heard."""
         state = self._peers.state(agent)
         n = len(self._ids)
         if state is None:
             return ExchangeState(role=self._ids.index(agent))
-        deal = state.exchange
-        places = (deal.lock, deal.offer_to, deal.answer_to, deal.answer_role)
-        if not 0 <= deal.role < n or not all(-1 <= place < n for place in places):
+        said = state.exchange
+        places = (said.lock, said.offer_to, said.answer_to, said.answer_role)
+        if not 0 <= said.role < n or not all(-1 <= place < n for place in places):
             return ExchangeState(role=self._ids.index(agent))
-        return deal
+        return said
 
     def _holders(self) -> list[int]:
-        """Who has each role; where two have one for a moment, the lower id, and the others fill
-        what is left."""
+        """The agent with each role. Where two have one for a moment it is the lower id's, and the
+        others fill what is left."""
         holders: list[int | None] = [None] * len(self._ids)
         spare = []
         for i in self._ids:

@@ -128,6 +128,7 @@ class _BatchFlight:
         self._place = np.arange(m)
         self._flying = np.ones(m, dtype=np.bool_)
         self._law = SwarmLaw(batch.slots, batch.links, batch.h, cell.law)
+        self._neighbours, self._h = batch.links, batch.h
         self._motion: BatchMotion = motion_of(batch)
         self._seen = batch.starts
         """Positions at the last step."""
@@ -199,8 +200,7 @@ class _BatchFlight:
             u, near = self._law.step(points)
             return u * self._kappa, near
         heard = self._heard(tick, points)
-        if self._silent:
-            self._unlink(tick)
+        self._follow(heard)
         if self._exchange is not None and self._exchange.look(tick, points, heard, live):
             self._slots, self._told_slots = self._exchange.slots, self._exchange.told_slots
             self._links, self._fits = None, self._fitting()
@@ -216,7 +216,7 @@ class _BatchFlight:
             consensus = consensus + self._aligned(points, at, peers.heard.fresh)
         if self._links is None:
             told = complex_of(self._told_slots)
-            self._links = BatchLinks(self._law.links, complex_of(self._slots), told)
+            self._links = BatchLinks(self._neighbours, complex_of(self._slots), told)
         flown = self._filter.velocity(consensus, avoidance, peers, self._links)
         self._flown += np.count_nonzero(live, axis=0)
         self._touched += np.count_nonzero(self._filter.touched & live, axis=0)
@@ -239,11 +239,11 @@ class _BatchFlight:
         own = complex_of(points) - complex_of(self._slots)
         return mean_error_feedback.pull(own, errors, counted, axis=1)
 
-    def _unlink(self, tick: int) -> None:
-        """No agent follows an agent that has not been heard for `NEIGHBOUR_S`."""
-        gone = self._silent_from + round(NEIGHBOUR_S / self._cell.tick_s) == tick
-        if gone.any():
-            self._law, self._links = self._law.unlinked(gone), None
+    def _follow(self, heard: Heard) -> None:
+        """Agents follow the neighbours that they have heard within `NEIGHBOUR_S`."""
+        followed = self._neighbours & (heard.age_s <= NEIGHBOUR_S)
+        if (followed != self._law.links).any():
+            self._law = SwarmLaw(self._law.slots, followed, self._h, self._cell.law)
 
     def _without_the_silent(self, tick: int, wish: Floats, live: Bools) -> Floats:
         """Vehicles of silent agents go on with the last command, then stop."""
@@ -343,9 +343,9 @@ class _BatchFlight:
 
 
 _BY_MISSION: Final = (
-    *("_place", "_kappa", "_silent_from", "_slots", "_told_slots", "_linked", "_fits", "_held"),
-    *("_nearest", "_nearest_silent", "_farthest", "_farthest_kept", "_statuses", "_small_gap"),
-    *("_parted", "_since", "_moved_s", "_flown", "_touched", "_yielded"),
+    *("_place", "_kappa", "_h", "_neighbours", "_silent_from", "_slots", "_told_slots", "_linked"),
+    *("_fits", "_held", "_nearest", "_nearest_silent", "_farthest", "_farthest_kept", "_statuses"),
+    *("_small_gap", "_parted", "_since", "_moved_s", "_flown", "_touched", "_yielded"),
 )
 
 

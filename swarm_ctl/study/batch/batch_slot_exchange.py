@@ -49,7 +49,7 @@ class BatchSlotExchange:
         look, between = divmod(tick, self._every)
         if between:
             return False
-        states = self._exchange.deals
+        states = self._exchange.states
         told = self._told(look, tick, heard)
         n, m = states.role.shape
         wide = (n, n, m)
@@ -67,14 +67,14 @@ class BatchSlotExchange:
         return True
 
     def _said(self) -> Ints:
-        return np.stack([getattr(self._exchange.deals, name) for name in _FIELDS])
+        return np.stack([getattr(self._exchange.states, name) for name in _FIELDS])
 
     def _told(self, look: int, tick: int, heard: Heard) -> ExchangeStates:
         """What each receiver knows of each sender's exchanges, by the age of the news; (n, n, m)
         each."""
-        n, m = self._exchange.deals.role.shape
+        n, m = self._exchange.states.role.shape
         sent = tick - np.rint(heard.age_s / self._tick_s).astype(np.intp)
         # what is sent in a tick was decided at a look before it
-        at = np.clip((sent - 1) // self._every, max(0, look - _KEPT + 1), None) % _KEPT
+        at = np.clip((sent - 1) // self._every, look - _KEPT + 1, None) % _KEPT
         told = self._history[at, :, np.arange(n)[:, None], np.arange(m)]
         return ExchangeStates(*np.broadcast_to(np.moveaxis(told, -1, 0), (len(_FIELDS), n, n, m)))

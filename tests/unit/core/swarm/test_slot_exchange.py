@@ -76,11 +76,11 @@ class Swarm:
         place = (self.at[i].real, self.at[i].imag)
         return AgentState(
             i, self.seq, self.now, 0, Phase.FLY, 2, False, True, (*place, -8.0), (0.0, 0.0, 0.0), place, (0.0, 0.0),
-            exchange=self.dealers[i].deal,
+            exchange=self.dealers[i].exchange,
         )  # fmt: skip
 
     def move(self) -> None:
-        errors = {i: self.at[i] - complex(*self.slots[self.dealers[i].deal.role]) for i in IDS}
+        errors = {i: self.at[i] - complex(*self.slots[self.dealers[i].exchange.role]) for i in IDS}
         mean = sum(errors.values()) / len(errors)
         for i, error in errors.items():
             way = mean - error
@@ -93,7 +93,7 @@ class Swarm:
 
     @property
     def roles(self) -> list[int]:
-        return [self.dealers[i].deal.role for i in IDS]
+        return [self.dealers[i].exchange.role for i in IDS]
 
 
 def row() -> dict[int, complex]:
@@ -162,8 +162,8 @@ def test_a_restarted_agent_takes_the_role_that_is_free() -> None:
     swarm.run(20)
     fresh = SlotExchange(PLAN, IDS[1], swarm.peers[IDS[1]])
     fresh.rejoin(100.0)
-    assert fresh.deal.role == 2
-    assert fresh.deal.version > swarm.dealers[IDS[1]].deal.version
+    assert fresh.exchange.role == 2
+    assert fresh.exchange.version > swarm.dealers[IDS[1]].exchange.version
     assert fresh.taken == [(100.0, 2)]
 
 

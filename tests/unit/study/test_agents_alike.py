@@ -1,0 +1,196 @@
+"""A study flies what agents fly: the same setpoints and the same slot exchanges, tick by tick."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from swarm_ctl.core.control.controller import Controller
+from swarm_ctl.core.model.messages import AgentState, ExchangeState, Phase
+from swarm_ctl.core.model.plan import Plan, Point, Safety
+from swarm_ctl.core.model.timeouts import FRESH_S, NEIGHBOUR_S
+from swarm_ctl.core.swarm.exchange_protocol import ExchangeStates
+from swarm_ctl.core.swarm.slot_exchange import SlotExchange
+from swarm_ctl.core.swarm.snapshot import Formation, OtherAircraft, PeerSnapshot
+from swarm_ctl.mission.compile.loader import load
+from swarm_ctl.study.batch.batch import Batch, blocks, draw
+from swarm_ctl.study.batch.batch_flight import _BatchFlight
+from swarm_ctl.study.batch.batch_slot_exchange import BatchSlotExchange
+from swarm_ctl.study.batch.lossy_channel import Heard, LossyChannel
+from swarm_ctl.study.parameter_space import Range, Study, value
+
+HEXAGON: Plan = load(Path(__file__).parents[3] / "missions" / "hexagon.yaml").plan
+IDS = [agent.id for agent in HEXAGON.agents]
+N, MISSIONS = len(IDS), 3
+LATE: dict[str, Any] = {
+    "missions": MISSIONS,
+    "unit_m": 1.0,
+    "speed_mps": 1.0,
+    "acceleration_mps2": 0.6,
+    "h": value(0.2),
+    "delay_s": (Range(low=0.05, high=0.3),),
+    "loss": (Range(low=0.0, high=0.4),),
+    "silent": value(0.5),
+}
+"""A metre a unit: tolerances of the quadratic program are absolute."""
+
+
+def missions(**settings_: Any) -> Batch:
+    """A small study; agents die soon."""
+    ((cell, first, count),) = blocks(Study.model_validate(LATE | settings_))
+    batch = draw(cell, first, count)
+    return replace(batch, silent_s=batch.silent_s / 4)
+
+
+def peer(i: int, heard: Heard, receiver: int, k: int) -> OtherAircraft:
+    """What agent `receiver` of mission k knows of agent i."""
+    row = receiver if heard.points.shape[1] > 1 else 0
+    at, setpoint = heard.points[:, row, i, k], heard.velocity[:, row, i, k]
+    age_s = float(heard.age_s[row, i, k])
+    state = state_of(i, at, setpoint)
+    fresh, formation = age_s <= FRESH_S, (1, 0) if age_s <= FRESH_S else None
+    followed = age_s <= NEIGHBOUR_S
+    return OtherAircraft(
+        *(IDS[i], state, complex(*at), complex(*at), complex(*setpoint), age_s, age_s),
+        *(fresh, followed, fresh, formation),
+    )
+
+
+def state_of(i: int, at: Any, setpoint: Any, exchange: ExchangeState | None = None) -> AgentState:
+    place, told = (float(at[0]), float(at[1])), (float(setpoint[0]), float(setpoint[1]))
+    return AgentState(
+        *(IDS[i], 0, 0.0, 0, Phase.FLY, 1, False, True, (*place, -8.0), (0.0, 0.0, 0.0)),
+        *(place, told),
+        exchange=exchange or ExchangeState(role=i),
+    )
+
+
+def formation(flight: _BatchFlight, i: int, k: int) -> Formation:
+    """As agent i hears of it; the same object for as long as the slots last."""
+    told = flight._told_slots[:, min(i, flight._told_slots.shape[1] - 1), :, k]
+    slots: dict[int, Point] = {IDS[j]: (told[0, j], told[1, j]) for j in range(N)}
+    slots[IDS[i]] = (flight._slots[0, i, k], flight._slots[1, i, k])
+    near = frozenset(IDS[j] for j in np.flatnonzero(flight._neighbours[i, :, k]))
+    return Formation(slots, near, 0j, (1, 0))
+
+
+@pytest.mark.parametrize(
+    ("start", "slots", "safety", "seed"),
+    [
+        ("crossing", "given", "align", 1),
+        ("antipodal", "given", "release", 3),
+        ("random", "random", "exchange", 2),
+    ],
+)
+def test_a_study_commands_what_agents_command(
+    start: str, slots: str, safety: str, seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Law, average, swirl, release, filter: to 1e-9, with late and lost news and silent agents."""
+    batch = missions(n=(N,), start=(start,), slots=(slots,), safety=(safety,), seed=seed)
+    cell, flight, heard = batch.cell, _BatchFlight(batch), list[Heard]()
+    assert flight._channel is not None
+    inner = flight._channel.exchange
+
+    def overheard(*sent: Any) -> Heard:
+        heard.append(inner(*sent))
+        return heard[-1]
+
+    monkeypatch.setattr(flight._channel, "exchange", overheard)
+    plan = replace(
+        HEXAGON,
+        unit_m=1.0,
+        law=replace(cell.law, h=0.2),
+        kappa=20.0,
+        safety=Safety(align=cell.has("align")),
+        limits=replace(HEXAGON.limits, speed_mps=cell.speed_mps),
+    )
+    agents = {
+        (i, k): Controller(plan, IDS[i], cell.model) for i in range(N) for k in range(MISSIONS)
+    }
+    formations: dict[tuple[int, int], Formation] = {}
+    for tick in range(160):
+        points, live, told = flight._motion.points(), tick < flight._silent_from, flight._told_slots
+        wish, _ = flight._wish(tick, points, live)
+        if not formations or told is not flight._told_slots:
+            formations = {(i, k): formation(flight, i, k) for i, k in agents}
+        for (i, k), agent in agents.items():
+            if not live[i, k]:
+                continue
+            agent.stop_point_m = agent.point_m = (points[0, i, k], points[1, i, k])
+            others = tuple(peer(j, heard[-1], i, k) for j in range(N) if j != i)
+            flown = agent.form(PeerSnapshot(0.0, others), formations[i, k])
+            assert flown == pytest.approx(tuple(wish[:, i, k]), abs=1e-9)
+        flight._motion.move(flight._without_the_silent(tick, wish, live))
+    assert flight._touched.sum() > 100
+
+
+class _Told:
+    """What one agent has heard; stands in for `Peers`, with clocks that are known exactly."""
+
+    def __init__(self, own: int) -> None:
+        self.own, self.known = own, dict[int, tuple[AgentState, float]]()
+
+    def __iter__(self) -> Any:
+        others = (i for i in IDS if i != self.own)
+        return iter([SimpleNamespace(id=i, state=self.state(i)) for i in others])
+
+    def state(self, agent: int) -> AgentState | None:
+        return self.known[agent][0] if agent in self.known else None
+
+    def age(self, agent: int, now: float) -> float:
+        del now
+        return self.known[agent][1]
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.integers(0, 1000))
+def test_a_study_exchanges_what_agents_exchange(seed: int) -> None:
+    """Offers, locks, answers and roles are the same after every look, whatever is late, lost or
+    silent."""
+    tick_s, random = 0.0625, np.random.default_rng(seed)  # four ticks are a look, exactly
+    batch = missions(n=(N,), slots=("random",), seed=seed, tick_s=tick_s, kappa=value(16.0))
+    study, channel = BatchSlotExchange(batch), LossyChannel(batch, tick_s)
+    plan = replace(HEXAGON, unit_m=1.0, law=batch.cell.law)
+    told = {(i, k): _Told(IDS[i]) for i in range(N) for k in range(MISSIONS)}
+    agents = {(i, k): SlotExchange(plan, IDS[i], told[i, k]) for i, k in told}  # type: ignore[arg-type]
+    links = [
+        {IDS[i]: tuple(IDS[j] for j in np.flatnonzero(batch.links[i, :, k])) for i in range(N)}
+        for k in range(MISSIONS)
+    ]
+    for (_, k), agent in agents.items():
+        agent.begin([(float(z[0]), float(z[1])) for z in batch.slots[:, :, k].T])
+    said = [{place: agent.exchange for place, agent in agents.items()}]
+    points, live_until = batch.starts.copy(), batch.silent_from(tick_s)
+    for tick in range(160):
+        live = tick < live_until
+        velocity = random.uniform(-0.5, 0.5, points.shape)
+        heard = channel.exchange(tick, points, velocity)
+        assert study.look(tick, points, heard, live) == (tick % 4 == 0)
+        for (i, k), agent in agents.items():
+            for j in range(N):
+                view = peer(j, heard, i, k)
+                sent = max(0, tick - round(view.age_s / tick_s))
+                assert view.state is not None
+                state = state_of(
+                    j, view.state.stop_point_m, view.state.setpoint_mps, said[sent][j, k]
+                )
+                told[i, k].known[IDS[j]] = (state, view.age_s)
+            if live[i, k]:
+                agent.hear()
+                own = (float(points[0, i, k]), float(points[1, i, k]))
+                agent.look(tick * tick_s, own, (1, 0), links[k], new=True)
+            for name in ExchangeStates.__dataclass_fields__:
+                theirs = getattr(study._exchange.states, name)[i, k]
+                assert getattr(agent.exchange, name) == theirs, (tick, i, k, name)
+        said.append({place: agent.exchange for place, agent in agents.items()})
+        error = points - study.slots
+        pull = error.mean(axis=1, keepdims=True) - error
+        points = points + 0.1 * tick_s * pull + tick_s * velocity
+    assert study.count.sum() > 0
