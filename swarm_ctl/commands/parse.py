@@ -25,42 +25,30 @@ class Kind:
     usage: str
     """What follows the name on the command line; '' for nothing."""
     does: str
-    key: str = ""
+    key: str
     """The one key that gives the order; with a `usage` it begins the command line instead."""
-    for_all: bool = False
-    """It can't be given to single agents."""
     asks: str = ""
     """The question that the operator answers before it is sent; '' for none."""
 
+    @property
+    def for_all(self) -> bool:
+        """It can't be given to single agents."""
+        return self.usage != ""
 
+
+_MOVE_DOES: Final = "move the formation to a point [m] at a speed [m/s]"
+_TUNE_DOES: Final = "change the law of all agents at one time"
+_FALL: Final = "They fall out of the air."
 KINDS: Final[tuple[Kind, ...]] = (
     Kind(CommandKind.HOLD, "", "stop in the air; avoidance stays on", "h"),
     Kind(CommandKind.RESUME, "", "go on with the mission", "r"),
     Kind(CommandKind.NEXT, "", "end the current step", "n"),
-    Kind(CommandKind.FORM, "SHAPE", "fly into another shape of the mission", "f", for_all=True),
-    Kind(
-        CommandKind.MOVE,
-        "NORTH EAST [SPEED]",
-        "move the formation to a point [m] at a speed [m/s]",
-        "m",
-        for_all=True,
-    ),
-    Kind(
-        CommandKind.TUNE,
-        "NAME=VALUE ...",
-        "change the law of all agents at one time",
-        "u",
-        for_all=True,
-    ),
+    Kind(CommandKind.FORM, "SHAPE", "fly into another shape of the mission", "f"),
+    Kind(CommandKind.MOVE, "NORTH EAST [SPEED]", _MOVE_DOES, "m"),
+    Kind(CommandKind.TUNE, "NAME=VALUE ...", _TUNE_DOES, "u"),
     Kind(CommandKind.LAND, "", "land in place", "l"),
     Kind(CommandKind.RETURN, "", "fly home one at a time and land", "b"),
-    Kind(
-        CommandKind.KILL,
-        "",
-        "stop the motors: the vehicle falls",
-        "K",
-        asks="They fall out of the air.",
-    ),
+    Kind(CommandKind.KILL, "", "stop the motors: the vehicle falls", "K", _FALL),
 )
 BY_NAME: Final[dict[str, Kind]] = {kind.name: kind for kind in KINDS}
 
@@ -111,22 +99,19 @@ def parse(line: str, plan: Plan, marked: Iterable[int] = ()) -> Order:
 def complete(line: str, plan: Plan) -> list[str]:
     """Whole lines that begin with `line`, the best one first."""
     head, space, last = line.rpartition(" ")
+    words: Iterable[str] = ()
     if last.startswith("@"):
-        ids = ["all", *(str(agent.id) for agent in plan.agents)]
-        return [f"{head}{space}@{i}" for i in ids if i.startswith(last[1:]) and i != last[1:]]
-    if not space:
-        return [
-            name + (" " if BY_NAME[name].usage else "")
-            for name in BY_NAME
-            if name.startswith(line) and name != line
-        ]
-    if head.split(" ")[0] == "tune":
-        return [f"{head} {value}" for value in _values(head, last, plan)]
-    if head == "form":
-        return [
-            f"form {shape}" for shape in shapes(plan) if shape.startswith(last) and shape != last
-        ]
-    return []
+        words = ("@all", *(f"@{agent.id}" for agent in plan.agents))
+    elif not space:
+        words = (f"{kind.name} " if kind.usage else kind.name for kind in KINDS)
+    elif head == CommandKind.FORM:
+        words = shapes(plan)
+    elif head.split(" ")[0] == CommandKind.TUNE:
+        named = {word.partition("=")[0] for word in head.split(" ")}
+        values = asdict(planned(plan)).items()
+        words = (*(f"{name}={value:g}" for name, value in values if name not in named), "plan")
+    fitting = (word for word in words if word.startswith(last) and word.strip() != last)
+    return [f"{head}{space}{word}" for word in fitting]
 
 
 def tuned(words: Iterable[str], law: Gains, plan: Plan) -> Gains:
@@ -163,30 +148,20 @@ def ranges_of_law(plan: Plan) -> str:
     return ", ".join(f"{name} {least:g}–{most:g}" for name, (least, most) in limits(plan).items())
 
 
-def _values(head: str, last: str, plan: Plan) -> list[str]:
-    """The mission's values for the names that `head` does not have yet."""
-    named = {word.partition("=")[0] for word in head.split(" ")}
-    every = [
-        f"{name}={value:g}" for name, value in asdict(planned(plan)).items() if name not in named
-    ]
-    return [word for word in [*every, "plan"] if word.startswith(last) and word != last]
-
-
 def _agents(text: str, plan: Plan) -> tuple[int, ...]:
-    known = [agent.id for agent in plan.agents]
     if text == "all":
         return ()
+    known = [agent.id for agent in plan.agents]
     found: set[int] = set()
     for part in text.split(","):
         first, dash, last = part.partition("-")
         if not first.isdecimal() or (dash and not last.isdecimal()):
             raise InputError(f"@{text} names no agents; allowed: @all, @1,3-5")
-        span = range(int(first), int(last or first) + 1)
-        found |= {i for i in known if i in span}
-        if not any(i in span for i in known):
-            raise InputError(
-                f"no agent {part} in this mission; allowed: {', '.join(map(str, known))}"
-            )
+        span = {i for i in known if int(first) <= i <= int(last or first)}
+        if not span:
+            allowed = ", ".join(map(str, known))
+            raise InputError(f"no agent {part} in this mission; allowed: {allowed}")
+        found |= span
     return tuple(sorted(found))
 
 

@@ -16,7 +16,6 @@ import subprocess
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from multiprocessing.connection import Connection
 from pathlib import Path
 from types import ModuleType
 from typing import Final
@@ -35,6 +34,8 @@ _POLL_READY_WALL_S: Final = 0.01
 class Child(ABC):
     """One process that `run` answers for; `log` has its last words."""
 
+    pid: int
+
     def __init__(self, name: str, log: Path | None) -> None:
         self.name = name
         self._title = name
@@ -50,11 +51,6 @@ class Child(ABC):
                 f"{self._title} did not start, exit code {self.exit_code()}{_tail(self._log)}"
             )
         return self._ready
-
-    @property
-    @abstractmethod
-    def pid(self) -> int:
-        """Its process id."""
 
     @abstractmethod
     def _says_ready(self) -> bool:
@@ -87,33 +83,29 @@ class AgentChild(Child):
         )
         with _without_main():
             self._process.start()
+        self.pid = self._process.pid or 0
         theirs.close()
         self._heard_wall_s = wall_s()
 
-    @property
-    def pid(self) -> int:
-        return self._process.pid or 0
-
     def silent_wall_s(self) -> float:
         """Seconds since it last said that it is alive (it does with every status)."""
-        while _has_data(self._lifeline):
-            try:
-                self._lifeline.recv()
-            except (EOFError, OSError):
-                break  # it has closed its end: its exit code will tell
+        while self._word() is not None:
             self._heard_wall_s = wall_s()
         return wall_s() - self._heard_wall_s
 
     def _says_ready(self) -> bool:
-        if not _has_data(self._lifeline):
-            return False
-        try:
-            word = self._lifeline.recv()
-        except EOFError:
-            return False  # it has died: its exit code will tell
-        if word != READY:
+        word = self._word()
+        if word not in (None, READY):
             raise StartError(f"{self.name} did not start: {word}")
-        return True
+        return word == READY
+
+    def _word(self) -> str | None:
+        """The next word from it; None: there is none now, or it has closed its end."""
+        try:
+            word: str | None = self._lifeline.recv() if self._lifeline.poll() else None
+        except (EOFError, OSError):
+            return None
+        return word
 
     def exit_code(self) -> int | None:
         return self._process.exitcode
@@ -140,13 +132,6 @@ def _without_main() -> Iterator[None]:
         sys.modules["__main__"] = main
 
 
-def _has_data(connection: Connection) -> bool:
-    try:
-        return not connection.closed and connection.poll()
-    except OSError:
-        return False
-
-
 class CommandChild(Child):
     """A process started by its command line. Its stdin is the lifeline and takes JSON lines."""
 
@@ -168,10 +153,7 @@ class CommandChild(Child):
                 pass_fds=(write,) if own_terminal else (),
             )
         os.close(write)
-
-    @property
-    def pid(self) -> int:
-        return self._process.pid
+        self.pid = self._process.pid
 
     def _says_ready(self) -> bool:
         """Its first whole line says so."""
