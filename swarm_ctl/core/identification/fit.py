@@ -3,10 +3,10 @@ limit.
 
 The model is the one behind the stop point (`core/law/stop_point.py`): a setpoint acts after the
 dead time, then `dv/dt = (setpoint - v) / lag`, never faster than the limit. The fit minimises the
-squared difference between modelled and flown velocity. Times are the controller's own, of sending and of
-hearing, so the dead time contains all that lies between: the vehicle link both ways, the vehicle's
-own delay, and the part of jerk limits and motors that looks like a delay. The stop point needs just
-that, because it starts from the newest position that was heard.
+squared difference between modelled and flown velocity. Times are the controller's own, of sending
+and of hearing, so the dead time contains all that lies between: the vehicle link both ways, the
+vehicle's own delay, and the part of jerk limits and motors that looks like a delay. The stop point
+needs just that, because it starts from the newest position that was heard.
 """
 
 from __future__ import annotations

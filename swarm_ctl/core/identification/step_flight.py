@@ -2,9 +2,9 @@
 Pure.
 
 An ordinary agent (`core/agent/agent.py`) flies it, alone in a plan of its own: take-off, hold,
-land. So all that an agent refuses (an armed or unhealthy vehicle) and all that lands it (fence, battery,
-speed, tilt, silence, time-outs, Ctrl-C) is the same here. While the agent holds, the steps replace
-its horizontal setpoint; between them its own law brings it back to where it held.
+land. So all that an agent refuses (an armed or unhealthy vehicle) and all that lands it (fence,
+battery, speed, tilt, silence, time-outs, Ctrl-C) is the same here. While the agent holds, the steps
+replace its horizontal setpoint; between them its own law brings it back to where it held.
 """
 
 from __future__ import annotations
