@@ -87,8 +87,7 @@ class SimConfig(_StrictConfig):
     truth_rate_hz: float = Field(default=10.0, gt=0.0, le=100.0)
     sensing_range_m: float = Field(default=50.0, ge=0.0)
     signing_key_path: Path | None = None
-    """A file with the MAVLink 2 signing key of all vehicles; without it nothing is signed, and
-    unsigned frames are served."""
+    """The file with all vehicles' MAVLink 2 signing key; without it, unsigned frames are served."""
     vehicles: tuple[VehicleConfig, ...] = Field(min_length=1)
     sim_parameters: dict[SimParameter, float] = {}
     """SIM_* parameters of all vehicles at start: weather, sensor errors, what is broken."""

@@ -1,2 +1,1 @@
-"""Autopilot personas: pure state machines from MAVLink messages to demands on the vehicle's
-motion."""
+"""Autopilot personas: state machines from MAVLink messages to demands on a motion. Pure."""

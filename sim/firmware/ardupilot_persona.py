@@ -1,5 +1,4 @@
-"""The ArduCopter persona (autopilot 3): GUIDED flight, with the answers a running ArduCopter 4.7
-gives. Pure."""
+"""The ArduCopter persona (autopilot 3): GUIDED flight, and the answers of ArduCopter 4.7. Pure."""
 
 from __future__ import annotations
 
@@ -17,6 +16,7 @@ from sim.firmware.flying.maneuvers import (
     LandManeuver,
     Maneuver,
     ReturnManeuver,
+    Sensed,
     TakeoffManeuver,
     VelocityManeuver,
 )
@@ -61,8 +61,7 @@ GCS_FAILSAFE: Mapping[int, FlightMode] = {
     6: RTL,
     7: BRAKE,
 }
-"""FS_GCS_ENABLE to mode. Smart RTL (3, 4) keeps no track here and takes its second choice; 0 is
-off."""
+"""FS_GCS_ENABLE to mode; 0 is off. Smart RTL (3, 4) is not simulated: its second choice."""
 BATTERY_FAILSAFE: Mapping[int, FlightMode] = {1: LAND, 2: RTL, 3: RTL, 4: RTL}
 """BATT_FS_LOW_ACT to mode; 0 only warns."""
 
@@ -105,9 +104,9 @@ class ArdupilotPersona(Firmware):
     asks_in_kind = False
     first_index = 1
 
-    def booted(self) -> None:
-        self._setpoint_s = -math.inf
-        self._takeoff_s = -math.inf
+    def start(self, sensed: Sensed, boot_s: float) -> None:
+        super().start(sensed, boot_s)
+        self._setpoint_s = self._takeoff_s = -math.inf
 
     def style_by_parameters(self) -> FlightStyle:
         p = self.parameters
@@ -140,10 +139,6 @@ class ArdupilotPersona(Firmware):
         self.text(MavSeverity.WARNING, "Battery Failsafe")
         self._fail(action, on_ground=self.sensed.landed)
 
-    def addressed(self, _command: MavCommand) -> bool:
-        """Any component, and system 0, are served."""
-        return True
-
     # --- arming ---
 
     def arm(self, *, force: bool) -> MavResult:
@@ -164,12 +159,6 @@ class ArdupilotPersona(Firmware):
             return "Need Position Estimate"
         low = self.battery_low()
         return "Battery 1 below minimum arming voltage" if low else "Hardware safety switch"
-
-    def disarm(self, *, force: bool) -> MavResult:
-        if not self.sensed.landed and not force:
-            return MavResult.FAILED
-        self.set_disarmed("Disarming motors")
-        return MavResult.ACCEPTED
 
     # --- modes ---
 
@@ -325,7 +314,7 @@ class ArdupilotPersona(Firmware):
 
     def _fail(self, action: FlightMode, *, on_ground: bool) -> None:
         if on_ground:
-            self.set_disarmed("Disarming motors")
+            self.set_disarmed(self.disarmed_text)
         elif self.mode is not LAND and self.enter(action) is not MavResult.ACCEPTED:
             self.enter(LAND)
 
@@ -345,14 +334,14 @@ class ArdupilotPersona(Firmware):
     def _check_landed(self) -> None:
         if isinstance(self.maneuver, LandManeuver | ReturnManeuver | MissionManeuver):
             if self.maneuver.done and self.standing_s() >= LAND_DETECT_S:
-                self.set_disarmed("Disarming motors")
+                self.set_disarmed(self.disarmed_text)
             return
         if isinstance(self.maneuver, HoldManeuver | VelocityManeuver):
             self.begin(GroundManeuver())
         delay = self.parameters["DISARM_DELAY"]
         idle_s = min(self.standing_s(), self.now - self.armed_s, self.now - self._takeoff_s)
         if delay and idle_s >= delay:
-            self.set_disarmed("Disarming motors")
+            self.set_disarmed(self.disarmed_text)
 
     commands: ClassVar[Mapping[int, CommandHandler]] = COMMON | {
         MavCmd.DO_SET_MODE: _do_set_mode,

@@ -105,6 +105,8 @@ class SimAutopilot(ABC):
     force_arm_magic: ClassVar[float]
     arm_nonsense: ClassVar[MavResult | None]
     """The answer to arming with a first parameter that is neither 0 nor 1."""
+    disarmed_text: ClassVar[str] = "Disarming motors"
+    disarm_denied_text: ClassVar[str] = ""
     asks_in_kind: ClassVar[bool]
     """It asks for mission items by MISSION_REQUEST_INT once the client has used it."""
     first_index: ClassVar[int]
@@ -140,7 +142,6 @@ class SimAutopilot(ABC):
         self.landed_s: float | None = boot_s
         """Since when the vehicle stands on the ground; None in the air."""
         self._style: tuple[int, float | None, FlightStyle] | None = None
-        self.booted()
         self.battery = Battery(max(1.0, self.parameters[self.capacity_parameter]))
         self.maneuver: Maneuver = GroundManeuver()
         self.demand: Demand = self.maneuver.demand(boot_s, sensed, self.style())
@@ -150,10 +151,6 @@ class SimAutopilot(ABC):
             self.streams.set(name, interval_s, boot_s)
 
     # --- the persona's part ---
-
-    @abstractmethod
-    def booted(self) -> None:
-        """Makes the persona's own state fresh."""
 
     @abstractmethod
     def style_by_parameters(self) -> FlightStyle:
@@ -168,16 +165,8 @@ class SimAutopilot(ABC):
         """The failsafe of a low battery."""
 
     @abstractmethod
-    def addressed(self, command: MavCommand, /) -> bool:
-        """Whether a command with this target is answered."""
-
-    @abstractmethod
     def arm(self, *, force: bool) -> MavResult:
         """Arms, or says why not."""
-
-    @abstractmethod
-    def disarm(self, *, force: bool) -> MavResult:
-        """Disarms, or says why not."""
 
     @abstractmethod
     def set_mode(self, base_mode: int, custom_mode: int) -> MavResult:
@@ -203,13 +192,16 @@ class SimAutopilot(ABC):
     def housekeeping(self) -> None:
         """Failsafes, landing, ends of maneuvers; every tick, while armed."""
 
+    def addressed(self, _command: MavCommand) -> bool:
+        """Whether a command with this target is answered."""
+        return True
+
     def first_item(self, item: MissionItem | None) -> MissionItem | None:
         """What is told as the first mission item, for the one uploaded."""
         return item
 
     def guided_item(self, _item: MissionItem) -> bool | None:
-        """A mission item outside any upload, to be flown at once: whether it is; None: no
-        answer."""
+        """Whether an item outside any upload is flown at once; None: no answer."""
         return None
 
     def data_stream(self, stream: int, interval_s: float | None) -> None:  # noqa: B027 - PX4 has none
@@ -256,6 +248,15 @@ class SimAutopilot(ABC):
         self.armed = True
         self.armed_s = self.now
         self.home_ned = self.sensed.position_ned_m
+
+    def disarm(self, *, force: bool) -> MavResult:
+        """Disarms on the ground, or if forced."""
+        if self.sensed.landed or force:
+            self.set_disarmed(self.disarmed_text)
+            return MavResult.ACCEPTED
+        if self.disarm_denied_text:
+            self.text(MavSeverity.CRITICAL, self.disarm_denied_text)
+        return self.refusal
 
     def set_disarmed(self, text: str) -> None:
         """Motors stop."""

@@ -1,5 +1,4 @@
-"""The PX4 persona (autopilot 12): OFFBOARD flight, with the answers a running PX4 1.15 gives.
-Pure."""
+"""The PX4 persona (autopilot 12): OFFBOARD flight, and the answers of a running PX4 1.15. Pure."""
 
 from __future__ import annotations
 
@@ -17,6 +16,7 @@ from sim.firmware.flying.maneuvers import (
     LandManeuver,
     Maneuver,
     ReturnManeuver,
+    Sensed,
     TakeoffManeuver,
     VelocityManeuver,
 )
@@ -62,8 +62,7 @@ OFFBOARD_LOSS: Mapping[int, FlightMode] = {
     4: LAND,
     5: LOITER,
 }
-"""COM_OBL_RC_ACT to mode. The manual ones have no sticks here: the vehicle descends, lands and
-disarms in them."""
+"""COM_OBL_RC_ACT to mode. In a manual one, without sticks, the vehicle descends and disarms."""
 DATALINK_LOSS: Mapping[int, FlightMode] = {1: LOITER, 2: RTL, 3: LAND}
 """NAV_DLL_ACT to mode; 0 is off."""
 BATTERY_FAILSAFE: Mapping[int, FlightMode] = {2: LAND, 3: RTL}
@@ -108,13 +107,15 @@ class Px4Persona(Firmware):
     force_arm_magic = 21196.0
     arm_nonsense = None
     refusal = MavResult.TEMPORARILY_REJECTED
+    disarmed_text = "Disarmed by external command"
+    disarm_denied_text = "Disarming denied: not landed"
     asks_in_kind = True
     first_index = 0
 
-    def booted(self) -> None:
+    def start(self, sensed: Sensed, boot_s: float) -> None:
+        super().start(sensed, boot_s)
         self._target: PositionTarget | None = None
-        self._target_s = -math.inf
-        self._stream_since_s = -math.inf
+        self._target_s = self._stream_since_s = -math.inf
         self._takeoff_down_m: float | None = None
         self._flown = False
 
@@ -159,13 +160,6 @@ class Px4Persona(Firmware):
         self._flown = False
         self.text(MavSeverity.INFO, "Armed by external command")
         self._change(self.mode)
-        return MavResult.ACCEPTED
-
-    def disarm(self, *, force: bool) -> MavResult:
-        if not self.sensed.landed and not force:
-            self.text(MavSeverity.CRITICAL, "Disarming denied: not landed")
-            return MavResult.TEMPORARILY_REJECTED
-        self.set_disarmed("Disarmed by external command")
         return MavResult.ACCEPTED
 
     def set_disarmed(self, text: str) -> None:

@@ -94,10 +94,8 @@ class _Layout:
     def _flat(self, fields: dict[str, Any]) -> list[Any]:
         flat: list[Any] = []
         for field in self.fields:
-            if field.size and not field.is_text:
-                flat.extend(fields[field.name])
-            else:
-                flat.append(fields[field.name])
+            value = fields[field.name]
+            flat += value if field.size and not field.is_text else [value]
         return flat
 
     def _grouped(self, values: tuple[Any, ...]) -> dict[str, Any]:
@@ -142,8 +140,7 @@ _checksum: Callable[[bytes], int] = mavlink.mcrf4xx or _slow_checksum
 
 
 class Codec:
-    """Frames of one vehicle, in and out. Each datagram stands alone: a broken one does not harm
-    the next."""
+    """Frames of one vehicle, in and out. A broken datagram does not harm the next."""
 
     def __init__(self, sysid: int, signing: Signing | None = None) -> None:
         self._sysid = sysid
@@ -152,8 +149,7 @@ class Codec:
         self.frames = 0
         """Good frames received."""
         self.bad = 0
-        """Frames with a wrong checksum, truncated, or of an unknown message, and runs of other
-        bytes."""
+        """Frames that are truncated, unknown or have a wrong checksum, and runs of other bytes."""
         self.unsigned = 0
         """Frames refused for want of a good signature."""
 

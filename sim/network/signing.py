@@ -59,8 +59,7 @@ class Signing:
         return mark + self._hash(frame + mark)
 
     def accepts(self, frame: bytes, source: tuple[int, int]) -> bool:
-        """Whether a good frame (with its signature) is signed with our key, and was not heard
-        before."""
+        """Whether a good frame (with its signature) is signed with our key, and new."""
         if frame[0] != 0xFD or not frame[2] & 1:
             return False
         signed, claimed = frame[:-6], frame[-6:]

@@ -6,7 +6,6 @@ import selectors
 import socket
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Protocol
 
 from sim.network.codec import split_stream
 
@@ -18,30 +17,13 @@ _BACKLOG = 1 << 18
 """Bytes kept for a TCP client that doesn't read; more are lost, as on a radio."""
 
 
-class VehicleSocket(Protocol):
-    """An endpoint of one vehicle."""
-
-    unsent: int
-    """Packets the system had no room for."""
-
-    def fileno(self) -> int:
-        """Readable when there is something to `receive`."""
-
-    def peers(self) -> list[Address]:
-        """Clients to serve before they speak: the configured one, or those connected."""
-
-    def receive(self) -> Iterator[tuple[bytes, Address]]:
-        """Whole frames that wait, with their sender."""
-
-    def send(self, data: bytes, to: Address) -> None:
-        """Never waits, never raises: what can't be sent is lost, as on a radio."""
-
-    def close(self) -> None:
-        """Frees the port."""
-
-
 class UdpSocket:
-    """UDP: bound to an address (`udpin`), or talking to one from the start (`udpout`)."""
+    """UDP: bound to an address (`udpin`), or talking to one from the start (`udpout`).
+
+    `receive` gives the whole frames that wait, with their sender. `send` never waits and never
+    raises: what can't be sent is lost, as on a radio. `peers` are clients to serve before they
+    speak. `unsent` counts packets the system had no room for.
+    """
 
     def __init__(self, bind: Address, peer: Address | None = None) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -87,8 +69,7 @@ class _Connection:
 
 
 class TcpSocket:
-    """A TCP server (`tcpin`) with any number of clients; they hear the vehicle from their first
-    moment."""
+    """The same for a TCP server (`tcpin`); its clients hear the vehicle once they are connected."""
 
     def __init__(self, bind: Address) -> None:
         self._listener = socket.create_server(bind, backlog=16)
@@ -109,9 +90,7 @@ class TcpSocket:
         for key, _ in self._selector.select(0):
             if key.data is None:
                 self._accept()
-                continue
-            data = self._read(key.data)
-            if data:
+            elif data := self._read(key.data):
                 yield data, key.data
 
     def send(self, data: bytes, to: Address) -> None:
@@ -163,6 +142,9 @@ class TcpSocket:
         if connection is not None:
             self._selector.unregister(connection.socket)
             connection.socket.close()
+
+
+VehicleSocket = UdpSocket | TcpSocket
 
 
 def open_socket(endpoint: str) -> VehicleSocket:

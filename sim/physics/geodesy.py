@@ -24,8 +24,7 @@ class GeodeticPoint:
 
 
 class TangentPlane:
-    """The plane that touches the ellipsoid at `origin`; NED metres. Exact: through earth-centred
-    coordinates."""
+    """The plane that touches the ellipsoid at `origin`; NED metres. Exact."""
 
     def __init__(self, origin: GeodeticPoint) -> None:
         self.origin = origin

@@ -88,8 +88,7 @@ class Demands:
     descent: Array
     heading: Array
     lift: Mask
-    """Motors carry the vehicle. On the ground: may take off when asked to climb. In the air
-    without: it falls."""
+    """Motors carry the vehicle, which takes off when asked to climb; without, it falls."""
 
     @staticmethod
     def idle(state: MotionState) -> Demands:
@@ -108,8 +107,7 @@ class Demands:
 
 
 def advance(state: MotionState, demands: Demands, response: VelocityResponse, dt: float) -> None:
-    """Moves `state` by `dt` [s], in place (semi-implicit Euler: the new velocity moves the
-    position)."""
+    """Moves `state` by `dt` [s] in place, by semi-implicit Euler steps."""
     target = velocity_target(state, demands)
     # a vehicle lifts off once it is asked to climb
     state.landed &= ~(demands.lift & (target[..., 2] < -_LIFT_OFF_MPS))
@@ -128,8 +126,7 @@ def advance(state: MotionState, demands: Demands, response: VelocityResponse, dt
 
 
 def velocity_target(state: MotionState, demands: Demands) -> Array:
-    """The velocity [m/s] (..., 3) that brings held axes to their positions, slowing down in time to
-    stop there."""
+    """The velocity [m/s] (..., 3) that brings held axes to their positions, to stop there."""
     if not np.count_nonzero(demands.hold):
         return demands.velocity
     # horizontally along the straight line, never faster than the demand's speed

@@ -29,8 +29,7 @@ def _axes(gains: Gains) -> Array:
 
 @dataclass(frozen=True)
 class IdealResponse:
-    """The paper's single integrator: the velocity is the target's, at once. For studies of the law
-    alone."""
+    """The paper's single integrator: the velocity is the target's, at once."""
 
     memory_rows: int = 0
 
@@ -99,8 +98,7 @@ class ArdupilotResponse:
     def _unwind(
         self, memory: Array, error: Array, command: Array, leaning: Mask, dt: float
     ) -> None:
-        """Takes back what this step added (horizontally) in a direction in which the vehicle can't
-        lean more."""
+        """Takes back what this step added horizontally where the vehicle can't lean more."""
         path, shaped, acceleration, integral = (memory[..., row, :] for row in range(4))
         # the path error shrinks by what the shaped velocity has just added in that direction
         short = leaning & (_along(error, command) > 0.0)
@@ -203,8 +201,7 @@ def _shares(lag_s: Gains, dt: float) -> Array:
 
 
 def _lag(first: Array, second: Array, command: Array, share: Array) -> Array:
-    """Two first-order lags in a row, exact for a command that is constant over the step; changes
-    both in place."""
+    """Two first-order lags in a row, changed in place; exact for a constant command."""
     first += share * (command - first)
     second += share * (first - second)
     return second

@@ -1,5 +1,4 @@
-"""The truth file: what really happened, one JSON object a line. Each is written at once, so that a
-killed simulator loses nothing."""
+"""The truth file: a JSON object a line, written at once so that a killed simulator loses none."""
 
 from __future__ import annotations
 

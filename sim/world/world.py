@@ -1,5 +1,4 @@
-"""All vehicles of one simulator: their firmware, and one array pass of physics a step. No sockets,
-no clock."""
+"""All vehicles of one simulator: their firmware, and one array pass of physics a step. Pure."""
 
 from __future__ import annotations
 
@@ -50,8 +49,7 @@ class WorldEvent:
 
 
 class World:
-    """All vehicles, in the order of the configuration. `time_s` is the mission time of the last
-    step."""
+    """All vehicles, in the order of the configuration. `time_s` is that of the last step."""
 
     def __init__(self, config: SimConfig, now: float) -> None:
         self._step = math.ceil(now / STEP_S)
@@ -227,8 +225,7 @@ def _groups(
 
 
 def _local_origin(start: Vector3, rng: np.random.Generator) -> Vector3:
-    """Where a vehicle's own frame has its zero: 3 to 30 m from where it stands, as after a real
-    power-up elsewhere."""
+    """Where a vehicle's own frame has its zero: 3 to 30 m away, as after a power-up elsewhere."""
     bearing = rng.uniform(0.0, 2.0 * math.pi)
     distance = rng.uniform(3.0, 30.0)
     north, east, down = start

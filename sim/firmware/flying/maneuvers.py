@@ -58,8 +58,7 @@ class FlightStyle:
     """Between the arrival above home and the landing."""
     waypoint_radius_m: float
     captures: bool
-    """Stops by holding the point where it came to rest; otherwise the velocity controller itself
-    remembers the path."""
+    """Stops by holding the point where it came to rest, not by the velocity controller's memory."""
 
 
 class Maneuver(Protocol):

@@ -36,8 +36,7 @@ def read_command(message: Message) -> MavCommand:
 
 
 def _place(a: SimAutopilot, command: MavCommand) -> Vector3 | None:
-    """NED of the point in p[4:7]; missing coordinates are the current ones; None where there is no
-    such point."""
+    """NED of the point in p[4:7], NaN for the current coordinate; None for an impossible point."""
     given, here = command.p[4:7], astuple(a.geodetic())
     lat, lon, alt = (h if math.isnan(g) else g for g, h in zip(given, here, strict=True))
     if not (abs(lat) <= 90 and abs(lon) <= 180 and abs(alt) < 1e5):

@@ -13,17 +13,10 @@ from sim.firmware.flying.position_target import FRAME_LOCAL_NED, NO_POSITION, re
 from sim.firmware.message import ABSOLUTE_FRAMES, RELATIVE_FRAMES, MavCommand, MavResult, Message
 
 
-def set_local_target(a: SimAutopilot, message: Message) -> None:
-    """SET_POSITION_TARGET_LOCAL_NED."""
-    _take(a, message.fields)
-
-
-def set_global_target(a: SimAutopilot, message: Message) -> None:
-    """SET_POSITION_TARGET_GLOBAL_INT: as the local one, with a place on the ellipsoid."""
-    _take(a, _local(a, message.fields))
-
-
-def _take(a: SimAutopilot, fields: Mapping[str, Any] | None) -> None:
+def set_position_target(a: SimAutopilot, message: Message) -> None:
+    """SET_POSITION_TARGET_LOCAL_NED, and _GLOBAL_INT with a place on the ellipsoid."""
+    is_global = message.name.endswith("GLOBAL_INT")
+    fields = _local(a, message.fields) if is_global else message.fields
     target = None
     if fields is not None:
         target = read_position_target(fields, a.sensed.heading_rad, a.local_position())
@@ -50,8 +43,7 @@ def _local(a: SimAutopilot, m: Mapping[str, Any]) -> dict[str, Any] | None:
 
 
 def condition_yaw(a: SimAutopilot, command: MavCommand) -> MavResult:
-    """CONDITION_YAW turns a guided vehicle: p1 degrees, p3 the sense of a relative turn, p4 whether
-    it is one."""
+    """CONDITION_YAW turns a guided vehicle: p1 degrees, p3 sense, p4 whether p1 is relative."""
     degrees, sense, relative = command.p[0], command.p[2], command.p[3]
     if not (0.0 <= degrees <= 360.0 and relative in (0.0, 1.0)):
         return MavResult.FAILED

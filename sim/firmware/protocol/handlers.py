@@ -75,8 +75,7 @@ def request_data_stream(a: SimAutopilot, message: Message) -> None:
 
 
 def file_transfer(a: SimAutopilot, message: Message) -> None:
-    """FILE_TRANSFER_PROTOCOL: refused at once, so that a client needn't wait before it asks for a
-    list."""
+    """FILE_TRANSFER_PROTOCOL: refused at once, so that no client waits for a time-out."""
     asked = message.fields["payload"]
     if asked[3] >= _FTP_FAIL:  # never answer an answer
         return
@@ -104,8 +103,8 @@ HANDLERS: Mapping[str, Callable[[SimAutopilot, Message], None]] = {
     "COMMAND_LONG": command,
     "COMMAND_INT": command,
     "SET_MODE": set_mode,
-    "SET_POSITION_TARGET_LOCAL_NED": guided.set_local_target,
-    "SET_POSITION_TARGET_GLOBAL_INT": guided.set_global_target,
+    "SET_POSITION_TARGET_LOCAL_NED": guided.set_position_target,
+    "SET_POSITION_TARGET_GLOBAL_INT": guided.set_position_target,
     "PARAM_REQUEST_LIST": param_request_list,
     "PARAM_REQUEST_READ": param_request_read,
     "PARAM_SET": param_set,

@@ -91,8 +91,7 @@ def count(a: SimAutopilot, message: Message) -> None:
 
 
 def item(a: SimAutopilot, message: Message) -> None:
-    """MISSION_ITEM_INT, MISSION_ITEM: the one asked for is kept; instead of any other the right one
-    is asked for again."""
+    """MISSION_ITEM_INT, MISSION_ITEM: kept if it is the one asked for; that is asked for again."""
     upload, m = a.missions.upload, message.fields
     if m["current"] == _FLY_THERE:
         _fly_there(a, message)

@@ -12,22 +12,19 @@ from collections.abc import Callable
 from typing import Any
 
 from sim.firmware.autopilot import SimAutopilot
-from sim.firmware.message import (
-    MAV_MODE_FLAG_CUSTOM,
-    MAV_MODE_FLAG_GUIDED,
-    MAV_MODE_FLAG_SAFETY_ARMED,
-    MAV_MODE_FLAG_STABILIZE,
-    MAV_STATE_ACTIVE,
-    MAV_STATE_CRITICAL,
-    MAV_STATE_STANDBY,
-    MAV_TYPE_QUADROTOR,
-)
+from sim.firmware.message import MAV_MODE_FLAG_CUSTOM
 from sim.firmware.protocol.uploaded_mission import mission_current
 from sim.physics.geodesy import Vector3
 from sim.physics.kinematics import GRAVITY_MPS2
 
 Fields = dict[str, Any]
 
+_QUADROTOR = 2
+"""MAV_TYPE."""
+_ARMED, _STABILIZE, _GUIDED = 128, 16, 8
+"""MAV_MODE_FLAG."""
+_STANDBY, _ACTIVE, _CRITICAL = 3, 4, 5
+"""MAV_STATE."""
 _GPS, _SENSORS = 0x20, 0x20 | 0x01 | 0x02 | 0x04 | 0x08  # gyro, accelerometer, compass, pressure
 _AHRS, _BATTERY, _PREARM = 0x200000, 0x2000000, 0x10000000
 _READY, _EKF_STARTING, _ESTIMATOR_STARTING = 831, 1 | 128 | 1024, 1
@@ -36,14 +33,13 @@ _UNIX_EPOCH_S = 1_700_000_000
 
 
 def heartbeat(a: SimAutopilot) -> Fields:
-    flags = MAV_MODE_FLAG_CUSTOM | MAV_MODE_FLAG_STABILIZE
-    flags |= MAV_MODE_FLAG_GUIDED if a.mode.guided else 0
-    state = MAV_STATE_STANDBY
+    flags = MAV_MODE_FLAG_CUSTOM | _STABILIZE | (_GUIDED if a.mode.guided else 0)
+    state = _STANDBY
     if a.armed:
-        flags |= MAV_MODE_FLAG_SAFETY_ARMED
-        state = MAV_STATE_CRITICAL if a.failsafe else MAV_STATE_ACTIVE
+        flags |= _ARMED
+        state = _CRITICAL if a.failsafe else _ACTIVE
     return {
-        "type": MAV_TYPE_QUADROTOR,
+        "type": _QUADROTOR,
         "autopilot": a.autopilot,
         "base_mode": flags,
         "custom_mode": a.mode.custom,
@@ -211,8 +207,7 @@ def extended_sys_state(a: SimAutopilot) -> Fields:
 
 
 def wind(a: SimAutopilot) -> Fields | None:
-    """While EKF3 estimates it, which takes a tuned drag model and flight. Gusts are averaged
-    out."""
+    """While EKF3 estimates it, for which it needs a drag model and flight. Gusts average out."""
     if not _estimates_wind(a, "EK3_DRAG_BCOEF_X", "EK3_DRAG_BCOEF_Y"):
         return None
     from_deg = math.remainder(a.parameters["SIM_WIND_DIR"], 360.0)

@@ -34,8 +34,7 @@ def begins_with_takeoff(a: SimAutopilot) -> bool:
 
 
 def fly(a: SimAutopilot) -> MissionManeuver:
-    """The mission's flight, from the current item on; from the first one after it had been
-    completed."""
+    """The mission's flight from the current item on, or from the first after a complete one."""
     mission = items(a)
     current = a.missions.current
     if a.missions.complete or not a.first_index <= current < len(mission):
@@ -74,8 +73,7 @@ def keep_up(a: SimAutopilot) -> None:
 
 
 def changed(a: SimAutopilot) -> None:
-    """Another mission was uploaded, or it was cleared: one that is being flown starts anew, or
-    ends."""
+    """The mission was replaced or cleared: one that is being flown starts anew, or ends."""
     a.missions.complete = False
     if isinstance(a.maneuver, MissionManeuver):
         if present(a):

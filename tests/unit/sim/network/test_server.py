@@ -1,9 +1,9 @@
-"""The server's time: a process that was not scheduled for a while is no silence to its vehicles."""
+"""The server's time: a simulator that was not scheduled for a while is no silent link."""
 
 from __future__ import annotations
 
 import socket
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -19,14 +19,19 @@ SETPOINT_S = 0.05
 
 
 class HandClock(SimClock):
-    """A clock that the test sets."""
+    """A clock that goes on only while the server rests, and tells so."""
 
     def __init__(self) -> None:
         super().__init__(0.0, 1.0)
         self.time_s = 0.0
+        self.told: Callable[[], None] = lambda: None
 
     def now(self) -> float:
         return self.time_s
+
+    def rest(self, wall_s: float) -> None:
+        self.time_s += wall_s
+        self.told()
 
 
 class Offboard:
@@ -35,6 +40,7 @@ class Offboard:
     def __init__(self, server: Server, clock: HandClock, client: socket.socket) -> None:
         self.server, self.clock, self._client = server, clock, client
         self._mav = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
+        self._spoken_s = 0.0
         self.firmware = server.hub.world.vehicles[0].firmware
         self.firmware.parameters.set("COM_OBL_RC_ACT", 5.0)  # hold
         self.command(ARM, 1)
@@ -58,12 +64,18 @@ class Offboard:
     def fly(self, seconds: float) -> None:
         """Setpoints at 20 Hz, each served at once."""
         for _ in range(round(seconds / SETPOINT_S)):
-            self.setpoint()
-            self.serve(SETPOINT_S)
+            self.clock.time_s += SETPOINT_S
+            self.speak()
+            self.serve()
 
-    def serve(self, seconds: float) -> None:
-        """Lets time pass, then the server run until it is at that time."""
-        self.clock.time_s += seconds
+    def speak(self) -> None:
+        """The setpoints that are due by the clock."""
+        while self._spoken_s + SETPOINT_S <= self.clock.time_s + 1e-9:
+            self._spoken_s += SETPOINT_S
+            self.setpoint()
+
+    def serve(self) -> None:
+        """Lets the server run until it is at the clock's time."""
         while self.server.hub.world.next_s <= self.clock.time_s:
             self.server._poll(0.0)
             self.server._catch_up()
@@ -84,26 +96,21 @@ def offboard() -> Iterator[Offboard]:
         yield Offboard(server, clock, client)
 
 
-def test_setpoints_that_waited_for_a_stopped_simulator_are_spread_over_the_time(
-    offboard: Offboard,
-) -> None:
-    """None is taken for late: the PX4, which wants one a second, stays in OFFBOARD."""
-    for _ in range(round(2.0 / SETPOINT_S)):
-        offboard.setpoint()
-    offboard.serve(2.0)
+def test_a_stopped_simulator_does_not_take_the_time_for_silence(offboard: Offboard) -> None:
+    """The PX4 wants a setpoint a second, and stays in OFFBOARD though it sees 2 s go by at once."""
+    offboard.clock.told = offboard.speak
+    began_s = offboard.clock.time_s
+    offboard.clock.time_s += 2.0
+    offboard.speak()
+    offboard.serve()
     assert offboard.firmware.mode is OFFBOARD
     assert not offboard.firmware.failsafe
+    assert offboard.clock.time_s < began_s + 2.7
 
 
-def test_a_silent_client_is_noticed_by_a_stopped_simulator_too(offboard: Offboard) -> None:
-    offboard.serve(2.0)
+def test_a_stopped_simulator_notices_a_silent_client(offboard: Offboard) -> None:
+    """Time that goes by without setpoints is silence, as fast as it goes."""
+    offboard.clock.time_s += 2.0
+    offboard.serve()
     assert offboard.firmware.mode is LOITER
     assert offboard.firmware.failsafe
-
-
-def test_the_world_never_goes_beyond_the_last_look_at_the_sockets(offboard: Offboard) -> None:
-    """Wherever in its loop the process was stopped, what waits is read first."""
-    offboard.clock.time_s += 2.0
-    before_s = offboard.server.hub.world.time_s
-    offboard.server._catch_up()
-    assert offboard.server.hub.world.time_s == before_s
