@@ -62,9 +62,8 @@ def scattered(mission: LoadedMission, seed: int) -> LoadedMission:
             point = (round(dice.uniform(0, side), 3), round(dice.uniform(0, side), 3))
             if len(points) < count and all(math.dist(point, other) > law.r_out for other in points):
                 points.append(point)
-        if len(points) == count and graph.is_connected(
-            graph.neighbours(dict(enumerate(points)), law.r)
-        ):
+        parts = graph.components(graph.neighbours(dict(enumerate(points)), law.r))
+        if len(points) == count and len(parts) == 1:
             break
         side *= 1.02
     agents = tuple(

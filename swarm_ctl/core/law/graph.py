@@ -53,11 +53,6 @@ def components(graph: Graph) -> tuple[tuple[int, ...], ...]:
     return tuple(found)
 
 
-def is_connected(graph: Graph) -> bool:
-    """Every agent can be reached from every other. True for one agent and for none."""
-    return len(components(graph)) <= 1
-
-
 def without(graph: Graph, lost: Collection[int]) -> dict[int, tuple[int, ...]]:
     """The graph that is left when the agents `lost` leave it."""
     return {

@@ -7,11 +7,12 @@ import shutil
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from swarm_ctl.core.model.text import escaped
+from swarm_ctl.errors import InputError
 
 _SHOWN: Final = 5
 
@@ -52,6 +53,25 @@ def write_whole(path: Path, text: str) -> None:
     except OSError:
         part.unlink(missing_ok=True)
         raise
+
+
+_Model = TypeVar("_Model", bound=BaseModel)
+
+
+def write_model(path: Path, model: BaseModel) -> Path:
+    """Write a JSON file, whole or not at all; its path."""
+    write_whole(path, model.model_dump_json(indent=2) + "\n")
+    return path
+
+
+def read_model(path: Path, kind: type[_Model]) -> _Model:
+    """Read what `write_model` wrote; InputError where it is missing, torn or not of this kind."""
+    try:
+        return kind.model_validate_json(path.read_bytes())
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}") from error
+    except ValidationError as error:
+        raise InputError(f"{path}: {explained(error)}") from error
 
 
 def explained(error: ValidationError) -> str:

@@ -5,11 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-from pydantic import AwareDatetime, Field, ValidationError
+from pydantic import AwareDatetime, Field
 
-from swarm_ctl.errors import InputError
 from swarm_ctl.mission.compile.plan_file import PlanFile
-from swarm_ctl.report.folder.files import explained, write_whole
+from swarm_ctl.report.folder.files import read_model, write_model
 
 MANIFEST: Final = "run.json"
 
@@ -51,15 +50,9 @@ class Manifest(PlanFile):
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:
     """Write `run.json` into the run folder, whole or not at all."""
-    write_whole(folder / MANIFEST, manifest.model_dump_json(indent=2) + "\n")
+    write_model(folder / MANIFEST, manifest)
 
 
 def read_manifest(folder: Path) -> Manifest:
     """Read `run.json`; InputError where it is missing, torn or not a manifest."""
-    path = folder / MANIFEST
-    try:
-        return Manifest.model_validate_json(path.read_bytes())
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror}") from error
-    except ValidationError as error:
-        raise InputError(f"{path}: {explained(error)}") from error
+    return read_model(folder / MANIFEST, Manifest)

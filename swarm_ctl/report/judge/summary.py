@@ -6,11 +6,10 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Final, Literal, TypeAlias
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict
 
 from swarm_ctl.core.model.messages import Outcome, TickReport
-from swarm_ctl.errors import InputError
-from swarm_ctl.report.folder.files import explained, write_whole
+from swarm_ctl.report.folder.files import read_model, write_model
 
 SUMMARY: Final = "summary.json"
 
@@ -177,18 +176,10 @@ class Summary(_SummaryPart):
 
 
 def write_summary(folder: Path, summary: Summary) -> Path:
-    """Write `summary.json` into the run folder, whole or not at all; where it is."""
-    path = folder / SUMMARY
-    write_whole(path, summary.model_dump_json(indent=2) + "\n")
-    return path
+    """Write `summary.json` into the run folder, whole or not at all; its path."""
+    return write_model(folder / SUMMARY, summary)
 
 
 def read_summary(folder: Path) -> Summary:
     """Read `summary.json`; InputError where it is missing or not a summary."""
-    path = folder / SUMMARY
-    try:
-        return Summary.model_validate_json(path.read_bytes())
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror}") from error
-    except ValidationError as error:
-        raise InputError(f"{path}: {explained(error)}") from error
+    return read_model(folder / SUMMARY, Summary)

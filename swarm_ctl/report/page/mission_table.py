@@ -209,9 +209,9 @@ def _safety(plan: Plan) -> str:
         return "no filter: only the law keeps the vehicles apart"
     margins = Margins.of(plan.law, plan.response, plan.limits.speed_mps, plan.unit_m)
     named = (
-        ("guard of links", parts.guard),
-        ("release from dead-locks", parts.release),
-        ("pull to the average of all", parts.align),
+        ("link guard", parts.guard),
+        ("dead-lock release", parts.release),
+        ("mean error feedback", parts.align),
     )
     others = [name for name, on in named if on]
     return ", ".join((f"filter (stop points {margins.keep_out:.1f} m apart or more)", *others))

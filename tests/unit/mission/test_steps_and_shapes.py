@@ -93,7 +93,8 @@ def test_targets_add_up_over_steps() -> None:
     """Rotations add, factors multiply, `by` counts from where the centre is planned to be; a form
     starts anew."""
     text = with_step(
-        "rotate: {angle_deg: 30}\n  - rotate: {angle_deg: 60}\n  - scale: {factor: 2}\n  - scale: {factor: 1.5}"
+        "rotate: {angle_deg: 30}\n  - rotate: {angle_deg: 60}\n"
+        "  - scale: {factor: 2}\n  - scale: {factor: 1.5}"
     )
     steps = loads(text).plan.steps
     assert [s.angle_rad for s in steps if isinstance(s, RotateStep)] == pytest.approx(
@@ -190,4 +191,4 @@ def test_bridging_keeps_a_connected_graph_connected(lost: list[int]) -> None:
     path = graph.of_links(range(1, 9), [(i, i + 1) for i in range(1, 8)])
     left = graph.bridged(path, lost)
     assert set(left) == set(path) - set(lost)
-    assert graph.is_connected(left)
+    assert len(graph.components(left)) <= 1

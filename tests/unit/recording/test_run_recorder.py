@@ -1,5 +1,4 @@
-"""A station's records on a disk that takes no more: it is given up, and told once; the others go
-on."""
+"""A station's records on a full disk: that file ends, one warning says so, the others go on."""
 
 from __future__ import annotations
 

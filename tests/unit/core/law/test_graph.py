@@ -32,7 +32,7 @@ def test_table_ii_is_the_path_6_2_1_3_5_4() -> None:
     near = graph.neighbours(TABLE_II, 4.5)
     assert near == {1: (2, 3), 2: (1, 6), 3: (1, 5), 4: (5,), 5: (3, 4), 6: (2,)}
     assert graph.edges(near) == ((1, 2), (1, 3), (2, 6), (3, 5), (4, 5))
-    assert graph.is_connected(near)
+    assert len(graph.components(near)) == 1
 
 
 def test_table_ii_falls_apart_at_a_shorter_range() -> None:
@@ -63,8 +63,8 @@ def test_connectivity_is_positive_exactly_where_the_graph_is_connected(
     starts: dict[int, Point], r: float
 ) -> None:
     near = graph.neighbours(starts, r)
-    assert (graph.algebraic_connectivity(near) > 0) == graph.is_connected(near)
-    assert (graph.consensus_rate(near) > 0) == graph.is_connected(near)
+    assert (graph.algebraic_connectivity(near) > 0) == (len(graph.components(near)) == 1)
+    assert (graph.consensus_rate(near) > 0) == (len(graph.components(near)) == 1)
 
 
 @given(many_starts, st.floats(0.5, 10), st.sets(st.integers(0, 11)))
@@ -90,6 +90,6 @@ def test_known_spectra(count: int) -> None:
 
 
 def test_one_agent_and_none() -> None:
-    assert graph.is_connected({})
-    assert graph.is_connected({7: ()})
+    assert graph.components({}) == ()
+    assert graph.components({7: ()}) == ((7,),)
     assert graph.algebraic_connectivity({7: ()}) == graph.consensus_rate({7: ()}) == 0.0

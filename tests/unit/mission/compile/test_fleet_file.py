@@ -21,7 +21,9 @@ TEXT = "{dead_time_s: 0.41, lag_s: 0.52, acceleration_mps2: 2.7}"
 
 ENTRIES = {
     "- {id: 3, sysid: 13}  # north\n": f"- {{id: 3, sysid: 13, response: {TEXT}}}  # north\n",
-    "- {id: 3,\n     sysid: 13, # here\n    }\n": f"- {{id: 3,\n     sysid: 13, response: {TEXT}, # here\n    }}\n",
+    "- {id: 3,\n     sysid: 13, # here\n    }\n": (
+        f"- {{id: 3,\n     sysid: 13, response: {TEXT}, # here\n    }}\n"
+    ),
     "- {response: {lag_s: 1}, id: 3}\n": f"- {{response: {TEXT}, id: 3}}\n",
     "- {id: 3, response: }\n": f"- {{id: 3, response: {TEXT} }}\n",
     "- id: 3 # north\n    sysid: 13\n": f"- id: 3 # north\n    response: {TEXT}\n    sysid: 13\n",

@@ -1,4 +1,4 @@
-"""The section `simulation`: what it may say, what the simulator is told, and that the plan knows
+"""The section `simulation`: its values, the simulator's configuration, and that the plan knows
 nothing of it."""
 
 from __future__ import annotations
@@ -53,13 +53,14 @@ def test_the_simulator_is_told_what_begins_and_what_ends() -> None:
 
 
 def test_vehicles_that_are_not_simulated_have_no_faults() -> None:
-    """The simulator is told of its own; the mission's reader, of the others."""
+    """The simulator gets the faults of its vehicles; a warning names the other vehicles."""
     loaded = loads(TEXT + SECTION)
     told = simulator_config(loaded.plan, [loaded.fleet.agent(3)], loaded.file.simulation)
     assert {fault["sysid"] for fault in told["faults"]} == {3}
+    ignored = "ignored by agents with a vehicle of their own: 1, 2"
     assert [warning for warning in loaded.warnings if "simulation" in warning] == [
-        f"mission.yaml:{FIRST + 1}: simulation.parameters: ignored by agents with a vehicle of their own: 1, 2",
-        f"mission.yaml:{FIRST + 4}: simulation.faults[1]: ignored by agents with a vehicle of their own: 1, 2",
+        f"mission.yaml:{FIRST + 1}: simulation.parameters: {ignored}",
+        f"mission.yaml:{FIRST + 4}: simulation.faults[1]: {ignored}",
     ]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 from html.parser import HTMLParser
 from pathlib import Path
@@ -9,13 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from rich.console import Console
 
-from swarm_ctl.core.model.messages import AgentState, Event, Payload, Severity, SigmaReport
+from swarm_ctl.core.model.messages import AgentState, Event, Outcome, Payload, Severity, SigmaReport
 from swarm_ctl.errors import InputError
 from swarm_ctl.recording import RECORDING
 from swarm_ctl.recording.mcap_recorder import McapRecorder
 from swarm_ctl.report.page.figures import FIGURES
-from swarm_ctl.report.page.html_page import PAGE, make_comparison, make_report
+from swarm_ctl.report.page.html_page import PAGE, comparison_table, make_comparison, make_report
 from swarm_ctl.report.page.run_history import read_history
 from tests.unit.report.run_folders import (
     FORM,
@@ -27,6 +29,7 @@ from tests.unit.report.run_folders import (
     position,
     true_minimum,
     write_run,
+    write_status,
 )
 from tests.unit.station.swarm import report_of, state_of, status_of
 
@@ -156,6 +159,23 @@ def test_a_recording_that_was_cut_off_is_recovered(run: Path) -> None:
     (run / RECORDING).write_bytes(data[:-100])
     assert "recovered up to its last second" in make_report(run).read_text()
     assert "recovered" not in make_report(run).read_text()
+
+
+@pytest.mark.usefixtures("quick")
+def test_text_of_the_run_is_shown_and_never_run(run: Path) -> None:
+    """Markup and control characters of names, reasons and notes are text on page and screen."""
+    evil = "[red]<b>x\x1b[2J"
+    write_status(run, account(4, outcome=Outcome.FAILED, reason=evil))
+    other = run.rename(run.parent / evil)
+    pages = [make_report(other), make_comparison([other, other], run.parent / "both.html")]
+    for page in pages:
+        assert "<b>" not in page.read_text()
+        assert "\x1b" not in page.read_text()
+    console = Console(file=io.StringIO(), width=120)
+    console.print(comparison_table([other, other]))
+    shown = console.file.getvalue()  # type: ignore[attr-defined]
+    assert "[red]<b>x?[2J" in shown
+    assert "\x1b" not in shown
 
 
 def test_no_run_folder_is_an_input_error(tmp_path: Path) -> None:
