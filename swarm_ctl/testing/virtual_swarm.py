@@ -60,8 +60,8 @@ class Member:
 class VirtualSwarm:
     """Flies a mission tick by tick; between ticks, tests read its parts and break them.
 
-    `mesh` makes each agent's transport of the plain one and the agent's id (`mesh/impaired.py`);
-    `clocks` has the agents whose clock is not the swarm's.
+    `mesh` makes each agent's transport of the plain one and the agent's id; `clocks` has the agents
+    whose clock is not the swarm's.
     """
 
     def __init__(
@@ -76,7 +76,8 @@ class VirtualSwarm:
         self.plan: Plan = mission.plan
         self.now = 0.0
         self.events: list[Event] = []
-        self.minimum: dict[tuple[int, int], float] = {}
+        count = len(mission.plan.agents)
+        self._closest_m = np.full((count, count), np.inf)
         self.station_alive = True
         self.lifeline_cut = False
         self.mesh = MemoryHub(lambda: self.now)
@@ -135,9 +136,7 @@ class VirtualSwarm:
             return
         points = np.asarray(world.positions())[:, :2]
         gaps = np.linalg.norm(points[:, None] - points[None], axis=-1)
-        for i in range(len(points)):
-            for j in range(i):
-                self.minimum[j, i] = min(self.minimum.get((j, i), np.inf), float(gaps[i, j]))
+        np.minimum(self._closest_m, gaps, out=self._closest_m)
 
     def _step(self, member: Member) -> None:
         now = member.clock(self.now)
@@ -232,6 +231,14 @@ class VirtualSwarm:
     def outcomes(self) -> dict[int, str]:
         """By agent, for those that have ended."""
         return {i: m.ended.outcome for i, m in self.members.items() if m.ended is not None}
+
+    @property
+    def minimum(self) -> dict[tuple[int, int], float]:
+        """Smallest true horizontal distance in the air so far [m], by pair of places in the plan;
+        empty before a vehicle was in the air."""
+        pairs = zip(*np.triu_indices(len(self._closest_m), 1), strict=True)
+        found = {(int(i), int(j)): float(self._closest_m[i, j]) for i, j in pairs}
+        return {pair: distance for pair, distance in found.items() if distance < np.inf}
 
     @property
     def closest_m(self) -> float:

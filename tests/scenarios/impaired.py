@@ -58,7 +58,7 @@ class ImpairedTransport(Transport):
         links = []
         for name in self._publishers:
             self._inlets += 1
-            dice = random.Random(self._seed * 1_000_003 + self._inlets)  # noqa: S311
+            dice = random.Random(self._seed * 1_000_003 + self._inlets)
             inlet = self._inner.subscribe(key_expression.replace("*", name), timed=timed)
             links.append(_ImpairedLink(inlet, self, name, dice))
         return ImpairedInlet(links, self._now)
