@@ -112,7 +112,7 @@ def test_two_more_stations_watch_command_and_leave(tmp_path: Path) -> None:
             Terminal("station", cwd=tmp_path) as one,
             Terminal("station", "--headless", cwd=tmp_path) as other,
         ):
-            other.wait_for("takeoff")
+            other.wait_for("agents 1-6: ")
             other.press("C-c")
             other.wait_for("DONE")
             one.wait_for("6/6 agents")

@@ -143,7 +143,6 @@ class AgentTable(CellTable):
     """All agents of a picture."""
 
     def draw(self, picture: Picture) -> None:
-        """Show the picture's agents, and its cursor."""
         columns = _COLUMNS if self.room >= _ROOMY else _NARROW
         headings = [_titled(h, picture) for h in (_ID, *(column.heading for column in columns))]
         rest = self.room - sum(heading.width + 1 for heading in headings) - 1

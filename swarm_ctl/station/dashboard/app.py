@@ -6,16 +6,15 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import ClassVar, Final
+from typing import ClassVar, Final, TypeVar
 
 from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal
 from textual.driver import Driver
 from textual.events import Key
-from textual.message import Message
 from textual.screen import Screen
 from textual.widgets import DataTable, Footer, Input, Label, TabbedContent
 
@@ -45,6 +44,7 @@ from swarm_ctl.station.picture.view import SwarmView
 
 SCREENS: Final = ("swarm", "links", "sigma", "log", "help")
 _LEVELS: Final = (Level.WELL, Level.WARNING, Level.ERROR)
+T = TypeVar("T")
 _NOTICE_WALL_S: Final = 8.0
 _ONLY_ON: Final = {
     "mark_cursor": "swarm",
@@ -56,22 +56,6 @@ _ONLY_ON: Final = {
     "filter": "log",
 }
 """Keys that mean something on one screen alone."""
-
-
-class NewView(Message):
-    """A newer view waits."""
-
-
-class Note(Message):
-    """A word for the operator."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.text = text
-
-
-class Over(Message):
-    """The station has nothing to show any more."""
 
 
 class Board(Screen[None], inherit_bindings=False):
@@ -109,6 +93,11 @@ def _bindings() -> list[BindingType]:
         *hidden({"q": "leave", "a": "mark_all", "S": "sort_turn", "t": "theme"}),
         *hidden(MOVES),
     ]
+
+
+def _after(value: T, values: Sequence[T], by: int = 1) -> T:
+    """The next one, round and round."""
+    return values[(values.index(value) + by) % len(values)]
 
 
 MOVES: Final = {
@@ -202,33 +191,29 @@ class Dashboard(App[None]):
             self._waiting = view
             return
         self._waiting = view
-        self._post(NewView())
+        if self._up:
+            self.call_later(self.take)
 
     def tell(self, text: str) -> None:
-        """A word of the run."""
-        self._post(Note(text))
+        """Show and log a word of the run."""
+        if self._up:
+            self.call_later(self._note, text)
 
     def leave(self) -> None:
         """All is over: close."""
         self._over = True
-        self._post(Over())
-
-    def _post(self, message: Message) -> None:
         if self._up:
-            self.post_message(message)
+            self.call_later(self.exit)
 
     # --- the screen ---
 
     def get_default_screen(self) -> Screen[None]:
-        """The screen below all."""
         return Board(id="_default")
 
     def help_pane(self) -> HelpPane:
-        """The help screen."""
         return HelpPane({"commands, by key or after ':'": commands(), "keys": KEYS, "signs": SIGNS})
 
     def compose(self) -> ComposeResult:
-        """Bars above and below, one screen in between."""
         yield Painted("title")
         yield Painted("verdict")
         with TabbedContent(initial=SCREENS[0]):
@@ -254,20 +239,11 @@ class Dashboard(App[None]):
         """From here on messages are taken; what came before waits."""
         self.query_one("ContentTabs").can_focus = False
         self._up = True
-        self.on_new_view()
+        self.take()
         if self._over:
             self.exit()
 
-    def on_over(self) -> None:
-        """Close."""
-        self.exit()
-
-    def on_note(self, message: Note) -> None:
-        """Show and log it."""
-        self._journal.note(self._view.time_s if self._view else 0.0, message.text)
-        self._say(message.text)
-
-    def on_new_view(self) -> None:
+    def take(self) -> None:
         """Take the newest view and draw it."""
         view, self._waiting = self._waiting, None
         if view is not None:
@@ -275,6 +251,10 @@ class Dashboard(App[None]):
             self._view = replace(view, health=health)
             self._journal.update(self._view)
             self.draw()
+
+    def _note(self, text: str) -> None:
+        self._journal.note(self._view.time_s if self._view else 0.0, text)
+        self._say(text)
 
     def on_painted_sized(self) -> None:
         """A panel was shown, hidden or resized: draw for its new room."""
@@ -297,7 +277,6 @@ class Dashboard(App[None]):
         return pane if isinstance(pane, Pane) else None
 
     def draw(self) -> None:
-        """Draw what is visible."""
         picture, pane = self.picture, self.pane
         if picture is None or pane is None:
             return
@@ -329,7 +308,7 @@ class Dashboard(App[None]):
         if str(tab.label) != words:
             tab.label = words
         ended = all(agent.phase is Phase.ENDED for agent in picture.view.agents)
-        words = " all agents have ended" if ended else f" {marked} marked:" if marked else ""
+        words = " all agents have ended" if ended else f" {marked} marked: " if marked else ""
         label = self.query_one("#marked", Label)
         if str(label.content) != words:
             label.update(words)
@@ -346,21 +325,16 @@ class Dashboard(App[None]):
         return pane is None or pane.id == _ONLY_ON[action]
 
     def on_tabbed_content_tab_activated(self) -> None:
-        """Another screen: it has other keys."""
         self.refresh_bindings()
         self.draw()
 
     def action_go(self, name: str) -> None:
-        """Another screen."""
         self.query_one(TabbedContent).active = name
 
     def action_go_on(self, by: int) -> None:
-        """The next screen."""
-        at = SCREENS.index(self.query_one(TabbedContent).active)
-        self.action_go(SCREENS[(at + by) % len(SCREENS)])
+        self.action_go(_after(self.query_one(TabbedContent).active, SCREENS, by))
 
     def action_scroll(self, pages: int) -> None:
-        """Turn a page of the visible screen."""
         if self.pane is not None:
             scroller = self.pane.scroller
             turn = scroller.scroll_page_up if pages < 0 else scroller.scroll_page_down
@@ -384,7 +358,6 @@ class Dashboard(App[None]):
         self._choose(cursor=agent, marked=self._chosen.marked ^ {agent})
 
     def action_mark_cursor(self) -> None:
-        """Mark the cursor's agent, or not."""
         if self._chosen.cursor:
             self.action_mark(self._chosen.cursor)
 
@@ -401,29 +374,21 @@ class Dashboard(App[None]):
             self._choose(sort=title, backwards=again and not self._chosen.backwards)
 
     def action_sort_next(self) -> None:
-        """Sort by the next column."""
-        at = TITLES.index(self._chosen.sort)
-        self._choose(sort=TITLES[(at + 1) % len(TITLES)], backwards=False)
+        self._choose(sort=_after(self._chosen.sort, TITLES), backwards=False)
 
     def action_sort_turn(self) -> None:
-        """Turn the order round."""
         self._choose(backwards=not self._chosen.backwards)
 
     def action_metric(self, name: str) -> None:
-        """What the link matrix shows."""
         self._choose(metric=name)
 
     def action_metric_next(self) -> None:
-        """The next thing it can show."""
-        names = list(METRICS)
-        self._choose(metric=names[(names.index(self._chosen.metric) + 1) % len(names)])
+        self._choose(metric=_after(self._chosen.metric, tuple(METRICS)))
 
     def action_level_next(self) -> None:
-        """The log from another level on."""
-        self._choose(log_level=_LEVELS[(_LEVELS.index(self._chosen.log_level) + 1) % len(_LEVELS)])
+        self._choose(log_level=_after(self._chosen.log_level, _LEVELS))
 
     def action_theme(self) -> None:
-        """Light or dark."""
         if self.theme != PLAIN:
             self.theme = LIGHT if self.current_theme.dark else DARK
 
@@ -455,7 +420,6 @@ class Dashboard(App[None]):
         return policy if any(agent.live for agent in view.agents) else None
 
     def action_interrupt(self) -> None:
-        """Ctrl-C."""
         if self._interrupt is None:
             self.action_leave()
         else:
@@ -477,7 +441,6 @@ class Dashboard(App[None]):
             self.action_command("") if character == ":" else self._filter()
 
     def action_command(self, text: str) -> None:
-        """Open the command line."""
         self._open_line(Purpose.COMMAND, text)
 
     def action_filter(self) -> None:
@@ -514,7 +477,6 @@ class Dashboard(App[None]):
             self.draw()
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
-        """Enter."""
         line = self.query_one(CommandInput)
         purpose, text = line.purpose, event.value.strip()
         self._close_line()
@@ -523,7 +485,6 @@ class Dashboard(App[None]):
             self.typed(text)
 
     def typed(self, text: str) -> None:
-        """A line was typed behind a colon."""
         self._order(text)
 
     def _open_line(self, purpose: Purpose, text: str) -> None:

@@ -31,7 +31,6 @@ class Ask(ModalScreen[bool]):
         self._question = question
 
     def compose(self) -> ComposeResult:
-        """The question and its answers."""
         with Vertical(id="ask"):
             yield Label(self._question, markup=False)
             with Horizontal():
@@ -43,9 +42,7 @@ class Ask(ModalScreen[bool]):
         self.set_focus(None)
 
     def on_button_pressed(self, event: Button.Pressed) -> None:
-        """A mouse's answer."""
         self.dismiss(event.button.id == "yes")
 
     def action_answer(self, yes: bool) -> None:
-        """A key's answer."""
         self.dismiss(yes)

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from rich.segment import Segment
 
-from swarm_ctl.station.dashboard.styled_line import style
+from swarm_ctl.station.dashboard.styled_line import StyledLine, style
 
 _BITS: Final = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]], dtype=np.uint8)
 """By (row, column) within a cell."""
@@ -48,7 +48,6 @@ class Canvas:
         self.dots(a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1]), name)
 
     def circle(self, centre: tuple[float, float], radius: float, name: str) -> None:
-        """A circle in dot coordinates."""
         count = max(8, round(3.0 * radius))
         angle = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
         self.dots(centre[0] + radius * np.cos(angle), centre[1] + radius * np.sin(angle), name)
@@ -68,7 +67,7 @@ class Canvas:
         self._clicks.append(click)
         return len(self._names) - 1
 
-    def lines(self) -> list[list[Segment]]:
+    def lines(self) -> list[StyledLine]:
         """All rows, from the top."""
         signs = np.where(self._dots > 0, 0x2800 + self._dots.astype(np.int32), ord(" "))
         ink = np.where(self._dots > 0, self._ink, 0)
@@ -81,5 +80,6 @@ class Canvas:
             text = "".join(map(chr, signs[row].tolist()))
             cuts = [0, *(np.flatnonzero(np.diff(ink[row])) + 1).tolist(), self.width]
             inks = ink[row].tolist()
-            lines.append([Segment(text[a:b], styles[inks[a]]) for a, b in pairwise(cuts)])
+            segments = [Segment(text[a:b], styles[inks[a]]) for a, b in pairwise(cuts)]
+            lines.append(StyledLine.of(segments, self.width))
         return lines

@@ -66,7 +66,6 @@ class CommandInput(Input):
         self.screen.set_focus(self, scroll_visible=False)
 
     def close(self) -> None:
-        """Give it back."""
         self.purpose = None
         self.can_focus = False
         self.screen.set_focus(None)
@@ -82,7 +81,6 @@ class CommandInput(Input):
             self._put(found[0])
 
     def action_recall(self, by: int) -> None:
-        """A line from before."""
         self._at = min(max(0, self._at + by), len(self._before))
         self._put(self._before[self._at] if self._at < len(self._before) else "")
 

@@ -76,7 +76,6 @@ class HelpPane(Pane):
         self._sections = sections
 
     def compose(self) -> ComposeResult:
-        """All sections, one below the other."""
         with VerticalScroll(can_focus=False):
             for title, text in self._sections.items():
                 table = Table.grid(padding=(0, 2))

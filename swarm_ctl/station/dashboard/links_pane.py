@@ -43,13 +43,11 @@ class LinksPane(Pane):
     """Every link of the swarm."""
 
     def compose(self) -> ComposeResult:
-        """Words and matrix above the table."""
         with VerticalScroll(can_focus=False):
             yield Painted("matrix")
             yield CellTable("other-links")
 
     def draw(self, picture: Picture) -> None:
-        """Show this picture's links."""
         matrix, table = self.query_one("#matrix", Painted), self.query_one(CellTable)
         judged = mesh_judgements(picture.view)
         lines = matrix_lines(picture, judged, matrix.room[0])

@@ -84,17 +84,14 @@ class LogPane(Pane):
     """The whole journal."""
 
     def compose(self) -> ComposeResult:
-        """The log, and a line where it would be empty."""
         yield Painted("empty")
         yield EntryLog("entries")
 
     @property
     def scroller(self) -> Widget:
-        """The log scrolls itself."""
         return self.query_one(EntryLog)
 
     def draw(self, picture: Picture) -> None:
-        """Show what passes the filter."""
         entries = [entry for entry in picture.entries if passes(entry, picture.chosen)]
         self.query_one(EntryLog).show(entries)
         words = "nothing passes the filter" if picture.entries else "nothing in the log yet"

@@ -13,10 +13,8 @@ class Pane(TabPane):
     """One screen: it draws pictures, and has something that scrolls."""
 
     def draw(self, picture: Picture) -> None:
-        """Show this picture."""
         raise NotImplementedError
 
     @property
     def scroller(self) -> Widget:
-        """What the page keys and the arrows scroll."""
         return self.query_one(VerticalScroll)

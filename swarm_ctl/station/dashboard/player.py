@@ -42,7 +42,7 @@ replay | {_NO_ORDERS}; alarms come as they would have come in flight
 
 def _bindings() -> list[BindingType]:
     shown = [
-        Binding("space", "pause", "pause, play"),
+        Binding("space", "pause", "pause"),
         Binding("left", "skip(-5)", "5 s back"),
         Binding("right", "skip(5)", "on"),
         Binding("e", "next(False)", "event"),
@@ -128,14 +128,12 @@ class Player(Dashboard, inherit_bindings=False):
             self.draw()
 
     def draw(self) -> None:
-        """The dashboard, and the line of time."""
         super().draw()
         for line in self.query("#timeline").results(Painted):
             width = self.size.width
             line.paint([timeline(self.film, self.playing, width)], width=width)
 
     def help_pane(self) -> HelpPane:
-        """A player's keys."""
         return HelpPane({"keys": _KEYS, "signs": SIGNS})
 
     # --- keys ---
@@ -167,7 +165,6 @@ class Player(Dashboard, inherit_bindings=False):
             self._say("the recording is still being read")
 
     def action_last(self, bad: bool) -> None:
-        """The one before this moment."""
         time_s = self.film.last_mark(_wanted(bad))
         if time_s is None:
             self._say(f"no {'alarm' if bad else 'event'} before this moment")
@@ -175,23 +172,18 @@ class Player(Dashboard, inherit_bindings=False):
             self.action_seek(time_s)
 
     def action_speed(self, by: int) -> None:
-        """Faster or slower."""
         self._change(speed=at_speed(self.playing.speed, by))
 
     def action_usual_speed(self) -> None:
-        """As fast as the mission's clock."""
         self._change(speed=1.0)
 
     def action_refuse(self, name: str) -> None:
-        """An order's key."""
         self._say(f"{name}: {_NO_ORDERS}")
 
     def action_command(self, _: str) -> None:
-        """Open the line for a time."""
         self._open_line(Purpose.TIME, "")
 
     def typed(self, text: str) -> None:
-        """A time."""
         try:
             self.action_seek(self.film.moment(text))
         except InputError as error:

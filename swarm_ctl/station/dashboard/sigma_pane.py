@@ -61,7 +61,6 @@ class SigmaPane(Pane):
     """The law at work."""
 
     def compose(self) -> ComposeResult:
-        """Promises and law, pairs, terms, tallies."""
         with VerticalScroll(can_focus=False):
             yield Painted("law")
             yield CellTable("pairs")
@@ -69,7 +68,6 @@ class SigmaPane(Pane):
             yield Painted("tally")
 
     def draw(self, picture: Picture) -> None:
-        """Show what the law does in this picture."""
         view = picture.view
         law, pairs = self.query_one("#law", Painted), self.query_one("#pairs", CellTable)
         law.paint([*_promises(picture), *_laws(view), *_no_pairs(view)])

@@ -42,6 +42,13 @@ class StyledLine:
         if words:
             self.add(words, name, click)
 
+    @classmethod
+    def of(cls, segments: list[Segment], width: int) -> StyledLine:
+        """A line whose segments and width are known."""
+        line = cls()
+        line.segments, line.width = segments, width
+        return line
+
     def add(self, words: str, name: str = "", click: str = "") -> StyledLine:
         """Append words."""
         self.segments.append(Segment(words, style(name, click)))
@@ -49,7 +56,6 @@ class StyledLine:
         return self
 
     def put(self, other: StyledLine) -> StyledLine:
-        """Append another line."""
         self.segments += other.segments
         self.width += other.width
         return self
@@ -65,7 +71,6 @@ class StyledLine:
 
     @property
     def text(self) -> str:
-        """The words alone."""
         return "".join(segment.text for segment in self.segments)
 
 

@@ -12,7 +12,7 @@ from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.plan import Point
 from swarm_ctl.station.dashboard.canvas import Canvas
 from swarm_ctl.station.dashboard.picture import Picture
-from swarm_ctl.station.dashboard.styled_line import LEVEL_STYLE, StyledLine
+from swarm_ctl.station.dashboard.styled_line import LEVEL_STYLE, SIGN, StyledLine
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.link_quality import mesh_judgements
 from swarm_ctl.station.picture.view import AgentView, SwarmView
@@ -49,24 +49,18 @@ class MapScale:
 
 def map_lines(picture: Picture, width: int, height: int) -> list[StyledLine]:
     """`height` lines of `width` cells."""
-    view = picture.view
-    placed = {agent.id: agent for agent in view.agents if agent.state is not None}
+    placed = {agent.id: agent for agent in picture.view.agents if agent.state is not None}
     if not placed or width < 8 or height < 3:
         return [StyledLine("  no positions yet: no map" if not placed else "", "dim")]
-    canvas = Canvas(width, height)
-    scale = fitted(view, width, height)
-    _draw_links(canvas, scale, picture, placed)
-    _draw_circles(canvas, scale, picture, placed)
-    _draw_trails(canvas, scale, view)
-    _draw_slots(canvas, scale, view)
-    _draw_agents(canvas, scale, picture, placed)
-    _draw_scale(canvas, scale)
-    lines = []
-    for segments in canvas.lines():
-        line = StyledLine()
-        line.segments, line.width = segments, width
-        lines.append(line)
-    return lines
+    scale = fitted(picture.view, width, height)
+    drawing = _Drawing(Canvas(width, height), scale, picture, placed)
+    drawing.links()
+    drawing.circles()
+    drawing.trails()
+    drawing.slots()
+    drawing.agents()
+    drawing.scale_bar()
+    return drawing.canvas.lines()
 
 
 def fitted(view: SwarmView, width: int, height: int) -> MapScale:
@@ -93,96 +87,91 @@ def position(agent: AgentView) -> Point:
     return agent.state.position_ned_m[:2] if agent.state else (math.nan, math.nan)
 
 
-def _draw_links(
-    canvas: Canvas, scale: MapScale, picture: Picture, placed: dict[int, AgentView]
-) -> None:
-    view = picture.view
-    judged = mesh_judgements(
-        view, {pair for edge in view.edges for pair in ((edge.a, edge.b), (edge.b, edge.a))}
-    )
-    long_m = _LONG * view.plan.law.r * view.plan.unit_m
-    worst: dict[tuple[int, int], Level] = {}
-    for edge in view.edges:
-        pair = (edge.a, edge.b)
-        both = [judged[p].level for p in (pair, pair[::-1]) if p in judged]
-        level = max(both, default=Level.WAITING)
-        if edge.length_m is not None and edge.length_m > long_m and level < Level.WARNING:
-            level = Level.WARNING
-        if placed.get(edge.a) and placed.get(edge.b):
-            worst[pair] = (
-                Level.ERROR if view.agent(edge.a).lost or view.agent(edge.b).lost else level
-            )
-    crowded = len(worst) > _CROWDED * len(placed)
-    for (a, b), level in sorted(worst.items(), key=lambda item: item[1]):
-        if crowded and level < Level.WARNING:
-            continue
-        ends = scale.dot(position(placed[a])), scale.dot(position(placed[b]))
-        canvas.line(*ends, _LINK_STYLE[level], every=1.0 if level >= Level.WARNING else 3.0)
+@dataclass(frozen=True, slots=True)
+class _Drawing:
+    """One map in the making; what is drawn later lies above."""
 
+    canvas: Canvas
+    scale: MapScale
+    picture: Picture
+    placed: dict[int, AgentView]
+    """The agents with a position."""
 
-def _draw_circles(
-    canvas: Canvas, scale: MapScale, picture: Picture, placed: dict[int, AgentView]
-) -> None:
-    """Half of r_out around each: where two touch, the avoidance begins."""
-    near = {agent for pair in picture.view.pairs for agent in (pair.a, pair.b)}
-    radius = picture.view.plan.law.r_out * picture.view.plan.unit_m / 2 * scale.dots_per_m
-    for agent in placed.values():
-        if agent.phase is not Phase.ENDED and radius >= 3:
-            canvas.circle(
-                scale.dot(position(agent)), radius, "yellow" if agent.id in near else "blue"
-            )
+    def links(self) -> None:
+        levels = self._link_levels()
+        crowded = len(levels) > _CROWDED * len(self.placed)
+        for (a, b), level in sorted(levels.items(), key=lambda item: item[1]):
+            bad = level >= Level.WARNING
+            if bad or not crowded:
+                here, there = (self.scale.dot(position(self.placed[i])) for i in (a, b))
+                self.canvas.line(here, there, _LINK_STYLE[level], every=1.0 if bad else 3.0)
 
+    def _link_levels(self) -> dict[tuple[int, int], Level]:
+        """Of every planned link whose ends have positions: the worse direction's level, a warning
+        where it is nearly too long, an error where an end is lost."""
+        view = self.picture.view
+        both_ways = {pair for e in view.edges for pair in ((e.a, e.b), (e.b, e.a))}
+        judged = mesh_judgements(view, both_ways)
+        long_m = _LONG * view.plan.law.r * view.plan.unit_m
+        found: dict[tuple[int, int], Level] = {}
+        for edge in view.edges:
+            a, b = self.placed.get(edge.a), self.placed.get(edge.b)
+            if a is None or b is None:
+                continue
+            ways = ((edge.a, edge.b), (edge.b, edge.a))
+            level = max((judged[p].level for p in ways if p in judged), default=Level.WAITING)
+            if edge.length_m is not None and edge.length_m > long_m:
+                level = max(level, Level.WARNING)
+            found[edge.a, edge.b] = Level.ERROR if a.lost or b.lost else level
+        return found
 
-def _draw_trails(canvas: Canvas, scale: MapScale, view: SwarmView) -> None:
-    for trail in view.histories.trails.values():
-        if len(trail) > 1:
-            points = np.array(trail)
-            x = scale.width + scale.dots_per_m * (points[:, 1] - scale.middle[1])
-            y = 2 * scale.height - scale.dots_per_m * (points[:, 0] - scale.middle[0])
-            canvas.dots(x, y, "cyan")
+    def circles(self) -> None:
+        """Half of r_out around each: where two touch, the avoidance begins."""
+        view = self.picture.view
+        near = {agent for pair in view.pairs for agent in (pair.a, pair.b)}
+        radius = view.plan.law.r_out * view.plan.unit_m / 2 * self.scale.dots_per_m
+        for agent in self.placed.values():
+            if agent.phase is not Phase.ENDED and radius >= 3:
+                name = "yellow" if agent.id in near else "blue"
+                self.canvas.circle(self.scale.dot(position(agent)), radius, name)
 
+    def trails(self) -> None:
+        scale = self.scale
+        for trail in self.picture.view.histories.trails.values():
+            if len(trail) > 1:
+                north, east = np.array(trail).T
+                x = scale.width + scale.dots_per_m * (east - scale.middle[1])
+                y = 2 * scale.height - scale.dots_per_m * (north - scale.middle[0])
+                self.canvas.dots(x, y, "cyan")
 
-def _draw_slots(canvas: Canvas, scale: MapScale, view: SwarmView) -> None:
-    for agent in view.agents:
-        if agent.target_m is not None:
-            x, y = scale.dot(agent.target_m)
-            canvas.words(int(x // 2), int(y // 4), "○", "bold")
+    def slots(self) -> None:
+        for agent in self.picture.view.agents:
+            if agent.target_m is not None:
+                x, y = self.scale.dot(agent.target_m)
+                self.canvas.words(int(x // 2), int(y // 4), "○", "bold")
 
+    def agents(self) -> None:
+        levels, chosen = self.picture.levels(), self.picture.chosen
+        for agent in self.placed.values():
+            x, y = self.scale.dot(position(agent))
+            level = levels.get(agent.id, Level.WELL)
+            name = "bold green" if agent.airborne else "dim"
+            if agent.id in chosen.marked:
+                name = "bold magenta"
+            elif level >= Level.WARNING:
+                name = LEVEL_STYLE[level]
+            name += " reverse" if agent.id == chosen.cursor else ""
+            words = str(agent.id)
+            sign = SIGN[level] if level >= Level.WARNING else ""
+            column = int(x // 2) - (len(words) - 1) // 2
+            self.canvas.words(column, int(y // 4), words + sign, name, f"app.mark({agent.id})")
 
-def _draw_agents(
-    canvas: Canvas, scale: MapScale, picture: Picture, placed: dict[int, AgentView]
-) -> None:
-    levels = picture.levels()
-    for agent in placed.values():
-        x, y = scale.dot(position(agent))
-        level = levels.get(agent.id, Level.WELL)
-        name = (
-            LEVEL_STYLE[level]
-            if level >= Level.WARNING
-            else "bold green"
-            if agent.airborne
-            else "dim"
-        )
-        if agent.id in picture.chosen.marked:
-            name = "bold magenta"
-        if agent.id == picture.chosen.cursor:
-            name += " reverse"
-        words = str(agent.id)
-        sign = {Level.WARNING: "!", Level.ERROR: "✗"}.get(level, "")
-        canvas.words(
-            int(x // 2) - (len(words) - 1) // 2,
-            int(y // 4),
-            words + sign,
-            name,
-            f"app.mark({agent.id})",
-        )
-
-
-def _draw_scale(canvas: Canvas, scale: MapScale) -> None:
-    """A bar of a round length and where north is."""
-    room_m = min(20, canvas.width // 3) * 2 / scale.dots_per_m
-    unit = 10.0 ** math.floor(math.log10(room_m))
-    length_m = max(k * unit for k in (1, 2, 5) if k * unit <= room_m)
-    cells = max(2, round(length_m * scale.dots_per_m / 2))
-    canvas.words(1, canvas.height - 1, f"├{'─' * (cells - 2)}┤ {length_m:g} m", "dim")
-    canvas.words(canvas.width - 3, 0, "N↑", "dim")
+    def scale_bar(self) -> None:
+        """A bar of a round length and where north is."""
+        canvas, dots_per_m = self.canvas, self.scale.dots_per_m
+        room_m = min(20, canvas.width // 3) * 2 / dots_per_m
+        unit = 10.0 ** math.floor(math.log10(room_m))
+        length_m = max(k * unit for k in (1, 2, 5) if k * unit <= room_m)
+        cells = max(2, round(length_m * dots_per_m / 2))
+        canvas.words(1, canvas.height - 1, f"├{'─' * (cells - 2)}┤ {length_m:g} m", "dim")
+        canvas.words(canvas.width - 3, 0, "N↑", "dim")

@@ -26,7 +26,6 @@ class SwarmPane(Pane):
     """What the agents do, and where they are."""
 
     def compose(self) -> ComposeResult:
-        """Table and log on the left, map on the right."""
         with Vertical(id="left"):
             yield AgentTable("agents")
             yield EntryLog("recent")
@@ -40,11 +39,9 @@ class SwarmPane(Pane):
 
     @property
     def scroller(self) -> Widget:
-        """The table scrolls itself."""
         return self.query_one(AgentTable)
 
     def draw(self, picture: Picture) -> None:
-        """Show this picture's agents."""
         self.query_one(AgentTable).draw(picture)
         recent, drawing = self.query_one(EntryLog), self.query_one("#map", Painted)
         if recent.display and recent.size.width:

@@ -29,13 +29,11 @@ class OnGround(Widget):
 
     @property
     def rich_style(self) -> Style:
-        """The theme's colours."""
         if self._ground is None:
             self._ground = super().rich_style
         return self._ground
 
     def notify_style_update(self) -> None:
-        """Another theme, say."""
         self._ground = None
         super().notify_style_update()
 
@@ -52,7 +50,6 @@ class Painted(ScrollView, OnGround, can_focus=False):
 
     @property
     def room(self) -> tuple[int, int]:
-        """Width and height to draw in."""
         size = self.scrollable_content_region.size
         return size.width, size.height
 
@@ -90,7 +87,6 @@ class Words:
     click: str = ""
 
     def segments(self, _: Console) -> list[Segment]:
-        """As a table draws it."""
         return [Segment(self.words, style(self.name, self.click))]
 
 
@@ -102,7 +98,6 @@ class Trend:
     width: int
 
     def segments(self, console: Console) -> list[Segment]:
-        """As a table draws it."""
         values = self.values[-self.width :]
         if len(values) < 2:
             return [Segment(DASH, style("dim"))]
@@ -116,7 +111,6 @@ class Painting:
     parts: tuple[tuple[str, str], ...]
 
     def segments(self, _: Console) -> list[Segment]:
-        """As a table draws it."""
         return [Segment(words, style(name)) for words, name in self.parts]
 
 
@@ -134,7 +128,6 @@ class Heading:
 
     @property
     def label(self) -> Text:
-        """What stands above the column."""
         return Text(self.cell(self.title).words, style(self.name))
 
     def cell(self, words: str, name: str = "", click: str = "") -> Words:
@@ -159,7 +152,6 @@ class CellTable(DataTable[TableCell], OnGround, can_focus=False):
 
     @property
     def room(self) -> int:
-        """The width to draw in."""
         return self.scrollable_content_region.width
 
     def show(self, headings: tuple[Heading, ...], rows: Mapping[str, Sequence[TableCell]]) -> None:

@@ -33,17 +33,9 @@ class Judgement:
 
 def judge(link: LinkView, series: LinkSeries) -> Judgement:
     """A mesh link by the age of its newest state and its loss over the last ten seconds."""
-    age, loss = link.report.age_s, series.recent_loss
-    if age is None:
+    if link.report.age_s is None:
         return Judgement(Level.WAITING, "never heard")
-    level, words = Level.WELL, []
-    if age > AGE_WARNING_S:
-        level = Level.ERROR if age > AGE_ERROR_S else Level.WARNING
-        words.append(f"last state {age:.1f} s old")
-    if loss > LOSS_WARNING:
-        level = max(level, Level.ERROR if loss > LOSS_ERROR else Level.WARNING)
-        words.append(f"{loss:.0%} lost in 10 s")
-    return Judgement(level, ", ".join(words))
+    return _judged(link.report.age_s, series.recent_loss)
 
 
 def judge_vehicle(agent: AgentView) -> Judgement:
@@ -51,22 +43,29 @@ def judge_vehicle(agent: AgentView) -> Judgement:
     age = agent.status.heartbeat_age_s if agent.status else None
     if age is None or agent.phase is Phase.ENDED:
         return Judgement(Level.WAITING)
-    if age > HEARTBEAT_WARNING_S:
-        level = Level.ERROR if age > HEARTBEAT_ERROR_S else Level.WARNING
-        return Judgement(level, f"heartbeat {age:.1f} s old")
-    return Judgement(Level.WELL)
+    level = _level(age, HEARTBEAT_WARNING_S, HEARTBEAT_ERROR_S)
+    return Judgement(level, f"heartbeat {age:.1f} s old" if level else "")
 
 
 def judge_station(agent: AgentView) -> Judgement:
-    """How an agent's states arrive at this station."""
-    if agent.link.age_s is None or agent.phase is Phase.ENDED:
+    """How an agent's states arrive at this station; a state is old from the error's age on."""
+    age = agent.link.age_s
+    if age is None or agent.phase is Phase.ENDED:
         return Judgement(Level.WAITING)
-    if agent.lost or agent.link.age_s > AGE_ERROR_S:
-        return Judgement(Level.ERROR, f"last state {agent.link.age_s:.1f} s old")
-    if agent.link.recent_loss > LOSS_WARNING:
-        level = Level.ERROR if agent.link.recent_loss > LOSS_ERROR else Level.WARNING
-        return Judgement(level, f"{agent.link.recent_loss:.0%} lost in 10 s")
-    return Judgement(Level.WELL)
+    if agent.lost or age > AGE_ERROR_S:
+        return Judgement(Level.ERROR, f"last state {age:.1f} s old")
+    return _judged(0.0, agent.link.recent_loss)
+
+
+def _judged(age_s: float, loss: float) -> Judgement:
+    ages = _level(age_s, AGE_WARNING_S, AGE_ERROR_S), f"last state {age_s:.1f} s old"
+    losses = _level(loss, LOSS_WARNING, LOSS_ERROR), f"{loss:.0%} lost in 10 s"
+    words = ", ".join(words for level, words in (ages, losses) if level)
+    return Judgement(max(ages[0], losses[0]), words)
+
+
+def _level(value: float, warning: float, error: float) -> Level:
+    return Level.ERROR if value > error else Level.WARNING if value > warning else Level.WELL
 
 
 def jitter_s(p50_s: float | None, p99_s: float | None) -> float | None:

@@ -34,7 +34,7 @@ from tests.unit.station.swarm import flying_model, hexagon_plan, report_of, stat
 
 
 def _text(canvas: Canvas) -> list[str]:
-    return ["".join(segment.text for segment in line) for line in canvas.lines()]
+    return [line.text for line in canvas.lines()]
 
 
 def test_dots_are_braille_at_their_place() -> None:
