@@ -60,7 +60,7 @@ def run(
     from swarm_ctl.mission.compile.loader import load
     from swarm_ctl.recording.topics import rates
     from swarm_ctl.report.page.summary_table import render_summary
-    from swarm_ctl.runtime.launch.run_setup import Options
+    from swarm_ctl.runtime.launch.run_setup import RunOptions
     from swarm_ctl.runtime.launch.supervisor import fly
     from swarm_ctl.runtime.station.screens import Show, shown
 
@@ -75,7 +75,7 @@ def run(
         with contextlib.suppress(OSError):  # the reader of our output is gone; the swarm flies on
             console.say(text)
 
-    options = Options(speedup, show, runs, seed, rates(record_hz), tlog, metrics)
+    options = RunOptions(speedup, show, runs, seed, rates(record_hz), tlog, metrics)
     result = fly(loaded, options, say)
     console.print(render_summary(result.summary))
     console.say(f"summary: {result.folder / 'summary.json'}")

@@ -21,14 +21,11 @@ from swarm_ctl.runtime.launch.ports import free_ports
 from swarm_ctl.runtime.launch.sim_config import simulator_config
 from swarm_ctl.runtime.station.screens import Show
 
-_PACKAGES: Final = (
-    *("swarm-ctl", "eclipse-zenoh", "numpy"),
-    *("pydantic", "pymavlink", "rich", "textual"),
-)
+_PACKAGES: Final = "swarm-ctl eclipse-zenoh numpy pydantic pymavlink rich textual".split()
 
 
 @dataclass(frozen=True, slots=True)
-class Options:
+class RunOptions:
     """How to run a mission."""
 
     speedup: float = 1.0
@@ -43,7 +40,7 @@ class Options:
 class RunSetup:
     """One run, decided: `manifest` has every endpoint, and stands in `folder` already."""
 
-    def __init__(self, mission: LoadedMission, options: Options) -> None:
+    def __init__(self, mission: LoadedMission, options: RunOptions) -> None:
         self.options = options
         self.folder = _make_folder(options.runs, mission.plan.name)
         self.manifest = _manifest(mission, options)
@@ -115,7 +112,7 @@ def _make_folder(runs: Path, mission: str) -> Path:
     raise StartError(f"{runs} has a thousand folders {name}-*")
 
 
-def _manifest(mission: LoadedMission, options: Options) -> Manifest:
+def _manifest(mission: LoadedMission, options: RunOptions) -> Manifest:
     """Simulated vehicles, and agents without a place on the mesh, get free loopback ports."""
     agents = mission.fleet.agents
     vehicles = free_ports(sum(agent.endpoint is None for agent in agents), socket.SOCK_DGRAM)

@@ -26,7 +26,7 @@ from swarm_ctl.runtime.launch.processes import (
     wait_all,
     wait_ready,
 )
-from swarm_ctl.runtime.launch.run_setup import Options, RunSetup
+from swarm_ctl.runtime.launch.run_setup import RunOptions, RunSetup
 from swarm_ctl.runtime.launch.terminal_state import TerminalState
 from swarm_ctl.runtime.station.screens import Show
 
@@ -48,7 +48,7 @@ _STATION_WALL_S: Final = 10.0
 
 
 @dataclass(frozen=True, slots=True)
-class Result:
+class RunResult:
     """How a run ended. `interrupts`: how often Ctrl-C was pressed."""
 
     folder: Path
@@ -56,7 +56,7 @@ class Result:
     interrupts: int
 
 
-def fly(mission: LoadedMission, options: Options, say: Callable[[str], None]) -> Result:
+def fly(mission: LoadedMission, options: RunOptions, say: Callable[[str], None]) -> RunResult:
     """Fly a mission to its end; StartError when something did not start (nothing is left running
     then)."""
     setup = RunSetup(mission, options)
@@ -72,7 +72,7 @@ def fly(mission: LoadedMission, options: Options, say: Callable[[str], None]) ->
             write_summary(setup.folder, summary)
         except OSError as error:  # a full disk: `run` shows the summary all the same
             say(f"the summary can't be written: {error.strerror}")
-        return Result(setup.folder, summary, interrupts.count)
+        return RunResult(setup.folder, summary, interrupts.count)
 
 
 class RunProcesses:
