@@ -8,7 +8,6 @@ import socket
 from dataclasses import dataclass, field, replace
 from importlib import metadata
 from pathlib import Path
-from typing import Final
 
 from swarm_ctl.errors import StartError
 from swarm_ctl.mission.compile.fleet import FleetAgent
@@ -21,7 +20,8 @@ from swarm_ctl.runtime.launch.ports import free_ports
 from swarm_ctl.runtime.launch.sim_config import simulator_config
 from swarm_ctl.runtime.station.screens import Show
 
-_PACKAGES: Final = "swarm-ctl eclipse-zenoh numpy pydantic pymavlink rich textual".split()
+_PACKAGES = ("swarm-ctl", "eclipse-zenoh", "numpy", "pydantic", "pymavlink", "rich", "textual")
+"""Their versions stand in the manifest."""
 
 
 @dataclass(frozen=True, slots=True)
