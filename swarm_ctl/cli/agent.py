@@ -10,9 +10,9 @@ import typer
 
 from swarm_ctl.cli.extras import require
 from swarm_ctl.cli.options import FleetFile, Speedup, option
+from swarm_ctl.core.model.fleet import Fleet, FleetAgent
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.errors import InputError
-from swarm_ctl.mission.compile.fleet import Fleet, FleetAgent
 
 _PEER: Final = (
     "Where another agent listens; repeat it. Of two agents, one has to name the other."

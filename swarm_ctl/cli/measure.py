@@ -16,9 +16,9 @@ from swarm_ctl.cli.sim import Persona
 from swarm_ctl.core.identification.fit import Fit, Leg, fit
 from swarm_ctl.core.identification.step_flight import StepFlight, Steps
 from swarm_ctl.core.law.stop_point import TYPICAL
+from swarm_ctl.core.model.fleet import FleetAgent
 from swarm_ctl.core.model.plan import Response
 from swarm_ctl.errors import InputError
-from swarm_ctl.mission.compile.fleet import FleetAgent
 
 _SPEED: Final = "Of the largest step.  [default: 5, or the mission's limit if that is less]"
 _BOX: Final = (

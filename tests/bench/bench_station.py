@@ -28,12 +28,12 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
+from swarm_ctl.core.model.fleet import FleetAgent
 from swarm_ctl.core.model.messages import SigmaReport
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
-from swarm_ctl.mission.compile.fleet import FleetAgent
 from swarm_ctl.report.folder.manifest import Manifest, write_manifest
 from swarm_ctl.runtime.launch.ports import free_ports
 from tests.unit.station.swarm import hexagon_plan, report_of, state_of, status_of

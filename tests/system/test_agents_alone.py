@@ -16,11 +16,11 @@ import pytest
 
 from swarm_ctl.cli.main import app
 from swarm_ctl.cli.station import station
+from swarm_ctl.core.model.fleet import Fleet
 from swarm_ctl.errors import InputError
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
-from swarm_ctl.mission.compile.fleet import Fleet
 from swarm_ctl.mission.compile.loader import LoadedMission, load
 from swarm_ctl.mission.compile.plan_file import plan_to_json
 from swarm_ctl.report.folder.truth import load_truth

@@ -10,10 +10,11 @@ from typing import Any, TypeAlias
 from pydantic import ValidationError
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
+from swarm_ctl.core.model.fleet import Fleet
 from swarm_ctl.core.model.plan import Response
 from swarm_ctl.errors import InputError, MissionError
 from swarm_ctl.mission.compile.checks import check_fleet
-from swarm_ctl.mission.compile.fleet import Fleet, fleet_agent
+from swarm_ctl.mission.compile.fleet import fleet_agent
 from swarm_ctl.mission.input import error_messages, yaml_file
 from swarm_ctl.mission.input.schema import FleetSection
 

@@ -15,11 +15,12 @@ from typing import Any, cast
 
 from pydantic import ValidationError, create_model
 
+from swarm_ctl.core.model.fleet import Fleet
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.errors import MissionError, Problem
 from swarm_ctl.mission.compile.build_plan import plan_of
 from swarm_ctl.mission.compile.checks import check
-from swarm_ctl.mission.compile.fleet import Fleet, fleet_of
+from swarm_ctl.mission.compile.fleet import fleet_of
 from swarm_ctl.mission.compile.plan_checks import check_plan
 from swarm_ctl.mission.compile.warnings import warnings
 from swarm_ctl.mission.input import csv_slots, error_messages, yaml_file

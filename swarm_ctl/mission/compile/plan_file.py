@@ -14,9 +14,9 @@ from typing import Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from swarm_ctl.core.model.fleet import Fleet, FleetAgent
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.errors import InputError, MissionError
-from swarm_ctl.mission.compile.fleet import Fleet, FleetAgent
 from swarm_ctl.mission.input.document import Document
 from swarm_ctl.mission.input.error_messages import problem_of
 

@@ -41,7 +41,7 @@ behind."""
 
 @dataclass(frozen=True, slots=True)
 class AgentConfig:
-    """All an agent's process is told. The vehicle's `endpoint` is as in `mission.compile.fleet`; on
+    """All an agent's process is told. The vehicle's `endpoint` is as in `core.model.fleet`; on
     the mesh it listens at `listen` and connects to `connect`."""
 
     plan: Plan

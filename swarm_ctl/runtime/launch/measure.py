@@ -18,11 +18,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from swarm_ctl.core.identification.step_flight import StepFlight, Steps
+from swarm_ctl.core.model.fleet import FleetAgent
 from swarm_ctl.core.model.plan import Fence, Geodetic, Limits, Response
 from swarm_ctl.core.model.text import ids_of
 from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.mavlink.link import VehicleLink
-from swarm_ctl.mission.compile.fleet import FleetAgent
 from swarm_ctl.report.folder.files import write_whole
 from swarm_ctl.runtime.clock import Clock
 from swarm_ctl.runtime.launch.interrupts import Interrupts

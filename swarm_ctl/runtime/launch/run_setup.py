@@ -9,8 +9,8 @@ from dataclasses import dataclass, field, replace
 from importlib import metadata
 from pathlib import Path
 
+from swarm_ctl.core.model.fleet import FleetAgent
 from swarm_ctl.errors import StartError
-from swarm_ctl.mission.compile.fleet import FleetAgent
 from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.report.folder.manifest import Manifest, write_manifest
 from swarm_ctl.runtime import clock as wall

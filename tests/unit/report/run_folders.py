@@ -12,6 +12,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
 
+from swarm_ctl.core.model.fleet import FleetAgent
 from swarm_ctl.core.model.messages import (
     AgentStatus,
     Event,
@@ -23,7 +24,6 @@ from swarm_ctl.core.model.messages import (
     StepResult,
 )
 from swarm_ctl.core.model.plan import Plan
-from swarm_ctl.mission.compile.fleet import FleetAgent
 from swarm_ctl.report.folder.manifest import Manifest, write_manifest
 from tests.unit.station.swarm import HEXAGON, hexagon_plan, status_of
 

@@ -14,6 +14,7 @@ import yaml
 
 from swarm_ctl.core.law import graph
 from swarm_ctl.core.law.stop_point import TYPICAL
+from swarm_ctl.core.model.fleet import FleetAgent
 from swarm_ctl.core.model.plan import (
     Compensation,
     FormStep,
@@ -24,7 +25,6 @@ from swarm_ctl.core.model.plan import (
     TakeoffStep,
 )
 from swarm_ctl.errors import MissionError
-from swarm_ctl.mission.compile.fleet import FleetAgent
 from swarm_ctl.mission.compile.loader import dumps, load, loads
 from tests.unit.mission.example import TEXT, edited, without_section
 

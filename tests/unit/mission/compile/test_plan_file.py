@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from swarm_ctl.core.model.fleet import Fleet, FleetAgent
 from swarm_ctl.core.model.plan import FormStep, HoldStep, LandStep, Plan, TakeoffStep
 from swarm_ctl.errors import InputError
-from swarm_ctl.mission.compile.fleet import Fleet, FleetAgent
 from swarm_ctl.mission.compile.loader import load
 from swarm_ctl.mission.compile.plan_file import (
     is_plan_file,
