@@ -202,9 +202,9 @@ class Reference:
             self._lead(peers, step, own_m, error_m)
         elif (leader.step, leader.override) == key and leader.frame is not None:
             age = peers.age_s(leader.agent)
-            told = replace(leader.frame, rate=leader.frame.rate if age <= PREDICT_S else 0.0)
+            heard = replace(leader.frame, rate=leader.frame.rate if age <= PREDICT_S else 0.0)
             self.frame = (
-                advanced(told, step, age, self.radius_m) if isinstance(step, MOVING) else told
+                advanced(heard, step, age, self.radius_m) if isinstance(step, MOVING) else heard
             )
         elif self.frame is not None:
             self.frame = replace(self.frame, rate=0.0)

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from swarm_ctl.core.model.messages import AgentStatus, StepOutcome
-from swarm_ctl.core.model.plan import LandStep, Plan, ReturnStep
+from swarm_ctl.core.model.plan import FormStep, LandStep, Plan, ReturnStep
 from swarm_ctl.errors import InputError
 from swarm_ctl.report.folder.last_statuses import LastStatus, read_last_statuses
 from swarm_ctl.report.folder.manifest import Manifest, read_manifest
@@ -41,6 +41,12 @@ class RunFolder:
     def statuses(self) -> list[AgentStatus]:
         """The last one of each agent."""
         return [last.status for last in self.last.values()]
+
+    @property
+    def form_steps(self) -> list[int]:
+        """The numbers of the plan's form steps, from 1."""
+        steps = enumerate(self.plan.steps if self.plan else (), 1)
+        return [k for k, step in steps if isinstance(step, FormStep)]
 
     def slot_indices(self, time_s: Floats) -> npt.NDArray[np.intp]:
         """The slot index of each agent at each moment, (T, n); exchanges change it."""

@@ -59,7 +59,7 @@ def summarise(folder: Path, exit_codes: Mapping[str, int] | None = None) -> Summ
         outcome=outcome,
         reason=reason,
         steps=steps,
-        time_to_form_s=next((s.time_to_form_s for s in steps if s.name.startswith("form")), None),
+        time_to_form_s=next((steps[k].time_to_form_s for k in run.form_steps), None),
         min_true_distance_m=closest,
         min_true_pair=closest_pair,
         sigma_status=dict(tally),
@@ -132,7 +132,7 @@ def _time_to_form(run: RunFolder, plan: Plan, k: int, start_s: float | None) -> 
     flight = run.flight
     if not isinstance(step, FormStep) or start_s is None or flight is None:
         return None
-    later = [j for j, each in enumerate(plan.steps, 1) if j > k and isinstance(each, FormStep)]
+    later = [j for j in run.form_steps if j > k]
     end_s = min([run.landing_s(), *(run.start_s(j) for j in later[:1])])
     slots_m = _in_metres(plan, step.slots)[run.slot_indices(flight.time_s)]
     error_m = metrics.formation_error(flight, slots_m)
@@ -151,7 +151,7 @@ def _flown(run: RunFolder) -> dict[str, Any]:
     )
     flight, plan = run.flight, run.plan
     begun = [k for k in range(1, len(plan.steps) + 1) if run.start_s(k) < math.inf] if plan else []
-    forms = [k for k in begun if plan and isinstance(plan.steps[k - 1], FormStep)]
+    forms = [k for k in run.form_steps if k in begun]
     if flight is None or plan is None or not forms:
         return found
     flight = flight.during(run.start_s(forms[0]), run.landing_s())

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
+from swarm_ctl.core.model.messages import Severity
 from swarm_ctl.errors import InputError
 from swarm_ctl.recording import IndexedRecording
 from swarm_ctl.report.folder.last_statuses import read_events
@@ -13,14 +14,14 @@ from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.journal import Entry, EntryKind
 from swarm_ctl.station.picture.playback import Film
 
-_LEVELS: Final = {"warning": Level.WARNING, "error": Level.ERROR}
+_LEVELS: Final = {Severity.WARNING: Level.WARNING, Severity.ERROR: Level.ERROR}
 
 
 def log_entries(folder: Path, manifest: Manifest) -> list[Entry]:
     """Alarms, warnings, errors and commands; without a recording the agents' warnings alone."""
     try:
-        with IndexedRecording(folder) as tape:
-            film = Film(tape, manifest.plan, speedup=manifest.speedup)
+        with IndexedRecording(folder) as recording:
+            film = Film(recording, manifest.plan, speedup=manifest.speedup)
             film.seek(film.end_s)
             entries = film.journal.entries
     except InputError:  # no recording, or nothing in it: the notes say so

@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from swarm_ctl.core.law.planned_formation import planned_formations
-from swarm_ctl.core.model.plan import FormStep
 from swarm_ctl.core.model.text import printable
 from swarm_ctl.report.page.drawing import (
     R_IN,
@@ -232,9 +231,7 @@ def overlay(histories: Sequence[RunHistory]) -> Figure:
 
 
 def _first_form(history: RunHistory) -> float:
-    steps = enumerate(history.plan.steps, 1)
-    starts = [history.run.start_s(k) for k, step in steps if isinstance(step, FormStep)]
-    found = min(starts, default=np.inf)
+    found = min((history.run.start_s(k) for k in history.run.form_steps), default=np.inf)
     return found if np.isfinite(found) else 0.0
 
 

@@ -177,6 +177,12 @@ def test_a_broken_section_does_not_hide_the_others() -> None:
     assert found == {"law.r", "shapes.ring.count"}
 
 
+def test_lengths_without_a_unit_are_not_judged() -> None:
+    """In metres the unit follows from the law: with a broken law, starts far apart are no error."""
+    text = edited(("unit_m: 5", "lengths: metres"), ("r: 4.5", "r: x"), ("[3, 0]", "[3000, 0]"))
+    assert [problem.field for problem in problems(text)] == ["law.r"]
+
+
 def test_an_id_that_is_no_sysid_needs_a_fleet() -> None:
     text = without_section("fleet").replace("{id: 3,", "{id: 300,")
     (problem,) = problems(text)
