@@ -154,20 +154,17 @@ def _pictures(
     seen = {i for _, i, *_ in trace.pairs}
     shown = (1, 2, 3) if first == 7 and {1, 2, 3} & seen else trace.busiest()
     names = ", ".join(str(i + 1) for i in shown)
-    start = "start, links within $r$, circles of $r_\\mathrm{out}$"
-    return [(start, partial(figures.start_picture, batch))] * (first == 7) + [
-        (
-            f"trajectories and formation, n = {batch.cell.n}",
-            partial(figures.track_picture, batch, trace),
-        ),
-        (
-            "minimum inter-agent distances",
-            partial(figures.distance_picture, batch, trace, iterations),
-        ),
-        (
-            f"$\\sigma_{{ij}}$, $i$ = {names}",
-            partial(figures.sigma_picture, trace, 1 / KAPPA, shown),
-        ),
-        ("convergence in x", partial(figures.error_picture, batch, trace, iterations, 0)),
-        ("convergence in y", partial(figures.error_picture, batch, trace, iterations, 1)),
+    start = partial(figures.start_picture, batch)
+    track = partial(figures.track_picture, batch, trace)
+    distance = partial(figures.distance_picture, batch, trace, iterations)
+    sigma = partial(figures.sigma_picture, trace, 1 / KAPPA, shown)
+    error = partial(figures.error_picture, batch, trace, iterations)
+    pictures = [
+        ("start, links within $r$, circles of $r_\\mathrm{out}$", start),
+        (f"trajectories and formation, n = {batch.cell.n}", track),
+        ("minimum inter-agent distances", distance),
+        (f"$\\sigma_{{ij}}$, $i$ = {names}", sigma),
+        ("convergence in x", partial(error, 0)),
+        ("convergence in y", partial(error, 1)),
     ]
+    return pictures if first == 7 else pictures[1:]

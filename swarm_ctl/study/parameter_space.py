@@ -19,27 +19,18 @@ ShapeKind = Literal["ring", "line", "grid", "vee", "wedge"]
 SlotOrder = Literal["given", "random", "nearest"]
 StartKind = Literal["random", "ring", "grid", "table2", "crossing", "antipodal"]
 """`crossing`: two columns that face each other and, with the slots `given`, change sides;
-`antipodal`: a ring, and everybody goes to the place opposite to the own one."""
+`antipodal`: a ring whose agents go to the place opposite to their own."""
 SafetyLevel = Literal["off", "filter", "guard", "release", "align", "exchange"]
 """Each with all before it: the collision filter, the guard of links, swirl and tangential release,
-the pull to the average of all (what agents fly), slot exchange (what they fly in form steps that
-allow it)."""
+the mean-error feedback (what agents fly), slot exchange (what they fly in form steps that allow
+it)."""
 LEVELS: Final[tuple[SafetyLevel, ...]] = ("off", "filter", "guard", "release", "align", "exchange")
-"""In their order."""
 VehicleModel = Literal["ideal", "lag", "ardupilot", "px4"]
 
 LISTS: Final = ("n", "shape", "slots", "start", "compensation", "vehicle", "safety")
 RANGES: Final = (
-    "h",
-    "kappa",
-    "lag_s",
-    "dead_time_s",
-    "delay_s",
-    "loss",
-    "wind_mps",
-    "area",
-    "spacing",
-    "silent",
+    *("h", "kappa", "lag_s", "dead_time_s", "delay_s"),
+    *("loss", "wind_mps", "area", "spacing", "silent"),
 )
 _FIRMWARE: Final = ("ardupilot", "px4")
 
@@ -67,7 +58,7 @@ class Range(BaseModel):
     def _ordered(self) -> Self:
         if not 0 <= self.low <= self.high:
             raise ValueError(
-                f"{self.low:g}:{self.high:g} is no range; allowed: LOW:HIGH, 0 <= LOW <= HIGH"
+                f"{self.low:g}:{self.high:g} is not a range; allowed: LOW:HIGH, 0 <= LOW <= HIGH"
             )
         return self
 
@@ -136,8 +127,8 @@ class Cell(_Common):
 
     @property
     def model(self) -> Response:
-        """What the agents take their vehicles for: the middle of the ranges, or the default of
-        flown missions."""
+        """The agents' model of their vehicles: the middle of the ranges, or the default of flown
+        missions."""
         if self.vehicle in _FIRMWARE:
             return TYPICAL[self.vehicle]
         return Response(

@@ -1,8 +1,7 @@
-"""A study's result: a CSV file, one row a mission, in the order of the rows; beside it the study
-itself as JSON.
+"""A study's result: a CSV file with one row a mission, in order, and beside it the study as JSON.
 
-Numbers are written so that they read back as the very same; whole blocks are appended, so that a
-study that was interrupted goes on behind its last whole block.
+Numbers read back as the very same. Whole blocks are appended, so that a study that was interrupted
+goes on behind its last whole block.
 """
 
 from __future__ import annotations
@@ -10,6 +9,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterator, Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, Final, TypeAlias
 
@@ -24,50 +24,30 @@ from swarm_ctl.study.parameter_space import LISTS, RANGES, Study
 
 Row: TypeAlias = dict[str, Any]
 
-_OUTCOME: Final = (
-    "collided",
-    "smallest",
-    "smallest_silent",
-    "hit",
-    "converged",
-    "time_s",
-    "error",
-    "links",
-    "links_broken",
-    "kept_broken",
-    "longest_link",
-    "stuck",
-    "touched",
-    "yielded",
-    "exchanges",
-    "parted",
-    "small_gap",
-    "steps",
-)
+_MEASURED: Final = tuple(f.name for f in fields(BatchResult) if f.name != "statuses")
+_RESULT: Final = ("collided", *_MEASURED[:2], "hit", *_MEASURED[2:])
 COLUMNS: Final = (
     "row",
     "cell",
     *LISTS,
     *RANGES,
     "wind_from_rad",
-    *_OUTCOME,
+    *_RESULT,
     *(f"sigma_{name}" for name in STATUSES),
 )
 _TEXT: Final = frozenset({"shape", "slots", "start", "compensation", "vehicle", "safety"})
 
 
-def rows_of(batch: Batch, outcome: BatchResult) -> list[Row]:
+def rows_of(batch: Batch, result: BatchResult) -> list[Row]:
     """The rows of a flown batch. Lengths in units."""
     cell, count = batch.cell, len(batch)
     columns: dict[str, Any] = {"row": batch.row, "cell": np.full(count, cell.index)}
     columns |= {name: [_word(getattr(cell, name))] * count for name in LISTS}
     columns |= {name: getattr(batch, name) for name in (*RANGES, "wind_from_rad")}
-    columns["collided"] = outcome.smallest < cell.law.r_in
-    columns["hit"] = outcome.smallest_silent < cell.law.r_in
-    columns |= {
-        name: getattr(outcome, name) for name in _OUTCOME if name not in ("collided", "hit")
-    }
-    columns |= {f"sigma_{name}": outcome.statuses[k] for k, name in enumerate(STATUSES)}
+    columns |= {name: getattr(result, name) for name in _MEASURED}
+    columns["collided"] = result.smallest < cell.law.r_in
+    columns["hit"] = result.smallest_silent < cell.law.r_in
+    columns |= {f"sigma_{name}": result.statuses[k] for k, name in enumerate(STATUSES)}
     plain = [_plain(columns[name]) for name in COLUMNS]
     return [dict(zip(COLUMNS, values, strict=True)) for values in zip(*plain, strict=True)]
 
@@ -110,7 +90,7 @@ def begin(path: Path, study: Study) -> int:
     if path.exists() and path.stat().st_size:
         if study_of(path) != study:
             raise InputError(
-                f"{path} holds the rows of another study (see {_about(path)}); choose another --out"
+                f"{path} has the rows of another study (see {_about(path)}); choose another --out"
             )
         return _whole_blocks(path, study)
     path.parent.mkdir(parents=True, exist_ok=True)

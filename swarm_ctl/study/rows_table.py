@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Callable, Iterable
 from typing import Final
 
@@ -32,20 +33,13 @@ def share(hits: int, of: int) -> str:
 
 
 def table(study: Study, rows: Iterable[Row], by: tuple[str, ...] = ()) -> Table:
-    """One line for each combination of the lists `by` (of what was varied, where not given): how
-    its missions went."""
+    """One line for each combination of the lists `by`; of what was varied, where not given."""
     names = by or study.varied or ("n", "vehicle")
-    groups: dict[tuple[str, ...], list[Row]] = {}
-    cells = study.cells()
+    cells, groups = study.cells(), defaultdict[tuple[str, ...], list[Row]](list)
     for row in rows:
-        groups.setdefault(
-            tuple(str(getattr(cells[row["cell"]], name)) for name in names), []
-        ).append(row)
-    found = Table(
-        title=f"{study.rows} missions, seed {study.seed}; shares with 95 % confidence intervals"
-    )
-    for name in (*names, "missions"):
-        found.add_column(name)
+        groups[tuple(str(getattr(cells[row["cell"]], name)) for name in names)].append(row)
+    title = f"{study.rows} missions, seed {study.seed}; shares with 95 % confidence intervals"
+    found = Table(*names, "missions", title=title)
     columns = [column for column in _COLUMNS if study.with_silent or column[0] not in _SILENT]
     for name, _ in columns:
         found.add_column(name, justify="right")
@@ -55,7 +49,8 @@ def table(study: Study, rows: Iterable[Row], by: tuple[str, ...] = ()) -> Table:
 
 
 def _share_of(rows: list[Row], name: str) -> str:
-    return share(_count(rows, name), len(rows))
+    """Of the rows in which the column is not zero."""
+    return share(sum(row[name] > 0 for row in rows), len(rows))
 
 
 def _alive(rows: list[Row]) -> list[Row]:
@@ -90,16 +85,8 @@ _COLUMNS: Final[tuple[tuple[str, Callable[[list[Row]], str]], ...]] = (
     ("one that fits", lambda rows: _share_of(rows, "kept_broken")),
     ("parted", lambda rows: _share_of(rows, "parted")),
     ("overspeed", lambda rows: _share_of(rows, "sigma_overspeed")),
-    (
-        "ticks changed",
-        lambda rows: f"{100 * sum(row['touched'] for row in rows) / len(rows):.3g} %",
-    ),
+    ("ticks changed", lambda rows: f"{100 * sum(r['touched'] for r in rows) / len(rows):.3g} %"),
 )
-"""Times and what formed: of missions in which everybody lived; `one that fits` are links whose
-slots fit in 0.9 r."""
+"""Times and what formed: of missions in which no agent died; `one that fits` are links whose slots
+fit in 0.9 r."""
 _SILENT: Final = ("silent one hit", "formed, one silent")
-
-
-def _count(rows: list[Row], name: str) -> int:
-    """Rows in which the column is not zero."""
-    return sum(row[name] > 0 for row in rows)

@@ -85,7 +85,7 @@ def best(call: Callable[[], object], times: int) -> float:
 def swarms(
     n: int, m: int, side: float, law: LawParameters
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points and slots (2, n, m) spread over a square, and who was in range of whom a little
+    """Points and slots (2, n, m) spread over a square, and the links by range a little
     earlier (n, n, m)."""
     random = np.random.default_rng(n)
     start, slots = random.random((2, n, m)) * side, random.random((2, n, m)) * side
@@ -144,7 +144,7 @@ def main() -> None:
         for m in MISSIONS:
             compare(n, m, side, law, compiled)
     print(
-        f"one agent's call: {single(0):.1f} us with nobody near, {single(3):.1f} us with three near"
+        f"one agent's call: {single(0):.1f} us with none near, {single(3):.1f} us with three near"
     )
 
 

@@ -1,5 +1,5 @@
-"""The neighbour graph: who listens to whom for the whole mission. A graph maps each agent id to its
-neighbours' ids."""
+"""The neighbour graph: the links of the law for the whole mission. A graph maps each agent's id to
+its neighbours' ids."""
 
 from __future__ import annotations
 
@@ -61,8 +61,8 @@ def without(graph: Graph, lost: Collection[int]) -> dict[int, tuple[int, ...]]:
 
 
 def bridged(graph: Graph, lost: Collection[int]) -> dict[int, tuple[int, ...]]:
-    """The graph without `lost`, where the neighbours of each lost agent are linked: it hangs
-    together as before."""
+    """The graph without `lost`, where the neighbours of each lost agent are linked: it stays as
+    connected as before."""
     links = {i: set(heard) for i, heard in graph.items()}
     for gone in sorted(lost):
         left = links.pop(gone, set())

@@ -1,8 +1,8 @@
-"""Missions drawn for one block of a study: everything random happens here (but for lost news), from
-the block's number.
+"""Missions drawn for one block of a study, from the block's number: all that is random but lost
+news.
 
-A block is flown as one batch. Its size depends on n alone, so a row is the same however many
-processes work, and it can be drawn again alone.
+A block is flown as one batch. Its size depends on n alone, so a row is the same for any number of
+processes, and it can be drawn again alone.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ TABLE_II: Final = ((14, 16), (12, 12), (10, 18), (6, 12), (6, 16), (14, 10))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Batch:
-    """m missions of one cell; missions on the last axis. Lengths in units, north and east."""
+    """m missions of one cell, on the last axis. Lengths in units, north and east."""
 
     cell: Cell
     row: Ints
@@ -57,12 +57,12 @@ class Batch:
     silent: Floats
     wind_from_rad: Floats
     silent_agent: Ints
-    """Whose process dies; -1: nobody's."""
+    """The agent (0..n-1) whose process dies; -1: none."""
     silent_s: Floats
     """When."""
 
     def silent_from(self, tick_s: float) -> Floats:
-        """The tick from which each agent says nothing more, (n, m); infinity for most."""
+        """The tick from which each agent is silent, (n, m); infinity for most."""
         n = self.starts.shape[1]
         dies = np.arange(n)[:, None] == self.silent_agent
         return np.where(dies, np.rint(self.silent_s / tick_s), np.inf)
@@ -85,29 +85,26 @@ def block_size(n: int) -> int:
 
 def blocks(study: Study) -> list[tuple[Cell, int, int]]:
     """(cell, first mission in the cell, missions) of every block, in the order of the rows."""
-    found = []
-    for cell in study.cells():
-        size = block_size(cell.n)
-        found += [
-            (cell, first, min(size, study.missions - first))
-            for first in range(0, study.missions, size)
-        ]
-    return found
+    return [
+        (cell, first, min(size, study.missions - first))
+        for cell in study.cells()
+        for size in (block_size(cell.n),)
+        for first in range(0, study.missions, size)
+    ]
 
 
 def draw(cell: Cell, first: int, count: int) -> Batch:
-    """The missions `first` to `first + count` of a cell; InputError where the area is too small for
-    them."""
+    """The missions `first` to `first + count` of a cell. InputError where the area is too small."""
     random = np.random.default_rng([cell.seed, cell.index, first])
     values = {name: _draw(getattr(cell, name), count, random) for name in RANGES}
-    # area 0: six in a square of 10 x 10, more a little denser: as sparse as six, many hardly ever
-    # hang together
+    # area 0: six in a square of 10 x 10, more a little denser: as sparse as six, many agents are
+    # hardly ever connected
     values["area"] = np.where(values["area"] == 0, 10.0 * (cell.n / 6) ** 0.375, values["area"])
     starts = _starts(cell, values["area"], values["spacing"], random)
     slots = _slots(cell, starts, values["spacing"], random)
     wind_from_rad = random.uniform(0.0, 2 * np.pi, count)
     dies = random.random(count) < values["silent"]
-    who, when = random.integers(cell.n, size=count), random.uniform(0.0, _DIES_BY_S, count)
+    agent, when = random.integers(cell.n, size=count), random.uniform(0.0, _DIES_BY_S, count)
     return Batch(
         cell=cell,
         row=cell.index * cell.missions + first + np.arange(count),
@@ -115,20 +112,19 @@ def draw(cell: Cell, first: int, count: int) -> Batch:
         slots=slots,
         links=_links(starts, cell.law.r),
         wind_from_rad=wind_from_rad,
-        silent_agent=np.where(dies, who, -1),
+        silent_agent=np.where(dies, agent, -1),
         silent_s=np.where(dies, when, np.inf),
         **values,
     )
 
 
 def _draw(span: Range, count: int, random: np.random.Generator) -> Floats:
-    """Also a fixed value takes its share of random numbers: another range elsewhere then changes
-    nothing here."""
+    """A fixed value takes its share of random numbers, too: the other ranges then draw the same."""
     return span.low + (span.high - span.low) * random.random(count)
 
 
 def _links(starts: Floats, r: float) -> Bools:
-    """Who starts within r of whom, (n, n, m)."""
+    """Which agents start within r of each other, (n, n, m)."""
     apart = starts[:, :, None] - starts[:, None]
     links: Bools = (apart**2).sum(axis=0) <= r * r
     links[np.arange(len(links)), np.arange(len(links))] = False
@@ -136,7 +132,8 @@ def _links(starts: Floats, r: float) -> Bools:
 
 
 def connected(links: Bools) -> Bools:
-    """Which of the graphs (n, n, m) hang together, (m,)."""
+    """Which of the graphs (n, n, m) are connected, (m,)."""
+    # squaring doubles the length of the paths that count
     reach = np.moveaxis(links, -1, 0).astype(np.float32) + np.eye(len(links), dtype=np.float32)
     for _ in range(max(1, len(links) - 1).bit_length()):
         reach = np.minimum(reach @ reach, 1.0)
@@ -165,12 +162,13 @@ def _starts(cell: Cell, area: Floats, spacing: Floats, random: np.random.Generat
 
 
 def _scattered(cell: Cell, area: Floats, random: np.random.Generator) -> Floats:
-    """Random in the square, no two closer than the spacing, connected: what does not fit is drawn
-    again."""
+    """Random in the square, no two closer than the spacing, and connected."""
     apart = cell.start_spacing or 2 * cell.law.r_in
     starts = random.random((2, cell.n, len(area))) * area
     bad = np.arange(len(area))
     for _ in range(_TRIES):
+        # draw again: agents too close to one with a higher number, and whole missions that are not
+        # connected
         crowded = np.triu(_links(starts[..., bad], apart).transpose(2, 0, 1), 1).any(axis=1).T
         apart_missions = ~connected(_links(starts[..., bad], cell.law.r)) & ~crowded.any(axis=0)
         again = crowded | apart_missions
@@ -202,15 +200,14 @@ def _slots(cell: Cell, starts: Floats, spacing: Floats, random: np.random.Genera
     if cell.slots == "random":
         slots = np.take_along_axis(slots, order[None], axis=1)
     elif cell.slots == "nearest":
-        # once a mission, and not a part of flying it: scipy assigns one swarm at a time
+        # scipy assigns one swarm at a time
         chosen = [nearest(starts[..., k].T, slots[..., k].T) for k in range(count)]
         slots = np.stack(chosen, axis=-1).transpose(1, 0, 2)
     return np.ascontiguousarray(slots)
 
 
 def start_shape(name: str, n: int) -> Floats:
-    """Where agents start, with spacing 1, (n, 2): one of the shapes, or those where everybody faces
-    another."""
+    """Where agents start, with spacing 1, (n, 2): one of the shapes, or opposite each other."""
     if name == "antipodal":
         return unit_shape("ring", n)
     if name == "crossing":

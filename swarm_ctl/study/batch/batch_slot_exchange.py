@@ -1,5 +1,5 @@
-"""Slot exchange (`core.swarm.exchange_protocol`) in a batch: who has which slots, and what is heard
-of it."""
+"""Slot exchange (`core.swarm.exchange_protocol`) in a batch: which agent has which slot, and
+what is heard of it."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
 """How the swarms of a batch move: the ideal points of the paper, or simulated vehicles.
 
-The vehicles' kinematics are the simulator's own (`sim.physics.kinematics`), the one thing of it that
-this side imports: it is pure, and a study with other vehicles than the runs would prove nothing
-about them.
+The vehicles' kinematics are the simulator's own (`sim.physics`), the one thing that this side
+imports of it: they are pure, and with other vehicles a study would prove nothing about runs.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ class BatchMotion(Protocol):
 
     @property
     def velocity(self) -> Floats:
-        """What an agent tells as its command [units/s]."""
+        """The setpoints that agents tell [units/s]."""
 
     def points(self) -> Floats:
         """What the law is fed with."""

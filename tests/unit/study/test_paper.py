@@ -24,7 +24,7 @@ def test_table_two_is_the_path_graph() -> None:
 
 
 def test_both_forms_form_the_hexagon_alike() -> None:
-    """Discrete and continuous end in the same shape, with nobody under r_in, at nearly the same
+    """Discrete and continuous end in the same shape, no two under r_in, at nearly the same
     iteration."""
     ends = []
     for part in (1.0, 0.5):

@@ -1,4 +1,4 @@
-"""Safety in studies: nobody collides where all did, the paper's own regime is not touched, links
+"""Safety in studies: no pair collides where all did, the paper's own regime is not touched, links
 hold."""
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def missions(**settings: Any) -> Batch:
 
 
 @pytest.mark.parametrize("n", [6, 12])
-def test_nobody_collides_where_everybody_did(n: int) -> None:
+def test_no_pair_collides_where_all_did(n: int) -> None:
     """Two columns that change sides, news late and lost: every mission of the bare law brings a
     pair under r_in."""
     crossing = {
@@ -51,9 +51,13 @@ def test_the_papers_own_regime_is_not_touched() -> None:
     """(9) with Table I's gains: the filter changes nothing at all, so the reproduction is the
     paper's with it too."""
     plain = {
-        "compensation": (Compensation.NONE,), "vehicle": ("ideal",), "slots": ("random",), "h": value(0.005),
-        "delay_s": value(0.0), "loss": value(0.0),
-    }  # fmt: skip
+        "compensation": (Compensation.NONE,),
+        "vehicle": ("ideal",),
+        "slots": ("random",),
+        "h": value(0.005),
+        "delay_s": value(0.0),
+        "loss": value(0.0),
+    }
     bare, safe = (fly(missions(**plain, safety=(level,))) for level in ("off", "filter"))
     assert not safe.touched.any()
     assert safe.smallest == pytest.approx(bare.smallest, rel=1e-9)
@@ -88,7 +92,7 @@ def test_sparse_swarms_form_sooner_when_all_move_to_the_average() -> None:
 
 
 def test_exchange_shortens_the_way() -> None:
-    """Two that are in each other's way take each other's slots: sooner formed, and nobody comes
+    """Two that are in each other's way take each other's slots: sooner formed, and no pair comes
     under r_in."""
     settings = {"n": (6,), "slots": ("random",)}
     fixed, exchanged = (

@@ -154,7 +154,7 @@ def _in_one_part(links: npt.NDArray[np.bool_]) -> bool:
 
 @pytest.mark.parametrize("n", [2, 6, 20])
 def test_starts_are_apart_and_connected(n: int) -> None:
-    """Every drawn mission could be flown: nobody too close, one connected graph, symmetric
+    """Every drawn mission could be flown: no two too close, one connected graph, symmetric
     links."""
     batch = only_batch(n=(n,), start_spacing=1.2)
     for k in range(len(batch)):
@@ -181,7 +181,7 @@ def test_connected_against_the_graph_module() -> None:
 
 
 def test_slots_are_the_shape_in_some_order() -> None:
-    """All distances between slots are those of the regular hexagon, whoever has which."""
+    """All distances between slots are those of the regular hexagon, whichever agent has which."""
     for slots in ("given", "random", "nearest"):
         batch = only_batch(slots=(slots,))
         for k in range(5):

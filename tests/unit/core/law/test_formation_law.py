@@ -165,7 +165,7 @@ def test_relabelling_changes_nothing(swarm: Any, random: Any) -> None:
 
 @given(swarms(limit=50.0), coordinates(100.0))
 def test_formed_and_apart_means_rest(swarm: Any, offset: float) -> None:
-    """u is zero when all e_i agree and nobody is within r_out."""
+    """u is zero when all e_i agree and no agent is within r_out."""
     _, slots, neighbours, law = swarm
     assume(_smallest_distance(slots) > law.r_out + 1e-6)
     result = evaluate_one(0, slots + offset, slots, neighbours, law)

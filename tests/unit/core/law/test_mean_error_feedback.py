@@ -1,4 +1,4 @@
-"""The pull to the average of all who are heard."""
+"""The pull to the average error of all agents that are heard."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ errors = st.lists(st.builds(complex, coordinates, coordinates), min_size=2, max_
 
 
 def pulls(e: list[complex]) -> np.ndarray:
-    """Of everybody, who all hear each other."""
+    """Of all agents, where all hear each other."""
     found = [pull(np.array(own), np.array(e), np.arange(len(e)) != k) for k, own in enumerate(e)]
     return np.array(found)
 
 
 @given(errors)
-def test_it_moves_everybody_to_the_mean_and_the_mean_nowhere(e: list[complex]) -> None:
+def test_it_moves_all_agents_to_the_mean_and_the_mean_nowhere(e: list[complex]) -> None:
     """Each pull is `RATE` times the way to the mean of all; the swarm as a whole is left where it
     is."""
     np.testing.assert_allclose(pulls(e), RATE * (np.mean(e) - np.array(e)), atol=1e-9)
@@ -34,7 +34,7 @@ def test_only_differences_count(e: list[complex], moved: complex) -> None:
 
 @given(errors)
 def test_who_is_not_counted_does_not_matter(e: list[complex]) -> None:
-    """Whatever is known of somebody who is lost, even that it is nowhere."""
+    """Whatever is known of a lost agent, even that its place is not a number."""
     counted = np.arange(len(e)) > 1
     bad = np.array([np.nan, *e[1:]])
     assert pull(np.array(e[0]), bad, counted) == pull(np.array(e[0]), np.array(e), counted)

@@ -67,8 +67,8 @@ def test_same_as_one_by_one(batch: Any) -> None:
 
 @given(batches())
 def test_heard_truth_is_truth(batch: Any) -> None:
-    """Who hears of everybody's present place does what he does who knows it, told once for all or
-    to each apart."""
+    """Agents that hear each other's present places do what agents do that know them, told once for
+    all or to each apart."""
     points, slots, links = batch
     law = SwarmLaw(slots, links, np.full(points.shape[-1], LAW.h), LAW)
     n = points.shape[1]

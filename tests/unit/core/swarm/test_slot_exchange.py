@@ -75,9 +75,10 @@ class Swarm:
     def state(self, i: int) -> AgentState:
         place = (self.at[i].real, self.at[i].imag)
         return AgentState(
-            i, self.seq, self.now, 0, Phase.FLY, 2, False, True, (*place, -8.0), (0.0, 0.0, 0.0), place, (0.0, 0.0),
+            *(i, self.seq, self.now, 0, Phase.FLY, 2, False, True),
+            *((*place, -8.0), (0.0, 0.0, 0.0), place, (0.0, 0.0)),
             exchange=self.dealers[i].exchange,
-        )  # fmt: skip
+        )
 
     def move(self) -> None:
         errors = {i: self.at[i] - complex(*self.slots[self.dealers[i].exchange.role]) for i in IDS}
@@ -101,11 +102,11 @@ def row() -> dict[int, complex]:
 
 
 SWAPPED: list[Point] = [(0.0, 27.0), (0.0, 18.0), (0.0, 9.0), (0.0, 0.0)]
-"""Everybody has to go past everybody."""
+"""Each agent has to go past each other one."""
 
 
 def test_a_row_that_is_to_turn_round_stays_where_it_is() -> None:
-    """Only the shape counts: the outer two and the inner two swap roles; all know it; nobody has to
+    """Only the shape counts: the outer two and the inner two swap roles; all know it; none has to
     fly far."""
     swarm = Swarm(SWAPPED, row())
     swarm.run(20)
@@ -120,11 +121,11 @@ def test_a_row_that_is_to_turn_round_stays_where_it_is() -> None:
 
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 1000), st.floats(0.0, 0.6), st.integers(0, 6), st.permutations(SWAPPED))
-def test_whatever_is_lost_or_late_everybody_ends_with_a_role_of_his_own(
+def test_whatever_is_lost_or_late_each_agent_ends_with_a_role_of_its_own(
     seed: int, loss: float, delay: int, slots: list[Point]
 ) -> None:
-    """Lost and late news delay exchanges; in the end the roles are a permutation, and nobody waits
-    for anybody."""
+    """Lost and late news delay exchanges; in the end the roles are a permutation, and no agent
+    waits for another."""
     swarm = Swarm(slots, row(), seed, loss, delay)
     swarm.run(40)
     swarm.new = False
@@ -135,21 +136,21 @@ def test_whatever_is_lost_or_late_everybody_ends_with_a_role_of_his_own(
 
 @settings(max_examples=20, deadline=None)
 @given(st.floats(0.2, 6.0), st.sampled_from(IDS), st.permutations(SWAPPED))
-def test_one_that_dies_in_the_middle_of_a_deal_blocks_nobody(
-    after_s: float, who: int, slots: list[Point]
+def test_an_agent_that_dies_in_an_exchange_blocks_none(
+    after_s: float, dead: int, slots: list[Point]
 ) -> None:
     """The living end with roles of their own, and settle."""
     swarm = Swarm(slots, row())
     swarm.run(after_s)
-    swarm.dead.add(who)
+    swarm.dead.add(dead)
     swarm.run(30)
-    living = [role for i, role in zip(IDS, swarm.roles, strict=True) if i != who]
+    living = [role for i, role in zip(IDS, swarm.roles, strict=True) if i != dead]
     assert len(set(living)) == 3
-    assert all(swarm.dealers[i].settled(swarm.now) for i in IDS if i != who)
+    assert all(swarm.dealers[i].settled(swarm.now) for i in IDS if i != dead)
 
 
-def test_nothing_is_dealt_where_it_is_not_allowed() -> None:
-    """With `new` off (fixed slots, another step, done) everybody keeps his role, and takes no
+def test_nothing_is_exchanged_where_it_is_not_allowed() -> None:
+    """With `new` off (fixed slots, another step, done) each agent keeps its role, and takes no
     offer."""
     swarm = Swarm(SWAPPED, row(), new=False)
     swarm.run(10)
@@ -168,7 +169,7 @@ def test_a_restarted_agent_takes_the_role_that_is_free() -> None:
 
 
 def test_a_graph_follows_the_roles() -> None:
-    """Neighbours that a later step brings are those of whoever has the role now."""
+    """Neighbours that a later step brings are those of the agent that has the role now."""
     swarm = Swarm(SWAPPED, row())
     swarm.run(20)
     chain = ((IDS[1],), (IDS[0],), (IDS[3],), (IDS[2],))
@@ -187,8 +188,8 @@ def test_a_graph_follows_the_roles() -> None:
         ExchangeState(role=1, offer_to=-2),
     ],
 )
-def test_a_deal_that_makes_no_sense_is_none(deal: ExchangeState) -> None:
-    """Whoever sends it keeps his own role in our eyes, and nothing breaks."""
+def test_an_exchange_state_that_makes_no_sense_counts_as_none(deal: ExchangeState) -> None:
+    """Its sender counts as having its own role, and nothing breaks."""
     swarm = Swarm(SWAPPED, row())
     swarm.tick()
     state = swarm.state(IDS[2])
