@@ -24,7 +24,10 @@ _CHUNK_WALL_S: Final = 1.0
 
 
 class McapRecorder:
-    """Records payloads, and the lines of the truth file as it grows, into `folder`."""
+    """Records payloads, and the lines of the truth file as it grows, into `folder`.
+
+    `rates_hz` limits the messages of a topic from each agent; others are recorded whole.
+    """
 
     def __init__(
         self,
@@ -35,9 +38,7 @@ class McapRecorder:
     ) -> None:
         self._queue: queue.Queue[tuple[Payload, float] | None] = queue.Queue(_LIMIT)
         self._writer = McapWriter(folder / RECORDING, start_ns, about)
-        self._rates = {name: topic.rate_hz for name, topic in BY_NAME.items()} | dict(
-            rates_hz or {}
-        )
+        self._rates_hz = dict(rates_hz or {})
         self._due: dict[tuple[str, Any], float] = {}
         self._truth = _Tail(folder / "truth.jsonl")
         self.dropped = 0
@@ -120,7 +121,7 @@ class McapRecorder:
     def _write(
         self, topic: Topic, agent: int | None, time_s: float, said_s: float, data: bytes
     ) -> None:
-        rate_hz = self._rates[topic.name]
+        rate_hz = self._rates_hz.get(topic.name, 0.0)
         key = (topic.name, agent)
         if rate_hz > 0 and said_s < self._due.get(key, 0.0):
             return

@@ -1,4 +1,4 @@
-"""The topics of a recording in one table, with their payloads and rates.
+"""The topics of a recording in one table, with their payloads and schemas.
 
 Messages are JSON with their schema in the file. `log_time` is when the station heard a message,
 `publish_time` when it was sent: mission time, counted from the Unix time of the run's start [ns].
@@ -33,8 +33,6 @@ class Topic:
     payload: type[Any] | None
     """The type that `read` gives; None: derived from another topic, or not from the mesh."""
     schema: Mapping[str, Any]
-    rate_hz: float
-    """The most that is recorded from each agent; 0: all."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +91,11 @@ def _merged(kinds: list[Any]) -> Any:
     return {"type": "object", "properties": properties, "required": sorted(common)}
 
 
-_NUMBERS: Final = {"type": "array", "items": {"type": "number"}}
+def _list_of(items: dict[str, Any], description: str = "") -> dict[str, Any]:
+    return {"type": "array", "items": items, "description": description}
+
+
+_NUMBER: Final = {"type": "number"}
 _TRUTH: Final = {
     "title": "Truth",
     "type": "object",
@@ -101,15 +103,11 @@ _TRUTH: Final = {
     "properties": {
         "type": {"type": "string"},
         "t": {"type": "number", "description": "Mission time [s]."},
-        "ned": {
-            "type": "array",
-            "items": _NUMBERS,
-            "description": "Per vehicle, north, east, down [m].",
-        },
-        "vel": {"type": "array", "items": _NUMBERS, "description": "Per vehicle [m/s]."},
-        "armed": {"type": "array", "items": {"type": "integer"}},
-        "airborne": {"type": "array", "items": {"type": "integer"}},
-        "pairs": {"type": "array", "items": _NUMBERS, "description": "(sysid, sysid, metres)."},
+        "ned": _list_of(_list_of(_NUMBER), "Per vehicle, north, east, down [m]."),
+        "vel": _list_of(_list_of(_NUMBER), "Per vehicle [m/s]."),
+        "armed": _list_of({"type": "integer"}, "Per vehicle, 0 or 1."),
+        "airborne": _list_of({"type": "integer"}, "Per vehicle, 0 or 1."),
+        "pairs": _list_of(_list_of(_NUMBER), "(sysid, sysid, metres)."),
         "sysid": {"type": "integer"},
         "event": {"type": "string"},
     },
@@ -117,20 +115,20 @@ _TRUTH: Final = {
 }
 
 
-def _topic(name: str, template: str, payload: type[Any], rate_hz: float = 0.0) -> Topic:
-    return Topic(name, template, payload, plain_schema(payload), rate_hz)
+def _topic(name: str, template: str, payload: type[Any]) -> Topic:
+    return Topic(name, template, payload, plain_schema(payload))
 
 
 TOPICS: Final = (
     _topic("state", "/agent/{id}/state", AgentState),
-    Topic("setpoint", "/agent/{id}/setpoint", None, plain_schema(SetpointRecord), 0.0),
+    Topic("setpoint", "/agent/{id}/setpoint", None, plain_schema(SetpointRecord)),
     _topic("status", "/agent/{id}/status", AgentStatus),
     _topic("sigma", "/agent/{id}/sigma", SigmaReport),
     _topic("event", "/agent/{id}/event", Event),
     _topic("ack", "/agent/{id}/ack", Ack),
     _topic("command", "/command", Command),
     _topic("beacon", "/beacon", StationBeacon),
-    Topic("truth", "/truth", None, _TRUTH, 0.0),
+    Topic("truth", "/truth", None, _TRUTH),
 )
 """`status` has the agent's mesh links (age, loss) by peer."""
 

@@ -57,15 +57,12 @@ def _shape(history: RunHistory) -> list[tuple[int, int]]:
 
 def nearest(history: RunHistory) -> Figure | None:
     """Each agent's distance to the nearest vehicle."""
-    values = history.nearest()
-    if not np.isfinite(values).any():
-        return None
-    made, axes = figure("Distance to the nearest vehicle, while flying (truth)")
-    _lines(axes, history.flight.time_s, values, history.agents, "agent")
+    title = "Distance to the nearest vehicle, while flying (truth)"
     law, unit_m = history.plan.law, history.plan.unit_m
-    bounds(axes, [(R_IN, law.r_in * unit_m), (R_OUT, law.r_out * unit_m)])
-    axes.set_ylim(bottom=0)
-    axes.set_ylabel("distance [m]")
+    limits = [(R_IN, law.r_in * unit_m), (R_OUT, law.r_out * unit_m)]
+    made = _lines(history, history.nearest(), history.agents, "agent", title, limits)
+    if made is not None:
+        made.axes[0].set(ylim=(0, None), ylabel="distance [m]")
     return made
 
 
@@ -74,7 +71,7 @@ def sigma(history: RunHistory) -> Figure | None:
     pairs = sorted(history.heard.sigmas.items())
     if not pairs:
         return None
-    made, axes = figure("$\\sigma$ of each active pair: $i$-$j$ as agent $i$ tunes it")
+    made, axes = figure("$\\sigma$ of each active pair: $i$-$j$ as agent $i$ adapts it")
     for k, ((i, j), rows) in enumerate(pairs):
         numbers = np.array(rows)
         curve = broken(numbers[:, 0], numbers[:, 2], _SIGMA_GAP_S)
@@ -91,13 +88,11 @@ def error(axis: int) -> Callable[[RunHistory], Figure | None]:
     """e_i in one coordinate: 0 is x (north), 1 is y (east)."""
 
     def draw(history: RunHistory) -> Figure | None:
-        values = history.errors()[..., axis]
-        if not np.isfinite(values).any():
-            return None
         name, towards = f"$e_{'xy'[axis]}$", ("north", "east")[axis]
-        made, axes = figure(f"Formation error {name} ({towards}): equal where the shape stands")
-        _lines(axes, history.flight.time_s, values, history.agents, "agent")
-        axes.set_ylabel(f"{name} [m]")
+        title = f"Formation error {name} ({towards}): equal where the shape stands"
+        made = _lines(history, history.errors()[..., axis], history.agents, "agent", title)
+        if made is not None:
+            made.axes[0].set_ylabel(f"{name} [m]")
         return made
 
     return draw
@@ -105,25 +100,22 @@ def error(axis: int) -> Callable[[RunHistory], Figure | None]:
 
 def links(history: RunHistory) -> Figure | None:
     """Length of each link of the start graph."""
-    values = history.lengths()
-    if not np.isfinite(values).any():
-        return None
-    made, axes = figure("Length of each link (truth)")
     names = [f"{i}-{j}" for i, j in history.links]
-    _lines(axes, history.flight.time_s, values, names, "link")
-    bounds(axes, [("r", history.plan.law.r * history.plan.unit_m)])
-    axes.set_ylabel("length [m]")
+    limits = [("r", history.plan.law.r * history.plan.unit_m)]
+    title = "Length of each neighbour link (truth)"
+    made = _lines(history, history.lengths(), names, "link", title, limits)
+    if made is not None:
+        made.axes[0].set_ylabel("length [m]")
     return made
 
 
 def mesh(history: RunHistory) -> Figure | None:
     """Age of the oldest state, and loss, as each agent hears its peers."""
-    statuses = {
-        i: [s for s in found if s.links] for i, found in sorted(history.heard.statuses.items())
-    }
+    heard_of = sorted(history.heard.statuses.items())
+    statuses = {i: [s for s in found if s.links] for i, found in heard_of}
     if not any(statuses.values()):
         return None
-    made, (age, loss) = grid("Links of the mesh, as each agent hears them", 2, 1, 5.2, 4.2)
+    made, (age, loss) = grid("Mesh links, as each agent hears them", 2, 1, 5.2, 4.2)
     for k, (agent, found) in enumerate(statuses.items()):
         times = [s.time_s for s in found]
         ages = [max((link.age_s or 0.0 for link in s.links.values()), default=0.0) for s in found]
@@ -235,12 +227,25 @@ def _first_form(history: RunHistory) -> float:
     return found if np.isfinite(found) else 0.0
 
 
-def _lines(axes: Axes, times: Floats, values: Floats, names: Sequence[object], what: str) -> None:
-    """A line for each column of `values` (T, names) over mission time."""
+def _lines(
+    history: RunHistory,
+    values: Floats,
+    names: Sequence[object],
+    what: str,
+    title: str,
+    limits: Sequence[tuple[str, float]] = (),
+) -> Figure | None:
+    """A line for each column of `values` (T, names) over mission time; None without a number."""
+    if not np.isfinite(values).any():
+        return None
+    made, axes = figure(title)
     for k, name in enumerate(names):
-        axes.plot(times, values[:, k], linewidth=1.0, label=str(name), **line_style(k))
+        style = {"linewidth": 1.0, **line_style(k)}
+        axes.plot(history.flight.time_s, values[:, k], label=str(name), **style)
     axes.set_xlabel("mission time [s]")
     _name(axes, len(names), what)
+    bounds(axes, limits)
+    return made
 
 
 def _mean(values: Floats) -> Floats:
