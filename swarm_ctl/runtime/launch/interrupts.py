@@ -1,4 +1,4 @@
-"""Ctrl-C counted instead of died of."""
+"""Ctrl-C as a count: it does not end the process."""
 
 from __future__ import annotations
 
