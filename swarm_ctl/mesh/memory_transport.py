@@ -23,6 +23,7 @@ class MemoryTransport(Transport):
     def __init__(self, hub: MemoryHub) -> None:
         self._hub = hub
         self._inlets: list[tuple[re.Pattern[str], QueueInlet]] = []
+        self._by_key: dict[str, list[QueueInlet]] = {}
         hub.members.append(self)
 
     def publish(self, key: str, data: bytes, qos: Qos) -> None:  # noqa: ARG002 - nothing is lost
@@ -32,12 +33,16 @@ class MemoryTransport(Transport):
 
     def deliver(self, key: str, data: bytes) -> None:
         """Put a message into the inlets that subscribed to its key."""
-        for pattern, inlet in self._inlets:
-            if pattern.fullmatch(key):
-                inlet.put(self._hub.now(), data)
+        inlets = self._by_key.get(key)
+        if inlets is None:
+            found = [inlet for pattern, inlet in self._inlets if pattern.fullmatch(key)]
+            inlets = self._by_key[key] = found
+        for inlet in inlets:
+            inlet.put(self._hub.now(), data)
 
     def subscribe(self, key_expression: str, *, timed: bool = False) -> QueueInlet:  # noqa: ARG002 - always
         inlet = QueueInlet()
+        self._by_key.clear()
         self._inlets.append((re.compile(re.escape(key_expression).replace(r"\*", "[^/]+")), inlet))
         return inlet
 

@@ -85,6 +85,7 @@ def far() -> GlobalFix:
     return GlobalFix(NOW, place, HEIGHT_M, (0.0, 0.0, 0.0))
 
 
+RISING = {"phase": Phase.TAKEOFF, "airborne": False, "step": TAKEOFF}
 DOWN = {"phase": Phase.PREPARE, "airborne": False, "step": 0}
 MISSING: list[tuple[str, tuple[Any, ...], dict[str, Any], str]] = [
     ("unhealthy", (), {"healthy": False, "health_reason": "no SYS_STATUS"}, "no SYS_STATUS"),
@@ -95,6 +96,7 @@ MISSING: list[tuple[str, tuple[Any, ...], dict[str, Any], str]] = [
     ("no peer", (peer(2, math.inf), peer(3, math.inf)), {}, "no agent that flies this mission"),
     ("silent peers", (peer(2, 0.51), peer(3, 0.51)), {}, "no agent that flies this mission"),
     ("peers on the ground", (peer(2, **DOWN), peer(3, **DOWN)), {}, "no agent that flies this"),
+    ("peers not up yet", (peer(2, **RISING), peer(3, **RISING)), {}, "no agent that flies this"),
     ("another plan", (peer(2), peer(3, plan_hash=7)), {}, "agent 3 has another plan"),
     ("it moves", (), {"fix": fix(velocity=(0.4, 0.4, 0.0))}, "it moves at 0.6 m/s"),
 ]
