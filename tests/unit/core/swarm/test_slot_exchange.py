@@ -10,12 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swarm_ctl.core.model.messages import AgentState, ExchangeState, Phase
-from swarm_ctl.core.model.plan import Plan, Point
+from swarm_ctl.core.model.plan import LawParameters, Point
 from swarm_ctl.core.swarm.peers import Peers
 from swarm_ctl.core.swarm.slot_exchange import SlotExchange
-from tests.scenarios.test_steps import quartet
+from tests.unit.core.builders import plan
 
-PLAN: Plan = quartet("hold: {duration_s: 5}", "land").plan
+PLAN = plan(agents=4, unit_m=1.0, law=LawParameters(r=20.0, r_out=6.0, r_in=2.5))
 IDS = [agent.id for agent in PLAN.agents]
 ALL_LINKED = {i: tuple(j for j in IDS if j != i) for i in IDS}
 TICK_S, SPEED = 0.05, 1.0
