@@ -263,7 +263,7 @@ class ArdupilotPersona(Firmware):
             self.begin(HoldManeuver(self.sensed.heading_rad))
             return
         self._setpoint_s = self.now
-        self.follow(target._replace(position=position, velocity=velocity))
+        self.follow(target, position, velocity)
 
     def go_to(self, place_ned: Vector3) -> MavResult:
         if self.mode is not GUIDED and self.enter(GUIDED) is not MavResult.ACCEPTED:

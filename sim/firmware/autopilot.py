@@ -26,7 +26,7 @@ from sim.firmware.flying.maneuvers import (
     VelocityManeuver,
 )
 from sim.firmware.flying.mission_items import MissionItem, MissionLists
-from sim.firmware.flying.position_target import PositionTarget, moved
+from sim.firmware.flying.position_target import Axes, PositionTarget, moved
 from sim.firmware.message import (
     MAV_TYPE_GCS,
     LandedState,
@@ -265,14 +265,14 @@ class SimAutopilot(ABC):
         self.begin(GroundManeuver())
         self.text(MavSeverity.INFO, text)
 
-    def follow(self, target: PositionTarget) -> None:
-        """Flies by a setpoint; axes without a velocity are not fed forward."""
+    def follow(self, target: PositionTarget, position: Axes, velocity: Axes) -> None:
+        """Flies by a setpoint's yaw and by these of its axes; one without a velocity gets 0."""
         yaw = self.demand.heading_rad if target.yaw_rad is None else target.yaw_rad
-        n, e, d = target.velocity
-        held = moved(target.position, self.local_origin_ned)
+        n, e, d = velocity
+        held = moved(position, self.local_origin_ned)
         rate = target.yaw_rate_radps or 0.0
-        velocity = (n or 0.0, e or 0.0, d or 0.0)
-        self.begin(VelocityManeuver(velocity, yaw, held, rate, self.now))
+        forward = (n or 0.0, e or 0.0, d or 0.0)
+        self.begin(VelocityManeuver(forward, yaw, held, rate, self.now))
 
     def return_home(self) -> ReturnManeuver:
         """The way home from here."""

@@ -200,7 +200,7 @@ class Px4Persona(Firmware):
     def _change(self, mode: FlightMode) -> None:
         self.mode = mode
         if mode is OFFBOARD and self._target is not None:
-            self.follow(self._target)
+            self.follow(self._target, self._target.position, self._target.velocity)
         else:
             self.begin(self._maneuver(mode))
 
@@ -247,7 +247,7 @@ class Px4Persona(Firmware):
             self._stream_since_s = self.now
         self._target, self._target_s = target, self.now
         if self.mode is OFFBOARD and self.armed:
-            self.follow(target)
+            self.follow(target, target.position, target.velocity)
 
     def _streaming(self) -> bool:
         fresh = self.now - self._target_s <= STREAM_GAP_S

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import math
 import os
 import selectors
 import signal
@@ -22,15 +21,14 @@ from sim.network.signing import Signing, read_key
 from sim.network.sockets import Address, VehicleSocket, open_socket
 from sim.world.truth_file import TruthFile
 from sim.world.truth_recorder import TruthRecorder
-from sim.world.world import STEP_S
 
 log = logging.getLogger("sim")
 
 DRAIN_S = 90.0
 """Mission time granted to vehicles to come down after the lifeline is cut."""
-_BEHIND_S, _BATCH, _SPRINT = 0.3, 10, 4.0
-"""A world more than so long behind the clock catches up by batches of steps, at most so many times
-as fast as the clock: two setpoints at 20 Hz are then 0.4 s of world time apart at most."""
+_BEHIND_S, _SPRINT, _LEAST_S, _LEAP_S = 0.3, 2.0, 0.1, 0.5
+"""A world more than `_BEHIND_S` behind the clock catches up at most `_SPRINT` times as fast, from
+`_LEAST_S` to `_LEAP_S` at a time, before the sockets are looked at again."""
 _GATHER_S = 0.005
 """Wall-clock time for which datagrams gather after a first one; none waits beyond the next step."""
 _LATE_S, _SAY_AGAIN_S = 1.0, 10.0
@@ -50,6 +48,8 @@ class Server:
         self._drain_until_s: float | None = None
         self._stopping = False
         self._said_late_s = -_SAY_AGAIN_S
+        self._stepped_s = clock.now()
+        """When the world went on last, mission time."""
         self._sockets: list[VehicleSocket] = []
         self.hub: Hub
         self._selector: selectors.BaseSelector
@@ -134,16 +134,23 @@ class Server:
         return world.parked() or world.time_s >= self._drain_until_s
 
     def _catch_up(self) -> None:
-        """Does the steps that are due; of many only a few, before sockets are looked at again."""
-        began_s = self._clock.now()
-        behind_s = began_s - self.hub.world.time_s
-        for _ in range(_BATCH if behind_s > _BEHIND_S else math.ceil(_BEHIND_S / STEP_S)):
-            if self.hub.world.next_s > began_s:
+        """Does the steps that are due; of very many only some."""
+        now, world = self._clock.now(), self.hub.world
+        behind_s = allowed_s = now - world.time_s
+        if behind_s > _BEHIND_S:
+            allowed_s = min(behind_s, _SPRINT * (now - self._stepped_s), _LEAP_S)
+            self._say_late(now, behind_s)
+            if allowed_s < _LEAST_S:
+                self._clock.rest(self._clock.wall_until(now + _LEAST_S / _SPRINT))
                 return
+        self._stepped_s = now
+        until_s = world.time_s + allowed_s + 1e-6  # a sum of steps
+        while world.next_s <= until_s:
             self.hub.step()
-        self._clock.rest(self._clock.wall_until(began_s + _BATCH * STEP_S / _SPRINT))
-        if behind_s > _LATE_S and began_s - self._said_late_s > _SAY_AGAIN_S:
-            self._said_late_s = began_s
+
+    def _say_late(self, now: float, behind_s: float) -> None:
+        if behind_s > _LATE_S and now - self._said_late_s > _SAY_AGAIN_S:
+            self._said_late_s = now
             text = "%.1f s of mission time behind the clock: machine too slow for the speed-up"
             log.warning(text, behind_s)
 

@@ -48,9 +48,9 @@ class Wander:
         if sigma <= 0.0:
             self._unit = STILL
             return STILL
-        news = self._rng.standard_normal(3).tolist()
+        drawn = self._rng.standard_normal(3).tolist()
         n, e, d = (
-            self._keep * old + self._fresh * new for old, new in zip(self._unit, news, strict=True)
+            self._keep * old + self._fresh * new for old, new in zip(self._unit, drawn, strict=True)
         )
         self._unit = (n, e, d)
         return (sigma * n, sigma * e, sigma * d)

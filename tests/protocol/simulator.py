@@ -1,4 +1,4 @@
-"""The simulator as a process of its own, and a pilot who speaks pymavlink to one of its
+"""The simulator as a process of its own, and a pilot that speaks pymavlink to one of its
 vehicles."""
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 ORIGIN = {"lat_deg": 47.397742, "lon_deg": 8.545594, "alt_m": 488.0}
 SPEEDUP = 5.0
-"""Quick, and still a pilot who isn't served for 0.1 s misses no time-out of the autopilots."""
+"""Quick, and still a pilot process not scheduled for 0.1 s misses no time-out of the autopilots."""
 PATIENCE_S = 60.0
 """Mission seconds anything asked for may take; a vehicle that needs longer is broken."""
 
 
 def free_port() -> int:
-    """A UDP port nobody has just now."""
+    """A UDP port that is free now."""
     with contextlib.closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])

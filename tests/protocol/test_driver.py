@@ -259,7 +259,7 @@ def test_a_vehicle_whose_agent_has_died_lands_by_itself(persona: str) -> None:
 
 
 @both
-def test_a_mode_changed_by_somebody_else_is_not_fought(persona: str) -> None:
+def test_a_mode_changed_by_a_pilot_is_not_fought(persona: str) -> None:
     with flight(persona) as fly:
         fly.flying(persona)
         pilots = {"ardupilot": "LOITER", "px4": "AUTO.LOITER"}[persona]

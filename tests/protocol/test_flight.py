@@ -131,7 +131,7 @@ def test_the_other_vehicle_is_seen_as_traffic(flown: tuple[Simulator, Pilot], pe
 
 
 @PERSONAS
-def test_garbage_on_the_port_harms_nobody(flown: tuple[Simulator, Pilot], persona: str) -> None:
+def test_garbage_on_the_port_harms_no_client(flown: tuple[Simulator, Pilot], persona: str) -> None:
     _, p = flown
     for junk in (
         b"",

@@ -1,4 +1,4 @@
-"""MAVSDK, a client nobody here wrote: connects, reads, flies, falls silent, and sees what the
+"""MAVSDK, a client from outside: connects, reads, flies, falls silent, and sees what the
 vehicle makes of it."""
 
 from __future__ import annotations

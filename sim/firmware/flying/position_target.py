@@ -56,8 +56,14 @@ def read_position_target(
 
 def moved(axes: Axes, by: Vector3) -> Axes:
     """The axes that are given, moved by `by`."""
-    n, e, d = (None if a is None else a + b for a, b in zip(axes, by, strict=True))
-    return n, e, d
+    if axes is NOTHING:
+        return axes
+    (n, e, d), (dn, de, dd) = axes, by
+    return (
+        None if n is None else n + dn,
+        None if e is None else e + de,
+        None if d is None else d + dd,
+    )
 
 
 def _axes(fields: Mapping[str, Any], names: tuple[str, str, str], ignored: int) -> Axes | None:

@@ -121,13 +121,16 @@ HANDLERS: Mapping[str, Callable[[SimAutopilot, Message], None]] = {
     "FILE_TRANSFER_PROTOCOL": file_transfer,
     "TIMESYNC": timesync,
 }
-_NAN_HAS_MEANING = ("COMMAND_", "PARAM_SET", "SET_POSITION_TARGET_", "MISSION_ITEM")
-"""How the names of messages begin whose handlers judge their numbers themselves: NaN may be an
-ignored axis, a default, or the bytes of an integer."""
+_NAN_HAS_MEANING = frozenset(
+    name
+    for name in HANDLERS
+    if name.startswith(("COMMAND_", "PARAM_SET", "SET_POSITION_TARGET_", "MISSION_ITEM"))
+)
+"""NaN may be an ignored axis, a default, or the bytes of an integer: their handlers judge it."""
 
 
 def sane(message: Message) -> bool:
     """Whether all numbers are finite, in messages in which others mean nothing."""
-    if message.name.startswith(_NAN_HAS_MEANING):
+    if message.name in _NAN_HAS_MEANING:
         return True
     return all(math.isfinite(v) for v in message.fields.values() if isinstance(v, float))

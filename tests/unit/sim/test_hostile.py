@@ -43,7 +43,7 @@ COMMANDS = (
 
 
 class Attacker:
-    """Makes frames that nobody should send."""
+    """Makes frames that no client should send."""
 
     def __init__(self, seed: int) -> None:
         self.rng = random.Random(seed)

@@ -54,7 +54,7 @@ A, B = ("127.0.0.1", 1), ("127.0.0.1", 2)
 HELLO = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
 
 
-def test_who_has_not_written_hears_nothing_and_who_has_hears_the_same_frames() -> None:
+def test_clients_that_have_written_hear_the_same_frames_and_others_nothing() -> None:
     clients = Clients()
     clients.run(1.0)
     assert not clients.datagrams
@@ -65,7 +65,7 @@ def test_who_has_not_written_hears_nothing_and_who_has_hears_the_same_frames() -
     assert [m.get_type() for m in clients.heard(A)].count("HEARTBEAT") == 3
 
 
-def test_answers_go_to_who_asked_alone_and_texts_to_all() -> None:
+def test_answers_go_to_the_asking_client_alone_and_texts_to_all() -> None:
     clients = Clients()
     clients.tell(0, B, HELLO)
     clients.command(0, A, 400, 1.0)

@@ -48,7 +48,7 @@ def test_a_tcp_client_is_a_peer_at_once_and_gets_what_is_sent(
     assert port.peers() == []
 
 
-def test_a_tcp_client_that_does_not_read_loses_and_blocks_nobody(
+def test_a_tcp_client_that_does_not_read_loses_and_blocks_no_other(
     server: tuple[TcpSocket, int],
 ) -> None:
     port, number = server

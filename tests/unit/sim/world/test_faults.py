@@ -63,7 +63,9 @@ def test_nothing_is_wrong_unless_it_is_asked_for(persona: str) -> None:
 
 
 @PERSONAS
-def test_a_steady_wind_is_leant_into_and_carries_off_who_holds_no_place(persona: str) -> None:
+def test_a_steady_wind_is_leant_into_and_carries_off_a_vehicle_that_holds_no_place(
+    persona: str,
+) -> None:
     flight = hovering(persona)
     put(flight, SIM_WIND_SPD=5.0, SIM_WIND_DIR=90.0)
     flight.run(20.0)

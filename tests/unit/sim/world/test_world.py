@@ -151,7 +151,7 @@ def test_mixed_personas_fly_in_one_world() -> None:
     assert norths == pytest.approx([0.0, 10.0, 20.0, 30.0], abs=0.05)
 
 
-def test_traffic_is_who_is_within_range() -> None:
+def test_traffic_is_the_vehicles_within_range() -> None:
     flight = Flight(config(4, spacing_m=20.0, sensing_range_m=45.0))
     flight.run(0.1)
 
