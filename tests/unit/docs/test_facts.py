@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import tomllib
 
@@ -9,7 +10,9 @@ import pytest
 from typer.main import get_command
 
 from swarm_ctl.cli.main import app
+from swarm_ctl.core.law import mean_error_feedback
 from swarm_ctl.core.model.plan import Compensation, Plan
+from swarm_ctl.core.safety import constraints
 from swarm_ctl.core.swarm import gain_update
 from swarm_ctl.mission.compile.loader import loads
 from tests.unit.docs import mission_reference
@@ -60,6 +63,18 @@ def test_the_limits_of_tune_are_those_of_the_missions_page() -> None:
         gain_update.RATE_AT_MOST,
         gain_update.PLAIN_RATE_AT_MOST,
     ]
+
+
+def test_the_constants_of_the_filter_are_those_of_the_safety_page() -> None:
+    page, c = TEXT["safety"], constraints
+    assert f"min({c._ESCAPE:g} v_max, -{c.RATE:g} * share * (x - D_j))" in page
+    guard = f"-{0.5 * c._GUARD_RATE:g} ({c._GUARD_AT:g} r - x)"
+    assert f"min({c._GUARD_PULL:g} v_max, {guard}" in page
+    assert f"`r_in + {c._KEEP_OUT:g} (r_out - r_in)`" in page
+    assert f"{c._SPARE - 1:.0%} above `r_in`".replace("%", " %") in page
+    assert f"a lag {c._LAG_ERROR - 1:.0%} longer".replace("%", " %") in page
+    assert f"`{c.RATE:g} A <= 1/e`, which is {1 / (math.e * c.RATE):.2f} s" in page
+    assert f"at {mean_error_feedback.RATE:g} a second towards the mean error" in TEXT["law"]
 
 
 def test_each_mission_is_in_the_list() -> None:
