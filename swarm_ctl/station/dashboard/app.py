@@ -130,7 +130,6 @@ class Dashboard(App[None]):
     Tab.-active { text-style: bold reverse; }
     #matrix, #law, #tally, #empty { height: auto; }
     CellTable { height: auto; overflow-x: hidden; }
-    CellTable > .datatable--header { background: $background; }
     #swarm { layout: vertical; }
     #left { height: auto; max-height: 50%; }
     #agents { max-height: 100%; }

@@ -10,7 +10,6 @@ from rich.cells import cell_len, set_cell_size
 from rich.console import Console
 from rich.segment import Segment
 from rich.style import Style
-from rich.text import Text
 from textual.geometry import Size
 from textual.message import Message
 from textual.renderables.sparkline import Sparkline
@@ -126,9 +125,10 @@ class Heading:
     left: bool = False
     name: str = "bold dim"
 
-    @property
-    def label(self) -> Text:
-        return Text(self.cell(self.title).words, style(self.name))
+    def label(self, column: int) -> Segment:
+        """The title, with what `DataTable` makes a click on the header from."""
+        place = Style(meta={"row": -1, "column": column})
+        return Segment(self.cell(self.title).words, style(self.name) + place)
 
     def cell(self, words: str, name: str = "", click: str = "") -> Words:
         """Words at their place in the column, cut if need be, and the gap."""
@@ -148,7 +148,8 @@ class CellTable(DataTable[TableCell], OnGround, can_focus=False):
         self._headings: tuple[Heading, ...] = ()
         self._told: dict[str, Sequence[TableCell]] = {}
         self._order: list[str] = []
-        self._drawn: dict[int, tuple[tuple[TableCell, ...], Strip]] = {}
+        self._head = Strip([])
+        self._drawn: dict[int, tuple[Sequence[TableCell], Strip]] = {}
 
     @property
     def room(self) -> int:
@@ -156,27 +157,25 @@ class CellTable(DataTable[TableCell], OnGround, can_focus=False):
 
     def show(self, headings: tuple[Heading, ...], rows: Mapping[str, Sequence[TableCell]]) -> None:
         """Show these rows in their order."""
-        if [h.width for h in headings] != [h.width for h in self._headings] or (
-            rows.keys() != self._told.keys()
-        ):
+        widths = [heading.width for heading in headings]
+        if widths != [h.width for h in self._headings] or rows.keys() != self._told.keys():
             self._build(headings, rows)
         else:
-            self._change(headings, rows)
+            self._change(rows)
+        if headings != self._headings:
+            self._head = Strip([heading.label(k) for k, heading in enumerate(headings)])
+            self.refresh()
         self._headings, self._told = headings, dict(rows)
 
     def _build(self, headings: Sequence[Heading], rows: Mapping[str, Sequence[TableCell]]) -> None:
         self.clear(columns=True)
         for k, heading in enumerate(headings):
-            self.add_column(heading.label, width=heading.width + 1, key=str(k))
+            self.add_column(heading.title, width=heading.width + 1, key=str(k))
         for key, row in rows.items():
             self.add_row(*row, key=key)
         self._order = list(rows)
 
-    def _change(self, headings: Sequence[Heading], rows: Mapping[str, Sequence[TableCell]]) -> None:
-        for column, new, old in zip(self.ordered_columns, headings, self._headings, strict=True):
-            if new != old:
-                column.label = new.label
-                self._clear_caches()
+    def _change(self, rows: Mapping[str, Sequence[TableCell]]) -> None:
         for key, row in rows.items():
             for k, (now, before) in enumerate(zip(row, self._told[key], strict=True)):
                 if now != before:
@@ -191,19 +190,21 @@ class CellTable(DataTable[TableCell], OnGround, can_focus=False):
         self.post_message(Painted.Sized())
 
     def render_line(self, y: int) -> Strip:
-        """A row by its cells: `DataTable` forgets all rows when one cell changes, and its own way
-        through Rich takes twenty times as long. The header is its own.
+        """A row by its cells: `DataTable` forgets all that it has drawn when one cell changes, and
+        its own way through Rich takes twenty times as long.
         """
         row = y - 1 + self.scroll_offset.y
-        if y == 0 or row >= self.row_count:
-            return super().render_line(y)
-        cells = tuple(self.get_row_at(row))
+        strip = self._head if y == 0 else self._row(row) if row < self.row_count else Strip([])
+        ink = self.rich_style
+        if self.show_cursor and y and row == self.cursor_row:
+            ink += style("reverse")
+        return strip.adjust_cell_length(self.size.width).apply_style(ink)
+
+    def _row(self, row: int) -> Strip:
+        cells = self._told[self._order[row]]
         told, strip = self._drawn.get(row, ((), Strip([])))
         if cells != told:
             segments = [segment for cell in cells for segment in cell.segments(self.app.console)]
             strip = Strip(segments)
             self._drawn[row] = cells, strip
-        ink = self.rich_style
-        if self.show_cursor and row == self.cursor_row:
-            ink += style("reverse")
-        return strip.adjust_cell_length(self.size.width).apply_style(ink)
+        return strip

@@ -116,6 +116,22 @@ def _find(app: Dashboard, words: str) -> tuple[int, int]:
     raise AssertionError(f"{words!r} is not on the screen:\n{text(app)}")
 
 
+def test_a_click_on_a_title_sorts_and_the_next_one_turns_the_order_round() -> None:
+    async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
+        for backwards in (False, True):
+            row, column = _find(app, "near ")
+            await pilot.click(offset=(column + 2, row))
+            await settled(pilot)
+            assert (app._chosen.sort, app._chosen.backwards) == ("near", backwards)
+            assert ("▾near" if backwards else "▴near") in text(app)
+        rows = [line for line in text(app).splitlines() if " fly " in line]
+        assert [line.split()[0] for line in rows] == [
+            str(agent.id) for agent in in_order(app.picture or Picture(PICTURES["well"]()))
+        ]
+
+    _play(play)
+
+
 def test_orders_by_key_go_to_all_or_to_the_marked() -> None:
     async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
         await pilot.press("l")
