@@ -1,5 +1,4 @@
-"""Installs by role: what a command needs beyond the core, and what to install where it is
-missing."""
+"""Installs by role: what a command needs beyond the core, and how to install it."""
 
 from __future__ import annotations
 
@@ -19,8 +18,7 @@ def require(extra: str, what: str) -> None:
 
 
 def packages(extra: str) -> list[str]:
-    """The packages that an extra of this installation adds; none where nothing is installed (a
-    source tree on PYTHONPATH)."""
+    """The packages that an extra adds; none in a source tree that is not installed."""
     try:
         requirements = metadata.requires("swarm-ctl") or []
     except metadata.PackageNotFoundError:

@@ -246,7 +246,7 @@ class _SerialWire(Wire):
         try:
             serial = importlib.import_module("serial")
         except ImportError as error:
-            allowed = "pip install pyserial"
+            allowed = "pip install 'swarm-ctl[serial]'"
             raise LinkError(f"serial:{device} needs the package pyserial: {allowed}") from error
         self._port = serial.Serial(device, baud, timeout=0, write_timeout=0)
 

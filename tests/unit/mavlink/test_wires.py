@@ -288,7 +288,7 @@ def test_tcpin_takes_whoever_connects_last() -> None:
 
 def test_serial_without_pyserial_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "serial", None)
-    with pytest.raises(LinkError, match="pip install pyserial"):
+    with pytest.raises(LinkError, match=r"pip install 'swarm-ctl\[serial\]'"):
         open_wire("serial:/dev/ttyACM0:57600")
 
 
