@@ -129,7 +129,7 @@ def parted(faulty: Faulty) -> None:
 
 
 def deaf(agent: int) -> Callable[[Faulty], None]:
-    """`agent` hears nobody, but is heard."""
+    """`agent` hears no peer, but is heard."""
     return lambda faulty: faulty.transports[agent].silent.update(map(str, IDS))
 
 
@@ -144,13 +144,13 @@ def alone(agent: int) -> Callable[[Faulty], None]:
 
 
 def stalled(faulty: Faulty) -> None:
-    """Nobody hears anybody but the station."""
+    """No agent hears a peer; all hear the station."""
     for transport in faulty.transports.values():
         transport.silent.update(map(str, IDS))
 
 
 def healed(faulty: Faulty) -> None:
-    """Everybody hears everybody."""
+    """All agents hear each other."""
     for transport in faulty.transports.values():
         transport.silent.clear()
 
@@ -203,7 +203,7 @@ def apart(faulty: Faulty) -> str:
 
 
 def down(faulty: Faulty) -> str:
-    """Everybody stands disarmed on the ground in the end."""
+    """In the end all vehicles stand disarmed on the ground."""
     return "" if faulty.swarm.all_down else "not all are down"
 
 
@@ -229,7 +229,7 @@ def says(*texts: str) -> Check:
 
     def check(faulty: Faulty) -> str:
         said = "\n".join(event.text for event in faulty.swarm.events)
-        return "; ".join(f"nobody says {text!r}" for text in texts if text not in said)
+        return "; ".join(f"no agent says {text!r}" for text in texts if text not in said)
 
     return check
 
@@ -251,7 +251,7 @@ class Row:
     policy: str = Policy.LAND.value
     within_s: float = 240.0
     falls: bool = False
-    """Out of the sky: nobody steers that, so where it comes down in gusts, 8 m under the others,
+    """Out of the sky: no agent steers that, so where it comes down in gusts, 8 m under the others,
     proves nothing."""
 
     def __str__(self) -> str:
@@ -345,7 +345,7 @@ ROWS = (
         happenings=((1, lies(2)),),
     ),
     Row(
-        "a vehicle restarts in the air",  # and falls; nobody asks it again for what it said before
+        "a vehicle restarts in the air",  # and falls; its telemetry is not asked for again
         (*SAFE, outcome("failed"), says("disarmed by a pilot or by its own failsafe")),
         happenings=((3, vehicle(2, SIM_REBOOT=1.0)),),
         falls=True,

@@ -1,5 +1,4 @@
-"""The project's own scenarios fly the same virtual swarm that comes with the package for
-everybody's tests."""
+"""The scenarios fly the same virtual swarm that the package brings for its users' tests."""
 
 from __future__ import annotations
 

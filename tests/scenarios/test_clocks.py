@@ -47,7 +47,7 @@ def test_they_fly_as_with_one_clock() -> None:
 
 
 def test_a_start_takes_no_longer() -> None:
-    """Nobody waits for the clocks: the first words go round while the vehicles are looked at."""
+    """No agent waits for the clocks: the first words go round while the vehicles are looked at."""
     began = []
     for clocks in ({}, CLOCKS):
         swarm = VirtualSwarm(mission(), clocks=clocks)
@@ -57,7 +57,7 @@ def test_a_start_takes_no_longer() -> None:
 
 
 def test_who_is_not_answered_does_not_arm_and_says_why() -> None:
-    """Agent 4 is heard and hears nobody: nobody knows from when its news is, so nobody flies with
+    """Agent 4 is heard and hears no peer: no peer knows how old its news is, so none flies with
     it."""
     faulty = Faulty(Row("deaf", ()), 1)
     faulty.transports[4].silent |= {"1", "2", "3"}
@@ -71,8 +71,8 @@ def test_who_is_not_answered_does_not_arm_and_says_why() -> None:
 
 
 def test_news_that_is_late_one_way_is_seen_as_late() -> None:
-    """Agent 4 hears everybody 0.4 s late and is heard at once: it knows that the news may be so
-    old, whatever the clocks, and nobody comes too near.
+    """Agent 4 hears all peers 0.4 s late and is heard at once: it knows that the news may be so
+    old, whatever the clocks, and no agent comes too near.
     """
     faulty = Faulty(Row("one hears late", (), clocks=CLOCKS), 1)
     faulty.transports[4].impairment = Impairment(delay_s=0.4)

@@ -14,7 +14,7 @@ BACK = "{kind: offsets, offsets: [[0, 27], [0, 18], [0, 9], [0, 0]]}"
 
 
 def turned_round(*steps: str, exchange: bool = True) -> LoadedMission:
-    """Four in a row, and everybody's fixed slot is at the other end."""
+    """Four in a row, and the fixed slot of each is at the other end."""
     text = TEXT.replace("shapes:\n", f"shapes:\n  back: {BACK}\n").replace(
         "form: {shape: square, settle_s: 2}",
         f"form: {{shape: back, slots: fixed, exchange: {str(exchange).lower()}, settle_s: 2}}",
@@ -59,7 +59,7 @@ def test_exchange_saves_the_way_past_each_other() -> None:
     ],
 )
 def test_later_steps_go_by_the_roles(steps: tuple[str, ...]) -> None:
-    """The shape turns, moves, changes and comes home with everybody in the role that he took."""
+    """The shape turns, moves, changes and comes home with every agent in the role that it took."""
     swarm = VirtualSwarm(turned_round(*steps))
     swarm.wait(lambda s: s.in_step(len(s.plan.steps)))
     assert sorted(roles(swarm)) == [0, 1, 2, 3] != roles(swarm)
@@ -69,7 +69,7 @@ def test_later_steps_go_by_the_roles(steps: tuple[str, ...]) -> None:
 
 
 def test_an_agent_that_is_restarted_takes_its_role_up_again() -> None:
-    """The new process finds the role that nobody else has, not its own first one."""
+    """The new process finds the role that no peer has, not its own first one."""
     swarm = VirtualSwarm(turned_round("hold: {duration_s: 20}", "land"))
     swarm.wait(lambda s: s.in_step(3))
     swarm.run(2)
@@ -84,7 +84,7 @@ def test_an_agent_that_is_restarted_takes_its_role_up_again() -> None:
 
 
 def test_an_operators_shape_knows_no_roles() -> None:
-    """`form` gives everybody a slot of his own; afterwards the mission goes on with its roles."""
+    """`form` gives every agent its own slot; afterwards the mission goes on with its roles."""
     swarm = VirtualSwarm(turned_round("hold: {duration_s: 5}", "land"))
     swarm.wait(lambda s: s.in_step(2) and sorted(roles(s)) != roles(s))
     row = FormStep("row", ((0.0, 0.0), (9.0, 9.0), (0.0, 18.0), (9.0, 27.0)), 0.5, 2.0, 1e9)

@@ -1,4 +1,4 @@
-"""The rows of `faults.py`: nobody too near, nothing hangs, everybody comes down, and the log says
+"""The rows of `faults.py`: no two vehicles too near, nothing hangs, all come down, and the log says
 why."""
 
 from __future__ import annotations

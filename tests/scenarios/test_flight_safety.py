@@ -47,7 +47,7 @@ def phase_of(swarm: VirtualSwarm, agent: int) -> Any:
 
 
 def settle(swarm: VirtualSwarm) -> None:
-    """To the end: nobody too near, all on the ground."""
+    """To the end: no two vehicles too near, all on the ground."""
     swarm.fly(1200)
     assert swarm.closest_m > swarm.plan.law.r_in * swarm.plan.unit_m
     assert swarm.all_down
@@ -73,7 +73,7 @@ def test_battery(policy: Policy) -> None:
         assert math.dist(swarm.positions()[2], swarm.plan.agent(2).start) < 1.5
 
 
-def test_nobody_takes_off_under_the_reserve() -> None:
+def test_no_vehicle_takes_off_under_the_reserve() -> None:
     """It waits on the ground and says why."""
     swarm = VirtualSwarm(mission("agent_lost: land"))
     battery = swarm.hub.world.vehicles[0].firmware.battery
@@ -197,8 +197,8 @@ def test_station_lost(policy: Policy) -> None:
         assert all(math.dist(swarm.positions()[a.id], a.start) < 1.5 for a in swarm.plan.agents)
 
 
-def test_without_a_mesh_nobody_returns() -> None:
-    """`agent_lost: return` with nobody to be heard: no order to keep, so everybody lands where it
+def test_without_a_mesh_no_agent_returns() -> None:
+    """`agent_lost: return` without a peer to hear: no order to keep, so each agent lands where it
     is."""
     swarm = in_third(mission("agent_lost: return, station_lost: return"))
     before = swarm.positions()

@@ -35,7 +35,7 @@ def texts(swarm: VirtualSwarm) -> str:
 
 
 def assert_safe(swarm: VirtualSwarm) -> None:
-    """Nobody under r_in, everybody on the ground and disarmed."""
+    """No two vehicles under r_in, all on the ground and disarmed."""
     assert swarm.closest_m > swarm.plan.law.r_in * swarm.plan.unit_m
     assert swarm.all_down
 
@@ -178,7 +178,7 @@ def test_a_frozen_agent_sends_nothing(hexagon: LoadedMission) -> None:
 
 
 def test_another_plan_does_not_arm(hexagon: LoadedMission) -> None:
-    """An agent with a different plan keeps the whole swarm on the ground, and everybody says
+    """An agent with a different plan keeps the whole swarm on the ground, and every agent says
     why."""
     swarm = VirtualSwarm(hexagon)
     other = replace(hexagon.plan, kappa=19.0)
@@ -235,8 +235,8 @@ def test_a_peer_silent_on_the_ground_is_waited_for(hexagon: LoadedMission) -> No
     swarm.wait(lambda s: s.in_step(FORM))
 
 
-def test_mesh_cut_lands_everybody(hexagon: LoadedMission) -> None:
-    """Without any news of the others nobody goes on."""
+def test_mesh_cut_lands_all(hexagon: LoadedMission) -> None:
+    """Without any news of its peers no agent goes on."""
     swarm = VirtualSwarm(hexagon)
     swarm.wait(lambda s: s.in_step(FORM))
     for member in swarm.members.values():

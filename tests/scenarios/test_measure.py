@@ -149,7 +149,7 @@ def test_a_px4_is_measured() -> None:
 
 
 def test_an_armed_vehicle_is_left_alone() -> None:
-    """Somebody else's; not a single parameter is set, nothing but requests is sent."""
+    """It belongs to another operator; not a single parameter is set, nothing but requests is sent."""
     measured = Measured()
     firmware = measured.hub.world.vehicles[0].firmware
     own = [firmware.parameters[name] for name in ("GUID_TIMEOUT", "FS_GCS_ENABLE")]
@@ -161,7 +161,7 @@ def test_an_armed_vehicle_is_left_alone() -> None:
     assert measured.link.counters.setpoints == 0
 
 
-def test_nobody_there() -> None:
+def test_no_vehicle_there() -> None:
     measured = Measured()
     measured.hub.world.vehicles[0].firmware.parameters.set("SIM_HB_MUTE", 1.0)
     outcome, reason = measured.to_the_end()

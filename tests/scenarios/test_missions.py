@@ -25,7 +25,7 @@ FACTOR = 1.5
 
 
 def flown(mission: LoadedMission, seed: int = 1) -> VirtualSwarm:
-    """To the end, completed by all who can, nobody under r_in, everybody down."""
+    """To the end, completed by all that can; no two vehicles under r_in, all down."""
     swarm = VirtualSwarm(mission, seed)
     swarm.fly(1500)
     completed = dict.fromkeys((agent.id for agent in mission.plan.agents), "completed")

@@ -124,7 +124,7 @@ def test_another_plan_leaves_the_vehicle_alone() -> None:
 
 @pytest.mark.parametrize("mode", [5, 17])
 def test_a_pilot_keeps_the_vehicle(mode: int) -> None:
-    """LOITER and BRAKE of an ArduCopter are somebody's word: yielded, not a setpoint, the mode
+    """LOITER and BRAKE of an ArduCopter are a pilot's modes: yielded, not a setpoint, the mode
     stays."""
     swarm = killed(*_row("form"), 3)
     swarm.hub.world.vehicles[2].firmware.set_mode(1, mode)
@@ -137,7 +137,7 @@ def test_a_pilot_keeps_the_vehicle(mode: int) -> None:
     assert swarm.hub.world.vehicles[2].firmware.mode.custom == mode
 
 
-def test_nobody_else_flies() -> None:
+def test_no_other_agent_flies() -> None:
     """Without a peer in the air there is no proof that the vehicle is ours: left to its failsafe,
     which lands it."""
     swarm = killed(*_row("hold"), 3)

@@ -117,7 +117,7 @@ def test_rotate_and_scale(step: str, angle: float, factor: float) -> None:
     assert_good(swarm)
 
 
-def test_return_brings_everybody_home_one_at_a_time() -> None:
+def test_return_brings_all_home_one_at_a_time() -> None:
     """Each lands at its own start; never two fly home at once; the heights differ while they do."""
     swarm = VirtualSwarm(quartet("move: {to: [40, 20]}", "return"))
     swarm.wait(lambda s: s.in_step(4))

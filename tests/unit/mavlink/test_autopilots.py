@@ -218,7 +218,7 @@ def test_our_failsafe_parameters_are_set_in_the_firmwares_encoding_and_put_back(
 
 
 @both
-def test_the_parameters_of_a_vehicle_that_somebody_flies_are_left_alone(name: str) -> None:
+def test_the_parameters_of_a_vehicle_that_a_pilot_flies_are_left_alone(name: str) -> None:
     vehicle = make(name)
     vehicle.armed, vehicle.height_m, vehicle.mode = True, 5.0, PILOT[name]
     assert of(vehicle.run(StandbyGoal(), 10.0), "PARAM_SET") == []
@@ -244,7 +244,7 @@ def test_a_vehicle_without_the_parameter_is_never_healthy() -> None:
     ) in range(9, 12)
 
 
-def test_a_parameter_that_somebody_changes_back_is_set_again() -> None:
+def test_a_parameter_that_is_changed_back_is_set_again() -> None:
     vehicle = make("ardupilot")
     vehicle.run(StandbyGoal(), 5.0)
     vehicle.parameters["GUID_TIMEOUT"] = (3.0, 9)
@@ -408,7 +408,7 @@ def test_a_pilot_who_takes_over_on_the_ground_keeps_the_vehicle(name: str) -> No
 
 @both
 @pytest.mark.parametrize(("armed", "height_m"), [(True, 0.0), (True, 5.0), (False, 5.0)])
-def test_a_vehicle_in_somebodys_hands_is_not_taken(name: str, armed: bool, height_m: float) -> None:
+def test_a_vehicle_in_a_pilots_hands_is_not_taken(name: str, armed: bool, height_m: float) -> None:
     vehicle = make(name)
     vehicle.run(StandbyGoal(), 6.0)
     vehicle.mode, vehicle.armed, vehicle.height_m = PILOT[name], armed, height_m

@@ -105,7 +105,7 @@ def test_udpout_talks_first_and_hears_the_answer(udp: socket.socket) -> None:
         assert link.view().heartbeat_s == 1.0
 
 
-def test_nobody_listening_on_udp_is_counted_and_healed() -> None:
+def test_a_udp_port_where_no_process_listens_is_counted_and_healed() -> None:
     port = free_port(socket.SOCK_DGRAM)
     with contextlib.closing(VehicleLink(f"udpout:{HOST}:{port}", "ardupilot", 7)) as link:
         for tick in range(5):
@@ -120,7 +120,7 @@ def test_nobody_listening_on_udp_is_counted_and_healed() -> None:
             assert late.recv(4096)[0] == 0xFD
 
 
-def test_udpout_hears_nobody_else(udp: socket.socket) -> None:
+def test_udpout_hears_its_own_endpoint_alone(udp: socket.socket) -> None:
     with contextlib.closing(open_wire(f"udpout:{HOST}:{udp.getsockname()[1]}")) as opened:
         opened.write(b"hello", 0.0)
         _, address = udp.recvfrom(100)
@@ -263,7 +263,7 @@ def test_a_frame_that_went_out_in_part_is_finished_before_another_begins() -> No
     assert stream.taken == b"first!second"
 
 
-def test_tcpin_takes_whoever_connects_last() -> None:
+def test_tcpin_takes_the_last_client() -> None:
     port = free_port(socket.SOCK_STREAM)
     with contextlib.closing(open_wire(f"tcpin:{HOST}:{port}")) as opened:
         assert opened.read(0.0) is None

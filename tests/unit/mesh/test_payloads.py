@@ -158,7 +158,7 @@ def test_unknown_version_is_refused(state: AgentState, version: int) -> None:
 
 @pytest.mark.parametrize("bad", [float("nan"), float("inf")])
 def test_numbers_that_are_none_are_refused(bad: float) -> None:
-    """NaN in any number of a state would poison the law of everybody who hears it."""
+    """NaN in any number of a state would poison the law of every agent that hears it."""
     good = AgentState(1, 1, 1.0, 1, Phase.FLY, 1, False, True, (1, 2, 3), (0, 0, 0), (1, 2), (0, 0))
     for field, value in (
         ("position_ned_m", (bad, 0, 0)),

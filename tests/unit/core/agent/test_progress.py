@@ -1,4 +1,4 @@
-"""The barrier of states: nobody is ahead of what everybody has done, whatever is lost, late or
+"""The barrier of states: no agent is ahead of what all have done, whatever is lost, late or
 repeated."""
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ NEVER = (-1, False)
 
 
 @given(st.data())
-def test_nobody_runs_ahead(data: st.DataObject) -> None:
+def test_no_agent_runs_ahead(data: st.DataObject) -> None:
     """An agent is in step k + 1 only when every agent has been done with step k; true at every
     moment."""
     agents = [Progress(PLAN, 0.0) for _ in range(AGENTS)]
