@@ -1,5 +1,5 @@
-"""One error tree. The type says who is to blame; the text says what, where and what would be
-allowed."""
+"""One error tree. The type names the cause: the input, the machine, a message, a link. The text
+says what is wrong, where, and what would be allowed."""
 
 from __future__ import annotations
 
@@ -7,10 +7,8 @@ from dataclasses import dataclass
 
 
 class SwarmError(Exception):
-    """Base of all errors this project raises on purpose.
-
-    `exit_code` is what a command line ends with when the error reaches it.
-    """
+    """Base of all errors that this project raises on purpose. A command that ends by one exits
+    with its `exit_code`."""
 
     exit_code = 1
 
@@ -31,14 +29,13 @@ class Problem:
 
 
 class InputError(SwarmError):
-    """Somebody gave us something that can't be used (a file, an argument). Nothing was started."""
+    """An input that cannot be used (a file, an argument). Nothing was started."""
 
     exit_code = 2
 
 
 class MissionError(InputError):
-    """A mission or fleet file was refused; `problems` holds every mistake found, not only the
-    first."""
+    """A mission or fleet file that was refused, with every mistake that was found."""
 
     def __init__(self, problems: tuple[Problem, ...]) -> None:
         super().__init__("\n".join(str(problem) for problem in problems))
@@ -46,18 +43,17 @@ class MissionError(InputError):
 
 
 class StartError(SwarmError):
-    """The machine did not let us start: a busy port, a missing program, a process that died while
-    starting."""
+    """Something did not start: a busy port, a missing program, a process that died early."""
 
     exit_code = 3
 
 
 class PayloadError(SwarmError):
-    """Bytes from the mesh that are not a payload we know (wrong size, version or field). Counted,
-    dropped."""
+    """Bytes from the mesh that are no known payload (wrong size, version or field). The receiver
+    counts and drops them."""
 
 
 class LinkError(SwarmError):
-    """A vehicle's link can't be opened or was closed under us."""
+    """A vehicle link that cannot be opened, or that was closed."""
 
     exit_code = 3
