@@ -123,11 +123,8 @@ def test_land_outweighs_return(holding: VirtualSwarm) -> None:
 @pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
 def test_kill_stops_the_motors_at_once(autopilot: str) -> None:
     """In the air, within a second; the others do as their policy says."""
-    mission = quartet(
-        "hold: {duration_s: 30}",
-        "land",
-        head=f"fleet: {{agents: [{', '.join(f'{{id: {i}, autopilot: {autopilot}}}' for i in (1, 2, 3, 4))}]}}\n",
-    )
+    entries = ", ".join(f"{{id: {i}, autopilot: {autopilot}}}" for i in (1, 2, 3, 4))
+    mission = quartet("hold: {duration_s: 30}", "land", head=f"fleet: {{agents: [{entries}]}}\n")
     swarm = VirtualSwarm(mission)
     swarm.wait(lambda s: s.in_step(THIRD))
     swarm.command("kill", agents=(3,))

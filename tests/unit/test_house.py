@@ -31,7 +31,8 @@ def test_house_rule(name: str) -> None:
 def test_agent_process_stays_small() -> None:
     """What an agent imports does not reach the screen, the mission reader or the simulator, seen at
     run time."""
-    code = "import swarm_ctl.runtime.agent.agent_process, sys; print(*sorted({m.split('.')[0] for m in sys.modules}))"
+    names = "sorted({m.split('.')[0] for m in sys.modules})"
+    code = f"import swarm_ctl.runtime.agent.agent_process, sys; print(*{names})"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     loaded = set(done.stdout.split())
     assert "zenoh" in loaded
