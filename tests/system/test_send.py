@@ -39,8 +39,10 @@ def test_an_operator_commands_from_the_shell(tmp_path: Path) -> None:
         assert send("hold") == (0, "agents 1-6: accepted")
         assert send("form", "rwo") == (
             2,
-            f"error: there is no shape 'rwo' in {mission}; did you mean row?; "
-            "allowed: hexagon, row",
+            (
+                f"error: there is no shape 'rwo' in {mission}; did you mean row?; "
+                "allowed: hexagon, row"
+            ),
         )
         assert send("move", "nan", "0")[0] == 2
         assert send("move", "6000", "0") == (
