@@ -149,7 +149,7 @@ def test_a_px4_is_measured() -> None:
 
 
 def test_an_armed_vehicle_is_left_alone() -> None:
-    """It belongs to another operator; not a single parameter is set, nothing but requests is sent."""
+    """It belongs to another operator: no parameter is set, only requests are sent."""
     measured = Measured()
     firmware = measured.hub.world.vehicles[0].firmware
     own = [firmware.parameters[name] for name in ("GUID_TIMEOUT", "FS_GCS_ENABLE")]
