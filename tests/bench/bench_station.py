@@ -84,8 +84,9 @@ def _measure(
     share = 100 * (_cpu_s(pid) - cpu) / took
     recorded = sum(path.stat().st_size for path in folder.glob("*.jsonl"))
     print(
-        f"{arguments.agents} agents, {(swarm.sent - sent) / took:.0f} messages/s, {arguments.show} {arguments.screen} "
-        f"{arguments.size}: {share:.1f} % of a core, {(reader.total - drawn) / took / 1000:.1f} kB/s to the terminal, "
+        f"{arguments.agents} agents, {(swarm.sent - sent) / took:.0f} messages/s, "
+        f"{arguments.show} {arguments.screen} {arguments.size}: {share:.1f} % of a core, "
+        f"{(reader.total - drawn) / took / 1000:.1f} kB/s to the terminal, "
         f"{recorded / 1000:.0f} kB recorded; load before {load:.1f}, now {os.getloadavg()[0]:.1f}"
     )
     tail = reader.tail.decode(errors="replace")

@@ -137,7 +137,7 @@ def _side(view: SwarmView, pair: PairView, k: int, trend: int) -> list[TableCell
         (fit(report.sigma, 6, 3), "bold red" if bad else "bold"),
         (fit(report.sigma_lb, 6, 3), "dim"),
         None,
-        (report.status, _STATUS_STYLE.get(report.status, "")),
+        (printable(report.status), _STATUS_STYLE.get(report.status, "")),
         (budget, "yellow" if over else ""),
     )
     series = view.histories.pairs.get((agent, report.peer))

@@ -54,7 +54,7 @@ def _phases(previous: SwarmView | None, view: SwarmView) -> Iterator[str]:
 
 
 def _reasons(previous: SwarmView | None, view: SwarmView) -> Iterator[str]:
-    """Why agents wait; a figure that changes within the reason is no news."""
+    """Why agents wait; a figure that changes within the reason is not told again."""
     before = (
         {(i, _FIGURE.sub("", why)) for why, ids in reasons(previous).items() for i in ids}
         if previous

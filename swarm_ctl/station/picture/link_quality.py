@@ -106,7 +106,7 @@ def bad_links(view: SwarmView, judged: dict[tuple[int, int], Judgement]) -> list
         heard_by = sum(s == sender for _, s in judged)
         if len(bad) > 1 and len(bad) == heard_by:
             worst = max(bad.values(), key=lambda j: j.level)
-            found.append((worst.level, f"agent {sender} is heard badly by everyone: {worst.words}"))
+            found.append((worst.level, f"all agents hear agent {sender} badly: {worst.words}"))
         else:
             found += [
                 (j.level, f"agent {r} hears agent {sender} badly: {j.words}")

@@ -152,7 +152,7 @@ def report_of(peer: int, distance: float, status: str = "paper", **changes: obje
 
 
 def flying_model(plan: Plan, now_s: float = 30.0) -> Model:
-    """Ten seconds of everybody's states at 20 Hz until `now_s`, a status each, one pair in the
+    """Ten seconds of all agents' states at 20 Hz until `now_s`, a status each, one pair in the
     avoidance region."""
     model = Model(plan, speedup=5.0, station="station-1")
     for k in range(200):

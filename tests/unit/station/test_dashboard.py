@@ -389,7 +389,7 @@ def test_light_dark_and_no_colour(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("title", TITLES)
-def test_sorting_keeps_everybody_and_puts_the_unknown_last(title: str) -> None:
+def test_sorting_keeps_all_agents_and_puts_the_unknown_last(title: str) -> None:
     model = flying_model(hexagon_plan(6))
     model.fold(status_of(PLAN, 4, 30.0, battery_percent=12.0), 30.0)
     view = model.view(30.0)

@@ -60,7 +60,7 @@ def test_whatever_is_drawn_stays_on_the_canvas(
 
 @pytest.mark.parametrize("size", [(80, 12), (60, 40), (8, 3)])
 @given(st.lists(st.tuples(st.floats(-2000, 2000), st.floats(-2000, 2000)), min_size=6, max_size=6))
-def test_the_map_shows_everybody(size: tuple[int, int], places: list[tuple[float, float]]) -> None:
+def test_the_map_shows_all_agents(size: tuple[int, int], places: list[tuple[float, float]]) -> None:
     model = Model(PLAN)
     for agent, (north, east) in zip(PLAN.agents, places, strict=True):
         model.fold(state_of(PLAN, agent.id, 30.0, position_ned_m=(north, east, -10.0)), 30.0)
@@ -111,7 +111,7 @@ def test_a_bad_link_is_named_in_words() -> None:
     assert _link(0.05, lossy) == (Level.WARNING, "10% lost in 10 s")
 
 
-def test_an_agent_that_nobody_hears_is_one_sentence() -> None:
+def test_an_agent_that_all_hear_badly_is_one_sentence() -> None:
     model = flying_model(PLAN)
     for agent in PLAN.agents:
         links = {
@@ -122,9 +122,7 @@ def test_an_agent_that_nobody_hears_is_one_sentence() -> None:
         model.fold(status_of(PLAN, agent.id, 30.0, links=links), 30.0)
     view = model.view(30.0)
     sentences = bad_links(view, mesh_judgements(view))
-    assert sentences == [
-        (Level.WARNING, "agent 3 is heard badly by everyone: last state 0.7 s old")
-    ]
+    assert sentences == [(Level.WARNING, "all agents hear agent 3 badly: last state 0.7 s old")]
 
 
 def test_loss_is_that_of_the_last_ten_seconds() -> None:
@@ -164,8 +162,8 @@ def test_a_beacon_that_comes_back_tells_the_round_trip() -> None:
 
 
 def test_a_beacon_that_comes_back_tells_the_agent_s_clock() -> None:
-    """Agent 2's is 50 s behind; agent 1's may be the station's own. Who changes the law says so
-    (`Tuning.ahead_s`)."""
+    """Agent 2's is 50 s behind; agent 1's may be the station's own. A change of the law
+    tells it to the agents (`Tuning.ahead_s`)."""
     model = Model(PLAN, station="here")
     for agent in PLAN.agents:
         told = 40.1 - (50.0 if agent.id == 2 else 0.0)
@@ -231,7 +229,7 @@ def test_json_lines_tell_what_a_script_acts_on() -> None:
 
 
 def test_slots_are_laid_under_the_live_agents() -> None:
-    """Where everybody is at its own slot but for a common shift, every slot is where its agent
+    """Where each agent is at its own slot but for a common shift, every slot is where its agent
     is."""
     model = Model(PLAN)
     form = PLAN.steps[1]
