@@ -50,9 +50,9 @@ def write_whole(path: Path, text: str) -> None:
         if path.exists():
             shutil.copymode(path, part)
         part.replace(path)
-    except OSError:
+    except OSError as error:
         part.unlink(missing_ok=True)
-        raise
+        raise OSError(error.errno, error.strerror, str(path)) from None
 
 
 _Model = TypeVar("_Model", bound=BaseModel)

@@ -95,6 +95,9 @@ def test_a_file_that_can_not_be_written_is_one_line(
     """Exit code 3, as for all that the system refuses; whatever the command."""
     assert called(monkeypatch, "study", "--missions", "1", "--out", "/proc/x.csv") == 3
     assert capsys.readouterr().err == "error: /proc/x.csv.json: No such file or directory\n"
+    mission = str(Path(__file__).parents[3] / "missions" / "hexagon.yaml")
+    assert called(monkeypatch, "plan", mission, "--out", "/proc/plan.json") == 3
+    assert capsys.readouterr().err == "error: /proc/plan.json: No such file or directory\n"
 
 
 def test_the_console_prints_text_as_it_is() -> None:
