@@ -26,9 +26,11 @@ log = logging.getLogger("sim")
 
 DRAIN_S = 90.0
 """Mission time granted to vehicles to come down after the lifeline is cut."""
-_BEHIND_S, _SPRINT, _LEAST_S, _LEAP_S = 0.3, 2.0, 0.1, 0.5
-"""A world more than `_BEHIND_S` behind the clock catches up at most `_SPRINT` times as fast, from
-`_LEAST_S` to `_LEAP_S` at a time, before the sockets are looked at again."""
+_BATCH = 50
+"""Steps done at a stretch while catching up, before sockets are looked at again."""
+_STOP_S, _STOP_WALL_S, _SPRINT = 0.5, 0.2, 2.0
+"""After a stop of so much mission time and wall-clock time, the world goes on at most so many times
+as fast as the clock until it has caught up."""
 _GATHER_S = 0.005
 """Wall-clock time for which datagrams gather after a first one; none waits beyond the next step."""
 _LATE_S, _SAY_AGAIN_S = 1.0, 10.0
@@ -48,8 +50,10 @@ class Server:
         self._drain_until_s: float | None = None
         self._stopping = False
         self._said_late_s = -_SAY_AGAIN_S
-        self._stepped_s = clock.now()
-        """When the world went on last, mission time."""
+        self._looked_s = clock.now()
+        """When the sockets were last looked at, mission time."""
+        self._resumed = (self._looked_s, self._looked_s)
+        """When this process went on after its last stop: by the clock, and in the world."""
         self._sockets: list[VehicleSocket] = []
         self.hub: Hub
         self._selector: selectors.BaseSelector
@@ -134,19 +138,20 @@ class Server:
         return world.parked() or world.time_s >= self._drain_until_s
 
     def _catch_up(self) -> None:
-        """Does the steps that are due; of very many only some."""
+        """Does the steps that are due; after a stop of this process, no faster than `_SPRINT`."""
         now, world = self._clock.now(), self.hub.world
-        behind_s = allowed_s = now - world.time_s
-        if behind_s > _BEHIND_S:
-            allowed_s = min(behind_s, _SPRINT * (now - self._stepped_s), _LEAP_S)
-            self._say_late(now, behind_s)
-            if allowed_s < _LEAST_S:
-                self._clock.rest(self._clock.wall_until(now + _LEAST_S / _SPRINT))
-                return
-        self._stepped_s = now
-        until_s = world.time_s + allowed_s + 1e-6  # a sum of steps
-        while world.next_s <= until_s:
+        if now - self._looked_s > max(_STOP_S, _STOP_WALL_S * self._config.speedup):
+            self._resumed = now, world.time_s
+        self._looked_s = now
+        resumed_s, from_s = self._resumed
+        until_s = min(now, from_s + _SPRINT * (now - resumed_s))
+        for _ in range(_BATCH):
+            if world.next_s > until_s:
+                break
             self.hub.step()
+        self._say_late(now, now - world.time_s)
+        if world.next_s > until_s and until_s < now:
+            self._clock.rest(self._clock.wall_until(now + _STOP_S / 10))
 
     def _say_late(self, now: float, behind_s: float) -> None:
         if behind_s > _LATE_S and now - self._said_late_s > _SAY_AGAIN_S:

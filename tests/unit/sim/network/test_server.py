@@ -105,7 +105,7 @@ def test_a_stopped_simulator_does_not_take_the_time_for_silence(offboard: Offboa
     offboard.serve()
     assert offboard.firmware.mode is OFFBOARD
     assert not offboard.firmware.failsafe
-    assert offboard.clock.time_s < began_s + 4.0
+    assert offboard.clock.time_s < began_s + 4.2  # twice as fast as the clock
 
 
 def test_a_stopped_simulator_notices_a_silent_client(offboard: Offboard) -> None:
