@@ -8,8 +8,8 @@ from typing import Annotated, Final
 
 import typer
 
-from swarm_ctl.cli.extras import require
-from swarm_ctl.cli.options import FleetFile, Speedup, option
+from swarm_ctl.cli.shared.extras import require
+from swarm_ctl.cli.shared.options import FleetFile, Speedup, option
 from swarm_ctl.core.model.fleet import Fleet, FleetAgent
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.errors import InputError

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from swarm_ctl.cli.console import PlainConsole
+from swarm_ctl.cli.shared.console import PlainConsole
 
 
 def keys() -> None:

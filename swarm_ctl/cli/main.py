@@ -12,8 +12,6 @@ from typer.core import TyperCommand
 
 from swarm_ctl import __version__
 from swarm_ctl.cli.agent import agent
-from swarm_ctl.cli.console import PlainConsole
-from swarm_ctl.cli.extras import require
 from swarm_ctl.cli.keys import keys
 from swarm_ctl.cli.measure import measure
 from swarm_ctl.cli.paper import paper
@@ -23,6 +21,8 @@ from swarm_ctl.cli.report import compare, report
 from swarm_ctl.cli.run import run
 from swarm_ctl.cli.schema import schema
 from swarm_ctl.cli.send import send
+from swarm_ctl.cli.shared.console import PlainConsole
+from swarm_ctl.cli.shared.extras import require
 from swarm_ctl.cli.sim import sim
 from swarm_ctl.cli.station import station
 from swarm_ctl.cli.study import study

@@ -9,9 +9,9 @@ from typing import Annotated, Final
 
 import typer
 
-from swarm_ctl.cli.console import PlainConsole
-from swarm_ctl.cli.extras import require
-from swarm_ctl.cli.options import Speedup, option, switch
+from swarm_ctl.cli.shared.console import PlainConsole
+from swarm_ctl.cli.shared.extras import require
+from swarm_ctl.cli.shared.options import Speedup, option, switch
 from swarm_ctl.cli.sim import Persona
 from swarm_ctl.core.identification.fit import Fit, Leg, fit
 from swarm_ctl.core.identification.step_flight import StepFlight, Steps

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from swarm_ctl.cli.console import PlainConsole
-from swarm_ctl.cli.options import Processes, Seed, option
+from swarm_ctl.cli.shared.console import PlainConsole
+from swarm_ctl.cli.shared.options import Processes, Seed, option
 
 
 def paper(

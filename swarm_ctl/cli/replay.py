@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from swarm_ctl.cli.options import Headless, Json, option, run_folder
+from swarm_ctl.cli.shared.options import Headless, Json, option, run_folder
 
 
 def replay(

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from swarm_ctl.cli.console import PlainConsole
-from swarm_ctl.cli.options import option
+from swarm_ctl.cli.shared.console import PlainConsole
+from swarm_ctl.cli.shared.options import option
 
 
 def report(run: Annotated[Path, typer.Argument(metavar="RUN", help="The run folder.")]) -> None:

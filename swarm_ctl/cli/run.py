@@ -10,8 +10,8 @@ from typing import Annotated, Final, TextIO
 
 import typer
 
-from swarm_ctl.cli.console import PlainConsole
-from swarm_ctl.cli.options import (
+from swarm_ctl.cli.shared.console import PlainConsole
+from swarm_ctl.cli.shared.options import (
     FleetFile,
     Headless,
     Json,

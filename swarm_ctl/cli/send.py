@@ -9,8 +9,8 @@ from typing import Annotated
 
 import typer
 
-from swarm_ctl.cli.console import PlainConsole
-from swarm_ctl.cli.options import option, run_folder, switch
+from swarm_ctl.cli.shared.console import PlainConsole
+from swarm_ctl.cli.shared.options import option, run_folder, switch
 from swarm_ctl.core.model.messages import Ack
 from swarm_ctl.core.model.text import agents_named
 

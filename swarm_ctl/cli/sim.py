@@ -10,9 +10,9 @@ from typing import Annotated, Any, Final
 import typer
 from rich.table import Table
 
-from swarm_ctl.cli.console import PlainConsole
-from swarm_ctl.cli.extras import require
-from swarm_ctl.cli.options import Seed, Speedup, option, switch
+from swarm_ctl.cli.shared.console import PlainConsole
+from swarm_ctl.cli.shared.extras import require
+from swarm_ctl.cli.shared.options import Seed, Speedup, option, switch
 from swarm_ctl.core.model.plan import Geodetic
 from swarm_ctl.errors import InputError
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Final
 
-from swarm_ctl.cli.options import Headless, Json, Metrics, RunFolder, option, run_folder
+from swarm_ctl.cli.shared.options import Headless, Json, Metrics, RunFolder, option, run_folder
 from swarm_ctl.errors import InputError
 
 _MESH: Final = (

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from rich.table import Table
 
-from swarm_ctl.cli.console import PlainConsole
-from swarm_ctl.cli.options import FleetFile, MissionFile, option, switch
+from swarm_ctl.cli.shared.console import PlainConsole
+from swarm_ctl.cli.shared.options import FleetFile, MissionFile, option, switch
 
 if TYPE_CHECKING:
     from swarm_ctl.mission.compile.forecast import StepForecast

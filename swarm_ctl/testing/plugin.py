@@ -35,7 +35,7 @@ def swarm(tmp_path: Path) -> Iterator[Fly]:
     def fly(
         mission: Mission, *, speedup: float = 5.0, virtual: bool = False, seed: int = 1
     ) -> SwarmFlight:
-        from swarm_ctl.cli.extras import require
+        from swarm_ctl.cli.shared.extras import require
 
         require("ground", "the fixture `swarm`")
         from swarm_ctl.testing.flight import loaded

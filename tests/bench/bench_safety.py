@@ -92,7 +92,7 @@ def scenario(start: str, n: int, missions: int) -> Batch:
 
 
 def beside(batch: Batch, rule: Any) -> tuple[Floats, Floats, Floats]:
-    """Fly towards the goals by a rule: smallest distances, times, and which missions arrived; (m,)."""
+    """Fly towards the goals by a rule: smallest distances, times, which missions arrived; (m,)."""
     motion, goals, cell = motion_of(batch), batch.slots, batch.cell
     speed, count = cell.speed_mps / cell.unit_m, len(batch)
     smallest, time_s = np.full(count, np.inf), np.full(count, np.inf)
@@ -184,9 +184,14 @@ def compare(console: Console, missions: int) -> None:
         for name, (smallest, time_s, there) in results.items():
             median = f"{np.median(time_s[there]):.1f}" if there.any() else "-"
             table.add_row(
-                start, str(n), name, f"{np.count_nonzero(smallest < batch.cell.law.r_in)} of {len(batch)}",
-                f"{smallest.min():.2f}", median, str(np.count_nonzero(~there)),
-            )  # fmt: skip
+                start,
+                str(n),
+                name,
+                f"{np.count_nonzero(smallest < batch.cell.law.r_in)} of {len(batch)}",
+                f"{smallest.min():.2f}",
+                median,
+                str(np.count_nonzero(~there)),
+            )
     console.print(table)
 
 

@@ -181,9 +181,14 @@ def relaxed_many(
     pulled = np.flatnonzero(most > 0.0)
     if len(pulled):
         best[:, pulled], _ = _least_many(
-            wish[:, pulled], normals[..., pulled], hard[:, pulled], giving[:, pulled], cap[pulled], best[:, pulled],
+            wish[:, pulled],
+            normals[..., pulled],
+            hard[:, pulled],
+            giving[:, pulled],
+            cap[pulled],
+            best[:, pulled],
             most[pulled],
-        )  # fmt: skip
+        )
     v[:, none] = best
     return v, slack
 

@@ -149,7 +149,7 @@ class SlotExchange:
     def _heard(
         self, now: float, flying: tuple[int, int]
     ) -> tuple[np.ndarray, ExchangeStates, np.ndarray, np.ndarray]:
-        """Points (2, 1, n, 1) [units], what was said, its age and whether it counts (1, n, 1), all in
+        """Points (2, 1, n, 1) [units], what was said, its age and whether it counts (1, n, 1), in
         the plan's order."""
         n = len(self._ids)
         points, age_s = np.zeros((2, 1, n, 1)), np.full((1, n, 1), _UNHEARD_S)

@@ -23,21 +23,21 @@ from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.plan import Plan, Policy
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.errors import InputError
-from swarm_ctl.station.dashboard.agent_table import TITLES, in_order
 from swarm_ctl.station.dashboard.ask import Ask
 from swarm_ctl.station.dashboard.bars import answers_line, title_line, usage_line, verdict_line
 from swarm_ctl.station.dashboard.command_input import CommandInput, Purpose
-from swarm_ctl.station.dashboard.help_pane import KEYS, SIGNS, HelpPane, commands
-from swarm_ctl.station.dashboard.link_matrix import METRICS
-from swarm_ctl.station.dashboard.links_pane import LinksPane
-from swarm_ctl.station.dashboard.log_pane import LogPane
-from swarm_ctl.station.dashboard.pane import Pane
-from swarm_ctl.station.dashboard.picture import Chosen, Picture
-from swarm_ctl.station.dashboard.sigma_pane import SigmaPane
-from swarm_ctl.station.dashboard.styled_line import StyledLine
-from swarm_ctl.station.dashboard.swarm_pane import SwarmPane
+from swarm_ctl.station.dashboard.drawing.picture import Chosen, Picture
+from swarm_ctl.station.dashboard.drawing.styled_line import StyledLine
+from swarm_ctl.station.dashboard.drawing.widgets import Painted
+from swarm_ctl.station.dashboard.panes.agent_table import TITLES, in_order
+from swarm_ctl.station.dashboard.panes.help_pane import KEYS, SIGNS, HelpPane, commands
+from swarm_ctl.station.dashboard.panes.link_matrix import METRICS
+from swarm_ctl.station.dashboard.panes.links_pane import LinksPane
+from swarm_ctl.station.dashboard.panes.log_pane import LogPane
+from swarm_ctl.station.dashboard.panes.pane import Pane
+from swarm_ctl.station.dashboard.panes.sigma_pane import SigmaPane
+from swarm_ctl.station.dashboard.panes.swarm_pane import SwarmPane
 from swarm_ctl.station.dashboard.themes import DARK, LIGHT, LIGHT_INKS, PLAIN, by_background
-from swarm_ctl.station.dashboard.widgets import Painted
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.journal import Journal
 from swarm_ctl.station.picture.view import SwarmView

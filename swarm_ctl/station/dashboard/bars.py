@@ -8,8 +8,8 @@ from swarm_ctl.commands.parse import KINDS, ranges_of_law
 from swarm_ctl.core.agent.progress import step_name
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.text import agents_named, printable, ranges
-from swarm_ctl.station.dashboard.picture import Picture
-from swarm_ctl.station.dashboard.styled_line import SIGN, WAITING, WELL, StyledLine, fit
+from swarm_ctl.station.dashboard.drawing.picture import Picture
+from swarm_ctl.station.dashboard.drawing.styled_line import SIGN, WAITING, WELL, StyledLine, fit
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.summaries import command_words, verdict
 from swarm_ctl.station.picture.view import CommandView, SwarmView

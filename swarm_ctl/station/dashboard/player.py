@@ -13,9 +13,9 @@ from swarm_ctl.commands.parse import KINDS
 from swarm_ctl.errors import InputError
 from swarm_ctl.station.dashboard.app import MOVES, Dashboard, hidden
 from swarm_ctl.station.dashboard.command_input import Purpose
-from swarm_ctl.station.dashboard.help_pane import SIGNS, HelpPane
+from swarm_ctl.station.dashboard.drawing.widgets import Painted
+from swarm_ctl.station.dashboard.panes.help_pane import SIGNS, HelpPane
 from swarm_ctl.station.dashboard.timeline import Playing, at_speed, timeline
-from swarm_ctl.station.dashboard.widgets import Painted
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.playback import Film, Mark
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from swarm_ctl.station.dashboard.styled_line import LEVEL_STYLE, StyledLine
+from swarm_ctl.station.dashboard.drawing.styled_line import LEVEL_STYLE, StyledLine
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.journal import EntryKind
 from swarm_ctl.station.picture.playback import Film

@@ -31,7 +31,7 @@ from swarm_ctl.core.safety.batch_safety_filter import (
 from swarm_ctl.core.safety.constraints import Margins
 from swarm_ctl.study.batch.batch import Batch, connected
 from swarm_ctl.study.batch.batch_slot_exchange import BatchSlotExchange
-from swarm_ctl.study.batch.lossy_channel import Heard, LossyChannel
+from swarm_ctl.study.batch.lossy_channel import HeardStates, LossyChannel
 from swarm_ctl.study.batch.motion import BatchMotion, motion_of
 from swarm_ctl.study.parameter_space import Cell
 
@@ -223,12 +223,12 @@ class _BatchFlight:
         self._yielded += np.count_nonzero(self._filter.yielded & live, axis=0)
         return np.stack((flown.real, flown.imag)), terms.near
 
-    def _heard(self, tick: int, points: Floats) -> Heard:
+    def _heard(self, tick: int, points: Floats) -> HeardStates:
         velocity = self._motion.velocity
         if self._channel is not None:
             return self._channel.exchange(tick, points, velocity)
         _, n, m = points.shape
-        return Heard(points[:, None], velocity[:, None], np.zeros((1, n, m)), np.zeros(m))
+        return HeardStates(points[:, None], velocity[:, None], np.zeros((1, n, m)), np.zeros(m))
 
     def _aligned(self, points: Floats, at: Floats, counted: Bools) -> Complex:
         """The pull to the average of all agents that are heard."""
@@ -239,7 +239,7 @@ class _BatchFlight:
         own = complex_of(points) - complex_of(self._slots)
         return mean_error_feedback.pull(own, errors, counted, axis=1)
 
-    def _follow(self, heard: Heard) -> None:
+    def _follow(self, heard: HeardStates) -> None:
         """Agents follow the neighbours that they have heard within `NEIGHBOUR_S`."""
         followed = self._neighbours & (heard.age_s <= NEIGHBOUR_S)
         if (followed != self._law.links).any():
@@ -349,7 +349,7 @@ _BY_MISSION: Final = (
 )
 
 
-def _peers_of(points: Floats, heard: Heard) -> BatchPeers:
+def _peers_of(points: Floats, heard: HeardStates) -> BatchPeers:
     told = complex_of(heard.points)
     fresh = heard.age_s <= FRESH_S
     known = BatchHeard(complex_of(heard.velocity), heard.age_s, fresh, fresh)

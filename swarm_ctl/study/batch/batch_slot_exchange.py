@@ -12,7 +12,7 @@ from swarm_ctl.core.model.arrays import Bools, Floats, Ints, keep_missions
 from swarm_ctl.core.model.timeouts import FRESH_S, PREDICT_S
 from swarm_ctl.core.swarm.exchange_protocol import EVERY_S, ExchangeProtocol, ExchangeStates
 from swarm_ctl.study.batch.batch import Batch
-from swarm_ctl.study.batch.lossy_channel import Heard
+from swarm_ctl.study.batch.lossy_channel import HeardStates
 
 _KEPT: Final = 64
 """Looks that are remembered: no news is older, but that of silent agents, which have changed
@@ -44,7 +44,7 @@ class BatchSlotExchange:
         self._exchange.only(missions)
         keep_missions(self, missions, "_history", "slots", "told_slots")
 
-    def look(self, tick: int, points: Floats, heard: Heard, live: Bools) -> bool:
+    def look(self, tick: int, points: Floats, heard: HeardStates, live: Bools) -> bool:
         """Take part, if it is time: then `slots` and `told_slots` are new, and it is True."""
         look, between = divmod(tick, self._every)
         if between:
@@ -69,7 +69,7 @@ class BatchSlotExchange:
     def _said(self) -> Ints:
         return np.stack([getattr(self._exchange.states, name) for name in _FIELDS])
 
-    def _told(self, look: int, tick: int, heard: Heard) -> ExchangeStates:
+    def _told(self, look: int, tick: int, heard: HeardStates) -> ExchangeStates:
         """What each receiver knows of each sender's exchanges, by the age of the news; (n, n, m)
         each."""
         n, m = self._exchange.states.role.shape

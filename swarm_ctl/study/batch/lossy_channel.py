@@ -17,7 +17,7 @@ _DRAWN: Final = 512
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Heard:
+class HeardStates:
     """What each receiver (n, or 1 where all hear the same) knows of each sender."""
 
     points: Floats
@@ -65,7 +65,7 @@ class LossyChannel:
         keep_missions(self, missions, "_delay", "_loss", "_past", "_known", "_sent")
         keep_missions(self, missions, "_silent_from", "_lead_s", "_random", "_arrive")
 
-    def exchange(self, tick: int, points: Floats, velocity: Floats) -> Heard:
+    def exchange(self, tick: int, points: Floats, velocity: Floats) -> HeardStates:
         """Send `points` and `velocity` [units/s] (2, n, m); what is heard."""
         place = tick % len(self._past)
         self._past[place, :2], self._past[place, 2:] = points, velocity
@@ -81,7 +81,7 @@ class LossyChannel:
         self._known = np.where(arrives, arriving[:, None], self._known)
         self._sent = np.where(arrives, sent, self._sent)
         age_s = (tick - self._sent) * self._tick_s
-        return Heard(self._known[:2], self._known[2:], age_s, self._lead_s)
+        return HeardStates(self._known[:2], self._known[2:], age_s, self._lead_s)
 
     def _draw(self) -> None:
         """Which links get the news of the next ticks."""

@@ -15,10 +15,10 @@ from textual.widgets import Button
 
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.core.model.messages import Ack, Command, Event
-from swarm_ctl.station.dashboard.agent_table import TITLES, in_order
 from swarm_ctl.station.dashboard.app import Dashboard
 from swarm_ctl.station.dashboard.ask import Ask
-from swarm_ctl.station.dashboard.picture import Chosen, Picture
+from swarm_ctl.station.dashboard.drawing.picture import Chosen, Picture
+from swarm_ctl.station.dashboard.panes.agent_table import TITLES, in_order
 from swarm_ctl.station.dashboard.themes import DARK, LIGHT, PLAIN
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.view import SwarmView

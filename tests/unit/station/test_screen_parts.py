@@ -17,12 +17,12 @@ from swarm_ctl.commands.parse import Order
 from swarm_ctl.core.model.messages import Echo, LinkReport, Phase, SigmaReport
 from swarm_ctl.core.swarm.gain_update import LEAD_S
 from swarm_ctl.runtime.station.ground_station import swarm_now
-from swarm_ctl.station.dashboard.canvas import Canvas
-from swarm_ctl.station.dashboard.link_matrix import METRICS
-from swarm_ctl.station.dashboard.sigma_pane import budget_used
-from swarm_ctl.station.dashboard.styled_line import StyledLine, bar, blocks, fit, gauge
-from swarm_ctl.station.dashboard.swarm_map import fitted, position
-from swarm_ctl.station.dashboard.widgets import Heading
+from swarm_ctl.station.dashboard.drawing.canvas import Canvas
+from swarm_ctl.station.dashboard.drawing.styled_line import StyledLine, bar, blocks, fit, gauge
+from swarm_ctl.station.dashboard.drawing.widgets import Heading
+from swarm_ctl.station.dashboard.panes.link_matrix import METRICS
+from swarm_ctl.station.dashboard.panes.sigma_pane import budget_used
+from swarm_ctl.station.dashboard.panes.swarm_map import fitted, position
 from swarm_ctl.station.output.json_lines import json_line
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.history import LOSS_WINDOW_S, LinkSeries

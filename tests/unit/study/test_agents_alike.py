@@ -23,7 +23,7 @@ from swarm_ctl.mission.compile.loader import load
 from swarm_ctl.study.batch.batch import Batch, blocks, draw
 from swarm_ctl.study.batch.batch_flight import _BatchFlight
 from swarm_ctl.study.batch.batch_slot_exchange import BatchSlotExchange
-from swarm_ctl.study.batch.lossy_channel import Heard, LossyChannel
+from swarm_ctl.study.batch.lossy_channel import HeardStates, LossyChannel
 from swarm_ctl.study.parameter_space import Range, Study, value
 
 HEXAGON: Plan = load(Path(__file__).parents[3] / "missions" / "hexagon.yaml").plan
@@ -49,7 +49,7 @@ def missions(**settings_: Any) -> Batch:
     return replace(batch, silent_s=batch.silent_s / 4)
 
 
-def peer(i: int, heard: Heard, receiver: int, k: int) -> OtherAircraft:
+def peer(i: int, heard: HeardStates, receiver: int, k: int) -> OtherAircraft:
     """What agent `receiver` of mission k knows of agent i."""
     row = receiver if heard.points.shape[1] > 1 else 0
     at, setpoint = heard.points[:, row, i, k], heard.velocity[:, row, i, k]
@@ -94,11 +94,11 @@ def test_a_study_commands_what_agents_command(
 ) -> None:
     """Law, average, swirl, release, filter: to 1e-9, with late and lost news and silent agents."""
     batch = missions(n=(N,), start=(start,), slots=(slots,), safety=(safety,), seed=seed)
-    cell, flight, heard = batch.cell, _BatchFlight(batch), list[Heard]()
+    cell, flight, heard = batch.cell, _BatchFlight(batch), list[HeardStates]()
     assert flight._channel is not None
     inner = flight._channel.exchange
 
-    def overheard(*sent: Any) -> Heard:
+    def overheard(*sent: Any) -> HeardStates:
         heard.append(inner(*sent))
         return heard[-1]
 

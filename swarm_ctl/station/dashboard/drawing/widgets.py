@@ -18,7 +18,7 @@ from textual.strip import Strip
 from textual.widget import Widget
 from textual.widgets import DataTable
 
-from swarm_ctl.station.dashboard.styled_line import DASH, StyledLine, style
+from swarm_ctl.station.dashboard.drawing.styled_line import DASH, StyledLine, style
 
 
 class OnGround(Widget):

@@ -6,7 +6,7 @@ from textual.containers import VerticalScroll
 from textual.widget import Widget
 from textual.widgets import TabPane
 
-from swarm_ctl.station.dashboard.picture import Picture
+from swarm_ctl.station.dashboard.drawing.picture import Picture
 
 
 class Pane(TabPane):

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from rich.segment import Segment
 
-from swarm_ctl.station.dashboard.styled_line import StyledLine, style
+from swarm_ctl.station.dashboard.drawing.styled_line import StyledLine, style
 
 _BITS: Final = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]], dtype=np.uint8)
 """By (row, column) within a cell."""

@@ -9,12 +9,12 @@ from textual.containers import Vertical
 from textual.events import Resize
 from textual.widget import Widget
 
-from swarm_ctl.station.dashboard.agent_table import AgentTable
-from swarm_ctl.station.dashboard.log_pane import EntryLog, passes
-from swarm_ctl.station.dashboard.pane import Pane
-from swarm_ctl.station.dashboard.picture import Picture
-from swarm_ctl.station.dashboard.swarm_map import map_lines
-from swarm_ctl.station.dashboard.widgets import Painted
+from swarm_ctl.station.dashboard.drawing.picture import Picture
+from swarm_ctl.station.dashboard.drawing.widgets import Painted
+from swarm_ctl.station.dashboard.panes.agent_table import AgentTable
+from swarm_ctl.station.dashboard.panes.log_pane import EntryLog, passes
+from swarm_ctl.station.dashboard.panes.pane import Pane
+from swarm_ctl.station.dashboard.panes.swarm_map import map_lines
 
 _WIDE: Final = 120
 """From this width on the map stands beside the table, not under it."""

@@ -10,9 +10,9 @@ import numpy as np
 
 from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.plan import Point
-from swarm_ctl.station.dashboard.canvas import Canvas
-from swarm_ctl.station.dashboard.picture import Picture
-from swarm_ctl.station.dashboard.styled_line import LEVEL_STYLE, SIGN, StyledLine
+from swarm_ctl.station.dashboard.drawing.canvas import Canvas
+from swarm_ctl.station.dashboard.drawing.picture import Picture
+from swarm_ctl.station.dashboard.drawing.styled_line import LEVEL_STYLE, SIGN, StyledLine
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.link_quality import mesh_judgements
 from swarm_ctl.station.picture.view import AgentView, SwarmView

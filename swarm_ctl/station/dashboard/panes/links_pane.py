@@ -10,11 +10,17 @@ from textual.containers import VerticalScroll
 
 from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.text import printable
-from swarm_ctl.station.dashboard.link_matrix import LINK_STYLE, matrix_lines, ms, percent
-from swarm_ctl.station.dashboard.pane import Pane
-from swarm_ctl.station.dashboard.picture import Picture
-from swarm_ctl.station.dashboard.styled_line import DASH, StyledLine, fit, level_line
-from swarm_ctl.station.dashboard.widgets import CellTable, Heading, Painted, TableCell, Trend
+from swarm_ctl.station.dashboard.drawing.picture import Picture
+from swarm_ctl.station.dashboard.drawing.styled_line import DASH, StyledLine, fit, level_line
+from swarm_ctl.station.dashboard.drawing.widgets import (
+    CellTable,
+    Heading,
+    Painted,
+    TableCell,
+    Trend,
+)
+from swarm_ctl.station.dashboard.panes.link_matrix import LINK_STYLE, matrix_lines, ms, percent
+from swarm_ctl.station.dashboard.panes.pane import Pane
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.link_quality import (
     Judgement,

@@ -13,10 +13,10 @@ from textual.widget import Widget
 from textual.widgets import RichLog
 
 from swarm_ctl.core.model.text import ranges
-from swarm_ctl.station.dashboard.pane import Pane
-from swarm_ctl.station.dashboard.picture import Chosen, Picture
-from swarm_ctl.station.dashboard.styled_line import LEVEL_STYLE, SIGN, WELL, StyledLine
-from swarm_ctl.station.dashboard.widgets import OnGround, Painted
+from swarm_ctl.station.dashboard.drawing.picture import Chosen, Picture
+from swarm_ctl.station.dashboard.drawing.styled_line import LEVEL_STYLE, SIGN, WELL, StyledLine
+from swarm_ctl.station.dashboard.drawing.widgets import OnGround, Painted
+from swarm_ctl.station.dashboard.panes.pane import Pane
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.journal import Entry, EntryKind
 

@@ -17,10 +17,16 @@ from textual.containers import VerticalScroll
 from swarm_ctl.core.model.messages import PairReport, SigmaReport
 from swarm_ctl.core.model.text import agents_named, printable
 from swarm_ctl.core.swarm.gain_update import differences, named, planned
-from swarm_ctl.station.dashboard.pane import Pane
-from swarm_ctl.station.dashboard.picture import Picture
-from swarm_ctl.station.dashboard.styled_line import DASH, StyledLine, bar, fit, gauge, level_line
-from swarm_ctl.station.dashboard.widgets import (
+from swarm_ctl.station.dashboard.drawing.picture import Picture
+from swarm_ctl.station.dashboard.drawing.styled_line import (
+    DASH,
+    StyledLine,
+    bar,
+    fit,
+    gauge,
+    level_line,
+)
+from swarm_ctl.station.dashboard.drawing.widgets import (
     CellTable,
     Heading,
     Painted,
@@ -28,6 +34,7 @@ from swarm_ctl.station.dashboard.widgets import (
     TableCell,
     Trend,
 )
+from swarm_ctl.station.dashboard.panes.pane import Pane
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.view import PairView, SwarmView
 

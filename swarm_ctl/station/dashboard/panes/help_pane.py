@@ -13,8 +13,8 @@ from textual.containers import VerticalScroll
 from textual.widgets import Static
 
 from swarm_ctl.commands.parse import KINDS
-from swarm_ctl.station.dashboard.pane import Pane
-from swarm_ctl.station.dashboard.picture import Picture
+from swarm_ctl.station.dashboard.drawing.picture import Picture
+from swarm_ctl.station.dashboard.panes.pane import Pane
 from swarm_ctl.station.picture.link_quality import (
     AGE_ERROR_S,
     AGE_WARNING_S,

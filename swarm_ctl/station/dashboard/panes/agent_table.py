@@ -10,9 +10,9 @@ from typing import Any, Final
 from swarm_ctl.core.agent.progress import step_name
 from swarm_ctl.core.model.messages import AgentStatus, Phase
 from swarm_ctl.core.model.text import printable
-from swarm_ctl.station.dashboard.picture import Picture
-from swarm_ctl.station.dashboard.styled_line import DASH, LEVEL_STYLE, SIGN, WELL, fit
-from swarm_ctl.station.dashboard.widgets import CellTable, Heading, Words
+from swarm_ctl.station.dashboard.drawing.picture import Picture
+from swarm_ctl.station.dashboard.drawing.styled_line import DASH, LEVEL_STYLE, SIGN, WELL, fit
+from swarm_ctl.station.dashboard.drawing.widgets import CellTable, Heading, Words
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.view import AgentView, SwarmView
 
