@@ -58,6 +58,15 @@ def _group(item: pytest.Item) -> str:
     return folder if folder in REALTIME else REALTIME[0] if "realtime" in item.keywords else ""
 
 
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """Flights side by side on two workers disturb each other: end if the groups are not kept."""
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        return
+    for item in session.items:
+        if item.get_closest_marker("xdist_group") and "@" not in item.nodeid:
+            raise pytest.UsageError("this pytest-xdist does not keep the groups of this pytest")
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """A worker beside another one gives way to flights from its first test that only computes."""
