@@ -92,8 +92,8 @@ FENCE = "fence: {polygon: [[-30, -30], [60, -30], [60, 60], [-30, 60]], height_m
 def test_fence(policy: Policy) -> None:
     """A vehicle blown towards the fence is stopped by its agent before it is far outside."""
     swarm = in_third(mission(f"fence: {policy.value}", head=FENCE))
-    group = swarm.hub.world.vehicles[2].group
-    row = swarm.hub.world.vehicles[2].row
+    group = swarm.hub.world.vehicles[2]._group
+    row = swarm.hub.world.vehicles[2]._row
     group.state.position[row, 0] += 62.0  # carried off at once: the worst gust there is
     swarm.run(3)
     assert phase_of(swarm, 3) in (
