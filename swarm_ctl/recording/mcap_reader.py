@@ -18,7 +18,7 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import MCAP0_MAGIC, Writer
 from pydantic import ValidationError
 
-from swarm_ctl.core.model.messages import Payload
+from swarm_ctl.core.model.messages import AgentState, Payload
 from swarm_ctl.errors import InputError
 from swarm_ctl.recording.mcap_writer import NANO
 from swarm_ctl.recording.topics import ADAPTERS, TOPICS
@@ -27,6 +27,14 @@ RECORDING: Final = "recording.mcap"
 _KINDS: Final = {
     topic.template.rpartition("/")[2]: topic.payload for topic in TOPICS if topic.payload
 }
+_RENAMED: Final = {
+    b'"commanded_mps":': b'"setpoint_mps":',
+    b'"command":': b'"override":',
+    b'"next_law":': b'"next_gains_tag":',
+    b'"law":': b'"gains_tag":',
+    b'"deal":': b'"exchange":',
+}
+"""Fields of a state as recordings before version 0.2 name them."""
 TORN: Final = (McapError, struct.error, ValueError, EOFError, zlib.error)
 """What the library raises where a file ends in the middle of a record."""
 
@@ -55,6 +63,9 @@ def read(run: Path) -> Iterator[tuple[float, Payload]]:
 def payload_of(topic: str, data: bytes) -> Payload | None:
     """The payload of a message; None if it is not from the mesh, or of another version."""
     kind = _KINDS.get(topic.rpartition("/")[2])
+    if kind is AgentState and b'"commanded_mps":' in data:
+        for old, new in _RENAMED.items():
+            data = data.replace(old, new)
     if kind is not None:
         with contextlib.suppress(ValidationError):
             found: Payload = ADAPTERS[kind].validate_json(data)

@@ -14,6 +14,7 @@ from mcap.reader import make_reader
 from swarm_ctl import recording
 from swarm_ctl.core.model.messages import (
     Ack,
+    AgentState,
     Command,
     Event,
     Payload,
@@ -25,7 +26,7 @@ from swarm_ctl.errors import InputError
 from swarm_ctl.recording import mcap_reader, mcap_recorder
 from swarm_ctl.recording.mcap_reader import is_whole, messages, recover
 from swarm_ctl.recording.mcap_recorder import McapRecorder
-from swarm_ctl.recording.topics import TOPICS, rates
+from swarm_ctl.recording.topics import ADAPTERS, TOPICS, rates
 from swarm_ctl.station.picture.model import Model
 from tests.unit.station.swarm import hexagon_plan, report_of, state_of, status_of
 
@@ -187,6 +188,16 @@ def test_a_file_being_written_is_left_alone(tmp_path: Path) -> None:
 def test_no_recording_is_an_input_error(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"recording\.mcap"):
         list(recording.read(tmp_path))
+
+
+def test_a_state_of_an_earlier_version_is_read() -> None:
+    """Each field that has another name since 0.2 is read by its old name, too."""
+    state = state_of(PLAN, 1, 2.5, override=7, gains_tag=3, next_gains_tag=4)
+    data = ADAPTERS[AgentState].dump_json(state)
+    for old, new in mcap_reader._RENAMED.items():
+        assert new in data
+        data = data.replace(new, old)
+    assert mcap_reader.payload_of("/agent/1/state", data) == state
 
 
 def test_rates_thin_a_topic_out(tmp_path: Path) -> None:
