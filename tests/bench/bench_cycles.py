@@ -6,7 +6,7 @@ A cycle: `swarm-ctl run` until all processes are ready, Ctrl-C, its end. After e
 processes of its session, processes, sockets and open files of this machine, entries in the folder
 for temporary files and in shared memory, memory in use. Ends with exit code 1 when a cycle has
 failed, a process is left, or a count grows by more than one in ten cycles. On a machine that does
-other things, too, root counts in namespaces where nobody else is:
+other things, too, root counts in namespaces without other processes:
 
     unshare --net --pid --mount --fork --mount-proc sh -c 'ip link set lo up && mount -t tmpfs none
     /dev/shm &&
@@ -41,8 +41,7 @@ _NAMES = (
     "time [s]",
 )
 _STRICT = 4
-"""So many of them, from the first on, are this program's alone where nobody else runs; the others
-are everybody's."""
+"""The first of them that belong to this program alone, where no other runs; the rest are shared."""
 
 
 def _sockets() -> int:

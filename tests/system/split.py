@@ -21,7 +21,7 @@ from tests.system.relay import Air
 from tests.system.running import SWARM_CTL
 
 _VEHICLES, _MESHES = 14600, 7400
-"""First ports: nobody else is in these namespaces."""
+"""First ports: these namespaces have no other processes."""
 
 
 class Split:
@@ -34,7 +34,7 @@ class Split:
         self._where, self._speedup, self._epoch_s = where, speedup, time.monotonic()
         self.sides = sides
         self.truth_path = where / "truth.jsonl"
-        """Where everybody has been."""
+        """Where all vehicles have been."""
         self._open = ExitStack()
         self._processes: list[subprocess.Popen[bytes]] = []
         try:
@@ -129,7 +129,7 @@ class Split:
 
     def seen(self, side: int) -> dict[str, Any]:
         """What the station of this side has shown last (`swarm-ctl station --json`); {} before it
-        has heard anybody."""
+        has heard an agent."""
         lines = (self._where / f"station-{side}.out").read_bytes().split(b"\n")
         found: dict[str, Any] = json.loads(lines[-2]) if len(lines) > 1 else {}
         return found

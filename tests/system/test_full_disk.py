@@ -17,8 +17,8 @@ account needs."""
 
 
 def test_the_disk_is_full_in_flight(tmp_path: Path) -> None:
-    """From the form step on nobody can write: all agents complete at their pace, and the log names
-    every file."""
+    """From the form step on no process can write: all agents complete at their pace, and the log
+    names every file."""
     with Running(
         "run", HEXAGON, "--speedup", "5", "--headless", "--no-report", cwd=tmp_path
     ) as running:
@@ -27,7 +27,7 @@ def test_the_disk_is_full_in_flight(tmp_path: Path) -> None:
             resource.prlimit(pid, resource.RLIMIT_FSIZE, (LEFT, LEFT))
         assert running.wait() == 1, (
             running.output
-        )  # flown to its end, but with no truth nobody can tell how safely
+        )  # flown to its end, but without the truth its safety is not known
         running.assert_nothing_left()
         assert "failed: truth.jsonl: no end line, the simulator did not finish it" in running.output
         summary = running.summary()

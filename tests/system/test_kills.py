@@ -188,7 +188,7 @@ def again(process: str, folder: Path, where: Path) -> Iterator[None]:
 
 
 def assert_ports_free(folder: Path) -> None:
-    """Vehicles and mesh: everybody may listen there again."""
+    """Vehicles and mesh: the ports are free again."""
     told = manifest(folder)
     udp = [agent["endpoint"] for agent in told["fleet"]]
     tcp = [agent["mesh"] for agent in told["fleet"]] + [told["station_mesh"]]

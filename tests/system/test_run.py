@@ -106,7 +106,7 @@ def test_run_itself_killed(tmp_path: Path) -> None:
 
 
 def test_ctrl_c_lands_first(tmp_path: Path) -> None:
-    """One Ctrl-C in flight: an acknowledged land command, everybody down, exit 130."""
+    """One Ctrl-C in flight: an acknowledged land command, all vehicles down, exit 130."""
     with Running(*RUN, cwd=tmp_path) as running:
         running.wait_for_event("step 2:", 6)
         running.interrupt()
@@ -118,8 +118,8 @@ def test_ctrl_c_lands_first(tmp_path: Path) -> None:
 
 
 def test_ctrl_c_lands_without_a_station(tmp_path: Path) -> None:
-    """With nobody left to pass the command on, `run` cuts the lifelines: the agents land all the
-    same."""
+    """With no station left to pass the command on, `run` cuts the lifelines: the agents land all
+    the same."""
     with Running(*RUN, cwd=tmp_path) as running:
         running.wait_for_event("step 2:", 6)
         running.kill("station")

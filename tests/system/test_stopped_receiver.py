@@ -17,7 +17,7 @@ pytestmark = pytest.mark.timeout(120)
 
 SPEEDUP = 2.0
 ASLEEP_S = 3.5
-"""Mission time; shorter than anybody's patience (5 s)."""
+"""Mission time; shorter than any agent's patience (5 s)."""
 LOST = "agent 3 has not been heard for 5 s"
 
 

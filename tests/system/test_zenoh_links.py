@@ -35,8 +35,8 @@ def lingering(port: int) -> dict[tuple[int, int], bool]:
 
 
 def test_no_link_waits_for_its_last_bytes() -> None:
-    """Both ends of a link close at once, whoever has opened it: SO_LINGER blocks the thread that
-    carries all others."""
+    """Both ends of a link close at once, whichever end has opened it: SO_LINGER blocks the thread
+    that carries all others."""
     (port,) = free_ports(1, socket.SOCK_STREAM)
     one = ZenohTransport([f"tcp/127.0.0.1:{port}"], [], time.monotonic)
     two = ZenohTransport([], [f"tcp/127.0.0.1:{port}"], time.monotonic)

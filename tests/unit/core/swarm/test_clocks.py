@@ -154,7 +154,7 @@ def test_late_news_is_seen_as_late(out_s: float, back_s: float) -> None:
 
 
 def test_who_does_not_answer_is_not_fresh_and_lost_in_the_end() -> None:
-    """News comes, and nobody knows from when: it leaves N_i at once, and does not keep the sender
+    """A peer with an unknown clock leaves N_i at once, and its states do not keep it
     alive."""
     peer = Peer(2, PeerClock())
     for k in range(100):
@@ -205,7 +205,7 @@ def test_a_clock_set_ahead_is_not_believed_until_it_has_answered() -> None:
 
 def test_everybody_knows_everybody_in_three_words() -> None:
     """Agents that begin at different times, with clocks of their own, over a mesh of 0.05 s: half a
-    second. Then it is one word a second, and somebody who comes later is known as soon."""
+    second. Then it is one word a second, and an agent that comes later is known as soon."""
     begun, offset = {1: 0.0, 2: 0.0, 3: 3.0}, {1: 0.0, 2: -3600.0, 3: 12.0}
     clocks = {i: Clocks(i, {1, 2, 3} - {i}) for i in begun}
     under_way: list[tuple[float, ClockNews]] = []

@@ -49,7 +49,7 @@ class Swarm:
         self.now = 0.0
 
     def tick(self, loss: float) -> None:
-        """Everybody says what there is to say; so large a share of the words is lost."""
+        """All agents speak; this share of their words is lost."""
 
         def gets() -> bool:
             return self.random.random() >= loss
@@ -92,8 +92,8 @@ class Swarm:
 def test_whatever_is_lost_all_fly_one_law_once_they_hear_each_other(
     seed: int, early: float, late: float
 ) -> None:
-    """Nobody changes without a decision or before its time; after it, one tick of whole links makes
-    one law of it."""
+    """No agent changes without a decision or before its time; after it, one tick of whole links
+    makes one law of it."""
     swarm = Swarm(seed)
     while swarm.now < END_S:
         swarm.tick(early if swarm.round.applied is None else late)
