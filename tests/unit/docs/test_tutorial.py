@@ -76,7 +76,7 @@ def test_the_mission_flies_holds_resumes_and_replays(folder: Path) -> None:
     log = folder / "run.log"
     with log.open("w") as file:
         run = subprocess.Popen(
-            typed(f"{RUN} --speedup 8 --no-report"),
+            typed(f"{RUN} --speedup 4 --no-report"),
             cwd=folder,
             stdin=subprocess.DEVNULL,
             stdout=file,
