@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Final
 
 from swarm_ctl.core.model.messages import Severity
 from swarm_ctl.errors import InputError
 from swarm_ctl.recording import IndexedRecording
 from swarm_ctl.report.folder.last_statuses import read_events
 from swarm_ctl.report.folder.manifest import Manifest
-from swarm_ctl.station.picture.alarms import Level
+from swarm_ctl.station.picture.alarms import LEVEL_OF, Level
 from swarm_ctl.station.picture.journal import Entry, EntryKind
 from swarm_ctl.station.picture.playback import Film
-
-_LEVELS: Final = {Severity.WARNING: Level.WARNING, Severity.ERROR: Level.ERROR}
 
 
 def log_entries(folder: Path, manifest: Manifest) -> list[Entry]:
@@ -26,9 +23,9 @@ def log_entries(folder: Path, manifest: Manifest) -> list[Entry]:
             entries = film.journal.entries
     except InputError:  # no recording, or nothing in it: the notes say so
         entries = tuple(
-            Entry(event.time_s, EntryKind.EVENT, _LEVELS[event.level], (event.agent,), event.text)
+            Entry(event.time_s, EntryKind.EVENT, LEVEL_OF[event.level], (event.agent,), event.text)
             for event in read_events(folder, [])
-            if event.level in _LEVELS
+            if event.level is not Severity.INFO
         )
     wanted = (
         entry
