@@ -15,17 +15,18 @@ from swarm_ctl.core.model.plan import Policies
 
 PACKAGE = Path(swarm_ctl.__file__).parent
 TABLE = (PACKAGE.parent / "docs" / "pages" / "timeouts.md").read_text()
-NUMBERS = sorted(set(re.findall(r"`((?:\w+\.)?[A-Za-z_]+)` (\d+(?:\.\d+)?)", TABLE)))
+NUMBERS = sorted(set(re.findall(r"`((?:\w+\.)*[A-Za-z_]+)` (\d+(?:\.\d+)?)", TABLE)))
 
 
 def value(name: str) -> Any:
-    """A constant of `timeouts`, of another module (`module.CONSTANT`), or a policy."""
+    """A constant of `timeouts`, of another module (`module.CONSTANT`, with its
+    package where two modules have that name), or a policy."""
     where, _, what = name.rpartition(".")
     if where == "policies":
         return getattr(Policies(), what)
     if not where:
         return getattr(timeouts, what)
-    (file,) = PACKAGE.rglob(f"{where}.py")
+    (file,) = PACKAGE.rglob(f"{where.replace('.', '/')}.py")
     module = (PACKAGE.name, *file.relative_to(PACKAGE).with_suffix("").parts)
     return getattr(import_module(".".join(module)), what)
 
