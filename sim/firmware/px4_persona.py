@@ -118,6 +118,7 @@ class Px4Persona(Firmware):
         self._target_s = self._stream_since_s = -math.inf
         self._takeoff_down_m: float | None = None
         self._flown = False
+        self._after_flight = LOITER
 
     def style_by_parameters(self) -> FlightStyle:
         p = self.parameters
@@ -151,9 +152,13 @@ class Px4Persona(Firmware):
 
     # --- arming ---
 
+    def armable(self) -> bool:
+        """In its mode: disarmed in OFFBOARD without setpoints the checks fail."""
+        allowed = self.mode.armable and self._mode_possible(self.mode)
+        return super().armable() and (self.armed or allowed)
+
     def arm(self, *, force: bool) -> MavResult:
-        possible = self.armable() and self.mode.armable and self._mode_possible(self.mode)
-        if not (force or possible):
+        if not (force or self.armable()):
             self.text(MavSeverity.CRITICAL, "Arming denied: Resolve system health failures first")
             return MavResult.TEMPORARILY_REJECTED
         self.set_armed()
@@ -163,10 +168,12 @@ class Px4Persona(Firmware):
         return MavResult.ACCEPTED
 
     def set_disarmed(self, text: str) -> None:
-        """A mode that has ended with the flight gives way to LOITER."""
+        """A mode that has ended with the flight gives way to the last one that was asked for and
+        allows arming: OFFBOARD, too (`UserModeIntention::onDisarm`)."""
+        failsafe = self.failsafe
         super().set_disarmed(text)
-        if self.mode in (TAKEOFF, LAND, RTL, MISSION):
-            self.mode = LOITER
+        if failsafe or self.mode in (TAKEOFF, LAND, RTL, MISSION):
+            self.mode = self._after_flight
 
     # --- modes ---
 
@@ -193,6 +200,8 @@ class Px4Persona(Firmware):
         if not self.ready() or (checked and not self._mode_possible(mode)):
             return MavResult.TEMPORARILY_REJECTED
         self.failsafe = False
+        if mode in (LOITER, OFFBOARD):
+            self._after_flight = mode
         if mode is not self.mode or mode is TAKEOFF:
             self._change(mode)
         return MavResult.ACCEPTED

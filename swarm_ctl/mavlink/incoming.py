@@ -127,12 +127,13 @@ def _wind_speed(heard: Telemetry, speed_mps: float, now: float) -> bool:
     return True
 
 
-def _extended_state(heard: Telemetry, message: Any, now: float) -> bool:  # noqa: ARG001
+def _extended_state(heard: Telemetry, message: Any, now: float) -> bool:
     if message.landed_state == dialect.MAV_LANDED_STATE_UNDEFINED:
         return True
     if message.landed_state > dialect.MAV_LANDED_STATE_LANDING:
         return False
     heard.on_ground = message.landed_state == dialect.MAV_LANDED_STATE_ON_GROUND
+    heard.landed_s = now
     return True
 
 

@@ -42,6 +42,8 @@ class Telemetry:
     custom_mode: int | None = None
     """None while unknown, or where the heartbeat says that the vehicle has none."""
     on_ground: bool = True
+    landed_s: float = -math.inf
+    """When EXTENDED_SYS_STATE last said whether it is on the ground."""
     system_status_s: float = -math.inf
     sensors_present: int = 0
     sensors_enabled: int = 0

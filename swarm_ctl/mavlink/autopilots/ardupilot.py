@@ -12,7 +12,7 @@ from swarm_ctl.core.model.vehicle import Vector3
 from swarm_ctl.mavlink import outgoing
 from swarm_ctl.mavlink.autopilots.base import Autopilot
 from swarm_ctl.mavlink.autopilots.modes import COPTER_MODES, ModeTable
-from swarm_ctl.mavlink.autopilots.timing import RETRY_S, TAKEOFF_RETRY_S
+from swarm_ctl.mavlink.autopilots.timing import RETRY_S
 from swarm_ctl.mavlink.outgoing import Message
 from swarm_ctl.mavlink.vehicle_telemetry import Telemetry
 
@@ -55,7 +55,7 @@ class Ardupilot(Autopilot):
         if not heard.armed:
             return self.arm(now)
         command = outgoing.command(self.system, outgoing.TAKEOFF, 0, 0, 0, 0, 0, 0, height_m)
-        return [command] if self.pacer.due("take-off", TAKEOFF_RETRY_S, now) else []
+        return [command] if self.take_off_due(heard, now) else []
 
     def fly(self, heard: Telemetry, velocity_ned_mps: Vector3, now: float) -> list[Message]:
         """A setpoint while in GUIDED, which the take-off has entered. Another mode is the choice of

@@ -30,11 +30,13 @@ from swarm_ctl.mavlink import outgoing
 from swarm_ctl.mavlink.autopilots.failsafe_parameters import FailsafeParameters
 from swarm_ctl.mavlink.autopilots.modes import ModeTable
 from swarm_ctl.mavlink.autopilots.timing import (
+    CLIMBS_MPS,
     FIX_MAX_AGE_S,
     GROUNDED_S,
     HEARTBEAT_LOST_S,
     HEARTBEAT_S,
     KILL_RETRY_S,
+    LANDED_MAX_AGE_S,
     MAX_SETPOINT_MPS,
     MAY_BE_SILENT,
     ORIGIN_REFRESH_S,
@@ -42,6 +44,8 @@ from swarm_ctl.mavlink.autopilots.timing import (
     RETRY_S,
     STATUS_MAX_AGE_S,
     STREAMS_HZ,
+    TAKEOFF_RETRY_S,
+    TAKEOFF_WAIT_S,
     WIND_HZ,
     Pacer,
 )
@@ -119,6 +123,10 @@ class Autopilot(ABC):
     def fly(self, heard: Telemetry, velocity_ned_mps: Vector3, now: float) -> list[Message]:
         """One setpoint, and what the controlled mode needs; nothing once that mode was left."""
 
+    def stand_by(self, heard: Telemetry, now: float) -> list[Message]:  # noqa: ARG002
+        """What a vehicle on the ground needs to become ready for a flight; here nothing."""
+        return []
+
     def decode_parameter(self, raw: float, kind: int) -> float:  # noqa: ARG002
         """The value in a PARAM_VALUE of MAV_PARAM_TYPE `kind`; here a float of the same value."""
         return raw
@@ -142,6 +150,16 @@ class Autopilot(ABC):
         command = outgoing.command(self.system, outgoing.ARM_DISARM, 1.0)
         return [command] if self.pacer.due("arm", RETRY_S, now) else []
 
+    def take_off_due(self, heard: Telemetry, now: float) -> bool:
+        """Whether to ask for the take-off: at first, and again only while the vehicle is known to
+        stand. In the air, on its way there, or silent, it keeps the climb that it has begun."""
+        accepted = heard.answers.get(outgoing.TAKEOFF) == dialect.MAV_RESULT_ACCEPTED
+        if self.pacer.asked("take-off"):
+            fix, silent_s = heard.local, now - heard.landed_s
+            if silent_s > LANDED_MAX_AGE_S or (fix and fix.velocity_ned_mps[2] < -CLIMBS_MPS):
+                return False
+        return self.pacer.due("take-off", TAKEOFF_WAIT_S if accepted else TAKEOFF_RETRY_S, now)
+
     def pursue(self, goal: Goal, heard: Telemetry, now: float) -> list[Message]:
         """The messages of this tick that bring the vehicle nearer to `goal`; call it every tick."""
         messages = [outgoing.heartbeat()] if self.pacer.due("heartbeat", HEARTBEAT_S, now) else []
@@ -154,7 +172,7 @@ class Autopilot(ABC):
     def _towards(self, goal: Goal, heard: Telemetry, now: float) -> list[Message]:
         match goal:
             case StandbyGoal():
-                return self.parameters.take(heard, now)
+                return self.stand_by(heard, now) + self.parameters.take(heard, now)
             case AirborneGoal():
                 return self.take_off(heard, goal.height_m, now)
             case FlyGoal():
@@ -162,7 +180,7 @@ class Autopilot(ABC):
             case LandGoal():
                 return self._land(heard, now)
             case ReleaseGoal():
-                return self.parameters.restore(heard, now)
+                return self.stand_by(heard, now) + self.parameters.restore(heard, now)
             case TerminateGoal():
                 return self._terminate(heard, now)
             case YieldGoal():

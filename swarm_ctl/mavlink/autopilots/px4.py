@@ -14,12 +14,7 @@ from swarm_ctl.core.model.vehicle import Vector3
 from swarm_ctl.mavlink import outgoing
 from swarm_ctl.mavlink.autopilots.base import Autopilot
 from swarm_ctl.mavlink.autopilots.modes import PX4_MODES, ModeTable
-from swarm_ctl.mavlink.autopilots.timing import (
-    RETRY_S,
-    STREAM_BEFORE_S,
-    STREAM_GAP_S,
-    TAKEOFF_RETRY_S,
-)
+from swarm_ctl.mavlink.autopilots.timing import RETRY_S, STREAM_BEFORE_S, STREAM_GAP_S
 from swarm_ctl.mavlink.outgoing import Message
 from swarm_ctl.mavlink.vehicle_telemetry import Telemetry
 
@@ -56,6 +51,13 @@ class Px4(Autopilot):
         """PREARM_CHECK healthy. PX4 never sets present and enabled (SYS_STATUS.hpp)."""
         return bool(heard.sensors_health & _PREARM)
 
+    def stand_by(self, heard: Telemetry, now: float) -> list[Message]:
+        """AUTO.LOITER in place of OFFBOARD. A PX4 goes back to OFFBOARD when it disarms after a
+        landing, and fails its pre-arm checks there, because no setpoints come."""
+        left_there = not heard.armed and self.mode(heard) == self.controlled_mode
+        due = left_there and self.pacer.due("hold", RETRY_S, now)
+        return [self.set_mode(_HOLD_MODE)] if due else []
+
     def take_off(self, heard: Telemetry, height_m: float, now: float) -> list[Message]:
         """AUTO.LOITER, arm, NAV_TAKEOFF (height above sea level): each after the one before has
         worked."""
@@ -67,7 +69,7 @@ class Px4(Autopilot):
             return [self.set_mode(_HOLD_MODE)] if enter else []
         if not heard.armed:
             return self.arm(now)
-        if heard.global_ is None or not self.pacer.due("take-off", TAKEOFF_RETRY_S, now):
+        if heard.global_ is None or not self.take_off_due(heard, now):
             return []
         altitude_m = heard.global_.position.alt_m + height_m
         as_it_is = (math.nan,) * 3  # yaw, latitude, longitude

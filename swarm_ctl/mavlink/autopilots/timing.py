@@ -13,7 +13,15 @@ RETRY_S = 1.0
 KILL_RETRY_S = 0.2
 """For this one command a lost frame must not cost a second."""
 TAKEOFF_RETRY_S = 3.0
-"""Motors spool up before the landed state changes; a second take-off would restart the climb."""
+"""A take-off that was not accepted (lost, or refused) is asked for again."""
+TAKEOFF_WAIT_S = 10.0
+"""An accepted one is, only if the vehicle still stands after so long: motors spool up for up to
+5 s (PX4), and a second take-off restarts the climb or is refused. Both firmwares disarm a vehicle
+that has not left the ground by then."""
+LANDED_MAX_AGE_S = 1.5
+"""3 EXTENDED_SYS_STATE missing in a row: whether the vehicle stands is not known."""
+CLIMBS_MPS = 0.3
+"""Over the vertical noise of an estimate on the ground (0.1 m/s seen on PX4)."""
 GROUNDED_S = 5.0
 """Armed on the ground this long in the landing mode: the autopilot's own disarming (ArduCopter at
 once, PX4 after 2 s) has failed."""
@@ -57,6 +65,10 @@ class Pacer:
 
     def __init__(self) -> None:
         self._asked: dict[str, float] = {}
+
+    def asked(self, what: str) -> bool:
+        """Whether `what` was ever asked for."""
+        return what in self._asked
 
     def due(self, what: str, every_s: float, now: float) -> bool:
         """Whether `what` was not asked for in the last `every_s` [s]; if so, it is marked as asked

@@ -31,7 +31,13 @@ class Scripted:
     landing_modes: tuple[int, ...]
 
     def __init__(
-        self, driver: Autopilot, *, ready_s: float = 0.0, loss: float = 0.0, seed: int = 1
+        self,
+        driver: Autopilot,
+        *,
+        ready_s: float = 0.0,
+        spool_up_s: float = 0.0,
+        loss: float = 0.0,
+        seed: int = 1,
     ) -> None:
         self.driver = driver
         self.heard = Telemetry(watched=frozenset(driver.failsafes))
@@ -41,6 +47,7 @@ class Scripted:
         self.armed = False
         self.height_m = 0.0
         self.target_m = 0.0
+        self.spool_up_s, self.lifts_s = spool_up_s, 0.0
         self.intervals: dict[int, float] = {}
         self.sent: list[tuple[float, Any]] = []
         self._last: dict[int, float] = {}
@@ -128,7 +135,7 @@ class Scripted:
         if self.mode in self.landing_modes:
             self.height_m = max(0.0, self.height_m - TICK_S)
             self.armed = not self.on_ground
-        elif self.height_m < self.target_m:
+        elif self.height_m < self.target_m and self.now >= self.lifts_s:
             self.height_m += TICK_S
 
     def stream(self) -> None:
@@ -140,6 +147,14 @@ class Scripted:
             if number in STREAMED and self.every(number, interval_s):
                 self.say_stream(STREAMED[number])
 
+    @property
+    def healthy(self) -> bool:
+        return self.ready
+
+    def climb_to(self, height_m: float) -> None:
+        self.target_m = height_m
+        self.lifts_s = self.now + self.spool_up_s
+
     def say_stream(self, name: str) -> None:
         boot_ms = round(self.now * 1000)
         if name == "landed":
@@ -147,7 +162,7 @@ class Scripted:
         elif name == "attitude":
             self.say(common.MAVLink_attitude_message(boot_ms, 0.1, -0.1, 1.0, 0.0, 0.0, 0.0))
         elif name == "status":
-            self.say(wire.system_status(health=wire.PREARM * self.ready))
+            self.say(wire.system_status(health=wire.PREARM * self.healthy))
         elif name == "local" and self.ready:
             self.say(wire.local_position((0.0, 0.0, -self.height_m), boot_ms=boot_ms))
         elif name == "global" and self.ready:
@@ -185,7 +200,7 @@ class ScriptedArdupilot(Scripted):
     def do_22(self, message: Any) -> int:
         if not self.armed or not self.on_ground:
             return 4
-        self.target_m = message.param7
+        self.climb_to(message.param7)
         return 0
 
 
@@ -196,7 +211,7 @@ POSCTL = 3 << 16
 
 class ScriptedPx4(Scripted):
     """Streams by itself; take-off heights are above sea level; OFFBOARD needs setpoints before and
-    during."""
+    during, and is where a landed vehicle goes back to."""
 
     autopilot = 12
     landing_modes = (AUTO_LAND,)
@@ -210,18 +225,25 @@ class ScriptedPx4(Scripted):
 
     def do_176(self, message: Any) -> int:
         wanted = round(message.param2) << 16 | round(message.param3) << 24
-        streamed = self.now - self.streaming_since_s > 1.0 and self.now - self.setpoint_s < 0.5
-        if wanted == OFFBOARD and self.armed and not streamed:
+        if wanted == OFFBOARD and self.armed and not self.streamed:
             return 1
         self.mode = wanted
         return 0
+
+    @property
+    def streamed(self) -> bool:
+        return self.now - self.streaming_since_s > 1.0 and self.now - self.setpoint_s < 0.5
+
+    @property
+    def healthy(self) -> bool:
+        return self.ready and (self.mode != OFFBOARD or self.streamed)
 
     def may_arm(self) -> bool:
         return self.ready and self.mode in (LOITER, TAKEOFF)
 
     def do_22(self, message: Any) -> int:
         self.mode = TAKEOFF
-        self.target_m = message.param7 - GROUND_ALT_MM * 1e-3
+        self.climb_to(message.param7 - GROUND_ALT_MM * 1e-3)
         return 0
 
     def on_set_position_target_local_ned(self, message: Any) -> None:
@@ -230,8 +252,11 @@ class ScriptedPx4(Scripted):
         self.setpoint_s = self.now
 
     def move(self) -> None:
+        flew = self.armed
         super().move()
+        if flew and not self.armed and self.mode == AUTO_LAND:
+            self.mode = OFFBOARD
         if self.mode == TAKEOFF and self.height_m >= self.target_m > 0.0:
             self.mode = LOITER
-        if self.mode == OFFBOARD and self.now - self.setpoint_s > 1.0:
+        if self.armed and self.mode == OFFBOARD and self.now - self.setpoint_s > 1.0:
             self.mode = AUTO_LAND

@@ -349,6 +349,57 @@ def test_ardupilot_enters_guided_then_arms_then_takes_off_each_when_seen() -> No
     assert take_off.param7 == 3.0
 
 
+@both
+def test_a_take_off_that_was_accepted_is_not_asked_for_again_while_motors_spool_up(
+    name: str,
+) -> None:
+    vehicle = make(name, spool_up_s=5.0)
+    vehicle.run(StandbyGoal(), 6.0)
+    assert len(commands(vehicle.run(AirborneGoal(3.0), 20.0), TAKE_OFF)) == 1
+    assert vehicle.height_m == pytest.approx(3.0, abs=0.1)
+    assert not [text for text in vehicle.heard.texts.take(vehicle.now) if "refused" in text]
+
+
+@both
+def test_a_vehicle_that_is_silent_is_not_told_to_take_off_again(name: str) -> None:
+    vehicle = make(name, spool_up_s=1.0)
+    vehicle.run(StandbyGoal(), 6.0)
+    vehicle.run(AirborneGoal(30.0), 3.0)
+    say, vehicle.say = vehicle.say, lambda _: None  # type: ignore[method-assign]
+    sent = vehicle.run(AirborneGoal(30.0), 15.0)
+    vehicle.say = say  # type: ignore[method-assign]
+    sent += vehicle.run(AirborneGoal(30.0), 20.0)
+    assert commands(sent, TAKE_OFF) == [], "a second one would restart the climb"
+    assert vehicle.height_m == pytest.approx(30.0, abs=0.1)
+
+
+@both
+def test_a_take_off_that_had_no_effect_is_asked_for_again(name: str) -> None:
+    vehicle = make(name, spool_up_s=math.inf)
+    vehicle.run(StandbyGoal(), 6.0)
+    times = [t for t, _ in commands(vehicle.run(AirborneGoal(3.0), 32.0), TAKE_OFF)]
+    assert [b - a for a, b in pairwise(times)] == pytest.approx([10.0] * 3)
+
+
+def test_a_px4_that_has_flown_is_ready_for_another_flight() -> None:
+    """A PX4 goes back to OFFBOARD when it disarms, and its pre-arm checks fail there."""
+    vehicle = flying("px4")
+    vehicle.run(LandGoal(), 6.0)
+    assert (vehicle.armed, vehicle.mode) == (False, scripted.OFFBOARD)
+    vehicle.run(ReleaseGoal(), 2.0)
+    assert vehicle.mode == scripted.LOITER, "the next one, ours or not, finds it ready"
+    vehicle.mode = scripted.OFFBOARD  # as an agent leaves it that was killed
+    vehicle.run(StandbyGoal(), 1.0)
+    vehicle.run(StandbyGoal(), 4.0)
+    assert (missing(vehicle), vehicle.mode) == ("", scripted.LOITER)
+
+
+def test_a_px4_in_a_pilots_mode_is_left_there_while_it_stands_by() -> None:
+    vehicle = make("px4")
+    vehicle.mode = PILOT["px4"]
+    assert commands(vehicle.run(StandbyGoal(), 10.0), MODE) == []
+
+
 def test_px4_takes_off_to_a_height_above_sea_level_without_naming_a_place() -> None:
     vehicle = make("px4")
     vehicle.mode = scripted.AUTO_LAND  # as after a flight

@@ -241,6 +241,24 @@ class TestGround:
         assert not rig.firmware.armed
         assert rig.ask(ARM, 1) == ACCEPTED
 
+    @pytest.mark.parametrize("by_failsafe", [False, True])
+    def test_after_a_flight_in_offboard_it_stands_there_and_refuses_to_arm(
+        self, by_failsafe: bool
+    ) -> None:
+        rig = offboard()
+        if by_failsafe:
+            rig.run(1.5)
+        else:
+            assert rig.ask(SET_MODE, 1, *PX4_LAND) == ACCEPTED
+        rig.move(landed=True)
+        rig.run(2.3)
+        assert (rig.firmware.armed, mode(rig)) == (False, OFFBOARD_MODE.custom)
+        assert not rig.firmware.armable(), "PREARM_CHECK is not healthy"
+        assert rig.ask(ARM, 1) == REJECTED
+        assert rig.ask(SET_MODE, 1, 4, 3) == ACCEPTED
+        assert rig.firmware.armable()
+        assert rig.ask(ARM, 1) == ACCEPTED
+
     def test_armed_and_never_flown_it_disarms(self) -> None:
         rig = armed()
         rig.run(9.8)
