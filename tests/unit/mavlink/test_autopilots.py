@@ -365,7 +365,7 @@ def test_a_vehicle_that_is_silent_is_not_told_to_take_off_again(name: str) -> No
     vehicle = make(name, spool_up_s=1.0)
     vehicle.run(StandbyGoal(), 6.0)
     vehicle.run(AirborneGoal(30.0), 3.0)
-    say, vehicle.say = vehicle.say, lambda _: None  # type: ignore[method-assign]
+    say, vehicle.say = vehicle.say, lambda message: None  # type: ignore[method-assign]
     sent = vehicle.run(AirborneGoal(30.0), 15.0)
     vehicle.say = say  # type: ignore[method-assign]
     sent += vehicle.run(AirborneGoal(30.0), 20.0)
