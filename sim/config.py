@@ -52,13 +52,21 @@ class TimetableEntry(_StrictConfig):
     set: dict[SimParameter, float] = Field(min_length=1)
 
 
+_ADDRESS = r"(udpin|udpout|tcpin):[0-9A-Za-z.\-]+:[0-9]{1,5}"
+Endpoint = Annotated[str, Field(pattern=f"^{_ADDRESS}$")]
+FurtherEndpoint = Annotated[str, Field(pattern=f"^{_ADDRESS}(:[0-9]{{1,5}})?$")]
+
+
 class VehicleConfig(Place):
     """One vehicle: identity, where it listens, where it stands."""
 
     sysid: int = Field(ge=1, le=250)
     persona: Persona = "ardupilot"
-    endpoint: Annotated[str, Field(pattern=r"^(udpin|udpout|tcpin):[0-9A-Za-z.\-]+:[0-9]{1,5}$")]
+    endpoint: Endpoint
     """`udpin:`, `tcpin:` listen there; `udpout:` speaks to there from the start."""
+    also: tuple[FurtherEndpoint, ...] = ()
+    """Further endpoints, each with streams of its own; one whose port is taken is left out. A
+    second port behind `udpout:` is the own one."""
     heading_deg: float = 0.0
     ready_after_s: float = Field(default=3.0, ge=0.0)
     """Mission seconds from start until position estimate and pre-arm checks are good."""

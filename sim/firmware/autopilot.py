@@ -77,6 +77,8 @@ class AutopilotSetup:
     """Where the vehicle's own local frame has its zero."""
     ready_after_s: float
     traffic: Callable[[], Iterable[Contact]]
+    channels: int = 1
+    """MAVLink ports; each has streams of its own, as on real autopilots."""
 
 
 class Outgoing(NamedTuple):
@@ -84,6 +86,8 @@ class Outgoing(NamedTuple):
 
     message: Message
     private: bool
+    channel: int | None
+    """The port that it leaves by; None: by all."""
 
 
 class SimAutopilot(ABC):
@@ -122,6 +126,10 @@ class SimAutopilot(ABC):
         self.parameters = Parameters({**self.defaults, **SIM_DEFAULTS}, self.encoding)
         self.parameters.set(self.sysid_parameter, setup.sysid)
         self.outbox: list[Outgoing] = []
+        self.asked_on: int | None = None
+        """The channel of the message that is being handled; None between messages."""
+        self._heard_on = {0}
+        self.channel_streams = [Streams() for _ in range(setup.channels)]
         self.ignored = 0
         """Messages for another vehicle, not known, or without sense."""
         self.missions = MissionLists()
@@ -145,10 +153,28 @@ class SimAutopilot(ABC):
         self.battery = Battery(max(1.0, self.parameters[self.capacity_parameter]))
         self.maneuver: Maneuver = GroundManeuver()
         self.demand: Demand = self.maneuver.demand(boot_s, sensed, self.style())
-        self.pending_parameters: deque[str] = deque()
-        self.streams = Streams()
+        self.pending_parameters: deque[tuple[int, str]] = deque()
+        """Channel and name of those that a client has asked for."""
+        for channel in range(len(self.channel_streams)):
+            self._start_streams(channel)
+
+    @property
+    def streams(self) -> Streams:
+        """Of the channel on which the client asked."""
+        return self.channel_streams[self.asked_on or 0]
+
+    def hear(self, channel: int) -> None:
+        """A client is there: the channel's streams begin. Until then a further channel sends its
+        HEARTBEAT alone."""
+        if channel not in self._heard_on:
+            self._heard_on.add(channel)
+            self._start_streams(channel)
+
+    def _start_streams(self, channel: int) -> None:
+        streams = self.channel_streams[channel] = Streams()
         for name, interval_s in self.boot_streams.items():
-            self.streams.set(name, interval_s, boot_s)
+            if channel in self._heard_on or name == "HEARTBEAT":
+                streams.set(name, interval_s, max(self.now, self.boot_s))
 
     # --- the persona's part ---
 
@@ -338,9 +364,17 @@ class SimAutopilot(ABC):
 
     # --- speaking ---
 
-    def say(self, name: str, fields: dict[str, Any], *, private: bool = False) -> None:
-        """Queues a message for every client, or only for the one that asked."""
-        self.outbox.append(Outgoing(Message(name, fields), private))
+    def say(
+        self,
+        name: str,
+        fields: dict[str, Any],
+        *,
+        private: bool = False,
+        channel: int | None = None,
+    ) -> None:
+        """Queues a message for every client, those of one channel, or the one that asked."""
+        to = self.asked_on if private else channel
+        self.outbox.append(Outgoing(Message(name, fields), private, to))
 
     def text(self, severity: MavSeverity, text: str) -> None:
         """STATUSTEXT; longer ones in chunks of 50 characters."""

@@ -26,21 +26,22 @@ class Firmware(SimAutopilot):
     @property
     def due_s(self) -> float:
         """When `run` has something to do next."""
-        return min(self.tick_s, self.streams.next_s)
+        return min(self.tick_s, *(streams.next_s for streams in self.channel_streams))
 
     def run(self, now: float, sensed: Sensed) -> None:
         """Does what is due at `now`."""
         if now < self.boot_s:
             return
-        self.now, self.sensed = now, sensed
+        self.now, self.sensed, self.asked_on = now, sensed, None
         if now + 1e-6 >= self.tick_s:  # a sum of steps, and a multiple
             self.tick_s = next_on_grid(now, TICK_S)
             self._tick()
-        for name in self.streams.take_due(now):
-            for fields in readings(self, name):
-                self.say(name, fields)
+        for channel, streams in enumerate(self.channel_streams):
+            for name in streams.take_due(now):
+                for fields in readings(self, name):
+                    self.say(name, fields, channel=channel)
 
-    def handle(self, message: Message, now: float, sensed: Sensed) -> None:
+    def handle(self, message: Message, now: float, sensed: Sensed, channel: int = 0) -> None:
         """Acts on a received message; one that is not for this vehicle or makes no sense is
         counted in `ignored`."""
         handler = HANDLERS.get(message.name)
@@ -48,7 +49,7 @@ class Firmware(SimAutopilot):
         if handler is None or not ours or not sane(message):
             self.ignored += 1
             return
-        self.now, self.sensed = now, sensed
+        self.now, self.sensed, self.asked_on = now, sensed, channel
         handler(self, message)
 
     def _tick(self) -> None:
@@ -70,8 +71,8 @@ class Firmware(SimAutopilot):
         self.update_demand()
         uploaded_mission.keep_up(self)
         for _ in range(min(_PARAMETERS_PER_TICK, len(self.pending_parameters))):
-            name = self.pending_parameters.popleft()
-            self.say("PARAM_VALUE", self.parameters.value_message(name))
+            channel, name = self.pending_parameters.popleft()
+            self.say("PARAM_VALUE", self.parameters.value_message(name), channel=channel)
 
     def _watch_battery(self) -> None:
         p = self.parameters

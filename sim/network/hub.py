@@ -13,6 +13,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from sim.config import SimConfig
+from sim.firmware.autopilot import Outgoing
 from sim.firmware.message import Message
 from sim.network.codec import Codec
 from sim.network.signing import Signing
@@ -22,7 +23,7 @@ from sim.world.truth_recorder import TruthRecorder
 from sim.world.world import World
 
 Send = Callable[[int, bytes, Address], None]
-"""Sends bytes from the vehicle at a place to an address."""
+"""Sends bytes on a link to an address."""
 
 T = TypeVar("T")
 
@@ -32,7 +33,11 @@ _DATAGRAM = 1400
 
 
 class Hub:
-    """A world with clients."""
+    """A world with clients.
+
+    Links are numbered: first the endpoint of each vehicle in their order, then the further
+    endpoints of the first vehicle, of the second, and so on.
+    """
 
     def __init__(
         self,
@@ -43,31 +48,44 @@ class Hub:
     ) -> None:
         self.world = World(config, now)
         self.recorder: TruthRecorder | None = None
-        self.codecs = [Codec(vehicle.sysid, signing()) for vehicle in self.world.vehicles]
+        self.links = [(place, 0) for place in range(len(config.vehicles))]
+        """Place and channel of each link."""
+        self.links += [
+            (place, channel)
+            for place, vehicle in enumerate(config.vehicles)
+            for channel in range(1, 1 + len(vehicle.also))
+        ]
+        self._links_of: list[list[tuple[int, int]]] = [[] for _ in config.vehicles]
+        for link, (place, channel) in enumerate(self.links):
+            self._links_of[place].append((link, channel))
+        self.codecs = [Codec(config.vehicles[place].sysid, signing()) for place, _ in self.links]
         self._clients: list[dict[Address, None]] = [{} for _ in self.codecs]
         self._send = send
         self._waiting: list[tuple[float, int, Callable[[], None]]] = []
         self._waiting_count = 0
 
-    def receive(self, place: int, data: bytes, sender: Address) -> None:
-        """A datagram for the vehicle at `place`; its sender becomes a client."""
-        clients = self._clients[place]
+    def receive(self, link: int, data: bytes, sender: Address) -> None:
+        """A datagram on a link; its sender becomes a client."""
+        clients = self._clients[link]
         clients.pop(sender, None)
         clients[sender] = None
         if len(clients) > MAX_CLIENTS:
             del clients[next(iter(clients))]
-        messages = list(self.codecs[place].messages(data))
+        place, channel = self.links[link]
+        self.world.vehicles[place].firmware.hear(channel)
+        messages = list(self.codecs[link].messages(data))
         radio = self.world.vehicles[place].faults.radio
         if radio is None:
-            self._handle(place, messages, sender)
+            self._handle(link, messages, sender)
             return
         messages = self._survivors(place, messages, radio)
-        self._later(radio, lambda: self._handle(place, messages, sender))
+        self._later(radio, lambda: self._handle(link, messages, sender))
 
-    def _handle(self, place: int, messages: list[Message], sender: Address) -> None:
+    def _handle(self, link: int, messages: list[Message], sender: Address) -> None:
+        place, channel = self.links[link]
         for message in messages:
-            self.world.handle(place, message)
-        self._flush(place, sender)
+            self.world.handle(place, message, channel)
+        self._flush(place, (link, sender))
 
     def _survivors(self, place: int, frames: list[T], radio: Radio) -> list[T]:
         """The frames that a lossy radio lets through."""
@@ -84,10 +102,10 @@ class Hub:
         due_s = self.world.time_s + radio.delay_s
         heapq.heappush(self._waiting, (due_s, self._waiting_count, what))
 
-    def listen(self, place: int, peers: list[Address]) -> None:
+    def listen(self, link: int, peers: list[Address]) -> None:
         """Makes clients of addresses that are connected and have said nothing yet."""
         for peer in peers:
-            self._clients[place].setdefault(peer)
+            self._clients[link].setdefault(peer)
 
     def step(self) -> None:
         """One step of the world, and what the vehicles have to say after it."""
@@ -98,31 +116,40 @@ class Hub:
         if self.recorder is not None:
             self.recorder.after_step()
 
-    def _flush(self, place: int, asker: Address | None) -> None:
+    def _flush(self, place: int, asker: tuple[int, Address] | None) -> None:
         said = self.world.outbox(place)
-        clients = self._clients[place]
-        if not said or not clients:
+        if not said:
             return
         radio = self.world.vehicles[place].faults.radio
         if radio is not None and radio.mute_heartbeat:
             said = [out for out in said if out.message.name != "HEARTBEAT"]
+        for link, channel in self._links_of[place]:
+            if self._clients[link]:
+                heard = [out for out in said if out.channel is None or out.channel == channel]
+                self._flush_link(link, heard, asker)
+
+    def _flush_link(
+        self, link: int, said: list[Outgoing], asker: tuple[int, Address] | None
+    ) -> None:
+        place = self.links[link][0]
+        radio = self.world.vehicles[place].faults.radio
         public, answers = [], []
         for out in said:
-            frame = self.codecs[place].pack(out.message)
+            frame = self.codecs[link].pack(out.message)
             answers.append(frame)
-            if not out.private:
+            if not out.private or asker is None:  # a reminder: it names its target itself
                 public.append(frame)
-        for client in clients:
-            frames = answers if client == asker else public
+        for client in self._clients[link]:
+            frames = answers if (link, client) == asker else public
             if radio is None:
-                self._transmit(place, frames, client)
+                self._transmit(link, frames, client)
             else:
                 heard = self._survivors(place, frames, radio)
-                self._later(radio, functools.partial(self._transmit, place, heard, client))
+                self._later(radio, functools.partial(self._transmit, link, heard, client))
 
-    def _transmit(self, place: int, frames: list[bytes], client: Address) -> None:
+    def _transmit(self, link: int, frames: list[bytes], client: Address) -> None:
         for datagram in _datagrams(frames):
-            self._send(place, datagram, client)
+            self._send(link, datagram, client)
 
 
 def _datagrams(frames: list[bytes]) -> list[bytes]:

@@ -54,30 +54,38 @@ class Server:
         """When the sockets were last looked at, mission time."""
         self._resumed = (self._looked_s, self._looked_s)
         """When this process went on after its last stop: by the clock, and in the world."""
-        self._sockets: list[VehicleSocket] = []
+        self._sockets: list[VehicleSocket | None] = []
+        """Of each link; None where a further endpoint's port is taken."""
         self.hub: Hub
         self._selector: selectors.BaseSelector
 
     def __enter__(self) -> Self:
         with contextlib.ExitStack() as stack:
             self._selector = stack.enter_context(selectors.DefaultSelector())
-            for place, vehicle in enumerate(self._config.vehicles):
-                opened = _open(vehicle.endpoint)
-                stack.callback(opened.close)
-                self._sockets.append(opened)
-                self._selector.register(opened.fileno(), selectors.EVENT_READ, place)
+            vehicles = self._config.vehicles
+            for vehicle in vehicles:
+                self._serve(_open(vehicle.endpoint), stack)
+            for endpoint in (endpoint for vehicle in vehicles for endpoint in vehicle.also):
+                self._serve(_open_if_free(endpoint), stack)
             if self._lifeline is not None:
                 with contextlib.suppress(PermissionError):  # a plain file: no lifeline
                     self._selector.register(self._lifeline, selectors.EVENT_READ, None)
             self.hub = Hub(self._config, self._clock.now(), self._transmit, self._signing)
-            for place, opened in enumerate(self._sockets):
-                self.hub.listen(place, opened.peers())
+            for link, opened in enumerate(self._sockets):
+                if opened is not None:
+                    self.hub.listen(link, opened.peers())
             if self._config.truth_path is not None:
                 file = TruthFile(self._config.truth_path)
                 self.hub.recorder = TruthRecorder(self.hub.world, self._config, file)
                 stack.callback(self.hub.recorder.close)
             self._stack = stack.pop_all()
         return self
+
+    def _serve(self, opened: VehicleSocket | None, stack: contextlib.ExitStack) -> None:
+        if opened is not None:
+            stack.callback(opened.close)
+            self._selector.register(opened.fileno(), selectors.EVENT_READ, len(self._sockets))
+        self._sockets.append(opened)
 
     def __exit__(self, *_: object) -> None:
         self._stack.close()
@@ -101,7 +109,7 @@ class Server:
             log.warning("frames refused for want of a good signature: %d", refused)
         good, bad = sum(codec.frames for codec in codecs), sum(codec.bad for codec in codecs)
         ignored = sum(vehicle.firmware.ignored for vehicle in self.hub.world.vehicles)
-        unsent = sum(each.unsent for each in self._sockets)
+        unsent = sum(each.unsent for each in self._sockets if each is not None)
         text = "frames in: %d good, %d bad, %d not for us; datagrams not sent: %d"
         log.info(text, good, bad, ignored, unsent)
 
@@ -109,8 +117,10 @@ class Server:
         path = self._config.signing_key_path
         return None if path is None else Signing(read_key(path), self._clock.signing_10us)
 
-    def _transmit(self, place: int, data: bytes, to: Address) -> None:
-        self._sockets[place].send(data, to)
+    def _transmit(self, link: int, data: bytes, to: Address) -> None:
+        opened = self._sockets[link]
+        if opened is not None:
+            opened.send(data, to)
 
     def _poll(self, timeout_s: float) -> bool:
         ready = self._selector.select(timeout_s)
@@ -118,10 +128,11 @@ class Server:
             if key.data is None:
                 self._read_lifeline()
                 continue
-            socket = self._sockets[key.data]
-            for data, sender in socket.receive():
-                self.hub.receive(key.data, data, sender)
-            self.hub.listen(key.data, socket.peers())
+            opened = self._sockets[key.data]
+            if opened is not None:
+                for data, sender in opened.receive():
+                    self.hub.receive(key.data, data, sender)
+                self.hub.listen(key.data, opened.peers())
         return bool(ready)
 
     def _read_lifeline(self) -> None:
@@ -158,6 +169,14 @@ class Server:
             self._said_late_s = now
             text = "%.1f s of mission time behind the clock: machine too slow for the speed-up"
             log.warning(text, behind_s)
+
+
+def _open_if_free(endpoint: str) -> VehicleSocket | None:
+    try:
+        return _open(endpoint)
+    except EndpointError as error:
+        log.warning("%s; the vehicle goes without it", error)
+        return None
 
 
 def _open(endpoint: str) -> VehicleSocket:

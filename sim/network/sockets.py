@@ -148,12 +148,16 @@ VehicleSocket = UdpSocket | TcpSocket
 
 
 def open_socket(endpoint: str) -> VehicleSocket:
-    """The socket of `udpin:`, `udpout:` or `tcpin:` HOST:PORT; OSError where the system refuses."""
-    kind, host, port = endpoint.split(":")
+    """The socket of `udpin:`, `udpout:` or `tcpin:` HOST:PORT; OSError where the system refuses.
+
+    `udpout:HOST:PORT:OWN` sends from the port OWN.
+    """
+    kind, host, port, *own_port = endpoint.split(":")
     address = (host, int(port))
     if kind == "udpin":
         return UdpSocket(address)
     if kind == "tcpin":
         return TcpSocket(address)
     own = host if host in ("127.0.0.1", "localhost") else "0.0.0.0"  # noqa: S104
-    return UdpSocket((own, 0), (socket.gethostbyname(host), int(port)))
+    bind = (own, int(own_port[0]) if own_port else 0)
+    return UdpSocket(bind, (socket.gethostbyname(host), int(port)))

@@ -50,9 +50,9 @@ class SimVehicle:
         self.firmware.run(now, self.sense())
         self._obey()
 
-    def handle(self, message: Message, now: float) -> None:
+    def handle(self, message: Message, now: float, channel: int) -> None:
         """Gives the firmware a message; its new demand acts at the next step."""
-        self.firmware.handle(message, now, self.sense())
+        self.firmware.handle(message, now, self.sense(), channel)
         self._obey()
 
     def _obey(self) -> None:

@@ -97,9 +97,9 @@ class World:
             self.vehicles[i].run(now)
         return ran
 
-    def handle(self, place: int, message: Message) -> None:
-        """A message for the vehicle at `place`."""
-        self.vehicles[place].handle(message, self.time_s)
+    def handle(self, place: int, message: Message, channel: int = 0) -> None:
+        """A message for the vehicle at `place`, on one of its channels."""
+        self.vehicles[place].handle(message, self.time_s, channel)
 
     def outbox(self, place: int) -> list[Outgoing]:
         """What the vehicle at `place` has to say; empties it."""
@@ -189,6 +189,7 @@ class World:
             local_origin_ned_m=_local_origin(start.position_ned_m, rng),
             ready_after_s=described.ready_after_s,
             traffic=lambda: self._traffic(place),
+            channels=1 + len(described.also),
         )
         firmware = _FIRMWARE[described.persona](setup, self.time_s)
         for name, value in (config.sim_parameters | described.sim_parameters).items():

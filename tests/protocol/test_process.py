@@ -65,6 +65,22 @@ def test_a_busy_port_names_its_endpoint_and_exits_with_3(tmp_path: Path) -> None
     assert endpoint in err
 
 
+def test_a_further_endpoint_is_left_out_where_its_port_is_taken(tmp_path: Path) -> None:
+    configuration = settings(tmp_path, "px4")
+    taken, free = free_port(), free_port()
+    configuration["vehicles"][0]["also"] = [f"udpin:127.0.0.1:{taken}", f"udpin:127.0.0.1:{free}"]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("127.0.0.1", taken))
+        with simulator(tmp_path, configuration) as sim:
+            configuration["vehicles"][0]["endpoint"] = f"udpin:127.0.0.1:{free}"
+            with contextlib.closing(Pilot(sim)) as pilot:
+                assert pilot.wait("HEARTBEAT").get_srcSystem() == 1
+            sim.cut_lifeline()
+            assert sim.end() == 0
+            assert sim.process.stderr is not None
+            assert f"udpin:127.0.0.1:{taken}: can't be opened" in sim.process.stderr.read()
+
+
 def test_a_truth_file_that_can_not_be_written_exits_with_3(tmp_path: Path) -> None:
     configuration = settings(tmp_path, "ardupilot")
     (tmp_path / "file").write_text("")

@@ -46,8 +46,10 @@ def set_mode(a: SimAutopilot, message: Message) -> None:
 
 def param_request_list(a: SimAutopilot, _: Message) -> None:
     """The values follow a few at a time."""
+    channel = a.asked_on or 0
+    others = [pending for pending in a.pending_parameters if pending[0] != channel]
     a.pending_parameters.clear()
-    a.pending_parameters.extend(a.parameters.names)
+    a.pending_parameters.extend([*others, *((channel, name) for name in a.parameters.names)])
 
 
 def param_request_read(a: SimAutopilot, message: Message) -> None:
@@ -56,7 +58,7 @@ def param_request_read(a: SimAutopilot, message: Message) -> None:
     if name is None or name not in a.parameters:
         a.ignored += 1
         return
-    a.say("PARAM_VALUE", a.parameters.value_message(name))
+    a.say("PARAM_VALUE", a.parameters.value_message(name), channel=a.asked_on)
 
 
 def param_set(a: SimAutopilot, message: Message) -> None:

@@ -174,3 +174,63 @@ def test_minima_are_written_only_when_they_shrink(tmp_path: Path) -> None:
     distances = [line["pairs"][0][2] for line in lines]
     assert len(lines) < 10
     assert distances == sorted(distances, reverse=True)
+
+
+def _two_channels(persona: str) -> Clients:
+    """One vehicle with a further endpoint, which is link 1."""
+    clients = Clients(1, persona=persona)
+    vehicle = config(1, persona).vehicles[0]
+    further = vehicle.model_copy(update={"also": ("udpin:127.0.0.1:14701",)})
+    both = config(1, persona).model_copy(update={"vehicles": (further,)})
+    clients.hub = Hub(both, 0.0, clients._take)
+    return clients
+
+
+def test_a_channel_keeps_its_stream_rates_whatever_is_asked_on_another() -> None:
+    clients = _two_channels("px4")
+    clients.tell(0, A, HELLO)
+    clients.tell(1, B, HELLO)
+    slow = mavlink.MAVLink_command_long_message(1, 1, 511, 0, 32, 1e6, 0, 0, 0, 0, 0)
+    clients.tell(1, B, slow)
+    clients.run(2.0)
+    clients.datagrams.clear()
+    clients.run(2.0)
+    names = {at: [m.get_type() for m in clients.heard(at)] for at in (A, B)}
+    assert names[B].count("LOCAL_POSITION_NED") == 2
+    assert names[A].count("LOCAL_POSITION_NED") == 60
+
+
+def test_each_channel_counts_its_own_frames_so_that_no_client_sees_a_gap() -> None:
+    clients = _two_channels("ardupilot")
+    clients.tell(0, A, HELLO)
+    clients.tell(1, B, mavlink.MAVLink_param_request_list_message(1, 1))
+    clients.command(0, A, 512, 148)
+    clients.run(2.0)
+    for at in (A, B):
+        counted = [m.get_seq() for m in clients.heard(at)]
+        assert counted == list(range(len(counted)))
+    assert "PARAM_VALUE" not in [m.get_type() for m in clients.heard(A)]
+    parameters = len(clients.hub.world.vehicles[0].firmware.parameters)
+    assert [m.get_type() for m in clients.heard(B)].count("PARAM_VALUE") == parameters
+
+
+def test_two_channels_get_the_whole_parameter_list_each_at_the_same_time() -> None:
+    clients = _two_channels("px4")
+    for link, at in ((0, A), (1, B), (0, A)):
+        clients.tell(link, at, mavlink.MAVLink_param_request_list_message(1, 1))
+    clients.run(10.0)
+    parameters = len(clients.hub.world.vehicles[0].firmware.parameters)
+    for at in (A, B):
+        heard = {m.param_index for m in clients.heard(at) if m.get_type() == "PARAM_VALUE"}
+        assert len(heard) == parameters
+
+
+def test_a_further_channel_sends_heartbeats_alone_until_a_client_speaks_on_it() -> None:
+    clients = _two_channels("px4")
+    clients.run(1.0)
+    clients.hub.listen(1, [B])
+    clients.run(3.0)
+    assert {m.get_type() for m in clients.heard(B)} == {"HEARTBEAT"}
+    clients.tell(1, B, HELLO)
+    clients.run(1.0)
+    assert "ATTITUDE" in {m.get_type() for m in clients.heard(B)}
