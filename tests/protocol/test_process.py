@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from tests.protocol.simulator import Pilot, command_line, pilot, settings, simulator
+from tests.protocol.simulator import Pilot, command_line, free_port, pilot, settings, simulator
 
 
 def refused(tmp_path: Path, configuration: dict[str, Any]) -> tuple[int, str, str]:
