@@ -52,6 +52,8 @@ class MotionState:
     """Down coordinate [m] of the ground under each vehicle."""
     memory: Array
     wind: Array
+    impact: Array
+    """Speed [m/s] at the last touch-down."""
 
     @staticmethod
     def at_rest(
@@ -69,6 +71,7 @@ class MotionState:
             ground=position[..., 2].copy(),
             memory=np.zeros((*batch, response.memory_rows, 3)),
             wind=np.zeros_like(position),
+            impact=np.zeros(batch),
         )
 
 
@@ -185,6 +188,7 @@ def _touch_down(state: MotionState) -> None:
     if np.count_nonzero(touched):
         # stands at the height of its ground, at rest
         state.landed |= touched
+        state.impact[touched] = np.linalg.norm(state.velocity[touched], axis=-1)
         state.position[..., 2] = np.where(touched, state.ground, state.position[..., 2])
         state.velocity[touched] = 0.0
         state.acceleration[touched] = 0.0

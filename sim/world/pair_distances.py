@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.physics.kinematics import Array, Mask
+from sim.physics.kinematics import Array
 
 COLLISION_M = 0.5
 """Airframes half a metre across touch when their centres are closer than this."""
+_NEAR_M = 3.0
+"""Pairs nearer than this are looked at between steps, too. Farther ones pass each other at 40 m/s
+with an error of 3 cm at most."""
 
 
 class PairMinima:
@@ -18,21 +21,33 @@ class PairMinima:
         self._least = np.where(self._below, -1.0, np.inf)
         self._told = self._least.copy()
         self._touching: set[tuple[int, int]] = set()
+        self._before: Array | None = None
 
     def update(self, position: Array) -> list[tuple[int, int]]:
         """Takes positions (n, 3); returns the pairs (i < j) that have just begun to touch (in three
-        dimensions)."""
+        dimensions), at this step or on the way to it."""
         if len(position) == 1:
             return []
+        before, self._before = self._before, position.copy()
         # all pairs at once, by squares; the diagonal is each vehicle with itself
         north, east = position[:, 0], position[:, 1]
         square = np.subtract.outer(north, north) ** 2 + np.subtract.outer(east, east) ** 2
         np.minimum(self._least, square, out=self._least)
-        close = square < COLLISION_M**2
+        close = square < _NEAR_M**2
         alone = np.count_nonzero(close) == len(position)
         if alone and not self._touching:
             return []
-        return self._collisions(position, close & ~self._below)
+        i, j = np.nonzero(close & ~self._below)
+        before = position if before is None else before
+        start, end = before[i] - before[j], position[i] - position[j]
+        flat = _closest(start[:, :2], end[:, :2])
+        self._least[i, j] = np.minimum(self._least[i, j], (flat**2).sum(axis=1))
+        apart = np.abs(_closest(start, end))
+        touch = (np.hypot(apart[:, 0], apart[:, 1]) < COLLISION_M) & (apart[:, 2] < COLLISION_M)
+        now = set(zip(i[touch].tolist(), j[touch].tolist(), strict=True))
+        begun = sorted(now - self._touching)
+        self._touching = now
+        return begun
 
     def shrunk(self) -> list[tuple[int, int, float]]:
         """Pairs (i, j, metres) whose smallest distance shrank since the last call."""
@@ -41,9 +56,9 @@ class PairMinima:
         distances = np.sqrt(self._least[rows, columns])
         return list(zip(rows.tolist(), columns.tolist(), distances.tolist(), strict=True))
 
-    def _collisions(self, position: Array, close: Mask) -> list[tuple[int, int]]:
-        pairs = zip(*(axis.tolist() for axis in np.nonzero(close)), strict=True)
-        now = {(i, j) for i, j in pairs if abs(position[i, 2] - position[j, 2]) < COLLISION_M}
-        begun = sorted(now - self._touching)
-        self._touching = now
-        return begun
+
+def _closest(start: Array, end: Array) -> Array:
+    """The shortest vector (pairs, axes) on each straight way from `start` to `end`."""
+    way = end - start
+    share = -(start * way).sum(axis=1) / np.maximum((way * way).sum(axis=1), 1e-12)
+    return np.asarray(start + np.clip(share, 0.0, 1.0)[:, None] * way)

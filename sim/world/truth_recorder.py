@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from typing import Any
 
 from sim.config import SimConfig
@@ -28,8 +29,11 @@ class TruthRecorder:
     def after_step(self) -> None:
         """Events at once; states and shrunken pair minima at the configured rate."""
         for event in self._world.events:
-            line = {"sysid": event.sysid, "event": event.event}
-            self._file.write({"type": "event", "t": _t(event.time_s)} | line)
+            line = {name: x for name, x in asdict(event).items() if x is not None}
+            line["t"] = _t(line.pop("time_s"))
+            for name in {"impact_mps", "height_m"} & line.keys():
+                line[name] = round(line[name], _DECIMALS)
+            self._file.write({"type": "event"} | line)
         self._world.events.clear()
         if self._world.time_s >= self._due_s - 1e-6:
             self._due_s += self._interval_s

@@ -40,12 +40,19 @@ _RESPONSES: dict[str, VelocityResponse] = {
 
 @dataclass(frozen=True, slots=True)
 class WorldEvent:
-    """What happened to a vehicle: `liftoff`, `touchdown`, `crash`, `collision` (one event for each
-    of the two), or what the timetable has set (`SIM_GPS_FREEZE 1`)."""
+    """What happened to a vehicle: `liftoff`, `touchdown`, `crash`, `disarm` (in the air),
+    `collision` (one event for each of the two), or what the timetable has set
+    (`SIM_GPS_FREEZE 1`)."""
 
     time_s: float
     sysid: int
     event: str
+    impact_mps: float | None = None
+    """Speed at a `touchdown` or `crash`."""
+    height_m: float | None = None
+    """Above the ground, of a `disarm`."""
+    other: int | None = None
+    """The sysid of the other vehicle of a `collision`."""
 
 
 class World:
@@ -62,6 +69,7 @@ class World:
         self.events: list[WorldEvent] = []
         self._airborne: Mask = np.zeros(len(self.vehicles), dtype=np.bool_)
         self._flying = False
+        self._armed = [False] * len(self.vehicles)
         self._marks: list[bytes] = []
         self._timetable = deque(sorted(config.faults, key=lambda entry: entry.at_s))
         self._timetable_s = 0.0 if config.faults_since == "start" else math.inf
@@ -82,6 +90,8 @@ class World:
         self._step += 1
         now = self.time_s
         self._follow_timetable()
+        if self._flying:
+            self._watch_arming()
         if now >= self._faults_due_s:
             self._faults_due_s = now + TICK_S - 1e-6
             for vehicle in self.vehicles:
@@ -130,8 +140,9 @@ class World:
     def _collide(self, *pair: int) -> None:
         for i, other in (pair, pair[::-1]):
             vehicle = self.vehicles[i]
-            self._event(i, "collision")
-            text = f"Collision with vehicle {self.vehicles[other].sysid}"
+            sysid = self.vehicles[other].sysid
+            self._event(i, "collision", other=sysid)
+            text = f"Collision with vehicle {sysid}"
             vehicle.firmware.text(MavSeverity.EMERGENCY, text)
             if vehicle.faults["SIM_COLL_FALL"] == 1.0:
                 vehicle.faults.fallen = True
@@ -145,6 +156,14 @@ class World:
                         vehicle.firmware.parameters.set(name, value)
                         self._event(place, f"{name} {value:g}")
 
+    def _watch_arming(self) -> None:
+        """Notes which vehicles lost their motors in the air, by a command or by their firmware."""
+        before, self._armed = self._armed, self.armed()
+        for i, armed in enumerate(self._armed):
+            if before[i] and not armed and self._airborne[i]:
+                height = self._gathered(lambda state: state.ground - state.position[..., 2])
+                self._event(i, "disarm", height_m=float(height[i]))
+
     def _moved_on(self) -> bool:
         """Notes which vehicles left the ground or came back to it; whether any is in the air."""
         marks = [group.state.landed.tobytes() for group in self.groups.values()]
@@ -152,17 +171,24 @@ class World:
             self._marks = marks
             airborne = ~self._landed()
             for i in np.nonzero(airborne != self._airborne)[0].tolist():
-                self._event(i, "liftoff" if airborne[i] else "touchdown")
                 self._timetable_s = min(self._timetable_s, self.time_s)
-                if not airborne[i] and self.vehicles[i].fell():
-                    self._event(i, "crash")
-                    self.vehicles[i].firmware.crashed()
+                if airborne[i]:
+                    self._event(i, "liftoff")
+                else:
+                    self._touch_down(i)
             self._airborne = airborne
             self._flying = bool(airborne.any())
         return self._flying
 
-    def _event(self, place: int, what: str) -> None:
-        self.events.append(WorldEvent(self.time_s, self.vehicles[place].sysid, what))
+    def _touch_down(self, i: int) -> None:
+        impact_mps = float(self._gathered(lambda state: state.impact)[i])
+        self._event(i, "touchdown", impact_mps=impact_mps)
+        if self.vehicles[i].fell():
+            self._event(i, "crash", impact_mps=impact_mps)
+            self.vehicles[i].firmware.crashed()
+
+    def _event(self, place: int, what: str, **more: Any) -> None:
+        self.events.append(WorldEvent(self.time_s, self.vehicles[place].sysid, what, **more))
 
     def _landed(self) -> Mask:
         return self._gathered(lambda state: state.landed)

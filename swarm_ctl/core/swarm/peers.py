@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from swarm_ctl.core.model.messages import AgentState
+from swarm_ctl.core.model.messages import AgentState, Phase
 from swarm_ctl.core.model.plan import Plan, Point
 from swarm_ctl.core.model.vehicle import Contact
 from swarm_ctl.core.swarm.clocks import Clocks
@@ -39,9 +39,10 @@ class Peers:
         return self._by_id[agent].state
 
     def count_ages(self, now: float) -> None:
-        """Sample every heard peer's age; call it once a tick."""
+        """Sample the age of every heard peer that has not ended; call it once a tick."""
         for peer in self:
-            if peer.state is not None and peer.clock.known:
+            ended = peer.state is None or peer.state.phase is Phase.ENDED
+            if not ended and peer.clock.known:
                 peer.ages.add(peer.age(now))
 
     def snapshot(

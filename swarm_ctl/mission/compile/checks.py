@@ -144,14 +144,18 @@ def _links(mission: MissionFile) -> Findings:
 
 
 def _fleet(mission: MissionFile) -> Findings:
-    return check_fleet(mission.fleet.agents, ("fleet", "agents")) if mission.fleet else iter(())
+    if mission.fleet:
+        entries, place = mission.fleet.agents, ("fleet", "agents")
+        sysids = {(*place, k, "sysid"): e.vehicle_sysid for k, e in enumerate(entries)}
+        yield from _twice(sysids, "a sysid of its own for every vehicle")
+        yield from check_fleet(entries, place)
 
 
 def check_fleet(entries: Sequence[FleetEntry], place: Place) -> Findings:
-    """What is wrong with the entries of a fleet, which stand at `place`."""
+    """What is wrong with the entries of a fleet, which stand at `place`, each taken alone: two
+    vehicles on separate links may have one sysid, but not in one mission."""
     for field, values, allowed in (
         ("id", [e.id for e in entries], "one entry for each agent"),
-        ("sysid", [e.vehicle_sysid for e in entries], "a sysid of its own for every vehicle"),
         ("endpoint", [e.endpoint for e in entries], "an endpoint of its own for every vehicle"),
         ("mesh", [e.mesh for e in entries], "a mesh endpoint of its own"),
     ):

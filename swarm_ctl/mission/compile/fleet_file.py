@@ -23,7 +23,8 @@ _Edit: TypeAlias = tuple[int, int, str]
 
 
 def read_fleet(path: Path) -> Fleet:
-    """The agents of a fleet file, sorted by id; MissionError with every mistake in it."""
+    """The agents of a fleet file, sorted by id; MissionError with every mistake in it. Two agents
+    may have one sysid here; a mission refuses that."""
     source = yaml_file.read(path, what="fleet")
     try:
         entries = FleetSection.model_validate(source.data).agents

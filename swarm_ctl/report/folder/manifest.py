@@ -25,6 +25,9 @@ class Manifest(PlanFile):
     epoch_s: float
     """Zero of the mission clock on this machine's monotonic clock."""
     headless: bool
+    simulated: tuple[int, ...] | None = None
+    """The agents whose vehicles this run simulates: the truth has these alone. None: all (a run of
+    an earlier version)."""
     station_mesh: str | None = None
     """Where the station listens on the mesh."""
     record_hz: dict[str, float] = Field(default_factory=dict)

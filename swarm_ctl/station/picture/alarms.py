@@ -216,9 +216,14 @@ def _overspeed(view: SwarmView, _: float) -> Found:
             yield (pair.a, pair.b), f"{words} {pair.a} and {pair.b}"
 
 
+def _off_ground(agent: AgentView) -> bool:
+    """Also by its vehicle's own word: before lift-off the noise of the position may exceed r."""
+    return agent.live and agent.status is not None and agent.status.airborne
+
+
 def _long_link(view: SwarmView, r_m: float) -> Found:
     for edge in view.edges:
-        both = view.agent(edge.a).live and view.agent(edge.b).live
+        both = all(_off_ground(view.agent(i)) for i in (edge.a, edge.b))
         if both and edge.length_m is not None and edge.length_m > r_m:
             long, limit = _apart(edge.length_m, r_m, 1)
             yield (edge.a, edge.b), f"link {edge.a}-{edge.b} is {long} m long, over r {limit} m"

@@ -84,6 +84,15 @@ def test_a_fleet_is_read_without_a_mission(tmp_path: Path) -> None:
     assert (second.id, second.sysid, second.response) == (2, 9, TYPICAL["px4"])
 
 
+def test_two_vehicles_on_separate_links_may_have_one_sysid(tmp_path: Path) -> None:
+    """`measure` flies them one after another; a mission refuses them."""
+    path = tmp_path / "fleet.yaml"
+    endpoints = ("tcp:127.0.0.1:5760", "tcp:127.0.0.1:5770")
+    rows = [f"  - {{id: {k}, sysid: 1, endpoint: '{x}'}}\n" for k, x in enumerate(endpoints, 1)]
+    path.write_text("agents:\n" + "".join(rows))
+    assert [entry.sysid for entry in read_fleet(path).agents] == [1, 1]
+
+
 @pytest.mark.parametrize(
     ("text", "told"),
     [

@@ -11,6 +11,7 @@ from sim.firmware.message import Message
 from sim.world.pair_distances import PairMinima
 from sim.world.world import STEP_S, World
 from tests.unit.sim.harness import (
+    ARM,
     GCS,
     GUIDED,
     LAND,
@@ -198,6 +199,29 @@ def test_one_above_the_other_is_a_small_distance_but_no_collision() -> None:
     assert pairs.update(np.array([[0.0, 0.0, -5.0], [0.1, 0.0, -5.2]])) == [(0, 1)]
     assert pairs.update(np.array([[0.0, 0.0, -5.0], [0.1, 0.0, -5.2]])) == []
     assert pairs.shrunk() == []
+
+
+def test_a_pass_between_two_steps_counts() -> None:
+    """At 50 m/s relative the two are 0.5 m apart at both steps and touch between them."""
+    pairs = PairMinima(2)
+    assert pairs.update(np.array([[0.0, -0.5, -5.0], [0.0, 0.1, -5.0]])) == []
+    assert pairs.update(np.array([[0.0, 0.5, -5.0], [0.0, 0.1, -5.0]])) == [(0, 1)]
+    ((_, _, distance),) = pairs.shrunk()
+    assert distance == pytest.approx(0.0, abs=1e-9)
+
+
+@PERSONAS
+def test_motors_off_in_the_air_are_an_event_and_the_crash_has_its_speed(persona: str) -> None:
+    """Disarmed by force 10 m high: it hits the ground with 13 m/s, as a fall with drag does."""
+    flight = at_height(persona)
+    assert flight.command(0, ARM, 0.0, 21196.0) == 0
+    flight.run(4.0)
+    _, disarm, touchdown, crash = flight.world.events
+    assert [disarm.event, touchdown.event, crash.event] == ["disarm", "touchdown", "crash"]
+    assert disarm.height_m == pytest.approx(10.0, abs=0.2)
+    assert disarm.time_s < touchdown.time_s == crash.time_s
+    assert touchdown.impact_mps == crash.impact_mps
+    assert crash.impact_mps == pytest.approx(12.7, abs=0.7)
 
 
 @PERSONAS

@@ -119,6 +119,15 @@ CASES: dict[str, tuple[Callable[[], SwarmView], tuple[int, ...]]] = {
 }
 
 
+def test_a_link_of_vehicles_on_the_ground_is_not_long() -> None:
+    """Their agents fly the take-off step, and GPS noise alone carries a position out of r."""
+    model = flying_model(PLAN, 30.0)
+    far = state_of(PLAN, 6, 30.0, seq=1200, phase=Phase.TAKEOFF, position_ned_m=(60.0, 37.4, 0.0))
+    model.fold(far, 30.0)
+    model.fold(status_of(PLAN, 6, 29.9, phase=Phase.TAKEOFF, airborne=False), 30.0)
+    assert "long link" not in {alarm.name for alarm in alarms(model.view(30.0))}
+
+
 def test_every_rule_has_a_case() -> None:
     assert [rule.name for rule in RULES] == list(CASES)
     assert all(rule.reason for rule in RULES)
