@@ -146,7 +146,9 @@ def _links(mission: MissionFile) -> Findings:
 def _fleet(mission: MissionFile) -> Findings:
     if mission.fleet:
         entries, place = mission.fleet.agents, ("fleet", "agents")
-        sysids = {(*place, k, "sysid"): e.vehicle_sysid for k, e in enumerate(entries)}
+        sysids: dict[Place, int] = {
+            (*place, k, "sysid"): entry.vehicle_sysid for k, entry in enumerate(entries)
+        }
         yield from _twice(sysids, "a sysid of its own for every vehicle")
         yield from check_fleet(entries, place)
 
