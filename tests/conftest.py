@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import os
 import signal
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -78,6 +79,10 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 settings.register_profile("here", deadline=None)
 settings.register_profile("ci", deadline=None, derandomize=True)
 settings.load_profile("ci" if os.environ.get("CI") else "here")
+
+# Vehicles that tests fly are not remembered among the user's own.
+_STATE = tempfile.TemporaryDirectory(prefix="swarm-ctl-state-")
+os.environ["SWARM_CTL_STATE"] = _STATE.name
 
 # A shell has its background jobs ignore Ctrl-C, and they hand that down to the processes that tests
 # start and interrupt.

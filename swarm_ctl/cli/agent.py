@@ -55,6 +55,7 @@ def agent(
     from swarm_ctl.runtime.agent.agent_process import AgentConfig, run_agent
     from swarm_ctl.runtime.agent.lifeline import SignalLifeline
     from swarm_ctl.runtime.clock import Clock
+    from swarm_ctl.runtime.vehicle_memory import state_folder
 
     plan, entries = _plan(file, fleet)
     own, before = _own(entries, agent_id, endpoint, mesh)
@@ -70,6 +71,8 @@ def agent(
         epoch_s=Clock.starting_now().epoch_s if epoch is None else epoch,
         speedup=speedup,
         vehicle=own.response,
+        memory=state_folder(),
+        flight=plan.name,
     )
     raise typer.Exit(run_agent(config, SignalLifeline()))
 

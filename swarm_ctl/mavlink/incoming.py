@@ -167,6 +167,20 @@ def _status_text(heard: Telemetry, message: Any, now: float) -> bool:
     return True
 
 
+_RELEASES = {0: "-dev", 64: "-alpha", 128: "-beta", 192: "-rc", 255: ""}
+"""FIRMWARE_VERSION_TYPE, the last byte of a version: from so much on."""
+
+
+def _version(heard: Telemetry, message: Any, now: float) -> bool:  # noqa: ARG001
+    number = message.flight_sw_version
+    numbers = ".".join(str(number >> shift & 0xFF) for shift in (24, 16, 8))
+    kind = max(least for least in _RELEASES if least <= number & 0xFF)
+    heard.firmware = numbers + _RELEASES[kind]
+    uid = bytes(message.uid2)
+    heard.uid = uid.hex() if any(uid) else f"{message.uid:016x}" if message.uid else ""
+    return True
+
+
 def _command_ack(heard: Telemetry, message: Any, now: float) -> bool:  # noqa: ARG001
     ours = (0, SOURCE_SYSTEM), (0, SOURCE_COMPONENT)
     if message.target_system not in ours[0] or message.target_component not in ours[1]:
@@ -233,6 +247,7 @@ FOLDS: dict[str, Callable[[Telemetry, Any, float], bool]] = {
     "STATUSTEXT": _status_text,
     "COMMAND_ACK": _command_ack,
     "PARAM_VALUE": _parameter_value,
+    "AUTOPILOT_VERSION": _version,
 }
 """All other messages of the vehicle are counted and dropped."""
 

@@ -7,10 +7,17 @@ the age of the vehicle's heartbeat shows that it is gone.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from swarm_ctl.core.model.own_parameters import (
+    OwnParameters,
+    OwnValue,
+    ParameterNote,
+    Remembered,
+    VehicleIdentity,
+)
 from swarm_ctl.core.model.vehicle import Goal, LinkCounters, VehicleView, YieldGoal
 from swarm_ctl.errors import LinkError
 from swarm_ctl.mavlink.autopilots import autopilot as autopilot_of
@@ -40,6 +47,7 @@ class VehicleLink:
         autopilot: the firmware, a name in `AUTOPILOTS`.
         sysid: the system id of the vehicle, 1..250; other systems are not listened to.
         tap: gets every whole frame, in and out, with the time; it must not block.
+        remembers: set no parameter before `recall` was called, and `kept` with its own value.
 
     Raises:
         LinkError: an argument is wrong (the text says what is allowed), or the endpoint can't be
@@ -52,10 +60,14 @@ class VehicleLink:
         autopilot: str,
         sysid: int,
         tap: Callable[[bytes, float], None] | None = None,
+        *,
+        remembers: bool = False,
     ) -> None:
         if not 1 <= sysid <= 250:
             raise LinkError(f"sysid {sysid} is out of range; allowed: 1..250")
         self._autopilot = autopilot_of(autopilot, sysid)
+        if remembers:
+            self._autopilot.parameters.remember()
         self._sysid = sysid
         self._tap = tap
         self._wire = open_wire(endpoint) if isinstance(endpoint, str) else endpoint
@@ -104,6 +116,8 @@ class VehicleLink:
             healthy=not missing,
             health_reason=missing,
             released=driver.parameters.released(heard),
+            own=self._own(),
+            notes=self._notes(),
             battery_percent=heard.battery_percent,
             tilt_deg=heard.tilt_deg,
             wind_mps=heard.wind_now(now),
@@ -116,6 +130,41 @@ class VehicleLink:
             frames_lost=self._lost,
             round_trip_s=heard.round_trip_s,
         )
+
+    @property
+    def identity(self) -> VehicleIdentity | None:
+        """Which vehicle this is; None until it has said so, or has not answered for long enough."""
+        return self._autopilot.identity(self._heard)
+
+    @property
+    def recalled(self) -> bool:
+        """`recall` was called, or is not needed."""
+        return self._autopilot.parameters.recalled
+
+    def recall(self, remembered: Remembered | None) -> None:
+        """What an earlier flight remembered of this vehicle's own parameters, and left changed."""
+        if remembered is not None:
+            self._heard.watched |= remembered.values.keys()
+        self._autopilot.parameters.recall(remembered)
+
+    def kept(self, values: Mapping[str, OwnValue]) -> None:
+        """These own values of the vehicle are stored: its parameters may be set."""
+        self._autopilot.parameters.kept(values)
+
+    def not_kept(self, why: str) -> None:
+        """The own values can't be stored: nothing is set, and the vehicle is not healthy."""
+        self._autopilot.parameters.obstacle = why
+
+    def _own(self) -> OwnParameters | None:
+        identity, parameters = self.identity, self._autopilot.parameters
+        if identity is None or not parameters.own:
+            return None
+        return OwnParameters(identity, dict(parameters.own), parameters.given_back)
+
+    def _notes(self) -> tuple[ParameterNote, ...]:
+        notes = tuple(self._autopilot.parameters.notes)
+        self._autopilot.parameters.notes.clear()
+        return notes
 
     def pursue(self, goal: Goal, now: float) -> None:
         """Send what `goal` needs now. A tick without this call sends nothing: the vehicle's own

@@ -60,6 +60,10 @@ class Telemetry:
     parameters: dict[str, ParameterValue] = field(default_factory=dict)
     counts: dict[int, int] = field(default_factory=dict)
     """Messages folded so far, by message id."""
+    uid: str | None = None
+    """AUTOPILOT_VERSION: uid2, else uid, in hexadecimal; '' where it has none; None: not heard."""
+    firmware: str = ""
+    """AUTOPILOT_VERSION: flight_sw_version in words, e.g. `4.7.0-dev`."""
     answers: dict[int, int] = field(default_factory=dict)
     """MAV_RESULT of the last COMMAND_ACK by command: a repeated refusal is reported once."""
     texts: StatusTexts = field(default_factory=StatusTexts)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,7 @@ from swarm_ctl.mesh.transport import Transport
 from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.runtime.agent.publish import publish
 from swarm_ctl.runtime.launch.sim_config import simulator_config
+from swarm_ctl.runtime.vehicle_memory import Remembering, VehicleMemory
 
 _PORT = 1000
 _AGENT = ("agent", 1)
@@ -46,6 +48,7 @@ class Member:
     agent: Agent
     link: VehicleLink
     node: Node
+    remembering: Remembering
     alive: bool = True
     frozen: bool = False
     ended: Ended | None = None
@@ -61,7 +64,8 @@ class VirtualSwarm:
     """Flies a mission tick by tick; between ticks, tests read its parts and break them.
 
     `mesh` makes each agent's transport of the plain one and the agent's id; `clocks` has the agents
-    whose clock is not the swarm's.
+    whose clock is not the swarm's; `memory` is the folder where the vehicles' own parameters are
+    remembered, None: nowhere.
     """
 
     def __init__(
@@ -71,7 +75,9 @@ class VirtualSwarm:
         *,
         mesh: Callable[[Transport, int], Transport] = lambda transport, _: transport,
         clocks: Mapping[int, Callable[[float], float]] | None = None,
+        memory: Path | None = None,
     ) -> None:
+        self._memory = VehicleMemory(memory) if memory else None
         self._wrap, self._clocks = mesh, dict(clocks or {})
         self.plan: Plan = mission.plan
         self.now = 0.0
@@ -98,9 +104,11 @@ class VirtualSwarm:
         node = Node(self._wrap(MemoryTransport(self.mesh), agent_id), "test", agent_id)
         clock = self._clocks.get(agent_id, float)
         node.listen(keys.STATE, keys.CLOCK, keys.BEACON, keys.COMMAND)
-        link = VehicleLink(near, entry.autopilot, entry.sysid)
+        remembers = self._memory is not None
+        link = VehicleLink(near, entry.autopilot, entry.sysid, remembers=remembers)
+        remembering = Remembering(self._memory, f"vehicle:{agent_id}", "test")
         agent = Agent(plan, agent_id, clock(self.now), vehicle=entry.response)
-        self.members[agent_id] = Member(agent, link, node, clock=clock)
+        self.members[agent_id] = Member(agent, link, node, remembering, clock=clock)
         return far
 
     def _transmit(self, place: int, data: bytes, _: Any) -> None:
@@ -160,7 +168,9 @@ class VirtualSwarm:
         name = type(actions.goal).__name__
         if not member.goals or member.goals[-1] != name:
             member.goals.append(name)
-        member.status = actions.status or member.status
+        if actions.status is not None:
+            member.status = actions.status
+            member.remembering.serve(member.link, actions.status.own)
         if actions.ended is not None:
             member.ended, member.alive = actions.ended, False
             member.node.close()

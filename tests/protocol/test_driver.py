@@ -195,7 +195,7 @@ def test_the_whole_way_up_and_down_again(persona: str, tmp_path: Path) -> None:
         view = fly.until(down, LandGoal())
         assert not view.released
         fly.until(lambda view: view.released, ReleaseGoal())
-        own = {name: fly.link._autopilot.parameters.originals[name] for name in DEFAULTS[persona]}
+        own = {name: each.own for name, each in fly.link._autopilot.parameters.own.items()}
         assert own == DEFAULTS[persona]
         counters = fly.link.counters
         assert (counters.lost, counters.bad_frames, counters.foreign) == (0, 0, 0)

@@ -42,6 +42,7 @@ from swarm_ctl.core.model.messages import (
     StepOutcome,
     TickReport,
 )
+from swarm_ctl.core.model.own_parameters import Found
 from swarm_ctl.core.model.plan import FormStep, Plan, Response, Step
 from swarm_ctl.core.model.vehicle import Goal, VehicleView
 from swarm_ctl.core.swarm.neighbourhood import Neighbourhood
@@ -192,6 +193,9 @@ class Agent:
         self._lifeline_cut |= inbox.lifeline_cut
         for text in inbox.view.texts:
             context.say(now, Severity.WARNING, f"vehicle: {text}")
+        for note in inbox.view.notes:
+            severity = Severity.INFO if note.found is Found.UNKNOWN else Severity.WARNING
+            context.say(now, severity, f"vehicle: {note.text}")
         fix = self._navigator.fix(inbox.view, now)
         if fix is not None:
             context.controller.locate(fix)

@@ -73,6 +73,7 @@ def status_report(
         gains=controller.gains,
         safety=controller.safety_filter.report(),
         roles=tuple(context.slot_exchange.taken),
+        own=view.own,
     )
 
 

@@ -177,10 +177,11 @@ class Takeover:
                 context.begin_form(each)
         in_step = [state for state in flying if state.step == step]
         context.reference.frame = min(in_step, key=lambda state: state.agent).frame
-        for text in (
-            f"took over its vehicle in the air; rejoins at step {step}: {step_name(plan, step)}",
-            "the vehicle's own failsafe parameters are not known any more: it keeps ours",
-        ):
+        text = f"took over its vehicle in the air; rejoins at step {step}: {step_name(plan, step)}"
+        context.say(now, Severity.WARNING, text)
+        own = tick.view.own
+        if own is None or all(value.own in value.ours for value in own.values.values()):
+            text = "the vehicle's own failsafe parameters are not known any more: it keeps ours"
             context.say(now, Severity.WARNING, text)
         if not isinstance(plan.steps[step - 1], TakeoffStep | LandStep | ReturnStep):
             self._learn_until = now + LEARN_S

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
 from typing import TypeAlias
 
+from swarm_ctl.core.model.own_parameters import OwnParameters
 from swarm_ctl.core.model.plan import FormStep, MoveStep, Point
 from swarm_ctl.core.model.vehicle import Vector3
 
@@ -325,6 +326,8 @@ class AgentStatus:
     roles: tuple[tuple[float, int], ...] = ()
     """(since [s], place in the plan whose slots it flies to), for every role but its first."""
     safety: SafetyReport = field(default_factory=SafetyReport)
+    own: OwnParameters | None = None
+    """The vehicle's own values of the parameters that we change; None until they are known."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
+from swarm_ctl.core.model.own_parameters import OwnParameters, ParameterNote
 from swarm_ctl.core.model.plan import Geodetic
 
 Vector3 = tuple[float, float, float]
@@ -77,6 +78,10 @@ class VehicleView:
     released: bool = True
     """The vehicle has its own failsafe parameters (not taken yet, or given back and confirmed):
     Release is done."""
+    own: OwnParameters | None = None
+    """Its own values of the parameters that we change; None until the vehicle is known."""
+    notes: tuple[ParameterNote, ...] = ()
+    """What the operator should know of these parameters; each is in one snapshot only."""
     battery_percent: float | None = None
     tilt_deg: float | None = None
     """How far it leans (ATTITUDE: roll and pitch); None while unknown."""

@@ -15,6 +15,7 @@ from typing import ClassVar
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from swarm_ctl.core.model.own_parameters import VehicleIdentity
 from swarm_ctl.core.model.vehicle import (
     AirborneGoal,
     FlyGoal,
@@ -46,6 +47,7 @@ from swarm_ctl.mavlink.autopilots.timing import (
     STREAMS_HZ,
     TAKEOFF_RETRY_S,
     TAKEOFF_WAIT_S,
+    VERSION_TRIES,
     WIND_HZ,
     Pacer,
 )
@@ -108,6 +110,7 @@ class Autopilot(ABC):
         self._reached = False
         self._grounded_since: float | None = None
         self._stream_counts: dict[int, int] = {}
+        self._version_tries = 0
 
     # --- the seam: what differs from firmware to firmware ---
 
@@ -172,7 +175,8 @@ class Autopilot(ABC):
     def _towards(self, goal: Goal, heard: Telemetry, now: float) -> list[Message]:
         match goal:
             case StandbyGoal():
-                return self.stand_by(heard, now) + self.parameters.take(heard, now)
+                begin = self.ask_version(heard, now) + self.stand_by(heard, now)
+                return begin + self.parameters.take(heard, now)
             case AirborneGoal():
                 return self.take_off(heard, goal.height_m, now)
             case FlyGoal():
@@ -180,7 +184,8 @@ class Autopilot(ABC):
             case LandGoal():
                 return self._land(heard, now)
             case ReleaseGoal():
-                return self.stand_by(heard, now) + self.parameters.restore(heard, now)
+                begin = self.ask_version(heard, now) + self.stand_by(heard, now)
+                return begin + self.parameters.restore(heard, now)
             case TerminateGoal():
                 return self._terminate(heard, now)
             case YieldGoal():
@@ -218,6 +223,8 @@ class Autopilot(ABC):
         if heard.origin is None:
             return "origin of the local frame unknown (GPS_GLOBAL_ORIGIN)"
         unconfirmed = self.parameters.unconfirmed(heard)
+        if unconfirmed and self.parameters.obstacle:
+            return f"failsafe parameters not set: {self.parameters.obstacle}"
         return f"failsafe parameters not confirmed: {', '.join(unconfirmed)}" if unconfirmed else ""
 
     def left(self, mode: str, *wanted: str) -> bool:
@@ -226,6 +233,21 @@ class Autopilot(ABC):
         inside = mode in wanted
         self._reached = self._reached or inside
         return self._reached and not inside
+
+    def identity(self, heard: Telemetry) -> VehicleIdentity | None:
+        """Which vehicle this is; None until it has said so, or has not answered for long enough."""
+        if heard.uid is None and self._version_tries <= VERSION_TRIES:
+            return None
+        return VehicleIdentity(self.name, self.system, heard.uid or "")
+
+    def ask_version(self, heard: Telemetry, now: float) -> list[Message]:
+        """A request for AUTOPILOT_VERSION, while it is not known; a few in all."""
+        done = heard.uid is not None or self._version_tries > VERSION_TRIES
+        if done or not self.pacer.due("version", RETRY_S, now):
+            return []
+        self._version_tries += 1  # the last one is not sent: it is the time for an answer
+        asked = outgoing.request(self.system, message_id("AUTOPILOT_VERSION"))
+        return [asked] if self._version_tries <= VERSION_TRIES else []
 
     def _streams(self, heard: Telemetry, now: float) -> list[Message]:
         """Once a second, ask for the streams of which less than half has come: another ground

@@ -1,16 +1,38 @@
-"""The vehicle's failsafe parameters: ours while we fly it, afterwards its own again. Pure."""
+"""The vehicle's failsafe parameters: ours while we fly it, afterwards its own again. Pure.
+
+An agent that dies leaves our values behind. Where `remembers` is set, nothing is set before
+`recall` has told what an earlier flight remembered, and `kept` that the vehicle's own values are
+stored outside this process.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
+from swarm_ctl.core.model.own_parameters import (
+    Found,
+    OwnValue,
+    ParameterNote,
+    Remembered,
+    own_value,
+)
 from swarm_ctl.mavlink import outgoing
 from swarm_ctl.mavlink.autopilots.timing import RETRY_S, Pacer
 from swarm_ctl.mavlink.outgoing import Message
-from swarm_ctl.mavlink.vehicle_telemetry import Telemetry
+from swarm_ctl.mavlink.vehicle_telemetry import ParameterValue, Telemetry
 
 Code = Callable[[float, int], float]
 """A value and its MAV_PARAM_TYPE to the other form (wire or plain)."""
+
+_NOTES = {
+    Found.OURS: "it still has our failsafe parameters of {flight}: its own are {own};"
+    " they are put back at the end of this flight",
+    Found.CHANGED: "{own} was changed since our flight {flight}, which did not end in order:"
+    " that is what it gets back",
+    Found.UNKNOWN: "{own} is what agents set, and no flight is remembered that left it:"
+    " taken for its own",
+}
+"""What is said of the parameters that were found so; of its own values nothing."""
 
 
 class FailsafeParameters:
@@ -20,47 +42,134 @@ class FailsafeParameters:
     def __init__(
         self, system: int, wanted: Mapping[str, float], decode: Code, encode: Code
     ) -> None:
-        self.originals: dict[str, float] = {}
-        """The vehicle's own values, as first read."""
+        self.own: Mapping[str, OwnValue] = {}
+        """What the vehicle gets back, as known so far; replaced, never changed."""
+        self.given_back = False
+        """The vehicle has confirmed its own values after `restore`."""
+        self.obstacle = ""
+        """Why nothing is set: the own values can't be stored; ''."""
+        self.notes: list[ParameterNote] = []
+        """What the operator should know; the caller takes them out."""
         self._system = system
         self._wanted = wanted
         self._decode, self._encode = decode, encode
         self._pacer = Pacer()
+        self._remembered: Remembered | None = None
+        self._recalled = True
+        self._kept: Mapping[str, OwnValue] | None = None
+        self._findings: dict[str, Found] = {}
+        self._stale: dict[str, ParameterValue | None] = {}
+        """What was known when a parameter was last set: no confirmation of that."""
+        self._changed: set[str] = set()
+        """Set to our value, and not yet to the vehicle's own after it."""
+
+    # --- memory ---
+
+    def remember(self) -> None:
+        """Set nothing before `recall` and `kept`."""
+        self._recalled, self._kept = False, {}
+
+    def recall(self, remembered: Remembered | None) -> None:
+        """What an earlier flight that did not give it back remembered of this vehicle."""
+        self._recalled, self._remembered = True, remembered
+
+    @property
+    def recalled(self) -> bool:
+        """`recall` was called, or is not needed."""
+        return self._recalled
+
+    def kept(self, values: Mapping[str, OwnValue]) -> None:
+        """These own values are stored outside this process."""
+        self._kept, self.obstacle = values, ""
+        self._tell({name: self._findings.pop(name) for name in values if name in self._findings})
+
+    def _tell(self, findings: Mapping[str, Found]) -> None:
+        flight = self._remembered.flight if self._remembered else ""
+        for found, sentence in _NOTES.items():
+            names = [name for name, each in findings.items() if each is found]
+            if names:
+                own = ", ".join(f"{name} {self.own[name].own:g}" for name in names)
+                text = sentence.format(own=own, flight=flight)
+                self.notes.append(ParameterNote(found, text))
+
+    # --- the vehicle ---
 
     def take(self, heard: Telemetry, now: float) -> list[Message]:
         """Read and set our values. On an armed vehicle none is set: a pilot may be flying it."""
-        for name in self._wanted:
-            value = self._value(heard, name)
-            if value is not None:
-                self.originals.setdefault(name, value)
-        return self._towards(self._wanted, heard, now)
+        self.given_back = False
+        return self._look(heard, now) + self._towards(self._wanted, heard, now)
 
     def restore(self, heard: Telemetry, now: float) -> list[Message]:
         """Set the vehicle's own values again; none while it is armed."""
-        return self._towards(self.originals, heard, now)
+        own = {name: value.own for name, value in self.own.items()}
+        messages = self._look(heard, now) + self._towards(own, heard, now, back=True)
+        self.given_back = bool(self.own) and self.released(heard)
+        return messages
 
     def unconfirmed(self, heard: Telemetry) -> list[str]:
         """The names of the parameters that are not known to have our value."""
         return [name for name, value in self._wanted.items() if self._value(heard, name) != value]
 
     def released(self, heard: Telemetry) -> bool:
-        """Every parameter that was read has the vehicle's own value."""
-        return all(self._value(heard, name) == value for name, value in self.originals.items())
+        """Every parameter that was read, or is remembered, has the vehicle's own value."""
+        return self._left.keys() <= self.own.keys() and all(
+            name not in self._changed and self._confirmed(heard, name, value.own)
+            for name, value in self.own.items()
+        )
 
-    def _towards(self, wanted: Mapping[str, float], heard: Telemetry, now: float) -> list[Message]:
-        """PARAM_REQUEST_READ for unknown values, PARAM_SET for other values than `wanted`."""
-        messages = []
+    @property
+    def _left(self) -> Mapping[str, OwnValue]:
+        """What an earlier flight has not given back."""
+        return self._remembered.values if self._remembered else {}
+
+    def _look(self, heard: Telemetry, now: float) -> list[Message]:
+        """Note whose values the parameters have; ask for the remembered ones not read yet."""
+        self._learn(heard)
+        return self._read(self._left, heard, now)
+
+    def _learn(self, heard: Telemetry) -> None:
+        """Note whose value a parameter has that was read for the first time."""
+        for name in {**self._wanted, **self._left} if self._recalled else ():
+            value = self._value(heard, name)
+            if value is not None and name not in self.own:
+                ours = self._wanted.get(name, value)
+                own, self._findings[name] = own_value(value, ours, self._left.get(name))
+                self.own = {**self.own, name: own}
+
+    def _towards(
+        self, wanted: Mapping[str, float], heard: Telemetry, now: float, *, back: bool = False
+    ) -> list[Message]:
+        """PARAM_REQUEST_READ for unknown values, PARAM_SET for other values than `wanted`, and
+        (`back`) for all that we have changed: a value on its way to us may be older than that."""
+        messages = self._read(wanted, heard, now)
         for name, value in wanted.items():
             known = heard.parameters.get(name)
-            if known is None:
-                if self._pacer.due(f"read {name}", RETRY_S, now):
-                    messages.append(outgoing.read_parameter(self._system, name))
+            if known is None or heard.armed or not self._may_set(name):
                 continue
-            wrong = self._value(heard, name) != value
-            if wrong and not heard.armed and self._pacer.due(name, RETRY_S, now):
+            done = self._confirmed(heard, name, value) and not (back and name in self._changed)
+            if not done and self._pacer.due(name, RETRY_S, now):
                 raw = self._encode(value, known.kind)
                 messages.append(outgoing.set_parameter(self._system, name, raw, known.kind))
+                self._stale[name] = known
+                (self._changed.discard if back else self._changed.add)(name)
         return messages
+
+    def _read(self, names: Iterable[str], heard: Telemetry, now: float) -> list[Message]:
+        return [
+            outgoing.read_parameter(self._system, name)
+            for name in names
+            if name not in heard.parameters and self._pacer.due(f"read {name}", RETRY_S, now)
+        ]
+
+    def _may_set(self, name: str) -> bool:
+        """Its own value is known, and stored where that is needed."""
+        own = self.own.get(name)
+        return own is not None and (self._kept is None or self._kept.get(name) == own)
+
+    def _confirmed(self, heard: Telemetry, name: str, value: float) -> bool:
+        """The vehicle has said so since the parameter was last set."""
+        fresh = heard.parameters.get(name) is not self._stale.get(name)
+        return fresh and self._value(heard, name) == value
 
     def _value(self, heard: Telemetry, name: str) -> float | None:
         """Rounded, because the wire carries 32-bit floats."""

@@ -33,6 +33,8 @@ STATUS_MAX_AGE_S = 5.0
 """10 SYS_STATUS missing in a row."""
 ORIGIN_REFRESH_S = 10.0
 """A known origin is asked for again this often: an EKF that is reset moves it."""
+VERSION_TRIES = 5
+"""Requests for AUTOPILOT_VERSION, one a second: a vehicle that answers none has no uid."""
 QUIET_RETRY_S = 5.0
 """Streams that may be silent (no traffic, no wind estimate) are asked for again this often."""
 STREAM_BEFORE_S = 1.2

@@ -33,6 +33,7 @@ from swarm_ctl.runtime.agent.lifeline import ALIVE, READY, Lifeline, PipeLifelin
 from swarm_ctl.runtime.agent.publish import publish
 from swarm_ctl.runtime.clock import Clock
 from swarm_ctl.runtime.ticker import Ticker
+from swarm_ctl.runtime.vehicle_memory import Remembering, VehicleMemory
 
 _GC_THRESHOLD: Final = 50_000
 """Objects between collections: what is built at the start is frozen, and a tick leaves next to none
@@ -64,6 +65,11 @@ class AgentConfig:
     """Where stdout and stderr go; None: they stay."""
     tlog: Path | None = None
     """Where the vehicle's MAVLink frames are kept."""
+    memory: Path | None = None
+    """The folder where the vehicle's own parameters are remembered while we change them; None:
+    they are not, as of a vehicle that ends with the run."""
+    flight: str = ""
+    """What this flight is called there."""
     started_us: int = 0
     """Mission time 0 of the tlog, in microseconds of Unix time."""
 
@@ -102,7 +108,7 @@ def run_agent(config: AgentConfig, lifeline: Lifeline) -> int:
     clock = Clock(config.epoch_s, config.speedup)
     with (
         _tlog(config) as keep,
-        closing(VehicleLink(config.endpoint, config.autopilot, config.sysid, keep)) as link,
+        closing(_link(config, keep)) as link,
         closing(_join_mesh(config, clock)) as node,
     ):
         lifeline.tell(READY)
@@ -123,6 +129,12 @@ def _tlog(config: AgentConfig) -> Iterator[Callable[[bytes, float], None] | None
         yield tlog.take
     if tlog.failure:
         sys.stderr.write(f"agent: {config.tlog} ends early: {tlog.failure}\n")
+
+
+def _link(config: AgentConfig, keep: Callable[[bytes, float], None] | None) -> VehicleLink:
+    remembers = config.memory is not None
+    vehicle = (config.endpoint, config.autopilot, config.sysid)
+    return VehicleLink(*vehicle, keep, remembers=remembers)
 
 
 def _join_mesh(config: AgentConfig, clock: Clock) -> Node:
@@ -151,6 +163,8 @@ def _loop(
         expect_station=config.expect_station,
         vehicle=config.vehicle,
     )
+    memory = VehicleMemory(config.memory) if config.memory else None
+    remembering = Remembering(memory, config.endpoint, config.flight)
     ticker = Ticker(clock, config.plan.tick_s)
     status: AgentStatus | None = None
     gc.freeze()
@@ -174,5 +188,6 @@ def _loop(
         if actions.status is not None:
             status = actions.status
             lifeline.tell(ALIVE)
+            remembering.serve(link, status.own)  # after the mesh was told
         if actions.ended is not None:
             return actions.ended, status

@@ -19,6 +19,7 @@ from swarm_ctl.runtime.clock import Clock
 from swarm_ctl.runtime.launch.ports import free_ports
 from swarm_ctl.runtime.launch.sim_config import simulator_config
 from swarm_ctl.runtime.station.screens import Show
+from swarm_ctl.runtime.vehicle_memory import state_folder
 
 _PACKAGES = ("swarm-ctl", "eclipse-zenoh", "numpy", "pydantic", "pymavlink", "rich", "textual")
 """Their versions stand in the manifest."""
@@ -75,6 +76,8 @@ class RunSetup:
             report=agents / f"{agent.id}.json",
             log=agents / f"{agent.id}.log",
             tlog=self.folder / f"{agent.id}.tlog" if self.options.tlog else None,
+            memory=None if agent.id in self._simulated else state_folder(),
+            flight=self.folder.name,
             started_us=round(manifest.started_at.timestamp() * 1e6),
         )
 

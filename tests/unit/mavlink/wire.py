@@ -102,6 +102,14 @@ def parameter(name: str, value: float, kind: int = 9) -> Message:
     return dialect.MAVLink_param_value_message(name.encode(), value, kind, 10, 0)
 
 
+def version(uid: int = 0, uid2: bytes = bytes(18), number: int = 0x04070000) -> Message:
+    """AUTOPILOT_VERSION."""
+    custom = bytes(8)
+    return dialect.MAVLink_autopilot_version_message(
+        0, number, 0, 0, 0, custom, custom, custom, 0, 0, uid, uid2
+    )
+
+
 class Vehicle:
     """The other end of a memory wire: packs with its own ids and sequence, unpacks what the link
     sent."""

@@ -1,0 +1,178 @@
+"""The own parameters of vehicles that agents have changed: one small file for each vehicle, outside
+the agents, so that the next flight can put back what a killed agent could not.
+
+The folder is `SWARM_CTL_STATE`, else `swarm_ctl` in XDG_STATE_HOME, else in `~/.local/state`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import hashlib
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+from pydantic import TypeAdapter, ValidationError
+
+from swarm_ctl.core.model.own_parameters import OwnParameters, OwnValue, Remembered, VehicleIdentity
+from swarm_ctl.mavlink.link import VehicleLink
+from swarm_ctl.runtime.clock import date_and_time
+
+FOLDER_VARIABLE: Final = "SWARM_CTL_STATE"
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """What is remembered of one vehicle."""
+
+    vehicle: VehicleIdentity
+    endpoint: str
+    flight: str
+    """The run or mission that changed the parameters."""
+    since: str
+    """Date and time."""
+    values: dict[str, OwnValue] = field(default_factory=dict)
+    version: int = 1
+
+    def remembered(self) -> Remembered:
+        """As an agent is told of it."""
+        return Remembered(self.values, f"{self.flight} of {self.since}")
+
+    def concerns(self, vehicle: VehicleIdentity, endpoint: str) -> bool:
+        """It is the same vehicle: by uid, or by its endpoint where one of both has no uid."""
+        mine, other = self.vehicle, vehicle
+        if (mine.autopilot, mine.sysid) != (other.autopilot, other.sysid):
+            return False
+        if mine.uid and other.uid:
+            return mine.uid == other.uid
+        return self.endpoint == endpoint
+
+
+_ENTRY: Final = TypeAdapter(Entry)
+
+
+def state_folder() -> Path:
+    """Where this user's vehicles are remembered."""
+    given = os.environ.get(FOLDER_VARIABLE)
+    if given:
+        return Path(given)
+    base = os.environ.get("XDG_STATE_HOME")
+    return (Path(base) if base else Path.home() / ".local" / "state") / "swarm_ctl"
+
+
+class VehicleMemory:
+    """The entries in one folder. Methods raise OSError where the folder or a file can't be used,
+    a damaged file included."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def entries(self) -> list[Entry]:
+        """All of them, the oldest first."""
+        return sorted((entry for _, entry in self._read()), key=lambda entry: entry.since)
+
+    def recall(self, vehicle: VehicleIdentity, endpoint: str) -> Entry | None:
+        """The newest entry of this vehicle."""
+        found = [e for _, e in self._read(_prefix(vehicle)) if e.concerns(vehicle, endpoint)]
+        return max(found, key=lambda entry: entry.since, default=None)
+
+    def write(self, own: OwnParameters, endpoint: str, flight: str) -> None:
+        """Remember these values, and those that are remembered already of other parameters. When
+        this returns they are on the disk."""
+        before = self.recall(own.vehicle, endpoint)
+        values = {**(before.values if before else {}), **own.values}
+        if before is not None and (before.vehicle, before.values) == (own.vehicle, values):
+            return
+        since = f"{date_and_time():%Y-%m-%d %H:%M:%S}"
+        entry = Entry(own.vehicle, endpoint, flight, since, values)
+        self.folder.mkdir(parents=True, exist_ok=True)
+        path = self.folder / _name(own.vehicle, endpoint)
+        _write_durably(path, _ENTRY.dump_json(entry, indent=1) + b"\n")
+        self._remove(own.vehicle, endpoint, but=path)
+
+    def forget(self, vehicle: VehicleIdentity, endpoint: str) -> None:
+        """The vehicle has its own values: nothing is to be put back."""
+        self._remove(vehicle, endpoint)
+
+    def _remove(self, vehicle: VehicleIdentity, endpoint: str, but: Path | None = None) -> None:
+        for path, entry in self._read(_prefix(vehicle)):
+            if path != but and entry.concerns(vehicle, endpoint):
+                path.unlink(missing_ok=True)
+
+    def _read(self, prefix: str = "") -> Iterator[tuple[Path, Entry]]:
+        for path in sorted(self.folder.glob(f"{prefix}*.json")):
+            try:
+                yield path, _ENTRY.validate_json(path.read_bytes())
+            except FileNotFoundError:
+                continue  # another process has just removed it
+            except ValidationError:
+                why = "is no memory of a vehicle; read and remove it by hand"
+                raise OSError(errno.EINVAL, why, str(path)) from None
+
+
+class Remembering:
+    """Keeps one vehicle's own values in the memory while an agent changes them; without a memory
+    it does nothing."""
+
+    def __init__(self, memory: VehicleMemory | None, endpoint: str, flight: str) -> None:
+        self._memory = memory
+        self._endpoint = endpoint
+        self._flight = flight
+        self._done: OwnParameters | None = None
+
+    def serve(self, link: VehicleLink, own: OwnParameters | None) -> None:
+        """Tell the link what is remembered of its vehicle, and store what it says of its own
+        values. What can't be stored is not set."""
+        if self._memory is None:
+            return
+        try:
+            if not link.recalled and link.identity is not None:
+                entry = self._memory.recall(link.identity, self._endpoint)
+                link.recall(entry.remembered() if entry else None)
+            if own is not None and own != self._done:
+                self.note(own)
+                link.kept(own.values)  # also after they were given back: nothing is set any more
+        except OSError as error:
+            link.not_kept(f"its own can't be remembered: {error.filename}: {error.strerror}")
+
+    def note(self, own: OwnParameters) -> None:
+        """Store what an agent says of its vehicle's own values; OSError where that can't be."""
+        if self._memory is None or own == self._done:
+            return
+        if own.given_back:
+            self._memory.forget(own.vehicle, self._endpoint)
+        else:
+            self._memory.write(own, self._endpoint, self._flight)
+        self._done = own
+
+
+def _prefix(vehicle: VehicleIdentity) -> str:
+    return f"{vehicle.autopilot}-{vehicle.sysid}-"
+
+
+def _name(vehicle: VehicleIdentity, endpoint: str) -> str:
+    tail = vehicle.uid or hashlib.sha256(endpoint.encode()).hexdigest()[:16]
+    return f"{_prefix(vehicle)}{tail}.json"
+
+
+def _write_durably(path: Path, data: bytes) -> None:
+    """In one move, and past the caches: the computer may be lost the next moment."""
+    part = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        with part.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        part.replace(path)
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+    except OSError:
+        with contextlib.suppress(OSError):
+            part.unlink(missing_ok=True)
+        raise
