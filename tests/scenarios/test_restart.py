@@ -186,6 +186,29 @@ def test_px4_that_lands_is_seen_down() -> None:
     assert swarm.all_down
 
 
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+def test_one_that_wakes_from_a_stop_waits_for_its_vehicles_word(autopilot: str) -> None:
+    """SIGSTOP for 10 s: its vehicle lands by itself. The agent ends when it sees it down, and gives
+    it its own parameters back."""
+    mission = MISSIONS["hold"][2]
+    agents = tuple(replace(a, autopilot=autopilot) for a in mission.fleet.agents)
+    swarm = VirtualSwarm(replace(mission, fleet=replace(mission.fleet, agents=agents)))
+    parameters = [v.firmware.parameters for v in swarm.hub.world.vehicles]
+    before = [{name: own[name] for name in own.names} for own in parameters]
+    swarm.wait(lambda s: s.in_step(THIRD))
+    swarm.members[2].frozen = True
+    swarm.run(10.0)
+    while swarm._far[1]._outbox:  # a full socket keeps what came first, without a heartbeat
+        swarm._far[1]._outbox.popleft()
+    swarm.members[2].frozen = False
+    swarm.wait(lambda s: s.members[2].ended is not None)
+    assert not swarm.hub.world.airborne()[1], "it ended in the air"
+    swarm.fly(900)
+    assert "no heartbeat" not in texts(swarm)
+    assert [{name: own[name] for name in own.names} for own in parameters] == before
+    assert swarm.all_down
+
+
 def test_px4_at_take_off() -> None:
     """Its own take-off goes on without an agent, and ends in its hold: from there it is taken
     over."""

@@ -22,7 +22,7 @@ from swarm_ctl.core.agent.return_to_launch import ReturnToLaunch
 from swarm_ctl.core.agent.status_report import status_report
 from swarm_ctl.core.agent.step_executor import StepExecutor
 from swarm_ctl.core.agent.takeover import Takeover
-from swarm_ctl.core.agent.tick import HeardStation, Tick
+from swarm_ctl.core.agent.tick import Attention, HeardStation, Tick
 from swarm_ctl.core.control.controller import Controller
 from swarm_ctl.core.control.navigation import Navigator, OwnFix
 from swarm_ctl.core.control.reference import Reference
@@ -147,6 +147,7 @@ class Agent:
             self._takeover,
         )
         self._station: HeardStation | None = None
+        self._attention = Attention()
         self._lifeline_cut = False
         self._seq = 0
         self._status_due = self._sigma_due = now
@@ -200,7 +201,8 @@ class Agent:
         if fix is not None:
             context.controller.locate(fix)
         snapshot = peers.snapshot(now, inbox.view.contacts, context.controller.point_m)
-        return Tick(now, inbox.view, fix, snapshot, self._station)
+        self._attention.run(now)
+        return Tick(now, inbox.view, fix, snapshot, self._station, self._attention)
 
     def _update_gains(self, now: float, inbox: Inbox) -> None:
         gain_update = self._command_handler.gain_update

@@ -160,15 +160,15 @@ def _taken_over(s: Situation) -> FailsafeTrigger | None:
 
 
 def _vehicle_silent(s: Situation) -> FailsafeTrigger | None:
-    if not s.was_armed or s.tick.now - s.tick.view.heartbeat_s <= _VEHICLE_LOST_S:
+    """While the agent listened: it waits for its vehicle's word after a stop of its own."""
+    if not s.was_armed or s.tick.vehicle_silent_s <= _VEHICLE_LOST_S:
         return None
     reason = f"no heartbeat from the vehicle for {_VEHICLE_LOST_S:g} s"
     return failed(FailsafeAction.LAND, reason)
 
 
 def _position_lost(s: Situation) -> FailsafeTrigger | None:
-    fix = s.tick.newest_fix
-    if not s.was_armed or (fix is not None and fix.age_s <= OWN_LOST_S):
+    if not s.was_armed or s.tick.position_silent_s <= OWN_LOST_S:
         return None
     return failed(FailsafeAction.LAND, f"no position from the vehicle for {OWN_LOST_S:g} s")
 

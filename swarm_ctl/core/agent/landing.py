@@ -52,7 +52,7 @@ class Landing:
         # A vehicle that was asked to arm a moment ago may still do so: only what it says well
         # after that counts.
         down = self._on_ground(tick) and now - context.arming_s > _ARMING_S
-        if down or now - view.heartbeat_s > _GONE_VEHICLE_S:
+        if down or tick.vehicle_silent_s > _GONE_VEHICLE_S:
             return self.end(now)
         if trigger.action is FailsafeAction.KILL:
             context.phase = Phase.LAND
