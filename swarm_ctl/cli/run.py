@@ -21,8 +21,15 @@ from swarm_ctl.cli.shared.options import (
     Speedup,
     option,
 )
+from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.core.model.messages import Outcome
 
+_VEHICLES: Final = (
+    "What to fly where the fleet names no endpoint: simulated, arducopter or px4; several in turn"
+    " (arducopter,px4), or by agent (1-3=arducopter,4-6=px4).  [default: the fleet's]"
+)
+_ARDUCOPTER: Final = "The ArduCopter SITL binary.  [default: $SWARM_CTL_ARDUCOPTER, or the PATH]"
+_PX4: Final = "PX4's build folder, with bin/px4 and etc/.  [default: $SWARM_CTL_PX4, or the PATH]"
 _RECORD: Final = (
     "Record at most so many messages a second of a topic, per agent, e.g. state=5,truth=2."
     "  [default: all]"
@@ -36,6 +43,9 @@ def run(
     json: Json = False,
     metrics: Metrics = None,
     fleet: FleetFile = None,
+    vehicles: Annotated[str | None, option("KIND", _VEHICLES)] = None,
+    arducopter: Annotated[str | None, option("PATH", _ARDUCOPTER)] = None,
+    px4: Annotated[str | None, option("FOLDER", _PX4)] = None,
     runs: Annotated[Path, option("FOLDER", "Where the run's folder is made.")] = Path("runs"),
     seed: Seed = 1,
     record_hz: Annotated[str, option("TOPIC=HZ,...", _RECORD)] = "",
@@ -44,7 +54,8 @@ def run(
 ) -> None:
     """Fly a mission on this machine.
 
-    Starts the agents, a ground station, and a simulator for the vehicles that have no endpoint.
+    Starts the agents, a ground station, and the vehicles that have no endpoint: simulated ones, or
+    with --vehicles the autopilots themselves (SITL), each at its agent's start.
     Ctrl-C lands the swarm and waits for it; a second Ctrl-C stops all processes at once.
 
     Exit codes: 0 completed, 1 mission failed, 2 bad input, 3 something did not start, 130 landed by
@@ -56,6 +67,7 @@ def run(
         swarm-ctl run missions/hexagon.yaml
         swarm-ctl run missions/hexagon.yaml --speedup 5 --headless
         swarm-ctl run missions/hexagon.yaml --json | jq .verdict
+        swarm-ctl run missions/hexagon.yaml --vehicles arducopter,px4
     """
     from swarm_ctl.mission.compile.loader import load
     from swarm_ctl.recording.topics import rates
@@ -68,14 +80,15 @@ def run(
     console = PlainConsole(stderr=json)
     if show is Show.DASHBOARD and not console.is_terminal:
         show = Show.LOG
-    loaded = load(mission, fleet=fleet)
+    loaded = load(mission, fleet=fleet, vehicles=vehicles)
     console.warn(loaded.warnings)
 
     def say(text: str) -> None:
         with contextlib.suppress(OSError):  # the reader of our output is gone; the swarm flies on
             console.say(text)
 
-    options = RunOptions(speedup, show, runs, seed, rates(record_hz), tlog, metrics)
+    binaries = {VehicleKind.ARDUCOPTER: arducopter, VehicleKind.PX4: px4}
+    options = RunOptions(speedup, show, runs, seed, rates(record_hz), tlog, metrics, binaries)
     result = fly(loaded, options, say)
     console.print(render_summary(result.summary))
     console.say(f"summary: {result.folder / 'summary.json'}")

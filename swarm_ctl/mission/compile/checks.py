@@ -166,6 +166,13 @@ def check_fleet(entries: Sequence[FleetEntry], place: Place) -> Findings:
         if entry.sysid is None and entry.id > 250:
             what = f"sysid is missing, and the id, {entry.id}, can't be one"
             yield Finding((*place, k), what, "sysid: 1 to 250")
+        if entry.vehicle and entry.endpoint:
+            what = f"vehicle {entry.vehicle} has an endpoint already, {entry.endpoint}"
+            yield Finding((*place, k, "vehicle"), what, "vehicle or endpoint")
+        if entry.firmware != (entry.kind.autopilot or entry.firmware):
+            what = f"vehicle {entry.vehicle} is no {entry.firmware}"
+            allowed = f"autopilot: {entry.kind.autopilot}, or none"
+            yield Finding((*place, k, "vehicle"), what, allowed)
         for name, value in (("endpoint", entry.endpoint), ("mesh", entry.mesh)):
             port = value.rpartition(":")[2] if value and not value.startswith("serial:") else "1"
             if not 1 <= int(port) <= 65535:

@@ -22,7 +22,6 @@ def fleet_agent(entry: FleetEntry, given: VehicleResponse | None = None) -> Flee
     Its response is the entry's, else the mission's (`given`), else the autopilot's typical one.
     """
     response = entry.response or given
-    known = Response(**response.model_dump()) if response else TYPICAL[entry.autopilot]
-    return FleetAgent(
-        entry.id, entry.vehicle_sysid, entry.autopilot, entry.endpoint, entry.mesh, known
-    )
+    known = Response(**response.model_dump()) if response else TYPICAL[entry.firmware]
+    way = (entry.endpoint, entry.mesh, known, entry.kind)
+    return FleetAgent(entry.id, entry.vehicle_sysid, entry.firmware, *way)

@@ -22,6 +22,7 @@ from swarm_ctl.mission.compile.build_plan import plan_of
 from swarm_ctl.mission.compile.checks import check
 from swarm_ctl.mission.compile.fleet import fleet_of
 from swarm_ctl.mission.compile.plan_checks import check_plan
+from swarm_ctl.mission.compile.vehicle_kinds import with_vehicles
 from swarm_ctl.mission.compile.warnings import warnings
 from swarm_ctl.mission.input import csv_slots, error_messages, yaml_file
 from swarm_ctl.mission.input.document import Document
@@ -45,14 +46,18 @@ class LoadedMission:
     """What is allowed but worth a second look, each with file, line and field."""
 
 
-def load(path: Path | str, *, fleet: Path | str | None = None) -> LoadedMission:
-    """Read and check a mission; `fleet` replaces the fleet it names.
+def load(
+    path: Path | str, *, fleet: Path | str | None = None, vehicles: str | None = None
+) -> LoadedMission:
+    """Read and check a mission; `fleet` replaces the fleet it names, `vehicles` (`px4`) the kinds
+    of the vehicles that `run` starts.
 
     Raises:
         MissionError: with all problems, in the order of the file.
+        InputError: `vehicles` names no kind, or no agent.
     """
     path = Path(path)
-    return _build(yaml_file.read(path), path, None if fleet is None else Path(fleet))
+    return _build(yaml_file.read(path), path, None if fleet is None else Path(fleet), vehicles)
 
 
 def loads(text: str, name: str = "mission.yaml") -> LoadedMission:
@@ -65,7 +70,9 @@ def dumps(file: MissionFile) -> str:
     return yaml_file.write(file.model_dump(mode="json", exclude_unset=True, by_alias=True))
 
 
-def _build(source: Document, path: Path, fleet: Path | None) -> LoadedMission:
+def _build(
+    source: Document, path: Path, fleet: Path | None, vehicles: str | None = None
+) -> LoadedMission:
     _graft_fleet(source, path, fleet)
     known = csv_slots.graft(source, path.parent)
     written, broken = _sections(source, set() if known else {"shapes"})
@@ -76,6 +83,8 @@ def _build(source: Document, path: Path, fleet: Path | None) -> LoadedMission:
     problems = source.problems + [source.problem(*finding) for finding in findings]
     if problems or plan is None:
         raise MissionError(tuple(sorted(problems, key=_line)))
+    if vehicles is not None:
+        mission = with_vehicles(mission, vehicles)
     noted = [source.problem(*finding) for finding in warnings(mission, plan)]
     return LoadedMission(
         plan=plan,

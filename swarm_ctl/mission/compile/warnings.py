@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable
 
 from swarm_ctl.core.law import graph
+from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.core.model.plan import Compensation, FormStep, Plan
 from swarm_ctl.mission.compile.checks import Findings
 from swarm_ctl.mission.input.document import Finding, Place
@@ -103,7 +104,7 @@ def _real_vehicles(mission: MissionFile, _plan: Plan) -> Findings:
     """Weather and faults change simulated vehicles only."""
     entries, section = mission.fleet.agents if mission.fleet else (), mission.simulation
     flying = {agent.id for agent in mission.agents}
-    real = {entry.id for entry in entries if entry.endpoint} & flying
+    real = {e.id for e in entries if e.endpoint or e.kind is not VehicleKind.SIMULATED} & flying
     spared: dict[Place, set[int]] = {("parameters",): real if section.parameters.given() else set()}
     for k, fault in enumerate(section.faults):
         spared["faults", k] = real & set(fault.agents or real)

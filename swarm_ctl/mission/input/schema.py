@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import ConfigDict, Field, model_validator
 
+from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.core.model.plan import Compensation, Policy
 from swarm_ctl.mission.input.section import AgentId, Section
 from swarm_ctl.mission.input.simulation_section import SimulationSection
@@ -424,6 +425,9 @@ class FleetEntry(Section):
     sysid: int | None = Field(default=None, ge=1, le=250)
     """The vehicle's MAVLink system id. Default: the agent's id."""
     autopilot: Literal["ardupilot", "px4"] = "ardupilot"
+    vehicle: Literal["simulated", "arducopter", "px4"] | None = None
+    """What `run` starts for this agent: a simulated vehicle, or the autopilot itself (SITL).
+    Default: simulated, where there is no endpoint."""
     response: VehicleResponse | None = None
     """How this vehicle answers a velocity setpoint. Default: the mission's vehicle.response; if it
     gives none, what is typical for the autopilot."""
@@ -432,7 +436,7 @@ class FleetEntry(Section):
         pattern=r"^((udp|udpin|udpout|tcp|tcpin):[^:\s]+:[0-9]{1,5}|serial:/dev/[^:\s]+(:[0-9]{3,7})?)$",
         examples=["udpout:192.168.1.21:14550", "serial:/dev/ttyACM0:115200"],
     )
-    """The vehicle's MAVLink endpoint. Default: the vehicle is simulated."""
+    """The vehicle's MAVLink endpoint. Default: `run` starts the vehicle."""
     mesh: str | None = Field(
         default=None,
         pattern=r"^(tcp|tls|udp|quic)/\S+:[0-9]{1,5}$",
@@ -444,6 +448,17 @@ class FleetEntry(Section):
     def vehicle_sysid(self) -> int:
         """The vehicle's system id; the agent's id where the file gives none."""
         return self.id if self.sysid is None else self.sysid
+
+    @property
+    def kind(self) -> VehicleKind:
+        """What `run` starts where there is no endpoint."""
+        return VehicleKind(self.vehicle or VehicleKind.SIMULATED)
+
+    @property
+    def firmware(self) -> str:
+        """The autopilot; the one that `vehicle` names where the file gives none."""
+        given = "autopilot" in self.model_fields_set
+        return self.autopilot if given else self.kind.autopilot or self.autopilot
 
 
 class FleetSection(Section):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import Final
 
@@ -50,8 +51,9 @@ def mission_parts(
     """Tables and lines of a mission, top to bottom; long lists are folded unless `full`."""
     plan, simulation = loaded.plan, loaded.file.simulation
     count = len(plan.agents)
-    simulated = sum(entry.endpoint is None for entry in loaded.fleet.agents)
-    agents = f"{count} agents, {simulated} simulated"
+    started = Counter(e.started_as for e in loaded.fleet.agents if e.started_as is not None)
+    kinds = ", ".join(f"{number} {kind}" for kind, number in sorted(started.items()))
+    agents = f"{count} agents, {kinds or '0 simulated'}"
     yield Text(f"{plan.name} can be flown: {agents}, plan {plan.fingerprint()}", style="bold")
     yield _agents(loaded, count if full or count <= _AGENTS else _AGENTS - 2)
     if count > _AGENTS and not full:

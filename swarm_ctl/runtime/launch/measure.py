@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from swarm_ctl.core.identification.step_flight import StepFlight, Steps
-from swarm_ctl.core.model.fleet import FleetAgent
+from swarm_ctl.core.model.fleet import FleetAgent, VehicleKind
 from swarm_ctl.core.model.plan import Fence, Geodetic, Limits, Response
 from swarm_ctl.core.model.text import ids_of
 from swarm_ctl.errors import InputError, StartError
@@ -174,6 +174,11 @@ def _reached(vehicle: FleetAgent, clock: Clock) -> Iterator[str]:
     if vehicle.endpoint is not None:
         yield vehicle.endpoint
         return
+    if vehicle.vehicle is not VehicleKind.SIMULATED:
+        raise InputError(
+            f"agent {vehicle.id}: vehicle {vehicle.vehicle} is started by run alone;"
+            " allowed: its endpoint, or a simulated vehicle"
+        )
     (port,) = free_ports(1, socket.SOCK_DGRAM)
     stands = vehicle_config(
         vehicle.sysid, vehicle.autopilot, f"udpin:127.0.0.1:{port}", (0.0, 0.0), SOMEWHERE

@@ -28,6 +28,8 @@ from swarm_ctl.runtime.clock import pause, wall_s
 
 _LOG_LINES: Final = 5
 _POLL_WALL_S: Final = 0.02
+_ASKED_WALL_S: Final = 5.0
+"""For autopilots to end when they are asked to."""
 _POLL_READY_WALL_S: Final = 0.01
 
 
@@ -189,6 +191,21 @@ class CommandChild(Child):
         if self._words >= 0:
             os.close(self._words)
             self._words = -1
+
+
+class VehiclesChild(CommandChild):
+    """The process that starts autopilots. It is asked to end before it is killed, so that it can
+    remove what they leave outside the run's folder."""
+
+    def __init__(self, folder: Path, log: Path) -> None:
+        module = "swarm_ctl.runtime.vehicles.vehicles_process"
+        super().__init__("vehicles", [sys.executable, "-m", module, str(folder)], log)
+
+    def kill(self) -> None:
+        if self._process.poll() is None:
+            self._process.terminate()
+            wait_all([self], _ASKED_WALL_S)
+        super().kill()
 
 
 def simulator(config: Path, log: Path) -> CommandChild:

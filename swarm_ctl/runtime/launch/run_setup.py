@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import platform
 import socket
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import metadata
 from pathlib import Path
 
-from swarm_ctl.core.model.fleet import FleetAgent
+from swarm_ctl.core.model.fleet import FleetAgent, VehicleKind
+from swarm_ctl.core.model.frames import geodetic_from_ned
 from swarm_ctl.errors import StartError
 from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.report.folder.manifest import Manifest, write_manifest
@@ -20,6 +22,8 @@ from swarm_ctl.runtime.launch.ports import free_ports
 from swarm_ctl.runtime.launch.sim_config import simulator_config
 from swarm_ctl.runtime.station.screens import Show
 from swarm_ctl.runtime.vehicle_memory import state_folder
+from swarm_ctl.runtime.vehicles.binaries import find
+from swarm_ctl.runtime.vehicles.order import ORDERS, ORDERS_JSON, Order, Orders, Started
 
 _PACKAGES = ("swarm-ctl", "eclipse-zenoh", "numpy", "pydantic", "pymavlink", "rich", "textual")
 """Their versions stand in the manifest."""
@@ -36,17 +40,46 @@ class RunOptions:
     record_hz: dict[str, float] = field(default_factory=dict)
     tlog: bool = True
     metrics_port: int | None = None
+    binaries: Mapping[VehicleKind, str | None] = field(default_factory=dict)
+    """Where the autopilots to start are, as the command line says."""
 
 
 class RunSetup:
-    """One run, decided: `manifest` has every endpoint, and stands in `folder` already."""
+    """One run, decided: `manifest` has every endpoint, but those of autopilots that are still to
+    be started, and stands in `folder` already.
+
+    StartError where an autopilot that the fleet wants is not on this machine.
+    """
 
     def __init__(self, mission: LoadedMission, options: RunOptions) -> None:
         self.options = options
+        kinds = {agent.id: agent.started_as for agent in mission.fleet.agents}
+        self._simulated = {i for i, kind in kinds.items() if kind is VehicleKind.SIMULATED}
+        self._orders = _orders(mission, options)
         self.folder = _make_folder(options.runs, mission.plan.name)
         self.manifest = _manifest(mission, options)
         self._simulation = mission.file.simulation
-        self._simulated = {agent.id for agent in mission.fleet.agents if agent.endpoint is None}
+        write_manifest(self.folder, self.manifest)
+
+    def write_orders(self) -> Path | None:
+        """The folder of the autopilots to start, with the orders; None where there are none."""
+        if not self._orders:
+            return None
+        folder = self.folder / "vehicles"
+        folder.mkdir()
+        orders = Orders(self.options.speedup, self._orders)
+        (folder / ORDERS).write_bytes(ORDERS_JSON.dump_json(orders, indent=1))
+        return folder
+
+    def take_started(self, started: Sequence[Started]) -> None:
+        """The endpoints of the autopilots, which are ready: the mission's clock begins now."""
+        endpoints = {vehicle.agent: vehicle.endpoint for vehicle in started}
+        fleet = tuple(
+            replace(agent, endpoint=endpoints.get(agent.id, agent.endpoint))
+            for agent in self.manifest.fleet
+        )
+        begun = {"started_at": wall.date_and_time(), "epoch_s": _epoch_s(self.options)}
+        self.manifest = self.manifest.model_copy(update={"fleet": fleet} | begun)
         write_manifest(self.folder, self.manifest)
 
     def agent_configs(self) -> list[AgentConfig]:
@@ -115,15 +148,35 @@ def _make_folder(runs: Path, mission: str) -> Path:
     raise StartError(f"{runs} has a thousand folders {name}-*")
 
 
+def _orders(mission: LoadedMission, options: RunOptions) -> tuple[Order, ...]:
+    """One for each agent whose vehicle is an autopilot itself."""
+    plan, agents = mission.plan, mission.fleet.agents
+    kinds = {a.started_as for a in agents} - {None, VehicleKind.SIMULATED}
+    binaries = {kind: find(kind, options.binaries.get(kind)) for kind in kinds if kind}
+    found = []
+    for agent in agents:
+        if agent.started_as in binaries:
+            north, east = plan.agent(agent.id).start
+            at = geodetic_from_ned((north * plan.unit_m, east * plan.unit_m, 0.0), plan.origin)
+            kind = agent.vehicle
+            found.append(Order(agent.id, agent.sysid, kind, binaries[kind], at))
+    return tuple(found)
+
+
+def _epoch_s(options: RunOptions) -> float:
+    return Clock.starting_now(options.speedup).epoch_s
+
+
 def _manifest(mission: LoadedMission, options: RunOptions) -> Manifest:
     """Simulated vehicles, and agents without a place on the mesh, get free loopback ports."""
     agents = mission.fleet.agents
-    vehicles = free_ports(sum(agent.endpoint is None for agent in agents), socket.SOCK_DGRAM)
+    simulated = [agent.id for agent in agents if agent.started_as is VehicleKind.SIMULATED]
+    ports = dict(zip(simulated, free_ports(len(simulated), socket.SOCK_DGRAM), strict=True))
     meshes = free_ports(sum(agent.mesh is None for agent in agents) + 1, socket.SOCK_STREAM)
     fleet = tuple(
         replace(
             agent,
-            endpoint=agent.endpoint or f"udpout:127.0.0.1:{vehicles.pop(0)}",
+            endpoint=f"udpout:127.0.0.1:{ports[agent.id]}" if agent.id in ports else agent.endpoint,
             mesh=agent.mesh or f"tcp/127.0.0.1:{meshes.pop(0)}",
         )
         for agent in agents
@@ -134,7 +187,7 @@ def _manifest(mission: LoadedMission, options: RunOptions) -> Manifest:
         swarm=mission.plan.name,
         started_at=wall.date_and_time(),
         speedup=options.speedup,
-        epoch_s=Clock.starting_now(options.speedup).epoch_s,
+        epoch_s=_epoch_s(options),
         headless=options.show is not Show.DASHBOARD,
         plan=mission.plan,
         plan_hash=mission.plan.fingerprint(),

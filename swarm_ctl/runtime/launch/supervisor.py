@@ -21,6 +21,7 @@ from swarm_ctl.runtime.launch.processes import (
     AgentChild,
     Child,
     CommandChild,
+    VehiclesChild,
     simulator,
     station,
     wait_all,
@@ -29,9 +30,13 @@ from swarm_ctl.runtime.launch.processes import (
 from swarm_ctl.runtime.launch.run_setup import RunOptions, RunSetup
 from swarm_ctl.runtime.launch.terminal_state import TerminalState
 from swarm_ctl.runtime.station.screens import Show
+from swarm_ctl.runtime.vehicles.order import STARTED, STARTED_JSON
+from swarm_ctl.runtime.vehicles.vehicles_process import READY_WALL_S
 
 _START_WALL_S: Final = 20.0
 """From the first process to the last `ready`; a loaded two-core machine needs 1 to 2 s."""
+_BOOT_WALL_S: Final = READY_WALL_S + 10.0
+"""The process that starts the autopilots gives up before that, and says which one was late."""
 _POLL_WALL_S: Final = 0.05
 _LAND_WALL_S: Final = 3.0
 """After Ctrl-C, without a station that could pass the command on: then the lifelines are cut."""
@@ -42,7 +47,7 @@ comes back by itself."""
 _AGENTS_S: Final = 200.0
 """Mission time for the agents to bring their vehicles down."""
 _SIMULATOR_S: Final = 100.0
-"""The simulator waits 90 s for vehicles that still fly."""
+"""The simulator, and the process of the autopilots, wait 90 s for vehicles that still fly."""
 _SIMULATOR_WALL_S: Final = 5.0
 _STATION_WALL_S: Final = 10.0
 
@@ -82,6 +87,7 @@ class RunProcesses:
         self._setup = setup
         self._interrupts = interrupts
         self._print = say
+        self._vehicles: VehiclesChild | None = None
         self._simulator: CommandChild | None = None
         self._agents: list[AgentChild] = []
         self._station: CommandChild | None = None
@@ -89,12 +95,14 @@ class RunProcesses:
 
     @property
     def _children(self) -> list[Child]:
-        children = (self._simulator, *self._agents, self._station)
+        children = (self._vehicles, self._simulator, *self._agents, self._station)
         return [child for child in children if child is not None]
 
     def start(self) -> None:
-        """Start everything side by side and wait until every process has said that it works."""
+        """Start autopilots first, then everything else side by side, and wait until every process
+        has said that it works."""
         setup, folder = self._setup, self._setup.folder
+        self._start_vehicles()
         configs, sim_config = setup.agent_configs(), setup.write_simulator_config()
         simulators = "1 simulator, " if sim_config else ""
         self._print(f"starting {simulators}{len(configs)} agents, 1 station; run folder {folder}")
@@ -108,21 +116,38 @@ class RunProcesses:
             self._station = station(
                 folder, folder / "station.log", options.show, options.metrics_port
             )
-            self._wait_ready()
+            self._wait_ready(_START_WALL_S)
         except BaseException:
             self._kill_all()  # no vehicle is armed yet
             raise
         pids = {child.name: child.pid for child in self._children}
         (folder / "processes.json").write_text(json.dumps(pids))
 
-    def _wait_ready(self) -> None:
-        late = wait_ready(self._children, _START_WALL_S, lambda: self._interrupts.count > 0)
+    def _start_vehicles(self) -> None:
+        """Start the autopilots of the run, if it has any, and say where each is."""
+        folder = self._setup.write_orders()
+        if folder is None:
+            return
+        self._print(f"starting autopilots; they boot for a while; their files: {folder}")
+        try:
+            self._vehicles = VehiclesChild(folder, self._setup.folder / "vehicles.log")
+            self._wait_ready(_BOOT_WALL_S)
+        except BaseException:
+            self._kill_all()
+            raise
+        started = STARTED_JSON.validate_json((folder / STARTED).read_bytes())
+        for vehicle in started:
+            self._print(str(vehicle))
+        self._setup.take_started(started)
+
+    def _wait_ready(self, wall_seconds: float) -> None:
+        late = wait_ready(self._children, wall_seconds, lambda: self._interrupts.count > 0)
         if late and self._interrupts.count:
             raise KeyboardInterrupt
         if late:
             names, folder = ", ".join(child.name for child in late), self._setup.folder
             raise StartError(
-                f"not ready after {_START_WALL_S:g} s: {names}; see the logs in {folder}"
+                f"not ready after {wall_seconds:g} s: {names}; see the logs in {folder}"
             )
 
     def watch(self) -> None:
@@ -172,9 +197,10 @@ class RunProcesses:
             speedup = self._setup.options.speedup
             self._let_agents_go()
             wait_all(self._agents, _AGENTS_S / speedup)
-            if self._simulator is not None:
-                self._simulator.let_go()
-                wait_all([self._simulator], _SIMULATOR_WALL_S + _SIMULATOR_S / speedup)
+            providers = [c for c in (self._vehicles, self._simulator) if c is not None]
+            for provider in providers:
+                provider.let_go()
+            wait_all(providers, _SIMULATOR_WALL_S + _SIMULATOR_S / speedup)
             if self._station is not None:
                 self._station.say(finish=True)
                 wait_all([self._station], _STATION_WALL_S)

@@ -1,0 +1,184 @@
+"""How each autopilot is started: its files, its command line, its ports.
+
+Everything that it writes lands in its own folder, so its binary may stand where nothing can be
+written.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+from swarm_ctl.core.model.fleet import VehicleKind
+from swarm_ctl.mavlink.onlooker import Onlooker
+from swarm_ctl.runtime.vehicles.order import Order
+
+_BOOT_SPEEDUP: Final = 30.0
+"""ArduCopter arms after 45 s of its own time: it boots as fast as the machine can."""
+_DEFAULTS: Final = Path(__file__).with_name("copter.parm")
+
+
+class Sitl(ABC):
+    """One autopilot: `folder` is its own, `instance` its ports."""
+
+    def __init__(self, order: Order, instance: int, folder: Path, speedup: float) -> None:
+        self.order = order
+        self.instance = instance
+        self.folder = folder
+        self.speedup = speedup
+
+    @property
+    @abstractmethod
+    def endpoint(self) -> str:
+        """Its agent's end of the link."""
+
+    @property
+    @abstractmethod
+    def ground_station(self) -> str:
+        """A ground station's end of a link."""
+
+    @property
+    @abstractmethod
+    def onlooker(self) -> str:
+        """The end of the link of the process that starts it."""
+
+    @abstractmethod
+    def prepare(self) -> list[str]:
+        """Write its files; its command line."""
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """What it needs beside ours."""
+        return {}
+
+    @abstractmethod
+    def set_up(self, seen: Onlooker, now: float) -> bool:
+        """Bring it to where an agent may take it over; to be called until True."""
+
+    def clean(self) -> None:
+        """Remove what it leaves outside its folder."""
+        return
+
+
+class ArduCopter(Sitl):
+    """ArduCopter; MAVLink on three TCP ports, one client each."""
+
+    @property
+    def _port(self) -> int:
+        return 5760 + 10 * self.instance
+
+    @property
+    def endpoint(self) -> str:
+        return f"tcp:127.0.0.1:{self._port}"
+
+    @property
+    def ground_station(self) -> str:
+        return f"tcp:127.0.0.1:{self._port + 2}"
+
+    @property
+    def onlooker(self) -> str:
+        return f"tcp:127.0.0.1:{self._port + 3}"
+
+    def prepare(self) -> list[str]:
+        at = self.order.place
+        home = f"{at.lat_deg:.8f},{at.lon_deg:.8f},{at.alt_m:.2f},0"
+        # fmt: off
+        return [
+            str(self.order.binary), "--model", "quad", "--speedup", f"{_BOOT_SPEEDUP:g}",
+            "-I", str(self.instance), "--serial0", "tcp:0", "--sysid", str(self.order.sysid),
+            "--home", home, "--defaults", str(self._defaults()),
+        ]
+        # fmt: on
+
+    def set_up(self, seen: Onlooker, now: float) -> bool:
+        if not seen.may_arm:
+            seen.ask_if_ready(now)
+            return False
+        return seen.set("SIM_SPEEDUP", self.speedup, now)
+
+    def _defaults(self) -> Path:
+        """The parameters of a simulated copter: beside the binary, as in its source tree, ours."""
+        binary = self.order.binary
+        source = Path("Tools", "autotest", "default_params", "copter.parm")
+        trees = [parent / source for parent in list(binary.parents)[2:4]]
+        places = [binary.with_name("copter.parm"), *trees, _DEFAULTS]
+        return next(place for place in places if place.is_file())
+
+
+class Px4(Sitl):
+    """PX4 with its own simulation; an onboard UDP link for its agent, one for ground stations."""
+
+    @property
+    def endpoint(self) -> str:
+        return f"udpin:127.0.0.1:{14540 + self.instance}"
+
+    @property
+    def ground_station(self) -> str:
+        return f"udpout:127.0.0.1:{18570 + self.instance}"
+
+    @property
+    def onlooker(self) -> str:
+        return f"udpin:127.0.0.1:{14030 + self.instance}"
+
+    @property
+    def environment(self) -> dict[str, str]:
+        at = self.order.place
+        speed = {"PX4_SIM_SPEED_FACTOR": f"{self.speedup:g}"} if self.speedup != 1.0 else {}
+        return {
+            "PX4_SIM_MODEL": "sihsim_quadx",
+            "PX4_SIMULATOR": "sihsim",
+            "PX4_HOME_LAT": f"{at.lat_deg:.8f}",
+            "PX4_HOME_LON": f"{at.lon_deg:.8f}",
+            "PX4_HOME_ALT": f"{at.alt_m:.2f}",
+        } | speed
+
+    def prepare(self) -> list[str]:
+        """PX4 looks for its commands beside the path by which it was called, and for the two
+        scripts on the PATH, of which that is the first place."""
+        self.clean()
+        own, theirs = self.folder / "bin", self.order.binary / "bin"
+        own.mkdir()
+        names = {path.name for path in theirs.glob("px4-*")} - {"px4-alias.sh"}
+        for name in ("px4", *names):
+            (own / name).symlink_to(theirs / "px4")
+        (own / "px4-alias.sh").symlink_to(theirs / "px4-alias.sh")
+        (own / "px4-rc.params").write_text(_PARAMETERS.format(sysid=self.order.sysid))
+        (own / "px4-rc.mavlink").write_text(_LINKS)
+        instance, etc = str(self.instance), str(self.order.binary / "etc")
+        return [str(own / "px4"), "-i", instance, "-d", etc, "-w", str(self.folder)]
+
+    def set_up(self, seen: Onlooker, now: float) -> bool:  # noqa: ARG002
+        return seen.heartbeats > 0
+
+    def clean(self) -> None:
+        """PX4 keeps a socket and a lock for each instance, and can't start beside old ones."""
+        for name in (f"px4-sock-{self.instance}", f"px4_lock-{self.instance}"):
+            with contextlib.suppress(OSError):  # another user's, or none
+                Path("/tmp", name).unlink()  # noqa: S108
+
+
+_PARAMETERS: Final = """\
+# Sourced by rcS after its own settings.
+param set MAV_SYS_ID {sysid}
+# rcS multiplies these by PX4_SIM_SPEED_FACTOR, though they count simulated seconds: the failsafes
+# of a fast simulation would come late by so much.
+param reset COM_DL_LOSS_T COM_RC_LOSS_T COM_OF_LOSS_T COM_OBC_LOSS_T
+# As PX4 flies, not as rcS tests it: a tenth of the log, no FFT of the gyros.
+param set SDLOG_PROFILE 1
+param set IMU_GYRO_FFT_EN 0
+"""
+_LINKS: Final = """\
+# Ground stations, the agent, and who looks on; PX4's own file opens more, and the same port for
+# instances over 9.
+mavlink start -x -u $((18570+px4_instance)) -r 4000000 -f
+mavlink start -x -u $((14580+px4_instance)) -r 4000000 -f -m onboard -o $((14540+px4_instance))
+mavlink start -x -u $((14280+px4_instance)) -r 4000 -m minimal -o $((14030+px4_instance))
+"""
+
+MAKERS: Final[dict[VehicleKind, Callable[[Order, int, Path, float], Sitl]]] = {
+    VehicleKind.ARDUCOPTER: ArduCopter,
+    VehicleKind.PX4: Px4,
+}

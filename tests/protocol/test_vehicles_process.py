@@ -1,0 +1,139 @@
+"""The process that starts autopilots ends every one of them, however it ends itself."""
+
+from __future__ import annotations
+
+import os
+import signal
+import stat
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from swarm_ctl.core.model.fleet import VehicleKind
+from swarm_ctl.core.model.plan import Geodetic
+from swarm_ctl.runtime.vehicles.order import (
+    ORDERS,
+    ORDERS_JSON,
+    STARTED,
+    STARTED_JSON,
+    Order,
+    Orders,
+    Started,
+)
+
+FAKE = Path(__file__).with_name("fake_autopilot.py")
+KINDS = [VehicleKind.ARDUCOPTER, VehicleKind.PX4]
+
+
+class Running:
+    """The process, with a stand-in for one autopilot of each kind."""
+
+    def __init__(self, folder: Path, program: str) -> None:
+        self.folder = folder
+        binary = folder / "theirs" / "bin" / "px4"
+        binary.parent.mkdir(parents=True)
+        binary.write_text(program)
+        binary.chmod(binary.stat().st_mode | stat.S_IXUSR)
+        place = Geodetic(47.0, 8.0, 488.0)
+        programs = {VehicleKind.ARDUCOPTER: binary, VehicleKind.PX4: folder / "theirs"}
+        orders = tuple(
+            Order(k, 10 + k, kind, programs[kind], place) for k, kind in enumerate(KINDS)
+        )
+        (folder / ORDERS).write_bytes(ORDERS_JSON.dump_json(Orders(2.0, orders)))
+        module = "swarm_ctl.runtime.vehicles.vehicles_process"
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", module, str(folder)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        )
+
+    @property
+    def started(self) -> tuple[Started, ...]:
+        return STARTED_JSON.validate_json((self.folder / STARTED).read_bytes())
+
+    def wait_ready(self) -> None:
+        assert self.process.stdout is not None
+        assert self.process.stdout.readline()
+
+    def let_go(self) -> None:
+        assert self.process.stdin is not None
+        self.process.stdin.close()
+
+    def assert_nothing_left(self) -> None:
+        until = time.monotonic() + 5.0
+        while alive := [v.pid for v in self.started if Path(f"/proc/{v.pid}").exists()]:
+            assert time.monotonic() < until, alive
+            time.sleep(0.02)
+
+
+@pytest.fixture
+def running(tmp_path: Path) -> Iterator[Running]:
+    found = Running(tmp_path, f'#!/bin/sh\nexec {sys.executable} {FAKE} "$@"\n')
+    with found.process:
+        yield found
+        found.process.kill()
+
+
+def test_the_end_of_its_parent_ends_it_once_no_vehicle_is_armed(running: Running) -> None:
+    running.wait_ready()
+    armed = running.folder / "1" / "armed"
+    armed.touch()
+    time.sleep(0.3)  # until the vehicle has said so
+    running.let_go()
+    time.sleep(0.7)
+    assert running.process.poll() is None
+    armed.unlink()
+    assert running.process.wait(10) == 0
+    running.assert_nothing_left()
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_a_signal_ends_it_and_every_autopilot_at_once(
+    running: Running, number: signal.Signals
+) -> None:
+    running.wait_ready()
+    (running.folder / "0" / "armed").touch()
+    running.process.send_signal(number)
+    running.process.wait(10)
+    running.assert_nothing_left()
+
+
+def test_ctrl_c_of_the_terminal_is_not_for_it(running: Running) -> None:
+    running.wait_ready()
+    running.process.send_signal(signal.SIGINT)
+    time.sleep(0.3)
+    assert running.process.poll() is None
+
+
+def test_an_autopilot_that_ends_by_itself_is_named(running: Running) -> None:
+    running.wait_ready()
+    os.kill(running.started[0].pid, signal.SIGKILL)
+    time.sleep(0.3)
+    running.let_go()
+    assert running.process.wait(10) == 1
+    assert running.process.stderr is not None
+    assert "arducopter of agent 0 ended, code -9" in running.process.stderr.read().decode()
+    running.assert_nothing_left()
+
+
+def test_each_vehicle_has_its_agents_endpoint_and_its_own_system_id(running: Running) -> None:
+    running.wait_ready()
+    copter, px4 = running.started
+    assert copter.endpoint == f"tcp:127.0.0.1:{5760 + 10 * copter.instance}"
+    assert px4.endpoint == f"udpin:127.0.0.1:{14540 + px4.instance}"
+    assert [copter.sysid, px4.sysid] == [10, 11]
+
+
+def test_an_autopilot_that_does_not_start_is_an_error_that_names_its_log(tmp_path: Path) -> None:
+    found = Running(tmp_path, "#!/bin/sh\nexit 4\n")
+    with found.process:
+        assert found.process.wait(20) == 3
+        assert found.process.stderr is not None
+        said = found.process.stderr.read().decode()
+    assert "of agent 0 ended, code 4; see " in said or "of agent 1 ended, code 4; see " in said
+    assert "output.log" in said

@@ -1,0 +1,37 @@
+"""No two autopilots of this machine get the same ports."""
+
+from __future__ import annotations
+
+import socket
+
+import pytest
+
+from swarm_ctl.core.model.fleet import VehicleKind
+from swarm_ctl.errors import StartError
+from swarm_ctl.runtime.vehicles import instances
+from swarm_ctl.runtime.vehicles.instances import UDP, Instances, Ports
+
+PX4 = VehicleKind.PX4
+
+
+@pytest.fixture(autouse=True)
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ports of this test alone, for three instances."""
+    ports = Ports(((UDP, 19210), (instances.TCP, 19220)), 1, (UDP, 19230), 3)
+    monkeypatch.setitem(instances.PORTS, PX4, ports)
+
+
+def test_a_second_run_takes_other_numbers_and_ended_runs_give_theirs_back() -> None:
+    with Instances() as one, Instances() as two:
+        assert [one.take(PX4), two.take(PX4), one.take(PX4)] == [0, 1, 2]
+        with pytest.raises(StartError, match="no px4 can be started: the ports of 3"):
+            two.take(PX4)
+    with Instances() as later:
+        assert later.take(PX4) == 0
+
+
+@pytest.mark.parametrize(("kind", "port"), [(UDP, 19210), (instances.TCP, 19220)])
+def test_ports_of_another_program_are_left_to_it(kind: socket.SocketKind, port: int) -> None:
+    with socket.socket(socket.AF_INET, kind) as other, Instances() as ours:
+        other.bind(("127.0.0.1", port))
+        assert ours.take(PX4) == 1
