@@ -127,6 +127,14 @@ def _wind_speed(heard: Telemetry, speed_mps: float, now: float) -> bool:
     return True
 
 
+def _estimate(heard: Telemetry, message: Any, now: float) -> bool:
+    return heard.estimate.report(message, now)
+
+
+def _gps(heard: Telemetry, message: Any, now: float) -> bool:
+    return heard.estimate.gps(message, now)
+
+
 def _extended_state(heard: Telemetry, message: Any, now: float) -> bool:
     if message.landed_state == dialect.MAV_LANDED_STATE_UNDEFINED:
         return True
@@ -240,6 +248,9 @@ FOLDS: dict[str, Callable[[Telemetry, Any, float], bool]] = {
     "BATTERY_STATUS": _battery_status,
     "ATTITUDE": _attitude,
     "EXTENDED_SYS_STATE": _extended_state,
+    "EKF_STATUS_REPORT": _estimate,
+    "ESTIMATOR_STATUS": _estimate,
+    "GPS_RAW_INT": _gps,
     "WIND": _wind,
     "WIND_COV": _wind_cov,
     "TIMESYNC": _timesync,

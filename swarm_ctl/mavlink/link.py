@@ -121,6 +121,8 @@ class VehicleLink:
             battery_percent=heard.battery_percent,
             tilt_deg=heard.tilt_deg,
             wind_mps=heard.wind_now(now),
+            position_accuracy_m=heard.estimate.position_accuracy_m,
+            estimate_fault=heard.estimate.fault(driver.estimate_rules, now),
             origin=heard.origin,
             local=heard.local,
             global_=heard.global_,

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from swarm_ctl.core.model.plan import Geodetic
 from swarm_ctl.core.model.vehicle import Contact, GlobalFix, LocalFix
+from swarm_ctl.mavlink.estimate import EstimateHealth
 from swarm_ctl.mavlink.status_texts import StatusTexts
 
 WIND_KEPT_S = 10.0
@@ -67,6 +68,7 @@ class Telemetry:
     answers: dict[int, int] = field(default_factory=dict)
     """MAV_RESULT of the last COMMAND_ACK by command: a repeated refusal is reported once."""
     texts: StatusTexts = field(default_factory=StatusTexts)
+    estimate: EstimateHealth = field(default_factory=EstimateHealth)
     round_trip_s: float | None = None
     """Of the newest TIMESYNC answer."""
     boot_s: float = 0.0
@@ -88,6 +90,7 @@ class Telemetry:
         if boot_s < self.boot_s - REBOOT_BACK_S:
             self.origin = self.local = self.global_ = None
             self.system_status_s = -math.inf
+            self.estimate = EstimateHealth()
             self.parameters.clear()
             self.texts.add("the vehicle restarted")
         self.boot_s = boot_s

@@ -71,6 +71,7 @@ def status_report(
         vehicle_link=VehicleLinkReport(view.frames, view.frames_lost, view.round_trip_s),
         echo=echo,
         gains=controller.gains,
+        position_accuracy_m=view.position_accuracy_m,
         safety=controller.safety_filter.report(),
         roles=tuple(context.slot_exchange.taken),
         own=view.own,

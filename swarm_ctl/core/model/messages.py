@@ -323,6 +323,8 @@ class AgentStatus:
     echo: Echo | None = None
     gains: Gains | None = None
     """The law in force."""
+    position_accuracy_m: float | None = None
+    """Of its horizontal position, one standard deviation by the vehicle's own word."""
     roles: tuple[tuple[float, int], ...] = ()
     """(since [s], place in the plan whose slots it flies to), for every role but its first."""
     safety: SafetyReport = field(default_factory=SafetyReport)

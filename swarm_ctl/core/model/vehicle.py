@@ -88,6 +88,12 @@ class VehicleView:
     wind_mps: float | None = None
     """Horizontal wind by the vehicle's own estimate (WIND, WIND_COV); None where it has none, or
     none that is new."""
+    position_accuracy_m: float | None = None
+    """Of its horizontal position, one standard deviation by its own word (ESTIMATOR_STATUS,
+    GPS_RAW_INT); None where it gives none."""
+    estimate_fault: str = ""
+    """What the vehicle says is wrong with its estimate (EKF_STATUS_REPORT, ESTIMATOR_STATUS,
+    GPS_RAW_INT), its silence included; '' while nothing is."""
     origin: Geodetic | None = None
     """GPS_GLOBAL_ORIGIN: where the vehicle's own local frame has its zero."""
     local: LocalFix | None = None

@@ -13,6 +13,7 @@ from swarm_ctl.mavlink import outgoing
 from swarm_ctl.mavlink.autopilots.base import Autopilot
 from swarm_ctl.mavlink.autopilots.modes import COPTER_MODES, ModeTable
 from swarm_ctl.mavlink.autopilots.timing import RETRY_S
+from swarm_ctl.mavlink.estimate import EKF_RULES, EstimateRules
 from swarm_ctl.mavlink.outgoing import Message
 from swarm_ctl.mavlink.vehicle_telemetry import Telemetry
 
@@ -28,6 +29,7 @@ class Ardupilot(Autopilot):
     controlled_mode: ClassVar[str] = "GUIDED"
     landing_mode: ClassVar[str] = "LAND"
     wind_message: ClassVar[str] = "WIND"  # with EK3_DRAG_BCOEF_X and _Y tuned
+    estimate_rules: ClassVar[EstimateRules] = EKF_RULES
     failsafes: ClassVar[Mapping[str, float]] = {
         # A silent agent's vehicle stops after this time. The default, 3 s, is 11.7 m at 3 m/s.
         # At 20 setpoints a second it is 10 lost in a row; the parameter's range is 0.1 .. 5 s.

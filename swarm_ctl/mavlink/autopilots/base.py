@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import ClassVar
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -32,6 +32,7 @@ from swarm_ctl.mavlink.autopilots.failsafe_parameters import FailsafeParameters
 from swarm_ctl.mavlink.autopilots.modes import ModeTable
 from swarm_ctl.mavlink.autopilots.timing import (
     CLIMBS_MPS,
+    ESTIMATE_HZ,
     FIX_MAX_AGE_S,
     GROUNDED_S,
     HEARTBEAT_LOST_S,
@@ -51,6 +52,7 @@ from swarm_ctl.mavlink.autopilots.timing import (
     WIND_HZ,
     Pacer,
 )
+from swarm_ctl.mavlink.estimate import EstimateRules
 from swarm_ctl.mavlink.incoming import message_id
 from swarm_ctl.mavlink.outgoing import Message
 from swarm_ctl.mavlink.vehicle_telemetry import Telemetry
@@ -97,6 +99,7 @@ class Autopilot(ABC):
     """The modes of its own take-off, where that is not flown in the controlled mode."""
     wind_message: ClassVar[str]
     """Sent while the firmware estimates the wind; with default parameters neither firmware does."""
+    estimate_rules: ClassVar[EstimateRules]
     failsafes: ClassVar[Mapping[str, float]]
     """The failsafe parameters we fly with; afterwards the vehicle gets its own values back."""
 
@@ -222,6 +225,8 @@ class Autopilot(ABC):
             return "no global position (GLOBAL_POSITION_INT)"
         if heard.origin is None:
             return "origin of the local frame unknown (GPS_GLOBAL_ORIGIN)"
+        if not math.isfinite(heard.estimate.report_s):
+            return f"no {self.estimate_rules.message}"
         unconfirmed = self.parameters.unconfirmed(heard)
         if unconfirmed and self.parameters.obstacle:
             return f"failsafe parameters not set: {self.parameters.obstacle}"
@@ -255,7 +260,7 @@ class Autopilot(ABC):
         if not self.pacer.due("streams", RETRY_S, now):
             return []
         messages = []
-        for name, rate_hz in (*STREAMS_HZ.items(), (self.wind_message, WIND_HZ)):
+        for name, rate_hz in self._wanted_streams():
             number = message_id(name)
             count = heard.counts.get(number, 0)
             came, self._stream_counts[number] = count - self._stream_counts.get(number, 0), count
@@ -266,6 +271,11 @@ class Autopilot(ABC):
         if self.pacer.due("origin", RETRY_S if heard.origin is None else ORIGIN_REFRESH_S, now):
             messages.append(outgoing.request(self.system, message_id("GPS_GLOBAL_ORIGIN")))
         return messages
+
+    def _wanted_streams(self) -> Iterator[tuple[str, float]]:
+        yield from STREAMS_HZ.items()
+        yield self.wind_message, WIND_HZ
+        yield self.estimate_rules.message, ESTIMATE_HZ
 
     def _fly(self, heard: Telemetry, velocity_ned_mps: Vector3, now: float) -> list[Message]:
         """No setpoint for NaN or a monstrous speed: the autopilot's time-out stops the vehicle."""

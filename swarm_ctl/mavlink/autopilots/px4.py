@@ -15,6 +15,7 @@ from swarm_ctl.mavlink import outgoing
 from swarm_ctl.mavlink.autopilots.base import Autopilot
 from swarm_ctl.mavlink.autopilots.modes import PX4_MODES, ModeTable
 from swarm_ctl.mavlink.autopilots.timing import RETRY_S, STREAM_BEFORE_S, STREAM_GAP_S
+from swarm_ctl.mavlink.estimate import ESTIMATOR_RULES, EstimateRules
 from swarm_ctl.mavlink.outgoing import Message
 from swarm_ctl.mavlink.vehicle_telemetry import Telemetry
 
@@ -34,6 +35,7 @@ class Px4(Autopilot):
     takeoff_modes: ClassVar[tuple[str, ...]] = ("AUTO.TAKEOFF", _HOLD_MODE)
     """OFFBOARD is entered from these modes alone."""
     wind_message: ClassVar[str] = "WIND_COV"  # with EKF2_DRAG_CTRL 1
+    estimate_rules: ClassVar[EstimateRules] = ESTIMATOR_RULES
     failsafes: ClassVar[Mapping[str, float]] = {
         # A silent agent's vehicle leaves OFFBOARD after this time (default 1.0 s). A shorter one
         # would react to a slow moment of the agent's computer.

@@ -51,11 +51,15 @@ STREAMS_HZ: Mapping[str, float] = {
     "EXTENDED_SYS_STATE": 2.0,
     "ADSB_VEHICLE": 5.0,
     "ATTITUDE": 4.0,
+    "GPS_RAW_INT": 2.0,
 }
 """LOCAL_POSITION_NED once a tick for the law; GLOBAL_POSITION_INT ties it to the common frame;
-SYS_STATUS has health and battery; ADSB_VEHICLE is the proximity sensor; ATTITUDE has the tilt."""
+SYS_STATUS has health and battery; ADSB_VEHICLE is the proximity sensor; ATTITUDE has the tilt,
+GPS_RAW_INT the receiver's fix and accuracy."""
 WIND_HZ = 2.0
 """Each firmware has its own message for it: `Autopilot.wind_message`."""
+ESTIMATE_HZ = 2.0
+"""`Autopilot.estimate_rules` names each firmware's report; `estimate.SILENT_S` is six of them."""
 MAY_BE_SILENT = frozenset({"ADSB_VEHICLE", "WIND", "WIND_COV"})
 
 _CLOCK_NOISE_S = 1e-6

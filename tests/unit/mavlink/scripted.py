@@ -20,7 +20,8 @@ from tests.unit.mavlink import wire
 
 TICK_S = 0.05
 GROUND_ALT_MM = 485_000
-STREAMED = {32: "local", 33: "global", 1: "status", 245: "landed", 30: "attitude"}
+STREAMED = {32: "local", 33: "global", 1: "status", 245: "landed", 30: "attitude", 24: "gps"}
+STREAMED |= {193: "estimate", 230: "estimate"}
 
 
 class Scripted:
@@ -161,6 +162,10 @@ class Scripted:
             self.say(wire.extended_state(1 if self.on_ground else 2))
         elif name == "attitude":
             self.say(common.MAVLink_attitude_message(boot_ms, 0.1, -0.1, 1.0, 0.0, 0.0, 0.0))
+        elif name == "gps":
+            self.say(wire.gps_raw())
+        elif name == "estimate":
+            self.say(wire.estimator_status() if self.autopilot == 12 else wire.ekf_report())
         elif name == "status":
             self.say(wire.system_status(health=wire.PREARM * self.healthy))
         elif name == "local" and self.ready:
@@ -219,7 +224,7 @@ class ScriptedPx4(Scripted):
     def __init__(self, driver: Autopilot, **how: Any) -> None:
         super().__init__(driver, **how)
         self.parameters = {"COM_OF_LOSS_T": (5.0, 9), "COM_OBL_RC_ACT": (0.0, 6)}
-        self.intervals = {32: 1 / 30, 33: 0.2, 1: 0.5, 245: 0.5, 30: 0.02}
+        self.intervals = {32: 1 / 30, 33: 0.2, 1: 0.5, 245: 0.5, 30: 0.02, 230: 0.5, 24: 0.2}
         self.mode = LOITER
         self.setpoint_s = self.streaming_since_s = -1e9
 

@@ -163,10 +163,11 @@ def test_all_streams_are_asked_for_at_first_and_none_again_while_it_comes() -> N
     sent = vehicle.run(StandbyGoal(), 30.0)
     asked = {round(m.param1): 1e6 / m.param2 for _, m in commands(sent, INTERVAL)}
     assert asked == pytest.approx(
-        {32: 20.0, 33: 5.0, 1: 2.0, 245: 2.0, 246: 5.0, 30: 4.0, 168: 2.0}, rel=1e-3
+        {32: 20.0, 33: 5.0, 1: 2.0, 245: 2.0, 246: 5.0, 30: 4.0, 24: 2.0, 168: 2.0, 193: 2.0},
+        rel=1e-3,
     )
-    assert len(asked) == len(STREAMS_HZ) + 1  # and the wind
-    for number in (32, 33, 1, 245):
+    assert len(asked) == len(STREAMS_HZ) + 2  # wind and estimate
+    for number in (32, 33, 1, 245, 24, 193):
         assert len(ask_for(sent, number)) == 1
     assert len(ask_for(sent, 246)) in range(5, 8), "traffic may be silent rightly: every 5 s"
 
@@ -283,6 +284,8 @@ def test_health_names_what_is_missing(name: str) -> None:
         setattr(heard, field, None)
         assert reason in missing(vehicle)
         setattr(heard, field, kept)
+    heard.estimate.report_s = -math.inf
+    assert missing(vehicle) == f"no {driver.estimate_rules.message}"
     heard.system_status_s = -math.inf
     assert missing(vehicle) == "no SYS_STATUS"
 

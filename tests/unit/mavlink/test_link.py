@@ -49,6 +49,8 @@ def healthy() -> tuple[VehicleLink, wire.Vehicle]:
         wire.global_origin(),
         wire.system_status(),
         wire.extended_state(2),
+        wire.ekf_report(),
+        wire.gps_raw(),
         wire.traffic(5),
         wire.text("careful"),
         wire.parameter("GUID_TIMEOUT", 0.5),
@@ -80,6 +82,7 @@ def test_a_view_has_everything_that_was_heard() -> None:
     assert view.global_ is not None
     assert view.origin is not None
     assert [contact.address for contact in view.contacts] == [5]
+    assert (view.position_accuracy_m, view.estimate_fault) == (0.9, "")
     assert view.texts == ("careful",)
     assert link.view().texts == (), "each text once"
 
@@ -206,7 +209,7 @@ def test_well_framed_nonsense_from_the_vehicle_itself_raises_nothing(
     link.receive(11.0)
     link.pursue(goal, 11.0)
     link.view()
-    assert link.counters.frames == 10 + len(bodies), "the frames were good"
+    assert link.counters.frames == 12 + len(bodies), "the frames were good"
 
 
 def test_a_flood_is_read_in_bounded_portions() -> None:

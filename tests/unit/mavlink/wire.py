@@ -65,6 +65,29 @@ def system_status(
     )
 
 
+def ekf_report(flags: int = 831, **variances: float) -> Message:
+    """EKF_STATUS_REPORT of a real ArduCopter in the air; `pos_horiz=1.2` and such differ."""
+    names = ("velocity", "pos_horiz", "pos_vert", "compass", "terrain_alt")
+    return dialect.MAVLink_ekf_status_report_message(
+        flags, *(variances.get(name, 0.02) for name in names)
+    )
+
+
+def estimator_status(flags: int = 895, accuracy_m: float = 0.3, **ratios: float) -> Message:
+    """ESTIMATOR_STATUS of a real PX4 in the air; `vel=1.2` and such differ."""
+    names = ("vel", "pos_horiz", "pos_vert", "mag", "hagl", "tas")
+    found = (ratios.get(name, 0.1) for name in names)
+    return dialect.MAVLink_estimator_status_message(0, flags, *found, accuracy_m, 0.3)
+
+
+def gps_raw(fix: int = 3, satellites: int = 10, h_acc_mm: int = 900) -> Message:
+    """GPS_RAW_INT."""
+    place = (473_977_420, 85_455_940, 488_000)
+    return dialect.MAVLink_gps_raw_int_message(
+        0, fix, *place, 70, 100, 0, 0, satellites, 0, h_acc_mm
+    )
+
+
 def extended_state(landed: int) -> Message:
     """EXTENDED_SYS_STATE."""
     return dialect.MAVLink_extended_sys_state_message(0, landed)
