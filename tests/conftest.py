@@ -5,7 +5,7 @@ the order needs it: with `--pdb`, `--trace` or `-s`, where files or single tests
 the long rows (`python -m pytest -m long`). `-n0` or another number wins over this choice.
 
 Tests in real time (processes, sockets, the system's clock) mostly wait, and must not be kept
-waiting. Each of the two folders of them is a group that one worker runs in order; the groups are
+waiting. Each of the three folders of them is a group that one worker runs in order; the groups are
 the largest, so the workers begin with them. All other tests only compute: they come afterwards,
 and a worker that computes gives way to a worker that flies.
 """
@@ -21,7 +21,7 @@ import pytest
 from hypothesis import settings
 
 WORKERS = 2
-REALTIME = ("system", "protocol")
+REALTIME = ("system", "protocol", "autopilots")
 _GIVE_WAY = 10
 
 

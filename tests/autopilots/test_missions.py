@@ -1,0 +1,56 @@
+"""Missions on the autopilots themselves end as on the simulator: completed, nothing left."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.autopilots.sitl import Flight
+
+PAIR = Path(__file__).with_name("pair.yaml")
+
+
+def late(*row: Any) -> Any:
+    """A row on demand."""
+    return pytest.param(*row, marks=pytest.mark.long)
+
+
+@pytest.mark.parametrize(
+    ("mission", "vehicles", "speedup"),
+    [
+        ("hexagon.yaml", "arducopter", 3),
+        (PAIR, "px4", 2),
+        late("hexagon.yaml", "arducopter", 1),
+        late("hexagon.yaml", "px4", 1),
+        late("hexagon.yaml", "1-3=arducopter,4-6=px4", 1),
+        late("crossing.yaml", "arducopter", 2),
+        late("crossing.yaml", "px4", 1),
+        late("crossing.yaml", "arducopter,px4", 1),
+        late("square.yaml", "arducopter", 2),
+        late("sweep.yaml", "arducopter", 2),
+        late("letters.yaml", "arducopter", 1),
+    ],
+)
+def test_a_mission_completes(
+    mission: str | Path, vehicles: str, speedup: float, tmp_path: Path
+) -> None:
+    with Flight(mission, vehicles, cwd=tmp_path, speedup=speedup) as flight:
+        flight.assert_completed()
+        assert {step["result"] for step in flight.summary()["steps"]} == {"done"}
+
+
+@pytest.mark.long
+def test_two_runs_at_once_on_one_machine(tmp_path: Path) -> None:
+    folders = [tmp_path / name for name in ("one", "two")]
+    for folder in folders:
+        folder.mkdir()
+    with (
+        Flight(PAIR, "arducopter,px4", cwd=folders[0]) as one,
+        Flight(PAIR, "arducopter,px4", cwd=folders[1]) as two,
+    ):
+        one.assert_completed()
+        two.assert_completed()
+        pids = [each.pid for run in (one, two) for each in run.started.values()]
+        assert len({*pids}) == 4
