@@ -159,7 +159,7 @@ class VehicleLink:
 
     def _own(self) -> OwnParameters | None:
         identity, parameters = self.identity, self._autopilot.parameters
-        if identity is None or not parameters.own:
+        if identity is None or not parameters.own or not parameters.remembers:
             return None
         return OwnParameters(identity, dict(parameters.own), parameters.given_back)
 

@@ -10,18 +10,21 @@ import contextlib
 import errno
 import hashlib
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
 from pydantic import TypeAdapter, ValidationError
 
+from swarm_ctl.core.model.messages import AgentStatus
 from swarm_ctl.core.model.own_parameters import OwnParameters, OwnValue, Remembered, VehicleIdentity
 from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.runtime.clock import date_and_time
 
 FOLDER_VARIABLE: Final = "SWARM_CTL_STATE"
+VEHICLES: Final = "vehicles.json"
+"""In a run's folder: what the run's station remembers of each agent's vehicle."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +55,7 @@ class Entry:
 
 
 _ENTRY: Final = TypeAdapter(Entry)
+_VEHICLES: Final = TypeAdapter(dict[int, OwnParameters])
 
 
 def state_folder() -> Path:
@@ -147,6 +151,59 @@ class Remembering:
         else:
             self._memory.write(own, self._endpoint, self._flight)
         self._done = own
+
+
+class SwarmMemory:
+    """What a station remembers of the agents' vehicles, by their statuses: for the case that an
+    agent's computer is lost.
+
+    Args:
+        memory: of this user.
+        flight: what this flight is called there.
+        endpoints: of the vehicles, by agent.
+        folder: of the run, if it is this station's: it gets `vehicles.json`.
+    """
+
+    def __init__(
+        self,
+        memory: VehicleMemory,
+        flight: str,
+        endpoints: Mapping[int, str | None],
+        folder: Path | None = None,
+    ) -> None:
+        self._remembering = {
+            agent: Remembering(memory, endpoint or f"agent {agent} of {flight}", flight)
+            for agent, endpoint in endpoints.items()
+        }
+        self._record = folder / VEHICLES if folder else None
+        self._own: dict[int, OwnParameters] = {}
+        self._told: set[str] = set()
+
+    def hear(self, status: AgentStatus) -> str:
+        """Store what is new in a status; what went wrong with that, once, or ''."""
+        own, agent = status.own, status.agent
+        if own is None or agent not in self._remembering or own == self._own.get(agent):
+            return ""
+        self._own[agent] = own
+        try:
+            if self._record is not None:
+                _write_durably(self._record, _VEHICLES.dump_json(self._own, indent=1) + b"\n")
+            self._remembering[agent].note(own)
+        except OSError as error:
+            text = f"own parameters can't be remembered: {error.filename}: {error.strerror}"
+            told = text in self._told
+            self._told.add(text)
+            return "" if told else text
+        return ""
+
+
+def left_changed(folder: Path) -> dict[int, OwnParameters]:
+    """The vehicles of a run, by agent, that have not confirmed their own values."""
+    try:
+        vehicles = _VEHICLES.validate_json((folder / VEHICLES).read_bytes())
+    except (OSError, ValidationError):
+        return {}  # none is remembered in this run, or its station wrote nothing
+    return {agent: own for agent, own in vehicles.items() if not own.given_back}
 
 
 def _prefix(vehicle: VehicleIdentity) -> str:

@@ -79,7 +79,8 @@ class VehicleView:
     """The vehicle has its own failsafe parameters (not taken yet, or given back and confirmed):
     Release is done."""
     own: OwnParameters | None = None
-    """Its own values of the parameters that we change; None until the vehicle is known."""
+    """Its own values of the parameters that we change; None until the vehicle is known, and for one
+    that is not remembered: it ends with the run."""
     notes: tuple[ParameterNote, ...] = ()
     """What the operator should know of these parameters; each is in one snapshot only."""
     battery_percent: float | None = None

@@ -74,6 +74,11 @@ class FailsafeParameters:
         self._recalled, self._remembered = True, remembered
 
     @property
+    def remembers(self) -> bool:
+        """The own values are stored outside this process."""
+        return self._kept is not None
+
+    @property
     def recalled(self) -> bool:
         """`recall` was called, or is not needed."""
         return self._recalled

@@ -30,6 +30,7 @@ from swarm_ctl.runtime.launch.ports import free_ports
 from swarm_ctl.runtime.launch.processes import simulator, wait_all, wait_ready
 from swarm_ctl.runtime.launch.sim_config import place, vehicle_config
 from swarm_ctl.runtime.ticker import Ticker
+from swarm_ctl.runtime.vehicle_memory import Remembering, VehicleMemory, state_folder
 
 _START_WALL_S = 20.0
 _END_WALL_S = 5.0
@@ -151,16 +152,19 @@ def fly(
     A vehicle without an endpoint is simulated, for as long as this takes. LinkError where its
     endpoint can't be opened.
     """
-    with (
-        _reached(vehicle, ticker.clock) as endpoint,
-        contextlib.closing(VehicleLink(endpoint, vehicle.autopilot, vehicle.sysid)) as link,
-    ):
+    memory = None if vehicle.endpoint is None else VehicleMemory(state_folder())
+    remembering = Remembering(memory, vehicle.endpoint or "", "measure")
+    with _reached(vehicle, ticker.clock) as endpoint, contextlib.ExitStack() as opened:
+        reached = (endpoint, vehicle.autopilot, vehicle.sysid)
+        link = VehicleLink(*reached, remembers=memory is not None)
+        opened.callback(link.close)
         while True:
             now = ticker.wait()
             link.receive(now)
             view = link.view()
             goal = flight.step(now, view, "Ctrl-C" if ctrl_c.count else "")
             link.pursue(goal, now)
+            remembering.serve(link, view.own)
             for text in flight.said:
                 say(text)
             flight.said.clear()

@@ -55,6 +55,8 @@ class RunSetup:
         self.options = options
         kinds = {agent.id: agent.started_as for agent in mission.fleet.agents}
         self._simulated = {i for i, kind in kinds.items() if kind is VehicleKind.SIMULATED}
+        self._lasting = {agent.id for agent in mission.fleet.agents if agent.endpoint is not None}
+        """The agents whose vehicles were there before this run, and will be after it."""
         self._orders = _orders(mission, options)
         self.folder = _make_folder(options.runs, mission.plan.name)
         self.manifest = _manifest(mission, options)
@@ -109,7 +111,7 @@ class RunSetup:
             report=agents / f"{agent.id}.json",
             log=agents / f"{agent.id}.log",
             tlog=self.folder / f"{agent.id}.tlog" if self.options.tlog else None,
-            memory=None if agent.id in self._simulated else state_folder(),
+            memory=state_folder() if agent.id in self._lasting else None,
             flight=self.folder.name,
             started_us=round(manifest.started_at.timestamp() * 1e6),
         )

@@ -30,6 +30,7 @@ from swarm_ctl.runtime.launch.processes import (
 from swarm_ctl.runtime.launch.run_setup import RunOptions, RunSetup
 from swarm_ctl.runtime.launch.terminal_state import TerminalState
 from swarm_ctl.runtime.station.screens import Show
+from swarm_ctl.runtime.vehicle_memory import left_changed
 from swarm_ctl.runtime.vehicles.order import STARTED, STARTED_JSON
 from swarm_ctl.runtime.vehicles.vehicles_process import READY_WALL_S
 
@@ -72,6 +73,12 @@ def fly(mission: LoadedMission, options: RunOptions, say: Callable[[str], None])
             processes.watch()
         finally:
             processes.end()
+        for agent, own in left_changed(setup.folder).items():
+            values = ", ".join(f"{name} {value.own:g}" for name, value in own.values.items())
+            say(
+                f"agent {agent}: its vehicle has not confirmed its own failsafe parameters"
+                f" ({values}); the next flight puts them back, or swarm-ctl doctor --restore"
+            )
         summary = summarise(setup.folder, processes.exit_codes())
         try:
             write_summary(setup.folder, summary)

@@ -13,7 +13,14 @@ from typing import Any, Final
 from swarm_ctl.commands.build import AgentNow, SwarmNow, build
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.commands.send import CommandSender, SentCommand
-from swarm_ctl.core.model.messages import Ack, AgentState, Command, Payload, StationBeacon
+from swarm_ctl.core.model.messages import (
+    Ack,
+    AgentState,
+    AgentStatus,
+    Command,
+    Payload,
+    StationBeacon,
+)
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.node import Node
@@ -21,6 +28,7 @@ from swarm_ctl.mesh.zenoh_transport import ZenohTransport
 from swarm_ctl.recording.run_recorder import RunRecorder
 from swarm_ctl.runtime.clock import Clock
 from swarm_ctl.runtime.station.mesh_clock import MeshClock
+from swarm_ctl.runtime.vehicle_memory import SwarmMemory
 from swarm_ctl.station.picture.model import Model
 from swarm_ctl.station.picture.view import StationHealth, SwarmView
 
@@ -53,7 +61,7 @@ def open_node(
 
 class Station:
     """One ground station on one mesh, under its node's name. `mission` is the file that has the
-    shapes."""
+    shapes; `memory` gets what the agents say of their vehicles' own parameters."""
 
     def __init__(
         self,
@@ -62,12 +70,15 @@ class Station:
         node: Node,
         clock: Clock | MeshClock,
         recorder: RunRecorder | None = None,
+        memory: SwarmMemory | None = None,
     ) -> None:
         self.plan = plan
         self._mission = mission
         self._node = node
         self._clock = clock
         self._recorder = recorder
+        self._memory = memory
+        self._troubles: list[str] = []
         self._name = str(node.name)
         self._hash = plan.hash()
         self._model = self._new_model()
@@ -109,6 +120,7 @@ class Station:
                 self._take(payload, received_s)
         ended = self._sender.turn(self._clock.now())
         told = [f"tune: nothing changes; {sent.failed}" for sent in ended if sent.failed]
+        told, self._troubles = told + self._troubles, []
         return told + (self._recorder.troubles() if self._recorder else [])
 
     def _clock_is_set(self) -> bool:
@@ -133,6 +145,9 @@ class Station:
                 self._commands.add(payload.id)
             case Ack():
                 self._sender.hear(payload)
+            case AgentStatus() if self._memory is not None:
+                trouble = self._memory.hear(payload)
+                self._troubles += [f"agent {payload.agent}: {trouble}"] if trouble else []
             case AgentState() if isinstance(self._clock, MeshClock):
                 self._clock.hear(payload.time_s)
         self._model.fold(payload, received_s)

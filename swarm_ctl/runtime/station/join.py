@@ -18,6 +18,7 @@ from swarm_ctl.runtime.station.ground_station import Station, open_node
 from swarm_ctl.runtime.station.mesh_clock import MeshClock
 from swarm_ctl.runtime.station.screens import Show, present
 from swarm_ctl.runtime.station.station_loop import GuestControl, loop, metrics_on
+from swarm_ctl.runtime.vehicle_memory import SwarmMemory, VehicleMemory, state_folder
 
 _ENDPOINT: Final = re.compile(r"(tcp|udp|tls|quic|ws)/[^/\s]+:(\d{1,5})")
 _QUIET_WALL_S: Final = 5.0
@@ -46,7 +47,9 @@ def join_swarm(
     """
     connect, clock = _endpoints(mission, mesh), MeshClock(speedup)
     with closing(open_node(mission.plan.name, connect, clock)) as node:
-        station = Station(mission.plan, mission.source, node, clock)
+        endpoints = {agent.id: agent.endpoint for agent in mission.fleet.agents}
+        memory = SwarmMemory(VehicleMemory(state_folder()), mission.plan.name, endpoints)
+        station = Station(mission.plan, mission.source, node, clock, memory=memory)
         _watch(station, GuestControl(_Hint(clock, connect)), show, port)
 
 

@@ -28,6 +28,7 @@ from swarm_ctl.runtime.station.control_pipe import ControlPipe
 from swarm_ctl.runtime.station.ground_station import Station, open_node
 from swarm_ctl.runtime.station.screens import Show, present
 from swarm_ctl.runtime.station.station_loop import RunControl, loop, metrics_on
+from swarm_ctl.runtime.vehicle_memory import SwarmMemory, VehicleMemory, state_folder
 
 
 def run_station(
@@ -45,7 +46,9 @@ def run_station(
         node = open_node(manifest.swarm, manifest.agents_mesh, clock, listen=listen)
         opened.callback(node.close)
         recorder = opened.enter_context(closing(run_recorder(folder, manifest, str(node.name))))
-        station = Station(manifest.plan, Path(manifest.mission), node, clock, recorder)
+        endpoints = {agent.id: agent.endpoint for agent in manifest.fleet}
+        memory = SwarmMemory(VehicleMemory(state_folder()), folder.name, endpoints, folder)
+        station = Station(manifest.plan, Path(manifest.mission), node, clock, recorder, memory)
         control = RunControl(pipe, clock, folder)
         measure = opened.enter_context(metrics_on(metrics_port))
         ready()

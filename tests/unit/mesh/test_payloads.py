@@ -29,6 +29,7 @@ from swarm_ctl.core.model.messages import (
     StepResult,
     Tuning,
 )
+from swarm_ctl.core.model.own_parameters import OwnParameters, OwnValue, VehicleIdentity
 from swarm_ctl.core.model.plan import FormStep, MoveStep
 from swarm_ctl.errors import PayloadError
 from swarm_ctl.mesh.keys import CHANNELS
@@ -118,6 +119,9 @@ OTHERS: list[Any] = [
         overspeed_ticks=0,
         links={2: LinkReport(0.05, 0.05, 0.1, 100, 1)},
         steps=(StepResult("prepare", StepOutcome.DONE, 0.0, 3.0),),
+        own=OwnParameters(
+            VehicleIdentity("px4", 2, "ab01"), {"COM_OF_LOSS_T": OwnValue(1.5, (1.0, 0.5))}, True
+        ),
     ),
 ]
 

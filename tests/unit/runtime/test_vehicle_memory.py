@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import tempfile
 from collections import deque
+from dataclasses import replace
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -13,13 +14,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from swarm_ctl.core.model.messages import AgentStatus
 from swarm_ctl.core.model.own_parameters import OwnParameters, OwnValue, VehicleIdentity
 from swarm_ctl.core.model.vehicle import Goal, ReleaseGoal, StandbyGoal
 from swarm_ctl.mavlink.autopilots import AUTOPILOTS
 from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.mavlink.wires import memory_wires
-from swarm_ctl.runtime.vehicle_memory import Remembering, VehicleMemory, state_folder
+from swarm_ctl.runtime.vehicle_memory import (
+    Remembering,
+    SwarmMemory,
+    VehicleMemory,
+    left_changed,
+    state_folder,
+)
 from tests.unit.mavlink import wire
+from tests.unit.station.swarm import hexagon_plan, status_of
 
 TICK_S, STATUS_TICKS = 0.05, 10
 OWN, OTHER = 3.0, 7.0
@@ -279,3 +288,26 @@ def test_where_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     assert state_folder() == Path("/home/pilot/.local/state/swarm_ctl")
     monkeypatch.setenv("SWARM_CTL_STATE", "/elsewhere")
     assert state_folder() == Path("/elsewhere")
+
+
+def status_with(own: OwnParameters) -> AgentStatus:
+    return status_of(hexagon_plan(), 1, 1.0, own=own)
+
+
+def test_a_station_remembers_too_and_forgets_when_the_vehicle_has_confirmed(tmp_path: Path) -> None:
+    """In the run's folder, and for this user; a store that can't be written is said once."""
+    run, state = tmp_path / "run", VehicleMemory(tmp_path / "state")
+    run.mkdir()
+    vehicle = VehicleIdentity("ardupilot", 1, "aa")
+    taken = OwnParameters(vehicle, {"GUID_TIMEOUT": OwnValue(3.0, (0.5,))})
+    station = SwarmMemory(state, "run", {1: ENDPOINT}, run)
+    assert station.hear(status_with(taken)) == ""
+    assert left_changed(run) == {1: taken}
+    assert [entry.values for entry in state.entries()] == [taken.values]
+    assert station.hear(status_with(replace(taken, given_back=True))) == ""
+    assert left_changed(run) == {}
+    assert state.entries() == []
+    (tmp_path / "file").write_text("")
+    blocked = SwarmMemory(VehicleMemory(tmp_path / "file"), "run", {1: ENDPOINT})
+    assert "can't be remembered" in blocked.hear(status_with(taken))
+    assert blocked.hear(status_with(taken)) == ""
