@@ -286,8 +286,9 @@ class ArdupilotPersona(Firmware):
                 self.streams.set(name, interval_s, self.now)
 
     def is_gcs(self, system: int, _kind: int) -> bool:
-        """The configured one alone, whatever type it tells."""
-        return system == round(self.parameters["MAV_GCS_SYSID"])
+        """By the configured id or range of ids alone, whatever type it tells."""
+        first, last = self.parameters["MAV_GCS_SYSID"], self.parameters["MAV_GCS_SYSID_HI"]
+        return first <= system <= max(first, last)
 
     def gcs_heartbeat(self) -> None:
         super().gcs_heartbeat()

@@ -63,6 +63,7 @@ def agent(
         plan=plan,
         agent_id=agent_id,
         sysid=own.sysid,
+        agent_sysid=own.agent_sysid,
         autopilot=own.autopilot,
         endpoint=own.endpoint or "",
         swarm=plan.name,

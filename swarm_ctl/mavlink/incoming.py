@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from swarm_ctl.core.model.plan import Geodetic
 from swarm_ctl.core.model.vehicle import Contact, GlobalFix, LocalFix
-from swarm_ctl.mavlink.outgoing import SOURCE_COMPONENT, SOURCE_SYSTEM
+from swarm_ctl.mavlink.outgoing import AGENT_COMPONENT
 from swarm_ctl.mavlink.vehicle_telemetry import ParameterValue, Telemetry
 
 MAX_POSITION_M = 1e5
@@ -190,9 +190,8 @@ def _version(heard: Telemetry, message: Any, now: float) -> bool:  # noqa: ARG00
 
 
 def _command_ack(heard: Telemetry, message: Any, now: float) -> bool:  # noqa: ARG001
-    ours = (0, SOURCE_SYSTEM), (0, SOURCE_COMPONENT)
-    if message.target_system not in ours[0] or message.target_component not in ours[1]:
-        return True  # an answer to another ground station
+    if not _for_us(heard, message):
+        return True
     name, result = _REFUSABLE.get(message.command), message.result
     if name is None or heard.answers.get(message.command) == result:
         return True
@@ -221,6 +220,14 @@ def _parameter_value(heard: Telemetry, message: Any, now: float) -> bool:  # noq
     if name in heard.watched:
         heard.parameters[name] = ParameterValue(message.param_value, message.param_type)
     return True
+
+
+def _for_us(heard: Telemetry, message: Any) -> bool:
+    """Not an answer to another ground station or agent."""
+    return message.target_system in (0, heard.agent_sysid) and message.target_component in (
+        0,
+        AGENT_COMPONENT,
+    )
 
 
 def _within(vector: tuple[float, ...], limit: float) -> bool:

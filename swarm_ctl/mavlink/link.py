@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from swarm_ctl.core.model.fleet import AGENT_SYSID
 from swarm_ctl.core.model.own_parameters import (
     OwnParameters,
     OwnValue,
@@ -23,13 +24,7 @@ from swarm_ctl.errors import LinkError
 from swarm_ctl.mavlink.autopilots import autopilot as autopilot_of
 from swarm_ctl.mavlink.framer import Framer, MavlinkFrame
 from swarm_ctl.mavlink.incoming import FOLDS_BY_ID, fold
-from swarm_ctl.mavlink.outgoing import (
-    AUTOPILOT_COMPONENT,
-    SOURCE_COMPONENT,
-    SOURCE_SYSTEM,
-    Message,
-    timesync,
-)
+from swarm_ctl.mavlink.outgoing import AGENT_COMPONENT, AUTOPILOT_COMPONENT, Message, timesync
 from swarm_ctl.mavlink.vehicle_telemetry import Telemetry
 from swarm_ctl.mavlink.wires import Wire, open_wire
 
@@ -47,6 +42,7 @@ class VehicleLink:
         autopilot: the firmware, a name in `AUTOPILOTS`.
         sysid: the system id of the vehicle, 1..250; other systems are not listened to.
         tap: gets every whole frame, in and out, with the time; it must not block.
+        agent_sysid: the system id that we speak with, 1..254, not the vehicle's.
         remembers: set no parameter before `recall` was called, and `kept` with its own value.
 
     Raises:
@@ -62,18 +58,22 @@ class VehicleLink:
         tap: Callable[[bytes, float], None] | None = None,
         *,
         remembers: bool = False,
+        agent_sysid: int = AGENT_SYSID,
     ) -> None:
         if not 1 <= sysid <= 250:
             raise LinkError(f"sysid {sysid} is out of range; allowed: 1..250")
-        self._autopilot = autopilot_of(autopilot, sysid)
+        if not 1 <= agent_sysid <= 254 or agent_sysid == sysid:
+            allowed = "1..254, and not the vehicle's sysid"
+            raise LinkError(f"agent_sysid {agent_sysid} can't be used; allowed: {allowed}")
+        self._autopilot = autopilot_of(autopilot, sysid, agent_sysid)
         if remembers:
             self._autopilot.parameters.remember()
         self._sysid = sysid
         self._tap = tap
         self._wire = open_wire(endpoint) if isinstance(endpoint, str) else endpoint
         self._framer = Framer()
-        self._heard = Telemetry(watched=frozenset(self._autopilot.failsafes))
-        self._codec = dialect.MAVLink(None, srcSystem=SOURCE_SYSTEM, srcComponent=SOURCE_COMPONENT)
+        self._heard = Telemetry(agent_sysid, self._autopilot.parameters.names)
+        self._codec = dialect.MAVLink(None, srcSystem=agent_sysid, srcComponent=AGENT_COMPONENT)
         self._secure()
         self._now = 0.0
         self._timesync_due = -math.inf

@@ -12,10 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 Message: TypeAlias = Any
 """A `MAVLink_message` (pymavlink has no types)."""
 
-SOURCE_SYSTEM = 255
-"""A ground station's: ArduPilot's GCS failsafe counts its heartbeats alone (MAV_GCS_SYSID)."""
-SOURCE_COMPONENT = 190
-"""MAV_COMP_ID_MISSIONPLANNER: a ground station's component."""
+AGENT_COMPONENT = dialect.MAV_COMP_ID_ONBOARD_COMPUTER
 AUTOPILOT_COMPONENT = 1
 
 VELOCITY_ONLY = 3527
@@ -33,10 +30,13 @@ CUSTOM_MODE = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
 
 
 def heartbeat() -> Message:
-    """HEARTBEAT of a ground station."""
-    return dialect.MAVLink_heartbeat_message(
-        dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
-    )
+    """HEARTBEAT of an onboard controller.
+
+    ArduPilot's GCS failsafe goes by the sender's system id, whatever its type. PX4's counts every
+    MAV_TYPE_GCS: as one of these, an agent would hide that the pilot's own ground station is lost.
+    """
+    kind, invalid = dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_AUTOPILOT_INVALID
+    return dialect.MAVLink_heartbeat_message(kind, invalid, 0, 0, dialect.MAV_STATE_ACTIVE, 3)
 
 
 def timesync(now: float) -> Message:

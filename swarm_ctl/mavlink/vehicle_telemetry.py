@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from swarm_ctl.core.model.fleet import AGENT_SYSID
 from swarm_ctl.core.model.plan import Geodetic
 from swarm_ctl.core.model.vehicle import Contact, GlobalFix, LocalFix
 from swarm_ctl.mavlink.estimate import EstimateHealth
@@ -30,6 +31,8 @@ class ParameterValue:
 class Telemetry:
     """Mutable; the vehicle link owns it. Times are the link's clock [s], -inf: never heard."""
 
+    agent_sysid: int = AGENT_SYSID
+    """The system id that we speak with."""
     watched: frozenset[str] = frozenset()
     """The names of the parameters to store; others are dropped, so a flood costs no memory."""
     heartbeat_s: float = -math.inf

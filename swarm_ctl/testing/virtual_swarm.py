@@ -105,7 +105,9 @@ class VirtualSwarm:
         clock = self._clocks.get(agent_id, float)
         node.listen(keys.STATE, keys.CLOCK, keys.BEACON, keys.COMMAND)
         remembers = self._memory is not None
-        link = VehicleLink(near, entry.autopilot, entry.sysid, remembers=remembers)
+        link = VehicleLink(
+            near, entry.autopilot, entry.sysid, remembers=remembers, agent_sysid=entry.agent_sysid
+        )
         remembering = Remembering(self._memory, f"vehicle:{agent_id}", "test")
         agent = Agent(plan, agent_id, clock(self.now), vehicle=entry.response)
         self.members[agent_id] = Member(agent, link, node, remembering, clock=clock)

@@ -72,6 +72,7 @@ ARDUPILOT_DEFAULTS = _INERT | typed(
         "LAND_SPEED": int16(50),
         "LAND_SPEED_HIGH": int16(0),
         "MAV_GCS_SYSID": int16(255),
+        "MAV_GCS_SYSID_HI": int16(0),
         "MAV_SYSID": int16(1),
         "PSC_JERK_XY": 5.0,
         "RTL_ALT": 1500,

@@ -5,10 +5,20 @@ It is not part of the plan: the same mission flies with another fleet.
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Final
 
 from swarm_ctl.core.model.plan import Response
+
+AGENT_SYSID: Final = 250
+"""The system id that an agent speaks with where the fleet gives none: the first of
+`agent_sysids`."""
+GROUND_STATION_SYSIDS: Final = frozenset({245, 255})
+"""What ground stations speak with as delivered: QGroundControl, Mission Planner, MAVProxy and
+DroneKit with 255, MAVSDK with 245."""
 
 
 class VehicleKind(StrEnum):
@@ -46,6 +56,9 @@ class FleetAgent:
     """How this vehicle answers a velocity setpoint; its stop point is computed with it."""
     vehicle: VehicleKind = VehicleKind.SIMULATED
     """What `run` provides where there is no endpoint."""
+    agent_sysid: int = AGENT_SYSID
+    """The MAVLink system id that the agent speaks with, 1..254: by its heartbeats alone an
+    ArduCopter knows that the agent lives."""
 
     @property
     def started_as(self) -> VehicleKind | None:
@@ -65,3 +78,12 @@ class Fleet:
             if agent.id == agent_id:
                 return agent
         raise KeyError(agent_id)
+
+
+def agent_sysids(count: int, taken: Collection[int]) -> list[int]:
+    """System ids for `count` agents to speak with: 250, 249, ..., 1, then 254 ... 251, without
+    those `taken` (by vehicles, or given in the fleet) and those of ground stations; again from the
+    first one when they run out."""
+    free = [i for i in (*range(250, 0, -1), *range(254, 250, -1)) if i not in taken]
+    own = [i for i in free if i not in GROUND_STATION_SYSIDS] or [AGENT_SYSID]
+    return list(itertools.islice(itertools.cycle(own), count))

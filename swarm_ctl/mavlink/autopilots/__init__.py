@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from swarm_ctl.core.model.fleet import AGENT_SYSID
 from swarm_ctl.errors import LinkError
 from swarm_ctl.mavlink.autopilots.ardupilot import Ardupilot
 from swarm_ctl.mavlink.autopilots.base import Autopilot
@@ -10,11 +11,11 @@ from swarm_ctl.mavlink.autopilots.px4 import Px4
 AUTOPILOTS: dict[str, type[Autopilot]] = {kind.name: kind for kind in (Ardupilot, Px4)}
 
 
-def autopilot(name: str, system: int) -> Autopilot:
+def autopilot(name: str, system: int, agent_sysid: int = AGENT_SYSID) -> Autopilot:
     """The driver of the firmware `name` for the vehicle `system`; LinkError for another name."""
     if name not in AUTOPILOTS:
         raise LinkError(f"autopilot {name!r} does not exist; allowed: {', '.join(AUTOPILOTS)}")
-    return AUTOPILOTS[name](system)
+    return AUTOPILOTS[name](system, agent_sysid)
 
 
 __all__ = ["AUTOPILOTS", "Autopilot", "autopilot"]

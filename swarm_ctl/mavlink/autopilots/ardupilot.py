@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import ClassVar
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -12,7 +11,8 @@ from swarm_ctl.core.model.vehicle import Vector3
 from swarm_ctl.mavlink import outgoing
 from swarm_ctl.mavlink.autopilots.base import Autopilot
 from swarm_ctl.mavlink.autopilots.modes import COPTER_MODES, ModeTable
-from swarm_ctl.mavlink.autopilots.timing import RETRY_S
+from swarm_ctl.mavlink.autopilots.parameter_rules import ParameterRule
+from swarm_ctl.mavlink.autopilots.timing import GCS_TIMEOUT_S, RETRY_S
 from swarm_ctl.mavlink.estimate import EKF_RULES, EstimateRules
 from swarm_ctl.mavlink.outgoing import Message
 from swarm_ctl.mavlink.vehicle_telemetry import Telemetry
@@ -30,14 +30,29 @@ class Ardupilot(Autopilot):
     landing_mode: ClassVar[str] = "LAND"
     wind_message: ClassVar[str] = "WIND"  # with EK3_DRAG_BCOEF_X and _Y tuned
     estimate_rules: ClassVar[EstimateRules] = EKF_RULES
-    failsafes: ClassVar[Mapping[str, float]] = {
-        # A silent agent's vehicle stops after this time. The default, 3 s, is 11.7 m at 3 m/s.
-        # At 20 setpoints a second it is 10 lost in a row; the parameter's range is 0.1 .. 5 s.
-        "GUID_TIMEOUT": SETPOINT_TIMEOUT_S["ardupilot"],
-        # Without our heartbeats for FS_GCS_TIMEOUT (5 s) the vehicle lands in place.
-        # Return-to-launch would cross the paths of other vehicles.
-        "FS_GCS_ENABLE": 5.0,
-    }
+
+    def failsafes(self) -> tuple[ParameterRule, ...]:
+        """By our heartbeats: GUIDED stays what it is when setpoints end.
+
+        No bit of FS_OPTIONS keeps a vehicle in GUIDED or stops a landing when our heartbeats end:
+        1 is for AUTO, 3 goes on landing, 4 is for modes of a pilot, 0 and 2 are for lost RC.
+        """
+        return (
+            # A silent agent's vehicle stops after this time. The default, 3 s, is 11.7 m at 3 m/s.
+            # At 20 setpoints a second it is 10 lost in a row; the parameter's range is 0.1 .. 5 s.
+            ParameterRule("GUID_TIMEOUT", SETPOINT_TIMEOUT_S["ardupilot"]),
+            # The id whose heartbeats count: 4.7 and later, and before. As delivered it is 255, that
+            # of most ground stations: one of them would keep a dead agent's vehicle in the air.
+            ParameterRule("MAV_GCS_SYSID", self.agent_sysid, optional=True, group="GCS"),
+            ParameterRule("SYSID_MYGCS", self.agent_sysid, optional=True, group="GCS"),
+            # The end of a range of such ids, where it is above the first one.
+            ParameterRule("MAV_GCS_SYSID_HI", 0.0, at_most=True, optional=True),
+            # Without our heartbeats for this time the vehicle lands in place. Before 4.2 it is a
+            # constant, 5 s.
+            ParameterRule("FS_GCS_TIMEOUT", GCS_TIMEOUT_S, at_most=True, optional=True),
+            # Return-to-launch would cross the paths of other vehicles.
+            ParameterRule("FS_GCS_ENABLE", 5.0),
+        )
 
     def prearm(self, heard: Telemetry) -> bool:
         """PREARM_CHECK present, enabled (it is not where the checks are off) and healthy."""

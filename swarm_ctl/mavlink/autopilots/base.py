@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import ClassVar
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from swarm_ctl.core.model.fleet import AGENT_SYSID
 from swarm_ctl.core.model.own_parameters import VehicleIdentity
 from swarm_ctl.core.model.vehicle import (
     AirborneGoal,
@@ -30,6 +31,7 @@ from swarm_ctl.core.model.vehicle import (
 from swarm_ctl.mavlink import outgoing
 from swarm_ctl.mavlink.autopilots.failsafe_parameters import FailsafeParameters
 from swarm_ctl.mavlink.autopilots.modes import ModeTable
+from swarm_ctl.mavlink.autopilots.parameter_rules import ParameterRule
 from swarm_ctl.mavlink.autopilots.timing import (
     CLIMBS_MPS,
     ESTIMATE_HZ,
@@ -87,7 +89,12 @@ _NEVER = -math.inf
 
 
 class Autopilot(ABC):
-    """One firmware's behaviour. An instance belongs to one vehicle and stores what it asked for."""
+    """One firmware's behaviour. An instance belongs to one vehicle and stores what it asked for.
+
+    Args:
+        system: the vehicle's system id.
+        agent_sysid: what we speak with.
+    """
 
     name: ClassVar[str]
     wire_id: ClassVar[int]
@@ -100,13 +107,12 @@ class Autopilot(ABC):
     wind_message: ClassVar[str]
     """Sent while the firmware estimates the wind; with default parameters neither firmware does."""
     estimate_rules: ClassVar[EstimateRules]
-    failsafes: ClassVar[Mapping[str, float]]
-    """The failsafe parameters we fly with; afterwards the vehicle gets its own values back."""
 
-    def __init__(self, system: int) -> None:
+    def __init__(self, system: int, agent_sysid: int = AGENT_SYSID) -> None:
         self.system = system
+        self.agent_sysid = agent_sysid
         self.parameters = FailsafeParameters(
-            system, self.failsafes, self.decode_parameter, self.encode_parameter
+            system, self.failsafes(), self.decode_parameter, self.encode_parameter
         )
         self.pacer = Pacer()
         self._goal: type[Goal] | None = None
@@ -116,6 +122,10 @@ class Autopilot(ABC):
         self._version_tries = 0
 
     # --- the seam: what differs from firmware to firmware ---
+
+    @abstractmethod
+    def failsafes(self) -> tuple[ParameterRule, ...]:
+        """The failsafe parameters we fly with; afterwards the vehicle gets its own values back."""
 
     @abstractmethod
     def prearm(self, heard: Telemetry) -> bool:

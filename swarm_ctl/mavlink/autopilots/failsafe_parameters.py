@@ -7,7 +7,8 @@ stored outside this process.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from swarm_ctl.core.model.own_parameters import (
     Found,
@@ -17,6 +18,12 @@ from swarm_ctl.core.model.own_parameters import (
     own_value,
 )
 from swarm_ctl.mavlink import outgoing
+from swarm_ctl.mavlink.autopilots.parameter_rules import (
+    OPTIONAL_ANSWER_S,
+    OPTIONAL_ASKS,
+    OPTIONAL_RETRY_S,
+    ParameterRule,
+)
 from swarm_ctl.mavlink.autopilots.timing import RETRY_S, Pacer
 from swarm_ctl.mavlink.outgoing import Message
 from swarm_ctl.mavlink.vehicle_telemetry import ParameterValue, Telemetry
@@ -36,11 +43,11 @@ _NOTES = {
 
 
 class FailsafeParameters:
-    """Reads, sets and restores `wanted`; only a PARAM_VALUE with the right value is a
-    confirmation."""
+    """Reads what the `rules` name, sets and restores it; only a PARAM_VALUE with the right value
+    is a confirmation."""
 
     def __init__(
-        self, system: int, wanted: Mapping[str, float], decode: Code, encode: Code
+        self, system: int, rules: Sequence[ParameterRule], decode: Code, encode: Code
     ) -> None:
         self.own: Mapping[str, OwnValue] = {}
         """What the vehicle gets back, as known so far; replaced, never changed."""
@@ -51,7 +58,10 @@ class FailsafeParameters:
         self.notes: list[ParameterNote] = []
         """What the operator should know; the caller takes them out."""
         self._system = system
-        self._wanted = wanted
+        self._rules = {rule.name: rule for rule in rules}
+        self._wanted = {rule.name: rule.value for rule in rules}
+        """Without those that the vehicle does not have."""
+        self._asked: Counter[str] = Counter()
         self._decode, self._encode = decode, encode
         self._pacer = Pacer()
         self._remembered: Remembered | None = None
@@ -99,9 +109,15 @@ class FailsafeParameters:
 
     # --- the vehicle ---
 
+    @property
+    def names(self) -> frozenset[str]:
+        """Of all rules."""
+        return frozenset(self._rules)
+
     def take(self, heard: Telemetry, now: float) -> list[Message]:
         """Read and set our values. On an armed vehicle none is set: a pilot may be flying it."""
         self.given_back = False
+        self._settle(heard, now)
         return self._look(heard, now) + self._towards(self._wanted, heard, now)
 
     def restore(self, heard: Telemetry, now: float) -> list[Message]:
@@ -137,9 +153,31 @@ class FailsafeParameters:
         for name in {**self._wanted, **self._left} if self._recalled else ():
             value = self._value(heard, name)
             if value is not None and name not in self.own:
-                ours = self._wanted.get(name, value)
-                own, self._findings[name] = own_value(value, ours, self._left.get(name))
+                rule, left = self._rules.get(name), self._left.get(name)
+                own, found = own_value(value, rule.value if rule else value, left)
+                # What a limit allows it may have as delivered: no agent need have set it.
+                allowed = rule is not None and rule.at_most and left is None
+                self._findings[name] = Found.OWN if allowed else found
                 self.own = {**self.own, name: own}
+
+    def _settle(self, heard: Telemetry, now: float) -> None:
+        """What is wanted, by the values that are known and the parameters that do not exist."""
+        for rule in self._rules.values():
+            value = self._value(heard, rule.name)
+            if value is not None:
+                self._wanted[rule.name] = rule.wanted(value)
+            elif self._absent(rule, heard, now):
+                self._wanted.pop(rule.name, None)
+
+    def _absent(self, rule: ParameterRule, heard: Telemetry, now: float) -> bool:
+        """The vehicle has not answered for this optional parameter, and has another of its
+        group."""
+        others = [r.name for r in self._rules.values() if r.group == rule.group and r != rule]
+        needed = rule.group and not any(other in heard.parameters for other in others)
+        if needed or not rule.optional:
+            return False
+        answered = not self._pacer.recent(f"read {rule.name}", OPTIONAL_ANSWER_S, now)
+        return self._asked[rule.name] >= OPTIONAL_ASKS and answered
 
     def _towards(
         self, wanted: Mapping[str, float], heard: Telemetry, now: float, *, back: bool = False
@@ -163,8 +201,21 @@ class FailsafeParameters:
         return [
             outgoing.read_parameter(self._system, name)
             for name in names
-            if name not in heard.parameters and self._pacer.due(f"read {name}", RETRY_S, now)
+            if name not in heard.parameters and self._ask(name, heard, now)
         ]
+
+    def _ask(self, name: str, heard: Telemetry, now: float) -> bool:
+        """Whether to ask now; for an optional one often, and not before the others were answered,
+        so that its silence means something."""
+        rule, every_s = self._rules.get(name), RETRY_S
+        if rule is not None and rule.optional:
+            others = (other.name for other in self._rules.values() if not other.optional)
+            if not all(other in heard.parameters for other in others):
+                return False
+            every_s = OPTIONAL_RETRY_S if self._asked[name] < OPTIONAL_ASKS else RETRY_S
+        due = self._pacer.due(f"read {name}", every_s, now)
+        self._asked[name] += due
+        return due
 
     def _may_set(self, name: str) -> bool:
         """Its own value is known, and stored where that is needed."""

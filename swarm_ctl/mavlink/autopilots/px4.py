@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Mapping
 from typing import ClassVar
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from swarm_ctl.core.model.fleet import AGENT_SYSID
 from swarm_ctl.core.model.timeouts import SETPOINT_TIMEOUT_S
 from swarm_ctl.core.model.vehicle import Vector3
 from swarm_ctl.mavlink import outgoing
 from swarm_ctl.mavlink.autopilots.base import Autopilot
 from swarm_ctl.mavlink.autopilots.modes import PX4_MODES, ModeTable
+from swarm_ctl.mavlink.autopilots.parameter_rules import ParameterRule
 from swarm_ctl.mavlink.autopilots.timing import RETRY_S, STREAM_BEFORE_S, STREAM_GAP_S
 from swarm_ctl.mavlink.estimate import ESTIMATOR_RULES, EstimateRules
 from swarm_ctl.mavlink.outgoing import Message
@@ -36,18 +37,21 @@ class Px4(Autopilot):
     """OFFBOARD is entered from these modes alone."""
     wind_message: ClassVar[str] = "WIND_COV"  # with EKF2_DRAG_CTRL 1
     estimate_rules: ClassVar[EstimateRules] = ESTIMATOR_RULES
-    failsafes: ClassVar[Mapping[str, float]] = {
-        # A silent agent's vehicle leaves OFFBOARD after this time (default 1.0 s). A shorter one
-        # would react to a slow moment of the agent's computer.
-        "COM_OF_LOSS_T": SETPOINT_TIMEOUT_S["px4"],
-        # ... and lands (4) in place. The default, position mode (0), needs a pilot.
-        "COM_OBL_RC_ACT": 4.0,
-    }
 
-    def __init__(self, system: int) -> None:
-        super().__init__(system)
+    def __init__(self, system: int, agent_sysid: int = AGENT_SYSID) -> None:
+        super().__init__(system, agent_sysid)
         self._streaming_since = -math.inf
         self._last_setpoint_s = -math.inf
+
+    def failsafes(self) -> tuple[ParameterRule, ...]:
+        """By setpoints: no ground station's heartbeat keeps a silent agent's vehicle up."""
+        return (
+            # A silent agent's vehicle leaves OFFBOARD after this time (default 1.0 s). A shorter
+            # one would react to a slow moment of the agent's computer.
+            ParameterRule("COM_OF_LOSS_T", SETPOINT_TIMEOUT_S["px4"]),
+            # ... and lands (4) in place. The default, position mode (0), needs a pilot.
+            ParameterRule("COM_OBL_RC_ACT", 4.0),
+        )
 
     def prearm(self, heard: Telemetry) -> bool:
         """PREARM_CHECK healthy. PX4 never sets present and enabled (SYS_STATUS.hpp)."""

@@ -8,6 +8,9 @@ from collections.abc import Mapping
 
 HEARTBEAT_S = 1.0
 """Ours. ArduPilot's GCS failsafe waits 5 s: one in five has to arrive."""
+GCS_TIMEOUT_S = 5.0
+"""A dead agent's ArduCopter lands this long after the agent's last heartbeat: five lost in a
+row."""
 RETRY_S = 1.0
 """A vehicle's heartbeat shows the effect of a command within 1 s: asking sooner would ask twice."""
 KILL_RETRY_S = 0.2
@@ -75,6 +78,10 @@ class Pacer:
     def asked(self, what: str) -> bool:
         """Whether `what` was ever asked for."""
         return what in self._asked
+
+    def recent(self, what: str, within_s: float, now: float) -> bool:
+        """Whether `what` was asked for in the last `within_s` [s]."""
+        return now - self._asked.get(what, -math.inf) < within_s
 
     def due(self, what: str, every_s: float, now: float) -> bool:
         """Whether `what` was not asked for in the last `every_s` [s]; if so, it is marked as asked

@@ -160,9 +160,14 @@ def check_fleet(entries: Sequence[FleetEntry], place: Place) -> Findings:
         ("id", [e.id for e in entries], "one entry for each agent"),
         ("endpoint", [e.endpoint for e in entries], "an endpoint of its own for every vehicle"),
         ("mesh", [e.mesh for e in entries], "a mesh endpoint of its own"),
+        ("agent_sysid", [e.agent_sysid for e in entries], "an agent_sysid of its own"),
     ):
         yield from _twice({(*place, k, field): v for k, v in enumerate(values)}, allowed)
+    vehicles = {entry.vehicle_sysid for entry in entries}
     for k, entry in enumerate(entries):
+        if entry.agent_sysid in vehicles:
+            what = f"agent {entry.id} can't speak as {entry.agent_sysid}, a vehicle's sysid"
+            yield Finding((*place, k, "agent_sysid"), what, "an id of no vehicle, 1 to 254")
         if entry.sysid is None and entry.id > 250:
             what = f"sysid is missing, and the id, {entry.id}, can't be one"
             yield Finding((*place, k), what, "sysid: 1 to 250")

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from collections.abc import Set as AbstractSet
+
 from swarm_ctl.core.law.stop_point import TYPICAL
-from swarm_ctl.core.model.fleet import Fleet, FleetAgent
+from swarm_ctl.core.model.fleet import AGENT_SYSID, Fleet, FleetAgent, agent_sysids
 from swarm_ctl.core.model.plan import Response
 from swarm_ctl.mission.input.schema import FleetEntry, MissionFile, VehicleResponse
 
@@ -13,7 +16,25 @@ def fleet_of(mission: MissionFile) -> Fleet:
     entries = {entry.id: entry for entry in mission.fleet.agents} if mission.fleet else {}
     given = mission.vehicle.response if "response" in mission.vehicle.model_fields_set else None
     ids = sorted(agent.id for agent in mission.agents)
-    return Fleet(tuple(fleet_agent(entries.get(i) or FleetEntry(id=i), given) for i in ids))
+    flown = [entries.get(i) or FleetEntry(id=i) for i in ids]
+    vehicles = {entry.vehicle_sysid for entry in (*entries.values(), *flown)}
+    own = with_agent_sysids(flown, vehicles)
+    return Fleet(tuple(fleet_agent(entry, given) for entry in own))
+
+
+def with_agent_sysids(
+    entries: Sequence[FleetEntry], vehicles: AbstractSet[int]
+) -> list[FleetEntry]:
+    """The entries, each with the system id that its agent speaks with, which is none of the
+    `vehicles`'."""
+    taken = vehicles | {entry.agent_sysid for entry in entries if entry.agent_sysid is not None}
+    chosen = iter(agent_sysids(sum(entry.agent_sysid is None for entry in entries), taken))
+    return [
+        entry.model_copy(update={"agent_sysid": next(chosen)})
+        if entry.agent_sysid is None
+        else entry
+        for entry in entries
+    ]
 
 
 def fleet_agent(entry: FleetEntry, given: VehicleResponse | None = None) -> FleetAgent:
@@ -24,4 +45,5 @@ def fleet_agent(entry: FleetEntry, given: VehicleResponse | None = None) -> Flee
     response = entry.response or given
     known = Response(**response.model_dump()) if response else TYPICAL[entry.firmware]
     way = (entry.endpoint, entry.mesh, known, entry.kind)
-    return FleetAgent(entry.id, entry.vehicle_sysid, entry.firmware, *way)
+    own = entry.agent_sysid or AGENT_SYSID
+    return FleetAgent(entry.id, entry.vehicle_sysid, entry.firmware, *way, agent_sysid=own)

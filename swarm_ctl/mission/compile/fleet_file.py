@@ -14,7 +14,7 @@ from swarm_ctl.core.model.fleet import Fleet
 from swarm_ctl.core.model.plan import Response
 from swarm_ctl.errors import InputError, MissionError
 from swarm_ctl.mission.compile.checks import check_fleet
-from swarm_ctl.mission.compile.fleet import fleet_agent
+from swarm_ctl.mission.compile.fleet import fleet_agent, with_agent_sysids
 from swarm_ctl.mission.input import error_messages, yaml_file
 from swarm_ctl.mission.input.schema import FleetSection
 
@@ -35,7 +35,10 @@ def read_fleet(path: Path) -> Fleet:
         found = [error_messages.problem_of(dict(each), source, schema) for each in error.errors()]
     if source.problems + found:
         raise MissionError(tuple(source.problems + found))
-    return Fleet(tuple(fleet_agent(e) for e in sorted(entries, key=lambda entry: entry.id)))
+    own = with_agent_sysids(
+        sorted(entries, key=lambda entry: entry.id), {entry.vehicle_sysid for entry in entries}
+    )
+    return Fleet(tuple(map(fleet_agent, own)))
 
 
 def file_of(mission: Path) -> Path | None:

@@ -424,6 +424,10 @@ class FleetEntry(Section):
     id: AgentId
     sysid: int | None = Field(default=None, ge=1, le=250)
     """The vehicle's MAVLink system id. Default: the agent's id."""
+    agent_sysid: int | None = Field(default=None, ge=1, le=254)
+    """The MAVLink system id that the agent speaks with: no vehicle's, and no ground station's (255,
+    for most of them). An ArduCopter lands when this id falls silent. Default: 250, 249, ... in the
+    order of the agents' ids, without the fleet's sysids."""
     autopilot: Literal["ardupilot", "px4"] = "ardupilot"
     vehicle: Literal["simulated", "arducopter", "px4"] | None = None
     """What `run` starts for this agent: a simulated vehicle, or the autopilot itself (SITL).

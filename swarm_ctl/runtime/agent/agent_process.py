@@ -48,6 +48,8 @@ class AgentConfig:
     plan: Plan
     agent_id: int
     sysid: int
+    agent_sysid: int
+    """What the agent itself speaks with."""
     autopilot: str
     endpoint: str
     swarm: str
@@ -134,7 +136,7 @@ def _tlog(config: AgentConfig) -> Iterator[Callable[[bytes, float], None] | None
 def _link(config: AgentConfig, keep: Callable[[bytes, float], None] | None) -> VehicleLink:
     remembers = config.memory is not None
     vehicle = (config.endpoint, config.autopilot, config.sysid)
-    return VehicleLink(*vehicle, keep, remembers=remembers)
+    return VehicleLink(*vehicle, keep, remembers=remembers, agent_sysid=config.agent_sysid)
 
 
 def _join_mesh(config: AgentConfig, clock: Clock) -> Node:

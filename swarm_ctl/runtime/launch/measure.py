@@ -156,7 +156,7 @@ def fly(
     remembering = Remembering(memory, vehicle.endpoint or "", "measure")
     with _reached(vehicle, ticker.clock) as endpoint, contextlib.ExitStack() as opened:
         reached = (endpoint, vehicle.autopilot, vehicle.sysid)
-        link = VehicleLink(*reached, remembers=memory is not None)
+        link = VehicleLink(*reached, remembers=memory is not None, agent_sysid=vehicle.agent_sysid)
         opened.callback(link.close)
         while True:
             now = ticker.wait()

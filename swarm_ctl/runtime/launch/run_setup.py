@@ -99,6 +99,7 @@ class RunSetup:
             plan=manifest.plan,
             agent_id=agent.id,
             sysid=agent.sysid,
+            agent_sysid=agent.agent_sysid,
             autopilot=agent.autopilot,
             endpoint=agent.endpoint or "",
             swarm=manifest.swarm,

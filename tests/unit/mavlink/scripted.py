@@ -41,7 +41,7 @@ class Scripted:
         seed: int = 1,
     ) -> None:
         self.driver = driver
-        self.heard = Telemetry(watched=frozenset(driver.failsafes))
+        self.heard = Telemetry(watched=driver.parameters.names)
         self.ready_s = ready_s
         self.now = 0.0
         self.mode = 0
@@ -193,7 +193,11 @@ class ScriptedArdupilot(Scripted):
 
     def __init__(self, driver: Autopilot, **how: Any) -> None:
         super().__init__(driver, **how)
-        self.parameters = {"GUID_TIMEOUT": (3.0, 9), "FS_GCS_ENABLE": (0.0, 2)}
+        self.parameters = {
+            "GUID_TIMEOUT": (3.0, 9),
+            "FS_GCS_ENABLE": (0.0, 2),
+            "SYSID_MYGCS": (255.0, 4),
+        }
 
     def do_176(self, message: Any) -> int:
         self.mode = round(message.param2)

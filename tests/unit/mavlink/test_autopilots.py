@@ -23,6 +23,7 @@ from swarm_ctl.core.model.vehicle import (
 )
 from swarm_ctl.errors import LinkError
 from swarm_ctl.mavlink.autopilots import AUTOPILOTS, autopilot
+from swarm_ctl.mavlink.autopilots.parameter_rules import OPTIONAL_ASKS
 from swarm_ctl.mavlink.autopilots.timing import GROUNDED_S, STREAMS_HZ
 from swarm_ctl.mavlink.vehicle_telemetry import Telemetry
 from tests.unit.mavlink import scripted, wire
@@ -90,6 +91,7 @@ def test_every_goal_is_reached_through_loss_and_a_slow_start(
     assert missing(vehicle) in (
         "",
         "heartbeat lost",
+        "no SYS_STATUS",
         "no local position (LOCAL_POSITION_NED)",
     )  # a run of losses
     assert not vehicle.armed
@@ -137,9 +139,10 @@ def test_our_heartbeat_is_sent_once_a_second_whatever_the_goal(name: str, goal: 
     assert all(b - a == pytest.approx(1.0) for a, b in pairwise(times))
 
 
-def test_the_heartbeat_is_a_ground_stations() -> None:
+def test_the_heartbeat_is_an_onboard_controllers() -> None:
+    """One of MAV_TYPE_GCS would hide from a PX4 that the pilot's ground station is lost."""
     _, message = of(make("ardupilot").run(StandbyGoal(), 0.1), "HEARTBEAT")[0]
-    assert (message.type, message.autopilot) == (6, 8)
+    assert (message.type, message.autopilot) == (18, 8)
 
 
 # --- standby: streams, parameters, health ---
@@ -200,7 +203,7 @@ def test_the_origin_is_asked_for_until_known_and_rarely_after() -> None:
 
 
 OURS = {
-    "ardupilot": {"GUID_TIMEOUT": 0.5, "FS_GCS_ENABLE": 5.0},
+    "ardupilot": {"GUID_TIMEOUT": 0.5, "SYSID_MYGCS": 250, "FS_GCS_ENABLE": 5.0},
     "px4": {"COM_OF_LOSS_T": 1.0, "COM_OBL_RC_ACT": struct.unpack("<f", struct.pack("<i", 4))[0]},
 }
 
@@ -211,11 +214,11 @@ def test_our_failsafe_parameters_are_set_in_the_firmwares_encoding_and_put_back(
     before = dict(vehicle.parameters)
     sent = vehicle.run(StandbyGoal(), 6.0)
     assert {key: value for key, (value, _) in vehicle.parameters.items()} == OURS[name]
-    assert len(of(sent, "PARAM_SET")) == 2, "each once: PARAM_VALUE confirmed it"
+    assert len(of(sent, "PARAM_SET")) == len(before), "each once: PARAM_VALUE confirmed it"
     assert not vehicle.driver.parameters.released(vehicle.heard)
     sent = vehicle.run(ReleaseGoal(), 6.0)
     assert vehicle.parameters == before
-    assert len(of(sent, "PARAM_SET")) == 2
+    assert len(of(sent, "PARAM_SET")) == len(before)
     assert vehicle.driver.parameters.released(vehicle.heard)
 
 
@@ -240,10 +243,53 @@ def test_a_vehicle_without_the_parameter_is_never_healthy() -> None:
     vehicle = make("ardupilot")
     del vehicle.parameters["GUID_TIMEOUT"]
     sent = vehicle.run(StandbyGoal(), 10.0)
-    assert missing(vehicle) == "failsafe parameters not confirmed: GUID_TIMEOUT"
+    assert missing(vehicle).startswith("failsafe parameters not confirmed: GUID_TIMEOUT")
     assert len(
         [m for _, m in of(sent, "PARAM_REQUEST_READ") if m.param_id == "GUID_TIMEOUT"]
     ) in range(9, 12)
+
+
+GCS_IDS = {
+    "4.1": {"SYSID_MYGCS": (255.0, 4)},
+    "4.6": {"SYSID_MYGCS": (255.0, 4), "FS_GCS_TIMEOUT": (30.0, 9)},
+    "4.7": {"MAV_GCS_SYSID": (255.0, 4), "FS_GCS_TIMEOUT": (5.0, 9)},
+    "a range": {"MAV_GCS_SYSID": (250.0, 4), "MAV_GCS_SYSID_HI": (255.0, 4)},
+    "impatient": {"MAV_GCS_SYSID": (7.0, 4), "FS_GCS_TIMEOUT": (3.0, 9)},
+}
+
+
+@pytest.mark.parametrize("version", GCS_IDS)
+def test_only_our_heartbeats_count_for_an_arducopter_of_each_version(version: str) -> None:
+    """Whichever parameters it has, a ground station's id keeps no dead agent's vehicle up, and it
+    lands 5 s after our last heartbeat at the latest; afterwards all are its own again."""
+    vehicle = ScriptedArdupilot(autopilot("ardupilot", 7, 249))
+    del vehicle.parameters["SYSID_MYGCS"]
+    vehicle.parameters |= GCS_IDS[version]
+    before = dict(vehicle.parameters)
+    vehicle.run(StandbyGoal(), 4.0)
+    assert missing(vehicle) == ""
+    now = {name: value for name, (value, _) in vehicle.parameters.items()}
+    assert now.get("MAV_GCS_SYSID", now.get("SYSID_MYGCS")) == 249
+    assert now.get("MAV_GCS_SYSID_HI", 0.0) <= 249
+    assert now.get("FS_GCS_TIMEOUT", 5.0) == min(5.0, before.get("FS_GCS_TIMEOUT", (5.0, 9))[0])
+    vehicle.run(ReleaseGoal(), 3.0)
+    assert vehicle.parameters == before
+
+
+def test_an_arducopter_that_does_not_tell_whose_heartbeats_count_is_not_flown() -> None:
+    vehicle = make("ardupilot")
+    del vehicle.parameters["SYSID_MYGCS"]
+    sent = vehicle.run(StandbyGoal(), 30.0)
+    assert missing(vehicle) == "failsafe parameters not confirmed: MAV_GCS_SYSID, SYSID_MYGCS"
+    asked = [m.param_id for _, m in of(sent, "PARAM_REQUEST_READ")]
+    assert asked.count("SYSID_MYGCS") > 20, "one that has not answered may do so later"
+    assert asked.count("FS_GCS_TIMEOUT") == OPTIONAL_ASKS, "one that is not needed does not exist"
+
+
+def test_our_heartbeat_flows_before_our_id_counts() -> None:
+    sent = make("ardupilot").run(StandbyGoal(), 6.0)
+    set_at = [t for t, m in of(sent, "PARAM_SET") if m.param_id == "SYSID_MYGCS"]
+    assert of(sent, "HEARTBEAT")[0][0] < set_at[0]
 
 
 def test_a_parameter_that_is_changed_back_is_set_again() -> None:

@@ -55,6 +55,10 @@ def healthy() -> tuple[VehicleLink, wire.Vehicle]:
         wire.text("careful"),
         wire.parameter("GUID_TIMEOUT", 0.5),
         wire.parameter("FS_GCS_ENABLE", 5.0, kind=2),
+        wire.parameter("FS_GCS_TIMEOUT", 5.0),
+        wire.parameter("MAV_GCS_SYSID", 250.0, kind=4),
+        wire.parameter("MAV_GCS_SYSID_HI", 0.0, kind=4),
+        wire.parameter("SYSID_MYGCS", 250.0, kind=4),
     )
     link.receive(10.0)
     return link, vehicle
@@ -140,7 +144,7 @@ def test_frames_go_out_as_the_ground_station_with_a_running_seq() -> None:
         link.receive(10.0 + tick * 0.05)
         link.pursue(FlyGoal((1.0, 0.0, 0.0)), 10.0 + tick * 0.05)
     sent = vehicle.heard()
-    assert {(m.get_srcSystem(), m.get_srcComponent()) for m in sent} == {(255, 190)}
+    assert {(m.get_srcSystem(), m.get_srcComponent()) for m in sent} == {(250, 191)}
     assert [m.get_seq() for m in sent] == [i % 256 for i in range(len(sent))]
     setpoints = [m for m in sent if m.msgname == "SET_POSITION_TARGET_LOCAL_NED"]
     assert len(setpoints) == link.counters.setpoints == 300
@@ -209,7 +213,7 @@ def test_well_framed_nonsense_from_the_vehicle_itself_raises_nothing(
     link.receive(11.0)
     link.pursue(goal, 11.0)
     link.view()
-    assert link.counters.frames == 12 + len(bodies), "the frames were good"
+    assert link.counters.frames == 16 + len(bodies), "the frames were good"
 
 
 def test_a_flood_is_read_in_bounded_portions() -> None:
@@ -266,6 +270,12 @@ def test_a_bad_signature_is_refused_once_signing_is_on() -> None:
 def test_a_sysid_out_of_range_is_refused(sysid: int) -> None:
     with pytest.raises(LinkError, match=r"allowed: 1\.\.250"):
         VehicleLink(memory_wires()[0], "px4", sysid)
+
+
+@pytest.mark.parametrize("agent_sysid", [0, 255, 7])
+def test_an_agent_does_not_speak_as_its_vehicle_or_a_ground_station(agent_sysid: int) -> None:
+    with pytest.raises(LinkError, match=r"allowed: 1\.\.254, and not the vehicle's sysid"):
+        VehicleLink(memory_wires()[0], "px4", 7, agent_sysid=agent_sysid)
 
 
 def test_an_unknown_autopilot_is_refused_before_anything_is_opened() -> None:

@@ -115,7 +115,7 @@ def text(content: str, severity: int = 4, number: int = 0, chunk: int = 0) -> Me
     return dialect.MAVLink_statustext_message(severity, content.encode(), number, chunk)
 
 
-def ack(command: int, result: int, system: int = 255, component: int = 190) -> Message:
+def ack(command: int, result: int, system: int = 250, component: int = 191) -> Message:
     """COMMAND_ACK."""
     return dialect.MAVLink_command_ack_message(command, result, 0, 0, system, component)
 

@@ -267,8 +267,10 @@ def test_the_fleet_has_one_entry_per_agent_sorted() -> None:
     fleet = loads(TEXT).fleet
     assert fleet.agents == (
         FleetAgent(1, 1, "ardupilot", "udpout:10.0.0.1:14550", "tcp/10.0.0.1:7447"),
-        FleetAgent(2, 2, "ardupilot", "udpout:10.0.0.2:14550", "tcp/10.0.0.2:7447"),
-        FleetAgent(3, 3, "px4", response=TYPICAL["px4"]),
+        FleetAgent(
+            2, 2, "ardupilot", "udpout:10.0.0.2:14550", "tcp/10.0.0.2:7447", agent_sysid=249
+        ),
+        FleetAgent(3, 3, "px4", response=TYPICAL["px4"], agent_sysid=248),
     )
     assert fleet.agent(3).autopilot == "px4"
     with pytest.raises(KeyError):
@@ -277,7 +279,7 @@ def test_the_fleet_has_one_entry_per_agent_sorted() -> None:
 
 def test_without_a_fleet_all_are_simulated() -> None:
     assert loads(without_section("fleet")).fleet.agents == tuple(
-        FleetAgent(k, k, "ardupilot") for k in (1, 2, 3)
+        FleetAgent(k, k, "ardupilot", agent_sysid=251 - k) for k in (1, 2, 3)
     )
 
 
