@@ -12,7 +12,7 @@ import heapq
 from collections.abc import Callable
 from typing import TypeVar
 
-from sim.config import SimConfig
+from sim.config import SimConfig, VehicleConfig
 from sim.firmware.autopilot import Outgoing
 from sim.firmware.message import Message
 from sim.network.codec import Codec
@@ -60,18 +60,16 @@ class Hub:
             self._links_of[place].append((link, channel))
         self.codecs = [Codec(config.vehicles[place].sysid, signing()) for place, _ in self.links]
         self._clients: list[dict[Address, None]] = [{} for _ in self.codecs]
+        self._one_partner = [_one_partner(config.vehicles[p], c) for p, c in self.links]
+        self._boots_s = [0.0 for _ in self.links]
         self._send = send
         self._waiting: list[tuple[float, int, Callable[[], None]]] = []
         self._waiting_count = 0
 
     def receive(self, link: int, data: bytes, sender: Address) -> None:
         """A datagram on a link; its sender becomes a client."""
-        clients = self._clients[link]
-        clients.pop(sender, None)
-        clients[sender] = None
-        if len(clients) > MAX_CLIENTS:
-            del clients[next(iter(clients))]
         place, channel = self.links[link]
+        sender = self._client(link, sender)
         self.world.vehicles[place].firmware.hear(channel)
         messages = list(self.codecs[link].messages(data))
         radio = self.world.vehicles[place].faults.radio
@@ -80,6 +78,22 @@ class Hub:
             return
         messages = self._survivors(place, messages, radio)
         self._later(radio, lambda: self._handle(link, messages, sender))
+
+    def _client(self, link: int, sender: Address) -> Address:
+        """The client that a datagram of `sender` is answered to."""
+        clients = self._clients[link]
+        if self._one_partner[link]:
+            boot_s = self.world.vehicles[self.links[link][0]].firmware.boot_s
+            if boot_s != self._boots_s[link]:
+                self._boots_s[link] = boot_s
+                clients.clear()
+            clients.setdefault(next(iter(clients), sender))
+            return next(iter(clients))
+        clients.pop(sender, None)
+        clients[sender] = None
+        if len(clients) > MAX_CLIENTS:
+            del clients[next(iter(clients))]
+        return sender
 
     def _handle(self, link: int, messages: list[Message], sender: Address) -> None:
         place, channel = self.links[link]
@@ -150,6 +164,13 @@ class Hub:
     def _transmit(self, link: int, frames: list[bytes], client: Address) -> None:
         for datagram in _datagrams(frames):
             self._send(link, datagram, client)
+
+
+def _one_partner(vehicle: VehicleConfig, channel: int) -> bool:
+    """A PX4 answers on UDP only the address that it heard first, until it reboots. It obeys
+    others, too."""
+    endpoint = (vehicle.endpoint, *vehicle.also)[channel]
+    return vehicle.persona == "px4" and endpoint.startswith("udp")
 
 
 def _datagrams(frames: list[bytes]) -> list[bytes]:

@@ -75,6 +75,8 @@ class VehicleLink:
         self._heard = Telemetry(agent_sysid, self._autopilot.parameters.names)
         self._codec = dialect.MAVLink(None, srcSystem=agent_sysid, srcComponent=AGENT_COMPONENT)
         self._secure()
+        if self._wire.warning and autopilot == "px4":
+            self._heard.texts.add(self._wire.warning)
         self._now = 0.0
         self._timesync_due = -math.inf
         self._seq: int | None = None

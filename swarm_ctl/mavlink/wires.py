@@ -25,10 +25,15 @@ _TCP_SEND_BUFFER = 4096
 """Small: a setpoint that waits in the kernel's buffer would arrive after the vehicle's time-out."""
 _DEFAULT_BAUD = 57600
 """The default of telemetry radios."""
+_FIRST_PORT, _PORTS = 10000, 3000
+"""Local ports of `udpout`: away from those of autopilots and ground stations (14000 and up)."""
 
 
 class Wire(Protocol):
     """Non-blocking bytes both ways. `now` is the caller's clock [s]; errors are OSError."""
+
+    warning: str = ""
+    """What the operator should know of this wire, or ''."""
 
     def read(self, now: float) -> bytes | None:
         """The next pending chunk (a datagram, or a part of a stream), None when none is pending."""
@@ -87,6 +92,13 @@ def _address(endpoint: str, rest: str) -> tuple[str, int]:
     return socket.gethostbyname(host), int(port)
 
 
+def local_port(address: tuple[str, int]) -> int:
+    """The port from which a `udpout` wire talks to `address` (IPv4). Neighbouring ports of a host,
+    and neighbouring hosts, get different ones."""
+    host = int.from_bytes(socket.inet_aton(address[0]), "big")
+    return _FIRST_PORT + (host + address[1]) % _PORTS
+
+
 def _device_and_baud(rest: str) -> tuple[str, int]:
     device, _, baud = rest.rpartition(":")
     return (device, int(baud)) if device and baud.isdecimal() else (rest, _DEFAULT_BAUD)
@@ -111,11 +123,23 @@ class _UdpWire(Wire):
 
 class _UdpOutWire(_UdpWire):
     """A connected socket: the kernel drops the datagrams of other senders, and reports an endpoint
-    where no process listens."""
+    where no process listens.
+
+    Its own port is the same whenever it talks to `address`: a PX4 answers the port of its first
+    partner until it reboots.
+    """
 
     def __init__(self, address: tuple[str, int]) -> None:
         super().__init__()
+        port = local_port(address)
         with _closing_on_error(self._socket):
+            try:
+                self._socket.bind(("", port))
+            except OSError as error:
+                self.warning = (
+                    f"UDP port {port} can't be used ({error.strerror}; does another process speak"
+                    " to this vehicle?): a PX4 that has heard from it answers no other port"
+                )
             self._socket.connect(address)
 
     def write(self, data: bytes, now: float) -> None:  # noqa: ARG002

@@ -37,6 +37,7 @@ def settings(tmp_path: Path, persona: str, n: int = 1) -> dict[str, Any]:
             "sysid": i + 1,
             "persona": persona,
             "endpoint": f"udpin:127.0.0.1:{free_port()}",
+            "also": [f"udpin:127.0.0.1:{free_port()}"],
             "lat_deg": ORIGIN["lat_deg"] + 5e-5 * i,
             "lon_deg": ORIGIN["lon_deg"],
             "alt_m": ORIGIN["alt_m"],
@@ -70,9 +71,11 @@ class Simulator:
             (time.monotonic() - self.configuration["epoch_s"]) * self.configuration["speedup"]
         )
 
-    def endpoint(self, place: int = 0) -> str:
-        """Where a client connects to."""
-        return str(self.configuration["vehicles"][place]["endpoint"]).replace("udpin", "udpout")
+    def endpoint(self, place: int = 0, *, further: bool = False) -> str:
+        """Where a client connects to; the further endpoint is a link of its own."""
+        vehicle = self.configuration["vehicles"][place]
+        endpoint = vehicle["also"][0] if further else vehicle["endpoint"]
+        return str(endpoint).replace("udpin", "udpout")
 
     def cut_lifeline(self) -> None:
         """What its parent's death does."""
@@ -114,11 +117,16 @@ def wait_until(sim: Simulator, what: str, met: Callable[[], Any]) -> None:
 class Pilot:
     """A ground station with one vehicle. Every wait is bounded, in mission time."""
 
-    def __init__(self, sim: Simulator, place: int = 0, system: int = 255) -> None:
+    def __init__(
+        self, sim: Simulator, place: int = 0, system: int = 255, *, further: bool = False
+    ) -> None:
         self.sim = sim
         self.sysid = sim.configuration["vehicles"][place]["sysid"]
         self._link = mavutil.mavlink_connection(
-            sim.endpoint(place), source_system=system, source_component=190, dialect="ardupilotmega"
+            sim.endpoint(place, further=further),
+            source_system=system,
+            source_component=190,
+            dialect="ardupilotmega",
         )
         self.mav = self._link.mav
         self._heartbeat_s = -1.0
@@ -207,9 +215,11 @@ class Pilot:
 
 
 @contextlib.contextmanager
-def pilot(sim: Simulator, place: int = 0, system: int = 255) -> Iterator[Pilot]:
+def pilot(
+    sim: Simulator, place: int = 0, system: int = 255, *, further: bool = False
+) -> Iterator[Pilot]:
     """A connected one."""
-    found = Pilot(sim, place, system)
+    found = Pilot(sim, place, system, further=further)
     try:
         found.wait("HEARTBEAT")
         yield found

@@ -228,6 +228,8 @@ def test_a_flood_is_read_in_bounded_portions() -> None:
 class BrokenWire:
     """Every call fails as a socket may."""
 
+    warning = ""
+
     def read(self, now: float) -> bytes | None:
         raise ConnectionRefusedError
 

@@ -16,7 +16,7 @@ import pytest
 from swarm_ctl.core.model.vehicle import FlyGoal, StandbyGoal
 from swarm_ctl.errors import LinkError
 from swarm_ctl.mavlink import VehicleLink, Wire, memory_wires
-from swarm_ctl.mavlink.wires import _TcpWire, open_wire
+from swarm_ctl.mavlink.wires import _TcpWire, local_port, open_wire
 from tests.unit.mavlink import wire
 from tests.unit.mavlink.test_framer import BANNER
 
@@ -103,6 +103,35 @@ def test_udpout_talks_first_and_hears_the_answer(udp: socket.socket) -> None:
         wait_readable(link._wire._socket)  # type: ignore[attr-defined]
         link.receive(1.0)
         assert link.view().heartbeat_s == 1.0
+
+
+def test_udpout_speaks_from_the_same_port_again(udp: socket.socket) -> None:
+    """A PX4 answers the port of its first partner until it reboots."""
+    endpoint, heard_from = f"udpout:{HOST}:{udp.getsockname()[1]}", set()
+    for _ in range(3):
+        with contextlib.closing(open_wire(endpoint)) as opened:
+            assert opened.warning == ""
+            opened.write(b"hello", 0.0)
+            heard_from.add(udp.recvfrom(100)[1])
+    assert heard_from == {(HOST, local_port(udp.getsockname()))}
+
+
+def test_a_second_process_gets_another_port_and_a_warning(udp: socket.socket) -> None:
+    endpoint = f"udpout:{HOST}:{udp.getsockname()[1]}"
+    with contextlib.closing(open_wire(endpoint)) as first:
+        with contextlib.closing(VehicleLink(endpoint, "px4", 7)) as link:
+            (text,) = link.view().texts
+            assert f"UDP port {local_port(udp.getsockname())} can't be used" in text
+            link.pursue(StandbyGoal(), 0.0)
+            other = udp.recvfrom(4096)[1]
+        first.write(b"hello", 0.0)
+        assert udp.recvfrom(100)[1] != other
+
+
+def test_the_endpoints_of_a_fleet_get_ports_of_their_own() -> None:
+    sitl = {local_port((HOST, 14580 + i)) for i in range(100)}
+    field = {local_port((f"192.168.1.{i}", 14550)) for i in range(100)}
+    assert len(sitl) == len(field) == 100
 
 
 def test_a_udp_port_where_no_process_listens_is_counted_and_healed() -> None:

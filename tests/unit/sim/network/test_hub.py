@@ -65,6 +65,21 @@ def test_clients_that_have_written_hear_the_same_frames_and_others_nothing() -> 
     assert [m.get_type() for m in clients.heard(A)].count("HEARTBEAT") == 3
 
 
+def test_a_px4_answers_its_first_partner_alone_until_it_reboots() -> None:
+    clients = Clients(persona="px4")
+    clients.tell(0, A, HELLO)
+    clients.run(4.0)
+    clients.command(0, B, 400, 1.0)
+    assert clients.hub.world.vehicles[0].firmware.armed, "it obeys the other one"
+    assert [m.command for m in clients.heard(A) if m.get_type() == "COMMAND_ACK"] == [400]
+    assert B not in clients.datagrams
+    clients.hub.world.vehicles[0].firmware.parameters.set("SIM_REBOOT", 1.0)
+    clients.run(10.0)
+    clients.tell(0, B, HELLO)
+    clients.run(2.0)
+    assert clients.heard(B)
+
+
 def test_answers_go_to_the_asking_client_alone_and_texts_to_all() -> None:
     clients = Clients()
     clients.tell(0, B, HELLO)
