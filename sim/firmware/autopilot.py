@@ -27,6 +27,7 @@ from sim.firmware.flying.maneuvers import (
 )
 from sim.firmware.flying.mission_items import MissionItem, MissionLists
 from sim.firmware.flying.position_target import Axes, PositionTarget, moved
+from sim.firmware.gps_jump import GpsJump
 from sim.firmware.message import (
     MAV_TYPE_GCS,
     LandedState,
@@ -149,6 +150,7 @@ class SimAutopilot(ABC):
         self.armed_s = -math.inf
         self.landed_s: float | None = boot_s
         """Since when the vehicle stands on the ground; None in the air."""
+        self.gps_jump = GpsJump(self.parameters)
         self._style: tuple[int, float | None, FlightStyle] | None = None
         self.battery = Battery(max(1.0, self.parameters[self.capacity_parameter]))
         self.maneuver: Maneuver = GroundManeuver()

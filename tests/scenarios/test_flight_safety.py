@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from sim.firmware.protocol import telemetry
 from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.plan import Policy
 from swarm_ctl.mission.compile.loader import LoadedMission
@@ -225,3 +226,71 @@ def test_defaults_are_safe() -> None:
     assert plan.fence is not None
     assert plan.fence.height_m == 120
     assert len(plan.fence.polygon_m) == 4
+
+
+# --- what a vehicle says against its own estimate ---
+
+
+def second(swarm: VirtualSwarm, parameter: str, value: float) -> None:
+    """Set a parameter of agent 2's vehicle."""
+    swarm.hub.world.vehicles[1].firmware.parameters.set(parameter, value)
+
+
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+def test_no_vehicle_takes_off_before_its_position_is_accurate(autopilot: str) -> None:
+    """One bad vehicle keeps all on the ground; they fly once it is good."""
+    swarm = VirtualSwarm(of_kind(mission(""), autopilot))
+    second(swarm, "SIM_GPS_ACC", 3.4)
+    swarm.run(20)
+    assert swarm.phases() == {Phase.PREPARE}
+    status = swarm.members[2].status
+    assert status is not None
+    assert status.reason == "position accuracy 3.4 m; allowed: at most 1.0 m"
+    assert status.position_accuracy_m == pytest.approx(3.4)
+    second(swarm, "SIM_GPS_ACC", 0.9)
+    swarm.wait(lambda s: s.in_step(THIRD))
+
+
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+@pytest.mark.parametrize("policy", [Policy.HOLD, Policy.LAND])
+def test_an_estimate_that_gets_bad_in_the_air(autopilot: str, policy: Policy) -> None:
+    swarm = in_third(of_kind(mission(f"estimate: {policy.value}"), autopilot))
+    second(swarm, "SIM_GPS_ACC", 1.9)
+    swarm.run(8)
+    assert swarm.phases() == {Phase.FLY}
+    second(swarm, "SIM_GPS_ACC", 3.4)
+    swarm.run(4)
+    assert Phase.HOLD in swarm.phases()
+    assert "position accuracy 3.4 m; allowed: at most 2.0 m" in reasons(swarm)
+    second(swarm, "SIM_GPS_ACC", 0.3)
+    settle(swarm)
+    assert set(swarm.outcomes().values()) == {"completed" if policy is Policy.HOLD else "failed"}
+
+
+def of_kind(flown: LoadedMission, autopilot: str) -> LoadedMission:
+    agents = tuple(replace(agent, autopilot=autopilot) for agent in flown.fleet.agents)
+    return replace(flown, fleet=replace(flown.fleet, agents=agents))
+
+
+def test_a_gps_that_jumps_is_seen_by_the_estimator_and_held_through() -> None:
+    """A jump of 4.4 m: a real ArduCopter refuses it for 7 s and speaks of a glitch until 17 s."""
+    swarm = in_third(mission(""))
+    second(swarm, "SIM_GPS_JUMP_N", 4.4)
+    swarm.run(5)
+    assert Phase.HOLD in swarm.phases()
+    assert "the estimator's horizontal position differs from its sensors (1.17" in reasons(swarm)
+    swarm.run(10)
+    assert Phase.HOLD in swarm.phases()
+    settle(swarm)
+    assert set(swarm.outcomes().values()) == {"completed"}
+
+
+@pytest.mark.parametrize("name", ["EKF_STATUS_REPORT", "GPS_RAW_INT"])
+def test_an_estimate_that_is_no_longer_told_is_not_good(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    swarm = in_third(mission(""))
+    monkeypatch.setitem(telemetry.MESSAGES, name, (telemetry.MESSAGES[name][0], lambda _: None))
+    swarm.run(7)
+    assert Phase.HOLD in swarm.phases()
+    assert f"no {name} for 3 s" in reasons(swarm)

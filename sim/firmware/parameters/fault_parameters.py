@@ -16,6 +16,7 @@ SIM_DEFAULTS: dict[str, TypedValue] = typed(
         "SIM_BATT_FAIL": 0,  # 1: as good as empty at once
         "SIM_COLL_FALL": 0,  # 1: falls after touching another vehicle
         "SIM_DELAY": 0.0,  # s, of every frame, both ways
+        "SIM_GPS_ACC": 0.3,  # m, the accuracy that receiver and estimator tell
         "SIM_GPS_DRIFT": 0.0,  # m, standard deviation of the slow error (a minute)
         "SIM_GPS_FREEZE": 0,  # 1: position and velocity stay as they are
         "SIM_GPS_JUMP_D": 0.0,  # m, added to the position
@@ -23,6 +24,7 @@ SIM_DEFAULTS: dict[str, TypedValue] = typed(
         "SIM_GPS_JUMP_N": 0.0,
         "SIM_GPS_NOISE": 0.0,  # m, standard deviation of the quick error (a second)
         "SIM_GPS_OFF": 0,  # 1: no fix, no position estimate
+        "SIM_GPS_SATS": 12,  # satellites that the receiver tells
         "SIM_HB_MUTE": 0,  # 1: no HEARTBEAT
         "SIM_LOSS": 0.0,  # percent of frames lost, both ways
         "SIM_MOTOR_STOP": 0,  # 1: falls

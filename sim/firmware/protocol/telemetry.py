@@ -28,6 +28,7 @@ _STANDBY, _ACTIVE, _CRITICAL = 3, 4, 5
 _GPS, _SENSORS = 0x20, 0x20 | 0x01 | 0x02 | 0x04 | 0x08  # gyro, accelerometer, compass, pressure
 _AHRS, _BATTERY, _PREARM = 0x200000, 0x2000000, 0x10000000
 _READY, _EKF_STARTING, _ESTIMATOR_STARTING = 831, 1 | 128 | 1024, 1
+_EKF_GLITCH = 32768
 _UNIX_EPOCH_S = 1_700_000_000
 """Wall-clock time of mission time 0 as told to clients: fixed, so that runs repeat."""
 
@@ -80,7 +81,9 @@ def gps_raw_int(a: SimAutopilot) -> Fields:
     }
     if not a.fix():
         return course | {"fix_type": 1, "eph": 9999, "epv": 9999}
-    fix = {"fix_type": 3, "eph": 121, "epv": 200, "satellites_visible": 12}
+    accuracy_mm, satellites = a.parameters["SIM_GPS_ACC"] * 1e3, a.parameters["SIM_GPS_SATS"]
+    fix = {"fix_type": 3, "eph": 121, "epv": 200}
+    fix |= {"h_acc": _natural(accuracy_mm, 2**32), "satellites_visible": _natural(satellites, 255)}
     return course | fix | _place(a, a.sensed.position_ned_m)
 
 
@@ -191,14 +194,18 @@ def autopilot_version(a: SimAutopilot) -> Fields:
 
 def ekf_status_report(a: SimAutopilot) -> Fields:
     variances = ("velocity", "pos_horiz", "pos_vert", "compass", "terrain_alt")
-    flags = {"flags": _READY if a.ready() else _EKF_STARTING}
-    return flags | {f"{name}_variance": 0.01 for name in variances}
+    found = {f"{name}_variance": 0.01 for name in variances}
+    found["pos_horiz_variance"] = a.gps_jump.ratio(a.now)
+    glitch = _EKF_GLITCH if a.gps_jump.flagged(a.now) else 0
+    return found | {"flags": (_READY if a.ready() else _EKF_STARTING) | glitch}
 
 
 def estimator_status(a: SimAutopilot) -> Fields:
     ratios = {f"{name}_ratio": 0.01 for name in ("vel", "pos_horiz", "pos_vert", "mag", "hagl")}
     flags = _READY if a.ready() else _ESTIMATOR_STARTING
-    accuracy = {"tas_ratio": 0.01, "pos_horiz_accuracy": 0.3, "pos_vert_accuracy": 0.4}
+    ratios["pos_horiz_ratio"] = a.gps_jump.ratio(a.now)
+    accuracy = {"tas_ratio": 0.01, "pos_vert_accuracy": 0.4}
+    accuracy["pos_horiz_accuracy"] = max(0.0, a.parameters["SIM_GPS_ACC"])
     return ratios | accuracy | {"time_usec": a.boot_ms() * 1000, "flags": flags}
 
 
@@ -263,6 +270,11 @@ def _place(
 
 def _height(a: SimAutopilot) -> float:
     return a.plane.origin.alt_m - a.sensed.position_ned_m[2]
+
+
+def _natural(value: float, end: int) -> int:
+    """Rounded and within 0 .. end - 1."""
+    return max(0, min(end - 1, round(value)))
 
 
 def _centi(value: float) -> int:

@@ -16,7 +16,7 @@ from swarm_ctl.core.agent.barrier import Barrier
 from swarm_ctl.core.agent.command_handler import AgentSituation, CommandHandler
 from swarm_ctl.core.agent.flight_context import FlightContext
 from swarm_ctl.core.agent.landing import Landing
-from swarm_ctl.core.agent.preflight import Preflight
+from swarm_ctl.core.agent.preflight import EstimateWatch, Preflight
 from swarm_ctl.core.agent.progress import Progress, step_name
 from swarm_ctl.core.agent.return_to_launch import ReturnToLaunch
 from swarm_ctl.core.agent.status_report import status_report
@@ -138,6 +138,7 @@ class Agent:
             plan, plan.agent(agent_id), self._hash, self._navigator, expect_station
         )
         self._takeover = Takeover(context, preflight)
+        self._estimate = EstimateWatch(plan.policies.position_accuracy_flight_m)
         self._executor = StepExecutor(
             context,
             preflight,
@@ -289,6 +290,7 @@ class Agent:
                 height_m=context.height(fix) if fix is not None else 0.0,
                 landing=landing,
                 returning=context.phase is Phase.RETURN,
+                estimate_doubt=self._estimate.look(tick.now, tick.view),
             )
         )
         if failsafes.replaces(trigger, context.trigger, landing=landing):

@@ -82,6 +82,8 @@ class Situation:
     """This agent is landing its vehicle: that it leaves the controlled mode is our own doing."""
     returning: bool
     """It is on its way back, where each agent flies for itself."""
+    estimate_doubt: str = ""
+    """What the vehicle has been saying against its own estimate (`EstimateWatch`), or ''."""
 
 
 Check = Callable[[Situation], FailsafeTrigger | None]
@@ -254,6 +256,14 @@ def _too_fast(s: Situation) -> FailsafeTrigger | None:
     return None
 
 
+def _estimate_in_doubt(s: Situation) -> FailsafeTrigger | None:
+    """By the vehicle's own word. Its autopilot has a failsafe of its own, at looser limits."""
+    if not s.had_control or s.landing or isinstance(s.progress.current, LandStep):
+        return None
+    policy, doubt = s.plan.policies.estimate, s.estimate_doubt
+    return _by_policy(policy, doubt) if doubt else None
+
+
 def _too_windy(s: Situation) -> FailsafeTrigger | None:
     """By the vehicle's own estimate. PX4 has the same limit of its own (COM_WIND_MAX), off as
     delivered."""
@@ -273,6 +283,7 @@ CHECKS: Final[tuple[Check, ...]] = (
     _position_lost,
     _too_fast,
     _too_windy,
+    _estimate_in_doubt,
     _beyond_fence,
     _battery_low,
     _peers_gone,

@@ -10,6 +10,8 @@ from swarm_ctl.core.agent.tick import HeardStation, Tick
 from swarm_ctl.core.control.navigation import AGREE_M, Navigator
 from swarm_ctl.core.model.plan import AgentPlan, Plan
 from swarm_ctl.core.model.text import agents_named
+from swarm_ctl.core.model.timeouts import ESTIMATE_DOUBT_S
+from swarm_ctl.core.model.vehicle import VehicleView
 from swarm_ctl.core.swarm.snapshot import PeerSnapshot
 
 
@@ -62,12 +64,34 @@ class Preflight:
         if off > unit:
             return f"the vehicle stands {off:.1f} m from its planned start; allowed: {unit:g} m"
         apart = self.disagreement(tick)
-        if apart:
-            return apart
+        doubt = apart or view.doubt(self.plan.policies.position_accuracy_m)
+        if doubt:
+            return doubt
         left, reserve = view.battery_percent, self.plan.policies.battery_reserve_percent
         if left is not None and left < reserve:
             return f"battery at {left:.0f} %; allowed: the reserve of {reserve:g} % and more"
         return ""
+
+
+class EstimateWatch:
+    """What a vehicle says against its own estimate in the air, if it lasts."""
+
+    def __init__(self, accuracy_m: float) -> None:
+        self._accuracy_m = accuracy_m
+        self._text = ""
+        self._since_s = self._last_s = -math.inf
+
+    def look(self, now: float, view: VehicleView) -> str:
+        """The doubt as it was first said, once it has lasted for `ESTIMATE_DOUBT_S` and until it
+        has been gone for as long; ''."""
+        found = view.doubt(self._accuracy_m)
+        if found:
+            self._last_s = now
+            if not self._text:
+                self._text, self._since_s = found, now
+        elif now - self._last_s >= ESTIMATE_DOUBT_S:
+            self._text = ""
+        return self._text if self._last_s - self._since_s >= ESTIMATE_DOUBT_S else ""
 
 
 def _unknown_clocks(peers: PeerSnapshot) -> str:

@@ -120,6 +120,12 @@ class Policies:
     """Stronger wind than `wind_limit_mps`, where the vehicle estimates it; where not, the tilt
     limit stands in."""
     wind_limit_mps: float = 12.0
+    estimate: Policy = Policy.HOLD
+    """In the air, when the vehicle says for `timeouts.ESTIMATE_DOUBT_S` that its own estimate is
+    faulty, or less accurate than `position_accuracy_flight_m`."""
+    position_accuracy_m: float = 1.0
+    """With a less accurate position (one standard deviation) no vehicle takes off."""
+    position_accuracy_flight_m: float = 2.0
     return_separation_m: float = 3.0
     """Between the heights of two agents that return."""
     return_speed_mps: float = 2.5

@@ -28,6 +28,9 @@ silent agent flies its last setpoint. A PX4 then leaves OFFBOARD for good, so it
 SILENT_FLIES_S: Final = 1.0
 """For so long the peers of a silent agent expect its vehicle to fly on: the longest of
 `SETPOINT_TIMEOUT_S`, because they do not know its autopilot."""
+ESTIMATE_DOUBT_S: Final = 2.0
+"""What a vehicle says against its own estimate counts after this time, and for so long after it was
+last said: four reports at 2 Hz."""
 OWN_FIX_S: Final = 0.5
 """With an own position older than this, the setpoint is zero."""
 OWN_LOST_S: Final = 5.0

@@ -110,6 +110,14 @@ class VehicleView:
     round_trip_s: float | None = None
     """TIMESYNC there and back, the newest; at least a tick, since answers are read once a tick."""
 
+    def doubt(self, accuracy_m: float) -> str:
+        """What the vehicle says against its own estimate, with a position that may be off by
+        `accuracy_m`, or ''."""
+        found = self.position_accuracy_m
+        if self.estimate_fault or found is None or found <= accuracy_m:
+            return self.estimate_fault
+        return f"position accuracy {found:.1f} m; allowed: at most {accuracy_m:.1f} m"
+
 
 # --- goals: what the agent wants; reaching them (commands, order, retries) is the autopilot
 # driver's work ---

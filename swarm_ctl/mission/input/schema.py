@@ -403,6 +403,12 @@ class PolicySection(Section):
     """When the vehicle estimates more wind than `wind_limit_mps`. Vehicles that do not estimate the
     wind have the tilt limit instead."""
     wind_limit_mps: float = Field(default=12.0, ge=1, le=30)
+    estimate: Action = Policy.HOLD
+    """When the vehicle says in the air that its own estimate is faulty, or less accurate than
+    `position_accuracy_flight_m`."""
+    position_accuracy_m: float = Field(default=1.0, ge=0.05, le=50)
+    """With a less accurate position, by its own word, no vehicle takes off."""
+    position_accuracy_flight_m: float = Field(default=2.0, ge=0.05, le=50)
     return_separation_m: float = Field(default=3.0, ge=0, le=20)
     """Between the heights of two returning agents."""
     return_speed_mps: float | None = Field(default=None, ge=0.1, le=20)

@@ -31,6 +31,8 @@ class SimParameters(Section):
     """1: the vehicle falls after touching another vehicle."""
     SIM_DELAY: Annotated[float, Field(ge=0, le=60)] | None = None
     """Delay of every MAVLink frame [s], both ways."""
+    SIM_GPS_ACC: Deviation = None
+    """Accuracy of the position [m] that the vehicle tells."""
     SIM_GPS_DRIFT: Deviation = None
     """Standard deviation [m] of the slow position error (changes within a minute)."""
     SIM_GPS_FREEZE: Switch = None
@@ -45,6 +47,8 @@ class SimParameters(Section):
     """Standard deviation [m] of the fast position error (changes within a second)."""
     SIM_GPS_OFF: Switch = None
     """1: no fix, no position."""
+    SIM_GPS_SATS: Annotated[int, Field(ge=0, le=60)] | None = None
+    """Number of satellites that the vehicle tells."""
     SIM_HB_MUTE: Switch = None
     """1: the vehicle sends no heartbeat."""
     SIM_LOSS: Annotated[float, Field(ge=0, le=100)] | None = None

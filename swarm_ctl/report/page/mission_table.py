@@ -171,6 +171,10 @@ def _facts(plan: Plan, full: bool) -> Iterator[str]:
         f" wind over {policies.wind_limit_mps:g} m/s: {policies.wind.value}"
     )
     yield (
+        f"estimate {policies.position_accuracy_m:g} m or better to take off;"
+        f" over {policies.position_accuracy_flight_m:g} m, or faulty: {policies.estimate.value}"
+    )
+    yield (
         f"lost     agent after {policies.agent_lost_after_s:g} s: {policies.agent_lost.value};"
         f" station after {policies.station_lost_after_s:g} s: {policies.station_lost.value}"
     )

@@ -132,6 +132,21 @@ ROWS = [
     Row("an old position", seen(fix=fix(age_s=5.01)), LANDS, "no position from the vehicle"),
     Row("a position of just 5 s", seen(fix=fix(age_s=5.0))),
     Row("no position on the ground", lambda: on_the_ground(seen={"fix": None})),
+    # the vehicle's own word of its estimate
+    Row("an estimate in doubt", case(estimate_doubt="GPS glitch"), HOLDS, "GPS glitch"),
+    Row("in doubt, landing", case(estimate_doubt="GPS glitch", landing=True)),
+    Row("in doubt, the landing step", case(estimate_doubt="GPS glitch", step=LAST)),
+    Row("in doubt before control", case(estimate_doubt="GPS glitch", had_control=False)),
+    Row(
+        "in doubt, by policy land",
+        case(estimate_doubt="GPS glitch", of=policies(estimate=Policy.LAND)),
+        LANDS,
+        "GPS glitch",
+    ),
+    Row(
+        "in doubt, by policy continue",
+        case(estimate_doubt="GPS glitch", of=policies(estimate=Policy.CONTINUE)),
+    ),
     # too fast, too steep
     Row("10.1 m/s", moving(8.0, 6.2, 0.0), LANDS, "10.1 m/s fast; allowed: 10 m/s"),
     Row("just 10 m/s", moving(8.0, 6.0, 0.0)),

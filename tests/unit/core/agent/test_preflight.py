@@ -7,13 +7,13 @@ from typing import Any
 
 import pytest
 
-from swarm_ctl.core.agent.preflight import Preflight
+from swarm_ctl.core.agent.preflight import EstimateWatch, Preflight
 from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.control.navigation import Navigator
 from swarm_ctl.core.model.frames import geodetic_from_ned
 from swarm_ctl.core.model.vehicle import GlobalFix
 from swarm_ctl.core.swarm.snapshot import OtherAircraft
-from tests.unit.core.builders import NOW, ORIGIN, OWN, PARKED, UNIT_M, fix, peer, plan, tick
+from tests.unit.core.builders import NOW, ORIGIN, OWN, PARKED, UNIT_M, fix, peer, plan, tick, view
 
 PLAN = plan()
 OTHER = PLAN.hash() + 1
@@ -61,6 +61,13 @@ ROWS: list[tuple[str, Callable[[], Tick], str]] = [
     ),
     ("nearly one position", lambda: on_ground(global_=global_fix(4.9)), ""),
     ("no global position", lambda: on_ground(global_=None), ""),
+    (
+        "an inaccurate position",
+        lambda: on_ground(position_accuracy_m=3.4),
+        "position accuracy 3.4 m; allowed: at most 1.0 m",
+    ),
+    ("a position just accurate enough", lambda: on_ground(position_accuracy_m=1.0), ""),
+    ("an estimate's fault", lambda: on_ground(estimate_fault="no 3D fix"), "no 3D fix"),
     ("battery", lambda: on_ground(battery_percent=19.0), "battery at 19 %; allowed: the reserve"),
     ("battery at the reserve", lambda: on_ground(battery_percent=20.0), ""),
     ("battery unknown", lambda: on_ground(battery_percent=None), ""),
@@ -100,3 +107,37 @@ def test_an_agent_that_looks_at_plans_alone_needs_no_station() -> None:
     check = preflight()
     assert check.other_plan(on_ground().peers, None) == ""
     assert "agent 2" in check.other_plan(on_ground(peer(2, plan_hash=OTHER)).peers, None)
+
+
+# --- the estimate in the air: what is said at which time, and what the watch then says ---
+
+GOOD, BAD = 2.0, 2.1
+
+
+@pytest.mark.parametrize(
+    ("said", "doubted"),
+    [
+        ([(0, BAD), (1.9, BAD)], False),
+        ([(0, BAD), (2, BAD)], True),
+        ([(0, GOOD), (2, GOOD)], False),
+        ([(0, BAD), (2, BAD), (3.9, GOOD)], True),
+        ([(0, BAD), (2, BAD), (4, GOOD)], False),
+        ([(0, BAD), (1, GOOD), (2, BAD)], True),
+        ([(0, BAD), (2, GOOD), (3, BAD)], False),
+        ([(0, BAD), (1, GOOD)], False),
+        ([(0, BAD), (1, None), (3, None)], False),
+    ],
+)
+def test_a_doubt_counts_once_it_lasts(
+    said: list[tuple[float, float | None]], doubted: bool
+) -> None:
+    watch = EstimateWatch(2.0)
+    found = [watch.look(t, view(position_accuracy_m=accuracy)) for t, accuracy in said]
+    assert found[-1] == ("position accuracy 2.1 m; allowed: at most 2.0 m" if doubted else "")
+
+
+def test_a_lasting_doubt_is_one_sentence() -> None:
+    """Another sentence each tick would be a new failsafe each tick."""
+    watch = EstimateWatch(2.0)
+    found = {watch.look(t, view(position_accuracy_m=3.0 + t)) for t in (0.0, 2.0, 3.0, 4.0)}
+    assert found == {"", "position accuracy 3.0 m; allowed: at most 2.0 m"}

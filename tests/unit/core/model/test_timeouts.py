@@ -1,4 +1,4 @@
-"""The table of time-outs, docs/pages/timeouts.md, has the numbers of the code."""
+"""The tables of docs/pages/timeouts.md and safety.md have the numbers of the code."""
 
 from __future__ import annotations
 
@@ -12,10 +12,15 @@ import pytest
 import swarm_ctl
 from swarm_ctl.core.model import timeouts
 from swarm_ctl.core.model.plan import Policies
+from swarm_ctl.mavlink.estimate import EKF_RULES, ESTIMATOR_RULES
 
 PACKAGE = Path(swarm_ctl.__file__).parent
 TABLE = (PACKAGE.parent / "docs" / "pages" / "timeouts.md").read_text()
-NUMBERS = sorted(set(re.findall(r"`((?:\w+\.)*[A-Za-z_]+)` (\d+(?:\.\d+)?)", TABLE)))
+SAFETY = (PACKAGE.parent / "docs" / "pages" / "safety.md").read_text()
+NUMBERS = sorted(
+    set(re.findall(r"`((?:\w+\.)*[A-Za-z_]+)` (\d+(?:\.\d+)?)", TABLE))
+    | set(re.findall(r"`(\w+\.\w+)` (\d+(?:\.\d+)?)", SAFETY))
+)
 
 
 def value(name: str) -> Any:
@@ -36,8 +41,13 @@ def test_each_number_is_the_number_in_the_code(name: str, number: str) -> None:
     assert value(name) == float(number)
 
 
+def test_the_ratios_of_the_safety_page_are_those_of_the_code() -> None:
+    assert f"ArduCopter {EKF_RULES.most_ratio:g}, PX4 {ESTIMATOR_RULES.most_ratio:g} |" in SAFETY
+
+
 def test_no_constant_of_the_module_is_missing_in_the_table() -> None:
     assert len(NUMBERS) > 20
+    assert ("policies.position_accuracy_flight_m", "2.0") in NUMBERS
     constants = [name for name in vars(timeouts) if name.isupper()]
     assert [name for name in constants if f"`{name}`" not in TABLE] == []
     setpoint = timeouts.SETPOINT_TIMEOUT_S
