@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
-from swarm_ctl.core.model.messages import AgentStatus, Event, StepResult
+from swarm_ctl.core.model.messages import AgentStatus, Event, Outcome, StepResult
 from swarm_ctl.report.folder.files import Damage, read_lines
 
 FINAL: Final = "agents"
@@ -31,6 +31,8 @@ class LastStatus:
     status: AgentStatus
     final: bool
     """Written by the agent itself at its end; otherwise the station heard it last."""
+    successor: bool = False
+    """The process was killed, another took the vehicle over and told its end: final, too."""
 
     def step(self, k: int) -> StepResult | None:
         """The result of step k (0: prepare) for this agent; None where it did not get there."""
@@ -38,18 +40,25 @@ class LastStatus:
 
 
 def read_last_statuses(
-    folder: Path, agents: Iterable[int] | None, notes: list[str]
+    folder: Path, agents: Iterable[int] | None, notes: list[str], killed: Collection[int] = ()
 ) -> dict[int, LastStatus]:
     """The last status of each of `agents` (None: of all agents in the folder).
 
-    `notes` gets a line for each file that is missing or torn.
+    `notes` gets a line for each file that is missing or torn. An agent whose process was `killed`
+    has none; the end that the station heard is that of a process which took its vehicle over.
     """
-    heard = {status.agent: status for status in _read(folder / STATUSES, _STATUS, notes)}
+    first, heard = dict[int, AgentStatus](), dict[int, AgentStatus]()
+    for status in _read(folder / STATUSES, _STATUS, notes):
+        first.setdefault(status.agent, status)
+        heard[status.agent] = status
     if agents is None:
         written = (path.stem for path in (folder / FINAL).glob("*.json"))
         agents = sorted({int(name) for name in written if name.isdecimal()} | set(heard))
     found: dict[int, LastStatus] = {}
     for agent in agents:
+        if agent in killed and agent in heard and _succeeded(first[agent], heard[agent]):
+            found[agent] = LastStatus(heard[agent], final=True, successor=True)
+            continue
         final = _final_status(folder / FINAL / f"{agent}.json", notes)
         if final is not None:
             found[agent] = LastStatus(final, final=True)
@@ -60,6 +69,12 @@ def read_last_statuses(
         else:
             notes.append(f"agent {agent}: no status is known")
     return found
+
+
+def _succeeded(first: AgentStatus, last: AgentStatus) -> bool:
+    """The last status is the end of another process than the first: its flight began later."""
+    began = [status.steps[0].start_s if status.steps else None for status in (first, last)]
+    return last.outcome is not Outcome.RUNNING and began[0] != began[1]
 
 
 def read_events(folder: Path, notes: list[str]) -> Iterator[Event]:

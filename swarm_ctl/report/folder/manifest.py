@@ -46,6 +46,12 @@ class Manifest(PlanFile):
         return self.agents_mesh + ([self.station_mesh] if self.station_mesh else [])
 
     @property
+    def in_truth(self) -> frozenset[int]:
+        """The agents whose vehicles the truth has."""
+        ids = (agent.id for agent in self.fleet) if self.simulated is None else self.simulated
+        return frozenset(ids)
+
+    @property
     def agent_of_sysid(self) -> dict[int, int]:
         """The agent that flies each vehicle."""
         return {agent.sysid: agent.id for agent in self.fleet}

@@ -1,4 +1,4 @@
-"""The numbers of a flight, from the truth. Pure: arrays in, numbers out.
+"""The numbers of a flight. Pure: arrays in, numbers out.
 
 T moments, n agents in the plan's order; points are horizontal (north, east) in metres, times in
 mission seconds.
@@ -6,54 +6,54 @@ mission seconds.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from swarm_ctl.core.law.formation import errors
-from swarm_ctl.report.folder.truth import Bools, Floats, Truth
-
-_CLOCK_S = 1e-6
-"""Two times this close are one moment: truth times are written with six decimals."""
+from swarm_ctl.report.folder.flight import CLOCK_S, Flight, Source
+from swarm_ctl.report.folder.truth import Floats
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class TrueFlight:
-    """The truth, seen from the plan: one column per agent."""
+@dataclass(frozen=True, slots=True)
+class Approach:
+    """The closest that two vehicles came, horizontally."""
 
-    time_s: Floats
-    """(T,)"""
-    points_m: Floats
-    """(T, n, 2); nan for an agent whose vehicle the truth does not have."""
-    live: Bools
-    """(T, n): airborne, and its agent not yet lost."""
-
-    def during(self, start_s: float, end_s: float) -> TrueFlight:
-        """The part from `start_s` to `end_s`, both included."""
-        inside = (self.time_s >= start_s - _CLOCK_S) & (self.time_s <= end_s + _CLOCK_S)
-        return replace(
-            self, time_s=self.time_s[inside], points_m=self.points_m[inside], live=self.live[inside]
-        )
+    columns: tuple[int, int]
+    distance_m: float
+    time_s: float
+    doubt_m: float
+    """How far the distance may be off; 0 by the truth."""
 
 
-def flight_of(truth: Truth, sysids: Sequence[int], live_until_s: npt.ArrayLike) -> TrueFlight:
-    """The flight of the agents whose vehicles are `sysids`, each live until its `live_until_s` (n,)
-    at most."""
-    column = {sysid: k for k, sysid in enumerate(truth.sysids)}
-    points = np.full((len(truth.time_s), len(sysids), 2), np.nan)
-    airborne = np.zeros(points.shape[:2], dtype=np.bool_)
-    for k, sysid in enumerate(sysids):
-        if sysid in column:
-            points[:, k] = truth.position_ned_m[:, column[sysid], :2]
-            airborne[:, k] = truth.airborne[:, column[sysid]]
-    return TrueFlight(
-        truth.time_s, points, airborne & (truth.time_s[:, None] <= np.asarray(live_until_s))
-    )
+def approaches(flight: Flight) -> Iterator[Approach]:
+    """Each pair at its closest, also between two moments: both on straight lines.
+
+    By the truth while any vehicle is in the air. By an estimate while both are: on the ground the
+    noise of a position is no approach.
+    """
+    true = np.array([source is Source.TRUTH for source in flight.sources])
+    flying, some = flight.airborne, flight.airborne.any(axis=1, keepdims=True)
+    for i in range(len(true) - 1 if len(flight.time_s) > 1 else 0):
+        others = slice(i + 1, None)
+        apart = flight.points_m[:, others] - flight.points_m[:, i : i + 1]
+        counts = np.where(true[i] & true[others], some, flying[:, i : i + 1] & flying[:, others])
+        start, way = apart[:-1], np.diff(apart, axis=0)
+        square = np.maximum((way * way).sum(axis=-1), 1e-12)
+        share = np.clip(-(start * way).sum(axis=-1) / square, 0.0, 1.0)
+        near = np.linalg.norm(start + share[..., None] * way, axis=-1)
+        near[~(counts[:-1] | counts[1:]) | np.isnan(near)] = np.inf
+        for m, k in enumerate(near.argmin(axis=0).tolist()):
+            if np.isfinite(near[k, m]):
+                j = i + 1 + m
+                time_s = flight.time_s[k] + share[k, m] * (flight.time_s[k + 1] - flight.time_s[k])
+                doubt_m = flight.doubt_m[k : k + 2, [i, j]].max(axis=0).sum()
+                yield Approach((i, j), float(near[k, m]), float(time_s), float(doubt_m))
 
 
-def formation_error(flight: TrueFlight, slots_m: npt.ArrayLike) -> Floats:
+def formation_error(flight: Flight, slots_m: npt.ArrayLike) -> Floats:
     """Largest |e_i - mean e| of the live agents at each moment [m], (T,); nan without live agents.
 
     `slots_m` is (n, 2), or (T, n, 2) where they change.
@@ -79,19 +79,19 @@ def time_to_settle(
     It has to begin by `end_s`; None if it does not. `error_m` is (T,), nan is not below.
     """
     # The runs of consecutive samples below the tolerance: from `begins` to `ends`, both included.
-    chosen = time_s >= start_s - _CLOCK_S
+    chosen = time_s >= start_s - CLOCK_S
     time_s, under = time_s[chosen], (error_m < tolerance_m)[chosen]
     edges = np.diff(np.concatenate(([0], under.astype(np.int8), [0])))
     begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
-    long_enough = (time_s[ends] - time_s[begins] >= settle_s - _CLOCK_S) & (
-        time_s[begins] <= end_s + _CLOCK_S
+    long_enough = (time_s[ends] - time_s[begins] >= settle_s - CLOCK_S) & (
+        time_s[begins] <= end_s + CLOCK_S
     )
     found = begins[long_enough]
     return max(0.0, float(time_s[found[0]]) - start_s) if len(found) else None
 
 
 def longest_link(
-    flight: TrueFlight, links: Iterable[tuple[int, int]]
+    flight: Flight, links: Iterable[tuple[int, int]]
 ) -> tuple[float, tuple[int, int]] | None:
     """The greatest length [m] of any of the `links` (pairs of columns) while both agents were live,
     and that link."""
@@ -102,11 +102,6 @@ def longest_link(
             lengths = np.linalg.norm(flight.points_m[both, i] - flight.points_m[both, j], axis=-1)
             found.append((float(lengths.max()), (i, j)))
     return max(found, default=None)
-
-
-def closest_approach(truth: Truth) -> tuple[float, tuple[int, int]] | None:
-    """The smallest true horizontal distance [m] and its pair of sysids; None without a flight."""
-    return min(((distance, pair) for pair, distance in truth.minima.items()), default=None)
 
 
 def last_number(values: Floats) -> float | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,10 +12,13 @@ import numpy.typing as npt
 
 from swarm_ctl.core.model.messages import AgentStatus, StepOutcome
 from swarm_ctl.core.model.plan import FormStep, LandStep, Plan, ReturnStep
+from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.errors import InputError
+from swarm_ctl.recording.mcap_reader import RECORDING
+from swarm_ctl.report.folder.flight import Flight, flight_of
 from swarm_ctl.report.folder.last_statuses import LastStatus, read_last_statuses
 from swarm_ctl.report.folder.manifest import Manifest, read_manifest
-from swarm_ctl.report.folder.metrics import TrueFlight, flight_of
+from swarm_ctl.report.folder.tracks import Track, read_tracks
 from swarm_ctl.report.folder.truth import TRUTH, Floats, Truth, load_truth
 
 
@@ -24,8 +28,10 @@ class RunFolder:
 
     manifest: Manifest | None
     truth: Truth | None
-    flight: TrueFlight | None
-    """The truth with one column per agent; needs manifest and truth."""
+    tracks: dict[int, Track]
+    """By agent: what the vehicles told of themselves that this run did not simulate."""
+    flight: Flight | None
+    """One column per agent, by the truth or by the vehicles; None: nothing is known of it."""
     agents: tuple[int, ...]
     """The plan's; without a manifest, those that left a trace."""
     last: dict[int, LastStatus]
@@ -58,8 +64,12 @@ class RunFolder:
         return found
 
     def start_s(self, k: int) -> float:
-        """When the first agent began step k; inf: no agent did."""
-        found = (last.step(k) for last in self.last.values())
+        """When the first agent began step k; inf: no agent did.
+
+        A process that took a vehicle over has not seen the beginning, and has its own clock.
+        """
+        whole = [last for last in self.last.values() if not last.successor]
+        found = (last.step(k) for last in whole or self.last.values())
         return min((result.start_s for result in found if result), default=math.inf)
 
     def landing_s(self) -> float:
@@ -80,15 +90,19 @@ class RunFolder:
         return min([*planned, *broken], default=math.inf)
 
 
-def read_run(folder: Path) -> RunFolder:
-    """Read what there is of manifest, truth and statuses; never raises, `notes` has the reasons."""
+def read_run(folder: Path, killed: Collection[int] = ()) -> RunFolder:
+    """Read what there is of manifest, truth, statuses and recording; never raises, `notes` has the
+    reasons. `killed`: the agents whose processes were ended by a signal."""
     notes: list[str] = []
     manifest = _manifest(folder, notes)
     truth = _truth(folder, manifest, notes)
     planned = tuple(agent.id for agent in manifest.plan.agents) if manifest else None
-    last = read_last_statuses(folder, planned, notes)
-    flight = _flight(truth, manifest, last) if truth and manifest else None
-    return RunFolder(manifest, truth, flight, planned or tuple(last), last, notes)
+    last = read_last_statuses(folder, planned, notes, killed)
+    tracks = _tracks(folder, manifest, notes) if manifest else {}
+    flight = _flight(truth, tracks, manifest, last) if manifest else None
+    if flight is not None and not len(flight.time_s):
+        flight = None
+    return RunFolder(manifest, truth, tracks, flight, planned or tuple(last), last, notes)
 
 
 def _manifest(folder: Path, notes: list[str]) -> Manifest | None:
@@ -100,6 +114,8 @@ def _manifest(folder: Path, notes: list[str]) -> Manifest | None:
 
 
 def _truth(folder: Path, manifest: Manifest | None, notes: list[str]) -> Truth | None:
+    if manifest is not None and not manifest.in_truth:
+        return None
     try:
         truth = load_truth(folder / TRUTH)
     except OSError as error:
@@ -109,18 +125,38 @@ def _truth(folder: Path, manifest: Manifest | None, notes: list[str]) -> Truth |
     if not truth.complete:
         notes.append(f"{TRUTH}: no end line, the simulator did not finish it")
     if manifest is not None:
-        strange = set(truth.sysids) ^ {agent.sysid for agent in manifest.fleet}
+        sysid = {agent.id: agent.sysid for agent in manifest.fleet}
+        strange = set(truth.sysids) ^ {sysid[i] for i in manifest.in_truth}
         if strange:
             sysids = ", ".join(map(str, sorted(strange)))
             notes.append(f"{TRUTH}: it and the fleet do not agree about sysid {sysids}")
     return truth
 
 
-def _flight(truth: Truth, manifest: Manifest, last: dict[int, LastStatus]) -> TrueFlight:
+def _tracks(folder: Path, manifest: Manifest, notes: list[str]) -> dict[int, Track]:
+    """Of the vehicles that this run did not simulate."""
+    agents = [agent.id for agent in manifest.plan.agents if agent.id not in manifest.in_truth]
+    if not agents:
+        return {}
+    try:
+        tracks = read_tracks(folder, agents)
+    except InputError as error:
+        notes.append(str(error))
+        return {}
+    unheard = [agent for agent in agents if agent not in tracks]
+    if unheard:
+        notes.append(f"{RECORDING}: no state of {agents_named(unheard)}")
+    return tracks
+
+
+def _flight(
+    truth: Truth | None, tracks: dict[int, Track], manifest: Manifest, last: dict[int, LastStatus]
+) -> Flight:
     agents = [agent.id for agent in manifest.plan.agents]
     sysid = {agent.id: agent.sysid for agent in manifest.fleet}
     until_s = [_live_until(last.get(i), manifest.plan) for i in agents]
-    return flight_of(truth, [sysid[i] for i in agents], until_s)
+    places = {k: tracks[agent] for k, agent in enumerate(agents) if agent in tracks}
+    return flight_of(truth, [sysid[i] for i in agents], until_s, places)
 
 
 def _live_until(last: LastStatus | None, plan: Plan) -> float:

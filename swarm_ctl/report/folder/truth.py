@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Final, Literal, TypeAlias
 
@@ -50,6 +51,11 @@ class TruthState(_TruthLine):
     armed: tuple[bool, ...]
     airborne: tuple[bool, ...]
 
+    def is_of(self, n: int) -> bool:
+        """Whether it has as many vehicles."""
+        columns = (self.position_ned_m, self.velocity_ned_mps, self.armed, self.airborne)
+        return all(len(column) == n for column in columns)
+
 
 class TruthMinima(_TruthLine):
     """Pairs (sysid, sysid, metres) with a smaller horizontal distance than in any line before."""
@@ -58,12 +64,29 @@ class TruthMinima(_TruthLine):
     pairs: tuple[tuple[int, int, float], ...]
 
 
+class EventKind(StrEnum):
+    """The events of a truth file that count for the verdict."""
+
+    LIFTOFF = "liftoff"
+    TOUCHDOWN = "touchdown"
+    CRASH = "crash"
+    DISARM = "disarm"
+    """In the air."""
+    COLLISION = "collision"
+
+
 class TruthEvent(_TruthLine):
-    """`liftoff`, `touchdown`, `collision`, ... of one vehicle."""
+    """What happened to one vehicle: an `EventKind`, or a fault of the timetable."""
 
     type: Literal["event"]
     sysid: int
     event: str
+    impact_mps: float | None = None
+    """Speed at a touch-down or crash."""
+    height_m: float | None = None
+    """Above the ground, of a disarming in the air."""
+    other: int | None = None
+    """The other vehicle of a collision."""
 
 
 class TruthEnd(_TruthLine):
@@ -97,10 +120,16 @@ class Truth:
     """(T,) mission time."""
     position_ned_m: Floats
     """(T, n, 3) relative to the mission's origin."""
+    descent_mps: Floats
+    """(T, n)"""
+    armed: Bools
+    """(T, n)"""
     airborne: Bools
     """(T, n)."""
     minima: dict[tuple[int, int], float]
     """Smallest horizontal distance [m] of each pair of sysids (lower first) during the flight."""
+    minima_s: dict[tuple[int, int], float]
+    """When that was, mission time: at most a line of states before."""
     events: tuple[TruthEvent, ...]
     last_s: float | None
     """Mission time of the last line."""
@@ -112,23 +141,24 @@ class Truth:
 def load_truth(path: Path) -> Truth:
     """Read a truth file as far as it goes. OSError where it can't be opened."""
     damage, sysids, last_s, complete = Damage(), tuple[int, ...](), None, False
-    states: list[tuple[float, Floats, Bools]] = []
+    states: list[TruthState] = []
     minima: dict[tuple[int, int], float] = {}
+    minima_s: dict[tuple[int, int], float] = {}
     events: list[TruthEvent] = []
     for line in read_truth(path, damage):
         match line:
             case TruthHeader():
                 sysids = line.sysids
             case TruthState():
-                if not len(line.position_ned_m) == len(line.airborne) == len(sysids):
+                if not line.is_of(len(sysids)):
                     damage.bad_lines += 1
                     continue
-                places = np.array(line.position_ned_m).reshape(-1, 3)
-                states.append((line.time_s, places, np.array(line.airborne, dtype=np.bool_)))
+                states.append(line)
             case TruthMinima():
                 for a, b, distance in line.pairs:
                     pair = (min(a, b), max(a, b))
-                    minima[pair] = min(distance, minima.get(pair, np.inf))
+                    if distance < minima.get(pair, np.inf):
+                        minima[pair], minima_s[pair] = distance, line.time_s
             case TruthEvent():
                 events.append(line)
             case TruthEnd():
@@ -137,10 +167,13 @@ def load_truth(path: Path) -> Truth:
     shape = (len(states), len(sysids))
     return Truth(
         sysids=sysids,
-        time_s=np.array([time_s for time_s, _, _ in states]),
-        position_ned_m=np.array([places for _, places, _ in states]).reshape(*shape, 3),
-        airborne=np.array([flying for _, _, flying in states], dtype=np.bool_).reshape(shape),
+        time_s=np.array([s.time_s for s in states]),
+        position_ned_m=np.array([s.position_ned_m for s in states]).reshape(*shape, 3),
+        descent_mps=np.array([s.velocity_ned_mps for s in states]).reshape(*shape, 3)[..., 2],
+        armed=np.array([s.armed for s in states], dtype=np.bool_).reshape(shape),
+        airborne=np.array([s.airborne for s in states], dtype=np.bool_).reshape(shape),
         minima=minima,
+        minima_s=minima_s,
         events=tuple(events),
         last_s=last_s,
         complete=complete,

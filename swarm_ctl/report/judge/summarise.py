@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +17,17 @@ from swarm_ctl.core.law.planned_formation import planned_formations
 from swarm_ctl.core.model.messages import AgentStatus, StepResult, TickReport
 from swarm_ctl.core.model.plan import FormStep, Plan, Point
 from swarm_ctl.report.folder import metrics
+from swarm_ctl.report.folder.flight import Source
 from swarm_ctl.report.folder.last_statuses import read_events
 from swarm_ctl.report.folder.manifest import Manifest
 from swarm_ctl.report.folder.run_folder import RunFolder, read_run
 from swarm_ctl.report.folder.truth import Floats, Truth
+from swarm_ctl.report.judge.distances import PairDistance, pair_distances
+from swarm_ctl.report.judge.doubts import doubts
+from swarm_ctl.report.judge.findings import find, headlines
 from swarm_ctl.report.judge.summary import (
-    AgentPair,
     AgentSummary,
+    FindingSummary,
     LinkSummary,
     SafetySummary,
     StepSummary,
@@ -41,14 +46,16 @@ def summarise(folder: Path, exit_codes: Mapping[str, int] | None = None) -> Summ
     Every file may be missing or torn: what depends on it is null, `notes` says why, and the run
     is not completed.
     """
-    run = read_run(folder)
+    run = read_run(folder, _killed(exit_codes or {}))
     truth, statuses = run.truth, run.statuses
     events = list(read_events(folder, run.notes))
     last_s = [s.time_s for s in statuses] + [event.time_s for event in events]
     last_s += [truth.last_s] if truth and truth.last_s is not None else []
-    outcome, reason = judge(run.agents, run.last, exit_codes or {}, run.notes)
+    pairs = pair_distances(run)
+    findings = find(run, pairs)
+    headings = headlines(run, findings)
+    outcome, reason = judge(run.agents, run.last, exit_codes or {}, run.notes, headings)
     steps = _steps(run)
-    closest, closest_pair = _closest(run)
     tally = Counter[str]()
     for status in statuses:
         tally.update(status.sigma_tally)
@@ -56,12 +63,13 @@ def summarise(folder: Path, exit_codes: Mapping[str, int] | None = None) -> Summ
     return Summary(
         **_of_manifest(run.manifest),
         **_flown(run),
+        **_closest(run, pairs),
         outcome=outcome,
         reason=reason,
+        findings=tuple(FindingSummary(**asdict(finding)) for finding in findings),
+        judged_by=dict(zip(run.agents, run.flight.sources, strict=True)) if run.flight else {},
         steps=steps,
         time_to_form_s=next((steps[k].time_to_form_s for k in run.form_steps), None),
-        min_true_distance_m=closest,
-        min_true_pair=closest_pair,
         sigma_status=dict(tally),
         overspeed=sum(s.overspeed_ticks for s in statuses),
         safety=_safety(run),
@@ -74,8 +82,15 @@ def summarise(folder: Path, exit_codes: Mapping[str, int] | None = None) -> Summ
         exit_codes=dict(exit_codes) if exit_codes is not None else None,
         mission_time_s=max(last_s, default=None),
         wall_time_s=max(last_s) / speedup if last_s and speedup else None,
+        warnings=tuple(doubts(run, pairs)),
         notes=tuple(run.notes),
     )
+
+
+def _killed(exit_codes: Mapping[str, int]) -> set[int]:
+    """The agents whose processes were ended by a signal."""
+    names = (name for name, code in exit_codes.items() if code < 0)
+    return {int(name.removeprefix("agent-")) for name in names if name.startswith("agent-")}
 
 
 def _of_manifest(manifest: Manifest | None) -> dict[str, Any]:
@@ -172,15 +187,20 @@ def _in_metres(plan: Plan, slots: Sequence[Point]) -> Floats:
     return np.array(slots) * plan.unit_m
 
 
-def _closest(run: RunFolder) -> tuple[float | None, AgentPair | None]:
-    found = metrics.closest_approach(run.truth) if run.truth else None
-    if found is None:
-        return None, None
-    agent_of = run.manifest.agent_of_sysid if run.manifest else {}
-    if not agent_of.keys() >= set(found[1]):
-        return found[0], None
-    a, b = sorted(agent_of[sysid] for sysid in found[1])
-    return found[0], (a, b)
+def _closest(run: RunFolder, pairs: Sequence[PairDistance]) -> dict[str, Any]:
+    """The smallest distance of all, and that of the truth; `pairs` have the closest first."""
+    true = next((pair for pair in pairs if pair.source is Source.TRUTH), None)
+    found: dict[str, Any] = {
+        "min_true_distance_m": true.distance_m if true else None,
+        "min_true_pair": true.agents if true else None,
+    }
+    if pairs:
+        found["min_distance_m"], found["min_distance_pair"] = pairs[0].distance_m, pairs[0].agents
+        found["min_distance_doubt_m"] = pairs[0].doubt_m
+    elif run.truth is not None and run.truth.minima:
+        # without a manifest no agent is known
+        found["min_true_distance_m"] = found["min_distance_m"] = min(run.truth.minima.values())
+    return found
 
 
 # --- agents, links, truth ---

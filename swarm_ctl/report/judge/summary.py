@@ -10,6 +10,8 @@ from pydantic import BaseModel, ConfigDict
 
 from swarm_ctl.core.model.messages import Outcome, TickReport
 from swarm_ctl.report.folder.files import read_model, write_model
+from swarm_ctl.report.folder.flight import Source
+from swarm_ctl.report.judge.findings import FindingKind
 
 SUMMARY: Final = "summary.json"
 
@@ -48,7 +50,7 @@ class StepSummary(_SummaryPart):
     exceptions: dict[int, StepVerdict]
     """Of each agent (by id) that did not do it; empty where no agent reached the step."""
     time_to_form_s: float | None = None
-    """Of a form step: from `start_s` until the true error stays below the tolerance for the settle
+    """Of a form step: from `start_s` until the error stays below the tolerance for the settle
     time."""
 
 
@@ -106,6 +108,16 @@ class LinkSummary(_SummaryPart):
     """Share (0..1) of the states sent that did not arrive; null if none arrived."""
 
 
+class FindingSummary(_SummaryPart):
+    """What makes the run failed whatever its agents say (docs/pages/verdict.md)."""
+
+    kind: FindingKind
+    time_s: float
+    """Mission time."""
+    agents: tuple[int, ...]
+    text: str
+
+
 class TruthSummary(_SummaryPart):
     """What the simulator's truth file holds."""
 
@@ -130,22 +142,33 @@ class Summary(_SummaryPart):
     started_at: str | None
     """ISO 8601."""
     outcome: RunOutcome
-    """`completed`: by every agent's final status, every process ended with 0, no file is missing;
-    `aborted`: landed on an operator's command; `failed`: everything else."""
+    """`completed`: by every agent's final status, nothing in `findings`, every process ended with
+    0, no file is missing; `aborted`: landed on an operator's command; `failed`: everything else."""
     reason: str
-    """Why it was not completed; empty otherwise."""
+    """Why it was not completed, the cause first; empty otherwise."""
+    findings: tuple[FindingSummary, ...] = ()
+    """The earliest first."""
+    judged_by: dict[int, Source] = {}
+    """Who says where the vehicle of each agent (by id) was."""
     steps: tuple[StepSummary, ...]
     time_to_form_s: float | None
     """Of the first form step; null if the shape never stood."""
     formation_error_m: float | None
-    """Largest true |e_i - mean e| of the live agents, just before the landing begins."""
+    """Largest |e_i - mean e| of the live agents, just before the landing begins."""
+    min_distance_m: float | None = None
+    """Smallest horizontal distance of any two vehicles in the air, by the truth or by the vehicles'
+    own estimates; also between samples."""
+    min_distance_pair: AgentPair | None = None
+    min_distance_doubt_m: float | None = None
+    """How far it may be off; 0 by the truth."""
     min_true_distance_m: float | None
-    """Smallest true horizontal distance of any two vehicles, first lift-off to last touchdown."""
+    """Smallest true horizontal distance of any two vehicles, first lift-off to last touchdown; null
+    without a truth."""
     min_true_pair: AgentPair | None
     r_in_m: float | None
     longest_link_m: float | None
-    """Greatest true horizontal distance of a planned neighbour pair, from the first form step to
-    the landing."""
+    """Greatest horizontal distance of a planned neighbour pair, from the first form step to the
+    landing."""
     longest_link_pair: AgentPair | None
     r_m: float | None
     sigma_status: dict[str, int]
@@ -171,6 +194,8 @@ class Summary(_SummaryPart):
     wall_time_s: float | None
     """`mission_time_s` by the wall clock."""
     versions: dict[str, str]
+    warnings: tuple[str, ...] = ()
+    """What is no failure and should be known, above all how far estimates may be off."""
     notes: tuple[str, ...]
     """What was missing or torn when this was written."""
 

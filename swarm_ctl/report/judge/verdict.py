@@ -21,24 +21,38 @@ def judge(
     last: Mapping[int, LastStatus],
     exit_codes: Mapping[str, int],
     notes: Sequence[str],
+    found: Sequence[str] = (),
 ) -> tuple[RunOutcome, str]:
-    """The run's outcome and the reason ('' when completed). `notes` say what is missing or torn.
+    """The run's outcome and the reason ('' when completed). `notes` say what is missing or torn;
+    `found` is what makes it failed whatever the agents say, and comes first.
 
     Completed needs every agent's own final status, every exit code 0 and no missing file. Aborted
-    needs a final status of every agent, and every process to end by itself.
+    needs a final status of every agent, and every process to end by itself. The exit code of a
+    process does not count where another took its vehicle over and completed.
     """
+    replaced = {f"agent-{i}" for i in agents if i in last and _made_good(last[i])}
+    exit_codes = {name: code for name, code in exit_codes.items() if name not in replaced}
     final = {i: last[i].status for i in agents if i in last and last[i].final}
     aborted = {i: s for i, s in final.items() if s.outcome is Outcome.ABORTED}
     # An agent that sees its peers land before it hears the command reports a failure.
-    if aborted and len(final) == len(agents) and _ORDERLY.issuperset(exit_codes.values()):
+    if (
+        not found
+        and aborted
+        and len(final) == len(agents)
+        and _ORDERLY.issuperset(exit_codes.values())
+    ):
         reasons = _grouped({i: s.reason or "on command" for i, s in aborted.items()})
         return Outcome.ABORTED, first_few(reasons)
-    causes = [*_causes(agents, last, final, exit_codes)] or [
+    causes = [*found, *_causes(agents, last, final, exit_codes)] or [
         f"{name} exited with 1" for name, code in exit_codes.items() if code == 1
     ]
     causes += [] if agents else ["no agent is known"]
     causes = causes or list(notes)
     return (Outcome.FAILED, first_few(causes)) if causes else (Outcome.COMPLETED, "")
+
+
+def _made_good(last: LastStatus) -> bool:
+    return last.successor and last.status.outcome is Outcome.COMPLETED
 
 
 def _causes(

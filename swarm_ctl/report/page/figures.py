@@ -57,7 +57,7 @@ def _shape(history: RunHistory) -> list[tuple[int, int]]:
 
 def nearest(history: RunHistory) -> Figure | None:
     """Each agent's distance to the nearest vehicle."""
-    title = "Distance to the nearest vehicle, while flying (truth)"
+    title = f"Distance to the nearest vehicle, while flying ({history.by})"
     law, unit_m = history.plan.law, history.plan.unit_m
     limits = [(R_IN, law.r_in * unit_m), (R_OUT, law.r_out * unit_m)]
     made = _lines(history, history.nearest(), history.agents, "agent", title, limits)
@@ -102,7 +102,7 @@ def links(history: RunHistory) -> Figure | None:
     """Length of each link of the start graph."""
     names = [f"{i}-{j}" for i, j in history.links]
     limits = [("r", history.plan.law.r * history.plan.unit_m)]
-    title = "Length of each neighbour link (truth)"
+    title = f"Length of each neighbour link ({history.by})"
     made = _lines(history, history.lengths(), names, "link", title, limits)
     if made is not None:
         made.axes[0].set_ylabel("length [m]")

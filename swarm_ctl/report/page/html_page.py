@@ -22,7 +22,7 @@ from swarm_ctl.report.judge.summary import Summary, read_summary
 from swarm_ctl.report.page.alarm_list import log_entries
 from swarm_ctl.report.page.drawing import DPI, same_scale, save
 from swarm_ctl.report.page.figures import FIGURES, overlay
-from swarm_ctl.report.page.run_history import read_history
+from swarm_ctl.report.page.run_history import RunHistory, read_history
 from swarm_ctl.report.page.summary_table import figures_of, render_summary
 from swarm_ctl.station.picture.journal import Entry
 
@@ -67,7 +67,7 @@ def make_report(folder: Path) -> Path:
         made = draw(history)
         if made is not None:
             drawn.append(_image(save(made, figures, name)[0].read_bytes(), name))
-    entries, notes = log_entries(folder, history.manifest), (*history.notes, *summary.notes)
+    entries, notes = log_entries(folder, history.manifest), _notes(history, summary)
     parts = {
         "Summary": _pre(render_summary(summary)),
         "Alarms": _alarms(entries, notes),
@@ -106,6 +106,10 @@ def comparison_table(folders: Sequence[Path]) -> Table:
     for row in _rows([_summary(folder) for folder in folders]):
         table.add_row(*(Text(cell) for cell in row))
     return table
+
+
+def _notes(history: RunHistory, summary: Summary) -> tuple[str, ...]:
+    return (*summary.warnings, *history.notes, *summary.notes)
 
 
 def _summary(folder: Path) -> Summary:

@@ -1,4 +1,4 @@
-"""A run over time, for figures: from the truth, and from the recording if there is one."""
+"""A run over time, for figures: its flight, and the recording if there is one."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from swarm_ctl.core.model.messages import AgentState, AgentStatus, SigmaReport
 from swarm_ctl.core.model.plan import FormStep, Plan
 from swarm_ctl.errors import InputError
 from swarm_ctl.recording import RECORDING, read, recover
+from swarm_ctl.report.folder.flight import Flight, no_flight
 from swarm_ctl.report.folder.manifest import Manifest
-from swarm_ctl.report.folder.metrics import TrueFlight
 from swarm_ctl.report.folder.run_folder import RunFolder, read_run
 from swarm_ctl.report.folder.truth import Floats
 
@@ -32,12 +32,12 @@ class HeardMessages:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunHistory:
-    """What the figures of one run need; without truth or recording, parts of it are empty."""
+    """What the figures of one run need; without a flight or a recording, parts of it are empty."""
 
     name: str
     run: RunFolder
     manifest: Manifest
-    flight: TrueFlight
+    flight: Flight
     heard: HeardMessages
     notes: tuple[str, ...]
 
@@ -50,6 +50,11 @@ class RunHistory:
     def agents(self) -> list[int]:
         """Ids in the plan's order."""
         return [agent.id for agent in self.plan.agents]
+
+    @property
+    def by(self) -> str:
+        """Who says where the vehicles were: `truth`, `estimates`, or both."""
+        return " and ".join(sorted(set(self.flight.sources), reverse=True))
 
     @property
     def links(self) -> tuple[tuple[int, int], ...]:
@@ -124,10 +129,7 @@ def read_history(folder: Path) -> RunHistory:
         raise InputError(f"{folder}: is no run folder: {run.notes[0]}")
     notes = list(run.notes)
     heard = _heard(folder, notes)
-    n = len(run.manifest.plan.agents)
-    flight = run.flight or TrueFlight(
-        np.zeros(0), np.zeros((0, n, 2)), np.zeros((0, n), dtype=np.bool_)
-    )
+    flight = run.flight or no_flight(len(run.manifest.plan.agents))
     return RunHistory(folder.resolve().name, run, run.manifest, flight, heard, tuple(notes))
 
 

@@ -10,7 +10,8 @@ from rich.table import Table
 from rich.text import Text
 
 from swarm_ctl.core.model.messages import Outcome
-from swarm_ctl.core.model.text import printable, ranges
+from swarm_ctl.core.model.text import agents_named, printable, ranges
+from swarm_ctl.report.folder.flight import Source
 from swarm_ctl.report.judge.summary import (
     AgentPair,
     SafetySummary,
@@ -84,9 +85,8 @@ def _rows(s: Summary) -> Iterator[tuple[str, str, bool]]:
     formed, left_m = s.time_to_form_s, s.formation_error_m
     yield "time to form", "-" if formed is None else f"{formed:.1f} s", True
     yield "formation error", "-" if left_m is None else f"{left_m:.2f} m before the landing", True
-    near_m, long_m, r_in_m, r_m = s.min_true_distance_m, s.longest_link_m, s.r_in_m, s.r_m
-    kept = near_m is None or r_in_m is None or near_m >= r_in_m
-    yield "smallest true distance", _distance(near_m, s.min_true_pair, "r_in", r_in_m, kept), kept
+    yield from _nearest(s)
+    long_m, r_m = s.longest_link_m, s.r_m
     kept = long_m is None or r_m is None or long_m <= r_m
     yield "longest link", _distance(long_m, s.longest_link_pair, "r", r_m, kept), kept
     if s.truth is not None and s.truth.collisions:
@@ -107,6 +107,22 @@ def _rows(s: Summary) -> Iterator[tuple[str, str, bool]]:
     yield "time", f"{flown_s} s mission, {wall_s} s wall clock", True
 
 
+def _nearest(s: Summary) -> Iterator[tuple[str, str, bool]]:
+    estimated = [agent for agent, source in s.judged_by.items() if source is Source.ESTIMATES]
+    # a summary of an earlier version has the truth's alone
+    both = ((s.min_distance_m, s.min_distance_pair), (s.min_true_distance_m, s.min_true_pair))
+    told = [(distance_m, pair) for distance_m, pair in both if distance_m is not None]
+    near_m, pair = min(told, key=lambda found: found[0], default=(None, None))
+    kept = near_m is None or s.r_in_m is None or near_m >= s.r_in_m
+    name = "smallest distance" if estimated else "smallest true distance"
+    doubt = f" ± {s.min_distance_doubt_m:.2f} m" if s.min_distance_doubt_m else ""
+    yield name, _distance(near_m, pair, "r_in", s.r_in_m, kept, doubt), kept
+    if estimated:
+        whose = "" if len(estimated) == len(s.judged_by) else f" ({agents_named(estimated)})"
+        others = ", the others by the truth" if whose else ""
+        yield "judged", f"by the vehicles' own estimates{whose}{others}", True
+
+
 def _filter(safety: SafetySummary) -> str:
     counts = {"dead-locks resolved": safety.releases, "slot exchanges": safety.exchanges}
     more = "".join(f", {count} {what}" for what, count in counts.items() if count)
@@ -114,12 +130,17 @@ def _filter(safety: SafetySummary) -> str:
 
 
 def _distance(
-    value: float | None, pair: AgentPair | None, name: str, bound: float | None, kept: bool
+    value: float | None,
+    pair: AgentPair | None,
+    name: str,
+    bound: float | None,
+    kept: bool,
+    doubt: str = "",
 ) -> str:
     if value is None:
         return "-"
     agents = f"agents {pair[0]}-{pair[1]}, " if pair else ""
-    return f"{value:.2f} m ({agents}{'' if kept else 'BREAKS '}{name} {_number(bound, 2)} m)"
+    return f"{value:.2f} m{doubt} ({agents}{'' if kept else 'BREAKS '}{name} {_number(bound, 2)} m)"
 
 
 def _ages(s: Summary) -> str:
@@ -139,7 +160,7 @@ def _loss(s: Summary) -> str:
 
 
 def _remarks(summary: Summary) -> Iterator[Text]:
-    for note in summary.notes:
+    for note in (*summary.warnings, *summary.notes):
         yield Text(f"! {printable(note, 1000)}", style="yellow")
 
 

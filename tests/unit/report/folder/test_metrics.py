@@ -10,10 +10,9 @@ from hypothesis.extra import numpy as hnp
 
 from swarm_ctl.core.law import formation
 from swarm_ctl.report.folder.files import Damage
+from swarm_ctl.report.folder.flight import Flight, Source, flight_of
 from swarm_ctl.report.folder.metrics import (
-    TrueFlight,
-    closest_approach,
-    flight_of,
+    approaches,
     formation_error,
     last_number,
     longest_link,
@@ -27,12 +26,23 @@ paths = hnp.arrays(np.float64, (3, 4, 2), elements=metres)
 alive = hnp.arrays(np.bool_, (3, 4))
 
 
-def _flight(points: Floats, live: Bools | None = None) -> TrueFlight:
-    moments = len(points)
-    return TrueFlight(
+def _flight(
+    points: Floats,
+    live: Bools | None = None,
+    source: Source = Source.TRUTH,
+    airborne: Bools | None = None,
+) -> Flight:
+    moments, n = points.shape[:2]
+    flags, none = np.ones((moments, n), bool), np.zeros((moments, n))
+    return Flight(
         np.linspace(0.0, 1.0, moments),
-        points,
-        np.ones(points.shape[:2], bool) if live is None else live,
+        np.concatenate([points, np.zeros((moments, n, 1))], axis=-1),
+        none,
+        flags,
+        flags if airborne is None else airborne,
+        flags if live is None else live,
+        none + 0.1,
+        (source,) * n,
     )
 
 
@@ -124,8 +134,11 @@ def _truth() -> Truth:
         sysids=(7, 9),
         time_s=np.array([0.0, 1.0, 2.0]),
         position_ned_m=np.arange(18.0).reshape(3, 2, 3),
+        descent_mps=np.zeros((3, 2)),
+        armed=np.ones((3, 2), bool),
         airborne=np.array([[False, True], [True, True], [True, True]]),
         minima={(7, 9): 2.0, (7, 8): 1.5},
+        minima_s={(7, 9): 1.0, (7, 8): 1.0},
         events=(),
         last_s=2.0,
         complete=True,
@@ -144,8 +157,35 @@ def test_a_flight_has_the_plans_order_and_the_agents_lives() -> None:
     np.testing.assert_array_equal(flight.during(1.0, 1.5).time_s, [1.0])
 
 
-def test_closest_approach() -> None:
-    assert closest_approach(_truth()) == (1.5, (7, 8))
+def test_two_that_pass_between_two_moments_are_seen() -> None:
+    """From 10 m apart to 10 m apart on the other side, 1 m beside each other half way."""
+    points = np.array([[[0, 0], [-10, 1]], [[0, 0], [10, 1]]], dtype=float)
+    (found,) = approaches(_flight(points))
+    assert (found.columns, found.distance_m, found.time_s) == ((0, 1), 1.0, 0.5)
+    assert found.doubt_m == pytest.approx(0.2)
+
+
+@given(paths)
+def test_an_approach_is_never_farther_than_any_moment(points) -> None:  # type: ignore[no-untyped-def]
+    least = {found.columns: found.distance_m for found in approaches(_flight(points))}
+    assert len(least) == 6
+    for (i, j), distance_m in least.items():
+        moments = np.linalg.norm(points[:, i] - points[:, j], axis=-1)
+        assert distance_m <= moments.min() + 1e-9
+
+
+def test_on_the_ground_the_noise_of_estimates_is_no_approach() -> None:
+    """By the truth any distance counts while some vehicle flies."""
+    points = np.array([[[0, 0], [1, 0]], [[0, 0], [1, 0]]], dtype=float)
+    one = np.array([[True, False]] * 2)
+    assert list(approaches(_flight(points, source=Source.ESTIMATES, airborne=one))) == []
+    assert len(list(approaches(_flight(points, airborne=one)))) == 1
+    assert list(approaches(_flight(points, airborne=np.zeros((2, 2), bool)))) == []
+
+
+def test_where_a_vehicle_is_not_known_there_is_no_approach() -> None:
+    points = np.array([[[0, 0], [np.nan, 0]], [[0, 0], [1, 0]], [[0, 0], [np.nan, 0]]])
+    assert list(approaches(_flight(points))) == []
 
 
 def test_last_number() -> None:
