@@ -38,9 +38,10 @@ class FlightResult:
     outcomes: dict[int, str]
     """By agent: `completed`, `failed`, `aborted`; an agent that left no account is missing."""
     closest_m: float
-    """Smallest true horizontal distance [m] of two vehicles in the air; infinite for one."""
+    """Smallest horizontal distance [m] of two vehicles in the air, by the truth where there is one;
+    infinite for one."""
     all_down: bool
-    """Every vehicle has touched down again."""
+    """Every vehicle has touched down again, by the truth or by their agents' last words."""
     events: tuple[Event, ...]
     summary: Summary | None = None
     truth: Truth | None = None

@@ -17,7 +17,7 @@ from swarm_ctl.commands.parse import Order
 from swarm_ctl.commands.send import SentCommand
 from swarm_ctl.core.model.messages import Event
 from swarm_ctl.mission.compile.loader import LoadedMission, dumps
-from swarm_ctl.report.folder.truth import TRUTH, load_truth
+from swarm_ctl.report.folder.truth import TRUTH, EventKind, load_truth
 from swarm_ctl.report.judge.summary import Summary
 from swarm_ctl.runtime.clock import pause, wall_s
 from swarm_ctl.runtime.station.run_client import RunClient
@@ -122,12 +122,14 @@ class ProcessFlight(SwarmFlight):
         events = tuple(TypeAdapter(Event).validate_json(line) for line in lines)
         final = [each for each in summary.agents if each.account == "final"]
         outcomes = {each.agent: str(each.outcome) for each in final}
-        closest_m = summary.min_true_distance_m
-        truth = load_truth(folder / TRUTH)
-        ups = sorted(e.sysid for e in truth.events if e.event == "liftoff")
-        downs = sorted(e.sysid for e in truth.events if e.event == "touchdown")
-        apart_m = math.inf if closest_m is None else closest_m
-        return FlightResult(outcomes, apart_m, ups == downs, events, summary, truth, folder)
+        apart_m = math.inf if summary.min_distance_m is None else summary.min_distance_m
+        truth = load_truth(folder / TRUTH) if (folder / TRUTH).exists() else None
+        down = not any(each.armed or each.airborne for each in summary.agents)
+        if truth is not None:
+            ups = sorted(e.sysid for e in truth.events if e.event == EventKind.LIFTOFF)
+            downs = sorted(e.sysid for e in truth.events if e.event == EventKind.TOUCHDOWN)
+            down = ups == downs
+        return FlightResult(outcomes, apart_m, down, events, summary, truth, folder)
 
     def close(self) -> None:
         """Interrupt the run twice, as an impatient operator does: it ends all its processes."""

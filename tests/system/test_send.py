@@ -57,5 +57,7 @@ def test_an_operator_commands_from_the_shell(tmp_path: Path) -> None:
         assert send("kill", "--yes") == (0, "agents 1-6: accepted")
         assert running.wait() == 1, running.output
         running.assert_nothing_left()
-        assert running.summary()["outcome"] == "aborted"
-        assert "killed by the operator" in running.output
+        summary = running.summary()
+        assert summary["outcome"] == "failed"  # six falls, whoever ordered them
+        assert {each["kind"] for each in summary["findings"]} == {"disarmed in the air", "fall"}
+        assert "agents 1-6: killed by the operator" in summary["reason"]

@@ -174,7 +174,7 @@ def _motors_off(run: RunFolder, k: int, events: list[TruthEvent]) -> Iterator[Fi
         off = np.flatnonzero(armed[:-1] & ~armed[1:])
         true = flight.sources[k] is Source.TRUTH
         for at in off.tolist():
-            drop_m = _drop(down[at:])
+            drop_m = _drop(down[at + 1 :])
             if (true and flight.airborne[at + 1, k]) or (not true and drop_m > _DROP_M):
                 time_s, height_m = float(flight.time_s[at + 1]), drop_m
                 break

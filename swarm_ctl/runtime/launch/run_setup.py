@@ -195,7 +195,7 @@ def _manifest(mission: LoadedMission, options: RunOptions) -> Manifest:
         plan=mission.plan,
         plan_hash=mission.plan.fingerprint(),
         fleet=fleet,
-        simulated=tuple(agent.id for agent in agents if agent.endpoint is None),
+        simulated=tuple(simulated),
         station_mesh=f"tcp/127.0.0.1:{meshes.pop(0)}",
         record_hz=options.record_hz,
         versions={"python": platform.python_version()} | versions,
