@@ -111,8 +111,9 @@ def _attitude(heard: Telemetry, message: Any, now: float) -> bool:  # noqa: ARG0
 
 
 def _wind(heard: Telemetry, message: Any, now: float) -> bool:
-    """ArduPilot: speed [m/s] and the direction it comes from."""
-    return _wind_speed(heard, message.speed, now)
+    """ArduPilot: speed [m/s] and the direction it comes from. As delivered it sends exactly 0, in
+    any wind: its estimator has not begun to estimate it."""
+    return message.speed == 0.0 or _wind_speed(heard, message.speed, now)
 
 
 def _wind_cov(heard: Telemetry, message: Any, now: float) -> bool:

@@ -72,7 +72,8 @@ class VehicleLink:
         self._tap = tap
         self._wire = open_wire(endpoint) if isinstance(endpoint, str) else endpoint
         self._framer = Framer()
-        self._heard = Telemetry(agent_sysid, self._autopilot.parameters.names)
+        watched = {*self._autopilot.parameters.names, self._autopilot.wind_switch}
+        self._heard = Telemetry(agent_sysid, frozenset(watched))
         self._codec = dialect.MAVLink(None, srcSystem=agent_sysid, srcComponent=AGENT_COMPONENT)
         self._secure()
         if self._wire.warning and autopilot == "px4":
@@ -123,6 +124,7 @@ class VehicleLink:
             battery_percent=heard.battery_percent,
             tilt_deg=heard.tilt_deg,
             wind_mps=heard.wind_now(now),
+            estimates_wind=driver.estimates_wind(heard),
             position_accuracy_m=heard.estimate.position_accuracy_m,
             estimate_fault=heard.estimate.fault(driver.estimate_rules, now),
             origin=heard.origin,

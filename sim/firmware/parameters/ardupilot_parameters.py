@@ -58,8 +58,8 @@ ARDUPILOT_DEFAULTS = _INERT | typed(
         "BATT_LOW_VOLT": 10.5,
         "BATT_MONITOR": int8(4),
         "DISARM_DELAY": int8(10),
-        "EK3_DRAG_BCOEF_X": 12.0,  # as delivered 0: no estimate of the wind
-        "EK3_DRAG_BCOEF_Y": 12.0,
+        "EK3_DRAG_BCOEF_X": 0.0,  # no estimate of the wind
+        "EK3_DRAG_BCOEF_Y": 0.0,
         "FENCE_ENABLE": int8(0),
         "FRAME_CLASS": int8(1),
         "FRAME_TYPE": int8(1),

@@ -59,7 +59,7 @@ PX4_DEFAULTS = _INERT | typed(
         "COM_LOW_BAT_ACT": 0,
         "COM_OBL_RC_ACT": 0,
         "COM_OF_LOSS_T": 1.0,
-        "EKF2_DRAG_CTRL": 1,  # as delivered 0: no estimate of the wind
+        "EKF2_DRAG_CTRL": 0,  # no estimate of the wind
         "MAV_SYS_ID": 1,
         "MIS_TAKEOFF_ALT": 2.5,
         "MPC_LAND_ALT1": 10.0,

@@ -213,10 +213,11 @@ def extended_sys_state(a: SimAutopilot) -> Fields:
     return {"landed_state": int(a.landed_state())}
 
 
-def wind(a: SimAutopilot) -> Fields | None:
-    """While EKF3 estimates it, for which it needs a drag model and flight. Gusts average out."""
+def wind(a: SimAutopilot) -> Fields:
+    """While EKF3 estimates it, for which it needs a drag model and flight. Gusts average out.
+    Before, it sends its estimator's zero, in any wind."""
     if not _estimates_wind(a, "EK3_DRAG_BCOEF_X", "EK3_DRAG_BCOEF_Y"):
-        return None
+        return {"direction": -180.0, "speed": 0.0}
     from_deg = math.remainder(a.parameters["SIM_WIND_DIR"], 360.0)
     return {"direction": from_deg, "speed": a.parameters["SIM_WIND_SPD"]}
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from swarm_ctl.core.agent.tick import HeardStation, Tick
 from swarm_ctl.core.control.navigation import AGREE_M, Navigator
-from swarm_ctl.core.model.plan import AgentPlan, Plan
+from swarm_ctl.core.model.plan import AgentPlan, Plan, Policy
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.timeouts import ESTIMATE_DOUBT_S
 from swarm_ctl.core.model.vehicle import VehicleView
@@ -53,6 +53,16 @@ class Preflight:
         if apart <= AGREE_M:
             return ""
         return f"global and local position differ by {apart:.1f} m; allowed: {AGREE_M:g} m"
+
+    def caution(self, tick: Tick) -> str:
+        """What the operator should know before the vehicle arms, although it may; ''."""
+        policies = self.plan.policies
+        if tick.view.estimates_wind or policies.wind is Policy.CONTINUE:
+            return ""
+        return (
+            f"the vehicle does not estimate the wind: the limit of {policies.wind_limit_mps:g} m/s"
+            f" can't act; the tilt limit ({policies.max_tilt_deg:g} degrees) does"
+        )
 
     def _vehicle(self, tick: Tick) -> str:
         """What keeps the own vehicle from taking off, or ''."""

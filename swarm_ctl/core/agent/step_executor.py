@@ -52,7 +52,7 @@ class StepExecutor:
         """A `hold` command came before the shape was formed: stay, do not go on forming."""
         self._inside_since: float | None = None
         self._judged_s = 0.0
-        self._last_text = ""
+        self._last_text = self._cautioned = ""
 
     @property
     def override(self) -> int:
@@ -109,11 +109,18 @@ class StepExecutor:
         else:
             context.reason = self._preflight.refusal(tick)
         if not context.reason:
+            self._warn(tick)
             context.progress.finish_step(tick.now)
             context.reason = "waiting for the others"
         elif context.progress.done:
             context.progress.done = False  # health can be lost again while waiting
         return StandbyGoal()
+
+    def _warn(self, tick: Tick) -> None:
+        caution = self._preflight.caution(tick)
+        if caution and caution != self._cautioned:
+            self._context.say(tick.now, Severity.WARNING, caution)
+        self._cautioned = caution or self._cautioned
 
     def _take_off(self, tick: Tick, step: TakeoffStep) -> Goal:
         context, view, fix = self._context, tick.view, tick.fix

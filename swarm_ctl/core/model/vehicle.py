@@ -95,6 +95,8 @@ class VehicleView:
     estimate_fault: str = ""
     """What the vehicle says is wrong with its estimate (EKF_STATUS_REPORT, ESTIMATOR_STATUS,
     GPS_RAW_INT), its silence included; '' while nothing is."""
+    estimates_wind: bool = False
+    """Its parameters make it estimate the wind, in flight. As delivered neither firmware does."""
     origin: Geodetic | None = None
     """GPS_GLOBAL_ORIGIN: where the vehicle's own local frame has its zero."""
     local: LocalFix | None = None

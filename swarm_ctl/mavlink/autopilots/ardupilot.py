@@ -28,7 +28,8 @@ class Ardupilot(Autopilot):
     modes: ClassVar[ModeTable] = COPTER_MODES
     controlled_mode: ClassVar[str] = "GUIDED"
     landing_mode: ClassVar[str] = "LAND"
-    wind_message: ClassVar[str] = "WIND"  # with EK3_DRAG_BCOEF_X and _Y tuned
+    wind_message: ClassVar[str] = "WIND"
+    wind_switch: ClassVar[str] = "EK3_DRAG_BCOEF_X"
     estimate_rules: ClassVar[EstimateRules] = EKF_RULES
 
     def failsafes(self) -> tuple[ParameterRule, ...]:

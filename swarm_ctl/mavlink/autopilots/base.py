@@ -105,7 +105,8 @@ class Autopilot(ABC):
     takeoff_modes: ClassVar[tuple[str, ...]] = ()
     """The modes of its own take-off, where that is not flown in the controlled mode."""
     wind_message: ClassVar[str]
-    """Sent while the firmware estimates the wind; with default parameters neither firmware does."""
+    wind_switch: ClassVar[str]
+    """The parameter that makes the firmware estimate the wind; as delivered it is 0."""
     estimate_rules: ClassVar[EstimateRules]
 
     def __init__(self, system: int, agent_sysid: int = AGENT_SYSID) -> None:
@@ -139,9 +140,16 @@ class Autopilot(ABC):
     def fly(self, heard: Telemetry, velocity_ned_mps: Vector3, now: float) -> list[Message]:
         """One setpoint, and what the controlled mode needs; nothing once that mode was left."""
 
-    def stand_by(self, heard: Telemetry, now: float) -> list[Message]:  # noqa: ARG002
-        """What a vehicle on the ground needs to become ready for a flight; here nothing."""
-        return []
+    def stand_by(self, heard: Telemetry, now: float) -> list[Message]:
+        """What a vehicle on the ground needs to become ready for a flight, or to know before."""
+        known = self.wind_switch in heard.parameters
+        due = not known and self.pacer.due("wind switch", QUIET_RETRY_S, now)
+        return [outgoing.read_parameter(self.system, self.wind_switch)] if due else []
+
+    def estimates_wind(self, heard: Telemetry) -> bool:
+        """Whether the vehicle is known to estimate the wind."""
+        switch = heard.parameters.get(self.wind_switch)
+        return switch is not None and self.decode_parameter(switch.raw, switch.kind) > 0
 
     def decode_parameter(self, raw: float, kind: int) -> float:  # noqa: ARG002
         """The value in a PARAM_VALUE of MAV_PARAM_TYPE `kind`; here a float of the same value."""

@@ -35,7 +35,8 @@ class Px4(Autopilot):
     landing_mode: ClassVar[str] = "AUTO.LAND"
     takeoff_modes: ClassVar[tuple[str, ...]] = ("AUTO.TAKEOFF", _HOLD_MODE)
     """OFFBOARD is entered from these modes alone."""
-    wind_message: ClassVar[str] = "WIND_COV"  # with EKF2_DRAG_CTRL 1
+    wind_message: ClassVar[str] = "WIND_COV"
+    wind_switch: ClassVar[str] = "EKF2_DRAG_CTRL"
     estimate_rules: ClassVar[EstimateRules] = ESTIMATOR_RULES
 
     def __init__(self, system: int, agent_sysid: int = AGENT_SYSID) -> None:
@@ -62,7 +63,8 @@ class Px4(Autopilot):
         landing, and fails its pre-arm checks there, because no setpoints come."""
         left_there = not heard.armed and self.mode(heard) == self.controlled_mode
         due = left_there and self.pacer.due("hold", RETRY_S, now)
-        return [self.set_mode(_HOLD_MODE)] if due else []
+        begin = super().stand_by(heard, now)
+        return [*begin, self.set_mode(_HOLD_MODE)] if due else begin
 
     def take_off(self, heard: Telemetry, height_m: float, now: float) -> list[Message]:
         """AUTO.LOITER, arm, NAV_TAKEOFF (height above sea level): each after the one before has

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from swarm_ctl.core.law import graph
 from swarm_ctl.core.model.fleet import VehicleKind
-from swarm_ctl.core.model.plan import Compensation, FormStep, Plan
+from swarm_ctl.core.model.plan import Compensation, FormStep, Plan, Policy
 from swarm_ctl.mission.compile.checks import Findings
 from swarm_ctl.mission.input.document import Finding, Place
 from swarm_ctl.mission.input.schema import MissionFile
@@ -115,6 +115,18 @@ def _real_vehicles(mission: MissionFile, _plan: Plan) -> Findings:
             yield Finding(("simulation", *place), what, "")
 
 
+def _unknown_wind(mission: MissionFile, _plan: Plan) -> Findings:
+    """A limit that the mission states, and that may not act."""
+    stated = {"wind", "wind_limit_mps"} & mission.policies.model_fields_set
+    if stated and mission.policies.wind is not Policy.CONTINUE:
+        what = (
+            "acts only on vehicles that estimate the wind (ArduCopter with EK3_DRAG_BCOEF_X and _Y,"
+            " PX4 with EKF2_DRAG_CTRL; as delivered neither does); max_tilt_deg"
+            f" ({mission.policies.max_tilt_deg:g}) acts on all"
+        )
+        yield Finding(("policies", max(stated)), what, "")
+
+
 def _unused_shapes(mission: MissionFile, _plan: Plan) -> Findings:
     used = {step.form.shape for step in mission.steps if step.form}
     for name in mission.shapes:
@@ -130,5 +142,6 @@ _WARNINGS: tuple[Callable[[MissionFile, Plan], Findings], ...] = (
     _fast_gain,
     _spare_fleet,
     _real_vehicles,
+    _unknown_wind,
     _unused_shapes,
 )

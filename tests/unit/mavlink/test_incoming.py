@@ -131,6 +131,15 @@ def test_no_payload_raises_or_leaves_anything_that_is_not_finite(
     assert all(text.isprintable() for text in heard.texts.take(now + 100.0))
 
 
+def test_a_wind_of_exactly_zero_is_no_estimate() -> None:
+    """As an ArduCopter as delivered sends it, in any wind."""
+    heard = Telemetry()
+    assert fold(heard, wire.wind(0.0), 10.0)
+    assert heard.wind_now(10.0) is None
+    assert fold(heard, wire.wind(0.1), 11.0)
+    assert heard.wind_now(11.0) == pytest.approx(0.1)
+
+
 def test_px4_tells_the_wind_by_where_it_blows() -> None:
     heard = known()
     assert fold(heard, wire.wind_cov(-3.0, 4.0))

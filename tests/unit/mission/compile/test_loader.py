@@ -361,6 +361,11 @@ def test_unreadable_fleet_files(
         ),
         (("  kappa: 20", "  kappa: 20\n  h: 0.3"), 11, "law.h: kappa * h = 6"),
         (("shape: row", "shape: ring"), 17, "shapes.row: no step forms it"),
+        (
+            ("  agent_lost: land", "  wind_limit_mps: 8"),
+            31,
+            "policies.wind_limit_mps: acts only on vehicles that estimate the wind",
+        ),
     ],
 )
 def test_what_is_allowed_but_doubtful_is_said(edit: tuple[str, str], line: int, text: str) -> None:
