@@ -23,6 +23,7 @@ from swarm_ctl.cli.schema import schema
 from swarm_ctl.cli.send import send
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.extras import require
+from swarm_ctl.cli.shared.gcs_option import with_port
 from swarm_ctl.cli.sim import sim
 from swarm_ctl.cli.station import station
 from swarm_ctl.cli.study import study
@@ -47,6 +48,10 @@ _COMMANDS: Final = {
 
 
 class _Command(TyperCommand):
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """`--gcs` may stand without a port."""
+        return super().parse_args(ctx, with_port(args))
+
     def invoke(self, ctx: Any) -> Any:
         """Refuse to start where the command's extra is not installed."""
         for extra, functions in _COMMANDS.items():

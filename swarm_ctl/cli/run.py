@@ -11,6 +11,7 @@ from typing import Annotated, Final, TextIO
 import typer
 
 from swarm_ctl.cli.shared.console import PlainConsole
+from swarm_ctl.cli.shared.gcs_option import gcs_addresses
 from swarm_ctl.cli.shared.options import (
     FleetFile,
     Headless,
@@ -30,6 +31,10 @@ _VEHICLES: Final = (
 )
 _ARDUCOPTER: Final = "The ArduCopter SITL binary.  [default: $SWARM_CTL_ARDUCOPTER, or the PATH]"
 _PX4: Final = "PX4's build folder, with bin/px4 and etc/.  [default: $SWARM_CTL_PX4, or the PATH]"
+_GCS: Final = (
+    "Send all vehicles to the ground control software there (QGroundControl, MAVProxy), and its"
+    " frames to them; repeat it for another.  [14550 where no port follows]"
+)
 _RECORD: Final = (
     "Record at most so many messages a second of a topic, per agent, e.g. state=5,truth=2."
     "  [default: all]"
@@ -47,6 +52,7 @@ def run(
     arducopter: Annotated[str | None, option("PATH", _ARDUCOPTER)] = None,
     px4: Annotated[str | None, option("FOLDER", _PX4)] = None,
     runs: Annotated[Path, option("FOLDER", "Where the run's folder is made.")] = Path("runs"),
+    gcs: Annotated[list[str] | None, option("[HOST:]PORT", _GCS)] = None,
     seed: Seed = 1,
     record_hz: Annotated[str, option("TOPIC=HZ,...", _RECORD)] = "",
     report: Annotated[bool, typer.Option(help="Make the report at the end.")] = True,
@@ -88,7 +94,17 @@ def run(
             console.say(text)
 
     binaries = {VehicleKind.ARDUCOPTER: arducopter, VehicleKind.PX4: px4}
-    options = RunOptions(speedup, show, runs, seed, rates(record_hz), tlog, metrics, binaries)
+    options = RunOptions(
+        speedup,
+        show,
+        runs,
+        seed,
+        rates(record_hz),
+        tlog,
+        metrics,
+        gcs_addresses(gcs or ()),
+        binaries,
+    )
     result = fly(loaded, options, say)
     console.print(render_summary(result.summary))
     console.say(f"summary: {result.folder / 'summary.json'}")

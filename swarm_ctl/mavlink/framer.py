@@ -38,10 +38,15 @@ class MavlinkFrame(NamedTuple):
 
 
 class Framer:
-    """Cuts a stream of chunks into frames; `bad` counts runs of bytes that were no frame."""
+    """Cuts a stream of chunks into frames; `bad` counts runs of bytes that were no frame.
 
-    def __init__(self) -> None:
+    With `unknown`, frames of messages that the dialect does not have are passed, too. Their
+    checksum can't be verified: they count where another frame or the end of the chunk follows.
+    """
+
+    def __init__(self, *, unknown: bool = False) -> None:
         self.bad = 0
+        self._unknown = unknown
         self._rest = b""
         self._skipping = False
 
@@ -56,7 +61,7 @@ class Framer:
         done = position = 0
         while found := _MAGIC.search(data, position):
             at = found.start()
-            size = _size(data, at)
+            size = _size(data, at, unknown=self._unknown)
             position = at + 1
             if size > 0:
                 if at > done:
@@ -78,7 +83,7 @@ class Framer:
         self._skipping = True
 
 
-def _size(data: bytes, at: int) -> int:
+def _size(data: bytes, at: int, *, unknown: bool = False) -> int:
     """Length of the good frame that starts at `at`, or _PARTIAL, or _NONE."""
     available = len(data) - at
     header = _HEADER_V2 if data[at] == _V2 else _HEADER_V1
@@ -91,10 +96,12 @@ def _size(data: bytes, at: int) -> int:
         if data[at + 2]:
             size += _SIGNATURE_BYTES
     extra = _CRC_EXTRA.get(_message_id(data, at))
-    if extra is None:
+    if extra is None and not unknown:
         return _NONE
     if available < size:
         return _PARTIAL
+    if extra is None:
+        return size if available == size or data[at + size] in (_V2, _V1) else _NONE
     end = at + header + data[at + 1]
     good = dialect.x25crc(data[at + 1 : end] + extra).crc == _CRC.unpack_from(data, end)[0]
     return size if good else _NONE

@@ -24,6 +24,7 @@ from swarm_ctl.errors import LinkError
 from swarm_ctl.mavlink.autopilots import autopilot as autopilot_of
 from swarm_ctl.mavlink.framer import Framer, MavlinkFrame
 from swarm_ctl.mavlink.incoming import FOLDS_BY_ID, fold
+from swarm_ctl.mavlink.mirror import Mirror
 from swarm_ctl.mavlink.outgoing import AGENT_COMPONENT, AUTOPILOT_COMPONENT, Message, timesync
 from swarm_ctl.mavlink.vehicle_telemetry import Telemetry
 from swarm_ctl.mavlink.wires import Wire, open_wire
@@ -44,6 +45,7 @@ class VehicleLink:
         tap: gets every whole frame, in and out, with the time; it must not block.
         agent_sysid: the system id that we speak with, 1..254, not the vehicle's.
         remembers: set no parameter before `recall` was called, and `kept` with its own value.
+        mirror: shares this link with ground control software.
 
     Raises:
         LinkError: an argument is wrong (the text says what is allowed), or the endpoint can't be
@@ -59,6 +61,7 @@ class VehicleLink:
         *,
         remembers: bool = False,
         agent_sysid: int = AGENT_SYSID,
+        mirror: Mirror | None = None,
     ) -> None:
         if not 1 <= sysid <= 250:
             raise LinkError(f"sysid {sysid} is out of range; allowed: 1..250")
@@ -71,7 +74,8 @@ class VehicleLink:
         self._sysid = sysid
         self._tap = tap
         self._wire = open_wire(endpoint) if isinstance(endpoint, str) else endpoint
-        self._framer = Framer()
+        self._mirror = mirror
+        self._framer = Framer(unknown=mirror is not None)
         watched = {*self._autopilot.parameters.names, self._autopilot.wind_switch}
         self._heard = Telemetry(agent_sysid, frozenset(watched))
         self._codec = dialect.MAVLink(None, srcSystem=agent_sysid, srcComponent=AGENT_COMPONENT)
@@ -181,6 +185,15 @@ class VehicleLink:
             self._timesync_due = now + _TIMESYNC_S
             self._send(timesync(now), now)
 
+    def share(self, now: float) -> None:
+        """Give ground control software its share of the link: after everything else in a tick, and
+        a few frames only."""
+        for frame in self._mirror.exchange() if self._mirror is not None else ():
+            try:
+                self._wire.write(frame, now)
+            except OSError:
+                self._errors += 1
+
     def _may_ask(self, goal: Goal) -> bool:
         """As in the driver, a vehicle that is silent, of a wrong type or flown by a pilot gets our
         heartbeats only."""
@@ -202,6 +215,8 @@ class VehicleLink:
     def close(self) -> None:
         """Close the endpoint. Idempotent."""
         self._wire.close()
+        if self._mirror is not None:
+            self._mirror.close()
 
     def _secure(self) -> None:
         """The place for MAVLink 2 signing (off): set key and rules on `self._codec.signing`."""
@@ -217,6 +232,8 @@ class VehicleLink:
             return
         self._wire.confirm()
         self._count_lost(frame.seq)
+        if self._mirror is not None:
+            self._mirror.keep(frame.raw)
         if frame.message_id not in FOLDS_BY_ID:
             return
         try:

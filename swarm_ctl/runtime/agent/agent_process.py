@@ -25,6 +25,7 @@ from swarm_ctl.core.model.messages import AgentStatus, Outcome
 from swarm_ctl.core.model.plan import Plan, Response
 from swarm_ctl.errors import SwarmError
 from swarm_ctl.mavlink.link import VehicleLink
+from swarm_ctl.mavlink.mirror import Mirror
 from swarm_ctl.mavlink.tlog import TlogWriter
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.node import Node
@@ -72,6 +73,8 @@ class AgentConfig:
     they are not, as of a vehicle that ends with the run."""
     flight: str = ""
     """What this flight is called there."""
+    mirror_port: int | None = None
+    """Where it shares the vehicle's only link with ground control software."""
     started_us: int = 0
     """Mission time 0 of the tlog, in microseconds of Unix time."""
 
@@ -136,7 +139,10 @@ def _tlog(config: AgentConfig) -> Iterator[Callable[[bytes, float], None] | None
 def _link(config: AgentConfig, keep: Callable[[bytes, float], None] | None) -> VehicleLink:
     remembers = config.memory is not None
     vehicle = (config.endpoint, config.autopilot, config.sysid)
-    return VehicleLink(*vehicle, keep, remembers=remembers, agent_sysid=config.agent_sysid)
+    mirror = None if config.mirror_port is None else Mirror(config.mirror_port)
+    return VehicleLink(
+        *vehicle, keep, remembers=remembers, agent_sysid=config.agent_sysid, mirror=mirror
+    )
 
 
 def _join_mesh(config: AgentConfig, clock: Clock) -> Node:
@@ -191,5 +197,6 @@ def _loop(
             status = actions.status
             lifeline.tell(ALIVE)
             remembering.serve(link, status.own)  # after the mesh was told
+        link.share(now)
         if actions.ended is not None:
             return actions.ended, status

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import socket
+from collections.abc import Collection
 from contextlib import ExitStack
 
 from swarm_ctl.errors import StartError
@@ -12,8 +13,8 @@ _FIRST, _LAST = 20000, 32000
 """Below the ephemeral ports (32768 and up on Linux), which any client may get at any time."""
 
 
-def free_ports(count: int, kind: socket.SocketKind) -> list[int]:
-    """`count` ports that are free now; StartError where there are fewer.
+def free_ports(count: int, kind: socket.SocketKind, promised: Collection[int] = ()) -> list[int]:
+    """`count` ports that are free now, and not `promised`; StartError where there are fewer.
 
     Processes begin their search in different places, so two runs that start together rarely
     collide.
@@ -26,6 +27,8 @@ def free_ports(count: int, kind: socket.SocketKind) -> list[int]:
             if len(found) == count:
                 return found
             port = _FIRST + (start + k) % span
+            if port in promised:
+                continue
             probe = held.enter_context(socket.socket(socket.AF_INET, kind))
             try:
                 probe.bind(("127.0.0.1", port))

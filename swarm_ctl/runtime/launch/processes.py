@@ -208,6 +208,29 @@ class VehiclesChild(CommandChild):
         super().kill()
 
 
+class RelayChild(CommandChild):
+    """The process that serves ground control software."""
+
+    def __init__(self, config: Path, log: Path) -> None:
+        module = "swarm_ctl.runtime.gcs.gcs_process"
+        super().__init__("gcs", [sys.executable, "-m", module, str(config)], log)
+        self._end_told = False
+
+    def notes(self) -> list[str]:
+        """What it has said for the operator since the last call; its end, too."""
+        while select.select([self._words], [], [], 0)[0]:
+            data = os.read(self._words, 65536)
+            self._heard += data
+            if not data:
+                break
+        *lines, self._heard = self._heard.split(b"\n")
+        notes = [str(note) for line in lines if (note := json.loads(line).get("note"))]
+        if self.exit_code() is not None and not self._end_told:
+            self._end_told = True
+            notes.append("ground control software is not served any more: see gcs.log")
+        return notes
+
+
 def simulator(config: Path, log: Path) -> CommandChild:
     """The simulator, by its command line."""
     command = [sys.executable, "-m", "sim", "--config", str(config)]

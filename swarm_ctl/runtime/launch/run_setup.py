@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import platform
 import socket
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import metadata
 from pathlib import Path
@@ -18,6 +18,8 @@ from swarm_ctl.report.folder.manifest import Manifest, write_manifest
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.agent.agent_process import AgentConfig
 from swarm_ctl.runtime.clock import Clock
+from swarm_ctl.runtime.gcs.config import RELAY_JSON
+from swarm_ctl.runtime.launch.ground_control import ground_control
 from swarm_ctl.runtime.launch.ports import free_ports
 from swarm_ctl.runtime.launch.sim_config import simulator_config
 from swarm_ctl.runtime.station.screens import Show
@@ -40,6 +42,8 @@ class RunOptions:
     record_hz: dict[str, float] = field(default_factory=dict)
     tlog: bool = True
     metrics_port: int | None = None
+    gcs: tuple[tuple[str, int], ...] = ()
+    """Where ground control software listens: host and port."""
     binaries: Mapping[VehicleKind, str | None] = field(default_factory=dict)
     """Where the autopilots to start are, as the command line says."""
 
@@ -61,6 +65,7 @@ class RunSetup:
         self.folder = _make_folder(options.runs, mission.plan.name)
         self.manifest = _manifest(mission, options)
         self._simulation = mission.file.simulation
+        self.ground_control = ground_control(self.manifest.fleet, self._simulated, options.gcs)
         write_manifest(self.folder, self.manifest)
 
     def write_orders(self) -> Path | None:
@@ -79,6 +84,9 @@ class RunSetup:
         fleet = tuple(
             replace(agent, endpoint=endpoints.get(agent.id, agent.endpoint))
             for agent in self.manifest.fleet
+        )
+        self.ground_control.take_started(
+            {vehicle.agent: vehicle.ground_station for vehicle in started}
         )
         begun = {"started_at": wall.date_and_time(), "epoch_s": _epoch_s(self.options)}
         self.manifest = self.manifest.model_copy(update={"fleet": fleet} | begun)
@@ -114,6 +122,7 @@ class RunSetup:
             tlog=self.folder / f"{agent.id}.tlog" if self.options.tlog else None,
             memory=state_folder() if agent.id in self._lasting else None,
             flight=self.folder.name,
+            mirror_port=self.ground_control.mirror_port(agent.id),
             started_us=round(manifest.started_at.timestamp() * 1e6),
         )
 
@@ -123,7 +132,10 @@ class RunSetup:
             return None
         manifest = self.manifest
         vehicles = [agent for agent in manifest.fleet if agent.id in self._simulated]
-        config = simulator_config(manifest.plan, vehicles, self._simulation) | {
+        config = simulator_config(manifest.plan, vehicles, self._simulation)
+        for agent, vehicle in zip(vehicles, config["vehicles"], strict=True):
+            vehicle["also"] = self.ground_control.further[agent.id]
+        config |= {
             "speedup": manifest.speedup,
             "epoch_s": manifest.epoch_s,
             "seed": self.options.seed,
@@ -132,6 +144,26 @@ class RunSetup:
         path = self.folder / "sim.json"
         path.write_text(json.dumps(config, indent=1))
         return path
+
+    def write_relay_config(self) -> Path | None:
+        """The configuration file of the relay to ground control software; None without one."""
+        config = self.ground_control.relay(self.manifest.fleet)
+        if config is None:
+            return None
+        path = self.folder / "gcs.json"
+        path.write_bytes(RELAY_JSON.dump_json(config, indent=1))
+        return path
+
+    def table(self) -> Iterator[str]:
+        """What is where, for the operator."""
+        started = {order.agent: str(order.kind) for order in self._orders}
+        kinds = {
+            agent.id: f"simulated {agent.autopilot}"
+            if agent.id in self._simulated
+            else started.get(agent.id, agent.autopilot)
+            for agent in self.manifest.fleet
+        }
+        return self.ground_control.table(self.manifest.fleet, kinds)
 
 
 def _make_folder(runs: Path, mission: str) -> Path:

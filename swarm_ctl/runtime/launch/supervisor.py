@@ -21,6 +21,7 @@ from swarm_ctl.runtime.launch.processes import (
     AgentChild,
     Child,
     CommandChild,
+    RelayChild,
     VehiclesChild,
     simulator,
     station,
@@ -51,6 +52,8 @@ _SIMULATOR_S: Final = 100.0
 """The simulator, and the process of the autopilots, wait 90 s for vehicles that still fly."""
 _SIMULATOR_WALL_S: Final = 5.0
 _STATION_WALL_S: Final = 10.0
+_RELAY_WALL_S: Final = 1.0
+"""It ends when no vehicle that it hears is armed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,11 +101,12 @@ class RunProcesses:
         self._simulator: CommandChild | None = None
         self._agents: list[AgentChild] = []
         self._station: CommandChild | None = None
+        self._relay: RelayChild | None = None
         self._terminal = TerminalState()
 
     @property
     def _children(self) -> list[Child]:
-        children = (self._vehicles, self._simulator, *self._agents, self._station)
+        children = (self._vehicles, self._simulator, *self._agents, self._station, self._relay)
         return [child for child in children if child is not None]
 
     def start(self) -> None:
@@ -111,6 +115,8 @@ class RunProcesses:
         setup, folder = self._setup, self._setup.folder
         self._start_vehicles()
         configs, sim_config = setup.agent_configs(), setup.write_simulator_config()
+        for line in setup.table():
+            self._print(line)
         simulators = "1 simulator, " if sim_config else ""
         self._print(f"starting {simulators}{len(configs)} agents, 1 station; run folder {folder}")
         try:
@@ -119,6 +125,8 @@ class RunProcesses:
             (folder / "agents").mkdir()
             for config in configs:
                 self._agents.append(AgentChild(config))
+            if relay := setup.write_relay_config():
+                self._relay = RelayChild(relay, folder / "gcs.log")
             options = setup.options
             self._station = station(
                 folder, folder / "station.log", options.show, options.metrics_port
@@ -143,8 +151,6 @@ class RunProcesses:
             self._kill_all()
             raise
         started = STARTED_JSON.validate_json((folder / STARTED).read_bytes())
-        for vehicle in started:
-            self._print(str(vehicle))
         self._setup.take_started(started)
 
     def _wait_ready(self, wall_seconds: float) -> None:
@@ -172,6 +178,8 @@ class RunProcesses:
                 self._terminal.restore()  # else Ctrl-C would be a key that no process reads
                 if asked_s is not None and now > asked_s + _LAND_WALL_S:
                     self._let_agents_go()
+            for note in self._relay.notes() if self._relay is not None else ():
+                self._say(note)
             self._kill_hung()
             wall.pause(_POLL_WALL_S)
 
@@ -208,6 +216,9 @@ class RunProcesses:
             for provider in providers:
                 provider.let_go()
             wait_all(providers, _SIMULATOR_WALL_S + _SIMULATOR_S / speedup)
+            if self._relay is not None:
+                self._relay.let_go()
+                wait_all([self._relay], _RELAY_WALL_S)
             if self._station is not None:
                 self._station.say(finish=True)
                 wait_all([self._station], _STATION_WALL_S)
@@ -219,6 +230,7 @@ class RunProcesses:
         self._terminal.restore()
 
     def exit_codes(self) -> dict[str, int]:
-        """Of all processes, by name; negative: the signal."""
-        codes = {child.name: child.exit_code() for child in self._children}
+        """Of all processes that the flight needs, by name; negative: the signal."""
+        needed = [child for child in self._children if child is not self._relay]
+        codes = {child.name: child.exit_code() for child in needed}
         return {name: code for name, code in codes.items() if code is not None}

@@ -51,12 +51,6 @@ class Started:
     ground_station: str
     """Where a ground station reaches it, as pymavlink writes it."""
 
-    def __str__(self) -> str:
-        return (
-            f"agent {self.agent}: {self.kind}, system {self.sysid}, {self.endpoint};"
-            f" ground stations: {self.ground_station}"
-        )
-
 
 ORDERS_JSON: Final = TypeAdapter(Orders)
 STARTED_JSON: Final = TypeAdapter(tuple[Started, ...])

@@ -1,0 +1,69 @@
+"""Whom a frame is for, read from its bytes without decoding the message."""
+
+from __future__ import annotations
+
+import itertools
+import struct
+from collections.abc import Iterator
+from typing import Any, Final
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from swarm_ctl.mavlink.framer import MavlinkFrame
+
+_V2: Final = 0xFD
+_HEADER: Final = {True: 10, False: 6}
+_SIZES: Final = {"char": 1, "int8_t": 1, "uint8_t": 1, "int16_t": 2, "uint16_t": 2, "float": 4}
+_COMMANDS: Final = (dialect.MAVLINK_MSG_ID_COMMAND_LONG, dialect.MAVLINK_MSG_ID_COMMAND_INT)
+_COMMAND_AT: Final = 28
+"""Where both have the command's number: behind seven numbers of four bytes."""
+_ARMED: Final = dialect.MAV_MODE_FLAG_SAFETY_ARMED
+_BASE_MODE_AT: Final = 6
+
+
+def target_system(frame: MavlinkFrame) -> int:
+    """The system id that the frame names as its target; 0: all, or the message has no target."""
+    at = _TARGET_AT.get(frame.message_id)
+    return 0 if at is None else _byte(frame, at)
+
+
+def asks_for_streams(frame: MavlinkFrame) -> bool:
+    """It would change how often the vehicle sends something on the link that it comes by."""
+    if frame.message_id == dialect.MAVLINK_MSG_ID_REQUEST_DATA_STREAM:
+        return True
+    number = _byte(frame, _COMMAND_AT) | _byte(frame, _COMMAND_AT + 1) << 8
+    return frame.message_id in _COMMANDS and number == dialect.MAV_CMD_SET_MESSAGE_INTERVAL
+
+
+def says_armed(frame: MavlinkFrame) -> bool | None:
+    """What a vehicle's HEARTBEAT tells; None: the frame is none of an autopilot's."""
+    if frame.message_id != dialect.MAVLINK_MSG_ID_HEARTBEAT or frame.component != 1:
+        return None
+    return bool(_byte(frame, _BASE_MODE_AT) & _ARMED)
+
+
+def _byte(frame: MavlinkFrame, at: int) -> int:
+    """A byte of the payload; MAVLink 2 leaves trailing zeros out."""
+    raw = frame.raw
+    return raw[_HEADER[raw[0] == _V2] + at] if at < raw[1] else 0
+
+
+def _offsets(kind: Any) -> Iterator[tuple[str, int]]:
+    """Name and place of each field in the payload."""
+    types = dict(zip(kind.fieldnames, kind.fieldtypes, strict=True))
+    counts = [max(1, length) for length in kind.array_lengths]
+    sizes = [
+        _SIZES.get(types[name], 8 if types[name].endswith(("64_t", "double")) else 4) * count
+        for name, count in zip(kind.ordered_fieldnames, counts, strict=True)
+    ]
+    if sum(sizes) != struct.calcsize(kind.unpacker.format):
+        raise AssertionError(f"{kind.msgname}: the sizes of its fields are not known")
+    return zip(kind.ordered_fieldnames, itertools.accumulate(sizes, initial=0), strict=False)
+
+
+_TARGET_AT: Final = {
+    number: at
+    for number, kind in dialect.mavlink_map.items()
+    for name, at in _offsets(kind)
+    if name == "target_system"
+}

@@ -1,0 +1,158 @@
+"""Where other MAVLink programs find the vehicles of a run: the ports that people know, and `--gcs`.
+
+An ArduCopter in the loop listens on TCP 5760 + 10 i. A PX4 sends from UDP 14580 + i to 14540 + i.
+Simulated vehicles stand there, too, where these ports are free.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import socket
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+from swarm_ctl.core.model.fleet import FleetAgent
+from swarm_ctl.runtime.gcs.config import GcsAddress, RelayConfig, RelayVehicle
+from swarm_ctl.runtime.launch.ports import free_ports
+
+_COLUMNS: Final = ("agent", "vehicle", "system", "its agent's link", "also on")
+
+
+@dataclass(frozen=True, slots=True)
+class KnownPort:
+    """What people expect of the vehicle with number `i` of its firmware."""
+
+    first: int
+    step: int
+    own: int | None = None
+    """The port that the first vehicle sends from; None: it listens on `first`."""
+
+    def endpoint(self, i: int) -> str:
+        """The vehicle's end, as the simulator writes it."""
+        port = self.first + self.step * i
+        if self.own is None:
+            return f"tcpin:127.0.0.1:{port}"
+        return f"udpout:127.0.0.1:{port}:{self.own + self.step * i}"
+
+    def client(self, i: int) -> str:
+        """What a client opens, as pymavlink writes it."""
+        scheme = "tcp" if self.own is None else "udpin"
+        return f"{scheme}:127.0.0.1:{self.first + self.step * i}"
+
+    def free(self, i: int) -> bool:
+        """No other program is there."""
+        offset = self.step * i
+        if self.own is None:
+            return _free(self.first + offset, socket.SOCK_STREAM)
+        return _free(self.own + offset, socket.SOCK_DGRAM)
+
+
+KNOWN: Final = {"ardupilot": KnownPort(5760, 10), "px4": KnownPort(14540, 1, 14580)}
+
+
+@dataclass(slots=True)
+class GroundControl:
+    """Where each vehicle is found beside its agent's link."""
+
+    stations: tuple[GcsAddress, ...]
+    further: dict[int, list[str]] = field(default_factory=dict)
+    """Of simulated vehicles, by agent, as the simulator writes them."""
+    known: dict[int, str] = field(default_factory=dict)
+    """What a client opens, by agent; or why there is nothing."""
+    links: dict[int, str] = field(default_factory=dict)
+    """A link to the vehicle that its agent does not use, by agent."""
+
+    mirrors: dict[int, int] = field(default_factory=dict)
+    """Loopback ports, by agent: where an agent shares its vehicle's link, if that is the only
+    one."""
+
+    def mirror_port(self, agent: int) -> int | None:
+        """Where the agent shares its link; None: it need not."""
+        return None if agent in self.links else self.mirrors.get(agent)
+
+    def take_started(self, links: Mapping[int, str]) -> None:
+        """The free links of autopilots that have just been started, by agent."""
+        self.known |= links
+        if self.stations:
+            self.links |= links
+            self.known |= dict.fromkeys(links, "")  # each serves one client: the relay
+
+    def relay(self, fleet: Sequence[FleetAgent]) -> RelayConfig | None:
+        """What the relay is told; None where no GCS is to be served."""
+        if not self.stations:
+            return None
+        vehicles = [
+            RelayVehicle(
+                agent.id,
+                agent.sysid,
+                agent.agent_sysid,
+                self.links.get(agent.id) or f"udpout:127.0.0.1:{self.mirrors[agent.id]}",
+                shared=agent.id not in self.links,
+            )
+            for agent in fleet
+        ]
+        return RelayConfig(tuple(vehicles), self.stations)
+
+    def table(self, fleet: Sequence[FleetAgent], kinds: Mapping[int, str]) -> Iterator[str]:
+        """What is where, a line a vehicle."""
+        rows = [
+            (str(a.id), kinds[a.id], str(a.sysid), a.endpoint or "", self.known.get(a.id, ""))
+            for a in fleet
+        ]
+        widths = [max(map(len, column)) for column in zip(_COLUMNS, *rows, strict=True)]
+        for row in (_COLUMNS, *rows):
+            line = "  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True))
+            yield line.rstrip()
+        for each in self.stations:
+            own = f"one that connects by itself: udpout:127.0.0.1:{each.own_port}"
+            yield f"ground control software: every vehicle is sent to {each}; {own}"
+
+
+def ground_control(
+    fleet: Sequence[FleetAgent], simulated: Collection[int], gcs: Sequence[tuple[str, int]]
+) -> GroundControl:
+    """Choose ports, of those that are free now."""
+    in_use = {agent.id: _port(agent.endpoint or "") for agent in fleet}
+    count = len(gcs) + len(fleet) if gcs else 0
+    ports = iter(free_ports(count, socket.SOCK_DGRAM, in_use.values()))
+    found = GroundControl(tuple(GcsAddress(*address, next(ports)) for address in gcs))
+    counts = {autopilot: itertools.count() for autopilot in KNOWN}
+    for agent in fleet:
+        if agent.id not in simulated:
+            if gcs:
+                found.mirrors[agent.id] = next(ports)
+            continue
+        port, i = KNOWN[agent.autopilot], next(counts[agent.autopilot])
+        client, further = port.client(i), []
+        if _port(client) not in in_use.values() and port.free(i):
+            further.append(port.endpoint(i))
+            found.known[agent.id] = client
+        else:
+            found.known[agent.id] = f"{client} is taken"
+        if gcs:
+            link = f"127.0.0.1:{next(ports)}"
+            further.append(f"udpin:{link}")
+            found.links[agent.id] = f"udpout:{link}"
+        found.further[agent.id] = further
+    return found
+
+
+def _port(endpoint: str) -> int:
+    """0 where it has none."""
+    text = endpoint.rpartition(":")[2]
+    return int(text) if text.isdecimal() else 0
+
+
+def _free(port: int, kind: socket.SocketKind) -> bool:
+    with contextlib.closing(socket.socket(socket.AF_INET, kind)) as probe:
+        if kind is socket.SOCK_STREAM:  # a connection that has just ended does not hold it
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("127.0.0.1", port))
+            if kind is socket.SOCK_STREAM:
+                probe.listen(1)
+        except OSError:
+            return False
+    return True

@@ -1,0 +1,106 @@
+"""An agent's end of a link that it shares with ground control software: bounded, and it never
+waits."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from swarm_ctl.core.model.vehicle import StandbyGoal
+from swarm_ctl.errors import LinkError
+from swarm_ctl.mavlink.link import VehicleLink
+from swarm_ctl.mavlink.mirror import FRAMES_A_TICK, Mirror
+from swarm_ctl.mavlink.wires import memory_wires
+from tests.unit.mavlink import wire
+
+
+@pytest.fixture
+def relay() -> Iterator[socket.socket]:
+    with contextlib.closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as found:
+        found.bind(("127.0.0.1", 0))
+        found.setblocking(False)
+        yield found
+
+
+@pytest.fixture
+def mirror(relay: socket.socket) -> Iterator[Mirror]:
+    with contextlib.closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    with contextlib.closing(Mirror(port)) as found:
+        relay.connect(("127.0.0.1", port))
+        yield found
+
+
+FRAME = b"\xfd" + bytes(20)
+
+
+def test_frames_go_to_the_relay_once_it_has_greeted(mirror: Mirror, relay: socket.socket) -> None:
+    mirror.keep(FRAME)
+    assert mirror.exchange() == []
+    relay.send(b"")
+    assert mirror.exchange() == []
+    for _ in range(3):
+        mirror.keep(FRAME)
+    mirror.exchange()
+    assert relay.recv(4096) == 3 * FRAME
+
+
+def test_a_flood_costs_a_tick_a_few_frames_alone(mirror: Mirror, relay: socket.socket) -> None:
+    for _ in range(500):
+        relay.send(FRAME)
+    assert len(mirror.exchange()) == FRAMES_A_TICK
+    started = time.perf_counter()
+    for _ in range(20):
+        mirror.exchange()
+    assert (time.perf_counter() - started) / 20 < 0.005  # a tenth of a tick, on a busy machine
+
+
+def test_only_frames_and_only_those_of_the_relay_pass(mirror: Mirror, relay: socket.socket) -> None:
+    for data in (b"", b"no frame", b"\xfd" + bytes(400), FRAME):
+        relay.send(data)
+    assert mirror.exchange() == [FRAME]
+    with contextlib.closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as stranger:
+        stranger.sendto(FRAME, relay.getpeername())
+        assert mirror.exchange() == []
+
+
+def test_a_relay_that_does_not_read_holds_nothing_up(mirror: Mirror, relay: socket.socket) -> None:
+    relay.send(b"")
+    mirror.exchange()
+    started = time.perf_counter()
+    for _ in range(2000):
+        mirror.keep(FRAME)
+        mirror.exchange()
+    assert time.perf_counter() - started < 2.0
+
+
+def test_a_taken_port_is_named(relay: socket.socket) -> None:
+    port = relay.getsockname()[1]
+    with pytest.raises(LinkError, match=f"port {port} for ground control software"):
+        Mirror(port)
+
+
+def test_a_link_shares_what_its_vehicle_sends_and_passes_on_what_comes_back(
+    mirror: Mirror, relay: socket.socket
+) -> None:
+    ours, theirs = memory_wires()
+    link, vehicle = VehicleLink(ours, "ardupilot", 1, mirror=mirror), wire.Vehicle(theirs)
+    relay.send(b"")
+    link.share(0.0)
+    vehicle.say(wire.heartbeat())
+    link.receive(0.1)
+    link.pursue(StandbyGoal(), 0.1)
+    relay.send(FRAME)
+    link.share(0.1)
+    assert relay.recv(4096)[0] == 0xFD
+    chunks = []
+    while (chunk := theirs.read()) is not None:
+        chunks.append(chunk)
+    assert chunks[-1] == FRAME  # behind all that the agent itself had to send
+    assert len(chunks) > 1
+    link.close()
