@@ -15,6 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from swarm_ctl.core.model.plan import Geodetic
 from swarm_ctl.core.model.vehicle import Contact, GlobalFix, LocalFix
+from swarm_ctl.mavlink.heartbeats import FlightState, OtherMessages
 from swarm_ctl.mavlink.outgoing import AGENT_COMPONENT
 from swarm_ctl.mavlink.vehicle_telemetry import ParameterValue, Telemetry
 
@@ -36,11 +37,15 @@ def _heartbeat(heard: Telemetry, message: Any, now: float) -> bool:
     other = identity != (heard.autopilot, heard.vehicle_type)
     if other and now - heard.heartbeat_s < IDENTITY_KEPT_S:
         return False
+    armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
+    custom = message.base_mode & dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+    told = FlightState(armed, message.custom_mode if custom else None)
+    believed = FlightState(heard.armed, heard.custom_mode)
+    others = OtherMessages(heard.boot_s, heard.on_ground, heard.falls(now))
+    if heard.evidence.proves(told, believed, now, others):
+        heard.armed, heard.custom_mode = told
     heard.heartbeat_s = now
     heard.autopilot, heard.vehicle_type = identity
-    heard.armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
-    custom = message.base_mode & dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-    heard.custom_mode = message.custom_mode if custom else None
     return True
 
 

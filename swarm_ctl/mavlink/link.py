@@ -32,6 +32,7 @@ from swarm_ctl.mavlink.wires import Wire, open_wire
 MAX_CHUNKS = 2048
 """Chunks read in one `receive`, a bound for floods; a vehicle sends about 3 a tick."""
 _TIMESYNC_S = 1.0
+_REFUTED_EVERY_S = 10.0
 _SETPOINT_ID = dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
 
 
@@ -83,7 +84,8 @@ class VehicleLink:
         if self._wire.warning and autopilot == "px4":
             self._heard.texts.add(self._wire.warning)
         self._now = 0.0
-        self._timesync_due = -math.inf
+        self._timesync_due = self._refuted_due = -math.inf
+        self._refuted = 0
         self._seq: int | None = None
         self._frames = self._setpoints = self._lost = 0
         self._foreign = self._rejected = self._errors = 0
@@ -105,6 +107,7 @@ class VehicleLink:
     def view(self) -> VehicleView:
         """A snapshot as of the last `receive`. Each STATUSTEXT is in one snapshot only."""
         heard, driver, now = self._heard, self._autopilot, self._now
+        self._say_refuted()
         if heard.contacts:
             heard.forget_old_contacts(now)
         mode = driver.mode(heard)
@@ -116,6 +119,7 @@ class VehicleLink:
             fault=fault,
             armed=heard.armed,
             mode=mode,
+            doubt=heard.evidence.doubt,
             controlled=mode == driver.controlled_mode,
             taken_off=mode in driver.takeoff_modes,
             landing=mode == driver.landing_mode,
@@ -175,6 +179,19 @@ class VehicleLink:
         notes = tuple(self._autopilot.parameters.notes)
         self._autopilot.parameters.notes.clear()
         return notes
+
+    def _say_refuted(self) -> None:
+        """Heartbeats that those after them refute are worth a line, not one each in a flood."""
+        heard, driver, evidence = self._heard, self._autopilot, self._heard.evidence
+        if evidence.refuted == self._refuted or self._now < self._refuted_due:
+            return
+        self._refuted, self._refuted_due = evidence.refuted, self._now + _REFUTED_EVERY_S
+        told = f"{driver.modes.name(evidence.told.custom_mode) or 'no mode'}, "
+        told += "armed" if evidence.told.armed else "disarmed"
+        heard.texts.add(
+            f"a heartbeat said {told}; those after it did not, so it is ignored"
+            f" ({evidence.refuted} so far): forged, or garbled on the link"
+        )
 
     def pursue(self, goal: Goal, now: float) -> None:
         """Send what `goal` needs now. A tick without this call sends nothing: the vehicle's own

@@ -7,8 +7,10 @@ from dataclasses import dataclass, field
 
 from swarm_ctl.core.model.fleet import AGENT_SYSID
 from swarm_ctl.core.model.plan import Geodetic
-from swarm_ctl.core.model.vehicle import Contact, GlobalFix, LocalFix
+from swarm_ctl.core.model.timeouts import FRESH_S
+from swarm_ctl.core.model.vehicle import FALLS_MPS, Contact, GlobalFix, LocalFix
 from swarm_ctl.mavlink.estimate import EstimateHealth
+from swarm_ctl.mavlink.heartbeats import HeartbeatEvidence
 from swarm_ctl.mavlink.status_texts import StatusTexts
 
 WIND_KEPT_S = 10.0
@@ -42,7 +44,10 @@ class Telemetry:
     """MAV_AUTOPILOT, -1 before the first heartbeat."""
     vehicle_type: int = -1
     """MAV_TYPE, -1 before the first heartbeat."""
+    evidence: HeartbeatEvidence = field(default_factory=HeartbeatEvidence)
+    """Decides which heartbeats are believed."""
     armed: bool = False
+    """As believed, like `custom_mode`."""
     custom_mode: int | None = None
     """None while unknown, or where the heartbeat says that the vehicle has none."""
     on_ground: bool = True
@@ -86,6 +91,13 @@ class Telemetry:
     def wind_now(self, now: float) -> float | None:
         """Horizontal wind [m/s] while the vehicle reports it."""
         return self.wind_mps if now - self.wind_s <= WIND_KEPT_S else None
+
+    def falls(self, now: float) -> bool:
+        """The newest local position is new, and goes down faster than vehicles descend."""
+        local = self.local
+        if local is None or now - local.time_s > FRESH_S:
+            return False
+        return local.velocity_ned_mps[2] > FALLS_MPS
 
     def clocked(self, boot_ms: int) -> None:
         """Store the vehicle's clock; if it went back, drop what does not survive a restart."""

@@ -8,12 +8,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import Final, TypeAlias
 
 from swarm_ctl.core.model.own_parameters import OwnParameters, ParameterNote
 from swarm_ctl.core.model.plan import Geodetic
 
 Vector3 = tuple[float, float, float]
+
+FALLS_MPS: Final = 4.0
+"""A vehicle that goes down faster falls: 0.4 s after its motors stop. As delivered, ArduCopter and
+PX4 descend at 1.5 m/s, and land at 1.5 m/s at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +65,10 @@ class VehicleView:
     ''."""
     armed: bool = False
     mode: str = ""
-    """The autopilot's own word for its mode, e.g. GUIDED."""
+    """The autopilot's own word for its mode, e.g. GUIDED. Like `armed`, it is what several
+    heartbeats say."""
+    doubt: bool = False
+    """The newest heartbeat says another mode, or other than `armed`; it is not believed yet."""
     controlled: bool = False
     """The mode follows our velocity setpoints (GUIDED, OFFBOARD)."""
     taken_off: bool = False

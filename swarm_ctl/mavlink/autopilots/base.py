@@ -55,6 +55,7 @@ from swarm_ctl.mavlink.autopilots.timing import (
     Pacer,
 )
 from swarm_ctl.mavlink.estimate import EstimateRules
+from swarm_ctl.mavlink.heartbeats import ASK_S, DOUBT_S, FlightState
 from swarm_ctl.mavlink.incoming import message_id
 from swarm_ctl.mavlink.outgoing import Message
 from swarm_ctl.mavlink.vehicle_telemetry import Telemetry
@@ -86,6 +87,7 @@ _SENSORS = {
 }
 
 _NEVER = -math.inf
+_COMMAND = dialect.MAVLINK_MSG_ID_COMMAND_LONG
 
 
 class Autopilot(ABC):
@@ -118,6 +120,7 @@ class Autopilot(ABC):
         self.pacer = Pacer()
         self._goal: type[Goal] | None = None
         self._reached = False
+        self._doubt_since: float | None = None
         self._grounded_since: float | None = None
         self._stream_counts: dict[int, int] = {}
         self._version_tries = 0
@@ -187,11 +190,41 @@ class Autopilot(ABC):
     def pursue(self, goal: Goal, heard: Telemetry, now: float) -> list[Message]:
         """The messages of this tick that bring the vehicle nearer to `goal`; call it every tick."""
         messages = [outgoing.heartbeat()] if self.pacer.due("heartbeat", HEARTBEAT_S, now) else []
-        if isinstance(goal, YieldGoal) or heard.heartbeat_s == _NEVER or self.fault(heard):
-            return messages
         if type(goal) is not self._goal:
             self._goal, self._reached, self._grounded_since = type(goal), False, None
-        return messages + self._streams(heard, now) + self._towards(goal, heard, now)
+        heard.evidence.expects = self._expects
+        if isinstance(goal, YieldGoal) or heard.heartbeat_s == _NEVER or self.fault(heard):
+            return messages
+        messages += self._streams(heard, now)
+        return messages + self._unless_in_doubt(self._towards(goal, heard, now), heard, now)
+
+    def _expects(self, told: FlightState) -> bool:
+        """Whether the goal asks for what a heartbeat tells."""
+        mode, goal = self.modes.name(told.custom_mode), self._goal
+        if goal is AirborneGoal:
+            return told.armed and mode in (self.controlled_mode, *self.takeoff_modes)
+        if goal is FlyGoal:
+            return told.armed and mode == self.controlled_mode
+        if goal is LandGoal:
+            return told.armed and mode == self.landing_mode
+        return goal is TerminateGoal and not told.armed
+
+    def _unless_in_doubt(
+        self, messages: list[Message], heard: Telemetry, now: float
+    ) -> list[Message]:
+        """While the heartbeats say other than what is believed, a pilot may have changed the mode:
+        the vehicle is asked for more of them and gets setpoints, which only the controlled mode
+        follows, but no command. A flood of forged heartbeats must not keep a vehicle in the air,
+        so commands wait for `DOUBT_S` at most."""
+        if not heard.evidence.doubt or self._goal is TerminateGoal:
+            self._doubt_since = None
+            return messages
+        self._doubt_since = now if self._doubt_since is None else self._doubt_since
+        if now - self._doubt_since < DOUBT_S:
+            messages = [message for message in messages if message.get_msgId() != _COMMAND]
+        if self.pacer.due("heartbeats", ASK_S, now):
+            messages.append(outgoing.request(self.system, message_id("HEARTBEAT")))
+        return messages
 
     def _towards(self, goal: Goal, heard: Telemetry, now: float) -> list[Message]:
         match goal:

@@ -113,6 +113,9 @@ class Scripted:
         return 0
 
     def do_512(self, message: Any) -> int:
+        if message.param1 == 0:
+            self.say(self.heartbeat())
+            return 0
         if not self.ready:
             return 4
         self.say(wire.global_origin(alt_mm=GROUND_ALT_MM))
@@ -141,9 +144,7 @@ class Scripted:
 
     def stream(self) -> None:
         if self.every(0, 1.0):
-            self.say(
-                wire.heartbeat(custom_mode=self.mode, armed=self.armed, autopilot=self.autopilot)
-            )
+            self.say(self.heartbeat())
         for number, interval_s in self.intervals.items():
             if number in STREAMED and self.every(number, interval_s):
                 self.say_stream(STREAMED[number])
@@ -155,6 +156,9 @@ class Scripted:
     def climb_to(self, height_m: float) -> None:
         self.target_m = height_m
         self.lifts_s = self.now + self.spool_up_s
+
+    def heartbeat(self) -> Any:
+        return wire.heartbeat(custom_mode=self.mode, armed=self.armed, autopilot=self.autopilot)
 
     def say_stream(self, name: str) -> None:
         boot_ms = round(self.now * 1000)

@@ -571,7 +571,8 @@ def test_px4_begins_the_second_anew_after_a_gap() -> None:
 def test_a_controlled_mode_that_was_left_is_never_entered_again(name: str) -> None:
     vehicle = flying(name)
     vehicle.mode = PILOT[name]
-    vehicle.run(FlyGoal((1.0, 0.0, 0.0)), 1.05)
+    doubting = vehicle.run(FlyGoal((1.0, 0.0, 0.0)), 2.3)
+    assert commands(doubting, MODE) == []
     sent = vehicle.run(FlyGoal((1.0, 0.0, 0.0)), 10.0)
     assert commands(sent, MODE) == of(sent, "SET_POSITION_TARGET_LOCAL_NED") == []
     vehicle.mode = (

@@ -101,11 +101,32 @@ def test_health_ages_with_the_time_of_receive() -> None:
     assert link.view().contacts == ()
 
 
-def test_a_vehicle_that_lands_is_landing() -> None:
+def test_a_vehicle_whose_heartbeats_say_so_is_landing() -> None:
     link, vehicle = healthy()
-    vehicle.say(wire.heartbeat(custom_mode=9, armed=True))
-    link.receive(11.0)
+    for now in (11.0, 12.0, 13.0):
+        assert (link.view().controlled, link.view().landing) == (True, False)
+        vehicle.say(wire.heartbeat(custom_mode=9, armed=True))
+        vehicle.say(wire.local_position(boot_ms=round(now * 1000)))
+        link.receive(now)
+        assert link.view().doubt is (now < 13.0)
     assert (link.view().controlled, link.view().landing) == (False, True)
+
+
+def test_refuted_heartbeats_are_told_once_in_ten_seconds() -> None:
+    link, vehicle = healthy()
+    texts: list[str] = []
+    for tenth in range(100):
+        vehicle.say(wire.heartbeat(custom_mode=9 if tenth % 2 else 4, armed=tenth % 2 == 0))
+        link.receive(11.0 + 0.1 * tenth)
+        view = link.view()
+        assert (view.mode, view.armed) == ("GUIDED", True)
+        texts += [text for text in view.texts if "heartbeat" in text]
+    assert texts == [
+        (
+            "a heartbeat said LAND, disarmed; those after it did not, so it is ignored (1 so far):"
+            " forged, or garbled on the link"
+        )
+    ]
 
 
 def test_an_unknown_firmware_is_a_fault_and_gets_heartbeats_only() -> None:
