@@ -276,6 +276,7 @@ class Agent:
         context, fix = self._context, tick.newest_fix
         if context.ended_s is not None:
             return
+        context.watch_height(tick)
         landing = context.landing_s is not None
         trigger = failsafes.find(
             failsafes.Situation(
@@ -291,6 +292,8 @@ class Agent:
                 landing=landing,
                 returning=context.phase is Phase.RETURN,
                 estimate_doubt=self._estimate.look(tick.now, tick.view),
+                flown=context.flown,
+                sunk_s=context.sunk_s(tick.now),
             )
         )
         if failsafes.replaces(trigger, context.trigger, landing=landing):

@@ -17,7 +17,8 @@ from swarm_ctl.core.agent.return_to_launch import ReturnStage
 from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.model.messages import AgentState, CommandKind, Outcome, Phase, StepOutcome
 from swarm_ctl.core.model.plan import LandStep, Plan, Point, Policy, ReturnStep
-from swarm_ctl.core.model.timeouts import OWN_LOST_S
+from swarm_ctl.core.model.timeouts import OWN_FIX_S, OWN_LOST_S
+from swarm_ctl.core.model.vehicle import FALLS_MPS
 from swarm_ctl.core.safety.fence import outside
 
 
@@ -32,6 +33,8 @@ class FailsafeAction(StrEnum):
     """End at once and send nothing: the vehicle is in a flight that is not ours."""
     YIELD = "yield"
     """Send heartbeats alone until the vehicle is down: a pilot or its own failsafe flies it."""
+    FALL = "fall"
+    """The motors are off in the air: send heartbeats alone, as for a pilot, and count as failed."""
     KILL = "kill"
     """Motors off."""
 
@@ -47,7 +50,8 @@ _RANK: Final = {
     FailsafeAction.LAND: 2,
     FailsafeAction.LEAVE: 3,
     FailsafeAction.YIELD: 3,
-    FailsafeAction.KILL: 4,
+    FailsafeAction.FALL: 4,
+    FailsafeAction.KILL: 5,
 }
 
 
@@ -85,6 +89,11 @@ class Situation:
     estimate_doubt: str = ""
     """What the vehicle has been saying against its own estimate (`EstimateWatch`), or ''."""
 
+    flown: bool
+    """It was in the air in this flight."""
+    sunk_s: float
+    """For how long it has been far below the height that it is to keep (`FlightContext`)."""
+
 
 Check = Callable[[Situation], FailsafeTrigger | None]
 
@@ -93,6 +102,11 @@ _PATIENCE_S: Final = 30.0
 _VEHICLE_LOST_S: Final = 5.0
 """No heartbeat (1 Hz) for this long: the figure of MAVProxy and Skybrush. The vehicle's own
 failsafe stops it after 1 s."""
+_LANDS_M: Final = 2.0
+"""The word that a vehicle stands on the ground may come after the word that it is disarmed, and the
+ground may be this much higher than the take-off point."""
+SUNK_S: Final = 2.0
+"""Longer than a position estimate that jumps takes to come back."""
 
 
 def find(situation: Situation) -> FailsafeTrigger | None:
@@ -104,15 +118,17 @@ def find(situation: Situation) -> FailsafeTrigger | None:
 def replaces(new: FailsafeTrigger | None, old: FailsafeTrigger | None, *, landing: bool) -> bool:
     """Does the new trigger take the place of the old one?
 
-    A hold ends with its cause. A landing is final, but for a kill.
+    A hold ends with its cause. A landing is final, but for a kill and a fall, and for a pilot who
+    takes the vehicle while it still brakes.
     """
     if old is None or old.action is FailsafeAction.HOLD:
         return new != old
     if new is None or new.action.rank <= old.action.rank:
         return False
-    return new.action is FailsafeAction.KILL or (
-        old.action is FailsafeAction.RETURN and not landing
-    )
+    if new.action in (FailsafeAction.KILL, FailsafeAction.FALL):
+        return True
+    braking = old.action is FailsafeAction.LAND and new.action is FailsafeAction.YIELD
+    return (old.action is FailsafeAction.RETURN or braking) and not landing
 
 
 def failed(action: FailsafeAction, reason: str) -> FailsafeTrigger:
@@ -159,6 +175,40 @@ def _taken_over(s: Situation) -> FailsafeTrigger | None:
     what = f"switched to {view.mode}" if view.armed else "disarmed"
     reason = f"the vehicle was {what} by a pilot or by its own failsafe"
     return failed(FailsafeAction.YIELD, reason)
+
+
+def _disarmed(s: Situation) -> FailsafeTrigger | None:
+    """Whatever its mode. On the ground it is one that fell, if it still is in the controlled mode
+    and was not to land: any other has landed by itself, or under a pilot."""
+    view = s.tick.view
+    if view.armed or not s.flown:
+        return None
+    lands = s.landing or isinstance(s.progress.current, LandStep)
+    if (lands or not view.controlled) if view.on_ground else (lands and s.height_m < _LANDS_M):
+        return None
+    reason = f"the vehicle was disarmed in the air; now it is {s.height_m:.1f} m up"
+    return failed(FailsafeAction.FALL, reason)
+
+
+def _falls(s: Situation) -> FailsafeTrigger | None:
+    """Both of the vehicle's position messages have to say so."""
+    fix, told = s.tick.fix, s.tick.view.global_
+    if not s.flown or fix is None or told is None or s.tick.now - told.time_s > OWN_FIX_S:
+        return None
+    down_mps = fix.velocity_ned_mps[2]
+    if down_mps <= FALLS_MPS or told.velocity_ned_mps[2] <= 0.5 * FALLS_MPS:
+        return None
+    reason = f"the vehicle fell out of height: {down_mps:.1f} m/s down, {s.height_m:.1f} m up"
+    return failed(FailsafeAction.LAND, reason)
+
+
+def _sank(s: Situation) -> FailsafeTrigger | None:
+    if s.sunk_s <= SUNK_S or s.landing or s.returning:
+        return None
+    if isinstance(s.progress.current, LandStep | ReturnStep):
+        return None
+    reason = f"the vehicle fell out of height: {s.height_m:.1f} m up for {SUNK_S:g} s and more"
+    return failed(FailsafeAction.LAND, reason)
 
 
 def _vehicle_silent(s: Situation) -> FailsafeTrigger | None:
@@ -278,7 +328,10 @@ CHECKS: Final[tuple[Check, ...]] = (
     _by_order,
     _lifeline_cut,
     _vehicle_fault,
+    _disarmed,
     _taken_over,
+    _falls,
+    _sank,
     _vehicle_silent,
     _position_lost,
     _too_fast,

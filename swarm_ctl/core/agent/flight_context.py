@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Final
 
 from swarm_ctl.core.agent.failsafes import FailsafeAction, FailsafeTrigger
 from swarm_ctl.core.agent.progress import Progress
@@ -21,6 +22,12 @@ from swarm_ctl.core.model.plan import FormStep, Plan, Point
 from swarm_ctl.core.model.vehicle import FlyGoal, VehicleView
 from swarm_ctl.core.swarm.neighbourhood import Neighbourhood
 from swarm_ctl.core.swarm.slot_exchange import SlotExchange
+
+_FLOWN_M: Final = 1.0
+"""A position estimate on the ground wanders by less."""
+_SUNK_M: Final = 3.0
+"""Far below the height to keep: this much, and half of the height. A baro drifts by less in a
+flight."""
 
 
 @dataclass(slots=True)
@@ -71,6 +78,12 @@ class FlightContext:
     """The vehicle has followed our setpoints in this flight."""
     landing_s: float | None = None
     ended_s: float | None = None
+    flown: bool = False
+    """The vehicle was in the air in this flight."""
+    sunk_since_s: float | None = None
+    """Since when it has been far below the height that it had reached and is to keep."""
+    at_height: bool = False
+    """It has reached that height."""
     ground_m: float = 0.0
     """Height of the take-off point in the common frame."""
     target_height_m: float = 0.0
@@ -98,6 +111,23 @@ class FlightContext:
         """Note that the vehicle armed, or followed our setpoints, by our own doing."""
         self.was_armed |= view.armed and self.ours
         self.had_control |= self.was_armed and view.controlled
+
+    def watch_height(self, tick: Tick) -> None:
+        """Note that the vehicle flies, that it is at its height, and that it has sunk far below."""
+        fix, height_m = tick.newest_fix, self.target_height_m
+        if fix is None or not (self.was_armed and tick.view.armed):
+            return
+        missing_m = height_m - self.height(fix)
+        self.flown |= self.height(fix) > _FLOWN_M and not tick.view.on_ground
+        self.at_height |= self.flown and self.had_control and abs(missing_m) < _FLOWN_M
+        if not self.at_height or missing_m <= max(_SUNK_M, 0.5 * height_m):
+            self.sunk_since_s = None
+        elif self.sunk_since_s is None:
+            self.sunk_since_s = tick.now
+
+    def sunk_s(self, now: float) -> float:
+        """For how long the vehicle has been far below its height [s]; 0: it is not."""
+        return 0.0 if self.sunk_since_s is None else now - self.sunk_since_s
 
     def heed(self, tick: Tick, trigger: FailsafeTrigger | None) -> None:
         """A failsafe fires, or (None) its cause is gone and the mission goes on."""

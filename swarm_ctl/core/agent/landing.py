@@ -63,7 +63,7 @@ class Landing:
         if not view.armed and not context.was_armed:
             context.controller.rest()
             return LandGoal() if math.isfinite(context.arming_s) else StandbyGoal()
-        if trigger.action is FailsafeAction.YIELD:
+        if trigger.action in (FailsafeAction.YIELD, FailsafeAction.FALL):
             context.phase = Phase.YIELD
             context.controller.rest()
             return YieldGoal()

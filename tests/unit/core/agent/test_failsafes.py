@@ -23,10 +23,12 @@ from swarm_ctl.core.agent.failsafes import (
 from swarm_ctl.core.agent.return_to_launch import ReturnStage
 from swarm_ctl.core.model.messages import CommandKind, Outcome, Phase, StepOutcome
 from swarm_ctl.core.model.plan import Fence, Plan, Policies, Policy, ReturnStep
+from swarm_ctl.core.model.vehicle import GlobalFix
 from tests.unit.core.builders import (
     HOLD,
     LAST,
     NOW,
+    ORIGIN,
     PARKED,
     RETURNING,
     fix,
@@ -63,6 +65,8 @@ def situation(
         height_m=8.0,
         landing=False,
         returning=False,
+        flown=True,
+        sunk_s=0.0,
     )
     return replace(made, **changes)
 
@@ -70,6 +74,7 @@ def situation(
 def on_the_ground(*peers: Any, **changes: Any) -> Situation:
     """The same in preparation, the vehicle disarmed."""
     told = {"seen": PARKED | changes.pop("seen", {}), "was_armed": False, "had_control": False}
+    told["flown"] = False
     return situation(*peers, step=0, **(told | changes))
 
 
@@ -100,6 +105,14 @@ def moving(*velocity: float, **changes: Any) -> Callable[[], Situation]:
     return case(seen={"fix": fix(velocity=(north, east, down))}, **changes)
 
 
+def falling(local_mps: float, global_mps: float, age_s: float = 0.1, **changes: Any) -> Any:
+    """Down, by LOCAL_POSITION_NED and by GLOBAL_POSITION_INT."""
+    told = GlobalFix(NOW - age_s, ORIGIN, 8.0, (0.0, 0.0, global_mps))
+    down = {"fix": fix(velocity=(0.0, 0.0, local_mps)), "global_": told}
+    return case(seen=down, **changes)
+
+
+FALLS = FailsafeAction.FALL
 HOLDS, RETURNS, LANDS = FailsafeAction.HOLD, FailsafeAction.RETURN, FailsafeAction.LAND
 YIELDS, KILLS = FailsafeAction.YIELD, FailsafeAction.KILL
 OURS = Outcome.ABORTED
@@ -119,10 +132,40 @@ ROWS = [
     Row("a fault", seen(fault="a fixed wing"), LANDS, "a fixed wing"),
     # the vehicle was taken over
     Row("a pilot's mode", seen(controlled=False, mode="LOITER"), YIELDS, "switched to LOITER"),
-    Row("disarmed", seen(controlled=False, armed=False), YIELDS, "the vehicle was disarmed"),
+    Row(
+        "disarmed before lift-off",
+        case(seen={"controlled": False, "armed": False}, flown=False),
+        YIELDS,
+        "disarmed by a pilot or",
+    ),
+    Row(
+        "a pilot has landed it",
+        seen(controlled=False, armed=False, mode="LOITER", on_ground=True),
+        YIELDS,
+        "disarmed by a pilot or",
+    ),
     Row("never controlled", case(seen={"controlled": False}, had_control=False)),
     Row("its own landing", case(seen={"controlled": False}, landing=True)),
     Row("the landing step", case(seen={"controlled": False}, step=LAST)),
+    # disarmed, or falling
+    Row("disarmed in the air", seen(armed=False), FALLS, "disarmed in the air; now it is 8.0 m up"),
+    Row("disarmed in a pilot's mode", seen(armed=False, controlled=False, mode="LOITER"), FALLS),
+    Row("disarmed, and it lies there", seen(armed=False, on_ground=True), FALLS, "disarmed in the"),
+    Row("disarmed before it flew", case(seen={"armed": False}, flown=False)),
+    Row("disarmed on its way down", case(seen={"armed": False}, landing=True), FALLS, "disarmed"),
+    Row("disarmed in the landing step", case(seen={"armed": False}, step=LAST), FALLS, "disarmed"),
+    Row("landed", case(seen={"armed": False, "on_ground": True}, step=LAST, height_m=0.0)),
+    Row("landed, not told yet", case(seen={"armed": False}, landing=True, height_m=1.9)),
+    Row("falling", falling(4.1, 2.1), LANDS, "fell out of height: 4.1 m/s down, 8.0 m up"),
+    Row("just not falling", falling(4.0, 9.0)),
+    Row("falling, by one message alone", falling(9.0, 2.0)),
+    Row("falling, long ago", falling(9.0, 9.0, age_s=0.6)),
+    Row("falling before it flew", falling(9.0, 9.0, flown=False)),
+    Row("sunk", case(sunk_s=2.1), LANDS, "fell out of height: 8.0 m up for 2 s"),
+    Row("sunk for a moment", case(sunk_s=2.0)),
+    Row("sunk on the way down", case(sunk_s=9.0, landing=True)),
+    Row("sunk in the landing step", case(sunk_s=9.0, step=LAST)),
+    Row("sunk on the way back", case(sunk_s=9.0, returning=True)),
     # the vehicle's heartbeat
     Row("silent for 5 s", seen(heartbeat_s=NOW - 5.01), LANDS, "no heartbeat from the vehicle"),
     Row("silent for just 5 s", seen(heartbeat_s=NOW - 5.0)),
@@ -150,7 +193,7 @@ ROWS = [
     # too fast, too steep
     Row("10.1 m/s", moving(8.0, 6.2, 0.0), LANDS, "10.1 m/s fast; allowed: 10 m/s"),
     Row("just 10 m/s", moving(8.0, 6.0, 0.0)),
-    Row("fast down", moving(0.0, 0.0, 12.0)),
+    Row("fast down is not fast", moving(0.0, 0.0, 12.0)),
     Row("fast, by policy hold", moving(11, 0, 0, of=policies(too_fast=Policy.HOLD)), HOLDS, "fast"),
     Row("fast, by policy continue", moving(11, 0, 0, of=policies(too_fast=Policy.CONTINUE))),
     Row("fast under a pilot", moving(11.0, 0.0, 0.0, had_control=False)),
@@ -335,13 +378,11 @@ def test_the_weightiest_decides(changes: dict[str, Any], reason: str) -> None:
 ACTIONS = list(FailsafeAction)
 REPLACED = {  # by what each action is replaced: while not landing, and while landing
     FailsafeAction.HOLD: (set(ACTIONS), set(ACTIONS)),
-    FailsafeAction.RETURN: (
-        {FailsafeAction.LAND, FailsafeAction.LEAVE, FailsafeAction.YIELD, FailsafeAction.KILL},
-        {FailsafeAction.KILL},
-    ),
-    FailsafeAction.LAND: ({FailsafeAction.KILL}, {FailsafeAction.KILL}),
-    FailsafeAction.LEAVE: ({FailsafeAction.KILL}, {FailsafeAction.KILL}),
-    FailsafeAction.YIELD: ({FailsafeAction.KILL}, {FailsafeAction.KILL}),
+    FailsafeAction.RETURN: ({LANDS, FailsafeAction.LEAVE, YIELDS, FALLS, KILLS}, {FALLS, KILLS}),
+    FailsafeAction.LAND: ({YIELDS, FALLS, KILLS}, {FALLS, KILLS}),
+    FailsafeAction.LEAVE: ({FALLS, KILLS}, {FALLS, KILLS}),
+    FailsafeAction.YIELD: ({FALLS, KILLS}, {FALLS, KILLS}),
+    FailsafeAction.FALL: ({KILLS}, {KILLS}),
     FailsafeAction.KILL: (set(), set()),
 }
 
