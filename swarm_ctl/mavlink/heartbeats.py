@@ -52,7 +52,7 @@ class OtherMessages(NamedTuple):
 class _Row(NamedTuple):
     """Heartbeats in a row that say other than what is believed."""
 
-    count: int
+    heard: int
     first_s: float
     boot_s: float
     """The vehicle's own clock at the first of them."""
@@ -89,9 +89,9 @@ class HeartbeatEvidence:
             return False
         self.told = told
         row = self._row or _Row(0, now, others.boot_s)
-        self._row = row = row._replace(count=row.count + 1)
+        self._row = row = row._replace(heard=row.heard + 1)
         count, seconds = self._needed(told, now - row.first_s, others, row.boot_s)
-        if believed.armed and (row.count < count or now - row.first_s < seconds):
+        if believed.armed and (row.heard < count or now - row.first_s < seconds):
             return False
         self._row = None
         return True

@@ -293,6 +293,7 @@ class Agent:
                 returning=context.phase is Phase.RETURN,
                 estimate_doubt=self._estimate.look(tick.now, tick.view),
                 flown=context.flown,
+                fell=context.fell(tick.now),
                 sunk_s=context.sunk_s(tick.now),
             )
         )

@@ -91,6 +91,8 @@ class Situation:
 
     flown: bool
     """It was in the air in this flight."""
+    fell: bool
+    """It has just gone down as fast as only a fall does."""
     sunk_s: float
     """For how long it has been far below the height that it is to keep (`FlightContext`)."""
 
@@ -173,21 +175,24 @@ def _taken_over(s: Situation) -> FailsafeTrigger | None:
     if isinstance(s.progress.current, LandStep):
         return None
     what = f"switched to {view.mode}" if view.armed else "disarmed"
-    reason = f"the vehicle was {what} by a pilot or by its own failsafe"
-    return failed(FailsafeAction.YIELD, reason)
+    return failed(FailsafeAction.YIELD, _by_other_hands(what))
 
 
 def _disarmed(s: Situation) -> FailsafeTrigger | None:
-    """Whatever its mode. On the ground it is one that fell, if it still is in the controlled mode
-    and was not to land: any other has landed by itself, or under a pilot."""
+    """Whatever its mode: a PX4 that was disarmed stays in OFFBOARD, or goes back to it."""
     view = s.tick.view
     if view.armed or not s.flown:
         return None
     lands = s.landing or isinstance(s.progress.current, LandStep)
-    if (lands or not view.controlled) if view.on_ground else (lands and s.height_m < _LANDS_M):
-        return None
-    reason = f"the vehicle was disarmed in the air; now it is {s.height_m:.1f} m up"
-    return failed(FailsafeAction.FALL, reason)
+    down = view.on_ground or (lands and s.height_m < _LANDS_M)
+    if not down or s.fell:
+        reason = f"the vehicle was disarmed in the air; now it is {s.height_m:.1f} m up"
+        return failed(FailsafeAction.FALL, reason)
+    return None if lands else failed(FailsafeAction.YIELD, _by_other_hands("disarmed"))
+
+
+def _by_other_hands(what: str) -> str:
+    return f"the vehicle was {what} by a pilot or by its own failsafe"
 
 
 def _falls(s: Situation) -> FailsafeTrigger | None:

@@ -19,12 +19,14 @@ from swarm_ctl.core.control.navigation import OwnFix
 from swarm_ctl.core.control.reference import Reference
 from swarm_ctl.core.model.messages import Event, Outcome, Phase, Severity
 from swarm_ctl.core.model.plan import FormStep, Plan, Point
-from swarm_ctl.core.model.vehicle import FlyGoal, VehicleView
+from swarm_ctl.core.model.vehicle import FALLS_MPS, FlyGoal, VehicleView
 from swarm_ctl.core.swarm.neighbourhood import Neighbourhood
 from swarm_ctl.core.swarm.slot_exchange import SlotExchange
 
 _FLOWN_M: Final = 1.0
 """A position estimate on the ground wanders by less."""
+_FELL_S: Final = 5.0
+"""From a fall to the heartbeats that say `disarmed`: they come once a second."""
 _SUNK_M: Final = 3.0
 """Far below the height to keep: this much, and half of the height. A baro drifts by less in a
 flight."""
@@ -80,6 +82,8 @@ class FlightContext:
     ended_s: float | None = None
     flown: bool = False
     """The vehicle was in the air in this flight."""
+    fell_s: float = -math.inf
+    """When it last went down as fast as only a fall does."""
     sunk_since_s: float | None = None
     """Since when it has been far below the height that it had reached and is to keep."""
     at_height: bool = False
@@ -118,12 +122,18 @@ class FlightContext:
         if fix is None or not (self.was_armed and tick.view.armed):
             return
         missing_m = height_m - self.height(fix)
+        if fix.velocity_ned_mps[2] > FALLS_MPS:
+            self.fell_s = tick.now
         self.flown |= self.height(fix) > _FLOWN_M and not tick.view.on_ground
         self.at_height |= self.flown and self.had_control and abs(missing_m) < _FLOWN_M
         if not self.at_height or missing_m <= max(_SUNK_M, 0.5 * height_m):
             self.sunk_since_s = None
         elif self.sunk_since_s is None:
             self.sunk_since_s = tick.now
+
+    def fell(self, now: float) -> bool:
+        """It has just gone down as fast as only a fall does."""
+        return now - self.fell_s <= _FELL_S
 
     def sunk_s(self, now: float) -> float:
         """For how long the vehicle has been far below its height [s]; 0: it is not."""

@@ -120,7 +120,8 @@ class Autopilot(ABC):
         self.pacer = Pacer()
         self._goal: type[Goal] | None = None
         self._reached = False
-        self._doubt_since: float | None = None
+        self._withheld_s = math.inf
+        """When the first command was withheld under this goal, since the last one sent in doubt."""
         self._grounded_since: float | None = None
         self._stream_counts: dict[int, int] = {}
         self._version_tries = 0
@@ -192,6 +193,7 @@ class Autopilot(ABC):
         messages = [outgoing.heartbeat()] if self.pacer.due("heartbeat", HEARTBEAT_S, now) else []
         if type(goal) is not self._goal:
             self._goal, self._reached, self._grounded_since = type(goal), False, None
+            self._withheld_s = math.inf
         heard.evidence.expects = self._expects
         if isinstance(goal, YieldGoal) or heard.heartbeat_s == _NEVER or self.fault(heard):
             return messages
@@ -217,11 +219,13 @@ class Autopilot(ABC):
         follows, but no command. A flood of forged heartbeats must not keep a vehicle in the air,
         so commands wait for `DOUBT_S` at most."""
         if not heard.evidence.doubt or self._goal is TerminateGoal:
-            self._doubt_since = None
             return messages
-        self._doubt_since = now if self._doubt_since is None else self._doubt_since
-        if now - self._doubt_since < DOUBT_S:
-            messages = [message for message in messages if message.get_msgId() != _COMMAND]
+        if any(message.get_msgId() == _COMMAND for message in messages):
+            self._withheld_s = min(self._withheld_s, now)
+            if now - self._withheld_s >= DOUBT_S:
+                self._withheld_s = math.inf
+            else:
+                messages = [each for each in messages if each.get_msgId() != _COMMAND]
         if self.pacer.due("heartbeats", ASK_S, now):
             messages.append(outgoing.request(self.system, message_id("HEARTBEAT")))
         return messages

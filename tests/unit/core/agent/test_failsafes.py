@@ -66,6 +66,7 @@ def situation(
         landing=False,
         returning=False,
         flown=True,
+        fell=False,
         sunk_s=0.0,
     )
     return replace(made, **changes)
@@ -150,7 +151,9 @@ ROWS = [
     # disarmed, or falling
     Row("disarmed in the air", seen(armed=False), FALLS, "disarmed in the air; now it is 8.0 m up"),
     Row("disarmed in a pilot's mode", seen(armed=False, controlled=False, mode="LOITER"), FALLS),
-    Row("disarmed, and it lies there", seen(armed=False, on_ground=True), FALLS, "disarmed in the"),
+    Row("it lies there", case(seen=PARKED, fell=True), FALLS, "disarmed in the air"),
+    Row("it has landed by itself", case(seen=PARKED | {"controlled": True}), YIELDS, "disarmed by"),
+    Row("it fell in the landing step", case(seen=PARKED, fell=True, step=LAST), FALLS, "disarmed"),
     Row("disarmed before it flew", case(seen={"armed": False}, flown=False)),
     Row("disarmed on its way down", case(seen={"armed": False}, landing=True), FALLS, "disarmed"),
     Row("disarmed in the landing step", case(seen={"armed": False}, step=LAST), FALLS, "disarmed"),
