@@ -86,15 +86,14 @@ class Situation:
     """This agent is landing its vehicle: that it leaves the controlled mode is our own doing."""
     returning: bool
     """It is on its way back, where each agent flies for itself."""
-    estimate_doubt: str = ""
-    """What the vehicle has been saying against its own estimate (`EstimateWatch`), or ''."""
-
     flown: bool
     """It was in the air in this flight."""
     fell: bool
     """It has just gone down as fast as only a fall does."""
     sunk_s: float
     """For how long it has been far below the height that it is to keep (`FlightContext`)."""
+    estimate_doubt: str = ""
+    """What the vehicle has been saying against its own estimate (`EstimateWatch`), or ''."""
 
 
 Check = Callable[[Situation], FailsafeTrigger | None]
