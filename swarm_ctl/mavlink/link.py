@@ -119,7 +119,7 @@ class VehicleLink:
             fault=fault,
             armed=heard.armed,
             mode=mode,
-            doubt=heard.evidence.doubt,
+            mode_doubt=heard.evidence.doubt,
             controlled=mode == driver.controlled_mode,
             taken_off=mode in driver.takeoff_modes,
             landing=mode == driver.landing_mode,

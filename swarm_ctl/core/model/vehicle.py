@@ -67,7 +67,7 @@ class VehicleView:
     mode: str = ""
     """The autopilot's own word for its mode, e.g. GUIDED. Like `armed`, it is what several
     heartbeats say."""
-    doubt: bool = False
+    mode_doubt: bool = False
     """The newest heartbeat says another mode, or other than `armed`; it is not believed yet."""
     controlled: bool = False
     """The mode follows our velocity setpoints (GUIDED, OFFBOARD)."""

@@ -108,7 +108,7 @@ def test_a_vehicle_whose_heartbeats_say_so_is_landing() -> None:
         vehicle.say(wire.heartbeat(custom_mode=9, armed=True))
         vehicle.say(wire.local_position(boot_ms=round(now * 1000)))
         link.receive(now)
-        assert link.view().doubt is (now < 13.0)
+        assert link.view().mode_doubt is (now < 13.0)
     assert (link.view().controlled, link.view().landing) == (False, True)
 
 
