@@ -123,8 +123,7 @@ def standing(
     child = VehiclesChild(folder, folder / "vehicles.log")
     try:
         assert not wait_ready([child], 180.0), (folder / "vehicles.log").read_text()
-        started = STARTED_JSON.validate_json((folder / STARTED).read_bytes())
-        yield {each.agent: each for each in started}
+        yield {each.agent: each for each in child.started()}
     finally:
         child.kill()
         wait_all([child], 10.0)

@@ -25,6 +25,8 @@ from swarm_ctl.runtime.agent import agent_process
 from swarm_ctl.runtime.agent.agent_process import AgentConfig
 from swarm_ctl.runtime.agent.lifeline import READY
 from swarm_ctl.runtime.clock import pause, wall_s
+from swarm_ctl.runtime.vehicles.autopilots import remove_leftovers
+from swarm_ctl.runtime.vehicles.order import STARTED, STARTED_JSON, Started
 
 _LOG_LINES: Final = 5
 _POLL_WALL_S: Final = 0.02
@@ -200,12 +202,21 @@ class VehiclesChild(CommandChild):
     def __init__(self, folder: Path, log: Path) -> None:
         module = "swarm_ctl.runtime.vehicles.vehicles_process"
         super().__init__("vehicles", [sys.executable, "-m", module, str(folder)], log)
+        self._started = folder / STARTED
+
+    def started(self) -> tuple[Started, ...]:
+        """The autopilots; none before they are started."""
+        if not self._started.exists():
+            return ()
+        return STARTED_JSON.validate_json(self._started.read_bytes())
 
     def kill(self) -> None:
         if self._process.poll() is None:
             self._process.terminate()
             wait_all([self], _ASKED_WALL_S)
         super().kill()
+        for each in self.started():
+            remove_leftovers(each.kind, each.instance)
 
 
 class RelayChild(CommandChild):

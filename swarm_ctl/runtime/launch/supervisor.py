@@ -32,7 +32,6 @@ from swarm_ctl.runtime.launch.run_setup import RunOptions, RunSetup
 from swarm_ctl.runtime.launch.terminal_state import TerminalState
 from swarm_ctl.runtime.station.screens import Show
 from swarm_ctl.runtime.vehicle_memory import left_changed
-from swarm_ctl.runtime.vehicles.order import STARTED, STARTED_JSON
 from swarm_ctl.runtime.vehicles.vehicles_process import READY_WALL_S
 
 _START_WALL_S: Final = 20.0
@@ -150,7 +149,7 @@ class RunProcesses:
         except BaseException:
             self._kill_all()
             raise
-        started = STARTED_JSON.validate_json((folder / STARTED).read_bytes())
+        started = self._vehicles.started()
         self._setup.take_started(started)
 
     def _wait_ready(self, wall_seconds: float) -> None:

@@ -63,6 +63,15 @@ class Sitl(ABC):
         return
 
 
+def remove_leftovers(kind: VehicleKind, instance: int) -> None:
+    """Remove what an ended autopilot left outside its folder: PX4 keeps a socket and a lock for
+    each instance, and can't start beside old ones."""
+    names = (f"px4-sock-{instance}", f"px4_lock-{instance}") if kind is VehicleKind.PX4 else ()
+    for name in names:
+        with contextlib.suppress(OSError):  # another user's, or none
+            Path("/tmp", name).unlink()  # noqa: S108
+
+
 class ArduCopter(Sitl):
     """ArduCopter; MAVLink on three TCP ports, one client each."""
 
@@ -154,10 +163,7 @@ class Px4(Sitl):
         return seen.heartbeats > 0
 
     def clean(self) -> None:
-        """PX4 keeps a socket and a lock for each instance, and can't start beside old ones."""
-        for name in (f"px4-sock-{self.instance}", f"px4_lock-{self.instance}"):
-            with contextlib.suppress(OSError):  # another user's, or none
-                Path("/tmp", name).unlink()  # noqa: S108
+        remove_leftovers(VehicleKind.PX4, self.instance)
 
 
 _PARAMETERS: Final = """\

@@ -1,0 +1,91 @@
+"""Wind, sensors, motors, batteries, pilots and ground stations, on ArduCopter and PX4 themselves:
+each row with its end.
+
+A fault strikes the vehicle of agent 1 when the hold begins, through the ground-station port.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.autopilots.sitl import Client, Flight
+
+PAIR = Path(__file__).with_name("pair.yaml")
+HOLD = 3
+_METRES_PER_DEGREE = 111319.5
+_INJECT_FAILURE = 420
+_OFF = 1
+_GPS, _BATTERY, _MOTOR = 4, 100, 101
+"""MAV_CMD_INJECT_FAILURE: FAILURE_UNIT_SENSOR_GPS, FAILURE_UNIT_SYSTEM_BATTERY and _MOTOR."""
+
+Deed = Callable[[Client], None]
+
+
+def parameters(**values: float) -> Deed:
+    """Sets parameters of the vehicle."""
+
+    def deed(client: Client) -> None:
+        for name, value in values.items():
+            client.set(name, value)
+
+    return deed
+
+
+def failure(unit: int, instance: int = 0) -> Deed:
+    """Has PX4 lose something."""
+    return lambda client: client.command(_INJECT_FAILURE, unit, _OFF, instance)
+
+
+def mode(name: str) -> Deed:
+    """Changes the vehicle's mode, as a ground station does."""
+    return lambda client: client.take_mode(name)
+
+
+def glitch(north_m: float) -> Deed:
+    return parameters(SIM_GPS1_GLTCH_X=north_m / _METRES_PER_DEGREE)
+
+
+COPTER, PX4 = "arducopter", "px4"
+ROWS: dict[str, tuple[str, Deed, str, str]] = {
+    "wind 8 m/s": (COPTER, parameters(SIM_WIND_DIR=180, SIM_WIND_SPD=8), "completed", ""),
+    "gusts": (COPTER, parameters(SIM_WIND_SPD=6, SIM_WIND_TURB=4), "completed", ""),
+    "a GPS glitch of 4 m": (COPTER, glitch(4.0), "completed", ""),
+    "a compass fails": (COPTER, parameters(SIM_MAG1_FAIL=1), "completed", ""),
+    "a motor fails": (COPTER, parameters(SIM_ENGINE_FAIL=1, SIM_ENGINE_MUL=0), "failed", ""),
+    "the battery's failsafe": (
+        COPTER,
+        parameters(BATT_FS_LOW_ACT=1, BATT_LOW_VOLT=11.5, SIM_BATT_VOLTAGE=11.0),
+        "failed",
+        "LAND",
+    ),
+    "a ground station brakes": (COPTER, mode("BRAKE"), "failed", "BRAKE"),
+    "a ground station lands": (COPTER, mode("LAND"), "failed", "LAND"),
+    "PX4: a ground station lands": (PX4, mode("AUTO.LAND"), "failed", "AUTO.LAND"),
+    "PX4: the GPS is lost": (PX4, failure(_GPS), "failed", ""),
+    "PX4: a motor fails": (PX4, failure(_MOTOR, 1), "failed", ""),
+    "PX4: the battery's failsafe": (PX4, failure(_BATTERY), "failed", ""),
+}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ROWS)
+def test_whatever_happens_to_a_vehicle(name: str, tmp_path: Path) -> None:
+    kind, deed, outcome, reason = ROWS[name]
+    mission = tmp_path / "faults.yaml"
+    mission.write_text(PAIR.read_text().replace("duration_s: 5", "duration_s: 20"))
+    with Flight(mission, kind, cwd=tmp_path) as flight:
+        flight.wait_for_step(HOLD)
+        with flight.client(1) as ground_station:
+            deed(ground_station)
+            flight.wait(180)
+        flight.assert_nothing_left()
+        found: dict[str, Any] = flight.summary()
+        assert found["outcome"] == outcome, flight.output
+        assert reason in flight.reasons()[1]
+        if name == "a ground station brakes":
+            # The agents have ended; its pilot brings it down, and the others are down.
+            assert flight.outcomes()[2] == "failed"
