@@ -76,6 +76,7 @@ def test_station_killed(tmp_path: Path) -> None:
         running.assert_nothing_left()
         assert running.summary()["outcome"] == "failed"
         assert "station" in running.summary()["reason"]
+        assert "the mission's policy without one: land after 5 s" in running.output
         assert_truth_ends_on_the_ground(running.folder)
         assert_apart(running.folder)
 

@@ -48,7 +48,7 @@ class Flight:
     airborne: Bools
     """(T, n)"""
     live: Bools
-    """(T, n): airborne, and its agent not yet lost."""
+    """(T, n): airborne, its place known, and its agent not yet lost."""
     doubt_m: Floats
     """(T, n): how far from there it may have been, horizontally; 0 for the truth."""
     sources: tuple[Source, ...]
@@ -97,7 +97,8 @@ def flight_of(
         elif k in tracks:
             position[:, k], descent[:, k], doubt[:, k] = tracks[k].motion(time_s)
             armed[:, k], airborne[:, k] = tracks[k].arming(time_s)
-    live = airborne & (time_s[:, None] <= np.asarray(live_until_s))
+    there = np.isfinite(position[..., 0])
+    live = airborne & there & (time_s[:, None] <= np.asarray(live_until_s))
     sources = [Source.TRUTH if sysid in known else Source.ESTIMATES for sysid in sysids]
     return Flight(time_s, position, descent, armed, airborne, live, doubt, tuple(sources))
 

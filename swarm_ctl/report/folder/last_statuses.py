@@ -47,10 +47,7 @@ def read_last_statuses(
     `notes` gets a line for each file that is missing or torn. An agent whose process was `killed`
     has none; the end that the station heard is that of a process which took its vehicle over.
     """
-    first, heard = dict[int, AgentStatus](), dict[int, AgentStatus]()
-    for status in _read(folder / STATUSES, _STATUS, notes):
-        first.setdefault(status.agent, status)
-        heard[status.agent] = status
+    first, heard = _heard(folder, notes)
     if agents is None:
         written = (path.stem for path in (folder / FINAL).glob("*.json"))
         agents = sorted({int(name) for name in written if name.isdecimal()} | set(heard))
@@ -71,10 +68,36 @@ def read_last_statuses(
     return found
 
 
-def _succeeded(first: AgentStatus, last: AgentStatus) -> bool:
-    """The last status is the end of another process than the first: its flight began later."""
+def flying_successors(folder: Path, killed: Collection[int]) -> dict[int, float]:
+    """The agents whose process was `killed` and whose vehicle another one flies: when the station
+    heard its last status, by its own clock [s]."""
+    first, heard = _heard(folder, [])
+    return {
+        agent: heard[agent].time_s
+        for agent in killed
+        if agent in heard
+        and heard[agent].outcome is Outcome.RUNNING
+        and _is_another(first[agent], heard[agent])
+    }
+
+
+def _heard(folder: Path, notes: list[str]) -> tuple[dict[int, AgentStatus], dict[int, AgentStatus]]:
+    """The first and the last status of each agent that the station heard."""
+    first, last = dict[int, AgentStatus](), dict[int, AgentStatus]()
+    for status in _read(folder / STATUSES, _STATUS, notes):
+        first.setdefault(status.agent, status)
+        last[status.agent] = status
+    return first, last
+
+
+def _is_another(first: AgentStatus, last: AgentStatus) -> bool:
+    """The last status is of another process than the first: its flight began later."""
     began = [status.steps[0].start_s if status.steps else None for status in (first, last)]
-    return last.outcome is not Outcome.RUNNING and began[0] != began[1]
+    return began[0] != began[1]
+
+
+def _succeeded(first: AgentStatus, last: AgentStatus) -> bool:
+    return last.outcome is not Outcome.RUNNING and _is_another(first, last)
 
 
 def read_events(folder: Path, notes: list[str]) -> Iterator[Event]:

@@ -79,6 +79,7 @@ class AgentChild(Child):
 
     def __init__(self, config: AgentConfig) -> None:
         super().__init__(f"agent-{config.agent_id}", config.log)
+        self.agent = config.agent_id
         context = multiprocessing.get_context("forkserver")
         context.set_forkserver_preload(["swarm_ctl.runtime.agent.preload"])
         self._lifeline, theirs = context.Pipe()

@@ -11,8 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.errors import StartError
 from swarm_ctl.mission.compile.loader import LoadedMission
+from swarm_ctl.report.folder.last_statuses import flying_successors
 from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.report.judge.summary import Summary, write_summary
 from swarm_ctl.runtime import clock as wall
@@ -30,6 +32,7 @@ from swarm_ctl.runtime.launch.processes import (
 )
 from swarm_ctl.runtime.launch.run_setup import RunOptions, RunSetup
 from swarm_ctl.runtime.launch.terminal_state import TerminalState
+from swarm_ctl.runtime.launch.waiting import Waiting, named
 from swarm_ctl.runtime.station.screens import Show
 from swarm_ctl.runtime.vehicle_memory import left_changed
 from swarm_ctl.runtime.vehicles.vehicles_process import READY_WALL_S
@@ -45,6 +48,9 @@ _HUNG_WALL_S: Final = 20.0
 """An agent that has been silent for this long is killed, so that a hung process can't hang the run;
 its vehicle's failsafe has acted long before. Generous: an agent that is only suspended for a while
 comes back by itself."""
+_SILENT_S: Final = 10.0
+"""Mission time without a status of a process that took a vehicle over: it is gone, too."""
+_LOOK_WALL_S: Final = 0.25
 _AGENTS_S: Final = 200.0
 """Mission time for the agents to bring their vehicles down."""
 _SIMULATOR_S: Final = 100.0
@@ -101,7 +107,10 @@ class RunProcesses:
         self._agents: list[AgentChild] = []
         self._station: CommandChild | None = None
         self._relay: RelayChild | None = None
+        self._alone = False
+        """It has been said that the station is gone."""
         self._terminal = TerminalState()
+        self._waiting = Waiting(self._say)
 
     @property
     def _children(self) -> list[Child]:
@@ -174,13 +183,24 @@ class RunProcesses:
                 self._say("landing the swarm; Ctrl-C again stops everything at once")
                 self._ask_to_land()
             if not self._station_lives():
-                self._terminal.restore()  # else Ctrl-C would be a key that no process reads
+                self._without_station()
                 if asked_s is not None and now > asked_s + _LAND_WALL_S:
                     self._let_agents_go()
             for note in self._relay.notes() if self._relay is not None else ():
                 self._say(note)
             self._kill_hung()
             wall.pause(_POLL_WALL_S)
+
+    def _without_station(self) -> None:
+        """Nothing else tells what goes on."""
+        self._terminal.restore()  # else Ctrl-C would be a key that no process reads
+        if not self._alone:
+            self._alone = True
+            policies = self._setup.manifest.plan.policies
+            rule = f"{policies.station_lost} after {policies.station_lost_after_s:g} s"
+            self._print(f"the ground station has ended; the mission's policy without one: {rule}")
+        hint = "" if self._interrupts.count else " (Ctrl-C lands them)"
+        self._waiting.tell(f"{named(self._agents)} to end{hint}")
 
     def _kill_hung(self) -> None:
         for agent in self._agents:
@@ -210,11 +230,13 @@ class RunProcesses:
         if self._interrupts.count <= 1:
             speedup = self._setup.options.speedup
             self._let_agents_go()
-            wait_all(self._agents, _AGENTS_S / speedup)
+            self._waiting.wait(self._agents, _AGENTS_S / speedup, "to bring the vehicles down")
+            self._wait_for_successors()
             providers = [c for c in (self._vehicles, self._simulator) if c is not None]
             for provider in providers:
                 provider.let_go()
-            wait_all(providers, _SIMULATOR_WALL_S + _SIMULATOR_S / speedup)
+            until = "until all vehicles stand disarmed"
+            self._waiting.wait(providers, _SIMULATOR_WALL_S + _SIMULATOR_S / speedup, until)
             if self._relay is not None:
                 self._relay.let_go()
                 wait_all([self._relay], _RELAY_WALL_S)
@@ -222,6 +244,22 @@ class RunProcesses:
                 self._station.say(finish=True)
                 wait_all([self._station], _STATION_WALL_S)
         self._kill_all()
+
+    def _wait_for_successors(self) -> None:
+        """An agent that was killed and started again by hand lands later than the others, perhaps:
+        its end is part of the run, and the station hears it."""
+        speedup, folder = self._setup.options.speedup, self._setup.folder
+        killed = [child.agent for child in self._agents if (child.exit_code() or 0) < 0]
+        told, since_s = dict[int, float](), wall.wall_s()
+        while killed and self._station_lives() and self._interrupts.count <= 1:
+            flying = flying_successors(folder, killed)
+            if flying != told:
+                told, since_s = flying, wall.wall_s()
+            if not flying or wall.wall_s() - since_s > _SILENT_S / speedup:
+                return
+            whose = f"{agents_named(flying)}, taken over by another process, to land"
+            self._waiting.tell(whose)
+            wall.pause(_LOOK_WALL_S)
 
     def _kill_all(self) -> None:
         for child in self._children:

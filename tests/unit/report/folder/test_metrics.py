@@ -171,7 +171,7 @@ def test_an_approach_is_never_farther_than_any_moment(points) -> None:  # type: 
     assert len(least) == 6
     for (i, j), distance_m in least.items():
         moments = np.linalg.norm(points[:, i] - points[:, j], axis=-1)
-        assert distance_m <= moments.min() + 1e-9
+        assert distance_m <= moments.min() + 1e-6
 
 
 def test_on_the_ground_the_noise_of_estimates_is_no_approach() -> None:
