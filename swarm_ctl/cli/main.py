@@ -12,6 +12,7 @@ from typer.core import TyperCommand
 
 from swarm_ctl import __version__
 from swarm_ctl.cli.agent import agent
+from swarm_ctl.cli.doctor import doctor
 from swarm_ctl.cli.keys import keys
 from swarm_ctl.cli.measure import measure
 from swarm_ctl.cli.paper import paper
@@ -41,7 +42,7 @@ app = typer.Typer(
 
 _COMMANDS: Final = {
     "ground": (run, validate, plan, station, send, replay, report, compare),
-    "": (agent, sim, measure, schema, keys),
+    "": (agent, sim, measure, doctor, schema, keys),
     "study": (study, paper),
 }
 """The commands that need an extra, or only the core."""

@@ -7,7 +7,8 @@ the age of the vehicle's heartbeat shows that it is gone.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -22,6 +23,7 @@ from swarm_ctl.core.model.own_parameters import (
 from swarm_ctl.core.model.vehicle import Goal, LinkCounters, VehicleView, YieldGoal
 from swarm_ctl.errors import LinkError
 from swarm_ctl.mavlink.autopilots import autopilot as autopilot_of
+from swarm_ctl.mavlink.autopilots.timing import HEARTBEAT_LOST_S
 from swarm_ctl.mavlink.framer import Framer, MavlinkFrame
 from swarm_ctl.mavlink.incoming import FOLDS_BY_ID, fold
 from swarm_ctl.mavlink.mirror import Mirror
@@ -34,6 +36,18 @@ MAX_CHUNKS = 2048
 _TIMESYNC_S = 1.0
 _REFUTED_EVERY_S = 10.0
 _SETPOINT_ID = dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
+
+
+@dataclass(frozen=True, slots=True)
+class Examined:
+    """What a vehicle has told when asked."""
+
+    firmware: str
+    """Its version; '' before it is known."""
+    values: dict[str, float]
+    """The parameters that are known."""
+    in_flight: dict[str, float]
+    """What we would set."""
 
 
 class VehicleLink:
@@ -168,6 +182,25 @@ class VehicleLink:
     def not_kept(self, why: str) -> None:
         """The own values can't be stored: nothing is set, and the vehicle is not healthy."""
         self._autopilot.parameters.obstacle = why
+
+    def examine(self, names: Iterable[str], now: float) -> Examined:
+        """Ask for the vehicle's version and these parameters, and for no more: no heartbeat is
+        sent, which might keep a vehicle in the air."""
+        driver, heard = self._autopilot, self._heard
+        heard.watched |= frozenset(names)
+        messages = driver.ask_version(heard, now) + driver.parameters.read(names, heard, now)
+        for message in messages:
+            self._send(message, now)
+        return Examined(
+            heard.firmware, driver.parameters.values(heard), dict(driver.parameters.wanted)
+        )
+
+    def put_back(self, now: float) -> None:
+        """Set the vehicle's own parameters that were recalled and `kept`; none while it is armed
+        or not heard."""
+        if now - self._heard.heartbeat_s <= HEARTBEAT_LOST_S:
+            for message in self._autopilot.parameters.restore(self._heard, now):
+                self._send(message, now)
 
     def _own(self) -> OwnParameters | None:
         identity, parameters = self.identity, self._autopilot.parameters

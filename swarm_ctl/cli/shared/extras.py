@@ -18,12 +18,13 @@ def require(extra: str, what: str) -> None:
 
 
 def packages(extra: str) -> list[str]:
-    """The packages that an extra adds; none in a source tree that is not installed."""
+    """The packages that an extra adds, '': those of the core; none in a source tree that is not
+    installed."""
     try:
         requirements = metadata.requires("swarm-ctl") or []
     except metadata.PackageNotFoundError:
         return []
-    marker = re.compile(rf"extra == ['\"]{extra}['\"]")
+    marker = re.compile(rf"extra == ['\"]{extra}['\"]" if extra else r"^[^;]*$")
     return [
         re.split(r"[^\w.-]", text, maxsplit=1)[0] for text in requirements if marker.search(text)
     ]

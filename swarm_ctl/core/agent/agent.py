@@ -42,7 +42,7 @@ from swarm_ctl.core.model.messages import (
     StepOutcome,
     TickReport,
 )
-from swarm_ctl.core.model.own_parameters import Found
+from swarm_ctl.core.model.own_parameters import Found, ParameterNote
 from swarm_ctl.core.model.plan import FormStep, Plan, Response, Step
 from swarm_ctl.core.model.vehicle import Goal, VehicleView
 from swarm_ctl.core.swarm.neighbourhood import Neighbourhood
@@ -148,6 +148,7 @@ class Agent:
             self._takeover,
         )
         self._station: HeardStation | None = None
+        self._notes: list[ParameterNote] = []
         self._attention = Attention()
         self._lifeline_cut = False
         self._seq = 0
@@ -160,6 +161,7 @@ class Agent:
         """Decide one tick; call it every `plan.tick_s`."""
         context = self._context
         tick = self._take_in(now, inbox)
+        self._tell_notes(now)
         acks = tuple(self._answer(tick, command) for command in inbox.commands)
         context.observe(inbox.view)
         self._barrier.measure(tick)
@@ -195,15 +197,24 @@ class Agent:
         self._lifeline_cut |= inbox.lifeline_cut
         for text in inbox.view.texts:
             context.say(now, Severity.WARNING, f"vehicle: {text}")
-        for note in inbox.view.notes:
-            severity = Severity.INFO if note.found is Found.UNKNOWN else Severity.WARNING
-            context.say(now, severity, f"vehicle: {note.text}")
+        self._notes += inbox.view.notes
         fix = self._navigator.fix(inbox.view, now)
         if fix is not None:
             context.controller.locate(fix)
         snapshot = peers.snapshot(now, inbox.view.contacts, context.controller.point_m)
         self._attention.run(now)
         return Tick(now, inbox.view, fix, snapshot, self._station, self._attention)
+
+    def _tell_notes(self, now: float) -> None:
+        """Said when a station hears it, or at the latest before the flight: an event is sent
+        once."""
+        context = self._context
+        if self._station is None and context.phase in (Phase.CONNECT, Phase.PREPARE):
+            return
+        for note in self._notes:
+            severity = Severity.INFO if note.found is Found.UNKNOWN else Severity.WARNING
+            context.say(now, severity, f"vehicle: {note.text}")
+        self._notes = []
 
     def _update_gains(self, now: float, inbox: Inbox) -> None:
         gain_update = self._command_handler.gain_update

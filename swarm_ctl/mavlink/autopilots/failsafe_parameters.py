@@ -114,6 +114,21 @@ class FailsafeParameters:
         """Of all rules."""
         return frozenset(self._rules)
 
+    @property
+    def wanted(self) -> Mapping[str, float]:
+        """Our values."""
+        return self._wanted
+
+    def read(self, names: Iterable[str], heard: Telemetry, now: float) -> list[Message]:
+        """PARAM_REQUEST_READ for those that are not known."""
+        self._settle(heard, now)
+        return self._read(names, heard, now)
+
+    def values(self, heard: Telemetry) -> dict[str, float]:
+        """All that are known."""
+        known = {name: self._value(heard, name) for name in heard.parameters}
+        return {name: value for name, value in known.items() if value is not None}
+
     def take(self, heard: Telemetry, now: float) -> list[Message]:
         """Read and set our values. On an armed vehicle none is set: a pilot may be flying it."""
         self.given_back = False

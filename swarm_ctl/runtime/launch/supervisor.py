@@ -81,7 +81,7 @@ def fly(mission: LoadedMission, options: RunOptions, say: Callable[[str], None])
             processes.watch()
         finally:
             processes.end()
-        for agent, own in left_changed(setup.folder).items():
+        for agent, own in sorted(left_changed(setup.folder).items()):
             values = ", ".join(f"{name} {value.own:g}" for name, value in own.values.items())
             say(
                 f"agent {agent}: its vehicle has not confirmed its own failsafe parameters"
