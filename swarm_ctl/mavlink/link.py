@@ -48,6 +48,8 @@ class Examined:
     """The parameters that are known."""
     in_flight: dict[str, float]
     """What we would set."""
+    telling: frozenset[str]
+    """Those whose value of ours shows that an agent was there."""
 
 
 class VehicleLink:
@@ -191,9 +193,8 @@ class VehicleLink:
         messages = driver.ask_version(heard, now) + driver.parameters.read(names, heard, now)
         for message in messages:
             self._send(message, now)
-        return Examined(
-            heard.firmware, driver.parameters.values(heard), dict(driver.parameters.wanted)
-        )
+        own = driver.parameters
+        return Examined(heard.firmware, own.values(heard), dict(own.wanted), own.telling)
 
     def put_back(self, now: float) -> None:
         """Set the vehicle's own parameters that were recalled and `kept`; none while it is armed

@@ -23,7 +23,7 @@ from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.runtime.clock import date_and_time
 
 FOLDER_VARIABLE: Final = "SWARM_CTL_STATE"
-VEHICLES: Final = "vehicles.json"
+RECORD: Final = "own_parameters.json"
 """In a run's folder: what the run's station remembers of each agent's vehicle."""
 
 
@@ -161,7 +161,7 @@ class SwarmMemory:
         memory: of this user.
         flight: what this flight is called there.
         endpoints: of the vehicles, by agent.
-        folder: of the run, if it is this station's: it gets `vehicles.json`.
+        folder: of the run, if it is this station's: it gets `own_parameters.json`.
     """
 
     def __init__(
@@ -175,7 +175,7 @@ class SwarmMemory:
             agent: Remembering(memory, endpoint or f"agent {agent} of {flight}", flight)
             for agent, endpoint in endpoints.items()
         }
-        self._record = folder / VEHICLES if folder else None
+        self._record = folder / RECORD if folder else None
         self._own: dict[int, OwnParameters] = {}
         self._told: set[str] = set()
 
@@ -200,7 +200,7 @@ class SwarmMemory:
 def left_changed(folder: Path) -> dict[int, OwnParameters]:
     """The vehicles of a run, by agent, that have not confirmed their own values."""
     try:
-        vehicles = _VEHICLES.validate_json((folder / VEHICLES).read_bytes())
+        vehicles = _VEHICLES.validate_json((folder / RECORD).read_bytes())
     except (OSError, ValidationError):
         return {}  # none is remembered in this run, or its station wrote nothing
     return {agent: own for agent, own in vehicles.items() if not own.given_back}

@@ -19,7 +19,7 @@ LAND = quartet("hold: {duration_s: 5}", "land")
 def parameters(swarm: VirtualSwarm, agent: int) -> dict[str, float]:
     """Of the agent's vehicle, those that agents change."""
     firmware = swarm.hub.world.vehicles[agent - 1].firmware
-    names = swarm.members[agent].link._autopilot.failsafes
+    names = swarm.members[agent].link._autopilot.parameters.names
     return {name: firmware.parameters[name] for name in names if name in firmware.parameters}
 
 

@@ -119,6 +119,11 @@ class FailsafeParameters:
         """Our values."""
         return self._wanted
 
+    @property
+    def telling(self) -> frozenset[str]:
+        """The names of those whose value of ours shows that an agent was there."""
+        return frozenset(name for name, rule in self._rules.items() if rule.telling)
+
     def read(self, names: Iterable[str], heard: Telemetry, now: float) -> list[Message]:
         """PARAM_REQUEST_READ for those that are not known."""
         self._settle(heard, now)
@@ -170,9 +175,8 @@ class FailsafeParameters:
             if value is not None and name not in self.own:
                 rule, left = self._rules.get(name), self._left.get(name)
                 own, found = own_value(value, rule.value if rule else value, left)
-                # What a limit allows it may have as delivered: no agent need have set it.
-                allowed = rule is not None and rule.at_most and left is None
-                self._findings[name] = Found.OWN if allowed else found
+                nothing_new = rule is not None and not rule.telling and left is None
+                self._findings[name] = Found.OWN if nothing_new else found
                 self.own = {**self.own, name: own}
 
     def _settle(self, heard: Telemetry, now: float) -> None:

@@ -21,10 +21,17 @@ class ParameterRule:
     value: float
     at_most: bool = False
     """The vehicle's own value stays where it is smaller."""
+    as_delivered: bool = False
+    """A new vehicle has this value, too: to find it tells nothing of an earlier flight."""
     optional: bool = False
     """Not every version of the firmware has it."""
     group: str = ""
     """Of the optional parameters of one group, each version has one."""
+
+    @property
+    def telling(self) -> bool:
+        """A vehicle that has this value has had an agent."""
+        return not (self.at_most or self.as_delivered)
 
     def wanted(self, own: float) -> float:
         """What it shall be, where the vehicle has `own`."""

@@ -49,7 +49,7 @@ class Px4(Autopilot):
         return (
             # A silent agent's vehicle leaves OFFBOARD after this time (default 1.0 s). A shorter
             # one would react to a slow moment of the agent's computer.
-            ParameterRule("COM_OF_LOSS_T", SETPOINT_TIMEOUT_S["px4"]),
+            ParameterRule("COM_OF_LOSS_T", SETPOINT_TIMEOUT_S["px4"], as_delivered=True),
             # ... and lands (4) in place. The default, position mode (0), needs a pilot.
             ParameterRule("COM_OBL_RC_ACT", 4.0),
         )

@@ -95,7 +95,7 @@ class _Exam:
     trouble: str = ""
     """Why its endpoint or its memory can't be used."""
     entry: Entry | None = None
-    found: Examined = field(default_factory=lambda: Examined("", {}, {}))
+    found: Examined = field(default_factory=lambda: Examined("", {}, {}, frozenset()))
     first_s: float = math.inf
     """When the vehicle was first heard."""
     complete: bool = False
@@ -105,7 +105,7 @@ class _Exam:
         self.link: VehicleLink | None = None
         vehicle = (self.agent.endpoint or "", self.agent.autopilot, self.agent.sysid)
         try:
-            self.link = VehicleLink(*vehicle, remembers=True)
+            self.link = VehicleLink(*vehicle, remembers=True, agent_sysid=self.agent.agent_sysid)
         except LinkError as error:
             self.trouble = str(error)
 
@@ -225,7 +225,9 @@ class _Exam:
         ours = [
             f"{row.name} {row.value:g}"
             for row in rows
-            if row.value is not None and row.value == row.in_flight and row.remembered is None
+            if row.value is not None
+            and row.value == row.in_flight
+            and row.name in self.found.telling
         ]
         if ours and self.entry is None:
             yield (

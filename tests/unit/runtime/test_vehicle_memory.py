@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import tempfile
 from collections import deque
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from random import Random
@@ -17,7 +18,8 @@ from hypothesis import strategies as st
 from swarm_ctl.core.model.messages import AgentStatus
 from swarm_ctl.core.model.own_parameters import OwnParameters, OwnValue, VehicleIdentity
 from swarm_ctl.core.model.vehicle import Goal, ReleaseGoal, StandbyGoal
-from swarm_ctl.mavlink.autopilots import AUTOPILOTS
+from swarm_ctl.mavlink.autopilots import AUTOPILOTS, Autopilot
+from swarm_ctl.mavlink.autopilots.parameter_rules import ParameterRule
 from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.mavlink.wires import memory_wires
 from swarm_ctl.runtime.vehicle_memory import (
@@ -109,11 +111,16 @@ class World:
         self.run(ReleaseGoal(), 400)
 
 
+def rules_of(ours: dict[str, float]) -> Callable[[Autopilot], tuple[ParameterRule, ...]]:
+    """What a driver's agents set: these."""
+    return lambda _: tuple(ParameterRule(name, value) for name, value in ours.items())
+
+
 @pytest.fixture
 def wanted(monkeypatch: pytest.MonkeyPatch) -> dict[str, float]:
     """The two parameters that this test's agents set."""
     ours = {"GUID_TIMEOUT": 0.5, "FS_GCS_ENABLE": 5.0}
-    monkeypatch.setattr(AUTOPILOTS["ardupilot"], "failsafes", ours)
+    monkeypatch.setattr(AUTOPILOTS["ardupilot"], "failsafes", rules_of(ours))
     return ours
 
 
@@ -245,7 +252,7 @@ def test_after_any_crashes_and_one_orderly_flight_the_vehicle_has_its_own_values
     them a value may be changed by hand, which then is the vehicle's own."""
     ours = {"GUID_TIMEOUT": 0.5, "FS_GCS_ENABLE": 5.0}
     with tempfile.TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
-        patch.setattr(AUTOPILOTS["ardupilot"], "failsafes", ours)
+        patch.setattr(AUTOPILOTS["ardupilot"], "failsafes", rules_of(ours))
         world = World(Path(folder), uid=uid, loss=loss, delay=delay)
         own = dict(world.values)
         for taking, giving, want, by_hand in lived:
