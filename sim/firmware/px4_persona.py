@@ -209,7 +209,7 @@ class Px4Persona(Firmware):
     def _change(self, mode: FlightMode) -> None:
         self.mode = mode
         if mode is OFFBOARD and self._target is not None:
-            self.follow(self._target, self._target.position, self._target.velocity)
+            self._follow(self._target)
         else:
             self.begin(self._maneuver(mode))
 
@@ -256,7 +256,18 @@ class Px4Persona(Firmware):
             self._stream_since_s = self.now
         self._target, self._target_s = target, self.now
         if self.mode is OFFBOARD and self.armed:
-            self.follow(target, target.position, target.velocity)
+            self._follow(target)
+
+    def _follow(self, target: PositionTarget) -> None:
+        """No faster than MPC_XY_VEL_MAX, MPC_Z_VEL_MAX_UP and _DN."""
+        north, east, down = target.velocity
+        speed = math.hypot(north or 0.0, east or 0.0)
+        share = min(1.0, max(0.0, self.parameters["MPC_XY_VEL_MAX"]) / max(speed, 1e-9))
+        if down is not None:
+            up, sink = self.parameters["MPC_Z_VEL_MAX_UP"], self.parameters["MPC_Z_VEL_MAX_DN"]
+            down = max(-up, min(sink, down))
+        slowed = (north and share * north, east and share * east, down)
+        self.follow(target, target.position, slowed)
 
     def _streaming(self) -> bool:
         fresh = self.now - self._target_s <= STREAM_GAP_S

@@ -95,6 +95,8 @@ class VehicleLink:
         self._framer = Framer(unknown=mirror is not None)
         watched = {*self._autopilot.parameters.names, self._autopilot.wind_switch}
         self._heard = Telemetry(agent_sysid, frozenset(watched))
+        self._framer = Framer()
+        self._heard = Telemetry(agent_sysid, self._autopilot.watched)
         self._codec = dialect.MAVLink(None, srcSystem=agent_sysid, srcComponent=AGENT_COMPONENT)
         self._secure()
         if self._wire.warning and autopilot == "px4":
@@ -151,6 +153,8 @@ class VehicleLink:
             estimates_wind=driver.estimates_wind(heard),
             position_accuracy_m=heard.estimate.position_accuracy_m,
             estimate_fault=heard.estimate.fault(driver.estimate_rules, now),
+            limits=driver.flight_limits.limits(heard),
+            unread_limits=driver.flight_limits.unread(heard),
             origin=heard.origin,
             local=heard.local,
             global_=heard.global_,

@@ -302,3 +302,28 @@ def test_an_estimate_that_is_no_longer_told_is_not_good(
     swarm.run(7)
     assert Phase.HOLD in swarm.phases()
     assert f"no {name} for 3 s" in reasons(swarm)
+
+
+# --- a mission faster than the vehicle ---
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "parameter", "value", "refusal"),
+    [
+        ("px4", "MPC_XY_VEL_MAX", 4.0, "flies 5.0 m/s; vehicle 2 allows 4.0 (MPC_XY_VEL_MAX 4)"),
+        ("ardupilot", "WPNAV_SPEED", 400.0, "flies 5.0 m/s; vehicle 2 allows 4.0 (WPNAV_SPEED"),
+        ("ardupilot", "WPNAV_ACCEL", 100.0, "vehicle 2 allows 1.2 (WPNAV_ACCEL 100)"),
+        ("px4", "MPC_TILTMAX_AIR", 10.0, "vehicle 2 allows 1.7 (MPC_TILTMAX_AIR 10)"),
+        ("px4", "MPC_Z_VEL_MAX_DN", 0.5, "descends 1.0 m/s; vehicle 2 allows 0.5"),
+    ],
+)
+def test_a_mission_faster_than_a_vehicle_stays_on_the_ground(
+    autopilot: str, parameter: str, value: float, refusal: str
+) -> None:
+    swarm = VirtualSwarm(of_kind(mission(""), autopilot))
+    second(swarm, parameter, value)
+    swarm.run(20)
+    assert swarm.phases() == {Phase.PREPARE}
+    status = swarm.members[2].status
+    assert status is not None
+    assert refusal in status.reason

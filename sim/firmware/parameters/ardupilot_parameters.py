@@ -35,6 +35,7 @@ _INERT = typed(
         "MOT_SPIN_ARM": 0.1,
         "MOT_SPIN_MIN": 0.15,
         "PILOT_SPEED_UP": int16(250),
+        "PSC_ANGLE_MAX": 0.0,
         "PSC_POSXY_P": 1.0,
         "PSC_VELXY_I": 1.0,
         "PSC_VELXY_P": 2.0,

@@ -135,7 +135,12 @@ class Agent:
         self._command_handler = CommandHandler(plan, agent_id, self._hash)
         self._way_back = ReturnToLaunch(plan, agent_id)
         preflight = Preflight(
-            plan, plan.agent(agent_id), self._hash, self._navigator, expect_station
+            plan,
+            plan.agent(agent_id),
+            self._hash,
+            self._navigator,
+            expect_station,
+            vehicle or plan.response,
         )
         self._takeover = Takeover(context, preflight)
         self._estimate = EstimateWatch(plan.policies.position_accuracy_flight_m)

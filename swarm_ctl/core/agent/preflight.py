@@ -5,14 +5,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 from swarm_ctl.core.agent.tick import HeardStation, Tick
 from swarm_ctl.core.control.navigation import AGREE_M, Navigator
-from swarm_ctl.core.model.plan import AgentPlan, Plan, Policy
+from swarm_ctl.core.model.plan import AgentPlan, Plan, Policy, Response
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.timeouts import ESTIMATE_DOUBT_S
-from swarm_ctl.core.model.vehicle import VehicleView
+from swarm_ctl.core.model.vehicle import LimitKind, VehicleView
 from swarm_ctl.core.swarm.snapshot import PeerSnapshot
+
+_MODEL_SPARE: Final = 0.1
+"""The acceleration of a measured response is good to so much."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +32,8 @@ class Preflight:
     plan_hash: int
     navigator: Navigator
     expect_station: bool
+    response: Response
+    """How the law expects the own vehicle to answer a setpoint."""
 
     def refusal(self, tick: Tick) -> str:
         """What keeps the vehicle on the ground, or ''."""
@@ -64,6 +70,27 @@ class Preflight:
             f" can't act; the tilt limit ({policies.max_tilt_deg:g} degrees) does"
         )
 
+    def too_slow(self, view: VehicleView) -> str:
+        """Where the mission asks for more than the vehicle's own limits allow, or ''."""
+        if view.unread_limits:
+            return f"parameters not read yet: {', '.join(view.unread_limits)}"
+        limits = self.plan.limits
+        flown = {
+            LimitKind.SPEED: limits.speed_mps,
+            LimitKind.CLIMB: limits.climb_mps,
+            LimitKind.DESCENT: limits.descent_mps,
+            LimitKind.ACCELERATION: self.response.acceleration_mps2,
+        }
+        for limit in view.limits:
+            acceleration = limit.kind is LimitKind.ACCELERATION
+            least = flown[limit.kind] * (1 - _MODEL_SPARE if acceleration else 1)
+            if limit.allowed < least - 1e-6:
+                what = f"the {'law expects that it' if acceleration else 'mission'} {limit.kind}"
+                unit = f"m/s{'2' * acceleration}"
+                allows = f"vehicle {self.own.id} allows {limit.allowed:.1f} ({limit.parameter})"
+                return f"{what} {flown[limit.kind]:.1f} {unit}; {allows}"
+        return ""
+
     def _vehicle(self, tick: Tick) -> str:
         """What keeps the own vehicle from taking off, or ''."""
         view, fix, unit = tick.view, tick.fix, self.plan.unit_m
@@ -77,6 +104,9 @@ class Preflight:
         doubt = apart or view.doubt(self.plan.policies.position_accuracy_m)
         if doubt:
             return doubt
+        slow = self.too_slow(view)
+        if slow:
+            return slow
         left, reserve = view.battery_percent, self.plan.policies.battery_reserve_percent
         if left is not None and left < reserve:
             return f"battery at {left:.0f} %; allowed: the reserve of {reserve:g} % and more"

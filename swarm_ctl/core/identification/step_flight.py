@@ -36,7 +36,7 @@ from swarm_ctl.core.model.plan import (
     Safety,
     TakeoffStep,
 )
-from swarm_ctl.core.model.vehicle import Contact, FlyGoal, Goal, StandbyGoal, VehicleView
+from swarm_ctl.core.model.vehicle import Contact, FlyGoal, Goal, LimitKind, StandbyGoal, VehicleView
 from swarm_ctl.core.safety.fence import inside
 
 WAYS: Final = {"north": (1.0, 0.0), "east": (0.0, 1.0)}
@@ -180,7 +180,7 @@ class StepFlight:
         elif view.armed or not view.on_ground:
             what = "is armed" if view.armed else "is in the air"
             self._refuse(Outcome.FAILED, f"the vehicle {what} already; land and disarm it first")
-        elif not view.healthy or view.global_ is None:
+        elif not view.healthy or view.global_ is None or view.unread_limits:
             self._ready_s = None
             patience_s = _LOOK_AT_MOST_S if math.isfinite(view.heartbeat_s) else _HEARD_S
             if waited > patience_s:
@@ -195,7 +195,8 @@ class StepFlight:
             if beyond:
                 self._refuse(Outcome.FAILED, beyond)
             else:
-                self._agent = Agent(_plan(self._steps, self._typical, self._tick_s, here), _ID, now)
+                typical = _within(self._typical, view)
+                self._agent = Agent(_plan(self._steps, typical, self._tick_s, here), _ID, now)
         return StandbyGoal()
 
     def _refuse(self, outcome: Outcome, reason: str) -> None:
@@ -274,6 +275,12 @@ def _schedule(speed_mps: float) -> Iterator[_Part]:
             ):
                 end += seconds
                 yield _Part(way, kind, end, seconds, command, leg, hold_s)
+
+
+def _within(typical: Response, view: VehicleView) -> Response:
+    """A vehicle that its parameters make slower than usual is measured, too."""
+    found = (x.allowed for x in view.limits if x.kind is LimitKind.ACCELERATION)
+    return replace(typical, acceleration_mps2=min(typical.acceleration_mps2, *found, math.inf))
 
 
 def _traffic(view: VehicleView) -> str:

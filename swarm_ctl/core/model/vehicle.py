@@ -9,6 +9,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from typing import Final, TypeAlias
+from enum import StrEnum
+from typing import TypeAlias
 
 from swarm_ctl.core.model.own_parameters import OwnParameters, ParameterNote
 from swarm_ctl.core.model.plan import Geodetic
@@ -50,6 +52,25 @@ class Contact:
     address: int
     position: Geodetic
     velocity_ned_mps: Vector3
+
+
+class LimitKind(StrEnum):
+    """What a vehicle's own parameter limits."""
+
+    SPEED = "flies"
+    CLIMB = "climbs"
+    DESCENT = "descends"
+    ACCELERATION = "accelerates"
+
+
+@dataclass(frozen=True, slots=True)
+class FlightLimit:
+    """How the vehicle limits itself, in m/s or m/s2, and the parameter that says so (name and
+    value)."""
+
+    kind: LimitKind
+    allowed: float
+    parameter: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,6 +125,10 @@ class VehicleView:
     GPS_RAW_INT), its silence included; '' while nothing is."""
     estimates_wind: bool = False
     """Its parameters make it estimate the wind, in flight. As delivered neither firmware does."""
+    limits: tuple[FlightLimit, ...] = ()
+    """The vehicle's own limits, as far as they are read; several of one kind all hold."""
+    unread_limits: tuple[str, ...] = ()
+    """The parameters of the limits that are not."""
     origin: Geodetic | None = None
     """GPS_GLOBAL_ORIGIN: where the vehicle's own local frame has its zero."""
     local: LocalFix | None = None

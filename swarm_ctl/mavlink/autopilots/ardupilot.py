@@ -7,9 +7,10 @@ from typing import ClassVar
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from swarm_ctl.core.model.timeouts import SETPOINT_TIMEOUT_S
-from swarm_ctl.core.model.vehicle import Vector3
+from swarm_ctl.core.model.vehicle import LimitKind, Vector3
 from swarm_ctl.mavlink import outgoing
 from swarm_ctl.mavlink.autopilots.base import Autopilot
+from swarm_ctl.mavlink.autopilots.flight_limits import LimitSource
 from swarm_ctl.mavlink.autopilots.modes import COPTER_MODES, ModeTable
 from swarm_ctl.mavlink.autopilots.parameter_rules import ParameterRule
 from swarm_ctl.mavlink.autopilots.timing import GCS_TIMEOUT_S, RETRY_S
@@ -31,6 +32,17 @@ class Ardupilot(Autopilot):
     wind_message: ClassVar[str] = "WIND"
     wind_switch: ClassVar[str] = "EK3_DRAG_BCOEF_X"
     estimate_rules: ClassVar[EstimateRules] = EKF_RULES
+    # The names of 4.7, then those before. GUIDED does not hold to the speeds: they are the owner's
+    # word on how fast the vehicle may fly.
+    limit_sources: ClassVar[tuple[LimitSource, ...]] = (
+        LimitSource(LimitKind.SPEED, {"WP_SPD": 1.0, "WPNAV_SPEED": 0.01}),
+        LimitSource(LimitKind.CLIMB, {"WP_SPD_UP": 1.0, "WPNAV_SPEED_UP": 0.01}),
+        LimitSource(LimitKind.DESCENT, {"WP_SPD_DN": 1.0, "WPNAV_SPEED_DN": 0.01}),
+        # The position controller adds to it: 3.0 m/s2 was measured with 2.5, 1.15 with 1.
+        LimitSource(LimitKind.ACCELERATION, {"WP_ACC": 1.2, "WPNAV_ACCEL": 0.012}),
+        LimitSource(LimitKind.ACCELERATION, {"ATC_ANGLE_MAX": 1.0, "ANGLE_MAX": 0.01}, lean=True),
+        LimitSource(LimitKind.ACCELERATION, {"PSC_ANGLE_MAX": 1.0}, lean=True, optional=True),
+    )
 
     def failsafes(self) -> tuple[ParameterRule, ...]:
         """By our heartbeats: GUIDED stays what it is when setpoints end.

@@ -30,6 +30,7 @@ from swarm_ctl.core.model.vehicle import (
 )
 from swarm_ctl.mavlink import outgoing
 from swarm_ctl.mavlink.autopilots.failsafe_parameters import FailsafeParameters
+from swarm_ctl.mavlink.autopilots.flight_limits import FlightLimits, LimitSource
 from swarm_ctl.mavlink.autopilots.modes import ModeTable
 from swarm_ctl.mavlink.autopilots.parameter_rules import ParameterRule
 from swarm_ctl.mavlink.autopilots.timing import (
@@ -110,6 +111,7 @@ class Autopilot(ABC):
     wind_switch: ClassVar[str]
     """The parameter that makes the firmware estimate the wind; as delivered it is 0."""
     estimate_rules: ClassVar[EstimateRules]
+    limit_sources: ClassVar[tuple[LimitSource, ...]]
 
     def __init__(self, system: int, agent_sysid: int = AGENT_SYSID) -> None:
         self.system = system
@@ -117,6 +119,7 @@ class Autopilot(ABC):
         self.parameters = FailsafeParameters(
             system, self.failsafes(), self.decode_parameter, self.encode_parameter
         )
+        self.flight_limits = FlightLimits(system, self.limit_sources, self.decode_parameter)
         self.pacer = Pacer()
         self._goal: type[Goal] | None = None
         self._reached = False
@@ -164,6 +167,11 @@ class Autopilot(ABC):
         return value
 
     # --- what is the same for all firmware ---
+
+    @property
+    def watched(self) -> frozenset[str]:
+        """The parameters to store."""
+        return self.parameters.names | self.flight_limits.names
 
     def mode(self, heard: Telemetry) -> str:
         """The name of the vehicle's mode, '' while unknown."""
@@ -234,6 +242,7 @@ class Autopilot(ABC):
         match goal:
             case StandbyGoal():
                 begin = self.ask_version(heard, now) + self.stand_by(heard, now)
+                begin += self.flight_limits.read(heard, now)
                 return begin + self.parameters.take(heard, now)
             case AirborneGoal():
                 return self.take_off(heard, goal.height_m, now)

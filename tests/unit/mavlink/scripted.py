@@ -41,7 +41,7 @@ class Scripted:
         seed: int = 1,
     ) -> None:
         self.driver = driver
-        self.heard = Telemetry(watched=driver.parameters.names)
+        self.heard = Telemetry(watched=driver.watched)
         self.ready_s = ready_s
         self.now = 0.0
         self.mode = 0
@@ -201,6 +201,8 @@ class ScriptedArdupilot(Scripted):
             "GUID_TIMEOUT": (3.0, 9),
             "FS_GCS_ENABLE": (0.0, 2),
             "SYSID_MYGCS": (255.0, 4),
+            **dict.fromkeys(("WPNAV_SPEED", "WPNAV_ACCEL", "ANGLE_MAX"), (1000.0, 9)),
+            **dict.fromkeys(("WPNAV_SPEED_UP", "WPNAV_SPEED_DN"), (200.0, 9)),
         }
 
     def do_176(self, message: Any) -> int:
@@ -232,6 +234,8 @@ class ScriptedPx4(Scripted):
     def __init__(self, driver: Autopilot, **how: Any) -> None:
         super().__init__(driver, **how)
         self.parameters = {"COM_OF_LOSS_T": (5.0, 9), "COM_OBL_RC_ACT": (0.0, 6)}
+        for name in ("XY_VEL_MAX", "Z_VEL_MAX_UP", "Z_VEL_MAX_DN", "TILTMAX_AIR"):
+            self.parameters[f"MPC_{name}"] = (12.0, 9)
         self.intervals = {32: 1 / 30, 33: 0.2, 1: 0.5, 245: 0.5, 30: 0.02, 230: 0.5, 24: 0.2}
         self.mode = LOITER
         self.setpoint_s = self.streaming_since_s = -1e9

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 from hypothesis import given, settings
@@ -66,7 +67,10 @@ def healthy() -> tuple[VehicleLink, wire.Vehicle]:
 
 def test_a_view_before_anything_was_heard() -> None:
     link, _ = make()
-    assert link.view() == VehicleView(health_reason="no heartbeat yet from sysid 7")
+    view = link.view()
+    assert view.unread_limits
+    silent = VehicleView(health_reason="no heartbeat yet from sysid 7")
+    assert replace(view, unread_limits=()) == silent
 
 
 def test_a_view_has_everything_that_was_heard() -> None:

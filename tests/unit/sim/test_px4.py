@@ -265,3 +265,25 @@ class TestGround:
         assert rig.firmware.armed
         rig.run(0.5)
         assert not rig.firmware.armed
+
+
+@pytest.mark.parametrize(
+    ("parameter", "value", "asked", "flown"),
+    [
+        ("MPC_XY_VEL_MAX", 2.0, (3.0, 4.0, 0.0), (1.2, 1.6, 0.0)),
+        ("MPC_Z_VEL_MAX_UP", 0.5, (0.0, 0.0, -2.0), (0.0, 0.0, -0.5)),
+        ("MPC_Z_VEL_MAX_DN", 0.5, (0.0, 0.0, 1.0), (0.0, 0.0, 0.5)),
+    ],
+)
+def test_offboard_flies_no_faster_than_the_vehicle_s_limits(
+    parameter: str,
+    value: float,
+    asked: tuple[float, float, float],
+    flown: tuple[float, float, float],
+) -> None:
+    rig = flying()
+    rig.firmware.parameters.set(parameter, value)
+    stream(rig, 1.5)
+    assert rig.ask(SET_MODE, 1, 6) == ACCEPTED
+    rig.fly(*asked)
+    assert rig.firmware.demand.velocity_ned_mps == pytest.approx(flown)

@@ -11,7 +11,7 @@ from swarm_ctl.core.agent.preflight import EstimateWatch, Preflight
 from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.control.navigation import Navigator
 from swarm_ctl.core.model.frames import geodetic_from_ned
-from swarm_ctl.core.model.vehicle import GlobalFix
+from swarm_ctl.core.model.vehicle import FlightLimit, GlobalFix, LimitKind
 from swarm_ctl.core.swarm.snapshot import OtherAircraft
 from tests.unit.core.builders import NOW, ORIGIN, OWN, PARKED, UNIT_M, fix, peer, plan, tick, view
 
@@ -21,7 +21,7 @@ OTHER = PLAN.hash() + 1
 
 def preflight(*, expect_station: bool = False) -> Preflight:
     navigator = Navigator(PLAN.origin)
-    return Preflight(PLAN, PLAN.agent(OWN), PLAN.hash(), navigator, expect_station)
+    return Preflight(PLAN, PLAN.agent(OWN), PLAN.hash(), navigator, expect_station, PLAN.response)
 
 
 def on_ground(*peers: OtherAircraft, **changes: Any) -> Tick:
@@ -38,6 +38,24 @@ def unknown_clock() -> OtherAircraft:
 
 
 NEVER = float("inf")
+SPEED, CLIMB = LimitKind.SPEED, LimitKind.CLIMB
+LIMITS = [
+    (
+        FlightLimit(SPEED, 4.9, "MPC_XY_VEL_MAX 4.9"),
+        "the mission flies 5.0 m/s; vehicle 1 allows 4.9 (MPC_XY_VEL_MAX 4.9)",
+    ),
+    (FlightLimit(SPEED, 5.0, "WPNAV_SPEED 500"), ""),
+    (
+        FlightLimit(CLIMB, 0.5, "WP_SPD_UP 0.5"),
+        "the mission climbs 1.0 m/s; vehicle 1 allows 0.5 (WP_SPD_UP 0.5)",
+    ),
+    (FlightLimit(LimitKind.DESCENT, 0.9, "WP_SPD_DN 0.9"), "the mission descends 1.0 m/s"),
+    (
+        FlightLimit(LimitKind.ACCELERATION, 1.2, "WPNAV_ACCEL 100"),
+        "accelerates 2.8 m/s2; vehicle 1 allows 1.2 (WPNAV_ACCEL 100)",
+    ),
+    (FlightLimit(LimitKind.ACCELERATION, 2.6, "WPNAV_ACCEL 217"), ""),
+]
 ROWS: list[tuple[str, Callable[[], Tick], str]] = [
     ("all is well", on_ground, ""),
     (
@@ -68,6 +86,15 @@ ROWS: list[tuple[str, Callable[[], Tick], str]] = [
     ),
     ("a position just accurate enough", lambda: on_ground(position_accuracy_m=1.0), ""),
     ("an estimate's fault", lambda: on_ground(estimate_fault="no 3D fix"), "no 3D fix"),
+    *(
+        (f"too slow: {refusal}", lambda limit=limit: on_ground(limits=(limit,)), refusal)
+        for limit, refusal in LIMITS
+    ),
+    (
+        "limits not read",
+        lambda: on_ground(unread_limits=("WP_SPD or WPNAV_SPEED",)),
+        "parameters not read yet: WP_SPD or WPNAV_SPEED",
+    ),
     ("battery", lambda: on_ground(battery_percent=19.0), "battery at 19 %; allowed: the reserve"),
     ("battery at the reserve", lambda: on_ground(battery_percent=20.0), ""),
     ("battery unknown", lambda: on_ground(battery_percent=None), ""),

@@ -58,7 +58,9 @@ class Flight:
             own.begin_form(FORMING)
         self.barrier = Barrier(own)
         self.orders = CommandHandler(of, OWN, of.hash())
-        preflight = Preflight(of, of.agent(OWN), of.hash(), Navigator(of.origin), False)
+        preflight = Preflight(
+            of, of.agent(OWN), of.hash(), Navigator(of.origin), False, of.response
+        )
         self.executor = StepExecutor(
             own,
             preflight,

@@ -45,7 +45,9 @@ def started(**changes: Any) -> tuple[FlightContext, Takeover]:
     """A new process, in preparation."""
     fresh: dict[str, Any] = {"arming_s": -math.inf, "was_armed": False, "had_control": False}
     own = context(step=0, **(fresh | {"phase": Phase.CONNECT, "target_height_m": 0.0} | changes))
-    preflight = Preflight(own.plan, own.plan.agent(OWN), HASH, Navigator(ORIGIN), False)
+    preflight = Preflight(
+        own.plan, own.plan.agent(OWN), HASH, Navigator(ORIGIN), False, own.plan.response
+    )
     return own, Takeover(own, preflight)
 
 
