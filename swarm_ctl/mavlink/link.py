@@ -93,9 +93,6 @@ class VehicleLink:
         self._wire = open_wire(endpoint) if isinstance(endpoint, str) else endpoint
         self._mirror = mirror
         self._framer = Framer(unknown=mirror is not None)
-        watched = {*self._autopilot.parameters.names, self._autopilot.wind_switch}
-        self._heard = Telemetry(agent_sysid, frozenset(watched))
-        self._framer = Framer()
         self._heard = Telemetry(agent_sysid, self._autopilot.watched)
         self._codec = dialect.MAVLink(None, srcSystem=agent_sysid, srcComponent=AGENT_COMPONENT)
         self._secure()

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Final, TypeAlias
 from enum import StrEnum
-from typing import TypeAlias
+from typing import Final, TypeAlias
 
 from swarm_ctl.core.model.own_parameters import OwnParameters, ParameterNote
 from swarm_ctl.core.model.plan import Geodetic

@@ -171,7 +171,7 @@ class Autopilot(ABC):
     @property
     def watched(self) -> frozenset[str]:
         """The parameters to store."""
-        return self.parameters.names | self.flight_limits.names
+        return self.parameters.names | self.flight_limits.names | {self.wind_switch}
 
     def mode(self, heard: Telemetry) -> str:
         """The name of the vehicle's mode, '' while unknown."""
