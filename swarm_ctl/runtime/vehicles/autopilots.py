@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from swarm_ctl.core.model.fleet import VehicleKind
+from swarm_ctl.errors import StartError
 from swarm_ctl.mavlink.onlooker import Onlooker
 from swarm_ctl.runtime.vehicles.order import Order
 
@@ -29,6 +30,11 @@ class Sitl(ABC):
         self.instance = instance
         self.folder = folder
         self.speedup = speedup
+
+    @property
+    def output(self) -> Path:
+        """What it prints."""
+        return self.folder / "output.log"
 
     @property
     @abstractmethod
@@ -160,6 +166,12 @@ class Px4(Sitl):
         return [str(own / "px4"), "-i", instance, "-d", etc, "-w", str(self.folder)]
 
     def set_up(self, seen: Onlooker, now: float) -> bool:  # noqa: ARG002
+        if seen.heartbeats and "bind failed" in self.output.read_text(errors="replace"):
+            # It runs on without the link.
+            raise StartError(
+                f"px4 of agent {self.order.agent}: another program took a port of instance"
+                f" {self.instance} just before; start again"
+            )
         return seen.heartbeats > 0
 
     def clean(self) -> None:

@@ -55,7 +55,7 @@ class Vehicle:
         self.sitl = sitl
         sitl.folder.mkdir()
         command = sitl.prepare()
-        with (sitl.folder / "output.log").open("wb") as output:
+        with sitl.output.open("wb") as output:
             self.process = subprocess.Popen(
                 command,
                 cwd=sitl.folder,
@@ -79,7 +79,7 @@ class Vehicle:
         """To be called until True; StartError when it has ended."""
         self.seen.listen(now)
         if self.process.poll() is not None:
-            raise StartError(f"{self.end}; see {self.sitl.folder / 'output.log'}")
+            raise StartError(f"{self.end}; see {self.sitl.output}")
         return self.sitl.set_up(self.seen, now)
 
     @property
