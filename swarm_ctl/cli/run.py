@@ -20,15 +20,12 @@ from swarm_ctl.cli.shared.options import (
     MissionFile,
     Seed,
     Speedup,
+    VehicleKinds,
     option,
 )
 from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.core.model.messages import Outcome
 
-_VEHICLES: Final = (
-    "What to fly where the fleet names no endpoint: simulated, arducopter or px4; several in turn"
-    " (arducopter,px4), or by agent (1-3=arducopter,4-6=px4).  [default: the fleet's]"
-)
 _ARDUCOPTER: Final = "The ArduCopter SITL binary.  [default: $SWARM_CTL_ARDUCOPTER, or the PATH]"
 _PX4: Final = "PX4's build folder, with bin/px4 and etc/.  [default: $SWARM_CTL_PX4, or the PATH]"
 _GCS: Final = (
@@ -48,7 +45,7 @@ def run(
     json: Json = False,
     metrics: Metrics = None,
     fleet: FleetFile = None,
-    vehicles: Annotated[str | None, option("KIND", _VEHICLES)] = None,
+    vehicles: VehicleKinds = None,
     arducopter: Annotated[str | None, option("PATH", _ARDUCOPTER)] = None,
     px4: Annotated[str | None, option("FOLDER", _PX4)] = None,
     runs: Annotated[Path, option("FOLDER", "Where the run's folder is made.")] = Path("runs"),

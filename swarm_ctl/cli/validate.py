@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from rich.table import Table
 
 from swarm_ctl.cli.shared.console import PlainConsole
-from swarm_ctl.cli.shared.options import FleetFile, MissionFile, option, switch
+from swarm_ctl.cli.shared.options import FleetFile, MissionFile, VehicleKinds, option, switch
 
 if TYPE_CHECKING:
     from swarm_ctl.mission.compile.forecast import StepForecast
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 def validate(
     mission: MissionFile,
     fleet: FleetFile = None,
+    vehicles: VehicleKinds = None,
     full: Annotated[
         bool, switch("--full", "All agents and links, however many there are.")
     ] = False,
@@ -39,7 +40,7 @@ def validate(
     from swarm_ctl.mission.compile.loader import load
 
     console = PlainConsole()
-    loaded = load(mission, fleet=fleet)
+    loaded = load(mission, fleet=fleet, vehicles=vehicles)
     show(console, loaded, forecast(loaded.plan), full=full)
     if plot is not None:
         from swarm_ctl.report.page.mission_plot import plot as draw

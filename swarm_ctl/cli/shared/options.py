@@ -24,6 +24,11 @@ MissionFile = Annotated[
     Path, typer.Argument(metavar="MISSION", help="The mission file, e.g. missions/hexagon.yaml.")
 ]
 FleetFile = Annotated[Path | None, option("FILE", "A fleet file instead of the mission's own.")]
+_VEHICLES = (
+    "What to fly where the fleet names no endpoint: simulated, arducopter or px4; several in turn"
+    " (arducopter,px4), or by agent (1-3=arducopter,4-6=px4).  [default: the fleet's]"
+)
+VehicleKinds = Annotated[str | None, option("KIND", _VEHICLES)]
 RunFolder = Annotated[
     Path | None, typer.Argument(metavar="RUN", help="The run folder.  [default: newest in runs/]")
 ]
