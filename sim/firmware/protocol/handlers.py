@@ -19,6 +19,9 @@ SET_MODE_ID = 11
 _BY_NAME = -1
 """PARAM_REQUEST_READ.param_index when the name counts."""
 _FTP_NAK, _FTP_FAIL, _FTP_UNKNOWN_COMMAND = 129, 128, 7
+_FTP_OPEN, _FTP_NO_SUCH_FILE = 4, 10
+"""QGroundControl asks an ArduPilot for a file of all parameters; it goes on to PARAM_REQUEST_LIST
+at once where there is no such file, and after 5 s where anything else is wrong."""
 
 
 def heartbeat(a: SimAutopilot, message: Message) -> None:
@@ -83,7 +86,8 @@ def file_transfer(a: SimAutopilot, message: Message) -> None:
         return
     sequence = (asked[0] | asked[1] << 8) + 1 & 0xFFFF
     head = [sequence & 0xFF, sequence >> 8, asked[2], _FTP_NAK, 1, asked[3]]
-    answer = head + [0] * 6 + [_FTP_UNKNOWN_COMMAND]
+    why = _FTP_NO_SUCH_FILE if asked[3] == _FTP_OPEN else _FTP_UNKNOWN_COMMAND
+    answer = head + [0] * 6 + [why]
     fields = {
         "target_network": 0,
         "target_system": message.source[0],
