@@ -30,6 +30,10 @@ STREAMS = {1: 2, 2: 2, 3: 2, 6: 3, 10: 10, 11: 10, 12: 3}
 """REQUEST_DATA_STREAM for an ArduPilot: stream and rate."""
 
 
+Item = tuple[int, int, int, int, float]
+"""Command, frame, x, y (1e-7 degrees), z [m]."""
+
+
 class HandshakeError(Exception):
     """A step did not end as QGroundControl wants; the text names it."""
 
@@ -85,6 +89,23 @@ class QGroundControl:
                 return sorted(self.vehicles)
         raise HandshakeError(f"{count} vehicles wanted, heard {sorted(self.vehicles)}")
 
+    def write_plan(self, system: int, kind: int, items: list[Item]) -> None:
+        """Send a list of items as the vehicle asks for them."""
+        count = mavlink.MAVLink_mission_count_message(system, 1, len(items), kind)
+        for _ in range(TRIES):
+            self.tell(count)
+            for frame, message in self.listen(ACK_S):
+                name = "" if message is None else message.get_type()
+                if frame.system != system or not name.startswith("MISSION_"):
+                    continue
+                if name in ("MISSION_REQUEST", "MISSION_REQUEST_INT"):
+                    command, where, x, y, z = items[message.seq]
+                    head = (system, 1, message.seq, where, command, 0, 1, 0, 0, 0, 0)
+                    self.tell(mavlink.MAVLink_mission_item_int_message(*head, x, y, z, kind))
+                elif name == "MISSION_ACK" and message.type == 0:
+                    return
+        raise HandshakeError(f"vehicle {system} did not take plan {kind}")
+
     def connect(self, system: int) -> Vehicle:
         """Every step for one vehicle."""
         return Vehicle(self, system)
@@ -133,7 +154,7 @@ class Vehicle:
 
         def is_answer(_: MavlinkFrame, message: Any) -> bool:
             is_ack = message is not None and message.get_type() == "COMMAND_ACK"
-            return is_ack and message.command == command and message.target_system in (0, 255)
+            return is_ack and message.command == command and message.target_system == 255
 
         asked = f"command {command} {p}"
         answer = self._ask(asked, lambda: self._command(command, *p), is_answer)

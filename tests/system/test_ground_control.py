@@ -53,7 +53,7 @@ def test_qgroundcontrol_connects_to_six_vehicles_on_one_port(tmp_path: Path, mis
             "run", mission, "--headless", "--no-report", "--gcs", str(qgc.port), cwd=tmp_path
         ) as running,
     ):
-        assert qgc.find(6) == list(KINDS)
+        assert qgc.find(6, 60.0) == list(KINDS)
         for system, kind in KINDS.items():
             vehicle = qgc.connect(system)
             assert vehicle.is_ardupilot == (kind == "ardupilot")
@@ -170,7 +170,7 @@ def test_a_gcs_sees_the_vehicles_come_down_after_run_was_killed(
         ) as running,
     ):
         running.wait_for_event("step 2:", 6)
-        assert qgc.find(6) == list(range(1, 7))
+        assert qgc.find(6, 60.0) == list(range(1, 7))
         os.kill(running.process.pid, signal.SIGKILL)
         until = time.monotonic() + 60
         while any(m.base_mode & 128 for m in qgc.vehicles.values()):
