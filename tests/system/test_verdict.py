@@ -1,5 +1,5 @@
-"""`swarm-ctl run` with vehicles that it does not simulate: it has no truth, and judges the flight by
-what the vehicles told of themselves."""
+"""`swarm-ctl run` with vehicles that it does not simulate: it has no truth, and judges the flight
+by what the vehicles told of themselves."""
 
 from __future__ import annotations
 
