@@ -363,7 +363,7 @@ def test_unreadable_fleet_files(
         (("shape: row", "shape: ring"), 17, "shapes.row: no step forms it"),
         (
             ("  agent_lost: land", "  wind_limit_mps: 8"),
-            31,
+            30,
             "policies.wind_limit_mps: acts only on vehicles that estimate the wind",
         ),
     ],
