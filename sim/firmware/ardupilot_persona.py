@@ -36,6 +36,7 @@ from sim.firmware.parameters.parameter_set import CAST
 from sim.firmware.protocol import uploaded_mission
 from sim.firmware.protocol.commands import COMMON
 from sim.firmware.protocol.guided import condition_yaw
+from sim.firmware.protocol.telemetry import readings
 from sim.physics.geodesy import Vector3
 
 STABILIZE = FlightMode(0, "STABILIZE", armable=True)
@@ -81,8 +82,12 @@ STREAM_GROUPS: Mapping[int, tuple[str, ...]] = {
 }
 """REQUEST_DATA_STREAM: MAV_DATA_STREAM to messages; 0 is all of them."""
 
-LAND_DETECT_S = 1.0
-"""The land detector wants the vehicle still for this long."""
+SPOOL_UP_S = 2.5
+"""Motors, from a take-off command to lift: seen on ArduCopter 4.7 in SITL, like the next two."""
+LAND_DETECT_S = 1.3
+"""From the touch-down until the land detector says so: it wants the vehicle still for 1 s."""
+DISARM_S = 2.2
+"""From the touch-down until the motors have spooled down and stop."""
 _FRAMES = (FRAME_LOCAL_NED, FRAME_LOCAL_OFFSET_NED, FRAME_BODY_NED, FRAME_BODY_OFFSET_NED)
 
 
@@ -103,6 +108,7 @@ class ArdupilotPersona(Firmware):
     refusal = MavResult.FAILED
     asks_in_kind = False
     first_index = 1
+    land_detect_s = LAND_DETECT_S
 
     def start(self, sensed: Sensed, boot_s: float) -> None:
         super().start(sensed, boot_s)
@@ -116,6 +122,9 @@ class ArdupilotPersona(Firmware):
             descent_mps=(p["LAND_SPEED_HIGH"] or p["WPNAV_SPEED_DN"]) / 100,
             land_mps=p["LAND_SPEED"] / 100,
             land_below_m=p["LAND_ALT_LOW"] / 100,
+            land_from_m=p["LAND_ALT_LOW"] / 100,
+            spool_up_s=SPOOL_UP_S,
+            takeoff_ramp_s=0.0,
             takeoff_mps=p["WPNAV_SPEED_UP"] / 100,
             return_height_m=p["RTL_ALT"] / 100,
             return_wait_s=p["RTL_LOIT_TIME"] / 1000,
@@ -186,6 +195,8 @@ class ArdupilotPersona(Firmware):
             return MavResult.FAILED
         self.mode = mode
         self.begin(self._maneuver(mode))
+        for fields in readings(self, "HEARTBEAT"):  # a new mode is told at once
+            self.say("HEARTBEAT", fields)
         return MavResult.ACCEPTED
 
     def _mode_refusal(self, mode: FlightMode) -> str | None:
@@ -334,7 +345,7 @@ class ArdupilotPersona(Firmware):
 
     def _check_landed(self) -> None:
         if isinstance(self.maneuver, LandManeuver | ReturnManeuver | MissionManeuver):
-            if self.maneuver.done and self.standing_s() >= LAND_DETECT_S:
+            if self.maneuver.done and self.standing_s() >= DISARM_S:
                 self.set_disarmed(self.disarmed_text)
             return
         if isinstance(self.maneuver, HoldManeuver | VelocityManeuver):

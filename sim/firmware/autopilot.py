@@ -116,6 +116,10 @@ class SimAutopilot(ABC):
     """It asks for mission items by MISSION_REQUEST_INT once the client has used it."""
     first_index: ClassVar[int]
     """Index of the first mission item that is flown."""
+    land_detect_s: ClassVar[float]
+    """From a touch-down until the land detector says so."""
+    own_faults: ClassVar[Mapping[str, TypedValue]] = {}
+    """SIM_* parameters with another default than in `SIM_DEFAULTS`: the errors of its estimator."""
     refusal: ClassVar[MavResult]
     """The answer to a known command that can't be done now."""
 
@@ -124,7 +128,8 @@ class SimAutopilot(ABC):
         self.plane = setup.plane
         self.traffic = setup.traffic
         self.local_origin_ned = setup.local_origin_ned_m
-        self.parameters = Parameters({**self.defaults, **SIM_DEFAULTS}, self.encoding)
+        defaults = {**self.defaults, **SIM_DEFAULTS, **self.own_faults}
+        self.parameters = Parameters(defaults, self.encoding)
         self.parameters.set(self.sysid_parameter, setup.sysid)
         self.outbox: list[Outgoing] = []
         self.asked_on: int | None = None
@@ -358,8 +363,9 @@ class SimAutopilot(ABC):
         return self.plane.ned_from_geodetic(GeodeticPoint(lat_deg, lon_deg, alt_m))
 
     def landed_state(self) -> LandedState:
-        """EXTENDED_SYS_STATE.landed_state."""
-        if self.sensed.landed:
+        """EXTENDED_SYS_STATE.landed_state. After a touch-down the land detector takes its time."""
+        sure = not self.armed or self.standing_s() >= self.land_detect_s
+        if self.sensed.landed and sure:
             return LandedState.ON_GROUND
         flies = self.armed and not self.maneuver.done
         return self.maneuver.landed_state if flies else LandedState.IN_AIR

@@ -27,8 +27,15 @@ from sim.firmware.flying.position_target import (
     NOTHING,
     PositionTarget,
 )
-from sim.firmware.message import MAV_MODE_FLAG_CUSTOM, MavCmd, MavCommand, MavResult, MavSeverity
-from sim.firmware.parameters.parameter_set import BYTEWISE
+from sim.firmware.message import (
+    MAV_MODE_FLAG_CUSTOM,
+    LandedState,
+    MavCmd,
+    MavCommand,
+    MavResult,
+    MavSeverity,
+)
+from sim.firmware.parameters.parameter_set import BYTEWISE, typed
 from sim.firmware.parameters.px4_parameters import PX4_DEFAULTS
 from sim.firmware.protocol import uploaded_mission
 from sim.firmware.protocol.commands import COMMON
@@ -70,6 +77,11 @@ BATTERY_FAILSAFE: Mapping[int, FlightMode] = {2: LAND, 3: RTL}
 
 STREAM_GAP_S, STREAM_TIME_S = 0.5, 1.0
 """OFFBOARD wants setpoints at 2 Hz or faster for over a second."""
+SPOOL_UP_S, TAKEOFF_RAMP_S = 3.4, 2.5
+"""From a take-off command to lift, and to the full rate of climb (COM_SPOOLUP_TIME 1 and
+MPC_TKO_RAMP_T 3): seen on PX4 1.16 (SIH), like the next."""
+LAND_DETECT_S = 7.0
+"""From the touch-down until the land detector says so: the estimate still moves."""
 DESCEND_MPS = 0.7
 """Descent of the failsafe that has neither setpoints nor sticks."""
 
@@ -111,6 +123,8 @@ class Px4Persona(Firmware):
     disarm_denied_text = "Disarming denied: not landed"
     asks_in_kind = True
     first_index = 0
+    land_detect_s = LAND_DETECT_S
+    own_faults = typed({"SIM_GPS_DRIFT": 0.1, "SIM_VEL_NOISE": 0.17})
 
     def start(self, sensed: Sensed, boot_s: float) -> None:
         super().start(sensed, boot_s)
@@ -128,6 +142,9 @@ class Px4Persona(Firmware):
             descent_mps=p["MPC_Z_V_AUTO_DN"],
             land_mps=p["MPC_LAND_SPEED"],
             land_below_m=p["MPC_LAND_ALT2"],
+            land_from_m=p["MPC_LAND_ALT1"],
+            spool_up_s=SPOOL_UP_S,
+            takeoff_ramp_s=TAKEOFF_RAMP_S,
             takeoff_mps=p["MPC_TKO_SPEED"],
             return_height_m=p["RTL_RETURN_ALT"],
             return_wait_s=max(0.0, p["RTL_LAND_DELAY"]),
@@ -145,6 +162,11 @@ class Px4Persona(Firmware):
         action = BATTERY_FAILSAFE.get(round(self.parameters["COM_LOW_BAT_ACT"]))
         if action is not None and self.armed and not self.sensed.landed and self.mode is not LAND:
             self._fail(action)
+
+    def landed_state(self) -> LandedState:
+        """In the air as soon as its own take-off begins."""
+        starts = self.armed and isinstance(self.maneuver, TakeoffManeuver)
+        return LandedState.TAKEOFF if starts else super().landed_state()
 
     def addressed(self, command: MavCommand) -> bool:
         """Exactly this system, and its autopilot or all its components."""
@@ -335,7 +357,8 @@ class Px4Persona(Firmware):
     def _check_landed(self) -> None:
         if isinstance(self.maneuver, LandManeuver | ReturnManeuver | MissionManeuver):
             delay = self.parameters["COM_DISARM_LAND"]
-            if self.maneuver.done and delay >= 0 and self.standing_s() >= delay:
+            down_s = self.standing_s() - LAND_DETECT_S
+            if self.maneuver.done and 0 <= delay <= down_s:
                 self.set_disarmed("Disarmed by landing")
             return
         if isinstance(self.maneuver, HoldManeuver):

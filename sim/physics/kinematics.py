@@ -52,6 +52,8 @@ class MotionState:
     """Down coordinate [m] of the ground under each vehicle."""
     memory: Array
     wind: Array
+    drift: Array
+    """Error [m/s] of the velocity estimate that the controller follows: true minus estimated."""
     impact: Array
     """Speed [m/s] at the last touch-down."""
 
@@ -71,6 +73,7 @@ class MotionState:
             ground=position[..., 2].copy(),
             memory=np.zeros((*batch, response.memory_rows, 3)),
             wind=np.zeros_like(position),
+            drift=np.zeros_like(position),
             impact=np.zeros(batch),
         )
 
@@ -117,6 +120,8 @@ def advance(state: MotionState, demands: Demands, response: VelocityResponse, dt
     standing = np.count_nonzero(state.landed)
     if standing == state.landed.size:
         return
+    if np.count_nonzero(state.drift):
+        target = target + state.drift
     acceleration = response.acceleration(state.memory, state.velocity, target, state.wind, dt)
     _fall(state, demands, acceleration)
     if standing:

@@ -18,7 +18,7 @@ from sim.firmware.parameters.parameter_set import Parameters
 from sim.physics.geodesy import Vector3
 
 TICK_S = 0.1
-_NOISE_S, _DRIFT_S, _GUST_S = 1.0, 60.0, 3.0
+_NOISE_S, _DRIFT_S, _GUST_S, _VELOCITY_S = 1.0, 60.0, 3.0, 4.0
 _MOST = 10_000.0
 """Bound on errors, wind and delays."""
 _NEUTRAL = {name: item.value for name, item in SIM_DEFAULTS.items()}
@@ -66,6 +66,7 @@ class VehicleFaults:
             Wander(tau, np.random.default_rng([seed, sysid, i]))
             for i, tau in enumerate((_NOISE_S, _DRIFT_S, _GUST_S))
         )
+        self._velocity = Wander(_VELOCITY_S, np.random.default_rng([seed, sysid, 10]))
         self.radio_rng = np.random.default_rng([seed, sysid, 9])
         self._due_s = -math.inf
         self._frozen: Sensed | None = None
@@ -76,6 +77,8 @@ class VehicleFaults:
         """A SIM_* parameter is not at its default."""
         self.radio: Radio | None = None
         self.wind: Vector3 = STILL
+        self.drift: Vector3 = STILL
+        """True minus estimated velocity in flight [m/s]."""
         self.offset: Vector3 = STILL
         """Reported minus true position [m]."""
 
@@ -110,6 +113,8 @@ class VehicleFaults:
             gust[1] - speed * math.sin(from_rad),
             0.3 * gust[2],
         )
+        n, e, d = self._velocity.move(self["SIM_VEL_NOISE"])
+        self.drift = (n, e, 0.6 * d)
         noise = self._noise.move(self["SIM_GPS_NOISE"])
         drift = self._drift.move(self["SIM_GPS_DRIFT"])
         jump = (self["SIM_GPS_JUMP_N"], self["SIM_GPS_JUMP_E"], self["SIM_GPS_JUMP_D"])
@@ -128,6 +133,11 @@ class VehicleFaults:
         if self._frozen is not None:
             position, velocity = self._frozen[:2]
             return truth._replace(position_ned_m=position, velocity_ned_mps=velocity)
+        if self.drift != STILL and not truth.landed:
+            north, east, down = (
+                v - error for v, error in zip(truth.velocity_ned_mps, self.drift, strict=True)
+            )
+            truth = truth._replace(velocity_ned_mps=(north, east, down))
         if self._error == STILL:
             return truth
         n, e, d = (p + error for p, error in zip(truth.position_ned_m, self._error, strict=True))

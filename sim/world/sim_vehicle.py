@@ -36,6 +36,7 @@ class SimVehicle:
         if not faults.look() or not faults.move(now, self._group.sense(self._row)):
             return
         self._group.state.wind[self._row] = faults.wind
+        self._group.state.drift[self._row] = faults.drift
         if faults["SIM_REBOOT"] == 1.0:
             self.firmware.parameters.set("SIM_REBOOT", 0.0)
             self.firmware.start(self.sense(), now + REBOOT_S)

@@ -218,7 +218,8 @@ class World:
             channels=1 + len(described.also),
         )
         firmware = _FIRMWARE[described.persona](setup, self.time_s)
-        for name, value in (config.sim_parameters | described.sim_parameters).items():
+        exact = dict.fromkeys(firmware.own_faults, 0.0) if described.response == "ideal" else {}
+        for name, value in (exact | config.sim_parameters | described.sim_parameters).items():
             firmware.parameters.set(name, value)
         return SimVehicle(
             firmware, VehicleFaults(firmware.parameters, config.seed, described.sysid), group, row

@@ -15,8 +15,6 @@ from sim.firmware.message import LandedState
 from sim.physics.geodesy import Vector3
 
 STILL: Vector3 = (0.0, 0.0, 0.0)
-SPOOL_UP_S = 1.0
-"""From a take-off command to lift."""
 
 
 class Sensed(NamedTuple):
@@ -52,7 +50,13 @@ class FlightStyle:
     land_mps: float
     """Descent below `land_below_m` above the take-off point."""
     land_below_m: float
+    land_from_m: float
+    """From here down to `land_below_m` the descent slows down steadily."""
     takeoff_mps: float
+    spool_up_s: float
+    """From a take-off command to lift."""
+    takeoff_ramp_s: float
+    """From lift to the full rate of climb."""
     return_height_m: float
     return_wait_s: float
     """Between the arrival above home and the landing."""
@@ -149,12 +153,14 @@ class TakeoffManeuver:
     done: bool = False
 
     def demand(self, now: float, sensed: Sensed, style: FlightStyle) -> Demand:
-        if sensed.landed and now < self.began_s + SPOOL_UP_S:
+        lifted_s = now - self.began_s - style.spool_up_s
+        if sensed.landed and lifted_s < 0.0:
             return fly(style, self.start.heading_rad)._replace(lift=False)
         north, east, _ = self.start.position_ned_m
         self.done = abs(sensed.position_ned_m[2] - self.down_m) < 0.3
         demand = fly(style, self.start.heading_rad, position=(north, east, self.down_m))
-        return demand._replace(climb_mps=self.climb_mps)
+        share = min(1.0, lifted_s / style.takeoff_ramp_s) if style.takeoff_ramp_s else 1.0
+        return demand._replace(climb_mps=self.climb_mps * share)
 
 
 @dataclass(slots=True)
@@ -174,7 +180,9 @@ class LandManeuver:
         self.done = sensed.landed
         self.anchor.settle(sensed, style)
         height = self.ground_down_m - sensed.position_ned_m[2]
-        rate = style.land_mps if height < style.land_below_m else style.descent_mps
+        slows_m = max(style.land_from_m - style.land_below_m, 1e-3)
+        share = min(1.0, max(0.0, (height - style.land_below_m) / slows_m))
+        rate = style.land_mps + share * (style.descent_mps - style.land_mps)
         velocity = (0.0, 0.0, rate if self.slow_mps is None else self.slow_mps)
         return fly(style, self.heading_rad, velocity, (*self.anchor.point, None))
 

@@ -29,6 +29,7 @@ SIM_DEFAULTS: dict[str, TypedValue] = typed(
         "SIM_LOSS": 0.0,  # percent of frames lost, both ways
         "SIM_MOTOR_STOP": 0,  # 1: falls
         "SIM_REBOOT": 0,  # 1: restarts at once, in flight too; goes back to 0
+        "SIM_VEL_NOISE": 0.0,  # m/s, standard deviation of the velocity estimate's error in flight
         "SIM_WIND_DIR": 0.0,  # deg, where the wind comes from
         "SIM_WIND_GUST": 0.0,  # m/s, standard deviation of gusts
         "SIM_WIND_SPD": 0.0,  # m/s

@@ -123,7 +123,9 @@ class Rig:
 def config(
     n: int = 1, persona: str = "ardupilot", spacing_m: float = 10.0, **more: Any
 ) -> SimConfig:
-    """`n` vehicles in a row to the north, ready at once."""
+    """`n` vehicles in a row to the north, ready at once, their estimates exact."""
+    exact = {"SIM_GPS_DRIFT": 0.0, "SIM_VEL_NOISE": 0.0}
+    more |= {"sim_parameters": exact | more.get("sim_parameters", {})}
     plane = TangentPlane(ORIGIN)
     places = [plane.geodetic_from_ned((spacing_m * i, 0.0, 0.0)) for i in range(n)]
     vehicles = [

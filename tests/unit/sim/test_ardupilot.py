@@ -7,14 +7,20 @@ import math
 
 import pytest
 
-from sim.firmware.ardupilot_persona import GCS_FAILSAFE, MODES, ArdupilotPersona
+from sim.firmware.ardupilot_persona import (
+    DISARM_S,
+    GCS_FAILSAFE,
+    LAND_DETECT_S,
+    MODES,
+    ArdupilotPersona,
+)
 from sim.firmware.flying.maneuvers import (
     HoldManeuver,
     LandManeuver,
     TakeoffManeuver,
     VelocityManeuver,
 )
-from sim.firmware.message import MavResult
+from sim.firmware.message import LandedState, MavResult
 from tests.unit.sim.harness import (
     ARM,
     AUTO,
@@ -322,17 +328,25 @@ class TestGcsFailsafe:
 class TestGround:
     """Landing and disarming."""
 
-    def test_land_disarms_once_it_has_stood_a_second(self) -> None:
+    def test_land_disarms_once_the_motors_have_spooled_down(self) -> None:
         rig = flying()
         assert rig.ask(SET_MODE, 1, LAND) == ACCEPTED
         assert isinstance(rig.firmware.maneuver, LandManeuver)
         rig.run(20.0)
         assert rig.firmware.armed
         rig.move(landed=True)
-        rig.run(0.9)
+        rig.run(LAND_DETECT_S - 0.2)
+        assert rig.firmware.landed_state() is LandedState.LANDING
+        rig.run(DISARM_S - LAND_DETECT_S)
+        assert rig.firmware.landed_state() is LandedState.ON_GROUND
         assert rig.firmware.armed
         rig.run(0.4)
         assert not rig.firmware.armed
+
+    def test_a_new_mode_is_told_at_once(self) -> None:
+        rig = flying()
+        assert rig.ask(SET_MODE, 1, LAND) == ACCEPTED
+        assert rig.heard("HEARTBEAT")[-1]["custom_mode"] == LAND
 
     def test_armed_and_idle_it_disarms_after_disarm_delay(self) -> None:
         rig = armed()

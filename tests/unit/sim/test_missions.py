@@ -300,7 +300,7 @@ def test_land_at_a_place_disarms_there(persona: str) -> None:
 def test_pause_and_go_on(persona: str) -> None:
     flight = Mission(persona, ROUND)
     flight.start()
-    flight.run(9.0)
+    flight.run(12.0)
     assert flight.command(0, PAUSE, 0) == 0
     flight.run(8.0)
     here = flight.ned()
@@ -367,7 +367,7 @@ def test_arducopter_wants_a_take_off_first_and_a_mission_at_all() -> None:
 def test_px4_climbs_first_where_no_take_off_is_in_the_mission() -> None:
     flight = Mission("px4", ROUND[1:2])
     flight.start()
-    flight.run(4.5)
+    flight.run(6.5)
     north, _, down = flight.ned()
     assert abs(north) < 0.1
     assert down < -1.0

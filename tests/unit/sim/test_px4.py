@@ -9,9 +9,19 @@ import pytest
 
 from sim.firmware.autopilot import FlightMode
 from sim.firmware.flying.maneuvers import LandManeuver
-from sim.firmware.message import MavResult
+from sim.firmware.message import LandedState, MavResult
 from sim.firmware.px4_persona import LAND as LAND_MODE
-from sim.firmware.px4_persona import LOITER, MODES, OFFBOARD_LOSS, POSCTL, RTL, TAKEOFF, Px4Persona
+from sim.firmware.px4_persona import (
+    LAND_DETECT_S,
+    LOITER,
+    MODES,
+    OFFBOARD_LOSS,
+    POSCTL,
+    RTL,
+    SPOOL_UP_S,
+    TAKEOFF,
+    Px4Persona,
+)
 from sim.firmware.px4_persona import OFFBOARD as OFFBOARD_MODE
 from tests.unit.sim.harness import (
     ARM,
@@ -108,7 +118,7 @@ class TestAnswers:
         assert mode(rig) == TAKEOFF.custom
         assert not rig.firmware.demand.lift
         assert rig.ask(ARM, 1) == ACCEPTED
-        rig.run(1.2)
+        rig.run(SPOOL_UP_S + 0.2)
         assert rig.firmware.demand.lift
         down = rig.firmware.demand.position_ned_m[2]
         assert down == pytest.approx(-2.5)  # MIS_TAKEOFF_ALT
@@ -189,7 +199,7 @@ class TestOffboard:
         assert rig.texts() == ["Failsafe activated"]
         assert rig.firmware.demand.velocity_ned_mps == (0.0, 0.0, 0.7)
         rig.move(landed=True)
-        rig.run(2.3)
+        rig.run(LAND_DETECT_S + 2.3)
         assert not rig.firmware.armed
 
     @pytest.mark.parametrize(
@@ -231,11 +241,14 @@ class TestOffboard:
 class TestGround:
     """Landing and disarming."""
 
-    def test_land_disarms_two_seconds_after_touchdown_and_may_arm_again(self) -> None:
+    def test_land_disarms_two_seconds_after_the_land_detector_and_may_arm_again(self) -> None:
         rig = flying()
         assert rig.ask(SET_MODE, 1, *PX4_LAND) == ACCEPTED
         rig.move(landed=True)
-        rig.run(1.8)
+        rig.run(LAND_DETECT_S - 0.3)
+        assert rig.firmware.landed_state() is LandedState.LANDING
+        rig.run(2.1)
+        assert rig.firmware.landed_state() is LandedState.ON_GROUND
         assert rig.firmware.armed
         rig.run(0.4)
         assert not rig.firmware.armed
@@ -251,7 +264,7 @@ class TestGround:
         else:
             assert rig.ask(SET_MODE, 1, *PX4_LAND) == ACCEPTED
         rig.move(landed=True)
-        rig.run(2.3)
+        rig.run(LAND_DETECT_S + 2.3)
         assert (rig.firmware.armed, mode(rig)) == (False, OFFBOARD_MODE.custom)
         assert not rig.firmware.armable(), "PREARM_CHECK is not healthy"
         assert rig.ask(ARM, 1) == REJECTED
