@@ -72,7 +72,11 @@ class SimParameters(Section):
         return self.model_dump(exclude_none=True)
 
 
-NEUTRAL: dict[str, float] = dict.fromkeys(SimParameters.model_fields, 0.0) | {"SIM_BATT_DRAIN": 1.0}
+NEUTRAL: dict[str, float] = dict.fromkeys(SimParameters.model_fields, 0.0) | {
+    "SIM_BATT_DRAIN": 1.0,
+    "SIM_GPS_ACC": 0.3,
+    "SIM_GPS_SATS": 12.0,
+}
 """What the simulator starts with."""
 
 

@@ -336,7 +336,7 @@ class TestGround:
         assert rig.firmware.armed
         rig.move(landed=True)
         rig.run(LAND_DETECT_S - 0.2)
-        assert rig.firmware.landed_state() is LandedState.LANDING
+        assert rig.firmware.landed_state() is not LandedState.ON_GROUND
         rig.run(DISARM_S - LAND_DETECT_S)
         assert rig.firmware.landed_state() is LandedState.ON_GROUND
         assert rig.firmware.armed
