@@ -136,7 +136,6 @@ class VehicleLink:
             mode=mode,
             mode_doubt=heard.evidence.doubt,
             controlled=mode == driver.controlled_mode,
-            taken_off=mode in driver.takeoff_modes,
             landing=mode == driver.landing_mode,
             on_ground=heard.on_ground,
             healthy=not missing,

@@ -43,7 +43,13 @@ WITHIN_S = 90.0
 SYSID = 7
 ORIGIN = {"lat_deg": 47.397742, "lon_deg": 8.545594, "alt_m": 488.0}
 DEFAULTS = {
-    "ardupilot": {"GUID_TIMEOUT": 3.0, "MAV_GCS_SYSID": 255.0, "FS_GCS_ENABLE": 0.0},
+    "ardupilot": {
+        "GUID_TIMEOUT": 3.0,
+        "MAV_GCS_SYSID": 255.0,
+        "MAV_GCS_SYSID_HI": 0.0,
+        "FS_GCS_TIMEOUT": 5.0,
+        "FS_GCS_ENABLE": 0.0,
+    },
     "px4": {"COM_OF_LOSS_T": 1.0, "COM_OBL_RC_ACT": 0.0},
 }
 CONTROLLED = {"ardupilot": "GUIDED", "px4": "OFFBOARD"}

@@ -209,16 +209,16 @@ def test_one_that_wakes_from_a_stop_waits_for_its_vehicles_word(autopilot: str) 
     assert swarm.all_down
 
 
-def test_px4_at_take_off() -> None:
-    """Its own take-off goes on without an agent, and ends in its hold: from there it is taken
-    over."""
+def test_px4_whose_agent_dies_at_take_off_lands() -> None:
+    """It climbs by the agent's setpoints: without them it lands, as in every later step."""
     mission = MISSIONS["takeoff"][2]
     agents = tuple(replace(a, autopilot="px4") for a in mission.fleet.agents)
     mission = replace(mission, fleet=replace(mission.fleet, agents=agents))
     swarm = restarted(mission, TAKEOFF, 6.0, 2)
     swarm.fly(900)
-    assert "rejoins at step 1" in texts(swarm)
-    assert_good(swarm)
+    assert "lands already (AUTO.LAND): seen down" in texts(swarm)
+    assert "AirborneGoal" not in swarm.members[2].goals
+    assert swarm.all_down
 
 
 def test_an_operators_hold_outlives_the_agent() -> None:

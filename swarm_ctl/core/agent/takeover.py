@@ -154,7 +154,7 @@ class Takeover:
         step = self._plan.steps[_step_of(flying) - 1]
         if isinstance(step, LandStep) and view.landing:
             return True
-        return view.controlled or (isinstance(step, TakeoffStep) and view.taken_off)
+        return view.controlled
 
     # --- what comes of it ---
 

@@ -91,9 +91,6 @@ class VehicleView:
     """The newest heartbeat says another mode, or other than `armed`; it is not believed yet."""
     controlled: bool = False
     """The mode follows our velocity setpoints (GUIDED, OFFBOARD)."""
-    taken_off: bool = False
-    """The mode is the autopilot's own take-off, or what that ends in: from here a driver enters the
-    controlled one."""
     landing: bool = False
     """The mode is the autopilot's landing mode."""
     on_ground: bool = True

@@ -105,8 +105,6 @@ class Autopilot(ABC):
     modes: ClassVar[ModeTable]
     controlled_mode: ClassVar[str]
     landing_mode: ClassVar[str]
-    takeoff_modes: ClassVar[tuple[str, ...]] = ()
-    """The modes of its own take-off, where that is not flown in the controlled mode."""
     wind_message: ClassVar[str]
     wind_switch: ClassVar[str]
     """The parameter that makes the firmware estimate the wind; as delivered it is 0."""

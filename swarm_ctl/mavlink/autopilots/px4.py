@@ -16,7 +16,14 @@ from swarm_ctl.mavlink.autopilots.base import Autopilot
 from swarm_ctl.mavlink.autopilots.flight_limits import LimitSource
 from swarm_ctl.mavlink.autopilots.modes import PX4_MODES, ModeTable
 from swarm_ctl.mavlink.autopilots.parameter_rules import ParameterRule
-from swarm_ctl.mavlink.autopilots.timing import RETRY_S, STREAM_BEFORE_S, STREAM_GAP_S
+from swarm_ctl.mavlink.autopilots.timing import (
+    FIX_MAX_AGE_S,
+    RETRY_S,
+    STREAM_BEFORE_S,
+    STREAM_GAP_S,
+    TAKEOFF_LEAST_MPS,
+    TAKEOFF_MPS,
+)
 from swarm_ctl.mavlink.estimate import ESTIMATOR_RULES, EstimateRules
 from swarm_ctl.mavlink.outgoing import Message
 from swarm_ctl.mavlink.vehicle_telemetry import Telemetry
@@ -34,8 +41,6 @@ class Px4(Autopilot):
     modes: ClassVar[ModeTable] = PX4_MODES
     controlled_mode: ClassVar[str] = "OFFBOARD"
     landing_mode: ClassVar[str] = "AUTO.LAND"
-    takeoff_modes: ClassVar[tuple[str, ...]] = ("AUTO.TAKEOFF", _HOLD_MODE)
-    """OFFBOARD is entered from these modes alone."""
     wind_message: ClassVar[str] = "WIND_COV"
     wind_switch: ClassVar[str] = "EKF2_DRAG_CTRL"
     estimate_rules: ClassVar[EstimateRules] = ESTIMATOR_RULES
@@ -51,6 +56,10 @@ class Px4(Autopilot):
         super().__init__(system, agent_sysid)
         self._streaming_since = -math.inf
         self._last_setpoint_s = -math.inf
+        self._ground_down_m: float | None = None
+        """Of the local frame, where the vehicle stood before it was armed."""
+        self._found_mode = self.controlled_mode
+        """The mode that OFFBOARD is entered from: any other is a pilot's choice."""
 
     def failsafes(self) -> tuple[ParameterRule, ...]:
         """By setpoints: no ground station's heartbeat keeps a silent agent's vehicle up."""
@@ -69,44 +78,66 @@ class Px4(Autopilot):
     def stand_by(self, heard: Telemetry, now: float) -> list[Message]:
         """AUTO.LOITER in place of OFFBOARD. A PX4 goes back to OFFBOARD when it disarms after a
         landing, and fails its pre-arm checks there, because no setpoints come."""
+        self._found_mode = self.mode(heard)
         left_there = not heard.armed and self.mode(heard) == self.controlled_mode
         due = left_there and self.pacer.due("hold", RETRY_S, now)
         begin = super().stand_by(heard, now)
         return [*begin, self.set_mode(_HOLD_MODE)] if due else begin
 
     def take_off(self, heard: Telemetry, height_m: float, now: float) -> list[Message]:
-        """AUTO.LOITER, arm, NAV_TAKEOFF (height above sea level): each after the one before has
-        worked."""
-        mode = self.mode(heard)
-        if self.left(mode, *self.takeoff_modes) or not heard.on_ground:
+        """Setpoints, OFFBOARD, arm, climb by setpoints.
+
+        PX4's own take-off ends in AUTO.LOITER: a vehicle whose agent died in the climb would stay
+        there without end. OFFBOARD ends when setpoints do.
+        """
+        mode, climb_mps = self.mode(heard), 0.0
+        if mode == self.controlled_mode:
+            self._found_mode = mode
+        if self.left(mode, self.controlled_mode, self._found_mode):
             return []
-        if mode not in self.takeoff_modes:
-            enter = not heard.armed and self.pacer.due("hold", RETRY_S, now)
-            return [self.set_mode(_HOLD_MODE)] if enter else []
-        if not heard.armed:
-            return self.arm(now)
-        if heard.global_ is None or not self.take_off_due(heard, now):
+        if heard.armed:
+            climb_mps = self._climb_mps(heard, height_m, now)
+        elif heard.on_ground and heard.local is not None:
+            self._ground_down_m = heard.local.position_ned_m[2]
+        if mode != self.controlled_mode and (heard.armed or not heard.on_ground):
             return []
-        altitude_m = heard.global_.position.alt_m + height_m
-        as_it_is = (math.nan,) * 3  # yaw, latitude, longitude
-        command = (self.system, outgoing.TAKEOFF, 0, 0, 0, *as_it_is, altitude_m)
-        return [outgoing.command(*command)]
+        messages = self._setpoint((0.0, 0.0, -climb_mps), now)
+        if mode != self.controlled_mode:
+            return messages + self._enter_offboard(now)
+        return messages if heard.armed else messages + self.arm(now)
+
+    def _climb_mps(self, heard: Telemetry, height_m: float, now: float) -> float:
+        """Towards `height_m`; 0 while the height is not known."""
+        fix = heard.local
+        if fix is None or now - fix.time_s > FIX_MAX_AGE_S:
+            return 0.0
+        if self._ground_down_m is not None:
+            height = self._ground_down_m - fix.position_ned_m[2]
+        elif heard.global_ is not None:  # taken over in the climb
+            height = heard.global_.relative_alt_m
+        else:
+            return 0.0
+        missing_m = height_m - height
+        return min(TAKEOFF_MPS, max(TAKEOFF_LEAST_MPS, missing_m)) if missing_m > 0.0 else 0.0
 
     def fly(self, heard: Telemetry, velocity_ned_mps: Vector3, now: float) -> list[Message]:
-        """A setpoint; after `STREAM_BEFORE_S` of them OFFBOARD, too, until HEARTBEAT shows it."""
-        mode = self.mode(heard)
-        if self.left(mode, self.controlled_mode):
+        """A setpoint while in OFFBOARD, which the take-off has entered. Another mode is the choice
+        of a pilot or a failsafe."""
+        if self.mode(heard) != self.controlled_mode:
             return []
-        if mode != self.controlled_mode and mode not in self.takeoff_modes:
-            return []
-        messages = [outgoing.velocity(self.system, velocity_ned_mps, now)]
+        return self._setpoint(velocity_ned_mps, now)
+
+    def _setpoint(self, velocity_ned_mps: Vector3, now: float) -> list[Message]:
         if now - self._last_setpoint_s > STREAM_GAP_S:
             self._streaming_since = now
         self._last_setpoint_s = now
+        return [outgoing.velocity(self.system, velocity_ned_mps, now)]
+
+    def _enter_offboard(self, now: float) -> list[Message]:
+        """Once setpoints have come for long enough."""
         streamed = now - self._streaming_since >= STREAM_BEFORE_S
-        if mode != self.controlled_mode and streamed and self.pacer.due("offboard", RETRY_S, now):
-            messages.append(self.set_mode(self.controlled_mode))
-        return messages
+        due = streamed and self.pacer.due("offboard", RETRY_S, now)
+        return [self.set_mode(self.controlled_mode)] if due else []
 
     def decode_parameter(self, raw: float, kind: int) -> float:
         """An integer travels in the bits of a float."""

@@ -44,6 +44,10 @@ STREAM_BEFORE_S = 1.2
 """PX4 refuses OFFBOARD unless setpoints have come for over 1 s."""
 STREAM_GAP_S = 0.4
 """... at 2 Hz at least: a longer gap starts the second anew."""
+TAKEOFF_MPS = 1.5
+"""The climb of a take-off that we fly: MPC_TKO_SPEED as delivered."""
+TAKEOFF_LEAST_MPS = 0.3
+"""... and its last metres."""
 MAX_SETPOINT_MPS = 100.0
 """No multirotor is faster: a setpoint beyond it is a mistake."""
 

@@ -220,13 +220,12 @@ class ScriptedArdupilot(Scripted):
 
 
 LOITER, OFFBOARD, AUTO_LAND = 4 << 16 | 3 << 24, 6 << 16, 4 << 16 | 6 << 24
-TAKEOFF = 4 << 16 | 2 << 24
 POSCTL = 3 << 16
 
 
 class ScriptedPx4(Scripted):
-    """Streams by itself; take-off heights are above sea level; OFFBOARD needs setpoints before and
-    during, and is where a landed vehicle goes back to."""
+    """Streams by itself; OFFBOARD needs setpoints before and during, lifts off after spool-up by
+    one that climbs, and is where a landed vehicle goes back to."""
 
     autopilot = 12
     landing_modes = (AUTO_LAND,)
@@ -238,7 +237,8 @@ class ScriptedPx4(Scripted):
             self.parameters[f"MPC_{name}"] = (12.0, 9)
         self.intervals = {32: 1 / 30, 33: 0.2, 1: 0.5, 245: 0.5, 30: 0.02, 230: 0.5, 24: 0.2}
         self.mode = LOITER
-        self.setpoint_s = self.streaming_since_s = -1e9
+        self.setpoint_s = self.streaming_since_s = self.climbs_s = -1e9
+        self.climb_mps = 0.0
 
     def do_176(self, message: Any) -> int:
         wanted = round(message.param2) << 16 | round(message.param3) << 24
@@ -256,24 +256,22 @@ class ScriptedPx4(Scripted):
         return self.ready and (self.mode != OFFBOARD or self.streamed)
 
     def may_arm(self) -> bool:
-        return self.ready and self.mode in (LOITER, TAKEOFF)
-
-    def do_22(self, message: Any) -> int:
-        self.mode = TAKEOFF
-        self.climb_to(message.param7 - GROUND_ALT_MM * 1e-3)
-        return 0
+        return self.healthy and self.mode in (LOITER, OFFBOARD)
 
     def on_set_position_target_local_ned(self, message: Any) -> None:
         if self.now - self.setpoint_s > 0.5:
             self.streaming_since_s = self.now
-        self.setpoint_s = self.now
+        self.setpoint_s, self.climb_mps = self.now, -message.vz
+        if self.armed and self.climb_mps > 0.0 and self.climbs_s == -1e9:
+            self.climbs_s = self.now
 
     def move(self) -> None:
         flew = self.armed
         super().move()
         if flew and not self.armed and self.mode == AUTO_LAND:
             self.mode = OFFBOARD
-        if self.mode == TAKEOFF and self.height_m >= self.target_m > 0.0:
-            self.mode = LOITER
+        spooled = 0.0 <= self.now - self.climbs_s - self.spool_up_s < 1e6
+        if self.armed and self.mode == OFFBOARD and spooled:
+            self.height_m = max(0.0, self.height_m + self.climb_mps * TICK_S)
         if self.armed and self.mode == OFFBOARD and self.now - self.setpoint_s > 1.0:
             self.mode = AUTO_LAND

@@ -152,14 +152,11 @@ def test_states_of_the_peers_are_not_its_own() -> None:
 
 PILOT = {"controlled": False, "mode": "LOITER"}
 LANDING = {"controlled": False, "landing": True, "mode": "LAND"}
-CLIMBING = {"controlled": False, "taken_off": True, "mode": "AUTO.TAKEOFF"}
 MODES: list[tuple[str, dict[str, Any], int, FailsafeAction | None, str]] = [
     ("follows setpoints", {}, HOLD, None, ""),
     ("a pilot's", PILOT, HOLD, YIELDS, "in the air in LOITER"),
     ("landing", LANDING, HOLD, LANDS, "the vehicle lands already (LAND): seen down"),
     ("landing as the swarm does", LANDING, LAST, None, ""),
-    ("taking off as the swarm does", CLIMBING, TAKEOFF, None, ""),
-    ("taking off, the swarm holds", CLIMBING, HOLD, YIELDS, "in the air in AUTO.TAKEOFF"),
 ]
 
 
