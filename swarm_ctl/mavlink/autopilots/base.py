@@ -209,9 +209,7 @@ class Autopilot(ABC):
     def _expects(self, told: FlightState) -> bool:
         """Whether the goal asks for what a heartbeat tells."""
         mode, goal = self.modes.name(told.custom_mode), self._goal
-        if goal is AirborneGoal:
-            return told.armed and mode in (self.controlled_mode, *self.takeoff_modes)
-        if goal is FlyGoal:
+        if goal in (AirborneGoal, FlyGoal):
             return told.armed and mode == self.controlled_mode
         if goal is LandGoal:
             return told.armed and mode == self.landing_mode

@@ -96,7 +96,7 @@ def test_every_goal_is_reached_through_loss_and_a_slow_start(
     )  # a run of losses
     assert not vehicle.armed
     vehicle.run(AirborneGoal(3.0), 60.0)
-    assert vehicle.height_m == pytest.approx(3.0, abs=0.1)
+    assert vehicle.height_m == pytest.approx(3.0, abs=0.3)
     vehicle.run(FlyGoal((1.0, 0.0, 0.0)), 20.0)
     assert (
         vehicle.mode == CONTROLLED[name] or loss == 0.5
