@@ -36,7 +36,7 @@ def doctor(
         float, option("SECONDS", "At most so long for all vehicles.", min=1.0, max=120.0)
     ] = 15.0,
 ) -> None:
-    """Show what vehicles would do in trouble, or what this machine has.
+    """Show what vehicles would do in trouble, or this machine's state.
 
     With --fleet it asks each vehicle for its failsafe parameters and says what they mean: as they
     are, and as agents set them for a flight. It arms nothing, and changes nothing without

@@ -17,7 +17,7 @@ from swarm_ctl.mavlink.link import Examined, VehicleLink
 from swarm_ctl.runtime.ticker import Ticker
 from swarm_ctl.runtime.vehicle_memory import Entry, VehicleMemory
 
-ANSWERS_S = 4.0
+ANSWERS_S = 3.0
 """A parameter that was asked for this long after the vehicle was first heard is not there."""
 
 

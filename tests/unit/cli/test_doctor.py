@@ -1,0 +1,85 @@
+"""`swarm-ctl doctor` as a user calls it: what it refuses, what it says of this machine, and of a
+vehicle that is not there."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+import typer
+
+from swarm_ctl.cli.doctor import doctor
+from swarm_ctl.core.model.own_parameters import OwnParameters, OwnValue, VehicleIdentity
+from swarm_ctl.errors import InputError
+from swarm_ctl.runtime.vehicle_memory import VehicleMemory
+
+
+def code_of(**arguments: object) -> int:
+    with pytest.raises(typer.Exit) as ended:
+        doctor(**arguments)  # type: ignore[arg-type]
+    return ended.value.exit_code
+
+
+def test_the_machine(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Packages, autopilots with where to get them, and the vehicles that are remembered here."""
+    for name in ("SWARM_CTL_ARDUCOPTER", "SWARM_CTL_PX4"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setenv("SWARM_CTL_STATE", str(tmp_path))
+    own = OwnParameters(VehicleIdentity("px4", 4, "ab"), {"COM_OBL_RC_ACT": OwnValue(0.0, (4.0,))})
+    VehicleMemory(tmp_path).write(own, "udpin:127.0.0.1:14540", "20261122-hexagon")
+    assert code_of(as_json=True) == 0
+    facts = {f["name"]: f["state"] for f in json.loads(capsys.readouterr().out)["machine"]}
+    assert "pymavlink 2" in facts["packages core"]
+    assert "git clone" in facts["arducopter, simulated"]
+    assert "git clone" in facts["px4, simulated"]
+    assert facts["containers"] == "neither podman nor docker"
+    assert facts["remembered vehicles"] == f"1 in {tmp_path}"
+    assert (
+        "own values COM_OBL_RC_ACT 0; left by 20261122-hexagon"
+        in facts["  px4 4 at udpin:127.0.0.1:14540"]
+    )
+
+
+def test_a_damaged_memory_needs_attention(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("SWARM_CTL_STATE", str(tmp_path))
+    (tmp_path / "px4-1-ab.json").write_text("{}")
+    assert code_of() == 1
+    assert "px4-1-ab.json: is no memory of a vehicle" in capsys.readouterr().out.replace("\n", "")
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("agents: [{id: 1}]", "no vehicle has an endpoint"),
+        ("agents: [{id: 1, endpoint: x, wrong: 2}]", "wrong"),
+    ],
+)
+def test_refusals(tmp_path: Path, text: str, why: str) -> None:
+    file = tmp_path / "fleet.yaml"
+    file.write_text(text)
+    with pytest.raises(InputError, match=why):
+        doctor(fleet=file)
+    with pytest.raises(InputError, match=re.escape("--restore needs vehicles")):
+        doctor(restore=True)
+
+
+def test_a_vehicle_that_does_not_answer(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Exit code 3 in the bounded time, with the reason; an endpoint that can't be opened, too."""
+    file = tmp_path / "fleet.yaml"
+    file.write_text(
+        "agents:\n"
+        "  - {id: 1, endpoint: 'tcp:127.0.0.1:9'}\n"
+        "  - {id: 2, endpoint: 'serial:/dev/not-there', autopilot: px4}\n"
+    )
+    assert code_of(fleet=file, within=1.0) == 3
+    told = capsys.readouterr().out
+    assert "agent 1: sysid 1 at tcp:127.0.0.1:9, ardupilot: not reached" in told
+    assert "no heartbeat yet from sysid 1" in told
+    assert "/dev/not-there" in told
