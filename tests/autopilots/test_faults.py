@@ -55,14 +55,12 @@ ROWS: dict[str, tuple[str, Deed, str, str]] = {
     "gusts": (COPTER, parameters(SIM_WIND_SPD=6, SIM_WIND_TURB=4), "completed", ""),
     "a GPS glitch of 4 m": (COPTER, glitch(4.0), "completed", ""),
     "a compass fails": (COPTER, parameters(SIM_MAG1_FAIL=1), "completed", ""),
-    "a motor fails": (COPTER, parameters(SIM_ENGINE_FAIL=1, SIM_ENGINE_MUL=0), "failed", ""),
     "the battery's failsafe": (
         COPTER,
         parameters(BATT_FS_LOW_ACT=1, BATT_LOW_VOLT=11.5, SIM_BATT_VOLTAGE=11.0),
         "failed",
         "LAND",
     ),
-    "a ground station brakes": (COPTER, mode("BRAKE"), "failed", "BRAKE"),
     "a ground station lands": (COPTER, mode("LAND"), "failed", "LAND"),
     "PX4: a ground station lands": (PX4, mode("AUTO.LAND"), "failed", "AUTO.LAND"),
     "PX4: the GPS is lost": (PX4, failure(_GPS), "failed", ""),
@@ -71,12 +69,18 @@ ROWS: dict[str, tuple[str, Deed, str, str]] = {
 }
 
 
+@pytest.fixture
+def mission(tmp_path: Path) -> Path:
+    """The pair, with a hold that is long enough for what happens in it."""
+    path = tmp_path / "faults.yaml"
+    path.write_text(PAIR.read_text().replace("duration_s: 5", "duration_s: 20"))
+    return path
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("name", ROWS)
-def test_whatever_happens_to_a_vehicle(name: str, tmp_path: Path) -> None:
+def test_whatever_happens_to_a_vehicle(name: str, mission: Path, tmp_path: Path) -> None:
     kind, deed, outcome, reason = ROWS[name]
-    mission = tmp_path / "faults.yaml"
-    mission.write_text(PAIR.read_text().replace("duration_s: 5", "duration_s: 20"))
     with Flight(mission, kind, cwd=tmp_path) as flight:
         flight.wait_for_step(HOLD)
         with flight.client(1) as ground_station:
@@ -86,6 +90,48 @@ def test_whatever_happens_to_a_vehicle(name: str, tmp_path: Path) -> None:
         found: dict[str, Any] = flight.summary()
         assert found["outcome"] == outcome, flight.output
         assert reason in flight.reasons()[1]
-        if name == "a ground station brakes":
-            # The agents have ended; its pilot brings it down, and the others are down.
-            assert flight.outcomes()[2] == "failed"
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("kind", "taken", "down"), [(COPTER, "BRAKE", "LAND"), (PX4, "AUTO.LOITER", "AUTO.LAND")]
+)
+def test_a_pilot_who_takes_a_vehicle_over_by_mode_keeps_it(
+    kind: str, taken: str, down: str, mission: Path, tmp_path: Path
+) -> None:
+    """The agent does not fight the pilot, the other vehicle lands, and the run ends when the pilot
+    has landed."""
+    with Flight(mission, kind, cwd=tmp_path) as flight:
+        flight.wait_for_step(HOLD)
+        with flight.client(1) as pilot:
+            pilot.beat()
+            pilot.take_mode(taken)
+            flight.wait_for(lambda: "agent 2: ended" in flight.output)
+            assert pilot.mode == taken
+            assert pilot.armed
+            pilot.take_mode(down)
+            flight.wait(120)
+        flight.assert_nothing_left()
+        assert flight.summary()["outcome"] == "failed"
+        assert taken in flight.reasons()[1]
+
+
+@pytest.mark.long
+def test_an_arducopter_that_falls_is_told_and_the_other_one_lands(
+    mission: Path, tmp_path: Path
+) -> None:
+    """ArduCopter with a dead motor lies on its side and stays armed in LAND: its agent waits for
+    it until the operator ends the run."""
+    with Flight(mission, COPTER, cwd=tmp_path) as flight:
+        flight.wait_for_step(HOLD)
+        with flight.client(1) as ground_station:
+            parameters(SIM_ENGINE_FAIL=1, SIM_ENGINE_MUL=0)(ground_station)
+            flight.wait_for(lambda: "agent 2: ended" in flight.output)
+            assert ground_station.armed
+        assert "agent 1: ERROR: land: leans" in flight.output
+        flight.interrupt()
+        flight.wait_for(lambda: "Ctrl-C again" in flight.output)
+        flight.interrupt()
+        flight.wait(60)
+        flight.assert_nothing_left()
+        assert flight.summary()["outcome"] == "failed"
