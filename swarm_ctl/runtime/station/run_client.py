@@ -19,6 +19,9 @@ _HEAR_WALL_S: Final = 3.0
 """To hear the agents after joining; an agent that is silent for so long has ended or hangs."""
 _REST_WALL_S: Final = 0.3
 """To hear the others after the first agent, for a command that can do without them."""
+_GONE_WALL_S: Final = 2.0
+"""An agent of which nothing is heard for so long after joining (forty states) is gone: its answer
+is not waited for."""
 _POLL_WALL_S: Final = 0.02
 _OLD_S: Final = 5.0
 
@@ -51,17 +54,22 @@ class RunClient:
         return {agent.id: agent.state for agent in self._heard(since_s) if agent.state}
 
     def order(self, order: Order) -> SentCommand:
-        """Send an order until every agent that is meant has answered, or for ten seconds.
+        """Send an order until every agent that is meant has answered, or for ten seconds. Agents
+        that are gone (never heard since joining) are not waited for.
 
         Raises:
             InputError: there can't be such a command.
             StartError: no agent is heard.
         """
+        since_s, joined_s = self._clock.now(), wall.wall_s()
         self._wait_for_agents(order)
         sent = self._station.order(order)
         while not sent.over:
             wall.pause(_POLL_WALL_S)
             self._station.hear()
+            missed = {agent.id for agent in self._heard(since_s)}.intersection(sent.silent)
+            if not missed and wall.wall_s() > joined_s + _GONE_WALL_S:
+                break
         return sent
 
     def _wait_for_agents(self, order: Order) -> None:
