@@ -19,6 +19,7 @@ HOLD = 3
 _METRES_PER_DEGREE = 111319.5
 _INJECT_FAILURE = 420
 _OFF = 1
+_ARM_DISARM, _BY_FORCE = 400, 21196
 _GPS, _BATTERY, _MOTOR = 4, 100, 101
 """MAV_CMD_INJECT_FAILURE: FAILURE_UNIT_SENSOR_GPS, FAILURE_UNIT_SYSTEM_BATTERY and _MOTOR."""
 
@@ -49,6 +50,11 @@ def glitch(north_m: float) -> Deed:
     return parameters(SIM_GPS1_GLTCH_X=north_m / _METRES_PER_DEGREE)
 
 
+def motors_off(client: Client) -> None:
+    """Disarms the vehicle in the air."""
+    client.command(_ARM_DISARM, 0, _BY_FORCE)
+
+
 COPTER, PX4 = "arducopter", "px4"
 ROWS: dict[str, tuple[str, Deed, str, str]] = {
     "wind 8 m/s": (COPTER, parameters(SIM_WIND_DIR=180, SIM_WIND_SPD=8), "completed", ""),
@@ -62,6 +68,8 @@ ROWS: dict[str, tuple[str, Deed, str, str]] = {
         "LAND",
     ),
     "a ground station lands": (COPTER, mode("LAND"), "failed", "LAND"),
+    "motors off by force": (COPTER, motors_off, "failed", "disarmed"),
+    "PX4: motors off by force": (PX4, motors_off, "failed", "disarmed"),
     "PX4: a ground station lands": (PX4, mode("AUTO.LAND"), "failed", "AUTO.LAND"),
     "PX4: the GPS is lost": (PX4, failure(_GPS), "failed", ""),
     "PX4: a motor fails": (PX4, failure(_MOTOR, 1), "failed", ""),
@@ -90,6 +98,10 @@ def test_whatever_happens_to_a_vehicle(name: str, mission: Path, tmp_path: Path)
         found: dict[str, Any] = flight.summary()
         assert found["outcome"] == outcome, flight.output
         assert reason in flight.reasons()[1]
+        if "motors off" in name:
+            # by the vehicle's own estimates; the cause comes before what the agents made of it
+            assert {each["kind"] for each in found["findings"]} & {"disarmed in the air", "fall"}
+            assert found["reason"].startswith("the vehicle of agent 1 ")
 
 
 @pytest.mark.long

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import signal
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final
 
-from swarm_ctl.core.model.messages import AgentStatus, Outcome
+from swarm_ctl.core.model.messages import AgentStatus, Outcome, StepOutcome
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.report.folder.files import first_few
 from swarm_ctl.report.folder.last_statuses import LastStatus
@@ -76,10 +77,18 @@ def _causes(
                 f"last heard at {heard.time_s:.1f} s in phase {phase}"
             )
     incomplete = {i: s for i, s in final.items() if s.outcome is not Outcome.COMPLETED}
+    incomplete = dict(sorted(incomplete.items(), key=lambda item: _broken_s(item[1])))
     yield from _grouped({i: _complaint(s) for i, s in incomplete.items()})
     for name, code in exit_codes.items():
         if code > 1 or (code == 1 and not final):
             yield f"{name} exited with {code}"
+
+
+def _broken_s(status: AgentStatus) -> float:
+    """When the agent broke the mission off: the first one has the cause, the others follow it."""
+    broken = (StepOutcome.ABORTED, StepOutcome.TIMEOUT)
+    ends = (step.end_s for step in status.steps if step.result in broken)
+    return min((end_s for end_s in ends if end_s is not None), default=math.inf)
 
 
 def _complaint(status: AgentStatus) -> str:

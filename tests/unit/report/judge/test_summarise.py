@@ -176,6 +176,14 @@ def test_an_agent_that_fails_is_named_with_its_reason(run: Path) -> None:
     )
 
 
+def test_the_agent_that_broke_the_mission_off_first_is_named_first(run: Path) -> None:
+    for i, (end_s, reason) in {2: (33.0, "agent 5 broke the mission off"), 5: (32.0, "x")}.items():
+        steps = (*STEPS[:2], StepResult("form hexagon", StepOutcome.ABORTED, FORM, end_s))
+        write_status(run, account(i, outcome=Outcome.FAILED, reason=reason, steps=steps))
+    reason = summarise(run, EXIT_CODES).reason
+    assert reason == "agent 5: x; agent 2: agent 5 broke the mission off"
+
+
 @pytest.mark.parametrize(
     ("code", "words"), [(-9, "ended by SIGKILL"), (3, "exited with 3"), (1, "exited with 1")]
 )
