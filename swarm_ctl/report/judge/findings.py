@@ -200,7 +200,9 @@ def _falls(
             text = f"{_vehicle(agent)} fell: it hit the ground at {event.time_s:.1f} s{speed}"
             yield Finding(FindingKind.FALL, event.time_s, (agent,), text)
             return
-    fast = (flight.descent_mps[:, k] > limit_mps) & flight.airborne[:, k]
+    # a vehicle whose motors are off may say at once that it has landed, wherever it is
+    flown = np.logical_or.accumulate(flight.airborne[:, k])
+    fast = (flight.descent_mps[:, k] > limit_mps) & flown
     twice = np.flatnonzero(fast[1:] & fast[:-1]) + 1
     if len(twice):
         at = int(twice[0])
