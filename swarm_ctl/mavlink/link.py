@@ -24,6 +24,7 @@ from swarm_ctl.core.model.vehicle import Goal, LinkCounters, VehicleView, YieldG
 from swarm_ctl.errors import LinkError
 from swarm_ctl.mavlink.autopilots import autopilot as autopilot_of
 from swarm_ctl.mavlink.autopilots.timing import HEARTBEAT_LOST_S
+from swarm_ctl.mavlink.clashes import Clashes
 from swarm_ctl.mavlink.framer import Framer, MavlinkFrame
 from swarm_ctl.mavlink.incoming import FOLDS_BY_ID, fold
 from swarm_ctl.mavlink.mirror import Mirror
@@ -93,6 +94,7 @@ class VehicleLink:
         self._wire = open_wire(endpoint) if isinstance(endpoint, str) else endpoint
         self._mirror = mirror
         self._framer = Framer(unknown=mirror is not None)
+        self._clashes = Clashes(sysid, agent_sysid)
         self._heard = Telemetry(agent_sysid, self._autopilot.watched)
         self._codec = dialect.MAVLink(None, srcSystem=agent_sysid, srcComponent=AGENT_COMPONENT)
         self._secure()
@@ -119,10 +121,17 @@ class VehicleLink:
             for frame in self._framer.feed(chunk):
                 self._take(frame, now)
 
+    def _look_for_clashes(self) -> None:
+        """A clash keeps a vehicle from arming; in the air it is said, and changes nothing."""
+        before, self._heard.clash = self._heard.clash, self._clashes.found(self._now)
+        if self._heard.clash and self._heard.clash != before:
+            self._heard.texts.add(self._heard.clash)
+
     def view(self) -> VehicleView:
         """A snapshot as of the last `receive`. Each STATUSTEXT is in one snapshot only."""
         heard, driver, now = self._heard, self._autopilot, self._now
         self._say_refuted()
+        self._look_for_clashes()
         if heard.contacts:
             heard.forget_old_contacts(now)
         mode = driver.mode(heard)
@@ -276,6 +285,7 @@ class VehicleLink:
         self._frames += 1
         if self._tap is not None:
             self._tap(frame.raw, now)
+        self._clashes.hear(frame, now)
         if frame.system != self._sysid or frame.component != AUTOPILOT_COMPONENT:
             self._foreign += 1
             if frame.component == AUTOPILOT_COMPONENT:
@@ -292,7 +302,10 @@ class VehicleLink:
         except dialect.MAVError:
             self._rejected += 1
             return
-        self._rejected += not fold(self._heard, message, now)
+        if not fold(self._heard, message, now):
+            self._rejected += 1
+            if frame.message_id == dialect.MAVLINK_MSG_ID_HEARTBEAT:
+                self._clashes.other_kind(now)
 
     def _count_lost(self, seq: int) -> None:
         """By the gap in the 8-bit seq; a gap over half its range is a late or repeated frame."""
@@ -313,4 +326,5 @@ class VehicleLink:
             return
         if self._tap is not None:
             self._tap(data, now)
+        self._clashes.sent(message.get_msgId(), data)
         self._setpoints += message.get_msgId() == _SETPOINT_ID

@@ -270,6 +270,8 @@ class Autopilot(ABC):
 
     def missing(self, heard: Telemetry, now: float) -> str:
         """What keeps the vehicle from being healthy, or ''."""
+        if heard.clash:
+            return heard.clash
         if heard.heartbeat_s == _NEVER:
             stranger = f" (heard sysid {heard.stranger} instead)" if heard.stranger else ""
             return f"no heartbeat yet from sysid {self.system}{stranger}"
