@@ -145,6 +145,7 @@ class VehicleLink:
             mode=mode,
             mode_doubt=heard.evidence.doubt,
             controlled=mode == driver.controlled_mode,
+            controlled_mode=driver.controlled_mode,
             landing=mode == driver.landing_mode,
             on_ground=heard.on_ground,
             healthy=not missing,

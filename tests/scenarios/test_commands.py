@@ -196,6 +196,51 @@ def test_one_agent_held_makes_the_others_wait(holding: VirtualSwarm) -> None:
     holding.run(35)
     assert holding.in_step(THIRD)
     assert shape_error_m(holding, FORM) < 1.0
+    status = holding.members[1].status
+    assert status is not None
+    assert status.reason == "waits for agent 2, held by a command: 90 s at most"
     give(holding, "resume", agents=(2,))
     holding.fly(900)
     assert_good(holding)
+
+
+def held_for_long(policy: str) -> VirtualSwarm:
+    """Agent 2 is held in a step of 10 s, in which the others wait for it for 20 s at most."""
+    policies = f"policies: {{agent_lost: {policy}, override_pause_s: 20}}\n"
+    swarm = VirtualSwarm(
+        quartet("hold: {duration_s: 10}", "move: {by: [10, 0]}", "land", head=policies)
+    )
+    swarm.wait(lambda s: s.in_step(THIRD))
+    swarm.run(1)
+    give(swarm, "hold", agents=(2,))
+    swarm.run(19)
+    assert swarm.in_step(THIRD)
+    swarm.run(3)
+    return swarm
+
+
+def test_one_agent_held_for_long_ends_the_mission_by_its_policy() -> None:
+    """After the time of the policy the others land, and the held one with them."""
+    swarm = held_for_long("land")
+    said = [event.text for event in swarm.events]
+    assert sum("land: a command has held agent 2 for 20 s" in text for text in said) == 3
+    swarm.fly(900)
+    assert swarm.all_down
+    assert set(swarm.outcomes().values()) == {"failed"}
+    assert swarm.closest_m > swarm.plan.law.r_in
+
+
+def test_a_mission_goes_on_without_an_agent_held_for_long_and_takes_it_in_again() -> None:
+    """By policy `continue`; after `resume` the agent is in the others' step."""
+    swarm = held_for_long("continue")
+    swarm.wait(lambda s: all(status_step(s, i) == THIRD + 1 for i in (1, 3, 4)), swarm.now + 15)
+    assert status_step(swarm, 2) == THIRD
+    give(swarm, "resume", agents=(2,))
+    swarm.wait(lambda s: s.in_step(THIRD + 1), swarm.now + 1)
+    swarm.fly(900)
+    assert_good(swarm)
+
+
+def status_step(swarm: VirtualSwarm, agent: int) -> int:
+    status = swarm.members[agent].status
+    return -1 if status is None else status.step

@@ -32,7 +32,7 @@ steps:
 TAKEOFF, HOLD, LAND = 1, 3, 4
 MODES = {
     "ardupilot": {"flown": 4, "pilot": 5, "landing": 9},
-    "px4": {"flown": 6 << 16, "pilot": 3 << 16, "landing": 4 << 16 | 6 << 24},
+    "px4": {"flown": 6 << 16, "pilot": 4 << 16 | 3 << 24, "landing": 4 << 16 | 6 << 24},
 }
 WIRE_ID = {"ardupilot": 3, "px4": 12}
 PILOTED = 2
@@ -121,6 +121,88 @@ def test_a_flood_of_forged_heartbeats_lands_no_vehicle_and_keeps_none_up(autopil
         swarm.tick()
     assert swarm.all_down
     assert set(swarm.outcomes().values()) <= {"completed"}
+
+
+# --- a pilot ---
+
+
+def piloted(autopilot: str, policies: str = "agent_lost: hold") -> VirtualSwarm:
+    """A pilot has taken the vehicle: the agent yields within 3 s, and the other holds."""
+    swarm = holding(autopilot, policies)
+    switch(swarm, autopilot, "pilot")
+    taken_s = swarm.now
+    swarm.wait(lambda s: phase(s) is Phase.YIELD, taken_s + 3.0)
+    assert has(swarm, "by a pilot or by its own failsafe")
+    return swarm
+
+
+def resume(swarm: VirtualSwarm) -> str:
+    """The operator's `resume` for the agent; why it was refused, or ''."""
+    swarm.acks.clear()
+    swarm.command("resume", agents=(PILOTED,), name=f"resume-{swarm.now:.2f}")
+    swarm.run(0.2)
+    return next(ack.reason for ack in swarm.acks if ack.agent == PILOTED)
+
+
+@both
+def test_a_pilot_takes_a_vehicle_and_gives_it_back(autopilot: str) -> None:
+    """The agent never asks for a mode, refuses `resume` in the pilot's mode, and waits for it in
+    its own; then both complete the mission in formation."""
+    swarm = piloted(autopilot)
+    swarm.run(10)
+    assert firmware(swarm).mode.name == {"ardupilot": "LOITER", "px4": "AUTO.LOITER"}[autopilot]
+    assert phase(swarm, 1) is Phase.HOLD
+    assert f"set {firmware_mode(autopilot)}, then `resume` again" in resume(swarm)
+    switch(swarm, autopilot, "flown")
+    swarm.run(5)
+    assert phase(swarm) is Phase.YIELD
+    assert resume(swarm) == ""
+    swarm.run(3)
+    assert {phase(swarm), phase(swarm, 1)} == {Phase.FLY}
+    swarm.fly(900)
+    assert_good(swarm)
+    assert has(swarm, "takes its vehicle again; goes on at step 3: hold")
+
+
+def firmware_mode(autopilot: str) -> str:
+    return {"ardupilot": "GUIDED", "px4": "OFFBOARD"}[autopilot]
+
+
+def test_a_vehicle_that_comes_back_to_a_swarm_that_lands_lands_too() -> None:
+    """By policy `land` the other went down meanwhile."""
+    swarm = piloted("ardupilot", "agent_lost: land")
+    swarm.run(8)
+    switch(swarm, "ardupilot", "flown")
+    swarm.run(4)
+    assert resume(swarm) == ""
+    swarm.fly(900)
+    assert swarm.all_down
+    assert swarm.outcomes() == {1: "failed", 2: "failed"}
+
+
+def test_a_swarm_goes_on_without_the_piloted_vehicle_and_takes_it_in_again() -> None:
+    """By policy `continue`: the vehicle comes back at the step that the other is in."""
+    swarm = piloted("ardupilot", "agent_lost: continue")
+    status = swarm.members[1].status
+    swarm.run(3)
+    assert status is not None
+    assert phase(swarm, 1) is Phase.FLY
+    switch(swarm, "ardupilot", "flown")
+    swarm.run(4)
+    assert resume(swarm) == ""
+    swarm.fly(900)
+    assert_good(swarm)
+
+
+def test_a_pilot_is_not_fought_by_a_landing_that_was_about_to_begin() -> None:
+    """The other agent dies; while this one brakes before its landing, the pilot takes it."""
+    swarm = holding("ardupilot", "agent_lost: land")
+    swarm.kill(1)
+    swarm.wait(lambda s: has(s, "land: agent 1"))
+    switch(swarm, "ardupilot", "pilot")
+    swarm.run(10)
+    assert phase(swarm) is Phase.YIELD
+    assert firmware(swarm).mode.name == "LOITER"
 
 
 # --- a vehicle that falls ---

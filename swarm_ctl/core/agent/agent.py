@@ -8,6 +8,7 @@ anywhere is in `Actions`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -44,6 +45,7 @@ from swarm_ctl.core.model.messages import (
 )
 from swarm_ctl.core.model.own_parameters import Found, ParameterNote
 from swarm_ctl.core.model.plan import FormStep, Plan, Response, Step
+from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.vehicle import Goal, VehicleView
 from swarm_ctl.core.swarm.neighbourhood import Neighbourhood
 from swarm_ctl.core.swarm.peers import Peers
@@ -170,10 +172,12 @@ class Agent:
         acks = tuple(self._answer(tick, command) for command in inbox.commands)
         context.observe(inbox.view)
         self._barrier.measure(tick)
+        self._barrier.watch_commands(tick, self._executor.override)
         self._check_failsafes(tick)
         if self._pausing(tick):
             context.progress.paused_s += self._plan.tick_s
         goal = self._executor.decide(tick)
+        context.reason = context.reason or self._waiting(now)
         going_on = context.trigger is None and context.phase is not Phase.ENDED
         if going_on and context.progress.advance(self._barrier.members(tick.peers), now):
             self._enter_step(now)
@@ -242,11 +246,16 @@ class Agent:
             bool(context.reference.slots),
             before,
             tick.peers,
+            self._takeover.not_given_back(tick.view),
         )
         ack, new = handler.answer(command, situation, frame.leg if frame else 0)
         if not new:
             return ack
         context.say(tick.now, Severity.INFO, f"the operator commands: {command.kind}")
+        if command.kind == CommandKind.RESUME and context.phase is Phase.YIELD:
+            self._takeover.take_back(tick)
+        elif command.kind == CommandKind.RESUME:
+            self._takeover.catch_up(tick)
         if command.kind == CommandKind.NEXT:
             context.progress.finish_step(tick.now, StepOutcome.SKIPPED)
         after = handler.override
@@ -260,9 +269,18 @@ class Agent:
     def _pausing(self, tick: Tick) -> bool:
         """The mission's step waits, and its time with it."""
         trigger = self._context.trigger
-        held = any(peer.state is not None and peer.state.override for peer in tick.peers.peers)
+        held = self._barrier.waits_for(tick.now)
         paused = trigger is not None and trigger.action is failsafes.FailsafeAction.HOLD
-        return self._command_handler.override is not None or held or paused
+        return self._command_handler.override is not None or bool(held) or paused
+
+    def _waiting(self, now: float) -> str:
+        """Which agents the mission waits for because of a command, or ''."""
+        left = self._barrier.waits_for(now)
+        if not left:
+            return ""
+        # Whole tens, so that a status is new only now and then.
+        seconds = 10 * math.ceil(min(left.values()) / 10)
+        return f"waits for {agents_named(sorted(left))}, held by a command: {seconds} s at most"
 
     def _enter_step(self, now: float) -> None:
         progress = self._context.progress
@@ -309,6 +327,7 @@ class Agent:
                 returning=context.phase is Phase.RETURN,
                 estimate_doubt=self._estimate.look(tick.now, tick.view),
                 flown=context.flown,
+                held_too_long=self._barrier.held_too_long(tick.now),
                 fell=context.fell(tick.now),
                 sunk_s=context.sunk_s(tick.now),
             )

@@ -9,7 +9,7 @@ from swarm_ctl.core.agent.failsafes import gave_up, progress_of
 from swarm_ctl.core.agent.flight_context import FlightContext
 from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.law.formation import formation_error
-from swarm_ctl.core.model.messages import AgentState
+from swarm_ctl.core.model.messages import AgentState, Severity
 from swarm_ctl.core.model.plan import Policy, RotateStep, ScaleStep
 from swarm_ctl.core.swarm.snapshot import OtherAircraft, PeerSnapshot
 
@@ -23,6 +23,8 @@ class Barrier:
         self._plan = context.plan
         self._context = context
         self._measure_due = -math.inf
+        self._held_since: dict[int, float] = {}
+        """By agent: since when it flies a command that this agent does not."""
         self.formation_error_m: float | None = None
         """Largest |e_j - mean e| over the agents of the mission, itself included; None unless all
         of their states are fresh."""
@@ -43,13 +45,39 @@ class Barrier:
         recent = peer.age_s <= self._plan.policies.agent_lost_after_s
         return told if completed or recent else (-1, False)
 
+    def watch_commands(self, tick: Tick, own_override: int) -> None:
+        """Note which peers carry out a command that was not given to this agent; call it every
+        tick."""
+        for peer in tick.peers.peers:
+            apart = peer.state is not None and peer.state.override and not own_override
+            if not apart:
+                self._held_since.pop(peer.id, None)
+            elif peer.id not in self._held_since:
+                self._held_since[peer.id] = tick.now
+                text = f"waits for agent {peer.id}, which a command holds: {self._pause_s:g} s"
+                self._context.say(tick.now, Severity.INFO, f"{text} at most")
+
+    def waits_for(self, now: float) -> dict[int, float]:
+        """The agents that a command holds, and for how long the mission still waits for each
+        [s]."""
+        left = {i: self._pause_s - (now - since) for i, since in self._held_since.items()}
+        return {i: left_s for i, left_s in left.items() if left_s > 0}
+
+    def held_too_long(self, now: float) -> set[int]:
+        """The agents that a command has held for longer than the mission waits."""
+        return self._held_since.keys() - self.waits_for(now).keys()
+
+    @property
+    def _pause_s(self) -> float:
+        return self._plan.policies.override_pause_s
+
     def lost(self, peers: PeerSnapshot) -> set[int]:
-        """The peers that the mission goes on without: not heard for long, or given up, where the
-        policy is `continue`."""
+        """The peers that the mission goes on without: not heard for long, given up, or held by a
+        command for too long, where the policy is `continue`."""
         policies = self._plan.policies
         if policies.agent_lost is not Policy.CONTINUE or not self._context.was_armed:
             return set()
-        return {
+        return self.held_too_long(peers.now_s) | {
             peer.id
             for peer in peers.peers
             if peer.state is not None

@@ -55,6 +55,8 @@ class AgentSituation:
     """A form step has begun: there is a shape to keep."""
     override: Override | None
     peers: PeerSnapshot
+    not_given_back: str = "its vehicle is not given back"
+    """Why an agent that yielded cannot take its vehicle again, or ''."""
 
     @property
     def phase_name(self) -> str:
@@ -99,7 +101,7 @@ class CommandHandler:
         check = _CHECKS.get(command.kind)
         if check is None and command.kind not in gain_update.KINDS:
             return f"unknown command {command.kind!r}; allowed: {', '.join(KINDS)}"
-        if situation.phase in _OVER and command.kind != CommandKind.KILL:
+        if situation.phase in _OVER and command.kind not in (CommandKind.KILL, CommandKind.RESUME):
             return f"agent {self._id} no longer flies its vehicle"
         if command.plan_hash not in (0, self._hash):
             return f"it was made for the plan {command.plan_hash:016x}, ours is {self._hash:016x}"
@@ -164,6 +166,10 @@ def _check_flying(_: Command, situation: AgentSituation) -> str:
 
 
 def _check_resume(command: Command, situation: AgentSituation) -> str:
+    if situation.phase is Phase.YIELD:
+        return situation.not_given_back
+    if situation.phase is Phase.ENDED:
+        return f"agent {situation.agent} has ended"
     if situation.override is None:
         return f"agent {situation.agent} is not held; there is nothing to resume"
     return _check_flying(command, situation)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
@@ -88,6 +89,8 @@ class Situation:
     """It is on its way back, where each agent flies for itself."""
     flown: bool
     """It was in the air in this flight."""
+    held_too_long: AbstractSet[int]
+    """The peers that a command has held for longer than the mission waits (`Barrier`)."""
     fell: bool
     """It has just gone down as fast as only a fall does."""
     sunk_s: float
@@ -243,6 +246,9 @@ def _peers_gone(s: Situation) -> FailsafeTrigger | None:
         reason = gave_up(peer.state, s.plan)
         if not reason and peer.age_s > after:
             reason = f"agent {peer.id} has not been heard for {after:g} s"
+        if not reason and peer.id in s.held_too_long:
+            held_s = s.plan.policies.override_pause_s
+            reason = f"a command has held agent {peer.id} for {held_s:g} s"
         if not reason:
             continue
         if not s.was_armed:

@@ -135,7 +135,10 @@ class StepExecutor:
         context.phase = Phase.TAKEOFF
         context.target_height_m = context.planned_height_m = step.height_m
         missing_m = step.height_m - context.height(fix)
-        if missing_m > _HEIGHT_TOLERANCE_M and not context.progress.done:
+        climbs = missing_m > _HEIGHT_TOLERANCE_M and not context.progress.done
+        if climbs and self._takeover.taken_back and view.controlled:
+            return context.keep_clear(tick)  # a take-off that a pilot broke off is not begun again
+        if climbs:
             context.controller.rest()
             return AirborneGoal(step.height_m)
         if view.controlled:

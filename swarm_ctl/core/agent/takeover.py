@@ -17,8 +17,13 @@ Meanwhile the agent sends nothing but heartbeats and requests. Without the evide
 heartbeats with it: the vehicle is left to its own failsafe, or to the pilot who flies it. A vehicle
 that lands already is seen down, not stopped. To a vehicle in a pilot's mode the agent yields.
 
-A vehicle that was taken over is held where it is (avoidance on) for `LEARN_S`, and for as long as
-its peers carry out a command that came before this agent did. Then it flies the swarm's step.
+An agent that yielded to a pilot takes its vehicle again by the operator's `resume`, once the
+vehicle itself says that it is in the controlled mode again: no agent asks a pilot's vehicle for a
+mode.
+
+A vehicle that was taken over or taken again is held where it is (avoidance on) for `LEARN_S`, and
+for as long as its peers carry out a command that came before this agent did. Then it flies the
+swarm's step.
 """
 
 from __future__ import annotations
@@ -64,6 +69,8 @@ class Takeover:
         self._step = -1
         """The step that it rejoined at; -1: it took no vehicle over."""
         self._learn_until: float | None = None
+        self.taken_back = False
+        """The vehicle was with a pilot, and came back."""
 
     def hear(self, state: AgentState, received_s: float) -> None:
         """A state with our own id comes from another process."""
@@ -104,7 +111,7 @@ class Takeover:
         """
         if self._step < 0:
             return None
-        self._catch_up(tick)
+        self._follow_hold(tick)
         foreign = any(s.override not in (0, override) for s in self._flying(tick.peers))
         if self._learn_until is None or (tick.now >= self._learn_until and not foreign):
             self._learn_until = None
@@ -164,29 +171,69 @@ class Takeover:
 
     def _take(self, tick: Tick, fix: OwnFix, flying: list[AgentState]) -> None:
         context, plan, now = self._context, self._plan, tick.now
-        self._step = step = _step_of(flying)
+        step = _step_of(flying)
         context.arming_s, context.was_armed = now, True
         context.ground_m = fix.height_m - _height_above_home(tick.view, fix)
         heights = [each.height_m for each in plan.steps[:step] if isinstance(each, TakeoffStep)]
         height_m = heights[-1] if heights else context.height(fix)
         context.target_height_m = context.planned_height_m = height_m
-        context.progress.rejoin(step, now)
         context.slot_exchange.rejoin(now)
+        self._rejoin(now, step, flying)
+        for text in (
+            f"took over its vehicle in the air; rejoins at step {step}: {step_name(plan, step)}",
+            "the vehicle's own failsafe parameters are not known any more: it keeps ours",
+        ):
+            context.say(now, Severity.WARNING, text)
+
+    def _rejoin(self, now: float, step: int, flying: list[AgentState]) -> None:
+        """Go on at this step, with the formation as the peers have it."""
+        context, plan = self._context, self._plan
+        self._step = step
+        context.progress.rejoin(step, now)
         for each in plan.steps[:step]:
             if isinstance(each, FormStep):
                 context.begin_form(each)
         in_step = [state for state in flying if state.step == step]
-        context.reference.frame = min(in_step, key=lambda state: state.agent).frame
-        text = f"took over its vehicle in the air; rejoins at step {step}: {step_name(plan, step)}"
-        context.say(now, Severity.WARNING, text)
-        own = tick.view.own
-        if own is None or all(value.own in value.ours for value in own.values.values()):
-            text = "the vehicle's own failsafe parameters are not known any more: it keeps ours"
-            context.say(now, Severity.WARNING, text)
+        if in_step:
+            context.reference.frame = min(in_step, key=lambda state: state.agent).frame
         if not isinstance(plan.steps[step - 1], TakeoffStep | LandStep | ReturnStep):
             self._learn_until = now + LEARN_S
 
-    def _catch_up(self, tick: Tick) -> None:
+    # --- a vehicle that a pilot gives back ---
+
+    def not_given_back(self, view: VehicleView) -> str:
+        """Why an agent that yielded cannot take its vehicle again, or ''."""
+        trigger, agent = self._context.trigger, f"agent {self._context.agent}"
+        if trigger is None or trigger.action is not FailsafeAction.YIELD or not self._context.ours:
+            return f"{agent} does not fly this vehicle any more"
+        if not view.armed or view.on_ground:
+            return f"the vehicle of {agent} is not in the air"
+        if not view.controlled or view.mode_doubt:
+            wanted = view.controlled_mode
+            return f"the vehicle of {agent} is in {view.mode}; set {wanted}, then `resume` again"
+        return ""
+
+    def take_back(self, tick: Tick) -> None:
+        """By the operator's word: hold for `LEARN_S`, then fly the swarm's step."""
+        context, flying = self._context, self._flying(tick.peers)
+        context.trigger, self.taken_back = None, True
+        context.sunk_since_s, context.at_height = None, False  # it flew where the pilot liked
+        context.target_height_m = context.planned_height_m
+        step = max([context.progress.step, *(state.step for state in flying)])
+        self._rejoin(tick.now, step, flying)
+        text = f"takes its vehicle again; goes on at step {step}: {step_name(self._plan, step)}"
+        context.say(tick.now, Severity.WARNING, text)
+        if tick.peers.peers and not flying:
+            why = "no other agent flies the mission any more"
+            context.heed(tick, failed(FailsafeAction.LAND, why))
+
+    def catch_up(self, tick: Tick) -> None:
+        """After a command that held this agent for so long that the others went on without it."""
+        flying = self._flying(tick.peers)
+        if flying and _step_of(flying) > self._context.progress.step:
+            self._rejoin(tick.now, _step_of(flying), flying)
+
+    def _follow_hold(self, tick: Tick) -> None:
         """This agent has not seen the beginning of a hold step: the step is over when a peer says
         so."""
         progress = self._context.progress

@@ -104,6 +104,9 @@ class Policies:
 
     agent_lost: Policy = Policy.LAND
     agent_lost_after_s: float = 5.0
+    override_pause_s: float = 120.0
+    """For so long at most, a command to some agents alone holds the mission up for the others; then
+    those agents count as lost (`agent_lost`)."""
     station_lost: Policy = Policy.LAND
     station_lost_after_s: float = 5.0
     hold_before_land_s: float = 3.0

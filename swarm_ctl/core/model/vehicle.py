@@ -90,7 +90,9 @@ class VehicleView:
     mode_doubt: bool = False
     """The newest heartbeat says another mode, or other than `armed`; it is not believed yet."""
     controlled: bool = False
-    """The mode follows our velocity setpoints (GUIDED, OFFBOARD)."""
+    """The mode follows our velocity setpoints."""
+    controlled_mode: str = ""
+    """That mode: GUIDED, OFFBOARD."""
     landing: bool = False
     """The mode is the autopilot's landing mode."""
     on_ground: bool = True
@@ -185,7 +187,8 @@ class ReleaseGoal:
 
 @dataclass(frozen=True, slots=True)
 class YieldGoal:
-    """A pilot or a failsafe flies it: send nothing but our heartbeat."""
+    """A pilot or a failsafe flies it: send nothing but our heartbeat, and to a PX4 setpoints of
+    zero, without which its pilot could not give it back: it ignores them in all other modes."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -145,6 +145,10 @@ class Autopilot(ABC):
     def fly(self, heard: Telemetry, velocity_ned_mps: Vector3, now: float) -> list[Message]:
         """One setpoint, and what the controlled mode needs; nothing once that mode was left."""
 
+    def yielding(self, heard: Telemetry, now: float) -> list[Message]:  # noqa: ARG002
+        """What a pilot needs to give the vehicle back; here nothing."""
+        return []
+
     def stand_by(self, heard: Telemetry, now: float) -> list[Message]:
         """What a vehicle on the ground needs to become ready for a flight, or to know before."""
         known = self.wind_switch in heard.parameters
@@ -201,8 +205,10 @@ class Autopilot(ABC):
             self._goal, self._reached, self._grounded_since = type(goal), False, None
             self._withheld_s = math.inf
         heard.evidence.expects = self._expects
-        if isinstance(goal, YieldGoal) or heard.heartbeat_s == _NEVER or self.fault(heard):
+        if heard.heartbeat_s == _NEVER or self.fault(heard):
             return messages
+        if isinstance(goal, YieldGoal):
+            return messages + self.yielding(heard, now)
         messages += self._streams(heard, now)
         return messages + self._unless_in_doubt(self._towards(goal, heard, now), heard, now)
 

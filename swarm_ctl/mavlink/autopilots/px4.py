@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
-from typing import ClassVar
+from typing import ClassVar, Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -28,6 +28,7 @@ from swarm_ctl.mavlink.estimate import ESTIMATOR_RULES, EstimateRules
 from swarm_ctl.mavlink.outgoing import Message
 from swarm_ctl.mavlink.vehicle_telemetry import Telemetry
 
+_STILL: Final = (0.0, 0.0, 0.0)
 _HOLD_MODE = "AUTO.LOITER"
 _PREARM = dialect.MAV_SYS_STATUS_PREARM_CHECK
 _INT32, _FLOAT = struct.Struct("<i"), struct.Struct("<f")
@@ -83,6 +84,11 @@ class Px4(Autopilot):
         due = left_there and self.pacer.due("hold", RETRY_S, now)
         begin = super().stand_by(heard, now)
         return [*begin, self.set_mode(_HOLD_MODE)] if due else begin
+
+    def yielding(self, heard: Telemetry, now: float) -> list[Message]:
+        """Setpoints of zero: a PX4 refuses OFFBOARD to a pilot unless setpoints come, and ignores
+        them in any other mode."""
+        return [outgoing.velocity(self.system, _STILL, now)] if heard.armed else []
 
     def take_off(self, heard: Telemetry, height_m: float, now: float) -> list[Message]:
         """Setpoints, OFFBOARD, arm, climb by setpoints.

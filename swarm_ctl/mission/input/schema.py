@@ -383,6 +383,9 @@ class PolicySection(Section):
     agent_lost: Action = Policy.LAND
     """When a peer was not heard for `agent_lost_after_s`."""
     agent_lost_after_s: LossTime = 5.0
+    override_pause_s: float = Field(default=120.0, ge=0, le=3600)
+    """For so long at most, a command to some agents alone (`hold --agents 2`) holds the mission up
+    for the others. Then these agents count as lost, and `agent_lost` acts."""
     station_lost: Action = Policy.LAND
     """When no station was heard for `station_lost_after_s`."""
     station_lost_after_s: LossTime = 5.0

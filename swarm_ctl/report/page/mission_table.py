@@ -178,6 +178,10 @@ def _facts(plan: Plan, full: bool) -> Iterator[str]:
         f"lost     agent after {policies.agent_lost_after_s:g} s: {policies.agent_lost.value};"
         f" station after {policies.station_lost_after_s:g} s: {policies.station_lost.value}"
     )
+    yield (
+        f"held     by a command to some agents: the others wait {policies.override_pause_s:g} s"
+        f" at most, then: {policies.agent_lost.value}"
+    )
 
 
 def _graph(plan: Plan, full: bool) -> Iterator[str]:

@@ -202,6 +202,19 @@ def _holding(agent: AgentView) -> str | None:
     return f"agent {agent.id} holds: {held}" if held else None
 
 
+def _held_alone(view: SwarmView, limit_s: float) -> Found:
+    """Agents that fly a command which was not given to all."""
+    flying = [agent for agent in view.agents if agent.live and agent.state is not None]
+    held = [agent.id for agent in flying if agent.state and agent.state.override]
+    if held and len(held) < len(flying):
+        one = agents_named(held)
+        yield tuple(held), f"{one} held by a command: the others wait {limit_s:g} s at most"
+
+
+def _pause_s(view: SwarmView) -> float:
+    return view.plan.policies.override_pause_s
+
+
 def _unheard(view: SwarmView, limit_s: float) -> Found:
     if view.time_s - view.since_s > limit_s:
         for agent in view.agents:
@@ -309,6 +322,7 @@ RULES: Final[tuple[Rule, ...]] = (
     Rule("mixed laws", _E, _is(1.0), "a change takes all agents within a few ticks", _mixed_laws),
     Rule("taken over", _W, _is(0), "a pilot or a failsafe flies", _if(_taken_over)),
     Rule("holding", _W, _is(0), "a policy stopped the mission", _if(_holding)),
+    Rule("held alone", _W, _pause_s, "the mission's policy", _held_alone),
     Rule("never heard", _W, _is(5.0), "all processes hear each other within 2 s", _unheard),
     Rule("old state", _W, _is(NEIGHBOUR_S), "its neighbours stop following it", _old_state),
     Rule("overspeed", _W, _is(0), "D_ub <= 2: no sigma keeps this pair's link", _overspeed),

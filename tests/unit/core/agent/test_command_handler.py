@@ -101,6 +101,14 @@ def test_each_command_in_each_phase(kind: str, phase: str, accepted: bool) -> No
     assert bool(ack.reason) is not accepted
 
 
+def test_resume_takes_a_vehicle_again_that_is_given_back() -> None:
+    """And no other command does."""
+    given_back = replace(situation(Phase.YIELD), not_given_back="")
+    assert answer(command("resume"), given_back).accepted
+    others = set(KINDS) - {CommandKind.RESUME, CommandKind.KILL, CommandKind.TUNE}
+    assert not any(answer(command(kind), given_back).accepted for kind in others)
+
+
 def test_the_table_has_every_command_and_phase() -> None:
     told = {kind for kind, *_ in _LINES}
     assert told == set(KINDS) - {CommandKind.TUNE}  # test_gain_update.py

@@ -66,6 +66,7 @@ def situation(
         landing=False,
         returning=False,
         flown=True,
+        held_too_long=frozenset(),
         fell=False,
         sunk_s=0.0,
     )
@@ -268,6 +269,11 @@ ROWS = [
         "by policy hold", case(peer(2, 9.0), of=policies(agent_lost=Policy.HOLD)), HOLDS, "agent 2"
     ),
     Row("by policy continue", case(peer(2, 9.0), of=policies(agent_lost=Policy.CONTINUE))),
+    Row("held by a command for long", case(held_too_long={3}), LANDS, "held agent 3 for 120 s"),
+    Row(
+        "held by a command for long, by policy",
+        case(held_too_long={3}, of=policies(agent_lost=Policy.CONTINUE)),
+    ),
     Row("silent in preparation", lambda: on_the_ground(peer(2, 30.01)), LANDS, "heard for 30 s"),
     Row("just heard in preparation", lambda: on_the_ground(peer(2, 30.0))),
     Row(

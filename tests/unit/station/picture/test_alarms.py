@@ -105,6 +105,7 @@ CASES: dict[str, tuple[Callable[[], SwarmView], tuple[int, ...]]] = {
         lambda: _status(4, phase=Phase.HOLD, reason="agent 3 has not been heard for 3 s"),
         (4,),
     ),
+    "held alone": (lambda: _state(4, override=7), (4,)),
     "never heard": (lambda: Model(PLAN, since_s=10.0).view(15.1), (1,)),
     "old state": (lambda: _silence(1.1), (4,)),
     "overspeed": (lambda: _sigma("overspeed", d=None), (1, 2)),
