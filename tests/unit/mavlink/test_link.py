@@ -69,7 +69,8 @@ def test_a_view_before_anything_was_heard() -> None:
     link, _ = make()
     view = link.view()
     assert view.unread_limits
-    silent = VehicleView(health_reason="no heartbeat yet from sysid 7")
+    reason = "no heartbeat yet from sysid 7"
+    silent = VehicleView(health_reason=reason, controlled_mode="GUIDED")
     assert replace(view, unread_limits=()) == silent
 
 
