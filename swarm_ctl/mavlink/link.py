@@ -51,6 +51,8 @@ class Examined:
     """What we would set."""
     telling: frozenset[str]
     """Those whose value of ours shows that an agent was there."""
+    stranger: int = 0
+    """The system id of another vehicle that is heard here, too; 0: none."""
 
 
 class VehicleLink:
@@ -204,7 +206,9 @@ class VehicleLink:
         for message in messages:
             self._send(message, now)
         own = driver.parameters
-        return Examined(heard.firmware, own.values(heard), dict(own.wanted), own.telling)
+        return Examined(
+            heard.firmware, own.values(heard), dict(own.wanted), own.telling, heard.stranger
+        )
 
     def put_back(self, now: float) -> None:
         """Set the vehicle's own parameters that were recalled and `kept`; none while it is armed

@@ -222,6 +222,8 @@ class _Exam:
         yield f"not its own values: {values}; {how}"
 
     def _notes(self, rows: list[ParameterRow]) -> Iterator[str]:
+        if self.found.stranger:
+            yield f"another vehicle is heard at this endpoint, too: sysid {self.found.stranger}"
         ours = [
             f"{row.name} {row.value:g}"
             for row in rows
