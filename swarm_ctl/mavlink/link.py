@@ -53,6 +53,8 @@ class Examined:
     """Those whose value of ours shows that an agent was there."""
     stranger: int = 0
     """The system id of another vehicle that is heard here, too; 0: none."""
+    clash: str = ""
+    """What two senders of one system id are, and what to do; ''."""
 
 
 class VehicleLink:
@@ -205,10 +207,8 @@ class VehicleLink:
         messages = driver.ask_version(heard, now) + driver.parameters.read(names, heard, now)
         for message in messages:
             self._send(message, now)
-        own = driver.parameters
-        return Examined(
-            heard.firmware, own.values(heard), dict(own.wanted), own.telling, heard.stranger
-        )
+        own, others = driver.parameters, (heard.stranger, heard.clash)
+        return Examined(heard.firmware, own.values(heard), dict(own.wanted), own.telling, *others)
 
     def put_back(self, now: float) -> None:
         """Set the vehicle's own parameters that were recalled and `kept`; none while it is armed

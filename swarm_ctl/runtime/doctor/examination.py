@@ -205,6 +205,8 @@ class _Exam:
     def _attention(self, rows: list[ParameterRow], view: VehicleView) -> Iterator[str]:
         if self.trouble or view.fault:
             yield self.trouble or view.fault
+        if self.found.clash:
+            yield self.found.clash
         if not self.found.values:
             yield "it is heard, and answers for no parameter"
         left = [row for row in rows if row.left and not self.given_back]
