@@ -18,11 +18,8 @@ from tests.system.running import Running
 PAIR = Path(__file__).with_name("pair.yaml")
 HOLD = 3
 _METRES_PER_DEGREE = 111319.5
-_INJECT_FAILURE = 420
-_OFF = 1
+_INJECT_FAILURE, _BATTERY, _OFF = 420, 100, 1
 _ARM_DISARM, _BY_FORCE = 400, 21196
-_GPS, _BATTERY, _MOTOR = 4, 100, 101
-"""MAV_CMD_INJECT_FAILURE: FAILURE_UNIT_SENSOR_GPS, FAILURE_UNIT_SYSTEM_BATTERY and _MOTOR."""
 
 Deed = Callable[[Client], None]
 
@@ -37,14 +34,14 @@ def parameters(**values: float) -> Deed:
     return deed
 
 
-def failure(unit: int, instance: int = 0) -> Deed:
-    """Has PX4 lose something."""
-    return lambda client: client.command(_INJECT_FAILURE, unit, _OFF, instance)
-
-
 def mode(name: str) -> Deed:
     """Changes the vehicle's mode, as a ground station does."""
     return lambda client: client.take_mode(name)
+
+
+def empty_battery(client: Client) -> None:
+    """Has PX4 lose its battery."""
+    client.command(_INJECT_FAILURE, _BATTERY, _OFF)
 
 
 def glitch(north_m: float) -> Deed:
@@ -72,9 +69,8 @@ ROWS: dict[str, tuple[str, Deed, str, str]] = {
     "motors off by force": (COPTER, motors_off, "failed", "disarmed"),
     "PX4: motors off by force": (PX4, motors_off, "failed", "disarmed"),
     "PX4: a ground station lands": (PX4, mode("AUTO.LAND"), "failed", "AUTO.LAND"),
-    "PX4: the GPS is lost": (PX4, failure(_GPS), "failed", ""),
-    "PX4: a motor fails": (PX4, failure(_MOTOR, 1), "failed", ""),
-    "PX4: the battery's failsafe": (PX4, failure(_BATTERY), "failed", ""),
+    "PX4: the GPS is lost": (PX4, parameters(SIM_GPS_USED=0), "failed", ""),
+    "PX4: the battery's failsafe": (PX4, empty_battery, "failed", ""),
 }
 
 
