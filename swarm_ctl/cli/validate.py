@@ -41,7 +41,8 @@ def validate(
 
     console = PlainConsole()
     loaded = load(mission, fleet=fleet, vehicles=vehicles)
-    show(console, loaded, forecast(loaded.plan), full=full)
+    kinds = {agent.autopilot for agent in loaded.fleet.agents}
+    show(console, loaded, forecast(loaded.plan, kinds), full=full)
     if plot is not None:
         from swarm_ctl.report.page.mission_plot import plot as draw
 

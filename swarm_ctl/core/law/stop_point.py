@@ -21,12 +21,12 @@ from swarm_ctl.core.model.arrays import Complex, Floats
 from swarm_ctl.core.model.plan import Point, Response
 
 TYPICAL: Final = {
-    "ardupilot": Response(),
-    "px4": Response(dead_time_s=0.1, lag_s=0.6, acceleration_mps2=8.0),
+    "ardupilot": Response(dead_time_s=0.4, lag_s=0.62, acceleration_mps2=2.8),
+    "px4": Response(dead_time_s=0.0, lag_s=0.8, acceleration_mps2=8.0),
 }
-"""By autopilot, at its own default parameters: fitted to the simulated ones, which are fitted to
-recorded steps. The PX4 follows a velocity unshaped, so it starts at once; ArduCopter bounds jerk
-and acceleration, which acts like a dead time."""
+"""By autopilot, at its own default parameters, by what was measured on real ones and what keeps
+simulated ones apart (docs/pages/figures.md#real-autopilots). The PX4 follows a velocity unshaped,
+so it starts at once; ArduCopter bounds jerk and acceleration, which acts like a dead time."""
 
 
 def stop_points(

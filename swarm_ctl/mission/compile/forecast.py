@@ -7,7 +7,7 @@ same but for late states, wind and model errors. With `compensation: none` real 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
@@ -34,9 +34,29 @@ Array: TypeAlias = npt.NDArray[np.float64]
 Links: TypeAlias = Sequence[tuple[int, ...]]
 """N_i by agent id, in the order of `Plan.agents`."""
 
-# ArduCopter's and PX4's default speeds.
-_ARM_S, _CLIMB_MPS = 6.0, 2.5
-_DESCENT_MPS, _TOUCHDOWN_MPS, _DISARM_S = 1.5, 0.5, 4.0
+_LOW_M = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class _UpAndDown:
+    """How an autopilot takes off and lands by itself."""
+
+    arm_s: float
+    """From the order until it climbs, and from its height until it follows setpoints."""
+    climb_mps: float
+    descent_mps: float
+    """To `_LOW_M`."""
+    touchdown_mps: float
+    """The mean from there."""
+    disarm_s: float
+
+
+_UP_AND_DOWN = {
+    "ardupilot": _UpAndDown(5.6, 2.5, 1.2, 0.5, 3.0),
+    "px4": _UpAndDown(9.6, 1.9, 0.87, 0.53, 2.6),
+}
+"""Measured on real ones with default parameters, at 10 and 20 m
+(docs/pages/figures.md#real-autopilots)."""
 _TURN_S = 4.0
 """From one agent's arrival to the next agent's departure: braking, settling, the message."""
 
@@ -65,8 +85,9 @@ class StepForecast:
     """Of a `form` step."""
 
 
-def forecast(plan: Plan) -> list[StepForecast]:
-    """Every step in order; take-off and landing at the autopilots' default speeds."""
+def forecast(plan: Plan, autopilots: Iterable[str] = ("ardupilot",)) -> list[StepForecast]:
+    """Every step in order; take-off and landing as the slowest of the `autopilots` does them."""
+    kinds = [_UP_AND_DOWN[name] for name in sorted(set(autopilots))]
     forms = iter(forecast_forms(plan))
     found: list[StepForecast] = []
     for step, before in zip(plan.steps, planned_formations(plan), strict=False):
@@ -74,24 +95,24 @@ def forecast(plan: Plan) -> list[StepForecast]:
             form = next(forms)
             found.append(StepForecast(form.formed_s, form))
         else:
-            seconds = _seconds(plan, step, before)
+            seconds = max(_seconds(plan, step, before, kind) for kind in kinds)
             found.append(StepForecast(seconds if seconds <= step.timeout_s else None))
     return found
 
 
-def _seconds(plan: Plan, step: Step, before: PlannedFormation) -> float:
+def _seconds(plan: Plan, step: Step, before: PlannedFormation, kind: _UpAndDown) -> float:
     match step:
         case TakeoffStep():
-            return _ARM_S + step.height_m / _CLIMB_MPS
+            return kind.arm_s + step.height_m / kind.climb_mps
         case HoldStep():
             return step.duration_s
         case MoveStep() | RotateStep() | ScaleStep():
             legs_s = sum(_leg_s(plan, step.speed_mps, way_m) for way_m in before.legs_m(step))
             return legs_s + _late_s(plan) + step.settle_s
         case ReturnStep():
-            return _return_s(plan, before)
+            return _return_s(plan, before, kind)
         case _:
-            return _landing_s(before.height_m)
+            return _landing_s(before.height_m, kind)
 
 
 def _late_s(plan: Plan) -> float:
@@ -106,7 +127,7 @@ def _leg_s(plan: Plan, speed_mps: float, way_m: float) -> float:
     return way_m / v + v / a if way_m > v * v / a else 2 * (way_m / a) ** 0.5
 
 
-def _return_s(plan: Plan, before: PlannedFormation) -> float:
+def _return_s(plan: Plan, before: PlannedFormation, kind: _UpAndDown) -> float:
     """Agents fly one after the other; each lands while the next one flies."""
     speed, late_s, done_s = plan.policies.return_speed_mps, _TURN_S, 0.0
     starts = np.array([agent.start for agent in plan.agents]) * plan.unit_m
@@ -115,14 +136,14 @@ def _return_s(plan: Plan, before: PlannedFormation) -> float:
         up_m = return_height_m(plan, agent.id)
         climbed_s = max(late_s, (up_m - before.height_m) / plan.limits.climb_mps)
         late_s = climbed_s + float(way_m) / speed + _TURN_S
-        done_s = max(done_s, late_s + _landing_s(up_m))
+        done_s = max(done_s, late_s + _landing_s(up_m, kind))
     return done_s
 
 
-def _landing_s(height_m: float) -> float:
-    """Fast to 10 m, slowly from there, then disarming."""
-    fast_s = max(0.0, height_m - 10.0) / _DESCENT_MPS
-    return fast_s + min(height_m, 10.0) / _TOUCHDOWN_MPS + _DISARM_S
+def _landing_s(height_m: float, kind: _UpAndDown) -> float:
+    """Fast to `_LOW_M`, slowly from there, then disarming."""
+    fast_s = max(0.0, height_m - _LOW_M) / kind.descent_mps
+    return fast_s + min(height_m, _LOW_M) / kind.touchdown_mps + kind.disarm_s
 
 
 def forecast_forms(plan: Plan) -> list[FormForecast]:

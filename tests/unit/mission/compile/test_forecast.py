@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from swarm_ctl.core.model.plan import FormStep, Limits, Plan
-from swarm_ctl.mission.compile.forecast import forecast_forms
+from swarm_ctl.mission.compile.forecast import forecast, forecast_forms
 from swarm_ctl.mission.compile.loader import load, loads
 from tests.unit.mission.example import TEXT, without_section
 
@@ -40,33 +40,33 @@ def fast(plan: Plan) -> Plan:
 def test_two_agents_meet_as_the_closed_form_says() -> None:
     """Each one's error halves the difference by h per iteration: (1 - 2 h)^k * 15 m < 0.5 m."""
     plan = fast(loads(PAIR).plan)
-    (forecast,) = forecast_forms(plan)
+    (found,) = forecast_forms(plan)
     iterations = math.ceil(math.log(0.5 / 15) / math.log(1 - 2 * plan.law.h))
-    assert forecast.formed_s == pytest.approx(iterations * plan.tick_s + 0.9, abs=1e-6)
-    assert forecast.smallest_m == pytest.approx(10, abs=1.0)
-    assert forecast.smallest_pair == (1, 2)
-    assert forecast.longest_link_m == pytest.approx(40)
+    assert found.formed_s == pytest.approx(iterations * plan.tick_s + 0.9, abs=1e-6)
+    assert found.smallest_m == pytest.approx(10, abs=1.0)
+    assert found.smallest_pair == (1, 2)
+    assert found.longest_link_m == pytest.approx(40)
 
 
 def test_the_speed_limit_slows_it_down() -> None:
     plan = loads(PAIR).plan
-    (forecast,) = forecast_forms(dataclasses.replace(plan, limits=Limits(speed_mps=0.5)))
-    assert forecast.formed_s is not None
-    assert forecast.formed_s > 14.5 / 0.5
+    (found,) = forecast_forms(dataclasses.replace(plan, limits=Limits(speed_mps=0.5)))
+    assert found.formed_s is not None
+    assert found.formed_s > 14.5 / 0.5
 
 
 def test_what_does_not_form_in_time_is_said() -> None:
     plan = loads(PAIR.replace("settle_s: 0", "settle_s: 0, timeout_s: 1")).plan
-    (forecast,) = forecast_forms(plan)
-    assert forecast.formed_s is None
+    (found,) = forecast_forms(plan)
+    assert found.formed_s is None
 
 
 def test_the_hexagon_forms_with_room_to_spare() -> None:
     plan = load(HEXAGON).plan
-    (forecast,) = forecast_forms(plan)
-    assert forecast.formed_s is not None
-    assert 10 < forecast.formed_s < 40
-    assert forecast.smallest_m > plan.law.r_in * plan.unit_m
+    (found,) = forecast_forms(plan)
+    assert found.formed_s is not None
+    assert 10 < found.formed_s < 40
+    assert found.smallest_m > plan.law.r_in * plan.unit_m
 
 
 def test_every_form_step_has_its_forecast_and_the_second_time_is_shorter() -> None:
@@ -90,7 +90,32 @@ def test_one_agent_is_a_formation_at_once() -> None:
         .replace("count: 3", "count: 1")
         .replace("      - [0, 2]\n      - [0, 4]\n", "")
     )
-    for forecast in forecast_forms(loads(text).plan):
-        assert forecast.formed_s == pytest.approx(5.9, abs=0.06)
-        assert forecast.smallest_pair is None
-        assert forecast.longest_link_m == 0
+    for found in forecast_forms(loads(text).plan):
+        assert found.formed_s == pytest.approx(5.9, abs=0.06)
+        assert found.smallest_pair is None
+        assert found.longest_link_m == 0
+
+
+MEASURED = [
+    # as measured on real autopilots: height, take-off, landing [s]
+    ("ardupilot", 10, 9.6, 23.0),
+    ("ardupilot", 20, 13.6, 31.1),
+    ("px4", 10, 14.9, 21.3),
+    ("px4", 20, 20.2, 33.3),
+]
+
+
+@pytest.mark.parametrize(("kind", "height_m", "up_s", "down_s"), MEASURED)
+def test_take_off_and_landing_last_as_long_as_on_real_autopilots(
+    kind: str, height_m: int, up_s: float, down_s: float
+) -> None:
+    plan = loads(PAIR.replace("height_m: 5", f"height_m: {height_m}")).plan
+    first, _, last = forecast(plan, [kind])
+    assert first.expected_s == pytest.approx(up_s, rel=0.1)
+    assert last.expected_s == pytest.approx(down_s, rel=0.1)
+
+
+def test_the_slowest_autopilot_of_a_mixed_fleet_counts() -> None:
+    plan = loads(PAIR).plan
+    assert forecast(plan, ["px4", "ardupilot"])[0] == forecast(plan, ["px4"])[0]
+    assert forecast(plan, ["px4", "ardupilot"])[0] != forecast(plan, ["ardupilot"])[0]
