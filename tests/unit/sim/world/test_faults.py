@@ -137,6 +137,26 @@ def test_noise_and_drift_have_their_size() -> None:
         assert late.std() == pytest.approx(spread, rel=0.25)
 
 
+def test_a_velocity_estimate_errs_in_flight_and_the_vehicle_follows_it() -> None:
+    """As a real PX4: it drifts while it says that it stands."""
+    flight = hovering("px4")
+    vehicle, place = flight.world.vehicles[0], flight.world.groups["px4"].state
+    flight.run(1.5, setpoint=setpoint_fields(0.0, 0.0, 0.0))
+    assert flight.command(0, SET_MODE, 1, 6, 0) == 0
+    put(flight, SIM_VEL_NOISE=0.17)
+    told, true = [], []
+    for _ in range(200):
+        flight.run(0.5, setpoint=setpoint_fields(0.0, 0.0, 0.0))
+        told.append(vehicle.sense().velocity_ned_mps[:2])
+        true.append(tuple(place.velocity[0][:2]))
+    errors = np.array(true) - np.array(told)
+    assert errors.std() == pytest.approx(0.17, rel=0.25)
+    assert np.array(told).std() < 0.8 * np.array(true).std()
+    flight.command(0, SET_MODE, 1, 4, 6)
+    flight.run(60.0)
+    assert vehicle.sense().velocity_ned_mps == (0.0, 0.0, 0.0), "on the ground it does not err"
+
+
 def test_a_frozen_gps_reports_one_place_while_the_vehicle_goes_on() -> None:
     flight = hovering()
     flight.run(3.0, setpoint=setpoint_fields(2.0, 0.0, 0.0))
