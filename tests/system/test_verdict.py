@@ -4,6 +4,8 @@ by what the vehicles told of themselves."""
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,7 +15,7 @@ import pytest
 
 from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.mission.compile.plan_file import plan_to_json
-from tests.system.pair import agent, ended, pair_mission, simulator
+from tests.system.pair import ended, pair_mission, simulator
 from tests.system.running import Running
 
 pytestmark = pytest.mark.timeout(180)
@@ -51,18 +53,35 @@ def test_a_run_without_truth_completes(tmp_path: Path) -> None:
         assert (running.folder / "figures" / "trajectories.png").exists()
 
 
+def _in_waiting(plan: Path, epoch_s: float, speedup: float) -> subprocess.Popen[bytes]:
+    """`swarm-ctl agent` for agent 1, which begins when its stdin ends."""
+    code = (
+        "import sys, swarm_ctl.runtime.agent.agent_process, swarm_ctl.mission.compile.plan_file;"
+        "from swarm_ctl.cli.main import app; sys.stdin.read(); app()"
+    )
+    options = ("--id", "1", "--epoch", str(epoch_s), "--speedup", str(speedup))
+    return subprocess.Popen(
+        [sys.executable, "-c", code, "agent", plan, *options], stdin=subprocess.PIPE
+    )
+
+
 @pytest.mark.long
+@pytest.mark.timeout(400)
 def test_a_takeover_completes(tmp_path: Path) -> None:
     """Agent 1 is killed while they form and started again by hand: it takes its vehicle over, both
-    complete, and so does the run. At 1x: the vehicle's own failsafe waits for 5 s only."""
-    plan, speedup = tmp_path / "plan.json", 1.0
+    complete, and so does the run. Its vehicle's own failsafe waits for 5 s only, so the process has
+    its imports done before, and the clock is slow."""
+    plan, speedup = tmp_path / "plan.json", 0.5
     with flight(tmp_path, speedup) as (running, mission):
         plan.write_text(plan_to_json(mission.plan, mission.fleet))
-        running.wait_for_event("step 2:", 2)
-        running.kill("agent-1")
+        running.wait_for(lambda: bool(list(tmp_path.glob("runs/*/processes.json"))))
         epoch_s = json.loads((running.folder / "run.json").read_text())["epoch_s"]
-        with ended([again := agent(plan, 1, epoch_s, speedup)]):
-            assert running.wait() == 0, running.output
+        with ended([again := _in_waiting(plan, epoch_s, speedup)]):
+            running.wait_for_event("step 2:", 2)
+            running.kill("agent-1")
+            assert again.stdin is not None
+            again.stdin.close()
+            assert running.wait(240) == 0, running.output
             assert again.wait(30) == 0
         summary = running.summary()
         assert (summary["outcome"], summary["reason"]) == ("completed", "")
