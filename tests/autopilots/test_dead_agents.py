@@ -24,6 +24,10 @@ HEIGHT_M = 6.0
 FLY_S = 8.0
 WHOLE_S = 45.0
 """From the first tick of a flight to its landing."""
+LIFTED_M = 1.0
+"""Over what an estimate wanders on the ground."""
+STANDS_S = 12.0
+"""An armed vehicle that never left the ground disarms by itself: COM_DISARM_PRFLT is 10 s."""
 LANDS_S = 6.0
 DOWN_S = 45.0
 """ArduCopter needs 31 s from 10 m, PX4 24 s."""
@@ -42,6 +46,13 @@ class Killed:
     height_m: float
     landing_s: float = 0.0
     down_s: float = 0.0
+    peak_m: float = 0.0
+    """The most that it rose after the kill."""
+
+    @property
+    def flew(self) -> bool:
+        """It was in the air then, or left the ground afterwards."""
+        return self.armed and (self.height_m > LIFTED_M or self.peak_m > LIFTED_M)
 
 
 class Agent:
@@ -52,13 +63,14 @@ class Agent:
         self.link = VehicleLink(started.endpoint, kind, started.sysid, agent_sysid=240)
         self.begun = time.monotonic()
         self._flying_s: float | None = None
-        self._was_up = False
+        self._ready = self._was_up = False
 
     def next(self, now: float) -> Goal:
         view = self.link.view()
         up = view.armed and view.local is not None and -view.local.position_ned_m[2] > HEIGHT_M - 1
         self._was_up |= up and view.controlled
-        if not (view.armed or self._was_up or view.healthy):
+        self._ready |= view.healthy  # as an agent, which does not go back to its first step
+        if not self._ready:
             return StandbyGoal()
         if not self._was_up:
             return AirborneGoal(HEIGHT_M)
@@ -85,6 +97,7 @@ def kill_once(started: Started, client: Client, after_s: float) -> Killed:
     found = Killed(type(goal).__name__, after_s, bool(client.armed), client.height_m or 0.0)
 
     def landing() -> bool:
+        found.peak_m = max(found.peak_m, (client.height_m or 0.0) - found.height_m)
         return not client.armed or client.mode == LANDING[started.kind]
 
     with contextlib.suppress(AssertionError):
@@ -124,11 +137,13 @@ def test_a_dead_agents_vehicle_comes_down_beside_a_ground_station(
         ThreadPoolExecutor() as pool,
     ):
         moments = [[draw.uniform(0.5, WHOLE_S) for _ in range(each)] for _ in started]
-        flown = pool.map(kills, started.values(), moments)
-        found = [kill for flights in flown for kill in flights]
+        runs = pool.map(kills, started.values(), moments)
+        found = [kill for run in runs for kill in run]
     for kill in found:
         print(kill)
     assert len(found) == 30
-    assert sum(kill.armed for kill in found) > 15, "most are killed in the air"
-    assert max(kill.landing_s for kill in found) <= LANDS_S
-    assert max(kill.down_s for kill in found) <= LANDS_S + DOWN_S
+    flown = [kill for kill in found if kill.flew]
+    assert len(flown) > 10, "many are killed in the air"
+    assert max(kill.landing_s for kill in flown) <= LANDS_S
+    assert max(kill.down_s for kill in flown) <= LANDS_S + DOWN_S
+    assert max(kill.down_s for kill in found if not kill.flew) <= STANDS_S

@@ -162,7 +162,7 @@ class StandbyGoal:
 
 @dataclass(frozen=True, slots=True)
 class AirborneGoal:
-    """Armed and climbing to `height_m` above the take-off point by the autopilot's own take-off."""
+    """Armed and climbing to `height_m` above the take-off point."""
 
     height_m: float
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections import Counter
 from collections.abc import Callable
 
 from swarm_ctl.core.law import graph
 from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.core.model.plan import Compensation, FormStep, Plan, Policy
 from swarm_ctl.mission.compile.checks import Findings
+from swarm_ctl.mission.compile.fleet import fleet_of
 from swarm_ctl.mission.input.document import Finding, Place
 from swarm_ctl.mission.input.schema import MissionFile
 
@@ -115,6 +117,32 @@ def _real_vehicles(mission: MissionFile, _plan: Plan) -> Findings:
             yield Finding(("simulation", *place), what, "")
 
 
+def _shared_ids(mission: MissionFile, _plan: Plan) -> Findings:
+    """Two agents of one id on one radio: the one's heartbeats keep the other's vehicle up."""
+    entries = fleet_of(mission).agents
+    used = Counter(entry.agent_sysid for entry in entries)
+    several = sum(times for times in used.values() if times > 1)
+    if several:
+        what = (
+            f"the MAVLink system ids do not suffice: {several} agents share theirs. On a radio that"
+            " two of them share, the one keeps the other's ArduCopter up when that agent is dead"
+        )
+        yield Finding(("fleet",) if mission.fleet else ("agents",), what, "")
+
+
+def _other_ground_stations(mission: MissionFile, _plan: Plan) -> Findings:
+    entries = {entry.id: entry for entry in mission.fleet.agents} if mission.fleet else {}
+    flying = [entries[agent.id] for agent in mission.agents if agent.id in entries]
+    ids = sorted(e.id for e in flying if e.endpoint and e.firmware == "ardupilot")
+    if ids:
+        what = (
+            f"the ArduCopters of agents {', '.join(map(str, ids))} heed only their agent's"
+            " RC_CHANNELS_OVERRIDE and MANUAL_CONTROL in flight: a ground station's joystick does"
+            " nothing; its modes and commands, and a radio control's sticks, work"
+        )
+        yield Finding(("fleet",), what, "")
+
+
 def _unknown_wind(mission: MissionFile, _plan: Plan) -> Findings:
     """A limit that the mission states, and that may not act."""
     stated = {"wind", "wind_limit_mps"} & mission.policies.model_fields_set
@@ -142,6 +170,8 @@ _WARNINGS: tuple[Callable[[MissionFile, Plan], Findings], ...] = (
     _fast_gain,
     _spare_fleet,
     _real_vehicles,
+    _shared_ids,
+    _other_ground_stations,
     _unknown_wind,
     _unused_shapes,
 )
