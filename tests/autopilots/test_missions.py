@@ -20,7 +20,7 @@ def late(*row: Any) -> Any:
 @pytest.mark.parametrize(
     ("mission", "vehicles", "speedup"),
     [
-        ("hexagon.yaml", "arducopter", 3),
+        ("hexagon.yaml", "arducopter", 2),
         (PAIR, "px4", 2),
         late("hexagon.yaml", "arducopter", 1),
         late("hexagon.yaml", "px4", 1),
