@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import socket
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -19,10 +20,13 @@ from swarm_ctl.mavlink.framer import Framer, MavlinkFrame
 
 ACK_S, TRIES = 1.2, 3
 """MAVLink commands are asked again so often."""
+MODES_S = 5.0
+"""An autopilot sends its modes one by one; ArduCopter 4.7-dev, the first alone."""
 PARAMETERS_S = 3.0
 """Without a new value for so long, those that are missing are asked for by index."""
 AVAILABLE_MODES, COMPONENT_METADATA, COMPONENT_INFORMATION = 435, 397, 395
 """Newer than pymavlink's dialect."""
+LOST = 10
 PARAMETER_FILE = b"@PARAM/param.pck"
 OPEN_FILE, NAK, NO_SUCH_FILE = 4, 129, 10
 PROTOCOL_VERSION_COMMAND = 519
@@ -48,6 +52,7 @@ class QGroundControl:
         self._mav = mavlink.MAVLink(None, system, 190)
         self._decoder = mavlink.MAVLink(None)
         self._framer = Framer(unknown=True)
+        self._waiting: deque[MavlinkFrame] = deque()
         self._to: Any = None
         self._heartbeat_s = 0.0
         self.retries: list[str] = []
@@ -70,11 +75,12 @@ class QGroundControl:
                 self._heartbeat_s = time.monotonic()
                 self.tell(mavlink.MAVLink_heartbeat_message(6, 8, 192, 0, 4, 3))
             self._socket.settimeout(min(left, 0.1))
-            try:
-                data, self._to = self._socket.recvfrom(65535)
-            except TimeoutError:
-                continue
-            for frame in self._framer.feed(data):
+            if not self._waiting:
+                with contextlib.suppress(TimeoutError):
+                    data, self._to = self._socket.recvfrom(65535)
+                    self._waiting += self._framer.feed(data)
+            while self._waiting:  # also those that a listener before did not wait for
+                frame = self._waiting.popleft()
                 message = None
                 with contextlib.suppress(mavlink.MAVError):
                     message = self._decoder.decode(bytearray(frame.raw))
@@ -175,26 +181,34 @@ class Vehicle:
         return seen["message"]
 
     def _modes(self) -> int:
-        """AVAILABLE_MODES: how many there are; 0 where the vehicle declines, and QGroundControl
+        """AVAILABLE_MODES: how many have come; 0 where the vehicle declines, and QGroundControl
         uses those that it knows of the firmware."""
         found: set[int] = set()
-        declined: list[int] = []
+        answers: list[int] = []
+        total = 256
 
-        def complete(frame: MavlinkFrame, message: Any) -> bool:
+        def answered(frame: MavlinkFrame, message: Any) -> bool:
+            nonlocal total
             if frame.message_id == AVAILABLE_MODES:
-                total, index = frame.raw[18], frame.raw[19]  # behind two uint32
-                found.add(index)
-                return len(found) >= total
-            if result := _result_of_request(message):
-                declined.append(result)
-            return bool(declined)
+                total = frame.raw[18]  # behind two uint32
+                found.add(frame.raw[19])
+            elif (result := _result_of_request(message)) is not None:
+                answers.append(result)
+            return bool(answers)
 
-        self._ask("modes", lambda: self._command(512, AVAILABLE_MODES, 0), complete)
-        return 0 if declined else len(found)
+        self._ask("modes", lambda: self._command(512, AVAILABLE_MODES, 0), answered)
+        if answers[0] != 0:
+            return 0
+        for frame, message in self._qgc.listen(MODES_S):
+            if frame.system == self.system:
+                answered(frame, message)
+            if len(found) >= total:
+                break
+        return len(found)
 
     def _parameters(self) -> dict[str, float]:
         """By file for an ArduPilot that has one (its content is not read here); then the list, and
-        what is missing of it by index. Every seventh value is lost once, as on a radio."""
+        what is missing of it by index. Some values are lost once, as on a radio."""
         if self.is_ardupilot:
             self.parameter_file = self._opens_parameter_file()
         request = mavlink.MAVLink_param_request_list_message(self.system, 0)
@@ -218,7 +232,7 @@ class Vehicle:
                         continue
                     quiet_s = time.monotonic() + (0.3 if lost else PARAMETERS_S)
                     total, index = message.param_count, message.param_index
-                    if index % 7 == 3 and index not in lost:
+                    if index % 7 == 3 and index not in lost and len(lost) < LOST:
                         lost.add(index)
                     else:
                         values[index] = (message.param_id, message.param_value)

@@ -151,6 +151,7 @@ def test_the_end_of_the_relay_ends_nothing_else(tmp_path: Path, mission: Path) -
         running.assert_nothing_left()
 
 
+@pytest.mark.long
 def test_a_gcs_sees_the_vehicles_come_down_after_run_was_killed(
     tmp_path: Path, mission: Path
 ) -> None:
@@ -158,15 +159,7 @@ def test_a_gcs_sees_the_vehicles_come_down_after_run_was_killed(
     with (
         qgroundcontrol() as qgc,
         Running(
-            "run",
-            mission,
-            "--speedup",
-            "3",
-            "--headless",
-            "--no-report",
-            "--gcs",
-            str(qgc.port),
-            cwd=tmp_path,
+            "run", mission, "--headless", "--no-report", "--gcs", str(qgc.port), cwd=tmp_path
         ) as running,
     ):
         running.wait_for_event("step 2:", 6)
