@@ -22,7 +22,7 @@ KINDS = (VehicleKind.ARDUCOPTER, VehicleKind.PX4)
 
 def connected(qgc: QGroundControl) -> dict[int, Vehicle]:
     """Both vehicles, each step done; checks what is the same for both links."""
-    assert qgc.find(2, 120.0) == [1, 2]
+    assert qgc.find(2, 240.0) == [1, 2]
     vehicles = {system: qgc.connect(system) for system in (1, 2)}
     copter, px4 = vehicles[1], vehicles[2]
     assert (copter.is_ardupilot, px4.is_ardupilot) == (True, False)

@@ -27,6 +27,8 @@ _STANDBY, _ACTIVE, _CRITICAL = 3, 4, 5
 """MAV_STATE."""
 _GPS, _SENSORS = 0x20, 0x20 | 0x01 | 0x02 | 0x04 | 0x08  # gyro, accelerometer, compass, pressure
 _AHRS, _BATTERY, _PREARM = 0x200000, 0x2000000, 0x10000000
+_GEOFENCE = 0x100000
+"""Healthy without a fence, as on an ArduCopter: MAVProxy calls everything else a breach."""
 _READY, _EKF_STARTING, _ESTIMATOR_STARTING = 831, 1 | 128 | 1024, 1
 _EKF_GLITCH = 32768
 _UNIX_EPOCH_S = 1_700_000_000
@@ -53,6 +55,7 @@ def sys_status(a: SimAutopilot) -> Fields:
     """The pre-arm bit is healthy when arming would succeed."""
     present = _SENSORS | _AHRS | _BATTERY | _PREARM
     health = _SENSORS | _BATTERY if a.fix() else _SENSORS & ~_GPS | _BATTERY
+    health |= _GEOFENCE
     if a.ready():
         health |= _AHRS
     if a.armable():

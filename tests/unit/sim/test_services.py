@@ -357,3 +357,13 @@ def test_nothing_a_command_or_setpoint_can_hold_raises(
         rig.run(0.2)
         assert all(math.isfinite(v) for v in rig.firmware.demand.velocity_ned_mps)
     assert rig.ask(REQUEST, 0) == MavResult.ACCEPTED
+
+
+def test_a_vehicle_without_a_fence_says_that_none_was_breached() -> None:
+    """MAVProxy calls `fence breach` where the bit is not healthy."""
+    rig = Rig(ArdupilotPersona)
+    rig.ask(512, 1.0)
+    (status,) = rig.heard("SYS_STATUS")
+    fence = 0x100000
+    assert status["onboard_control_sensors_health"] & fence
+    assert not status["onboard_control_sensors_present"] & fence
