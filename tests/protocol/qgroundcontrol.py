@@ -245,11 +245,14 @@ class Vehicle:
         data = [1, 0, 0, OPEN_FILE, len(PARAMETER_FILE), 0, 0, 0, 0, 0, 0, 0, *PARAMETER_FILE]
         payload = data + [0] * (251 - len(data))
         asked = mavlink.MAVLink_file_transfer_protocol_message(0, self.system, 1, payload)
-        answer = self._ask(
-            "the parameter file",
-            lambda: self._qgc.tell(asked),
-            lambda _, m: m is not None and m.get_type() == "FILE_TRANSFER_PROTOCOL",
-        )
+        try:
+            answer = self._ask(
+                "the parameter file",
+                lambda: self._qgc.tell(asked),
+                lambda _, m: m is not None and m.get_type() == "FILE_TRANSFER_PROTOCOL",
+            )
+        except HandshakeError:  # QGroundControl goes on to the list; `retries` tells of it
+            return False
         if answer.payload[3] == NAK and answer.payload[12] != NO_SUCH_FILE:
             raise HandshakeError(f"vehicle {self.system}: file refused by {answer.payload[12]}")
         return bool(answer.payload[3] != NAK)
