@@ -30,6 +30,7 @@ def read(clients: dict[int, Client]) -> dict[int, dict[str, float]]:
     return {i: {name: round(clients[i].get(name), 3) for name in OWN[i]} for i in OWN}
 
 
+@pytest.mark.long
 def test_the_next_flight_gives_killed_agents_vehicles_their_own_values_back(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
