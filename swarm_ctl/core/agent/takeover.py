@@ -179,10 +179,11 @@ class Takeover:
         context.target_height_m = context.planned_height_m = height_m
         context.slot_exchange.rejoin(now)
         self._rejoin(now, step, flying)
-        for text in (
-            f"took over its vehicle in the air; rejoins at step {step}: {step_name(plan, step)}",
-            "the vehicle's own failsafe parameters are not known any more: it keeps ours",
-        ):
+        text = f"took over its vehicle in the air; rejoins at step {step}: {step_name(plan, step)}"
+        context.say(now, Severity.WARNING, text)
+        own = tick.view.own
+        if own is None or all(value.own in value.ours for value in own.values.values()):
+            text = "the vehicle's own failsafe parameters are not known any more: it keeps ours"
             context.say(now, Severity.WARNING, text)
 
     def _rejoin(self, now: float, step: int, flying: list[AgentState]) -> None:
