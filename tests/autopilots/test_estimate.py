@@ -30,6 +30,7 @@ fleet:
 """
 
 
+@pytest.mark.long
 def test_a_flight_without_faults_raises_no_doubt(tmp_path: Path) -> None:
     with Flight(PAIR, "arducopter,px4", cwd=tmp_path) as flight:
         flight.assert_completed()
