@@ -79,8 +79,8 @@ class Px4(Autopilot):
     def stand_by(self, heard: Telemetry, now: float) -> list[Message]:
         """AUTO.LOITER in place of OFFBOARD. A PX4 goes back to OFFBOARD when it disarms after a
         landing, and fails its pre-arm checks there, because no setpoints come."""
-        self._found_mode = self.mode(heard)
         left_there = not heard.armed and self.mode(heard) == self.controlled_mode
+        self._found_mode = _HOLD_MODE if left_there else self.mode(heard)
         due = left_there and self.pacer.due("hold", RETRY_S, now)
         begin = super().stand_by(heard, now)
         return [*begin, self.set_mode(_HOLD_MODE)] if due else begin
@@ -97,8 +97,8 @@ class Px4(Autopilot):
         there without end. OFFBOARD ends when setpoints do.
         """
         mode, climb_mps = self.mode(heard), 0.0
-        if mode == self.controlled_mode:
-            self._found_mode = mode
+        if mode == self.controlled_mode and (heard.armed or self.pacer.asked("offboard")):
+            self._found_mode = mode  # not the one that an earlier flight has left
         if self.left(mode, self.controlled_mode, self._found_mode):
             return []
         if heard.armed:

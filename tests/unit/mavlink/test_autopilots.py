@@ -460,6 +460,19 @@ def test_px4_takes_off_in_offboard_by_setpoints() -> None:
     assert vehicle.height_m == pytest.approx(3.0, abs=0.1)
 
 
+def test_our_own_auto_loiter_after_an_earlier_flight_is_no_pilots() -> None:
+    """Health may be told before the heartbeat that shows the mode we asked for."""
+    vehicle = make("px4")
+    vehicle.run(StandbyGoal(), 6.0)
+    vehicle.mode = scripted.OFFBOARD  # as an earlier flight leaves it
+    while vehicle.driver.mode(vehicle.heard) != "OFFBOARD":
+        vehicle.tick([])
+    vehicle.run(StandbyGoal(), 0.1)
+    assert (vehicle.mode, vehicle.driver.mode(vehicle.heard)) == (scripted.LOITER, "OFFBOARD")
+    vehicle.run(AirborneGoal(3.0), 15.0)
+    assert vehicle.height_m == pytest.approx(3.0, abs=0.1)
+
+
 def test_px4_climbs_only_while_its_height_is_known() -> None:
     vehicle = make("px4")
     vehicle.run(StandbyGoal(), 6.0)
