@@ -108,9 +108,11 @@ class Px4(Autopilot):
         if mode != self.controlled_mode and (heard.armed or not heard.on_ground):
             return []
         messages = self._setpoint((0.0, 0.0, -climb_mps), now)
-        if mode != self.controlled_mode:
+        if heard.armed:
+            return messages
+        if mode != self.controlled_mode or not self.pacer.asked("offboard"):
             return messages + self._enter_offboard(now)
-        return messages if heard.armed else messages + self.arm(now)
+        return messages + self.arm(now)
 
     def _climb_mps(self, heard: Telemetry, height_m: float, now: float) -> float:
         """Towards `height_m`; 0 while the height is not known."""
