@@ -257,6 +257,7 @@ def test_no_vehicle_takes_off_before_its_position_is_accurate(autopilot: str) ->
     assert status.position_accuracy_m == pytest.approx(3.4)
     second(swarm, "SIM_GPS_ACC", 0.9)
     swarm.wait(lambda s: s.in_step(THIRD))
+    assert "hold:" not in reasons(swarm)
 
 
 @pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])

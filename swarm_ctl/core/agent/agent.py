@@ -325,7 +325,10 @@ class Agent:
                 height_m=context.height(fix) if fix is not None else 0.0,
                 landing=landing,
                 returning=context.phase is Phase.RETURN,
-                estimate_doubt=self._estimate.look(tick.now, tick.view),
+                # What it said on the ground was the pre-flight check's.
+                estimate_doubt=(
+                    self._estimate.look(tick.now, tick.view) if context.was_armed else ""
+                ),
                 flown=context.flown,
                 held_too_long=self._barrier.held_too_long(tick.now),
                 fell=context.fell(tick.now),
