@@ -35,7 +35,7 @@ ROWS = [
     ("run", "kill", "aborted"),
     ("run", "stop 12", "completed"),
     ("run", "interrupt", "aborted"),
-    ("agent-1", "restart", "failed"),
+    ("agent-1", "restart", "completed"),
 ]
 
 
