@@ -675,9 +675,14 @@ def test_a_vehicle_that_is_down_is_left_alone(name: str) -> None:
 
 
 @both
-def test_yield_sends_heartbeats_and_nothing_else(name: str) -> None:
+def test_yield_asks_for_nothing(name: str) -> None:
+    """Heartbeats; a PX4 gets setpoints of zero, too: without any its pilot can't set OFFBOARD."""
     vehicle = flying(name)
-    assert {m.msgname for _, m in vehicle.run(YieldGoal(), 10.0)} == {"HEARTBEAT"}
+    sent = vehicle.run(YieldGoal(), 10.0)
+    setpoints = of(sent, "SET_POSITION_TARGET_LOCAL_NED")
+    assert {m.msgname for _, m in sent if m not in setpoints} == {"HEARTBEAT"}
+    assert bool(setpoints) is (name == "px4")
+    assert {(m.vx, m.vy, m.vz) for m in setpoints} <= {(0.0, 0.0, 0.0)}
 
 
 # --- words ---
