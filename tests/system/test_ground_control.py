@@ -98,7 +98,7 @@ def test_a_gcs_that_floods_hangs_or_dies_takes_nothing_from_an_agent(
     tmp_path: Path, mission: Path
 ) -> None:
     """One sends 5,000 frames a second, commands and noise, to one vehicle; one never reads; a
-    third is killed. Setpoints keep their rate, and the mission its time."""
+    third is killed. Agents' ticks stay on time, and the mission completes."""
     with contextlib.ExitStack() as stack:
         silent = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
         silent.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
@@ -123,7 +123,7 @@ def test_a_gcs_that_floods_hangs_or_dies_takes_nothing_from_an_agent(
         flood[1].kill()
         assert code == 0, running.output
         summary: dict[str, Any] = running.summary()
-        assert summary["setpoint_rate_hz"] >= 19.0
+        assert summary["tick"]["late_p99_ms"] < 25.0  # half a tick; 4.6 ms on two quiet cores
         log = (running.folder / "gcs.log").read_text()
         assert "sends more than 100 frames a second to vehicle 1: the oldest are dropped" in log
         running.assert_nothing_left()
