@@ -24,12 +24,12 @@ from swarm_ctl.core.model.vehicle import Goal, LinkCounters, VehicleView, YieldG
 from swarm_ctl.errors import LinkError
 from swarm_ctl.mavlink.autopilots import autopilot as autopilot_of
 from swarm_ctl.mavlink.autopilots.timing import HEARTBEAT_LOST_S
-from swarm_ctl.mavlink.clashes import Clashes
 from swarm_ctl.mavlink.framer import Framer, MavlinkFrame
-from swarm_ctl.mavlink.incoming import FOLDS_BY_ID, fold
 from swarm_ctl.mavlink.mirror import Mirror
 from swarm_ctl.mavlink.outgoing import AGENT_COMPONENT, AUTOPILOT_COMPONENT, Message, timesync
-from swarm_ctl.mavlink.vehicle_telemetry import Telemetry
+from swarm_ctl.mavlink.telemetry.clashes import Clashes
+from swarm_ctl.mavlink.telemetry.incoming import FOLDS_BY_ID, fold
+from swarm_ctl.mavlink.telemetry.vehicle_telemetry import Telemetry
 from swarm_ctl.mavlink.wires import Wire, open_wire
 
 MAX_CHUNKS = 2048

@@ -14,9 +14,9 @@ from swarm_ctl.mavlink.autopilots.flight_limits import LimitSource
 from swarm_ctl.mavlink.autopilots.modes import COPTER_MODES, ModeTable
 from swarm_ctl.mavlink.autopilots.parameter_rules import ParameterRule
 from swarm_ctl.mavlink.autopilots.timing import GCS_TIMEOUT_S, RETRY_S
-from swarm_ctl.mavlink.estimate import EKF_RULES, EstimateRules
 from swarm_ctl.mavlink.outgoing import Message
-from swarm_ctl.mavlink.vehicle_telemetry import Telemetry
+from swarm_ctl.mavlink.telemetry.estimate import EKF_RULES, EstimateRules
+from swarm_ctl.mavlink.telemetry.vehicle_telemetry import Telemetry
 
 _PREARM = dialect.MAV_SYS_STATUS_PREARM_CHECK
 

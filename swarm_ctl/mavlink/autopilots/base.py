@@ -55,11 +55,11 @@ from swarm_ctl.mavlink.autopilots.timing import (
     WIND_HZ,
     Pacer,
 )
-from swarm_ctl.mavlink.estimate import EstimateRules
-from swarm_ctl.mavlink.heartbeats import ASK_S, DOUBT_S, FlightState
-from swarm_ctl.mavlink.incoming import message_id
 from swarm_ctl.mavlink.outgoing import Message
-from swarm_ctl.mavlink.vehicle_telemetry import Telemetry
+from swarm_ctl.mavlink.telemetry.estimate import EstimateRules
+from swarm_ctl.mavlink.telemetry.heartbeats import ASK_S, DOUBT_S, FlightState
+from swarm_ctl.mavlink.telemetry.incoming import message_id
+from swarm_ctl.mavlink.telemetry.vehicle_telemetry import Telemetry
 
 MULTIROTORS = frozenset(
     {

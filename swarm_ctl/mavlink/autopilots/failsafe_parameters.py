@@ -26,7 +26,7 @@ from swarm_ctl.mavlink.autopilots.parameter_rules import (
 )
 from swarm_ctl.mavlink.autopilots.timing import RETRY_S, Pacer
 from swarm_ctl.mavlink.outgoing import Message
-from swarm_ctl.mavlink.vehicle_telemetry import ParameterValue, Telemetry
+from swarm_ctl.mavlink.telemetry.vehicle_telemetry import ParameterValue, Telemetry
 
 Code = Callable[[float, int], float]
 """A value and its MAV_PARAM_TYPE to the other form (wire or plain)."""

@@ -15,7 +15,7 @@ from swarm_ctl.core.model.vehicle import FlightLimit, LimitKind
 from swarm_ctl.mavlink import outgoing
 from swarm_ctl.mavlink.autopilots.timing import RETRY_S, Pacer
 from swarm_ctl.mavlink.outgoing import Message
-from swarm_ctl.mavlink.vehicle_telemetry import Telemetry
+from swarm_ctl.mavlink.telemetry.vehicle_telemetry import Telemetry
 
 _GRAVITY_MPS2: Final = 9.81
 

@@ -24,9 +24,9 @@ from swarm_ctl.mavlink.autopilots.timing import (
     TAKEOFF_LEAST_MPS,
     TAKEOFF_MPS,
 )
-from swarm_ctl.mavlink.estimate import ESTIMATOR_RULES, EstimateRules
 from swarm_ctl.mavlink.outgoing import Message
-from swarm_ctl.mavlink.vehicle_telemetry import Telemetry
+from swarm_ctl.mavlink.telemetry.estimate import ESTIMATOR_RULES, EstimateRules
+from swarm_ctl.mavlink.telemetry.vehicle_telemetry import Telemetry
 
 _STILL: Final = (0.0, 0.0, 0.0)
 _HOLD_MODE = "AUTO.LOITER"

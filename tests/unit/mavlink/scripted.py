@@ -14,8 +14,8 @@ from pymavlink.dialects.v20 import common
 
 from swarm_ctl.core.model.vehicle import Goal
 from swarm_ctl.mavlink.autopilots import Autopilot
-from swarm_ctl.mavlink.incoming import fold
-from swarm_ctl.mavlink.vehicle_telemetry import Telemetry
+from swarm_ctl.mavlink.telemetry.incoming import fold
+from swarm_ctl.mavlink.telemetry.vehicle_telemetry import Telemetry
 from tests.unit.mavlink import wire
 
 TICK_S = 0.05

@@ -25,7 +25,7 @@ from swarm_ctl.errors import LinkError
 from swarm_ctl.mavlink.autopilots import AUTOPILOTS, autopilot
 from swarm_ctl.mavlink.autopilots.parameter_rules import OPTIONAL_ASKS
 from swarm_ctl.mavlink.autopilots.timing import GROUNDED_S, STREAMS_HZ
-from swarm_ctl.mavlink.vehicle_telemetry import Telemetry
+from swarm_ctl.mavlink.telemetry.vehicle_telemetry import Telemetry
 from tests.unit.mavlink import scripted, wire
 from tests.unit.mavlink.scripted import Scripted, ScriptedArdupilot, ScriptedPx4
 

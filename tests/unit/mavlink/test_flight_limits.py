@@ -7,8 +7,8 @@ import pytest
 from swarm_ctl.core.model.vehicle import FlightLimit, LimitKind, StandbyGoal
 from swarm_ctl.mavlink.autopilots import autopilot
 from swarm_ctl.mavlink.autopilots.base import Autopilot
-from swarm_ctl.mavlink.incoming import fold
-from swarm_ctl.mavlink.vehicle_telemetry import Telemetry
+from swarm_ctl.mavlink.telemetry.incoming import fold
+from swarm_ctl.mavlink.telemetry.vehicle_telemetry import Telemetry
 from tests.unit.mavlink import wire
 from tests.unit.mavlink.scripted import ScriptedArdupilot, ScriptedPx4
 

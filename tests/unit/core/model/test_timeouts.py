@@ -12,7 +12,7 @@ import pytest
 import swarm_ctl
 from swarm_ctl.core.model import timeouts
 from swarm_ctl.core.model.plan import Policies
-from swarm_ctl.mavlink.estimate import EKF_RULES, ESTIMATOR_RULES
+from swarm_ctl.mavlink.telemetry.estimate import EKF_RULES, ESTIMATOR_RULES
 
 PACKAGE = Path(swarm_ctl.__file__).parent
 TABLE = (PACKAGE.parent / "docs" / "pages" / "timeouts.md").read_text()

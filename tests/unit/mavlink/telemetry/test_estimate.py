@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from swarm_ctl.mavlink.estimate import EKF_RULES, ESTIMATOR_RULES, SILENT_S, EstimateRules
-from swarm_ctl.mavlink.incoming import fold
-from swarm_ctl.mavlink.vehicle_telemetry import Telemetry
+from swarm_ctl.mavlink.telemetry.estimate import EKF_RULES, ESTIMATOR_RULES, SILENT_S, EstimateRules
+from swarm_ctl.mavlink.telemetry.incoming import fold
+from swarm_ctl.mavlink.telemetry.vehicle_telemetry import Telemetry
 from tests.unit.mavlink import wire
 
 GLITCHING = 33599

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarm_ctl.mavlink import incoming
-from swarm_ctl.mavlink.heartbeats import FlightState
-from swarm_ctl.mavlink.vehicle_telemetry import Telemetry
+from swarm_ctl.mavlink.telemetry import incoming
+from swarm_ctl.mavlink.telemetry.heartbeats import FlightState
+from swarm_ctl.mavlink.telemetry.vehicle_telemetry import Telemetry
 from tests.unit.mavlink import wire
 
 GUIDED, LOITER, LAND = 4, 5, 9

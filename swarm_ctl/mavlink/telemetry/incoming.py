@@ -15,9 +15,9 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from swarm_ctl.core.model.plan import Geodetic
 from swarm_ctl.core.model.vehicle import Contact, GlobalFix, LocalFix
-from swarm_ctl.mavlink.heartbeats import FlightState, OtherMessages
 from swarm_ctl.mavlink.outgoing import AGENT_COMPONENT
-from swarm_ctl.mavlink.vehicle_telemetry import ParameterValue, Telemetry
+from swarm_ctl.mavlink.telemetry.heartbeats import FlightState, OtherMessages
+from swarm_ctl.mavlink.telemetry.vehicle_telemetry import ParameterValue, Telemetry
 
 MAX_POSITION_M = 1e5
 """A local position is at most this far from its origin: EKFs work in a tangent plane."""

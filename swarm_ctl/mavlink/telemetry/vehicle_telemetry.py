@@ -9,9 +9,9 @@ from swarm_ctl.core.model.fleet import AGENT_SYSID
 from swarm_ctl.core.model.plan import Geodetic
 from swarm_ctl.core.model.timeouts import FRESH_S
 from swarm_ctl.core.model.vehicle import FALLS_MPS, Contact, GlobalFix, LocalFix
-from swarm_ctl.mavlink.estimate import EstimateHealth
-from swarm_ctl.mavlink.heartbeats import HeartbeatEvidence
-from swarm_ctl.mavlink.status_texts import StatusTexts
+from swarm_ctl.mavlink.telemetry.estimate import EstimateHealth
+from swarm_ctl.mavlink.telemetry.heartbeats import HeartbeatEvidence
+from swarm_ctl.mavlink.telemetry.status_texts import StatusTexts
 
 WIND_KEPT_S = 10.0
 """An estimate not repeated for this long (PX4 sends one in 2 s) is no estimate."""
