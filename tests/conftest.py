@@ -5,9 +5,10 @@ the order needs it: with `--pdb`, `--trace` or `-s`, where files or single tests
 the long rows (`python -m pytest -m long`). `-n0` or another number wins over this choice.
 
 Tests in real time (processes, sockets, the system's clock) mostly wait, and must not be kept
-waiting. Each of the three folders of them is a group that one worker runs in order; the groups are
-the largest, so the workers begin with them. All other tests only compute: they come afterwards,
-and a worker that computes gives way to a worker that flies.
+waiting. They are two groups, each run in order by one worker (autopilots that boot take both cores,
+so they are in one group with the runs at a speed-up). The groups are the largest, so the workers
+begin with them. All other tests only compute: they come afterwards, and a worker that computes
+gives way to a worker that flies.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ import pytest
 from hypothesis import settings
 
 WORKERS = 2
-REALTIME = ("system", "protocol", "autopilots")
+REALTIME = {"system": "system", "protocol": "protocol", "autopilots": "system"}
+"""The group of each folder."""
 _GIVE_WAY = 10
 
 
@@ -56,7 +58,7 @@ def _wanted(item: pytest.Item, config: pytest.Config) -> bool:
 
 def _group(item: pytest.Item) -> str:
     folder = item.path.relative_to(Path(__file__).parent).parts[0]
-    return folder if folder in REALTIME else REALTIME[0] if "realtime" in item.keywords else ""
+    return REALTIME.get(folder, "system" if "realtime" in item.keywords else "")
 
 
 def pytest_collection_finish(session: pytest.Session) -> None:

@@ -119,7 +119,7 @@ class StepExecutor:
     def _warn(self, tick: Tick) -> None:
         caution = self._preflight.caution(tick)
         if caution and caution != self._cautioned:
-            self._context.say(tick.now, Severity.WARNING, caution)
+            self._context.say(tick.now, Severity.INFO, caution)
         self._cautioned = caution or self._cautioned
 
     def _take_off(self, tick: Tick, step: TakeoffStep) -> Goal:

@@ -118,7 +118,9 @@ class Policies:
     """Faster than `max_speed_mps`, or leaning more than `max_tilt_deg`: the vehicle no longer does
     what it is told."""
     max_speed_mps: float = 10.0
-    max_tilt_deg: float = 45.0
+    max_tilt_deg: float = 60.0
+    """A PX4 leans up to 45 degrees after a large step of its setpoint (MPC_TILTMAX_AIR), and a
+    little beyond: 48 was seen."""
     wind: Policy = Policy.LAND
     """Stronger wind than `wind_limit_mps`, where the vehicle estimates it; where not, the tilt
     limit stands in."""

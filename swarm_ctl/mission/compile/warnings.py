@@ -130,19 +130,6 @@ def _shared_ids(mission: MissionFile, _plan: Plan) -> Findings:
         yield Finding(("fleet",) if mission.fleet else ("agents",), what, "")
 
 
-def _other_ground_stations(mission: MissionFile, _plan: Plan) -> Findings:
-    entries = {entry.id: entry for entry in mission.fleet.agents} if mission.fleet else {}
-    flying = [entries[agent.id] for agent in mission.agents if agent.id in entries]
-    ids = sorted(e.id for e in flying if e.endpoint and e.firmware == "ardupilot")
-    if ids:
-        what = (
-            f"the ArduCopters of agents {', '.join(map(str, ids))} heed only their agent's"
-            " RC_CHANNELS_OVERRIDE and MANUAL_CONTROL in flight: a ground station's joystick does"
-            " nothing; its modes and commands, and a radio control's sticks, work"
-        )
-        yield Finding(("fleet",), what, "")
-
-
 def _unknown_wind(mission: MissionFile, _plan: Plan) -> Findings:
     """A limit that the mission states, and that may not act."""
     stated = {"wind", "wind_limit_mps"} & mission.policies.model_fields_set
@@ -171,7 +158,6 @@ _WARNINGS: tuple[Callable[[MissionFile, Plan], Findings], ...] = (
     _spare_fleet,
     _real_vehicles,
     _shared_ids,
-    _other_ground_stations,
     _unknown_wind,
     _unused_shapes,
 )

@@ -401,7 +401,7 @@ class PolicySection(Section):
     """When the vehicle flies faster than `max_speed_mps` or tilts more than `max_tilt_deg`."""
     max_speed_mps: float | None = Field(default=None, ge=0.5, le=60)
     """Default: twice vehicle.limits.speed_mps."""
-    max_tilt_deg: float = Field(default=45.0, ge=5, le=90)
+    max_tilt_deg: float = Field(default=60.0, ge=5, le=90)
     wind: Action = Policy.LAND
     """When the vehicle estimates more wind than `wind_limit_mps`. Vehicles that do not estimate the
     wind have the tilt limit instead."""

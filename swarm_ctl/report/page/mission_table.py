@@ -17,6 +17,7 @@ from swarm_ctl.core.agent.return_to_launch import return_height_m
 from swarm_ctl.core.law import graph
 from swarm_ctl.core.law.formation import closest_pair
 from swarm_ctl.core.law.stop_point import stop_distance
+from swarm_ctl.core.model.fleet import Fleet, VehicleKind
 from swarm_ctl.core.model.plan import (
     AgentPlan,
     FormStep,
@@ -29,7 +30,7 @@ from swarm_ctl.core.model.plan import (
     Step,
     TakeoffStep,
 )
-from swarm_ctl.core.model.text import ranges
+from swarm_ctl.core.model.text import agents_named, ranges
 from swarm_ctl.core.safety.constraints import Margins
 from swarm_ctl.mission.compile.forecast import StepForecast
 from swarm_ctl.mission.compile.loader import LoadedMission
@@ -60,6 +61,7 @@ def mission_parts(
         yield f"{count - _AGENTS + 2} more agents; --full shows them"
     yield _steps(plan, forecasts)
     yield from _facts(plan, full)
+    yield from joysticks(loaded.fleet)
     yield from _simulation(simulation)
     late = (*_late_steps(plan, forecasts), *_late_faults(simulation, plan, forecasts))
     for warning in (*loaded.warnings, *late):
@@ -182,6 +184,21 @@ def _facts(plan: Plan, full: bool) -> Iterator[str]:
         f"held     by a command to some agents: the others wait {policies.override_pause_s:g} s"
         f" at most, then: {policies.agent_lost.value}"
     )
+
+
+def joysticks(fleet: Fleet) -> Iterator[str]:
+    """What an ArduCopter denies to all but its agent while it flies, where there is a real one."""
+    ids = [
+        agent.id
+        for agent in fleet.agents
+        if agent.autopilot == "ardupilot" and agent.started_as is not VehicleKind.SIMULATED
+    ]
+    if ids:
+        yield (
+            f"pilots   {agents_named(ids)}: ArduCopter heeds only its agent's RC_CHANNELS_OVERRIDE"
+            " and MANUAL_CONTROL in flight, so a ground station's joystick does nothing; its modes"
+            " and commands, and a radio control's sticks, work"
+        )
 
 
 def _graph(plan: Plan, full: bool) -> Iterator[str]:

@@ -201,8 +201,8 @@ ROWS = [
     Row("fast, by policy hold", moving(11, 0, 0, of=policies(too_fast=Policy.HOLD)), HOLDS, "fast"),
     Row("fast, by policy continue", moving(11, 0, 0, of=policies(too_fast=Policy.CONTINUE))),
     Row("fast under a pilot", moving(11.0, 0.0, 0.0, had_control=False)),
-    Row("46 degrees", seen(tilt_deg=46.0), LANDS, "leans 46 degrees; allowed: 45"),
-    Row("just 45 degrees", seen(tilt_deg=45.0)),
+    Row("61 degrees", seen(tilt_deg=61.0), LANDS, "leans 61 degrees; allowed: 60"),
+    Row("just 60 degrees", seen(tilt_deg=60.0)),
     Row("no tilt known", seen(tilt_deg=None)),
     # wind
     Row("12.1 m/s of wind", seen(wind_mps=12.1), LANDS, "wind of 12.1 m/s; allowed: 12 m/s"),

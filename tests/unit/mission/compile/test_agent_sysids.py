@@ -52,10 +52,3 @@ def test_an_id_that_clashes_is_refused(entry: str, message: str) -> None:
 def test_it_is_said_when_ids_repeat() -> None:
     assert "the MAVLink system ids do not suffice" not in said(mission(2))
     assert "the MAVLink system ids do not suffice: 2 agents share theirs" in said(mission(127))
-
-
-def test_it_is_said_what_an_arducopter_denies_a_ground_station() -> None:
-    real = 'fleet: {agents: [{id: 1, endpoint: "tcp:10.0.0.1:5760"}, {id: 2}]}'
-    assert "the ArduCopters of agents 1 heed only their agent's" in said(mission(2, real))
-    assert "a ground station's joystick does nothing" in said(mission(2, real))
-    assert "joystick" not in said(mission(2, real.replace("id: 1,", "id: 1, autopilot: px4,")))

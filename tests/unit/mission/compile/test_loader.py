@@ -264,13 +264,17 @@ def test_the_changes_above_reach_every_field_of_a_plan() -> None:
 # --- fleets ---
 
 
+def copter(k: int, **changes: str) -> FleetAgent:
+    """The entry of agent k, as it is by default."""
+    answers = TYPICAL["ardupilot"]
+    return FleetAgent(k, k, "ardupilot", response=answers, agent_sysid=251 - k, **changes)
+
+
 def test_the_fleet_has_one_entry_per_agent_sorted() -> None:
     fleet = loads(TEXT).fleet
     assert fleet.agents == (
-        FleetAgent(1, 1, "ardupilot", "udpout:10.0.0.1:14550", "tcp/10.0.0.1:7447"),
-        FleetAgent(
-            2, 2, "ardupilot", "udpout:10.0.0.2:14550", "tcp/10.0.0.2:7447", agent_sysid=249
-        ),
+        copter(1, endpoint="udpout:10.0.0.1:14550", mesh="tcp/10.0.0.1:7447"),
+        copter(2, endpoint="udpout:10.0.0.2:14550", mesh="tcp/10.0.0.2:7447"),
         FleetAgent(3, 3, "px4", response=TYPICAL["px4"], agent_sysid=248),
     )
     assert fleet.agent(3).autopilot == "px4"
@@ -279,9 +283,7 @@ def test_the_fleet_has_one_entry_per_agent_sorted() -> None:
 
 
 def test_without_a_fleet_all_are_simulated() -> None:
-    assert loads(without_section("fleet")).fleet.agents == tuple(
-        FleetAgent(k, k, "ardupilot", agent_sysid=251 - k) for k in (1, 2, 3)
-    )
+    assert loads(without_section("fleet")).fleet.agents == tuple(copter(k) for k in (1, 2, 3))
 
 
 def test_the_same_mission_flies_with_another_fleet(tmp_path: Path) -> None:
