@@ -31,6 +31,7 @@ def relay(tmp_path: Path, *gcs_ports: int, speedup: float = 1.0) -> Iterator[Sim
         sysid = vehicle["sysid"]
         links[sysid] = f"127.0.0.1:{free_port()}"
         vehicle |= {"persona": KINDS[sysid], "also": [f"udpin:{links[sysid]}"]}
+        vehicle["ready_after_s"] = 0.0  # without a position a vehicle declines HOME_POSITION
     vehicles = [
         RelayVehicle(sysid, sysid, agent_sysid, f"udpout:{link}")
         for agent_sysid, (sysid, link) in zip(

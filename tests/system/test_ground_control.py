@@ -53,7 +53,9 @@ def test_qgroundcontrol_connects_to_six_vehicles_on_one_port(tmp_path: Path, mis
             "run", mission, "--headless", "--no-report", "--gcs", str(qgc.port), cwd=tmp_path
         ) as running,
     ):
-        assert qgc.find(6, 60.0) == list(KINDS)
+        # without a position a vehicle declines HOME_POSITION: its agent takes off with one
+        running.wait_for_event("step 1: takeoff", 6)
+        assert qgc.find(6) == list(KINDS)
         for system, kind in KINDS.items():
             vehicle = qgc.connect(system)
             assert vehicle.is_ardupilot == (kind == "ardupilot")
