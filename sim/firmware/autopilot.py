@@ -153,7 +153,7 @@ class SimAutopilot(ABC):
         """DO_CHANGE_SPEED's, in place of the parameter's."""
         self.gcs_heartbeat_s: float | None = None
         self.armed_s = -math.inf
-        self.landed_s: float | None = boot_s
+        self.landed_s: float | None = -math.inf
         """Since when the vehicle stands on the ground; None in the air."""
         self.gps_jump = GpsJump(self.parameters)
         self._style: tuple[int, float | None, FlightStyle] | None = None
@@ -258,9 +258,13 @@ class SimAutopilot(ABC):
     def update_demand(self) -> None:
         """The maneuver's demand now; nothing lifts while disarmed."""
         maneuver = self.maneuver if self.armed else GroundManeuver()
-        demand = maneuver.demand(self.now, self.sensed, self.style())
+        demand = self.limited(maneuver.demand(self.now, self.sensed, self.style()))
         if demand != self.demand:
             self.demand = demand
+
+    def limited(self, demand: Demand) -> Demand:
+        """What the persona's controller allows of a demand."""
+        return demand
 
     def style(self) -> FlightStyle:
         """How it flies by itself; worked out again only after a change."""

@@ -10,6 +10,7 @@ from sim.firmware.autopilot import CommandHandler, FlightMode
 from sim.firmware.firmware import Firmware
 from sim.firmware.flying.maneuvers import (
     STILL,
+    Demand,
     FlightStyle,
     GroundManeuver,
     HoldManeuver,
@@ -79,7 +80,10 @@ STREAM_GAP_S, STREAM_TIME_S = 0.5, 1.0
 """OFFBOARD wants setpoints at 2 Hz or faster for over a second."""
 SPOOL_UP_S, TAKEOFF_RAMP_S = 3.4, 2.5
 """From a take-off command to lift, and to the full rate of climb (COM_SPOOLUP_TIME 1 and
-MPC_TKO_RAMP_T 3): seen on PX4 1.16 (SIH), like the next."""
+MPC_TKO_RAMP_T 3): seen on PX4 1.16 (SIH), like the next two."""
+RAMP_LIFTS = 0.68
+"""Share of MPC_TKO_RAMP_T until a take-off in OFFBOARD lifts: the ramp begins at a descent of
+g / MPC_Z_VEL_P_ACC (`TakeoffHandling`)."""
 LAND_DETECT_S = 7.0
 """From the touch-down until the land detector says so: the estimate still moves."""
 DESCEND_MPS = 0.7
@@ -132,6 +136,8 @@ class Px4Persona(Firmware):
         self._target_s = self._stream_since_s = -math.inf
         self._takeoff_down_m: float | None = None
         self._flown = False
+        self._ramp_s: float | None = None
+        """Since when a take-off in OFFBOARD ramps up its climb."""
         self._after_flight = LOITER
 
     def style_by_parameters(self) -> FlightStyle:
@@ -184,7 +190,7 @@ class Px4Persona(Firmware):
             self.text(MavSeverity.CRITICAL, "Arming denied: Resolve system health failures first")
             return MavResult.TEMPORARILY_REJECTED
         self.set_armed()
-        self._flown = False
+        self._flown, self._ramp_s = False, None
         self.text(MavSeverity.INFO, "Armed by external command")
         self._change(self.mode)
         return MavResult.ACCEPTED
@@ -290,6 +296,32 @@ class Px4Persona(Firmware):
             down = max(-up, min(sink, down))
         slowed = (north and share * north, east and share * east, down)
         self.follow(target, target.position, slowed)
+
+    def limited(self, demand: Demand) -> Demand:
+        """A take-off in OFFBOARD ramps up its climb."""
+        if not self.armed or self.mode is not OFFBOARD:
+            return demand
+        share = self._climb_share(demand)
+        north, east, down = demand.velocity_ned_mps
+        slowed = (north, east, down if down > 0.0 else share * down)
+        return demand._replace(velocity_ned_mps=slowed, climb_mps=share * demand.climb_mps)
+
+    def _climb_share(self, demand: Demand) -> float:
+        """Once motors have spooled up since arming, the first climb on the ground begins the ramp.
+        OFFBOARD entered in the air has none."""
+        if self.sensed.landed:
+            down, here = demand.position_ned_m[2], self.sensed.position_ned_m[2]
+            climbs = demand.velocity_ned_mps[2] < 0.0 or (down is not None and down < here)
+            spooled = self.now - self.armed_s >= self.parameters["COM_SPOOLUP_TIME"]
+            if not (climbs and spooled):
+                self._ramp_s = None
+                return 0.0
+            if self._ramp_s is None:
+                self._ramp_s = self.now
+        if self._ramp_s is None:
+            return 1.0
+        progress = (self.now - self._ramp_s) / max(self.parameters["MPC_TKO_RAMP_T"], 1e-3)
+        return min(1.0, max(0.0, (progress - RAMP_LIFTS) / (1.0 - RAMP_LIFTS)))
 
     def _streaming(self) -> bool:
         fresh = self.now - self._target_s <= STREAM_GAP_S

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from sim.firmware.message import Message
+from sim.firmware.message import LandedState, Message
 from sim.world.pair_distances import PairMinima
 from sim.world.world import STEP_S, World
 from tests.unit.sim.harness import (
@@ -15,6 +15,7 @@ from tests.unit.sim.harness import (
     GCS,
     GUIDED,
     LAND,
+    OFFBOARD,
     RTL,
     SET_MODE,
     Flight,
@@ -53,6 +54,50 @@ def test_take_off_climbs_straight_up_and_stays(persona: str) -> None:
     here = flight.ned()
     flight.run(30.0)
     assert flight.ned() == pytest.approx(here, abs=0.1)
+
+
+def offboard(setpoint: dict[str, float], **parameters: float) -> Flight:
+    """A PX4 that is armed in OFFBOARD and stands; after 1 s it is asked to climb."""
+    flight = Flight(config(1, "px4"))
+    for name, value in parameters.items():
+        flight.world.vehicles[0].firmware.parameters.set(name, value)
+    flight.run(1.5, setpoint=setpoint_fields(0.0, 0.0, 0.0))
+    assert flight.command(0, SET_MODE, 1, *OFFBOARD) == 0
+    assert flight.command(0, ARM, 1) == 0
+    flight.run(1.0, setpoint=setpoint_fields(0.0, 0.0, 0.0))
+    flight.run(1.5, setpoint=setpoint)
+    return flight
+
+
+@pytest.mark.parametrize(
+    "setpoint",
+    [
+        pytest.param(setpoint_fields(0.0, 0.0, -1.5), id="velocity"),
+        pytest.param(setpoint_fields(0.0, 0.0, 0.0, mask=3579, z=-20.0), id="position"),
+    ],
+)
+def test_a_px4_spools_up_and_ramps_up_its_climb_in_offboard_too(setpoint: dict[str, float]) -> None:
+    flight = offboard(setpoint)
+    assert not flight.world.airborne()[0]
+    assert flight.world.vehicles[0].firmware.landed_state() is LandedState.ON_GROUND
+    flight.run(2.0, setpoint=setpoint)
+    assert flight.world.airborne()[0]
+
+
+def test_a_px4_takes_off_in_offboard_as_fast_as_the_real_one() -> None:
+    """Two PX4 1.16 (SIH): by seconds since arming, heights above where they stood."""
+    climb = setpoint_fields(0.0, 0.0, -1.5)
+    flight = offboard(climb)
+    for seconds, low_m, high_m in [(4.5, 1.0, 1.3), (7.5, 5.0, 5.3), (10.0, 8.5, 8.9)]:
+        flight.run(seconds - (flight.world.time_s - 1.5), setpoint=climb)
+        assert low_m - 0.3 <= -flight.ned()[2] <= high_m + 0.3
+
+
+def test_the_times_of_a_px4_s_take_off_are_parameters() -> None:
+    flight = offboard(setpoint_fields(0.0, 0.0, -1.5), MPC_TKO_RAMP_T=0.5)
+    assert flight.world.airborne()[0]
+    flight = offboard(setpoint_fields(0.0, 0.0, -1.5), MPC_TKO_RAMP_T=0.5, COM_SPOOLUP_TIME=3.0)
+    assert not flight.world.airborne()[0]
 
 
 @PERSONAS
