@@ -53,7 +53,7 @@ class _UpAndDown:
 
 _UP_AND_DOWN = {
     "ardupilot": _UpAndDown(5.6, 2.5, 1.2, 0.5, 3.0),
-    "px4": _UpAndDown(9.6, 1.9, 0.87, 0.53, 2.6),
+    "px4": _UpAndDown(6.4, 1.5, 0.87, 0.53, 2.6),
 }
 """Measured on real ones with default parameters, at 10 and 20 m
 (docs/pages/figures.md#real-autopilots)."""

@@ -100,8 +100,8 @@ MEASURED = [
     # as measured on real autopilots: height, take-off, landing [s]
     ("ardupilot", 10, 9.6, 23.0),
     ("ardupilot", 20, 13.6, 31.1),
-    ("px4", 10, 14.9, 21.3),
-    ("px4", 20, 20.2, 33.3),
+    ("px4", 10, 13.0, 21.3),
+    ("px4", 20, 19.9, 33.3),
 ]
 
 
