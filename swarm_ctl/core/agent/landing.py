@@ -63,7 +63,10 @@ class Landing:
         if not view.armed and not context.was_armed:
             context.controller.rest()
             return LandGoal() if math.isfinite(context.arming_s) else StandbyGoal()
-        if trigger.action in (FailsafeAction.YIELD, FailsafeAction.FALL):
+        fallen = trigger.action is FailsafeAction.FALL
+        if fallen and now - context.trigger_s > _LANDING_AT_MOST_S:
+            return self.end(now)  # it lies there and has armed again: its motors are a person's
+        if fallen or trigger.action is FailsafeAction.YIELD:
             context.phase = Phase.YIELD
             context.controller.rest()
             return YieldGoal()

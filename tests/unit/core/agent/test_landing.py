@@ -279,3 +279,11 @@ def test_an_agent_that_holds_makes_room() -> None:
 def test_the_policies_of_the_rows() -> None:
     assert plan().policies.hold_before_land_s == 3.0
     assert plan().policies.agent_lost_after_s == 5.0
+
+
+@pytest.mark.parametrize(("action", "ends"), [(FailsafeAction.FALL, True), (YIELDS, False)])
+def test_a_fallen_vehicle_that_stays_armed_is_given_up(action: FailsafeAction, ends: bool) -> None:
+    """After three minutes on its side; a pilot's vehicle is never given up while it is armed."""
+    flight = Flight(action)
+    assert isinstance(flight.at(179.0), YieldGoal)
+    assert isinstance(flight.at(181.0), ReleaseGoal if ends else YieldGoal)
