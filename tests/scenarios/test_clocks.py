@@ -47,13 +47,14 @@ def test_they_fly_as_with_one_clock() -> None:
 
 
 def test_a_start_takes_no_longer() -> None:
-    """No agent waits for the clocks: the first words go round while the vehicles are looked at."""
+    """No agent waits for the clocks: the first words go round while the vehicles are looked at,
+    whose reports come every half second."""
     began = []
     for clocks in ({}, CLOCKS):
         swarm = VirtualSwarm(mission(), clocks=clocks)
         swarm.wait(lambda s: s.in_step(1), 60)
         began.append(swarm.now)
-    assert began[1] <= began[0] + 0.2
+    assert began[1] <= began[0] + 0.5
 
 
 def test_who_is_not_answered_does_not_arm_and_says_why() -> None:
