@@ -26,7 +26,10 @@ from swarm_ctl.cli.shared.options import (
 from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.core.model.messages import Outcome
 
-_ARDUCOPTER: Final = "The ArduCopter SITL binary.  [default: $SWARM_CTL_ARDUCOPTER, or the PATH]"
+_ARDUCOPTER: Final = (
+    "The ArduCopter SITL binary, or container:IMAGE for one in a container of podman or docker."
+    "  [default: $SWARM_CTL_ARDUCOPTER, or the PATH]"
+)
 _PX4: Final = "PX4's build folder, with bin/px4 and etc/.  [default: $SWARM_CTL_PX4, or the PATH]"
 _GCS: Final = (
     "Send all vehicles to the ground control software there (QGroundControl, MAVProxy), and its"
@@ -46,7 +49,7 @@ def run(
     metrics: Metrics = None,
     fleet: FleetFile = None,
     vehicles: VehicleKinds = None,
-    arducopter: Annotated[str | None, option("PATH", _ARDUCOPTER)] = None,
+    arducopter: Annotated[str | None, option("PATH|container:IMAGE", _ARDUCOPTER)] = None,
     px4: Annotated[str | None, option("FOLDER", _PX4)] = None,
     runs: Annotated[Path, option("FOLDER", "Where the run's folder is made.")] = Path("runs"),
     gcs: Annotated[list[str] | None, option("[HOST:]PORT", _GCS)] = None,

@@ -15,6 +15,7 @@ import pytest
 
 from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.core.model.plan import Geodetic
+from swarm_ctl.runtime.vehicles.containers import Image
 from swarm_ctl.runtime.vehicles.order import (
     ORDERS,
     ORDERS_JSON,
@@ -26,20 +27,22 @@ from swarm_ctl.runtime.vehicles.order import (
 )
 
 FAKE = Path(__file__).with_name("fake_autopilot.py")
+ENGINE = FAKE.with_name("fake_engine.py")
 KINDS = [VehicleKind.ARDUCOPTER, VehicleKind.PX4]
 
 
 class Running:
-    """The process, with a stand-in for one autopilot of each kind."""
+    """The process, with a stand-in for one autopilot of each kind; ArduCopter's may be in a
+    container."""
 
-    def __init__(self, folder: Path, program: str) -> None:
+    def __init__(self, folder: Path, program: str, copter: Image | None = None) -> None:
         self.folder = folder
         binary = folder / "theirs" / "bin" / "px4"
         binary.parent.mkdir(parents=True)
         binary.write_text(program)
         binary.chmod(binary.stat().st_mode | stat.S_IXUSR)
         place = Geodetic(47.0, 8.0, 488.0)
-        programs = {VehicleKind.ARDUCOPTER: binary, VehicleKind.PX4: folder / "theirs"}
+        programs = {VehicleKind.ARDUCOPTER: copter or binary, VehicleKind.PX4: folder / "theirs"}
         orders = tuple(
             Order(k, 10 + k, kind, programs[kind], place) for k, kind in enumerate(KINDS)
         )
@@ -71,9 +74,32 @@ class Running:
             time.sleep(0.02)
 
 
+PROGRAM = f'#!/bin/sh\nexec {sys.executable} {FAKE} "$@"\n'
+
+
 @pytest.fixture
 def running(tmp_path: Path) -> Iterator[Running]:
-    found = Running(tmp_path, f'#!/bin/sh\nexec {sys.executable} {FAKE} "$@"\n')
+    found = Running(tmp_path, PROGRAM)
+    with found.process:
+        yield found
+        found.process.kill()
+
+
+def _program(path: Path, text: str) -> Path:
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(text)
+    path.chmod(0o755)
+    return path
+
+
+@pytest.fixture
+def contained(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Running]:
+    """With an ArduCopter in a container of a stand-in for podman."""
+    engine_text = f'#!/bin/sh\nexec {sys.executable} {ENGINE} "{tmp_path}/containers" "$@"\n'
+    engine = _program(tmp_path / "containers" / "podman", engine_text)
+    inside = _program(tmp_path / "image" / "arducopter", PROGRAM).parent
+    monkeypatch.setenv("PATH", f"{inside}:{os.environ['PATH']}")
+    found = Running(tmp_path, PROGRAM, Image(str(engine), "copter"))
     with found.process:
         yield found
         found.process.kill()
@@ -137,3 +163,29 @@ def test_an_autopilot_that_does_not_start_is_an_error_that_names_its_log(tmp_pat
         said = found.process.stderr.read().decode()
     assert "of agent 0 ended, code 4; see " in said or "of agent 1 ended, code 4; see " in said
     assert "output.log" in said
+
+
+@pytest.mark.parametrize("whose", ["lifeline", "SIGTERM", "SIGKILL", "client"])
+def test_a_container_ends_however_the_process_or_the_engines_client_ends(
+    contained: Running, whose: str
+) -> None:
+    """The lifeline cut, the process asked to end or killed, the client killed: no program of the
+    container runs on, and the engine has removed it."""
+    contained.wait_ready()
+    (file,) = (contained.folder / "containers").glob("swarm-ctl-*")
+    program = Path(f"/proc/{file.read_text()}")
+    assert program.exists()
+    if whose == "lifeline":
+        contained.let_go()
+    elif whose == "client":
+        os.kill(contained.started[0].pid, signal.SIGKILL)
+    else:
+        contained.process.send_signal(signal.Signals[whose])
+    until = time.monotonic() + 5.0
+    while file.exists() or program.exists():
+        assert time.monotonic() < until
+        time.sleep(0.02)
+    if whose == "client":
+        assert contained.process.poll() is None
+    else:
+        contained.process.wait(10)

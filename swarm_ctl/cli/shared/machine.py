@@ -15,6 +15,7 @@ from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.errors import StartError
 from swarm_ctl.runtime.vehicle_memory import VehicleMemory, state_folder
 from swarm_ctl.runtime.vehicles.binaries import find
+from swarm_ctl.runtime.vehicles.containers import ENGINES
 
 LEAST_PYTHON: Final = (3, 11)
 _EXTRAS: Final = ("ground", "serial")
@@ -75,7 +76,7 @@ def _autopilots() -> list[Fact]:
 
 
 def _containers() -> Fact:
-    found = [path for name in ("podman", "docker") if (path := shutil.which(name))]
+    found = [path for name in ENGINES if (path := shutil.which(name))]
     return Fact("containers", ", ".join(found) or "neither podman nor docker")
 
 

@@ -7,14 +7,16 @@ written.
 from __future__ import annotations
 
 import contextlib
+import shutil
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from pathlib import Path
-from typing import Final
+from typing import Final, cast
 
 from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.errors import StartError
 from swarm_ctl.mavlink.onlooker import Onlooker
+from swarm_ctl.runtime.vehicles.containers import Container, Image
 from swarm_ctl.runtime.vehicles.order import Order
 
 _BOOT_SPEEDUP: Final = 30.0
@@ -79,7 +81,9 @@ def remove_leftovers(kind: VehicleKind, instance: int) -> None:
 
 
 class ArduCopter(Sitl):
-    """ArduCopter; MAVLink on three TCP ports, one client each."""
+    """ArduCopter, maybe in a container; MAVLink on three TCP ports, one client each."""
+
+    _container: Container | None = None
 
     @property
     def _port(self) -> int:
@@ -102,7 +106,7 @@ class ArduCopter(Sitl):
         home = f"{at.lat_deg:.8f},{at.lon_deg:.8f},{at.alt_m:.2f},0"
         # fmt: off
         return [
-            str(self.order.binary), "--model", "quad", "--speedup", f"{_BOOT_SPEEDUP:g}",
+            *self._program(), "--model", "quad", "--speedup", f"{_BOOT_SPEEDUP:g}",
             "-I", str(self.instance), "--serial0", "tcp:0", "--sysid", str(self.order.sysid),
             "--home", home, "--defaults", str(self._defaults()),
         ]
@@ -114,9 +118,23 @@ class ArduCopter(Sitl):
             return False
         return seen.set("SIM_SPEEDUP", self.speedup, now)
 
-    def _defaults(self) -> Path:
-        """The parameters of a simulated copter: beside the binary, as in its source tree, ours."""
+    def clean(self) -> None:
+        if self._container:
+            self._container.end()
+
+    def _program(self) -> list[str]:
         binary = self.order.binary
+        if isinstance(binary, Path):
+            return [str(binary)]
+        self._container = Container(binary)
+        return self._container.command("arducopter", self.folder)
+
+    def _defaults(self) -> Path:
+        """The parameters of a simulated copter: beside the binary, as in its source tree, ours; in
+        a container ours, where it sees them."""
+        binary = self.order.binary
+        if isinstance(binary, Image):
+            return Path(shutil.copy(_DEFAULTS, self.folder))
         source = Path("Tools", "autotest", "default_params", "copter.parm")
         trees = [parent / source for parent in list(binary.parents)[2:4]]
         places = [binary.with_name("copter.parm"), *trees, _DEFAULTS]
@@ -154,7 +172,8 @@ class Px4(Sitl):
         """PX4 looks for its commands beside the path by which it was called, and for the two
         scripts on the PATH, of which that is the first place."""
         self.clean()
-        own, theirs = self.folder / "bin", self.order.binary / "bin"
+        build = cast("Path", self.order.binary)  # `binaries.find` refuses an image
+        own, theirs = self.folder / "bin", build / "bin"
         own.mkdir()
         names = {path.name for path in theirs.glob("px4-*")} - {"px4-alias.sh"}
         for name in ("px4", *names):
@@ -162,7 +181,7 @@ class Px4(Sitl):
         (own / "px4-alias.sh").symlink_to(theirs / "px4-alias.sh")
         (own / "px4-rc.params").write_text(_PARAMETERS.format(sysid=self.order.sysid))
         (own / "px4-rc.mavlink").write_text(_LINKS)
-        instance, etc = str(self.instance), str(self.order.binary / "etc")
+        instance, etc = str(self.instance), str(build / "etc")
         return [str(own / "px4"), "-i", instance, "-d", etc, "-w", str(self.folder)]
 
     def set_up(self, seen: Onlooker, now: float) -> bool:  # noqa: ARG002

@@ -1,4 +1,5 @@
-"""Finds the autopilots' SITL binaries: an option, an environment variable, the PATH."""
+"""Finds the autopilots' SITL binaries: an option, an environment variable, the PATH; or the
+container image that one of the first two names."""
 
 from __future__ import annotations
 
@@ -9,6 +10,7 @@ from typing import Final
 
 from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.errors import StartError
+from swarm_ctl.runtime.vehicles.containers import PREFIX, Image, find_image
 
 VARIABLES: Final = {
     VehicleKind.ARDUCOPTER: "SWARM_CTL_ARDUCOPTER",
@@ -27,19 +29,17 @@ WHERE_TO_GET: Final = {
 }
 
 
-def find(kind: VehicleKind, given: str | None = None) -> Path:
-    """The `arducopter` binary, or the folder of PX4 that has bin/px4 and etc/.
+def find(kind: VehicleKind, given: str | None = None) -> Path | Image:
+    """The `arducopter` binary or a container image with one, or the folder of PX4 that has bin/px4
+    and etc/.
 
     StartError with where to get it.
     """
     variable = VARIABLES[kind]
     said = given or os.environ.get(variable)
     source = f"--{kind}" if given else variable
-    if said and said.startswith("container:"):
-        raise StartError(
-            f"{source} {said}: containers are not started here;"
-            " allowed: a path, or a fleet whose endpoints are the container's"
-        )
+    if said and said.startswith(PREFIX):
+        return _image(kind, said, source)
     if said:
         found = _at(kind, Path(said).expanduser())
         if found is None:
@@ -53,6 +53,18 @@ def find(kind: VehicleKind, given: str | None = None) -> Path:
             f" To get one, {WHERE_TO_GET[kind]}"
         )
     return found
+
+
+def _image(kind: VehicleKind, said: str, source: str) -> Image:
+    if kind is not VehicleKind.ARDUCOPTER:
+        raise StartError(
+            f"{source} {said}: of the autopilots, only arducopter is started in a container;"
+            " allowed: a path, or a fleet whose endpoints are the container's"
+        )
+    try:
+        return find_image(said)
+    except StartError as error:
+        raise StartError(f"{source} {said}: {error}") from None
 
 
 def _at(kind: VehicleKind, path: Path) -> Path | None:

@@ -10,6 +10,7 @@ from pydantic import TypeAdapter
 
 from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.core.model.plan import Geodetic
+from swarm_ctl.runtime.vehicles.containers import Image
 
 ORDERS: Final = "orders.json"
 STARTED: Final = "vehicles.json"
@@ -23,7 +24,7 @@ class Order:
     agent: int
     sysid: int
     kind: VehicleKind
-    binary: Path
+    binary: Path | Image
     """As `binaries.find` has found it."""
     place: Geodetic
     """Where it stands."""

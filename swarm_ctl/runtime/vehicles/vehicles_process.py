@@ -3,7 +3,7 @@
 It reads the orders in FOLDER, starts each autopilot as its child in a folder of its own, writes
 where each is, and prints a line once all may be armed. Stdin is the lifeline: at its end it waits
 until no vehicle is armed any more, then ends them. SIGTERM ends them at once. If it is killed, the
-kernel (PX4, on Linux) or ArduCopter itself ends them.
+kernel (PX4, on Linux), ArduCopter itself or its container's lifeline ends them.
 
 Exit codes: 0 done, 1 an autopilot ended before it was told to, 3 one did not start.
 """
@@ -164,6 +164,7 @@ class Vehicles:
                 if vehicle.end and vehicle.process.pid not in ended:
                     ended[vehicle.process.pid] = vehicle.end
                     print(vehicle.end, file=sys.stderr, flush=True)  # noqa: T201
+                    vehicle.sitl.clean()  # a container outlives its engine's client
             pause(_POLL_WALL_S)
         return list(ended.values())
 

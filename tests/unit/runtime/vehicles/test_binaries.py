@@ -10,13 +10,14 @@ import pytest
 from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.errors import StartError
 from swarm_ctl.runtime.vehicles.binaries import VARIABLES, find
+from swarm_ctl.runtime.vehicles.containers import ENGINE_VARIABLE, Image
 
 ARDUCOPTER, PX4 = VehicleKind.ARDUCOPTER, VehicleKind.PX4
 
 
 @pytest.fixture(autouse=True)
 def bare(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    for variable in VARIABLES.values():
+    for variable in (*VARIABLES.values(), ENGINE_VARIABLE):
         monkeypatch.delenv(variable, raising=False)
     monkeypatch.setenv("PATH", str(tmp_path / "path"))
 
@@ -66,6 +67,44 @@ def test_a_missing_autopilot_is_an_error_of_exit_code_3_that_says_where_to_get_o
     assert caught.value.exit_code == 3
 
 
-def test_a_container_is_refused_with_another_way() -> None:
-    with pytest.raises(StartError, match="allowed: a path, or a fleet whose endpoints"):
-        find(PX4, "container:px4io/px4-sitl")
+def _engine(path: Path) -> Path:
+    """It has the image `copter` alone."""
+    wanted = '[ "$*" = "image inspect copter" ]'
+    _program(path).write_text(f'#!/bin/sh\n{wanted} || {{ echo "no $3" >&2; exit 9; }}\n')
+    return path
+
+
+def test_a_container_is_run_by_podman_else_docker_else_what_the_variable_names(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    docker = _engine(tmp_path / "path" / "docker")
+    assert find(ARDUCOPTER, "container:copter") == Image(str(docker), "copter")
+    podman = _engine(tmp_path / "path" / "podman")
+    monkeypatch.setenv("SWARM_CTL_ARDUCOPTER", "container:copter")
+    assert find(ARDUCOPTER) == Image(str(podman), "copter")
+    monkeypatch.setenv("SWARM_CTL_CONTAINER_ENGINE", "docker")
+    assert find(ARDUCOPTER) == Image(str(docker), "copter")
+
+
+@pytest.mark.parametrize(
+    ("kind", "variable", "why"),
+    [
+        (ARDUCOPTER, "", "podman has no image 'other': no other; allowed: an image of `/"),
+        (ARDUCOPTER, "nerdctl", "no program nerdctl .*; allowed: one of them on the PATH"),
+        (PX4, "", "only arducopter is started in a container; allowed: a path, or a fleet"),
+    ],
+)
+def test_a_container_that_cannot_be_started_is_refused_with_what_is_allowed(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, kind: VehicleKind, variable: str, why: str
+) -> None:
+    _engine(tmp_path / "path" / "podman")
+    monkeypatch.setenv("SWARM_CTL_CONTAINER_ENGINE", variable)
+    with pytest.raises(StartError, match=why) as caught:
+        find(kind, "container:other")
+    assert str(caught.value).startswith(f"--{kind} container:other: ")
+    assert caught.value.exit_code == 3
+
+
+def test_a_container_without_an_engine_is_refused() -> None:
+    with pytest.raises(StartError, match="no podman, no docker; allowed: one of them on the PATH"):
+        find(ARDUCOPTER, "container:copter")
