@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import stat
@@ -103,6 +104,9 @@ def contained(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Runni
     with found.process:
         yield found
         found.process.kill()
+    for left in engine.parent.glob("swarm-ctl-*"):
+        with contextlib.suppress(ProcessLookupError, FileNotFoundError):
+            os.kill(int(left.read_text()), signal.SIGKILL)
 
 
 def test_the_end_of_its_parent_ends_it_once_no_vehicle_is_armed(running: Running) -> None:

@@ -49,7 +49,7 @@ def find_image(said: str) -> Image:
     image = Image(found[0], name)
     if trouble := _trouble(image):
         raise StartError(
-            f"{image.engine} has no image '{name}': {trouble}; allowed: an image of"
+            f"{image.engine} can't run the image '{name}': {trouble}; allowed: an image of"
             f" `{image.engine} images` (`{image.engine} pull` gets one); {ENGINE_VARIABLE} names"
             " another engine"
         )

@@ -89,7 +89,7 @@ def test_a_container_is_run_by_podman_else_docker_else_what_the_variable_names(
 @pytest.mark.parametrize(
     ("kind", "variable", "why"),
     [
-        (ARDUCOPTER, "", "podman has no image 'other': no other; allowed: an image of `/"),
+        (ARDUCOPTER, "", "podman can't run the image 'other': no other; allowed: an image of `/"),
         (ARDUCOPTER, "nerdctl", "no program nerdctl .*; allowed: one of them on the PATH"),
         (PX4, "", "only arducopter is started in a container; allowed: a path, or a fleet"),
     ],
