@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import struct
 import threading
@@ -14,6 +15,7 @@ from pathlib import Path
 from typing import Any, Self
 
 import pytest
+import yaml
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from swarm_ctl.core.model.fleet import VehicleKind
@@ -38,6 +40,7 @@ from swarm_ctl.runtime.vehicles.order import (
 from tests.system.running import ROOT, Running
 
 MISSIONS = ROOT / "missions"
+PAIR = Path(__file__).with_name("pair.yaml")
 HERE = Geodetic(-35.363262, 149.165237, 584.0)
 GROUND_STATION = 255
 """The system id of QGroundControl and MAVProxy."""
@@ -111,14 +114,18 @@ class Flight(Running):
 
 @contextlib.contextmanager
 def standing(
-    kinds: Sequence[VehicleKind], folder: Path, speedup: float = 1.0, origin: Geodetic = HERE
+    kinds: Sequence[VehicleKind],
+    folder: Path,
+    speedup: float = 1.0,
+    origin: Geodetic = HERE,
+    sysids: Sequence[int] = range(1, 256),
 ) -> Iterator[dict[int, Started]]:
-    """Autopilots without agents, ready to arm, ten metres apart to the east, with system ids from
-    1. They end with the block."""
+    """Autopilots without agents, ready to arm, ten metres apart to the east. They end with the
+    block."""
     needed(" ".join(kinds))
     places = [geodetic_from_ned((0.0, 10.0 * k, 0.0), origin) for k in range(len(kinds))]
     orders = tuple(
-        Order(k + 1, k + 1, kind, find(kind), place)
+        Order(k + 1, sysids[k], kind, find(kind), place)
         for k, (kind, place) in enumerate(zip(kinds, places, strict=True))
     )
     folder.mkdir(parents=True, exist_ok=True)
@@ -132,6 +139,17 @@ def standing(
         wait_all([child], 10.0)
 
 
+def alone(folder: Path, vehicle: Started, endpoint: str = "") -> Path:
+    """A mission of one agent for a standing vehicle, over its own endpoint or another."""
+    mission = yaml.safe_load(PAIR.read_text()) | {"prepare_timeout_s": 20}
+    del mission["agents"][1]
+    entry = {"id": 1, "sysid": vehicle.sysid, "autopilot": vehicle.kind.autopilot}
+    mission["fleet"] = {"agents": [entry | {"endpoint": endpoint or vehicle.endpoint}]}
+    path = folder / "alone.yaml"
+    path.write_text(yaml.safe_dump(mission))
+    return path
+
+
 class Client:
     """A MAVLink client, such as a ground station, beside an agent. A thread listens, and sends a
     heartbeat a second once `beat` has been called."""
@@ -143,6 +161,8 @@ class Client:
         self.armed: bool | None = None
         self.mode = ""
         self.height_m: float | None = None
+        self.speed_mps = 0.0
+        """Horizontal."""
         self.texts: list[str] = []
         self.parameters: dict[str, tuple[float, int]] = {}
         """Values as sent, and MAV_PARAM_TYPE."""
@@ -253,6 +273,7 @@ class Client:
             self.mode = self.modes.name(message.custom_mode)
         elif kind == "LOCAL_POSITION_NED":
             self.height_m = -message.z
+            self.speed_mps = math.hypot(message.vx, message.vy)
         elif kind == "STATUSTEXT":
             self.texts.append(message.text)
         elif kind == "PARAM_VALUE":

@@ -9,25 +9,12 @@ import pytest
 
 from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.mavlink import outgoing
-from tests.autopilots.sitl import HERE, Client, Flight, standing
+from tests.autopilots.sitl import Client, Flight, alone, standing
 from tests.system.running import Running
 
 PAIR = Path(__file__).with_name("pair.yaml")
 HOLD = 3
 DOUBTS = ("accuracy", "estimator", "GPS", "EKF_STATUS_REPORT", "ESTIMATOR_STATUS")
-ALONE = f"""\
-version: 1
-name: alone
-origin: {{lat_deg: {HERE.lat_deg}, lon_deg: {HERE.lon_deg}, alt_m: {HERE.alt_m}}}
-lengths: metres
-law: {{r: 40, r_out: 7, r_in: 2.5}}
-prepare_timeout_s: 20
-agents: [{{id: 1, start: [0, 0]}}]
-shapes: {{row: {{kind: line, spacing: 10}}}}
-steps: [takeoff: {{height_m: 6}}, form: {{shape: row}}, land]
-fleet:
-  agents: [{{id: 1, sysid: SYSID, autopilot: AUTOPILOT, endpoint: "ENDPOINT"}}]
-"""
 
 
 @pytest.mark.long
@@ -54,13 +41,27 @@ def test_a_mission_faster_than_the_vehicle_is_refused(
         with Client(vehicle) as ground_station:
             name = known(ground_station, names)
             ground_station.set(name, share * ground_station.get(name))
-        autopilot = "px4" if kind is VehicleKind.PX4 else "ardupilot"
-        text = ALONE.replace("SYSID", str(vehicle.sysid)).replace("AUTOPILOT", autopilot)
-        mission = tmp_path / "alone.yaml"
-        mission.write_text(text.replace("ENDPOINT", vehicle.endpoint))
+        mission = alone(tmp_path, vehicle)
         with Running("run", mission, "--headless", "--no-report", cwd=tmp_path) as run:
             assert run.wait(90.0) == 1
             assert f"the mission flies 5.0 m/s; vehicle 1 allows 3.0 ({name}" in run.output
+
+
+@pytest.mark.long
+def test_an_arducopter_as_delivered_does_not_know_the_wind(tmp_path: Path) -> None:
+    """It sends WIND of 0 m/s, which is no calm: the agent says once, before arming, that the limit
+    can't act, and no limit acts."""
+    with standing([VehicleKind.ARDUCOPTER], tmp_path / "vehicles") as started:
+        mission = alone(tmp_path, started[1])
+        mission.write_text(f"{mission.read_text()}policies: {{wind_limit_mps: 5}}\n")
+        with Client(started[1]) as ground_station:
+            ground_station.set("SIM_WIND_SPD", 8.0)
+        with Running("run", mission, "--headless", "--no-report", cwd=tmp_path) as run:
+            assert run.wait(180.0) == 0, run.output
+            events = (run.folder / "events.jsonl").read_text()
+    before_take_off, after = events.split("step 1: takeoff")
+    assert before_take_off.count("does not estimate the wind: the limit of 5 m/s can't act") == 1
+    assert "wind" not in after
 
 
 def known(client: Client, names: tuple[str, ...]) -> str:
