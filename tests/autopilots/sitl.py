@@ -175,8 +175,8 @@ class Client:
         self._thread.start()
 
     def __enter__(self) -> Self:
-        # A first frame makes its port known to PX4; positions are asked for.
-        self.wait_for(lambda: self.armed is not None, self._ask)
+        # A first frame makes its port known to PX4; positions are asked for until they come.
+        self.wait_for(lambda: None not in (self.armed, self.height_m), self._ask)
         return self
 
     def __exit__(self, *_: object) -> None:

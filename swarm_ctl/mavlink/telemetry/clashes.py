@@ -82,7 +82,8 @@ class Clashes:
         self._own: deque[bytes] = deque(maxlen=_OWN_HEARTBEATS)
         self._sequence = _Sequence()
         another = "give it another one, or the agent another agent_sysid in the fleet"
-        self._two = _Signs(3)
+        # One sign is many frames, and an agent may be ready to arm within seconds.
+        self._two = _Signs(1)
         self._kinds = _Signs(2)
         vehicles = (
             f"two vehicles speak with system id {sysid} on this link: give one of them another,"
