@@ -5,10 +5,10 @@ the order needs it: with `--pdb`, `--trace` or `-s`, where files or single tests
 the long rows (`python -m pytest -m long`). `-n0` or another number wins over this choice.
 
 Tests in real time (processes, sockets, the system's clock) mostly wait, and must not be kept
-waiting. They are two groups, each run in order by one worker (autopilots that boot take both cores,
-so they are in one group with the runs at a speed-up). The groups are the largest, so the workers
-begin with them. All other tests only compute: they come afterwards, and a worker that computes
-gives way to a worker that flies.
+waiting. They are two groups of about the same length, each run in order by one worker: whole runs
+(autopilots that boot take both cores, so they never boot beside a run at a speed-up), and links and
+terminals. The groups are the largest, so the workers begin with them. All other tests only compute:
+they come afterwards, and a worker that computes gives way to a worker that flies.
 """
 
 from __future__ import annotations
@@ -22,8 +22,11 @@ import pytest
 from hypothesis import settings
 
 WORKERS = 2
-REALTIME = {"system": "system", "protocol": "protocol", "autopilots": "system"}
+RUNS, LINKS = "runs", "links"
+REALTIME = {"system": RUNS, "autopilots": RUNS, "protocol": LINKS}
 """The group of each folder."""
+TERMINALS = ("test_dashboard", "test_terminal")
+"""Of the folder `system`, but beside the whole runs."""
 _GIVE_WAY = 10
 
 
@@ -58,7 +61,9 @@ def _wanted(item: pytest.Item, config: pytest.Config) -> bool:
 
 def _group(item: pytest.Item) -> str:
     folder = item.path.relative_to(Path(__file__).parent).parts[0]
-    return REALTIME.get(folder, "system" if "realtime" in item.keywords else "")
+    if item.path.stem in TERMINALS:
+        return LINKS
+    return REALTIME.get(folder, RUNS if "realtime" in item.keywords else "")
 
 
 def pytest_collection_finish(session: pytest.Session) -> None:

@@ -21,7 +21,8 @@ FLOWN = {"arducopter": "GUIDED", "px4": "OFFBOARD"}
 PILOTS = {"arducopter": "BRAKE", "px4": "AUTO.LOITER"}
 """Modes that hold a place without a pilot's sticks."""
 
-rows = pytest.mark.parametrize("kind", ["arducopter", pytest.param("px4", marks=pytest.mark.long)])
+pytestmark = pytest.mark.long
+rows = pytest.mark.parametrize("kind", ["arducopter", "px4"])
 
 
 @contextmanager
