@@ -1,6 +1,6 @@
 """Settings for all tests: how many workers run them, and which rows run.
 
-`python -m pytest` shares the tests among two workers. One process runs them where a debugger or
+`python -m pytest` shares the tests among three workers. One process runs them where a debugger or
 the order needs it: with `--pdb`, `--trace` or `-s`, where files or single tests are named, and for
 the long rows (`python -m pytest -m long`). `-n0` or another number wins over this choice.
 
@@ -21,7 +21,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-WORKERS = 2
+WORKERS = 3
 RUNS, LINKS = "runs", "links"
 REALTIME = {"system": RUNS, "autopilots": RUNS, "protocol": LINKS}
 """The group of each folder."""
