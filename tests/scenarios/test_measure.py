@@ -153,6 +153,7 @@ def test_an_armed_vehicle_is_left_alone() -> None:
     measured = Measured()
     firmware = measured.hub.world.vehicles[0].firmware
     own = [firmware.parameters[name] for name in ("GUID_TIMEOUT", "FS_GCS_ENABLE")]
+    firmware.parameters.set("DISARM_DELAY", 0.0)  # it would disarm itself after 10 s on the ground
     firmware.armed = True
     outcome, reason = measured.to_the_end()
     assert outcome == "failed"

@@ -52,9 +52,12 @@ class Landing:
         # A vehicle that was asked to arm a moment ago may still do so: only what it says well
         # after that counts.
         down = self._on_ground(tick) and now - context.arming_s > _ARMING_S
-        if down or tick.vehicle_silent_s > _GONE_VEHICLE_S:
+        killed = trigger.action is FailsafeAction.KILL
+        # An agent that has just started may not know yet that its vehicle is armed.
+        unsure = killed and not context.was_armed and now - context.trigger_s <= _ARMING_S
+        if not unsure and (down or tick.vehicle_silent_s > _GONE_VEHICLE_S):
             return self.end(now)
-        if trigger.action is FailsafeAction.KILL:
+        if killed:
             context.phase = Phase.LAND
             context.controller.rest()
             return TerminateGoal()

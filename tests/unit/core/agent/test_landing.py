@@ -287,3 +287,10 @@ def test_a_fallen_vehicle_that_stays_armed_is_given_up(action: FailsafeAction, e
     flight = Flight(action)
     assert isinstance(flight.at(179.0), YieldGoal)
     assert isinstance(flight.at(181.0), ReleaseGoal if ends else YieldGoal)
+
+
+@pytest.mark.parametrize(("later_s", "ends"), [(2.9, False), (3.1, True)])
+def test_a_kill_is_not_over_before_the_vehicle_is_known(later_s: float, ends: bool) -> None:
+    """An agent that has just started takes its vehicle for disarmed until heartbeats say more."""
+    flight = Flight(KILLS, own=airborne(was_armed=False, arming_s=-math.inf))
+    assert isinstance(flight.at(later_s, **GROUNDED), ReleaseGoal if ends else TerminateGoal)
