@@ -25,7 +25,7 @@ WORKERS = 3
 RUNS, LINKS = "runs", "links"
 REALTIME = {"system": RUNS, "autopilots": RUNS, "protocol": LINKS}
 """The group of each folder."""
-TERMINALS = ("test_dashboard", "test_terminal")
+TERMINALS = ("test_dashboard", "test_terminal", "test_recording", "test_send", "test_measure")
 """Of the folder `system`, but beside the whole runs."""
 _GIVE_WAY = 10
 
@@ -61,7 +61,7 @@ def _wanted(item: pytest.Item, config: pytest.Config) -> bool:
 
 def _group(item: pytest.Item) -> str:
     folder = item.path.relative_to(Path(__file__).parent).parts[0]
-    if item.path.stem in TERMINALS:
+    if folder == "system" and item.path.stem in TERMINALS:
         return LINKS
     return REALTIME.get(folder, RUNS if "realtime" in item.keywords else "")
 

@@ -95,6 +95,7 @@ def gcs_port(output: str) -> int:
     return int(line.rpartition(":")[2])
 
 
+@pytest.mark.long
 def test_a_gcs_that_floods_hangs_or_dies_takes_nothing_from_an_agent(
     tmp_path: Path, mission: Path
 ) -> None:

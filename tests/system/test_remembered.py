@@ -65,6 +65,7 @@ def until_down(mission: LoadedMission) -> dict[int, dict[str, Any]]:
             return found
 
 
+@pytest.mark.long
 def test_killed_agents_vehicles_get_their_own_values_back(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
