@@ -17,7 +17,7 @@ COMMANDED_S, STANDS_S = 2.0, 8.0
 
 
 @pytest.mark.long
-def test_hold_leaves_at_once_whoever_is_dead(tmp_path: Path) -> None:
+def test_hold_leaves_at_once_beside_a_dead_agent(tmp_path: Path) -> None:
     """The other vehicle is in the middle of a move, and stops."""
     mission = tmp_path / "move.yaml"
     text = PAIR.read_text().replace("hold: {duration_s: 5}", "move: {to: [90, 0], speed_mps: 3}")

@@ -87,6 +87,6 @@ def test_an_operator_commands_from_the_shell(tmp_path: Path) -> None:
         assert running.wait() == 1, running.output
         running.assert_nothing_left()
         summary = running.summary()
-        assert summary["outcome"] == "failed"  # six falls, whoever ordered them
+        assert summary["outcome"] == "failed"  # six vehicles fell, although the operator ordered it
         assert {each["kind"] for each in summary["findings"]} == {"disarmed in the air", "fall"}
         assert "killed by the operator" in summary["reason"]

@@ -71,7 +71,7 @@ def _autopilots() -> list[Fact]:
             state = str(find(kind))
         except StartError as error:
             state = str(error)
-        facts.append(Fact(f"{kind}, simulated", state))
+        facts.append(Fact(f"{kind} program", state))
     return facts
 
 

@@ -68,7 +68,7 @@ class Landing:
             return LandGoal() if math.isfinite(context.arming_s) else StandbyGoal()
         fallen = trigger.action is FailsafeAction.FALL
         if fallen and now - context.trigger_s > _LANDING_AT_MOST_S:
-            return self.end(now)  # it lies there and has armed again: its motors are a person's
+            return self.end(now)  # without the agent's heartbeats the vehicle's failsafe acts
         if fallen or trigger.action is FailsafeAction.YIELD:
             context.phase = Phase.YIELD
             context.controller.rest()

@@ -15,6 +15,7 @@ from swarm_ctl.core.agent.progress import step_name
 from swarm_ctl.core.model.messages import Outcome
 from swarm_ctl.core.model.plan import LandStep, Plan, Point, ReturnStep, TakeoffStep
 from swarm_ctl.core.model.text import agents_named
+from swarm_ctl.core.model.vehicle import FALLS_MPS
 from swarm_ctl.report.folder.flight import Flight, Source
 from swarm_ctl.report.folder.run_folder import RunFolder
 from swarm_ctl.report.folder.truth import Bools, EventKind, Truth, TruthEvent
@@ -22,9 +23,6 @@ from swarm_ctl.report.judge.distances import PairDistance
 
 LANDING_TOLERANCE_M: Final = 3.0
 """How far from its landing place a vehicle may come down: what GPS wanders during a landing."""
-FALL_MPS: Final = 4.0
-"""No landing of an autopilot as delivered is as fast; a mission that descends faster than half of
-this has twice its own limit."""
 HARD_MPS: Final = 3.0
 """A touch-down that breaks a vehicle; autopilots land with 0.5 to 1 m/s."""
 _BRAKE_S: Final = 3.0
@@ -66,7 +64,7 @@ def find(run: RunFolder, pairs: Iterable[PairDistance]) -> list[Finding]:
     found += _too_close(plan, (pair for pair in pairs if pair.agents not in collided))
     for k, agent in enumerate(run.agents):
         events = _events(run, agent)
-        limit_mps = max(FALL_MPS, 2.0 * plan.limits.descent_mps)
+        limit_mps = max(FALLS_MPS, 2.0 * plan.limits.descent_mps)
         falls = [*_motors_off(run, k, events), *_falls(flight, k, agent, events, limit_mps)]
         found += falls
         if not falls:

@@ -51,7 +51,7 @@ class VehicleReport:
     armed: bool = False
     mode: str = ""
     attention: tuple[str, ...] = ()
-    """What somebody has to do something about."""
+    """What the operator has to mend before a flight."""
     notes: tuple[str, ...] = ()
     """Worth a look, and no more."""
     restored: tuple[str, ...] = ()

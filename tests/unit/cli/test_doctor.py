@@ -35,8 +35,8 @@ def test_the_machine(
     assert code_of(as_json=True) == 0
     facts = {f["name"]: f["state"] for f in json.loads(capsys.readouterr().out)["machine"]}
     assert "pymavlink 2" in facts["packages core"]
-    assert "git clone" in facts["arducopter, simulated"]
-    assert "git clone" in facts["px4, simulated"]
+    assert "git clone" in facts["arducopter program"]
+    assert "git clone" in facts["px4 program"]
     assert facts["containers"] == "neither podman nor docker"
     assert facts["remembered vehicles"] == f"1 in {tmp_path}"
     assert (
