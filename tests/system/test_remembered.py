@@ -92,7 +92,8 @@ def test_killed_agents_vehicles_get_their_own_values_back(
 
         flown = [agent(mission.source, i, epoch_s, SPEEDUP) for i in (1, 2)]
         with ended(flown):
-            assert [each.wait(90) for each in flown] == [0, 0]
+            said = [each.communicate(timeout=90)[1].decode() for each in flown]
+            assert [each.returncode for each in flown] == [0, 0], said
         code, found = doctor(mission.source)
         assert code == 0
         assert {i: values(found[i], of=OWN[i]) for i in (1, 2)} == OWN
