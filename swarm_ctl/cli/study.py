@@ -42,8 +42,32 @@ def study(
     silent: Annotated[str, option(_X, "Share of missions in which an agent dies.")] = "0",
     h: Annotated[str, option(_X, "The law's consensus gain h.")] = "0.05",
     kappa: Annotated[str, option(_X, "The law's iterations a second.")] = "20",
-    lag: Annotated[str, option(_X, "Lag of the vehicle `lag`, in seconds.")] = "0.5",
-    dead_time: Annotated[str, option(_X, "Dead time of the vehicle `lag`, in seconds.")] = "0.4",
+    speed: Annotated[str, option(_A, "Speed limit of the agents, in m/s.")] = "5",
+    lag: Annotated[str, option(_X, "True lag of the vehicles `lag`, in seconds.")] = "0.5",
+    dead_time: Annotated[
+        str, option(_X, "True dead time of the vehicles `lag`, in seconds.")
+    ] = "0.4",
+    acceleration: Annotated[
+        str, option(_X, "True acceleration limit of the vehicles `lag`, in m/s2.")
+    ] = "2.8",
+    spread: Annotated[
+        str,
+        option(_A, "mission, agent: what draws its lag, dead time and acceleration from a range."),
+    ] = "mission",
+    model_lag: Annotated[
+        str,
+        option(
+            _A,
+            "Lag that the agents believe.  [default: the middle of --lag (one value: a perfect"
+            " model); the autopilot's typical one]",
+        ),
+    ] = "",
+    model_dead_time: Annotated[
+        str, option(_A, "Dead time that they believe.  [default: likewise]")
+    ] = "",
+    model_acceleration: Annotated[
+        str, option(_A, "Acceleration limit that they believe.  [default: likewise]")
+    ] = "",
     delay: Annotated[str, option(_X, "Age of a peer's state when it arrives, in seconds.")] = "0",
     loss: Annotated[str, option(_X, "Share of states that are lost.")] = "0",
     wind: Annotated[
@@ -106,7 +130,7 @@ def study(
         tick_s=tick,
         start_spacing=start_spacing,
         law={"r": r, "r_out": r_out, "r_in": r_in},
-        n=_whole(n),
+        n=n,
         shape=shape,
         slots=slots,
         start=start,
@@ -115,8 +139,14 @@ def study(
         safety=safety,
         h=h,
         kappa=kappa,
+        speed_mps=speed,
         lag_s=lag,
         dead_time_s=dead_time,
+        acceleration_mps2=acceleration,
+        spread=spread,
+        model_lag_s=model_lag,
+        model_dead_time_s=model_dead_time,
+        model_acceleration_mps2=model_acceleration,
         delay_s=delay,
         loss=loss,
         wind_mps=wind,
@@ -131,28 +161,17 @@ def study(
 
 
 def _study(**given: Any) -> Study:
-    """The study of these fields; a text is a list."""
+    """The study of these fields; an empty text is the default."""
     from pydantic import ValidationError
 
     from swarm_ctl.study.parameter_space import Study
 
     try:
-        return Study.model_validate(
-            {k: v.split(",") if isinstance(v, str) else v for k, v in given.items()}
-        )
+        return Study.model_validate({k: v for k, v in given.items() if v != ""})
     except ValidationError as error:
         found = error.errors(include_url=False)[0]
         where = found["loc"][0] if found["loc"] else "study"
         raise InputError(f"{where}: {found['msg'].removeprefix('Value error, ')}") from None
-
-
-def _whole(text: str) -> str:
-    """2:4,9 as 2,3,4,9."""
-    try:
-        spans = [[int(end) for end in part.split(":")] for part in text.split(",")]
-    except ValueError:
-        raise InputError(f"n: {text!r} is no list; allowed: 6 or 4,6,9 or 2:50") from None
-    return ",".join(str(k) for span in spans for k in range(span[0], span[-1] + 1))
 
 
 def _by(text: str, study: Study) -> tuple[str, ...]:

@@ -10,7 +10,15 @@ from __future__ import annotations
 import itertools
 from typing import Any, Final, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    NonNegativeFloat,
+    PositiveFloat,
+    field_validator,
+    model_validator,
+)
 
 from swarm_ctl.core.law.stop_point import TYPICAL
 from swarm_ctl.core.model.plan import Compensation, LawParameters, Response
@@ -26,12 +34,23 @@ the mean-error feedback (what agents fly), slot exchange (what they fly in form 
 it)."""
 LEVELS: Final[tuple[SafetyLevel, ...]] = ("off", "filter", "guard", "release", "align", "exchange")
 VehicleModel = Literal["ideal", "lag", "ardupilot", "px4"]
+Spread = Literal["mission", "agent"]
+"""The vehicles of a mission are all alike, or each draws its own `VEHICLE_RANGES`."""
 
-LISTS: Final = ("n", "shape", "slots", "start", "compensation", "vehicle", "safety")
-RANGES: Final = (
+MODEL: Final = ("model_lag_s", "model_dead_time_s", "model_acceleration_mps2")
+LISTS: Final = (
+    *("n", "shape", "slots", "start", "compensation", "vehicle", "safety"),
+    *("speed_mps", "spread", *MODEL),
+)
+VEHICLE_RANGES: Final = ("lag_s", "dead_time_s", "acceleration_mps2")
+"""What the vehicles `lag` truly do."""
+FIRST_RANGES: Final = (
     *("h", "kappa", "lag_s", "dead_time_s", "delay_s"),
     *("loss", "wind_mps", "area", "spacing", "silent"),
 )
+LATER_RANGES: Final = ("acceleration_mps2",)
+"""Drawn after all else: so a new one leaves the missions of older studies as they were."""
+RANGES: Final = (*FIRST_RANGES, *LATER_RANGES)
 _FIRMWARE: Final = ("ardupilot", "px4")
 
 
@@ -45,10 +64,10 @@ class Range(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _from_text(cls, data: Any) -> Any:
-        """`0.2` or `0:0.2`, as on the command line."""
-        if not isinstance(data, str):
+        """`0.2` or `0:0.2`, as on the command line; or a number."""
+        if not isinstance(data, str | int | float):
             return data
-        low, _, high = data.partition(":")
+        low, _, high = str(data).partition(":")
         try:
             return {"low": float(low), "high": float(high or low)}
         except ValueError:
@@ -90,9 +109,6 @@ class _Common(BaseModel):
     """`h` is the cell's."""
     unit_m: float = Field(default=5.0, gt=0)
     tick_s: float = Field(default=0.05, gt=0)
-    speed_mps: float = Field(default=5.0, gt=0)
-    acceleration_mps2: float = Field(default=2.8, gt=0)
-    """Of the vehicle `lag`."""
     start_spacing: float = Field(default=0.0, ge=0)
     """Smallest distance between two random starts [units]; 0: twice `r_in`."""
     tolerance: float = Field(default=0.1, gt=0)
@@ -114,6 +130,11 @@ class Cell(_Common):
     compensation: Compensation
     vehicle: VehicleModel
     safety: SafetyLevel
+    speed_mps: float
+    spread: Spread
+    model_lag_s: float | None
+    model_dead_time_s: float | None
+    model_acceleration_mps2: float | None
     h: Range
     kappa: Range
     lag_s: Range
@@ -124,15 +145,21 @@ class Cell(_Common):
     area: Range
     spacing: Range
     silent: Range
+    acceleration_mps2: Range
 
     @property
     def model(self) -> Response:
-        """The agents' model of their vehicles: the middle of the ranges, or the default of flown
-        missions."""
-        if self.vehicle in _FIRMWARE:
-            return TYPICAL[self.vehicle]
+        """What the agents believe of their vehicles: what is given, else the middle of the true
+        range, or of a firmware the default of flown missions."""
+        middle = Response(
+            self.dead_time_s.middle, max(self.lag_s.middle, 1e-3), self.acceleration_mps2.middle
+        )
+        known = TYPICAL.get(self.vehicle, middle)
+        lag_s, dead_time_s, acceleration_mps2 = (getattr(self, name) for name in MODEL)
         return Response(
-            self.dead_time_s.middle, max(self.lag_s.middle, 1e-3), self.acceleration_mps2
+            known.dead_time_s if dead_time_s is None else dead_time_s,
+            known.lag_s if lag_s is None else lag_s,
+            known.acceleration_mps2 if acceleration_mps2 is None else acceleration_mps2,
         )
 
     def has(self, level: SafetyLevel) -> bool:
@@ -151,11 +178,21 @@ class Study(_Common):
     vehicle: tuple[VehicleModel, ...] = ("lag",)
     safety: tuple[SafetyLevel, ...] = ("align",)
     """What stands between the law and the vehicles; `align` is what agents fly with stop points."""
+    speed_mps: tuple[PositiveFloat, ...] = (5.0,)
+    """The agents' speed limit."""
+    spread: tuple[Spread, ...] = ("mission",)
+    model_lag_s: tuple[PositiveFloat | None, ...] = (None,)
+    """What the agents believe of their vehicles. None: the middle of the true range, so that a
+    single true value is a perfect model; of firmwares `stop_point.TYPICAL`."""
+    model_dead_time_s: tuple[NonNegativeFloat | None, ...] = (None,)
+    model_acceleration_mps2: tuple[PositiveFloat | None, ...] = (None,)
     h: tuple[Range, ...] = value(0.05)
     kappa: tuple[Range, ...] = value(20.0)
     lag_s: tuple[Range, ...] = value(0.5)
+    """What the vehicles `lag` truly do; firmwares bring their own answer."""
     dead_time_s: tuple[Range, ...] = value(0.4)
-    """Of the vehicle `lag`: between command and answer. Firmwares bring their own."""
+    """Between command and answer."""
+    acceleration_mps2: tuple[Range, ...] = value(2.8)
     delay_s: tuple[Range, ...] = value(0.0)
     """How old news of the others is."""
     loss: tuple[Range, ...] = value(0.0)
@@ -169,6 +206,26 @@ class Study(_Common):
     silent: tuple[Range, ...] = value(0.0)
     """The share of missions in which one agent's process dies in the first 20 s; its vehicle flies
     its last command until its own failsafe stops it, and stays."""
+
+    @field_validator(*LISTS, *RANGES, mode="before")
+    @classmethod
+    def _listed(cls, given: Any) -> Any:
+        """A list may be one value, or a text, as on the command line: `4,6`."""
+        if isinstance(given, str):
+            return given.split(",")
+        return [given] if isinstance(given, int | float | Range | None) else given
+
+    @field_validator("n", mode="before")
+    @classmethod
+    def _spans(cls, given: Any) -> Any:
+        """`2:4,9` as 2, 3, 4, 9."""
+        if not isinstance(given, str):
+            return given
+        try:
+            spans = [[int(end) for end in part.split(":")] for part in given.split(",")]
+        except ValueError:
+            raise ValueError(f"{given!r} is no list; allowed: 6 or 4,6,9 or 2:50") from None
+        return [k for span in spans for k in range(span[0], span[-1] + 1)]
 
     @model_validator(mode="after")
     def _possible(self) -> Self:
@@ -186,6 +243,10 @@ class Study(_Common):
                 "kappa: allowed: kappa * tick_s <= 1",
             ),
             (all(k.low > 0 for k in self.kappa), "kappa: allowed: more than 0"),
+            (
+                all(a.low > 0 for a in self.acceleration_mps2),
+                "acceleration_mps2: allowed: more than 0",
+            ),
             (all(loss.high < 1 for loss in self.loss), "loss: allowed: 0 to under 1"),
             (
                 not any(w.high for w in self.wind_mps) or set(self.vehicle) <= set(_FIRMWARE),

@@ -17,10 +17,11 @@ import numpy as np
 from pydantic import ValidationError
 
 from swarm_ctl.core.law.formation_law import STATUSES
+from swarm_ctl.core.model.plan import Response
 from swarm_ctl.errors import InputError
 from swarm_ctl.study.batch.batch import Batch, blocks
 from swarm_ctl.study.batch.batch_flight import BatchResult
-from swarm_ctl.study.parameter_space import LISTS, RANGES, Study
+from swarm_ctl.study.parameter_space import LISTS, RANGES, VEHICLE_RANGES, Cell, Study
 
 Row: TypeAlias = dict[str, Any]
 
@@ -30,20 +31,23 @@ COLUMNS: Final = (
     "row",
     "cell",
     *LISTS,
-    *RANGES,
+    *(name for name in RANGES if name not in VEHICLE_RANGES),
+    *(f"{end}_{name}" for name in VEHICLE_RANGES for end in ("least", "most")),
     "wind_from_rad",
     *_RESULT,
     *(f"sigma_{name}" for name in STATUSES),
 )
-_TEXT: Final = frozenset({"shape", "slots", "start", "compensation", "vehicle", "safety"})
+_TEXT: Final = frozenset({"shape", "slots", "start", "compensation", "vehicle", "safety", "spread"})
 
 
 def rows_of(batch: Batch, result: BatchResult) -> list[Row]:
     """The rows of a flown batch. Lengths in units."""
     cell, count = batch.cell, len(batch)
     columns: dict[str, Any] = {"row": batch.row, "cell": np.full(count, cell.index)}
-    columns |= {name: [_word(getattr(cell, name))] * count for name in LISTS}
+    columns |= {name: [_word(value)] * count for name, value in _listed(cell).items()}
     columns |= {name: getattr(batch, name) for name in (*RANGES, "wind_from_rad")}
+    columns |= {f"least_{name}": columns[name].min(axis=0) for name in VEHICLE_RANGES}
+    columns |= {f"most_{name}": columns[name].max(axis=0) for name in VEHICLE_RANGES}
     columns |= {name: getattr(result, name) for name in _MEASURED}
     columns["collided"] = result.smallest < cell.law.r_in
     columns["hit"] = result.smallest_silent < cell.law.r_in
@@ -52,8 +56,14 @@ def rows_of(batch: Batch, result: BatchResult) -> list[Row]:
     return [dict(zip(COLUMNS, values, strict=True)) for values in zip(*plain, strict=True)]
 
 
-def _word(entry: int | str) -> int | str:
-    return entry if isinstance(entry, int) else str(entry)
+def _listed(cell: Cell) -> dict[str, Any]:
+    """What the cell takes of each list; of the model, what is believed."""
+    model = {f"model_{f.name}": getattr(cell.model, f.name) for f in fields(Response)}
+    return {name: getattr(cell, name) for name in LISTS} | model
+
+
+def _word(entry: float | str) -> float | str:
+    return str(entry) if isinstance(entry, str) else entry
 
 
 def _plain(column: Any) -> list[Any]:

@@ -18,7 +18,14 @@ from swarm_ctl.errors import InputError
 from swarm_ctl.mission.geometry.shapes import slots_of
 from swarm_ctl.mission.geometry.slot_assignment import nearest
 from swarm_ctl.mission.input import schema
-from swarm_ctl.study.parameter_space import RANGES, Cell, Range, Study
+from swarm_ctl.study.parameter_space import (
+    FIRST_RANGES,
+    LATER_RANGES,
+    VEHICLE_RANGES,
+    Cell,
+    Range,
+    Study,
+)
 
 _BLOCK_AGENTS: Final = 12288
 """Agents per block: enough for numpy to be quick, few enough for a core's cache."""
@@ -48,7 +55,9 @@ class Batch:
     h: Floats
     kappa: Floats
     lag_s: Floats
+    """(n, m): what each vehicle truly does, as are the next two."""
     dead_time_s: Floats
+    acceleration_mps2: Floats
     delay_s: Floats
     loss: Floats
     wind_mps: Floats
@@ -96,7 +105,7 @@ def blocks(study: Study) -> list[tuple[Cell, int, int]]:
 def draw(cell: Cell, first: int, count: int) -> Batch:
     """The missions `first` to `first + count` of a cell. InputError where the area is too small."""
     random = np.random.default_rng([cell.seed, cell.index, first])
-    values = {name: _draw(getattr(cell, name), count, random) for name in RANGES}
+    values = {name: _draw(getattr(cell, name), count, random) for name in FIRST_RANGES}
     # area 0: six in a square of 10 x 10, more a little denser: as sparse as six, many agents are
     # hardly ever connected
     values["area"] = np.where(values["area"] == 0, 10.0 * (cell.n / 6) ** 0.375, values["area"])
@@ -105,6 +114,8 @@ def draw(cell: Cell, first: int, count: int) -> Batch:
     wind_from_rad = random.uniform(0.0, 2 * np.pi, count)
     dies = random.random(count) < values["silent"]
     agent, when = random.integers(cell.n, size=count), random.uniform(0.0, _DIES_BY_S, count)
+    values |= {name: _draw(getattr(cell, name), count, random) for name in LATER_RANGES}
+    values |= {name: _vehicles(cell, name, values[name], random) for name in VEHICLE_RANGES}
     return Batch(
         cell=cell,
         row=cell.index * cell.missions + first + np.arange(count),
@@ -121,6 +132,14 @@ def draw(cell: Cell, first: int, count: int) -> Batch:
 def _draw(span: Range, count: int, random: np.random.Generator) -> Floats:
     """A fixed value takes its share of random numbers, too: the other ranges then draw the same."""
     return span.low + (span.high - span.low) * random.random(count)
+
+
+def _vehicles(cell: Cell, name: str, drawn: Floats, random: np.random.Generator) -> Floats:
+    """Each vehicle's value (n, m): the mission's, or one of its own from the same range."""
+    if cell.spread == "mission":
+        return np.repeat(drawn[None], cell.n, axis=0)
+    own = _draw(getattr(cell, name), cell.n * len(drawn), random)
+    return own.reshape(cell.n, len(drawn))
 
 
 def _links(starts: Floats, r: float) -> Bools:

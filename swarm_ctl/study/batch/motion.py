@@ -13,7 +13,7 @@ import numpy as np
 from sim.physics import response as firmware
 from sim.physics.kinematics import Array, Demands, MotionState, VelocityResponse, advance
 from swarm_ctl.core.law.stop_point import pending, stop_points
-from swarm_ctl.core.model.arrays import Bools, Floats, keep_missions
+from swarm_ctl.core.model.arrays import Bools, Floats, Indices, keep_missions
 from swarm_ctl.core.model.plan import Compensation
 from swarm_ctl.study.batch.batch import Batch
 
@@ -65,28 +65,26 @@ class IdealMotion:
 
 
 class LagResponse:
-    """A first-order lag with bounded acceleration, one lag per mission: the model behind the stop
-    point."""
+    """A first-order lag with bounded acceleration, (m, n) each: the model behind the stop point."""
 
     memory_rows = 0
 
-    def __init__(self, lag_s: Floats, acceleration_mps2: float) -> None:
-        self._lag_s = lag_s
+    def __init__(self, lag_s: Floats, acceleration_mps2: Floats, dt: float) -> None:
+        self._per_s = (-np.expm1(-dt / np.maximum(lag_s, 1e-6)) / dt)[..., None]
         self._bound = acceleration_mps2
 
     def acceleration(
         self, memory: Array, velocity: Array, target: Array, wind: Array, dt: float
     ) -> Array:
-        """See `sim.physics.kinematics.VelocityResponse`; knows no wind."""
-        del memory, wind
-        share = -np.expm1(-dt / np.maximum(self._lag_s, 1e-6))
-        wanted = (target - velocity) * (share / dt)[:, None, None]
+        """See `sim.physics.kinematics.VelocityResponse`; knows no wind, and one `dt`."""
+        del memory, wind, dt
+        wanted = (target - velocity) * self._per_s
         size = np.sqrt(wanted[..., 0] ** 2 + wanted[..., 1] ** 2)
         return np.asarray(wanted * (self._bound / np.maximum(size, self._bound))[..., None])
 
-    def only(self, missions: Bools) -> LagResponse:
-        """Some of the missions."""
-        return LagResponse(self._lag_s[missions], self._bound)
+    def only(self, missions: Bools) -> None:
+        """Go on with some of the missions."""
+        self._per_s, self._bound = self._per_s[missions], self._bound[missions]
 
 
 class VehicleMotion:
@@ -105,7 +103,7 @@ class VehicleMotion:
         self._state.landed[:] = False
         self._state.ground[:] = 0.0
         self._state.wind[..., :2] = (_direction(batch.wind_from_rad) * -batch.wind_mps).T[:, None]
-        dead = batch.dead_time_s if cell.vehicle == "lag" else np.zeros(len(batch))
+        dead = batch.dead_time_s.T if cell.vehicle == "lag" else np.zeros((len(batch), cell.n))
         self._late = np.rint(dead / cell.tick_s).astype(np.intp)
         ahead = (
             pending(self._model, cell.tick_s) if cell.compensation is Compensation.STOP_POINT else 0
@@ -113,6 +111,7 @@ class VehicleMotion:
         self._own = ahead
         self._commands = np.zeros((max(ahead, int(self._late.max()) + 1), len(batch), cell.n, 2))
         """The last ones, newest last [m/s]."""
+        self._acting = self._places()
 
     @property
     def position(self) -> Floats:
@@ -141,9 +140,7 @@ class VehicleMotion:
         self._commands[-1] = wanted * (limit / np.maximum(speed, limit))[..., None]
         demands = Demands.idle(self._state)
         demands.lift[:] = True
-        demands.velocity[..., :2] = self._commands[
-            len(self._commands) - 1 - self._late, np.arange(len(self._late))
-        ]
+        demands.velocity[..., :2] = self._commands.reshape(-1, 2).take(self._acting, axis=0)
         steps = _SUBSTEPS[self._cell.vehicle]
         for _ in range(steps):
             advance(self._state, demands, self._response, self._tick_s / steps)
@@ -153,9 +150,15 @@ class VehicleMotion:
         for name in MotionState.__slots__:
             setattr(state, name, getattr(state, name)[missions])
         self._late = self._late[missions]
-        self._commands = self._commands[:, missions]
+        self._commands = np.ascontiguousarray(self._commands[:, missions])
+        self._acting = self._places()
         if isinstance(self._response, LagResponse):
-            self._response = self._response.only(missions)
+            self._response.only(missions)
+
+    def _places(self) -> Indices:
+        """Where in `_commands` the command is that now acts on each vehicle, (m, n)."""
+        ago = (len(self._commands) - 1 - self._late) * self._late.size
+        return ago + np.arange(self._late.size).reshape(self._late.shape)
 
     def _units(self, metres: Floats) -> Floats:
         return np.ascontiguousarray(metres.transpose(2, 1, 0)) / self._unit_m
@@ -173,7 +176,7 @@ def _response(batch: Batch) -> VelocityResponse:
         case "px4":
             return firmware.Px4Response()
         case _:
-            return LagResponse(batch.lag_s, batch.cell.acceleration_mps2)
+            return LagResponse(batch.lag_s.T, batch.acceleration_mps2.T, batch.cell.tick_s)
 
 
 def _direction(angle_rad: Floats) -> Floats:

@@ -58,6 +58,6 @@ def test_vehicles_unlike_their_model(lag: str, words: str, tmp_path: Path) -> No
     """Each line of the table: from, to [s], collided, of, smallest."""
     rows = flown(LATE.replace("--lag 0.5", f"--lag {lag}"), tmp_path)
     for low, high, bad, count, smallest in table(words):
-        within = [row for row in rows if low <= float(row["dead_time_s"]) - 0.5 < high]
+        within = [row for row in rows if low <= float(row["least_dead_time_s"]) - 0.5 < high]
         assert (collided(within), len(within)) == (bad, count)
         assert min(float(row["smallest"]) for row in within) == pytest.approx(smallest, abs=1e-3)

@@ -1,0 +1,141 @@
+"""What the vehicles truly do, and what their agents believe of them, are two things."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swarm_ctl.core.law.stop_point import TYPICAL
+from swarm_ctl.core.model.plan import Response
+from swarm_ctl.study.batch.batch import Batch, blocks, draw
+from swarm_ctl.study.batch.batch_flight import fly, safety_filter_of
+from swarm_ctl.study.batch.motion import VehicleMotion
+from swarm_ctl.study.parameter_space import VEHICLE_RANGES, Range, Study, value
+from swarm_ctl.study.rows import rows_of
+
+UNEQUAL: dict[str, Any] = {
+    "missions": 40,
+    "seed": 3,
+    "lag_s": (Range(low=0.1, high=1.0),),
+    "dead_time_s": (Range(low=0.0, high=0.8),),
+    "acceleration_mps2": (Range(low=1.0, high=4.0),),
+    "limit_s": 2.0,
+}
+
+
+def missions(**settings: Any) -> Batch:
+    """The one block of a small study."""
+    ((cell, first, count),) = blocks(Study.model_validate(UNEQUAL | settings))
+    return draw(cell, first, count)
+
+
+def test_vehicles_of_a_mission_are_alike_or_each_is_its_own() -> None:
+    """From the same range; all else of the missions is the same."""
+    alike, own = (missions(spread=(spread,)) for spread in ("mission", "agent"))
+    for name in VEHICLE_RANGES:
+        (span,) = UNEQUAL[name]
+        one, each = getattr(alike, name), getattr(own, name)
+        assert (one == one[0]).all()
+        assert (np.ptp(each, axis=0) > 0).all()
+        assert (each >= span.low).all()
+        assert (each <= span.high).all()
+        assert np.ptp(each) > 0.9 * (span.high - span.low)
+    assert (alike.starts == own.starts).all()
+    assert (alike.slots == own.slots).all()
+
+
+def test_a_row_has_the_ends_of_what_its_vehicles_do() -> None:
+    batch = missions(spread=("agent",))
+    for k, row in enumerate(rows_of(batch, fly(batch))):
+        for name in VEHICLE_RANGES:
+            each = getattr(batch, name)[:, k]
+            assert (row[f"least_{name}"], row[f"most_{name}"]) == (each.min(), each.max())
+
+
+def test_each_vehicle_answers_as_it_is() -> None:
+    """A step of the command: still until the own dead time is over, then the own lag, never faster
+    than the own acceleration."""
+    batch = missions(spread=("agent",), n=(4,), missions=12)
+    motion, tick_s = VehicleMotion(batch), 0.05
+    speeds = []
+    for _ in range(60):
+        motion.move(np.stack((np.full((4, 12), 0.4), np.zeros((4, 12)))))  # 2 m/s
+        speeds.append(motion._state.velocity[..., 0].T.copy())
+    speed = np.array(speeds)
+    moves = (speed > 0).argmax(axis=0)
+    assert (moves == np.rint(batch.dead_time_s / tick_s)).all()
+    want = np.zeros((4, 12))
+    for tick in range(60):
+        share = -np.expm1(-tick_s / batch.lag_s)
+        gain = np.minimum((2.0 - want) * share, batch.acceleration_mps2 * tick_s)
+        want = np.where(tick >= moves, want + gain, 0.0)
+        assert speed[tick] == pytest.approx(want, abs=1e-9)
+
+
+def test_a_batch_that_got_smaller_flies_on_as_before() -> None:
+    """Each vehicle keeps its dead time, lag and acceleration when missions leave."""
+    batch = missions(spread=("agent",), missions=6)
+    whole, part = VehicleMotion(batch), VehicleMotion(batch)
+    keep = np.array([True, False, True, True, False, False])
+    random = np.random.default_rng(1)
+    wishes = random.uniform(-1.0, 1.0, (40, 2, 6, 6))
+    for wish in wishes[:20]:
+        whole.move(wish)
+        part.move(wish)
+    part.only(keep)
+    for wish in wishes[20:]:
+        whole.move(wish)
+        part.move(wish[..., keep])
+    assert (part.position == whole.position[..., keep]).all()
+
+
+def test_the_agents_believe_what_they_are_told() -> None:
+    """The model does not touch the vehicles, nor the vehicles the model."""
+    told = {"model_lag_s": (0.9,), "model_dead_time_s": (0.1,), "model_acceleration_mps2": (2.0,)}
+    right, wrong = missions(), missions(**told)
+    assert right.cell.model == Response(0.4, 0.55, 2.5)
+    assert wrong.cell.model == Response(0.1, 0.9, 2.0)
+    assert (right.lag_s == wrong.lag_s).all()
+    motions = [VehicleMotion(batch) for batch in (right, wrong)]
+    for motion in motions:
+        motion.move(np.ones_like(motion.position))
+    assert (motions[0].position == motions[1].position).all()
+    assert (motions[0].points() != motions[1].points()).any()
+
+
+def test_the_filters_margins_are_those_of_the_model() -> None:
+    slow, quick = (missions(model_lag_s=(lag_s,)) for lag_s in (1.0, 0.2))
+    ids = np.ones((6, 40), dtype=np.int64)
+    margins = [safety_filter_of(batch.cell, ids)._margins for batch in (slow, quick)]
+    assert margins[0].slow < margins[1].slow
+
+
+@pytest.mark.parametrize("vehicle", ["ardupilot", "px4"])
+def test_a_firmware_flies_with_any_model(vehicle: str) -> None:
+    """Not given, it is the typical one; what is given replaces its part."""
+    typical = missions(vehicle=(vehicle,)).cell.model
+    assert typical == TYPICAL[vehicle]
+    assert missions(vehicle=(vehicle,), model_dead_time_s=(0.7,)).cell.model == replace(
+        typical, dead_time_s=0.7
+    )
+
+
+def test_a_study_over_speeds_is_one_study() -> None:
+    """The agents' speed limit is the cell's."""
+    study = Study.model_validate(UNEQUAL | {"speed_mps": (2.0, 5.0), "limit_s": 4.0})
+    for cell, first, count in blocks(study):
+        motion = VehicleMotion(draw(cell, first, count))
+        for _ in range(80):
+            motion.move(np.full_like(motion.position, 9.0))
+        fastest = np.linalg.norm(motion._state.velocity, axis=-1)
+        assert fastest.max() == pytest.approx(cell.speed_mps, rel=0.02)
+
+
+def test_a_model_of_no_lag_is_refused() -> None:
+    with pytest.raises(ValueError, match="model_lag_s"):
+        missions(model_lag_s=(0.0,))
+    with pytest.raises(ValueError, match="acceleration_mps2: allowed"):
+        missions(acceleration_mps2=value(0.0))
