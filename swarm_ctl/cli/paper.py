@@ -28,7 +28,7 @@ def paper(
         swarm-ctl paper
         swarm-ctl paper --seeds 50 --out quick
     """
-    from swarm_ctl.study.paper import reproduce
+    from swarm_ctl.study.paper.reproduce import reproduce
 
     console = PlainConsole()
     wide = console if console.is_terminal else PlainConsole(width=160)

@@ -37,8 +37,9 @@ from swarm_ctl.study.parameter_space import Cell
 
 _CHECK: Final = 5
 """Ticks between two looks at whether the formation stands."""
-_STILL: Final = (0.05, 20.0)
-"""All commands under this [m/s] for so long, and not formed: a dead-lock."""
+STUCK_MPS: Final = 0.05
+_STUCK_S: Final = 20.0
+"""All commands under this speed for so long, and not formed: a dead-lock."""
 _KEPT: Final = 0.9
 """Links whose slots are this close [r] are expected to stay within r."""
 _COMPACT: Final = 0.75
@@ -272,9 +273,9 @@ class _BatchFlight:
         formed = now - self._since >= self._cell.settle_s - 1e-9
         speed = np.sqrt((self._motion.velocity**2).sum(axis=0).max(axis=0)) * self._cell.unit_m
         self._moved_s = np.where(
-            (speed >= _STILL[0]) | (error < self._cell.tolerance), now, self._moved_s
+            (speed >= STUCK_MPS) | (error < self._cell.tolerance), now, self._moved_s
         )
-        stuck = now - self._moved_s >= _STILL[1]
+        stuck = now - self._moved_s >= _STUCK_S
         over = (formed | last) & self._flying
         if over.any():
             self._conclude(over, formed, stuck & ~formed, error, tick)

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from rich.console import Console
 
-from swarm_ctl.study import paper
+from swarm_ctl.core.law.swarm_law import SwarmLaw
+from swarm_ctl.study.batch.batch import Batch, draw
 from swarm_ctl.study.batch.batch_flight import fly
-from swarm_ctl.study.paper import hexagon, reproduce, thirty_two
-from swarm_ctl.study.paper_claims import CLAIMS
+from swarm_ctl.study.paper import reproduce as paper
+from swarm_ctl.study.paper.claims import CLAIMS, holds
+from swarm_ctl.study.paper.pairs import PairSteps
+from swarm_ctl.study.paper.reproduce import hexagon, reproduce, studies_of, thirty_two
 from swarm_ctl.study.rerun import Trace
 
 
@@ -53,3 +57,50 @@ def test_everything_is_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     text = " ".join((tmp_path / "claims.txt").read_text().split())
     for claim in CLAIMS:
         assert claim.text.split(":")[0] in text
+
+
+def blocked(limit: int) -> Batch:
+    """Two missions in which two agents must change places, head on."""
+    cell = studies_of(2, 1, limit)["six-discrete"].cells()[0]
+    batch = draw(cell.model_copy(update={"n": 2, "start": "random"}), 0, 2)
+    starts = np.array([[-1.5, 1.5], [0.0, 0.0]])[..., None].repeat(2, axis=-1)
+    links = ~np.eye(2, dtype=bool)[..., None].repeat(2, axis=-1)
+    return replace(batch, starts=starts, slots=-starts, links=links)
+
+
+@pytest.mark.parametrize(("limit", "at_rest"), [(100, False), (6000, True)])
+def test_a_mission_at_rest_is_told_from_one_that_was_cut_off(limit: int, at_rest: bool) -> None:
+    """Two agents that push against each other head on come to rest without a formation: that
+    breaks an asymptotic claim. After 100 iterations they still move: that does not."""
+    flown = fly(blocked(limit))
+    assert not flown.converged.any()
+    assert flown.stuck.tolist() == [at_rest, at_rest]
+
+
+def test_a_claim_is_tested_only_where_it_could_break() -> None:
+    """Bounds of pairs need a pair within r_out; formation needs an end other than the time-out."""
+    statuses = ("paper", "narrow", "inactive", "overspeed")
+    alone = {f"sigma_{name}": 0 for name in statuses} | {"converged": 0, "stuck": 0}
+    met = alone | {"sigma_paper": 3, "stuck": 1}
+    tested = {claim.text: (claim.tested(alone), claim.tested(met)) for claim in CLAIMS}
+    assert tested["no distance under r_in"] == (False, True)
+    assert tested["D_ub - D_lb > 2 for every pair"] == (False, True)
+    assert tested["formation reached"] == (False, True)
+    assert [holds(0, 0), holds(0, 9), holds(1, 9)] == ["not tested", "not broken", "no"]
+
+
+def test_inequality_30_is_tested_on_the_law_itself() -> None:
+    """The displacement beside each pair is |u_i| of the law at those positions."""
+    batch, trace = hexagon(1.0, 400), Trace()
+    steps = PairSteps(batch.cell.law)
+    near = replace(batch, starts=batch.starts * 0.4)
+    fly(near, steps)
+    fly(near, trace)
+    law = SwarmLaw(near.slots, near.links, near.h, near.cell.law)
+    u = np.concatenate([law.step(p[..., None])[0] for p in trace.positions()], axis=-1)
+    sizes = np.sqrt((u**2).sum(axis=0))
+    seen = steps.samples()
+    assert len(seen.distance) > 100
+    off = np.abs(seen.displacement[:, None] - sizes.ravel()).min(axis=1)
+    assert off.max() < 1e-12
+    assert (seen.bound <= seen.laxest + 1e-12).all()

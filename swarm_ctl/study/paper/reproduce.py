@@ -17,22 +17,21 @@ from rich.console import Console
 
 from swarm_ctl.core.model.plan import LawParameters
 from swarm_ctl.study.batch.batch import Batch, draw, unit_shape
-from swarm_ctl.study.batch.batch_flight import fly
+from swarm_ctl.study.batch.batch_flight import STUCK_MPS, fly
 from swarm_ctl.study.executor import run_study
-from swarm_ctl.study.paper_claims import (
-    KAPPA,
-    claims_table,
-    collisions_table,
-    failing_cases_table,
-    sigma_table,
-)
+from swarm_ctl.study.paper.cases import collisions_table, failing_cases_table
+from swarm_ctl.study.paper.claims import KAPPA, TABLE_I_H, claims_table
+from swarm_ctl.study.paper.pairs import pairs_table
 from swarm_ctl.study.parameter_space import Cell, Study, value
 from swarm_ctl.study.rerun import Trace
 
 SIX: Final = LawParameters(r=4.5, r_out=1.5, r_in=0.5)
 THIRTY_TWO: Final = LawParameters(r=10.5, r_out=0.5, r_in=0.1)
 LIMIT: Final = 20000
-"""Iterations after which a mission counts as not formed."""
+"""Iterations after which a mission is cut off."""
+AT_REST: Final = 1e-6
+"""[units an iteration] A mission whose agents are all slower for 200 iterations, and not formed,
+has come to rest."""
 FORMS: Final = {"discrete": 1.0, "continuous": 0.2}
 """Iterations a step: 1 is (9) itself."""
 CHOICES: Final = (
@@ -40,7 +39,10 @@ CHOICES: Final = (
     "32 agents: starts in a square of 20 x 20 units, at least 2 r_in apart, connected; seed 1",
     "32 agents: the planar formation is a grid of 6 columns, 2 units apart, slots at random",
     "seeds: the shape is turned at random; slots at random, or by least total squared distance",
-    f"formed: largest |e_i - mean e| under 0.1 unit for 10 iterations, within {LIMIT} iterations",
+    f"h is Table I's {TABLE_I_H}; the paper states no limit, (7) allows 0 < h < 1",
+    "formed: largest |e_i - mean e| under 0.1 unit for 10 iterations",
+    f"not formed: at rest, all agents under {AT_REST:g} units an iteration",
+    f"a mission that still moves after {LIMIT} iterations is cut off and counts neither way",
     f"continuous time: Euler steps of {FORMS['continuous']:g} iteration",
     "connectivity kept: every link of the start graph stays within r (Property 1)",
     "not parted, the weaker form: the links that are within r at a moment still hang together",
@@ -58,11 +60,13 @@ def studies_of(seeds: int, seed: int, limit: int = LIMIT) -> dict[str, Study]:
             "compensation": ("none",),
             "safety": ("off",),
             "slots": ("random", "nearest"),
-            "h": value(0.005),
+            "h": value(TABLE_I_H),
             "kappa": value(KAPPA),
             "tick_s": part / KAPPA,
             "settle_s": 10 / KAPPA,
             "limit_s": limit / KAPPA,
+            # `stuck` is a limit in m/s: with a unit of 5 km it is AT_REST
+            "unit_m": STUCK_MPS / (AT_REST * KAPPA),
         }
         six = {"law": SIX, "start": ("table2", "random")}
         many = {"law": THIRTY_TWO, "n": (32,), "shape": ("grid",), "area": value(20.0)}
@@ -97,7 +101,7 @@ def reproduce(
     few = studies_of(cases, seed, limit)
     made = (
         claims_table(studies, folder),
-        sigma_table(studies, folder),
+        pairs_table(studies, folder),
         collisions_table(folder, few, processes, console),
         failing_cases_table(folder, few, processes, console),
     )
