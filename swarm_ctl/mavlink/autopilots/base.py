@@ -42,6 +42,7 @@ from swarm_ctl.mavlink.autopilots.timing import (
     HEARTBEAT_S,
     KILL_RETRY_S,
     LANDED_MAX_AGE_S,
+    LISTEN_S,
     MAX_SETPOINT_MPS,
     MAY_BE_SILENT,
     ORIGIN_REFRESH_S,
@@ -298,7 +299,11 @@ class Autopilot(ABC):
         unconfirmed = self.parameters.unconfirmed(heard)
         if unconfirmed and self.parameters.obstacle:
             return f"failsafe parameters not set: {self.parameters.obstacle}"
-        return f"failsafe parameters not confirmed: {', '.join(unconfirmed)}" if unconfirmed else ""
+        if unconfirmed:
+            return f"failsafe parameters not confirmed: {', '.join(unconfirmed)}"
+        if not heard.armed and now - heard.first_heartbeat_s < LISTEN_S:
+            return "listening for others with its system id or ours"
+        return ""
 
     def left(self, mode: str, *wanted: str) -> bool:
         """The vehicle was in one of the modes `wanted` under this goal and is not now: a pilot or a

@@ -36,6 +36,9 @@ STATUS_MAX_AGE_S = 5.0
 """10 SYS_STATUS missing in a row."""
 ORIGIN_REFRESH_S = 10.0
 """A known origin is asked for again this often: an EKF that is reset moves it."""
+LISTEN_S = 2.5
+"""From a vehicle's first heartbeat on: two that speak with one system id show within two heartbeats
+(1 Hz) of theirs, and half a second for a late one."""
 VERSION_TRIES = 5
 """Requests for AUTOPILOT_VERSION, one a second: a vehicle that answers none has no uid."""
 QUIET_RETRY_S = 5.0

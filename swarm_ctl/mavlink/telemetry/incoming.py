@@ -45,6 +45,7 @@ def _heartbeat(heard: Telemetry, message: Any, now: float) -> bool:
     if heard.evidence.proves(told, believed, now, others):
         heard.armed, heard.custom_mode = told
     heard.heartbeat_s = now
+    heard.first_heartbeat_s = min(heard.first_heartbeat_s, now)
     heard.autopilot, heard.vehicle_type = identity
     return True
 

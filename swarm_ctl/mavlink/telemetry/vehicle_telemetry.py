@@ -38,6 +38,7 @@ class Telemetry:
     watched: frozenset[str] = frozenset()
     """The names of the parameters to store; others are dropped, so a flood costs no memory."""
     heartbeat_s: float = -math.inf
+    first_heartbeat_s: float = math.inf
     clash: str = ""
     """What two senders of one system id on this link are, and what to do; ''."""
     stranger: int = 0

@@ -9,6 +9,7 @@ import pytest
 
 from swarm_ctl.core.model.vehicle import StandbyGoal
 from swarm_ctl.mavlink import outgoing
+from swarm_ctl.mavlink.autopilots.timing import LISTEN_S
 from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.mavlink.wires import memory_wires
 from tests.unit.mavlink import wire
@@ -16,6 +17,25 @@ from tests.unit.mavlink import wire
 OTHER = "another sender speaks with our system id 250"
 TWO = "two vehicles speak with system id 7"
 TICK_S = 0.05
+
+
+READY = (
+    wire.heartbeat(),
+    wire.local_position(),
+    wire.global_position(),
+    wire.global_origin(),
+    wire.system_status(),
+    wire.extended_state(1),
+    wire.ekf_report(),
+    wire.gps_raw(),
+    wire.parameter("GUID_TIMEOUT", 0.5),
+    wire.parameter("FS_GCS_ENABLE", 5.0, kind=2),
+    wire.parameter("FS_GCS_TIMEOUT", 5.0),
+    wire.parameter("MAV_GCS_SYSID", 250.0, kind=4),
+    wire.parameter("MAV_GCS_SYSID_HI", 0.0, kind=4),
+    wire.parameter("SYSID_MYGCS", 250.0, kind=4),
+)
+"""All that an agent waits for, in the vehicle's first frames."""
 
 
 class Shared:
@@ -66,6 +86,45 @@ def test_another_sender_of_our_id_is_named(component: int) -> None:
     assert "agent_sysid in the fleet" in reason
     assert len([text for text in shared.texts if text.startswith(OTHER)]) == 1
     assert not shared.run(12.0).startswith(OTHER), "it is gone"
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.05, 0.3, 0.6, 0.95])
+def test_a_vehicle_that_is_ready_at_once_waits_until_another_sender_would_be_named(
+    late_s: float,
+) -> None:
+    """Whenever in the first second the other one's first heartbeat comes."""
+    shared, alone = Shared(), Shared()
+    other = wire.Vehicle(shared.end, 250, 190)
+    for each in (shared, alone):
+        each.vehicle.say(*READY)
+    told, quiet = [], []
+    for k in range(round(4.0 / TICK_S)):
+        if k % 20 == round(late_s / TICK_S):
+            other.say(outgoing.heartbeat())
+        told.append(shared.tick())
+        quiet.append(alone.tick())
+    assert "" not in told
+    assert told[-1].startswith(OTHER)
+    assert quiet[0] == "listening for others with its system id or ours"
+    assert quiet.index("") * TICK_S == pytest.approx(LISTEN_S, abs=2 * TICK_S)
+
+
+def test_two_vehicles_that_are_ready_at_once_are_never_ready_to_arm() -> None:
+    shared = Shared()
+    twin = wire.Vehicle(shared.end, 7)
+    twin.codec.seq = 100
+    shared.vehicle.say(*READY)
+    told = [shared.tick(twin) for _ in range(round(4.0 / TICK_S))]
+    assert "" not in told
+    assert told[-1].startswith(TWO)
+
+
+def test_a_vehicle_that_flies_is_not_kept_waiting() -> None:
+    """An agent that starts anew takes its vehicle over within seconds, or not at all."""
+    shared = Shared()
+    flying = (wire.heartbeat(custom_mode=4, armed=True), wire.extended_state(2))
+    shared.vehicle.say(*READY[1:], *flying)
+    assert shared.look() == ""
 
 
 def test_an_echo_of_our_heartbeats_is_no_clash() -> None:
