@@ -77,5 +77,5 @@ def test_two_vehicles_of_one_system_id_on_one_link_stay_on_the_ground(tmp_path: 
             assert not any((one.armed, other.armed))
             time.sleep(0.1)
         assert run.process.returncode == 1
-        assert "(prepare) timed out" in run.summary()["reason"]
+        assert f"not ready: {NAMED}" in run.summary()["reason"]
         run.assert_nothing_left()

@@ -10,9 +10,11 @@ from typing import Any
 import pytest
 
 from swarm_ctl.core.agent.agent import Agent
-from swarm_ctl.core.model.messages import Phase
+from swarm_ctl.core.model.messages import Outcome, Phase
 from swarm_ctl.core.model.plan import Policies, Policy
 from swarm_ctl.mission.compile.loader import LoadedMission, load
+from swarm_ctl.report.folder.last_statuses import LastStatus
+from swarm_ctl.report.judge.verdict import judge
 from tests.scenarios.swarm import VirtualSwarm
 
 MISSIONS = Path(__file__).parents[2] / "missions"
@@ -197,7 +199,7 @@ def test_a_vehicle_on_the_wrong_spot_does_not_arm(hexagon: LoadedMission) -> Non
         for a in hexagon.plan.agents
     )
     swarm = VirtualSwarm(hexagon)
-    elsewhere = replace(hexagon.plan, agents=agents)
+    swarm.plan = elsewhere = replace(hexagon.plan, agents=agents)
     for agent_id, member in swarm.members.items():
         member.agent = Agent(elsewhere, agent_id, 0.0)
     for _ in range(400):
@@ -205,7 +207,13 @@ def test_a_vehicle_on_the_wrong_spot_does_not_arm(hexagon: LoadedMission) -> Non
     status = swarm.members[3].status
     assert status is not None
     assert "10.0 m from its planned start" in status.reason
+    swarm.fly(hexagon.plan.prepare_timeout_s + 10)
     assert swarm.all_down
+    last = {i: LastStatus(m.status, final=True) for i, m in swarm.members.items() if m.status}
+    outcome, reason = judge([*last], last, {}, ())
+    assert outcome is Outcome.FAILED
+    assert "step 0 (prepare) timed out after 120 s: agent 3 not ready" in reason
+    assert "not ready: the vehicle stands 10.0 m from its planned start" in reason
 
 
 def test_preparation_times_out(hexagon: LoadedMission) -> None:
@@ -214,7 +222,7 @@ def test_preparation_times_out(hexagon: LoadedMission) -> None:
     swarm.kill(2)
     swarm.fly(hexagon.plan.prepare_timeout_s + 10)
     assert set(swarm.outcomes().values()) == {"failed"}
-    assert "timed out" in texts(swarm)
+    assert "(prepare) timed out after 120 s: agent 2 not heard" in texts(swarm)
     assert swarm.all_down
 
 

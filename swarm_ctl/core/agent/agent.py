@@ -333,6 +333,7 @@ class Agent:
                 held_too_long=self._barrier.held_too_long(tick.now),
                 fell=context.fell(tick.now),
                 sunk_s=context.sunk_s(tick.now),
+                waits=context.reason,
             )
         )
         if failsafes.replaces(trigger, context.trigger, landing=landing):

@@ -18,6 +18,7 @@ from swarm_ctl.core.agent.return_to_launch import ReturnStage
 from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.model.messages import AgentState, CommandKind, Outcome, Phase, StepOutcome
 from swarm_ctl.core.model.plan import LandStep, Plan, Point, Policy, ReturnStep
+from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.timeouts import OWN_FIX_S, OWN_LOST_S
 from swarm_ctl.core.model.vehicle import FALLS_MPS
 from swarm_ctl.core.safety.fence import outside
@@ -95,6 +96,8 @@ class Situation:
     """It has just gone down as fast as only a fall does."""
     sunk_s: float
     """For how long it has been far below the height that it is to keep (`FlightContext`)."""
+    waits: str = ""
+    """Why this agent waits, in its own words, or ''."""
     estimate_doubt: str = ""
     """What the vehicle has been saying against its own estimate (`EstimateWatch`), or ''."""
 
@@ -251,8 +254,9 @@ def _peers_gone(s: Situation) -> FailsafeTrigger | None:
             reason = f"a command has held agent {peer.id} for {held_s:g} s"
         if not reason:
             continue
-        if not s.was_armed:
-            return failed(FailsafeAction.LAND, reason)  # nothing flies yet that could hold
+        if not s.was_armed:  # nothing flies yet that could hold
+            own = f"; {_not_done(s)}" if s.waits and not s.progress.done else ""
+            return failed(FailsafeAction.LAND, f"{reason}{own}")
         if policy is not Policy.CONTINUE:
             return _by_policy(policy, reason)
     return None
@@ -274,13 +278,28 @@ def _step_timed_out(s: Situation) -> FailsafeTrigger | None:
     if s.returning and not isinstance(step, ReturnStep):
         return None  # the way back has its own bound
     seconds = progress.timed_out_at - progress.started_s - progress.paused_s
-    what = "the others were not" if progress.done else "this agent was not"
-    reason = (
-        f"step {progress.step} ({progress.results[-1].name}) timed out after {seconds:g} s: "
-        f"{what} done"
-    )
+    step_name = f"step {progress.step} ({progress.results[-1].name})"
+    reason = f"{step_name} timed out after {seconds:g} s: {_not_done(s)}"
     action = FailsafeAction(policy.value)
     return FailsafeTrigger(action, Outcome.FAILED, reason, StepOutcome.TIMEOUT)
+
+
+def _not_done(s: Situation) -> str:
+    """Which agents were not done with the step, and why, as far as this agent knows."""
+    lacks = "not done" if s.progress.step else "not ready"
+    if not s.progress.done:
+        return f"{lacks}: {s.waits}" if s.waits else f"this agent was {lacks}"
+    patience_s, last = s.plan.policies.agent_lost_after_s, (len(s.plan.steps), True)
+    late, unheard = set[int](), set[int]()
+    for peer in s.tick.peers.peers:
+        told = (-1, False) if peer.state is None else progress_of(peer.state)
+        if peer.age_s > patience_s and told < last:
+            unheard.add(peer.id)
+        elif told < (s.progress.step, True):
+            late.add(peer.id)
+    found = [f"{agents_named(late)} {lacks}"] if late else []
+    found += [f"{agents_named(unheard)} not heard"] if unheard else []
+    return ", ".join(found) or f"the others were {lacks}"
 
 
 def _beyond_fence(s: Situation) -> FailsafeTrigger | None:

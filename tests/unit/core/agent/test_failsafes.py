@@ -308,7 +308,7 @@ ROWS = [
         "the others are late",
         case(seen={"now": OVER}, done=True),
         LANDS,
-        "step 3 (hold) timed out after 60 s: the others were not done",
+        "step 3 (hold) timed out after 60 s: agents 2-3 not done",
         step_outcome=TIMEOUT,
     ),
     Row("just in time", seen(now=NOW + 50.0)),
@@ -329,7 +329,29 @@ ROWS = [
         "late in preparation",
         lambda: on_the_ground(seen={"now": NOW + 110.01}),
         LANDS,
-        "step 0 (prepare) timed out after 120 s: this agent was not done",
+        "step 0 (prepare) timed out after 120 s: this agent was not ready",
+        step_outcome=TIMEOUT,
+    ),
+    Row(
+        "never ready, and it says why",
+        lambda: on_the_ground(seen={"now": NOW + 110.01}, waits="no SYS_STATUS"),
+        LANDS,
+        "step 0 (prepare) timed out after 120 s: not ready: no SYS_STATUS",
+        step_outcome=TIMEOUT,
+    ),
+    Row(
+        "never ready, and a peer's time was over first",
+        lambda: on_the_ground(peer(2, phase=Phase.ENDED, step=0), waits="no SYS_STATUS"),
+        LANDS,
+        "agent 2 broke the mission off; not ready: no SYS_STATUS",
+    ),
+    Row(
+        "ready, and others never were",
+        lambda: on_the_ground(
+            peer(2, step=0, done=False), peer(3, INFINITE), seen={"now": NOW + 110.01}, done=True
+        ),
+        LANDS,
+        "step 0 (prepare) timed out after 120 s: agent 2 not ready, agent 3 not heard",
         step_outcome=TIMEOUT,
     ),
 ]
