@@ -72,12 +72,12 @@ def run(
     \b
         swarm-ctl run missions/hexagon.yaml
         swarm-ctl run missions/hexagon.yaml --speedup 5 --headless
-        swarm-ctl run missions/hexagon.yaml --json | jq .verdict
+        swarm-ctl run missions/hexagon.yaml --json | jq .error_m
         swarm-ctl run missions/hexagon.yaml --vehicles arducopter,px4
     """
     from swarm_ctl.mission.compile.loader import load
     from swarm_ctl.recording.topics import rates
-    from swarm_ctl.report.page.summary_table import render_summary
+    from swarm_ctl.report.page.summary_table import render_summary, verdict_line
     from swarm_ctl.runtime.launch.run_setup import RunOptions
     from swarm_ctl.runtime.launch.supervisor import fly
     from swarm_ctl.runtime.station.screens import Show, shown
@@ -110,9 +110,8 @@ def run(
     console.say(f"summary: {result.folder / 'summary.json'}")
     if report:
         _report(result.folder, sys.stderr if json else sys.stdout)
+    console.print(verdict_line(result.summary), soft_wrap=True)
     completed = result.summary.outcome is Outcome.COMPLETED
-    if not completed:
-        console.say(f"{result.summary.outcome}: {result.summary.reason}", style="bold red")
     raise typer.Exit(130 if result.interrupts else int(not completed))
 
 

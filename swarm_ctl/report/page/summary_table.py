@@ -33,6 +33,12 @@ def render_summary(summary: Summary) -> RenderableType:
     return Group(_heading(summary), "", _steps(summary), "", _figures(summary), *_remarks(summary))
 
 
+def verdict_line(summary: Summary) -> Text:
+    """The verdict in one line, with its reason or by what it was judged."""
+    why = summary.reason or f"judged {_judged_by(summary)}"
+    return Text(f"{summary.outcome}: {printable(why, 1000)}", style=_STYLE[summary.outcome])
+
+
 def _heading(summary: Summary) -> Text:
     text = Text.assemble(
         f"{printable(summary.mission or 'mission')}: ",
@@ -118,9 +124,18 @@ def _nearest(s: Summary) -> Iterator[tuple[str, str, bool]]:
     doubt = f" ± {s.min_distance_doubt_m:.2f} m" if s.min_distance_doubt_m else ""
     yield name, _distance(near_m, pair, "r_in", s.r_in_m, kept, doubt), kept
     if estimated:
-        whose = "" if len(estimated) == len(s.judged_by) else f" ({agents_named(estimated)})"
-        others = ", the others by the truth" if whose else ""
-        yield "judged", f"by the vehicles' own estimates{whose}{others}", True
+        yield "judged", _judged_by(s), True
+
+
+def _judged_by(s: Summary) -> str:
+    estimated = [agent for agent, source in s.judged_by.items() if source is Source.ESTIMATES]
+    if not s.judged_by:
+        return "by the agents' own words alone"
+    if not estimated:
+        return "by the simulator's truth"
+    whose = "" if len(estimated) == len(s.judged_by) else f" ({agents_named(estimated)})"
+    others = ", the others by the truth" if whose else ""
+    return f"by the vehicles' own estimates{whose}{others}"
 
 
 def _filter(safety: SafetySummary) -> str:

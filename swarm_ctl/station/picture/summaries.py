@@ -62,7 +62,8 @@ def verdict(view: SwarmView, alarms: Sequence[Alarm]) -> list[tuple[Level, str]]
         return [(Level.WAITING, line) for line in waits]
     outcomes = {agent.status.outcome if agent.status else "" for agent in view.agents}
     if all(agent.phase is Phase.ENDED for agent in view.agents) and len(outcomes) == 1:
-        return [(Level.WELL, f"mission {printable(outcomes.pop()) or 'over'}")]
+        # The verdict is made when all has ended, and may be another one.
+        return [(Level.WELL, f"all agents have ended, and say: {printable(outcomes.pop()) or '?'}")]
     return [(Level.WELL, "all well")]
 
 

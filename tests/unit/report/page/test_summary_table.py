@@ -9,9 +9,10 @@ import pytest
 from rich.console import Console
 
 from swarm_ctl.core.model.messages import Outcome
+from swarm_ctl.report.folder.flight import Source
 from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.report.judge.summary import Summary
-from swarm_ctl.report.page.summary_table import render_summary
+from swarm_ctl.report.page.summary_table import render_summary, verdict_line
 from tests.unit.report.run_folders import EXIT_CODES, account, write_run, write_status
 
 
@@ -44,6 +45,15 @@ def test_a_completed_run_on_one_screen(summary: Summary) -> None:
         assert words in text
     assert f"{summary.min_true_distance_m:.2f} m" in text
     assert "BREAKS" not in text
+
+
+def test_the_last_line_is_the_verdict_with_its_reason_or_its_source(summary: Summary) -> None:
+    assert verdict_line(summary).plain == "completed: judged by the simulator's truth"
+    sources = dict.fromkeys(summary.judged_by, Source.ESTIMATES)
+    estimated = summary.model_copy(update={"judged_by": sources})
+    assert verdict_line(estimated).plain == "completed: judged by the vehicles' own estimates"
+    told = {"outcome": Outcome.FAILED, "reason": "agents 2, 5 collided"}
+    assert verdict_line(summary.model_copy(update=told)).plain == "failed: agents 2, 5 collided"
 
 
 def test_broken_bounds_are_said_in_words(summary: Summary) -> None:

@@ -231,4 +231,6 @@ def test_the_end_is_told_by_the_agents_own_words() -> None:
     model = Model(PLAN)
     for agent in PLAN.agents:
         model.fold(status_of(PLAN, agent.id, 90.0, phase=Phase.ENDED, outcome="completed"), 90.0)
-    assert verdict(model.view(120.0), ()) == [(Level.WELL, "mission completed")]
+    assert verdict(model.view(120.0), ()) == [
+        (Level.WELL, "all agents have ended, and say: completed")
+    ]
