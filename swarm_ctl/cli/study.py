@@ -39,7 +39,10 @@ def study(
         str,
         option(_A, "off, filter, guard, release, align, exchange; each includes those before it."),
     ] = "align",
-    silent: Annotated[str, option(_X, "Share of missions in which an agent dies.")] = "0",
+    silent: Annotated[str, option(_X, "Share of missions in which agents die.")] = "0",
+    silent_agents: Annotated[
+        str, option(_X, "How many die in these; under 1: which share of the agents.")
+    ] = "1",
     h: Annotated[str, option(_X, "The law's consensus gain h.")] = "0.05",
     kappa: Annotated[str, option(_X, "The law's iterations a second.")] = "20",
     speed: Annotated[str, option(_A, "Speed limit of the agents, in m/s.")] = "5",
@@ -69,7 +72,13 @@ def study(
         str, option(_A, "Acceleration limit that they believe.  [default: likewise]")
     ] = "",
     delay: Annotated[str, option(_X, "Age of a peer's state when it arrives, in seconds.")] = "0",
+    jitter: Annotated[
+        str, option(_X, "Each state is later by up to this, in seconds; late ones may overtake.")
+    ] = "0",
     loss: Annotated[str, option(_X, "Share of states that are lost.")] = "0",
+    burst: Annotated[
+        str, option(_X, "Mean length of a burst of losses, in seconds; 0: single losses.")
+    ] = "0",
     wind: Annotated[
         str, option(_X, "Wind in m/s; only the vehicles ardupilot and px4 feel it.")
     ] = "0",
@@ -148,11 +157,14 @@ def study(
         model_dead_time_s=model_dead_time,
         model_acceleration_mps2=model_acceleration,
         delay_s=delay,
+        jitter_s=jitter,
         loss=loss,
+        burst_s=burst,
         wind_mps=wind,
         area=area,
         spacing=spacing,
         silent=silent,
+        silent_agents=silent_agents,
     )
     run_study(plan, out, processes, console)
     wide = console if console.is_terminal else PlainConsole(width=200)

@@ -22,6 +22,7 @@ from pydantic import (
 
 from swarm_ctl.core.law.stop_point import TYPICAL
 from swarm_ctl.core.model.plan import Compensation, LawParameters, Response
+from swarm_ctl.core.model.timeouts import NEIGHBOUR_S
 
 ShapeKind = Literal["ring", "line", "grid", "vee", "wedge"]
 SlotOrder = Literal["given", "random", "nearest"]
@@ -35,20 +36,20 @@ it)."""
 LEVELS: Final[tuple[SafetyLevel, ...]] = ("off", "filter", "guard", "release", "align", "exchange")
 VehicleModel = Literal["ideal", "lag", "ardupilot", "px4"]
 Spread = Literal["mission", "agent"]
-"""The vehicles of a mission are all alike, or each draws its own `VEHICLE_RANGES`."""
+"""The vehicles of a mission are all alike, or each draws its own `AGENT_RANGES`."""
 
 MODEL: Final = ("model_lag_s", "model_dead_time_s", "model_acceleration_mps2")
 LISTS: Final = (
     *("n", "shape", "slots", "start", "compensation", "vehicle", "safety"),
     *("speed_mps", "spread", *MODEL),
 )
-VEHICLE_RANGES: Final = ("lag_s", "dead_time_s", "acceleration_mps2")
-"""What the vehicles `lag` truly do."""
+AGENT_RANGES: Final = ("lag_s", "dead_time_s", "acceleration_mps2", "delay_s")
+"""What the vehicles `lag` truly do, and how late an agent's states arrive."""
 FIRST_RANGES: Final = (
     *("h", "kappa", "lag_s", "dead_time_s", "delay_s"),
     *("loss", "wind_mps", "area", "spacing", "silent"),
 )
-LATER_RANGES: Final = ("acceleration_mps2",)
+LATER_RANGES: Final = ("acceleration_mps2", "jitter_s", "burst_s", "silent_agents")
 """Drawn after all else: so a new one leaves the missions of older studies as they were."""
 RANGES: Final = (*FIRST_RANGES, *LATER_RANGES)
 _FIRMWARE: Final = ("ardupilot", "px4")
@@ -146,6 +147,9 @@ class Cell(_Common):
     spacing: Range
     silent: Range
     acceleration_mps2: Range
+    jitter_s: Range
+    burst_s: Range
+    silent_agents: Range
 
     @property
     def model(self) -> Response:
@@ -194,9 +198,15 @@ class Study(_Common):
     """Between command and answer."""
     acceleration_mps2: tuple[Range, ...] = value(2.8)
     delay_s: tuple[Range, ...] = value(0.0)
-    """How old news of the others is."""
+    """How old an agent's states are when they arrive."""
+    jitter_s: tuple[Range, ...] = value(0.0)
+    """Each state on each link is later by up to this, evenly distributed. One that arrives behind a
+    newer one is dropped, as agents do (`core.swarm.peer`)."""
     loss: tuple[Range, ...] = value(0.0)
-    """The share of news that never arrives."""
+    """The share of states that never arrive, on each link by itself."""
+    burst_s: tuple[Range, ...] = value(0.0)
+    """How long a link that loses states goes on losing, on average (a Gilbert channel: all is lost
+    in a burst, nothing between two); 0: each state is lost by itself."""
     wind_mps: tuple[Range, ...] = value(0.0)
     """Constant, from a direction drawn per mission; only firmwares feel it."""
     area: tuple[Range, ...] = value(0.0)
@@ -204,8 +214,10 @@ class Study(_Common):
     spacing: tuple[Range, ...] = value(2.0)
     """Between adjacent slots [units]; for starts on a ring or grid as well."""
     silent: tuple[Range, ...] = value(0.0)
-    """The share of missions in which one agent's process dies in the first 20 s; its vehicle flies
-    its last command until its own failsafe stops it, and stays."""
+    """The share of missions in which agents' processes die, each in the first 20 s; the vehicle
+    flies its last command until its own failsafe stops it, and stays."""
+    silent_agents: tuple[Range, ...] = value(1.0)
+    """How many agents die in these missions; under 1, which share of them. One lives."""
 
     @field_validator(*LISTS, *RANGES, mode="before")
     @classmethod
@@ -253,6 +265,10 @@ class Study(_Common):
                 "wind_mps: only the vehicles ardupilot and px4 feel wind",
             ),
             (all(share.high <= 1 for share in self.silent), "silent: allowed: 0 to 1"),
+            (
+                all(d.high + j.high <= NEIGHBOUR_S for d in self.delay_s for j in self.jitter_s),
+                f"delay_s, jitter_s: allowed: up to {NEIGHBOUR_S:g} s together",
+            ),
             ("table2" not in self.start or set(self.n) == {6}, "start: table2 has six agents"),
         )
         wrong = [text for good, text in checks if not good]

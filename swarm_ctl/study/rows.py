@@ -21,7 +21,7 @@ from swarm_ctl.core.model.plan import Response
 from swarm_ctl.errors import InputError
 from swarm_ctl.study.batch.batch import Batch, blocks
 from swarm_ctl.study.batch.batch_flight import BatchResult
-from swarm_ctl.study.parameter_space import LISTS, RANGES, VEHICLE_RANGES, Cell, Study
+from swarm_ctl.study.parameter_space import AGENT_RANGES, LISTS, RANGES, Cell, Study
 
 Row: TypeAlias = dict[str, Any]
 
@@ -31,8 +31,8 @@ COLUMNS: Final = (
     "row",
     "cell",
     *LISTS,
-    *(name for name in RANGES if name not in VEHICLE_RANGES),
-    *(f"{end}_{name}" for name in VEHICLE_RANGES for end in ("least", "most")),
+    *(name for name in RANGES if name not in AGENT_RANGES),
+    *(f"{end}_{name}" for name in AGENT_RANGES for end in ("least", "most")),
     "wind_from_rad",
     *_RESULT,
     *(f"sigma_{name}" for name in STATUSES),
@@ -46,8 +46,8 @@ def rows_of(batch: Batch, result: BatchResult) -> list[Row]:
     columns: dict[str, Any] = {"row": batch.row, "cell": np.full(count, cell.index)}
     columns |= {name: [_word(value)] * count for name, value in _listed(cell).items()}
     columns |= {name: getattr(batch, name) for name in (*RANGES, "wind_from_rad")}
-    columns |= {f"least_{name}": columns[name].min(axis=0) for name in VEHICLE_RANGES}
-    columns |= {f"most_{name}": columns[name].max(axis=0) for name in VEHICLE_RANGES}
+    columns |= {f"least_{name}": columns[name].min(axis=0) for name in AGENT_RANGES}
+    columns |= {f"most_{name}": columns[name].max(axis=0) for name in AGENT_RANGES}
     columns |= {name: getattr(result, name) for name in _MEASURED}
     columns["collided"] = result.smallest < cell.law.r_in
     columns["hit"] = result.smallest_silent < cell.law.r_in

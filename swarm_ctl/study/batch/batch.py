@@ -19,9 +19,9 @@ from swarm_ctl.mission.geometry.shapes import slots_of
 from swarm_ctl.mission.geometry.slot_assignment import nearest
 from swarm_ctl.mission.input import schema
 from swarm_ctl.study.parameter_space import (
+    AGENT_RANGES,
     FIRST_RANGES,
     LATER_RANGES,
-    VEHICLE_RANGES,
     Cell,
     Range,
     Study,
@@ -55,26 +55,26 @@ class Batch:
     h: Floats
     kappa: Floats
     lag_s: Floats
-    """(n, m): what each vehicle truly does, as are the next two."""
+    """(n, m), by vehicle or sender, as are the next three."""
     dead_time_s: Floats
     acceleration_mps2: Floats
     delay_s: Floats
+    jitter_s: Floats
     loss: Floats
+    burst_s: Floats
     wind_mps: Floats
     area: Floats
     spacing: Floats
     silent: Floats
     wind_from_rad: Floats
-    silent_agent: Ints
-    """The agent (0..n-1) whose process dies; -1: none."""
+    silent_agents: Ints
+    """How many agents' processes die."""
     silent_s: Floats
-    """When."""
+    """When each does, (n, m); infinity for most."""
 
     def silent_from(self, tick_s: float) -> Floats:
-        """The tick from which each agent is silent, (n, m); infinity for most."""
-        n = self.starts.shape[1]
-        dies = np.arange(n)[:, None] == self.silent_agent
-        return np.where(dies, np.rint(self.silent_s / tick_s), np.inf)
+        """The tick from which each agent is silent, (n, m)."""
+        return np.rint(self.silent_s / tick_s)
 
     def __len__(self) -> int:
         return len(self.row)
@@ -115,7 +115,8 @@ def draw(cell: Cell, first: int, count: int) -> Batch:
     dies = random.random(count) < values["silent"]
     agent, when = random.integers(cell.n, size=count), random.uniform(0.0, _DIES_BY_S, count)
     values |= {name: _draw(getattr(cell, name), count, random) for name in LATER_RANGES}
-    values |= {name: _vehicles(cell, name, values[name], random) for name in VEHICLE_RANGES}
+    silent_s = _deaths(np.where(dies, agent, -1), when, values.pop("silent_agents"), cell.n, random)
+    values |= {name: _by_agent(cell, name, values[name], random) for name in AGENT_RANGES}
     return Batch(
         cell=cell,
         row=cell.index * cell.missions + first + np.arange(count),
@@ -123,8 +124,8 @@ def draw(cell: Cell, first: int, count: int) -> Batch:
         slots=slots,
         links=_links(starts, cell.law.r),
         wind_from_rad=wind_from_rad,
-        silent_agent=np.where(dies, agent, -1),
-        silent_s=np.where(dies, when, np.inf),
+        silent_agents=np.count_nonzero(np.isfinite(silent_s), axis=0),
+        silent_s=silent_s,
         **values,
     )
 
@@ -134,8 +135,22 @@ def _draw(span: Range, count: int, random: np.random.Generator) -> Floats:
     return span.low + (span.high - span.low) * random.random(count)
 
 
-def _vehicles(cell: Cell, name: str, drawn: Floats, random: np.random.Generator) -> Floats:
-    """Each vehicle's value (n, m): the mission's, or one of its own from the same range."""
+def _deaths(
+    agent: Ints, when: Floats, dying: Floats, n: int, random: np.random.Generator
+) -> Floats:
+    """When each agent dies (n, m): `agent` (-1: none in this mission) at `when`, and as many others
+    as there are to be, `dying` being their number or, under 1, their share."""
+    count = len(agent)
+    number = np.where(dying < 1, np.ceil(dying * n), np.rint(dying)).clip(1, n - 1)
+    place, also_s = random.random((n, count)), random.uniform(0.0, _DIES_BY_S, (n, count))
+    first = np.arange(n)[:, None] == agent
+    order = np.where(first, -1.0, place).argsort(axis=0).argsort(axis=0)
+    silent_s: Floats = np.where(order < number, np.where(first, when, also_s), np.inf)
+    return np.where(agent >= 0, silent_s, np.inf)
+
+
+def _by_agent(cell: Cell, name: str, drawn: Floats, random: np.random.Generator) -> Floats:
+    """Each agent's value (n, m): the mission's, or one of its own from the same range."""
     if cell.spread == "mission":
         return np.repeat(drawn[None], cell.n, axis=0)
     own = _draw(getattr(cell, name), cell.n * len(drawn), random)

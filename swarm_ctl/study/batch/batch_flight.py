@@ -55,7 +55,8 @@ class BatchResult:
     """How each mission of a batch went; all (m,) unless they say more. Lengths in units."""
 
     smallest: Floats
-    """Smallest true distance of any two live agents."""
+    """Smallest true distance of any two live agents, between ticks too: each flies straight from
+    one to the next."""
     smallest_silent: Floats
     """Smallest true distance of a live agent to the vehicle of a silent one; infinity without
     one."""
@@ -135,7 +136,8 @@ class _BatchFlight:
         """Positions at the last step."""
         self._silent_from = batch.silent_from(cell.tick_s)
         self._silent = bool(np.isfinite(self._silent_from).any())
-        told_late = batch.delay_s.any() or batch.loss.any() or self._silent
+        late = (batch.delay_s, batch.jitter_s, batch.loss)
+        told_late = self._silent or any(each.any() for each in late)
         self._channel = LossyChannel(batch, cell.tick_s) if told_late else None
         ids = np.repeat(1 + np.arange(n)[:, None], m, axis=1)
         self._filter = safety_filter_of(cell, ids) if cell.has("filter") else None
@@ -152,7 +154,7 @@ class _BatchFlight:
         )
         self._fits = self._held = self._fitting()
         pairs = self._rings.squared.shape
-        self._nearest, self._nearest_silent = np.full(pairs, np.inf), np.full(m, np.inf)
+        self._nearest, self._nearest_silent = np.full(m, np.inf), np.full(m, np.inf)
         self._farthest, self._farthest_kept = np.zeros(pairs), np.zeros(pairs)
         self._statuses = np.zeros((len(STATUSES), m), dtype=np.int64)
         self._small_gap = np.zeros(m, dtype=np.int64)
@@ -168,9 +170,9 @@ class _BatchFlight:
     def step(self, tick: int, observer: TickObserver | None) -> None:
         """One tick of all missions."""
         position, points = self._motion.position, self._motion.points()
-        self._seen = position
         live = tick < self._silent_from
         self._measure(position, live)
+        self._seen = position
         wish, near = self._wish(tick, points, live)
         self._count(near)
         if observer is not None:
@@ -181,19 +183,45 @@ class _BatchFlight:
 
     def _measure(self, position: Floats, live: Bools) -> None:
         """Take the distances of all pairs into the smallest and the largest."""
-        squared = apart = self._rings.measure(position)
-        if self._silent:
-            both = live[self._rings.first] & live[self._rings.second]
-            apart = np.where(both, squared, np.inf)
-            to_silent = np.where(both, np.inf, squared).min(axis=(0, 1))
-            np.minimum(self._nearest_silent, to_silent, out=self._nearest_silent)
+        squared = self._rings.measure(position)
+        moved = position - self._seen
+        if not self._silent:
+            self._approach(self._nearest, squared, moved)
+        else:
+            first, second = live[self._rings.first], live[self._rings.second]
+            both, one = first & second, first ^ second
+            self._approach(self._nearest, np.where(both, squared, np.inf), moved)
+            self._approach(self._nearest_silent, np.where(one, squared, np.inf), moved)
             squared = np.where(both, squared, 0.0)
-        np.minimum(self._nearest, apart, out=self._nearest)
         np.maximum(self._farthest, squared, out=self._farthest)
         if self._filter is not None:
             # a link that an exchange makes fit counts from when it is as short as its slots
             self._held = self._fits & (self._held | (squared <= (_KEPT * self._cell.law.r) ** 2))
             np.maximum(self._farthest_kept, squared, out=self._farthest_kept, where=self._held)
+
+    def _approach(self, nearest: Floats, squared: Floats, moved: Floats) -> None:
+        """Take the pairs' squared distances since the last tick into `nearest` (m,).
+
+        Args:
+            nearest: the smallest so far, squared.
+            squared: now, by rings; infinity for pairs that do not count.
+            moved: since the last tick, (2, n, m).
+        """
+        now = squared.min(axis=(0, 1))
+        np.minimum(nearest, now, out=nearest)
+        # no two come closer than so much in a tick: most missions have no pair that could have been
+        # nearer on the way than any was
+        reach = 2.0 * np.sqrt((moved**2).sum(axis=0).max(axis=0))
+        bound = (np.sqrt(nearest) + reach) ** 2
+        some = np.flatnonzero(now < bound)
+        ring, agent, place = np.nonzero(squared[..., some] < bound[some])
+        first, second = self._rings.first[ring, agent], self._rings.second[ring, agent]
+        mission = some[place]
+        way = moved[:, first, mission] - moved[:, second, mission]
+        before = self._seen[:, first, mission] - self._seen[:, second, mission]
+        length = np.maximum((way * way).sum(axis=0), 1e-300)
+        share = np.clip(-(before * way).sum(axis=0) / length, 0.0, 1.0)
+        np.minimum.at(nearest, mission, ((before + share * way) ** 2).sum(axis=0))
 
     def _wish(self, tick: int, points: Floats, live: Bools) -> tuple[Floats, NearPairs | None]:
         """What is commanded [units/s], and the near pairs."""
@@ -309,7 +337,7 @@ class _BatchFlight:
     def _conclude(self, over: Bools, formed: Bools, stuck: Bools, error: Floats, tick: int) -> None:
         place, result, r2 = self._place[over], self.result, self._cell.law.r**2
         far = np.where(self._linked[..., over], self._farthest[..., over], 0.0)
-        result.smallest[place] = np.sqrt(self._nearest[..., over].min(axis=(0, 1)))
+        result.smallest[place] = np.sqrt(self._nearest[over])
         result.smallest_silent[place] = np.sqrt(self._nearest_silent[over])
         result.converged[place] = formed[over]
         result.stuck[place] = stuck[over]
@@ -344,7 +372,17 @@ class _BatchFlight:
 
 
 _BY_MISSION: Final = (
-    *("_place", "_kappa", "_h", "_neighbours", "_silent_from", "_slots", "_told_slots", "_linked"),
+    *(
+        "_place",
+        "_kappa",
+        "_h",
+        "_seen",
+        "_neighbours",
+        "_silent_from",
+        "_slots",
+        "_told_slots",
+        "_linked",
+    ),
     *("_fits", "_held", "_nearest", "_nearest_silent", "_farthest", "_farthest_kept", "_statuses"),
     *("_small_gap", "_parted", "_since", "_moved_s", "_flown", "_touched", "_yielded"),
 )

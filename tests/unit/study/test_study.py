@@ -204,7 +204,8 @@ def test_outcomes_by_their_definition() -> None:
         apart = np.hypot(*(tracks[:, :, :, None] - tracks[:, :, None]).transpose(1, 0, 2, 3))
         pairs = list(itertools.combinations(range(6), 2))
         lengths = {(i, j): apart[:, i, j].max() for i, j in pairs if batch.links[i, j, k]}
-        assert outcome.smallest[k] == pytest.approx(min(apart[:, i, j].min() for i, j in pairs))
+        nearest = min(apart[:, i, j].min() for i, j in pairs)  # between ticks a little less
+        assert nearest - 0.05 < outcome.smallest[k] <= nearest
         assert outcome.longest_link[k] == pytest.approx(max(lengths.values()))
         assert outcome.links[k] == len(lengths)
         assert outcome.links_broken[k] == sum(length > 4.5 for length in lengths.values())

@@ -13,7 +13,7 @@ from swarm_ctl.core.model.plan import Response
 from swarm_ctl.study.batch.batch import Batch, blocks, draw
 from swarm_ctl.study.batch.batch_flight import fly, safety_filter_of
 from swarm_ctl.study.batch.motion import VehicleMotion
-from swarm_ctl.study.parameter_space import VEHICLE_RANGES, Range, Study, value
+from swarm_ctl.study.parameter_space import AGENT_RANGES, Range, Study, value
 from swarm_ctl.study.rows import rows_of
 
 UNEQUAL: dict[str, Any] = {
@@ -22,6 +22,7 @@ UNEQUAL: dict[str, Any] = {
     "lag_s": (Range(low=0.1, high=1.0),),
     "dead_time_s": (Range(low=0.0, high=0.8),),
     "acceleration_mps2": (Range(low=1.0, high=4.0),),
+    "delay_s": (Range(low=0.0, high=0.3),),
     "limit_s": 2.0,
 }
 
@@ -35,7 +36,7 @@ def missions(**settings: Any) -> Batch:
 def test_vehicles_of_a_mission_are_alike_or_each_is_its_own() -> None:
     """From the same range; all else of the missions is the same."""
     alike, own = (missions(spread=(spread,)) for spread in ("mission", "agent"))
-    for name in VEHICLE_RANGES:
+    for name in AGENT_RANGES:
         (span,) = UNEQUAL[name]
         one, each = getattr(alike, name), getattr(own, name)
         assert (one == one[0]).all()
@@ -50,7 +51,7 @@ def test_vehicles_of_a_mission_are_alike_or_each_is_its_own() -> None:
 def test_a_row_has_the_ends_of_what_its_vehicles_do() -> None:
     batch = missions(spread=("agent",))
     for k, row in enumerate(rows_of(batch, fly(batch))):
-        for name in VEHICLE_RANGES:
+        for name in AGENT_RANGES:
             each = getattr(batch, name)[:, k]
             assert (row[f"least_{name}"], row[f"most_{name}"]) == (each.min(), each.max())
 

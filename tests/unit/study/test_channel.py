@@ -1,0 +1,168 @@
+"""What agents hear in a study: late by chance, lost in bursts, overtaken; and several that die."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swarm_ctl.core.model.messages import AgentState, Phase
+from swarm_ctl.core.swarm.clocks import PeerClock
+from swarm_ctl.core.swarm.peer import Peer
+from swarm_ctl.study.batch.batch import Batch, blocks, draw
+from swarm_ctl.study.batch.batch_flight import fly
+from swarm_ctl.study.batch.lossy_channel import LossyChannel
+from swarm_ctl.study.parameter_space import Range, Study
+
+TICK_S = 0.05
+
+
+def missions(**settings: Any) -> Batch:
+    """The one block of a small study."""
+    study = Study.model_validate({"missions": 20, "seed": 8, "n": 4, "limit_s": 5.0} | settings)
+    ((cell, first, count),) = blocks(study)
+    return draw(cell, first, count)
+
+
+def state(tick: int) -> AgentState:
+    """What an agent says at a tick; the position is the tick."""
+    place = (float(tick), 0.0)
+    return AgentState(
+        *(1, tick, tick * TICK_S, 0, Phase.FLY, 1, False, True, (*place, -8.0), (0.0, 0.0, 0.0)),
+        *(place, (0.0, 0.0)),
+    )
+
+
+def test_states_that_overtake_each_other_are_heard_as_agents_hear_them() -> None:
+    """What the channel delivers is what `Peer` keeps of the same arrivals, tick by tick."""
+    batch = missions(delay_s="0:0.2", jitter_s=0.5, loss=0.2, spread="agent")
+    channel = LossyChannel(batch, TICK_S)
+    assert channel._jitter is not None
+    ways: dict[tuple[int, int], list[tuple[int, int]]] = {}
+    peers = {way: Peer(1, PeerClock()) for way in ((0, 1), (2, 3), (3, 0))}
+    for peer in peers.values():
+        peer.clock.answered(0.0, 0.0, 0.0, 0.0)
+    overtaken = 0
+    for tick in range(200):
+        sent = batch.starts + tick
+        heard = channel.exchange(tick, sent, np.zeros_like(sent))
+        place = tick % len(channel._jitter._late)
+        assert channel._losses is not None
+        for (i, j), peer in peers.items():
+            if channel._losses._arrive[place, i, j, 7]:
+                late = int(channel._jitter._late[place, i, j, 7])
+                ways.setdefault((i, j), []).append((tick + late, tick))
+            for _, told in [way for way in ways.get((i, j), []) if way[0] == tick]:
+                overtaken += peer.state is not None and told < peer.state.seq
+                peer.hear(state(told), tick * TICK_S)
+            if peer.state is not None:
+                told_at = heard.points[0, i, j, 7] - batch.starts[0, j, 7]
+                assert told_at == pytest.approx(peer.state.seq)
+                age_s = heard.age_s[i, j, 7]
+                assert age_s == pytest.approx((tick - peer.state.seq) * TICK_S)
+    assert overtaken > 50
+
+
+def test_a_state_is_late_by_its_delay_and_at_most_its_jitter() -> None:
+    batch = missions(delay_s=0.1, jitter_s=0.2)
+    channel = LossyChannel(batch, TICK_S)
+    ages = []
+    for tick in range(100):
+        heard = channel.exchange(tick, batch.starts, np.zeros_like(batch.starts))
+        ages.append(heard.age_s[:, :, 3])
+    age_s = np.array(ages[20:])
+    assert age_s.min() == pytest.approx(0.1)
+    assert age_s.max() <= 0.3 + 1e-9
+    assert len(np.unique(np.round(age_s / TICK_S))) > 2
+
+
+def test_each_agent_may_have_a_delay_of_its_own() -> None:
+    """By sender, in the same mission."""
+    batch = missions(delay_s="0:0.3", spread="agent")
+    channel = LossyChannel(batch, TICK_S)
+    for tick in range(40):
+        heard = channel.exchange(tick, batch.starts, np.zeros_like(batch.starts))
+    want = np.rint(batch.delay_s / TICK_S) * TICK_S
+    assert heard.age_s == pytest.approx(np.broadcast_to(want, heard.age_s.shape))
+    assert (np.ptp(batch.delay_s, axis=0) > 0).all()
+
+
+@pytest.mark.parametrize(("loss", "burst_s"), [(0.2, 0.5), (0.05, 1.0), (0.6, 0.0), (0.3, 0.05)])
+def test_losses_come_in_bursts_and_keep_their_share(loss: float, burst_s: float) -> None:
+    """The share that is asked for, and the mean length; without bursts that of single chances."""
+    batch = missions(loss=loss, burst_s=burst_s, missions=60)
+    channel = LossyChannel(batch, TICK_S)
+    assert channel._losses is not None
+    lost = np.array([~channel._losses.arrive(tick) for tick in range(3000)])
+    starts = np.count_nonzero(lost[1:] & ~lost[:-1])
+    assert lost.mean() == pytest.approx(loss, rel=0.05)
+    want = max(burst_s / TICK_S, 1.0 / (1.0 - loss))
+    assert np.count_nonzero(lost[1:]) / starts == pytest.approx(want, rel=0.05)
+
+
+def test_losses_do_not_depend_on_the_missions_beside() -> None:
+    """Jitter and bursts, too: the same row in another company hears the same."""
+    batch = missions(jitter_s=0.2, loss=0.3, burst_s=0.4)
+    some = np.array([3, 11])
+    whole, part = LossyChannel(batch, TICK_S), LossyChannel(batch.only(some), TICK_S)
+    for tick in range(150):
+        sent = batch.starts + tick
+        heard = whole.exchange(tick, sent, sent).points[..., some]
+        assert (heard == part.exchange(tick, sent[..., some], sent[..., some]).points).all()
+        if tick == 70:
+            part.only(np.array([False, True]))
+            some = some[1:]
+
+
+@pytest.mark.parametrize(("given", "want"), [("1", 1), ("3", 3), ("0.5", 3), ("0.01", 1), ("9", 5)])
+def test_as_many_agents_die_as_are_asked_for(given: str, want: int) -> None:
+    """A number, or a share of the six; one of them lives."""
+    batch = missions(n=6, silent=0.5, silent_agents=given, missions=60)
+    dead = np.isfinite(batch.silent_s).sum(axis=0)
+    assert (dead == batch.silent_agents).all()
+    assert set(dead) == {0, want}
+    assert (batch.silent_s[np.isfinite(batch.silent_s)] <= 20.0).all()
+    assert len(np.unique(batch.silent_s[np.isfinite(batch.silent_s)])) == dead.sum()
+
+
+def test_the_dead_stand_still_and_the_others_fly_on() -> None:
+    """Three of six: each stays where its vehicle's failsafe stops it."""
+    batch = missions(n=6, silent=1.0, silent_agents=3, missions=4, limit_s=30.0, settle_s=99)
+    tracks: list[Any] = []
+    fly(batch, lambda *seen: tracks.append(seen[2].copy()))
+    moved = np.abs(np.diff(np.array(tracks), axis=0)).max(axis=1)
+    for agent, mission in np.argwhere(np.isfinite(batch.silent_s)):
+        still = round((batch.silent_s[agent, mission] + 6.0) / TICK_S)
+        assert moved[still:, agent, mission].max(initial=0.0) < 1e-3
+
+
+def test_a_distance_counts_between_two_ticks() -> None:
+    """Two that cross within a tick come as close as their ways do, not as their places do."""
+    batch = missions(
+        n=2,
+        vehicle="ideal",
+        safety="off",
+        speed_mps=20.0,
+        unit_m=1.0,
+        h=0.5,
+        shape="line",
+        slots="random",
+        missions=80,
+        area=6.0,
+        settle_s=100.0,
+    )
+    tracks: list[Any] = []
+    outcome = fly(batch, lambda *seen: tracks.append(seen[2].copy()))
+    track = np.array(tracks)[:, :, 0] - np.array(tracks)[:, :, 1]
+    shares = np.linspace(0.0, 1.0, 201)[:, None, None, None]
+    between = np.linalg.norm(track[:-1] + shares * np.diff(track, axis=0), axis=2).min(axis=(0, 1))
+    ticks = np.linalg.norm(track, axis=1).min(axis=0)
+    assert (outcome.smallest <= between + 1e-9).all()
+    assert outcome.smallest == pytest.approx(between, abs=5e-3)
+    assert (ticks - outcome.smallest).max() > 0.01
+
+
+def test_states_later_than_a_lost_agent_are_refused() -> None:
+    with pytest.raises(ValueError, match="delay_s, jitter_s: allowed: up to 1 s together"):
+        missions(delay_s=(Range(low=0.0, high=0.5),), jitter_s=0.6)
