@@ -101,6 +101,7 @@ class ArdupilotPersona(Firmware):
     encoding = CAST
     sysid_parameter = "MAV_SYSID"
     capacity_parameter = "BATT_CAPACITY"
+    modes = MODES
     boot_mode = STABILIZE
     boot_streams: ClassVar[Mapping[str, float]] = {"HEARTBEAT": 1.0}
     force_arm_magic = 2989.0

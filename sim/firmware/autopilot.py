@@ -64,6 +64,12 @@ class FlightMode:
     """HEARTBEAT tells MAV_MODE_FLAG_GUIDED. A PX4 needs a pilot's sticks in all other modes."""
     positioned: bool = False
     """Needs a position estimate (ArduCopter)."""
+    standard: int = 0
+    """MAV_STANDARD_MODE, 0 for none."""
+    shown: str = ""
+    """Its name in AVAILABLE_MODES; '' for `name`."""
+    advanced: bool = False
+    """Its users are to know what they do (AVAILABLE_MODES)."""
 
 
 @dataclass(frozen=True)
@@ -103,6 +109,8 @@ class SimAutopilot(ABC):
     sysid_parameter: ClassVar[str]
     capacity_parameter: ClassVar[str]
     """Of the battery [mAh]."""
+    modes: ClassVar[Mapping[int, FlightMode]]
+    """By HEARTBEAT.custom_mode."""
     boot_mode: ClassVar[FlightMode]
     boot_streams: ClassVar[Mapping[str, float]]
     """Intervals [s] of what is streamed unasked."""

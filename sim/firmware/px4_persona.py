@@ -43,20 +43,37 @@ from sim.firmware.protocol.commands import COMMON
 from sim.physics.geodesy import Vector3
 
 
-def _mode(main: int, sub: int, name: str, *, guided: bool = True, armable: bool) -> FlightMode:
-    return FlightMode(main << 16 | sub << 24, name, armable=armable, guided=guided)
+def _mode(
+    main: int,
+    sub: int,
+    name: str,
+    shown: str = "",
+    standard: int = 0,
+    *,
+    guided: bool = True,
+    armable: bool,
+) -> FlightMode:
+    return FlightMode(
+        main << 16 | sub << 24,
+        name,
+        armable=armable,
+        guided=guided,
+        standard=standard,
+        shown=shown,
+        advanced=main not in (2, 3),  # ALTCTL and POSCTL are for any pilot
+    )
 
 
-MANUAL = _mode(1, 0, "MANUAL", guided=False, armable=False)
-ALTCTL = _mode(2, 0, "ALTCTL", guided=False, armable=False)
-POSCTL = _mode(3, 0, "POSCTL", guided=False, armable=False)
-TAKEOFF = _mode(4, 2, "AUTO.TAKEOFF", armable=True)
-LOITER = _mode(4, 3, "AUTO.LOITER", armable=True)
-MISSION = _mode(4, 4, "AUTO.MISSION", armable=True)
-RTL = _mode(4, 5, "AUTO.RTL", armable=False)
-LAND = _mode(4, 6, "AUTO.LAND", armable=False)
-OFFBOARD = _mode(6, 0, "OFFBOARD", armable=True)
-STABILIZED = _mode(7, 0, "STABILIZED", guided=False, armable=False)
+MANUAL = _mode(1, 0, "MANUAL", "Manual", guided=False, armable=False)
+ALTCTL = _mode(2, 0, "ALTCTL", standard=4, guided=False, armable=False)
+POSCTL = _mode(3, 0, "POSCTL", standard=1, guided=False, armable=False)
+TAKEOFF = _mode(4, 2, "AUTO.TAKEOFF", standard=8, armable=True)
+LOITER = _mode(4, 3, "AUTO.LOITER", "Hold", armable=True)
+MISSION = _mode(4, 4, "AUTO.MISSION", standard=6, armable=True)
+RTL = _mode(4, 5, "AUTO.RTL", standard=5, armable=False)
+LAND = _mode(4, 6, "AUTO.LAND", standard=7, armable=False)
+OFFBOARD = _mode(6, 0, "OFFBOARD", "Offboard", armable=True)
+STABILIZED = _mode(7, 0, "STABILIZED", "Stabilized", guided=False, armable=False)
 MODES: Mapping[int, FlightMode] = {
     mode.custom: mode
     for mode in (MANUAL, ALTCTL, POSCTL, TAKEOFF, LOITER, MISSION, RTL, LAND, OFFBOARD, STABILIZED)
@@ -100,6 +117,7 @@ class Px4Persona(Firmware):
     encoding = BYTEWISE
     sysid_parameter = "MAV_SYS_ID"
     capacity_parameter = "BAT1_CAPACITY"
+    modes = MODES
     boot_mode = LOITER
     boot_streams: ClassVar[Mapping[str, float]] = {
         "HEARTBEAT": 1.0,

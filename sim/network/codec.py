@@ -126,8 +126,26 @@ def _fit(code: str, value: Any) -> Any:
 
 _FLOAT_MAX = 3.4028234e38
 
+
+class _AvailableModes:
+    """As pymavlink describes a message. Its dialect of ArduPilot does not have this one yet, which
+    both autopilots send."""
+
+    msgname = "AVAILABLE_MODES"
+    id = 435
+    crc_extra = 134
+    unpacker = struct.Struct("<IIBBB35s")
+    fieldnames = ordered_fieldnames = (
+        *("custom_mode", "properties", "number_modes", "mode_index", "standard_mode"),
+        "mode_name",
+    )
+    fieldtypes = ("uint32_t", "uint32_t", "uint8_t", "uint8_t", "uint8_t", "char")
+    array_lengths = (0, 0, 0, 0, 0, 35)
+
+
 _LAYOUTS: dict[int, _Layout] = {
-    number: _Layout(kind) for number, kind in mavlink.mavlink_map.items()
+    number: _Layout(kind)
+    for number, kind in ({_AvailableModes.id: _AvailableModes} | mavlink.mavlink_map).items()
 }
 _BY_NAME: dict[str, _Layout] = {layout.name: layout for layout in _LAYOUTS.values()}
 

@@ -18,6 +18,9 @@ from sim.physics.geodesy import Vector3
 MAX_RATE_HZ = 400.0
 """The firmwares' main loop: no stream is faster."""
 FORCE_DISARM = 21196.0
+AVAILABLE_MODES = 435
+_ADVANCED = 1
+"""MAV_MODE_PROPERTY."""
 REBOOT_S = 3.0
 _HOME_FRAMES = (3, 6)
 """MAV_FRAME_GLOBAL_RELATIVE_ALT, _INT: heights above home."""
@@ -67,8 +70,29 @@ def set_message_interval(a: SimAutopilot, command: MavCommand) -> MavResult:
 
 
 def request_message(a: SimAutopilot, command: MavCommand) -> MavResult:
+    if command.p[0] == AVAILABLE_MODES:
+        return _say_modes(a, command.p[1])
     name = _NAMES.get(command.p[0])
     return MavResult.FAILED if name is None else _send_once(a, name)
+
+
+def _say_modes(a: SimAutopilot, wanted: float) -> MavResult:
+    """AVAILABLE_MODES: the mode of this index, from 1 on; 0: all of them."""
+    if not (wanted == 0 or wanted in range(1, len(a.modes) + 1)):
+        return MavResult.DENIED
+    for index, mode in enumerate(a.modes.values(), 1):
+        if wanted in (0, index):
+            fields = {
+                "number_modes": len(a.modes),
+                "mode_index": index,
+                "standard_mode": mode.standard,
+                "custom_mode": mode.custom,
+                "properties": _ADVANCED if mode.advanced else 0,
+                # A standard mode has a name that every ground station knows.
+                "mode_name": b"" if mode.standard else (mode.shown or mode.name).encode(),
+            }
+            a.say("AVAILABLE_MODES", fields, private=True)
+    return MavResult.ACCEPTED
 
 
 def reboot(a: SimAutopilot, command: MavCommand) -> MavResult | None:

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from pymavlink.dialects.v20 import development
 
 from sim.firmware.message import Message
 from sim.firmware.protocol.telemetry import MESSAGES
@@ -53,6 +54,15 @@ def test_what_is_packed_carries_system_component_and_rising_sequence() -> None:
     assert (first.get_srcSystem(), first.get_srcComponent()) == (7, 1)
     assert second.get_seq() == first.get_seq() + 1
     assert first.custom_mode == 4
+
+
+def test_available_modes_are_as_the_definition_that_has_them_says() -> None:
+    """It is not in the dialect that the codec is made of."""
+    numbers = {"number_modes": 9, "mode_index": 2, "standard_mode": 1, "properties": 2}
+    fields = numbers | {"custom_mode": 4 << 16, "mode_name": b"Hold"}
+    frame = Codec(7).pack(Message("AVAILABLE_MODES", fields))
+    (message,) = development.MAVLink(None).parse_buffer(frame)
+    assert message.to_dict() == fields | {"mavpackettype": "AVAILABLE_MODES", "mode_name": "Hold"}
 
 
 @given(garbage=st.binary(max_size=300))

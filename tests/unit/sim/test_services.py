@@ -367,3 +367,36 @@ def test_a_vehicle_without_a_fence_says_that_none_was_breached() -> None:
     fence = 0x100000
     assert status["onboard_control_sensors_health"] & fence
     assert not status["onboard_control_sensors_present"] & fence
+
+
+@pytest.mark.parametrize(
+    ("persona", "named"),
+    [
+        (ArdupilotPersona, {4: ("GUIDED", 0, 0), 9: ("LAND", 0, 0)}),
+        (
+            Px4Persona,
+            {6 << 16: ("Offboard", 0, 1), 3 << 16: ("", 1, 0), 4 << 16 | 6 << 24: ("", 7, 1)},
+        ),
+    ],
+)
+def test_available_modes_are_those_that_can_be_set(
+    persona: Persona, named: dict[int, tuple[str, int, int]]
+) -> None:
+    """All of them for index 0, or one; a ground station offers no other. Standard modes of PX4 go
+    without a name, as it sends them."""
+    rig = quiet(persona)
+    assert rig.ask(REQUEST, 435, 0) == MavResult.ACCEPTED
+    told = rig.heard("AVAILABLE_MODES")
+    assert [each["mode_index"] for each in told] == list(range(1, len(told) + 1))
+    assert {each["number_modes"] for each in told} == {len(told)}
+    assert {each["custom_mode"] for each in told} == set(persona.modes)
+    found = {
+        each["custom_mode"]: (each["mode_name"].decode(), each["standard_mode"], each["properties"])
+        for each in told
+    }
+    assert named.items() <= found.items()
+    rig.said.clear()
+    assert rig.ask(REQUEST, 435, 2) == MavResult.ACCEPTED
+    assert rig.heard("AVAILABLE_MODES") == told[1:2]
+    for wrong in (-1, len(told) + 1, 1.5, math.nan):
+        assert rig.ask(REQUEST, 435, wrong) == MavResult.DENIED
