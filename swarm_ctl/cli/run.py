@@ -22,6 +22,7 @@ from swarm_ctl.cli.shared.options import (
     Speedup,
     VehicleKinds,
     option,
+    switch,
 )
 from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.core.model.messages import Outcome
@@ -31,6 +32,7 @@ _ARDUCOPTER: Final = (
     "  [default: $SWARM_CTL_ARDUCOPTER, or the PATH]"
 )
 _PX4: Final = "PX4's build folder, with bin/px4 and etc/.  [default: $SWARM_CTL_PX4, or the PATH]"
+_PX4_LOG: Final = "Let each PX4 write its own log (ULog), 15 MB a minute."
 _GCS: Final = (
     "Send all vehicles to the ground control software there (QGroundControl, MAVProxy), and its"
     " frames to them; repeat it for another.  [14550 where no port follows]"
@@ -51,6 +53,7 @@ def run(
     vehicles: VehicleKinds = None,
     arducopter: Annotated[str | None, option("PATH|container:IMAGE", _ARDUCOPTER)] = None,
     px4: Annotated[str | None, option("FOLDER", _PX4)] = None,
+    px4_log: Annotated[bool, switch("--px4-log", _PX4_LOG)] = False,
     runs: Annotated[Path, option("FOLDER", "Where the run's folder is made.")] = Path("runs"),
     gcs: Annotated[list[str] | None, option("[HOST:]PORT", _GCS)] = None,
     seed: Seed = 1,
@@ -104,6 +107,7 @@ def run(
         metrics,
         gcs_addresses(gcs or ()),
         binaries,
+        px4_log,
     )
     result = fly(loaded, options, say)
     console.print(render_summary(result.summary))

@@ -16,6 +16,7 @@ import pytest
 
 from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.core.model.plan import Geodetic
+from swarm_ctl.runtime.launch.ground_control import KNOWN
 from swarm_ctl.runtime.vehicles.containers import Image
 from swarm_ctl.runtime.vehicles.order import (
     ORDERS,
@@ -157,6 +158,30 @@ def test_each_vehicle_has_its_agents_endpoint_and_its_own_system_id(running: Run
     assert copter.endpoint == f"tcp:127.0.0.1:{5760 + 10 * copter.instance}"
     assert px4.endpoint == f"udpin:127.0.0.1:{14540 + px4.instance}"
     assert [copter.sysid, px4.sysid] == [10, 11]
+
+
+def test_two_runs_that_start_at_once_have_autopilots_at_other_ports(tmp_path: Path) -> None:
+    """Each holds the numbers that it has chosen until it ends, also before its autopilots have
+    bound their ports. Simulated vehicles leave those numbers' ports alone, too."""
+    late = f'#!/bin/sh\nsleep 1; exec {sys.executable} {FAKE} "$@"\n'
+    with contextlib.ExitStack() as opened:
+        runs = [Running(tmp_path / name, late) for name in ("one", "two", "three")]
+        for each in runs:
+            opened.enter_context(each.process)
+            opened.callback(each.process.kill)
+        files = [each.folder / STARTED for each in runs]
+        until = time.monotonic() + 20.0
+        while not all(file.exists() and file.stat().st_size for file in files):
+            assert time.monotonic() < until
+            time.sleep(0.02)
+        for kind, known in zip(KINDS, ("ardupilot", "px4"), strict=True):
+            taken = [v.instance for each in runs for v in each.started if v.kind is kind]
+            assert len(set(taken)) == len(runs)
+            assert not any(KNOWN[known].free(instance) for instance in taken)
+        for each in runs:
+            each.wait_ready()
+            each.let_go()
+        assert [each.process.wait(10) for each in runs] == [0, 0, 0]
 
 
 def test_an_autopilot_that_does_not_start_is_an_error_that_names_its_log(tmp_path: Path) -> None:

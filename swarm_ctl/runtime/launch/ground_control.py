@@ -13,9 +13,10 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from swarm_ctl.core.model.fleet import FleetAgent
+from swarm_ctl.core.model.fleet import FleetAgent, VehicleKind
 from swarm_ctl.runtime.gcs.config import GcsAddress, RelayConfig, RelayVehicle
 from swarm_ctl.runtime.launch.ports import free_ports
+from swarm_ctl.runtime.vehicles.instances import PORTS
 
 _COLUMNS: Final = ("agent", "vehicle", "system", "its agent's link", "also on")
 
@@ -26,6 +27,9 @@ class KnownPort:
 
     first: int
     step: int
+    held: tuple[socket.SocketKind, int]
+    """Bound while an autopilot of another run has the first vehicle's number, from before it has
+    bound its own ports."""
     own: int | None = None
     """The port that the first vehicle sends from; None: it listens on `first`."""
 
@@ -44,12 +48,18 @@ class KnownPort:
     def free(self, i: int) -> bool:
         """No other program is there."""
         offset = self.step * i
+        kind, held = self.held
+        if not _free(held + offset, kind):
+            return False
         if self.own is None:
             return _free(self.first + offset, socket.SOCK_STREAM)
         return _free(self.own + offset, socket.SOCK_DGRAM)
 
 
-KNOWN: Final = {"ardupilot": KnownPort(5760, 10), "px4": KnownPort(14540, 1, 14580)}
+KNOWN: Final = {
+    "ardupilot": KnownPort(5760, 10, PORTS[VehicleKind.ARDUCOPTER].held),
+    "px4": KnownPort(14540, 1, PORTS[VehicleKind.PX4].held, 14580),
+}
 
 
 @dataclass(slots=True)

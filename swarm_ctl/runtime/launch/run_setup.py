@@ -46,6 +46,7 @@ class RunOptions:
     """Where ground control software listens: host and port."""
     binaries: Mapping[VehicleKind, str | None] = field(default_factory=dict)
     """Where the autopilots to start are, as the command line says."""
+    px4_log: bool = False
 
 
 class RunSetup:
@@ -194,7 +195,8 @@ def _orders(mission: LoadedMission, options: RunOptions) -> tuple[Order, ...]:
             north, east = plan.agent(agent.id).start
             at = geodetic_from_ned((north * plan.unit_m, east * plan.unit_m, 0.0), plan.origin)
             kind = agent.vehicle
-            found.append(Order(agent.id, agent.sysid, kind, binaries[kind], at))
+            order = Order(agent.id, agent.sysid, kind, binaries[kind], at, logs=options.px4_log)
+            found.append(order)
     return tuple(found)
 
 

@@ -179,7 +179,8 @@ class Px4(Sitl):
         for name in ("px4", *names):
             (own / name).symlink_to(theirs / "px4")
         (own / "px4-alias.sh").symlink_to(theirs / "px4-alias.sh")
-        (own / "px4-rc.params").write_text(_PARAMETERS.format(sysid=self.order.sysid))
+        parameters = _PARAMETERS.format(sysid=self.order.sysid)
+        (own / "px4-rc.params").write_text(parameters + _NO_LOG * (not self.order.logs))
         (own / "px4-rc.mavlink").write_text(_LINKS)
         instance, etc = str(self.instance), str(build / "etc")
         return [str(own / "px4"), "-i", instance, "-d", etc, "-w", str(self.folder)]
@@ -207,6 +208,8 @@ param reset COM_DL_LOSS_T COM_RC_LOSS_T COM_OF_LOSS_T COM_OBC_LOSS_T
 param set SDLOG_PROFILE 1
 param set IMU_GYRO_FFT_EN 0
 """
+_NO_LOG: Final = "param set SDLOG_MODE -1\n"
+"""Else 15 MB a minute."""
 _LINKS: Final = """\
 # Ground stations, the agent, and who looks on; PX4's own file opens more, and the same port for
 # instances over 9.

@@ -28,6 +28,8 @@ class Order:
     """As `binaries.find` has found it."""
     place: Geodetic
     """Where it stands."""
+    logs: bool = False
+    """A PX4 writes its own log."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -55,6 +55,7 @@ def test_px4_gets_links_and_scripts_in_its_own_folder(px4: Path, tmp_path: Path)
     assert alias.resolve() == px4 / "bin" / "px4-alias.sh"
     parameters = (sitl.folder / "bin" / "px4-rc.params").read_text()
     assert "param set MAV_SYS_ID 7\n" in parameters
+    assert "param set SDLOG_MODE -1\n" in parameters, "no log unless it is asked for"
     assert {path.name for path in (px4 / "bin").iterdir()} == {
         "px4",
         "px4-commander",
