@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from swarm_ctl.cli.shared.console import PlainConsole
+from swarm_ctl.cli.shared.extras import require
 from swarm_ctl.cli.shared.options import Processes, Seed, option
 from swarm_ctl.errors import InputError
 
@@ -17,10 +18,16 @@ _A, _X, _U = "A,B,...", "X,LOW:HIGH,...", "UNITS"
 
 
 def study(
-    out: Annotated[Path, option("FILE", "The CSV file for the rows.")] = Path("study.csv"),
+    out: Annotated[
+        Path, option("FILE", "Where the rows go: a .csv file, or a .parquet folder.")
+    ] = Path("study.csv"),
     missions: Annotated[int, option("NUMBER", "Missions for each combination.", min=1)] = 1000,
     seed: Seed = 1,
     processes: Processes = None,
+    cluster: Annotated[
+        str | None,
+        option("SCHEDULER", "Fly on a Dask cluster: local, a scheduler's address, or its file."),
+    ] = None,
     n: Annotated[str, option(_A, "Number of agents; 2:50 is every number from 2 to 50.")] = "6",
     shape: Annotated[str, option(_A, "ring, line, grid, vee, wedge.")] = "ring",
     slots: Annotated[
@@ -123,6 +130,7 @@ def study(
         swarm-ctl study --safety off,align --start crossing --slots given
         swarm-ctl study --delay 0:0.2 --loss 0:0.2 --out late.csv
         swarm-ctl study --out late.csv --row 4711 --picture 4711.gif
+        swarm-ctl study --missions 100000 --cluster tcp://10.0.0.5:8786 --out wide.parquet
     """
     from swarm_ctl.study.executor import run_study
     from swarm_ctl.study.rows import read_rows
@@ -166,10 +174,22 @@ def study(
         silent=silent,
         silent_agents=silent_agents,
     )
-    run_study(plan, out, processes, console)
+    _check_extras(out, processes, cluster)
+    run_study(plan, out, processes, console, cluster)
     wide = console if console.is_terminal else PlainConsole(width=200)
     wide.print(table(plan, read_rows(out), _by(by, plan)))
     console.say(f"rows: {out}")
+
+
+def _check_extras(out: Path, processes: int | None, cluster: str | None) -> None:
+    if cluster is not None:
+        require("cluster", "study --cluster")
+        if processes is not None and cluster != "local":
+            raise InputError(
+                "--processes: this cluster has workers of its own; allowed: with --cluster local"
+            )
+    if out.suffix == ".parquet":
+        require("cluster", "study --out FOLDER.parquet")
 
 
 def _study(**given: Any) -> Study:

@@ -1,17 +1,18 @@
-"""A study's result: a CSV file with one row a mission, in order, and beside it the study as JSON.
+"""A study's result: a CSV file with one row a mission, in order, or a folder of Parquet files; and
+beside it the study as JSON.
 
-Numbers read back as the very same. Whole blocks are appended, so that a study that was interrupted
-goes on behind its last whole block.
+Numbers read back as the very same. Blocks are written whole and once, so that a study that was
+interrupted goes on with those that are missing.
 """
 
 from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, Protocol, TypeAlias
 
 import numpy as np
 from pydantic import ValidationError
@@ -19,6 +20,7 @@ from pydantic import ValidationError
 from swarm_ctl.core.law.formation_law import STATUSES
 from swarm_ctl.core.model.plan import Response
 from swarm_ctl.errors import InputError
+from swarm_ctl.study import parquet_parts
 from swarm_ctl.study.batch.batch import Batch, blocks
 from swarm_ctl.study.batch.batch_flight import BatchResult
 from swarm_ctl.study.parameter_space import AGENT_RANGES, LISTS, RANGES, Cell, Study
@@ -92,21 +94,65 @@ def study_of(path: Path) -> Study:
         ) from None
 
 
-def begin(path: Path, study: Study) -> int:
-    """Prepare `path` for the study's rows; how many blocks of it are there already.
+class RowsFile(Protocol):
+    """Takes the rows of a study's blocks, in any order."""
 
-    InputError where the file holds another study's rows.
+    @property
+    def missing(self) -> Sequence[int]:
+        """The numbers of the blocks that were not there at the beginning."""
+
+    def add(self, block: int, rows: list[Row]) -> None:
+        """Write the rows of one block."""
+
+
+class _CsvFile:
+    """A block that comes before its turn waits for those before it."""
+
+    def __init__(self, path: Path, study: Study) -> None:
+        self._path = path
+        if not path.exists() or not path.stat().st_size:
+            path.write_text(",".join(COLUMNS) + "\n")
+        self._next = _whole_blocks(path, study)
+        self.missing = range(self._next, len(blocks(study)))
+        self._early: dict[int, list[Row]] = {}
+
+    def add(self, block: int, rows: list[Row]) -> None:
+        self._early[block] = rows
+        with self._path.open("a") as file:
+            while self._next in self._early:
+                file.write(to_csv(self._early.pop(self._next)))
+                self._next += 1
+
+
+class _ParquetFolder:
+    def __init__(self, path: Path, study: Study) -> None:
+        self._path = path
+        path.mkdir(exist_ok=True)
+        there = set(parquet_parts.parts(path))
+        self.missing = [k for k in range(len(blocks(study))) if k not in there]
+
+    def add(self, block: int, rows: list[Row]) -> None:
+        parquet_parts.write_part(self._path, block, rows)
+
+
+def rows_file(path: Path, study: Study) -> RowsFile:
+    """The file for the study's rows, by its suffix; what is there of it stays.
+
+    InputError where it holds another study's rows.
     """
-    if path.exists() and path.stat().st_size:
+    if path.is_dir() or (path.exists() and path.stat().st_size):
         if study_of(path) != study:
             raise InputError(
                 f"{path} has the rows of another study (see {_about(path)}); choose another --out"
             )
-        return _whole_blocks(path, study)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    _about(path).write_text(study.model_dump_json(indent=1) + "\n")
-    path.write_text(",".join(COLUMNS) + "\n")
-    return 0
+    else:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        _about(path).write_text(study.model_dump_json(indent=1) + "\n")
+    return _ParquetFolder(path, study) if _is_parquet(path) else _CsvFile(path, study)
+
+
+def _is_parquet(path: Path) -> bool:
+    return path.suffix == parquet_parts.SUFFIX
 
 
 def _about(path: Path) -> Path:
@@ -130,15 +176,23 @@ def _whole_blocks(path: Path, study: Study) -> int:
 
 def read_rows(path: Path) -> Iterator[Row]:
     """The rows in a file, numbers as numbers. InputError where it is not a study's."""
+    if _is_parquet(path):
+        _check_columns(path, parquet_parts.columns(path))
+        yield from parquet_parts.read_parts(path)
+        return
     try:
         with path.open(newline="") as file:
             reader = csv.DictReader(file)
-            if tuple(reader.fieldnames or ()) != COLUMNS:
-                raise InputError(f"{path}: its columns are not those of a study of this version")
+            _check_columns(path, tuple(reader.fieldnames or ()))
             for row in reader:
                 yield _typed(row)
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}") from None
+
+
+def _check_columns(path: Path, found: tuple[str, ...] | None) -> None:
+    if found != COLUMNS:
+        raise InputError(f"{path}: its columns are not those of a study of this version")
 
 
 def _typed(row: Mapping[str, str]) -> Row:
