@@ -130,7 +130,7 @@ def study(
         swarm-ctl study --safety off,align --start crossing --slots given
         swarm-ctl study --delay 0:0.2 --loss 0:0.2 --out late.csv
         swarm-ctl study --out late.csv --row 4711 --picture 4711.gif
-        swarm-ctl study --missions 100000 --cluster tcp://10.0.0.5:8786 --out wide.parquet
+        swarm-ctl study --n 2:50 --cluster local --out wide.parquet
     """
     from swarm_ctl.study.executor import run_study
     from swarm_ctl.study.rows import read_rows
