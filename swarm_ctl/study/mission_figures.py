@@ -41,7 +41,7 @@ def agent_names(n: int) -> list[str]:
 
 def draw_mission(flown: Rerun, path: Path) -> None:
     """A row's tracks as a picture, or as an animation where the name ends in .gif."""
-    title = f"row {flown.batch.row[0]}: smallest distance {flown.row['smallest']:.2f}, " + (
+    title = f"row {flown.batch.row[0]}: smallest distance {flown.row['smallest_units']:.2f}, " + (
         f"formed after {flown.row['time_s']:.1f} s" if flown.row["converged"] else "not formed"
     )
     made, axes = figure(title, 5.2, 4.8)

@@ -8,6 +8,7 @@ missions` of cell `k // missions`.
 from __future__ import annotations
 
 import itertools
+from dataclasses import asdict, replace
 from typing import Any, Final, Literal, Self
 
 from pydantic import (
@@ -16,6 +17,7 @@ from pydantic import (
     Field,
     NonNegativeFloat,
     PositiveFloat,
+    field_serializer,
     field_validator,
     model_validator,
 )
@@ -27,8 +29,6 @@ from swarm_ctl.core.model.timeouts import NEIGHBOUR_S
 ShapeKind = Literal["ring", "line", "grid", "vee", "wedge"]
 SlotOrder = Literal["given", "random", "nearest"]
 StartKind = Literal["random", "ring", "grid", "table2", "crossing", "antipodal"]
-"""`crossing`: two columns that face each other and, with the slots `given`, change sides;
-`antipodal`: a ring whose agents go to the place opposite to their own."""
 SafetyLevel = Literal["off", "filter", "guard", "release", "align", "exchange"]
 """Each with all before it: the collision filter, the guard of links, swirl and tangential release,
 the mean-error feedback (what agents fly), slot exchange (what they fly in form steps that allow
@@ -36,7 +36,6 @@ it)."""
 LEVELS: Final[tuple[SafetyLevel, ...]] = ("off", "filter", "guard", "release", "align", "exchange")
 VehicleModel = Literal["ideal", "lag", "ardupilot", "px4"]
 Spread = Literal["mission", "agent"]
-"""The vehicles of a mission are all alike, or each draws its own `AGENT_RANGES`."""
 
 MODEL: Final = ("model_lag_s", "model_dead_time_s", "model_acceleration_mps2")
 LISTS: Final = (
@@ -104,12 +103,15 @@ class _Common(BaseModel):
     )
 
     seed: int = Field(default=1, ge=0)
+    """Of all random numbers."""
     missions: int = Field(default=1000, ge=1)
     """Per cell."""
     law: LawParameters = LawParameters()
-    """`h` is the cell's."""
+    """`r`, `r_out`, `r_in`, `delta_l`, `delta_a`; `h` stands beside it, as a list."""
     unit_m: float = Field(default=5.0, gt=0)
+    """Metres per unit."""
     tick_s: float = Field(default=0.05, gt=0)
+    """Between two commands of an agent."""
     start_spacing: float = Field(default=0.0, ge=0)
     """Smallest distance between two random starts [units]; 0: twice `r_in`."""
     tolerance: float = Field(default=0.1, gt=0)
@@ -118,6 +120,16 @@ class _Common(BaseModel):
     """... for this long."""
     limit_s: float = Field(default=300.0, gt=0)
     """Missions that have not formed by then are ended."""
+
+    @field_validator("law")
+    @classmethod
+    def _one_h(cls, law: LawParameters) -> LawParameters:
+        return replace(law, h=LawParameters().h)
+
+    @field_serializer("law")
+    def _without_h(self, law: LawParameters) -> dict[str, float]:
+        """The gain that is flown stands beside it, as a list."""
+        return {name: number for name, number in asdict(law).items() if name != "h"}
 
 
 class Cell(_Common):
@@ -175,28 +187,45 @@ class Study(_Common):
     """A study: lists (of values or of ranges) of what is varied."""
 
     n: tuple[int, ...] = (6,)
+    """Number of agents."""
     shape: tuple[ShapeKind, ...] = ("ring",)
+    """Of the formation, turned at random."""
     slots: tuple[SlotOrder, ...] = ("nearest",)
+    """Who gets which slot: in the order of the ids, at random, or so that the ways are short."""
     start: tuple[StartKind, ...] = ("random",)
+    """`crossing`: two columns that face each other and, with the slots `given`, change sides;
+    `antipodal`: a ring whose agents go to the place opposite to their own."""
     compensation: tuple[Compensation, ...] = (Compensation.STOP_POINT,)
+    """What the law is fed with: stop points, or positions (`none`)."""
     vehicle: tuple[VehicleModel, ...] = ("lag",)
+    """Points that fly what they are told (`ideal`), a dead time and a first-order lag with bounded
+    acceleration (`lag`), or as a firmware answers."""
     safety: tuple[SafetyLevel, ...] = ("align",)
-    """What stands between the law and the vehicles; `align` is what agents fly with stop points."""
+    """What stands between the law and the vehicles, each with all before it: `off`, `filter`,
+    `guard` of links, `release` from dead-locks, `align` (what agents fly with stop points),
+    `exchange` of slots."""
     speed_mps: tuple[PositiveFloat, ...] = (5.0,)
     """The agents' speed limit."""
     spread: tuple[Spread, ...] = ("mission",)
+    """The agents of a mission are all alike, or each draws its own lag, dead time, acceleration and
+    delay from the range."""
     model_lag_s: tuple[PositiveFloat | None, ...] = (None,)
-    """What the agents believe of their vehicles. None: the middle of the true range, so that a
-    single true value is a perfect model; of firmwares `stop_point.TYPICAL`."""
+    """The lag that the agents believe their vehicles have. None: the middle of `lag_s`, so that a
+    single true value is a perfect model; of firmwares the typical one."""
     model_dead_time_s: tuple[NonNegativeFloat | None, ...] = (None,)
+    """The dead time that the agents believe. None: as for the lag."""
     model_acceleration_mps2: tuple[PositiveFloat | None, ...] = (None,)
+    """The acceleration limit that the agents believe. None: as for the lag."""
     h: tuple[Range, ...] = value(0.05)
+    """The law's consensus gain."""
     kappa: tuple[Range, ...] = value(20.0)
+    """The law's iterations a second; at most one a tick."""
     lag_s: tuple[Range, ...] = value(0.5)
-    """What the vehicles `lag` truly do; firmwares bring their own answer."""
+    """The true lag of the vehicles `lag`; firmwares bring their own answer."""
     dead_time_s: tuple[Range, ...] = value(0.4)
-    """Between command and answer."""
+    """The true time between command and answer of the vehicles `lag`."""
     acceleration_mps2: tuple[Range, ...] = value(2.8)
+    """The true acceleration limit of the vehicles `lag`."""
     delay_s: tuple[Range, ...] = value(0.0)
     """How old an agent's states are when they arrive."""
     jitter_s: tuple[Range, ...] = value(0.0)

@@ -24,26 +24,16 @@ from swarm_ctl.study import parquet_parts
 from swarm_ctl.study.batch.batch import Batch, blocks
 from swarm_ctl.study.batch.batch_flight import BatchResult
 from swarm_ctl.study.parameter_space import AGENT_RANGES, LISTS, RANGES, Cell, Study
+from swarm_ctl.study.row_columns import COLUMNS, WITH_UNIT
 
 Row: TypeAlias = dict[str, Any]
 
 _MEASURED: Final = tuple(f.name for f in fields(BatchResult) if f.name != "statuses")
-_RESULT: Final = ("collided", *_MEASURED[:2], "hit", *_MEASURED[2:])
-COLUMNS: Final = (
-    "row",
-    "cell",
-    *LISTS,
-    *(name for name in RANGES if name not in AGENT_RANGES),
-    *(f"{end}_{name}" for name in AGENT_RANGES for end in ("least", "most")),
-    "wind_from_rad",
-    *_RESULT,
-    *(f"sigma_{name}" for name in STATUSES),
-)
 _TEXT: Final = frozenset({"shape", "slots", "start", "compensation", "vehicle", "safety", "spread"})
 
 
 def rows_of(batch: Batch, result: BatchResult) -> list[Row]:
-    """The rows of a flown batch. Lengths in units."""
+    """The rows of a flown batch (`row_columns.MEANINGS`)."""
     cell, count = batch.cell, len(batch)
     columns: dict[str, Any] = {"row": batch.row, "cell": np.full(count, cell.index)}
     columns |= {name: [_word(value)] * count for name, value in _listed(cell).items()}
@@ -53,6 +43,7 @@ def rows_of(batch: Batch, result: BatchResult) -> list[Row]:
     columns |= {name: getattr(result, name) for name in _MEASURED}
     columns["collided"] = result.smallest < cell.law.r_in
     columns["hit"] = result.smallest_silent < cell.law.r_in
+    columns = {WITH_UNIT.get(name, name): column for name, column in columns.items()}
     columns |= {f"sigma_{name}": result.statuses[k] for k, name in enumerate(STATUSES)}
     plain = [_plain(columns[name]) for name in COLUMNS]
     return [dict(zip(COLUMNS, values, strict=True)) for values in zip(*plain, strict=True)]

@@ -55,11 +55,11 @@ def _share_of(rows: list[Row], name: str) -> str:
 
 def _alive(rows: list[Row]) -> list[Row]:
     """The missions in which no agent died."""
-    return [row for row in rows if row["smallest_silent"] == math.inf]
+    return [row for row in rows if row["smallest_silent_units"] == math.inf]
 
 
 def _with_silent(rows: list[Row]) -> list[Row]:
-    return [row for row in rows if row["smallest_silent"] < math.inf]
+    return [row for row in rows if row["smallest_silent_units"] < math.inf]
 
 
 def _hit(rows: list[Row]) -> str:
@@ -74,7 +74,7 @@ def _time(rows: list[Row], q: int) -> str:
 
 _COLUMNS: Final[tuple[tuple[str, Callable[[list[Row]], str]], ...]] = (
     ("under r_in", lambda rows: _share_of(rows, "collided")),
-    ("smallest", lambda rows: f"{min(row['smallest'] for row in rows):.3f}"),
+    ("smallest", lambda rows: f"{min(row['smallest_units'] for row in rows):.3f}"),
     ("silent one hit", _hit),
     ("formed", lambda rows: _share_of(_alive(rows), "converged")),
     ("formed, one silent", lambda rows: _share_of(_with_silent(rows), "converged")),
@@ -85,7 +85,10 @@ _COLUMNS: Final[tuple[tuple[str, Callable[[list[Row]], str]], ...]] = (
     ("one that fits", lambda rows: _share_of(rows, "kept_broken")),
     ("parted", lambda rows: _share_of(rows, "parted")),
     ("overspeed", lambda rows: _share_of(rows, "sigma_overspeed")),
-    ("ticks changed", lambda rows: f"{100 * sum(r['touched'] for r in rows) / len(rows):.3g} %"),
+    (
+        "ticks changed",
+        lambda rows: f"{100 * sum(r['touched_share'] for r in rows) / len(rows):.3g} %",
+    ),
 )
 """Times and what formed: of missions in which no agent died; `one that fits` are links whose slots
 fit in 0.9 r."""

@@ -51,7 +51,7 @@ def collisions_table(
         for cell in study.cells():
             own = [row for row in rows if row["cell"] == cell.index]
             under = share(sum(row["collided"] for row in own), len(own))
-            least = min(row["smallest"] for row in own) / cell.law.r_in
+            least = min(row["smallest_units"] for row in own) / cell.law.r_in
             table.add_row(str(cell.n), str(cell.h), str(len(own)), under, f"{least:.3f}")
     return table
 
@@ -109,6 +109,6 @@ def _numbers(flown: Rerun) -> str:
     starts = " ".join(f"({x:.2f},{y:.2f})" for x, y in flown.batch.starts[..., 0].T)
     gap = min((gap for *_, gap, _ in flown.trace.pairs), default=float("nan"))
     return (
-        f"smallest {row['smallest']:.2f}, longest link {row['longest_link']:.2f},"
-        f" end error {row['error']:.2f}, least D_ub - D_lb {gap:.3g}; starts {starts}"
+        f"smallest {row['smallest_units']:.2f}, longest link {row['longest_link_units']:.2f},"
+        f" end error {row['error_units']:.2f}, least D_ub - D_lb {gap:.3g}; starts {starts}"
     )

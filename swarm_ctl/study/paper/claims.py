@@ -59,7 +59,7 @@ def _ended(row: Row) -> bool:
 def _smallest(rows: list[Row], cell: Cell) -> str:
     if not any(_met(row) for row in rows):
         return "no pair within r_out"
-    return f"smallest {min(row['smallest'] for row in rows):.3f}, r_in {cell.law.r_in:g}"
+    return f"smallest {min(row['smallest_units'] for row in rows):.3f}, r_in {cell.law.r_in:g}"
 
 
 def _times(rows: list[Row], _: Cell) -> str:
@@ -71,7 +71,7 @@ def _times(rows: list[Row], _: Cell) -> str:
 
 
 def _longest(rows: list[Row], cell: Cell) -> str:
-    return f"longest {max(row['longest_link'] for row in rows):.2f}, r {cell.law.r:g}"
+    return f"longest {max(row['longest_link_units'] for row in rows):.2f}, r {cell.law.r:g}"
 
 
 def _links(rows: list[Row], _: Cell) -> str:

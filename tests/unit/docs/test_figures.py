@@ -48,7 +48,7 @@ def test_the_mix(tmp_path: Path) -> None:
     text = (ROOT / "README.md").read_text()
     assert (len(kept), collided(kept)) == (800, 0)
     assert f"Without the filter one did in {collided(bare)} of 800 missions" in text
-    assert min(float(row["smallest"]) for row in kept) == pytest.approx(0.630, abs=1e-3)
+    assert min(float(row["smallest_units"]) for row in kept) == pytest.approx(0.630, abs=1e-3)
 
 
 @pytest.mark.long
@@ -60,4 +60,6 @@ def test_vehicles_unlike_their_model(lag: str, words: str, tmp_path: Path) -> No
     for low, high, bad, count, smallest in table(words):
         within = [row for row in rows if low <= float(row["least_dead_time_s"]) - 0.5 < high]
         assert (collided(within), len(within)) == (bad, count)
-        assert min(float(row["smallest"]) for row in within) == pytest.approx(smallest, abs=1e-3)
+        assert min(float(row["smallest_units"]) for row in within) == pytest.approx(
+            smallest, abs=1e-3
+        )
