@@ -2,110 +2,131 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+
+import typer
 
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.extras import require
-from swarm_ctl.cli.shared.options import Processes, Seed, option
+from swarm_ctl.cli.shared.options import Processes, option
 from swarm_ctl.errors import InputError
 
 if TYPE_CHECKING:
     from swarm_ctl.study.parameter_space import Study
 
 
-_A, _X, _U = "A,B,...", "X,LOW:HIGH,...", "UNITS"
+def _one(metavar: str, text: str, default: float | str) -> Any:
+    """An option of the study, which a file may give as well."""
+    return option(metavar, f"{text}  [default: {default}]")
+
+
+def _list(text: str, default: float | str) -> Any:
+    return _one("A,B,...", text, default)
+
+
+def _ranges(text: str, default: float | str) -> Any:
+    return _one("X,LOW:HIGH,...", text, default)
+
+
+Given: TypeAlias = str | None
+_MODEL = "the middle of --{} (so one value is a perfect model); of a firmware its typical one"
 
 
 def study(
+    file: Annotated[
+        Path | None,
+        typer.Argument(metavar="STUDY", help="A study file; options come before what it says."),
+    ] = None,
     out: Annotated[
-        Path, option("FILE", "Where the rows go: a .csv file, or a .parquet folder.")
-    ] = Path("study.csv"),
-    missions: Annotated[int, option("NUMBER", "Missions for each combination.", min=1)] = 1000,
-    seed: Seed = 1,
+        Path | None,
+        option(
+            "FILE",
+            "Where the rows go: a .csv file, or a .parquet folder.  [default: study.csv, or the"
+            " study file's name]",
+        ),
+    ] = None,
+    missions: Annotated[Given, _one("NUMBER", "Missions for each combination.", 1000)] = None,
+    seed: Annotated[Given, _one("NUMBER", "Seed of all random numbers.", 1)] = None,
     processes: Processes = None,
     cluster: Annotated[
         str | None,
         option("SCHEDULER", "Fly on a Dask cluster: local, a scheduler's address, or its file."),
     ] = None,
-    n: Annotated[str, option(_A, "Number of agents; 2:50 is every number from 2 to 50.")] = "6",
-    shape: Annotated[str, option(_A, "ring, line, grid, vee, wedge.")] = "ring",
+    n: Annotated[Given, _list("Number of agents; 2:50 is every number from 2 to 50.", 6)] = None,
+    shape: Annotated[Given, _list("ring, line, grid, vee, wedge.", "ring")] = None,
     slots: Annotated[
-        str, option(_A, "How slots are assigned: given, random, nearest.")
-    ] = "nearest",
+        Given, _list("How slots are assigned: given, random, nearest.", "nearest")
+    ] = None,
     start: Annotated[
-        str, option(_A, "Where agents start: random, ring, grid, table2, crossing, antipodal.")
-    ] = "random",
+        Given,
+        _list("Where agents start: random, ring, grid, table2, crossing, antipodal.", "random"),
+    ] = None,
     compensation: Annotated[
-        str, option(_A, "What the law is fed with: stop_point, none (the position).")
-    ] = "stop_point",
+        Given, _list("What the law is fed with: stop_point, none (the position).", "stop_point")
+    ] = None,
     vehicle: Annotated[
-        str, option(_A, "ideal, lag (dead time and first-order lag), ardupilot, px4.")
-    ] = "lag",
+        Given, _list("ideal, lag (dead time and first-order lag), ardupilot, px4.", "lag")
+    ] = None,
     safety: Annotated[
-        str,
-        option(_A, "off, filter, guard, release, align, exchange; each includes those before it."),
-    ] = "align",
-    silent: Annotated[str, option(_X, "Share of missions in which agents die.")] = "0",
+        Given,
+        _list("off, filter, guard, release, align, exchange; each includes those before.", "align"),
+    ] = None,
+    silent: Annotated[Given, _ranges("Share of missions in which agents die.", 0)] = None,
     silent_agents: Annotated[
-        str, option(_X, "How many die in these; under 1: which share of the agents.")
-    ] = "1",
-    h: Annotated[str, option(_X, "The law's consensus gain h.")] = "0.05",
-    kappa: Annotated[str, option(_X, "The law's iterations a second.")] = "20",
-    speed: Annotated[str, option(_A, "Speed limit of the agents, in m/s.")] = "5",
-    lag: Annotated[str, option(_X, "True lag of the vehicles `lag`, in seconds.")] = "0.5",
+        Given, _ranges("How many die in these; under 1: which share of the agents.", 1)
+    ] = None,
+    h: Annotated[Given, _ranges("The law's consensus gain h.", 0.05)] = None,
+    kappa: Annotated[Given, _ranges("The law's iterations a second.", 20)] = None,
+    speed: Annotated[Given, _list("Speed limit of the agents, in m/s.", 5)] = None,
+    lag: Annotated[Given, _ranges("True lag of the vehicles `lag`, in seconds.", 0.5)] = None,
     dead_time: Annotated[
-        str, option(_X, "True dead time of the vehicles `lag`, in seconds.")
-    ] = "0.4",
+        Given, _ranges("True dead time of the vehicles `lag`, in seconds.", 0.4)
+    ] = None,
     acceleration: Annotated[
-        str, option(_X, "True acceleration limit of the vehicles `lag`, in m/s2.")
-    ] = "2.8",
+        Given, _ranges("True acceleration limit of the vehicles `lag`, in m/s2.", 2.8)
+    ] = None,
     spread: Annotated[
-        str,
-        option(_A, "mission, agent: what draws its lag, dead time and acceleration from a range."),
-    ] = "mission",
-    model_lag: Annotated[
-        str,
-        option(
-            _A,
-            "Lag that the agents believe.  [default: the middle of --lag (one value: a perfect"
-            " model); the autopilot's typical one]",
-        ),
-    ] = "",
+        Given,
+        _list("mission, agent: what draws lag, dead time, acceleration and delay.", "mission"),
+    ] = None,
+    model_lag: Annotated[Given, _list("Lag that the agents believe.", _MODEL.format("lag"))] = None,
     model_dead_time: Annotated[
-        str, option(_A, "Dead time that they believe.  [default: likewise]")
-    ] = "",
+        Given, _list("Dead time that they believe.", _MODEL.format("dead-time"))
+    ] = None,
     model_acceleration: Annotated[
-        str, option(_A, "Acceleration limit that they believe.  [default: likewise]")
-    ] = "",
-    delay: Annotated[str, option(_X, "Age of a peer's state when it arrives, in seconds.")] = "0",
+        Given, _list("Acceleration limit that they believe.", _MODEL.format("acceleration"))
+    ] = None,
+    delay: Annotated[Given, _ranges("Age of a state when it arrives, in seconds.", 0)] = None,
     jitter: Annotated[
-        str, option(_X, "Each state is later by up to this, in seconds; late ones may overtake.")
-    ] = "0",
-    loss: Annotated[str, option(_X, "Share of states that are lost.")] = "0",
+        Given, _ranges("Each state is later by up to this, in seconds; some overtake.", 0)
+    ] = None,
+    loss: Annotated[Given, _ranges("Share of states that are lost.", 0)] = None,
     burst: Annotated[
-        str, option(_X, "Mean length of a burst of losses, in seconds; 0: single losses.")
-    ] = "0",
+        Given, _ranges("Mean length of a burst of losses, in seconds; 0: single losses.", 0)
+    ] = None,
     wind: Annotated[
-        str, option(_X, "Wind in m/s; only the vehicles ardupilot and px4 feel it.")
-    ] = "0",
+        Given, _ranges("Wind in m/s; only the vehicles ardupilot and px4 feel it.", 0)
+    ] = None,
     area: Annotated[
-        str, option(_X, "Side of the square of random starts, in units; 0: chosen by n.")
-    ] = "0",
-    spacing: Annotated[str, option(_X, "Distance of adjacent slots, in units.")] = "2",
+        Given, _ranges("Side of the square of random starts, in units; 0: chosen by n.", 0)
+    ] = None,
+    spacing: Annotated[Given, _ranges("Distance of adjacent slots, in units.", 2)] = None,
     start_spacing: Annotated[
-        float, option(_U, "Least distance of random starts; 0: twice --r-in.")
-    ] = 0.0,
-    r: Annotated[float, option(_U, "Interaction range.")] = 4.5,
-    r_out: Annotated[float, option(_U, "Outer radius.")] = 1.5,
-    r_in: Annotated[float, option(_U, "Inner radius.")] = 0.5,
-    limit: Annotated[
-        float, option("SECONDS", "End a mission that has not formed by then.")
-    ] = 300.0,
-    tick: Annotated[float, option("SECONDS", "Length of a tick.")] = 0.05,
+        Given, _one("UNITS", "Least distance of random starts; 0: twice --r-in.", 0)
+    ] = None,
+    r: Annotated[Given, _one("UNITS", "Interaction range.", 4.5)] = None,
+    r_out: Annotated[Given, _one("UNITS", "Outer radius.", 1.5)] = None,
+    r_in: Annotated[Given, _one("UNITS", "Inner radius.", 0.5)] = None,
+    delta_l: Annotated[Given, _one("NUMBER", "Offset of the paper's D.", 2)] = None,
+    delta_a: Annotated[Given, _one("NUMBER", "Offset of sigma above its bound.", 0.1)] = None,
+    unit_m: Annotated[Given, _one("METRES", "Length of a unit.", 5)] = None,
+    limit: Annotated[Given, _one("SECONDS", "End a mission that has not formed then.", 300)] = None,
+    tick: Annotated[Given, _one("SECONDS", "Length of a tick.", 0.05)] = None,
     by: Annotated[
-        str, option(_A, "Make the table's rows by these only.  [default: all that vary]")
-    ] = "",
+        Given, option("A,B,...", "Make the table's rows by these only.  [default: all that vary]")
+    ] = None,
     row: Annotated[
         int | None, option("NUMBER", "Fly this row of --out again, alone.", min=0)
     ] = None,
@@ -118,7 +139,8 @@ def study(
 ) -> None:
     """Fly thousands of missions in one go, in numpy.
 
-    Options with A,B,... are lists: every combination of their values is flown. Those with
+    What is flown is said by a study file (`studies/` has some), by options, or both. Options with
+    A,B,... are lists: every combination of their values is flown. Those with
     X,LOW:HIGH,... are lists too; from a range, each mission draws its own value. Lengths are the
     law's units. The study itself is written beside its rows, as JSON; a study that was interrupted
     continues where it ended.
@@ -126,6 +148,8 @@ def study(
     Examples:
 
     \b
+        swarm-ctl study studies/mix.yaml
+        swarm-ctl study studies/mix.yaml --seed 2 --missions 1000 --out mix2.csv
         swarm-ctl study --n 4,6,9 --slots random,nearest --missions 2000
         swarm-ctl study --safety off,align --start crossing --slots given
         swarm-ctl study --delay 0:0.2 --loss 0:0.2 --out late.csv
@@ -135,50 +159,63 @@ def study(
     from swarm_ctl.study.executor import run_study
     from swarm_ctl.study.rows import read_rows
     from swarm_ctl.study.rows_table import table
+    from swarm_ctl.study.study_file import study_file
 
     console = PlainConsole()
+    out = out or Path(f"{file.stem if file else 'study'}.csv")
     if row is not None:
         _rerun(out, row, picture, mission, console)
         return
-    plan = _study(
-        seed=seed,
-        missions=missions,
-        limit_s=limit,
-        tick_s=tick,
-        start_spacing=start_spacing,
-        law={"r": r, "r_out": r_out, "r_in": r_in},
-        n=n,
-        shape=shape,
-        slots=slots,
-        start=start,
-        compensation=compensation,
-        vehicle=vehicle,
-        safety=safety,
-        h=h,
-        kappa=kappa,
-        speed_mps=speed,
-        lag_s=lag,
-        dead_time_s=dead_time,
-        acceleration_mps2=acceleration,
-        spread=spread,
-        model_lag_s=model_lag,
-        model_dead_time_s=model_dead_time,
-        model_acceleration_mps2=model_acceleration,
-        delay_s=delay,
-        jitter_s=jitter,
-        loss=loss,
-        burst_s=burst,
-        wind_mps=wind,
-        area=area,
-        spacing=spacing,
-        silent=silent,
-        silent_agents=silent_agents,
-    )
+    law = {"r": r, "r_out": r_out, "r_in": r_in, "delta_l": delta_l, "delta_a": delta_a}
+    given = {
+        "seed": seed,
+        "missions": missions,
+        "limit_s": limit,
+        "tick_s": tick,
+        "unit_m": unit_m,
+        "start_spacing": start_spacing,
+        "n": n,
+        "shape": shape,
+        "slots": slots,
+        "start": start,
+        "compensation": compensation,
+        "vehicle": vehicle,
+        "safety": safety,
+        "h": h,
+        "kappa": kappa,
+        "speed_mps": speed,
+        "lag_s": lag,
+        "dead_time_s": dead_time,
+        "acceleration_mps2": acceleration,
+        "spread": spread,
+        "model_lag_s": model_lag,
+        "model_dead_time_s": model_dead_time,
+        "model_acceleration_mps2": model_acceleration,
+        "delay_s": delay,
+        "jitter_s": jitter,
+        "loss": loss,
+        "burst_s": burst,
+        "wind_mps": wind,
+        "area": area,
+        "spacing": spacing,
+        "silent": silent,
+        "silent_agents": silent_agents,
+        "law": _those(law),
+        "by": by,
+    }
+    said = study_file(file, _those(given))
+    plan = said.study
+    names = _varied(said.by, plan)
     _check_extras(out, processes, cluster)
     run_study(plan, out, processes, console, cluster)
     wide = console if console.is_terminal else PlainConsole(width=200)
-    wide.print(table(plan, read_rows(out), _by(by, plan)))
+    wide.print(table(plan, read_rows(out), names))
     console.say(f"rows: {out}")
+
+
+def _those(given: Mapping[str, Any]) -> dict[str, Any]:
+    """What was given."""
+    return {name: value for name, value in given.items() if value not in (None, {})}
 
 
 def _check_extras(out: Path, processes: int | None, cluster: str | None) -> None:
@@ -192,22 +229,7 @@ def _check_extras(out: Path, processes: int | None, cluster: str | None) -> None
         require("cluster", "study --out FOLDER.parquet")
 
 
-def _study(**given: Any) -> Study:
-    """The study of these fields; an empty text is the default."""
-    from pydantic import ValidationError
-
-    from swarm_ctl.study.parameter_space import Study
-
-    try:
-        return Study.model_validate({k: v for k, v in given.items() if v != ""})
-    except ValidationError as error:
-        found = error.errors(include_url=False)[0]
-        where = found["loc"][0] if found["loc"] else "study"
-        raise InputError(f"{where}: {found['msg'].removeprefix('Value error, ')}") from None
-
-
-def _by(text: str, study: Study) -> tuple[str, ...]:
-    names = tuple(text.split(",")) if text else ()
+def _varied(names: tuple[str, ...], study: Study) -> tuple[str, ...]:
     unknown = [name for name in names if name not in study.varied]
     if unknown:
         varied = ", ".join(study.varied) or "nothing"

@@ -189,17 +189,19 @@ class Study(_Common):
     n: tuple[int, ...] = (6,)
     """Number of agents."""
     shape: tuple[ShapeKind, ...] = ("ring",)
-    """Of the formation, turned at random."""
+    """Of the formation, turned at random: `ring`, `line`, `grid`, `vee`, `wedge`."""
     slots: tuple[SlotOrder, ...] = ("nearest",)
-    """Who gets which slot: in the order of the ids, at random, or so that the ways are short."""
+    """Which agent gets which slot: in the order of the ids (`given`), `random`, or so that the ways
+    are short (`nearest`)."""
     start: tuple[StartKind, ...] = ("random",)
-    """`crossing`: two columns that face each other and, with the slots `given`, change sides;
+    """Where agents start: `random`, on a `ring` or `grid`, as in the paper's Table II (`table2`);
+    `crossing`: two columns that face each other and, with the slots `given`, change sides;
     `antipodal`: a ring whose agents go to the place opposite to their own."""
     compensation: tuple[Compensation, ...] = (Compensation.STOP_POINT,)
     """What the law is fed with: stop points, or positions (`none`)."""
     vehicle: tuple[VehicleModel, ...] = ("lag",)
     """Points that fly what they are told (`ideal`), a dead time and a first-order lag with bounded
-    acceleration (`lag`), or as a firmware answers."""
+    acceleration (`lag`), or as a firmware answers (`ardupilot`, `px4`)."""
     safety: tuple[SafetyLevel, ...] = ("align",)
     """What stands between the law and the vehicles, each with all before it: `off`, `filter`,
     `guard` of links, `release` from dead-locks, `align` (what agents fly with stop points),
@@ -207,8 +209,8 @@ class Study(_Common):
     speed_mps: tuple[PositiveFloat, ...] = (5.0,)
     """The agents' speed limit."""
     spread: tuple[Spread, ...] = ("mission",)
-    """The agents of a mission are all alike, or each draws its own lag, dead time, acceleration and
-    delay from the range."""
+    """The agents of a mission are all alike (`mission`), or each draws its own lag, dead time,
+    acceleration and delay from the range (`agent`)."""
     model_lag_s: tuple[PositiveFloat | None, ...] = (None,)
     """The lag that the agents believe their vehicles have. None: the middle of `lag_s`, so that a
     single true value is a perfect model; of firmwares the typical one."""

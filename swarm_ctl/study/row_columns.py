@@ -62,6 +62,7 @@ MEANINGS: Final[dict[str, str]] = {
     "row": "Number of the mission in the study, from 0.",
     "cell": "Number of the combination of the lists' values, from 0.",
     **_of_parameters(),
+    "silent_agents": "How many agents died.",
     "wind_from_rad": "Where the wind comes from, clockwise from north.",
     **_RESULTS,
     **{f"sigma_{name}": f"Pairs' ticks with the sigma status `{name}`." for name in STATUSES},

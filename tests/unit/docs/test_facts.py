@@ -15,7 +15,7 @@ from swarm_ctl.core.model.plan import Compensation, Plan
 from swarm_ctl.core.safety import constraints
 from swarm_ctl.core.swarm import gain_update
 from swarm_ctl.mission.compile.loader import loads
-from tests.unit.docs import mission_reference
+from tests.unit.docs import mission_reference, study_reference
 from tests.unit.docs.pages import PAGES, ROOT, blocks
 
 MISSION = blocks(PAGES / "missions.md")[0].text
@@ -30,6 +30,10 @@ TEXT = {path.stem: path.read_text() for path in PAGES.glob("*.md")}
 def plan(more: str = "", law: str = "") -> Plan:
     """The mission of the page, with more sections or other fields of the law."""
     return loads(MISSION.replace("r_in: 0.5", f"r_in: 0.5{law}") + more).plan
+
+
+def test_the_page_of_studies_is_the_code_s() -> None:
+    assert TEXT["studies"] == study_reference.page(), f"write it: {study_reference.COMMAND}"
 
 
 def test_the_mission_reference_is_the_schema_s() -> None:

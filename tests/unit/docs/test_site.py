@@ -12,12 +12,13 @@ from pathlib import Path
 
 import pytest
 
+from swarm_ctl.study.row_columns import COLUMNS
 from tests.unit.docs.pages import DOCUMENTS, PAGES, ROOT, blocks, prose
 
 README_WORDS = 900
 PICTURE_BYTES = 1_000_000
 LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
-OWN_PATH = re.compile(r"`((?:swarm_ctl|sim|tests|missions|docs|docker)/[\w./*-]+)`")
+OWN_PATH = re.compile(r"`((?:swarm_ctl|sim|tests|missions|studies|docs|docker)/[\w./*-]+)`")
 CITED = re.compile(r"docs/pages/(\w+)\.md(?:#([\w-]+))?")
 
 
@@ -25,9 +26,8 @@ def identify(path: Path) -> str:
     return str(path.relative_to(ROOT))
 
 
-CODE = "\n".join(
-    file.read_text() for top in ("swarm_ctl", "sim", "tests") for file in (ROOT / top).rglob("*.py")
-)
+FILES = (file for top in ("swarm_ctl", "sim", "tests") for file in (ROOT / top).rglob("*.py"))
+CODE = "\n".join((*(file.read_text() for file in FILES), *COLUMNS))
 documents = pytest.mark.parametrize("document", DOCUMENTS, ids=identify)
 
 

@@ -1,0 +1,83 @@
+"""Study files: the same study as by options, mistakes by their line, and those of the project."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.main import get_command
+
+from swarm_ctl.cli.main import app
+from swarm_ctl.errors import InputError
+from swarm_ctl.study.parameter_space import Range, Study
+from swarm_ctl.study.study_file import study_file
+
+STUDIES = sorted((Path(__file__).parents[3] / "studies").glob("*.yaml"))
+
+
+def write(path: Path, text: str) -> Path:
+    path.write_text(text)
+    return path
+
+
+def test_a_file_says_what_options_say(tmp_path: Path) -> None:
+    """Lists, spans and ranges, as text or as YAML; `off` is a word."""
+    text = "n: 2:3,9\nsafety: off\nloss: [0, 0:0.2]\nspeed_mps: 3\nlaw: {r_in: 0.4}\nby: n,loss\n"
+    said = study_file(write(tmp_path / "a.yaml", text), {})
+    assert said.by == ("n", "loss")
+    assert said.study == Study(
+        n=(2, 3, 9),
+        safety=("off",),
+        loss=(Range(low=0, high=0), Range(low=0, high=0.2)),
+        speed_mps=(3.0,),
+        law={"r_in": 0.4},  # type: ignore[arg-type]
+    )
+
+
+def test_options_come_before_the_file(tmp_path: Path) -> None:
+    """One by one, also within the law."""
+    path = write(tmp_path / "a.yaml", "n: 4\nseed: 9\nlaw: {r_in: 0.4, delta_a: 0.2}\n")
+    study = study_file(path, {"n": "5", "law": {"delta_a": "0.3"}}).study
+    assert (study.n, study.seed) == ((5,), 9)
+    assert (study.law.r_in, study.law.delta_a) == (0.4, 0.3)
+
+
+@pytest.mark.parametrize(
+    ("text", "wrong"),
+    [
+        ("n: 4\nspeed: 3\n", r"a.yaml:2: speed: Extra inputs"),
+        ("h: 0.2\nloss: 0:x\n", r"a.yaml:2: loss: '0:x' is no number and no LOW:HIGH"),
+        ("safety: [filter, on]\n", r"a.yaml:1: safety: Input should be 'off', 'filter'"),
+        ("n: 4\nn: 5\n", r"a.yaml:2: n: "),
+        ("- 4\n", r"has no fields"),
+    ],
+)
+def test_a_mistake_is_told_with_its_line(text: str, wrong: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=wrong):
+        study_file(write(tmp_path / "a.yaml", text), {})
+
+
+def test_the_help_tells_the_defaults_that_are_flown() -> None:
+    """Of each option that is a field of the study."""
+    command: Any = get_command(app).commands["study"]  # type: ignore[attr-defined]
+    fields, checked = Study.model_fields, 0
+    for option in command.params:
+        shown = re.search(r"\[default: ([\w.]+)\]$", option.help or "")
+        names = [name for name in fields if name == option.name]
+        names += [name for name in fields if re.fullmatch(rf"{option.name}_(s|mps2?)", name)]
+        if not shown or not names:
+            continue
+        given = Study.model_validate({names[0]: shown[1]})
+        assert getattr(given, names[0]) == fields[names[0]].default, option.name
+        checked += 1
+    assert checked >= 27
+
+
+@pytest.mark.parametrize("path", STUDIES, ids=lambda path: path.stem)
+def test_each_study_of_the_project_can_be_flown(path: Path) -> None:
+    """It says what it asks, and its table is made by what it varies."""
+    said = study_file(path, {})
+    assert said.about.endswith(".")
+    assert set(said.by) <= set(said.study.varied)
