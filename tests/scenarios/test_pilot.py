@@ -164,6 +164,25 @@ def test_a_pilot_takes_a_vehicle_and_gives_it_back(autopilot: str) -> None:
     assert has(swarm, "takes its vehicle again; goes on at step 3: hold")
 
 
+def test_a_vehicle_that_its_own_failsafe_took_comes_back_as_from_a_pilot() -> None:
+    """An agent cannot tell the two apart: `resume` alone sets no mode. Once the failsafe's cause is
+    gone, the operator sets the mode and commands `resume`."""
+    swarm = holding("ardupilot")
+    vehicle = firmware(swarm)
+    vehicle.parameters.set("BATT_FS_LOW_ACT", 2)
+    vehicle.parameters.set("BATT_LOW_MAH", 3300.0)
+    swarm.wait(lambda s: phase(s) is Phase.YIELD)
+    assert vehicle.mode.name == "RTL"
+    assert "set GUIDED, then `resume` again" in resume(swarm)
+    assert vehicle.mode.name == "RTL"
+    vehicle.parameters.set("BATT_LOW_MAH", 0.0)
+    switch(swarm, "ardupilot", "flown")
+    swarm.run(3)
+    assert resume(swarm) == ""
+    swarm.fly(900)
+    assert_good(swarm)
+
+
 def firmware_mode(autopilot: str) -> str:
     return {"ardupilot": "GUIDED", "px4": "OFFBOARD"}[autopilot]
 

@@ -28,7 +28,7 @@ agents:
   - {{id: 2, start: [0, 3]}}
 policies: {{agent_lost_after_s: 10}}
 shapes:
-  pair: {{kind: line, spacing: 2}}
+  pair: {{kind: line, spacing: {spacing}}}
 steps:
   - takeoff: {{height_m: 5}}
   - form: {{shape: pair}}
@@ -41,15 +41,16 @@ fleet:
       mesh: tcp/127.0.0.1:{meshes[1]}
       autopilot: px4
 """
-BARE = MISSION.format(vehicles=[1, 2], meshes=[3, 4]).partition("fleet:")[0]
+BARE = MISSION.format(vehicles=[1, 2], meshes=[3, 4], spacing=2).partition("fleet:")[0]
 """Without a fleet."""
 
 
-def pair_mission(folder: Path) -> LoadedMission:
-    """The mission in `folder`, on free ports of this host."""
+def pair_mission(folder: Path, spacing: int = 2) -> LoadedMission:
+    """The mission in `folder`, on free ports of this host. With a `spacing` of 3 units the vehicles
+    form where they stand."""
     path = folder / "pair.yaml"
     vehicles, meshes = (free_ports(2, kind) for kind in (socket.SOCK_DGRAM, socket.SOCK_STREAM))
-    path.write_text(MISSION.format(vehicles=vehicles, meshes=meshes))
+    path.write_text(MISSION.format(vehicles=vehicles, meshes=meshes, spacing=spacing))
     return load(path)
 
 
