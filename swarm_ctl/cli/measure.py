@@ -16,11 +16,15 @@ from swarm_ctl.cli.sim import Persona
 from swarm_ctl.core.identification.fit import Fit, Leg, fit
 from swarm_ctl.core.identification.step_flight import StepFlight, Steps
 from swarm_ctl.core.law.stop_point import TYPICAL
-from swarm_ctl.core.model.fleet import FleetAgent
+from swarm_ctl.core.model.fleet import FleetAgent, VehicleKind
 from swarm_ctl.core.model.plan import Response
 from swarm_ctl.errors import InputError
 
 _SPEED: Final = "Of the largest step.  [default: 5, or the mission's limit if that is less]"
+_VEHICLES: Final = (
+    "Start ArduCopter or PX4 itself (SITL), a vehicle of no fleet; no file is written. It is looked"
+    " for as by run: $SWARM_CTL_ARDUCOPTER or $SWARM_CTL_PX4, or the PATH."
+)
 _BOX: Final = (
     "It lands when it is farther north, south, east or west than this."
     "  [default: what the steps need]"
@@ -50,6 +54,7 @@ def measure(
     autopilot: Annotated[
         Persona, typer.Option(help="With --endpoint: its firmware.")
     ] = Persona.ARDUPILOT,
+    vehicles: Annotated[VehicleKind | None, option("KIND", _VEHICLES)] = None,
     speed: Annotated[float | None, option("M/S", _SPEED, min=0.5)] = None,
     height: Annotated[
         float, option("METRES", "Above the take-off point.", min=2.0, max=100.0)
@@ -63,7 +68,7 @@ def measure(
     IT TAKES OFF, flies velocity steps out and back, north and east, and lands where it started: two
     and a half minutes a vehicle. Its dead time, lag and acceleration limit are written into the
     fleet file. Faster steps show the acceleration limit better, but need a larger box (4.5 s of
-    flight). A vehicle without an endpoint is simulated.
+    flight). A vehicle without an endpoint is started for the flight, as `run` starts it.
 
     It refuses a vehicle that is armed or not healthy. It lands the vehicle at Ctrl-C (a second
     Ctrl-C leaves it to its own failsafe), when it leaves its box, loses its link or meets another
@@ -79,6 +84,7 @@ def measure(
         swarm-ctl measure --fleet outdoors.yaml --id 3
         swarm-ctl measure missions/square.yaml --fleet outdoors.yaml --id all
         swarm-ctl measure --endpoint udpout:127.0.0.1:14601 --autopilot px4
+        swarm-ctl measure --vehicles arducopter
     """
     from swarm_ctl.runtime.clock import Clock
     from swarm_ctl.runtime.launch.interrupts import Interrupts
@@ -86,7 +92,12 @@ def measure(
     from swarm_ctl.runtime.ticker import Ticker
 
     console = PlainConsole()
-    if endpoint is None:
+    if vehicles is not None:
+        if endpoint or fleet or mission or agent_id:
+            raise InputError("--vehicles starts a vehicle of no fleet; allowed: that alone")
+        kind = vehicles.autopilot or autopilot.value
+        task = Task((FleetAgent(sysid, sysid, kind, None, None, TYPICAL[kind], vehicles),))
+    elif endpoint is None:
         require("ground", "measure without --endpoint")
         task = task_of(mission, fleet, dry_run=dry_run)
     elif fleet or mission or agent_id:
@@ -96,7 +107,7 @@ def measure(
     else:
         kind = autopilot.value
         task = Task((FleetAgent(sysid, sysid, kind, endpoint, None, TYPICAL[kind]),))
-    vehicles = task.chosen(agent_id)
+    chosen = task.chosen(agent_id)
     steps = task.steps(speed, height, box)
     ticker = Ticker(Clock.starting_now(speedup), task.tick_s)
 
@@ -105,7 +116,7 @@ def measure(
 
     failed = False
     with Interrupts() as ctrl_c:
-        for vehicle in vehicles:
+        for vehicle in chosen:
             console.say(_headline(vehicle, steps))
             flight = StepFlight(steps, vehicle.response, task.tick_s, task.fence, task.origin)
             down = fly(vehicle, flight, ticker, told, ctrl_c)
@@ -129,7 +140,7 @@ def measure(
 def _headline(vehicle: FleetAgent, steps: Steps) -> str:
     return (
         f"agent {vehicle.id}: {vehicle.autopilot}, sysid {vehicle.sysid},"
-        f" {vehicle.endpoint or 'simulated'}; steps of {steps.speed_mps:g} m/s for"
+        f" {vehicle.endpoint or vehicle.vehicle}; steps of {steps.speed_mps:g} m/s for"
         f" {steps.duration_s:.0f} s, {steps.height_m:g} m high, within {steps.box_m:g} m"
     )
 

@@ -27,10 +27,19 @@ from swarm_ctl.report.folder.files import write_whole
 from swarm_ctl.runtime.clock import Clock
 from swarm_ctl.runtime.launch.interrupts import Interrupts
 from swarm_ctl.runtime.launch.ports import free_ports
-from swarm_ctl.runtime.launch.processes import simulator, wait_all, wait_ready
+from swarm_ctl.runtime.launch.processes import (
+    CommandChild,
+    VehiclesChild,
+    simulator,
+    wait_all,
+    wait_ready,
+)
 from swarm_ctl.runtime.launch.sim_config import place, vehicle_config
 from swarm_ctl.runtime.ticker import Ticker
 from swarm_ctl.runtime.vehicle_memory import Remembering, VehicleMemory, state_folder
+from swarm_ctl.runtime.vehicles.binaries import find
+from swarm_ctl.runtime.vehicles.order import ORDERS, ORDERS_JSON, Order, Orders
+from swarm_ctl.runtime.vehicles.vehicles_process import READY_WALL_S
 
 _START_WALL_S = 20.0
 _END_WALL_S = 5.0
@@ -149,7 +158,7 @@ def fly(
 ) -> bool:
     """Fly until `flight.ended`, or the second Ctrl-C; whether the vehicle is disarmed then.
 
-    A vehicle without an endpoint is simulated, for as long as this takes. LinkError where its
+    A vehicle without an endpoint is started for as long as this takes. LinkError where its
     endpoint can't be opened.
     """
     memory = None if vehicle.endpoint is None else VehicleMemory(state_folder())
@@ -174,30 +183,49 @@ def fly(
 
 @contextlib.contextmanager
 def _reached(vehicle: FleetAgent, clock: Clock) -> Iterator[str]:
-    """The vehicle's endpoint, or that of a simulated one."""
+    """The vehicle's endpoint, or that of one that is started for as long as this takes."""
     if vehicle.endpoint is not None:
         yield vehicle.endpoint
         return
-    if vehicle.vehicle is not VehicleKind.SIMULATED:
-        raise InputError(
-            f"agent {vehicle.id}: vehicle {vehicle.vehicle} is started by run alone;"
-            " allowed: its endpoint, or a simulated vehicle"
-        )
+    start = _simulated if vehicle.vehicle is VehicleKind.SIMULATED else _autopilot
+    with tempfile.TemporaryDirectory() as folder, start(vehicle, clock, Path(folder)) as endpoint:
+        yield endpoint
+
+
+@contextlib.contextmanager
+def _simulated(vehicle: FleetAgent, clock: Clock, folder: Path) -> Iterator[str]:
     (port,) = free_ports(1, socket.SOCK_DGRAM)
     stands = vehicle_config(
         vehicle.sysid, vehicle.autopilot, f"udpin:127.0.0.1:{port}", (0.0, 0.0), SOMEWHERE
     )
     settings = {"version": 1, "origin": place(SOMEWHERE), "vehicles": [stands]}
     settings |= {"speedup": clock.speedup, "epoch_s": clock.epoch_s}
-    with tempfile.TemporaryDirectory() as folder:
-        config = Path(folder) / "sim.json"
-        config.write_text(json.dumps(settings))
-        child = simulator(config, Path(folder) / "simulator.log")
-        try:
-            if wait_ready([child], _START_WALL_S):
-                raise StartError(f"the simulator was not ready after {_START_WALL_S:g} s")
-            yield f"udpout:127.0.0.1:{port}"
-            child.let_go()
-            wait_all([child], _END_WALL_S)
-        finally:
-            child.kill()
+    config = folder / "sim.json"
+    config.write_text(json.dumps(settings))
+    with _until_down(simulator(config, folder / "simulator.log"), _START_WALL_S):
+        yield f"udpout:127.0.0.1:{port}"
+
+
+@contextlib.contextmanager
+def _autopilot(vehicle: FleetAgent, clock: Clock, folder: Path) -> Iterator[str]:
+    """ArduCopter or PX4 itself."""
+    kind = vehicle.vehicle
+    order = Order(vehicle.id, vehicle.sysid, kind, find(kind), SOMEWHERE)
+    (folder / ORDERS).write_bytes(ORDERS_JSON.dump_json(Orders(clock.speedup, (order,))))
+    child = VehiclesChild(folder, folder / "vehicles.log")
+    with _until_down(child, READY_WALL_S):
+        (started,) = child.started()
+        yield started.endpoint
+
+
+@contextlib.contextmanager
+def _until_down(child: CommandChild, wall_seconds: float) -> Iterator[None]:
+    """From when the process is ready until no vehicle of it is armed."""
+    try:
+        if wait_ready([child], wall_seconds):
+            raise StartError(f"{child.name} was not ready after {wall_seconds:g} s")
+        yield
+        child.let_go()
+        wait_all([child], _END_WALL_S)
+    finally:
+        child.kill()

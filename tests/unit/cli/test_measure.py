@@ -15,6 +15,7 @@ import pytest
 
 from swarm_ctl.cli.measure import described, measure
 from swarm_ctl.core.identification.fit import fit
+from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.core.model.plan import Response
 from swarm_ctl.errors import InputError
 from swarm_ctl.runtime.launch.ports import free_ports
@@ -51,6 +52,10 @@ def fleet(tmp_path: Path) -> Path:
         (
             {"endpoint": "udpout:127.0.0.1:1", "agent_id": "1"},
             "--endpoint is a vehicle of no fleet",
+        ),
+        (
+            {"vehicles": VehicleKind.PX4, "fleet": "FLEET"},
+            "--vehicles starts a vehicle of no fleet; allowed: that alone",
         ),
         (
             {"mission": "BARE", "agent_id": "1"},
