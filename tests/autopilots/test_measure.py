@@ -28,7 +28,7 @@ def test_an_autopilot_answers_about_as_its_typical_response_says(
     """Dead time and lag together within 0.4 s; nothing is left of what it started."""
     needed(kind)
     options = ("--speed", "3", "--speedup", str(SPEEDUP[kind]))
-    command = [SWARM_CTL, "measure", "--vehicles", kind, *options]
+    command: list[str | Path] = [SWARM_CTL, "measure", "--vehicles", kind, *options]
     there = os.environ | {"TMPDIR": str(tmp_path)}
     done = subprocess.run(command, env=there, capture_output=True, text=True, check=False)
     print(done.stdout)
@@ -46,4 +46,4 @@ def _work_folders() -> Iterator[str]:
     """Of all processes."""
     for link in Path("/proc").glob("[0-9]*/cwd"):
         with contextlib.suppress(OSError):  # it has just ended, or is another user's
-            yield os.readlink(link)
+            yield str(link.readlink())
