@@ -121,6 +121,7 @@ def study(
     r_in: Annotated[Given, _one("UNITS", "Inner radius.", 0.5)] = None,
     delta_l: Annotated[Given, _one("NUMBER", "Offset of the paper's D.", 2)] = None,
     delta_a: Annotated[Given, _one("NUMBER", "Offset of sigma above its bound.", 0.1)] = None,
+    law: Annotated[Given, _one("NAME", "An own law that is installed.", "the paper's")] = None,
     unit_m: Annotated[Given, _one("METRES", "Length of a unit.", 5)] = None,
     limit: Annotated[Given, _one("SECONDS", "End a mission that has not formed then.", 300)] = None,
     tick: Annotated[Given, _one("SECONDS", "Length of a tick.", 0.05)] = None,
@@ -166,7 +167,7 @@ def study(
     if row is not None:
         _rerun(out, row, picture, mission, console)
         return
-    law = {"r": r, "r_out": r_out, "r_in": r_in, "delta_l": delta_l, "delta_a": delta_a}
+    in_law = {"r": r, "r_out": r_out, "r_in": r_in, "delta_l": delta_l, "delta_a": delta_a}
     given = {
         "seed": seed,
         "missions": missions,
@@ -200,7 +201,7 @@ def study(
         "spacing": spacing,
         "silent": silent,
         "silent_agents": silent_agents,
-        "law": _those(law),
+        "law": _those(in_law | {"own": law}),
         "by": by,
     }
     said = study_file(file, _those(given))

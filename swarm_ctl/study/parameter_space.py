@@ -22,6 +22,7 @@ from pydantic import (
     model_validator,
 )
 
+from swarm_ctl.core.law.laws import pinned
 from swarm_ctl.core.law.stop_point import TYPICAL
 from swarm_ctl.core.model.plan import Compensation, LawParameters, Response
 from swarm_ctl.core.model.timeouts import NEIGHBOUR_S
@@ -124,7 +125,8 @@ class _Common(BaseModel):
     @field_validator("law")
     @classmethod
     def _one_h(cls, law: LawParameters) -> LawParameters:
-        return replace(law, h=LawParameters().h)
+        own = law.own if not law.own or "@" in law.own else pinned(law.own)
+        return replace(law, h=LawParameters().h, own=own)
 
     @field_serializer("law")
     def _without_h(self, law: LawParameters) -> dict[str, float]:

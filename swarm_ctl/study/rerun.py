@@ -114,7 +114,8 @@ def write_mission(flown: Rerun, path: Path) -> None:
             "kappa": float(batch.kappa[0]),
             "h": float(batch.h[0]),
             "compensation": cell.compensation.value,
-        },
+        }
+        | ({"own": law.own.partition("@")[0]} if law.own else {}),
         "safety": _safety(cell),
         "agents": [{"id": k + 1, "start": start} for k, start in enumerate(_pairs(batch.starts))],
         "shapes": {"shape": {"kind": "offsets", "offsets": _pairs(batch.slots)}},

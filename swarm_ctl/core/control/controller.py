@@ -15,6 +15,7 @@ import numpy as np
 from swarm_ctl.core.control.law_input import LawInput, LawInputBuilder, flies_along
 from swarm_ctl.core.control.navigation import OwnFix
 from swarm_ctl.core.law import formation_law, mean_error_feedback, stop_point
+from swarm_ctl.core.law.laws import law_of
 from swarm_ctl.core.model.messages import Gains, PairReport, SigmaReport
 from swarm_ctl.core.model.plan import Compensation, Plan, Point, Response
 from swarm_ctl.core.model.timeouts import lead_s
@@ -41,6 +42,7 @@ class Controller:
         self._vehicle = vehicle
         self._own = own_id
         self._law_input = LawInputBuilder(plan, own_id)
+        self._formation_law = law_of(plan.law)
         self.safety_filter = SafetyFilter(plan, own_id, vehicle)
         delayed = stop_point.pending(vehicle, plan.tick_s)
         self._sent: deque[Point] = deque([(0.0, 0.0)] * delayed, maxlen=delayed)
@@ -142,7 +144,7 @@ class Controller:
 
     def _evaluate(self, others: LawInput, formation: Formation) -> formation_law.LawResult:
         unit = self._plan.unit_m
-        result = formation_law.evaluate(
+        result = self._formation_law(
             np.array([[self.point_m[0] / unit, self.point_m[1] / unit]]),
             np.array([formation.slots.get(self._own, (0.0, 0.0))]),
             others.points,

@@ -40,6 +40,8 @@ class LawParameters:
     h: float = 0.005
     delta_l: float = 2.0
     delta_a: float = 0.1
+    own: str = ""
+    """NAME@DIGEST of an own law (`core/law/laws.py`); '': the paper's."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from swarm_ctl.core.law import graph
+from swarm_ctl.core.law.laws import pinned
 from swarm_ctl.core.law.planned_formation import PlannedFormation
 from swarm_ctl.core.model import plan
 from swarm_ctl.core.model.plan import Compensation, Plan, Point
@@ -77,6 +78,7 @@ def _law(mission: MissionFile, kappa: float, safety: plan.Safety) -> plan.LawPar
         h=law.h or h,
         delta_l=law.delta_l,
         delta_a=law.delta_a,
+        own=pinned(law.own) if law.own else "",
     )
 
 

@@ -13,9 +13,10 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TypeAlias
 
-from swarm_ctl.core.law import graph
+from swarm_ctl.core.law import graph, laws
 from swarm_ctl.core.law.formation import distances
 from swarm_ctl.core.safety.fence import area, crossing_edges, inside
+from swarm_ctl.errors import InputError
 from swarm_ctl.mission.geometry.shapes import slot_count, slots_of
 from swarm_ctl.mission.input.document import Finding, Place, dotted
 from swarm_ctl.mission.input.schema import (
@@ -71,6 +72,16 @@ def _gains(mission: MissionFile) -> Findings:
         times = f"{kappa:g} * tick_s {tick_s:g} is {kappa * tick_s:g}"
         allowed = f"at most 1 / tick_s = {1 / tick_s:g}"
         yield Finding(("law", "kappa"), f"{times}: more than one law iteration a tick", allowed)
+
+
+def _own_law(mission: MissionFile) -> Findings:
+    if mission.law.own is None:
+        return
+    try:
+        laws.pinned(mission.law.own)
+    except InputError as error:
+        what, _, allowed = str(error).partition("; allowed: ")
+        yield Finding(("law", "own"), what, allowed)
 
 
 # --- agents and their starts ---
@@ -385,6 +396,7 @@ def _twice(values: Mapping[Place, object], allowed: str) -> Findings:
 _CHECKS: tuple[tuple[str, Callable[[MissionFile], Findings]], ...] = (
     ("law", _radii),
     ("law tick_s", _gains),
+    ("law", _own_law),
     ("agents", _agent_ids),
     ("agents unit_m", _start_range),
     ("agents law unit_m", _starts),

@@ -15,8 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from swarm_ctl.core.agent.return_to_launch import return_height_m
-from swarm_ctl.core.law import formation_law, mean_error_feedback
+from swarm_ctl.core.law import mean_error_feedback
 from swarm_ctl.core.law.formation import distances, formation_error
+from swarm_ctl.core.law.laws import law_of
 from swarm_ctl.core.law.planned_formation import PlannedFormation, planned_formations
 from swarm_ctl.core.model.plan import (
     FormStep,
@@ -204,7 +205,8 @@ def _move(
     others = np.broadcast_to(points, (count, count, 2))
     other_slots = np.broadcast_to(slots, (count, count, 2))
     lower = np.triu(np.ones((count, count), dtype=bool), 1)
-    u = formation_law.evaluate(points, slots, others, other_slots, linked, pairs, lower, plan.law).u
+    result = law_of(plan.law)(points, slots, others, other_slots, linked, pairs, lower, plan.law)
+    u = result.consensus + result.avoidance
     step = u * plan.kappa * plan.tick_s
     if plan.safety.align:
         errors = points - slots

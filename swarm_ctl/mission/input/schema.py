@@ -59,6 +59,8 @@ class LawSection(Section):
     """Offset of the paper's D (equation 66)."""
     delta_a: float = Field(default=0.1, gt=0, le=100)
     """Offset of the repulsion's gain sigma above its lower bound (equation 67)."""
+    own: str | None = None
+    """An own law in place of the paper's: the name under which an installed package offers it."""
 
 
 class SafetySection(Section):

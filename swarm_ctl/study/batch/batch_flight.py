@@ -10,7 +10,8 @@ import numpy as np
 
 from swarm_ctl.core.law import mean_error_feedback
 from swarm_ctl.core.law.formation_law import STATUSES
-from swarm_ctl.core.law.swarm_law import NearPairs, Rings, SwarmLaw
+from swarm_ctl.core.law.own_swarm_law import swarm_law
+from swarm_ctl.core.law.swarm_law import NearPairs, Rings
 from swarm_ctl.core.model.arrays import (
     Bools,
     Complex,
@@ -129,7 +130,7 @@ class _BatchFlight:
         self.result = BatchResult.blank(m)
         self._place = np.arange(m)
         self._flying = np.ones(m, dtype=np.bool_)
-        self._law = SwarmLaw(batch.slots, batch.links, batch.h, cell.law)
+        self._law = swarm_law(batch.slots, batch.links, batch.h, cell.law)
         self._neighbours, self._h = batch.links, batch.h
         self._motion: BatchMotion = motion_of(batch)
         self._seen = batch.starts
@@ -272,7 +273,7 @@ class _BatchFlight:
         """Agents follow the neighbours that they have heard within `NEIGHBOUR_S`."""
         followed = self._neighbours & (heard.age_s <= NEIGHBOUR_S)
         if (followed != self._law.links).any():
-            self._law = SwarmLaw(self._law.slots, followed, self._h, self._cell.law)
+            self._law = swarm_law(self._law.slots, followed, self._h, self._cell.law)
 
     def _without_the_silent(self, tick: int, wish: Floats, live: Bools) -> Floats:
         """Vehicles of silent agents go on with the last command, then stop."""

@@ -1,0 +1,96 @@
+"""Which law is flown: the paper's, or an own one that an installed package offers.
+
+An own law is a function with the arguments and the result of `formation_law.evaluate`, behind an
+entry point of the group `GROUP`. A plan pins it as NAME@DIGEST: no two agents fly different code
+under one name. `docs/pages/law.md` has an example.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+from collections.abc import Callable
+from importlib import metadata
+from typing import Any, Final, TypeAlias, cast
+
+import numpy as np
+
+from swarm_ctl.core.law.formation_law import LawResult, evaluate
+from swarm_ctl.core.model.arrays import Floats
+from swarm_ctl.core.model.plan import LawParameters
+from swarm_ctl.errors import InputError, SwarmError
+
+GROUP: Final = "swarm_ctl.laws"
+
+
+Law: TypeAlias = Callable[..., LawResult]
+"""With the arguments of `formation_law.evaluate`, by position. For agents the leading axes are (1,)
+and `law.h` is a number; for studies (missions, agents) and (missions, 1)."""
+
+
+class LawError(SwarmError):
+    """An own law gave what cannot be flown. It ends its agent, and the vehicle's own failsafe
+    lands."""
+
+
+def pinned(name: str) -> str:
+    """NAME@DIGEST of the law that is installed here under `name`; InputError where none is."""
+    return f"{name}@{_digest(name, _function(name))}"
+
+
+def law_of(parameters: LawParameters) -> Law:
+    """The law to fly; InputError where this computer has not the one that the plan pins."""
+    if not parameters.own:
+        return evaluate
+    name, _, wanted = parameters.own.partition("@")
+    function = _function(name)
+    here = _digest(name, function)
+    if here != wanted:
+        raise InputError(
+            f"law {name!r}: its source here is {here}; allowed: {wanted or 'none'}, the plan's:"
+            " the same source on each computer"
+        )
+    return _checked(name, function)
+
+
+def _function(name: str) -> Law:
+    offered = {point.name: point for point in metadata.entry_points(group=GROUP)}
+    if name not in offered:
+        names = ", ".join(sorted(offered)) or f"none is installed (entry points {GROUP!r})"
+        raise InputError(f"law {name!r} is not installed here; allowed: {names}")
+    try:
+        function = offered[name].load()
+    except (ImportError, AttributeError) as error:
+        raise InputError(f"law {name!r} ({offered[name].value}): {error}") from None
+    if not callable(function):
+        raise InputError(f"law {name!r} ({offered[name].value}): allowed: a function")
+    return cast("Law", function)
+
+
+def _digest(name: str, function: Law) -> str:
+    """Of the source of the function's module."""
+    module = inspect.getmodule(function)
+    try:
+        source = inspect.getsource(module) if module is not None else ""
+    except OSError:
+        source = ""
+    if not source:
+        raise InputError(f"law {name!r}: allowed: a function of a module with its source")
+    return hashlib.sha256(source.encode()).hexdigest()[:16]
+
+
+def _checked(name: str, function: Law) -> Law:
+    """The same law; LawError where its terms are not numbers for each agent."""
+
+    def law(own: Floats, *others: Any) -> LawResult:
+        result = function(own, *others)
+        for term in (result.consensus, result.avoidance):
+            if np.shape(term) != own.shape or not np.isfinite(term).all():
+                raise LawError(
+                    f"law {name!r} gave {np.shape(term)} with"
+                    f" {np.count_nonzero(~np.isfinite(term))} values that are no numbers; allowed:"
+                    f" {own.shape}, all finite"
+                )
+        return result
+
+    return law
