@@ -129,7 +129,7 @@ class _Common(BaseModel):
         return replace(law, h=LawParameters().h, own=own)
 
     @field_serializer("law")
-    def _without_h(self, law: LawParameters) -> dict[str, float]:
+    def _without_h(self, law: LawParameters) -> dict[str, float | str]:
         """The gain that is flown stands beside it, as a list."""
         return {name: number for name, number in asdict(law).items() if name != "h"}
 

@@ -35,7 +35,7 @@ _RESULTS: Final = {
     "links_broken": "Of those, the ones that ever got longer than `r`.",
     "kept_broken": "Of those, the ones between live agents while their slots were within 0.9 `r`.",
     "longest_link_units": "The longest that one of the links ever was.",
-    "stuck": "1: not formed at the end, and all commands under 0.05 m/s in the last 20 s.",
+    "stuck": "1: not formed at the end, all commands within 0.05 m/s of their mean for 20 s.",
     "touched_share": "Share of the live agents' ticks in which the safety filter changed the wish.",
     "yielded": "Agents' ticks in which keep-outs excluded each other.",
     "exchanges": "Slot exchanges.",

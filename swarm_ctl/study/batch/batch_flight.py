@@ -40,7 +40,8 @@ _CHECK: Final = 5
 """Ticks between two looks at whether the formation stands."""
 STUCK_MPS: Final = 0.05
 _STUCK_S: Final = 20.0
-"""All commands under this speed for so long, and not formed: a dead-lock."""
+"""All commands this close to their mean for so long, and not formed: a dead-lock. A swarm that is
+blocked may drift as a whole."""
 _KEPT: Final = 0.9
 """Links whose slots are this close [r] are expected to stay within r."""
 _COMPACT: Final = 0.75
@@ -73,7 +74,8 @@ class BatchResult:
     """Of those, the ones between live agents while their slots were within 0.9 r."""
     longest_link: Floats
     stuck: Bools
-    """A dead-lock: not formed at the end, and all commands under 0.05 m/s for the last 20 s."""
+    """A dead-lock: not formed at the end, and all commands within 0.05 m/s of their mean for the
+    last 20 s."""
     touched: Floats
     """Share of agent-ticks in which the safety filter changed the wish; 0 without one."""
     yielded: Ints
@@ -300,7 +302,9 @@ class _BatchFlight:
         error = self._error(tick < self._silent_from)
         self._since = np.where(error < self._cell.tolerance, np.minimum(self._since, now), np.inf)
         formed = now - self._since >= self._cell.settle_s - 1e-9
-        speed = np.sqrt((self._motion.velocity**2).sum(axis=0).max(axis=0)) * self._cell.unit_m
+        velocity = self._motion.velocity
+        velocity = velocity - velocity.mean(axis=1, keepdims=True)
+        speed = np.sqrt((velocity**2).sum(axis=0).max(axis=0)) * self._cell.unit_m
         self._moved_s = np.where(
             (speed >= STUCK_MPS) | (error < self._cell.tolerance), now, self._moved_s
         )

@@ -52,7 +52,7 @@ def _met(row: Row) -> bool:
 
 
 def _ended(row: Row) -> bool:
-    """A mission that was cut off while it still moved says nothing of an asymptotic claim."""
+    """A mission that was cut off while its shape changed says nothing of an asymptotic claim."""
     return bool(row["converged"] or row["stuck"])
 
 
@@ -63,7 +63,7 @@ def _smallest(rows: list[Row], cell: Cell) -> str:
 
 
 def _times(rows: list[Row], _: Cell) -> str:
-    moving = f"; {sum(not _ended(row) for row in rows)} still moved when they were cut off"
+    moving = f"; {sum(not _ended(row) for row in rows)} still changed at the end"
     times = [row["time_s"] * KAPPA for row in rows if row["converged"]]
     if not times:
         return f"none{moving}"
@@ -99,7 +99,7 @@ CLAIMS: Final = (
     Claim("D_ub - D_lb > 2 for every pair", _met, lambda row: row["small_gap"] > 0, _gaps),
 )
 """Tested: distances and bounds where two agents came within r_out at all; formation where the
-mission formed or came to rest."""
+mission formed or its shape came to rest."""
 
 
 def claims_table(studies: Mapping[str, Study], folder: Path) -> Table:

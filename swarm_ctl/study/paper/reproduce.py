@@ -30,8 +30,8 @@ THIRTY_TWO: Final = LawParameters(r=10.5, r_out=0.5, r_in=0.1)
 LIMIT: Final = 20000
 """Iterations after which a mission is cut off."""
 AT_REST: Final = 1e-6
-"""[units an iteration] A mission whose agents are all slower for 200 iterations, and not formed,
-has come to rest."""
+"""[units an iteration] Where all u_i are this close to their mean for 200 iterations, and the
+formation does not stand, the shape has come to rest."""
 FORMS: Final = {"discrete": 1.0, "continuous": 0.2}
 """Iterations a step: 1 is (9) itself."""
 CHOICES: Final = (
@@ -41,8 +41,8 @@ CHOICES: Final = (
     "seeds: the shape is turned at random; slots at random, or by least total squared distance",
     f"h is Table I's {TABLE_I_H}; the paper states no limit, (7) allows 0 < h < 1",
     "formed: largest |e_i - mean e| under 0.1 unit for 10 iterations",
-    f"not formed: at rest, all agents under {AT_REST:g} units an iteration",
-    f"a mission that still moves after {LIMIT} iterations is cut off and counts neither way",
+    f"not formed: the shape is at rest, all u_i within {AT_REST:g} units of their mean",
+    f"a mission whose shape still changes after {LIMIT} iterations counts neither way",
     f"continuous time: Euler steps of {FORMS['continuous']:g} iteration",
     "connectivity kept: every link of the start graph stays within r (Property 1)",
     "not parted, the weaker form: the links that are within r at a moment still hang together",

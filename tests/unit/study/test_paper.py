@@ -104,3 +104,16 @@ def test_inequality_30_is_tested_on_the_law_itself() -> None:
     off = np.abs(seen.displacement[:, None] - sizes.ravel()).min(axis=1)
     assert off.max() < 1e-12
     assert (seen.bound <= seen.laxest + 1e-12).all()
+
+
+def test_a_blocked_swarm_that_drifts_has_come_to_rest() -> None:
+    """Table II with random slots, mission 9: the two agents of a pair see different sigmas, so the
+    blocked swarm flies on as one, 0.3 units in 1000 iterations, and never forms."""
+    cell = studies_of(40, 1, 9000)["six-discrete"].cells()[0]
+    batch, trace = draw(cell, 0, 40).only(np.array([9, 9])), Trace()
+    flown = fly(batch, trace)
+    late, end = trace.positions()[[8000, 9000]]
+    assert flown.stuck.all()
+    assert np.linalg.norm((end - late).mean(axis=-1)) > 0.2
+    shape = end - end.mean(axis=-1, keepdims=True), late - late.mean(axis=-1, keepdims=True)
+    assert np.abs(shape[0] - shape[1]).max() < 1e-3
