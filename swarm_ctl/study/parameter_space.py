@@ -108,7 +108,8 @@ class _Common(BaseModel):
     missions: int = Field(default=1000, ge=1)
     """Per cell."""
     law: LawParameters = LawParameters()
-    """`r`, `r_out`, `r_in`, `delta_l`, `delta_a`; `h` stands beside it, as a list."""
+    """`r`, `r_out`, `r_in`, `delta_l`, `delta_a`, and `own`, the name of an own law; `h` stands
+    beside it, as a list."""
     unit_m: float = Field(default=5.0, gt=0)
     """Metres per unit."""
     tick_s: float = Field(default=0.05, gt=0)
