@@ -57,6 +57,14 @@ Endpoint = Annotated[str, Field(pattern=f"^{_ADDRESS}$")]
 FurtherEndpoint = Annotated[str, Field(pattern=f"^{_ADDRESS}(:[0-9]{{1,5}})?$")]
 
 
+class LagConfig(_StrictConfig):
+    """A dead time, then a first-order lag with bounded acceleration."""
+
+    dead_time_s: float = Field(ge=0.0, le=5.0)
+    lag_s: float = Field(gt=0.0, le=10.0)
+    acceleration_mps2: float = Field(gt=0.0, le=50.0)
+
+
 class VehicleConfig(Place):
     """One vehicle: identity, where it listens, where it stands."""
 
@@ -71,14 +79,15 @@ class VehicleConfig(Place):
     ready_after_s: float = Field(default=3.0, ge=0.0)
     """Mission seconds from start until position estimate and pre-arm checks are good."""
 
-    response: Literal["persona", "ideal"] = "persona"
-    """How velocities are followed: as by the persona's firmware and airframe, or at once."""
+    response: Literal["persona", "ideal"] | LagConfig = "persona"
+    """How velocities are followed: as by the persona's firmware and airframe, at once, or with this
+    lag."""
     sim_parameters: dict[SimParameter, float] = {}
     """SIM_* parameters of this vehicle at start, over those for all."""
 
     @property
-    def motion(self) -> str:
-        """The name of its velocity response."""
+    def motion(self) -> str | LagConfig:
+        """Its velocity response; vehicles with the same one move in one group."""
         return self.persona if self.response == "persona" else self.response
 
 

@@ -41,6 +41,38 @@ class IdealResponse:
 
 
 @dataclass(frozen=True)
+class LagResponse:
+    """A dead time, then a first-order lag with bounded acceleration: the agents' own model of a
+    vehicle, here what it truly does. Vertically it answers at once."""
+
+    lag_s: float
+    acceleration_mps2: float
+    dead_steps: int = 0
+    """The dead time, in steps."""
+    climb_lag_s: float = 0.2
+    climb_mps2: float = 3.0
+
+    @property
+    def memory_rows(self) -> int:
+        return self.dead_steps + 1
+
+    def acceleration(
+        self, memory: Array, velocity: Array, target: Array, wind: Array, dt: float
+    ) -> Array:
+        """Memory: the targets in the dead time, oldest first, and the acceleration. No wind."""
+        del wind
+        acting = target.copy()
+        if self.dead_steps:
+            acting[..., :2] = memory[..., 0, :2]
+            memory[..., :-2, :] = memory[..., 1:-1, :]
+            memory[..., -2, :] = target
+        result = (acting - velocity) * _shares((self.lag_s, self.climb_lag_s), dt) / dt
+        _bound(result, self.acceleration_mps2, self.climb_mps2)
+        memory[..., -1, :] = result
+        return result
+
+
+@dataclass(frozen=True)
 class ArdupilotResponse:
     """ArduCopter in GUIDED: `input_vel_accel` shapes the target, AC_PosControl's P-P-I follows the
     shaped one.

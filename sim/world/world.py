@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.config import SimConfig
+from sim.config import LagConfig, SimConfig
 from sim.firmware.ardupilot_persona import ArdupilotPersona
 from sim.firmware.autopilot import AutopilotSetup, Contact, Outgoing
 from sim.firmware.firmware import Firmware
@@ -19,7 +19,7 @@ from sim.firmware.message import MavSeverity, Message
 from sim.firmware.px4_persona import Px4Persona
 from sim.physics.geodesy import TangentPlane, Vector3
 from sim.physics.kinematics import Array, Mask, MotionState, VelocityResponse
-from sim.physics.response import ArdupilotResponse, IdealResponse, Px4Response
+from sim.physics.response import ArdupilotResponse, IdealResponse, LagResponse, Px4Response
 from sim.world.faults import TICK_S, VehicleFaults
 from sim.world.pair_distances import PairMinima
 from sim.world.sim_vehicle import SimVehicle
@@ -238,9 +238,9 @@ class World:
 
 def _groups(
     config: SimConfig, plane: TangentPlane
-) -> tuple[dict[str, VehicleGroup], dict[str, list[int]]]:
+) -> tuple[dict[str | LagConfig, VehicleGroup], dict[str | LagConfig, list[int]]]:
     """The groups by how they move, and the places of their vehicles, a row each."""
-    places: dict[str, list[int]] = {}
+    places: dict[str | LagConfig, list[int]] = {}
     for i, vehicle in enumerate(config.vehicles):
         places.setdefault(vehicle.motion, []).append(i)
     groups = {}
@@ -248,8 +248,15 @@ def _groups(
         described = [config.vehicles[i] for i in members]
         starts = np.array([plane.ned_from_geodetic(v.geodetic()) for v in described])
         heading = np.radians([v.heading_deg for v in described])
-        groups[motion] = VehicleGroup(_RESPONSES[motion], starts, heading)
+        groups[motion] = VehicleGroup(_response(motion), starts, heading)
     return groups, places
+
+
+def _response(motion: str | LagConfig) -> VelocityResponse:
+    if isinstance(motion, str):
+        return _RESPONSES[motion]
+    dead_steps = round(motion.dead_time_s / STEP_S)
+    return LagResponse(motion.lag_s, motion.acceleration_mps2, dead_steps)
 
 
 def _local_origin(start: Vector3, rng: np.random.Generator) -> Vector3:

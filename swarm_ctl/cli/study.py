@@ -251,5 +251,7 @@ def _rerun(
         draw_mission(flown, picture)
         console.say(f"picture: {picture}")
     if mission is not None:
-        write_mission(flown, mission)
+        lost = write_mission(flown, mission)
         console.say(f"mission: swarm-ctl run {mission}")
+        if lost:
+            console.say(f"the row flew with what a mission cannot carry: {'; '.join(lost)}")

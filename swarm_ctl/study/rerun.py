@@ -3,7 +3,8 @@ run."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from rich.table import Table
 from swarm_ctl.core.law.formation_law import STATUSES
 from swarm_ctl.core.law.swarm_law import NearPairs
 from swarm_ctl.core.model.arrays import Floats, Indices
+from swarm_ctl.core.model.plan import Response
 from swarm_ctl.errors import InputError
 from swarm_ctl.study.batch.batch import Batch
 from swarm_ctl.study.batch.batch_flight import fly
@@ -96,9 +98,9 @@ def rerun(path: Path, row: int) -> Rerun:
     return Rerun(batch, rows_of(batch, flown)[0], before, trace)
 
 
-def write_mission(flown: Rerun, path: Path) -> None:
-    """The mission as a file for `swarm-ctl run`: starts, slots, law and safety, but not delay,
-    loss, wind and which agent dies."""
+def write_mission(flown: Rerun, path: Path) -> list[str]:
+    """The mission as a file for `swarm-ctl run`; what the row flew and a mission cannot carry, by
+    name and value."""
     batch, cell = flown.batch, flown.batch.cell
     law = cell.law
     document: dict[str, Any] = {
@@ -114,15 +116,39 @@ def write_mission(flown: Rerun, path: Path) -> None:
             "kappa": float(batch.kappa[0]),
             "h": float(batch.h[0]),
             "compensation": cell.compensation.value,
+            "delta_l": law.delta_l,
+            "delta_a": law.delta_a,
         }
         | ({"own": law.own.partition("@")[0]} if law.own else {}),
+        "vehicle": {"limits": {"speed_mps": cell.speed_mps}},
         "safety": _safety(cell),
         "agents": [{"id": k + 1, "start": start} for k, start in enumerate(_pairs(batch.starts))],
         "shapes": {"shape": {"kind": "offsets", "offsets": _pairs(batch.slots)}},
         "steps": [{"takeoff": {"height_m": 10}}, {"form": _form_step(cell)}, "land"],
-        "fleet": {"agents": [_vehicle(k, cell) for k in range(1, cell.n + 1)]},
+        "fleet": {"agents": [_vehicle(k, batch) for k in range(cell.n)]},
     }
+    if batch.wind_mps[0]:
+        from_deg = float(np.degrees(batch.wind_from_rad[0]))
+        wind = {"SIM_WIND_SPD": float(batch.wind_mps[0]), "SIM_WIND_DIR": from_deg}
+        document["simulation"] = {"parameters": wind}
     path.write_text(yaml.safe_dump(document, sort_keys=False))
+    return list(_not_carried(batch))
+
+
+def _not_carried(batch: Batch) -> Iterator[str]:
+    """The mesh of a run is what it is, and no mission kills an agent."""
+    delay_s = batch.delay_s[:, 0]
+    if delay_s.any():
+        least, most = f"{delay_s.min():.3g}", f"{delay_s.max():.3g}"
+        yield f"delay_s {least if least == most else f'{least} to {most}'}"
+    for name in ("jitter_s", "loss", "burst_s"):
+        if (number := float(getattr(batch, name)[0])) > 0:
+            yield f"{name} {number:.3g}"
+    for agent, silent_s in enumerate(batch.silent_s[:, 0], start=1):
+        if np.isfinite(silent_s):
+            yield f"the death of agent {agent} after {silent_s:.1f} s"
+    if batch.cell.vehicle == "ideal":
+        yield "vehicles that answer at once (simulated ArduCopters fly instead)"
 
 
 def _safety(cell: Cell) -> dict[str, bool]:
@@ -140,9 +166,14 @@ def _form_step(cell: Cell) -> dict[str, Any]:
     }
 
 
-def _vehicle(agent: int, cell: Cell) -> dict[str, Any]:
-    autopilot = "px4" if cell.vehicle == "px4" else "ardupilot"
-    return {"id": agent, "sysid": agent, "autopilot": autopilot}
+def _vehicle(k: int, batch: Batch) -> dict[str, Any]:
+    """What the agent believes of its vehicle, and what that truly does."""
+    cell, names = batch.cell, [f.name for f in fields(Response)]
+    entry = {"id": k + 1, "sysid": k + 1, "response": asdict(cell.model)}
+    if cell.vehicle == "lag":
+        true = {name: float(getattr(batch, name)[k, 0]) for name in names}
+        return entry | {"autopilot": "ardupilot", "simulated_response": true}
+    return entry | {"autopilot": "px4" if cell.vehicle == "px4" else "ardupilot"}
 
 
 def _pairs(points: Floats) -> list[list[float]]:

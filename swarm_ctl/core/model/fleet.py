@@ -56,6 +56,8 @@ class FleetAgent:
     """How this vehicle answers a velocity setpoint; its stop point is computed with it."""
     vehicle: VehicleKind = VehicleKind.SIMULATED
     """What `run` provides where there is no endpoint."""
+    simulated_response: Response | None = None
+    """How a simulated vehicle truly answers; None: as its autopilot does."""
     agent_sysid: int = AGENT_SYSID
     """The MAVLink system id that the agent speaks with, 1..254: by its heartbeats alone an
     ArduCopter knows that the agent lives."""

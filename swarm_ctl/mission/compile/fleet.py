@@ -44,6 +44,8 @@ def fleet_agent(entry: FleetEntry, given: VehicleResponse | None = None) -> Flee
     """
     response = entry.response or given
     known = Response(**response.model_dump()) if response else TYPICAL[entry.firmware]
-    way = (entry.endpoint, entry.mesh, known, entry.kind)
+    true = entry.simulated_response
+    truly = Response(**true.model_dump()) if true else None
+    way = (entry.endpoint, entry.mesh, known, entry.kind, truly)
     own = entry.agent_sysid or AGENT_SYSID
     return FleetAgent(entry.id, entry.vehicle_sysid, entry.firmware, *way, agent_sysid=own)

@@ -446,6 +446,9 @@ class FleetEntry(Section):
     response: VehicleResponse | None = None
     """How this vehicle answers a velocity setpoint. Default: the mission's vehicle.response; if it
     gives none, what is typical for the autopilot."""
+    simulated_response: VehicleResponse | None = None
+    """How a simulated vehicle truly answers, whatever the agent believes (`response`). Default: as
+    its autopilot does."""
     endpoint: str | None = Field(
         default=None,
         pattern=r"^((udp|udpin|udpout|tcp|tcpin):[^:\s]+:[0-9]{1,5}|serial:/dev/[^:\s]+(:[0-9]{3,7})?)$",

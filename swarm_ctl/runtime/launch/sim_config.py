@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 from swarm_ctl.core.model.fleet import FleetAgent
@@ -68,6 +69,8 @@ def _vehicle(plan: Plan, vehicle: FleetAgent) -> dict[str, Any]:
     north, east = plan.agent(vehicle.id).start
     port = (vehicle.endpoint or "").rpartition(":")[2]
     start = (north * plan.unit_m, east * plan.unit_m)
-    return vehicle_config(
+    true = vehicle.simulated_response
+    response = {} if true is None else {"response": asdict(true)}
+    return response | vehicle_config(
         vehicle.sysid, vehicle.autopilot, f"udpin:127.0.0.1:{port}", start, plan.origin
     )
