@@ -209,7 +209,7 @@ def study(
     names = _varied(said.by, plan)
     _check_extras(out, processes, cluster)
     run_study(plan, out, processes, console, cluster)
-    wide = console if console.is_terminal else PlainConsole(width=200)
+    wide = console if console.is_terminal else PlainConsole(width=280)
     wide.print(table(plan, read_rows(out), names))
     console.say(f"rows: {out}")
 
