@@ -19,7 +19,7 @@ from typing import Final
 
 import numpy as np
 
-from swarm_ctl.core.model.arrays import Bools, Complex
+from swarm_ctl.core.model.arrays import Bools, Complex, Ints
 
 RATE: Final = 0.5
 """[1/s]: an eighth of the law's own, and slow against the age of any news that counts (0.5 s). At
@@ -31,5 +31,10 @@ def pull(own: Complex, others: Complex, counted: Bools, axis: int = -1) -> Compl
     `counted` count; the others are along `axis`."""
     total = np.where(counted, others, 0).sum(axis=axis)
     count = np.count_nonzero(counted, axis=axis)
+    return pull_of(own, total, count)
+
+
+def pull_of(own: Complex, total: Complex, count: Ints) -> Complex:
+    """The same for the sum of the errors that count, and their number."""
     found: Complex = RATE * ((total + own) / (count + 1) - own)
     return found

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.lib.stride_tricks import as_strided
 
 from swarm_ctl.core.law.formation_law import AdaptedSigma, adapt_sigma, gains, separate
-from swarm_ctl.core.model.arrays import Bools, Floats, Indices
+from swarm_ctl.core.model.arrays import Bools, Floats, Indices, places, taken
 from swarm_ctl.core.model.plan import LawParameters
 
 _SMALL: Final = 16
@@ -44,11 +44,13 @@ class NearPairs:
 
 
 class SwarmTerms(NamedTuple):
-    """The two terms of u (2, n, m), and the pairs behind the second."""
+    """The two terms of u (2, n, m), and what is behind them."""
 
     consensus: Floats
     avoidance: Floats
     near: NearPairs | None
+    told: Floats
+    """The others' e_j as agent i takes them to be (2, i, j, m)."""
 
 
 class Rings:
@@ -111,10 +113,10 @@ class SwarmLaw:
         self.slots = np.ascontiguousarray(slots)
         _, n, m = slots.shape
         self._small = n < _SMALL
-        order = links if self._small else np.moveaxis(links, -1, 0)
-        self._weights = np.ascontiguousarray(order, dtype=np.float64)
+        self._weights = np.ascontiguousarray(links, dtype=np.float64)
         self._count = np.count_nonzero(links, axis=1)
-        self._apart = self._weights.copy()
+        order = self._weights if self._small else np.moveaxis(self._weights, -1, 0)
+        self._apart = order.copy()
         """The same with minus the number of neighbours on the diagonal: n is one product with the
         errors."""
         diagonal = np.arange(n)
@@ -158,19 +160,19 @@ class SwarmLaw:
         error = points - slots
         told = np.broadcast_to(heard - told_slots, (2, *self.links.shape))
         # the sum of the neighbours' e_j, for each i, component and mission
-        terms = "ijm,cijm->cim" if self._small else "mij,cijm->cim"
-        n = np.einsum(terms, self._weights, told) - self._count * error
+        n = np.einsum("ijm,cijm->cim", self._weights, told) - self._count * error
         avoidance, near = np.zeros_like(n), None
-        q = points[:, :, None] - heard
-        q *= q
-        inside = q[0] + q[1] < self.law.r_out**2
-        inside[np.arange(inside.shape[0]), np.arange(inside.shape[0])] = False
-        first, second, mission = inside.nonzero()
-        if len(first):
-            receiver = first if heard.shape[1] > 1 else np.zeros_like(first)
-            seen, pair = heard[:, receiver, second, mission], (first, second, mission)
-            near = self._repel(avoidance, n, points, seen, pair, both=False)
-        return SwarmTerms(n * self._gain, avoidance, near)
+        squared = points[0][:, None] - heard[0]
+        squared *= squared
+        east = points[1][:, None] - heard[1]
+        east *= east
+        squared += east
+        inside = squared < self.law.r_out**2
+        inside[np.arange(len(inside)), np.arange(len(inside))] = False
+        pair = places(inside)
+        if len(pair[0]):
+            near = self._repel(avoidance, n, points, taken(heard, *pair), pair, both=False)
+        return SwarmTerms(n * self._gain, avoidance, near, told)
 
     def _sum_apart(self, error: Floats) -> Floats:
         """Sum of e_j - e_i over the neighbours j, (2, n, m): one matrix product a mission, or a

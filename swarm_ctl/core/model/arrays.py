@@ -8,11 +8,12 @@ vector is then the complex number north + 1j * east.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+T = TypeVar("T", bound=np.generic)
 Floats: TypeAlias = NDArray[np.float64]
 Complex: TypeAlias = NDArray[np.complex128]
 Bools: TypeAlias = NDArray[np.bool_]
@@ -37,8 +38,24 @@ MANY: Final = Arithmetic(np.minimum, np.maximum, np.where, np.any)
 
 def complex_of(vectors: Floats) -> Complex:
     """Vectors (2, ...), north and east, as complex numbers (...)."""
-    combined: Complex = vectors[0] + 1j * vectors[1]
+    combined = np.empty(vectors.shape[1:], dtype=np.complex128)
+    combined.real, combined.imag = vectors
     return combined
+
+
+def places(mask: Bools) -> tuple[Indices, ...]:
+    """Where the mask is true, as `nonzero` says: several times quicker where few are."""
+    return np.unravel_index(np.flatnonzero(mask), mask.shape)
+
+
+def taken(array: NDArray[T], *place: Indices) -> NDArray[T]:
+    """The elements at these places of the last axes, as an index, but several times quicker; an
+    axis of length 1 stands for any length."""
+    shape = array.shape[-len(place) :]
+    flat: Any = 0
+    for length, index in zip(shape, place, strict=True):
+        flat = flat * length + (index if length > 1 else 0)
+    return array.reshape(*array.shape[: -len(place)], -1).take(flat, axis=-1)
 
 
 def keep_missions(owner: object, missions: Bools | Indices, *names: str) -> None:

@@ -9,21 +9,27 @@ together.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeVar
-
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm_ctl.core.model.arrays import MANY, Bools, Complex, Floats, Indices, Ints
+from swarm_ctl.core.model.arrays import (
+    MANY,
+    Bools,
+    Complex,
+    Floats,
+    Indices,
+    Ints,
+    T,
+    complex_of,
+    places,
+    taken,
+)
 from swarm_ctl.core.model.plan import LawParameters, Safety
 from swarm_ctl.core.model.timeouts import NEIGHBOUR_S, PREDICT_S
 from swarm_ctl.core.safety import constraints
 from swarm_ctl.core.safety.constraints import Margins
 from swarm_ctl.core.safety.deadlock import SWIRL_OFF, DeadlockRelease, swirled
 from swarm_ctl.core.safety.velocity_qp import UNBOUND, relaxed_many
-
-T = TypeVar("T", bound=np.generic)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BatchHeard:
@@ -39,10 +45,9 @@ class BatchHeard:
 
     def of_pairs(self, receiver: Indices, sender: Indices, mission: Indices) -> BatchHeard:
         """What single pairs know, (K,)."""
-        every = np.zeros_like(receiver)  # where all receivers hear the same
 
         def at(known: NDArray[T]) -> NDArray[T]:
-            return known[receiver if len(known) > 1 else every, sender, mission]
+            return taken(known, receiver, sender, mission)
 
         return BatchHeard(
             at(self.setpoint), at(self.age_at_most_s), at(self.fresh), at(self.yields)
@@ -53,10 +58,28 @@ class BatchHeard:
 class BatchPeers:
     """What each receiver (n, or 1 where all hear the same) knows of each sender (n), by mission."""
 
-    apart: Complex
-    """The receiver's stop point minus the sender's as it was told (n, n, m)."""
+    points: Floats
+    """The receivers' stop points (2, n, m)."""
+    told: Floats
+    """The senders', as they were told (2, n or 1, n, m)."""
     heard: BatchHeard
     """(n or 1, n, m)."""
+
+    def apart(self, receiver: Indices, sender: Indices, mission: Indices) -> Complex:
+        """The receiver's stop point minus the sender's, of single pairs (K,)."""
+        own = taken(self.points, receiver, mission)
+        return complex_of(own - taken(self.told, receiver, sender, mission))
+
+    def squared(self) -> Floats:
+        """The squared distances (n, n, m), infinite from an agent to itself."""
+        found = self.points[0][:, None] - self.told[0]
+        found *= found
+        east = self.points[1][:, None] - self.told[1]
+        east *= east
+        found += east
+        itself = np.arange(len(found))
+        found[itself, itself] = np.inf
+        return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,30 +126,28 @@ class BatchSafetyFilter:
         self, consensus: Complex, avoidance: Complex, peers: BatchPeers, links: BatchLinks
     ) -> Complex:
         """What is commanded for the law's two terms, all (n, m)."""
-        distance = np.abs(peers.apart)
-        itself = np.arange(len(distance))
-        distance[itself, itself] = np.inf
+        squared = peers.squared()
         if not self._safety.release:
-            return self._filtered(consensus + avoidance, peers, distance, links)
+            return self._filtered(consensus + avoidance, peers, squared, links)
         # an agent close by that is not heard does not swirl along: the avoidance stays as it is
-        unheard = (~peers.heard.fresh & (distance < self._swirl_off)).any(axis=1)
+        unheard = (~peers.heard.fresh & (squared < self._swirl_off**2)).any(axis=1)
         avoidance = np.where(unheard, avoidance, swirled(consensus, avoidance))
         wish = self.release.turn(consensus + avoidance, consensus)
-        flown = self._filtered(wish, peers, distance, links)
+        flown = self._filtered(wish, peers, squared, links)
         self.release.note(consensus, flown)
         return flown
 
     def _filtered(
-        self, wish: Complex, peers: BatchPeers, distance: Floats, links: BatchLinks
+        self, wish: Complex, peers: BatchPeers, squared: Floats, links: BatchLinks
     ) -> Complex:
         """The velocities nearest to the wishes that keep apart and, for the links, together."""
         margins, missions = self._margins, wish.shape[1]
         wish = wish * (margins.speed / np.maximum(np.abs(wish), margins.speed))
-        i, j, mission = self._near(peers.heard, distance)
+        i, j, mission = self._near(peers, squared)
         # one plane for each near pair: agent i keeps out of j
         agent, heard = i * missions + mission, peers.heard.of_pairs(i, j, mission)
         normal, bound, room = constraints.keep_out_plane(
-            peers.apart[i, j, mission], i < j, heard, margins, MANY
+            peers.apart(i, j, mission), i < j, heard, margins, MANY
         )
         least_room = np.full(wish.size, np.inf)
         np.minimum.at(least_room, agent, room)
@@ -134,7 +155,7 @@ class BatchSafetyFilter:
         soft = np.zeros(len(agent), dtype=np.bool_)
         if self._safety.guard:
             # and one, soft, for each guarded link that is long
-            guarding, normals, bounds = self._guards(peers, distance, links)
+            guarding, normals, bounds = self._guards(peers, squared, links)
             agent, normal = np.concatenate((agent, guarding)), np.concatenate((normal, normals))
             bound = np.concatenate((bound, bounds))
             soft = np.concatenate((soft, np.ones(len(guarding), dtype=np.bool_)))
@@ -144,21 +165,22 @@ class BatchSafetyFilter:
         self.yielded = yielded.reshape(wish.shape) & self.touched
         return flown
 
-    def _near(self, heard: BatchHeard, distance: Floats) -> tuple[Indices, Indices, Indices]:
+    def _near(self, peers: BatchPeers, squared: Floats) -> tuple[Indices, Indices, Indices]:
         """(i, j, mission) of the pairs in which j may constrain i."""
-        margins = self._margins
+        margins, heard = self._margins, peers.heard
         # most pairs are far apart: a coarse look at all, an exact one at those that are left
         oldest_s = heard.age_at_most_s.max(where=heard.fresh, initial=0.0)
         half = margins.keep_out + margins.reach + (margins.speed + margins.growth) * oldest_s
         far = max(half, margins.farthest)
-        coarse = np.where(heard.fresh & heard.yields, half + 1e-6, far + 1e-6)
-        i, j, mission = np.nonzero(distance < coarse)
-        pairs = heard.of_pairs(i, j, mission)
-        exact = constraints.constrains(pairs, distance[i, j, mission], margins, MANY)
+        coarse = (squared < (far + 1e-6) ** 2) & ~(heard.fresh & heard.yields)
+        coarse |= squared < (half + 1e-6) ** 2
+        i, j, mission = places(coarse)
+        pairs, distance = heard.of_pairs(i, j, mission), abs(peers.apart(i, j, mission))
+        exact = constraints.constrains(pairs, distance, margins, MANY)
         return i[exact], j[exact], mission[exact]
 
     def _guards(
-        self, peers: BatchPeers, distance: Floats, links: BatchLinks
+        self, peers: BatchPeers, squared: Floats, links: BatchLinks
     ) -> tuple[Indices, Complex, Floats]:
         """(agent, normal, bound), (K,) each, of the guarded links that forbid something."""
         margins = self._margins
@@ -168,16 +190,17 @@ class BatchSafetyFilter:
             self._guarded = links.links & constraints.fits(gap, margins)
             self._tight = constraints.tight(gap, margins)
         # a link that was told up to `PREDICT_S` ago may be so much longer by now
-        stretched = distance > margins.guards_from - margins.speed * PREDICT_S
-        minded = self._guarded & stretched & (peers.heard.age_at_most_s <= NEIGHBOUR_S)
-        if self._safety.release:
+        least = max(margins.guards_from - margins.speed * PREDICT_S - 1e-6, 0.0)
+        minded = self._guarded & (squared > least * least)
+        minded &= peers.heard.age_at_most_s <= NEIGHBOUR_S
+        if self._safety.release and self.release.releasing.any():
             minded &= ~(self.release.releasing[:, None] & self._tight)
-        i, j, mission = np.nonzero(minded)
+        i, j, mission = places(minded)
         heard = peers.heard.of_pairs(i, j, mission)
-        now = constraints.carried(peers.apart[i, j, mission], heard, MANY)
+        now = constraints.carried(peers.apart(i, j, mission), heard, MANY)
         normal, bound = constraints.guard_plane(now, heard.setpoint, margins, MANY)
         binds = constraints.kept(np.abs(now), margins) & (bound > -margins.speed)
-        return (i * distance.shape[-1] + mission)[binds], normal[binds], bound[binds]
+        return (i * squared.shape[-1] + mission)[binds], normal[binds], bound[binds]
 
 
 def _solved(

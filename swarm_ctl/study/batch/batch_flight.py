@@ -245,7 +245,7 @@ class _BatchFlight:
         avoidance = complex_of(terms.avoidance) * self._kappa
         peers = _peers_of(points, heard)
         if self._cell.has("align"):
-            consensus = consensus + self._aligned(points, at, peers.heard.fresh)
+            consensus = consensus + self._aligned(points, terms.told, peers.heard.fresh)
         if self._links is None:
             told = complex_of(self._told_slots)
             self._links = BatchLinks(self._neighbours, complex_of(self._slots), told)
@@ -262,14 +262,17 @@ class _BatchFlight:
         _, n, m = points.shape
         return HeardStates(points[:, None], velocity[:, None], np.zeros((1, n, m)), np.zeros(m))
 
-    def _aligned(self, points: Floats, at: Floats, counted: Bools) -> Complex:
-        """The pull to the average of all agents that are heard."""
-        others = np.arange(points.shape[1])
-        counted = np.repeat(counted, len(others) // len(counted), axis=0)
-        counted[others, others] = False
-        errors = complex_of(at) - complex_of(self._told_slots)
-        own = complex_of(points) - complex_of(self._slots)
-        return mean_error_feedback.pull(own, errors, counted, axis=1)
+    def _aligned(self, points: Floats, errors: Floats, fresh: Bools) -> Complex:
+        """The pull to the average of all agents that are heard; `errors` (2, n, n, m) as they are
+        told."""
+        counted = np.empty(errors.shape[1:])
+        counted[:] = fresh
+        others = np.arange(len(counted))
+        counted[others, others] = 0.0
+        total = complex_of(np.einsum("ijm,cijm->cim", counted, errors))
+        return mean_error_feedback.pull_of(
+            complex_of(points - self._slots), total, counted.sum(axis=1)
+        )
 
     def _follow(self, heard: HeardStates) -> None:
         """Agents follow the neighbours that they have heard within `NEIGHBOUR_S`."""
@@ -394,7 +397,6 @@ _BY_MISSION: Final = (
 
 
 def _peers_of(points: Floats, heard: HeardStates) -> BatchPeers:
-    told = complex_of(heard.points)
     fresh = heard.age_s <= FRESH_S
     known = BatchHeard(complex_of(heard.velocity), heard.age_s, fresh, fresh)
-    return BatchPeers(complex_of(points)[:, None] - told, known)
+    return BatchPeers(points, heard.points, known)

@@ -19,7 +19,8 @@ _DRAWN: Final = 512
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeardStates:
-    """What each receiver (n, or 1 where all hear the same) knows of each sender."""
+    """What each receiver (n, or 1 where all hear the same) knows of each sender; until the next
+    tick."""
 
     points: Floats
     """As told, (2, receivers, senders, m)."""
@@ -32,7 +33,8 @@ class HeardStates:
 
     def carried(self, at_most_s: Floats | float) -> Floats:
         """The points, carried on with the senders' commands for their age, or this long."""
-        carried: Floats = self.points + self.velocity * np.minimum(self.age_s, at_most_s)
+        carried: Floats = self.velocity * np.minimum(self.age_s, at_most_s)
+        carried += self.points
         return carried
 
 
@@ -86,8 +88,9 @@ class LossyChannel:
             sent = self._jitter.carry(tick, leaves)
             arrives = sent > self._sent
             arriving = self._past_of(sent)
-        self._known = np.where(arrives, arriving, self._known)
-        self._sent = np.where(arrives, sent, self._sent)
+        missed = np.flatnonzero(~arrives)
+        _replace(self._known, arriving, missed)
+        _replace(self._sent[None], sent, missed)
         age_s = (tick - self._sent) * self._tick_s
         return HeardStates(self._known[:2], self._known[2:], age_s, self._lead_s)
 
@@ -97,6 +100,15 @@ class LossyChannel:
         flat = np.arange(n * m).reshape(n, m) + 4 * n * m * (sent % ticks)
         fields = n * m * np.arange(4).reshape(4, *([1] * sent.ndim))
         return self._past.ravel().take(flat + fields)
+
+
+def _replace(known: Floats, arriving: Floats | Ints, missed: Indices) -> None:
+    """Take in what arrives, but on the links `missed` (flat places in the last three axes of
+    `known`): most states do arrive."""
+    flat = known.reshape(len(known), -1)
+    kept = flat.take(missed, axis=1)
+    known[:] = arriving
+    flat[:, missed] = kept
 
 
 class _Losses:

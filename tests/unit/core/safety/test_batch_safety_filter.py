@@ -97,8 +97,12 @@ def states(seed: int) -> list[State]:
 def together(state: State, filter_: BatchSafetyFilter, links: BatchLinks) -> Complex:
     """What the study's filter flies, (N, M)."""
     heard = BatchHeard(state.setpoint, state.age_s, state.fresh, state.yields)
-    peers = BatchPeers(state.own[:, None] - state.told, heard)
+    peers = BatchPeers(_planes(state.own), _planes(state.told), heard)
     return filter_.velocity(state.consensus, state.avoidance, peers, links)
+
+
+def _planes(vectors: Complex) -> Floats:
+    return np.stack((vectors.real, vectors.imag))
 
 
 def alone(state: State, filter_: SafetyFilter, i: int, k: int, formation: Formation) -> complex:
