@@ -169,8 +169,9 @@ class SwarmLaw:
         squared += east
         inside = squared < self.law.r_out**2
         inside[np.arange(len(inside)), np.arange(len(inside))] = False
-        pair = places(inside)
-        if len(pair[0]):
+        first, second, mission = places(inside)
+        if len(first):
+            pair = (first, second, mission)
             near = self._repel(avoidance, n, points, taken(heard, *pair), pair, both=False)
         return SwarmTerms(n * self._gain, avoidance, near, told)
 

@@ -9,6 +9,7 @@ together.
 from __future__ import annotations
 
 from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,6 +31,7 @@ from swarm_ctl.core.safety import constraints
 from swarm_ctl.core.safety.constraints import Margins
 from swarm_ctl.core.safety.deadlock import SWIRL_OFF, DeadlockRelease, swirled
 from swarm_ctl.core.safety.velocity_qp import UNBOUND, relaxed_many
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BatchHeard:
@@ -72,7 +74,7 @@ class BatchPeers:
 
     def squared(self) -> Floats:
         """The squared distances (n, n, m), infinite from an agent to itself."""
-        found = self.points[0][:, None] - self.told[0]
+        found: Floats = self.points[0][:, None] - self.told[0]
         found *= found
         east = self.points[1][:, None] - self.told[1]
         east *= east
