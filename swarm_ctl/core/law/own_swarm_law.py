@@ -61,5 +61,8 @@ class OwnSwarmLaw(SwarmLaw):
             self._parameters,
         )
         return SwarmTerms(
-            result.consensus.transpose(2, 1, 0), result.avoidance.transpose(2, 1, 0), None
+            result.consensus.transpose(2, 1, 0),
+            result.avoidance.transpose(2, 1, 0),
+            None,
+            np.broadcast_to(heard - told_slots, every),
         )

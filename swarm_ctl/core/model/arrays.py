@@ -55,7 +55,8 @@ def taken(array: NDArray[T], *place: Indices) -> NDArray[T]:
     flat: Any = 0
     for length, index in zip(shape, place, strict=True):
         flat = flat * length + (index if length > 1 else 0)
-    return array.reshape(*array.shape[: -len(place)], -1).take(flat, axis=-1)
+    found: NDArray[T] = array.reshape(*array.shape[: -len(place)], -1).take(flat, axis=-1)
+    return found
 
 
 def keep_missions(owner: object, missions: Bools | Indices, *names: str) -> None:
