@@ -166,13 +166,11 @@ class Beside:
         middle = batch.starts.mean(axis=1, keepdims=True)
         goals = batch.slots - batch.slots.mean(axis=1, keepdims=True) + middle
         speed, everyone = cell.speed_mps / cell.unit_m, (2, cell.n, cell.n, len(batch))
-        self_ = np.where(np.eye(cell.n, dtype=bool), np.inf, 0.0)[..., None]
         smallest, since = np.full(len(batch), np.inf), np.full(len(batch), np.inf)
         before = motion.position
         for tick in range(round(LIMIT_S / tick_s) + 1):
             position = motion.position
-            apart = np.sqrt(((position[:, :, None] - position[:, None]) ** 2).sum(axis=0)) + self_
-            smallest = np.minimum(smallest, apart.min(axis=(0, 1)))
+            smallest = np.minimum(smallest, nearest(before, position))
             there = (np.sqrt(((position - goals) ** 2).sum(axis=0)) < TOLERANCE).all(axis=0)
             since = np.where(there, np.minimum(since, tick * tick_s), np.inf)
             if (tick * tick_s - since >= SETTLE_S).all():
@@ -187,6 +185,16 @@ class Beside:
             wish = shortened(self.rate * (goals - own), speed)
             motion.move(self.rule(known, wish, speed, tick_s))
         return Flown(smallest, since)
+
+
+def nearest(before: Floats, now: Floats) -> Floats:
+    """The smallest distance of any two (m,) on straight ways from `before` to `now` (2, n, m)."""
+    first, second = np.triu_indices(before.shape[1], 1)
+    gap = before[:, first] - before[:, second]
+    way = now[:, first] - now[:, second] - gap
+    length = np.maximum((way * way).sum(axis=0), 1e-300)
+    gap = gap + np.clip(-(gap * way).sum(axis=0) / length, 0.0, 1.0) * way
+    return np.asarray(np.sqrt((gap * gap).sum(axis=0).min(axis=0)))
 
 
 def shortened(velocity: Floats, speed: float) -> Floats:
