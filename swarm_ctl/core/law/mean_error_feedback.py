@@ -22,8 +22,7 @@ import numpy as np
 from swarm_ctl.core.model.arrays import Bools, Complex, Ints
 
 RATE: Final = 0.5
-"""[1/s]: an eighth of the law's own, and slow against the age of any news that counts (0.5 s). At
-1.0 the slowest twentieth of formations stood 1 % sooner, at 0.2 20 % later."""
+"""[1/s]: an eighth of the law's own, and slow against the age of any news that counts (0.5 s)."""
 
 
 def pull(own: Complex, others: Complex, counted: Bools, axis: int = -1) -> Complex:
