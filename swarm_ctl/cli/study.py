@@ -87,9 +87,14 @@ def study(
     acceleration: Annotated[
         Given, _ranges("True acceleration limit of the vehicles `lag`, in m/s2.", 2.8)
     ] = None,
+    late: Annotated[
+        Given, _ranges("So much later all vehicles answer, unknown to agents, in seconds.", 0)
+    ] = None,
     spread: Annotated[
         Given,
-        _list("mission, agent: what draws lag, dead time, acceleration and delay.", "mission"),
+        _list(
+            "mission, agent: what draws lag, dead time, acceleration, delay, lateness.", "mission"
+        ),
     ] = None,
     model_lag: Annotated[Given, _list("Lag that the agents believe.", _MODEL.format("lag"))] = None,
     model_dead_time: Annotated[
@@ -188,6 +193,7 @@ def study(
         "lag_s": lag,
         "dead_time_s": dead_time,
         "acceleration_mps2": acceleration,
+        "late_s": late,
         "spread": spread,
         "model_lag_s": model_lag,
         "model_dead_time_s": model_dead_time,

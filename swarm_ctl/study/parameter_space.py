@@ -43,13 +43,13 @@ LISTS: Final = (
     *("n", "shape", "slots", "start", "compensation", "vehicle", "safety"),
     *("speed_mps", "spread", *MODEL),
 )
-AGENT_RANGES: Final = ("lag_s", "dead_time_s", "acceleration_mps2", "delay_s")
-"""What the vehicles `lag` truly do, and how late an agent's states arrive."""
+AGENT_RANGES: Final = ("lag_s", "dead_time_s", "acceleration_mps2", "delay_s", "late_s")
+"""What the vehicles truly do, and how late an agent's states arrive."""
 FIRST_RANGES: Final = (
     *("h", "kappa", "lag_s", "dead_time_s", "delay_s"),
     *("loss", "wind_mps", "area", "spacing", "silent"),
 )
-LATER_RANGES: Final = ("acceleration_mps2", "jitter_s", "burst_s", "silent_agents")
+LATER_RANGES: Final = ("acceleration_mps2", "jitter_s", "burst_s", "silent_agents", "late_s")
 """Drawn after all else: so a new one leaves the missions of older studies as they were."""
 RANGES: Final = (*FIRST_RANGES, *LATER_RANGES)
 _FIRMWARE: Final = ("ardupilot", "px4")
@@ -165,6 +165,7 @@ class Cell(_Common):
     jitter_s: Range
     burst_s: Range
     silent_agents: Range
+    late_s: Range
 
     @property
     def model(self) -> Response:
@@ -213,7 +214,7 @@ class Study(_Common):
     """The agents' speed limit."""
     spread: tuple[Spread, ...] = ("mission",)
     """The agents of a mission are all alike (`mission`), or each draws its own lag, dead time,
-    acceleration and delay from the range (`agent`)."""
+    acceleration, delay and lateness from the range (`agent`)."""
     model_lag_s: tuple[PositiveFloat | None, ...] = (None,)
     """The lag that the agents believe their vehicles have. None: the middle of `lag_s`, so that a
     single true value is a perfect model; of firmwares the typical one."""
@@ -231,6 +232,9 @@ class Study(_Common):
     """The true time between command and answer of the vehicles `lag`."""
     acceleration_mps2: tuple[Range, ...] = value(2.8)
     """The true acceleration limit of the vehicles `lag`."""
+    late_s: tuple[Range, ...] = value(0.0)
+    """So much later each vehicle answers, firmwares too, without its agent's knowledge: a slow way
+    from the agent to the autopilot."""
     delay_s: tuple[Range, ...] = value(0.0)
     """How old an agent's states are when they arrive."""
     jitter_s: tuple[Range, ...] = value(0.0)

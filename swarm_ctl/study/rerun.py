@@ -4,7 +4,7 @@ run."""
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +13,9 @@ import yaml
 from rich.table import Table
 
 from swarm_ctl.core.law.formation_law import STATUSES
+from swarm_ctl.core.law.stop_point import TYPICAL
 from swarm_ctl.core.law.swarm_law import NearPairs
 from swarm_ctl.core.model.arrays import Floats, Indices
-from swarm_ctl.core.model.plan import Response
 from swarm_ctl.errors import InputError
 from swarm_ctl.study.batch.batch import Batch
 from swarm_ctl.study.batch.batch_flight import fly
@@ -139,8 +139,9 @@ def _not_carried(batch: Batch) -> Iterator[str]:
     """The mesh of a run is what it is, and no mission kills an agent."""
     delay_s = batch.delay_s[:, 0]
     if delay_s.any():
-        least, most = f"{delay_s.min():.3g}", f"{delay_s.max():.3g}"
-        yield f"delay_s {least if least == most else f'{least} to {most}'}"
+        yield f"delay_s {_ends(delay_s)}"
+    if batch.cell.vehicle in TYPICAL and (late_s := batch.late_s[:, 0]).any():
+        yield f"late_s {_ends(late_s)}"
     for name in ("jitter_s", "loss", "burst_s"):
         if (number := float(getattr(batch, name)[0])) > 0:
             yield f"{name} {number:.3g}"
@@ -149,6 +150,11 @@ def _not_carried(batch: Batch) -> Iterator[str]:
             yield f"the death of agent {agent} after {silent_s:.1f} s"
     if batch.cell.vehicle == "ideal":
         yield "vehicles that answer at once (simulated ArduCopters fly instead)"
+
+
+def _ends(values: Floats) -> str:
+    least, most = f"{values.min():.3g}", f"{values.max():.3g}"
+    return least if least == most else f"{least} to {most}"
 
 
 def _safety(cell: Cell) -> dict[str, bool]:
@@ -168,10 +174,14 @@ def _form_step(cell: Cell) -> dict[str, Any]:
 
 def _vehicle(k: int, batch: Batch) -> dict[str, Any]:
     """What the agent believes of its vehicle, and what that truly does."""
-    cell, names = batch.cell, [f.name for f in fields(Response)]
+    cell = batch.cell
     entry = {"id": k + 1, "sysid": k + 1, "response": asdict(cell.model)}
     if cell.vehicle == "lag":
-        true = {name: float(getattr(batch, name)[k, 0]) for name in names}
+        true = {
+            "dead_time_s": float(batch.dead_time_s[k, 0] + batch.late_s[k, 0]),
+            "lag_s": float(batch.lag_s[k, 0]),
+            "acceleration_mps2": float(batch.acceleration_mps2[k, 0]),
+        }
         return entry | {"autopilot": "ardupilot", "simulated_response": true}
     return entry | {"autopilot": "px4" if cell.vehicle == "px4" else "ardupilot"}
 

@@ -18,12 +18,11 @@ import numpy as np
 from pydantic import ValidationError
 
 from swarm_ctl.core.law.formation_law import STATUSES
-from swarm_ctl.core.model.plan import Response
 from swarm_ctl.errors import InputError
 from swarm_ctl.study import parquet_parts
 from swarm_ctl.study.batch.batch import Batch, blocks
 from swarm_ctl.study.batch.batch_flight import BatchResult
-from swarm_ctl.study.parameter_space import AGENT_RANGES, LISTS, RANGES, Cell, Study
+from swarm_ctl.study.parameter_space import AGENT_RANGES, LISTS, MODEL, RANGES, Cell, Study
 from swarm_ctl.study.row_columns import COLUMNS, WITH_UNIT
 
 Row: TypeAlias = dict[str, Any]
@@ -51,7 +50,7 @@ def rows_of(batch: Batch, result: BatchResult) -> list[Row]:
 
 def _listed(cell: Cell) -> dict[str, Any]:
     """What the cell takes of each list; of the model, what is believed."""
-    model = {f"model_{f.name}": getattr(cell.model, f.name) for f in fields(Response)}
+    model = {name: getattr(cell.model, name.removeprefix("model_")) for name in MODEL}
     return {name: getattr(cell, name) for name in LISTS} | model
 
 

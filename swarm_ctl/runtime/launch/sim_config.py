@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict
 from typing import Any
 
 from swarm_ctl.core.model.fleet import FleetAgent
@@ -70,7 +69,11 @@ def _vehicle(plan: Plan, vehicle: FleetAgent) -> dict[str, Any]:
     port = (vehicle.endpoint or "").rpartition(":")[2]
     start = (north * plan.unit_m, east * plan.unit_m)
     true = vehicle.simulated_response
-    response = {} if true is None else {"response": asdict(true)}
-    return response | vehicle_config(
+    lag = true and {
+        "dead_time_s": true.dead_time_s,
+        "lag_s": true.lag_s,
+        "acceleration_mps2": true.acceleration_mps2,
+    }
+    return {"response": lag or "persona"} | vehicle_config(
         vehicle.sysid, vehicle.autopilot, f"udpin:127.0.0.1:{port}", start, plan.origin
     )

@@ -55,8 +55,9 @@ class Batch:
     h: Floats
     kappa: Floats
     lag_s: Floats
-    """(n, m), by vehicle or sender, as are the next three."""
+    """(n, m), by vehicle or sender, as are the next four."""
     dead_time_s: Floats
+    late_s: Floats
     acceleration_mps2: Floats
     delay_s: Floats
     jitter_s: Floats

@@ -103,8 +103,8 @@ class VehicleMotion:
         self._state.landed[:] = False
         self._state.ground[:] = 0.0
         self._state.wind[..., :2] = (_direction(batch.wind_from_rad) * -batch.wind_mps).T[:, None]
-        dead = batch.dead_time_s.T if cell.vehicle == "lag" else np.zeros((len(batch), cell.n))
-        self._late = np.rint(dead / cell.tick_s).astype(np.intp)
+        dead = batch.late_s + (batch.dead_time_s if cell.vehicle == "lag" else 0.0)
+        self._late = np.rint(dead.T / cell.tick_s).astype(np.intp)
         ahead = (
             pending(self._model, cell.tick_s) if cell.compensation is Compensation.STOP_POINT else 0
         )

@@ -23,6 +23,7 @@ UNEQUAL: dict[str, Any] = {
     "dead_time_s": (Range(low=0.0, high=0.8),),
     "acceleration_mps2": (Range(low=1.0, high=4.0),),
     "delay_s": (Range(low=0.0, high=0.3),),
+    "late_s": (Range(low=0.0, high=0.2),),
     "limit_s": 2.0,
 }
 
@@ -67,7 +68,7 @@ def test_each_vehicle_answers_as_it_is() -> None:
         speeds.append(motion._state.velocity[..., 0].T.copy())
     speed = np.array(speeds)
     moves = (speed > 0).argmax(axis=0)
-    assert (moves == np.rint(batch.dead_time_s / tick_s)).all()
+    assert (moves == np.rint((batch.dead_time_s + batch.late_s) / tick_s)).all()
     want = np.zeros((4, 12))
     for tick in range(60):
         share = -np.expm1(-tick_s / batch.lag_s)
@@ -112,6 +113,22 @@ def test_the_filters_margins_are_those_of_the_model() -> None:
     ids = np.ones((6, 40), dtype=np.int64)
     margins = [safety_filter_of(batch.cell, ids)._margins for batch in (slow, quick)]
     assert margins[0].slow < margins[1].slow
+
+
+@pytest.mark.parametrize("vehicle", ["lag", "px4"])
+def test_all_vehicles_may_answer_later_than_their_agents_know(vehicle: str) -> None:
+    """By so many ticks, and the model stays."""
+    settings = {"vehicle": (vehicle,), "dead_time_s": 0.0, "delay_s": 0.0}
+    prompt, late = (missions(**settings, late_s=late_s) for late_s in (0.0, 0.3))
+    assert prompt.cell.model == late.cell.model
+    motions = [VehicleMotion(batch) for batch in (prompt, late)]
+    tracks = []
+    for _ in range(40):
+        for motion in motions:
+            motion.move(np.full_like(motion.position, 0.2))
+        tracks.append([motion.position for motion in motions])
+    for tick in range(6, 40):
+        assert tracks[tick][1] == pytest.approx(tracks[tick - 6][0], abs=1e-12)
 
 
 @pytest.mark.parametrize("vehicle", ["ardupilot", "px4"])
