@@ -10,12 +10,14 @@ import importlib.util
 import shutil
 import subprocess
 import sys
+import time
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from tests.protocol.simulator import (
     ORIGIN,
@@ -26,6 +28,7 @@ from tests.protocol.simulator import (
     simulator,
     wait_until,
 )
+from tests.system.running import ROOT, Running
 
 pytestmark = [pytest.mark.clients, pytest.mark.timeout(180)]
 PERSONAS = pytest.mark.parametrize("persona", ["ardupilot", "px4"])
@@ -261,3 +264,37 @@ def test_mavproxy_flies_arducopter(tmp_path: Path) -> None:
         proxy.hear("MISSION_ACK: TYPE_MISSION: ACCEPTED")
         proxy.type("mode auto")
         watcher.wait("HEARTBEAT", lambda m: not m.base_mode & 128)
+
+
+@NEEDS_MAVPROXY
+@PERSONAS
+def test_mavproxy_beside_a_run_sees_all_vehicles_and_no_alarm(tmp_path: Path, persona: str) -> None:
+    """With `--gcs`, from before the start to the end of a mission: no fence breach on the ground,
+    no failsafe, no failed check."""
+    assert MAVPROXY is not None
+    mission = yaml.safe_load((ROOT / "missions" / "hexagon.yaml").read_text())
+    mission["fleet"] = {"agents": [{"id": i, "autopilot": persona} for i in range(1, 7)]}
+    (tmp_path / "mission.yaml").write_text(yaml.safe_dump(mission))
+    port, told = free_port(), tmp_path / "mavproxy.txt"
+    options = ("--non-interactive", "--state-basedir", str(tmp_path))
+    command = [sys.executable, MAVPROXY, f"--master=udpin:127.0.0.1:{port}", *options]
+    run = ("run", "mission.yaml", "--gcs", str(port), "--headless", "--no-report", "--speedup", "2")
+    with (
+        told.open("w") as file,
+        subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=file, stderr=file) as proxy,
+    ):
+        try:
+            until = time.monotonic() + 60.0
+            while "Waiting for heartbeat" not in told.read_text():
+                assert time.monotonic() < until, told.read_text()
+                time.sleep(0.1)
+            with Running(*run, cwd=tmp_path) as flight:
+                assert flight.wait(150.0) == 0, flight.output
+        finally:
+            proxy.kill()
+    said = told.read_text()
+    assert {i for i in range(1, 7) if f"Detected vehicle {i}:1" in said} == set(range(1, 7)), said
+    assert "Received" in said
+    assert said.index("ARMED") < said.index("DISARMED")
+    alarms = ("breach", "failsafe", "prearm", "unhealthy", "bad ", "denied", "lost")
+    assert not [line for line in said.splitlines() if any(a in line.lower() for a in alarms)]
