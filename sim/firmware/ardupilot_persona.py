@@ -104,6 +104,7 @@ class ArdupilotPersona(Firmware):
     modes = MODES
     boot_mode = STABILIZE
     boot_streams: ClassVar[Mapping[str, float]] = {"HEARTBEAT": 1.0}
+    fence_bit = 0x100000
     force_arm_magic = 2989.0
     arm_nonsense = MavResult.UNSUPPORTED
     refusal = MavResult.FAILED

@@ -115,6 +115,9 @@ class SimAutopilot(ABC):
     boot_streams: ClassVar[Mapping[str, float]]
     """Intervals [s] of what is streamed unasked."""
     commands: ClassVar[Mapping[int, CommandHandler]]
+    fence_bit: ClassVar[int]
+    """MAV_SYS_STATUS_GEOFENCE where SYS_STATUS tells a fence that is there, healthy and off; 0: it
+    tells of none, as a PX4 does, and MAVProxy calls that a breach."""
     force_arm_magic: ClassVar[float]
     arm_nonsense: ClassVar[MavResult | None]
     """The answer to arming with a first parameter that is neither 0 nor 1."""

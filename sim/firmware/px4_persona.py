@@ -138,6 +138,7 @@ class Px4Persona(Firmware):
         "ADSB_VEHICLE": 0.2,
         "WIND_COV": 2.0,
     }
+    fence_bit = 0
     force_arm_magic = 21196.0
     arm_nonsense = None
     refusal = MavResult.TEMPORARILY_REJECTED

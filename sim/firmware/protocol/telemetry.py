@@ -27,8 +27,6 @@ _STANDBY, _ACTIVE, _CRITICAL = 3, 4, 5
 """MAV_STATE."""
 _GPS, _SENSORS = 0x20, 0x20 | 0x01 | 0x02 | 0x04 | 0x08  # gyro, accelerometer, compass, pressure
 _AHRS, _BATTERY, _PREARM = 0x200000, 0x2000000, 0x10000000
-_GEOFENCE = 0x100000
-"""Healthy without a fence, as on an ArduCopter: MAVProxy calls everything else a breach."""
 _READY, _EKF_STARTING, _ESTIMATOR_STARTING = 831, 1 | 128 | 1024, 1
 _EKF_GLITCH = 32768
 _UNIX_EPOCH_S = 1_700_000_000
@@ -53,16 +51,16 @@ def heartbeat(a: SimAutopilot) -> Fields:
 
 def sys_status(a: SimAutopilot) -> Fields:
     """The pre-arm bit is healthy when arming would succeed."""
-    present = _SENSORS | _AHRS | _BATTERY | _PREARM
+    enabled = _SENSORS | _AHRS | _BATTERY | _PREARM
     health = _SENSORS | _BATTERY if a.fix() else _SENSORS & ~_GPS | _BATTERY
-    health |= _GEOFENCE
+    health |= a.fence_bit
     if a.ready():
         health |= _AHRS
     if a.armable():
         health |= _PREARM
     return {
-        "onboard_control_sensors_present": present,
-        "onboard_control_sensors_enabled": present,
+        "onboard_control_sensors_present": enabled | a.fence_bit,
+        "onboard_control_sensors_enabled": enabled,
         "onboard_control_sensors_health": health,
         "load": 150,
         "voltage_battery": round(a.battery.voltage_v * 1000),

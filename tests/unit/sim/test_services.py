@@ -359,14 +359,19 @@ def test_nothing_a_command_or_setpoint_can_hold_raises(
     assert rig.ask(REQUEST, 0) == MavResult.ACCEPTED
 
 
-def test_a_vehicle_without_a_fence_says_that_none_was_breached() -> None:
-    """MAVProxy calls `fence breach` where the bit is not healthy."""
-    rig = Rig(ArdupilotPersona)
+@pytest.mark.parametrize(("persona", "told"), [(ArdupilotPersona, True), (Px4Persona, False)])
+def test_the_fence_of_a_vehicle_that_has_none_is_told_as_the_autopilot_tells_it(
+    persona: Persona, told: bool
+) -> None:
+    """Seen on ArduCopter 4.7-dev and PX4 1.16-dev. MAVProxy calls `fence breach` where the bit is
+    not healthy, so beside a PX4, too."""
+    rig = Rig(persona)
     rig.ask(512, 1.0)
-    (status,) = rig.heard("SYS_STATUS")
+    status = rig.heard("SYS_STATUS")[-1]
     fence = 0x100000
-    assert status["onboard_control_sensors_health"] & fence
-    assert not status["onboard_control_sensors_present"] & fence
+    assert bool(status["onboard_control_sensors_health"] & fence) is told
+    assert bool(status["onboard_control_sensors_present"] & fence) is told
+    assert not status["onboard_control_sensors_enabled"] & fence
 
 
 @pytest.mark.parametrize(
