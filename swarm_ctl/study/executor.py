@@ -8,17 +8,24 @@ import os
 import signal
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import TypeAlias
+from typing import Final, TypeAlias
 
+import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from swarm_ctl.study.batch.batch import Batch, blocks, draw
+from swarm_ctl.study.batch.batch import Batch, blocks, draw, flown_alike, joined
 from swarm_ctl.study.batch.batch_flight import fly
 from swarm_ctl.study.parameter_space import Cell, Study
 from swarm_ctl.study.rows import Row, rows_file, rows_of
 
 _Block: TypeAlias = tuple[Cell, int, int]
+_PAIRS: Final = 600_000
+"""Of agents that fly in one batch, at most ..."""
+_SHARES: Final = 4
+"""... but so many batches for each worker, so that all end at about the same time."""
+_ELSEWHERE: Final = 64
+"""Workers that a cluster is taken to have."""
 
 
 def run_study(
@@ -62,19 +69,47 @@ def _flown(
     work: dict[int, _Block], processes: int | None, cluster: str | None
 ) -> Iterator[tuple[int, list[Row]]]:
     """The rows of each block, as they come."""
-    if not work:
+    workers = processes or os.cpu_count() or 1
+    remote = cluster not in (None, "local")
+    groups = dict(enumerate(_groups(work, _ELSEWHERE if remote else workers)))
+    blocks_of = {k: tuple(work[block] for block in group) for k, group in groups.items()}
+    for k, rows in _done(blocks_of, min(workers, len(groups)), cluster):
+        yield from zip(groups[k], rows, strict=True)
+
+
+def _groups(work: dict[int, _Block], workers: int) -> list[list[int]]:
+    """Blocks that are flown as one batch: the more missions are in the air, the less a tick costs
+    each. Rows do not depend on it."""
+    pairs = {block: cell.n**2 * count for block, (cell, _, count) in work.items()}
+    most = min(_PAIRS, sum(pairs.values()) // (_SHARES * workers))
+    groups: list[list[int]] = []
+    filling: dict[object, tuple[list[int], int]] = {}
+    for block, (cell, _, _) in work.items():
+        kind = flown_alike(cell)
+        group, full = filling.get(kind, ([], 0))
+        if not group or full + pairs[block] > most:
+            group, full = [], 0
+            groups.append(group)
+        group.append(block)
+        filling[kind] = group, full + pairs[block]
+    return groups
+
+
+def _done(
+    groups: dict[int, tuple[_Block, ...]], workers: int, cluster: str | None
+) -> Iterator[tuple[int, list[list[Row]]]]:
+    if not groups:
         return
-    workers = min(processes or os.cpu_count() or 1, len(work))
     if cluster is not None:
         from swarm_ctl.study.cluster import on_cluster
 
-        yield from on_cluster(cluster, workers, _block, work)
+        yield from on_cluster(cluster, workers, _fly, groups)
     elif workers == 1:
-        yield from ((block, _block(work[block])) for block in work)
+        yield from ((k, _fly(group)) for k, group in groups.items())
     else:
         context = multiprocessing.get_context("spawn")
         with context.Pool(workers, initializer=_quiet) as pool:
-            yield from zip(work, pool.imap(_block, work.values()), strict=True)
+            yield from zip(groups, pool.imap(_fly, groups.values()), strict=True)
 
 
 def _quiet() -> None:
@@ -82,9 +117,15 @@ def _quiet() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def _block(block: _Block) -> list[Row]:
-    batch = draw(*block)
-    return rows_of(batch, fly(batch))
+def _fly(group: tuple[_Block, ...]) -> list[list[Row]]:
+    """The rows of each block of a group."""
+    batches = [draw(*block) for block in group]
+    result = fly(joined(batches))
+    ends = np.cumsum([len(batch) for batch in batches]).tolist()
+    return [
+        rows_of(batch, result.only(slice(end - len(batch), end)))
+        for batch, end in zip(batches, ends, strict=True)
+    ]
 
 
 def batch_of_row(study: Study, row: int) -> Batch:

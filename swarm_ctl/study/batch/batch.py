@@ -7,8 +7,9 @@ processes, and it can be drawn again alone.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from swarm_ctl.study.parameter_space import (
     AGENT_RANGES,
     FIRST_RANGES,
     LATER_RANGES,
+    RANGES,
     Cell,
     Range,
     Study,
@@ -88,8 +90,24 @@ class Batch:
         return replace(self, **arrays)
 
 
+def joined(batches: Sequence[Batch]) -> Batch:
+    """The missions of batches that are flown alike, in one; its cell is the first one's."""
+    names = [f.name for f in fields(Batch) if f.name != "cell"]
+    arrays: dict[str, Any] = {
+        name: np.concatenate([getattr(batch, name) for batch in batches], axis=-1) for name in names
+    }
+    return replace(batches[0], **arrays)
+
+
+def flown_alike(cell: Cell) -> tuple[object, ...]:
+    """What has to be the same for cells whose missions fly in one batch: all that is not drawn."""
+    drawn = {"index", "shape", "slots", "start", *RANGES}
+    none = tuple(getattr(cell, name).high > 0 for name in RANGES)
+    return cell.model_dump_json(exclude=drawn), cell.model, none
+
+
 def block_size(n: int) -> int:
-    """Missions flown together."""
+    """Missions drawn together."""
     return max(32, _BLOCK_AGENTS // n)
 
 

@@ -97,9 +97,9 @@ class BatchResult:
         shapes = {"statuses": (len(STATUSES), m)}
         return cls(*(np.zeros(shapes.get(f.name, (m,)), types[str(f.type)]) for f in fields(cls)))
 
-    def first(self, count: int) -> Self:
-        """Of the first missions."""
-        return type(self)(*(getattr(self, f.name)[..., :count] for f in fields(self)))
+    def only(self, missions: slice) -> Self:
+        """Of some of the missions."""
+        return type(self)(*(getattr(self, f.name)[..., missions] for f in fields(self)))
 
 
 def fly(batch: Batch, observer: TickObserver | None = None) -> BatchResult:
@@ -113,7 +113,7 @@ def fly(batch: Batch, observer: TickObserver | None = None) -> BatchResult:
         flight.step(tick, observer)
         if (tick % _CHECK == 0 or tick == last) and flight.look(tick, tick == last):
             break
-    return flight.result.first(count)
+    return flight.result.only(slice(count))
 
 
 def safety_filter_of(cell: Cell, agents: Ints) -> BatchSafetyFilter:
@@ -139,8 +139,8 @@ class _BatchFlight:
         """Positions at the last step."""
         self._silent_from = batch.silent_from(cell.tick_s)
         self._silent = bool(np.isfinite(self._silent_from).any())
-        late = (batch.delay_s, batch.jitter_s, batch.loss)
-        told_late = self._silent or any(each.any() for each in late)
+        late = (cell.delay_s, cell.jitter_s, cell.loss, cell.silent)
+        told_late = any(each.high > 0 for each in late)
         self._channel = LossyChannel(batch, cell.tick_s) if told_late else None
         ids = np.repeat(1 + np.arange(n)[:, None], m, axis=1)
         self._filter = safety_filter_of(cell, ids) if cell.has("filter") else None

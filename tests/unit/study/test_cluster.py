@@ -46,16 +46,16 @@ def _small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(batch_module, "block_size", lambda n: 8)
 
 
-fly_block, block_size = executor._block, batch_module.block_size
+fly, block_size = executor._fly, batch_module.block_size
 
 
-def kills_its_worker_once(block: tuple[Cell, int, int]) -> list[Row]:
-    """A block of a study; the third of them ends its worker, the first time that it is flown."""
+def kills_its_worker_once(group: tuple[tuple[Cell, int, int], ...]) -> list[list[Row]]:
+    """Blocks of a study; the third of them ends its worker, the first time that it is flown."""
     killed = Path(os.environ[_KILLED])
-    if block[1] == 16 and not killed.exists():
+    if any(first == 16 for _, first, _ in group) and not killed.exists():
         killed.touch()
         os.kill(os.getpid(), signal.SIGKILL)
-    return fly_block(block)
+    return fly(group)
 
 
 @pytest.mark.realtime
@@ -68,7 +68,7 @@ def test_a_cluster_that_loses_a_worker_has_the_same_rows(
     for processes in (1, 2):
         run(tmp_path / f"{processes}.csv", processes)
     monkeypatch.setenv(_KILLED, str(tmp_path / "killed"))
-    monkeypatch.setattr(executor, "_block", kills_its_worker_once)
+    monkeypatch.setattr(executor, "_fly", kills_its_worker_once)
     run(tmp_path / "cluster.csv", 2, "local")
     assert (tmp_path / "killed").exists()
     one = (tmp_path / "1.csv").read_bytes()
@@ -98,7 +98,7 @@ def test_a_csv_file_takes_blocks_in_any_order(tmp_path: Path) -> None:
     want = run(tmp_path / "1.csv", 1)
     file, work = rows_file(tmp_path / "2.csv", STUDY), blocks(STUDY)
     for block in (1, 0, *reversed(range(2, len(work)))):
-        file.add(block, fly_block(work[block]))
+        file.add(block, *fly((work[block],)))
     assert list(read_rows(tmp_path / "2.csv")) == want
 
 

@@ -18,6 +18,7 @@ from swarm_ctl.core.law.graph import components
 from swarm_ctl.core.model.plan import Compensation, LawParameters
 from swarm_ctl.errors import InputError
 from swarm_ctl.mission.compile.loader import load
+from swarm_ctl.study import executor
 from swarm_ctl.study.batch import batch as batch_module
 from swarm_ctl.study.batch.batch import Batch, blocks, connected, draw
 from swarm_ctl.study.batch.batch_flight import fly
@@ -64,6 +65,26 @@ def test_one_process_and_two_write_the_same_file(tmp_path: Path) -> None:
     text = (tmp_path / "1.csv").read_bytes()
     assert text == (tmp_path / "2.csv").read_bytes()
     assert text.count(b"\n") == 1 + 80
+
+
+@pytest.mark.parametrize(
+    "more", [{"safety": ("off", "exchange")}, {"silent": value(0.3)}, {"jitter_s": value(0.1)}]
+)
+def test_rows_do_not_depend_on_what_flies_beside_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, more: dict[str, Any]
+) -> None:
+    """Cells flown one by one, and those that are alike together: byte for byte the same."""
+    cells = {"start": ("random", "crossing"), "slots": ("given", "nearest"), "missions": 10}
+    study = Study.model_validate(SHORT | LATE | cells | more)
+    found = []
+    for pairs in (1, 10**6):
+        monkeypatch.setattr(executor, "_PAIRS", pairs)
+        monkeypatch.setattr(executor, "_SHARES", 1)
+        work = dict(enumerate(blocks(study)))
+        found.append(len(executor._groups(work, 1)))
+        run_study(study, tmp_path / f"{pairs}.csv", 1, silent())
+    assert found == [8 * len(study.safety), 2 * len(study.safety)]
+    assert (tmp_path / "1.csv").read_bytes() == (tmp_path / "1000000.csv").read_bytes()
 
 
 @pytest.mark.usefixtures("small_blocks")
