@@ -54,6 +54,7 @@ class TruthRecorder:
         self._written_s = world.time_s
         self._write(
             "state",
+            sysids=self._sysids,
             ned=world.positions().round(_DECIMALS).tolist(),
             vel=world.velocities().round(_DECIMALS).tolist(),
             armed=[int(x) for x in world.armed()],

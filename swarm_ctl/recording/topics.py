@@ -18,6 +18,7 @@ from swarm_ctl.core.model.messages import (
     AgentStatus,
     Command,
     Event,
+    Phase,
     SigmaReport,
     StationBeacon,
 )
@@ -47,6 +48,9 @@ class SetpointRecord:
     achieved_east_mps: float
 
 
+_PHASES: Final = ", ".join(f"{phase.value} {phase.name.lower()}" for phase in Phase)
+
+
 def plain_schema(kind: type[Any]) -> dict[str, Any]:
     """The JSON Schema of a payload as viewers know it: no references, no unions, one type a node.
 
@@ -59,7 +63,9 @@ def plain_schema(kind: type[Any]) -> dict[str, Any]:
 
 def _plain(node: Any, definitions: Mapping[str, Any]) -> Any:
     if "$ref" in node:
-        return _plain(definitions[node["$ref"].rpartition("/")[2]], definitions)
+        name = node["$ref"].rpartition("/")[2]
+        said = {"description": _PHASES} if name == Phase.__name__ else {}
+        return _plain(definitions[name], definitions) | said
     if "anyOf" in node:
         kinds = [kind for kind in node["anyOf"] if kind.get("type") != "null"]
         return _plain(kinds[0] if len(kinds) == 1 else {"oneOf": kinds}, definitions)
@@ -103,6 +109,7 @@ _TRUTH: Final = {
     "properties": {
         "type": {"type": "string"},
         "t": {"type": "number", "description": "Mission time [s]."},
+        "sysids": _list_of({"type": "integer"}, "Of the vehicles, in the order of all lists."),
         "ned": _list_of(_list_of(_NUMBER), "Per vehicle, north, east, down [m]."),
         "vel": _list_of(_list_of(_NUMBER), "Per vehicle [m/s]."),
         "armed": _list_of({"type": "integer"}, "Per vehicle, 0 or 1."),

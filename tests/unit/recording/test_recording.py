@@ -66,6 +66,14 @@ def record(
     return made
 
 
+def test_a_phase_is_explained_in_the_recording_itself() -> None:
+    """Its numbers by name, for viewers that know no code of ours."""
+    (state,) = (topic.schema for topic in TOPICS if topic.name == "state")
+    said = state["properties"]["phase"]
+    assert said["type"] == "integer"
+    assert "4 fly, 5 hold, 6 land" in said["description"]
+
+
 def test_read_gives_back_what_was_said(tmp_path: Path) -> None:
     """Every payload, in its order, equal in every field; and it folds into a model."""
     said = flight()

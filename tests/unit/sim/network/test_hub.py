@@ -161,6 +161,7 @@ def test_truth_is_readable_at_any_time_and_says_what_the_brief_says(tmp_path: Pa
     assert {k: len(states[0][k]) for k in ("ned", "vel", "armed", "airborne")} == dict.fromkeys(
         ("ned", "vel", "armed", "airborne"), 2
     )
+    assert all(state["sysids"] == [1, 2] for state in states)
     assert states[-1]["armed"] == states[-1]["airborne"] == [1, 0]
     assert states[-1]["ned"][0] == pytest.approx([0.0, 0.0, -3.0], abs=0.2)
     minima = [pair for line in before_end if line["type"] == "min" for pair in line["pairs"]]
