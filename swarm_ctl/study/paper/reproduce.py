@@ -43,6 +43,7 @@ CHOICES: Final = (
     "formed: largest |e_i - mean e| under 0.1 unit for 10 iterations",
     f"not formed: the shape is at rest, all u_i within {AT_REST:g} units of their mean",
     f"a mission whose shape still changes after {LIMIT} iterations counts neither way",
+    "distances: between iterations too, on the straight way from one to the next",
     f"continuous time: Euler steps of {FORMS['continuous']:g} iteration",
     "connectivity kept: every link of the start graph stays within r (Property 1)",
     "not parted, the weaker form: the links that are within r at a moment still hang together",
