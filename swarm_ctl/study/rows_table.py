@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Final
 
 import numpy as np
@@ -32,13 +32,27 @@ def share(hits: int, of: int) -> str:
     return f"{100 * hits / max(of, 1):.3g} % ({100 * low:.3g} to {100 * high:.3g})"
 
 
+def quantile(values: Sequence[float], percent: float) -> str:
+    """`12.3 (11.9 to 13.0)`: a percentile, and its 95 % interval by the ranks that it may have, by
+    the normal approximation of the binomial; an end beyond all values is said to be `?`."""
+    if not values:
+        return "-"
+    ordered, p = sorted(values), percent / 100
+    half = _Z95 * math.sqrt(len(ordered) * p * (1 - p))
+    low, high = (math.floor(len(ordered) * p - half) - 1, math.ceil(len(ordered) * p + half))
+    ends = (f"{ordered[k]:.1f}" if 0 <= k < len(ordered) else "?" for k in (low, high))
+    return f"{np.percentile(ordered, percent):.1f} ({' to '.join(ends)})"
+
+
 def table(study: Study, rows: Iterable[Row], by: tuple[str, ...] = ()) -> Table:
     """One line for each combination of the lists `by`; of what was varied, where not given."""
     names = by or study.varied or ("n", "vehicle")
     cells, groups = study.cells(), defaultdict[tuple[str, ...], list[Row]](list)
     for row in rows:
         groups[tuple(str(getattr(cells[row["cell"]], name)) for name in names)].append(row)
-    title = f"{study.rows} missions, seed {study.seed}; shares with 95 % confidence intervals"
+    title = (
+        f"{study.rows} missions, seed {study.seed}; shares and times with 95 % confidence intervals"
+    )
     found = Table(*names, "missions", title=title)
     columns = [column for column in _COLUMNS if study.with_silent or column[0] not in _SILENT]
     for name, _ in columns:
@@ -68,8 +82,7 @@ def _hit(rows: list[Row]) -> str:
 
 
 def _time(rows: list[Row], q: int) -> str:
-    times = [row["time_s"] for row in _alive(rows) if row["converged"]]
-    return f"{np.percentile(times, q):.1f}" if times else "-"
+    return quantile([row["time_s"] for row in _alive(rows) if row["converged"]], q)
 
 
 _COLUMNS: Final[tuple[tuple[str, Callable[[list[Row]], str]], ...]] = (

@@ -27,7 +27,7 @@ from swarm_ctl.study.executor import run_study
 from swarm_ctl.study.parameter_space import LEVELS, Range, Study, value
 from swarm_ctl.study.rerun import Trace, rerun, write_mission
 from swarm_ctl.study.rows import COLUMNS, read_rows, rows_of
-from swarm_ctl.study.rows_table import table, wilson
+from swarm_ctl.study.rows_table import quantile, table, wilson
 
 SHORT: dict[str, Any] = {"missions": 40, "limit_s": 6.0, "seed": 5}
 
@@ -346,10 +346,22 @@ def test_wilson_against_known_values() -> None:
     assert wilson(0, 0) == (0.0, 1.0)
 
 
+def test_the_interval_of_a_median_holds_it_as_often_as_it_says() -> None:
+    """In 95 % of samples, or a little more; where no value bounds it, the interval says so."""
+    random = np.random.default_rng(1)
+    held = 0
+    for sample in random.uniform(0.0, 1000.0, (1000, 60)):
+        low, high = quantile(list(sample), 50).split("(")[1].rstrip(")").split(" to ")
+        held += float(low) <= 500.0 <= float(high)
+    assert 940 <= held <= 985
+    assert quantile([1.0, 2.0, 3.0], 95) == "2.9 (2.0 to ?)"
+    assert quantile([], 50) == "-"
+
+
 def test_the_table_counts(tmp_path: Path) -> None:
     study = Study.model_validate(SHORT | {"n": (3, 4), "missions": 5})
     run_study(study, tmp_path / "rows.csv", 1, silent())
-    screen = Console(file=io.StringIO(), width=200)
+    screen = Console(file=io.StringIO(), width=240)
     screen.print(table(study, read_rows(tmp_path / "rows.csv")))
     lines = [line.split() for line in screen.file.getvalue().splitlines() if line.startswith("│")]  # type: ignore[attr-defined]
     assert [line[1] for line in lines] == ["3", "4"]
