@@ -45,7 +45,8 @@ def quantile(values: Sequence[float], percent: float) -> str:
 
 
 def table(study: Study, rows: Iterable[Row], by: tuple[str, ...] = ()) -> Table:
-    """One line for each combination of the lists `by`; of what was varied, where not given."""
+    """One line for each combination of the lists `by`, the last varying fastest; of what was
+    varied, where not given."""
     names = by or study.varied or ("n", "vehicle")
     cells, groups = study.cells(), defaultdict[tuple[str, ...], list[Row]](list)
     for row in rows:
@@ -57,7 +58,11 @@ def table(study: Study, rows: Iterable[Row], by: tuple[str, ...] = ()) -> Table:
     columns = [column for column in _COLUMNS if study.with_silent or column[0] not in _SILENT]
     for name, _ in columns:
         found.add_column(name, justify="right")
-    for key, group in groups.items():
+    places = [list(map(str, getattr(study, name))) for name in names]
+    for key in sorted(
+        groups, key=lambda key: [p.index(v) for p, v in zip(places, key, strict=True)]
+    ):
+        group = groups[key]
         found.add_row(*key, str(len(group)), *(tell(group) for _, tell in columns))
     return found
 

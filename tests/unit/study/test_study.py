@@ -55,11 +55,23 @@ LATE: dict[str, Any] = {
     "delay_s": (Range(low=0.0, high=0.2),),
     "loss": (Range(low=0.0, high=0.3),),
 }
+UNEQUAL: dict[str, Any] = {
+    "spread": "agent",
+    "lag_s": "0.2:0.9",
+    "dead_time_s": "0.1:0.8",
+    "acceleration_mps2": "1:4",
+    "late_s": "0:0.2",
+    "jitter_s": "0:0.3",
+    "burst_s": "0:0.5",
+    "silent": 0.5,
+    "silent_agents": "1:2",
+}
+"""What each agent, message and link has for itself."""
 
 
 def test_one_process_and_two_write_the_same_file(tmp_path: Path) -> None:
     """Byte for byte, late and lost news included."""
-    study = Study.model_validate(SHORT | LATE)
+    study = Study.model_validate(SHORT | LATE | UNEQUAL)
     for processes in (1, 2):
         run_study(study, tmp_path / f"{processes}.csv", processes, silent())
     text = (tmp_path / "1.csv").read_bytes()
@@ -109,11 +121,13 @@ def test_another_study_is_not_mixed_in(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("vehicle", ["ideal", "lag", "ardupilot", "px4"])
-def test_a_row_flown_alone_is_the_row(tmp_path: Path, vehicle: str) -> None:
-    """To the last digit, for every kind of vehicle."""
-    study = Study.model_validate(
-        SHORT | LATE | {"vehicle": (vehicle,), "missions": 12, "limit_s": 3.0}
-    )
+@pytest.mark.parametrize("unequal", [{}, UNEQUAL], ids=["alike", "unequal"])
+def test_a_row_flown_alone_is_the_row(
+    tmp_path: Path, vehicle: str, unequal: dict[str, Any]
+) -> None:
+    """To the last digit, for every kind of vehicle; deaths, jitter and bursts, too."""
+    few = {"vehicle": (vehicle,), "missions": 12, "limit_s": 3.0}
+    study = Study.model_validate(SHORT | LATE | unequal | few)
     path = tmp_path / "rows.csv"
     run_study(study, path, 1, silent())
     for row in (0, 5, 17):
@@ -366,3 +380,15 @@ def test_the_table_counts(tmp_path: Path) -> None:
     lines = [line.split() for line in screen.file.getvalue().splitlines() if line.startswith("│")]  # type: ignore[attr-defined]
     assert [line[1] for line in lines] == ["3", "4"]
     assert [line[3] for line in lines] == ["5", "5"]
+
+
+def test_the_table_s_lines_are_in_the_order_that_is_asked_for(tmp_path: Path) -> None:
+    """Not in the order in which cells are flown, and as the study lists its values."""
+    study = Study.model_validate(SHORT | {"n": (3, 4), "safety": ("off", "filter"), "missions": 2})
+    run_study(study, tmp_path / "rows.csv", 1, silent())
+    screen = io.StringIO()
+    rows = read_rows(tmp_path / "rows.csv")
+    Console(file=screen, width=250).print(table(study, rows, ("safety", "n")))
+    lines = [line.split() for line in screen.getvalue().splitlines() if line.startswith("│")]
+    want = [["off", "3"], ["off", "4"], ["filter", "3"], ["filter", "4"]]
+    assert [[line[1], line[3]] for line in lines] == want
