@@ -61,8 +61,8 @@ DELTA_A_AT_MOST: Final = 0.3
 DELTA_L_AT_MOST: Final = 2.2
 H_AT_MOST: Final = 0.05
 """Larger values weaken the repulsion, or outrun it. Of 900 random missions without the safety
-filter 1 came under r_in (0.465 units) with all three at these values; 4, 3 and 3 with one of them at
-delta_a 1, delta_l 2.5 or h 0.06, and 70 and 137 with delta_a 5 or h 0.2
+filter 1 came under r_in (0.465 units) with all three at these values; 4, 3 and 3 with one of them
+at delta_a 1, delta_l 2.5 or h 0.06, and 70 and 137 with delta_a 5 or h 0.2
 (`python -m tests.bench.bench_gains`, as all figures here)."""
 H_SAFE_AT_MOST: Final = 0.2
 RATE_AT_MOST: Final = 2.0
