@@ -212,7 +212,7 @@ def study(
     }
     said = study_file(file, _those(given))
     plan = said.study
-    names = _varied(said.by, plan)
+    names = _varied(said.by, plan) if by else tuple(n for n in said.by if n in plan.varied)
     _check_extras(out, processes, cluster)
     run_study(plan, out, processes, console, cluster)
     wide = console if console.is_terminal else PlainConsole(width=280)

@@ -9,9 +9,10 @@ from typing import Any
 import pytest
 from typer.main import get_command
 
-from swarm_ctl.cli.main import app
+from swarm_ctl.cli.main import app, main
 from swarm_ctl.errors import InputError
 from swarm_ctl.study.parameter_space import Range, Study
+from swarm_ctl.study.rows import read_rows
 from swarm_ctl.study.study_file import study_file
 
 STUDIES = sorted((Path(__file__).parents[3] / "studies").glob("*.yaml"))
@@ -73,6 +74,22 @@ def test_the_help_tells_the_defaults_that_are_flown() -> None:
         assert getattr(given, names[0]) == fields[names[0]].default, option.name
         checked += 1
     assert checked >= 27
+
+
+def test_the_command_flies_a_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its rows have its name; a list that an option makes one value is no line of the table."""
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path / "few.yaml", "n: 2,3\nh: 0.1,0.2\nmissions: 2\nlimit_s: 1\nby: h,n\n")
+    arguments = ["swarm-ctl", "study", "few.yaml", "--n", "3", "--processes", "1"]
+    monkeypatch.setattr("sys.argv", arguments)
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code in (0, None)
+    rows = list(read_rows(tmp_path / "few.csv"))
+    assert [(row["n"], row["h"]) for row in rows] == [(3, 0.1), (3, 0.1), (3, 0.2), (3, 0.2)]
+    assert "rows: few.csv" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("path", STUDIES, ids=lambda path: path.stem)
