@@ -22,7 +22,7 @@ from swarm_ctl.study.rows import Row, rows_file, rows_of
 _Block: TypeAlias = tuple[Cell, int, int]
 _PAIRS: Final = 600_000
 """Of agents that fly in one batch, at most ..."""
-_SHARES: Final = 4
+_SHARES: Final = 2
 """... but so many batches for each worker, so that all end at about the same time."""
 _ELSEWHERE: Final = 64
 """Workers that a cluster is taken to have."""
