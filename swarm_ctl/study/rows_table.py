@@ -93,9 +93,9 @@ def _time(rows: list[Row], q: int) -> str:
 _COLUMNS: Final[tuple[tuple[str, Callable[[list[Row]], str]], ...]] = (
     ("under r_in", lambda rows: _share_of(rows, "collided")),
     ("smallest", lambda rows: f"{min(row['smallest_units'] for row in rows):.3f}"),
-    ("silent one hit", _hit),
+    ("a silent one hit", _hit),
     ("formed", lambda rows: _share_of(_alive(rows), "converged")),
-    ("formed, one silent", lambda rows: _share_of(_with_silent(rows), "converged")),
+    ("formed, some silent", lambda rows: _share_of(_with_silent(rows), "converged")),
     ("stuck", lambda rows: _share_of(_alive(rows), "stuck")),
     ("median s", lambda rows: _time(rows, 50)),
     ("p95 s", lambda rows: _time(rows, 95)),
@@ -110,4 +110,4 @@ _COLUMNS: Final[tuple[tuple[str, Callable[[list[Row]], str]], ...]] = (
 )
 """Times and what formed: of missions in which no agent died; `one that fits` are links whose slots
 fit in 0.9 r."""
-_SILENT: Final = ("silent one hit", "formed, one silent")
+_SILENT: Final = ("a silent one hit", "formed, some silent")
