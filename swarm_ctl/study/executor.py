@@ -20,7 +20,7 @@ from swarm_ctl.study.parameter_space import Cell, Study
 from swarm_ctl.study.rows import Row, rows_file, rows_of
 
 _Block: TypeAlias = tuple[Cell, int, int]
-_PAIRS: Final = 600_000
+_PAIRS: Final = 400_000
 """Of agents that fly in one batch, at most ..."""
 _SHARES: Final = 2
 """... but so many batches for each worker, so that all end at about the same time."""
