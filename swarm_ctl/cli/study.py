@@ -88,7 +88,11 @@ def study(
         Given, _ranges("True acceleration limit of the vehicles `lag`, in m/s2.", 2.8)
     ] = None,
     late: Annotated[
-        Given, _ranges("So much later all vehicles answer, unknown to agents, in seconds.", 0)
+        Given,
+        _ranges("So much later all vehicles answer, unknown to agents, in seconds; or earlier.", 0),
+    ] = None,
+    lag_error: Annotated[
+        Given, _ranges("So much longer the true lag is, unknown to agents; or shorter.", 0)
     ] = None,
     spread: Annotated[
         Given,
@@ -137,11 +141,22 @@ def study(
         int | None, option("NUMBER", "Fly this row of --out again, alone.", min=0)
     ] = None,
     picture: Annotated[
-        Path | None, option("FILE", "With --row: draw it, as .gif (animated) or .png.")
+        Path | None, option("FILE", "With --row or --search: draw it, as .gif (animated) or .png.")
     ] = None,
     mission: Annotated[
-        Path | None, option("FILE", "With --row: write it as a mission for `run`.")
+        Path | None, option("FILE", "With --row or --search: write it as a mission for `run`.")
     ] = None,
+    search: Annotated[
+        Goal | None,
+        option(
+            "GOAL",
+            "Search for the worst mission over all lists and ranges: smallest (distance), silent"
+            " (distance to a dead agent's vehicle), slowest, link (torn).",
+        ),
+    ] = None,
+    budget: Annotated[
+        int, option("MISSIONS", "Of --search; as many are drawn plainly beside it.", min=1)
+    ] = 10_000,
 ) -> None:
     """Fly thousands of missions in one go, in numpy.
 
@@ -161,6 +176,7 @@ def study(
         swarm-ctl study --delay 0:0.2 --loss 0:0.2 --out late.csv
         swarm-ctl study --out late.csv --row 4711 --picture 4711.gif
         swarm-ctl study --n 2:50 --cluster local --out wide.parquet
+        swarm-ctl study studies/search.yaml --search smallest --budget 20000 --mission worst.yaml
     """
     from swarm_ctl.study.executor import run_study
     from swarm_ctl.study.rows import read_rows
@@ -168,7 +184,10 @@ def study(
     from swarm_ctl.study.study_file import study_file
 
     console = PlainConsole()
-    out = out or Path(f"{file.stem if file else 'study'}.csv")
+    if row is not None and search is not None:
+        raise InputError("--search: not with --row, which is one mission")
+    name = file.stem if file else "study"
+    out = out or Path(f"{name}-{search}.csv" if search else f"{name}.csv")
     if row is not None:
         _rerun(out, row, picture, mission, console)
         return
@@ -194,6 +213,7 @@ def study(
         "dead_time_s": dead_time,
         "acceleration_mps2": acceleration,
         "late_s": late,
+        "lag_error_s": lag_error,
         "spread": spread,
         "model_lag_s": model_lag,
         "model_dead_time_s": model_dead_time,
@@ -212,6 +232,11 @@ def study(
     }
     said = study_file(file, _those(given))
     plan = said.study
+    if search is not None:
+        _check_extras(out, processes, cluster)
+        found = search_worst(plan, search, budget, out, processes, cluster, console)
+        _rerun(out, found, picture, mission, console)
+        return
     names = _varied(said.by, plan) if by else tuple(n for n in said.by if n in plan.varied)
     _check_extras(out, processes, cluster)
     run_study(plan, out, processes, console, cluster)

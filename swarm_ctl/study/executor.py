@@ -6,7 +6,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Final, TypeAlias
 
@@ -59,6 +59,15 @@ def run_study(
                 " from here"
             )
             raise
+
+
+def fly_studies(
+    studies: Sequence[Study], processes: int | None, cluster: str | None = None
+) -> Iterator[list[Row]]:
+    """The rows of studies of one block each, in their order."""
+    work = {k: block for k, study in enumerate(studies) for block in blocks(study)}
+    rows = dict(_flown(work, processes, cluster))
+    yield from (rows[k] for k in work)
 
 
 def _missions(work: Iterable[_Block]) -> int:

@@ -43,7 +43,10 @@ LISTS: Final = (
     *("n", "shape", "slots", "start", "compensation", "vehicle", "safety"),
     *("speed_mps", "spread", *MODEL),
 )
-AGENT_RANGES: Final = ("lag_s", "dead_time_s", "acceleration_mps2", "delay_s", "late_s")
+AGENT_RANGES: Final = (
+    *("lag_s", "dead_time_s", "acceleration_mps2", "delay_s", "late_s"),
+    "lag_error_s",
+)
 """What the vehicles truly do, and how late an agent's states arrive."""
 FIRST_RANGES: Final = (
     *("h", "kappa", "lag_s", "dead_time_s", "delay_s"),
@@ -51,7 +54,9 @@ FIRST_RANGES: Final = (
 )
 LATER_RANGES: Final = ("acceleration_mps2", "jitter_s", "burst_s", "silent_agents", "late_s")
 """Drawn after all else: so a new one leaves the missions of older studies as they were."""
-RANGES: Final = (*FIRST_RANGES, *LATER_RANGES)
+RANGES: Final = (*FIRST_RANGES, *LATER_RANGES, "lag_error_s")
+SIGNED: Final = ("late_s", "lag_error_s")
+"""Errors, which may be negative, too."""
 _FIRMWARE: Final = ("ardupilot", "px4")
 
 
@@ -76,9 +81,9 @@ class Range(BaseModel):
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
-        if not 0 <= self.low <= self.high:
+        if self.low > self.high:
             raise ValueError(
-                f"{self.low:g}:{self.high:g} is not a range; allowed: LOW:HIGH, 0 <= LOW <= HIGH"
+                f"{self.low:g}:{self.high:g} is not a range; allowed: LOW:HIGH, LOW <= HIGH"
             )
         return self
 
@@ -166,6 +171,7 @@ class Cell(_Common):
     burst_s: Range
     silent_agents: Range
     late_s: Range
+    lag_error_s: Range
 
     @property
     def model(self) -> Response:
@@ -234,7 +240,7 @@ class Study(_Common):
     """The true acceleration limit of the vehicles `lag`."""
     late_s: tuple[Range, ...] = value(0.0)
     """So much later each vehicle answers, firmwares too, without its agent's knowledge: a slow way
-    from the agent to the autopilot."""
+    from the agent to the autopilot. Under 0: earlier, at most by the dead time."""
     delay_s: tuple[Range, ...] = value(0.0)
     """How old an agent's states are when they arrive."""
     jitter_s: tuple[Range, ...] = value(0.0)
@@ -256,6 +262,9 @@ class Study(_Common):
     flies its last command until its own failsafe stops it, and stays."""
     silent_agents: tuple[Range, ...] = value(1.0)
     """How many agents die in these missions; under 1, which share of them. One lives."""
+    lag_error_s: tuple[Range, ...] = value(0.0)
+    """So much longer than `lag_s` each lag of the vehicles `lag` is, without its agent's knowledge;
+    under 0: shorter."""
 
     @field_validator(*LISTS, *RANGES, mode="before")
     @classmethod
@@ -264,6 +273,14 @@ class Study(_Common):
         if isinstance(given, str):
             return given.split(",")
         return [given] if isinstance(given, int | float | Range | None) else given
+
+    @field_validator(*(name for name in RANGES if name not in SIGNED))
+    @classmethod
+    def _not_negative(cls, spans: tuple[Range, ...]) -> tuple[Range, ...]:
+        for span in spans:
+            if span.low < 0:
+                raise ValueError(f"{span} is negative; allowed: LOW:HIGH, 0 <= LOW <= HIGH")
+        return spans
 
     @field_validator("n", mode="before")
     @classmethod

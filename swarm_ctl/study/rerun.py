@@ -178,8 +178,8 @@ def _vehicle(k: int, batch: Batch) -> dict[str, Any]:
     entry = {"id": k + 1, "sysid": k + 1, "response": asdict(cell.model)}
     if cell.vehicle == "lag":
         true = {
-            "dead_time_s": float(batch.dead_time_s[k, 0] + batch.late_s[k, 0]),
-            "lag_s": float(batch.lag_s[k, 0]),
+            "dead_time_s": float(batch.true_dead_time_s[k, 0]),
+            "lag_s": float(batch.true_lag_s[k, 0]),
             "acceleration_mps2": float(batch.acceleration_mps2[k, 0]),
         }
         return entry | {"autopilot": "ardupilot", "simulated_response": true}

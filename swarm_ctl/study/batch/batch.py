@@ -37,6 +37,7 @@ _JITTER: Final = 0.05
 _DIES_BY_S: Final = 20.0
 _FACING: Final = 1.5
 """Between the two columns of a crossing, in spacings."""
+_LEAST_LAG_S: Final = 1e-3
 OPPOSITE: Final = ("crossing", "antipodal")
 TABLE_II: Final = ((14, 16), (12, 12), (10, 18), (6, 12), (6, 16), (14, 10))
 
@@ -57,9 +58,10 @@ class Batch:
     h: Floats
     kappa: Floats
     lag_s: Floats
-    """(n, m), by vehicle or sender, as are the next four."""
+    """(n, m), by vehicle or sender, as are the next five."""
     dead_time_s: Floats
     late_s: Floats
+    lag_error_s: Floats
     acceleration_mps2: Floats
     delay_s: Floats
     jitter_s: Floats
@@ -78,6 +80,16 @@ class Batch:
     def silent_from(self, tick_s: float) -> Floats:
         """The tick from which each agent is silent, (n, m)."""
         return np.rint(self.silent_s / tick_s)
+
+    @property
+    def true_lag_s(self) -> Floats:
+        """With its error (n, m)."""
+        return np.maximum(self.lag_s + self.lag_error_s, _LEAST_LAG_S)
+
+    @property
+    def true_dead_time_s(self) -> Floats:
+        """From a command to the answer of a vehicle `lag`, lateness included (n, m)."""
+        return np.maximum(self.dead_time_s + self.late_s, 0.0)
 
     def __len__(self) -> int:
         return len(self.row)
@@ -135,7 +147,10 @@ def draw(cell: Cell, first: int, count: int) -> Batch:
     agent, when = random.integers(cell.n, size=count), random.uniform(0.0, _DIES_BY_S, count)
     values |= {name: _draw(getattr(cell, name), count, random) for name in LATER_RANGES}
     silent_s = _deaths(np.where(dies, agent, -1), when, values.pop("silent_agents"), cell.n, random)
-    values |= {name: _by_agent(cell, name, values[name], random) for name in AGENT_RANGES}
+    for name in AGENT_RANGES:
+        # the lag's error last of all: studies without one have the same missions as ever
+        drawn = values[name] if name in values else _draw(getattr(cell, name), count, random)
+        values[name] = _by_agent(cell, name, drawn, random)
     return Batch(
         cell=cell,
         row=cell.index * cell.missions + first + np.arange(count),

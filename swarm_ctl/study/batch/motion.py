@@ -103,7 +103,7 @@ class VehicleMotion:
         self._state.landed[:] = False
         self._state.ground[:] = 0.0
         self._state.wind[..., :2] = (_direction(batch.wind_from_rad) * -batch.wind_mps).T[:, None]
-        dead = batch.late_s + (batch.dead_time_s if cell.vehicle == "lag" else 0.0)
+        dead = batch.true_dead_time_s if cell.vehicle == "lag" else batch.late_s.clip(0.0)
         self._late = np.rint(dead.T / cell.tick_s).astype(np.intp)
         ahead = (
             pending(self._model, cell.tick_s) if cell.compensation is Compensation.STOP_POINT else 0
@@ -176,7 +176,7 @@ def _response(batch: Batch) -> VelocityResponse:
         case "px4":
             return firmware.Px4Response()
         case _:
-            return LagResponse(batch.lag_s.T, batch.acceleration_mps2.T, batch.cell.tick_s)
+            return LagResponse(batch.true_lag_s.T, batch.acceleration_mps2.T, batch.cell.tick_s)
 
 
 def _direction(angle_rad: Floats) -> Floats:
