@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
@@ -147,7 +148,7 @@ def study(
         Path | None, option("FILE", "With --row or --search: write it as a mission for `run`.")
     ] = None,
     search: Annotated[
-        Goal | None,
+        str | None,
         option(
             "GOAL",
             "Search for the worst mission over all lists and ranges: smallest (distance), silent"
@@ -234,7 +235,7 @@ def study(
     plan = said.study
     if search is not None:
         _check_extras(out, processes, cluster)
-        found = search_worst(plan, search, budget, out, processes, cluster, console)
+        found = _search(plan, search, budget, out, processes, cluster, console)
         _rerun(out, found, picture, mission, console)
         return
     names = _varied(said.by, plan) if by else tuple(n for n in said.by if n in plan.varied)
@@ -267,6 +268,35 @@ def _varied(names: tuple[str, ...], study: Study) -> tuple[str, ...]:
         varied = ", ".join(study.varied) or "nothing"
         raise InputError(f"--by {unknown[0]}: is not varied here; allowed: {varied}")
     return names
+
+
+def _search(
+    plan: Study,
+    goal: str,
+    budget: int,
+    out: Path,
+    processes: int | None,
+    cluster: str | None,
+    console: PlainConsole,
+) -> int:
+    """Its row at `out`, which becomes the study of the worst mission's region."""
+    from swarm_ctl.study.executor import fly_studies, run_study
+    from swarm_ctl.study.search import Goal, worst
+
+    if goal not in [*Goal]:
+        raise InputError(f"--search {goal}: allowed: {', '.join(Goal)}")
+    if out.exists():
+        raise InputError(f"{out}: is there already; choose another --out")
+    fly = partial(fly_studies, processes=processes, cluster=cluster)
+    found = worst(plan, Goal(goal), budget, fly, say=console.say)
+    plain = worst(plan, Goal(goal), budget, fly, narrow=False)
+    console.say(f"searched, {budget} missions: {Goal(goal).told(found.row)}")
+    console.say(f"plain random sampling, {budget} missions: {Goal(goal).told(plain.row)}")
+    deeper = max(found, plain, key=lambda find: find.badness)
+    run_study(deeper.study, out, processes, console, cluster)
+    row = int(deeper.row["row"])
+    console.say(f"the worse one again: swarm-ctl study --out {out} --row {row}")
+    return row
 
 
 def _rerun(

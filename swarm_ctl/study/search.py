@@ -124,7 +124,7 @@ def worst(
     fly: Fly,
     *,
     narrow: bool = True,
-    say: Callable[[str], None] = lambda text: None,
+    say: Callable[[str], None] | None = None,
 ) -> Find:
     """The worst mission found.
 
@@ -134,7 +134,7 @@ def worst(
         budget: missions to fly.
         fly: flies regions.
         narrow: else all regions are drawn from the whole study: plain random sampling.
-        say: takes a line after each round.
+        say: takes a line after each round, if there is one.
     """
     random = np.random.default_rng([study.seed, int(narrow)])
     size = int(np.clip(budget // (_ROUNDS * _REGIONS), *_MISSIONS))
@@ -157,7 +157,7 @@ def worst(
             bad = goal.badness(ordered[0])
             if best is None or bad > best.badness:
                 best = Find(part, ordered[0], bad)
-        if best is not None:
+        if best is not None and say is not None:
             say(f"{budget - left} of {budget} missions: {goal.told(best.row)}")
     if best is None:
         raise ValueError(f"budget {budget}: allowed: 1 or more")
@@ -174,7 +174,7 @@ def _next_regions(
     parents = sorted(flown, key=lambda part: part.badness, reverse=True)[:quarter]
     regions = [_drawn(study, random) for _ in range(fresh)]
     for k in range(count - fresh):
-        child = _around(study, parents[k % len(parents)])
+        child = _around(parents[k % len(parents)])
         regions.append(_changed(study, child, random) if random.random() < 0.5 else child)
     return regions
 
@@ -198,12 +198,11 @@ def _changed(study: Study, region: Region, random: np.random.Generator) -> Regio
     return replace(region, chosen={**region.chosen, name: entry}, spans=spans)
 
 
-def _around(study: Study, part: _Flown) -> Region:
+def _around(part: _Flown) -> Region:
     """The region's ranges narrowed to its elites."""
     region = part.region
-    return replace(
-        region, spans={name: _narrowed(name, region, part.elites) for name in RANGES}
-    )
+    spans = {name: _narrowed(name, region, part.elites) for name in RANGES}
+    return replace(region, spans=spans)
 
 
 def _narrowed(name: str, region: Region, elites: Sequence[Row]) -> Range:

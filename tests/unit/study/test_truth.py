@@ -23,7 +23,8 @@ UNEQUAL: dict[str, Any] = {
     "dead_time_s": (Range(low=0.0, high=0.8),),
     "acceleration_mps2": (Range(low=1.0, high=4.0),),
     "delay_s": (Range(low=0.0, high=0.3),),
-    "late_s": (Range(low=0.0, high=0.2),),
+    "late_s": (Range(low=-0.3, high=0.2),),
+    "lag_error_s": (Range(low=-0.2, high=0.2),),
     "limit_s": 2.0,
 }
 
@@ -68,10 +69,10 @@ def test_each_vehicle_answers_as_it_is() -> None:
         speeds.append(motion._state.velocity[..., 0].T.copy())
     speed = np.array(speeds)
     moves = (speed > 0).argmax(axis=0)
-    assert (moves == np.rint((batch.dead_time_s + batch.late_s) / tick_s)).all()
+    assert (moves == np.rint(np.maximum(batch.dead_time_s + batch.late_s, 0.0) / tick_s)).all()
     want = np.zeros((4, 12))
     for tick in range(60):
-        share = -np.expm1(-tick_s / batch.lag_s)
+        share = -np.expm1(-tick_s / np.maximum(batch.lag_s + batch.lag_error_s, 0.001))
         gain = np.minimum((2.0 - want) * share, batch.acceleration_mps2 * tick_s)
         want = np.where(tick >= moves, want + gain, 0.0)
         assert speed[tick] == pytest.approx(want, abs=1e-9)

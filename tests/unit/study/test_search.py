@@ -1,0 +1,171 @@
+"""The search for a study's worst mission: deeper than plain random sampling, the same each time,
+and what it finds flies again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from swarm_ctl.cli.main import main
+from swarm_ctl.mission.compile.loader import load
+from swarm_ctl.study.batch.batch import blocks, draw
+from swarm_ctl.study.batch.batch_flight import BatchResult
+from swarm_ctl.study.executor import fly_studies
+from swarm_ctl.study.parameter_space import Study
+from swarm_ctl.study.rerun import rerun
+from swarm_ctl.study.rows import Row, rows_of
+from swarm_ctl.study.search import Goal, worst
+from swarm_ctl.study.study_file import study_file
+
+PLANTED = Study.model_validate(
+    {"n": "2:5", "delay_s": "0:0.2", "late_s": "-0.5:0.5", "h": "0.05:0.2", "loss": "0:0.2"}
+)
+
+
+def planted(studies: Sequence[Study]) -> Iterator[list[Row]]:
+    """Missions as a study draws them, not flown: the nearer they are to a corner of two ranges of
+    four agents, the nearer the agents come."""
+    for study in studies:
+        ((cell, first, count),) = blocks(study)
+        batch, result = draw(cell, first, count), BatchResult.blank(count)
+        off = np.hypot((0.5 - batch.late_s[0]) / 1.0, (0.2 - batch.delay_s[0]) / 0.2)
+        result.smallest[:] = 0.5 + off if cell.n == 4 else 2.0
+        yield rows_of(batch, result)
+
+
+@pytest.mark.parametrize("seed", range(1, 6))
+def test_a_planted_worst_case_is_found_deeper_than_by_random_sampling(seed: int) -> None:
+    """A corner of two of four ranges, for one number of agents of four; as many missions."""
+    study = PLANTED.model_copy(update={"seed": seed})
+    found = worst(study, Goal.SMALLEST, 2000, planted)
+    plain = worst(study, Goal.SMALLEST, 2000, planted, narrow=False)
+    assert found.row["n"] == 4
+    assert found.row["smallest_units"] - 0.5 < 0.5 * (plain.row["smallest_units"] - 0.5)
+
+
+BARE = Study.model_validate(
+    {
+        **{"n": 4, "slots": "random", "safety": "off", "limit_s": 12, "model_lag_s": 0.5},
+        **{"h": "0.005:0.02", "kappa": "4:20", "late_s": "0:0.5", "lag_s": "0.1:0.8"},
+        "area": "8:20",
+    }
+)
+
+
+def flown(studies: Sequence[Study]) -> Iterator[list[Row]]:
+    """In this process."""
+    return fly_studies(studies, 1)
+
+
+def test_flown_missions_come_nearer_than_by_random_sampling() -> None:
+    """The law without the filter, which keeps most of these missions apart: the more the gain, the
+    rate and the vehicles' lateness, the less."""
+    found = worst(BARE, Goal.SMALLEST, 512, flown)
+    plain = worst(BARE, Goal.SMALLEST, 512, flown, narrow=False)
+    assert found.row["smallest_units"] < 0.8 * plain.row["smallest_units"]
+    assert found.row["kappa_per_s"] > 10
+
+
+@pytest.mark.parametrize("goal", Goal)
+def test_the_rounds_spend_the_budget_and_get_worse(goal: Goal) -> None:
+    """Not a mission more; each line tells the worst so far."""
+    spent, told = [], []
+
+    def fly(studies: Sequence[Study]) -> Iterator[list[Row]]:
+        spent.extend(study.missions for study in studies)
+        return flown(studies)
+
+    study = BARE.model_copy(update={"n": (2,), "limit_s": 2.0})
+    found = worst(study, goal, 50, fly, say=told.append)
+    assert sum(spent) == 50
+    assert told[-1] == f"50 of 50 missions: {goal.told(found.row)}"
+    assert found.badness == goal.badness(found.row)
+
+
+def test_what_is_worse() -> None:
+    """Nearer; not formed at all; a torn link that fits before the longest link."""
+    study = BARE.model_copy(update={"n": (2,), "limit_s": 1.0})
+    (row,) = next(flown([study.model_copy(update={"missions": 1})]))
+    pairs = [
+        (Goal.SMALLEST, {"smallest_units": 0.4}, {"smallest_units": 0.5}),
+        (Goal.SILENT, {"smallest_silent_units": 9.0}, {"smallest_silent_units": float("inf")}),
+        (Goal.SLOWEST, {"converged": 0, "time_s": 9.0}, {"converged": 1, "time_s": 99.0}),
+        (Goal.SLOWEST, {"converged": 1, "time_s": 9.0}, {"converged": 1, "time_s": 8.0}),
+        (Goal.LINK, {"kept_broken": 1}, {"kept_broken": 0, "longest_link_units": 50.0}),
+    ]
+    for goal, worse, better in pairs:
+        assert goal.badness(row | worse) > goal.badness(row | better)
+
+
+def test_the_rows_are_the_same_on_any_number_of_processes() -> None:
+    """And in the studies' order."""
+    studies = [
+        BARE.model_copy(update={"n": (n,), "limit_s": 1.0, "missions": 3, "seed": n})
+        for n in (2, 5, 3)
+    ]
+    assert list(fly_studies(studies, 2)) == list(flown(studies))
+
+
+def test_what_agents_believe_stays_when_ranges_get_narrow() -> None:
+    """The middle of the whole true range, as in the study, not of the narrowed one."""
+    believed = set[float]()
+
+    def fly(studies: Sequence[Study]) -> Iterator[list[Row]]:
+        believed.update(cell.model.lag_s for study in studies for cell in study.cells())
+        assert studies[0].lag_s[0].low >= 0.2
+        return flown(studies)
+
+    study = Study.model_validate({"n": 2, "lag_s": "0.2:0.8", "limit_s": 1.0})
+    worst(study, Goal.SMALLEST, 64, fly)
+    assert believed == {0.5}
+
+
+def command(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> object:
+    """The exit code of `swarm-ctl study`."""
+    monkeypatch.setattr("sys.argv", ["swarm-ctl", "study", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    return ended.value.code
+
+
+def test_the_command_leaves_a_row_that_flies_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Both figures are told; the row is in a file of its own, as a picture and as a mission."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "few.yaml").write_text("n: 2,3\nlate_s: -0.5:0.5\nmissions: 9\nlimit_s: 2\n")
+    given = ["few.yaml", "--search", "smallest", "--budget", "32", "--processes", "1"]
+    files = ["--mission", "worst.yaml", "--picture", "worst.png"]
+    assert command(monkeypatch, *given, *files) in (0, None)
+    told = capsys.readouterr().out
+    assert "searched, 32 missions: smallest distance" in told
+    assert "plain random sampling, 32 missions: smallest distance" in told
+    number = int(told.split("--row ")[1].split()[0])
+    again = rerun(tmp_path / "few-smallest.csv", number)
+    assert again.row == again.before
+    assert f"{again.row['smallest_units']:.3f} units" in told
+    assert (tmp_path / "worst.png").stat().st_size > 0
+    assert len(load(tmp_path / "worst.yaml").fleet.agents) == again.row["n"]
+    assert command(monkeypatch, *given) == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "wrong"),
+    [
+        (["--search", "nearest"], "allowed: smallest, silent, slowest, link"),
+        (["--search", "link", "--row", "3"], "not with --row"),
+    ],
+)
+def test_what_cannot_be_searched_is_refused(
+    arguments: list[str],
+    wrong: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert command(monkeypatch, *arguments) == 2
+    assert wrong in "".join(capsys.readouterr())
