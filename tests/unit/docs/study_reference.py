@@ -43,14 +43,39 @@ swarm-ctl study --out mix.csv --row 11 --picture 11.gif --mission 11.yaml
 `model_dead_time_s` and `model_acceleration_mps2` are what the agents believe; stop points and the
 filter's margins are made of them. A model that is not given is the middle of the true range. So **a
 single true value without a model is a perfect model**, and `dead_time_s: 0:1` is a model of 0.5 s
-with an error of up to 0.5 s either way. Vehicles that answer as a firmware (`ardupilot`, `px4`)
-have the autopilot's typical model, unless one is given.
+with an error of up to 0.5 s either way. An error by itself, whatever the model, is `late_s` (of the
+dead time) or `lag_error_s`; both may be negative. Vehicles that answer as a firmware (`ardupilot`,
+`px4`) have the autopilot's typical model, unless one is given.
 
 With `spread: mission` all vehicles of a mission are alike, so an error has one sign in the whole
 swarm. With `spread: agent` each agent draws its own lag, dead time, acceleration and delay.
 
 A row as a mission (`--mission`) flies what the row flew as far as a mission can carry it; the
 command names what is lost.
+
+## The worst case
+
+```sh
+swarm-ctl study studies/search.yaml --search smallest --budget 20000
+```
+
+`--search` finds the worst mission over all lists and ranges of a study within `--budget` missions:
+
+| goal | worst is |
+|---|---|
+| `smallest` | the smallest distance of two live agents |
+| `silent` | the smallest distance of a live agent to the vehicle of a silent one |
+| `slowest` | not formed, with the largest error; else the longest time to form |
+| `link` | most links torn whose slots fit; where none is, the longest link |
+
+Missions fly in regions: one value of each list, a part of each range. After a first round all over
+the study, a quarter of the regions is drawn from all of it again. The others are the worst regions
+so far, narrowed to their worst missions, half of them with one list's value drawn anew. As many
+missions drawn plainly are flown beside them, and both figures are told: where sampling found the
+worse one, the search has not shown anything. A search proves nothing about what it did not fly.
+
+The find is a row of a study of its region, at `--out`. With `--picture` and `--mission`, or later by
+`--row`, it flies again as a picture and as a mission, which `run` flies with processes. The same command finds the same row on any number of processes.
 """
 
 
