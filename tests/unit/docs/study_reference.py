@@ -74,8 +74,9 @@ so far, narrowed to their worst missions, half of them with one list's value dra
 missions drawn plainly are flown beside them, and both figures are told: where sampling found the
 worse one, the search has not shown anything. A search proves nothing about what it did not fly.
 
-The find is a row of a study of its region, at `--out`. With `--picture` and `--mission`, or later by
-`--row`, it flies again as a picture and as a mission, which `run` flies with processes. The same command finds the same row on any number of processes.
+The find is a row of a study of its region, at `--out`. With `--picture` and `--mission`, or later
+by `--row`, it flies again as a picture and as a mission, which `run` flies with processes. The same
+command finds the same row on any number of processes.
 """
 
 
