@@ -48,7 +48,8 @@ def stop_points(
     """
     commands = _complex(commands_mps)
     acting = (commands[..., k] for k in range(commands.shape[-1]))
-    x = _coast(_complex(position_m), _complex(velocity_mps), acting, dt_s, vehicle, np.maximum)
+    coast = Coast(vehicle, dt_s, np.maximum)
+    x = coast.rest(_complex(position_m), _complex(velocity_mps), acting)
     return np.stack((x.real, x.imag), axis=-1)
 
 
@@ -61,7 +62,7 @@ def stop_point(
 ) -> Point:
     """`stop_points` for one vehicle."""
     acting = (complex(*command) for command in commands_mps)
-    x = _coast(complex(*position_m), complex(*velocity_mps), acting, dt_s, vehicle, max)
+    x = Coast(vehicle, dt_s).rest(complex(*position_m), complex(*velocity_mps), acting)
     return x.real, x.imag
 
 
@@ -83,25 +84,30 @@ def pending(vehicle: Response, dt_s: float) -> int:
     return round(vehicle.dead_time_s / dt_s)
 
 
-def _coast(
-    x: Any,
-    v: Any,
-    commands: Iterable[Any],
-    dt_s: float,
-    vehicle: Response,
-    most: Callable[[Any, Any], Any],
-) -> Any:
-    """Fly the commands that are under way, then stop. Complex scalars with `max`, arrays with
+class Coast:
+    """How the model flies setpoints and comes to rest. Complex scalars with `max`, arrays with
     `np.maximum`."""
-    share = -math.expm1(-dt_s / vehicle.lag_s)
-    bound = vehicle.acceleration_mps2 * dt_s
-    for command in commands:
-        dv = (command - v) * share
-        dv = dv * (bound / most(abs(dv), bound))
-        x = x + dt_s * (v + 0.5 * dv)
-        v = v + dv
-    speed = abs(v)
-    return x + v * (stop_distance(speed, vehicle, most) / most(speed, 1e-12))
+
+    def __init__(
+        self, vehicle: Response, dt_s: float, most: Callable[[Any, Any], Any] = max
+    ) -> None:
+        self._vehicle, self._dt_s, self._most = vehicle, dt_s, most
+        self._share = -math.expm1(-dt_s / vehicle.lag_s)
+        self._bound = vehicle.acceleration_mps2 * dt_s
+
+    def tick(self, x: Any, v: Any, acting: Any) -> tuple[Any, Any]:
+        """Place and velocity after `dt_s`, once `acting` acts."""
+        dv = (acting - v) * self._share
+        dv = dv * (self._bound / self._most(abs(dv), self._bound))
+        return x + self._dt_s * (v + 0.5 * dv), v + dv
+
+    def rest(self, x: Any, v: Any, under_way: Iterable[Any]) -> Any:
+        """Where it rests after the setpoints that are under way, oldest first."""
+        for acting in under_way:
+            x, v = self.tick(x, v, acting)
+        speed = abs(v)
+        distance = stop_distance(speed, self._vehicle, self._most)
+        return x + v * (distance / self._most(speed, 1e-12))
 
 
 def _complex(vectors: Floats) -> Complex:

@@ -52,6 +52,9 @@ class Response:
     dead_time_s: float = 0.4
     lag_s: float = 0.5
     acceleration_mps2: float = 2.8
+    doubt_s: float = 0.5
+    """Dead time and lag together may differ by this from the vehicle's own; `swarm-ctl measure`
+    finds less."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,8 +12,8 @@ import numpy as np
 
 from sim.physics import response as firmware
 from sim.physics.kinematics import Array, Demands, MotionState, VelocityResponse, advance
-from swarm_ctl.core.law.stop_point import pending, stop_points
-from swarm_ctl.core.model.arrays import Bools, Floats, Indices, keep_missions
+from swarm_ctl.core.law.response_estimate import ResponseEstimate
+from swarm_ctl.core.model.arrays import MANY, Bools, Complex, Floats, Indices, keep_missions
 from swarm_ctl.core.model.plan import Compensation
 from swarm_ctl.study.batch.batch import Batch
 
@@ -94,7 +94,6 @@ class VehicleMotion:
     def __init__(self, batch: Batch) -> None:
         cell = batch.cell
         self._cell, self._unit_m, self._tick_s = cell, cell.unit_m, cell.tick_s
-        self._model = cell.model
         self._response: VelocityResponse = _response(batch)
         place = np.zeros((len(batch), cell.n, 3))
         place[..., :2] = batch.starts.transpose(2, 1, 0) * cell.unit_m
@@ -105,13 +104,12 @@ class VehicleMotion:
         self._state.wind[..., :2] = (_direction(batch.wind_from_rad) * -batch.wind_mps).T[:, None]
         dead = batch.true_dead_time_s if cell.vehicle == "lag" else batch.late_s.clip(0.0)
         self._late = np.rint(dead.T / cell.tick_s).astype(np.intp)
-        ahead = (
-            pending(self._model, cell.tick_s) if cell.compensation is Compensation.STOP_POINT else 0
-        )
-        self._own = ahead
-        self._commands = np.zeros((max(ahead, int(self._late.max()) + 1), len(batch), cell.n, 2))
+        self._commands = np.zeros((int(self._late.max()) + 1, len(batch), cell.n, 2))
         """The last ones, newest last [m/s]."""
         self._acting = self._places()
+        blank = np.zeros((len(batch), cell.n), dtype=np.complex128)
+        self.estimate = ResponseEstimate(cell.model, cell.tick_s, blank, MANY)
+        """What each agent believes of its own vehicle."""
 
     @property
     def position(self) -> Floats:
@@ -125,12 +123,9 @@ class VehicleMotion:
         """Stop points, or positions without compensation."""
         if self._cell.compensation is Compensation.NONE:
             return self.position
-        under_way = np.moveaxis(self._commands[len(self._commands) - self._own :], 0, -2)
         state = self._state
-        found = stop_points(
-            state.position[..., :2], state.velocity[..., :2], under_way, self._tick_s, self._model
-        )
-        return self._units(found)
+        found = self.estimate.stop_point(_complex(state.position), _complex(state.velocity))
+        return np.stack((found.real.T, found.imag.T)) / self._unit_m
 
     def move(self, wish: Floats) -> None:
         wanted = (wish * self._unit_m).transpose(2, 1, 0)
@@ -138,6 +133,7 @@ class VehicleMotion:
         limit = self._cell.speed_mps
         self._commands[:-1] = self._commands[1:]
         self._commands[-1] = wanted * (limit / np.maximum(speed, limit))[..., None]
+        self.estimate.sent(_complex(self._commands[-1]))
         demands = Demands.idle(self._state)
         demands.lift[:] = True
         demands.velocity[..., :2] = self._commands.reshape(-1, 2).take(self._acting, axis=0)
@@ -152,6 +148,7 @@ class VehicleMotion:
         self._late = self._late[missions]
         self._commands = np.ascontiguousarray(self._commands[:, missions])
         self._acting = self._places()
+        self.estimate.only(missions)
         if isinstance(self._response, LagResponse):
             self._response.only(missions)
 
@@ -177,6 +174,12 @@ def _response(batch: Batch) -> VelocityResponse:
             return firmware.Px4Response()
         case _:
             return LagResponse(batch.true_lag_s.T, batch.acceleration_mps2.T, batch.cell.tick_s)
+
+
+def _complex(vectors: Array) -> Complex:
+    """North and east of (m, n, 2 or 3)."""
+    combined: Complex = vectors[..., 0] + 1j * vectors[..., 1]
+    return combined
 
 
 def _direction(angle_rad: Floats) -> Floats:

@@ -1,0 +1,164 @@
+"""How late the own vehicle answers, estimated in flight, and its stop point with that.
+
+The model (`core/law/stop_point.py`) is flown beside the vehicle by the same setpoints. A vehicle
+that answers later by `late_s` falls behind the model by `late_s` times its velocity, whether dead
+time or lag is longer. So `late_s` is a regression of the one on the other, with what is slow (wind,
+an estimate that wanders) taken out of both:
+
+    behind = x_model - x,  late_s = sum(behind . v) / (sum(|v|^2) + 0.5)
+
+It counts as dead time: then the vehicle comes to rest farther on by the setpoints that the model
+takes for flown and the vehicle has yet to fly. What it can't be (less than no dead time) is taken
+from the lag.
+
+`doubt_s` bounds what is left of the error. It starts with the model's own doubt and falls as the
+vehicle moves, so an agent that has not flown yet is careful near others (`core/safety/constraints`).
+
+Written once for one vehicle and for arrays of them (`core/model/arrays.py`); metres, seconds.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+
+from swarm_ctl.core.law.stop_point import Coast, pending
+from swarm_ctl.core.model.arrays import ONE, Arithmetic, Indices
+from swarm_ctl.core.model.plan import Response
+
+LATEST_S: Final = 1.0
+"""A vehicle that answers later than its model by more than this is not compensated for more."""
+SLOW_S: Final = 3.0
+"""Changes that take longer than this are not the response's."""
+_UNTRUSTED_M2PS: Final = 0.5
+"""So much motion [m^2/s] halves the doubt: 1 m/s for half a second."""
+_KEPT_M2PS: Final = 30.0
+"""Older motion than this is forgotten in its favour."""
+_LEAST_DOUBT_S: Final = 0.05
+_JUMP_M: Final = 1.0
+"""A position that moves so far in one tick was corrected, not flown."""
+
+
+class ResponseEstimate:
+    """Of one vehicle, or of arrays of them.
+
+    Args:
+        model: what is believed at first.
+        tick_s: between two setpoints.
+        blank: zero of the right shape: `0j`, or an array.
+        of: `MANY` for arrays.
+    """
+
+    def __init__(
+        self, model: Response, tick_s: float, blank: Any = 0j, of: Arithmetic = ONE
+    ) -> None:
+        self._model, self._tick_s, self._of = model, tick_s, of
+        self._blank = blank
+        self._coast = Coast(model, tick_s, of.most)
+        self._pending = pending(model, tick_s)
+        self._history = round(LATEST_S / tick_s) + self._pending + 2
+        self._moved = self._agreed = abs(blank)
+        self.late_s = abs(blank)
+        """The vehicle answers later than the model by this; less than 0: earlier."""
+        self.doubt_s = abs(blank) + model.doubt_s
+        """The vehicle's response differs by at most this from model and `late_s`."""
+        self.restart()
+
+    @property
+    def response_s(self) -> Any:
+        """From a setpoint to the flown velocity: dead time and lag together."""
+        return self._model.dead_time_s + self._model.lag_s + self.late_s
+
+    def restart(self) -> None:
+        """Other setpoints than the told ones move the vehicle, or none. The estimate stays."""
+        self._place: Any = None
+        """Of the vehicle that flies as the model does; None: not begun."""
+        self._velocity = self._blank
+        self._slow_behind = self._slow_velocity = self._blank
+        self._behind = self._blank
+        self._sums = _Sums(self._history, self._blank)
+        self._ahead = [self._blank] * self._pending
+        """The setpoints that the model has yet to fly, oldest first."""
+
+    def sent(self, setpoint: Any) -> None:
+        """A setpoint [m/s] was sent: the model flies one tick."""
+        self._sums.add(setpoint * self._tick_s)
+        self._ahead.append(setpoint)
+        acting = self._ahead.pop(0)
+        if self._place is not None:
+            self._place, self._velocity = self._coast.tick(self._place, self._velocity, acting)
+
+    def stop_point(self, position: Any, velocity: Any) -> Any:
+        """Where the vehicle would come to rest, from where it is now [m], [m/s]."""
+        self._compare(position, velocity)
+        late_s = self.late_s + self._model.dead_time_s
+        dead_s = self._of.most(0.0, late_s)
+        more = self._sums.ago(self._pending) - self._sums.ago(dead_s / self._tick_s)
+        quicker_s = late_s - dead_s
+        rest = self._coast.rest(position, velocity, self._ahead)
+        return rest + more + quicker_s * velocity
+
+    def _compare(self, position: Any, velocity: Any) -> None:
+        """Take one tick into the estimate."""
+        if self._place is None:
+            self._place, self._velocity = position, velocity
+            self._slow_velocity = velocity
+        before, self._behind = self._behind, self._place - position
+        moving = 0.5 * (velocity + self._velocity)
+        # a jump moves the level that it starts from as well
+        jumped = abs(self._behind - before) > _JUMP_M
+        self._slow_behind = self._slow_behind + self._of.where(jumped, self._behind - before, 0j)
+        behind, moves = self._behind - self._slow_behind, moving - self._slow_velocity
+        share = self._tick_s / SLOW_S
+        self._slow_behind = self._slow_behind + behind * share
+        self._slow_velocity = self._slow_velocity + moves * share
+        moved = self._moved + (moves * moves.conjugate()).real * self._tick_s
+        agreed = self._agreed + (behind * moves.conjugate()).real * self._tick_s
+        kept = _KEPT_M2PS / self._of.most(moved, _KEPT_M2PS)
+        self._moved, self._agreed = moved * kept, agreed * kept
+        sure = 1.0 / (self._moved + _UNTRUSTED_M2PS)
+        self.late_s = self._of.least(LATEST_S, self._of.most(-LATEST_S, self._agreed * sure))
+        least = min(_LEAST_DOUBT_S, self._model.doubt_s)
+        self.doubt_s = least + (self._model.doubt_s - least) * _UNTRUSTED_M2PS * sure
+
+    def only(self, missions: Any) -> None:
+        """Go on with some of the missions, the first axis of arrays."""
+        for name, value in vars(self).items():
+            if isinstance(value, np.ndarray):
+                setattr(self, name, np.ascontiguousarray(value[missions]))
+        self._ahead = [np.ascontiguousarray(setpoint[missions]) for setpoint in self._ahead]
+        self._sums.only(missions)
+
+
+class _Sums:
+    """Sums of what was added, by how long ago."""
+
+    def __init__(self, length: int, blank: Any) -> None:
+        self._at = 0
+        self._many = isinstance(blank, np.ndarray)
+        self._sums: Any = np.array([blank] * length) if self._many else [blank] * length
+
+    def add(self, step: Any) -> None:
+        """One more."""
+        newest = self._sums[self._at]
+        self._at = (self._at + 1) % len(self._sums)
+        self._sums[self._at] = newest + step
+
+    def ago(self, ticks: Any) -> Any:
+        """The sum as it was so many ticks ago; between ticks on the straight line."""
+        whole = ticks // 1.0
+        part = ticks - whole
+        if isinstance(whole, np.ndarray):
+            places = whole.astype(np.intp)
+            return self._of(places) * (1.0 - part) + self._of(places + 1) * part
+        count, at = len(self._sums), self._at - int(whole)
+        return self._sums[at % count] * (1.0 - part) + self._sums[(at - 1) % count] * part
+
+    def _of(self, ago: Indices) -> Any:
+        row = (self._at - ago) % len(self._sums)
+        return np.take_along_axis(self._sums, row[None], axis=0)[0]
+
+    def only(self, missions: Any) -> None:
+        """Go on with some of the missions."""
+        self._sums = np.ascontiguousarray(self._sums[:, missions])
