@@ -32,14 +32,14 @@ from swarm_ctl.core.model.messages import (
 )
 from swarm_ctl.errors import PayloadError
 
-VERSION: Final = 3
+VERSION: Final = 4
 P = TypeVar("P")
 
-_STATE: Final = struct.Struct("<BBHIdQHB3d3f2d2f2d3fBBIII8h")
+_STATE: Final = struct.Struct("<BBHIdQHB3d3f2d2f2d3f2fBBIII8h")
 """version, flags, agent, seq, time_s, plan_hash, step, phase, position_ned_m, velocity_ned_mps,
-stop_point_m, setpoint_mps, frame (point_m, angle_rad, scale, rate, leg), stage, override,
-gains_tag, next_gains_tag, exchange. Flags: bit 0 done, bit 1 airborne, bit 2 frame (else its
-fields are 0)."""
+stop_point_m, setpoint_mps, frame (point_m, angle_rad, scale, rate), response_s, doubt_s, frame.leg,
+stage, override, gains_tag, next_gains_tag, exchange. Flags: bit 0 done, bit 1 airborne, bit 2 frame
+(else its fields are 0)."""
 _DONE, _AIRBORNE, _FRAME = 1, 2, 4
 _CLOCK: Final = struct.Struct("<BHd?")
 """version, agent, time_s, asks"""
@@ -88,26 +88,27 @@ def _encode_state(s: AgentState) -> bytes:
     frame = s.frame or _NO_FRAME
     head = (VERSION, flags, s.agent, s.seq, s.time_s, s.plan_hash, s.step, s.phase)
     motion = (*s.position_ned_m, *s.velocity_ned_mps, *s.stop_point_m, *s.setpoint_mps)
-    shared = (*frame.point_m, frame.angle_rad, frame.scale, frame.rate, min(frame.leg, 255))
+    shared = (*frame.point_m, frame.angle_rad, frame.scale, frame.rate)
+    response = (s.response_s, s.doubt_s, min(frame.leg, 255))
     progress = (s.stage, s.override, s.gains_tag, s.next_gains_tag)
-    return _STATE.pack(*head, *motion, *shared, *progress, *_exchange_fields(s.exchange))
+    return _STATE.pack(*head, *motion, *shared, *response, *progress, *_exchange_fields(s.exchange))
 
 
 def _decode_state(data: bytes) -> AgentState:
     values = _STATE.unpack(data)
     _, flags, agent, seq, time_s, plan_hash, step, phase = values[:8]
     # One sum for all floats: it is not finite if one of them is not.
-    if not math.isfinite(sum(values[8:23], time_s)):
+    if not math.isfinite(sum(values[8:25], time_s)):
         raise ValueError("a number is not finite")
     done, airborne, has_frame = flags & _DONE, flags & _AIRBORNE, flags & _FRAME
     head = (agent, seq, time_s, plan_hash, Phase(phase), step, bool(done), bool(airborne))
     # Position and velocity (north, east, down), stop point and command (north, east).
     motion = (values[8:11], values[11:14], values[14:16], values[16:18])
-    angle_rad, scale, rate, leg = values[20:24]
+    angle_rad, scale, rate, response_s, doubt_s, leg = values[20:26]
     frame = Frame(values[18:20], angle_rad, scale, leg, rate) if has_frame else None
-    stage, command, law, next_law, *exchange = values[24:]
+    stage, command, law, next_law, *exchange = values[26:]
     progress = (stage, command, law, next_law)
-    return AgentState(*head, *motion, frame, *progress, _exchange(*exchange))
+    return AgentState(*head, *motion, frame, *progress, _exchange(*exchange), response_s, doubt_s)
 
 
 def _encode_clock(news: ClockNews) -> bytes:

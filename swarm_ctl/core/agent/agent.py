@@ -209,7 +209,7 @@ class Agent:
         self._notes += inbox.view.notes
         fix = self._navigator.fix(inbox.view, now)
         if fix is not None:
-            context.controller.locate(fix)
+            context.controller.locate(fix, now)
         snapshot = peers.snapshot(now, inbox.view.contacts, context.controller.point_m)
         self._attention.run(now)
         return Tick(now, inbox.view, fix, snapshot, self._station, self._attention)
@@ -372,6 +372,8 @@ class Agent:
             gain_update.tag,
             gain_update.decided,
             context.slot_exchange.exchange,
+            context.controller.estimate.response_s,
+            context.controller.estimate.doubt_s,
         )
 
     def _publish_slow(self, tick: Tick, inbox: Inbox, actions: Actions) -> None:

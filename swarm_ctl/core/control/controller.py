@@ -7,15 +7,15 @@ Horizontal vectors inside are complex numbers north + 1j * east [m, m/s].
 from __future__ import annotations
 
 import math
-from collections import deque
 from dataclasses import replace
 
 import numpy as np
 
 from swarm_ctl.core.control.law_input import LawInput, LawInputBuilder, flies_along
 from swarm_ctl.core.control.navigation import OwnFix
-from swarm_ctl.core.law import formation_law, mean_error_feedback, stop_point
+from swarm_ctl.core.law import formation_law, mean_error_feedback
 from swarm_ctl.core.law.laws import law_of
+from swarm_ctl.core.law.response_estimate import ResponseEstimate
 from swarm_ctl.core.model.messages import Gains, PairReport, SigmaReport
 from swarm_ctl.core.model.plan import Compensation, Plan, Point, Response
 from swarm_ctl.core.model.timeouts import lead_s
@@ -26,6 +26,8 @@ from swarm_ctl.core.swarm.snapshot import NO_FORMATION, Formation, PeerSnapshot
 _APPROACH_RATE = 1.0
 """[1/s] of the room that is left: how fast a wish may approach an aircraft that does not fly along.
 Stop points need no more."""
+_SKIPPED = 10
+"""Ticks: after more of them the vehicle itself has stopped (`SETPOINT_TIMEOUT_S`)."""
 _COMPLEX = np.array([1.0, 1.0j])
 """Turns (north, east) into north + 1j * east by a matrix product."""
 
@@ -33,20 +35,19 @@ _COMPLEX = np.array([1.0, 1.0j])
 class Controller:
     """One agent's horizontal control.
 
-    Remembers its last setpoints, for the stop point, and the law's last result, for the report.
+    Remembers how the vehicle follows, for its stop point, and the law's last result, for the
+    report.
     `vehicle` is how the own vehicle answers a setpoint.
     """
 
     def __init__(self, plan: Plan, own_id: int, vehicle: Response) -> None:
         self._plan = plan
-        self._vehicle = vehicle
         self._own = own_id
         self._law_input = LawInputBuilder(plan, own_id)
         self._formation_law = law_of(plan.law)
-        self.safety_filter = SafetyFilter(plan, own_id, vehicle)
-        delayed = stop_point.pending(vehicle, plan.tick_s)
-        self._sent: deque[Point] = deque([(0.0, 0.0)] * delayed, maxlen=delayed)
-        """Setpoints that are still in the vehicle's dead time."""
+        self.estimate = ResponseEstimate(vehicle, plan.tick_s)
+        self._located_s = math.inf
+        self.safety_filter = SafetyFilter(plan, own_id, vehicle, self.estimate)
         self.set_gains(Gains(plan.law.delta_a, plan.law.delta_l, plan.law.h, plan.kappa))
         self._result: formation_law.LawResult | None = None
         self._others: LawInput | None = None
@@ -74,12 +75,19 @@ class Controller:
         """Pair-ticks by sigma status since the start."""
         return dict(zip(formation_law.STATUSES, self._tally.tolist(), strict=True))
 
-    def locate(self, fix: OwnFix) -> None:
-        """Work out the own stop point for this tick."""
-        north, east, _ = fix.position_ned_m
-        self.stop_point_m = stop_point.stop_point(
-            (north, east), fix.velocity_ned_mps[:2], self._sent, self._plan.tick_s, self._vehicle
-        )
+    def locate(self, fix: OwnFix, now: float) -> None:
+        """Work out the own stop point for the tick at `now` [s]."""
+        # in ticks that were skipped, the vehicle has flown on with the last setpoint
+        skipped = round(max(0.0, now - self._located_s) / self._plan.tick_s) - 1
+        if skipped > _SKIPPED:
+            self.estimate.restart()
+        else:
+            for _ in range(skipped):
+                self.estimate.sent(complex(*self.setpoint_mps))
+        self._located_s = now
+        (north, east, _), (v_north, v_east, _) = fix.position_ned_m, fix.velocity_ned_mps
+        point = self.estimate.stop_point(complex(north, east), complex(v_north, v_east))
+        self.stop_point_m = (point.real, point.imag)
         plain = self._plan.compensation is Compensation.NONE
         self.point_m = (north, east) if plain else self.stop_point_m
 
@@ -116,12 +124,13 @@ class Controller:
     def rest(self) -> None:
         """No setpoint of ours moves the vehicle in this tick."""
         self._result = None
-        self.send(0j)
+        self.setpoint_mps = (0.0, 0.0)
+        self.estimate.restart()
 
     def send(self, setpoint: complex) -> None:
         """Remember this tick's setpoint: it acts after the dead time."""
         self.setpoint_mps = (setpoint.real, setpoint.imag)
-        self._sent.append(self.setpoint_mps)
+        self.estimate.sent(setpoint)
 
     # --- parts ---
 

@@ -1,18 +1,19 @@
 """How late the own vehicle answers, estimated in flight, and its stop point with that.
 
 The model (`core/law/stop_point.py`) is flown beside the vehicle by the same setpoints. A vehicle
-that answers later by `late_s` falls behind the model by `late_s` times its velocity, whether dead
-time or lag is longer. So `late_s` is a regression of the one on the other, with what is slow (wind,
-an estimate that wanders) taken out of both:
+that answers `late_s` later than the model falls behind it by `late_s` times its velocity, whether
+its dead time or its lag is longer. So `late_s` is a regression of the one on the other, with what
+is slow (wind, a position that wanders) taken out of both:
 
-    behind = x_model - x,  late_s = sum(behind . v) / (sum(|v|^2) + 0.5)
+    late_s = sum(behind . v) / (sum(|v|^2) + 0.5 m^2/s), behind = x_model - x
 
-It counts as dead time: then the vehicle comes to rest farther on by the setpoints that the model
-takes for flown and the vehicle has yet to fly. What it can't be (less than no dead time) is taken
-from the lag.
+It counts as dead time: the vehicle comes to rest farther on by the setpoints that the model takes
+for flown and the vehicle has yet to fly. Where that would be less than no dead time, the rest is
+taken from the lag.
 
 `doubt_s` bounds what is left of the error. It starts with the model's own doubt and falls as the
-vehicle moves, so an agent that has not flown yet is careful near others (`core/safety/constraints`).
+vehicle moves, so an agent that has not flown yet is careful near others
+(`core/safety/constraints.py`).
 
 Written once for one vehicle and for arrays of them (`core/model/arrays.py`); metres, seconds.
 """
@@ -71,7 +72,7 @@ class ResponseEstimate:
         return self._model.dead_time_s + self._model.lag_s + self.late_s
 
     def restart(self) -> None:
-        """Other setpoints than the told ones move the vehicle, or none. The estimate stays."""
+        """No setpoint that was told moves the vehicle. The estimate stays."""
         self._place: Any = None
         """Of the vehicle that flies as the model does; None: not begun."""
         self._velocity = self._blank

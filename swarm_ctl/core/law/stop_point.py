@@ -18,7 +18,7 @@ from typing import Any, Final
 import numpy as np
 
 from swarm_ctl.core.model.arrays import Complex, Floats
-from swarm_ctl.core.model.plan import Point, Response
+from swarm_ctl.core.model.plan import Response
 
 TYPICAL: Final = {
     "ardupilot": Response(dead_time_s=0.4, lag_s=0.62, acceleration_mps2=2.8),
@@ -51,19 +51,6 @@ def stop_points(
     coast = Coast(vehicle, dt_s, np.maximum)
     x = coast.rest(_complex(position_m), _complex(velocity_mps), acting)
     return np.stack((x.real, x.imag), axis=-1)
-
-
-def stop_point(
-    position_m: Point,
-    velocity_mps: Point,
-    commands_mps: Iterable[Point],
-    dt_s: float,
-    vehicle: Response,
-) -> Point:
-    """`stop_points` for one vehicle."""
-    acting = (complex(*command) for command in commands_mps)
-    x = Coast(vehicle, dt_s).rest(complex(*position_m), complex(*velocity_mps), acting)
-    return x.real, x.imag
 
 
 def stop_distance(speed_mps: Any, vehicle: Response, most: Callable[[Any, Any], Any] = max) -> Any:

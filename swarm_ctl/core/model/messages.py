@@ -153,6 +153,11 @@ class AgentState:
     next_gains_tag: int = 0
     """The gain update that is decided and waits for its time; 0: none."""
     exchange: ExchangeState = NO_EXCHANGE
+    response_s: float = 0.0
+    """From a setpoint to the flown velocity: dead time and lag, as estimated in flight
+    (`core/law/response_estimate.py`)."""
+    doubt_s: float = 0.0
+    """By how much that may be off."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -44,6 +44,8 @@ class BatchHeard:
     """The news is at most `FRESH_S` old."""
     yields: Bools
     """It does its half of keeping apart."""
+    response_s: Floats
+    """From a setpoint to its flown velocity, as it tells."""
 
     def of_pairs(self, receiver: Indices, sender: Indices, mission: Indices) -> BatchHeard:
         """What single pairs know, (K,)."""
@@ -52,7 +54,11 @@ class BatchHeard:
             return taken(known, receiver, sender, mission)
 
         return BatchHeard(
-            at(self.setpoint), at(self.age_at_most_s), at(self.fresh), at(self.yields)
+            at(self.setpoint),
+            at(self.age_at_most_s),
+            at(self.fresh),
+            at(self.yields),
+            at(self.response_s),
         )
 
 
@@ -66,6 +72,10 @@ class BatchPeers:
     """The senders', as they were told (2, n or 1, n, m)."""
     heard: BatchHeard
     """(n or 1, n, m)."""
+    doubt_s: Floats
+    """Each receiver's of its own response (n, m)."""
+    response_s: Floats
+    """Each receiver's own (n, m)."""
 
     def apart(self, receiver: Indices, sender: Indices, mission: Indices) -> Complex:
         """The receiver's stop point minus the sender's, of single pairs (K,)."""
@@ -151,9 +161,10 @@ class BatchSafetyFilter:
         normal, bound, room = constraints.keep_out_plane(
             peers.apart(i, j, mission), i < j, heard, margins, MANY
         )
-        least_room = np.full(wish.size, np.inf)
-        np.minimum.at(least_room, agent, room)
-        cap = constraints.cap(least_room, margins, MANY)
+        own = (peers.doubt_s[i, mission], peers.response_s[i, mission])
+        unsure_s = constraints.unsure(*own, heard, MANY)
+        cap = np.full(wish.size, margins.speed)
+        np.minimum.at(cap, agent, constraints.cap(room, unsure_s, margins, MANY))
         soft = np.zeros(len(agent), dtype=np.bool_)
         if self._safety.guard:
             # and one, soft, for each guarded link that is long

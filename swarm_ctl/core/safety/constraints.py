@@ -4,7 +4,8 @@ For each other aircraft j that may be near, `q` points to the own stop point fro
 that j's may have reached, and `x = |q|`:
 
     q/x . v >= min(0.5 v_max, -RATE share (x - D_j))               keep-out: `keep_out_plane`
-    |v| <= slow + (v_max - slow) (x - D_j) / zone                  caution near D: `cap`
+    |v| <= slow + min((v_max - slow) (x - D_j) / zone, sqrt(2 a (x - D_j))),
+    |v| <= (spare + x - D_j) / (2 unsure)                          caution near D: `cap`
     -q/x . v >= min(0.45 v_max, -0.5 (0.98 r - x) + undone)        guard of a link: `guard_plane`
 
 `core/safety/velocity_qp.py` finds the velocity nearest to the wish that satisfies them all. What is
@@ -17,7 +18,7 @@ complex number north + 1j * east, in any one unit of length.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import Any, Final, Protocol
 
 from swarm_ctl.core.model.arrays import ONE, Arithmetic
@@ -41,6 +42,16 @@ _LAG_ERROR: Final = 1.2
 """Vehicles may lag so much more than their model says."""
 _SPARE: Final = 1.15
 """By this much the proven bound of two cautious vehicles lies over r_in."""
+_TURNS: Final = 0.25
+"""A limit `a` of acceleration delays a turn at speed `v` as a further lag of this times `v / a`
+would. Without it, vehicles that answer fast and accelerate slowly came within 0.44 units; with it
+the swaps of docs/pages/safety.md form some per cent later."""
+_LEFT: Final = 1.1
+"""In r_in: what is left between two vehicles whose stop points are off by all that is doubted."""
+_LATER: Final = 0.5
+"""Share of the difference between two responses that the quicker vehicle makes up for."""
+_UNSURE_S: Final = 1.5
+"""Farther out than a vehicle flies in this time, less what D spares, doubt slows no vehicle."""
 _ESCAPE: Final = 0.5
 """Of the top speed: the most that a keep-out asks for where two are under D."""
 _GUARD_RATE: Final = 1.0
@@ -81,10 +92,14 @@ class Heard(Protocol):
     def yields(self) -> Any:
         """It does its half of keeping apart."""
 
+    @property
+    def response_s(self) -> Any:
+        """From a setpoint to its flown velocity, as it tells; 0 where it tells none."""
+
 
 @dataclass(frozen=True, slots=True)
 class Margins:
-    """The filter's lengths and speeds, in one unit of length."""
+    """The filter's lengths, speeds and acceleration, in one unit of length."""
 
     keep_out: float
     """D for fresh news."""
@@ -98,30 +113,41 @@ class Margins:
     """The top speed."""
     r: float
     """Interaction range."""
+    spare: float
+    """Of D, what doubt of the own response may use up."""
+    braking: float
+    """Acceleration that is counted on to stop."""
 
     @classmethod
-    def of(cls, law: LawParameters, response: Response, speed: float, unit: float = 1.0) -> Margins:
-        """For vehicles with this response.
-
-        Args:
-            law: r, r_in and r_out in the law's units.
-            response: of the vehicles.
-            speed: the limit.
-            unit: length of a law's unit; `speed` and the result count in the same length.
-        """
-        span = (law.r_out - law.r_in) * unit
-        keep_out = law.r_in * unit + _KEEP_OUT * span
-        # W of the proven bound D F(W tau / D) = _SPARE r_in, half of it for each of two vehicles
-        widest = (
-            _widest(_SPARE * law.r_in * unit / keep_out) * keep_out / (_LAG_ERROR * response.lag_s)
+    def of(cls, law: LawParameters, response: Response, speed_mps: float, unit_m: float) -> Margins:
+        """For vehicles with this response, in metres; lengths of `law` are units of `unit_m`."""
+        r_in, span = law.r_in * unit_m, (law.r_out - law.r_in) * unit_m
+        keep_out, most = r_in + _KEEP_OUT * span, response.acceleration_mps2
+        # the proven bound D F(2 v tau / D) = _SPARE r_in, with tau = lag + _TURNS v / most
+        widest = 0.5 * _widest(_SPARE * r_in / keep_out) * keep_out
+        lag_s = _LAG_ERROR * response.lag_s
+        slow = 2.0 * widest / (lag_s + math.sqrt(lag_s * lag_s + 4.0 * _TURNS / most * widest))
+        return cls(
+            keep_out,
+            _GROWTH * span,
+            _ZONE * span,
+            min(slow, speed_mps),
+            speed_mps,
+            law.r * unit_m,
+            keep_out - _LEFT * r_in,
+            most,
         )
-        slow = min(0.5 * widest, speed)
-        return cls(keep_out, _GROWTH * span, _ZONE * span, slow, speed, law.r * unit)
+
+    def in_units(self, unit_m: float) -> Margins:
+        """The same in units."""
+        return Margins(*(value / unit_m for value in astuple(self)))
 
     @property
     def reach(self) -> float:
         """Beyond D plus this, an aircraft that does its half constrains nothing."""
-        return max(self.zone, self.speed / (0.5 * RATE))
+        stops = (self.speed - self.slow) ** 2 / (2.0 * self.braking)
+        doubted = _UNSURE_S * self.speed - self.spare
+        return max(self.zone, self.speed / (0.5 * RATE), stops, doubted)
 
     @property
     def farthest(self) -> float:
@@ -171,10 +197,32 @@ def keep_out_plane(
     return q / of.most(x, 1e-12), of.least(_ESCAPE * margins.speed, -RATE * share * room), room
 
 
-def cap(room: Any, margins: Margins, of: Arithmetic = ONE) -> Any:
-    """Speed allowed with this much room to the nearest keep-out."""
-    share = of.least(1.0, of.most(0.0, room) / margins.zone)
-    return margins.slow + (margins.speed - margins.slow) * share
+def cap(room: Any, unsure_s: Any, margins: Margins, of: Arithmetic = ONE) -> Any:
+    """Speed allowed with this much room to a keep-out.
+
+    Args:
+        room: x - D.
+        unsure_s: the own stop point is off by at most this times the own speed (`unsure`).
+        margins: lengths and speeds.
+        of: `MANY` for arrays.
+    """
+    room = of.most(0.0, room)
+    share = of.least(1.0, room / margins.zone)
+    turns = margins.slow + (margins.speed - margins.slow) * share
+    # each of two vehicles may use up half of what lies between D and r_in
+    sure = (margins.spare + room) / of.most(2.0 * unsure_s, 1e-3)
+    stops = margins.slow + (2.0 * margins.braking * room) ** 0.5
+    return of.least(of.least(turns, stops), of.least(sure, margins.speed))
+
+
+def unsure(doubt_s: Any, response_s: Any, other: Heard, of: Arithmetic = ONE) -> Any:
+    """For how long [s] the own vehicle may fly on unforeseen, seen by another aircraft.
+
+    Its own response is not known better than `doubt_s`; and where the other answers later, its
+    position still is where its stop point was, while the own one is there already.
+    """
+    later_s = of.most(0.0, other.response_s - response_s)
+    return doubt_s + _LATER * later_s
 
 
 def carried(apart: Any, other: Heard, of: Arithmetic = ONE) -> Any:

@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from swarm_ctl.core.law.response_estimate import ResponseEstimate
 from swarm_ctl.core.model.messages import SafetyReport
 from swarm_ctl.core.model.plan import Plan, Point, Response
 from swarm_ctl.core.model.timeouts import NEIGHBOUR_S
@@ -28,7 +29,8 @@ class _KeepOuts:
     planes: list[Plane]
     ids: list[int]
     """The aircraft that each plane keeps away from."""
-    least_room_m: float
+    cap_mps: float
+    """Speed allowed with these aircraft near."""
     stranger_near: bool
     """An aircraft that does not fly along is so close that the common velocity has to give way."""
 
@@ -36,12 +38,15 @@ class _KeepOuts:
 class SafetyFilter:
     """Chooses the velocity that one agent flies, and counts what it changes.
 
-    `vehicle` is how the own vehicle answers a setpoint.
+    `vehicle` is how the own vehicle answers a setpoint, `estimate` what the flight says of that.
     """
 
-    def __init__(self, plan: Plan, own_id: int, vehicle: Response) -> None:
+    def __init__(
+        self, plan: Plan, own_id: int, vehicle: Response, estimate: ResponseEstimate
+    ) -> None:
         self._plan = plan
         self._own = own_id
+        self.estimate = estimate
         self._margins = Margins.of(plan.law, vehicle, plan.limits.speed_mps, plan.unit_m)
         self._swirl_off_m = (plan.law.r_out + SWIRL_OFF) * plan.unit_m
         self._reach_m = max(self._margins.farthest, self._swirl_off_m)
@@ -114,8 +119,7 @@ class SafetyFilter:
         soft = self._guards(snapshot, own, formation, moving)
         if not keep_outs.planes and not soft:
             return wish
-        cap = min(constraints.cap(keep_outs.least_room_m, self._margins), self._margins.speed)
-        flown = self._nearest(wish - moving, keep_outs, soft, cap) + moving
+        flown = self._nearest(wish - moving, keep_outs, soft, keep_outs.cap_mps) + moving
         return limited(flown, self._margins.speed) if moving else flown
 
     def _keep_outs(
@@ -125,9 +129,9 @@ class SafetyFilter:
         moving: complex,
     ) -> _KeepOuts:
         """The keep-outs for velocities less the common one, `moving`."""
-        margins = self._margins
+        margins, estimate = self._margins, self.estimate
         planes: list[Plane] = []
-        least_room, stranger_near = math.inf, False
+        cap_mps, stranger_near = margins.speed, False
         for other, apart in near:
             normal, bound, room = constraints.keep_out_plane(
                 apart, self._own < other.id, other, margins
@@ -135,9 +139,10 @@ class SafetyFilter:
             if moving and other.formation != key:
                 bound -= (normal.conjugate() * moving).real
                 stranger_near |= room < margins.zone
-            least_room = min(least_room, room)
+            unsure_s = constraints.unsure(estimate.doubt_s, estimate.response_s, other)
+            cap_mps = min(cap_mps, constraints.cap(room, unsure_s, margins))
             planes.append((normal.real, normal.imag, bound))
-        return _KeepOuts(planes, [other.id for other, _ in near], least_room, stranger_near)
+        return _KeepOuts(planes, [other.id for other, _ in near], cap_mps, stranger_near)
 
     def _guards(
         self, snapshot: PeerSnapshot, own: complex, formation: Formation, moving: complex

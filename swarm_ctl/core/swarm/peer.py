@@ -55,6 +55,7 @@ class Peer:
             age_s <= NEIGHBOUR_S,
             fresh and state.phase in _YIELDING,
             (state.step, state.override) if fresh and state.phase is Phase.FLY else None,
+            state.response_s,
             self.clock.unknown_s is not None,
         )
 

@@ -42,6 +42,8 @@ class OtherAircraft(NamedTuple):
     """It does its half of keeping apart."""
     formation: tuple[int, int] | None = None
     """The (step, override) whose formation it flies; None: none, or its state is not fresh."""
+    response_s: float = 0.0
+    """From a setpoint to its flown velocity, as it tells; 0: it tells none."""
     clock_unknown: bool = False
     """It is heard, and how far its clock is ahead is not known yet."""
 

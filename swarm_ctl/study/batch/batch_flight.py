@@ -119,7 +119,7 @@ def fly(batch: Batch, observer: TickObserver | None = None) -> BatchResult:
 def safety_filter_of(cell: Cell, agents: Ints) -> BatchSafetyFilter:
     """The safety filter that a cell asks for; `agents` are ids (n, m)."""
     safety = Safety(*(cell.has(part) for part in ("filter", "guard", "release", "align")))
-    margins = Margins.of(cell.law, cell.model, cell.speed_mps / cell.unit_m)
+    margins = Margins.of(cell.law, cell.model, cell.speed_mps, cell.unit_m).in_units(cell.unit_m)
     return BatchSafetyFilter(safety, cell.law, margins, cell.tick_s, agents)
 
 
@@ -243,7 +243,7 @@ class _BatchFlight:
             return (terms.consensus + terms.avoidance) * self._kappa, terms.near
         consensus = complex_of(terms.consensus) * self._kappa
         avoidance = complex_of(terms.avoidance) * self._kappa
-        peers = _peers_of(points, heard)
+        peers = _peers_of(points, heard, self._motion)
         if self._cell.has("align"):
             consensus = consensus + self._aligned(points, terms.told, peers.heard.fresh)
         if self._links is None:
@@ -396,7 +396,8 @@ _BY_MISSION: Final = (
 )
 
 
-def _peers_of(points: Floats, heard: HeardStates) -> BatchPeers:
-    fresh = heard.age_s <= FRESH_S
-    known = BatchHeard(complex_of(heard.velocity), heard.age_s, fresh, fresh)
-    return BatchPeers(points, heard.points, known)
+def _peers_of(points: Floats, heard: HeardStates, motion: BatchMotion) -> BatchPeers:
+    fresh, response_s = heard.age_s <= FRESH_S, motion.response_s
+    told_s = np.broadcast_to(response_s, fresh.shape)
+    known = BatchHeard(complex_of(heard.velocity), heard.age_s, fresh, fresh, told_s)
+    return BatchPeers(points, heard.points, known, motion.doubt_s, response_s)

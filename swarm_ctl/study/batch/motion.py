@@ -33,6 +33,14 @@ class BatchMotion(Protocol):
     def velocity(self) -> Floats:
         """The setpoints that agents tell [units/s]."""
 
+    @property
+    def doubt_s(self) -> Floats:
+        """Each agent's of its own vehicle's response (n, m)."""
+
+    @property
+    def response_s(self) -> Floats:
+        """What each agent believes and tells of it (n, m)."""
+
     def points(self) -> Floats:
         """What the law is fed with."""
 
@@ -52,6 +60,8 @@ class IdealMotion:
         self.velocity = np.zeros_like(self.position)
         self._tick_s = batch.cell.tick_s
 
+        self.doubt_s = self.response_s = np.zeros(self.position.shape[1:])
+
     def points(self) -> Floats:
         """The positions."""
         return self.position
@@ -61,7 +71,7 @@ class IdealMotion:
         self.position = self.position + wish * self._tick_s
 
     def only(self, missions: Bools) -> None:
-        keep_missions(self, missions, "position", "velocity")
+        keep_missions(self, missions, "position", "velocity", "doubt_s", "response_s")
 
 
 class LagResponse:
@@ -118,6 +128,14 @@ class VehicleMotion:
     @property
     def velocity(self) -> Floats:
         return self._units(self._commands[-1])
+
+    @property
+    def doubt_s(self) -> Floats:
+        return np.asarray(self.estimate.doubt_s).T
+
+    @property
+    def response_s(self) -> Floats:
+        return np.asarray(self.estimate.response_s).T
 
     def points(self) -> Floats:
         """Stop points, or positions without compensation."""

@@ -49,7 +49,9 @@ def missions(**settings_: Any) -> Batch:
     return replace(batch, silent_s=batch.silent_s / 4)
 
 
-def peer(i: int, heard: HeardStates, receiver: int, k: int) -> OtherAircraft:
+def peer(
+    i: int, heard: HeardStates, receiver: int, k: int, response_s: float = 0.0
+) -> OtherAircraft:
     """What agent `receiver` of mission k knows of agent i."""
     row = receiver if heard.points.shape[1] > 1 else 0
     at, setpoint = heard.points[:, row, i, k], heard.velocity[:, row, i, k]
@@ -60,6 +62,7 @@ def peer(i: int, heard: HeardStates, receiver: int, k: int) -> OtherAircraft:
     return OtherAircraft(
         *(IDS[i], state, complex(*at), complex(*at), complex(*setpoint), age_s, age_s),
         *(fresh, followed, fresh, formation),
+        response_s=response_s,
     )
 
 
@@ -118,13 +121,16 @@ def test_a_study_commands_what_agents_command(
     for tick in range(160):
         points, live, told = flight._motion.points(), tick < flight._silent_from, flight._told_slots
         wish, _ = flight._wish(tick, points, live)
+        response_s = flight._motion.response_s
         if not formations or told is not flight._told_slots:
             formations = {(i, k): formation(flight, i, k) for i, k in agents}
         for (i, k), agent in agents.items():
             if not live[i, k]:
                 continue
             agent.stop_point_m = agent.point_m = (points[0, i, k], points[1, i, k])
-            others = tuple(peer(j, heard[-1], i, k) for j in range(N) if j != i)
+            agent.estimate.doubt_s = flight._motion.doubt_s[i, k]
+            agent.estimate.late_s = response_s[i, k] - cell.model.dead_time_s - cell.model.lag_s
+            others = tuple(peer(j, heard[-1], i, k, response_s[j, k]) for j in range(N) if j != i)
             flown = agent.form(PeerSnapshot(0.0, others), formations[i, k])
             assert flown == pytest.approx(tuple(wish[:, i, k]), abs=1e-9)
         flight._motion.move(flight._without_the_silent(tick, wish, live))

@@ -60,7 +60,7 @@ class Flight:
         """The goal of one tick."""
         now = tick(*peers, now=NOW + later_s, **seen)
         if now.fix is not None:
-            self.context.controller.locate(now.fix)
+            self.context.controller.locate(now.fix, now.now)
         return self.landing.carry_out(now, self.context.trigger or self.trigger)
 
 

@@ -76,7 +76,7 @@ class Flight:
         others = peers or (peer(2, step=step), peer(3, step=step))
         one = tick(*others, now=NOW + later_s, **seen)
         if one.fix is not None:
-            self.context.controller.locate(one.fix)
+            self.context.controller.locate(one.fix, one.now)
         self.barrier.measure(one)
         return self.executor.decide(one)
 

@@ -24,7 +24,7 @@ ROW = Formation({1: SLOTS[0], 2: SLOTS[1], 3: SLOTS[2]}, frozenset({2, 3}), 0j, 
 def controller(of: Plan = PLAN, north: float = 0.0, east: float = 0.0, **own: Any) -> Controller:
     """Of agent 1, at a place [m]."""
     made = Controller(of, OWN, of.response)
-    made.locate(fix(north, east, **own))
+    made.locate(fix(north, east, **own), NOW)
     return made
 
 
@@ -163,11 +163,11 @@ def test_setpoints_in_the_dead_time_move_the_stop_point() -> None:
     assert own.stop_point_m == (0.0, 0.0)
     for _ in range(20):
         own.send(2 + 0j)
-    own.locate(fix(velocity=(2.0, 0.0, 0.0)))
+    own.locate(fix(velocity=(2.0, 0.0, 0.0)), NOW)
     assert own.stop_point_m[0] > 1.0
     for _ in range(20):
         own.rest()
-    own.locate(fix())
+    own.locate(fix(), NOW)
     assert own.stop_point_m == (0.0, 0.0)
 
 

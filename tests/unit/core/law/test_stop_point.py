@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarm_ctl.core.law.stop_point import pending, stop_distance, stop_point, stop_points
+from swarm_ctl.core.law.stop_point import Coast, pending, stop_distance, stop_points
 from swarm_ctl.core.model.plan import Response
 
 DT = 0.05
@@ -37,11 +37,7 @@ class Simulated:
             self.p += self.v * DT / fine
 
     def stop_point(self) -> complex:
-        commands = [(c.real, c.imag) for c in self.delayed]
-        found = stop_point(
-            (self.p.real, self.p.imag), (self.v.real, self.v.imag), commands, DT, self.vehicle
-        )
-        return complex(*found)
+        return complex(Coast(self.vehicle, DT).rest(self.p, self.v, self.delayed))
 
 
 @given(st.lists(VECTOR, min_size=1, max_size=60))
@@ -69,8 +65,8 @@ def test_single_integrator_seen_from_the_stop_point(commands: list[tuple[float, 
 
 
 def test_at_rest_the_stop_point_is_the_position() -> None:
-    commands = [(0.0, 0.0)] * pending(VEHICLE, DT)
-    assert stop_point((3.0, -4.0), (0.0, 0.0), commands, DT, VEHICLE) == pytest.approx((3.0, -4.0))
+    under_way = [0j] * pending(VEHICLE, DT)
+    assert Coast(VEHICLE, DT).rest(3 - 4j, 0j, under_way) == pytest.approx(3 - 4j)
 
 
 def test_batch_is_the_same_as_one_by_one() -> None:
@@ -79,8 +75,9 @@ def test_batch_is_the_same_as_one_by_one() -> None:
     p, v, c = rng.normal(size=(3, 4, 2)), rng.normal(size=(3, 4, 2)), rng.normal(size=(3, 4, 8, 2))
     p, v, c = 3 * p, 3 * v, 3 * c  # fast enough to meet the acceleration limit
     batch = stop_points(p, v, c, DT, VEHICLE)
-    one = stop_point(tuple(p[1, 2]), tuple(v[1, 2]), [tuple(row) for row in c[1, 2]], DT, VEHICLE)
-    assert batch[1, 2] == pytest.approx(one)
+    under_way = [complex(*row) for row in c[1, 2]]
+    one = Coast(VEHICLE, DT).rest(complex(*p[1, 2]), complex(*v[1, 2]), under_way)
+    assert complex(*batch[1, 2]) == pytest.approx(one)
 
 
 def test_stop_distance_has_no_jump_where_braking_saturates() -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from swarm_ctl.core.law.response_estimate import ResponseEstimate
 from swarm_ctl.core.model.arrays import Bools, Complex, Floats
 from swarm_ctl.core.model.messages import AgentState, Phase
 from swarm_ctl.core.model.plan import Plan, Response, Safety
@@ -34,6 +35,7 @@ ANY_STATE = AgentState(
     0, 0, 0.0, 0, Phase.FLY, 1, False, True, (0.0,) * 3, (0.0,) * 3, (0.0,) * 2, (0.0,) * 2
 )
 """A peer was heard; the filter reads the snapshot's own fields."""
+MODEL = Response(dead_time_s=0.4, lag_s=0.5)
 AGES_S = (0.0, 0.0, 0.05, 0.2, 0.45, 0.5, 0.6, 0.95, 1.0, 1.2, 3.5)
 
 
@@ -51,6 +53,10 @@ class State:
     slots: Complex
     told_slots: Complex
     linked: Bools
+    doubt_s: Floats
+    """Each agent's of its own response."""
+    response_s: Floats
+    """Each agent's own, which the others are told."""
 
     @property
     def fresh(self) -> Bools:
@@ -71,7 +77,8 @@ def row(random: np.random.Generator) -> Complex:
 def states(seed: int) -> list[State]:
     """Scenes of some seconds: each has its places and wishes, so that agents get stuck; ages, and
     what was told, change every tick."""
-    random, found = np.random.default_rng(seed), []
+    random, responses = np.random.default_rng(seed), np.random.default_rng([seed, 1])
+    found = []
     for _ in range(SCENES):
         crowd = vectors(random, random.choice([0.6, 1.2, 2.5]), N, M)
         own, to = random.choice([crowd, row(random)]), vectors(random, SPEED, N, M)
@@ -88,16 +95,25 @@ def states(seed: int) -> list[State]:
             setpoint = vectors(random, 0.7 * SPEED, N, N, M) * (random.random((N, N, M)) < 0.8)
             avoidance = vectors(random, SPEED, N, M) * (random.random((N, M)) < 0.5)
             willing = (age_s <= FRESH_S) & yields[None]
+            own_response = (
+                responses.uniform(0.05, 0.5, (N, M)),
+                responses.uniform(0.3, 1.5, (N, M)),
+            )
             found.append(
-                State(own, told, setpoint, age_s, willing, to, avoidance, slots, told_slots, linked)
+                State(
+                    *(own, told, setpoint, age_s, willing, to, avoidance, slots, told_slots),
+                    *(linked, *own_response),
+                )
             )
     return found
 
 
 def together(state: State, filter_: BatchSafetyFilter, links: BatchLinks) -> Complex:
     """What the study's filter flies, (N, M)."""
-    heard = BatchHeard(state.setpoint, state.age_s, state.fresh, state.yields)
-    peers = BatchPeers(_planes(state.own), _planes(state.told), heard)
+    told_s = np.broadcast_to(state.response_s, state.age_s.shape)
+    heard = BatchHeard(state.setpoint, state.age_s, state.fresh, state.yields, told_s)
+    own, told = _planes(state.own), _planes(state.told)
+    peers = BatchPeers(own, told, heard, state.doubt_s, state.response_s)
     return filter_.velocity(state.consensus, state.avoidance, peers, links)
 
 
@@ -108,6 +124,8 @@ def _planes(vectors: Complex) -> Floats:
 def alone(state: State, filter_: SafetyFilter, i: int, k: int, formation: Formation) -> complex:
     """What agent i of swarm k flies by its own filter."""
     peers = tuple(aircraft(state, i, j, k) for j in range(N) if j != i)
+    filter_.estimate.doubt_s = float(state.doubt_s[i, k])
+    filter_.estimate.late_s = float(state.response_s[i, k]) - MODEL.dead_time_s - MODEL.lag_s
     return filter_.velocity(
         PeerSnapshot(0.0, peers),
         complex(state.own[i, k]),
@@ -130,6 +148,7 @@ def aircraft(state: State, i: int, j: int, k: int) -> OtherAircraft:
         followed=age_s <= NEIGHBOUR_S,
         yields=bool(state.yields[i, j, k]),
         formation=(1, 0),
+        response_s=float(state.response_s[j, k]),
     )
 
 
@@ -142,13 +161,15 @@ def formation_of(state: State, i: int, k: int) -> Formation:
 def fly_both(seed: int, safety: Safety) -> tuple[BatchSafetyFilter, int]:
     """Fly a sequence both ways and compare each tick; the study's filter, and its agent-ticks of
     excluding keep-outs."""
-    model = Response(dead_time_s=0.4, lag_s=0.5)
     plan = replace(PLAN, safety=safety)
     ids = np.repeat(1 + np.arange(N)[:, None], M, axis=1)
-    margins = Margins.of(PLAN.law, model, SPEED)
+    margins = Margins.of(PLAN.law, MODEL, SPEED, PLAN.unit_m)
     many = BatchSafetyFilter(safety, PLAN.law, margins, PLAN.tick_s, ids)
     places = list(itertools.product(range(N), range(M)))
-    ones = {place: SafetyFilter(plan, place[0] + 1, model) for place in places}
+    ones = {
+        place: SafetyFilter(plan, place[0] + 1, MODEL, ResponseEstimate(MODEL, plan.tick_s))
+        for place in places
+    }
     yielded, before = 0, None
     for state in states(seed):
         if before is None or state.slots is not before.slots:

@@ -18,13 +18,15 @@ from swarm_ctl.core.safety.velocity_qp import Plane, relaxed
 from swarm_ctl.core.swarm.snapshot import OtherAircraft
 
 LAW, SPEED = LawParameters(), 1.0
-MARGINS = Margins.of(LAW, Response(), SPEED)
+MARGINS = Margins.of(LAW, Response(), 5.0, 5.0).in_units(5.0)
 
 
 def test_the_proven_bound_lies_over_r_in() -> None:
     """D F(W tau / D) > r_in for two that are as slow as at D, with a lag a fifth over the model's
     (docs/pages/safety.md#proven, 2)."""
-    m = 2 * MARGINS.slow * 1.2 * Response().lag_s / MARGINS.keep_out
+    response = Response()
+    tau_s = 1.2 * response.lag_s + 0.25 * MARGINS.slow * 5.0 / response.acceleration_mps2
+    m = 2 * MARGINS.slow * tau_s / MARGINS.keep_out
     u = np.linspace(0.0, 40.0, 400_001)
     f = np.where(m * u < np.pi / 2, np.cos(np.minimum(m * u, np.pi)), np.pi / 2 - m * u)
     bound = MARGINS.keep_out * float(np.sum(np.exp(-u) * f) * (u[1] - u[0]))
@@ -38,7 +40,7 @@ def heard(setpoint: complex = 0j, age_s: float = 0.0, *, yields: bool = True) ->
 
 def test_margins_are_the_same_in_any_unit() -> None:
     in_units, in_metres = MARGINS, Margins.of(LAW, Response(), 5.0, 5.0)
-    for name in ("keep_out", "growth", "zone", "slow", "speed", "r"):
+    for name in ("keep_out", "growth", "zone", "slow", "speed", "r", "spare", "braking"):
         assert getattr(in_metres, name) == pytest.approx(5.0 * getattr(in_units, name))
 
 
