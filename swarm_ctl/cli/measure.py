@@ -168,9 +168,11 @@ def described(found: Fit, legs: Sequence[Leg]) -> list[str]:
     r = found.rounded
     typical = "" if found.limited else " (the typical one: the steps do not tell)"
     dead_s, lag_s, limit = r.dead_time_s, r.lag_s, f"{r.acceleration_mps2:g}"
+    times = f"dead_time_s: {dead_s:g}, lag_s: {lag_s:g}"
+    known = f"dead time {dead_s:.2f} s, lag {lag_s:.2f} s, together known to {r.doubt_s:.2f} s"
     lines = [
-        f"response: {{dead_time_s: {dead_s:g}, lag_s: {lag_s:g}, acceleration_mps2: {limit}}}",
-        f"dead time {dead_s:.2f} s, lag {lag_s:.2f} s, acceleration limit {limit} m/s2{typical}",
+        f"response: {{{times}, acceleration_mps2: {limit}, doubt_s: {r.doubt_s:g}}}",
+        f"{known}; acceleration limit {limit} m/s2{typical}",
         f"residual {found.residual_mps:.2f} m/s, {found.share:.0%} of the step",
         f"stop point off by {found.stop_rms_m:.2f} m (rms), {found.stop_most_m:.2f} m at most",
     ]

@@ -70,6 +70,10 @@ class Leg:
         return max(abs(command) for command in self.commands_mps)
 
 
+_LEAST_DOUBT_S, _MOST_DOUBT_S = 0.1, 1.0
+"""Of a measured response: wind and the length of the steps change it."""
+
+
 @dataclass(frozen=True, slots=True)
 class Fit:
     """The response that was found, and how far to trust it."""
@@ -93,10 +97,19 @@ class Fit:
 
     @property
     def rounded(self) -> Response:
-        """As it is written into a file: to 10 ms and 0.1 m/s2."""
+        """As it is written into a file: to 10 ms and 0.1 m/s2, with its doubt."""
         r = self.response
         lag_s = max(round(r.lag_s, 2), LAG_S[0])
-        return Response(round(r.dead_time_s, 2), lag_s, round(r.acceleration_mps2, 1))
+        return Response(
+            round(r.dead_time_s, 2), lag_s, round(r.acceleration_mps2, 1), round(self.doubt_s, 2)
+        )
+
+    @property
+    def doubt_s(self) -> float:
+        """By how much dead time and lag together may be off: as far as one leg is from all."""
+        whole = self.response.dead_time_s + self.response.lag_s
+        off_s = (abs(leg.dead_time_s + leg.lag_s - whole) for leg in self.spread)
+        return min(max(_LEAST_DOUBT_S, *off_s), _MOST_DOUBT_S)
 
 
 def fit(legs: Sequence[Leg], typical: Response) -> Fit:

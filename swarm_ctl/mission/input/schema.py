@@ -87,6 +87,9 @@ class VehicleResponse(Section):
     """Time constant of the velocity."""
     acceleration_mps2: float = Field(default=2.8, ge=0.1, le=20)
     """The most that the vehicle accelerates or brakes."""
+    doubt_s: float = Field(default=0.5, ge=0.05, le=1)
+    """Dead time and lag together may differ from the vehicle's own by this. An agent keeps the
+    distance and the speed that it asks for until its flight has told better."""
 
 
 class VehicleLimits(Section):

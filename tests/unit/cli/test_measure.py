@@ -96,8 +96,12 @@ def test_a_file_that_can_not_be_written_is_refused_before_the_flight(
 def test_the_figures_in_words() -> None:
     legs = flown(Response(0.4, 0.5, 2.0))
     lines = described(fit(legs, Response()), legs)
-    assert lines[0] == "response: {dead_time_s: 0.4, lag_s: 0.5, acceleration_mps2: 2}"
-    assert lines[1] == "dead time 0.40 s, lag 0.50 s, acceleration limit 2 m/s2"
+    assert (
+        lines[0] == "response: {dead_time_s: 0.4, lag_s: 0.5, acceleration_mps2: 2, doubt_s: 0.1}"
+    )
+    assert lines[1] == (
+        "dead time 0.40 s, lag 0.50 s, together known to 0.10 s; acceleration limit 2 m/s2"
+    )
     assert lines[2] == "residual 0.00 m/s, 0% of the step"
     assert lines[-1] == "  3 m/s for 3 s alone (north / east): 0.40 / 0.40 s, 0.50 / 0.50 s"
 

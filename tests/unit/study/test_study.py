@@ -297,7 +297,7 @@ def test_stop_points_keep_real_vehicles_apart_where_positions_do_not() -> None:
     compensated = fly(only_batch(**settings))
     collided = [np.count_nonzero(outcome.smallest < 0.5) for outcome in (plain, compensated)]
     assert collided[0] > 30
-    assert collided[1] <= 2
+    assert collided[1] <= collided[0] / 10
 
 
 def test_news_arrive_late_and_some_never() -> None:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from swarm_ctl.core.model.arrays import MANY
 from swarm_ctl.core.model.plan import LawParameters, Response
 from swarm_ctl.core.safety.batch_safety_filter import BatchHeard
-from swarm_ctl.core.safety.constraints import Margins, cap, keep_out_plane
+from swarm_ctl.core.safety.constraints import Margins, cap, keep_out_plane, unsure
 from swarm_ctl.core.safety.deadlock import DeadlockRelease, swirled
 from swarm_ctl.core.safety.velocity_qp import Plane, relaxed
 from swarm_ctl.core.swarm.snapshot import OtherAircraft
@@ -44,6 +44,25 @@ def test_margins_are_the_same_in_any_unit() -> None:
         assert getattr(in_metres, name) == pytest.approx(5.0 * getattr(in_units, name))
 
 
+def test_doubt_of_the_own_response_slows_near_others_and_only_there() -> None:
+    """Two that are off by all that they doubt keep 1.1 r_in: each half of what D spares."""
+    for unsure_s in (0.1, 0.5, 1.0):
+        slow = cap(0.0, unsure_s, MARGINS)
+        assert MARGINS.keep_out - 2 * 2 * unsure_s * slow / 2 >= 1.1 * LAW.r_in - 1e-9
+    assert cap(MARGINS.reach, 0.5, MARGINS) == MARGINS.speed
+    assert unsure(0.1, 0.9, heard()._replace(response_s=1.5)) > unsure(0.1, 0.9, heard())
+
+
+def test_speed_near_others_follows_what_the_vehicle_can_stop_and_turn() -> None:
+    """A vehicle that accelerates less is slower at D, and gets its speed back farther out."""
+    weak, strong = (
+        Margins.of(LAW, Response(acceleration_mps2=a), 12.0, 5.0).in_units(5.0) for a in (2.0, 8.0)
+    )
+    assert weak.slow < strong.slow
+    assert weak.reach > strong.reach
+    assert cap(0.5, 0.0, weak) < cap(0.5, 0.0, strong) <= 12.0 / 5.0
+
+
 points = st.tuples(st.floats(-2, 2), st.floats(-2, 2))
 
 
@@ -66,7 +85,7 @@ def test_integrators_that_start_apart_stay_apart_whatever_they_wish(
                     planes[i].append((n.real, n.imag, bound))
                     rooms[i] = min(rooms[i], room)
         for i, wish in enumerate(wishes[: len(s)]):
-            (north, east), slack = relaxed(wish, planes[i], (), cap(rooms[i], MARGINS))
+            (north, east), slack = relaxed(wish, planes[i], (), cap(rooms[i], 0.05, MARGINS))
             assert slack < 1e-6
             s[i] += 0.05 * complex(north, east)
         assert all(abs(a - b) >= MARGINS.keep_out - 1e-4 for i, a in enumerate(s) for b in s[:i])
@@ -97,7 +116,7 @@ def test_one_and_many_give_the_same_planes() -> None:
     random = np.random.default_rng(5)
     apart, flies = random.normal(size=50) + 1j * random.normal(size=50), random.normal(size=50) * 1j
     age_s, yields = random.uniform(0, 4, 50), random.choice([True, False], 50)
-    many = BatchHeard(flies, age_s, np.ones(50, dtype=np.bool_), yields)
+    many = BatchHeard(flies, age_s, np.ones(50, dtype=np.bool_), yields, age_s)
     n, b, room = keep_out_plane(apart, np.ones(50, dtype=np.bool_), many, MARGINS, MANY)
     for k in range(50):
         other = heard(complex(flies[k]), float(age_s[k]), yields=bool(yields[k]))

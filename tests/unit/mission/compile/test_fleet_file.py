@@ -16,8 +16,8 @@ from swarm_ctl.mission.input import yaml_file
 from tests.unit.mission.example import TEXT as MISSION
 
 BARE = MISSION[: MISSION.index("fleet:")]
-FOUND = Response(0.41, 0.52, 2.7)
-TEXT = "{dead_time_s: 0.41, lag_s: 0.52, acceleration_mps2: 2.7}"
+FOUND = Response(0.41, 0.52, 2.7, 0.1)
+TEXT = "{dead_time_s: 0.41, lag_s: 0.52, acceleration_mps2: 2.7, doubt_s: 0.1}"
 
 ENTRIES = {
     "- {id: 3, sysid: 13}  # north\n": f"- {{id: 3, sysid: 13, response: {TEXT}}}  # north\n",
@@ -32,7 +32,7 @@ ENTRIES = {
     "- id: 3\n    response:\n": f"- id: 3\n    response: {TEXT}\n",
     "- id: 3\n    response:\n      lag_s: 1 # old\n      dead_time_s: 2\n\n  # end\n": (
         "- id: 3\n    response:\n      lag_s: 0.52 # old\n      acceleration_mps2: 2.7\n"
-        "      dead_time_s: 0.41\n\n  # end\n"
+        "      doubt_s: 0.1\n      dead_time_s: 0.41\n\n  # end\n"
     ),
 }
 

@@ -197,6 +197,7 @@ CHANGES = {
     "shapes:": "vehicle: {response: {dead_time_s: 0.3}}\nshapes:",
     "shapes:\n": "vehicle: {response: {lag_s: 0.3}}\nshapes:\n",
     "shapes:\n ": "vehicle: {response: {acceleration_mps2: 2}}\nshapes:\n ",
+    "shapes:\n  ": "vehicle: {response: {doubt_s: 0.2}}\nshapes:\n  ",
     "agents:\n  - {id: 1, start": "vehicle: {limits: {speed_mps: 4}}\nagents:\n  - {id: 1, start",
     "steps:": "vehicle: {limits: {climb_mps: 2}}\nsteps:",
     "steps:\n": "vehicle: {limits: {descent_mps: 0.6}}\nsteps:\n",

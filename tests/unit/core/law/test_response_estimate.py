@@ -1,0 +1,140 @@
+"""How late a vehicle answers, estimated in flight: what is found, how surely, its stop point."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from swarm_ctl.core.law.response_estimate import LATEST_S, ResponseEstimate
+from swarm_ctl.core.law.stop_point import Coast, pending
+from swarm_ctl.core.model.arrays import MANY
+from swarm_ctl.core.model.plan import Response
+
+TICK_S = 0.05
+MODEL = Response(dead_time_s=0.4, lag_s=0.5, acceleration_mps2=2.8)
+
+
+class Flight:
+    """A vehicle that answers in its own way, and what its agent believes of it."""
+
+    def __init__(self, true: Response, model: Response = MODEL, wind: complex = 0j) -> None:
+        self.estimate = ResponseEstimate(model, TICK_S)
+        self._coast = Coast(true, TICK_S)
+        self._under_way = [0j] * pending(true, TICK_S)
+        self._wind = wind
+        self.place = self.velocity = self.stop_point = 0j
+
+    def fly(self, setpoint: complex, seconds: float) -> None:
+        """Tick by tick."""
+        for _ in range(round(seconds / TICK_S)):
+            self.stop_point = self.estimate.stop_point(self.place, self.velocity)
+            self.estimate.sent(setpoint)
+            self._under_way.append(setpoint)
+            acting = self._under_way.pop(0)
+            self.place, self.velocity = self._coast.tick(self.place, self.velocity, acting)
+            self.place += self._wind * TICK_S
+
+
+def swapped(true: Response, wind: complex = 0j) -> Flight:
+    """After some seconds of turns, as a swap has them."""
+    flight = Flight(true, wind=wind)
+    for setpoint in (3 + 1j, -1 + 3j, -3 - 2j, 2 - 2j):
+        flight.fly(setpoint, 1.5)
+    return flight
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(0.0, 0.9), st.floats(0.1, 1.0))
+def test_it_finds_how_late_the_vehicle_answers(dead_time_s: float, lag_s: float) -> None:
+    """Dead time and lag together, wherever the difference lies, to 0.15 s."""
+    true = Response(round(dead_time_s, 2), lag_s, MODEL.acceleration_mps2)
+    late_s = true.dead_time_s + true.lag_s - MODEL.dead_time_s - MODEL.lag_s
+    assert swapped(true).estimate.late_s == pytest.approx(late_s, abs=0.15)
+
+
+@pytest.mark.parametrize("dead_time_s", [0.0, 0.2, 0.7, 0.9])
+def test_the_vehicle_comes_to_rest_at_its_stop_point(dead_time_s: float) -> None:
+    """Half a metre off at most where the model alone is off by up to 2.5 m (5 m/s, 0.5 s)."""
+    flight = swapped(replace(MODEL, dead_time_s=dead_time_s))
+    flight.fly(4 + 0j, 2.0)
+    predicted = flight.stop_point + 4 * TICK_S
+    flight.fly(0j, 6.0)
+    assert abs(flight.place - predicted) < 0.5
+
+
+def test_a_right_model_is_left_alone() -> None:
+    """Also in a steady wind that pushes the vehicle by 0.3 m/s."""
+    for wind in (0j, 0.3j):
+        assert abs(swapped(MODEL, wind).estimate.late_s) < 0.05
+
+
+def test_doubt_falls_with_motion_and_not_with_time() -> None:
+    """From the model's own to a twentieth of a second."""
+    flight = Flight(MODEL)
+    flight.fly(0j, 30.0)
+    assert flight.estimate.doubt_s == MODEL.doubt_s
+    flight.fly(3 + 0j, 1.5)
+    assert flight.estimate.doubt_s < 0.2
+    assert swapped(MODEL).estimate.doubt_s == pytest.approx(0.05, abs=0.02)
+    assert Flight(MODEL, replace(MODEL, doubt_s=0.1)).estimate.doubt_s == 0.1
+
+
+def test_it_is_bounded() -> None:
+    """A vehicle that does not move at all is not waited for without end."""
+    flight = Flight(MODEL)
+    for _ in range(200):
+        flight.estimate.stop_point(0j, 0j)
+        flight.estimate.sent(5 + 0j)
+    assert flight.estimate.late_s <= LATEST_S
+
+
+def test_a_position_that_is_corrected_is_not_a_response() -> None:
+    """A jump of 4 m, as after a GPS glitch, moves the estimate by less than 0.1 s."""
+    flight = swapped(MODEL)
+    before = flight.estimate.late_s
+    flight.place += 4 + 0j
+    flight.fly(2 + 2j, 1.0)
+    assert flight.estimate.late_s == pytest.approx(before, abs=0.1)
+
+
+def test_a_restart_forgets_the_motion_and_keeps_the_estimate() -> None:
+    """After a landing or a pilot's flight, the vehicle stands where it is."""
+    flight = swapped(replace(MODEL, dead_time_s=0.7))
+    late_s = flight.estimate.late_s
+    flight.estimate.restart()
+    assert flight.estimate.stop_point(7 + 0j, 0j) == 7 + 0j
+    assert flight.estimate.late_s == pytest.approx(late_s, abs=1e-9)
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 10_000))
+def test_one_and_many_are_the_same(seed: int) -> None:
+    """Every stop point and estimate, to 1e-9, also after some missions have ended."""
+    random = np.random.default_rng(seed)
+    shape = (3, 2)
+    many = ResponseEstimate(MODEL, TICK_S, np.zeros(shape, dtype=np.complex128), MANY)
+    ones = {place: ResponseEstimate(MODEL, TICK_S) for place in np.ndindex(shape)}
+    place = np.zeros(shape, dtype=np.complex128)
+    velocity = np.zeros(shape, dtype=np.complex128)
+    setpoint = np.zeros(shape, dtype=np.complex128)
+    for tick in range(120):
+        if tick % 25 == 0:
+            setpoint = random.normal(size=shape) * 3 + 3j * random.normal(size=shape)
+        velocity = velocity + 0.06 * (setpoint - velocity)
+        place = place + velocity * TICK_S
+        found = many.stop_point(place, velocity)
+        many.sent(setpoint)
+        for at, one in ones.items():
+            assert abs(one.stop_point(complex(place[at]), complex(velocity[at])) - found[at]) < 1e-9
+            one.sent(complex(setpoint[at]))
+            assert abs(one.late_s - many.late_s[at]) < 1e-9
+    many.only(np.array([0, 2]))
+    found = many.stop_point(place[[0, 2]], velocity[[0, 2]])
+    assert (
+        abs(found[1, 0] - ones[2, 0].stop_point(*map(complex, (place[2, 0], velocity[2, 0]))))
+        < 1e-9
+    )
