@@ -1,18 +1,20 @@
 """How late the own vehicle answers, estimated in flight, and its stop point with that.
 
 The model (`core/law/stop_point.py`) is flown beside the vehicle by the same setpoints. A vehicle
-that answers `late_s` later than the model falls behind it by `late_s` times its velocity, whether
-its dead time or its lag is longer. So `late_s` is a regression of the one on the other, with what
-is slow (wind, a position that wanders) taken out of both:
+that answers `late_s` later than the model falls behind it by `late_s` times its velocity. So
+`late_s` is a regression of the one on the other, with what is slow (wind, a position that wanders)
+taken out of both:
 
     late_s = sum(behind . v) / (sum(|v|^2) + 0.5 m^2/s), behind = x_model - x
 
 It counts as dead time: the vehicle comes to rest farther on by the setpoints that the model takes
 for flown and the vehicle has yet to fly. Where that would be less than no dead time, the rest is
-taken from the lag.
+taken from the lag. A dead time is found to 0.01 s. A lag that differs from the model's is found
+only as far as it acts like a dead time, in long legs; to look for both at once found neither better
+(smallest distances of swaps 0.57 units instead of 0.73).
 
-`doubt_s` bounds what is left of the error. It starts with the model's own doubt and falls as the
-vehicle moves, so an agent that has not flown yet is careful near others
+`doubt_s` is by how much the response may still be off. It starts with the model's own doubt and
+falls as the vehicle moves, so an agent that has not flown yet is careful near others
 (`core/safety/constraints.py`).
 
 Written once for one vehicle and for arrays of them (`core/model/arrays.py`); metres, seconds.
@@ -63,7 +65,7 @@ class ResponseEstimate:
         self.late_s = abs(blank)
         """The vehicle answers later than the model by this; less than 0: earlier."""
         self.doubt_s = abs(blank) + model.doubt_s
-        """The vehicle's response differs by at most this from model and `late_s`."""
+        """By how much model and `late_s` may still be off."""
         self.restart()
 
     @property
