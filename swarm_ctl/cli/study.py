@@ -177,7 +177,7 @@ def study(
         swarm-ctl study --delay 0:0.2 --loss 0:0.2 --out late.csv
         swarm-ctl study --out late.csv --row 4711 --picture 4711.gif
         swarm-ctl study --n 2:50 --cluster local --out wide.parquet
-        swarm-ctl study studies/search.yaml --search smallest --budget 20000 --mission worst.yaml
+        swarm-ctl study studies/search.yaml --search smallest --budget 20000
     """
     from swarm_ctl.study.executor import run_study
     from swarm_ctl.study.rows import read_rows
