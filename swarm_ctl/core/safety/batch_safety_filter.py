@@ -155,6 +155,8 @@ class BatchSafetyFilter:
         """The velocities nearest to the wishes that keep apart and, for the links, together."""
         margins, missions = self._margins, wish.shape[1]
         wish = wish * (margins.speed / np.maximum(np.abs(wish), margins.speed))
+        if not self._safety.filter:
+            return np.asarray(wish)
         i, j, mission = self._near(peers, squared)
         # one plane for each near pair: agent i keeps out of j
         agent, heard = i * missions + mission, peers.heard.of_pairs(i, j, mission)

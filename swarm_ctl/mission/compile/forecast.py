@@ -1,8 +1,6 @@
 """A mission's forecast: how long each step takes, how close vehicles come, how long links get.
 
-Form steps are flown by the law on ideal points, from the planned starts. Seen from its stop point a
-vehicle is a single integrator (docs/pages/law.md#from-units-to-a-vehicle), so the swarm does the
-same but for late states, wind and model errors. With `compensation: none` real vehicles do worse.
+Form steps are flown, from the planned starts, by the law and the safety filter (`rehearsal.py`).
 """
 
 from __future__ import annotations
@@ -15,9 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from swarm_ctl.core.agent.return_to_launch import return_height_m
-from swarm_ctl.core.law import mean_error_feedback
 from swarm_ctl.core.law.formation import distances, formation_error
-from swarm_ctl.core.law.laws import law_of
 from swarm_ctl.core.law.planned_formation import PlannedFormation, planned_formations
 from swarm_ctl.core.model.plan import (
     FormStep,
@@ -30,6 +26,7 @@ from swarm_ctl.core.model.plan import (
     Step,
     TakeoffStep,
 )
+from swarm_ctl.mission.compile.rehearsal import Rehearsal
 
 Array: TypeAlias = npt.NDArray[np.float64]
 Links: TypeAlias = Sequence[tuple[int, ...]]
@@ -169,48 +166,23 @@ def forecast_forms(plan: Plan) -> list[FormForecast]:
 
 def _form(plan: Plan, step: FormStep, points: Array, links: Links) -> tuple[Array, FormForecast]:
     """The points [units] at the end of a form step that begins at `points`, and its forecast."""
-    slots = np.array(step.slots, dtype=np.float64)
-    ids = [agent.id for agent in plan.agents]
-    linked = np.array([[j in near for j in ids] for near in links])
-    pairs = ~np.eye(len(ids), dtype=bool)
-    formed_s, since_s, late_s = None, None, _late_s(plan)
-    nearest, farthest = np.full(linked.shape, np.inf), 0.0
+    swarm = Rehearsal(plan, step, points, links)
+    slots, ids = np.array(step.slots, dtype=np.float64), [agent.id for agent in plan.agents]
+    formed_s, since_s = None, None
+    nearest, farthest = np.full(swarm.linked.shape, np.inf), 0.0
     for tick in range(round(step.timeout_s / plan.tick_s)):
-        now_s = tick * plan.tick_s + late_s
+        now_s, points = tick * plan.tick_s, swarm.points
         between = distances(points)
-        nearest = np.where(pairs, np.minimum(nearest, between), np.inf)
-        farthest = max(farthest, float(between[linked].max(initial=0.0)))
+        nearest = np.minimum(nearest, between)
+        farthest = max(farthest, float(between[swarm.linked].max(initial=0.0)))
         formed = float(formation_error(points, slots)) * plan.unit_m < step.tolerance_m
         since_s = (now_s if since_s is None else since_s) if formed else None
         if since_s is not None and now_s - since_s >= step.settle_s:
             formed_s = now_s
             break
-        points = points + _move(plan, points, slots, linked, pairs)
+        swarm.tick()
+    np.fill_diagonal(nearest, np.inf)
     i, j = np.unravel_index(int(np.argmin(nearest)), nearest.shape)
     pair = (ids[min(i, j)], ids[max(i, j)]) if len(ids) > 1 else None
     smallest_m = float(nearest[i, j]) * plan.unit_m
     return points, FormForecast(step.shape, formed_s, smallest_m, pair, farthest * plan.unit_m)
-
-
-def _move(
-    plan: Plan,
-    points: Array,
-    slots: Array,
-    linked: npt.NDArray[np.bool_],
-    pairs: npt.NDArray[np.bool_],
-) -> Array:
-    """One tick's displacement of all agents [units], (n, 2)."""
-    count = len(points)
-    # Every agent hears all points as they are: row i is what agent i sees.
-    others = np.broadcast_to(points, (count, count, 2))
-    other_slots = np.broadcast_to(slots, (count, count, 2))
-    lower = np.triu(np.ones((count, count), dtype=bool), 1)
-    result = law_of(plan.law)(points, slots, others, other_slots, linked, pairs, lower, plan.law)
-    u = result.consensus + result.avoidance
-    step = u * plan.kappa * plan.tick_s
-    if plan.safety.align:
-        errors = points - slots
-        step += mean_error_feedback.RATE * plan.tick_s * (errors.mean(axis=0) - errors)
-    most = plan.limits.speed_mps * plan.tick_s / plan.unit_m
-    length = np.linalg.norm(step, axis=-1, keepdims=True)
-    return np.asarray(step * (most / np.maximum(length, most)))

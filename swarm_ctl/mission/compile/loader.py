@@ -18,6 +18,7 @@ from pydantic import ValidationError, create_model
 from swarm_ctl.core.model.fleet import Fleet
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.errors import MissionError, Problem
+from swarm_ctl.mission.compile import envelope
 from swarm_ctl.mission.compile.build_plan import plan_of
 from swarm_ctl.mission.compile.checks import check
 from swarm_ctl.mission.compile.fleet import fleet_of
@@ -79,7 +80,7 @@ def _build(
     mission, broken = _in_units(written, broken)
     findings = check(mission, frozenset(broken))
     plan = None if findings or broken else plan_of(mission)
-    findings += check_plan(plan) if plan else []
+    findings += [*check_plan(plan), *envelope.refused(plan)] if plan else []
     problems = source.problems + [source.problem(*finding) for finding in findings]
     if problems or plan is None:
         raise MissionError(tuple(sorted(problems, key=_line)))

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from swarm_ctl.core.law import graph
 from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.core.model.plan import Compensation, FormStep, Plan, Policy
+from swarm_ctl.mission.compile import envelope
 from swarm_ctl.mission.compile.checks import Findings
 from swarm_ctl.mission.compile.fleet import fleet_of
 from swarm_ctl.mission.input.document import Finding, Place
@@ -18,9 +19,8 @@ from swarm_ctl.mission.input.schema import MissionFile
 _SMALLEST_R_IN_M = 1.0
 _WEAK_R_OUT = 3.0
 """Units. At 7, random missions went under r_in that did not at 1.5."""
-_RATE, _UNSAFE_RATE = 4.0, 1.0
-"""kappa * h up to which no problem was seen in thousands of missions, with filter and release and
-without."""
+_UNSAFE_RATE = 1.0
+"""kappa * h up to which no problem was seen in thousands of missions without filter or release."""
 _PLAIN_RATE = 0.05
 """kappa * h of the plain law that left no pair of a laggy swarm under r_in in trials; four times as
 much did."""
@@ -86,13 +86,22 @@ def _fast_gain(_mission: MissionFile, plan: Plan) -> Findings:
             f" {_PLAIN_RATE:g}"
         )
         yield Finding(("law", "compensation"), what, "")
-    most = _RATE if plan.safety.filter and plan.safety.release else _UNSAFE_RATE
-    if plan.compensation is Compensation.STOP_POINT and rate > most + 1e-9:
+    guarded = plan.safety.filter and plan.safety.release
+    if plan.compensation is Compensation.STOP_POINT and not guarded and rate > _UNSAFE_RATE + 1e-9:
         more = "" if plan.safety.filter else ", or come under r_in"
         what = (
-            f"kappa * h = {rate:.3g}: above {most:g} the agents block each other more often{more}"
+            f"kappa * h = {rate:.3g}: above {_UNSAFE_RATE:g} the agents block each other more"
+            f" often{more}"
         )
         yield Finding(("law", "h"), what, "")
+
+
+def _outside_the_envelope(_mission: MissionFile, plan: Plan) -> Findings:
+    if plan.safety.filter:
+        yield from envelope.outside(plan)
+    else:
+        what = "off: what docs/pages/safety.md says of distances does not hold for this mission"
+        yield Finding(("safety", "filter"), what, "")
 
 
 def _spare_fleet(mission: MissionFile, _plan: Plan) -> Findings:
@@ -155,6 +164,7 @@ _WARNINGS: tuple[Callable[[MissionFile, Plan], Findings], ...] = (
     _small_r_in,
     _weak_avoidance,
     _fast_gain,
+    _outside_the_envelope,
     _spare_fleet,
     _real_vehicles,
     _shared_ids,
