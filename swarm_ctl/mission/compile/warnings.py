@@ -99,7 +99,7 @@ def _fast_gain(_mission: MissionFile, plan: Plan) -> Findings:
 def _outside_the_envelope(_mission: MissionFile, plan: Plan) -> Findings:
     if plan.safety.filter:
         yield from envelope.outside(plan)
-    else:
+    elif plan.compensation is Compensation.STOP_POINT:
         what = "off: what docs/pages/safety.md says of distances does not hold for this mission"
         yield Finding(("safety", "filter"), what, "")
 

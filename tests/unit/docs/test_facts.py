@@ -14,6 +14,7 @@ from swarm_ctl.core.law import mean_error_feedback
 from swarm_ctl.core.model.plan import Compensation, Plan
 from swarm_ctl.core.safety import constraints
 from swarm_ctl.core.swarm import gain_update
+from swarm_ctl.mission.compile.envelope import ENVELOPE
 from swarm_ctl.mission.compile.loader import loads
 from tests.unit.docs import mission_reference, study_reference
 from tests.unit.docs.pages import PAGES, ROOT, blocks
@@ -67,6 +68,12 @@ def test_the_limits_of_tune_are_those_of_the_missions_page() -> None:
         gain_update.RATE_AT_MOST,
         gain_update.PLAIN_RATE_AT_MOST,
     ]
+
+
+def test_the_envelope_is_that_of_the_safety_page() -> None:
+    for each in ENVELOPE:
+        row = f"| `{'.'.join(each.place)}` | {each.name} | {each.studied} | {each.accepted} |"
+        assert row.replace("  |", " |") in TEXT["safety"], row
 
 
 def test_the_constants_of_the_filter_are_those_of_the_safety_page() -> None:

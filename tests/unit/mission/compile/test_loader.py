@@ -373,7 +373,7 @@ def test_unreadable_fleet_files(
             12,
             "law.compensation: none, with kappa",
         ),
-        (("  kappa: 20", "  kappa: 20\n  h: 0.3"), 11, "law.h: kappa * h = 6"),
+        (("  kappa: 20", "  kappa: 20\n  h: 0.3"), 11, "law.h: kappa * h [1/s] is 6, outside"),
         (("shape: row", "shape: ring"), 17, "shapes.row: no step forms it"),
         (
             ("  agent_lost: land", "  wind_limit_mps: 8"),

@@ -1,0 +1,87 @@
+"""A mission outside the studied ranges is warned of, and refused far outside, by name and number."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from swarm_ctl.errors import MissionError
+from swarm_ctl.mission.compile.loader import load, loads
+
+MISSIONS = Path(__file__).parents[4] / "missions"
+TEXT = (MISSIONS / "hexagon.yaml").read_text()
+"""5 m/s, 5 m from r_in to r_out."""
+
+
+def hexagon(**vehicle: str) -> str:
+    """The mission with these sections of `vehicle`."""
+    return TEXT + "vehicle: {" + ", ".join(f"{k}: {v}" for k, v in vehicle.items()) + "}\n"
+
+
+OUTSIDE = {
+    "speed": (hexagon(limits="{speed_mps: 6.1}"), r"vehicle.limits.speed_mps: speed_mps .* 1.22"),
+    "acceleration": (
+        hexagon(response="{acceleration_mps2: 1.9}"),
+        r"vehicle.response.acceleration_mps2: acceleration_mps2 .* 0.38",
+    ),
+    "dead time": (hexagon(response="{dead_time_s: 0.7}"), r"dead time \[s\] is 0.7"),
+    "lag": (hexagon(response="{lag_s: 0.9}"), r"lag \[s\] is 0.9"),
+    "doubt": (hexagon(response="{doubt_s: 0.6}"), r"doubt_s \[s\] is 0.6"),
+    "r_in": (TEXT.replace("r_in: 0.5", "r_in: 0.8"), r"law.r_in: r_in .* 1.14"),
+    "slots": (TEXT.replace("side: 2}", "side: 1.8}"), r"smallest distance of slots / r_out is 1.2"),
+    "gain": (TEXT.replace("h: 0.05 ", "h: 0.21 "), r"kappa \* h \[1/s\] is 4.2"),
+    "tick": (
+        TEXT.replace("tick_s: 0.05", "tick_s: 0.06").replace("kappa: 20", "kappa: 10"),
+        r"tick_s \[s\] is 0.06",
+    ),
+}
+REFUSED = {
+    "speed": (hexagon(limits="{speed_mps: 12.1}"), "2.42", "at most 2.4"),
+    "acceleration": (hexagon(response="{acceleration_mps2: 0.9}"), "0.18", "at least 0.2"),
+    "dead time": (hexagon(response="{dead_time_s: 1.3}"), "1.3", "at most 1.2"),
+    "lag": (hexagon(response="{lag_s: 1.7}"), "1.7", "at most 1.6"),
+    "r_in": (
+        hexagon(limits="{speed_mps: 2}").replace("r_in: 0.5", "r_in: 1.1"),
+        "2.75",
+        "at most 2",
+    ),
+    "tick": (
+        TEXT.replace("tick_s: 0.05", "tick_s: 0.25").replace("kappa: 20", "kappa: 4"),
+        "0.25",
+        "at most 0.2",
+    ),
+}
+
+
+@pytest.mark.parametrize("path", sorted(MISSIONS.glob("*.yaml")), ids=lambda path: path.stem)
+def test_ready_missions_are_inside(path: Path) -> None:
+    assert load(path).warnings == ()
+
+
+def test_at_the_limits_is_inside() -> None:
+    text = hexagon(
+        limits="{speed_mps: 6}",
+        response="{dead_time_s: 0.6, lag_s: 0.8, acceleration_mps2: 2, doubt_s: 0.5}",
+    )
+    assert loads(text).warnings == ()
+
+
+@pytest.mark.parametrize(("text", "said"), OUTSIDE.values(), ids=OUTSIDE)
+def test_outside_is_said_by_name_and_number(text: str, said: str) -> None:
+    studied = [warning for warning in loads(text).warnings if "outside the studied" in warning]
+    assert any(re.search(said, warning) for warning in studied), studied
+
+
+@pytest.mark.parametrize(("text", "number", "allowed"), REFUSED.values(), ids=REFUSED)
+def test_far_outside_is_refused(text: str, number: str, allowed: str) -> None:
+    with pytest.raises(MissionError) as caught:
+        loads(text)
+    problems = [each for each in caught.value.problems if "far outside" in each.what]
+    assert [(f" is {number}," in each.what, each.allowed) for each in problems] == [(True, allowed)]
+
+
+def test_without_the_filter_no_range_holds() -> None:
+    text = TEXT.replace("safety: {align: true}", "safety: {filter: false}")
+    assert any("safety.filter: off" in warning for warning in loads(text).warnings)
