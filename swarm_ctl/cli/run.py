@@ -78,6 +78,7 @@ def run(
         swarm-ctl run missions/hexagon.yaml --json | jq .error_m
         swarm-ctl run missions/hexagon.yaml --vehicles arducopter,px4
     """
+    from swarm_ctl.mission.compile.forecast import forecast, refuse_too_close
     from swarm_ctl.mission.compile.loader import load
     from swarm_ctl.recording.topics import rates
     from swarm_ctl.report.page.summary_table import render_summary, verdict_line
@@ -91,6 +92,7 @@ def run(
         show = Show.LOG
     loaded = load(mission, fleet=fleet, vehicles=vehicles)
     console.warn(loaded.warnings)
+    refuse_too_close(loaded.plan, forecast(loaded.plan), str(mission))
 
     def say(text: str) -> None:
         with contextlib.suppress(OSError):  # the reader of our output is gone; the swarm flies on

@@ -28,7 +28,8 @@ def validate(
     """Check a mission file and show what would be flown.
 
     Shows agents, slots, steps with their expected times, graph, smallest distances, limits and
-    warnings. A mission with mistakes is refused with all of them.
+    warnings. A mission with mistakes is refused with all of them, and one in
+    which the forecast has a pair under r_in.
 
     Examples:
 
@@ -36,13 +37,15 @@ def validate(
         swarm-ctl validate missions/hexagon.yaml
         swarm-ctl validate missions/thirtytwo.yaml --full --plot thirtytwo.png
     """
-    from swarm_ctl.mission.compile.forecast import forecast
+    from swarm_ctl.mission.compile.forecast import forecast, refuse_too_close
     from swarm_ctl.mission.compile.loader import load
 
     console = PlainConsole()
     loaded = load(mission, fleet=fleet, vehicles=vehicles)
     kinds = {agent.autopilot for agent in loaded.fleet.agents}
-    show(console, loaded, forecast(loaded.plan, kinds), full=full)
+    forecasts = forecast(loaded.plan, kinds)
+    refuse_too_close(loaded.plan, forecasts, str(mission))
+    show(console, loaded, forecasts, full=full)
     if plot is not None:
         from swarm_ctl.report.page.mission_plot import plot as draw
 

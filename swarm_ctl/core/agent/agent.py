@@ -17,7 +17,7 @@ from swarm_ctl.core.agent.barrier import Barrier
 from swarm_ctl.core.agent.command_handler import AgentSituation, CommandHandler
 from swarm_ctl.core.agent.flight_context import FlightContext
 from swarm_ctl.core.agent.landing import Landing
-from swarm_ctl.core.agent.preflight import EstimateWatch, Preflight
+from swarm_ctl.core.agent.preflight import EstimateWatch, Preflight, ResponseWatch
 from swarm_ctl.core.agent.progress import Progress, step_name
 from swarm_ctl.core.agent.return_to_launch import ReturnToLaunch
 from swarm_ctl.core.agent.status_report import status_report
@@ -146,6 +146,7 @@ class Agent:
         )
         self._takeover = Takeover(context, preflight)
         self._estimate = EstimateWatch(plan.policies.position_accuracy_flight_m)
+        self._response = ResponseWatch(vehicle or plan.response)
         self._executor = StepExecutor(
             context,
             preflight,
@@ -210,6 +211,9 @@ class Agent:
         fix = self._navigator.fix(inbox.view, now)
         if fix is not None:
             context.controller.locate(fix, now)
+            unlike = self._response.look(context.controller.estimate)
+            if unlike:
+                context.say(now, Severity.WARNING, unlike)
         snapshot = peers.snapshot(now, inbox.view.contacts, context.controller.point_m)
         self._attention.run(now)
         return Tick(now, inbox.view, fix, snapshot, self._station, self._attention)

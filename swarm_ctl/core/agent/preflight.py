@@ -9,12 +9,15 @@ from typing import Final
 
 from swarm_ctl.core.agent.tick import HeardStation, Tick
 from swarm_ctl.core.control.navigation import AGREE_M, Navigator
+from swarm_ctl.core.law.response_estimate import ResponseEstimate
 from swarm_ctl.core.model.plan import AgentPlan, Plan, Policy, Response
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.timeouts import ESTIMATE_DOUBT_S
 from swarm_ctl.core.model.vehicle import LimitKind, VehicleView
 from swarm_ctl.core.swarm.snapshot import PeerSnapshot
 
+_SURE_S: Final = 0.1
+"""An estimate of the response is sure that is doubted by no more: after a second at 2 m/s."""
 _MODEL_SPARE: Final = 0.1
 """The acceleration of a measured response is good to so much."""
 
@@ -132,6 +135,29 @@ class EstimateWatch:
         elif now - self._last_s >= ESTIMATE_DOUBT_S:
             self._text = ""
         return self._text if self._last_s - self._since_s >= ESTIMATE_DOUBT_S else ""
+
+
+class ResponseWatch:
+    """What the flight says against how the vehicle is believed to answer; said once.
+
+    The stop point follows the estimate. But the margins at the start of each flight follow the
+    response, so its owner has to know.
+    """
+
+    def __init__(self, response: Response) -> None:
+        self._known_s, self._said = response.doubt_s, False
+
+    def look(self, estimate: ResponseEstimate) -> str:
+        """The warning, once the estimate is sure; '' before, and from then on."""
+        late_s, doubt_s = estimate.late_s, estimate.doubt_s
+        if self._said or doubt_s > _SURE_S or abs(late_s) <= self._known_s + doubt_s:
+            return ""
+        self._said = True
+        return (
+            f"the vehicle answers {abs(late_s):.2f} s {'later' if late_s > 0 else 'earlier'} than"
+            f" its response says, which is known to {self._known_s:g} s: measure it"
+            " (swarm-ctl measure)"
+        )
 
 
 def _unknown_clocks(peers: PeerSnapshot) -> str:

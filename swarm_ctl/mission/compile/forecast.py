@@ -26,6 +26,8 @@ from swarm_ctl.core.model.plan import (
     Step,
     TakeoffStep,
 )
+from swarm_ctl.core.model.text import agents_named
+from swarm_ctl.errors import MissionError, Problem
 from swarm_ctl.mission.compile.rehearsal import Rehearsal
 
 Array: TypeAlias = npt.NDArray[np.float64]
@@ -96,6 +98,21 @@ def forecast(plan: Plan, autopilots: Iterable[str] = ("ardupilot",)) -> list[Ste
             seconds = max(_seconds(plan, step, before, kind) for kind in kinds)
             found.append(StepForecast(seconds if seconds <= step.timeout_s else None))
     return found
+
+
+def refuse_too_close(plan: Plan, forecasts: Iterable[StepForecast], source: str) -> None:
+    """Raises MissionError, with the form steps of the mission file `source` in which the forecast
+    has a pair under r_in."""
+    r_in_m, problems = plan.law.r_in * plan.unit_m, []
+    for k, step in enumerate(forecasts):
+        form = step.form
+        if form is None or form.smallest_pair is None or form.smallest_m >= r_in_m:
+            continue
+        what = f"{agents_named(form.smallest_pair)} are forecast {form.smallest_m:.2f} m apart"
+        allowed = f"at least law.r_in = {r_in_m:g} m, by other starts or slots, or a lower speed"
+        problems.append(Problem(source, f"steps[{k}].form", what, allowed))
+    if problems:
+        raise MissionError(tuple(problems))
 
 
 def _seconds(plan: Plan, step: Step, before: PlannedFormation, kind: _UpAndDown) -> float:

@@ -19,6 +19,8 @@ from swarm_ctl.mission.compile.loader import load
 
 HEXAGON = Path(__file__).parents[3] / "missions" / "hexagon.yaml"
 
+CHANGED = [("stop_point  #", "none  #"), ("align: true", "filter: false"), ("h: 0.05 ", "h: 0.2 ")]
+
 app = typer.Typer()
 app.command()(validate)
 app.command()(schema)
@@ -49,6 +51,22 @@ def test_it_shows_what_will_be_flown() -> None:
     ):
         assert part in text
     assert "warning" not in text
+
+
+def test_a_forecast_under_r_in_is_refused(tmp_path: Path) -> None:
+    """Two change places by the plain law, which nothing stops."""
+    text = HEXAGON.read_text().replace("slots: nearest", "slots: fixed")
+    for old, new in CHANGED:
+        assert old in text
+        text = text.replace(old, new)
+    path = tmp_path / "through.yaml"
+    path.write_text(text)
+    result = CliRunner().invoke(app, ["validate", str(path)])
+    assert isinstance(result.exception, MissionError)
+    (problem,) = result.exception.problems
+    assert (problem.where, problem.field) == (str(path), "steps[1].form")
+    assert "are forecast" in problem.what
+    assert problem.allowed.startswith("at least law.r_in = 2.5 m")
 
 
 def test_warnings_are_shown_with_their_place(tmp_path: Path) -> None:

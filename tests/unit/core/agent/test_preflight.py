@@ -7,10 +7,12 @@ from typing import Any
 
 import pytest
 
-from swarm_ctl.core.agent.preflight import EstimateWatch, Preflight
+from swarm_ctl.core.agent.preflight import EstimateWatch, Preflight, ResponseWatch
 from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.control.navigation import Navigator
+from swarm_ctl.core.law.response_estimate import ResponseEstimate
 from swarm_ctl.core.model.frames import geodetic_from_ned
+from swarm_ctl.core.model.plan import Response
 from swarm_ctl.core.model.vehicle import FlightLimit, GlobalFix, LimitKind
 from swarm_ctl.core.swarm.snapshot import OtherAircraft
 from tests.unit.core.builders import NOW, ORIGIN, OWN, PARKED, UNIT_M, fix, peer, plan, tick, view
@@ -168,3 +170,23 @@ def test_a_lasting_doubt_is_one_sentence() -> None:
     watch = EstimateWatch(2.0)
     found = {watch.look(t, view(position_accuracy_m=3.0 + t)) for t in (0.0, 2.0, 3.0, 4.0)}
     assert found == {"", "position accuracy 3.0 m; allowed: at most 2.0 m"}
+
+
+@pytest.mark.parametrize(
+    ("late_s", "doubt_s", "said"),
+    [
+        (0.71, 0.08, "the vehicle answers 0.71 s later than its response says, which is known to"),
+        (-0.7, 0.08, "the vehicle answers 0.70 s earlier than its response says"),
+        (0.57, 0.08, ""),  # may be 0.49
+        (0.9, 0.11, ""),  # not sure yet
+    ],
+)
+def test_a_vehicle_that_leaves_the_doubt_of_its_response_is_said_once(
+    late_s: float, doubt_s: float, said: str
+) -> None:
+    response = Response()
+    watch, estimate = ResponseWatch(response), ResponseEstimate(response, 0.05)
+    assert watch.look(estimate) == ""
+    estimate.late_s, estimate.doubt_s = late_s, doubt_s
+    assert watch.look(estimate).startswith(said)
+    assert watch.look(estimate) == ""
