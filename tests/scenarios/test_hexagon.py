@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 from swarm_ctl.core.agent.agent import Agent
-from swarm_ctl.core.model.messages import Outcome, Phase
+from swarm_ctl.core.model.messages import Outcome, Phase, Severity
 from swarm_ctl.core.model.plan import Policies, Policy
-from swarm_ctl.mission.compile.loader import LoadedMission, load
+from swarm_ctl.mission.compile.loader import LoadedMission, load, loads
 from swarm_ctl.report.folder.last_statuses import LastStatus
 from swarm_ctl.report.judge.verdict import judge
 from tests.scenarios.swarm import VirtualSwarm
@@ -40,6 +40,25 @@ def assert_safe(swarm: VirtualSwarm) -> None:
     """No two vehicles under r_in, all on the ground and disarmed."""
     assert swarm.closest_m > swarm.plan.law.r_in * swarm.plan.unit_m
     assert swarm.all_down
+
+
+@pytest.mark.parametrize(
+    ("response", "said"),
+    [
+        ("dead_time_s: 0, lag_s: 0.15", "s later than its response says, which is known to 0.2 s"),
+        ("dead_time_s: 0.2, lag_s: 0.5", ""),
+    ],
+)
+def test_a_vehicle_unlike_its_response_is_said_in_flight(response: str, said: str) -> None:
+    """By each agent, once; and nothing of it where the response fits."""
+    section = f"vehicle: {{response: {{{response}, doubt_s: 0.2}}}}\n"
+    swarm = VirtualSwarm(loads((MISSIONS / "hexagon.yaml").read_text() + section))
+    swarm.fly(45)
+    found = [event for event in swarm.events if "its response says" in event.text]
+    assert sorted(event.agent for event in found) == ([1, 2, 3, 4, 5, 6] if said else [])
+    assert all(said in event.text for event in found)
+    assert all(event.level == Severity.WARNING for event in found)
+    assert swarm.closest_m > swarm.plan.law.r_in * swarm.plan.unit_m
 
 
 def test_same_seed_same_trace(hexagon: LoadedMission) -> None:

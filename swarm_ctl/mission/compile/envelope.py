@@ -80,14 +80,9 @@ ENVELOPE: Final = (
         *(0, 0.6, (-math.inf, 1.2)),
     ),
     StudiedRange(
-        (*_RESPONSE, "lag_s"),
-        "lag [s]",
-        lambda p: p.response.lag_s,
-        *(0.15, 0.8, (-math.inf, 1.6)),
+        (*_RESPONSE, "lag_s"), "lag [s]", lambda p: p.response.lag_s, *(0.15, 0.8, (-math.inf, 1.6))
     ),
-    StudiedRange(
-        (*_RESPONSE, "doubt_s"), "doubt_s [s]", lambda p: p.response.doubt_s, 0.05, 0.5
-    ),
+    StudiedRange((*_RESPONSE, "doubt_s"), "doubt_s [s]", lambda p: p.response.doubt_s, 0.05, 0.5),
     StudiedRange(
         ("law", "r_in"),
         "r_in / (r_out - r_in)",
