@@ -76,11 +76,10 @@ class Rehearsal:
         """Decide and fly one tick; one agent alone is in its shape wherever it is."""
         if len(self._place) == 1:
             return
-        stop = np.asarray(self._estimate.stop_point(self._place, self._velocity)) / self._unit_m
-        fed = stop
-        if self._plan.compensation is Compensation.NONE:
-            fed = self._place / self._unit_m
-        consensus, avoidance = self._terms(_plane(fed)[..., 0].T)
+        found = self._estimate.stop_point(self._place, self._velocity)
+        stop: Complex = np.asarray(found, dtype=np.complex128) / self._unit_m
+        plain = self._plan.compensation is Compensation.NONE
+        consensus, avoidance = self._terms(self.points if plain else _plane(stop)[..., 0].T)
         flown = self._filter.velocity(consensus, avoidance, self._peers(stop), self._links)
         self._setpoint = flown * self._unit_m
         self._estimate.sent(self._setpoint)
