@@ -3,22 +3,28 @@ and what it finds flies again."""
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from swarm_ctl.cli.main import main
 from swarm_ctl.mission.compile.loader import load
 from swarm_ctl.study.batch.batch import blocks, draw
 from swarm_ctl.study.batch.batch_flight import BatchResult
-from swarm_ctl.study.executor import fly_studies
+from swarm_ctl.study.executor import fly_studies, run_study
 from swarm_ctl.study.parameter_space import Study
-from swarm_ctl.study.rerun import rerun
+from swarm_ctl.study.rerun import rerun, write_mission
 from swarm_ctl.study.rows import Row, rows_of
 from swarm_ctl.study.search import Goal, worst
+from swarm_ctl.study.study_file import study_file
+from swarm_ctl.testing.virtual_swarm import VirtualSwarm
 
+STUDIES = Path(__file__).parents[3] / "studies"
 PLANTED = Study.model_validate(
     {"n": "2:5", "delay_s": "0:0.2", "late_s": "-0.5:0.5", "h": "0.05:0.2", "loss": "0:0.2"}
 )
@@ -158,6 +164,20 @@ def test_the_command_leaves_a_row_that_flies_again(
     assert command(monkeypatch, *given) == 2
 
 
+def test_a_find_flies_again_on_the_virtual_clock(tmp_path: Path) -> None:
+    """Real agents, drivers and simulated vehicles come as near as the worst row did."""
+    facing = {"n": 3, "start": "crossing", "slots": "given", "limit_s": 20, "spread": "agent"}
+    study = Study.model_validate(facing | {"late_s": "-0.4:0.5", "h": "0.05:0.2"})
+    found = worst(study, Goal.SMALLEST, 64, flown)
+    run_study(found.study, tmp_path / "worst.csv", 1, Console(file=io.StringIO()))
+    again = rerun(tmp_path / "worst.csv", found.row["row"])
+    assert write_mission(again, tmp_path / "worst.yaml") == []
+    swarm = VirtualSwarm(load(tmp_path / "worst.yaml"))
+    swarm.run(25.0)
+    smallest = swarm.closest_m / study.unit_m
+    assert smallest == pytest.approx(found.row["smallest_units"], abs=0.03)
+
+
 @pytest.mark.parametrize(
     ("arguments", "wrong"),
     [
@@ -175,3 +195,13 @@ def test_what_cannot_be_searched_is_refused(
     monkeypatch.chdir(tmp_path)
     assert command(monkeypatch, *arguments) == 2
     assert wrong in "".join(capsys.readouterr())
+
+
+@pytest.mark.long
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("file", ["search", "search-lag"])
+def test_no_pair_comes_under_r_in_in_the_whole_stated_envelope(file: str) -> None:
+    """The worst of the envelope within a fixed budget."""
+    study = study_file(STUDIES / f"{file}.yaml", {}).study
+    found = worst(study, Goal.SMALLEST, 6000, partial(fly_studies, processes=None))
+    assert found.row["smallest_units"] >= study.law.r_in, found.row
