@@ -203,5 +203,5 @@ def test_what_cannot_be_searched_is_refused(
 def test_no_pair_comes_under_r_in_in_the_whole_stated_envelope(file: str) -> None:
     """The worst of the envelope within a fixed budget."""
     study = study_file(STUDIES / f"{file}.yaml", {}).study
-    found = worst(study, Goal.SMALLEST, 6000, partial(fly_studies, processes=None))
+    found = worst(study, Goal.SMALLEST, 1000, partial(fly_studies, processes=None))
     assert found.row["smallest_units"] >= study.law.r_in, found.row
