@@ -1,4 +1,4 @@
-"""A mission outside the studied ranges is warned of, and refused far outside, by name and number."""
+"""Outside the studied ranges a mission is warned of, far outside refused, by name and number."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ def hexagon(**vehicle: str) -> str:
 
 
 OUTSIDE = {
-    "speed": (hexagon(limits="{speed_mps: 6.1}"), r"vehicle.limits.speed_mps: speed_mps .* 1.22"),
+    "speed": (hexagon(limits="{speed_mps: 6}"), r"vehicle.limits.speed_mps: speed_mps.* is 2.57"),
     "acceleration": (
         hexagon(response="{acceleration_mps2: 1.9}"),
-        r"vehicle.response.acceleration_mps2: acceleration_mps2 .* 0.38",
+        r"vehicle.response.acceleration_mps2: acceleration_mps2 .* is 1.9",
     ),
     "dead time": (hexagon(response="{dead_time_s: 0.7}"), r"dead time \[s\] is 0.7"),
     "lag": (hexagon(response="{lag_s: 0.9}"), r"lag \[s\] is 0.9"),
@@ -38,8 +38,8 @@ OUTSIDE = {
     ),
 }
 REFUSED = {
-    "speed": (hexagon(limits="{speed_mps: 12.1}"), "2.42", "at most 2.4"),
-    "acceleration": (hexagon(response="{acceleration_mps2: 0.9}"), "0.18", "at least 0.2"),
+    "speed": (hexagon(limits="{speed_mps: 13}"), "12.1", "at most 12"),
+    "acceleration": (hexagon(response="{acceleration_mps2: 0.9}"), "0.9", "at least 1"),
     "dead time": (hexagon(response="{dead_time_s: 1.3}"), "1.3", "at most 1.2"),
     "lag": (hexagon(response="{lag_s: 1.7}"), "1.7", "at most 1.6"),
     "r_in": (
@@ -62,7 +62,7 @@ def test_ready_missions_are_inside(path: Path) -> None:
 
 def test_at_the_limits_is_inside() -> None:
     text = hexagon(
-        limits="{speed_mps: 6}",
+        limits="{speed_mps: 4.2}",
         response="{dead_time_s: 0.6, lag_s: 0.8, acceleration_mps2: 2, doubt_s: 0.5}",
     )
     assert loads(text).warnings == ()
