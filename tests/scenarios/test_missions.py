@@ -18,7 +18,8 @@ from swarm_ctl.testing.virtual_swarm import VirtualSwarm
 
 FOLDER = Path(__file__).parents[2] / "missions"
 MISSIONS = sorted(path.name for path in FOLDER.glob("*.yaml"))
-SMALL = ["crossing.yaml", "faults.yaml", "hexagon.yaml", "sweep.yaml"]
+SMALL = ["crossing.yaml", "hexagon.yaml"]
+LARGE = {"thirtytwo.yaml"}
 HURT = {"faults": {2: "failed"}}
 """Who does not complete, by mission: its own timetable drains its battery."""
 FACTOR = 1.5
@@ -36,7 +37,9 @@ def flown(mission: LoadedMission, seed: int = 1) -> VirtualSwarm:
 
 
 @pytest.mark.timeout(400)
-@pytest.mark.parametrize("name", MISSIONS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.long if n in LARGE else ()) for n in MISSIONS]
+)
 def test_ready_mission(name: str) -> None:
     """Each step takes what was forecast, within a factor of 1.5."""
     mission = load(FOLDER / name)

@@ -104,6 +104,7 @@ def test_a_killed_run_leaves_the_terminal_to_the_shell(tmp_path: Path) -> None:
         terminal.wait_for(lambda _: bool(list(tmp_path.glob("runs/*/summary.json"))))
 
 
+@pytest.mark.long
 @needs_tmux
 def test_two_more_stations_watch_command_and_leave(tmp_path: Path) -> None:
     with Running(*RUN[:2], "--speedup", "2", "--headless", cwd=tmp_path) as running:

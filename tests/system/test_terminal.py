@@ -130,7 +130,7 @@ def test_a_closed_output_does_not_end_the_flight(tmp_path: Path) -> None:
 
 def test_sigterm_lands_too(tmp_path: Path) -> None:
     """A service manager's stop is a landing, not a crash."""
-    with Running("run", LOW, "--speedup", "5", "--headless", cwd=tmp_path) as running:
+    with Running("run", LOW, "--speedup", "3", "--headless", cwd=tmp_path) as running:
         running.wait_for_event("step 2:", 6)
         running.process.terminate()
         assert running.wait() == 130

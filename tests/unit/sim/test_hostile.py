@@ -101,7 +101,8 @@ class Attacker:
         return self._codec.pack(Message(name, fields))
 
     def _any(self) -> bytes:
-        name = self.rng.choice(sorted(_BY_NAME))
+        known = (name for name, kind in _BY_NAME.items() if kind.id in mavlink.mavlink_map)
+        name = self.rng.choice(sorted(known))
         return self._codec.pack(Message(name, self._fields(name)))
 
     def _truncated(self) -> bytes:

@@ -33,10 +33,8 @@ def flown(folder: Path, **settings: Any) -> Rerun:
     return rerun(folder / "a.csv", 1)
 
 
-@pytest.mark.parametrize(("dead_time_s", "collides"), [(1.9, True), (0.9, False), (0.4, False)])
-def test_the_vehicles_of_a_row_fly_again(
-    dead_time_s: float, collides: bool, tmp_path: Path
-) -> None:
+@pytest.mark.parametrize("dead_time_s", [1.9, 0.9, 0.4])
+def test_the_vehicles_of_a_row_fly_again(dead_time_s: float, tmp_path: Path) -> None:
     """On the virtual clock the smallest distance is the row's, whether the vehicles answer as their
     agents believe or later."""
     row = flown(tmp_path, n=4, dead_time_s=dead_time_s)
@@ -45,7 +43,6 @@ def test_the_vehicles_of_a_row_fly_again(
     swarm.run(30.0)
     smallest = swarm.closest_m / row.batch.cell.unit_m
     assert smallest == pytest.approx(row.row["smallest_units"], abs=0.03)
-    assert (smallest < 0.5) == collides
 
 
 def test_each_agent_keeps_its_own_vehicle_and_its_belief(tmp_path: Path) -> None:
