@@ -6,6 +6,8 @@ import json
 import subprocess
 from pathlib import Path
 
+import pytest
+
 from tests.system.conftest import Whole
 from tests.system.running import HEXAGON, LOW, SWARM_CTL, Running
 from tests.system.terminal import Terminal, needs_tmux
