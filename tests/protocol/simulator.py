@@ -16,6 +16,8 @@ from typing import IO, Any
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from swarm_ctl.runtime.launch.ports import free_ports
+
 ORIGIN = {"lat_deg": 47.397742, "lon_deg": 8.545594, "alt_m": 488.0}
 SPEEDUP = 5.0
 """Quick, and still a pilot process not scheduled for 0.1 s misses no time-out of the autopilots."""
@@ -23,11 +25,14 @@ PATIENCE_S = 60.0
 """Mission seconds anything asked for may take; a vehicle that needs longer is broken."""
 
 
+_given: set[int] = set()
+
+
 def free_port() -> int:
-    """A UDP port that is free now."""
-    with contextlib.closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+    """A UDP port that no caller had before, below the ephemeral ones, which any socket may get."""
+    (port,) = free_ports(1, socket.SOCK_DGRAM, _given)
+    _given.add(port)
+    return port
 
 
 def settings(tmp_path: Path, persona: str, n: int = 1) -> dict[str, Any]:
