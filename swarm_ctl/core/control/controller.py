@@ -125,7 +125,7 @@ class Controller:
         """No setpoint of ours moves the vehicle in this tick."""
         self._result = None
         self.setpoint_mps = (0.0, 0.0)
-        self.estimate.restart()
+        self.estimate.rest()
 
     def send(self, setpoint: complex) -> None:
         """Remember this tick's setpoint: it acts after the dead time."""

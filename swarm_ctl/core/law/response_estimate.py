@@ -76,15 +76,24 @@ class ResponseEstimate:
         return self._model.dead_time_s + self._model.lag_s + self.late_s
 
     def restart(self) -> None:
-        """No setpoint that was told moves the vehicle. The estimate stays."""
-        self._place: Any = None
-        """Of the vehicle that flies as the model does; None: not begun."""
-        self._velocity = self._blank
-        self._slow_behind = self._slow_velocity = self._blank
-        self._behind = self._blank
+        """The vehicle stands still or flies on its own: no setpoint is under way. The estimate
+        stays."""
         self._sums = _Sums(self._history, self._blank)
         self._ahead = [self._blank] * self._pending
         """The setpoints that the model has yet to fly, oldest first."""
+        self._begin_afresh()
+
+    def rest(self) -> None:
+        """In this tick no setpoint of ours steers the vehicle; those under way still act."""
+        self._begin_afresh()
+        self.sent(self._blank)
+
+    def _begin_afresh(self) -> None:
+        """The model flies from where the vehicle is at the next look."""
+        self._place: Any = None
+        """Of the vehicle that flies as the model does; None: not begun."""
+        self._velocity = self._slow_velocity = self._blank
+        self._behind = self._slow_behind = self._blank
 
     def sent(self, setpoint: Any) -> None:
         """A setpoint [m/s] was sent: the model flies one tick."""
@@ -95,7 +104,10 @@ class ResponseEstimate:
             self._place, self._velocity = self._coast.tick(self._place, self._velocity, acting)
 
     def stop_point(self, position: Any, velocity: Any) -> Any:
-        """Where the vehicle would come to rest, from where it is now [m], [m/s]."""
+        """Where the vehicle would come to rest [m], from where it is now [m], [m/s].
+
+        Takes the tick into the estimate, so call it once a tick.
+        """
         self._compare(position, velocity)
         late_s = self.late_s + self._model.dead_time_s
         dead_s = self._of.most(0.0, late_s)
@@ -141,8 +153,8 @@ class _Sums:
 
     def __init__(self, length: int, blank: Any) -> None:
         self._at = 0
-        self._many = isinstance(blank, np.ndarray)
-        self._sums: Any = np.array([blank] * length) if self._many else [blank] * length
+        many = isinstance(blank, np.ndarray)
+        self._sums: Any = np.array([blank] * length) if many else [blank] * length
 
     def add(self, step: Any) -> None:
         """One more."""

@@ -42,7 +42,7 @@ class BatchMotion(Protocol):
         """What each agent believes and tells of it (n, m)."""
 
     def points(self) -> Floats:
-        """What the law is fed with."""
+        """What the law is fed with; call it once a tick."""
 
     def move(self, wish: Floats) -> None:
         """Fly one tick at `wish` [units/s]."""
