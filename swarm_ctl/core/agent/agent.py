@@ -27,6 +27,7 @@ from swarm_ctl.core.agent.tick import Attention, HeardStation, Tick
 from swarm_ctl.core.control.controller import Controller
 from swarm_ctl.core.control.navigation import Navigator, OwnFix
 from swarm_ctl.core.control.reference import Reference
+from swarm_ctl.core.model.causes import FailsafeAction
 from swarm_ctl.core.model.messages import (
     Ack,
     AgentState,
@@ -274,7 +275,7 @@ class Agent:
         """The mission's step waits, and its time with it."""
         trigger = self._context.trigger
         held = self._barrier.waits_for(tick.now)
-        paused = trigger is not None and trigger.action is failsafes.FailsafeAction.HOLD
+        paused = trigger is not None and trigger.action is FailsafeAction.HOLD
         return self._command_handler.override is not None or bool(held) or paused
 
     def _waiting(self, now: float) -> str:

@@ -9,52 +9,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from collections.abc import Set as AbstractSet
-from dataclasses import dataclass
-from enum import StrEnum
+from dataclasses import dataclass, replace
 from typing import Final
 
 from swarm_ctl.core.agent.progress import Progress
 from swarm_ctl.core.agent.return_to_launch import ReturnStage
 from swarm_ctl.core.agent.tick import Tick
+from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import AgentState, CommandKind, Outcome, Phase, StepOutcome
 from swarm_ctl.core.model.plan import LandStep, Plan, Point, Policy, ReturnStep
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.timeouts import OWN_FIX_S, OWN_LOST_S
 from swarm_ctl.core.model.vehicle import FALLS_MPS
 from swarm_ctl.core.safety.fence import outside
-
-
-class FailsafeAction(StrEnum):
-    """What an agent does when a failsafe fires."""
-
-    HOLD = "hold"
-    """Stop and wait, avoidance on, until the cause is gone."""
-    RETURN = "return"
-    LAND = "land"
-    LEAVE = "leave"
-    """End at once and send nothing: the vehicle is in a flight that is not ours."""
-    YIELD = "yield"
-    """Send heartbeats alone until the vehicle is down: a pilot or its own failsafe flies it."""
-    FALL = "fall"
-    """The motors are off in the air: send heartbeats alone, as for a pilot, and count as failed."""
-    KILL = "kill"
-    """Motors off."""
-
-    @property
-    def rank(self) -> int:
-        """An action of higher rank outweighs one of lower rank."""
-        return _RANK[self]
-
-
-_RANK: Final = {
-    FailsafeAction.HOLD: 0,
-    FailsafeAction.RETURN: 1,
-    FailsafeAction.LAND: 2,
-    FailsafeAction.LEAVE: 3,
-    FailsafeAction.YIELD: 3,
-    FailsafeAction.FALL: 4,
-    FailsafeAction.KILL: 5,
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +33,7 @@ class FailsafeTrigger:
     reason: str
     step_outcome: StepOutcome = StepOutcome.ABORTED
     """How the step ends that the trigger breaks off."""
+    cause: Cause = Cause.VEHICLE
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +86,11 @@ SUNK_S: Final = 2.0
 
 def find(situation: Situation) -> FailsafeTrigger | None:
     """The weightiest trigger of the table, the first of those; None: all is well."""
-    found = [trigger for check in CHECKS if (trigger := check(situation)) is not None]
+    found = [
+        replace(trigger, cause=cause)
+        for check, cause in CHECKS.items()
+        if (trigger := check(situation)) is not None
+    ]
     return max(found, key=lambda trigger: trigger.action.rank, default=None)
 
 
@@ -138,9 +110,9 @@ def replaces(new: FailsafeTrigger | None, old: FailsafeTrigger | None, *, landin
     return (old.action is FailsafeAction.RETURN or braking) and not landing
 
 
-def failed(action: FailsafeAction, reason: str) -> FailsafeTrigger:
+def failed(action: FailsafeAction, reason: str, cause: Cause = Cause.VEHICLE) -> FailsafeTrigger:
     """A trigger after which the run counts as failed."""
-    return FailsafeTrigger(action, Outcome.FAILED, reason)
+    return FailsafeTrigger(action, Outcome.FAILED, reason, cause=cause)
 
 
 def _by_policy(policy: Policy, reason: str) -> FailsafeTrigger | None:
@@ -353,25 +325,26 @@ def _too_windy(s: Situation) -> FailsafeTrigger | None:
     return _by_policy(policies.wind, reason)
 
 
-CHECKS: Final[tuple[Check, ...]] = (
-    _by_order,
-    _lifeline_cut,
-    _vehicle_fault,
-    _disarmed,
-    _taken_over,
-    _falls,
-    _sank,
-    _vehicle_silent,
-    _position_lost,
-    _too_fast,
-    _too_windy,
-    _estimate_in_doubt,
-    _beyond_fence,
-    _battery_low,
-    _peers_gone,
-    _station_gone,
-    _step_timed_out,
-)
+CHECKS: Final[dict[Check, Cause]] = {
+    _by_order: Cause.ORDER,
+    _lifeline_cut: Cause.STARTER,
+    _vehicle_fault: Cause.VEHICLE,
+    _disarmed: Cause.PILOT,
+    _taken_over: Cause.PILOT,
+    _falls: Cause.FALL,
+    _sank: Cause.FALL,
+    _vehicle_silent: Cause.VEHICLE_LINK,
+    _position_lost: Cause.POSITION,
+    _too_fast: Cause.SPEED,
+    _too_windy: Cause.WIND,
+    _estimate_in_doubt: Cause.ESTIMATE,
+    _beyond_fence: Cause.FENCE,
+    _battery_low: Cause.BATTERY,
+    _peers_gone: Cause.PEER,
+    _station_gone: Cause.STATION,
+    _step_timed_out: Cause.TIMEOUT,
+}
+"""The table, and the cause that each row names."""
 
 
 def progress_of(state: AgentState) -> tuple[int, bool]:

@@ -10,13 +10,14 @@ import math
 from dataclasses import dataclass, field
 from typing import Final
 
-from swarm_ctl.core.agent.failsafes import FailsafeAction, FailsafeTrigger
+from swarm_ctl.core.agent.failsafes import FailsafeTrigger
 from swarm_ctl.core.agent.progress import Progress
 from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.control.altitude import climb_rate
 from swarm_ctl.core.control.controller import Controller
 from swarm_ctl.core.control.navigation import OwnFix
 from swarm_ctl.core.control.reference import Reference
+from swarm_ctl.core.model.causes import FailsafeAction
 from swarm_ctl.core.model.messages import Event, Outcome, Phase, Severity
 from swarm_ctl.core.model.plan import FormStep, Plan, Point
 from swarm_ctl.core.model.vehicle import FALLS_MPS, FlyGoal, VehicleView

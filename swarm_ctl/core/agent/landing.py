@@ -5,10 +5,11 @@ from __future__ import annotations
 
 import math
 
-from swarm_ctl.core.agent.failsafes import FailsafeAction, FailsafeTrigger, failed
+from swarm_ctl.core.agent.failsafes import FailsafeTrigger, failed
 from swarm_ctl.core.agent.flight_context import FlightContext
 from swarm_ctl.core.agent.return_to_launch import ReturnStage, ReturnToLaunch, deserted
 from swarm_ctl.core.agent.tick import Tick
+from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import Outcome, Phase, Severity
 from swarm_ctl.core.model.vehicle import (
     Goal,
@@ -89,7 +90,9 @@ class Landing:
         if why_not:
             cause = context.trigger.reason if context.trigger else "return"
             context.trigger_s = tick.now
-            context.trigger = failed(FailsafeAction.LAND, f"{cause}; {why_not}, so it lands here")
+            why = f"{cause}; {why_not}, so it lands here"
+            root = context.trigger.cause if context.trigger else Cause.PEER
+            context.trigger = failed(FailsafeAction.LAND, why, root)
             context.say(tick.now, Severity.ERROR, context.trigger.reason)
             return self.land(tick)
         stage = way_back.update(tick.peers, fix, context.height(fix) if fix else 0.0)

@@ -75,6 +75,8 @@ def status_report(
         safety=controller.safety_filter.report(),
         roles=tuple(context.slot_exchange.taken),
         own=view.own,
+        action=context.trigger.action if context.trigger else None,
+        cause=context.trigger.cause if context.trigger else None,
     )
 
 

@@ -31,12 +31,13 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from swarm_ctl.core.agent.failsafes import FailsafeAction, FailsafeTrigger, failed
+from swarm_ctl.core.agent.failsafes import FailsafeTrigger, failed
 from swarm_ctl.core.agent.flight_context import FlightContext
 from swarm_ctl.core.agent.preflight import Preflight
 from swarm_ctl.core.agent.progress import step_name
 from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.control.navigation import OwnFix
+from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import AgentState, Phase, Severity
 from swarm_ctl.core.model.plan import FormStep, HoldStep, LandStep, ReturnStep, TakeoffStep
 from swarm_ctl.core.model.timeouts import FRESH_S, NEIGHBOUR_S
@@ -226,7 +227,7 @@ class Takeover:
         context.say(tick.now, Severity.WARNING, text)
         if tick.peers.peers and not flying:
             why = "no other agent flies the mission any more"
-            context.heed(tick, failed(FailsafeAction.LAND, why))
+            context.heed(tick, failed(FailsafeAction.LAND, why, Cause.PEER))
 
     def catch_up(self, tick: Tick) -> None:
         """After a command that held this agent for so long that the others went on without it."""
@@ -249,7 +250,7 @@ def _not_followed(view: VehicleView) -> FailsafeTrigger:
         why = f"the vehicle lands already ({view.mode}): seen down"
         return failed(FailsafeAction.LAND, why)
     why = f"the vehicle is in the air in {view.mode}, a mode that no agent set: not taken over"
-    return failed(FailsafeAction.YIELD, why)
+    return failed(FailsafeAction.YIELD, why, Cause.PILOT)
 
 
 def _step_of(flying: list[AgentState]) -> int:

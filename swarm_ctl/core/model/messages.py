@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
 from typing import TypeAlias
 
+from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.own_parameters import OwnParameters
 from swarm_ctl.core.model.plan import FormStep, MoveStep, Point
 from swarm_ctl.core.model.vehicle import Vector3
@@ -335,6 +336,10 @@ class AgentStatus:
     safety: SafetyReport = field(default_factory=SafetyReport)
     own: OwnParameters | None = None
     """The vehicle's own values of the parameters that we change; None until they are known."""
+    action: FailsafeAction | None = None
+    """What it does instead of the mission; None: it flies the mission, or a command."""
+    cause: Cause | None = None
+    """Of the action."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 from swarm_ctl.core.agent.failsafes import (
     CHECKS,
-    FailsafeAction,
     FailsafeTrigger,
     Situation,
     failed,
@@ -21,6 +20,7 @@ from swarm_ctl.core.agent.failsafes import (
     replaces,
 )
 from swarm_ctl.core.agent.return_to_launch import ReturnStage
+from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import CommandKind, Outcome, Phase, StepOutcome
 from swarm_ctl.core.model.plan import Fence, Plan, Policies, Policy, ReturnStep
 from swarm_ctl.core.model.vehicle import GlobalFix
@@ -373,6 +373,23 @@ def test_what_fires(row: Row) -> None:
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
 def test_every_check_has_a_row_that_fires_it(check: Callable[[Situation], object]) -> None:
     assert any(check(row.make()) is not None for row in ROWS)
+
+
+@pytest.mark.parametrize(
+    ("make", "cause"),
+    [
+        (case(ordered=CommandKind.LAND), Cause.ORDER),
+        (case(ordered=CommandKind.KILL), Cause.ORDER),
+        (case(lifeline_cut=True), Cause.STARTER),
+        (seen(fault="a fixed wing"), Cause.VEHICLE),
+        (seen(controlled=False, mode="LOITER"), Cause.PILOT),
+        (seen(now=OVER), Cause.TIMEOUT),
+    ],
+)
+def test_a_trigger_names_its_cause(make: Callable[[], Situation], cause: Cause) -> None:
+    trigger = find(make())
+    assert trigger is not None
+    assert trigger.cause is cause
 
 
 def test_a_pause_postpones_the_time_out() -> None:

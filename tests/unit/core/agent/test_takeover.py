@@ -10,11 +10,11 @@ from typing import Any
 
 import pytest
 
-from swarm_ctl.core.agent.failsafes import FailsafeAction
 from swarm_ctl.core.agent.flight_context import FlightContext
 from swarm_ctl.core.agent.preflight import Preflight
 from swarm_ctl.core.agent.takeover import EVIDENCE_S, LEARN_S, Takeover
 from swarm_ctl.core.control.navigation import Navigator
+from swarm_ctl.core.model.causes import FailsafeAction
 from swarm_ctl.core.model.frames import geodetic_from_ned
 from swarm_ctl.core.model.messages import Frame, Phase
 from swarm_ctl.core.model.vehicle import FlyGoal, GlobalFix
