@@ -20,7 +20,7 @@ class Problem:
     where: str
     """`file:line` (or only the file where no line applies)."""
     field: str
-    """Dotted path of the field, e.g. `law.r_in` or `fleet.agents[2].sysid`."""
+    """Dotted path of the field, e.g. `law.r_in`, `step 2, form.shape` or `fleet.agents#3.sysid`."""
     what: str
     allowed: str
 

@@ -92,7 +92,7 @@ def run(
         show = Show.LOG
     loaded = load(mission, fleet=fleet, vehicles=vehicles)
     console.warn(loaded.warnings)
-    refuse_too_close(loaded.plan, forecast(loaded.plan), str(mission))
+    refuse_too_close(loaded, forecast(loaded.plan))
 
     def say(text: str) -> None:
         with contextlib.suppress(OSError):  # the reader of our output is gone; the swarm flies on

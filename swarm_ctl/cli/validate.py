@@ -44,7 +44,7 @@ def validate(
     loaded = load(mission, fleet=fleet, vehicles=vehicles)
     kinds = {agent.autopilot for agent in loaded.fleet.agents}
     forecasts = forecast(loaded.plan, kinds)
-    refuse_too_close(loaded.plan, forecasts, str(mission))
+    refuse_too_close(loaded, forecasts)
     show(console, loaded, forecasts, full=full)
     if plot is not None:
         from swarm_ctl.report.page.mission_plot import plot as draw

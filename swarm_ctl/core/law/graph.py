@@ -15,13 +15,33 @@ from swarm_ctl.core.model.plan import Point
 Graph: TypeAlias = Mapping[int, Collection[int]]
 
 
+_ROUNDING = 1 + 1e-9
+"""Starts exactly `r` apart are neighbours in any unit of length."""
+
+
 def neighbours(starts: Mapping[int, Point], r: float) -> dict[int, tuple[int, ...]]:
     """`N_i` of every agent: the others whose start lies within the interaction range `r` (same
     length unit)."""
+    most = r * _ROUNDING
     return {
-        i: tuple(sorted(j for j, q in starts.items() if j != i and math.dist(p, q) <= r))
+        i: tuple(sorted(j for j, q in starts.items() if j != i and math.dist(p, q) <= most))
         for i, p in sorted(starts.items())
     }
+
+
+def connecting_range(starts: Mapping[int, Point]) -> tuple[float, int, int]:
+    """The least interaction range that connects the start graph of at least two agents, and the
+    link that needs it."""
+    first, *rest = sorted(starts)
+    nearest = {j: (math.dist(starts[first], starts[j]), first) for j in rest}
+    widest = (0.0, 0, 0)
+    while nearest:
+        j = min(nearest, key=nearest.__getitem__)
+        gap, i = nearest.pop(j)
+        widest = max(widest, (gap, min(i, j), max(i, j)))
+        for k, known in nearest.items():
+            nearest[k] = min(known, (math.dist(starts[j], starts[k]), j))
+    return widest
 
 
 def of_links(ids: Iterable[int], links: Iterable[tuple[int, int]]) -> dict[int, tuple[int, ...]]:

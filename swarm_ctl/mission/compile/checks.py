@@ -7,7 +7,6 @@ checks that do not read it. What shows only in the plan is in `plan_checks.py`.
 
 from __future__ import annotations
 
-import difflib
 import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -19,6 +18,7 @@ from swarm_ctl.core.safety.fence import area, crossing_edges, inside
 from swarm_ctl.errors import InputError
 from swarm_ctl.mission.geometry.shapes import slot_count, slots_of
 from swarm_ctl.mission.input.document import Finding, Place, dotted
+from swarm_ctl.mission.input.near_matches import did_you_mean
 from swarm_ctl.mission.input.schema import (
     FleetEntry,
     FormSection,
@@ -29,9 +29,11 @@ from swarm_ctl.mission.input.schema import (
     RotateSection,
     ScaleSection,
     Shape,
+    StarShape,
     StepEntry,
 )
 from swarm_ctl.mission.input.simulation_section import overlaps
+from swarm_ctl.mission.input.units import enough, metres, said
 
 MAX_DISTANCE_M = 5000.0
 """From the origin: further out the common frame's flat horizon is metres off the earth's."""
@@ -45,7 +47,7 @@ Findings: TypeAlias = Iterator[Finding]
 
 
 def check(mission: MissionFile, broken: frozenset[str] = frozenset()) -> list[Finding]:
-    """All mistakes, but for those that need a section in `broken`; lengths in units."""
+    """All mistakes, but for those that need a section in `broken`; lengths are the file's."""
     return [
         finding
         for needs, function in _CHECKS
@@ -96,20 +98,21 @@ def _agent_ids(mission: MissionFile) -> Findings:
 
 def _start_range(mission: MissionFile) -> Findings:
     for k, agent in enumerate(mission.agents):
-        away_m = math.hypot(*agent.start) * mission.unit_m
+        away_m = math.hypot(*agent.start) * metres(mission)
         if away_m > MAX_DISTANCE_M:
-            allowed = f"at most {MAX_DISTANCE_M:g} m (unit_m {mission.unit_m:g})"
-            what = f"is {away_m:.0f} m from the origin"
-            yield Finding(("agents", k, "start"), what, allowed)
+            what = f"is {said(away_m, mission)} from the origin"
+            yield Finding(("agents", k, "start"), what, f"at most {said(MAX_DISTANCE_M, mission)}")
 
 
 def _starts(mission: MissionFile) -> Findings:
-    r_in, unit = mission.law.r_in, mission.unit_m
-    for (_, a), (k, b) in itertools.combinations(enumerate(mission.agents), 2):
-        apart = math.dist(a.start, b.start)
+    """One finding for each agent: the nearest of those before it."""
+    r_in, metre = mission.law.r_in, metres(mission)
+    for k, agent in enumerate(mission.agents):
+        before = [(math.dist(a.start, agent.start), a.id) for a in mission.agents[:k]]
+        apart, other = min(before, default=(math.inf, 0))
         if apart < r_in:
-            what = f"agents {a.id} and {b.id} start {with_metres(apart, unit)} apart"
-            allowed = f"at least law.r_in = {with_metres(r_in, unit)}"
+            what = f"agents {other} and {agent.id} start {said(apart * metre, mission)} apart"
+            allowed = f"at least law.r_in = {said(r_in * metre, mission)}"
             yield Finding(("agents", k, "start"), what, allowed)
 
 
@@ -117,20 +120,16 @@ def _connected(mission: MissionFile) -> Findings:
     if mission.neighbours != "starts":
         return
     starts = {agent.id: agent.start for agent in mission.agents}
-    r, unit = mission.law.r, mission.unit_m
+    r, metre = mission.law.r, metres(mission)
     parts = graph.components(graph.neighbours(starts, r))
     if len(parts) > 1:
-        gap, i, j = min(
-            (math.dist(starts[i], starts[j]), i, j)
-            for one, other in itertools.combinations(parts, 2)
-            for i in one
-            for j in other
-        )
         what = (
-            f"the start graph is not connected: it falls into {named_parts(parts)}; "
-            f"the smallest gap is {with_metres(gap, unit)}, agents {i} and {j}"
+            f"the start graph is not connected: with law.r = {said(r * metre, mission)} it falls"
+            f" into {named_parts(parts)}"
         )
-        allowed = f"every part within law.r = {with_metres(r, unit)} of another"
+        needed, i, j = graph.connecting_range(starts)
+        wide = f"law.r of {said(needed * metre, mission, least=True)} or more"
+        allowed = f"{wide} (agents {i} and {j}), closer starts, or a list of neighbours"
         yield Finding(("agents",), what, allowed)
 
 
@@ -224,7 +223,7 @@ def _faults(mission: MissionFile) -> Findings:
     for i, k, name in overlaps(mission.simulation.faults):
         first = mission.simulation.faults[i]
         until = first.at_s + (first.for_s or 0.0)
-        what = f"{name} is set while faults[{i}] lasts, which resets it at its end"
+        what = f"{name} is set while faults#{i + 1} lasts, which resets it at its end"
         yield Finding((*place, k, "at_s"), what, f"{until:g} or later, or other agents")
 
 
@@ -243,6 +242,7 @@ def _shapes(mission: MissionFile) -> Findings:
 
 def _slot_distances(mission: MissionFile, place: Place, shape: Shape) -> Findings:
     between, r_out = distances(slots_of(shape, len(mission.agents))), mission.law.r_out
+    metre = metres(mission)
     close = sorted(
         (float(between[i, j]), i, j)
         for i, j in itertools.combinations(range(len(between)), 2)
@@ -253,8 +253,19 @@ def _slot_distances(mission: MissionFile, place: Place, shape: Shape) -> Finding
         more = f" (and {len(close) - 1} more pairs)" if len(close) > 1 else ""
         where = (*place, "offsets", j) if isinstance(shape, OffsetsShape) else place
         pair = f"slots {i + 1} and {j + 1} of {len(between)}"
-        what = f"{pair} are {with_metres(apart, mission.unit_m)} apart{more}"
-        yield Finding(where, what, f"more than law.r_out = {with_metres(r_out, mission.unit_m)}")
+        what = f"{pair} are {said(apart * metre, mission)} apart{more}"
+        wide = _wide(shape, r_out / apart) if apart else ""
+        yield Finding(where, what, f"more than law.r_out = {said(r_out * metre, mission)}{wide}")
+
+
+def _wide(shape: Shape, times: float) -> str:
+    """The length that spreads a shape's slots `times` as wide; '' where it has none, or two."""
+    sizes = ("side", "radius", "spacing", "height")
+    given = {name: value for name in sizes if (value := getattr(shape, name, None)) is not None}
+    if len(given) != 1 or isinstance(shape, StarShape):
+        return ""
+    ((name, value),) = given.items()
+    return f": {name} above {enough(value * times)}"
 
 
 def _slot_counts(mission: MissionFile) -> Findings:
@@ -302,8 +313,7 @@ def _form_shapes(mission: MissionFile) -> Findings:
     known = sorted(mission.shapes)
     for place, form in _forms(mission):
         if form.shape not in mission.shapes:
-            close = difflib.get_close_matches(form.shape, known, n=1)
-            hint = f"; did you mean {close[0]}?" if close else ""
+            hint = did_you_mean(form.shape, known)
             allowed = f"one of {', '.join(known)}" if known else "a shape from the section shapes"
             yield Finding((*place, "shape"), f"there is no shape {form.shape!r}{hint}", allowed)
 
@@ -349,7 +359,7 @@ def _polygon(mission: MissionFile) -> Findings:
     if crossing := crossing_edges(polygon):
         what = f"the edges after corners {crossing[0] + 1} and {crossing[1] + 1} cross"
         yield Finding(("fence", "polygon"), what, "corners in order along the fence")
-    elif polygon and area(polygon) * mission.unit_m**2 < 1.0:
+    elif polygon and area(polygon) * metres(mission) ** 2 < 1.0:
         yield Finding(("fence", "polygon"), "has no area", "corners around a field")
 
 
@@ -376,11 +386,6 @@ def named_parts(parts: Iterable[Iterable[int]]) -> str:
     return " and ".join(f"{{{_listed(part)}}}" for part in parts)
 
 
-def with_metres(units: float, unit_m: float) -> str:
-    """A length in units and in metres."""
-    return f"{units:.4g} units ({units * unit_m:.4g} m)"
-
-
 def _listed(ids: Iterable[int]) -> str:
     return ", ".join(map(str, sorted(ids)))
 
@@ -398,15 +403,15 @@ _CHECKS: tuple[tuple[str, Callable[[MissionFile], Findings]], ...] = (
     ("law tick_s", _gains),
     ("law", _own_law),
     ("agents", _agent_ids),
-    ("agents unit_m", _start_range),
-    ("agents law unit_m", _starts),
-    ("agents law unit_m neighbours", _connected),
+    ("agents lengths unit_m", _start_range),
+    ("agents law lengths unit_m", _starts),
+    ("agents law lengths unit_m neighbours", _connected),
     ("fleet", _fleet),
     ("fence lengths unit_m", _polygon),
     ("fence agents lengths unit_m", _starts_fenced),
     ("agents fleet", _fleet_has_all),
     ("agents simulation", _faults),
-    ("shapes agents law unit_m", _shapes),
+    ("shapes agents law lengths unit_m", _shapes),
     ("shapes agents steps", _slot_counts),
     ("steps", _steps),
     ("steps shapes", _form_shapes),

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -27,8 +27,12 @@ from swarm_ctl.core.model.plan import (
     TakeoffStep,
 )
 from swarm_ctl.core.model.text import agents_named
-from swarm_ctl.errors import MissionError, Problem
+from swarm_ctl.errors import MissionError
 from swarm_ctl.mission.compile.rehearsal import Rehearsal
+from swarm_ctl.mission.input.units import said
+
+if TYPE_CHECKING:
+    from swarm_ctl.mission.compile.loader import LoadedMission
 
 Array: TypeAlias = npt.NDArray[np.float64]
 Links: TypeAlias = Sequence[tuple[int, ...]]
@@ -100,17 +104,18 @@ def forecast(plan: Plan, autopilots: Iterable[str] = ("ardupilot",)) -> list[Ste
     return found
 
 
-def refuse_too_close(plan: Plan, forecasts: Iterable[StepForecast], source: str) -> None:
-    """Raises MissionError, with the form steps of the mission file `source` in which the forecast
-    has a pair under r_in."""
+def refuse_too_close(loaded: LoadedMission, forecasts: Iterable[StepForecast]) -> None:
+    """Raises MissionError, with the form steps in which the forecast has a pair under r_in."""
+    plan = loaded.plan
     r_in_m, problems = plan.law.r_in * plan.unit_m, []
     for k, step in enumerate(forecasts):
         form = step.form
         if form is None or form.smallest_pair is None or form.smallest_m >= r_in_m:
             continue
         what = f"{agents_named(form.smallest_pair)} are forecast {form.smallest_m:.2f} m apart"
-        allowed = f"at least law.r_in = {r_in_m:g} m, by other starts or slots, or a lower speed"
-        problems.append(Problem(source, f"steps[{k}].form", what, allowed))
+        least = f"at least law.r_in = {said(r_in_m, loaded.file)}"
+        allowed = f"{least}, by other starts or slots, or a lower speed"
+        problems.append(loaded.document.problem(("steps", k, "form"), what, allowed))
     if problems:
         raise MissionError(tuple(problems))
 

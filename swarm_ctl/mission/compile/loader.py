@@ -1,7 +1,7 @@
 """From a mission file to a plan and a fleet, or to every mistake in it at once.
 
 The way of a file: document (`input/yaml_file.py`), fleet file and CSV slots put in, sections
-(`input/schema.py`), lengths in units (`input/units.py`), checks, plan, checks of the plan,
+(`input/schema.py`), checks, lengths in units (`input/units.py`), plan, checks of the plan,
 warnings.
 """
 
@@ -41,6 +41,8 @@ class LoadedMission:
     source: Path
     file: MissionFile
     """What was written, defaults filled in."""
+    document: Document
+    """Says where in the file each value stands."""
     shapes: Mapping[str, Shape]
     """The file's, lengths in units."""
     warnings: tuple[str, ...] = ()
@@ -77,22 +79,21 @@ def _build(
     _graft_fleet(source, path, fleet)
     known = csv_slots.graft(source, path.parent)
     written, broken = _sections(source, set() if known else {"shapes"})
-    mission, broken = _in_units(written, broken)
-    findings = check(mission, frozenset(broken))
-    plan = None if findings or broken else plan_of(mission)
-    findings += [*check_plan(plan), *envelope.refused(plan)] if plan else []
+    findings = check(written, frozenset(broken))
+    plan = None if broken or findings else plan_of(in_units(written))
+    findings += [*check_plan(plan, written), *envelope.refused(plan)] if plan else []
     problems = source.problems + [source.problem(*finding) for finding in findings]
     if problems or plan is None:
         raise MissionError(tuple(sorted(problems, key=_line)))
-    if vehicles is not None:
-        mission = with_vehicles(mission, vehicles)
-    noted = [source.problem(*finding) for finding in warnings(mission, plan)]
+    flown = written if vehicles is None else with_vehicles(written, vehicles)
+    noted = [source.problem(*finding) for finding in warnings(flown, plan)]
     return LoadedMission(
         plan=plan,
-        fleet=fleet_of(mission),
+        fleet=fleet_of(flown),
         source=path,
         file=written,
-        shapes=mission.shapes,
+        document=source,
+        shapes=in_units(written).shapes,
         warnings=tuple(f"{each.where}: {each.field}: {each.what}" for each in noted),
     )
 
@@ -154,14 +155,6 @@ def _partial(data: Mapping[str, Any], broken: set[str]) -> MissionFile:
     model = create_model("PartialMission", __base__=Section, **cast("Any", fields))
     sections = {name: value for name, value in data.items() if name in fields}
     return cast("MissionFile", model.model_validate(sections))
-
-
-def _in_units(mission: MissionFile, broken: set[str]) -> tuple[MissionFile, set[str]]:
-    """The mission in units; without the sections that say what a unit is, lengths are broken."""
-    if not broken & {"law", "lengths", "unit_m"}:
-        return in_units(mission), broken
-    in_file_units = "lengths" not in broken and mission.lengths == "units"
-    return mission, broken if in_file_units else broken | {"unit_m"}
 
 
 @cache

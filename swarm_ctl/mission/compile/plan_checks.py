@@ -23,46 +23,61 @@ from swarm_ctl.mission.compile.checks import (
     Findings,
     named_parts,
     too_short,
-    with_metres,
 )
 from swarm_ctl.mission.input.document import Finding, Place
+from swarm_ctl.mission.input.schema import MissionFile
+from swarm_ctl.mission.input.units import enough, said
 
 
-def check_plan(plan: Plan) -> list[Finding]:
-    """Every mistake that shows only in the plan; `place` is the step's in the mission file."""
+def check_plan(plan: Plan, mission: MissionFile) -> list[Finding]:
+    """Every mistake that shows only in the plan; its words are those of the mission's file."""
+
     found: list[Finding] = []
     formations = planned_formations(plan)
     for k, (step, before, after) in enumerate(
         zip(plan.steps, formations[:-1], formations[1:], strict=True)
     ):
         place: Place = ("steps", k, step.kind)
-        found += _connected(plan, step, place)
-        found += _spacing(plan, step, before, after, place)
+        found += _connected(plan, step, before, place, mission)
+        found += _spacing(plan, step, before, after, place, mission)
         found += _fenced(plan, step, after, place)
         found += _timeout(step, before, place)
     return found
 
 
-def _connected(plan: Plan, step: Step, place: Place) -> Findings:
+def _connected(
+    plan: Plan, step: Step, before: PlannedFormation, place: Place, mission: MissionFile
+) -> Findings:
     if isinstance(step, FormStep) and step.neighbours:
         ids = [agent.id for agent in plan.agents]
         parts = graph.components(dict(zip(ids, step.neighbours, strict=True)))
         if len(parts) > 1:
-            what = f"the shape before is not connected: it falls into {named_parts(parts)}"
-            allowed = f"every part within law.r = {plan.law.r:g}"
+            needed, i, j = graph.connecting_range(dict(zip(ids, before.offsets, strict=True)))
+            r = said(plan.law.r * plan.unit_m, mission)
+            falls = f"with law.r = {r} it falls into {named_parts(parts)}"
+            wide = said(needed * plan.unit_m, mission, least=True)
+            allowed = f"law.r of {wide} or more (agents {i} and {j}), or neighbours: keep"
+            what = f"the shape before is not connected: {falls}"
             yield Finding((*place, "neighbours"), what, allowed)
 
 
 def _spacing(
-    plan: Plan, step: Step, before: PlannedFormation, after: PlannedFormation, place: Place
+    plan: Plan,
+    step: Step,
+    before: PlannedFormation,
+    after: PlannedFormation,
+    place: Place,
+    mission: MissionFile,
 ) -> Findings:
     if not isinstance(step, ScaleStep):
         return
     r_out, apart = plan.law.r_out, smallest_distance(after.offsets)
     if apart <= r_out + ROUNDING:
         narrowing = step.factor / before.scale
-        what = f"{narrowing:g} brings slots to {with_metres(apart, plan.unit_m)}"
-        allowed = f"more than law.r_out = {with_metres(r_out, plan.unit_m)} between slots"
+        what = f"{narrowing:g} brings slots to {said(apart * plan.unit_m, mission)}"
+        wide = f"above {enough(narrowing * r_out / apart)}"
+        least = said(r_out * plan.unit_m, mission)
+        allowed = f"{wide}: more than law.r_out = {least} between slots"
         yield Finding((*place, "factor"), what, allowed)
 
 

@@ -6,21 +6,44 @@ import itertools
 import math
 from collections import Counter
 from collections.abc import Callable
+from typing import Final
 
 from swarm_ctl.core.law import graph
+from swarm_ctl.core.law.formation import smallest_distance
+from swarm_ctl.core.law.planned_formation import PlannedFormation, planned_formations
 from swarm_ctl.core.model.fleet import VehicleKind
-from swarm_ctl.core.model.plan import Compensation, FormStep, Plan, Policy
+from swarm_ctl.core.model.plan import (
+    Compensation,
+    FormStep,
+    HoldStep,
+    MoveStep,
+    Plan,
+    Point,
+    Policy,
+    RotateStep,
+    ScaleStep,
+    Step,
+    TakeoffStep,
+)
 from swarm_ctl.mission.compile import envelope
-from swarm_ctl.mission.compile.checks import Findings
+from swarm_ctl.mission.compile.checks import ROUNDING, Findings
 from swarm_ctl.mission.compile.fleet import fleet_of
 from swarm_ctl.mission.input.document import Finding, Place
 from swarm_ctl.mission.input.schema import MissionFile
+from swarm_ctl.mission.input.units import said
 
 _SMALLEST_R_IN_M = 1.0
 _WEAK_R_OUT = 3.0
 """Units. At 7, random missions went under r_in that did not at 1.5."""
 _UNSAFE_RATE = 1.0
 """kappa * h up to which no problem was seen in thousands of missions without filter or release."""
+_LONG_FLIGHT_S: Final = 900.0
+_FAR_M: Final = 500.0
+_SLOW_MPS: Final = 0.3
+_LOW_M: Final = 2.0
+_MOST_RESERVE: Final = 50.0
+_RADIANS: Final = 0.02
+"""So near, in twelfths of pi, an angle in degrees looks like one in radians."""
 _PLAIN_RATE = 0.05
 """kappa * h of the plain law that left no pair of a laggy swarm under r_in in trials; four times as
 much did."""
@@ -31,34 +54,165 @@ def warnings(mission: MissionFile, plan: Plan) -> list[Finding]:
     return [finding for function in _WARNINGS for finding in function(mission, plan)]
 
 
-def _close_starts(_mission: MissionFile, plan: Plan) -> Findings:
+def _close_starts(mission: MissionFile, plan: Plan) -> Findings:
+    """One warning, of the closest pair."""
     r_out, unit = plan.law.r_out, plan.unit_m
-    for a, b in itertools.combinations(plan.agents, 2):
-        apart = math.dist(a.start, b.start)
-        if apart < r_out:
-            what = (
-                f"agents {a.id} and {b.id} start {apart * unit:.4g} m apart,"
-                f" inside each other's avoidance region (r_out, {r_out * unit:.4g} m)"
-            )
-            yield Finding(("agents",), what, "")
+    pairs = itertools.combinations(plan.agents, 2)
+    apart = sorted((math.dist(a.start, b.start), a.id, b.id) for a, b in pairs)
+    close = [pair for pair in apart if pair[0] < r_out - ROUNDING]
+    if close:
+        nearest, i, j = close[0]
+        more = f" (and {len(close) - 1} more pairs)" if len(close) > 1 else ""
+        what = (
+            f"agents {i} and {j} start {said(nearest * unit, mission)} apart{more},"
+            f" inside each other's avoidance region (law.r_out, {said(r_out * unit, mission)})"
+        )
+        yield Finding(("agents",), what, "")
 
 
-def _stretched_links(_mission: MissionFile, plan: Plan) -> Findings:
-    links = [agent.neighbours for agent in plan.agents]
-    ids = [agent.id for agent in plan.agents]
-    for k, step in enumerate(plan.steps):
+def _stretched_links(mission: MissionFile, plan: Plan) -> Findings:
+    """One warning for each shape, with what would be enough."""
+    ids, r = [agent.id for agent in plan.agents], plan.law.r
+    links = {agent.id: agent.neighbours for agent in plan.agents}
+    befores = planned_formations(plan)
+    for k, (step, before) in enumerate(zip(plan.steps, befores, strict=False)):
         if not isinstance(step, FormStep):
             continue
-        links = list(step.neighbours or links)
+        if step.neighbours:
+            links = dict(zip(ids, step.neighbours, strict=True))
         slots = dict(zip(ids, step.slots, strict=True))
-        for i, j in graph.edges(dict(zip(ids, links, strict=True))):
-            length = math.dist(slots[i], slots[j])
-            if length > plan.law.r:
+        lengths = sorted((math.dist(slots[i], slots[j]), i, j) for i, j in graph.edges(links))
+        beyond = [link for link in lengths if link[0] > r + ROUNDING]
+        if not beyond:
+            continue
+        longest, i, j = beyond[-1]
+        many = f"{len(beyond)} links, the longest" if len(beyond) > 1 else "the link"
+        length = said(longest * plan.unit_m, mission, least=True)
+        what = (
+            f"{step.shape} stretches {many} {i}-{j} to {length}, beyond"
+            f" law.r = {said(r * plan.unit_m, mission)}; r of {length} is enough"
+        )
+        if _rechosen_fit(before, slots, r):
+            what += ", or neighbours: rechoose in this step"
+        yield Finding(("steps", k, "form", "shape"), what, "")
+
+
+def _rechosen_fit(before: PlannedFormation, slots: dict[int, Point], r: float) -> bool:
+    """Whether the links that `rechoose` gives are connected, and no longer than r in the shape."""
+    rechosen = graph.neighbours(dict(zip(slots, before.offsets, strict=True)), r)
+    fit = all(math.dist(slots[i], slots[j]) <= r + ROUNDING for i, j in graph.edges(rechosen))
+    return fit and len(graph.components(rechosen)) == 1
+
+
+# --- slips: sound for a parser, and for no pilot ---
+
+
+def _long_flight(_mission: MissionFile, plan: Plan) -> Findings:
+    steps = zip(plan.steps, planned_formations(plan), strict=False)
+    times = [_least_s(plan, step, before) for step, before in steps]
+    if sum(times) > _LONG_FLIGHT_S:
+        longest = max(range(len(times)), key=times.__getitem__)
+        what = (
+            f"takes {times[longest]:.0f} s at least, of a flight of {sum(times):.0f} s: most"
+            f" batteries end after about {_LONG_FLIGHT_S:g} s"
+        )
+        yield Finding(("steps", longest, plan.steps[longest].kind), what, "")
+
+
+def _least_s(plan: Plan, step: Step, before: PlannedFormation) -> float:
+    """What a step takes at its speed; a form step, its settling."""
+    match step:
+        case TakeoffStep():
+            return step.height_m / plan.limits.climb_mps
+        case HoldStep():
+            return step.duration_s
+        case FormStep():
+            return step.settle_s
+        case MoveStep() | RotateStep() | ScaleStep():
+            return sum(before.legs_m(step)) / step.speed_mps + step.settle_s
+        case _:
+            return 0.0
+
+
+def _far_away(mission: MissionFile, plan: Plan) -> Findings:
+    """A fence that is not drawn grows with the mission, so it stops no slip."""
+    if mission.fence.polygon is not None:
+        return
+    home = planned_formations(plan)[0].centre_m
+    for k, step in enumerate(plan.steps):
+        way = step.waypoints_m if isinstance(step, MoveStep) else ()
+        away_m = max((math.dist(home, point) for point in way), default=0.0)
+        if away_m > _FAR_M:
+            what = (
+                f"goes {said(away_m, mission)} from the starts, out of a pilot's sight; the"
+                " geofence grows with it: draw one in fence.polygon"
+            )
+            yield Finding(("steps", k, "move"), what, "")
+
+
+def _slow(_mission: MissionFile, plan: Plan) -> Findings:
+    for k, step in enumerate(plan.steps):
+        if isinstance(step, MoveStep | RotateStep | ScaleStep) and step.speed_mps < _SLOW_MPS:
+            what = f"{step.speed_mps:g} m/s is less than a GPS position drifts"
+            yield Finding(("steps", k, step.kind, "speed_mps"), what, "")
+    if plan.limits.speed_mps < _SLOW_MPS:
+        what = f"{plan.limits.speed_mps:g} m/s is less than a GPS position drifts"
+        yield Finding(("vehicle", "limits", "speed_mps"), what, "")
+
+
+def _low(_mission: MissionFile, plan: Plan) -> Findings:
+    for k, step in enumerate(plan.steps):
+        if isinstance(step, TakeoffStep) and step.height_m < _LOW_M:
+            what = (
+                f"{step.height_m:g} m: rotors blow back from the ground, and height estimates err"
+            )
+            yield Finding(("steps", k, "takeoff", "height_m"), what, "")
+
+
+def _loose_tolerance(mission: MissionFile, plan: Plan) -> Findings:
+    """Formed before it is flown."""
+    for k, step in enumerate(plan.steps):
+        if isinstance(step, FormStep):
+            apart_m = smallest_distance(step.slots) * plan.unit_m
+            if apart_m / 2 < step.tolerance_m:
                 what = (
-                    f"{step.shape} stretches the link {i}-{j} to {length:.4g} units,"
-                    f" beyond the interaction range r = {plan.law.r:g}"
+                    f"{step.tolerance_m:g} m is more than half of what {step.shape}'s slots are"
+                    f" apart ({said(apart_m, mission)}): it counts as formed when it is not"
                 )
-                yield Finding(("steps", k, "form", "shape"), what, "")
+                yield Finding(("steps", k, "form", "tolerance_m"), what, "")
+
+
+def _limits_at_once(_mission: MissionFile, plan: Plan) -> Findings:
+    """A policy that acts in a flight without any trouble."""
+    policies, speed_mps = plan.policies, plan.limits.speed_mps
+    if policies.max_speed_mps <= speed_mps and policies.too_fast is not Policy.CONTINUE:
+        what = (
+            f"{policies.max_speed_mps:g} m/s is not above vehicle.limits.speed_mps ="
+            f" {speed_mps:g}: {policies.too_fast} in ordinary flight"
+        )
+        yield Finding(("policies", "max_speed_mps"), what, "")
+    if policies.battery_reserve_percent > _MOST_RESERVE and (
+        policies.battery_low is not Policy.CONTINUE
+    ):
+        what = (
+            f"{policies.battery_reserve_percent:g} %: {policies.battery_low} with more than half"
+            " of the battery left"
+        )
+        yield Finding(("policies", "battery_reserve_percent"), what, "")
+
+
+def _no_place(mission: MissionFile, _plan: Plan) -> Findings:
+    if mission.origin.lat_deg == 0 == mission.origin.lon_deg:
+        yield Finding(("origin",), "0, 0 lies in the Atlantic: is it filled in?", "")
+
+
+def _radians(mission: MissionFile, _plan: Plan) -> Findings:
+    for k, step in enumerate(mission.steps):
+        angle = step.rotate.angle_deg if step.rotate else 0.0
+        twelfths = abs(angle) / math.pi * 12
+        if 0.5 < twelfths < 24.5 and abs(twelfths - round(twelfths)) < _RADIANS:
+            what = f"{angle:g} degrees; if radians were meant: {math.degrees(angle):.0f}"
+            yield Finding(("steps", k, "rotate", "angle_deg"), what, "")
 
 
 def _small_r_in(_mission: MissionFile, plan: Plan) -> Findings:
@@ -170,4 +324,12 @@ _WARNINGS: tuple[Callable[[MissionFile, Plan], Findings], ...] = (
     _shared_ids,
     _unknown_wind,
     _unused_shapes,
+    _long_flight,
+    _far_away,
+    _slow,
+    _low,
+    _loose_tolerance,
+    _limits_at_once,
+    _no_place,
+    _radians,
 )

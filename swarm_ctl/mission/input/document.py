@@ -35,6 +35,10 @@ class Document:
             place = place[:-1]
         return self.wheres.get(place, self.name)
 
+    def has(self, place: Place) -> bool:
+        """Whether the file has a value at `place`."""
+        return place in self.wheres
+
     def problem(self, place: Place, what: str, allowed: str) -> Problem:
         """A problem with the value at `place`."""
         return problem_at(self.where(place), dotted(place), what, allowed)
@@ -54,6 +58,10 @@ def problem_at(where: str, field: str, what: str, allowed: str) -> Problem:
 
 
 def dotted(place: Place) -> str:
-    """`("fleet", "agents", 2, "sysid")` as `fleet.agents[2].sysid`."""
-    text = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place)
+    """`("steps", 1, "form", "shape")` as `step 2, form.shape`, `("fleet", "agents", 2, "sysid")` as
+    `fleet.agents#3.sysid`: entries count from 1, as on all screens."""
+    if len(place) > 1 and place[0] == "steps" and isinstance(place[1], int):
+        step = f"step {place[1] + 1}"
+        return f"{step}, {dotted(place[2:])}" if place[2:] else step
+    text = "".join(f"#{part + 1}" if isinstance(part, int) else f".{part}" for part in place)
     return text.removeprefix(".") or "(whole file)"

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import difflib
 import json
+import math
 import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from swarm_ctl.core.model.text import escaped
 from swarm_ctl.errors import Problem
-from swarm_ctl.mission.input.document import Document, Place
+from swarm_ctl.mission.input.document import Document, Place, dotted, problem_at
+from swarm_ctl.mission.input.near_matches import did_you_mean, slug
 
 _Schema = Mapping[str, Any]
-_NAME = "letters, digits, - and _, at most 40"
-_OF = {
-    r"^[A-Za-z0-9][A-Za-z0-9_-]{0,39}$": f" of {_NAME},",
-    r"^[A-Za-z0-9 ]{1,12}$": " of A to Z, digits and spaces, at most 12,",
-}
+_NAME = "A-Z, a-z, 0-9, - and _ (no space; at most 40)"
+_NAMES = r"^[A-Za-z0-9][A-Za-z0-9_-]{0,39}$"
+_OF = {_NAMES: f" of {_NAME},", r"^[A-Za-z0-9 ]{1,12}$": " of A-Z, 0-9 and spaces, at most 12,"}
 """A pattern of the schema in words."""
 
 
@@ -29,20 +28,66 @@ def problem_of(error: Mapping[str, Any], document: Document, schema: _Schema) ->
     loc: Place = tuple(error["loc"])
     place = _place(loc, document.data)
     if error["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
-        names = sorted(_find(schema, loc[:-1]).get("properties", {}))
-        close = difflib.get_close_matches(str(loc[-1]), names, n=1)
-        hint = f"; did you mean {close[0]}?" if close else ""
-        return document.problem(place, f"unknown field{hint}", ", ".join(names))
+        return _unknown(place, document, schema, _find(schema, loc[:-1]))
     if error["type"] == "missing":
         return document.problem(place, "is missing", describe(schema, _find(schema, loc)))
     if error["type"] in ("union_tag_not_found", "union_tag_invalid"):
         tag = error["ctx"].get("tag")
-        what = "is missing" if tag is None else f"{show(tag)} is not a known kind"
-        kinds = ", ".join(sorted(_find(schema, loc)["discriminator"]["mapping"]))
-        return document.problem((*place, "kind"), what, f"one of {kinds}")
+        kinds = sorted(_find(schema, loc)["discriminator"]["mapping"])
+        what = "is missing"
+        if tag is not None:
+            what = f"{show(tag)} is not a known kind{did_you_mean(str(tag), kinds)}"
+        return document.problem((*place, "kind"), what, f"one of {', '.join(kinds)}")
     if loc and loc[-1] == "[key]":
-        return document.problem(place, "can't be a name", _NAME)
-    return document.problem(place, _what(error), describe(schema, _find(schema, loc)))
+        return document.problem(place, f"can't be a name{_slug(error['input'])}", _NAME)
+    if _is_step(place) and isinstance(error["input"], str):
+        return _unknown((*place, error["input"]), document, schema, _find(schema, loc))
+    node = _find(schema, loc)
+    what = f"{_what(error, node)}{_of_origin(place, document, error['input'])}"
+    return document.problem(place, what, describe(schema, node))
+
+
+def _of_origin(place: Place, document: Document, value: Any) -> str:
+    """What probably happened to a latitude or longitude that is out of range."""
+    if place not in (("origin", "lat_deg"), ("origin", "lon_deg")):
+        return ""
+    if not isinstance(value, int | float) or not math.isfinite(value):
+        return ""
+    other = document.data["origin"].get("lon_deg")
+    if place[1] == "lat_deg" and isinstance(other, int | float) and abs(other) <= 90:
+        return f"; are lat_deg and lon_deg ({other:g}) exchanged?" if abs(value) <= 180 else ""
+    return f"; in degrees: {value / 1e7:g}?" if abs(value) > 1e5 else ""
+
+
+def _is_step(place: Place) -> bool:
+    return len(place) == 2 and place[0] == "steps"
+
+
+def _unknown(place: Place, document: Document, schema: _Schema, section: _Schema) -> Problem:
+    """A field, or a step, that `section` does not have."""
+    (*around, word), fields = place, section.get("properties", {})
+    within = [
+        field
+        for field in fields
+        if word in _deref(schema, fields[field]).get("properties", {})
+        and document.has((*around, field))
+    ]
+    hint = did_you_mean(str(word), list(fields))
+    if within:
+        hint = f"; it is a field of {within[0]}: indent it further"
+    if within or not _is_step(tuple(around)):
+        return document.problem(place, f"unknown field{hint}", ", ".join(sorted(fields)))
+    if word in fields:
+        what = f"{word} lacks its fields"
+        return document.problem(tuple(around), what, describe(schema, fields[str(word)]))
+    what, where = f"unknown step {show(word)}{hint}", document.where(place)
+    return problem_at(where, dotted(tuple(around)), what, ", ".join(fields))
+
+
+def _slug(text: Any) -> str:
+    """The allowed name that is nearest."""
+    near = slug(str(text))
+    return f"; did you mean {near}?" if near else ""
 
 
 def show(value: Any) -> str:
@@ -74,11 +119,13 @@ def describe(root: _Schema, node: _Schema) -> str:
     if node.get("type") == "array":
         return _describe_list(node)
     if "properties" in node:
-        return "a mapping of " + ", ".join(node["properties"])
+        needed = node.get("required", [])
+        others = [name for name in node["properties"] if name not in needed]
+        return "a mapping of " + ", ".join([*needed, *others])
     return "a mapping of names to values"
 
 
-def _what(error: Mapping[str, Any]) -> str:
+def _what(error: Mapping[str, Any], node: _Schema) -> str:
     value, kind = error["input"], str(error["type"])
     if value is None:
         return "is empty"
@@ -90,7 +137,10 @@ def _what(error: Mapping[str, Any]) -> str:
         return f"{show(value)} is not a finite number"
     if kind.startswith(("greater_than", "less_than")):
         return f"{show(value)} is out of range"
-    return f"{show(value)} is not allowed"
+    near = _slug(value) if node.get("pattern") == _NAMES else ""
+    if "enum" in node:
+        near = did_you_mean(str(value), [str(each) for each in node["enum"]])
+    return f"{show(value)} is not allowed{near}"
 
 
 def _kind_of(value: Any) -> str:

@@ -494,7 +494,7 @@ class MissionFile(Section):
 
     version: Literal[1]
     name: Name
-    """Letters, digits, - and _. Part of the name of the run's folder."""
+    """A-Z, a-z, 0-9, - and _; no space. Part of the name of the run's folder."""
     origin: OriginSection
     lengths: Literal["units", "metres"] = "units"
     """Unit of all lengths without a suffix: units of `unit_m` metres, or metres."""

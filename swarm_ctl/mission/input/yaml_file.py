@@ -15,6 +15,7 @@ from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from swarm_ctl.errors import MissionError
 from swarm_ctl.mission.input.document import Document, Place, dotted, problem_at
+from swarm_ctl.mission.input.indentation import misindented
 
 
 class _Loader(yaml.SafeLoader):
@@ -85,13 +86,7 @@ def parse(text: str, name: str) -> Document:
             raise _refuse(f"{name}:1", "is empty", "a mapping of fields to values")
         document.data = _Converter(document).convert(node, ())
     except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        if error.problem == "could not find expected ':'":
-            mark = error.context_mark or mark  # PyYAML notices on the next line
-        where = f"{name}:{mark.line + 1}" if mark else name
-        what = " ".join(part for part in (error.context, error.problem) if part)
-        allowed = "spaces, not tabs, in front of a field" if "'\\t'" in what else "well-formed YAML"
-        raise _refuse(where, f"YAML: {what}", allowed) from error
+        raise _syntax(error, text, name) from error
     except yaml.reader.ReaderError as error:
         line = text.count("\n", 0, error.position) + 1
         character = f"character {error.character!r}"
@@ -103,6 +98,34 @@ def parse(text: str, name: str) -> Document:
             f"{name}:1", "is nested too deeply", "a few levels of mappings and lists"
         ) from error
     return document
+
+
+_UNCLOSED = {
+    "while parsing a flow mapping": "a { is not closed, or a comma is missing",
+    "while parsing a flow sequence": "a [ is not closed, or a comma is missing",
+    "while scanning a quoted scalar": "a quote is not closed",
+}
+"""PyYAML's contexts in words."""
+
+
+def _syntax(error: yaml.MarkedYAMLError, text: str, name: str) -> MissionError:
+    """What is no YAML, in the words of the one who wrote it."""
+    mark = error.problem_mark or error.context_mark
+    if error.problem == "could not find expected ':'":
+        mark = error.context_mark or mark  # PyYAML notices on the next line
+    where = f"{name}:{mark.line + 1}" if mark else name
+    what = " ".join(part for part in (error.context, error.problem) if part)
+    if "'\\t'" in what:
+        return _refuse(where, f"YAML: {what}", "spaces, not tabs, in front of a field")
+    since = error.context_mark
+    if since and "quoted" in str(error.context):
+        where = f"{name}:{since.line + 1}"  # noticed at the end of the file
+    if since and error.context in _UNCLOSED:
+        opened = f"{_UNCLOSED[error.context]} (it begins in line {since.line + 1})"
+        return _refuse(where, f"YAML: {opened}", "well-formed YAML")
+    if mark and (indented := misindented(text, mark.line + 1)):
+        return _refuse(where, f"YAML: {indented}", "one indentation for all of a list or section")
+    return _refuse(where, f"YAML: {what}", "well-formed YAML")
 
 
 def _refuse(where: str, what: str, allowed: str) -> MissionError:

@@ -55,7 +55,11 @@ def mission_parts(
     started = Counter(e.started_as for e in loaded.fleet.agents if e.started_as is not None)
     kinds = ", ".join(f"{number} {kind}" for kind, number in sorted(started.items()))
     agents = f"{count} agents, {kinds or '0 simulated'}"
-    yield Text(f"{plan.name} can be flown: {agents}, plan {plan.fingerprint()}", style="bold")
+    late = (*_late_steps(plan, forecasts), *_late_faults(simulation, plan, forecasts))
+    warnings = (*loaded.warnings, *late)
+    many = f", with {len(warnings)} warning{'s' * (len(warnings) > 1)}" if warnings else ""
+    heading = f"{plan.name} can be flown{many}: {agents}, plan {plan.fingerprint()}"
+    yield Text(heading, style="bold yellow" if warnings else "bold")
     yield _agents(loaded, count if full or count <= _AGENTS else _AGENTS - 2)
     if count > _AGENTS and not full:
         yield f"{count - _AGENTS + 2} more agents; --full shows them"
@@ -63,8 +67,7 @@ def mission_parts(
     yield from _facts(plan, full)
     yield from joysticks(loaded.fleet)
     yield from _simulation(simulation)
-    late = (*_late_steps(plan, forecasts), *_late_faults(simulation, plan, forecasts))
-    for warning in (*loaded.warnings, *late):
+    for warning in warnings:
         yield Text.assemble(("warning  ", "yellow"), warning)
 
 

@@ -64,9 +64,9 @@ def test_a_forecast_under_r_in_is_refused(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["validate", str(path)])
     assert isinstance(result.exception, MissionError)
     (problem,) = result.exception.problems
-    assert (problem.where, problem.field) == (str(path), "steps[1].form")
+    assert (problem.where, problem.field) == (f"{path}:32", "step 2, form")
     assert "are forecast" in problem.what
-    assert problem.allowed.startswith("at least law.r_in = 2.5 m")
+    assert problem.allowed.startswith("at least law.r_in = 0.5 units (2.5 m)")
 
 
 def test_warnings_are_shown_with_their_place(tmp_path: Path) -> None:
@@ -76,7 +76,7 @@ def test_warnings_are_shown_with_their_place(tmp_path: Path) -> None:
     expected = forecast(load(path).plan)
     expected[1] = StepForecast(None, late)
     text = shown(path, expected)
-    assert f"warning  {path}:19: agents: agents 2 and 6 start 5 m apart" in text
+    assert f"warning  {path}:19: agents: agents 2 and 6 start 1 units (5 m) apart" in text
     assert "not in time, closest 8.0 m" in text
     assert "warning  step 2, form hexagon, is not expected to be done before its time-out" in text
 

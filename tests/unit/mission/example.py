@@ -55,6 +55,21 @@ def edited(*edits: tuple[str, str]) -> str:
     return text
 
 
+def in_metres() -> str:
+    """The same mission in metres, with the unit that it has."""
+    return edited(
+        ("unit_m: 5", "unit_m: 5\nlengths: metres"),
+        ("r: 4.5", "r: 22.5"),
+        ("r_out: 1.5", "r_out: 7.5"),
+        ("r_in: 0.5", "r_in: 2.5"),
+        ("start: [0, 3]", "start: [0, 15]"),
+        ("start: [3, 0]", "start: [15, 0]"),
+        ("side: 2", "side: 10"),
+        ("- [0, 2]", "- [0, 10]"),
+        ("- [0, 4]", "- [0, 20]"),
+    )
+
+
 def problems(text: str, name: str = "trio.yaml") -> tuple[Problem, ...]:
     """What a text is refused with."""
     with pytest.raises(MissionError) as caught:

@@ -17,7 +17,7 @@ from swarm_ctl.core.model.plan import FormStep, MoveStep, RotateStep, ScaleStep
 from swarm_ctl.errors import MissionError
 from swarm_ctl.mission.compile.loader import dumps, load, loads
 from swarm_ctl.mission.geometry import letters
-from tests.unit.mission.example import TEXT, edited, problems
+from tests.unit.mission.example import TEXT, edited, in_metres, problems
 
 FORM = "  - form: {shape: ring}\n"
 
@@ -27,43 +27,43 @@ def with_step(step: str) -> str:
 
 
 REFUSALS = {
-    "no way": ("move: {speed_mps: 1}", "steps[2].move", "no way to go", "one of to, along, by"),
+    "no way": ("move: {speed_mps: 1}", "step 3, move", "no way to go", "one of to, along, by"),
     "two ways": (
         "move: {to: [1, 1], by: [1, 1]}",
-        "steps[2].move",
+        "step 3, move",
         "to and by",
         "one of to, along, by",
     ),
     "too fast": (
         "move: {to: [1, 1], speed_mps: 9}",
-        "steps[2].move.speed_mps",
+        "step 3, move.speed_mps",
         "faster",
         "limits.speed_mps = 5",
     ),
-    "too far": ("move: {to: [2000, 1]}", "steps[2].move", "10000 m from the origin", "5000 m"),
+    "too far": ("move: {to: [2000, 1]}", "step 3, move", "10000 m from the origin", "5000 m"),
     "too narrow": (
         "scale: {factor: 0.5}",
-        "steps[2].scale.factor",
+        "step 3, scale.factor",
         "brings slots to 1 units",
         "law.r_out",
     ),
-    "no angle": ("rotate: {speed_mps: 1}", "steps[2].rotate.angle_deg", "is missing", "a number"),
-    "early return": ("return", "steps[2]", "steps after return", "as the last step only"),
+    "no angle": ("rotate: {speed_mps: 1}", "step 3, rotate.angle_deg", "is missing", "a number"),
+    "early return": ("return", "step 3", "steps after return", "as the last step only"),
     "bad policy": (
         "hold: {duration_s: 1, on_timeout: explode}",
-        "steps[2].hold.on_timeout",
+        "step 3, hold.on_timeout",
         "explode",
         "land",
     ),
     "bad link": (
         "form: {shape: ring, neighbours: [[1, 9]]}",
-        "steps[2].form.neighbours[0]",
+        "step 3, form.neighbours#1",
         "is no link",
         "1, 2, 3",
     ),
     "cut graph": (
         "form: {shape: ring, neighbours: [[1, 2]]}",
-        "steps[2].form.neighbours",
+        "step 3, form.neighbours",
         "{1, 2} and {3}",
         "links",
     ),
@@ -84,7 +84,7 @@ def test_a_move_before_any_shape_is_refused() -> None:
     (problem,) = (
         p
         for p in problems(edited((FORM, "  - move: {to: [1, 1]}\n" + FORM)))
-        if p.field == "steps[1]"
+        if p.field == "step 2"
     )
     assert "without a formation to keep" in problem.what
 
@@ -124,17 +124,7 @@ def test_neighbours_are_rechosen_from_the_shape_before() -> None:
 
 def test_metres_and_units_are_the_same_mission() -> None:
     """Every length divided by the unit that was given."""
-    scaled = edited(
-        ("unit_m: 5", "unit_m: 5\nlengths: metres"),
-        ("r: 4.5", "r: 22.5"),
-        ("r_out: 1.5", "r_out: 7.5"),
-        ("r_in: 0.5", "r_in: 2.5"),
-        ("start: [0, 3]", "start: [0, 15]"),
-        ("start: [3, 0]", "start: [15, 0]"),
-        ("side: 2", "side: 10"),
-        ("- [0, 2]", "- [0, 10]"),
-        ("- [0, 4]", "- [0, 20]"),
-    )
+    scaled = in_metres()
     assert loads(scaled).plan == loads(TEXT).plan
     assert loads(dumps(loads(scaled).file)).plan == loads(TEXT).plan
     without = loads(scaled.replace("unit_m: 5\n", ""))

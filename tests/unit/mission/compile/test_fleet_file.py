@@ -98,11 +98,11 @@ def test_two_vehicles_on_separate_links_may_have_one_sysid(tmp_path: Path) -> No
     [
         (
             "agents:\n  - {id: 1, respons: {}}\n",
-            "fleet.yaml:2: agents[0].respons: unknown field; did you mean response?",
+            "fleet.yaml:2: agents#1.respons: unknown field; did you mean response?",
         ),
         (
             "agents:\n  - {id: 1}\n  - {id: 1}\n",
-            "fleet.yaml:3: agents[1].id: 1 is taken by agents[0]",
+            "fleet.yaml:3: agents#2.id: 1 is taken by agents#1",
         ),
         ("agents: []\n", "fleet.yaml:1: agents"),
         ("agents:\n  - {id: 1, endpoint: 'udpout:h:99999'}\n", "port 99999 is out of range"),

@@ -312,7 +312,7 @@ def test_the_same_mission_flies_with_another_fleet(tmp_path: Path) -> None:
     assert by_name.fleet == by_argument.fleet
     assert by_name.plan == by_argument.plan == load(inline).plan
     assert [w.partition(" ")[2] for w in by_name.warnings] == [
-        "fleet.agents[3]: agent 4 is not in this mission"
+        "fleet.agents#4: agent 4 is not in this mission"
     ]
     assert by_name.warnings[0].startswith(f"{tmp_path / 'outdoors.yaml'}:6:")
 
@@ -325,7 +325,7 @@ def test_mistakes_in_a_fleet_file_are_shown_in_that_file(tmp_path: Path) -> None
     with pytest.raises(MissionError) as caught:
         load(mission)
     assert [(p.where, p.field) for p in caught.value.problems] == [
-        (f"{fleet}:3", "fleet.agents[1].sysid"),
+        (f"{fleet}:3", "fleet.agents#2.sysid"),
         (f"{fleet}:5", "fleet.agents"),
     ]
 
@@ -364,9 +364,57 @@ def test_unreadable_fleet_files(
         (
             ("[0, 3]", "[0, 1]"),
             11,
-            "agents: agents 1 and 2 start 5 m apart, inside each other's avoidance region",
+            "agents: agents 1 and 2 start 1 units (5 m) apart, inside each other's avoidance",
         ),
-        (("- [0, 4]", "- [0, 5]"), 27, "steps[3].form.shape: row stretches the link"),
+        (
+            ("- [0, 4]", "- [0, 5]"),
+            27,
+            (
+                "step 4, form.shape: row stretches the link 1-2 to 5 units (25 m), beyond law.r ="
+                " 4.5 units (22.5 m); r of 5 units (25 m) is enough"
+            ),
+        ),
+        (
+            ("hold: {duration_s: 10}", "move: {by: [160, 0]}"),
+            26,
+            "step 3, move: goes 160 units (800 m) from the starts, out of a pilot's sight",
+        ),
+        (
+            ("hold: {duration_s: 10}", "hold: {duration_s: 1000}"),
+            26,
+            "step 3, hold: takes 1000 s at least, of a flight of 1020 s: most batteries end",
+        ),
+        (
+            ("hold: {duration_s: 10}", "move: {by: [1, 0], speed_mps: 0.1}"),
+            26,
+            "step 3, move.speed_mps: 0.1 m/s is less than a GPS position drifts",
+        ),
+        (
+            ("hold: {duration_s: 10}", "rotate: {angle_deg: 1.57}"),
+            26,
+            "step 3, rotate.angle_deg: 1.57 degrees; if radians were meant: 90",
+        ),
+        (("height_m: 10", "height_m: 1"), 24, "step 1, takeoff.height_m: 1 m: rotors blow back"),
+        (
+            ("shape: ring}", "shape: ring, tolerance_m: 6}"),
+            25,
+            "step 2, form.tolerance_m: 6 m is more than half of what ring's slots are apart",
+        ),
+        (
+            ("  agent_lost: land", "  max_speed_mps: 4"),
+            30,
+            "policies.max_speed_mps: 4 m/s is not above vehicle.limits.speed_mps = 5: land",
+        ),
+        (
+            ("  agent_lost: land", "  battery_reserve_percent: 80"),
+            30,
+            "policies.battery_reserve_percent: 80 %: land with more than half of the battery",
+        ),
+        (
+            ("lat_deg: -35.36, lon_deg: 149.16", "lat_deg: 0, lon_deg: 0"),
+            3,
+            "origin: 0, 0 lies in the Atlantic",
+        ),
         (("r_in: 0.5", "r_in: 0.1"), 9, "law.r_in: 0.5 m"),
         (
             ("  kappa: 20", "  kappa: 20\n  h: 0.05\n  compensation: none"),
@@ -385,6 +433,29 @@ def test_unreadable_fleet_files(
 def test_what_is_allowed_but_doubtful_is_said(edit: tuple[str, str], line: int, text: str) -> None:
     (warning,) = loads(edited(edit), "trio.yaml").warnings
     assert warning.startswith(f"trio.yaml:{line}: {text}")
+
+
+def test_many_stretched_links_are_one_warning_with_what_is_enough() -> None:
+    """Where links chosen anew would be short enough, that is said, too; the heading counts."""
+    narrow = (MISSIONS / "sweep.yaml").read_text().replace("r: 50", "r: 11")
+    (warning,) = loads(narrow).warnings
+    assert "line stretches 4 links, the longest 4-5 to 12 m, beyond law.r = 11 m" in warning
+    assert warning.endswith("; r of 12 m is enough")
+    assert loads(narrow.replace("r: 11", "r: 12")).warnings == ()
+    crossed = edited(
+        ("  r: 4.5", "  r: 3.5"),
+        ("start: [3, 0]", "start: [0, 6]"),
+        ("[0, 2]\n      - [0, 4]", "[0, 4]\n      - [0, 2]"),
+        ("form: {shape: ring}", "form: {shape: row, slots: fixed}"),
+        ("form: {shape: row, timeout", "form: {shape: row, slots: fixed, timeout"),
+        ("  ring: {kind: ring, count: 3, side: 2}\n", ""),
+    )
+    first, second = loads(crossed).warnings
+    assert "step 2, form.shape: row stretches the link 1-2 to 4 units" in first
+    assert "rechoose" not in first, "from the starts it gives the same links"
+    assert second.endswith("; r of 4 units (20 m) is enough, or neighbours: rechoose in this step")
+    rechosen = crossed.replace("fixed, timeout", "fixed, neighbours: rechoose, timeout")
+    assert len(loads(rechosen).warnings) == 1
 
 
 # --- the handbook ---
