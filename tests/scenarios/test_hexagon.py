@@ -10,10 +10,12 @@ from typing import Any
 import pytest
 
 from swarm_ctl.core.agent.agent import Agent
+from swarm_ctl.core.model.causes import Cause
 from swarm_ctl.core.model.messages import Outcome, Phase, Severity
 from swarm_ctl.core.model.plan import Policies, Policy
 from swarm_ctl.mission.compile.loader import LoadedMission, load, loads
 from swarm_ctl.report.folder.last_statuses import LastStatus
+from swarm_ctl.report.folder.run_folder import RunFolder
 from swarm_ctl.report.judge.verdict import judge
 from tests.scenarios.swarm import VirtualSwarm
 
@@ -229,8 +231,8 @@ def test_a_vehicle_on_the_wrong_spot_does_not_arm(hexagon: LoadedMission) -> Non
     swarm.fly(hexagon.plan.prepare_timeout_s + 10)
     assert swarm.all_down
     last = {i: LastStatus(m.status, final=True) for i, m in swarm.members.items() if m.status}
-    outcome, reason = judge([*last], last, {}, ())
-    assert outcome is Outcome.FAILED
+    outcome, reason, cause = judge(RunFolder(None, None, {}, None, tuple(last), last, []), {})
+    assert (outcome, cause) == (Outcome.FAILED, Cause.TIMEOUT)
     assert "step 0 (prepare) timed out after 120 s: agent 3 not ready" in reason
     assert "not ready: the vehicle stands 10.0 m from its planned start" in reason
 

@@ -14,6 +14,7 @@ import numpy as np
 from swarm_ctl.core.agent.progress import step_name
 from swarm_ctl.core.law.graph import edges
 from swarm_ctl.core.law.planned_formation import planned_formations
+from swarm_ctl.core.model.causes import Cause
 from swarm_ctl.core.model.messages import AgentStatus, StepResult, TickReport
 from swarm_ctl.core.model.plan import FormStep, Plan, Point
 from swarm_ctl.report.folder import metrics
@@ -35,6 +36,7 @@ from swarm_ctl.report.judge.summary import (
     Summary,
     TruthSummary,
 )
+from swarm_ctl.report.judge.unseen import slow_machine
 from swarm_ctl.report.judge.verdict import judge
 
 _FROM_BAD_TO_GOOD = list(reversed(StepVerdict))
@@ -54,7 +56,7 @@ def summarise(folder: Path, exit_codes: Mapping[str, int] | None = None) -> Summ
     pairs = pair_distances(run)
     findings = find(run, pairs)
     headings = headlines(run, findings)
-    outcome, reason = judge(run.agents, run.last, exit_codes or {}, run.notes, headings)
+    outcome, reason, cause = judge(run, exit_codes or {}, headings)
     steps = _steps(run)
     tally = Counter[str]()
     for status in statuses:
@@ -66,6 +68,7 @@ def summarise(folder: Path, exit_codes: Mapping[str, int] | None = None) -> Summ
         **_closest(run, pairs),
         outcome=outcome,
         reason=reason,
+        cause=cause,
         findings=tuple(FindingSummary(**asdict(finding)) for finding in findings),
         judged_by=dict(zip(run.agents, run.flight.sources, strict=True)) if run.flight else {},
         steps=steps,
@@ -82,9 +85,17 @@ def summarise(folder: Path, exit_codes: Mapping[str, int] | None = None) -> Summ
         exit_codes=dict(exit_codes) if exit_codes is not None else None,
         mission_time_s=max(last_s, default=None),
         wall_time_s=max(last_s) / speedup if last_s and speedup else None,
-        warnings=tuple(doubts(run, pairs)),
+        warnings=(*doubts(run, pairs), *_slow(run, cause)),
         notes=tuple(run.notes),
     )
+
+
+def _slow(run: RunFolder, cause: Cause | None) -> list[str]:
+    """That the machine did not keep up, where the reason does not say so."""
+    if run.manifest is None or cause is Cause.MACHINE:
+        return []
+    found = slow_machine(run.statuses, run.manifest.plan, run.manifest.speedup)
+    return [found] if found else []
 
 
 def _killed(exit_codes: Mapping[str, int]) -> set[int]:
@@ -220,6 +231,7 @@ def _agent(run: RunFolder, agent: int) -> AgentSummary:
         time_s=s.time_s,
         outcome=s.outcome,
         reason=s.reason,
+        cause=s.cause,
         phase=s.phase.name.lower(),
         armed=s.armed,
         airborne=s.airborne,

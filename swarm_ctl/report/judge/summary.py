@@ -8,6 +8,7 @@ from typing import Final, Literal, TypeAlias
 
 from pydantic import BaseModel, ConfigDict
 
+from swarm_ctl.core.model.causes import Cause
 from swarm_ctl.core.model.messages import Outcome, TickReport
 from swarm_ctl.report.folder.files import read_model, write_model
 from swarm_ctl.report.folder.flight import Source
@@ -66,6 +67,8 @@ class AgentSummary(_SummaryPart):
     outcome: Outcome | Literal["unknown"] = "unknown"
     """`running`: the agent did not live to its end."""
     reason: str = ""
+    cause: Cause | None = None
+    """What broke its mission off, or held it up."""
     phase: str = "unknown"
     armed: bool | None = None
     airborne: bool | None = None
@@ -145,7 +148,9 @@ class Summary(_SummaryPart):
     """`completed`: by every agent's final status, nothing in `findings`, every process ended with
     0, no file is missing; `aborted`: landed on an operator's command; `failed`: everything else."""
     reason: str
-    """Why it was not completed, the cause first; empty otherwise."""
+    """Why it was not completed, the cause first, then the step; empty otherwise."""
+    cause: Cause | None = None
+    """The cause alone; null where the run was completed."""
     findings: tuple[FindingSummary, ...] = ()
     """The earliest first."""
     judged_by: dict[int, Source] = {}

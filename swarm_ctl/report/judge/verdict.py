@@ -5,32 +5,47 @@ from __future__ import annotations
 import math
 import signal
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
+from swarm_ctl.core.model.causes import Cause
 from swarm_ctl.core.model.messages import AgentStatus, Outcome, StepOutcome
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.report.folder.files import first_few
 from swarm_ctl.report.folder.last_statuses import LastStatus
+from swarm_ctl.report.folder.run_folder import RunFolder
 from swarm_ctl.report.judge.summary import RunOutcome
+from swarm_ctl.report.judge.unseen import bad_links, slow_machine
 
 _ORDERLY: Final = frozenset({0, 1, 130})
 """Exit codes of processes that ended by themselves: done, failed, aborted."""
 
 
-def judge(
-    agents: Sequence[int],
-    last: Mapping[int, LastStatus],
-    exit_codes: Mapping[str, int],
-    notes: Sequence[str],
-    found: Sequence[str] = (),
-) -> tuple[RunOutcome, str]:
-    """The run's outcome and the reason ('' when completed). `notes` say what is missing or torn;
-    `found` is what makes it failed whatever the agents say, and comes first.
+class Verdict(NamedTuple):
+    """Of a run."""
+
+    outcome: RunOutcome
+    reason: str
+    """The cause first; '' when completed."""
+    cause: Cause | None
+    """None when completed."""
+
+
+_BY_SLOWNESS: Final = frozenset(
+    {Cause.TIMEOUT, Cause.PEER, Cause.STATION, Cause.VEHICLE_LINK, Cause.POSITION, Cause.FINDING}
+)
+"""What a machine that does not keep up may bring about."""
+_BY_LINKS: Final = frozenset({Cause.TIMEOUT, Cause.PEER})
+
+
+def judge(run: RunFolder, exit_codes: Mapping[str, int], found: Sequence[str] = ()) -> Verdict:
+    """The run's verdict. Its notes say what is missing or torn; `found` is what makes it failed
+    whatever the agents say, and comes first, but for what may have brought that about.
 
     Completed needs every agent's own final status, every exit code 0 and no missing file. Aborted
     needs a final status of every agent, and every process to end by itself. The exit code of a
     process does not count where another took its vehicle over and completed.
     """
+    agents, last = run.agents, run.last
     replaced = {f"agent-{i}" for i in agents if i in last and _made_good(last[i])}
     exit_codes = {name: code for name, code in exit_codes.items() if name not in replaced}
     final = {i: last[i].status for i in agents if i in last and last[i].final}
@@ -43,45 +58,72 @@ def judge(
         and _ORDERLY.issuperset(exit_codes.values())
     ):
         reasons = _grouped({i: s.reason or "on command" for i, s in aborted.items()})
-        return Outcome.ABORTED, first_few(reasons)
-    causes = [*found, *_causes(agents, last, final, exit_codes)] or [
-        f"{name} exited with 1" for name, code in exit_codes.items() if code == 1
+        cause = next((s.cause for s in aborted.values() if s.cause), Cause.ORDER)
+        return Verdict(Outcome.ABORTED, first_few(reasons), cause)
+    causes = [(Cause.FINDING, text) for text in found]
+    causes += [*_broken(agents, last, final, exit_codes), *_complaints(final)]
+    causes += [
+        (Cause.PROCESS, f"{name} exited with {code}")
+        for name, code in exit_codes.items()
+        if code > 1 or (code == 1 and (not final or not causes))
     ]
-    causes += [] if agents else ["no agent is known"]
-    causes = causes or list(notes)
-    return (Outcome.FAILED, first_few(causes)) if causes else (Outcome.COMPLETED, "")
+    causes += [] if agents else [(Cause.PROCESS, "no agent is known")]
+    causes = causes or [(Cause.PROCESS, note) for note in run.notes]
+    if not causes:
+        return Verdict(Outcome.COMPLETED, "", None)
+    reason = first_few([text for _, text in causes])
+    unseen, words = _unseen(run, causes[0][0], list(final.values()))
+    return Verdict(Outcome.FAILED, f"{words}. {reason}" if words else reason, unseen)
+
+
+def _unseen(run: RunFolder, cause: Cause, final: Sequence[AgentStatus]) -> tuple[Cause, str]:
+    """What brought the cause about, as far as no agent can see it; else the cause itself."""
+    if run.manifest is None or run.plan is None:
+        return cause, ""
+    machine = slow_machine(final, run.plan, run.manifest.speedup) if cause in _BY_SLOWNESS else ""
+    if machine:
+        return Cause.MACHINE, machine
+    links = bad_links(final, run.plan) if cause in _BY_LINKS else ""
+    return (Cause.LINK, links) if links else (cause, "")
 
 
 def _made_good(last: LastStatus) -> bool:
     return last.successor and last.status.outcome is Outcome.COMPLETED
 
 
-def _causes(
+def _broken(
     agents: Sequence[int],
     last: Mapping[int, LastStatus],
     final: Mapping[int, AgentStatus],
     exit_codes: Mapping[str, int],
-) -> Iterator[str]:
-    """What made the run fail. An agent that failed exits with 1: its status says more."""
+) -> Iterator[tuple[Cause, str]]:
+    """Processes that were ended, and agents that left no account."""
     for name, code in exit_codes.items():
         if code < 0:
-            yield f"{name} was ended by {_signal(code)}"
+            yield Cause.PROCESS, f"{name} was ended by {_signal(code)}"
     for i in agents:
         if i not in last:
-            yield f"agent {i} left no status"
+            yield Cause.PROCESS, f"agent {i} left no status"
         elif i not in final:
             heard = last[i].status
-            phase = heard.phase.name.lower()
-            yield (
-                f"agent {i} left no final status; "
-                f"last heard at {heard.time_s:.1f} s in phase {phase}"
-            )
-    incomplete = {i: s for i, s in final.items() if s.outcome is not Outcome.COMPLETED}
-    incomplete = dict(sorted(incomplete.items(), key=lambda item: _broken_s(item[1])))
-    yield from _grouped({i: _complaint(s) for i, s in incomplete.items()})
-    for name, code in exit_codes.items():
-        if code > 1 or (code == 1 and not final):
-            yield f"{name} exited with {code}"
+            words = f"last heard at {heard.time_s:.1f} s in phase {heard.phase.name.lower()}"
+            yield Cause.PROCESS, f"agent {i} left no final status; {words}"
+
+
+def _complaints(final: Mapping[int, AgentStatus]) -> Iterator[tuple[Cause, str]]:
+    """Why agents did not complete, each reason once; the cause first, with its step, then the
+    agents that followed it. An agent that failed exits with 1: its status says more."""
+    incomplete = [s for s in final.values() if s.outcome is not Outcome.COMPLETED]
+    incomplete.sort(key=lambda s: (s.cause is Cause.PEER, _broken_s(s)))
+    groups: dict[str, list[AgentStatus]] = {}
+    for status in incomplete:
+        groups.setdefault(_complaint(status), []).append(status)
+    for k, (why, same) in enumerate(groups.items()):
+        first, where = same[0], ""
+        if k == 0 and first.steps and first.cause is not Cause.TIMEOUT:  # that one names its step
+            where = f", in step {len(first.steps) - 1} ({first.steps[-1].name})"
+        agents = agents_named(status.agent for status in same)
+        yield first.cause or Cause.VEHICLE, f"{agents}: {why}{where}"
 
 
 def _broken_s(status: AgentStatus) -> float:

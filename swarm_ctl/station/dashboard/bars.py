@@ -11,7 +11,7 @@ from swarm_ctl.core.model.text import agents_named, printable, ranges
 from swarm_ctl.station.dashboard.drawing.picture import Picture
 from swarm_ctl.station.dashboard.drawing.styled_line import SIGN, WAITING, WELL, StyledLine, fit
 from swarm_ctl.station.picture.alarms import Level
-from swarm_ctl.station.picture.summaries import command_words, verdict
+from swarm_ctl.station.picture.summaries import command_words, meant_by, refusals, verdict
 from swarm_ctl.station.picture.view import CommandView, SwarmView
 
 BAR_STYLE: Final = {
@@ -102,16 +102,10 @@ def usage_line(typed: str, plan: Plan) -> StyledLine:
 
 
 def _answers(command: CommandView, view: SwarmView) -> StyledLine:
-    meant = command.command.agents or tuple(agent.id for agent in view.agents if agent.in_plan)
+    meant, refused = meant_by(command, view), refusals(command, view)
     line = StyledLine(f" {command_words(command.command)}", "bold magenta").add(" ")
     taken = [i for i in meant if i in command.acks and command.acks[i].accepted]
     waiting = [i for i in meant if i not in command.acks]
-    refused: dict[str, list[int]] = {}
-    for i in meant:
-        if i in command.acks and not command.acks[i].accepted:
-            # "agent 3 is ..." of many agents is one reason
-            reason = printable(command.acks[i].reason).replace(f"agent {i} ", "it ")
-            refused.setdefault(reason, []).append(i)
     if not waiting and not refused:
         return line.add(f" {WELL} {agents_named(taken)}", "green")
     if len(meant) <= _EACH:

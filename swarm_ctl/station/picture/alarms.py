@@ -13,7 +13,9 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
 
+from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import AgentStatus, Gains, Outcome, PairReport, Phase, Severity
+from swarm_ctl.core.model.plan import FormStep
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.timeouts import NEIGHBOUR_S, OWN_LOST_S
 from swarm_ctl.core.swarm.gain_update import differences
@@ -42,24 +44,36 @@ LEVEL_OF: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """One alarm that stands. `(name, agents)` tells it from others; `text` holds today's
-    figures."""
+    """One alarm that stands. `(name, agents)` tells it from others."""
 
     name: str
     level: Level
     agents: tuple[int, ...]
-    text: str
+    words: str
+    """What is the matter with the agents, with today's figures."""
     reason: str
     """Why the threshold is what it is."""
+    measured: bool = True
+    """The words have a figure of each case; else words that are equal are one reason."""
 
     @property
     def key(self) -> tuple[str, tuple[int, ...]]:
-        """What stays the same while the figures in `text` change."""
+        """What stays the same while the words change."""
         return self.name, self.agents
+
+    @property
+    def line(self) -> tuple[str, str]:
+        """Alarms that have the same one are told in one line."""
+        return self.name, "" if self.measured else self.words
+
+    @property
+    def text(self) -> str:
+        """The whole sentence."""
+        return f"{agents_named(self.agents)}: {self.words}"
 
 
 Found = Iterator[tuple[tuple[int, ...], str]]
-"""(agents, text) of each case."""
+"""(agents, words) of each case."""
 Check = Callable[[SwarmView, float], Found]
 """The cases in a view, for a threshold."""
 
@@ -73,26 +87,27 @@ class Rule:
     threshold: Callable[[SwarmView], float]
     reason: str
     check: Check
+    measured: bool = True
 
 
 def alarms(view: SwarmView) -> tuple[Alarm, ...]:
     """All alarms that stand in this view, the worst first, then in the table's order."""
     found = [
-        Alarm(rule.name, rule.level, agents, text, rule.reason)
+        Alarm(rule.name, rule.level, agents, words, rule.reason, rule.measured)
         for rule in RULES
-        for agents, text in rule.check(view, rule.threshold(view))
+        for agents, words in rule.check(view, rule.threshold(view))
     ]
     return tuple(sorted(found, key=lambda alarm: -alarm.level))
 
 
-def _if(words: Callable[[AgentView], str | None]) -> Check:
-    """A case for each agent that `words` has something to say of."""
+def _if(words_of: Callable[[AgentView], str | None]) -> Check:
+    """A case for each agent that `words_of` has something to say of."""
 
     def check(view: SwarmView, _: float) -> Found:
         for agent in view.agents:
-            text = words(agent)
-            if text:
-                yield (agent.id,), text
+            words = words_of(agent)
+            if words:
+                yield (agent.id,), words
 
     return check
 
@@ -106,7 +121,7 @@ def _figure(of: Callable[[AgentView], float | None], words: str, *, least: bool 
             value = None if agent.phase in (None, Phase.ENDED) else of(agent)
             if value is not None and (value < limit if least else value > limit):
                 usual_hz = 1 / view.plan.tick_s
-                yield (agent.id,), words.format(id=agent.id, value=value, usual_hz=usual_hz)
+                yield (agent.id,), words.format(value=value, usual_hz=usual_hz)
 
     return check
 
@@ -121,35 +136,58 @@ def _apart(value: float, limit: float, decimals: int) -> tuple[str, str]:
 
 
 def _too_close(view: SwarmView, r_in_m: float) -> Found:
-    flying = [(a.id, a.state.position_ned_m[:2]) for a in view.agents if a.airborne and a.state]
+    """On the ground the noise of a position is no approach."""
+    flying = [(a.id, a.state.position_ned_m[:2]) for a in view.agents if a.off_ground and a.state]
     for k, (a, here) in enumerate(flying):
         for b, there in flying[k + 1 :]:
             apart = math.dist(here, there)
             if apart < r_in_m:
                 short, limit = _apart(apart, r_in_m, 2)
-                yield (a, b), f"agents {a} and {b} are {short} m apart, under r_in {limit} m"
+                yield (a, b), f"{short} m apart, under r_in {limit} m"
 
 
 def _silent(agent: AgentView) -> str | None:
     if not agent.lost or agent.silence_s is None:
         return None
-    return f"agent {agent.id} has not been heard for {agent.silence_s:.1f} s"
+    return f"not heard for {agent.silence_s:.1f} s"
+
+
+_FALLEN: Final = frozenset({FailsafeAction.FALL, FailsafeAction.KILL})
+_ORDERED: Final = frozenset({Cause.ORDER, Cause.STARTER})
+
+
+def _fallen(agent: AgentView) -> str | None:
+    status = agent.status
+    fell = status and (status.action in _FALLEN or status.cause is Cause.FALL)
+    return _reason(status) if status and fell else None
 
 
 def _failed(agent: AgentView) -> str | None:
-    if agent.status is None or agent.status.outcome != Outcome.FAILED:
+    """From the moment it breaks the mission off."""
+    status = agent.status
+    if status is None or _fallen(agent) or status.cause in _ORDERED or _yields(agent):
         return None
-    return f"agent {agent.id} failed: {agent.status.reason or 'no reason given'}"
+    gone = status.action not in (None, FailsafeAction.HOLD) or status.outcome is Outcome.FAILED
+    return _reason(status) if gone else None
+
+
+def _out_by_order(agent: AgentView) -> str | None:
+    status = agent.status
+    return _reason(status) if status and status.cause in _ORDERED and not _fallen(agent) else None
+
+
+def _reason(status: AgentStatus) -> str:
+    return status.reason or "gives no reason"
 
 
 def _other_plan(view: SwarmView, _: float) -> Found:
     for agent in view.agents:
         if agent.state is not None and agent.state.plan_hash != view.plan_hash:
-            yield (agent.id,), f"agent {agent.id} flies another plan ({agent.state.plan_hash:016x})"
+            yield (agent.id,), f"another plan ({agent.state.plan_hash:016x})"
 
 
 def _stranger(agent: AgentView) -> str | None:
-    return None if agent.in_plan else f"agent {agent.id} is on the mesh and not in the plan"
+    return None if agent.in_plan else "on the mesh and not in the plan"
 
 
 def _sigma_bound(view: SwarmView, _: float) -> Found:
@@ -182,7 +220,7 @@ def _mixed_laws(view: SwarmView, settled_s: float) -> Found:
         how = f": {differences(usual, gains)}" if gains and usual else ""
         ids = tuple(agent.id for agent in agents)
         usual_ids = agents_named(agent.id for agent in most)
-        yield ids, f"{agents_named(ids)} flies another law than {usual_ids}{how}"
+        yield ids, f"another law than {usual_ids}{how}"
 
 
 def _gains(agents: tuple[AgentView, ...]) -> Gains | None:
@@ -191,15 +229,21 @@ def _gains(agents: tuple[AgentView, ...]) -> Gains | None:
     return max(told, key=lambda status: status.time_s).gains if told else None
 
 
+def _yields(agent: AgentView) -> bool:
+    return agent.phase is Phase.YIELD and not _fallen(agent)
+
+
 def _taken_over(agent: AgentView) -> str | None:
-    taken = f"a pilot or a failsafe has taken the vehicle of agent {agent.id}"
-    return taken if agent.phase is Phase.YIELD else None
+    if not _yields(agent):
+        return None
+    told = agent.status.reason if agent.status else ""
+    return told or "a pilot or a failsafe has taken the vehicle"
 
 
 def _holding(agent: AgentView) -> str | None:
-    # without a reason the agent only brakes before it lands
-    held = agent.phase is Phase.HOLD and agent.status is not None and agent.status.reason
-    return f"agent {agent.id} holds: {held}" if held else None
+    status = agent.status
+    held = status is not None and status.action is FailsafeAction.HOLD
+    return f"holds: {_reason(status)}" if status and held else None
 
 
 def _held_alone(view: SwarmView, limit_s: float) -> Found:
@@ -207,8 +251,7 @@ def _held_alone(view: SwarmView, limit_s: float) -> Found:
     flying = [agent for agent in view.agents if agent.live and agent.state is not None]
     held = [agent.id for agent in flying if agent.state and agent.state.override]
     if held and len(held) < len(flying):
-        one = agents_named(held)
-        yield tuple(held), f"{one} held by a command: the others wait {limit_s:g} s at most"
+        yield tuple(held), f"held by a command; the others wait {limit_s:g} s at most"
 
 
 def _pause_s(view: SwarmView) -> float:
@@ -219,27 +262,23 @@ def _unheard(view: SwarmView, limit_s: float) -> Found:
     if view.time_s - view.since_s > limit_s:
         for agent in view.agents:
             if agent.silence_s is None:
-                yield (agent.id,), f"agent {agent.id} was never heard"
+                yield (agent.id,), "never heard"
 
 
 def _overspeed(view: SwarmView, _: float) -> Found:
-    words = "consensus alone leaves the safety region of agents"
     for pair in view.pairs:
         if any(report.status == "overspeed" for _, report in pair.sides):
-            yield (pair.a, pair.b), f"{words} {pair.a} and {pair.b}"
-
-
-def _off_ground(agent: AgentView) -> bool:
-    """Also by its vehicle's own word: before lift-off the noise of the position may exceed r."""
-    return agent.live and agent.status is not None and agent.status.airborne
+            yield (pair.a, pair.b), "consensus alone leaves their safety region"
 
 
 def _long_link(view: SwarmView, r_m: float) -> Found:
+    step = view.plan.steps[view.step - 1] if view.step else None
+    if isinstance(step, FormStep) and step.neighbours is not None:
+        return  # those that it chose come together only now
     for edge in view.edges:
-        both = all(_off_ground(view.agent(i)) for i in (edge.a, edge.b))
-        if both and edge.length_m is not None and edge.length_m > r_m:
+        if edge.length_m is not None and edge.length_m > r_m:
             long, limit = _apart(edge.length_m, r_m, 1)
-            yield (edge.a, edge.b), f"link {edge.a}-{edge.b} is {long} m long, over r {limit} m"
+            yield (edge.a, edge.b), f"their link is {long} m long, over r {limit} m"
 
 
 def _old_link(view: SwarmView, limit_s: float) -> Found:
@@ -255,33 +294,34 @@ def _of(value: Callable[[AgentStatus], float | None]) -> Callable[[AgentView], f
 
 
 _no_heartbeat: Final = _figure(
-    _of(lambda status: status.heartbeat_age_s),
-    "agent {id} has no heartbeat from its vehicle for {value:.1f} s",
+    _of(lambda status: status.heartbeat_age_s), "no heartbeat from its vehicle for {value:.1f} s"
 )
 _old_state: Final = _figure(
-    lambda agent: agent.link.age_s if agent.live else None,
-    "last state of agent {id} is {value:.1f} s old",
+    lambda agent: agent.link.age_s if agent.live else None, "its last state is {value:.1f} s old"
 )
 _loss: Final = _figure(
-    lambda agent: agent.link.recent_loss,
-    "{value:.0%} of the states of agent {id} are lost on the way here",
+    lambda agent: agent.link.recent_loss, "{value:.0%} of its states are lost on the way here"
 )
 _no_station: Final = _figure(
-    _of(lambda status: status.station_age_s), "agent {id} has not heard a station for {value:.1f} s"
+    _of(lambda status: status.station_age_s), "no station heard for {value:.1f} s"
 )
 _slow_ticks: Final = _figure(
     lambda agent: agent.link.tick_rate_hz,
-    "agent {id} ticks at {value:.1f} Hz instead of {usual_hz:.0f} Hz",
+    "ticks at {value:.1f} Hz instead of {usual_hz:.0f} Hz",
     least=True,
 )
 _late_ticks: Final = _figure(
-    _of(lambda status: status.tick.late_p99_ms),
-    "ticks of agent {id} are up to {value:.1f} ms late (p99)",
+    _of(lambda status: status.tick.late_p99_ms), "ticks up to {value:.1f} ms late (p99)"
 )
 _battery: Final = _figure(
-    _of(lambda status: status.battery_percent), "battery of agent {id} at {value:.0f} %", least=True
+    # one that broke its mission off says so already
+    _of(lambda status: None if status.cause is Cause.BATTERY else status.battery_percent),
+    "battery at {value:.0f} %",
+    least=True,
 )
 _E, _W = Level.ERROR, Level.WARNING
+_WORDS: Final = False
+"""Not measured."""
 
 
 def _is(value: float) -> Callable[[SwarmView], float]:
@@ -315,13 +355,15 @@ def _tick_ms(view: SwarmView) -> float:
 RULES: Final[tuple[Rule, ...]] = (
     Rule("too close", _E, _r_in_m, "the law's inner radius", _too_close),
     Rule("silent", _E, _lost_s, "the mission's policy", _if(_silent)),
-    Rule("failed", _E, _is(0), "the agent says so", _if(_failed)),
+    Rule("fallen", _E, _is(0), "nothing carries the vehicle", _if(_fallen), _WORDS),
+    Rule("failed", _E, _is(0), "the agent says so", _if(_failed), _WORDS),
     Rule("other plan", _E, _is(0), "two missions in one air", _other_plan),
     Rule("vehicle silent", _E, _is(OWN_LOST_S), "five heartbeats at 1 Hz", _no_heartbeat),
     Rule("sigma bound", _E, _is(0), "equations (52), (66) and (67)", _sigma_bound),
     Rule("mixed laws", _E, _is(1.0), "a change takes all agents within a few ticks", _mixed_laws),
-    Rule("taken over", _W, _is(0), "a pilot or a failsafe flies", _if(_taken_over)),
-    Rule("holding", _W, _is(0), "a policy stopped the mission", _if(_holding)),
+    Rule("taken over", _W, _is(0), "a pilot or a failsafe flies", _if(_taken_over), _WORDS),
+    Rule("holding", _W, _is(0), "a policy stopped the mission", _if(_holding), _WORDS),
+    Rule("out by order", _W, _is(0), "it no longer flies the mission", _if(_out_by_order), _WORDS),
     Rule("held alone", _W, _pause_s, "the mission's policy", _held_alone),
     Rule("never heard", _W, _is(5.0), "all processes hear each other within 2 s", _unheard),
     Rule("old state", _W, _is(NEIGHBOUR_S), "its neighbours stop following it", _old_state),
@@ -333,5 +375,5 @@ RULES: Final[tuple[Rule, ...]] = (
     Rule("slow ticks", _W, _tick_hz, "a fifth of the ticks missing", _slow_ticks),
     Rule("late ticks", _W, _tick_ms, "a whole tick, in wall-clock milliseconds", _late_ticks),
     Rule("battery", _W, _is(20.0), "what the autopilots call low", _battery),
-    Rule("stranger", _W, _is(0), "another swarm under this one's name", _if(_stranger)),
+    Rule("stranger", _W, _is(0), "another swarm under this one's name", _if(_stranger), _WORDS),
 )

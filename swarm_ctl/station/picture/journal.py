@@ -15,7 +15,7 @@ from typing import Final
 from swarm_ctl.core.model.messages import Event
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.station.picture.alarms import LEVEL_OF, Alarm, Level, alarms
-from swarm_ctl.station.picture.summaries import answers, gather_alarms, gather_events
+from swarm_ctl.station.picture.summaries import answers, by_reason, gather_events, line_of, refusals
 from swarm_ctl.station.picture.view import SwarmView
 
 _ENTRIES: Final = 2000
@@ -58,6 +58,7 @@ class _Standing:
     alarm: Alarm
     entry: int
     """Its number in the log."""
+    raised_s: float
     acknowledged: bool = False
     gone_s: float | None = None
 
@@ -77,8 +78,12 @@ class Journal:
 
     @property
     def entries(self) -> tuple[Entry, ...]:
-        """Oldest first."""
-        return tuple(self._entries)
+        """By the times that they show: what cleared is told later than it was over."""
+        return tuple(sorted(self._entries, key=lambda entry: entry.time_s))
+
+    def newest(self, count: int) -> tuple[Entry, ...]:
+        """The last ones told."""
+        return tuple(self._entries)[-count:] if count > 0 else ()
 
     @property
     def told(self) -> int:
@@ -135,7 +140,7 @@ class Journal:
     def _take_commands(self, view: SwarmView) -> None:
         for command in view.commands:
             text = answers(command, view)
-            refused = any(not ack.accepted for ack in command.acks.values())
+            refused = refusals(command, view)
             level = Level.WARNING if refused else Level.WELL
             number, told = self._commands.get(command.command.id, (-1, ""))
             if number < 0:
@@ -164,13 +169,26 @@ class Journal:
         self._clear([s for s in gone if s.gone_s is not None and view.time_s - s.gone_s > _FLAPS_S])
 
     def _raise(self, new: list[Alarm], now_s: float) -> None:
-        """One entry for all alarms of a kind that came up together."""
-        for name in dict.fromkeys(alarm.name for alarm in new):
-            same = [alarm for alarm in new if alarm.name == name]
-            ((level, text),) = gather_alarms(same)
-            self._add(Entry(now_s, EntryKind.ALARM, level, _all_agents(same), text))
-            for alarm in same:
-                self._alarms[alarm.key] = _Standing(alarm, self._first + len(self._entries) - 1)
+        """One entry for all alarms of a reason that came up within a few views."""
+        for fresh in by_reason(new):
+            told = [s for s in self._alarms.values() if self._goes_on(s, fresh[0], now_s)]
+            same = [*(standing.alarm for standing in told), *fresh]
+            agents, text = _all_agents(same), line_of(same)
+            if told:
+                number, raised_s = told[0].entry, told[0].raised_s
+                self._change(number, agents=agents, text=text)
+            else:
+                self._add(Entry(now_s, EntryKind.ALARM, fresh[0].level, agents, text))
+                number, raised_s = self._first + len(self._entries) - 1, now_s
+            for alarm in fresh:
+                self._alarms[alarm.key] = _Standing(alarm, number, raised_s)
+
+    @staticmethod
+    def _goes_on(standing: _Standing, alarm: Alarm, now_s: float) -> bool:
+        """Whether the alarm belongs into the entry of one that stands, or stood until a moment
+        ago."""
+        recent = now_s - standing.raised_s <= _FLAPS_S and not standing.acknowledged
+        return recent and standing.alarm.line == alarm.line
 
     def _clear(self, over: list[_Standing]) -> None:
         """One entry for all alarms of a kind that cleared together."""

@@ -10,9 +10,9 @@ from typing import Final
 import numpy as np
 
 from swarm_ctl.core.law.formation import centred, distances, errors
-from swarm_ctl.core.law.graph import edges
 from swarm_ctl.core.law.planned_formation import centred as centred_slots
 from swarm_ctl.core.law.planned_formation import turned
+from swarm_ctl.core.model.causes import FailsafeAction
 from swarm_ctl.core.model.messages import (
     Ack,
     AgentState,
@@ -27,6 +27,7 @@ from swarm_ctl.core.model.messages import (
     StationBeacon,
 )
 from swarm_ctl.core.model.plan import FormStep, Plan, Point
+from swarm_ctl.station.picture.graph_in_force import edges_in_force
 from swarm_ctl.station.picture.history import HistoryKeeper
 from swarm_ctl.station.picture.link_stats import Receiver
 from swarm_ctl.station.picture.view import (
@@ -41,6 +42,7 @@ from swarm_ctl.station.picture.view import (
 
 _EVENTS: Final = 200
 _COMMANDS: Final = 20
+_STAYS: Final = (None, FailsafeAction.HOLD)
 _SIGMA_S: Final = 1.0
 """A sigma report older than this is history: they come at 5 Hz while a pair is active."""
 
@@ -66,6 +68,15 @@ class _Heard:
         """The newest sigma report, while a pair is in the avoidance region."""
         return self.sigma if now_s - self.sigma_received_s <= _SIGMA_S else None
 
+    @property
+    def in_formation(self) -> bool:
+        """In its place or on its way there: off the ground by its vehicle's word too, and neither
+        taking off nor going down, by the mission or without it."""
+        state, status = self.state, self.status
+        if state is None or not state.airborne or state.phase not in (Phase.FLY, Phase.HOLD):
+            return False
+        return status is None or (status.airborne and status.action in _STAYS)
+
     def lost(self, now_s: float, after_s: float) -> bool:
         told, silence = newest(self.state, self.status), self.silence(now_s)
         ended = told is not None and told.phase is Phase.ENDED
@@ -81,10 +92,12 @@ class _Moment:
     step: int
     between: dict[tuple[int, int], float]
     """Distance [m] of every two agents, both orders."""
+    formation: set[int]
+    """The agents that fly in it and are heard."""
     away_m: dict[int, float]
-    """|e_i - mean e| of each live agent."""
+    """|e_i - mean e| of each agent of the formation."""
     targets_m: dict[int, Point]
-    """Each agent's slot, laid under the live agents."""
+    """Each agent's slot, laid under the formation."""
 
 
 @dataclass(slots=True)
@@ -109,7 +122,6 @@ class Model:
         self._speedup = speedup
         self._since_s = since_s
         self._planned = frozenset(agent.id for agent in plan.agents)
-        self._edges = edges({agent.id: agent.neighbours for agent in plan.agents})
         self._heard = {agent.id: _Heard() for agent in plan.agents}
         self._events: deque[Event] = deque(maxlen=_EVENTS)
         self._event_count = 0
@@ -181,7 +193,7 @@ class Model:
             agents=tuple(self._agent(agent_id, moment) for agent_id in sorted(self._heard)),
             pairs=self._pairs(now_s),
             links=self._links(),
-            edges=tuple(EdgeView(a, b, moment.between.get((a, b))) for a, b in self._edges),
+            edges=self._edges(moment),
             step=moment.step,
             error_m=max(moment.away_m.values(), default=None),
             events=tuple(self._events),
@@ -198,7 +210,17 @@ class Model:
         lost = {agent_id for agent_id, heard in self._heard.items() if heard.lost(now_s, after_s)}
         told = [t for heard in self._heard.values() for t in (heard.state, heard.status) if t]
         step = max((t.step for t in told), default=0)
-        return _Moment(now_s, lost, step, self._distances(), *self._errors(step, lost))
+        formation = {i for i, heard in self._heard.items() if heard.in_formation} - lost
+        errors_ = self._errors(step, formation)
+        return _Moment(now_s, lost, step, self._distances(), formation, *errors_)
+
+    def _edges(self, moment: _Moment) -> tuple[EdgeView, ...]:
+        states = {i: heard.state for i, heard in self._heard.items() if heard.state}
+        found = edges_in_force(self._plan, moment.step, states)
+        return tuple(
+            EdgeView(a, b, moment.between.get((a, b)) if {a, b} <= moment.formation else None)
+            for a, b in found
+        )
 
     def _links(self) -> tuple[LinkView, ...]:
         return tuple(
@@ -229,10 +251,9 @@ class Model:
             if a != b
         }
 
-    def _errors(self, step: int, lost: set[int]) -> tuple[dict[int, float], dict[int, Point]]:
-        """|e_i - mean e| [m] of each live agent in the shape of the newest `form` step, and where
-        each slot lies with the live agents' mean error taken out; both empty before the first
-        one.
+    def _errors(self, step: int, formation: set[int]) -> tuple[dict[int, float], dict[int, Point]]:
+        """|e_i - mean e| [m] of each agent of the formation in the shape of the newest `form` step,
+        and where each slot lies with their mean error taken out; both empty before the first one.
         """
         shape = self._shape(step)
         if shape is None:
@@ -247,7 +268,7 @@ class Model:
             frame = state.frame or Frame((0.0, 0.0))
             place = turned(slot, frame.angle_rad, frame.scale)
             slots[agent.id] = (place[0] * self._plan.unit_m, place[1] * self._plan.unit_m)
-            if state.airborne and agent.id not in lost:
+            if agent.id in formation:
                 points[agent.id] = state.position_ned_m[:2]
         if not points:
             return {}, {}

@@ -196,8 +196,9 @@ class Film:
             self._step = view.step
             self.marks.append(Mark(view.time_s, EntryKind.STEP, Level.WELL))
         fresh = journal.told - told
-        entries = journal.entries[-fresh:] if fresh else ()
-        self.marks += [Mark(view.time_s, entry.kind, entry.level) for entry in entries]
+        self.marks += [
+            Mark(view.time_s, entry.kind, entry.level) for entry in journal.newest(fresh)
+        ]
 
 
 def _ends(scenes: Scenes) -> tuple[float, float] | None:

@@ -38,19 +38,28 @@ def gather_events(events: Iterable[Event]) -> list[Saying]:
     return sorted([*done, *found.values()], key=lambda saying: saying.time_s)
 
 
-def gather_alarms(alarms: Sequence[Alarm]) -> list[tuple[Level, str]]:
-    """One line per kind of alarm, in their order: the first one's text, and the other agents."""
-    kinds: dict[str, list[Alarm]] = {}
+def by_reason(alarms: Iterable[Alarm]) -> list[list[Alarm]]:
+    """Alarms that are one line, in their order: of one reason, or of one kind that measures."""
+    found: dict[tuple[str, str], list[Alarm]] = {}
     for alarm in alarms:
-        kinds.setdefault(alarm.name, []).append(alarm)
-    return [(kind[0].level, printable(kind[0].text) + _others(kind[1:])) for kind in kinds.values()]
+        found.setdefault(alarm.line, []).append(alarm)
+    return list(found.values())
 
 
-def _others(alarms: Sequence[Alarm]) -> str:
-    if not alarms:
-        return ""
-    agents = agents_named(agent for alarm in alarms for agent in alarm.agents)
-    return f" (and {len(alarms)} more: {agents})"
+def line_of(same: Sequence[Alarm]) -> str:
+    """Their line: all agents where the words are the same, else the first one's words, and the
+    other agents."""
+    first, *others = same
+    if all(alarm.words == first.words for alarm in others):
+        agents = agents_named(agent for alarm in same for agent in alarm.agents)
+        return printable(f"{agents}: {first.words}")
+    agents = agents_named(agent for alarm in others for agent in alarm.agents)
+    return f"{printable(first.text)} (and {len(others)} more: {agents})"
+
+
+def gather_alarms(alarms: Iterable[Alarm]) -> list[tuple[Level, str]]:
+    """The lines of alarms, in their order."""
+    return [(same[0].level, line_of(same)) for same in by_reason(alarms)]
 
 
 def verdict(view: SwarmView, alarms: Sequence[Alarm]) -> list[tuple[Level, str]]:
@@ -60,10 +69,10 @@ def verdict(view: SwarmView, alarms: Sequence[Alarm]) -> list[tuple[Level, str]]
     waits = waiting(view)
     if waits:
         return [(Level.WAITING, line) for line in waits]
-    outcomes = {agent.status.outcome if agent.status else "" for agent in view.agents}
-    if all(agent.phase is Phase.ENDED for agent in view.agents) and len(outcomes) == 1:
+    last = [agent.status for agent in view.agents]
+    if all(status and status.phase is Phase.ENDED for status in last):
         # The verdict is made when all has ended, and may be another one.
-        return [(Level.WELL, f"all agents have ended, and say: {printable(outcomes.pop()) or '?'}")]
+        return [(Level.WELL, "all agents have ended, and say: completed")]
     return [(Level.WELL, "all well")]
 
 
@@ -98,16 +107,29 @@ def command_words(command: Command) -> str:
     return f"tune {law} from {command.tuning.at_s:.1f} s" if command.commits else f"ask for {law}"
 
 
+def refusals(command: CommandView, view: SwarmView) -> dict[str, list[int]]:
+    """Why agents that were meant refuse: the reason, and whose it is."""
+    found: dict[str, list[int]] = {}
+    for i, ack in sorted(command.acks.items()):
+        if not ack.accepted and i in meant_by(command, view):
+            # "agent 3 is ..." of many agents is one reason
+            found.setdefault(printable(ack.reason).replace(f"agent {i} ", "it "), []).append(i)
+    return found
+
+
+def meant_by(command: CommandView, view: SwarmView) -> tuple[int, ...]:
+    """The agents that a command is for."""
+    return command.command.agents or tuple(agent.id for agent in view.agents if agent.in_plan)
+
+
 def answers(command: CommandView, view: SwarmView) -> str:
     """How far a command is acknowledged: the agents that took it, refused it, have not answered."""
-    meant = command.command.agents or tuple(agent.id for agent in view.agents)
+    meant = meant_by(command, view)
     taken = [i for i in meant if i in command.acks and command.acks[i].accepted]
     open_ = [i for i in meant if i not in command.acks]
     parts = [f"acknowledged by {agents_named(taken)}"] if taken else []
     parts += [
-        f"refused by agent {i}: {printable(command.acks[i].reason)}"
-        for i in meant
-        if i in command.acks and not command.acks[i].accepted
+        f"refused by {agents_named(ids)}: {why}" for why, ids in refusals(command, view).items()
     ]
     parts += [f"waiting for {agents_named(open_)}"] if open_ else []
     return f"{command_words(command.command)}: " + ", ".join(parts)

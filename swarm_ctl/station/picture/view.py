@@ -108,6 +108,11 @@ class AgentView:
         return self.newest is not None and self.newest.airborne
 
     @property
+    def off_ground(self) -> bool:
+        """In the air, by its vehicle's word too: it is armed before it lifts off."""
+        return self.airborne and (self.status is None or self.status.airborne)
+
+    @property
     def live(self) -> bool:
         """In the air and heard."""
         return self.airborne and not self.lost
@@ -136,8 +141,8 @@ class LinkView:
 
 @dataclass(frozen=True, slots=True)
 class EdgeView:
-    """One planned neighbour pair (a < b) and how long it is now; None while either was never
-    heard."""
+    """One neighbour pair (a < b) of the graph in force, and how long it is now; None while either
+    is not in the formation."""
 
     a: int
     b: int

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from functools import cache
 from typing import Final
 
+from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import Ack, Command, Event, Phase
 from swarm_ctl.station.picture.model import Model
 from swarm_ctl.station.picture.view import SwarmView
@@ -49,16 +50,16 @@ def well() -> SwarmView:
 
 @cache
 def lost() -> SwarmView:
-    """Agent 3 has fallen silent, the others hold; the operator commands to land."""
+    """Agent 3 has fallen silent, the others brake to land; the operator commands to land."""
     model = flying_model(PLAN)
     for agent in (1, 2, 4, 5, 6):
         for k in range(80):
             told = state_of(PLAN, agent, 30.0 + 0.05 * k, seq=1200 + k, phase=Phase.HOLD)
             model.fold(told, 30.01 + 0.05 * k)
         reason = "agent 3 has not been heard for 3 s"
-        model.fold(
-            status_of(PLAN, agent, 33.9, phase=Phase.HOLD, reason=reason, station_age_s=3.1), 33.9
-        )
+        lands = {"action": FailsafeAction.LAND, "cause": Cause.PEER, "reason": reason}
+        status = status_of(PLAN, agent, 33.9, phase=Phase.HOLD, station_age_s=3.1, **lands)
+        model.fold(status, 33.9)
         model.fold(Event(agent, 33.0, "error", f"land: {reason}"), 33.1)
     model.fold(Command("c1", "land", (), 33.5), 33.5)
     for agent in (1, 2, 4, 5):

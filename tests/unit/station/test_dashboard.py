@@ -426,7 +426,7 @@ def test_nothing_an_agent_says_commands_the_terminal() -> None:
 
 def test_the_verdict_is_the_worst_alarm() -> None:
     async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
-        assert text(app).splitlines()[1].startswith(" ✗ agent 3 has not been heard for 4.2 s")
+        assert text(app).splitlines()[1].startswith(" ✗ agent 3: not heard for 4.2 s")
         assert app.picture is not None
         assert app.picture.levels()[3] is Level.ERROR
 

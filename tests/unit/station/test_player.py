@@ -88,7 +88,7 @@ def test_pause_and_seek() -> None:
         await pilot.press("colon", *"25", "enter")
         assert app.film.time_s == 25.0
         await settled(pilot)
-        assert "✗ agent 3 has not been heard for" in text(app).splitlines()[1], text(app)
+        assert "✗ agent 3: not heard for" in text(app).splitlines()[1], text(app)
         assert "00:25.0" in text(app).splitlines()[0]
         await pilot.press("colon", *"1", "colon", *"02", "enter")
         assert app.film.time_s == 62.0
@@ -107,7 +107,7 @@ def test_from_event_to_event_and_from_alarm_to_alarm() -> None:
     async def play(app: Player, pilot: Pilot[None], watch: Watch) -> None:
         await pilot.press("space", "a")
         assert SILENT_S[0] < app.film.time_s < SILENT_S[1]
-        assert app.film.journal.entries[-1].text == "last state of agent 3 is 1.0 s old"
+        assert app.film.journal.entries[-1].text == "agent 3: its last state is 1.0 s old"
         alarm_s = app.film.time_s
         await pilot.press("e", "E")
         assert app.film.time_s == alarm_s
@@ -185,7 +185,7 @@ def test_the_same_screens_and_its_own_help() -> None:
         for key, words in (
             ("2", "rx\\tx"),
             ("3", "tally of the flight"),
-            ("4", "agent 3 has not been heard"),
+            ("4", "agent 3: not heard"),
         ):
             await pilot.press(key)
             await settled(pilot)

@@ -218,7 +218,7 @@ def test_json_lines_are_one_line_and_whole(name: str) -> None:
 
 def test_json_lines_tell_what_a_script_acts_on() -> None:
     told = json.loads(json_line(PICTURES["lost"]()))
-    assert (told["level"], told["verdict"]) == ("error", "agent 3 has not been heard for 4.2 s")
+    assert (told["level"], told["verdict"]) == ("error", "agent 3: not heard for 4.2 s")
     assert told["agents"][2]["lost"] is True
     (command,) = told["commands"]
     assert (command["kind"], command["accepted"], list(command["refused"])) == (

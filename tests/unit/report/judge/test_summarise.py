@@ -172,7 +172,7 @@ def test_an_agent_that_fails_is_named_with_its_reason(run: Path) -> None:
     summary = summarise(run, EXIT_CODES | {"agent-4": 1})
     assert (summary.outcome, summary.reason) == (
         "failed",
-        "agent 4: no position from the vehicle for 3 s",
+        "agent 4: no position from the vehicle for 3 s, in step 4 (land)",
     )
 
 
@@ -181,7 +181,9 @@ def test_the_agent_that_broke_the_mission_off_first_is_named_first(run: Path) ->
         steps = (*STEPS[:2], StepResult("form hexagon", StepOutcome.ABORTED, FORM, end_s))
         write_status(run, account(i, outcome=Outcome.FAILED, reason=reason, steps=steps))
     reason = summarise(run, EXIT_CODES).reason
-    assert reason == "agent 5: x; agent 2: agent 5 broke the mission off"
+    assert reason == (
+        "agent 5: x, in step 2 (form hexagon); agent 2: agent 5 broke the mission off"
+    )
 
 
 @pytest.mark.parametrize(
@@ -216,7 +218,7 @@ def test_a_killed_agents_last_words_stand_in(run: Path) -> None:
     assert summary.reason == (
         "agent-3 was ended by SIGKILL; "
         "agent 3 left no final status; last heard at 29.6 s in phase fly; "
-        "agents 1-2, 4-6: agent 3 has not been heard for 3 s"
+        "agents 1-2, 4-6: agent 3 has not been heard for 3 s, in step 2 (form hexagon)"
     )
     third = summary.agents[2]
     assert (third.account, third.outcome, third.time_s) == ("last heard", "running", 29.6)

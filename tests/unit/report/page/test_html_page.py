@@ -127,7 +127,7 @@ def test_summary_and_alarms_are_told(reported: Path) -> None:
     assert "COMPLETED" in text
     assert f"{true_minimum()[0]:.2f} m" in text
     assert re.search(r"25\.0 s\s+agent 2\s+vehicle\s+EKF variance", text)
-    assert re.search(r"3\d\.\d s\s+agent 4\s+alarm\s+battery of agent 4 at 10 %", text)
+    assert re.search(r"3\d\.\d s\s+agent 4\s+alarm\s+agent 4: battery at 10 %", text)
     assert "ended: completed" not in text
 
 

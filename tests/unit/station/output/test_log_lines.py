@@ -67,7 +67,7 @@ def test_an_alarm_is_raised_once_and_cleared_once_though_its_figures_change() ->
         views.append(model.view(30.1 + 0.1 * k))
     told = [log_lines(a, b) for a, b in itertools.pairwise(views)]
     assert told == [
-        ["[   30.1 s] WARNING: battery of agent 4 at 19 %"],
+        ["[   30.1 s] WARNING: agent 4: battery at 19 %"],
         [],
         ["[   30.3 s] cleared: battery (agent 4)"],
     ]

@@ -4,10 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
-from swarm_ctl.core.model.messages import LinkReport, Phase, SigmaReport, TickReport
+from swarm_ctl.core.model.causes import Cause, FailsafeAction
+from swarm_ctl.core.model.messages import (
+    ExchangeState,
+    LinkReport,
+    Outcome,
+    Phase,
+    SigmaReport,
+    TickReport,
+)
+from swarm_ctl.core.model.plan import FormStep
 from swarm_ctl.core.swarm.gain_update import planned
 from swarm_ctl.station.picture.alarms import RULES, Level, alarms
 from swarm_ctl.station.picture.model import Model
@@ -28,6 +38,12 @@ def _status(agent: int, **changes: object) -> SwarmView:
     model = flying_model(PLAN, 30.0)
     model.fold(status_of(PLAN, agent, 30.0, **changes), 30.0)
     return model.view(30.0)
+
+
+def _broken_off(
+    action: FailsafeAction, cause: Cause, reason: str, phase: Phase = Phase.LAND
+) -> SwarmView:
+    return _status(4, phase=phase, reason=reason, action=action, cause=cause)
 
 
 def _sigma(status: str = "paper", **changes: object) -> SwarmView:
@@ -95,16 +111,18 @@ def _stranger() -> SwarmView:
 CASES: dict[str, tuple[Callable[[], SwarmView], tuple[int, ...]]] = {
     "too close": (lambda: _state(6, position_ned_m=(60.0, 62.4, -10.0)), (2, 6)),
     "silent": (lambda: _silence(3.1), (4,)),
-    "failed": (lambda: _status(4, outcome="failed", reason="no position"), (4,)),
+    "fallen": (lambda: _broken_off(FailsafeAction.KILL, Cause.ORDER, "killed"), (4,)),
+    "failed": (lambda: _broken_off(FailsafeAction.LAND, Cause.POSITION, "no position"), (4,)),
     "other plan": (lambda: _state(4, plan_hash=1), (4,)),
     "vehicle silent": (lambda: _status(4, heartbeat_age_s=5.1), (4,)),
     "sigma bound": (lambda: _sigma(sigma=0.2), (1, 2)),
     "mixed laws": (lambda: _other_law(1.1), (4,)),
     "taken over": (lambda: _state(4, phase=Phase.YIELD), (4,)),
     "holding": (
-        lambda: _status(4, phase=Phase.HOLD, reason="agent 3 has not been heard for 3 s"),
+        lambda: _broken_off(FailsafeAction.HOLD, Cause.PEER, "agent 3 not heard", Phase.HOLD),
         (4,),
     ),
+    "out by order": (lambda: _broken_off(FailsafeAction.RETURN, Cause.ORDER, "called back"), (4,)),
     "held alone": (lambda: _state(4, override=7), (4,)),
     "never heard": (lambda: Model(PLAN, since_s=10.0).view(15.1), (1,)),
     "old state": (lambda: _silence(1.1), (4,)),
@@ -118,15 +136,6 @@ CASES: dict[str, tuple[Callable[[], SwarmView], tuple[int, ...]]] = {
     "battery": (lambda: _status(4, battery_percent=19.0), (4,)),
     "stranger": (lambda: _stranger(), (42,)),
 }
-
-
-def test_a_link_of_vehicles_on_the_ground_is_not_long() -> None:
-    """Their agents fly the take-off step, and GPS noise alone carries a position out of r."""
-    model = flying_model(PLAN, 30.0)
-    far = state_of(PLAN, 6, 30.0, seq=1200, phase=Phase.TAKEOFF, position_ned_m=(60.0, 37.4, 0.0))
-    model.fold(far, 30.0)
-    model.fold(status_of(PLAN, 6, 29.9, phase=Phase.TAKEOFF, airborne=False), 30.0)
-    assert "long link" not in {alarm.name for alarm in alarms(model.view(30.0))}
 
 
 def test_every_rule_has_a_case() -> None:
@@ -188,31 +197,142 @@ def test_every_broken_sigma_is_an_error(changes: dict[str, object]) -> None:
 
 def test_a_mixture_of_laws_is_told_with_what_differs() -> None:
     (alarm,) = alarms(_other_law(2.0))
-    assert alarm.text == "agent 4 flies another law than agents 1-3, 5-6: h 0.05 -> 0.04"
+    assert alarm.text == "agent 4: another law than agents 1-3, 5-6: h 0.05 -> 0.04"
 
 
 def test_a_figure_just_beyond_its_limit_can_be_told_from_it() -> None:
     (alarm,) = alarms(_state(6, position_ned_m=(60.0, 60.0 - 22.5004, -10.0)))
-    assert alarm.text == "link 2-6 is 22.5004 m long, over r 22.5000 m"
+    assert alarm.text == "agents 2, 6: their link is 22.5004 m long, over r 22.5000 m"
     (alarm,) = alarms(_state(6, position_ned_m=(60.0, 62.499, -10.0)))
-    assert alarm.text == "agents 2 and 6 are 2.499 m apart, under r_in 2.500 m"
+    assert alarm.text == "agents 2, 6: 2.499 m apart, under r_in 2.500 m"
 
 
 def test_errors_come_before_warnings() -> None:
     model = flying_model(PLAN, 30.0)
     model.fold(status_of(PLAN, 1, 30.0, battery_percent=5.0), 30.0)
-    model.fold(status_of(PLAN, 6, 30.0, outcome="failed", reason="x"), 30.0)
+    model.fold(status_of(PLAN, 6, 30.0, outcome=Outcome.FAILED, reason="x"), 30.0)
     view = model.view(30.0)
     assert [alarm.name for alarm in alarms(view)] == ["failed", "battery"]
     assert verdict(view, alarms(view)) == [
-        (Level.ERROR, "agent 6 failed: x"),
-        (Level.WARNING, "battery of agent 1 at 5 %"),
+        (Level.ERROR, "agent 6: x"),
+        (Level.WARNING, "agent 1: battery at 5 %"),
     ]
 
 
-def test_many_alarms_of_one_kind_are_one_line() -> None:
+def _each(**changes: object) -> SwarmView:
+    """The changes in every agent's status."""
+    model = flying_model(PLAN, 30.0)
+    for agent in PLAN.agents:
+        model.fold(status_of(PLAN, agent.id, 30.0, **changes), 30.0)
+    return model.view(30.0)
+
+
+def test_alarms_of_one_reason_are_one_line() -> None:
     lines = gather_alarms(alarms(Model(PLAN).view(6.0)))
-    assert lines == [(Level.WARNING, "agent 1 was never heard (and 5 more: agents 2-6)")]
+    assert lines == [(Level.WARNING, "agents 1-6: never heard")]
+    landed = {"action": FailsafeAction.LAND, "cause": Cause.ORDER, "reason": "landed"}
+    assert verdict(_each(**landed), alarms(_each(**landed))) == [
+        (Level.WARNING, "agents 1-6: landed")
+    ]
+
+
+def test_measured_alarms_of_one_kind_are_one_line() -> None:
+    model = flying_model(PLAN, 30.0)
+    for agent in (2, 4, 5):
+        model.fold(status_of(PLAN, agent, 30.0, battery_percent=10.0 + agent), 30.0)
+    assert gather_alarms(alarms(model.view(30.0))) == [
+        (Level.WARNING, "agent 2: battery at 12 % (and 2 more: agents 4-5)")
+    ]
+
+
+def test_reasons_that_differ_have_a_line_each() -> None:
+    model = flying_model(PLAN, 30.0)
+    for agent in (2, 4, 5):
+        broken = {"action": FailsafeAction.LAND, "cause": Cause.PEER, "reason": f"{agent // 3}"}
+        model.fold(status_of(PLAN, agent, 30.0, **broken), 30.0)
+    assert [text for _, text in gather_alarms(alarms(model.view(30.0)))] == [
+        "agent 2: 0",
+        "agents 4-5: 1",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("changes", "level"),
+    [
+        ({"action": FailsafeAction.KILL, "cause": Cause.ORDER}, Level.ERROR),
+        ({"action": FailsafeAction.FALL, "cause": Cause.PILOT, "phase": Phase.YIELD}, Level.ERROR),
+        ({"action": FailsafeAction.LAND, "cause": Cause.FALL}, Level.ERROR),
+        ({"action": FailsafeAction.RETURN, "cause": Cause.BATTERY}, Level.ERROR),
+        ({"action": FailsafeAction.LAND, "cause": Cause.ORDER}, Level.WARNING),
+        ({"action": FailsafeAction.RETURN, "cause": Cause.ORDER}, Level.WARNING),
+        (
+            {"action": FailsafeAction.YIELD, "cause": Cause.PILOT, "phase": Phase.YIELD},
+            Level.WARNING,
+        ),
+        ({"phase": Phase.ENDED, "outcome": Outcome.ABORTED, "cause": Cause.ORDER}, Level.WARNING),
+    ],
+)
+@pytest.mark.parametrize("braking", [False, True])
+def test_a_vehicle_that_left_the_mission_is_never_under_all_well(
+    changes: dict[str, Any], level: Level, *, braking: bool
+) -> None:
+    """Neither while it brakes before it lands."""
+    brakes = {"phase": Phase.HOLD} if braking and "phase" not in changes else {}
+    view = _status(4, reason="why", **(changes | brakes))
+    assert verdict(view, alarms(view)) == [(level, "agent 4: why")]
+
+
+GROUND = [(Phase.TAKEOFF, 1, False), (Phase.ARM, 1, False)]
+ON_THE_WAY = [(Phase.RETURN, 4, True), (Phase.LAND, 4, True), (Phase.TAKEOFF, 1, True)]
+
+
+@pytest.mark.parametrize(("phase", "step", "airborne"), GROUND + ON_THE_WAY)
+def test_links_and_errors_are_of_the_formation_alone(
+    phase: Phase, step: int, *, airborne: bool
+) -> None:
+    """Agents that take off, return or land may be apart, and stand in no shape; on the ground the
+    noise of GPS alone carries a position out of r."""
+    model = flying_model(PLAN, 30.0)
+    for agent in PLAN.agents:
+        there = {"phase": phase, "step": step, "airborne": airborne}
+        north, east = 90.0 * agent.id, 0.0
+        place = {"position_ned_m": (north, east, -10.0)}
+        model.fold(state_of(PLAN, agent.id, 30.0, seq=1200, **(there | place)), 30.0)
+        model.fold(status_of(PLAN, agent.id, 30.0, **there), 30.0)
+    view = model.view(30.0)
+    assert alarms(view) == ()
+    assert view.error_m is None
+    assert {edge.length_m for edge in view.edges} == {None}
+
+
+def test_vehicles_on_the_ground_are_not_too_close() -> None:
+    """The noise of GPS is no approach."""
+    model = flying_model(PLAN, 30.0)
+    near = state_of(PLAN, 6, 30.0, 1200, phase=Phase.TAKEOFF, position_ned_m=(60.0, 62.4, 0.0))
+    model.fold(near, 30.0)
+    assert {alarm.name for alarm in alarms(model.view(30.0))} == {"too close"}
+    model.fold(status_of(PLAN, 6, 30.0, phase=Phase.TAKEOFF, airborne=False), 30.0)
+    assert alarms(model.view(30.0)) == ()
+
+
+def test_a_graph_that_a_step_chose_has_its_links_measured_after_that_step() -> None:
+    """While its agents come together they may be apart; and it follows exchanged slots."""
+    ring = tuple(tuple(sorted({k % 6 + 1, (k - 2) % 6 + 1})) for k in range(1, 7))
+    form = PLAN.steps[1]
+    assert isinstance(form, FormStep)
+    plan = replace(PLAN, steps=(PLAN.steps[0], replace(form, neighbours=ring), *PLAN.steps[2:]))
+    model = flying_model(plan, 30.0)
+    assert {(e.a, e.b) for e in model.view(30.0).edges} == {
+        *((k, k + 1) for k in range(1, 6)),
+        (1, 6),
+    }
+    assert alarms(model.view(30.0)) == ()
+    for agent in plan.agents:
+        role = ExchangeState(role={1: 1, 2: 0}.get(agent.id, agent.id - 1))
+        model.fold(state_of(plan, agent.id, 30.0, 1200, step=3, exchange=role), 30.0)
+    view = model.view(30.0)
+    assert {(e.a, e.b) for e in view.edges} == {(1, 2), (1, 3), (3, 4), (4, 5), (5, 6), (2, 6)}
+    assert {alarm.name for alarm in alarms(view)} == {"long link"}
 
 
 def test_waiting_is_said_with_its_reason() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import Ack, Command, Event
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.journal import Entry, Journal
@@ -87,6 +88,46 @@ def test_a_command_is_one_line_that_grows() -> None:
         "land: acknowledged by agents 1-5, refused by agent 6: no",
         Level.WARNING,
     )
+
+
+def test_a_refusal_by_many_is_one_reason_and_agents_that_were_not_meant_do_not_refuse() -> None:
+    model, journal = flying_model(PLAN), Journal()
+    model.fold(Command("c", "hold", (), 30.0), 30.0)
+    model.fold(Command("d", "land", (3,), 30.0), 30.0)
+    for agent in range(1, 7):
+        model.fold(Ack(agent, "c", False, f"agent {agent} is on its way down"), 30.1)
+        model.fold(Ack(agent, "d", agent == 3, "" if agent == 3 else "not meant"), 30.1)
+    journal.update(model.view(30.1))
+    assert [(entry.text, entry.level) for entry in journal.entries] == [
+        ("hold: refused by agents 1-6: it is on its way down", Level.WARNING),
+        ("land: acknowledged by agent 3", Level.WELL),
+    ]
+
+
+def test_alarms_of_one_reason_from_several_views_are_one_line() -> None:
+    model, journal = flying_model(PLAN), Journal()
+    landed = {"action": FailsafeAction.LAND, "cause": Cause.ORDER, "reason": "landed"}
+    for k, agents in enumerate(((1, 2), (3,), (4, 5, 6))):
+        for agent in agents:
+            model.fold(status_of(PLAN, agent, 30.0, **landed), 30.0)
+        journal.update(model.view(30.0 + 0.2 * k))
+    assert journal.entries == (
+        Entry(30.0, "alarm", Level.WARNING, (1, 2, 3, 4, 5, 6), "agents 1-6: landed"),
+    )
+
+
+def test_the_log_is_in_the_order_of_the_times_that_it_shows() -> None:
+    """What cleared is known ten seconds later, and stands where it was over."""
+    flight, journal = Flight(), Journal()
+    journal.update(flight.view(30.1, 10.0))
+    journal.update(flight.view(31.0, 80.0))
+    flight.model.fold(Event(3, 35.0, "info", "meanwhile"), 35.0)
+    for now in (35.1, 42.0):
+        journal.update(flight.view(now, 80.0))
+    assert _kinds(journal) == [("alarm", (2,)), ("cleared", (2,)), ("event", (3,))]
+    times = [entry.time_s for entry in journal.entries]
+    assert times == sorted(times)
+    assert [entry.kind for entry in journal.newest(1)] == ["cleared"]
 
 
 def test_a_flood_of_events_is_bounded_and_said() -> None:

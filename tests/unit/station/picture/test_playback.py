@@ -49,7 +49,7 @@ def test_a_film_tells_what_the_live_station_told() -> None:
     made = film()
     made.seek(END_S + 1.0)
     assert made.journal.entries == journal.entries
-    assert any("agent 3 has not been heard" in entry.text for entry in journal.entries)
+    assert any("agent 3: not heard" in entry.text for entry in journal.entries)
 
 
 @settings(max_examples=8, deadline=None)

@@ -1,0 +1,75 @@
+"""A ground station on the virtual clock: what it would have told an operator of the flight."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from swarm_ctl.mesh import keys
+from swarm_ctl.mesh.memory_transport import MemoryTransport
+from swarm_ctl.mesh.node import Node
+from swarm_ctl.station.picture.alarms import Level
+from swarm_ctl.station.picture.journal import Journal
+from swarm_ctl.station.picture.model import Model
+from swarm_ctl.station.picture.playback import LOOK_S
+from swarm_ctl.station.picture.summaries import verdict
+from swarm_ctl.station.picture.view import SwarmView
+from tests.scenarios.swarm import VirtualSwarm
+
+_CHANNELS: Final[tuple[keys.Channel[Any], ...]] = (
+    keys.STATE,
+    keys.SIGMA,
+    keys.BEACON,
+    keys.STATUS,
+    keys.EVENT,
+    keys.COMMAND,
+    keys.ACK,
+)
+
+
+class Watch:
+    """Listens to a `VirtualSwarm` and looks as often as a live station."""
+
+    def __init__(self, swarm: VirtualSwarm) -> None:
+        self.swarm = swarm
+        self.model = Model(swarm.plan, since_s=swarm.now, station="watch")
+        self.journal = Journal()
+        self._node = Node(MemoryTransport(swarm.mesh), "test", "watch")
+        self._node.listen(*_CHANNELS)
+        self._due_s = 0.0
+        self._raised: dict[tuple[str, tuple[int, ...]], None] = {}
+        self.banners: list[tuple[float, Level, str]] = []
+        """(mission time, level, words) whenever the banner changes."""
+
+    def tick(self) -> None:
+        """One tick of the swarm, and a look where one is due."""
+        self.swarm.tick()
+        for channel in _CHANNELS:
+            for payload, received_s in self._node.take(channel):
+                self.model.fold(payload, received_s)
+        if self.swarm.now >= self._due_s:
+            self._due_s = self.swarm.now + LOOK_S
+            self._look(self.model.view(self.swarm.now))
+
+    def _look(self, view: SwarmView) -> None:
+        self.journal.update(view)
+        self._raised |= dict.fromkeys(alarm.key for alarm in self.journal.standing)
+        level, words = verdict(view, self.journal.standing)[0]
+        if not self.banners or self.banners[-1][1:] != (level, words):
+            self.banners.append((view.time_s, level, words))
+
+    def run(self, seconds: float) -> None:
+        """Tick for so long."""
+        until_s = self.swarm.now + seconds
+        while self.swarm.now < until_s:
+            self.tick()
+
+    def fly(self, until_s: float = 1500.0) -> None:
+        """Tick until every live agent has ended."""
+        members = self.swarm.members.values()
+        while self.swarm.now < until_s and any(m.alive and not m.frozen for m in members):
+            self.tick()
+
+    @property
+    def raised(self) -> list[tuple[str, tuple[int, ...]]]:
+        """(name, agents) of every alarm that was ever raised, in their order."""
+        return list(self._raised)
