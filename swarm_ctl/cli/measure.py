@@ -12,6 +12,7 @@ import typer
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.extras import require
 from swarm_ctl.cli.shared.options import Speedup, option, switch
+from swarm_ctl.cli.shared.writable import require_writable
 from swarm_ctl.cli.sim import Persona
 from swarm_ctl.core.identification.fit import Fit, Leg, fit
 from swarm_ctl.core.identification.step_flight import StepFlight, Steps
@@ -107,6 +108,8 @@ def measure(
     else:
         kind = autopilot.value
         task = Task((FleetAgent(sysid, sysid, kind, endpoint, None, TYPICAL[kind]),))
+    if task.file and not dry_run:
+        require_writable(task.file, "or fly with --dry-run")
     chosen = task.chosen(agent_id)
     steps = task.steps(speed, height, box)
     ticker = Ticker(Clock.starting_now(speedup), task.tick_s)

@@ -7,6 +7,7 @@ from typing import Annotated
 
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.options import Processes, Seed, option
+from swarm_ctl.cli.shared.writable import require_writable
 
 
 def paper(
@@ -30,6 +31,7 @@ def paper(
     """
     from swarm_ctl.study.paper.reproduce import reproduce
 
+    require_writable(out, "choose with --out")
     console = PlainConsole()
     wide = console if console.is_terminal else PlainConsole(width=160)
     reproduce(out, seeds, seed, processes, wide)

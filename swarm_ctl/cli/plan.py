@@ -7,6 +7,7 @@ from typing import Annotated
 
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.options import FleetFile, MissionFile, option
+from swarm_ctl.cli.shared.writable import require_writable
 
 
 def plan(
@@ -32,6 +33,7 @@ def plan(
     console = PlainConsole()
     loaded = load(mission, fleet=fleet)
     console.warn(loaded.warnings)
+    require_writable(out, "choose with --out")
     write_whole(out, plan_to_json(loaded.plan, loaded.fleet))
     agents, fingerprint = len(loaded.plan.agents), loaded.plan.fingerprint()
     console.say(f"plan: {out}, {agents} agents, {fingerprint}; swarm-ctl agent {out} --id ID")

@@ -9,6 +9,7 @@ import typer
 
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.options import option
+from swarm_ctl.cli.shared.writable import require_writable
 
 
 def report(run: Annotated[Path, typer.Argument(metavar="RUN", help="The run folder.")]) -> None:
@@ -24,6 +25,8 @@ def report(run: Annotated[Path, typer.Argument(metavar="RUN", help="The run fold
     """
     from swarm_ctl.report.page.html_page import make_report
 
+    if run.is_dir():
+        require_writable(run, "the report is written into the run folder: copy it")
     PlainConsole().say(f"report: {make_report(run)}")
 
 
@@ -42,6 +45,7 @@ def compare(
     """
     from swarm_ctl.report.page.html_page import comparison_table, make_comparison
 
+    require_writable(out, "choose with --out")
     console = PlainConsole()
     page = make_comparison(runs, out)
     console.print(comparison_table(runs))

@@ -12,6 +12,7 @@ import typer
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.extras import require
 from swarm_ctl.cli.shared.options import Processes, option
+from swarm_ctl.cli.shared.writable import require_writable
 from swarm_ctl.errors import InputError
 
 if TYPE_CHECKING:
@@ -189,6 +190,9 @@ def study(
         raise InputError("--search: not with --row, which is one mission")
     name = file.stem if file else "study"
     out = out or Path(f"{name}-{search}.csv" if search else f"{name}.csv")
+    for path, name in ((picture, "--picture"), (mission, "--mission")):
+        if path is not None:
+            require_writable(path, f"choose with {name}")
     if row is not None:
         _rerun(out, row, picture, mission, console)
         return
@@ -233,6 +237,7 @@ def study(
     }
     said = study_file(file, _those(given))
     plan = said.study
+    require_writable(out, "choose with --out")
     if search is not None:
         _check_extras(out, processes, cluster)
         found = _search(plan, search, budget, out, processes, cluster, console)

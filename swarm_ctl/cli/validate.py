@@ -10,6 +10,7 @@ from rich.table import Table
 
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.options import FleetFile, MissionFile, VehicleKinds, option, switch
+from swarm_ctl.cli.shared.writable import require_writable
 
 if TYPE_CHECKING:
     from swarm_ctl.mission.compile.forecast import StepForecast
@@ -49,6 +50,7 @@ def validate(
     if plot is not None:
         from swarm_ctl.report.page.mission_plot import plot as draw
 
+        require_writable(plot, "choose with --plot")
         draw(loaded.plan, plot)
         console.say(f"picture  {plot}")
 

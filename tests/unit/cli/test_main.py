@@ -18,9 +18,10 @@ from swarm_ctl.cli.main import app, main
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.options import run_folder
 from swarm_ctl.commands.parse import KINDS
-from swarm_ctl.errors import InputError
+from swarm_ctl.errors import InputError, StartError
 
 GROUP = typer.main.get_command(app)
+MISSION = str(Path(__file__).parents[3] / "missions" / "hexagon.yaml")
 COMMANDS = sorted(GROUP.commands)  # type: ignore[attr-defined]
 """typer's group has its commands by name."""
 
@@ -89,14 +90,54 @@ def test_an_error_is_one_message_without_control_characters(
     assert "\x1b" not in said
 
 
-def test_a_file_that_can_not_be_written_is_one_line(
+UNWRITABLE = {
+    "study": "study --missions 1 --out {}",
+    "search": "study --missions 1 --search smallest --budget 100000000 --out {}",
+    "picture": "study --missions 1 --out x.csv --row 1 --picture {}",
+    "plan": "plan {mission} --out {}",
+    "compare": "compare a b --out {}",
+    "paper": "paper --out {}",
+}
+
+
+@pytest.mark.parametrize("command", UNWRITABLE.values(), ids=UNWRITABLE)
+@pytest.mark.parametrize("place", ["/proc/x", "file/x"])
+def test_a_place_that_can_not_be_written_is_one_line_before_the_work(
+    command: str,
+    place: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+) -> None:
+    """Exit code 3, as for all that the system refuses, with the option that chooses another; also
+    for root, whom permissions do not stop."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").touch()
+    assert called(monkeypatch, *command.format(place, mission=MISSION).split()) == 3
+    said = capsys.readouterr().err
+    assert said.startswith(f"error: {place}: can't be written: ")
+    assert re.search(r"; choose with --[a-z]+\n$", said)
+    assert said.count("\n") == 1
+
+
+def test_a_fleet_file_that_can_not_be_written_is_said_before_the_vehicle_takes_off(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    def refused(path: Path, choose: str) -> None:
+        raise StartError(f"{path}; {choose}")
+
+    fleet = tmp_path / "fleet.yaml"
+    fleet.write_text("agents: [{id: 1, endpoint: 'udpout:127.0.0.1:9'}]")
+    monkeypatch.setattr("swarm_ctl.cli.measure.require_writable", refused)
+    assert called(monkeypatch, "measure", "--fleet", str(fleet)) == 3
+    assert capsys.readouterr().err == f"error: {fleet}; or fly with --dry-run\n"
+
+
+def test_what_the_system_refuses_later_is_one_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Exit code 3, as for all that the system refuses; whatever the command."""
-    assert called(monkeypatch, "study", "--missions", "1", "--out", "/proc/x.csv") == 3
-    assert capsys.readouterr().err == "error: /proc/x.csv.json: No such file or directory\n"
-    mission = str(Path(__file__).parents[3] / "missions" / "hexagon.yaml")
-    assert called(monkeypatch, "plan", mission, "--out", "/proc/plan.json") == 3
+    monkeypatch.setattr("swarm_ctl.cli.plan.require_writable", lambda *_: None)
+    assert called(monkeypatch, "plan", MISSION, "--out", "/proc/plan.json") == 3
     assert capsys.readouterr().err == "error: /proc/plan.json: No such file or directory\n"
 
 
