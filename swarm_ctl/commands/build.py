@@ -81,7 +81,7 @@ def build(order: Order, swarm: SwarmNow, mission: LoadedMission | Path) -> Comma
     command = Command(uuid.uuid4().hex, order.kind, order.agents, swarm.time_s)
     match order.kind:
         case CommandKind.NEXT:
-            return replace(command, at_step=swarm.step)
+            return replace(command, at_step=order.at_step or swarm.step)
         case CommandKind.FORM:
             step: FormStep | MoveStep = _form(order.arguments[0], swarm, mission)
         case CommandKind.MOVE:

@@ -7,7 +7,7 @@ makes the mesh's `Command` of an order.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Final
 
@@ -27,8 +27,9 @@ class Kind:
     does: str
     key: str
     """The one key that gives the order; with a `usage` it begins the command line instead."""
-    asks: str = ""
-    """The question that the operator answers before it is sent; '' for none."""
+    asks: tuple[str, str] = ("", "")
+    """What it does to one agent, and to several, which the operator confirms before it is sent; ''
+    for an order that is sent at once."""
 
     @property
     def for_all(self) -> bool:
@@ -38,7 +39,9 @@ class Kind:
 
 _MOVE_DOES: Final = "move the formation to a point [m] at a speed [m/s]"
 _TUNE_DOES: Final = "change the law of all agents at one time"
-_FALL: Final = "They fall out of the air."
+_LANDS: Final = ("it lands where it is", "they land where they are")
+_RETURNS: Final = ("it flies home and lands", "they fly home one at a time and land")
+_FALLS: Final = ("its motors stop, and it falls", "their motors stop, and they fall")
 KINDS: Final[tuple[Kind, ...]] = (
     Kind(CommandKind.HOLD, "", "stop in the air; avoidance stays on", "h"),
     Kind(CommandKind.RESUME, "", "go on with the mission", "r"),
@@ -46,9 +49,9 @@ KINDS: Final[tuple[Kind, ...]] = (
     Kind(CommandKind.FORM, "SHAPE", "fly into another shape of the mission", "f"),
     Kind(CommandKind.MOVE, "NORTH EAST [SPEED]", _MOVE_DOES, "m"),
     Kind(CommandKind.TUNE, "NAME=VALUE ...", _TUNE_DOES, "u"),
-    Kind(CommandKind.LAND, "", "land in place", "l"),
-    Kind(CommandKind.RETURN, "", "fly home one at a time and land", "b"),
-    Kind(CommandKind.KILL, "", "stop the motors: the vehicle falls", "K", _FALL),
+    Kind(CommandKind.LAND, "", "land in place", "l", _LANDS),
+    Kind(CommandKind.RETURN, "", "fly home one at a time and land", "b", _RETURNS),
+    Kind(CommandKind.KILL, "", "stop the motors: the vehicle falls", "K", _FALLS),
 )
 BY_NAME: Final[dict[str, Kind]] = {kind.name: kind for kind in KINDS}
 
@@ -63,6 +66,8 @@ class Order:
     """Empty: all of them."""
     by: bool = False
     """`move` by so much, not to a point."""
+    at_step: int = 0
+    """The step of the mission that the operator saw; 0: not known."""
 
     @property
     def text(self) -> str:
@@ -97,21 +102,30 @@ def parse(line: str, plan: Plan, marked: Iterable[int] = ()) -> Order:
 
 
 def complete(line: str, plan: Plan) -> list[str]:
-    """Whole lines that begin with `line`, the best one first."""
-    head, space, last = line.rpartition(" ")
+    """Whole lines that begin with `line`, the best one first: commands, and behind a command its
+    own arguments alone. No line is completed to an order that lands, returns or kills."""
+    before, space, last = line.rpartition(" ")
+    name, *named = before.split() or [""]
+    kind = BY_NAME.get(name)
     words: Iterable[str] = ()
-    if last.startswith("@"):
-        words = ("@all", *(f"@{agent.id}" for agent in plan.agents))
-    elif not space:
-        words = (f"{kind.name} " if kind.usage else kind.name for kind in KINDS)
-    elif head == CommandKind.FORM:
-        words = shapes(plan)
-    elif head.split(" ")[0] == CommandKind.TUNE:
-        named = {word.partition("=")[0] for word in head.split(" ")}
-        values = asdict(planned(plan)).items()
-        words = (*(f"{name}={value:g}" for name, value in values if name not in named), "plan")
+    if not name:
+        harmless = [kind for kind in KINDS if not kind.asks[0]]
+        words = (f"{kind.name} " if kind.usage else kind.name for kind in harmless)
+    elif kind is not None and not kind.asks[0]:
+        words = arguments(kind, named, plan)
     fitting = (word for word in words if word.startswith(last) and word.strip() != last)
-    return [f"{head}{space}{word}" for word in fitting]
+    return [f"{before}{space}{word}" for word in fitting]
+
+
+def arguments(kind: Kind, named: Sequence[str], plan: Plan) -> list[str]:
+    """The words that may follow a command and its arguments so far."""
+    if kind.name is CommandKind.FORM:
+        return [] if named else shapes(plan)
+    if kind.name is CommandKind.TUNE:
+        values = asdict(planned(plan)).items()
+        taken = {word.partition("=")[0] for word in named}
+        return [*(f"{name}={value:g}" for name, value in values if name not in taken), "plan"]
+    return [] if kind.for_all or named else ["@all", *(f"@{agent.id}" for agent in plan.agents)]
 
 
 def tuned(words: Iterable[str], law: Gains, plan: Plan) -> Gains:

@@ -23,15 +23,19 @@ needs_tmux = pytest.mark.skipif(
 
 
 class Terminal:
-    """`swarm-ctl` with these arguments in a terminal of `size`; afterwards a shell that says DONE
-    and its exit code."""
+    """`swarm-ctl` (or another program) with these arguments in a terminal of `size`; afterwards a
+    shell that says DONE and its exit code."""
 
     def __init__(
-        self, *arguments: str | Path, cwd: Path, size: tuple[int, int] = (100, 30)
+        self,
+        *arguments: str | Path,
+        cwd: Path,
+        size: tuple[int, int] = (100, 30),
+        program: tuple[str, ...] = (str(SWARM_CTL),),
     ) -> None:
         self.cwd = cwd
         self._socket = cwd / f"tmux-{len(list(cwd.glob('tmux-*')))}"
-        command = shlex.join([str(SWARM_CTL), *map(str, arguments)])
+        command = shlex.join([*program, *map(str, arguments)])
         modes = "stty -a | tr ' ' '\\n' | grep -x -e '-*isig;*' -e '-*echo;*'"
         script = f"trap : INT; {command}; echo DONE $?; {modes}; exec cat"
         self._tmux(

@@ -8,23 +8,29 @@ import os
 import signal
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import ClassVar, Final, TypeVar
 
 from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal
 from textual.driver import Driver
-from textual.events import Key
+from textual.events import Event, Key, Paste
 from textual.screen import Screen
 from textual.widgets import DataTable, Footer, Input, Label, TabbedContent
 
-from swarm_ctl.commands.parse import BY_NAME, KINDS, Order, parse
-from swarm_ctl.core.model.messages import Phase
+from swarm_ctl.commands.parse import KINDS, Order, parse
+from swarm_ctl.core.model.messages import CommandKind, Phase
 from swarm_ctl.core.model.plan import Plan, Policy
-from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.errors import InputError
-from swarm_ctl.station.dashboard.ask import Ask
-from swarm_ctl.station.dashboard.bars import answers_line, title_line, usage_line, verdict_line
+from swarm_ctl.station.dashboard.ask import Ask, consequence
+from swarm_ctl.station.dashboard.bars import (
+    BAR_STYLE,
+    answers_line,
+    title_line,
+    usage_line,
+    verdict_line,
+)
 from swarm_ctl.station.dashboard.command_input import CommandInput, Purpose
 from swarm_ctl.station.dashboard.drawing.picture import Chosen, Picture
 from swarm_ctl.station.dashboard.drawing.styled_line import StyledLine
@@ -46,6 +52,8 @@ SCREENS: Final = ("swarm", "links", "sigma", "log", "help")
 _LEVELS: Final = (Level.WELL, Level.WARNING, Level.ERROR)
 T = TypeVar("T")
 _NOTICE_WALL_S: Final = 8.0
+_ALWAYS: Final = ("ctrl+c", "ctrl+q")
+"""Keys that mean the same whatever is open."""
 _ONLY_ON: Final = {
     "mark_cursor": "swarm",
     "mark_all": "swarm",
@@ -58,11 +66,24 @@ _ONLY_ON: Final = {
 """Keys that mean something on one screen alone."""
 
 
+def _typed(event: Event) -> Key | Paste | None:
+    """What came from the keyboard, unless it means the same whatever is open."""
+    if not isinstance(event, Key | Paste) or event.is_forwarded:
+        return None
+    return None if isinstance(event, Key) and event.key in _ALWAYS else event
+
+
 class Board(Screen[None], inherit_bindings=False):
     """The one screen below all: its tab key is ours."""
 
 
-def hidden(keys: dict[str, str]) -> list[BindingType]:
+def at_once(bindings: Sequence[Binding]) -> list[BindingType]:
+    """Keys whose actions are done before the next key is looked at: typed fast, what stands behind
+    a key that opens the command line is no order."""
+    return [replace(binding, priority=True) for binding in bindings]
+
+
+def hidden(keys: dict[str, str]) -> list[Binding]:
     """Keys that the footer doesn't show, and their actions."""
     return [Binding(key, action, show=False) for key, action in keys.items()]
 
@@ -78,21 +99,21 @@ def _bindings() -> list[BindingType]:
         )
         for kind in sorted(KINDS, key=lambda kind: kind.name != "land")
     ]
-    return [
-        Binding("ctrl+c", "interrupt", "land all", priority=True, key_display="^C"),
+    shown_keys = [
+        Binding("ctrl+c", "interrupt", "land all", key_display="^C"),
         *orders,
-        Binding("colon", "begin(':')", "command", priority=True),
+        Binding("colon", "command('')", "command"),
         Binding("space", "mark_cursor", "mark"),
         Binding("s", "sort_next", "sort"),
         Binding("v", "metric_next", "view"),
-        Binding("slash", "filter", "filter", priority=True),
-        Binding("slash", "begin('/')", show=False, priority=True),
+        Binding("slash", "filter", "filter"),
+        Binding("slash", "look_for", show=False),
         Binding("w", "level_next", "worst"),
         Binding("x", "acknowledge", "seen"),
-        Binding("ctrl+q", "leave", show=False, priority=True),
-        *hidden({"q": "leave", "a": "mark_all", "S": "sort_turn", "t": "theme"}),
-        *hidden(MOVES),
+        Binding("ctrl+q", "leave", show=False),
     ]
+    keys = {"q": "leave", "a": "mark_all", "S": "sort_turn", "t": "theme"}
+    return at_once([*shown_keys, *hidden(keys | MOVES)])
 
 
 def _after(value: T, values: Sequence[T], by: int = 1) -> T:
@@ -109,7 +130,7 @@ MOVES: Final = {
     "down,j": "cursor(1)",
     "pageup": "scroll(-1)",
     "pagedown": "scroll(1)",
-    "escape": "close_line",
+    "escape": "unmark",
 }
 """Keys that move about."""
 
@@ -131,14 +152,15 @@ class Dashboard(App[None]):
     #matrix, #law, #tally, #empty { height: auto; }
     CellTable { height: auto; overflow-x: hidden; }
     #swarm { layout: vertical; }
-    #left { height: auto; max-height: 50%; }
-    #agents { max-height: 100%; }
+    #left { height: auto; max-height: 65%; }
+    #agents { height: auto; max-height: 75%; }
     #map { height: 1fr; }
-    #recent { display: none; }
+    #recent { height: 3; }
+    #swarm.low #recent { display: none; }
     #swarm.wide { layout: horizontal; }
     #swarm.wide #left { height: 1fr; max-height: 100%; }
     #swarm.wide #agents { max-height: 85%; }
-    #swarm.wide #recent { display: block; height: 1fr; }
+    #swarm.wide #recent { height: 1fr; }
     #swarm.wide #map { width: 1fr; }
     #entries { height: 1fr; scrollbar-gutter: stable; }
     #keys, #entry { height: 1; }
@@ -146,7 +168,8 @@ class Dashboard(App[None]):
     Footer { dock: none; width: 1fr; background: $background; }
     FooterKey, FooterKey .footer-key--key { background: $background; }
     FooterKey .footer-key--description { background: $background; }
-    #entry { display: none; }
+    #entry, #question { display: none; }
+    #question { height: auto; }
     #prompt { width: 2; padding-left: 1; text-style: bold; }
     #line { width: 1fr; height: 1; border: none; padding: 0; background: $background; }
     """
@@ -175,6 +198,8 @@ class Dashboard(App[None]):
         self._view: SwarmView | None = None
         self._chosen = Chosen()
         self._notice = ""
+        self._question: Ask | None = None
+        self._question_seen = False
         self._up = self._over = False
         self.frames_dropped = 0
         if interrupt is None:
@@ -222,6 +247,7 @@ class Dashboard(App[None]):
             yield LogPane("4 Log", id="log")
             yield self.help_pane()
         yield Painted("answers")
+        yield Painted("question")
         with Horizontal(id="keys"):
             yield Label("", id="marked", markup=False)
             yield Footer(compact=True, show_command_palette=False)
@@ -280,6 +306,9 @@ class Dashboard(App[None]):
         if picture is None or pane is None:
             return
         width = self.size.width
+        if self._question is not None:
+            lines = self._question.lines(width)
+            self.query_one("#question", Painted).paint(lines, BAR_STYLE[Level.ERROR], width)
         self._paint("title", title_line(picture, width))
         self._paint("verdict", *verdict_line(picture, width))
         self._paint("answers", self._words_below(picture))
@@ -317,6 +346,30 @@ class Dashboard(App[None]):
         self.draw()
 
     # --- moving about ---
+
+    async def on_event(self, event: Event) -> None:
+        """Each key is answered before the next one is looked at, however fast they come: by the
+        question that stands, else by the open line, else as a key of the screen. What is typed
+        before there is a screen is dropped."""
+        typed = _typed(event)
+        if typed is None:
+            await super().on_event(event)
+        elif self._question is not None:
+            self._answer(isinstance(typed, Key) and typed.key == "enter")
+        elif self._up and (line := self.query_one(CommandInput)).purpose:
+            await self._type(line, typed)
+        elif self._up:
+            await super().on_event(event)
+
+    async def _type(self, line: CommandInput, typed: Key | Paste) -> None:
+        if isinstance(typed, Paste):
+            line.insert_text_at_cursor(typed.text.partition("\n")[0])
+        elif typed.key == "enter":
+            self._submit(line)
+        elif typed.key == "escape":
+            self._close_line()
+        else:
+            await line.press(typed)
 
     def check_action(self, action: str, _: tuple[object, ...]) -> bool | None:
         """Some keys belong to one screen."""
@@ -399,14 +452,16 @@ class Dashboard(App[None]):
 
     def action_leave(self) -> None:
         """Only a station that watches can be left; the last one of a swarm that needs one asks
-        first."""
+        first, and the same key again is a yes."""
+        asked = self._question is not None and self._question.do == self.exit
         if self._interrupt is not None:
             self._say("this dashboard belongs to the run: Ctrl-C lands the swarm and ends it")
-        elif (policy := self._alone()) and not isinstance(self.screen, Ask):
+        elif (policy := self._alone()) and not asked:
             after_s = self._plan.policies.station_lost_after_s
-            words = f"the agents {policy.value} after {after_s:g} s."
-            question = Ask(f"leave? No other station is heard: {words}")
-            self.push_screen(question, lambda yes: self.exit() if yes else None)
+            words = (
+                f"leave? No other station is heard: the agents {policy.value} after {after_s:g} s"
+            )
+            self._ask(Ask(words, "Enter leaves, Esc stays.", self.exit, "not left"))
         else:
             self.exit()
 
@@ -422,6 +477,7 @@ class Dashboard(App[None]):
         if self._interrupt is None:
             self.action_leave()
         else:
+            self._answer(False)
             self._interrupt()
 
     # --- orders ---
@@ -430,43 +486,23 @@ class Dashboard(App[None]):
         """An order without arguments, by its key."""
         self._order(name)
 
-    def action_begin(self, character: str) -> None:
-        """`:` and `/` open the line before the next key is looked at: typed fast, nothing behind
-        them is an order."""
-        line = self.query_one(CommandInput)
-        if line.purpose:
-            line.insert_text_at_cursor(character)
-        elif isinstance(self.screen, Board):
-            self.action_command("") if character == ":" else self._filter()
-
     def action_command(self, text: str) -> None:
         self._open_line(Purpose.COMMAND, text)
 
     def action_filter(self) -> None:
-        """The footer's name for `/` on the log's screen."""
-        self.action_begin("/")
+        """`/` on the log's screen, where the footer shows it."""
+        self.action_look_for()
 
-    def _filter(self) -> None:
+    def action_look_for(self) -> None:
         self.action_go("log")
         self._open_line(Purpose.FILTER, self._chosen.log_words)
 
-    def action_close_line(self) -> None:
-        """Leave the command line; elsewhere: unmark, and drop the filter."""
-        if self.query_one(CommandInput).purpose:
-            self._close_line()
-        elif isinstance(self.pane, LogPane):
+    def action_unmark(self) -> None:
+        """Unmark all agents; in the log: drop the filter."""
+        if isinstance(self.pane, LogPane):
             self._choose(log_words="", log_level=Level.WELL)
         else:
             self._choose(marked=frozenset())
-
-    async def on_key(self, event: Key) -> None:
-        """A key that was on its way to the screen when the command line opened belongs to the line:
-        nothing is lost."""
-        line = self.query_one(CommandInput)
-        if line.purpose and event.key == "enter":
-            await line.action_submit()
-        elif line.purpose and event.character and event.is_printable:
-            line.insert_text_at_cursor(event.character)
 
     def on_input_changed(self, event: Input.Changed) -> None:
         """The filter works while it is typed."""
@@ -475,11 +511,12 @@ class Dashboard(App[None]):
         else:
             self.draw()
 
-    def on_input_submitted(self, event: Input.Submitted) -> None:
-        line = self.query_one(CommandInput)
-        purpose, text = line.purpose, event.value.strip()
+    def _submit(self, line: CommandInput) -> None:
+        purpose, text = line.purpose, line.value.strip()
         self._close_line()
-        if purpose not in (None, Purpose.FILTER) and text:
+        if purpose is Purpose.FILTER:
+            self._choose(log_words=text)
+        elif text:
             line.remember(text)
             self.typed(text)
 
@@ -487,19 +524,23 @@ class Dashboard(App[None]):
         self._order(text)
 
     def _open_line(self, purpose: Purpose, text: str) -> None:
-        self._show_line(True)
+        line = self.query_one(CommandInput)
         self.query_one("#prompt", Label).update(purpose.value[0])
-        self.query_one(CommandInput).open(purpose, text)
+        line.open(purpose, text)
+        self._show_bottom()
         self.draw()
 
     def _close_line(self) -> None:
         self.query_one(CommandInput).close()
-        self._show_line(False)
+        self._show_bottom()
         self.draw()
 
-    def _show_line(self, line: bool) -> None:
-        self.query_one("#keys").display = not line
-        self.query_one("#entry").display = line
+    def _show_bottom(self) -> None:
+        """The question, or the open line, or the keys."""
+        asks, types = self._question is not None, self.query_one(CommandInput).purpose is not None
+        self.query_one("#question").display = asks
+        self.query_one("#entry").display = types and not asks
+        self.query_one("#keys").display = not (asks or types)
 
     def _order(self, text: str) -> None:
         try:
@@ -507,20 +548,38 @@ class Dashboard(App[None]):
         except InputError as error:
             self._say(str(error))
             return
-        asks = BY_NAME[order.kind].asks
         self._notice = ""
-        if not asks:
+        step = self._view.step if self._view else 0
+        if order.kind == CommandKind.NEXT:
+            order = replace(order, at_step=step)
+        if words := consequence(order, self._plan, step):
+            give = partial(self._give, order)
+            dropped = f"{order.kind}: not sent; only Enter sends it"
+            self._ask(Ask(words, "Enter sends it, Esc drops it.", give, dropped))
+        else:
             self._give(order)
+
+    def _ask(self, question: Ask) -> None:
+        """Put the question in the place of the footer. What is typed before it was drawn is no
+        answer."""
+        self._question, self._question_seen = question, False
+        self._show_bottom()
+        self.draw()
+        self.call_after_refresh(self._see_question)
+
+    def _see_question(self) -> None:
+        self._question_seen = True
+
+    def _answer(self, yes: bool) -> None:
+        question = self._question
+        if question is None or (yes and not self._question_seen):
             return
-        agents = agents_named(order.agents or (agent.id for agent in self._plan.agents))
-
-        def answered(yes: bool | None) -> None:
-            if yes:
-                self._give(order)
-            else:
-                self._say(f"{order.kind}: not sent")
-
-        self.push_screen(Ask(f"{order.kind} {agents}? {asks}"), answered)
+        self._question = None
+        self._show_bottom()
+        if yes:
+            question.do()
+        else:
+            self._say(question.otherwise)
 
     def _say(self, text: str) -> None:
         """A word to the operator, until the next one."""

@@ -1,48 +1,47 @@
-"""One question before something that can't be taken back."""
+"""The question before what can't be taken back: what will be done, and to which agents."""
 
 from __future__ import annotations
 
-from typing import ClassVar
+import textwrap
+from collections.abc import Callable
+from dataclasses import dataclass
 
-from textual.app import ComposeResult
-from textual.binding import Binding, BindingType
-from textual.containers import Horizontal, Vertical
-from textual.screen import ModalScreen
-from textual.widgets import Button, Label
+from swarm_ctl.commands.parse import BY_NAME, Order
+from swarm_ctl.core.model.messages import CommandKind
+from swarm_ctl.core.model.plan import LandStep, Plan, ReturnStep
+from swarm_ctl.core.model.text import agents_named
+from swarm_ctl.station.dashboard.drawing.styled_line import StyledLine
 
 
-class Ask(ModalScreen[bool]):
-    """The question over the screen; only `y` and a click say yes."""
+@dataclass(frozen=True, slots=True)
+class Ask:
+    """A question that stands on the screen until a key answers it. Only Enter says yes."""
 
-    CSS = """
-    Ask { align: center middle; }
-    #ask { width: auto; max-width: 90%; height: auto; padding: 1 2; }
-    #ask { border: heavy $error; background: $surface; }
-    #ask Horizontal { height: auto; width: auto; padding-top: 1; }
-    #ask Button { margin-right: 2; }
-    """
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("y", "answer(True)"),
-        Binding("n,escape", "answer(False)"),
-    ]
+    what: str
+    """What will be done: `land agents 1-6: they land where they are`."""
+    keys: str
+    """What the keys do."""
+    do: Callable[[], None]
+    otherwise: str
+    """What the operator is told where any other key drops it."""
 
-    def __init__(self, question: str) -> None:
-        super().__init__()
-        self._question = question
+    def lines(self, width: int) -> list[StyledLine]:
+        """The question on as many lines as it needs, and the keys on one of their own."""
+        words = textwrap.wrap(f"{self.what}.", max(8, width - 2))
+        return [StyledLine(f" {line}") for line in (*words, self.keys)]
 
-    def compose(self) -> ComposeResult:
-        with Vertical(id="ask"):
-            yield Label(self._question, markup=False)
-            with Horizontal():
-                yield Button("y  yes", id="yes", variant="error", compact=True)
-                yield Button("n  no", id="no", compact=True)
 
-    def on_mount(self) -> None:
-        """No button has the keyboard."""
-        self.set_focus(None)
+def consequence(order: Order, plan: Plan, step: int) -> str:
+    """What an order that lands, returns or kills will do in the mission's `step`, and to which
+    agents; '' for any other order."""
+    agents = order.agents or tuple(agent.id for agent in plan.agents)
+    does = BY_NAME[order.kind].asks[len(agents) > 1]
+    if order.kind == CommandKind.NEXT and isinstance(
+        after := _after(plan, step), LandStep | ReturnStep
+    ):
+        does = f"step {step} ends, and step {step + 1} is '{after.kind}'"
+    return f"{order.kind} {agents_named(agents)}: {does}" if does else ""
 
-    def on_button_pressed(self, event: Button.Pressed) -> None:
-        self.dismiss(event.button.id == "yes")
 
-    def action_answer(self, yes: bool) -> None:
-        self.dismiss(yes)
+def _after(plan: Plan, step: int) -> object:
+    return plan.steps[step] if step < len(plan.steps) else None

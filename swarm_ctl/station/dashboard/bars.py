@@ -27,12 +27,29 @@ _EACH: Final = 12
 
 
 def title_line(picture: Picture, width: int) -> StyledLine:
-    """Mission, step, time, agents heard; on the right what this station has missed, and figures."""
+    """Mission, step, time, agents heard; on the right what this station has missed, and figures. On
+    a narrow screen the step's name gives way to the nearest distance."""
     view = picture.view
-    gap = "  ·  " if width >= 100 else " · "
+    figures = _figures(view)
+    for name in _step_names(view):
+        line = _title(view, name, "  ·  " if width >= 100 else " · ")
+        room = width - line.width - 2
+        shown = next((text for text in figures if len(text) <= room), "")
+        if shown or not figures:
+            break
+    return line.to(width - len(shown) - 1).add(shown)
+
+
+def _step_names(view: SwarmView) -> list[str]:
+    """Of the step that is flown, the longest first."""
+    step = f"step {view.step}/{len(view.plan.steps)}"
+    name = step_name(view.plan, view.step)
+    return [f"{step}: {name}", f"{step}: {name.partition(' ')[0]}", step]
+
+
+def _title(view: SwarmView, step: str, gap: str) -> StyledLine:
     minutes, seconds = divmod(max(0.0, view.time_s), 60)
     heard = sum(agent.phase is not None and not agent.lost for agent in view.agents)
-    step = f"step {view.step}/{len(view.plan.steps)}: {step_name(view.plan, view.step)}"
     line = StyledLine(f" {printable(view.plan.name)}", "bold").add(gap, "dim")
     line.add(step, "bold").add(gap, "dim").add(f"{minutes:02.0f}:{seconds:04.1f}")
     line.add(f" ×{view.speedup:g}" if view.speedup != 1 else "").add(gap, "dim")
@@ -43,8 +60,7 @@ def title_line(picture: Picture, width: int) -> StyledLine:
     missed = _missed(view)
     if missed:
         line.add(gap, "dim").add(missed, "yellow")
-    figures = _figures(view, width - line.width - 2)
-    return line.to(width - len(figures) - 1).add(figures)
+    return line
 
 
 def _missed(view: SwarmView) -> str:
@@ -53,20 +69,21 @@ def _missed(view: SwarmView) -> str:
     return ", ".join(part for part in (frames, f"{bad} unreadable" if bad else "") if part)
 
 
-def _figures(view: SwarmView, room: int) -> str:
-    """Error, nearest, longest: as many as there is room for, the first ones first."""
+def _figures(view: SwarmView) -> list[str]:
+    """Nearest, error, longest: all of them, and ever fewer of them, the nearest to the last."""
     law, unit = view.plan.law, view.plan.unit_m
     near = [(a.nearest_m, a.id, a.nearest_agent) for a in view.agents if a.nearest_m is not None]
     long = [(edge.length_m, edge.a, edge.b) for edge in view.edges if edge.length_m is not None]
-    parts = [f"error {fit(view.error_m, 5, 2)} m"]
+    parts, shorter = [f"error {fit(view.error_m, 5, 2)} m"], []
     if near:
         apart, a, b = min(near)
-        parts.append(f"nearest {a}-{b} {fit(apart, 5, 2)} m (r_in {law.r_in * unit:g})")
+        pair, metres = f"nearest {a}-{b}", f"{fit(apart, 5, 2)} m"
+        parts.insert(0, f"{pair} {metres} (r_in {law.r_in * unit:g})")
+        shorter = [f"{pair} {metres}", f"nearest {metres}"]
     if long:
         length, a, b = max(long)
         parts.append(f"longest {a}-{b} {fit(length, 5, 1)} m (r {law.r * unit:g})")
-    texts = (" · ".join(parts[:count]) for count in range(len(parts), 0, -1))
-    return next((text for text in texts if len(text) <= room), "")
+    return [" · ".join(parts[:count]) for count in range(len(parts), 0, -1)] + shorter
 
 
 def verdict_line(picture: Picture, width: int) -> tuple[StyledLine, str]:

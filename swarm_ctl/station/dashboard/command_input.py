@@ -35,24 +35,20 @@ class CommandInput(Input):
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
         self._completion = _Completion(plan)
-        super().__init__(id="line", compact=True, suggester=self._completion)
+        super().__init__(id="line", compact=True, suggester=self._completion, select_on_focus=False)
         self.can_focus = False
         self._before: list[str] = []
         self._at = 0
         self.purpose: Purpose | None = None
         """None: not in use."""
 
-    async def _on_key(self, event: Key) -> None:
-        """Editing keys act in their turn. As mere bindings they would be looked at after what was
-        typed behind them: over a slow line, or pasted, `5`, backspace, `4` would come out as 5.
-        """
+    async def press(self, event: Key) -> None:
+        """Take a key of the keyboard."""
         bindings = self._bindings.key_to_bindings.get(event.key)
-        if not bindings:
-            await super()._on_key(event)
-            return
-        event.stop()
-        event.prevent_default()
-        await self.run_action(bindings[0].action)
+        if bindings:
+            await self.run_action(bindings[0].action)
+        elif event.character and event.is_printable:
+            self.insert_text_at_cursor(event.character)
 
     def open(self, purpose: Purpose, text: str) -> None:
         """Take the keyboard."""
@@ -62,7 +58,6 @@ class CommandInput(Input):
         self.can_focus = True
         self._put(text)
         self._at = len(self._before)
-        # at once: the next key belongs to the line already
         self.screen.set_focus(self, scroll_visible=False)
 
     def close(self) -> None:

@@ -11,7 +11,7 @@ from textual.driver import Driver
 
 from swarm_ctl.commands.parse import KINDS
 from swarm_ctl.errors import InputError
-from swarm_ctl.station.dashboard.app import MOVES, Dashboard, hidden
+from swarm_ctl.station.dashboard.app import MOVES, Dashboard, at_once, hidden
 from swarm_ctl.station.dashboard.command_input import Purpose
 from swarm_ctl.station.dashboard.drawing.widgets import Painted
 from swarm_ctl.station.dashboard.panes.help_pane import SIGNS, HelpPane
@@ -49,11 +49,11 @@ def _bindings() -> list[BindingType]:
         Binding("a", "next(True)", "alarm"),
         Binding("minus", "speed(-1)", "slower", key_display="-"),
         Binding("plus,equals_sign", "speed(1)", "faster", key_display="+"),
-        Binding("colon", "begin(':')", "go to", priority=True),
+        Binding("colon", "command('')", "go to"),
         Binding("q", "leave", "leave"),
-        Binding("slash", "begin('/')", show=False, priority=True),
-        Binding("ctrl+c", "interrupt", show=False, priority=True),
-        Binding("ctrl+q", "leave", show=False, priority=True),
+        Binding("slash", "look_for", show=False),
+        Binding("ctrl+c", "interrupt", show=False),
+        Binding("ctrl+q", "leave", show=False),
     ]
     keys = {
         "shift+left": "skip(-30)",
@@ -72,7 +72,7 @@ def _bindings() -> list[BindingType]:
         "t": "theme",
     }
     orders = {kind.key: f"refuse('{kind.name}')" for kind in KINDS}
-    return [*shown, *hidden(keys | orders | MOVES)]
+    return at_once([*shown, *hidden(keys | orders | MOVES)])
 
 
 class Player(Dashboard, inherit_bindings=False):

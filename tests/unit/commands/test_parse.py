@@ -81,21 +81,30 @@ def test_any_text_is_an_order_or_refused(line: str) -> None:
         assert set(order.agents) <= {agent.id for agent in PLAN.agents}
 
 
+FALLS = {"land", "return", "kill"}
+
+
 @given(st.sampled_from([kind.name for kind in KINDS]), st.integers(0, 6))
-def test_completion_only_adds(name: str, length: int) -> None:
-    for line in complete(name[:length], PLAN):
-        assert line.startswith(name[:length])
-    assert (
-        length == 0
-        or length >= len(name)
-        or name in [line.strip() for line in complete(name[:length], PLAN)]
-    )
+def test_completion_only_adds_and_never_lands(name: str, length: int) -> None:
+    """What lands, returns or kills is typed whole."""
+    found = [line.strip() for line in complete(name[:length], PLAN)]
+    assert all(line.startswith(name[:length]) and line not in FALLS for line in found)
+    assert name in found or length >= len(name) or name in FALLS
 
 
-def test_completion_knows_shapes_and_agents() -> None:
+@given(st.text("abdefhiklmnorstuvx @123=", max_size=12))
+def test_no_line_is_completed_to_what_lands_returns_or_kills(line: str) -> None:
+    for found in complete(line, PLAN):
+        assert found.startswith(line)
+        assert found.split()[0] not in FALLS
+
+
+def test_completion_knows_the_arguments_of_each_command_alone() -> None:
     assert complete("form ", PLAN) == ["form hexagon"]
-    assert complete("land @", PLAN)[:2] == ["land @all", "land @1"]
-    assert complete("form hexagon", PLAN) == []
+    assert complete("form hexagon", PLAN) == complete("form hexagon ", PLAN) == []
+    assert complete("form l", PLAN) == complete("form @", PLAN) == complete("move ", PLAN) == []
+    assert complete("hold @", PLAN)[:2] == ["hold @all", "hold @1"]
+    assert complete("land @", PLAN) == complete("kill ", PLAN) == complete("fly l", PLAN) == []
 
 
 def test_completion_knows_the_law() -> None:

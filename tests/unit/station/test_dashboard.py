@@ -11,12 +11,10 @@ import pytest
 from textual.events import Key
 from textual.filter import NoColor
 from textual.pilot import Pilot
-from textual.widgets import Button
 
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.core.model.messages import Ack, Command, Event
 from swarm_ctl.station.dashboard.app import Dashboard
-from swarm_ctl.station.dashboard.ask import Ask
 from swarm_ctl.station.dashboard.drawing.picture import Chosen, Picture
 from swarm_ctl.station.dashboard.panes.agent_table import TITLES, in_order
 from swarm_ctl.station.dashboard.themes import DARK, LIGHT, PLAIN
@@ -134,16 +132,16 @@ def test_a_click_on_a_title_sorts_and_the_next_one_turns_the_order_round() -> No
 
 def test_orders_by_key_go_to_all_or_to_the_marked() -> None:
     async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
-        await pilot.press("l")
+        await pilot.press("h")
         await pilot.press("down", "down", "space", "h")
         row, column = _find(app, "  5 fly")
         await pilot.click(offset=(column + 3, row))
         await pilot.press("r", "escape", "n")
         wanted = [
-            Order("land"),
+            Order("hold"),
             Order("hold", (), (2,)),
             Order("resume", (), (2, 5)),
-            Order("next"),
+            Order("next", at_step=2),
         ]
         assert desk.orders == wanted
 
@@ -162,8 +160,8 @@ def test_the_command_line_completes_refuses_and_remembers() -> None:
         assert "no command 'fly'; allowed: hold, resume" in text(app)
         await pilot.press("colon", "up", "up", "enter")
         assert desk.orders == [Order("form", ("hexagon",))] * 2
-        await pilot.press("colon", *"land @1,3-4", "enter")
-        assert desk.orders[-1] == Order("land", (), (1, 3, 4))
+        await pilot.press("colon", *"hold @1,3-4", "enter")
+        assert desk.orders[-1] == Order("hold", (), (1, 3, 4))
         await pilot.press("colon", *"land", "escape", "2")
         await settled(pilot)
         assert len(desk.orders) == 3
@@ -172,49 +170,99 @@ def test_the_command_line_completes_refuses_and_remembers() -> None:
     _play(play)
 
 
-def test_what_is_typed_fast_behind_a_colon_is_no_order() -> None:
-    """All keys in one read of the terminal: `l` alone would land the swarm."""
+NAMES = {":": "colon", " ": "space", "-": "minus", ".": "full_stop", "\t": "tab", "\r": "enter"}
+
+
+def _at_once(app: Dashboard, characters: str) -> None:
+    """All keys in one read of the terminal."""
+    for character in characters:
+        app.post_message(Key(NAMES.get(character, character), character))
+
+
+def test_what_is_typed_fast_is_one_line_and_no_single_orders() -> None:
+    """Behind `:` as behind the keys that begin a line: `l` alone would land the swarm."""
 
     async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
-        names = {":": "colon", " ": "space", "-": "minus", ".": "full_stop"}
-        for character in ":move 60 -7 2.5":
-            app.post_message(Key(names.get(character, character), character))
-        app.post_message(Key("enter", None))
+        _at_once(app, ":move 60 -7 2.5\r")
         await settled(pilot)
         assert desk.orders == [Order("move", ("60", "-7", "2.5"))]
-        for key, character in (("colon", ":"), ("r", "r"), ("e", "e"), ("t", "t"), ("tab", "\t")):
-            app.post_message(Key(key, character))
+        _at_once(app, "fh\t\rm20 10\r:move 1 2\rh")
         await settled(pilot)
-        assert ":return" in text(app)
-        assert len(desk.orders) == 1
+        assert desk.orders[1:] == [
+            Order("form", ("hexagon",)),
+            Order("move", ("20", "10")),
+            Order("move", ("1", "2")),
+            Order("hold"),
+        ]
+        _at_once(app, ":ret\t")
+        await settled(pilot)
+        assert ":ret  " in text(app)
+        assert len(desk.orders) == 5
 
     _play(play)
 
 
-def test_kill_asks_once_and_only_y_means_yes() -> None:
+@pytest.mark.parametrize(
+    ("keys", "kind", "words"),
+    [
+        ("l", "land", "land agents 1-6: they land where they are"),
+        ("b", "return", "return agents 1-6: they fly home one at a time and land"),
+        ("K", "kill", "kill agents 1-6: their motors stop, and they fall"),
+        (":kill\r", "kill", "kill agents 1-6: their motors stop, and they fall"),
+    ],
+)
+def test_what_lands_returns_or_kills_asks_and_only_enter_sends_it(
+    keys: str, kind: str, words: str
+) -> None:
     async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
-        for answer in ("n", "escape", "enter", "space", "l"):
-            await pilot.press("K")
+        others = ("n", "y", "space", "l", "colon", "tab", "2") if keys == "K" else ()
+        for answer in ("escape", *others):
+            _at_once(app, keys)
             await settled(pilot)
-            assert isinstance(app.screen, Ask)
-            assert "kill agents 1-6? They fall out of the air." in text(app)
+            assert words in text(app)
+            assert "Enter sends it, Esc drops it." in text(app)
             await pilot.press(answer)
-            assert desk.orders == []
-            await pilot.press("escape")
             await settled(pilot)
-        await pilot.press("K")
-        await settled(pilot)
-        await pilot.press("colon", "slash")
+            assert f"{kind}: not sent" in text(app)
+            assert "▴id" in text(app), "the key that drops an order does nothing else"
+        assert desk.orders == []
+        _at_once(app, keys)
         await shown(app, pilot, replace(PICTURES["well"](), time_s=42.0))
-        assert "00:42.0" in text(app)
-        await pilot.press("y")
+        assert "00:42.0" in text(app), "the picture goes on under the question"
+        await pilot.press("enter")
+        assert desk.orders == [Order(kind)]
+
+    _play(play)
+
+
+def test_an_enter_from_before_the_question_was_drawn_is_no_answer() -> None:
+    async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
+        _at_once(app, ":kill @3\r\r")
         await settled(pilot)
-        assert desk.orders == [Order("kill")]
-        await pilot.press("K")
+        assert "kill agent 3: its motors stop, and it falls" in text(app)
+        assert desk.orders == []
+        await pilot.press("enter")
+        assert desk.orders == [Order("kill", (), (3,))]
+        _at_once(app, "line\r")
         await settled(pilot)
-        await pilot.click(app.screen.query_one("#yes", Button))
+        assert {order.kind for order in desk.orders[1:]} <= {"next"}
+
+    _play(play)
+
+
+def test_next_asks_where_it_leads_to_a_landing() -> None:
+    """And it ends the step that the operator saw, whatever step the swarm is in by then."""
+    flying = PICTURES["well"]()
+    steps = len(flying.plan.steps)
+
+    async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
+        await shown(app, pilot, replace(flying, step=steps - 1))
+        await pilot.press("n")
         await settled(pilot)
-        assert desk.orders == [Order("kill")] * 2
+        assert f"next agents 1-6: step {steps - 1} ends, and step {steps} is 'land'" in text(app)
+        assert desk.orders == []
+        await pilot.press("enter")
+        assert desk.orders == [Order("next", at_step=steps - 1)]
 
     _play(play)
 
@@ -285,7 +333,7 @@ def test_the_last_station_asks_before_it_leaves(key: str) -> None:
         assert not app._exit
         await pilot.press(key)
         await settled(pilot)
-        await pilot.press("y" if key == "q" else key)
+        await pilot.press("enter" if key == "q" else key)
         await settled(pilot)
         assert app._exit
 

@@ -54,9 +54,9 @@ sigma | one row for each side of a pair; D must lie between its bounds; over 100
 
 def commands() -> str:
     """Every command by its key, and what it does."""
-    asks = {True: " (asks once)", False: ""}
+    asks = {True: " (asks first)", False: ""}
     lines = [
-        f"{kind.key or ' '}  {kind.name} {kind.usage} | {kind.does}{asks[bool(kind.asks)]}"
+        f"{kind.key or ' '}  {kind.name} {kind.usage} | {kind.does}{asks[bool(kind.asks[0])]}"
         for kind in KINDS
     ]
     words = "for some agents only: mark them, or 'land @1,3-5'; 'tune plan': the mission's own law"
@@ -83,7 +83,8 @@ class HelpPane(Pane):
                 table.add_column()
                 for words, meaning in _explained(text):
                     table.add_row(Text(f"   {words}", "bold"), Text(" ".join(meaning.split())))
-                yield Static(Text(f" {title}", "bold underline"))
+                more = "" if title in list(self._sections)[1:] else "   ↓ ↑ PgDn PgUp: more of this"
+                yield Static(Text.assemble((f" {title}", "bold underline"), (more, "dim")))
                 yield Static(table)
 
     def draw(self, picture: Picture) -> None:

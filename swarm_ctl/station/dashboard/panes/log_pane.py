@@ -29,22 +29,23 @@ _WORDS_AT: Final = 31
 
 
 class EntryLog(RichLog, OnGround, can_focus=False):
-    """Journal entries, long ones on several lines; stays at the end unless scrolled up."""
+    """Journal entries, long ones on several lines (cut to one, where `short`); stays at the end
+    unless scrolled up."""
 
     def __init__(self, name: str) -> None:
         super().__init__(id=name, min_width=1)
         self._told: list[Entry] = []
         self._ends: list[int] = []
         """How many lines there are after each entry."""
-        self._width = 0
+        self._shape = (0, False)
 
-    def show(self, entries: Sequence[Entry]) -> None:
+    def show(self, entries: Sequence[Entry], *, short: bool = False) -> None:
         """Write what is new, and all from the first entry on that has changed."""
         width = self.scrollable_content_region.width
         pairs = enumerate(zip(self._told, entries, strict=False))
         same = next((k for k, (a, b) in pairs if a != b), min(len(self._told), len(entries)))
-        if width != self._width:
-            same, self._width = 0, width
+        if (width, short) != self._shape:
+            same, self._shape = 0, (width, short)
         if same == len(entries) == len(self._told):
             return
         at_end = self.is_vertical_scroll_end
@@ -52,7 +53,7 @@ class EntryLog(RichLog, OnGround, can_focus=False):
         self._line_cache.clear()
         self.virtual_size = Size(width, len(self.lines))
         for entry in entries[same:]:
-            self.write(self._text(entry, width), width=width, scroll_end=at_end)
+            self.write(self._text(entry, width, short), width=width, scroll_end=at_end)
             self._ends.append(len(self.lines))
             self._told.append(entry)
         self.refresh()
@@ -62,7 +63,7 @@ class EntryLog(RichLog, OnGround, can_focus=False):
         super().on_resize(event)
         self.post_message(Painted.Sized())
 
-    def _text(self, entry: Entry, width: int) -> Text:
+    def _text(self, entry: Entry, width: int, short: bool) -> Text:
         bad = entry.level >= Level.WARNING
         name = LEVEL_STYLE[entry.level] if bad else _KIND_STYLE.get(entry.kind, "")
         sign = SIGN[entry.level] if bad else WELL if entry.kind is EntryKind.CLEARED else " "
@@ -76,7 +77,10 @@ class EntryLog(RichLog, OnGround, can_focus=False):
             (f"{entry.kind:<8}", name or "dim"),
             (f"{agents:<{_WORDS_AT - 20}} ", "bold"),
         )
-        rows = Text(words, name).wrap(self.app.console, room)
+        text = Text(words, name)
+        if short:
+            text.truncate(room, overflow="ellipsis")
+        rows = text.wrap(self.app.console, room)
         return head.append_text(Text("\n" + " " * _WORDS_AT).join(rows))
 
 

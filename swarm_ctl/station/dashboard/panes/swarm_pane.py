@@ -18,6 +18,8 @@ from swarm_ctl.station.dashboard.panes.swarm_map import map_lines
 
 _WIDE: Final = 120
 """From this width on the map stands beside the table, not under it."""
+_TALL: Final = 14
+"""From this height on a narrow screen has lines of the log between table and map."""
 _RECENT: Final = 60
 """Entries of the log beside the map: more than a terminal has lines."""
 
@@ -35,6 +37,7 @@ class SwarmPane(Pane):
         """Lay out for the new size."""
         width, wide = event.size.width, event.size.width >= _WIDE
         self.set_class(wide, "wide")
+        self.set_class(not wide and event.size.height < _TALL, "low")
         self.query_one("#left").styles.width = (78 if width < 140 else 98) if wide else "1fr"
 
     @property
@@ -46,5 +49,6 @@ class SwarmPane(Pane):
         recent, drawing = self.query_one(EntryLog), self.query_one("#map", Painted)
         if recent.display and recent.size.width:
             newest = picture.entries[-_RECENT:]
-            recent.show([entry for entry in newest if passes(entry, picture.chosen)])
+            shown = [entry for entry in newest if passes(entry, picture.chosen)]
+            recent.show(shown, short=not self.has_class("wide"))
         drawing.paint(map_lines(picture, *drawing.room))
