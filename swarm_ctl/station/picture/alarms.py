@@ -8,6 +8,7 @@ not any more. Thresholds are mission time and metres.
 from __future__ import annotations
 
 import math
+import statistics
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import IntEnum
@@ -305,11 +306,28 @@ _loss: Final = _figure(
 _no_station: Final = _figure(
     _of(lambda status: status.station_age_s), "no station heard for {value:.1f} s"
 )
-_slow_ticks: Final = _figure(
+_ticking_slowly: Final = _figure(
     lambda agent: agent.link.tick_rate_hz,
     "ticks at {value:.1f} Hz instead of {usual_hz:.0f} Hz",
     least=True,
 )
+
+
+def _slow_machine(view: SwarmView, limit_hz: float) -> Found:
+    """Most agents tick slowly: what else goes wrong comes of that."""
+    slow = [agent for (agent,), _ in _ticking_slowly(view, limit_hz)]
+    if 2 * len(slow) > len(view.agents):
+        usual_hz = 1 / view.plan.tick_s
+        hz = statistics.median(view.agent(i).link.tick_rate_hz or 0.0 for i in slow)
+        what = f" with --speedup {view.speedup:g}" if view.speedup != 1 else ""
+        yield tuple(slow), f"the machine can't keep up{what}: ticks {hz:.1f} of {usual_hz:.0f} Hz"
+
+
+def _slow_ticks(view: SwarmView, limit_hz: float) -> Found:
+    if not any(_slow_machine(view, limit_hz)):
+        yield from _ticking_slowly(view, limit_hz)
+
+
 _late_ticks: Final = _figure(
     _of(lambda status: status.tick.late_p99_ms), "ticks up to {value:.1f} ms late (p99)"
 )
@@ -354,6 +372,7 @@ def _tick_ms(view: SwarmView) -> float:
 
 RULES: Final[tuple[Rule, ...]] = (
     Rule("too close", _E, _r_in_m, "the law's inner radius", _too_close),
+    Rule("slow machine", _E, _tick_hz, "a fifth of the ticks missing, of most", _slow_machine),
     Rule("silent", _E, _lost_s, "the mission's policy", _if(_silent)),
     Rule("fallen", _E, _is(0), "nothing carries the vehicle", _if(_fallen), _WORDS),
     Rule("failed", _E, _is(0), "the agent says so", _if(_failed), _WORDS),

@@ -12,6 +12,8 @@ from swarm_ctl.station.picture.view import Reception
 
 WINDOW_S: Final = 10.0
 """Long enough for a p99 at 20 Hz, short enough that a bad link shows while it is bad."""
+_RATE_S: Final = 4.0
+"""A rate over less would be that of one late tick."""
 _MAX_TRANSIT_S: Final = 1.0
 """Before a sender's clock is known, one that is further off than this is not believed: age counts
 from the receipt."""
@@ -107,9 +109,9 @@ class Receiver:
         return 0.0 if low <= 0.0 <= high else 0.5 * (low + high)
 
     def _rate(self) -> float | None:
-        if len(self._window) < 2:
+        first, last = (self._window[0], self._window[-1]) if self._window else (None, None)
+        if first is None or last is None or last.sent_s - first.sent_s < _RATE_S:
             return None
-        first, last = self._window[0], self._window[-1]
         return (last.seq - first.seq) / (last.sent_s - first.sent_s)
 
     def _miss(self, first: int, after: int) -> None:

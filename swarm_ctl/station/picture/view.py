@@ -58,7 +58,7 @@ class Reception:
     recent_loss: float = 0.0
     """Share (0..1) lost in the window."""
     tick_rate_hz: float | None = None
-    """The sender's ticks per mission second, by its own `seq` and clock."""
+    """The sender's ticks per mission second, by its own `seq` and clock; None: not yet known."""
     clock_ahead_s: float | None = None
     """The sender's clock less this station's, 0 where they may be one; None: not known."""
 

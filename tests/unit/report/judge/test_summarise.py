@@ -12,7 +12,17 @@ from typing import Any
 import pytest
 
 from swarm_ctl.core.law.formation import formation_error
-from swarm_ctl.core.model.messages import Event, Outcome, Phase, Severity, StepOutcome, StepResult
+from swarm_ctl.core.model.causes import Cause
+from swarm_ctl.core.model.messages import (
+    Event,
+    LinkReport,
+    Outcome,
+    Phase,
+    Severity,
+    StepOutcome,
+    StepResult,
+    TickReport,
+)
 from swarm_ctl.errors import InputError
 from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.report.judge.summary import Summary, read_summary, write_summary
@@ -54,6 +64,7 @@ def _error_m(t: float, agents: tuple[int, ...] = (1, 2, 3, 4, 5, 6)) -> float:
 def test_a_completed_run(run: Path) -> None:
     summary = summarise(run, EXIT_CODES)
     assert (summary.outcome, summary.reason, summary.notes) == ("completed", "", ())
+    assert summary.cause is None
     formed = next(k / 10 for k in range(int(FORM * 10), int(END * 10)) if _error_m(k / 10) < 0.5)
     assert FORM < formed < FORMED
     assert summary.time_to_form_s == pytest.approx(formed - FORM)
@@ -147,6 +158,7 @@ def test_an_operators_landing_is_aborted(run: Path) -> None:
     _abort(run, 1, 2, 3, 4, 5, 6)
     summary = summarise(run, EXIT_CODES)
     assert (summary.outcome, summary.reason) == ("aborted", "agents 1-6: landed by the operator")
+    assert summary.cause == "order"
     assert summary.time_to_form_s is None
     assert summary.formation_error_m == pytest.approx(_error_m(28.0))
     assert [step.result for step in summary.steps] == [
@@ -183,6 +195,104 @@ def test_the_agent_that_broke_the_mission_off_first_is_named_first(run: Path) ->
     reason = summarise(run, EXIT_CODES).reason
     assert reason == (
         "agent 5: x, in step 2 (form hexagon); agent 2: agent 5 broke the mission off"
+    )
+
+
+def _failed(run: Path, cause: Cause, reason: str, **changes: Any) -> None:
+    """All agents end in the form step, for this reason."""
+    result = StepOutcome.TIMEOUT if cause is Cause.TIMEOUT else StepOutcome.ABORTED
+    steps = (*STEPS[:2], StepResult("form hexagon", result, FORM, 33.0))
+    for i in range(1, 7):
+        made = account(i, outcome=Outcome.FAILED, reason=reason, cause=cause, steps=steps)
+        write_status(run, replace(made, **changes))
+
+
+TIMED_OUT = "step 2 (form hexagon) timed out after 120 s: this agent was not done"
+SLOW = TickReport(count=890, overruns=1110)
+
+
+def test_a_machine_that_did_not_keep_up_is_the_cause(run: Path) -> None:
+    """Its figures, the speed that would do, and then the step; the run is at --speedup 5."""
+    _failed(run, Cause.TIMEOUT, TIMED_OUT, tick=SLOW)
+    summary = summarise(run, EXIT_CODES)
+    assert (summary.outcome, summary.cause) == ("failed", "machine")
+    assert summary.reason == (
+        "this machine can't keep up with --speedup 5 (ticks 8.9 of 20 Hz); about 2 would do. "
+        f"agents 1-6: {TIMED_OUT}"
+    )
+    assert {agent.cause for agent in summary.agents} == {Cause.TIMEOUT}
+    assert summary.warnings == ()
+
+
+@pytest.mark.parametrize("cause", [Cause.BATTERY, Cause.WIND, Cause.PILOT, Cause.FENCE])
+def test_a_slow_machine_is_not_the_cause_of_everything(run: Path, cause: Cause) -> None:
+    """A battery is low on any machine; that this one was slow is a warning."""
+    _failed(run, cause, "why", tick=SLOW)
+    summary = summarise(run, EXIT_CODES)
+    assert (summary.cause, summary.reason) == (cause, "agents 1-6: why, in step 2 (form hexagon)")
+    assert summary.warnings == (
+        "this machine can't keep up with --speedup 5 (ticks 8.9 of 20 Hz); about 2 would do",
+    )
+
+
+def test_one_agent_that_stood_still_is_no_slow_machine(run: Path) -> None:
+    _failed(run, Cause.TIMEOUT, TIMED_OUT)
+    write_status(run, replace(account(3), tick=SLOW))
+    assert summarise(run, EXIT_CODES).cause is Cause.TIMEOUT
+
+
+def test_a_machine_too_slow_for_real_time_needs_fewer_agents(run: Path) -> None:
+    _failed(run, Cause.TIMEOUT, TIMED_OUT, tick=TickReport(count=100, overruns=900))
+    assert "(ticks 2.0 of 20 Hz); fewer agents, or a longer tick_s. " in summarise(run).reason
+
+
+def test_links_that_were_late_are_the_cause(run: Path) -> None:
+    _failed(run, Cause.TIMEOUT, TIMED_OUT)
+    steps = (*STEPS[:2], StepResult("form hexagon", StepOutcome.TIMEOUT, FORM, 33.0))
+    late = {5: LinkReport(0.1, 0.8, 2.1, 300, 100), 4: LinkReport(0.1, 0.1, 0.2, 300, 1)}
+    made = account(1, outcome=Outcome.FAILED, reason=TIMED_OUT, steps=steps)
+    write_status(run, replace(made, cause=Cause.TIMEOUT, links=late))
+    summary = summarise(run, EXIT_CODES)
+    assert summary.cause == "link"
+    assert summary.reason == (
+        "1 of 27 mesh links were late: agent 5's states reached agent 1 0.8 s old (median), "
+        f"25% lost. agents 1-6: {TIMED_OUT}"
+    )
+
+
+def test_agents_that_lived_on_unheard_are_a_mesh_that_fell_apart(run: Path) -> None:
+    """Agents 1 to 3 and 4 to 6 no longer heard each other from 12 s before their ends on."""
+    for i in range(1, 7):
+        side = {1, 2, 3} if i < 4 else {4, 5, 6}
+        links = {
+            j: LinkReport(0.1 if j in side else 12.0, 0.1, 0.2, 300, 1)
+            for j in range(1, 7)
+            if j != i
+        }
+        reason = f"agent {4 if i < 4 else 1} has not been heard for 3 s"
+        made = account(i, outcome=Outcome.FAILED, reason=reason, links=links)
+        write_status(run, replace(made, cause=Cause.PEER))
+    summary = summarise(run, EXIT_CODES)
+    assert summary.cause is Cause.LINK
+    assert summary.reason.startswith(
+        "the mesh fell apart: agents 1-6 no longer heard each other. agents 1-3: agent 4 has"
+    )
+
+
+def test_the_cause_comes_before_the_agents_that_followed_it(run: Path) -> None:
+    """Whatever their clocks say of who was first."""
+    follows = "agent 5 broke the mission off"
+    for i, cause, reason, end_s in (
+        (2, Cause.PEER, follows, 32.0),
+        (5, Cause.BATTERY, "battery at 19 %", 33.0),
+    ):
+        steps = (*STEPS[:2], StepResult("form hexagon", StepOutcome.ABORTED, FORM, end_s))
+        made = account(i, outcome=Outcome.FAILED, reason=reason, steps=steps)
+        write_status(run, replace(made, cause=cause))
+    summary = summarise(run, EXIT_CODES)
+    assert summary.cause == "battery"
+    assert summary.reason == (
+        f"agent 5: battery at 19 %, in step 2 (form hexagon); agent 2: {follows}"
     )
 
 

@@ -75,11 +75,11 @@ def _loss() -> SwarmView:
     return model.view(30.0)
 
 
-def _slow() -> SwarmView:
-    model = Model(PLAN)
+def _slow(*slow: int) -> SwarmView:
+    model = Model(PLAN, speedup=20.0)
     for k in range(100):
         for agent in PLAN.agents:
-            period = 0.08 if agent.id == 4 else 0.05
+            period = 0.08 if agent.id in slow else 0.05
             model.fold(
                 state_of(PLAN, agent.id, 30 - period * (99 - k), seq=k), 30 - period * (99 - k)
             )
@@ -110,6 +110,7 @@ def _stranger() -> SwarmView:
 
 CASES: dict[str, tuple[Callable[[], SwarmView], tuple[int, ...]]] = {
     "too close": (lambda: _state(6, position_ned_m=(60.0, 62.4, -10.0)), (2, 6)),
+    "slow machine": (lambda: _slow(1, 2, 4, 6), (1, 2, 4, 6)),
     "silent": (lambda: _silence(3.1), (4,)),
     "fallen": (lambda: _broken_off(FailsafeAction.KILL, Cause.ORDER, "killed"), (4,)),
     "failed": (lambda: _broken_off(FailsafeAction.LAND, Cause.POSITION, "no position"), (4,)),
@@ -131,7 +132,7 @@ CASES: dict[str, tuple[Callable[[], SwarmView], tuple[int, ...]]] = {
     "old link": (lambda: _status(4, links={5: LinkReport(1.1, 0.05, 1.0, 100, 3)}), (4, 5)),
     "loss": (lambda: _loss(), (4,)),
     "no station": (lambda: _status(4, station_age_s=2.6), (4,)),
-    "slow ticks": (lambda: _slow(), (4,)),
+    "slow ticks": (lambda: _slow(4), (4,)),
     "late ticks": (lambda: _status(4, tick=TickReport(500, 0, 1.0, 10.1, 12.0)), (4,)),
     "battery": (lambda: _status(4, battery_percent=19.0), (4,)),
     "stranger": (lambda: _stranger(), (42,)),
@@ -193,6 +194,16 @@ def test_just_inside_a_threshold_is_silence(nearly: Callable[[], SwarmView]) -> 
 def test_every_broken_sigma_is_an_error(changes: dict[str, object]) -> None:
     (alarm,) = alarms(_sigma(**changes))  # type: ignore[arg-type]
     assert (alarm.name, alarm.level) == ("sigma bound", Level.ERROR)
+
+
+def test_a_machine_that_does_not_keep_up_is_told_once_for_all() -> None:
+    view = _slow(1, 2, 4, 6)
+    assert gather_alarms(alarms(view)) == [
+        (
+            Level.ERROR,
+            "agents 1-2, 4, 6: the machine can't keep up with --speedup 20: ticks 12.5 of 20 Hz",
+        )
+    ]
 
 
 def test_a_mixture_of_laws_is_told_with_what_differs() -> None:
