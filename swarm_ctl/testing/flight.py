@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
@@ -11,8 +11,9 @@ from typing import TypeAlias
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.commands.send import SentCommand
 from swarm_ctl.core.agent.progress import step_name
-from swarm_ctl.core.model.messages import Event
+from swarm_ctl.core.model.messages import AgentStatus, Event
 from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.text import ranges
 from swarm_ctl.mission.compile.loader import LoadedMission, dumps, load, loads
 from swarm_ctl.mission.input.schema import MissionFile
 from swarm_ctl.report.folder.truth import Truth
@@ -22,18 +23,21 @@ Mission: TypeAlias = "str | Path | MissionFile | LoadedMission"
 """A file, its text (more than one line), or what is built in Python."""
 
 
-def loaded(mission: Mission) -> LoadedMission:
-    """The checked mission. Raises MissionError with all mistakes."""
+def loaded(mission: Mission, beside: Path) -> LoadedMission:
+    """The checked mission; a file that is not in the working directory is looked for in `beside`.
+    Raises MissionError with all mistakes."""
     if isinstance(mission, LoadedMission):
         return mission
     if isinstance(mission, MissionFile):
         return loads(dumps(mission))
-    return loads(mission) if isinstance(mission, str) and "\n" in mission else load(mission)
+    if isinstance(mission, str) and "\n" in mission:
+        return loads(mission)
+    return load(mission if Path(mission).exists() else beside / mission)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlightResult:
-    """How a flight went. Summary, truth and folder are those of a flight with processes."""
+    """How a flight went."""
 
     outcomes: dict[int, str]
     """By agent: `completed`, `failed`, `aborted`; an agent that left no account is missing."""
@@ -43,25 +47,36 @@ class FlightResult:
     all_down: bool
     """Every vehicle has touched down again, by the truth or by their agents' last words."""
     events: tuple[Event, ...]
+    """What agents logged: each has `agent`, `time_s`, `level` and `text`."""
     summary: Summary | None = None
+    """The figures of `summary.json`; None on the virtual clock."""
     truth: Truth | None = None
+    """The simulator's true positions and touch-downs; None on the virtual clock, and for real
+    vehicles."""
     folder: Path | None = None
+    """The run folder, with the report; None on the virtual clock."""
 
     @property
     def texts(self) -> str:
-        """All events, a line each."""
+        """The texts of all events, a line each."""
         return "\n".join(event.text for event in self.events)
 
 
 class SwarmFlight(ABC):
-    """A mission in the air. Times are mission seconds."""
+    """A mission in the air. Times are mission seconds, lengths metres.
+
+    Orders wait for the agents' answers: `accepted` is whether all that were meant accepted,
+    `reasons` says by agent why not, `silent` has those that did not answer.
+    """
 
     plan: Plan
+    """What is flown: `agents`, `steps`, `law`, ..."""
 
     @abstractmethod
     def wait_step(self, step: int | str, within_s: float = 300.0) -> None:
-        """Until every live agent is in this step (number, or name as on screens: `form vee`) or
-        beyond; AssertionError when that takes longer, or when the flight ends before.
+        """Wait until every live agent is in this step or beyond: its number from 1 (0: preparing),
+        or its name as on screens, `form vee`. AssertionError when that takes longer, or when the
+        flight ends before; ValueError when there is no such step.
         """
 
     @abstractmethod
@@ -70,10 +85,10 @@ class SwarmFlight(ABC):
 
     @abstractmethod
     def order(self, order: Order) -> SentCommand:
-        """Give an operator's order, and wait for the agents' answers."""
+        """Give any operator's order, as `swarm-ctl send` builds it."""
 
     def command(self, kind: str, agents: Sequence[int] = ()) -> SentCommand:
-        """Order hold, resume, next, land, return or kill."""
+        """Order hold, resume, next, land, return or kill; `agents`: only these."""
         return self.order(Order(kind, (), tuple(agents)))
 
     def form(self, shape: str) -> SentCommand:
@@ -81,17 +96,17 @@ class SwarmFlight(ABC):
         return self.order(Order("form", (shape,)))
 
     def move(self, north_m: float, east_m: float, speed_mps: float | None = None) -> SentCommand:
-        """Order the formation's centre to a point of the common frame."""
+        """Order the formation's centre to a point, in metres from the origin."""
         speed = [] if speed_mps is None else [speed_mps]
         return self.order(Order("move", tuple(map(str, [north_m, east_m, *speed]))))
 
     @abstractmethod
     def kill_agent(self, agent: int) -> None:
-        """End the agent's process at once; its vehicle flies on without it."""
+        """End the agent at once; its vehicle is left to its own failsafe."""
 
     @abstractmethod
     def freeze_agent(self, agent: int) -> None:
-        """Stop the agent's process without ending it."""
+        """Stop the agent without ending it: it says and hears nothing."""
 
     @abstractmethod
     def thaw_agent(self, agent: int) -> None:
@@ -99,21 +114,42 @@ class SwarmFlight(ABC):
 
     @abstractmethod
     def kill_station(self) -> None:
-        """End the ground station's process at once."""
+        """End the ground station at once."""
+
+    @abstractmethod
+    def events(self) -> Sequence[Event]:
+        """What agents have logged so far."""
+
+    @abstractmethod
+    def statuses(self) -> Mapping[int, AgentStatus]:
+        """The last that is known of each agent, by id: its phase, its steps, its figures."""
+
+    @property
+    @abstractmethod
+    def where(self) -> str:
+        """Where the flight can be looked at: run folder and report."""
 
     @abstractmethod
     def finish(self, within_s: float = 900.0) -> FlightResult:
-        """Fly to the end."""
+        """Fly to the end; AssertionError when that takes longer."""
 
     @abstractmethod
     def close(self) -> None:
         """End all processes of the flight, in any state; the fixture calls it."""
 
+    def known(self, agent: int) -> int:
+        """The id; ValueError lists the mission's where it has no such agent."""
+        __tracebackhide__ = True
+        ids = [each.id for each in self.plan.agents]
+        if agent not in ids:
+            raise ValueError(f"no agent {agent}; allowed: {ranges(ids)}")
+        return agent
+
     def step_number(self, step: int | str) -> int:
         """The number of the first step of this name; ValueError lists the names."""
-        if isinstance(step, int):
-            return step
+        __tracebackhide__ = True
         names = [step_name(self.plan, k) for k in range(len(self.plan.steps) + 1)]
-        if step not in names:
-            raise ValueError(f"no step {step!r}; allowed: {', '.join(names)}")
-        return names.index(step)
+        if step not in (*names, *range(len(names))):
+            numbers = f"0 to {len(names) - 1}, or {', '.join(dict.fromkeys(names))}"
+            raise ValueError(f"no step {step!r}; allowed: {numbers}")
+        return step if isinstance(step, int) else names.index(step)

@@ -1,4 +1,4 @@
-"""The pytest plugin: one fixture, `swarm`.
+"""The pytest plugin: one fixture, `swarm`, and what a failing test shows of its flights.
 
 pytest loads it in every run of its environment, so this module imports nothing of the project until
 the fixture flies.
@@ -6,14 +6,18 @@ the fixture flies.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import pytest
 
 if TYPE_CHECKING:
     from swarm_ctl.testing.flight import Mission, SwarmFlight
+
+
+_FLIGHTS: Final = pytest.StashKey[list["SwarmFlight"]]()
+"""The flights of a test."""
 
 
 class Fly(Protocol):
@@ -22,36 +26,77 @@ class Fly(Protocol):
     def __call__(
         self, mission: Mission, *, speedup: float = 5.0, virtual: bool = False, seed: int = 1
     ) -> SwarmFlight:
-        """Start `mission`; `virtual`: in this process on a virtual clock, else with real processes
-        at `speedup`."""
+        """Start a flight.
+
+        Args:
+            mission: a file, also one beside the test's; its text, of more than one line; or what
+                is built in Python (`MissionFile`, `LoadedMission`).
+            speedup: mission seconds per second of the wall clock, with real processes.
+            virtual: in this process on a virtual clock: as fast as it computes, and the same in
+                every run; else with real processes.
+            seed: of all random numbers (wind, GPS noise, losses).
+
+        Raises:
+            MissionError: the mission has mistakes.
+        """
 
 
 @pytest.fixture
-def swarm(tmp_path: Path) -> Iterator[Fly]:
-    """Flies missions; a flight that is not over when the test ends is ended, with all its
-    processes."""
-    flights: list[SwarmFlight] = []
+def swarm(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Fly]:
+    """A function that starts a flight: `swarm(mission, speedup=5.0, virtual=False, seed=1)`.
+
+    Flights have `wait_step`, `wait_s`, `command`, `form`, `move`, `kill_agent`, `finish` and more
+    (the page "Tests of your own missions"). One that is not over when the test ends is ended, with
+    all its processes.
+    """
+    flights: list[SwarmFlight] = request.node.stash.setdefault(_FLIGHTS, [])
 
     def fly(
         mission: Mission, *, speedup: float = 5.0, virtual: bool = False, seed: int = 1
     ) -> SwarmFlight:
+        __tracebackhide__ = True
         from swarm_ctl.cli.shared.extras import require
 
         require("ground", "the fixture `swarm`")
+        from swarm_ctl.errors import MissionError
         from swarm_ctl.testing.flight import loaded
 
+        try:
+            checked = loaded(mission, beside=request.path.parent)
+        except MissionError as error:
+            raise MissionError(error.problems) from None  # without the way through the parser
         if virtual:
             from swarm_ctl.testing.virtual_flight import VirtualFlight
 
-            flight: SwarmFlight = VirtualFlight(loaded(mission), seed)
+            flight: SwarmFlight = VirtualFlight(checked, seed)
         else:
             from swarm_ctl.testing.process_flight import ProcessFlight
 
             folder = tmp_path / f"flight-{len(flights) + 1}"
-            flight = ProcessFlight(loaded(mission), folder, speedup, seed)
+            flight = ProcessFlight(checked, folder, speedup, seed)
         flights.append(flight)
         return flight
 
     yield fly
     for flight in flights:
         flight.close()
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item, call: pytest.CallInfo[None]
+) -> Generator[None, Any, None]:
+    """A failing test's report has a section for each flight: how far it was, and, once it was ended
+    for that, where its report lies. Under `--pdb` it flies on."""
+    report: pytest.TestReport = (yield).get_result()
+    flights = item.stash.get(_FLIGHTS, [])
+    if call.when != "call" or not report.failed or not flights:
+        return
+    from swarm_ctl.testing.account import account
+
+    for number, flight in enumerate(flights, start=1):
+        told = account(flight)
+        if not item.config.getoption("usepdb"):
+            flight.close()
+        section = f"{told}\n\n{flight.where}"
+        report.sections.append((f"flight {number}: {flight.plan.name}", section))

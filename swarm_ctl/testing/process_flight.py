@@ -8,6 +8,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import IO
 
@@ -15,10 +16,11 @@ from pydantic import TypeAdapter
 
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.commands.send import SentCommand
-from swarm_ctl.core.model.messages import Event
+from swarm_ctl.core.model.messages import AgentStatus, Event
 from swarm_ctl.mission.compile.loader import LoadedMission, dumps
+from swarm_ctl.report.folder.last_statuses import read_events, read_last_statuses
 from swarm_ctl.report.folder.truth import TRUTH, EventKind, load_truth
-from swarm_ctl.report.judge.summary import Summary
+from swarm_ctl.report.judge.summary import SUMMARY, Summary
 from swarm_ctl.runtime.clock import pause, wall_s
 from swarm_ctl.runtime.station.run_client import RunClient
 from swarm_ctl.testing.flight import FlightResult, SwarmFlight
@@ -66,6 +68,7 @@ class ProcessFlight(SwarmFlight):
         return "\n".join((where / "run.log").read_text(errors="replace").splitlines()[-20:])
 
     def wait_step(self, step: int | str, within_s: float = 300.0) -> None:
+        __tracebackhide__ = True
         number, until = self.step_number(step), wall_s() + within_s / self._speedup
         while not self._reached(number):
             if wall_s() > until or self._process.poll() is not None:
@@ -94,13 +97,13 @@ class ProcessFlight(SwarmFlight):
         return self._mesh.order(order)
 
     def kill_agent(self, agent: int) -> None:
-        self._signal(f"agent-{agent}", signal.SIGKILL)
+        self._signal(f"agent-{self.known(agent)}", signal.SIGKILL)
 
     def freeze_agent(self, agent: int) -> None:
-        self._signal(f"agent-{agent}", signal.SIGSTOP)
+        self._signal(f"agent-{self.known(agent)}", signal.SIGSTOP)
 
     def thaw_agent(self, agent: int) -> None:
-        self._signal(f"agent-{agent}", signal.SIGCONT)
+        self._signal(f"agent-{self.known(agent)}", signal.SIGCONT)
 
     def kill_station(self) -> None:
         self._signal("station", signal.SIGKILL)
@@ -108,8 +111,33 @@ class ProcessFlight(SwarmFlight):
     def _signal(self, name: str, number: signal.Signals) -> None:
         os.kill(self._pids[name], number)
 
+    def events(self) -> Sequence[Event]:
+        return tuple(read_events(self.folder, []))
+
+    def statuses(self) -> Mapping[int, AgentStatus]:
+        ids = [agent.id for agent in self.plan.agents]
+        last = read_last_statuses(self.folder, ids, [])
+        live = self._client.statuses() if self._client is not None else {}
+        return {agent: found.status for agent, found in last.items()} | live
+
+    @property
+    def where(self) -> str:
+        from swarm_ctl.report.page.html_page import PAGE
+        from swarm_ctl.report.page.summary_table import verdict_line
+
+        page = self.folder / PAGE
+        report = str(page) if page.exists() else f"none yet; swarm-ctl report {self.folder}"
+        summary = self._summary()
+        verdict = verdict_line(summary).plain if summary else "none yet"
+        return f"verdict: {verdict}\nrun folder: {self.folder}\nreport: {report}"
+
+    def _summary(self) -> Summary | None:
+        """The run's, once it has ended."""
+        file = self.folder / SUMMARY
+        return TypeAdapter(Summary).validate_json(file.read_bytes()) if file.exists() else None
+
     def finish(self, within_s: float = 900.0) -> FlightResult:
-        """As `Flight.finish`: until `run` has ended by itself."""
+        __tracebackhide__ = True
         try:
             self._process.wait(_END_WALL_S + within_s / self._speedup)
         except subprocess.TimeoutExpired:
@@ -117,9 +145,9 @@ class ProcessFlight(SwarmFlight):
             raise AssertionError(why) from None
         self.close()
         folder = self.folder
-        summary = TypeAdapter(Summary).validate_json((folder / "summary.json").read_bytes())
-        lines = (folder / "events.jsonl").read_bytes().splitlines()
-        events = tuple(TypeAdapter(Event).validate_json(line) for line in lines)
+        summary = self._summary()
+        if summary is None:
+            raise AssertionError(f"the run left no summary:\n{self._tail(folder.parents[1])}")
         final = [each for each in summary.agents if each.account == "final"]
         outcomes = {each.agent: str(each.outcome) for each in final}
         apart_m = math.inf if summary.min_distance_m is None else summary.min_distance_m
@@ -129,7 +157,7 @@ class ProcessFlight(SwarmFlight):
             ups = sorted(e.sysid for e in truth.events if e.event == EventKind.LIFTOFF)
             downs = sorted(e.sysid for e in truth.events if e.event == EventKind.TOUCHDOWN)
             down = ups == downs
-        return FlightResult(outcomes, apart_m, down, events, summary, truth, folder)
+        return FlightResult(outcomes, apart_m, down, tuple(self.events()), summary, truth, folder)
 
     def close(self) -> None:
         """Interrupt the run twice, as an impatient operator does: it ends all its processes."""

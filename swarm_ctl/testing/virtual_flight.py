@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 
 from swarm_ctl.commands.build import AgentNow, SwarmNow, build
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.commands.send import CommandSender, SentCommand
+from swarm_ctl.core.model.messages import AgentStatus, Event
 from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.testing.flight import FlightResult, SwarmFlight
 from swarm_ctl.testing.virtual_swarm import VirtualSwarm
@@ -18,10 +20,11 @@ class VirtualFlight(SwarmFlight):
     def __init__(self, mission: LoadedMission, seed: int = 1) -> None:
         self.plan = mission.plan
         self.swarm = VirtualSwarm(mission, seed)
-        self._mission = mission
+        self._mission, self._seed = mission, seed
         self._sender = CommandSender(self.swarm.send, [agent.id for agent in self.plan.agents])
 
     def wait_step(self, step: int | str, within_s: float = 300.0) -> None:
+        __tracebackhide__ = True
         number, until = self.step_number(step), self.swarm.now + within_s
         while not self._reached(number):
             live = any(member.alive for member in self.swarm.members.values())
@@ -58,23 +61,37 @@ class VirtualFlight(SwarmFlight):
         return SwarmNow(self.plan, self.swarm.now, step, tuple(agents))
 
     def kill_agent(self, agent: int) -> None:
-        self.swarm.kill(agent)
+        self.swarm.kill(self.known(agent))
 
     def freeze_agent(self, agent: int) -> None:
-        self.swarm.members[agent].frozen = True
+        self.swarm.members[self.known(agent)].frozen = True
 
     def thaw_agent(self, agent: int) -> None:
-        self.swarm.members[agent].frozen = False
+        self.swarm.members[self.known(agent)].frozen = False
 
     def kill_station(self) -> None:
         self.swarm.station_alive = False
 
+    def events(self) -> Sequence[Event]:
+        return tuple(self.swarm.events)
+
+    def statuses(self) -> Mapping[int, AgentStatus]:
+        return {i: member.status for i, member in self.swarm.members.items() if member.status}
+
+    @property
+    def where(self) -> str:
+        now = f"{self.swarm.now:.1f} s on the virtual clock, seed {self._seed}"
+        return f"{now}: no run folder; a flight with virtual=False leaves one, with a report"
+
     def finish(self, within_s: float = 900.0) -> FlightResult:
+        __tracebackhide__ = True
         swarm, until = self.swarm, self.swarm.now + within_s
         swarm.fly(until)
         # Vehicles without an agent take longer to come down.
         while not swarm.all_down and swarm.now < until:
             swarm.tick()
+        if any(member.alive and not member.frozen for member in swarm.members.values()):
+            raise AssertionError(f"the flight did not end within {within_s:g} s")
         closest_m = min(swarm.minimum.values(), default=math.inf)
         return FlightResult(swarm.outcomes(), closest_m, swarm.all_down, tuple(swarm.events))
 

@@ -4,13 +4,19 @@ real processes."""
 from __future__ import annotations
 
 import os
+import re
+import subprocess
+import sys
+from importlib import metadata
 from pathlib import Path
 
 import pytest
 
+from swarm_ctl.testing.account import account
 from swarm_ctl.testing.plugin import Fly
 from swarm_ctl.testing.process_flight import ProcessFlight
 from tests.scenarios.test_steps import TEXT
+from tests.unit.report.run_folders import PLAN, write_run
 
 PAIR = TEXT + "  - hold: {duration_s: 20}\n  - land\n"
 
@@ -48,5 +54,86 @@ def test_nothing_is_left_behind_by_a_test_that_fails(swarm: Fly, tmp_path: Path)
 
 def test_a_step_that_is_not_there(swarm: Fly) -> None:
     """A misspelt step is named with the ones there are."""
-    with pytest.raises(ValueError, match="allowed: prepare, takeoff, form square"):
-        swarm(PAIR, virtual=True).wait_step("form circle")
+    flight = swarm(PAIR, virtual=True)
+    for step in ("form circle", 9, -1):
+        with pytest.raises(ValueError, match=r"allowed: 0 to \d, or prepare, takeoff, form square"):
+            flight.wait_step(step)
+    with pytest.raises(ValueError, match=r"no agent 9; allowed: 1-4"):
+        flight.kill_agent(9)
+
+
+def outside(folder: Path, tests: str) -> str:
+    """What pytest says to these failing tests in a folder of their own, called from another one;
+    `patrol.yaml` lies beside them."""
+    (folder / "tests").mkdir()
+    (folder / "tests" / "patrol.yaml").write_text(PAIR)
+    (folder / "tests" / "test_patrol.py").write_text(tests)
+    path = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests"]
+    if "swarm_ctl.testing.plugin" not in _entry_points():
+        command += ["-p", "swarm_ctl.testing.plugin"]
+    done = subprocess.run(
+        command, cwd=folder, env=path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 1, done.stdout + done.stderr
+    return done.stdout
+
+
+def _entry_points() -> set[str]:
+    return {point.value for point in metadata.entry_points(group="pytest11")}
+
+
+def test_a_failing_test_shows_steps_last_events_and_where_to_look(tmp_path: Path) -> None:
+    """As a user meets it; a mistake in the mission is shown without the parser's frames."""
+    said = outside(
+        tmp_path,
+        """
+def test_all_complete(swarm):
+    flight = swarm("patrol.yaml", virtual=True)
+    flight.wait_step("form square")
+    flight.kill_agent(2)
+    assert flight.finish().outcomes == {}
+
+def test_a_mistake(swarm):
+    swarm("version: 1\\nname: a b\\n", virtual=True)
+""",
+    )
+    first, second = re.split(r"_{5,} test_a_mistake _{5,}", said)
+    assert "- flight 1: quartet -" in first
+    assert re.search(r"2 form square +[\d.]+ +-  1, 3-4 aborted; 2 running", first)
+    assert re.search(r"\d land +-  +-  1-4 not reached", first)
+    assert "the last 10 of" in first
+    assert "land: agent 2 has not been heard for 5 s" in first
+    assert "s on the virtual clock, seed 1: no run folder" in first
+    assert 'mission.yaml:2: name: "a b" is not allowed; did you mean a-b?' in second
+    assert "yaml_file.py" not in second
+
+
+@pytest.mark.long
+@pytest.mark.timeout(120)
+def test_a_failing_test_leaves_a_run_folder_with_a_report(tmp_path: Path) -> None:
+    """With processes, in flight: the flight is ended for it."""
+    said = outside(
+        tmp_path,
+        """
+def test_none_answers(swarm):
+    flight = swarm("patrol.yaml", speedup=4)
+    flight.wait_step("takeoff")
+    assert flight.command("hold").reasons == {1: "no"}
+""",
+    )
+    assert re.search(r"1 takeoff +[\d.]+ +-  1-4 running", said)
+    (report,) = re.findall(r"^report: (.*)$", said, re.MULTILINE)
+    assert Path(report).read_text().startswith("<!doctype html>")
+    assert re.search(r"^verdict: (failed|aborted): ", said, re.MULTILINE)
+
+
+def test_of_a_run_folder_the_last_events_and_the_report_are_told(tmp_path: Path) -> None:
+    """What a failing test shows of a flight with processes, from files alone."""
+    flight = ProcessFlight.__new__(ProcessFlight)
+    flight.plan, flight.folder, flight._client = PLAN, write_run(tmp_path), None
+    assert re.search(r"2 form hexagon +20.0 +37.1  1-6 done", account(flight))
+    assert flight.where.splitlines()[0] == "verdict: none yet"
+    assert flight.where.endswith(f"none yet; swarm-ctl report {flight.folder}")
+    (flight.folder / "report.html").touch()
+    assert flight.where.endswith(str(flight.folder / "report.html"))

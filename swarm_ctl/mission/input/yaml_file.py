@@ -100,6 +100,7 @@ def parse(text: str, name: str) -> Document:
     return document
 
 
+_COLON = "mapping values are not allowed here"
 _UNCLOSED = {
     "while parsing a flow mapping": "a { is not closed, or a comma is missing",
     "while parsing a flow sequence": "a [ is not closed, or a comma is missing",
@@ -125,6 +126,9 @@ def _syntax(error: yaml.MarkedYAMLError, text: str, name: str) -> MissionError:
         return _refuse(where, f"YAML: {opened}", "well-formed YAML")
     if mark and (indented := misindented(text, mark.line + 1)):
         return _refuse(where, f"YAML: {indented}", "one indentation for all of a list or section")
+    if error.problem == _COLON:
+        quoted = "a field of its own line, or quotes around a text that has ': '"
+        return _refuse(where, "YAML: a ':' stands where no field can begin", quoted)
     return _refuse(where, f"YAML: {what}", "well-formed YAML")
 
 

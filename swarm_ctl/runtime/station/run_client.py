@@ -7,7 +7,7 @@ from typing import Final, Self
 
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.commands.send import SentCommand
-from swarm_ctl.core.model.messages import AgentState, CommandKind
+from swarm_ctl.core.model.messages import AgentState, AgentStatus, CommandKind
 from swarm_ctl.errors import StartError
 from swarm_ctl.report.folder.manifest import Manifest, read_manifest
 from swarm_ctl.runtime import clock as wall
@@ -52,6 +52,11 @@ class RunClient:
         self._station.hear()
         since_s = self._clock.now() - _OLD_S
         return {agent.id: agent.state for agent in self._heard(since_s) if agent.state}
+
+    def statuses(self) -> dict[int, AgentStatus]:
+        """The newest status of every agent heard since joining; does not wait."""
+        self._station.hear()
+        return {agent.id: agent.status for agent in self._station.view().agents if agent.status}
 
     def order(self, order: Order) -> SentCommand:
         """Send an order until every agent that is meant has answered, or for ten seconds. Agents
