@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Final
 
 from swarm_ctl.mesh import keys
@@ -67,6 +68,12 @@ class Watch:
         """Tick until every live agent has ended."""
         members = self.swarm.members.values()
         while self.swarm.now < until_s and any(m.alive and not m.frozen for m in members):
+            self.tick()
+
+    def wait(self, condition: Callable[[VirtualSwarm], bool], until_s: float = 300.0) -> None:
+        """Tick until the condition holds; AssertionError after `until_s`."""
+        while not condition(self.swarm):
+            assert self.swarm.now < until_s, f"not reached by {until_s} s"
             self.tick()
 
     @property

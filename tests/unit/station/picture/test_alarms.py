@@ -181,6 +181,7 @@ def test_all_is_well_when_all_is_well() -> None:
         lambda: _status(4, phase=Phase.HOLD),
         lambda: _other_law(0.9),
         lambda: _status(4, tick=TickReport(500, 0, 1.0, 9.9, 12.0)),
+        lambda: _status(4, tick=TickReport(499, 0, 1.0, 100.0, 120.0)),
         lambda: _sigma("inactive", d=None, sigma_lb=0.0, sigma=0.1),
     ],
 )
