@@ -98,6 +98,9 @@ class SimConfig(_StrictConfig):
     speedup: float = Field(default=1.0, gt=0.0, le=1000.0)
     epoch_s: float
     """`time.monotonic()` at mission time 0, shared by all processes of this host."""
+    lockstep: str | None = None
+    """Where the keeper of mission time listens, in Linux's abstract name space; `speedup` and
+    `epoch_s` count only when it is gone."""
     seed: int = 0
     origin: Place
     truth_path: Path | None = None

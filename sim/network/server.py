@@ -11,16 +11,20 @@ import logging
 import os
 import selectors
 import signal
+from collections import Counter
 from collections.abc import Iterator
+from operator import itemgetter
 from typing import IO, Any, Self
 
 from sim.clock import SimClock
 from sim.config import SimConfig
 from sim.network.hub import Hub
+from sim.network.lockstep import Barrier, KeeperGone, Tick
 from sim.network.signing import Signing, read_key
 from sim.network.sockets import Address, VehicleSocket, open_socket
 from sim.world.truth_file import TruthFile
 from sim.world.truth_recorder import TruthRecorder
+from sim.world.world import STEP_S
 
 log = logging.getLogger("sim")
 
@@ -33,6 +37,9 @@ _STOP_S, _STOP_WALL_S, _SPRINT = 0.5, 0.2, 2.0
 as fast as the clock until it has caught up."""
 _GATHER_S = 0.005
 """Wall-clock time for which datagrams gather after a first one; none waits beyond the next step."""
+_WAIT_WALL_S = 1.0
+_REST_WALL_S, _LATE_WALL_S = 2e-4, 2.0
+"""For a datagram that a client says it has sent."""
 _LATE_S, _SAY_AGAIN_S = 1.0, 10.0
 
 
@@ -49,6 +56,13 @@ class Server:
         self._lifeline = lifeline
         self._drain_until_s: float | None = None
         self._stopping = False
+        self._barrier: Barrier | None = None
+        self._arrived: list[tuple[int, bytes, Address]] = []
+        """Datagrams that wait for a tick of lockstep."""
+        self._owed: Counter[int] = Counter()
+        """Datagrams that clients have sent and that have not come, by the clients' ports."""
+        if config.lockstep is not None:
+            clock.stand(0.0)
         self._said_late_s = -_SAY_AGAIN_S
         self._looked_s = clock.now()
         """When the sockets were last looked at, mission time."""
@@ -78,6 +92,9 @@ class Server:
                 file = TruthFile(self._config.truth_path)
                 self.hub.recorder = TruthRecorder(self.hub.world, self._config, file)
                 stack.callback(self.hub.recorder.close)
+            if self._config.lockstep is not None:
+                self._barrier = Barrier(self._config.lockstep)
+                stack.callback(self._barrier.close)
             self._stack = stack.pop_all()
         return self
 
@@ -95,12 +112,73 @@ class Server:
         self._stopping = True
 
     def serve(self) -> None:
-        """Until stopped, or until the lifeline is cut and all vehicles are parked."""
+        """Until stopped, or until the lifeline is cut and all vehicles are parked. In lockstep,
+        until no client takes part and all vehicles are parked."""
+        if self._barrier is not None and self._serve_in_step(self._barrier):
+            return
         while not self._stopping and not self._drained():
             heard = self._poll(self._clock.wall_until(self.hub.world.next_s))
             self._catch_up()
             if heard:  # others are likely to follow: take them together
                 self._clock.rest(min(_GATHER_S, self._clock.wall_until(self.hub.world.next_s)))
+
+    def _serve_in_step(self, barrier: Barrier) -> bool:
+        """Until the end; False when the keeper is gone: then the system clock goes on."""
+        try:
+            while not self._stopping:
+                tick = barrier.wait(_WAIT_WALL_S)
+                if tick is not None and self._step_up_to(tick, barrier):
+                    return True
+        except KeeperGone as gone:
+            log.warning("the run's clock: %s; on by the system clock", gone)
+            self._clock.run()
+            self._looked_s = self._clock.now()
+            self._resumed = (self._looked_s, self._looked_s)
+            return False
+        return True
+
+    def _step_up_to(self, tick: Tick, barrier: Barrier) -> bool:
+        """Hear what belongs to the tick, do the world up to it; whether that was the last tick."""
+        self._clock.stand(tick.number * barrier.tick_s)
+        self._owed = Counter() if tick.anew else self._owed + Counter(tick.datagrams)
+        self._take_arrivals(barrier)
+        world = self.hub.world
+        while world.next_s <= self._clock.now() + STEP_S / 2:
+            self.hub.step()
+        if tick.agents:
+            self._drain_until_s = None
+        elif self._drain_until_s is None:
+            self._drain_until_s = world.time_s + DRAIN_S
+        last = self._drained()
+        barrier.done(last=last)
+        return last
+
+    def _take_arrivals(self, barrier: Barrier) -> None:
+        """All that clients say they have sent, in the order of the links."""
+        rests = 0
+        self._collect()
+        while any(left > 0 for left in self._owed.values()):
+            if rests > _LATE_WALL_S / _REST_WALL_S:
+                barrier.note("a datagram of an agent is lost or late")
+                self._owed.clear()
+                break
+            rests += 1
+            self._clock.rest(_REST_WALL_S)
+            self._collect()
+        arrived, self._arrived = self._arrived, []
+        for link, data, sender in sorted(arrived, key=itemgetter(0)):
+            self.hub.receive(link, data, sender)
+
+    def _collect(self) -> None:
+        for key, _ in self._selector.select(0):
+            opened = self._sockets[key.data] if key.data is not None else None
+            if key.data is None:
+                self._read_lifeline()
+            elif opened is not None:
+                for data, sender in opened.receive():
+                    self._owed[sender[1]] -= 1
+                    self._arrived.append((key.data, data, sender))
+                self.hub.listen(key.data, opened.peers())
 
     def report(self) -> None:
         """Logs what was counted."""
@@ -121,6 +199,8 @@ class Server:
         opened = self._sockets[link]
         if opened is not None:
             opened.send(data, to)
+            if self._barrier is not None:
+                self._barrier.sent[to[1]] += 1
 
     def _poll(self, timeout_s: float) -> bool:
         ready = self._selector.select(timeout_s)

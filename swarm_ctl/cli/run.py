@@ -19,13 +19,13 @@ from swarm_ctl.cli.shared.options import (
     Metrics,
     MissionFile,
     Seed,
-    Speedup,
     VehicleKinds,
     option,
     switch,
 )
 from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.core.model.messages import Outcome
+from swarm_ctl.errors import InputError
 
 _ARDUCOPTER: Final = (
     "The ArduCopter SITL binary, or container:IMAGE for one in a container of podman or docker."
@@ -41,11 +41,21 @@ _RECORD: Final = (
     "Record at most so many messages a second of a topic, per agent, e.g. state=5,truth=2."
     "  [default: all]"
 )
+_SPEEDUP: Final = (
+    "Mission seconds per second of the wall clock, 0.1 to 100; max: in lockstep, as fast as it"
+    " goes.  [default: 1; in lockstep: max]"
+)
+_LOCKSTEP: Final = (
+    "Mission time waits for every process: a busy machine makes a slow run, and no other one. The"
+    " same seed gives the same flight."
+)
+_PATIENCE: Final = "In lockstep, go on without a process that has been stopped for so long."
+_WITH: Final = "In lockstep, do not start before this member has joined, too."
 
 
 def run(
     mission: MissionFile,
-    speedup: Speedup = 1.0,
+    speedup: Annotated[str | None, option("FACTOR|max", _SPEEDUP)] = None,
     headless: Headless = False,
     json: Json = False,
     metrics: Metrics = None,
@@ -57,6 +67,13 @@ def run(
     runs: Annotated[Path, option("FOLDER", "Where the run's folder is made.")] = Path("runs"),
     gcs: Annotated[list[str] | None, option("[HOST:]PORT", _GCS)] = None,
     seed: Seed = 1,
+    lockstep: Annotated[bool, switch("--lockstep", _LOCKSTEP)] = False,
+    patience: Annotated[
+        float, option("SECONDS", _PATIENCE, "--lockstep-patience", min=1.0, max=3600.0)
+    ] = 10.0,
+    lockstep_with: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help=_WITH, hidden=True)
+    ] = None,
     record_hz: Annotated[str, option("TOPIC=HZ,...", _RECORD)] = "",
     report: Annotated[bool, typer.Option(help="Make the report at the end.")] = True,
     tlog: Annotated[bool, typer.Option(help="Record each vehicle's MAVLink frames.")] = True,
@@ -75,6 +92,7 @@ def run(
     \b
         swarm-ctl run missions/hexagon.yaml
         swarm-ctl run missions/hexagon.yaml --speedup 5 --headless
+        swarm-ctl run missions/hexagon.yaml --speedup max --headless --seed 7
         swarm-ctl run missions/hexagon.yaml --json | jq .error_m
         swarm-ctl run missions/hexagon.yaml --vehicles arducopter,px4
     """
@@ -82,10 +100,14 @@ def run(
     from swarm_ctl.mission.compile.loader import load
     from swarm_ctl.recording.topics import rates
     from swarm_ctl.report.page.summary_table import render_summary, verdict_line
-    from swarm_ctl.runtime.launch.run_setup import RunOptions
+    from swarm_ctl.runtime.launch.run_setup import Lockstep, RunOptions
     from swarm_ctl.runtime.launch.supervisor import fly
     from swarm_ctl.runtime.station.screens import Show, shown
 
+    factor = _factor(speedup)
+    stepped = None
+    if lockstep or factor is None and speedup is not None:
+        stepped = Lockstep(factor, patience, tuple(lockstep_with or ()))
     show = shown(headless=headless, json=json)
     console = PlainConsole(stderr=json)
     if show is Show.DASHBOARD and not console.is_terminal:
@@ -100,7 +122,7 @@ def run(
 
     binaries = {VehicleKind.ARDUCOPTER: arducopter, VehicleKind.PX4: px4}
     options = RunOptions(
-        speedup,
+        factor or 1.0,
         show,
         runs,
         seed,
@@ -110,6 +132,7 @@ def run(
         gcs_addresses(gcs or ()),
         binaries,
         px4_log,
+        stepped,
     )
     result = fly(loaded, options, say)
     console.print(render_summary(result.summary))
@@ -119,6 +142,19 @@ def run(
     console.print(verdict_line(result.summary), soft_wrap=True)
     completed = result.summary.outcome is Outcome.COMPLETED
     raise typer.Exit(130 if result.interrupts else int(not completed))
+
+
+def _factor(speedup: str | None) -> float | None:
+    """None: as fast as it goes, or not given. InputError for what is no factor."""
+    if speedup in (None, "max"):
+        return None
+    try:
+        factor = float(speedup or "")
+    except ValueError:
+        factor = 0.0
+    if not 0.1 <= factor <= 100.0:
+        raise InputError(f"--speedup {speedup}; allowed: 0.1 to 100, or max")
+    return factor
 
 
 def _report(folder: Path, to: TextIO) -> None:

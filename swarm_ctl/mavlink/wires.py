@@ -34,6 +34,8 @@ class Wire(Protocol):
 
     warning: str = ""
     """What the operator should know of this wire, or ''."""
+    port: int = 0
+    """The own UDP port, where the wire has one from the start."""
 
     def read(self, now: float) -> bytes | None:
         """The next pending chunk (a datagram, or a part of a stream), None when none is pending."""
@@ -141,6 +143,7 @@ class _UdpOutWire(_UdpWire):
                     " to this vehicle?): a PX4 that has heard from it answers no other port"
                 )
             self._socket.connect(address)
+        self.port = self._socket.getsockname()[1]
 
     def write(self, data: bytes, now: float) -> None:  # noqa: ARG002
         self._socket.send(data)

@@ -71,11 +71,11 @@ class ZenohTransport(Transport):
             lambda _: _forbid_lingering(), history=True
         )
 
-    def publish(self, key: str, data: bytes, qos: Qos) -> None:
+    def publish(self, key: str, data: bytes, qos: Qos, mark: bytes = b"") -> None:
         publisher = self._publishers.get(key)
         if publisher is None:
             publisher = self._publishers[key] = self._declare(key, qos)
-        publisher.put(data)
+        publisher.put(data, attachment=mark or None)
 
     def _declare(self, key: str, qos: Qos) -> Any:
         reliability = zenoh.Reliability
@@ -102,6 +102,21 @@ class ZenohTransport(Transport):
 
         self._subscribers.append(declare(key_expression, put, allowed_origin=elsewhere))
         return inlet
+
+    def subscribe_marked(self, key_expression: str) -> Callable[[], tuple[bytes, bytes] | None]:
+        ring: Any = zenoh.handlers.RingChannel(QUEUE)
+        remote = zenoh.Locality.REMOTE
+        declared = self._session.declare_subscriber(key_expression, ring, allowed_origin=remote)
+        receive = declared.try_recv
+
+        def take() -> tuple[bytes, bytes] | None:
+            sample: Any = receive()
+            if sample is None:
+                return None
+            mark = sample.attachment
+            return sample.payload.to_bytes(), b"" if mark is None else mark.to_bytes()
+
+        return take
 
     def close(self) -> None:
         """Leave the mesh; flushes what the other ends still accept."""

@@ -15,7 +15,7 @@ class Clock:
     """
 
     def __init__(self, epoch_s: float, speedup: float = 1.0) -> None:
-        self.epoch_s: Final = epoch_s
+        self.epoch_s = epoch_s
         self.speedup: Final = speedup
 
     @classmethod

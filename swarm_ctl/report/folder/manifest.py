@@ -24,6 +24,9 @@ class Manifest(PlanFile):
     speedup: float = Field(gt=0)
     epoch_s: float
     """Zero of the mission clock on this machine's monotonic clock."""
+    lockstep: str | None = None
+    """Where the keeper of mission time is, of a run in lockstep; its `speedup` is 1 if it goes as
+    fast as it can, and `epoch_s` says nothing."""
     headless: bool
     simulated: tuple[int, ...] | None = None
     """The agents whose vehicles this run simulates: the truth has these alone. None: all (a run of

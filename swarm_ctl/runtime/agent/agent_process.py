@@ -32,8 +32,8 @@ from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
 from swarm_ctl.runtime.agent.lifeline import ALIVE, READY, Lifeline, PipeLifeline
 from swarm_ctl.runtime.agent.publish import publish
-from swarm_ctl.runtime.clock import Clock
-from swarm_ctl.runtime.ticker import Ticker
+from swarm_ctl.runtime.lockstep.seat import Seat, seat
+from swarm_ctl.runtime.lockstep.words import Phase
 from swarm_ctl.runtime.vehicle_memory import Remembering, VehicleMemory
 
 _GC_THRESHOLD: Final = 50_000
@@ -75,6 +75,8 @@ class AgentConfig:
     """What this flight is called there."""
     mirror_port: int | None = None
     """Where it shares the vehicle's only link with ground control software."""
+    lockstep: str | None = None
+    """Where the keeper of mission time is, for a run in lockstep."""
     started_us: int = 0
     """Mission time 0 of the tlog, in microseconds of Unix time."""
 
@@ -110,14 +112,16 @@ def _redirect(log: Path) -> None:
 def run_agent(config: AgentConfig, lifeline: Lifeline) -> int:
     """Fly one agent to its end; the exit code: 0 when it completed or landed on command, 1 when it
     failed."""
-    clock = Clock(config.epoch_s, config.speedup)
     with (
+        closing(seat(config.lockstep, Phase.SWARM, config.epoch_s, config.speedup)) as place,
         _tlog(config) as keep,
-        closing(_link(config, keep)) as link,
-        closing(_join_mesh(config, clock)) as node,
+        closing(_link(config, keep, place)) as link,
+        closing(_join_mesh(config, place)) as node,
     ):
+        place.join(f"agent-{config.agent_id}", config.swarm, config.agent_id)
         lifeline.tell(READY)
-        ended, status = _loop(config, clock, link, node, lifeline)
+        ended, status = _loop(config, place, link, node, lifeline)
+        place.end(last=True)
         lifeline.tell(f"{ended.outcome}: {ended.reason}" if ended.reason else ended.outcome)
     if config.report is not None and status is not None:
         _write_report(config.report, status)
@@ -136,18 +140,21 @@ def _tlog(config: AgentConfig) -> Iterator[Callable[[bytes, float], None] | None
         sys.stderr.write(f"agent: {config.tlog} ends early: {tlog.failure}\n")
 
 
-def _link(config: AgentConfig, keep: Callable[[bytes, float], None] | None) -> VehicleLink:
+def _link(
+    config: AgentConfig, keep: Callable[[bytes, float], None] | None, place: Seat
+) -> VehicleLink:
     remembers = config.memory is not None
-    vehicle = (config.endpoint, config.autopilot, config.sysid)
+    vehicle = (place.wire(config.endpoint), config.autopilot, config.sysid)
     mirror = None if config.mirror_port is None else Mirror(config.mirror_port)
     return VehicleLink(
         *vehicle, keep, remembers=remembers, agent_sysid=config.agent_sysid, mirror=mirror
     )
 
 
-def _join_mesh(config: AgentConfig, clock: Clock) -> Node:
-    transport = ZenohTransport([config.listen], config.connect, clock.now, config.speedup)
-    node = Node(transport, config.swarm, config.agent_id)
+def _join_mesh(config: AgentConfig, place: Seat) -> Node:
+    now = place.clock.now
+    transport = ZenohTransport([config.listen], config.connect, now, place.mesh_speedup)
+    node = Node(place.mesh(transport), config.swarm, config.agent_id)
     node.listen(keys.STATE, keys.CLOCK, keys.BEACON, keys.COMMAND)
     return node
 
@@ -162,18 +169,18 @@ def _write_report(path: Path, status: AgentStatus) -> None:
 
 
 def _loop(
-    config: AgentConfig, clock: Clock, link: VehicleLink, node: Node, lifeline: Lifeline
+    config: AgentConfig, place: Seat, link: VehicleLink, node: Node, lifeline: Lifeline
 ) -> tuple[Ended, AgentStatus | None]:
     agent = Agent(
         config.plan,
         config.agent_id,
-        clock.now(),
+        place.clock.now(),
         expect_station=config.expect_station,
         vehicle=config.vehicle,
     )
     memory = VehicleMemory(config.memory) if config.memory else None
     remembering = Remembering(memory, config.endpoint, config.flight)
-    ticker = Ticker(clock, config.plan.tick_s)
+    ticker = place.ticker(config.plan.tick_s, lambda: lifeline.tell(ALIVE))
     status: AgentStatus | None = None
     gc.freeze()
     gc.set_threshold(_GC_THRESHOLD, 20, 100)

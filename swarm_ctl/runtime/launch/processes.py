@@ -15,10 +15,10 @@ import select
 import subprocess
 import sys
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
-from typing import Final
+from typing import Any, Final
 
 from swarm_ctl.errors import StartError
 from swarm_ctl.runtime.agent import agent_process
@@ -220,12 +220,12 @@ class VehiclesChild(CommandChild):
             remove_leftovers(each.kind, each.instance)
 
 
-class RelayChild(CommandChild):
-    """The process that serves ground control software."""
+class TellingChild(CommandChild):
+    """A process that has notes for the operator; `end` is what its own end means."""
 
-    def __init__(self, config: Path, log: Path) -> None:
-        module = "swarm_ctl.runtime.gcs.gcs_process"
-        super().__init__("gcs", [sys.executable, "-m", module, str(config)], log)
+    def __init__(self, name: str, command: list[str], log: Path, end: str) -> None:
+        super().__init__(name, command, log)
+        self._end = end
         self._end_told = False
 
     def notes(self) -> list[str]:
@@ -239,8 +239,21 @@ class RelayChild(CommandChild):
         notes = [str(note) for line in lines if (note := json.loads(line).get("note"))]
         if self.exit_code() is not None and not self._end_told:
             self._end_told = True
-            notes.append("ground control software is not served any more: see gcs.log")
+            notes.append(f"{self._end}: see {self.name}.log")
         return notes
+
+
+def relay(config: Path, log: Path) -> TellingChild:
+    """The process that serves ground control software."""
+    command = [sys.executable, "-m", "swarm_ctl.runtime.gcs.gcs_process", str(config)]
+    return TellingChild("gcs", command, log, "ground control software is not served any more")
+
+
+def keeper(address: str, rules: Mapping[str, Any], log: Path) -> TellingChild:
+    """The keeper of mission time of a run in lockstep (`lockstep.keeper.Rules`)."""
+    module = "swarm_ctl.runtime.lockstep.keeper_process"
+    command = [sys.executable, "-m", module, address, json.dumps(rules)]
+    return TellingChild("clock", command, log, "lockstep has ended, the flight goes on in real time")
 
 
 def simulator(config: Path, log: Path) -> CommandChild:

@@ -5,14 +5,16 @@ from __future__ import annotations
 import json
 import platform
 import socket
+import uuid
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 from swarm_ctl.core.model.fleet import FleetAgent, VehicleKind
 from swarm_ctl.core.model.frames import geodetic_from_ned
-from swarm_ctl.errors import StartError
+from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.report.folder.manifest import Manifest, write_manifest
 from swarm_ctl.runtime import clock as wall
@@ -22,6 +24,7 @@ from swarm_ctl.runtime.gcs.config import RELAY_JSON
 from swarm_ctl.runtime.launch.ground_control import ground_control
 from swarm_ctl.runtime.launch.ports import free_ports
 from swarm_ctl.runtime.launch.sim_config import simulator_config
+from swarm_ctl.runtime.lockstep.seat import SIMULATOR, STATION
 from swarm_ctl.runtime.station.screens import Show
 from swarm_ctl.runtime.vehicle_memory import state_folder
 from swarm_ctl.runtime.vehicles.binaries import find
@@ -47,6 +50,20 @@ class RunOptions:
     binaries: Mapping[VehicleKind, str | None] = field(default_factory=dict)
     """Where the autopilots to start are, as the command line says."""
     px4_log: bool = False
+    lockstep: Lockstep | None = None
+    """None: in real time times `speedup`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Lockstep:
+    """How mission time goes when it waits for all processes."""
+
+    factor: float | None = None
+    """Mission seconds per second of the wall clock at most; None: as fast as it goes."""
+    patience_wall_s: float = 10.0
+    """The clock does not wait longer for a process."""
+    further: tuple[str, ...] = ()
+    """Members that are not of the run, without which the clock does not start."""
 
 
 class RunSetup:
@@ -62,6 +79,8 @@ class RunSetup:
         self._simulated = {i for i, kind in kinds.items() if kind is VehicleKind.SIMULATED}
         self._lasting = {agent.id for agent in mission.fleet.agents if agent.endpoint is not None}
         """The agents whose vehicles were there before this run, and will be after it."""
+        if options.lockstep is not None:
+            _refuse_lockstep(mission.fleet.agents)
         self._orders = _orders(mission, options)
         self.folder = _make_folder(options.runs, mission.plan.name)
         self.manifest = _manifest(mission, options)
@@ -124,6 +143,7 @@ class RunSetup:
             memory=state_folder() if agent.id in self._lasting else None,
             flight=self.folder.name,
             mirror_port=self.ground_control.mirror_port(agent.id),
+            lockstep=manifest.lockstep,
             started_us=round(manifest.started_at.timestamp() * 1e6),
         )
 
@@ -139,12 +159,26 @@ class RunSetup:
         config |= {
             "speedup": manifest.speedup,
             "epoch_s": manifest.epoch_s,
+            "lockstep": manifest.lockstep,
             "seed": self.options.seed,
             "truth_path": str(self.folder / "truth.jsonl"),
         }
         path = self.folder / "sim.json"
         path.write_text(json.dumps(config, indent=1))
         return path
+
+    def keeper_rules(self) -> dict[str, Any] | None:
+        """What the keeper of mission time is told (`lockstep.keeper.Rules`); None in real time."""
+        lockstep = self.options.lockstep
+        if lockstep is None:
+            return None
+        agents = [f"agent-{agent.id}" for agent in self.manifest.fleet]
+        return {
+            "tick_s": self.manifest.plan.tick_s,
+            "expected": [SIMULATOR, *agents, STATION, *lockstep.further],
+            "factor": lockstep.factor,
+            "patience_wall_s": lockstep.patience_wall_s,
+        }
 
     def write_relay_config(self) -> Path | None:
         """The configuration file of the relay to ground control software; None without one."""
@@ -200,6 +234,22 @@ def _orders(mission: LoadedMission, options: RunOptions) -> tuple[Order, ...]:
     return tuple(found)
 
 
+def _refuse_lockstep(agents: Sequence[FleetAgent]) -> None:
+    """InputError where a vehicle has a clock of its own."""
+    for agent in agents:
+        if agent.endpoint is not None:
+            raise InputError(
+                f"--lockstep: agent {agent.id} flies the vehicle at {agent.endpoint}, whose clock"
+                " this run can't stop; allowed: simulated vehicles"
+            )
+        if agent.started_as is not VehicleKind.SIMULATED:
+            raise InputError(
+                f"--lockstep: agent {agent.id} flies {agent.started_as}, which keeps its own time"
+                " (a PX4 is stepped from outside by its own simulator interface alone);"
+                " allowed: simulated vehicles"
+            )
+
+
 def _epoch_s(options: RunOptions) -> float:
     return Clock.starting_now(options.speedup).epoch_s
 
@@ -225,6 +275,7 @@ def _manifest(mission: LoadedMission, options: RunOptions) -> Manifest:
         started_at=wall.date_and_time(),
         speedup=options.speedup,
         epoch_s=_epoch_s(options),
+        lockstep=f"swarm-ctl-{uuid.uuid4()}" if options.lockstep else None,
         headless=options.show is not Show.DASHBOARD,
         plan=mission.plan,
         plan_hash=mission.plan.fingerprint(),

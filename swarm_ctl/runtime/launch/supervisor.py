@@ -23,8 +23,10 @@ from swarm_ctl.runtime.launch.processes import (
     AgentChild,
     Child,
     CommandChild,
-    RelayChild,
+    TellingChild,
     VehiclesChild,
+    keeper,
+    relay,
     simulator,
     station,
     wait_all,
@@ -106,7 +108,8 @@ class RunProcesses:
         self._simulator: CommandChild | None = None
         self._agents: list[AgentChild] = []
         self._station: CommandChild | None = None
-        self._relay: RelayChild | None = None
+        self._relay: TellingChild | None = None
+        self._keeper: TellingChild | None = None
         self._alone = False
         """It has been said that the station is gone."""
         self._terminal = TerminalState()
@@ -114,7 +117,8 @@ class RunProcesses:
 
     @property
     def _children(self) -> list[Child]:
-        children = (self._vehicles, self._simulator, *self._agents, self._station, self._relay)
+        needed = (self._vehicles, self._simulator, *self._agents, self._station)
+        children = (*needed, self._relay, self._keeper)
         return [child for child in children if child is not None]
 
     def start(self) -> None:
@@ -128,13 +132,17 @@ class RunProcesses:
         simulators = "1 simulator, " if sim_config else ""
         self._print(f"starting {simulators}{len(configs)} agents, 1 station; run folder {folder}")
         try:
+            if rules := setup.keeper_rules():
+                address = setup.manifest.lockstep or ""
+                self._keeper = keeper(address, rules, folder / "clock.log")
+                self._wait_ready(_START_WALL_S)
             if sim_config:
                 self._simulator = simulator(sim_config, folder / "simulator.log")
             (folder / "agents").mkdir()
             for config in configs:
                 self._agents.append(AgentChild(config))
-            if relay := setup.write_relay_config():
-                self._relay = RelayChild(relay, folder / "gcs.log")
+            if relay_config := setup.write_relay_config():
+                self._relay = relay(relay_config, folder / "gcs.log")
             options = setup.options
             self._station = station(
                 folder, folder / "station.log", options.show, options.metrics_port
@@ -186,8 +194,9 @@ class RunProcesses:
                 self._without_station()
                 if asked_s is not None and now > asked_s + _LAND_WALL_S:
                     self._let_agents_go()
-            for note in self._relay.notes() if self._relay is not None else ():
-                self._say(note)
+            for child in (self._relay, self._keeper):
+                for note in child.notes() if child is not None else ():
+                    self._say(note)
             self._kill_hung()
             wall.pause(_POLL_WALL_S)
 
@@ -243,6 +252,9 @@ class RunProcesses:
             if self._station is not None:
                 self._station.say(finish=True)
                 wait_all([self._station], _STATION_WALL_S)
+            if self._keeper is not None:
+                self._keeper.let_go()
+                wait_all([self._keeper], _RELAY_WALL_S)
         self._kill_all()
 
     def _wait_for_successors(self) -> None:
@@ -268,6 +280,6 @@ class RunProcesses:
 
     def exit_codes(self) -> dict[str, int]:
         """Of all processes that the flight needs, by name; negative: the signal."""
-        needed = [child for child in self._children if child is not self._relay]
+        needed = [child for child in self._children if child not in (self._relay, self._keeper)]
         codes = {child.name: child.exit_code() for child in needed}
         return {name: code for name, code in codes.items() if code is not None}

@@ -27,6 +27,7 @@ from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
 from swarm_ctl.recording.run_recorder import RunRecorder
 from swarm_ctl.runtime.clock import Clock
+from swarm_ctl.runtime.lockstep.seat import Seat
 from swarm_ctl.runtime.station.mesh_clock import MeshClock
 from swarm_ctl.runtime.vehicle_memory import SwarmMemory
 from swarm_ctl.station.picture.model import Model
@@ -53,10 +54,15 @@ def open_node(
     *,
     listen: Sequence[str] = (),
     role: str = "station",
+    place: Seat | None = None,
 ) -> Node:
-    """Join a swarm's mesh under a name that no other process has, on any host."""
+    """Join a swarm's mesh under a name that no other process has, on any host; `place` is the
+    process's seat in lockstep."""
     name = f"{role}-{os.getpid()}-{uuid.uuid4().hex[:6]}"
-    return Node(ZenohTransport(listen, connect, clock.now, clock.speedup), swarm, name)
+    if place is None:
+        return Node(ZenohTransport(listen, connect, clock.now, clock.speedup), swarm, name)
+    transport = ZenohTransport(listen, connect, clock.now, place.mesh_speedup)
+    return Node(place.mesh(transport), swarm, name)
 
 
 class Station:

@@ -13,7 +13,7 @@ from typing import Any, Final, Protocol
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.errors import InputError
 from swarm_ctl.runtime import clock as wall
-from swarm_ctl.runtime.clock import Clock
+from swarm_ctl.runtime.lockstep.seat import Seat
 from swarm_ctl.runtime.station.control_pipe import ControlPipe
 from swarm_ctl.runtime.station.ground_station import Station
 from swarm_ctl.runtime.station.screens import Screen
@@ -36,25 +36,34 @@ class Control(Protocol):
         """Once a turn; True ends the loop."""
 
 
+def _pause(wall_seconds: float) -> bool:
+    wall.pause(wall_seconds)
+    return True
+
+
 def loop(
     station: Station,
     screen: Screen,
     control: Control,
     measure: Callable[[SwarmView], None] = lambda _: None,
+    begin: Callable[[float], bool] = _pause,
+    end: Callable[[], None] = lambda: None,
 ) -> None:
-    """Run the station until its control ends it; `measure` gets each view for the metrics."""
+    """Run the station until its control ends it; `measure` gets each view for the metrics, `begin`
+    and `end` are its seat's."""
     show_due = 0.0
     while not control.obey(station, screen):
         for order in screen.orders():
             _give(order, station, screen)
-        for text in station.turn():
-            screen.note(text)
+        if begin(_LOOP_WALL_S):
+            for text in station.turn():
+                screen.note(text)
+            end()
         if wall.wall_s() >= show_due:
             show_due = wall.wall_s() + _SHOW_WALL_S
             view = station.view()
             screen.show(view)
             measure(view)
-        wall.pause(_LOOP_WALL_S)
 
 
 @contextlib.contextmanager
@@ -93,9 +102,9 @@ class RunControl:
     """Of a run's own station: `run` ends it. When `run` is killed, the station ends after the
     agents and the simulator."""
 
-    def __init__(self, pipe: ControlPipe, clock: Clock, folder: Path) -> None:
+    def __init__(self, pipe: ControlPipe, place: Seat, folder: Path) -> None:
         self._pipe = pipe
-        self._clock = clock
+        self._place = place
         self._truth = folder / "truth.jsonl"
         self._accounts = folder / "agents"
         self._look_wall_s = 0.0
@@ -104,6 +113,7 @@ class RunControl:
     def obey(self, station: Station, screen: Screen) -> bool:
         for message in self._pipe.poll():
             if message.get("finish"):
+                self._place.leave()
                 station.turn()
                 screen.show(station.view())
                 return True
@@ -125,7 +135,7 @@ class RunControl:
 
     def _all_ended(self, view: SwarmView) -> bool:
         """All agents have ended, and the simulator has closed its truth file."""
-        now = self._clock.now()
+        now = self._place.clock.now()
         if not all(self._has_ended(agent, now) for agent in view.agents if agent.in_plan):
             return False
         if self._agents_ended_s is None:

@@ -23,7 +23,8 @@ from swarm_ctl.recording.run_recorder import RunRecorder
 from swarm_ctl.report.folder.manifest import Manifest, read_manifest
 from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.report.judge.summary import write_summary
-from swarm_ctl.runtime.clock import Clock
+from swarm_ctl.runtime.lockstep.seat import STATION, seat
+from swarm_ctl.runtime.lockstep.words import Phase
 from swarm_ctl.runtime.station.control_pipe import ControlPipe
 from swarm_ctl.runtime.station.ground_station import Station, open_node
 from swarm_ctl.runtime.station.screens import Show, present
@@ -40,23 +41,26 @@ def run_station(
 ) -> None:
     """Watch, command and record the run in `folder` until `run` ends it."""
     manifest = read_manifest(folder)
-    clock = Clock(manifest.epoch_s, manifest.speedup)
     listen = [manifest.station_mesh] if manifest.station_mesh else []
     with contextlib.ExitStack() as opened:
-        node = open_node(manifest.swarm, manifest.agents_mesh, clock, listen=listen)
+        place = seat(manifest.lockstep, Phase.SWARM, manifest.epoch_s, manifest.speedup)
+        opened.callback(place.close)
+        clock = place.clock
+        node = open_node(manifest.swarm, manifest.agents_mesh, clock, listen=listen, place=place)
         opened.callback(node.close)
         recorder = opened.enter_context(closing(run_recorder(folder, manifest, str(node.name))))
         endpoints = {agent.id: agent.endpoint for agent in manifest.fleet}
         memory = SwarmMemory(VehicleMemory(state_folder()), folder.name, endpoints, folder)
         station = Station(manifest.plan, Path(manifest.mission), node, clock, recorder, memory)
-        control = RunControl(pipe, clock, folder)
+        control = RunControl(pipe, place, folder)
         measure = opened.enter_context(metrics_on(metrics_port))
+        place.join(STATION, manifest.swarm, node.name)
         ready()
         present(
             show,
             manifest.plan,
             lambda: None if pipe.closed else os.kill(os.getppid(), signal.SIGINT),
-            lambda screen: loop(station, screen, control, measure),
+            lambda screen: loop(station, screen, control, measure, place.begin, place.end),
         )
     if pipe.closed:
         write_summary(folder, summarise(folder, None))

@@ -1,0 +1,2 @@
+"""Lockstep: one mission clock for all processes of a run, which moves when all have done their
+tick. docs/pages/lockstep.md has the whole."""

@@ -1,0 +1,270 @@
+"""A process's place in a run: in real time, or at the barrier (lockstep). The one seam: a seat
+makes clock, ticker, wire and mesh of its process; what uses them does not know which it is."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterable
+from typing import Any, Final
+
+from swarm_ctl.mavlink.stepped_wire import SteppedWire
+from swarm_ctl.mavlink.wires import Wire, open_wire
+from swarm_ctl.mesh.keys import CHANNELS, Channel
+from swarm_ctl.mesh.stepped_transport import MarkedTransport, SteppedTransport
+from swarm_ctl.mesh.transport import Transport
+from swarm_ctl.runtime import clock as wall
+from swarm_ctl.runtime.clock import Clock
+from swarm_ctl.runtime.lockstep.member import KeeperGone, Member, SteppedClock
+from swarm_ctl.runtime.lockstep.words import Phase, Tick
+from swarm_ctl.runtime.ticker import Ticker
+
+_LATE_WALL_S: Final = 2.0
+"""For a message or a datagram that another process says it has sent."""
+_JOIN_WALL_S: Final = 10.0
+"""For a process that joins a flight, to hear those that fly."""
+_HELLO_WALL_S: Final = 0.05
+_LOOK_WALL_S: Final = 0.0002
+_WAIT_WALL_S: Final = 1.0
+_SLOW: Final = 0.1
+"""A busy machine must not cut the mesh's links; a process that ends closes its own."""
+
+
+class Seat:
+    """Of a process in real time."""
+
+    def __init__(self, clock: Clock) -> None:
+        self.clock = clock
+        self.mesh_speedup = clock.speedup
+        """Of the mesh's own time-outs."""
+
+    def wire(self, endpoint: str) -> Wire:
+        """The wire to the own vehicle."""
+        return open_wire(endpoint)
+
+    def mesh(self, transport: MarkedTransport) -> Transport:
+        """What the own node speaks on."""
+        return transport
+
+    def join(self, name: str, swarm: str, node: int | str) -> None:
+        """All is open: the own node may be heard."""
+
+    def ticker(self, period_s: float, waiting: Callable[[], None]) -> Ticker:  # noqa: ARG002
+        """The control loop's; it calls `waiting` now and then while it is kept waiting."""
+        return Ticker(self.clock, period_s)
+
+    def begin(self, wall_seconds: float) -> bool:
+        """Wait, at most so long; whether it is the own turn now."""
+        wall.pause(wall_seconds)
+        return True
+
+    def end(self, *, last: bool = False) -> None:
+        """The own turn is over; `last`: for good."""
+
+    def leave(self) -> None:
+        """The last turn of all: what is still to be heard is given out now."""
+
+    def close(self) -> None:
+        """Leave."""
+
+
+def seat(lockstep: str | None, phase: Phase, epoch_s: float, speedup: float) -> Seat:
+    """In real time, or at the barrier of the keeper at the address `lockstep`."""
+    if lockstep is None:
+        return Seat(Clock(epoch_s, speedup))
+    return BarrierSeat(lockstep, phase, speedup)
+
+
+class BarrierSeat(Seat):
+    """At the barrier. When the keeper is gone, mission time goes on by the wall clock."""
+
+    def __init__(self, address: str, phase: Phase, speedup: float) -> None:
+        self._address, self._phase = address, phase
+        self._stepped = SteppedClock(speedup)
+        super().__init__(self._stepped)
+        self.mesh_speedup = _SLOW
+        self._wire: SteppedWire | None = None
+        self._mesh: SteppedTransport | None = None
+        self.member: Member | None = None
+        self._hello: Callable[[], None] = lambda: None
+        self._hello_wall_s = 0.0
+        self._assembled = False
+        self._in_turn = False
+
+    def wire(self, endpoint: str) -> Wire:
+        self._wire = SteppedWire(open_wire(endpoint))
+        return self._wire
+
+    def mesh(self, transport: MarkedTransport) -> Transport:
+        self._mesh = SteppedTransport(transport)
+        return self._mesh
+
+    def join(self, name: str, swarm: str, node: int | str) -> None:
+        port = self._wire.port if self._wire else 0
+        self.member = member = Member(self._address, name, self._phase, port)
+        channels = [c for c in CHANNELS if c.publisher == _publisher(name)]
+        self._hello = lambda: self._say_hello(swarm, node, channels)
+        self._joined_wall_s = wall.wall_s()
+        self._stepped.set(member.tick * member.tick_s)
+
+    def _say_hello(self, swarm: str, node: int | str, channels: Iterable[Channel[Any]]) -> None:
+        mesh, member = self._mesh, self.member
+        if mesh is None or member is None or wall.wall_s() < self._hello_wall_s:
+            return
+        self._hello_wall_s = wall.wall_s() + _HELLO_WALL_S
+        mesh.begin(member.number, 0)
+        mesh.hello(swarm, node, channels)
+        if not self._assembled and self._hears_all(mesh, member):
+            self._assembled = True
+            member.ready()
+
+    def _hears_all(self, mesh: SteppedTransport, member: Member) -> bool:
+        """Whether every other member's hello has come, on each channel; those that fly already say
+        none, so any message of theirs counts."""
+        members: dict[str, list[int]] = {"agent": [], "station": []}
+        for number, name in member.others.items():
+            members.setdefault(_publisher(name), []).append(number)
+        if member.late:
+            late = wall.wall_s() > self._joined_wall_s + _JOIN_WALL_S
+            return late or not mesh.unheard(members, any_channel=True)
+        return not mesh.unheard(members)
+
+    def ticker(self, period_s: float, waiting: Callable[[], None]) -> Ticker:
+        return BarrierTicker(self, period_s, waiting)
+
+    def begin(self, wall_seconds: float) -> bool:
+        member = self.member
+        if member is None:
+            wall.pause(wall_seconds)
+            if self._mesh is not None:
+                self._mesh.give(None, self.clock.now())
+            return True
+        try:
+            tick = self._next(member, wall_seconds)
+            if tick is not None:
+                self._take(member, tick)
+        except KeeperGone as error:
+            self._let_run(str(error))
+            return True
+        return tick is not None
+
+    def _next(self, member: Member, wall_seconds: float) -> Tick | None:
+        if self._assembled and member.tick:
+            return member.wait(wall_seconds)
+        self._hello()
+        return member.wait(min(wall_seconds, _HELLO_WALL_S))
+
+    def _take(self, member: Member, tick: Tick) -> None:
+        self._stepped.set(tick.number * member.tick_s)
+        mesh, wire, now = self._mesh, self._wire, self.clock.now()
+        if tick.anew and wire is not None:
+            wire.restart(now)
+        elif wire is not None:
+            wire.expect(tick.datagrams.get(wire.port, 0))
+        if not tick.anew:
+            self._gather(member, tick)
+        if mesh is not None:
+            mesh.give(tick.heard, tick.heard * member.tick_s)
+            mesh.begin(member.number, tick.number)
+        self._in_turn = True
+
+    def _gather(self, member: Member, tick: Tick) -> None:
+        """Wait for what belongs to the tick; what is later is noted, and comes when it comes."""
+        until, mesh, wire = wall.wall_s() + _LATE_WALL_S, self._mesh, self._wire
+        while True:
+            lacking = mesh.lacking(tick.heard, tick.published, member.number) if mesh else []
+            lacks = wire is not None and wire.lacks(self.clock.now())
+            if not lacking and not lacks:
+                return
+            if wall.wall_s() > until:
+                break
+            wall.pause(_LOOK_WALL_S)
+        if mesh is not None and lacking:
+            mesh.give_up(lacking)
+            names = sorted({f"{m} {CHANNELS[c].name}" for m, c in lacking})
+            member.note(f"tick {tick.number}: late on the mesh, from member {', '.join(names)}")
+        if wire is not None and lacks:
+            wire.give_up()
+            member.note(f"tick {tick.number}: a datagram of the simulator is lost or late")
+
+    def end(self, *, last: bool = False) -> None:
+        member, wire, mesh = self.member, self._wire, self._mesh
+        if member is None or not self._in_turn:
+            return
+        self._in_turn = False
+        published = mesh.published() if mesh else {}
+        datagrams = {wire.port: wire.written()} if wire else {}
+        try:
+            member.done(published, datagrams, last=last)
+        except KeeperGone as error:
+            self._let_run(str(error))
+        if mesh is not None:  # what is said between two ticks belongs to the next one
+            mesh.begin(member.number, member.tick + 1)
+
+    def _let_run(self, why: str) -> None:
+        if self.member is not None:
+            self.member.close()
+            self.member = None
+        self._stepped.let_run()
+        if self._wire is not None:
+            self._wire.let_run()
+        if self._mesh is not None:
+            self._mesh.give(None, self.clock.now())
+        sys.stderr.write(f"{self.clock.now():.2f} s: the run's clock: {why}; on by the wall clock\n")
+
+    def leave(self) -> None:
+        self.end(last=True)
+        if self._mesh is not None:
+            self._mesh.give(None, self.clock.now())
+
+    @property
+    def free(self) -> bool:
+        """The keeper is gone."""
+        return self.member is None
+
+    def close(self) -> None:
+        if self.member is not None:
+            self.member.close()
+
+
+SIMULATOR: Final = "simulator"
+STATION: Final = "station"
+
+
+def _publisher(name: str) -> str:
+    """What a member publishes as (`Channel.publisher`)."""
+    return "" if name == SIMULATOR else "agent" if name.startswith("agent-") else "station"
+
+
+class BarrierTicker(Ticker):
+    """Ticks when the keeper says so; never late, and no tick is missed."""
+
+    def __init__(
+        self, place: BarrierSeat, period_s: float, waiting: Callable[[], None]
+    ) -> None:
+        super().__init__(place.clock, period_s)
+        self._place = place
+        self._waiting = waiting
+        self._began_wall_s: float | None = None
+
+    def wait(self) -> float:
+        place = self._place
+        if place.free:
+            return self._by_the_wall()
+        if self._began_wall_s is not None:
+            self._work.add((wall.wall_s() - self._began_wall_s) * 1000.0)
+        place.end()
+        while not place.begin(_WAIT_WALL_S):
+            self._waiting()
+        if place.free:
+            return self._by_the_wall()
+        self._began_wall_s = wall.wall_s()
+        self._late.add(0.0)
+        return self.clock.now()
+
+    def _by_the_wall(self) -> float:
+        if self._began_wall_s is not None:
+            self._began_wall_s = None
+            self._due = self.clock.now()
+        now = super().wait()
+        self._place.begin(0.0)
+        return now
