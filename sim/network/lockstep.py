@@ -27,7 +27,7 @@ _SILENT_WALL_S = 20.0
 """The keeper speaks every second; after so long it is given up."""
 
 
-class KeeperGone(Exception):
+class KeeperGoneError(Exception):
     """The keeper has ended, or hangs."""
 
 
@@ -58,14 +58,14 @@ class Barrier:
             about = {"name": "simulator", "phase": 0, "port": 0}
             self._socket.send(bytes([_JOIN]) + json.dumps(about).encode())
             data = self._receive(10.0)
-        except (OSError, KeeperGone) as error:
+        except (OSError, KeeperGoneError) as error:
             self._socket.close()
             raise ConnectionError(f"the run's clock does not answer: {error}") from None
         self.tick_s: float = json.loads(data[1:])["tick_s"]
         self._send(bytes([_READY]))
 
     def wait(self, wall_s: float) -> Tick | None:
-        """The next tick; None: not yet. KeeperGone at its end, or when it is silent."""
+        """The next tick; None: not yet. KeeperGoneError at its end, or when it is silent."""
         data = self._receive(wall_s)
         if not data or data[0] != _TICK:
             return None
@@ -91,7 +91,7 @@ class Barrier:
         if not select.select([self._socket], [], [], wall_s)[0]:
             self._silent_s += wall_s
             if self._silent_s > _SILENT_WALL_S:
-                raise KeeperGone("it is silent")
+                raise KeeperGoneError("it is silent")
             return b""
         self._silent_s = 0.0
         try:
@@ -99,11 +99,11 @@ class Barrier:
         except OSError:
             data = b""
         if not data:
-            raise KeeperGone("it has ended")
+            raise KeeperGoneError("it has ended")
         return data
 
     def _send(self, data: bytes) -> None:
         try:
             self._socket.send(data)
         except OSError as error:
-            raise KeeperGone(str(error)) from None
+            raise KeeperGoneError(str(error)) from None

@@ -19,7 +19,7 @@ from typing import IO, Any, Self
 from sim.clock import SimClock
 from sim.config import SimConfig
 from sim.network.hub import Hub
-from sim.network.lockstep import Barrier, KeeperGone, Tick
+from sim.network.lockstep import Barrier, KeeperGoneError, Tick
 from sim.network.signing import Signing, read_key
 from sim.network.sockets import Address, VehicleSocket, open_socket
 from sim.world.truth_file import TruthFile
@@ -129,7 +129,7 @@ class Server:
                 tick = barrier.wait(_WAIT_WALL_S)
                 if tick is not None and self._step_up_to(tick, barrier):
                     return True
-        except KeeperGone as gone:
+        except KeeperGoneError as gone:
             log.warning("the run's clock: %s; on by the system clock", gone)
             self._clock.run()
             self._looked_s = self._clock.now()

@@ -71,9 +71,7 @@ def run(
     patience: Annotated[
         float, option("SECONDS", _PATIENCE, "--lockstep-patience", min=1.0, max=3600.0)
     ] = 10.0,
-    lockstep_with: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help=_WITH, hidden=True)
-    ] = None,
+    lockstep_with: Annotated[list[str] | None, option("NAME", _WITH)] = None,
     record_hz: Annotated[str, option("TOPIC=HZ,...", _RECORD)] = "",
     report: Annotated[bool, typer.Option(help="Make the report at the end.")] = True,
     tlog: Annotated[bool, typer.Option(help="Record each vehicle's MAVLink frames.")] = True,
@@ -106,7 +104,7 @@ def run(
 
     factor = _factor(speedup)
     stepped = None
-    if lockstep or factor is None and speedup is not None:
+    if lockstep or speedup == "max":
         stepped = Lockstep(factor, patience, tuple(lockstep_with or ()))
     show = shown(headless=headless, json=json)
     console = PlainConsole(stderr=json)

@@ -253,7 +253,7 @@ def keeper(address: str, rules: Mapping[str, Any], log: Path) -> TellingChild:
     """The keeper of mission time of a run in lockstep (`lockstep.keeper.Rules`)."""
     module = "swarm_ctl.runtime.lockstep.keeper_process"
     command = [sys.executable, "-m", module, address, json.dumps(rules)]
-    return TellingChild("clock", command, log, "lockstep has ended, the flight goes on in real time")
+    return TellingChild("clock", command, log, "lockstep has ended, on by the wall clock")
 
 
 def simulator(config: Path, log: Path) -> CommandChild:

@@ -127,10 +127,14 @@ class Keeper:
     def serve(self) -> None:
         """Until it is over."""
         while self._members or not self.over:
-            for key, _ in self._selector.select(self._timeout_s()):
-                key.data(key.fileobj)
-            self._look_after()
-            self._advance()
+            self.turn()
+
+    def turn(self) -> None:
+        """Wait for words, at most until something is due, and do what follows from them."""
+        for key, _ in self._selector.select(self._timeout_s()):
+            key.data(key.fileobj)
+        self._look_after()
+        self._advance()
 
     def close(self) -> None:
         """Leave all members to themselves."""
@@ -316,11 +320,14 @@ class Keeper:
             member.anew = False
 
     def _datagrams(self, phase: Phase) -> Iterable[Done]:
-        """Of the other side of the vehicles' links, in this tick's first turn or the last tick's."""
-        if phase is Phase.WORLD:
-            return [done for done in self._dones.values() if done.number == self._tick - 1]
-        world = {m.number for m in self._members if m.live and m.phase is Phase.WORLD}
-        return [done for i, done in self._dones.items() if i in world]
+        """Of the vehicles' links, what the other side has sent in its newest turn."""
+        world = {m.number for m in self._members if m.phase is Phase.WORLD}
+        newest = self._tick - (phase is Phase.WORLD)
+        return [
+            done
+            for i, done in self._dones.items()
+            if done.number == newest and (i in world) is not (phase is Phase.WORLD)
+        ]
 
     @staticmethod
     def _send(member: Member, data: bytes) -> None:

@@ -28,7 +28,7 @@ _SILENT_WALL_S: Final = 20.0
 """The keeper speaks every second; after so long it is given up."""
 
 
-class KeeperGone(Exception):
+class KeeperGoneError(Exception):
     """The keeper has ended, or hangs."""
 
 
@@ -67,7 +67,7 @@ class Member:
             self._socket.connect("\0" + address)
             self._send(pack_json(Word.JOIN, name=name, phase=phase, port=port))
             about = self._welcome()
-        except (OSError, KeeperGone) as error:
+        except (OSError, KeeperGoneError) as error:
             self._socket.close()
             raise StartError(f"the run's clock does not answer: {error}") from None
         self.number: Final[int] = about["number"]
@@ -85,14 +85,14 @@ class Member:
             data = self._receive(1.0)
             if data and data[0] == Word.WELCOME:
                 return read_json(data)
-        raise KeeperGone("no welcome")
+        raise KeeperGoneError("no welcome")
 
     def ready(self) -> None:
         """Every member that has to be heard is."""
         self._send(bytes([Word.READY]))
 
     def wait(self, wall_seconds: float) -> Tick | None:
-        """The next tick to run; None: not yet. KeeperGone at its end, or when it is silent."""
+        """The next tick to run; None: not yet. KeeperGoneError at its end, or when it is silent."""
         data = self._receive(wall_seconds)
         if data and data[0] == Word.TICK:
             tick = read_tick(data)
@@ -108,7 +108,7 @@ class Member:
 
     def note(self, text: str) -> None:
         """A line for the operator."""
-        with contextlib.suppress(KeeperGone):
+        with contextlib.suppress(KeeperGoneError):
             self._send(bytes([Word.NOTE]) + text.encode())
 
     def drop(self, name: str) -> None:
@@ -127,14 +127,14 @@ class Member:
         """The next packet; b"" when none comes in time."""
         if not select.select([self._socket], [], [], wall_seconds)[0]:
             if wall.wall_s() - self._wall_s > _SILENT_WALL_S:
-                raise KeeperGone("it is silent")
+                raise KeeperGoneError("it is silent")
             return b""
         try:
             data = self._socket.recv(LONGEST)
         except OSError:
             data = b""
         if not data:
-            raise KeeperGone("it has ended")
+            raise KeeperGoneError("it has ended")
         self._wall_s = wall.wall_s()
         return data
 
@@ -142,4 +142,4 @@ class Member:
         try:
             self._socket.send(data)
         except OSError as error:
-            raise KeeperGone(str(error)) from None
+            raise KeeperGoneError(str(error)) from None

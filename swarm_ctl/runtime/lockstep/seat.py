@@ -14,7 +14,7 @@ from swarm_ctl.mesh.stepped_transport import MarkedTransport, SteppedTransport
 from swarm_ctl.mesh.transport import Transport
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.clock import Clock
-from swarm_ctl.runtime.lockstep.member import KeeperGone, Member, SteppedClock
+from swarm_ctl.runtime.lockstep.member import KeeperGoneError, Member, SteppedClock
 from swarm_ctl.runtime.lockstep.words import Phase, Tick
 from swarm_ctl.runtime.ticker import Ticker
 
@@ -108,12 +108,13 @@ class BarrierSeat(Seat):
 
     def _say_hello(self, swarm: str, node: int | str, channels: Iterable[Channel[Any]]) -> None:
         mesh, member = self._mesh, self.member
-        if mesh is None or member is None or wall.wall_s() < self._hello_wall_s:
+        if member is None or wall.wall_s() < self._hello_wall_s:
             return
         self._hello_wall_s = wall.wall_s() + _HELLO_WALL_S
-        mesh.begin(member.number, 0)
-        mesh.hello(swarm, node, channels)
-        if not self._assembled and self._hears_all(mesh, member):
+        if mesh is not None:
+            mesh.begin(member.number, 0)
+            mesh.hello(swarm, node, channels)
+        if not self._assembled and (mesh is None or self._hears_all(mesh, member)):
             self._assembled = True
             member.ready()
 
@@ -142,7 +143,7 @@ class BarrierSeat(Seat):
             tick = self._next(member, wall_seconds)
             if tick is not None:
                 self._take(member, tick)
-        except KeeperGone as error:
+        except KeeperGoneError as error:
             self._let_run(str(error))
             return True
         return tick is not None
@@ -195,7 +196,7 @@ class BarrierSeat(Seat):
         datagrams = {wire.port: wire.written()} if wire else {}
         try:
             member.done(published, datagrams, last=last)
-        except KeeperGone as error:
+        except KeeperGoneError as error:
             self._let_run(str(error))
         if mesh is not None:  # what is said between two ticks belongs to the next one
             mesh.begin(member.number, member.tick + 1)
@@ -209,7 +210,9 @@ class BarrierSeat(Seat):
             self._wire.let_run()
         if self._mesh is not None:
             self._mesh.give(None, self.clock.now())
-        sys.stderr.write(f"{self.clock.now():.2f} s: the run's clock: {why}; on by the wall clock\n")
+        sys.stderr.write(
+            f"the run's clock at {self.clock.now():.2f} s: {why}; on by the wall clock\n"
+        )
 
     def leave(self) -> None:
         self.end(last=True)
@@ -238,9 +241,7 @@ def _publisher(name: str) -> str:
 class BarrierTicker(Ticker):
     """Ticks when the keeper says so; never late, and no tick is missed."""
 
-    def __init__(
-        self, place: BarrierSeat, period_s: float, waiting: Callable[[], None]
-    ) -> None:
+    def __init__(self, place: BarrierSeat, period_s: float, waiting: Callable[[], None]) -> None:
         super().__init__(place.clock, period_s)
         self._place = place
         self._waiting = waiting

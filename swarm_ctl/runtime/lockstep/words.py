@@ -55,7 +55,7 @@ class Published(NamedTuple):
 
     member: int
     channel: int
-    count: int
+    messages: int
 
 
 @dataclass(frozen=True, slots=True)

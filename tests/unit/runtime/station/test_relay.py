@@ -20,6 +20,7 @@ from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.memory_transport import MemoryHub, MemoryTransport
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.runtime.clock import Clock
+from swarm_ctl.runtime.lockstep.seat import Seat
 from swarm_ctl.runtime.station.control_pipe import ControlPipe
 from swarm_ctl.runtime.station.ground_station import Station
 from swarm_ctl.runtime.station.printers import write as write_lines
@@ -189,7 +190,7 @@ def test_the_station_beacons_and_records_while_its_output_is_blocked(
     orders, control = os.pipe()
 
     def watch(screen: Screen) -> None:
-        loop(station, screen, RunControl(ControlPipe(orders), clock, tmp_path))
+        loop(station, screen, RunControl(ControlPipe(orders), Seat(clock), tmp_path))
 
     worker = threading.Thread(
         target=lambda: present(Show.LOG, PLAN, None, watch, out=pipe[1]), daemon=True

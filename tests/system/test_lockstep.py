@@ -1,0 +1,170 @@
+"""Runs in lockstep: the same flight on any machine, and no process that dies or stops holds it
+up."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from tests.system.running import HEXAGON, LOW, Running
+from tests.system.test_run import assert_apart, assert_truth_ends_on_the_ground
+
+pytestmark = pytest.mark.timeout(180)
+
+MAX = ("--speedup", "max", "--headless", "--no-report")
+RUN = ("run", LOW, "--lockstep", "--speedup", "5", "--headless", "--no-report")
+FAULTS = """
+simulation:
+  parameters: {SIM_WIND_SPD: 3, SIM_WIND_GUST: 1, SIM_GPS_NOISE: 0.1}
+  faults:
+    - {at_s: 2, for_s: 6, set: {SIM_LOSS: 30}}
+    - {at_s: 5, for_s: 5, agents: [2, 4], set: {SIM_DELAY: 0.2}}
+"""
+
+
+@contextmanager
+def busy(loops: int) -> Iterator[None]:
+    """So many processes that take all the time they get."""
+    code = "while True: pass"
+    running = [subprocess.Popen([sys.executable, "-c", code]) for _ in range(loops)]
+    try:
+        yield
+    finally:
+        for process in running:
+            process.kill()
+            process.wait()
+
+
+def left_by(running: Running, *names: str) -> list[bytes]:
+    return [(running.folder / name).read_bytes() for name in names]
+
+
+def test_the_same_flight_beside_busy_loops(tmp_path: Path) -> None:
+    """Two runs at once and four busy loops on this machine, wind, noise, lost and late frames by
+    one seed: truth and events are the same, byte for byte, and another seed's are not."""
+    mission = tmp_path / "faults.yaml"
+    mission.write_text(LOW.read_text() + FAULTS)
+    folders = [tmp_path / name for name in ("one", "two", "other")]
+    for folder in folders:
+        folder.mkdir()
+    with (
+        busy(4),
+        Running("run", mission, *MAX, "--seed", "7", cwd=folders[0]) as one,
+        Running("run", mission, *MAX, "--seed", "7", cwd=folders[1]) as two,
+    ):
+        assert one.wait(120) == 0, one.output
+        assert two.wait(120) == 0, two.output
+        one.assert_nothing_left()
+        two.assert_nothing_left()
+    with Running("run", mission, *MAX, "--seed", "8", cwd=folders[2]) as other:
+        assert other.wait(60) == 0, other.output
+    files = ("truth.jsonl", "events.jsonl")
+    assert left_by(one, *files) == left_by(two, *files)
+    assert left_by(one, *files)[0] != left_by(other, *files)[0]
+    assert one.summary()["tick"]["overruns"] == 0
+    assert not any(link["lost"] for link in one.summary()["links"])
+
+
+def test_an_agent_is_killed(tmp_path: Path) -> None:
+    """It leaves the barrier at once; the others hold and land as ever."""
+    with Running(*RUN, cwd=tmp_path) as running:
+        running.wait_for_event("step 2:", 6)
+        running.kill("agent-3")
+        assert running.wait() == 1, running.output
+        running.assert_nothing_left()
+        assert "agent 3" in running.summary()["reason"]
+        assert_truth_ends_on_the_ground(running.folder)
+        assert_apart(running.folder)
+
+
+def test_an_agent_is_stopped(tmp_path: Path) -> None:
+    """After the bound it is noted, and mission time goes on without it: its vehicle's failsafe
+    acts, the others land."""
+    with Running(*RUN, "--lockstep-patience", "2", cwd=tmp_path) as running:
+        running.wait_for_event("step 2:", 6)
+        running.kill("agent-5", signal.SIGSTOP)
+        assert running.wait() == 1, running.output
+        running.assert_nothing_left()
+        assert "agent-5 has not done its tick for 2 s of the wall clock" in running.output
+        assert running.summary()["outcome"] == "failed"
+        assert_truth_ends_on_the_ground(running.folder)
+        assert_apart(running.folder)
+
+
+def test_a_stopped_agent_comes_back(tmp_path: Path) -> None:
+    """It takes part again from a later tick, and the flight ends without a process that hangs."""
+    with Running(*RUN, "--lockstep-patience", "1", cwd=tmp_path) as running:
+        running.wait_for_event("step 2:", 6)
+        running.kill("agent-5", signal.SIGSTOP)
+        running.wait_for(lambda: "has not done its tick" in running.output)
+        running.kill("agent-5", signal.SIGCONT)
+        running.wait_for(lambda: "agent-5 is back" in running.output)
+        assert running.wait() in (0, 1), running.output
+        running.assert_nothing_left()
+        assert_truth_ends_on_the_ground(running.folder)
+
+
+@pytest.mark.parametrize("name", ["clock", "station"])
+def test_the_clock_or_the_station_is_killed(tmp_path: Path, name: str) -> None:
+    """Without its clock the flight goes on by the wall clock and completes; without its station
+    the agents land by the mission's policy."""
+    with Running(*RUN, cwd=tmp_path) as running:
+        running.wait_for_event("step 2:", 6)
+        running.kill(name)
+        assert running.wait() == int(name == "station"), running.output
+        running.assert_nothing_left()
+        assert_truth_ends_on_the_ground(running.folder)
+        assert_apart(running.folder)
+
+
+def test_the_simulator_is_killed(tmp_path: Path) -> None:
+    """The vehicles are gone: every agent ends."""
+    with Running(*RUN, cwd=tmp_path) as running:
+        running.wait_for_event("step 2:", 6)
+        running.kill("simulator")
+        assert running.wait() == 1, running.output
+        running.assert_nothing_left()
+
+
+def test_the_run_itself_is_killed(tmp_path: Path) -> None:
+    """Agents land and end in lockstep, then the simulator, the station, and the clock."""
+    with Running(*RUN, cwd=tmp_path) as running:
+        running.wait_for_event("step 2:", 6)
+        os.kill(running.process.pid, signal.SIGKILL)
+        running.process.wait()
+        running.assert_nothing_left(60)
+        assert running.summary()["outcome"] == "aborted"
+        assert_truth_ends_on_the_ground(running.folder)
+
+
+def test_ctrl_c_lands(tmp_path: Path) -> None:
+    """As in real time."""
+    with Running(*RUN, cwd=tmp_path) as running:
+        running.wait_for_event("step 2:", 6)
+        running.interrupt()
+        assert running.wait() == 130, running.output
+        running.assert_nothing_left()
+        assert_truth_ends_on_the_ground(running.folder)
+
+
+def test_a_vehicle_with_its_own_clock_is_refused(tmp_path: Path) -> None:
+    """Before anything starts, with the reason and what is allowed."""
+    mission = tmp_path / "own.yaml"
+    line = "{id: 4, sysid: 4, autopilot: ardupilot}"
+    entry = "{id: 4, sysid: 4, autopilot: ardupilot, endpoint: 'udpin:127.0.0.1:14550'}"
+    mission.write_text(HEXAGON.read_text().replace(line, entry))
+    with Running("run", mission, *MAX, cwd=tmp_path) as running:
+        assert running.wait(20) == 2, running.output
+        assert "agent 4 flies the vehicle at udpin:127.0.0.1:14550" in running.output
+        assert "allowed: simulated vehicles" in running.output
+        assert not (tmp_path / "runs").exists()
+    with Running("run", HEXAGON, *MAX, "--vehicles", "px4", cwd=tmp_path) as running:
+        assert running.wait(20) == 2, running.output
+        assert "its own simulator interface" in running.output

@@ -1,0 +1,106 @@
+"""The mesh in lockstep, between two members whose messages are carried by hand."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+
+from swarm_ctl.mesh import keys
+from swarm_ctl.mesh.keys import Qos
+from swarm_ctl.mesh.stepped_transport import INDEX, SteppedTransport
+
+STATE = INDEX["state"]
+
+
+class Wire:
+    """A transport of which the test delivers each message itself."""
+
+    def __init__(self) -> None:
+        self.sent: deque[tuple[bytes, bytes]] = deque()
+        self.come: deque[tuple[bytes, bytes]] = deque()
+
+    def publish(self, key: str, data: bytes, qos: Qos, mark: bytes = b"") -> None:
+        self.sent.append((data, mark))
+
+    def subscribe_marked(self, key_expression: str) -> Callable[[], tuple[bytes, bytes] | None]:
+        return lambda: self.come.popleft() if self.come else None
+
+    def subscribe(self, key_expression: str, *, timed: bool = False) -> None:  # type: ignore[override]
+        raise AssertionError("not in lockstep")
+
+    def close(self) -> None:
+        return
+
+
+def published(member: int, tick: int, *texts: bytes) -> list[tuple[bytes, bytes]]:
+    wire = Wire()
+    transport = SteppedTransport(wire)
+    transport.begin(member, tick)
+    for text in texts:
+        transport.publish(keys.STATE.key("test", member), text, keys.STATE.qos)
+    assert transport.published() == {STATE: len(texts)}
+    return list(wire.sent)
+
+
+def listener() -> tuple[Wire, SteppedTransport, Callable[[], list[bytes]]]:
+    wire = Wire()
+    transport = SteppedTransport(wire)
+    inlet = transport.subscribe(keys.STATE.key_expression("test"))
+    return wire, transport, lambda: [data for _, data in inlet.drain()]
+
+
+def test_a_tick_gets_the_tick_before_in_a_fixed_order() -> None:
+    """However they come, messages stand by member, and those of a later tick wait for theirs."""
+    wire, transport, drain = listener()
+    wire.come.extend(published(2, 5, b"c", b"d"))
+    wire.come.extend(published(1, 6, b"later"))
+    wire.come.extend(published(1, 5, b"a", b"b"))
+    assert transport.lacking(5, [(1, STATE, 2), (2, STATE, 2)], own=3) == []
+    transport.give(5, 0.25)
+    assert drain() == [b"a", b"b", b"c", b"d"]
+    transport.give(6, 0.3)
+    assert drain() == [b"later"]
+
+
+def test_what_has_not_come_is_lacking_until_it_is_given_up() -> None:
+    """A member whose message was missed is waited for again once one comes in time; the late one
+    is not lost."""
+    wire, transport, drain = listener()
+    late = published(1, 5, b"late")
+    assert transport.lacking(5, [(1, STATE, 1)], own=3) == [(1, STATE)]
+    transport.give_up([(1, STATE)])
+    assert transport.lacking(6, [(1, STATE, 1)], own=3) == []
+    wire.come.extend(late + published(1, 7, b"now"))
+    assert transport.lacking(7, [(1, STATE, 1)], own=3) == []
+    transport.give(7, 0.35)
+    assert drain() == [b"late", b"now"]
+    assert transport.lacking(8, [(1, STATE, 1)], own=3) == [(1, STATE)]
+
+
+def test_the_own_messages_and_other_channels_are_not_waited_for() -> None:
+    """A member waits for what it subscribes to."""
+    _, transport, _ = listener()
+    assert transport.lacking(5, [(3, STATE, 1), (1, INDEX["event"], 2)], own=3) == []
+
+
+def test_a_hello_is_heard_and_is_no_message() -> None:
+    """It proves the way of one channel."""
+    wire, transport, drain = listener()
+    assert transport.unheard({"agent": [1], "station": [9]}) == {1}
+    speaker = Wire()
+    greeting = SteppedTransport(speaker)
+    greeting.begin(1, 0)
+    greeting.hello("test", 1, [keys.STATE])
+    wire.come.extend(speaker.sent)
+    assert transport.unheard({"agent": [1], "station": [9]}) == set()
+    transport.give(None, 0.0)
+    assert drain() == []
+
+
+def test_an_outsider_is_heard_when_it_comes() -> None:
+    """A message without a mark, of a process that is no member."""
+    wire, transport, drain = listener()
+    wire.come.append((b"from outside", b""))
+    transport.lacking(5, [], own=3)
+    transport.give(5, 0.25)
+    assert drain() == [b"from outside"]
