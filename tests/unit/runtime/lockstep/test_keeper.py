@@ -7,6 +7,7 @@ import time
 import uuid
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
+from itertools import pairwise
 
 import pytest
 
@@ -214,7 +215,7 @@ def test_a_pace_slows_down_and_never_hurries() -> None:
             if k == 3:
                 time.sleep(0.3)
             b.done(WORLD)
-        gaps = [later - earlier for earlier, later in zip(times, times[1:], strict=False)]
+        gaps = [later - earlier for earlier, later in pairwise(times)]
         assert sum(gaps[:3]) > 0.09
         assert min(gaps[5:]) > 0.03
 

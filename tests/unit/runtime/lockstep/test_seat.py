@@ -6,6 +6,7 @@ import threading
 import time
 import uuid
 from contextlib import closing
+from itertools import pairwise
 
 import pytest
 
@@ -41,7 +42,7 @@ def test_without_its_keeper_time_goes_on_by_the_wall() -> None:
         times = [ticker.wait() for _ in range(400)]
         thread.join()
         assert time.monotonic() - began < 15
-        steps = [later - earlier for earlier, later in zip(times, times[1:], strict=False)]
+        steps = [later - earlier for earlier, later in pairwise(times)]
         assert min(steps) > 0
         assert ticker.report().count > 400
         by_the_wall = ticker.wait()
