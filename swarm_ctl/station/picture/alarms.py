@@ -320,7 +320,8 @@ def _slow_machine(view: SwarmView, limit_hz: float) -> Found:
         usual_hz = 1 / view.plan.tick_s
         hz = statistics.median(view.agent(i).link.tick_rate_hz or 0.0 for i in slow)
         what = f" with --speedup {view.speedup:g}" if view.speedup != 1 else ""
-        yield tuple(slow), f"the machine can't keep up{what}: ticks {hz:.1f} of {usual_hz:.0f} Hz"
+        words = f"the machine can't keep up{what}: ticks {hz:.1f} of {usual_hz:.0f} Hz"
+        yield tuple(agent.id for agent in view.agents), words
 
 
 def _slow_ticks(view: SwarmView, limit_hz: float) -> Found:
