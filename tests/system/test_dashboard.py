@@ -133,6 +133,7 @@ def test_two_more_stations_watch_command_and_leave(tmp_path: Path) -> None:
         running.assert_nothing_left()
 
 
+@needs_tmux
 def test_a_station_in_mid_flight_has_the_whole_picture_in_two_seconds(tmp_path: Path) -> None:
     with Running("run", HEXAGON, "--speedup", "1", "--headless", cwd=tmp_path) as running:
         running.wait_for_event("step 1: takeoff", count=6)
@@ -146,6 +147,13 @@ def test_a_station_in_mid_flight_has_the_whole_picture_in_two_seconds(tmp_path: 
                         break
             finally:
                 late.kill()
+        events = (running.folder / "events.jsonl").read_text().splitlines()
+        first = json.loads(events[0])
+        with Terminal("station", cwd=tmp_path) as one:
+            one.wait_for("6/6 agents")
+            one.press("4")
+            shown = one.wait_for("the log begins with the run's events and commands")
+            assert f"{first['time_s']:.1f}" in shown, "the log is from the start of the run"
         assert told["step_name"] == "takeoff"
         assert all(agent["heartbeat_age_s"] < 2.0 for agent in told["agents"])
         assert told["time_s"] - told["since_s"] < 2.0

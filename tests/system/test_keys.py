@@ -3,22 +3,30 @@ all at once, at 80x24 and wide."""
 
 from __future__ import annotations
 
+import json
 import sys
 import time
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import pytest
 
 from swarm_ctl.commands.parse import KINDS
-from tests.system.running import ROOT
+from tests.system.running import HEXAGON, ROOT
 from tests.system.terminal import Terminal, needs_tmux
 
-pytestmark = [pytest.mark.timeout(180), needs_tmux]
+pytestmark = [pytest.mark.timeout(300), needs_tmux]
 
 SMALL, WIDE = (80, 24), (160, 50)
-EACH = pytest.mark.parametrize("size", [SMALL, WIDE], ids=["80x24", "160x50"])
-PACES = pytest.mark.parametrize("slowly", [True, False], ids=["slowly", "at-once"])
+EACH = pytest.mark.parametrize(
+    ("size", "slowly"),
+    [
+        pytest.param(SMALL, False, id="80x24-at-once"),
+        pytest.param(SMALL, True, id="80x24-slowly", marks=pytest.mark.long),
+        pytest.param(WIDE, False, id="160x50-at-once", marks=pytest.mark.long),
+        pytest.param(WIDE, True, id="160x50-slowly", marks=pytest.mark.long),
+    ],
+)
 _KEY_S: Final = 0.12
 """Between two keys that are typed slowly."""
 
@@ -115,7 +123,6 @@ class Desk:
         return self.orders
 
 
-@PACES
 @EACH
 def test_every_order(tmp_path: Path, size: tuple[int, int], slowly: bool) -> None:
     """Each is given once, to the agents that were named; what lands, returns or kills is asked
@@ -128,7 +135,7 @@ def test_every_order(tmp_path: Path, size: tuple[int, int], slowly: bool) -> Non
             given += 1
             assert desk.wait_for_orders(given)[-1] == order, keys
         for keys, order in AFTER_A_QUESTION.items():
-            for answer in ("Escape", "y", "Enter"):
+            for answer in ("y" if keys == ("K",) else "Escape", "Enter"):
                 desk.press(*keys)
                 shown = terminal.wait_for("Enter sends it, Esc drops it.")
                 assert f" {order.split()[0]} agent" in shown
@@ -139,13 +146,12 @@ def test_every_order(tmp_path: Path, size: tuple[int, int], slowly: bool) -> Non
                     assert desk.wait_for_orders(given)[-1] == order, keys
                 else:
                     terminal.wait_for(f"{order.split()[0]}: not sent")
-            terminal.wait_for(lambda text: "Enter sends it" not in text)
+                terminal.wait_for(lambda text: "Enter sends it" not in text)
         assert len(desk.orders) == given == len(AT_ONCE) + len(AFTER_A_QUESTION)
         kinds = {order.split()[0] for order in desk.orders}
         assert kinds == {kind.name for kind in KINDS}
 
 
-@PACES
 @EACH
 def test_what_is_no_order_orders_nothing(
     tmp_path: Path, size: tuple[int, int], slowly: bool
@@ -172,3 +178,69 @@ def test_what_is_no_order_orders_nothing(
         terminal.press("Enter")
         code, _ = terminal.wait_for_end()
         assert (code, desk.orders) == (0, [])
+
+
+IN_FLIGHT: Final = (
+    (("h",), "hold"),
+    (("r",), "resume"),
+    (("f", "h", "Tab", "Enter"), "form"),
+    (("r",), "resume"),
+    (("m", *"20", "Space", *"10", "Enter"), "move"),
+    (("u", *"h=0.04", "Enter"), "apply"),
+    ((":", *"tune", "Space", *"plan", "Enter"), "apply"),
+    (("n",), "next"),
+    (("l", "Escape"), ""),
+    (("b", "y"), ""),
+    ((":", "l", "Tab", "Enter"), ""),
+    (("f", "l", "Tab", "Enter"), ""),
+)
+"""Keys in flight, and what agents are commanded by them; '' for nothing."""
+
+
+@pytest.mark.long
+@EACH
+def test_in_flight(tmp_path: Path, size: tuple[int, int], slowly: bool) -> None:
+    """Each key and each command over a swarm that flies; then one agent is killed, and the others
+    land."""
+    with Terminal("run", HEXAGON, cwd=tmp_path, size=size) as terminal:
+
+        def press(*keys: str) -> None:
+            for some in [(key,) for key in keys] if slowly else [keys]:
+                terminal.press(*some)
+                time.sleep(_KEY_S if slowly else 0.0)
+
+        def commanded(kind: str, count: int) -> bool:
+            found = [each["kind"] for each in _commands(tmp_path)]
+            return len(found) == count and found[-1] == kind
+
+        terminal.wait_for("step 2/4: form")
+        given = 0
+        for keys, kind in IN_FLIGHT:
+            press(*keys)
+            if kind:
+                given += 1 + (kind == "apply")
+                terminal.wait_for(lambda _: commanded(kind, given))  # noqa: B023 - called at once
+            else:
+                time.sleep(1.0)
+        assert len(_commands(tmp_path)) == given
+        for keys, words in (
+            ((":", *"kill", "Space", "@", "3", "Enter"), "kill agent 3: its motors stop"),
+            (("l",), "land agents 1-6: they land where they are"),
+        ):
+            press(*keys)
+            terminal.wait_for(words)
+            assert len(_commands(tmp_path)) == given
+            terminal.press("Enter")
+            given += 1
+            terminal.wait_for(lambda _: len(_commands(tmp_path)) == given)  # noqa: B023
+        assert [each["kind"] for each in _commands(tmp_path)[-2:]] == ["kill", "land"]
+        code, _ = terminal.wait_for_end()
+        assert code == 1
+
+
+def _commands(folder: Path) -> list[dict[str, Any]]:
+    """What was commanded in the run so far."""
+    (path,) = folder.glob("runs/*/commands.jsonl")
+    return [
+        found for line in path.read_text().splitlines() if "kind" in (found := json.loads(line))
+    ]

@@ -9,7 +9,7 @@ from typing import Final, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
-from swarm_ctl.core.model.messages import AgentStatus, Event, Outcome, StepResult
+from swarm_ctl.core.model.messages import Ack, AgentStatus, Command, Event, Outcome, StepResult
 from swarm_ctl.report.folder.files import Damage, read_lines
 
 FINAL: Final = "agents"
@@ -19,8 +19,12 @@ STATUSES: Final = "statuses.jsonl"
 EVENTS: Final = "events.jsonl"
 """Every Event the station heard, one JSON object a line."""
 
+COMMANDS: Final = "commands.jsonl"
+"""Every Command the station heard or sent and every Ack, one JSON object a line."""
+
 _STATUS: Final = TypeAdapter(AgentStatus)
 _EVENT: Final = TypeAdapter(Event)
+_COMMAND: Final = TypeAdapter[Command | Ack](Command | Ack)
 T = TypeVar("T")
 
 
@@ -103,6 +107,11 @@ def _succeeded(first: AgentStatus, last: AgentStatus) -> bool:
 def read_events(folder: Path, notes: list[str]) -> Iterator[Event]:
     """The station's events in their order; a missing or torn file goes to `notes` at the end."""
     return _read(folder / EVENTS, _EVENT, notes)
+
+
+def read_commands(folder: Path, notes: list[str]) -> Iterator[Command | Ack]:
+    """The commands that the station heard or sent, and their answers, as `read_events`."""
+    return _read(folder / COMMANDS, _COMMAND, notes)
 
 
 def _final_status(path: Path, notes: list[str]) -> AgentStatus | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import os
 import uuid
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -18,6 +18,7 @@ from swarm_ctl.core.model.messages import (
     AgentState,
     AgentStatus,
     Command,
+    Event,
     Payload,
     StationBeacon,
 )
@@ -97,6 +98,13 @@ class Station:
     def _new_model(self) -> Model:
         clock = self._clock
         return Model(self.plan, speedup=clock.speedup, since_s=clock.now(), station=self._name)
+
+    def recall(self, past: Iterable[Event | Command | Ack]) -> None:
+        """Take in what was said on the mesh before this station joined."""
+        for payload in past:
+            if isinstance(payload, Command):
+                self._commands.add(payload.id)
+            self._model.recall(payload)
 
     def order(self, order: Order) -> SentCommand:
         """Send the command for an operator's order; InputError where there can't be one."""

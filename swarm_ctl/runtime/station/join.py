@@ -11,6 +11,7 @@ from typing import Final
 
 from swarm_ctl.errors import InputError
 from swarm_ctl.mission.compile.loader import LoadedMission
+from swarm_ctl.report.folder.last_statuses import read_commands, read_events
 from swarm_ctl.report.folder.manifest import read_manifest
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.clock import Clock
@@ -22,6 +23,7 @@ from swarm_ctl.runtime.vehicle_memory import SwarmMemory, VehicleMemory, state_f
 
 _ENDPOINT: Final = re.compile(r"(tcp|udp|tls|quic|ws)/[^/\s]+:(\d{1,5})")
 _QUIET_WALL_S: Final = 5.0
+_ALARMS: Final = "alarms from now on"
 
 
 def join_run(folder: Path, show: Show, metrics_port: int | None) -> None:
@@ -30,7 +32,11 @@ def join_run(folder: Path, show: Show, metrics_port: int | None) -> None:
     clock = Clock(manifest.epoch_s, manifest.speedup)
     with closing(open_node(manifest.swarm, manifest.whole_mesh, clock)) as node:
         station = Station(manifest.plan, Path(manifest.mission), node, clock)
-        _watch(station, GuestControl(), show, metrics_port)
+        notes: list[str] = []
+        station.recall(read_events(folder, notes))
+        station.recall(read_commands(folder, notes))
+        words = "; ".join(["the log begins with the run's events and commands", _ALARMS, *notes])
+        _watch(station, GuestControl(_Once(words)), show, metrics_port)
 
 
 def join_swarm(
@@ -58,16 +64,31 @@ def _watch(station: Station, control: GuestControl, show: Show, metrics_port: in
         present(show, station.plan, None, lambda screen: loop(station, screen, control, measure))
 
 
+class _Once:
+    """What to tell the operator of a station at its start."""
+
+    def __init__(self, words: str) -> None:
+        self._words = words
+
+    def __call__(self) -> str:
+        words, self._words = self._words, ""
+        return words
+
+
 class _Hint:
-    """What to tell the operator of a station that hears no agent: now and then, the endpoints."""
+    """What to tell the operator of a station that has no run folder: from when on it has a log, and
+    now and then, while it hears no agent, the endpoints."""
 
     def __init__(self, clock: MeshClock, connect: Sequence[str]) -> None:
         self._clock = clock
         self._where = ", ".join(connect)
+        self._log = _Once("log from now on: what was said before was not heard here")
         self._due = wall.wall_s() + _QUIET_WALL_S
 
     def __call__(self) -> str:
-        if self._clock.heard or wall.wall_s() < self._due:
+        if self._clock.heard:
+            return self._log()
+        if wall.wall_s() < self._due:
             return ""
         self._due = wall.wall_s() + 4 * _QUIET_WALL_S
         return (

@@ -17,6 +17,7 @@ from textual.containers import Horizontal
 from textual.driver import Driver
 from textual.events import Event, Key, Paste
 from textual.screen import Screen
+from textual.timer import Timer
 from textual.widgets import DataTable, Footer, Input, Label, TabbedContent
 
 from swarm_ctl.commands.parse import KINDS, Order, parse
@@ -198,8 +199,11 @@ class Dashboard(App[None]):
         self._view: SwarmView | None = None
         self._chosen = Chosen()
         self._notice = ""
+        self._unsay_timer: Timer | None = None
         self._question: Ask | None = None
         self._question_seen = False
+        self._early: list[str] = []
+        """Words that were told before there was a screen."""
         self._up = self._over = False
         self.frames_dropped = 0
         if interrupt is None:
@@ -222,6 +226,8 @@ class Dashboard(App[None]):
         """Show and log a word of the run."""
         if self._up:
             self.call_later(self._note, text)
+        else:
+            self._early.append(text)
 
     def leave(self) -> None:
         """All is over: close."""
@@ -265,6 +271,8 @@ class Dashboard(App[None]):
         self.query_one("ContentTabs").can_focus = False
         self._up = True
         self.take()
+        for text in self._early:
+            self._note(text)
         if self._over:
             self.exit()
 
@@ -306,14 +314,21 @@ class Dashboard(App[None]):
         if picture is None or pane is None:
             return
         width = self.size.width
-        if self._question is not None:
-            lines = self._question.lines(width)
-            self.query_one("#question", Painted).paint(lines, BAR_STYLE[Level.ERROR], width)
         self._paint("title", title_line(picture, width))
         self._paint("verdict", *verdict_line(picture, width))
-        self._paint("answers", self._words_below(picture))
+        self._draw_below()
         self._label(picture)
         pane.draw(picture)
+
+    def _draw_below(self) -> None:
+        """The lines below the screen: all that a key on the command line changes."""
+        picture = self.picture
+        if picture is not None:
+            self._paint("answers", self._words_below(picture))
+        if self._question is not None:
+            width = self.size.width
+            lines = self._question.lines(width)
+            self.query_one("#question", Painted).paint(lines, BAR_STYLE[Level.ERROR], width)
 
     def _paint(self, name: str, line: StyledLine, back: str = "") -> None:
         self.query_one(f"#{name}", Painted).paint([line], back, self.size.width)
@@ -509,7 +524,7 @@ class Dashboard(App[None]):
         if self.query_one(CommandInput).purpose is Purpose.FILTER:
             self._choose(log_words=event.value)
         else:
-            self.draw()
+            self._draw_below()
 
     def _submit(self, line: CommandInput) -> None:
         purpose, text = line.purpose, line.value.strip()
@@ -528,12 +543,12 @@ class Dashboard(App[None]):
         self.query_one("#prompt", Label).update(purpose.value[0])
         line.open(purpose, text)
         self._show_bottom()
-        self.draw()
+        self._draw_below()
 
     def _close_line(self) -> None:
         self.query_one(CommandInput).close()
         self._show_bottom()
-        self.draw()
+        self._draw_below()
 
     def _show_bottom(self) -> None:
         """The question, or the open line, or the keys."""
@@ -564,7 +579,7 @@ class Dashboard(App[None]):
         answer."""
         self._question, self._question_seen = question, False
         self._show_bottom()
-        self.draw()
+        self._draw_below()
         self.call_after_refresh(self._see_question)
 
     def _see_question(self) -> None:
@@ -584,10 +599,11 @@ class Dashboard(App[None]):
     def _say(self, text: str) -> None:
         """A word to the operator, until the next one."""
         self._notice = text
-        self.draw()
-        self.set_timer(_NOTICE_WALL_S, lambda: self._unsay(text))
+        self._draw_below()
+        if self._unsay_timer is not None:
+            self._unsay_timer.stop()
+        self._unsay_timer = self.set_timer(_NOTICE_WALL_S, self._unsay)
 
-    def _unsay(self, text: str) -> None:
-        if self._notice == text:
-            self._notice = ""
-            self.draw()
+    def _unsay(self) -> None:
+        self._notice = ""
+        self._draw_below()

@@ -19,17 +19,20 @@ _FIGURE: Final = re.compile(r"[\d.]+")
 
 def log_lines(previous: SwarmView | None, view: SwarmView) -> list[str]:
     """Lines for everything new in `view` since `previous` (None: since nothing was known): steps,
-    phases, events, commands, alarms raised and cleared.
+    phases, events, commands, alarms raised and cleared. Of the first view, events and commands come
+    first, at their own times.
     """
-    said = [
+    past = [*_events(previous, view), *_commands(previous, view)]
+    now = [
         *_step(previous, view),
         *_phases(previous, view),
         *_reasons(previous, view),
-        *_events(previous, view),
-        *_commands(previous, view),
+        *(words for _, words in past if previous),
         *_alarms(previous, view),
     ]
-    return [f"[{view.time_s:7.1f} s] {line}".encode("ascii", "replace").decode() for line in said]
+    said = [] if previous else sorted(past, key=lambda line: line[0])
+    said += [(view.time_s, words) for words in now]
+    return [f"[{t:7.1f} s] {words}".encode("ascii", "replace").decode() for t, words in said]
 
 
 def _step(previous: SwarmView | None, view: SwarmView) -> Iterator[str]:
@@ -66,24 +69,24 @@ def _reasons(previous: SwarmView | None, view: SwarmView) -> Iterator[str]:
             yield f"{agents_named(new)}: {why}"
 
 
-def _events(previous: SwarmView | None, view: SwarmView) -> Iterator[str]:
+def _events(previous: SwarmView | None, view: SwarmView) -> Iterator[tuple[float, str]]:
     fresh = view.event_count - (previous.event_count if previous else 0)
     # a new step is told by the states already, once for all
     steps = {f"step {k}: {step_name(view.plan, k)}" for k in range(len(view.plan.steps) + 1)}
     new: tuple[Event, ...] = view.events[-fresh:] if fresh > 0 else ()
     if fresh > len(new):
-        yield f"{fresh - len(new)} events came too fast to be told"
+        yield new[0].time_s, f"{fresh - len(new)} events came too fast to be told"
     for saying in gather_events(event for event in new if event.text not in steps):
         mark = "" if saying.level == "info" else f"{printable(saying.level).upper()}: "
-        yield f"{agents_named(saying.agents)}: {mark}{saying.text}"
+        yield saying.time_s, f"{agents_named(saying.agents)}: {mark}{saying.text}"
 
 
-def _commands(previous: SwarmView | None, view: SwarmView) -> Iterator[str]:
+def _commands(previous: SwarmView | None, view: SwarmView) -> Iterator[tuple[float, str]]:
     before = {c.command.id: answers(c, previous) for c in previous.commands} if previous else {}
     for command in view.commands:
         now = answers(command, view)
         if before.get(command.command.id) != now:
-            yield f"command {now}"
+            yield command.received_s, f"command {now}"
 
 
 def _alarms(previous: SwarmView | None, view: SwarmView) -> Iterator[str]:

@@ -40,8 +40,9 @@ from swarm_ctl.station.picture.view import (
     newest,
 )
 
-_EVENTS: Final = 200
-_COMMANDS: Final = 20
+_EVENTS: Final = 1000
+"""Half as many as the log has entries: one view leaves room for what stood there."""
+_COMMANDS: Final = 100
 _STAYS: Final = (None, FailsafeAction.HOLD)
 _SIGMA_S: Final = 1.0
 """A sigma report older than this is history: they come at 5 Hz while a pair is active."""
@@ -167,6 +168,10 @@ class Model:
                     self._commands[payload.command].acks[payload.agent] = payload
             case StationBeacon():
                 self._stations[payload.station] = received_s
+
+    def recall(self, payload: Event | Command | Ack) -> None:
+        """Take in what was said before this station listened, at the time that it tells."""
+        self.fold(payload, payload.time_s if isinstance(payload, Command) else self._since_s)
 
     def _time_echo(self, status: AgentStatus, received_s: float) -> None:
         """A beacon of ours that came back tells the round trip, both loops' waiting included."""

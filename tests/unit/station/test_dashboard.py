@@ -479,3 +479,16 @@ def test_the_verdict_is_the_worst_alarm() -> None:
         assert app.picture.levels()[3] is Level.ERROR
 
     _play(play, PICTURES["lost"]())
+
+
+def test_what_is_told_before_there_is_a_screen_is_in_the_log() -> None:
+    async def go() -> None:
+        app = Dashboard(PLAN, lambda _: None, None)
+        app.offer(PICTURES["well"]())
+        app.tell("log from now on")
+        async with app.run_test(size=(80, 24)) as pilot:
+            await pilot.press("4")
+            await settled(pilot)
+            assert text(app).count("log from now on") == 2, "below the screen, and in the log"
+
+    asyncio.run(go())

@@ -136,7 +136,7 @@ def test_a_flood_of_events_is_bounded_and_said() -> None:
         model.fold(Event(1, 30.0, "info", f"event {k}"), 30.0)
         if k % 100 == 99:
             journal.update(model.view(30.0))
-    for k in range(300):
+    for k in range(1100):
         model.fold(Event(1, 30.0, "info", f"more {k}"), 30.0)
     journal.update(model.view(30.0))
     assert len(journal.entries) == 2000

@@ -184,11 +184,11 @@ def test_a_repeated_event_is_one_event() -> None:
 
 def test_only_the_last_events_are_kept_and_all_are_counted() -> None:
     model = Model(PLAN)
-    for k in range(500):
+    for k in range(1300):
         model.fold(Event(1, float(k), "info", f"event {k}"), float(k))
-    view = model.view(500.0)
-    assert view.event_count == 500
-    assert [event.time_s for event in view.events] == [float(k) for k in range(300, 500)]
+    view = model.view(1300.0)
+    assert view.event_count == 1300
+    assert [event.time_s for event in view.events] == [float(k) for k in range(300, 1300)]
 
 
 def test_acks_belong_to_their_command_and_the_first_word_of_a_command_counts() -> None:
