@@ -7,7 +7,7 @@ import json
 import sys
 import time
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import pytest
 
@@ -186,8 +186,8 @@ IN_FLIGHT: Final = (
     (("f", "h", "Tab", "Enter"), "form"),
     (("r",), "resume"),
     (("m", *"20", "Space", *"10", "Enter"), "move"),
-    (("u", *"h=0.04", "Enter"), "apply"),
-    ((":", *"tune", "Space", *"plan", "Enter"), "apply"),
+    (("u", *"h=0.04", "Enter"), "tune"),
+    ((":", *"tune", "Space", *"plan", "Enter"), "tune"),
     (("n",), "next"),
     (("l", "Escape"), ""),
     (("b", "y"), ""),
@@ -209,38 +209,33 @@ def test_in_flight(tmp_path: Path, size: tuple[int, int], slowly: bool) -> None:
                 terminal.press(*some)
                 time.sleep(_KEY_S if slowly else 0.0)
 
-        def commanded(kind: str, count: int) -> bool:
-            found = [each["kind"] for each in _commands(tmp_path)]
-            return len(found) == count and found[-1] == kind
-
-        terminal.wait_for("step 2/4: form")
-        given = 0
+        terminal.wait_for("step 2/4")
+        given: list[str] = []
         for keys, kind in IN_FLIGHT:
             press(*keys)
-            if kind:
-                given += 1 + (kind == "apply")
-                terminal.wait_for(lambda _: commanded(kind, given))  # noqa: B023 - called at once
-            else:
-                time.sleep(1.0)
-        assert len(_commands(tmp_path)) == given
-        for keys, words in (
-            ((":", *"kill", "Space", "@", "3", "Enter"), "kill agent 3: its motors stop"),
-            (("l",), "land agents 1-6: they land where they are"),
+            given += [kind] if kind else []
+            _wait_for_commands(tmp_path, given)
+        for keys, words, kind in (
+            ((":", *"kill", "Space", *"@3", "Enter"), "kill agent 3: its motors stop", "kill"),
+            (("l",), "land agents 1-6: they land where they are", "land"),
         ):
             press(*keys)
             terminal.wait_for(words)
-            assert len(_commands(tmp_path)) == given
+            _wait_for_commands(tmp_path, given)
             terminal.press("Enter")
-            given += 1
-            terminal.wait_for(lambda _: len(_commands(tmp_path)) == given)  # noqa: B023
-        assert [each["kind"] for each in _commands(tmp_path)[-2:]] == ["kill", "land"]
+            given.append(kind)
+            _wait_for_commands(tmp_path, given)
         code, _ = terminal.wait_for_end()
         assert code == 1
 
 
-def _commands(folder: Path) -> list[dict[str, Any]]:
-    """What was commanded in the run so far."""
+def _wait_for_commands(folder: Path, wanted: list[str], seconds: float = 30.0) -> None:
+    """What was commanded in the run so far; half a second later it is still no more."""
     (path,) = folder.glob("runs/*/commands.jsonl")
-    return [
-        found for line in path.read_text().splitlines() if "kind" in (found := json.loads(line))
-    ]
+    until = time.monotonic() + seconds
+    found: list[str] = []
+    while found != wanted:
+        assert time.monotonic() < until, f"{found}, wanted {wanted}"
+        time.sleep(0.5)
+        lines = [json.loads(line) for line in path.read_text().splitlines()]
+        found = [each["kind"] for each in lines if each.get("kind", "apply") != "apply"]
