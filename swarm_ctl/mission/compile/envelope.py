@@ -30,6 +30,8 @@ class StudiedRange:
     high: float
     refused: tuple[float, float] = (-math.inf, math.inf)
     """A plan below the first or above the second is refused."""
+    enough: Callable[[Plan, float], str] = lambda _plan, _most: ""
+    """In the field's own words, what keeps the quantity at this most."""
 
     @property
     def studied(self) -> str:
@@ -58,6 +60,12 @@ def _closest_slots(plan: Plan) -> float:
     return min(map(smallest_distance, shapes), default=math.inf)
 
 
+def _speed_mps(plan: Plan, most: float) -> str:
+    """Rounded down: what is said to be enough is."""
+    speed_mps = math.sqrt(most * plan.response.acceleration_mps2 * _room_m(plan))
+    return f"; a speed_mps of {math.floor(speed_mps * 100) / 100:g} is enough"
+
+
 _RESPONSE: Final = ("vehicle", "response")
 ENVELOPE: Final = (
     StudiedRange(("agents",), "number of agents", lambda p: len(p.agents), 1, 50),
@@ -65,7 +73,7 @@ ENVELOPE: Final = (
         ("vehicle", "limits", "speed_mps"),
         "speed_mps^2 / (acceleration_mps2 * (r_out - r_in))",
         lambda p: p.limits.speed_mps**2 / (p.response.acceleration_mps2 * _room_m(p)),
-        *(0, 1.8, (-math.inf, 12)),
+        *(0, 1.8, (-math.inf, 12), _speed_mps),
     ),
     StudiedRange(
         (*_RESPONSE, "acceleration_mps2"),
@@ -110,7 +118,8 @@ def outside(plan: Plan) -> Findings:
         found = each.of(plan)
         if not each.low - ROUNDING <= found <= each.high + ROUNDING:
             what = f"{each.name} is {found:.3g}, outside the studied {each.studied}"
-            yield Finding(each.place, f"{what}: how close vehicles come is not known there", "")
+            unknown = f"{what}: how close vehicles come is not known there"
+            yield Finding(each.place, f"{unknown}{each.enough(plan, each.high)}", "")
 
 
 def refused(plan: Plan) -> Iterator[Finding]:
@@ -120,4 +129,4 @@ def refused(plan: Plan) -> Iterator[Finding]:
         found = each.of(plan)
         if not least - ROUNDING <= found <= most + ROUNDING:
             what = f"{each.name} is {found:.3g}, far outside the studied {each.studied}"
-            yield Finding(each.place, what, each.accepted)
+            yield Finding(each.place, what, f"{each.accepted}{each.enough(plan, most)}")

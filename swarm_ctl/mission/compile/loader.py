@@ -27,6 +27,7 @@ from swarm_ctl.mission.compile.vehicle_kinds import with_vehicles
 from swarm_ctl.mission.compile.warnings import warnings
 from swarm_ctl.mission.input import csv_slots, error_messages, yaml_file
 from swarm_ctl.mission.input.document import Document
+from swarm_ctl.mission.input.near_matches import nearest
 from swarm_ctl.mission.input.schema import MissionFile, Shape
 from swarm_ctl.mission.input.section import Section
 from swarm_ctl.mission.input.units import in_units
@@ -138,7 +139,11 @@ def _sections(source: Document, broken: set[str]) -> tuple[MissionFile, set[str]
         source.problems += [
             error_messages.problem_of(dict(each), source, _json_schema()) for each in found
         ]
-        broken = broken | {str(each["loc"][0]) if each["loc"] else "" for each in found}
+        names = {str(each["loc"][0]) if each["loc"] else "" for each in found}
+        # a misspelt section is broken under its own name, too
+        broken = (
+            broken | names | {nearest(name, MissionFile.model_fields) for name in names if name}
+        )
         if "" in broken:
             raise MissionError(tuple(source.problems)) from None
         return _partial(source.data, broken), broken

@@ -42,12 +42,18 @@ _OTHER_WORDS: Final = {
 _MEANT: Final = {other: word for word, others in _OTHER_WORDS.items() for other in others.split()}
 
 
-def did_you_mean(word: str, allowed: Collection[str]) -> str:
-    """`; did you mean hold?`, or '' where no allowed word is near."""
+def nearest(word: str, allowed: Collection[str]) -> str:
+    """The allowed word that was probably meant; '' where none is near."""
     lower, names = word.lower(), {name.lower(): name for name in allowed}
     meant = _MEANT.get(lower, "")
     close = [meant] if meant in names else difflib.get_close_matches(lower, names, n=1)
-    return f"; did you mean {names[close[0]]}?" if close else ""
+    return names[close[0]] if close else ""
+
+
+def did_you_mean(word: str, allowed: Collection[str]) -> str:
+    """`; did you mean hold?`, or '' where no allowed word is near."""
+    near = nearest(word, allowed)
+    return f"; did you mean {near}?" if near else ""
 
 
 def slug(text: str) -> str:

@@ -100,7 +100,28 @@ def parse(text: str, name: str) -> Document:
     return document
 
 
-_COLON = "mapping values are not allowed here"
+_ENTRY_AMONG_FIELDS = (
+    "a list entry (-) stands among fields",
+    "a line such as 'steps:' above it, or the indentation of its siblings",
+)
+_FIELD_AMONG_ENTRIES = (
+    "a field stands among list entries",
+    "a - in front of it, or the indentation of the fields that it belongs to",
+)
+_IN_WORDS = {
+    "mapping values are not allowed": (
+        "a ':' stands where no field can begin",
+        "a field on a line of its own, or quotes around a text that has ': '",
+    ),
+    "could not find expected ':'": ("a name without a colon and a space after it", "name: value"),
+    "expected the node content": ("a value is missing", "a value, or no field"),
+    "block mapping.*found ('-'|'<block sequence start>')": _ENTRY_AMONG_FIELDS,
+    "block collection.*found ('\\?'|'<block mapping start>')": _FIELD_AMONG_ENTRIES,
+    r"found '[,}\]]'": ("a { or [ is missing before this", "well-formed YAML"),
+    "found ':'": ("a ':' without a name before it", "name: value"),
+    "expected <block end>": ("text stands where none can be", "name: value, or - and an entry"),
+}
+"""PyYAML's messages as patterns, with what is wrong, and what is allowed."""
 _UNCLOSED = {
     "while parsing a flow mapping": "a { is not closed, or a comma is missing",
     "while parsing a flow sequence": "a [ is not closed, or a comma is missing",
@@ -111,24 +132,21 @@ _UNCLOSED = {
 
 def _syntax(error: yaml.MarkedYAMLError, text: str, name: str) -> MissionError:
     """What is no YAML, in the words of the one who wrote it."""
-    mark = error.problem_mark or error.context_mark
-    if error.problem == "could not find expected ':'":
-        mark = error.context_mark or mark  # PyYAML notices on the next line
-    where = f"{name}:{mark.line + 1}" if mark else name
+    mark, since = error.problem_mark or error.context_mark, error.context_mark
     what = " ".join(part for part in (error.context, error.problem) if part)
+    if since and ("expected ':'" in what or "quoted" in what):
+        mark = since  # PyYAML notices later
+    where = f"{name}:{mark.line + 1}" if mark else name
     if "'\\t'" in what:
         return _refuse(where, f"YAML: {what}", "spaces, not tabs, in front of a field")
-    since = error.context_mark
-    if since and "quoted" in str(error.context):
-        where = f"{name}:{since.line + 1}"  # noticed at the end of the file
     if since and error.context in _UNCLOSED:
         opened = f"{_UNCLOSED[error.context]} (it begins in line {since.line + 1})"
         return _refuse(where, f"YAML: {opened}", "well-formed YAML")
     if mark and (indented := misindented(text, mark.line + 1)):
         return _refuse(where, f"YAML: {indented}", "one indentation for all of a list or section")
-    if error.problem == _COLON:
-        quoted = "a field of its own line, or quotes around a text that has ': '"
-        return _refuse(where, "YAML: a ':' stands where no field can begin", quoted)
+    for pattern, (said, allowed) in _IN_WORDS.items():
+        if re.search(pattern, what):
+            return _refuse(where, f"YAML: {said}", allowed)
     return _refuse(where, f"YAML: {what}", "well-formed YAML")
 
 

@@ -38,7 +38,11 @@ OUTSIDE = {
     ),
 }
 REFUSED = {
-    "speed": (hexagon(limits="{speed_mps: 13}"), "12.1", "at most 12"),
+    "speed": (
+        hexagon(limits="{speed_mps: 13}"),
+        "12.1",
+        "at most 12; a speed_mps of 12.96 is enough",
+    ),
     "acceleration": (hexagon(response="{acceleration_mps2: 0.9}"), "0.9", "at least 1"),
     "dead time": (hexagon(response="{dead_time_s: 1.3}"), "1.3", "at most 1.2"),
     "lag": (hexagon(response="{lag_s: 1.7}"), "1.7", "at most 1.6"),
@@ -80,6 +84,18 @@ def test_far_outside_is_refused(text: str, number: str, allowed: str) -> None:
         loads(text)
     problems = [each for each in caught.value.problems if "far outside" in each.what]
     assert [(f" is {number}," in each.what, each.allowed) for each in problems] == [(True, allowed)]
+
+
+@pytest.mark.parametrize("speed_mps", [6, 9.9, 13])
+def test_the_speed_that_is_said_to_be_enough_is_enough(speed_mps: float) -> None:
+    """To be inside, or of a mission that is refused, to fly with a warning."""
+    try:
+        (said,) = loads(hexagon(limits=f"{{speed_mps: {speed_mps}}}")).warnings
+    except MissionError as error:
+        said = str(error)
+    (enough,) = re.findall(r"a speed_mps of ([\d.]+) is enough", said)
+    better = loads(hexagon(limits=f"{{speed_mps: {enough}}}")).warnings
+    assert len(better) == int(speed_mps == 13)
 
 
 def test_without_the_filter_no_range_holds() -> None:
