@@ -10,11 +10,32 @@ from swarm_ctl.mesh.transport import QueueInlet, Transport
 
 
 class MemoryHub:
-    """Joins the `MemoryTransport`s of one mesh; `now` is the virtual clock [s]."""
+    """Joins the `MemoryTransport`s of one mesh; `now` is the virtual clock [s]. With `held`,
+    messages wait for `deliver`, as in lockstep they wait for the next tick."""
 
-    def __init__(self, now: Callable[[], float]) -> None:
+    def __init__(self, now: Callable[[], float], *, held: bool = False) -> None:
         self.now = now
         self.members: list[MemoryTransport] = []
+        self._held: list[tuple[MemoryTransport, str, bytes, float]] | None = [] if held else None
+
+    def publish(self, sender: MemoryTransport, key: str, data: bytes) -> None:
+        """Give a message to all others, or keep it."""
+        if self._held is None:
+            self._give(sender, key, data, self.now())
+        else:
+            self._held.append((sender, key, data, self.now()))
+
+    def deliver(self) -> None:
+        """Give out what is held."""
+        if self._held:
+            held, self._held = self._held, []
+            for message in held:
+                self._give(*message)
+
+    def _give(self, sender: MemoryTransport, key: str, data: bytes, received_s: float) -> None:
+        for member in self.members:
+            if member is not sender:
+                member.deliver(key, data, received_s)
 
 
 class MemoryTransport(Transport):
@@ -27,18 +48,16 @@ class MemoryTransport(Transport):
         hub.members.append(self)
 
     def publish(self, key: str, data: bytes, qos: Qos) -> None:  # noqa: ARG002 - nothing is lost
-        for member in self._hub.members:
-            if member is not self:
-                member.deliver(key, data)
+        self._hub.publish(self, key, data)
 
-    def deliver(self, key: str, data: bytes) -> None:
+    def deliver(self, key: str, data: bytes, received_s: float) -> None:
         """Put a message into the inlets that subscribed to its key."""
         inlets = self._by_key.get(key)
         if inlets is None:
             found = [inlet for pattern, inlet in self._inlets if pattern.fullmatch(key)]
             inlets = self._by_key[key] = found
         for inlet in inlets:
-            inlet.put(self._hub.now(), data)
+            inlet.put(received_s, data)
 
     def subscribe(self, key_expression: str, *, timed: bool = False) -> QueueInlet:  # noqa: ARG002 - always
         inlet = QueueInlet()

@@ -65,7 +65,8 @@ class VirtualSwarm:
 
     `mesh` makes each agent's transport of the plain one and the agent's id; `clocks` has the agents
     whose clock is not the swarm's; `memory` is the folder where the vehicles' own parameters are
-    remembered, None: nowhere.
+    remembered, None: nowhere. `lockstep`: as the processes of a run in lockstep do it, where what
+    is published in a tick is heard in the next one; else an agent hears at once.
     """
 
     def __init__(
@@ -76,7 +77,9 @@ class VirtualSwarm:
         mesh: Callable[[Transport, int], Transport] = lambda transport, _: transport,
         clocks: Mapping[int, Callable[[float], float]] | None = None,
         memory: Path | None = None,
+        lockstep: bool = False,
     ) -> None:
+        self._lockstep = lockstep
         self._memory = VehicleMemory(memory) if memory else None
         self._wrap, self._clocks = mesh, dict(clocks or {})
         self.plan: Plan = mission.plan
@@ -86,14 +89,15 @@ class VirtualSwarm:
         self._closest_m = np.full((count, count), np.inf)
         self.station_alive = True
         self.lifeline_cut = False
-        self.mesh = MemoryHub(lambda: self.now)
+        self._ticks = 0
+        self.mesh = MemoryHub(lambda: self.now, held=lockstep)
         self._station = Node(MemoryTransport(self.mesh), "test", "station")
         self._station.listen(keys.EVENT, keys.STATUS, keys.ACK)
         self.acks: list[Any] = []
         self._far: list[MemoryWire] = []
         self.members: dict[int, Member] = {}
         self.simulator_alive = True
-        self.hub = Hub(_configuration(mission, seed), 0.0, self._transmit)
+        self.hub = Hub(configuration(mission, seed), 0.0, self._transmit)
         self._mission = mission
         for agent in mission.plan.agents:
             self._far.append(self._add(agent.id, self.plan))
@@ -109,7 +113,8 @@ class VirtualSwarm:
             near, entry.autopilot, entry.sysid, remembers=remembers, agent_sysid=entry.agent_sysid
         )
         remembering = Remembering(self._memory, f"vehicle:{agent_id}", "test")
-        agent = Agent(plan, agent_id, clock(self.now), vehicle=entry.response)
+        expects, response = self._lockstep, entry.response
+        agent = Agent(plan, agent_id, clock(self.now), expect_station=expects, vehicle=response)
         self.members[agent_id] = Member(agent, link, node, remembering, clock=clock)
         return far
 
@@ -120,10 +125,12 @@ class VirtualSwarm:
 
     def tick(self) -> None:
         """The world up to the next control tick, then one step of each agent."""
-        self.now += self.plan.tick_s
+        self._ticks += 1
+        self.now = self._ticks * self.plan.tick_s
         if self.simulator_alive:
             self._run_world()
-        if self.station_alive and round(self.now / self.plan.tick_s) % 5 == 0:
+        self.mesh.deliver()
+        if self.station_alive and self._ticks % 5 == int(self._lockstep):
             self._station.send(keys.BEACON, StationBeacon("test", self.now, self.plan.hash()))
         for member in self.members.values():
             if member.alive and not member.frozen:
@@ -263,7 +270,8 @@ class VirtualSwarm:
         return bool(self.hub.world.parked())
 
 
-def _configuration(mission: LoadedMission, seed: int) -> SimConfig:
+def configuration(mission: LoadedMission, seed: int) -> SimConfig:
+    """What the simulator is told."""
     vehicles = [
         replace(entry, endpoint=f"udpin:127.0.0.1:{_PORT + entry.sysid}")
         for entry in mission.fleet.agents
