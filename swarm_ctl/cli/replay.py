@@ -7,14 +7,16 @@ from typing import Annotated
 
 import typer
 
-from swarm_ctl.cli.shared.options import Headless, Json, option, run_folder
+from swarm_ctl.cli.shared.options import Headless, Json, complete_runs, option, run_folder
 
 
 def replay(
     run: Annotated[
         Path | None,
         typer.Argument(
-            metavar="RUN", help="A run folder or a recording.mcap.  [default: newest in runs/]"
+            metavar="RUN",
+            help="A run folder or a recording.mcap.  [default: newest in runs/]",
+            autocompletion=complete_runs,
         ),
     ] = None,
     speed: Annotated[

@@ -8,11 +8,15 @@ from typing import Annotated
 import typer
 
 from swarm_ctl.cli.shared.console import PlainConsole
-from swarm_ctl.cli.shared.options import option
+from swarm_ctl.cli.shared.options import complete_runs, option
 from swarm_ctl.cli.shared.writable import require_writable
 
 
-def report(run: Annotated[Path, typer.Argument(metavar="RUN", help="The run folder.")]) -> None:
+def report(
+    run: Annotated[
+        Path, typer.Argument(metavar="RUN", help="The run folder.", autocompletion=complete_runs)
+    ],
+) -> None:
     """Make the report of a run: a page of figures.
 
     Writes report.html, which needs no other file, and its figures as PNG and SVG into the run
@@ -31,7 +35,12 @@ def report(run: Annotated[Path, typer.Argument(metavar="RUN", help="The run fold
 
 
 def compare(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN", help="Two or more run folders.")],
+    runs: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="RUN", help="Two or more run folders.", autocompletion=complete_runs
+        ),
+    ],
     out: Annotated[Path, option("FILE", "The page to write.")] = Path("compare.html"),
 ) -> None:
     """Show several runs side by side on one page.

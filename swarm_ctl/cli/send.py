@@ -9,21 +9,36 @@ from typing import Annotated
 
 import typer
 
+from swarm_ctl.cli.shared import completion
 from swarm_ctl.cli.shared.console import PlainConsole
-from swarm_ctl.cli.shared.options import option, run_folder, switch
+from swarm_ctl.cli.shared.options import complete_runs, option, run_folder, switch
 from swarm_ctl.core.model.messages import Ack
 from swarm_ctl.core.model.text import agents_named
 
 
 def send(
-    command: Annotated[str, typer.Argument(metavar="COMMAND", help="One of those above.")],
+    command: Annotated[
+        str,
+        typer.Argument(
+            metavar="COMMAND", help="One of those above.", autocompletion=completion.orders
+        ),
+    ],
     arguments: Annotated[
-        list[str] | None, typer.Argument(metavar="WORD", help="What the command needs, as above.")
+        list[str] | None,
+        typer.Argument(
+            metavar="WORD",
+            help="What the command needs, as above.",
+            autocompletion=completion.words,
+        ),
     ] = None,
     run: Annotated[
-        Path | None, option("RUN", "The run folder.  [default: newest in runs/]")
+        Path | None,
+        option("RUN", "The run folder.  [default: newest in runs/]", autocompletion=complete_runs),
     ] = None,
-    agents: Annotated[str, option("IDS", "Only these, e.g. 2,5-7.  [default: all]")] = "",
+    agents: Annotated[
+        str,
+        option("IDS", "Only these, e.g. 2,5-7.  [default: all]", autocompletion=completion.agents),
+    ] = "",
     by: Annotated[bool, switch("--by", "move: N and E count from the formation's centre.")] = False,
     speed: Annotated[
         float | None, option("M/S", "move: its speed.  [default: half of the limit]")

@@ -10,14 +10,25 @@ import typer
 from swarm_ctl.errors import InputError
 
 
-def option(metavar: str, text: str, *names: str, **bounds: float) -> Any:
-    """An option with a value that the help calls `metavar`."""
-    return typer.Option(*names, metavar=metavar, help=text, **bounds)  # type: ignore[arg-type]
+def option(metavar: str, text: str, *names: str, **more: Any) -> Any:
+    """An option with a value that the help calls `metavar`; `more`: as typer has it."""
+    return typer.Option(*names, metavar=metavar, help=text, **more)
 
 
 def switch(name: str, text: str) -> Any:
     """An option that is either given or not."""
     return typer.Option(name, help=text)
+
+
+def runs_in(folder: Path) -> list[Path]:
+    """The run folders in a folder, the newest first."""
+    return sorted((path.parent for path in folder.glob("*/run.json")), reverse=True)
+
+
+def complete_runs(incomplete: str) -> list[str]:
+    """For the shell's tab: run folders, the newest first."""
+    folder = Path(incomplete).parent if "/" in incomplete else Path("runs")
+    return [str(run) for run in runs_in(folder) if str(run).startswith(incomplete)]
 
 
 MissionFile = Annotated[
@@ -30,7 +41,12 @@ _VEHICLES = (
 )
 VehicleKinds = Annotated[str | None, option("KIND", _VEHICLES)]
 RunFolder = Annotated[
-    Path | None, typer.Argument(metavar="RUN", help="The run folder.  [default: newest in runs/]")
+    Path | None,
+    typer.Argument(
+        metavar="RUN",
+        help="The run folder.  [default: newest in runs/]",
+        autocompletion=complete_runs,
+    ),
 ]
 Headless = Annotated[bool, switch("--headless", "Plain log lines instead of the dashboard.")]
 Json = Annotated[bool, switch("--json", "One line of JSON a second on stdout.")]
@@ -44,10 +60,13 @@ Processes = Annotated[int | None, option("NUMBER", _PROCESSES, min=1)]
 
 
 def run_folder(given: Path | None) -> Path:
-    """The run folder that was given, else the newest in `runs`."""
-    if given is not None:
-        return given
-    folders = [path.parent for path in Path("runs").glob("*/run.json")]
-    if not folders:
-        raise InputError("no run in runs/; name a run folder")
-    return max(folders)
+    """The run folder that was given, else the newest in `runs`; InputError where there is none, or
+    a folder of run folders was given."""
+    found = runs_in(given or Path("runs"))
+    if given is None:
+        if not found:
+            raise InputError("no run in runs/; name a run folder")
+        return found[0]
+    if found and not (given / "run.json").exists():
+        raise InputError(f"{given} is no run folder, it has {len(found)}; the newest: {found[0]}")
+    return given

@@ -13,6 +13,18 @@ _FIRST, _LAST = 20000, 32000
 """Below the ephemeral ports (32768 and up on Linux), which any client may get at any time."""
 
 
+def refuse_taken(port: int, what: str) -> None:
+    """StartError where a server can't have this port of the loopback interface."""
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as the server does
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError as error:
+            raise StartError(
+                f"{what}: 127.0.0.1:{port}: {error.strerror}; name another port"
+            ) from None
+
+
 def free_ports(count: int, kind: socket.SocketKind, promised: Collection[int] = ()) -> list[int]:
     """`count` ports that are free now, and not `promised`; StartError where there are fewer.
 

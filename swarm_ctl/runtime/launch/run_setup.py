@@ -22,7 +22,7 @@ from swarm_ctl.runtime.agent.agent_process import AgentConfig
 from swarm_ctl.runtime.clock import Clock
 from swarm_ctl.runtime.gcs.config import RELAY_JSON
 from swarm_ctl.runtime.launch.ground_control import ground_control
-from swarm_ctl.runtime.launch.ports import free_ports
+from swarm_ctl.runtime.launch.ports import free_ports, refuse_taken
 from swarm_ctl.runtime.launch.sim_config import simulator_config
 from swarm_ctl.runtime.lockstep.seat import SIMULATOR, STATION
 from swarm_ctl.runtime.station.screens import Show
@@ -81,6 +81,8 @@ class RunSetup:
         """The agents whose vehicles were there before this run, and will be after it."""
         if options.lockstep is not None:
             _refuse_lockstep(mission.fleet.agents)
+        if options.metrics_port is not None:
+            refuse_taken(options.metrics_port, "metrics")
         self._orders = _orders(mission, options)
         self.folder = _make_folder(options.runs, mission.plan.name)
         self.manifest = _manifest(mission, options)

@@ -89,7 +89,7 @@ def fit(value: float | None, width: int, decimals: int) -> str:
     if value is None:
         return DASH
     for places in range(decimals, -1, -1):
-        text = f"{value:.{places}f}"
+        text = f"{value:z.{places}f}"  # z: no -0.0
         if len(text) <= width:
             return text
     return "9" * (width - 1) + "+" if value > 0 else "-" * width

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import socket
 
-from swarm_ctl.runtime.launch.ports import free_ports
+import pytest
+
+from swarm_ctl.errors import StartError
+from swarm_ctl.runtime.launch.ports import free_ports, refuse_taken
 
 
 def test_free_ports_are_free_and_different() -> None:
@@ -17,3 +20,15 @@ def test_free_ports_are_free_and_different() -> None:
         servers = [socket.create_server(("127.0.0.1", port)) for port in ports]
         for server in servers:
             server.close()
+
+
+def test_a_taken_port_is_refused() -> None:
+    """Before anything of a run is started; one that a server has left is not taken."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        with (
+            socket.create_connection(("127.0.0.1", port)),
+            pytest.raises(StartError, match=f"metrics: 127.0.0.1:{port}: Address already in use"),
+        ):
+            refuse_taken(port, "metrics")
+    refuse_taken(port, "metrics")

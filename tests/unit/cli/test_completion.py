@@ -1,0 +1,70 @@
+"""What the shell completes at tab: asked as bash asks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from swarm_ctl.cli.shared.options import run_folder
+from swarm_ctl.errors import InputError
+from swarm_ctl.report.folder.manifest import write_manifest
+from tests.unit.cli.test_main import called
+from tests.unit.report.run_folders import manifest
+
+OLD, NEW = "runs/20260101-120000-square", "runs/20260102-120000-hexagon"
+
+
+@pytest.fixture
+def completed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> object:
+    """The words for a line that ends where tab was pressed, beside two runs."""
+    monkeypatch.chdir(tmp_path)
+    for name in (OLD, NEW):
+        Path(name).mkdir(parents=True)
+        write_manifest(Path(name), manifest())
+
+    def complete(line: str) -> list[str]:
+        monkeypatch.setenv("_SWARM_CTL_COMPLETE", "complete_bash")
+        monkeypatch.setenv("COMP_WORDS", line)
+        monkeypatch.setenv("COMP_CWORD", str(len(line.split(" ")) - 1))
+        assert called(monkeypatch) == 0
+        return capsys.readouterr().out.split()
+
+    return complete
+
+
+@pytest.mark.parametrize(
+    ("line", "wanted"),
+    [
+        ("send ", ["hold", "resume", "next", "form", "move", "tune"]),
+        ("send l", []),
+        ("send ki", []),
+        ("send ret", []),
+        ("send form ", ["hexagon"]),
+        ("send form l", []),
+        ("send form hexagon ", []),
+        ("send tune h", ["h=0.05"]),
+        ("send hold ", []),
+        ("send land ", []),
+        ("send hold --agents ", ["1", "2", "3", "4", "5", "6"]),
+        ("send hold --agents 2,3,", ["2,3,1", "2,3,4", "2,3,5", "2,3,6"]),
+        ("send hold --run ", [NEW, OLD]),
+        (f"send --run {OLD} form ", ["hexagon"]),
+        ("send --run nowhere form ", []),
+        ("station ", [NEW, OLD]),
+        ("replay runs/20260101", [OLD]),
+        ("report ", [NEW, OLD]),
+    ],
+)
+def test_orders_shapes_runs_and_agents(completed: object, line: str, wanted: list[str]) -> None:
+    """And no order that lands, returns or kills."""
+    assert callable(completed)
+    assert completed(f"swarm-ctl {line}") == wanted
+
+
+def test_a_folder_of_runs_is_no_run(completed: object) -> None:
+    assert run_folder(None) == run_folder(Path(NEW)) == Path(NEW)
+    with pytest.raises(InputError, match=f"runs is no run folder, it has 2; the newest: {NEW}"):
+        run_folder(Path("runs"))
