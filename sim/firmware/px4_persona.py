@@ -147,7 +147,7 @@ class Px4Persona(Firmware):
     asks_in_kind = True
     first_index = 0
     land_detect_s = LAND_DETECT_S
-    own_faults = typed({"SIM_GPS_DRIFT": 0.1, "SIM_VEL_NOISE": 0.05})
+    own_faults = typed({"SIM_GPS_DRIFT": 0.1, "SIM_VEL_NOISE": 0.25})
 
     def start(self, sensed: Sensed, boot_s: float) -> None:
         super().start(sensed, boot_s)

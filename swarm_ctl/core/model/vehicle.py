@@ -29,6 +29,8 @@ class LocalFix:
     """When the fix arrived."""
     position_ned_m: Vector3
     velocity_ned_mps: Vector3
+    boot_s: float = 0.0
+    """The vehicle's own time of it."""
 
 
 @dataclass(frozen=True, slots=True)

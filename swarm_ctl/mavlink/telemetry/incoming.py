@@ -56,7 +56,7 @@ def _local_position(heard: Telemetry, message: Any, now: float) -> bool:
     if not (_within(position, MAX_POSITION_M) and _within(velocity, MAX_SPEED_MPS)):
         return False
     heard.clocked(message.time_boot_ms)
-    heard.local = LocalFix(now, position, velocity)
+    heard.local = LocalFix(now, position, velocity, message.time_boot_ms * 1e-3)
     return True
 
 

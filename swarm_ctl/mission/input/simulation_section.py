@@ -59,7 +59,7 @@ class SimParameters(Section):
     """1: the autopilot restarts at once, also in flight."""
     SIM_VEL_NOISE: Annotated[float, Field(ge=0, le=5)] | None = None
     """Standard deviation [m/s] of the velocity estimate's error in flight (changes within seconds);
-    0.05 for a PX4 if not given."""
+    0.25 for a PX4 if not given."""
     SIM_WIND_DIR: Annotated[float, Field(ge=-360, le=360)] | None = None
     """Direction that the wind comes from [degrees]."""
     SIM_WIND_GUST: Annotated[float, Field(ge=0, le=30)] | None = None

@@ -88,13 +88,37 @@ def test_arducopter_steps_fit_as_its_readme_says(label: str) -> None:
 
 @pytest.mark.parametrize("label", recorded("px4"))
 def test_px4_steps_fit_as_its_readme_says(label: str) -> None:
-    """4 % horizontally. Vertically 8 %: the recorded climb sags to 0.87 of what is set, so whatever
+    """5 % horizontally. Vertically 8 %: the recorded climb sags to 0.87 of what is set, so whatever
     settles there errs by that."""
     record = recorded("px4")[label]
     start = float(record[record[:, 0] < 0, 1][-20:].mean())
     assert relative_error(Px4Response(), label, record, start) < (
-        0.04 if label.startswith("vx") else 0.08
+        0.05 if label.startswith("vx") else 0.08
     )
+
+
+@pytest.mark.parametrize(
+    ("hertz", "gain", "phase_deg"),
+    [(0.2, 0.613, -38), (0.5, 0.448, -76), (1.0, 0.296, -122), (1.6, 0.189, -188)],
+)
+def test_px4_follows_sines_as_the_real_one(hertz: float, gain: float, phase_deg: float) -> None:
+    """Measured on a PX4 in SIH: setpoints of 2 m/s at 20 Hz, to the velocity that it tells, which
+    comes a little later than the true one."""
+    response, dt = Px4Response(), 0.02
+    velocity, memory = np.zeros((1, 3)), np.zeros((1, response.memory_rows, 3))
+    times = np.arange(0.0, 20.0, dt)
+    speeds = []
+    for time in times:
+        held = np.floor(time / 0.05 + 1e-6) * 0.05
+        target = np.array([[2.0 * np.sin(2 * np.pi * hertz * held), 0.0, 0.0]])
+        got = response.acceleration(memory, velocity, target, np.zeros((1, 3)), dt)
+        velocity = velocity + got * dt
+        speeds.append(velocity[0, 0])
+    later = times > 8.0
+    turn = np.exp(-2j * np.pi * hertz * (times[later] + dt - 0.025))
+    found = 2.0 * np.mean(np.array(speeds)[later] * turn) / 2.0 * 1j
+    assert abs(found) == pytest.approx(gain, rel=0.12)
+    assert np.degrees(np.angle(found)) == pytest.approx(phase_deg, abs=21)
 
 
 @pytest.mark.parametrize(

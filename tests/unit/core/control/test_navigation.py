@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -9,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarm_ctl.core.control.navigation import Navigator, OwnFix
+from swarm_ctl.core.control.navigation import DRIFT_MAX_MPS, Navigator, OwnFix
 from swarm_ctl.core.model.frames import geodetic_from_ned
 from swarm_ctl.core.model.vehicle import GlobalFix, LocalFix, Vector3, VehicleView
 from tests.unit.core.builders import NOW, ORIGIN, view
@@ -77,3 +78,49 @@ def test_the_two_positions_are_compared_horizontally() -> None:
     navigator, own = Navigator(ORIGIN), fixed(told)
     assert navigator.disagreement_m(told, own) == pytest.approx(6.0, abs=0.01)
     assert navigator.disagreement_m(replace(told, global_=None), own) == 0.0
+
+
+def flown(
+    navigator: Navigator, seconds: float, true_mps: complex, told_mps: complex, at_m: complex = 0j
+) -> complex:
+    """The drift after reports at 20 Hz of a vehicle that flies `true_mps` and tells `told_mps`."""
+    drift = 0j
+    for tick in range(1, round(seconds * 20) + 1):
+        place = at_m + true_mps * tick / 20
+        report = LocalFix(
+            NOW, (place.real, place.imag, -10.0), (told_mps.real, told_mps.imag, 0.0), tick / 20
+        )
+        found = navigator.fix(view(local=report), NOW)
+        assert found is not None
+        drift = complex(*found.drift_mps)
+        carried = complex(*found.velocity_ned_mps[:2])
+        assert carried == pytest.approx(told_mps + drift)
+    return drift
+
+
+def test_a_velocity_that_its_positions_deny_is_corrected_within_seconds() -> None:
+    drift = flown(Navigator(ORIGIN), 4.0, 1.6 + 0.2j, 2.0 - 0.3j)
+    assert drift == pytest.approx(-0.4 + 0.5j, abs=0.03)
+
+
+def test_a_vehicle_whose_words_agree_has_no_drift() -> None:
+    assert abs(flown(Navigator(ORIGIN), 4.0, 3.0 + 1.0j, 3.0 + 1.0j)) < 1e-6
+
+
+def test_the_drift_is_bounded_and_a_jump_of_the_position_is_none() -> None:
+    """A position that stands still at 5 m/s is an estimator that failed, not a drift."""
+    navigator = Navigator(ORIGIN)
+    assert abs(flown(navigator, 10.0, 0j, 5.0 + 0j)) <= DRIFT_MAX_MPS + 1e-9
+    calm = Navigator(ORIGIN)
+    flown(calm, 2.0, 1.0 + 0j, 1.0 + 0j)
+    report = LocalFix(NOW, (2.0 + 40.0, 0.0, -10.0), (1.0, 0.0, 0.0), 2.05)
+    jumped = calm.fix(view(local=report), NOW)
+    assert jumped is not None
+    assert math.hypot(*jumped.drift_mps) < 1e-6
+
+
+def test_a_vehicle_that_started_again_is_observed_afresh() -> None:
+    """Its own clock begins at 0 again."""
+    navigator = Navigator(ORIGIN)
+    flown(navigator, 4.0, 1.0 + 0j, 2.0 + 0j)
+    assert flown(navigator, 0.05, 1.0 + 0j, 1.0 + 0j, at_m=100j) == 0j
