@@ -92,13 +92,21 @@ class Rule:
 
 
 def alarms(view: SwarmView) -> tuple[Alarm, ...]:
-    """All alarms that stand in this view, the worst first, then in the table's order."""
+    """All alarms that stand in this view, the worst first, then in the table's order; before all,
+    an order after which no agent flies the mission: nothing is newer."""
     found = [
         Alarm(rule.name, rule.level, agents, words, rule.reason, rule.measured)
         for rule in RULES
         for agents, words in rule.check(view, rule.threshold(view))
     ]
-    return tuple(sorted(found, key=lambda alarm: -alarm.level))
+    over = all(_is_out(agent) for agent in view.agents if agent.in_plan)
+    return tuple(sorted(found, key=lambda a: (not (over and a.name == _BY_ORDER), -a.level)))
+
+
+def _is_out(agent: AgentView) -> bool:
+    """It no longer flies the mission, and will not again."""
+    acts = agent.status.action if agent.status else None
+    return agent.phase is Phase.ENDED or acts not in (None, FailsafeAction.HOLD)
 
 
 def _if(words_of: Callable[[AgentView], str | None]) -> Check:
@@ -153,6 +161,7 @@ def _silent(agent: AgentView) -> str | None:
     return f"not heard for {agent.silence_s:.1f} s"
 
 
+_BY_ORDER: Final = "out by order"
 _FALLEN: Final = frozenset({FailsafeAction.FALL, FailsafeAction.KILL})
 _ORDERED: Final = frozenset({Cause.ORDER, Cause.STARTER})
 
@@ -387,7 +396,7 @@ RULES: Final[tuple[Rule, ...]] = (
     Rule("mixed laws", _E, _is(1.0), "a change takes all agents within a few ticks", _mixed_laws),
     Rule("taken over", _W, _is(0), "a pilot or a failsafe flies", _if(_taken_over), _WORDS),
     Rule("holding", _W, _is(0), "a policy stopped the mission", _if(_holding), _WORDS),
-    Rule("out by order", _W, _is(0), "it no longer flies the mission", _if(_out_by_order), _WORDS),
+    Rule(_BY_ORDER, _W, _is(0), "it no longer flies the mission", _if(_out_by_order), _WORDS),
     Rule("held alone", _W, _pause_s, "the mission's policy", _held_alone),
     Rule("never heard", _W, _is(5.0), "all processes hear each other within 2 s", _unheard),
     Rule("old state", _W, _is(NEIGHBOUR_S), "its neighbours stop following it", _old_state),

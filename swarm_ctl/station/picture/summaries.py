@@ -65,7 +65,8 @@ def gather_alarms(alarms: Iterable[Alarm]) -> list[tuple[Level, str]]:
 def verdict(view: SwarmView, alarms: Sequence[Alarm]) -> list[tuple[Level, str]]:
     """The state of the whole swarm in words, the most important first; never empty."""
     if alarms:
-        return gather_alarms(alarms)
+        (_, first), *others = gather_alarms(alarms)
+        return [(max(alarm.level for alarm in alarms), first), *others]
     waits = waiting(view)
     if waits:
         return [(Level.WAITING, line) for line in waits]

@@ -295,6 +295,25 @@ def test_a_vehicle_that_left_the_mission_is_never_under_all_well(
     assert verdict(view, alarms(view)) == [(level, "agent 4: why")]
 
 
+def test_an_order_to_all_is_the_newest_reason() -> None:
+    """Agent 2 failed before; the banner says the order, and that something worse stands."""
+    model = flying_model(PLAN, 30.0)
+    model.fold(
+        status_of(PLAN, 2, 30.0, phase=Phase.ENDED, outcome=Outcome.FAILED, reason="pilot"), 30.0
+    )
+    order = {"action": FailsafeAction.LAND, "cause": Cause.ORDER, "reason": "landed"}
+    for agent in (1, 3, 4, 5):
+        model.fold(status_of(PLAN, agent, 30.0, **order), 30.0)
+    view = model.view(30.0)
+    assert verdict(view, alarms(view))[0] == (Level.ERROR, "agent 2: pilot")  # agent 6 flies on
+    model.fold(status_of(PLAN, 6, 30.0, **order), 30.0)
+    view = model.view(30.0)
+    assert verdict(view, alarms(view)) == [
+        (Level.ERROR, "agents 1, 3-6: landed"),
+        (Level.ERROR, "agent 2: pilot"),
+    ]
+
+
 GROUND = [(Phase.TAKEOFF, 1, False), (Phase.ARM, 1, False)]
 ON_THE_WAY = [(Phase.RETURN, 4, True), (Phase.LAND, 4, True), (Phase.TAKEOFF, 1, True)]
 
