@@ -126,11 +126,14 @@ class VirtualSwarm:
     def tick(self) -> None:
         """The world up to the next control tick, then one step of each agent."""
         self._ticks += 1
-        self.now = self._ticks * self.plan.tick_s
+        # The keeper of lockstep does not add up roundings.
+        exact = self._ticks * self.plan.tick_s
+        self.now = exact if self._lockstep else self.now + self.plan.tick_s
         if self.simulator_alive:
             self._run_world()
         self.mesh.deliver()
-        if self.station_alive and self._ticks % 5 == int(self._lockstep):
+        phase = round(self.now / self.plan.tick_s) % 5
+        if self.station_alive and phase == int(self._lockstep):
             self._station.send(keys.BEACON, StationBeacon("test", self.now, self.plan.hash()))
         for member in self.members.values():
             if member.alive and not member.frozen:
