@@ -378,7 +378,7 @@ class Dashboard(App[None]):
 
     async def _type(self, line: CommandInput, typed: Key | Paste) -> None:
         if isinstance(typed, Paste):
-            line.insert_text_at_cursor(typed.text.partition("\n")[0])
+            line.insert_text_at_cursor(next(iter(typed.text.splitlines()), ""))
         elif typed.key == "enter":
             self._submit(line)
         elif typed.key == "escape":

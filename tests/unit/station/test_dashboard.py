@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from textual.events import Key
+from textual.events import Key, Paste
 from textual.filter import NoColor
 from textual.pilot import Pilot
 
@@ -492,3 +492,19 @@ def test_what_is_told_before_there_is_a_screen_is_in_the_log() -> None:
             assert text(app).count("log from now on") == 2, "below the screen, and in the log"
 
     asyncio.run(go())
+
+
+def test_what_is_pasted_is_words_of_the_open_line_and_never_an_order() -> None:
+    async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
+        app.post_message(Paste("land\r"))
+        _at_once(app, "K")
+        app.post_message(Paste("\r"))
+        await settled(pilot)
+        assert "kill: not sent" in text(app)
+        _at_once(app, "m")
+        app.post_message(Paste("1 2\r\nK\r\n"))
+        _at_once(app, "\r")
+        await settled(pilot)
+        assert desk.orders == [Order("move", ("1", "2"))]
+
+    _play(play)

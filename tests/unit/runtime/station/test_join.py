@@ -1,0 +1,46 @@
+"""What a station that joins in flight has of the time before."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from swarm_ctl.core.model.messages import Ack, Command, Event, Severity
+from swarm_ctl.recording.run_recorder import RunRecorder
+from swarm_ctl.report.folder.last_statuses import read_commands, read_events
+from swarm_ctl.runtime.station.join import _Hint
+from swarm_ctl.runtime.station.mesh_clock import MeshClock
+from swarm_ctl.station.picture.journal import EntryKind, Journal
+from tests.unit.station.pictures import PLAN
+from tests.unit.station.swarm import flying_model
+
+
+def test_the_run_folder_has_the_log_from_the_start(tmp_path: Path) -> None:
+    """What the run's station recorded, and what this one hears again, is told once and in the order
+    of its times."""
+    events = [Event(i, 3.0 + i, Severity.INFO, f"word {i}") for i in (1, 2, 3)]
+    command = Command("c", "hold", (), 5.5)
+    recorder = RunRecorder(tmp_path, 0, {}, {})
+    for payload in (*events, command, Ack(1, "c", True, "")):
+        recorder.take(payload, 9.0)
+    recorder.close()
+
+    notes: list[str] = []
+    model, journal = flying_model(PLAN), Journal()
+    model.fold(events[2], 30.0)
+    for payload in (*read_events(tmp_path, notes), *read_commands(tmp_path, notes)):
+        model.recall(payload)
+    journal.update(model.view(30.0))
+    told = [e for e in journal.entries if e.kind in (EntryKind.EVENT, EntryKind.COMMAND)]
+    assert [entry.time_s for entry in told] == [4.0, 5.0, 5.5, 6.0]
+    assert "hold: acknowledged by agent 1" in told[2].text
+    assert notes == []
+
+
+def test_without_a_run_folder_it_says_that_its_log_begins_now() -> None:
+    """Once it hears an agent, and once."""
+    clock = MeshClock(1.0)
+    hint = _Hint(clock, ["tcp/10.0.0.11:7447"])
+    assert hint() == ""
+    clock.hear(40.0)
+    assert "log from now on" in hint()
+    assert hint() == ""
