@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
+from dataclasses import fields as fields_of
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError, field_validator
 
+from swarm_ctl.core.model.plan import LawParameters
 from swarm_ctl.errors import InputError
 from swarm_ctl.mission.input import yaml_file
 from swarm_ctl.mission.input.document import Document
+from swarm_ctl.mission.input.error_messages import show
+from swarm_ctl.mission.input.near_matches import did_you_mean
 from swarm_ctl.study.parameter_space import Study
 
 
@@ -34,7 +39,7 @@ class StudyFile(Study):
 
 def study_file(path: Path | None, given: Mapping[str, Any]) -> StudyFile:
     """The study of a file, if there is one, with the fields `given` instead of its own. InputError
-    says which line is wrong."""
+    has every mistake with its line."""
     document = Document("study", {}) if path is None else yaml_file.read(path, what="study")
     if not isinstance(document.data, dict) or document.problems:
         raise InputError("\n".join(map(str, document.problems)) or f"{path}: has no fields")
@@ -43,11 +48,30 @@ def study_file(path: Path | None, given: Mapping[str, Any]) -> StudyFile:
     try:
         return StudyFile.model_validate(fields)
     except ValidationError as error:
-        found = error.errors(include_url=False)[0]
-        field = str(found["loc"][0]) if found["loc"] else ""
-        where = "" if path is None or field in given else f"{document.where((field,))}: "
-        text = found["msg"].removeprefix("Value error, ")
-        raise InputError(where + (f"{field}: {text}" if field else text)) from None
+        said, order = [], {(name,): k for k, name in enumerate(fields)}
+        errors = error.errors(include_url=False)
+        for found in sorted(errors, key=lambda each: order.get(each["loc"][:1], 0)):
+            loc = tuple(part for part in found["loc"] if isinstance(part, str))
+            own = path is None or not loc or loc[0] in given
+            where = [] if own else [document.where(loc)]
+            field = [".".join(loc)] if loc else []
+            said.append(": ".join([*where, *field, _wrong(found)]))
+        raise InputError("\n".join(dict.fromkeys(said))) from None
+
+
+def _wrong(found: Mapping[str, Any]) -> str:
+    """What is wrong, and what is allowed."""
+    value, text = found["input"], found["msg"].removeprefix("Value error, ")
+    if found["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
+        in_law = [field.name for field in fields_of(LawParameters) if field.name != "h"]
+        names = in_law if len(found["loc"]) > 1 else sorted(StudyFile.model_fields)
+        near = did_you_mean(str(found["loc"][-1]), names)
+        return f"unknown field{near}; allowed: {', '.join(names)}"
+    if found["type"] in ("literal_error", "enum"):
+        names = re.findall("'([^']+)'", found["ctx"]["expected"])
+        near = did_you_mean(str(value), names)
+        return f"{show(value)} is not allowed{near}; allowed: {', '.join(names)}"
+    return f"{show(value)} {text.removeprefix('Input ')}" if text.startswith("Input ") else text
 
 
 def _law(fields: Mapping[str, Any]) -> Mapping[str, Any]:

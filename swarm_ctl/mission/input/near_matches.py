@@ -45,8 +45,8 @@ _MEANT: Final = {other: word for word, others in _OTHER_WORDS.items() for other 
 def nearest(word: str, allowed: Collection[str]) -> str:
     """The allowed word that was probably meant; '' where none is near."""
     lower, names = word.lower(), {name.lower(): name for name in allowed}
-    meant = _MEANT.get(lower, "")
-    close = [meant] if meant in names else difflib.get_close_matches(lower, names, n=1)
+    likely = [_MEANT.get(lower, ""), *(name for name in names if name.startswith(f"{lower}_"))]
+    close = [*(name for name in likely if name in names), *difflib.get_close_matches(lower, names)]
     return names[close[0]] if close else ""
 
 

@@ -48,9 +48,18 @@ def test_options_come_before_the_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "wrong"),
     [
-        ("n: 4\nspeed: 3\n", r"a.yaml:2: speed: Extra inputs"),
+        ("n: 4\nspeed: 3\n", r"a.yaml:2: speed: unknown field; did you mean speed_mps\?; allowed"),
+        (
+            "law:\n  r_inn: 1\n",
+            r"a.yaml:2: law.r_inn: unknown field; did you mean r_in\?; allowed: r",
+        ),
+        ("missions: ten\n", r'a.yaml:1: missions: "ten" should be a valid integer'),
+        ("shap: ring\nstart: rondom\n", r"(?s)a.yaml:1: shap: .*\n.*a.yaml:2: start: .*random\?"),
         ("h: 0.2\nloss: 0:x\n", r"a.yaml:2: loss: '0:x' is no number and no LOW:HIGH"),
-        ("safety: [filter, on]\n", r"a.yaml:1: safety: Input should be 'off', 'filter'"),
+        (
+            "safety: [filter, on]\n",
+            r'a.yaml:1: safety: "on" is not allowed; .*allowed: off, filter',
+        ),
         ("n: 4\nn: 5\n", r"a.yaml:2: n: "),
         ("- 4\n", r"has no fields"),
     ],
