@@ -48,7 +48,8 @@ def study_file(path: Path | None, given: Mapping[str, Any]) -> StudyFile:
     try:
         return StudyFile.model_validate(fields)
     except ValidationError as error:
-        said, order = [], {(name,): k for k, name in enumerate(fields)}
+        said = list[str]()
+        order: dict[tuple[int | str, ...], int] = {(name,): k for k, name in enumerate(fields)}
         errors = error.errors(include_url=False)
         for found in sorted(errors, key=lambda each: order.get(each["loc"][:1], 0)):
             loc = tuple(part for part in found["loc"] if isinstance(part, str))
