@@ -5,11 +5,14 @@ from __future__ import annotations
 import inspect
 import re
 from dataclasses import fields
+from pathlib import Path
 from typing import Any
+
+import pytest
 
 from swarm_ctl.testing.flight import FlightResult, SwarmFlight
 from swarm_ctl.testing.plugin import Fly
-from tests.unit.docs.pages import PAGES
+from tests.unit.docs.pages import PAGES, blocks, saved_files
 
 PAGE = (PAGES / "testing.md").read_text()
 
@@ -36,6 +39,18 @@ def test_the_page_has_every_call_with_its_arguments() -> None:
 def test_the_page_has_every_field_of_a_result() -> None:
     names = {field.name for field in fields(FlightResult)} | {"texts"}
     assert set(re.findall(r"^\| `run\.(\w+)`", PAGE, re.MULTILINE)) == names
+
+
+def test_the_example_of_the_page_passes(
+    swarm: Fly, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With the mission of the tutorial."""
+    monkeypatch.chdir(tmp_path)
+    Path("patrol.yaml").write_text(saved_files(PAGES / "tutorial.md")["patrol.yaml"])
+    written: dict[str, Any] = {}
+    exec(blocks(PAGES / "testing.md")[0].text, written)  # noqa: S102 (the page is ours)
+    (test,) = (value for name, value in written.items() if name.startswith("test_"))
+    test(swarm)
 
 
 def test_every_call_and_field_has_a_docstring() -> None:
