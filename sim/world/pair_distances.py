@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.physics.kinematics import Array
+from sim.physics.kinematics import Array, Mask
 
 COLLISION_M = 0.5
 """Airframes half a metre across touch when their centres are closer than this."""
 _NEAR_M = 3.0
 """Pairs nearer than this are looked at between steps, too. Farther ones pass each other at 40 m/s
 with an error of 3 cm at most."""
+
+
+_OVER_M = 3.0
+"""A vehicle so much higher than one that stands on the ground flies over it: no approach."""
 
 
 class PairMinima:
@@ -23,15 +27,19 @@ class PairMinima:
         self._touching: set[tuple[int, int]] = set()
         self._before: Array | None = None
 
-    def update(self, position: Array) -> list[tuple[int, int]]:
-        """Takes positions (n, 3); returns the pairs (i < j) that have just begun to touch (in three
-        dimensions), at this step or on the way to it."""
+    def update(self, position: Array, landed: Mask | None = None) -> list[tuple[int, int]]:
+        """Takes positions (n, 3), and which vehicles have landed (n,); returns the pairs (i < j)
+        that have just begun to touch (in three dimensions), at this step or on the way to it."""
         if len(position) == 1:
             return []
         before, self._before = self._before, position.copy()
         # all pairs at once, by squares; the diagonal is each vehicle with itself
         north, east = position[:, 0], position[:, 1]
         square = np.subtract.outer(north, north) ** 2 + np.subtract.outer(east, east) ** 2
+        if landed is not None and landed.any():
+            down = position[:, 2]
+            higher = np.abs(np.subtract.outer(down, down)) > _OVER_M
+            square[higher & (landed != landed[:, None])] = np.inf
         np.minimum(self._least, square, out=self._least)
         close = square < _NEAR_M**2
         alone = np.count_nonzero(close) == len(position)

@@ -99,7 +99,7 @@ class World:
         for group in self.groups.values():
             group.step(STEP_S)
         if self._flying or self._moved_on():
-            for pair in self.pairs.update(self.positions()):
+            for pair in self.pairs.update(self.positions(), self._landed()):
                 self._collide(*pair)
             self._moved_on()
         ran = [i for i, v in enumerate(self.vehicles) if v.due_s <= now + 1e-6]

@@ -17,6 +17,7 @@ from typing import Any, Final, TypeVar
 from pydantic import TypeAdapter, ValidationError
 
 from swarm_ctl.core.model.messages import (
+    ENDING,
     Ack,
     AgentState,
     AgentStatus,
@@ -39,8 +40,10 @@ _STATE: Final = struct.Struct("<BBHIdQHB3d3f2d2f2d3f2fBBIII8h")
 """version, flags, agent, seq, time_s, plan_hash, step, phase, position_ned_m, velocity_ned_mps,
 stop_point_m, setpoint_mps, frame (point_m, angle_rad, scale, rate), response_s, doubt_s, frame.leg,
 stage, override, gains_tag, next_gains_tag, exchange. Flags: bit 0 done, bit 1 airborne, bit 2 frame
-(else its fields are 0)."""
-_DONE, _AIRBORNE, _FRAME = 1, 2, 4
+(else its fields are 0), bits 3 and 4 left (its place in `_LEFT`), bit 5 down."""
+_DONE, _AIRBORNE, _FRAME, _DOWN = 1, 2, 4, 32
+_LEFT: Final = (None, *ENDING)
+_LEFT_BIT: Final = 3
 _CLOCK: Final = struct.Struct("<BHd?")
 """version, agent, time_s, asks"""
 _ECHO: Final = struct.Struct("<Hdd")
@@ -85,6 +88,7 @@ _ADAPTERS: Final[dict[type[Any], TypeAdapter[Any]]] = {
 
 def _encode_state(s: AgentState) -> bytes:
     flags = _DONE * s.done | _AIRBORNE * s.airborne | _FRAME * (s.frame is not None)
+    flags |= _LEFT.index(s.left) << _LEFT_BIT | _DOWN * s.down
     frame = s.frame or _NO_FRAME
     head = (VERSION, flags, s.agent, s.seq, s.time_s, s.plan_hash, s.step, s.phase)
     motion = (*s.position_ned_m, *s.velocity_ned_mps, *s.stop_point_m, *s.setpoint_mps)
@@ -108,7 +112,9 @@ def _decode_state(data: bytes) -> AgentState:
     frame = Frame(values[18:20], angle_rad, scale, leg, rate) if has_frame else None
     stage, command, law, next_law, *exchange = values[26:]
     progress = (stage, command, law, next_law)
-    return AgentState(*head, *motion, frame, *progress, _exchange(*exchange), response_s, doubt_s)
+    ending = (_LEFT[flags >> _LEFT_BIT & 3], bool(flags & _DOWN))
+    response = (response_s, doubt_s)
+    return AgentState(*head, *motion, frame, *progress, _exchange(*exchange), *response, *ending)
 
 
 def _encode_clock(news: ClockNews) -> bytes:

@@ -33,6 +33,7 @@ from swarm_ctl.mesh.memory_transport import MemoryHub, MemoryTransport
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.transport import Transport
 from swarm_ctl.mission.compile.loader import LoadedMission
+from swarm_ctl.report.folder.metrics import OVER_M
 from swarm_ctl.runtime.agent.publish import publish
 from swarm_ctl.runtime.launch.sim_config import simulator_config
 from swarm_ctl.runtime.vehicle_memory import Remembering, VehicleMemory
@@ -154,8 +155,10 @@ class VirtualSwarm:
         world = self.hub.world
         if not any(world.airborne()):
             return
-        points = np.asarray(world.positions())[:, :2]
-        gaps = np.linalg.norm(points[:, None] - points[None], axis=-1)
+        points, flies = np.asarray(world.positions()), np.array(world.airborne())
+        apart = points[:, None] - points[None]
+        gaps = np.linalg.norm(apart[..., :2], axis=-1)
+        gaps[(np.abs(apart[..., 2]) > OVER_M) & (flies != flies[:, None])] = np.inf
         np.minimum(self._closest_m, gaps, out=self._closest_m)
 
     def _step(self, member: Member) -> None:

@@ -52,6 +52,7 @@ from swarm_ctl.core.swarm.neighbourhood import Neighbourhood
 from swarm_ctl.core.swarm.peers import Peers
 from swarm_ctl.core.swarm.slot_exchange import SlotExchange
 
+_STANDS_MPS = 0.5
 _STATUS_EVERY_S = 0.5
 _SIGMA_EVERY_S = 0.2
 _LINGER_S = 2.0
@@ -183,7 +184,7 @@ class Agent:
         going_on = context.trigger is None and context.phase is not Phase.ENDED
         if going_on and context.progress.advance(self._barrier.members(tick.peers), now):
             self._enter_step(now)
-        actions = Actions(goal, self._state(now, tick.fix) if tick.fix is not None else None)
+        actions = Actions(goal, self._state(tick, tick.fix) if tick.fix is not None else None)
         actions.acks = acks
         actions.clock = self._peers.clocks.say(now)
         self._watch_neighbours(tick)
@@ -252,6 +253,7 @@ class Agent:
             before,
             tick.peers,
             self._takeover.not_given_back(tick.view),
+            self._barrier.held,
         )
         ack, new = handler.answer(command, situation, frame.leg if frame else 0)
         if not new:
@@ -260,6 +262,7 @@ class Agent:
         if command.kind == CommandKind.RESUME and context.phase is Phase.YIELD:
             self._takeover.take_back(tick)
         elif command.kind == CommandKind.RESUME:
+            self._barrier.accept()
             self._takeover.catch_up(tick)
         if command.kind == CommandKind.NEXT:
             context.progress.finish_step(tick.now, StepOutcome.SKIPPED)
@@ -335,7 +338,8 @@ class Agent:
                     self._estimate.look(tick.now, tick.view) if context.was_armed else ""
                 ),
                 flown=context.flown,
-                held_too_long=self._barrier.held_too_long(tick.now),
+                departed=self._barrier.departed,
+                accepted=self._barrier.accepted,
                 fell=context.fell(tick.now),
                 sunk_s=context.sunk_s(tick.now),
                 waits=context.reason,
@@ -355,13 +359,16 @@ class Agent:
 
     # --- what is said ---
 
-    def _state(self, now: float, fix: OwnFix) -> AgentState:
+    def _state(self, tick: Tick, fix: OwnFix) -> AgentState:
         self._seq += 1
-        context, gain_update = self._context, self._command_handler.gain_update
+        context, handler = self._context, self._command_handler
+        gain_update, left = handler.gain_update, handler.left
+        still = math.hypot(*fix.velocity_ned_mps) < _STANDS_MPS  # one that falls may say `landed`
+        stands = still and tick.view.on_ground and not tick.view.armed
         return AgentState(
             self._id,
             self._seq,
-            now,
+            tick.now,
             self._hash,
             context.phase,
             context.progress.step,
@@ -379,6 +386,8 @@ class Agent:
             context.slot_exchange.exchange,
             context.controller.estimate.response_s,
             context.controller.estimate.doubt_s,
+            left.order if left is not None else None,
+            stands and context.phase is Phase.ENDED,
         )
 
     def _publish_slow(self, tick: Tick, inbox: Inbox, actions: Actions) -> None:
@@ -401,6 +410,7 @@ class Agent:
                 links={peer.id: peer.report(now) for peer in self._peers},
                 loop=inbox.tick(),
                 bad_payloads=inbox.bad_payloads,
+                left=self._command_handler.left,
             )
         actions.events, context.events = tuple(context.events), []
         if ending:

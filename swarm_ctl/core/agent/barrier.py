@@ -5,10 +5,11 @@ from __future__ import annotations
 
 import math
 
-from swarm_ctl.core.agent.failsafes import gave_up, progress_of
+from swarm_ctl.core.agent.failsafes import gave_up, left_by_order, progress_of
 from swarm_ctl.core.agent.flight_context import FlightContext
 from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.law.formation import formation_error
+from swarm_ctl.core.model.causes import FailsafeAction
 from swarm_ctl.core.model.messages import AgentState, Severity
 from swarm_ctl.core.model.plan import Policy, RotateStep, ScaleStep
 from swarm_ctl.core.swarm.snapshot import OtherAircraft, PeerSnapshot
@@ -25,6 +26,11 @@ class Barrier:
         self._measure_due = -math.inf
         self._held_since: dict[int, float] = {}
         """By agent: since when it flies a command that this agent does not."""
+        self.departed: dict[int, str] = {}
+        """The peers that have left the formation, by id, and why: by an operator's order, or
+        because a command has held them for longer than the mission waits."""
+        self.accepted: set[int] = set()
+        """Those of them that the operator has commanded to go on without."""
         self.formation_error_m: float | None = None
         """Largest |e_j - mean e| over the agents of the mission, itself included; None unless all
         of their states are fresh."""
@@ -46,10 +52,38 @@ class Barrier:
         return told if completed or recent else (-1, False)
 
     def watch_commands(self, tick: Tick, own_override: int) -> None:
-        """Note which peers carry out a command that was not given to this agent; call it every
-        tick."""
+        """Note which peers carry out a command that was not given to this agent, and which have
+        left; call it every tick."""
+        self._watch_held(tick, own_override)
+        before, pause_s = self.departed, self._pause_s
+        held = self._held_since.keys() - self.waits_for(tick.now).keys()
+        self.departed = {i: f"a command has held agent {i} for {pause_s:g} s" for i in held}
         for peer in tick.peers.peers:
-            apart = peer.state is not None and peer.state.override and not own_override
+            if peer.state is not None and peer.left is not None:
+                self.departed[peer.id] = left_by_order(peer.state)
+        self.accepted &= self.departed.keys()
+        self._context.slot_exchange.departed = self.departed.keys()
+        goes_on = self._plan.policies.left_by_order is Policy.CONTINUE
+        flies = goes_on and self._context.trigger is None
+        for agent in sorted(self.departed.keys() - before.keys()) if flies else ():
+            self._context.say(tick.now, Severity.INFO, f"goes on: {self.departed[agent]}")
+
+    @property
+    def held(self) -> bool:
+        """This agent is held until the operator's `resume`, because agents have left."""
+        trigger = self._context.trigger
+        stopped = trigger is not None and trigger.action is FailsafeAction.HOLD
+        by_policy = self._plan.policies.left_by_order is Policy.HOLD
+        return stopped and by_policy and bool(self.departed.keys() - self.accepted)
+
+    def accept(self) -> None:
+        """The operator commands to go on without those that have left."""
+        self.accepted = set(self.departed)
+
+    def _watch_held(self, tick: Tick, own_override: int) -> None:
+        for peer in tick.peers.peers:
+            held = peer.state is not None and peer.state.override and peer.left is None
+            apart = held and not own_override
             if not apart:
                 self._held_since.pop(peer.id, None)
             elif peer.id not in self._held_since:
@@ -63,21 +97,17 @@ class Barrier:
         left = {i: self._pause_s - (now - since) for i, since in self._held_since.items()}
         return {i: left_s for i, left_s in left.items() if left_s > 0}
 
-    def held_too_long(self, now: float) -> set[int]:
-        """The agents that a command has held for longer than the mission waits."""
-        return self._held_since.keys() - self.waits_for(now).keys()
-
     @property
     def _pause_s(self) -> float:
         return self._plan.policies.override_pause_s
 
     def lost(self, peers: PeerSnapshot) -> set[int]:
-        """The peers that the mission goes on without: not heard for long, given up, or held by a
-        command for too long, where the policy is `continue`."""
+        """The peers that the mission goes on without: those that have left, and, where the policy
+        `agent_lost` is `continue`, those that are not heard for long or gave up."""
         policies = self._plan.policies
         if policies.agent_lost is not Policy.CONTINUE or not self._context.was_armed:
-            return set()
-        return self.held_too_long(peers.now_s) | {
+            return set(self.departed)
+        return self.departed.keys() | {
             peer.id
             for peer in peers.peers
             if peer.state is not None

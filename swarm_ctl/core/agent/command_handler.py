@@ -15,7 +15,7 @@ from typing import Final
 
 from swarm_ctl.core.agent.progress import Progress
 from swarm_ctl.core.law.formation import smallest_distance
-from swarm_ctl.core.model.messages import Ack, Command, CommandKind, Phase
+from swarm_ctl.core.model.messages import ENDING, Ack, Command, CommandKind, Departure, Phase
 from swarm_ctl.core.model.plan import FormStep, HoldStep, LandStep, MoveStep, Plan, ReturnStep, Step
 from swarm_ctl.core.safety.fence import outside
 from swarm_ctl.core.swarm import gain_update
@@ -57,6 +57,8 @@ class AgentSituation:
     peers: PeerSnapshot
     not_given_back: str = "its vehicle is not given back"
     """Why an agent that yielded cannot take its vehicle again, or ''."""
+    held: bool = False
+    """It is held until `resume`, because other agents have left the formation."""
 
     @property
     def phase_name(self) -> str:
@@ -69,12 +71,15 @@ class CommandHandler:
 
     def __init__(self, plan: Plan, agent_id: int, plan_hash: int) -> None:
         self._id = agent_id
+        self._all = {agent.id for agent in plan.agents}
         self._hash = plan_hash
         self._answers: dict[str, Ack] = {}
         self._newest_s = -math.inf
         self.override: Override | None = None
         self.ordered: CommandKind | None = None
         """`LAND`, `RETURN` or `KILL` once commanded; these end the mission."""
+        self.left: Departure | None = None
+        """Such an order that was not given to all agents."""
         self.gain_update = gain_update.GainUpdate(plan, agent_id, plan_hash)
 
     def answer(self, command: Command, situation: AgentSituation, leg: int) -> tuple[Ack, bool]:
@@ -88,7 +93,7 @@ class CommandHandler:
         reason = self._refusal(command, situation)
         obeyed = not reason and not _past(command, situation)
         if obeyed:
-            self._obey(command, leg)
+            self._obey(command, situation.peers.now_s, leg)
         ack = Ack(self._id, command.id, not reason, reason)
         self._answers[command.id] = ack
         if len(self._answers) > _ANSWERS_KEPT:
@@ -107,13 +112,15 @@ class CommandHandler:
             return f"it was made for the plan {command.plan_hash:016x}, ours is {self._hash:016x}"
         if check is None:
             return self.gain_update.refusal(command, situation.peers)
-        if command.kind not in _ENDING and command.time_s < self._newest_s:
+        if command.kind not in ENDING and command.time_s < self._newest_s:
             return "a newer command is in force"
         return check(command, situation)
 
-    def _obey(self, command: Command, leg: int) -> None:
-        if command.kind in _ENDING:
+    def _obey(self, command: Command, now: float, leg: int) -> None:
+        if command.kind in ENDING:
             self.ordered = CommandKind(command.kind)
+            if command.agents and not self._all.issubset(command.agents):
+                self.left = Departure(self.ordered, now)
             return
         if command.kind in gain_update.KINDS:
             self.gain_update.obey(command)
@@ -161,7 +168,8 @@ def _check_flying(_: Command, situation: AgentSituation) -> str:
     if down or phase in (Phase.LAND, Phase.RETURN):
         return f"{agent} is on its way down (phase {situation.phase_name}); {_WAY_DOWN}"
     if phase is Phase.HOLD and situation.override is None:
-        return f"{agent} is held by a policy; allowed now: land, return, kill"
+        resume = "resume, " if situation.held else ""
+        return f"{agent} is held by a policy; allowed now: {resume}land, return, kill"
     return ""
 
 
@@ -170,6 +178,8 @@ def _check_resume(command: Command, situation: AgentSituation) -> str:
         return situation.not_given_back
     if situation.phase is Phase.ENDED:
         return f"agent {situation.agent} has ended"
+    if situation.held:
+        return ""
     if situation.override is None:
         return f"agent {situation.agent} is not held; there is nothing to resume"
     return _check_flying(command, situation)
@@ -211,7 +221,6 @@ def _check_move(command: Command, situation: AgentSituation) -> str:
     return _check_flying(command, situation)
 
 
-_ENDING: Final = (CommandKind.LAND, CommandKind.RETURN, CommandKind.KILL)
 _CHECKS: Final[dict[str, Callable[[Command, AgentSituation], str]]] = {
     CommandKind.HOLD: _check_flying,
     CommandKind.RESUME: _check_resume,

@@ -7,7 +7,7 @@ trigger decides; of equal ones the first in the table.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, replace
 from typing import Final
@@ -58,8 +58,10 @@ class Situation:
     """It is on its way back, where each agent flies for itself."""
     flown: bool
     """It was in the air in this flight."""
-    held_too_long: AbstractSet[int]
-    """The peers that a command has held for longer than the mission waits (`Barrier`)."""
+    departed: Mapping[int, str]
+    """Why, by agent, of the peers that have left the formation (`Barrier`)."""
+    accepted: AbstractSet[int]
+    """Those of them that the operator has commanded to go on without."""
     fell: bool
     """It has just gone down as fast as only a fall does."""
     sunk_s: float
@@ -216,14 +218,12 @@ def _peers_gone(s: Situation) -> FailsafeTrigger | None:
     if s.progress.step == 0:
         after = max(after, _PATIENCE_S)
     for peer in s.tick.peers.peers:
-        if peer.state is None or progress_of(peer.state) >= (len(s.plan.steps), True):
-            continue  # never heard: the step's time-out bounds the wait; or it completed its part
+        completed = peer.state and progress_of(peer.state) >= (len(s.plan.steps), True)
+        if peer.state is None or completed or peer.id in s.departed:
+            continue  # never heard: the step's time-out bounds the wait
         reason = gave_up(peer.state, s.plan)
         if not reason and peer.age_s > after:
             reason = f"agent {peer.id} has not been heard for {after:g} s"
-        if not reason and peer.id in s.held_too_long:
-            held_s = s.plan.policies.override_pause_s
-            reason = f"a command has held agent {peer.id} for {held_s:g} s"
         if not reason:
             continue
         if not s.was_armed:  # nothing flies yet that could hold
@@ -232,6 +232,18 @@ def _peers_gone(s: Situation) -> FailsafeTrigger | None:
         if policy is not Policy.CONTINUE:
             return _by_policy(policy, reason)
     return None
+
+
+def _peers_departed(s: Situation) -> FailsafeTrigger | None:
+    """An order to some agents: each of the others does as the mission says, whatever comes of
+    those."""
+    policy = s.plan.policies.left_by_order
+    new = [why for agent, why in s.departed.items() if agent not in s.accepted]
+    on_its_own = s.ordered is not None or isinstance(s.progress.current, LandStep | ReturnStep)
+    if policy is Policy.CONTINUE or on_its_own or not new:
+        return None
+    reason = f"{new[0]} (policies.left_by_order: {policy})"
+    return FailsafeTrigger(FailsafeAction(policy.value), Outcome.ABORTED, reason)
 
 
 def _station_gone(s: Situation) -> FailsafeTrigger | None:
@@ -263,7 +275,7 @@ def _not_done(s: Situation) -> str:
         return f"{lacks}: {s.waits}" if s.waits else f"this agent was {lacks}"
     patience_s, last = s.plan.policies.agent_lost_after_s, (len(s.plan.steps), True)
     late, unheard = set[int](), set[int]()
-    for peer in s.tick.peers.peers:
+    for peer in s.tick.peers.without(s.departed).peers:
         told = (-1, False) if peer.state is None else progress_of(peer.state)
         if peer.age_s > patience_s and told < last:
             unheard.add(peer.id)
@@ -340,6 +352,7 @@ CHECKS: Final[dict[Check, Cause]] = {
     _estimate_in_doubt: Cause.ESTIMATE,
     _beyond_fence: Cause.FENCE,
     _battery_low: Cause.BATTERY,
+    _peers_departed: Cause.ORDER,
     _peers_gone: Cause.PEER,
     _station_gone: Cause.STATION,
     _step_timed_out: Cause.TIMEOUT,
@@ -350,6 +363,12 @@ CHECKS: Final[dict[Check, Cause]] = {
 def progress_of(state: AgentState) -> tuple[int, bool]:
     """What the barrier compares, lexicographically."""
     return state.step, state.done
+
+
+def left_by_order(state: AgentState) -> str:
+    """How this peer has left the formation, or ''."""
+    how = _ORDERED.get(state.left) if state.left is not None else None
+    return f"agent {state.agent} was {how[1]} by the operator" if how is not None else ""
 
 
 def gave_up(state: AgentState, plan: Plan) -> str:

@@ -19,10 +19,14 @@ from swarm_ctl.core.model.vehicle import (
     TerminateGoal,
     YieldGoal,
 )
+from swarm_ctl.core.swarm.snapshot import PeerSnapshot
 
 _AT_REST_MPS = 0.3
 _BRAKE_AT_MOST_S = 3.0
 """From 5 m/s a multirotor stands after 2.5 s (2.8 m/s2 and 0.4 s of dead time)."""
+_ASIDE_AT_MOST_S = 10.0
+"""To leave the place above a vehicle that stands there: the filter takes 3 s where there is
+room."""
 _LANDING_AT_MOST_S = 180.0
 _RETURN_AT_MOST_S = 120.0
 """Per agent of the plan, because the agents come back one at a time."""
@@ -114,8 +118,9 @@ class Landing:
         if context.landing_s is None:
             waited = now - self._begun_s
             slow = fix is not None and math.hypot(*fix.velocity_ned_mps[:2]) < _AT_REST_MPS
-            if waited < brake_s or not (slow or waited > _BRAKE_AT_MOST_S):
-                return self._hold(tick)
+            over = self._over_another(tick) and waited < brake_s + _ASIDE_AT_MOST_S
+            if waited < brake_s or not (slow or waited > _BRAKE_AT_MOST_S) or over:
+                return self._hold(tick, tick.peers)
             context.landing_s = now
         context.phase = Phase.LAND
         context.controller.rest()
@@ -138,13 +143,19 @@ class Landing:
         context.say(now, Severity.INFO, f"ended: {context.outcome}{why}")
         return ReleaseGoal()
 
-    def _hold(self, tick: Tick) -> Goal:
+    def _over_another(self, tick: Tick) -> bool:
+        """A vehicle that stands on the ground is closer than `r_in`: flown over, not landed on."""
+        own, plan = complex(*self._context.controller.stop_point_m), self._plan
+        near = tick.peers.near(own, plan.law.r_in * plan.unit_m)
+        return any(other.down for other in near)
+
+    def _hold(self, tick: Tick, peers: PeerSnapshot | None = None) -> Goal:
         self._context.phase = Phase.HOLD
         if not tick.view.controlled and self._context.progress.step <= 1:
             # still under the autopilot's own take-off
             self._context.controller.rest()
             return LandGoal() if tick.view.armed else StandbyGoal()
-        return self._context.keep_clear(tick)
+        return self._context.keep_clear(tick, peers)
 
     def _on_ground(self, tick: Tick) -> bool:
         """The vehicle stands there disarmed."""

@@ -8,6 +8,7 @@ from swarm_ctl.core.agent.flight_context import FlightContext
 from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.model.messages import (
     AgentStatus,
+    Departure,
     Echo,
     LinkReport,
     TickReport,
@@ -24,6 +25,7 @@ def status_report(
     links: dict[int, LinkReport],
     loop: TickReport,
     bad_payloads: int,
+    left: Departure | None = None,
 ) -> AgentStatus:
     """Everything about an agent that is not needed every tick.
 
@@ -34,6 +36,7 @@ def status_report(
         links: the mesh link from each peer.
         loop: the control loop's punctuality.
         bad_payloads: mesh messages that could not be read, so far.
+        left: by which order this agent has left the formation.
     """
     view, fix, now, controller = tick.view, tick.newest_fix, tick.now, context.controller
     nearest_agent, nearest_m = _nearest(tick.peers, fix.position_ned_m if fix else None)
@@ -77,6 +80,7 @@ def status_report(
         own=view.own,
         action=context.trigger.action if context.trigger else None,
         cause=context.trigger.cause if context.trigger else None,
+        left=left,
     )
 
 

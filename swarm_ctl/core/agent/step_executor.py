@@ -168,11 +168,12 @@ class StepExecutor:
         if not isinstance(step, FormStep):
             free = context.trigger is None
             error_m = self._barrier.formation_error_m
-            reference.follow(tick.peers, step, key, own, error_m, free=free)
+            others = tick.peers.without(self._barrier.departed)
+            reference.follow(others, step, key, own, error_m, free=free)
             extra = reference.feed_forward(step, own, context.controller.gain)
             common = complex(*reference.common_mps(step))
         formation = Formation(reference.slots, context.neighbourhood.own, common, key)
-        return context.controller.form(tick.peers, formation, extra)
+        return context.controller.form(tick.peers.aloft(), formation, extra)
 
     def _exchange_slots(self, tick: Tick, step: Shaped) -> None:
         """Exchange slots with an agent that is in the way, where the step allows it."""

@@ -154,6 +154,7 @@ class Takeover:
             for state in peers.fresh()
             if state.plan_hash == self._preflight.plan_hash
             and state.airborne
+            and state.left is None
             and state.phase in _IN_THE_AIR
             and 0 < state.step <= len(self._plan.steps)
         ]

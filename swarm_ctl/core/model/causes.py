@@ -10,7 +10,7 @@ class Cause(StrEnum):
     """What broke a mission off, or holds it up: of one agent, or (the last four) of a whole run."""
 
     ORDER = "order"
-    """An operator's land, return or kill."""
+    """An operator's land, return or kill, of this agent or of others (`policies.left_by_order`)."""
     STARTER = "starter"
     """The process that started the agents is gone."""
     VEHICLE = "vehicle"
@@ -29,7 +29,7 @@ class Cause(StrEnum):
     FENCE = "fence"
     BATTERY = "battery"
     PEER = "peer"
-    """Another agent is silent, gave up, or was held for too long."""
+    """Another agent is silent, or gave up."""
     STATION = "station"
     """No ground station is heard."""
     TIMEOUT = "timeout"

@@ -9,7 +9,7 @@ from __future__ import annotations
 import zlib
 from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
-from typing import TypeAlias
+from typing import Final, TypeAlias
 
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.own_parameters import OwnParameters
@@ -82,6 +82,10 @@ class CommandKind(StrEnum):
     KILL = "kill"
     APPLY = "apply"
     """Second phase of a gain update, sent by stations: the gains that `tune` prepared hold."""
+
+
+ENDING: Final = (CommandKind.LAND, CommandKind.RETURN, CommandKind.KILL)
+"""The commands that end an agent's part of the mission."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,6 +163,11 @@ class AgentState:
     (`core/law/response_estimate.py`)."""
     doubt_s: float = 0.0
     """By how much that may be off."""
+    left: CommandKind | None = None
+    """The order (one of `ENDING`) by which the agent has left the formation: an operator gave it to
+    some agents alone."""
+    down: bool = False
+    """Its flight is over, and its vehicle stands on the ground, disarmed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -290,6 +299,14 @@ class Tuning:
 
 
 @dataclass(frozen=True, slots=True)
+class Departure:
+    """By which order, and when [s], an agent has left the formation (`AgentState.left`)."""
+
+    order: CommandKind
+    time_s: float
+
+
+@dataclass(frozen=True, slots=True)
 class AgentStatus:
     """Sent at 2 Hz: everything about an agent that is not needed every tick."""
 
@@ -340,6 +357,8 @@ class AgentStatus:
     """What it does instead of the mission; None: it flies the mission, or a command."""
     cause: Cause | None = None
     """Of the action."""
+    left: Departure | None = None
+    """None: the agent is part of the formation, or all agents were given the order."""
 
 
 @dataclass(frozen=True, slots=True)

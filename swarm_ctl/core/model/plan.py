@@ -111,7 +111,10 @@ class Policies:
     agent_lost_after_s: float = 5.0
     override_pause_s: float = 120.0
     """For so long at most, a command to some agents alone holds the mission up for the others; then
-    those agents count as lost (`agent_lost`)."""
+    those agents have left (`left_by_order`)."""
+    left_by_order: Policy = Policy.CONTINUE
+    """What the others do when an operator lands, calls back or kills some agents alone. `hold`
+    lasts until the operator commands `resume`."""
     station_lost: Policy = Policy.LAND
     station_lost_after_s: float = 5.0
     hold_before_land_s: float = 3.0

@@ -51,6 +51,7 @@ class Neighbourhood:
         new = sorted(self.own - before)
         if not new:
             return []
+        self._heard = tuple(sorted({*self._heard, *new}))
         text = f"now a neighbour of {agents_named(new)}, so that the graph stays connected"
         return [(Severity.INFO, text)]
 

@@ -10,7 +10,7 @@ shape gives each agent its own slot of it and knows no roles.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -44,6 +44,8 @@ class SlotExchange:
         """What the own agent tells in its state."""
         self.roles: Mapping[int, int] = {agent: place for place, agent in enumerate(self._ids)}
         """By agent, as heard; a new object whenever a role changes."""
+        self.departed: Container[int] = ()
+        """The agents that have left the formation (`Barrier.departed`)."""
         self.taken: list[tuple[float, int]] = []
         """(since [s], role), for every role but the first."""
 
@@ -101,7 +103,7 @@ class SlotExchange:
         if own.answer_to < 0:
             return True
         to = self._ids[own.answer_to]
-        return self._told(to).version != own.answer_version or self._peers.age(to, now) > GONE_S
+        return self._told(to).version != own.answer_version or self._age(to, now) > GONE_S
 
     def look(
         self, now: float, own_m: Point, flying: tuple[int, int], links: Links, *, new: bool
@@ -159,7 +161,7 @@ class SlotExchange:
             state = self._peers.state(i) if i != self._own else None
             if state is None:
                 continue
-            age = self._peers.age(i, now)
+            age = self._age(i, now)
             ahead = min(age, PREDICT_S)
             points[:, 0, place, 0] = (
                 np.add(state.stop_point_m, np.multiply(state.setpoint_mps, ahead)) / self._unit_m
@@ -170,6 +172,10 @@ class SlotExchange:
         fields = ([getattr(state, name) for state in said] for name in _FIELDS)
         told = ExchangeStates(*(np.array(field)[None, :, None] for field in fields))
         return points, told, age_s, fresh
+
+    def _age(self, agent: int, now: float) -> float:
+        """Age of the newest state [s]; of an agent that has left: as if it was never heard."""
+        return _UNHEARD_S if agent in self.departed else self._peers.age(agent, now)
 
     def _told(self, agent: int) -> ExchangeState:
         """What an agent said last; that it has its own role, where nothing that makes sense was
@@ -185,11 +191,11 @@ class SlotExchange:
         return said
 
     def _holders(self) -> list[int]:
-        """The agent with each role. Where two have one for a moment it is the lower id's, and the
-        others fill what is left."""
+        """The agent with each role. Where two have one for a moment it is the lower id's, if that
+        one has not left the formation, and the others fill what is left."""
         holders: list[int | None] = [None] * len(self._ids)
         spare = []
-        for i in self._ids:
+        for i in sorted(self._ids, key=lambda agent: agent in self.departed):
             role = self.roles[i]
             if holders[role] is None:
                 holders[role] = i

@@ -7,11 +7,11 @@ the common frame, in m and m/s; ages are seconds at `now_s`.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Container, Iterable, Mapping
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
-from swarm_ctl.core.model.messages import AgentState
+from swarm_ctl.core.model.messages import AgentState, CommandKind
 from swarm_ctl.core.model.plan import Point
 
 TRAFFIC: Final = 0
@@ -47,6 +47,16 @@ class OtherAircraft(NamedTuple):
     clock_unknown: bool = False
     """It is heard, and how far its clock is ahead is not known yet."""
 
+    @property
+    def left(self) -> CommandKind | None:
+        """The order by which it has left the formation (`AgentState.left`)."""
+        return self.state.left if self.state is not None else None
+
+    @property
+    def down(self) -> bool:
+        """By its last word, its flight is over and its vehicle stands on the ground."""
+        return self.state is not None and self.state.down
+
 
 @dataclass(frozen=True, slots=True)
 class PeerSnapshot:
@@ -57,6 +67,17 @@ class PeerSnapshot:
     """Every other agent of the plan, in the plan's order, heard or not."""
     traffic: tuple[OtherAircraft, ...] = ()
     """What only the traffic sensor sees, nearest first."""
+
+    def without(self, gone: Container[int]) -> PeerSnapshot:
+        """The same, as if the agents `gone` had never been heard."""
+        if not any(peer.state is not None and peer.id in gone for peer in self.peers):
+            return self
+        left = (OtherAircraft(peer.id) if peer.id in gone else peer for peer in self.peers)
+        return replace(self, peers=tuple(left))
+
+    def aloft(self) -> PeerSnapshot:
+        """What an agent keeps clear of in flight: without the vehicles that stand on the ground."""
+        return self.without({peer.id for peer in self.peers if peer.down})
 
     def fresh(self) -> list[AgentState]:
         """The states that are at most `FRESH_S` old."""

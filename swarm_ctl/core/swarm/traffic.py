@@ -6,6 +6,7 @@ The second source of proximity: avoidance goes on where the mesh is cut.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from typing import Final
 
@@ -37,7 +38,11 @@ class Traffic:
         self, now: float, contacts: Sequence[Contact], peers: Sequence[OtherAircraft], own_m: Point
     ) -> tuple[OtherAircraft, ...]:
         """The contacts that are no followed peer, the `MAX_CONTACTS` nearest to `own_m` first."""
-        recent = [contact for contact in contacts if 0.0 <= now - contact.time_s <= _CONTACT_S]
+        recent = [
+            contact
+            for contact in contacts
+            if 0.0 <= now - contact.time_s <= _CONTACT_S and not self._stands(contact, peers)
+        ]
         if not recent:
             return ()
         at = [
@@ -60,6 +65,14 @@ class Traffic:
         ]
         found.sort(key=lambda other: abs(other.stop_point - complex(*own_m)))
         return tuple(found[:MAX_CONTACTS])
+
+    def _stands(self, contact: Contact, peers: Sequence[OtherAircraft]) -> bool:
+        """It is a peer that has landed and ended, at its height as well: no other flies there."""
+        places = [p.state.position_ned_m for p in peers if p.down and p.state is not None]
+        if not places:
+            return False
+        at = ned_from_geodetic(contact.position, self._plan.origin)
+        return any(math.dist(at, place) < _SAME_AIRCRAFT_M for place in places)
 
     def _place(self, contact: Contact) -> complex:
         """Where the report places it [m]; worked out once a report."""

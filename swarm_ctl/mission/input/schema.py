@@ -390,7 +390,10 @@ class PolicySection(Section):
     agent_lost_after_s: LossTime = 5.0
     override_pause_s: float = Field(default=120.0, ge=0, le=3600)
     """For so long at most, a command to some agents alone (`hold --agents 2`) holds the mission up
-    for the others. Then these agents count as lost, and `agent_lost` acts."""
+    for the others. Then these agents have left, and `left_by_order` acts."""
+    left_by_order: Action = Policy.CONTINUE
+    """What the others do when an operator lands, calls back or kills some agents alone (`land
+    --agents 3`): go on without them, hold until the operator commands `resume`, land or return."""
     station_lost: Action = Policy.LAND
     """When no station was heard for `station_lost_after_s`."""
     station_lost_after_s: LossTime = 5.0

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +16,9 @@ import numpy.typing as npt
 from swarm_ctl.core.law.formation import errors
 from swarm_ctl.report.folder.flight import CLOCK_S, Flight, Source
 from swarm_ctl.report.folder.truth import Floats
+
+OVER_M: Final = 3.0
+"""A vehicle so much higher than one that stands on the ground flies over it: no approach."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +35,8 @@ class Approach:
 def approaches(flight: Flight) -> Iterator[Approach]:
     """Each pair at its closest, also between two moments: both on straight lines.
 
-    By the truth while any vehicle is in the air. By an estimate while both are: on the ground the
+    By the truth while any vehicle is in the air, but for one that flies over one on the ground
+    (`OVER_M`). By an estimate while both are: on the ground the
     noise of a position is no approach.
     """
     true = np.array([source is Source.TRUTH for source in flight.sources])
@@ -40,6 +45,9 @@ def approaches(flight: Flight) -> Iterator[Approach]:
         others = slice(i + 1, None)
         apart = flight.points_m[:, others] - flight.points_m[:, i : i + 1]
         counts = np.where(true[i] & true[others], some, flying[:, i : i + 1] & flying[:, others])
+        down = flight.position_ned_m[..., 2]
+        higher = np.abs(down[:, others] - down[:, i : i + 1]) > OVER_M
+        counts = counts & ~(higher & (flying[:, others] != flying[:, i : i + 1]))
         start, way = apart[:-1], np.diff(apart, axis=0)
         square = np.maximum((way * way).sum(axis=-1), 1e-12)
         share = np.clip(-(start * way).sum(axis=-1) / square, 0.0, 1.0)

@@ -185,8 +185,9 @@ def _facts(plan: Plan, full: bool) -> Iterator[str]:
     )
     yield (
         f"held     by a command to some agents: the others wait {policies.override_pause_s:g} s"
-        f" at most, then: {policies.agent_lost.value}"
+        f" at most, then: {policies.left_by_order.value}"
     )
+    yield f"left     by a command to some agents, the others: {policies.left_by_order.value}"
 
 
 def joysticks(fleet: Fleet) -> Iterator[str]:

@@ -41,6 +41,7 @@ from tests.unit.core.builders import (
 INFINITE = float("inf")
 FENCE = Fence(((-10.0, -10.0), (10.0, -10.0), (10.0, 10.0), (-10.0, 10.0)), 20.0)
 FENCED = plan(fence=FENCE)
+LEFT = {3: "agent 3 was landed by the operator"}
 
 
 def policies(**named: Any) -> Plan:
@@ -66,7 +67,8 @@ def situation(
         landing=False,
         returning=False,
         flown=True,
-        held_too_long=frozenset(),
+        departed={},
+        accepted=frozenset(),
         fell=False,
         sunk_s=0.0,
     )
@@ -269,10 +271,39 @@ ROWS = [
         "by policy hold", case(peer(2, 9.0), of=policies(agent_lost=Policy.HOLD)), HOLDS, "agent 2"
     ),
     Row("by policy continue", case(peer(2, 9.0), of=policies(agent_lost=Policy.CONTINUE))),
-    Row("held by a command for long", case(held_too_long={3}), LANDS, "held agent 3 for 120 s"),
+    # agents that left by an operator's order
+    Row("a peer that left", case(peer(3, phase=Phase.LAND, left=CommandKind.LAND), departed=LEFT)),
     Row(
-        "held by a command for long, by policy",
-        case(held_too_long={3}, of=policies(agent_lost=Policy.CONTINUE)),
+        "a peer that left and is silent", case(peer(3, 60.0, left=CommandKind.LAND), departed=LEFT)
+    ),
+    Row(
+        "left, by policy hold",
+        case(departed=LEFT, of=policies(left_by_order=Policy.HOLD)),
+        HOLDS,
+        "agent 3 was landed by the operator (policies.left_by_order: hold)",
+        OURS,
+    ),
+    Row(
+        "left, by policy hold, and the operator goes on without it",
+        case(departed=LEFT, accepted={3}, of=policies(left_by_order=Policy.HOLD)),
+    ),
+    Row(
+        "left, by policy land",
+        case(departed=LEFT, of=policies(left_by_order=Policy.LAND)),
+        LANDS,
+        "agent 3",
+        OURS,
+    ),
+    Row(
+        "left, in the landing step",
+        case(departed=LEFT, step=LAST, of=policies(left_by_order=Policy.LAND)),
+    ),
+    Row(
+        "left, and this agent as well",
+        case(departed=LEFT, ordered=CommandKind.RETURN, of=policies(left_by_order=Policy.LAND)),
+        RETURNS,
+        "called back",
+        OURS,
     ),
     Row("silent in preparation", lambda: on_the_ground(peer(2, 30.01)), LANDS, "heard for 30 s"),
     Row("just heard in preparation", lambda: on_the_ground(peer(2, 30.0))),

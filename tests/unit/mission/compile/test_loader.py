@@ -215,7 +215,7 @@ CHANGES = {
     "policies:\n  agent_lost: la": "policies:\n  max_speed_mps: 9\n  agent_lost: la",
     "policies:\n  agent_lost: lan": "policies:\n  max_tilt_deg: 30\n  agent_lost: lan",
     "policies:\n  agent_lost: land": "policies:\n  return_separation_m: 2\n  agent_lost: land",
-    "policies:\n  a": "policies:\n  wind: hold\n  override_pause_s: 9\n  a",
+    "policies:\n  a": "policies:\n  wind: hold\n  override_pause_s: 9\n  left_by_order: hold\n  a",
     "policies:\n  ag": "policies:\n  wind_limit_mps: 8\n  estimate: land\n"
     "  position_accuracy_m: 2\n  position_accuracy_flight_m: 3\n  ag",
     "policies:\n  agent_lost: land\n": "policies:\n  return_speed_mps: 2\n  agent_lost: land\n",
