@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import replace
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from swarm_ctl.cli.shared import completion
 from swarm_ctl.cli.shared.console import PlainConsole
-from swarm_ctl.cli.shared.options import complete_runs, option, run_folder, switch
-from swarm_ctl.core.model.messages import Ack
+from swarm_ctl.cli.shared.options import complete_runs, option, switch
 from swarm_ctl.core.model.text import agents_named
 
 
@@ -32,8 +29,12 @@ def send(
         ),
     ] = None,
     run: Annotated[
-        Path | None,
-        option("RUN", "The run folder.  [default: newest in runs/]", autocompletion=complete_runs),
+        str | None,
+        option(
+            "RUN",
+            "Its folder, or its mission.  [default: the only run in runs/ that flies]",
+            autocompletion=complete_runs,
+        ),
     ] = None,
     agents: Annotated[
         str,
@@ -60,6 +61,9 @@ def send(
     return               fly home one at a time, and land
     kill                 stop the motors at once: the vehicles fall
 
+    Agents that are landed, called back or killed alone have left the
+    formation; the others do as the mission says (policies.left_by_order).
+
     Exit codes: 0 all accepted, 1 an agent refused or did not answer, 2 bad input, 3 no agent is
     heard.
 
@@ -70,29 +74,33 @@ def send(
         swarm-ctl send form vee
         swarm-ctl send move -20 35.5 --speed 2
         swarm-ctl send tune h=0.04 kappa=15
-        swarm-ctl send kill --agents 3
+        swarm-ctl send land --run hexagon --agents 3
     """
+    from swarm_ctl.commands.answers import answers as answered
     from swarm_ctl.commands.parse import parse
     from swarm_ctl.report.folder.manifest import read_manifest
+    from swarm_ctl.runtime.flying_runs import flying_run
     from swarm_ctl.runtime.station.run_client import RunClient
     from swarm_ctl.station.picture.summaries import command_words
 
-    folder, console = run_folder(run), PlainConsole()
+    folder, console = flying_run(run), PlainConsole()
+    plan = read_manifest(folder).plan
     words = [command, *(arguments or [])]
     if speed is not None:
         words.append(str(speed))
     if agents:
         words.append("@" + agents.replace(" ", ""))
-    order = parse(" ".join(words), read_manifest(folder).plan)
+    order = parse(" ".join(words), plan)
     if command == "kill" and not yes:
         named = f"agent {agents}" if agents else "EVERY agent"
-        typer.confirm(
-            f"kill: the motors of {named} stop at once and the vehicle falls. Really?", abort=True
-        )
+        what = f"kill: the motors of {named} of {plan.name} ({folder}) stop at once"
+        typer.confirm(f"{what} and the vehicle falls. Really?", abort=True)
     with RunClient(folder) as client:
         answers = client.order(replace(order, by=by))
-    for answer, ids in _by_answer(answers.acks.values()).items():
-        console.say(f"{agents_named(ids)}: {answer}")
+        left = client.left()
+    console.say(f"{order.text}, {plan.name} ({folder}):")
+    for line in answered(answers, plan, left):
+        console.say(line)
     if answers.silent:
         console.say(f"{agents_named(answers.silent)}: no answer", style="bold red")
     if answers.accepted and answers.command.tuning is not None:
@@ -100,12 +108,3 @@ def send(
     if answers.failed:
         console.say(f"nothing changes: {answers.failed}", style="bold red")
     raise typer.Exit(0 if answers.accepted else 1)
-
-
-def _by_answer(acks: Iterable[Ack]) -> dict[str, list[int]]:
-    """The agents that gave each answer; a reason's own agent name does not count."""
-    found: dict[str, list[int]] = {}
-    for ack in sorted(acks, key=lambda ack: ack.agent):
-        reason = ack.reason.removeprefix(f"agent {ack.agent} ").removeprefix("is ")
-        found.setdefault("accepted" if ack.accepted else f"refused: {reason}", []).append(ack.agent)
-    return found

@@ -5,16 +5,21 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Final
 
-from swarm_ctl.cli.shared.options import Headless, Json, Metrics, RunFolder, option, run_folder
+import typer
+
+from swarm_ctl.cli.shared.options import Headless, Json, Metrics, complete_runs, option
 from swarm_ctl.errors import InputError
 
+_RUN: Final = "A run folder, or the mission of a run that flies.  [default: the one that flies]"
 _MESH: Final = (
     "With --mission: where an agent listens; repeat it for each.  [default: as in its fleet]"
 )
 
 
 def station(
-    run: RunFolder = None,
+    run: Annotated[
+        str | None, typer.Argument(metavar="RUN", help=_RUN, autocompletion=complete_runs)
+    ] = None,
     mission: Annotated[
         Path | None, option("FILE", "A mission file instead of a run: for a swarm on other hosts.")
     ] = None,
@@ -32,7 +37,8 @@ def station(
 ) -> None:
     """Watch and command a swarm that flies already.
 
-    From another terminal, the run folder is enough. From another host, give the mission file and
+    From another terminal, the run folder is enough, or the mission's name; where one swarm alone
+    flies, nothing is. From another host, give the mission file and
     the agents' mesh addresses: the station waits until it hears them. It shows agents that fly
     another plan, but can't send them a shape. Ctrl-C leaves; the swarm flies on.
 
@@ -44,6 +50,7 @@ def station(
         swarm-ctl station --mission pair.yaml --mesh tcp/10.0.0.11:7447
     """
     from swarm_ctl.mission.compile.loader import load
+    from swarm_ctl.runtime.flying_runs import flying_run
     from swarm_ctl.runtime.station.join import join_run, join_swarm
     from swarm_ctl.runtime.station.screens import shown
 
@@ -52,7 +59,7 @@ def station(
         for name, value in {"--mesh": mesh, "--fleet": fleet, "--speedup": speedup}.items():
             if value:
                 raise InputError(f"{name} without a mission; allowed: together with --mission FILE")
-        join_run(run_folder(run), show, metrics)
+        join_run(flying_run(run), show, metrics)
     elif run is not None:
         raise InputError(f"both a run folder ({run}) and --mission {mission}; allowed: one of them")
     else:

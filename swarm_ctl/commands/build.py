@@ -17,7 +17,7 @@ import numpy as np
 
 from swarm_ctl.commands.parse import BY_NAME, Order, tuned
 from swarm_ctl.core.law.formation import smallest_distance
-from swarm_ctl.core.model.messages import Command, CommandKind, Gains, Tuning
+from swarm_ctl.core.model.messages import ENDING, Command, CommandKind, Gains, Tuning
 from swarm_ctl.core.model.plan import FormStep, MoveStep, Plan, Point
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.swarm.gain_update import LEAD_S, limits, planned
@@ -46,6 +46,10 @@ class AgentNow:
     """The law it flies; None: it has not told yet."""
     clock_ahead_s: float | None = None
     """Its clock less the sender's, 0 where they may be one; None: not known."""
+    left: bool = False
+    """It has left the formation (`AgentState.left`)."""
+    down: bool = False
+    """Its flight is over."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,12 +63,29 @@ class SwarmNow:
     agents: tuple[AgentNow, ...]
     speedup: float = 1.0
 
+    @property
+    def formation(self) -> list[AgentNow]:
+        """The agents that have not left it."""
+        return [agent for agent in self.agents if not agent.left]
+
+    def meant(self, order: Order) -> tuple[int, ...]:
+        """The agents that an order is for: those that it names; else all of the formation, and for
+        one that ends the mission all that have not ended."""
+        if order.agents:
+            return order.agents
+        if order.kind in ENDING:
+            return tuple(agent.id for agent in self.agents if not (agent.left and agent.down))
+        return tuple(agent.id for agent in self.formation)
+
     def stop_points_m(self, kind: str) -> dict[int, Point]:
-        """Where each agent would come to rest; InputError where one is not heard."""
+        """Where each agent of the formation would come to rest; InputError where one is not
+        heard."""
         found = {
-            a.id: a.stop_point_m for a in self.agents if a.stop_point_m is not None and not a.lost
+            a.id: a.stop_point_m
+            for a in self.formation
+            if a.stop_point_m is not None and not a.lost
         }
-        silent = [str(agent.id) for agent in self.agents if agent.id not in found]
+        silent = [str(agent.id) for agent in self.formation if agent.id not in found]
         if silent:
             raise InputError(f"{kind}: agent {', '.join(silent)} is not heard; nothing was sent")
         return found
@@ -114,12 +135,15 @@ def _form(shape: str, swarm: SwarmNow, mission: LoadedMission | Path) -> FormSte
         raise InputError(
             f"there is no shape {shape!r} in {where}{hint}; allowed: {', '.join(sorted(shapes))}"
         )
-    points = [
-        (points_m[a.id][0] / plan.unit_m, points_m[a.id][1] / plan.unit_m) for a in plan.agents
-    ]
-    slots = slots_of(shapes[shape], len(points))
-    if len(slots) != len(points):
-        raise InputError(f"{shape} has {len(slots)} slots for {len(points)} agents")
+    count = len(plan.agents)
+    slots = slots_of(shapes[shape], count)
+    if len(slots) != count:
+        raise InputError(f"{shape} has {len(slots)} slots for {count} agents")
+    # The agents that have left take the slots that no other wants.
+    points = np.full((count, 2), np.nan)
+    for place, agent in enumerate(plan.agents):
+        if agent.id in points_m:
+            points[place] = np.array(points_m[agent.id]) / plan.unit_m
     # Rounded, so that the command's text is short; + 0.0 makes 0.0 of -0.0.
     chosen = np.round(slot_assignment.nearest(points, slots), 9) + 0.0
     if smallest_distance(chosen) <= plan.law.r_out:
@@ -151,7 +175,7 @@ def _move(order: Order, swarm: SwarmNow) -> MoveStep:
 def _tune(order: Order, swarm: SwarmNow) -> tuple[tuple[int, ...], Tuning]:
     """The agents asked, and the change. Every agent that controls a vehicle is asked."""
     plan = swarm.plan
-    unheard = [agent.id for agent in swarm.agents if agent.stop_point_m is None]
+    unheard = [agent.id for agent in swarm.formation if agent.stop_point_m is None]
     if unheard:
         raise InputError(f"tune: {agents_named(unheard)} is not heard; nothing was sent")
     asked = [agent for agent in swarm.agents if agent.flies]

@@ -71,9 +71,10 @@ class CommandSender:
         self._give_up_s = GIVE_UP_WALL_S * speedup
         self._open: list[_Open] = []
 
-    def send(self, command: Command, now: float) -> SentCommand:
-        """Send a command now, and again at each `turn` that it is due."""
-        sent = SentCommand(command, command.agents or self._agents)
+    def send(self, command: Command, now: float, meant: Sequence[int] = ()) -> SentCommand:
+        """Send a command now, and again at each `turn` that it is due. `meant` must answer; if not
+        given, the agents that it names, or all."""
+        sent = SentCommand(command, tuple(meant) or command.agents or self._agents)
         first_phase = GainUpdateRound(command) if command.kind == CommandKind.TUNE else None
         self._open.append(_Open(sent, now, now, first_phase))
         self._repeat(self._open[-1], now)

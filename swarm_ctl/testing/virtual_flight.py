@@ -40,7 +40,9 @@ class VirtualFlight(SwarmFlight):
         self.swarm.run(seconds)
 
     def order(self, order: Order) -> SentCommand:
-        sent = self._sender.send(build(order, self._now(), self._mission), self.swarm.now)
+        swarm = self._now()
+        command = build(order, swarm, self._mission)
+        sent = self._sender.send(command, self.swarm.now, swarm.meant(order))
         while not sent.over:
             self.swarm.tick()
             for ack in self.swarm.acks:
@@ -55,7 +57,11 @@ class VirtualFlight(SwarmFlight):
             member = self.swarm.members[agent_id]
             status = member.status
             gains = status.gains if status else None
-            agents.append(AgentNow(agent_id, point, flies=member.alive, gains=gains))
+            left = status is not None and status.left is not None
+            down = not member.alive
+            agents.append(
+                AgentNow(agent_id, point, flies=member.alive, gains=gains, left=left, down=down)
+            )
             if member.alive and status:
                 step = max(step, status.step)
         return SwarmNow(self.plan, self.swarm.now, step, tuple(agents))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import time
@@ -21,6 +22,13 @@ def waiting(text: str) -> str:
     return text.replace("  - hold: {duration_s: 5}\n", hold + hold)
 
 
+def answers(said: str) -> str:
+    """What agents answered, without the first line, which names order, mission and run."""
+    head, _, told = said.strip().partition("\n")
+    assert not head or re.search(r", low \(runs/\d+-\d+-low\):$", head)
+    return told
+
+
 def test_a_dead_agent_holds_no_command_up(tmp_path: Path) -> None:
     """Not even those for others; the answer names it. Before, each waited ten seconds more."""
 
@@ -28,7 +36,7 @@ def test_a_dead_agent_holds_no_command_up(tmp_path: Path) -> None:
         begun = time.monotonic()
         command = [str(SWARM_CTL), "send", *words]
         done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-        return done.returncode, (done.stdout + done.stderr).strip(), time.monotonic() - begun
+        return done.returncode, answers(done.stdout), time.monotonic() - begun
 
     mission = tmp_path / "low.yaml"
     mission.write_text(waiting(LOW.read_text()) + "policies: {agent_lost: continue}\n")
@@ -40,7 +48,10 @@ def test_a_dead_agent_holds_no_command_up(tmp_path: Path) -> None:
         assert (code, text) == (1, "agents 1-2, 4-6: accepted\nagent 3: no answer")
         assert took_s < alone_s + 6.0
         code, text, took_s = send("kill", "--agents", "2", "--yes")
-        assert (code, text) == (0, "agent 2: accepted")
+        assert (code, text) == (
+            0,
+            "agent 2: motors off; agents 1, 3-6 go on without it (policies.left_by_order)",
+        )
         assert took_s < alone_s + 6.0
         running.interrupt()
         running.wait()
@@ -56,7 +67,7 @@ def test_an_operator_commands_from_the_shell(tmp_path: Path) -> None:
         done = subprocess.run(
             command, cwd=tmp_path, capture_output=True, text=True, check=False, input="n\n"
         )
-        return done.returncode, (done.stdout + done.stderr).strip()
+        return done.returncode, answers(done.stdout) or done.stderr.strip()
 
     mission = tmp_path / "low.yaml"
     mission.write_text(waiting(LOW.read_text()))
@@ -81,7 +92,13 @@ def test_an_operator_commands_from_the_shell(tmp_path: Path) -> None:
         assert send("form", "row") == (0, "agents 1-6: accepted")
         assert send("next") == (0, "agents 1-6: accepted")
         running.wait_for_event("step 4:", 6)
-        assert send("hold", "--agents", "2,4-5") == (0, "agents 2, 4-5: accepted")
+        assert send("hold", "--agents", "2,4-5") == (
+            0,
+            (
+                "agents 2, 4-5: holding; agents 1, 3, 6 wait for them 120 s at most, then go on"
+                " without them (policies.override_pause_s, left_by_order)"
+            ),
+        )
         assert send("kill")[0] == 1  # "n" to the question
         assert send("kill", "--yes") == (0, "agents 1-6: accepted")
         assert running.wait() == 1, running.output

@@ -4,11 +4,9 @@ kills is typed whole."""
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 
 import typer
 
-from swarm_ctl.cli.shared.options import run_folder
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.errors import SwarmError
 
@@ -49,11 +47,11 @@ def _words(given: Sequence[str] | str | None) -> Sequence[str]:
 
 
 def _plan(ctx: typer.Context) -> Iterator[Plan]:
-    """The plan of the run that is named, or of the newest; none where there is no such run."""
+    """The plan of the run that is meant; none where there is no such run."""
     from swarm_ctl.report.folder.manifest import read_manifest
+    from swarm_ctl.runtime.flying_runs import flying_run
 
-    given = ctx.params.get("run")
     try:
-        yield read_manifest(run_folder(Path(given) if given else None)).plan
+        yield read_manifest(flying_run(ctx.params.get("run"))).plan
     except SwarmError:
         return  # there is nothing to complete: the command itself will say what is wrong

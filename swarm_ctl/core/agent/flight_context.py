@@ -23,7 +23,6 @@ from swarm_ctl.core.model.plan import FormStep, Plan, Point
 from swarm_ctl.core.model.vehicle import FALLS_MPS, FlyGoal, VehicleView
 from swarm_ctl.core.swarm.neighbourhood import Neighbourhood
 from swarm_ctl.core.swarm.slot_exchange import SlotExchange
-from swarm_ctl.core.swarm.snapshot import PeerSnapshot
 
 _FLOWN_M: Final = 1.0
 """A position estimate on the ground wanders by less."""
@@ -182,8 +181,7 @@ class FlightContext:
         self.setpoints.add(now)
         return FlyGoal((north, east, -climb))
 
-    def keep_clear(self, tick: Tick, peers: PeerSnapshot | None = None) -> FlyGoal:
-        """The setpoint of an agent that stays where it is and makes room; for `peers` other than
-        those aloft, if given."""
-        fix, others = tick.fix, tick.peers.aloft() if peers is None else peers
-        return self.setpoint(tick.now, fix, self.controller.keep_clear(others) if fix else None)
+    def keep_clear(self, tick: Tick) -> FlyGoal:
+        """The setpoint of an agent that stays where it is and makes room."""
+        fix = tick.fix
+        return self.setpoint(tick.now, fix, self.controller.keep_clear(tick.peers) if fix else None)

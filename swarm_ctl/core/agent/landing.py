@@ -19,7 +19,6 @@ from swarm_ctl.core.model.vehicle import (
     TerminateGoal,
     YieldGoal,
 )
-from swarm_ctl.core.swarm.snapshot import PeerSnapshot
 
 _AT_REST_MPS = 0.3
 _BRAKE_AT_MOST_S = 3.0
@@ -120,7 +119,7 @@ class Landing:
             slow = fix is not None and math.hypot(*fix.velocity_ned_mps[:2]) < _AT_REST_MPS
             over = self._over_another(tick) and waited < brake_s + _ASIDE_AT_MOST_S
             if waited < brake_s or not (slow or waited > _BRAKE_AT_MOST_S) or over:
-                return self._hold(tick, tick.peers)
+                return self._hold(tick, ground=over)
             context.landing_s = now
         context.phase = Phase.LAND
         context.controller.rest()
@@ -149,13 +148,17 @@ class Landing:
         near = tick.peers.near(own, plan.law.r_in * plan.unit_m)
         return any(other.down for other in near)
 
-    def _hold(self, tick: Tick, peers: PeerSnapshot | None = None) -> Goal:
+    def _hold(self, tick: Tick, *, ground: bool = False) -> Goal:
         self._context.phase = Phase.HOLD
         if not tick.view.controlled and self._context.progress.step <= 1:
             # still under the autopilot's own take-off
             self._context.controller.rest()
             return LandGoal() if tick.view.armed else StandbyGoal()
-        return self._context.keep_clear(tick, peers)
+        context, fix = self._context, tick.fix
+        if ground and fix is not None:
+            aside = context.controller.keep_clear(tick.peers, ground=True)
+            return context.setpoint(tick.now, fix, aside)
+        return context.keep_clear(tick)
 
     def _on_ground(self, tick: Tick) -> bool:
         """The vehicle stands there disarmed."""

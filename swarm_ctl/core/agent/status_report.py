@@ -81,6 +81,7 @@ def status_report(
         action=context.trigger.action if context.trigger else None,
         cause=context.trigger.cause if context.trigger else None,
         left=left,
+        without=tuple(peer.id for peer in tick.peers.peers if peer.left is not None),
     )
 
 

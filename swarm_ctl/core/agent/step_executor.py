@@ -173,7 +173,7 @@ class StepExecutor:
             extra = reference.feed_forward(step, own, context.controller.gain)
             common = complex(*reference.common_mps(step))
         formation = Formation(reference.slots, context.neighbourhood.own, common, key)
-        return context.controller.form(tick.peers.aloft(), formation, extra)
+        return context.controller.form(tick.peers, formation, extra)
 
     def _exchange_slots(self, tick: Tick, step: Shaped) -> None:
         """Exchange slots with an agent that is in the way, where the step allows it."""

@@ -96,10 +96,11 @@ class Controller:
     def form(
         self, snapshot: PeerSnapshot, formation: Formation, extra_mps: Point = (0.0, 0.0)
     ) -> Point:
-        """The law (26) towards the formation's slots, keeping apart.
+        """The law (26) towards the formation's slots, keeping apart from what is aloft.
 
         `extra_mps` moves the formation as a whole; it is flown on top of the law.
         """
+        snapshot = snapshot.aloft()
         consensus, avoidance = self._terms(snapshot, formation)
         if extra_mps != (0.0, 0.0):
             wish = self._around(consensus + complex(*extra_mps))
@@ -116,8 +117,12 @@ class Controller:
         wish = avoidance + self._around(shortened(pull, speed_mps))
         return self._filtered(snapshot, wish, NO_FORMATION)
 
-    def keep_clear(self, snapshot: PeerSnapshot) -> Point:
-        """Stay, but make room for an aircraft that comes close: the law's avoidance term alone."""
+    def keep_clear(self, snapshot: PeerSnapshot, *, ground: bool = False) -> Point:
+        """Stay, but make room for an aircraft that comes close: the law's avoidance term alone.
+
+        `ground`: keep clear of vehicles that stand on the ground, too, as before a landing.
+        """
+        snapshot = snapshot if ground else snapshot.aloft()
         _, avoidance = self._terms(snapshot, NO_FORMATION)
         return self._filtered(snapshot, avoidance, NO_FORMATION)
 

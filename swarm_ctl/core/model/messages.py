@@ -359,6 +359,8 @@ class AgentStatus:
     """Of the action."""
     left: Departure | None = None
     """None: the agent is part of the formation, or all agents were given the order."""
+    without: tuple[int, ...] = ()
+    """The peers that have left the formation, as they told."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,14 +16,18 @@ def nearest(points: npt.ArrayLike, slots: npt.ArrayLike) -> Array:
     """The slots (n, 2) in the order of the points (n, 2) with the least total squared distance.
 
     The centroids are aligned first: the law forms the shape anywhere, so only the place within it
-    counts.
+    counts. A point that is nan takes any slot.
     """
     # Imported here: scipy takes 0.3 s, and most commands never need slots.
     from scipy.optimize import linear_sum_assignment
 
     targets = np.asarray(slots, dtype=np.float64)
-    between = centred(points)[:, None, :] - centred(targets)[None, :, :]
-    # Rounded, so that machines whose last bits differ choose alike between slots equally far away.
-    cost = np.round(np.sum(between**2, axis=-1), 9)
+    places = np.asarray(points, dtype=np.float64)
+    known = np.isfinite(places[:, 0])
+    cost = np.zeros((len(places), len(targets)))
+    if known.any():
+        between = centred(places[known])[:, None, :] - centred(targets)[None, :, :]
+        # Rounded, so that machines whose last bits differ choose alike between slots equally far.
+        cost[known] = np.round(np.sum(between**2, axis=-1), 9)
     _, chosen = linear_sum_assignment(cost)
     return targets[chosen]

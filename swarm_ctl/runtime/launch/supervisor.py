@@ -18,6 +18,7 @@ from swarm_ctl.report.folder.last_statuses import flying_successors
 from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.report.judge.summary import Summary, write_summary
 from swarm_ctl.runtime import clock as wall
+from swarm_ctl.runtime.flying_runs import PROCESSES
 from swarm_ctl.runtime.launch.interrupts import Interrupts
 from swarm_ctl.runtime.launch.processes import (
     AgentChild,
@@ -152,7 +153,9 @@ class RunProcesses:
             self._kill_all()  # no vehicle is armed yet
             raise
         pids = {child.name: child.pid for child in self._children}
-        (folder / "processes.json").write_text(json.dumps(pids))
+        part = folder / f"{PROCESSES}.part"
+        part.write_text(json.dumps(pids))
+        part.replace(folder / PROCESSES)
 
     def _start_vehicles(self) -> None:
         """Start the autopilots of the run, if it has any, and say where each is."""

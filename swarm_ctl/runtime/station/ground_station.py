@@ -109,8 +109,8 @@ class Station:
     def order(self, order: Order) -> SentCommand:
         """Send the command for an operator's order; InputError where there can't be one."""
         now = self._clock.now()
-        command = build(order, swarm_now(self._model.view(now)), self._mission)
-        return self._sender.send(command, now)
+        swarm = swarm_now(self._model.view(now))
+        return self._sender.send(build(order, swarm, self._mission), now, swarm.meant(order))
 
     def _publish(self, command: Command) -> None:
         self._node.send(keys.COMMAND, command)
@@ -177,6 +177,13 @@ class Station:
 def swarm_now(view: SwarmView) -> SwarmNow:
     """What commands are built from."""
     flying = {agent.id for agents in view.laws.values() for agent in agents}
+    departed = {i for each in view.agents if each.status for i in each.status.without}
+    # one that has ended is heard no more, and its peers tell of it
+    left = {
+        each.id
+        for each in view.agents
+        if (each.state.left is not None if each.state is not None else each.id in departed)
+    }
     agents = tuple(
         AgentNow(
             agent.id,
@@ -185,6 +192,8 @@ def swarm_now(view: SwarmView) -> SwarmNow:
             agent.id in flying,
             agent.status.gains if agent.status else None,
             agent.link.clock_ahead_s,
+            agent.id in left,
+            agent.state.down if agent.state is not None else agent.id in left,
         )
         for agent in view.agents
         if agent.in_plan

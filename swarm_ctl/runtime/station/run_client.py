@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final, Self
 
+from swarm_ctl.commands.build import SwarmNow
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.commands.send import SentCommand
 from swarm_ctl.core.model.messages import AgentState, AgentStatus, CommandKind
@@ -12,7 +13,8 @@ from swarm_ctl.errors import StartError
 from swarm_ctl.report.folder.manifest import Manifest, read_manifest
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.clock import Clock
-from swarm_ctl.runtime.station.ground_station import Station, open_node
+from swarm_ctl.runtime.flying_runs import flying_run
+from swarm_ctl.runtime.station.ground_station import Station, open_node, swarm_now
 from swarm_ctl.station.picture.view import AgentView
 
 _HEAR_WALL_S: Final = 3.0
@@ -27,10 +29,14 @@ _OLD_S: Final = 5.0
 
 
 class RunClient:
-    """A member of a run's mesh that speaks for an operator. Close it, or use it in a `with`."""
+    """A member of a run's mesh that speaks for an operator. Close it, or use it in a `with`.
 
-    def __init__(self, folder: Path) -> None:
-        self._manifest: Manifest = read_manifest(folder)
+    `run` is a run folder or the mission of a run that flies; None: the only one that flies
+    (`flying_run`). InputError where several may be meant.
+    """
+
+    def __init__(self, run: Path | str | None = None) -> None:
+        self._manifest: Manifest = read_manifest(flying_run(run))
         clock = self._clock = Clock(self._manifest.epoch_s, self._manifest.speedup)
         self._node = open_node(self._manifest.swarm, self._manifest.whole_mesh, clock, role="send")
         self._station = Station(
@@ -58,6 +64,13 @@ class RunClient:
         self._station.hear()
         return {agent.id: agent.status for agent in self._station.view().agents if agent.status}
 
+    def left(self) -> set[int]:
+        """The agents that have left the formation by an operator's order."""
+        return {agent.id for agent in self._now().agents if agent.left}
+
+    def _now(self) -> SwarmNow:
+        return swarm_now(self._station.view())
+
     def order(self, order: Order) -> SentCommand:
         """Send an order until every agent that is meant has answered, or for ten seconds. Agents
         that are gone (never heard since joining) are not waited for.
@@ -75,6 +88,9 @@ class RunClient:
             missed = {agent.id for agent in self._heard(since_s)}.intersection(sent.silent)
             if not missed and wall.wall_s() > joined_s + _GONE_WALL_S:
                 break
+        # that an agent has left and ended may be heard of later than it was asked
+        meant = {*self._now().meant(order), *sent.acks}
+        sent.meant = tuple(agent for agent in sent.meant if agent in meant)
         return sent
 
     def _wait_for_agents(self, order: Order) -> None:
@@ -84,10 +100,10 @@ class RunClient:
             order.kind in (CommandKind.FORM, CommandKind.TUNE) or order.by,
             self._clock.now(),
         )
-        until, count = wall.wall_s() + _HEAR_WALL_S, len(self._manifest.plan.agents)
+        until = wall.wall_s() + _HEAR_WALL_S
         heard: list[AgentView] = []
         ready: list[AgentView] = []
-        while len(ready) < count and wall.wall_s() < until:
+        while len(ready) < len(self._now().meant(order)) and wall.wall_s() < until:
             self._station.hear()
             before, heard = heard, self._heard(since_s)
             ready = [agent for agent in heard if agent.status or order.kind != CommandKind.TUNE]

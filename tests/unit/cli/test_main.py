@@ -16,9 +16,8 @@ from rich.text import Text
 
 from swarm_ctl.cli.main import app, main
 from swarm_ctl.cli.shared.console import PlainConsole
-from swarm_ctl.cli.shared.options import run_folder
 from swarm_ctl.commands.parse import KINDS
-from swarm_ctl.errors import InputError, StartError
+from swarm_ctl.errors import StartError
 
 GROUP = typer.main.get_command(app)
 MISSION = str(Path(__file__).parents[3] / "missions" / "hexagon.yaml")
@@ -156,19 +155,6 @@ def test_the_console_prints_text_as_it_is() -> None:
     assert "[b]" in out
     assert "\\x1b[31m" in out
     assert "\x1b" not in out
-
-
-def test_the_newest_run_is_taken_where_none_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(InputError, match="no run in runs/"):
-        run_folder(None)
-    for name in ("20260101-a", "20260102-a"):
-        (tmp_path / "runs" / name).mkdir(parents=True)
-        (tmp_path / "runs" / name / "run.json").touch()
-    assert run_folder(None) == Path("runs/20260102-a")
-    assert run_folder(Path("x")) == Path("x")
 
 
 def test_the_pytest_plugin_imports_nothing_heavy() -> None:

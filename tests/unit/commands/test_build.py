@@ -108,3 +108,18 @@ def test_agents_with_different_laws_need_all_values() -> None:
 def test_refusals_say_what_is_allowed(order: Order, swarm: SwarmNow, why: str) -> None:
     with pytest.raises(InputError, match=re.escape(why)):
         build(order, swarm, HEXAGON)
+
+
+def test_orders_are_for_the_formation() -> None:
+    """An agent that has left it need not be heard, and takes the slot that no other wants; an order
+    to all that ends the mission is for it until its vehicle is down."""
+    gone = with_agent(3, stop_point_m=None, left=True, down=True)
+    assert gone.meant(Order("hold")) == (1, 2, 4, 5, 6)
+    assert gone.meant(Order("land")) == (1, 2, 4, 5, 6)
+    assert with_agent(3, left=True).meant(Order("land")) == (1, 2, 3, 4, 5, 6)
+    assert gone.meant(Order("hold", (), (3,))) == (3,)
+    whole, without = (build(Order("form", ("hexagon",)), s, HEXAGON).step for s in (SWARM, gone))
+    assert isinstance(whole, FormStep)
+    assert isinstance(without, FormStep)
+    assert sorted(without.slots) == sorted(whole.slots)
+    assert build(Order("move", ("1", "2"), by=True), gone, HEXAGON).step is not None

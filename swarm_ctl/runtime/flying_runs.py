@@ -1,0 +1,80 @@
+"""Which runs of this machine are in the air, and which of them is meant."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Final
+
+from swarm_ctl.errors import InputError
+from swarm_ctl.report.folder.manifest import MANIFEST, Manifest, read_manifest
+from swarm_ctl.report.judge.summary import SUMMARY
+from swarm_ctl.runtime import clock as wall
+
+RUNS: Final = Path("runs")
+"""Where `run` puts its folders, if it is not told otherwise."""
+PROCESSES: Final = "processes.json"
+
+
+def flying_run(named: Path | str | None = None, runs: Path = RUNS) -> Path:
+    """The folder of the run that is meant: a run folder, the mission of a run in `runs` that flies,
+    or (None) the only run that flies; where none flies, the newest one.
+
+    Raises:
+        InputError: several runs may be meant, or none is, with the list of those that fly.
+    """
+    if named is not None and (Path(named) / MANIFEST).exists():
+        return Path(named)
+    flying = _flying(runs)
+    meant = {
+        folder: manifest
+        for folder, manifest in flying.items()
+        if named is None or str(named) == manifest.plan.name
+    }
+    if len(meant) == 1:
+        return next(iter(meant))
+    if meant:
+        by = "folder" if named is not None else "mission or its folder"
+        raise InputError(
+            f"{len(meant)} swarms are in the air: {_listed(meant)}; name one by its {by}"
+        )
+    if named is not None:
+        rest = f"in the air: {_listed(flying)}" if flying else f"no run of {runs}/ is in the air"
+        raise InputError(f"{named} is no run folder, and no mission that flies; {rest}")
+    folders = [path.parent for path in runs.glob(f"*/{MANIFEST}")]
+    if not folders:
+        raise InputError(f"no run in {runs}/; name a run folder")
+    return max(folders)
+
+
+def _flying(runs: Path) -> dict[Path, Manifest]:
+    """By folder: without a summary, and one of its agents' processes lives."""
+    found: dict[Path, Manifest] = {}
+    for path in sorted(runs.glob(f"*/{PROCESSES}")):
+        folder = path.parent
+        if (folder / SUMMARY).exists() or not _agent_lives(path):
+            continue
+        manifest = read_manifest(folder)
+        if manifest.epoch_s <= wall.wall_s():  # else the machine was started again since
+            found[folder] = manifest
+    return found
+
+
+def _agent_lives(processes: Path) -> bool:
+    pids: dict[str, int] = json.loads(processes.read_text())
+    return any(_lives(pid) for name, pid in pids.items() if name.startswith("agent-"))
+
+
+def _lives(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:  # another user's
+        return True
+    return True
+
+
+def _listed(runs: dict[Path, Manifest]) -> str:
+    return ", ".join(f"{manifest.plan.name} ({folder})" for folder, manifest in runs.items())

@@ -1,0 +1,78 @@
+"""Which run an order, or a station that joins, means."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from swarm_ctl.errors import InputError
+from swarm_ctl.report.folder.manifest import write_manifest
+from swarm_ctl.runtime.flying_runs import flying_run
+from tests.unit.report.run_folders import PLAN, manifest
+
+DEAD = -1
+
+
+def a_run(runs: Path, name: str, mission: str, pid: int = DEAD, *, ended: bool = False) -> Path:
+    folder = runs / name
+    folder.mkdir(parents=True)
+    write_manifest(folder, manifest(replace(PLAN, name=mission), epoch_s=0.0))
+    (folder / "processes.json").write_text(json.dumps({"agent-1": pid, "station": os.getpid()}))
+    if ended:
+        (folder / "summary.json").touch()
+    return folder
+
+
+@pytest.fixture
+def dead() -> int:
+    """The id of a process that has ended."""
+    process = subprocess.Popen([sys.executable, "-c", ""])
+    process.wait()
+    return process.pid
+
+
+def test_the_only_run_that_flies_is_meant(tmp_path: Path, dead: int) -> None:
+    """Neither one that has ended since, however new, nor one whose agents are dead."""
+    flies = a_run(tmp_path, "1-square", "square", os.getpid())
+    a_run(tmp_path, "2-square", "square", os.getpid(), ended=True)
+    a_run(tmp_path, "3-square", "square", dead)
+    assert flying_run(None, tmp_path) == flies
+    assert flying_run("square", tmp_path) == flies
+
+
+def test_several_that_fly_are_listed(tmp_path: Path) -> None:
+    one = a_run(tmp_path, "1-square", "square", os.getpid())
+    two = a_run(tmp_path, "2-hexagon", "hexagon", os.getpid())
+    with pytest.raises(InputError) as error:
+        flying_run(None, tmp_path)
+    listed = f"2 swarms are in the air: square ({one}), hexagon ({two}); name one by its mission"
+    assert str(error.value).startswith(listed)
+    assert flying_run("hexagon", tmp_path) == two
+    assert flying_run(one, tmp_path) == one
+
+
+def test_two_of_one_mission_are_told_apart_by_their_folders(tmp_path: Path) -> None:
+    folders = [a_run(tmp_path, f"{k}-square", "square", os.getpid()) for k in (1, 2)]
+    with pytest.raises(InputError, match=r"2 swarms are in the air: .*; name one by its folder$"):
+        flying_run("square", tmp_path)
+    assert flying_run(folders[0], tmp_path) == folders[0]
+
+
+def test_a_name_that_means_none_is_refused(tmp_path: Path, dead: int) -> None:
+    a_run(tmp_path, "1-square", "square", dead)
+    with pytest.raises(InputError, match=r"hexagon is no run folder, and no mission that flies"):
+        flying_run("hexagon", tmp_path)
+
+
+def test_where_none_flies_the_newest_is_taken(tmp_path: Path, dead: int) -> None:
+    with pytest.raises(InputError, match="no run in"):
+        flying_run(None, tmp_path)
+    a_run(tmp_path, "1-square", "square", dead)
+    newest = a_run(tmp_path, "2-square", "square", ended=True)
+    assert flying_run(None, tmp_path) == newest
