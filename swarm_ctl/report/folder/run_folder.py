@@ -73,7 +73,8 @@ class RunFolder:
         return min((result.start_s for result in found if result), default=math.inf)
 
     def landing_s(self) -> float:
-        """When the landing began, by plan or because an agent broke its step off; inf: unknown."""
+        """When the landing began, by plan or because an agent of the formation broke its step off;
+        inf: unknown."""
         steps = self.plan.steps if self.plan else ()
         planned = (
             self.start_s(k)
@@ -83,7 +84,7 @@ class RunFolder:
         broken = (
             result.end_s
             for status in self.statuses
-            for result in status.steps
+            for result in (status.steps if status.left is None else ())
             if result.result in (StepOutcome.ABORTED, StepOutcome.TIMEOUT)
             and result.end_s is not None
         )
@@ -160,7 +161,10 @@ def _flight(
 
 
 def _live_until(last: LastStatus | None, plan: Plan) -> float:
-    """An agent without a final status lives until its peers count it as lost."""
+    """An agent without a final status lives until its peers count it as lost, one that left by an
+    operator's order until then."""
     if last is None:
         return -math.inf
+    if last.status.left is not None:
+        return last.status.left.time_s
     return math.inf if last.final else last.status.time_s + plan.policies.agent_lost_after_s

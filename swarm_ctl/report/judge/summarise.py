@@ -29,6 +29,7 @@ from swarm_ctl.report.judge.findings import find, headlines
 from swarm_ctl.report.judge.summary import (
     AgentSummary,
     FindingSummary,
+    LeftSummary,
     LinkSummary,
     SafetySummary,
     StepSummary,
@@ -69,6 +70,7 @@ def summarise(folder: Path, exit_codes: Mapping[str, int] | None = None) -> Summ
         outcome=outcome,
         reason=reason,
         cause=cause,
+        left=_left(run),
         findings=tuple(FindingSummary(**asdict(finding)) for finding in findings),
         judged_by=dict(zip(run.agents, run.flight.sources, strict=True)) if run.flight else {},
         steps=steps,
@@ -88,6 +90,15 @@ def summarise(folder: Path, exit_codes: Mapping[str, int] | None = None) -> Summ
         warnings=(*doubts(run, pairs), *_slow(run, cause)),
         notes=tuple(run.notes),
     )
+
+
+def _left(run: RunFolder) -> tuple[LeftSummary, ...]:
+    found = (
+        LeftSummary(agent=s.agent, order=s.left.order, time_s=s.left.time_s)
+        for s in run.statuses
+        if s.left is not None
+    )
+    return tuple(sorted(found, key=lambda left: (left.time_s, left.agent)))
 
 
 def _slow(run: RunFolder, cause: Cause | None) -> list[str]:
@@ -137,7 +148,9 @@ def _step(run: RunFolder, plan: Plan, k: int) -> StepSummary:
     reached = [found for found in results.values() if found]
     undone = {i: each for i, each in verdicts.items() if each is not StepVerdict.DONE}
     start_s = min((found.start_s for found in reached), default=None)
-    worst = min(verdicts.values(), key=_FROM_BAD_TO_GOOD.index, default=StepVerdict.NOT_REACHED)
+    gone = {left.agent for left in _left(run)}
+    stayed = [each for i, each in verdicts.items() if i not in gone] or verdicts.values()
+    worst = min(stayed, key=_FROM_BAD_TO_GOOD.index, default=StepVerdict.NOT_REACHED)
     return StepSummary(
         step=k,
         name=step_name(plan, k),

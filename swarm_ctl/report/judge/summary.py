@@ -9,7 +9,7 @@ from typing import Final, Literal, TypeAlias
 from pydantic import BaseModel, ConfigDict
 
 from swarm_ctl.core.model.causes import Cause
-from swarm_ctl.core.model.messages import Outcome, TickReport
+from swarm_ctl.core.model.messages import CommandKind, Outcome, TickReport
 from swarm_ctl.report.folder.files import read_model, write_model
 from swarm_ctl.report.folder.flight import Source
 from swarm_ctl.report.judge.findings import FindingKind
@@ -83,6 +83,15 @@ class AgentSummary(_SummaryPart):
     bad_payloads: int = 0
 
 
+class LeftSummary(_SummaryPart):
+    """An agent that left the formation by an operator's order, and was not lost."""
+
+    agent: int
+    order: CommandKind
+    time_s: float
+    """Mission time."""
+
+
 class SafetySummary(_SummaryPart):
     """What the safety filter did, all agents (`core/safety/constraints.py`)."""
 
@@ -145,12 +154,15 @@ class Summary(_SummaryPart):
     started_at: str | None
     """ISO 8601."""
     outcome: RunOutcome
-    """`completed`: by every agent's final status, nothing in `findings`, every process ended with
-    0, no file is missing; `aborted`: landed on an operator's command; `failed`: everything else."""
+    """`completed`: by the final status of every agent that is not in `left`, nothing in `findings`,
+    every process ended with 0, no file is missing; `aborted`: landed on an operator's command;
+    `failed`: everything else."""
     reason: str
     """Why it was not completed, the cause first, then the step; empty otherwise."""
     cause: Cause | None = None
     """The cause alone; null where the run was completed."""
+    left: tuple[LeftSummary, ...] = ()
+    """The agents that left by an order to some agents, the first one first."""
     findings: tuple[FindingSummary, ...] = ()
     """The earliest first."""
     judged_by: dict[int, Source] = {}

@@ -43,13 +43,15 @@ def judge(run: RunFolder, exit_codes: Mapping[str, int], found: Sequence[str] = 
 
     Completed needs every agent's own final status, every exit code 0 and no missing file. Aborted
     needs a final status of every agent, and every process to end by itself. The exit code of a
-    process does not count where another took its vehicle over and completed.
+    process does not count where another took its vehicle over and completed. An agent that left by
+    an operator's order does not count where others flew on.
     """
     agents, last = run.agents, run.last
     replaced = {f"agent-{i}" for i in agents if i in last and _made_good(last[i])}
     exit_codes = {name: code for name, code in exit_codes.items() if name not in replaced}
     final = {i: last[i].status for i in agents if i in last and last[i].final}
-    aborted = {i: s for i, s in final.items() if s.outcome is Outcome.ABORTED}
+    stayed = {i: s for i, s in final.items() if not has_left(s)} or final
+    aborted = {i: s for i, s in stayed.items() if s.outcome is Outcome.ABORTED}
     # An agent that sees its peers land before it hears the command reports a failure.
     if (
         not found
@@ -61,7 +63,7 @@ def judge(run: RunFolder, exit_codes: Mapping[str, int], found: Sequence[str] = 
         cause = next((s.cause for s in aborted.values() if s.cause), Cause.ORDER)
         return Verdict(Outcome.ABORTED, first_few(reasons), cause)
     causes = [(Cause.FINDING, text) for text in found]
-    causes += [*_broken(agents, last, final, exit_codes), *_complaints(final)]
+    causes += [*_broken(agents, last, final, exit_codes), *_complaints(stayed)]
     causes += [
         (Cause.PROCESS, f"{name} exited with {code}")
         for name, code in exit_codes.items()
@@ -85,6 +87,11 @@ def _unseen(run: RunFolder, cause: Cause, final: Sequence[AgentStatus]) -> tuple
         return Cause.MACHINE, machine
     links = bad_links(final, run.plan) if cause in _BY_LINKS else ""
     return (Cause.LINK, links) if links else (cause, "")
+
+
+def has_left(status: AgentStatus) -> bool:
+    """Its own part ended as the operator ordered, apart from the others."""
+    return status.left is not None and status.outcome is Outcome.ABORTED
 
 
 def _made_good(last: LastStatus) -> bool:

@@ -36,7 +36,14 @@ def render_summary(summary: Summary) -> RenderableType:
 def verdict_line(summary: Summary) -> Text:
     """The verdict in one line, with its reason or by what it was judged."""
     why = summary.reason or f"judged {_judged_by(summary)}"
+    why = f"{left_words(summary)}; {why}" if summary.left else why
     return Text(f"{summary.outcome}: {printable(why, 1000)}", style=_STYLE[summary.outcome])
+
+
+def left_words(summary: Summary) -> str:
+    """`without agent 3 (land at 24.5 s)`; '' where no agent left."""
+    told = [f"agent {left.agent} ({left.order} at {left.time_s:.1f} s)" for left in summary.left]
+    return f"without {', '.join(told)}" if told else ""
 
 
 def _heading(summary: Summary) -> Text:
@@ -89,6 +96,8 @@ def figures_of(summary: Summary) -> Iterator[tuple[str, str]]:
 def _rows(s: Summary) -> Iterator[tuple[str, str, bool]]:
     """(name, value, whether it is as it should be); values are safe to print."""
     formed, left_m = s.time_to_form_s, s.formation_error_m
+    if s.left:
+        yield "left by order", left_words(s).removeprefix("without "), True
     yield "time to form", "-" if formed is None else f"{formed:.1f} s", True
     yield "formation error", "-" if left_m is None else f"{left_m:.2f} m before the landing", True
     yield from _nearest(s)

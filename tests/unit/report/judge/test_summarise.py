@@ -14,6 +14,8 @@ import pytest
 from swarm_ctl.core.law.formation import formation_error
 from swarm_ctl.core.model.causes import Cause
 from swarm_ctl.core.model.messages import (
+    CommandKind,
+    Departure,
     Event,
     LinkReport,
     Outcome,
@@ -27,6 +29,7 @@ from swarm_ctl.errors import InputError
 from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.report.judge.summary import Summary, read_summary, write_summary
 from swarm_ctl.report.page.run_history import read_history
+from swarm_ctl.report.page.summary_table import verdict_line
 from tests.unit.report.run_folders import (
     END,
     EXIT_CODES,
@@ -175,6 +178,50 @@ def test_agents_that_saw_the_others_land_first_do_not_make_it_a_failure(run: Pat
     _abort(run, 1, 2, 3, failed=(4, 5, 6))
     codes = EXIT_CODES | {"agent-4": 1, "agent-5": 1, "agent-6": 1}
     assert summarise(run, codes).outcome == "aborted"
+
+
+def _leave(run: Path, *agents: int, **changes: Any) -> None:
+    """These agents were landed by an order to them alone."""
+    broken = (*STEPS[:2], StepResult("form hexagon", StepOutcome.ABORTED, FORM, 28.0))
+    told = {"outcome": Outcome.ABORTED, "reason": "landed by the operator", "steps": broken}
+    for agent in agents:
+        left = Departure(CommandKind.LAND, 28.0 + 0.1 * agent)
+        write_status(run, account(agent, left=left, **(told | changes)))
+
+
+def test_an_agent_that_left_by_order_leaves_the_verdict_to_the_others(run: Path) -> None:
+    """Completed; the summary says which agent left, by which order and when. The formation is
+    judged by the others, to the end."""
+    whole = summarise(run, EXIT_CODES)
+    _leave(run, 3)
+    summary = summarise(run, EXIT_CODES)
+    assert (summary.outcome, summary.reason) == ("completed", "")
+    assert [left.model_dump() for left in summary.left] == [
+        {"agent": 3, "order": "land", "time_s": 28.3}
+    ]
+    assert verdict_line(summary).plain.startswith("completed: without agent 3 (land at 28.3 s); ")
+    assert summary.steps[2].result == "done"
+    assert summary.steps[2].exceptions == {3: "aborted"}
+    assert summary.steps[4].result == "done"
+    assert summary.time_to_form_s == whole.time_to_form_s
+    assert summary.min_true_distance_m == whole.min_true_distance_m
+
+
+def test_what_the_others_did_decides(run: Path) -> None:
+    """Aborted if they were landed as well, also where each left by an order of its own; an agent
+    that left and then failed is a failure."""
+    _leave(run, 3)
+    _abort(run, 1, 2, 4, 5, 6)
+    assert summarise(run, EXIT_CODES).outcome == "aborted"
+    _leave(run, 1, 2, 3, 4, 5, 6)
+    assert summarise(run, EXIT_CODES).outcome == "aborted"
+
+
+def test_an_agent_that_left_and_failed_is_a_failure(run: Path) -> None:
+    _leave(run, 3, outcome=Outcome.FAILED, reason="not down after 180 s of landing")
+    summary = summarise(run, EXIT_CODES)
+    assert summary.outcome == "failed"
+    assert summary.reason.startswith("agent 3: not down after 180 s of landing")
 
 
 def test_an_agent_that_fails_is_named_with_its_reason(run: Path) -> None:
