@@ -183,7 +183,10 @@ def _failed(agent: AgentView) -> str | None:
 
 def _out_by_order(agent: AgentView) -> str | None:
     status = agent.status
-    return _reason(status) if status and status.cause in _ORDERED and not _fallen(agent) else None
+    if status is None or status.cause not in _ORDERED or _fallen(agent):
+        return None
+    # others than those that an order named may hold because of it (`policies.left_by_order`)
+    return None if status.action is FailsafeAction.HOLD else _reason(status)
 
 
 def _reason(status: AgentStatus) -> str:
