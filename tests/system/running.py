@@ -13,6 +13,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Self
 
+from swarm_ctl.recording import IndexedRecording
+from swarm_ctl.report.folder.manifest import read_manifest
+from swarm_ctl.station.picture.playback import Film
+
 ROOT = Path(__file__).parents[2]
 HEXAGON = ROOT / "missions" / "hexagon.yaml"
 LOW = Path(__file__).with_name("low.yaml")
@@ -135,3 +139,15 @@ class Running:
             pid: Path(f"/proc/{pid}/cmdline").read_text().replace("\0", " ") for pid in self.alive()
         }
         assert not left, left
+
+
+def raised(folder: Path) -> list[tuple[str, tuple[int, ...]]]:
+    """(name, agents) of the alarms of the recorded flight, in their order."""
+    manifest = read_manifest(folder)
+    found = dict[tuple[str, tuple[int, ...]], None]()
+    with IndexedRecording(folder) as recording:
+        film = Film(recording, manifest.plan, speedup=manifest.speedup)
+        for look in range(int((film.end_s - film.start_s) / film.look_s) + 1):
+            film.seek(film.start_s + look * film.look_s)
+            found |= dict.fromkeys(alarm.key for alarm in film.journal.standing)
+    return list(found)

@@ -10,23 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from swarm_ctl.recording import IndexedRecording
-from swarm_ctl.report.folder.manifest import read_manifest
-from swarm_ctl.station.picture.playback import Film
 from tests.scenarios.test_missions import HURT, MISSIONS, TRUE_ALARMS
-from tests.system.running import ROOT, Running
-
-
-def raised(folder: Path) -> list[tuple[str, tuple[int, ...]]]:
-    """(name, agents) of the alarms of the recorded flight, in their order."""
-    plan = read_manifest(folder).plan
-    found = dict[tuple[str, tuple[int, ...]], None]()
-    with IndexedRecording(folder) as recording:
-        film = Film(recording, plan)
-        for look in range(int((film.end_s - film.start_s) / film.look_s) + 1):
-            film.seek(film.start_s + look * film.look_s)
-            found |= dict.fromkeys(alarm.key for alarm in film.journal.standing)
-    return list(found)
+from tests.system.running import ROOT, Running, raised
 
 
 @pytest.mark.timeout(1500)

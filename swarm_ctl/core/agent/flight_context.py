@@ -17,7 +17,7 @@ from swarm_ctl.core.control.altitude import climb_rate
 from swarm_ctl.core.control.controller import Controller
 from swarm_ctl.core.control.navigation import OwnFix
 from swarm_ctl.core.control.reference import Reference
-from swarm_ctl.core.model.causes import FailsafeAction
+from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import Event, Outcome, Phase, Severity
 from swarm_ctl.core.model.plan import FormStep, Plan, Point
 from swarm_ctl.core.model.vehicle import FALLS_MPS, FlyGoal, VehicleView
@@ -146,8 +146,12 @@ class FlightContext:
             self.say(tick.now, Severity.INFO, "going on")
             self.target_height_m = self.planned_height_m
         else:
-            severity = Severity.ERROR if trigger.outcome is Outcome.FAILED else Severity.WARNING
-            self.say(tick.now, severity, f"{trigger.action}: {trigger.reason}")
+            old = self.trigger
+            same = old is not None and (old.action, old.cause) == (trigger.action, trigger.cause)
+            # A hold fires anew with each other figure in its reason; another peer is another case.
+            if not same or trigger.cause is Cause.PEER:
+                severity = Severity.ERROR if trigger.outcome is Outcome.FAILED else Severity.WARNING
+                self.say(tick.now, severity, f"{trigger.action}: {trigger.reason}")
             if trigger.action is not FailsafeAction.HOLD:
                 self.progress.break_off(trigger.step_outcome, tick.now)
         self.trigger, self.trigger_s = trigger, tick.now

@@ -8,10 +8,11 @@ from typing import Any
 
 import pytest
 
-from swarm_ctl.core.agent.failsafes import FailsafeAction, FailsafeTrigger, failed
+from swarm_ctl.core.agent.failsafes import FailsafeTrigger, failed
 from swarm_ctl.core.agent.flight_context import FlightContext
 from swarm_ctl.core.agent.landing import Landing
 from swarm_ctl.core.agent.return_to_launch import ReturnToLaunch
+from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import Outcome, Phase
 from swarm_ctl.core.model.vehicle import (
     FlyGoal,
@@ -294,3 +295,23 @@ def test_a_kill_is_not_over_before_the_vehicle_is_known(later_s: float, ends: bo
     """An agent that has just started takes its vehicle for disarmed until heartbeats say more."""
     flight = Flight(KILLS, own=airborne(was_armed=False, arming_s=-math.inf))
     assert isinstance(flight.at(later_s, **GROUNDED), ReleaseGoal if ends else TerminateGoal)
+
+
+def test_a_hold_is_said_once_whatever_its_figure() -> None:
+    """The reason in force is the newest; another cause is said, and another peer."""
+    own = context()
+    fired = [
+        (Cause.WIND, "wind of 9"),
+        (Cause.WIND, "wind of 10"),
+        (Cause.PEER, "agent 3 is silent"),
+        (Cause.PEER, "agent 4 is silent"),
+    ]
+    for k, (cause, reason) in enumerate(fired):
+        own.heed(tick(now=NOW + k), failed(HOLDS, reason, cause))
+        assert own.trigger
+        assert own.trigger.reason == reason
+    assert texts(own.events) == [
+        "hold: wind of 9",
+        "hold: agent 3 is silent",
+        "hold: agent 4 is silent",
+    ]
