@@ -139,6 +139,10 @@ def study(
     by: Annotated[
         Given, option("A,B,...", "Make the table's rows by these only.  [default: all that vary]")
     ] = None,
+    curves: Annotated[
+        Path | None,
+        option("FILE", "Draw what fails over the last list of numbers in --by: .svg or .png."),
+    ] = None,
     row: Annotated[
         int | None, option("NUMBER", "Fly this row of --out again, alone.", min=0)
     ] = None,
@@ -176,6 +180,7 @@ def study(
         swarm-ctl study --n 4,6,9 --slots random,nearest --missions 2000
         swarm-ctl study --safety off,align --start crossing --slots given
         swarm-ctl study --delay 0:0.2 --loss 0:0.2 --out late.csv
+        swarm-ctl study studies/envelope-delay.yaml --curves delay.svg
         swarm-ctl study --out late.csv --row 4711 --picture 4711.gif
         swarm-ctl study --n 2:50 --cluster local --out wide.parquet
         swarm-ctl study studies/search.yaml --search smallest --budget 20000
@@ -190,7 +195,7 @@ def study(
         raise InputError("--search: not with --row, which is one mission")
     name = file.stem if file else "study"
     out = out or Path(f"{name}-{search}.csv" if search else f"{name}.csv")
-    for path, name in ((picture, "--picture"), (mission, "--mission")):
+    for path, name in ((picture, "--picture"), (mission, "--mission"), (curves, "--curves")):
         if path is not None:
             require_writable(path, f"choose with {name}")
     if row is not None:
@@ -249,6 +254,11 @@ def study(
     wide = console if console.is_terminal else PlainConsole(width=280)
     wide.print(table(plan, read_rows(out), names))
     console.say(f"rows: {out}")
+    if curves is not None:
+        from swarm_ctl.study.curves import draw_curves
+
+        draw_curves(plan, read_rows(out), names or plan.varied, curves)
+        console.say(f"curves: {curves}")
 
 
 def _those(given: Mapping[str, Any]) -> dict[str, Any]:
