@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import re
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 
 from swarm_ctl.commands.parse import BY_NAME, KINDS, Order, complete, parse
 from swarm_ctl.core.agent import command_handler
+from swarm_ctl.core.model.plan import FormStep
 from swarm_ctl.errors import InputError
 from tests.unit.station.swarm import hexagon_plan
 
@@ -105,6 +107,14 @@ def test_completion_knows_the_arguments_of_each_command_alone() -> None:
     assert complete("form l", PLAN) == complete("form @", PLAN) == complete("move ", PLAN) == []
     assert complete("hold @", PLAN)[:2] == ["hold @all", "hold @1"]
     assert complete("land @", PLAN) == complete("kill ", PLAN) == complete("fly l", PLAN) == []
+
+
+def test_f_l_tab_is_form_line() -> None:
+    """Which once landed seven."""
+    (form,) = (step for step in PLAN.steps if isinstance(step, FormStep))
+    plan = replace(PLAN, steps=(*PLAN.steps, replace(form, shape="line")))
+    assert complete("form l", plan) == ["form line"]
+    assert complete("form ", plan) == ["form hexagon", "form line"]
 
 
 def test_completion_knows_the_law() -> None:
