@@ -157,10 +157,19 @@ def _step(
         case MoveSection() | RotateSection() | ScaleSection() as travel:
             return _travel(mission, travel, before)
         case ReturnSection() as back:
-            generous_s = landing_s * (len(ids) + 1)
+            generous_s = landing_s * (len(ids) + 1) + 2 * _ways_s(mission, before)
             return plan.ReturnStep(back.timeout_s or generous_s, back.on_timeout)
         case land:
             return plan.LandStep((land and land.timeout_s) or landing_s)
+
+
+def _ways_s(mission: MissionFile, before: PlannedFormation) -> float:
+    """What the ways to the starts take one after the other, at the speed of the return."""
+    agents = sorted(mission.agents, key=lambda agent: agent.id)
+    starts = [(n * mission.unit_m, e * mission.unit_m) for n, e in (a.start for a in agents)]
+    ways_m = sum(map(math.dist, before.places_m(), starts))
+    speed_mps = mission.policies.return_speed_mps or mission.vehicle.limits.speed_mps / 2
+    return ways_m / speed_mps
 
 
 def _form(

@@ -87,6 +87,8 @@ class StepForecast:
     """None: not before its time-out."""
     form: FormForecast | None = None
     """Of a `form` step."""
+    needed_s: float | None = None
+    """Of another step, also where that is over its time-out."""
 
 
 def forecast(plan: Plan, autopilots: Iterable[str] = ("ardupilot",)) -> list[StepForecast]:
@@ -100,7 +102,8 @@ def forecast(plan: Plan, autopilots: Iterable[str] = ("ardupilot",)) -> list[Ste
             found.append(StepForecast(form.formed_s, form))
         else:
             seconds = max(_seconds(plan, step, before, kind) for kind in kinds)
-            found.append(StepForecast(seconds if seconds <= step.timeout_s else None))
+            in_time = seconds <= step.timeout_s
+            found.append(StepForecast(seconds if in_time else None, needed_s=seconds))
     return found
 
 

@@ -20,6 +20,7 @@ from swarm_ctl.core.model.plan import (
     Plan,
     Point,
     Policy,
+    ReturnStep,
     RotateStep,
     ScaleStep,
     Step,
@@ -120,7 +121,7 @@ def _long_flight(_mission: MissionFile, plan: Plan) -> Findings:
 
 
 def _least_s(plan: Plan, step: Step, before: PlannedFormation) -> float:
-    """What a step takes at its speed; a form step, its settling."""
+    """What a step takes at its speed; a form step its settling, a landing nothing."""
     match step:
         case TakeoffStep():
             return step.height_m / plan.limits.climb_mps
@@ -130,6 +131,10 @@ def _least_s(plan: Plan, step: Step, before: PlannedFormation) -> float:
             return step.settle_s
         case MoveStep() | RotateStep() | ScaleStep():
             return sum(before.legs_m(step)) / step.speed_mps + step.settle_s
+        case ReturnStep():
+            starts_m = planned_formations(plan)[0].places_m()
+            ways_m = sum(map(math.dist, before.places_m(), starts_m))
+            return ways_m / plan.policies.return_speed_mps  # one after the other
         case _:
             return 0.0
 

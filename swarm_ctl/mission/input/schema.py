@@ -311,7 +311,7 @@ class ReturnSection(_TimedSection):
     """Return to the starts, one agent at a time, at separated heights; land there and disarm."""
 
     timeout_s: Timeout | None = None
-    """Default: long enough for the number of agents and the height."""
+    """Default: long enough for the number of agents, the height and the ways to the starts."""
 
 
 class HoldSection(_TimedSection):

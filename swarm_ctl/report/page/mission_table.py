@@ -55,7 +55,7 @@ def mission_parts(
     started = Counter(e.started_as for e in loaded.fleet.agents if e.started_as is not None)
     kinds = ", ".join(f"{number} {kind}" for kind, number in sorted(started.items()))
     agents = f"{count} agents, {kinds or '0 simulated'}"
-    late = (*_late_steps(plan, forecasts), *_late_faults(simulation, plan, forecasts))
+    late = (*_late_steps(loaded, forecasts), *_late_faults(simulation, plan, forecasts))
     warnings = (*loaded.warnings, *late)
     many = f", with {len(warnings)} warning{'s' * (len(warnings) > 1)}" if warnings else ""
     heading = f"{plan.name} can be flown{many}: {agents}, plan {plan.fingerprint()}"
@@ -263,10 +263,14 @@ def _settings(given: dict[str, float]) -> str:
     return ", ".join(f"{name} {value:g}" for name, value in given.items())
 
 
-def _late_steps(plan: Plan, forecasts: Sequence[StepForecast]) -> Iterator[str]:
+def _late_steps(loaded: LoadedMission, forecasts: Sequence[StepForecast]) -> Iterator[str]:
     for k, expected in enumerate(forecasts, start=1):
         if expected.expected_s is None:
-            yield f"step {k}, {step_name(plan, k)}, is not expected to be done before its time-out"
+            where = loaded.document.where(("steps", k - 1))
+            name = f"step {k}, {step_name(loaded.plan, k)}"
+            enough = f"; it takes about {expected.needed_s:.0f} s" if expected.needed_s else ""
+            late = "is not expected to be done before its time-out"
+            yield f"{where}: {name}: {late}, {loaded.plan.steps[k - 1].timeout_s:.0f} s{enough}"
 
 
 def _late_faults(

@@ -78,7 +78,24 @@ def test_warnings_are_shown_with_their_place(tmp_path: Path) -> None:
     text = shown(path, expected)
     assert f"warning  {path}:19: agents: agents 2 and 6 start 1 units (5 m) apart" in text
     assert "not in time, closest 8.0 m" in text
-    assert "warning  step 2, form hexagon, is not expected to be done before its time-out" in text
+    late = f"{path}:32: step 2, form hexagon: is not expected to be done before its time-out, 120 s"
+    assert f"warning  {late}" in text
+
+
+def test_a_time_out_that_is_too_short_is_told_with_what_the_step_takes(tmp_path: Path) -> None:
+    path = tmp_path / "short.yaml"
+    path.write_text(HEXAGON.read_text().replace("  - land", "  - land: {timeout_s: 12}"))
+    assert "step 4, land: is not expected" in shown(path)
+    assert "time-out, 12 s; it takes about 23 s" in shown(path)
+
+
+def test_the_way_back_of_a_long_move_fits_into_the_default_time_out(tmp_path: Path) -> None:
+    path = tmp_path / "far.yaml"
+    text = (HEXAGON.parent / "square.yaml").read_text()
+    path.write_text(text.replace("  - return", "  - move: {by: [900, 0]}\n  - return"))
+    told = shown(path)
+    assert "before its time-out" not in told
+    assert "step 8, return: takes 26" in told, "seven ways of 900 m at 2.35 m/s, one by one"
 
 
 def test_a_mission_of_many_agents_fits_a_screen() -> None:
