@@ -11,11 +11,13 @@ from typer.main import get_command
 
 from swarm_ctl.cli.main import app
 from swarm_ctl.core.law import mean_error_feedback
+from swarm_ctl.core.model.causes import Cause
 from swarm_ctl.core.model.plan import Compensation, Plan
 from swarm_ctl.core.safety import constraints
 from swarm_ctl.core.swarm import gain_update
 from swarm_ctl.mission.compile.envelope import ENVELOPE
 from swarm_ctl.mission.compile.loader import loads
+from swarm_ctl.station.picture.alarms import RULES
 from tests.unit.docs import mission_reference, study_reference
 from tests.unit.docs.pages import PAGES, ROOT, blocks
 
@@ -35,6 +37,14 @@ def plan(more: str = "", law: str = "") -> Plan:
 
 def test_the_page_of_studies_is_the_code_s() -> None:
     assert TEXT["studies"] == study_reference.page(), f"write it: {study_reference.COMMAND}"
+
+
+def test_the_page_of_verdicts_has_every_alarm_and_cause() -> None:
+    rows = re.findall(r"^\| ([a-z_ -]+) \| (error|warning) \|", TEXT["verdict"], re.MULTILINE)
+    assert rows == [(rule.name, rule.level.name.lower()) for rule in RULES]
+    table = TEXT["verdict"].partition("| `cause` |")[2].partition("\n\n")[0]
+    named = {word for row in table.splitlines() for word in re.findall(r"`([a-z ]+)`", row)}
+    assert named == {cause.value for cause in Cause}
 
 
 def test_the_mission_reference_is_the_schema_s() -> None:
