@@ -2,8 +2,8 @@
 flights.
 
     def test_my_mission(swarm):
-        flight = swarm("missions/hexagon.yaml", speedup=5)  # real processes
-        flight.wait_step("form hexagon")                    # virtual=True: within milliseconds
+        flight = swarm("missions/hexagon.yaml")   # real processes, in lockstep
+        flight.wait_step("form hexagon")          # virtual=True: within milliseconds
         assert flight.command("hold").accepted
         flight.command("resume")
         flight.kill_agent(3)

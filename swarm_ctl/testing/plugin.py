@@ -24,14 +24,20 @@ class Fly(Protocol):
     """The fixture: a function that starts a flight."""
 
     def __call__(
-        self, mission: Mission, *, speedup: float = 5.0, virtual: bool = False, seed: int = 1
+        self,
+        mission: Mission,
+        *,
+        speedup: float | None = None,
+        virtual: bool = False,
+        seed: int = 1,
     ) -> SwarmFlight:
         """Start a flight.
 
         Args:
             mission: a file, also one beside the test's; its text, of more than one line; or what
                 is built in Python (`MissionFile`, `LoadedMission`).
-            speedup: mission seconds per second of the wall clock, with real processes.
+            speedup: with real processes, so many mission seconds per second of the wall clock;
+                None: in lockstep, which no busy machine changes.
             virtual: in this process on a virtual clock: as fast as it computes, and the same in
                 every run; else with real processes.
             seed: of all random numbers (wind, GPS noise, losses).
@@ -43,7 +49,7 @@ class Fly(Protocol):
 
 @pytest.fixture
 def swarm(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Fly]:
-    """A function that starts a flight: `swarm(mission, speedup=5.0, virtual=False, seed=1)`.
+    """A function that starts a flight: `swarm(mission, speedup=None, virtual=False, seed=1)`.
 
     Flights have `wait_step`, `wait_s`, `command`, `form`, `move`, `kill_agent`, `finish` and more
     (the page "Tests of your own missions"). One that is not over when the test ends is ended, with
@@ -52,7 +58,7 @@ def swarm(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Fly]:
     flights: list[SwarmFlight] = request.node.stash.setdefault(_FLIGHTS, [])
 
     def fly(
-        mission: Mission, *, speedup: float = 5.0, virtual: bool = False, seed: int = 1
+        mission: Mission, *, speedup: float | None = None, virtual: bool = False, seed: int = 1
     ) -> SwarmFlight:
         __tracebackhide__ = True
         from swarm_ctl.cli.shared.extras import require

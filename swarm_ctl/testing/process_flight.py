@@ -19,9 +19,12 @@ from swarm_ctl.commands.send import SentCommand
 from swarm_ctl.core.model.messages import AgentStatus, Event
 from swarm_ctl.mission.compile.loader import LoadedMission, dumps
 from swarm_ctl.report.folder.last_statuses import read_events, read_last_statuses
+from swarm_ctl.report.folder.manifest import read_manifest
 from swarm_ctl.report.folder.truth import TRUTH, EventKind, load_truth
 from swarm_ctl.report.judge.summary import SUMMARY, Summary
 from swarm_ctl.runtime.clock import pause, wall_s
+from swarm_ctl.runtime.lockstep.seat import STATION, TEST, BarrierSeat
+from swarm_ctl.runtime.lockstep.words import Phase
 from swarm_ctl.runtime.station.run_client import RunClient
 from swarm_ctl.testing.flight import FlightResult, SwarmFlight
 
@@ -29,28 +32,38 @@ _START_WALL_S = 40.0
 _POLL_WALL_S = 0.05
 _END_WALL_S = 15.0
 """A second Ctrl-C kills all processes at once; a busy machine needs time for it."""
+_LOCKSTEP_END_WALL_S = 120.0
+"""From the last agent's end to the run's, in lockstep."""
+_KILL_WALL_S, _SHORT_WALL_S = 10.0, 0.002
+_ROUNDING_S = 1e-6
 
 
 class ProcessFlight(SwarmFlight):
-    """`folder` is the run folder."""
+    """`folder` is the run folder. `speedup`: in real time, so many times as fast; None: in
+    lockstep, and while the test does not wait, mission time stands still."""
 
-    def __init__(self, mission: LoadedMission, where: Path, speedup: float, seed: int = 1) -> None:
+    def __init__(
+        self, mission: LoadedMission, where: Path, speedup: float | None, seed: int = 1
+    ) -> None:
         self.plan = mission.plan
-        self._speedup = speedup
+        self._place: BarrierSeat | None = None
         self._client: RunClient | None = None
         where.mkdir(parents=True, exist_ok=True)
         file = where / "mission.yaml"
         file.write_text(dumps(mission.file))
         self._log: IO[bytes] = (where / "run.log").open("wb")
         command = [sys.executable, "-m", "swarm_ctl.cli.main", "run", str(file), "--headless"]
-        command += ["--speedup", str(speedup), "--seed", str(seed), "--runs", str(where / "runs")]
+        command += ["--seed", str(seed), "--runs", str(where / "runs"), "--speedup"]
+        command += ["max", "--lockstep-with", TEST] if speedup is None else [str(speedup)]
         self._process = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=self._log, stderr=subprocess.STDOUT
         )
         try:
             self.folder = self._wait_started(where)
             self._pids: dict[str, int] = json.loads((self.folder / "processes.json").read_text())
-            self._client = RunClient(self.folder)
+            if (address := read_manifest(self.folder).lockstep) is not None:
+                self._place = BarrierSeat(address, Phase.AFTER, 1.0)
+            self._client = RunClient(self.folder, self._place)
         except BaseException:
             self.close()
             raise
@@ -69,13 +82,13 @@ class ProcessFlight(SwarmFlight):
 
     def wait_step(self, step: int | str, within_s: float = 300.0) -> None:
         __tracebackhide__ = True
-        number, until = self.step_number(step), wall_s() + within_s / self._speedup
+        number, until = self.step_number(step), self._mesh.now() + within_s
         while not self._reached(number):
-            if wall_s() > until or self._process.poll() is not None:
+            if self._mesh.now() > until or self._over:
                 raise AssertionError(
                     f"step {step!r} was not reached within {within_s:g} s; see {self.folder}"
                 )
-            pause(_POLL_WALL_S)
+            self._mesh.turn()
 
     def _reached(self, number: int) -> bool:
         states = self._mesh.newest()
@@ -88,28 +101,44 @@ class ProcessFlight(SwarmFlight):
         return self._client
 
     def wait_s(self, seconds: float) -> None:
-        until = wall_s() + seconds / self._speedup
-        while wall_s() < until and self._process.poll() is None:
+        until = self._mesh.now() + seconds
+        while self._mesh.now() < until - _ROUNDING_S and not self._over:
             self._mesh.newest()
-            pause(min(_POLL_WALL_S, max(0.0, until - wall_s())))
+            self._mesh.turn()
+
+    @property
+    def _over(self) -> bool:
+        """The run has ended, or in lockstep its last agent."""
+        no_agent = self._place is not None and self._place.agents == 0
+        return no_agent or self._process.poll() is not None
 
     def order(self, order: Order) -> SentCommand:
         return self._mesh.order(order)
 
     def kill_agent(self, agent: int) -> None:
-        self._signal(f"agent-{self.known(agent)}", signal.SIGKILL)
+        self._kill(f"agent-{self.known(agent)}")
 
     def freeze_agent(self, agent: int) -> None:
-        self._signal(f"agent-{self.known(agent)}", signal.SIGSTOP)
+        name = f"agent-{self.known(agent)}"
+        os.kill(self._pids[name], signal.SIGSTOP)
+        if self._place is not None:
+            self._place.drop(name)
 
     def thaw_agent(self, agent: int) -> None:
-        self._signal(f"agent-{self.known(agent)}", signal.SIGCONT)
+        name = f"agent-{self.known(agent)}"
+        os.kill(self._pids[name], signal.SIGCONT)
+        if self._place is not None:
+            self._place.take(name)
 
     def kill_station(self) -> None:
-        self._signal("station", signal.SIGKILL)
+        self._kill(STATION)
 
-    def _signal(self, name: str, number: signal.Signals) -> None:
-        os.kill(self._pids[name], number)
+    def _kill(self, name: str) -> None:
+        """Until it is dead, so that the next tick is without it."""
+        pid, until = self._pids[name], wall_s() + _KILL_WALL_S
+        os.kill(pid, signal.SIGKILL)
+        while _lives(pid) and wall_s() < until:
+            pause(_SHORT_WALL_S)
 
     def events(self) -> Sequence[Event]:
         return tuple(read_events(self.folder, []))
@@ -139,7 +168,7 @@ class ProcessFlight(SwarmFlight):
     def finish(self, within_s: float = 900.0) -> FlightResult:
         __tracebackhide__ = True
         try:
-            self._process.wait(_END_WALL_S + within_s / self._speedup)
+            self._fly_on(within_s)
         except subprocess.TimeoutExpired:
             why = f"the run did not end within {within_s:g} s; see {self.folder}"
             raise AssertionError(why) from None
@@ -159,11 +188,25 @@ class ProcessFlight(SwarmFlight):
             down = ups == downs
         return FlightResult(outcomes, apart_m, down, tuple(self.events()), summary, truth, folder)
 
-    def close(self) -> None:
-        """Interrupt the run twice, as an impatient operator does: it ends all its processes."""
+    def _fly_on(self, within_s: float) -> None:
+        """Until `run` has ended; in lockstep the test leaves the barrier with the last agent."""
+        if self._place is not None:
+            self.wait_s(within_s)
+            self._leave()
+            self._process.wait(_LOCKSTEP_END_WALL_S)
+            return
+        self._leave()
+        speedup = read_manifest(self.folder).speedup
+        self._process.wait(_END_WALL_S + within_s / speedup)
+
+    def _leave(self) -> None:
         if self._client is not None:
             self._client.close()
             self._client = None
+
+    def close(self) -> None:
+        """Interrupt the run twice, as an impatient operator does: it ends all its processes."""
+        self._leave()
         for _ in range(2):
             if self._process.poll() is None:
                 self._process.send_signal(signal.SIGINT)
@@ -174,3 +217,12 @@ class ProcessFlight(SwarmFlight):
             self._process.kill()  # its children notice through their pipes and land
             self._process.wait()
         self._log.close()
+
+
+def _lives(pid: int) -> bool:
+    """It has not ended; one that its parent has not looked after yet has."""
+    try:
+        stat = Path(f"/proc/{pid}/stat").read_text()
+    except OSError:
+        return False
+    return stat.rpartition(")")[2].split()[0] != "Z"

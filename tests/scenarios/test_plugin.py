@@ -9,6 +9,7 @@ import subprocess
 import sys
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -22,9 +23,9 @@ PAIR = TEXT + "  - hold: {duration_s: 20}\n  - land\n"
 
 
 @pytest.mark.timeout(300)
-@pytest.mark.parametrize("virtual", [True, False], ids=["virtual", "real"])
-def test_a_test_as_a_user_writes_it(swarm: Fly, virtual: bool) -> None:
-    flight = swarm(PAIR, virtual=virtual, speedup=4)
+@pytest.mark.parametrize("how", [{"virtual": True}, {}, {"speedup": 4}], ids=str)
+def test_a_test_as_a_user_writes_it(swarm: Fly, how: dict[str, Any]) -> None:
+    flight = swarm(PAIR, **how)
     flight.wait_step("hold")
     assert flight.command("hold").accepted
     assert flight.form("row").accepted
@@ -38,6 +39,42 @@ def test_a_test_as_a_user_writes_it(swarm: Fly, virtual: bool) -> None:
     assert run.closest_m > 2.5
     assert run.all_down
     assert "agent 3 has not been heard" in run.texts
+
+
+@pytest.mark.timeout(300)
+def test_a_flight_with_processes_is_the_same_again(swarm: Fly) -> None:
+    """Orders, a killed agent and a killed station, in lockstep: they come at the same ticks, so
+    truth and events are the same, byte for byte."""
+    folders = []
+    for _ in range(2):
+        flight = swarm(PAIR, seed=3)
+        flight.wait_step("hold")
+        assert flight.command("hold").accepted
+        flight.wait_s(2)
+        flight.kill_agent(3)
+        flight.wait_s(2)
+        flight.kill_station()
+        run = flight.finish()
+        assert run.folder is not None
+        folders.append(run.folder)
+    for name in ("truth.jsonl", "events.jsonl"):
+        one, other = [(folder / name).read_bytes() for folder in folders]
+        assert one == other, name
+
+
+@pytest.mark.timeout(120)
+def test_a_frozen_agent_in_lockstep(swarm: Fly) -> None:
+    """Mission time goes on without it at once, the others notice it by their own time-outs; thawed
+    it takes part again."""
+    flight = swarm(PAIR)
+    flight.wait_step("hold")
+    flight.freeze_agent(2)
+    flight.wait_s(3)
+    assert any(event.agent != 2 and "2 is not heard" in event.text for event in flight.events())
+    flight.thaw_agent(2)
+    flight.wait_s(2)
+    assert flight.statuses()[2].time_s > flight.statuses()[1].time_s - 1
+    flight.close()
 
 
 @pytest.mark.timeout(120)

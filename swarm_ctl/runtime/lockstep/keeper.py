@@ -182,7 +182,9 @@ class Keeper:
             case Word.NOTE:
                 self._note(f"{member.name}: {data[1:].decode()}")
             case Word.DROP:
-                self._drop(data[1:].decode())
+                self._put(data[1:].decode(), State.STALLED)
+            case Word.TAKE:
+                self._put(data[1:].decode(), State.IDLE)
 
     def _join(self, member: Member, fields: dict[str, Any]) -> None:
         member.name, member.port = fields["name"], fields["port"]
@@ -212,10 +214,11 @@ class Keeper:
         self._dones[member.number] = done
         member.state = State.LEFT if done.last else State.IDLE
 
-    def _drop(self, name: str) -> None:
+    def _put(self, name: str, state: State) -> None:
+        """A test holds the clock, so the member waits for its next tick."""
         for member in self._members:
-            if member.name == name:
-                member.state = State.STALLED
+            if member.name == name and member.state in (State.IDLE, State.STALLED):
+                member.state, member.anew = state, True
 
     def _look_after(self) -> None:
         """Go on without members that are stalled; tell the others that the keeper lives."""

@@ -112,8 +112,12 @@ class Member:
             self._send(bytes([Word.NOTE]) + text.encode())
 
     def drop(self, name: str) -> None:
-        """Do not wait for this member."""
+        """Do not wait for this member. Of a test, in its turn."""
         self._send(bytes([Word.DROP]) + name.encode())
+
+    def take(self, name: str) -> None:
+        """Wait for this member again. Of a test, in its turn."""
+        self._send(bytes([Word.TAKE]) + name.encode())
 
     def close(self) -> None:
         """Leave."""

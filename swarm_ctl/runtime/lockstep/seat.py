@@ -89,6 +89,8 @@ class BarrierSeat(Seat):
         self._hello_wall_s = 0.0
         self._assembled = False
         self._in_turn = False
+        self.agents = 0
+        """So many take part, as of the last tick."""
 
     def wire(self, endpoint: str) -> Wire:
         self._wire = SteppedWire(open_wire(endpoint))
@@ -156,6 +158,7 @@ class BarrierSeat(Seat):
 
     def _take(self, member: Member, tick: Tick) -> None:
         self._stepped.set(tick.number * member.tick_s)
+        self.agents = tick.agents
         mesh, wire, now = self._mesh, self._wire, self.clock.now()
         if tick.anew and wire is not None:
             wire.restart(now)
@@ -219,6 +222,16 @@ class BarrierSeat(Seat):
         if self._mesh is not None:
             self._mesh.give(None, self.clock.now())
 
+    def drop(self, name: str) -> None:
+        """Do not wait for this member; of a test, in its turn."""
+        if self.member is not None:
+            self.member.drop(name)
+
+    def take(self, name: str) -> None:
+        """Wait for this member again; of a test, in its turn."""
+        if self.member is not None:
+            self.member.take(name)
+
     @property
     def free(self) -> bool:
         """The keeper is gone."""
@@ -231,6 +244,7 @@ class BarrierSeat(Seat):
 
 SIMULATOR: Final = "simulator"
 STATION: Final = "station"
+TEST: Final = "test"
 
 
 def _publisher(name: str) -> str:

@@ -37,6 +37,8 @@ class Word(IntEnum):
     """A member: a line for the operator."""
     DROP = 8
     """A test: do not wait for the member with this name."""
+    TAKE = 9
+    """A test: the member with this name takes part again."""
 
 
 class Phase(IntEnum):

@@ -14,7 +14,6 @@ from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.report.folder.last_statuses import read_commands, read_events
 from swarm_ctl.report.folder.manifest import read_manifest
 from swarm_ctl.runtime import clock as wall
-from swarm_ctl.runtime.clock import Clock
 from swarm_ctl.runtime.station.ground_station import Station, open_node
 from swarm_ctl.runtime.station.mesh_clock import MeshClock
 from swarm_ctl.runtime.station.screens import Show, present
@@ -29,7 +28,7 @@ _ALARMS: Final = "alarms from now on"
 def join_run(folder: Path, show: Show, metrics_port: int | None) -> None:
     """Watch and command a run of this machine; ends with the screen."""
     manifest = read_manifest(folder)
-    clock = Clock(manifest.epoch_s, manifest.speedup)
+    clock = MeshClock.of_run(manifest)
     with closing(open_node(manifest.swarm, manifest.whole_mesh, clock)) as node:
         station = Station(manifest.plan, Path(manifest.mission), node, clock)
         notes: list[str] = []

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Final
 
+from swarm_ctl.report.folder.manifest import Manifest
 from swarm_ctl.runtime.clock import Clock
+from swarm_ctl.runtime.lockstep.member import SteppedClock
 
 _LATE_AT_MOST_S: Final = 1.0
 """A message that is later than this does not move the clock."""
@@ -15,10 +17,11 @@ is a little faster than the agents' would run away from them."""
 
 class MeshClock:
     """The swarm's mission clock [s], as if the fastest message of the last minutes had taken no
-    time."""
+    time. `lockstep`: mission time has no pace, so it is that of the newest message."""
 
-    def __init__(self, speedup: float = 1.0) -> None:
-        self._own = Clock.starting_now(speedup)
+    def __init__(self, speedup: float = 1.0, *, lockstep: bool = False) -> None:
+        self._own = SteppedClock(speedup) if lockstep else Clock.starting_now(speedup)
+        self._lockstep = lockstep
         self.speedup = speedup
         self._ahead_s = 0.0
         self.heard = False
@@ -27,11 +30,18 @@ class MeshClock:
         """Mission time [s]; before the first message, the time since the start."""
         return self._own.now() + self._ahead_s
 
+    @classmethod
+    def of_run(cls, manifest: Manifest) -> Clock | MeshClock:
+        """The clock of a process that joins a run of this machine."""
+        if manifest.lockstep is not None:
+            return cls(manifest.speedup, lockstep=True)
+        return Clock(manifest.epoch_s, manifest.speedup)
+
     def hear(self, time_s: float) -> None:
         """Take the time of a message that an agent sent a moment ago."""
         ahead = time_s - self.now()
         if not self.heard or ahead > 0:
             self._ahead_s += ahead
-        elif ahead > -_LATE_AT_MOST_S:
+        elif ahead > -_LATE_AT_MOST_S and not self._lockstep:
             self._ahead_s += _LEAK * ahead
         self.heard = True

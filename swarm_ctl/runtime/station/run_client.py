@@ -12,9 +12,10 @@ from swarm_ctl.core.model.messages import AgentState, AgentStatus, CommandKind
 from swarm_ctl.errors import StartError
 from swarm_ctl.report.folder.manifest import Manifest, read_manifest
 from swarm_ctl.runtime import clock as wall
-from swarm_ctl.runtime.clock import Clock
 from swarm_ctl.runtime.flying_runs import flying_run
+from swarm_ctl.runtime.lockstep.seat import TEST, BarrierSeat
 from swarm_ctl.runtime.station.ground_station import Station, open_node, swarm_now
+from swarm_ctl.runtime.station.mesh_clock import MeshClock
 from swarm_ctl.station.picture.view import AgentView
 
 _HEAR_WALL_S: Final = 3.0
@@ -33,15 +34,32 @@ class RunClient:
 
     `run` is a run folder or the mission of a run that flies; None: the only one that flies
     (`flying_run`). InputError where several may be meant.
+    `place`: at the barrier of a run in lockstep, which then waits for this client.
     """
 
-    def __init__(self, run: Path | str | None = None) -> None:
+    def __init__(self, run: Path | str | None = None, place: BarrierSeat | None = None) -> None:
         self._manifest: Manifest = read_manifest(flying_run(run))
-        clock = self._clock = Clock(self._manifest.epoch_s, self._manifest.speedup)
-        self._node = open_node(self._manifest.swarm, self._manifest.whole_mesh, clock, role="send")
-        self._station = Station(
-            self._manifest.plan, Path(self._manifest.mission), self._node, clock
-        )
+        manifest, self._place = self._manifest, place
+        clock = self._clock = place.clock if place else MeshClock.of_run(manifest)
+        swarm, mesh = manifest.swarm, manifest.whole_mesh
+        self._node = open_node(swarm, mesh, clock, role="send", place=place)
+        self._station = Station(manifest.plan, Path(manifest.mission), self._node, clock)
+        if place is not None:
+            place.join(TEST, swarm, self._node.name)
+            self.turn()
+
+    def turn(self) -> None:
+        """Let a moment go by; at the barrier, a tick."""
+        if self._place is None:
+            wall.pause(_POLL_WALL_S)
+            return
+        self._place.end()
+        while not self._place.begin(_POLL_WALL_S):
+            pass
+
+    def now(self) -> float:
+        """Mission time [s]."""
+        return self._clock.now()
 
     def __enter__(self) -> Self:
         return self
@@ -52,6 +70,8 @@ class RunClient:
     def close(self) -> None:
         """Leave the mesh."""
         self._node.close()
+        if self._place is not None:
+            self._place.close()
 
     def newest(self) -> dict[int, AgentState]:
         """The newest state of every agent heard in the last seconds; does not wait."""
@@ -79,14 +99,14 @@ class RunClient:
             InputError: there can't be such a command.
             StartError: no agent is heard.
         """
-        since_s, joined_s = self._clock.now(), wall.wall_s()
+        since_s, joined_s = self._clock.now(), self._waited_s()
         self._wait_for_agents(order)
         sent = self._station.order(order)
         while not sent.over:
-            wall.pause(_POLL_WALL_S)
+            self.turn()
             self._station.hear()
             missed = {agent.id for agent in self._heard(since_s)}.intersection(sent.silent)
-            if not missed and wall.wall_s() > joined_s + _GONE_WALL_S:
+            if not missed and self._waited_s() > joined_s + _GONE_WALL_S:
                 break
         # that an agent has left and ended may be heard of later than it was asked
         meant = {*self._now().meant(order), *sent.acks}
@@ -100,18 +120,22 @@ class RunClient:
             order.kind in (CommandKind.FORM, CommandKind.TUNE) or order.by,
             self._clock.now(),
         )
-        until = wall.wall_s() + _HEAR_WALL_S
+        until = self._waited_s() + _HEAR_WALL_S
         heard: list[AgentView] = []
         ready: list[AgentView] = []
-        while len(ready) < len(self._now().meant(order)) and wall.wall_s() < until:
+        while len(ready) < len(self._now().meant(order)) and self._waited_s() < until:
             self._station.hear()
             before, heard = heard, self._heard(since_s)
             ready = [agent for agent in heard if agent.status or order.kind != CommandKind.TUNE]
             if heard and not before and not needs_all:
-                until = min(until, wall.wall_s() + _REST_WALL_S)
-            wall.pause(_POLL_WALL_S)
+                until = min(until, self._waited_s() + _REST_WALL_S)
+            self.turn()
         if not heard:
             raise StartError(f"no agent of {self._manifest.swarm} can be heard; is the run over?")
+
+    def _waited_s(self) -> float:
+        """What its time-outs count by: the wall clock, at the barrier mission time."""
+        return wall.wall_s() if self._place is None else self._clock.now()
 
     def _heard(self, since_s: float) -> list[AgentView]:
         """The agents with a state that is not older."""
