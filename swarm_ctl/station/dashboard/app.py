@@ -381,7 +381,8 @@ class Dashboard(App[None]):
             line.insert_text_at_cursor(next(iter(typed.text.splitlines()), ""))
         elif typed.key == "enter":
             self._submit(line)
-        elif typed.key == "escape":
+        elif typed.key == "escape" or typed.key.startswith("alt+"):
+            # alt and a key: or escape and a key, which a stalled terminal reads at once
             self._close_line()
         else:
             await line.press(typed)

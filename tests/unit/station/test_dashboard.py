@@ -197,6 +197,9 @@ def test_what_is_typed_fast_is_one_line_and_no_single_orders() -> None:
         _at_once(app, ":ret\t")
         await settled(pilot)
         assert ":ret  " in text(app)
+        app.post_message(Key("alt+h", "h"))  # escape and h, read at once
+        await settled(pilot)
+        assert ":ret" not in text(app)
         assert len(desk.orders) == 5
 
     _play(play)
