@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -51,6 +52,10 @@ _LOCKSTEP: Final = (
 )
 _PATIENCE: Final = "In lockstep, go on without a process that has been stopped for so long."
 _WITH: Final = "In lockstep, do not start before this member has joined, too."
+_JUNIT: Final = (
+    "Write the result as JUnit XML, too: a test case a step, one for the distance, one for the"
+    " verdict."
+)
 
 
 def run(
@@ -74,6 +79,7 @@ def run(
     lockstep_with: Annotated[list[str] | None, option("NAME", _WITH)] = None,
     record_hz: Annotated[str, option("TOPIC=HZ,...", _RECORD)] = "",
     report: Annotated[bool, typer.Option(help="Make the report at the end.")] = True,
+    junit: Annotated[Path | None, option("FILE", _JUNIT)] = None,
     tlog: Annotated[bool, typer.Option(help="Record each vehicle's MAVLink frames.")] = True,
 ) -> None:
     """Fly a mission on this machine.
@@ -97,6 +103,8 @@ def run(
     from swarm_ctl.mission.compile.forecast import forecast, refuse_too_close
     from swarm_ctl.mission.compile.loader import load
     from swarm_ctl.recording.topics import rates
+    from swarm_ctl.report.folder.files import write_whole
+    from swarm_ctl.report.page.junit import junit as junit_xml
     from swarm_ctl.report.page.summary_table import render_summary, verdict_line
     from swarm_ctl.runtime.launch.run_setup import Lockstep, RunOptions
     from swarm_ctl.runtime.launch.supervisor import fly
@@ -132,11 +140,18 @@ def run(
         px4_log,
         stepped,
     )
+    if junit is not None and not (junit.parent.is_dir() and os.access(junit.parent, os.W_OK)):
+        raise InputError(f"--junit {junit}: can't be written; allowed: a file in a folder that may")
     result = fly(loaded, options, say)
     console.print(render_summary(result.summary))
     console.say(f"summary: {result.folder / 'summary.json'}")
     if report:
         _report(result.folder, sys.stderr if json else sys.stdout)
+    if junit is not None:
+        try:
+            write_whole(junit, junit_xml(result.summary))
+        except OSError as error:  # the result stands
+            console.say(f"{junit} can't be written: {error.strerror}")
     console.print(verdict_line(result.summary), soft_wrap=True)
     completed = result.summary.outcome is Outcome.COMPLETED
     raise typer.Exit(130 if result.interrupts else int(not completed))

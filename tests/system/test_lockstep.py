@@ -72,13 +72,14 @@ def test_the_same_flight_beside_busy_loops(tmp_path: Path) -> None:
         folder.mkdir()
     with (
         busy(4),
-        Running("run", mission, *MAX, "--seed", "7", cwd=folders[0]) as one,
+        Running("run", mission, *MAX, "--seed", "7", "--junit", "j.xml", cwd=folders[0]) as one,
         Running("run", mission, *MAX, "--seed", "7", cwd=folders[1]) as two,
     ):
         assert one.wait(120) == 0, one.output
         assert two.wait(120) == 0, two.output
         one.assert_nothing_left()
         two.assert_nothing_left()
+    assert 'failures="0"' in (folders[0] / "j.xml").read_text()
     files = ("truth.jsonl", "events.jsonl")
     assert left_by(one, *files) == left_by(two, *files)
     assert left_by(one, "truth.jsonl") == [virtual_truth(mission, 7, tmp_path / "7.jsonl")]
