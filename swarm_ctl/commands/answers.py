@@ -29,7 +29,7 @@ def answers(sent: SentCommand, plan: Plan, left: Collection[int] = ()) -> Iterat
     """A line for each answer, with the agents that gave it; `left` have left the formation
     already."""
     kind, taken = sent.command.kind, [i for i, ack in sorted(sent.acks.items()) if ack.accepted]
-    rest = others(kind, taken, plan, left) if sent.command.agents else ""
+    rest = others(kind, taken, plan, {*left, *sent.meant}) if sent.command.agents else ""
     if taken:
         does = next((does for name, does in _DOES.items() if name == kind), "") if rest else ""
         yield f"{agents_named(taken)}: {does or 'accepted'}{'; ' if rest else ''}{rest}"

@@ -177,13 +177,7 @@ class Station:
 def swarm_now(view: SwarmView) -> SwarmNow:
     """What commands are built from."""
     flying = {agent.id for agents in view.laws.values() for agent in agents}
-    departed = {i for each in view.agents if each.status for i in each.status.without}
-    # one that has ended is heard no more, and its peers tell of it
-    left = {
-        each.id
-        for each in view.agents
-        if (each.state.left is not None if each.state is not None else each.id in departed)
-    }
+    left = view.left
     agents = tuple(
         AgentNow(
             agent.id,

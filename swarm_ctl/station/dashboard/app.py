@@ -568,7 +568,8 @@ class Dashboard(App[None]):
         step = self._view.step if self._view else 0
         if order.kind == CommandKind.NEXT:
             order = replace(order, at_step=step)
-        if words := consequence(order, self._plan, step):
+        left = self._view.left if self._view else ()
+        if words := consequence(order, self._plan, step, left):
             give = partial(self._give, order)
             dropped = f"{order.kind}: not sent; only Enter sends it"
             self._ask(Ask(words, "Enter sends it, Esc drops it.", give, dropped))

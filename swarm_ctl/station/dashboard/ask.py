@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
+from swarm_ctl.commands.answers import others
 from swarm_ctl.commands.parse import BY_NAME, Order
 from swarm_ctl.core.model.messages import CommandKind
 from swarm_ctl.core.model.plan import LandStep, Plan, ReturnStep
@@ -31,16 +32,18 @@ class Ask:
         return [StyledLine(f" {line}") for line in (*words, self.keys)]
 
 
-def consequence(order: Order, plan: Plan, step: int) -> str:
+def consequence(order: Order, plan: Plan, step: int, left: Collection[int] = ()) -> str:
     """What an order that lands, returns or kills will do in the mission's `step`, and to which
-    agents; '' for any other order."""
+    agents, and what the others do, but for those that have `left`; '' for any other order."""
     agents = order.agents or tuple(agent.id for agent in plan.agents)
     does = BY_NAME[order.kind].asks[len(agents) > 1]
     if order.kind == CommandKind.NEXT and isinstance(
         after := _after(plan, step), LandStep | ReturnStep
     ):
         does = f"step {step} ends, and step {step + 1} is '{after.kind}'"
-    return f"{order.kind} {agents_named(agents)}: {does}" if does else ""
+    rest = others(order.kind, order.agents, plan, left)
+    more = f"; {rest}" if rest else ""
+    return f"{order.kind} {agents_named(agents)}: {does}{more}" if does else ""
 
 
 def _after(plan: Plan, step: int) -> object:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from swarm_ctl.commands.answers import others
 from swarm_ctl.core.model.messages import Command, Event, Phase, Severity
 from swarm_ctl.core.model.plan import FormStep, MoveStep
 from swarm_ctl.core.model.text import agents_named, printable
@@ -119,12 +120,16 @@ def refusals(command: CommandView, view: SwarmView) -> dict[str, list[int]]:
 
 
 def meant_by(command: CommandView, view: SwarmView) -> tuple[int, ...]:
-    """The agents that a command is for."""
-    return command.command.agents or tuple(agent.id for agent in view.agents if agent.in_plan)
+    """The agents that a command is for: those that it names; else all but those that have left the
+    formation, of which only some answer an order that ends the mission."""
+    given, left = command.command, view.left
+    ids = (agent.id for agent in view.agents if agent.in_plan)
+    return given.agents or tuple(i for i in ids if i not in left or i in command.acks)
 
 
 def answers(command: CommandView, view: SwarmView) -> str:
-    """How far a command is acknowledged: the agents that took it, refused it, have not answered."""
+    """How far a command is acknowledged: the agents that took it, refused it, have not answered;
+    and what those do that it does not name."""
     meant = meant_by(command, view)
     taken = [i for i in meant if i in command.acks and command.acks[i].accepted]
     open_ = [i for i in meant if i not in command.acks]
@@ -133,4 +138,6 @@ def answers(command: CommandView, view: SwarmView) -> str:
         f"refused by {agents_named(ids)}: {why}" for why, ids in refusals(command, view).items()
     ]
     parts += [f"waiting for {agents_named(open_)}"] if open_ else []
-    return f"{command_words(command.command)}: " + ", ".join(parts)
+    given = command.command
+    rest = others(given.kind, taken, view.plan, view.left.union(meant)) if given.agents else ""
+    return f"{command_words(given)}: " + ", ".join(parts) + (f"; {rest}" if rest else "")

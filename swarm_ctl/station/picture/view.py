@@ -218,6 +218,17 @@ class SwarmView:
         most_first = sorted(found.items(), key=lambda item: -len(item[1]))
         return {tag: tuple(agents) for tag, agents in most_first}
 
+    @property
+    def left(self) -> frozenset[int]:
+        """The agents that have left the formation by an operator's order. Of one that has ended and
+        was never heard by this station, its peers tell."""
+        told = {i for agent in self.agents if agent.status for i in agent.status.without}
+        return frozenset(
+            agent.id
+            for agent in self.agents
+            if (agent.state.left is not None if agent.state is not None else agent.id in told)
+        )
+
     def agent(self, agent_id: int) -> AgentView:
         """The agent with that id; KeyError where there is none."""
         for agent in self.agents:

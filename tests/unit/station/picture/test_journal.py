@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
-from swarm_ctl.core.model.messages import Ack, Command, Event
+from swarm_ctl.core.model.messages import Ack, Command, CommandKind, Event
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.journal import Entry, Journal
+from swarm_ctl.station.picture.model import Model
 from swarm_ctl.station.picture.view import SwarmView
 from tests.unit.station.swarm import flying_model, hexagon_plan, state_of, status_of
 
@@ -100,8 +101,35 @@ def test_a_refusal_by_many_is_one_reason_and_agents_that_were_not_meant_do_not_r
     journal.update(model.view(30.1))
     assert [(entry.text, entry.level) for entry in journal.entries] == [
         ("hold: refused by agents 1-6: it is on its way down", Level.WARNING),
-        ("land: acknowledged by agent 3", Level.WELL),
+        (
+            (
+                "land: acknowledged by agent 3;"
+                " agents 1-2, 4-6 go on without it (policies.left_by_order)"
+            ),
+            Level.WELL,
+        ),
     ]
+
+
+def test_an_order_to_all_does_not_wait_for_those_that_have_left() -> None:
+    """An agent that has left says so in its state; of one that this station never heard, its peers
+    tell. Another order names neither among the others."""
+    model, journal = flying_model(PLAN), Journal()
+    model.fold(state_of(PLAN, 3, 30.05, seq=9999, left=CommandKind.RETURN), 30.0)
+    assert model.view(30.0).left == {3}
+    model.fold(Command("c", "hold", (), 30.1), 30.1)
+    model.fold(Command("d", "land", (1,), 30.1), 30.1)
+    for agent in (1, 2, 4, 5, 6):
+        model.fold(Ack(agent, "c", True, ""), 30.2)
+    model.fold(Ack(1, "d", True, ""), 30.2)
+    journal.update(model.view(30.2))
+    assert [entry.text for entry in journal.entries][:2] == [
+        "hold: acknowledged by agents 1-2, 4-6",
+        ("land: acknowledged by agent 1; agents 2, 4-6 go on without it (policies.left_by_order)"),
+    ]
+    joined = Model(PLAN)
+    joined.fold(status_of(PLAN, 2, 30.0, without=(3,)), 30.0)
+    assert joined.view(30.0).left == {3}
 
 
 def test_alarms_of_one_reason_from_several_views_are_one_line() -> None:
