@@ -94,7 +94,12 @@ def test_answers_to_a_command_are_told_as_they_come() -> None:
     assert [log_lines(a, b) for a, b in itertools.pairwise(views)] == [
         ["[   30.0 s] command land: waiting for agents 1-2"],
         [
-            "[   30.0 s] command land: acknowledged by agent 1, refused by agent 2: no longer flies; agents 3-6 go on without it (policies.left_by_order)"
+        [
+            (
+                "[   30.0 s] command land: acknowledged by agent 1, refused by agent 2: no longer"
+                " flies; agents 3-6 go on without it (policies.left_by_order)"
+            )
+        ],
         ],
     ]
 
