@@ -100,4 +100,38 @@ def test_answers_to_a_command_are_told_as_they_come() -> None:
             )
         ],
     ]
+
+
+def test_events_of_many_agents_are_one_line_and_what_is_dropped_is_counted() -> None:
+    model = flying_model(PLAN)
+    before = model.view(30.0)
+    for agent in PLAN.agents:
+        for k in range(200):
+            model.fold(Event(agent.id, 30.0 + k, "info", f"note {k}"), 30.0)
+    overrun, *told = log_lines(before, model.view(30.0))
+    assert overrun == "[   30.0 s] 200 events came too fast to be told"
+    assert len(told) == 200
+    assert "agents 2-6: note 199" in told[-1]
+
+
+def test_an_agent_repeating_itself_is_told_each_time() -> None:
+    model = flying_model(PLAN)
+    before = model.view(30.0)
+    for time_s in (30.1, 30.2):
+        model.fold(Event(1, time_s, "info", "going on"), time_s)
+    assert len(log_lines(before, model.view(30.2))) == 2
+
+
+def test_what_was_said_before_is_told_at_its_own_time() -> None:
+    """Of a station that joined in flight: the first view has the run's events and commands."""
+    model = flying_model(PLAN)
+    for agent in PLAN.agents:
+        model.recall(Event(agent.id, 3.0, "info", "ready"))
+    model.recall(Command("c", "hold", (), 2.0))
+    model.recall(Ack(1, "c", True, ""))
+    told = log_lines(None, model.view(30.0))
+    assert told[:2] == [
+        "[    2.0 s] command hold: acknowledged by agent 1, waiting for agents 2-6",
+        "[    3.0 s] agents 1-6: ready",
+    ]
     assert all(line.startswith("[   30.0 s]") for line in told[2:])
