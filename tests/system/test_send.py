@@ -23,8 +23,8 @@ def waiting(text: str) -> str:
 
 
 def answers(said: str) -> str:
-    """What agents answered, without the first line, which names order, mission and run."""
-    head, _, told = said.strip().partition("\n")
+    """What agents answered, without the question and the line that names order, mission and run."""
+    head, _, told = said.rpartition("[y/N]: ")[2].strip().partition("\n")
     assert not head or re.search(r", low \(runs/\d+-\d+-low\):$", head)
     return told
 
