@@ -14,12 +14,20 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
 
-from swarm_ctl.core.model.causes import Cause, FailsafeAction
-from swarm_ctl.core.model.messages import AgentStatus, Gains, Outcome, PairReport, Phase, Severity
+from swarm_ctl.core.model.causes import Cause
+from swarm_ctl.core.model.messages import AgentStatus, Gains, PairReport, Phase, Severity
 from swarm_ctl.core.model.plan import FormStep
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.timeouts import NEIGHBOUR_S, OWN_LOST_S
 from swarm_ctl.core.swarm.gain_update import differences
+from swarm_ctl.station.picture.left_mission import (
+    failed,
+    fallen,
+    holding,
+    is_out,
+    out_by_order,
+    taken_over,
+)
 from swarm_ctl.station.picture.view import AgentView, SwarmView
 
 
@@ -99,14 +107,8 @@ def alarms(view: SwarmView) -> tuple[Alarm, ...]:
         for rule in RULES
         for agents, words in rule.check(view, rule.threshold(view))
     ]
-    over = all(_is_out(agent) for agent in view.agents if agent.in_plan)
+    over = all(is_out(agent) for agent in view.agents if agent.in_plan)
     return tuple(sorted(found, key=lambda a: (not (over and a.name == _BY_ORDER), -a.level)))
-
-
-def _is_out(agent: AgentView) -> bool:
-    """It no longer flies the mission, and will not again."""
-    acts = agent.status.action if agent.status else None
-    return agent.phase is Phase.ENDED or acts not in (None, FailsafeAction.HOLD)
 
 
 def _if(words_of: Callable[[AgentView], str | None]) -> Check:
@@ -161,38 +163,6 @@ def _silent(agent: AgentView) -> str | None:
     return f"not heard for {agent.silence_s:.1f} s"
 
 
-_BY_ORDER: Final = "out by order"
-_FALLEN: Final = frozenset({FailsafeAction.FALL, FailsafeAction.KILL})
-_ORDERED: Final = frozenset({Cause.ORDER, Cause.STARTER})
-
-
-def _fallen(agent: AgentView) -> str | None:
-    status = agent.status
-    fell = status and (status.action in _FALLEN or status.cause is Cause.FALL)
-    return _reason(status) if status and fell else None
-
-
-def _failed(agent: AgentView) -> str | None:
-    """From the moment it breaks the mission off."""
-    status = agent.status
-    if status is None or _fallen(agent) or status.cause in _ORDERED or _yields(agent):
-        return None
-    gone = status.action not in (None, FailsafeAction.HOLD) or status.outcome is Outcome.FAILED
-    return _reason(status) if gone else None
-
-
-def _out_by_order(agent: AgentView) -> str | None:
-    status = agent.status
-    if status is None or status.cause not in _ORDERED or _fallen(agent):
-        return None
-    # others than those that an order named may hold because of it (`policies.left_by_order`)
-    return None if status.action is FailsafeAction.HOLD else _reason(status)
-
-
-def _reason(status: AgentStatus) -> str:
-    return status.reason or "gives no reason"
-
-
 def _other_plan(view: SwarmView, _: float) -> Found:
     for agent in view.agents:
         if agent.state is not None and agent.state.plan_hash != view.plan_hash:
@@ -240,23 +210,6 @@ def _gains(agents: tuple[AgentView, ...]) -> Gains | None:
     """Of agents that fly one law, as the newest status among them has it."""
     told = [agent.status for agent in agents if agent.status is not None]
     return max(told, key=lambda status: status.time_s).gains if told else None
-
-
-def _yields(agent: AgentView) -> bool:
-    return agent.phase is Phase.YIELD and not _fallen(agent)
-
-
-def _taken_over(agent: AgentView) -> str | None:
-    if not _yields(agent):
-        return None
-    told = agent.status.reason if agent.status else ""
-    return told or "a pilot or a failsafe has taken the vehicle"
-
-
-def _holding(agent: AgentView) -> str | None:
-    status = agent.status
-    held = status is not None and status.action is FailsafeAction.HOLD
-    return f"holds: {_reason(status)}" if status and held else None
 
 
 def _held_alone(view: SwarmView, limit_s: float) -> Found:
@@ -387,19 +340,20 @@ def _tick_ms(view: SwarmView) -> float:
     return 1000 * view.plan.tick_s / view.speedup
 
 
+_BY_ORDER: Final = "out by order"
 RULES: Final[tuple[Rule, ...]] = (
     Rule("too close", _E, _r_in_m, "the law's inner radius", _too_close),
     Rule("slow machine", _E, _tick_hz, "a fifth of the ticks missing, of most", _slow_machine),
     Rule("silent", _E, _lost_s, "the mission's policy", _if(_silent)),
-    Rule("fallen", _E, _is(0), "nothing carries the vehicle", _if(_fallen), _WORDS),
-    Rule("failed", _E, _is(0), "the agent says so", _if(_failed), _WORDS),
+    Rule("fallen", _E, _is(0), "nothing carries the vehicle", _if(fallen), _WORDS),
+    Rule("failed", _E, _is(0), "the agent says so", _if(failed), _WORDS),
     Rule("other plan", _E, _is(0), "two missions in one air", _other_plan),
     Rule("vehicle silent", _E, _is(OWN_LOST_S), "five heartbeats at 1 Hz", _no_heartbeat),
     Rule("sigma bound", _E, _is(0), "equations (52), (66) and (67)", _sigma_bound),
     Rule("mixed laws", _E, _is(1.0), "a change takes all agents within a few ticks", _mixed_laws),
-    Rule("taken over", _W, _is(0), "a pilot or a failsafe flies", _if(_taken_over), _WORDS),
-    Rule("holding", _W, _is(0), "a policy stopped the mission", _if(_holding), _WORDS),
-    Rule(_BY_ORDER, _W, _is(0), "it no longer flies the mission", _if(_out_by_order), _WORDS),
+    Rule("taken over", _W, _is(0), "a pilot or a failsafe flies", _if(taken_over), _WORDS),
+    Rule("holding", _W, _is(0), "a policy stopped the mission", _if(holding), _WORDS),
+    Rule(_BY_ORDER, _W, _is(0), "it no longer flies the mission", _if(out_by_order), _WORDS),
     Rule("held alone", _W, _pause_s, "the mission's policy", _held_alone),
     Rule("never heard", _W, _is(5.0), "all processes hear each other within 2 s", _unheard),
     Rule("old state", _W, _is(NEIGHBOUR_S), "its neighbours stop following it", _old_state),
