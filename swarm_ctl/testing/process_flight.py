@@ -42,6 +42,9 @@ class ProcessFlight(SwarmFlight):
     """`folder` is the run folder. `speedup`: in real time, so many times as fast; None: in
     lockstep, and while the test does not wait, mission time stands still."""
 
+    _cut = False
+    """It was ended in flight: what the verdict says of its end is this module's doing."""
+
     def __init__(
         self, mission: LoadedMission, where: Path, speedup: float | None, seed: int = 1
     ) -> None:
@@ -158,6 +161,8 @@ class ProcessFlight(SwarmFlight):
         report = str(page) if page.exists() else f"none yet; swarm-ctl report {self.folder}"
         summary = self._summary()
         verdict = verdict_line(summary).plain if summary else "none yet"
+        if self._cut:
+            verdict = "none: the flight was ended with the test"
         return f"verdict: {verdict}\nrun folder: {self.folder}\nreport: {report}"
 
     def _summary(self) -> Summary | None:
@@ -207,6 +212,7 @@ class ProcessFlight(SwarmFlight):
     def close(self) -> None:
         """Interrupt the run twice, as an impatient operator does: it ends all its processes."""
         self._leave()
+        self._cut = self._cut or self._process.poll() is None
         for _ in range(2):
             if self._process.poll() is None:
                 self._process.send_signal(signal.SIGINT)
