@@ -24,9 +24,9 @@ class Whole:
 
 @pytest.fixture(scope="session")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Whole:
-    """The hexagon at four times its speed, with JSON lines on stdout, all processes gone."""
+    """The hexagon in lockstep, with JSON lines on stdout, all processes gone."""
     cwd = tmp_path_factory.mktemp("whole")
-    with Running("run", HEXAGON, "--speedup", "4", "--json", cwd=cwd, stderr=True) as running:
+    with Running("run", HEXAGON, "--speedup", "max", "--json", cwd=cwd, stderr=True) as running:
         code = running.wait()
         running.assert_nothing_left()
         return Whole(code, running.output, running.errors, cwd, running.folder)

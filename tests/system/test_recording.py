@@ -22,7 +22,7 @@ pytestmark = pytest.mark.timeout(240)
 Velocity = tuple[float, float, float]
 LAND = 9
 """ArduCopter's number of the mode."""
-RUN = ("run", LOW, "--speedup", "4", "--headless")
+RUN = ("run", LOW, "--lockstep", "--speedup", "9", "--headless")
 
 
 def test_a_whole_run_is_recorded_and_reported(whole: Whole) -> None:

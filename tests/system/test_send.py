@@ -72,7 +72,7 @@ def test_an_operator_commands_from_the_shell(tmp_path: Path) -> None:
     mission = tmp_path / "low.yaml"
     mission.write_text(waiting(LOW.read_text()))
     with Running(
-        "run", mission, "--speedup", "3", "--headless", "--no-report", cwd=tmp_path
+        "run", mission, "--lockstep", "--speedup", "3", "--headless", "--no-report", cwd=tmp_path
     ) as running:
         running.wait_for_event("step 3:", 6)
         assert send("resume") == (1, "agents 1-6: refused: not held; there is nothing to resume")

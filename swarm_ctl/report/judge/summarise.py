@@ -63,6 +63,7 @@ def summarise(folder: Path, exit_codes: Mapping[str, int] | None = None) -> Summ
     for status in statuses:
         tally.update(status.sigma_tally)
     speedup = run.manifest.speedup if run.manifest else None
+    stepped = run.manifest is not None and run.manifest.lockstep is not None
     return Summary(
         **_of_manifest(run.manifest),
         **_flown(run),
@@ -86,7 +87,7 @@ def summarise(folder: Path, exit_codes: Mapping[str, int] | None = None) -> Summ
         events=dict(Counter(event.level for event in events)),
         exit_codes=dict(exit_codes) if exit_codes is not None else None,
         mission_time_s=max(last_s, default=None),
-        wall_time_s=max(last_s) / speedup if last_s and speedup else None,
+        wall_time_s=max(last_s) / speedup if last_s and speedup and not stepped else None,
         warnings=(*doubts(run, pairs), *_slow(run, cause)),
         notes=tuple(run.notes),
     )

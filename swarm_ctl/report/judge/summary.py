@@ -209,7 +209,7 @@ class Summary(_SummaryPart):
     mission_time_s: float | None
     """Until the last message or line of truth."""
     wall_time_s: float | None
-    """`mission_time_s` by the wall clock."""
+    """`mission_time_s` by the wall clock; null for a run in lockstep."""
     versions: dict[str, str]
     warnings: tuple[str, ...] = ()
     """What is no failure and should be known, above all how far estimates may be off."""

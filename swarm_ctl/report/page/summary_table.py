@@ -119,7 +119,8 @@ def _rows(s: Summary) -> Iterator[tuple[str, str, bool]]:
         bad = [f"{printable(name)} {code}" for name, code in s.exit_codes.items() if code]
         yield "exit codes", ", ".join(bad) or f"{len(s.exit_codes)} processes, all 0", not bad
     flown_s, wall_s = _number(s.mission_time_s, 1), _number(s.wall_time_s, 1)
-    yield "time", f"{flown_s} s mission, {wall_s} s wall clock", True
+    wall = f", {wall_s} s wall clock" if s.wall_time_s is not None else ""
+    yield "time", f"{flown_s} s mission{wall}", True
 
 
 def _nearest(s: Summary) -> Iterator[tuple[str, str, bool]]:
