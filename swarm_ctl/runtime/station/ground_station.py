@@ -120,8 +120,7 @@ class Station:
         """Hear the mesh, send what is due; what the operator is to be told."""
         if not self._clock_is_set():
             return []
-        told = self.hear()
-        now = self._clock.now()
+        told, now = self.hear(), self._clock.now()
         if now >= self._beacon_due:
             self._beacon_due = now + _BEACON_S
             self._node.send(keys.BEACON, StationBeacon(self._name, now, self._hash))
@@ -129,6 +128,8 @@ class Station:
 
     def hear(self) -> list[str]:
         """A turn without a beacon, which agents don't take for a station's."""
+        if not self._clock_is_set():
+            return []
         for channel in _CHANNELS:
             for payload, received_s in self._node.take(channel):
                 self._take(payload, received_s)
