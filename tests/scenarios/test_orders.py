@@ -174,7 +174,8 @@ def test_any_order_concerns_the_agents_that_it_names_alone(seed: int) -> None:
         seed,
     )
     spared, spared_one = set(swarm.members), drawn.choice([1, 2, 3, 4])
-    swarm.wait(lambda s: s.in_step(drawn.choice([0, TAKEOFF, FORM, THIRD])))
+    begun = drawn.choice([0, TAKEOFF, FORM, THIRD])
+    swarm.wait(lambda s: s.in_step(begun))
     for k in range(drawn.randint(1, 3)):
         swarm.run(drawn.uniform(0, 12))
         others = sorted(swarm.members.keys() - {spared_one})
