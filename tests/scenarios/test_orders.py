@@ -42,6 +42,16 @@ def assert_others_complete(swarm: VirtualSwarm, left: tuple[int, ...] = (3,)) ->
     assert swarm.closest_m > swarm.plan.law.r_in * swarm.plan.unit_m
 
 
+@pytest.mark.parametrize("kind", ["land", "kill"])
+def test_an_order_before_the_first_position_is_told_as_well(kind: str) -> None:
+    """The others do not wait for an agent that has not said yet where its vehicle is."""
+    swarm = VirtualSwarm(quartet("land"))
+    swarm.command(kind, agents=(2,))
+    swarm.run(1)
+    swarm.wait(lambda s: all(status(s, i).step == TAKEOFF for i in (1, 3, 4)), 20)
+    assert_others_complete(swarm, left=(2,))
+
+
 @pytest.mark.parametrize("kind", ORDERS)
 def test_the_others_go_on(kind: str) -> None:
     """In shape, through all further steps; the one that left says by which order, and when."""

@@ -259,6 +259,7 @@ class Agent:
         if not new:
             return ack
         context.say(tick.now, Severity.INFO, f"the operator commands: {command.kind}")
+        context.left = handler.left is not None
         if command.kind == CommandKind.RESUME and context.phase is Phase.YIELD:
             self._takeover.take_back(tick)
         elif command.kind == CommandKind.RESUME:

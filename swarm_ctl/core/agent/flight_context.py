@@ -76,6 +76,8 @@ class FlightContext:
     trigger_s: float = math.inf
     arming_s: float = -math.inf
     """When the vehicle was last asked to arm, or taken over in the air."""
+    left: bool = False
+    """An order to some agents alone has ended its part: its peers wait for its word of that."""
     was_armed: bool = False
     had_control: bool = False
     """The vehicle has followed our setpoints in this flight."""

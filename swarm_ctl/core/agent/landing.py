@@ -26,12 +26,17 @@ _BRAKE_AT_MOST_S = 3.0
 _ASIDE_AT_MOST_S = 10.0
 """To leave the place above a vehicle that stands there: the filter takes 3 s where there is
 room."""
+_BESIDE = 0.2
+"""So far from r_in to r_out: room for what the stop point does not know, and within the filter's
+own keep-out (0.35)."""
 _LANDING_AT_MOST_S = 180.0
 _RETURN_AT_MOST_S = 120.0
 """Per agent of the plan, because the agents come back one at a time."""
 _ARMING_S = 3.0
 """An arm command may act this long after it was sent, and the heartbeat that tells comes once a
 second."""
+_TELL_S = 30.0
+"""For its first position on the ground: vehicles that have just started take so long."""
 _GONE_VEHICLE_S = 10.0
 """Without a heartbeat for this long while winding down, there is nothing left to land."""
 _DISARMED_S = 10.0
@@ -59,6 +64,8 @@ class Landing:
         killed = trigger.action is FailsafeAction.KILL
         # An agent that has just started may not know yet that its vehicle is armed.
         unsure = killed and not context.was_armed and now - context.trigger_s <= _ARMING_S
+        # It tells its peers in a state, which it has with its first position.
+        unsure |= context.left and tick.newest_fix is None and now - context.trigger_s <= _TELL_S
         if not unsure and (down or tick.vehicle_silent_s > _GONE_VEHICLE_S):
             return self.end(now)
         if killed:
@@ -143,9 +150,11 @@ class Landing:
         return ReleaseGoal()
 
     def _over_another(self, tick: Tick) -> bool:
-        """A vehicle that stands on the ground is closer than `r_in`: flown over, not landed on."""
-        own, plan = complex(*self._context.controller.stop_point_m), self._plan
-        near = tick.peers.near(own, plan.law.r_in * plan.unit_m)
+        """A vehicle that stands on the ground is hardly farther than `r_in`: flown over, not landed
+        on."""
+        own, law = complex(*self._context.controller.stop_point_m), self._plan.law
+        reach = law.r_in + _BESIDE * (law.r_out - law.r_in)
+        near = tick.peers.near(own, reach * self._plan.unit_m)
         return any(other.down for other in near)
 
     def _hold(self, tick: Tick, *, ground: bool = False) -> Goal:
