@@ -18,6 +18,7 @@ _PEER: Final = (
     "Where another agent listens; repeat it. Of two agents, one has to name the other."
     "  [default: the agents before it in the fleet]"
 )
+_LOCKSTEP: Final = "The folder of a run in lockstep, whose clock this agent joins."
 
 
 def agent(
@@ -39,6 +40,7 @@ def agent(
         float | None,
         option("SECONDS", "Mission time 0 on this host's monotonic clock.  [default: now]"),
     ] = None,
+    lockstep: Annotated[Path | None, option("RUN", _LOCKSTEP)] = None,
 ) -> None:
     """Fly one agent, on the computer of its drone.
 
@@ -74,8 +76,18 @@ def agent(
         vehicle=own.response,
         memory=state_folder(),
         flight=plan.name,
+        lockstep=None if lockstep is None else _clock_of(lockstep),
     )
     raise typer.Exit(run_agent(config, SignalLifeline()))
+
+
+def _clock_of(run: Path) -> str:
+    from swarm_ctl.report.folder.manifest import read_manifest
+
+    found = read_manifest(run).lockstep
+    if found is None:
+        raise InputError(f"--lockstep {run}: that run is in real time; allowed: one in lockstep")
+    return found
 
 
 def _plan(file: Path, fleet: Path | None) -> tuple[Plan, Fleet]:

@@ -3,6 +3,7 @@ up."""
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -125,6 +126,33 @@ def test_a_stopped_agent_comes_back(tmp_path: Path) -> None:
         assert running.wait() in (0, 1), running.output
         running.assert_nothing_left()
         assert_truth_ends_on_the_ground(running.folder)
+
+
+def test_an_agent_is_started_again(tmp_path: Path) -> None:
+    """By hand, after it was killed: it joins at a tick, takes its vehicle over, and the flight ends
+    in order."""
+    with Running(*RUN, cwd=tmp_path) as running:
+        running.wait_for_event("step 2:", 6)
+        running.kill("agent-3")
+        told = json.loads((running.folder / "run.json").read_text())
+        plan = tmp_path / "plan.json"
+        known = ("schema_version", "plan", "plan_hash", "fleet")
+        plan.write_text(json.dumps({key: told[key] for key in known}))
+        words = ("agent", plan, "--id", "3", "--lockstep", running.folder)
+        with Running(*words, cwd=tmp_path) as again:
+            again.wait_for(lambda: '"agent":3' in states_of_3_after_it(running), 60)
+            assert running.wait() == 1, running.output
+            assert again.wait(30) in (0, 1), again.output
+        running.assert_nothing_left()
+        assert_truth_ends_on_the_ground(running.folder)
+        assert_apart(running.folder)
+
+
+def states_of_3_after_it(running: Running) -> str:
+    """What agent 3 has said since it was lost: only a new process of it says anything."""
+    lines = (running.folder / "events.jsonl").read_text().splitlines()
+    lost = [i for i, line in enumerate(lines) if "neighbour 3 is not heard" in line]
+    return "\n".join(lines[lost[0] :]) if lost else ""
 
 
 @pytest.mark.parametrize("name", ["clock", "station"])
