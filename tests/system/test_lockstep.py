@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import os
+import random
 import signal
 import subprocess
 import sys
@@ -14,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+from sim.network.server import DRAIN_S
 from sim.world.truth_file import TruthFile
 from sim.world.truth_recorder import TruthRecorder
 from swarm_ctl.mission.compile.loader import load
@@ -32,6 +34,9 @@ simulation:
     - {at_s: 2, for_s: 6, set: {SIM_LOSS: 30}}
     - {at_s: 5, for_s: 5, agents: [2, 4], set: {SIM_DELAY: 0.2}}
 """
+
+
+FLIGHTS = int(os.environ.get("SWARM_CTL_FLIGHTS", "100"))
 
 
 @contextmanager
@@ -58,6 +63,9 @@ def virtual_truth(mission: Path, seed: int, truth: Path) -> bytes:
     swarm.hub.recorder = TruthRecorder(swarm.hub.world, config, TruthFile(truth))
     swarm.fly()
     swarm.tick()  # in which the simulator learns that no agent is left
+    until = swarm.hub.world.time_s + DRAIN_S
+    while not swarm.all_down and swarm.hub.world.time_s < until:
+        swarm.tick()
     swarm.hub.recorder.close()
     return truth.read_bytes()
 
@@ -87,6 +95,46 @@ def test_the_same_flight_beside_busy_loops(tmp_path: Path) -> None:
     assert left_by(one, "truth.jsonl") != [virtual_truth(mission, 8, tmp_path / "8.jsonl")]
     assert one.summary()["tick"]["overruns"] == 0
     assert not any(link["lost"] for link in one.summary()["links"])
+
+
+def random_faults(seed: int) -> str:
+    """Weather, sensors, lost and late frames, at any time of the flight."""
+    draw = random.Random(seed)
+    kinds = [
+        {"SIM_LOSS": draw.randrange(5, 60)},
+        {"SIM_DELAY": round(draw.uniform(0.05, 0.6), 2)},
+        {"SIM_HB_MUTE": 1},
+        {"SIM_GPS_NOISE": round(draw.uniform(0.1, 1.5), 2)},
+        {"SIM_GPS_OFF": 1},
+        {"SIM_WIND_SPD": draw.randrange(1, 12), "SIM_WIND_GUST": draw.randrange(1, 4)},
+        {"SIM_MOTOR_STOP": 1},
+        {"SIM_REBOOT": 1},
+    ]
+    faults = [
+        {
+            "at_s": round(draw.uniform(0, 30), 1),
+            "agents": draw.sample(range(1, 7), draw.randrange(1, 4)),
+            "set": kind,
+        }
+        | ({"for_s": round(draw.uniform(1, 10), 1)} if "SIM_REBOOT" not in kind else {})
+        for kind in draw.sample(kinds, draw.randrange(1, 4))
+    ]
+    return "\nsimulation:\n  faults:\n" + "".join(f"    - {json.dumps(f)}\n" for f in faults)
+
+
+@pytest.mark.long
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("seed", range(FLIGHTS))
+def test_any_flight_is_that_of_the_virtual_clock(tmp_path: Path, seed: int) -> None:
+    """Hexagons with random faults beside eight busy loops end as in one process on an idle machine:
+    the same truth, byte for byte. SWARM_CTL_FLIGHTS=1000 flies more than a hundred."""
+    mission = tmp_path / "random.yaml"
+    mission.write_text(HEXAGON.read_text() + random_faults(seed))
+    with busy(8), Running("run", mission, *MAX, "--seed", str(seed), cwd=tmp_path) as running:
+        assert running.wait(280) in (0, 1), running.output
+    assert "lockstep:" not in running.output
+    truth = tmp_path / "virtual.jsonl"
+    assert left_by(running, "truth.jsonl") == [virtual_truth(mission, seed, truth)]
 
 
 def test_an_agent_is_killed(tmp_path: Path) -> None:
