@@ -69,6 +69,22 @@ def shape_error_m(swarm: VirtualSwarm, step: int, live: tuple[int, ...] = (1, 2,
     )
 
 
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+def test_a_formation_that_holds_is_calm(autopilot: str) -> None:
+    """No swing from limit to limit: after 15 s no setpoint is over 2 m/s, of 5."""
+    fleet = ", ".join(f"{{id: {agent}, autopilot: {autopilot}}}" for agent in range(1, 5))
+    held = quartet("hold: {duration_s: 30}", "land", head=f"fleet:\n  agents: [{fleet}]\n")
+    swarm = VirtualSwarm(held, seed=10)
+    swarm.wait(lambda s: s.in_step(THIRD))
+    swarm.run(15.0)
+    fastest = 0.0
+    while swarm.in_step(THIRD):
+        swarm.tick()
+        setpoints = (m.agent._context.controller.setpoint_mps for m in swarm.members.values())
+        fastest = max(fastest, *(math.hypot(*setpoint) for setpoint in setpoints))
+    assert 0.0 < fastest < 2.0
+
+
 def test_move_keeps_shape_and_arrives() -> None:
     """Along a path with a corner: never more than a metre out of shape, the centre at its end."""
     swarm = VirtualSwarm(quartet("move: {along: [[30, 13], [30, 43]]}", "land"))

@@ -41,11 +41,6 @@ at each other and answered 0.5 s late were too near before either knew (`studies
 _KEPT_M2PS: Final = 30.0
 """Older motion than this is forgotten in its favour."""
 _LEAST_DOUBT_S: Final = 0.05
-_ASTRAY_S: Final = 0.1
-"""A velocity that differs from the model's for a shorter time does not count. Without this the lag
-times a real PX4's wobble at 1.6 Hz, which the model does not have, came back as a setpoint, and the
-swing went from limit to limit. Longer times let vehicles that are 0.5 s late swing: at 0.5 s, half
-of such pairs did not form (`studies/late-pair.yaml`)."""
 _JUMP_M: Final = 1.0
 """A position that moves so far in one tick was corrected, not flown."""
 
@@ -99,7 +94,6 @@ class ResponseEstimate:
         """Of the vehicle that flies as the model does; None: not begun."""
         self._velocity = self._slow_velocity = self._blank
         self._behind = self._slow_behind = self._blank
-        self._astray = self._blank
 
     def sent(self, setpoint: Any) -> None:
         """A setpoint [m/s] was sent: the model flies one tick."""
@@ -115,19 +109,12 @@ class ResponseEstimate:
         Takes the tick into the estimate, so call it once a tick.
         """
         self._compare(position, velocity)
-        velocity = self._smooth(velocity)
         late_s = self.late_s + self._model.dead_time_s
         dead_s = self._of.most(0.0, late_s)
         more = self._sums.ago(self._pending) - self._sums.ago(dead_s / self._tick_s)
         quicker_s = late_s - dead_s
         rest = self._coast.rest(position, velocity, self._ahead)
         return rest + more + quicker_s * velocity
-
-    def _smooth(self, velocity: Any) -> Any:
-        """The model's velocity, and what lasts of the vehicle's difference to it."""
-        share = self._tick_s / (_ASTRAY_S + self._tick_s)
-        self._astray = self._astray + (velocity - self._velocity - self._astray) * share
-        return self._velocity + self._astray
 
     def _compare(self, position: Any, velocity: Any) -> None:
         """Take one tick into the estimate."""

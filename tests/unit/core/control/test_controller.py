@@ -168,7 +168,7 @@ def test_setpoints_in_the_dead_time_move_the_stop_point() -> None:
     assert flying > 1.0
     own.rest()  # what was sent before still acts: the others are told so
     own.locate(fix(velocity=(2.0, 0.0, 0.0)), NOW)
-    assert own.stop_point_m[0] == pytest.approx(flying, abs=2.0 * 2.0 * PLAN.tick_s)
+    assert own.stop_point_m[0] == pytest.approx(flying, abs=2.0 * 1.5 * PLAN.tick_s)
     for _ in range(20):
         own.rest()
     own.locate(fix(), NOW)
