@@ -24,7 +24,7 @@ _DONE_HEAD = struct.Struct("<BI?H")
 _PORT = struct.Struct("<HI")
 _LONGEST = 1 << 16
 _SILENT_WALL_S = 20.0
-"""The keeper speaks every second; after so long it is given up."""
+"""The keeper speaks every second; after so long it is given up, by all members at once."""
 
 
 class KeeperGoneError(Exception):
@@ -90,7 +90,7 @@ class Barrier:
     def _receive(self, wall_s: float) -> bytes:
         if not select.select([self._socket], [], [], wall_s)[0]:
             self._silent_s += wall_s
-            if self._silent_s > _SILENT_WALL_S:
+            if self._silent_s >= _SILENT_WALL_S:
                 raise KeeperGoneError("it is silent")
             return b""
         self._silent_s = 0.0

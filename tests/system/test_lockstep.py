@@ -216,6 +216,17 @@ def test_the_clock_or_the_station_is_killed(tmp_path: Path, name: str) -> None:
         assert_apart(running.folder)
 
 
+@pytest.mark.long
+def test_the_clock_is_stopped(tmp_path: Path) -> None:
+    """All processes give it up at the same moment, and the flight completes by the wall clock."""
+    with Running(*RUN, cwd=tmp_path) as running:
+        running.wait_for_event("step 2:", 6)
+        running.kill("clock", signal.SIGSTOP)
+        assert running.wait(120) == 0, running.output
+        running.assert_nothing_left()
+        assert_apart(running.folder)
+
+
 def test_the_simulator_is_killed(tmp_path: Path) -> None:
     """The vehicles are gone: every agent ends."""
     with Running(*RUN, cwd=tmp_path) as running:

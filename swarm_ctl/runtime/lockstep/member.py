@@ -25,7 +25,7 @@ from swarm_ctl.runtime.lockstep.words import (
 
 _JOIN_WALL_S: Final = 10.0
 _SILENT_WALL_S: Final = 20.0
-"""The keeper speaks every second; after so long it is given up."""
+"""The keeper speaks every second; after so long it is given up, by all members at once."""
 
 
 class KeeperGoneError(Exception):
@@ -130,7 +130,7 @@ class Member:
     def _receive(self, wall_seconds: float) -> bytes:
         """The next packet; b"" when none comes in time."""
         if not select.select([self._socket], [], [], wall_seconds)[0]:
-            if wall.wall_s() - self._wall_s > _SILENT_WALL_S:
+            if wall.wall_s() - self._wall_s >= _SILENT_WALL_S:
                 raise KeeperGoneError("it is silent")
             return b""
         try:
