@@ -149,6 +149,7 @@ def test_an_agent_is_killed(tmp_path: Path) -> None:
         assert_apart(running.folder)
 
 
+@pytest.mark.long
 def test_an_agent_is_stopped(tmp_path: Path) -> None:
     """After the bound it is noted, and mission time goes on without it: its vehicle's failsafe
     acts, the others land."""
@@ -163,6 +164,7 @@ def test_an_agent_is_stopped(tmp_path: Path) -> None:
         assert_apart(running.folder)
 
 
+@pytest.mark.long
 def test_a_stopped_agent_comes_back(tmp_path: Path) -> None:
     """It takes part again from a later tick, and the flight ends without a process that hangs."""
     with Running(*RUN, "--lockstep-patience", "1", cwd=tmp_path) as running:
@@ -203,7 +205,7 @@ def states_of_3_after_it(running: Running) -> str:
     return "\n".join(lines[lost[0] :]) if lost else ""
 
 
-@pytest.mark.parametrize("name", ["clock", "station"])
+@pytest.mark.parametrize("name", ["clock", pytest.param("station", marks=pytest.mark.long)])
 def test_the_clock_or_the_station_is_killed(tmp_path: Path, name: str) -> None:
     """Without its clock the flight goes on by the wall clock and completes; without its station
     the agents land by the mission's policy."""
