@@ -28,6 +28,11 @@ _APPROACH_RATE = 1.0
 Stop points need no more."""
 _SKIPPED = 10
 """Ticks: after more of them the vehicle itself has stopped (`SETPOINT_TIMEOUT_S`)."""
+_SLOW_LAG_S = 0.7
+_CALM_RATE = 2.0
+"""[1/s]: kappa * h of an agent whose vehicle lags by more than `_SLOW_LAG_S`. At 3 and more, four
+simulated PX4s that hold swing with setpoints from limit to limit, as a real one did for a minute;
+formations form as fast, because the speed limit decides."""
 _COMPLEX = np.array([1.0, 1.0j])
 """Turns (north, east) into north + 1j * east by a matrix product."""
 
@@ -48,6 +53,7 @@ class Controller:
         self.estimate = ResponseEstimate(vehicle, plan.tick_s)
         self._located_s = math.inf
         self.safety_filter = SafetyFilter(plan, own_id, vehicle, self.estimate)
+        self._most_rate = _CALM_RATE if vehicle.lag_s > _SLOW_LAG_S else math.inf
         self.set_gains(Gains(plan.law.delta_a, plan.law.delta_l, plan.law.h, plan.kappa))
         self._result: formation_law.LawResult | None = None
         self._others: LawInput | None = None
@@ -62,11 +68,13 @@ class Controller:
         position."""
 
     def set_gains(self, gains: Gains) -> None:
-        """The gains in force from now on; `core/swarm/gain_update.py` says when they may change."""
+        """The gains in force from now on; `core/swarm/gain_update.py` says when they may change.
+        `h` is less where the vehicle is too slow for it."""
+        h = min(gains.h, self._most_rate / gains.kappa)
         self.gains = gains
-        self._law = replace(self._plan.law, h=gains.h, delta_l=gains.delta_l, delta_a=gains.delta_a)
+        self._law = replace(self._plan.law, h=h, delta_l=gains.delta_l, delta_a=gains.delta_a)
         self._iteration_mps = self._plan.unit_m * gains.kappa
-        self.gain = gains.kappa * gains.h
+        self.gain = gains.kappa * h
         """The law's own rate [1/s]."""
         self._lead_s: float = lead_s(self.gain)
 

@@ -53,7 +53,7 @@ class LawSection(Section):
     kappa: float | None = Field(default=None, gt=0, le=1000)
     """Law iterations per second. Default: 1 / tick_s."""
     h: float | None = Field(default=None, gt=0, le=1)
-    """Consensus gain per iteration. Default: 2 / kappa with stop points (1 / kappa without
+    """Consensus gain per iteration. Default: 4 / kappa with stop points (1 / kappa without
     safety.filter or safety.release), and 0.005, the paper's, without stop points."""
     delta_l: float = Field(default=2.0, ge=2, le=100)
     """Offset of the paper's D (equation 66)."""

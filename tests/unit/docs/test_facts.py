@@ -53,10 +53,10 @@ def test_the_mission_reference_is_the_schema_s() -> None:
 
 def test_the_default_gains_are_those_of_the_law_s_page() -> None:
     page = TEXT["law"]
-    assert "`kappa * h` is 2 a second for a usual mission" in page
+    assert "`kappa * h` is 4 a second for a usual mission" in page
     assert "`h = 1 / kappa` on stop points without them" in page
     assert plan().kappa == pytest.approx(1 / plan().tick_s)
-    assert plan().kappa * plan().law.h == pytest.approx(2)
+    assert plan().kappa * plan().law.h == pytest.approx(4)
     unsafe = plan("safety: {filter: false, guard: false, release: false}\n")
     assert unsafe.kappa * unsafe.law.h == pytest.approx(1)
     plain = plan(law=", compensation: none")

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from swarm_ctl.core.control.controller import Controller
 from swarm_ctl.core.model.messages import Gains
-from swarm_ctl.core.model.plan import Compensation, Plan, Point, Safety
+from swarm_ctl.core.model.plan import Compensation, Plan, Point, Response, Safety
 from swarm_ctl.core.swarm.snapshot import NO_FORMATION, Formation, OtherAircraft, PeerSnapshot
 from tests.unit.core.builders import HOLD, NOW, OWN, SLOTS, UNIT_M, alone, fix, peer, plan, snapshot
 
@@ -199,3 +199,18 @@ def test_the_sigma_report_has_the_pairs_within_r_out() -> None:
     assert [(pair.peer, pair.neighbour) for pair in report.pairs] == [(2, True)]
     assert report.pairs[0].distance == pytest.approx(0.5 * PLAN.law.r_out)
     assert sum(own.tally.values()) == 1
+
+
+def test_a_slow_vehicle_is_flown_calmly() -> None:
+    """A PX4's lag bounds the law's rate; gains that are less, and quicker vehicles', are kept."""
+    fast, slow = Response(0.4, 0.62, 2.8), Response(0.0, 0.8, 8.0)
+    lively = Gains(PLAN.law.delta_a, PLAN.law.delta_l, 0.2, 20.0)
+    rates = []
+    for vehicle in (fast, slow):
+        own = Controller(PLAN, OWN, vehicle)
+        own.set_gains(lively)
+        rates.append(own.gain)
+        assert own.gains == lively
+        own.set_gains(replace(lively, h=0.05))
+        assert own.gain == pytest.approx(1.0)
+    assert rates == pytest.approx([4.0, 2.0])

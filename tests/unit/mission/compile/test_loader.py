@@ -88,7 +88,7 @@ def test_every_mission_of_the_project_loads_and_is_written_again(path: Path) -> 
 
 def test_an_agent_needs_little_more_than_a_start() -> None:
     plan = loads(without_section("fleet").replace("  kappa: 20\n", "")).plan
-    assert (plan.kappa, plan.law.h) == (20, 0.1), "one iteration a tick, kappa * h = 2"
+    assert (plan.kappa, plan.law.h) == (20, 0.2), "one iteration a tick, kappa * h = 4"
     assert plan.policies == Policies()
     assert all(step.timeout_s > 0 for step in plan.steps)
 
