@@ -25,10 +25,15 @@ WORKERS = 3
 RUNS, LINKS = "runs", "links"
 REALTIME = {"system": RUNS, "autopilots": RUNS, "protocol": LINKS}
 """The group of each folder."""
-TERMINALS = ("test_dashboard", "test_terminal", "test_recording", "test_send", "test_measure")
+TERMINALS = (
+    "test_dashboard",
+    "test_terminal",
+    "test_recording",
+    "test_send",
+    "test_measure",
+    "test_keys",
+)
 """Of the folder `system`, but beside the whole runs."""
-PATIENT = ("test_lockstep", "test_keys")
-"""Of the folder `system`, and in no hurry: mission time or an operator waits for the machine."""
 _GIVE_WAY = 10
 
 
@@ -63,8 +68,6 @@ def _wanted(item: pytest.Item, config: pytest.Config) -> bool:
 
 def _group(item: pytest.Item) -> str:
     folder = item.path.relative_to(Path(__file__).parent).parts[0]
-    if folder == "system" and item.path.stem in PATIENT:
-        return ""
     if folder == "system" and item.path.stem in TERMINALS:
         return LINKS
     return REALTIME.get(folder, RUNS if "realtime" in item.keywords else "")

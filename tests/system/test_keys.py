@@ -121,6 +121,7 @@ class Desk:
         return self.orders
 
 
+@pytest.mark.long
 @EACH
 def test_every_order(tmp_path: Path, size: tuple[int, int], slowly: bool) -> None:
     """Each is given once, to the agents that were named; what lands, returns or kills is asked

@@ -178,6 +178,7 @@ def test_a_stopped_agent_comes_back(tmp_path: Path) -> None:
         assert_truth_ends_on_the_ground(running.folder)
 
 
+@pytest.mark.long
 def test_an_agent_is_started_again(tmp_path: Path) -> None:
     """By hand, after it was killed: it joins at a tick, takes its vehicle over, and the flight ends
     in order."""
@@ -205,7 +206,8 @@ def states_of_3_after_it(running: Running) -> str:
     return "\n".join(lines[lost[0] :]) if lost else ""
 
 
-@pytest.mark.parametrize("name", ["clock", pytest.param("station", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["clock", "station"])
 def test_the_clock_or_the_station_is_killed(tmp_path: Path, name: str) -> None:
     """Without its clock the flight goes on by the wall clock and completes; without its station
     the agents land by the mission's policy."""
@@ -238,6 +240,7 @@ def test_the_simulator_is_killed(tmp_path: Path) -> None:
         running.assert_nothing_left()
 
 
+@pytest.mark.long
 def test_the_run_itself_is_killed(tmp_path: Path) -> None:
     """Agents land and end in lockstep, then the simulator, the station, and the clock."""
     with Running(*RUN, cwd=tmp_path) as running:
