@@ -250,13 +250,15 @@ def study(
         return
     names = _varied(said.by, plan) if by else tuple(n for n in said.by if n in plan.varied)
     _check_extras(out, processes, cluster)
+    if curves is not None:
+        from swarm_ctl.study.curves import axis, draw_curves
+
+        axis(plan, names or plan.varied, curves)
     run_study(plan, out, processes, console, cluster)
     wide = console if console.is_terminal else PlainConsole(width=280)
     wide.print(table(plan, read_rows(out), names))
     console.say(f"rows: {out}")
     if curves is not None:
-        from swarm_ctl.study.curves import draw_curves
-
         draw_curves(plan, read_rows(out), names or plan.varied, curves)
         console.say(f"curves: {curves}")
 

@@ -11,7 +11,7 @@ from typing import Any, Final
 from matplotlib.axes import Axes
 
 from swarm_ctl.errors import InputError
-from swarm_ctl.report.page.drawing import R_IN, bounds, grid, legend, line_style, save
+from swarm_ctl.report.page.drawing import R_IN, bounds, grid, legend, line_style, write
 from swarm_ctl.study.parameter_space import Range, Study
 from swarm_ctl.study.rows import Row
 from swarm_ctl.study.rows_table import wilson
@@ -28,10 +28,8 @@ Groups = Mapping[str, Mapping[float, list[Row]]]
 """By line, by value on the x axis."""
 
 
-def draw_curves(study: Study, rows: Iterable[Row], by: tuple[str, ...], path: Path) -> None:
-    """Three panels over the last list of numbers in `by`, a line for each combination of the
-    others: missions with a pair under `r_in` [%], missions that did not form [%], both with 95 %
-    intervals, and the smallest distance [units].
+def axis(study: Study, by: tuple[str, ...], path: Path) -> str:
+    """The last list of numbers in `by`, over which curves are drawn.
 
     Raises:
         InputError: nothing of `by` is a list of numbers, or the file is neither .svg nor .png.
@@ -41,6 +39,14 @@ def draw_curves(study: Study, rows: Iterable[Row], by: tuple[str, ...], path: Pa
     over = next((name for name in reversed(by) if _is_axis(getattr(study, name))), None)
     if over is None:
         raise InputError("--curves: no list of numbers is varied here; allowed: --delay 0,0.1,0.2")
+    return over
+
+
+def draw_curves(study: Study, rows: Iterable[Row], by: tuple[str, ...], path: Path) -> None:
+    """Three panels over the `axis` of `by`, a line for each combination of the others: missions
+    with a pair under `r_in` [%], missions that did not form [%], both with 95 % intervals, and the
+    smallest distance [units]. InputError as for `axis`."""
+    over = axis(study, by, path)
     others = [name for name in by if name != over]
     groups = _grouped(study, rows, over, others)
     made, panels = grid(
@@ -57,9 +63,7 @@ def draw_curves(study: Study, rows: Iterable[Row], by: tuple[str, ...], path: Pa
         for drawn, name in zip(panels[1].get_lines(), groups, strict=True):
             drawn.set_label(name)
         legend(panels[1], len(groups), ", ".join(map(_named, others)))
-    for written in save(made, path.parent, path.stem):
-        if written.suffix != path.suffix:
-            written.unlink()
+    write(made, path)
 
 
 def _grouped(study: Study, rows: Iterable[Row], over: str, others: list[str]) -> Groups:

@@ -29,8 +29,10 @@ _OBSERVED_RADPS = 2.0
 """Bandwidth of the observer. In a flight of a PX4, 0.39 m/s of error left 0.26, 0.19,
 0.17, 0.15 at 0.7, 1.5, 2, 3 rad/s; higher ones take the noise of positions for drift."""
 _DAMPING = 0.8
+"""Settles almost without overshoot."""
 _GAP_S = 0.25
-"""After a gap in the reports that is longer, the observer begins afresh."""
+"""After a gap in the reports that is longer, the observer begins afresh: its steps would no longer
+settle."""
 _JUMP_M = 1.0
 """A position that is so far from where the last one led was corrected, not flown."""
 

@@ -59,11 +59,16 @@ def line_style(k: int) -> dict[str, Any]:
 def save(made: Figure, folder: Path, name: str) -> list[Path]:
     """Write `name`.png and `name`.svg; where they are."""
     paths = [folder / f"{name}.{kind}" for kind in ("png", "svg")]
-    with mpl.rc_context(_STYLE):
-        for path in paths:
-            made.savefig(path, dpi=DPI, metadata={"Date": None} if path.suffix == ".svg" else None)
-            made.set_layout_engine("none")  # laid out once, for both
+    for path in paths:
+        write(made, path)
+        made.set_layout_engine("none")  # laid out once, for both
     return paths
+
+
+def write(made: Figure, path: Path) -> None:
+    """Write one file, of the kind that its name ends in."""
+    with mpl.rc_context(_STYLE):
+        made.savefig(path, dpi=DPI, metadata={"Date": None} if path.suffix == ".svg" else None)
 
 
 def grid(

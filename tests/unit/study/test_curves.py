@@ -23,6 +23,7 @@ def test_a_study_is_drawn_over_its_last_list_of_numbers(
     """A line in each of the three panels for each combination of the other lists; words, and
     ranges that missions draw from, are no axis."""
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "c.png").write_text("another picture")
     varied = ["--safety", "off,align", "--delay", "0,0.2", "--spacing", "2:2.5,2.5:3"]
     ran = CliRunner().invoke(app, [*FLOWN, *varied, "--curves", "c.svg"])
     assert ran.exit_code == 0, ran.output
@@ -31,7 +32,7 @@ def test_a_study_is_drawn_over_its_last_list_of_numbers(
     assert "24 missions" in drawn
     for line in ("off, 2:2.5", "align, 2.5:3"):
         assert line in drawn
-    assert not (tmp_path / "c.png").exists()
+    assert (tmp_path / "c.png").read_text() == "another picture"
 
 
 def test_a_study_without_an_axis_and_a_file_of_another_kind_are_refused(tmp_path: Path) -> None:
@@ -64,3 +65,12 @@ def test_the_points_are_the_rows_shares(tmp_path: Path, monkeypatch: pytest.Monk
     assert plotted[0] == pytest.approx(under)
     assert plotted[2] == pytest.approx(smallest)
     assert max(under) > 0
+
+
+def test_curves_without_an_axis_are_refused_before_anything_is_flown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    ran = CliRunner().invoke(app, [*FLOWN, "--curves", "c.svg"])
+    assert isinstance(ran.exception, InputError)
+    assert not list(tmp_path.iterdir())
