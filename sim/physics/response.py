@@ -172,8 +172,9 @@ class Px4Response:
     MPC_XY_VEL_P_ACC 1.8, _I_ACC 0.4; MPC_Z_VEL_P_ACC 4, _I_ACC 2; tilt at most MPC_TILTMAX_AIR 45
     deg; target bounded by MPC_XY_VEL_MAX 12, MPC_Z_VEL_MAX_UP 3, _DN 1.5. Airframe: linear drag 1
     /s, as the SIH quadrotor has. Its attitude swings (14 rad/s, damping 0.65), and a target acts
-    three steps later (0.06 s in the simulator, 0.04 s in a study's shorter ones): fitted to a real PX4 under sines of 0.2, 0.5, 1 and 1.6 Hz (gain 0.61, 0.45, 0.30,
-    0.19; phase -38, -76, -122, -188 deg). The vertical lag is fitted to steps.
+    three steps later (0.06 s in the simulator, 0.04 s in a study's shorter ones): fitted to a real
+    PX4 under sines of 0.2, 0.5, 1 and 1.6 Hz (gain 0.61, 0.45, 0.30, 0.19; phase -38, -76, -122,
+    -188 deg). The vertical lag is fitted to steps.
     """
 
     memory_rows: int = 6
