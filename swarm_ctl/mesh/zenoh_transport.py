@@ -35,6 +35,12 @@ _OPEN_WALL_MS = 3000
 """For one attempt to open a link (zenoh's default: 10 s). After a cut, no link waits for the ever
 rarer packets of an old attempt, and a closing session waits no longer than this. Five round trips
 of 300 ms and a lost packet fit in."""
+_QUEUED, _DROPPED_AFTER_US = 2, 1000
+"""Batches that a link queues of each priority, and how long a message waits for a full queue before
+it is dropped (zenoh's defaults): the control loop must not wait."""
+_PATIENT_QUEUED, _PATIENT_DROPPED_AFTER_US = 16, 1_000_000
+"""In lockstep mission time waits for the message. With the defaults, one of 17 flights beside four
+busy loops lost two, and was another flight."""
 
 
 class ZenohTransport(Transport):
@@ -45,6 +51,7 @@ class ZenohTransport(Transport):
         connect: endpoints, tried until they answer.
         now: the mission clock [s], for the time of receipt.
         speedup: mission seconds per second of the wall clock.
+        patient: a message waits for a full queue, up to a second, before it is dropped.
 
     Raises:
         StartError: an endpoint to listen at is busy.
@@ -56,12 +63,14 @@ class ZenohTransport(Transport):
         connect: Sequence[str],
         now: Callable[[], float],
         speedup: float = 1.0,
+        *,
+        patient: bool = False,
     ) -> None:
         self._now = now
         self._publishers: dict[str, Any] = {}
         self._subscribers: list[Any] = []
         try:
-            self._session = zenoh.open(_config(listen, connect, speedup))
+            self._session = zenoh.open(_config(listen, connect, speedup, patient))
         except zenoh.ZError as error:
             why = str(error).split(" at /", 1)[0]  # zenoh appends its own source paths
             raise StartError(
@@ -81,7 +90,7 @@ class ZenohTransport(Transport):
         reliability = zenoh.Reliability
         return self._session.declare_publisher(
             key,
-            congestion_control=zenoh.CongestionControl.DROP,  # never block the control loop
+            congestion_control=zenoh.CongestionControl.DROP,  # the control loop must not wait long
             priority=zenoh.Priority.REAL_TIME if qos.urgent else zenoh.Priority.DATA,
             express=qos.urgent,
             reliability=reliability.RELIABLE if qos.reliable else reliability.BEST_EFFORT,
@@ -159,7 +168,9 @@ def _never_linger(descriptor: int) -> None:
             one.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 0, 0))
 
 
-def _config(listen: Sequence[str], connect: Sequence[str], speedup: float) -> zenoh.Config:
+def _config(
+    listen: Sequence[str], connect: Sequence[str], speedup: float, patient: bool
+) -> zenoh.Config:
     config = zenoh.Config()
     settings: dict[str, Any] = {
         "mode": "peer",
@@ -179,6 +190,10 @@ def _config(listen: Sequence[str], connect: Sequence[str], speedup: float) -> ze
         "transport/unicast/accept_timeout": _OPEN_WALL_MS,
         "transport/link/tx/batch_size": 8192,
         "transport/link/rx/buffer_size": 8192,
+        "transport/link/tx/queue/size/real_time": _PATIENT_QUEUED if patient else _QUEUED,
+        "transport/link/tx/queue/congestion_control/drop/wait_before_drop": (
+            _PATIENT_DROPPED_AFTER_US if patient else _DROPPED_AFTER_US
+        ),
     }
     for key, value in settings.items():
         config.insert_json5(key, json.dumps(value))

@@ -70,7 +70,6 @@ def virtual_truth(mission: Path, seed: int, truth: Path) -> bytes:
     return truth.read_bytes()
 
 
-@pytest.mark.long  # two runs beside each other differ now and then: open
 def test_the_same_flight_beside_busy_loops(tmp_path: Path) -> None:
     """Two runs at once and four busy loops on this machine, wind, noise, lost and late frames by
     one seed: truth and events are the same, byte for byte, and so is the truth of one process on a

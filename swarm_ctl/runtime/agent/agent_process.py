@@ -153,7 +153,9 @@ def _link(
 
 def _join_mesh(config: AgentConfig, place: Seat) -> Node:
     now = place.clock.now
-    transport = ZenohTransport([config.listen], config.connect, now, place.mesh_speedup)
+    transport = ZenohTransport(
+        [config.listen], config.connect, now, place.mesh_speedup, patient=place.patient
+    )
     node = Node(place.mesh(transport), config.swarm, config.agent_id)
     node.listen(keys.STATE, keys.CLOCK, keys.BEACON, keys.COMMAND)
     return node

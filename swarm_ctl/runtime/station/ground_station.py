@@ -62,7 +62,9 @@ def open_node(
     name = f"{role}-{os.getpid()}-{uuid.uuid4().hex[:6]}"
     if place is None:
         return Node(ZenohTransport(listen, connect, clock.now, clock.speedup), swarm, name)
-    transport = ZenohTransport(listen, connect, clock.now, place.mesh_speedup)
+    transport = ZenohTransport(
+        listen, connect, clock.now, place.mesh_speedup, patient=place.patient
+    )
     return Node(place.mesh(transport), swarm, name)
 
 
