@@ -7,7 +7,6 @@ so every pair has one link. Never fork after a session was opened.
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import socket
 import stat
@@ -16,31 +15,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import zenoh
+
 from swarm_ctl.errors import StartError
 from swarm_ctl.mesh.keys import Qos
 from swarm_ctl.mesh.transport import QUEUE, Inlet, QueueInlet, Transport
-
-# One worker thread instead of one pool per task: a quarter less CPU, 6 threads instead of 11.
-os.environ.setdefault(
-    "ZENOH_RUNTIME",
-    "(rx:(handover:app),acc:(handover:app),tx:(handover:app),net:(handover:app),app:(worker_threads:1))",
-)
-import zenoh
-
-_LEASE_S = 3.0
-"""Mission time after which zenoh drops a silent link. Agents judge a peer by its state's age."""
-_LEAST_LEASE_MS = 1000
-"""On the wall clock: a shorter lease would cut links whenever the machine is slow."""
-_OPEN_WALL_MS = 3000
-"""For one attempt to open a link (zenoh's default: 10 s). After a cut, no link waits for the ever
-rarer packets of an old attempt, and a closing session waits no longer than this. Five round trips
-of 300 ms and a lost packet fit in."""
-_QUEUED, _DROPPED_AFTER_US = 2, 1000
-"""Batches that a link queues of each priority, and how long a message waits for a full queue before
-it is dropped (zenoh's defaults): the control loop must not wait."""
-_PATIENT_QUEUED, _PATIENT_DROPPED_AFTER_US = 16, 1_000_000
-"""In lockstep mission time waits for the message. With the defaults, one of 17 flights beside four
-busy loops lost two, and was another flight."""
+from swarm_ctl.mesh.zenoh_config import configuration
 
 
 class ZenohTransport(Transport):
@@ -70,7 +50,7 @@ class ZenohTransport(Transport):
         self._publishers: dict[str, Any] = {}
         self._subscribers: list[Any] = []
         try:
-            self._session = zenoh.open(_config(listen, connect, speedup, patient))
+            self._session = zenoh.open(configuration(listen, connect, speedup, patient=patient))
         except zenoh.ZError as error:
             why = str(error).split(" at /", 1)[0]  # zenoh appends its own source paths
             raise StartError(
@@ -166,35 +146,3 @@ def _never_linger(descriptor: int) -> None:
     with socket.socket(fileno=os.dup(descriptor)) as one:
         if one.type == socket.SOCK_STREAM and one.family in (socket.AF_INET, socket.AF_INET6):
             one.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 0, 0))
-
-
-def _config(
-    listen: Sequence[str], connect: Sequence[str], speedup: float, patient: bool
-) -> zenoh.Config:
-    config = zenoh.Config()
-    settings: dict[str, Any] = {
-        "mode": "peer",
-        "listen/endpoints": list(listen),
-        "connect/endpoints": list(connect),
-        "connect/timeout_ms": -1,
-        "connect/exit_on_failure": False,
-        "connect/retry": {
-            "period_init_ms": 50,
-            "period_max_ms": 500,
-            "period_increase_factor": 1.5,
-        },
-        "scouting/multicast/enabled": False,
-        "scouting/gossip/enabled": False,
-        "transport/link/tx/lease": max(_LEAST_LEASE_MS, round(_LEASE_S * 1000 / speedup)),
-        "transport/unicast/open_timeout": _OPEN_WALL_MS,
-        "transport/unicast/accept_timeout": _OPEN_WALL_MS,
-        "transport/link/tx/batch_size": 8192,
-        "transport/link/rx/buffer_size": 8192,
-        "transport/link/tx/queue/size/real_time": _PATIENT_QUEUED if patient else _QUEUED,
-        "transport/link/tx/queue/congestion_control/drop/wait_before_drop": (
-            _PATIENT_DROPPED_AFTER_US if patient else _DROPPED_AFTER_US
-        ),
-    }
-    for key, value in settings.items():
-        config.insert_json5(key, json.dumps(value))
-    return config
