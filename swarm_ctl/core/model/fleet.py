@@ -37,6 +37,13 @@ class VehicleKind(StrEnum):
         return {VehicleKind.ARDUCOPTER: "ardupilot", VehicleKind.PX4: "px4"}.get(self)
 
 
+class Signing(StrEnum):
+    """Whether the frames between agents and vehicles are signed (MAVLink 2)."""
+
+    REQUIRED = "required"
+    OFF = "off"
+
+
 @dataclass(frozen=True, slots=True)
 class FleetAgent:
     """One agent's vehicle and the agent's endpoint on the mesh."""
@@ -73,6 +80,9 @@ class Fleet:
     """One entry per agent of the plan, sorted by id."""
 
     agents: tuple[FleetAgent, ...]
+    trust: str | None = None
+    """The folder with the swarm's keys (`swarm-ctl trust new`); None: the mesh is open."""
+    signing: Signing = Signing.OFF
 
     def agent(self, agent_id: int) -> FleetAgent:
         """The entry of `agent_id`; KeyError where the fleet has no such agent."""

@@ -21,6 +21,7 @@ from swarm_ctl.mission.input.document import Finding, Place, dotted
 from swarm_ctl.mission.input.near_matches import did_you_mean
 from swarm_ctl.mission.input.schema import (
     FleetEntry,
+    FleetSection,
     FormSection,
     MissionFile,
     MoveSection,
@@ -161,6 +162,21 @@ def _fleet(mission: MissionFile) -> Findings:
         }
         yield from _twice(sysids, "a sysid of its own for every vehicle")
         yield from check_fleet(entries, place)
+        yield from check_trust(mission.fleet, ("fleet",))
+
+
+def check_trust(fleet: FleetSection, place: Place) -> Findings:
+    """What is wrong with how the fleet, which stands at `place`, is protected."""
+    if fleet.trust is None and fleet.signing == "required":
+        what = "signing is required, and there are no keys to sign with"
+        yield Finding((*place, "signing"), what, "trust: FOLDER beside it (swarm-ctl trust new)")
+    for k, entry in enumerate(fleet.agents):
+        scheme = (entry.mesh or "tcp/").partition("/")[0]
+        spot = (*place, "agents", k, "mesh")
+        if fleet.trust is not None and scheme not in ("tcp", "tls"):
+            yield Finding(spot, f"{scheme}/ with trust, whose mesh is TLS", "tls/HOST:PORT")
+        elif fleet.trust is None and scheme in ("tls", "quic"):
+            yield Finding(spot, f"{scheme}/ without keys", "trust: FOLDER in the fleet, or tcp/")
 
 
 def check_fleet(entries: Sequence[FleetEntry], place: Place) -> Findings:

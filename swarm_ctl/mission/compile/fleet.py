@@ -4,22 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
+from pathlib import Path
 
 from swarm_ctl.core.law.stop_point import TYPICAL
 from swarm_ctl.core.model.fleet import AGENT_SYSID, Fleet, FleetAgent, agent_sysids
 from swarm_ctl.core.model.plan import Response
-from swarm_ctl.mission.input.schema import FleetEntry, MissionFile, VehicleResponse
+from swarm_ctl.mission.input.schema import FleetEntry, FleetSection, MissionFile, VehicleResponse
 
 
-def fleet_of(mission: MissionFile) -> Fleet:
-    """The fleet's entries of the mission's agents; simulated ArduCopters where it has no fleet."""
+def fleet_of(mission: MissionFile, folder: Path = Path()) -> Fleet:
+    """The fleet's entries of the mission's agents; simulated ArduCopters where it has no fleet.
+    `folder` has the file with the fleet."""
     entries = {entry.id: entry for entry in mission.fleet.agents} if mission.fleet else {}
     given = mission.vehicle.response if "response" in mission.vehicle.model_fields_set else None
     ids = sorted(agent.id for agent in mission.agents)
     flown = [entries.get(i) or FleetEntry(id=i) for i in ids]
     vehicles = {entry.vehicle_sysid for entry in (*entries.values(), *flown)}
     own = with_agent_sysids(flown, vehicles)
-    return Fleet(tuple(fleet_agent(entry, given) for entry in own))
+    return protected(tuple(fleet_agent(entry, given) for entry in own), mission.fleet, folder)
+
+
+def protected(agents: tuple[FleetAgent, ...], section: FleetSection | None, folder: Path) -> Fleet:
+    """The fleet of these agents, with the keys that the section of a file in `folder` names."""
+    if section is None or section.trust is None:
+        return Fleet(agents)
+    return Fleet(agents, str(folder / section.trust), section.signs)
 
 
 def with_agent_sysids(

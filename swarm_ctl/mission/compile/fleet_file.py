@@ -13,8 +13,8 @@ from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from swarm_ctl.core.model.fleet import Fleet
 from swarm_ctl.core.model.plan import Response
 from swarm_ctl.errors import InputError, MissionError
-from swarm_ctl.mission.compile.checks import check_fleet
-from swarm_ctl.mission.compile.fleet import fleet_agent, with_agent_sysids
+from swarm_ctl.mission.compile.checks import check_fleet, check_trust
+from swarm_ctl.mission.compile.fleet import fleet_agent, protected, with_agent_sysids
 from swarm_ctl.mission.input import error_messages, yaml_file
 from swarm_ctl.mission.input.schema import FleetSection
 
@@ -27,18 +27,20 @@ def read_fleet(path: Path) -> Fleet:
     may have one sysid here; a mission refuses that."""
     source = yaml_file.read(path, what="fleet")
     try:
-        entries = FleetSection.model_validate(source.data).agents
-        found = [source.problem(*finding) for finding in check_fleet(entries, ("agents",))]
+        section = FleetSection.model_validate(source.data)
+        findings = [*check_fleet(section.agents, ("agents",)), *check_trust(section, ())]
+        found = [source.problem(*finding) for finding in findings]
     except ValidationError as error:
         schema = FleetSection.model_json_schema()
-        entries = ()
+        section = None
         found = [error_messages.problem_of(dict(each), source, schema) for each in error.errors()]
-    if source.problems + found:
+    if source.problems + found or section is None:
         raise MissionError(tuple(source.problems + found))
+    entries = section.agents
     own = with_agent_sysids(
         sorted(entries, key=lambda entry: entry.id), {entry.vehicle_sysid for entry in entries}
     )
-    return Fleet(tuple(map(fleet_agent, own)))
+    return protected(tuple(map(fleet_agent, own)), section, path.parent)
 
 
 def file_of(mission: Path) -> Path | None:

@@ -77,7 +77,7 @@ def dumps(file: MissionFile) -> str:
 def _build(
     source: Document, path: Path, fleet: Path | None, vehicles: str | None = None
 ) -> LoadedMission:
-    _graft_fleet(source, path, fleet)
+    folder = _graft_fleet(source, path, fleet)
     known = csv_slots.graft(source, path.parent)
     written, broken = _sections(source, set() if known else {"shapes"})
     findings = check(written, frozenset(broken))
@@ -90,7 +90,7 @@ def _build(
     noted = [source.problem(*finding) for finding in warnings(flown, plan)]
     return LoadedMission(
         plan=plan,
-        fleet=fleet_of(flown),
+        fleet=fleet_of(flown, folder),
         source=path,
         file=written,
         document=source,
@@ -104,15 +104,15 @@ def _line(problem: Problem) -> tuple[str, int]:
     return (name, int(line)) if line.isdigit() else (problem.where, 0)
 
 
-def _graft_fleet(source: Document, path: Path, fleet: Path | None) -> None:
-    """Put a fleet file's content where the mission names the file."""
+def _graft_fleet(source: Document, path: Path, fleet: Path | None) -> Path:
+    """Put a fleet file's content where the mission names the file; the folder of the fleet."""
     if not isinstance(source.data, dict):
-        return
+        return path.parent
     named = source.data.get("fleet")
     if fleet is None and isinstance(named, str):
         fleet = path.parent / named
     if fleet is None:
-        return
+        return path.parent
     try:
         source.graft(("fleet",), yaml_file.read(fleet, what="fleet"))
     except MissionError as error:
@@ -124,6 +124,7 @@ def _graft_fleet(source: Document, path: Path, fleet: Path | None) -> None:
             for p in error.problems
         ]
         source.data.pop("fleet", None)
+    return fleet.parent
 
 
 def _sections(source: Document, broken: set[str]) -> tuple[MissionFile, set[str]]:

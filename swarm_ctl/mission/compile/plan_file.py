@@ -14,7 +14,7 @@ from typing import Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from swarm_ctl.core.model.fleet import Fleet, FleetAgent
+from swarm_ctl.core.model.fleet import Fleet, FleetAgent, Signing
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.errors import InputError, MissionError
 from swarm_ctl.mission.input.document import Document
@@ -36,6 +36,9 @@ class PlanFile(BaseModel):
     digits."""
     fleet: tuple[FleetAgent, ...]
     """One entry per agent of the plan."""
+    trust: str | None = None
+    """The fleet's folder with the swarm's keys."""
+    signing: Signing = Signing.OFF
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -57,7 +60,13 @@ class PlanFile(BaseModel):
 
 def plan_to_json(plan: Plan, fleet: Fleet) -> str:
     """The text of a plan file."""
-    file = PlanFile(plan=plan, plan_hash=plan.fingerprint(), fleet=fleet.agents)
+    file = PlanFile(
+        plan=plan,
+        plan_hash=plan.fingerprint(),
+        fleet=fleet.agents,
+        trust=fleet.trust,
+        signing=fleet.signing,
+    )
     return file.model_dump_json(indent=1) + "\n"
 
 

@@ -35,7 +35,8 @@ def with_vehicles(mission: MissionFile, given: str) -> MissionFile:
         raise InputError(f"--vehicles {given}: agent {min(wrong)} {why}; allowed: {free}")
     chosen = {i: _as(entries.get(i) or flying[i], kind) for i, kind in kinds.items()}
     agents = tuple(sorted((entries | flying | chosen).values(), key=lambda entry: entry.id))
-    return mission.model_copy(update={"fleet": FleetSection(agents=agents)})
+    section = mission.fleet or FleetSection(agents=agents)
+    return mission.model_copy(update={"fleet": section.model_copy(update={"agents": agents})})
 
 
 def kinds_of(given: str, free: list[int]) -> dict[int, VehicleKind]:

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import ConfigDict, Field, model_validator
 
-from swarm_ctl.core.model.fleet import VehicleKind
+from swarm_ctl.core.model.fleet import Signing, VehicleKind
 from swarm_ctl.core.model.plan import Compensation, Policy
 from swarm_ctl.mission.input.section import AgentId, Section
 from swarm_ctl.mission.input.simulation_section import SimulationSection
@@ -490,6 +490,18 @@ class FleetSection(Section):
 
     version: Literal[1] = 1
     agents: tuple[FleetEntry, ...] = Field(min_length=1, max_length=250)
+    trust: str | None = Field(default=None, min_length=1, examples=["trust/outdoors"])
+    """The folder with the swarm's keys, relative to this file; `swarm-ctl trust new` makes it. The
+    mesh is then encrypted, and open to its members alone. Default: an open mesh, which may not
+    leave the loopback interface."""
+    signing: Literal["required", "off"] | None = None
+    """Whether agents and vehicles sign their MAVLink frames. Default: required where `trust`
+    stands."""
+
+    @property
+    def signs(self) -> Signing:
+        """Whether frames are signed."""
+        return Signing(self.signing or ("required" if self.trust else "off"))
 
 
 class MissionFile(Section):

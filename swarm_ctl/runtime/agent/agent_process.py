@@ -21,6 +21,7 @@ from typing import Final
 from pydantic import TypeAdapter
 
 from swarm_ctl.core.agent.agent import Agent, Ended, Inbox
+from swarm_ctl.core.model.fleet import Signing
 from swarm_ctl.core.model.messages import AgentStatus, Outcome
 from swarm_ctl.core.model.plan import Plan, Response
 from swarm_ctl.errors import SwarmError
@@ -77,6 +78,10 @@ class AgentConfig:
     """Where it shares the vehicle's only link with ground control software."""
     lockstep: str | None = None
     """Where the keeper of mission time is, for a run in lockstep."""
+    identity: Path | None = None
+    """The folder with the agent's own keys (`swarm-ctl trust new`); None: the mesh is open."""
+    signing: Signing = Signing.OFF
+    """Of the frames between agent and vehicle."""
     started_us: int = 0
     """Mission time 0 of the tlog, in microseconds of Unix time."""
 

@@ -9,9 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarm_ctl.core.law.stop_point import TYPICAL
+from swarm_ctl.core.model.fleet import Signing
 from swarm_ctl.core.model.plan import Response
 from swarm_ctl.errors import InputError, MissionError
 from swarm_ctl.mission.compile.fleet_file import file_of, read_fleet, with_response
+from swarm_ctl.mission.compile.loader import load
+from swarm_ctl.mission.compile.plan_file import plan_from_json, plan_to_json
 from swarm_ctl.mission.input import yaml_file
 from tests.unit.mission.example import TEXT as MISSION
 
@@ -109,6 +112,48 @@ def test_two_vehicles_on_separate_links_may_have_one_sysid(tmp_path: Path) -> No
     ],
 )
 def test_mistakes_have_their_line(tmp_path: Path, text: str, told: str) -> None:
+    path = tmp_path / "fleet.yaml"
+    path.write_text(text)
+    with pytest.raises(MissionError) as refused:
+        read_fleet(path)
+    assert told in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("fields", "signing"),
+    [
+        ("", Signing.OFF),
+        ("trust: keys/field\n", Signing.REQUIRED),
+        ("trust: keys/field\nsigning: off\n", Signing.OFF),
+    ],
+)
+def test_the_keys_of_a_fleet_stand_beside_it(tmp_path: Path, fields: str, signing: Signing) -> None:
+    """In a fleet file, and in a mission that names it from another folder."""
+    path = tmp_path / "far" / "fleet.yaml"
+    path.parent.mkdir()
+    agents = "".join(f"  - {{id: {i}}}\n" for i in (1, 2, 3))
+    path.write_text(f"{fields}agents:\n{agents}")
+    mission = tmp_path / "mission.yaml"
+    mission.write_text(f"{BARE}fleet: far/fleet.yaml\n")
+    trust = str(path.parent / "keys/field") if fields else None
+    for fleet in (read_fleet(path), load(mission).fleet, load(mission, vehicles="px4").fleet):
+        assert (fleet.trust, fleet.signing) == (trust, signing)
+    plan = load(mission).plan
+    file = plan_from_json(plan_to_json(plan, load(mission).fleet))
+    assert (file.trust, file.signing) == (trust, signing)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("signing: required\nagents: [{id: 1}]\n", "no keys to sign with; allowed: trust: FOLDER"),
+        ("agents: [{id: 1, mesh: tls/10.0.0.1:7}]\n", "tls/ without keys; allowed: trust: FOLDER"),
+        ("trust: k\nagents: [{id: 1, mesh: udp/10.0.0.1:7}]\n", "allowed: tls/HOST:PORT"),
+        ("trust: ''\nagents: [{id: 1}]\n", "fleet.yaml:1: trust: "),
+        ("signing: on\nagents: [{id: 1}]\n", "required, off"),
+    ],
+)
+def test_keys_that_do_not_fit_are_refused(tmp_path: Path, text: str, told: str) -> None:
     path = tmp_path / "fleet.yaml"
     path.write_text(text)
     with pytest.raises(MissionError) as refused:
