@@ -28,11 +28,6 @@ _APPROACH_RATE = 1.0
 Stop points need no more."""
 _SKIPPED = 10
 """Ticks: after more of them the vehicle itself has stopped (`SETPOINT_TIMEOUT_S`)."""
-_SLOW_LAG_S = 0.7
-_CALM_RATE = 2.0
-"""[1/s]: kappa * h of an agent whose vehicle lags by more than `_SLOW_LAG_S`. At 3 and more, four
-simulated PX4s that hold swing with setpoints from limit to limit, as a real one did for a minute;
-formations form as fast, because the speed limit decides."""
 _COMPLEX = np.array([1.0, 1.0j])
 """Turns (north, east) into north + 1j * east by a matrix product."""
 
@@ -53,7 +48,7 @@ class Controller:
         self.estimate = ResponseEstimate(vehicle, plan.tick_s)
         self._located_s = math.inf
         self.safety_filter = SafetyFilter(plan, own_id, vehicle, self.estimate)
-        self._most_rate = _CALM_RATE if vehicle.lag_s > _SLOW_LAG_S else math.inf
+        self._most_rate = vehicle.most_rate
         self.set_gains(Gains(plan.law.delta_a, plan.law.delta_l, plan.law.h, plan.kappa))
         self._result: formation_law.LawResult | None = None
         self._others: LawInput | None = None

@@ -14,11 +14,15 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, Literal, TypeAlias
 
 Point = tuple[float, float]
+
+_SLOW_LAG_S = 0.7
+_CALM_RATE = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +59,13 @@ class Response:
     doubt_s: float = 0.5
     """Dead time and lag together may differ by this from the vehicle's own; `swarm-ctl measure`
     finds less."""
+
+    @property
+    def most_rate(self) -> float:
+        """The most that kappa * h may be [1/s]. At 3 and more, four simulated PX4s that hold swing
+        with setpoints from limit to limit, as a real one did for a minute; formations form as fast
+        with 2, because the speed limit decides."""
+        return _CALM_RATE if self.lag_s > _SLOW_LAG_S else math.inf
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,7 @@ part. A write that never returns ends with the process.
 
 from __future__ import annotations
 
+import os
 import threading
 from collections import deque
 from dataclasses import replace
@@ -27,7 +28,9 @@ class Relay:
     def __init__(self, printer: Printer, descriptor: int) -> None:
         self.left = False
         self._printer = printer
-        self._descriptor = descriptor
+        self._descriptor = os.dup(descriptor)
+        """The thread's own: it may still write when the other one is closed and its number is
+        another file's."""
         self._wake = threading.Condition()
         self._view: SwarmView | None = None
         self._notes: deque[str] = deque()
@@ -78,6 +81,8 @@ class Relay:
             self.left = True  # the reader has gone: this ends a guest, but not a run's station
         except Exception as error:
             self._failed = error
+        finally:
+            os.close(self._descriptor)
 
     def _write_next(self) -> bool:
         with self._wake:

@@ -82,6 +82,11 @@ class Batch:
         return np.rint(self.silent_s / tick_s)
 
     @property
+    def flown_h(self) -> Floats:
+        """The gain `h` as agents fly it: less where their model is too slow for it (m,)."""
+        return np.minimum(self.h, self.cell.model.most_rate / self.kappa)
+
+    @property
     def true_lag_s(self) -> Floats:
         """With its error (n, m)."""
         return np.maximum(self.lag_s + self.lag_error_s, _LEAST_LAG_S)

@@ -132,8 +132,8 @@ class _BatchFlight:
         self.result = BatchResult.blank(m)
         self._place = np.arange(m)
         self._flying = np.ones(m, dtype=np.bool_)
-        self._law = swarm_law(batch.slots, batch.links, batch.h, cell.law)
-        self._neighbours, self._h = batch.links, batch.h
+        self._law = swarm_law(batch.slots, batch.links, batch.flown_h, cell.law)
+        self._neighbours, self._h = batch.links, batch.flown_h
         self._motion: BatchMotion = motion_of(batch)
         self._seen = batch.starts
         """Positions at the last step."""

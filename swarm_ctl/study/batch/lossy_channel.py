@@ -50,7 +50,7 @@ class LossyChannel:
     def __init__(self, batch: Batch, tick_s: float) -> None:
         self._tick_s = tick_s
         self._delay = np.rint(batch.delay_s / tick_s).astype(np.intp)
-        self._lead_s: Floats = lead_s(batch.kappa * batch.h, np.minimum)
+        self._lead_s: Floats = lead_s(batch.kappa * batch.flown_h, np.minimum)
         _, n, m = batch.starts.shape
         self._silent_from = batch.silent_from(tick_s)
         self._losses = _Losses(batch, tick_s) if batch.loss.any() else None
