@@ -42,6 +42,11 @@ class MissionError(InputError):
         self.problems = problems
 
 
+class TrustError(InputError):
+    """Keys, certificates or a roster that can't be used: missing, damaged, readable by others, of
+    another swarm, revoked."""
+
+
 class StartError(SwarmError):
     """Something did not start: a busy port, a missing program, a process that died early."""
 

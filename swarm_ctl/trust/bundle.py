@@ -1,0 +1,112 @@
+"""The one file that goes to a host: a tar of a member's folder. A bundle may be hostile: each
+member's name, kind and size is checked, and nothing is unpacked by tarfile."""
+
+from __future__ import annotations
+
+import io
+import tarfile
+from pathlib import Path
+from typing import Final
+
+from swarm_ctl.errors import TrustError
+from swarm_ctl.trust import identity
+from swarm_ctl.trust.files import (
+    changed_folder,
+    new_folder,
+    read_guarded,
+    read_plain,
+    write_private,
+)
+from swarm_ctl.trust.identity import Identity, load_identity, load_member
+from swarm_ctl.trust.names import Member, member_of
+from swarm_ctl.trust.roster import ROSTER, SEAL, read_roster
+
+_NEEDED: Final = (identity.CERTIFICATE, identity.CA, ROSTER, SEAL)
+_FILES: Final = (*_NEEDED, identity.KEY, identity.MAVLINK_KEY)
+
+
+def pack(folder: Path) -> bytes:
+    """The bundle of a member's folder. Without a private key where it stays on its host."""
+    out = io.BytesIO()
+    with tarfile.open(fileobj=out, mode="w:") as archive:
+        for name in _FILES:
+            path = folder / name
+            if path.exists():
+                data = read_guarded(path)
+                entry = tarfile.TarInfo(f"{folder.name}/{name}")
+                entry.size, entry.mode = len(data), 0o600
+                archive.addfile(entry, io.BytesIO(data))
+    return out.getvalue()
+
+
+def unpacked(bundle: Path) -> tuple[Member, dict[str, bytes]]:
+    """The member and the files of a bundle; TrustError where it holds anything else."""
+    files: dict[str, bytes] = {}
+    members: set[str] = set()
+    try:
+        with tarfile.open(fileobj=io.BytesIO(read_plain(bundle)), mode="r:") as archive:
+            for entry in archive:
+                folder, _, name = entry.name.partition("/")
+                if name not in _FILES or name in files or not entry.isreg():
+                    raise TrustError(
+                        f"{bundle}: holds {entry.name!r}; allowed: each of {', '.join(_FILES)}"
+                        " once, in a folder such as agent-3"
+                    )
+                members.add(folder)
+                content = archive.extractfile(entry)
+                files[name] = content.read() if content else b""
+    except tarfile.TarError as error:
+        raise TrustError(f"{bundle}: is no bundle: {error}") from None
+    missing = [name for name in _NEEDED if name not in files]
+    if missing or len(members) != 1:
+        raise TrustError(
+            f"{bundle}: is of {len(members)} members and without {', '.join(missing) or 'nothing'};"
+            " allowed: a bundle that `swarm-ctl trust` made"
+        )
+    return member_of(members.pop()), files
+
+
+def install(bundle: Path, trust: Path) -> Identity:
+    """Put a bundle's folder into the trust folder of this host, or its files into the folder that
+    is there (which keeps its private key where the bundle has none, and its stamp).
+
+    Raises:
+        TrustError: the bundle holds anything that it should not, its parts do not fit each other,
+            the folder is another swarm's, or has a newer roster. Nothing was changed.
+    """
+    member, files = unpacked(bundle)
+    folder = trust / member.folder
+    if not folder.exists():
+        if identity.KEY not in files:
+            raise TrustError(
+                f"{bundle}: has no private key, and {folder} is not there; allowed: on the host"
+                f" that made the key (`swarm-ctl trust request {member}`)"
+            )
+        trust.mkdir(mode=0o700, parents=True, exist_ok=True)
+        with new_folder(folder) as made:
+            _put(files, made, folder, member)
+    else:
+        with changed_folder(folder) as made:
+            _put(files, made, folder, member)
+    return load_identity(folder)
+
+
+def _put(files: dict[str, bytes], made: Path, folder: Path, member: Member) -> None:
+    before = made / identity.CA
+    roster = read_roster(made, before) if before.exists() else None
+    if roster is not None and read_guarded(before) != files[identity.CA]:
+        raise TrustError(
+            f"{folder}: is of another CA; allowed: a bundle of swarm {roster.swarm}, or remove the"
+            " folder first"
+        )
+    for name, data in files.items():
+        write_private(made / name, data)
+    try:
+        installed = load_member(made, member)
+    except TrustError as error:
+        raise TrustError(str(error).replace(str(made), str(folder))) from None
+    if roster is not None and installed.epoch < roster.epoch:
+        raise TrustError(
+            f"{folder}: has the roster of epoch {roster.epoch}, and the bundle's is of epoch"
+            f" {installed.epoch}; allowed: the newest bundle"
+        )
