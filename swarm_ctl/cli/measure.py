@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
@@ -14,12 +14,13 @@ from swarm_ctl.cli.shared.extras import require
 from swarm_ctl.cli.shared.options import Speedup, option, switch
 from swarm_ctl.cli.shared.writable import require_writable
 from swarm_ctl.cli.sim import Persona
-from swarm_ctl.core.identification.fit import Fit, Leg, fit
-from swarm_ctl.core.identification.step_flight import StepFlight, Steps
-from swarm_ctl.core.law.stop_point import TYPICAL
 from swarm_ctl.core.model.fleet import FleetAgent, VehicleKind
-from swarm_ctl.core.model.plan import Response
 from swarm_ctl.errors import InputError
+
+if TYPE_CHECKING:  # the agent and numpy, which no other command waits for
+    from swarm_ctl.core.identification.fit import Fit, Leg
+    from swarm_ctl.core.identification.step_flight import StepFlight, Steps
+    from swarm_ctl.core.model.plan import Response
 
 _SPEED: Final = "Of the largest step.  [default: 5, or the mission's limit if that is less]"
 _VEHICLES: Final = (
@@ -87,6 +88,8 @@ def measure(
         swarm-ctl measure --endpoint udpout:127.0.0.1:14601 --autopilot px4
         swarm-ctl measure --vehicles arducopter
     """
+    from swarm_ctl.core.identification.step_flight import StepFlight
+    from swarm_ctl.core.law.stop_point import TYPICAL
     from swarm_ctl.runtime.clock import Clock
     from swarm_ctl.runtime.launch.interrupts import Interrupts
     from swarm_ctl.runtime.launch.measure import Task, fly, task_of, write_response
@@ -150,6 +153,9 @@ def _headline(vehicle: FleetAgent, steps: Steps) -> str:
 
 def _result(console: PlainConsole, vehicle: FleetAgent, flight: StepFlight) -> Response | None:
     """Show what was found; None where it can't be flown with."""
+    from swarm_ctl.core.identification.fit import fit
+    from swarm_ctl.core.law.stop_point import TYPICAL
+
     ended = flight.ended
     why = "stopped" if ended is None else "" if ended.outcome == "completed" else ended.reason
     why = why or flight.missing

@@ -28,12 +28,23 @@ def test_house_rule(name: str) -> None:
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+def loaded_by(module: str) -> set[str]:
+    """The packages that a process has loaded which imports this module."""
+    names = "sorted({m.split('.')[0] for m in sys.modules})"
+    code = f"import {module}, sys; print(*{names})"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return set(done.stdout.split())
+
+
 def test_agent_process_stays_small() -> None:
     """What an agent imports does not reach the screen, the mission reader or the simulator, seen at
     run time."""
-    names = "sorted({m.split('.')[0] for m in sys.modules})"
-    code = f"import swarm_ctl.runtime.agent.agent_process, sys; print(*{names})"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    loaded = set(done.stdout.split())
+    loaded = loaded_by("swarm_ctl.runtime.agent.agent_process")
     assert "zenoh" in loaded
     assert not loaded & {"rich", "typer", "scipy", "yaml", "sim", "textual", "matplotlib", "mcap"}
+
+
+def test_no_command_waits_for_what_another_one_needs() -> None:
+    """Every command loads all of their options, and no more."""
+    loaded = loaded_by("swarm_ctl.cli.main")
+    assert not loaded & {"numpy", "zenoh", "pymavlink", "yaml", "scipy", "textual", "matplotlib"}
