@@ -29,6 +29,7 @@ from swarm_ctl.mavlink.mirror import Mirror
 from swarm_ctl.mavlink.outgoing import AGENT_COMPONENT, AUTOPILOT_COMPONENT, Message, timesync
 from swarm_ctl.mavlink.telemetry.clashes import Clashes
 from swarm_ctl.mavlink.telemetry.incoming import FOLDS_BY_ID, fold
+from swarm_ctl.mavlink.telemetry.records import read
 from swarm_ctl.mavlink.telemetry.vehicle_telemetry import Telemetry
 from swarm_ctl.mavlink.wires import Wire, open_wire
 
@@ -303,7 +304,7 @@ class VehicleLink:
         if frame.message_id not in FOLDS_BY_ID:
             return
         try:
-            message = self._codec.decode(bytearray(frame.raw))
+            message = read(frame, self._codec)
         except dialect.MAVError:
             self._rejected += 1
             return

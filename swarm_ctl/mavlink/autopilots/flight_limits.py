@@ -7,7 +7,7 @@ docs/pages/figures.md#real-autopilots has what each of them does on the real one
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -15,7 +15,7 @@ from swarm_ctl.core.model.vehicle import FlightLimit, LimitKind
 from swarm_ctl.mavlink import outgoing
 from swarm_ctl.mavlink.autopilots.timing import RETRY_S, Pacer
 from swarm_ctl.mavlink.outgoing import Message
-from swarm_ctl.mavlink.telemetry.vehicle_telemetry import Telemetry
+from swarm_ctl.mavlink.telemetry.vehicle_telemetry import ParameterValue, Telemetry
 
 _GRAVITY_MPS2: Final = 9.81
 
@@ -50,6 +50,9 @@ class FlightLimits:
         self._system, self._sources, self._decode = system, sources, decode
         self._pacer = Pacer()
         self.names = frozenset(name for source in sources for name in source.names)
+        self._seen: list[ParameterValue | None] | None = None
+        self._limits: tuple[FlightLimit, ...] = ()
+        self._unread: tuple[str, ...] = ()
 
     def read(self, heard: Telemetry, now: float) -> list[Message]:
         """PARAM_REQUEST_READ for what is unknown, by all names, again after `RETRY_S`."""
@@ -63,20 +66,31 @@ class FlightLimits:
 
     def unread(self, heard: Telemetry) -> tuple[str, ...]:
         """The parameters without which the limits are not known; of several names `A or B`."""
-        missing = (s for s in self._sources if not s.optional and not self._known(heard, s))
-        return tuple(" or ".join(source.names) for source in missing)
+        self._look(heard)
+        return self._unread
 
     def limits(self, heard: Telemetry) -> tuple[FlightLimit, ...]:
         """As far as they are known."""
-        found = []
+        self._look(heard)
+        return self._limits
+
+    def _look(self, heard: Telemetry) -> None:
+        """Work both out, where a parameter has changed: they are asked for every tick."""
+        seen = [heard.parameters.get(name) for name in self.names]
+        if seen == self._seen:
+            return
+        self._seen = seen
+        missing = (s for s in self._sources if not s.optional and not self._known(heard, s))
+        self._unread = tuple(" or ".join(source.names) for source in missing)
+        self._limits = tuple(self._found(heard))
+
+    def _found(self, heard: Telemetry) -> Iterator[FlightLimit]:
         for source in self._sources:
             for name in self._known(heard, source):
-                value = round(
-                    self._decode(heard.parameters[name].raw, heard.parameters[name].kind), 4
-                )
+                known = heard.parameters[name]
+                value = round(self._decode(known.raw, known.kind), 4)
                 if value > 0.0 or not source.optional:
-                    found.append(source.limit(name, value))
-        return tuple(found)
+                    yield source.limit(name, value)
 
     @staticmethod
     def _known(heard: Telemetry, source: LimitSource) -> list[str]:

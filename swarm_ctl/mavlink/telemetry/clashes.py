@@ -49,13 +49,19 @@ class _Sequence:
     odd: int = 0
     now_at: int = 0
     other_at: int | None = None
-    recent: deque[tuple[int, bytes]] = field(default_factory=lambda: deque(maxlen=_RECENT))
+    numbers: deque[int] = field(default_factory=lambda: deque(maxlen=_RECENT))
+    recent: deque[bytes] = field(default_factory=lambda: deque(maxlen=_RECENT))
+    """The newest frames, and their `seq`."""
 
     def two(self, frame: MavlinkFrame, now: float) -> bool:
         """Whether the second that ends with this frame had frames of two senders."""
         seq = frame.seq
-        twice = any(seq == each and frame.raw != raw for each, raw in self.recent)
-        self.recent.append((seq, frame.raw))
+        twice = seq in self.numbers and any(
+            seq == each and frame.raw != raw
+            for each, raw in zip(self.numbers, self.recent, strict=True)
+        )
+        self.numbers.append(seq)
+        self.recent.append(frame.raw)
         self.odd += twice or self._switches(seq)
         if now - self.begun_s < _WINDOW_S:
             return False
