@@ -58,6 +58,7 @@ class _Layout:
         ]
         self._zeros = {field.name: field.zero for field in self.fields}
         self.plain = not any(field.size for field in self.fields)
+        self._listless = all(field.is_text or not field.size for field in self.fields)
         self._pick: Callable[[dict[str, Any]], tuple[Any, ...]] = (
             itemgetter(*self.names) if len(self.names) > 1 else lambda f: (f[self.names[0]],)
         )
@@ -69,7 +70,7 @@ class _Layout:
         """
         if len(fields) != len(self.names):
             fields = self._zeros | fields
-        values = self._pick(fields) if self.plain else self._flat(fields)
+        values = self._pick(fields) if self._listless else self._flat(fields)
         try:
             packed = self.struct.pack(*values)
         except (struct.error, OverflowError):

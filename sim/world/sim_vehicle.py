@@ -27,13 +27,17 @@ class SimVehicle:
 
     def sense(self) -> Sensed:
         """What it senses now: the truth, unless its sensors have a fault."""
-        truth = self._group.sense(self._row)
+        truth = self.truth()
         return self.faults.sense(truth) if self.faults.active else truth
+
+    def truth(self) -> Sensed:
+        """How it really moves."""
+        return self._group.sense(self._row)
 
     def move_faults(self, now: float) -> None:
         """Moves weather and errors on, where there are any."""
         faults = self.faults
-        if not faults.look() or not faults.move(now, self._group.sense(self._row)):
+        if not faults.look() or not faults.move(now, self.truth()):
             return
         self._group.state.wind[self._row] = faults.wind
         self._group.state.drift[self._row] = faults.drift

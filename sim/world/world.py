@@ -231,9 +231,9 @@ class World:
         away = positions - positions[place]
         near = (away * away).sum(axis=1) <= self._range_m**2
         near[place] = False
-        velocities = self.velocities()
-        for i in np.nonzero(near)[0].tolist():
-            yield self.vehicles[i].sysid, _vector(positions[i]), _vector(velocities[i])
+        for i in np.flatnonzero(near).tolist():
+            truth = self.vehicles[i].truth()
+            yield self.vehicles[i].sysid, truth.position_ned_m, truth.velocity_ned_mps
 
 
 def _groups(
@@ -266,8 +266,3 @@ def _local_origin(start: Vector3, rng: np.random.Generator) -> Vector3:
     north, east, down = start
     offset = distance * math.cos(bearing), distance * math.sin(bearing), rng.uniform(-2.0, 2.0)
     return north + offset[0], east + offset[1], down + offset[2]
-
-
-def _vector(row: Array) -> Vector3:
-    north, east, down = row.tolist()
-    return north, east, down

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any
 
 from sim.firmware.autopilot import SimAutopilot
 from sim.firmware.message import MAV_MODE_FLAG_CUSTOM
 from sim.firmware.protocol.uploaded_mission import mission_current
-from sim.physics.geodesy import Vector3
+from sim.physics.geodesy import TangentPlane, Vector3
 from sim.physics.kinematics import GRAVITY_MPS2
 
 Fields = dict[str, Any]
@@ -244,12 +245,14 @@ def _estimates_wind(a: SimAutopilot, *switches: str) -> bool:
 
 def adsb_vehicle(a: SimAutopilot) -> list[Fields]:
     """One for each vehicle in sensing range; the address is its system id."""
-    return [_contact(a, *contact) for contact in a.traffic()]
+    return [_contact(a.plane, *contact) for contact in a.traffic()]
 
 
-def _contact(a: SimAutopilot, sysid: int, position: Vector3, velocity: Vector3) -> Fields:
+@lru_cache(512)
+def _contact(plane: TangentPlane, sysid: int, position: Vector3, velocity: Vector3) -> Fields:
+    """The same for all vehicles that see it, so it is worked out once; not to be changed."""
     north, east, down = velocity
-    return _place(a, position, ("lat", "lon", "altitude")) | {
+    return _on_ellipsoid(plane, position, ("lat", "lon", "altitude")) | {
         "ICAO_address": sysid,
         "altitude_type": 1,
         "heading": _centidegrees(math.atan2(east, north)),
@@ -264,8 +267,12 @@ def _contact(a: SimAutopilot, sysid: int, position: Vector3, velocity: Vector3) 
 def _place(
     a: SimAutopilot, ned_m: Vector3, names: tuple[str, str, str] = ("lat", "lon", "alt")
 ) -> Fields:
+    return _on_ellipsoid(a.plane, ned_m, names)
+
+
+def _on_ellipsoid(plane: TangentPlane, ned_m: Vector3, names: tuple[str, str, str]) -> Fields:
     """A point on the ellipsoid: 1e-7 degrees, millimetres."""
-    at = a.geodetic(ned_m)
+    at = plane.geodetic_from_ned(ned_m)
     numbers = round(at.lat_deg * 1e7), round(at.lon_deg * 1e7), round(at.alt_m * 1e3)
     return dict(zip(names, numbers, strict=True))
 
