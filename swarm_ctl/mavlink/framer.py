@@ -22,6 +22,9 @@ _CRC_EXTRA: dict[int, bytes] = {
     number: bytes([message.crc_extra]) for number, message in dialect.mavlink_map.items()
 }
 _CRC = struct.Struct("<H")
+_MOST_FAILURES = 32
+"""False beginnings in a row. A cut frame has a few; a hostile chunk could have thousands, of some
+microseconds each: the rest of the chunk is dropped."""
 
 _NONE, _PARTIAL = 0, -1
 """`_size` of bytes that start no frame, and of bytes that may start one but are not complete."""
@@ -38,14 +41,15 @@ class MavlinkFrame(NamedTuple):
 
 
 class Framer:
-    """Cuts a stream of chunks into frames; `bad` counts runs of bytes that were no frame.
+    """Cuts a stream of chunks into frames; `bad` counts runs of bytes that were no frame, `tried`
+    all beginnings that were looked at, which is what it costs.
 
     With `unknown`, frames of messages that the dialect does not have are passed, too. Their
     checksum can't be verified: they count where another frame or the end of the chunk follows.
     """
 
     def __init__(self, *, unknown: bool = False) -> None:
-        self.bad = 0
+        self.bad = self.tried = 0
         self._unknown = unknown
         self._rest = b""
         self._skipping = False
@@ -58,9 +62,10 @@ class Framer:
         data = self._rest + data
         frames: list[MavlinkFrame] = []
         partial = None
-        done = position = 0
+        done = position = failures = 0
         while found := _MAGIC.search(data, position):
             at = found.start()
+            self.tried += 1
             size = _size(data, at, unknown=self._unknown)
             position = at + 1
             if size > 0:
@@ -70,8 +75,12 @@ class Framer:
                 frames.append(_frame(data[at : at + size]))
                 done = position = at + size
                 partial = None
+                failures = 0
             elif size == _PARTIAL and partial is None:
                 partial = at
+            failures += size <= 0
+            if failures > _MOST_FAILURES:
+                break
         end = len(data) if partial is None else partial
         self._rest = data[end:]
         if end > done:

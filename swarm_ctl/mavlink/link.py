@@ -27,14 +27,18 @@ from swarm_ctl.mavlink.autopilots.timing import HEARTBEAT_LOST_S
 from swarm_ctl.mavlink.framer import Framer, MavlinkFrame
 from swarm_ctl.mavlink.mirror import Mirror
 from swarm_ctl.mavlink.outgoing import AGENT_COMPONENT, AUTOPILOT_COMPONENT, Message, timesync
+from swarm_ctl.mavlink.signing import Refusal, RefusedFrames, Signing
 from swarm_ctl.mavlink.telemetry.clashes import Clashes
 from swarm_ctl.mavlink.telemetry.incoming import FOLDS_BY_ID, fold
 from swarm_ctl.mavlink.telemetry.records import read
 from swarm_ctl.mavlink.telemetry.vehicle_telemetry import Telemetry
 from swarm_ctl.mavlink.wires import Wire, open_wire
 
-MAX_CHUNKS = 2048
+MAX_CHUNKS = 512
 """Chunks read in one `receive`, a bound for floods; a vehicle sends about 3 a tick."""
+MAX_TRIED = 1024
+"""Beginnings of frames looked at in one `receive`, the last chunk's not counted: 25 ms of good
+frames. What is left waits, or is lost in the system's buffer."""
 _TIMESYNC_S = 1.0
 _REFUTED_EVERY_S = 10.0
 _SETPOINT_ID = dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
@@ -69,6 +73,7 @@ class VehicleLink:
         agent_sysid: the system id that we speak with, 1..254, not the vehicle's.
         remembers: set no parameter before `recall` was called, and `kept` with its own value.
         mirror: shares this link with ground control software.
+        signing: signs all that is sent; no frame counts that is not signed and new. None: open.
 
     Raises:
         LinkError: an argument is wrong (the text says what is allowed), or the endpoint can't be
@@ -85,6 +90,7 @@ class VehicleLink:
         remembers: bool = False,
         agent_sysid: int = AGENT_SYSID,
         mirror: Mirror | None = None,
+        signing: Signing | None = None,
     ) -> None:
         if not 1 <= sysid <= 250:
             raise LinkError(f"sysid {sysid} is out of range; allowed: 1..250")
@@ -98,11 +104,15 @@ class VehicleLink:
         self._tap = tap
         self._wire = open_wire(endpoint) if isinstance(endpoint, str) else endpoint
         self._mirror = mirror
-        self._framer = Framer(unknown=mirror is not None)
+        unknown = mirror is not None
+        self._framers = [Framer(unknown=unknown) for _ in range(self._wire.sources)]
         self._clashes = Clashes(sysid, agent_sysid)
         self._heard = Telemetry(agent_sysid, self._autopilot.watched)
         self._codec = dialect.MAVLink(None, srcSystem=agent_sysid, srcComponent=AGENT_COMPONENT)
-        self._secure()
+        self._reader = dialect.MAVLink(None)
+        self._signing, self._refused = signing, RefusedFrames(sysid)
+        if signing is not None:
+            signing.equip(self._codec)
         if self._wire.warning and autopilot == "px4":
             self._heard.texts.add(self._wire.warning)
         self._now = 0.0
@@ -115,16 +125,20 @@ class VehicleLink:
     def receive(self, now: float) -> None:
         """Read all pending bytes and fold them into the vehicle's telemetry."""
         self._now = now
+        tried = 0
         for _ in range(MAX_CHUNKS):
             try:
                 chunk = self._wire.read(now)
             except OSError:
                 self._errors += 1
                 return
-            if chunk is None:
+            if chunk is None or tried > MAX_TRIED:
                 return
-            for frame in self._framer.feed(chunk):
+            framer = self._framers[self._wire.source]
+            tried -= framer.tried
+            for frame in framer.feed(chunk):
                 self._take(frame, now)
+            tried += framer.tried
 
     def _look_for_clashes(self) -> None:
         """A clash keeps a vehicle from arming; in the air it is said, and changes nothing."""
@@ -141,7 +155,10 @@ class VehicleLink:
             heard.forget_old_contacts(now)
         mode = driver.mode(heard)
         fault = driver.fault(heard)
+        refused = self._refused.words(now)
         missing = fault or driver.missing(heard, now)
+        if refused and math.isinf(heard.heartbeat_s):
+            missing = f"{refused}; allowed: frames signed with its key (swarm-ctl trust vehicle)"
         return VehicleView(
             heartbeat_s=heard.heartbeat_s,
             autopilot=driver.name if heard.autopilot == driver.wire_id else "",
@@ -173,6 +190,9 @@ class VehicleLink:
             texts=heard.texts.take(now),
             frames=self._frames - self._foreign,
             frames_lost=self._lost,
+            signed=self._signing is not None,
+            refused=refused,
+            refusals={str(why): count for why, count in self._refused.total.items()},
             round_trip_s=heard.round_trip_s,
         )
 
@@ -255,6 +275,8 @@ class VehicleLink:
         """Give ground control software its share of the link: after everything else in a tick, and
         a few frames only."""
         for frame in self._mirror.exchange() if self._mirror is not None else ():
+            if not self._may_pass(frame, now):
+                continue
             try:
                 self._wire.write(frame, now)
             except OSError:
@@ -270,12 +292,13 @@ class VehicleLink:
     def counters(self) -> LinkCounters:
         return LinkCounters(
             frames=self._frames,
-            bad_frames=self._framer.bad,
+            bad_frames=sum(framer.bad for framer in self._framers),
             setpoints=self._setpoints,
             lost=self._lost,
             foreign=self._foreign,
             rejected=self._rejected,
             errors=self._errors,
+            refused=self._refused.total.total(),
         )
 
     def close(self) -> None:
@@ -284,10 +307,24 @@ class VehicleLink:
         if self._mirror is not None:
             self._mirror.close()
 
-    def _secure(self) -> None:
-        """The place for MAVLink 2 signing (off): set key and rules on `self._codec.signing`."""
+    def _may_pass(self, raw: bytes, now: float) -> bool:
+        """A frame of ground control software, to a vehicle that may take unsigned ones on this link
+        (an ArduPilot does on USB)."""
+        return not any(self._refusal(frame, now) for frame in Framer(unknown=True).feed(raw))
+
+    def _refusal(self, frame: MavlinkFrame, now: float) -> Refusal | None:
+        """Why the frame does not count; on an open link each does."""
+        refusal = None if self._signing is None else self._signing.refusal(frame)
+        if refusal is not None:
+            self._refused.note(refusal, frame, now)
+        return refusal
 
     def _take(self, frame: MavlinkFrame, now: float) -> None:
+        refusal = self._refusal(frame, now)
+        if refusal is Refusal.REPLAYED and math.isinf(self._heard.heartbeat_s):
+            self._wire.confirm()  # the vehicle, with an old clock: it sets that by our frames
+        if refusal is not None:
+            return
         self._frames += 1
         if self._tap is not None:
             self._tap(frame.raw, now)
@@ -304,7 +341,7 @@ class VehicleLink:
         if frame.message_id not in FOLDS_BY_ID:
             return
         try:
-            message = read(frame, self._codec)
+            message = read(frame, self._reader)
         except dialect.MAVError:
             self._rejected += 1
             return
@@ -323,6 +360,8 @@ class VehicleLink:
         self._seq = seq
 
     def _send(self, message: Message, now: float) -> None:
+        if self._signing is not None:
+            self._codec.signing.timestamp = self._signing.next_stamp(now)
         data = message.pack(self._codec)
         self._codec.seq = (self._codec.seq + 1) & 0xFF
         try:

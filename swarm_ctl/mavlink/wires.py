@@ -36,6 +36,10 @@ class Wire(Protocol):
     """What the operator should know of this wire, or ''."""
     port: int = 0
     """The own UDP port, where the wire has one from the start."""
+    sources: int = 1
+    """Senders whose chunks must not be mixed, at most."""
+    source: int = 0
+    """Which of them sent the last chunk."""
 
     def read(self, now: float) -> bytes | None:
         """The next pending chunk (a datagram, or a part of a stream), None when none is pending."""
@@ -166,103 +170,146 @@ class _UdpInWire(_UdpWire):
         self._vehicle = self._sender
 
 
-class _StreamWire(Wire):
-    """One TCP stream at a time; a frame is sent whole or not at all."""
+class _Stream:
+    """One TCP connection. A frame is sent whole or not at all; an error ends it."""
 
-    def __init__(self) -> None:
-        self._stream: socket.socket | None = None
+    def __init__(self, connection: socket.socket) -> None:
+        connection.setblocking(False)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _TCP_SEND_BUFFER)
+        self.connection = connection
+        self.ended = False
         self._unsent = b""
 
-    def _connected(self, now: float) -> socket.socket | None:
-        """The stream, if there is one now."""
-        raise NotImplementedError
-
-    def read(self, now: float) -> bytes | None:
-        stream = self._connected(now)
-        if stream is None:
-            return None
-        with self._dropped_on_error():
+    def read(self) -> bytes | None:
+        with self._ended_on_error():
             try:
-                data = stream.recv(_CHUNK)
+                data = self.connection.recv(_CHUNK)
             except BlockingIOError:
                 return None
         if not data:
-            self._drop()
+            self.close()
         return data or None
 
-    def write(self, data: bytes, now: float) -> None:
-        stream = self._connected(now)
-        if stream is None:
-            return
-        with self._dropped_on_error():
+    def write(self, data: bytes) -> None:
+        with self._ended_on_error():
             if self._unsent:
-                self._unsent = self._unsent[stream.send(self._unsent) :]
+                self._unsent = self._unsent[self.connection.send(self._unsent) :]
             if self._unsent:
                 raise BlockingIOError("the stream is full; a frame was dropped")
-            self._unsent = data[stream.send(data) :]
+            self._unsent = data[self.connection.send(data) :]
 
     def close(self) -> None:
-        self._drop()
+        self.ended = True
+        self.connection.close()
 
     @contextlib.contextmanager
-    def _dropped_on_error(self) -> Iterator[None]:
+    def _ended_on_error(self) -> Iterator[None]:
         try:
             yield
         except OSError as error:
             if not isinstance(error, BlockingIOError):
-                self._drop()
+                self.close()
             raise
 
-    def _drop(self) -> None:
-        if self._stream is not None:
-            self._stream.close()
-        self._stream = None
-        self._unsent = b""
 
-    def _adopt(self, stream: socket.socket) -> None:
-        self._drop()
-        stream.setblocking(False)
-        stream.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        stream.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _TCP_SEND_BUFFER)
-        self._stream = stream
-
-
-class _TcpWire(_StreamWire):
+class _TcpWire(Wire):
     """A client that connects without blocking, and tries again every second."""
 
     def __init__(self, address: tuple[str, int]) -> None:
-        super().__init__()
         self._address = address
         self._retry_s = float("-inf")
+        self._stream: _Stream | None = None
 
-    def _connected(self, now: float) -> socket.socket | None:
-        if self._stream is None and now >= self._retry_s:
+    def _connected(self, now: float) -> _Stream | None:
+        if (self._stream is None or self._stream.ended) and now >= self._retry_s:
             self._retry_s = now + _RECONNECT_S
-            stream = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-            self._adopt(stream)
-            stream.connect_ex(self._address)
-        return self._stream
+            self._stream = _Stream(socket.socket(socket.AF_INET, socket.SOCK_STREAM))
+            self._stream.connection.connect_ex(self._address)
+        return None if self._stream is None or self._stream.ended else self._stream
+
+    def read(self, now: float) -> bytes | None:
+        stream = self._connected(now)
+        return None if stream is None else stream.read()
+
+    def write(self, data: bytes, now: float) -> None:
+        stream = self._connected(now)
+        if stream is not None:
+            stream.write(data)
+
+    def close(self) -> None:
+        if self._stream is not None:
+            self._stream.close()
 
 
-class _TcpInWire(_StreamWire):
-    """A server for one vehicle: the last client to connect takes the link."""
+class _TcpInWire(Wire):
+    """A server for one vehicle. The client that a frame of the vehicle came from last has the link
+    (`confirm`): one that is silent, or a stranger, takes it from no vehicle. Before the first such
+    frame, the newest client is spoken to."""
+
+    sources = 4
 
     def __init__(self, address: tuple[str, int]) -> None:
-        super().__init__()
         self._server = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         self._server.setblocking(False)
         with _closing_on_error(self._server):
             self._server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             self._server.bind(address)
-            self._server.listen(1)
+            self._server.listen(self.sources)
+        self._streams: list[_Stream | None] = [None] * self.sources
+        self._order: list[int] = []
+        """Places of the streams, the newest client last."""
+        self._vehicle: _Stream | None = None
 
-    def _connected(self, now: float) -> socket.socket | None:  # noqa: ARG002
-        with contextlib.suppress(BlockingIOError):
-            self._adopt(self._server.accept()[0])
-        return self._stream
+    def read(self, now: float) -> bytes | None:  # noqa: ARG002
+        self._accept()
+        for step in range(1, self.sources + 1):
+            place = (self.source + step) % self.sources
+            stream = self._streams[place]
+            if stream is None or stream.ended:
+                continue
+            with contextlib.suppress(OSError):  # that client has gone
+                if data := stream.read():
+                    self.source = place
+                    return data
+        return None
+
+    def _accept(self) -> None:
+        """A client, in the place of the oldest one that does not have the link."""
+        try:
+            connection, _ = self._server.accept()
+        except OSError:
+            return
+        place = self._free_place()
+        old = self._streams[place]
+        if old is not None:
+            old.close()
+        self._streams[place] = _Stream(connection)
+        self._order = [*(each for each in self._order if each != place), place]
+
+    def _free_place(self) -> int:
+        for place, stream in enumerate(self._streams):
+            if stream is None or stream.ended:
+                return place
+        return next(place for place in self._order if self._streams[place] is not self._vehicle)
+
+    def confirm(self) -> None:
+        stream = self._streams[self.source]
+        if stream is not self._vehicle and self._vehicle is not None:
+            self._vehicle.close()
+        self._vehicle = stream
+
+    def write(self, data: bytes, now: float) -> None:  # noqa: ARG002
+        stream = self._vehicle
+        if stream is None and self._order:
+            stream = self._streams[self._order[-1]]
+        if stream is not None and not stream.ended:
+            stream.write(data)
 
     def close(self) -> None:
-        super().close()
+        for stream in self._streams:
+            if stream is not None:
+                stream.close()
         self._server.close()
 
 

@@ -14,6 +14,7 @@ from swarm_ctl.core.model.messages import (
     TickReport,
     VehicleLinkReport,
 )
+from swarm_ctl.core.model.vehicle import VehicleView
 from swarm_ctl.core.swarm.snapshot import PeerSnapshot
 
 
@@ -71,7 +72,7 @@ def status_report(
         steps=tuple(context.progress.results),
         tick=loop,
         bad_payloads=bad_payloads,
-        vehicle_link=VehicleLinkReport(view.frames, view.frames_lost, view.round_trip_s),
+        vehicle_link=_link_report(view),
         echo=echo,
         gains=controller.gains,
         position_accuracy_m=view.position_accuracy_m,
@@ -83,6 +84,11 @@ def status_report(
         left=left,
         without=tuple(peer.id for peer in tick.peers.peers if peer.left is not None),
     )
+
+
+def _link_report(view: VehicleView) -> VehicleLinkReport:
+    heard = view.frames, view.frames_lost, view.round_trip_s
+    return VehicleLinkReport(*heard, view.signed, view.refused, dict(view.refusals))
 
 
 def _nearest(

@@ -264,6 +264,12 @@ class VehicleLinkReport:
     """By MAVLink's 8-bit seq: right where only the vehicle speaks on the link."""
     round_trip_s: float | None
     """TIMESYNC to the vehicle and back, the newest; mission time."""
+    signed: bool = False
+    """MAVLink 2 signing is on."""
+    refused: str = ""
+    """The frames that the link has refused of late, in words; ''."""
+    refusals: dict[str, int] = field(default_factory=dict)
+    """All of them, by reason."""
 
 
 @dataclass(frozen=True, slots=True)

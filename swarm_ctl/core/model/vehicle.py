@@ -7,6 +7,7 @@ All times are on the agent's clock. Vectors are (north, east, down).
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Final, TypeAlias
@@ -141,6 +142,12 @@ class VehicleView:
     """Good frames of the vehicle since the link was opened."""
     frames_lost: int = 0
     """Missing by MAVLink's 8-bit seq."""
+    signed: bool = False
+    """The link is signed: no other frame counts."""
+    refused: str = ""
+    """The frames that it has refused of late, in words; ''."""
+    refusals: Mapping[str, int] = field(default_factory=dict)
+    """All of them, by reason."""
     round_trip_s: float | None = None
     """TIMESYNC there and back, the newest; at least a tick, since answers are read once a tick."""
 
@@ -215,8 +222,9 @@ class LinkCounters:
     foreign: int = 0
     """Good frames of other systems or components: not listened to."""
     rejected: int = 0
-    """Good frames with a field that can't be true (NaN, out of range) or a bad signature."""
+    """Good frames with a field that can't be true (NaN, out of range)."""
     errors: int = 0
     """Reads and writes that the operating system refused (no listener, a full buffer,
     ...)."""
-    texts: tuple[str, ...] = field(default=())
+    refused: int = 0
+    """Frames that did not count on a signed link."""

@@ -307,6 +307,13 @@ _battery: Final = _figure(
     "battery at {value:.0f} %",
     least=True,
 )
+
+
+def _refused(agent: AgentView) -> str | None:
+    report = agent.status.vehicle_link if agent.status else None
+    return report.refused if report else None
+
+
 _E, _W = Level.ERROR, Level.WARNING
 _WORDS: Final = False
 """Not measured."""
@@ -364,6 +371,7 @@ RULES: Final[tuple[Rule, ...]] = (
     Rule("no station", _W, _half_alone_s, "half way to the mission's policy", _no_station),
     Rule("slow ticks", _W, _tick_hz, "a fifth of the ticks missing", _slow_ticks),
     Rule("late ticks", _W, _tick_ms, "a whole tick, in wall-clock milliseconds", _late_ticks),
+    Rule("refused frames", _W, _is(0), "forged, replayed or not signed", _if(_refused)),
     Rule("battery", _W, _is(20.0), "what the autopilots call low", _battery),
     Rule("stranger", _W, _is(0), "another swarm under this one's name", _if(_stranger), _WORDS),
 )

@@ -122,3 +122,14 @@ def test_unknown_incompatibility_flags_are_no_frame(flags: int) -> None:
     framer = Framer()
     assert framer.feed(bytes(frame)) == []
     assert framer.bad == 1
+
+
+@pytest.mark.parametrize(
+    "pattern", [b"\xfd", b"\xfe", b"\xfd\xff\0\0", b"\xfe\xfe\0\0\0", b"\xfd\xff\0\0\0\0\1\0\0\0"]
+)
+def test_a_chunk_full_of_false_beginnings_costs_no_more_than_a_few(pattern: bytes) -> None:
+    framer = Framer()
+    for _ in range(10):
+        assert framer.feed((pattern * 4096)[:4096]) == []
+    assert framer.tried < 10 * 50
+    assert GOOD[0] in [frame.raw for frame in framer.feed(GOOD[0])]

@@ -9,6 +9,7 @@ import pty
 import select
 import socket
 import sys
+import time
 from collections.abc import Iterator
 
 import pytest
@@ -16,7 +17,7 @@ import pytest
 from swarm_ctl.core.model.vehicle import FlyGoal, StandbyGoal
 from swarm_ctl.errors import LinkError
 from swarm_ctl.mavlink import VehicleLink, Wire, memory_wires
-from swarm_ctl.mavlink.wires import _TcpWire, local_port, open_wire
+from swarm_ctl.mavlink.wires import _Stream, local_port, open_wire
 from tests.unit.mavlink import wire
 from tests.unit.mavlink.test_framer import BANNER
 
@@ -210,18 +211,18 @@ def test_tcp_survives_text_between_frames_and_a_server_that_goes_and_comes(
         link.receive(0.0)
         with contextlib.closing(server.accept()[0]) as peer:
             peer.sendall(BANNER + frame_from() + b"more text\n" + frame_from())
-            wait_readable(link._wire._stream)  # type: ignore[attr-defined]
+            wait_readable(link._wire._stream.connection)  # type: ignore[attr-defined]
             link.receive(0.1)
             assert link.view().heartbeat_s == 0.1
             link.pursue(StandbyGoal(), 0.2)
             assert peer.recv(4096)[0] == 0xFD
-        wait_readable(link._wire._stream)  # type: ignore[attr-defined]
+        wait_readable(link._wire._stream.connection)  # type: ignore[attr-defined]
         link.receive(0.3)  # sees the end
         link.receive(0.4)
         link.receive(1.5)  # a second after the first attempt: again
         with contextlib.closing(server.accept()[0]) as peer:
             peer.sendall(frame_from())
-            wait_readable(link._wire._stream)  # type: ignore[attr-defined]
+            wait_readable(link._wire._stream.connection)  # type: ignore[attr-defined]
             link.receive(2.0)
             assert link.view().heartbeat_s == 2.0
 
@@ -272,44 +273,77 @@ class Narrow:
         self.taken += took
         return len(took)
 
-    def close(self) -> None:
+    def setblocking(self, _: bool) -> None:
+        pass
+
+    def setsockopt(self, *_: int) -> None:
         pass
 
 
 def test_a_frame_that_went_out_in_part_is_finished_before_another_begins() -> None:
-    opened = _TcpWire(("127.0.0.1", 9))
     stream = Narrow(room=4)
-    opened._stream = stream  # type: ignore[assignment]
-    opened.write(b"first!", 0.0)
+    opened = _Stream(stream)  # type: ignore[arg-type]
+    opened.write(b"first!")
     for _ in range(3):
         with pytest.raises(BlockingIOError):
-            opened.write(b"dropped", 0.1)
+            opened.write(b"dropped")
     stream.room = 1
     with pytest.raises(BlockingIOError):
-        opened.write(b"dropped", 0.2)
+        opened.write(b"dropped")
     stream.room = 100
-    opened.write(b"second", 0.3)
+    opened.write(b"second")
     assert stream.taken == b"first!second"
 
 
-def test_tcpin_takes_the_last_client() -> None:
+@contextlib.contextmanager
+def tcpin() -> Iterator[tuple[Wire, int]]:
     port = free_port(socket.SOCK_STREAM)
     with contextlib.closing(open_wire(f"tcpin:{HOST}:{port}")) as opened:
+        yield opened, port
+
+
+def read_soon(wire: Wire) -> bytes:
+    """The next chunk, which is on its way."""
+    until = time.monotonic() + 5.0
+    while (chunk := wire.read(0.0)) is None:
+        assert time.monotonic() < until
+        time.sleep(0.001)
+    return chunk
+
+
+def test_tcpin_speaks_to_the_newest_client_until_the_vehicle_was_heard() -> None:
+    with tcpin() as (opened, port):
         assert opened.read(0.0) is None
         opened.write(b"into the void", 0.0)
-        with contextlib.closing(socket.create_connection((HOST, port))) as first:
-            first.sendall(b"first")
-            wait_readable(opened._server)  # type: ignore[attr-defined]
-            opened.read(0.0)
-            with contextlib.closing(socket.create_connection((HOST, port))) as second:
-                wait_readable(opened._server)  # type: ignore[attr-defined]
-                second.sendall(b"second")
-                opened.read(0.0)
-                second.settimeout(5.0)
+        for name in (b"first", b"second"):
+            with contextlib.closing(socket.create_connection((HOST, port), timeout=5.0)) as client:
+                client.sendall(name)
+                assert read_soon(opened) == name
                 opened.write(b"hello", 0.0)
-                assert second.recv(100) == b"hello"
-                first.settimeout(5.0)
-                assert first.recv(100) == b"", "the first was closed"
+                assert client.recv(100) == b"hello"
+
+
+def test_a_client_takes_the_link_of_a_vehicle_only_by_a_frame_of_the_vehicle() -> None:
+    """500 silent or strange clients leave the vehicle its link; its own new connection gets it."""
+    with tcpin() as (opened, port), contextlib.ExitStack() as stack:
+        vehicle = stack.enter_context(socket.create_connection((HOST, port), timeout=5.0))
+        vehicle.sendall(b"good")
+        assert read_soon(opened) == b"good"
+        opened.confirm()
+        for number in range(500):
+            with contextlib.closing(socket.create_connection((HOST, port))) as stranger:
+                if number % 2:
+                    stranger.sendall(b"noise")
+                opened.read(0.0)
+        opened.write(b"setpoint", 0.0)
+        assert vehicle.recv(100) == b"setpoint"
+        again = stack.enter_context(socket.create_connection((HOST, port), timeout=5.0))
+        again.sendall(b"good")
+        while read_soon(opened) != b"good":
+            pass
+        opened.confirm()
+        opened.write(b"setpoint", 0.0)
+        assert (again.recv(100), vehicle.recv(100)) == (b"setpoint", b"")
 
 
 # --- serial ---
