@@ -18,6 +18,10 @@ _PEER: Final = (
     "Where another agent listens; repeat it. Of two agents, one has to name the other."
     "  [default: the agents before it in the fleet]"
 )
+_KEY: Final = (
+    "The vehicle's 32-byte signing key, mode 0600: all frames are signed. The newest stamp is kept"
+    " beside it.  [default: as in the fleet]"
+)
 _LOCKSTEP: Final = "The folder of a run in lockstep, whose clock this agent joins."
 
 
@@ -41,6 +45,7 @@ def agent(
         option("SECONDS", "Mission time 0 on this host's monotonic clock.  [default: now]"),
     ] = None,
     lockstep: Annotated[Path | None, option("RUN", _LOCKSTEP)] = None,
+    signing_key: Annotated[Path | None, option("FILE", _KEY)] = None,
 ) -> None:
     """Fly one agent, on the computer of its drone.
 
@@ -77,6 +82,7 @@ def agent(
         memory=state_folder(),
         flight=plan.name,
         lockstep=None if lockstep is None else _clock_of(lockstep),
+        signing_key=signing_key,
     )
     raise typer.Exit(run_agent(config, SignalLifeline()))
 

@@ -111,6 +111,7 @@ class VehicleLink:
         self._codec = dialect.MAVLink(None, srcSystem=agent_sysid, srcComponent=AGENT_COMPONENT)
         self._reader = dialect.MAVLink(None)
         self._signing, self._refused = signing, RefusedFrames(sysid)
+        self._trouble = ""
         if signing is not None:
             signing.equip(self._codec)
         if self._wire.warning and autopilot == "px4":
@@ -146,11 +147,18 @@ class VehicleLink:
         if self._heard.clash and self._heard.clash != before:
             self._heard.texts.add(self._heard.clash)
 
+    def _look_at_stamps(self) -> None:
+        trouble = self._signing.trouble() if self._signing is not None else ""
+        if trouble and not self._trouble:
+            self._heard.texts.add(trouble)
+        self._trouble = trouble
+
     def view(self) -> VehicleView:
         """A snapshot as of the last `receive`. Each STATUSTEXT is in one snapshot only."""
         heard, driver, now = self._heard, self._autopilot, self._now
         self._say_refuted()
         self._look_for_clashes()
+        self._look_at_stamps()
         if heard.contacts:
             heard.forget_old_contacts(now)
         mode = driver.mode(heard)

@@ -56,14 +56,21 @@ class Signing:
             those that it hears, so one with an old clock is heard after our first frame.
         keep: gets the newest stamp each 10 s; it must not block.
         link: the link id that we sign with.
+        trouble: why stamps are not kept, or ''.
     """
 
     def __init__(
-        self, key: bytes, start: int, keep: Callable[[int], None] = lambda _: None, link: int = 0
+        self,
+        key: bytes,
+        start: int,
+        keep: Callable[[int], None] = lambda _: None,
+        link: int = 0,
+        trouble: Callable[[], str] = str,
     ) -> None:
         if len(key) != KEY_BYTES:
             raise LinkError(f"a signing key has {len(key)} bytes; allowed: {KEY_BYTES}")
         self._key, self._link, self._keep = key, link, keep
+        self.trouble = trouble
         self._start = self._stamp = self._kept = start
         self._since: float | None = None
         self._heard: dict[tuple[int, int], tuple[int, int]] = {}

@@ -6,14 +6,15 @@ Written by an agent, so nothing here may hold up a control loop: a thread takes 
 
 from __future__ import annotations
 
-import contextlib
-import os
-import tempfile
 import threading
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Final
 
-from swarm_ctl.mavlink.signing import UNITS_S
+from swarm_ctl.errors import TrustError
+from swarm_ctl.mavlink.signing import KEY_BYTES, UNITS_S, Signing
+from swarm_ctl.trust.files import read_guarded, write_private
 
 _AHEAD: Final = 60 * UNITS_S
 """More than passes between two saves."""
@@ -74,21 +75,26 @@ class StampKeeper:
 
     def _save(self) -> None:
         try:
-            with tempfile.NamedTemporaryFile(
-                dir=self._path.parent, prefix=".stamp.", delete=False
-            ) as file:
-                try:
-                    file.write(str(self._newest).encode())
-                    file.flush()
-                    os.fsync(file.fileno())
-                    Path(file.name).replace(self._path)
-                except OSError:
-                    with contextlib.suppress(OSError):
-                        Path(file.name).unlink()
-                    raise
+            write_private(self._path, str(self._newest).encode())
         except OSError as error:
             self._fail(error)
 
     def _fail(self, why: object) -> None:
         words = getattr(why, "strerror", None) or why
-        self.failure = f"{self._path}: {words}; until it is, only the clock protects from replays"
+        self.failure = f"{self._path}: {words}; only this computer's clock protects from replays"
+
+
+@contextmanager
+def kept_signing(key: Path, stamp: Path, unix_s: float) -> Iterator[Signing]:
+    """Signing with the key in one file and the newest stamp in another, at a time of the system's
+    clock. TrustError where the key can't be used, or others may read it."""
+    with closing(StampKeeper(stamp, unix_s)) as keeper:
+        yield Signing(read_key(key), keeper.start, keeper.keep, trouble=lambda: keeper.failure)
+
+
+def read_key(path: Path) -> bytes:
+    """A key file's 32 bytes; TrustError where it has others, or others may read it."""
+    key = read_guarded(path)
+    if len(key) != KEY_BYTES:
+        raise TrustError(f"{path}: has {len(key)} bytes; allowed: {KEY_BYTES}, a signing key")
+    return key

@@ -47,3 +47,8 @@ def pause(wall_seconds: float) -> None:
 def date_and_time() -> datetime:
     """Local date and time with zone, for names and records."""
     return datetime.now().astimezone()
+
+
+def unix_s() -> float:
+    """Seconds of Unix time, for what outlives this process."""
+    return time.time()

@@ -12,7 +12,7 @@ import signal
 import sys
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -27,15 +27,19 @@ from swarm_ctl.core.model.plan import Plan, Response
 from swarm_ctl.errors import SwarmError
 from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.mavlink.mirror import Mirror
+from swarm_ctl.mavlink.signing import Signing as FrameSigning
+from swarm_ctl.mavlink.stamp import kept_signing
 from swarm_ctl.mavlink.tlog import TlogWriter
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
 from swarm_ctl.runtime.agent.lifeline import ALIVE, READY, Lifeline, PipeLifeline
 from swarm_ctl.runtime.agent.publish import publish
+from swarm_ctl.runtime.clock import unix_s
 from swarm_ctl.runtime.lockstep.seat import Seat, seat
 from swarm_ctl.runtime.lockstep.words import Phase
 from swarm_ctl.runtime.vehicle_memory import Remembering, VehicleMemory
+from swarm_ctl.trust.identity import MAVLINK_KEY, STAMP
 
 _GC_THRESHOLD: Final = 50_000
 """Objects between collections: what is built at the start is frozen, and a tick leaves next to none
@@ -82,6 +86,8 @@ class AgentConfig:
     """The folder with the agent's own keys (`swarm-ctl trust new`); None: the mesh is open."""
     signing: Signing = Signing.OFF
     """Of the frames between agent and vehicle."""
+    signing_key: Path | None = None
+    """The file with the key that signs them, of an agent that has no identity."""
     started_us: int = 0
     """Mission time 0 of the tlog, in microseconds of Unix time."""
 
@@ -120,7 +126,8 @@ def run_agent(config: AgentConfig, lifeline: Lifeline) -> int:
     with (
         closing(seat(config.lockstep, Phase.SWARM, config.epoch_s, config.speedup)) as place,
         _tlog(config) as keep,
-        closing(_link(config, keep, place)) as link,
+        _signing(config) as signing,
+        closing(_link(config, keep, place, signing)) as link,
         closing(_join_mesh(config, place)) as node,
     ):
         place.join(f"agent-{config.agent_id}", config.swarm, config.agent_id)
@@ -145,14 +152,32 @@ def _tlog(config: AgentConfig) -> Iterator[Callable[[bytes, float], None] | None
         sys.stderr.write(f"agent: {config.tlog} ends early: {tlog.failure}\n")
 
 
+def _signing(config: AgentConfig) -> AbstractContextManager[FrameSigning | None]:
+    """What signs the vehicle's link, if that is asked for."""
+    key = config.signing_key
+    if key is not None:
+        return kept_signing(key, key.with_name(f"{key.name}.stamp"), unix_s())
+    if config.identity is None or config.signing is not Signing.REQUIRED:
+        return nullcontext()
+    return kept_signing(config.identity / MAVLINK_KEY, config.identity / STAMP, unix_s())
+
+
 def _link(
-    config: AgentConfig, keep: Callable[[bytes, float], None] | None, place: Seat
+    config: AgentConfig,
+    keep: Callable[[bytes, float], None] | None,
+    place: Seat,
+    signing: FrameSigning | None,
 ) -> VehicleLink:
     remembers = config.memory is not None
     vehicle = (place.wire(config.endpoint), config.autopilot, config.sysid)
     mirror = None if config.mirror_port is None else Mirror(config.mirror_port)
     return VehicleLink(
-        *vehicle, keep, remembers=remembers, agent_sysid=config.agent_sysid, mirror=mirror
+        *vehicle,
+        keep,
+        remembers=remembers,
+        agent_sysid=config.agent_sysid,
+        mirror=mirror,
+        signing=signing,
     )
 
 

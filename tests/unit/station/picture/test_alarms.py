@@ -16,6 +16,7 @@ from swarm_ctl.core.model.messages import (
     Phase,
     SigmaReport,
     TickReport,
+    VehicleLinkReport,
 )
 from swarm_ctl.core.model.plan import FormStep
 from swarm_ctl.core.model.text import agents_named
@@ -65,6 +66,9 @@ def _silence(seconds: float, *, but_status: bool = False) -> SwarmView:
     if but_status:
         model.fold(status_of(PLAN, 4, now), now)
     return model.view(now)
+
+
+_REFUSES = VehicleLinkReport(9, 0, None, True, "unsigned frames for vehicle 4 refused: 12 in 10 s")
 
 
 def _loss() -> SwarmView:
@@ -135,6 +139,7 @@ CASES: dict[str, tuple[Callable[[], SwarmView], tuple[int, ...]]] = {
     "no station": (lambda: _status(4, station_age_s=2.6), (4,)),
     "slow ticks": (lambda: _slow(4), (4,)),
     "late ticks": (lambda: _status(4, tick=TickReport(500, 0, 1.0, 10.1, 12.0)), (4,)),
+    "refused frames": (lambda: _status(4, vehicle_link=_REFUSES), (4,)),
     "battery": (lambda: _status(4, battery_percent=19.0), (4,)),
     "stranger": (lambda: _stranger(), (42,)),
 }
