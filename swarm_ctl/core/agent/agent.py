@@ -197,15 +197,19 @@ class Agent:
         context, peers = self._context, self._peers
         for news, received_s in inbox.clocks:
             peers.clocks.hear(news, received_s)
+        believed = []
         for state, received_s in inbox.states:
             self._takeover.hear(state, received_s)
-            peers.hear(state, received_s)
+            if peers.hear(state, received_s):
+                believed.append((state, received_s))
+        for severity, text in peers.watch(now):
+            context.say(now, severity, text)
         peers.count_ages(now)
         context.slot_exchange.hear()
         context.reference.assign(context.slot_exchange.roles)
         for beacon, received_s in inbox.beacons:
             self._station = (beacon, received_s)
-        self._update_gains(now, inbox)
+        self._update_gains(now, believed)
         self._lifeline_cut |= inbox.lifeline_cut
         for text in inbox.view.texts:
             context.say(now, Severity.WARNING, f"vehicle: {text}")
@@ -231,9 +235,9 @@ class Agent:
             context.say(now, severity, f"vehicle: {note.text}")
         self._notes = []
 
-    def _update_gains(self, now: float, inbox: Inbox) -> None:
+    def _update_gains(self, now: float, states: Sequence[tuple[AgentState, float]]) -> None:
         gain_update = self._command_handler.gain_update
-        for severity, text in gain_update.update(now, inbox.states):
+        for severity, text in gain_update.update(now, states):
             self._context.say(now, severity, text)
         if self._context.controller.gains is not gain_update.gains:
             self._context.controller.set_gains(gain_update.gains)

@@ -10,7 +10,7 @@ from swarm_ctl.core.agent.flight_context import FlightContext
 from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.law.formation import formation_error
 from swarm_ctl.core.model.causes import FailsafeAction
-from swarm_ctl.core.model.messages import AgentState, Severity
+from swarm_ctl.core.model.messages import Severity
 from swarm_ctl.core.model.plan import Policy, RotateStep, ScaleStep
 from swarm_ctl.core.swarm.snapshot import OtherAircraft, PeerSnapshot
 
@@ -82,9 +82,7 @@ class Barrier:
 
     def _watch_held(self, tick: Tick, own_override: int) -> None:
         for peer in tick.peers.peers:
-            held = peer.state is not None and peer.state.override and peer.left is None
-            apart = held and not own_override
-            if not apart:
+            if not peer.held or peer.left is not None or own_override:
                 self._held_since.pop(peer.id, None)
             elif peer.id not in self._held_since:
                 self._held_since[peer.id] = tick.now
@@ -111,7 +109,7 @@ class Barrier:
             peer.id
             for peer in peers.peers
             if peer.state is not None
-            and (peer.age_s > policies.agent_lost_after_s or gave_up(peer.state, self._plan))
+            and (peer.age_s > policies.agent_lost_after_s or gave_up(peer, self._plan))
         }
 
     def forget_shape(self) -> None:
@@ -133,7 +131,7 @@ class Barrier:
         lost = self.lost(tick.peers)
         members = [state for state in tick.peers.fresh() if state.agent not in lost]
         expected = sum(
-            not self._left(peer.state) for peer in tick.peers.peers if peer.id not in lost
+            not gave_up(peer, self._plan) for peer in tick.peers.peers if peer.id not in lost
         )
         if len(members) < expected:
             return None
@@ -146,6 +144,3 @@ class Barrier:
         ids = [context.agent, *(state.agent for state in members)]
         slots = [(shape[i][0] * unit, shape[i][1] * unit) for i in ids]
         return float(formation_error(points, slots))
-
-    def _left(self, state: AgentState | None) -> bool:
-        return state is not None and bool(gave_up(state, self._plan))

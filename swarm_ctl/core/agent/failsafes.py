@@ -22,6 +22,7 @@ from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.timeouts import OWN_FIX_S, OWN_LOST_S
 from swarm_ctl.core.model.vehicle import FALLS_MPS
 from swarm_ctl.core.safety.fence import outside
+from swarm_ctl.core.swarm.snapshot import OtherAircraft
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,7 +222,7 @@ def _peers_gone(s: Situation) -> FailsafeTrigger | None:
         completed = peer.state and progress_of(peer.state) >= (len(s.plan.steps), True)
         if peer.state is None or completed or peer.id in s.departed:
             continue  # never heard: the step's time-out bounds the wait
-        reason = gave_up(peer.state, s.plan)
+        reason = gave_up(peer, s.plan)
         if not reason and peer.age_s > after:
             reason = f"agent {peer.id} has not been heard for {after:g} s"
         if not reason:
@@ -371,8 +372,12 @@ def left_by_order(state: AgentState) -> str:
     return f"agent {state.agent} was {how[1]} by the operator" if how is not None else ""
 
 
-def gave_up(state: AgentState, plan: Plan) -> str:
-    """Why this peer will not take part to the end, or '': it lands, yielded or ended early."""
+def gave_up(peer: OtherAircraft, plan: Plan) -> str:
+    """Why this peer will not take part to the end, or '': it lands, yielded or ended early, by all
+    of its states for a while."""
+    state = peer.state
+    if state is None or not peer.ends:
+        return ""
     step = plan.steps[min(state.step, len(plan.steps)) - 1] if state.step > 0 else None
     going_down = isinstance(step, LandStep | ReturnStep)
     if state.phase is Phase.YIELD:

@@ -13,8 +13,10 @@ and each state that is heard is a way back, too. An old bound loosens by `DRIFT`
 newer one replaces it without any window.
 
 Ages are counted with the bound that makes a message older (`Peer.view`). A clock that jumps, or
-drifts more, contradicts its bounds; they are then forgotten. While a clock is not known, its
-agent's states are not fresh, and the agent is not lost at once.
+drifts more, contradicts its bounds. One word that does so may be forged, so it changes nothing:
+words that agree with each other do, after `STEADY_S`, unless one that agrees with the bounds comes
+between. While a clock is not known, its agent's states are not fresh, and the agent is not lost at
+once.
 """
 
 from __future__ import annotations
@@ -33,6 +35,11 @@ EVERY_S: Final = 1.0
 ASK_EVERY_S: Final = 0.2
 """While an agent hears a peer whose clock it does not know: at the start, and after a jump. With
 half of all words lost it mostly knows the clock after half a second; it has four."""
+STEADY_S: Final = 0.4
+"""Words at the rate of `ASK_EVERY_S` say so three times in this time; a forger's are contradicted
+by the states, which come at 20 Hz."""
+_LATE_S: Final = 0.5
+"""A state that is later than this does not say how the clock stands."""
 _ECHOED_S: Final = 5.0
 """Words of a peer that has been silent for longer are not given back."""
 _ROUNDING_S: Final = 1e-6
@@ -41,11 +48,13 @@ _ROUNDING_S: Final = 1e-6
 class PeerClock:
     """What is known of one peer's clock. Times in s; `ahead` is its clock less the own one."""
 
-    __slots__ = ("_high", "_high_at", "_low", "_low_at", "unknown_s")
+    __slots__ = ("_claim", "_high", "_high_at", "_low", "_low_at", "unknown_s")
 
     def __init__(self) -> None:
         self._low, self._low_at = -math.inf, 0.0
         self._high, self._high_at = math.inf, 0.0
+        self._claim: tuple[float, float, float] | None = None
+        """Bounds that contradict, and since when they are claimed."""
         self.unknown_s: float | None = None
         """Since when its states come without its clock being known; None: the clock is known, or
         nothing was heard."""
@@ -61,19 +70,25 @@ class PeerClock:
         high = self._high + DRIFT * max(0.0, now - self._high_at)
         return low, max(low, high)
 
+    def beyond(self, told_s: float, received_s: float) -> float:
+        """By how much a message that shows `told_s` is from later than can be [s]; 0: it can be."""
+        most = self._high + DRIFT * max(0.0, received_s - self._high_at) + _ROUNDING_S
+        return max(0.0, told_s - received_s - most)
+
     def told(self, told_s: float, received_s: float) -> None:
         """The clock showed `told_s` when a message left that came at `received_s`."""
         low, at_least = self.bounds(received_s)[0], told_s - received_s
+        if at_least > low - _LATE_S:
+            self._claim = None
         if at_least > low:
             self._low, self._low_at = at_least, received_s
-        jumped = at_least > self._high + DRIFT * max(0.0, received_s - self._high_at) + _ROUNDING_S
-        if jumped or (self._high == math.inf and self.unknown_s is None):
+        if self.beyond(told_s, received_s) or (self._high == math.inf and self.unknown_s is None):
             self.forget(told_s, received_s)
 
     def forget(self, told_s: float, received_s: float) -> None:
         """The clock was set back, or is another one: only what it told now is known."""
         self._low, self._low_at, self._high = told_s - received_s, received_s, math.inf
-        self.unknown_s = received_s
+        self._claim, self.unknown_s = None, received_s
 
     def answered(self, asked_s: float, heard_s: float, told_s: float, received_s: float) -> None:
         """A round trip: t1 to t4 of the module's docstring; `heard_s` and `told_s` by the peer's
@@ -84,11 +99,22 @@ class PeerClock:
             return  # one of the two clocks has jumped in between
         before_low, before_high = self.bounds(received_s)
         anew = low > before_high + _ROUNDING_S or high + since_then < before_low - _ROUNDING_S
+        if anew and not self._claimed(low, high, received_s):
+            return
+        self._claim = None
         if anew or low > before_low:
             self._low, self._low_at = low, received_s
         if anew or high + since_then < before_high:
             self._high, self._high_at = high, asked_s
         self.unknown_s = None
+
+    def _claimed(self, low: float, high: float, now: float) -> bool:
+        """Words have agreed for `STEADY_S` that the clock is between `low` and `high` ahead."""
+        least, most, since_s = self._claim or (low, high, now)
+        if low > most + _ROUNDING_S or high < least - _ROUNDING_S:
+            since_s = now
+        self._claim = (low, high, since_s)
+        return now - since_s >= STEADY_S
 
 
 class Clocks:

@@ -1,4 +1,12 @@
-"""One peer as this agent hears it: its newest state, how old that is, what was lost."""
+"""One peer as this agent hears it: its newest state, how old that is, what was lost, and what was
+not believed.
+
+A state that cannot be true after the one before (`core/swarm/plausibility.py`) is not taken in.
+The peer's vehicle may be at either place: where the last state that was believed puts it, or where
+the other one does. So both are kept clear of, for `SUSPECT_S`, and the peer is not counted on to
+keep apart itself. A peer that says the same on and on is believed after `INSISTS_S`, unless the
+states that were believed go on too.
+"""
 
 from __future__ import annotations
 
@@ -9,20 +17,50 @@ from swarm_ctl.core.model.histogram import Histogram
 from swarm_ctl.core.model.messages import AgentState, LinkReport, Phase
 from swarm_ctl.core.model.timeouts import FRESH_S, NEIGHBOUR_S
 from swarm_ctl.core.swarm.clocks import PeerClock
-from swarm_ctl.core.swarm.snapshot import OtherAircraft
+from swarm_ctl.core.swarm.plausibility import (
+    CLOCK_S,
+    INSISTS_S,
+    LASTS_S,
+    NO_JUMPS,
+    SUSPECT_S,
+    Doubt,
+    Finding,
+    Jumps,
+    Limits,
+)
+from swarm_ctl.core.swarm.snapshot import TRAFFIC, OtherAircraft
 
 _AGE_BIN_S = 0.01
 _YIELDING = frozenset({Phase.FLY, Phase.HOLD, Phase.RETURN})
 """A peer in these phases flies by setpoints, so it keeps apart itself."""
+_ENDING = frozenset({Phase.LAND, Phase.YIELD, Phase.ENDED, Phase.RETURN})
+_SENDERS_S = 5.0
+"""A process that starts again counts its states from 1, once. Twice in this time is two senders."""
+_TURNS_S = 0.05
+"""A clock that drifts faster than clocks do contradicts what is known of it by less."""
+_TWO = Finding(Doubt.SENDERS, "two senders speak as it")
+
+
+@dataclass(slots=True)
+class _Other:
+    """The newest state that was not believed."""
+
+    state: AgentState
+    received_s: float
+    since_s: float
+    """Since when such states make sense one after the other."""
+    jumps: Jumps = NO_JUMPS
 
 
 @dataclass(slots=True)
 class Peer:
-    """What this agent has heard of one other agent of the plan."""
+    """What this agent has heard of one other agent of the plan. `limits`: of what is believed."""
 
     id: int
     clock: PeerClock
+    limits: Limits
     state: AgentState | None = None
+    """The newest one that is believed."""
     received_s: float = -math.inf
     received: int = 0
     lost: int = 0
@@ -31,18 +69,40 @@ class Peer:
     """When the state was true, on the own clock, by the best guess."""
     earliest_s: float = math.inf
     """The same, at the earliest."""
+    found: Finding | None = None
+    """Why its word was not believed last."""
+    expelled: bool = False
+    """The operator has ordered not to listen to it."""
+    _found_s: float = -math.inf
+    _jumps: Jumps = NO_JUMPS
+    _other: _Other | None = None
+    _back_s: float = -math.inf
+    """When it last counted its states anew."""
+    _stepped_s: float = 0.0
+    """By how much its clock had stepped by the last word that was not believed."""
+    _ending_since_s: float = math.inf
+    """Since when it says, in each state, that its part is over."""
+    _held_since_s: float = math.inf
+    """Since when it says, in each state, that it carries out a command."""
 
     def age(self, now: float) -> float:
         """Seconds since the state was true, not negative: right but for half the round trip."""
         return math.inf if self.state is None else now - self.true_s
 
+    def suspect(self, now: float) -> bool:
+        """A word of it was not believed a moment ago."""
+        return now - self._found_s <= SUSPECT_S
+
     def view(self, now: float) -> OtherAircraft:
         """This peer at one tick. Never heard: no state, infinite age."""
         state = self.state
         if state is None:
-            return OtherAircraft(self.id, clock_unknown=self.clock.unknown_s is not None)
+            return OtherAircraft(
+                self.id, clock_unknown=self.clock.unknown_s is not None, expelled=self.expelled
+            )
         age_s = now - self.true_s
-        fresh = age_s <= FRESH_S
+        heard = not self.expelled
+        fresh = age_s <= FRESH_S and heard
         return OtherAircraft(
             self.id,
             state,
@@ -52,32 +112,115 @@ class Peer:
             age_s,
             now - self.earliest_s,
             fresh,
-            age_s <= NEIGHBOUR_S,
-            fresh and state.phase in _YIELDING,
+            age_s <= NEIGHBOUR_S and heard,
+            fresh and state.phase in _YIELDING and now - self._found_s > SUSPECT_S,
             (state.step, state.override) if fresh and state.phase is Phase.FLY else None,
-            state.response_s,
+            self.limits.counted_s(state.response_s),
             self.clock.unknown_s is not None,
+            now - self._ending_since_s >= LASTS_S,
+            now - self._held_since_s >= LASTS_S,
+            self.expelled,
         )
 
-    def hear(self, state: AgentState, received_s: float) -> None:
-        """Newest wins: what is older than what is known is dropped; gaps in `seq` count as lost."""
-        self.clock.told(state.time_s, received_s)
+    def elsewhere(self, now: float) -> OtherAircraft | None:
+        """The other place where its vehicle may be, by the word that was not believed."""
+        other = self._other
+        if other is None or now - other.received_s > SUSPECT_S:
+            return None
+        (north, east, _), age_s = other.state.position_ned_m, now - other.received_s
+        at, stop = complex(north, east), complex(*other.state.stop_point_m)
+        return OtherAircraft(TRAFFIC, None, at, stop, 0j, age_s, age_s)
+
+    # --- what it says ---
+
+    def hear(self, state: AgentState, received_s: float) -> bool:
+        """Take a state in, if it is believed. Newest wins: what is older than what is known is
+        dropped; gaps in `seq` count as lost."""
+        if self.expelled:
+            return False
         old = self.state
-        if old is not None:
-            # A late message is behind in time and number, and a newer one came just before. One
-            # that is behind and comes alone is from another process, or its clock was set back.
-            late = state.time_s <= old.time_s and state.seq <= old.seq
-            if late and received_s - self.received_s <= NEIGHBOUR_S:
-                return
-            if state.seq > old.seq:
-                self.lost += state.seq - old.seq - 1
-        before_s = self.true_s
+        finding = self.limits.absurd(state)
+        if old is None or finding is not None:
+            if finding is not None:
+                self.doubt(finding, received_s)
+                return False
+            self._believe(state, received_s)
+            return True
+        silent_s = received_s - self.received_s
+        if state.time_s <= old.time_s and state.seq <= old.seq and silent_s <= NEIGHBOUR_S:
+            # behind in time and number, and a newer one came just before
+            self._hear_late(old, state, received_s)
+            return False
+        finding, jumps = self._judge(old, state, received_s)
+        if finding is not None and not self._insists(finding, state, received_s):
+            return False
+        self._look_for_two(old, state, received_s)
+        self._jumps, self._stepped_s = jumps, 0.0
+        self._believe(state, received_s)
+        return True
+
+    def _hear_late(self, old: AgentState, state: AgentState, received_s: float) -> None:
+        """What comes late is still from the same vehicle."""
+        if self.limits.jump(state, old, old.time_s - state.time_s, NO_JUMPS)[0] is not None:
+            self._other = _Other(state, received_s, received_s)
+            self.doubt(_TWO, received_s)
+
+    def _look_for_two(self, old: AgentState, state: AgentState, received_s: float) -> None:
+        """Two senders that take turns: states counted anew again and again, or by two clocks."""
+        if state.seq <= old.seq:
+            if received_s - self._back_s <= _SENDERS_S:
+                self.doubt(_TWO, received_s)
+            self._back_s = received_s
+        if self._stepped_s > _TURNS_S and received_s - self.received_s < INSISTS_S:
+            self.doubt(_TWO, received_s)
+
+    def _judge(
+        self, old: AgentState, state: AgentState, received_s: float
+    ) -> tuple[Finding | None, Jumps]:
+        """Whether this state can follow the old one."""
+        silent_s = received_s - self.received_s
+        ahead_s, told_s = self.clock.beyond(state.time_s, received_s), state.time_s - old.time_s
+        if silent_s <= NEIGHBOUR_S and (ahead_s > 0.0 or told_s <= 0.0):
+            self._stepped_s = abs(ahead_s if ahead_s > 0.0 else told_s - silent_s)
+            return Finding(Doubt.CLOCK, f"its clock stepped by {self._stepped_s:.3g} s"), NO_JUMPS
+        # by its own clock, and not much longer than it was silent
+        elapsed_s = min(told_s, silent_s + CLOCK_S) if told_s > 0.0 else silent_s
+        return self.limits.jump(old, state, elapsed_s, self._jumps)
+
+    def _insists(self, finding: Finding, state: AgentState, received_s: float) -> bool:
+        """It says this for `INSISTS_S`, and what was believed did not go on: so it is."""
+        other, jumps, since_s = self._other, NO_JUMPS, received_s
+        if other is not None and received_s - other.received_s <= NEIGHBOUR_S:
+            told_s = state.time_s - other.state.time_s
+            jumped, jumps = self.limits.jump(other.state, state, max(0.0, told_s), other.jumps)
+            if jumped is None and 0.0 < told_s <= received_s - other.received_s + CLOCK_S:
+                since_s = other.since_s
+        self._other = _Other(state, received_s, since_s, jumps)
+        if finding.doubt is not Doubt.CLOCK or self._stepped_s > CLOCK_S:
+            self.doubt(finding, received_s)
+        return min(received_s - since_s, received_s - self.received_s) >= INSISTS_S
+
+    def _believe(self, state: AgentState, received_s: float) -> None:
+        old, before_s = self.state, self.true_s
+        if old is not None and state.seq > old.seq:
+            self.lost += state.seq - old.seq - 1
+        self.clock.told(state.time_s, received_s)
         self._date(state.time_s, received_s)
         if old is not None and state.time_s < old.time_s and self.true_s < before_s:
             self.clock.forget(state.time_s, received_s)  # it has not answered since
             self._date(state.time_s, received_s)
+        ends = state.phase in _ENDING or state.left is not None or state.down
+        self._ending_since_s = min(self._ending_since_s, received_s) if ends else math.inf
+        held = state.override != 0
+        self._held_since_s = min(self._held_since_s, received_s) if held else math.inf
         self.state, self.received_s = state, received_s
         self.received += 1
+
+    # --- what is not believed ---
+
+    def doubt(self, finding: Finding, now: float) -> None:
+        """Its word is not believed."""
+        self.found, self._found_s = finding, now
 
     def _date(self, told_s: float, received_s: float) -> None:
         low, high = self.clock.bounds(received_s)

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Final
 
-from swarm_ctl.core.model.messages import AgentState, Phase
+from swarm_ctl.core.model.messages import AgentState, Phase, Severity
 from swarm_ctl.core.model.plan import Plan, Point
 from swarm_ctl.core.model.vehicle import Contact
 from swarm_ctl.core.swarm.clocks import Clocks
 from swarm_ctl.core.swarm.peer import Peer
+from swarm_ctl.core.swarm.plausibility import Doubt, Limits
 from swarm_ctl.core.swarm.snapshot import PeerSnapshot
 from swarm_ctl.core.swarm.traffic import Traffic
+
+_CLEAR: Final = "both places where it may be are kept clear"
 
 
 class Peers:
@@ -18,17 +22,38 @@ class Peers:
 
     def __init__(self, plan: Plan, own_id: int) -> None:
         self.clocks = Clocks(own_id, (agent.id for agent in plan.agents if agent.id != own_id))
-        self._by_id = {agent: Peer(agent, clock) for agent, clock in self.clocks.of.items()}
+        limits = Limits.of(plan)
+        self._by_id = {agent: Peer(agent, clock, limits) for agent, clock in self.clocks.of.items()}
         self._traffic = Traffic(plan)
+        self._suspects: dict[int, Doubt] = {}
 
     def __iter__(self) -> Iterator[Peer]:
         return iter(self._by_id.values())
 
-    def hear(self, state: AgentState, received_s: float) -> None:
-        """Take a state in; a state of an agent that the plan does not have is ignored."""
+    def hear(self, state: AgentState, received_s: float) -> bool:
+        """Take a state in, if it is believed; one of an agent that the plan does not have is
+        not."""
         peer = self._by_id.get(state.agent)
-        if peer is not None:
-            peer.hear(state, received_s)
+        return peer is not None and peer.hear(state, received_s)
+
+    def suspects(self, now: float) -> dict[int, str]:
+        """The peers of which a word was not believed of late, and why."""
+        return {p.id: p.found.words for p in self if p.found is not None and p.suspect(now)}
+
+    def watch(self, now: float) -> list[tuple[Severity, str]]:
+        """Peers that are no longer believed, or again: said once each."""
+        said = []
+        for peer in self:
+            before = self._suspects.get(peer.id)
+            if peer.found is not None and peer.suspect(now):
+                if peer.found.doubt is not before:
+                    self._suspects[peer.id] = peer.found.doubt
+                    words = f"agent {peer.id} is not believed: {peer.found.words}; {_CLEAR}"
+                    said.append((Severity.WARNING, words))
+            elif before is not None:
+                del self._suspects[peer.id]
+                said.append((Severity.INFO, f"agent {peer.id} is believed again"))
+        return said
 
     def age(self, agent: int, now: float) -> float:
         """Age of the newest state of `agent` [s]."""
@@ -50,4 +75,7 @@ class Peers:
     ) -> PeerSnapshot:
         """The other aircraft now; `own_m` decides which contacts are the nearest ones."""
         peers = tuple(peer.view(now) for peer in self)
-        return PeerSnapshot(now, peers, self._traffic.unexplained(now, contacts, peers, own_m))
+        traffic = self._traffic.unexplained(now, contacts, peers, own_m)
+        # one that the sensor sees where it was believed to be is not elsewhere
+        elsewhere = (p.elsewhere(now) for p in self if p.id not in self._traffic.seen)
+        return PeerSnapshot(now, peers, (*traffic, *filter(None, elsewhere)))

@@ -1,0 +1,150 @@
+"""What can be true of a peer's word: by itself, and after the word that was believed last.
+
+A message may be forged, or its sender may be broken. What no vehicle of the plan can do is not
+believed (`core/swarm/peer.py` says what is done instead). An honest vehicle can jump, too: its
+estimate was corrected. The limits leave room for that.
+
+Plain floats, because this runs for each state that is heard. Lengths in m, times in s.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final, NamedTuple
+
+from swarm_ctl.core.law.response_estimate import LATEST_S
+from swarm_ctl.core.law.stop_point import stop_distance
+from swarm_ctl.core.model.messages import AgentState
+from swarm_ctl.core.model.plan import Plan
+
+JUMP_M: Final = 2.0
+"""A position may jump by this much on top of what was flown, and a stop point too: what estimates
+are corrected by. Jumps add up, less `_FORGIVEN_MPS`."""
+_FORGIVEN_MPS: Final = 2.0
+INSISTS_S: Final = 0.4
+"""A peer that says for so long what was not believed, and nothing else, is believed again: its
+estimate was corrected, or its clock was set. Less than `FRESH_S`, so it is followed all the
+while."""
+SUSPECT_S: Final = 5.0
+"""For so long after a word that was not believed, its sender is not counted on."""
+CLOCK_S: Final = 1.0
+"""A clock that steps by more is named."""
+LASTS_S: Final = 1.0
+"""A peer's word that ends its part in the mission, or pauses it, counts after so long without
+another one between: one forged state lands nobody."""
+_FARTHEST_M: Final = 1e5
+_SLOWEST_S: Final = 8.0
+"""Dead time, lag, and what a mission file allows of both."""
+_SLOWER_S: Final = 2.0
+"""A peer that tells a response which is longer than the plan's by more than this slows the others
+by no more than this: 1 s over the model is what keeps apart (docs/pages/safety.md)."""
+_ROUNDING: Final = 1.05
+
+
+class Doubt(StrEnum):
+    """What was not believed."""
+
+    FIGURE = "figure"
+    """A number that no vehicle of this plan can have."""
+    PLACE = "place"
+    """A position, or a stop point, that is too far from the one before."""
+    CLOCK = "clock"
+    SENDERS = "senders"
+    """Two senders speak as one agent."""
+    SENSOR = "sensor"
+    """The traffic sensor sees the vehicle stop elsewhere."""
+
+
+class Finding(NamedTuple):
+    """Why a word is not believed."""
+
+    doubt: Doubt
+    words: str
+
+
+class Jumps(NamedTuple):
+    """By how much a track's points have jumped of late [m]."""
+
+    place_m: float = 0.0
+    stop_m: float = 0.0
+
+
+NO_JUMPS: Final = Jumps()
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What vehicles of one plan can do."""
+
+    fastest_mps: float
+    """Of a vehicle that is blown away."""
+    moves_mps: float
+    """Of positions and stop points: what the mission allows."""
+    setpoint_mps: float
+    response_s: float
+    """The longest that is counted with."""
+    stops_m: float
+    """From full speed, once zero acts."""
+
+    @classmethod
+    def of(cls, plan: Plan) -> Limits:
+        """For this plan."""
+        response, moves = plan.response, plan.policies.max_speed_mps
+        slowest = response.dead_time_s + response.lag_s + _SLOWER_S
+        stops = stop_distance(moves, response)
+        setpoint = plan.limits.speed_mps * _ROUNDING
+        return cls(2.0 * moves, moves, setpoint, slowest, stops)
+
+    def counted_s(self, response_s: float) -> float:
+        """The response that is counted with, of a peer that tells this one."""
+        return min(response_s, self.response_s)
+
+    def absurd(self, state: AgentState) -> Finding | None:
+        """What of this state, by itself, no vehicle of the plan can do."""
+        (north, east, down), (stop_n, stop_e) = state.position_ned_m, state.stop_point_m
+        if max(abs(north), abs(east), abs(down), abs(stop_n), abs(stop_e)) > _FARTHEST_M:
+            return Finding(Doubt.FIGURE, f"it is more than {_FARTHEST_M / 1000:g} km away")
+        flown, told = math.hypot(*state.velocity_ned_mps[:2]), math.hypot(*state.setpoint_mps)
+        if flown > self.fastest_mps:
+            return _over("it flies at", flown, self.fastest_mps, "m/s")
+        if told > self.setpoint_mps:
+            return _over("its setpoint is", told, self.setpoint_mps, "m/s")
+        if not -LATEST_S <= state.response_s <= _SLOWEST_S or not 0 <= state.doubt_s <= _SLOWEST_S:
+            return _over("it answers after", state.response_s, _SLOWEST_S, "s")
+        ahead = math.hypot(stop_n - north, stop_e - east)
+        reach = self.counted_s(max(0.0, state.response_s)) * max(flown, self.setpoint_mps)
+        reach += self.stops_m + JUMP_M
+        if ahead > reach:
+            return _over("its stop point is ahead of it by", ahead, reach, "m")
+        frame = state.frame
+        if frame is not None and not (abs(frame.rate) <= _ROUNDING and 0 <= frame.scale <= 1e3):
+            return _over("its formation moves at", frame.rate, 1.0, "of its speed")
+        return None
+
+    def jump(
+        self, before: AgentState, state: AgentState, elapsed_s: float, jumps: Jumps
+    ) -> tuple[Finding | None, Jumps]:
+        """Whether the vehicle can have come from the one state to the other in `elapsed_s`; the
+        jumps so far."""
+        forgiven = _FORGIVEN_MPS * elapsed_s
+        flown = self.moves_mps * elapsed_s
+        place_m = math.dist(before.position_ned_m[:2], state.position_ned_m[:2]) - flown
+        stop_m = math.dist(before.stop_point_m, state.stop_point_m) - flown
+        new = Jumps(
+            max(0.0, jumps.place_m - forgiven) + max(0.0, place_m),
+            max(0.0, jumps.stop_m - forgiven) + max(0.0, stop_m),
+        )
+        for what, beyond_m, told_m in (
+            ("it", new.place_m, place_m + flown),
+            ("its stop point", new.stop_m, stop_m + flown),
+        ):
+            if beyond_m > JUMP_M:
+                words = f"{what} jumped by {told_m:.1f} m in {elapsed_s:.2f} s"
+                return Finding(Doubt.PLACE, f"{words}; allowed: {flown + JUMP_M:.1f} m"), jumps
+        return None, new
+
+
+def _over(what: str, value: float, most: float, unit: str) -> Finding:
+    return Finding(Doubt.FIGURE, f"{what} {value:.3g} {unit}; allowed: {most:.3g} {unit}")
