@@ -111,7 +111,8 @@ class PeerClock:
     def _claimed(self, low: float, high: float, now: float) -> bool:
         """Words have agreed for `STEADY_S` that the clock is between `low` and `high` ahead."""
         least, most, since_s = self._claim or (low, high, now)
-        if low > most + _ROUNDING_S or high < least - _ROUNDING_S:
+        drifted_s = DRIFT * (now - since_s) + _ROUNDING_S
+        if low > most + drifted_s or high < least - drifted_s:
             since_s = now
         self._claim = (low, high, since_s)
         return now - since_s >= STEADY_S

@@ -81,7 +81,7 @@ class Limits:
     fastest_mps: float
     """Of a vehicle that is blown away."""
     moves_mps: float
-    """Of positions and stop points: what the mission allows."""
+    """Of positions and stop points: the fastest that the mission allows, or a gust."""
     setpoint_mps: float
     response_s: float
     """The longest that is counted with."""
@@ -91,11 +91,11 @@ class Limits:
     @classmethod
     def of(cls, plan: Plan) -> Limits:
         """For this plan."""
-        response, moves = plan.response, plan.policies.max_speed_mps
+        response, speed_mps = plan.response, plan.limits.speed_mps
+        moves = max(plan.policies.max_speed_mps, 2.0 * speed_mps)
         slowest = response.dead_time_s + response.lag_s + _SLOWER_S
         stops = stop_distance(moves, response)
-        setpoint = plan.limits.speed_mps * _ROUNDING
-        return cls(2.0 * moves, moves, setpoint, slowest, stops)
+        return cls(2.0 * moves, moves, _ROUNDING * speed_mps, slowest, stops)
 
     def counted_s(self, response_s: float) -> float:
         """The response that is counted with, of a peer that tells this one."""

@@ -145,7 +145,8 @@ def state(agent: int, **changes: Any) -> AgentState:
 
 
 def peer(agent: int, age_s: float = 0.1, **changes: Any) -> OtherAircraft:
-    """A peer whose state is `age_s` old; infinite: it was never heard."""
+    """A peer whose state is `age_s` old, and says what it has said for long; infinite: it was never
+    heard."""
     if math.isinf(age_s):
         return OtherAircraft(agent)
     told = state(agent, **changes)
@@ -162,6 +163,9 @@ def peer(agent: int, age_s: float = 0.1, **changes: Any) -> OtherAircraft:
         age_s <= NEIGHBOUR_S,
         fresh and told.phase in (Phase.FLY, Phase.HOLD, Phase.RETURN),
         (told.step, told.override) if fresh and told.phase is Phase.FLY else None,
+        ends=told.phase not in (Phase.CONNECT, Phase.PREPARE, Phase.ARM, Phase.FLY, Phase.HOLD)
+        or told.left is not None,
+        held=told.override != 0,
     )
 
 

@@ -10,10 +10,12 @@ import pytest
 from swarm_ctl.core.model.messages import AgentState, Phase
 from swarm_ctl.core.swarm.clocks import PeerClock
 from swarm_ctl.core.swarm.peer import Peer
+from swarm_ctl.core.swarm.plausibility import Limits
 from swarm_ctl.study.batch.batch import Batch, blocks, draw
 from swarm_ctl.study.batch.batch_flight import fly
 from swarm_ctl.study.batch.lossy_channel import LossyChannel
 from swarm_ctl.study.parameter_space import Range, Study
+from tests.unit.core.builders import plan
 
 TICK_S = 0.05
 
@@ -26,8 +28,8 @@ def missions(**settings: Any) -> Batch:
 
 
 def state(tick: int) -> AgentState:
-    """What an agent says at a tick; the position is the tick."""
-    place = (float(tick), 0.0)
+    """What an agent says at a tick, at 2 m/s."""
+    place = (0.1 * tick, 0.0)
     return AgentState(
         *(1, tick, tick * TICK_S, 0, Phase.FLY, 1, False, True, (*place, -8.0), (0.0, 0.0, 0.0)),
         *(place, (0.0, 0.0)),
@@ -40,7 +42,7 @@ def test_states_that_overtake_each_other_are_heard_as_agents_hear_them() -> None
     channel = LossyChannel(batch, TICK_S)
     assert channel._jitter is not None
     ways: dict[tuple[int, int], list[tuple[int, int]]] = {}
-    peers = {way: Peer(1, PeerClock()) for way in ((0, 1), (2, 3), (3, 0))}
+    peers = {way: Peer(1, PeerClock(), Limits.of(plan())) for way in ((0, 1), (2, 3), (3, 0))}
     for peer in peers.values():
         peer.clock.answered(0.0, 0.0, 0.0, 0.0)
     overtaken = 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import pytest
 from hypothesis import given
@@ -13,9 +13,12 @@ from hypothesis import strategies as st
 
 from swarm_ctl.core.model.messages import AgentState, ClockNews, Phase
 from swarm_ctl.core.model.timeouts import FRESH_S, NEIGHBOUR_S
-from swarm_ctl.core.swarm.clocks import ASK_EVERY_S, DRIFT, Clocks, PeerClock
+from swarm_ctl.core.swarm.clocks import ASK_EVERY_S, DRIFT, STEADY_S, Clocks, PeerClock
 from swarm_ctl.core.swarm.peer import Peer
+from swarm_ctl.core.swarm.plausibility import INSISTS_S, Limits
+from tests.unit.core.builders import plan
 
+LIMITS = Limits.of(plan())
 ROUNDING_S = 1e-5
 Showing = Callable[[float], float]
 """From the own time to what the other's clock shows."""
@@ -95,7 +98,7 @@ def test_news_is_never_younger_than_it_is(
 ) -> None:
     """States with random delays, out of order: the bound covers the true age, the guess is at least
     half of it."""
-    peer, shows, now = Peer(2, PeerClock()), steady(offset, drift), 0.0
+    peer, shows, now = Peer(2, PeerClock(), LIMITS), steady(offset, drift), 0.0
     for trip in trips:
         now = travel(peer.clock, shows, now, trip)
     sent_s, arrivals = now, []
@@ -122,8 +125,8 @@ def test_a_clock_that_jumps(
     delays: list[float],
     after: list[Trip],
 ) -> None:
-    """One round trip later the bounds are off by no more than the round trips: what is less is no
-    contradiction."""
+    """Once the words have agreed for a while, the bounds are off by no more than the round trips:
+    what is less is no contradiction."""
     clock, now = PeerClock(), 0.0
     for trip in before:
         now = travel(clock, steady(offset, drift), now, trip)
@@ -131,6 +134,7 @@ def test_a_clock_that_jumps(
     for delay in delays:
         clock.told(shows(now), now + delay)
         now += delay
+    after += [replace(after[-1], gap_s=STEADY_S)] * 2
     for trip in after:
         now = travel(clock, shows, now, trip)
     widest = max(trip.s for trip in before) + min(trip.s for trip in after) + 2 * DRIFT * 60
@@ -142,7 +146,7 @@ def test_a_clock_that_jumps(
 @given(st.floats(0, 0.3), st.floats(0, 0.3))
 def test_late_news_is_seen_as_late(out_s: float, back_s: float) -> None:
     """Also where only one way is slow: nothing that is over a second old counts as fresh."""
-    peer, shows = Peer(2, PeerClock()), steady(-7.0, 0.0)
+    peer, shows = Peer(2, PeerClock(), LIMITS), steady(-7.0, 0.0)
     now = travel(peer.clock, shows, 0.0, Trip(0.0, out_s, 0.3, back_s))
     late_s = 0.4
     peer.hear(state(shows(now), 1), now + late_s)
@@ -156,7 +160,7 @@ def test_late_news_is_seen_as_late(out_s: float, back_s: float) -> None:
 def test_who_does_not_answer_is_not_fresh_and_lost_in_the_end() -> None:
     """A peer with an unknown clock leaves N_i at once, and its states do not keep it
     alive."""
-    peer = Peer(2, PeerClock())
+    peer = Peer(2, PeerClock(), LIMITS)
     for k in range(100):
         peer.hear(state(0.05 * k + 50.0, k), 0.05 * k)
         assert peer.age(0.05 * k) > NEIGHBOUR_S
@@ -167,7 +171,7 @@ def test_who_does_not_answer_is_not_fresh_and_lost_in_the_end() -> None:
 def test_a_receiver_that_was_stopped_takes_no_dead_peer_for_heard() -> None:
     """What waited in the queue is noted as received when it was looked for; it is as old as it
     is."""
-    peer, shows = Peer(2, PeerClock()), steady(100.0, 0.0)
+    peer, shows = Peer(2, PeerClock(), LIMITS), steady(100.0, 0.0)
     now = travel(peer.clock, shows, 0.0, Trip(0.0, 0.01, 0.0, 0.01))
     for k in range(1, 40):
         peer.hear(state(shows(now + 0.05 * k), k), now + 10.0)
@@ -177,30 +181,41 @@ def test_a_receiver_that_was_stopped_takes_no_dead_peer_for_heard() -> None:
 def test_a_late_message_changes_nothing_and_a_clock_set_back_is_heard() -> None:
     """Late ones are behind in time and number; another process or a clock set back is not, or is
     alone."""
-    peer = Peer(2, PeerClock())
+    peer = Peer(2, PeerClock(), LIMITS)
     travel(peer.clock, steady(0.0, 0.0), 0.0, Trip(0.0, 0.0, 0.0, 0.0))
     peer.hear(state(10.0, 10), 10.0)
     peer.hear(state(9.95, 9), 10.0)
     assert peer.state == state(10.0, 10)
-    peer.hear(state(3.0, 11), 10.05)
-    assert peer.state == state(3.0, 11)
-    assert peer.age(10.05) > NEIGHBOUR_S
-    travel(peer.clock, steady(-7.05, 0.0), 10.1, Trip(0.0, 0.0, 0.0, 0.0))
-    peer.hear(state(3.1, 13), 10.15)
-    assert (peer.age(10.15), peer.lost) == (pytest.approx(0.0, abs=1e-3), 1)
+    now = insists(peer, 11, 3.0, 10.05)
+    assert peer.state is not None
+    assert peer.state.time_s == pytest.approx(3.0 + now - 10.05)
+    assert peer.age(now) > NEIGHBOUR_S
+    travel(peer.clock, steady(-7.05, 0.0), now, Trip(0.0, 0.0, 0.0, 0.0))
+    peer.hear(state(now + 0.05 - 7.05, 40), now + 0.05)
+    assert peer.age(now + 0.05) == pytest.approx(0.0, abs=1e-3)
+
+
+def insists(peer: Peer, seq: int, told_s: float, now: float) -> float:
+    """A peer whose clock was set to `told_s`, until it is believed; when that is."""
+    begun = now
+    while not peer.hear(state(told_s + now - begun, seq), now):
+        assert now - begun <= INSISTS_S
+        seq, now = seq + 1, now + 0.05
+    assert now - begun >= INSISTS_S - 0.05
+    return now
 
 
 def test_a_clock_set_ahead_is_not_believed_until_it_has_answered() -> None:
     """News from the future contradicts what is known of the clock."""
-    peer = Peer(2, PeerClock())
+    peer = Peer(2, PeerClock(), LIMITS)
     travel(peer.clock, steady(0.0, 0.0), 0.0, Trip(0.0, 0.01, 0.0, 0.01))
     peer.hear(state(10.0, 1), 10.0)
     assert peer.age(10.0) < 0.1
-    peer.hear(state(12.05, 2), 10.05)
-    assert peer.age(10.05) > NEIGHBOUR_S
-    travel(peer.clock, steady(2.0, 0.0), 10.06, Trip(0.0, 0.01, 0.0, 0.01))
-    peer.hear(state(12.1, 3), 10.1)
-    assert peer.age(10.1) < 0.1
+    now = insists(peer, 2, 12.05, 10.05)
+    assert peer.age(now) > NEIGHBOUR_S
+    travel(peer.clock, steady(2.0, 0.0), now, Trip(0.0, 0.01, 0.0, 0.01))
+    peer.hear(state(now + 0.1 + 2.0, 40), now + 0.1)
+    assert peer.age(now + 0.1) < 0.1
 
 
 def test_everybody_knows_everybody_in_three_words() -> None:
