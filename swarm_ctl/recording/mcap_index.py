@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import contextlib
+import io
+from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 from mcap.records import Channel, Chunk, Message, Metadata
-from mcap.stream_reader import breakup_chunk
 
 from swarm_ctl.core.model.messages import Payload
 from swarm_ctl.errors import InputError
-from swarm_ctl.recording.mcap_reader import TORN, open_recording, path_of, payload_of, records_of
+from swarm_ctl.recording.mcap_reader import named, open_recording, payload_of, start_of
+from swarm_ctl.recording.mcap_records import TORN, plain, records_of, skip_magic
 from swarm_ctl.recording.mcap_writer import NANO
 
 
@@ -32,14 +34,15 @@ class IndexedRecording:
         self._topics: dict[int, str] = {}
         self.about: dict[str, str] = {}
         """The station's words about the run: mission, plan_hash, manifest and so on."""
-        self._find_chunks()
-        if "start_ns" not in self.about:
+        try:
+            with named(self._file):
+                self._find_chunks()
+                self._start_ns = self._start()
+                if not self._topics:  # a file without its footer
+                    self._find_topics()
+        except InputError:
             self._file.close()
-            allowed = "a run folder or its recording.mcap"
-            raise InputError(f"{path_of(run)}: no recording of a run; allowed: {allowed}")
-        self._start_ns = int(self.about["start_ns"])
-        if not self._topics:  # a file without its footer
-            self._find_topics()
+            raise
 
     def __enter__(self) -> Self:
         return self
@@ -55,17 +58,24 @@ class IndexedRecording:
     def __getitem__(self, k: int) -> list[tuple[float, Payload]]:
         """(time heard [s], payload) of the k-th chunk, by time."""
         found = []
-        for record in breakup_chunk(self._chunk(k)):
+        for record in self._within(k):
             if isinstance(record, Message):
                 payload = payload_of(self._topics.get(record.channel_id, ""), record.data)
                 if payload is not None:
                     found.append(((record.log_time - self._start_ns) / NANO, payload))
         return sorted(found, key=lambda said: said[0])
 
+    def _start(self) -> int:
+        found = start_of(self.about)
+        if found is None:
+            raise InputError("no recording of a run; allowed: a run folder or its recording.mcap")
+        return found
+
     def _find_chunks(self) -> None:
         with contextlib.suppress(*TORN):
-            place = 8
-            for record in records_of(self._file, emit_chunks=True):
+            skip_magic(self._file)
+            place = self._file.tell()
+            for record in records_of(self._file):
                 match record:
                     case Metadata() if record.name == "run":
                         self.about = dict(record.metadata)
@@ -77,11 +87,14 @@ class IndexedRecording:
 
     def _find_topics(self) -> None:
         for k in range(len(self)):
-            for record in breakup_chunk(self._chunk(k)):
+            for record in self._within(k):
                 if isinstance(record, Channel):
                     self._topics[record.id] = record.topic
 
-    def _chunk(self, k: int) -> Chunk:
+    def _within(self, k: int) -> Iterator[Any]:
+        """The records of the k-th chunk, as far as they can be read; InputError as of a recording
+        that is none of ours."""
         self._file.seek(self._places[k])
-        records = records_of(self._file, skip_magic=True, emit_chunks=True)
-        return next(record for record in records if isinstance(record, Chunk))
+        with contextlib.suppress(*TORN), named(self._file):
+            chunk = next(found for found in records_of(self._file) if isinstance(found, Chunk))
+            yield from records_of(io.BytesIO(plain(chunk)))

@@ -5,21 +5,19 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import os
-import struct
-import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, Final
 
-from mcap.exceptions import McapError
 from mcap.records import Channel, Message, Metadata, Schema
-from mcap.stream_reader import StreamReader
 from mcap.writer import MCAP0_MAGIC, Writer
 from pydantic import ValidationError
 
 from swarm_ctl.core.model.messages import AgentState, Payload
 from swarm_ctl.errors import InputError
+from swarm_ctl.files import open_regular, replacing
+from swarm_ctl.recording.mcap_records import TORN, skip_magic, unpacked
 from swarm_ctl.recording.mcap_writer import NANO
 from swarm_ctl.recording.topics import ADAPTERS, TOPICS
 
@@ -35,8 +33,6 @@ _RENAMED: Final = {
     b'"deal":': b'"exchange":',
 }
 """Fields of a state as recordings before version 0.2 name them."""
-TORN: Final = (McapError, struct.error, ValueError, EOFError, zlib.error)
-"""What the library raises where a file ends in the middle of a record."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,12 +75,18 @@ def messages(run: Path) -> Iterator[RecordedMessage]:
         start_ns, topics = 0, dict[int, str]()
         for record in _readable(file):
             if isinstance(record, Metadata) and record.name == "run":
-                start_ns = int(record.metadata["start_ns"])
+                start_ns = start_of(record.metadata) or 0
             elif isinstance(record, Channel):
                 topics[record.id] = record.topic
             elif isinstance(record, Message) and record.channel_id in topics:
                 time_s = (record.log_time - start_ns) / NANO
                 yield RecordedMessage(topics[record.channel_id], time_s, record.data)
+
+
+def start_of(about: Mapping[str, str]) -> int | None:
+    """Mission time 0 in nanoseconds of the file's clock; None where its metadata do not say."""
+    text = about.get("start_ns", "")
+    return int(text) if text.isdecimal() and len(text) < 20 else None
 
 
 def is_whole(run: Path) -> bool:
@@ -112,10 +114,8 @@ def recover(run: Path) -> bool:
             return False
         if is_whole(run):
             return False
-        part = path.with_name(f".{path.name}.{os.getpid()}")
-        with part.open("wb") as whole:
+        with replacing(path) as whole:
             _copy(file, Writer(whole))
-        part.replace(path)
     return True
 
 
@@ -139,14 +139,19 @@ def _copy(file: IO[bytes], writer: Writer) -> None:
 
 
 def _readable(file: IO[bytes]) -> Iterator[Any]:
-    """All records up to the end or to where the file is torn."""
-    with contextlib.suppress(*TORN):
-        yield from records_of(file)
+    """All records up to the end or to where the file is torn. InputError names the file."""
+    with contextlib.suppress(*TORN), named(file):
+        skip_magic(file)
+        yield from unpacked(file)
 
 
-def records_of(file: IO[bytes], **options: bool) -> Iterator[Any]:
-    """The MCAP library's records from here on; TORN passes."""
-    return StreamReader(file, record_size_limit=1 << 30, **options).records
+@contextlib.contextmanager
+def named(file: IO[bytes]) -> Iterator[None]:
+    """An InputError about what the file has names the file."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{file.name}: {error}") from None
 
 
 def path_of(run: Path) -> Path:
@@ -158,6 +163,6 @@ def open_recording(run: Path) -> IO[bytes]:
     """The file, open for reading; InputError if it can't be opened."""
     path = path_of(run)
     try:
-        return path.open("rb")
+        return open_regular(path)
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}") from None

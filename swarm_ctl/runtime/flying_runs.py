@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import os
 from pathlib import Path
-from typing import Final
+from typing import Annotated, Final
+
+from pydantic import Field, TypeAdapter, ValidationError
 
 from swarm_ctl.errors import InputError
+from swarm_ctl.files import read_bytes
 from swarm_ctl.report.folder.manifest import MANIFEST, Manifest, read_manifest
 from swarm_ctl.report.judge.summary import SUMMARY
 from swarm_ctl.runtime import clock as wall
@@ -15,6 +17,9 @@ from swarm_ctl.runtime import clock as wall
 RUNS: Final = Path("runs")
 """Where `run` puts its folders, if it is not told otherwise."""
 PROCESSES: Final = "processes.json"
+_PIDS: Final = TypeAdapter(dict[str, Annotated[int, Field(gt=0, lt=1 << 31)]])
+_MOST_BYTES: Final = 1 << 20
+"""Of `processes.json`."""
 
 
 def flying_run(named: Path | str | None = None, runs: Path = RUNS) -> Path:
@@ -62,7 +67,10 @@ def _flying(runs: Path) -> dict[Path, Manifest]:
 
 
 def _agent_lives(processes: Path) -> bool:
-    pids: dict[str, int] = json.loads(processes.read_text())
+    try:
+        pids = _PIDS.validate_json(read_bytes(processes, _MOST_BYTES))
+    except (OSError, ValidationError):
+        return False  # torn, or of another program
     return any(_lives(pid) for name, pid in pids.items() if name.startswith("agent-"))
 
 

@@ -6,7 +6,6 @@ The folder is `SWARM_CTL_STATE`, else `swarm_ctl` in XDG_STATE_HOME, else in `~/
 
 from __future__ import annotations
 
-import contextlib
 import errno
 import hashlib
 import os
@@ -19,6 +18,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from swarm_ctl.core.model.messages import AgentStatus
 from swarm_ctl.core.model.own_parameters import OwnParameters, OwnValue, Remembered, VehicleIdentity
+from swarm_ctl.files import read_bytes, replacing
 from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.runtime.clock import date_and_time
 
@@ -54,6 +54,8 @@ class Entry:
         return self.endpoint == endpoint
 
 
+_MOST_BYTES: Final = 1 << 20
+"""Of a file here."""
 _ENTRY: Final = TypeAdapter(Entry)
 _VEHICLES: Final = TypeAdapter(dict[int, OwnParameters])
 
@@ -92,7 +94,7 @@ class VehicleMemory:
             return
         since = f"{date_and_time():%Y-%m-%d %H:%M:%S}"
         entry = Entry(own.vehicle, endpoint, flight, since, values)
-        self.folder.mkdir(parents=True, exist_ok=True)
+        self.folder.mkdir(0o700, parents=True, exist_ok=True)
         path = self.folder / _name(own.vehicle, endpoint)
         _write_durably(path, _ENTRY.dump_json(entry, indent=1) + b"\n")
         self._remove(own.vehicle, endpoint, but=path)
@@ -109,7 +111,7 @@ class VehicleMemory:
     def _read(self, prefix: str = "") -> Iterator[tuple[Path, Entry]]:
         for path in sorted(self.folder.glob(f"{prefix}*.json")):
             try:
-                yield path, _ENTRY.validate_json(path.read_bytes())
+                yield path, _ENTRY.validate_json(read_bytes(path, _MOST_BYTES))
             except FileNotFoundError:
                 continue  # another process has just removed it
             except ValidationError:
@@ -200,7 +202,7 @@ class SwarmMemory:
 def left_changed(folder: Path) -> dict[int, OwnParameters]:
     """The vehicles of a run, by agent, that have not confirmed their own values."""
     try:
-        vehicles = _VEHICLES.validate_json((folder / RECORD).read_bytes())
+        vehicles = _VEHICLES.validate_json(read_bytes(folder / RECORD, _MOST_BYTES))
     except (OSError, ValidationError):
         return {}  # none is remembered in this run, or its station wrote nothing
     return {agent: own for agent, own in vehicles.items() if not own.given_back}
@@ -217,19 +219,5 @@ def _name(vehicle: VehicleIdentity, endpoint: str) -> str:
 
 def _write_durably(path: Path, data: bytes) -> None:
     """In one move, and past the caches: the computer may be lost the next moment."""
-    part = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        with part.open("wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        part.replace(path)
-        folder = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
-    except OSError:
-        with contextlib.suppress(OSError):
-            part.unlink(missing_ok=True)
-        raise
+    with replacing(path, 0o600, durable=True) as file:
+        file.write(data)

@@ -10,15 +10,19 @@ import json
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Final, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from swarm_ctl.core.model.fleet import Fleet, FleetAgent, Signing
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.errors import InputError, MissionError
+from swarm_ctl.files import read_bytes
 from swarm_ctl.mission.input.document import Document
 from swarm_ctl.mission.input.error_messages import problem_of
+
+_MOST_BYTES: Final = 32_000_000
+"""The largest mission's plan, and room."""
 
 
 class PlanFile(BaseModel):
@@ -110,7 +114,7 @@ def plan_from_json(text: str | bytes, name: str = "plan") -> PlanFile:
 
 def _read(path: Path) -> bytes:
     try:
-        return path.read_bytes()
+        return read_bytes(path, _MOST_BYTES)
     except OSError as error:
         raise InputError(f"{path}: can't be read: {error.strerror}") from None
 

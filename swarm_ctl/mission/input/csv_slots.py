@@ -1,12 +1,24 @@
-"""Replaces each shape of kind `csv` in a mission by the slots of its file."""
+"""Replaces each shape of kind `csv` in a mission by the slots of its file.
+
+A mission may come from a stranger: the file lies in the mission's folder or below, and no message
+shows what is in it.
+"""
 
 from __future__ import annotations
 
 import csv
+import io
 import math
+import os
 from pathlib import Path
+from typing import Final
 
+from swarm_ctl.files import read_bytes
 from swarm_ctl.mission.input.document import Document
+
+_MOST_BYTES: Final = 1_000_000
+"""Of a file at most: a thousand slots take 50 kB."""
+_ALLOWED: Final = "a CSV file of at most 1 MB, in the mission's folder or below"
 
 
 def graft(source: Document, folder: Path) -> bool:
@@ -26,13 +38,13 @@ def graft(source: Document, folder: Path) -> bool:
         if not isinstance(path, str):
             continue
         try:
-            rest |= {"kind": "offsets", "offsets": tuple(_read(folder / path))}
+            rest |= {"kind": "offsets", "offsets": tuple(_read(folder, path))}
         except _BadRowError as error:
             what = f"{folder / path}:{error.line}: {error}"
             allowed = "two numbers a line: north, east (the first line may have names)"
         except (OSError, ValueError, csv.Error) as error:
             why = getattr(error, "strerror", None) or str(error)
-            what, allowed = f"{folder / path} can't be read: {why}", "a readable CSV file"
+            what, allowed = f"{folder / path} can't be read: {why}", _ALLOWED
         else:
             shapes[name] = rest
             continue
@@ -46,18 +58,22 @@ class _BadRowError(ValueError):
         self.line = line
 
 
-def _read(path: Path) -> list[tuple[float, float]]:
+def _read(folder: Path, name: str) -> list[tuple[float, float]]:
+    path = Path(os.path.realpath(folder / name))
+    if not path.is_relative_to(os.path.realpath(folder)):
+        raise ValueError("lies outside of the mission's folder")
     found: list[tuple[float, float]] = []
-    with path.open(newline="", encoding="utf-8-sig") as file:
-        rows = csv.reader(file)
-        for row in rows:
-            if not any(cell.strip() for cell in row):
-                continue
-            numbers = [_number(cell) for cell in row]
-            if len(row) == 2 and None not in numbers:
-                found.append((numbers[0] or 0.0, numbers[1] or 0.0))
-            elif found or rows.line_num > 1 or any(number is not None for number in numbers):
-                raise _BadRowError(rows.line_num, f"{','.join(row)!r} is not a slot")
+    text = read_bytes(path, _MOST_BYTES).decode("utf-8-sig")
+    rows = csv.reader(io.StringIO(text, newline=""))
+    for row in rows:
+        if not any(cell.strip() for cell in row):
+            continue
+        numbers = [_number(cell) for cell in row]
+        if len(row) == 2 and None not in numbers:
+            found.append((numbers[0] or 0.0, numbers[1] or 0.0))
+        elif found or rows.line_num > 1 or any(number is not None for number in numbers):
+            why = "has a cell that is no number" if len(row) == 2 else f"has {len(row)} cells"
+            raise _BadRowError(rows.line_num, f"{why}: not a slot")
     if not found:
         raise _BadRowError(1, "no slot in it")
     return found

@@ -66,6 +66,9 @@ def _is_step(place: Place) -> bool:
 def _unknown(place: Place, document: Document, schema: _Schema, section: _Schema) -> Problem:
     """A field, or a step, that `section` does not have."""
     (*around, word), fields = place, section.get("properties", {})
+    if not re.fullmatch(r"[\w .-]{1,40}", str(word)):  # a line of another file: not shown
+        what = "has a field whose name is no word"
+        return document.problem(tuple(around), what, ", ".join(sorted(fields)))
     within = [
         field
         for field in fields
@@ -132,7 +135,8 @@ def _what(error: Mapping[str, Any], node: _Schema) -> str:
     if kind in {"too_short", "too_long"}:
         return f"has {len(value)} entries"
     if kind.endswith(("_type", "_parsing", "_from_float")):
-        return f"{show(value)} is {_kind_of(value)}"
+        # a whole file of another kind may be anything, a password's hash included: not shown
+        return f"{show(value)} is {_kind_of(value)}" if error["loc"] else f"is {_kind_of(value)}"
     if kind == "finite_number":
         return f"{show(value)} is not a finite number"
     if kind.startswith(("greater_than", "less_than")):

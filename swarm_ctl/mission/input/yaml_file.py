@@ -6,6 +6,7 @@ Scalars follow YAML 1.2's core schema without its exotic number forms: `on`, `ye
 
 from __future__ import annotations
 
+import errno
 import re
 from pathlib import Path
 from typing import Any
@@ -14,18 +15,51 @@ import yaml
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from swarm_ctl.errors import MissionError
+from swarm_ctl.files import read_bytes
 from swarm_ctl.mission.input.document import Document, Place, dotted, problem_at
 from swarm_ctl.mission.input.indentation import misindented
+
+MOST_ENTRIES = {"agents": 250, "steps": 1000, "offsets": 1000, "along": 200, "polygon": 200}
+"""Of the lists of a file, by field, at most, as the schema says; told before all are parsed."""
+_MOST_ENTRIES = 31_125
+"""Of any other list, or mapping: the pairs of 250 agents."""
+_MOST_NODES = 250_000
+"""Values in a file at most: 250 agents with all pairs and fifty shapes, slot by slot."""
+
+
+class _TooManyError(Exception):
+    def __init__(self, mark: yaml.Mark, field: str, what: str, allowed: str) -> None:
+        self.line, self.field, self.what, self.allowed = mark.line + 1, field, what, allowed
 
 
 class _Loader(yaml.SafeLoader):
     yaml_implicit_resolvers = {}  # noqa: RUF012 (PyYAML declares it on the instance)
+    _field = ""
+    _nodes = 0
 
-    def compose_node(self, parent: Node | None, index: int) -> Node | None:
+    def compose_node(self, parent: Node | None, index: Any) -> Node | None:
+        mark = self.peek_event().start_mark  # type: ignore[no-untyped-call]
         if self.check_event(yaml.events.AliasEvent):
-            mark = self.peek_event().start_mark  # type: ignore[no-untyped-call]
             raise yaml.composer.ComposerError(None, None, "aliases (*name) are not supported", mark)
-        return super().compose_node(parent, index)
+        self._count(parent, mark)
+        outer = self._field
+        if isinstance(index, ScalarNode):  # the name of the field whose value this is
+            self._field = str(index.value)
+        node = super().compose_node(parent, index)
+        self._field = outer
+        return node
+
+    def _count(self, parent: Node | None, mark: yaml.Mark) -> None:
+        self._nodes += 1
+        if self._nodes > _MOST_NODES:
+            what = f"the file has more than {_MOST_NODES} values"
+            raise _TooManyError(mark, dotted(()), what, "fewer")
+        if not isinstance(parent, SequenceNode | MappingNode):
+            return
+        most = MOST_ENTRIES.get(self._field, _MOST_ENTRIES)
+        if len(parent.value) >= most:
+            what, allowed = f"has more than {most} entries", f"at most {most} entries"
+            raise _TooManyError(mark, self._field or dotted(()), what, allowed)
 
 
 _TAG = "tag:yaml.org,2002:"
@@ -55,12 +89,13 @@ def write(data: Any) -> str:
 def read(path: Path, *, what: str = "mission") -> Document:
     """Read a YAML file; MissionError if it can't be read or parsed at all."""
     try:
-        data = path.read_bytes() if path.stat().st_size <= _MOST_BYTES else None
+        data = read_bytes(path, _MOST_BYTES)
     except OSError as error:
+        if error.errno == errno.EFBIG:
+            allowed = f"at most {_MOST_BYTES / 1e6:g} MB"
+            raise _refuse(f"{path}:1", "the file is too large", allowed) from error
         reason = error.strerror or str(error)
         raise _refuse(str(path), f"can't be read: {reason}", f"a readable {what} file") from error
-    if data is None:
-        raise _refuse(f"{path}:1", "the file is too large", f"at most {_MOST_BYTES / 1e6:g} MB")
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -85,6 +120,9 @@ def parse(text: str, name: str) -> Document:
         if node is None:
             raise _refuse(f"{name}:1", "is empty", "a mapping of fields to values")
         document.data = _Converter(document).convert(node, ())
+    except _TooManyError as error:
+        found = problem_at(f"{name}:{error.line}", error.field, error.what, error.allowed)
+        raise MissionError((found,)) from None
     except yaml.MarkedYAMLError as error:
         raise _syntax(error, text, name) from error
     except yaml.reader.ReaderError as error:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,8 +11,13 @@ from pydantic import BaseModel, ValidationError
 
 from swarm_ctl.core.model.text import escaped
 from swarm_ctl.errors import InputError
+from swarm_ctl.files import open_regular, read_bytes, replacing
 
 _SHOWN: Final = 5
+_LINE_BYTES: Final = 1 << 20
+"""Of one line at most: 25 times what 250 vehicles' states take."""
+_MODEL_BYTES: Final = 32_000_000
+"""Of a JSON file at most: the plan of the largest mission, and room."""
 
 
 @dataclass(slots=True)
@@ -33,25 +36,28 @@ class Damage:
 
 
 def read_lines(path: Path, damage: Damage) -> Iterator[bytes]:
-    """The lines of a file but for a torn last one, which `damage` notes. OSError passes."""
-    with path.open("rb") as file:
-        for line in file:
-            if not line.endswith(b"\n"):
+    """The lines of a file but for a torn last one and those that are too long, which `damage`
+    notes. OSError passes."""
+    with open_regular(path) as file:
+        too_long = False
+        while line := file.readline(_LINE_BYTES):
+            if line.endswith(b"\n"):
+                if line.strip() and not too_long:
+                    yield line
+                too_long = False
+            elif len(line) < _LINE_BYTES:
                 damage.torn = True
-            elif line.strip():
-                yield line
+            elif not too_long:
+                too_long = True
+                damage.bad_lines += 1
 
 
 def write_whole(path: Path, text: str) -> None:
     """Replace a file in one move, so that no reader finds a part of it; its permissions stay."""
-    part = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        part.write_text(text, encoding="utf-8", newline="")
-        if path.exists():
-            shutil.copymode(path, part)
-        part.replace(path)
+        with replacing(path) as file:
+            file.write(text.encode())
     except OSError as error:
-        part.unlink(missing_ok=True)
         raise OSError(error.errno, error.strerror, str(path)) from None
 
 
@@ -67,7 +73,7 @@ def write_model(path: Path, model: BaseModel) -> Path:
 def read_model(path: Path, kind: type[_Model]) -> _Model:
     """Read what `write_model` wrote; InputError where it is missing, torn or not of this kind."""
     try:
-        return kind.model_validate_json(path.read_bytes())
+        return kind.model_validate_json(read_bytes(path, _MODEL_BYTES))
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}") from error
     except ValidationError as error:

@@ -10,6 +10,7 @@ from typing import Final, TypeVar
 from pydantic import TypeAdapter, ValidationError
 
 from swarm_ctl.core.model.messages import Ack, AgentStatus, Command, Event, Outcome, StepResult
+from swarm_ctl.files import read_bytes
 from swarm_ctl.report.folder.files import Damage, read_lines
 
 FINAL: Final = "agents"
@@ -22,6 +23,8 @@ EVENTS: Final = "events.jsonl"
 COMMANDS: Final = "commands.jsonl"
 """Every Command the station heard or sent and every Ack, one JSON object a line."""
 
+_STATUS_BYTES: Final = 1 << 20
+"""Of a last status at most."""
 _STATUS: Final = TypeAdapter(AgentStatus)
 _EVENT: Final = TypeAdapter(Event)
 _COMMAND: Final = TypeAdapter[Command | Ack](Command | Ack)
@@ -117,7 +120,7 @@ def read_commands(folder: Path, notes: list[str]) -> Iterator[Command | Ack]:
 def _final_status(path: Path, notes: list[str]) -> AgentStatus | None:
     name = f"{path.parent.name}/{path.name}"
     try:
-        return _STATUS.validate_json(path.read_bytes())
+        return _STATUS.validate_json(read_bytes(path, _STATUS_BYTES))
     except OSError as error:
         notes.append(f"{name}: {error.strerror}")
     except ValidationError:

@@ -13,6 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
+from swarm_ctl.files import replacing
+
 Floats = NDArray[np.float64]
 
 COLOURS: Final = (
@@ -34,6 +36,7 @@ _STYLE: Final[Any] = {
     "svg.hashsalt": "swarm_ctl",
     "figure.dpi": 100,
 }
+_UNDATED: Final = {"Date": None}
 
 DPI: Final = 160
 R_IN, R_OUT = r"r_\mathrm{in}", r"r_\mathrm{out}"
@@ -68,7 +71,9 @@ def save(made: Figure, folder: Path, name: str) -> list[Path]:
 def write(made: Figure, path: Path) -> None:
     """Write one file, of the kind that its name ends in."""
     with mpl.rc_context(_STYLE):
-        made.savefig(path, dpi=DPI, metadata={"Date": None} if path.suffix == ".svg" else None)
+        kind = path.suffix[1:]
+        with replacing(path) as file:
+            made.savefig(file, format=kind, dpi=DPI, metadata=_UNDATED if kind == "svg" else None)
 
 
 def grid(

@@ -211,7 +211,8 @@ def overlay(histories: Sequence[RunHistory]) -> Figure:
         errors = history.errors()
         deviation = np.linalg.norm(errors - _mean(errors), axis=-1)
         style = {"linewidth": 1.2, **line_style(k)}
-        near.plot(times, least(history.nearest()), label=printable(history.name), **style)
+        name = printable(history.name).replace("$", r"\$")  # else matplotlib reads a formula
+        near.plot(times, least(history.nearest()), label=name, **style)
         away.plot(times, -least(-deviation), **style)
     near.set_ylabel("smallest distance [m]")
     near.set_ylim(bottom=0)

@@ -61,6 +61,8 @@ def make_report(folder: Path) -> Path:
     """
     history, summary = read_history(folder), _summary(folder)
     figures = folder / "figures"
+    if figures.is_symlink():
+        raise InputError(f"{figures}: is a link to elsewhere; allowed: a folder, or none yet")
     figures.mkdir(exist_ok=True)
     drawn = []
     for name, draw in FIGURES:

@@ -6,14 +6,14 @@ from __future__ import annotations
 from xml.etree import ElementTree as Xml
 
 from swarm_ctl.core.model.messages import Outcome
-from swarm_ctl.core.model.text import agents_named
+from swarm_ctl.core.model.text import agents_named, escaped
 from swarm_ctl.report.judge.findings import FindingKind
 from swarm_ctl.report.judge.summary import StepSummary, StepVerdict, Summary
 
 
 def junit(summary: Summary) -> str:
     """The document."""
-    suite = Xml.Element("testsuite", name=summary.mission or "mission")
+    suite = Xml.Element("testsuite", name=escaped(summary.mission or "mission"))
     for step in summary.steps:
         _step(suite, step)
     _distance(suite, summary)
@@ -51,9 +51,10 @@ def _distance(suite: Xml.Element, summary: Summary) -> None:
 
 
 def _case(suite: Xml.Element, name: str, seconds: float) -> Xml.Element:
-    about = {"classname": suite.get("name", ""), "name": name, "time": f"{seconds:.3f}"}
+    about = {"classname": suite.get("name", ""), "name": escaped(name), "time": f"{seconds:.3f}"}
     return Xml.SubElement(suite, "testcase", about)
 
 
 def _fail(case: Xml.Element, why: str) -> None:
-    Xml.SubElement(case, "failure", message=why).text = why
+    text = escaped(why)  # XML has no control characters
+    Xml.SubElement(case, "failure", message=text).text = text

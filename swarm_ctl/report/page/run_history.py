@@ -138,8 +138,16 @@ def _heard(folder: Path, notes: list[str]) -> HeardMessages:
     if not (folder / RECORDING).exists():
         notes.append(f"{RECORDING}: is missing; figures of messages are left out")
         return heard
-    if recover(folder):
-        notes.append(f"{RECORDING}: was cut off; recovered up to its last second")
+    try:
+        if recover(folder):
+            notes.append(f"{RECORDING}: was cut off; recovered up to its last second")
+        _take(heard, folder)
+    except InputError as error:
+        notes.append(str(error))
+    return heard
+
+
+def _take(heard: HeardMessages, folder: Path) -> None:
     for _, payload in read(folder):
         match payload:
             case AgentState():
@@ -150,4 +158,3 @@ def _heard(folder: Path, notes: list[str]) -> HeardMessages:
                 for pair in payload.pairs:
                     row = (payload.time_s, pair.distance, pair.sigma)
                     heard.sigmas.setdefault((payload.agent, pair.peer), []).append(row)
-    return heard

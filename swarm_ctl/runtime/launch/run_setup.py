@@ -209,7 +209,7 @@ def _make_folder(runs: Path, mission: str) -> Path:
     for number in range(1, 1000):
         folder = runs / (name if number == 1 else f"{name}-{number}")
         try:
-            folder.mkdir(parents=True)
+            folder.mkdir(0o700, parents=True)
         except FileExistsError:
             continue
         except OSError as error:

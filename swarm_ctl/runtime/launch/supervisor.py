@@ -14,6 +14,7 @@ from typing import Final
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.errors import StartError
 from swarm_ctl.mission.compile.loader import LoadedMission
+from swarm_ctl.report.folder.files import write_whole
 from swarm_ctl.report.folder.last_statuses import flying_successors
 from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.report.judge.summary import Summary, write_summary
@@ -153,9 +154,7 @@ class RunProcesses:
             self._kill_all()  # no vehicle is armed yet
             raise
         pids = {child.name: child.pid for child in self._children}
-        part = folder / f"{PROCESSES}.part"
-        part.write_text(json.dumps(pids))
-        part.replace(folder / PROCESSES)
+        write_whole(folder / PROCESSES, json.dumps(pids))
 
     def _start_vehicles(self) -> None:
         """Start the autopilots of the run, if it has any, and say where each is."""

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Iterable
 from typing import Final, Protocol
 
+from swarm_ctl.core.model.text import escaped
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.station.output.json_lines import json_line
 from swarm_ctl.station.output.log_lines import log_lines
@@ -83,8 +84,9 @@ class JsonPrinter:
 
 def write(descriptor: int, lines: Iterable[str]) -> None:
     """Write whole lines straight to a descriptor, however long it blocks: without a buffer there is
-    no lock that a blocked thread could keep."""
-    text = "".join(line + "\n" for line in lines)
+    no lock that a blocked thread could keep. What agents and stations say can't command a terminal.
+    """
+    text = "".join(escaped(line) + "\n" for line in lines)
     data = text.encode(sys.stdout.encoding or "utf-8", "replace")
     while data:
         try:

@@ -117,7 +117,7 @@ REFUSALS = {
     "move timeout": ("hold: {duration_s: 10}", "move: {by: [0, 10], timeout_s: 20}", 26, "step 3, move.timeout_s", "20 s is over", "above 22"),
     "fence that crosses itself": ("policies:", "fence: {polygon: [[-9, -9], [9, 9], [-9, 9], [9, -9]]}\npolicies:", 29, "fence.polygon", "corners 1 and 3 cross", "in order"),
     "fence around nothing": ("policies:", "fence: {polygon: [[-9, -9], [0, 0], [9, 9]]}\npolicies:", 29, "fence.polygon", "no area", "around a field"),
-    "CSV that is not there": ("kind: ring, count: 3, side: 2", "kind: csv, path: none.csv", 16, "shapes.ring.path", "none.csv can't be read", "readable"),
+    "CSV that is not there": ("kind: ring, count: 3, side: 2", "kind: csv, path: none.csv", 16, "shapes.ring.path", "none.csv can't be read", "a CSV file"),
     "no space but one that looks so": ("unit_m: 5", "unit_m:\u00a05", 4, "(whole file)", "a name without a colon and a space after it", "name: value"),
     "bracket left open": ("[0, 3]}", "[0, 3}", 13, "(whole file)", "a [ is not closed, or a comma is missing (it begins in line 13)", "well-formed"),
     "tab": ("  r: 4.5", "\tr: 4.5", 7, "(whole file)", "YAML: ", "spaces, not tabs"),

@@ -1,0 +1,96 @@
+"""Files that others may have made, read with bounds; files of ours, written whole, through no link.
+
+A run folder, a mission or a plan may come from a stranger: a name in it may be a link, a FIFO, a
+device, or a file of any size.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import secrets
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO
+
+
+def open_regular(path: Path) -> IO[bytes]:
+    """The file, open for reading. It never waits, as opening a FIFO does.
+
+    Raises:
+        OSError: it can't be opened, or is no regular file; `strerror` says which.
+    """
+    _require_regular(path, path.stat())  # before it is opened: a device may act on that
+    file = open(path, "rb", opener=_at_once)  # noqa: SIM115 - the caller closes it
+    try:
+        _require_regular(path, os.fstat(file.fileno()))
+    except OSError:
+        file.close()
+        raise
+    return file
+
+
+def read_bytes(path: Path, most: int) -> bytes:
+    """All of a regular file of at most `most` bytes; OSError as `open_regular`, or where the file
+    is larger."""
+    with open_regular(path) as file:
+        data = file.read(most + 1)
+    if len(data) > most:
+        raise OSError(errno.EFBIG, f"is larger than {most / 1e6:g} MB", str(path))
+    return data
+
+
+@contextlib.contextmanager
+def replacing(path: Path, mode: int = 0o666, *, durable: bool = False) -> Iterator[IO[bytes]]:
+    """A new file that takes the place of `path` in one move when the block ends well, and else is
+    removed: no reader finds a part of it, and a link at `path` is replaced, not followed.
+
+    Args:
+        path: its folder is there.
+        mode: permissions, less the umask, where `path` is no regular file yet; else they stay.
+        durable: the new file is on the disk when the block has ended.
+    """
+    part = path.with_name(f".{path.name}.{secrets.token_hex(8)}")
+    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
+    descriptor = os.open(part, flags, mode)
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            yield file
+            _keep_mode(path, file.fileno())
+            if durable:
+                file.flush()
+                os.fsync(file.fileno())
+        part.replace(path)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
+    if durable:
+        _sync_folder(path.parent)
+
+
+def _at_once(path: str, flags: int) -> int:
+    return os.open(path, flags | os.O_NONBLOCK)
+
+
+def _keep_mode(path: Path, descriptor: int) -> None:
+    with contextlib.suppress(FileNotFoundError):
+        there = path.lstat()
+        if stat.S_ISREG(there.st_mode):
+            os.fchmod(descriptor, there.st_mode & 0o777)
+
+
+def _sync_folder(folder: Path) -> None:
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _require_regular(path: Path, found: os.stat_result) -> None:
+    if stat.S_ISDIR(found.st_mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if not stat.S_ISREG(found.st_mode):
+        raise OSError(errno.EINVAL, "is no regular file", str(path))
