@@ -9,7 +9,7 @@ from typing import Annotated, Final
 import typer
 
 from swarm_ctl.cli.shared.extras import require
-from swarm_ctl.cli.shared.options import FleetFile, Speedup, option
+from swarm_ctl.cli.shared.options import FleetFile, OpenMesh, Speedup, option
 from swarm_ctl.core.model.fleet import Fleet, FleetAgent
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.errors import InputError
@@ -21,6 +21,9 @@ _PEER: Final = (
 _KEY: Final = (
     "The vehicle's 32-byte signing key, mode 0600: all frames are signed. The newest stamp is kept"
     " beside it.  [default: as in the fleet]"
+)
+_IDENTITY: Final = (
+    "The folder with its own keys (swarm-ctl trust).  [default: agent-ID in the fleet's trust]"
 )
 _LOCKSTEP: Final = "The folder of a run in lockstep, whose clock this agent joins."
 
@@ -44,6 +47,8 @@ def agent(
         float | None,
         option("SECONDS", "Mission time 0 on this host's monotonic clock.  [default: now]"),
     ] = None,
+    identity: Annotated[Path | None, option("FOLDER", _IDENTITY)] = None,
+    open_mesh: OpenMesh = False,
     lockstep: Annotated[Path | None, option("RUN", _LOCKSTEP)] = None,
     signing_key: Annotated[Path | None, option("FILE", _KEY)] = None,
 ) -> None:
@@ -59,13 +64,19 @@ def agent(
         swarm-ctl agent plan.json --id 3 --endpoint serial:/dev/ttyAMA0:921600
         swarm-ctl agent missions/hexagon.yaml --fleet outdoors.yaml --id 3
     """
+    from swarm_ctl.mission.compile.exposure import exposures, refuse_exposed
     from swarm_ctl.runtime.agent.agent_process import AgentConfig, run_agent
     from swarm_ctl.runtime.agent.lifeline import SignalLifeline
     from swarm_ctl.runtime.clock import Clock
+    from swarm_ctl.runtime.protection import agent_identity_folder
     from swarm_ctl.runtime.vehicle_memory import state_folder
 
     plan, entries = _plan(file, fleet)
     own, before = _own(entries, agent_id, endpoint, mesh)
+    keys = agent_identity_folder(entries.trust, agent_id, identity)
+    connect = tuple(peer or (other.mesh for other in before if other.mesh))
+    if keys is None and not open_mesh:
+        refuse_exposed(exposures(Fleet((own,)), connect), str(fleet or file))
     config = AgentConfig(
         plan=plan,
         agent_id=agent_id,
@@ -75,7 +86,7 @@ def agent(
         endpoint=own.endpoint or "",
         swarm=plan.name,
         listen=own.mesh or "",
-        connect=tuple(peer or (other.mesh for other in before if other.mesh)),
+        connect=connect,
         epoch_s=Clock.starting_now().epoch_s if epoch is None else epoch,
         speedup=speedup,
         vehicle=own.response,
@@ -83,6 +94,8 @@ def agent(
         flight=plan.name,
         lockstep=None if lockstep is None else _clock_of(lockstep),
         signing_key=signing_key,
+        identity=keys,
+        signing=entries.signing,
     )
     raise typer.Exit(run_agent(config, SignalLifeline()))
 
@@ -110,7 +123,7 @@ def _plan(file: Path, fleet: Path | None) -> tuple[Plan, Fleet]:
             f"--fleet {fleet}: {file} is a plan file and has its fleet; allowed: --endpoint, --mesh"
         )
     found = read_plan(file)
-    return found.plan, Fleet(found.fleet)
+    return found.plan, Fleet(found.fleet, found.trust, found.signing)
 
 
 def _own(

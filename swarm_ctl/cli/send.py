@@ -9,7 +9,7 @@ import typer
 
 from swarm_ctl.cli.shared import completion
 from swarm_ctl.cli.shared.console import PlainConsole
-from swarm_ctl.cli.shared.options import complete_runs, option, switch
+from swarm_ctl.cli.shared.options import IdentityFolder, complete_runs, option, switch
 from swarm_ctl.core.model.text import agents_named
 
 
@@ -44,6 +44,7 @@ def send(
     speed: Annotated[
         float | None, option("M/S", "move: its speed.  [default: half of the limit]")
     ] = None,
+    identity: IdentityFolder = None,
     yes: Annotated[bool, switch("--yes", "Do not ask before kill.")] = False,
 ) -> None:
     """Command a swarm that flies, and show each agent's answer.
@@ -95,7 +96,7 @@ def send(
         named = f"agent {agents}" if agents else "EVERY agent"
         what = f"kill: the motors of {named} of {plan.name} ({folder}) stop at once"
         typer.confirm(f"{what} and the vehicle falls. Really?", abort=True)
-    with RunClient(folder) as client:
+    with RunClient(folder, identity=identity) as client:
         answers = client.order(replace(order, by=by))
         left = client.left()
     console.say(f"{order.text}, {plan.name} ({folder}):")

@@ -7,7 +7,15 @@ from typing import Annotated, Final
 
 import typer
 
-from swarm_ctl.cli.shared.options import Headless, Json, Metrics, complete_runs, option
+from swarm_ctl.cli.shared.options import (
+    Headless,
+    IdentityFolder,
+    Json,
+    Metrics,
+    OpenMesh,
+    complete_runs,
+    option,
+)
 from swarm_ctl.errors import InputError
 
 _RUN: Final = "A run folder, or the mission of a run that flies.  [default: the one that flies]"
@@ -31,6 +39,8 @@ def station(
         float | None,
         option("FACTOR", "With --mission: of the simulated swarm.", min=0.1, max=100.0),
     ] = None,
+    identity: IdentityFolder = None,
+    open_mesh: OpenMesh = False,
     headless: Headless = False,
     json: Json = False,
     metrics: Metrics = None,
@@ -51,6 +61,7 @@ def station(
     """
     from swarm_ctl.mission.compile.loader import load
     from swarm_ctl.runtime.flying_runs import flying_run
+    from swarm_ctl.runtime.protection import Keys
     from swarm_ctl.runtime.station.join import join_run, join_swarm
     from swarm_ctl.runtime.station.screens import shown
 
@@ -59,8 +70,9 @@ def station(
         for name, value in {"--mesh": mesh, "--fleet": fleet, "--speedup": speedup}.items():
             if value:
                 raise InputError(f"{name} without a mission; allowed: together with --mission FILE")
-        join_run(flying_run(run), show, metrics)
+        join_run(flying_run(run), show, metrics, identity)
     elif run is not None:
         raise InputError(f"both a run folder ({run}) and --mission {mission}; allowed: one of them")
     else:
-        join_swarm(load(mission, fleet=fleet), mesh or [], show, speedup or 1.0, metrics)
+        keys = Keys(identity, open_mesh, str(fleet or mission))
+        join_swarm(load(mission, fleet=fleet), mesh or [], show, speedup or 1.0, metrics, keys)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import zenoh
+
+from swarm_ctl.mesh.access import as_tls
 
 # zenoh reads it when the first session opens. One worker thread instead of one pool per task: a
 # quarter less CPU, 6 threads instead of 11.
@@ -33,7 +35,12 @@ busy loops lost two, and was another flight."""
 
 
 def configuration(
-    listen: Sequence[str], connect: Sequence[str], speedup: float, *, patient: bool
+    listen: Sequence[str],
+    connect: Sequence[str],
+    speedup: float,
+    *,
+    patient: bool,
+    access: Mapping[str, Any] | None = None,
 ) -> zenoh.Config:
     """A peer's settings.
 
@@ -42,12 +49,13 @@ def configuration(
         connect: endpoints, tried until they answer.
         speedup: mission seconds per second of the wall clock.
         patient: a message waits for a full queue, up to a second, before it is dropped.
+        access: of a protected mesh (`access.access_settings`); None: the mesh is open.
     """
     config = zenoh.Config()
     settings: dict[str, Any] = {
         "mode": "peer",
-        "listen/endpoints": list(listen),
-        "connect/endpoints": list(connect),
+        "listen/endpoints": [as_tls(each) if access else each for each in listen],
+        "connect/endpoints": [as_tls(each) if access else each for each in connect],
         "connect/timeout_ms": -1,
         "connect/exit_on_failure": False,
         "connect/retry": {
@@ -67,6 +75,6 @@ def configuration(
             _PATIENT_DROPPED_AFTER_US if patient else _DROPPED_AFTER_US
         ),
     }
-    for key, value in settings.items():
+    for key, value in (settings | dict(access or {})).items():
         config.insert_json5(key, json.dumps(value))
     return config

@@ -11,7 +11,7 @@ import os
 import socket
 import stat
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +32,7 @@ class ZenohTransport(Transport):
         now: the mission clock [s], for the time of receipt.
         speedup: mission seconds per second of the wall clock.
         patient: a message waits for a full queue, up to a second, before it is dropped.
+        access: of a protected mesh (`access.access_settings`); None: the mesh is open.
 
     Raises:
         StartError: an endpoint to listen at is busy.
@@ -45,12 +46,15 @@ class ZenohTransport(Transport):
         speedup: float = 1.0,
         *,
         patient: bool = False,
+        access: Mapping[str, Any] | None = None,
     ) -> None:
         self._now = now
         self._publishers: dict[str, Any] = {}
         self._subscribers: list[Any] = []
         try:
-            self._session = zenoh.open(configuration(listen, connect, speedup, patient=patient))
+            self._session = zenoh.open(
+                configuration(listen, connect, speedup, patient=patient, access=access)
+            )
         except zenoh.ZError as error:
             why = str(error).split(" at /", 1)[0]  # zenoh appends its own source paths
             raise StartError(

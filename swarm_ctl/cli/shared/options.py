@@ -48,6 +48,13 @@ RunFolder = Annotated[
         autocompletion=complete_runs,
     ),
 ]
+_IDENTITY = (
+    "The folder with the own keys (swarm-ctl trust).  [default: the only operator of the fleet's"
+    " trust]"
+)
+IdentityFolder = Annotated[Path | None, option("FOLDER", _IDENTITY, "--identity")]
+_OPEN_MESH = "Fly without keys on a network that other computers reach: any of them may command."
+OpenMesh = Annotated[bool, switch("--open-mesh", _OPEN_MESH)]
 Headless = Annotated[bool, switch("--headless", "Plain log lines instead of the dashboard.")]
 Json = Annotated[bool, switch("--json", "One line of JSON a second on stdout.")]
 _METRICS = "Prometheus metrics on this port of 127.0.0.1."

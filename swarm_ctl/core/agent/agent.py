@@ -110,6 +110,7 @@ class Agent:
         expect_station: it was started together with a ground station, so it does not arm before it
             hears one.
         vehicle: how the own vehicle answers a setpoint; None: as the plan's `response` says.
+        keys_end_s: when its certificate ends, on the own clock; a flight outlasts it.
     """
 
     def __init__(
@@ -120,6 +121,7 @@ class Agent:
         *,
         expect_station: bool = False,
         vehicle: Response | None = None,
+        keys_end_s: float = math.inf,
     ) -> None:
         self._plan = plan
         self._id = agent_id
@@ -145,6 +147,7 @@ class Agent:
             self._navigator,
             expect_station,
             vehicle or plan.response,
+            keys_end_s,
         )
         self._takeover = Takeover(context, preflight)
         self._estimate = EstimateWatch(plan.policies.position_accuracy_flight_m)

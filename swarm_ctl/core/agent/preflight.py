@@ -18,6 +18,8 @@ from swarm_ctl.core.swarm.snapshot import PeerSnapshot
 
 _SURE_S: Final = 0.1
 """An estimate of the response is sure that is doubted by no more: after a second at 2 m/s."""
+_VALID_S: Final = 24 * 3600.0
+"""No vehicle takes off with a certificate that ends sooner: a swarm has to be able to restart."""
 _MODEL_SPARE: Final = 0.1
 """The acceleration of a measured response is good to so much."""
 
@@ -37,10 +39,12 @@ class Preflight:
     expect_station: bool
     response: Response
     """How the law expects the own vehicle to answer a setpoint."""
+    keys_end_s: float = math.inf
+    """When the own certificate ends, on the own clock."""
 
     def refusal(self, tick: Tick) -> str:
         """What keeps the vehicle on the ground, or ''."""
-        why = self._vehicle(tick) or self.other_plan(tick.peers, tick.station)
+        why = self._vehicle(tick) or self._keys(tick.now) or self.other_plan(tick.peers, tick.station)
         return why or _unknown_clocks(tick.peers)
 
     def other_plan(self, peers: PeerSnapshot, station: HeardStation | None) -> str:
@@ -93,6 +97,14 @@ class Preflight:
                 allows = f"vehicle {self.own.id} allows {limit.allowed:.1f} ({limit.parameter})"
                 return f"{what} {flown[limit.kind]:.1f} {unit}; {allows}"
         return ""
+
+    def _keys(self, now: float) -> str:
+        """A certificate that ends soon; no flight ends with it. Or ''."""
+        left_s = self.keys_end_s - now
+        if left_s >= _VALID_S:
+            return ""
+        ends = f"ends in {left_s / 3600:.0f} h" if left_s > 0 else "has ended"
+        return f"its certificate {ends}; allowed: 24 h and more (swarm-ctl trust rotate)"
 
     def _vehicle(self, tick: Tick) -> str:
         """What keeps the own vehicle from taking off, or ''."""

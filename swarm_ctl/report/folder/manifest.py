@@ -33,10 +33,19 @@ class Manifest(PlanFile):
     an earlier version)."""
     station_mesh: str | None = None
     """Where the station listens on the mesh."""
+    identity: str | None = None
+    """The folder of the operator who flies it; None: the mesh is open."""
+    open_mesh: bool = False
+    """Other computers can reach it, and it has no keys."""
     record_hz: dict[str, float] = Field(default_factory=dict)
     """Limits on the messages of a topic that are recorded from each agent."""
     versions: dict[str, str] = Field(default_factory=dict)
     """Of this program, Python and some libraries."""
+
+    @property
+    def flown_by(self) -> Path | None:
+        """The folder with the identity of the run's own station."""
+        return Path(self.identity) if self.identity else None
 
     @property
     def agents_mesh(self) -> list[str]:

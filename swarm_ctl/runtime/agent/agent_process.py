@@ -38,8 +38,9 @@ from swarm_ctl.runtime.agent.publish import publish
 from swarm_ctl.runtime.clock import unix_s
 from swarm_ctl.runtime.lockstep.seat import Seat, seat
 from swarm_ctl.runtime.lockstep.words import Phase
+from swarm_ctl.runtime.protection import access, own_identity, valid_for_s
 from swarm_ctl.runtime.vehicle_memory import Remembering, VehicleMemory
-from swarm_ctl.trust.identity import MAVLINK_KEY, STAMP
+from swarm_ctl.trust.identity import MAVLINK_KEY, STAMP, Identity
 
 _GC_THRESHOLD: Final = 50_000
 """Objects between collections: what is built at the start is frozen, and a tick leaves next to none
@@ -123,16 +124,17 @@ def _redirect(log: Path) -> None:
 def run_agent(config: AgentConfig, lifeline: Lifeline) -> int:
     """Fly one agent to its end; the exit code: 0 when it completed or landed on command, 1 when it
     failed."""
+    identity = own_identity(config.identity, config.agent_id)
     with (
         closing(seat(config.lockstep, Phase.SWARM, config.epoch_s, config.speedup)) as place,
         _tlog(config) as keep,
         _signing(config) as signing,
         closing(_link(config, keep, place, signing)) as link,
-        closing(_join_mesh(config, place)) as node,
+        closing(_join_mesh(config, place, identity)) as node,
     ):
         place.join(f"agent-{config.agent_id}", config.swarm, config.agent_id)
         lifeline.tell(READY)
-        ended, status = _loop(config, place, link, node, lifeline)
+        ended, status = _loop(config, place, link, node, lifeline, identity)
         place.end(last=True)
         lifeline.tell(f"{ended.outcome}: {ended.reason}" if ended.reason else ended.outcome)
     if config.report is not None and status is not None:
@@ -181,10 +183,15 @@ def _link(
     )
 
 
-def _join_mesh(config: AgentConfig, place: Seat) -> Node:
+def _join_mesh(config: AgentConfig, place: Seat, identity: Identity | None) -> Node:
     now = place.clock.now
     transport = ZenohTransport(
-        [config.listen], config.connect, now, place.mesh_speedup, patient=place.patient
+        [config.listen],
+        config.connect,
+        now,
+        place.mesh_speedup,
+        patient=place.patient,
+        access=access(identity, config.swarm),
     )
     node = Node(place.mesh(transport), config.swarm, config.agent_id)
     node.listen(keys.STATE, keys.CLOCK, keys.BEACON, keys.COMMAND)
@@ -201,7 +208,12 @@ def _write_report(path: Path, status: AgentStatus) -> None:
 
 
 def _loop(
-    config: AgentConfig, place: Seat, link: VehicleLink, node: Node, lifeline: Lifeline
+    config: AgentConfig,
+    place: Seat,
+    link: VehicleLink,
+    node: Node,
+    lifeline: Lifeline,
+    identity: Identity | None,
 ) -> tuple[Ended, AgentStatus | None]:
     agent = Agent(
         config.plan,
@@ -209,6 +221,7 @@ def _loop(
         place.clock.now(),
         expect_station=config.expect_station,
         vehicle=config.vehicle,
+        keys_end_s=place.clock.now() + valid_for_s(identity),
     )
     memory = VehicleMemory(config.memory) if config.memory else None
     remembering = Remembering(memory, config.endpoint, config.flight)

@@ -23,16 +23,20 @@ from swarm_ctl.core.model.messages import (
     StationBeacon,
 )
 from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.errors import InputError
 from swarm_ctl.mesh import keys
+from swarm_ctl.mesh.access import station_name
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
 from swarm_ctl.recording.run_recorder import RunRecorder
 from swarm_ctl.runtime.clock import Clock
 from swarm_ctl.runtime.lockstep.seat import Seat
+from swarm_ctl.runtime.protection import access
 from swarm_ctl.runtime.station.mesh_clock import MeshClock
 from swarm_ctl.runtime.vehicle_memory import SwarmMemory
 from swarm_ctl.station.picture.model import Model
-from swarm_ctl.station.picture.view import StationHealth, SwarmView
+from swarm_ctl.station.picture.view import LOCAL, Protection, StationHealth, SwarmView
+from swarm_ctl.trust.identity import Identity
 
 _CHANNELS: Final[tuple[keys.Channel[Any], ...]] = (
     keys.STATE,
@@ -56,16 +60,21 @@ def open_node(
     listen: Sequence[str] = (),
     role: str = "station",
     place: Seat | None = None,
+    identity: Identity | None = None,
 ) -> Node:
-    """Join a swarm's mesh under a name that no other process has, on any host; `place` is the
-    process's seat in lockstep."""
-    name = f"{role}-{os.getpid()}-{uuid.uuid4().hex[:6]}"
-    if place is None:
-        return Node(ZenohTransport(listen, connect, clock.now, clock.speedup), swarm, name)
+    """Join a swarm's mesh under a name that no other process has, on any host. `place` is the
+    process's seat in lockstep; on a protected mesh, `identity` owns the name."""
+    suffix = f"{os.getpid()}-{uuid.uuid4().hex[:6]}"
+    name = f"{role}-{suffix}" if identity is None else station_name(identity.name, suffix)
     transport = ZenohTransport(
-        listen, connect, clock.now, place.mesh_speedup, patient=place.patient
+        listen,
+        connect,
+        clock.now,
+        place.mesh_speedup if place else clock.speedup,
+        patient=place is not None and place.patient,
+        access=access(identity, swarm),
     )
-    return Node(place.mesh(transport), swarm, name)
+    return Node(place.mesh(transport) if place else transport, swarm, name)
 
 
 class Station:
@@ -80,6 +89,7 @@ class Station:
         clock: Clock | MeshClock,
         recorder: RunRecorder | None = None,
         memory: SwarmMemory | None = None,
+        protection: Protection = LOCAL,
     ) -> None:
         self.plan = plan
         self._mission = mission
@@ -87,6 +97,7 @@ class Station:
         self._clock = clock
         self._recorder = recorder
         self._memory = memory
+        self._protection = protection
         self._troubles: list[str] = []
         self._name = str(node.name)
         self._hash = plan.hash()
@@ -110,6 +121,8 @@ class Station:
 
     def order(self, order: Order) -> SentCommand:
         """Send the command for an operator's order; InputError where there can't be one."""
+        if not self._protection.commands:
+            raise InputError(f"{self._protection.who} may only watch; allowed: an operator's keys")
         now = self._clock.now()
         swarm = swarm_now(self._model.view(now))
         return self._sender.send(build(order, swarm, self._mission), now, swarm.meant(order))
@@ -123,7 +136,7 @@ class Station:
         if not self._clock_is_set():
             return []
         told, now = self.hear(), self._clock.now()
-        if now >= self._beacon_due:
+        if now >= self._beacon_due and self._protection.commands:
             self._beacon_due = now + _BEACON_S
             self._node.send(keys.BEACON, StationBeacon(self._name, now, self._hash))
         return told
@@ -174,7 +187,8 @@ class Station:
     def view(self) -> SwarmView:
         """The picture now."""
         view = self._model.view(self._clock.now())
-        return replace(view, health=StationHealth(self._node.bad_payloads))
+        health = StationHealth(self._node.bad_payloads)
+        return replace(view, health=health, protection=self._protection)
 
 
 def swarm_now(view: SwarmView) -> SwarmNow:

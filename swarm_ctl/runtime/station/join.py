@@ -10,10 +10,12 @@ from pathlib import Path
 from typing import Final
 
 from swarm_ctl.errors import InputError
+from swarm_ctl.mission.compile.exposure import leaves_loopback, refuse_exposed
 from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.report.folder.last_statuses import read_commands, read_events
 from swarm_ctl.report.folder.manifest import read_manifest
 from swarm_ctl.runtime import clock as wall
+from swarm_ctl.runtime.protection import NO_KEYS, Keys, protection, station_identity
 from swarm_ctl.runtime.station.ground_station import Station, open_node
 from swarm_ctl.runtime.station.mesh_clock import MeshClock
 from swarm_ctl.runtime.station.screens import Show, present
@@ -25,12 +27,18 @@ _QUIET_WALL_S: Final = 5.0
 _ALARMS: Final = "alarms from now on"
 
 
-def join_run(folder: Path, show: Show, metrics_port: int | None) -> None:
-    """Watch and command a run of this machine; ends with the screen."""
+def join_run(
+    folder: Path, show: Show, metrics_port: int | None, identity_folder: Path | None = None
+) -> None:
+    """Watch and command a run of this machine; ends with the screen. `identity_folder`: of the
+    operator or viewer; None: of the operator who flies it."""
     manifest = read_manifest(folder)
     clock = MeshClock.of_run(manifest)
-    with closing(open_node(manifest.swarm, manifest.whole_mesh, clock)) as node:
-        station = Station(manifest.plan, Path(manifest.mission), node, clock)
+    identity = station_identity(manifest.trust, identity_folder or manifest.flown_by)
+    seen = protection(identity, manifest.signing, is_open=manifest.open_mesh)
+    mesh = open_node(manifest.swarm, manifest.whole_mesh, clock, identity=identity)
+    with closing(mesh) as node:
+        station = Station(manifest.plan, Path(manifest.mission), node, clock, protection=seen)
         notes: list[str] = []
         station.recall(read_events(folder, notes))
         station.recall(read_commands(folder, notes))
@@ -39,7 +47,12 @@ def join_run(folder: Path, show: Show, metrics_port: int | None) -> None:
 
 
 def join_swarm(
-    mission: LoadedMission, mesh: Sequence[str], show: Show, speedup: float, port: int | None
+    mission: LoadedMission,
+    mesh: Sequence[str],
+    show: Show,
+    speedup: float,
+    port: int | None,
+    keys: Keys = NO_KEYS,
 ) -> None:
     """Watch and command a swarm that flies `mission` on any host; ends with the screen.
 
@@ -49,12 +62,19 @@ def join_swarm(
         show: the kind of screen.
         speedup: that of a simulated swarm.
         port: of the metrics, if any.
+        keys: those of the command line.
     """
     connect, clock = _endpoints(mission, mesh), MeshClock(speedup)
-    with closing(open_node(mission.plan.name, connect, clock)) as node:
+    fleet = mission.fleet
+    identity = station_identity(fleet.trust, keys.identity)
+    is_open = identity is None and any(map(leaves_loopback, connect))
+    if is_open and not keys.open_mesh:
+        refuse_exposed([f"the mesh is at {', '.join(connect)}"], keys.fleet_file)
+    seen = protection(identity, fleet.signing, is_open=is_open)
+    with closing(open_node(mission.plan.name, connect, clock, identity=identity)) as node:
         endpoints = {agent.id: agent.endpoint for agent in mission.fleet.agents}
         memory = SwarmMemory(VehicleMemory(state_folder()), mission.plan.name, endpoints)
-        station = Station(mission.plan, mission.source, node, clock, memory=memory)
+        station = Station(mission.plan, mission.source, node, clock, None, memory, seen)
         _watch(station, GuestControl(_Hint(clock, connect)), show, port)
 
 

@@ -14,6 +14,7 @@ from swarm_ctl.report.folder.manifest import Manifest, read_manifest
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.flying_runs import flying_run
 from swarm_ctl.runtime.lockstep.seat import TEST, BarrierSeat
+from swarm_ctl.runtime.protection import operator_identity
 from swarm_ctl.runtime.station.ground_station import Station, open_node, swarm_now
 from swarm_ctl.runtime.station.mesh_clock import MeshClock
 from swarm_ctl.station.picture.view import AgentView
@@ -35,14 +36,23 @@ class RunClient:
     `run` is a run folder or the mission of a run that flies; None: the only one that flies
     (`flying_run`). InputError where several may be meant.
     `place`: at the barrier of a run in lockstep, which then waits for this client.
+    `identity`: the folder of the operator who speaks; None: of the one who flies the run.
     """
 
-    def __init__(self, run: Path | str | None = None, place: BarrierSeat | None = None) -> None:
+    def __init__(
+        self,
+        run: Path | str | None = None,
+        place: BarrierSeat | None = None,
+        identity: Path | None = None,
+    ) -> None:
         self._manifest: Manifest = read_manifest(flying_run(run))
         manifest, self._place = self._manifest, place
         clock = self._clock = place.clock if place else MeshClock.of_run(manifest)
         swarm, mesh = manifest.swarm, manifest.whole_mesh
-        self._node = open_node(swarm, mesh, clock, role="send", place=place)
+        self._identity = operator_identity(manifest.trust, identity or manifest.flown_by)
+        self._node = open_node(
+            swarm, mesh, clock, role="send", place=place, identity=self._identity
+        )
         self._station = Station(manifest.plan, Path(manifest.mission), self._node, clock)
         if place is not None:
             place.join(TEST, swarm, self._node.name)

@@ -25,6 +25,7 @@ from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.report.judge.summary import write_summary
 from swarm_ctl.runtime.lockstep.seat import STATION, seat
 from swarm_ctl.runtime.lockstep.words import Phase
+from swarm_ctl.runtime.protection import operator_identity, protection
 from swarm_ctl.runtime.station.control_pipe import ControlPipe
 from swarm_ctl.runtime.station.ground_station import Station, open_node
 from swarm_ctl.runtime.station.screens import Show, present
@@ -42,16 +43,32 @@ def run_station(
     """Watch, command and record the run in `folder` until `run` ends it."""
     manifest = read_manifest(folder)
     listen = [manifest.station_mesh] if manifest.station_mesh else []
+    identity = operator_identity(manifest.trust, manifest.flown_by)
     with contextlib.ExitStack() as opened:
         place = seat(manifest.lockstep, Phase.SWARM, manifest.epoch_s, manifest.speedup)
         opened.callback(place.close)
         clock = place.clock
-        node = open_node(manifest.swarm, manifest.agents_mesh, clock, listen=listen, place=place)
+        node = open_node(
+            manifest.swarm,
+            manifest.agents_mesh,
+            clock,
+            listen=listen,
+            place=place,
+            identity=identity,
+        )
         opened.callback(node.close)
         recorder = opened.enter_context(closing(run_recorder(folder, manifest, str(node.name))))
         endpoints = {agent.id: agent.endpoint for agent in manifest.fleet}
         memory = SwarmMemory(VehicleMemory(state_folder()), folder.name, endpoints, folder)
-        station = Station(manifest.plan, Path(manifest.mission), node, clock, recorder, memory)
+        station = Station(
+            manifest.plan,
+            Path(manifest.mission),
+            node,
+            clock,
+            recorder,
+            memory,
+            protection(identity, manifest.signing, is_open=manifest.open_mesh),
+        )
         control = RunControl(pipe, place, folder)
         measure = opened.enter_context(metrics_on(metrics_port))
         place.join(STATION, manifest.swarm, node.name)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import Final
 
 from swarm_ctl.core.model.messages import (
@@ -167,6 +168,33 @@ class StationHealth:
     """Views that a slow terminal never showed."""
 
 
+class MeshKind(StrEnum):
+    """Who can reach the mesh."""
+
+    LOCAL = "local"
+    """Processes of this computer alone."""
+    OPEN = "open"
+    """Any computer of the network: nothing on it is authenticated."""
+    TLS = "TLS"
+    """Members of the swarm's roster."""
+
+
+@dataclass(frozen=True, slots=True)
+class Protection:
+    """What keeps others off the swarm, and who this station is."""
+
+    mesh: MeshKind
+    who: str = ""
+    """`operator anna`; '' without keys."""
+    commands: bool = True
+    """It is no mere viewer."""
+    signing: bool = False
+    """The vehicles' links have to be signed."""
+
+
+LOCAL: Final = Protection(MeshKind.LOCAL)
+
+
 @dataclass(frozen=True, slots=True)
 class SwarmView:
     """Everything a screen may show."""
@@ -197,6 +225,7 @@ class SwarmView:
     """When each station's beacon was last heard, this one included."""
     histories: Histories = field(default_factory=Histories)
     health: StationHealth = field(default_factory=StationHealth)
+    protection: Protection = LOCAL
 
     @property
     def stations_there(self) -> int:

@@ -1,0 +1,57 @@
+"""What of an unprotected swarm other computers can reach."""
+
+from __future__ import annotations
+
+import ipaddress
+import re
+from collections.abc import Iterable
+from typing import Final
+
+from swarm_ctl.core.model.fleet import Fleet
+from swarm_ctl.errors import InputError
+
+_HOST: Final = re.compile(r"(?:\w+/|\w+:)?(?P<host>\[[^\]]+\]|[^:/\s\[\]]*):\d+")
+_LISTENING: Final = ("udp:", "udpin:", "tcpin:")
+
+
+def leaves_loopback(endpoint: str) -> bool:
+    """Whether other computers can reach an endpoint such as `tcp/192.168.1.11:7447`,
+    `udpin:0.0.0.0:14550` or `192.168.1.5:14550`."""
+    found = _HOST.fullmatch(endpoint)
+    host = found["host"].strip("[]") if found else endpoint
+    if host == "localhost":
+        return False
+    try:
+        return not ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return True  # a name, which may be any host's
+
+
+def exposures(fleet: Fleet, peers: Iterable[str] = ()) -> list[str]:
+    """Where a fleet without keys, and `peers` on its mesh, are open to other computers, in
+    words."""
+    if fleet.trust is not None:
+        return []
+    meshes = [(agent.id, agent.mesh or "") for agent in fleet.agents if agent.mesh]
+    links = [(agent.id, agent.endpoint or "") for agent in fleet.agents if agent.endpoint]
+    return [
+        *(f"agent {i} is on the mesh at {at}" for i, at in meshes if leaves_loopback(at)),
+        *(f"the mesh is at {at}" for at in peers if leaves_loopback(at)),
+        *(
+            f"agent {i} listens for its vehicle at {at}"
+            for i, at in links
+            if at.startswith(_LISTENING) and leaves_loopback(at)
+        ),
+    ]
+
+
+def refuse_exposed(exposures: Iterable[str], fleet_file: str) -> None:
+    """InputError where other computers can reach an unprotected swarm, with what makes the keys."""
+    found = list(exposures)
+    if found:
+        more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
+        raise InputError(
+            f"{found[0]}{more}, and the fleet has no keys: any computer there could command the"
+            f" swarm; allowed: keys (swarm-ctl trust new --fleet {fleet_file}), loopback addresses,"
+            " or --open-mesh"
+        )

@@ -1,0 +1,110 @@
+"""Who this process is on the mesh, and what keeps others off it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from swarm_ctl.core.model.fleet import Signing
+from swarm_ctl.errors import TrustError
+from swarm_ctl.mesh.access import access_settings
+from swarm_ctl.runtime.clock import date_and_time
+from swarm_ctl.station.picture.view import LOCAL, MeshKind, Protection
+from swarm_ctl.trust.identity import Identity, certificates_end, identity_folder, load_identity
+from swarm_ctl.trust.names import Member, Role
+
+_MADE_BY: Final = "swarm-ctl trust new --fleet FILE"
+
+
+@dataclass(frozen=True, slots=True)
+class Keys:
+    """What a command line says of keys."""
+
+    identity: Path | None = None
+    """The folder of who speaks."""
+    open_mesh: bool = False
+    """Other computers may reach a mesh without keys."""
+    fleet_file: str = "FILE"
+    """What `swarm-ctl trust new` is to be told."""
+
+
+NO_KEYS: Final = Keys()
+
+
+def agent_identity_folder(trust: str | None, agent: int, given: Path | None = None) -> Path | None:
+    """The folder with an agent's identity: the one given, else the agent's in the fleet's trust;
+    None where the mesh is open."""
+    if given is not None or trust is None:
+        return given
+    return _folder(trust) / Member(Role.AGENT, str(agent)).folder
+
+
+def own_identity(folder: Path | None, agent: int) -> Identity | None:
+    """The identity of the agent itself; None where the mesh is open. TrustError where the folder
+    is another member's."""
+    if folder is None:
+        return None
+    identity = load_identity(folder)
+    if identity.member != Member(Role.AGENT, str(agent)):
+        raise TrustError(f"{folder}: is {identity.member}; allowed: the identity of agent {agent}")
+    return identity
+
+
+def valid_for_s(identity: Identity | None) -> float:
+    """How long the identity's certificate is still good [s]; without end on an open mesh."""
+    if identity is None:
+        return math.inf
+    return (certificates_end(identity) - date_and_time()).total_seconds()
+
+
+def station_identity(trust: str | None, given: Path | None = None) -> Identity | None:
+    """The identity of a ground station: the one given, else that of the only operator in the
+    fleet's trust; None where the mesh is open.
+
+    Raises:
+        TrustError: there is none, several operators are there, or it is an agent's.
+    """
+    if given is None and trust is None:
+        return None
+    folder = given or identity_folder(_folder(trust or ""), Role.OPERATOR)
+    identity = load_identity(folder)
+    if identity.role is Role.AGENT:
+        raise TrustError(
+            f"{folder}: is {identity.member}, which flies; allowed: an operator's or a viewer's"
+            " identity (--identity FOLDER)"
+        )
+    return identity
+
+
+def operator_identity(trust: str | None, given: Path | None = None) -> Identity | None:
+    """As `station_identity`, for a process that commands; TrustError for a viewer."""
+    identity = station_identity(trust, given)
+    if identity is not None and identity.role is not Role.OPERATOR:
+        raise TrustError(f"{identity.folder}: {identity.member} may only watch; allowed: an operator")
+    return identity
+
+
+def access(identity: Identity | None, swarm: str) -> Mapping[str, Any] | None:
+    """What zenoh is told of a protected mesh; None where the mesh is open."""
+    return None if identity is None else access_settings(identity, swarm)
+
+
+def protection(
+    identity: Identity | None, signing: Signing, *, is_open: bool = False
+) -> Protection:
+    """What a station says of its swarm; `is_open`: other computers can reach a mesh without
+    keys."""
+    if identity is None:
+        return Protection(MeshKind.OPEN) if is_open else LOCAL
+    commands = identity.role is Role.OPERATOR
+    return Protection(MeshKind.TLS, str(identity.member), commands, signing is Signing.REQUIRED)
+
+
+def _folder(trust: str) -> Path:
+    folder = Path(trust)
+    if not folder.is_dir():
+        raise TrustError(f"trust: {trust}: is no folder; allowed: one that {_MADE_BY} has made")
+    return folder
