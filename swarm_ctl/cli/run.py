@@ -16,9 +16,11 @@ from swarm_ctl.cli.shared.gcs_option import gcs_addresses
 from swarm_ctl.cli.shared.options import (
     FleetFile,
     Headless,
+    IdentityFolder,
     Json,
     Metrics,
     MissionFile,
+    OpenMesh,
     Seed,
     VehicleKinds,
     option,
@@ -69,6 +71,8 @@ def run(
     arducopter: Annotated[str | None, option("PATH|container:IMAGE", _ARDUCOPTER)] = None,
     px4: Annotated[str | None, option("FOLDER", _PX4)] = None,
     px4_log: Annotated[bool, switch("--px4-log", _PX4_LOG)] = False,
+    identity: IdentityFolder = None,
+    open_mesh: OpenMesh = False,
     runs: Annotated[Path, option("FOLDER", "Where the run's folder is made.")] = Path("runs"),
     gcs: Annotated[list[str] | None, option("[HOST:]PORT", _GCS)] = None,
     seed: Seed = 1,
@@ -100,6 +104,7 @@ def run(
         swarm-ctl run missions/hexagon.yaml --json | jq .error_m
         swarm-ctl run missions/hexagon.yaml --vehicles arducopter,px4
     """
+    from swarm_ctl.mission.compile.fleet_file import file_of
     from swarm_ctl.mission.compile.forecast import forecast, refuse_too_close
     from swarm_ctl.mission.compile.loader import load
     from swarm_ctl.recording.topics import rates
@@ -108,6 +113,7 @@ def run(
     from swarm_ctl.report.page.summary_table import render_summary, verdict_line
     from swarm_ctl.runtime.launch.run_setup import Lockstep, RunOptions
     from swarm_ctl.runtime.launch.supervisor import fly
+    from swarm_ctl.runtime.protection import Keys
     from swarm_ctl.runtime.station.screens import Show, shown
 
     factor = _factor(speedup)
@@ -139,6 +145,7 @@ def run(
         binaries,
         px4_log,
         stepped,
+        Keys(identity, open_mesh, str(fleet or file_of(mission) or mission)),
     )
     if junit is not None and not (junit.parent.is_dir() and os.access(junit.parent, os.W_OK)):
         raise InputError(f"--junit {junit}: can't be written; allowed: a file in a folder that may")

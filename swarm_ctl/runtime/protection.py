@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from swarm_ctl.core.model.fleet import Signing
 from swarm_ctl.errors import TrustError
 from swarm_ctl.mesh.access import access_settings
 from swarm_ctl.runtime.clock import date_and_time
-from swarm_ctl.station.picture.view import LOCAL, MeshKind, Protection
 from swarm_ctl.trust.identity import Identity, certificates_end, identity_folder, load_identity
 from swarm_ctl.trust.names import Member, Role
 
@@ -83,7 +81,9 @@ def operator_identity(trust: str | None, given: Path | None = None) -> Identity 
     """As `station_identity`, for a process that commands; TrustError for a viewer."""
     identity = station_identity(trust, given)
     if identity is not None and identity.role is not Role.OPERATOR:
-        raise TrustError(f"{identity.folder}: {identity.member} may only watch; allowed: an operator")
+        raise TrustError(
+            f"{identity.folder}: {identity.member} may only watch; allowed: an operator"
+        )
     return identity
 
 
@@ -92,19 +92,28 @@ def access(identity: Identity | None, swarm: str) -> Mapping[str, Any] | None:
     return None if identity is None else access_settings(identity, swarm)
 
 
-def protection(
-    identity: Identity | None, signing: Signing, *, is_open: bool = False
-) -> Protection:
-    """What a station says of its swarm; `is_open`: other computers can reach a mesh without
-    keys."""
-    if identity is None:
-        return Protection(MeshKind.OPEN) if is_open else LOCAL
-    commands = identity.role is Role.OPERATOR
-    return Protection(MeshKind.TLS, str(identity.member), commands, signing is Signing.REQUIRED)
+def refuse_ended(identity: Identity, agents: Iterable[int]) -> None:
+    """TrustError where an agent, or the operator, has no certificate in the roster, or one that has
+    ended: no link would open."""
+    for member in (identity.member, *(Member(Role.AGENT, str(agent)) for agent in agents)):
+        entry = identity.roster.of(member)
+        if entry is None:
+            raise TrustError(
+                f"{identity.folder}: the roster of {identity.swarm} has no {member}; allowed: one"
+                " that `swarm-ctl trust add` made"
+            )
+        if entry.not_after <= date_and_time():
+            raise TrustError(
+                f"the certificate of {member} ended on {entry.not_after:%Y-%m-%d};"
+                " allowed: new ones, by swarm-ctl trust rotate"
+            )
 
 
 def _folder(trust: str) -> Path:
     folder = Path(trust)
     if not folder.is_dir():
-        raise TrustError(f"trust: {trust}: is no folder; allowed: one that {_MADE_BY} has made")
+        raise TrustError(
+            f"trust: {trust}: is no folder; allowed: one that {_MADE_BY} has made, or"
+            " --identity FOLDER"
+        )
     return folder

@@ -44,7 +44,9 @@ class Preflight:
 
     def refusal(self, tick: Tick) -> str:
         """What keeps the vehicle on the ground, or ''."""
-        why = self._vehicle(tick) or self._keys(tick.now) or self.other_plan(tick.peers, tick.station)
+        why = (
+            self._vehicle(tick) or self._keys(tick.now) or self.other_plan(tick.peers, tick.station)
+        )
         return why or _unknown_clocks(tick.peers)
 
     def other_plan(self, peers: PeerSnapshot, station: HeardStation | None) -> str:

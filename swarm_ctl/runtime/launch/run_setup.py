@@ -12,9 +12,11 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from swarm_ctl.core.model.fleet import FleetAgent, VehicleKind
+from swarm_ctl.core.model.fleet import Fleet, FleetAgent, VehicleKind
 from swarm_ctl.core.model.frames import geodetic_from_ned
 from swarm_ctl.errors import InputError, StartError
+from swarm_ctl.mesh.access import as_tls
+from swarm_ctl.mission.compile.exposure import exposures, leaves_loopback, refuse_exposed
 from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.report.folder.manifest import Manifest, write_manifest
 from swarm_ctl.runtime import clock as wall
@@ -25,6 +27,13 @@ from swarm_ctl.runtime.launch.ground_control import ground_control
 from swarm_ctl.runtime.launch.ports import free_ports, refuse_taken
 from swarm_ctl.runtime.launch.sim_config import simulator_config
 from swarm_ctl.runtime.lockstep.seat import SIMULATOR, STATION
+from swarm_ctl.runtime.protection import (
+    NO_KEYS,
+    Keys,
+    agent_identity_folder,
+    operator_identity,
+    refuse_ended,
+)
 from swarm_ctl.runtime.station.screens import Show
 from swarm_ctl.runtime.vehicle_memory import state_folder
 from swarm_ctl.runtime.vehicles.binaries import find
@@ -52,6 +61,8 @@ class RunOptions:
     px4_log: bool = False
     lockstep: Lockstep | None = None
     """None: in real time times `speedup`."""
+    keys: Keys = NO_KEYS
+    """Of the command line."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,11 +92,22 @@ class RunSetup:
         """The agents whose vehicles were there before this run, and will be after it."""
         if options.lockstep is not None:
             _refuse_lockstep(mission.fleet.agents)
+        identity = operator_identity(mission.fleet.trust, options.keys.identity)
+        if identity is not None:
+            refuse_ended(identity, [agent.id for agent in mission.fleet.agents])
+        exposed = exposures(mission.fleet) + _exposed_stations(mission.fleet, options.gcs)
+        if not options.keys.open_mesh:
+            refuse_exposed(exposed, options.keys.fleet_file)
         if options.metrics_port is not None:
             refuse_taken(options.metrics_port, "metrics")
         self._orders = _orders(mission, options)
         self.folder = _make_folder(options.runs, mission.plan.name)
-        self.manifest = _manifest(mission, options)
+        self.manifest = _manifest(mission, options).model_copy(
+            update={
+                "identity": identity and str(identity.folder.absolute()),
+                "open_mesh": bool(exposed),
+            }
+        )
         self._simulation = mission.file.simulation
         self.ground_control = ground_control(self.manifest.fleet, self._simulated, options.gcs)
         write_manifest(self.folder, self.manifest)
@@ -146,6 +168,8 @@ class RunSetup:
             flight=self.folder.name,
             mirror_port=self.ground_control.mirror_port(agent.id),
             lockstep=manifest.lockstep,
+            identity=agent_identity_folder(manifest.trust, agent.id),
+            signing=manifest.signing,
             started_us=round(manifest.started_at.timestamp() * 1e6),
         )
 
@@ -252,6 +276,17 @@ def _refuse_lockstep(agents: Sequence[FleetAgent]) -> None:
             )
 
 
+def _exposed_stations(fleet: Fleet, gcs: Sequence[tuple[str, int]]) -> list[str]:
+    """Ground control software on other computers, which could command vehicles without keys."""
+    if fleet.trust is not None:
+        return []
+    return [
+        f"--gcs {host}:{port} commands the vehicles"
+        for host, port in gcs
+        if leaves_loopback(f"{host}:{port}")
+    ]
+
+
 def _epoch_s(options: RunOptions) -> float:
     return Clock.starting_now(options.speedup).epoch_s
 
@@ -262,11 +297,13 @@ def _manifest(mission: LoadedMission, options: RunOptions) -> Manifest:
     simulated = [agent.id for agent in agents if agent.started_as is VehicleKind.SIMULATED]
     ports = dict(zip(simulated, free_ports(len(simulated), socket.SOCK_DGRAM), strict=True))
     meshes = free_ports(sum(agent.mesh is None for agent in agents) + 1, socket.SOCK_STREAM)
+    trust = mission.fleet.trust
+    spelled = as_tls if trust is not None else str
     fleet = tuple(
         replace(
             agent,
             endpoint=f"udpout:127.0.0.1:{ports[agent.id]}" if agent.id in ports else agent.endpoint,
-            mesh=agent.mesh or f"tcp/127.0.0.1:{meshes.pop(0)}",
+            mesh=spelled(agent.mesh or f"tcp/127.0.0.1:{meshes.pop(0)}"),
         )
         for agent in agents
     )
@@ -283,7 +320,9 @@ def _manifest(mission: LoadedMission, options: RunOptions) -> Manifest:
         plan_hash=mission.plan.fingerprint(),
         fleet=fleet,
         simulated=tuple(simulated),
-        station_mesh=f"tcp/127.0.0.1:{meshes.pop(0)}",
+        trust=None if trust is None else str(Path(trust).absolute()),
+        signing=mission.fleet.signing,
+        station_mesh=spelled(f"tcp/127.0.0.1:{meshes.pop(0)}"),
         record_hz=options.record_hz,
         versions={"python": platform.python_version()} | versions,
     )

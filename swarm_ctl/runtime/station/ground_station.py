@@ -35,7 +35,8 @@ from swarm_ctl.runtime.protection import access
 from swarm_ctl.runtime.station.mesh_clock import MeshClock
 from swarm_ctl.runtime.vehicle_memory import SwarmMemory
 from swarm_ctl.station.picture.model import Model
-from swarm_ctl.station.picture.view import LOCAL, Protection, StationHealth, SwarmView
+from swarm_ctl.station.picture.protection import LOCAL, Protection
+from swarm_ctl.station.picture.view import StationHealth, SwarmView
 from swarm_ctl.trust.identity import Identity
 
 _CHANNELS: Final[tuple[keys.Channel[Any], ...]] = (

@@ -15,12 +15,13 @@ from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.report.folder.last_statuses import read_commands, read_events
 from swarm_ctl.report.folder.manifest import read_manifest
 from swarm_ctl.runtime import clock as wall
-from swarm_ctl.runtime.protection import NO_KEYS, Keys, protection, station_identity
+from swarm_ctl.runtime.protection import NO_KEYS, Keys, station_identity
 from swarm_ctl.runtime.station.ground_station import Station, open_node
 from swarm_ctl.runtime.station.mesh_clock import MeshClock
 from swarm_ctl.runtime.station.screens import Show, present
 from swarm_ctl.runtime.station.station_loop import GuestControl, loop, metrics_on
 from swarm_ctl.runtime.vehicle_memory import SwarmMemory, VehicleMemory, state_folder
+from swarm_ctl.station.picture.protection import protection
 
 _ENDPOINT: Final = re.compile(r"(tcp|udp|tls|quic|ws)/[^/\s]+:(\d{1,5})")
 _QUIET_WALL_S: Final = 5.0

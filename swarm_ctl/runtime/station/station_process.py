@@ -25,12 +25,13 @@ from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.report.judge.summary import write_summary
 from swarm_ctl.runtime.lockstep.seat import STATION, seat
 from swarm_ctl.runtime.lockstep.words import Phase
-from swarm_ctl.runtime.protection import operator_identity, protection
+from swarm_ctl.runtime.protection import operator_identity
 from swarm_ctl.runtime.station.control_pipe import ControlPipe
 from swarm_ctl.runtime.station.ground_station import Station, open_node
 from swarm_ctl.runtime.station.screens import Show, present
 from swarm_ctl.runtime.station.station_loop import RunControl, loop, metrics_on
 from swarm_ctl.runtime.vehicle_memory import SwarmMemory, VehicleMemory, state_folder
+from swarm_ctl.station.picture.protection import protection
 
 
 def run_station(

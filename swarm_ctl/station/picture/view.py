@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from enum import StrEnum
 from typing import Final
 
 from swarm_ctl.core.model.messages import (
@@ -26,6 +25,7 @@ from swarm_ctl.core.model.messages import (
 )
 from swarm_ctl.core.model.plan import Plan, Point
 from swarm_ctl.station.picture.history import Histories
+from swarm_ctl.station.picture.protection import LOCAL, Protection
 
 _STATION_S: Final = 2.0
 """A station that was not heard for eight of its beacons has left."""
@@ -166,33 +166,6 @@ class StationHealth:
     bad_payloads: int = 0
     frames_dropped: int = 0
     """Views that a slow terminal never showed."""
-
-
-class MeshKind(StrEnum):
-    """Who can reach the mesh."""
-
-    LOCAL = "local"
-    """Processes of this computer alone."""
-    OPEN = "open"
-    """Any computer of the network: nothing on it is authenticated."""
-    TLS = "TLS"
-    """Members of the swarm's roster."""
-
-
-@dataclass(frozen=True, slots=True)
-class Protection:
-    """What keeps others off the swarm, and who this station is."""
-
-    mesh: MeshKind
-    who: str = ""
-    """`operator anna`; '' without keys."""
-    commands: bool = True
-    """It is no mere viewer."""
-    signing: bool = False
-    """The vehicles' links have to be signed."""
-
-
-LOCAL: Final = Protection(MeshKind.LOCAL)
 
 
 @dataclass(frozen=True, slots=True)

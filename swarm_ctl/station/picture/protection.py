@@ -1,0 +1,47 @@
+"""What keeps others off the swarm, as a ground station says it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+from swarm_ctl.core.model.fleet import Signing
+from swarm_ctl.trust.identity import Identity
+from swarm_ctl.trust.names import Role
+
+
+class MeshKind(StrEnum):
+    """Who can reach the mesh."""
+
+    LOCAL = "local"
+    """Processes of this computer alone."""
+    OPEN = "open"
+    """Any computer of the network: nothing on it is authenticated."""
+    TLS = "TLS"
+    """Members of the swarm's roster."""
+
+
+@dataclass(frozen=True, slots=True)
+class Protection:
+    """What keeps others off the swarm, and who this station is."""
+
+    mesh: MeshKind
+    who: str = ""
+    """`operator anna`; '' without keys."""
+    commands: bool = True
+    """It is no mere viewer."""
+    signing: bool = False
+    """The vehicles' links have to be signed."""
+
+
+LOCAL: Final = Protection(MeshKind.LOCAL)
+
+
+def protection(identity: Identity | None, signing: Signing, *, is_open: bool = False) -> Protection:
+    """What a station says of its swarm; `is_open`: other computers can reach a mesh without
+    keys."""
+    if identity is None:
+        return Protection(MeshKind.OPEN) if is_open else LOCAL
+    commands = identity.role is Role.OPERATOR
+    return Protection(MeshKind.TLS, str(identity.member), commands, signing is Signing.REQUIRED)
