@@ -40,7 +40,7 @@ def main() -> int:
             server.serve()
             server.report()
     except ValueError as error:  # the signing key
-        return _failed(2, f"{config.signing_key_path}: {error}")
+        return _failed(2, str(error))
     except EndpointError as error:
         return _failed(3, str(error))
     except OSError as error:

@@ -84,6 +84,9 @@ class VehicleConfig(Place):
     lag."""
     sim_parameters: dict[SimParameter, float] = {}
     """SIM_* parameters of this vehicle at start, over those for all."""
+    signing_key_path: Path | None = None
+    """The file with its MAVLink 2 signing key; without it, it serves unsigned frames until
+    SETUP_SIGNING."""
 
     @property
     def motion(self) -> str | LagConfig:
@@ -106,8 +109,6 @@ class SimConfig(_StrictConfig):
     truth_path: Path | None = None
     truth_rate_hz: float = Field(default=10.0, gt=0.0, le=100.0)
     sensing_range_m: float = Field(default=50.0, ge=0.0)
-    signing_key_path: Path | None = None
-    """The file with all vehicles' MAVLink 2 signing key; without it, unsigned frames are served."""
     vehicles: tuple[VehicleConfig, ...] = Field(min_length=1)
     sim_parameters: dict[SimParameter, float] = {}
     """SIM_* parameters of all vehicles at start: weather, sensor errors, what is broken."""

@@ -23,6 +23,9 @@ from sim.network.signing import SIGNATURE_BYTES, Signing
 _V2, _V1 = 0xFD, 0xFE
 _V2_HEADER, _V1_HEADER, _CRC = 10, 6, 2
 _SIGNED = 0x01
+_MAGIC = re.compile(rb"[\xfd\xfe]")
+_MOST_FAILURES = 32
+"""False beginnings of frames in a row; the rest of such a datagram is dropped."""
 _AUTOPILOT = 1
 _HEAD = struct.Struct("<BBBBBBBHB")
 _CHECK = struct.Struct("<H")
@@ -161,9 +164,10 @@ _checksum: Callable[[bytes], int] = mavlink.mcrf4xx or _slow_checksum
 class Codec:
     """Frames of one vehicle, in and out. A broken datagram does not harm the next."""
 
-    def __init__(self, sysid: int, signing: Signing | None = None) -> None:
+    def __init__(self, sysid: int, signing: Signing | None = None, link: int = 0) -> None:
         self._sysid = sysid
-        self._signing = signing
+        self._signing = signing or Signing(None, int)
+        self._link = link
         self._sequence = 0
         self.frames = 0
         """Good frames received."""
@@ -176,19 +180,22 @@ class Codec:
         """The next frame, with `message`."""
         layout = _BY_NAME[message.name]
         payload = layout.payload(message.fields)
-        flags = 0 if self._signing is None else _SIGNED
+        flags = _SIGNED if self._signing.active else 0
         source = (self._sequence, self._sysid, _AUTOPILOT)
         number = (layout.id & 0xFFFF, layout.id >> 16)
         body = _HEAD.pack(_V2, len(payload), flags, 0, *source, *number) + payload
         self._sequence = (self._sequence + 1) & 0xFF
         frame = body + _CHECK.pack(_checksum(body[1:] + layout.extra))
-        return frame if self._signing is None else frame + self._signing.sign(frame)
+        return frame + self._signing.sign(frame, self._link) if flags else frame
 
     def messages(self, data: bytes) -> Iterator[Message]:
         """The good frames in one datagram, in order."""
-        at = 0
+        at = failures = 0
         lost = False
-        while at < len(data):
+        while (found := _MAGIC.search(data, at)) and failures <= _MOST_FAILURES:
+            self.bad += found.start() > at and not lost
+            lost = lost or found.start() > at
+            at = found.start()
             size = frame_size(data, at)
             frame = data[at : at + size]
             message = self._decode(frame) if size else None
@@ -196,13 +203,15 @@ class Codec:
             if message is None:
                 self.bad += not lost
                 lost = True
+                failures += 1
                 continue
-            lost = False
-            if self._signing is None or self._signing.accepts(frame, message.source):
+            lost, failures = False, 0
+            if not self._signing.active or self._signing.accepts(frame, message.source):
                 self.frames += 1
                 yield message
             else:
                 self.unsigned += 1
+        self.bad += at < len(data) and not lost
 
     def _decode(self, frame: bytes) -> Message | None:
         if frame[0] == _V2:

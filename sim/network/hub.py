@@ -15,8 +15,9 @@ from typing import TypeVar
 from sim.config import SimConfig, VehicleConfig
 from sim.firmware.autopilot import Outgoing
 from sim.firmware.message import Message
+from sim.network.clients import Clients
 from sim.network.codec import Codec
-from sim.network.signing import Signing
+from sim.network.signing import KEY_BYTES, Signing
 from sim.network.sockets import Address
 from sim.world.faults import Radio
 from sim.world.truth_recorder import TruthRecorder
@@ -27,8 +28,6 @@ Send = Callable[[int, bytes, Address], None]
 
 T = TypeVar("T")
 
-MAX_CLIENTS = 16
-"""Per vehicle; one more takes the place of the one silent the longest."""
 _DATAGRAM = 1400
 
 
@@ -44,7 +43,7 @@ class Hub:
         config: SimConfig,
         now: float,
         send: Send,
-        signing: Callable[[], Signing | None] = lambda: None,
+        signing: Callable[[VehicleConfig], Signing] = lambda _: Signing(None, int),
     ) -> None:
         self.world = World(config, now)
         self.recorder: TruthRecorder | None = None
@@ -58,20 +57,27 @@ class Hub:
         self._links_of: list[list[tuple[int, int]]] = [[] for _ in config.vehicles]
         for link, (place, channel) in enumerate(self.links):
             self._links_of[place].append((link, channel))
-        self.codecs = [Codec(config.vehicles[place].sysid, signing()) for place, _ in self.links]
-        self._clients: list[dict[Address, None]] = [{} for _ in self.codecs]
-        self._one_partner = [_one_partner(config.vehicles[p], c) for p, c in self.links]
+        self._signing = [signing(vehicle) for vehicle in config.vehicles]
+        self.codecs = [
+            Codec(config.vehicles[place].sysid, self._signing[place], channel)
+            for place, channel in self.links
+        ]
+        self._clients = [
+            Clients(one_partner=_one_partner(config.vehicles[p], c)) for p, c in self.links
+        ]
         self._boots_s = [0.0 for _ in self.links]
         self._send = send
         self._waiting: list[tuple[float, int, Callable[[], None]]] = []
         self._waiting_count = 0
 
     def receive(self, link: int, data: bytes, sender: Address) -> None:
-        """A datagram on a link; its sender becomes a client."""
+        """A datagram on a link; its sender becomes a client, if there is a place for it."""
         place, channel = self.links[link]
-        sender = self._client(link, sender)
-        self.world.vehicles[place].firmware.hear(channel)
         messages = list(self.codecs[link].messages(data))
+        self._forget_after_boot(link)
+        proven = bool(messages) and self._signing[place].active
+        sender = self._clients[link].hear(sender, self.world.time_s, proven=proven)
+        self.world.vehicles[place].firmware.hear(channel)
         radio = self.world.vehicles[place].faults.radio
         if radio is None:
             self._handle(link, messages, sender)
@@ -79,27 +85,30 @@ class Hub:
         messages = self._survivors(place, messages, radio)
         self._later(radio, lambda: self._handle(link, messages, sender))
 
-    def _client(self, link: int, sender: Address) -> Address:
-        """The client that a datagram of `sender` is answered to."""
-        clients = self._clients[link]
-        if self._one_partner[link]:
-            boot_s = self.world.vehicles[self.links[link][0]].firmware.boot_s
-            if boot_s != self._boots_s[link]:
-                self._boots_s[link] = boot_s
-                clients.clear()
-            clients.setdefault(next(iter(clients), sender))
-            return next(iter(clients))
-        clients.pop(sender, None)
-        clients[sender] = None
-        if len(clients) > MAX_CLIENTS:
-            del clients[next(iter(clients))]
-        return sender
+    def _forget_after_boot(self, link: int) -> None:
+        if not self._clients[link].one_partner:
+            return
+        boot_s = self.world.vehicles[self.links[link][0]].firmware.boot_s
+        if boot_s != self._boots_s[link]:
+            self._boots_s[link] = boot_s
+            self._clients[link].clear()
 
     def _handle(self, link: int, messages: list[Message], sender: Address) -> None:
         place, channel = self.links[link]
         for message in messages:
-            self.world.handle(place, message, channel)
+            if message.name == "SETUP_SIGNING":
+                self._set_up_signing(place, message)
+            else:
+                self.world.handle(place, message, channel)
         self._flush(place, (link, sender))
+
+    def _set_up_signing(self, place: int, message: Message) -> None:
+        """As both firmwares: on any link, only while disarmed; with a key, only if signed with it.
+        No link here is ArduPilot's USB port, where it takes unsigned frames, too."""
+        fields, firmware = message.fields, self.world.vehicles[place].firmware
+        if fields["target_system"] in (0, firmware.sysid) and not firmware.armed:
+            key = bytes(fields["secret_key"])
+            self._signing[place].set_up(key[:KEY_BYTES], fields["initial_timestamp"])
 
     def _survivors(self, place: int, frames: list[T], radio: Radio) -> list[T]:
         """The frames that a lossy radio lets through."""
@@ -119,7 +128,8 @@ class Hub:
     def listen(self, link: int, peers: list[Address]) -> None:
         """Makes clients of addresses that are connected and have said nothing yet."""
         for peer in peers:
-            self._clients[link].setdefault(peer)
+            if peer not in self._clients[link]:
+                self._clients[link].hear(peer, self.world.time_s, proven=False)
 
     def step(self) -> None:
         """One step of the world, and what the vehicles have to say after it."""

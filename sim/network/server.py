@@ -17,7 +17,7 @@ from operator import itemgetter
 from typing import IO, Any, Self
 
 from sim.clock import SimClock
-from sim.config import SimConfig
+from sim.config import SimConfig, VehicleConfig
 from sim.network.hub import Hub
 from sim.network.lockstep import Barrier, KeeperGoneError, Tick
 from sim.network.signing import Signing, read_key
@@ -191,9 +191,9 @@ class Server:
         text = "frames in: %d good, %d bad, %d not for us; datagrams not sent: %d"
         log.info(text, good, bad, ignored, unsent)
 
-    def _signing(self) -> Signing | None:
-        path = self._config.signing_key_path
-        return None if path is None else Signing(read_key(path), self._clock.signing_10us)
+    def _signing(self, vehicle: VehicleConfig) -> Signing:
+        path = vehicle.signing_key_path
+        return Signing(None if path is None else read_key(path), self._clock.signing_10us)
 
     def _transmit(self, link: int, data: bytes, to: Address) -> None:
         opened = self._sockets[link]

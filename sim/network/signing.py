@@ -13,8 +13,10 @@ from pathlib import Path
 KEY_BYTES = 32
 SIGNATURE_BYTES = 13
 """Link id, timestamp (6 bytes), and the first 6 bytes of the hash."""
-_BEHIND_10US = 60 * 100_000
-"""A sender not heard before may be this far behind our own timestamp."""
+_LAST_10US = 2**48 - 2**40
+"""Four months of timestamps are left after it; a sender at the end of the range could not go on."""
+_SENDERS = 16
+"""Remembered at most, as in the real firmwares; only those with the key count."""
 
 
 def read_key(path: Path) -> bytes:
@@ -29,33 +31,45 @@ def read_key(path: Path) -> bytes:
         key = b""
     if len(key) != KEY_BYTES:
         allowed = f"{KEY_BYTES} bytes or {2 * KEY_BYTES} hexadecimal digits are allowed"
-        raise ValueError(f"not a signing key: {allowed}")
+        raise ValueError(f"{path}: not a signing key: {allowed}")
     return key
 
 
 class Signing:
-    """Signs what one link sends, and judges what it receives.
+    """Signs what one vehicle sends, and judges what it receives, on all its links together.
 
-    Timestamps count 10 us since 2015 and must rise, per sender and link, so that a recorded frame
-    is refused the second time.
+    Timestamps count 10 us since 2015 and must rise, per sender and its link, so that a recorded
+    frame is refused the second time, on other links of the vehicle, too. Own ones follow those that
+    are heard. A sender not heard before must not be older than the vehicle's start, or the key's.
     """
 
-    def __init__(self, key: bytes, now_10us: Callable[[], int], link: int = 0) -> None:
-        if len(key) != KEY_BYTES:
-            raise ValueError(f"a signing key has {KEY_BYTES} bytes, not {len(key)}")
-        self._key = key
+    def __init__(self, key: bytes | None, now_10us: Callable[[], int]) -> None:
         self._now_10us = now_10us
-        self._link = link
-        self._last = 0
+        self._key: bytes | None = None
+        self._last = self._start = 0
         self._heard: dict[tuple[int, int, int], int] = {}
+        if key is not None:
+            self.set_up(key, now_10us())
 
     def __repr__(self) -> str:
-        return f"Signing(link={self._link})"
+        return f"Signing(active={self.active})"
 
-    def sign(self, frame: bytes) -> bytes:
+    @property
+    def active(self) -> bool:
+        """There is a key."""
+        return self._key is not None
+
+    def set_up(self, key: bytes, stamp_10us: int) -> None:
+        """SETUP_SIGNING: this key from now on; none where key and timestamp are zero."""
+        if len(key) != KEY_BYTES:
+            raise ValueError(f"a signing key has {KEY_BYTES} bytes, not {len(key)}")
+        self._key = key if stamp_10us or any(key) else None
+        self._last = self._start = min(max(self._last, stamp_10us), _LAST_10US)
+
+    def sign(self, frame: bytes, link: int) -> bytes:
         """The signature to append to `frame` (header to checksum, its signed flag set)."""
         self._last = max(self._last + 1, self._now_10us())
-        mark = bytes([self._link]) + self._last.to_bytes(6, "little")
+        mark = bytes([link]) + self._last.to_bytes(6, "little")
         return mark + self._hash(frame + mark)
 
     def accepts(self, frame: bytes, source: tuple[int, int]) -> bool:
@@ -67,13 +81,13 @@ class Signing:
             return False
         at = int.from_bytes(frame[-12:-6], "little")
         sender = (frame[-13], *source)
-        last = self._heard.get(sender)
-        if last is None:
-            last = max(self._last, self._now_10us()) - _BEHIND_10US - 1
-        if at <= last:
+        if at <= self._heard.get(sender, self._start - 1) or at > _LAST_10US:
+            return False
+        if sender not in self._heard and len(self._heard) >= _SENDERS:
             return False
         self._heard[sender] = at
+        self._last = max(self._last, at)
         return True
 
     def _hash(self, data: bytes) -> bytes:
-        return hashlib.sha256(self._key + data).digest()[:6]
+        return hashlib.sha256((self._key or b"") + data).digest()[:6]

@@ -10,9 +10,12 @@ from dataclasses import dataclass, field
 from sim.network.codec import split_stream
 
 Address = tuple[str, int]
-_BURST = 256
+_BURST = 64
 """Datagrams taken at once, so that a flood of one vehicle's can't stop the others."""
-_CHUNK = 65535
+_CHUNK = 4096
+"""Of a longer datagram the rest is lost; a frame has 280 bytes."""
+_CONNECTIONS = 32
+"""Of one server; one more takes the place of the one silent the longest."""
 _BACKLOG = 1 << 18
 """Bytes kept for a TCP client that doesn't read; more are lost, as on a radio."""
 
@@ -120,6 +123,8 @@ class TcpSocket:
             return
         connected.setblocking(False)
         connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        if len(self._connections) >= _CONNECTIONS:
+            self._drop(next(iter(self._connections)))
         self._connections[address] = _Connection(connected)
         self._selector.register(connected, selectors.EVENT_READ, address)
 
@@ -134,6 +139,7 @@ class TcpSocket:
         if not data:
             self._drop(address)
             return b""
+        self._connections[address] = self._connections.pop(address)  # heard last
         whole, connection.received = split_stream(connection.received + data)
         return whole
 

@@ -148,7 +148,8 @@ def test_the_truth_header_is_there_when_it_says_ready(tmp_path: Path) -> None:
 
 def test_with_a_key_only_signed_frames_are_served(tmp_path: Path) -> None:
     (tmp_path / "key").write_bytes(bytes(range(32)))
-    configuration = settings(tmp_path, "ardupilot") | {"signing_key_path": str(tmp_path / "key")}
+    configuration = settings(tmp_path, "ardupilot")
+    configuration["vehicles"][0]["signing_key_path"] = str(tmp_path / "key")
     with simulator(tmp_path, configuration) as sim:
         p = Pilot(sim)
         try:
@@ -162,9 +163,9 @@ def test_with_a_key_only_signed_frames_are_served(tmp_path: Path) -> None:
 
 def test_a_bad_key_is_one_line_and_exit_code_2(tmp_path: Path) -> None:
     (tmp_path / "key").write_bytes(b"sesame")
-    code, out, err = refused(
-        tmp_path, settings(tmp_path, "ardupilot") | {"signing_key_path": str(tmp_path / "key")}
-    )
+    configuration = settings(tmp_path, "ardupilot")
+    configuration["vehicles"][0]["signing_key_path"] = str(tmp_path / "key")
+    code, out, err = refused(tmp_path, configuration)
     assert (code, out, len(err.splitlines())) == (2, "", 1)
     assert "key" in err
     assert "sesame" not in err

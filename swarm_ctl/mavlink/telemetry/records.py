@@ -38,10 +38,10 @@ _KINDS: Final[dict[int, Any]] = {
 
 
 def read(frame: MavlinkFrame, codec: Any) -> Any:
-    """The message in a frame; `codec`, pymavlink's, reads those with texts or lists, and all where
-    it is to check signatures. MAVError where it refuses one."""
+    """The message in a frame; `codec`, pymavlink's, reads those with texts or lists. MAVError where
+    it refuses one."""
     kind = _KINDS.get(frame.message_id)
-    if kind is None or codec.signing.secret_key is not None:
+    if kind is None:
         return codec.decode(bytearray(frame.raw))
     raw, size = frame.raw, kind.unpacker.size
     header = _HEADER_V2 if raw[0] == _V2 else _HEADER_V1

@@ -187,10 +187,32 @@ def test_with_a_key_only_fresh_frames_signed_with_it_are_served() -> None:
     assert codec.unsigned == 4
 
 
-def test_a_sender_more_than_a_minute_behind_is_refused() -> None:
+def test_what_was_signed_before_the_vehicle_started_is_refused() -> None:
+    """So that a recording of its last flight is nothing to it."""
     codec = Codec(1, Signing(KEY, lambda: 1_000_000_000))
-    assert list(codec.messages(signed(signed_client(at=1_000_000_000 - 6_100_000)))) == []
-    assert len(list(codec.messages(signed(signed_client(at=1_000_000_000 - 5_900_000))))) == 1
+    assert list(codec.messages(signed(signed_client(at=1_000_000_000 - 1)))) == []
+    assert len(list(codec.messages(signed(signed_client(at=1_000_000_000))))) == 1
+
+
+def test_the_last_stamp_of_all_locks_no_client_out() -> None:
+    codec = Codec(1, Signing(KEY, lambda: 1_000_000_000))
+    for key in (bytes(32), KEY):
+        assert list(codec.messages(signed(signed_client(key, at=2**48 - 1)))) == []
+    assert len(list(codec.messages(signed(signed_client())))) == 1
+
+
+def test_a_frame_of_one_link_is_refused_on_another_one_of_the_vehicle() -> None:
+    signing = Signing(KEY, lambda: 1_000_000_000)
+    frame = signed(signed_client())
+    assert len(list(Codec(1, signing, 0).messages(frame))) == 1
+    assert list(Codec(1, signing, 1).messages(frame)) == []
+
+
+def test_own_stamps_follow_those_that_are_heard() -> None:
+    codec = Codec(1, Signing(KEY, lambda: 1_000_000_000))
+    list(codec.messages(signed(signed_client(at=5_000_000_000))))
+    beat = Message("HEARTBEAT", dict.fromkeys(mavlink.mavlink_map[0].fieldnames, 1))
+    assert int.from_bytes(codec.pack(beat)[-12:-6], "little") == 5_000_000_001
 
 
 def test_what_is_sent_with_a_key_is_signed_as_pymavlink_wants_it() -> None:

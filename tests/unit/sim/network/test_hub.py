@@ -11,7 +11,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim.network.hub import MAX_CLIENTS, Hub
+from sim.network.clients import MAX_CLIENTS
+from sim.network.hub import Hub
 from sim.network.sockets import Address
 from sim.world.truth_file import TruthFile
 from sim.world.truth_recorder import TruthRecorder
@@ -115,12 +116,19 @@ def test_frames_of_one_step_share_a_datagram_within_a_packet_s_size() -> None:
     assert len(clients.datagrams[A]) < len(values) / 5
 
 
-def test_the_client_silent_the_longest_is_forgotten_first() -> None:
+def test_a_new_client_takes_the_place_of_one_that_is_silent_and_of_no_other() -> None:
+    """40 ground stations at once take no place from those that are there."""
     clients = Clients()
     for i in range(MAX_CLIENTS):
         clients.tell(0, ("127.0.0.1", i), HELLO)
+    for i in range(100, 140):
+        clients.tell(0, ("127.0.0.1", i), HELLO)
+    clients.run(2.0)
+    assert set(clients.datagrams) == {("127.0.0.1", i) for i in range(MAX_CLIENTS)}
+    clients.run(4.0)
     clients.tell(0, ("127.0.0.1", 0), HELLO)
     clients.tell(0, ("127.0.0.1", 99), HELLO)
+    clients.datagrams.clear()
     clients.run(2.0)
     assert ("127.0.0.1", 1) not in clients.datagrams
     assert {("127.0.0.1", 0), ("127.0.0.1", 99)} <= set(clients.datagrams)
