@@ -7,7 +7,8 @@ own id, a station only under its own name.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, Generic, TypeVar
+from functools import lru_cache
+from typing import Final, Generic, NamedTuple, TypeVar
 
 from swarm_ctl.core.model.messages import (
     Ack,
@@ -41,6 +42,17 @@ REPORT: Final = Qos(reliable=False, urgent=False)
 MUST_ARRIVE: Final = Qos(reliable=True, urgent=True)
 
 
+class Bounds(NamedTuple):
+    """What a receiver takes of one publisher on one channel; of more, the newest."""
+
+    size: int
+    """Bytes of a payload; a larger one is never read."""
+    per_s: float
+    """Messages per second of mission time: twice what is sent at most."""
+    burst: int
+    """Messages at once, after a stop of the link or of the receiver."""
+
+
 @dataclass(frozen=True, slots=True)
 class Channel(Generic[P]):
     """One row of the table."""
@@ -52,6 +64,7 @@ class Channel(Generic[P]):
     listeners: str
     rate: str
     qos: Qos
+    bounds: Bounds
 
     @property
     def template(self) -> str:
@@ -72,19 +85,46 @@ class Channel(Generic[P]):
         return self.key(swarm, "*")
 
 
+@lru_cache(1024)
+def owner_of(key: str) -> tuple[str, str]:
+    """What owns a key: `("agent", "3")`, `("station", "station-77-a1b2c3")`."""
+    kind, _, name = key.rpartition("/")[0].rpartition("/")
+    return kind.rpartition("/")[2], name
+
+
 _EVERY_TICK: Final = "every tick (20 Hz)"
 _CLOCK_RATE: Final = "1 Hz, 5 Hz while one is not known"
 _SIGMA_RATE: Final = "5 Hz while a pair is near"
 _COMMAND_RATE: Final = "as given, again every 0.5 s until acknowledged"
 
-STATE: Final = Channel("state", AgentState, "agent", "agents, stations", _EVERY_TICK, NEWEST)
-CLOCK: Final = Channel("clock", ClockNews, "agent", "agents", _CLOCK_RATE, TIMED)
-STATUS: Final = Channel("status", AgentStatus, "agent", "stations", "2 Hz", REPORT)
-SIGMA: Final = Channel("sigma", SigmaReport, "agent", "stations", _SIGMA_RATE, REPORT)
-EVENT: Final = Channel("event", Event, "agent", "stations", "as it happens", MUST_ARRIVE)
-ACK: Final = Channel("ack", Ack, "agent", "stations", "per command", MUST_ARRIVE)
-COMMAND: Final = Channel("command", Command, "station", "agents", _COMMAND_RATE, MUST_ARRIVE)
-BEACON: Final = Channel("beacon", StationBeacon, "station", "agents, stations", "4 Hz", REPORT)
+_AGENTS: Final = 250
+"""As many as a mission may have."""
+_KB: Final = 1024
+_AS_IT_COMES: Final = Bounds(64 * _KB, 20.0, 200)
+"""Sent again after half a second: a command and its acknowledgement."""
+
+STATE: Final = Channel(
+    "state", AgentState, "agent", "agents, stations", _EVERY_TICK, NEWEST, Bounds(153, 200.0, 1000)
+)
+CLOCK: Final = Channel(
+    "clock", ClockNews, "agent", "agents", _CLOCK_RATE, TIMED, Bounds(12 + 18 * _AGENTS, 10.0, 100)
+)
+STATUS: Final = Channel(
+    "status", AgentStatus, "agent", "stations", "2 Hz", REPORT, Bounds(64 * _KB, 4.0, 100)
+)
+SIGMA: Final = Channel(
+    "sigma", SigmaReport, "agent", "stations", _SIGMA_RATE, REPORT, Bounds(64 * _KB, 10.0, 200)
+)
+EVENT: Final = Channel(
+    "event", Event, "agent", "stations", "as it happens", MUST_ARRIVE, Bounds(8 * _KB, 20.0, 500)
+)
+ACK: Final = Channel("ack", Ack, "agent", "stations", "per command", MUST_ARRIVE, _AS_IT_COMES)
+COMMAND: Final = Channel(
+    "command", Command, "station", "agents", _COMMAND_RATE, MUST_ARRIVE, _AS_IT_COMES
+)
+BEACON: Final = Channel(
+    "beacon", StationBeacon, "station", "agents, stations", "4 Hz", REPORT, Bounds(_KB, 8.0, 100)
+)
 
 _ALL = (STATE, CLOCK, STATUS, SIGMA, EVENT, ACK, COMMAND, BEACON)
 CHANNELS: Final[tuple[Channel[object], ...]] = _ALL  # type: ignore[assignment]  # P is invariant

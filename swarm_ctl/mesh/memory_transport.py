@@ -57,7 +57,7 @@ class MemoryTransport(Transport):
             found = [inlet for pattern, inlet in self._inlets if pattern.fullmatch(key)]
             inlets = self._by_key[key] = found
         for inlet in inlets:
-            inlet.put(received_s, data)
+            inlet.put(received_s, key, data)
 
     def subscribe(self, key_expression: str, *, timed: bool = False) -> QueueInlet:  # noqa: ARG002 - always
         inlet = QueueInlet()

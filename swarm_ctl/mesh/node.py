@@ -1,12 +1,22 @@
-"""A member of the mesh: payloads in and out by channel; bad bytes are counted and dropped."""
+"""A member of the mesh: payloads in and out by channel.
+
+A payload belongs to the owner of the key that it came under: one that speaks for another is
+refused, as are bytes that hold none, or too many of them. What is refused is counted by owner.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import replace
+from operator import attrgetter
 from typing import Any, Final, TypeVar
 
+from swarm_ctl.core.model.messages import Command, Refusal, RefusalReason
 from swarm_ctl.errors import PayloadError
+from swarm_ctl.mesh.gate import Gate, Source
 from swarm_ctl.mesh.keys import Channel
 from swarm_ctl.mesh.payloads import decode, encode
+from swarm_ctl.mesh.refusals import Refusals
 from swarm_ctl.mesh.transport import Inlet, Transport
 
 P = TypeVar("P")
@@ -20,15 +30,19 @@ class Node:
         self._swarm = swarm
         self.name: Final = name
         self._inlets: dict[str, Inlet] = {}
+        self._gates: dict[str, Gate] = {}
         self._keys: dict[str, str] = {}
-        self.bad_payloads = 0
-        self.last_bad = ""
+        self._refusals = Refusals()
 
-    def listen(self, *channels: Channel[Any]) -> None:
-        """Subscribe to all publishers of these channels."""
+    def listen(self, *channels: Channel[Any], agents: Iterable[int] = ()) -> None:
+        """Subscribe to all publishers of these channels. No flood of others takes the place of the
+        messages of `agents`, the plan's."""
+        ids = tuple(agents)
         for channel in channels:
             keys = channel.key_expression(self._swarm)
             self._inlets[channel.name] = self._transport.subscribe(keys, timed=channel.qos.timed)
+            known = [channel.key(self._swarm, i) for i in ids if channel.publisher == "agent"]
+            self._gates[channel.name] = Gate(channel, known, self._refusals)
 
     def send(self, channel: Channel[P], payload: P) -> None:
         """Publish under the own key."""
@@ -38,16 +52,54 @@ class Node:
         self._transport.publish(key, encode(payload), channel.qos)
 
     def take(self, channel: Channel[P]) -> list[tuple[P, float]]:
-        """(payload, received_s [s]) of all messages since the last call, oldest first."""
+        """(payload, received_s [s]) of the messages since the last call, oldest first; those that
+        are refused are left out."""
+        messages = self._inlets[channel.name].drain()
+        if not messages:
+            return []
+        gate = self._gates[channel.name]
         taken = []
-        for received_s, data in self._inlets[channel.name].drain():
+        speaker = _SPEAKERS[channel.publisher]
+        for received_s, source, data in gate.admit(messages):
             try:
-                taken.append((decode(channel.payload, data), received_s))
+                payload: Any = decode(channel.payload, data)
             except PayloadError as error:
-                self.bad_payloads += 1
-                self.last_bad = str(error)
+                words = f"is unreadable: {error}"
+                gate.refuse(source, RefusalReason.UNREADABLE, words, received_s)
+                continue
+            if isinstance(payload, Command):
+                payload = _signed(payload, source)
+            said = speaker(payload)
+            if said != source.name:
+                words = f"says {channel.publisher} {said}"
+                gate.refuse(source, RefusalReason.OTHER_OWNER, words, received_s)
+            else:
+                taken.append((payload, received_s))
         return taken
+
+    @property
+    def bad_payloads(self) -> int:
+        """Messages that were refused for what they are, so far."""
+        return self._refusals.unread
+
+    @property
+    def last_bad(self) -> str:
+        """The newest of them, in words."""
+        return self._refusals.newest
+
+    def refused(self, now: float) -> tuple[Refusal, ...]:
+        """What was refused in the last seconds."""
+        return self._refusals.recent(now)
 
     def close(self) -> None:
         """Leave the mesh."""
         self._transport.close()
+
+
+_SPEAKERS: Final = {publisher: attrgetter(publisher) for publisher in ("agent", "station")}
+"""For whom a payload speaks, by the channel's publisher."""
+
+
+def _signed(command: Command, source: Source) -> Command:
+    """A sender need not name itself: the key does."""
+    return command if command.station else replace(command, station=str(source.name))

@@ -7,15 +7,22 @@ import struct
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Mapping
 from operator import itemgetter
-from typing import Any, Final, Protocol
+from typing import Any, Final, Protocol, TypeAlias
 
-from swarm_ctl.mesh.keys import CHANNELS, Channel, Qos
-from swarm_ctl.mesh.transport import Inlet, Transport
+from swarm_ctl.mesh.keys import CHANNELS, Channel, Qos, owner_of
+from swarm_ctl.mesh.transport import QUEUE, Carried, Inlet, Message, Transport
 
 _MARK: Final = struct.Struct("<HI")
 """A member's number, and a tick; 0: a hello, which is no message."""
+MARK_SIZE: Final = _MARK.size
 _OUTSIDER: Final = 0xFFFF
 """A publisher that is no member, such as `swarm-ctl send`: its messages come when they come."""
+_AHEAD: Final = 4096
+"""Ticks that a mark may be ahead of the own tick: as many messages as a subscription keeps."""
+Marked: TypeAlias = tuple[str, Carried, bytes]
+"""(key, bytes, mark) of a message."""
+Owners: TypeAlias = dict[int, tuple[str, str]]
+"""By member: what owns the keys that it speaks under (`keys.owner_of`)."""
 INDEX: Final = {channel.name: i for i, channel in enumerate(CHANNELS)}
 
 
@@ -25,31 +32,63 @@ class MarkedTransport(Transport, Protocol):
     def publish(self, key: str, data: bytes, qos: Qos, mark: bytes = b"") -> None:
         """Send without blocking."""
 
-    def subscribe_marked(self, key_expression: str) -> Callable[[], tuple[bytes, bytes] | None]:
-        """What takes the next (bytes, mark) that waits; None: none does."""
+    def subscribe_marked(self, key_expression: str) -> Callable[[], Marked | None]:
+        """What takes the next message that waits; None: none does."""
 
 
 class SteppedInlet(Inlet):
     """One subscription; `drain` gives what belongs to the tick."""
 
-    def __init__(self, take: Callable[[], tuple[bytes, bytes] | None]) -> None:
+    def __init__(self, take: Callable[[], Marked | None], owners: Owners) -> None:
         self._take = take
-        self._waiting: list[tuple[int, int, bytes]] = []
+        self._owners = owners
+        self._waiting: list[tuple[int, int, str, Carried]] = []
         self.counts: dict[int, Counter[int]] = defaultdict(Counter)
         """Messages that have come, by tick and member."""
         self.heard: set[int] = set()
         """Members of which anything has come."""
-        self._given: list[tuple[float, bytes]] = []
+        self._given: list[Message] = []
 
-    def fill(self) -> None:
-        """Take in what has come."""
-        while (item := self._take()) is not None:
-            data, mark = item
-            member, tick = _MARK.unpack(mark) if len(mark) == _MARK.size else (_OUTSIDER, -1)
-            self.heard.add(member)
+    def fill(self, heard: int | None = None) -> None:
+        """Take in what has come; `heard`: up to which tick this process hears now."""
+        for _ in range(QUEUE):
+            item = self._take()
+            if item is None:
+                break
+            key, data, mark = item
+            member, tick = self._placed(key, mark, heard)
+            if member != _OUTSIDER:
+                self.heard.add(member)
             if tick:
                 self.counts[tick][member] += 1
-                self._waiting.append((member, tick, data))
+                self._waiting.append((member, tick, key, data))
+        self._bound()
+
+    def _placed(self, key: str, mark: bytes, heard: int | None) -> tuple[int, int]:
+        """Whose message it is, and of which tick. A member's number belongs to the owner of the key
+        that it was first heard under: no other can speak, or be counted, in its place."""
+        if len(mark) != _MARK.size:
+            return _OUTSIDER, -1
+        member, tick = _MARK.unpack(mark)
+        known = len(self._owners) < QUEUE or member in self._owners
+        mine = known and self._owners.setdefault(member, owner_of(key)) == owner_of(key)
+        if member == _OUTSIDER or not mine or (heard is not None and tick > heard + _AHEAD):
+            return _OUTSIDER, -1
+        return member, tick
+
+    def _bound(self) -> None:
+        """What waits for a later tick is at most `QUEUE`: the key with the most loses its oldest
+        ones."""
+        while (excess := len(self._waiting) - QUEUE) > 0:
+            [(most, count)] = Counter(key for _, _, key, _ in self._waiting).most_common(1)
+            going = min(excess, count)
+            kept = []
+            for item in self._waiting:
+                if going and item[2] == most:
+                    going -= 1
+                else:
+                    kept.append(item)
+            self._waiting = kept
 
     def give(self, heard: int | None, received_s: float) -> None:
         """Give out what was published up to tick `heard` (None: all), by tick and member, each
@@ -59,11 +98,11 @@ class SteppedInlet(Inlet):
         if len(now) < len(waiting) and heard is not None:
             self._waiting = [item for item in waiting if item[1] > heard]
         now.sort(key=itemgetter(1, 0))
-        self._given += [(received_s, data) for _, _, data in now]
+        self._given += [(received_s, key, data) for _, _, key, data in now]
         for tick in [t for t in self.counts if heard is None or t <= heard]:
             del self.counts[tick]
 
-    def drain(self) -> list[tuple[float, bytes]]:
+    def drain(self) -> list[Message]:
         given, self._given = self._given, []
         return given
 
@@ -79,6 +118,11 @@ class SteppedTransport(Transport):
         self._inlets: dict[int, SteppedInlet] = {}
         self._unwaited: set[tuple[int, int]] = set()
         """Members (by channel) of which a message was missed: not waited for until one comes."""
+        self._owners: Owners = {}
+
+    def know(self, owners: Owners) -> None:
+        """What owns the keys of these members; of others, the first message tells."""
+        self._owners.update(owners)
 
     def begin(self, member: int, tick: int) -> None:
         """What is published now belongs to this tick; 0: hellos."""
@@ -97,7 +141,7 @@ class SteppedTransport(Transport):
         return published
 
     def subscribe(self, key_expression: str, *, timed: bool = False) -> SteppedInlet:  # noqa: ARG002 - always
-        inlet = SteppedInlet(self._inner.subscribe_marked(key_expression))
+        inlet = SteppedInlet(self._inner.subscribe_marked(key_expression), self._owners)
         self._inlets[INDEX[key_expression.rpartition("/")[2]]] = inlet
         return inlet
 
@@ -124,7 +168,7 @@ class SteppedTransport(Transport):
     ) -> list[tuple[int, int]]:
         """Members and channels of whose messages of tick `heard` some have not come yet."""
         for inlet in self._inlets.values():
-            inlet.fill()
+            inlet.fill(heard)
         missing = []
         for member, channel, count in published:
             inlet = self._inlets.get(channel)  # type: ignore[assignment]  # None below

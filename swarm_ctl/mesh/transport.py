@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 from swarm_ctl.mesh.keys import Qos
 
@@ -11,28 +11,38 @@ QUEUE = 4096
 """Unread messages that a subscription keeps; it drops the oldest first (a gap in `seq`)."""
 
 
+class Carried(Protocol):
+    """The bytes of a message, copied only when they are asked for."""
+
+    def __len__(self) -> int: ...
+
+    def __bytes__(self) -> bytes: ...
+
+
+Message: TypeAlias = tuple[float, str, Carried]
+"""(received_s [s], key, bytes)."""
+
+
 class Inlet(Protocol):
     """A subscription, polled by a control loop. A receive thread only puts messages in."""
 
-    def drain(self) -> list[tuple[float, bytes]]:
-        """(received_s [s], bytes) since the last call, oldest first. Never blocks."""
+    def drain(self) -> list[Message]:
+        """The messages since the last call, oldest first, at most `QUEUE`. Never blocks."""
 
 
 class QueueInlet(Inlet):
     """A queue of the newest `QUEUE` messages, which another thread may fill."""
 
     def __init__(self) -> None:
-        self._waiting: deque[tuple[float, bytes]] = deque(maxlen=QUEUE)
+        self._waiting: deque[Message] = deque(maxlen=QUEUE)
 
-    def put(self, received_s: float, data: bytes) -> None:
+    def put(self, received_s: float, key: str, data: Carried) -> None:
         """Add a message."""
-        self._waiting.append((received_s, data))
+        self._waiting.append((received_s, key, data))
 
-    def drain(self) -> list[tuple[float, bytes]]:
-        taken = []
-        while self._waiting:
-            taken.append(self._waiting.popleft())
-        return taken
+    def drain(self) -> list[Message]:
+        # Not more than wait now: the other thread may add as fast as this one takes.
+        return [self._waiting.popleft() for _ in range(len(self._waiting))]
 
 
 class Transport(Protocol):

@@ -13,14 +13,21 @@ import stat
 import struct
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import zenoh
 
 from swarm_ctl.errors import StartError
 from swarm_ctl.mesh.keys import Qos
-from swarm_ctl.mesh.transport import QUEUE, Inlet, QueueInlet, Transport
+from swarm_ctl.mesh.stepped_transport import MARK_SIZE, Marked
+from swarm_ctl.mesh.transport import QUEUE, Inlet, Message, QueueInlet, Transport
 from swarm_ctl.mesh.zenoh_config import configuration
+
+_FLOOD: Final = 256
+"""Samples between two drains of a timed subscription: ten times what 50 agents send in a tick while
+they ask for each other's clocks."""
+_CALM_S: Final = 10.0
+"""Without a flood, before samples are stamped again."""
 
 
 class ZenohTransport(Transport):
@@ -50,7 +57,6 @@ class ZenohTransport(Transport):
     ) -> None:
         self._now = now
         self._publishers: dict[str, Any] = {}
-        self._subscribers: list[Any] = []
         try:
             self._session = zenoh.open(
                 configuration(listen, connect, speedup, patient=patient, access=access)
@@ -82,32 +88,28 @@ class ZenohTransport(Transport):
         )
 
     def subscribe(self, key_expression: str, *, timed: bool = False) -> Inlet:
-        elsewhere = zenoh.Locality.REMOTE
-        declare = self._session.declare_subscriber
-        if not timed:
-            # zenoh's ring, polled, costs a tenth less CPU than a callback on zenoh's thread.
-            ring: Any = zenoh.handlers.RingChannel(QUEUE)
-            return RingInlet(declare(key_expression, ring, allowed_origin=elsewhere), self._now)
-        inlet = QueueInlet()
+        def declare(handler: Any) -> Any:
+            return self._session.declare_subscriber(
+                key_expression, handler, allowed_origin=zenoh.Locality.REMOTE
+            )
 
-        def put(sample: Any) -> None:
-            inlet.put(self._now(), sample.payload.to_bytes())
+        if timed:
+            return TimedInlet(declare, self._now)
+        return RingInlet(_polled(declare), self._now)
 
-        self._subscribers.append(declare(key_expression, put, allowed_origin=elsewhere))
-        return inlet
-
-    def subscribe_marked(self, key_expression: str) -> Callable[[], tuple[bytes, bytes] | None]:
-        ring: Any = zenoh.handlers.RingChannel(QUEUE)
+    def subscribe_marked(self, key_expression: str) -> Callable[[], Marked | None]:
         remote = zenoh.Locality.REMOTE
-        declared = self._session.declare_subscriber(key_expression, ring, allowed_origin=remote)
-        receive = declared.try_recv
+        declare = self._session.declare_subscriber
+        subscriber = _polled(lambda ring: declare(key_expression, ring, allowed_origin=remote))
+        receive = subscriber.try_recv
 
-        def take() -> tuple[bytes, bytes] | None:
+        def take() -> Marked | None:
             sample: Any = receive()
             if sample is None:
                 return None
             mark = sample.attachment
-            return sample.payload.to_bytes(), b"" if mark is None else mark.to_bytes()
+            small = mark is not None and len(mark) <= MARK_SIZE
+            return str(sample.key_expr), sample.payload, mark.to_bytes() if small else b""
 
         return take
 
@@ -118,19 +120,61 @@ class ZenohTransport(Transport):
             self._session.close()  # type: ignore[no-untyped-call]
 
 
+def _polled(declare: Callable[[Any], Any]) -> Any:
+    """A subscription with zenoh's ring of the newest `QUEUE` samples. Polling it costs a tenth less
+    CPU than a callback on zenoh's thread, and a flood costs Python nothing before it is polled."""
+    return declare(zenoh.handlers.RingChannel(QUEUE))
+
+
 class RingInlet(Inlet):
-    """A zenoh subscription with a ring of the newest `QUEUE` samples; received at `drain`."""
+    """A polled zenoh subscription; received at `drain`."""
 
     def __init__(self, subscriber: Any, now: Callable[[], float]) -> None:
         self._receive = subscriber.try_recv
         self._now = now
 
-    def drain(self) -> list[tuple[float, bytes]]:
+    def drain(self) -> list[Message]:
         now = self._now()
-        taken = []
-        while (sample := self._receive()) is not None:
-            taken.append((now, sample.payload.to_bytes()))
+        taken: list[Message] = []
+        while len(taken) < QUEUE and (sample := self._receive()) is not None:
+            taken.append((now, str(sample.key_expr), sample.payload))
         return taken
+
+
+class TimedInlet(Inlet):
+    """A zenoh subscription that stamps each sample when it comes, by a callback on zenoh's thread.
+    While there are too many, it is polled: callbacks would take the interpreter from the control
+    loop. The time of receipt is then late by a tick at most, which loosens a clock's bounds and
+    makes none of them wrong."""
+
+    def __init__(self, declare: Callable[[Any], Any], now: Callable[[], float]) -> None:
+        self._declare, self._now = declare, now
+        self._queue = QueueInlet()
+        self._inlet: Inlet = self._queue
+        self._subscriber = declare(self._put)
+        self._flooded_s = 0.0
+
+    def _put(self, sample: Any) -> None:
+        self._queue.put(self._now(), str(sample.key_expr), sample.payload)
+
+    def drain(self) -> list[Message]:
+        taken = self._inlet.drain()
+        now, many, stamped = self._now(), len(taken) > _FLOOD, self._inlet is self._queue
+        if many:
+            self._flooded_s = now
+        if many and stamped:
+            polled = _polled(self._declare)
+            self._inlet = RingInlet(polled, self._now)
+            self._replace(polled)
+            taken += self._queue.drain()
+        elif not stamped and not many and now - self._flooded_s > _CALM_S:
+            self._inlet = self._queue
+            self._replace(self._declare(self._put))
+        return taken
+
+    def _replace(self, subscriber: Any) -> None:
+        self._subscriber.undeclare()
+        self._subscriber = subscriber
 
 
 def _forbid_lingering() -> None:

@@ -108,7 +108,8 @@ class VirtualSwarm:
         near, far = memory_wires()
         node = Node(self._wrap(MemoryTransport(self.mesh), agent_id), "test", agent_id)
         clock = self._clocks.get(agent_id, float)
-        node.listen(keys.STATE, keys.CLOCK, keys.BEACON, keys.COMMAND)
+        ids = [planned.id for planned in plan.agents]
+        node.listen(keys.STATE, keys.CLOCK, keys.BEACON, keys.COMMAND, agents=ids)
         remembers = self._memory is not None
         link = VehicleLink(
             near, entry.autopilot, entry.sysid, remembers=remembers, agent_sysid=entry.agent_sysid
@@ -171,6 +172,8 @@ class VirtualSwarm:
             beacons=[(beacon, member.clock(at)) for beacon, at in member.node.take(keys.BEACON)],
             commands=[command for command, _ in member.node.take(keys.COMMAND)],
             lifeline_cut=self.lifeline_cut,
+            bad_payloads=member.node.bad_payloads,
+            refused=member.node.refused,
         )
         actions = member.agent.step(now, inbox)
         member.link.pursue(actions.goal, now)

@@ -7,8 +7,8 @@ import socket
 import time
 
 from swarm_ctl.mesh.keys import NEWEST
-from swarm_ctl.mesh.transport import QueueInlet
-from swarm_ctl.mesh.zenoh_transport import ZenohTransport
+from swarm_ctl.mesh.transport import Inlet
+from swarm_ctl.mesh.zenoh_transport import TimedInlet, ZenohTransport
 
 PATIENCE_S = 20.0
 
@@ -19,6 +19,11 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
+def read(inlet: Inlet) -> list[tuple[float, str, bytes]]:
+    """What has come, with its bytes."""
+    return [(received_s, key, bytes(data)) for received_s, key, data in inlet.drain()]
+
+
 def test_the_time_of_receipt() -> None:
     """By a clock that stands still: at 1 while messages come, at 9 when `drain` is called."""
     shows = [1.0]
@@ -27,15 +32,15 @@ def test_the_time_of_receipt() -> None:
     there = ZenohTransport([], [endpoint], lambda: 0.0)
     try:
         timed, looked_for = here.subscribe("test/*/word", timed=True), here.subscribe("test/*/word")
-        assert isinstance(timed, QueueInlet)
+        assert isinstance(timed, TimedInlet)
         until = time.monotonic() + PATIENCE_S
         # A message sent before the link is up is lost.
-        while not timed._waiting and time.monotonic() < until:
+        while not timed._queue._waiting and time.monotonic() < until:
             there.publish("test/2/word", b"first", NEWEST)
             time.sleep(0.05)
         shows[0] = 9.0
-        assert timed.drain()[0] == (1.0, b"first")
-        assert looked_for.drain()[0] == (9.0, b"first")
+        assert read(timed)[0] == (1.0, "test/2/word", b"first")
+        assert read(looked_for)[0] == (9.0, "test/2/word", b"first")
     finally:
         there.close()
         here.close()

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from swarm_ctl.mesh.keys import Qos
-from swarm_ctl.mesh.transport import Inlet, Transport
+from swarm_ctl.mesh.transport import Carried, Inlet, Message, Transport
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,29 +74,29 @@ class _ImpairedLink:
         self, inlet: Inlet, owner: ImpairedTransport, name: str, dice: random.Random
     ) -> None:
         self._inlet, self._owner, self._name, self._dice = inlet, owner, name, dice
-        self._waiting: list[tuple[float, int, bytes]] = []
+        self._waiting: list[tuple[float, int, str, Carried]] = []
         self._count = 0
 
-    def due(self, now: float) -> list[tuple[float, bytes]]:
-        """(arrival [s], bytes) of the messages that have arrived by `now`."""
-        for sent_s, data in self._inlet.drain():
-            self._send(sent_s, data)
+    def due(self, now: float) -> list[Message]:
+        """The messages that have arrived by `now`."""
+        for message in self._inlet.drain():
+            self._send(*message)
         if self._name in self._owner.silent:
             self._waiting.clear()
-        arrived = []
+        arrived: list[Message] = []
         while self._waiting and self._waiting[0][0] <= now:
-            at, _, data = heapq.heappop(self._waiting)
-            arrived.append((at, data))
+            at, _, key, data = heapq.heappop(self._waiting)
+            arrived.append((at, key, data))
         return arrived
 
-    def _send(self, sent_s: float, data: bytes) -> None:
+    def _send(self, sent_s: float, key: str, data: Carried) -> None:
         how, dice = self._owner.impairment, self._dice
         if dice.random() < how.loss:
             return
         for _ in range(1 + (dice.random() < how.duplicate)):
             self._count += 1
             at = sent_s + how.delay_s + how.jitter_s * dice.random()
-            heapq.heappush(self._waiting, (at, self._count, data))
+            heapq.heappush(self._waiting, (at, self._count, key, data))
 
 
 class ImpairedInlet(Inlet):
@@ -105,7 +105,7 @@ class ImpairedInlet(Inlet):
     def __init__(self, links: list[_ImpairedLink], now: Callable[[], float]) -> None:
         self._links, self._now = links, now
 
-    def drain(self) -> list[tuple[float, bytes]]:
+    def drain(self) -> list[Message]:
         now = self._now()
         arrived = [message for link in self._links for message in link.due(now)]
         return sorted(arrived, key=lambda message: message[0])

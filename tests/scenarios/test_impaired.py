@@ -28,7 +28,7 @@ class Pair:
             self.now += 0.01
             if k < count:
                 self.speaker.publish(f"swarm/x/agent/{name}/state", repr(self.now).encode(), NEWEST)
-            heard += [(at, float(data)) for at, data in self.inlet.drain()]
+            heard += [(at, float(bytes(data))) for at, _, data in self.inlet.drain()]
         return heard
 
 

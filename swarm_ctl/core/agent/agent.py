@@ -20,7 +20,7 @@ from swarm_ctl.core.agent.landing import Landing
 from swarm_ctl.core.agent.preflight import EstimateWatch, Preflight, ResponseWatch
 from swarm_ctl.core.agent.progress import Progress, step_name
 from swarm_ctl.core.agent.return_to_launch import ReturnToLaunch
-from swarm_ctl.core.agent.status_report import status_report
+from swarm_ctl.core.agent.status_report import RefusalsSaid, status_report
 from swarm_ctl.core.agent.step_executor import StepExecutor
 from swarm_ctl.core.agent.takeover import Takeover
 from swarm_ctl.core.agent.tick import Attention, HeardStation, Tick
@@ -38,6 +38,7 @@ from swarm_ctl.core.model.messages import (
     Event,
     Outcome,
     Phase,
+    Refusal,
     Severity,
     SigmaReport,
     StationBeacon,
@@ -76,6 +77,8 @@ class Inbox:
     tick: Callable[[], TickReport] = TickReport
     """The loop's punctuality; asked only when a status is due."""
     bad_payloads: int = 0
+    refused: Callable[[float], tuple[Refusal, ...]] = lambda _: ()
+    """What was refused on the mesh in the last seconds; asked only when a status is due."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,6 +169,7 @@ class Agent:
         self._lifeline_cut = False
         self._seq = 0
         self._status_due = self._sigma_due = now
+        self._refused_said = RefusalsSaid()
         self._sigma_shown = False
 
     # --- one tick ---
@@ -411,6 +415,9 @@ class Agent:
             self._sigma_shown = actions.sigma is not None and bool(actions.sigma.pairs)
         if now >= self._status_due or ending:
             self._status_due = now + _STATUS_EVERY_S
+            refused = inbox.refused(now)
+            for text in self._refused_said.due(refused, now):
+                context.say(now, Severity.WARNING, text)
             actions.status = status_report(
                 context,
                 tick,
@@ -418,6 +425,7 @@ class Agent:
                 links={peer.id: peer.report(now) for peer in self._peers},
                 loop=inbox.tick(),
                 bad_payloads=inbox.bad_payloads,
+                refused=refused,
                 left=self._command_handler.left,
             )
         actions.events, context.events = tuple(context.events), []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Final
 
 from swarm_ctl.core.agent.flight_context import FlightContext
 from swarm_ctl.core.agent.tick import Tick
@@ -11,11 +12,15 @@ from swarm_ctl.core.model.messages import (
     Departure,
     Echo,
     LinkReport,
+    Refusal,
+    RefusalReason,
     TickReport,
     VehicleLinkReport,
 )
 from swarm_ctl.core.model.vehicle import VehicleView
 from swarm_ctl.core.swarm.snapshot import PeerSnapshot
+
+_SAID_AGAIN_S: Final = 10.0
 
 
 def status_report(
@@ -26,6 +31,7 @@ def status_report(
     links: dict[int, LinkReport],
     loop: TickReport,
     bad_payloads: int,
+    refused: tuple[Refusal, ...] = (),
     left: Departure | None = None,
 ) -> AgentStatus:
     """Everything about an agent that is not needed every tick.
@@ -36,7 +42,8 @@ def status_report(
         formation_error_m: as the barrier measured it.
         links: the mesh link from each peer.
         loop: the control loop's punctuality.
-        bad_payloads: mesh messages that could not be read, so far.
+        bad_payloads: mesh messages that were refused for what they are, so far.
+        refused: what was refused on the mesh in the last seconds.
         left: by which order this agent has left the formation.
     """
     view, fix, now, controller = tick.view, tick.newest_fix, tick.now, context.controller
@@ -82,6 +89,7 @@ def status_report(
         action=context.trigger.action if context.trigger else None,
         cause=context.trigger.cause if context.trigger else None,
         left=left,
+        refused=refused,
         without=tuple(peer.id for peer in tick.peers.peers if peer.left is not None),
     )
 
@@ -89,6 +97,22 @@ def status_report(
 def _link_report(view: VehicleView) -> VehicleLinkReport:
     heard = view.frames, view.frames_lost, view.round_trip_s
     return VehicleLinkReport(*heard, view.signed, view.refused, dict(view.refusals))
+
+
+class RefusalsSaid:
+    """Which refusals the log has been told of: a new kind at once, the same again after 10 s."""
+
+    def __init__(self) -> None:
+        self._said_s: dict[tuple[str, RefusalReason], float] = {}
+
+    def due(self, refused: tuple[Refusal, ...], now: float) -> list[str]:
+        """What is to be said now, of what was refused in the last seconds."""
+        if not (refused or self._said_s):
+            return []
+        said = {key: at for key, at in self._said_s.items() if now - at < _SAID_AGAIN_S}
+        new = [r for r in refused if (r.owner, r.reason) not in said]
+        self._said_s = said | {(r.owner, r.reason): now for r in new}
+        return [f"refused on the mesh: {r.words}" for r in new]
 
 
 def _nearest(

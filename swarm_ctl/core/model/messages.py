@@ -272,6 +272,31 @@ class VehicleLinkReport:
     """All of them, by reason."""
 
 
+class RefusalReason(StrEnum):
+    """Why a mesh message was not taken."""
+
+    OTHER_OWNER = "other owner"
+    """It speaks for another than the owner of the key that it came under."""
+    TOO_LARGE = "too large"
+    UNREADABLE = "unreadable"
+    TOO_MANY = "too many"
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """Mesh messages of one owner of keys that were refused for one reason."""
+
+    owner: str
+    """`agent 7`, `station station-77-a1b2c3`; `others`: of more owners than are kept apart."""
+    reason: RefusalReason
+    words: str
+    """The newest one: `a state under agent 7's key says agent 3`."""
+    count: int
+    """Over the whole run."""
+    time_s: float
+    """Of the newest one."""
+
+
 @dataclass(frozen=True, slots=True)
 class Echo:
     """A station's newest beacon sent back, which gives the station the round trip."""
@@ -367,6 +392,8 @@ class AgentStatus:
     """None: the agent is part of the formation, or all agents were given the order."""
     without: tuple[int, ...] = ()
     """The peers that have left the formation, as they told."""
+    refused: tuple[Refusal, ...] = ()
+    """What it refused on the mesh in the last seconds (`mesh/refusals.py`)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -423,6 +450,8 @@ class Command:
     """The gain update that `tune` asks to prepare and `apply` decides."""
     commits: int = 0
     """The `tag` of the `tune` that `apply` decides."""
+    station: str = ""
+    """Its sender: the owner of the key that it came under, as its receiver puts in."""
 
     @property
     def tag(self) -> int:

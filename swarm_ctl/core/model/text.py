@@ -46,6 +46,8 @@ def ids_of(text: str, option: str) -> tuple[int, ...]:
 
 
 def agents_named(ids: Iterable[int]) -> str:
-    """`agent 3`, or `agents 1-6`."""
+    """`agent 3`, or `agents 1-6`; of none, `this station`, which says it of itself."""
     distinct = set(ids)
+    if not distinct:
+        return "this station"
     return f"agent{'s' if len(distinct) > 1 else ''} {ranges(distinct)}"

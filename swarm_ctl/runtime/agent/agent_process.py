@@ -194,7 +194,8 @@ def _join_mesh(config: AgentConfig, place: Seat, identity: Identity | None) -> N
         access=access(identity, config.swarm),
     )
     node = Node(place.mesh(transport), config.swarm, config.agent_id)
-    node.listen(keys.STATE, keys.CLOCK, keys.BEACON, keys.COMMAND)
+    agents = [agent.id for agent in config.plan.agents]
+    node.listen(keys.STATE, keys.CLOCK, keys.BEACON, keys.COMMAND, agents=agents)
     return node
 
 
@@ -241,6 +242,7 @@ def _loop(
             lifeline_cut=lifeline.cut(),
             tick=ticker.report,
             bad_payloads=node.bad_payloads,
+            refused=node.refused,
         )
         actions = agent.step(now, inbox)
         link.pursue(actions.goal, now)

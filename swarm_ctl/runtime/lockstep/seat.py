@@ -111,6 +111,14 @@ class BarrierSeat(Seat):
         channels = [c for c in CHANNELS if c.publisher == _publisher(name)]
         self._hello = lambda: self._say_hello(swarm, node, channels)
         self._joined_wall_s = wall.wall_s()
+        if self._mesh is not None:
+            self._mesh.know(
+                {
+                    number: ("agent", other.removeprefix("agent-"))
+                    for number, other in member.others.items()
+                    if _publisher(other) == "agent"
+                }
+            )
         self._stepped.set(member.tick * member.tick_s)
 
     def _say_hello(self, swarm: str, node: int | str, channels: Iterable[Channel[Any]]) -> None:

@@ -107,7 +107,7 @@ class Station:
         self._sender = CommandSender(self._publish, agents, clock.speedup)
         self._commands: set[str] = set()
         self._beacon_due = 0.0
-        node.listen(*_CHANNELS)
+        node.listen(*_CHANNELS, agents=agents)
 
     def _new_model(self) -> Model:
         clock = self._clock
@@ -187,9 +187,9 @@ class Station:
 
     def view(self) -> SwarmView:
         """The picture now."""
-        view = self._model.view(self._clock.now())
-        health = StationHealth(self._node.bad_payloads)
-        return replace(view, health=health, protection=self._protection)
+        now, node = self._clock.now(), self._node
+        health = StationHealth(node.bad_payloads, refused=node.refused(now))
+        return replace(self._model.view(now), health=health, protection=self._protection)
 
 
 def swarm_now(view: SwarmView) -> SwarmNow:

@@ -15,7 +15,15 @@ from enum import IntEnum
 from typing import Final
 
 from swarm_ctl.core.model.causes import Cause
-from swarm_ctl.core.model.messages import AgentStatus, Gains, PairReport, Phase, Severity
+from swarm_ctl.core.model.messages import (
+    AgentStatus,
+    Gains,
+    PairReport,
+    Phase,
+    Refusal,
+    RefusalReason,
+    Severity,
+)
 from swarm_ctl.core.model.plan import FormStep
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.timeouts import NEIGHBOUR_S, OWN_LOST_S
@@ -255,6 +263,18 @@ def _old_link(view: SwarmView, limit_s: float) -> Found:
             yield ends, f"agent {link.receiver} last heard agent {link.sender} {age:.1f} s ago"
 
 
+def _refused(view: SwarmView, _: float) -> Found:
+    """What agents refused on the mesh, or this station did: of one owner of keys, by reason."""
+    found: dict[tuple[str, RefusalReason], tuple[set[int], Refusal]] = {}
+    told = [(a.id, a.status.refused) for a in view.agents if a.live and a.status is not None]
+    for agent, refusals in [*told, (None, view.health.refused)]:
+        for refusal in refusals:
+            by, newest = found.setdefault((refusal.owner, refusal.reason), (set(), refusal))
+            by |= set() if agent is None else {agent}
+    for by, newest in found.values():
+        yield tuple(sorted(by)), f"refused on the mesh: {newest.words}"
+
+
 def _of(value: Callable[[AgentStatus], float | None]) -> Callable[[AgentView], float | None]:
     return lambda agent: value(agent.status) if agent.status else None
 
@@ -373,5 +393,13 @@ RULES: Final[tuple[Rule, ...]] = (
     Rule("late ticks", _W, _tick_ms, "a whole tick, in wall-clock milliseconds", _late_ticks),
     Rule("refused frames", _W, _is(0), "forged, replayed or not signed", _if(_refused)),
     Rule("battery", _W, _is(20.0), "what the autopilots call low", _battery),
+    Rule(
+        "refused messages",
+        _W,
+        _is(0),
+        "a message belongs to the owner of its key",
+        _refused,
+        _WORDS,
+    ),
     Rule("stranger", _W, _is(0), "another swarm under this one's name", _if(_stranger), _WORDS),
 )

@@ -21,6 +21,7 @@ from swarm_ctl.core.model.messages import (
     LinkReport,
     PairReport,
     Phase,
+    Refusal,
     SigmaReport,
 )
 from swarm_ctl.core.model.plan import Plan, Point
@@ -166,6 +167,8 @@ class StationHealth:
     bad_payloads: int = 0
     frames_dropped: int = 0
     """Views that a slow terminal never showed."""
+    refused: tuple[Refusal, ...] = ()
+    """Messages that this station refused of late."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,8 @@ from collections.abc import Callable
 
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.keys import Qos
-from swarm_ctl.mesh.stepped_transport import INDEX, SteppedTransport
+from swarm_ctl.mesh.stepped_transport import INDEX, Marked, SteppedTransport
+from swarm_ctl.mesh.transport import QUEUE
 
 STATE = INDEX["state"]
 
@@ -16,13 +17,13 @@ class Wire:
     """A transport of which the test delivers each message itself."""
 
     def __init__(self) -> None:
-        self.sent: deque[tuple[bytes, bytes]] = deque()
-        self.come: deque[tuple[bytes, bytes]] = deque()
+        self.sent: deque[Marked] = deque()
+        self.come: deque[Marked] = deque()
 
     def publish(self, key: str, data: bytes, qos: Qos, mark: bytes = b"") -> None:
-        self.sent.append((data, mark))
+        self.sent.append((key, data, mark))
 
-    def subscribe_marked(self, key_expression: str) -> Callable[[], tuple[bytes, bytes] | None]:
+    def subscribe_marked(self, key_expression: str) -> Callable[[], Marked | None]:
         return lambda: self.come.popleft() if self.come else None
 
     def subscribe(self, key_expression: str, *, timed: bool = False) -> None:  # type: ignore[override]
@@ -32,7 +33,7 @@ class Wire:
         return
 
 
-def published(member: int, tick: int, *texts: bytes) -> list[tuple[bytes, bytes]]:
+def published(member: int, tick: int, *texts: bytes) -> list[Marked]:
     wire = Wire()
     transport = SteppedTransport(wire)
     transport.begin(member, tick)
@@ -46,7 +47,7 @@ def listener() -> tuple[Wire, SteppedTransport, Callable[[], list[bytes]]]:
     wire = Wire()
     transport = SteppedTransport(wire)
     inlet = transport.subscribe(keys.STATE.key_expression("test"))
-    return wire, transport, lambda: [data for _, data in inlet.drain()]
+    return wire, transport, lambda: [bytes(data) for _, _, data in inlet.drain()]
 
 
 def test_a_tick_gets_the_tick_before_in_a_fixed_order() -> None:
@@ -100,7 +101,43 @@ def test_a_hello_is_heard_and_is_no_message() -> None:
 def test_an_outsider_is_heard_when_it_comes() -> None:
     """A message without a mark, of a process that is no member."""
     wire, transport, drain = listener()
-    wire.come.append((b"from outside", b""))
+    wire.come.append((keys.STATE.key("test", 9), b"from outside", b""))
     transport.lacking(5, [], own=3)
     transport.give(5, 0.25)
     assert drain() == [b"from outside"]
+
+
+def test_an_outsider_can_not_speak_as_a_member() -> None:
+    """A number belongs to the owner of the key that it was first heard under: under another key the
+    mark counts for nothing, so the member is still waited for."""
+    wire, transport, drain = listener()
+    transport.know({1: ("agent", "1")})
+    ((_, data, mark),) = published(1, 5, b"forged")
+    wire.come.append((keys.STATE.key("test", 9), data, mark))
+    assert transport.lacking(5, [(1, STATE, 1)], own=3) == [(1, STATE)]
+    wire.come.extend(published(1, 5, b"true"))
+    assert transport.lacking(5, [(1, STATE, 1)], own=3) == []
+    wire.come.extend(published(2, 6, b"first heard"))
+    ((_, data, mark),) = published(2, 6, b"forged, too")
+    wire.come.append((keys.STATE.key("test", 9), data, mark))
+    transport.lacking(5, [], own=3)
+    transport.give(5, 0.25)
+    assert drain() == [b"forged", b"forged, too", b"true"]
+
+
+def test_marks_of_the_future_fill_no_memory() -> None:
+    """Messages that say they belong to later ticks wait, but never more than a queue of them, and
+    the loudest key loses its own."""
+    wire, transport, drain = listener()
+    wire.come.extend(published(1, 6, b"honest"))
+    for _ in range(3):
+        wire.come.extend(published(2, 7, *[b"flood"] * QUEUE))
+        transport.lacking(5, [], own=3)
+    transport.give(6, 0.3)
+    assert drain() == [b"honest"]
+    transport.give(7, 0.35)
+    assert len(drain()) < QUEUE
+    wire.come.extend(published(2, 2**32 - 1, b"never"))
+    transport.lacking(8, [], own=3)
+    transport.give(8, 0.4)
+    assert drain()[0] == b"never"

@@ -3,14 +3,24 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from swarm_ctl.core.agent.flight_context import FlightContext, SetpointCount
-from swarm_ctl.core.agent.status_report import status_report
+from swarm_ctl.core.agent.status_report import RefusalsSaid, status_report
 from swarm_ctl.core.agent.tick import Tick
-from swarm_ctl.core.model.messages import AgentStatus, Echo, LinkReport, Outcome, Phase, TickReport
+from swarm_ctl.core.model.messages import (
+    AgentStatus,
+    Echo,
+    LinkReport,
+    Outcome,
+    Phase,
+    Refusal,
+    RefusalReason,
+    TickReport,
+)
 from tests.unit.core.builders import NOW, context, fix, peer, tick
 
 LINKS = {2: LinkReport(0.1, 0.1, 0.2, 30, 1)}
@@ -54,6 +64,17 @@ def test_what_is_handed_in_is_passed_on() -> None:
 )
 def test_what_is_seen_in_the_tick(what: str, seen: dict[str, Any], field: str, value: Any) -> None:
     assert getattr(report(tick(**seen)), field) == value
+
+
+def test_refusals_are_said_at_once_and_again_after_ten_seconds() -> None:
+    """By owner and reason; a flood of them is one line in ten seconds."""
+    said, refusal = RefusalsSaid(), Refusal("agent 7", RefusalReason.UNREADABLE, "a b", 1, NOW)
+    other = replace(refusal, reason=RefusalReason.TOO_MANY, words="c")
+    assert said.due((), NOW) == []
+    assert said.due((refusal,), NOW) == ["refused on the mesh: a b"]
+    assert said.due((refusal, other), NOW + 0.5) == ["refused on the mesh: c"]
+    assert said.due((refusal, other), NOW + 9.9) == []
+    assert said.due((refusal,), NOW + 10.0) == ["refused on the mesh: a b"]
 
 
 def test_the_height_counts_from_the_take_off_point() -> None:

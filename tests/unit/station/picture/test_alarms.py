@@ -14,6 +14,8 @@ from swarm_ctl.core.model.messages import (
     LinkReport,
     Outcome,
     Phase,
+    Refusal,
+    RefusalReason,
     SigmaReport,
     TickReport,
     VehicleLinkReport,
@@ -24,10 +26,13 @@ from swarm_ctl.core.swarm.gain_update import planned
 from swarm_ctl.station.picture.alarms import RULES, Level, alarms
 from swarm_ctl.station.picture.model import Model
 from swarm_ctl.station.picture.summaries import gather_alarms, verdict
-from swarm_ctl.station.picture.view import SwarmView
+from swarm_ctl.station.picture.view import StationHealth, SwarmView
 from tests.unit.station.swarm import flying_model, hexagon_plan, report_of, state_of, status_of
 
 PLAN = hexagon_plan()
+REFUSAL = Refusal(
+    "agent 7", RefusalReason.OTHER_OWNER, "a state under agent 7's key says agent 3", 5, 29.0
+)
 
 
 def _state(agent: int, **changes: object) -> SwarmView:
@@ -141,6 +146,7 @@ CASES: dict[str, tuple[Callable[[], SwarmView], tuple[int, ...]]] = {
     "late ticks": (lambda: _status(4, tick=TickReport(500, 0, 1.0, 10.1, 12.0)), (4,)),
     "refused frames": (lambda: _status(4, vehicle_link=_REFUSES), (4,)),
     "battery": (lambda: _status(4, battery_percent=19.0), (4,)),
+    "refused messages": (lambda: _status(4, refused=(REFUSAL,)), (4,)),
     "stranger": (lambda: _stranger(), (42,)),
 }
 
@@ -223,6 +229,18 @@ def test_a_figure_just_beyond_its_limit_can_be_told_from_it() -> None:
     assert alarm.text == "agents 2, 6: their link is 22.5004 m long, over r 22.5000 m"
     (alarm,) = alarms(_state(6, position_ned_m=(60.0, 62.499, -10.0)))
     assert alarm.text == "agents 2, 6: 2.499 m apart, under r_in 2.500 m"
+
+
+def test_refusals_of_agents_and_station_are_one_line() -> None:
+    """One alarm for an owner of keys and a reason, however many refuse its messages."""
+    model = flying_model(PLAN, 30.0)
+    for agent in (2, 3):
+        model.fold(status_of(PLAN, agent, 30.0, refused=(REFUSAL,)), 30.0)
+    view = replace(model.view(30.0), health=StationHealth(refused=(REFUSAL,)))
+    words = f"refused on the mesh: {REFUSAL.words}"
+    assert gather_alarms(alarms(view)) == [(Level.WARNING, f"agents 2-3: {words}")]
+    alone = replace(flying_model(PLAN, 30.0).view(30.0), health=StationHealth(refused=(REFUSAL,)))
+    assert gather_alarms(alarms(alone)) == [(Level.WARNING, f"this station: {words}")]
 
 
 def test_errors_come_before_warnings() -> None:

@@ -1,0 +1,197 @@
+"""What a member takes from the mesh: a payload belongs to the key that it came under, sizes and
+rates are bounded by owner, and what is refused is told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarm_ctl.core.model.messages import AgentState, Command, Phase, Refusal, RefusalReason
+from swarm_ctl.mesh import keys
+from swarm_ctl.mesh.keys import CHANNELS, Channel, owner_of
+from swarm_ctl.mesh.memory_transport import MemoryHub, MemoryTransport
+from swarm_ctl.mesh.node import Node
+from swarm_ctl.mesh.payloads import VERSION, encode
+from swarm_ctl.mesh.refusals import RECENT_S
+from tests.unit.mesh.test_payloads import OTHERS
+
+STATE = AgentState(3, 1, 1.0, 1, Phase.FLY, 1, False, True, (1, 2, 3), (0, 0, 0), (1, 2), (0, 0))
+PAYLOADS: dict[type, Any] = {type(payload): payload for payload in [STATE, *OTHERS]}
+PLAN = range(1, 7)
+
+
+class Mesh:
+    """A listener, agent 1, and strangers that publish whatever they like."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+        hub = MemoryHub(lambda: self.now)
+        self.node = Node(MemoryTransport(hub), "test", 1)
+        self.node.listen(*CHANNELS, agents=PLAN)
+        self._stranger = MemoryTransport(hub)
+
+    def put(self, key: str, data: bytes) -> None:
+        self._stranger.publish(key, data, keys.NEWEST)
+
+    def say(self, channel: Channel[Any], owner: int | str, payload: Any) -> None:
+        self.put(channel.key("test", owner), encode(payload))
+
+    def taken(self, channel: Channel[Any]) -> list[Any]:
+        return [payload for payload, _ in self.node.take(channel)]
+
+    def refused(self) -> dict[tuple[str, RefusalReason], Refusal]:
+        return {(r.owner, r.reason): r for r in self.node.refused(self.now)}
+
+
+def of(channel: Channel[Any], owner: int | str) -> Any:
+    """A payload of the channel that speaks for `owner`."""
+    return replace(PAYLOADS[channel.payload], **{channel.publisher: owner})
+
+
+def name(channel: Channel[Any], number: int) -> int | str:
+    return number if channel.publisher == "agent" else f"desk-{number}"
+
+
+@pytest.mark.parametrize("channel", CHANNELS, ids=lambda c: c.name)
+def test_a_payload_belongs_to_its_key(channel: Channel[Any]) -> None:
+    """On every channel: what speaks for another than the key's owner is refused and told of; the
+    same words under the right key are taken."""
+    mesh, honest, liar = Mesh(), name(channel, 3), name(channel, 7)
+    mesh.say(channel, liar, of(channel, honest))
+    mesh.say(channel, honest, of(channel, honest))
+    assert mesh.taken(channel) == [of(channel, honest)]
+    refusal = mesh.refused()[f"{channel.publisher} {liar}", RefusalReason.OTHER_OWNER]
+    assert refusal.words == (
+        f"a {channel.name} under {channel.publisher} {liar}'s key says {channel.publisher} {honest}"
+    )
+    assert (refusal.count, mesh.node.bad_payloads) == (1, 1)
+
+
+@pytest.mark.parametrize("key", ["007", "+7", "７", "7 ", "seven", "-7"])
+def test_an_agent_has_one_key(key: str) -> None:
+    """No other spelling of its id is its key."""
+    mesh = Mesh()
+    mesh.put(f"swarm/test/agent/{key}/state", encode(of(keys.STATE, 7)))
+    assert mesh.taken(keys.STATE) == []
+
+
+def test_a_command_has_the_name_of_its_sender() -> None:
+    mesh = Mesh()
+    mesh.say(keys.COMMAND, "desk", Command("a", "hold", (), 1.0))
+    (taken,) = mesh.taken(keys.COMMAND)
+    assert taken.station == "desk"
+
+
+@given(
+    st.sampled_from(CHANNELS),
+    st.lists(
+        st.tuples(
+            st.sampled_from(["1", "3", "7", "desk", "a b", "\x1b[2J", "9" * 5000, "x" * 300]),
+            st.binary(max_size=200)
+            | st.binary(max_size=200).map(lambda data: bytes([VERSION]) + data)
+            | st.sampled_from([encode(payload) for payload in PAYLOADS.values()]),
+        ),
+        max_size=20,
+    ),
+)
+def test_no_bytes_under_any_key_change_what_another_owner_says(
+    channel: Channel[Any], hostile: list[tuple[str, bytes]]
+) -> None:
+    """Whatever comes under other keys: nothing raises, what is taken speaks for its key, and the
+    honest owner's message is taken once."""
+    mesh, honest = Mesh(), name(channel, 2)
+    for owner, data in hostile:
+        mesh.put(channel.key("test", owner), data)
+    mesh.say(channel, honest, of(channel, honest))
+    taken = [getattr(payload, channel.publisher) for payload in mesh.taken(channel)]
+    assert taken.count(honest) == 1
+    assert {str(speaker) for speaker in taken} <= {str(honest), *(key for key, _ in hostile)}
+    assert all(refusal.words.isprintable() for refusal in mesh.node.refused(mesh.now))
+
+
+class Unread(bytes):
+    """Bytes that must not be copied."""
+
+    def __bytes__(self) -> bytes:
+        raise AssertionError("copied")
+
+
+@pytest.mark.parametrize("channel", CHANNELS, ids=lambda c: c.name)
+def test_what_is_too_large_is_not_even_copied(channel: Channel[Any]) -> None:
+    mesh, owner = Mesh(), name(channel, 2)
+    mesh.put(channel.key("test", owner), Unread(channel.bounds.size + 1))
+    assert mesh.taken(channel) == []
+    assert (f"{channel.publisher} {owner}", RefusalReason.TOO_LARGE) in mesh.refused()
+
+
+def test_bounds_fit_what_is_sent() -> None:
+    """The fixed layouts are as large as the table says; of JSON there is room for 250 agents."""
+    assert len(encode(STATE)) == keys.STATE.bounds.size
+    for channel in CHANNELS:
+        assert len(encode(PAYLOADS[channel.payload])) <= channel.bounds.size
+
+
+@pytest.mark.parametrize("owner", [7, 3], ids=["a stranger", "an agent of the plan"])
+def test_a_flood_of_one_takes_nothing_from_the_others(owner: int) -> None:
+    """Of 4,000 states under one key, its allowance is read, the newest ones; all five others are
+    heard, and the next second of the flood gets no more than the rate."""
+    mesh, bounds = Mesh(), keys.STATE.bounds
+    others = [i for i in PLAN if i not in (1, owner)]
+    for i in others:
+        mesh.say(keys.STATE, i, of(keys.STATE, i))
+    for k in range(4000):
+        mesh.say(keys.STATE, owner, replace(of(keys.STATE, owner), seq=k))
+    taken = mesh.taken(keys.STATE)
+    assert [state.agent for state in taken if state.agent != owner] == others
+    flood = [state.seq for state in taken if state.agent == owner]
+    assert flood == list(range(4000 - bounds.burst, 4000))
+    refusal = mesh.refused()[f"agent {owner}", RefusalReason.TOO_MANY]
+    assert refusal.count == 4000 - bounds.burst
+    mesh.now += 1.0
+    for k in range(4000):
+        mesh.say(keys.STATE, owner, replace(of(keys.STATE, owner), seq=k))
+    assert len(mesh.taken(keys.STATE)) == bounds.per_s
+
+
+def test_a_flood_of_commands_does_not_hide_another_stations() -> None:
+    mesh = Mesh()
+    mesh.say(keys.COMMAND, "desk", Command("land", "land", (), 1.0))
+    for k in range(4000):
+        mesh.say(keys.COMMAND, "stranger", Command(f"{k}", "hold", (99,), 1.0))
+    taken = mesh.taken(keys.COMMAND)
+    assert taken[0].id == "land"
+    assert len(taken) == 1 + keys.COMMAND.bounds.burst
+
+
+def test_owners_without_number_share_one_allowance() -> None:
+    """A stranger that takes a new name for each message gets no more work done than 33 others, and
+    fills no table; agents of the plan are heard all the same."""
+    mesh, bounds = Mesh(), keys.STATE.bounds
+    for k in range(4000):
+        mesh.say(keys.STATE, 100 + k, of(keys.STATE, 100 + k))
+    mesh.say(keys.STATE, 3, STATE)
+    taken = mesh.taken(keys.STATE)
+    assert taken[-1] == STATE
+    assert len(taken) <= 1 + 32 + bounds.burst
+    assert len(mesh.node.refused(mesh.now)) <= 8
+
+
+def test_refusals_are_told_for_ten_seconds() -> None:
+    mesh = Mesh()
+    mesh.say(keys.STATE, 7, STATE)
+    mesh.taken(keys.STATE)
+    mesh.now += RECENT_S
+    assert len(mesh.node.refused(mesh.now)) == 1
+    mesh.now += 0.1
+    assert mesh.node.refused(mesh.now) == ()
+    assert mesh.node.bad_payloads == 1
+
+
+def test_the_owner_of_a_key() -> None:
+    assert owner_of("swarm/S/agent/3/state") == ("agent", "3")
+    assert owner_of("swarm/S/station/station-77-a1/command") == ("station", "station-77-a1")
+    assert owner_of("") == ("", "")
