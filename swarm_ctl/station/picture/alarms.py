@@ -263,7 +263,7 @@ def _old_link(view: SwarmView, limit_s: float) -> Found:
             yield ends, f"agent {link.receiver} last heard agent {link.sender} {age:.1f} s ago"
 
 
-def _refused(view: SwarmView, _: float) -> Found:
+def _refused_messages(view: SwarmView, _: float) -> Found:
     """What agents refused on the mesh, or this station did: of one owner of keys, by reason."""
     found: dict[tuple[str, RefusalReason], tuple[set[int], Refusal]] = {}
     told = [(a.id, a.status.refused) for a in view.agents if a.live and a.status is not None]
@@ -398,7 +398,7 @@ RULES: Final[tuple[Rule, ...]] = (
         _W,
         _is(0),
         "a message belongs to the owner of its key",
-        _refused,
+        _refused_messages,
         _WORDS,
     ),
     Rule("stranger", _W, _is(0), "another swarm under this one's name", _if(_stranger), _WORDS),
