@@ -42,6 +42,11 @@ REPORT: Final = Qos(reliable=False, urgent=False)
 MUST_ARRIVE: Final = Qos(reliable=True, urgent=True)
 
 
+QUEUE: Final = 4096
+"""Unread messages that a subscription keeps at most; it drops the oldest first (a gap in `seq`)."""
+_QUEUED_BYTES: Final = 32 << 20
+
+
 class Bounds(NamedTuple):
     """What a receiver takes of one publisher on one channel; of more, the newest."""
 
@@ -51,6 +56,11 @@ class Bounds(NamedTuple):
     """Messages per second of mission time: twice what is sent at most."""
     burst: int
     """Messages at once, after a stop of the link or of the receiver."""
+
+    @property
+    def queue(self) -> int:
+        """Unread messages that a subscription keeps: what fits into 32 MB, at most `QUEUE`."""
+        return min(QUEUE, _QUEUED_BYTES // self.size)
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,8 +110,8 @@ _COMMAND_RATE: Final = "as given, again every 0.5 s until acknowledged"
 _AGENTS: Final = 250
 """As many as a mission may have."""
 _KB: Final = 1024
-_AS_IT_COMES: Final = Bounds(64 * _KB, 20.0, 200)
-"""Sent again after half a second: a command and its acknowledgement."""
+_AS_IT_COMES: Final = 20.0, 200
+"""A command is sent again after half a second, and acknowledged again."""
 
 STATE: Final = Channel(
     "state", AgentState, "agent", "agents, stations", _EVERY_TICK, NEWEST, Bounds(153, 200.0, 1000)
@@ -118,9 +128,17 @@ SIGMA: Final = Channel(
 EVENT: Final = Channel(
     "event", Event, "agent", "stations", "as it happens", MUST_ARRIVE, Bounds(8 * _KB, 20.0, 500)
 )
-ACK: Final = Channel("ack", Ack, "agent", "stations", "per command", MUST_ARRIVE, _AS_IT_COMES)
+ACK: Final = Channel(
+    "ack", Ack, "agent", "stations", "per command", MUST_ARRIVE, Bounds(4 * _KB, *_AS_IT_COMES)
+)
 COMMAND: Final = Channel(
-    "command", Command, "station", "agents", _COMMAND_RATE, MUST_ARRIVE, _AS_IT_COMES
+    "command",
+    Command,
+    "station",
+    "agents",
+    _COMMAND_RATE,
+    MUST_ARRIVE,
+    Bounds(32 * _KB, *_AS_IT_COMES),
 )
 BEACON: Final = Channel(
     "beacon", StationBeacon, "station", "agents, stations", "4 Hz", REPORT, Bounds(_KB, 8.0, 100)

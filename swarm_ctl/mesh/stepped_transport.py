@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterable, Mapping
 from operator import itemgetter
 from typing import Any, Final, Protocol, TypeAlias
 
-from swarm_ctl.mesh.keys import CHANNELS, Channel, Qos, owner_of
-from swarm_ctl.mesh.transport import QUEUE, Carried, Inlet, Message, Transport
+from swarm_ctl.mesh.keys import CHANNELS, QUEUE, Channel, Qos, owner_of
+from swarm_ctl.mesh.transport import Carried, Inlet, Message, Transport
 
 _MARK: Final = struct.Struct("<HI")
 """A member's number, and a tick; 0: a hello, which is no message."""

@@ -5,10 +5,7 @@ from __future__ import annotations
 from collections import deque
 from typing import Protocol, TypeAlias
 
-from swarm_ctl.mesh.keys import Qos
-
-QUEUE = 4096
-"""Unread messages that a subscription keeps; it drops the oldest first (a gap in `seq`)."""
+from swarm_ctl.mesh.keys import QUEUE, Qos
 
 
 class Carried(Protocol):

@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Final
 
 import zenoh
 
 from swarm_ctl.mesh.access import as_tls
+from swarm_ctl.mesh.keys import CHANNELS
+from swarm_ctl.mesh.stepped_transport import MARK_SIZE
 
 # zenoh reads it when the first session opens. One worker thread instead of one pool per task: a
 # quarter less CPU, 6 threads instead of 11.
@@ -32,6 +34,12 @@ it is dropped (zenoh's defaults): the control loop must not wait."""
 _PATIENT_QUEUED, _PATIENT_DROPPED_AFTER_US = 16, 1_000_000
 """In lockstep mission time waits for the message. With the defaults, one of 17 flights beside four
 busy loops lost two, and was another flight."""
+_PENDING, _SESSIONS = 600, 300
+"""Links that open at a time and have not said yet who they are (zenoh's default, 100, let 500
+silent connections keep a new peer away), and links in all: for 250 agents and 50 stations. Together
+they leave a process some of its 1024 files."""
+_LONGEST: Final = 2 * max(channel.bounds.size for channel in CHANNELS)
+"""Bytes of a message with its key; zenoh puts no longer one together of its parts."""
 
 
 def configuration(
@@ -68,6 +76,10 @@ def configuration(
         "transport/link/tx/lease": max(_LEAST_LEASE_MS, round(_LEASE_S * 1000 / speedup)),
         "transport/unicast/open_timeout": _OPEN_WALL_MS,
         "transport/unicast/accept_timeout": _OPEN_WALL_MS,
+        "transport/unicast/accept_pending": _PENDING,
+        "transport/unicast/max_sessions": _SESSIONS,
+        "transport/link/rx/max_message_size": _LONGEST,
+        "low_pass_filter": _sizes(),
         "transport/link/tx/batch_size": 8192,
         "transport/link/rx/buffer_size": 8192,
         "transport/link/tx/queue/size/real_time": _PATIENT_QUEUED if patient else _QUEUED,
@@ -78,3 +90,21 @@ def configuration(
     for key, value in (settings | dict(access or {})).items():
         config.insert_json5(key, json.dumps(value))
     return config
+
+
+def _sizes() -> list[dict[str, Any]]:
+    """A payload that is larger than its channel allows does not pass a link, nor does anything that
+    is larger than all. Rates are not zenoh's (`downsampling`) but `gate.py`'s: a rule of zenoh's
+    counts all keys of a link together, so that of three owners behind one link it passed one."""
+    common = {"flows": ["ingress"], "messages": ["put"]}
+    channels = [
+        common
+        | {
+            "id": channel.name,
+            "key_exprs": [f"swarm/*/{channel.publisher}/*/{channel.name}"],
+            "size_limit": channel.bounds.size + MARK_SIZE,
+        }
+        for channel in CHANNELS
+    ]
+    other = {"id": "other", "key_exprs": ["**"], "size_limit": _LONGEST}
+    return [*channels, common | other | {"messages": ["put", "delete", "query", "reply"]}]

@@ -18,9 +18,9 @@ from typing import Any, Final
 import zenoh
 
 from swarm_ctl.errors import StartError
-from swarm_ctl.mesh.keys import Qos
+from swarm_ctl.mesh.keys import CHANNELS, QUEUE, Qos
 from swarm_ctl.mesh.stepped_transport import MARK_SIZE, Marked
-from swarm_ctl.mesh.transport import QUEUE, Inlet, Message, QueueInlet, Transport
+from swarm_ctl.mesh.transport import Inlet, Message, QueueInlet, Transport
 from swarm_ctl.mesh.zenoh_config import configuration
 
 _FLOOD: Final = 256
@@ -88,20 +88,13 @@ class ZenohTransport(Transport):
         )
 
     def subscribe(self, key_expression: str, *, timed: bool = False) -> Inlet:
-        def declare(handler: Any) -> Any:
-            return self._session.declare_subscriber(
-                key_expression, handler, allowed_origin=zenoh.Locality.REMOTE
-            )
-
+        declare = self._declaring(key_expression)
         if timed:
-            return TimedInlet(declare, self._now)
-        return RingInlet(_polled(declare), self._now)
+            return TimedInlet(declare, self._now, lambda: _ring(key_expression))
+        return RingInlet(declare(_ring(key_expression)), self._now)
 
     def subscribe_marked(self, key_expression: str) -> Callable[[], Marked | None]:
-        remote = zenoh.Locality.REMOTE
-        declare = self._session.declare_subscriber
-        subscriber = _polled(lambda ring: declare(key_expression, ring, allowed_origin=remote))
-        receive = subscriber.try_recv
+        receive = self._declaring(key_expression)(_ring(key_expression)).try_recv
 
         def take() -> Marked | None:
             sample: Any = receive()
@@ -113,6 +106,11 @@ class ZenohTransport(Transport):
 
         return take
 
+    def _declaring(self, key_expression: str) -> Callable[[Any], Any]:
+        """What subscribes with a handler: a callback or a ring."""
+        declare, elsewhere = self._session.declare_subscriber, zenoh.Locality.REMOTE
+        return lambda handler: declare(key_expression, handler, allowed_origin=elsewhere)
+
     def close(self) -> None:
         """Leave the mesh; flushes what the other ends still accept."""
         # The error tells of a link that no process answers on; it is closed all the same.
@@ -120,10 +118,13 @@ class ZenohTransport(Transport):
             self._session.close()  # type: ignore[no-untyped-call]
 
 
-def _polled(declare: Callable[[Any], Any]) -> Any:
-    """A subscription with zenoh's ring of the newest `QUEUE` samples. Polling it costs a tenth less
-    CPU than a callback on zenoh's thread, and a flood costs Python nothing before it is polled."""
-    return declare(zenoh.handlers.RingChannel(QUEUE))
+_QUEUES: Final = {channel.name: channel.bounds.queue for channel in CHANNELS}
+
+
+def _ring(key_expression: str) -> Any:
+    """zenoh's ring of the newest samples. Polling it costs a tenth less CPU than a callback on
+    zenoh's thread, and a flood costs Python nothing before it is polled."""
+    return zenoh.handlers.RingChannel(_QUEUES.get(key_expression.rpartition("/")[2], QUEUE))
 
 
 class RingInlet(Inlet):
@@ -147,8 +148,10 @@ class TimedInlet(Inlet):
     loop. The time of receipt is then late by a tick at most, which loosens a clock's bounds and
     makes none of them wrong."""
 
-    def __init__(self, declare: Callable[[Any], Any], now: Callable[[], float]) -> None:
-        self._declare, self._now = declare, now
+    def __init__(
+        self, declare: Callable[[Any], Any], now: Callable[[], float], ring: Callable[[], Any]
+    ) -> None:
+        self._declare, self._now, self._ring = declare, now, ring
         self._queue = QueueInlet()
         self._inlet: Inlet = self._queue
         self._subscriber = declare(self._put)
@@ -163,7 +166,7 @@ class TimedInlet(Inlet):
         if many:
             self._flooded_s = now
         if many and stamped:
-            polled = _polled(self._declare)
+            polled = self._declare(self._ring())
             self._inlet = RingInlet(polled, self._now)
             self._replace(polled)
             taken += self._queue.drain()

@@ -10,7 +10,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarm_ctl.core.model.messages import AgentState, Command, Phase, Refusal, RefusalReason
+from swarm_ctl.core.model.messages import (
+    AgentState,
+    AgentStatus,
+    ClockEcho,
+    ClockNews,
+    Command,
+    Gains,
+    LinkReport,
+    Phase,
+    Refusal,
+    RefusalReason,
+    Tuning,
+)
+from swarm_ctl.core.model.plan import FormStep
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.keys import CHANNELS, Channel, owner_of
 from swarm_ctl.mesh.memory_transport import MemoryHub, MemoryTransport
@@ -195,3 +208,20 @@ def test_the_owner_of_a_key() -> None:
     assert owner_of("swarm/S/agent/3/state") == ("agent", "3")
     assert owner_of("swarm/S/station/station-77-a1/command") == ("station", "station-77-a1")
     assert owner_of("") == ("", "")
+
+
+def test_the_largest_swarm_fits() -> None:
+    """Commands, statuses and clock words of 250 agents, as long as their numbers may be."""
+    long = -1234.123456789012
+    slots = tuple((long, long) for _ in range(250))
+    form = FormStep("x" * 100, slots, long, long, long)
+    ahead = tuple((250, long) for _ in range(250))
+    tuning = Tuning(Gains(long, long, long, long), long, ahead)
+    command = Command("t", "tune", tuple(range(250)), long, form, 2**64, 9, tuning)
+    assert len(encode(command)) <= keys.COMMAND.bounds.size
+    status = PAYLOADS[AgentStatus]
+    link = LinkReport(long, long, long, 10**6, 10**6, long, long)
+    links = {100 + k: link for k in range(250)}
+    assert len(encode(replace(status, links=links))) <= keys.STATUS.bounds.size
+    echoes = tuple(ClockEcho(k, long, long) for k in range(250))
+    assert len(encode(ClockNews(1, long, True, echoes))) == keys.CLOCK.bounds.size
