@@ -12,7 +12,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from swarm_ctl.core.model.fleet import Fleet, FleetAgent, VehicleKind
+from swarm_ctl.core.model.fleet import Fleet, FleetAgent, Signing, VehicleKind
 from swarm_ctl.core.model.frames import geodetic_from_ned
 from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.mesh.access import as_tls
@@ -38,6 +38,7 @@ from swarm_ctl.runtime.station.screens import Show
 from swarm_ctl.runtime.vehicle_memory import state_folder
 from swarm_ctl.runtime.vehicles.binaries import find
 from swarm_ctl.runtime.vehicles.order import ORDERS, ORDERS_JSON, Order, Orders, Started
+from swarm_ctl.trust.identity import MAVLINK_KEY
 
 _PACKAGES = ("swarm-ctl", "eclipse-zenoh", "numpy", "pydantic", "pymavlink", "rich", "textual")
 """Their versions stand in the manifest."""
@@ -182,6 +183,9 @@ class RunSetup:
         config = simulator_config(manifest.plan, vehicles, self._simulation)
         for agent, vehicle in zip(vehicles, config["vehicles"], strict=True):
             vehicle["also"] = self.ground_control.further[agent.id]
+            keys = agent_identity_folder(manifest.trust, agent.id)
+            if keys is not None and manifest.signing is Signing.REQUIRED:
+                vehicle["signing_key_path"] = str(keys / MAVLINK_KEY)
         config |= {
             "speedup": manifest.speedup,
             "epoch_s": manifest.epoch_s,
