@@ -28,6 +28,7 @@ from swarm_ctl.cli.shared.gcs_option import with_port
 from swarm_ctl.cli.sim import sim
 from swarm_ctl.cli.station import station
 from swarm_ctl.cli.study import study
+from swarm_ctl.cli.trust import trust
 from swarm_ctl.cli.validate import validate
 from swarm_ctl.errors import SwarmError
 
@@ -65,6 +66,7 @@ for function in itertools.chain(*_COMMANDS.values()):
     # `send move -20 35`: a number, not an option
     settings = {"ignore_unknown_options": function is send}
     app.command(cls=_Command, context_settings=settings)(function)
+app.add_typer(trust)
 
 
 def _show_version(wanted: bool) -> None:

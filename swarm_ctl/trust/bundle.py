@@ -19,7 +19,7 @@ from swarm_ctl.trust.files import (
 )
 from swarm_ctl.trust.identity import Identity, load_identity, load_member
 from swarm_ctl.trust.names import Member, member_of
-from swarm_ctl.trust.roster import ROSTER, SEAL, read_roster
+from swarm_ctl.trust.roster import ROSTER, SEAL, parse, read_roster
 
 _NEEDED: Final = (identity.CERTIFICATE, identity.CA, ROSTER, SEAL)
 _FILES: Final = (*_NEEDED, identity.KEY, identity.MAVLINK_KEY)
@@ -66,15 +66,17 @@ def unpacked(bundle: Path) -> tuple[Member, dict[str, bytes]]:
     return member_of(members.pop()), files
 
 
-def install(bundle: Path, trust: Path) -> Identity:
+def install(bundle: Path, trust: Path | None = None) -> Identity:
     """Put a bundle's folder into the trust folder of this host, or its files into the folder that
-    is there (which keeps its private key where the bundle has none, and its stamp).
+    is there (which keeps its private key where the bundle has none, and its stamp). Without a trust
+    folder: `trust/SWARM`.
 
     Raises:
         TrustError: the bundle holds anything that it should not, its parts do not fit each other,
             the folder is another swarm's, or has a newer roster. Nothing was changed.
     """
     member, files = unpacked(bundle)
+    trust = trust or Path("trust") / parse(files[ROSTER], bundle).swarm
     folder = trust / member.folder
     if not folder.exists():
         if identity.KEY not in files:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Final, TypeAlias
 
 from cryptography import x509
+from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
@@ -22,6 +23,8 @@ _CA_DAYS: Final = 5 * 365
 _CLOCKS_DIFFER: Final = timedelta(minutes=10)
 """A certificate begins so long before it was made: the host's clock may be behind."""
 _BOTH: Final = (ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH)
+_DAMAGED: Final = (ValueError, TypeError, UnsupportedAlgorithm, x509.InvalidVersion)
+"""What cryptography raises for bytes that are not what they say."""
 PublicKey: TypeAlias = ec.EllipticCurvePublicKey
 
 
@@ -62,7 +65,7 @@ def requested(pem: bytes, where: Path) -> tuple[str, PublicKey]:
         found = x509.load_pem_x509_csr(pem)
         key, valid = found.public_key(), found.is_signature_valid
         (name,) = found.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
-    except ValueError as error:
+    except _DAMAGED as error:
         raise TrustError(f"{where}: is no certificate request: {error}") from None
     if (
         not valid
@@ -77,7 +80,7 @@ def public_key(certificate: bytes, where: Path) -> PublicKey:
     """The public key of a certificate; TrustError where it is none, or of another kind."""
     try:
         key = x509.load_pem_x509_certificate(certificate).public_key()
-    except ValueError as error:
+    except _DAMAGED as error:
         raise TrustError(f"{where}: is no certificate: {error}") from None
     if not isinstance(key, ec.EllipticCurvePublicKey):
         raise TrustError(f"{where}: has a key of another kind; allowed: P-256")
@@ -109,7 +112,7 @@ class Authority:
         try:
             loaded = serialization.load_pem_private_key(read_guarded(key), password=None)
             found = x509.load_pem_x509_certificate(read_guarded(certificate))
-        except (ValueError, TypeError) as error:
+        except _DAMAGED as error:
             raise TrustError(f"{key}, {certificate}: no CA: {error}") from None
         if not isinstance(loaded, ec.EllipticCurvePrivateKey):
             raise TrustError(f"{key}: is a key of another kind; allowed: P-256")

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Final
 
 from swarm_ctl.errors import TrustError
+from swarm_ctl.files import open_regular, replacing
 
 _LARGEST: Final = 1 << 20
 
@@ -32,6 +33,15 @@ def access_fault(path: Path, found: os.stat_result) -> str | None:
     return None
 
 
+@contextlib.contextmanager
+def readable(path: Path) -> Iterator[None]:
+    """An error of the system becomes a TrustError."""
+    try:
+        yield
+    except OSError as error:
+        raise TrustError(f"{path}: can't be read: {error.strerror}") from None
+
+
 def read_guarded(path: Path) -> bytes:
     """The bytes of a file of the trust; TrustError where it is missing, no file, too large, or
     others may read it."""
@@ -45,27 +55,20 @@ def read_plain(path: Path) -> bytes:
 
 
 def _read(path: Path, *, guarded: bool) -> bytes:
-    try:
-        # Not blocking: a FIFO must not hang us.
-        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
-    except OSError as error:
-        raise TrustError(f"{path}: can't be read: {error.strerror}") from None
-    with os.fdopen(descriptor, "rb") as file:
-        found = os.fstat(descriptor)
-        if not stat.S_ISREG(found.st_mode) or found.st_size > _LARGEST:
-            raise TrustError(f"{path}: allowed: a regular file of at most {_LARGEST} bytes")
-        fault = access_fault(path, found) if guarded else None
+    with readable(path), open_regular(path) as file:
+        fault = access_fault(path, os.fstat(file.fileno())) if guarded else None
         if fault:
             raise TrustError(fault)
-        return file.read(_LARGEST)
+        data = file.read(_LARGEST + 1)
+    if len(data) > _LARGEST:
+        raise TrustError(f"{path}: is too large; allowed: at most {_LARGEST} bytes")
+    return data
 
 
 def guard(folder: Path) -> None:
     """TrustError where a folder of the trust is missing, or others may read it."""
-    try:
+    with readable(folder):
         found = folder.stat()
-    except OSError as error:
-        raise TrustError(f"{folder}: can't be read: {error.strerror}") from None
     if not stat.S_ISDIR(found.st_mode):
         raise TrustError(f"{folder}: is no folder; allowed: a folder that `trust` made")
     fault = access_fault(folder, found)
@@ -75,16 +78,8 @@ def guard(folder: Path) -> None:
 
 def write_private(path: Path, data: bytes) -> None:
     """Write a file of mode 0600, whole or not at all."""
-    descriptor, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)  # is 0600
-    try:
-        with os.fdopen(descriptor, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(descriptor)
-        Path(name).replace(path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
+    with replacing(path, 0o600, durable=True) as file:
+        file.write(data)
 
 
 @contextlib.contextmanager
@@ -105,7 +100,8 @@ def changed_folder(folder: Path) -> Iterator[Path]:
     process changes it now."""
     guard(folder)
     with _locked(folder), _beside(folder) as made:
-        shutil.copytree(folder, made, dirs_exist_ok=True, copy_function=_copy)
+        hidden = shutil.ignore_patterns(".*")  # what another process writes at this moment
+        shutil.copytree(folder, made, dirs_exist_ok=True, copy_function=_copy, ignore=hidden)
         yield made
         with _beside(folder) as old:
             folder.rename(old)

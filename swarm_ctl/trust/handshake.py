@@ -39,7 +39,7 @@ def presented(certificate: Path, key: Path, ca: Path) -> Certificate:
     server = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     client = client_context(ca)
     client.check_hostname = False
-    client.verify_flags |= ssl.VerifyFlags(_IGNORE_DATES)
+    ignore_dates(client)
     load_pair(server, certificate, key)
     to_server, to_client = ssl.MemoryBIO(), ssl.MemoryBIO()
     ends = (
@@ -60,6 +60,15 @@ def presented(certificate: Path, key: Path, ca: Path) -> Certificate:
         ) from None
 
 
+def authority(certificate: Path, key: Path) -> Certificate:
+    """What a CA's certificate says; TrustError where it is none, or the key is another's."""
+    load_pair(ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER), certificate, key)
+    found = client_context(certificate).get_ca_certs()
+    if len(found) != 1:
+        raise TrustError(f"{certificate}: is no CA's certificate; allowed: as `trust new` made it")
+    return certificate_of(found[0])
+
+
 def client_context(ca: Path) -> ssl.SSLContext:
     """A TLS client that trusts `ca` alone; TrustError where the file holds no certificate."""
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
@@ -68,6 +77,11 @@ def client_context(ca: Path) -> ssl.SSLContext:
     except OSError as error:  # ssl.SSLError, too
         raise TrustError(f"{ca}: is no certificate: {_reason(error)}") from None
     return context
+
+
+def ignore_dates(context: ssl.SSLContext) -> None:
+    """Verify all of a certificate but its dates."""
+    context.verify_flags |= ssl.VerifyFlags(_IGNORE_DATES)
 
 
 def load_pair(context: ssl.SSLContext, certificate: Path, key: Path) -> None:

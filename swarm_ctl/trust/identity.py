@@ -19,6 +19,9 @@ CA: Final = "ca.crt"
 MAVLINK_KEY: Final = "mavlink.key"
 STAMP: Final = "stamp"
 MAVLINK_KEY_BYTES: Final = 32
+CA_FOLDER: Final = "ca"
+CA_KEY: Final = "ca.key"
+"""The CA's own, on the computer that keeps it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,15 +26,14 @@ from swarm_ctl.trust.files import (
     read_plain,
     write_private,
 )
-from swarm_ctl.trust.names import Member, Role, checked_host, checked_swarm, member_of
+from swarm_ctl.trust.identity import CA_FOLDER, CA_KEY
+from swarm_ctl.trust.names import LOOPBACK, Member, Role, checked_host, checked_swarm, member_of
 from swarm_ctl.trust.roster import ROSTER, SEAL, Entry, Roster, read_roster
 
 if TYPE_CHECKING:
     from swarm_ctl.trust.certificates import Authority, PublicKey
 
 DAYS: Final = 30
-CA_FOLDER: Final = "ca"
-_CA_KEY: Final = "ca.key"
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,13 +58,14 @@ def new(
 
     Args:
         folder: not there yet.
-        agents: each agent's address on the mesh, such as 192.168.1.11.
+        agents: each agent's address on the mesh, such as 192.168.1.11. An operator's station
+            listens on the loopback interface alone.
 
     Raises:
         TrustError: the folder is there, or a name or an address can't be used.
     """
     members = {Member(Role.AGENT, str(agent)): checked_host(host) for agent, host in agents.items()}
-    members |= {Member(Role.OPERATOR, name): "" for name in operators}
+    members |= {Member(Role.OPERATOR, name): LOOPBACK for name in operators}
     members |= {Member(Role.VIEWER, name): "" for name in viewers}
     unused = set(terms.requests) - set(members)
     if unused:
@@ -76,7 +76,7 @@ def new(
     authority = Authority.new(checked_swarm(swarm), terms.now)
     with new_folder(folder) as made:
         (made / CA_FOLDER).mkdir(mode=0o700)
-        write_private(made / CA_FOLDER / _CA_KEY, authority.key)
+        write_private(made / CA_FOLDER / CA_KEY, authority.key)
         write_private(made / CA_FOLDER / identity.CA, authority.pem)
         entries = [
             _certify(made, authority, (swarm, 1), (member, host), terms)
@@ -86,7 +86,8 @@ def new(
 
 
 def add(folder: Path, member: Member, host: str, terms: Terms) -> None:
-    """One more member, in the present epoch."""
+    """One more member, in the present epoch. `host`: an agent's address on the mesh."""
+    host = checked_host(host) if host else ""
     with changed_folder(folder) as made:
         authority, roster = opened(made)
         if roster.of(member) is not None:
@@ -113,12 +114,20 @@ def revoke(folder: Path, member: Member, terms: Terms) -> None:
         (made / f"{member.folder}.bundle").unlink(missing_ok=True)
 
 
-def rotate(folder: Path, terms: Terms) -> None:
-    """A new epoch: new certificates for all. A private key that is here is made anew, one on its
-    own host stays; MAVLink keys stay, they are in the vehicles."""
+def rotate(folder: Path, terms: Terms, hosts: Mapping[int, str] | None = None) -> None:
+    """A new epoch: new certificates for all, for new addresses (`hosts`: by agent) where given. A
+    private key that is here is made anew, one on its own host stays; MAVLink keys stay, they are in
+    the vehicles."""
+    moved = {str(agent): checked_host(host) for agent, host in (hosts or {}).items()}
     with changed_folder(folder) as made:
         authority, roster = opened(made)
-        _next_epoch(made, authority, roster, terms)
+        entries = tuple(
+            dataclasses.replace(each, host=moved.get(each.name, each.host))
+            if each.role is Role.AGENT
+            else each
+            for each in roster.entries
+        )
+        _next_epoch(made, authority, dataclasses.replace(roster, entries=entries), terms)
 
 
 def request_of(path: Path) -> tuple[Member, PublicKey]:
@@ -129,13 +138,25 @@ def request_of(path: Path) -> tuple[Member, PublicKey]:
     return member_of(name.split(".", 1)[0]), key
 
 
+def request(folder: Path, member: Member) -> bytes:
+    """On a member's own host: a private key in a new folder of the trust folder, and the request
+    (CSR) that asks the CA for its certificate."""
+    from swarm_ctl.trust.certificates import key_pem, new_key, request
+
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    with new_folder(folder / member.folder) as made:
+        key = new_key()
+        write_private(made / identity.KEY, key_pem(key))
+        return request(member.folder, key)
+
+
 def opened(folder: Path) -> tuple[Authority, Roster]:
     """The CA and the roster of a trust folder; TrustError where one is missing, damaged or readable
     by others."""
     from swarm_ctl.trust.certificates import Authority
 
     ca = folder / CA_FOLDER / identity.CA
-    authority = Authority.load(folder / CA_FOLDER / _CA_KEY, ca)
+    authority = Authority.load(folder / CA_FOLDER / CA_KEY, ca)
     return authority, read_roster(folder, ca)
 
 

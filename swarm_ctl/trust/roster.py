@@ -107,10 +107,16 @@ def read_roster(folder: Path, ca: Path) -> Roster:
             f"{path}: its signature is of another text: the roster was changed, or its two files"
             f" are of different days; allowed: both as `swarm-ctl trust` wrote them"
         )
+    return parse(data, path)
+
+
+def parse(data: bytes, where: Path) -> Roster:
+    """The roster of these bytes, whoever wrote them (`read_roster` verifies); TrustError where they
+    are none."""
     try:
         return _roster(json.loads(data))
     except (KeyError, TypeError, ValueError, TrustError) as error:
-        raise TrustError(f"{path}: is no roster of version {_VERSION}: {error}") from None
+        raise TrustError(f"{where}: is no roster of version {_VERSION}: {error}") from None
 
 
 def _roster(document: Mapping[str, Any]) -> Roster:

@@ -4,11 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from swarm_ctl.core.model.fleet import FleetAgent
+from swarm_ctl.core.model.fleet import Fleet, FleetAgent
 from swarm_ctl.errors import InputError
 from swarm_ctl.mission.compile.fleet_file import read_fleet
 from swarm_ctl.mission.compile.loader import load
 from swarm_ctl.mission.input import yaml_file
+
+
+def fleet_in(path: Path) -> Fleet:
+    """The fleet of a fleet file or a mission; MissionError with every mistake in the file."""
+    data = yaml_file.read(path, what="fleet").data
+    mission = isinstance(data, dict) and "steps" in data
+    return load(path).fleet if mission else read_fleet(path)
 
 
 def vehicles_of(path: Path) -> tuple[FleetAgent, ...]:
@@ -16,10 +23,7 @@ def vehicles_of(path: Path) -> tuple[FleetAgent, ...]:
 
     InputError where there are none, MissionError with every mistake in the file.
     """
-    data = yaml_file.read(path, what="fleet").data
-    mission = isinstance(data, dict) and "steps" in data
-    agents = (load(path).fleet if mission else read_fleet(path)).agents
-    found = tuple(agent for agent in agents if agent.endpoint)
+    found = tuple(agent for agent in fleet_in(path).agents if agent.endpoint)
     if not found:
         raise InputError(
             f"{path}: no vehicle has an endpoint: run provides them all;"

@@ -23,7 +23,12 @@ from tests.unit.docs.pages import PAGES, ROOT, blocks
 
 MISSION = blocks(PAGES / "missions.md")[0].text
 OPTIONS = {
-    name: {option for parameter in command.params for option in parameter.opts}
+    name: {
+        option
+        for each in (command, *getattr(command, "commands", {}).values())
+        for parameter in each.params
+        for option in parameter.opts
+    }
     for name, command in get_command(app).commands.items()  # type: ignore[attr-defined]
 }
 README = (ROOT / "README.md").read_text()

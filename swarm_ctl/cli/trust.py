@@ -1,0 +1,272 @@
+"""`swarm-ctl trust`: who takes part in a swarm, and the keys that prove it."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+from pathlib import Path
+from typing import Annotated, Final
+
+import typer
+
+from swarm_ctl.cli.shared.extras import require
+from swarm_ctl.cli.shared.options import option, switch
+from swarm_ctl.cli.shared.trust_folder import (
+    RESTART,
+    fleet_of,
+    host_of,
+    login,
+    names_of,
+    say,
+    show_report,
+    show_roster,
+    terms,
+    trust_folder,
+)
+from swarm_ctl.errors import TrustError
+from swarm_ctl.trust.names import Member, Role, swarm_named_after
+
+_FINE, _ATTENTION = 0, 1
+
+_FLEET: Final = "A fleet file, or a mission: its agents and their addresses on the mesh."
+_FOLDER: Final = "The trust folder.  [default: the fleet's, or the only one in trust/]"
+_REQUEST: Final = "A request of a host that keeps its private key (trust request); again for more."
+FleetOption = Annotated[Path | None, option("FILE", _FLEET)]
+FolderOption = Annotated[Path | None, option("FOLDER", _FOLDER)]
+Days = Annotated[int, option("DAYS", "How long certificates are valid.", min=1, max=366)]
+Requests = Annotated[list[Path] | None, option("FILE", _REQUEST, "--csr")]
+RoleName = Annotated[Role, typer.Argument(metavar="ROLE", help="agent, operator or viewer.")]
+Name = Annotated[str, typer.Argument(metavar="NAME", help="The agent's id, or a name.")]
+
+
+def new(
+    fleet: Annotated[Path, option("FILE", _FLEET)],
+    swarm: Annotated[str | None, option("NAME", "The swarm's name.  [default: the file's]")] = None,
+    folder: Annotated[
+        Path | None, option("FOLDER", "Where to.  [default: the fleet's, or trust/SWARM beside it]")
+    ] = None,
+    operator: Annotated[
+        list[str] | None, option("NAME", "An operator; again for more.  [default: your login name]")
+    ] = None,
+    viewer: Annotated[
+        list[str] | None, option("NAME", "Sees all, commands nothing; again for more.")
+    ] = None,
+    days: Days = 30,
+    csr: Requests = None,
+) -> None:
+    """Make a swarm's keys: a CA, every agent, a MAVLink key a vehicle, an operator.
+
+    One file (agent-3.bundle) then goes to each host. With --csr a host's private key never leaves
+    it. The folder is yours alone (0700); keep its ca/ off the drones.
+
+    Examples:
+
+    \b
+        swarm-ctl trust new --fleet outdoors.yaml
+        swarm-ctl trust new --fleet outdoors.yaml --operator anna --viewer tv --days 7
+        swarm-ctl trust new --fleet outdoors.yaml --csr agent-3.csr
+    """
+    from swarm_ctl.trust import provision
+
+    require("trust", "trust new")
+    read = fleet_of(fleet)
+    name = swarm_named_after(fleet.stem) if swarm is None else swarm
+    to = folder or (Path(read.trust) if read.trust else fleet.parent / "trust" / name)
+    hosts = names_of(read)
+    agents = {agent: hosts.host(agent) for agent in hosts.agents}
+    operators = operator or [login()]
+    provision.new(to, name, agents, operators, viewer or [], terms(days, csr))
+    show_roster(to)
+    if not read.trust:
+        say(f"in the fleet: trust: {to.resolve() if folder else f'trust/{name}'}")
+    say(
+        f"copy each bundle to its host (scp {to}/agent-1.bundle HOST:), and there:"
+        " swarm-ctl trust install agent-1.bundle",
+        f"then: swarm-ctl trust check --fleet {fleet}",
+    )
+
+
+def add(
+    role: RoleName,
+    name: Name,
+    fleet: FleetOption = None,
+    folder: FolderOption = None,
+    days: Days = 30,
+    csr: Annotated[
+        Path | None, option("FILE", "A request of its own host (trust request).")
+    ] = None,
+) -> None:
+    """Add an agent, an operator or a viewer.
+
+    All hosts need their bundle again: it has the new roster, and who is not in it is not heard.
+
+    Examples:
+
+    \b
+        swarm-ctl trust add operator anna
+        swarm-ctl trust add viewer tv --days 7
+        swarm-ctl trust add agent 7 --fleet outdoors.yaml
+        swarm-ctl trust add agent 7 --fleet outdoors.yaml --csr agent-7.csr
+    """
+    from swarm_ctl.trust import provision
+
+    require("trust", "trust add")
+    member = Member(role, name)
+    where = trust_folder(folder, fleet)
+    given = terms(days, [csr] if csr else None)
+    if set(given.requests) - {member}:
+        raise TrustError(
+            f"{csr}: asks for {', '.join(map(str, given.requests))}; allowed: {member}"
+        )
+    provision.add(where, member, host_of(member, fleet), given)
+    show_roster(where)
+    say(RESTART)
+
+
+def request(
+    role: RoleName,
+    name: Name,
+    folder: Annotated[Path, option("FOLDER", "This host's trust folder, such as trust/outdoors.")],
+) -> None:
+    """On a host: make its private key, and a request (CSR) for the CA.
+
+    The key stays here; NAME.csr goes to the computer with the CA, and a bundle without a key comes
+    back.
+
+    \b
+        host$    swarm-ctl trust request agent 3 --folder trust/outdoors
+        ground$  swarm-ctl trust add agent 3 --fleet outdoors.yaml --csr agent-3.csr
+        host$    swarm-ctl trust install agent-3.bundle --folder trust/outdoors
+    """
+    from swarm_ctl.trust import provision
+    from swarm_ctl.trust.files import write_private
+
+    require("trust", "trust request")
+    member = Member(role, name)
+    out = Path(f"{member.folder}.csr")
+    write_private(out, provision.request(folder, member))
+    say(
+        f"{folder / member.folder}/mesh.key  the private key, which stays here",
+        f"{out}  goes to the computer with the CA: swarm-ctl trust add {member} --csr {out}",
+    )
+
+
+def install(
+    bundle: Annotated[Path, typer.Argument(metavar="BUNDLE", help="Such as agent-3.bundle.")],
+    folder: Annotated[
+        Path | None, option("FOLDER", "This host's trust folder.  [default: trust/SWARM]")
+    ] = None,
+) -> None:
+    """On a host: unpack its bundle, or the newer one of an add, a revoke or a rotate.
+
+    Nothing is changed where anything in it does not fit.
+
+    Examples:
+
+    \b
+        swarm-ctl trust install agent-3.bundle
+        swarm-ctl trust install agent-3.bundle --folder /etc/swarm_ctl/outdoors
+    """
+    from swarm_ctl.trust import bundle as bundles
+    from swarm_ctl.trust.explain import day
+
+    installed = bundles.install(bundle, folder)
+    ends = day(installed.certificate.not_after)
+    say(
+        f"{installed.folder}  {installed.common_name}, until {ends}",
+        f"it takes effect when {installed.member} starts; now delete {bundle}: it holds keys",
+    )
+
+
+def check(
+    folder: Annotated[
+        Path | None, typer.Argument(metavar="FOLDER", help=_FOLDER, show_default=False)
+    ] = None,
+    fleet: FleetOption = None,
+    as_json: Annotated[bool, switch("--json", "JSON on stdout instead of text.")] = False,
+) -> None:
+    """Find what would keep a swarm from flying with its keys.
+
+    Dates, names, key pairs, file modes, the roster's signature, MAVLink keys, and the clock; with
+    --fleet the addresses, and a handshake with each agent that listens. On the ground's folder, or
+    a host's.
+
+    Exit codes: 0 fine, 1 something needs attention, 2 bad input.
+
+    Examples:
+
+    \b
+        swarm-ctl trust check
+        swarm-ctl trust check --fleet outdoors.yaml
+        swarm-ctl trust check trust/outdoors --json | jq '.attention'
+    """
+    from swarm_ctl.runtime.clock import date_and_time
+    from swarm_ctl.trust import check as checks
+
+    names = names_of(fleet_of(fleet)) if fleet else None
+    report = checks.check(trust_folder(folder, fleet), date_and_time(), names)
+    if as_json:
+        sys.stdout.write(json.dumps(dataclasses.asdict(report), indent=1, default=str) + "\n")
+    else:
+        show_report(report)
+    raise typer.Exit(_ATTENTION if report.needs_attention else _FINE)
+
+
+def revoke(
+    role: RoleName,
+    name: Name,
+    fleet: FleetOption = None,
+    folder: FolderOption = None,
+    days: Days = 30,
+) -> None:
+    """Take an agent, an operator or a viewer out of the swarm.
+
+    A new epoch: all others get new certificates, and need their bundle again. It takes effect when
+    they start, on the ground. In flight: swarm-ctl send expel 3.
+
+    Examples:
+
+    \b
+        swarm-ctl trust revoke agent 3
+        swarm-ctl trust revoke operator anna
+    """
+    from swarm_ctl.trust import provision
+
+    require("trust", "trust revoke")
+    where = trust_folder(folder, fleet)
+    provision.revoke(where, Member(role, name), terms(days))
+    show_roster(where)
+    say(RESTART)
+
+
+def rotate(fleet: FleetOption = None, folder: FolderOption = None, days: Days = 30) -> None:
+    """Give all new certificates and a new epoch; with --fleet for the addresses there.
+
+    All hosts need their bundle again. MAVLink keys stay: they are in the vehicles.
+
+    Examples:
+
+    \b
+        swarm-ctl trust rotate
+        swarm-ctl trust rotate --fleet outdoors.yaml --days 7
+    """
+    from swarm_ctl.trust import provision
+
+    require("trust", "trust rotate")
+    where = trust_folder(folder, fleet)
+    names = names_of(fleet_of(fleet)) if fleet else None
+    hosts = {agent: names.host(agent) for agent in names.agents} if names else None
+    provision.rotate(where, terms(days), hosts)
+    show_roster(where)
+    say(RESTART)
+
+
+trust = typer.Typer(
+    name="trust",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    help="Make, copy, check and revoke the keys of a swarm.\n\nTry: swarm-ctl trust new --help",
+)
+for function in (new, add, request, install, check, revoke, rotate):
+    trust.command()(function)
