@@ -7,8 +7,9 @@ the long rows (`python -m pytest -m long`). `-n0` or another number wins over th
 Tests in real time (processes, sockets, the system's clock) mostly wait, and must not be kept
 waiting. They are two groups of about the same length, each run in order by one worker: whole runs
 (autopilots that boot take both cores, so they never boot beside a run at a speed-up), and links and
-terminals. The groups are the largest, so the workers begin with them. All other tests only compute:
-they come afterwards, and a worker that computes gives way to a worker that flies.
+terminals. The groups are the largest, so the workers begin with them. All other tests only compute,
+beside them, on a worker that gives way. Flights in lockstep take both cores, but wait for them:
+they come last, beside each other.
 """
 
 from __future__ import annotations
@@ -25,16 +26,10 @@ WORKERS = 3
 RUNS, LINKS = "runs", "links"
 REALTIME = {"system": RUNS, "autopilots": RUNS, "protocol": LINKS}
 """The group of each folder."""
-TERMINALS = (
-    "test_dashboard",
-    "test_terminal",
-    "test_recording",
-    "test_send",
-    "test_measure",
-    "test_keys",
-)
+TERMINALS = ("test_dashboard", "test_keys", "test_measure", "test_zenoh_links")
 """Of the folder `system`, but beside the whole runs."""
-_GIVE_WAY = 10
+_GIVE_WAY = 5
+"""As `nice` counts: a third of the weight."""
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -57,6 +52,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         if group:
             item.add_marker(pytest.mark.realtime)
             item.add_marker(pytest.mark.xdist_group(group))
+    items.sort(key=_waits_for_the_machine)
+
+
+def _waits_for_the_machine(item: pytest.Item) -> bool:
+    return "lockstep" in item.keywords and "realtime" not in item.keywords
 
 
 def _wanted(item: pytest.Item, config: pytest.Config) -> bool:
@@ -68,6 +68,8 @@ def _wanted(item: pytest.Item, config: pytest.Config) -> bool:
 
 def _group(item: pytest.Item) -> str:
     folder = item.path.relative_to(Path(__file__).parent).parts[0]
+    if _waits_for_the_machine(item):
+        return ""
     if folder == "system" and item.path.stem in TERMINALS:
         return LINKS
     return REALTIME.get(folder, RUNS if "realtime" in item.keywords else "")
@@ -86,8 +88,18 @@ def pytest_collection_finish(session: pytest.Session) -> None:
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """A worker beside another one gives way to flights from its first test that only computes."""
     beside_another = "PYTEST_XDIST_WORKER" in os.environ
-    if beside_another and "realtime" not in item.keywords and os.nice(0) < _GIVE_WAY:
-        os.nice(_GIVE_WAY - os.nice(0))
+    if beside_another and "realtime" not in item.keywords and os.getsid(0) != os.getpid():
+        _give_way()
+
+
+def _give_way() -> None:
+    """In a session of its own: Linux shares the machine out by session (autogroup), and `nice`
+    counts within one alone."""
+    os.setsid()
+    try:
+        Path("/proc/self/autogroup").write_text(str(_GIVE_WAY))
+    except OSError:  # no such thing here
+        os.nice(_GIVE_WAY)
 
 
 settings.register_profile("here", deadline=None)

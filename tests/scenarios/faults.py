@@ -251,7 +251,7 @@ class Row:
     policy: str = Policy.LAND.value
     within_s: float = 240.0
     falls: bool = False
-    """Out of the sky: no agent steers that, so where it comes down in gusts, 8 m under the others,
+    """Out of the sky: no agent steers that, so where it comes down in gusts, 4 m under the others,
     proves nothing."""
 
     def __str__(self) -> str:

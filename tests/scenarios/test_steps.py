@@ -30,7 +30,7 @@ shapes:
   row: {kind: line, spacing: 9}
   square: {kind: grid, spacing: 9, columns: 2}
 steps:
-  - takeoff: {height_m: 8}
+  - takeoff: {height_m: 4}
   - form: {shape: square, settle_s: 2}
 """
 TAKEOFF, FORM, THIRD = 1, 2, 3

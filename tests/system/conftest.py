@@ -1,32 +1,34 @@
-"""One flight as a user starts it, from the command to the report, that several tests look at from
-all sides."""
+"""Commands typed in a second shell beside a run."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import io
+import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from tests.system.running import HEXAGON, Running
+from swarm_ctl.cli.main import main
+
+Typed = Callable[..., tuple[int, str, str]]
 
 
-@dataclass(frozen=True)
-class Whole:
-    """What a flight that went well leaves behind."""
+@pytest.fixture
+def typed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Typed:
+    """`swarm-ctl WORDS` in the test's folder: exit code, stdout, stderr; "n" to every question.
 
-    code: int
-    stdout: str
-    stderr: str
-    cwd: Path
-    folder: Path
+    In this process: the start of a process of its own is a second of work, each time.
+    """
+    monkeypatch.chdir(tmp_path)
 
+    def run(*words: str) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["swarm-ctl", *words])
+        monkeypatch.setattr(sys, "stdin", io.StringIO("n\n"))
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return int(ended.value.code or 0), *capsys.readouterr()
 
-@pytest.fixture(scope="session")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Whole:
-    """The hexagon in lockstep, with JSON lines on stdout, all processes gone."""
-    cwd = tmp_path_factory.mktemp("whole")
-    with Running("run", HEXAGON, "--speedup", "max", "--json", cwd=cwd, stderr=True) as running:
-        code = running.wait()
-        running.assert_nothing_left()
-        return Whole(code, running.output, running.errors, cwd, running.folder)
+    return run

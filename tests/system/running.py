@@ -84,7 +84,7 @@ class Running:
         """Ctrl-C as a terminal sends it: to the whole foreground group."""
         os.killpg(self.process.pid, signal.SIGINT)
 
-    def wait_for(self, condition: Callable[[], bool], seconds: float = 60.0) -> None:
+    def wait_for(self, condition: Callable[[], bool], seconds: float = 150.0) -> None:
         """Poll until the condition holds; AssertionError with the output when the command ended or
         took too long."""
         until = time.monotonic() + seconds
@@ -105,7 +105,7 @@ class Running:
         except (OSError, ValueError):
             return ""
 
-    def wait(self, seconds: float = 90.0) -> int:
+    def wait(self, seconds: float = 240.0) -> int:
         """The exit code."""
         try:
             return self.process.wait(seconds)
@@ -129,7 +129,7 @@ class Running:
                 found.append(int(stat.parent.name))
         return found
 
-    def assert_nothing_left(self, seconds: float = 10.0) -> None:
+    def assert_nothing_left(self, seconds: float = 30.0) -> None:
         """All processes are gone within a moment (multiprocessing's helpers end just after their
         parent)."""
         until = time.monotonic() + seconds

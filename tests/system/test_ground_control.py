@@ -19,15 +19,15 @@ import pytest
 import yaml
 
 from tests.protocol.qgroundcontrol import QGroundControl
-from tests.system.running import LOW, Running
+from tests.system.running import HEXAGON, LOW, Running
 
 KINDS = {i: "px4" if i > 3 else "ardupilot" for i in range(1, 7)}
 
 
 @pytest.fixture
 def mission(tmp_path: Path) -> Path:
-    """Up, wait, down: three ArduCopters and three PX4s at the starts of `low.yaml`."""
-    data = yaml.safe_load(LOW.read_text())
+    """Up, wait, down: three ArduCopters and three PX4s at the starts of `hexagon.yaml`."""
+    data = yaml.safe_load(HEXAGON.read_text())
     data["fleet"] = {"agents": [{"id": i, "autopilot": kind} for i, kind in KINDS.items()]}
     data["shapes"] = {"start": {"kind": "offsets", "offsets": [a["start"] for a in data["agents"]]}}
     form, hold = {"shape": "start", "slots": "fixed"}, {"duration_s": 5}
@@ -129,22 +129,11 @@ def test_a_gcs_that_floods_hangs_or_dies_takes_nothing_from_an_agent(
         running.assert_nothing_left()
 
 
-def test_the_end_of_the_relay_ends_nothing_else(tmp_path: Path, mission: Path) -> None:
-    with (
-        qgroundcontrol() as qgc,
-        Running(
-            "run",
-            mission,
-            "--speedup",
-            "3",
-            "--headless",
-            "--no-report",
-            "--gcs",
-            str(qgc.port),
-            cwd=tmp_path,
-        ) as running,
-    ):
-        running.wait_for_event("step 2:", 6)
+@pytest.mark.lockstep
+def test_the_end_of_the_relay_ends_nothing_else(tmp_path: Path) -> None:
+    run = ("run", LOW, "--speedup", "max", "--headless", "--no-report")
+    with qgroundcontrol() as qgc, Running(*run, "--gcs", str(qgc.port), cwd=tmp_path) as running:
+        running.wait_for_event("step 2:", 3)
         running.kill("gcs")
         assert running.wait() == 0, running.output
         assert "ground control software is not served any more" in running.output

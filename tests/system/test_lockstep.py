@@ -1,5 +1,5 @@
 """Runs in lockstep: the same flight on any machine, and no process that dies or stops holds it
-up."""
+up (`test_run.py` has what a flight in real time survives, too)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from swarm_ctl.testing.virtual_swarm import VirtualSwarm, configuration
 from tests.system.running import HEXAGON, LOW, Running
 from tests.system.test_run import assert_apart, assert_truth_ends_on_the_ground
 
-pytestmark = pytest.mark.timeout(180)
+pytestmark = [pytest.mark.lockstep, pytest.mark.timeout(300)]
 
 MAX = ("--speedup", "max", "--headless", "--no-report")
 RUN = ("run", LOW, "--lockstep", "--speedup", "5", "--headless", "--no-report")
@@ -32,7 +32,7 @@ simulation:
   parameters: {SIM_WIND_SPD: 3, SIM_WIND_GUST: 1, SIM_GPS_NOISE: 0.1}
   faults:
     - {at_s: 2, for_s: 6, set: {SIM_LOSS: 30}}
-    - {at_s: 5, for_s: 5, agents: [2, 4], set: {SIM_DELAY: 0.2}}
+    - {at_s: 5, for_s: 5, agents: [2, 3], set: {SIM_DELAY: 0.2}}
 """
 
 
@@ -137,28 +137,16 @@ def test_any_flight_is_that_of_the_virtual_clock(tmp_path: Path, seed: int) -> N
     assert left_by(running, "truth.jsonl") == [virtual_truth(mission, seed, truth)]
 
 
-def test_an_agent_is_killed(tmp_path: Path) -> None:
-    """It leaves the barrier at once; the others hold and land as ever."""
-    with Running(*RUN, cwd=tmp_path) as running:
-        running.wait_for_event("step 2:", 6)
-        running.kill("agent-3")
-        assert running.wait() == 1, running.output
-        running.assert_nothing_left()
-        assert "agent 3" in running.summary()["reason"]
-        assert_truth_ends_on_the_ground(running.folder)
-        assert_apart(running.folder)
-
-
 @pytest.mark.long
 def test_an_agent_is_stopped(tmp_path: Path) -> None:
     """After the bound it is noted, and mission time goes on without it: its vehicle's failsafe
     acts, the others land."""
     with Running(*RUN, "--lockstep-patience", "2", cwd=tmp_path) as running:
-        running.wait_for_event("step 2:", 6)
-        running.kill("agent-5", signal.SIGSTOP)
+        running.wait_for_event("step 2:", 3)
+        running.kill("agent-2", signal.SIGSTOP)
         assert running.wait() == 1, running.output
         running.assert_nothing_left()
-        assert "agent-5 has not done its tick for 2 s of the wall clock" in running.output
+        assert "agent-2 has not done its tick for 2 s of the wall clock" in running.output
         assert running.summary()["outcome"] == "failed"
         assert_truth_ends_on_the_ground(running.folder)
         assert_apart(running.folder)
@@ -168,11 +156,11 @@ def test_an_agent_is_stopped(tmp_path: Path) -> None:
 def test_a_stopped_agent_comes_back(tmp_path: Path) -> None:
     """It takes part again from a later tick, and the flight ends without a process that hangs."""
     with Running(*RUN, "--lockstep-patience", "1", cwd=tmp_path) as running:
-        running.wait_for_event("step 2:", 6)
-        running.kill("agent-5", signal.SIGSTOP)
+        running.wait_for_event("step 2:", 3)
+        running.kill("agent-2", signal.SIGSTOP)
         running.wait_for(lambda: "has not done its tick" in running.output)
-        running.kill("agent-5", signal.SIGCONT)
-        running.wait_for(lambda: "agent-5 is back" in running.output)
+        running.kill("agent-2", signal.SIGCONT)
+        running.wait_for(lambda: "agent-2 is back" in running.output)
         assert running.wait() in (0, 1), running.output
         running.assert_nothing_left()
         assert_truth_ends_on_the_ground(running.folder)
@@ -183,7 +171,7 @@ def test_an_agent_is_started_again(tmp_path: Path) -> None:
     """By hand, after it was killed: it joins at a tick, takes its vehicle over, and the flight ends
     in order."""
     with Running(*RUN, cwd=tmp_path) as running:
-        running.wait_for_event("step 2:", 6)
+        running.wait_for_event("step 2:", 3)
         running.kill("agent-3")
         told = json.loads((running.folder / "run.json").read_text())
         plan = tmp_path / "plan.json"
@@ -207,14 +195,12 @@ def states_of_3_after_it(running: Running) -> str:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["clock", "station"])
-def test_the_clock_or_the_station_is_killed(tmp_path: Path, name: str) -> None:
-    """Without its clock the flight goes on by the wall clock and completes; without its station
-    the agents land by the mission's policy."""
+def test_the_clock_is_killed(tmp_path: Path) -> None:
+    """The flight goes on by the wall clock and completes."""
     with Running(*RUN, cwd=tmp_path) as running:
-        running.wait_for_event("step 2:", 6)
-        running.kill(name)
-        assert running.wait() == int(name == "station"), running.output
+        running.wait_for_event("step 2:", 3)
+        running.kill("clock")
+        assert running.wait() == 0, running.output
         running.assert_nothing_left()
         assert_truth_ends_on_the_ground(running.folder)
         assert_apart(running.folder)
@@ -224,42 +210,11 @@ def test_the_clock_or_the_station_is_killed(tmp_path: Path, name: str) -> None:
 def test_the_clock_is_stopped(tmp_path: Path) -> None:
     """All processes give it up at the same moment, and the flight completes by the wall clock."""
     with Running(*RUN, cwd=tmp_path) as running:
-        running.wait_for_event("step 2:", 6)
+        running.wait_for_event("step 2:", 3)
         running.kill("clock", signal.SIGSTOP)
         assert running.wait(120) == 0, running.output
         running.assert_nothing_left()
         assert_apart(running.folder)
-
-
-def test_the_simulator_is_killed(tmp_path: Path) -> None:
-    """The vehicles are gone: every agent ends."""
-    with Running(*RUN, cwd=tmp_path) as running:
-        running.wait_for_event("step 2:", 6)
-        running.kill("simulator")
-        assert running.wait() == 1, running.output
-        running.assert_nothing_left()
-
-
-@pytest.mark.long
-def test_the_run_itself_is_killed(tmp_path: Path) -> None:
-    """Agents land and end in lockstep, then the simulator, the station, and the clock."""
-    with Running(*RUN, cwd=tmp_path) as running:
-        running.wait_for_event("step 2:", 6)
-        os.kill(running.process.pid, signal.SIGKILL)
-        running.process.wait()
-        running.assert_nothing_left(60)
-        assert running.summary()["outcome"] == "aborted"
-        assert_truth_ends_on_the_ground(running.folder)
-
-
-def test_ctrl_c_lands(tmp_path: Path) -> None:
-    """As in real time."""
-    with Running(*RUN, cwd=tmp_path) as running:
-        running.wait_for_event("step 2:", 6)
-        running.interrupt()
-        assert running.wait() == 130, running.output
-        running.assert_nothing_left()
-        assert_truth_ends_on_the_ground(running.folder)
 
 
 def test_a_vehicle_with_its_own_clock_is_refused(tmp_path: Path) -> None:

@@ -1,4 +1,5 @@
-"""`swarm-ctl run` with real processes, whole and with each kind of process killed in flight."""
+"""`swarm-ctl run` with real processes, each kind of them killed in flight: in lockstep, and in real
+time on demand."""
 
 from __future__ import annotations
 
@@ -6,17 +7,25 @@ import json
 import os
 import signal
 import sys
-import time
 from pathlib import Path
 
 import pytest
 
-from tests.system.conftest import Whole
 from tests.system.running import HEXAGON, LOW, Running
 
-pytestmark = pytest.mark.timeout(180)
+pytestmark = [pytest.mark.lockstep, pytest.mark.timeout(300)]
 
+Command = tuple[str | Path, ...]
+LOCKSTEP = ("run", LOW, "--speedup", "max", "--headless", "--no-report")
 RUN = ("run", LOW, "--speedup", "5", "--headless", "--no-report")
+"""In real time."""
+BOTH = pytest.mark.parametrize(
+    "run",
+    [
+        pytest.param(LOCKSTEP, id="lockstep"),
+        pytest.param(RUN, id="5", marks=(pytest.mark.long, pytest.mark.realtime)),
+    ],
+)
 
 
 def assert_apart(folder: Path) -> None:
@@ -33,29 +42,19 @@ def assert_truth_ends_on_the_ground(folder: Path) -> None:
     assert not any(last["airborne"])
 
 
-def test_hexagon_completes(whole: Whole) -> None:
-    """From command to disarmed: exit 0, every figure of the summary in its range, nothing left
-    behind."""
-    assert whole.code == 0, whole.stderr
-    summary = json.loads((whole.folder / "summary.json").read_text())
-    assert summary["outcome"] == "completed"
-    assert [step["result"] for step in summary["steps"]] == ["done"] * 5
-    assert 5 < summary["time_to_form_s"] < 60
-    assert summary["formation_error_m"] < 0.5
-    assert set(summary["exit_codes"].values()) == {0}
-    assert len(summary["exit_codes"]) == 8
-    assert summary["setpoint_rate_hz"] > 15
-    assert_apart(whole.folder)
-    assert_truth_ends_on_the_ground(whole.folder)
-    assert "COMPLETED" in whole.stderr
-
-
-@pytest.mark.parametrize("step", [1, 2])
-def test_agent_killed(tmp_path: Path, step: int) -> None:
+@pytest.mark.parametrize(
+    ("run", "step"),
+    [
+        pytest.param(LOCKSTEP, 1, id="lockstep-1"),
+        pytest.param(RUN, 2, id="5-2", marks=pytest.mark.realtime),
+        pytest.param(LOCKSTEP, 2, id="lockstep-2", marks=pytest.mark.long),
+        pytest.param(RUN, 1, id="5-1", marks=(pytest.mark.long, pytest.mark.realtime)),
+    ],
+)
+def test_agent_killed(tmp_path: Path, run: Command, step: int) -> None:
     """Its vehicle's failsafe lands it, the others hold and land; the run fails and says so."""
-    with Running(*RUN, cwd=tmp_path) as running:
-        running.wait_for_event(f"step {step}:", 6)
-        time.sleep(0.5)
+    with Running(*run, cwd=tmp_path) as running:
+        running.wait_for_event(f"step {step}:", 3)
         running.kill("agent-3")
         assert running.wait() == 1, running.output
         running.assert_nothing_left()
@@ -67,10 +66,11 @@ def test_agent_killed(tmp_path: Path, step: int) -> None:
         assert_apart(running.folder)
 
 
-def test_station_killed(tmp_path: Path) -> None:
+@BOTH
+def test_station_killed(tmp_path: Path, run: Command) -> None:
     """The mission's policy (land): the agents come down, `run` writes the summary."""
-    with Running(*RUN, cwd=tmp_path) as running:
-        running.wait_for_event("step 2:", 6)
+    with Running(*run, cwd=tmp_path) as running:
+        running.wait_for_event("step 2:", 3)
         running.kill("station")
         assert running.wait() == 1, running.output
         running.assert_nothing_left()
@@ -81,10 +81,11 @@ def test_station_killed(tmp_path: Path) -> None:
         assert_apart(running.folder)
 
 
-def test_simulator_killed(tmp_path: Path) -> None:
+@BOTH
+def test_simulator_killed(tmp_path: Path, run: Command) -> None:
     """The vehicles are gone: every agent ends, the truth up to then is there, the run failed."""
-    with Running(*RUN, cwd=tmp_path) as running:
-        running.wait_for_event("step 2:", 6)
+    with Running(*run, cwd=tmp_path) as running:
+        running.wait_for_event("step 2:", 3)
         running.kill("simulator")
         assert running.wait() == 1, running.output
         running.assert_nothing_left()
@@ -94,10 +95,11 @@ def test_simulator_killed(tmp_path: Path) -> None:
         assert_apart(running.folder)
 
 
-def test_run_itself_killed(tmp_path: Path) -> None:
+@BOTH
+def test_run_itself_killed(tmp_path: Path, run: Command) -> None:
     """Agents land and end, then the simulator, and the station writes the summary."""
-    with Running(*RUN, cwd=tmp_path) as running:
-        running.wait_for_event("step 2:", 6)
+    with Running(*run, cwd=tmp_path) as running:
+        running.wait_for_event("step 2:", 3)
         os.kill(running.process.pid, signal.SIGKILL)
         running.process.wait()
         running.assert_nothing_left(60)
@@ -106,10 +108,11 @@ def test_run_itself_killed(tmp_path: Path) -> None:
         assert_apart(running.folder)
 
 
-def test_ctrl_c_lands_first(tmp_path: Path) -> None:
+@BOTH
+def test_ctrl_c_lands_first(tmp_path: Path, run: Command) -> None:
     """One Ctrl-C in flight: an acknowledged land command, all vehicles down, exit 130."""
-    with Running(*RUN, cwd=tmp_path) as running:
-        running.wait_for_event("step 2:", 6)
+    with Running(*run, cwd=tmp_path) as running:
+        running.wait_for_event("step 2:", 3)
         running.interrupt()
         assert running.wait() == 130, running.output
         running.assert_nothing_left()
@@ -118,11 +121,12 @@ def test_ctrl_c_lands_first(tmp_path: Path) -> None:
         assert_truth_ends_on_the_ground(running.folder)
 
 
-def test_ctrl_c_lands_without_a_station(tmp_path: Path) -> None:
+@BOTH
+def test_ctrl_c_lands_without_a_station(tmp_path: Path, run: Command) -> None:
     """With no station left to pass the command on, `run` cuts the lifelines: the agents land all
     the same."""
-    with Running(*RUN, cwd=tmp_path) as running:
-        running.wait_for_event("step 2:", 6)
+    with Running(*run, cwd=tmp_path) as running:
+        running.wait_for_event("step 2:", 3)
         running.kill("station")
         running.interrupt()
         assert running.wait() == 130, running.output
@@ -130,10 +134,11 @@ def test_ctrl_c_lands_without_a_station(tmp_path: Path) -> None:
         assert_truth_ends_on_the_ground(running.folder)
 
 
-def test_second_ctrl_c_stops_at_once(tmp_path: Path) -> None:
+@BOTH
+def test_second_ctrl_c_stops_at_once(tmp_path: Path, run: Command) -> None:
     """Everything ends within a moment, vehicles in the air or not, and nothing is left."""
-    with Running(*RUN, cwd=tmp_path) as running:
-        running.wait_for_event("step 2:", 6)
+    with Running(*run, cwd=tmp_path) as running:
+        running.wait_for_event("step 2:", 3)
         running.interrupt()
         running.wait_for(lambda: "Ctrl-C again" in running.output)
         running.interrupt()
@@ -153,12 +158,13 @@ def test_ctrl_c_on_the_ground(tmp_path: Path) -> None:
         running.assert_nothing_left()
 
 
+@pytest.mark.realtime
 def test_a_hung_agent_does_not_hang_the_run(tmp_path: Path) -> None:
     """SIGSTOP: its vehicle holds by its own failsafe, the others land, `run` ends it and
     reports."""
     with Running(*RUN, cwd=tmp_path) as running:
-        running.wait_for_event("step 2:", 6)
-        running.kill("agent-5", signal.SIGSTOP)
+        running.wait_for_event("step 2:", 3)
+        running.kill("agent-2", signal.SIGSTOP)
         assert running.wait() == 1, running.output
         running.assert_nothing_left()
         assert running.summary()["outcome"] == "failed"

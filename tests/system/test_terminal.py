@@ -18,7 +18,9 @@ import pytest
 
 from tests.system.running import LOW, SWARM_CTL, Running
 
-pytestmark = pytest.mark.timeout(120)
+pytestmark = [pytest.mark.lockstep, pytest.mark.timeout(300)]
+
+QUICK = ("--speedup", "max", "--headless", "--no-report")
 
 
 class Terminal:
@@ -91,11 +93,11 @@ class Terminal:
 def test_log_lines_and_ctrl_c(tmp_path: Path) -> None:
     """The lines tell the flight; Ctrl-C as a key lands the swarm, and a line tells who
     acknowledged."""
-    terminal = Terminal("run", LOW, "--speedup", "5", "--headless", cwd=tmp_path)
+    terminal = Terminal("run", LOW, *QUICK, cwd=tmp_path)
     try:
         terminal.wait_for("step 2/4: form hexagon")
         terminal.press(b"\x03")
-        terminal.wait_for("command land: acknowledged by agents 1-6")
+        terminal.wait_for("command land: acknowledged by agents 1-3")
         assert terminal.wait() == 130
         assert "ABORTED" in terminal.text
     finally:
@@ -107,7 +109,7 @@ def test_a_closed_output_does_not_end_the_flight(tmp_path: Path) -> None:
     end."""
     read, write = os.pipe()
     process = subprocess.Popen(
-        [str(SWARM_CTL), "run", str(LOW), "--speedup", "5", "--headless"],
+        [str(SWARM_CTL), "run", str(LOW), *QUICK],
         cwd=tmp_path,
         stdout=write,
         stderr=subprocess.DEVNULL,
@@ -130,8 +132,8 @@ def test_a_closed_output_does_not_end_the_flight(tmp_path: Path) -> None:
 
 def test_sigterm_lands_too(tmp_path: Path) -> None:
     """A service manager's stop is a landing, not a crash."""
-    with Running("run", LOW, "--speedup", "3", "--headless", cwd=tmp_path) as running:
-        running.wait_for_event("step 2:", 6)
+    with Running("run", LOW, *QUICK, cwd=tmp_path) as running:
+        running.wait_for_event("step 2:", 3)
         running.process.terminate()
         assert running.wait() == 130
         running.assert_nothing_left()
