@@ -24,8 +24,9 @@ def late(*row: Any) -> Any:
 @pytest.mark.parametrize(
     ("mission", "vehicles", "speedup"),
     [
-        ("hexagon.yaml", "arducopter", 2),
+        (PAIR, "arducopter", 2),
         (PAIR, "px4", 2),
+        late("hexagon.yaml", "arducopter", 2),
         late("hexagon.yaml", "arducopter", 1),
         late("hexagon.yaml", "px4", 1),
         late("hexagon.yaml", "1-3=arducopter,4-6=px4", 1),

@@ -23,7 +23,14 @@ PAIR = TEXT + "  - hold: {duration_s: 20}\n  - land\n"
 
 
 @pytest.mark.timeout(300)
-@pytest.mark.parametrize("how", [{"virtual": True}, {}, {"speedup": 4}], ids=str)
+@pytest.mark.parametrize(
+    "how",
+    [
+        pytest.param({"virtual": True}, id="virtual"),
+        pytest.param({}, id="lockstep", marks=pytest.mark.lockstep),
+        pytest.param({"speedup": 4}, id="4", marks=(pytest.mark.realtime, pytest.mark.long)),
+    ],
+)
 def test_a_test_as_a_user_writes_it(swarm: Fly, how: dict[str, Any]) -> None:
     flight = swarm(PAIR, **how)
     flight.wait_step("hold")
@@ -41,6 +48,7 @@ def test_a_test_as_a_user_writes_it(swarm: Fly, how: dict[str, Any]) -> None:
     assert "agent 3 has not been heard" in run.texts
 
 
+@pytest.mark.lockstep
 @pytest.mark.timeout(300)
 def test_a_flight_with_processes_is_the_same_again(swarm: Fly) -> None:
     """Orders, a killed agent and a killed station, in lockstep: they come at the same ticks, so
@@ -62,7 +70,8 @@ def test_a_flight_with_processes_is_the_same_again(swarm: Fly) -> None:
         assert one == other, name
 
 
-@pytest.mark.timeout(120)
+@pytest.mark.lockstep
+@pytest.mark.timeout(300)
 def test_a_frozen_agent_in_lockstep(swarm: Fly) -> None:
     """Mission time goes on without it at once, the others notice it by their own time-outs; thawed
     it takes part again."""
@@ -77,6 +86,7 @@ def test_a_frozen_agent_in_lockstep(swarm: Fly) -> None:
     flight.close()
 
 
+@pytest.mark.realtime
 @pytest.mark.timeout(120)
 def test_nothing_is_left_behind_by_a_test_that_fails(swarm: Fly, tmp_path: Path) -> None:
     """`close` in the middle of a flight ends every process."""

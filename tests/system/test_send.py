@@ -16,7 +16,7 @@ from tests.system.running import LOW, SWARM_CTL, Running
 
 pytestmark = [pytest.mark.lockstep, pytest.mark.timeout(300)]
 
-QUICK = ("--lockstep", "--speedup", "6", "--headless", "--no-report")
+QUICK = ("--lockstep", "--speedup", "3", "--headless", "--no-report")
 
 
 def waiting(text: str) -> str:

@@ -14,7 +14,7 @@ from tests.system.conftest import Typed
 from tests.system.running import LOW, Running
 
 pytestmark = [pytest.mark.lockstep, pytest.mark.timeout(300)]
-QUICK = ("--lockstep", "--speedup", "4", "--headless", "--no-report")
+QUICK = ("--lockstep", "--speedup", "3", "--headless", "--no-report")
 
 
 def test_an_order_reaches_the_agents_that_it_means_alone(tmp_path: Path, typed: Typed) -> None:
