@@ -13,7 +13,7 @@ from swarm_ctl.core.agent.agent import Agent
 from swarm_ctl.core.model.causes import Cause
 from swarm_ctl.core.model.messages import Outcome, Phase, Severity
 from swarm_ctl.core.model.plan import Policies, Policy
-from swarm_ctl.mission.compile.loader import LoadedMission, load, loads
+from swarm_ctl.mission.compile.loader import LoadedMission, loads
 from swarm_ctl.report.folder.last_statuses import LastStatus
 from swarm_ctl.report.folder.run_folder import RunFolder
 from swarm_ctl.report.judge.verdict import judge
