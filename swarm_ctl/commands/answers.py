@@ -16,6 +16,10 @@ _DOES: Final = {
     CommandKind.KILL: "motors off",
     CommandKind.HOLD: "holding",
 }
+_ABOUT: Final = {
+    CommandKind.EXPEL: "listen to {} no more, and keep clear",
+    CommandKind.READMIT: "listen to {} again",
+}
 _OTHERS: Final = {
     Policy.CONTINUE: ("goes on without {them}", "go on without {them}"),
     Policy.HOLD: ("holds until `resume`", "hold until `resume`"),
@@ -29,8 +33,12 @@ def answers(sent: SentCommand, plan: Plan, left: Collection[int] = ()) -> Iterat
     """A line for each answer, with the agents that gave it; `left` have left the formation
     already."""
     kind, taken = sent.command.kind, [i for i, ack in sorted(sent.acks.items()) if ack.accepted]
+    about = sent.command.about
     rest = others(kind, taken, plan, {*left, *sent.meant}) if sent.command.agents else ""
-    if taken:
+    if taken and about:
+        does, then = _ABOUT[CommandKind(kind)], others(kind, about, plan, left)
+        yield f"{agents_named(taken)}: {does.format(agents_named(about))}{f'; {then}' * bool(then)}"
+    elif taken:
         does = next((does for name, does in _DOES.items() if name == kind), "") if rest else ""
         yield f"{agents_named(taken)}: {does or 'accepted'}{'; ' if rest else ''}{rest}"
     refused: dict[str, list[int]] = {}
@@ -49,7 +57,7 @@ def others(kind: str, named: Collection[int], plan: Plan, left: Collection[int] 
     `agents 1-2 go on without it (policies.left_by_order)`
     """
     rest = [agent.id for agent in plan.agents if agent.id not in {*named, *left}]
-    if not named or not rest or kind not in (*ENDING, CommandKind.HOLD):
+    if not named or not rest or kind not in (*ENDING, CommandKind.HOLD, CommandKind.EXPEL):
         return ""
     policies, them, several = plan.policies, "it" if len(named) == 1 else "them", len(rest) > 1
     does = _OTHERS[policies.left_by_order][several].format(them=them)

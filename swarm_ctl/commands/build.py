@@ -17,7 +17,7 @@ import numpy as np
 
 from swarm_ctl.commands.parse import BY_NAME, Order, tuned
 from swarm_ctl.core.law.formation import smallest_distance
-from swarm_ctl.core.model.messages import ENDING, Command, CommandKind, Gains, Tuning
+from swarm_ctl.core.model.messages import ABOUT, ENDING, Command, CommandKind, Gains, Tuning
 from swarm_ctl.core.model.plan import FormStep, MoveStep, Plan, Point
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.swarm.gain_update import LEAD_S, limits, planned
@@ -29,6 +29,8 @@ from swarm_ctl.mission.geometry.shapes import slots_of
 _TOLERANCE_M: Final = 0.5
 _SETTLE_S: Final = 5.0
 _NO_END_S: Final = 1e9
+_ONE_CLOCK_S: Final = 1.0
+"""Clocks that are less apart are told as one: a command may be 15 s old."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +48,8 @@ class AgentNow:
     """The law it flies; None: it has not told yet."""
     clock_ahead_s: float | None = None
     """Its clock less the sender's, 0 where they may be one; None: not known."""
+    shows_ahead_s: float = 0.0
+    """By its newest state alone, its clock less the sender's."""
     left: bool = False
     """It has left the formation (`AgentState.left`)."""
     down: bool = False
@@ -71,6 +75,8 @@ class SwarmNow:
     def meant(self, order: Order) -> tuple[int, ...]:
         """The agents that an order is for: those that it names; else all of the formation, and for
         one that ends the mission all that have not ended."""
+        if order.kind in ABOUT:
+            return tuple(a.id for a in self.agents if not a.down and a.id not in order.agents)
         if order.agents:
             return order.agents
         if order.kind in ENDING:
@@ -99,8 +105,17 @@ def build(order: Order, swarm: SwarmNow, mission: LoadedMission | Path) -> Comma
             is not heard that has to be.
     """
     _check(order, swarm.plan)
-    command = Command(uuid.uuid4().hex, order.kind, order.agents, swarm.time_s)
+    ahead_s = ((a.id, round(a.shows_ahead_s, 3)) for a in swarm.agents)
+    command = Command(
+        uuid.uuid4().hex,
+        order.kind,
+        order.agents,
+        swarm.time_s,
+        ahead_s=tuple(pair for pair in ahead_s if abs(pair[1]) > _ONE_CLOCK_S),
+    )
     match order.kind:
+        case kind if kind in ABOUT:
+            return replace(command, agents=(), about=order.agents)
         case CommandKind.NEXT:
             return replace(command, at_step=order.at_step or swarm.step)
         case CommandKind.FORM:

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Final
 
-from swarm_ctl.core.model.messages import CommandKind, Gains
+from swarm_ctl.core.model.messages import ABOUT, CommandKind, Gains
 from swarm_ctl.core.model.plan import FormStep, Plan
 from swarm_ctl.core.swarm.gain_update import limits, out_of_range, planned
 from swarm_ctl.errors import InputError
@@ -42,6 +42,10 @@ _TUNE_DOES: Final = "change the law of all agents at one time"
 _LANDS: Final = ("it lands where it is", "they land where they are")
 _RETURNS: Final = ("it flies home and lands", "they fly home one at a time and land")
 _FALLS: Final = ("its motors stop, and it falls", "their motors stop, and they fall")
+_EXPELS: Final = (
+    "it holds; the others listen to it no more, and keep clear of its vehicle",
+    "they hold; the others listen to them no more, and keep clear of their vehicles",
+)
 KINDS: Final[tuple[Kind, ...]] = (
     Kind(CommandKind.HOLD, "", "stop in the air; avoidance stays on", "h"),
     Kind(CommandKind.RESUME, "", "go on with the mission", "r"),
@@ -52,6 +56,8 @@ KINDS: Final[tuple[Kind, ...]] = (
     Kind(CommandKind.LAND, "", "land in place", "l", _LANDS),
     Kind(CommandKind.RETURN, "", "fly home one at a time and land", "b", _RETURNS),
     Kind(CommandKind.KILL, "", "stop the motors: the vehicle falls", "K", _FALLS),
+    Kind(CommandKind.EXPEL, "", "listen to an agent no more; keep clear of it", "X", _EXPELS),
+    Kind(CommandKind.READMIT, "", "listen to an expelled agent again", "I"),
 )
 BY_NAME: Final[dict[str, Kind]] = {kind.name: kind for kind in KINDS}
 
@@ -93,7 +99,11 @@ def parse(line: str, plan: Plan, marked: Iterable[int] = ()) -> Order:
     kind = BY_NAME.get(name)
     if kind is None:
         raise InputError(f"no command {name!r}; allowed: {', '.join(BY_NAME)}")
+    if name in ABOUT and arguments and not at:
+        at, arguments = [f"@{','.join(arguments)}"], []
     agents = _agents(at[-1][1:], plan) if at else tuple(sorted(set(marked)))
+    if name in ABOUT and not 0 < len(agents) < len(plan.agents):
+        raise InputError(f"{name} is about some agents, not all; e.g. {name} 3, or mark them")
     if agents and kind.for_all:
         instead = f"leave out {at[-1]}" if at else "unmark the agents (a)"
         raise InputError(f"{name} is for the whole swarm; {instead}")
@@ -103,7 +113,7 @@ def parse(line: str, plan: Plan, marked: Iterable[int] = ()) -> Order:
 
 def complete(line: str, plan: Plan) -> list[str]:
     """Whole lines that begin with `line`, the best one first: commands, and behind a command its
-    own arguments alone. No line is completed to an order that lands, returns or kills."""
+    own arguments alone. No line is completed to an order that is asked about."""
     before, space, last = line.rpartition(" ")
     name, *named = before.split() or [""]
     kind = BY_NAME.get(name)

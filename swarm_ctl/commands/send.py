@@ -7,7 +7,7 @@ The commands are idempotent: an agent answers a repeated one as before, and does
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 from swarm_ctl.core.model.messages import Ack, Command, CommandKind
@@ -70,10 +70,12 @@ class CommandSender:
         self._repeat_s = REPEAT_WALL_S * speedup
         self._give_up_s = GIVE_UP_WALL_S * speedup
         self._open: list[_Open] = []
+        self._number = 0
 
     def send(self, command: Command, now: float, meant: Sequence[int] = ()) -> SentCommand:
         """Send a command now, and again at each `turn` that it is due. `meant` must answer; if not
         given, the agents that it names, or all."""
+        command = self._numbered(command)
         sent = SentCommand(command, tuple(meant) or command.agents or self._agents)
         first_phase = GainUpdateRound(command) if command.kind == CommandKind.TUNE else None
         self._open.append(_Open(sent, now, now, first_phase))
@@ -101,12 +103,17 @@ class CommandSender:
         if entry.round is None:
             sent.over = not sent.silent or now - entry.since_s > self._give_up_s
         elif (apply := entry.round.decide(now)) is not None:
-            sent.command, sent.acks = apply, {}
+            sent.command, sent.acks = self._numbered(apply), {}
             entry.since_s, entry.due_s, entry.round = now, now, None
         else:
             sent.failed = entry.round.failed
             sent.over = bool(sent.failed)
         self._repeat(entry, now)
+
+    def _numbered(self, command: Command) -> Command:
+        """By its number, agents tell a new command from one that was recorded and sent again."""
+        self._number += 1
+        return replace(command, number=self._number)
 
     def _repeat(self, entry: _Open, now: float) -> None:
         if not entry.sent.over and now >= entry.due_s:

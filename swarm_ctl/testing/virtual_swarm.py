@@ -95,6 +95,7 @@ class VirtualSwarm:
         self._station = Node(MemoryTransport(self.mesh), "test", "station")
         self._station.listen(keys.EVENT, keys.STATUS, keys.ACK)
         self.acks: list[Any] = []
+        self._numbers: dict[str, int] = {}
         self._far: list[MemoryWire] = []
         self.members: dict[int, Member] = {}
         self.simulator_alive = True
@@ -227,8 +228,9 @@ class VirtualSwarm:
         self.send(Command(name, kind, agents, self.now, **more))
 
     def send(self, command: Command) -> None:
-        """Send this command."""
-        self._station.send(keys.COMMAND, command)
+        """Send this command, with a number of its own."""
+        number = self._numbers.setdefault(command.id, len(self._numbers) + 1)
+        self._station.send(keys.COMMAND, replace(command, number=number))
 
     def run(self, seconds: float) -> None:
         """Tick for `seconds`."""

@@ -114,6 +114,8 @@ class Agent:
             hears one.
         vehicle: how the own vehicle answers a setpoint; None: as the plan's `response` says.
         keys_end_s: when its certificate ends, on the own clock; a flight outlasts it.
+        speedup: of mission time; a command may be that much older, because its sender waits by the
+            wall clock.
     """
 
     def __init__(
@@ -125,6 +127,7 @@ class Agent:
         expect_station: bool = False,
         vehicle: Response | None = None,
         keys_end_s: float = math.inf,
+        speedup: float = 1.0,
     ) -> None:
         self._plan = plan
         self._id = agent_id
@@ -141,7 +144,7 @@ class Agent:
             SlotExchange(plan, agent_id, self._peers),
         )
         self._barrier = Barrier(context)
-        self._command_handler = CommandHandler(plan, agent_id, self._hash)
+        self._command_handler = CommandHandler(plan, agent_id, self._hash, speedup)
         self._way_back = ReturnToLaunch(plan, agent_id)
         preflight = Preflight(
             plan,
@@ -183,6 +186,8 @@ class Agent:
         context.observe(inbox.view)
         self._barrier.measure(tick)
         self._barrier.watch_commands(tick, self._executor.override)
+        if self._barrier.alone(now):
+            self._drop_command(tick)
         self._check_failsafes(tick)
         if self._pausing(tick):
             context.progress.paused_s += self._plan.tick_s
@@ -203,7 +208,7 @@ class Agent:
     def _take_in(self, now: float, inbox: Inbox) -> Tick:
         context, peers = self._context, self._peers
         for news, received_s in inbox.clocks:
-            peers.clocks.hear(news, received_s)
+            peers.hear_clock(news, received_s)
         believed = []
         for state, received_s in inbox.states:
             self._takeover.hear(state, received_s)
@@ -269,12 +274,15 @@ class Agent:
         ack, new = handler.answer(command, situation, frame.leg if frame else 0)
         if not new:
             return ack
-        context.say(tick.now, Severity.INFO, f"the operator commands: {command.kind}")
+        context.say(tick.now, Severity.INFO, f"the operator commands: {_named(command)}")
         context.left = handler.left is not None
+        self._peers.expel(handler.expelled)
         if command.kind == CommandKind.RESUME and context.phase is Phase.YIELD:
             self._takeover.take_back(tick)
         elif command.kind == CommandKind.RESUME:
             self._barrier.accept()
+            self._takeover.catch_up(tick)
+        elif command.kind == CommandKind.READMIT and handler.override is not before:
             self._takeover.catch_up(tick)
         if command.kind == CommandKind.NEXT:
             context.progress.finish_step(tick.now, StepOutcome.SKIPPED)
@@ -283,6 +291,17 @@ class Agent:
             self._executor.overridden(command.kind, flown)
             self._enter(after.step if after else None, before.leg if before else 0)
         return ack
+
+    def _drop_command(self, tick: Tick) -> None:
+        """A shape or a move is for all: one that no peer flies was not commanded to all."""
+        before, handler = self._command_handler.override, self._command_handler
+        kind = handler.drop_alone()
+        if kind and before is not None:
+            text = f"no other agent flies the commanded {kind}: going on with the mission"
+            self._context.say(tick.now, Severity.WARNING, text)
+            self._takeover.catch_up(tick)
+            self._executor.overridden(CommandKind.RESUME, before.step)
+            self._enter(None, before.leg)
 
     # --- steps ---
 
@@ -431,3 +450,9 @@ class Agent:
         actions.events, context.events = tuple(context.events), []
         if ending:
             actions.ended = Ended(context.outcome, context.reason)
+
+
+def _named(command: Command) -> str:
+    """`expel 3 (station-77-a1b2c3)`."""
+    about = " ".join((command.kind, ",".join(map(str, command.about)))).strip()
+    return f"{about} ({command.station})" if command.station else about

@@ -4,6 +4,7 @@ how well the formation stands."""
 from __future__ import annotations
 
 import math
+from typing import Final
 
 from swarm_ctl.core.agent.failsafes import gave_up, left_by_order, progress_of
 from swarm_ctl.core.agent.flight_context import FlightContext
@@ -15,6 +16,8 @@ from swarm_ctl.core.model.plan import Policy, RotateStep, ScaleStep
 from swarm_ctl.core.swarm.snapshot import OtherAircraft, PeerSnapshot
 
 _MEASURE_EVERY_S = 0.2
+ALONE_S: Final = 15.0
+"""A command for all reaches all within ten seconds, or its sender gives it up."""
 
 
 class Barrier:
@@ -26,6 +29,7 @@ class Barrier:
         self._measure_due = -math.inf
         self._held_since: dict[int, float] = {}
         """By agent: since when it flies a command that this agent does not."""
+        self._alone_since = math.inf
         self.departed: dict[int, str] = {}
         """The peers that have left the formation, by id, and why: by an operator's order, or
         because a command has held them for longer than the mission waits."""
@@ -55,11 +59,14 @@ class Barrier:
         """Note which peers carry out a command that was not given to this agent, and which have
         left; call it every tick."""
         self._watch_held(tick, own_override)
+        self._watch_alone(tick, own_override)
         before, pause_s = self.departed, self._pause_s
         held = self._held_since.keys() - self.waits_for(tick.now).keys()
         self.departed = {i: f"a command has held agent {i} for {pause_s:g} s" for i in held}
         for peer in tick.peers.peers:
-            if peer.state is not None and peer.left is not None:
+            if peer.expelled:
+                self.departed[peer.id] = f"agent {peer.id} was expelled by the operator"
+            elif peer.state is not None and peer.left is not None:
                 self.departed[peer.id] = left_by_order(peer.state)
         self.accepted &= self.departed.keys()
         self._context.slot_exchange.departed = self.departed.keys()
@@ -88,6 +95,16 @@ class Barrier:
                 self._held_since[peer.id] = tick.now
                 text = f"waits for agent {peer.id}, which a command holds: {self._pause_s:g} s"
                 self._context.say(tick.now, Severity.INFO, f"{text} at most")
+
+    def _watch_alone(self, tick: Tick, own_override: int) -> None:
+        """Peers fly the formation, and none of them the command that this agent flies."""
+        flying = [p.formation[1] for p in tick.peers.peers if p.formation and p.left is None]
+        alone = own_override and flying and own_override not in flying
+        self._alone_since = min(self._alone_since, tick.now) if alone else math.inf
+
+    def alone(self, now: float) -> bool:
+        """For `ALONE_S` no peer has flown the command that this agent flies."""
+        return now - self._alone_since > ALONE_S
 
     def waits_for(self, now: float) -> dict[int, float]:
         """The agents that a command holds, and for how long the mission still waits for each

@@ -15,10 +15,11 @@ from typing import Final
 
 from swarm_ctl.core.agent.progress import Progress
 from swarm_ctl.core.law.formation import smallest_distance
-from swarm_ctl.core.model.messages import ENDING, Ack, Command, CommandKind, Departure, Phase
+from swarm_ctl.core.model.messages import ABOUT, ENDING, Ack, Command, CommandKind, Departure, Phase
 from swarm_ctl.core.model.plan import FormStep, HoldStep, LandStep, MoveStep, Plan, ReturnStep, Step
 from swarm_ctl.core.safety.fence import outside
 from swarm_ctl.core.swarm import gain_update
+from swarm_ctl.core.swarm.command_origin import CommandOrigins
 from swarm_ctl.core.swarm.snapshot import PeerSnapshot
 
 KINDS: Final = tuple(kind for kind in CommandKind if kind is not CommandKind.APPLY)
@@ -26,6 +27,10 @@ KINDS: Final = tuple(kind for kind in CommandKind if kind is not CommandKind.APP
 _ANSWERS_KEPT: Final = 256
 _FOREVER_S: Final = 1e9
 _OVER: Final = (Phase.YIELD, Phase.ENDED)
+_STILL: Final = (CommandKind.KILL, CommandKind.RESUME, *ABOUT)
+"""What an agent that no longer flies its vehicle still obeys."""
+_AT_ANY_TIME: Final = (*ENDING, *ABOUT)
+"""What counts although a newer command is in force."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,8 +74,9 @@ class AgentSituation:
 class CommandHandler:
     """Answers commands and remembers what they asked for."""
 
-    def __init__(self, plan: Plan, agent_id: int, plan_hash: int) -> None:
+    def __init__(self, plan: Plan, agent_id: int, plan_hash: int, speedup: float = 1.0) -> None:
         self._id = agent_id
+        self._origins = CommandOrigins(agent_id, speedup)
         self._all = {agent.id for agent in plan.agents}
         self._hash = plan_hash
         self._answers: dict[str, Ack] = {}
@@ -80,6 +86,8 @@ class CommandHandler:
         """`LAND`, `RETURN` or `KILL` once commanded; these end the mission."""
         self.left: Departure | None = None
         """Such an order that was not given to all agents."""
+        self.expelled: set[int] = set()
+        """The agents that the operator has expelled; the own id: the others do not listen."""
         self.gain_update = gain_update.GainUpdate(plan, agent_id, plan_hash)
 
     def answer(self, command: Command, situation: AgentSituation, leg: int) -> tuple[Ack, bool]:
@@ -90,10 +98,11 @@ class CommandHandler:
         known = self._answers.get(command.id)
         if known is not None:
             return known, False
-        reason = self._refusal(command, situation)
+        reason = self._origins.refusal(command, situation.peers.now_s)
+        reason = reason or self._refusal(command, situation)
         obeyed = not reason and not _past(command, situation)
         if obeyed:
-            self._obey(command, situation.peers.now_s, leg)
+            self._obey(command, situation, leg)
         ack = Ack(self._id, command.id, not reason, reason)
         self._answers[command.id] = ack
         if len(self._answers) > _ANSWERS_KEPT:
@@ -106,34 +115,56 @@ class CommandHandler:
         check = _CHECKS.get(command.kind)
         if check is None and command.kind not in gain_update.KINDS:
             return f"unknown command {command.kind!r}; allowed: {', '.join(KINDS)}"
-        if situation.phase in _OVER and command.kind not in (CommandKind.KILL, CommandKind.RESUME):
+        if situation.phase in _OVER and command.kind not in _STILL:
             return f"agent {self._id} no longer flies its vehicle"
         if command.plan_hash not in (0, self._hash):
             return f"it was made for the plan {command.plan_hash:016x}, ours is {self._hash:016x}"
+        if self._id in self.expelled and command.kind not in _AT_ANY_TIME:
+            return f"agent {self._id} is expelled; allowed now: readmit, land, return, kill"
         if check is None:
             return self.gain_update.refusal(command, situation.peers)
-        if command.kind not in ENDING and command.time_s < self._newest_s:
+        if command.kind not in _AT_ANY_TIME and command.time_s < self._newest_s:
             return "a newer command is in force"
         return check(command, situation)
 
-    def _obey(self, command: Command, now: float, leg: int) -> None:
+    def _obey(self, command: Command, situation: AgentSituation, leg: int) -> None:
         if command.kind in ENDING:
             self.ordered = CommandKind(command.kind)
             if command.agents and not self._all.issubset(command.agents):
-                self.left = Departure(self.ordered, now)
+                self.left = Departure(self.ordered, situation.peers.now_s)
             return
         if command.kind in gain_update.KINDS:
             self.gain_update.obey(command)
             return
+        if command.kind in ABOUT and not self._obey_about(command, situation):
+            return
         self._newest_s = command.time_s
         leg = self.override.leg if self.override else leg
-        if command.kind in (CommandKind.RESUME, CommandKind.NEXT):
+        if command.kind in (CommandKind.RESUME, CommandKind.NEXT, CommandKind.READMIT):
             self.override = None
-        elif command.kind == CommandKind.HOLD:
+        elif command.kind in (CommandKind.HOLD, CommandKind.EXPEL):
             forever = HoldStep(_FOREVER_S, _FOREVER_S)
             self.override = Override(command.kind, forever, command.tag, leg)
         elif command.step is not None:
             self.override = Override(command.kind, command.step, command.tag, leg)
+
+    def _obey_about(self, command: Command, situation: AgentSituation) -> bool:
+        """Note who is expelled; whether this agent is to stop for that, or to go on."""
+        meant = self._id in command.about
+        if command.kind == CommandKind.EXPEL:
+            self.expelled.update(command.about)
+            return meant and not _check_flying(command, situation)
+        self.expelled.difference_update(command.about)
+        return meant and self.override is not None and self.override.kind == CommandKind.EXPEL
+
+    def drop_alone(self) -> str:
+        """Go back to the mission from a shape or a move that no other agent flies; its kind, ''
+        where there is none."""
+        override = self.override
+        if override is None or override.kind not in (CommandKind.FORM, CommandKind.MOVE):
+            return ""
+        self.override = None
+        return override.kind
 
 
 def _past(command: Command, situation: AgentSituation) -> bool:
@@ -158,6 +189,17 @@ def _check_return(_: Command, situation: AgentSituation) -> str:
     if situation.phase is Phase.LAND:
         return f"agent {situation.agent} is landing already"
     return "" if situation.airborne else f"agent {situation.agent} is not in the air"
+
+
+def _check_about(command: Command, situation: AgentSituation) -> str:
+    if situation.phase in (Phase.CONNECT, Phase.PREPARE):
+        return "no agent flies yet; on the ground, revoke its key (swarm-ctl trust revoke)"
+    known = [agent.id for agent in situation.plan.agents]
+    unknown = [i for i in command.about if i not in known]
+    if not command.about or unknown or len(command.about) >= len(known):
+        allowed = f"some of {', '.join(map(str, known))}, not all"
+        return f"it is about agents {list(command.about)}; allowed: {allowed}"
+    return ""
 
 
 def _check_flying(_: Command, situation: AgentSituation) -> str:
@@ -230,4 +272,6 @@ _CHECKS: Final[dict[str, Callable[[Command, AgentSituation], str]]] = {
     CommandKind.LAND: _check_land,
     CommandKind.RETURN: _check_return,
     CommandKind.KILL: _check_kill,
+    CommandKind.EXPEL: _check_about,
+    CommandKind.READMIT: _check_about,
 }

@@ -66,7 +66,7 @@ class StepExecutor:
 
     def overridden(self, kind: str, before: Step | None) -> None:
         """A command of this kind takes the place of `before`, which was flown until now."""
-        still = self._scattered and kind == CommandKind.HOLD
+        still = self._scattered and kind in (CommandKind.HOLD, CommandKind.EXPEL)
         self._scattered = isinstance(before, FormStep) or still
 
     def decide(self, tick: Tick) -> Goal:

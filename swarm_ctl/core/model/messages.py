@@ -80,12 +80,18 @@ class CommandKind(StrEnum):
     LAND = "land"
     RETURN = "return"
     KILL = "kill"
+    EXPEL = "expel"
+    """Listen no more to the agents that it is about, and keep clear of their vehicles."""
+    READMIT = "readmit"
+    """Undoes `expel`."""
     APPLY = "apply"
     """Second phase of a gain update, sent by stations: the gains that `tune` prepared hold."""
 
 
 ENDING: Final = (CommandKind.LAND, CommandKind.RETURN, CommandKind.KILL)
 """The commands that end an agent's part of the mission."""
+ABOUT: Final = (CommandKind.EXPEL, CommandKind.READMIT)
+"""Commands to all agents about some of them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -452,6 +458,12 @@ class Command:
     """The `tag` of the `tune` that `apply` decides."""
     station: str = ""
     """Its sender: the owner of the key that it came under, as its receiver puts in."""
+    number: int = 0
+    """Of its sender's commands: rises from 1."""
+    ahead_s: tuple[tuple[int, float], ...] = ()
+    """(agent, how far its clock is ahead of the sender's), where they differ by seconds."""
+    about: tuple[int, ...] = ()
+    """The agents that `expel` and `readmit` speak of, to all others."""
 
     @property
     def tag(self) -> int:

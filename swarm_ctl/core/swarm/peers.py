@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from typing import Final
 
-from swarm_ctl.core.model.messages import AgentState, Phase, Severity
+from swarm_ctl.core.model.messages import AgentState, ClockNews, Phase, Severity
 from swarm_ctl.core.model.plan import Plan, Point
 from swarm_ctl.core.model.vehicle import Contact
 from swarm_ctl.core.swarm.clocks import Clocks
@@ -35,6 +35,17 @@ class Peers:
         not."""
         peer = self._by_id.get(state.agent)
         return peer is not None and peer.hear(state, received_s)
+
+    def hear_clock(self, news: ClockNews, received_s: float) -> None:
+        """Take in what a peer says of its clock."""
+        peer = self._by_id.get(news.agent)
+        if peer is not None and not peer.expelled:
+            self.clocks.hear(news, received_s)
+
+    def expel(self, agents: Container[int]) -> None:
+        """Listen to these peers no more, and to all others."""
+        for peer in self:
+            peer.expelled = peer.id in agents
 
     def suspects(self, now: float) -> dict[int, str]:
         """The peers of which a word was not believed of late, and why."""

@@ -7,6 +7,7 @@ stalls, nothing is sent: the vehicle's own failsafe stops it (deadman).
 from __future__ import annotations
 
 import gc
+import math
 import os
 import signal
 import sys
@@ -223,6 +224,8 @@ def _loop(
         expect_station=config.expect_station,
         vehicle=config.vehicle,
         keys_end_s=place.clock.now() + valid_for_s(identity),
+        # in lockstep mission time has no pace: no command is old
+        speedup=math.inf if config.lockstep else config.speedup,
     )
     memory = VehicleMemory(config.memory) if config.memory else None
     remembering = Remembering(memory, config.endpoint, config.flight)

@@ -36,7 +36,7 @@ from swarm_ctl.runtime.station.mesh_clock import MeshClock
 from swarm_ctl.runtime.vehicle_memory import SwarmMemory
 from swarm_ctl.station.picture.model import Model
 from swarm_ctl.station.picture.protection import LOCAL, Protection
-from swarm_ctl.station.picture.view import StationHealth, SwarmView
+from swarm_ctl.station.picture.view import AgentView, StationHealth, SwarmView
 from swarm_ctl.trust.identity import Identity
 
 _CHANNELS: Final[tuple[keys.Channel[Any], ...]] = (
@@ -204,6 +204,7 @@ def swarm_now(view: SwarmView) -> SwarmNow:
             agent.id in flying,
             agent.status.gains if agent.status else None,
             agent.link.clock_ahead_s,
+            _shows_ahead_s(agent, view.time_s),
             agent.id in left,
             agent.state.down if agent.state is not None else agent.id in left,
         )
@@ -211,3 +212,9 @@ def swarm_now(view: SwarmView) -> SwarmNow:
         if agent.in_plan
     )
     return SwarmNow(view.plan, view.time_s, view.step, agents, view.speedup)
+
+
+def _shows_ahead_s(agent: AgentView, now: float) -> float:
+    if agent.state is None or agent.silence_s is None:
+        return 0.0
+    return agent.state.time_s - (now - agent.silence_s)

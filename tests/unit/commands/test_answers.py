@@ -20,6 +20,14 @@ def policy(left_by_order: Policy) -> Plan:
     return replace(THREE, policies=replace(THREE.policies, left_by_order=left_by_order))
 
 
+def test_what_expel_does() -> None:
+    """The others' part, and what they do from then on."""
+    found = SentCommand(Command("c", "expel", (), 0.0, about=(3,)), (1, 2))
+    found.acks = {i: Ack(i, "c", True, "") for i in (1, 2)}
+    told = "agents 1-2: listen to agent 3 no more, and keep clear; agents 1-2 go on without it"
+    assert list(answers(found, THREE)) == [f"{told} (policies.left_by_order)"]
+
+
 def sent(kind: str, agents: tuple[int, ...], refused: str = "") -> SentCommand:
     meant = agents or (1, 2, 3)
     found = SentCommand(Command("c", kind, agents, 0.0), meant)

@@ -31,6 +31,9 @@ PLAN = hexagon_plan()
         ("move 20 -5.5 2", (), Order("move", ("20", "-5.5", "2"))),
         ("tune h=0.04 kappa=15", (), Order("tune", ("h=0.04", "kappa=15"))),
         ("tune plan", (), Order("tune", ("plan",))),
+        ("expel 3", (1,), Order("expel", (), (3,))),
+        ("expel @3,4", (), Order("expel", (), (3, 4))),
+        ("readmit", (3,), Order("readmit", (), (3,))),
     ],
 )
 def test_orders(line: str, marked: tuple[int, ...], order: Order) -> None:
@@ -40,7 +43,10 @@ def test_orders(line: str, marked: tuple[int, ...], order: Order) -> None:
 @pytest.mark.parametrize(
     ("line", "why"),
     [
-        ("", "no command ''; allowed: hold, resume, next, form, move, tune, land, return, kill"),
+        (
+            "",
+            "no command ''; allowed: hold, resume, next, form, move, tune, land, return, kill, expel",
+        ),
         ("fly", "no command 'fly'; allowed"),
         ("land now", "usage: land"),
         ("form", "usage: form SHAPE; this mission flies hexagon"),
@@ -49,6 +55,9 @@ def test_orders(line: str, marked: tuple[int, ...], order: Order) -> None:
         ("move a b", "usage: move NORTH EAST"),
         ("move nan 1", "usage: move NORTH EAST"),
         ("form hexagon @1", "form is for the whole swarm; leave out @1"),
+        ("expel", "expel is about some agents, not all; e.g. expel 3"),
+        ("expel 1-6", "expel is about some agents, not all"),
+        ("readmit 9", "no agent 9 in this mission"),
         ("tune", "tune changes nothing; allowed: plan, or values of delta_a, delta_l, h, kappa"),
         (
             "tune h",
@@ -83,7 +92,7 @@ def test_any_text_is_an_order_or_refused(line: str) -> None:
         assert set(order.agents) <= {agent.id for agent in PLAN.agents}
 
 
-FALLS = {"land", "return", "kill"}
+FALLS = {"land", "return", "kill", "expel"}
 
 
 @given(st.sampled_from([kind.name for kind in KINDS]), st.integers(0, 6))

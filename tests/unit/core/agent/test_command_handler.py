@@ -9,7 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarm_ctl.core.agent.command_handler import KINDS, AgentSituation, CommandHandler, Override
+from swarm_ctl.core.agent.command_handler import (
+    ABOUT,
+    KINDS,
+    AgentSituation,
+    CommandHandler,
+    Override,
+)
 from swarm_ctl.core.model.messages import Ack, Command, CommandKind, Phase
 from swarm_ctl.core.model.plan import Fence, FormStep, HoldStep, MoveStep, Plan, Point
 from tests.unit.core.builders import (
@@ -34,12 +40,13 @@ HELD: Final = Override(CommandKind.HOLD, HoldStep(1e9, 1e9), 7, 0)
 
 
 def command(kind: str, name: str = "c1", **changes: Any) -> Command:
-    """To all agents; with the step that `form` and `move` need."""
+    """To all agents, with a number of its own; with what `form`, `move` and `expel` need."""
     steps = {CommandKind.FORM: FORMING, CommandKind.MOVE: MOVING}
-    return replace(
-        Command(name, kind, (), NOW, step=steps.get(CommandKind(kind)) if kind in KINDS else None),
-        **changes,
+    sent = Command(
+        name, kind, (), NOW, step=steps.get(CommandKind(kind)) if kind in KINDS else None
     )
+    about = (2,) if kind in ABOUT else ()
+    return replace(sent, **{"number": sent.tag, "about": about} | changes)
 
 
 def situation(
@@ -76,6 +83,8 @@ move    no      no      no  no      ok  no   ok   no   no     no    no
 land    ok      ok      ok  ok      ok  ok   ok   ok   ok     no    no
 return  no      no      ok  ok      ok  ok   ok   no   ok     no    no
 kill    ok      ok      ok  ok      ok  ok   ok   ok   ok     ok    no
+expel   no      no      ok  ok      ok  ok   ok   ok   ok     ok    ok
+readmit no      no      ok  ok      ok  ok   ok   ok   ok     ok    ok
 """
 """`hold`: by a failsafe's policy; `held`: by an operator's command, in phase FLY."""
 _HEAD, *_LINES = [line.split() for line in TABLE.strip().splitlines()]
@@ -105,7 +114,7 @@ def test_resume_takes_a_vehicle_again_that_is_given_back() -> None:
     """And no other command does."""
     given_back = replace(situation(Phase.YIELD), not_given_back="")
     assert answer(command("resume"), given_back).accepted
-    others = set(KINDS) - {CommandKind.RESUME, CommandKind.KILL, CommandKind.TUNE}
+    others = set(KINDS) - {CommandKind.RESUME, CommandKind.KILL, CommandKind.TUNE, *ABOUT}
     assert not any(answer(command(kind), given_back).accepted for kind in others)
 
 
