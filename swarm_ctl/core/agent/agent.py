@@ -445,6 +445,7 @@ class Agent:
                 loop=inbox.tick(),
                 bad_payloads=inbox.bad_payloads,
                 refused=refused,
+                doubted=self._peers.suspects(now),
                 left=self._command_handler.left,
             )
         actions.events, context.events = tuple(context.events), []

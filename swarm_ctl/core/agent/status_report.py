@@ -32,6 +32,7 @@ def status_report(
     loop: TickReport,
     bad_payloads: int,
     refused: tuple[Refusal, ...] = (),
+    doubted: dict[int, str] | None = None,
     left: Departure | None = None,
 ) -> AgentStatus:
     """Everything about an agent that is not needed every tick.
@@ -44,6 +45,7 @@ def status_report(
         loop: the control loop's punctuality.
         bad_payloads: mesh messages that were refused for what they are, so far.
         refused: what was refused on the mesh in the last seconds.
+        doubted: why, by peer of which a word was not believed of late.
         left: by which order this agent has left the formation.
     """
     view, fix, now, controller = tick.view, tick.newest_fix, tick.now, context.controller
@@ -90,6 +92,7 @@ def status_report(
         cause=context.trigger.cause if context.trigger else None,
         left=left,
         refused=refused,
+        doubted=doubted or {},
         without=tuple(peer.id for peer in tick.peers.peers if peer.left is not None),
     )
 

@@ -400,6 +400,8 @@ class AgentStatus:
     """The peers that have left the formation, as they told."""
     refused: tuple[Refusal, ...] = ()
     """What it refused on the mesh in the last seconds (`mesh/refusals.py`)."""
+    doubted: dict[int, str] = field(default_factory=dict)
+    """Why, by peer of which a word was not believed of late (`core/swarm/plausibility.py`)."""
 
 
 @dataclass(frozen=True, slots=True)

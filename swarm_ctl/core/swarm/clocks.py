@@ -48,13 +48,15 @@ _ROUNDING_S: Final = 1e-6
 class PeerClock:
     """What is known of one peer's clock. Times in s; `ahead` is its clock less the own one."""
 
-    __slots__ = ("_claim", "_high", "_high_at", "_low", "_low_at", "unknown_s")
+    __slots__ = ("_claim", "_high", "_high_at", "_low", "_low_at", "stepped_s", "unknown_s")
 
     def __init__(self) -> None:
         self._low, self._low_at = -math.inf, 0.0
         self._high, self._high_at = math.inf, 0.0
         self._claim: tuple[float, float, float] | None = None
         """Bounds that contradict, and since when they are claimed."""
+        self.stepped_s = 0.0
+        """By how much the newest word contradicts what is known of the clock."""
         self.unknown_s: float | None = None
         """Since when its states come without its clock being known; None: the clock is known, or
         nothing was heard."""
@@ -99,6 +101,7 @@ class PeerClock:
             return  # one of the two clocks has jumped in between
         before_low, before_high = self.bounds(received_s)
         anew = low > before_high + _ROUNDING_S or high + since_then < before_low - _ROUNDING_S
+        self.stepped_s = max(0.0, low - before_high, before_low - high) if anew else 0.0
         if anew and not self._claimed(low, high, received_s):
             return
         self._claim = None

@@ -36,6 +36,8 @@ _YIELDING = frozenset({Phase.FLY, Phase.HOLD, Phase.RETURN})
 _ENDING = frozenset({Phase.LAND, Phase.YIELD, Phase.ENDED, Phase.RETURN})
 _SENDERS_S = 5.0
 """A process that starts again counts its states from 1, once. Twice in this time is two senders."""
+_STARTED = 40
+"""A process that has just started, and of which a second was lost, counts less."""
 _TURNS_S = 0.05
 """A clock that drifts faster than clocks do contradicts what is known of it by less."""
 _TWO = Finding(Doubt.SENDERS, "two senders speak as it")
@@ -161,14 +163,16 @@ class Peer:
 
     def _hear_late(self, old: AgentState, state: AgentState, received_s: float) -> None:
         """What comes late is still from the same vehicle."""
-        if self.limits.jump(state, old, old.time_s - state.time_s, NO_JUMPS)[0] is not None:
+        other_one = state.seq == old.seq and state.time_s != old.time_s
+        jumped, _ = self.limits.jump(state, old, old.time_s - state.time_s, NO_JUMPS)
+        if other_one or jumped is not None:
             self._other = _Other(state, received_s, received_s)
             self.doubt(_TWO, received_s)
 
     def _look_for_two(self, old: AgentState, state: AgentState, received_s: float) -> None:
         """Two senders that take turns: states counted anew again and again, or by two clocks."""
-        if state.seq <= old.seq:
-            if received_s - self._back_s <= _SENDERS_S:
+        if state.seq <= old.seq and received_s - self.received_s <= NEIGHBOUR_S:
+            if state.seq > _STARTED or received_s - self._back_s <= _SENDERS_S:
                 self.doubt(_TWO, received_s)
             self._back_s = received_s
         if self._stepped_s > _TURNS_S and received_s - self.received_s < INSISTS_S:

@@ -10,7 +10,7 @@ from swarm_ctl.core.model.plan import Plan, Point
 from swarm_ctl.core.model.vehicle import Contact
 from swarm_ctl.core.swarm.clocks import Clocks
 from swarm_ctl.core.swarm.peer import Peer
-from swarm_ctl.core.swarm.plausibility import Doubt, Limits
+from swarm_ctl.core.swarm.plausibility import CLOCK_S, Doubt, Finding, Limits
 from swarm_ctl.core.swarm.snapshot import PeerSnapshot
 from swarm_ctl.core.swarm.traffic import Traffic
 
@@ -40,7 +40,13 @@ class Peers:
         """Take in what a peer says of its clock."""
         peer = self._by_id.get(news.agent)
         if peer is not None and not peer.expelled:
+            peer.clock.stepped_s = 0.0
             self.clocks.hear(news, received_s)
+            if peer.clock.stepped_s > CLOCK_S:
+                peer.doubt(
+                    Finding(Doubt.CLOCK, f"its clock word steps by {peer.clock.stepped_s:.3g} s"),
+                    received_s,
+                )
 
     def expel(self, agents: Container[int]) -> None:
         """Listen to these peers no more, and to all others."""

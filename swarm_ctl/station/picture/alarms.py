@@ -263,6 +263,17 @@ def _old_link(view: SwarmView, limit_s: float) -> Found:
             yield ends, f"agent {link.receiver} last heard agent {link.sender} {age:.1f} s ago"
 
 
+def _not_believed(view: SwarmView, _: float) -> Found:
+    """An agent whose word cannot be true, by the others."""
+    found: dict[int, tuple[list[int], str]] = {}
+    for agent in view.agents:
+        told = agent.status.doubted if agent.live and agent.status is not None else {}
+        for peer, words in told.items():
+            found.setdefault(peer, ([], words))[0].append(agent.id)
+    for peer, (by, words) in found.items():
+        yield (peer,), f"not believed by {agents_named(by)}: {words}"
+
+
 def _refused_messages(view: SwarmView, _: float) -> Found:
     """What agents refused on the mesh, or this station did: of one owner of keys, by reason."""
     found: dict[tuple[str, RefusalReason], tuple[set[int], Refusal]] = {}
@@ -376,6 +387,7 @@ RULES: Final[tuple[Rule, ...]] = (
     Rule("failed", _E, _is(0), "the agent says so", _if(failed), _WORDS),
     Rule("other plan", _E, _is(0), "two missions in one air", _other_plan),
     Rule("vehicle silent", _E, _is(OWN_LOST_S), "five heartbeats at 1 Hz", _no_heartbeat),
+    Rule("not believed", _E, _is(0), "no vehicle of the plan does that", _not_believed, _WORDS),
     Rule("sigma bound", _E, _is(0), "equations (52), (66) and (67)", _sigma_bound),
     Rule("mixed laws", _E, _is(1.0), "a change takes all agents within a few ticks", _mixed_laws),
     Rule("taken over", _W, _is(0), "a pilot or a failsafe flies", _if(taken_over), _WORDS),

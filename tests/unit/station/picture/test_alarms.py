@@ -126,6 +126,7 @@ CASES: dict[str, tuple[Callable[[], SwarmView], tuple[int, ...]]] = {
     "failed": (lambda: _broken_off(FailsafeAction.LAND, Cause.POSITION, "no position"), (4,)),
     "other plan": (lambda: _state(4, plan_hash=1), (4,)),
     "vehicle silent": (lambda: _status(4, heartbeat_age_s=5.1), (4,)),
+    "not believed": (lambda: _status(4, doubted={2: "it jumped by 9.0 m in 0.05 s"}), (2,)),
     "sigma bound": (lambda: _sigma(sigma=0.2), (1, 2)),
     "mixed laws": (lambda: _other_law(1.1), (4,)),
     "taken over": (lambda: _state(4, phase=Phase.YIELD), (4,)),
