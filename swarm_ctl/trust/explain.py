@@ -86,7 +86,7 @@ def _answer(
             with contextlib.suppress(TimeoutError):  # it waits for our first word: it accepts us
                 closed = not link.recv(1)
             fault = f"{endpoint} closed the link after the handshake" if closed else None
-            return Answer(True, _stranger(identity, peer, endpoint) or fault, peer.common_name)
+            return Answer(True, _unnamed(identity, peer, endpoint) or fault, peer.common_name)
     except ssl.SSLCertVerificationError as error:
         return Answer(True, _unverified(identity, error, endpoint))
     except ssl.SSLError as error:
@@ -151,7 +151,7 @@ def _refused(identity: Identity, reason: str, endpoint: str) -> str:
     return f"{endpoint} refuses {own}: {reason.lower().replace('_', ' ')}"
 
 
-def _stranger(identity: Identity, peer: Certificate, endpoint: str) -> str | None:
+def _unnamed(identity: Identity, peer: Certificate, endpoint: str) -> str | None:
     """What our own rules say to a peer whose certificate is good."""
     host, _ = address_of(endpoint)
     if not any(same_host(host, each) for each in peer.hosts):

@@ -100,7 +100,7 @@ def changed_folder(folder: Path) -> Iterator[Path]:
     process changes it now."""
     guard(folder)
     with _locked(folder), _beside(folder) as made:
-        hidden = shutil.ignore_patterns(".*")  # what another process writes at this moment
+        hidden = shutil.ignore_patterns(".*.*")  # what another process writes at this moment
         shutil.copytree(folder, made, dirs_exist_ok=True, copy_function=_copy, ignore=hidden)
         yield made
         with _beside(folder) as old:

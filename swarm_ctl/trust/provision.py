@@ -75,6 +75,7 @@ def new(
 
     authority = Authority.new(checked_swarm(swarm), terms.now)
     with new_folder(folder) as made:
+        write_private(made / ".gitignore", b"*\n")  # keys belong in no repository
         (made / CA_FOLDER).mkdir(mode=0o700)
         write_private(made / CA_FOLDER / CA_KEY, authority.key)
         write_private(made / CA_FOLDER / identity.CA, authority.pem)

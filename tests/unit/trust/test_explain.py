@@ -69,6 +69,20 @@ def test_a_good_link_needs_no_words(made: Path, listen: Listen) -> None:
     assert ask(load_identity(made / "agent-2"), endpoint).peer == "agent-1.outdoors.e1"
 
 
+def test_the_rosters_signature_opens_no_link(trust: Path, listen: Listen) -> None:
+    """Each host has its key. It is no client's, and no address is its own."""
+    endpoint = listen(load_identity(trust / "agent-1"))
+    for name in ("mesh.crt", "mesh.key"):
+        shutil.copyfile(trust / "roster.pem", trust / "agent-2" / name)
+    sealed = dataclasses.replace(load_identity(trust / "agent-3"), folder=trust / "agent-2")
+    as_client = explain_handshake(sealed, endpoint)
+    assert as_client is not None
+    assert "unsupported certificate" in as_client
+    as_server = explain_handshake(load_identity(trust / "operator-anna"), listen(sealed))
+    assert as_server is not None
+    assert "is for another address: none" in as_server
+
+
 def test_where_nothing_listens(made: Path) -> None:
     """That is no refusal."""
     with socket.create_server(("127.0.0.1", 0)) as free:

@@ -59,6 +59,12 @@ def test_nothing_is_for_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
         assert stat.S_IMODE(path.stat().st_mode) == (0o700 if path.is_dir() else 0o600), path
 
 
+def test_no_repository_takes_the_keys(trust: Path) -> None:
+    """git ignores the folder, after a change too."""
+    rotate(trust, TERMS)
+    assert (trust / ".gitignore").read_text() == "*\n"
+
+
 def test_a_second_new_is_refused(trust: Path) -> None:
     """Nothing is changed, and nothing is left beside it."""
     before, beside = everything(trust), list(trust.parent.iterdir())
