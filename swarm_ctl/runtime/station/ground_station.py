@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 import uuid
+from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -48,6 +49,8 @@ _CHANNELS: Final[tuple[keys.Channel[Any], ...]] = (
     keys.COMMAND,
     keys.ACK,
 )
+_COMMANDS: Final = 1000
+"""Of so many it is known that they were heard before."""
 _BEACON_S: Final = 0.25
 """Twenty before an agent gives it up (5 s): with half of all messages lost one flight in 1,000;
 with ten, one in 5."""
@@ -103,9 +106,9 @@ class Station:
         self._name = str(node.name)
         self._hash = plan.hash()
         self._model = self._new_model()
-        agents = [agent.id for agent in plan.agents]
+        self._agents = agents = tuple(agent.id for agent in plan.agents)
         self._sender = CommandSender(self._publish, agents, clock.speedup)
-        self._commands: set[str] = set()
+        self._commands: deque[str] = deque(maxlen=_COMMANDS)
         self._beacon_due = 0.0
         node.listen(*_CHANNELS, agents=agents)
 
@@ -117,7 +120,7 @@ class Station:
         """Take in what was said on the mesh before this station joined."""
         for payload in past:
             if isinstance(payload, Command):
-                self._commands.add(payload.id)
+                self._commands.append(payload.id)
             self._model.recall(payload)
 
     def order(self, order: Order) -> SentCommand:
@@ -159,10 +162,11 @@ class Station:
         clock = self._clock
         if not isinstance(clock, MeshClock) or clock.heard:
             return True
-        times_s = [state.time_s for state, _ in self._node.take(keys.STATE)]
-        times_s += [status.time_s for status, _ in self._node.take(keys.STATUS)]
-        for time_s in times_s:
-            clock.hear(time_s)
+        told: list[AgentState | AgentStatus] = [state for state, _ in self._node.take(keys.STATE)]
+        told += [status for status, _ in self._node.take(keys.STATUS)]
+        for each in told:
+            if each.agent in self._agents:
+                clock.hear(each.time_s)
         if clock.heard:
             self._model = self._new_model()
         return False
@@ -173,14 +177,15 @@ class Station:
             case Command() if payload.id in self._commands:
                 return
             case Command():
-                self._commands.add(payload.id)
+                self._commands.append(payload.id)
             case Ack():
                 self._sender.hear(payload)
             case AgentStatus() if self._memory is not None:
                 trouble = self._memory.hear(payload)
                 self._troubles += [f"agent {payload.agent}: {trouble}"] if trouble else []
-            case AgentState() if isinstance(self._clock, MeshClock):
-                self._clock.hear(payload.time_s)
+            case AgentState(agent=agent) if agent in self._agents:
+                if isinstance(self._clock, MeshClock):
+                    self._clock.hear(payload.time_s)
         self._model.fold(payload, received_s)
         if self._recorder:
             self._recorder.take(payload, received_s)

@@ -7,7 +7,7 @@ mission seconds.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass, field
 from typing import Final, TypeVar
 
@@ -65,9 +65,11 @@ class Histories:
 
 
 class HistoryKeeper:
-    """Takes in what was accepted as newer than all before."""
+    """Takes in what was accepted as newer than all before. Of links and pairs with agents that are
+    not in `known`, whatever a message says of them, nothing is kept."""
 
-    def __init__(self) -> None:
+    def __init__(self, known: Container[int]) -> None:
+        self._known = known
         self._trails: dict[int, tuple[Point, ...]] = {}
         self._due: dict[int, float] = {}
         self._links: dict[tuple[int, int], LinkSeries] = {}
@@ -87,11 +89,14 @@ class HistoryKeeper:
         """Add a point to the series of each link that the agent receives on."""
         for sender, report in status.links.items():
             key = (status.agent, sender)
-            self._links[key] = _grown(self._links.get(key, LinkSeries()), report, status.time_s)
+            if sender in self._known:
+                self._links[key] = _grown(self._links.get(key, LinkSeries()), report, status.time_s)
 
     def sigma(self, report: SigmaReport) -> None:
         """Add a point to the series of each pair that the agent reports."""
         for pair in report.pairs:
+            if pair.peer not in self._known:
+                continue
             key = (report.agent, pair.peer)
             before = self._pairs.get(key, PairSeries()).points
             point = (report.time_s, pair.distance, pair.sigma, pair.sigma_lb)

@@ -43,6 +43,8 @@ from swarm_ctl.station.picture.view import (
 _EVENTS: Final = 1000
 """Half as many as the log has entries: one view leaves room for what stood there."""
 _COMMANDS: Final = 100
+_STRANGERS: Final = 32
+"""Agents that are not in the plan, and stations: of more than these nothing is shown."""
 _STAYS: Final = (None, FailsafeAction.HOLD)
 _SIGMA_S: Final = 1.0
 """A sigma report older than this is history: they come at 5 Hz while a pair is active."""
@@ -128,11 +130,13 @@ class Model:
         self._event_count = 0
         self._commands: dict[str, _Answered] = {}
         self._stations: dict[str, float] = {}
-        self._history = HistoryKeeper()
+        self._history = HistoryKeeper(self._heard)
 
     def fold(self, payload: Payload, received_s: float) -> None:
         """Take one message in, as it arrived at `received_s`. Late and repeated ones change nothing
         but counters."""
+        if not self._has_room(payload):
+            return
         match payload:
             case AgentState():
                 heard = self._of(payload.agent, received_s)
@@ -168,6 +172,15 @@ class Model:
                     self._commands[payload.command].acks[payload.agent] = payload
             case StationBeacon():
                 self._stations[payload.station] = received_s
+                if len(self._stations) > _STRANGERS:
+                    del self._stations[min(self._stations, key=self._stations.__getitem__)]
+
+    def _has_room(self, payload: Payload) -> bool:
+        """Whether the speaker is known, or its table has a place for it."""
+        if isinstance(payload, AgentState | AgentStatus | SigmaReport | Event | Ack):
+            known = payload.agent in self._heard
+            return known or len(self._heard) < len(self._planned) + _STRANGERS
+        return True
 
     def recall(self, payload: Event | Command | Ack) -> None:
         """Take in what was said before this station listened, at the time that it tells."""

@@ -14,6 +14,7 @@ from swarm_ctl.core.model.messages import (
     Command,
     Event,
     ExchangeState,
+    LinkReport,
     Phase,
     SigmaReport,
     StationBeacon,
@@ -214,3 +215,27 @@ def test_links_are_what_receivers_report() -> None:
     view = flying_model(PLAN).view(30.0)
     assert len(view.links) == 30
     assert all(link.receiver != link.sender and link.report.received == 400 for link in view.links)
+
+
+def test_strangers_fill_no_memory() -> None:
+    """Thousands of agents that are in no plan, of stations, and of peers that a status makes up:
+    those that are shown are few, and the plan's agents are all among them."""
+    model = flying_model(PLAN, 30.0)
+    for k in range(2000):
+        model.fold(replace(state_of(PLAN, 1, 30.0), agent=100 + k), 30.0)
+        model.fold(StationBeacon(f"desk-{k}", 30.0, 1), 30.0 + k / 1000)
+    links = dict.fromkeys(range(1000, 3000), LinkReport(0.1, 0.1, 0.1, 1, 0))
+    model.fold(status_of(PLAN, 1, 31.0, links=links), 31.0)
+    model.fold(
+        SigmaReport(
+            1, 31.0, (0, 0), (0, 0), tuple(report_of(k, 1.2, "paper") for k in range(1000, 3000))
+        ),
+        31.0,
+    )
+    view = model.view(31.0)
+    assert [agent.id for agent in view.agents if agent.in_plan] == [1, 2, 3, 4, 5, 6]
+    assert len(view.agents) == 6 + 32
+    assert "desk-1999" in view.stations
+    assert len(view.stations) <= 33
+    assert all(set(key) <= set(range(1, 7)) for key in view.histories.links)
+    assert not view.histories.pairs
