@@ -80,12 +80,16 @@ def _fleet(fleet: Path, within_s: float, *, restore: bool, as_json: bool) -> int
     from swarm_ctl.runtime.clock import Clock
     from swarm_ctl.runtime.doctor.examination import examine
     from swarm_ctl.runtime.doctor.fleet import vehicles_of
+    from swarm_ctl.runtime.link_keys import LinkKeys
     from swarm_ctl.runtime.ticker import Ticker
     from swarm_ctl.runtime.vehicle_memory import VehicleMemory, state_folder
 
     vehicles = vehicles_of(fleet)
+    keys = LinkKeys.of(vehicles)
     memory, ticker = VehicleMemory(state_folder()), Ticker(Clock.starting_now(), _TICK_S)
-    reports = examine(vehicles, memory, ticker, within_s=within_s, restore=restore)
+    reports = examine(
+        vehicles.agents, memory, ticker, within_s=within_s, restore=restore, keys=keys
+    )
     if as_json:
         _print_json({"vehicles": [dataclasses.asdict(report) for report in reports]})
     else:

@@ -125,7 +125,7 @@ def measure(
         for vehicle in chosen:
             console.say(_headline(vehicle, steps))
             flight = StepFlight(steps, vehicle.response, task.tick_s, task.fence, task.origin)
-            down = fly(vehicle, flight, ticker, told, ctrl_c)
+            down = fly(vehicle, flight, ticker, told, ctrl_c, task.keys)
             if ctrl_c.count:
                 how = "landed by Ctrl-C" if down else "left to its own failsafe"
                 console.say(f"  {how}", style="bold red")

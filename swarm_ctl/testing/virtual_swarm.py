@@ -6,6 +6,7 @@ gives the same trace.
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -13,8 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from sim.config import SimConfig
+from sim.config import SimConfig, VehicleConfig
 from sim.network.hub import Hub
+from sim.network.signing import Signing as VehicleSigning
 from sim.world.world import STEP_S
 from swarm_ctl.core.agent.agent import Actions, Agent, Ended, Inbox
 from swarm_ctl.core.model.messages import (
@@ -27,6 +29,7 @@ from swarm_ctl.core.model.messages import (
 )
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.mavlink.link import VehicleLink
+from swarm_ctl.mavlink.signing import UNITS_S, Signing
 from swarm_ctl.mavlink.wires import MemoryWire, memory_wires
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.memory_transport import MemoryHub, MemoryTransport
@@ -67,7 +70,8 @@ class VirtualSwarm:
     `mesh` makes each agent's transport of the plain one and the agent's id; `clocks` has the agents
     whose clock is not the swarm's; `memory` is the folder where the vehicles' own parameters are
     remembered, None: nowhere. `lockstep`: as the processes of a run in lockstep do it, where what
-    is published in a tick is heard in the next one; else an agent hears at once.
+    is published in a tick is heard in the next one; else an agent hears at once. `signed_from`:
+    links are signed, by `key_of`, from this stamp on.
     """
 
     def __init__(
@@ -79,8 +83,10 @@ class VirtualSwarm:
         clocks: Mapping[int, Callable[[float], float]] | None = None,
         memory: Path | None = None,
         lockstep: bool = False,
+        signed_from: int | None = None,
     ) -> None:
         self._lockstep = lockstep
+        self._signed_from = signed_from
         self._memory = VehicleMemory(memory) if memory else None
         self._wrap, self._clocks = mesh, dict(clocks or {})
         self.plan: Plan = mission.plan
@@ -99,7 +105,7 @@ class VirtualSwarm:
         self._far: list[MemoryWire] = []
         self.members: dict[int, Member] = {}
         self.simulator_alive = True
-        self.hub = Hub(configuration(mission, seed), 0.0, self._transmit)
+        self.hub = Hub(configuration(mission, seed), 0.0, self._transmit, self._vehicle_signing)
         self._mission = mission
         for agent in mission.plan.agents:
             self._far.append(self._add(agent.id, self.plan))
@@ -113,7 +119,12 @@ class VirtualSwarm:
         node.listen(keys.STATE, keys.CLOCK, keys.BEACON, keys.COMMAND, agents=ids)
         remembers = self._memory is not None
         link = VehicleLink(
-            near, entry.autopilot, entry.sysid, remembers=remembers, agent_sysid=entry.agent_sysid
+            near,
+            entry.autopilot,
+            entry.sysid,
+            remembers=remembers,
+            agent_sysid=entry.agent_sysid,
+            signing=self._link_signing(entry.sysid),
         )
         remembering = Remembering(self._memory, f"vehicle:{agent_id}", "test")
         expects, response = self._lockstep, entry.response
@@ -121,8 +132,19 @@ class VirtualSwarm:
         self.members[agent_id] = Member(agent, link, node, remembering, clock=clock)
         return far
 
-    def _transmit(self, place: int, data: bytes, _: Any) -> None:
-        self._far[place].write(data)
+    def _link_signing(self, sysid: int) -> Signing | None:
+        return None if self._signed_from is None else Signing(key_of(sysid), self._stamp())
+
+    def _vehicle_signing(self, vehicle: VehicleConfig) -> VehicleSigning:
+        key = None if self._signed_from is None else key_of(vehicle.sysid)
+        return VehicleSigning(key, self._stamp)
+
+    def _stamp(self) -> int:
+        return (self._signed_from or 0) + round(self.now * UNITS_S)
+
+    def _transmit(self, link: int, data: bytes, to: Any) -> None:
+        if to == _AGENT and link < len(self._far):
+            self._far[link].write(data)
 
     # --- time ---
 
@@ -279,6 +301,11 @@ class VirtualSwarm:
     def all_down(self) -> bool:
         """Whether every vehicle stands disarmed on the ground."""
         return bool(self.hub.world.parked())
+
+
+def key_of(sysid: int) -> bytes:
+    """The signing key of a vehicle."""
+    return hashlib.sha256(bytes([sysid])).digest()
 
 
 def configuration(mission: LoadedMission, seed: int) -> SimConfig:

@@ -37,11 +37,12 @@ from swarm_ctl.mesh.zenoh_transport import ZenohTransport
 from swarm_ctl.runtime.agent.lifeline import ALIVE, READY, Lifeline, PipeLifeline
 from swarm_ctl.runtime.agent.publish import publish
 from swarm_ctl.runtime.clock import unix_s
+from swarm_ctl.runtime.link_keys import folder_signing
 from swarm_ctl.runtime.lockstep.seat import Seat, seat
 from swarm_ctl.runtime.lockstep.words import Phase
 from swarm_ctl.runtime.protection import access, own_identity, valid_for_s
 from swarm_ctl.runtime.vehicle_memory import Remembering, VehicleMemory
-from swarm_ctl.trust.identity import MAVLINK_KEY, STAMP, Identity
+from swarm_ctl.trust.identity import Identity
 
 _GC_THRESHOLD: Final = 50_000
 """Objects between collections: what is built at the start is frozen, and a tick leaves next to none
@@ -162,7 +163,7 @@ def _signing(config: AgentConfig) -> AbstractContextManager[FrameSigning | None]
         return kept_signing(key, key.with_name(f"{key.name}.stamp"), unix_s())
     if config.identity is None or config.signing is not Signing.REQUIRED:
         return nullcontext()
-    return kept_signing(config.identity / MAVLINK_KEY, config.identity / STAMP, unix_s())
+    return folder_signing(config.identity)
 
 
 def _link(

@@ -14,6 +14,8 @@ from swarm_ctl.core.model.vehicle import VehicleView
 from swarm_ctl.errors import LinkError
 from swarm_ctl.mavlink.autopilots.failsafe_words import NAMES, failsafe_words
 from swarm_ctl.mavlink.link import Examined, VehicleLink
+from swarm_ctl.mavlink.signing import Signing
+from swarm_ctl.runtime.link_keys import OPEN, LinkKeys
 from swarm_ctl.runtime.ticker import Ticker
 from swarm_ctl.runtime.vehicle_memory import Entry, VehicleMemory
 
@@ -72,10 +74,15 @@ def examine(
     *,
     within_s: float,
     restore: bool,
+    keys: LinkKeys = OPEN,
 ) -> list[VehicleReport]:
     """Ask all vehicles that have an endpoint, for at most `within_s`."""
-    exams = [_Exam(agent, memory, restore=restore) for agent in fleet if agent.endpoint]
     with contextlib.ExitStack() as opened:
+        exams = [
+            _Exam(agent, memory, restore, opened.enter_context(keys.signing(agent.id)))
+            for agent in fleet
+            if agent.endpoint
+        ]
         for exam in exams:
             opened.callback(exam.close)
         until = ticker.clock.now() + within_s
@@ -92,6 +99,7 @@ class _Exam:
     agent: FleetAgent
     memory: VehicleMemory
     restore: bool
+    signing: Signing | None
     trouble: str = ""
     """Why its endpoint or its memory can't be used."""
     entry: Entry | None = None
@@ -105,7 +113,9 @@ class _Exam:
         self.link: VehicleLink | None = None
         vehicle = (self.agent.endpoint or "", self.agent.autopilot, self.agent.sysid)
         try:
-            self.link = VehicleLink(*vehicle, remembers=True, agent_sysid=self.agent.agent_sysid)
+            self.link = VehicleLink(
+                *vehicle, remembers=True, agent_sysid=self.agent.agent_sysid, signing=self.signing
+            )
         except LinkError as error:
             self.trouble = str(error)
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
-from swarm_ctl.core.model.fleet import Fleet, FleetAgent
+from swarm_ctl.core.model.fleet import Fleet
 from swarm_ctl.errors import InputError
 from swarm_ctl.mission.compile.fleet_file import read_fleet
 from swarm_ctl.mission.compile.loader import load
@@ -18,15 +19,16 @@ def fleet_in(path: Path) -> Fleet:
     return load(path).fleet if mission else read_fleet(path)
 
 
-def vehicles_of(path: Path) -> tuple[FleetAgent, ...]:
-    """Those of a fleet file or a mission that have an endpoint.
+def vehicles_of(path: Path) -> Fleet:
+    """The fleet of a fleet file or a mission, with those alone that have an endpoint.
 
     InputError where there are none, MissionError with every mistake in the file.
     """
-    found = tuple(agent for agent in fleet_in(path).agents if agent.endpoint)
+    fleet = fleet_in(path)
+    found = tuple(agent for agent in fleet.agents if agent.endpoint)
     if not found:
         raise InputError(
             f"{path}: no vehicle has an endpoint: run provides them all;"
             " allowed: a fleet with an endpoint for each vehicle to ask"
         )
-    return found
+    return replace(fleet, agents=found)

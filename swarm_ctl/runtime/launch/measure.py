@@ -35,6 +35,7 @@ from swarm_ctl.runtime.launch.processes import (
     wait_ready,
 )
 from swarm_ctl.runtime.launch.sim_config import place, vehicle_config
+from swarm_ctl.runtime.link_keys import OPEN, LinkKeys
 from swarm_ctl.runtime.ticker import Ticker
 from swarm_ctl.runtime.vehicle_memory import Remembering, VehicleMemory, state_folder
 from swarm_ctl.runtime.vehicles.binaries import find
@@ -59,6 +60,7 @@ class Task:
     limit_mps: float = 20.0
     fence: Fence | None = None
     origin: Geodetic | None = None
+    keys: LinkKeys = OPEN
 
     def chosen(self, named: str) -> list[FleetAgent]:
         """The vehicles that `3`, `1,2`, `1-4` or `all` name; '' is the only one there is.
@@ -112,9 +114,11 @@ def task_of(mission: Path | None, fleet: Path | None, *, dry_run: bool) -> Task:
         simulated = all(agent.endpoint is None for agent in loaded.fleet.agents)
         fence = None if simulated else plan.fence
         limit_mps = plan.limits.speed_mps
-        task = Task(loaded.fleet.agents, file, plan.tick_s, limit_mps, fence, plan.origin)
+        keys = LinkKeys.of(loaded.fleet)
+        task = Task(loaded.fleet.agents, file, plan.tick_s, limit_mps, fence, plan.origin, keys)
     elif fleet is not None:
-        task = Task(fleet_file.read_fleet(fleet).agents, fleet)
+        read = fleet_file.read_fleet(fleet)
+        task = Task(read.agents, fleet, keys=LinkKeys.of(read))
     else:
         raise InputError("no vehicle; allowed: --fleet FILE, a mission, or --endpoint URL")
     if not dry_run:
@@ -155,6 +159,7 @@ def fly(
     ticker: Ticker,
     say: Callable[[str], None],
     ctrl_c: Interrupts,
+    keys: LinkKeys = OPEN,
 ) -> bool:
     """Fly until `flight.ended`, or the second Ctrl-C; whether the vehicle is disarmed then.
 
@@ -165,7 +170,13 @@ def fly(
     remembering = Remembering(memory, vehicle.endpoint or "", "measure")
     with _reached(vehicle, ticker.clock) as endpoint, contextlib.ExitStack() as opened:
         reached = (endpoint, vehicle.autopilot, vehicle.sysid)
-        link = VehicleLink(*reached, remembers=memory is not None, agent_sysid=vehicle.agent_sysid)
+        own = keys if vehicle.endpoint else OPEN
+        link = VehicleLink(
+            *reached,
+            remembers=memory is not None,
+            agent_sysid=vehicle.agent_sysid,
+            signing=opened.enter_context(own.signing(vehicle.id)),
+        )
         opened.callback(link.close)
         while True:
             now = ticker.wait()

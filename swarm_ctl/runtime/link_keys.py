@@ -1,0 +1,59 @@
+"""The keys that sign the vehicles' links, as a fleet names them."""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from swarm_ctl.core.model.fleet import Fleet
+from swarm_ctl.core.model.fleet import Signing as Rule
+from swarm_ctl.mavlink.signing import Signing
+from swarm_ctl.mavlink.stamp import kept_signing
+from swarm_ctl.runtime.clock import unix_s
+from swarm_ctl.runtime.protection import agent_identity_folder
+from swarm_ctl.trust.identity import MAVLINK_KEY, STAMP
+
+AGENT: Final = 0
+"""The link id of an agent's own signatures."""
+TOOL: Final = 1
+"""Of a command that speaks in the agent's place: a vehicle counts its stamps by themselves."""
+
+
+@dataclass(frozen=True, slots=True)
+class LinkKeys:
+    """Where each agent's folder with its key is; without `trust`, or with signing off, links are
+    open."""
+
+    trust: str | None = None
+    rule: Rule = Rule.OFF
+
+    @classmethod
+    def of(cls, fleet: Fleet) -> LinkKeys:
+        """As the fleet says."""
+        return cls(fleet.trust, fleet.signing)
+
+    def key_file(self, agent: int) -> Path | None:
+        """The file with the key of an agent's vehicle; None: its link is open."""
+        folder = self._folder(agent)
+        return None if folder is None else folder / MAVLINK_KEY
+
+    def signing(self, agent: int) -> AbstractContextManager[Signing | None]:
+        """What signs the link of a command to an agent's vehicle. TrustError where the key can't be
+        used."""
+        folder = self._folder(agent)
+        return nullcontext() if folder is None else folder_signing(folder, TOOL)
+
+    def _folder(self, agent: int) -> Path | None:
+        if self.rule is not Rule.REQUIRED:
+            return None
+        return agent_identity_folder(self.trust, agent)
+
+
+OPEN: Final = LinkKeys()
+
+
+def folder_signing(folder: Path, link: int = AGENT) -> AbstractContextManager[Signing]:
+    """Signing with the key and the stamp in an identity's folder."""
+    return kept_signing(folder / MAVLINK_KEY, folder / STAMP, unix_s(), link)
