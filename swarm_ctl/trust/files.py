@@ -78,7 +78,7 @@ def guard(folder: Path) -> None:
 
 def write_private(path: Path, data: bytes) -> None:
     """Write a file of mode 0600, whole or not at all."""
-    with replacing(path, 0o600, durable=True) as file:
+    with replacing(path, 0o600) as file:
         file.write(data)
 
 
@@ -91,6 +91,7 @@ def new_folder(folder: Path) -> Iterator[Path]:
     folder.parent.mkdir(parents=True, exist_ok=True)
     with _beside(folder) as made:
         yield made
+        os.sync()  # once for all files: a power failure leaves the old folder or the new one
         made.rename(folder)  # fails where another process was faster
 
 
@@ -103,6 +104,7 @@ def changed_folder(folder: Path) -> Iterator[Path]:
         hidden = shutil.ignore_patterns(".*.*")  # what another process writes at this moment
         shutil.copytree(folder, made, dirs_exist_ok=True, copy_function=_copy, ignore=hidden)
         yield made
+        os.sync()
         with _beside(folder) as old:
             folder.rename(old)
             made.rename(folder)

@@ -27,7 +27,7 @@ Call = Callable[..., Result]
 def call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Call:
     """Runs `swarm-ctl trust ...` in a folder with a fleet file; nothing listens anywhere."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(os, "fsync", lambda _: None)  # no test here ends by a power failure
+    monkeypatch.setattr(os, "sync", lambda: None)  # no test here ends by a power failure
     monkeypatch.setenv("COLUMNS", "200")
     monkeypatch.setenv("LOGNAME", "Anna B.")
     monkeypatch.setattr("swarm_ctl.trust.check.ask", lambda *_: Answer(reached=False))
