@@ -159,7 +159,7 @@ class VirtualSwarm:
         self.mesh.deliver()
         phase = round(self.now / self.plan.tick_s) % 5
         if self.station_alive and phase == int(self._lockstep):
-            self._station.send(keys.BEACON, StationBeacon("test", self.now, self.plan.hash()))
+            self._station.send(keys.BEACON, StationBeacon("station", self.now, self.plan.hash()))
         for member in self.members.values():
             if member.alive and not member.frozen:
                 self._step(member)
