@@ -92,7 +92,8 @@ def _answer(
     except ssl.SSLError as error:
         return Answer(True, _refused(identity, error.reason or str(error), endpoint))
     except TimeoutError:
-        why = "answers no TLS: its mesh is open"
+        within = f"{raw.gettimeout() or 0.0:g} s"
+        why = f"answers no TLS within {within}: its mesh is open, or the way there is slow"
     except (OSError, ValueError) as error:
         why = f"broke off the handshake: {error}"
     return Answer(True, f"{endpoint} {why}; allowed: a mesh with trust")

@@ -169,3 +169,12 @@ def test_an_old_epoch_is_refused_by_permissions(trust: Path, listen: Listen) -> 
         assert why is not None
         assert "refused by permissions: " in why
         assert words in why
+
+
+def test_an_end_that_says_nothing(made: Path) -> None:
+    """An open mesh waits for us to speak; so may a slow link."""
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        endpoint = f"tls/127.0.0.1:{silent.getsockname()[1]}"
+        why = explain_handshake(load_identity(made / "agent-1"), endpoint, 0.1)
+    assert why is not None
+    assert "answers no TLS within 0.1 s: its mesh is open, or the way there is slow" in why
