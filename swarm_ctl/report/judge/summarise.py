@@ -15,6 +15,7 @@ from swarm_ctl.core.agent.progress import step_name
 from swarm_ctl.core.law.graph import edges
 from swarm_ctl.core.law.planned_formation import planned_formations
 from swarm_ctl.core.model.causes import Cause
+from swarm_ctl.core.model.fleet import Signing
 from swarm_ctl.core.model.messages import AgentStatus, StepResult, TickReport
 from swarm_ctl.core.model.plan import FormStep, Plan, Point
 from swarm_ctl.report.folder import metrics
@@ -31,6 +32,7 @@ from swarm_ctl.report.judge.summary import (
     FindingSummary,
     LeftSummary,
     LinkSummary,
+    ProtectionSummary,
     SafetySummary,
     StepSummary,
     StepVerdict,
@@ -39,6 +41,8 @@ from swarm_ctl.report.judge.summary import (
 )
 from swarm_ctl.report.judge.unseen import slow_machine
 from swarm_ctl.report.judge.verdict import judge
+from swarm_ctl.station.picture.protection import MeshKind
+from swarm_ctl.trust.names import member_of
 
 _FROM_BAD_TO_GOOD = list(reversed(StepVerdict))
 
@@ -74,6 +78,7 @@ def summarise(folder: Path, exit_codes: Mapping[str, int] | None = None) -> Summ
         left=_left(run),
         findings=tuple(FindingSummary(**asdict(finding)) for finding in findings),
         judged_by=dict(zip(run.agents, run.flight.sources, strict=True)) if run.flight else {},
+        protection=_protection(run),
         steps=steps,
         time_to_form_s=next((steps[k].time_to_form_s for k in run.form_steps), None),
         sigma_status=dict(tally),
@@ -90,6 +95,24 @@ def summarise(folder: Path, exit_codes: Mapping[str, int] | None = None) -> Summ
         wall_time_s=max(last_s) / speedup if last_s and speedup and not stepped else None,
         warnings=(*doubts(run, pairs), *_slow(run, cause)),
         notes=tuple(run.notes),
+    )
+
+
+def _protection(run: RunFolder) -> ProtectionSummary | None:
+    manifest = run.manifest
+    if manifest is None:
+        return None
+    if manifest.trust is None:
+        return ProtectionSummary(mesh=MeshKind.OPEN if manifest.open_mesh else MeshKind.LOCAL)
+    flown_by = manifest.flown_by
+    return ProtectionSummary(
+        mesh=MeshKind.TLS,
+        operator=str(member_of(flown_by.name)) if flown_by else "",
+        authenticated=tuple(status.agent for status in run.statuses),
+        signing=manifest.signing is Signing.REQUIRED,
+        signed=tuple(
+            s.agent for s in run.statuses if s.vehicle_link is not None and s.vehicle_link.signed
+        ),
     )
 
 

@@ -13,6 +13,7 @@ from swarm_ctl.core.model.messages import CommandKind, Outcome, TickReport
 from swarm_ctl.report.folder.files import read_model, write_model
 from swarm_ctl.report.folder.flight import Source
 from swarm_ctl.report.judge.findings import FindingKind
+from swarm_ctl.station.picture.protection import MeshKind
 
 SUMMARY: Final = "summary.json"
 
@@ -142,6 +143,20 @@ class TruthSummary(_SummaryPart):
     """Sysids of vehicles that hit something."""
 
 
+class ProtectionSummary(_SummaryPart):
+    """What kept others off the swarm."""
+
+    mesh: MeshKind
+    operator: str = ""
+    """Whose certificate the run's station had: `operator anna`; '' without keys."""
+    authenticated: tuple[int, ...] = ()
+    """The agents that were heard under their own certificates."""
+    signing: bool = False
+    """The vehicles' links had to be signed."""
+    signed: tuple[int, ...] = ()
+    """The agents whose vehicle's link was signed."""
+
+
 class Summary(_SummaryPart):
     """The summary of one run. What is not known is null, and `notes` says why."""
 
@@ -167,6 +182,8 @@ class Summary(_SummaryPart):
     """The earliest first."""
     judged_by: dict[int, Source] = {}
     """Who says where the vehicle of each agent (by id) was."""
+    protection: ProtectionSummary | None = None
+    """Null where the manifest is not known."""
     steps: tuple[StepSummary, ...]
     time_to_form_s: float | None
     """Of the first form step; null if the shape never stood."""

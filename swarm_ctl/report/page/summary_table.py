@@ -19,6 +19,7 @@ from swarm_ctl.report.judge.summary import (
     StepVerdict,
     Summary,
 )
+from swarm_ctl.station.picture.protection import MeshKind, Protection, protection_words
 
 _STYLE: Final = {
     Outcome.COMPLETED: "bold green",
@@ -118,6 +119,15 @@ def _rows(s: Summary) -> Iterator[tuple[str, str, bool]]:
     if s.exit_codes is not None:
         bad = [f"{printable(name)} {code}" for name, code in s.exit_codes.items() if code]
         yield "exit codes", ", ".join(bad) or f"{len(s.exit_codes)} processes, all 0", not bad
+    if s.protection is not None:
+        by, told = (
+            s.protection,
+            Protection(s.protection.mesh, s.protection.operator, True, s.protection.signing),
+        )
+        words = protection_words(told, len(by.authenticated), len(by.signed), len(s.agents))
+        if words:
+            good = by.mesh is MeshKind.TLS
+            yield "protection", printable(", ".join(each for each, _ in words)), good
     flown_s, wall_s = _number(s.mission_time_s, 1), _number(s.wall_time_s, 1)
     wall = f", {wall_s} s wall clock" if s.wall_time_s is not None else ""
     yield "time", f"{flown_s} s mission{wall}", True

@@ -28,6 +28,7 @@ from swarm_ctl.station.dashboard.ask import Ask, consequence
 from swarm_ctl.station.dashboard.bars import (
     BAR_STYLE,
     answers_line,
+    protection_line,
     title_line,
     usage_line,
     verdict_line,
@@ -169,7 +170,7 @@ class Dashboard(App[None]):
     Footer { dock: none; width: 1fr; background: $background; }
     FooterKey, FooterKey .footer-key--key { background: $background; }
     FooterKey .footer-key--description { background: $background; }
-    #entry, #question { display: none; }
+    #entry, #question, #protection { display: none; }
     #question { height: auto; }
     #prompt { width: 2; padding-left: 1; text-style: bold; }
     #line { width: 1fr; height: 1; border: none; padding: 0; background: $background; }
@@ -245,6 +246,7 @@ class Dashboard(App[None]):
 
     def compose(self) -> ComposeResult:
         yield Painted("title")
+        yield Painted("protection")
         yield Painted("verdict")
         with TabbedContent(initial=SCREENS[0]):
             yield SwarmPane("1 Swarm", id="swarm")
@@ -315,6 +317,9 @@ class Dashboard(App[None]):
             return
         width = self.size.width
         self._paint("title", title_line(picture, width))
+        protection, back = protection_line(picture)
+        self.query_one("#protection").display = protection.width > 0
+        self._paint("protection", protection, back)
         self._paint("verdict", *verdict_line(picture, width))
         self._draw_below()
         self._label(picture)

@@ -11,6 +11,7 @@ from swarm_ctl.core.model.text import agents_named, printable, ranges
 from swarm_ctl.station.dashboard.drawing.picture import Picture
 from swarm_ctl.station.dashboard.drawing.styled_line import SIGN, WAITING, WELL, StyledLine, fit
 from swarm_ctl.station.picture.alarms import Level
+from swarm_ctl.station.picture.protection import MeshKind
 from swarm_ctl.station.picture.summaries import command_words, meant_by, refusals, verdict
 from swarm_ctl.station.picture.view import CommandView, SwarmView
 
@@ -38,6 +39,18 @@ def title_line(picture: Picture, width: int) -> StyledLine:
         if shown or not figures:
             break
     return line.to(width - len(shown) - 1).add(shown)
+
+
+def protection_line(picture: Picture) -> tuple[StyledLine, str]:
+    """What keeps others off the swarm, and the line's style; empty of a mesh inside one
+    computer."""
+    view = picture.view
+    line = StyledLine()
+    is_open = view.protection.mesh is MeshKind.OPEN
+    for words, good in view.protected:
+        line.add(" · " if line.width else " ", "" if is_open else "dim")
+        line.add(printable(words), "" if good or is_open else "bold yellow")
+    return line, BAR_STYLE[Level.ERROR] if is_open else ""
 
 
 def _step_names(view: SwarmView) -> list[str]:

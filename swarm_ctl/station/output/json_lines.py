@@ -35,6 +35,8 @@ def json_line(view: SwarmView) -> str:
                 for a in standing
             ],
             "commands": [_command(command) for command in view.commands],
+            "mesh": view.protection.mesh.lower(),
+            "who": view.protection.who,
             "unreadable": view.health.bad_payloads,
             "skipped": view.health.frames_dropped,
         },

@@ -11,6 +11,7 @@ from swarm_ctl.core.agent.progress import step_name
 from swarm_ctl.core.model.messages import Event
 from swarm_ctl.core.model.text import agents_named, printable
 from swarm_ctl.station.picture.alarms import Alarm, alarms
+from swarm_ctl.station.picture.protection import MeshKind
 from swarm_ctl.station.picture.summaries import answers, gather_alarms, gather_events, reasons
 from swarm_ctl.station.picture.view import SwarmView
 
@@ -24,6 +25,7 @@ def log_lines(previous: SwarmView | None, view: SwarmView) -> list[str]:
     """
     past = [*_events(previous, view), *_commands(previous, view)]
     now = [
+        *_protection(previous, view),
         *_step(previous, view),
         *_phases(previous, view),
         *_reasons(previous, view),
@@ -33,6 +35,20 @@ def log_lines(previous: SwarmView | None, view: SwarmView) -> list[str]:
     said = [] if previous else sorted(past, key=lambda line: line[0])
     said += [(view.time_s, words) for words in now]
     return [f"[{t:7.1f} s] {words}".encode("ascii", "replace").decode() for t, words in said]
+
+
+def _protection(previous: SwarmView | None, view: SwarmView) -> Iterator[str]:
+    """What keeps others off the swarm: at once where something is amiss on an open mesh, else once
+    all is as it should be."""
+    words = _protected(view)
+    if words and words != (_protected(previous) if previous else ""):
+        yield words
+
+
+def _protected(view: SwarmView) -> str:
+    told = view.protected
+    complete = view.protection.mesh is MeshKind.OPEN or all(good for _, good in told[:1])
+    return ", ".join(words for words, _ in told) if complete else ""
 
 
 def _step(previous: SwarmView | None, view: SwarmView) -> Iterator[str]:

@@ -45,3 +45,26 @@ def protection(identity: Identity | None, signing: Signing, *, is_open: bool = F
         return Protection(MeshKind.OPEN) if is_open else LOCAL
     commands = identity.role is Role.OPERATOR
     return Protection(MeshKind.TLS, str(identity.member), commands, signing is Signing.REQUIRED)
+
+
+def protection_words(
+    by: Protection, heard: int, signed: int, agents: int
+) -> list[tuple[str, bool]]:
+    """What an operator should know of it, in short words, and whether each is as it should be;
+    nothing of a mesh inside one computer.
+
+    Args:
+        heard: agents that are heard: on a mesh with keys, each under its own.
+        signed: those whose vehicle's link is signed.
+        agents: all of them.
+    """
+    if by.mesh is MeshKind.LOCAL:
+        return []
+    if by.mesh is MeshKind.OPEN:
+        return [("MESH OPEN", False), ("any computer that reaches it may command", False)]
+    links = f"links signed {signed}/{agents}" if by.signing else "links not signed"
+    return [
+        (f"mesh TLS {heard}/{agents}", heard == agents),
+        (links, signed == agents),
+        (by.who, True),
+    ]

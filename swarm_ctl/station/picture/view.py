@@ -26,7 +26,7 @@ from swarm_ctl.core.model.messages import (
 )
 from swarm_ctl.core.model.plan import Plan, Point
 from swarm_ctl.station.picture.history import Histories
-from swarm_ctl.station.picture.protection import LOCAL, Protection
+from swarm_ctl.station.picture.protection import LOCAL, Protection, protection_words
 
 _STATION_S: Final = 2.0
 """A station that was not heard for eight of its beacons has left."""
@@ -202,6 +202,15 @@ class SwarmView:
     histories: Histories = field(default_factory=Histories)
     health: StationHealth = field(default_factory=StationHealth)
     protection: Protection = LOCAL
+
+    @property
+    def protected(self) -> list[tuple[str, bool]]:
+        """What keeps others off the swarm, in words (`protection_words`)."""
+        planned = [agent for agent in self.agents if agent.in_plan]
+        heard = [agent for agent in planned if agent.phase is not None and not agent.lost]
+        links = [agent.status.vehicle_link for agent in heard if agent.status is not None]
+        signed = sum(link is not None and link.signed for link in links)
+        return protection_words(self.protection, len(heard), signed, len(planned))
 
     @property
     def stations_there(self) -> int:
