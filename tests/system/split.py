@@ -94,12 +94,13 @@ class Split:
         return self._started(command, "simulator")
 
     def _station(self, side: int, path: Path) -> subprocess.Popen[bytes]:
-        words = [SWARM_CTL, "station", "--mission", path, "--json", "--speedup", str(self._speedup)]
+        words = [SWARM_CTL, "station", "--mission", path, "--json", "--open-mesh"]
+        words += ["--speedup", str(self._speedup)]
         return self._started(self.network.sides[side].inside(words), f"station-{side}")
 
     def _agent(self, agent: int, side: int, path: Path) -> subprocess.Popen[bytes]:
         words = [SWARM_CTL, "agent", path, "--id", str(agent)]
-        words += ["--speedup", str(self._speedup), "--epoch", str(self._epoch_s)]
+        words += ["--speedup", str(self._speedup), "--epoch", str(self._epoch_s), "--open-mesh"]
         return self._started(self.network.sides[side].inside(words), f"agent-{agent}")
 
     def _started(self, command: list[str], name: str) -> subprocess.Popen[bytes]:

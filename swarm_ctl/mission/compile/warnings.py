@@ -28,6 +28,7 @@ from swarm_ctl.core.model.plan import (
 )
 from swarm_ctl.mission.compile import envelope
 from swarm_ctl.mission.compile.checks import ROUNDING, Findings
+from swarm_ctl.mission.compile.exposure import exposures
 from swarm_ctl.mission.compile.fleet import fleet_of
 from swarm_ctl.mission.input.document import Finding, Place
 from swarm_ctl.mission.input.schema import MissionFile
@@ -285,6 +286,17 @@ def _real_vehicles(mission: MissionFile, _plan: Plan) -> Findings:
             yield Finding(("simulation", *place), what, "")
 
 
+def _open_to_others(mission: MissionFile, _plan: Plan) -> Findings:
+    exposed = exposures(fleet_of(mission))
+    if exposed:
+        more = f" (and {len(exposed) - 1} more)" if len(exposed) > 1 else ""
+        what = (
+            f"{exposed[0]}{more}, and there are no keys: run refuses it; swarm-ctl trust new"
+            " --fleet FILE makes them, and trust: FOLDER in the fleet names them"
+        )
+        yield Finding(("fleet", "agents"), what, "")
+
+
 def _shared_ids(mission: MissionFile, _plan: Plan) -> Findings:
     """Two agents of one id on one radio: the one's heartbeats keep the other's vehicle up."""
     entries = fleet_of(mission).agents
@@ -327,6 +339,7 @@ _WARNINGS: tuple[Callable[[MissionFile, Plan], Findings], ...] = (
     _spare_fleet,
     _real_vehicles,
     _shared_ids,
+    _open_to_others,
     _unknown_wind,
     _unused_shapes,
     _long_flight,

@@ -43,6 +43,7 @@ fleet:
     - {id: 1, sysid: 1, endpoint: "udpout:10.0.0.1:14550", mesh: tcp/10.0.0.1:7447}
     - {id: 2, sysid: 2, endpoint: "udpout:10.0.0.2:14550", mesh: tcp/10.0.0.2:7447}
     - {id: 3, sysid: 3, autopilot: px4}
+  trust: keys
 """
 
 
