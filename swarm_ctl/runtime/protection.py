@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from swarm_ctl.core.model.fleet import FleetAgent
 from swarm_ctl.errors import TrustError
-from swarm_ctl.mesh.access import access_settings
+from swarm_ctl.mesh.access import access_settings, as_tls
 from swarm_ctl.runtime.clock import date_and_time
+from swarm_ctl.trust.explain import explain_handshake, same_host
 from swarm_ctl.trust.identity import Identity, certificates_end, identity_folder, load_identity
-from swarm_ctl.trust.names import Member, Role
+from swarm_ctl.trust.names import LOOPBACK, Member, Role, address_of
 
+_ASKED, _ASK_WALL_S = 3, 0.3
+"""So many endpoints are asked why they refuse, each for so long."""
 _MADE_BY: Final = "swarm-ctl trust new --fleet FILE"
 
 
@@ -92,10 +96,20 @@ def access(identity: Identity | None, swarm: str) -> Mapping[str, Any] | None:
     return None if identity is None else access_settings(identity, swarm)
 
 
-def refuse_ended(identity: Identity, agents: Iterable[int]) -> None:
-    """TrustError where an agent, or the operator, has no certificate in the roster, or one that has
-    ended: no link would open."""
-    for member in (identity.member, *(Member(Role.AGENT, str(agent)) for agent in agents)):
+def explained(identity: Identity | None, endpoints: Sequence[str]) -> str:
+    """Why the mesh at one of the first endpoints refuses this process, or this process the mesh;
+    '' where none does. Takes up to 0.8 s of the wall clock for each."""
+    if identity is None:
+        return ""
+    asked = (explain_handshake(identity, as_tls(each), _ASK_WALL_S) for each in endpoints[:_ASKED])
+    return next((fault for fault in asked if fault), "")
+
+
+def refuse_useless(identity: Identity, agents: Iterable[FleetAgent]) -> None:
+    """TrustError where an agent, or the operator, has no certificate in the roster, one that has
+    ended, or one for another address: no link would open."""
+    places = {Member(Role.AGENT, str(agent.id)): agent.mesh for agent in agents}
+    for member, mesh in {identity.member: None, **places}.items():
         entry = identity.roster.of(member)
         if entry is None:
             raise TrustError(
@@ -106,6 +120,12 @@ def refuse_ended(identity: Identity, agents: Iterable[int]) -> None:
             raise TrustError(
                 f"the certificate of {member} ended on {entry.not_after:%Y-%m-%d};"
                 " allowed: new ones, by swarm-ctl trust rotate"
+            )
+        host = address_of(mesh)[0] if mesh else LOOPBACK
+        if not same_host(host, entry.host):
+            raise TrustError(
+                f"the certificate of {member} is for {entry.host or 'no address'}, and it listens"
+                f" at {host}; allowed: new ones, by swarm-ctl trust rotate --fleet FILE"
             )
 
 

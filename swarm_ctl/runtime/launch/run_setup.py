@@ -32,7 +32,7 @@ from swarm_ctl.runtime.protection import (
     Keys,
     agent_identity_folder,
     operator_identity,
-    refuse_ended,
+    refuse_useless,
 )
 from swarm_ctl.runtime.station.screens import Show
 from swarm_ctl.runtime.vehicle_memory import state_folder
@@ -95,7 +95,7 @@ class RunSetup:
             _refuse_lockstep(mission.fleet.agents)
         identity = operator_identity(mission.fleet.trust, options.keys.identity)
         if identity is not None:
-            refuse_ended(identity, [agent.id for agent in mission.fleet.agents])
+            refuse_useless(identity, mission.fleet.agents)
         exposed = exposures(mission.fleet) + _exposed_stations(mission.fleet, options.gcs)
         if not options.keys.open_mesh:
             refuse_exposed(exposed, options.keys.fleet_file)

@@ -15,13 +15,14 @@ from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.report.folder.last_statuses import read_commands, read_events
 from swarm_ctl.report.folder.manifest import read_manifest
 from swarm_ctl.runtime import clock as wall
-from swarm_ctl.runtime.protection import NO_KEYS, Keys, station_identity
+from swarm_ctl.runtime.protection import NO_KEYS, Keys, explained, station_identity
 from swarm_ctl.runtime.station.ground_station import Station, open_node
 from swarm_ctl.runtime.station.mesh_clock import MeshClock
 from swarm_ctl.runtime.station.screens import Show, present
 from swarm_ctl.runtime.station.station_loop import GuestControl, loop, metrics_on
 from swarm_ctl.runtime.vehicle_memory import SwarmMemory, VehicleMemory, state_folder
 from swarm_ctl.station.picture.protection import protection
+from swarm_ctl.trust.identity import Identity
 
 _ENDPOINT: Final = re.compile(r"(tcp|udp|tls|quic|ws)/[^/\s]+:(\d{1,5})")
 _QUIET_WALL_S: Final = 5.0
@@ -76,7 +77,7 @@ def join_swarm(
         endpoints = {agent.id: agent.endpoint for agent in mission.fleet.agents}
         memory = SwarmMemory(VehicleMemory(state_folder()), mission.plan.name, endpoints)
         station = Station(mission.plan, mission.source, node, clock, None, memory, seen)
-        _watch(station, GuestControl(_Hint(clock, connect)), show, port)
+        _watch(station, GuestControl(_Hint(clock, connect, identity)), show, port)
 
 
 def _watch(station: Station, control: GuestControl, show: Show, metrics_port: int | None) -> None:
@@ -99,8 +100,8 @@ class _Hint:
     """What to tell the operator of a station that has no run folder: from when on it has a log, and
     now and then, while it hears no agent, the endpoints."""
 
-    def __init__(self, clock: MeshClock, connect: Sequence[str]) -> None:
-        self._clock = clock
+    def __init__(self, clock: MeshClock, connect: Sequence[str], identity: Identity | None) -> None:
+        self._clock, self._identity, self._connect = clock, identity, connect
         self._where = ", ".join(connect)
         self._log = _Once("log from now on: what was said before was not heard here")
         self._due = wall.wall_s() + _QUIET_WALL_S
@@ -111,10 +112,10 @@ class _Hint:
         if wall.wall_s() < self._due:
             return ""
         self._due = wall.wall_s() + 4 * _QUIET_WALL_S
-        return (
-            f"no agent is heard at {self._where}; does the swarm fly, and is this where it listens?"
-            " Trying on"
-        )
+        keys = "" if self._identity else ", and has it no keys"
+        asked = f"does the swarm fly, is this where it listens{keys}?"
+        why = explained(self._identity, self._connect) or asked
+        return f"no agent is heard at {self._where}; {why} Trying on"
 
 
 def _endpoints(mission: LoadedMission, given: Sequence[str]) -> list[str]:

@@ -14,7 +14,7 @@ from swarm_ctl.report.folder.manifest import Manifest, read_manifest
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.flying_runs import flying_run
 from swarm_ctl.runtime.lockstep.seat import TEST, BarrierSeat
-from swarm_ctl.runtime.protection import operator_identity
+from swarm_ctl.runtime.protection import explained, operator_identity
 from swarm_ctl.runtime.station.ground_station import Station, open_node, swarm_now
 from swarm_ctl.runtime.station.mesh_clock import MeshClock
 from swarm_ctl.station.picture.view import AgentView
@@ -141,7 +141,8 @@ class RunClient:
                 until = min(until, self._waited_s() + _REST_WALL_S)
             self.turn()
         if not heard:
-            raise StartError(f"no agent of {self._manifest.swarm} can be heard; is the run over?")
+            why = explained(self._identity, self._manifest.agents_mesh) or "is the run over?"
+            raise StartError(f"no agent of {self._manifest.swarm} can be heard; {why}")
 
     def _waited_s(self) -> float:
         """What its time-outs count by: the wall clock, at the barrier mission time."""

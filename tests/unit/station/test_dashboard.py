@@ -13,12 +13,14 @@ from textual.filter import NoColor
 from textual.pilot import Pilot
 
 from swarm_ctl.commands.parse import Order
-from swarm_ctl.core.model.messages import Ack, Command, Event
+from swarm_ctl.core.model.messages import Ack, Command, Event, VehicleLinkReport
 from swarm_ctl.station.dashboard.app import Dashboard
+from swarm_ctl.station.dashboard.bars import protection_line
 from swarm_ctl.station.dashboard.drawing.picture import Chosen, Picture
 from swarm_ctl.station.dashboard.panes.agent_table import TITLES, in_order
 from swarm_ctl.station.dashboard.themes import DARK, LIGHT, PLAIN
 from swarm_ctl.station.picture.alarms import Level
+from swarm_ctl.station.picture.protection import MeshKind, Protection
 from swarm_ctl.station.picture.view import SwarmView
 from tests.unit.station.pictures import PICTURES, PLAN
 from tests.unit.station.screens import (
@@ -511,3 +513,57 @@ def test_what_is_pasted_is_words_of_the_open_line_and_never_an_order() -> None:
         assert desk.orders == [Order("move", ("1", "2"))]
 
     _play(play)
+
+
+def _protected(by: Protection, *signed: int) -> SwarmView:
+    view = PICTURES["well"]()
+    agents = tuple(
+        replace(
+            agent,
+            status=agent.status
+            and replace(
+                agent.status, vehicle_link=VehicleLinkReport(1, 0, None, agent.id in signed)
+            ),
+        )
+        for agent in view.agents
+    )
+    return replace(view, protection=by, agents=agents)
+
+
+@pytest.mark.parametrize(
+    ("view", "told"),
+    [
+        (PICTURES["well"](), ""),
+        (
+            _protected(Protection(MeshKind.TLS, "operator anna", True, True), *range(1, 7)),
+            " mesh TLS 6/6 · links signed 6/6 · operator anna",
+        ),
+        (
+            _protected(Protection(MeshKind.TLS, "viewer tv", False, True), 1, 2),
+            " mesh TLS 6/6 · links signed 2/6 · viewer tv",
+        ),
+        (
+            _protected(Protection(MeshKind.OPEN)),
+            " MESH OPEN · any computer that reaches it may command",
+        ),
+    ],
+)
+def test_what_keeps_others_off_is_on_every_screen(view: SwarmView, told: str) -> None:
+    """In the second line of 80 columns; a mesh inside one computer has no such line."""
+
+    async def play(app: Dashboard, pilot: Pilot[None], _: Desk) -> None:
+        for key in "12345"[: 4 if told else 1]:
+            await pilot.press(key)
+            await settled(pilot)
+            second = text(app).splitlines()[1].rstrip()
+            assert second == told if told else "MESH" not in text(app).upper()
+
+    _play(play, view)
+
+
+def test_an_open_mesh_is_red() -> None:
+    line, style = protection_line(
+        Picture(_protected(Protection(MeshKind.OPEN)), (), (), 0, Chosen())
+    )
+    assert "MESH OPEN" in line.text
+    assert style.endswith("on red")

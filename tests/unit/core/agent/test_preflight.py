@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -123,6 +124,19 @@ ROWS: list[tuple[str, Callable[[], Tick], str]] = [
 def test_what_is_refused(what: str, make: Callable[[], Tick], refusal: str) -> None:
     found = preflight().refusal(make())
     assert refusal in found if refusal else found == ""
+
+
+@pytest.mark.parametrize(
+    ("left_h", "refusal"),
+    [
+        (24.0, ""),
+        (23.4, "its certificate ends in 23 h; allowed: 24 h and more (swarm-ctl trust rotate)"),
+        (-1.0, "its certificate has ended; allowed: 24 h and more (swarm-ctl trust rotate)"),
+    ],
+)
+def test_a_certificate_that_ends_soon_keeps_the_vehicle_down(left_h: float, refusal: str) -> None:
+    check = replace(preflight(), keys_end_s=NOW + left_h * 3600.0)
+    assert check.refusal(on_ground()) == refusal
 
 
 def test_a_station_that_is_expected_has_to_be_heard() -> None:

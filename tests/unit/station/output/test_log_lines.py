@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import pytest
 
 from swarm_ctl.core.model.messages import Ack, Command, Event, Phase
 from swarm_ctl.station.output.log_lines import log_lines
 from swarm_ctl.station.picture.model import Model
+from swarm_ctl.station.picture.protection import MeshKind, Protection
 from tests.unit.station.pictures import PICTURES
 from tests.unit.station.swarm import flying_model, hexagon_plan, state_of, status_of
 
@@ -135,3 +137,21 @@ def test_what_was_said_before_is_told_at_its_own_time() -> None:
         "[    3.0 s] agents 1-6: ready",
     ]
     assert all(line.startswith("[   30.0 s]") for line in told[2:])
+
+
+def test_what_keeps_others_off_is_told_once() -> None:
+    """Of a mesh with keys, once all agents are heard on it."""
+    model = flying_model(PLAN)
+    for mesh, words in (
+        (
+            Protection(MeshKind.TLS, "operator anna"),
+            "mesh TLS 6/6, links not signed, operator anna",
+        ),
+        (Protection(MeshKind.OPEN), "MESH OPEN, any computer that reaches it may command"),
+    ):
+        view = replace(model.view(30.0), protection=mesh)
+        assert sum(words in line for line in log_lines(None, view)) == 1
+        assert not any("mesh" in line.lower() for line in log_lines(view, view))
+    assert not any("mesh" in line.lower() for line in log_lines(None, model.view(30.0)))
+    none = replace(Model(PLAN).view(0.0), protection=Protection(MeshKind.TLS, "operator anna"))
+    assert not any("mesh" in line.lower() for line in log_lines(None, none))
