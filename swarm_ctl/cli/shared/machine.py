@@ -18,7 +18,7 @@ from swarm_ctl.runtime.vehicles.binaries import find
 from swarm_ctl.runtime.vehicles.containers import ENGINES
 
 LEAST_PYTHON: Final = (3, 11)
-_EXTRAS: Final = ("ground", "serial")
+_EXTRAS: Final = ("ground", "serial", "trust")
 
 
 @dataclass(frozen=True, slots=True)
