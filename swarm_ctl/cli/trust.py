@@ -24,6 +24,7 @@ from swarm_ctl.cli.shared.trust_folder import (
     terms,
     trust_folder,
 )
+from swarm_ctl.cli.trust_vehicle import vehicle
 from swarm_ctl.errors import TrustError
 from swarm_ctl.trust.names import Member, Role, swarm_named_after
 
@@ -268,5 +269,5 @@ trust = typer.Typer(
     rich_markup_mode=None,
     help="Make, copy, check and revoke the keys of a swarm.\n\nTry: swarm-ctl trust new --help",
 )
-for function in (new, add, request, install, check, revoke, rotate):
+for function in (new, add, request, install, check, vehicle, revoke, rotate):
     trust.command()(function)
