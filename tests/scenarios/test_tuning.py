@@ -40,6 +40,7 @@ class Desk:
         now, plan = self.swarm.now, self.swarm.plan
         tuning = Tuning(replace(planned(plan), **values), now + LEAD_S, ahead_s)
         command = Command(name, "tune", agents, now, plan_hash=plan.hash(), tuning=tuning)
+        command = replace(command, ahead_s=ahead_s)
         self.sender.send(command, now)
         return command
 

@@ -33,7 +33,8 @@ from swarm_ctl.core.swarm.snapshot import TRAFFIC, OtherAircraft
 _AGE_BIN_S = 0.01
 _YIELDING = frozenset({Phase.FLY, Phase.HOLD, Phase.RETURN})
 """A peer in these phases flies by setpoints, so it keeps apart itself."""
-_ENDING = frozenset({Phase.LAND, Phase.YIELD, Phase.ENDED, Phase.RETURN})
+_ENDS = {Phase.YIELD: 1, Phase.LAND: 2, Phase.ENDED: 2, Phase.RETURN: 2}
+"""Phases that say that a part is over; those of one number follow each other."""
 _SENDERS_S = 5.0
 """A process that starts again counts its states from 1, once. Twice in this time is two senders."""
 _STARTED = 40
@@ -82,10 +83,9 @@ class Peer:
     """When it last counted its states anew."""
     _stepped_s: float = 0.0
     """By how much its clock had stepped by the last word that was not believed."""
-    _ending_since_s: float = math.inf
-    """Since when it says, in each state, that its part is over."""
-    _held_since_s: float = math.inf
-    """Since when it says, in each state, that it carries out a command."""
+    _says: dict[str, tuple[object, float]] = field(default_factory=dict)
+    """What it says in each state, and since when: that its part is over, that it has left, that
+    its vehicle is down, that it carries out a command."""
 
     def age(self, now: float) -> float:
         """Seconds since the state was true, not negative: right but for half the round trip."""
@@ -119,8 +119,10 @@ class Peer:
             (state.step, state.override) if fresh and state.phase is Phase.FLY else None,
             self.limits.counted_s(state.response_s),
             self.clock.unknown_s is not None,
-            now - self._ending_since_s >= LASTS_S,
-            now - self._held_since_s >= LASTS_S,
+            self._lasts("ends", now),
+            state.left if self._lasts("left", now) else None,
+            state.down and self._lasts("down", now),
+            self._lasts("held", now),
             self.expelled,
         )
 
@@ -213,12 +215,25 @@ class Peer:
         if old is not None and state.time_s < old.time_s and self.true_s < before_s:
             self.clock.forget(state.time_s, received_s)  # it has not answered since
             self._date(state.time_s, received_s)
-        ends = state.phase in _ENDING or state.left is not None or state.down
-        self._ending_since_s = min(self._ending_since_s, received_s) if ends else math.inf
-        held = state.override != 0
-        self._held_since_s = min(self._held_since_s, received_s) if held else math.inf
+        ends = _ENDS.get(state.phase, 0)
+        if ends or state.override or state.left is not None or self._says:
+            self._note("ends", (ends, state.step) if ends else None, received_s)
+            self._note("left", state.left, received_s)
+            self._note("down", state.down or None, received_s)
+            self._note("held", state.override != 0 or None, received_s)
         self.state, self.received_s = state, received_s
         self.received += 1
+
+    def _note(self, what: str, word: object, now: float) -> None:
+        """It says this; None: it does not."""
+        if word is None:
+            self._says.pop(what, None)
+        elif (known := self._says.get(what)) is None or known[0] != word:
+            self._says[what] = (word, now)
+
+    def _lasts(self, what: str, now: float) -> bool:
+        known = self._says.get(what) if self._says else None
+        return known is not None and now - known[1] >= LASTS_S
 
     # --- what is not believed ---
 

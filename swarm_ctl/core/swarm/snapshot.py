@@ -48,21 +48,16 @@ class OtherAircraft(NamedTuple):
     """It is heard, and how far its clock is ahead is not known yet."""
 
     ends: bool = False
-    """Each of its states for `LASTS_S` has said that its part is over: one may be forged."""
+    """It says that its part is over, as all its states for `LASTS_S`: one may be forged. So it is
+    with the next three."""
+    left: CommandKind | None = None
+    """The order by which it has left the formation (`AgentState.left`)."""
+    down: bool = False
+    """Its flight is over, and its vehicle stands on the ground."""
     held: bool = False
-    """Each of them has said that it carries out a command."""
+    """It carries out a command."""
     expelled: bool = False
     """The operator has ordered not to listen to it."""
-
-    @property
-    def left(self) -> CommandKind | None:
-        """The order by which it has left the formation (`AgentState.left`)."""
-        return self.state.left if self.state is not None and self.ends else None
-
-    @property
-    def down(self) -> bool:
-        """By its last words, its flight is over and its vehicle stands on the ground."""
-        return self.state is not None and self.state.down and self.ends
 
 
 @dataclass(frozen=True, slots=True)

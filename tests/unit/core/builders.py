@@ -163,8 +163,9 @@ def peer(agent: int, age_s: float = 0.1, **changes: Any) -> OtherAircraft:
         age_s <= NEIGHBOUR_S,
         fresh and told.phase in (Phase.FLY, Phase.HOLD, Phase.RETURN),
         (told.step, told.override) if fresh and told.phase is Phase.FLY else None,
-        ends=told.phase not in (Phase.CONNECT, Phase.PREPARE, Phase.ARM, Phase.FLY, Phase.HOLD)
-        or told.left is not None,
+        ends=told.phase in (Phase.LAND, Phase.YIELD, Phase.ENDED, Phase.RETURN),
+        left=told.left,
+        down=told.down,
         held=told.override != 0,
     )
 

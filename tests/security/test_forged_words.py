@@ -1,0 +1,126 @@
+"""Attacks on an open mesh: a forger speaks as an agent, or as a station. The flight ends as the
+unharmed one, with the same distance within 5 %, and the log names whose word was not believed."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import pytest
+
+from swarm_ctl.core.model.messages import AgentState, ClockEcho, ClockNews, Phase
+from swarm_ctl.mission.compile.loader import LoadedMission, load
+from tests.security.forger import Attacked, Forge
+
+HEXAGON = Path(__file__).parents[2] / "missions" / "hexagon.yaml"
+IDS = range(1, 7)
+FORM = 2
+
+
+@functools.cache
+def mission() -> LoadedMission:
+    return load(HEXAGON)
+
+
+@functools.cache
+def unharmed_m() -> float:
+    """The smallest distance of the flight that no forger disturbs."""
+    flight = Attacked(mission())
+    flight.swarm.fly()
+    assert set(flight.swarm.outcomes().values()) == {"completed"}
+    assert "believed" not in flight.said()
+    return flight.swarm.closest_m
+
+
+def elsewhere(state: AgentState) -> AgentState:
+    """Its position is true; its stop point is far off, so nothing seems to be in the way."""
+    north, east = state.stop_point_m
+    return replace(state, stop_point_m=(north + 40.0, east))
+
+
+def far(state: AgentState) -> AgentState:
+    """All of it is 300 m further north."""
+    (n, e, d), (stop_n, stop_e) = state.position_ned_m, state.stop_point_m
+    return replace(state, position_ned_m=(n + 300.0, e, d), stop_point_m=(stop_n + 300.0, stop_e))
+
+
+def huge(state: AgentState) -> AgentState:
+    """Finite numbers whose absolute value is not."""
+    return replace(state, stop_point_m=(1.7e308, -1.7e308))
+
+
+def words(**changes: object) -> Forge:
+    return lambda state: replace(state, **changes)  # type: ignore[arg-type]
+
+
+def ahead(state: AgentState) -> AgentState:
+    return replace(state, time_s=state.time_s + 1e6)
+
+
+@dataclass(frozen=True)
+class Row:
+    """What a forger says, as whom, to whom, and how often for each honest state."""
+
+    name: str
+    word: Forge
+    says: str
+    speaks_as: tuple[int, ...] = (3,)
+    to: tuple[int, ...] = tuple(IDS)
+    times: int = 1
+    for_s: float = 30.0
+
+    def __str__(self) -> str:
+        return self.name
+
+
+ONCE = 0.05
+ROWS = (
+    Row("stop points, to 4 and 5", elsewhere, "its stop point", (1, 2, 3, 6), (4, 5)),
+    Row("positions + 300 m", far, "it jumped by"),
+    Row("one state: it yields", words(phase=Phase.YIELD), "two senders", for_s=ONCE),
+    Row("it yields, on and on", words(phase=Phase.YIELD), "two senders", times=3),
+    Row("it is down", words(phase=Phase.ENDED, down=True), "two senders", to=(4, 5)),
+    Row("it carries out a command", words(override=77), "two senders"),
+    Row("from 1e6 s ahead", ahead, "its clock stepped by 1e+06 s"),
+    Row("slow", words(response_s=60.0), "it answers after 60 s"),
+    Row("fast", words(setpoint_mps=(50.0, 0.0)), "its setpoint is 50 m/s"),
+    Row("huge", huge, "it is more than 100 km away"),
+)
+
+
+IN_SHORT = ("stop points, to 4 and 5", "it yields, on and on")
+MARKED = [
+    pytest.param(row, marks=() if row.name in IN_SHORT else pytest.mark.long, id=row.name)
+    for row in ROWS
+]
+
+
+@pytest.mark.parametrize("row", MARKED)
+def test_forged_states(row: Row) -> None:
+    flight = Attacked(mission())
+    flight.swarm.wait(lambda s: s.in_step(FORM), 60)
+    flight.forge(row.speaks_as, row.to, row.word, row.times)
+    flight.swarm.run(row.for_s)
+    flight.forge((), (), row.word, 0)
+    ends_unharmed(flight, f"agent {row.speaks_as[0]} is not believed: {row.says}")
+
+
+@pytest.mark.long
+def test_forged_clock_words() -> None:
+    """Each tells that agent 3 is 1e6 s ahead."""
+    flight = Attacked(mission())
+    swarm = flight.swarm
+    swarm.wait(lambda s: s.in_step(FORM), 60)
+    for _ in range(300):
+        swarm.tick()
+        echoes = tuple(ClockEcho(i, swarm.now - 0.01, 0.0) for i in IDS)
+        flight.say("clock", 3, (1, 2, 4, 5, 6), ClockNews(3, swarm.now + 1e6, False, echoes))
+    ends_unharmed(flight, "agent 3 is not believed: its clock word steps by 1e+06 s")
+
+
+def ends_unharmed(flight: Attacked, says: str) -> None:
+    flight.swarm.fly(300.0)
+    assert set(flight.swarm.outcomes().values()) == {"completed"}
+    assert flight.swarm.closest_m >= 0.95 * unharmed_m()
+    assert says in flight.said()
