@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 import struct
+from collections.abc import Callable
 from typing import NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -25,6 +26,13 @@ _CRC = struct.Struct("<H")
 _MOST_FAILURES = 32
 """False beginnings in a row. A cut frame has a few; a hostile chunk could have thousands, of some
 microseconds each: the rest of the chunk is dropped."""
+
+
+def _slow_checksum(data: bytes) -> int:
+    return int(dialect.x25crc(data).crc)
+
+
+_checksum: Callable[[bytes], int] = dialect.mcrf4xx or _slow_checksum
 
 _NONE, _PARTIAL = 0, -1
 """`_size` of bytes that start no frame, and of bytes that may start one but are not complete."""
@@ -112,7 +120,7 @@ def _size(data: bytes, at: int, *, unknown: bool = False) -> int:
     if extra is None:
         return size if available == size or data[at + size] in (_V2, _V1) else _NONE
     end = at + header + data[at + 1]
-    good = dialect.x25crc(data[at + 1 : end] + extra).crc == _CRC.unpack_from(data, end)[0]
+    good = _checksum(data[at + 1 : end] + extra) == _CRC.unpack_from(data, end)[0]
     return size if good else _NONE
 
 

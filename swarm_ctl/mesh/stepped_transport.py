@@ -4,7 +4,7 @@ exactly those of the tick before, in a fixed order."""
 from __future__ import annotations
 
 import struct
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from operator import itemgetter
 from typing import Any, Final, Protocol, TypeAlias
@@ -43,8 +43,8 @@ class SteppedInlet(Inlet):
         self._take = take
         self._owners = owners
         self._waiting: list[tuple[int, int, str, Carried]] = []
-        self.counts: dict[int, Counter[int]] = defaultdict(Counter)
-        """Messages that have come, by tick and member."""
+        self.counts: dict[tuple[int, int], int] = {}
+        """Messages that have come, by (tick, member)."""
         self.heard: set[int] = set()
         """Members of which anything has come."""
         self._given: list[Message] = []
@@ -60,7 +60,7 @@ class SteppedInlet(Inlet):
             if member != _OUTSIDER:
                 self.heard.add(member)
             if tick:
-                self.counts[tick][member] += 1
+                self.counts[tick, member] = self.counts.get((tick, member), 0) + 1
                 self._waiting.append((member, tick, key, data))
         self._bound()
 
@@ -93,14 +93,16 @@ class SteppedInlet(Inlet):
     def give(self, heard: int | None, received_s: float) -> None:
         """Give out what was published up to tick `heard` (None: all), by tick and member, each
         one's in their order."""
+        if not self._waiting and not self.counts:  # as on most channels in most ticks
+            return
         waiting, self._waiting = self._waiting, []
         now = waiting if heard is None else [item for item in waiting if item[1] <= heard]
         if len(now) < len(waiting) and heard is not None:
             self._waiting = [item for item in waiting if item[1] > heard]
         now.sort(key=itemgetter(1, 0))
         self._given += [(received_s, key, data) for _, _, key, data in now]
-        for tick in [t for t in self.counts if heard is None or t <= heard]:
-            del self.counts[tick]
+        later = {key: n for key, n in self.counts.items() if heard is not None and key[0] > heard}
+        self.counts = later
 
     def drain(self) -> list[Message]:
         given, self._given = self._given, []
@@ -174,7 +176,7 @@ class SteppedTransport(Transport):
             inlet = self._inlets.get(channel)  # type: ignore[assignment]  # None below
             if inlet is None or member == own:
                 continue
-            if inlet.counts[heard][member] >= count:
+            if inlet.counts.get((heard, member), 0) >= count:
                 self._unwaited.discard((member, channel))
             else:
                 missing.append((member, channel))

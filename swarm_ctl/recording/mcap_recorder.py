@@ -9,7 +9,6 @@ import queue
 import threading
 from collections import Counter
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -36,7 +35,7 @@ class McapRecorder:
         about: Mapping[str, str],
         rates_hz: Mapping[str, float] | None = None,
     ) -> None:
-        self._queue: queue.Queue[tuple[Payload, float] | None] = queue.Queue(_LIMIT)
+        self._queue: queue.SimpleQueue[tuple[Payload, float] | None] = queue.SimpleQueue()
         self._writer = McapWriter(folder / RECORDING, start_ns, about)
         self._rates_hz = dict(rates_hz or {})
         self._due: dict[tuple[str, Any], float] = {}
@@ -54,18 +53,14 @@ class McapRecorder:
 
     def take(self, payload: Payload, heard_s: float) -> None:
         """Record a payload heard at `heard_s`; returns at once."""
-        if self.failure:
+        if self.failure or self._queue.qsize() >= _LIMIT:
             self.dropped += 1
-            return
-        try:
-            self._queue.put_nowait((payload, heard_s))
-        except queue.Full:
-            self.dropped += 1
+        else:
+            self._queue.put((payload, heard_s))
 
     def close(self, patience_wall_s: float = 5.0) -> None:
         """Write the queue, index and footer; gives up if the disk does not answer."""
-        with suppress(queue.Full):
-            self._queue.put(None, timeout=patience_wall_s)
+        self._queue.put(None)
         self._thread.join(patience_wall_s)
 
     def _work(self) -> None:

@@ -83,6 +83,8 @@ failsafe stops it after 1 s."""
 _LANDS_M: Final = 2.0
 """The word that a vehicle stands on the ground may come after the word that it is disarmed, and the
 ground may be this much higher than the take-off point."""
+_GOES_ON: Final = frozenset(Phase) - {Phase.YIELD, Phase.RETURN, Phase.LAND, Phase.ENDED}
+"""A peer in one of these has not given up (`gave_up`)."""
 SUNK_S: Final = 2.0
 """Longer than a position estimate that jumps takes to come back."""
 
@@ -219,6 +221,8 @@ def _peers_gone(s: Situation) -> FailsafeTrigger | None:
     if s.progress.step == 0:
         after = max(after, _PATIENCE_S)
     for peer in s.tick.peers.peers:
+        if peer.age_s <= after and peer.state is not None and peer.state.phase in _GOES_ON:
+            continue
         completed = peer.state and progress_of(peer.state) >= (len(s.plan.steps), True)
         if peer.state is None or completed or peer.id in s.departed:
             continue  # never heard: the step's time-out bounds the wait

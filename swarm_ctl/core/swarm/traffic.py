@@ -18,7 +18,7 @@ from swarm_ctl.core.law.stop_point import stop_distance
 from swarm_ctl.core.model.frames import ned_from_geodetic
 from swarm_ctl.core.model.plan import Compensation, Plan, Point
 from swarm_ctl.core.model.timeouts import PREDICT_S
-from swarm_ctl.core.model.vehicle import Contact
+from swarm_ctl.core.model.vehicle import Contact, Vector3
 from swarm_ctl.core.swarm.snapshot import TRAFFIC, OtherAircraft
 
 MAX_CONTACTS: Final = 8
@@ -47,10 +47,11 @@ class Traffic:
         self, now: float, contacts: Sequence[Contact], peers: Sequence[OtherAircraft], own_m: Point
     ) -> tuple[OtherAircraft, ...]:
         """The contacts that are no followed peer, the `MAX_CONTACTS` nearest to `own_m` first."""
+        stand = [p.state.position_ned_m for p in peers if p.down and p.state is not None]
         recent = [
             contact
             for contact in contacts
-            if 0.0 <= now - contact.time_s <= _CONTACT_S and not self._stands(contact, peers)
+            if 0.0 <= now - contact.time_s <= _CONTACT_S and not self._stands(contact, stand)
         ]
         self.seen, self.off = frozenset(), {}
         if not recent:
@@ -107,9 +108,8 @@ class Traffic:
         ahead_s = response.dead_time_s + response.lag_s
         return _STOPS_M + response.dead_time_s * (limit + abs(velocity)) + turned * ahead_s
 
-    def _stands(self, contact: Contact, peers: Sequence[OtherAircraft]) -> bool:
+    def _stands(self, contact: Contact, places: Sequence[Vector3]) -> bool:
         """It is a peer that has landed and ended, at its height as well: no other flies there."""
-        places = [p.state.position_ned_m for p in peers if p.down and p.state is not None]
         if not places:
             return False
         at = ned_from_geodetic(contact.position, self._plan.origin)

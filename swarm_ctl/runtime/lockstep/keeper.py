@@ -18,7 +18,6 @@ from swarm_ctl.runtime.lockstep.words import (
     LONGEST,
     Done,
     Phase,
-    Published,
     Tick,
     Word,
     pack_json,
@@ -309,7 +308,7 @@ class Keeper:
         agents = sum(m.live and m.port > 0 for m in self._members)
         dones = {i: done for i, done in self._dones.items() if done.number == heard}
         published = [
-            Published(i, *item) for i, done in dones.items() for item in done.published.items()
+            (i, *item) for i, done in dones.items() for item in done.published.items()
         ]
         counts = {port: n for done in self._datagrams(phase) for port, n in done.datagrams.items()}
         packed = {

@@ -12,7 +12,7 @@ import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 LONGEST: Final = 1 << 16
 """Bytes of a packet; a hundred agents need a tenth."""
@@ -52,14 +52,6 @@ class Phase(IntEnum):
     """A test: alone, after all agents. It hears what they published in this tick."""
 
 
-class Published(NamedTuple):
-    """So many messages of a member on a channel, in one tick."""
-
-    member: int
-    channel: int
-    messages: int
-
-
 @dataclass(frozen=True, slots=True)
 class Tick:
     """Run a tick. Messages of the ticks up to `heard` belong to it; those of the last of these are
@@ -71,7 +63,8 @@ class Tick:
     """The member was not waited for before: what it has counted is void."""
     agents: int
     """So many take part."""
-    published: Sequence[Published]
+    published: Sequence[tuple[int, int, int]]
+    """(member, channel, messages) of the tick `heard`."""
     datagrams: Mapping[int, int]
     """So many came from (went to) each UDP port in this tick's other half."""
 
@@ -105,7 +98,7 @@ def read_tick(data: bytes) -> Tick:
     """Of a packet."""
     _, number, heard, anew, agents, count = _TICK.unpack_from(data)
     end = _TICK.size + count * _PUBLISHED.size
-    published = [Published(*p) for p in _PUBLISHED.iter_unpack(data[_TICK.size : end])]
+    published = list(_PUBLISHED.iter_unpack(data[_TICK.size : end]))
     return Tick(number, heard, anew, agents, published, dict(_PORT.iter_unpack(data[end:])))
 
 

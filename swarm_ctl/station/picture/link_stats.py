@@ -76,8 +76,9 @@ class Receiver:
     def report(self, now_s: float) -> Reception:
         """The reception at `now_s`."""
         self._forget(now_s)
-        ages = sorted(arrival.replaced_age_s for arrival in list(self._window)[1:])
-        lost = sum(arrival.lost for arrival in list(self._window)[1:])
+        arrivals = list(self._window)[1:]
+        ages = sorted([arrival.replaced_age_s for arrival in arrivals])
+        lost = sum([arrival.lost for arrival in arrivals])
         return Reception(
             age_s=self._age(now_s),
             age_p50_s=_quantile(ages, 0.5),
@@ -116,6 +117,8 @@ class Receiver:
 
     def _miss(self, first: int, after: int) -> None:
         """Remember which are missing; of a long silence only the last."""
+        if first == after and not self._missing:
+            return
         self._missing = {seq for seq in self._missing if seq >= after - _MOST_MISSING}
         self._missing |= set(range(max(first, after - _MOST_MISSING), after))
 
