@@ -3,7 +3,6 @@ up to it."""
 
 from __future__ import annotations
 
-import contextlib
 from collections import deque
 
 from swarm_ctl.mavlink.wires import Wire
@@ -50,9 +49,10 @@ class SteppedWire(Wire):
         self._free = True
 
     def _pending(self, now: float) -> bytes | None:
-        with contextlib.suppress(OSError):  # an earlier write found no vehicle
+        try:
             return self._inner.read(now)
-        return None
+        except OSError:  # an earlier write found no vehicle
+            return None
 
     def read(self, now: float) -> bytes | None:
         if self._waiting:

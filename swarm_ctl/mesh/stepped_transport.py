@@ -115,7 +115,7 @@ class SteppedTransport(Transport):
     def __init__(self, inner: MarkedTransport) -> None:
         self._inner = inner
         self._mark = b""
-        self._published: Counter[int] = Counter()
+        self._published: dict[int, int] = {}
         self._channels: dict[str, int] = {}
         self._inlets: dict[int, SteppedInlet] = {}
         self._unwaited: set[tuple[int, int]] = set()
@@ -134,12 +134,12 @@ class SteppedTransport(Transport):
         channel = self._channels.get(key)
         if channel is None:
             channel = self._channels[key] = INDEX[key.rpartition("/")[2]]
-        self._published[channel] += 1
+        self._published[channel] = self._published.get(channel, 0) + 1
         self._inner.publish(key, data, qos, self._mark)
 
     def published(self) -> dict[int, int]:
         """Messages by channel since the last call."""
-        published, self._published = self._published, Counter()
+        published, self._published = self._published, {}
         return published
 
     def subscribe(self, key_expression: str, *, timed: bool = False) -> SteppedInlet:  # noqa: ARG002 - always

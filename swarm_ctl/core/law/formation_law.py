@@ -83,7 +83,7 @@ def evaluate(
         law: r, r_in, r_out, h, delta_l, delta_a.
     """
     linked = neighbour & present
-    count = np.count_nonzero(linked, axis=-1)
+    count = linked.sum(axis=-1)
     gain, beta = gains(law.h, count)
     error = own - own_slot
     # n, the paper's (n2, n4): the sum of the neighbours' e_j - e_i

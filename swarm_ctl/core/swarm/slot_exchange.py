@@ -163,9 +163,9 @@ class SlotExchange:
                 continue
             age = self._age(i, now)
             ahead = min(age, PREDICT_S)
-            points[:, 0, place, 0] = (
-                np.add(state.stop_point_m, np.multiply(state.setpoint_mps, ahead)) / self._unit_m
-            )
+            (north, east), (v_north, v_east) = state.stop_point_m, state.setpoint_mps
+            points[0, 0, place, 0] = (north + v_north * ahead) / self._unit_m
+            points[1, 0, place, 0] = (east + v_east * ahead) / self._unit_m
             age_s[0, place] = age
             same = (state.step, state.override) == flying and state.phase is Phase.FLY
             fresh[0, place] = same and age <= FRESH_S

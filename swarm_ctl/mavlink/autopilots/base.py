@@ -263,17 +263,16 @@ class Autopilot(ABC):
 
     def fault(self, heard: Telemetry) -> str:
         """Why this vehicle can't be flown at all, or ''."""
-        if heard.heartbeat_s == _NEVER:
+        good = heard.autopilot == self.wire_id and heard.vehicle_type in MULTIROTORS
+        if good or heard.heartbeat_s == _NEVER:
             return ""
         vehicle = f"sysid {self.system} is"
         if heard.autopilot != self.wire_id:
             found = _enum_name("MAV_AUTOPILOT", heard.autopilot)
             return f"{vehicle} an autopilot {found}; allowed here: {self.name} ({self.wire_id})"
-        if heard.vehicle_type not in MULTIROTORS:
-            allowed = ", ".join(_enum_name("MAV_TYPE", kind) for kind in sorted(MULTIROTORS))
-            found = _enum_name("MAV_TYPE", heard.vehicle_type)
-            return f"{vehicle} a vehicle of type {found}; allowed: {allowed}"
-        return ""
+        allowed = ", ".join(_enum_name("MAV_TYPE", kind) for kind in sorted(MULTIROTORS))
+        found = _enum_name("MAV_TYPE", heard.vehicle_type)
+        return f"{vehicle} a vehicle of type {found}; allowed: {allowed}"
 
     def missing(self, heard: Telemetry, now: float) -> str:
         """What keeps the vehicle from being healthy, or ''."""

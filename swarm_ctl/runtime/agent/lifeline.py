@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import select
 import signal
 import sys
 from multiprocessing.connection import Connection
@@ -30,11 +31,13 @@ class PipeLifeline:
     def __init__(self, connection: Connection) -> None:
         os.set_blocking(connection.fileno(), False)
         self._connection = connection
+        self._ready = select.poll()  # `connection.poll` makes one anew each time
+        self._ready.register(connection, select.POLLIN)
         self._cut = False
 
     def cut(self) -> bool:
         try:
-            while not self._cut and self._connection.poll():
+            while not self._cut and self._ready.poll(0):
                 self._connection.recv_bytes()  # the parent has nothing to say
         except (EOFError, OSError):
             self._cut = True

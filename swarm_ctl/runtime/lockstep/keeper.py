@@ -264,8 +264,10 @@ class Keeper:
                     self._grant(Phase.SWARM, self._tick - 1)
                     self._stage = _Stage.SWARM
                 case _Stage.SWARM:
-                    after = any(m.live and m.phase is Phase.AFTER for m in self._members)
-                    if any(m.port or after for m in self._running(Phase.SWARM)):
+                    running = self._running(Phase.SWARM)
+                    if any(m.port for m in running):
+                        return
+                    if running and any(m.live and m.phase is Phase.AFTER for m in self._members):
                         return
                     self._grant(Phase.AFTER, self._tick)
                     self._stage = _Stage.AFTER
@@ -307,9 +309,7 @@ class Keeper:
             return
         agents = sum(m.live and m.port > 0 for m in self._members)
         dones = {i: done for i, done in self._dones.items() if done.number == heard}
-        published = [
-            (i, *item) for i, done in dones.items() for item in done.published.items()
-        ]
+        published = [(i, *item) for i, done in dones.items() for item in done.published.items()]
         counts = {port: n for done in self._datagrams(phase) for port, n in done.datagrams.items()}
         packed = {
             anew: pack_tick(Tick(self._tick, heard, anew, agents, published, counts))

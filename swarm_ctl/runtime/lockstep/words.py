@@ -10,9 +10,8 @@ import json
 import socket
 import struct
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 LONGEST: Final = 1 << 16
 """Bytes of a packet; a hundred agents need a tenth."""
@@ -52,8 +51,7 @@ class Phase(IntEnum):
     """A test: alone, after all agents. It hears what they published in this tick."""
 
 
-@dataclass(frozen=True, slots=True)
-class Tick:
+class Tick(NamedTuple):
     """Run a tick. Messages of the ticks up to `heard` belong to it; those of the last of these are
     listed, and must be waited for."""
 
@@ -69,8 +67,7 @@ class Tick:
     """So many came from (went to) each UDP port in this tick's other half."""
 
 
-@dataclass(frozen=True, slots=True)
-class Done:
+class Done(NamedTuple):
     """A tick was run: so many messages by channel, so many datagrams by UDP port."""
 
     number: int
