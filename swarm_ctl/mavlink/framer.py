@@ -47,6 +47,11 @@ class MavlinkFrame(NamedTuple):
     component: int
     raw: bytes
 
+    @property
+    def signed(self) -> bool:
+        """It has a signature, right or wrong."""
+        return self.raw[0] == _V2 and bool(self.raw[2] & _SIGNED)
+
 
 class Framer:
     """Cuts a stream of chunks into frames; `bad` counts runs of bytes that were no frame, `tried`

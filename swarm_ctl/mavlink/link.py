@@ -318,7 +318,11 @@ class VehicleLink:
     def _may_pass(self, raw: bytes, now: float) -> bool:
         """A frame of ground control software, to a vehicle that may take unsigned ones on this link
         (an ArduPilot does on USB)."""
-        return not any(self._refusal(frame, now) for frame in Framer(unknown=True).feed(raw))
+        if self._signing is None:
+            return True
+        frames = Framer(unknown=True).feed(raw)
+        whole = b"".join(frame.raw for frame in frames) == raw
+        return whole and not any(self._refusal(frame, now) for frame in frames)
 
     def _refusal(self, frame: MavlinkFrame, now: float) -> Refusal | None:
         """Why the frame does not count; on an open link each does."""

@@ -24,7 +24,7 @@ KEY_BYTES: Final = 32
 UNITS_S: Final = 100_000
 """Stamps count so many a second."""
 SAVE_EVERY: Final = 10 * UNITS_S
-_V2, _SIGNED, _MAC_BYTES, _SIGNATURE_BYTES = 0xFD, 1, 6, 13
+_V2, _MAC_BYTES, _SIGNATURE_BYTES = 0xFD, 6, 13
 _LAST: Final = 2**48 - 2**40
 """Four months of stamps are left after it, in the year 2104. A sender at the end of the range would
 have no stamp for its next frame."""
@@ -97,7 +97,7 @@ class Signing:
         raw = frame.raw
         if raw[0] != _V2:
             return Refusal.MAVLINK_1
-        if not raw[2] & _SIGNED:
+        if not frame.signed:
             return Refusal.UNSIGNED
         mac = hashlib.sha256(self._key + raw[:-_MAC_BYTES]).digest()[:_MAC_BYTES]
         if not hmac.compare_digest(mac, raw[-_MAC_BYTES:]):

@@ -14,10 +14,12 @@ from pymavlink.dialects.v20 import common
 
 from swarm_ctl.core.model.vehicle import FlyGoal, StandbyGoal
 from swarm_ctl.mavlink import VehicleLink, memory_wires
+from swarm_ctl.mavlink.signing import Signing
 from tests.unit.mavlink import wire
 
 TICKS = 4000
 TICK_S = 0.05
+KEY, START = bytes(range(32)), 10**12
 
 
 def traffic(tick: int) -> list[common.MAVLink_message]:
@@ -34,10 +36,20 @@ def traffic(tick: int) -> list[common.MAVLink_message]:
 
 
 def main() -> None:
-    """Print the median and the 99th percentile per part."""
+    """Print the median and the 99th percentile per part, of an open link and of a signed one."""
+    for is_signed in (False, True):
+        print("signed" if is_signed else "open")
+        measure(is_signed=is_signed)
+
+
+def measure(*, is_signed: bool) -> None:
+    """One link, from its first frame on."""
     ours, theirs = memory_wires()
     vehicle = wire.Vehicle(theirs, sysid=1)
-    link = VehicleLink(ours, "ardupilot", 1)
+    if is_signed:
+        own = vehicle.codec.signing
+        own.secret_key, own.sign_outgoing, own.timestamp = KEY, True, START
+    link = VehicleLink(ours, "ardupilot", 1, signing=Signing(KEY, START) if is_signed else None)
     parts: dict[str, list[float]] = {"receive": [], "view": [], "pursue": [], "all": []}
     vehicle.say(wire.heartbeat(custom_mode=4, armed=True))
     link.receive(0.0)

@@ -66,6 +66,9 @@ class Relay:
             self.astray += 1
             return
         for port in [self._ports[target]] if target else self._ports.values():
+            if port.signs and not frame.signed:
+                what = f"does not sign: vehicle {port.config.sysid} does not obey it"
+                self._warn(peer, f"{what} (its key, or the RC, takes it over)")
             if port.passes(frame):
                 self._throttle(peer, port).put(frame.raw)
             else:

@@ -23,6 +23,8 @@ class VehiclePort:
         self.heard_s = -math.inf
         """When the vehicle's last frame came."""
         self.armed = False
+        self.signs = False
+        """Its newest frame was signed: it obeys no other."""
         self.lost = 0
         """Frames to the vehicle that the machine refused."""
         self._wire = open_wire(config.endpoint) if wire is None else wire
@@ -50,6 +52,7 @@ class VehiclePort:
     def _is_own(self, frame: MavlinkFrame) -> bool:
         if frame.system != self.config.sysid:
             return False
+        self.signs = frame.signed
         armed = says_armed(frame)
         self.armed = self.armed if armed is None else armed
         return True

@@ -148,6 +148,7 @@ class RunSetup:
 
     def _agent_config(self, agent: FleetAgent, connect: tuple[str, ...]) -> AgentConfig:
         manifest, agents = self.manifest, self.folder / "agents"
+        ordered = {order.agent for order in self._orders}
         return AgentConfig(
             plan=manifest.plan,
             agent_id=agent.id,
@@ -170,7 +171,8 @@ class RunSetup:
             mirror_port=self.ground_control.mirror_port(agent.id),
             lockstep=manifest.lockstep,
             identity=agent_identity_folder(manifest.trust, agent.id),
-            signing=manifest.signing,
+            # An autopilot that the run itself starts has no key, and ends with it.
+            signing=manifest.signing if agent.id not in ordered else Signing.OFF,
             started_us=round(manifest.started_at.timestamp() * 1e6),
         )
 

@@ -9,11 +9,13 @@ import time
 from collections.abc import Iterator
 
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from swarm_ctl.core.model.vehicle import StandbyGoal
 from swarm_ctl.errors import LinkError
 from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.mavlink.mirror import FRAMES_A_TICK, Mirror
+from swarm_ctl.mavlink.signing import Signing
 from swarm_ctl.mavlink.wires import memory_wires
 from tests.unit.mavlink import wire
 
@@ -103,4 +105,24 @@ def test_a_link_shares_what_its_vehicle_sends_and_passes_on_what_comes_back(
         chunks.append(chunk)
     assert chunks[-1] == FRAME  # behind all that the agent itself had to send
     assert len(chunks) > 1
+    link.close()
+
+
+def test_a_signed_link_passes_on_signed_and_new_frames_alone(
+    mirror: Mirror, relay: socket.socket
+) -> None:
+    """An ArduPilot on USB would obey the others, too."""
+    key = bytes(range(32))
+    ours, theirs = memory_wires()
+    link = VehicleLink(ours, "ardupilot", 1, mirror=mirror, signing=Signing(key, 10**12))
+    codec = dialect.MAVLink(None, 255, 190)
+    codec.signing.secret_key, codec.signing.sign_outgoing = key, True
+    codec.signing.timestamp = 10**12
+    signed = bytes(wire.heartbeat().pack(codec))
+    unsigned = bytes(wire.heartbeat().pack(dialect.MAVLink(None, 255, 190)))
+    for frame in (b"", FRAME, unsigned, unsigned + signed, signed, signed):
+        relay.send(frame)
+        link.share(0.0)
+    assert list(iter(theirs.read, None)) == [signed]
+    assert link.counters.refused == 3
     link.close()

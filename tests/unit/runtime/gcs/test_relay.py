@@ -263,3 +263,19 @@ def test_a_throttle_lets_a_burst_through_then_its_rate_and_drops_the_oldest() ->
     assert throttle.take(0.1) == [b"a"]
     assert throttle.take(0.05) == []  # a clock that goes back gives nothing
     assert throttle.take(0.2) == [b"b"]
+
+
+def test_a_gcs_without_the_key_hears_a_signed_vehicle_and_is_told_that_it_commands_none(
+    bench: Bench,
+) -> None:
+    """Its frames pass as they are: the vehicle judges them."""
+    codec = mavlink.MAVLink(None, 1, 1)
+    codec.signing.secret_key, codec.signing.sign_outgoing = bytes(32), True
+    bench.vehicles[1].write(bytes(ARMED.pack(codec)))
+    bench.step()
+    bench.gcs.tell(HELLO, bench.own_port)
+    bench.step()
+    assert [message.get_header().incompat_flags for message in bench.gcs.heard()] == [1]
+    found = [note for note in bench.relay.notes if "does not sign" in note]
+    assert len(found) == 1
+    assert "vehicle 1 does not obey it (its key, or the RC, takes it over)" in found[0]

@@ -258,3 +258,38 @@ def test_a_further_channel_sends_heartbeats_alone_until_a_client_speaks_on_it() 
     clients.tell(1, B, HELLO)
     clients.run(1.0)
     assert "ATTITUDE" in {m.get_type() for m in clients.heard(B)}
+
+
+KEY = bytes(range(32))
+
+
+def signed_clients(persona: str) -> tuple[Clients, Any]:
+    """A vehicle with a key, and a codec that has it."""
+    clients = Clients(persona=persona)
+    clients.hub._signing[0].set_up(KEY, 10**9)
+    codec = mavlink.MAVLink(None, 250, 191)
+    codec.signing.secret_key, codec.signing.sign_outgoing = KEY, True
+    codec.signing.timestamp = 10**9
+    return clients, codec
+
+
+@pytest.mark.parametrize("persona", ["ardupilot", "px4"])
+def test_one_that_signs_takes_the_place_of_one_that_does_not(persona: str) -> None:
+    clients, codec = signed_clients(persona)
+    for i in range(40):
+        clients.hub.receive(0, b"", ("127.0.0.1", 1000 + i))
+    clients.hub.receive(0, bytes(HELLO.pack(codec)), A)
+    clients.tell(0, B, HELLO)
+    clients.run(2.0)
+    assert A in clients.datagrams
+    assert B not in clients.datagrams
+    assert len(clients.hub._clients[0]) <= MAX_CLIENTS
+
+
+def test_one_that_only_listens_hears_a_signed_vehicle() -> None:
+    """As the relay to ground control software does."""
+    clients, _ = signed_clients("ardupilot")
+    clients.hub.receive(0, b"", A)
+    clients.run(2.0)
+    assert "HEARTBEAT" in [message.get_type() for message in clients.heard(A)]
+    assert all(data[2] == 1 for data in clients.datagrams[A])

@@ -102,3 +102,17 @@ def test_a_stream_cut_anywhere_gives_all_its_frames(data: st.DataObject) -> None
         whole, kept = split_stream(kept + stream[start:end])
         found += len(list(codec.messages(whole)))
     assert (found, kept) == (3, b"")
+
+
+def test_silent_connections_take_no_place_from_one_that_speaks(
+    server: tuple[TcpSocket, int],
+) -> None:
+    port, number = server
+    with contextlib.ExitStack() as opened:
+        agent = opened.enter_context(socket.create_connection(("127.0.0.1", number)))
+        for _ in range(100):
+            opened.enter_context(socket.create_connection(("127.0.0.1", number)))
+            agent.sendall(GOOD)
+            list(port.receive())
+        assert len(port.peers()) <= 32
+        assert agent.getsockname() in port.peers()

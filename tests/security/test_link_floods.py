@@ -1,0 +1,78 @@
+"""Floods on a vehicle's link, open and signed: a tick's work and memory are bounded, so that
+setpoints go on at 19 Hz and more. Times are of this thread's own CPU."""
+
+from __future__ import annotations
+
+import random
+import statistics
+import time
+import tracemalloc
+from typing import Final
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from sim.network.codec import Codec
+from swarm_ctl.core.model.vehicle import FlyGoal
+from swarm_ctl.mavlink.link import MAX_TRIED, VehicleLink
+from swarm_ctl.mavlink.signing import Signing
+from swarm_ctl.mavlink.wires import MemoryWire, memory_wires
+from tests.unit.mavlink import wire
+
+KEY: Final = bytes(range(32))
+START: Final = 10**12
+_VEHICLE: Final = dialect.MAVLink(None, 7, 1)
+_NOISE: Final = random.Random(1).randbytes(4096)
+_LONG: Final = wire.text("x" * 50).pack(_VEHICLE)
+FLOODS: Final = {
+    "zeros": bytes(4096),
+    "noise": _NOISE,
+    "beginnings": b"\xfd" * 4096,
+    "long frames that are none": (b"\xfd\xff\0\0" * 1024),
+    "MAVLink 1 beginnings": (b"\xfe\xfe\0\0\0" * 820)[:4096],
+    "heartbeats": wire.heartbeat().pack(_VEHICLE) * 195,
+    "positions": wire.local_position().pack(_VEHICLE) * 100,
+    "texts": _LONG * 60,
+}
+TICKS: Final = 5
+
+
+@pytest.mark.parametrize("is_signed", [False, True], ids=["open", "signed"])
+@pytest.mark.parametrize("flood", FLOODS)
+def test_a_flood_leaves_an_agent_its_tick(flood: str, is_signed: bool) -> None:
+    near, far = memory_wires(limit=600)
+    signing = Signing(KEY, START) if is_signed else None
+    link = VehicleLink(near, "ardupilot", 7, signing=signing)
+    spent = []
+    for tick in range(TICKS):
+        before = sum(framer.tried for framer in link._framers)
+        spent.append(_tick(link, far, FLOODS[flood], tick * 0.05))
+        assert sum(framer.tried for framer in link._framers) - before < MAX_TRIED + 400
+    assert statistics.median(spent) < 0.04, "of a tick's 0.05 s"
+    tracemalloc.start()
+    _tick(link, far, FLOODS[flood], TICKS * 0.05)
+    grown, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert grown < 4e6, "the flood itself included"
+
+
+def _tick(link: VehicleLink, far: MemoryWire, data: bytes, now: float) -> float:
+    """The CPU time of one."""
+    for _ in range(600):
+        far.write(data)
+    begun = time.thread_time()
+    link.receive(now)
+    link.view()
+    link.pursue(FlyGoal((1.0, 0.0, 0.0)), now)
+    return time.thread_time() - begun
+
+
+@pytest.mark.parametrize("flood", FLOODS)
+def test_a_flood_leaves_the_simulator_its_step(flood: str) -> None:
+    """64 datagrams are taken at once from one socket."""
+    codec = Codec(7)
+    begun = time.thread_time()
+    for _ in range(64):
+        for _ in codec.messages(FLOODS[flood]):
+            pass
+    assert time.thread_time() - begun < 1.0
