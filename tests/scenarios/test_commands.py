@@ -45,7 +45,7 @@ def accepted(answers: list[tuple[int, bool, str]]) -> bool:
 def test_hold_and_resume(holding: VirtualSwarm) -> None:
     """The step's time waits while the operator holds the swarm, and goes on after."""
     assert accepted(give(holding, "hold"))
-    holding.run(120)
+    holding.run(40)
     assert holding.in_step(THIRD)
     assert accepted(give(holding, "resume"))
     begun = holding.now
@@ -73,9 +73,9 @@ def test_hold_while_forming_stops_all() -> None:
 def test_form_then_move_then_resume(holding: VirtualSwarm) -> None:
     """A commanded shape stands, goes where it is sent, and the mission goes on from there."""
     assert accepted(give(holding, "form", step=ROW, plan_hash=holding.plan.hash()))
-    holding.run(40)
+    holding.run(25)
     assert accepted(give(holding, "move", step=move_to(40, 10), plan_hash=holding.plan.hash()))
-    holding.run(50)
+    holding.run(40)
     assert math.dist(holding.centre(), (40, 10)) < 1.0
     at = holding.positions()
     assert max(abs((at[i][1] - at[1][1]) - 9 * (i - 1)) for i in at) < 1.0

@@ -26,7 +26,7 @@ PHASES = {
 
 
 def mission(
-    policies: str, *, head: str = "", steps: tuple[str, ...] = ("hold: {duration_s: 60}", "land")
+    policies: str, *, head: str = "", steps: tuple[str, ...] = ("hold: {duration_s: 30}", "land")
 ) -> LoadedMission:
     return quartet(*steps, head=f"policies: {{{policies}}}\n{head}")
 

@@ -25,10 +25,11 @@ TAKEOFF, FORM, HOLD, LAND = 1, 2, 3, 4
 
 @pytest.fixture(scope="module")
 def hexagon() -> LoadedMission:
-    """Close to the ground: the way up and down takes most of its time."""
+    """Close to the ground and with little patience on it: that is where most of its time goes."""
     text = (MISSIONS / "hexagon.yaml").read_text()
     assert "height_m: 10}" in text
-    return loads(text.replace("height_m: 10}", "height_m: 4}"))
+    mission = loads(text.replace("height_m: 10}", "height_m: 4}"))
+    return replace(mission, plan=replace(mission.plan, prepare_timeout_s=30.0))
 
 
 def with_policies(mission: LoadedMission, **changes: Any) -> LoadedMission:
@@ -66,15 +67,6 @@ def test_a_vehicle_unlike_its_response_is_said_in_flight(response: str, said: st
     assert swarm.closest_m > swarm.plan.law.r_in * swarm.plan.unit_m
 
 
-def test_same_seed_same_trace(hexagon: LoadedMission) -> None:
-    """Two flights are equal to the last bit."""
-    swarms = [VirtualSwarm(hexagon), VirtualSwarm(hexagon)]
-    for swarm in swarms:
-        swarm.fly(60)
-    assert swarms[0].minimum == swarms[1].minimum
-    assert swarms[0].events == swarms[1].events
-
-
 def test_mixed_personas(hexagon: LoadedMission) -> None:
     """Half ArduCopter, half PX4 fly one formation: all agents complete all steps, apart, each
     asking for the same."""
@@ -99,7 +91,8 @@ def test_an_agent_dies(hexagon: LoadedMission, step: int) -> None:
         swarm.tick()
     swarm.kill(3)
     swarm.fly(400)
-    swarm.run(75)  # the dead agent's vehicle needs its GCS failsafe's time, then lands
+    # the dead agent's vehicle needs its GCS failsafe's time, then lands
+    swarm.wait(lambda s: s.all_down, swarm.now + 75)
     outcomes = swarm.outcomes()
     assert set(outcomes) == {1, 2, 4, 5, 6}
     assert set(outcomes.values()) == {"failed"}
@@ -234,7 +227,7 @@ def test_a_vehicle_on_the_wrong_spot_does_not_arm(hexagon: LoadedMission) -> Non
     last = {i: LastStatus(m.status, final=True) for i, m in swarm.members.items() if m.status}
     outcome, reason, cause = judge(RunFolder(None, None, {}, None, tuple(last), last, []), {})
     assert (outcome, cause) == (Outcome.FAILED, Cause.TIMEOUT)
-    assert "step 0 (prepare) timed out after 120 s: agent 3 not ready" in reason
+    assert "step 0 (prepare) timed out after 30 s: agent 3 not ready" in reason
     assert "not ready: the vehicle stands 10.0 m from its planned start" in reason
 
 
@@ -244,7 +237,7 @@ def test_preparation_times_out(hexagon: LoadedMission) -> None:
     swarm.kill(2)
     swarm.fly(hexagon.plan.prepare_timeout_s + 10)
     assert set(swarm.outcomes().values()) == {"failed"}
-    assert "(prepare) timed out after 120 s: agent 2 not heard" in texts(swarm)
+    assert "(prepare) timed out after 30 s: agent 2 not heard" in texts(swarm)
     assert swarm.all_down
 
 
@@ -271,8 +264,7 @@ def test_mesh_cut_lands_all(hexagon: LoadedMission) -> None:
     swarm.wait(lambda s: s.in_step(FORM))
     for member in swarm.members.values():
         member.node.close()
-    for _ in range(2500):
-        swarm.tick()
+    swarm.fly(swarm.now + 125)
     assert set(swarm.outcomes().values()) == {"failed"}
     assert_safe(swarm)
 

@@ -90,7 +90,9 @@ def scattered(mission: LoadedMission, seed: int) -> LoadedMission:
     return loads(dumps(mission.file.model_copy(update={"agents": agents})), mission.source.name)
 
 
-@pytest.mark.parametrize("name", SMALL)
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=() if n == "hexagon.yaml" else pytest.mark.long) for n in SMALL]
+)
 def test_from_a_random_start(name: str) -> None:
     """One of those below, for every day."""
     flown(scattered(load(FOLDER / name), 1), 1)
