@@ -88,6 +88,24 @@ def agent(
     )
 
 
+def agent_in_waiting(
+    plan: Path, agent_id: int, epoch_s: float, speedup: float
+) -> subprocess.Popen[bytes]:
+    """The same with its imports done, which begins when its stdin ends: a vehicle's own failsafe
+    waits for a new agent for 5 s only."""
+    code = (
+        "import sys, swarm_ctl.runtime.agent.agent_process, swarm_ctl.mission.compile.plan_file;"
+        "from swarm_ctl.cli.main import app; sys.stdin.read(); app()"
+    )
+    options = ("--id", str(agent_id), "--epoch", str(epoch_s), "--speedup", str(speedup))
+    return subprocess.Popen(
+        [sys.executable, "-c", code, "agent", plan, *options],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+    )
+
+
 @contextmanager
 def ended(processes: list[subprocess.Popen[Any]]) -> Iterator[None]:
     """All processes of the list are gone behind this block."""

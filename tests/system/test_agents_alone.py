@@ -24,7 +24,7 @@ from swarm_ctl.mesh.zenoh_transport import ZenohTransport
 from swarm_ctl.mission.compile.loader import LoadedMission, load
 from swarm_ctl.mission.compile.plan_file import plan_to_json
 from swarm_ctl.report.folder.truth import load_truth
-from tests.system.pair import BARE, agent, ended, pair_mission, simulator
+from tests.system.pair import BARE, agent, agent_in_waiting, ended, pair_mission, simulator
 from tests.system.running import SWARM_CTL
 
 pytestmark = pytest.mark.timeout(120)
@@ -51,14 +51,14 @@ def test_two_agents_and_a_station_that_knows_the_mission(
     is the same plan. A station without a run folder waits for them, tells their time and their
     flight, and sees the end.
     """
-    speedup, epoch_s = 5.0, time.monotonic()
+    speedup, epoch_s = 3.0, time.monotonic()
     plan, fleet = tmp_path / "plan.json", mission.fleet.agents
     bare = Fleet(tuple(replace(entry, endpoint=None, mesh=None) for entry in fleet))
     plan.write_text(plan_to_json(mission.plan, bare))
     own, peer = fleet[1], fleet[0]
     addresses = [f"--endpoint={own.endpoint}", f"--mesh={own.mesh}", f"--peer={peer.mesh}"]
     watching = subprocess.Popen(
-        [SWARM_CTL, "station", "--mission", mission.source, "--json", "--speedup", "5"],
+        [SWARM_CTL, "station", "--mission", mission.source, "--json", "--speedup", "3"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -109,7 +109,8 @@ def test_an_agent_is_killed_and_started_again(mission: LoadedMission, tmp_path: 
     plan.write_text(plan_to_json(mission.plan, mission.fleet))
     flown = simulator(mission, epoch_s, speedup, truth_path=str(truth))
     agents = {i: agent(plan, i, epoch_s, speedup) for i in (1, 2)}
-    processes = [flown, *agents.values()]
+    again = agent_in_waiting(plan, 1, epoch_s, speedup)
+    processes = [flown, again, *agents.values()]
     with closing(listener_of(mission, keys.STATUS, keys.EVENT)) as listener, ended(processes):
         forming: set[int] = set()
         while len(forming) < 2:
@@ -122,8 +123,9 @@ def test_an_agent_is_killed_and_started_again(mission: LoadedMission, tmp_path: 
             time.sleep(0.01)
         agents[1].kill()
         agents[1].wait()
-        agents[1] = agent(plan, 1, epoch_s, speedup)
-        processes.append(agents[1])
+        agents[1] = again
+        assert again.stdin is not None
+        again.stdin.close()
         codes = [each.wait(60) for each in agents.values()]
         assert codes == [0, 0], [each.communicate()[1] for each in agents.values()]
         said = [event.text for event, _ in listener.take(keys.EVENT)]

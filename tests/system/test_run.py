@@ -17,13 +17,13 @@ pytestmark = [pytest.mark.lockstep, pytest.mark.timeout(300)]
 
 Command = tuple[str | Path, ...]
 LOCKSTEP = ("run", LOW, "--speedup", "max", "--headless", "--no-report")
-RUN = ("run", LOW, "--speedup", "5", "--headless", "--no-report")
+RUN = ("run", LOW, "--speedup", "3", "--headless", "--no-report")
 """In real time."""
 BOTH = pytest.mark.parametrize(
     "run",
     [
         pytest.param(LOCKSTEP, id="lockstep"),
-        pytest.param(RUN, id="5", marks=(pytest.mark.long, pytest.mark.realtime)),
+        pytest.param(RUN, id="3", marks=(pytest.mark.long, pytest.mark.realtime)),
     ],
 )
 
@@ -46,9 +46,9 @@ def assert_truth_ends_on_the_ground(folder: Path) -> None:
     ("run", "step"),
     [
         pytest.param(LOCKSTEP, 1, id="lockstep-1"),
-        pytest.param(RUN, 2, id="5-2", marks=pytest.mark.realtime),
+        pytest.param(RUN, 2, id="3-2", marks=pytest.mark.realtime),
         pytest.param(LOCKSTEP, 2, id="lockstep-2", marks=pytest.mark.long),
-        pytest.param(RUN, 1, id="5-1", marks=(pytest.mark.long, pytest.mark.realtime)),
+        pytest.param(RUN, 1, id="3-1", marks=(pytest.mark.long, pytest.mark.realtime)),
     ],
 )
 def test_agent_killed(tmp_path: Path, run: Command, step: int) -> None:

@@ -60,7 +60,7 @@ def assert_apart_and_down(flight: Split) -> None:
 def test_a_mesh_that_is_cut_in_flight(tmp_path: Path) -> None:
     """Each side finds the other lost, holds, lands where it stands, and says so; no two
     vehicles come near each other."""
-    with split(tmp_path, speedup=5) as flight:
+    with split(tmp_path, speedup=3) as flight:
         flight.wait_step(FORM)
         flight.wait_s(3)
         flight.air(Air(cut=True))

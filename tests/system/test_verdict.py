@@ -4,8 +4,6 @@ by what the vehicles told of themselves."""
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,7 +13,7 @@ import pytest
 
 from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.mission.compile.plan_file import plan_to_json
-from tests.system.pair import ended, pair_mission, simulator
+from tests.system.pair import agent_in_waiting, ended, pair_mission, simulator
 from tests.system.running import Running
 
 pytestmark = pytest.mark.timeout(180)
@@ -36,7 +34,7 @@ def flight(where: Path, speedup: float) -> Iterator[tuple[Running, LoadedMission
 
 def test_a_run_without_truth_completes(tmp_path: Path) -> None:
     """Exit 0, all figures, and whose they are."""
-    with flight(tmp_path, 3.0) as (running, _):
+    with flight(tmp_path, 2.0) as (running, _):
         assert running.wait() == 0, running.output
         running.assert_nothing_left()
         summary = running.summary()
@@ -54,18 +52,6 @@ def test_a_run_without_truth_completes(tmp_path: Path) -> None:
         assert (running.folder / "figures" / "trajectories.png").exists()
 
 
-def _in_waiting(plan: Path, epoch_s: float, speedup: float) -> subprocess.Popen[bytes]:
-    """`swarm-ctl agent` for agent 1, which begins when its stdin ends."""
-    code = (
-        "import sys, swarm_ctl.runtime.agent.agent_process, swarm_ctl.mission.compile.plan_file;"
-        "from swarm_ctl.cli.main import app; sys.stdin.read(); app()"
-    )
-    options = ("--id", "1", "--epoch", str(epoch_s), "--speedup", str(speedup))
-    return subprocess.Popen(
-        [sys.executable, "-c", code, "agent", plan, *options], stdin=subprocess.PIPE
-    )
-
-
 @pytest.mark.long
 @pytest.mark.timeout(400)
 def test_a_takeover_completes(tmp_path: Path) -> None:
@@ -77,7 +63,7 @@ def test_a_takeover_completes(tmp_path: Path) -> None:
         plan.write_text(plan_to_json(mission.plan, mission.fleet))
         running.wait_for(lambda: bool(list(tmp_path.glob("runs/*/processes.json"))))
         epoch_s = json.loads((running.folder / "run.json").read_text())["epoch_s"]
-        with ended([again := _in_waiting(plan, epoch_s, speedup)]):
+        with ended([again := agent_in_waiting(plan, 1, epoch_s, speedup)]):
             running.wait_for_event("step 2:", 2)
             running.kill("agent-1")
             assert again.stdin is not None
