@@ -1,4 +1,4 @@
-"""Commands typed in a second shell beside a run; rows in real time on a machine that is too busy."""
+"""Commands typed in a second shell beside a run; real time on a machine that is too busy for it."""
 
 from __future__ import annotations
 
