@@ -62,7 +62,8 @@ def send(
     return               fly home one at a time, and land
     kill                 stop the motors at once: the vehicles fall
     expel AGENT          all others listen to it no more and keep clear of it;
-                         it holds where it is. `readmit AGENT` undoes it
+                         it holds where it is
+    readmit AGENT        all others listen to it again
 
     Agents that are landed, called back or killed alone have left the
     formation; the others do as the mission says (policies.left_by_order).

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Iterator
 from typing import Any
 
@@ -27,6 +28,14 @@ class PlainConsole(Console):
                 yield segment
             else:
                 yield Segment("\n".join(map(escaped, segment.text.split("\n"))), segment.style)
+
+    def on_broken_pipe(self) -> None:
+        """The reader of our output has gone: nothing more is printed. rich would end this process,
+        which may fly a swarm."""
+        self.quiet = True
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, self.file.fileno())  # what is still buffered
+        os.close(nowhere)
 
     def warn(self, warnings: Iterable[str]) -> None:
         """Print what is allowed but worth a second look."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import re
 import subprocess
 import sys
@@ -183,3 +184,13 @@ def test_a_missing_extra_is_named_with_its_remedy(monkeypatch: pytest.MonkeyPatc
     )
     assert called(monkeypatch, "run", "--help") == 0
     assert called(monkeypatch, "keys") == 0
+
+
+def test_a_reader_that_has_gone_ends_no_command() -> None:
+    """As in `swarm-ctl run | head -1`, whose flight goes on; what is printed then is lost."""
+    read, write = os.pipe()
+    os.close(read)
+    with os.fdopen(write, "w") as pipe:
+        console = PlainConsole(file=pipe)
+        console.say("one")
+        console.say("two")
