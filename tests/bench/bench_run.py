@@ -94,12 +94,14 @@ def main() -> None:
 
 
 def _fly(
-    mission: Path, speedup: float, folder: Path
+    mission: Path, speedup: float, folder: Path, more: tuple[str, ...] = ()
 ) -> tuple[dict[str, object], dict[str, Usage], float, float]:
     command = [str(Path(sys.executable).parent / "swarm-ctl"), "run", str(mission.resolve())]
     start = time.monotonic()
     process = subprocess.Popen(
-        [*command, "--headless", "--speedup", str(speedup)], cwd=folder, stdout=subprocess.DEVNULL
+        [*command, "--headless", "--speedup", str(speedup), *more],
+        cwd=folder,
+        stdout=subprocess.DEVNULL,
     )
     usages: dict[str, Usage] = {}
     pids: dict[str, int] = {}

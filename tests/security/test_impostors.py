@@ -3,6 +3,7 @@ channel, and hears; on a mesh with keys none is, whichever end opens the link.""
 
 from __future__ import annotations
 
+import json
 import shutil
 import socket
 import time
@@ -15,12 +16,21 @@ from pathlib import Path
 from typing import Any, Final
 
 import pytest
+import zenoh
 
+from swarm_ctl.commands.parse import Order
+from swarm_ctl.errors import StartError
 from swarm_ctl.mesh.access import access_settings
-from swarm_ctl.mesh.keys import CHANNELS, STATE
+from swarm_ctl.mesh.keys import CHANNELS, COMMAND, STATE
+from swarm_ctl.mesh.node import Node
+from swarm_ctl.mesh.payloads import encode
+from swarm_ctl.mesh.zenoh_config import configuration
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
 from swarm_ctl.runtime.launch.ports import free_ports
+from swarm_ctl.runtime.station.run_client import RunClient
 from swarm_ctl.trust.identity import load_identity
+from tests.system.running import LOW, Running
+from tests.unit.core.builders import state
 
 SWARM: Final = "hexagon"
 VICTIM: Final = {"agent": "3", "station": "anna.77-a1b2c3"}
@@ -199,3 +209,119 @@ def test_a_stranger_hears_an_open_mesh_alone(
     """Members of the present epoch hear all; a stranger hears nothing."""
     assert on_open_mesh.heard[impostor] > 0
     assert (on_mesh_with_keys.heard[impostor] > 0) == (impostor in MEMBERS)
+
+
+def until(condition: Callable[[], object]) -> None:
+    """Poll until it holds."""
+    ends = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < ends
+        time.sleep(0.05)
+
+
+@pytest.mark.parametrize("protected", [False, True])
+def test_the_payload_of_agent_3_under_key_7(trust: Path, protected: bool) -> None:
+    """On an open mesh agent 7 speaks for agent 3 under that one's key. With keys it can't, and under
+    its own key the payload is refused and counted."""
+
+    def settings(name: str) -> Any:
+        return member(trust / "field" / name) if protected else None
+
+    (port,) = free_ports(1, socket.SOCK_STREAM)
+    at = [f"tcp/127.0.0.1:{port}"]
+    with (
+        closing(ZenohTransport(at, [], time.monotonic, access=settings("agent-1"))) as ours,
+        closing(ZenohTransport([], at, time.monotonic, access=settings("agent-7"))) as theirs,
+    ):
+        node = Node(ours, SWARM, 1)
+        node.listen(STATE, agents=(1, 3, 7))
+        taken: list[int] = []
+
+        def forged_is_heard() -> bool:
+            theirs.publish(STATE.key(SWARM, 7), encode(state(7)), STATE.qos)
+            theirs.publish(STATE.key(SWARM, 7 if protected else 3), encode(state(3)), STATE.qos)
+            taken.extend(payload.agent for payload, _ in node.take(STATE))
+            return 7 in taken and (node.bad_payloads if protected else 3 in taken)
+
+        until(forged_is_heard)
+        assert set(taken) == ({7} if protected else {3, 7})
+
+
+@pytest.mark.parametrize("protected", [False, True])
+def test_no_agent_passes_a_command_on(trust: Path, protected: bool) -> None:
+    """Agents route what a zenoh client says, so on an open mesh one endpoint reaches all. With keys
+    agent 2 would hear it from agent 1, which may not speak for an operator: a command is heard on
+    the operator's own link alone."""
+
+    def settings(name: str) -> Any:
+        return member(trust / "field" / name, careless=False) if protected else None
+
+    ports = free_ports(2, socket.SOCK_STREAM)
+    one, two = ([f"tcp/127.0.0.1:{port}"] for port in ports)
+    config = configuration([], one, 1.0, patient=False, access=settings("operator-anna"))
+    config.insert_json5("mode", '"client"')
+    with (
+        closing(ZenohTransport(one, [], time.monotonic, access=settings("agent-1"))) as first,
+        closing(ZenohTransport(two, one, time.monotonic, access=settings("agent-2"))) as second,
+        closing(zenoh.open(config)) as client,
+    ):
+        inlets = [node.subscribe(COMMAND.key_expression(SWARM)) for node in (first, second)]
+        states = second.subscribe(STATE.key_expression(SWARM))
+        heard, linked = [0, 0], [0]
+
+        def all_is_heard() -> bool:
+            client.put(COMMAND.key(SWARM, "anna.1-a"), b"kill")
+            first.publish(STATE.key(SWARM, 1), b"honest", STATE.qos)
+            linked[0] += len(states.drain())
+            for k, inlet in enumerate(inlets):
+                heard[k] += len(inlet.drain())
+            return bool(linked[0] > 20 and heard[0] > 20 and (heard[1] > 20 or protected))
+
+        until(all_is_heard)
+        assert bool(heard[1]) is not protected
+
+
+def test_a_kill_from_a_stranger_ends_a_run_without_keys_alone(trust: Path, tmp_path: Path) -> None:
+    """Real processes, both runs side by side: the stranger knows where agents listen, and has the
+    program."""
+    fleets = {False: "", True: f"trust: {trust / 'field'}\n"}
+    with ExitStack() as opened:
+        runs = {}
+        for protected, head in fleets.items():
+            where = tmp_path / ("keys" if protected else "open")
+            where.mkdir()
+            fleet = where / "fleet.yaml"
+            fleet.write_text(f"{head}agents: [{{id: 1}}, {{id: 2}}, {{id: 3}}]\n")
+            words = ("run", LOW, "--fleet", fleet, "--headless", "--no-report", "--speedup", "4")
+            more = ("--identity", trust / "field/operator-anna") if protected else ()
+            runs[protected] = opened.enter_context(Running(*words, *more, cwd=where))
+        for protected, running in runs.items():
+            running.wait_for_event("step 2", 3)
+            manifest = (running.folder / "run.json").read_text()
+            stolen = tmp_path / f"stolen-{protected}"
+            stolen.mkdir()
+            document = json.loads(manifest.replace("tls/", "tcp/"))
+            (stolen / "run.json").write_text(json.dumps(document | {"trust": None}))
+            if protected:
+                with pytest.raises(StartError, match="no agent of low can be heard"):
+                    kill(stolen)
+            else:
+                assert kill(stolen)
+        codes = {protected: running.wait() for protected, running in runs.items()}
+        assert codes == {False: 1, True: 0}
+        with_keys = runs[True].summary()
+        assert with_keys["outcome"] == "completed"
+        assert with_keys["protection"] == {
+            "mesh": "TLS",
+            "operator": "operator anna",
+            "authenticated": [1, 2, 3],
+            "signing": True,
+            "signed": [1, 2, 3],
+        }
+        assert "mesh TLS 3/3, links signed 3/3, operator anna" in runs[True].output
+
+
+def kill(folder: Path) -> bool:
+    """Whether all agents took the command."""
+    with RunClient(folder) as client:
+        return client.order(Order("kill")).accepted
