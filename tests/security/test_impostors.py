@@ -32,6 +32,7 @@ from swarm_ctl.trust.identity import load_identity
 from tests.system.running import LOW, Running
 from tests.unit.core.builders import state
 
+pytestmark = pytest.mark.realtime
 SWARM: Final = "hexagon"
 VICTIM: Final = {"agent": "3", "station": "anna.77-a1b2c3"}
 """Whom the impostors pretend to be."""
@@ -221,8 +222,8 @@ def until(condition: Callable[[], object]) -> None:
 
 @pytest.mark.parametrize("protected", [False, True])
 def test_the_payload_of_agent_3_under_key_7(trust: Path, protected: bool) -> None:
-    """On an open mesh agent 7 speaks for agent 3 under that one's key. With keys it can't, and under
-    its own key the payload is refused and counted."""
+    """On an open mesh agent 7 speaks for agent 3 under that key. With keys it can't: under its
+    own key the payload is refused and counted."""
 
     def settings(name: str) -> Any:
         return member(trust / "field" / name) if protected else None
@@ -301,7 +302,9 @@ def test_a_kill_from_a_stranger_ends_a_run_without_keys_alone(trust: Path, tmp_p
             stolen = tmp_path / f"stolen-{protected}"
             stolen.mkdir()
             document = json.loads(manifest.replace("tls/", "tcp/"))
-            (stolen / "run.json").write_text(json.dumps(document | {"trust": None}))
+            (stolen / "run.json").write_text(
+                json.dumps(document | {"trust": None, "identity": None})
+            )
             if protected:
                 with pytest.raises(StartError, match="no agent of low can be heard"):
                     kill(stolen)
