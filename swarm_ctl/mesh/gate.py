@@ -17,6 +17,8 @@ _STRANGERS: Final = 32
 others share one."""
 _IDLE_S: Final = 60.0
 """A stranger that was silent for so long gives its place to a new one."""
+_SET_BACK_S: Final = 1.0
+"""By more than this the own clock was set back (a station's, to that of the swarm)."""
 _LONGEST_KEY: Final = 256
 
 
@@ -40,6 +42,8 @@ class Source:
         if now > self._at_s:
             _, per_s, burst = self._bounds
             self._tokens = min(burst, self._tokens + (now - self._at_s) * per_s)
+            self._at_s = now
+        elif now < self._at_s - _SET_BACK_S:
             self._at_s = now
         if self._tokens < 1.0:
             return False

@@ -11,7 +11,7 @@ RECENT_S: Final = 10.0
 """A refusal is told for so long."""
 _OWNERS: Final = 64
 OTHERS: Final = "others"
-"""All owners beyond `_OWNERS`."""
+"""All owners beyond `_OWNERS` within `RECENT_S`."""
 _TOLD: Final = 8
 _NAME: Final = 40
 
@@ -39,7 +39,10 @@ class Refusals:
             self.unread += count
         self.newest = words = printable(words)
         if (owner, reason) not in self._kept and len(self._kept) >= _OWNERS:
-            owner = OTHERS
+            old = [key for key, kept in self._kept.items() if now - kept.time_s > RECENT_S]
+            for key in old:
+                del self._kept[key]
+            owner = owner if old else OTHERS
         before = self._kept.get((owner, reason))
         total = count + (before.count if before else 0)
         self._kept[owner, reason] = Refusal(owner, reason, words, total, now)

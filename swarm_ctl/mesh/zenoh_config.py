@@ -40,15 +40,16 @@ silent connections keep a new peer away), and links in all: for 250 agents and 5
 they leave a process some of its 1024 files."""
 _LONGEST: Final = 2 * max(channel.bounds.size for channel in CHANNELS)
 """Bytes of a message with its key; zenoh puts no longer one together of its parts."""
-_NO_WAITING: Final = {
-    "id": "no waiting",
+_PASSED_ON: Final = {
+    "id": "passed on",
     "flows": ["ingress"],
     "messages": ["put", "delete", "query"],
     "key_exprs": ["**"],
-    "overwrite": {"congestion_control": "drop"},
+    "overwrite": {"congestion_control": "drop", "priority": "background", "express": False},
 }
 """A sender may ask that its messages wait for a full queue: the thread that passes them on would
-wait, too, with all other links on it, and after 5 s would cut the slow one."""
+wait, too, with all other links on it, and after 5 s would cut the slow one. What is passed on (of
+zenoh clients; peers have links of their own) goes after all that this process sends itself."""
 
 
 def configuration(
@@ -89,7 +90,7 @@ def configuration(
         "transport/unicast/max_sessions": _SESSIONS,
         "transport/link/rx/max_message_size": _LONGEST,
         "low_pass_filter": _sizes(),
-        "qos/network": [_NO_WAITING],
+        "qos/network": [_PASSED_ON],
         "transport/link/tx/batch_size": 8192,
         "transport/link/rx/buffer_size": 8192,
         "transport/link/tx/queue/size/real_time": _PATIENT_QUEUED if patient else _QUEUED,

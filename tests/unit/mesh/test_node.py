@@ -225,3 +225,32 @@ def test_the_largest_swarm_fits() -> None:
     assert len(encode(replace(status, links=links))) <= keys.STATUS.bounds.size
     echoes = tuple(ClockEcho(k, long, long) for k in range(250))
     assert len(encode(ClockNews(1, long, True, echoes))) == keys.CLOCK.bounds.size
+
+
+def test_a_clock_that_is_set_back_keeps_no_owner_away() -> None:
+    """A station's clock, which is the swarm's only after the first message."""
+    mesh, bounds = Mesh(), keys.STATE.bounds
+    for _ in range(bounds.burst):
+        mesh.say(keys.STATE, 3, STATE)
+    assert len(mesh.taken(keys.STATE)) == bounds.burst
+    mesh.now = 2.0
+    mesh.say(keys.STATE, 3, STATE)
+    assert mesh.taken(keys.STATE) == []
+    mesh.now += 0.05
+    mesh.say(keys.STATE, 3, STATE)
+    assert mesh.taken(keys.STATE) == [STATE]
+
+
+def test_old_refusals_make_room() -> None:
+    """A hundred owners are told of in turn; of a hundred at once, some share a name."""
+    mesh = Mesh()
+    for k in range(100):
+        mesh.say(keys.STATE, 100 + k, STATE)
+    mesh.taken(keys.STATE)
+    mesh.say(keys.STATE, 300, STATE)
+    mesh.taken(keys.STATE)
+    assert {refusal.owner for refusal in mesh.node.refused(mesh.now)} >= {"agent 100"}
+    mesh.now += 2 * RECENT_S
+    mesh.say(keys.STATE, 300, STATE)
+    mesh.taken(keys.STATE)
+    assert [refusal.owner for refusal in mesh.node.refused(mesh.now)] == ["agent 300"]
