@@ -166,6 +166,8 @@ class Agent:
             Landing(context, self._way_back),
             self._takeover,
         )
+        self._shape = context.reference.shape
+        """Before the newest commanded one."""
         self._station: HeardStation | None = None
         self._notes: list[ParameterNote] = []
         self._attention = Attention()
@@ -274,6 +276,8 @@ class Agent:
         ack, new = handler.answer(command, situation, frame.leg if frame else 0)
         if not new:
             return ack
+        if command.kind == CommandKind.FORM:
+            self._shape = context.reference.shape
         context.say(tick.now, Severity.INFO, f"the operator commands: {_named(command)}")
         context.left = handler.left is not None
         self._peers.expel(handler.expelled)
@@ -294,14 +298,17 @@ class Agent:
 
     def _drop_command(self, tick: Tick) -> None:
         """A shape or a move is for all: one that no peer flies was not commanded to all."""
-        before, handler = self._command_handler.override, self._command_handler
-        kind = handler.drop_alone()
-        if kind and before is not None:
-            text = f"no other agent flies the commanded {kind}: going on with the mission"
-            self._context.say(tick.now, Severity.WARNING, text)
-            self._takeover.catch_up(tick)
-            self._executor.overridden(CommandKind.RESUME, before.step)
-            self._enter(None, before.leg)
+        context, handler = self._context, self._command_handler
+        before = handler.override
+        if before is None or not handler.drop_alone():
+            return
+        text = f"no other agent flies the commanded {before.kind}: going on without it"
+        context.say(tick.now, Severity.WARNING, text)
+        self._takeover.catch_up(tick)
+        if before.kind == CommandKind.FORM:
+            context.reference.form(*self._shape)
+        after = handler.override
+        self._enter(after.step if after else None, before.leg)
 
     # --- steps ---
 

@@ -82,6 +82,8 @@ class CommandHandler:
         self._answers: dict[str, Ack] = {}
         self._newest_s = -math.inf
         self.override: Override | None = None
+        self._before: Override | None = None
+        """What `override` took the place of."""
         self.ordered: CommandKind | None = None
         """`LAND`, `RETURN` or `KILL` once commanded; these end the mission."""
         self.left: Departure | None = None
@@ -139,6 +141,7 @@ class CommandHandler:
         if command.kind in ABOUT and not self._obey_about(command, situation):
             return
         self._newest_s = command.time_s
+        self._before = self.override
         leg = self.override.leg if self.override else leg
         if command.kind in (CommandKind.RESUME, CommandKind.NEXT, CommandKind.READMIT):
             self.override = None
@@ -157,14 +160,14 @@ class CommandHandler:
         self.expelled.difference_update(command.about)
         return meant and self.override is not None and self.override.kind == CommandKind.EXPEL
 
-    def drop_alone(self) -> str:
-        """Go back to the mission from a shape or a move that no other agent flies; its kind, ''
-        where there is none."""
+    def drop_alone(self) -> bool:
+        """Drop a shape or a move that no other agent flies, for what was flown before; whether
+        there was one."""
         override = self.override
         if override is None or override.kind not in (CommandKind.FORM, CommandKind.MOVE):
-            return ""
-        self.override = None
-        return override.kind
+            return False
+        self.override, self._before = self._before, None
+        return True
 
 
 def _past(command: Command, situation: AgentSituation) -> bool:

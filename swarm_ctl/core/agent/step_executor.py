@@ -66,7 +66,7 @@ class StepExecutor:
 
     def overridden(self, kind: str, before: Step | None) -> None:
         """A command of this kind takes the place of `before`, which was flown until now."""
-        still = self._scattered and kind in (CommandKind.HOLD, CommandKind.EXPEL)
+        still = self._scattered and kind == CommandKind.HOLD
         self._scattered = isinstance(before, FormStep) or still
 
     def decide(self, tick: Tick) -> Goal:
@@ -151,7 +151,8 @@ class StepExecutor:
         context.phase = Phase.FLY
         if override is not None:
             context.reason = f"the operator commands: {override.kind}"
-            if override.kind == CommandKind.HOLD and self._scattered:
+            stands = override.kind == CommandKind.HOLD and self._scattered
+            if stands or override.kind == CommandKind.EXPEL:
                 return context.keep_clear(tick)
         flown = override.step if override is not None else step
         if override is None and fix is not None:

@@ -153,6 +153,11 @@ class Reference:
             agent: turned(slot, frame.angle_rad, frame.scale) for agent, slot in self._slots.items()
         }
 
+    @property
+    def shape(self) -> tuple[Sequence[Point], Mapping[int, int] | None]:
+        """What `form` was given last, but for where it stands."""
+        return self._places, self._indices
+
     def form(self, slots: Sequence[Point], indices: Mapping[int, int] | None = None) -> None:
         """Begin a form step: the law alone decides where the shape will stand.
 
