@@ -78,6 +78,11 @@ class Spoofed:
         sysid = next(e.sysid for e in target.manifest.fleet if e.id == agent)
         self._mav = mavlink.MAVLink(None, sysid, 1)
 
+    @staticmethod
+    def probe() -> None:
+        """PermissionError where this user may not."""
+        socket.socket(socket.AF_INET, socket.SOCK_RAW, socket.IPPROTO_RAW).close()
+
     def send(self, message: Any) -> None:
         data = message.pack(self._mav)
         to = local_port(self._from)

@@ -1,0 +1,130 @@
+"""Attacks on whole runs, flown: what each does on an open mesh and links, and that with keys the
+flight is the one without it."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Final
+
+import pytest
+
+from swarm_ctl.report.folder.manifest import read_manifest
+from swarm_ctl.trust import provision
+from tests.security.attacks import ATTACKS, Spoofed, positions, under
+from tests.system.running import HEXAGON, Running, raised
+
+pytestmark = [pytest.mark.timeout(400), pytest.mark.realtime]
+
+UNHARMED_M: Final = 9.905
+"""The smallest distance of the flight without an attack."""
+STEPPED: Final = ("--lockstep", "--speedup", "10")
+SPOOFS: Final = ("one heartbeat in mode LAND", "forged positions")
+"""Frames that an agent hears: it can tell."""
+HARM: Final[dict[str, tuple[str, str]]] = {
+    "kill from a zenoh client": ("fallen", "killed by the operator"),
+    "SET_POSITION_TARGET to two vehicles": ("too close", ""),
+    "a forced disarming": ("fallen", "the vehicle of agent 3 was disarmed in the air"),
+    "SIM_MOTOR_STOP": ("fallen", "the vehicle of agent 3 fell"),
+    "NAV_LAND in MAVLink 1": ("taken over", "the vehicle was switched to LAND"),
+}
+"""On an open mesh: the alarm, and the reason of the verdict."""
+
+
+def with_keys(folder: Path) -> Path:
+    """The hexagon with keys of its own."""
+    agents = dict.fromkeys(range(1, 7), "127.0.0.1")
+    terms = provision.Terms(datetime.now(UTC))
+    provision.new(folder / "trust", "hexagon", agents, ["anna"], ["tv"], terms)
+    mission = folder / "hexagon.yaml"
+    trusting = HEXAGON.read_text().replace("fleet:\n", "fleet:\n  trust: trust\n", 1)
+    mission.write_text(trusting)
+    return mission
+
+
+@contextlib.contextmanager
+def flight(
+    mission: Path, where: Path, names: Sequence[str], how: Sequence[str] = STEPPED
+) -> Iterator[Running]:
+    """A run under attack since its vehicles form."""
+    command = ("run", mission, "--headless", "--no-report", *how)
+    with Running(*command, cwd=where) as running:
+        running.wait_for_event("step 2:", 3)
+        with contextlib.ExitStack() as attacks:
+            for name in names:
+                attacks.enter_context(under(ATTACKS[name], read_manifest(running.folder)))
+            running.wait(350)
+        yield running
+
+
+def may_spoof() -> bool:
+    """Whether this user may send with another's address."""
+    try:
+        Spoofed.probe()
+    except PermissionError:
+        return False
+    return True
+
+
+def assert_unharmed(running: Running, names: Sequence[str]) -> None:
+    """Same outcome, smallest distance within 5 %; the agent that heard forged frames says so."""
+    assert running.process.returncode == 0, running.output
+    summary = running.summary()
+    assert summary["outcome"] == "completed"
+    assert summary["min_true_distance_m"] == pytest.approx(UNHARMED_M, rel=0.05)
+    told = {name for name, _ in raised(running.folder)}
+    assert ("refused frames" in told) == bool({*names} & {*SPOOFS})
+
+
+def test_all_attacks_together_leave_a_flight_with_keys_unharmed(tmp_path: Path) -> None:
+    """But for the one whose flood the lockstep itself would not stand."""
+    names = [name for name in ATTACKS if name != "forged positions"]
+    if not may_spoof():
+        names.remove("one heartbeat in mode LAND")
+    with flight(with_keys(tmp_path), tmp_path, names) as running:
+        assert_unharmed(running, names)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ATTACKS)
+def test_with_keys_no_attack_does_harm(tmp_path: Path, name: str) -> None:
+    if name in SPOOFS and not may_spoof():
+        pytest.skip("needs root: frames with another's address")
+    how = ("--speedup", "2") if ATTACKS[name] is positions else STEPPED
+    with flight(with_keys(tmp_path), tmp_path, [name], how) as running:
+        assert_unharmed(running, [name])
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", HARM)
+def test_on_an_open_mesh_it_does_harm_that_is_told(tmp_path: Path, name: str) -> None:
+    """By an alarm, the verdict and the exit code."""
+    _told(tmp_path, name)
+
+
+def test_a_forced_disarming_on_an_open_link_fails_the_run(tmp_path: Path) -> None:
+    """Its vehicle falls; the others come down, and the exit code is not 0."""
+    _told(tmp_path, "a forced disarming")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["one heartbeat in mode LAND", "40 ground stations"])
+def test_some_do_no_harm_on_an_open_link_either(tmp_path: Path, name: str) -> None:
+    """The next real heartbeat refutes a forged one; who is being served keeps its place."""
+    if name in SPOOFS and not may_spoof():
+        pytest.skip("needs root: frames with another's address")
+    with flight(HEXAGON, tmp_path, [name]) as running:
+        assert running.process.returncode == 0, running.output
+        assert running.summary()["outcome"] == "completed"
+
+
+def _told(where: Path, name: str) -> None:
+    alarm, reason = HARM[name]
+    with flight(HEXAGON, where, [name]) as running:
+        assert running.process.returncode == 1, running.output
+        summary = running.summary()
+        assert summary["outcome"] == "failed"
+        assert reason in summary["reason"]
+        assert alarm in {name for name, _ in raised(running.folder)}
