@@ -1,13 +1,14 @@
 """`python -m sim --config FILE`: a swarm of simulated MAVLink vehicles.
 
-It prints one line of JSON on stdout when ready. Stdin is the lifeline: at its end the simulator
-waits until all vehicles are parked, then exits. Exit codes: 0 done, 2 bad configuration, 3 a port
-or file can't be opened.
+It prints one line of JSON on stdout when ready, and later lines with a `note` for an operator.
+Stdin is the lifeline: at its end the simulator waits until all vehicles are parked, then exits.
+Exit codes: 0 done, 2 bad configuration, 3 a port or file can't be opened.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import logging
 import sys
@@ -34,7 +35,7 @@ def main() -> int:
         return _failed(2, str(error))
     try:
         clock = SimClock(config.epoch_s, config.speedup)
-        with Server(config, clock, sys.stdin) as server, signals(server):
+        with Server(config, clock, sys.stdin, _tell) as server, signals(server):
             ready = [{"sysid": v.sysid, "endpoint": v.endpoint} for v in config.vehicles]
             print(json.dumps({"ready": True, "vehicles": ready}), flush=True)  # noqa: T201
             server.serve()
@@ -46,6 +47,11 @@ def main() -> int:
     except OSError as error:
         return _failed(3, f"{error.filename or ''}: {error.strerror}")
     return 0
+
+
+def _tell(text: str) -> None:
+    with contextlib.suppress(OSError):  # the process that started this one is gone
+        print(json.dumps({"note": text}), flush=True)  # noqa: T201
 
 
 def _failed(code: int, reason: str) -> int:

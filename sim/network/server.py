@@ -11,8 +11,8 @@ import logging
 import os
 import selectors
 import signal
-from collections import Counter
-from collections.abc import Iterator
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator
 from operator import itemgetter
 from typing import IO, Any, Self
 
@@ -50,8 +50,18 @@ class EndpointError(Exception):
 class Server:
     """Serves until told to stop. A context manager: opens the ports, and leaves none behind."""
 
-    def __init__(self, config: SimConfig, clock: SimClock, lifeline: IO[Any] | None) -> None:
+    def __init__(
+        self,
+        config: SimConfig,
+        clock: SimClock,
+        lifeline: IO[Any] | None,
+        tell: Callable[[str], None] = log.warning,
+    ) -> None:
+        """`tell`: where words for an operator go, a few in a flight."""
         self._config = config
+        self._tell = tell
+        self._tell_at: defaultdict[int, int] = defaultdict(lambda: 1)
+        """By link: the number of refused frames that is told next."""
         self._clock = clock
         self._lifeline = lifeline
         self._drain_until_s: float | None = None
@@ -167,7 +177,16 @@ class Server:
             self._collect()
         arrived, self._arrived = self._arrived, []
         for link, data, sender in sorted(arrived, key=itemgetter(0)):
-            self.hub.receive(link, data, sender)
+            self._hear(link, data, sender)
+
+    def _hear(self, link: int, data: bytes, sender: Address) -> None:
+        self.hub.receive(link, data, sender)
+        refused = self.hub.codecs[link].unsigned
+        if refused >= self._tell_at[link]:
+            self._tell_at[link] = 10 ** len(str(refused))
+            vehicle = self._config.vehicles[self.hub.links[link][0]].sysid
+            words = f"{refused} frame{'s' * (refused > 1)} without a good signature"
+            self._tell(f"simulated vehicle {vehicle}: {words} refused, the last from {sender[0]}")
 
     def _collect(self) -> None:
         for key, _ in self._selector.select(0):
@@ -211,7 +230,7 @@ class Server:
             opened = self._sockets[key.data]
             if opened is not None:
                 for data, sender in opened.receive():
-                    self.hub.receive(key.data, data, sender)
+                    self._hear(key.data, data, sender)
                 self.hub.listen(key.data, opened.peers())
         return bool(ready)
 

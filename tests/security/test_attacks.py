@@ -22,7 +22,7 @@ UNHARMED_M: Final = 9.905
 """The smallest distance of the flight without an attack."""
 STEPPED: Final = ("--lockstep", "--speedup", "10")
 SPOOFS: Final = ("one heartbeat in mode LAND", "forged positions")
-"""Frames that an agent hears: it can tell."""
+"""Frames that an agent hears: it raises an alarm. Of others the simulated vehicle tells."""
 HARM: Final[dict[str, tuple[str, str]]] = {
     "kill from a zenoh client": ("fallen", "killed by the operator"),
     "SET_POSITION_TARGET to two vehicles": ("too close", ""),
@@ -69,13 +69,15 @@ def may_spoof() -> bool:
 
 
 def assert_unharmed(running: Running, names: Sequence[str]) -> None:
-    """Same outcome, smallest distance within 5 %; the agent that heard forged frames says so."""
+    """Same outcome, smallest distance within 5 %; who heard forged frames says so."""
     assert running.process.returncode == 0, running.output
     summary = running.summary()
     assert summary["outcome"] == "completed"
     assert summary["min_true_distance_m"] == pytest.approx(UNHARMED_M, rel=0.05)
     told = {name for name, _ in raised(running.folder)}
     assert ("refused frames" in told) == bool({*names} & {*SPOOFS})
+    to_vehicles = {*names} - {*SPOOFS, "kill from a zenoh client"}
+    assert ("without a good signature refused" in running.output) == bool(to_vehicles)
 
 
 def test_all_attacks_together_leave_a_flight_with_keys_unharmed(tmp_path: Path) -> None:

@@ -256,10 +256,10 @@ def keeper(address: str, rules: Mapping[str, Any], log: Path) -> TellingChild:
     return TellingChild("clock", command, log, "lockstep has ended, on by the wall clock")
 
 
-def simulator(config: Path, log: Path) -> CommandChild:
+def simulator(config: Path, log: Path) -> TellingChild:
     """The simulator, by its command line."""
     command = [sys.executable, "-m", "sim", "--config", str(config)]
-    return CommandChild("simulator", command, log)
+    return TellingChild("simulator", command, log, "the simulated vehicles are gone")
 
 
 def station(folder: Path, log: Path, show: str, metrics_port: int | None = None) -> CommandChild:

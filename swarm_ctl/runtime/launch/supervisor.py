@@ -107,7 +107,7 @@ class RunProcesses:
         self._interrupts = interrupts
         self._print = say
         self._vehicles: VehiclesChild | None = None
-        self._simulator: CommandChild | None = None
+        self._simulator: TellingChild | None = None
         self._agents: list[AgentChild] = []
         self._station: CommandChild | None = None
         self._relay: TellingChild | None = None
@@ -196,7 +196,7 @@ class RunProcesses:
                 self._without_station()
                 if asked_s is not None and now > asked_s + _LAND_WALL_S:
                     self._let_agents_go()
-            for child in (self._relay, self._keeper):
+            for child in (self._relay, self._keeper, self._simulator):
                 for note in child.notes() if child is not None else ():
                     self._say(note)
             self._kill_hung()
