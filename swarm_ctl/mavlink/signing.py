@@ -57,6 +57,7 @@ class Signing:
         keep: gets the newest stamp each 10 s; it must not block.
         link: the link id that we sign with.
         trouble: why stamps are not kept, or ''.
+        pace: how fast stamps go beside the caller's clock, which may be faster than the real one.
     """
 
     def __init__(
@@ -66,11 +67,12 @@ class Signing:
         keep: Callable[[int], None] = lambda _: None,
         link: int = 0,
         trouble: Callable[[], str] = str,
+        pace: float = 1.0,
     ) -> None:
         if len(key) != KEY_BYTES:
             raise LinkError(f"a signing key has {len(key)} bytes; allowed: {KEY_BYTES}")
         self._key, self._link, self._keep = key, link, keep
-        self.trouble = trouble
+        self.trouble, self._pace = trouble, pace
         self._start = self._stamp = self._kept = start
         self._since: float | None = None
         self._heard: dict[tuple[int, int], tuple[int, int]] = {}
@@ -88,7 +90,7 @@ class Signing:
         """The stamp of the next frame; `now` is the caller's clock [s]."""
         if self._since is None:
             self._since = now
-        elapsed = math.floor((now - self._since) * UNITS_S)
+        elapsed = math.floor((now - self._since) * UNITS_S * self._pace)
         self._raise_to(max(self._stamp + 1, self._start + elapsed))
         return self._stamp
 

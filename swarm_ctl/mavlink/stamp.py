@@ -85,12 +85,14 @@ class StampKeeper:
 
 
 @contextmanager
-def kept_signing(key: Path, stamp: Path, unix_s: float, link: int = 0) -> Iterator[Signing]:
+def kept_signing(
+    key: Path, stamp: Path, unix_s: float, link: int = 0, pace: float = 1.0
+) -> Iterator[Signing]:
     """Signing with the key in one file and the newest stamp in another, at a time of the system's
     clock. TrustError where the key can't be used, or others may read it."""
     with closing(StampKeeper(stamp, unix_s)) as keeper:
         start, keep = keeper.start, keeper.keep
-        yield Signing(read_key(key), start, keep, link, trouble=lambda: keeper.failure)
+        yield Signing(read_key(key), start, keep, link, lambda: keeper.failure, pace)
 
 
 def read_key(path: Path) -> bytes:

@@ -54,6 +54,8 @@ class LinkKeys:
 OPEN: Final = LinkKeys()
 
 
-def folder_signing(folder: Path, link: int = AGENT) -> AbstractContextManager[Signing]:
+def folder_signing(
+    folder: Path, link: int = AGENT, pace: float = 1.0
+) -> AbstractContextManager[Signing]:
     """Signing with the key and the stamp in an identity's folder."""
-    return kept_signing(folder / MAVLINK_KEY, folder / STAMP, unix_s(), link)
+    return kept_signing(folder / MAVLINK_KEY, folder / STAMP, unix_s(), link, pace)

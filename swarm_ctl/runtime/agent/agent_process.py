@@ -158,12 +158,12 @@ def _tlog(config: AgentConfig) -> Iterator[Callable[[bytes, float], None] | None
 
 def _signing(config: AgentConfig) -> AbstractContextManager[FrameSigning | None]:
     """What signs the vehicle's link, if that is asked for."""
-    key = config.signing_key
+    key, pace = config.signing_key, 0.0 if config.lockstep else 1.0 / config.speedup
     if key is not None:
-        return kept_signing(key, key.with_name(f"{key.name}.stamp"), unix_s())
+        return kept_signing(key, key.with_name(f"{key.name}.stamp"), unix_s(), pace=pace)
     if config.identity is None or config.signing is not Signing.REQUIRED:
         return nullcontext()
-    return folder_signing(config.identity)
+    return folder_signing(config.identity, pace=pace)
 
 
 def _link(

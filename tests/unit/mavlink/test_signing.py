@@ -111,6 +111,13 @@ def test_own_stamps_rise_by_the_clock_and_above_all_that_was_heard(
     assert found[1] > heard or heard < START
 
 
+@pytest.mark.parametrize(("pace", "at_s"), [(1.0, 100.0), (0.1, 10.0), (0.0, 0.0)])
+def test_stamps_go_by_the_real_clock_where_mission_time_is_faster(pace: float, at_s: float) -> None:
+    signing = Signing(KEY, START, pace=pace)
+    signing.next_stamp(0.0)
+    assert (signing.next_stamp(100.0) - START) / UNITS_S == pytest.approx(at_s, abs=1e-4)
+
+
 def test_what_an_agent_sends_is_signed_and_pymavlink_takes_it() -> None:
     near, far = memory_wires()
     link = VehicleLink(near, "ardupilot", 7, signing=Signing(KEY, START))
