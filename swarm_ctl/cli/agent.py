@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import sys
+import threading
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Final
@@ -12,7 +16,7 @@ from swarm_ctl.cli.shared.extras import require
 from swarm_ctl.cli.shared.options import FleetFile, OpenMesh, Speedup, option
 from swarm_ctl.core.model.fleet import Fleet, FleetAgent
 from swarm_ctl.core.model.plan import Plan
-from swarm_ctl.errors import InputError
+from swarm_ctl.errors import InputError, TrustError
 
 _PEER: Final = (
     "Where another agent listens; repeat it. Of two agents, one has to name the other."
@@ -97,7 +101,21 @@ def agent(
         identity=keys,
         signing=entries.signing,
     )
+    if keys is not None:
+        threading.Thread(target=_explain, args=(keys, connect), daemon=True).start()
     raise typer.Exit(run_agent(config, SignalLifeline()))
+
+
+def _explain(keys: Path, peers: Sequence[str]) -> None:
+    """Say why a peer that is there already refuses this agent, which goes on trying: in the air it
+    must not wait for the answer."""
+    from swarm_ctl.runtime.protection import explained
+    from swarm_ctl.trust.identity import load_identity
+
+    with contextlib.suppress(TrustError):  # `run_agent` says it
+        why = explained(load_identity(keys), peers)
+        if why:
+            sys.stderr.write(f"agent: {why}\n")
 
 
 def _clock_of(run: Path) -> str:

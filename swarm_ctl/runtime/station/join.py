@@ -114,8 +114,8 @@ class _Hint:
         self._due = wall.wall_s() + 4 * _QUIET_WALL_S
         keys = "" if self._identity else ", and has it no keys"
         asked = f"does the swarm fly, is this where it listens{keys}?"
-        why = explained(self._identity, self._connect) or asked
-        return f"no agent is heard at {self._where}; {why} Trying on"
+        why = explained(self._identity, self._connect)
+        return f"no agent is heard at {self._where}; {f'{why}.' if why else asked} Trying on"
 
 
 def _endpoints(mission: LoadedMission, given: Sequence[str]) -> list[str]:
