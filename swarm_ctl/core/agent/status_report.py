@@ -103,7 +103,7 @@ def _link_report(view: VehicleView) -> VehicleLinkReport:
 
 
 class RefusalsSaid:
-    """Which refusals the log has been told of: a new kind at once, the same again after 10 s."""
+    """Which refusals the log has been told of: a new kind at once, newer ones after 10 s."""
 
     def __init__(self) -> None:
         self._said_s: dict[tuple[str, RefusalReason], float] = {}
@@ -112,8 +112,9 @@ class RefusalsSaid:
         """What is to be said now, of what was refused in the last seconds."""
         if not (refused or self._said_s):
             return []
-        said = {key: at for key, at in self._said_s.items() if now - at < _SAID_AGAIN_S}
-        new = [r for r in refused if (r.owner, r.reason) not in said]
+        said = {key: at for key, at in self._said_s.items() if now - at < 2 * _SAID_AGAIN_S}
+        before_s = {r: said.get((r.owner, r.reason), -math.inf) for r in refused}
+        new = [r for r, at in before_s.items() if r.time_s > at and now - at >= _SAID_AGAIN_S]
         self._said_s = said | {(r.owner, r.reason): now for r in new}
         return [f"refused on the mesh: {r.words}" for r in new]
 

@@ -74,7 +74,10 @@ def test_refusals_are_said_at_once_and_again_after_ten_seconds() -> None:
     assert said.due((refusal,), NOW) == ["refused on the mesh: a b"]
     assert said.due((refusal, other), NOW + 0.5) == ["refused on the mesh: c"]
     assert said.due((refusal, other), NOW + 9.9) == []
-    assert said.due((refusal,), NOW + 10.0) == ["refused on the mesh: a b"]
+    assert said.due((refusal,), NOW + 10.0) == []  # the same one
+    assert said.due((replace(refusal, time_s=NOW + 9.0),), NOW + 10.0) == [
+        "refused on the mesh: a b"
+    ]
 
 
 def test_the_height_counts_from_the_take_off_point() -> None:
