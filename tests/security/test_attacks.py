@@ -25,7 +25,7 @@ SPOOFS: Final = ("one heartbeat in mode LAND", "forged positions")
 """Frames that an agent hears: it raises an alarm. Of others the simulated vehicle tells."""
 HARM: Final[dict[str, tuple[str, str]]] = {
     "kill from a zenoh client": ("fallen", "killed by the operator"),
-    "SET_POSITION_TARGET to two vehicles": ("too close", ""),
+    "SET_POSITION_TARGET to two vehicles": ("not believed", ""),
     "a forced disarming": ("fallen", "the vehicle of agent 3 was disarmed in the air"),
     "SIM_MOTOR_STOP": ("fallen", "the vehicle of agent 3 fell"),
     "NAV_LAND in MAVLink 1": ("taken over", "the vehicle was switched to LAND"),
