@@ -1,5 +1,5 @@
-"""Commands that were recorded and sent again, or sent to one agent alone; and what the operator does
-against an agent whose key is stolen."""
+"""Commands that were recorded and sent again, or sent to one agent alone; and what the operator
+does against an agent whose key is stolen."""
 
 from __future__ import annotations
 
