@@ -157,7 +157,7 @@ def counts(peer: Peer, now: float) -> bool:
 )
 def test_a_word_that_ends_counts_once_it_lasts(word: dict[str, Any]) -> None:
     """Between honest states it never does; at once, a peer that says so is not counted on."""
-    _, peer, now = heard()
+    _, peer, _ = heard()
     for k in range(20, 101):
         peer.hear(said(k, **word if k % 2 else {}), TICK_S * k)
         assert not counts(peer, TICK_S * k)
