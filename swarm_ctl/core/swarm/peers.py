@@ -10,7 +10,7 @@ from swarm_ctl.core.model.plan import Plan, Point
 from swarm_ctl.core.model.vehicle import Contact
 from swarm_ctl.core.swarm.clocks import Clocks
 from swarm_ctl.core.swarm.peer import Peer
-from swarm_ctl.core.swarm.plausibility import CLOCK_S, Doubt, Finding, Limits
+from swarm_ctl.core.swarm.plausibility import CLOCK_S, LASTS_S, Doubt, Finding, Limits
 from swarm_ctl.core.swarm.snapshot import PeerSnapshot
 from swarm_ctl.core.swarm.traffic import Traffic
 
@@ -26,6 +26,7 @@ class Peers:
         self._by_id = {agent: Peer(agent, clock, limits) for agent, clock in self.clocks.of.items()}
         self._traffic = Traffic(plan)
         self._suspects: dict[int, Doubt] = {}
+        self._off_since: dict[int, float] = {}
 
     def __iter__(self) -> Iterator[Peer]:
         return iter(self._by_id.values())
@@ -93,6 +94,18 @@ class Peers:
         """The other aircraft now; `own_m` decides which contacts are the nearest ones."""
         peers = tuple(peer.view(now) for peer in self)
         traffic = self._traffic.unexplained(now, contacts, peers, own_m)
+        self._compare(now)
         # one that the sensor sees where it was believed to be is not elsewhere
         elsewhere = (p.elsewhere(now) for p in self if p.id not in self._traffic.seen)
         return PeerSnapshot(now, peers, (*traffic, *filter(None, elsewhere)))
+
+    def _compare(self, now: float) -> None:
+        """Doubt the peers that the traffic sensor has seen stop elsewhere for a while."""
+        off_m = self._traffic.off
+        if not off_m and not self._off_since:
+            return
+        self._off_since = {i: self._off_since.get(i, now) for i in off_m}
+        for i, since_s in self._off_since.items():
+            if now - since_s >= LASTS_S:
+                words = f"the traffic sensor sees it stop {off_m[i]:.1f} m from where it says"
+                self._by_id[i].doubt(Finding(Doubt.SENSOR, words), now)

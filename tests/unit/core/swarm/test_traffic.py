@@ -3,12 +3,16 @@ the peer says."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from swarm_ctl.core.model.frames import geodetic_from_ned
 from swarm_ctl.core.model.vehicle import Contact
+from swarm_ctl.core.swarm.peers import Peers
+from swarm_ctl.core.swarm.plausibility import LASTS_S
 from swarm_ctl.core.swarm.traffic import Traffic
-from tests.unit.core.builders import NOW, peer, plan
+from tests.unit.core.builders import NOW, peer, plan, state
 
 PLAN = plan()
 
@@ -41,3 +45,18 @@ def test_a_contact_is_a_peer_that_stops_where_it_says(
     assert (2 in traffic.seen) is explained
     if not explained:
         assert abs(found[0].stop_point) < 0.1
+
+
+def test_a_peer_that_stops_elsewhere_for_a_while_is_doubted() -> None:
+    """It was heard as if all were well."""
+    peers, now = Peers(PLAN, 1), NOW
+    peers.clocks.of[2].answered(NOW, NOW, NOW, NOW + 0.01)
+    for k in range(60):
+        now = NOW + 0.05 * k
+        place = {"position_ned_m": (0.0, 0.0, -8.0), "stop_point_m": (12.0, 0.0)}
+        assert peers.hear(state(2, seq=k, time_s=now, **place), now)
+        seen = replace(contact(0.0), time_s=now - 0.1)
+        strangers = peers.snapshot(now, [seen], (20.0, 0.0)).traffic
+        assert len(strangers) == 1
+        assert (2 in peers.suspects(now)) is (0.05 * k >= LASTS_S)
+    assert peers.suspects(now)[2].startswith("the traffic sensor sees it stop 12.0 m from")
