@@ -148,7 +148,7 @@ class Split:
         """What an agent has told its own terminal."""
         return (self._where / f"agent-{agent}.err").read_text()
 
-    def wait_for(self, condition: Callable[[], bool], wall_s: float = 60.0) -> None:
+    def wait_for(self, condition: Callable[[], bool], wall_s: float = 150.0) -> None:
         """AssertionError with what the stations show when it takes longer."""
         until = time.monotonic() + wall_s
         while not condition():
