@@ -3,28 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Final
+from pathlib import Path
 
-from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.memory_transport import MemoryTransport
 from swarm_ctl.mesh.node import Node
+from swarm_ctl.runtime.clock import Clock
+from swarm_ctl.runtime.station.ground_station import Station
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.journal import Journal
-from swarm_ctl.station.picture.model import Model
 from swarm_ctl.station.picture.playback import LOOK_S
 from swarm_ctl.station.picture.summaries import verdict
 from swarm_ctl.station.picture.view import SwarmView
 from tests.scenarios.swarm import VirtualSwarm
 
-_CHANNELS: Final[tuple[keys.Channel[Any], ...]] = (
-    keys.STATE,
-    keys.SIGMA,
-    keys.BEACON,
-    keys.STATUS,
-    keys.EVENT,
-    keys.COMMAND,
-    keys.ACK,
-)
+
+class _SwarmClock(Clock):
+    """The swarm's time."""
+
+    def __init__(self, swarm: VirtualSwarm) -> None:
+        super().__init__(0.0, 1.0)
+        self._swarm = swarm
+
+    def now(self) -> float:
+        return self._swarm.now
 
 
 class Watch:
@@ -32,10 +33,9 @@ class Watch:
 
     def __init__(self, swarm: VirtualSwarm) -> None:
         self.swarm = swarm
-        self.model = Model(swarm.plan, since_s=swarm.now, station="watch")
         self.journal = Journal()
-        self._node = Node(MemoryTransport(swarm.mesh), "test", "watch")
-        self._node.listen(*_CHANNELS)
+        node = Node(MemoryTransport(swarm.mesh), "test", "watch")
+        self._station = Station(swarm.plan, Path(), node, _SwarmClock(swarm))
         self._due_s = 0.0
         self._raised: dict[tuple[str, tuple[int, ...]], None] = {}
         self.banners: list[tuple[float, Level, str]] = []
@@ -44,12 +44,10 @@ class Watch:
     def tick(self) -> None:
         """One tick of the swarm, and a look where one is due."""
         self.swarm.tick()
-        for channel in _CHANNELS:
-            for payload, received_s in self._node.take(channel):
-                self.model.fold(payload, received_s)
+        self._station.hear()
         if self.swarm.now >= self._due_s:
             self._due_s = self.swarm.now + LOOK_S
-            self._look(self.model.view(self.swarm.now))
+            self._look(self._station.view())
 
     def _look(self, view: SwarmView) -> None:
         self.journal.update(view)
