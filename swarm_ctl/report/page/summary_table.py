@@ -19,7 +19,7 @@ from swarm_ctl.report.judge.summary import (
     StepVerdict,
     Summary,
 )
-from swarm_ctl.station.picture.protection import MeshKind, Protection, protection_words
+from swarm_ctl.station.picture.protection import Protection, protection_words
 
 _STYLE: Final = {
     Outcome.COMPLETED: "bold green",
@@ -119,18 +119,20 @@ def _rows(s: Summary) -> Iterator[tuple[str, str, bool]]:
     if s.exit_codes is not None:
         bad = [f"{printable(name)} {code}" for name, code in s.exit_codes.items() if code]
         yield "exit codes", ", ".join(bad) or f"{len(s.exit_codes)} processes, all 0", not bad
-    if s.protection is not None:
-        by, told = (
-            s.protection,
-            Protection(s.protection.mesh, s.protection.operator, True, s.protection.signing),
-        )
-        words = protection_words(told, len(by.authenticated), len(by.signed), len(s.agents))
-        if words:
-            good = by.mesh is MeshKind.TLS
-            yield "protection", printable(", ".join(each for each, _ in words)), good
+    if words := _protection(s):
+        told = printable(", ".join(each for each, _ in words))
+        yield "protection", told, all(good for _, good in words)
     flown_s, wall_s = _number(s.mission_time_s, 1), _number(s.wall_time_s, 1)
     wall = f", {wall_s} s wall clock" if s.wall_time_s is not None else ""
     yield "time", f"{flown_s} s mission{wall}", True
+
+
+def _protection(s: Summary) -> list[tuple[str, bool]]:
+    by = s.protection
+    if by is None:
+        return []
+    told = Protection(by.mesh, by.operator, signing=by.signing)
+    return protection_words(told, len(by.authenticated), len(by.signed), len(s.agents))
 
 
 def _nearest(s: Summary) -> Iterator[tuple[str, str, bool]]:

@@ -11,8 +11,9 @@ from rich.console import Console
 from swarm_ctl.core.model.messages import Outcome
 from swarm_ctl.report.folder.flight import Source
 from swarm_ctl.report.judge.summarise import summarise
-from swarm_ctl.report.judge.summary import Summary
+from swarm_ctl.report.judge.summary import ProtectionSummary, Summary
 from swarm_ctl.report.page.summary_table import render_summary, verdict_line
+from swarm_ctl.station.picture.protection import MeshKind
 from tests.unit.report.run_folders import EXIT_CODES, account, write_run, write_status
 
 
@@ -54,6 +55,34 @@ def test_the_last_line_is_the_verdict_with_its_reason_or_its_source(summary: Sum
     assert verdict_line(estimated).plain == "completed: judged by the vehicles' own estimates"
     told = {"outcome": Outcome.FAILED, "reason": "agents 2, 5 collided"}
     assert verdict_line(summary.model_copy(update=told)).plain == "failed: agents 2, 5 collided"
+
+
+@pytest.mark.parametrize(
+    ("by", "told"),
+    [
+        (ProtectionSummary(mesh=MeshKind.LOCAL), None),
+        (
+            ProtectionSummary(mesh=MeshKind.OPEN),
+            "MESH OPEN, any computer that reaches it may command",
+        ),
+        (
+            ProtectionSummary(
+                mesh=MeshKind.TLS,
+                operator="operator anna",
+                authenticated=(1, 2, 3, 4, 5, 6),
+                signing=True,
+                signed=(1, 2),
+            ),
+            "mesh TLS 6/6, links signed 2/6, operator anna",
+        ),
+    ],
+)
+def test_what_was_authenticated_is_said(
+    summary: Summary, by: ProtectionSummary, told: str | None
+) -> None:
+    """Nothing of a mesh inside one computer."""
+    text = _shown(summary.model_copy(update={"protection": by}))
+    assert told in text if told else "protection" not in text
 
 
 def test_broken_bounds_are_said_in_words(summary: Summary) -> None:
