@@ -17,10 +17,10 @@ import zenoh
 from pymavlink.dialects.v10 import ardupilotmega as old
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from swarm_ctl.core.model.messages import Command
+from swarm_ctl.core.model.messages import AgentState, Command
 from swarm_ctl.mavlink.wires import local_port
 from swarm_ctl.mesh import keys
-from swarm_ctl.mesh.payloads import encode
+from swarm_ctl.mesh.payloads import decode, encode
 from swarm_ctl.report.folder.manifest import Manifest
 
 LOCALHOST: Final = "127.0.0.1"
@@ -106,7 +106,7 @@ Attack = Callable[[Target, threading.Event], None]
 
 
 def kill(target: Target, _: threading.Event) -> None:
-    """Of all, from a zenoh client on one endpoint."""
+    """Of all, from a zenoh client on one endpoint, at the time that the agent there says."""
     config = zenoh.Config()
     config.insert_json5("mode", json.dumps("client"))
     config.insert_json5("connect/endpoints", json.dumps([target.manifest.agents_mesh[0]]))
@@ -116,10 +116,18 @@ def kill(target: Target, _: threading.Event) -> None:
         session = zenoh.open(config)
     except zenoh.ZError:
         return  # no link: that is the end of it
-    command = Command("forged", "kill", (), time.monotonic() - target.manifest.epoch_s)
-    for _number in range(10):
-        session.put(keys.COMMAND.key(target.manifest.swarm, "evil"), encode(command))
+    said = list[bytes]()
+    swarm = target.manifest.swarm
+    states = session.declare_subscriber(
+        keys.STATE.key(swarm, 1), lambda sample: said.append(sample.payload.to_bytes())
+    )
+    for number in range(30):
         time.sleep(0.1)
+        if said and said[-1]:
+            now = decode(AgentState, said[-1]).time_s
+            command = Command(f"forged-{number}", "kill", (), now, number=number + 1)
+            session.put(keys.COMMAND.key(swarm, "evil"), encode(command))
+    states.undeclare()
     session.close()
 
 
