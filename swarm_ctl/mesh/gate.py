@@ -64,26 +64,24 @@ class Gate:
         self._known = {key: self._source(key) for key in keys}
         self._strangers: dict[str, Source] = {}
         self._crowd = Source(OTHERS, None, channel.bounds)
+        self._cleared_s = float("-inf")
 
     def _source(self, key: str) -> Source:
         owner = owner_of(key)
         return Source(named(owner), _name(self._channel.publisher, owner), self._channel.bounds)
 
-    def source(self, key: str, now: float) -> tuple[Source, Source]:
-        """(whose key it is, whose allowance it takes)."""
-        found = self._known.get(key) or self._strangers.get(key)
+    def _allowance(self, key: str, now: float) -> Source:
+        """Whose allowance a message under `key` takes: for a name too many, without any work."""
+        found = self._strangers.get(key)
         if found is not None:
-            return found, found
-        if len(key) > _LONGEST_KEY:
-            return self._crowd, self._crowd
-        found = self._source(key)
-        if len(self._strangers) >= _STRANGERS:
-            for other in [k for k, source in self._strangers.items() if source.idle(now)]:
-                del self._strangers[other]
-        if len(self._strangers) >= _STRANGERS:
-            return found, self._crowd
-        self._strangers[key] = found
-        return found, found
+            return found
+        if len(self._strangers) >= _STRANGERS and now - self._cleared_s > 1.0:
+            self._cleared_s = now
+            self._strangers = {k: s for k, s in self._strangers.items() if not s.idle(now)}
+        if len(self._strangers) >= _STRANGERS or len(key) > _LONGEST_KEY:
+            return self._crowd
+        found = self._strangers[key] = self._source(key)
+        return found
 
     def admit(self, messages: list[Message]) -> list[tuple[float, Source, bytes]]:
         """(received_s [s], source, bytes) of those that may be read, oldest first."""
@@ -91,12 +89,13 @@ class Gate:
         dropped: Counter[Source] = Counter()
         size, known = self._channel.bounds.size, self._known
         for received_s, key, data in reversed(messages):
-            source = allowance = known.get(key)
-            if source is None or allowance is None:
-                source, allowance = self.source(key, received_s)
-            if not allowance.admit(received_s):
-                dropped[allowance] += 1
-            elif len(data) > size:
+            source = known.get(key) or self._allowance(key, received_s)
+            if not source.admit(received_s):
+                dropped[source] += 1
+                continue
+            if source is self._crowd and len(key) <= _LONGEST_KEY:
+                source = self._source(key)
+            if len(data) > size:
                 self._too_large(source, len(data), received_s)
             else:
                 taken.append((received_s, source, bytes(data)))

@@ -44,7 +44,7 @@ MUST_ARRIVE: Final = Qos(reliable=True, urgent=True)
 
 QUEUE: Final = 4096
 """Unread messages that a subscription keeps at most; it drops the oldest first (a gap in `seq`)."""
-_QUEUED_BYTES: Final = 32 << 20
+_QUEUED_BYTES: Final = 24 << 20
 
 
 class Bounds(NamedTuple):
@@ -59,7 +59,7 @@ class Bounds(NamedTuple):
 
     @property
     def queue(self) -> int:
-        """Unread messages that a subscription keeps: what fits into 32 MB, at most `QUEUE`."""
+        """Unread messages that a subscription keeps: what fits into 24 MB, at most `QUEUE`."""
         return min(QUEUE, _QUEUED_BYTES // self.size)
 
 
@@ -138,7 +138,7 @@ COMMAND: Final = Channel(
     "agents",
     _COMMAND_RATE,
     MUST_ARRIVE,
-    Bounds(32 * _KB, *_AS_IT_COMES),
+    Bounds(24 * _KB, *_AS_IT_COMES),
 )
 BEACON: Final = Channel(
     "beacon", StationBeacon, "station", "agents, stations", "4 Hz", REPORT, Bounds(_KB, 8.0, 100)

@@ -78,7 +78,7 @@ WORDS: dict[str, Callable[[str], Words]] = {
     "states that say another agent": _liars,
     "holds for an agent that is none": _holds,
     "stations without number": _names,
-    "commands of 32 kB": _commands,
+    "commands of 24 kB": _commands,
     "events": _events,
     "clock words": _clocks,
     "clock words of 10 MB": _huge(keys.CHANNELS[1], "99"),
