@@ -47,7 +47,7 @@ class Preflight:
         why = (
             self._vehicle(tick) or self._keys(tick.now) or self.other_plan(tick.peers, tick.station)
         )
-        return why or _unknown_clocks(tick.peers)
+        return why or _unsure_of(tick.peers)
 
     def other_plan(self, peers: PeerSnapshot, station: HeardStation | None) -> str:
         """The peer or station that has another plan, or a station that is missing; ''."""
@@ -174,7 +174,10 @@ class ResponseWatch:
         )
 
 
-def _unknown_clocks(peers: PeerSnapshot) -> str:
+def _unsure_of(peers: PeerSnapshot) -> str:
+    suspect = [peer.id for peer in peers.peers if peer.suspect]
+    if suspect:
+        return f"{agents_named(suspect)} is not believed: see the log"
     asked = [peer.id for peer in peers.peers if peer.clock_unknown]
     if not asked:
         return ""

@@ -76,6 +76,8 @@ class Peer:
     """Why its word was not believed last."""
     expelled: bool = False
     """The operator has ordered not to listen to it."""
+    _flew: bool = False
+    """It has said that its vehicle is armed or flies: before, an estimate settles by metres."""
     _found_s: float = -math.inf
     _jumps: Jumps = NO_JUMPS
     _other: _Other | None = None
@@ -124,6 +126,7 @@ class Peer:
             state.down and self._lasts("down", now),
             self._lasts("held", now),
             self.expelled,
+            self.suspect(now),
         )
 
     def elsewhere(self, now: float) -> OtherAircraft | None:
@@ -189,6 +192,8 @@ class Peer:
         if silent_s <= NEIGHBOUR_S and (ahead_s > 0.0 or told_s <= 0.0):
             self._stepped_s = abs(ahead_s if ahead_s > 0.0 else told_s - silent_s)
             return Finding(Doubt.CLOCK, f"its clock stepped by {self._stepped_s:.3g} s"), NO_JUMPS
+        if not (self._flew or state.airborne):
+            return None, NO_JUMPS
         # by its own clock, and not much longer than it was silent
         elapsed_s = min(told_s, silent_s + CLOCK_S) if told_s > 0.0 else silent_s
         return self.limits.jump(old, state, elapsed_s, self._jumps)
@@ -221,6 +226,7 @@ class Peer:
             self._note("left", state.left, received_s)
             self._note("down", state.down or None, received_s)
             self._note("held", state.override != 0 or None, received_s)
+        self._flew |= state.airborne
         self.state, self.received_s = state, received_s
         self.received += 1
 

@@ -58,6 +58,8 @@ class OtherAircraft(NamedTuple):
     """It carries out a command."""
     expelled: bool = False
     """The operator has ordered not to listen to it."""
+    suspect: bool = False
+    """A word of it was not believed a moment ago."""
 
 
 @dataclass(frozen=True, slots=True)

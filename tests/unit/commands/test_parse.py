@@ -43,10 +43,7 @@ def test_orders(line: str, marked: tuple[int, ...], order: Order) -> None:
 @pytest.mark.parametrize(
     ("line", "why"),
     [
-        (
-            "",
-            "no command ''; allowed: hold, resume, next, form, move, tune, land, return, kill, expel",
-        ),
+        ("", "no command ''; allowed: hold, resume, next, form, move, tune, land, return, kill"),
         ("fly", "no command 'fly'; allowed"),
         ("land now", "usage: land"),
         ("form", "usage: form SHAPE; this mission flies hexagon"),

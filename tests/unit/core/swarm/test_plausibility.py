@@ -134,6 +134,16 @@ def test_a_peer_that_insists_is_believed_unless_the_other_goes_on() -> None:
             assert all(believed[believed.index(True) :])
 
 
+def test_before_the_flight_an_estimate_may_settle() -> None:
+    """A receiver that finds its satellites moves by metres; no agent flies yet."""
+    peers = Peers(PLAN, 1)
+    peers.clocks.of[2].answered(0.0, 0.0, 0.0, 0.01)
+    for k, north in enumerate((0.0, 6.0, 0.0, 6.0)):
+        place = {"position_ned_m": (north, 0.0, 0.0), "stop_point_m": (north, 0.0)}
+        assert peers.hear(said(k, phase=Phase.PREPARE, airborne=False, **place), TICK_S * k)
+    assert peers.suspects(0.2) == {}
+
+
 def test_jumps_add_up() -> None:
     """A forger that takes a little more each time is refused; the honest one that goes on is the
     believed one, or both places count."""
