@@ -12,14 +12,24 @@ import pytest
 from swarm_ctl.core.agent.takeover import LEARN_S
 from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.plan import Plan
-from swarm_ctl.mission.compile.loader import LoadedMission
+from swarm_ctl.mission.compile.loader import LoadedMission, loads
 from tests.scenarios.swarm import VirtualSwarm
-from tests.scenarios.test_steps import FORM, TAKEOFF, THIRD, assert_good, quartet, shape_error_m
+from tests.scenarios.test_steps import (
+    FORM,
+    TAKEOFF,
+    TEXT,
+    THIRD,
+    assert_good,
+    quartet,
+    shape_error_m,
+)
 
 GONE_S = 1.5
 """From the kill to the new process: Python starts in half a second."""
+TALL = TEXT.replace("height_m: 4}", "height_m: 8}")
+"""High enough to be gone, and back, on the way up."""
 MISSIONS = {
-    "takeoff": (TAKEOFF, 3.0, quartet("hold: {duration_s: 5}", "land")),
+    "takeoff": (TAKEOFF, 3.0, loads(TALL + "  - hold: {duration_s: 5}\n  - land\n")),
     "form": (FORM, 2.0, quartet("hold: {duration_s: 5}", "land")),
     "hold": (THIRD, 5.0, quartet("hold: {duration_s: 20}", "land")),
     "move": (THIRD, 4.0, quartet("move: {to: [40, 13], speed_mps: 2}", "land")),
