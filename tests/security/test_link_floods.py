@@ -76,3 +76,43 @@ def test_a_flood_leaves_the_simulator_its_step(flood: str) -> None:
         for _ in codec.messages(FLOODS[flood]):
             pass
     assert time.thread_time() - begun < 1.0
+
+
+@pytest.mark.long
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("persona", ["ardupilot", "px4"])
+def test_ten_million_hostile_frames_cost_no_honest_one_and_no_memory(persona: str) -> None:
+    near, far = memory_wires(limit=8)
+    link = VehicleLink(near, persona, 7, signing=Signing(KEY, START))
+    own = dialect.MAVLink(None, 7, 1)
+    own.signing.secret_key, own.signing.sign_outgoing = KEY, True
+    own.signing.timestamp = START
+    wrong = dialect.MAVLink(None, 7, 1)
+    wrong.signing.secret_key, wrong.signing.sign_outgoing = bytes(32), True
+    wrong.signing.timestamp = 2**48 - 1
+    replayed = wire.heartbeat().pack(own)
+    kinds = (
+        wire.heartbeat().pack(_VEHICLE),
+        wire.heartbeat().pack(_VEHICLE, force_mavlink1=True),
+        wire.heartbeat().pack(wrong),
+        replayed,
+    )
+    far.write(replayed)
+    link.receive(0.0)
+    chunks = [frame * (4096 // len(frame)) for frame in kinds]
+    sent, honest, now, grown = 0, 1, 0.0, 0
+    tracemalloc.start()
+    while sent < 10_000_000:
+        for chunk, frame in zip(chunks, kinds, strict=True):
+            far.write(chunk)
+            sent += len(chunk) // len(frame)
+        far.write(wire.heartbeat().pack(own))
+        honest, now = honest + 1, now + 0.05
+        link.receive(now)
+        link.view()
+        if honest == 100:
+            grown, _ = tracemalloc.get_traced_memory()
+    assert tracemalloc.get_traced_memory()[0] - grown < 100_000
+    tracemalloc.stop()
+    assert link.counters.frames == honest
+    assert link.counters.refused == sent

@@ -55,10 +55,13 @@ def pair_mission(folder: Path, spacing: int = 2) -> LoadedMission:
 
 
 def simulator(
-    mission: LoadedMission, epoch_s: float, speedup: float, **more: Any
+    mission: LoadedMission, epoch_s: float, speedup: float, key: Path | None = None, **more: Any
 ) -> subprocess.Popen[bytes]:
-    """The simulator of the mission's vehicles; it ends with its stdin."""
+    """The simulator of the mission's vehicles; it ends with its stdin. The first one has the
+    signing key."""
     settings = simulator_config(mission.plan, mission.fleet.agents, mission.file.simulation)
+    if key is not None:
+        settings["vehicles"][0]["signing_key_path"] = str(key)
     path = mission.source.with_name("sim.json")
     path.write_text(json.dumps(settings | {"epoch_s": epoch_s, "speedup": speedup} | more))
     return subprocess.Popen(
@@ -89,7 +92,7 @@ def agent(
 
 
 def agent_in_waiting(
-    plan: Path, agent_id: int, epoch_s: float, speedup: float
+    plan: Path, agent_id: int, epoch_s: float, speedup: float, *more: str
 ) -> subprocess.Popen[bytes]:
     """The same with its imports done, which begins when its stdin ends: a vehicle's own failsafe
     waits for a new agent for 5 s only."""
@@ -97,7 +100,7 @@ def agent_in_waiting(
         "import sys, swarm_ctl.runtime.agent.agent_process, swarm_ctl.mission.compile.plan_file;"
         "from swarm_ctl.cli.main import app; sys.stdin.read(); app()"
     )
-    options = ("--id", str(agent_id), "--epoch", str(epoch_s), "--speedup", str(speedup))
+    options = ("--id", str(agent_id), "--epoch", str(epoch_s), "--speedup", str(speedup), *more)
     return subprocess.Popen(
         [sys.executable, "-c", code, "agent", plan, *options],
         stdin=subprocess.PIPE,

@@ -103,13 +103,17 @@ def test_two_agents_and_a_station_that_knows_the_mission(
 
 def test_an_agent_is_killed_and_started_again(mission: LoadedMission, tmp_path: Path) -> None:
     """SIGKILL while they form, started again by hand: it takes its vehicle over, both complete,
-    apart; no station."""
+    apart; no station. Its link is signed: it signs on above its last stamp."""
     speedup, epoch_s = 2.0, time.monotonic()
+    key = tmp_path / "mavlink.key"
+    key.write_bytes(bytes(range(32)))
+    key.chmod(0o600)
+    signed = ("--signing-key", str(key))
     truth, plan = tmp_path / "truth.jsonl", tmp_path / "plan.json"
     plan.write_text(plan_to_json(mission.plan, mission.fleet))
-    flown = simulator(mission, epoch_s, speedup, truth_path=str(truth))
-    agents = {i: agent(plan, i, epoch_s, speedup) for i in (1, 2)}
-    again = agent_in_waiting(plan, 1, epoch_s, speedup)
+    flown = simulator(mission, epoch_s, speedup, key, truth_path=str(truth))
+    agents = {i: agent(plan, i, epoch_s, speedup, *(signed if i == 1 else ())) for i in (1, 2)}
+    again = agent_in_waiting(plan, 1, epoch_s, speedup, *signed)
     processes = [flown, again, *agents.values()]
     with closing(listener_of(mission, keys.STATUS, keys.EVENT)) as listener, ended(processes):
         forming: set[int] = set()
