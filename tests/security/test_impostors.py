@@ -293,7 +293,7 @@ def test_a_kill_from_a_stranger_ends_a_run_without_keys_alone(trust: Path, tmp_p
             where.mkdir()
             fleet = where / "fleet.yaml"
             fleet.write_text(f"{head}agents: [{{id: 1}}, {{id: 2}}, {{id: 3}}]\n")
-            words = ("run", LOW, "--fleet", fleet, "--headless", "--no-report", "--speedup", "4")
+            words = ("run", LOW, "--fleet", fleet, "--headless", "--no-report", "--speedup", "3")
             more = ("--identity", trust / "field/operator-anna") if protected else ()
             runs[protected] = opened.enter_context(Running(*words, *more, cwd=where))
         for protected, running in runs.items():
