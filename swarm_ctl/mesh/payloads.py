@@ -35,6 +35,8 @@ from swarm_ctl.errors import PayloadError
 
 VERSION: Final = 4
 P = TypeVar("P")
+_LONGEST_WORD: Final = 100
+"""Of a command: agents give its id back, and keep it."""
 
 _STATE: Final = struct.Struct("<BBHIdQHB3d3f2d2f2d3f2fBBIII8h")
 """version, flags, agent, seq, time_s, plan_hash, step, phase, position_ned_m, velocity_ned_mps,
@@ -74,6 +76,8 @@ def decode(kind: type[P], data: bytes) -> P:
         if kind is ClockNews:
             return _decode_clock(data)  # type: ignore[return-value]
         payload: P = _ADAPTERS[kind].validate_json(data[1:])
+        if isinstance(payload, Command) and max(len(payload.id), len(payload.kind)) > _LONGEST_WORD:
+            raise ValueError(f"id or kind of more than {_LONGEST_WORD} characters")
         return payload
     except (ValidationError, struct.error, ValueError) as error:
         raise PayloadError(f"{kind.__name__}: {_first_line(error)}") from None

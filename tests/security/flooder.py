@@ -15,6 +15,7 @@ from itertools import count, cycle
 import zenoh
 
 from swarm_ctl.core.model.messages import AgentState, Command, Event, Phase, Severity
+from swarm_ctl.core.model.plan import FormStep
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.payloads import VERSION, encode
 
@@ -53,9 +54,10 @@ def _names(swarm: str) -> Words:
 
 def _commands(swarm: str) -> Words:
     """As large as a command may be."""
-    key, text = keys.COMMAND.key(swarm, "evil"), "x" * (keys.COMMAND.bounds.size - 200)
+    key, shape = keys.COMMAND.key(swarm, "evil"), "x" * (keys.COMMAND.bounds.size - 1000)
+    step = FormStep(shape, ((0.0, 0.0),), 1.0, 1.0, 1.0)
     for k in count(1):
-        yield key, encode(Command(f"{k}", text, (99,), 1.0))
+        yield key, encode(Command(f"{k}", "form", (), 1.0, step))
 
 
 def _events(swarm: str) -> Words:

@@ -17,6 +17,7 @@ from swarm_ctl.core.agent.progress import Progress
 from swarm_ctl.core.law.formation import smallest_distance
 from swarm_ctl.core.model.messages import ABOUT, ENDING, Ack, Command, CommandKind, Departure, Phase
 from swarm_ctl.core.model.plan import FormStep, HoldStep, LandStep, MoveStep, Plan, ReturnStep, Step
+from swarm_ctl.core.model.text import printable
 from swarm_ctl.core.safety.fence import outside
 from swarm_ctl.core.swarm import gain_update
 from swarm_ctl.core.swarm.command_origin import CommandOrigins
@@ -25,6 +26,8 @@ from swarm_ctl.core.swarm.snapshot import PeerSnapshot
 KINDS: Final = tuple(kind for kind in CommandKind if kind is not CommandKind.APPLY)
 """What an operator can command."""
 _ANSWERS_KEPT: Final = 256
+_LONGEST_REASON: Final = 500
+"""Characters, whatever a command brings along; answers are kept, and sent."""
 _FOREVER_S: Final = 1e9
 _OVER: Final = (Phase.YIELD, Phase.ENDED)
 _STILL: Final = (CommandKind.KILL, CommandKind.RESUME, *ABOUT)
@@ -101,7 +104,7 @@ class CommandHandler:
         if known is not None:
             return known, False
         reason = self._origins.refusal(command, situation.peers.now_s)
-        reason = reason or self._refusal(command, situation)
+        reason = printable(reason or self._refusal(command, situation), _LONGEST_REASON)
         obeyed = not reason and not _past(command, situation)
         if obeyed:
             self._obey(command, situation, leg)

@@ -183,3 +183,10 @@ def test_truncated_state_is_refused() -> None:
     for size in range(len(data)):
         with pytest.raises(PayloadError):
             decode(AgentState, data[:size])
+
+
+@pytest.mark.parametrize("words", [("x" * 101, "hold"), ("a", "x" * 101)])
+def test_a_commands_id_and_kind_are_short(words: tuple[str, str]) -> None:
+    """Agents give them back, and keep them."""
+    with pytest.raises(PayloadError, match="100 characters"):
+        decode(Command, encode(Command(*words, (), 1.0)))
