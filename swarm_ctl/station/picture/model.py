@@ -309,6 +309,7 @@ class Model:
             resumed = bool(forms) and forms[-1][0] == step and not self._overridden()
             if (
                 isinstance(commanded, FormStep)
+                and len(commanded.slots) == len(self._plan.agents)  # else all agents refuse it
                 and answered.at_step >= (forms[-1][0] if forms else 0)
                 and not resumed
             ):

@@ -19,7 +19,7 @@ from swarm_ctl.core.model.messages import (
     SigmaReport,
     StationBeacon,
 )
-from swarm_ctl.core.model.plan import Policies
+from swarm_ctl.core.model.plan import FormStep, Policies
 from swarm_ctl.station.picture.model import Model
 from tests.unit.station.swarm import (
     HEXAGON,
@@ -239,3 +239,13 @@ def test_strangers_fill_no_memory() -> None:
     assert len(view.stations) <= 33
     assert all(set(key) <= set(range(1, 7)) for key in view.histories.links)
     assert all(set(key) <= set(range(1, 7)) for key in view.histories.pairs)
+
+
+@pytest.mark.parametrize("count", [0, 1, 7])
+def test_a_shape_for_another_number_of_agents_is_no_shape(count: int) -> None:
+    """Agents refuse it; a station must live on."""
+    model = flying_model(PLAN, 30.0)
+    before = model.view(30.0).error_m
+    step = FormStep("x", tuple((2.0 * k, 0.0) for k in range(count)), 1.0, 1.0, 60.0)
+    model.fold(Command("a", "form", (), 30.0, step), 30.0)
+    assert model.view(30.0).error_m == before
