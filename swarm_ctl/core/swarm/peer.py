@@ -124,7 +124,7 @@ class Peer:
             self._lasts("ends", now),
             state.left if self._lasts("left", now) else None,
             state.down and self._lasts("down", now),
-            self._lasts("held", now),
+            heard and self._lasts("held", now),
             self.expelled,
             self.suspect(now),
         )
