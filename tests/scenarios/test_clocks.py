@@ -105,7 +105,9 @@ class Polled:
         inlet = self._inner.subscribe(key_expression, timed=timed)
         drain = inlet.drain
         if not timed:
-            inlet.drain = lambda: [(self._swarm[0].now, data) for _, data in drain()]  # type: ignore[method-assign]
+            inlet.drain = lambda: [  # type: ignore[method-assign]
+                (self._swarm[0].now, key, data) for _, key, data in drain()
+            ]
         return inlet
 
 

@@ -180,6 +180,7 @@ def test_any_order_concerns_the_agents_that_it_names_alone(seed: int) -> None:
             "rotate: {angle_deg: 45}",
             "land",
             head=head,
+            height_m=8,
         ),
         seed,
     )

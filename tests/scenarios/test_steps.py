@@ -36,8 +36,9 @@ steps:
 TAKEOFF, FORM, THIRD = 1, 2, 3
 
 
-def quartet(*steps: str, head: str = "") -> LoadedMission:
-    return loads(head + TEXT + "".join(f"  - {step}\n" for step in steps))
+def quartet(*steps: str, head: str = "", height_m: int = 4) -> LoadedMission:
+    text = TEXT.replace("height_m: 4}", f"height_m: {height_m}}}")
+    return loads(head + text + "".join(f"  - {step}\n" for step in steps))
 
 
 def fly(mission: LoadedMission, until_s: float = 900.0) -> VirtualSwarm:
