@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from swarm_ctl.core.model.fleet import FleetAgent
+from swarm_ctl.core.model.timeouts import KEYS_VALID_S
 from swarm_ctl.errors import TrustError
 from swarm_ctl.mesh.access import access_settings, as_tls
 from swarm_ctl.runtime.clock import date_and_time
@@ -106,8 +107,9 @@ def explained(identity: Identity | None, endpoints: Sequence[str]) -> str:
 
 
 def refuse_useless(identity: Identity, agents: Iterable[FleetAgent]) -> None:
-    """TrustError where an agent, or the operator, has no certificate in the roster, one that has
-    ended, or one for another address: no link would open."""
+    """TrustError where an agent, or the operator, has no certificate in the roster, one for another
+    address, or one that has ended: no link would open. Nor would an agent arm whose certificate
+    ends in under 24 h."""
     places = {Member(Role.AGENT, str(agent.id)): agent.mesh for agent in agents}
     for member, mesh in {identity.member: None, **places}.items():
         entry = identity.roster.of(member)
@@ -116,10 +118,12 @@ def refuse_useless(identity: Identity, agents: Iterable[FleetAgent]) -> None:
                 f"{identity.folder}: the roster of {identity.swarm} has no {member}; allowed: one"
                 " that `swarm-ctl trust add` made"
             )
-        if entry.not_after <= date_and_time():
+        left_s = (entry.not_after - date_and_time()).total_seconds()
+        if left_s < KEYS_VALID_S:
+            ends = "ended" if left_s <= 0 else f"ends in {left_s / 3600:.0f} h,"
             raise TrustError(
-                f"the certificate of {member} ended on {entry.not_after:%Y-%m-%d};"
-                " allowed: new ones, by swarm-ctl trust rotate"
+                f"the certificate of {member} {ends} on {entry.not_after:%Y-%m-%d}; allowed: 24 h"
+                " and more, by swarm-ctl trust rotate"
             )
         host = address_of(mesh)[0] if mesh else LOOPBACK
         if not same_host(host, entry.host):

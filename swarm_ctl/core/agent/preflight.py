@@ -12,14 +12,12 @@ from swarm_ctl.core.control.navigation import AGREE_M, Navigator
 from swarm_ctl.core.law.response_estimate import ResponseEstimate
 from swarm_ctl.core.model.plan import AgentPlan, Plan, Policy, Response
 from swarm_ctl.core.model.text import agents_named
-from swarm_ctl.core.model.timeouts import ESTIMATE_DOUBT_S
+from swarm_ctl.core.model.timeouts import ESTIMATE_DOUBT_S, KEYS_VALID_S
 from swarm_ctl.core.model.vehicle import LimitKind, VehicleView
 from swarm_ctl.core.swarm.snapshot import PeerSnapshot
 
 _SURE_S: Final = 0.1
 """An estimate of the response is sure that is doubted by no more: after a second at 2 m/s."""
-_VALID_S: Final = 24 * 3600.0
-"""No vehicle takes off with a certificate that ends sooner: a swarm has to be able to restart."""
 _MODEL_SPARE: Final = 0.1
 """The acceleration of a measured response is good to so much."""
 
@@ -103,7 +101,7 @@ class Preflight:
     def _keys(self, now: float) -> str:
         """A certificate that ends soon; no flight ends with it. Or ''."""
         left_s = self.keys_end_s - now
-        if left_s >= _VALID_S:
+        if left_s >= KEYS_VALID_S:
             return ""
         ends = f"ends in {left_s / 3600:.0f} h" if left_s > 0 else "has ended"
         return f"its certificate {ends}; allowed: 24 h and more (swarm-ctl trust rotate)"

@@ -35,6 +35,8 @@ OWN_FIX_S: Final = 0.5
 """With an own position older than this, the setpoint is zero."""
 OWN_LOST_S: Final = 5.0
 """With an own position older than this, the agent lands."""
+KEYS_VALID_S: Final = 24 * 3600.0
+"""No vehicle takes off with a certificate that ends sooner: a swarm has to be able to restart."""
 
 
 def lead_s(rate: Any, least: Callable[[Any, Any], Any] = min) -> Any:

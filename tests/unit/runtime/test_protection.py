@@ -91,12 +91,13 @@ def test_keys_that_others_may_read_are_refused(make: Make) -> None:
         (0, "127.0.0.1", None, ""),
         (0, "10.0.0.2", "tcp/10.0.0.2:7447", ""),
         (31, "127.0.0.1", None, "the certificate of operator anna ended on "),
+        (29.5, "127.0.0.1", None, "the certificate of operator anna ends in 12 h, on "),
         (0, "10.0.0.2", "tcp/10.0.0.3:7447", "agent 2 is for 10.0.0.2, and it listens at 10.0.0.3"),
         (0, "10.0.0.2", None, "agent 2 is for 10.0.0.2, and it listens at 127.0.0.1"),
     ],
 )
 def test_certificates_that_open_no_link_are_named_before_the_start(
-    make: Make, age_days: int, host: str, mesh: str | None, told: str
+    make: Make, age_days: float, host: str, mesh: str | None, told: str
 ) -> None:
     identity = station_identity(str(make("anna", age_days=age_days, host=host)))
     assert identity is not None
