@@ -28,7 +28,8 @@ FACTOR = 1.5
 
 TRUE_ALARMS = {
     "faults": [
-        ("holding", (6,)),  # a GPS that jumps
+        ("not believed", (6,)),  # a GPS that jumps
+        ("holding", (6,)),
         ("failed", (2,)),  # a battery
     ]
 }

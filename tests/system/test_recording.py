@@ -18,24 +18,24 @@ pytestmark = [pytest.mark.lockstep, pytest.mark.timeout(300)]
 RUN = ("run", LOW, "--speedup", "max", "--headless")
 
 
+def times_s(folder: Path) -> list[float]:
+    """Of the states in the recording."""
+    return [p.time_s for _, p in recording.read(folder) if isinstance(p, AgentState)]
+
+
 def test_a_killed_station_leaves_all_but_the_last_second(tmp_path: Path) -> None:
     """SIGKILL in flight: the file reads up to the last chunk, `replay` and `report` give it its
     footer, and say so."""
     with Running(*RUN, "--no-report", cwd=tmp_path) as running:
         running.wait_for_event("step 2: form hexagon", 3)
-        before_s = max(
-            payload.time_s
-            for _, payload in recording.read(running.folder)
-            if isinstance(payload, AgentState)
-        )
+        running.wait_for(lambda: bool(times_s(running.folder)))  # the first second's chunk
+        before_s = max(times_s(running.folder))
         running.kill("station")
         running.wait()
         running.assert_nothing_left()
         folder = running.folder
     assert not is_whole(folder)
-    last_s = max(
-        payload.time_s for _, payload in recording.read(folder) if isinstance(payload, AgentState)
-    )
+    last_s = max(times_s(folder))
     assert last_s >= before_s
     alone = tmp_path / "alone.mcap"
     shutil.copy(folder / recording.RECORDING, alone)

@@ -192,7 +192,7 @@ def _join_mesh(config: AgentConfig, place: Seat, identity: Identity | None) -> N
         config.connect,
         now,
         place.mesh_speedup,
-        patient=place.patient,
+        patient=place.repeats,
         access=access(identity, config.swarm),
     )
     node = Node(place.mesh(transport), config.swarm, config.agent_id)

@@ -32,8 +32,9 @@ _SLOW: Final = 0.1
 class Seat:
     """Of a process in real time."""
 
-    patient = False
-    """A message of the own node waits for a full queue, rather than being dropped at once."""
+    repeats = False
+    """A flight is the same again: the node's name is, too, and its messages wait for a full queue
+    rather than being dropped at once."""
 
     def __init__(self, clock: Clock) -> None:
         self.clock = clock
@@ -80,7 +81,7 @@ def seat(lockstep: str | None, phase: Phase, epoch_s: float, speedup: float) -> 
 class BarrierSeat(Seat):
     """At the barrier. When the keeper is gone, mission time goes on by the wall clock."""
 
-    patient = True
+    repeats = True
 
     def __init__(self, address: str, phase: Phase, speedup: float) -> None:
         self._address, self._phase = address, phase

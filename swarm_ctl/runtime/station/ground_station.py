@@ -66,16 +66,17 @@ def open_node(
     place: Seat | None = None,
     identity: Identity | None = None,
 ) -> Node:
-    """Join a swarm's mesh under a name that no other process has, on any host. `place` is the
-    process's seat in lockstep; on a protected mesh, `identity` owns the name."""
-    suffix = f"{os.getpid()}-{uuid.uuid4().hex[:6]}"
+    """Join a swarm's mesh under a name that no other process has, on any host; in lockstep, where
+    `place` is the process's seat, in no other role. On a protected mesh, `identity` owns it."""
+    again = place is not None and place.repeats
+    suffix = "lockstep" if again else f"{os.getpid()}-{uuid.uuid4().hex[:6]}"
     name = f"{role}-{suffix}" if identity is None else station_name(identity.name, suffix)
     transport = ZenohTransport(
         listen,
         connect,
         clock.now,
         place.mesh_speedup if place else clock.speedup,
-        patient=place is not None and place.patient,
+        patient=again,
         access=access(identity, swarm),
     )
     return Node(place.mesh(transport) if place else transport, swarm, name)

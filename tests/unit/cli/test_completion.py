@@ -38,7 +38,7 @@ def completed(
 @pytest.mark.parametrize(
     ("line", "wanted"),
     [
-        ("send ", ["hold", "resume", "next", "form", "move", "tune"]),
+        ("send ", ["hold", "resume", "next", "form", "move", "tune", "readmit"]),
         ("send l", []),
         ("send ki", []),
         ("send ret", []),

@@ -39,7 +39,7 @@ def test_the_run_folder_has_the_log_from_the_start(tmp_path: Path) -> None:
 def test_without_a_run_folder_it_says_that_its_log_begins_now() -> None:
     """Once it hears an agent, and once."""
     clock = MeshClock(1.0)
-    hint = _Hint(clock, ["tcp/10.0.0.11:7447"])
+    hint = _Hint(clock, ["tcp/10.0.0.11:7447"], None)
     assert hint() == ""
     clock.hear(40.0)
     assert "log from now on" in hint()
