@@ -44,7 +44,7 @@ MUST_ARRIVE: Final = Qos(reliable=True, urgent=True)
 
 QUEUE: Final = 4096
 """Unread messages that a subscription keeps at most; it drops the oldest first (a gap in `seq`)."""
-_QUEUED_BYTES: Final = 24 << 20
+_QUEUED_BYTES: Final = 6 << 20
 
 
 class Bounds(NamedTuple):
@@ -59,7 +59,7 @@ class Bounds(NamedTuple):
 
     @property
     def queue(self) -> int:
-        """Unread messages that a subscription keeps: what fits into 24 MB, at most `QUEUE`."""
+        """Unread messages that a subscription keeps: what fits into 6 MB, at most `QUEUE`."""
         return min(QUEUE, _QUEUED_BYTES // self.size)
 
 

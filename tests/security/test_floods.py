@@ -29,6 +29,7 @@ from tests.system.running import ROOT, Running
 LEAST_HZ, MOST_MB, OLDEST_S = 19.0, 64, 2.0
 """An agent is lost after 3 s without a state."""
 SMALL = ("states of an unknown agent", "holds for an agent that is none")
+NAMELESS = "stations without number"
 HOVERS = 3
 """The step in which the vehicles hold their places."""
 MISSION = BARE.replace("  - land", "  - hold: {duration_s: 600}\n  - land")
@@ -54,6 +55,10 @@ class Watch:
             now_mb = resident_mb(pid)
             grown_mb = now_mb - self.before.setdefault(pid, now_mb)
             self.grown_mb[pid] = max(grown_mb, self.grown_mb.get(pid, 0.0))
+
+    def obeyed(self) -> set[int]:
+        """The agents that have answered the operator's command."""
+        return {ack.agent for ack in self.acks if ack.command == "honest"}
 
     def hovers(self) -> bool:
         """Both agents hold their places."""
@@ -101,14 +106,19 @@ def hovering(folder: Path) -> Iterator[Watch]:
             yield watch
 
 
-def flooded(watch: Watch, kinds: tuple[str, ...], seconds: float) -> dict[str, int]:
-    """The floods all at once, at the first agent; how much each sent. Within them, an operator
-    commands."""
+def flooded(
+    watch: Watch, kinds: tuple[str, ...], seconds: float, after_s: float = 0.0
+) -> dict[str, int]:
+    """The floods all at once, at the first agent; how much each sent. Within them, and for
+    `after_s` behind them at most, an operator commands."""
     endpoint, swarm = watch.manifest.agents_mesh[0], watch.manifest.swarm
     watch.anew()
     with flooding(kinds, swarm, seconds, endpoint) as floods:
         command_due_s = time.monotonic() + 1.0
-        while any(each.poll() is None for each in floods):
+        until_s = command_due_s + seconds + after_s
+        while any(each.poll() is None for each in floods) or (
+            time.monotonic() < until_s and watch.obeyed() != {1, 2}
+        ):
             watch.look()
             if time.monotonic() >= command_due_s:
                 command_due_s += 0.5
@@ -152,7 +162,7 @@ def unharmed(watch: Watch, sent: dict[str, int]) -> None:
     assert min(rates.values()) >= LEAST_HZ
     assert max(grown.values()) <= MOST_MB
     assert watch.oldest_s() < OLDEST_S
-    assert {ack.agent for ack in watch.acks if ack.command == "honest"} == {1, 2}
+    assert watch.obeyed() == {1, 2}
 
 
 @pytest.mark.timeout(60)
@@ -188,7 +198,7 @@ def test_a_member_is_heard_in_a_flood() -> None:
             time.sleep(0.05)
         told = [int(each.communicate()[0]) for each in floods]
         reasons = {refusal.reason for refusal in here.refused(time.monotonic())}
-    assert min(told[:2]) > 5000
+    assert min(told[:2]) > 1000
     assert told[2] >= 1
     assert RefusalReason.TOO_MANY in reasons
     gaps_s = {name: max(b - a for a, b in itertools.pairwise(t)) for name, t in heard_s.items()}
@@ -212,6 +222,7 @@ def test_several_floods_at_once(tmp_path: Path) -> None:
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_flood(kind: str, tmp_path: Path) -> None:
-    """Of each kind, for 15 s."""
+    """Of each kind, for 15 s. Commands under ever new names may delay an operator's as long as they
+    come."""
     with hovering(tmp_path) as watch:
-        unharmed(watch, flooded(watch, (kind,), 15.0))
+        unharmed(watch, flooded(watch, (kind,), 15.0, 5.0 if kind == NAMELESS else 0.0))
