@@ -14,7 +14,7 @@ from rich.table import Table
 
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.extras import require
-from swarm_ctl.cli.shared.options import option, switch
+from swarm_ctl.cli.shared.options import OpenMesh, option, switch
 from swarm_ctl.errors import InputError
 
 if TYPE_CHECKING:
@@ -35,6 +35,7 @@ def doctor(
     within: Annotated[
         float, option("SECONDS", "At most so long for all vehicles.", min=1.0, max=120.0)
     ] = 15.0,
+    open_mesh: OpenMesh = False,
 ) -> None:
     """Show what vehicles would do in trouble, or this machine's state.
 
@@ -56,7 +57,7 @@ def doctor(
         swarm-ctl doctor --fleet outdoors.yaml --json | jq '.vehicles[].attention'
     """
     if fleet is not None:
-        raise typer.Exit(_fleet(fleet, within, restore=restore, as_json=as_json))
+        raise typer.Exit(_fleet(fleet, within, restore=restore, as_json=as_json, is_open=open_mesh))
     if restore:
         raise InputError("--restore needs vehicles; allowed: with --fleet FILE")
     raise typer.Exit(_machine(as_json=as_json))
@@ -75,8 +76,9 @@ def _machine(*, as_json: bool) -> int:
     return _ATTENTION if any(fact.attention for fact in facts) else _FINE
 
 
-def _fleet(fleet: Path, within_s: float, *, restore: bool, as_json: bool) -> int:
+def _fleet(fleet: Path, within_s: float, *, restore: bool, as_json: bool, is_open: bool) -> int:
     require("ground", "doctor --fleet")
+    from swarm_ctl.mission.compile.exposure import exposed_links, refuse_exposed
     from swarm_ctl.runtime.clock import Clock
     from swarm_ctl.runtime.doctor.examination import examine
     from swarm_ctl.runtime.doctor.fleet import vehicles_of
@@ -85,6 +87,8 @@ def _fleet(fleet: Path, within_s: float, *, restore: bool, as_json: bool) -> int
     from swarm_ctl.runtime.vehicle_memory import VehicleMemory, state_folder
 
     vehicles = vehicles_of(fleet)
+    if not is_open:
+        refuse_exposed(exposed_links(vehicles), str(fleet))
     keys = LinkKeys.of(vehicles)
     memory, ticker = VehicleMemory(state_folder()), Ticker(Clock.starting_now(), _TICK_S)
     reports = examine(

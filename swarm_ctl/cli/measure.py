@@ -11,10 +11,10 @@ import typer
 
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.extras import require
-from swarm_ctl.cli.shared.options import Speedup, option, switch
+from swarm_ctl.cli.shared.options import OpenMesh, Speedup, option, switch
 from swarm_ctl.cli.shared.writable import require_writable
 from swarm_ctl.cli.sim import Persona
-from swarm_ctl.core.model.fleet import FleetAgent, VehicleKind
+from swarm_ctl.core.model.fleet import Fleet, FleetAgent, VehicleKind
 from swarm_ctl.errors import InputError
 
 if TYPE_CHECKING:  # the agent and numpy, which no other command waits for
@@ -63,6 +63,7 @@ def measure(
     ] = 10.0,
     box: Annotated[float | None, option("METRES", _BOX)] = None,
     dry_run: Annotated[bool, switch("--dry-run", "Fly and show, but write no file.")] = False,
+    open_mesh: OpenMesh = False,
     speedup: Speedup = 1.0,
 ) -> None:
     """Measure how a vehicle answers velocity setpoints.
@@ -90,6 +91,7 @@ def measure(
     """
     from swarm_ctl.core.identification.step_flight import StepFlight
     from swarm_ctl.core.law.stop_point import TYPICAL
+    from swarm_ctl.mission.compile.exposure import exposed_links, refuse_exposed
     from swarm_ctl.runtime.clock import Clock
     from swarm_ctl.runtime.launch.interrupts import Interrupts
     from swarm_ctl.runtime.launch.measure import Task, fly, task_of, write_response
@@ -114,6 +116,8 @@ def measure(
     if task.file and not dry_run:
         require_writable(task.file, "or fly with --dry-run")
     chosen = task.chosen(agent_id)
+    if not open_mesh:
+        refuse_exposed(exposed_links(Fleet(tuple(chosen), task.keys.trust)), str(fleet or "FILE"))
     steps = task.steps(speed, height, box)
     ticker = Ticker(Clock.starting_now(speedup), task.tick_s)
 

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.extras import require
-from swarm_ctl.cli.shared.options import Seed, Speedup, option, switch
+from swarm_ctl.cli.shared.options import OpenMesh, Seed, Speedup, option, switch
 from swarm_ctl.core.model.plan import Geodetic
 from swarm_ctl.errors import InputError
 
@@ -53,6 +53,7 @@ def sim(
     truth: Annotated[
         Path | None, option("FILE", "Write the true positions: a JSON object a line.")
     ] = None,
+    open_mesh: OpenMesh = False,
 ) -> None:
     """Run simulated ArduCopter or PX4 vehicles until Ctrl-C.
 
@@ -65,6 +66,7 @@ def sim(
         swarm-ctl sim --mission missions/hexagon.yaml --parameter SIM_WIND_SPD=4
         mavproxy.py --master udpout:127.0.0.1:14601
     """
+    from swarm_ctl.mission.compile.exposure import listens_wide
     from swarm_ctl.runtime.clock import Clock
     from swarm_ctl.runtime.launch.sim_alone import serve
     from swarm_ctl.runtime.launch.sim_config import grid_config
@@ -82,6 +84,11 @@ def sim(
     scheme = "tcpin" if tcp else "udpin"
     for vehicle, given in itertools.zip_longest(vehicles, endpoints):
         vehicle["endpoint"] = given or f"{scheme}:127.0.0.1:{base_port + vehicle['sysid']}"
+        if listens_wide(vehicle["endpoint"]) and not open_mesh:
+            raise InputError(
+                f"--endpoint {given}: any computer could command vehicle {vehicle['sysid']};"
+                " allowed: loopback addresses, or --open-mesh"
+            )
     settings["sim_parameters"] |= dict(_parameter(text) for text in parameter or [])
     settings |= {"speedup": speedup, "epoch_s": Clock.starting_now(speedup).epoch_s, "seed": seed}
     settings["truth_path"] = None if truth is None else str(truth)

@@ -33,16 +33,24 @@ def exposures(fleet: Fleet, peers: Iterable[str] = ()) -> list[str]:
     if fleet.trust is not None:
         return []
     meshes = [(agent.id, agent.mesh or "") for agent in fleet.agents if agent.mesh]
-    links = [(agent.id, agent.endpoint or "") for agent in fleet.agents if agent.endpoint]
     return [
         *(f"agent {i} is on the mesh at {at}" for i, at in meshes if leaves_loopback(at)),
         *(f"the mesh is at {at}" for at in peers if leaves_loopback(at)),
-        *(
-            f"agent {i} listens for its vehicle at {at}"
-            for i, at in links
-            if at.startswith(_LISTENING) and leaves_loopback(at)
-        ),
+        *exposed_links(fleet),
     ]
+
+
+def exposed_links(fleet: Fleet) -> list[str]:
+    """The same of the vehicles' links alone."""
+    if fleet.trust is not None:
+        return []
+    links = [(agent.id, agent.endpoint or "") for agent in fleet.agents]
+    return [f"agent {i} listens for its vehicle at {at}" for i, at in links if listens_wide(at)]
+
+
+def listens_wide(endpoint: str) -> bool:
+    """A vehicle's link that waits for whatever computer speaks to it."""
+    return endpoint.startswith(_LISTENING) and leaves_loopback(endpoint)
 
 
 def refuse_exposed(exposures: Iterable[str], fleet_file: str) -> None:

@@ -59,6 +59,7 @@ def test_a_damaged_memory_needs_attention(
     [
         ("agents: [{id: 1}]", "no vehicle has an endpoint"),
         ("agents: [{id: 1, endpoint: x, wrong: 2}]", "wrong"),
+        ("agents: [{id: 1, endpoint: 'tcpin:0.0.0.0:5760'}]", "listens for its vehicle at tcpin"),
     ],
 )
 def test_refusals(tmp_path: Path, text: str, why: str) -> None:

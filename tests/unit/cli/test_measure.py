@@ -54,6 +54,10 @@ def fleet(tmp_path: Path) -> Path:
             "--endpoint is a vehicle of no fleet",
         ),
         (
+            {"endpoint": "udpin:0.0.0.0:14601"},
+            "agent 1 listens for its vehicle at udpin:0.0.0.0:14601, and the fleet has no keys",
+        ),
+        (
             {"vehicles": VehicleKind.PX4, "fleet": "FLEET"},
             "--vehicles starts a vehicle of no fleet; allowed: that alone",
         ),

@@ -80,6 +80,7 @@ def test_over_tcp_a_client_hears_without_a_word() -> None:
         (["--parameter", "SIM_LOSS"], "NAME=NUMBER"),
         (["--parameter", "SIM_NOTHING=1"], "SIM_WIND_SPD"),
         (["--endpoint", "serial:/dev/ttyS0"], "endpoint"),
+        (["--endpoint", "udpin:0.0.0.0:14601"], "any computer could command vehicle 1"),
         (["--endpoint", "udpin:127.0.0.1:1", "--endpoint", "udpin:127.0.0.1:2"], "one a vehicle"),
     ],
 )
