@@ -111,7 +111,7 @@ def read_roster(folder: Path, ca: Path) -> Roster:
 
 
 def parse(data: bytes, where: Path) -> Roster:
-    """The roster of these bytes, whoever wrote them (`read_roster` verifies); TrustError where they
+    """The roster of these bytes, unverified (`read_roster` verifies); TrustError where they
     are none."""
     try:
         return _roster(json.loads(data))

@@ -33,7 +33,7 @@ CLOCK_S: Final = 1.0
 """A clock that steps by more is named."""
 LASTS_S: Final = 1.0
 """A peer's word that ends its part in the mission, or pauses it, counts after so long without
-another one between: one forged state lands nobody."""
+another one between: one forged state lands no agent."""
 _FARTHEST_M: Final = 1e5
 _SLOWEST_S: Final = 8.0
 """Dead time, lag, and what a mission file allows of both."""
