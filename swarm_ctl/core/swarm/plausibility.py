@@ -35,12 +35,14 @@ LASTS_S: Final = 1.0
 """A peer's word that ends its part in the mission, or pauses it, counts after so long without
 another one between: one forged state lands no agent."""
 _FARTHEST_M: Final = 1e5
+"""Beyond every fence, and near enough that no sum or square of such coordinates overflows."""
 _SLOWEST_S: Final = 8.0
 """Dead time, lag, and what a mission file allows of both."""
 _SLOWER_S: Final = 2.0
 """A peer that tells a response which is longer than the plan's by more than this slows the others
 by no more than this: 1 s over the model is what keeps apart (docs/pages/safety.md)."""
 _ROUNDING: Final = 1.05
+"""Speeds that agents keep to are told in 32 bits, and filtered to a tolerance."""
 
 
 class Doubt(StrEnum):
