@@ -91,6 +91,8 @@ def configuration(
         "transport/link/rx/max_message_size": _LONGEST,
         "low_pass_filter": _sizes(),
         "qos/network": [_PASSED_ON],
+        # Its pools carry nothing here, and take 17 MB of /dev/shm a process.
+        "transport/shared_memory/enabled": False,
         "transport/link/tx/batch_size": 8192,
         "transport/link/rx/buffer_size": 8192,
         "transport/link/tx/queue/size/real_time": _PATIENT_QUEUED if patient else _QUEUED,
