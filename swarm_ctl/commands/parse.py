@@ -87,8 +87,8 @@ def shapes(plan: Plan) -> list[str]:
 
 
 def parse(line: str, plan: Plan, marked: Iterable[int] = ()) -> Order:
-    """The order in `line`, for the agents named behind an `@` (`land @1,3-5`, `land @all`) or else
-    for the `marked` ones.
+    """The order in `line`, for the agents that it names (`land @1,3-5`, `land 3`, `land @all`) or
+    else for the `marked` ones.
 
     Raises:
         InputError: with what would be allowed.
@@ -99,7 +99,7 @@ def parse(line: str, plan: Plan, marked: Iterable[int] = ()) -> Order:
     kind = BY_NAME.get(name)
     if kind is None:
         raise InputError(f"no command {name!r}; allowed: {', '.join(BY_NAME)}")
-    if name in ABOUT and arguments and not at:
+    if not kind.usage and arguments and not at:  # `land 3` is `land @3`
         at, arguments = [f"@{','.join(arguments)}"], []
     agents = _agents(at[-1][1:], plan) if at else tuple(sorted(set(marked)))
     if name in ABOUT and not 0 < len(agents) < len(plan.agents):
@@ -203,7 +203,8 @@ def _check(kind: Kind, arguments: list[str], plan: Plan) -> None:
     elif kind.name is CommandKind.TUNE:
         tuned(arguments, planned(plan), plan)
     elif arguments:
-        raise InputError(f"usage: {usage}")
+        said = " ".join(arguments)
+        raise InputError(f"{usage} takes nothing but agents, not {said!r}; e.g. {usage} @1,3-5")
 
 
 def _number(word: str) -> float:

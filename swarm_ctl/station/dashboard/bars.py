@@ -12,7 +12,13 @@ from swarm_ctl.station.dashboard.drawing.picture import Picture
 from swarm_ctl.station.dashboard.drawing.styled_line import SIGN, WAITING, WELL, StyledLine, fit
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.protection import MeshKind
-from swarm_ctl.station.picture.summaries import command_words, meant_by, refusals, verdict
+from swarm_ctl.station.picture.summaries import (
+    command_words,
+    flown_order,
+    meant_by,
+    refusals,
+    verdict,
+)
 from swarm_ctl.station.picture.view import CommandView, SwarmView
 
 BAR_STYLE: Final = {
@@ -54,8 +60,11 @@ def protection_line(picture: Picture) -> tuple[StyledLine, str]:
 
 
 def _step_names(view: SwarmView) -> list[str]:
-    """Of the step that is flown, the longest first."""
+    """Of the step that is flown, or that waits for an order to be flown; the longest first."""
     step = f"step {view.step}/{len(view.plan.steps)}"
+    orders = {flown_order(agent, view) for agent in view.agents if agent.airborne}
+    if len(orders) == 1 and (order := orders.pop()):
+        return [f"{step} waits: {order}", f"{step} waits", step]
     name = step_name(view.plan, view.step)
     return [f"{step}: {name}", f"{step}: {name.partition(' ')[0]}", step]
 

@@ -11,7 +11,7 @@ from swarm_ctl.core.model.plan import FormStep, MoveStep
 from swarm_ctl.core.model.text import agents_named, printable
 from swarm_ctl.core.swarm.gain_update import named
 from swarm_ctl.station.picture.alarms import Alarm, Level
-from swarm_ctl.station.picture.view import CommandView, SwarmView
+from swarm_ctl.station.picture.view import AgentView, CommandView, SwarmView
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +107,15 @@ def command_words(command: Command) -> str:
         return words
     law = named(command.tuning.gains)
     return f"tune {law} from {command.tuning.at_s:.1f} s" if command.commits else f"ask for {law}"
+
+
+def flown_order(agent: AgentView, view: SwarmView) -> str:
+    """The order that an agent flies instead of the mission's step; '': none."""
+    tag = agent.state.override if agent.state is not None else 0
+    if not tag:
+        return ""
+    known = (c.command for c in view.commands if c.command.tag == tag)
+    return next(map(command_words, known), "an order")
 
 
 def refusals(command: CommandView, view: SwarmView) -> dict[str, list[int]]:

@@ -25,6 +25,8 @@ PLAN = hexagon_plan()
         ("land", (), Order("land")),
         ("  hold  ", (3, 1), Order("hold", (), (1, 3))),
         ("land @2", (3,), Order("land", (), (2,))),
+        ("land 3", (1,), Order("land", (), (3,))),
+        ("hold 1,3-4", (), Order("hold", (), (1, 3, 4))),
         ("land @all", (3,), Order("land")),
         ("return @1,4-6", (), Order("return", (), (1, 4, 5, 6))),
         ("form hexagon", (), Order("form", ("hexagon",))),
@@ -45,7 +47,8 @@ def test_orders(line: str, marked: tuple[int, ...], order: Order) -> None:
     [
         ("", "no command ''; allowed: hold, resume, next, form, move, tune, land, return, kill"),
         ("fly", "no command 'fly'; allowed"),
-        ("land now", "usage: land"),
+        ("land now", "@now names no agents; allowed: @all, @1,3-5"),
+        ("land @1 now", "land takes nothing but agents, not 'now'; e.g. land @1,3-5"),
         ("form", "usage: form SHAPE; this mission flies hexagon"),
         ("form two shapes", "usage: form SHAPE"),
         ("move 1", "usage: move NORTH EAST"),

@@ -17,7 +17,9 @@ from swarm_ctl.commands.parse import Order
 from swarm_ctl.core.model.messages import Echo, LinkReport, Phase, SigmaReport
 from swarm_ctl.core.swarm.gain_update import LEAD_S
 from swarm_ctl.runtime.station.ground_station import swarm_now
+from swarm_ctl.station.dashboard.bars import title_line
 from swarm_ctl.station.dashboard.drawing.canvas import Canvas
+from swarm_ctl.station.dashboard.drawing.picture import Picture
 from swarm_ctl.station.dashboard.drawing.styled_line import StyledLine, bar, blocks, fit, gauge
 from swarm_ctl.station.dashboard.drawing.widgets import Heading
 from swarm_ctl.station.dashboard.panes.link_matrix import METRICS
@@ -28,6 +30,7 @@ from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.history import LOSS_WINDOW_S, LinkSeries
 from swarm_ctl.station.picture.link_quality import bad_links, judge, mesh_judgements
 from swarm_ctl.station.picture.model import Model
+from swarm_ctl.station.picture.summaries import flown_order
 from swarm_ctl.station.picture.view import LinkView
 from tests.unit.station.pictures import PICTURES, PLAN
 from tests.unit.station.swarm import flying_model, hexagon_plan, report_of, state_of, status_of
@@ -250,3 +253,17 @@ def test_ended_agents_make_no_bad_links() -> None:
     assert bad_links(view, mesh_judgements(view)) == []
     assert all(agent.phase is Phase.ENDED for agent in view.agents)
     assert len(hexagon_plan(32).agents) == 32
+
+
+def test_an_order_that_is_flown_stands_in_place_of_the_step() -> None:
+    """The mission's step waits meanwhile, and is not what the agents fly."""
+    model = flying_model(PLAN)
+    view = model.view(30.0)
+    assert {flown_order(agent, view) for agent in view.agents} == {""}
+    command = build(Order("move", ("20", "-5")), swarm_now(view), Path())
+    model.fold(command, 30.0)
+    for agent in PLAN.agents:
+        model.fold(state_of(PLAN, agent.id, 30.0, seq=2000, override=command.tag), 30.01)
+    view = model.view(30.1)
+    assert {flown_order(agent, view) for agent in view.agents} == {"move to 20, -5 m"}
+    assert "waits: move to 20, -5 m" in title_line(Picture(view), 120).text

@@ -14,6 +14,7 @@ from swarm_ctl.station.dashboard.drawing.picture import Picture
 from swarm_ctl.station.dashboard.drawing.styled_line import DASH, LEVEL_STYLE, SIGN, WELL, fit
 from swarm_ctl.station.dashboard.drawing.widgets import CellTable, Heading, Words
 from swarm_ctl.station.picture.alarms import Level
+from swarm_ctl.station.picture.summaries import flown_order
 from swarm_ctl.station.picture.view import AgentView, SwarmView
 
 _ROOMY: Final = 92
@@ -75,8 +76,9 @@ def _step(agent: AgentView, view: SwarmView, width: int) -> tuple[str, str]:
     told = agent.newest
     if told is None:
         return DASH, ""
-    name = step_name(view.plan, told.step)
-    done = f" {WELL}" if told.done else ""
+    order = flown_order(agent, view)
+    name = order or step_name(view.plan, told.step)
+    done = f" {WELL}" if told.done and not order else ""
     if len(name + done) > width:
         name = name.partition(" ")[0]
     whole = len(name + done) <= width
