@@ -116,6 +116,15 @@ _AS_IT_COMES: Final = 20.0, 200
 STATE: Final = Channel(
     "state", AgentState, "agent", "agents, stations", _EVERY_TICK, NEWEST, Bounds(153, 200.0, 1000)
 )
+FAR: Final = Channel(
+    "far",
+    AgentState,
+    "agent",
+    "agents",
+    "2 Hz, of more than 16 agents",
+    REPORT,
+    Bounds(153, 4.0, 100),
+)
 CLOCK: Final = Channel(
     "clock", ClockNews, "agent", "agents", _CLOCK_RATE, TIMED, Bounds(12 + 18 * _AGENTS, 10.0, 100)
 )
@@ -144,5 +153,5 @@ BEACON: Final = Channel(
     "beacon", StationBeacon, "station", "agents, stations", "4 Hz", REPORT, Bounds(_KB, 8.0, 100)
 )
 
-_ALL = (STATE, CLOCK, STATUS, SIGMA, EVENT, ACK, COMMAND, BEACON)
+_ALL = (STATE, FAR, CLOCK, STATUS, SIGMA, EVENT, ACK, COMMAND, BEACON)
 CHANNELS: Final[tuple[Channel[object], ...]] = _ALL  # type: ignore[assignment]  # P is invariant

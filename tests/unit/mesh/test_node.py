@@ -143,7 +143,7 @@ def test_what_is_too_large_is_not_even_copied(channel: Channel[Any]) -> None:
 
 def test_bounds_fit_what_is_sent() -> None:
     """The fixed layouts are as large as the table says; of JSON there is room for 250 agents."""
-    assert len(encode(STATE)) == keys.STATE.bounds.size
+    assert len(encode(STATE)) == keys.STATE.bounds.size == keys.FAR.bounds.size
     for channel in CHANNELS:
         assert len(encode(PAYLOADS[channel.payload])) <= channel.bounds.size
 
