@@ -14,7 +14,7 @@ import typer
 
 from swarm_ctl.cli.shared.extras import require
 from swarm_ctl.cli.shared.options import FleetFile, OpenMesh, Speedup, option
-from swarm_ctl.core.model.fleet import Fleet, FleetAgent
+from swarm_ctl.core.model.fleet import Fleet, FleetAgent, Signing
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.errors import InputError, TrustError
 
@@ -79,8 +79,10 @@ def agent(
     own, before = _own(entries, agent_id, endpoint, mesh)
     keys = agent_identity_folder(entries.trust, agent_id, identity)
     connect = tuple(peer or (other.mesh for other in before if other.mesh))
-    if keys is None and not open_mesh:
-        refuse_exposed(exposures(Fleet((own,)), connect), str(fleet or file))
+    signing = Signing.REQUIRED if signing_key else entries.signing
+    if not open_mesh:
+        exposed = exposures(Fleet((own,), None if keys is None else str(keys), signing), connect)
+        refuse_exposed(exposed, str(fleet or file), keys)
     config = AgentConfig(
         plan=plan,
         agent_id=agent_id,

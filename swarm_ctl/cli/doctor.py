@@ -14,11 +14,13 @@ from rich.table import Table
 
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.extras import require
-from swarm_ctl.cli.shared.options import OpenMesh, option, switch
+from swarm_ctl.cli.shared.options import AgentIdentity, OpenMesh, option, switch
 from swarm_ctl.errors import InputError
 
 if TYPE_CHECKING:
+    from swarm_ctl.core.model.fleet import Fleet
     from swarm_ctl.runtime.doctor.examination import ParameterRow, VehicleReport
+    from swarm_ctl.runtime.link_keys import LinkKeys
 
 _TICK_S: Final = 0.05
 _FINE, _ATTENTION, _NOT_REACHED = 0, 1, 3
@@ -35,6 +37,7 @@ def doctor(
     within: Annotated[
         float, option("SECONDS", "At most so long for all vehicles.", min=1.0, max=120.0)
     ] = 15.0,
+    identity: AgentIdentity = None,
     open_mesh: OpenMesh = False,
 ) -> None:
     """Show what vehicles would do in trouble, or this machine's state.
@@ -57,7 +60,8 @@ def doctor(
         swarm-ctl doctor --fleet outdoors.yaml --json | jq '.vehicles[].attention'
     """
     if fleet is not None:
-        raise typer.Exit(_fleet(fleet, within, restore=restore, as_json=as_json, is_open=open_mesh))
+        vehicles, keys = _vehicles(fleet, identity, is_open=open_mesh)
+        raise typer.Exit(_fleet(vehicles, keys, within, restore=restore, as_json=as_json))
     if restore:
         raise InputError("--restore needs vehicles; allowed: with --fleet FILE")
     raise typer.Exit(_machine(as_json=as_json))
@@ -76,20 +80,40 @@ def _machine(*, as_json: bool) -> int:
     return _ATTENTION if any(fact.attention for fact in facts) else _FINE
 
 
-def _fleet(fleet: Path, within_s: float, *, restore: bool, as_json: bool, is_open: bool) -> int:
+def _vehicles(fleet: Path, identity: Path | None, *, is_open: bool) -> tuple[Fleet, LinkKeys]:
+    """The vehicles to ask, with an identity the vehicle of its agent alone, and their keys."""
     require("ground", "doctor --fleet")
     from swarm_ctl.mission.compile.exposure import exposed_links, refuse_exposed
-    from swarm_ctl.runtime.clock import Clock
-    from swarm_ctl.runtime.doctor.examination import examine
     from swarm_ctl.runtime.doctor.fleet import vehicles_of
     from swarm_ctl.runtime.link_keys import LinkKeys
+    from swarm_ctl.trust.identity import load_identity
+
+    vehicles = vehicles_of(fleet)
+    keys = LinkKeys.of(vehicles, identity)
+    if identity is not None:
+        own = load_identity(identity).agent_id
+        named = tuple(agent for agent in vehicles.agents if agent.id == own)
+        if not named:
+            ids = ", ".join(str(agent.id) for agent in vehicles.agents)
+            raise InputError(
+                f"--identity {identity}: is agent {own}, which {fleet} does not have;"
+                f" allowed: that of {ids}"
+            )
+        vehicles = dataclasses.replace(vehicles, agents=named)
+    if not is_open:
+        exposed = exposed_links(dataclasses.replace(vehicles, signing=keys.rule))
+        refuse_exposed(exposed, str(fleet), keys.trust)
+    return vehicles, keys
+
+
+def _fleet(
+    vehicles: Fleet, keys: LinkKeys, within_s: float, *, restore: bool, as_json: bool
+) -> int:
+    from swarm_ctl.runtime.clock import Clock
+    from swarm_ctl.runtime.doctor.examination import examine
     from swarm_ctl.runtime.ticker import Ticker
     from swarm_ctl.runtime.vehicle_memory import VehicleMemory, state_folder
 
-    vehicles = vehicles_of(fleet)
-    if not is_open:
-        refuse_exposed(exposed_links(vehicles), str(fleet))
-    keys = LinkKeys.of(vehicles)
     memory, ticker = VehicleMemory(state_folder()), Ticker(Clock.starting_now(), _TICK_S)
     reports = examine(
         vehicles.agents, memory, ticker, within_s=within_s, restore=restore, keys=keys

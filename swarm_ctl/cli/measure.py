@@ -11,7 +11,7 @@ import typer
 
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.extras import require
-from swarm_ctl.cli.shared.options import OpenMesh, Speedup, option, switch
+from swarm_ctl.cli.shared.options import AgentIdentity, OpenMesh, Speedup, option, switch
 from swarm_ctl.cli.shared.writable import require_writable
 from swarm_ctl.cli.sim import Persona
 from swarm_ctl.core.model.fleet import Fleet, FleetAgent, VehicleKind
@@ -63,6 +63,7 @@ def measure(
     ] = 10.0,
     box: Annotated[float | None, option("METRES", _BOX)] = None,
     dry_run: Annotated[bool, switch("--dry-run", "Fly and show, but write no file.")] = False,
+    identity: AgentIdentity = None,
     open_mesh: OpenMesh = False,
     speedup: Speedup = 1.0,
 ) -> None:
@@ -105,7 +106,7 @@ def measure(
         task = Task((FleetAgent(sysid, sysid, kind, None, None, TYPICAL[kind], vehicles),))
     elif endpoint is None:
         require("ground", "measure without --endpoint")
-        task = task_of(mission, fleet, dry_run=dry_run)
+        task = task_of(mission, fleet, identity, dry_run=dry_run)
     elif fleet or mission or agent_id:
         raise InputError(
             "--endpoint is a vehicle of no fleet; allowed: that, or a mission or --fleet with --id"
@@ -117,7 +118,8 @@ def measure(
         require_writable(task.file, "or fly with --dry-run")
     chosen = task.chosen(agent_id)
     if not open_mesh:
-        refuse_exposed(exposed_links(Fleet(tuple(chosen), task.keys.trust)), str(fleet or "FILE"))
+        exposed = exposed_links(Fleet(tuple(chosen), signing=task.keys.rule))
+        refuse_exposed(exposed, str(fleet or "FILE"), task.keys.trust)
     steps = task.steps(speed, height, box)
     ticker = Ticker(Clock.starting_now(speedup), task.tick_s)
 

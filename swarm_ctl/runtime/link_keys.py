@@ -12,7 +12,7 @@ from swarm_ctl.core.model.fleet import Signing as Rule
 from swarm_ctl.mavlink.signing import Signing
 from swarm_ctl.mavlink.stamp import kept_signing
 from swarm_ctl.runtime.clock import unix_s
-from swarm_ctl.runtime.protection import agent_identity_folder
+from swarm_ctl.runtime.protection import agent_identity_folder, own_identity
 from swarm_ctl.trust.identity import MAVLINK_KEY, STAMP
 
 AGENT: Final = 0
@@ -28,11 +28,14 @@ class LinkKeys:
 
     trust: str | None = None
     rule: Rule = Rule.OFF
+    given: Path | None = None
+    """The identity of one agent, whose folder is not in `trust`."""
 
     @classmethod
-    def of(cls, fleet: Fleet) -> LinkKeys:
-        """As the fleet says."""
-        return cls(fleet.trust, fleet.signing)
+    def of(cls, fleet: Fleet, given: Path | None = None) -> LinkKeys:
+        """As the fleet says; with an identity that is `given` alone, links are signed."""
+        alone = given is not None and fleet.trust is None
+        return cls(fleet.trust, Rule.REQUIRED if alone else fleet.signing, given)
 
     def key_file(self, agent: int) -> Path | None:
         """The file with the key of an agent's vehicle; None: its link is open."""
@@ -48,7 +51,10 @@ class LinkKeys:
     def _folder(self, agent: int) -> Path | None:
         if self.rule is not Rule.REQUIRED:
             return None
-        return agent_identity_folder(self.trust, agent)
+        folder = agent_identity_folder(self.trust, agent, self.given)
+        if self.given is not None:
+            own_identity(folder, agent)
+        return folder
 
 
 OPEN: Final = LinkKeys()

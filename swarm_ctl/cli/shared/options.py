@@ -53,6 +53,8 @@ _IDENTITY = (
     " trust]"
 )
 IdentityFolder = Annotated[Path | None, option("FOLDER", _IDENTITY, "--identity")]
+_OF_AGENT = "The folder of one agent's keys, on its host.  [default: agent-ID in the fleet's trust]"
+AgentIdentity = Annotated[Path | None, option("FOLDER", _OF_AGENT, "--identity")]
 _OPEN_MESH = "Fly without keys on a network that other computers reach: any of them may command."
 OpenMesh = Annotated[bool, switch("--open-mesh", _OPEN_MESH)]
 Headless = Annotated[bool, switch("--headless", "Plain log lines instead of the dashboard.")]

@@ -1,4 +1,4 @@
-"""What of an unprotected swarm other computers can reach."""
+"""What of a swarm without keys, or of links without signatures, other computers can reach."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable
 from typing import Final
 
-from swarm_ctl.core.model.fleet import Fleet
+from swarm_ctl.core.model.fleet import Fleet, Signing
 from swarm_ctl.errors import InputError
 
 _HOST: Final = re.compile(r"(?:\w+/|\w+:)?(?P<host>\[[^\]]+\]|[^:/\s\[\]]*):\d+")
@@ -28,10 +28,9 @@ def leaves_loopback(endpoint: str) -> bool:
 
 
 def exposures(fleet: Fleet, peers: Iterable[str] = ()) -> list[str]:
-    """Where a fleet without keys, and `peers` on its mesh, are open to other computers, in
-    words."""
+    """Where a fleet, and `peers` on its mesh, are open to other computers, in words."""
     if fleet.trust is not None:
-        return []
+        return exposed_links(fleet)
     meshes = [(agent.id, agent.mesh or "") for agent in fleet.agents if agent.mesh]
     return [
         *(f"agent {i} is on the mesh at {at}" for i, at in meshes if leaves_loopback(at)),
@@ -41,8 +40,8 @@ def exposures(fleet: Fleet, peers: Iterable[str] = ()) -> list[str]:
 
 
 def exposed_links(fleet: Fleet) -> list[str]:
-    """The same of the vehicles' links alone."""
-    if fleet.trust is not None:
+    """The same of the vehicles' links alone, which keys of the mesh do not protect."""
+    if fleet.signing is Signing.REQUIRED:
         return []
     links = [(agent.id, agent.endpoint or "") for agent in fleet.agents]
     return [f"agent {i} listens for its vehicle at {at}" for i, at in links if listens_wide(at)]
@@ -53,13 +52,23 @@ def listens_wide(endpoint: str) -> bool:
     return endpoint.startswith(_LISTENING) and leaves_loopback(endpoint)
 
 
-def refuse_exposed(exposures: Iterable[str], fleet_file: str) -> None:
-    """InputError where other computers can reach an unprotected swarm, with what makes the keys."""
+def refuse_exposed(exposures: Iterable[str], fleet_file: str, trust: object = None) -> None:
+    """InputError where other computers can reach what nothing protects, with what would.
+
+    Args:
+        exposures: in words.
+        fleet_file: what to make keys for.
+        trust: where the keys are; None: there are none.
+    """
     found = list(exposures)
-    if found:
-        more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
-        raise InputError(
-            f"{found[0]}{more}, and the fleet has no keys: any computer there could command the"
-            f" swarm; allowed: keys (swarm-ctl trust new --fleet {fleet_file}), loopback addresses,"
-            " or --open-mesh"
-        )
+    if not found:
+        return
+    more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
+    lacks = "the fleet has no keys" if trust is None else "the fleet has signing: off"
+    reached = "swarm" if trust is None else "vehicle"
+    made = f"keys (swarm-ctl trust new --fleet {fleet_file})"
+    raise InputError(
+        f"{found[0]}{more}, and {lacks}: any computer there could command the {reached};"
+        f" allowed: {made if trust is None else 'signing: required'}, loopback addresses,"
+        " or --open-mesh"
+    )

@@ -287,13 +287,14 @@ def _real_vehicles(mission: MissionFile, _plan: Plan) -> Findings:
 
 
 def _open_to_others(mission: MissionFile, _plan: Plan) -> Findings:
-    exposed = exposures(fleet_of(mission))
+    fleet = fleet_of(mission)
+    exposed = exposures(fleet)
     if exposed:
         more = f" (and {len(exposed) - 1} more)" if len(exposed) > 1 else ""
-        what = (
-            f"{exposed[0]}{more}, and there are no keys: run refuses it; swarm-ctl trust new"
-            " --fleet FILE makes them, and trust: FOLDER in the fleet names them"
-        )
+        what = f"{exposed[0]}{more}, and there are no keys: run refuses it; swarm-ctl trust new"
+        what += " --fleet FILE makes them, and trust: FOLDER in the fleet names them"
+        if fleet.trust is not None:
+            what = f"{exposed[0]}{more}, with signing: off: run refuses it; signing: required"
         yield Finding(("fleet", "agents"), what, "")
 
 

@@ -98,8 +98,11 @@ class Task:
         return Steps(fastest, height, math.ceil(least) if box is None else box)
 
 
-def task_of(mission: Path | None, fleet: Path | None, *, dry_run: bool) -> Task:
-    """The vehicles of a mission or of a fleet file.
+def task_of(
+    mission: Path | None, fleet: Path | None, identity: Path | None = None, *, dry_run: bool
+) -> Task:
+    """The vehicles of a mission or of a fleet file, and the keys of their links; `identity`: those
+    of one agent.
 
     InputError where there are none, or where their file can't be written and this is no `dry_run`.
     """
@@ -114,11 +117,11 @@ def task_of(mission: Path | None, fleet: Path | None, *, dry_run: bool) -> Task:
         simulated = all(agent.endpoint is None for agent in loaded.fleet.agents)
         fence = None if simulated else plan.fence
         limit_mps = plan.limits.speed_mps
-        keys = LinkKeys.of(loaded.fleet)
+        keys = LinkKeys.of(loaded.fleet, identity)
         task = Task(loaded.fleet.agents, file, plan.tick_s, limit_mps, fence, plan.origin, keys)
     elif fleet is not None:
         read = fleet_file.read_fleet(fleet)
-        task = Task(read.agents, fleet, keys=LinkKeys.of(read))
+        task = Task(read.agents, fleet, keys=LinkKeys.of(read, identity))
     else:
         raise InputError("no vehicle; allowed: --fleet FILE, a mission, or --endpoint URL")
     if not dry_run:

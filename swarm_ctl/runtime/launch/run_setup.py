@@ -98,7 +98,7 @@ class RunSetup:
             refuse_useless(identity, mission.fleet.agents)
         exposed = exposures(mission.fleet) + _exposed_stations(mission.fleet, options.gcs)
         if not options.keys.open_mesh:
-            refuse_exposed(exposed, options.keys.fleet_file)
+            refuse_exposed(exposed, options.keys.fleet_file, mission.fleet.trust)
         if options.metrics_port is not None:
             refuse_taken(options.metrics_port, "metrics")
         self._orders = _orders(mission, options)
@@ -284,7 +284,7 @@ def _refuse_lockstep(agents: Sequence[FleetAgent]) -> None:
 
 def _exposed_stations(fleet: Fleet, gcs: Sequence[tuple[str, int]]) -> list[str]:
     """Ground control software on other computers, which could command vehicles without keys."""
-    if fleet.trust is not None:
+    if fleet.signing is Signing.REQUIRED:
         return []
     return [
         f"--gcs {host}:{port} commands the vehicles"

@@ -11,7 +11,6 @@ from swarm_ctl.core.model.text import agents_named, printable, ranges
 from swarm_ctl.station.dashboard.drawing.picture import Picture
 from swarm_ctl.station.dashboard.drawing.styled_line import SIGN, WAITING, WELL, StyledLine, fit
 from swarm_ctl.station.picture.alarms import Level
-from swarm_ctl.station.picture.protection import MeshKind
 from swarm_ctl.station.picture.summaries import (
     command_words,
     flown_order,
@@ -52,7 +51,7 @@ def protection_line(picture: Picture) -> tuple[StyledLine, str]:
     computer."""
     view = picture.view
     line = StyledLine()
-    is_open = view.protection.mesh is MeshKind.OPEN
+    is_open = view.protection.is_open
     for words, good in view.protected:
         line.add(" · " if line.width else " ", "" if is_open else "dim")
         line.add(printable(words), "" if good or is_open else "bold yellow")

@@ -33,18 +33,26 @@ class Protection:
     """It is no mere viewer."""
     signing: bool = False
     """The vehicles' links have to be signed."""
+    links_open: bool = False
+    """Other computers reach vehicles' links that are not signed."""
+
+    @property
+    def is_open(self) -> bool:
+        """Any computer of the network may command the swarm, or a vehicle of it."""
+        return self.mesh is MeshKind.OPEN or self.links_open
 
 
 LOCAL: Final = Protection(MeshKind.LOCAL)
 
 
 def protection(identity: Identity | None, signing: Signing, *, is_open: bool = False) -> Protection:
-    """What a station says of its swarm; `is_open`: other computers can reach a mesh without
-    keys."""
+    """What a station says of its swarm; `is_open`: other computers can reach it without
+    keys: its mesh, or where that has keys the links."""
     if identity is None:
         return Protection(MeshKind.OPEN) if is_open else LOCAL
     commands = identity.role is Role.OPERATOR
-    return Protection(MeshKind.TLS, str(identity.member), commands, signing is Signing.REQUIRED)
+    signs = signing is Signing.REQUIRED
+    return Protection(MeshKind.TLS, str(identity.member), commands, signs, is_open and not signs)
 
 
 def protection_words(
@@ -63,6 +71,7 @@ def protection_words(
     if by.mesh is MeshKind.OPEN:
         return [("MESH OPEN", False), ("any computer that reaches it may command", False)]
     links = f"links signed {signed}/{agents}" if by.signing else "links not signed"
+    links = "LINKS OPEN" if by.links_open else links
     return [
         (f"mesh TLS {heard}/{agents}", heard == agents),
         (links, signed == agents),

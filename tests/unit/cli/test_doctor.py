@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import re
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,8 @@ from swarm_ctl.cli.doctor import doctor
 from swarm_ctl.core.model.own_parameters import OwnParameters, OwnValue, VehicleIdentity
 from swarm_ctl.errors import InputError
 from swarm_ctl.runtime.vehicle_memory import VehicleMemory
+from swarm_ctl.trust import provision
+from swarm_ctl.trust.provision import Terms
 
 
 def code_of(**arguments: object) -> int:
@@ -69,6 +72,28 @@ def test_refusals(tmp_path: Path, text: str, why: str) -> None:
         doctor(fleet=file)
     with pytest.raises(InputError, match=re.escape("--restore needs vehicles")):
         doctor(restore=True)
+
+
+def test_an_identity_asks_its_own_agent_s_vehicle(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With the keys of one agent, on its drone, the other vehicles' links could not be signed."""
+    provision.new(
+        tmp_path / "field", "field", {2: "127.0.0.1"}, ["anna"], [], Terms(datetime.now(UTC))
+    )
+    file = tmp_path / "fleet.yaml"
+    file.write_text(
+        "agents:\n"
+        "  - {id: 1, endpoint: 'udpin:0.0.0.0:14601'}\n"
+        "  - {id: 2, endpoint: 'udpin:0.0.0.0:14602'}\n"
+    )
+    assert code_of(fleet=file, identity=tmp_path / "field/agent-2", within=1.0) == 3
+    told = capsys.readouterr().out
+    assert "agent 2: sysid 2" in told
+    assert "agent 1" not in told
+    file.write_text("agents: [{id: 1, endpoint: 'udpin:127.0.0.1:14601'}]")
+    with pytest.raises(InputError, match=r"is agent 2, which .* does not have; allowed: .* of 1"):
+        doctor(fleet=file, identity=tmp_path / "field/agent-2")
 
 
 def test_a_vehicle_that_does_not_answer(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -546,6 +546,10 @@ def _protected(by: Protection, *signed: int) -> SwarmView:
             _protected(Protection(MeshKind.OPEN)),
             " MESH OPEN · any computer that reaches it may command",
         ),
+        (
+            _protected(Protection(MeshKind.TLS, "operator anna", links_open=True)),
+            " mesh TLS 6/6 · LINKS OPEN · operator anna",
+        ),
     ],
 )
 def test_what_keeps_others_off_is_on_every_screen(view: SwarmView, told: str) -> None:
@@ -561,9 +565,14 @@ def test_what_keeps_others_off_is_on_every_screen(view: SwarmView, told: str) ->
     _play(play, view)
 
 
-def test_an_open_mesh_is_red() -> None:
-    line, style = protection_line(
-        Picture(_protected(Protection(MeshKind.OPEN)), (), (), 0, Chosen())
-    )
-    assert "MESH OPEN" in line.text
+@pytest.mark.parametrize(
+    ("by", "words"),
+    [
+        (Protection(MeshKind.OPEN), "MESH OPEN"),
+        (Protection(MeshKind.TLS, "operator anna", links_open=True), "LINKS OPEN"),
+    ],
+)
+def test_what_is_open_is_red(by: Protection, words: str) -> None:
+    line, style = protection_line(Picture(_protected(by), (), (), 0, Chosen()))
+    assert words in line.text
     assert style.endswith("on red")
