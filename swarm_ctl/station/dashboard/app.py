@@ -12,7 +12,7 @@ from functools import partial
 from typing import ClassVar, Final, TypeVar
 
 from textual.app import App, ComposeResult
-from textual.binding import Binding, BindingType
+from textual.binding import BindingType
 from textual.containers import Horizontal
 from textual.driver import Driver
 from textual.events import Event, Key, Paste
@@ -20,7 +20,7 @@ from textual.screen import Screen
 from textual.timer import Timer
 from textual.widgets import DataTable, Footer, Input, Label, TabbedContent
 
-from swarm_ctl.commands.parse import KINDS, Order, parse
+from swarm_ctl.commands.parse import Order, parse
 from swarm_ctl.core.model.messages import CommandKind, Phase
 from swarm_ctl.core.model.plan import Plan, Policy
 from swarm_ctl.errors import InputError
@@ -37,6 +37,7 @@ from swarm_ctl.station.dashboard.command_input import CommandInput, Purpose
 from swarm_ctl.station.dashboard.drawing.picture import Chosen, Picture
 from swarm_ctl.station.dashboard.drawing.styled_line import StyledLine
 from swarm_ctl.station.dashboard.drawing.widgets import Painted
+from swarm_ctl.station.dashboard.key_bindings import ALWAYS, ONLY_ON, SCREENS, bindings
 from swarm_ctl.station.dashboard.panes.agent_table import TITLES, in_order
 from swarm_ctl.station.dashboard.panes.help_pane import KEYS, SIGNS, HelpPane, commands
 from swarm_ctl.station.dashboard.panes.link_matrix import METRICS
@@ -45,96 +46,31 @@ from swarm_ctl.station.dashboard.panes.log_pane import LogPane
 from swarm_ctl.station.dashboard.panes.pane import Pane
 from swarm_ctl.station.dashboard.panes.sigma_pane import SigmaPane
 from swarm_ctl.station.dashboard.panes.swarm_pane import SwarmPane
+from swarm_ctl.station.dashboard.styles import CSS
 from swarm_ctl.station.dashboard.themes import DARK, LIGHT, LIGHT_INKS, PLAIN, by_background
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.journal import Journal
 from swarm_ctl.station.picture.view import SwarmView
 
-SCREENS: Final = ("swarm", "links", "sigma", "log", "help")
 _LEVELS: Final = (Level.WELL, Level.WARNING, Level.ERROR)
 T = TypeVar("T")
 _NOTICE_WALL_S: Final = 8.0
-_ALWAYS: Final = ("ctrl+c", "ctrl+q")
-"""Keys that mean the same whatever is open."""
-_ONLY_ON: Final = {
-    "mark_cursor": "swarm",
-    "mark_all": "swarm",
-    "sort_next": "swarm",
-    "sort_turn": "swarm",
-    "metric_next": "links",
-    "level_next": "log",
-    "filter": "log",
-}
-"""Keys that mean something on one screen alone."""
 
 
 def _typed(event: Event) -> Key | Paste | None:
     """What came from the keyboard, unless it means the same whatever is open."""
     if not isinstance(event, Key | Paste) or event.is_forwarded:
         return None
-    return None if isinstance(event, Key) and event.key in _ALWAYS else event
+    return None if isinstance(event, Key) and event.key in ALWAYS else event
 
 
 class Board(Screen[None], inherit_bindings=False):
     """The one screen below all: its tab key is ours."""
 
 
-def at_once(bindings: Sequence[Binding]) -> list[BindingType]:
-    """Keys whose actions are done before the next key is looked at: typed fast, what stands behind
-    a key that opens the command line is no order."""
-    return [replace(binding, priority=True) for binding in bindings]
-
-
-def hidden(keys: dict[str, str]) -> list[Binding]:
-    """Keys that the footer doesn't show, and their actions."""
-    return [Binding(key, action, show=False) for key, action in keys.items()]
-
-
-def _bindings() -> list[BindingType]:
-    shown = {"land": "land", "hold": "hold", "resume": "resume", "next": "next"}
-    orders = [
-        Binding(
-            kind.key,
-            f"command('{kind.name} ')" if kind.usage else f"order('{kind.name}')",
-            shown.get(kind.name, ""),
-            show=kind.name in shown,
-        )
-        for kind in sorted(KINDS, key=lambda kind: kind.name != "land")
-    ]
-    shown_keys = [
-        Binding("ctrl+c", "interrupt", "land all", key_display="^C"),
-        *orders,
-        Binding("colon", "command('')", "command"),
-        Binding("space", "mark_cursor", "mark"),
-        Binding("s", "sort_next", "sort"),
-        Binding("v", "metric_next", "view"),
-        Binding("slash", "filter", "filter"),
-        Binding("slash", "look_for", show=False),
-        Binding("w", "level_next", "worst"),
-        Binding("x", "acknowledge", "seen"),
-        Binding("ctrl+q", "leave", show=False),
-    ]
-    keys = {"q": "leave", "a": "mark_all", "S": "sort_turn", "t": "theme"}
-    return at_once([*shown_keys, *hidden(keys | MOVES)])
-
-
 def _after(value: T, values: Sequence[T], by: int = 1) -> T:
     """The next one, round and round."""
     return values[(values.index(value) + by) % len(values)]
-
-
-MOVES: Final = {
-    **{str(k + 1): f"go('{name}')" for k, name in enumerate(SCREENS[:4])},
-    "question_mark,f1": "go('help')",
-    "tab": "go_on(1)",
-    "shift+tab": "go_on(-1)",
-    "up,k": "cursor(-1)",
-    "down,j": "cursor(1)",
-    "pageup": "scroll(-1)",
-    "pagedown": "scroll(1)",
-    "escape": "unmark",
-}
-"""Keys that move about."""
 
 
 class Dashboard(App[None]):
@@ -144,38 +80,8 @@ class Dashboard(App[None]):
     where this station only watches: then Ctrl-C leaves.
     """
 
-    CSS = """
-    Painted { height: 1; overflow: hidden; }
-    Painted, CellTable, RichLog { scrollbar-size-vertical: 1; background: $background; }
-    VerticalScroll { scrollbar-size-vertical: 1; }
-    TabbedContent, TabPane, ContentSwitcher { height: 1fr; padding: 0; }
-    Tabs, ContentTabs { height: 1; }
-    Tab.-active { text-style: bold reverse; }
-    #matrix, #law, #tally, #empty { height: auto; }
-    CellTable { height: auto; overflow-x: hidden; }
-    #swarm { layout: vertical; }
-    #left { height: auto; max-height: 65%; }
-    #agents { height: auto; max-height: 75%; }
-    #map { height: 1fr; }
-    #recent { height: 3; }
-    #swarm.low #recent { display: none; }
-    #swarm.wide { layout: horizontal; }
-    #swarm.wide #left { height: 1fr; max-height: 100%; }
-    #swarm.wide #agents { max-height: 85%; }
-    #swarm.wide #recent { height: 1fr; }
-    #swarm.wide #map { width: 1fr; }
-    #entries { height: 1fr; scrollbar-gutter: stable; }
-    #keys, #entry { height: 1; }
-    #marked { width: auto; text-style: bold; color: ansi_magenta; }
-    Footer { dock: none; width: 1fr; background: $background; }
-    FooterKey, FooterKey .footer-key--key { background: $background; }
-    FooterKey .footer-key--description { background: $background; }
-    #entry, #question, #protection { display: none; }
-    #question { height: auto; }
-    #prompt { width: 2; padding-left: 1; text-style: bold; }
-    #line { width: 1fr; height: 1; border: none; padding: 0; background: $background; }
-    """
-    BINDINGS: ClassVar[list[BindingType]] = _bindings()
+    CSS = CSS
+    BINDINGS: ClassVar[list[BindingType]] = bindings()
     ENABLE_COMMAND_PALETTE = False
     AUTO_FOCUS = None
 
@@ -394,8 +300,8 @@ class Dashboard(App[None]):
 
     def check_action(self, action: str, _: tuple[object, ...]) -> bool | None:
         """Some keys belong to one screen."""
-        pane = self.pane if action in _ONLY_ON else None
-        return pane is None or pane.id == _ONLY_ON[action]
+        pane = self.pane if action in ONLY_ON else None
+        return pane is None or pane.id == ONLY_ON[action]
 
     def on_tabbed_content_tab_activated(self) -> None:
         self.refresh_bindings()

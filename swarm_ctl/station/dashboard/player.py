@@ -11,9 +11,10 @@ from textual.driver import Driver
 
 from swarm_ctl.commands.parse import KINDS
 from swarm_ctl.errors import InputError
-from swarm_ctl.station.dashboard.app import MOVES, Dashboard, at_once, hidden
+from swarm_ctl.station.dashboard.app import Dashboard
 from swarm_ctl.station.dashboard.command_input import Purpose
 from swarm_ctl.station.dashboard.drawing.widgets import Painted
+from swarm_ctl.station.dashboard.key_bindings import MOVES, at_once, hidden
 from swarm_ctl.station.dashboard.panes.help_pane import SIGNS, HelpPane
 from swarm_ctl.station.dashboard.timeline import Playing, at_speed, timeline
 from swarm_ctl.station.picture.alarms import Level

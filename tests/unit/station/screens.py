@@ -14,7 +14,8 @@ from typing import Final
 from textual.pilot import Pilot
 
 from swarm_ctl.commands.parse import Order
-from swarm_ctl.station.dashboard.app import SCREENS, Dashboard
+from swarm_ctl.station.dashboard.app import Dashboard
+from swarm_ctl.station.dashboard.key_bindings import SCREENS
 from swarm_ctl.station.dashboard.themes import DARK, LIGHT
 from swarm_ctl.station.picture.view import SwarmView
 from tests.unit.station.pictures import PICTURES
