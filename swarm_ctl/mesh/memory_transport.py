@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable
 
 from swarm_ctl.mesh.keys import Qos
-from swarm_ctl.mesh.transport import QueueInlet, Transport
+from swarm_ctl.mesh.transport import Inlet, QueueInlet, Transport
 
 
 class MemoryHub:
@@ -38,6 +38,17 @@ class MemoryHub:
                 member.deliver(key, data, received_s)
 
 
+class MemoryInlet(QueueInlet):
+    """A subscription of a `MemoryTransport`."""
+
+    def __init__(self, end: Callable[[Inlet], None]) -> None:
+        super().__init__()
+        self._end = end
+
+    def end(self) -> None:
+        self._end(self)
+
+
 class MemoryTransport(Transport):
     """One member of a `MemoryHub`."""
 
@@ -60,10 +71,14 @@ class MemoryTransport(Transport):
             inlet.put(received_s, key, data)
 
     def subscribe(self, key_expression: str, *, timed: bool = False) -> QueueInlet:  # noqa: ARG002 - always
-        inlet = QueueInlet()
+        inlet = MemoryInlet(self._forget)
         self._by_key.clear()
         self._inlets.append((re.compile(re.escape(key_expression).replace(r"\*", "[^/]+")), inlet))
         return inlet
+
+    def _forget(self, inlet: Inlet) -> None:
+        self._by_key.clear()
+        self._inlets = [known for known in self._inlets if known[1] is not inlet]
 
     def close(self) -> None:
         if self in self._hub.members:

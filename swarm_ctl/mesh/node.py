@@ -29,7 +29,9 @@ class Node:
         self._transport = transport
         self._swarm = swarm
         self.name: Final = name
-        self._inlets: dict[str, Inlet] = {}
+        self._agents: tuple[int, ...] = ()
+        self._inlets: dict[str, dict[int | str, Inlet]] = {}
+        """By channel; by agent that is followed, or `*`."""
         self._gates: dict[str, Gate] = {}
         self._keys: dict[str, str] = {}
         self._refusals = Refusals()
@@ -37,11 +39,27 @@ class Node:
     def listen(self, *channels: Channel[Any], agents: Iterable[int] = ()) -> None:
         """Subscribe to all publishers of these channels. No flood of others takes the place of the
         messages of `agents`, the plan's."""
-        ids = tuple(agents)
+        self._agents = tuple(agents)
         for channel in channels:
-            keys = channel.key_expression(self._swarm)
-            self._inlets[channel.name] = self._transport.subscribe(keys, timed=channel.qos.timed)
-            known = [channel.key(self._swarm, i) for i in ids if channel.publisher == "agent"]
+            self._open(channel, ("*",))
+
+    def follow(self, channel: Channel[Any], agents: Iterable[int]) -> None:
+        """Subscribe to these agents alone, and end the subscriptions to others. An agent's
+        allowance stays: it gets no new one by being followed again."""
+        wanted = frozenset(agents)
+        known = self._inlets.get(channel.name, {})
+        for agent in known.keys() - wanted:
+            known.pop(agent).end()
+        self._open(channel, sorted(wanted - known.keys()))
+
+    def _open(self, channel: Channel[Any], publishers: Iterable[int | str]) -> None:
+        inlets = self._inlets.setdefault(channel.name, {})
+        for publisher in publishers:
+            key = channel.key(self._swarm, publisher)
+            inlets[publisher] = self._transport.subscribe(key, timed=channel.qos.timed)
+        if channel.name not in self._gates:
+            ids = self._agents if channel.publisher == "agent" else ()
+            known = [channel.key(self._swarm, i) for i in ids]
             self._gates[channel.name] = Gate(channel, known, self._refusals)
 
     def send(self, channel: Channel[P], payload: P) -> None:
@@ -54,7 +72,7 @@ class Node:
     def take(self, channel: Channel[P]) -> list[tuple[P, float]]:
         """(payload, received_s [s]) of the messages since the last call, oldest first; those that
         are refused are left out."""
-        messages = self._inlets[channel.name].drain()
+        messages = [m for inlet in self._inlets[channel.name].values() for m in inlet.drain()]
         if not messages:
             return []
         gate = self._gates[channel.name]

@@ -7,8 +7,9 @@ import struct
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from operator import itemgetter
-from typing import Any, Final, Protocol, TypeAlias
+from typing import Any, Final, NamedTuple, Protocol, TypeAlias
 
+from swarm_ctl.core.swarm.hearing import FOLLOW_TICKS
 from swarm_ctl.mesh.keys import CHANNELS, QUEUE, Channel, Qos, owner_of
 from swarm_ctl.mesh.transport import Carried, Inlet, Message, Transport
 
@@ -26,22 +27,48 @@ Owners: TypeAlias = dict[int, tuple[str, str]]
 INDEX: Final = {channel.name: i for i, channel in enumerate(CHANNELS)}
 
 
+class MarkedSource(NamedTuple):
+    """A subscription to messages with marks."""
+
+    take: Callable[[], Marked | None]
+    """The next message that waits; None: none does."""
+    end: Callable[[], None]
+
+
 class MarkedTransport(Transport, Protocol):
     """A transport whose messages carry a mark beside their bytes."""
 
     def publish(self, key: str, data: bytes, qos: Qos, mark: bytes = b"") -> None:
         """Send without blocking."""
 
-    def subscribe_marked(self, key_expression: str) -> Callable[[], Marked | None]:
-        """What takes the next message that waits; None: none does."""
+    def subscribe_marked(self, key_expression: str) -> MarkedSource:
+        """As `subscribe`."""
+
+
+def _place(key: str) -> tuple[int, str]:
+    """A key's channel, as its place in `CHANNELS`, and its publisher's name; `*`: all of them."""
+    owner, _, channel = key.rpartition("/")
+    return INDEX[channel], owner.rpartition("/")[2]
 
 
 class SteppedInlet(Inlet):
-    """One subscription; `drain` gives what belongs to the tick."""
+    """One subscription; `drain` gives what belongs to the tick.
 
-    def __init__(self, take: Callable[[], Marked | None], owners: Owners) -> None:
-        self._take = take
+    Args:
+        source: where its messages come from.
+        owners: by member, what owns the keys that it speaks under.
+        begins: the first tick of which messages count. How long a subscription takes is the
+            machine's; from which tick on it counts is not.
+        end: forgets this inlet.
+    """
+
+    def __init__(
+        self, source: MarkedSource, owners: Owners, begins: int, end: Callable[[], object]
+    ) -> None:
+        self._take, self._unsubscribe = source
         self._owners = owners
+        self.begins = begins
+        self._forget = end
         self._waiting: list[tuple[int, int, str, Carried]] = []
         self.counts: dict[tuple[int, int], int] = {}
         """Messages that have come, by (tick, member)."""
@@ -59,7 +86,7 @@ class SteppedInlet(Inlet):
             member, tick = self._placed(key, mark, heard)
             if member != _OUTSIDER:
                 self.heard.add(member)
-            if tick:
+            if tick and not 0 < tick < self.begins:
                 self.counts[tick, member] = self.counts.get((tick, member), 0) + 1
                 self._waiting.append((member, tick, key, data))
         self._bound()
@@ -108,6 +135,10 @@ class SteppedInlet(Inlet):
         given, self._given = self._given, []
         return given
 
+    def end(self) -> None:
+        self._unsubscribe()
+        self._forget()
+
 
 class SteppedTransport(Transport):
     """Wraps the transport of one member."""
@@ -115,9 +146,10 @@ class SteppedTransport(Transport):
     def __init__(self, inner: MarkedTransport) -> None:
         self._inner = inner
         self._mark = b""
+        self._tick = 0
         self._published: dict[int, int] = {}
         self._channels: dict[str, int] = {}
-        self._inlets: dict[int, SteppedInlet] = {}
+        self._inlets: dict[tuple[int, str], SteppedInlet] = {}
         self._unwaited: set[tuple[int, int]] = set()
         """Members (by channel) of which a message was missed: not waited for until one comes."""
         self._owners: Owners = {}
@@ -128,7 +160,7 @@ class SteppedTransport(Transport):
 
     def begin(self, member: int, tick: int) -> None:
         """What is published now belongs to this tick; 0: hellos."""
-        self._mark = _MARK.pack(member, tick)
+        self._mark, self._tick = _MARK.pack(member, tick), tick
 
     def publish(self, key: str, data: bytes, qos: Qos) -> None:
         channel = self._channels.get(key)
@@ -143,8 +175,11 @@ class SteppedTransport(Transport):
         return published
 
     def subscribe(self, key_expression: str, *, timed: bool = False) -> SteppedInlet:  # noqa: ARG002 - always
-        inlet = SteppedInlet(self._inner.subscribe_marked(key_expression), self._owners)
-        self._inlets[INDEX[key_expression.rpartition("/")[2]]] = inlet
+        begins = self._tick + FOLLOW_TICKS if self._tick else 0
+        source = self._inner.subscribe_marked(key_expression)
+        place = _place(key_expression)
+        inlet = SteppedInlet(source, self._owners, begins, lambda: self._inlets.pop(place, None))
+        self._inlets[place] = inlet
         return inlet
 
     def hello(self, swarm: str, name: int | str, channels: Iterable[Channel[Any]]) -> None:
@@ -159,7 +194,7 @@ class SteppedTransport(Transport):
         channel that is subscribed to, or (`any_channel`) on all of them."""
         missing: set[int] = set()
         heard: set[int] = set()
-        for channel, inlet in self._inlets.items():
+        for (channel, _), inlet in self._inlets.items():
             inlet.fill()
             heard |= inlet.heard
             missing |= set(members.get(CHANNELS[channel].publisher, ())) - inlet.heard
@@ -169,18 +204,33 @@ class SteppedTransport(Transport):
         self, heard: int, published: Iterable[tuple[int, int, int]], own: int
     ) -> list[tuple[int, int]]:
         """Members and channels of whose messages of tick `heard` some have not come yet."""
-        for inlet in self._inlets.values():
-            inlet.fill(heard)
+        for each in self._inlets.values():
+            each.fill(heard)
         missing = []
         for member, channel, count in published:
-            inlet = self._inlets.get(channel)  # type: ignore[assignment]  # None below
-            if inlet is None or member == own:
+            inlet = self._inlet(member, channel)
+            if inlet is None or member == own or heard < inlet.begins:
                 continue
             if inlet.counts.get((heard, member), 0) >= count:
                 self._unwaited.discard((member, channel))
             else:
                 missing.append((member, channel))
         return [item for item in missing if item not in self._unwaited]
+
+    def _inlet(self, member: int, channel: int) -> SteppedInlet | None:
+        """Where this member's messages come in, if they are subscribed to."""
+        every = self._inlets.get((channel, "*"))
+        return every or self._inlets.get((channel, self._owners.get(member, ("", ""))[1]))
+
+    def unproven(self, published: Iterable[tuple[int, int, int]]) -> bool:
+        """A subscription begins to count with the next tick, and nothing has come yet by which it
+        is known to work; `published`: which members speak."""
+        due = {p: i for p, i in self._inlets.items() if i.begins == self._tick + 1 and not i.heard}
+        for inlet in due.values():
+            inlet.fill()
+        silent = {place for place, inlet in due.items() if not inlet.heard}
+        speak = ((channel, self._owners.get(m, ("", ""))[1]) for m, channel, _ in published)
+        return not silent.isdisjoint(speak) if silent else False
 
     def give(self, heard: int | None, received_s: float) -> None:
         """Let the inlets give out what was published up to tick `heard`; None: all."""

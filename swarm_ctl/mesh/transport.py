@@ -26,6 +26,9 @@ class Inlet(Protocol):
     def drain(self) -> list[Message]:
         """The messages since the last call, oldest first, at most `QUEUE`. Never blocks."""
 
+    def end(self) -> None:
+        """Unsubscribe."""
+
 
 class QueueInlet(Inlet):
     """A queue of the newest `QUEUE` messages, which another thread may fill."""
@@ -41,6 +44,10 @@ class QueueInlet(Inlet):
         # Not more than wait now: the other thread may add as fast as this one takes.
         return [self._waiting.popleft() for _ in range(len(self._waiting))]
 
+    def end(self) -> None:
+        """Take no more."""
+        self._waiting = deque(maxlen=0)
+
 
 class Transport(Protocol):
     """Publish and subscribe by key; a member does not get its own messages."""
@@ -49,7 +56,7 @@ class Transport(Protocol):
         """Send without blocking."""
 
     def subscribe(self, key_expression: str, *, timed: bool = False) -> Inlet:
-        """All messages under keys that match (`*` stands for one part).
+        """All messages under keys that match (`*` stands for one part), until the inlet is ended.
 
         `timed`: `received_s` is when a message came; otherwise it may be the time of `drain`.
         """

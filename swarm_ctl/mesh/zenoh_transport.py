@@ -19,13 +19,15 @@ import zenoh
 
 from swarm_ctl.errors import StartError
 from swarm_ctl.mesh.keys import CHANNELS, QUEUE, Qos
-from swarm_ctl.mesh.stepped_transport import MARK_SIZE, Marked
+from swarm_ctl.mesh.stepped_transport import MARK_SIZE, Marked, MarkedSource
 from swarm_ctl.mesh.transport import Inlet, Message, QueueInlet, Transport
 from swarm_ctl.mesh.zenoh_config import configuration
 
 _FLOOD: Final = 256
 """Samples between two drains of a timed subscription: ten times what 50 agents send in a tick while
 they ask for each other's clocks."""
+_OF_ONE: Final = 64
+"""Samples that wait of one publisher that is subscribed to alone."""
 _CALM_S: Final = 10.0
 """Without a flood, before samples are stamped again."""
 
@@ -93,8 +95,9 @@ class ZenohTransport(Transport):
             return TimedInlet(declare, self._now, lambda: _ring(key_expression))
         return RingInlet(declare(_ring(key_expression)), self._now)
 
-    def subscribe_marked(self, key_expression: str) -> Callable[[], Marked | None]:
-        receive = self._declaring(key_expression)(_ring(key_expression)).try_recv
+    def subscribe_marked(self, key_expression: str) -> MarkedSource:
+        subscriber = self._declaring(key_expression)(_ring(key_expression))
+        receive = subscriber.try_recv
 
         def take() -> Marked | None:
             sample: Any = receive()
@@ -104,7 +107,7 @@ class ZenohTransport(Transport):
             small = mark is not None and len(mark) <= MARK_SIZE
             return str(sample.key_expr), sample.payload, mark.to_bytes() if small else b""
 
-        return take
+        return MarkedSource(take, subscriber.undeclare)
 
     def _declaring(self, key_expression: str) -> Callable[[Any], Any]:
         """What subscribes with a handler: a callback or a ring."""
@@ -124,7 +127,8 @@ _QUEUES: Final = {channel.name: channel.bounds.queue for channel in CHANNELS}
 def _ring(key_expression: str) -> Any:
     """zenoh's ring of the newest samples. Polling it costs a tenth less CPU than a callback on
     zenoh's thread, and a flood costs Python nothing before it is polled."""
-    return zenoh.handlers.RingChannel(_QUEUES.get(key_expression.rpartition("/")[2], QUEUE))
+    size = _QUEUES.get(key_expression.rpartition("/")[2], QUEUE)
+    return zenoh.handlers.RingChannel(size if "*" in key_expression else min(size, _OF_ONE))
 
 
 class RingInlet(Inlet):
@@ -133,6 +137,7 @@ class RingInlet(Inlet):
     def __init__(self, subscriber: Any, now: Callable[[], float]) -> None:
         self._receive = subscriber.try_recv
         self._now = now
+        self._undeclare = subscriber.undeclare
 
     def drain(self) -> list[Message]:
         now = self._now()
@@ -140,6 +145,9 @@ class RingInlet(Inlet):
         while len(taken) < QUEUE and (sample := self._receive()) is not None:
             taken.append((now, str(sample.key_expr), sample.payload))
         return taken
+
+    def end(self) -> None:
+        self._undeclare()
 
 
 class TimedInlet(Inlet):
@@ -174,6 +182,9 @@ class TimedInlet(Inlet):
             self._inlet = self._queue
             self._replace(self._declare(self._put))
         return taken
+
+    def end(self) -> None:
+        self._subscriber.undeclare()
 
     def _replace(self, subscriber: Any) -> None:
         self._subscriber.undeclare()

@@ -56,7 +56,8 @@ class ImpairedTransport(Transport):
 
     def subscribe(self, key_expression: str, *, timed: bool = False) -> Inlet:
         links = []
-        for name in self._publishers:
+        one = key_expression.split("/")[-2]
+        for name in self._publishers if one == "*" else [one]:
             self._inlets += 1
             dice = random.Random(self._seed * 1_000_003 + self._inlets)
             inlet = self._inner.subscribe(key_expression.replace("*", name), timed=timed)
@@ -89,6 +90,10 @@ class _ImpairedLink:
             arrived.append((at, key, data))
         return arrived
 
+    def end(self) -> None:
+        """Unsubscribe."""
+        self._inlet.end()
+
     def _send(self, sent_s: float, key: str, data: Carried) -> None:
         how, dice = self._owner.impairment, self._dice
         if dice.random() < how.loss:
@@ -109,3 +114,7 @@ class ImpairedInlet(Inlet):
         now = self._now()
         arrived = [message for link in self._links for message in link.due(now)]
         return sorted(arrived, key=lambda message: message[0])
+
+    def end(self) -> None:
+        for link in self._links:
+            link.end()

@@ -15,6 +15,10 @@ SMALL_SWARM: Final = 16
 """Up to so many agents are a mesh of peers, and all are near. Links and messages of a mesh grow
 with the square of the agents: 32 of them fill two cores."""
 
+FOLLOW_TICKS: Final = 5
+"""From the decision to follow a peer to the first tick whose state of that peer is heard. In
+lockstep always; in real time the mesh's word arrives within, even on a busy machine."""
+
 
 def hears_all(plan: Plan) -> bool:
     """All agents of this plan hear all states of each other."""

@@ -4,12 +4,12 @@ makes clock, ticker, wire and mesh of its process; what uses them does not know 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Final
 
 from swarm_ctl.mavlink.stepped_wire import SteppedWire
 from swarm_ctl.mavlink.wires import Wire, open_wire
-from swarm_ctl.mesh.keys import CHANNELS, Channel
+from swarm_ctl.mesh.keys import CHANNELS, STATE, Channel
 from swarm_ctl.mesh.stepped_transport import MarkedTransport, SteppedTransport
 from swarm_ctl.mesh.transport import Transport
 from swarm_ctl.runtime import clock as wall
@@ -23,6 +23,9 @@ _LATE_WALL_S: Final = 2.0
 _JOIN_WALL_S: Final = 10.0
 """For a process that joins a flight, to hear those that fly."""
 _HELLO_WALL_S: Final = 0.05
+_AGAIN_WALL_S: Final = 0.25
+"""A member that waits so long for a tick says hello again: another one may wait to know that it
+hears what it has subscribed to."""
 _LOOK_WALL_S: Final = 0.0002
 _WAIT_WALL_S: Final = 1.0
 _SLOW: Final = 0.1
@@ -95,6 +98,10 @@ class BarrierSeat(Seat):
         self._hello_wall_s = 0.0
         self._assembled = False
         self._in_turn = False
+        self._speaks: tuple[str, int | str] | None = None
+        """The swarm and the own name, of an agent."""
+        self._published: Sequence[tuple[int, int, int]] = ()
+        """Of the tick before."""
         self.agents = 0
         """So many take part, as of the last tick."""
 
@@ -111,6 +118,7 @@ class BarrierSeat(Seat):
         self.member = member = Member(self._address, name, self._phase, port)
         channels = [c for c in CHANNELS if c.publisher == _publisher(name)]
         self._hello = lambda: self._say_hello(swarm, node, channels)
+        self._speaks = (swarm, node) if _publisher(name) == STATE.publisher else None
         self._joined_wall_s = wall.wall_s()
         if self._mesh is not None:
             self._mesh.know(
@@ -133,6 +141,13 @@ class BarrierSeat(Seat):
         if not self._assembled and (mesh is None or self._hears_all(mesh, member)):
             self._assembled = True
             member.ready()
+
+    def _hello_again(self, member: Member) -> None:
+        """On the channel that others may follow."""
+        if self._mesh is not None and self._speaks is not None:
+            self._mesh.begin(member.number, 0)
+            self._mesh.hello(*self._speaks, [STATE])
+            self._mesh.begin(member.number, member.tick + 1)
 
     def _hears_all(self, mesh: SteppedTransport, member: Member) -> bool:
         """Whether every other member's hello has come, on each channel; those that fly already say
@@ -166,13 +181,16 @@ class BarrierSeat(Seat):
 
     def _next(self, member: Member, wall_seconds: float) -> Tick | None:
         if self._assembled and member.tick:
-            return member.wait(wall_seconds)
+            tick = member.wait(min(wall_seconds, _AGAIN_WALL_S))
+            if tick is None:
+                self._hello_again(member)
+            return tick
         self._hello()
         return member.wait(min(wall_seconds, _HELLO_WALL_S))
 
     def _take(self, member: Member, tick: Tick) -> None:
         self._stepped.set(tick.number * member.tick_s)
-        self.agents = tick.agents
+        self.agents, self._published = tick.agents, tick.published
         mesh, wire, now = self._mesh, self._wire, self.clock.now()
         if tick.anew and wire is not None:
             wire.restart(now)
@@ -209,6 +227,8 @@ class BarrierSeat(Seat):
         if member is None or not self._in_turn:
             return
         self._in_turn = False
+        if mesh is not None:
+            self._prove(mesh)
         published = mesh.published() if mesh else {}
         datagrams = {wire.port: wire.written()} if wire else {}
         try:
@@ -217,6 +237,13 @@ class BarrierSeat(Seat):
             self._let_run(str(error))
         if mesh is not None:  # what is said between two ticks belongs to the next one
             mesh.begin(member.number, member.tick + 1)
+
+    def _prove(self, mesh: SteppedTransport) -> None:
+        """Before all go on, be sure that what was subscribed to comes: its way through the mesh
+        takes a time that no tick knows."""
+        until = wall.wall_s() + _LATE_WALL_S
+        while mesh.unproven(self._published) and wall.wall_s() < until:
+            wall.pause(_LOOK_WALL_S)
 
     def _let_run(self, why: str) -> None:
         if self.member is not None:

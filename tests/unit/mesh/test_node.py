@@ -42,7 +42,7 @@ class Mesh:
 
     def __init__(self) -> None:
         self.now = 100.0
-        hub = MemoryHub(lambda: self.now)
+        self.hub = hub = MemoryHub(lambda: self.now)
         self.node = Node(MemoryTransport(hub), "test", 1)
         self.node.listen(*CHANNELS, agents=PLAN)
         self._stranger = MemoryTransport(hub)
@@ -225,6 +225,30 @@ def test_the_largest_swarm_fits() -> None:
     assert len(encode(replace(status, links=links))) <= keys.STATUS.bounds.size
     echoes = tuple(ClockEcho(k, long, long) for k in range(250))
     assert len(encode(ClockNews(1, long, True, echoes))) == keys.CLOCK.bounds.size
+
+
+def test_a_node_hears_those_that_it_follows() -> None:
+    """And no other on that channel; one that is followed again has the allowance that it had."""
+    mesh, bounds = Mesh(), keys.STATE.bounds
+    node = Node(MemoryTransport(mesh.hub), "test", 2)
+    node.listen(keys.FAR, agents=PLAN)
+    node.follow(keys.STATE, [3, 5])
+    for i in (3, 4, 5):
+        mesh.say(keys.STATE, i, of(keys.STATE, i))
+        mesh.say(keys.FAR, i, of(keys.FAR, i))
+    assert [state.agent for state, _ in node.take(keys.STATE)] == [3, 5]
+    assert [state.agent for state, _ in node.take(keys.FAR)] == [3, 4, 5]
+    node.follow(keys.STATE, [4, 5])
+    for i in (3, 4, 5):
+        mesh.say(keys.STATE, i, of(keys.STATE, i))
+    assert sorted(state.agent for state, _ in node.take(keys.STATE)) == [4, 5]
+    for _ in range(2):
+        node.follow(keys.STATE, [5])
+        node.follow(keys.STATE, [4])
+        for k in range(bounds.burst):
+            mesh.say(keys.STATE, 4, replace(of(keys.STATE, 4), seq=k))
+        heard = node.take(keys.STATE)
+    assert len(heard) < 2
 
 
 def test_a_clock_that_is_set_back_keeps_no_owner_away() -> None:

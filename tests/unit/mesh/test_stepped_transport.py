@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 
+from swarm_ctl.core.swarm.hearing import FOLLOW_TICKS
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.keys import Qos
-from swarm_ctl.mesh.stepped_transport import INDEX, Marked, SteppedTransport
+from swarm_ctl.mesh.stepped_transport import INDEX, Marked, MarkedSource, SteppedTransport
 from swarm_ctl.mesh.transport import QUEUE
 
 STATE = INDEX["state"]
@@ -19,12 +20,17 @@ class Wire:
     def __init__(self) -> None:
         self.sent: deque[Marked] = deque()
         self.come: deque[Marked] = deque()
+        self.subscribed: list[str] = []
 
     def publish(self, key: str, data: bytes, qos: Qos, mark: bytes = b"") -> None:
         self.sent.append((key, data, mark))
 
-    def subscribe_marked(self, key_expression: str) -> Callable[[], Marked | None]:
-        return lambda: self.come.popleft() if self.come else None
+    def subscribe_marked(self, key_expression: str) -> MarkedSource:
+        self.subscribed.append(key_expression)
+        return MarkedSource(
+            lambda: self.come.popleft() if self.come else None,
+            lambda: self.subscribed.remove(key_expression),
+        )
 
     def subscribe(self, key_expression: str, *, timed: bool = False) -> None:  # type: ignore[override]
         raise AssertionError("not in lockstep")
@@ -141,3 +147,45 @@ def test_marks_of_the_future_fill_no_memory() -> None:
     transport.lacking(8, [], own=3)
     transport.give(8, 0.4)
     assert drain()[0] == b"never"
+
+
+def test_a_subscription_in_flight_counts_from_a_fixed_tick_on() -> None:
+    """However early its first message comes, the tick from which on it is heard, and waited for, is
+    the same; before that tick the member asks for a proof that it works, of those that speak."""
+    wire = Wire()
+    transport = SteppedTransport(wire)
+    transport.know({1: ("agent", "1"), 2: ("agent", "2")})
+    transport.begin(3, 10)
+    inlet = transport.subscribe(keys.STATE.key("test", 1))
+    first = 10 + FOLLOW_TICKS
+    wire.come.extend(published(1, first - 1, b"early"))
+    assert transport.lacking(first - 1, [(1, STATE, 1), (2, STATE, 1)], own=3) == []
+    transport.give(first - 1, 0.5)
+    assert inlet.drain() == []
+    assert transport.lacking(first, [(1, STATE, 1), (2, STATE, 1)], own=3) == [(1, STATE)]
+    wire.come.extend(published(1, first, b"counts"))
+    assert transport.lacking(first, [(1, STATE, 1)], own=3) == []
+    transport.give(first, 0.6)
+    assert [bytes(data) for _, _, data in inlet.drain()] == [b"counts"]
+    inlet.end()
+    assert wire.subscribed == []
+    assert transport.lacking(first + 1, [(1, STATE, 1)], own=3) == []
+
+
+def test_a_subscription_is_proven_before_it_counts() -> None:
+    """By any message of its publisher, a hello too; one that does not speak is not waited for."""
+    wire = Wire()
+    transport = SteppedTransport(wire)
+    transport.know({1: ("agent", "1"), 2: ("agent", "2")})
+    transport.begin(3, 10)
+    transport.subscribe(keys.STATE.key("test", 1))
+    assert not transport.unproven([(1, STATE, 1)])
+    transport.begin(3, 10 + FOLLOW_TICKS - 1)
+    assert transport.unproven([(1, STATE, 1)])
+    assert not transport.unproven([(2, STATE, 1), (1, INDEX["far"], 1)])
+    speaker = Wire()
+    greeting = SteppedTransport(speaker)
+    greeting.begin(1, 0)
+    greeting.hello("test", 1, [keys.STATE])
+    wire.come.extend(speaker.sent)
+    assert not transport.unproven([(1, STATE, 1)])
