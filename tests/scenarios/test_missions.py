@@ -20,7 +20,7 @@ from tests.scenarios.watched import Watch
 FOLDER = Path(__file__).parents[2] / "missions"
 MISSIONS = sorted(path.name for path in FOLDER.glob("*.yaml"))
 SMALL = ["crossing.yaml", "hexagon.yaml"]
-LARGE = {"thirtytwo.yaml"}
+LARGE = {"thirtytwo.yaml", "hundred.yaml"}
 HURT = {"faults": {2: "failed"}}
 """Who does not complete, by mission: its own timetable drains its battery."""
 FACTOR = 1.5
@@ -102,9 +102,9 @@ def test_from_a_random_start(name: str) -> None:
 @pytest.mark.long
 @pytest.mark.timeout(1200)
 @pytest.mark.parametrize("seed", range(20))
-@pytest.mark.parametrize("name", MISSIONS)
+@pytest.mark.parametrize("name", [name for name in MISSIONS if name != "hundred.yaml"])
 def test_from_random_starts(name: str, seed: int) -> None:
-    """Twenty of them."""
+    """Twenty of them; a hundred agents take minutes for one."""
     flown(scattered(load(FOLDER / name), seed), seed)
 
 

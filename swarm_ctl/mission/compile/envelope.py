@@ -68,7 +68,7 @@ def _speed_mps(plan: Plan, most: float) -> str:
 
 _RESPONSE: Final = ("vehicle", "response")
 ENVELOPE: Final = (
-    StudiedRange(("agents",), "number of agents", lambda p: len(p.agents), 1, 50),
+    StudiedRange(("agents",), "number of agents", lambda p: len(p.agents), 1, 100),
     StudiedRange(
         ("vehicle", "limits", "speed_mps"),
         "speed_mps^2 / (acceleration_mps2 * (r_out - r_in))",
