@@ -15,6 +15,7 @@ from swarm_ctl.cli.agent import agent
 from swarm_ctl.cli.doctor import doctor
 from swarm_ctl.cli.keys import keys
 from swarm_ctl.cli.measure import measure
+from swarm_ctl.cli.missions import missions
 from swarm_ctl.cli.paper import paper
 from swarm_ctl.cli.plan import plan
 from swarm_ctl.cli.replay import replay
@@ -66,6 +67,7 @@ for function in itertools.chain(*_COMMANDS.values()):
     # `send move -20 35`: a number, not an option
     settings = {"ignore_unknown_options": function is send}
     app.command(cls=_Command, context_settings=settings)(function)
+app.add_typer(missions)
 app.add_typer(trust)
 
 
@@ -86,7 +88,7 @@ def top(
 ) -> None:
     """Fly a formation of drones from one terminal.
 
-    Try: swarm-ctl run missions/hexagon.yaml
+    Try: swarm-ctl run hexagon
     """
 
 

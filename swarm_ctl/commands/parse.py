@@ -60,6 +60,8 @@ KINDS: Final[tuple[Kind, ...]] = (
     Kind(CommandKind.READMIT, "", "listen to an expelled agent again", "I"),
 )
 BY_NAME: Final[dict[str, Kind]] = {kind.name: kind for kind in KINDS}
+_ALSO: Final[dict[str, str]] = {"rtl": CommandKind.RETURN, "goto": CommandKind.MOVE}
+"""Names that other ground stations have for a command."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +98,7 @@ def parse(line: str, plan: Plan, marked: Iterable[int] = ()) -> Order:
     words = line.split()
     at = [word for word in words if word.startswith("@")]
     name, *arguments = [word for word in words if not word.startswith("@")] or [""]
+    name = _ALSO.get(name, name)
     kind = BY_NAME.get(name)
     if kind is None:
         raise InputError(f"no command {name!r}; allowed: {', '.join(BY_NAME)}")

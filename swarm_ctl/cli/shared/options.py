@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from swarm_ctl.errors import InputError
+from swarm_ctl.mission.ready import named
 
 
 def option(metavar: str, text: str, *names: str, **more: Any) -> Any:
@@ -32,7 +33,12 @@ def complete_runs(incomplete: str) -> list[str]:
 
 
 MissionFile = Annotated[
-    Path, typer.Argument(metavar="MISSION", help="The mission file, e.g. missions/hexagon.yaml.")
+    Path,
+    typer.Argument(
+        metavar="MISSION",
+        help="The mission file, or a ready mission's name, e.g. hexagon (swarm-ctl missions).",
+        callback=named,
+    ),
 ]
 FleetFile = Annotated[Path | None, option("FILE", "A fleet file instead of the mission's own.")]
 _VEHICLES = (

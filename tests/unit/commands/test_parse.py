@@ -28,6 +28,8 @@ PLAN = hexagon_plan()
         ("land 3", (1,), Order("land", (), (3,))),
         ("hold 1,3-4", (), Order("hold", (), (1, 3, 4))),
         ("land @all", (3,), Order("land")),
+        ("rtl @2", (), Order("return", (), (2,))),
+        ("goto 20 -5", (), Order("move", ("20", "-5"))),
         ("return @1,4-6", (), Order("return", (), (1, 4, 5, 6))),
         ("form hexagon", (), Order("form", ("hexagon",))),
         ("move 20 -5.5 2", (), Order("move", ("20", "-5.5", "2"))),
