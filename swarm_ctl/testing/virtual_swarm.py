@@ -128,7 +128,14 @@ class VirtualSwarm:
         )
         remembering = Remembering(self._memory, f"vehicle:{agent_id}", "test")
         expects, response = self._lockstep, entry.response
-        agent = Agent(plan, agent_id, clock(self.now), expect_station=expects, vehicle=response)
+        agent = Agent(
+            plan,
+            agent_id,
+            clock(self.now),
+            expect_station=expects,
+            vehicle=response,
+            same_clock=() if agent_id in self._clocks else set(ids) - self._clocks.keys(),
+        )
         self.members[agent_id] = Member(agent, link, node, remembering, clock=clock)
         return far
 

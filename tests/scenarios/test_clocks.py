@@ -3,11 +3,15 @@ late news as late."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import pytest
 
 from swarm_ctl.core.model.timeouts import FRESH_S
 from swarm_ctl.core.swarm.peer import Peer
 from swarm_ctl.mesh import keys
+from swarm_ctl.mesh.memory_transport import MemoryTransport
+from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.transport import Inlet, Transport
 from tests.scenarios.faults import FORM, GOOD, Faulty, Row, ahead, apart, mission
 from tests.scenarios.impaired import Impairment
@@ -57,18 +61,44 @@ def test_a_start_takes_no_longer() -> None:
     assert began[1] <= began[0] + 0.5
 
 
-def test_who_is_not_answered_does_not_arm_and_says_why() -> None:
-    """Agent 4 is heard and hears no peer: no peer knows how old its news is, so none flies with
-    it."""
-    faulty = Faulty(Row("deaf", ()), 1)
+@pytest.mark.parametrize(
+    ("clocks", "why"),
+    [
+        ({}, "waiting for the others"),
+        (CLOCKS, "agent 4 is heard and has not answered yet: its clock is not known"),
+    ],
+    ids=["one clock", "own clocks"],
+)
+def test_no_agent_flies_with_one_that_hears_no_peer(
+    clocks: dict[int, Callable[[float], float]], why: str
+) -> None:
+    """Agent 4 is heard, and says that it is not ready, or does not say how old its states are."""
+    faulty = Faulty(Row("deaf", (), clocks=clocks), 1)
     faulty.transports[4].silent |= {"1", "2", "3"}
     faulty.swarm.run(8.0)
-    reasons = [
-        member.status.reason
-        for i, member in faulty.swarm.members.items()
-        if member.status and i != 4
-    ]
-    assert reasons == ["agent 4 is heard and has not answered yet: its clock is not known"] * 3
+    reasons = [m.status.reason for m in faulty.swarm.members.values() if m.status]
+    assert reasons == [why] * 3 + ["agents 1-3 not heard"]
+    assert {goal for m in faulty.swarm.members.values() for goal in m.goals} == {"StandbyGoal"}
+
+
+def test_agents_of_one_clock_say_no_clock_words() -> None:
+    """They know each other's clocks exactly from the first state on. An agent that was started
+    again by hand, with a clock of its own, asks and is answered."""
+    swarm = VirtualSwarm(mission("continue"))
+    listener = Node(MemoryTransport(swarm.mesh), "test", "listener")
+    listener.listen(keys.CLOCK)
+    swarm.wait(lambda s: s.in_step(FORM), 60)
+    assert not listener.take(keys.CLOCK)
+    report = peer(swarm, 1, 2).report(swarm.now)
+    assert (report.clock_ahead_s, report.round_trip_s) == (0.0, 0.0)
+    swarm.kill(3)
+    swarm.run(1.5)
+    began_s = swarm.now
+    swarm.restart(3, clock=lambda now: now - began_s)
+    swarm.run(1.0)
+    for i, j, ahead_s in ((1, 3, -began_s), (3, 1, began_s), (1, 2, 0.0)):
+        known = peer(swarm, i, j).report(swarm.members[i].clock(swarm.now)).clock_ahead_s
+        assert known == pytest.approx(ahead_s, abs=0.03)
 
 
 def test_news_that_is_late_one_way_is_seen_as_late() -> None:

@@ -9,7 +9,7 @@ anywhere is in `Actions`.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass
 
 from swarm_ctl.core.agent import failsafes
@@ -116,6 +116,7 @@ class Agent:
         keys_end_s: when its certificate ends, on the own clock; a flight outlasts it.
         speedup: of mission time; a command may be that much older, because its sender waits by the
             wall clock.
+        same_clock: the agents that were started with it on the same clock.
     """
 
     def __init__(
@@ -128,12 +129,13 @@ class Agent:
         vehicle: Response | None = None,
         keys_end_s: float = math.inf,
         speedup: float = 1.0,
+        same_clock: Container[int] = (),
     ) -> None:
         self._plan = plan
         self._id = agent_id
         self._hash = plan.hash()
         self._navigator = Navigator(plan.origin)
-        self._peers = Peers(plan, agent_id)
+        self._peers = Peers(plan, agent_id, same_clock)
         self._context = context = FlightContext(
             plan,
             agent_id,

@@ -24,6 +24,7 @@ from swarm_ctl.core.model.plan import (
     Step,
     TakeoffStep,
 )
+from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.vehicle import AirborneGoal, Goal, ReleaseGoal, StandbyGoal
 from swarm_ctl.core.swarm.snapshot import Formation
 
@@ -107,7 +108,7 @@ class StepExecutor:
         if view.armed and not context.was_armed and view.healthy:
             context.reason = "the vehicle is armed already; disarm it first"
         else:
-            context.reason = self._preflight.refusal(tick)
+            context.reason = self._preflight.refusal(tick) or self._unheard(tick)
         if not context.reason:
             self._warn(tick)
             context.progress.finish_step(tick.now)
@@ -115,6 +116,13 @@ class StepExecutor:
         elif context.progress.done:
             context.progress.done = False  # health can be lost again while waiting
         return StandbyGoal()
+
+    def _unheard(self, tick: Tick) -> str:
+        """The peers that this agent has never heard, or '': the others see by it that the agent
+        hears them."""
+        gone = self._barrier.departed
+        unheard = [p.id for p in tick.peers.peers if p.state is None and p.id not in gone]
+        return f"{agents_named(unheard)} not heard" if unheard else ""
 
     def _warn(self, tick: Tick) -> None:
         caution = self._preflight.caution(tick)

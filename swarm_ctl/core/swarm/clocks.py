@@ -17,12 +17,15 @@ drifts more, contradicts its bounds. One word that does so may be forged, so it 
 words that agree with each other do, after `STEADY_S`, unless one that agrees with the bounds comes
 between. While a clock is not known, its agent's states are not fresh, and the agent is not lost at
 once.
+
+Agents that a launcher starts on one host share one clock (`SharedClock`): they know it exactly, and
+say no words to each other.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 from typing import Final
 
 from swarm_ctl.core.model.messages import ClockEcho, ClockNews
@@ -40,9 +43,14 @@ STEADY_S: Final = 0.4
 by the states, which come at 20 Hz."""
 _LATE_S: Final = 0.5
 """A state that is later than this does not say how the clock stands."""
+_OTHER_S: Final = 1.0
+"""A shared clock is another one once all states of so long were late."""
 _ECHOED_S: Final = 5.0
 """Words of a peer that has been silent for longer are not given back."""
 _ROUNDING_S: Final = 1e-6
+_READ_S: Final = 0.05
+"""A receiver notes the time, then reads, and may be stopped in between: on one clock, too, a state
+may come from so much later."""
 
 
 class PeerClock:
@@ -121,12 +129,82 @@ class PeerClock:
         return now - since_s >= STEADY_S
 
 
-class Clocks:
-    """One agent's knowledge of its peers' clocks, and what it says of its own."""
+class SharedClock(PeerClock):
+    """The clock of a peer that the launcher has started on the own clock: it is known exactly, and
+    no word of it changes that.
 
-    def __init__(self, own_id: int, others: Iterable[int]) -> None:
+    Another process that speaks as the peer may have another clock: its states are from the future,
+    or late on and on. Then the clock is one like any other, until its states are timely again.
+    `apart` has all clocks that are not the own one.
+    """
+
+    __slots__ = ("_apart", "_late_since_s")
+
+    def __init__(self, apart: set[PeerClock]) -> None:
+        super().__init__()
+        self._apart = apart
+        self._late_since_s: float | None = None
+
+    @property
+    def _shared(self) -> bool:
+        return self not in self._apart
+
+    @property
+    def known(self) -> bool:
+        """Both bounds are finite."""
+        return self._shared or super().known
+
+    def bounds(self, now: float) -> tuple[float, float]:
+        """(0, 0) while it is the own one."""
+        return (0.0, 0.0) if self._shared else super().bounds(now)
+
+    def beyond(self, told_s: float, received_s: float) -> float:
+        """As of any clock; 0 for what the receiver's pace explains."""
+        if not self._shared:
+            return super().beyond(told_s, received_s)
+        ahead_s = told_s - received_s
+        return ahead_s if ahead_s > _READ_S else 0.0
+
+    def told(self, told_s: float, received_s: float) -> None:
+        """As of any clock, and whether it is the own one."""
+        ahead_s = told_s - received_s
+        if -_LATE_S <= ahead_s <= _READ_S:
+            self._late_since_s = self.unknown_s = None
+            self._apart.discard(self)
+            return
+        if not self._shared:
+            super().told(told_s, received_s)
+            return
+        since_s = received_s if self._late_since_s is None else self._late_since_s
+        self._late_since_s = since_s
+        if ahead_s > 0.0 or received_s - since_s >= _OTHER_S:
+            self.forget(told_s, received_s)
+
+    def forget(self, told_s: float, received_s: float) -> None:
+        """It is another clock."""
+        self._late_since_s = None
+        self._apart.add(self)
+        super().forget(told_s, received_s)
+
+    def answered(self, asked_s: float, heard_s: float, told_s: float, received_s: float) -> None:
+        """As of any clock; while it is the own one, only whether the word contradicts that."""
+        if not self._shared:
+            super().answered(asked_s, heard_s, told_s, received_s)
+        elif told_s - received_s <= heard_s - asked_s + _ROUNDING_S:
+            self.stepped_s = max(0.0, told_s - received_s, asked_s - heard_s)
+
+
+class Clocks:
+    """One agent's knowledge of its peers' clocks, and what it says of its own. `same`: those that
+    the launcher has started on the same clock."""
+
+    def __init__(self, own_id: int, others: Iterable[int], same: Container[int] = ()) -> None:
         self._own = own_id
-        self.of = {agent: PeerClock() for agent in others}
+        self._apart: set[PeerClock] = set()
+        self.of = {
+            agent: SharedClock(self._apart) if agent in same else PeerClock() for agent in others
+        }
+        self._apart.update(c for c in self.of.values() if not isinstance(c, SharedClock))
         self._words: dict[int, tuple[float, float]] = {}
         """By agent: the time its newest word told, and when it came."""
         self._said_s = self._asked_s = -math.inf
@@ -144,16 +222,18 @@ class Clocks:
                 clock.answered(echo.told_s, news.time_s - echo.held_s, news.time_s, received_s)
 
     def say(self, now: float) -> ClockNews | None:
-        """The own word, if it is due."""
-        asks = any(clock.unknown_s is not None for clock in self.of.values())
+        """The own word, if it is due: none where all share one clock and none was asked for."""
+        if now - self._said_s < ASK_EVERY_S - _ROUNDING_S or not (self._apart or self._words):
+            return None
+        asks = any(clock.unknown_s is not None for clock in self._apart)
         soon = asks or now - self._asked_s <= EVERY_S
-        if now - self._said_s < (ASK_EVERY_S if soon else EVERY_S) - _ROUNDING_S:
+        if not soon and now - self._said_s < EVERY_S - _ROUNDING_S:
             return None
         self._said_s = now
-        kept = {agent: word for agent, word in self._words.items() if now - word[1] <= _ECHOED_S}
+        self._words = {i: word for i, word in self._words.items() if now - word[1] <= _ECHOED_S}
         return ClockNews(
             self._own,
             now,
             asks,
-            tuple(ClockEcho(i, told, now - came) for i, (told, came) in kept.items()),
+            tuple(ClockEcho(i, told, now - came) for i, (told, came) in self._words.items()),
         )

@@ -18,10 +18,11 @@ _CLEAR: Final = "both places where it may be are kept clear"
 
 
 class Peers:
-    """All other agents of the plan, in the plan's order."""
+    """All other agents of the plan, in the plan's order. `same_clock`: those on the own clock."""
 
-    def __init__(self, plan: Plan, own_id: int) -> None:
-        self.clocks = Clocks(own_id, (agent.id for agent in plan.agents if agent.id != own_id))
+    def __init__(self, plan: Plan, own_id: int, same_clock: Container[int] = ()) -> None:
+        others = (agent.id for agent in plan.agents if agent.id != own_id)
+        self.clocks = Clocks(own_id, others, same_clock)
         limits = Limits.of(plan)
         self._by_id = {agent: Peer(agent, clock, limits) for agent, clock in self.clocks.of.items()}
         self._traffic = Traffic(plan)

@@ -91,6 +91,8 @@ class AgentConfig:
     """Of the frames between agent and vehicle."""
     signing_key: Path | None = None
     """The file with the key that signs them, of an agent that has no identity."""
+    same_clock: tuple[int, ...] = ()
+    """The agents that the launcher starts on the same host with the same `epoch_s`."""
     started_us: int = 0
     """Mission time 0 of the tlog, in microseconds of Unix time."""
 
@@ -227,6 +229,7 @@ def _loop(
         keys_end_s=place.clock.now() + valid_for_s(identity),
         # in lockstep mission time has no pace: no command is old
         speedup=math.inf if config.lockstep else config.speedup,
+        same_clock=config.same_clock,
     )
     memory = VehicleMemory(config.memory) if config.memory else None
     remembering = Remembering(memory, config.endpoint, config.flight)

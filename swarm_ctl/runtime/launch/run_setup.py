@@ -173,6 +173,7 @@ class RunSetup:
             identity=agent_identity_folder(manifest.trust, agent.id),
             # An autopilot that the run itself starts has no key, and ends with it.
             signing=manifest.signing if agent.id not in ordered else Signing.OFF,
+            same_clock=tuple(other.id for other in manifest.fleet),
             started_us=round(manifest.started_at.timestamp() * 1e6),
         )
 

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarm_ctl.core.model.messages import AgentState, ClockNews, Phase
+from swarm_ctl.core.model.messages import AgentState, ClockEcho, ClockNews, Phase
 from swarm_ctl.core.model.timeouts import FRESH_S, NEIGHBOUR_S
 from swarm_ctl.core.swarm.clocks import ASK_EVERY_S, DRIFT, STEADY_S, Clocks, PeerClock
 from swarm_ctl.core.swarm.peer import Peer
@@ -257,3 +257,68 @@ def test_nothing_is_known_at_first() -> None:
     clock = PeerClock()
     assert (clock.known, clock.unknown_s, clock.bounds(3.0)) == (False, None, (-math.inf, math.inf))
     assert Clocks(1, [2]).say(0.0) == ClockNews(1, 0.0, False, ())
+
+
+def shared() -> tuple[Clocks, Peer]:
+    """Agent 1's knowledge of agents 2 and 3, all on one clock, and agent 2 as it hears it."""
+    clocks = Clocks(1, [2, 3], {1, 2, 3})
+    return clocks, Peer(2, clocks.of[2], LIMITS)
+
+
+@given(st.floats(0, 0.5), st.floats(-1e6, 1e6))
+def test_a_shared_clock_is_known_exactly_whatever_words_say(late_s: float, told_s: float) -> None:
+    """A state is as old as it is, from the first one on; no word is said, and a forged one changes
+    nothing, however often it comes."""
+    clocks, peer = shared()
+    peer.hear(state(10.0, 1), 10.0 + late_s)
+    for k in range(20):
+        now = 10.0 + late_s + 0.05 * k
+        assert k or clocks.say(now) is None
+        echo = ClockEcho(1, now - 0.01, 0.0)
+        clocks.hear(ClockNews(2, now + told_s, True, (echo,)), now)
+        assert (peer.clock.known, peer.clock.bounds(now)) == (True, (0.0, 0.0))
+        assert peer.age(now) == pytest.approx(now - 10.0, abs=1e-9)
+        assert peer.view(now).age_at_most_s == pytest.approx(now - 10.0, abs=1e-9)
+    assert peer.clock.stepped_s == pytest.approx(max(0.0, abs(told_s) - 0.01), abs=0.011)
+
+
+def test_a_state_from_the_future_of_a_shared_clock_is_refused() -> None:
+    """In flight it is dropped. From a process that has taken the peer's place it is never fresh,
+    and the clock is asked for."""
+    clocks, peer = shared()
+    peer.hear(state(10.0, 1), 10.0)
+    assert not peer.hear(state(10.15, 2), 10.05)
+    assert peer.hear(state(10.1, 3), 10.1)
+    assert (peer.age(10.1), clocks.say(10.1)) == (0.0, None)
+    assert peer.hear(state(3600.0, 4), 12.0)
+    assert peer.age(12.0) > NEIGHBOUR_S
+    word = clocks.say(12.0)
+    assert word is not None
+    assert word.asks
+
+
+def test_another_process_with_an_older_clock_is_found_out() -> None:
+    """Its states are late on and on, also if no other state of this peer was heard before. One
+    stopped receiver is no reason."""
+    _, peer = shared()
+    for k in range(200):
+        peer.hear(state(0.05 * k, k), 10.0)
+    assert peer.clock.known
+    _, peer = shared()
+    for k in range(25):
+        peer.hear(state(0.05 * k, k), 20.0 + 0.05 * k)
+    assert not peer.clock.known
+    now = travel(peer.clock, steady(-20.0, 0.0), 21.2, Trip(0.0, 0.01, 0.0, 0.01))
+    peer.hear(state(now - 20.0, 30), now)
+    assert peer.age(now) == pytest.approx(0.0, abs=0.02)
+
+
+def test_one_that_knows_of_no_sharing_is_answered() -> None:
+    """An agent that was started again by hand, on the same clock; seconds later no word is said
+    any more."""
+    clocks, _ = shared()
+    clocks.hear(ClockNews(2, 5.0, True, ()), 5.01)
+    assert clocks.say(5.05) == ClockNews(1, 5.05, False, (ClockEcho(2, 5.0, pytest.approx(0.04)),))
+    said = [now for k in range(400) if clocks.say(now := 5.1 + 0.05 * k) is not None]
+    assert len(said) <= 12
+    assert max(said) < 12.0
