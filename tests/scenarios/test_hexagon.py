@@ -237,7 +237,7 @@ def test_preparation_times_out(hexagon: LoadedMission) -> None:
     swarm.kill(2)
     swarm.fly(hexagon.plan.prepare_timeout_s + 10)
     assert set(swarm.outcomes().values()) == {"failed"}
-    assert "(prepare) timed out after 30 s: agent 2 not heard" in texts(swarm)
+    assert "(prepare) timed out after 30 s: not ready: agent 2 not heard" in texts(swarm)
     assert swarm.all_down
 
 
