@@ -91,9 +91,13 @@ class CommandSender:
                     entry.round.hear(ack)
 
     def turn(self, now: float) -> list[SentCommand]:
-        """Send what is due; the commands that have ended since the last turn."""
+        """Send what is due, at most one, since a link takes no two at once (`zenoh_config.py`); the
+        commands that have ended since the last turn."""
         for entry in self._open:
             self._advance(entry, now)
+        due = [each for each in self._open if not each.sent.over and now >= each.due_s]
+        if due:
+            self._repeat(min(due, key=lambda each: each.due_s), now)
         ended = [entry.sent for entry in self._open if entry.sent.over]
         self._open = [entry for entry in self._open if not entry.sent.over]
         return ended
@@ -108,7 +112,6 @@ class CommandSender:
         else:
             sent.failed = entry.round.failed
             sent.over = bool(sent.failed)
-        self._repeat(entry, now)
 
     def _numbered(self, command: Command) -> Command:
         """By its number, agents tell a new command from one that was recorded and sent again."""
@@ -116,6 +119,5 @@ class CommandSender:
         return replace(command, number=self._number)
 
     def _repeat(self, entry: _Open, now: float) -> None:
-        if not entry.sent.over and now >= entry.due_s:
-            entry.due_s = now + self._repeat_s
-            self._publish(entry.sent.command)
+        entry.due_s = now + self._repeat_s
+        self._publish(entry.sent.command)

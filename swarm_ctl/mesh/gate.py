@@ -8,15 +8,21 @@ from collections.abc import Iterable
 from typing import Any, Final
 
 from swarm_ctl.core.model.messages import RefusalReason
-from swarm_ctl.mesh.keys import Bounds, Channel, owner_of
+from swarm_ctl.mesh.keys import BEACON, COMMAND, Bounds, Channel, owner_of
 from swarm_ctl.mesh.refusals import OTHERS, Refusals, named
 from swarm_ctl.mesh.transport import Message
 
 _STRANGERS: Final = 32
 """Owners that are not in the plan (stations, other agents) and have an allowance of their own; all
 others share one."""
+_CROWD_COMMANDS_PER_S: Final = 400.0
+"""Of all further names together: more than two links may bring (`zenoh_config.py`)."""
 _IDLE_S: Final = 60.0
 """A stranger that was silent for so long gives its place to a new one."""
+_FAMILIAR_S: Final = 2.0
+"""A station is familiar when its beacons have come for so long; a name that comes once never is."""
+_NAMES: Final = 1024
+"""That are remembered at a time: a new one takes the place of one that fell silent."""
 _SET_BACK_S: Final = 1.0
 """By more than this the own clock was set back (a station's, to that of the swarm)."""
 _LONGEST_KEY: Final = 256
@@ -55,15 +61,54 @@ class Source:
         return now - self._at_s > _IDLE_S
 
 
-class Gate:
-    """Of one channel. The owners in `known` have an allowance of their own, always."""
+class Stations:
+    """Which stations are familiar, by their beacons. One that was there before a flood of ever new
+    names stays so; one that comes into it becomes so when it finds a place."""
 
-    def __init__(self, channel: Channel[Any], keys: Iterable[str], refusals: Refusals) -> None:
+    def __init__(self) -> None:
+        self._heard: dict[str, tuple[float, float]] = {}
+        """(first, newest beacon [s]) by name."""
+        self._cleared_s = float("-inf")
+
+    def hear(self, name: str, now: float) -> None:
+        """A beacon came at `now` [s]."""
+        first, newest = self._heard.get(name, (now, now))
+        if name not in self._heard and (len(name) > _LONGEST_KEY or not self._room(now)):
+            return
+        # a clock that was set back, or a long silence, starts anew
+        known = newest <= now <= newest + _IDLE_S
+        self._heard[name] = (first if known else now, now)
+
+    def familiar(self, name: str) -> bool:
+        """Its beacons have come for some time."""
+        first, newest = self._heard.get(name, (0.0, 0.0))
+        return newest - first >= _FAMILIAR_S
+
+    def _room(self, now: float) -> bool:
+        if len(self._heard) >= _NAMES and abs(now - self._cleared_s) > _FAMILIAR_S:
+            self._cleared_s = now
+            self._heard = {n: h for n, h in self._heard.items() if self._stays(n, now - h[1])}
+        return len(self._heard) < _NAMES
+
+    def _stays(self, name: str, silent_s: float) -> bool:
+        return silent_s < (_IDLE_S if self.familiar(name) else _FAMILIAR_S / 2)
+
+
+class Gate:
+    """Of one channel. The owners in `known` have an allowance of their own, always; so have
+    `stations` that are familiar."""
+
+    def __init__(
+        self, channel: Channel[Any], keys: Iterable[str], refusals: Refusals, stations: Stations
+    ) -> None:
         self._channel = channel
         self._refusals = refusals
+        self._stations = stations
+        self._familiar: dict[str, Source] = {}
         self._known = {key: self._source(key) for key in keys}
         self._strangers: dict[str, Source] = {}
-        self._crowd = Source(OTHERS, None, channel.bounds)
+        crowded = channel.bounds._replace(per_s=_CROWD_COMMANDS_PER_S)
+        self._crowd = Source(OTHERS, None, crowded if channel is COMMAND else channel.bounds)
         self._cleared_s = float("-inf")
 
     def _source(self, key: str) -> Source:
@@ -72,8 +117,12 @@ class Gate:
 
     def _allowance(self, key: str, now: float) -> Source:
         """Whose allowance a message under `key` takes: for a name too many, without any work."""
-        found = self._strangers.get(key)
+        found = self._strangers.get(key) or self._familiar.get(key)
         if found is not None:
+            return found
+        if self._channel.publisher == "station" and self._stations.familiar(owner_of(key)[1]):
+            self._familiar = {k: s for k, s in self._familiar.items() if not s.idle(now)}
+            found = self._familiar[key] = self._source(key)
             return found
         if len(self._strangers) >= _STRANGERS and now - self._cleared_s > 1.0:
             self._cleared_s = now
@@ -88,6 +137,9 @@ class Gate:
         taken: list[tuple[float, Source, bytes]] = []
         dropped: Counter[Source] = Counter()
         size, known = self._channel.bounds.size, self._known
+        if self._channel is BEACON:
+            for received_s, key, _ in messages:
+                self._stations.hear(owner_of(key)[1], received_s)
         for received_s, key, data in reversed(messages):
             source = known.get(key) or self._allowance(key, received_s)
             if not source.admit(received_s):

@@ -13,7 +13,7 @@ from typing import Any, Final, TypeVar
 
 from swarm_ctl.core.model.messages import Command, Refusal, RefusalReason
 from swarm_ctl.errors import PayloadError
-from swarm_ctl.mesh.gate import Gate, Source
+from swarm_ctl.mesh.gate import Gate, Source, Stations
 from swarm_ctl.mesh.keys import Channel
 from swarm_ctl.mesh.payloads import decode, encode
 from swarm_ctl.mesh.refusals import Refusals
@@ -35,6 +35,7 @@ class Node:
         self._gates: dict[str, Gate] = {}
         self._keys: dict[str, str] = {}
         self._refusals = Refusals()
+        self._stations = Stations()
 
     def listen(self, *channels: Channel[Any], agents: Iterable[int] = ()) -> None:
         """Subscribe to all publishers of these channels. No flood of others takes the place of the
@@ -60,7 +61,7 @@ class Node:
         if channel.name not in self._gates:
             ids = self._agents if channel.publisher == "agent" else ()
             known = [channel.key(self._swarm, i) for i in ids]
-            self._gates[channel.name] = Gate(channel, known, self._refusals)
+            self._gates[channel.name] = Gate(channel, known, self._refusals, self._stations)
 
     def send(self, channel: Channel[P], payload: P) -> None:
         """Publish under the own key."""

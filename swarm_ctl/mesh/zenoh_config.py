@@ -10,7 +10,7 @@ from typing import Any, Final
 import zenoh
 
 from swarm_ctl.mesh.access import as_tls
-from swarm_ctl.mesh.keys import CHANNELS
+from swarm_ctl.mesh.keys import CHANNELS, COMMAND
 from swarm_ctl.mesh.stepped_transport import MARK_SIZE
 
 # zenoh reads it when the first session opens. One worker thread instead of one pool per task: a
@@ -40,6 +40,8 @@ silent connections keep a new peer away), and links in all: for 250 agents and 5
 they leave a process some of its 1024 files."""
 _LONGEST: Final = 2 * max(channel.bounds.size for channel in CHANNELS)
 """Bytes of a message with its key; zenoh puts no longer one together of its parts."""
+_COMMANDS_PER_S: Final = 200.0
+"""That one link may bring. A flood under ever new names has one, an operator one of its own."""
 _PASSED_ON: Final = {
     "id": "passed on",
     "flows": ["ingress"],
@@ -91,6 +93,8 @@ def configuration(
         "transport/link/rx/max_message_size": _LONGEST,
         "low_pass_filter": _sizes(),
         "qos/network": [_PASSED_ON],
+        # in lockstep the receiver counts what was sent, and waits for all of it
+        "downsampling": [] if patient else [_commands(speedup)],
         # Its pools carry nothing here, and take 17 MB of /dev/shm a process.
         "transport/shared_memory/enabled": False,
         "transport/link/tx/batch_size": 8192,
@@ -107,8 +111,9 @@ def configuration(
 
 def _sizes() -> list[dict[str, Any]]:
     """A payload that is larger than its channel allows does not pass a link, nor does anything that
-    is larger than all. Rates are not zenoh's (`downsampling`) but `gate.py`'s: a rule of zenoh's
-    counts all keys of a link together, so that of three owners behind one link it passed one."""
+    is larger than all. Rates are not zenoh's (`downsampling`) but `gate.py`'s, save for commands: a
+    rule of zenoh's counts all keys of a link together, so that of three owners behind one link it
+    passed one."""
     common = {"flows": ["ingress"], "messages": ["put"]}
     channels = [
         common
@@ -121,3 +126,10 @@ def _sizes() -> list[dict[str, Any]]:
     ]
     other = {"id": "other", "key_exprs": ["**"], "size_limit": _LONGEST}
     return [*channels, common | other | {"messages": ["put", "delete", "query", "reply"]}]
+
+
+def _commands(speedup: float) -> dict[str, Any]:
+    """Of a link's commands, those that come 5 ms apart (of mission time) pass: a station sends one
+    at a time, and again. zenoh counts by the wall clock."""
+    rule = {"key_expr": COMMAND.key_expression("*"), "freq": _COMMANDS_PER_S * speedup}
+    return {"id": "commands", "flows": ["ingress"], "messages": ["put"], "rules": [rule]}

@@ -193,6 +193,40 @@ def test_owners_without_number_share_one_allowance() -> None:
     assert len(mesh.node.refused(mesh.now)) <= 8
 
 
+def test_a_station_that_is_familiar_is_heard_among_ever_new_names() -> None:
+    """Its beacons have come for two seconds before strangers take all other places, on both
+    channels; a name that beacons once is not familiar, and 4,000 of them keep no station from
+    becoming it."""
+    mesh = Mesh()
+
+    def flood(round_: int) -> None:
+        for k in range(4000):
+            mesh.say(keys.BEACON, f"evil-{round_}-{k}", of(keys.BEACON, f"evil-{round_}-{k}"))
+            mesh.say(keys.COMMAND, f"evil-{round_}-{k}", Command(f"{k}", "hold", (99,), 1.0))
+
+    def heard(desk: str) -> bool:
+        mesh.say(keys.BEACON, desk, of(keys.BEACON, desk))
+        mesh.taken(keys.BEACON)
+        mesh.say(keys.COMMAND, desk, Command("honest", "land", (), 1.0))
+        flood(10_000 + round(mesh.now))
+        return "honest" in [command.id for command in mesh.taken(keys.COMMAND)]
+
+    for _ in range(9):
+        mesh.say(keys.BEACON, "desk", of(keys.BEACON, "desk"))
+        mesh.taken(keys.BEACON)
+        mesh.now += 0.25
+    for k in range(3):
+        flood(k)
+        mesh.taken(keys.COMMAND)
+        assert heard("desk")
+        mesh.now += 1.0
+    assert not heard("newcomer")
+    told_s = mesh.now
+    while not heard("newcomer"):
+        mesh.now += 1.0
+        assert mesh.now < told_s + 10.0
+
+
 def test_refusals_are_told_for_ten_seconds() -> None:
     mesh = Mesh()
     mesh.say(keys.STATE, 7, STATE)
