@@ -147,7 +147,7 @@ class RefusedFrames:
     def words(self, now: float) -> str:
         """Those of the last full ten seconds, or of the first ones so far; '' where none came."""
         self._turn(now)
-        return self._said or self._told(now - self._since)
+        return self._said or (self._told(now - self._since) if self._window else "")
 
     def _turn(self, now: float) -> None:
         if now - self._since >= _WINDOW_S:

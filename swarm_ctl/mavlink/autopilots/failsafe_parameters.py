@@ -72,6 +72,9 @@ class FailsafeParameters:
         """What was known when a parameter was last set: no confirmation of that."""
         self._changed: set[str] = set()
         """Set to our value, and not yet to the vehicle's own after it."""
+        self._seen: object = None
+        self._unconfirmed: list[str] = []
+        self._released = False
 
     # --- memory ---
 
@@ -81,7 +84,7 @@ class FailsafeParameters:
 
     def recall(self, remembered: Remembered | None) -> None:
         """What an earlier flight that did not give it back remembered of this vehicle."""
-        self._recalled, self._remembered = True, remembered
+        self._recalled, self._remembered, self._seen = True, remembered, None
 
     @property
     def remembers(self) -> bool:
@@ -126,6 +129,7 @@ class FailsafeParameters:
 
     def read(self, names: Iterable[str], heard: Telemetry, now: float) -> list[Message]:
         """PARAM_REQUEST_READ for those that are not known."""
+        self._seen = None
         self._settle(heard, now)
         return self._read(names, heard, now)
 
@@ -136,7 +140,7 @@ class FailsafeParameters:
 
     def take(self, heard: Telemetry, now: float) -> list[Message]:
         """Read and set our values. On an armed vehicle none is set: a pilot may be flying it."""
-        self.given_back = False
+        self.given_back, self._seen = False, None
         self._settle(heard, now)
         return self._look(heard, now) + self._towards(self._wanted, heard, now)
 
@@ -144,16 +148,29 @@ class FailsafeParameters:
         """Set the vehicle's own values again; none while it is armed."""
         own = {name: value.own for name, value in self.own.items()}
         messages = self._look(heard, now) + self._towards(own, heard, now, back=True)
+        self._seen = None
         self.given_back = bool(self.own) and self.released(heard)
         return messages
 
     def unconfirmed(self, heard: Telemetry) -> list[str]:
         """The names of the parameters that are not known to have our value."""
-        return [name for name, value in self._wanted.items() if self._value(heard, name) != value]
+        self._compare(heard)
+        return self._unconfirmed
 
     def released(self, heard: Telemetry) -> bool:
         """Every parameter that was read, or is remembered, has the vehicle's own value."""
-        return self._left.keys() <= self.own.keys() and all(
+        self._compare(heard)
+        return self._released
+
+    def _compare(self, heard: Telemetry) -> None:
+        """Work both out, where a parameter or what is wanted has changed: they are asked for every
+        tick."""
+        if self._seen is heard.parameter_news:
+            return
+        self._seen = heard.parameter_news
+        wanted = self._wanted.items()
+        self._unconfirmed = [name for name, value in wanted if self._value(heard, name) != value]
+        self._released = self._left.keys() <= self.own.keys() and all(
             name not in self._changed and self._confirmed(heard, name, value.own)
             for name, value in self.own.items()
         )

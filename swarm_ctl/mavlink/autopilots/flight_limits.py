@@ -15,7 +15,7 @@ from swarm_ctl.core.model.vehicle import FlightLimit, LimitKind
 from swarm_ctl.mavlink import outgoing
 from swarm_ctl.mavlink.autopilots.timing import RETRY_S, Pacer
 from swarm_ctl.mavlink.outgoing import Message
-from swarm_ctl.mavlink.telemetry.vehicle_telemetry import ParameterValue, Telemetry
+from swarm_ctl.mavlink.telemetry.vehicle_telemetry import Telemetry
 
 _GRAVITY_MPS2: Final = 9.81
 
@@ -50,7 +50,7 @@ class FlightLimits:
         self._system, self._sources, self._decode = system, sources, decode
         self._pacer = Pacer()
         self.names = frozenset(name for source in sources for name in source.names)
-        self._seen: list[ParameterValue | None] | None = None
+        self._seen: object = None
         self._limits: tuple[FlightLimit, ...] = ()
         self._unread: tuple[str, ...] = ()
 
@@ -76,10 +76,9 @@ class FlightLimits:
 
     def _look(self, heard: Telemetry) -> None:
         """Work both out, where a parameter has changed: they are asked for every tick."""
-        seen = [heard.parameters.get(name) for name in self.names]
-        if seen == self._seen:
+        if heard.parameter_news is self._seen:
             return
-        self._seen = seen
+        self._seen = heard.parameter_news
         missing = (s for s in self._sources if not s.optional and not self._known(heard, s))
         self._unread = tuple(" or ".join(source.names) for source in missing)
         self._limits = tuple(self._found(heard))

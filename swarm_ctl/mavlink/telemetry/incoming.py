@@ -226,6 +226,7 @@ def _parameter_value(heard: Telemetry, message: Any, now: float) -> bool:  # noq
         return False
     if name in heard.watched:
         heard.parameters[name] = ParameterValue(message.param_value, message.param_type)
+        heard.parameter_news = object()
     return True
 
 

@@ -1,4 +1,4 @@
-"""What a frame says, as a plain record: a third of the time of pymavlink's message objects.
+"""What a frame says, as a named tuple: a fifth of the time of pymavlink's message objects.
 
 For frames whose checksum the framer has verified. Messages with texts or lists of
 numbers, which are rare, stay pymavlink's.
@@ -6,8 +6,8 @@ numbers, which are rare, stay pymavlink's.
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-from typing import Any, Final
+import collections
+from typing import Any, ClassVar, Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -18,20 +18,29 @@ _V2: Final = 0xFD
 _HEADER_V2, _HEADER_V1 = 10, 6
 _UNREAD_TEXTS: Final = frozenset({"ADSB_VEHICLE"})
 """No fold reads their text, so it may stay bytes."""
+_fields: Final[Any] = collections.namedtuple  # noqa: PYI024 - the names are pymavlink's
 
 
-class Record(SimpleNamespace):
+class Record:
     """The fields of one message by name, as on pymavlink's message objects."""
 
-    message_id: int
+    __slots__ = ()
+    message_id: ClassVar[int]
 
     def get_msgId(self) -> int:  # noqa: N802 - pymavlink's name
         """The message's number."""
         return self.message_id
 
 
-_KINDS: Final[dict[int, Any]] = {
-    number: kind
+def _reader(number: int, kind: Any) -> tuple[Any, int, Any]:
+    """What unpacks a payload, its whole size, and what makes a record of the values."""
+    bases = (Record, _fields(kind.msgname, kind.ordered_fieldnames))
+    record: Any = type(kind.msgname, bases, {"__slots__": (), "message_id": number})
+    return kind.unpacker.unpack_from, kind.unpacker.size, record._make
+
+
+_READERS: Final = {
+    number: _reader(number, kind)
     for number, kind in dialect.mavlink_map.items()
     if number in FOLDS_BY_ID and (not any(kind.array_lengths) or kind.msgname in _UNREAD_TEXTS)
 }
@@ -40,11 +49,12 @@ _KINDS: Final[dict[int, Any]] = {
 def read(frame: MavlinkFrame, codec: Any) -> Any:
     """The message in a frame; `codec`, pymavlink's, reads those with texts or lists. MAVError where
     it refuses one."""
-    kind = _KINDS.get(frame.message_id)
-    if kind is None:
+    reader = _READERS.get(frame.message_id)
+    if reader is None:
         return codec.decode(bytearray(frame.raw))
-    raw, size = frame.raw, kind.unpacker.size
+    unpack, size, record = reader
+    raw = frame.raw
     header = _HEADER_V2 if raw[0] == _V2 else _HEADER_V1
-    payload = raw[header : header + min(raw[1], size)].ljust(size, b"\0")
-    fields = dict(zip(kind.ordered_fieldnames, kind.unpacker.unpack(payload), strict=True))
-    return Record(message_id=frame.message_id, **fields)
+    if raw[1] < size:  # zeros at the end are not sent
+        return record(unpack(raw[header : header + raw[1]].ljust(size, b"\0")))
+    return record(unpack(raw, header))

@@ -70,6 +70,8 @@ class Telemetry:
     contacts: dict[int, Contact] = field(default_factory=dict)
     """By ICAO address."""
     parameters: dict[str, ParameterValue] = field(default_factory=dict)
+    parameter_news: object = field(default_factory=object, compare=False)
+    """Another one after each change of `parameters`: what follows from them is worked out then."""
     counts: dict[int, int] = field(default_factory=dict)
     """Messages folded so far, by message id."""
     uid: str | None = None
@@ -110,5 +112,6 @@ class Telemetry:
             self.system_status_s = -math.inf
             self.estimate = EstimateHealth()
             self.parameters.clear()
+            self.parameter_news = object()
             self.texts.add("the vehicle restarted")
         self.boot_s = boot_s
