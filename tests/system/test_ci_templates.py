@@ -6,7 +6,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from xml.etree import ElementTree as xml
+from xml.etree import ElementTree
 
 import pytest
 import yaml
@@ -37,7 +37,7 @@ def test_the_action_flies_and_keeps_summary_and_junit(tmp_path: Path) -> None:
     arguments = {"MISSION": mission, "ARGUMENTS": "--seed 7 --no-report", "FOLDER": "flown here"}
     ended = _run(FLY["run"], tmp_path, GITHUB_STEP_SUMMARY=str(summary), **arguments)
     assert ended.returncode == 0, ended.stderr
-    cases = xml.parse(tmp_path / "flown here" / "junit.xml").findall(".//testcase")  # noqa: S314 - ours
+    cases = ElementTree.parse(tmp_path / "flown here" / "junit.xml").findall(".//testcase")  # noqa: S314 - ours
     assert cases
     assert "completed" in summary.read_text()
     assert list((tmp_path / "flown here" / "runs").glob("*/summary.json"))
