@@ -42,6 +42,7 @@ _LONGEST: Final = 2 * max(channel.bounds.size for channel in CHANNELS)
 """Bytes of a message with its key; zenoh puts no longer one together of its parts."""
 _COMMANDS_PER_S: Final = 200.0
 """That one link may bring. A flood under ever new names has one, an operator one of its own."""
+_REFUSED: Final = "zenoh_link_tls=warn,zenoh::net::routing::interceptor::access_control=info"
 _PASSED_ON: Final = {
     "id": "passed on",
     "flows": ["ingress"],
@@ -107,6 +108,14 @@ def configuration(
     for key, value in (settings | dict(access or {})).items():
         config.insert_json5(key, json.dumps(value))
     return config
+
+
+def log_refused_links() -> None:
+    """Have zenoh write a line to the standard output for each link that it refuses. Before the
+    first session is opened, once a process; what RUST_LOG asks for is written, too."""
+    given = os.environ.get("RUST_LOG")
+    os.environ["RUST_LOG"] = f"{given},{_REFUSED}" if given else _REFUSED
+    zenoh.init_log_from_env_or("error")
 
 
 def _sizes() -> list[dict[str, Any]]:

@@ -76,6 +76,7 @@ def assert_unharmed(running: Running, names: Sequence[str]) -> None:
     assert summary["min_true_distance_m"] == pytest.approx(UNHARMED_M, rel=0.05)
     told = {name for name, _ in raised(running.folder)}
     assert ("refused frames" in told) == bool({*names} & {*SPOOFS})
+    assert ("refused messages" in told) == ("kill from a zenoh client" in names)
     to_vehicles = {*names} - {*SPOOFS, "kill from a zenoh client"}
     assert ("without a good signature refused" in running.output) == bool(to_vehicles)
 

@@ -6,6 +6,8 @@ from __future__ import annotations
 import json
 import shutil
 import socket
+import subprocess
+import sys
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
@@ -282,6 +284,57 @@ def test_no_agent_passes_a_command_on(trust: Path, protected: bool) -> None:
         assert bool(heard[1]) is not protected
 
 
+LISTENER: Final = """
+import json, select, sys, time
+from contextlib import closing
+from pathlib import Path
+from swarm_ctl.mesh.access import access_settings
+from swarm_ctl.mesh.zenoh_transport import ZenohTransport
+from swarm_ctl.runtime.refused_links import RefusedLinks, reading_log
+from swarm_ctl.trust.identity import load_identity
+
+settings, links = access_settings(load_identity(Path(sys.argv[1])), "hexagon"), RefusedLinks()
+with reading_log(links), closing(ZenohTransport(sys.argv[2:], [], time.monotonic, access=settings)):
+    print("listening", flush=True)
+    refused = ()
+    while not refused and not select.select([sys.stdin], [], [], 0.02)[0]:
+        refused = links.refused(0.0)
+print(json.dumps([refusal.words for refusal in refused]))
+"""
+"""An agent's end of the mesh, which says what it refused as soon as it did, or its standard input
+ends."""
+REFUSED: Final = {
+    "plain TCP": "a link: the other end speaks no TLS: it flies without trust, or is no agent",
+    "no certificate": "a link: the other end has no certificate",
+    "other CA": "a link: the other end does not trust our CA: it is of another swarm, or of old"
+    " keys",
+    "expired": "a link: the other end's certificate has expired, by this host's clock",
+    "old epoch": "a link: the roster of this epoch does not name the other end",
+    "agent-2": None,
+}
+
+
+@pytest.mark.parametrize("other", REFUSED)
+def test_a_refused_link_is_told_with_its_reason(trust: Path, other: str) -> None:
+    """By the agent that refuses it; a member's link is none. What else the process writes is
+    seen."""
+    (port,) = free_ports(1, socket.SOCK_STREAM)
+    at, folder = f"tcp/127.0.0.1:{port}", trust / "field/agent-1"
+    command = [sys.executable, "-c", LISTENER, str(folder), at]
+    pipes: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    settings = member(trust / "field/agent-2") if other == "agent-2" else settings_of(trust, other)
+    with subprocess.Popen(command, **pipes) as listener:
+        assert listener.stdin is not None
+        assert listener.stdout is not None
+        assert listener.stdout.readline() == "listening\n"
+        with closing(ZenohTransport([], [at], time.monotonic, access=settings)):
+            if REFUSED[other] is None:
+                time.sleep(REFUSED_S)
+                listener.stdin.close()
+            refused = json.loads(listener.stdout.readline())
+    assert refused == ([REFUSED[other]] if REFUSED[other] else [])
+
+
 def test_a_kill_from_a_stranger_ends_a_run_without_keys_alone(trust: Path, tmp_path: Path) -> None:
     """Real processes, both runs side by side: the stranger knows where agents listen, and has the
     program."""
@@ -322,6 +375,9 @@ def test_a_kill_from_a_stranger_ends_a_run_without_keys_alone(trust: Path, tmp_p
             "signed": [1, 2, 3],
         }
         assert "mesh TLS 3/3, links signed 3/3, operator anna" in runs[True].output
+        refused = "refused on the mesh: a link: the other end speaks no TLS"
+        assert refused in runs[True].output
+        assert "a link:" not in runs[False].output
 
 
 def kill(folder: Path) -> bool:

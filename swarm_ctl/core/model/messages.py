@@ -286,6 +286,8 @@ class RefusalReason(StrEnum):
     TOO_LARGE = "too large"
     UNREADABLE = "unreadable"
     TOO_MANY = "too many"
+    LINK = "link"
+    """No message: a link to the mesh did not open."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -293,7 +295,8 @@ class Refusal:
     """Mesh messages of one owner of keys that were refused for one reason."""
 
     owner: str
-    """`agent 7`, `station station-77-a1b2c3`; `others`: of more owners than are kept apart."""
+    """`agent 7`, `station station-77-a1b2c3`; `others`: of more owners than are kept apart. Of a
+    link: why."""
     reason: RefusalReason
     words: str
     """The newest one: `a state under agent 7's key says agent 3`."""
