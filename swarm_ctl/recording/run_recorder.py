@@ -16,7 +16,11 @@ from swarm_ctl.recording.mcap_reader import RECORDING
 from swarm_ctl.recording.mcap_recorder import McapRecorder
 
 _STATUS_S: Final = 2.0
-"""Mission time between two statuses of an agent in `statuses.jsonl`."""
+"""Mission time between two statuses of an agent in `statuses.jsonl`, of up to `_FEW` agents; of
+more in proportion, so that the file grows no faster."""
+_FEW: Final = 16
+_MOST_S: Final = 10.0
+"""`run` takes a killed agent's successor for ended 15 s after the last of its statuses there."""
 
 
 class _Lines:
@@ -69,7 +73,8 @@ class RunRecorder:
     def _is_due(self, status: AgentStatus) -> bool:
         if status.outcome is Outcome.RUNNING and status.time_s < self._due.get(status.agent, 0.0):
             return False
-        self._due[status.agent] = status.time_s + _STATUS_S
+        every_s = min(_MOST_S, _STATUS_S * max(1.0, len(self._due) / _FEW))
+        self._due[status.agent] = status.time_s + every_s
         return True
 
     def troubles(self) -> list[str]:

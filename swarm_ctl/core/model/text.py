@@ -51,3 +51,10 @@ def agents_named(ids: Iterable[int]) -> str:
     if not distinct:
         return "this station"
     return f"agent{'s' if len(distinct) > 1 else ''} {ranges(distinct)}"
+
+
+def agents_counted(ids: Iterable[int], room: int = 40) -> str:
+    """As `agents_named`, or `14 agents` where their ids take more than `room` characters."""
+    distinct = set(ids)
+    words = agents_named(distinct)
+    return words if len(words) <= room else f"{len(distinct)} agents"

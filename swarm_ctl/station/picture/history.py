@@ -119,8 +119,10 @@ class HistoryKeeper:
 
 def _grown(series: LinkSeries, report: LinkReport, time_s: float) -> LinkSeries:
     ages = series.ages_s if report.age_s is None else _put(series.ages_s, report.age_s, SAMPLES)
-    kept = tuple(count for count in series.counts if count[0] >= time_s - LOSS_WINDOW_S)
-    return LinkSeries(ages, (*kept, (time_s, report.received, report.lost)))
+    old, counts = 0, series.counts
+    while old < len(counts) and counts[old][0] < time_s - LOSS_WINDOW_S:
+        old += 1
+    return LinkSeries(ages, (*counts[old:], (time_s, report.received, report.lost)))
 
 
 def _put(values: tuple[T, ...], value: T, most: int) -> tuple[T, ...]:

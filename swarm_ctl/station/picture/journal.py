@@ -13,7 +13,7 @@ from enum import StrEnum
 from typing import Final
 
 from swarm_ctl.core.model.messages import Event
-from swarm_ctl.core.model.text import agents_named
+from swarm_ctl.core.model.text import agents_counted
 from swarm_ctl.station.picture.alarms import LEVEL_OF, Alarm, Level, alarms
 from swarm_ctl.station.picture.summaries import answers, by_reason, gather_events, line_of, refusals
 from swarm_ctl.station.picture.view import SwarmView
@@ -197,7 +197,7 @@ class Journal:
             ids = _all_agents([standing.alarm for standing in same])
             last_s = max(standing.gone_s or 0.0 for standing in same)
             self._add(
-                Entry(last_s, EntryKind.CLEARED, Level.WELL, ids, f"{name} ({agents_named(ids)})")
+                Entry(last_s, EntryKind.CLEARED, Level.WELL, ids, f"{name} ({agents_counted(ids)})")
             )
         for standing in over:
             del self._alarms[standing.alarm.key]

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import accumulate, islice
+from operator import attrgetter
 from typing import Final
 
 from swarm_ctl.core.swarm.clocks import PeerClock
@@ -30,6 +33,10 @@ class _Arrival:
     """How old the message before had become."""
     lost: int
     """Missing between the message before and this one."""
+
+
+_REPLACED: Final = attrgetter("replaced_age_s")
+_LOST: Final = attrgetter("lost")
 
 
 class Receiver:
@@ -76,9 +83,8 @@ class Receiver:
     def report(self, now_s: float) -> Reception:
         """The reception at `now_s`."""
         self._forget(now_s)
-        arrivals = list(self._window)[1:]
-        ages = sorted([arrival.replaced_age_s for arrival in arrivals])
-        lost = sum([arrival.lost for arrival in arrivals])
+        ages = sorted(map(_REPLACED, islice(self._window, 1, None)))
+        lost = sum(map(_LOST, islice(self._window, 1, None)))
         return Reception(
             age_s=self._age(now_s),
             age_p50_s=_quantile(ages, 0.5),
@@ -130,9 +136,5 @@ class Receiver:
 def _quantile(ordered: Sequence[float], share: float) -> float | None:
     """The age that is not exceeded for `share` of the time: an age reached counts as long as it
     took to reach it."""
-    wanted, passed = share * sum(ordered), 0.0
-    for age in ordered:
-        passed += age
-        if passed >= wanted:
-            return age
-    return None
+    passed = list(accumulate(ordered))
+    return ordered[bisect_left(passed, share * passed[-1])] if passed else None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -86,6 +87,26 @@ class _Heard:
         return silence is not None and not ended and silence > after_s
 
 
+class _Apart:
+    """Horizontal distances [m] between the agents ever heard."""
+
+    def __init__(self, places: Mapping[int, Point]) -> None:
+        self._at = {agent: k for k, agent in enumerate(places)}
+        ids = list(places)
+        self._between = distances(list(places.values())) if len(places) > 1 else np.zeros((0, 0))
+        others = self._between + np.diag(np.full(len(self._between), np.inf))
+        nearest = others.argmin(axis=1).tolist() if len(others) else []
+        self.nearest = {
+            i: (float(others[k, j]), ids[j])
+            for k, (i, j) in enumerate(zip(ids, nearest, strict=False))
+        }
+        """(metres, the other's id)."""
+
+    def of(self, a: int, b: int) -> float:
+        """Of two agents of whom states were heard."""
+        return float(self._between[self._at[a], self._at[b]])
+
+
 @dataclass(frozen=True, slots=True)
 class _Moment:
     """What all agents' views at one time are made from."""
@@ -93,8 +114,7 @@ class _Moment:
     now_s: float
     lost: set[int]
     step: int
-    between: dict[tuple[int, int], float]
-    """Distance [m] of every two agents, both orders."""
+    apart: _Apart
     formation: set[int]
     """The agents that fly in it and are heard."""
     away_m: dict[int, float]
@@ -230,13 +250,13 @@ class Model:
         step = max((t.step for t in told), default=0)
         formation = {i for i, heard in self._heard.items() if heard.in_formation} - lost
         errors_ = self._errors(step, formation)
-        return _Moment(now_s, lost, step, self._distances(), formation, *errors_)
+        return _Moment(now_s, lost, step, self._apart(), formation, *errors_)
 
     def _edges(self, moment: _Moment) -> tuple[EdgeView, ...]:
         states = {i: heard.state for i, heard in self._heard.items() if heard.state}
         found = edges_in_force(self._plan, moment.step, states)
         return tuple(
-            EdgeView(a, b, moment.between.get((a, b)) if {a, b} <= moment.formation else None)
+            EdgeView(a, b, moment.apart.of(a, b) if {a, b} <= moment.formation else None)
             for a, b in found
         )
 
@@ -253,21 +273,9 @@ class Model:
         heard.last_s = received_s
         return heard
 
-    def _distances(self) -> dict[tuple[int, int], float]:
-        """Horizontal distance [m] of every two agents ever heard, both orders."""
-        found = {
-            i: heard.state.position_ned_m[:2] for i, heard in self._heard.items() if heard.state
-        }
-        if len(found) < 2:
-            return {}
-        between = distances(list(found.values()))
-        ids = list(found)
-        return {
-            (i, j): float(between[a, b])
-            for a, i in enumerate(ids)
-            for b, j in enumerate(ids)
-            if a != b
-        }
+    def _apart(self) -> _Apart:
+        states = ((i, heard.state) for i, heard in self._heard.items())
+        return _Apart({i: state.position_ned_m[:2] for i, state in states if state})
 
     def _errors(self, step: int, formation: set[int]) -> tuple[dict[int, float], dict[int, Point]]:
         """|e_i - mean e| [m] of each agent of the formation in the shape of the newest `form` step,
@@ -323,8 +331,7 @@ class Model:
 
     def _agent(self, agent_id: int, moment: _Moment) -> AgentView:
         heard, now_s = self._heard[agent_id], moment.now_s
-        pairs = ((moment.between.get((agent_id, j)), j) for j in self._heard)
-        near = min(((d, j) for d, j in pairs if d is not None), default=None)
+        near = moment.apart.nearest.get(agent_id)
         return AgentView(
             id=agent_id,
             in_plan=agent_id in self._planned,

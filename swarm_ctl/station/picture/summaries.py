@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 from swarm_ctl.commands.answers import others
 from swarm_ctl.core.model.messages import Command, Event, Phase, Severity
 from swarm_ctl.core.model.plan import FormStep, MoveStep
-from swarm_ctl.core.model.text import agents_named, printable
+from swarm_ctl.core.model.text import agents_counted, agents_named, printable
 from swarm_ctl.core.swarm.gain_update import named
 from swarm_ctl.station.picture.alarms import Alarm, Level
 from swarm_ctl.station.picture.view import AgentView, CommandView, SwarmView
+
+_MANY: Final = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,12 +51,14 @@ def by_reason(alarms: Iterable[Alarm]) -> list[list[Alarm]]:
 
 
 def line_of(same: Sequence[Alarm]) -> str:
-    """Their line: all agents where the words are the same, else the first one's words, and the
-    other agents."""
+    """Their line: all agents where the words are the same, or where more than `_MANY` agents have
+    an alarm of the name; else the first one's words, and the other agents."""
     first, *others = same
+    ids = {agent for alarm in same for agent in alarm.agents}
     if all(alarm.words == first.words for alarm in others):
-        agents = agents_named(agent for alarm in same for agent in alarm.agents)
-        return printable(f"{agents}: {first.words}")
+        return printable(f"{agents_counted(ids)}: {first.words}")
+    if len(ids) > _MANY:
+        return f"{agents_counted(ids)}: {first.name} ({printable(first.text)}, and others)"
     agents = agents_named(agent for alarm in others for agent in alarm.agents)
     return f"{printable(first.text)} (and {len(others)} more: {agents})"
 
@@ -81,9 +86,9 @@ def verdict(view: SwarmView, alarms: Sequence[Alarm]) -> list[tuple[Level, str]]
 def waiting(view: SwarmView) -> list[str]:
     """Which agents the flight waits for, and why; one line a reason, most agents first."""
     unheard = [agent.id for agent in view.agents if agent.phase is None]
-    lines = [f"waiting for {agents_named(unheard)}"] if unheard else []
+    lines = [f"waiting for {agents_counted(unheard)}"] if unheard else []
     told = sorted(reasons(view).items(), key=lambda item: -len(item[1]))
-    return lines + [f"{agents_named(ids)}: {why}" for why, ids in told]
+    return lines + [f"{agents_counted(ids)}: {why}" for why, ids in told]
 
 
 def reasons(view: SwarmView) -> dict[str, list[int]]:
@@ -142,11 +147,11 @@ def answers(command: CommandView, view: SwarmView) -> str:
     meant = meant_by(command, view)
     taken = [i for i in meant if i in command.acks and command.acks[i].accepted]
     open_ = [i for i in meant if i not in command.acks]
-    parts = [f"acknowledged by {agents_named(taken)}"] if taken else []
+    parts = [f"acknowledged by {agents_counted(taken)}"] if taken else []
     parts += [
-        f"refused by {agents_named(ids)}: {why}" for why, ids in refusals(command, view).items()
+        f"refused by {agents_counted(ids)}: {why}" for why, ids in refusals(command, view).items()
     ]
-    parts += [f"waiting for {agents_named(open_)}"] if open_ else []
+    parts += [f"waiting for {agents_counted(open_)}"] if open_ else []
     given = command.command
     rest = others(given.kind, taken, view.plan, view.left.union(meant)) if given.agents else ""
     return f"{command_words(given)}: " + ", ".join(parts) + (f"; {rest}" if rest else "")

@@ -8,6 +8,7 @@ import pytest
 
 from swarm_ctl.core.model.messages import Ack, Event, Severity
 from swarm_ctl.recording.run_recorder import RunRecorder
+from tests.unit.station.swarm import hexagon_plan, status_of
 
 FULL = Path("/dev/full")
 
@@ -26,3 +27,18 @@ def test_a_full_disk_is_told_once(tmp_path: Path) -> None:
         "events.jsonl is not written any more: No space left on device; the flight goes on"
     ]
     assert (tmp_path / "commands.jsonl").read_bytes().count(b"\n") == 3
+
+
+@pytest.mark.parametrize(("agents", "lines"), [(4, 4 * 15), (32, 32 * 8), (100, 380)])
+def test_the_file_of_statuses_grows_no_faster_with_more_agents(
+    tmp_path: Path, agents: int, lines: int
+) -> None:
+    """In 30 s, of statuses at 2 Hz."""
+    plan, recorder = hexagon_plan(agents), RunRecorder(tmp_path, 0, {}, {})
+    for half_second in range(60):
+        for agent in range(1, agents + 1):
+            time_s = 0.5 * half_second
+            recorder.take(status_of(plan, agent, time_s), time_s)
+    recorder.close()
+    found = (tmp_path / "statuses.jsonl").read_bytes().count(b"\n")
+    assert found == pytest.approx(lines, rel=0.2)

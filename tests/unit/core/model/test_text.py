@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarm_ctl.core.model.text import agents_named, printable, ranges
+from swarm_ctl.core.model.text import agents_counted, agents_named, printable, ranges
 
 
 @given(st.text())
@@ -32,3 +32,8 @@ def test_ranges_name_every_number_and_no_other(numbers: set[int]) -> None:
 )
 def test_agents_named(ids: list[int], words: str) -> None:
     assert agents_named(ids) == words
+
+
+def test_many_agents_are_counted_where_their_ids_take_too_much_room() -> None:
+    assert agents_counted(range(1, 101)) == "agents 1-100"
+    assert agents_counted(range(1, 101, 2)) == "50 agents"

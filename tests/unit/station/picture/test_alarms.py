@@ -410,3 +410,14 @@ def test_the_end_is_told_by_the_agents_own_words() -> None:
     assert verdict(model.view(120.0), ()) == [
         (Level.WELL, "all agents have ended, and say: completed")
     ]
+
+
+def test_measured_alarms_of_many_agents_are_counted() -> None:
+    """With the kind first: the figure of one tells little of fourteen."""
+    plan = hexagon_plan(30)
+    model = flying_model(plan, 30.0)
+    for agent in range(2, 30, 2):
+        model.fold(status_of(plan, agent, 30.0, battery_percent=12.0 + agent / 10), 30.0)
+    ((level, text),) = gather_alarms(a for a in alarms(model.view(30.0)) if a.name == "battery")
+    assert level is Level.WARNING
+    assert text == "14 agents: battery (agent 2: battery at 12 %, and others)"
