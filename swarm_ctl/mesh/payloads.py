@@ -44,6 +44,7 @@ stop_point_m, setpoint_mps, frame (point_m, angle_rad, scale, rate), response_s,
 stage, override, gains_tag, next_gains_tag, exchange. Flags: bit 0 done, bit 1 airborne, bit 2 frame
 (else its fields are 0), bits 3 and 4 left (its place in `_LEFT`), bit 5 down."""
 _DONE, _AIRBORNE, _FRAME, _DOWN = 1, 2, 4, 32
+_PHASES: Final[dict[int, Phase]] = {phase.value: phase for phase in Phase}
 _LEFT: Final = (None, *ENDING)
 _LEFT_BIT: Final = 3
 _CLOCK: Final = struct.Struct("<BHd?")
@@ -108,17 +109,33 @@ def _decode_state(data: bytes) -> AgentState:
     # One sum for all floats: it is not finite if one of them is not.
     if not math.isfinite(sum(values[8:25], time_s)):
         raise ValueError("a number is not finite")
-    done, airborne, has_frame = flags & _DONE, flags & _AIRBORNE, flags & _FRAME
-    head = (agent, seq, time_s, plan_hash, Phase(phase), step, bool(done), bool(airborne))
-    # Position and velocity (north, east, down), stop point and command (north, east).
-    motion = (values[8:11], values[11:14], values[14:16], values[16:18])
     angle_rad, scale, rate, response_s, doubt_s, leg = values[20:26]
-    frame = Frame(values[18:20], angle_rad, scale, leg, rate) if has_frame else None
-    stage, command, law, next_law, *exchange = values[26:]
-    progress = (stage, command, law, next_law)
-    ending = (_LEFT[flags >> _LEFT_BIT & 3], bool(flags & _DOWN))
-    response = (response_s, doubt_s)
-    return AgentState(*head, *motion, frame, *progress, _exchange(*exchange), *response, *ending)
+    frame = Frame(values[18:20], angle_rad, scale, leg, rate) if flags & _FRAME else None
+    stage, command, law, next_law = values[26:30]
+    return AgentState(
+        agent,
+        seq,
+        time_s,
+        plan_hash,
+        _PHASES.get(phase) or Phase(phase),
+        step,
+        flags & _DONE != 0,
+        flags & _AIRBORNE != 0,
+        values[8:11],  # position (north, east, down)
+        values[11:14],  # velocity
+        values[14:16],  # stop point (north, east)
+        values[16:18],  # setpoint
+        frame,
+        stage,
+        command,
+        law,
+        next_law,
+        _exchange(*values[30:]),
+        response_s,
+        doubt_s,
+        _LEFT[flags >> _LEFT_BIT & 3],
+        flags & _DOWN != 0,
+    )
 
 
 def _encode_clock(news: ClockNews) -> bytes:

@@ -18,6 +18,7 @@ from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import AgentState, CommandKind, Outcome, Phase, StepOutcome
 from swarm_ctl.core.model.plan import LandStep, Plan, Point, Policy, ReturnStep
+from swarm_ctl.core.model.rows import row
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.timeouts import OWN_FIX_S, OWN_LOST_S
 from swarm_ctl.core.model.vehicle import FALLS_MPS
@@ -37,7 +38,7 @@ class FailsafeTrigger:
     cause: Cause = Cause.VEHICLE
 
 
-@dataclass(frozen=True, slots=True)
+@row
 class Situation:
     """One tick, as the checks see it."""
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TypeAlias
 
 from swarm_ctl.core.control.navigation import OwnFix
 from swarm_ctl.core.model.messages import StationBeacon
+from swarm_ctl.core.model.rows import row
 from swarm_ctl.core.model.timeouts import OWN_FIX_S
 from swarm_ctl.core.model.vehicle import VehicleView
 from swarm_ctl.core.swarm.snapshot import PeerSnapshot
@@ -42,7 +43,7 @@ class Attention:
         return now - since_s - sum(asleep)
 
 
-@dataclass(frozen=True, slots=True)
+@row
 class Tick:
     """One tick: what was heard up to `now` [s, own clock]."""
 

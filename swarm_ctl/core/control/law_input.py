@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 
 from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.plan import Compensation, Plan, Point
+from swarm_ctl.core.model.rows import row
 from swarm_ctl.core.model.timeouts import PREDICT_S
 from swarm_ctl.core.swarm.snapshot import Formation, OtherAircraft, PeerSnapshot
 
@@ -18,7 +18,7 @@ Floats: TypeAlias = NDArray[np.float64]
 Bools: TypeAlias = NDArray[np.bool_]
 
 
-@dataclass(frozen=True, slots=True)
+@row
 class LawInput:
     """The other aircraft as `formation_law.evaluate` takes them: leading size 1, lengths in units.
 

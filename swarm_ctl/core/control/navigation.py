@@ -13,10 +13,10 @@ by it, so the vehicle's position moves as the law asked.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from swarm_ctl.core.model.frames import ned_from_geodetic
 from swarm_ctl.core.model.plan import Geodetic, Point
+from swarm_ctl.core.model.rows import row
 from swarm_ctl.core.model.vehicle import LocalFix, Vector3, VehicleView
 
 AGREE_M = 5.0
@@ -37,7 +37,7 @@ _JUMP_M = 1.0
 """A position that is so far from where the last one led was corrected, not flown."""
 
 
-@dataclass(frozen=True, slots=True)
+@row
 class OwnFix:
     """The own vehicle in the common frame. `position_ned_m` is carried on to the time it was asked
     for."""

@@ -11,7 +11,6 @@ p_j`, `x = |q|`, `S = q . n`, `C = q x n`, `beta = h / N^2`, `D_lb`/`D_ub` the b
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 
 from swarm_ctl.core.model.arrays import Bools, Floats
 from swarm_ctl.core.model.plan import LawParameters
+from swarm_ctl.core.model.rows import row
 
 STATUSES: Final = ("paper", "narrow", "inactive", "overspeed")
 """Names of the pair statuses; `Pairs.status` holds indices into this."""
@@ -30,7 +30,7 @@ _NO_ROOM = 1e-12
 """`D_ub - D_lb` at or under this share of `D_ub` is zero in exact arithmetic."""
 
 
-@dataclass(frozen=True, slots=True)
+@row
 class Pairs:
     """Every pair (i, j) with `x < r_out` and all its numbers, flat: each array has shape (K,)."""
 
@@ -48,7 +48,7 @@ class Pairs:
     status: NDArray[np.uint8]
 
 
-@dataclass(frozen=True, slots=True)
+@row
 class LawResult:
     """`u = consensus + avoidance`, each (..., 2), displacement per iteration [units]."""
 

@@ -23,7 +23,8 @@ class Histogram:
 
     def add(self, value: float) -> None:
         """Count one value; negative ones (clocks that differ) count as zero."""
-        self._bins[min(len(self._bins) - 1, max(0, int(value / self.width)))] += 1
+        place = int(value / self.width) if value > 0.0 else 0
+        self._bins[place if place < len(self._bins) else -1] += 1
         self.count += 1
         if value > self.most:
             self.most = value

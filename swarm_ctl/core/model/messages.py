@@ -14,6 +14,7 @@ from typing import Final, TypeAlias
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.own_parameters import OwnParameters
 from swarm_ctl.core.model.plan import FormStep, MoveStep, Point
+from swarm_ctl.core.model.rows import row
 from swarm_ctl.core.model.vehicle import Vector3
 
 
@@ -94,7 +95,7 @@ ABOUT: Final = (CommandKind.EXPEL, CommandKind.READMIT)
 """Commands to all agents about some of them."""
 
 
-@dataclass(frozen=True, slots=True)
+@row
 class Frame:
     """Where the formation as a whole is to be: its centre [m], and how the slots of the last form
     step are turned and scaled."""
@@ -133,7 +134,7 @@ NO_EXCHANGE = ExchangeState(role=-1)
 """Says nothing: its role is its own place."""
 
 
-@dataclass(frozen=True, slots=True)
+@row
 class AgentState:
     """Sent every tick: kinematics and progress. A fixed binary layout (`mesh/payloads.py`)."""
 
@@ -176,7 +177,7 @@ class AgentState:
     """Its flight is over, and its vehicle stands on the ground, disarmed."""
 
 
-@dataclass(frozen=True, slots=True)
+@row
 class PairReport:
     """One pair in the avoidance region, as agent i sees it (docs/pages/law.md#sigma). Lengths in
     units."""
@@ -194,7 +195,7 @@ class PairReport:
     alpha: float
 
 
-@dataclass(frozen=True, slots=True)
+@row
 class SigmaReport:
     """Sent at 5 Hz while a pair is in the avoidance region, and once after."""
 
@@ -215,7 +216,7 @@ class StepResult:
     end_s: float | None
 
 
-@dataclass(frozen=True, slots=True)
+@row
 class LinkReport:
     """One mesh link as its receiver sees it, over the whole run so far."""
 
@@ -407,7 +408,7 @@ class AgentStatus:
     """Why, by peer of which a word was not believed of late (`core/swarm/plausibility.py`)."""
 
 
-@dataclass(frozen=True, slots=True)
+@row
 class ClockEcho:
     """A peer's word of its clock, given back (`core/swarm/clocks.py`)."""
 
@@ -419,7 +420,7 @@ class ClockEcho:
     """From its receipt to this word [s]."""
 
 
-@dataclass(frozen=True, slots=True)
+@row
 class ClockNews:
     """Sent at 1 Hz, at 5 Hz while a peer asks: what the own clock shows. Binary."""
 

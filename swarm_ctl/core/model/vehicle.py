@@ -14,6 +14,7 @@ from typing import Final, TypeAlias
 
 from swarm_ctl.core.model.own_parameters import OwnParameters, ParameterNote
 from swarm_ctl.core.model.plan import Geodetic
+from swarm_ctl.core.model.rows import row
 
 Vector3 = tuple[float, float, float]
 
@@ -22,7 +23,7 @@ FALLS_MPS: Final = 4.0
 PX4 descend at 1.5 m/s, and land at 1.5 m/s at most."""
 
 
-@dataclass(frozen=True, slots=True)
+@row
 class LocalFix:
     """LOCAL_POSITION_NED: position [m] from the vehicle's *own* origin, velocity [m/s]."""
 
@@ -34,7 +35,7 @@ class LocalFix:
     """The vehicle's own time of it."""
 
 
-@dataclass(frozen=True, slots=True)
+@row
 class GlobalFix:
     """GLOBAL_POSITION_INT."""
 
@@ -45,7 +46,7 @@ class GlobalFix:
     velocity_ned_mps: Vector3
 
 
-@dataclass(frozen=True, slots=True)
+@row
 class Contact:
     """ADSB_VEHICLE: an aircraft near by, seen by the vehicle itself (the paper's proximity
     sensor)."""
@@ -75,7 +76,7 @@ class FlightLimit:
     parameter: str
 
 
-@dataclass(frozen=True, slots=True)
+@row
 class VehicleView:
     """A snapshot of everything heard from the vehicle so far. Times of -inf: never heard."""
 
@@ -176,7 +177,7 @@ class AirborneGoal:
     height_m: float
 
 
-@dataclass(frozen=True, slots=True)
+@row
 class FlyGoal:
     """Under our control with this velocity setpoint [m/s], sent once a tick: silence is the
     deadman."""

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 from swarm_ctl.core.law.response_estimate import ResponseEstimate
 from swarm_ctl.core.model.messages import SafetyReport
 from swarm_ctl.core.model.plan import Plan, Point, Response
+from swarm_ctl.core.model.rows import row
 from swarm_ctl.core.model.timeouts import NEIGHBOUR_S
 from swarm_ctl.core.safety import constraints
 from swarm_ctl.core.safety.constraints import Margins
@@ -22,7 +22,7 @@ from swarm_ctl.core.safety.wish import limited
 from swarm_ctl.core.swarm.snapshot import Formation, OtherAircraft, PeerSnapshot
 
 
-@dataclass(frozen=True, slots=True)
+@row
 class _KeepOuts:
     """The keep-out constraints of one tick."""
 

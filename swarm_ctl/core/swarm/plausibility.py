@@ -106,9 +106,17 @@ class Limits:
     def absurd(self, state: AgentState) -> Finding | None:
         """What of this state, by itself, no vehicle of the plan can do."""
         (north, east, down), (stop_n, stop_e) = state.position_ned_m, state.stop_point_m
-        if max(abs(north), abs(east), abs(down), abs(stop_n), abs(stop_e)) > _FARTHEST_M:
+        most = _FARTHEST_M
+        if not (
+            -most <= north <= most
+            and -most <= east <= most
+            and -most <= down <= most
+            and -most <= stop_n <= most
+            and -most <= stop_e <= most
+        ):
             return Finding(Doubt.FIGURE, f"it is more than {_FARTHEST_M / 1000:g} km away")
-        flown, told = math.hypot(*state.velocity_ned_mps[:2]), math.hypot(*state.setpoint_mps)
+        (v_north, v_east, _), (told_n, told_e) = state.velocity_ned_mps, state.setpoint_mps
+        flown, told = math.hypot(v_north, v_east), math.hypot(told_n, told_e)
         if flown > self.fastest_mps:
             return _over("it flies at", flown, self.fastest_mps, "m/s")
         if told > self.setpoint_mps:
@@ -132,8 +140,11 @@ class Limits:
         jumps so far."""
         forgiven = _FORGIVEN_MPS * elapsed_s
         flown = self.moves_mps * elapsed_s
-        place_m = math.dist(before.position_ned_m[:2], state.position_ned_m[:2]) - flown
+        (old_n, old_e, _), (north, east, _) = before.position_ned_m, state.position_ned_m
+        place_m = math.hypot(north - old_n, east - old_e) - flown
         stop_m = math.dist(before.stop_point_m, state.stop_point_m) - flown
+        if jumps == NO_JUMPS and forgiven >= 0.0 >= max(place_m, stop_m):
+            return None, NO_JUMPS  # as nearly always
         new = Jumps(
             max(0.0, jumps.place_m - forgiven) + max(0.0, place_m),
             max(0.0, jumps.stop_m - forgiven) + max(0.0, stop_m),

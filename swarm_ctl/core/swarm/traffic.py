@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -32,6 +32,17 @@ _CONTACT_S: Final = 3.0
 """Older contacts are dropped; ADSB_VEHICLE comes at about 1 Hz."""
 
 
+class _Report(NamedTuple):
+    """One ADSB_VEHICLE in the common frame."""
+
+    contact: Contact
+    place: complex
+    velocity: complex
+    speed: float
+    stops: complex
+    """From where it is to where it comes to rest."""
+
+
 class Traffic:
     """Contacts in the common frame; remembers where each report places its aircraft."""
 
@@ -41,7 +52,8 @@ class Traffic:
         """The peers that the sensor sees where they say."""
         self.off: dict[int, float] = {}
         """By how much [m] the sensor sees others stop elsewhere than they say."""
-        self._placed: dict[int, tuple[Contact, complex]] = {}
+        self._reports: dict[int, _Report] = {}
+        """The newest of each address."""
 
     def unexplained(
         self, now: float, contacts: Sequence[Contact], peers: Sequence[OtherAircraft], own_m: Point
@@ -49,21 +61,19 @@ class Traffic:
         """The contacts that are no followed peer, the `MAX_CONTACTS` nearest to `own_m` first."""
         stand = [p.state.position_ned_m for p in peers if p.down and p.state is not None]
         recent = [
-            contact
+            self._report(contact)
             for contact in contacts
-            if 0.0 <= now - contact.time_s <= _CONTACT_S and not self._stands(contact, stand)
+            if 0.0 <= now - contact.time_s <= _CONTACT_S
+            and not (stand and self._stands(contact, stand))
         ]
         self.seen, self.off = frozenset(), {}
         if not recent:
             return ()
-        at = [
-            self._place(contact) + _horizontal(contact.velocity_ned_mps) * (now - contact.time_s)
-            for contact in recent
-        ]
+        at = [report.place + report.velocity * (now - report.contact.time_s) for report in recent]
         stranger = self._unlike(now, recent, at, peers)
         found = [
-            self._aircraft(now, contact, where)
-            for contact, where in itertools.compress(zip(recent, at, strict=True), stranger)
+            _aircraft(now, report, where)
+            for report, where in itertools.compress(zip(recent, at, strict=True), stranger)
         ]
         found.sort(key=lambda other: abs(other.stop_point - complex(*own_m)))
         return tuple(found[:MAX_CONTACTS])
@@ -71,7 +81,7 @@ class Traffic:
     def _unlike(
         self,
         now: float,
-        contacts: Sequence[Contact],
+        reports: Sequence[_Report],
         at: Sequence[complex],
         peers: Sequence[OtherAircraft],
     ) -> list[bool]:
@@ -88,11 +98,10 @@ class Traffic:
         near = np.abs(np.array(at)[:, None] - np.array(known)) < _SAME_AIRCRAFT_M
         unlike, seen = [True] * len(at), []
         for k, j in zip(*(places.tolist() for places in near.nonzero()), strict=True):
-            peer, contact = followed[j], contacts[k]
-            velocity = _horizontal(contact.velocity_ned_mps)
+            peer, report = followed[j], reports[k]
             told = peer.stop_point + peer.setpoint * min(peer.age_s, PREDICT_S)
-            off_m = abs(self._stop_point(at[k], velocity) - told)
-            if off_m <= self._may_differ_m(velocity, now - contact.time_s):
+            off_m = abs(at[k] + report.stops - told)
+            if off_m <= self._may_differ_m(report.speed, now - report.contact.time_s):
                 unlike[k] = False
                 seen.append(peer.id)
             else:
@@ -101,42 +110,44 @@ class Traffic:
         self.off = {i: off_m for i, off_m in self.off.items() if i not in self.seen}
         return unlike
 
-    def _may_differ_m(self, velocity: complex, age_s: float) -> float:
+    def _may_differ_m(self, speed: float, age_s: float) -> float:
         """Setpoints that the vehicle has yet to fly, and what it did since the contact."""
         response, limit = self._plan.response, self._plan.limits.speed_mps
         turned = min(response.acceleration_mps2 * age_s, limit)
         ahead_s = response.dead_time_s + response.lag_s
-        return _STOPS_M + response.dead_time_s * (limit + abs(velocity)) + turned * ahead_s
+        return _STOPS_M + response.dead_time_s * (limit + speed) + turned * ahead_s
 
     def _stands(self, contact: Contact, places: Sequence[Vector3]) -> bool:
         """It is a peer that has landed and ended, at its height as well: no other flies there."""
-        if not places:
-            return False
         at = ned_from_geodetic(contact.position, self._plan.origin)
         return any(math.dist(at, place) < _SAME_AIRCRAFT_M for place in places)
 
-    def _place(self, contact: Contact) -> complex:
-        """Where the report places it [m]; worked out once a report."""
-        placed = self._placed.get(contact.address)
-        if placed is None or placed[0] is not contact:
+    def _report(self, contact: Contact) -> _Report:
+        """What the contact says; worked out once a report."""
+        report = self._reports.get(contact.address)
+        if report is None or report.contact is not contact:
             north, east, _ = ned_from_geodetic(contact.position, self._plan.origin)
-            placed = self._placed[contact.address] = (contact, complex(north, east))
-        return placed[1]
+            velocity = _horizontal(contact.velocity_ned_mps)
+            stops = self._stops(velocity)
+            report = _Report(contact, complex(north, east), velocity, abs(velocity), stops)
+            self._reports[contact.address] = report
+        return report
 
-    def _aircraft(self, now: float, contact: Contact, where: complex) -> OtherAircraft:
-        velocity = _horizontal(contact.velocity_ned_mps)
-        age_s = min(now - contact.time_s, PREDICT_S)
-        stop = self._stop_point(where, velocity)
-        return OtherAircraft(TRAFFIC, None, where, stop, velocity, age_s, age_s, fresh=True)
-
-    def _stop_point(self, where: complex, velocity: complex) -> complex:
-        """Of an aircraft with unknown setpoints: it flies on for the dead time, then brakes."""
+    def _stops(self, velocity: complex) -> complex:
+        """How far on an aircraft with unknown setpoints comes to rest [m]: it flies on for the dead
+        time, then brakes."""
         speed = abs(velocity)
         if self._plan.compensation is Compensation.NONE or speed < 1e-6:
-            return where
+            return 0j
         response = self._plan.response
-        ahead_s = response.dead_time_s + stop_distance(speed, response) / speed
-        return complex(where + velocity * ahead_s)
+        ahead_s: float = response.dead_time_s + stop_distance(speed, response) / speed
+        return velocity * ahead_s
+
+
+def _aircraft(now: float, report: _Report, where: complex) -> OtherAircraft:
+    age_s = min(now - report.contact.time_s, PREDICT_S)
+    stop, velocity = where + report.stops, report.velocity
+    return OtherAircraft(TRAFFIC, None, where, stop, velocity, age_s, age_s, fresh=True)
 
 
 def _horizontal(vector: Sequence[float]) -> complex:
