@@ -198,7 +198,8 @@ class Agent:
         goal = self._executor.decide(tick)
         context.reason = context.reason or self._waiting(now)
         going_on = context.trigger is None and context.phase is not Phase.ENDED
-        if going_on and context.progress.advance(self._barrier.members(tick.peers), now):
+        may_go_on = going_on and context.progress.done
+        if may_go_on and context.progress.advance(self._barrier.members(tick.peers), now):
             self._enter_step(now)
         actions = Actions(goal, self._state(tick, tick.fix) if tick.fix is not None else None)
         actions.acks = acks

@@ -88,18 +88,20 @@ class Barrier:
         self.accepted = set(self.departed)
 
     def _watch_held(self, tick: Tick, own_override: int) -> None:
-        for peer in tick.peers.peers:
-            if not peer.held or peer.left is not None or own_override:
-                self._held_since.pop(peer.id, None)
-            elif peer.id not in self._held_since:
-                self._held_since[peer.id] = tick.now
-                text = f"waits for agent {peer.id}, which a command holds: {self._pause_s:g} s"
+        held = [p.id for p in tick.peers.peers if p.held and p.left is None and not own_override]
+        for agent in held:
+            if agent not in self._held_since:
+                text = f"waits for agent {agent}, which a command holds: {self._pause_s:g} s"
                 self._context.say(tick.now, Severity.INFO, f"{text} at most")
+        self._held_since = {agent: self._held_since.get(agent, tick.now) for agent in held}
 
     def _watch_alone(self, tick: Tick, own_override: int) -> None:
         """Peers fly the formation, and none of them the command that this agent flies."""
+        if not own_override:
+            self._alone_since = math.inf
+            return
         flying = [p.formation[1] for p in tick.peers.peers if p.formation and p.left is None]
-        alone = own_override and flying and own_override not in flying
+        alone = flying and own_override not in flying
         self._alone_since = min(self._alone_since, tick.now) if alone else math.inf
 
     def alone(self, now: float) -> bool:
@@ -126,7 +128,10 @@ class Barrier:
             peer.id
             for peer in peers.peers
             if peer.state is not None
-            and (peer.age_s > policies.agent_lost_after_s or gave_up(peer, self._plan))
+            and (
+                peer.age_s > policies.agent_lost_after_s
+                or (peer.ends and gave_up(peer, self._plan))
+            )
         }
 
     def forget_shape(self) -> None:
@@ -148,7 +153,9 @@ class Barrier:
         lost = self.lost(tick.peers)
         members = [state for state in tick.peers.fresh() if state.agent not in lost]
         expected = sum(
-            not gave_up(peer, self._plan) for peer in tick.peers.peers if peer.id not in lost
+            not (peer.ends and gave_up(peer, self._plan))
+            for peer in tick.peers.peers
+            if peer.id not in lost
         )
         if len(members) < expected:
             return None

@@ -47,6 +47,9 @@ _OTHER_S: Final = 1.0
 """A shared clock is another one once all states of so long were late."""
 _ECHOED_S: Final = 5.0
 """Words of a peer that has been silent for longer are not given back."""
+_ECHOES: Final = 16
+"""In one word; of more peers, those come first that have waited longest. A hundred agents are
+through in 1.4 s while one asks; then in 7 s, in which bounds loosen by 7 ms."""
 _ROUNDING_S: Final = 1e-6
 _READ_S: Final = 0.05
 """A receiver notes the time, then reads, and may be stopped in between: on one clock, too, a state
@@ -206,7 +209,8 @@ class Clocks:
         }
         self._apart.update(c for c in self.of.values() if not isinstance(c, SharedClock))
         self._words: dict[int, tuple[float, float]] = {}
-        """By agent: the time its newest word told, and when it came."""
+        """By agent: the time its newest word told, and when it came; the next to be given back
+        first."""
         self._said_s = self._asked_s = -math.inf
 
     def hear(self, news: ClockNews, received_s: float) -> None:
@@ -230,10 +234,10 @@ class Clocks:
         if not soon and now - self._said_s < EVERY_S - _ROUNDING_S:
             return None
         self._said_s = now
-        self._words = {i: word for i, word in self._words.items() if now - word[1] <= _ECHOED_S}
-        return ClockNews(
-            self._own,
-            now,
-            asks,
-            tuple(ClockEcho(i, told, now - came) for i, (told, came) in self._words.items()),
-        )
+        kept = {i: word for i, word in self._words.items() if now - word[1] <= _ECHOED_S}
+        turn = list(kept)[:_ECHOES]
+        echoes = tuple(ClockEcho(i, kept[i][0], now - kept[i][1]) for i in turn)
+        for i in turn:
+            kept[i] = kept.pop(i)  # to the end
+        self._words = kept
+        return ClockNews(self._own, now, asks, echoes)

@@ -15,7 +15,7 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
-from swarm_ctl.core.model.messages import ExchangeState, Phase
+from swarm_ctl.core.model.messages import AgentState, ExchangeState, Phase
 from swarm_ctl.core.model.plan import Plan, Point
 from swarm_ctl.core.model.timeouts import FRESH_S, PREDICT_S
 from swarm_ctl.core.swarm.exchange_protocol import EVERY_S, GONE_S, ExchangeProtocol, ExchangeStates
@@ -34,15 +34,16 @@ class SlotExchange:
         self._unit_m = plan.unit_m
         self._r = plan.law.r
         self._ids = tuple(agent.id for agent in plan.agents)
-        self._own, self._place = own_id, self._ids.index(own_id)
+        self._places = {agent: place for place, agent in enumerate(self._ids)}
+        self._own, self._place = own_id, self._places[own_id]
         self._peers = peers
         self._protocol: ExchangeProtocol | None = None
         self._links: Links = {}
-        self._heard_of: list[ExchangeState | None] = []
+        self._heard_of: dict[int, AgentState | None] = {}
         self._due_s = 0.0
         self.exchange = ExchangeState(role=self._place)
         """What the own agent tells in its state."""
-        self.roles: Mapping[int, int] = {agent: place for place, agent in enumerate(self._ids)}
+        self.roles: Mapping[int, int] = dict(self._places)
         """By agent, as heard; a new object whenever a role changes."""
         self.departed: Container[int] = ()
         """The agents that have left the formation (`Barrier.departed`)."""
@@ -51,26 +52,21 @@ class SlotExchange:
 
     def hear(self) -> None:
         """Take in what is told now."""
-        told = [
-            self.exchange,
-            *(peer.state.exchange if peer.state is not None else None for peer in self._peers),
-        ]
-        if told == self._heard_of:
-            return
-        self._heard_of = told
-        roles = {peer.id: self._told(peer.id).role for peer in self._peers} | {
-            self._own: self.exchange.role
-        }
-        if roles != self.roles:
-            self.roles = roles
+        known, roles = self._heard_of, {self._own: self.exchange.role}
+        for peer in self._peers:
+            if peer.state is not known.get(peer.id):
+                known[peer.id] = peer.state
+                roles[peer.id] = self._told(peer.id).role
+        if any(self.roles[agent] != role for agent, role in roles.items()):
+            self.roles = {**self.roles, **roles}
 
     def in_roles(self, neighbours: Sequence[tuple[int, ...]]) -> tuple[tuple[int, ...], ...]:
         """A step's graph by role as a graph by agent; both by id, in the plan's order."""
         holders = self._holders()
         found: list[tuple[int, ...]] = [()] * len(self._ids)
         for role, near in enumerate(neighbours):
-            found[self._ids.index(holders[role])] = tuple(
-                sorted(holders[self._ids.index(i)] for i in near)
+            found[self._places[holders[role]]] = tuple(
+                sorted(holders[self._places[i]] for i in near)
             )
         return tuple(found)
 
@@ -183,11 +179,11 @@ class SlotExchange:
         state = self._peers.state(agent)
         n = len(self._ids)
         if state is None:
-            return ExchangeState(role=self._ids.index(agent))
+            return ExchangeState(role=self._places[agent])
         said = state.exchange
         places = (said.lock, said.offer_to, said.answer_to, said.answer_role)
         if not 0 <= said.role < n or not all(-1 <= place < n for place in places):
-            return ExchangeState(role=self._ids.index(agent))
+            return ExchangeState(role=self._places[agent])
         return said
 
     def _holders(self) -> list[int]:

@@ -324,3 +324,28 @@ def test_one_that_knows_of_no_sharing_is_answered() -> None:
     said = [now for k in range(400) if clocks.say(now := 5.1 + 0.05 * k) is not None]
     assert len(said) <= 12
     assert max(said) < 12.0
+
+
+def test_a_hundred_clocks_are_known_within_three_seconds() -> None:
+    """Of agents that were started by hand, each with a clock of its own. A word has a bounded
+    size."""
+    ahead = {i: 3600.0 * math.sin(i) for i in range(1, 101)}
+    clocks = {i: Clocks(i, ahead.keys() - {i}) for i in ahead}
+    for i, own in clocks.items():
+        for j, clock in own.of.items():
+            clock.told(ahead[j], ahead[i])
+    under_way: list[ClockNews] = []
+    known = False
+    for tick in range(1, 60):
+        now = 0.05 * tick
+        for i, own in clocks.items():
+            for news in under_way:
+                if news.agent != i:
+                    own.hear(news, now + ahead[i])
+        words = [own.say(now + ahead[i]) for i, own in clocks.items()]
+        under_way = [word for word in words if word is not None]
+        assert all(len(word.echoes) <= 16 for word in under_way)
+        known = all(clock.known for own in clocks.values() for clock in own.of.values())
+        if known:
+            break
+    assert known
