@@ -70,8 +70,8 @@ def agent(
     """
     from swarm_ctl.mission.compile.exposure import exposures, refuse_exposed
     from swarm_ctl.runtime.agent.agent_process import AgentConfig, run_agent
-    from swarm_ctl.runtime.agent.lifeline import SignalLifeline
     from swarm_ctl.runtime.clock import Clock
+    from swarm_ctl.runtime.lifeline import SignalLifeline
     from swarm_ctl.runtime.protection import agent_identity_folder
     from swarm_ctl.runtime.vehicle_memory import state_folder
 

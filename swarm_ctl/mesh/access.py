@@ -72,12 +72,14 @@ def access_settings(identity: Identity, swarm: str) -> dict[str, Any]:
 
 
 def _own_keys(entry: Entry, swarm: str) -> list[str]:
-    """The keys under which a member publishes."""
+    """The keys under which a member publishes, or passes on."""
     if entry.role is Role.AGENT:
         own = (channel for channel in CHANNELS if channel.publisher == "agent")
         return [channel.key(swarm, entry.name) for channel in own]
     if entry.role is Role.OPERATOR:
         return [channel.key(swarm, station_name(entry.name, "$*")) for channel in (COMMAND, BEACON)]
+    if entry.role is Role.ROUTER:
+        return [channel.key_expression(swarm) for channel in CHANNELS]
     return []
 
 

@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping, Sequence
+from enum import StrEnum
 from typing import Any, Final
 
 import zenoh
 
+from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.swarm.hearing import hears_all
 from swarm_ctl.mesh.access import as_tls
-from swarm_ctl.mesh.keys import CHANNELS, COMMAND
+from swarm_ctl.mesh.keys import CHANNELS, COMMAND, Channel
 from swarm_ctl.mesh.stepped_transport import MARK_SIZE
 
 # zenoh reads it when the first session opens. One worker thread instead of one pool per task: a
@@ -43,16 +46,51 @@ _LONGEST: Final = 2 * max(channel.bounds.size for channel in CHANNELS)
 _COMMANDS_PER_S: Final = 200.0
 """That one link may bring. A flood under ever new names has one, an operator one of its own."""
 _REFUSED: Final = "zenoh_link_tls=warn,zenoh::net::routing::interceptor::access_control=info"
-_PASSED_ON: Final = {
-    "id": "passed on",
-    "flows": ["ingress"],
-    "messages": ["put", "delete", "query"],
-    "key_exprs": ["**"],
-    "overwrite": {"congestion_control": "drop", "priority": "background", "express": False},
+
+
+class Part(StrEnum):
+    """What a process is on the mesh."""
+
+    PEER = "peer"
+    """Of a small swarm: has a link to each other process."""
+    CLIENT = "client"
+    """Of a large swarm: has one link, to the router of its host."""
+    ROUTER = "router"
+    """Passes on between its clients and other routers."""
+
+
+def part_in(plan: Plan) -> Part:
+    """What the agents and stations of a swarm are."""
+    return Part.PEER if hears_all(plan) else Part.CLIENT
+
+
+def _passed_on(name: str, keys: Sequence[str], priority: str) -> dict[str, Any]:
+    """A sender may ask that its messages wait for a full queue: the thread that passes them on
+    would wait, too, with all other links on it, and after 5 s would cut the slow one."""
+    return {
+        "id": name,
+        "flows": ["ingress"],
+        "messages": ["put", "delete", "query"],
+        "key_exprs": list(keys),
+        "overwrite": {"congestion_control": "drop", "priority": priority, "express": False},
+    }
+
+
+_FAST: Final = [channel for channel in CHANNELS if channel.qos.urgent and not channel.qos.reliable]
+"""States and their like: sent at a steady rate, and soon out of date."""
+_FAST_KEYS: Final = [channel.key_expression("*") for channel in _FAST]
+_QUALITY: Final = {
+    # what a peer passes on, of zenoh clients, goes after all that it sends itself
+    Part.PEER: [_passed_on("passed on", ["**"], "background")],
+    Part.CLIENT: [],
+    # a router passes on all: no sender makes its other messages go before the others' states
+    Part.ROUTER: [
+        _passed_on("passed on", ["**"], "data"),
+        _passed_on("states", _FAST_KEYS, "real_time"),
+    ],
 }
-"""A sender may ask that its messages wait for a full queue: the thread that passes them on would
-wait, too, with all other links on it, and after 5 s would cut the slow one. What is passed on (of
-zenoh clients; peers have links of their own) goes after all that this process sends itself."""
+_RULES: Final = {Part.PEER: ("commands",), Part.CLIENT: (), Part.ROUTER: ("commands", "states")}
+_LOOPBACK: Final = ["lo", "lo0"]
 
 
 def configuration(
@@ -62,8 +100,9 @@ def configuration(
     *,
     patient: bool,
     access: Mapping[str, Any] | None = None,
+    part: Part = Part.PEER,
 ) -> zenoh.Config:
-    """A peer's settings.
+    """A session's settings.
 
     Args:
         listen: endpoints such as `tcp/127.0.0.1:7447`.
@@ -71,10 +110,11 @@ def configuration(
         speedup: mission seconds per second of the wall clock.
         patient: a message waits for a full queue, up to a second, before it is dropped.
         access: of a protected mesh (`access.access_settings`); None: the mesh is open.
+        part: what the process is on the mesh.
     """
     config = zenoh.Config()
     settings: dict[str, Any] = {
-        "mode": "peer",
+        "mode": part,
         "listen/endpoints": [as_tls(each) if access else each for each in listen],
         "connect/endpoints": [as_tls(each) if access else each for each in connect],
         "connect/timeout_ms": -1,
@@ -93,9 +133,9 @@ def configuration(
         "transport/unicast/max_sessions": _SESSIONS,
         "transport/link/rx/max_message_size": _LONGEST,
         "low_pass_filter": _sizes(),
-        "qos/network": [_PASSED_ON],
+        "qos/network": _QUALITY[part],
         # in lockstep the receiver counts what was sent, and waits for all of it
-        "downsampling": [] if patient else [_commands(speedup)],
+        "downsampling": [] if patient else _rates(part, speedup),
         # Its pools carry nothing here, and take 17 MB of /dev/shm a process.
         "transport/shared_memory/enabled": False,
         "transport/link/tx/batch_size": 8192,
@@ -120,9 +160,7 @@ def log_refused_links() -> None:
 
 def _sizes() -> list[dict[str, Any]]:
     """A payload that is larger than its channel allows does not pass a link, nor does anything that
-    is larger than all. Rates are not zenoh's (`downsampling`) but `gate.py`'s, save for commands: a
-    rule of zenoh's counts all keys of a link together, so that of three owners behind one link it
-    passed one."""
+    is larger than all. Rates are `gate.py`'s (but see `_rates`)."""
     common = {"flows": ["ingress"], "messages": ["put"]}
     channels = [
         common
@@ -137,8 +175,20 @@ def _sizes() -> list[dict[str, Any]]:
     return [*channels, common | other | {"messages": ["put", "delete", "query", "reply"]}]
 
 
-def _commands(speedup: float) -> dict[str, Any]:
-    """Of a link's commands, those that come 5 ms apart (of mission time) pass: a station sends one
-    at a time, and again. zenoh counts by the wall clock."""
-    rule = {"key_expr": COMMAND.key_expression("*"), "freq": _COMMANDS_PER_S * speedup}
-    return {"id": "commands", "flows": ["ingress"], "messages": ["put"], "rules": [rule]}
+def _rates(part: Part, speedup: float) -> list[dict[str, Any]]:
+    """What a link may bring. A rule of zenoh's counts all keys of a link together, by the wall
+    clock: a client hears all others by one link, and has no such rule."""
+    rules = {
+        # a station sends one at a time, and again
+        "commands": _rule([COMMAND], _COMMANDS_PER_S * speedup),
+        # No client's flood fills the queues to the others. Other routers are on other hosts.
+        "states": {"interfaces": _LOOPBACK}
+        | _rule(_FAST, max(channel.bounds.per_s for channel in _FAST) * speedup),
+    }
+    common = {"flows": ["ingress"], "messages": ["put"]}
+    return [{"id": name} | common | rules[name] for name in _RULES[part]]
+
+
+def _rule(channels: Sequence[Channel[Any]], per_s: float) -> dict[str, Any]:
+    keys = [channel.key_expression("*") for channel in channels]
+    return {"rules": [{"key_expr": key, "freq": per_s} for key in keys]}

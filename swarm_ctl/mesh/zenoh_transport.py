@@ -1,7 +1,8 @@
 """The mesh over zenoh. 100 bytes at 20 Hz between 6 peers cost about 1.5 % CPU.
 
-Explicit endpoints, no multicast and no gossip: each agent connects to the agents with a lower id,
-so every pair has one link. Never fork after a session was opened.
+Explicit endpoints, no multicast and no gossip. In a small swarm each agent connects to the agents
+with a lower id, so every pair has one link; in a large one all are clients of their host's router.
+Never fork after a session was opened.
 """
 
 from __future__ import annotations
@@ -19,9 +20,10 @@ import zenoh
 
 from swarm_ctl.errors import StartError
 from swarm_ctl.mesh.keys import CHANNELS, QUEUE, Qos
+from swarm_ctl.mesh.late_session import LateSession
 from swarm_ctl.mesh.stepped_transport import MARK_SIZE, Marked, MarkedSource
 from swarm_ctl.mesh.transport import Inlet, Message, QueueInlet, Transport
-from swarm_ctl.mesh.zenoh_config import configuration
+from swarm_ctl.mesh.zenoh_config import Part, configuration
 
 _FLOOD: Final = 256
 """Samples between two drains of a timed subscription: ten times what 50 agents send in a tick while
@@ -42,6 +44,8 @@ class ZenohTransport(Transport):
         speedup: mission seconds per second of the wall clock.
         patient: a message waits for a full queue, up to a second, before it is dropped.
         access: of a protected mesh (`access.access_settings`); None: the mesh is open.
+        part: what this process is on the mesh. A client says and hears nothing before its router
+            answers, as on a mesh that is cut.
 
     Raises:
         StartError: an endpoint to listen at is busy.
@@ -56,21 +60,17 @@ class ZenohTransport(Transport):
         *,
         patient: bool = False,
         access: Mapping[str, Any] | None = None,
+        part: Part = Part.PEER,
     ) -> None:
         self._now = now
+        self._express = part is Part.PEER
         self._publishers: dict[str, Any] = {}
-        try:
-            self._session = zenoh.open(
-                configuration(listen, connect, speedup, patient=patient, access=access)
-            )
-        except zenoh.ZError as error:
-            why = str(error).split(" at /", 1)[0]  # zenoh appends its own source paths
-            raise StartError(
-                f"the mesh does not open: {why}; name a free port (`mesh` in the fleet)"
-            ) from None
-        self._links = self._session.info.declare_link_events_listener(
-            lambda _: _forbid_lingering(), history=True
-        )
+        self._kept: list[Any] = []
+        config = configuration(listen, connect, speedup, patient=patient, access=access, part=part)
+        if part is Part.CLIENT:
+            self._session: Any = LateSession(lambda: _open(config, self._kept))
+        else:
+            self._session = _open(config, self._kept)
 
     def publish(self, key: str, data: bytes, qos: Qos, mark: bytes = b"") -> None:
         publisher = self._publishers.get(key)
@@ -84,7 +84,8 @@ class ZenohTransport(Transport):
             key,
             congestion_control=zenoh.CongestionControl.DROP,  # the control loop must not wait long
             priority=zenoh.Priority.REAL_TIME if qos.urgent else zenoh.Priority.DATA,
-            express=qos.urgent,
+            # a router loses nine tenths of what a hundred express publishers send
+            express=qos.urgent and self._express,
             reliability=reliability.RELIABLE if qos.reliable else reliability.BEST_EFFORT,
             allowed_destination=zenoh.Locality.REMOTE,
         )
@@ -118,7 +119,51 @@ class ZenohTransport(Transport):
         """Leave the mesh; flushes what the other ends still accept."""
         # The error tells of a link that no process answers on; it is closed all the same.
         with contextlib.suppress(zenoh.ZError):
-            self._session.close()  # type: ignore[no-untyped-call]
+            self._session.close()
+
+
+def _open(config: zenoh.Config, kept: list[Any]) -> Any:
+    """`kept` gets what lives as long as the session."""
+    try:
+        session = zenoh.open(config)
+    except zenoh.ZError as error:
+        why = str(error).split(" at /", 1)[0]  # zenoh appends its own source paths
+        raise StartError(
+            f"the mesh does not open: {why}; name a free port (`mesh` in the fleet)"
+        ) from None
+    listen = session.info.declare_link_events_listener
+    kept.append(listen(lambda _: _forbid_lingering(), history=True))
+    return session
+
+
+class Router:
+    """A zenoh session that passes on what its clients and other routers say.
+
+    Args: as of `ZenohTransport`.
+    """
+
+    def __init__(
+        self,
+        listen: Sequence[str],
+        connect: Sequence[str],
+        speedup: float = 1.0,
+        *,
+        patient: bool = False,
+        access: Mapping[str, Any] | None = None,
+    ) -> None:
+        part = Part.ROUTER
+        config = configuration(listen, connect, speedup, patient=patient, access=access, part=part)
+        self._kept: list[Any] = []
+        self._session = _open(config, self._kept)
+
+    def clients(self) -> int:
+        """So many processes are linked to it, but for other routers."""
+        return sum(each.whatami == zenoh.WhatAmI.CLIENT for each in self._session.info.transports())
+
+    def close(self) -> None:
+        """End all its links."""
+        with contextlib.suppress(zenoh.ZError):
+            self._session.close()
 
 
 _QUEUES: Final = {channel.name: channel.bounds.queue for channel in CHANNELS}

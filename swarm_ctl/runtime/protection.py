@@ -15,7 +15,7 @@ from swarm_ctl.mesh.access import access_settings, as_tls
 from swarm_ctl.runtime.clock import date_and_time
 from swarm_ctl.trust.explain import explain_handshake, same_host
 from swarm_ctl.trust.identity import Identity, certificates_end, identity_folder, load_identity
-from swarm_ctl.trust.names import LOOPBACK, Member, Role, address_of
+from swarm_ctl.trust.names import LOOPBACK, Member, Role, address_of, member_of
 
 _ASKED, _ASK_WALL_S = 3, 0.3
 """So many endpoints are asked why they refuse, each for so long."""
@@ -53,6 +53,34 @@ def own_identity(folder: Path | None, agent: int) -> Identity | None:
     identity = load_identity(folder)
     if identity.member != Member(Role.AGENT, str(agent)):
         raise TrustError(f"{folder}: is {identity.member}; allowed: the identity of agent {agent}")
+    return identity
+
+
+def router_identity_folder(trust: str | None, listen: str) -> Path | None:
+    """The folder of the router that listens at this endpoint; None where the mesh is open.
+    TrustError where the fleet's trust has none for that address."""
+    if trust is None:
+        return None
+    folder, host = _folder(trust), address_of(listen)[0]
+    for path in sorted(folder.glob(f"{Role.ROUTER}-*")):
+        if path.is_dir():
+            entry = load_identity(path).roster.of(member_of(path.name))
+            if entry is not None and same_host(host, entry.host):
+                return path
+    raise TrustError(
+        f"{trust}: has no router for {host}; allowed: one of swarm-ctl trust add router NAME"
+        f" --host {host}"
+    )
+
+
+def router_identity(folder: Path | None) -> Identity | None:
+    """The identity of a router; None where the mesh is open. TrustError where the folder is another
+    member's."""
+    if folder is None:
+        return None
+    identity = load_identity(folder)
+    if identity.role is not Role.ROUTER:
+        raise TrustError(f"{folder}: is {identity.member}; allowed: the identity of a router")
     return identity
 
 

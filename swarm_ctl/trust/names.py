@@ -26,6 +26,8 @@ class Role(StrEnum):
     """Commands the swarm, hears all."""
     VIEWER = "viewer"
     """Hears all, publishes nothing."""
+    ROUTER = "router"
+    """Passes on what all others say, on one host of a large swarm."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -58,7 +58,7 @@ class FleetAgent:
     provides the vehicle."""
     mesh: str | None = None
     """Where this agent listens on the mesh (`tcp/192.168.1.11:7447`); None: `run` chooses a
-    loopback port."""
+    loopback port, or the swarm is large."""
     response: Response = field(default_factory=Response)
     """How this vehicle answers a velocity setpoint; its stop point is computed with it."""
     vehicle: VehicleKind = VehicleKind.SIMULATED
@@ -68,6 +68,9 @@ class FleetAgent:
     agent_sysid: int = AGENT_SYSID
     """The MAVLink system id that the agent speaks with, 1..254: by its heartbeats alone an
     ArduCopter knows that the agent lives."""
+    router: str | None = None
+    """Where the router of its host listens, in a large swarm; None: `run` chooses a loopback port,
+    or the swarm is small."""
 
     @property
     def started_as(self) -> VehicleKind | None:

@@ -32,7 +32,7 @@ class Manifest(PlanFile):
     """The agents whose vehicles this run simulates: the truth has these alone. None: all (a run of
     an earlier version)."""
     station_mesh: str | None = None
-    """Where the station listens on the mesh."""
+    """Where the station listens on the mesh of a small swarm."""
     identity: str | None = None
     """The folder of the operator who flies it; None: the mesh is open."""
     open_mesh: bool = False
@@ -49,12 +49,12 @@ class Manifest(PlanFile):
 
     @property
     def agents_mesh(self) -> list[str]:
-        """Where the agents listen on the mesh."""
-        return [agent.mesh for agent in self.fleet if agent.mesh]
+        """Where a process connects to hear the agents: to each, or to their router."""
+        return list(dict.fromkeys(at for a in self.fleet if (at := a.router or a.mesh)))
 
     @property
     def whole_mesh(self) -> list[str]:
-        """Where agents and the run's station listen: a process that joins later connects to all."""
+        """What a process that joins later connects to."""
         return self.agents_mesh + ([self.station_mesh] if self.station_mesh else [])
 
     @property

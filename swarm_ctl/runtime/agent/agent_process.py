@@ -8,10 +8,7 @@ from __future__ import annotations
 
 import gc
 import math
-import os
-import signal
 import sys
-import traceback
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from dataclasses import dataclass, field
@@ -25,7 +22,6 @@ from swarm_ctl.core.agent.agent import Agent, Ended, Inbox
 from swarm_ctl.core.model.fleet import Signing
 from swarm_ctl.core.model.messages import AgentStatus, Outcome, Refusal
 from swarm_ctl.core.model.plan import Plan, Response
-from swarm_ctl.errors import SwarmError
 from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.mavlink.mirror import Mirror
 from swarm_ctl.mavlink.signing import Signing as FrameSigning
@@ -33,10 +29,12 @@ from swarm_ctl.mavlink.stamp import kept_signing
 from swarm_ctl.mavlink.tlog import TlogWriter
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.node import Node
+from swarm_ctl.mesh.zenoh_config import part_in
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
-from swarm_ctl.runtime.agent.lifeline import ALIVE, READY, Lifeline, PipeLifeline
 from swarm_ctl.runtime.agent.publish import publish
 from swarm_ctl.runtime.clock import unix_s
+from swarm_ctl.runtime.forked import serve_forked
+from swarm_ctl.runtime.lifeline import ALIVE, READY, Lifeline
 from swarm_ctl.runtime.link_keys import folder_signing
 from swarm_ctl.runtime.lockstep.seat import Seat, seat
 from swarm_ctl.runtime.lockstep.words import Phase
@@ -53,7 +51,8 @@ behind."""
 @dataclass(frozen=True, slots=True)
 class AgentConfig:
     """All an agent's process is told. The vehicle's `endpoint` is as in `core.model.fleet`; on
-    the mesh it listens at `listen` and connects to `connect`."""
+    the mesh it listens at `listen` ('': it does not) and connects to `connect`, in a large swarm
+    the router of its host."""
 
     plan: Plan
     agent_id: int
@@ -99,31 +98,8 @@ class AgentConfig:
 
 
 def child_main(config: AgentConfig, connection: Connection) -> None:
-    """Entry of an agent that `run` forks; ends the process with the agent's exit code."""
-    for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
-        signal.signal(number, signal.SIG_IGN)  # only the lifeline ends an agent
-    lifeline = PipeLifeline(connection)
-    try:
-        if config.log is not None:
-            _redirect(config.log)
-        code = run_agent(config, lifeline)
-    except SwarmError as error:
-        lifeline.tell(str(error))
-        code = error.exit_code
-    except BaseException:
-        traceback.print_exc()
-        lifeline.tell(traceback.format_exc(limit=-1).strip().splitlines()[-1])
-        code = 70  # EX_SOFTWARE
-    sys.stdout.flush()
-    sys.stderr.flush()
-    os._exit(code)  # skips the forkserver's atexit; link and mesh are closed already
-
-
-def _redirect(log: Path) -> None:
-    descriptor = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW, 0o600)
-    os.dup2(descriptor, 1)
-    os.dup2(descriptor, 2)
-    os.close(descriptor)
+    """Entry of an agent that `run` forks."""
+    serve_forked(lambda lifeline: run_agent(config, lifeline), config.log, connection)
 
 
 def run_agent(config: AgentConfig, lifeline: Lifeline) -> int:
@@ -203,12 +179,13 @@ def _link(
 def _join_mesh(config: AgentConfig, place: Seat, identity: Identity | None) -> Node:
     now = place.clock.now
     transport = ZenohTransport(
-        [config.listen],
+        [config.listen] if config.listen else [],
         config.connect,
         now,
         place.mesh_speedup,
         patient=place.repeats,
         access=access(identity, config.swarm),
+        part=part_in(config.plan),
     )
     node = Node(place.mesh(transport), config.swarm, config.agent_id)
     agents = [agent.id for agent in config.plan.agents]

@@ -1,4 +1,4 @@
-"""The processes that `run` starts, each behind the same few methods.
+"""The processes that `run` starts by a command line, each behind the same few methods.
 
 Each holds a pipe to its child, the lifeline. Letting go closes it: the child takes that as its
 parent's end and winds down by itself (an agent lands, the simulator waits until all vehicles stand,
@@ -9,21 +9,16 @@ from __future__ import annotations
 
 import contextlib
 import json
-import multiprocessing
 import os
 import select
 import subprocess
 import sys
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from types import ModuleType
 from typing import Any, Final
 
 from swarm_ctl.errors import StartError
-from swarm_ctl.runtime.agent import agent_process
-from swarm_ctl.runtime.agent.agent_process import AgentConfig
-from swarm_ctl.runtime.agent.lifeline import READY
 from swarm_ctl.runtime.clock import pause, wall_s
 from swarm_ctl.runtime.vehicles.autopilots import remove_leftovers
 from swarm_ctl.runtime.vehicles.order import STARTED, STARTED_JSON, Started
@@ -71,70 +66,6 @@ class Child(ABC):
     @abstractmethod
     def kill(self) -> None:
         """End it at once (SIGKILL) and take its exit code; nothing happens if it has ended."""
-
-
-class AgentChild(Child):
-    """An agent, forked from a server that has imported everything already (32 in 0.2 s instead of
-    2.7 s)."""
-
-    def __init__(self, config: AgentConfig) -> None:
-        super().__init__(f"agent-{config.agent_id}", config.log)
-        self.agent = config.agent_id
-        context = multiprocessing.get_context("forkserver")
-        context.set_forkserver_preload(["swarm_ctl.runtime.agent.preload"])
-        self._lifeline, theirs = context.Pipe()
-        self._process = context.Process(
-            target=agent_process.child_main, args=(config, theirs), name=self.name, daemon=False
-        )
-        with _without_main():
-            self._process.start()
-        self.pid = self._process.pid or 0
-        theirs.close()
-        self._heard_wall_s = wall_s()
-
-    def silent_wall_s(self) -> float:
-        """Seconds since it last said that it is alive (it does with every status)."""
-        while self._word() is not None:
-            self._heard_wall_s = wall_s()
-        return wall_s() - self._heard_wall_s
-
-    def _says_ready(self) -> bool:
-        word = self._word()
-        if word not in (None, READY):
-            raise StartError(f"{self.name} did not start: {word}")
-        return word == READY
-
-    def _word(self) -> str | None:
-        """The next word from it; None: there is none now, or it has closed its end."""
-        try:
-            word: str | None = self._lifeline.recv() if self._lifeline.poll() else None
-        except (EOFError, OSError):
-            return None
-        return word
-
-    def exit_code(self) -> int | None:
-        return self._process.exitcode
-
-    def let_go(self) -> None:
-        self._lifeline.close()
-
-    def kill(self) -> None:
-        if self._process.exitcode is None:
-            self._process.kill()
-        self._process.join()
-        self._lifeline.close()
-
-
-@contextlib.contextmanager
-def _without_main() -> Iterator[None]:
-    """Keep multiprocessing from importing our command line (typer, scipy) into every agent as
-    `__mp_main__`."""
-    main = sys.modules["__main__"]
-    sys.modules["__main__"] = ModuleType("__main__")
-    try:
-        yield
-    finally:
-        sys.modules["__main__"] = main
 
 
 class CommandChild(Child):

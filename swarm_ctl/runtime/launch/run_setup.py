@@ -14,6 +14,7 @@ from typing import Any
 
 from swarm_ctl.core.model.fleet import Fleet, FleetAgent, Signing, VehicleKind
 from swarm_ctl.core.model.frames import geodetic_from_ned
+from swarm_ctl.core.swarm.hearing import hears_all
 from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.mesh.access import as_tls
 from swarm_ctl.mission.compile.exposure import exposures, leaves_loopback, refuse_exposed
@@ -33,7 +34,9 @@ from swarm_ctl.runtime.protection import (
     agent_identity_folder,
     operator_identity,
     refuse_useless,
+    router_identity_folder,
 )
+from swarm_ctl.runtime.router.router_process import RouterConfig
 from swarm_ctl.runtime.station.screens import Show
 from swarm_ctl.runtime.vehicle_memory import state_folder
 from swarm_ctl.runtime.vehicles.binaries import find
@@ -138,13 +141,30 @@ class RunSetup:
         write_manifest(self.folder, self.manifest)
 
     def agent_configs(self) -> list[AgentConfig]:
-        """For each agent. It connects to those before it and listens for those after it, so that
-        every pair is linked once."""
+        """For each agent. In a small swarm it connects to those before it and listens for those
+        after it, so that every pair is linked once; in a large one it connects to the router."""
         fleet = self.manifest.fleet
         return [
-            self._agent_config(agent, tuple(other.mesh or "" for other in fleet[:k]))
+            self._agent_config(
+                agent, (agent.router,) if agent.router else tuple(a.mesh or "" for a in fleet[:k])
+            )
             for k, agent in enumerate(fleet)
         ]
+
+    def router_config(self) -> RouterConfig | None:
+        """Of the router of a large swarm; None for a small one."""
+        manifest = self.manifest
+        listen = manifest.fleet[0].router
+        if listen is None:
+            return None
+        return RouterConfig(
+            manifest.swarm,
+            listen,
+            speedup=manifest.speedup,
+            patient=manifest.lockstep is not None,
+            identity=router_identity_folder(manifest.trust, listen),
+            log=self.folder / "router.log",
+        )
 
     def _agent_config(self, agent: FleetAgent, connect: tuple[str, ...]) -> AgentConfig:
         manifest, agents = self.manifest, self.folder / "agents"
@@ -298,19 +318,37 @@ def _epoch_s(options: RunOptions) -> float:
     return Clock.starting_now(options.speedup).epoch_s
 
 
+def _router(agents: Sequence[FleetAgent]) -> str | None:
+    """Where the fleet says that the router of all its agents listens; InputError where they have
+    several: this run starts one."""
+    named = list(dict.fromkeys(agent.router for agent in agents))
+    if len(named) > 1:
+        raise InputError(
+            f"the fleet has routers at {', '.join(at or 'no place' for at in named)}, and run"
+            " starts one, for all agents; allowed: one `router` (for several hosts: swarm-ctl"
+            " router and swarm-ctl agent)"
+        )
+    return named[0]
+
+
 def _manifest(mission: LoadedMission, options: RunOptions) -> Manifest:
-    """Simulated vehicles, and agents without a place on the mesh, get free loopback ports."""
+    """Simulated vehicles, and agents or a router without a place on the mesh, get free loopback
+    ports."""
     agents = mission.fleet.agents
     simulated = [agent.id for agent in agents if agent.started_as is VehicleKind.SIMULATED]
     ports = dict(zip(simulated, free_ports(len(simulated), socket.SOCK_DGRAM), strict=True))
-    meshes = free_ports(sum(agent.mesh is None for agent in agents) + 1, socket.SOCK_STREAM)
+    small = hears_all(mission.plan)
+    missing = sum(agent.mesh is None for agent in agents) if small else 0
+    meshes = [f"tcp/127.0.0.1:{port}" for port in free_ports(missing + 1, socket.SOCK_STREAM)]
     trust = mission.fleet.trust
     spelled = as_tls if trust is not None else str
+    router = None if small else spelled(_router(agents) or meshes.pop())
     fleet = tuple(
         replace(
             agent,
             endpoint=f"udpout:127.0.0.1:{ports[agent.id]}" if agent.id in ports else agent.endpoint,
-            mesh=spelled(agent.mesh or f"tcp/127.0.0.1:{meshes.pop(0)}"),
+            mesh=spelled(agent.mesh or meshes.pop(0)) if small else None,
+            router=router,
         )
         for agent in agents
     )
@@ -329,7 +367,7 @@ def _manifest(mission: LoadedMission, options: RunOptions) -> Manifest:
         simulated=tuple(simulated),
         trust=None if trust is None else str(Path(trust).absolute()),
         signing=mission.fleet.signing,
-        station_mesh=spelled(f"tcp/127.0.0.1:{meshes.pop(0)}"),
+        station_mesh=spelled(meshes.pop()) if small else None,
         record_hz=options.record_hz,
         versions={"python": platform.python_version()} | versions,
     )

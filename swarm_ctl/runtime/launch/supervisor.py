@@ -5,6 +5,7 @@ The order at the end: vehicles come down first, then processes end, then the sum
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,9 +21,9 @@ from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.report.judge.summary import Summary, write_summary
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.flying_runs import PROCESSES
+from swarm_ctl.runtime.launch.forked import ROUTER_HUNG_WALL_S, AgentChild, HostRouter
 from swarm_ctl.runtime.launch.interrupts import Interrupts
 from swarm_ctl.runtime.launch.processes import (
-    AgentChild,
     Child,
     CommandChild,
     TellingChild,
@@ -112,15 +113,17 @@ class RunProcesses:
         self._station: CommandChild | None = None
         self._relay: TellingChild | None = None
         self._keeper: TellingChild | None = None
+        self._router: HostRouter | None = None
         self._alone = False
         """It has been said that the station is gone."""
         self._terminal = TerminalState()
-        self._waiting = Waiting(self._say)
+        self._waiting = Waiting(self._say, self._keep_router)
 
     @property
     def _children(self) -> list[Child]:
         needed = (self._vehicles, self._simulator, *self._agents, self._station)
-        children = (*needed, self._relay, self._keeper)
+        router = self._router.child if self._router is not None else None
+        children = (*needed, self._relay, self._keeper, router)
         return [child for child in children if child is not None]
 
     def start(self) -> None:
@@ -138,6 +141,8 @@ class RunProcesses:
                 address = setup.manifest.lockstep or ""
                 self._keeper = keeper(address, rules, folder / "clock.log")
                 self._wait_ready(_START_WALL_S)
+            if router_config := setup.router_config():
+                self._router = HostRouter(router_config, self._say, self._patience_wall_s)
             if sim_config:
                 self._simulator = simulator(sim_config, folder / "simulator.log")
             (folder / "agents").mkdir()
@@ -153,8 +158,11 @@ class RunProcesses:
         except BaseException:
             self._kill_all()  # no vehicle is armed yet
             raise
+        self._write_pids()
+
+    def _write_pids(self) -> None:
         pids = {child.name: child.pid for child in self._children}
-        write_whole(folder / PROCESSES, json.dumps(pids))
+        write_whole(self._setup.folder / PROCESSES, json.dumps(pids))
 
     def _start_vehicles(self) -> None:
         """Start the autopilots of the run, if it has any, and say where each is."""
@@ -200,6 +208,7 @@ class RunProcesses:
                 for note in child.notes() if child is not None else ():
                     self._say(note)
             self._kill_hung()
+            self._keep_router()
             wall.pause(_POLL_WALL_S)
 
     def _without_station(self) -> None:
@@ -218,6 +227,16 @@ class RunProcesses:
             if agent.exit_code() is None and agent.silent_wall_s() > _HUNG_WALL_S:
                 self._say(f"{agent.name} has hung for {_HUNG_WALL_S:g} s and is killed")
                 agent.kill()
+
+    @property
+    def _patience_wall_s(self) -> float:
+        lockstep = self._setup.options.lockstep
+        return lockstep.patience_wall_s if lockstep is not None else ROUTER_HUNG_WALL_S
+
+    def _keep_router(self) -> None:
+        if self._router is not None and self._router.look():
+            with contextlib.suppress(OSError):  # a full disk keeps no router from its work
+                self._write_pids()
 
     def _say(self, text: str) -> None:
         """On the dashboard while that has the terminal."""
@@ -254,9 +273,11 @@ class RunProcesses:
             if self._station is not None:
                 self._station.say(finish=True)
                 wait_all([self._station], _STATION_WALL_S)
-            if self._keeper is not None:
-                self._keeper.let_go()
-                wait_all([self._keeper], _RELAY_WALL_S)
+            router = self._router.child if self._router is not None else None
+            for last in (self._keeper, router):
+                if last is not None:
+                    last.let_go()
+                    wait_all([last], _RELAY_WALL_S)
         self._kill_all()
 
     def _wait_for_successors(self) -> None:
@@ -282,6 +303,8 @@ class RunProcesses:
 
     def exit_codes(self) -> dict[str, int]:
         """Of all processes that the flight needs, by name; negative: the signal."""
-        needed = [child for child in self._children if child not in (self._relay, self._keeper)]
+        router = self._router.child if self._router is not None else None
+        others = (self._relay, self._keeper, router)
+        needed = [child for child in self._children if child not in others]
         codes = {child.name: child.exit_code() for child in needed}
         return {name: code for name, code in codes.items() if code is not None}

@@ -7,7 +7,8 @@ from typing import Final
 
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.runtime import clock as wall
-from swarm_ctl.runtime.launch.processes import AgentChild, Child
+from swarm_ctl.runtime.launch.forked import AgentChild
+from swarm_ctl.runtime.launch.processes import Child
 
 EVERY_WALL_S: Final = 5.0
 _POLL_WALL_S: Final = 0.05
@@ -16,8 +17,11 @@ _POLL_WALL_S: Final = 0.05
 class Waiting:
     """Says what is waited for, each `EVERY_WALL_S` from the first call on, until that changes."""
 
-    def __init__(self, say: Callable[[str], None]) -> None:
+    def __init__(
+        self, say: Callable[[str], None], meanwhile: Callable[[], None] = lambda: None
+    ) -> None:
         self._say = say
+        self._meanwhile = meanwhile
         self._what = ""
         self._since_s = self._due_s = 0.0
 
@@ -36,6 +40,7 @@ class Waiting:
         end_s = wall.wall_s() + wall_seconds
         while wall.wall_s() < end_s and (names := named(children)):
             self.tell(f"{names} {until}")
+            self._meanwhile()
             wall.pause(_POLL_WALL_S)
         self.tell("")
 

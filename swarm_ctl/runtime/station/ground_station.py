@@ -28,6 +28,7 @@ from swarm_ctl.errors import InputError
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.access import station_name
 from swarm_ctl.mesh.node import Node
+from swarm_ctl.mesh.zenoh_config import Part
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
 from swarm_ctl.recording.run_recorder import RunRecorder
 from swarm_ctl.runtime.clock import Clock
@@ -65,9 +66,11 @@ def open_node(
     role: str = "station",
     place: Seat | None = None,
     identity: Identity | None = None,
+    part: Part = Part.PEER,
 ) -> Node:
     """Join a swarm's mesh under a name that no other process has, on any host; in lockstep, where
-    `place` is the process's seat, in no other role. On a protected mesh, `identity` owns it."""
+    `place` is the process's seat, in no other role. On a protected mesh, `identity` owns it.
+    `part`: `zenoh_config.part_in` the swarm's plan."""
     again = place is not None and place.repeats
     suffix = "lockstep" if again else f"{os.getpid()}-{uuid.uuid4().hex[:6]}"
     name = f"{role}-{suffix}" if identity is None else station_name(identity.name, suffix)
@@ -78,6 +81,7 @@ def open_node(
         place.mesh_speedup if place else clock.speedup,
         patient=again,
         access=access(identity, swarm),
+        part=part,
     )
     return Node(place.mesh(transport) if place else transport, swarm, name)
 

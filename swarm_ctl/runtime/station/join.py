@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from swarm_ctl.errors import InputError
+from swarm_ctl.mesh.zenoh_config import part_in
 from swarm_ctl.mission.compile.exposure import leaves_loopback, refuse_exposed
 from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.report.folder.last_statuses import read_commands, read_events
@@ -38,7 +39,8 @@ def join_run(
     clock = MeshClock.of_run(manifest)
     identity = station_identity(manifest.trust, identity_folder or manifest.flown_by)
     seen = protection(identity, manifest.signing, is_open=manifest.open_mesh)
-    mesh = open_node(manifest.swarm, manifest.whole_mesh, clock, identity=identity)
+    part = part_in(manifest.plan)
+    mesh = open_node(manifest.swarm, manifest.whole_mesh, clock, identity=identity, part=part)
     with closing(mesh) as node:
         station = Station(manifest.plan, Path(manifest.mission), node, clock, protection=seen)
         notes: list[str] = []
@@ -73,7 +75,10 @@ def join_swarm(
     if is_open and not keys.open_mesh:
         refuse_exposed([f"the mesh is at {', '.join(connect)}"], keys.fleet_file)
     seen = protection(identity, fleet.signing, is_open=is_open)
-    with closing(open_node(mission.plan.name, connect, clock, identity=identity)) as node:
+    part = part_in(mission.plan)
+    with closing(
+        open_node(mission.plan.name, connect, clock, identity=identity, part=part)
+    ) as node:
         endpoints = {agent.id: agent.endpoint for agent in mission.fleet.agents}
         memory = SwarmMemory(VehicleMemory(state_folder()), mission.plan.name, endpoints)
         station = Station(mission.plan, mission.source, node, clock, None, memory, seen)
@@ -127,7 +132,8 @@ def _endpoints(mission: LoadedMission, given: Sequence[str]) -> list[str]:
                 f"--mesh {endpoint}: no endpoint of the mesh; allowed: tcp/HOST:PORT, as in"
                 " tcp/10.0.0.5:7447"
             )
-    found = list(given) or [agent.mesh for agent in mission.fleet.agents if agent.mesh]
+    agents = mission.fleet.agents
+    found = list(given) or list(dict.fromkeys(at for a in agents if (at := a.router or a.mesh)))
     if not found:
         raise InputError(
             f"{mission.source}: its fleet does not say where agents listen (`mesh`);"

@@ -10,6 +10,7 @@ from swarm_ctl.commands.parse import Order
 from swarm_ctl.commands.send import SentCommand
 from swarm_ctl.core.model.messages import AgentState, AgentStatus, CommandKind
 from swarm_ctl.errors import StartError
+from swarm_ctl.mesh.zenoh_config import part_in
 from swarm_ctl.report.folder.manifest import Manifest, read_manifest
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.flying_runs import flying_run
@@ -51,7 +52,13 @@ class RunClient:
         swarm, mesh = manifest.swarm, manifest.whole_mesh
         self._identity = operator_identity(manifest.trust, identity or manifest.flown_by)
         self._node = open_node(
-            swarm, mesh, clock, role="send", place=place, identity=self._identity
+            swarm,
+            mesh,
+            clock,
+            role="send",
+            place=place,
+            identity=self._identity,
+            part=part_in(manifest.plan),
         )
         self._station = Station(manifest.plan, Path(manifest.mission), self._node, clock)
         if place is not None:

@@ -19,6 +19,7 @@ from contextlib import closing
 from pathlib import Path
 
 from swarm_ctl.errors import SwarmError
+from swarm_ctl.mesh.zenoh_config import part_in
 from swarm_ctl.recording.run_recorder import RunRecorder
 from swarm_ctl.report.folder.manifest import Manifest, read_manifest
 from swarm_ctl.report.judge.summarise import summarise
@@ -56,6 +57,7 @@ def run_station(
             listen=listen,
             place=place,
             identity=identity,
+            part=part_in(manifest.plan),
         )
         opened.callback(node.close)
         recorder = opened.enter_context(closing(run_recorder(folder, manifest, str(node.name))))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 
-from swarm_ctl.runtime.agent.lifeline import PipeLifeline
+from swarm_ctl.runtime.lifeline import PipeLifeline
 
 
 def test_lifeline_is_cut_when_the_parent_closes_it() -> None:

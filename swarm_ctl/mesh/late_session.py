@@ -1,0 +1,93 @@
+"""A session that opens in a thread of its own: zenoh's client waits for its router, perhaps for
+ever, and an agent that starts while the router is down has a vehicle to look after."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any, Final
+
+_WAIT_WALL_S: Final = 1.0
+"""For a router that is there; it answers within 20 ms."""
+
+
+class LateSession:
+    """Stands for the session that `open_session` opens. What is declared before is declared when it
+    is open; until then publishers drop, and subscribers hear nothing.
+
+    Raises what `open_session` raises within its first second.
+    """
+
+    def __init__(self, open_session: Callable[[], Any]) -> None:
+        self._lock = threading.Lock()
+        self._waiting: list[_Late] = []
+        self._session: Any = None
+        self._failure: Exception | None = None
+        thread = threading.Thread(target=self._open, args=(open_session,), daemon=True)
+        thread.start()
+        thread.join(_WAIT_WALL_S)
+        if self._failure is not None:
+            raise self._failure
+
+    def _open(self, open_session: Callable[[], Any]) -> None:
+        try:
+            session = open_session()
+        except Exception as error:
+            self._failure = error
+            return
+        with self._lock:
+            self._session = session
+            for late in self._waiting:
+                late.declare(session)
+            self._waiting.clear()
+
+    def declare_publisher(self, *arguments: Any, **settings: Any) -> Any:
+        """As the session's."""
+        return self._declare(lambda session: session.declare_publisher(*arguments, **settings))
+
+    def declare_subscriber(self, *arguments: Any, **settings: Any) -> Any:
+        """As the session's."""
+        return self._declare(lambda session: session.declare_subscriber(*arguments, **settings))
+
+    def _declare(self, make: Callable[[Any], Any]) -> Any:
+        with self._lock:
+            if self._session is not None:
+                return make(self._session)
+            late = _Late(make)
+            self._waiting.append(late)
+            return late
+
+    def close(self) -> None:
+        """Close it, if it is open."""
+        with self._lock:
+            if self._session is not None:
+                self._session.close()
+
+
+class _Late:
+    """A publisher or a subscriber that is still to be declared, or has been meanwhile."""
+
+    def __init__(self, make: Callable[[Any], Any]) -> None:
+        self._make = make
+        self._made: Any = None
+        self._undeclared = False
+
+    def declare(self, session: Any) -> None:
+        """The session is open."""
+        if not self._undeclared:
+            self._made = self._make(session)
+
+    def put(self, *arguments: Any, **settings: Any) -> None:
+        """Publish, or drop."""
+        if self._made is not None:
+            self._made.put(*arguments, **settings)
+
+    def try_recv(self) -> Any:
+        """The next sample; None: there is none."""
+        return None if self._made is None else self._made.try_recv()
+
+    def undeclare(self) -> None:
+        """It is not needed any more."""
+        self._undeclared = True
+        if self._made is not None:
+            self._made.undeclare()

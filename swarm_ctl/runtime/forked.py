@@ -1,0 +1,46 @@
+"""The entry of a process that `run` forks."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import traceback
+from collections.abc import Callable
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import NoReturn
+
+from swarm_ctl.errors import SwarmError
+from swarm_ctl.runtime.lifeline import PipeLifeline
+
+
+def serve_forked(
+    work: Callable[[PipeLifeline], int], log: Path | None, connection: Connection
+) -> NoReturn:
+    """Do the process's `work`, then end the process with the exit code that it returns. `log`:
+    where stdout and stderr go; None: they stay."""
+    for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)  # only the lifeline ends it
+    lifeline = PipeLifeline(connection)
+    try:
+        if log is not None:
+            _redirect(log)
+        code = work(lifeline)
+    except SwarmError as error:
+        lifeline.tell(str(error))
+        code = error.exit_code
+    except BaseException:
+        traceback.print_exc()
+        lifeline.tell(traceback.format_exc(limit=-1).strip().splitlines()[-1])
+        code = 70  # EX_SOFTWARE
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)  # skips the forkserver's atexit; all links are closed already
+
+
+def _redirect(log: Path) -> None:
+    descriptor = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW, 0o600)
+    os.dup2(descriptor, 1)
+    os.dup2(descriptor, 2)
+    os.close(descriptor)

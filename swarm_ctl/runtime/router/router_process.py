@@ -1,0 +1,63 @@
+"""The router of a host: all processes of a large swarm on this host have one link, to it."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Final
+
+from swarm_ctl.mesh.zenoh_transport import Router
+from swarm_ctl.runtime.clock import pause, wall_s
+from swarm_ctl.runtime.forked import serve_forked
+from swarm_ctl.runtime.lifeline import ALIVE, READY, Lifeline
+from swarm_ctl.runtime.protection import access, router_identity
+
+_TURN_WALL_S: Final = 0.1
+_LINGER_WALL_S: Final = 300.0
+"""After the lifeline's end: agents land, a station writes the summary. It ends with its last
+client."""
+
+
+@dataclass(frozen=True, slots=True)
+class RouterConfig:
+    """All a router's process is told."""
+
+    swarm: str
+    listen: str
+    connect: tuple[str, ...] = ()
+    """Other hosts' routers."""
+    speedup: float = 1.0
+    patient: bool = False
+    """In lockstep: a message waits for a full queue, up to a second, before it is dropped."""
+    identity: Path | None = None
+    """The folder with the router's own keys; None: the mesh is open."""
+    log: Path | None = None
+    """Where stdout and stderr go; None: they stay."""
+
+
+def child_main(config: RouterConfig, connection: Connection) -> None:
+    """Entry of the router that `run` forks."""
+    serve_forked(lambda lifeline: run_router(config, lifeline), config.log, connection)
+
+
+def run_router(config: RouterConfig, lifeline: Lifeline) -> int:
+    """Pass on until the lifeline is cut and the last client has gone; the exit code."""
+    identity = router_identity(config.identity)
+    router = Router(
+        [config.listen],
+        config.connect,
+        config.speedup,
+        patient=config.patient,
+        access=access(identity, config.swarm),
+    )
+    until: float | None = None
+    with closing(router):
+        lifeline.tell(READY)
+        while until is None or (wall_s() < until and router.clients()):
+            lifeline.tell(ALIVE)
+            pause(_TURN_WALL_S)
+            if until is None and lifeline.cut():
+                until = wall_s() + _LINGER_WALL_S
+    return 0
