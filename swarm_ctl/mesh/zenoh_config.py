@@ -76,9 +76,9 @@ def _passed_on(name: str, keys: Sequence[str], priority: str) -> dict[str, Any]:
     }
 
 
-_FAST: Final = [channel for channel in CHANNELS if channel.qos.urgent and not channel.qos.reliable]
-"""States and their like: sent at a steady rate, and soon out of date."""
-_FAST_KEYS: Final = [channel.key_expression("*") for channel in _FAST]
+_STEADY: Final = [channel for channel in CHANNELS if not channel.qos.reliable]
+"""Sent at a steady rate; the next one makes up for one that is lost."""
+_URGENT_KEYS: Final = [channel.key_expression("*") for channel in _STEADY if channel.qos.urgent]
 _QUALITY: Final = {
     # what a peer passes on, of zenoh clients, goes after all that it sends itself
     Part.PEER: [_passed_on("passed on", ["**"], "background")],
@@ -86,10 +86,10 @@ _QUALITY: Final = {
     # a router passes on all: no sender makes its other messages go before the others' states
     Part.ROUTER: [
         _passed_on("passed on", ["**"], "data"),
-        _passed_on("states", _FAST_KEYS, "real_time"),
+        _passed_on("states", _URGENT_KEYS, "real_time"),
     ],
 }
-_RULES: Final = {Part.PEER: ("commands",), Part.CLIENT: (), Part.ROUTER: ("commands", "states")}
+_RULES: Final = {Part.PEER: ("commands",), Part.CLIENT: (), Part.ROUTER: ("commands", "steady")}
 _LOOPBACK: Final = ["lo", "lo0"]
 
 
@@ -182,8 +182,8 @@ def _rates(part: Part, speedup: float) -> list[dict[str, Any]]:
         # a station sends one at a time, and again
         "commands": _rule([COMMAND], _COMMANDS_PER_S * speedup),
         # No client's flood fills the queues to the others. Other routers are on other hosts.
-        "states": {"interfaces": _LOOPBACK}
-        | _rule(_FAST, max(channel.bounds.per_s for channel in _FAST) * speedup),
+        "steady": {"interfaces": _LOOPBACK}
+        | _rule(_STEADY, max(channel.bounds.per_s for channel in _STEADY) * speedup),
     }
     common = {"flows": ["ingress"], "messages": ["put"]}
     return [{"id": name} | common | rules[name] for name in _RULES[part]]

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from swarm_ctl.mesh.keys import NEWEST, REPORT
+from swarm_ctl.mesh.keys import NEWEST
 from swarm_ctl.mesh.transport import Inlet
 from swarm_ctl.mesh.zenoh_config import Part
 from swarm_ctl.mesh.zenoh_transport import Router, ZenohTransport
@@ -114,10 +114,10 @@ def test_a_router_that_can_not_start_again() -> None:
             time.sleep(0.05)
 
 
-@pytest.mark.parametrize("key", [STATE.format(9), "swarm/x/agent/9/status"])
+@pytest.mark.parametrize("key", [STATE.format(9), "swarm/x/agent/9/event"])
 def test_a_flood_delays_no_others_states(key: str) -> None:
     """One client says as much as it can, on a key to which another one listens: the states of a
-    third one arrive all the same, nineteen of twenty."""
+    third one arrive all the same, nine of ten."""
     at = endpoint()
     with (
         closing(Router([at], [])),
@@ -132,14 +132,14 @@ def test_a_flood_delays_no_others_states(key: str) -> None:
         for _ in range(100):
             until = time.monotonic() + 0.02
             while time.monotonic() < until:
-                flooding.publish(key, bytes(150), NEWEST if key.endswith("state") else REPORT)
+                flooding.publish(key, bytes(150), NEWEST)
             honest.publish(STATE.format(2), b"state", NEWEST)
             sent += 1
             heard += len(states.drain())
             flood.drain()
         time.sleep(0.2)
         heard += len(states.drain())
-        assert heard >= 0.95 * sent
+        assert heard >= 0.9 * sent
 
 
 @pytest.mark.long
