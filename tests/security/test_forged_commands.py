@@ -107,15 +107,21 @@ def _fresh(swarm: VirtualSwarm, agent: int, now: float) -> list[AgentState]:
     return swarm.members[agent].agent._peers.snapshot(now).fresh()
 
 
-@pytest.mark.long
-def test_one_that_is_expelled_for_good_is_flown_without() -> None:
-    """It obeys `land`; the others fly on, clear of its last place for good: where their shape needs
-    that place, the step's time-out ends the mission."""
+@pytest.mark.parametrize("sensor", [True, False])
+def test_one_that_is_expelled_for_good_is_flown_without(sensor: bool) -> None:
+    """It obeys `land`. The traffic sensor shows that it stands on the ground: the others form where
+    it was, and none comes down on it. Without a sensor they keep clear of its last place for good:
+    the step's time-out ends the mission."""
     flight = VirtualFlight(going_on())
+    swarm = flight.swarm
+    if not sensor:
+        for vehicle in swarm.hub.world.vehicles:
+            vehicle.firmware.traffic = tuple
     flight.wait_step(FORM)
     flight.order(Order("expel", (), (3,)))
     assert flight.order(Order("land", (), (3,))).accepted
-    flight.wait_step(HOLD)
     result = flight.finish()
     assert result.all_down
-    assert flight.swarm.closest_m > flight.plan.law.r_in * flight.plan.unit_m
+    assert swarm.closest_m > swarm.plan.law.r_in * swarm.plan.unit_m
+    others = {result.outcomes[i] for i in (1, 2, 4)}
+    assert others == {"completed"} if sensor else "completed" not in others

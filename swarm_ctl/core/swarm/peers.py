@@ -12,7 +12,7 @@ from swarm_ctl.core.swarm.clocks import Clocks
 from swarm_ctl.core.swarm.peer import Peer
 from swarm_ctl.core.swarm.plausibility import CLOCK_S, LASTS_S, Doubt, Finding, Limits
 from swarm_ctl.core.swarm.snapshot import PeerSnapshot
-from swarm_ctl.core.swarm.traffic import Traffic
+from swarm_ctl.core.swarm.traffic import Traffic, Vacated
 
 _CLEAR: Final = "both places where it may be are kept clear"
 
@@ -25,7 +25,7 @@ class Peers:
         self.clocks = Clocks(own_id, others, same_clock)
         limits = Limits.of(plan)
         self._by_id = {agent: Peer(agent, clock, limits) for agent, clock in self.clocks.of.items()}
-        self._traffic = Traffic(plan)
+        self._traffic, self._vacated = Traffic(plan), Vacated(plan)
         self._suspects: dict[int, Doubt] = {}
         self._off_since: dict[int, float] = {}
 
@@ -93,8 +93,9 @@ class Peers:
         self, now: float, contacts: Sequence[Contact] = (), own_m: Point = (0.0, 0.0)
     ) -> PeerSnapshot:
         """The other aircraft now; `own_m` decides which contacts are the nearest ones."""
-        peers = tuple(peer.view(now) for peer in self)
+        peers = self._vacated.at_rest(tuple(peer.view(now) for peer in self))
         traffic = self._traffic.unexplained(now, contacts, peers, own_m)
+        self._vacated.look(now, contacts, peers, sees=bool(self._traffic.seen))
         self._compare(now)
         # one that the sensor sees where it was believed to be is not elsewhere
         elsewhere = (p.elsewhere(now) for p in self if p.id not in self._traffic.seen)

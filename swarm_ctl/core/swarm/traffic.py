@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -30,6 +31,11 @@ _STOPS_M: Final = 2.5
 have done since, will come to rest elsewhere than the peer says."""
 _CONTACT_S: Final = 3.0
 """Older contacts are dropped; ADSB_VEHICLE comes at about 1 Hz."""
+_VACANT_S: Final = 10.0
+"""The sensor hears an aircraft about once a second."""
+_NEAR_M: Final = 5.0
+"""It may have drifted so far, or be seen so far off, and still be the vehicle of a last place."""
+_GROUND_M, _STANDS_MPS = 1.0, 0.5
 
 
 class _Report(NamedTuple):
@@ -148,6 +154,58 @@ def _aircraft(now: float, report: _Report, where: complex) -> OtherAircraft:
     age_s = min(now - report.contact.time_s, PREDICT_S)
     stop, velocity = where + report.stops, report.velocity
     return OtherAircraft(TRAFFIC, None, where, stop, velocity, age_s, age_s, fresh=True)
+
+
+class Vacated:
+    """Vehicles of expelled agents that do not fly where they were last believed to be, by the
+    traffic sensor: it sees peers, and for `_VACANT_S` nothing there but what stands on the ground.
+
+    Without a sensor there is no such evidence: silence does not free the place.
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        self._plan = plan
+        self._since_s: dict[int, float] = {}
+        self._rests: dict[int, Vector3] = {}
+        """By agent: where its vehicle stands, or may have landed [m]."""
+
+    def at_rest(self, peers: tuple[OtherAircraft, ...]) -> tuple[OtherAircraft, ...]:
+        """The peers, these as vehicles on the ground: in no agent's way in flight, and none lands
+        on them."""
+        if not self._rests:
+            return peers
+        self._rests = {p.id: self._rests[p.id] for p in peers if p.expelled and p.id in self._rests}
+        return tuple(map(self._placed, peers))
+
+    def look(
+        self, now: float, contacts: Sequence[Contact], peers: Sequence[OtherAircraft], *, sees: bool
+    ) -> None:
+        """Look at the contacts of this tick; `sees`: the sensor sees peers where they say."""
+        expelled = [p for p in peers if p.expelled and p.state is not None and not p.down]
+        if not expelled:
+            return
+        recent = [contact for contact in contacts if 0.0 <= now - contact.time_s <= _CONTACT_S]
+        placed = [(c, ned_from_geodetic(c.position, self._plan.origin)) for c in recent]
+        for peer in expelled:
+            near = [(c, at) for c, at in placed if abs(_horizontal(at) - peer.position) < _NEAR_M]
+            if not sees or not all(_stands(contact, at) for contact, at in near):
+                self._since_s[peer.id] = now
+            elif now - self._since_s.setdefault(peer.id, now) >= _VACANT_S:
+                del self._since_s[peer.id]
+                nowhere = (peer.position.real, peer.position.imag, 0.0)
+                self._rests[peer.id] = near[0][1] if near else nowhere
+
+    def _placed(self, peer: OtherAircraft) -> OtherAircraft:
+        at = self._rests.get(peer.id)
+        if at is None or peer.state is None:
+            return peer
+        place, state = _horizontal(at), replace(peer.state, position_ned_m=at)
+        return peer._replace(state=state, position=place, stop_point=place, setpoint=0j, down=True)
+
+
+def _stands(contact: Contact, at: Vector3) -> bool:
+    """It stands on the ground, at the height of the take-off."""
+    return -at[2] < _GROUND_M and math.hypot(*contact.velocity_ned_mps) < _STANDS_MPS
 
 
 def _horizontal(vector: Sequence[float]) -> complex:

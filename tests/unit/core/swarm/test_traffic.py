@@ -11,7 +11,7 @@ from swarm_ctl.core.model.frames import geodetic_from_ned
 from swarm_ctl.core.model.vehicle import Contact
 from swarm_ctl.core.swarm.peers import Peers
 from swarm_ctl.core.swarm.plausibility import LASTS_S
-from swarm_ctl.core.swarm.traffic import Traffic
+from swarm_ctl.core.swarm.traffic import Traffic, Vacated
 from tests.unit.core.builders import NOW, peer, plan, state
 
 PLAN = plan()
@@ -60,3 +60,47 @@ def test_a_peer_that_stops_elsewhere_for_a_while_is_doubted() -> None:
         assert len(strangers) == 1
         assert (2 in peers.suspects(now)) is (0.05 * k >= LASTS_S)
     assert peers.suspects(now)[2].startswith("the traffic sensor sees it stop 12.0 m from")
+
+
+GONE = peer(2, 60.0, position_ned_m=(0.0, 0.0, -8.0))._replace(expelled=True)
+"""The last place of a vehicle whose agent was expelled."""
+
+
+def vacated(*contacts: Contact, sees: bool = True) -> Vacated:
+    """After 20 s in which the sensor heard these contacts."""
+    place = Vacated(PLAN)
+    for k in range(400):
+        now = NOW + 0.05 * k
+        heard = [replace(each, time_s=now - 0.2) for each in contacts]
+        place.look(now, heard, [GONE], sees=sees)
+    return place
+
+
+def at(height_m: float, speed: float = 0.0) -> Contact:
+    """Over the last place."""
+    place = geodetic_from_ned((1.0, 0.0, -height_m), PLAN.origin)
+    return Contact(NOW, 78, place, (speed, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("place", "free"),
+    [
+        (vacated(), True),
+        (vacated(contact(40.0)), True),
+        (vacated(at(0.1)), True),
+        (vacated(sees=False), False),
+        (vacated(at(8.0)), False),
+        (vacated(at(0.5, speed=2.0)), False),
+        (vacated(at(0.1), at(8.0)), False),
+    ],
+    ids=["nothing", "elsewhere", "landed", "blind", "hovers", "taxies", "two"],
+)
+def test_the_last_place_of_an_expelled_vehicle_is_free_by_evidence_alone(
+    place: Vacated, free: bool
+) -> None:
+    """A sensor that sees others, and nothing in the air there; `readmit` begins anew."""
+    (seen,) = place.at_rest((GONE,))
+    assert seen.down is free
+    assert seen.expelled
+    assert place.at_rest((GONE._replace(expelled=False),)) == (GONE._replace(expelled=False),)
+    assert place.at_rest((GONE,)) == (GONE,)
