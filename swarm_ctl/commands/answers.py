@@ -41,6 +41,11 @@ def answers(sent: SentCommand, plan: Plan, left: Collection[int] = ()) -> Iterat
     elif taken:
         does = next((does for name, does in _DOES.items() if name == kind), "") if rest else ""
         yield f"{agents_named(taken)}: {does or 'accepted'}{'; ' if rest else ''}{rest}"
+    yield from refusals(sent)
+
+
+def refusals(sent: SentCommand) -> Iterator[str]:
+    """A line for each reason, with the agents that gave it."""
     refused: dict[str, list[int]] = {}
     for agent, reason in sorted(sent.reasons.items()):
         # the agent is named before it

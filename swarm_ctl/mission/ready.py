@@ -5,10 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-import swarm_ctl
 from swarm_ctl.errors import InputError
 
-_PACKAGE: Final = Path(swarm_ctl.__file__).parent
+_PACKAGE: Final = Path(__file__).parents[1]
 _FOLDERS: Final = (_PACKAGE / "ready_missions", _PACKAGE.parent / "missions")
 """Of a wheel, and of the source tree."""
 

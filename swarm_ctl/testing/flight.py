@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeAlias
+from typing import Final, TypeAlias
 
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.commands.send import SentCommand
@@ -14,10 +14,12 @@ from swarm_ctl.core.agent.progress import step_name
 from swarm_ctl.core.model.messages import AgentStatus, Event
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.text import ranges
+from swarm_ctl.errors import SwarmError
 from swarm_ctl.mission.compile.loader import LoadedMission, dumps, load, loads
 from swarm_ctl.mission.input.schema import MissionFile
 from swarm_ctl.report.folder.truth import Truth
 from swarm_ctl.report.judge.summary import Summary
+from swarm_ctl.station.picture.view import SwarmView
 
 Mission: TypeAlias = "str | Path | MissionFile | LoadedMission"
 """A file, its text (more than one line), or what is built in Python."""
@@ -33,6 +35,14 @@ def loaded(mission: Mission, beside: Path) -> LoadedMission:
     if isinstance(mission, str) and "\n" in mission:
         return loads(mission)
     return load(mission if Path(mission).exists() else beside / mission)
+
+
+class FlightError(SwarmError, AssertionError):
+    """A flight did not start, did not come as far as was waited for, or refused an order. In a test
+    it is a failure."""
+
+
+_ROUNDING_S: Final = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,16 +82,48 @@ class SwarmFlight(ABC):
     plan: Plan
     """What is flown: `agents`, `steps`, `law`, ..."""
 
+    @property
     @abstractmethod
-    def wait_step(self, step: int | str, within_s: float = 300.0) -> None:
-        """Wait until every live agent is in this step or beyond: its number from 1 (0: preparing),
-        or its name as on screens, `form vee`. AssertionError when that takes longer, or when the
-        flight ends before; ValueError when there is no such step.
-        """
+    def now(self) -> float:
+        """Mission time [s]."""
+
+    @property
+    @abstractmethod
+    def over(self) -> bool:
+        """The flight has ended."""
 
     @abstractmethod
+    def turn(self) -> None:
+        """Let a moment go by: a tick in lockstep and on the virtual clock, else 20 ms."""
+
+    @abstractmethod
+    def reached(self, step: int) -> bool:
+        """Every live agent is in this step or beyond."""
+
+    @abstractmethod
+    def view(self) -> SwarmView:
+        """The swarm now, as a ground station knows it; it has heard nothing before the first
+        call."""
+
+    def wait_step(self, step: int | str, within_s: float = 300.0) -> None:
+        """Wait until every live agent is in this step or beyond: its number from 1 (0: preparing),
+        or its name as on screens, `form vee`. FlightError when that takes longer, or when the
+        flight ends before; ValueError when there is no such step.
+        """
+        __tracebackhide__ = True
+        number, until = self.step_number(step), self.now + within_s
+        while not self.reached(number):
+            if self.now > until or self.over:
+                raise FlightError(
+                    f"step {step!r} was not reached within {within_s:g} s; {self.where}"
+                )
+            self.turn()
+
     def wait_s(self, seconds: float) -> None:
-        """Let the swarm fly for so long."""
+        """Let the swarm fly for so long, or to its end."""
+        until = self.now + seconds
+        while self.now < until - _ROUNDING_S and not self.over:
+            self.turn()
 
     @abstractmethod
     def order(self, order: Order) -> SentCommand:
@@ -131,7 +173,11 @@ class SwarmFlight(ABC):
 
     @abstractmethod
     def finish(self, within_s: float = 900.0) -> FlightResult:
-        """Fly to the end; AssertionError when that takes longer."""
+        """Fly to the end; FlightError when that takes longer."""
+
+    @abstractmethod
+    def land(self) -> None:
+        """Land all agents where they are, and wait for it; nothing, where the flight is over."""
 
     @abstractmethod
     def close(self) -> None:

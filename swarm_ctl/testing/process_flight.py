@@ -26,7 +26,8 @@ from swarm_ctl.runtime.clock import pause, wall_s
 from swarm_ctl.runtime.lockstep.seat import STATION, TEST, BarrierSeat
 from swarm_ctl.runtime.lockstep.words import Phase
 from swarm_ctl.runtime.station.run_client import RunClient
-from swarm_ctl.testing.flight import FlightResult, SwarmFlight
+from swarm_ctl.station.picture.view import SwarmView
+from swarm_ctl.testing.flight import FlightError, FlightResult, SwarmFlight
 
 _START_WALL_S = 40.0
 _POLL_WALL_S = 0.05
@@ -34,19 +35,35 @@ _END_WALL_S = 15.0
 """A second Ctrl-C kills all processes at once; a busy machine needs time for it."""
 _LOCKSTEP_END_WALL_S = 120.0
 """From the last agent's end to the run's, in lockstep."""
+_LAND_WALL_S = 300.0
 _KILL_WALL_S, _SHORT_WALL_S = 10.0, 0.002
-_ROUNDING_S = 1e-6
 
 
 class ProcessFlight(SwarmFlight):
-    """`folder` is the run folder. `speedup`: in real time, so many times as fast; None: in
-    lockstep, and while the test does not wait, mission time stands still."""
+    """`folder` is the run folder, made in `where`.
+
+    Args:
+        mission: to fly.
+        where: for the run folder and the run's output.
+        speedup: in real time, so many times as fast; None: in lockstep, and while the test does not
+            wait, mission time stands still.
+        seed: of all random numbers.
+        arguments: more of `swarm-ctl run`.
+        apart: Ctrl-C in the terminal does not reach the run.
+    """
 
     _cut = False
     """It was ended in flight: what the verdict says of its end is this module's doing."""
 
     def __init__(
-        self, mission: LoadedMission, where: Path, speedup: float | None, seed: int = 1
+        self,
+        mission: LoadedMission,
+        where: Path,
+        speedup: float | None,
+        seed: int = 1,
+        arguments: Sequence[str] = (),
+        *,
+        apart: bool = False,
     ) -> None:
         self.plan = mission.plan
         self._place: BarrierSeat | None = None
@@ -56,10 +73,15 @@ class ProcessFlight(SwarmFlight):
         file.write_text(dumps(mission.file))
         self._log: IO[bytes] = (where / "run.log").open("wb")
         command = [sys.executable, "-m", "swarm_ctl.cli.main", "run", str(file), "--headless"]
-        command += ["--seed", str(seed), "--runs", str(where / "runs"), "--speedup"]
+        command += ["--seed", str(seed), "--runs", str(where), "--speedup"]
         command += ["max", "--lockstep-with", TEST] if speedup is None else [str(speedup)]
+        command += arguments
         self._process = subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=self._log, stderr=subprocess.STDOUT
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=self._log,
+            stderr=subprocess.STDOUT,
+            process_group=0 if apart else None,
         )
         try:
             self.folder = self._wait_started(where)
@@ -73,9 +95,9 @@ class ProcessFlight(SwarmFlight):
 
     def _wait_started(self, where: Path) -> Path:
         until = wall_s() + _START_WALL_S
-        while not (found := list(where.glob("runs/*/processes.json"))):
+        while not (found := list(where.glob("*/processes.json"))):
             if self._process.poll() is not None or wall_s() > until:
-                raise AssertionError(f"the run did not start:\n{self._tail(where)}")
+                raise FlightError(f"the run did not start:\n{self._tail(where)}")
             pause(_POLL_WALL_S)
         return found[0].parent
 
@@ -83,34 +105,29 @@ class ProcessFlight(SwarmFlight):
     def _tail(where: Path) -> str:
         return "\n".join((where / "run.log").read_text(errors="replace").splitlines()[-20:])
 
-    def wait_step(self, step: int | str, within_s: float = 300.0) -> None:
-        __tracebackhide__ = True
-        number, until = self.step_number(step), self._mesh.now() + within_s
-        while not self._reached(number):
-            if self._mesh.now() > until or self._over:
-                raise AssertionError(
-                    f"step {step!r} was not reached within {within_s:g} s; see {self.folder}"
-                )
-            self._mesh.turn()
+    @property
+    def now(self) -> float:
+        return self._mesh.now()
 
-    def _reached(self, number: int) -> bool:
+    def turn(self) -> None:
+        self._mesh.newest()
+        self._mesh.turn()
+
+    def reached(self, step: int) -> bool:
         states = self._mesh.newest()
-        return len(states) > 0 and all(state.step >= number for state in states.values())
+        return len(states) > 0 and all(state.step >= step for state in states.values())
+
+    def view(self) -> SwarmView:
+        return self._mesh.view()
 
     @property
     def _mesh(self) -> RunClient:
         if self._client is None:
-            raise AssertionError("the flight is over")
+            raise FlightError("the flight is over")
         return self._client
 
-    def wait_s(self, seconds: float) -> None:
-        until = self._mesh.now() + seconds
-        while self._mesh.now() < until - _ROUNDING_S and not self._over:
-            self._mesh.newest()
-            self._mesh.turn()
-
     @property
-    def _over(self) -> bool:
+    def over(self) -> bool:
         """The run has ended, or in lockstep its last agent."""
         no_agent = self._place is not None and self._place.agents == 0
         return no_agent or self._process.poll() is not None
@@ -176,12 +193,12 @@ class ProcessFlight(SwarmFlight):
             self._fly_on(within_s)
         except subprocess.TimeoutExpired:
             why = f"the run did not end within {within_s:g} s; see {self.folder}"
-            raise AssertionError(why) from None
+            raise FlightError(why) from None
         self.close()
         folder = self.folder
         summary = self._summary()
         if summary is None:
-            raise AssertionError(f"the run left no summary:\n{self._tail(folder.parents[1])}")
+            raise FlightError(f"the run left no summary:\n{self._tail(folder.parent)}")
         final = [each for each in summary.agents if each.account == "final"]
         outcomes = {each.agent: str(each.outcome) for each in final}
         apart_m = math.inf if summary.min_distance_m is None else summary.min_distance_m
@@ -208,6 +225,16 @@ class ProcessFlight(SwarmFlight):
         if self._client is not None:
             self._client.close()
             self._client = None
+
+    def land(self) -> None:
+        self._leave()
+        if self._process.poll() is None:
+            self._process.send_signal(signal.SIGINT)
+            try:
+                self._process.wait(_LAND_WALL_S)
+            except subprocess.TimeoutExpired:
+                why = f"the swarm did not land within {_LAND_WALL_S:g} s; see {self.folder}"
+                raise FlightError(why) from None
 
     def close(self) -> None:
         """Interrupt the run twice, as an impatient operator does: it ends all its processes."""

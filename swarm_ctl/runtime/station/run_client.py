@@ -18,7 +18,7 @@ from swarm_ctl.runtime.lockstep.seat import TEST, BarrierSeat
 from swarm_ctl.runtime.protection import explained, operator_identity
 from swarm_ctl.runtime.station.ground_station import Station, open_node, swarm_now
 from swarm_ctl.runtime.station.mesh_clock import MeshClock
-from swarm_ctl.station.picture.view import AgentView
+from swarm_ctl.station.picture.view import AgentView, SwarmView
 
 _HEAR_WALL_S: Final = 3.0
 """To hear the agents after joining; an agent that is silent for so long has ended or hangs."""
@@ -100,6 +100,11 @@ class RunClient:
         """The newest status of every agent heard since joining; does not wait."""
         self._station.hear()
         return {agent.id: agent.status for agent in self._station.view().agents if agent.status}
+
+    def view(self) -> SwarmView:
+        """The swarm now, as this client has heard it since joining; does not wait."""
+        self._station.hear()
+        return self._station.view()
 
     def left(self) -> set[int]:
         """The agents that have left the formation by an operator's order."""

@@ -1,0 +1,106 @@
+"""`fly`: starts a mission for a program, and lands it when the program is through with it."""
+
+from __future__ import annotations
+
+import asyncio
+import tempfile
+from pathlib import Path
+from types import TracebackType
+from typing import Final, Literal
+
+from swarm_ctl.api.swarm import AsyncSwarm, Swarm
+from swarm_ctl.mission.compile.loader import LoadedMission
+from swarm_ctl.mission.ready import named
+from swarm_ctl.testing.flight import Mission, SwarmFlight, loaded
+from swarm_ctl.testing.process_flight import ProcessFlight
+from swarm_ctl.testing.virtual_flight import VirtualFlight
+
+VIRTUAL: Final = "virtual"
+
+
+class Flying:
+    """What `fly` returns: `with` gives a `Swarm`, `async with` an `AsyncSwarm`. A swarm that still
+    flies at the end of the block is landed, whatever has ended the block."""
+
+    def __init__(
+        self,
+        mission: LoadedMission,
+        speedup: float | None,
+        vehicles: str | None,
+        seed: int,
+        runs: Path,
+    ) -> None:
+        self._mission, self._speedup, self._vehicles = mission, speedup, vehicles
+        self._seed, self._runs = seed, runs
+        self._flight: SwarmFlight | None = None
+        self._async: AsyncSwarm | None = None
+
+    def __enter__(self) -> Swarm:
+        self._flight = self._start()
+        return Swarm(self._flight)
+
+    def __exit__(
+        self, kind: type[BaseException] | None, _: BaseException | None, __: TracebackType | None
+    ) -> None:
+        flight, self._flight = self._flight, None
+        if flight is not None:
+            try:
+                flight.land()
+            finally:
+                flight.close()
+
+    async def __aenter__(self) -> AsyncSwarm:
+        swarm = await asyncio.to_thread(self.__enter__)
+        self._async = AsyncSwarm(swarm)
+        return self._async
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, _: BaseException | None, __: TracebackType | None
+    ) -> None:
+        if self._async is not None:
+            self._async.leave()
+        await asyncio.shield(asyncio.to_thread(self.__exit__, None, None, None))
+
+    def _start(self) -> SwarmFlight:
+        if self._vehicles == VIRTUAL:
+            virtual = VirtualFlight(self._mission, self._seed)
+            virtual.view()  # it hears from here on
+            return virtual
+        self._runs.mkdir(parents=True, exist_ok=True)
+        folder = Path(tempfile.mkdtemp(prefix=f"{self._mission.plan.name}-", dir=self._runs))
+        more = [] if self._vehicles is None else ["--vehicles", self._vehicles]
+        return ProcessFlight(self._mission, folder, self._speedup, self._seed, more, apart=True)
+
+
+def fly(
+    mission: Mission,
+    *,
+    speedup: float | Literal["max"] = 1.0,
+    vehicles: str | None = None,
+    seed: int = 1,
+    runs: Path | str = "runs",
+) -> Flying:
+    """A mission to fly, in a `with` or an `async with`.
+
+    Args:
+        mission: a file, the name of a ready mission (`hexagon`), a mission's text (of more than one
+            line), or what is built in Python (`MissionFile`, `LoadedMission`).
+        speedup: mission seconds per second of the wall clock; `max`: in lockstep, where mission
+            time waits for every process, and for this program.
+        vehicles: where the fleet names no endpoint: `simulated`, `arducopter` or `px4` (as
+            `swarm-ctl run --vehicles`), or `virtual`: agents and simulated vehicles in this process
+            on a virtual clock. None: the fleet's.
+        seed: of all random numbers.
+        runs: where the run's folder is made, with recording and report.
+
+    Raises:
+        MissionError: the mission has mistakes.
+        FlightError: at the beginning of the block, where the run does not start.
+    """
+    if isinstance(mission, str) and "\n" not in mission:
+        mission = Path(mission)
+    if isinstance(mission, Path):
+        mission = named(mission)
+    checked = loaded(mission, beside=Path())
+    factor = None if speedup == "max" else float(speedup)
+    return Flying(checked, factor, vehicles, seed, Path(runs))

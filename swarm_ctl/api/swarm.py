@@ -1,0 +1,279 @@
+"""A swarm in flight, as a program commands and reads it: `Swarm`, and `AsyncSwarm` for asyncio."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Final, TypeVar
+
+from swarm_ctl.commands.answers import refusals
+from swarm_ctl.commands.parse import Order, parse
+from swarm_ctl.commands.send import SentCommand
+from swarm_ctl.core.model.messages import CommandKind, Event
+from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.text import agents_named
+from swarm_ctl.station.picture.alarms import Alarm, alarms
+from swarm_ctl.station.picture.view import SwarmView
+from swarm_ctl.testing.flight import FlightError, FlightResult, SwarmFlight
+
+T = TypeVar("T")
+_STEP_S: Final = 300.0
+_END_S: Final = 900.0
+
+
+class OrderError(FlightError):
+    """An order that not all agents accepted, with their reasons."""
+
+    def __init__(self, sent: SentCommand) -> None:
+        self.sent: Final = sent
+        whys = list(refusals(sent))
+        if sent.silent:
+            whys.append(f"{agents_named(sent.silent)}: no answer")
+        super().__init__(f"{sent.command.kind}: {sent.failed or '; '.join(whys)}")
+
+
+class Swarm:
+    """A swarm that flies a mission. Times are mission seconds, lengths metres.
+
+    Orders wait for the agents' answers. One that an agent refuses, or does not answer, raises
+    `OrderError`; a word that can be no order raises `InputError`, and nothing is sent.
+    """
+
+    def __init__(self, flight: SwarmFlight) -> None:
+        self.flight: Final = flight
+        """What the fixture's tests work with: agents killed, frozen, thawed."""
+
+    @property
+    def plan(self) -> Plan:
+        """What is flown: `agents`, `steps`, `law`, ..."""
+        return self.flight.plan
+
+    @property
+    def now(self) -> float:
+        """Mission time [s]."""
+        return self.flight.now
+
+    # --- waiting ---
+
+    def step(self, step: int | str, within_s: float = _STEP_S) -> None:
+        """Wait until every live agent is in this step or beyond: its number from 1, or its name
+        (`form hexagon`). FlightError when that takes longer or the flight ends before; ValueError
+        lists the steps where there is no such one."""
+        self.flight.wait_step(step, within_s)
+
+    def wait(self, seconds: float) -> None:
+        """Let the swarm fly for so long."""
+        self.flight.wait_s(seconds)
+
+    def until(self, condition: Callable[[SwarmView], bool], within_s: float = _STEP_S) -> SwarmView:
+        """The first view for which the condition holds; FlightError when that takes longer."""
+        end = self.now + within_s
+        while not condition(view := self.view()):
+            if self.now > end or self.flight.over:
+                raise FlightError(f"not so within {within_s:g} s; {self.flight.where}")
+            self.flight.turn()
+        return view
+
+    # --- what is known ---
+
+    def view(self) -> SwarmView:
+        """The swarm now, as a ground station sees it: `agents` (each with `state`, `status`,
+        `sigma`, `link`), `pairs` in the avoidance region, `links`, `step`, `error_m`, ..."""
+        return self.flight.view()
+
+    def views(self, every_s: float = 0.1) -> Iterator[SwarmView]:
+        """A view each `every_s`, until the flight is over."""
+        while not self.flight.over:
+            yield self.view()
+            self.wait(every_s)
+
+    def alarms(self) -> tuple[Alarm, ...]:
+        """What an operator would have to be told now, the worst first."""
+        return alarms(self.view())
+
+    def events(self) -> Sequence[Event]:
+        """What agents have logged so far."""
+        return self.flight.events()
+
+    # --- orders ---
+
+    def send(self, text: str) -> SentCommand:
+        """Any order as `swarm-ctl send` takes it, e.g. `land @3`, `tune h=0.04`."""
+        return self._order(parse(text, self.plan))
+
+    def hold(self, *agents: int) -> SentCommand:
+        """Stop in the air; these agents alone, or all."""
+        return self._order(Order(CommandKind.HOLD, (), agents))
+
+    def resume(self, *agents: int) -> SentCommand:
+        """Go on with the mission."""
+        return self._order(Order(CommandKind.RESUME, (), agents))
+
+    def next(self) -> SentCommand:
+        """End the current step."""
+        return self._order(Order(CommandKind.NEXT))
+
+    def form(self, shape: str) -> SentCommand:
+        """Fly into another shape of the mission."""
+        return self._order(Order(CommandKind.FORM, (shape,)))
+
+    def move(self, north_m: float, east_m: float, speed_mps: float | None = None) -> SentCommand:
+        """Move the formation's centre to a point, in metres from the origin."""
+        speed = [] if speed_mps is None else [speed_mps]
+        return self._order(Order(CommandKind.MOVE, tuple(map(str, [north_m, east_m, *speed]))))
+
+    def tune(self, **values: float) -> SentCommand:
+        """Change the law of all agents at one time, e.g. `tune(h=0.04, kappa=15)`."""
+        words = tuple(f"{name}={value!r}" for name, value in values.items())
+        return self._order(parse(" ".join((CommandKind.TUNE, *words)), self.plan))
+
+    def send_home(self, *agents: int) -> SentCommand:
+        """Order `return`: fly home one at a time and land; these agents alone, or all."""
+        return self._order(Order(CommandKind.RETURN, (), agents))
+
+    def land_only(self, agent: int, *more: int) -> SentCommand:
+        """Land these agents where they are; the others go on as the mission's policy says."""
+        return self._order(Order(CommandKind.LAND, (), (agent, *more)))
+
+    def _order(self, order: Order) -> SentCommand:
+        for agent in order.agents:
+            self.flight.known(agent)
+        sent = self.flight.order(order)
+        if not sent.accepted:
+            raise OrderError(sent)
+        return sent
+
+    # --- the end ---
+
+    def land(self, within_s: float = _END_S) -> FlightResult:
+        """Land all agents where they are, and wait for the end."""
+        self._order(Order(CommandKind.LAND))
+        return self.finish(within_s)
+
+    def finish(self, within_s: float = _END_S) -> FlightResult:
+        """Fly the mission to its end; FlightError when that takes longer."""
+        return self.flight.finish(within_s)
+
+
+class AsyncSwarm:
+    """A `Swarm` for asyncio: the same calls, awaited. They take turns, each on one thread, so that
+    a task that waits for a step keeps no other from giving an order."""
+
+    def __init__(self, swarm: Swarm) -> None:
+        self._swarm, self._flight = swarm, swarm.flight
+        self._thread = ThreadPoolExecutor(1, "swarm")
+
+    async def _do(self, call: Callable[[], T]) -> T:
+        return await asyncio.get_running_loop().run_in_executor(self._thread, call)
+
+    @property
+    def plan(self) -> Plan:
+        """What is flown: `agents`, `steps`, `law`, ..."""
+        return self._swarm.plan
+
+    async def step(self, step: int | str, within_s: float = _STEP_S) -> None:
+        """`Swarm.step`."""
+        number, flight = self._flight.step_number(step), self._flight
+        end = await self._do(lambda: flight.now) + within_s
+        while not await self._do(lambda: flight.reached(number)):
+            if not await self._turned_before(end):
+                why = f"step {step!r} was not reached within {within_s:g} s"
+                raise FlightError(f"{why}; {flight.where}")
+
+    async def wait(self, seconds: float) -> None:
+        """`Swarm.wait`."""
+        end = await self._do(lambda: self._flight.now) + seconds
+        while await self._turned_before(end):
+            pass
+
+    async def _turned_before(self, end_s: float) -> bool:
+        """Let a moment go by; False where the flight is over, or it is `end_s`."""
+
+        def turned() -> bool:
+            going = not self._flight.over and self._flight.now < end_s
+            if going:
+                self._flight.turn()
+            return going
+
+        return await self._do(turned)
+
+    async def until(
+        self, condition: Callable[[SwarmView], bool], within_s: float = _STEP_S
+    ) -> SwarmView:
+        """`Swarm.until`."""
+        end = await self._do(lambda: self._flight.now) + within_s
+        while not condition(view := await self.view()):
+            if not await self._turned_before(end):
+                raise FlightError(f"not so within {within_s:g} s; {self._flight.where}")
+        return view
+
+    async def view(self) -> SwarmView:
+        """`Swarm.view`."""
+        return await self._do(self._swarm.view)
+
+    async def views(self, every_s: float = 0.1) -> AsyncIterator[SwarmView]:
+        """`Swarm.views`."""
+        while not await self._do(lambda: self._flight.over):
+            yield await self.view()
+            await self.wait(every_s)
+
+    async def alarms(self) -> tuple[Alarm, ...]:
+        """`Swarm.alarms`."""
+        return await self._do(self._swarm.alarms)
+
+    async def events(self) -> Sequence[Event]:
+        """`Swarm.events`."""
+        return await self._do(self._swarm.events)
+
+    async def send(self, text: str) -> SentCommand:
+        """`Swarm.send`."""
+        return await self._do(lambda: self._swarm.send(text))
+
+    async def hold(self, *agents: int) -> SentCommand:
+        """`Swarm.hold`."""
+        return await self._do(lambda: self._swarm.hold(*agents))
+
+    async def resume(self, *agents: int) -> SentCommand:
+        """`Swarm.resume`."""
+        return await self._do(lambda: self._swarm.resume(*agents))
+
+    async def next(self) -> SentCommand:
+        """`Swarm.next`."""
+        return await self._do(self._swarm.next)
+
+    async def form(self, shape: str) -> SentCommand:
+        """`Swarm.form`."""
+        return await self._do(lambda: self._swarm.form(shape))
+
+    async def move(
+        self, north_m: float, east_m: float, speed_mps: float | None = None
+    ) -> SentCommand:
+        """`Swarm.move`."""
+        return await self._do(lambda: self._swarm.move(north_m, east_m, speed_mps))
+
+    async def tune(self, **values: float) -> SentCommand:
+        """`Swarm.tune`."""
+        return await self._do(lambda: self._swarm.tune(**values))
+
+    async def send_home(self, *agents: int) -> SentCommand:
+        """`Swarm.send_home`."""
+        return await self._do(lambda: self._swarm.send_home(*agents))
+
+    async def land_only(self, agent: int, *more: int) -> SentCommand:
+        """`Swarm.land_only`."""
+        return await self._do(lambda: self._swarm.land_only(agent, *more))
+
+    async def land(self, within_s: float = _END_S) -> FlightResult:
+        """`Swarm.land`."""
+        await self._do(lambda: self._swarm.send("land @all"))
+        return await self.finish(within_s)
+
+    async def finish(self, within_s: float = _END_S) -> FlightResult:
+        """`Swarm.finish`."""
+        await self.wait(within_s)
+        return await self._do(lambda: self._swarm.finish(within_s))
+
+    def leave(self) -> None:
+        """End the thread."""
+        self._thread.shutdown()

@@ -1,0 +1,111 @@
+"""`swarm_ctl.fly`, as programs use it: the page's table, the examples, refusals, and the end."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import inspect
+import re
+import runpy
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import swarm_ctl
+from swarm_ctl.api.fly import Flying
+from swarm_ctl.api.swarm import AsyncSwarm, OrderError, Swarm
+from swarm_ctl.errors import InputError
+from swarm_ctl.testing.flight import FlightError
+from tests.system.pair import BARE
+from tests.unit.docs.pages import PAGES
+
+ROOT = Path(__file__).parents[2]
+EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+
+
+def _public(kind: type) -> set[str]:
+    return {name for name in vars(kind) if not name.startswith("_")}
+
+
+def test_both_swarms_have_the_same_calls_and_the_page_has_each() -> None:
+    assert _public(Swarm) - {"now"} == _public(AsyncSwarm) - {"leave"}
+    for name in _public(AsyncSwarm) - {"leave", "plan"}:
+        one, other = (inspect.signature(getattr(kind, name)) for kind in (Swarm, AsyncSwarm))
+        assert one.parameters == other.parameters, name
+    page = (PAGES / "python.md").read_text()
+    told = set(re.findall(r"`swarm\.(\w+)", page.partition("## The swarm")[2]))
+    assert told == _public(Swarm) | {"flight"}
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
+def test_an_example_runs(
+    example: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", [example.name, "virtual"])
+    runpy.run_path(str(example), run_name="__main__")
+    assert re.search(r"\d\.\d\d m", capsys.readouterr().out)
+
+
+def test_a_refused_order_raises_and_the_flight_goes_on() -> None:
+    with swarm_ctl.fly(BARE, vehicles="virtual") as swarm:
+        with pytest.raises(
+            OrderError, match=r"move: agents 1-2: refused: there is no formation"
+        ) as refused:
+            swarm.move(9000, 0)
+        assert set(refused.value.sent.reasons) == {1, 2}
+        with pytest.raises(InputError, match="no command 'jump'"):
+            swarm.send("jump")
+        with pytest.raises(ValueError, match="no agent 7"):
+            swarm.hold(7)
+        with pytest.raises(FlightError, match=r"was not reached within 0\.5 s"):
+            swarm.step("land", within_s=0.5)
+        swarm.step("takeoff")
+        assert [agent.id for agent in swarm.view().agents if agent.airborne] == []
+        result = swarm.finish()
+    assert set(result.outcomes.values()) == {"completed"}
+
+
+def test_a_task_that_waits_keeps_no_other_from_commanding() -> None:
+    async def flown() -> tuple[list[int], set[str]]:
+        steps: list[int] = []
+        async with swarm_ctl.fly(BARE, vehicles="virtual") as swarm:
+
+            async def watch() -> None:
+                steps.extend([view.step async for view in swarm.views(every_s=1.0)])
+
+            watching = asyncio.create_task(watch())
+            await swarm.step("form pair")
+            assert (await swarm.hold(1, 2)).accepted
+            result = await swarm.land()
+            await watching
+        return steps, set(result.outcomes.values())
+
+    steps, outcomes = asyncio.run(flown())
+    assert steps == sorted(steps)
+    assert {0, 2} <= set(steps)
+    assert outcomes == {"aborted"}
+
+
+def _fails_in_flight(flying: Flying) -> Swarm:
+    """A program's mistake, in the air."""
+    with contextlib.suppress(ZeroDivisionError), flying as swarm:
+        swarm.step("form pair")
+        assert len(swarm.view().agents) == 2
+        raise ZeroDivisionError
+    return swarm
+
+
+def test_the_end_of_the_block_lands() -> None:
+    assert _fails_in_flight(swarm_ctl.fly(BARE, vehicles="virtual")).finish().all_down
+
+
+@pytest.mark.lockstep
+def test_a_program_that_fails_in_flight_leaves_no_process(tmp_path: Path) -> None:
+    """Real processes: the run lands, writes its summary, and ends."""
+    _fails_in_flight(swarm_ctl.fly(BARE, speedup="max", runs=tmp_path))
+    (folder,) = tmp_path.glob("pair-*/*/")
+    assert '"aborted"' in (folder / "summary.json").read_text()
+    found = subprocess.run(["/bin/ps", "-eo", "args"], capture_output=True, text=True, check=True)
+    assert str(tmp_path) not in found.stdout
