@@ -19,8 +19,8 @@ _STATUS_S: Final = 2.0
 """Mission time between two statuses of an agent in `statuses.jsonl`, of up to `_FEW` agents; of
 more in proportion, so that the file grows no faster."""
 _FEW: Final = 16
-_MOST_S: Final = 10.0
-"""`run` takes a killed agent's successor for ended 15 s after the last of its statuses there."""
+_MOST_S: Final = 5.0
+"""`run` takes a killed agent's successor for ended 10 s after the last of its statuses there."""
 
 
 class _Lines:
