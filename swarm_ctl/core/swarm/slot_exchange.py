@@ -11,6 +11,7 @@ shape gives each agent its own slot of it and knows no roles.
 from __future__ import annotations
 
 from collections.abc import Container, Mapping, Sequence
+from operator import attrgetter
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -22,6 +23,7 @@ from swarm_ctl.core.swarm.exchange_protocol import EVERY_S, GONE_S, ExchangeProt
 from swarm_ctl.core.swarm.peers import Peers
 
 _FIELDS: Final = tuple(ExchangeStates.__dataclass_fields__)
+_ROW: Final = attrgetter(*_FIELDS)
 _UNHEARD_S: Final = 1e9
 Links: TypeAlias = Mapping[int, tuple[int, ...]]
 
@@ -39,7 +41,10 @@ class SlotExchange:
         self._peers = peers
         self._protocol: ExchangeProtocol | None = None
         self._links: Links = {}
-        self._heard_of: dict[int, AgentState | None] = {}
+        self._heard_of: dict[int, AgentState] = {}
+        self._said = {agent: ExchangeState(role=place) for agent, place in self._places.items()}
+        """What each agent said last; that it has its own role, where nothing that makes sense was
+        heard."""
         self._due_s = 0.0
         self.exchange = ExchangeState(role=self._place)
         """What the own agent tells in its state."""
@@ -54,9 +59,11 @@ class SlotExchange:
         """Take in what is told now."""
         known, roles = self._heard_of, {self._own: self.exchange.role}
         for peer in self._peers:
-            if peer.state is not known.get(peer.id):
-                known[peer.id] = peer.state
-                roles[peer.id] = self._told(peer.id).role
+            state = peer.state
+            if state is not None and state is not known.get(peer.id):
+                known[peer.id] = state
+                said = self._said[peer.id] = self._sense(peer.id, state.exchange)
+                roles[peer.id] = said.role
         if any(self.roles[agent] != role for agent, role in roles.items()):
             self.roles = {**self.roles, **roles}
 
@@ -83,7 +90,8 @@ class SlotExchange:
     def rejoin(self, now: float) -> None:
         """After a restart in flight: the role that none of the others has, and a version that was
         never told."""
-        held = {self._told(peer.id).role for peer in self._peers if peer.state is not None}
+        self.hear()
+        held = {self._said[agent].role for agent in self._heard_of}
         free = [role for role in range(len(self._ids)) if role not in held]
         role = self.exchange.role if self.exchange.role in free or not free else free[0]
         self.exchange = ExchangeState(role=role, version=1 + int(now) % 0x4000)
@@ -99,7 +107,7 @@ class SlotExchange:
         if own.answer_to < 0:
             return True
         to = self._ids[own.answer_to]
-        return self._told(to).version != own.answer_version or self._age(to, now) > GONE_S
+        return self._said[to].version != own.answer_version or self._age(to, now) > GONE_S
 
     def look(
         self, now: float, own_m: Point, flying: tuple[int, int], links: Links, *, new: bool
@@ -152,37 +160,31 @@ class SlotExchange:
         n = len(self._ids)
         points, age_s = np.zeros((2, 1, n, 1)), np.full((1, n, 1), _UNHEARD_S)
         fresh = np.zeros((1, n, 1), dtype=np.bool_)
-        said = [self._told(i) if i != self._own else self.exchange for i in self._ids]
-        for place, i in enumerate(self._ids):
-            state = self._peers.state(i) if i != self._own else None
-            if state is None:
-                continue
-            age = self._age(i, now)
-            ahead = min(age, PREDICT_S)
-            (north, east), (v_north, v_east) = state.stop_point_m, state.setpoint_mps
-            points[0, 0, place, 0] = (north + v_north * ahead) / self._unit_m
-            points[1, 0, place, 0] = (east + v_east * ahead) / self._unit_m
-            age_s[0, place] = age
-            same = (state.step, state.override) == flying and state.phase is Phase.FLY
-            fresh[0, place] = same and age <= FRESH_S
-        fields = ([getattr(state, name) for state in said] for name in _FIELDS)
-        told = ExchangeStates(*(np.array(field)[None, :, None] for field in fields))
+        self._said[self._own] = self.exchange
+        told = ExchangeStates(
+            *np.array([_ROW(self._said[i]) for i in self._ids]).T[:, None, :, None]
+        )
+        if not self._heard_of:
+            return points, told, age_s, fresh
+        states = self._heard_of.values()
+        places = [self._places[agent] for agent in self._heard_of]
+        age = np.array([self._age(agent, now) for agent in self._heard_of])
+        track = np.array([state.stop_point_m + state.setpoint_mps for state in states]).T
+        ahead = track[:2] + track[2:] * np.minimum(age, PREDICT_S)
+        points[:, 0, places, 0] = ahead / self._unit_m
+        age_s[0, places, 0] = age
+        same = [(s.step, s.override) == flying and s.phase is Phase.FLY for s in states]
+        fresh[0, places, 0] = np.array(same) & (age <= FRESH_S)
         return points, told, age_s, fresh
 
     def _age(self, agent: int, now: float) -> float:
         """Age of the newest state [s]; of an agent that has left: as if it was never heard."""
         return _UNHEARD_S if agent in self.departed else self._peers.age(agent, now)
 
-    def _told(self, agent: int) -> ExchangeState:
-        """What an agent said last; that it has its own role, where nothing that makes sense was
-        heard."""
-        state = self._peers.state(agent)
-        n = len(self._ids)
-        if state is None:
-            return ExchangeState(role=self._places[agent])
-        said = state.exchange
-        places = (said.lock, said.offer_to, said.answer_to, said.answer_role)
-        if not 0 <= said.role < n or not all(-1 <= place < n for place in places):
+    def _sense(self, agent: int, said: ExchangeState) -> ExchangeState:
+        """What an agent says; that it has its own role, where that makes no sense."""
+        places = (said.role, said.lock, said.offer_to, said.answer_to, said.answer_role)
+        if said.role < 0 or min(places) < -1 or max(places) >= len(self._ids):
             return ExchangeState(role=self._places[agent])
         return said
 
