@@ -20,6 +20,7 @@ from swarm_ctl.core.model.frames import ned_from_geodetic
 from swarm_ctl.core.model.plan import Compensation, Plan, Point
 from swarm_ctl.core.model.timeouts import PREDICT_S
 from swarm_ctl.core.model.vehicle import Contact, Vector3
+from swarm_ctl.core.swarm.plausibility import Limits
 from swarm_ctl.core.swarm.snapshot import TRAFFIC, OtherAircraft
 
 MAX_CONTACTS: Final = 8
@@ -54,6 +55,7 @@ class Traffic:
 
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
+        self._fastest_mps = Limits.of(plan).fastest_mps
         self.seen: frozenset[int] = frozenset()
         """The peers that the sensor sees where they say."""
         self.off: dict[int, float] = {}
@@ -95,18 +97,17 @@ class Traffic:
         followed = [peer for peer in peers if peer.followed and peer.state is not None]
         if not followed:
             return [True] * len(at)
-        known = [
-            peer.position + _horizontal(peer.state.velocity_ned_mps) * peer.age_s
-            for peer in followed
-            if peer.state is not None
-        ]
         # all contacts against all peers at once: a swarm of 32 sees a thousand pairs a tick
-        near = np.abs(np.array(at)[:, None] - np.array(known)) < _SAME_AIRCRAFT_M
+        told = np.array([peer.position for peer in followed])
+        flown_m = self._fastest_mps * np.array([peer.age_s for peer in followed])
+        near = np.abs(np.array(at)[:, None] - told) < _SAME_AIRCRAFT_M + flown_m
         unlike, seen = [True] * len(at), []
         for k, j in zip(*(places.tolist() for places in near.nonzero()), strict=True):
             peer, report = followed[j], reports[k]
-            told = peer.stop_point + peer.setpoint * min(peer.age_s, PREDICT_S)
-            off_m = abs(at[k] + report.stops - told)
+            if abs(at[k] - _carried_on(peer)) >= _SAME_AIRCRAFT_M:
+                continue
+            stops = peer.stop_point + peer.setpoint * min(peer.age_s, PREDICT_S)
+            off_m = abs(at[k] + report.stops - stops)
             if off_m <= self._may_differ_m(report.speed, now - report.contact.time_s):
                 unlike[k] = False
                 seen.append(peer.id)
@@ -206,6 +207,12 @@ class Vacated:
 def _stands(contact: Contact, at: Vector3) -> bool:
     """It stands on the ground, at the height of the take-off."""
     return -at[2] < _GROUND_M and math.hypot(*contact.velocity_ned_mps) < _STANDS_MPS
+
+
+def _carried_on(peer: OtherAircraft) -> complex:
+    """Where a peer is now, with the velocity that it has told."""
+    flies = peer.state.velocity_ned_mps if peer.state is not None else (0.0, 0.0)
+    return peer.position + _horizontal(flies) * peer.age_s
 
 
 def _horizontal(vector: Sequence[float]) -> complex:
