@@ -236,9 +236,10 @@ def revoke(
 
     require("trust", "trust revoke")
     where = trust_folder(folder, fleet)
-    provision.revoke(where, Member(role, name), terms(days))
+    revoked = Member(role, name)
+    provision.revoke(where, revoked, terms(days))
     show_roster(where)
-    say(RESTART)
+    say(f"{revoked} is revoked: all others ignore it once they have their new bundles", RESTART)
 
 
 def rotate(fleet: FleetOption = None, folder: FolderOption = None, days: Days = 30) -> None:

@@ -86,13 +86,11 @@ def show_roster(folder: Path) -> None:
     from swarm_ctl.trust.roster import read_roster
 
     roster = read_roster(folder, folder / CA_FOLDER / CA)
-    table = Table(box=None, pad_edge=False)
-    for title in ("member", "common name", "until", "address", "for its host"):
-        table.add_column(title)
+    table = _table("for its host")
     for each in roster.current:
-        bundle = folder / f"{each.member.folder}.bundle"
-        row = (str(each.member), each.common_name, day(each.not_after), each.host)
-        table.add_row(*row, str(bundle))
+        until = day(each.not_after).removesuffix(" UTC")
+        row = (str(each.member), each.common_name, until, each.host)
+        table.add_row(*row, f"{each.member.folder}.bundle")
     console = PlainConsole()
     console.say(f"{folder}: swarm {roster.swarm}, epoch {roster.epoch}", style="bold")
     console.print(table)
@@ -113,14 +111,20 @@ def show_report(report: TrustReport) -> None:
 def _members_table(members: Sequence[MemberReport]) -> Table:
     from swarm_ctl.trust.explain import day
 
-    table = Table(box=None, pad_edge=False)
-    for title in ("member", "common name", "until", "address", "MAVLink key"):
-        table.add_column(title)
+    table = _table("MAVLink key")
     for each in members:
-        until = day(each.not_after) if each.not_after else ""
+        until = day(each.not_after).removesuffix(" UTC") if each.not_after else ""
         row = (each.member, each.common_name, until, each.host)
         style = "bold red" if each.attention else None
         table.add_row(*row, "yes" if each.mavlink_key else "", style=style)
+    return table
+
+
+def _table(last: str) -> Table:
+    """Of members, within 80 columns."""
+    table = Table(box=None, pad_edge=False)
+    for title in ("member", "common name", "until (UTC)", "address", last):
+        table.add_column(title)
     return table
 
 

@@ -51,7 +51,8 @@ def test_from_nothing_to_a_host(call: Call) -> None:
     made = call("new", "--fleet", "outdoors.yaml", "--viewer", "tv")
     assert made.exit_code == 0, made.exception
     assert "operator-anna-b.outdoors.e1" in made.output
-    assert "trust/outdoors/agent-3.bundle" in made.output
+    assert "scp trust/outdoors/agent-1.bundle HOST:" in made.output
+    assert "agent-3.bundle" in made.output
     assert call("check", "--fleet", "outdoors.yaml").exit_code == 0
     host = call("install", "trust/outdoors/agent-3.bundle", "--folder", "host/outdoors")
     assert "agent-3.outdoors.e1, until" in host.output
