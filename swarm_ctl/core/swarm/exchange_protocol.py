@@ -118,6 +118,11 @@ class ExchangeProtocol:
         keep_missions(self, missions, *names)
         keep_missions(self.states, missions, *(f.name for f in fields(ExchangeStates)))
 
+    @property
+    def at_rest(self) -> bool:
+        """No offer is considered, and no other agent has the same role."""
+        return bool((self._partner < 0).all() and np.isinf(self._twins).all())
+
     def step(
         self,
         now: float,

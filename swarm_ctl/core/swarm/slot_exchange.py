@@ -125,6 +125,8 @@ class SlotExchange:
         if protocol is None or now < self._due_s:
             return None
         self._due_s = now + EVERY_S
+        if not new and self._at_rest(protocol):
+            return None
         if links is not self._links:
             self._links = links
             protocol.links = np.array(
@@ -151,6 +153,18 @@ class SlotExchange:
         self.taken.append((now, self.exchange.role))
         self.hear()
         return partner
+
+    def _at_rest(self, protocol: ExchangeProtocol) -> bool:
+        """There is no exchange to bring to its end, and no other agent has the own role: a round
+        without new offers changes nothing."""
+        own, role, version = self.exchange, self.exchange.role, self.exchange.version
+        if own.offer_to >= 0 or own.lock >= 0 or not protocol.at_rest:
+            return False
+        return not any(
+            said.role == role or (said.answer_to == self._place and said.answer_version == version)
+            for agent, said in self._said.items()
+            if agent != self._own
+        )
 
     def _heard(
         self, now: float, flying: tuple[int, int]

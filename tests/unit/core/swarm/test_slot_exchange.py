@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from swarm_ctl.core.model.messages import AgentState, ExchangeState, Phase
 from swarm_ctl.core.model.plan import LawParameters, Point
+from swarm_ctl.core.swarm.exchange_protocol import ExchangeProtocol
 from swarm_ctl.core.swarm.peers import Peers
 from swarm_ctl.core.swarm.slot_exchange import SlotExchange
 from tests.unit.core.builders import plan
@@ -132,6 +133,38 @@ def test_whatever_is_lost_or_late_each_agent_ends_with_a_role_of_its_own(
     swarm.run(10)
     assert sorted(swarm.roles) == [0, 1, 2, 3]
     assert all(dealer.settled(swarm.now) for dealer in swarm.dealers.values())
+
+
+class Restless(SlotExchange):
+    """Runs each round."""
+
+    def _at_rest(self, protocol: ExchangeProtocol) -> bool:
+        return False
+
+
+@settings(max_examples=10, deadline=None)
+@given(
+    st.integers(0, 1000),
+    st.floats(0.0, 0.6),
+    st.lists(st.floats(0.2, 4.0), min_size=2, max_size=6),
+    st.permutations(SWAPPED),
+)
+def test_a_round_that_is_left_out_would_have_changed_nothing(
+    seed: int, loss: float, spans_s: list[float], slots: list[Point]
+) -> None:
+    """Steps in which offers may be made, and steps in which exchanges only end, in turns."""
+    resting, restless = Swarm(slots, row(), seed, loss, 3), Swarm(slots, row(), seed, loss, 3)
+    restless.dealers = {i: Restless(PLAN, i, restless.peers[i]) for i in IDS}
+    for dealer in restless.dealers.values():
+        dealer.begin(slots)
+    for turn, span_s in enumerate(spans_s):
+        resting.new = restless.new = turn % 2 == 0
+        for _ in range(round(span_s / TICK_S)):
+            resting.tick()
+            restless.tick()
+            for i in IDS:
+                assert resting.dealers[i].exchange == restless.dealers[i].exchange
+                assert resting.dealers[i].taken == restless.dealers[i].taken
 
 
 @settings(max_examples=20, deadline=None)
