@@ -73,7 +73,8 @@ class Node:
     def take(self, channel: Channel[P]) -> list[tuple[P, float]]:
         """(payload, received_s [s]) of the messages since the last call, oldest first; those that
         are refused are left out."""
-        messages = [m for inlet in self._inlets[channel.name].values() for m in inlet.drain()]
+        inlets = self._inlets.get(channel.name, {})
+        messages = [message for inlet in inlets.values() for message in inlet.drain()]
         if not messages:
             return []
         gate = self._gates[channel.name]

@@ -28,6 +28,7 @@ from swarm_ctl.core.model.messages import (
     StationBeacon,
 )
 from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.swarm.hearing import FOLLOW_TICKS
 from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.mavlink.signing import UNITS_S, Signing
 from swarm_ctl.mavlink.wires import MemoryWire, memory_wires
@@ -37,7 +38,7 @@ from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.transport import Transport
 from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.report.folder.metrics import OVER_M
-from swarm_ctl.runtime.agent.publish import publish
+from swarm_ctl.runtime.agent.publish import listen, publish
 from swarm_ctl.runtime.launch.sim_config import simulator_config
 from swarm_ctl.runtime.vehicle_memory import Remembering, VehicleMemory
 
@@ -58,6 +59,12 @@ class Member:
     ended: Ended | None = None
     status: AgentStatus | None = None
     goals: list[str] = field(default_factory=list)
+    near: frozenset[int] = frozenset()
+    """Its near peers in a large swarm."""
+    decided: list[frozenset[int]] = field(default_factory=list)
+    """They, in the last ticks."""
+    heard: frozenset[int] = frozenset()
+    """Those whose states it hears."""
     clock: Callable[[float], float] = float
     """From the swarm's time to the agent's own."""
     tampered: Callable[[AgentState], AgentState] | None = None
@@ -115,8 +122,7 @@ class VirtualSwarm:
         near, far = memory_wires()
         node = Node(self._wrap(MemoryTransport(self.mesh), agent_id), "test", agent_id)
         clock = self._clocks.get(agent_id, float)
-        ids = [planned.id for planned in plan.agents]
-        node.listen(keys.STATE, keys.CLOCK, keys.BEACON, keys.COMMAND, agents=ids)
+        listen(node, plan)
         remembers = self._memory is not None
         link = VehicleLink(
             near,
@@ -128,13 +134,14 @@ class VirtualSwarm:
         )
         remembering = Remembering(self._memory, f"vehicle:{agent_id}", "test")
         expects, response = self._lockstep, entry.response
+        ids = {planned.id for planned in plan.agents}
         agent = Agent(
             plan,
             agent_id,
             clock(self.now),
             expect_station=expects,
             vehicle=response,
-            same_clock=() if agent_id in self._clocks else set(ids) - self._clocks.keys(),
+            same_clock=() if agent_id in self._clocks else ids - self._clocks.keys(),
         )
         self.members[agent_id] = Member(agent, link, node, remembering, clock=clock)
         return far
@@ -198,6 +205,7 @@ class VirtualSwarm:
         inbox = Inbox(
             view=member.link.view(),
             states=[(state, member.clock(at)) for state, at in member.node.take(keys.STATE)],
+            far=[(state, member.clock(at)) for state, at in member.node.take(keys.FAR)],
             clocks=[(news, member.clock(at)) for news, at in member.node.take(keys.CLOCK)],
             beacons=[(beacon, member.clock(at)) for beacon, at in member.node.take(keys.BEACON)],
             commands=[command for command, _ in member.node.take(keys.COMMAND)],
@@ -213,6 +221,7 @@ class VirtualSwarm:
 
     def _publish(self, member: Member, actions: Actions) -> None:
         publish(member.node, actions)
+        self._follow(member, actions.follow)
         name = type(actions.goal).__name__
         if not member.goals or member.goals[-1] != name:
             member.goals.append(name)
@@ -222,6 +231,17 @@ class VirtualSwarm:
         if actions.ended is not None:
             member.ended, member.alive = actions.ended, False
             member.node.close()
+
+    def _follow(self, member: Member, near: frozenset[int] | None) -> None:
+        """In lockstep, a peer is heard so many ticks after the decision."""
+        if near is not None:
+            member.near = near
+        ticks = FOLLOW_TICKS if self._lockstep else 0
+        member.decided = [*member.decided, member.near][-ticks - 1 :]
+        heard = frozenset.intersection(*member.decided)
+        if heard != member.heard:
+            member.heard = heard
+            member.node.follow(keys.STATE, heard)
 
     def fly(self, until_s: float = 600.0) -> None:
         """Tick until every live agent has ended, at most to `until_s`."""

@@ -49,6 +49,7 @@ from swarm_ctl.core.model.own_parameters import Found, ParameterNote
 from swarm_ctl.core.model.plan import FormStep, Plan, Response, Step
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.vehicle import Goal, VehicleView
+from swarm_ctl.core.swarm.hearing import Hearing, hears_all
 from swarm_ctl.core.swarm.neighbourhood import Neighbourhood
 from swarm_ctl.core.swarm.peers import Peers
 from swarm_ctl.core.swarm.slot_exchange import SlotExchange
@@ -70,6 +71,8 @@ class Inbox:
 
     view: VehicleView
     states: Sequence[tuple[AgentState, float]] = ()
+    far: Sequence[tuple[AgentState, float]] = ()
+    """Far words (`core/swarm/hearing.py`)."""
     clocks: Sequence[tuple[ClockNews, float]] = ()
     beacons: Sequence[tuple[StationBeacon, float]] = ()
     commands: Sequence[Command] = ()
@@ -95,6 +98,10 @@ class Actions:
 
     goal: Goal
     state: AgentState | None
+    far: AgentState | None = None
+    """The same, for those that do not follow this agent."""
+    follow: frozenset[int] | None = None
+    """The peers whose states are to be heard from now on."""
     clock: ClockNews | None = None
     status: AgentStatus | None = None
     sigma: SigmaReport | None = None
@@ -145,6 +152,8 @@ class Agent:
             Neighbourhood(plan, agent_id),
             SlotExchange(plan, agent_id, self._peers),
         )
+        reach_m = context.controller.safety_filter.reach_m
+        self._hearing = None if hears_all(plan) else Hearing(plan, agent_id, reach_m)
         self._barrier = Barrier(context)
         self._command_handler = CommandHandler(plan, agent_id, self._hash, speedup)
         self._way_back = ReturnToLaunch(plan, agent_id)
@@ -203,6 +212,7 @@ class Agent:
             self._enter_step(now)
         actions = Actions(goal, self._state(tick, tick.fix) if tick.fix is not None else None)
         actions.acks = acks
+        self._choose_near(tick, actions)
         actions.clock = self._peers.clocks.say(now)
         self._watch_neighbours(tick)
         self._publish_slow(tick, inbox, actions)
@@ -215,10 +225,11 @@ class Agent:
         for news, received_s in inbox.clocks:
             peers.hear_clock(news, received_s)
         believed = []
-        for state, received_s in inbox.states:
-            self._takeover.hear(state, received_s)
-            if peers.hear(state, received_s):
-                believed.append((state, received_s))
+        for states, far in ((inbox.states, False), (inbox.far, True)):
+            for state, received_s in states:
+                self._takeover.hear(state, received_s)
+                if peers.hear(state, received_s, far=far):
+                    believed.append((state, received_s))
         for severity, text in peers.watch(now):
             context.say(now, severity, text)
         peers.count_ages(now)
@@ -398,6 +409,20 @@ class Agent:
         for severity, text in said:
             context.say(tick.now, severity, text)
 
+    def _choose_near(self, tick: Tick, actions: Actions) -> None:
+        """In a large swarm: which peers to hear at every tick, and the own far word."""
+        hearing, context = self._hearing, self._context
+        if hearing is None:
+            return
+        own_m = context.controller.stop_point_m if tick.newest_fix is not None else None
+        always = context.neighbourhood.own | context.slot_exchange.partners
+        always = (always | {context.reference.pinned}) - {self._id}
+        actions.follow = hearing.look(tick.now, own_m, self._peers, always)
+        if actions.follow is not None:
+            self._peers.follow(actions.follow, tick.now)
+        if hearing.says(tick.now):
+            actions.far = actions.state
+
     # --- what is said ---
 
     def _state(self, tick: Tick, fix: OwnFix) -> AgentState:
@@ -451,7 +476,7 @@ class Agent:
                 context,
                 tick,
                 formation_error_m=self._barrier.formation_error_m,
-                links={peer.id: peer.report(now) for peer in self._peers},
+                links=self._peers.links(now),
                 loop=inbox.tick(),
                 bad_payloads=inbox.bad_payloads,
                 refused=refused,

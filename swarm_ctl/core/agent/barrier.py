@@ -13,7 +13,7 @@ from swarm_ctl.core.law.formation import formation_error
 from swarm_ctl.core.model.causes import FailsafeAction
 from swarm_ctl.core.model.messages import Severity
 from swarm_ctl.core.model.plan import Policy, RotateStep, ScaleStep
-from swarm_ctl.core.swarm.snapshot import OtherAircraft, PeerSnapshot
+from swarm_ctl.core.swarm.snapshot import OtherAircraft, PeerSnapshot, predicted_s
 
 _MEASURE_EVERY_S = 0.2
 ALONE_S: Final = 15.0
@@ -52,7 +52,7 @@ class Barrier:
             return (-1, False)
         told = progress_of(peer.state)
         completed = told >= (len(self._plan.steps), True)  # silent because of that
-        recent = peer.age_s <= self._plan.policies.agent_lost_after_s
+        recent = peer.silent_s <= self._plan.policies.agent_lost_after_s
         return told if completed or recent else (-1, False)
 
     def watch_commands(self, tick: Tick, own_override: int) -> None:
@@ -129,7 +129,7 @@ class Barrier:
             for peer in peers.peers
             if peer.state is not None
             and (
-                peer.age_s > policies.agent_lost_after_s
+                peer.silent_s > policies.agent_lost_after_s
                 or (peer.ends and gave_up(peer, self._plan))
             )
         }
@@ -151,7 +151,7 @@ class Barrier:
         if not shape or fix is None:
             return None
         lost = self.lost(tick.peers)
-        members = [state for state in tick.peers.fresh() if state.agent not in lost]
+        members = [p for p in tick.peers.peers if p.fresh and p.state and p.id not in lost]
         expected = sum(
             not (peer.ends and gave_up(peer, self._plan))
             for peer in tick.peers.peers
@@ -160,11 +160,25 @@ class Barrier:
         if len(members) < expected:
             return None
         unit = self._plan.unit_m
-        points = [fix.position_ned_m[:2], *(s.position_ned_m[:2] for s in members)]
+        own, at = fix.position_ned_m[:2], [_position(peer, tick.now) for peer in members]
         if isinstance(context.progress.current, RotateStep | ScaleStep):
             # The places move against each other. Vehicles lag behind them, their stop points do
             # not.
-            points = [context.controller.stop_point_m, *(s.stop_point_m for s in members)]
-        ids = [context.agent, *(state.agent for state in members)]
+            own = context.controller.stop_point_m
+            at = [peer.stop_point + peer.setpoint * _since(peer, tick.now) for peer in members]
+        points = [own, *((point.real, point.imag) for point in at)]
+        ids = [context.agent, *(peer.id for peer in members)]
         slots = [(shape[i][0] * unit, shape[i][1] * unit) for i in ids]
         return float(formation_error(points, slots))
+
+
+def _since(peer: OtherAircraft, now: float) -> float:
+    """For how long [s] a far peer has flown on since its word; of a near one it counts as none."""
+    return min(peer.age(now), predicted_s(peer)) if peer.far else 0.0
+
+
+def _position(peer: OtherAircraft, now: float) -> complex:
+    if not peer.far or peer.state is None:
+        return peer.position
+    north, east, _ = peer.state.velocity_ned_mps
+    return peer.position + complex(north, east) * _since(peer, now)

@@ -222,13 +222,13 @@ def _peers_gone(s: Situation) -> FailsafeTrigger | None:
     if s.progress.step == 0:
         after = max(after, _PATIENCE_S)
     for peer in s.tick.peers.peers:
-        if peer.age_s <= after and peer.state is not None and peer.state.phase in _GOES_ON:
+        if peer.silent_s <= after and peer.state is not None and peer.state.phase in _GOES_ON:
             continue
         completed = peer.state and progress_of(peer.state) >= (len(s.plan.steps), True)
         if peer.state is None or completed or peer.id in s.departed:
             continue  # never heard: the step's time-out bounds the wait
         reason = gave_up(peer, s.plan)
-        if not reason and peer.age_s > after:
+        if not reason and peer.silent_s > after:
             reason = f"agent {peer.id} has not been heard for {after:g} s"
         if not reason:
             continue
@@ -283,7 +283,7 @@ def _not_done(s: Situation) -> str:
     late, unheard = set[int](), set[int]()
     for peer in s.tick.peers.without(s.departed).peers:
         told = (-1, False) if peer.state is None else progress_of(peer.state)
-        if peer.age_s > patience_s and told < last:
+        if peer.silent_s > patience_s and told < last:
             unheard.add(peer.id)
         elif told < (s.progress.step, True):
             late.add(peer.id)

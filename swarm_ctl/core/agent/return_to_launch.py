@@ -15,13 +15,16 @@ from typing import Final
 from swarm_ctl.core.control.navigation import OwnFix
 from swarm_ctl.core.model.messages import AgentState, Phase
 from swarm_ctl.core.model.plan import Plan, Point, TakeoffStep
+from swarm_ctl.core.model.timeouts import FAR_EVERY_S
+from swarm_ctl.core.swarm.hearing import hears_all
 from swarm_ctl.core.swarm.snapshot import PeerSnapshot
 
 HEIGHT_TOLERANCE_M: Final = 0.7
 HOME_TOLERANCE_M: Final = 0.5
 """Above the start; the landing itself adds some."""
 _SETTLE_S: Final = 1.0
-"""At the own height this long before setting out: meanwhile the peers' states arrive."""
+"""At the own height this long before setting out: meanwhile the peers' states arrive. Two far words
+longer in a large swarm: the one that tells that a peer returns, and the own one."""
 _SLOW_MPS: Final = 0.3
 _BLOCKED_S: Final = 8.0
 """Standing still this long on the way: something is in the way for good (a lost agent's vehicle),
@@ -42,6 +45,7 @@ class ReturnToLaunch:
 
     def __init__(self, plan: Plan, own_id: int) -> None:
         self._own = own_id
+        self._settle_s = _SETTLE_S if hears_all(plan) else _SETTLE_S + 2.0 * FAR_EVERY_S
         self._at_height_since: float | None = None
         self._still_since: float | None = None
         start, unit = plan.agent(own_id).start, plan.unit_m
@@ -63,7 +67,7 @@ class ReturnToLaunch:
             self._at_height_since = None
         elif self._at_height_since is None:
             self._at_height_since = now
-        if self._at_height_since is None or now - self._at_height_since < _SETTLE_S:
+        if self._at_height_since is None or now - self._at_height_since < self._settle_s:
             self.stage = ReturnStage.CLIMB
         else:
             self.stage = ReturnStage.FLY if self._my_turn(peers) else ReturnStage.WAIT

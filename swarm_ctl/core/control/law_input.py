@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.plan import Compensation, Plan, Point
 from swarm_ctl.core.model.rows import row
-from swarm_ctl.core.model.timeouts import PREDICT_S
-from swarm_ctl.core.swarm.snapshot import Formation, OtherAircraft, PeerSnapshot
+from swarm_ctl.core.swarm.snapshot import Formation, OtherAircraft, PeerSnapshot, predicted_s
 
 Floats: TypeAlias = NDArray[np.float64]
 Bools: TypeAlias = NDArray[np.bool_]
@@ -54,7 +53,7 @@ class LawInputBuilder:
         """All aircraft that may be near.
 
         A peer is carried on with its setpoint for at most `lead_s` [s], then with the formation's
-        common velocity for as long as a prediction holds (`PREDICT_S`). A peer without a slot is
+        common velocity for as long as a prediction holds (`predicted_s`). A peer without a slot is
         no neighbour.
         """
         slots, neighbours = formation.slots, formation.neighbours
@@ -64,7 +63,8 @@ class LawInputBuilder:
             with_us = (
                 peer.formation is not None and peer.formation == formation.key and peer.id in slots
             )
-            points.append(self._point(peer, lead_s, formation.velocity if with_us else 0j))
+            moving = formation.velocity if with_us else 0j
+            points.append(self._point(peer, peer.age(snapshot.now_s), lead_s, moving))
             present.append(peer.state is not None)
             along.append(with_us)
             linked.append(peer.followed and peer.id in neighbours and peer.id in slots)
@@ -80,13 +80,13 @@ class LawInputBuilder:
             aircraft, where / self._unit_m, *self._columns, np.array(along, dtype=np.bool_)
         )
 
-    def _point(self, peer: OtherAircraft, lead_s: float, moving: complex) -> complex:
+    def _point(self, peer: OtherAircraft, age_s: float, lead_s: float, moving: complex) -> complex:
         """Where the law takes a peer to be [m]: its stop point carried on, or its position
         (`compensation: none`)."""
         if self._plain:
             return peer.position
-        lead = min(peer.age_s, lead_s)
-        further = min(peer.age_s, PREDICT_S) - lead
+        lead = min(age_s, lead_s)
+        further = min(age_s, predicted_s(peer)) - lead
         return peer.stop_point + peer.setpoint * lead + moving * further
 
 

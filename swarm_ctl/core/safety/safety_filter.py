@@ -49,7 +49,7 @@ class SafetyFilter:
         self.estimate = estimate
         self._margins = Margins.of(plan.law, vehicle, plan.limits.speed_mps, plan.unit_m)
         self._swirl_off_m = (plan.law.r_out + SWIRL_OFF) * plan.unit_m
-        self._reach_m = max(self._margins.farthest, self._swirl_off_m)
+        self.reach_m = max(self._margins.farthest, self._swirl_off_m)
         """An aircraft farther away constrains nothing."""
         # a link that was told up to `NEIGHBOUR_S` ago may be so much longer by now
         self._stretched_m = self._margins.guards_from - self._margins.speed * NEIGHBOUR_S
@@ -189,7 +189,7 @@ class SafetyFilter:
     def _near(self, snapshot: PeerSnapshot, own: complex) -> list[OtherAircraft]:
         """All aircraft that may constrain this tick; looked up once a snapshot."""
         if self._looked[0] is not snapshot:
-            self._looked = (snapshot, snapshot.near(own, self._reach_m))
+            self._looked = (snapshot, snapshot.near(own, self.reach_m))
         return self._looked[1]
 
 

@@ -180,7 +180,7 @@ class GainUpdate:
             peer.id
             for peer in peers.peers
             if peer.state is not None
-            and peer.age_s <= patience
+            and peer.silent_s <= patience
             and peer.state.phase not in (Phase.YIELD, Phase.ENDED)
         ]
 

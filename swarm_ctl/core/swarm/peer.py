@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 
 from swarm_ctl.core.model.histogram import Histogram
 from swarm_ctl.core.model.messages import AgentState, LinkReport, Phase
-from swarm_ctl.core.model.timeouts import FRESH_S, NEIGHBOUR_S
+from swarm_ctl.core.model.timeouts import FAR_EVERY_S, FRESH_S, NEIGHBOUR_S
 from swarm_ctl.core.swarm.clocks import PeerClock
 from swarm_ctl.core.swarm.plausibility import (
     CLOCK_S,
@@ -41,6 +41,8 @@ _STARTED = 40
 """A process that has just started, and of which a second was lost, counts less."""
 _TURNS_S = 0.05
 """A clock that drifts faster than clocks do contradicts what is known of it by less."""
+_OVERDUE_S = 0.1
+"""A far peer that is silent, or whose word has yet to last, is looked at so often."""
 _TWO = Finding(Doubt.SENDERS, "two senders speak as it")
 
 
@@ -76,6 +78,13 @@ class Peer:
     """Why its word was not believed last."""
     expelled: bool = False
     """The operator has ordered not to listen to it."""
+    near_s: float = -math.inf
+    """Since when it is near (`core/swarm/hearing.py`); inf: it is far."""
+    _counted: int | None = None
+    """`seq` of its newest state, far words left out, since it is near."""
+    _view: OtherAircraft | None = None
+    _view_until_s: float = -math.inf
+    """A far peer looks the same until then, unless it is heard."""
     _flew: bool = False
     """It has said that its vehicle is armed or flies: before, an estimate settles by metres."""
     _found_s: float = -math.inf
@@ -97,16 +106,31 @@ class Peer:
         """A word of it was not believed a moment ago."""
         return now - self._found_s <= SUSPECT_S
 
+    def late_s(self, now: float) -> float:
+        """By how much [s] its words may be older than states are: it is far, or its states do not
+        come yet."""
+        return FAR_EVERY_S if now - self.near_s <= NEIGHBOUR_S else 0.0
+
     def view(self, now: float) -> OtherAircraft:
-        """This peer at one tick. Never heard: no state, infinite age."""
+        """This peer at one tick; a far one's ages are those of a tick before."""
+        if self.near_s != math.inf:
+            return self._look(now)
+        if self._view is None or now >= self._view_until_s:
+            self._view = self._look(now)
+            settled = not self._says and not self.suspect(now) and self.age(now) < FAR_EVERY_S
+            self._view_until_s = self.true_s + FAR_EVERY_S if settled else now + _OVERDUE_S
+        return self._view
+
+    def _look(self, now: float) -> OtherAircraft:
+        """Never heard: no state, infinite age."""
         state = self.state
         if state is None:
             return OtherAircraft(
                 self.id, clock_unknown=self.clock.unknown_s is not None, expelled=self.expelled
             )
-        age_s = now - self.true_s
+        age_s, late_s = now - self.true_s, self.late_s(now)
         heard = not self.expelled
-        fresh = age_s <= FRESH_S and heard
+        fresh = age_s <= FRESH_S + late_s and heard
         return OtherAircraft(
             self.id,
             state,
@@ -116,8 +140,11 @@ class Peer:
             age_s,
             now - self.earliest_s,
             fresh,
-            age_s <= NEIGHBOUR_S and heard,
-            fresh and state.phase in _YIELDING and now - self._found_s > SUSPECT_S,
+            age_s <= NEIGHBOUR_S + late_s and heard,
+            age_s <= FRESH_S
+            and heard
+            and state.phase in _YIELDING
+            and now - self._found_s > SUSPECT_S,
             (state.step, state.override) if fresh and state.phase is Phase.FLY else None,
             self.limits.counted_s(state.response_s),
             self.clock.unknown_s is not None,
@@ -127,7 +154,20 @@ class Peer:
             heard and self._lasts("held", now),
             self.expelled,
             self.suspect(now),
+            late_s > 0.0,
+            self.true_s,
         )
+
+    def approach(self, now: float, *, near: bool) -> None:
+        """It is near from now on, or far."""
+        if near is (self.near_s != math.inf):
+            return
+        self.near_s = now if near else math.inf
+        self._counted, self._view_until_s = None, -math.inf
+
+    def expel(self, *, out: bool) -> None:
+        """Listen to it no more, or again."""
+        self.expelled, self._view_until_s = out, -math.inf
 
     def elsewhere(self, now: float) -> OtherAircraft | None:
         """The other place where its vehicle may be, by the word that was not believed."""
@@ -140,11 +180,20 @@ class Peer:
 
     # --- what it says ---
 
-    def hear(self, state: AgentState, received_s: float) -> bool:
+    def hear(self, state: AgentState, received_s: float, *, far: bool = False) -> bool:
         """Take a state in, if it is believed. Newest wins: what is older than what is known is
-        dropped; gaps in `seq` count as lost."""
+        dropped; gaps in `seq` count as lost, but those between far words."""
         if self.expelled:
             return False
+        self._view_until_s = -math.inf
+        believed = self._hear(state, received_s)
+        if not far and (believed or state.seq == (self.state.seq if self.state else None)):
+            if self._counted is not None and state.seq > self._counted:
+                self.lost += state.seq - self._counted - 1
+            self._counted = state.seq
+        return believed
+
+    def _hear(self, state: AgentState, received_s: float) -> bool:
         old = self.state
         finding = self.limits.absurd(state)
         if old is None or finding is not None:
@@ -213,8 +262,6 @@ class Peer:
 
     def _believe(self, state: AgentState, received_s: float) -> None:
         old, before_s = self.state, self.true_s
-        if old is not None and state.seq > old.seq:
-            self.lost += state.seq - old.seq - 1
         self.clock.told(state.time_s, received_s)
         self._date(state.time_s, received_s)
         if old is not None and state.time_s < old.time_s and self.true_s < before_s:
@@ -245,6 +292,7 @@ class Peer:
 
     def doubt(self, finding: Finding, now: float) -> None:
         """Its word is not believed."""
+        self._view_until_s = -math.inf
         self.found, self._found_s = finding, now
 
     def _date(self, told_s: float, received_s: float) -> None:

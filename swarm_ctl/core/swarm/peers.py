@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Container, Iterator, Sequence
 from typing import Final
 
-from swarm_ctl.core.model.messages import AgentState, ClockNews, Phase, Severity
+from swarm_ctl.core.model.messages import AgentState, ClockNews, LinkReport, Phase, Severity
 from swarm_ctl.core.model.plan import Plan, Point
 from swarm_ctl.core.model.vehicle import Contact
 from swarm_ctl.core.swarm.clocks import Clocks
+from swarm_ctl.core.swarm.hearing import hears_all
 from swarm_ctl.core.swarm.peer import Peer
 from swarm_ctl.core.swarm.plausibility import CLOCK_S, LASTS_S, Doubt, Finding, Limits
 from swarm_ctl.core.swarm.snapshot import PeerSnapshot
@@ -24,7 +26,12 @@ class Peers:
         others = (agent.id for agent in plan.agents if agent.id != own_id)
         self.clocks = Clocks(own_id, others, same_clock)
         limits = Limits.of(plan)
-        self._by_id = {agent: Peer(agent, clock, limits) for agent, clock in self.clocks.of.items()}
+        near_s = -math.inf if hears_all(plan) else math.inf
+        self._by_id = {
+            agent: Peer(agent, clock, limits, near_s=near_s)
+            for agent, clock in self.clocks.of.items()
+        }
+        self._near = list(self) if hears_all(plan) else []
         self._traffic, self._vacated = Traffic(plan), Vacated(plan)
         self._suspects: dict[int, Doubt] = {}
         self._off_since: dict[int, float] = {}
@@ -32,11 +39,21 @@ class Peers:
     def __iter__(self) -> Iterator[Peer]:
         return iter(self._by_id.values())
 
-    def hear(self, state: AgentState, received_s: float) -> bool:
-        """Take a state in, if it is believed; one of an agent that the plan does not have is
-        not."""
+    def hear(self, state: AgentState, received_s: float, *, far: bool = False) -> bool:
+        """Take a state (`far`: a far word) in, if it is believed; one of an agent that the plan
+        does not have is not."""
         peer = self._by_id.get(state.agent)
-        return peer is not None and peer.hear(state, received_s)
+        return peer is not None and peer.hear(state, received_s, far=far)
+
+    def follow(self, near: Container[int], now: float) -> None:
+        """These peers are near, and all others far."""
+        for peer in self:
+            peer.approach(now, near=peer.id in near)
+        self._near = [peer for peer in self if peer.id in near]
+
+    def links(self, now: float) -> dict[int, LinkReport]:
+        """The mesh links from the near peers."""
+        return {peer.id: peer.report(now) for peer in self._near}
 
     def hear_clock(self, news: ClockNews, received_s: float) -> None:
         """Take in what a peer says of its clock."""
@@ -53,7 +70,7 @@ class Peers:
     def expel(self, agents: Container[int]) -> None:
         """Listen to these peers no more, and to all others."""
         for peer in self:
-            peer.expelled = peer.id in agents
+            peer.expel(out=peer.id in agents)
 
     def suspects(self, now: float) -> dict[int, str]:
         """The peers of which a word was not believed of late, and why."""
@@ -78,13 +95,17 @@ class Peers:
         """Age of the newest state of `agent` [s]."""
         return self._by_id[agent].age(now)
 
+    def late_s(self, agent: int, now: float) -> float:
+        """By how much [s] the words of `agent` may be older than states are."""
+        return self._by_id[agent].late_s(now)
+
     def state(self, agent: int) -> AgentState | None:
         """The newest state of `agent`."""
         return self._by_id[agent].state
 
     def count_ages(self, now: float) -> None:
-        """Sample the age of every heard peer that has not ended; call it once a tick."""
-        for peer in self:
+        """Sample the age of every near peer that has not ended; call it once a tick."""
+        for peer in self._near:
             ended = peer.state is None or peer.state.phase is Phase.ENDED
             if not ended and peer.clock.known:
                 peer.ages.add(peer.age(now))

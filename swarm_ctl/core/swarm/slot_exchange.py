@@ -99,6 +99,12 @@ class SlotExchange:
             self.taken.append((now, role))
         self.hear()
 
+    @property
+    def partners(self) -> frozenset[int]:
+        """The agents that the own offer, answer or lock is about."""
+        own = self.exchange
+        return frozenset(self._ids[k] for k in (own.offer_to, own.answer_to, own.lock) if k >= 0)
+
     def settled(self, now: float) -> bool:
         """No agent that is heard waits for an answer of ours, nor we for one of theirs."""
         own = self.exchange
@@ -188,7 +194,8 @@ class SlotExchange:
         points[:, 0, places, 0] = ahead / self._unit_m
         age_s[0, places, 0] = age
         same = [(s.step, s.override) == flying and s.phase is Phase.FLY for s in states]
-        fresh[0, places, 0] = np.array(same) & (age <= FRESH_S)
+        late = [self._peers.late_s(agent, now) for agent in self._heard_of]
+        fresh[0, places, 0] = np.array(same) & (age <= FRESH_S + np.array(late))
         return points, told, age_s, fresh
 
     def _age(self, agent: int, now: float) -> float:

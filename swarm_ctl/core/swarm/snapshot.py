@@ -13,6 +13,7 @@ from typing import Final, NamedTuple
 
 from swarm_ctl.core.model.messages import AgentState, CommandKind
 from swarm_ctl.core.model.plan import Point
+from swarm_ctl.core.model.timeouts import FAR_EVERY_S, PREDICT_S
 
 TRAFFIC: Final = 0
 """The id of an aircraft that the traffic sensor sees and no peer on the mesh explains."""
@@ -60,6 +61,25 @@ class OtherAircraft(NamedTuple):
     """The operator has ordered not to listen to it."""
     suspect: bool = False
     """A word of it was not believed a moment ago."""
+    far: bool = False
+    """It is heard now and then: all limits of its age come `FAR_EVERY_S` later, and `age_s` may be
+    that of a tick before."""
+    true_s: float = -math.inf
+    """When its state was true, on the own clock."""
+
+    def age(self, now: float) -> float:
+        """Of its state at `now` [s]."""
+        return now - self.true_s if self.far else self.age_s
+
+    @property
+    def silent_s(self) -> float:
+        """Its age, less the time between its words."""
+        return self.age_s - FAR_EVERY_S if self.far else self.age_s
+
+
+def predicted_s(peer: OtherAircraft) -> float:
+    """For how long [s] a prediction of this peer holds."""
+    return PREDICT_S + FAR_EVERY_S if peer.far else PREDICT_S
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +109,7 @@ class PeerSnapshot:
 
     def age_s(self, agent: int) -> float:
         """Age of the newest state of `agent`; infinite where it was never heard."""
-        return next((peer.age_s for peer in self.peers if peer.id == agent), math.inf)
+        return next((peer.age(self.now_s) for peer in self.peers if peer.id == agent), math.inf)
 
     def near(self, own: complex, reach_m: float) -> list[OtherAircraft]:
         """All aircraft whose told stop point is less than `reach_m` from the point `own`."""

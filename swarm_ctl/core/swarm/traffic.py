@@ -21,7 +21,7 @@ from swarm_ctl.core.model.plan import Compensation, Plan, Point
 from swarm_ctl.core.model.timeouts import PREDICT_S
 from swarm_ctl.core.model.vehicle import Contact, Vector3
 from swarm_ctl.core.swarm.plausibility import Limits
-from swarm_ctl.core.swarm.snapshot import TRAFFIC, OtherAircraft
+from swarm_ctl.core.swarm.snapshot import TRAFFIC, OtherAircraft, predicted_s
 
 MAX_CONTACTS: Final = 8
 """The nearest contacts that the law takes in."""
@@ -99,14 +99,14 @@ class Traffic:
             return [True] * len(at)
         # all contacts against all peers at once: a swarm of 32 sees a thousand pairs a tick
         told = np.array([peer.position for peer in followed])
-        flown_m = self._fastest_mps * np.array([peer.age_s for peer in followed])
+        flown_m = self._fastest_mps * np.array([peer.age(now) for peer in followed])
         near = np.abs(np.array(at)[:, None] - told) < _SAME_AIRCRAFT_M + flown_m
         unlike, seen = [True] * len(at), []
         for k, j in zip(*(places.tolist() for places in near.nonzero()), strict=True):
             peer, report = followed[j], reports[k]
-            if abs(at[k] - _carried_on(peer)) >= _SAME_AIRCRAFT_M:
+            if abs(at[k] - _carried_on(peer, now)) >= _SAME_AIRCRAFT_M:
                 continue
-            stops = peer.stop_point + peer.setpoint * min(peer.age_s, PREDICT_S)
+            stops = peer.stop_point + peer.setpoint * min(peer.age(now), predicted_s(peer))
             off_m = abs(at[k] + report.stops - stops)
             if off_m <= self._may_differ_m(report.speed, now - report.contact.time_s):
                 unlike[k] = False
@@ -209,10 +209,10 @@ def _stands(contact: Contact, at: Vector3) -> bool:
     return -at[2] < _GROUND_M and math.hypot(*contact.velocity_ned_mps) < _STANDS_MPS
 
 
-def _carried_on(peer: OtherAircraft) -> complex:
+def _carried_on(peer: OtherAircraft, now: float) -> complex:
     """Where a peer is now, with the velocity that it has told."""
     flies = peer.state.velocity_ned_mps if peer.state is not None else (0.0, 0.0)
-    return peer.position + _horizontal(flies) * peer.age_s
+    return peer.position + _horizontal(flies) * peer.age(now)
 
 
 def _horizontal(vector: Sequence[float]) -> complex:

@@ -31,7 +31,7 @@ from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.zenoh_config import part_in
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
-from swarm_ctl.runtime.agent.publish import publish
+from swarm_ctl.runtime.agent.publish import listen, publish
 from swarm_ctl.runtime.clock import unix_s
 from swarm_ctl.runtime.forked import serve_forked
 from swarm_ctl.runtime.lifeline import ALIVE, READY, Lifeline
@@ -188,8 +188,7 @@ def _join_mesh(config: AgentConfig, place: Seat, identity: Identity | None) -> N
         part=part_in(config.plan),
     )
     node = Node(place.mesh(transport), config.swarm, config.agent_id)
-    agents = [agent.id for agent in config.plan.agents]
-    node.listen(keys.STATE, keys.CLOCK, keys.BEACON, keys.COMMAND, agents=agents)
+    listen(node, config.plan)
     return node
 
 
@@ -234,6 +233,7 @@ def _loop(
         inbox = Inbox(
             view=link.view(),
             states=node.take(keys.STATE),
+            far=node.take(keys.FAR),
             clocks=node.take(keys.CLOCK),
             beacons=node.take(keys.BEACON),
             commands=[command for command, _ in node.take(keys.COMMAND)],
@@ -245,6 +245,8 @@ def _loop(
         actions = agent.step(now, inbox)
         link.pursue(actions.goal, now)
         publish(node, actions)
+        if actions.follow is not None:
+            node.follow(keys.STATE, actions.follow)
         if actions.status is not None:
             status = actions.status
             lifeline.tell(ALIVE)
