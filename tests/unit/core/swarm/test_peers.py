@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+import pytest
+
 from swarm_ctl.core.model.messages import Phase
+from swarm_ctl.core.model.timeouts import FRESH_S
+from swarm_ctl.core.swarm.hearing import SMALL_SWARM
 from swarm_ctl.core.swarm.peers import Peers
+from swarm_ctl.core.swarm.snapshot import OtherAircraft
+from tests.unit.core.swarm.test_hearing import mission
 from tests.unit.station.swarm import hexagon_plan, state_of
 
 
@@ -21,3 +27,85 @@ def test_the_age_of_a_state_is_not_counted_once_its_agent_has_ended() -> None:
         peers.count_ages(now)
         links = {peer.id: peer.report(now) for peer in peers}
     assert [links[i].age_p99_s for i in (2, 3)] == [0.01, 0.01]
+
+
+LARGE = mission(SMALL_SWARM + 1)
+
+
+def tell(peers: Peers, agent: int, now: float, seq: int, *, far: bool = False) -> None:
+    """A state that was true when it came."""
+    peers.clocks.of[agent].answered(now, now, now, now)
+    peers.hear(state_of(LARGE, agent, now, seq=seq, phase=Phase.FLY), now, far=far)
+
+
+def seen(peers: Peers, agent: int, now: float) -> OtherAircraft:
+    """As the snapshot has it."""
+    return next(peer for peer in peers.snapshot(now).peers if peer.id == agent)
+
+
+def test_the_limits_of_a_far_peers_age_come_a_period_later() -> None:
+    """Fresh, followed, silent; but it is not counted on to do its half with an old word. A near
+    peer's limits are those of states once it was near for a second."""
+    peers = Peers(LARGE, 1)
+    for agent in (2, 3):
+        tell(peers, agent, 10.0, 1, far=True)
+    peers.follow({3}, 8.0)
+    for after_s, fresh, followed in ((0.4, True, True), (0.9, True, True), (1.3, False, True)):
+        far = seen(peers, 2, 10.0 + after_s)
+        assert (far.fresh, far.followed, far.far) == (fresh, followed, True)
+        assert far.yields is (after_s <= FRESH_S)
+    assert not seen(peers, 2, 11.7).followed
+    near = seen(peers, 3, 10.9)
+    assert (near.fresh, near.followed, near.far) == (False, True, False)
+    assert near.silent_s == pytest.approx(0.9)
+    assert seen(peers, 2, 15.4).silent_s == pytest.approx(4.9, abs=0.11)
+    assert seen(peers, 2, 15.4).age(15.4) == pytest.approx(5.4)
+
+
+def test_a_peer_that_comes_near_counts_with_its_far_word_until_its_states_come() -> None:
+    peers = Peers(LARGE, 1)
+    tell(peers, 2, 10.0, 1, far=True)
+    peers.follow({2}, 10.4)
+    assert seen(peers, 2, 10.7).fresh
+    assert seen(peers, 2, 10.7).age_s == pytest.approx(0.7)
+    tell(peers, 2, 10.75, 16)
+    assert seen(peers, 2, 10.8).age_s == pytest.approx(0.05)
+    assert not seen(peers, 2, 11.5).fresh
+
+
+def test_only_gaps_between_states_are_lost() -> None:
+    """A far word that comes with its state or before it is no gap, nor is what was not subscribed
+    to."""
+    peers = Peers(LARGE, 1)
+    tell(peers, 2, 10.0, 1, far=True)
+    tell(peers, 2, 10.5, 11, far=True)
+    peers.follow({2}, 10.6)
+    for k in (14, 15, 16, 18):
+        tell(peers, 2, 10.0 + 0.05 * k, k)
+    tell(peers, 2, 11.0, 21, far=True)
+    tell(peers, 2, 11.0, 21)
+    tell(peers, 2, 11.05, 22)
+    assert peers.links(11.1)[2].lost == 1 + 2
+    peers.follow(set(), 11.1)
+    assert peers.links(11.1) == {}
+    peers.follow({2}, 14.0)
+    tell(peers, 2, 14.05, 82)
+    assert peers.links(14.1)[2].lost == 3
+
+
+def test_a_far_peers_view_is_made_anew_when_it_changes() -> None:
+    """When it is heard, when it is overdue, when it is doubted or expelled; at no other tick."""
+    peers = Peers(LARGE, 1)
+    tell(peers, 2, 10.0, 1, far=True)
+    first = seen(peers, 2, 10.05)
+    assert seen(peers, 2, 10.45) is first
+    assert first.age(10.45) == pytest.approx(0.45)
+    tell(peers, 2, 10.5, 11, far=True)
+    second = seen(peers, 2, 10.55)
+    assert second is not first
+    peers.expel({2})
+    assert seen(peers, 2, 10.6).expelled
+    peers.expel(())
+    third = seen(peers, 2, 10.65)
+    assert not third.expelled
+    assert seen(peers, 2, 11.05) is not third
