@@ -90,7 +90,7 @@ def mesh_judgements(
 
 
 def bad_links(view: SwarmView, judged: dict[tuple[int, int], Judgement]) -> list[tuple[Level, str]]:
-    """Every bad link in words, the worst first; one sentence for an agent that all others
+    """Every bad link in words, the worst first; one sentence for an agent that all who listen to it
     hear badly."""
     found = [
         (judgement.level, f"{what} of agent {agent.id}: {judgement.words}")
@@ -101,10 +101,12 @@ def bad_links(view: SwarmView, judged: dict[tuple[int, int], Judgement]) -> list
         )
         if judgement.level >= Level.WARNING
     ]
-    for sender in {sender for _, sender in judged}:
-        bad = {r: j for (r, s), j in judged.items() if s == sender and j.level >= Level.WARNING}
-        heard_by = sum(s == sender for _, s in judged)
-        if len(bad) > 1 and len(bad) == heard_by:
+    by_sender: dict[int, dict[int, Judgement]] = {}
+    for (receiver, sender), judgement in judged.items():
+        by_sender.setdefault(sender, {})[receiver] = judgement
+    for sender, heard in by_sender.items():
+        bad = {r: j for r, j in heard.items() if j.level >= Level.WARNING}
+        if len(bad) > 1 and len(bad) == len(heard):
             worst = max(bad.values(), key=lambda j: j.level)
             found.append((worst.level, f"all agents hear agent {sender} badly: {worst.words}"))
         else:

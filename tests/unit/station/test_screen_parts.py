@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -19,12 +20,12 @@ from swarm_ctl.core.swarm.gain_update import LEAD_S
 from swarm_ctl.runtime.station.ground_station import swarm_now
 from swarm_ctl.station.dashboard.bars import title_line
 from swarm_ctl.station.dashboard.drawing.canvas import Canvas
-from swarm_ctl.station.dashboard.drawing.picture import Picture
+from swarm_ctl.station.dashboard.drawing.picture import Chosen, Picture
 from swarm_ctl.station.dashboard.drawing.styled_line import StyledLine, bar, blocks, fit, gauge
 from swarm_ctl.station.dashboard.drawing.widgets import Heading
-from swarm_ctl.station.dashboard.panes.link_matrix import METRICS
+from swarm_ctl.station.dashboard.panes.link_matrix import METRICS, listener_lines
 from swarm_ctl.station.dashboard.panes.sigma_pane import budget_used
-from swarm_ctl.station.dashboard.panes.swarm_map import fitted, position
+from swarm_ctl.station.dashboard.panes.swarm_map import fitted, map_lines, position
 from swarm_ctl.station.output.json_lines import json_line
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.history import LOSS_WINDOW_S, LinkSeries
@@ -267,3 +268,36 @@ def test_an_order_that_is_flown_stands_in_place_of_the_step() -> None:
     view = model.view(30.1)
     assert {flown_order(agent, view) for agent in view.agents} == {"move to 20, -5 m"}
     assert "waits: move to 20, -5 m" in title_line(Picture(view), 120).text
+
+
+def _hundred(marked: int = 0) -> Picture:
+    """A hundred agents in rows, each hearing two peers."""
+    plan = hexagon_plan(100)
+    model = Model(plan)
+    for agent in range(1, 101):
+        place = (10.0 * (agent // 10), 10.0 * (agent % 10), -10.0)
+        state = state_of(plan, agent, 30.0, seq=600, step=1, position_ned_m=place)
+        model.fold(state, 30.0)
+        near = [j for j in (agent - 1, agent + 1) if 1 <= j <= 100]
+        links = {j: LinkReport(0.04, 0.03, 0.001 * j, 400, 1) for j in near}
+        model.fold(status_of(plan, agent, 30.0, step=1, links=links), 30.0)
+    chosen = Chosen(marked=frozenset({marked} if marked else ()))
+    return Picture(model.view(30.0), (), (), 0, chosen)
+
+
+def test_a_full_map_has_dots_and_the_ids_that_are_asked_for() -> None:
+    """Ids that lie over each other tell nothing."""
+    small = "\n".join(line.text for line in map_lines(_hundred(marked=44), 30, 7)[:-1])
+    assert re.findall(r"\d+", small) == ["44"]
+    assert small.count("•") >= 20
+    wide = "\n".join(line.text for line in map_lines(_hundred(), 160, 60))
+    assert {str(k) for k in range(1, 101)} <= set(re.findall(r"\d+", wide))
+
+
+def test_a_large_swarm_has_a_line_for_each_listener() -> None:
+    """With its peers, and the worst of its links."""
+    picture = _hundred()
+    lines = [line.text for line in listener_lines(picture, mesh_judgements(picture.view))]
+    assert lines[2 + 43].split() == ["44", "2", "45", "from", "45", "43", "45"]
+    assert len(lines) == 102
+    assert all(cell_len(line) <= 80 for line in lines)

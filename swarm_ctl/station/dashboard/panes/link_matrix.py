@@ -1,5 +1,5 @@
-"""The mesh as a matrix: its rows listen, its columns speak. Ages are mission time; all mesh links
-are direct: there is no hop between.
+"""The mesh as a matrix: its rows listen, its columns speak; or, of a large swarm, a line for each
+listener. Ages are mission time.
 """
 
 from __future__ import annotations
@@ -118,6 +118,31 @@ def matrix_lines(
                 level = judged[receiver, sender].level
                 words, name = _cell(picture, link, level, size), LINK_STYLE[level]
             line.add(gap + right(words, size), name)
+        lines.append(line)
+    return lines
+
+
+def listener_lines(
+    picture: Picture, judged: Mapping[tuple[int, int], Judgement]
+) -> list[StyledLine]:
+    """Of a swarm in which each agent hears a few peers at every tick: a line for each listener has
+    how many, its worst link, and the peers, coloured."""
+    head = StyledLine(right("rx", 6) + right("near", 6) + right("worst", 14) + "  tx", "dim")
+    lines = [_choices(picture.chosen.metric), head]
+    heard: dict[int, list[LinkView]] = {agent.id: [] for agent in picture.view.agents}
+    for link in picture.view.links:
+        heard.setdefault(link.receiver, []).append(link)
+    for receiver, links in heard.items():
+        line = StyledLine(right(str(receiver), 6), "bold").add(right(str(len(links)), 6))
+        levels = {link.sender: judged[receiver, link.sender].level for link in links}
+        if links:
+            worst = max(links, key=lambda k: (levels[k.sender], k.report.age_p99_s or 0.0))
+            name = LINK_STYLE[levels[worst.sender]]
+            words = f"{_cell(picture, worst, levels[worst.sender], 4)} from {worst.sender}"
+            line.add(right(words, 14), name).add(" ")
+        for sender, level in levels.items():
+            sign = _SIGN[level] if level >= Level.WARNING else ""
+            line.add(f" {sender}{sign}", LINK_STYLE[level])
         lines.append(line)
     return lines
 

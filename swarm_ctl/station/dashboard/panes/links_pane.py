@@ -10,6 +10,7 @@ from textual.containers import VerticalScroll
 
 from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.text import printable
+from swarm_ctl.core.swarm.hearing import hears_all
 from swarm_ctl.station.dashboard.drawing.picture import Picture
 from swarm_ctl.station.dashboard.drawing.styled_line import DASH, StyledLine, fit, level_line
 from swarm_ctl.station.dashboard.drawing.widgets import (
@@ -19,7 +20,13 @@ from swarm_ctl.station.dashboard.drawing.widgets import (
     TableCell,
     Trend,
 )
-from swarm_ctl.station.dashboard.panes.link_matrix import LINK_STYLE, matrix_lines, ms, percent
+from swarm_ctl.station.dashboard.panes.link_matrix import (
+    LINK_STYLE,
+    listener_lines,
+    matrix_lines,
+    ms,
+    percent,
+)
 from swarm_ctl.station.dashboard.panes.pane import Pane
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.link_quality import (
@@ -56,7 +63,12 @@ class LinksPane(Pane):
     def draw(self, picture: Picture) -> None:
         matrix, table = self.query_one("#matrix", Painted), self.query_one(CellTable)
         judged = mesh_judgements(picture.view)
-        lines = matrix_lines(picture, judged, matrix.room[0])
+        all_hear = hears_all(picture.view.plan)
+        lines = (
+            matrix_lines(picture, judged, matrix.room[0])
+            if all_hear
+            else listener_lines(picture, judged)
+        )
         matrix.paint([*_sentences(picture.view, judged), *lines, StyledLine()])
         rest = min(_TREND, table.room - sum(heading.width + 1 for heading in _HEADINGS) - 1)
         trend = (Heading("trips so far", rest, left=True),) if rest >= 12 else ()
@@ -75,7 +87,8 @@ def _sentences(view: SwarmView, judged: dict[tuple[int, int], Judgement]) -> lis
         return lines + ([StyledLine(f"   and {more} more", "yellow")] if more > 0 else [])
     heard = sum(judgement.level is Level.WELL for judgement in judged.values())
     if heard:
-        return [level_line(Level.WELL, f"{heard} mesh links, all direct, all well")]
+        how = "all direct" if hears_all(view.plan) else "by routers"
+        return [level_line(Level.WELL, f"{heard} mesh links, {how}, all well")]
     return [level_line(Level.WAITING, "no mesh link yet")]
 
 

@@ -70,7 +70,8 @@ class EntryLog(RichLog, OnGround, can_focus=False):
         words = entry.text + (f" (×{entry.count})" if entry.count > 1 else "")
         words += "  [seen]" if entry.acknowledged else ""
         room = max(10, width - _WORDS_AT)
-        agents = ranges(entry.agents)[: _WORDS_AT - 20]
+        agents = ranges(entry.agents)
+        agents = agents if len(agents) <= _WORDS_AT - 20 else f"{len(entry.agents)} agents"
         head = Text.assemble(
             (f" {entry.time_s:7.1f} ", "dim"),
             (f"{sign} ", name),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 from typing import Final
@@ -28,6 +29,11 @@ _LINK_STYLE: Final = {
 _CROWDED: Final = 3
 """With more links per agent than this, good ones would hide everything: only the others are
 drawn."""
+_DOT: Final = "•"
+"""An agent without a word of its own, where there is no room for all ids."""
+_SHORT_TRAIL: Final = 10
+"""Points of a trail on such a map, and of more than `_LARGE` agents: trails would hide all else."""
+_LARGE: Final = 32
 _LONG: Final = 0.95
 """Share of the interaction range from which a link counts as nearly too long."""
 
@@ -87,7 +93,7 @@ def position(agent: AgentView) -> Point:
     return agent.state.position_ned_m[:2] if agent.state else (math.nan, math.nan)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class _Drawing:
     """One map in the making; what is drawn later lies above."""
 
@@ -135,9 +141,26 @@ class _Drawing:
                 name = "yellow" if agent.id in near else "blue"
                 self.canvas.circle(self.scale.dot(position(agent)), radius, name)
 
+    @functools.cached_property
+    def full(self) -> bool:
+        """Ids would lie over each other."""
+        last: dict[int, int] = {}
+        for column, row, width in sorted(self._place(a) for a in self.placed.values()):
+            if column <= last.get(row, -1):
+                return True
+            last[row] = column + width - 1
+        return False
+
+    def _place(self, agent: AgentView) -> tuple[int, int, int]:
+        """Column, row and width of its id."""
+        x, y = self.scale.dot(position(agent))
+        width = len(str(agent.id))
+        return int(x // 2) - (width - 1) // 2, int(y // 4), width
+
     def trails(self) -> None:
-        scale = self.scale
-        for trail in self.picture.view.histories.trails.values():
+        scale, short = self.scale, self.full or len(self.placed) > _LARGE
+        for whole in self.picture.view.histories.trails.values():
+            trail = whole[-_SHORT_TRAIL:] if short else whole
             if len(trail) > 1:
                 north, east = np.array(trail).T
                 x = scale.width + scale.dots_per_m * (east - scale.middle[1])
@@ -151,9 +174,12 @@ class _Drawing:
                 self.canvas.words(int(x // 2), int(y // 4), "○", "bold")
 
     def agents(self) -> None:
+        """Their ids; on a full map dots, and the ids of those that are marked or have an alarm,
+        above all others."""
         levels, chosen = self.picture.levels(), self.picture.chosen
-        for agent in self.placed.values():
-            x, y = self.scale.dot(position(agent))
+        told = {*chosen.marked, chosen.cursor}
+        told |= {i for i, level in levels.items() if level >= Level.WARNING}
+        for agent in sorted(self.placed.values(), key=lambda agent: agent.id in told):
             level = levels.get(agent.id, Level.WELL)
             name = "bold green" if agent.airborne else "dim"
             if agent.id in chosen.marked:
@@ -161,10 +187,12 @@ class _Drawing:
             elif level >= Level.WARNING:
                 name = LEVEL_STYLE[level]
             name += " reverse" if agent.id == chosen.cursor else ""
-            words = str(agent.id)
+            column, row, width = self._place(agent)
             sign = SIGN[level] if level >= Level.WARNING else ""
-            column = int(x // 2) - (len(words) - 1) // 2
-            self.canvas.words(column, int(y // 4), words + sign, name, f"app.mark({agent.id})")
+            words = str(agent.id) + sign
+            if self.full and agent.id not in told:
+                column, words = column + (width - 1) // 2, _DOT
+            self.canvas.words(column, row, words, name, f"app.mark({agent.id})")
 
     def scale_bar(self) -> None:
         """A bar of a round length and where north is."""
