@@ -6,7 +6,7 @@ import contextlib
 import sys
 import threading
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -16,11 +16,16 @@ from swarm_ctl.cli.shared.extras import require
 from swarm_ctl.cli.shared.options import FleetFile, OpenMesh, Speedup, option
 from swarm_ctl.core.model.fleet import Fleet, FleetAgent, Signing
 from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.swarm.hearing import hears_all
 from swarm_ctl.errors import InputError, TrustError
 
 _PEER: Final = (
     "Where another agent listens; repeat it. Of two agents, one has to name the other."
     "  [default: the agents before it in the fleet]"
+)
+_ROUTER: Final = (
+    "Where the router of this host listens, for a swarm of more than 16.  [default: as in the"
+    " fleet]"
 )
 _KEY: Final = (
     "The vehicle's 32-byte signing key, mode 0600: all frames are signed. The newest stamp is kept"
@@ -45,6 +50,7 @@ def agent(
         str | None, option("tcp/HOST:PORT", "Where it listens.  [default: as in the fleet]")
     ] = None,
     peer: Annotated[list[str] | None, option("tcp/HOST:PORT", _PEER)] = None,
+    router: Annotated[str | None, option("tcp/HOST:PORT", _ROUTER)] = None,
     fleet: FleetFile = None,
     speedup: Speedup = 1.0,
     epoch: Annotated[
@@ -75,10 +81,9 @@ def agent(
     from swarm_ctl.runtime.protection import agent_identity_folder
     from swarm_ctl.runtime.vehicle_memory import state_folder
 
-    plan, entries = _plan(file, fleet)
-    own, before = _own(entries, agent_id, endpoint, mesh)
+    plan, entries = plan_and_fleet(file, fleet)
+    own, connect = _own(plan, entries, agent_id, _Places(endpoint, mesh, peer, router))
     keys = agent_identity_folder(entries.trust, agent_id, identity)
-    connect = tuple(peer or (other.mesh for other in before if other.mesh))
     signing = Signing.REQUIRED if signing_key else entries.signing
     if not open_mesh:
         exposed = exposures(Fleet((own,), None if keys is None else str(keys), signing), connect)
@@ -129,7 +134,8 @@ def _clock_of(run: Path) -> str:
     return found
 
 
-def _plan(file: Path, fleet: Path | None) -> tuple[Plan, Fleet]:
+def plan_and_fleet(file: Path, fleet: Path | None) -> tuple[Plan, Fleet]:
+    """Of a plan file, or of a mission file with the fleet it names, or this one."""
     from swarm_ctl.mission.compile.plan_file import is_plan_file, read_plan
 
     if not is_plan_file(file):
@@ -146,20 +152,52 @@ def _plan(file: Path, fleet: Path | None) -> tuple[Plan, Fleet]:
     return found.plan, Fleet(found.fleet, found.trust, found.signing)
 
 
+@dataclass(frozen=True, slots=True)
+class _Places:
+    """Endpoints of the command line."""
+
+    endpoint: str | None
+    mesh: str | None
+    peers: list[str] | None
+    router: str | None
+
+
 def _own(
-    fleet: Fleet, agent_id: int, endpoint: str | None, mesh: str | None
-) -> tuple[FleetAgent, tuple[FleetAgent, ...]]:
-    """The agent's fleet entry with the addresses that were given, and the entries before it."""
+    plan: Plan, fleet: Fleet, agent_id: int, given: _Places
+) -> tuple[FleetAgent, tuple[str, ...]]:
+    """The agent's fleet entry with the addresses that were given, and what it connects to."""
     ids = [entry.id for entry in fleet.agents]
     if agent_id not in ids:
         allowed = ", ".join(map(str, ids))
         raise InputError(f"--id {agent_id} is no agent of this mission; allowed: {allowed}")
     entry = fleet.agent(agent_id)
-    own = replace(entry, endpoint=endpoint or entry.endpoint, mesh=mesh or entry.mesh)
-    for name, value in {"endpoint": own.endpoint, "mesh": own.mesh}.items():
+    own = replace(
+        entry,
+        endpoint=given.endpoint or entry.endpoint,
+        mesh=given.mesh or entry.mesh,
+        router=given.router or entry.router,
+    )
+    small = hears_all(plan)
+    _refuse_other_links(len(plan.agents), given, small=small)
+    needed = {"mesh": own.mesh} if small else {"router": own.router}
+    for name, value in {"endpoint": own.endpoint, **needed}.items():
         if not value:
             raise InputError(
                 f"agent {agent_id} has no `{name}` in the fleet; a single agent needs one,"
                 f" there or as --{name}"
             )
-    return own, fleet.agents[: ids.index(agent_id)]
+    before = fleet.agents[: ids.index(agent_id)]
+    peers = tuple(given.peers or (other.mesh for other in before if other.mesh))
+    return own, peers if small else (own.router or "",)
+
+
+def _refuse_other_links(count: int, given: _Places, *, small: bool) -> None:
+    if small and given.router:
+        raise InputError(
+            f"--router: a swarm of {count} is a mesh of peers; allowed: --mesh, --peer"
+        )
+    if not small and (given.mesh or given.peers):
+        raise InputError(
+            f"--mesh, --peer: an agent of {count} is a client of its host's router; allowed:"
+            " --router"
+        )

@@ -20,6 +20,7 @@ from swarm_ctl.cli.paper import paper
 from swarm_ctl.cli.plan import plan
 from swarm_ctl.cli.replay import replay
 from swarm_ctl.cli.report import compare, report
+from swarm_ctl.cli.router import router
 from swarm_ctl.cli.run import run
 from swarm_ctl.cli.schema import schema
 from swarm_ctl.cli.send import send
@@ -44,7 +45,7 @@ app = typer.Typer(
 
 _COMMANDS: Final = {
     "ground": (run, validate, plan, station, send, replay, report, compare),
-    "": (agent, sim, measure, doctor, schema, keys),
+    "": (agent, router, sim, measure, doctor, schema, keys),
     "study": (study, paper),
 }
 """The commands that need an extra, or only the core."""

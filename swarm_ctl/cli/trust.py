@@ -30,15 +30,17 @@ from swarm_ctl.trust.names import Member, Role, swarm_named_after
 
 _FINE, _ATTENTION = 0, 1
 
-_FLEET: Final = "A fleet file, or a mission: its agents and their addresses on the mesh."
+_FLEET: Final = "A fleet file, or a mission: agents, routers, and their addresses on the mesh."
 _FOLDER: Final = "The trust folder.  [default: the fleet's, or the only one in trust/]"
 _REQUEST: Final = "A request of a host that keeps its private key (trust request); again for more."
 FleetOption = Annotated[Path | None, option("FILE", _FLEET)]
 FolderOption = Annotated[Path | None, option("FOLDER", _FOLDER)]
 Days = Annotated[int, option("DAYS", "How long certificates are valid.", min=1, max=366)]
 Requests = Annotated[list[Path] | None, option("FILE", _REQUEST, "--csr")]
-RoleName = Annotated[Role, typer.Argument(metavar="ROLE", help="agent, operator or viewer.")]
-Name = Annotated[str, typer.Argument(metavar="NAME", help="The agent's id, or a name.")]
+_ROLE: Final = "agent, operator, viewer or router."
+RoleName = Annotated[Role, typer.Argument(metavar="ROLE", help=_ROLE)]
+_NAME: Final = "The agent's id, the router's number in the fleet, or a name."
+Name = Annotated[str, typer.Argument(metavar="NAME", help=_NAME)]
 
 
 def new(
@@ -56,7 +58,8 @@ def new(
     days: Days = 30,
     csr: Requests = None,
 ) -> None:
-    """Make a swarm's keys: a CA, every agent, a MAVLink key a vehicle, an operator.
+    """Make a swarm's keys: a CA, every agent, a MAVLink key a vehicle, an operator, a router a host
+    of a large swarm.
 
     One file (agent-3.bundle) then goes to each host. With --csr a host's private key never leaves
     it. The folder is yours alone (0700); keep its ca/ off the drones.
@@ -74,10 +77,11 @@ def new(
     read = fleet_of(fleet)
     name = swarm_named_after(fleet.stem) if swarm is None else swarm
     to = folder or (Path(read.trust) if read.trust else fleet.parent / "trust" / name)
-    hosts = names_of(read)
-    agents = {agent: hosts.host(agent) for agent in hosts.agents}
+    hosts = names_of(read).hosts
+    agents = {int(each.name): host for each, host in hosts.items() if each.role is Role.AGENT}
+    routers = [host for each, host in hosts.items() if each.role is Role.ROUTER]
     operators = operator or [login()]
-    provision.new(to, name, agents, operators, viewer or [], terms(days, csr))
+    provision.new(to, name, agents, operators, viewer or [], terms(days, csr), routers)
     show_roster(to)
     if not read.trust:
         say(f"in the fleet: trust: {to.resolve() if folder else f'trust/{name}'}")
@@ -98,7 +102,7 @@ def add(
         Path | None, option("FILE", "A request of its own host (trust request).")
     ] = None,
 ) -> None:
-    """Add an agent, an operator or a viewer.
+    """Add an agent, an operator, a viewer or a router.
 
     All hosts need their bundle again: it has the new roster, and who is not in it is not heard.
 
@@ -221,7 +225,7 @@ def revoke(
     folder: FolderOption = None,
     days: Days = 30,
 ) -> None:
-    """Take an agent, an operator or a viewer out of the swarm.
+    """Take an agent, an operator, a viewer or a router out of the swarm.
 
     A new epoch: all others get new certificates, and need their bundle again. It takes effect when
     they start, on the ground. In flight: swarm-ctl send expel 3.
@@ -257,8 +261,7 @@ def rotate(fleet: FleetOption = None, folder: FolderOption = None, days: Days = 
 
     require("trust", "trust rotate")
     where = trust_folder(folder, fleet)
-    names = names_of(fleet_of(fleet)) if fleet else None
-    hosts = {agent: names.host(agent) for agent in names.agents} if names else None
+    hosts = names_of(fleet_of(fleet)).hosts if fleet else None
     provision.rotate(where, terms(days), hosts)
     show_roster(where)
     say(RESTART)

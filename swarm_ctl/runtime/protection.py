@@ -68,8 +68,8 @@ def router_identity_folder(trust: str | None, listen: str) -> Path | None:
             if entry is not None and same_host(host, entry.host):
                 return path
     raise TrustError(
-        f"{trust}: has no router for {host}; allowed: one of swarm-ctl trust add router NAME"
-        f" --host {host}"
+        f"{trust}: has no router for {host}; allowed: one that swarm-ctl trust new or trust"
+        " add router made from a fleet of more than 16 agents"
     )
 
 
@@ -134,12 +134,14 @@ def explained(identity: Identity | None, endpoints: Sequence[str]) -> str:
     return next((fault for fault in asked if fault), "")
 
 
-def refuse_useless(identity: Identity, agents: Iterable[FleetAgent]) -> None:
-    """TrustError where an agent, or the operator, has no certificate in the roster, one for another
-    address, or one that has ended: no link would open. Nor would an agent arm whose certificate
-    ends in under 24 h."""
+def refuse_useless(
+    identity: Identity, agents: Iterable[FleetAgent], routers: Mapping[Member, str | None]
+) -> None:
+    """TrustError where an agent, a router, or the operator, has no certificate in the roster, one
+    for another address, or one that has ended: no link would open. Nor would an agent arm whose
+    certificate ends in under 24 h."""
     places = {Member(Role.AGENT, str(agent.id)): agent.mesh for agent in agents}
-    for member, mesh in {identity.member: None, **places}.items():
+    for member, mesh in {identity.member: None, **places, **routers}.items():
         entry = identity.roster.of(member)
         if entry is None:
             raise TrustError(

@@ -59,14 +59,24 @@ class TrustReport:
 
 @dataclass(frozen=True, slots=True)
 class FleetNames:
-    """What a fleet says of each agent: where it listens on the mesh; None: a loopback port."""
+    """What a fleet says of each agent: where it listens on the mesh; None: a loopback port, or a
+    router's client. The same of its routers, which are numbered from 1."""
 
     agents: Mapping[int, str | None]
+    routers: tuple[str | None, ...] = ()
 
-    def host(self, agent: int) -> str:
-        """The address that the agent's certificate must be for."""
-        endpoint = self.agents[agent]
-        return address_of(endpoint)[0] if endpoint else LOOPBACK
+    @property
+    def places(self) -> dict[Member, str | None]:
+        """Where each of them listens."""
+        agents = {Member(Role.AGENT, str(i)): at for i, at in sorted(self.agents.items())}
+        routers = enumerate(self.routers, 1)
+        return agents | {Member(Role.ROUTER, str(k)): at for k, at in routers}
+
+    @property
+    def hosts(self) -> dict[Member, str]:
+        """The address that each certificate must be for."""
+        places = self.places.items()
+        return {member: address_of(at)[0] if at else LOOPBACK for member, at in places}
 
 
 def check(folder: Path, now: datetime, fleet: FleetNames | None = None) -> TrustReport:
@@ -187,10 +197,8 @@ def _vehicle(found: Identity) -> Iterator[str]:
 
 
 def _address(found: Identity, fleet: FleetNames | None) -> Iterator[str]:
-    if fleet is None or found.role is not Role.AGENT or found.agent_id not in fleet.agents:
-        return
-    wanted = fleet.host(found.agent_id)
-    if not any(same_host(wanted, host) for host in found.certificate.hosts):
+    wanted = fleet.hosts.get(found.member) if fleet is not None else None
+    if wanted is not None and not any(same_host(wanted, host) for host in found.certificate.hosts):
         yield (
             f"its certificate is for another address: {', '.join(found.certificate.hosts)}; the"
             f" fleet says {wanted}; allowed: swarm-ctl trust rotate --fleet FILE"
@@ -228,28 +236,27 @@ def _alike(loaded: Sequence[Identity]) -> Iterator[str]:
 
 
 def _unknown(fleet: FleetNames, roster: Roster) -> Iterator[str]:
-    known = {entry.name for entry in roster.current if entry.role is Role.AGENT}
-    for agent in sorted(fleet.agents):
-        if str(agent) not in known:
+    for member in fleet.places:
+        if roster.of(member) is None:
             yield (
-                f"the fleet has agent {agent}, the roster of epoch {roster.epoch} has not;"
-                f" allowed: swarm-ctl trust add agent {agent} --fleet FILE"
+                f"the fleet has {member}, the roster of epoch {roster.epoch} has not;"
+                f" allowed: swarm-ctl trust add {member} --fleet FILE"
             )
 
 
 def _live(fleet: FleetNames, loaded: Sequence[Identity]) -> Iterator[tuple[bool, str]]:
-    """Handshakes with the agents that listen: (whether it needs attention, a text)."""
-    places = {agent: endpoint for agent, endpoint in sorted(fleet.agents.items()) if endpoint}
-    known = [each for each in loaded if each.role is not Role.AGENT] or loaded
+    """Handshakes with the agents and routers that listen: (whether it needs attention, a text)."""
+    places = {member: endpoint for member, endpoint in fleet.places.items() if endpoint}
+    known = [each for each in loaded if each.role in (Role.OPERATOR, Role.VIEWER)] or loaded
     with ThreadPoolExecutor(max_workers=32) as pool:
         answers = pool.map(lambda endpoint: ask(known[0], endpoint), places.values())
-        for (agent, endpoint), answer in zip(places.items(), answers, strict=True):
-            own = Member(Role.AGENT, str(agent)).common_name(known[0].swarm, known[0].epoch)
+        for (member, endpoint), answer in zip(places.items(), answers, strict=True):
+            own = member.common_name(known[0].swarm, known[0].epoch)
             if not answer.reached:
-                yield False, f"agent {agent} does not listen at {endpoint}: no handshake was tried"
+                yield False, f"{member} does not listen at {endpoint}: no handshake was tried"
             elif answer.fault:
-                yield True, f"agent {agent}: {answer.fault}"
+                yield True, f"{member}: {answer.fault}"
             elif answer.peer != own:
-                yield True, f"agent {agent}: at {endpoint} answers {answer.peer}; allowed: {own}"
+                yield True, f"{member}: at {endpoint} answers {answer.peer}; allowed: {own}"
             else:
-                yield False, f"agent {agent}: a handshake at {endpoint} as {known[0].common_name}"
+                yield False, f"{member}: a handshake at {endpoint} as {known[0].common_name}"

@@ -64,7 +64,7 @@ def member_of(folder: str) -> Member:
     role, _, name = folder.partition("-")
     if role not in tuple(Role):
         raise TrustError(
-            f"{folder!r} names no identity; allowed: agent-3, operator-anna, viewer-tv"
+            f"{folder!r} names no identity; allowed: agent-3, operator-anna, viewer-tv, router-1"
         )
     return Member(Role(role), name)
 

@@ -53,6 +53,7 @@ def new(
     operators: Iterable[str],
     viewers: Iterable[str],
     terms: Terms,
+    routers: Iterable[str] = (),
 ) -> None:
     """A new CA, and everything for these members.
 
@@ -60,11 +61,14 @@ def new(
         folder: not there yet.
         agents: each agent's address on the mesh, such as 192.168.1.11. An operator's station
             listens on the loopback interface alone.
+        routers: the address of each host's router, in a large swarm; they are numbered from 1.
 
     Raises:
         TrustError: the folder is there, or a name or an address can't be used.
     """
     members = {Member(Role.AGENT, str(agent)): checked_host(host) for agent, host in agents.items()}
+    numbered = enumerate(routers, 1)
+    members |= {Member(Role.ROUTER, str(k)): checked_host(host) for k, host in numbered}
     members |= {Member(Role.OPERATOR, name): LOOPBACK for name in operators}
     members |= {Member(Role.VIEWER, name): "" for name in viewers}
     unused = set(terms.requests) - set(members)
@@ -87,7 +91,8 @@ def new(
 
 
 def add(folder: Path, member: Member, host: str, terms: Terms) -> None:
-    """One more member, in the present epoch. `host`: an agent's address on the mesh."""
+    """One more member, in the present epoch. `host`: its address on the mesh, of one that
+    listens."""
     host = checked_host(host) if host else ""
     with changed_folder(folder) as made:
         authority, roster = opened(made)
@@ -115,17 +120,15 @@ def revoke(folder: Path, member: Member, terms: Terms) -> None:
         (made / f"{member.folder}.bundle").unlink(missing_ok=True)
 
 
-def rotate(folder: Path, terms: Terms, hosts: Mapping[int, str] | None = None) -> None:
-    """A new epoch: new certificates for all, for new addresses (`hosts`: by agent) where given. A
+def rotate(folder: Path, terms: Terms, hosts: Mapping[Member, str] | None = None) -> None:
+    """A new epoch: new certificates for all, for new addresses (`hosts`) where given. A
     private key that is here is made anew, one on its own host stays; MAVLink keys stay, they are in
     the vehicles."""
-    moved = {str(agent): checked_host(host) for agent, host in (hosts or {}).items()}
+    moved = {member: checked_host(host) for member, host in (hosts or {}).items()}
     with changed_folder(folder) as made:
         authority, roster = opened(made)
         entries = tuple(
-            dataclasses.replace(each, host=moved.get(each.name, each.host))
-            if each.role is Role.AGENT
-            else each
+            dataclasses.replace(each, host=moved.get(each.member, each.host))
             for each in roster.entries
         )
         _next_epoch(made, authority, dataclasses.replace(roster, entries=entries), terms)

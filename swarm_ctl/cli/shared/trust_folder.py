@@ -11,6 +11,7 @@ from rich.table import Table
 
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.extras import require
+from swarm_ctl.core.swarm.hearing import SMALL_SWARM
 from swarm_ctl.errors import InputError
 from swarm_ctl.trust.names import LOOPBACK, Member, Role, swarm_named_after
 
@@ -34,10 +35,12 @@ def fleet_of(path: Path) -> Fleet:
 
 
 def names_of(fleet: Fleet) -> FleetNames:
-    """Its agents and their addresses on the mesh."""
+    """Its agents and routers, and their addresses on the mesh. A large fleet that names no router
+    has one on the loopback interface, of `run`."""
     from swarm_ctl.trust.check import FleetNames
 
-    return FleetNames({agent.id: agent.mesh for agent in fleet.agents})
+    routers = fleet.routers or (None,) * (len(fleet.agents) > SMALL_SWARM)
+    return FleetNames({agent.id: agent.mesh for agent in fleet.agents}, routers)
 
 
 def trust_folder(given: Path | None, fleet: Path | None) -> Path:
@@ -56,14 +59,15 @@ def trust_folder(given: Path | None, fleet: Path | None) -> Path:
 
 def host_of(member: Member, fleet: Path | None) -> str:
     """The address that a member's certificate is for; InputError where the fleet has not got it."""
-    if member.role is not Role.AGENT:
+    if member.role in (Role.OPERATOR, Role.VIEWER):
         return LOOPBACK if member.role is Role.OPERATOR else ""
     if fleet is None:
         raise InputError(f"{member} needs its address on the mesh; allowed: with --fleet FILE")
-    names = names_of(fleet_of(fleet))
-    if int(member.name) not in names.agents:
-        raise InputError(f"{fleet}: has no {member}; allowed: {sorted(names.agents)}")
-    return names.host(int(member.name))
+    hosts = names_of(fleet_of(fleet)).hosts
+    if member not in hosts:
+        allowed = ", ".join(str(each) for each in hosts if each.role is member.role)
+        raise InputError(f"{fleet}: has no {member}; allowed: {allowed or 'none'}")
+    return hosts[member]
 
 
 def terms(days: int, requests: Sequence[Path] | None = None) -> Terms:

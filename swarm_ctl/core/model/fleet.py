@@ -87,6 +87,11 @@ class Fleet:
     """The folder with the swarm's keys (`swarm-ctl trust new`); None: the mesh is open."""
     signing: Signing = Signing.OFF
 
+    @property
+    def routers(self) -> tuple[str, ...]:
+        """Where the routers of the agents' hosts listen, each once."""
+        return tuple(dict.fromkeys(agent.router for agent in self.agents if agent.router))
+
     def agent(self, agent_id: int) -> FleetAgent:
         """The entry of `agent_id`; KeyError where the fleet has no such agent."""
         for agent in self.agents:

@@ -15,6 +15,7 @@ from typing import TypeAlias
 from swarm_ctl.core.law import graph, laws
 from swarm_ctl.core.law.formation import distances
 from swarm_ctl.core.safety.fence import area, crossing_edges, inside
+from swarm_ctl.core.swarm.hearing import SMALL_SWARM
 from swarm_ctl.errors import InputError
 from swarm_ctl.mission.geometry.shapes import slot_count, slots_of
 from swarm_ctl.mission.input.document import Finding, Place, dotted
@@ -163,6 +164,23 @@ def _fleet(mission: MissionFile) -> Findings:
         yield from _twice(sysids, "a sysid of its own for every vehicle")
         yield from check_fleet(entries, place)
         yield from check_trust(mission.fleet, ("fleet",))
+        yield from _ways(mission, mission.fleet)
+
+
+def _ways(mission: MissionFile, fleet: FleetSection) -> Findings:
+    """Agents of a small swarm are linked to each other, those of a large one to routers."""
+    count, small = len(mission.agents), len(mission.agents) <= SMALL_SWARM
+    if small and fleet.router:
+        what = f"a swarm of {count} agents is a mesh of peers"
+        yield Finding(("fleet", "router"), what, "no router; `mesh` of each agent")
+    for k, entry in enumerate(fleet.agents):
+        place = ("fleet", "agents", k)
+        if small and entry.router:
+            what = f"a swarm of {count} agents is a mesh of peers"
+            yield Finding((*place, "router"), what, "mesh: where the agent listens")
+        if not small and entry.mesh:
+            what = f"an agent of {count} does not listen: it is a client of its host's router"
+            yield Finding((*place, "mesh"), what, "router: where the router listens")
 
 
 def check_trust(fleet: FleetSection, place: Place) -> Findings:
@@ -170,9 +188,11 @@ def check_trust(fleet: FleetSection, place: Place) -> Findings:
     if fleet.trust is None and fleet.signing == "required":
         what = "signing is required, and there are no keys to sign with"
         yield Finding((*place, "signing"), what, "trust: FOLDER beside it (swarm-ctl trust new)")
-    for k, entry in enumerate(fleet.agents):
-        scheme = (entry.mesh or "tcp/").partition("/")[0]
-        spot = (*place, "agents", k, "mesh")
+    entries = [(*place, "agents", k) for k in range(len(fleet.agents))]
+    ways = {(*entries[k], "mesh"): entry.mesh for k, entry in enumerate(fleet.agents)}
+    ways |= {(*entries[k], "router"): entry.router for k, entry in enumerate(fleet.agents)}
+    for spot, at in {**ways, (*place, "router"): fleet.router}.items():
+        scheme = (at or "tcp/").partition("/")[0]
         if fleet.trust is not None and scheme not in ("tcp", "tls"):
             yield Finding(spot, f"{scheme}/ with trust, whose mesh is TLS", "tls/HOST:PORT")
         elif fleet.trust is None and scheme in ("tls", "quic"):
@@ -204,7 +224,8 @@ def check_fleet(entries: Sequence[FleetEntry], place: Place) -> Findings:
             what = f"vehicle {entry.vehicle} is no {entry.firmware}"
             allowed = f"autopilot: {entry.kind.autopilot}, or none"
             yield Finding((*place, k, "vehicle"), what, allowed)
-        for name, value in (("endpoint", entry.endpoint), ("mesh", entry.mesh)):
+        ways = {"endpoint": entry.endpoint, "mesh": entry.mesh, "router": entry.router}
+        for name, value in ways.items():
             port = value.rpartition(":")[2] if value and not value.startswith("serial:") else "1"
             if not 1 <= int(port) <= 65535:
                 what = f"port {port} is out of range"

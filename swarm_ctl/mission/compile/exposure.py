@@ -34,6 +34,7 @@ def exposures(fleet: Fleet, peers: Iterable[str] = ()) -> list[str]:
     meshes = [(agent.id, agent.mesh or "") for agent in fleet.agents if agent.mesh]
     return [
         *(f"agent {i} is on the mesh at {at}" for i, at in meshes if leaves_loopback(at)),
+        *(f"a router is at {at}" for at in fleet.routers if leaves_loopback(at)),
         *(f"the mesh is at {at}" for at in peers if leaves_loopback(at)),
         *exposed_links(fleet),
     ]

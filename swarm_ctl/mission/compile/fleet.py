@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
+from dataclasses import replace
 from pathlib import Path
 
 from swarm_ctl.core.law.stop_point import TYPICAL
@@ -25,10 +26,14 @@ def fleet_of(mission: MissionFile, folder: Path = Path()) -> Fleet:
 
 
 def protected(agents: tuple[FleetAgent, ...], section: FleetSection | None, folder: Path) -> Fleet:
-    """The fleet of these agents, with the keys that the section of a file in `folder` names."""
-    if section is None or section.trust is None:
+    """The fleet of these agents, with the router and the keys that the section of a file in
+    `folder` names."""
+    if section is None:
         return Fleet(agents)
-    return Fleet(agents, str(folder / section.trust), section.signs)
+    linked = tuple(replace(agent, router=agent.router or section.router) for agent in agents)
+    if section.trust is None:
+        return Fleet(linked)
+    return Fleet(linked, str(folder / section.trust), section.signs)
 
 
 def with_agent_sysids(
@@ -55,6 +60,15 @@ def fleet_agent(entry: FleetEntry, given: VehicleResponse | None = None) -> Flee
     known = Response(**response.model_dump()) if response else TYPICAL[entry.firmware]
     true = entry.simulated_response
     truly = Response(**true.model_dump()) if true else None
-    way = (entry.endpoint, entry.mesh, known, entry.kind, truly)
-    own = entry.agent_sysid or AGENT_SYSID
-    return FleetAgent(entry.id, entry.vehicle_sysid, entry.firmware, *way, agent_sysid=own)
+    return FleetAgent(
+        entry.id,
+        entry.vehicle_sysid,
+        entry.firmware,
+        entry.endpoint,
+        entry.mesh,
+        known,
+        entry.kind,
+        truly,
+        agent_sysid=entry.agent_sysid or AGENT_SYSID,
+        router=entry.router,
+    )

@@ -435,6 +435,12 @@ class FenceSection(Section):
     """Above each vehicle's own take-off point."""
 
 
+Endpoint = Annotated[
+    str, Field(pattern=r"^(tcp|tls|udp|quic)/\S+:[0-9]{1,5}$", examples=["tcp/192.168.1.11:7447"])
+]
+"""Of the mesh."""
+
+
 class FleetEntry(Section):
     """How one agent's vehicle is reached."""
 
@@ -461,12 +467,10 @@ class FleetEntry(Section):
         examples=["udpout:192.168.1.21:14550", "serial:/dev/ttyACM0:115200"],
     )
     """The vehicle's MAVLink endpoint. Default: `run` starts the vehicle."""
-    mesh: str | None = Field(
-        default=None,
-        pattern=r"^(tcp|tls|udp|quic)/\S+:[0-9]{1,5}$",
-        examples=["tcp/192.168.1.11:7447"],
-    )
-    """Where the agent listens on the mesh. Default: a loopback port."""
+    mesh: Endpoint | None = None
+    """Where the agent listens on the mesh, in a swarm of up to 16. Default: a loopback port."""
+    router: Endpoint | None = None
+    """Where the router of the agent's host listens, in a larger swarm. Default: the fleet's."""
 
     @property
     def vehicle_sysid(self) -> int:
@@ -490,6 +494,10 @@ class FleetSection(Section):
 
     version: Literal[1] = 1
     agents: tuple[FleetEntry, ...] = Field(min_length=1, max_length=250)
+    router: Endpoint | None = None
+    """Where the router listens whose clients all agents of a swarm of more than 16 are; an agent of
+    another host names its own. `swarm-ctl router` starts it. Default: `run` starts one on a
+    loopback port."""
     trust: str | None = Field(default=None, min_length=1, examples=["trust/outdoors"])
     """The folder with the swarm's keys, relative to this file; `swarm-ctl trust new` makes it. The
     mesh is then encrypted, and open to its members alone. Default: an open mesh, which may not

@@ -42,6 +42,7 @@ from swarm_ctl.runtime.vehicle_memory import state_folder
 from swarm_ctl.runtime.vehicles.binaries import find
 from swarm_ctl.runtime.vehicles.order import ORDERS, ORDERS_JSON, Order, Orders, Started
 from swarm_ctl.trust.identity import MAVLINK_KEY
+from swarm_ctl.trust.names import LOOPBACK, Member, member_of
 
 _PACKAGES = ("swarm-ctl", "eclipse-zenoh", "numpy", "pydantic", "pymavlink", "rich", "textual")
 """Their versions stand in the manifest."""
@@ -98,7 +99,7 @@ class RunSetup:
             _refuse_lockstep(mission.fleet.agents)
         identity = operator_identity(mission.fleet.trust, options.keys.identity)
         if identity is not None:
-            refuse_useless(identity, mission.fleet.agents)
+            refuse_useless(identity, mission.fleet.agents, _router_place(mission))
         exposed = exposures(mission.fleet) + _exposed_stations(mission.fleet, options.gcs)
         if not options.keys.open_mesh:
             refuse_exposed(exposed, options.keys.fleet_file, mission.fleet.trust)
@@ -329,6 +330,16 @@ def _router(agents: Sequence[FleetAgent]) -> str | None:
             " router and swarm-ctl agent)"
         )
     return named[0]
+
+
+def _router_place(mission: LoadedMission) -> dict[Member, str | None]:
+    """The member that routes, and where; none in a small swarm. TrustError where the fleet's trust
+    has none for that address."""
+    if hears_all(mission.plan):
+        return {}
+    at = _router(mission.fleet.agents)
+    folder = router_identity_folder(mission.fleet.trust, at or f"tcp/{LOOPBACK}:1")
+    return {} if folder is None else {member_of(folder.name): at}
 
 
 def _manifest(mission: LoadedMission, options: RunOptions) -> Manifest:

@@ -102,14 +102,14 @@ def test_certificates_that_open_no_link_are_named_before_the_start(
     identity = station_identity(str(make("anna", age_days=age_days, host=host)))
     assert identity is not None
     if not told:
-        refuse_useless(identity, agents(mesh))
+        refuse_useless(identity, agents(mesh), {})
         return
     with pytest.raises(TrustError, match=told):
-        refuse_useless(identity, agents(mesh))
+        refuse_useless(identity, agents(mesh), {})
 
 
 def test_an_agent_that_the_roster_does_not_name_is_told(make: Make) -> None:
     identity = station_identity(str(make("anna")))
     assert identity is not None
     with pytest.raises(TrustError, match="the roster of field has no agent 9"):
-        refuse_useless(identity, (*agents(), FleetAgent(9, 9, "px4")))
+        refuse_useless(identity, (*agents(), FleetAgent(9, 9, "px4")), {})

@@ -135,7 +135,7 @@ def test_rotation(trust: Path) -> None:
     """New keys and certificates, for a new address; the vehicles keep their keys."""
     before = load_identity(trust / "agent-3")
     key = before.key_file.read_bytes()
-    rotate(trust, Terms(NOW + timedelta(days=20)), {3: "10.0.0.3"})
+    rotate(trust, Terms(NOW + timedelta(days=20)), {Member(Role.AGENT, "3"): "10.0.0.3"})
     after = load_identity(trust / "agent-3")
     assert after.common_name == "agent-3.outdoors.e2"
     assert after.certificate.hosts == ("agent-3.outdoors.e2", "10.0.0.3")

@@ -1,0 +1,91 @@
+"""`swarm-ctl router`: the router of a host, for a large swarm whose agents are started by hand."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Final
+
+import typer
+
+from swarm_ctl.cli.agent import plan_and_fleet
+from swarm_ctl.cli.shared.options import FleetFile, OpenMesh, Speedup, option
+from swarm_ctl.core.swarm.hearing import hears_all
+from swarm_ctl.errors import InputError
+
+_LISTEN: Final = "Where it listens: a `router` of the fleet.  [default: the fleet's only one]"
+_IDENTITY: Final = (
+    "The folder with its own keys (swarm-ctl trust).  [default: as in the fleet's trust]"
+)
+
+
+def router(
+    file: Annotated[
+        Path, typer.Argument(metavar="PLAN", help="A plan file, or a mission file (needs ground).")
+    ],
+    listen: Annotated[str | None, option("tcp/HOST:PORT", _LISTEN)] = None,
+    fleet: FleetFile = None,
+    speedup: Speedup = 1.0,
+    identity: Annotated[Path | None, option("FOLDER", _IDENTITY)] = None,
+    open_mesh: OpenMesh = False,
+) -> None:
+    """Pass on what the agents and stations of a swarm of more than 16 say.
+
+    One for each host, started before its agents; `run` starts its own. It connects to the fleet's
+    other routers. Ctrl-C ends it when its last client has gone; a second one at once.
+
+    Examples:
+
+    \b
+        swarm-ctl router plan.json
+        swarm-ctl router plan.json --listen tcp/192.168.1.11:7447
+    """
+    from swarm_ctl.mesh.access import as_tls
+    from swarm_ctl.mission.compile.exposure import leaves_loopback, refuse_exposed
+    from swarm_ctl.runtime.lifeline import ALIVE, READY, SignalLifeline
+    from swarm_ctl.runtime.protection import router_identity_folder
+    from swarm_ctl.runtime.router.router_process import RouterConfig, run_router
+
+    plan, entries = plan_and_fleet(file, fleet)
+    if hears_all(plan):
+        raise InputError(
+            f"{file}: a swarm of {len(plan.agents)} agents is a mesh of peers; allowed: 17 and more"
+        )
+    at, others = _places(entries.routers, listen)
+    keys = identity or router_identity_folder(entries.trust, at)
+    if keys is None and not open_mesh:
+        exposed = [f"a router is at {each}" for each in (at, *others) if leaves_loopback(each)]
+        refuse_exposed(exposed, str(fleet or file))
+    spelled = as_tls if keys is not None else str
+
+    class Lifeline(SignalLifeline):
+        """The second signal does not wait."""
+
+        def _signalled(self, *_: object) -> None:
+            if self._cut:
+                raise KeyboardInterrupt
+            self._cut = True
+            sys.stderr.write("router: ends with its last client; Ctrl-C again: at once\n")
+
+        def tell(self, text: str) -> None:
+            if text == READY:
+                sys.stderr.write(f"router: listens at {spelled(at)}\n")
+            elif text != ALIVE:
+                sys.stderr.write(f"router: {text}\n")
+
+    before = tuple(map(spelled, others))
+    config = RouterConfig(plan.name, spelled(at), before, speedup, identity=keys)
+    raise typer.Exit(run_router(config, Lifeline()))
+
+
+def _places(routers: tuple[str, ...], listen: str | None) -> tuple[str, tuple[str, ...]]:
+    """Where it listens, and the routers before it in the fleet: of two, one has to connect."""
+    if listen is None and len(routers) == 1:
+        listen = routers[0]
+    if listen is None or listen not in routers:
+        what = f"--listen {listen}: is no router of the fleet" if listen else "which router?"
+        raise InputError(
+            f"{what}; allowed: --listen with one of"
+            f" {', '.join(routers) or 'the fleet, which names none (`router`)'}"
+        )
+    return listen, routers[: routers.index(listen)]
