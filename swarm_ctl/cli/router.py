@@ -29,7 +29,7 @@ def router(
     identity: Annotated[Path | None, option("FOLDER", _IDENTITY)] = None,
     open_mesh: OpenMesh = False,
 ) -> None:
-    """Pass on what the agents and stations of a swarm of more than 16 say.
+    """Pass on what a swarm of more than 16 agents says, on its host.
 
     One for each host, started before its agents; `run` starts its own. It connects to the fleet's
     other routers. Ctrl-C ends it when its last client has gone; a second one at once.

@@ -164,12 +164,13 @@ def _fleet(mission: MissionFile) -> Findings:
         yield from _twice(sysids, "a sysid of its own for every vehicle")
         yield from check_fleet(entries, place)
         yield from check_trust(mission.fleet, ("fleet",))
-        yield from _ways(mission, mission.fleet)
 
 
-def _ways(mission: MissionFile, fleet: FleetSection) -> Findings:
+def _links_of_fleet(mission: MissionFile) -> Findings:
     """Agents of a small swarm are linked to each other, those of a large one to routers."""
-    count, small = len(mission.agents), len(mission.agents) <= SMALL_SWARM
+    count, small, fleet = len(mission.agents), len(mission.agents) <= SMALL_SWARM, mission.fleet
+    if fleet is None:
+        return
     if small and fleet.router:
         what = f"a swarm of {count} agents is a mesh of peers"
         yield Finding(("fleet", "router"), what, "no router; `mesh` of each agent")
@@ -447,6 +448,7 @@ _CHECKS: tuple[tuple[str, Callable[[MissionFile], Findings]], ...] = (
     ("fence lengths unit_m", _polygon),
     ("fence agents lengths unit_m", _starts_fenced),
     ("agents fleet", _fleet_has_all),
+    ("agents fleet", _links_of_fleet),
     ("agents simulation", _faults),
     ("shapes agents law lengths unit_m", _shapes),
     ("shapes agents steps", _slot_counts),
