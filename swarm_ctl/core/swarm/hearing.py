@@ -43,6 +43,14 @@ def hears_all(plan: Plan) -> bool:
     return len(plan.agents) <= SMALL_SWARM
 
 
+def mesh_words(agents: int) -> str:
+    """How a swarm of so many agents is linked."""
+    if agents <= SMALL_SWARM:
+        return f"of peers, {agents} agents, {agents * (agents - 1) // 2} links"
+    rare = f"far words at {1 / FAR_EVERY_S:g} Hz"
+    return f"one router a host, {agents} agents: near peers every tick, {rare}"
+
+
 class Heard(Protocol):
     """A peer as it was heard last."""
 

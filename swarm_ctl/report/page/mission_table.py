@@ -32,6 +32,7 @@ from swarm_ctl.core.model.plan import (
 )
 from swarm_ctl.core.model.text import agents_named, ranges
 from swarm_ctl.core.safety.constraints import Margins
+from swarm_ctl.core.swarm.hearing import mesh_words
 from swarm_ctl.mission.compile.forecast import StepForecast
 from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.mission.input.simulation_section import SimulationSection
@@ -156,6 +157,7 @@ def _facts(plan: Plan, full: bool) -> Iterator[str]:
     law, unit, limits, policies = plan.law, plan.unit_m, plan.limits, plan.policies
     yield f"radii    r {law.r * unit:g} m, r_out {law.r_out * unit:g} m, r_in {law.r_in * unit:g} m"
     yield from _graph(plan, full)
+    yield f"mesh     {mesh_words(len(plan.agents))}"
     yield from _closest(plan)
     braking_m = float(stop_distance(np.array(limits.speed_mps), plan.response))
     stop_m = limits.speed_mps * plan.response.dead_time_s + braking_m

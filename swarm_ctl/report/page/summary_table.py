@@ -11,6 +11,7 @@ from rich.text import Text
 
 from swarm_ctl.core.model.messages import Outcome
 from swarm_ctl.core.model.text import agents_named, printable, ranges
+from swarm_ctl.core.swarm.hearing import mesh_words
 from swarm_ctl.report.folder.flight import Source
 from swarm_ctl.report.judge.summary import (
     AgentPair,
@@ -114,6 +115,7 @@ def _rows(s: Summary) -> Iterator[tuple[str, str, bool]]:
     yield "setpoints", f"{_number(s.setpoint_rate_hz, 2)} Hz (slowest agent)", True
     late = f"p50 {s.tick.late_p50_ms:.2f} ms, p99 {s.tick.late_p99_ms:.2f} ms late"
     yield "ticks", f"{late}, {s.tick.overruns} overruns", True
+    yield "mesh", mesh_words(len(s.agents)), True
     yield "state age", _ages(s), True
     yield "loss", _loss(s), True
     if s.exit_codes is not None:

@@ -135,13 +135,16 @@ class RunProcesses:
         for line in setup.table():
             self._print(line)
         simulators = "1 simulator, " if sim_config else ""
-        self._print(f"starting {simulators}{len(configs)} agents, 1 station; run folder {folder}")
+        router_config = setup.router_config()
+        router = "1 router, " if router_config else ""
+        what = f"{simulators}{router}{len(configs)} agents, 1 station"
+        self._print(f"starting {what}; run folder {folder}")
         try:
             if rules := setup.keeper_rules():
                 address = setup.manifest.lockstep or ""
                 self._keeper = keeper(address, rules, folder / "clock.log")
                 self._wait_ready(_START_WALL_S)
-            if router_config := setup.router_config():
+            if router_config is not None:
                 self._router = HostRouter(router_config, self._say, self._patience_wall_s)
             if sim_config:
                 self._simulator = simulator(sim_config, folder / "simulator.log")
