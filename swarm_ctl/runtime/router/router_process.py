@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from contextlib import closing
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
@@ -14,6 +15,11 @@ from swarm_ctl.runtime.forked import serve_forked
 from swarm_ctl.runtime.lifeline import ALIVE, READY, Lifeline
 from swarm_ctl.runtime.protection import access, router_identity
 
+_SENDS_APART: Final = (
+    "(rx:(handover:app),acc:(handover:app),net:(handover:app),"
+    "tx:(worker_threads:1),app:(worker_threads:1))"
+)
+"""In lockstep: a thread that waits for room in a queue must not be the one that empties it."""
 _TURN_WALL_S: Final = 0.1
 _LINGER_WALL_S: Final = 300.0
 """After the lifeline's end: agents land, a station writes the summary. It ends with its last
@@ -44,6 +50,8 @@ def child_main(config: RouterConfig, connection: Connection) -> None:
 
 def run_router(config: RouterConfig, lifeline: Lifeline) -> int:
     """Pass on until the lifeline is cut and the last client has gone; the exit code."""
+    if config.patient:
+        os.environ["ZENOH_RUNTIME"] = _SENDS_APART
     identity = router_identity(config.identity)
     router = Router(
         [config.listen],
