@@ -4,12 +4,13 @@ unharmed one, with the same distance within 5 %, and the log names whose word wa
 from __future__ import annotations
 
 import functools
+import random
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
 
-from swarm_ctl.core.model.messages import AgentState, ClockEcho, ClockNews, Phase
+from swarm_ctl.core.model.messages import AgentState, ClockEcho, ClockNews, ExchangeState, Phase
 from swarm_ctl.mission.compile.loader import LoadedMission, load
 from tests.security.forger import Attacked, Forge
 
@@ -69,12 +70,28 @@ class Row:
     to: tuple[int, ...] = tuple(IDS)
     times: int = 1
     for_s: float = 30.0
+    moved: bool = False
+    """It makes agents fly other ways: the smallest distance is another one, but not under `r_in`."""
 
     def __str__(self) -> str:
         return self.name
 
 
+def any_exchange(state: AgentState) -> AgentState:
+    """Words of slot exchange, another one each tick."""
+    drawn = random.Random(state.seq)
+    place, version = (
+        functools.partial(drawn.randrange, -1, 6),
+        functools.partial(drawn.randrange, 3),
+    )
+    exchange = ExchangeState(
+        drawn.randrange(6), version(), place(), place(), version(), place(), version(), place()
+    )
+    return replace(state, exchange=exchange)
+
+
 ONCE = 0.05
+OTHERS = (1, 2, 3, 5, 6)
 ROWS = (
     Row("stop points, to 4 and 5", elsewhere, "its stop point", (1, 2, 3, 6), (4, 5)),
     Row("positions + 300 m", far, "it jumped by"),
@@ -82,6 +99,19 @@ ROWS = (
     Row("it yields, on and on", words(phase=Phase.YIELD), "two senders", times=3),
     Row("it is down", words(phase=Phase.ENDED, down=True), "two senders", to=(4, 5)),
     Row("it carries out a command", words(override=77), "two senders"),
+    Row("all others are done, to 4", words(done=True), "two senders", OTHERS, (4,), 3),
+    Row(
+        "all others land, to 4",
+        words(step=4, done=True),
+        "two senders",
+        OTHERS,
+        (4,),
+        3,
+        moved=True,
+    ),
+    Row("it has not begun", words(step=1, done=False), "two senders", times=3),
+    Row("it has agent 4's slots", words(exchange=ExchangeState(3, 50)), "two senders", moved=True),
+    Row("it exchanges slots", any_exchange, "two senders", moved=True),
     Row("from 1e6 s ahead", ahead, "its clock stepped by 1e+06 s"),
     Row("slow", words(response_s=60.0), "it answers after 60 s"),
     Row("fast", words(setpoint_mps=(50.0, 0.0)), "its setpoint is 50 m/s"),
@@ -103,7 +133,9 @@ def test_forged_states(row: Row) -> None:
     flight.forge(row.speaks_as, row.to, row.word, row.times)
     flight.swarm.run(row.for_s)
     flight.forge((), (), row.word, 0)
-    ends_unharmed(flight, f"agent {row.speaks_as[0]} is not believed: {row.says}")
+    r_in_m = flight.swarm.plan.law.r_in * flight.swarm.plan.unit_m
+    least_m = r_in_m if row.moved else 0.95 * unharmed_m()
+    ends_unharmed(flight, f"agent {row.speaks_as[0]} is not believed: {row.says}", least_m)
 
 
 @pytest.mark.long
@@ -116,11 +148,12 @@ def test_forged_clock_words() -> None:
         swarm.tick()
         echoes = tuple(ClockEcho(i, swarm.now - 0.01, 0.0) for i in IDS)
         flight.say("clock", 3, (1, 2, 4, 5, 6), ClockNews(3, swarm.now + 1e6, False, echoes))
-    ends_unharmed(flight, "agent 3 is not believed: its clock word steps by 1e+06 s")
+    told = "agent 3 is not believed: its clock word steps by 1e+06 s"
+    ends_unharmed(flight, told, 0.95 * unharmed_m())
 
 
-def ends_unharmed(flight: Attacked, says: str) -> None:
+def ends_unharmed(flight: Attacked, says: str, least_m: float) -> None:
     flight.swarm.fly(300.0)
     assert set(flight.swarm.outcomes().values()) == {"completed"}
-    assert flight.swarm.closest_m >= 0.95 * unharmed_m()
+    assert flight.swarm.closest_m >= least_m
     assert says in flight.said()
