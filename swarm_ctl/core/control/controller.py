@@ -28,8 +28,6 @@ _APPROACH_RATE = 1.0
 Stop points need no more."""
 _SKIPPED = 10
 """Ticks: after more of them the vehicle itself has stopped (`SETPOINT_TIMEOUT_S`)."""
-_COMPLEX = np.array([1.0, 1.0j])
-"""Turns (north, east) into north + 1j * east by a matrix product."""
 
 
 class Controller:
@@ -145,38 +143,38 @@ class Controller:
     def _terms(self, snapshot: PeerSnapshot, formation: Formation) -> tuple[complex, complex]:
         """The law's consensus, with the mean-error feedback, and its avoidance [m/s]."""
         others = self._law_input.build(snapshot, formation, self._lead_s)
-        result, rate = self._evaluate(others, formation), self._iteration_mps
-        (north, east), (away_north, away_east) = (
-            result.consensus[0].tolist(),
-            result.avoidance[0].tolist(),
-        )
-        consensus = complex(north, east) * rate
+        unit, rate = self._plan.unit_m, self._iteration_mps
+        own = complex(*self.point_m) / unit
+        slot = complex(*formation.slots.get(self._own, (0.0, 0.0)))
+        consensus, avoidance = self._evaluate(others, own, slot)
+        consensus *= rate
         if self._plan.safety.align and formation.key is not None:
-            unit, slot = self._plan.unit_m, formation.slots.get(self._own, (0.0, 0.0))
-            own_error = complex(*self.point_m) / unit - complex(*slot)
-            errors = (others.points[0] - others.slots[0]) @ _COMPLEX
-            pull = mean_error_feedback.pull(np.array(own_error), errors, others.along)
-            consensus += complex(pull) * unit
-        return consensus, complex(away_north, away_east) * rate
+            errors, count = others.errors_along(), sum(others.along)
+            consensus += mean_error_feedback.pull(own - slot, errors, count) * unit
+        return consensus, avoidance * rate
 
-    def _evaluate(self, others: LawInput, formation: Formation) -> formation_law.LawResult:
-        unit = self._plan.unit_m
+    def _evaluate(self, others: LawInput, own: complex, slot: complex) -> tuple[complex, complex]:
+        """The law's two terms [units]."""
+        self._result, self._others = None, others
+        plain = self._formation_law is formation_law.evaluate
+        if plain and not others.near(own, self._law.r_out):
+            return formation_law.consensus(own - slot, others.errors_linked(), self._law), 0j
         result = self._formation_law(
-            np.array([[self.point_m[0] / unit, self.point_m[1] / unit]]),
-            np.array([formation.slots.get(self._own, (0.0, 0.0))]),
-            others.points,
-            others.slots,
-            others.neighbour,
-            others.present,
-            others.lower_id,
+            np.array([[own.real, own.imag]]),
+            np.array([[slot.real, slot.imag]]),
+            *others.arrays(),
             self._law,
         )
         if result.pairs is not None:
             counts = np.bincount(result.pairs.status, minlength=len(formation_law.STATUSES))
             self._tally += counts
             self.overspeed_ticks += bool(counts[formation_law.OVERSPEED])
-        self._result, self._others = result, others
-        return result
+        self._result = result
+        (north, east), (away_north, away_east) = (
+            result.consensus[0].tolist(),
+            result.avoidance[0].tolist(),
+        )
+        return complex(north, east), complex(away_north, away_east)
 
     def _around(self, wish: complex) -> complex:
         """The wish, bent around each aircraft within `r_out` that does not fly along: lost peers,
@@ -188,8 +186,7 @@ class Controller:
             if flies_along(self._others.aircraft[column]):
                 continue
             room_m = (float(pairs.distance[k]) - 0.5 * (law.r_in + law.r_out)) * unit
-            at = complex(*self._others.points[0, column].tolist())
-            away = complex(*self.point_m) / unit - at
+            away = complex(*self.point_m) / unit - self._others.points[column]
             wish = bent(wish, away, max(0.0, _APPROACH_RATE * room_m))
         return wish
 

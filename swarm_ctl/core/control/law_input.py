@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,26 +16,59 @@ from swarm_ctl.core.swarm.snapshot import Formation, OtherAircraft, PeerSnapshot
 Floats: TypeAlias = NDArray[np.float64]
 Bools: TypeAlias = NDArray[np.bool_]
 
+_LITTLE_MORE: Final = 1.0 + 1e-9
+"""The law compares squares, which are rounded otherwise."""
 
-@row
-class LawInput:
-    """The other aircraft as `formation_law.evaluate` takes them: leading size 1, lengths in units.
 
-    Column k is `aircraft[k]`: the plan's other agents in its order, then traffic.
-    """
+class Columns(NamedTuple):
+    """What of the law's input changes only when a peer comes, goes or gets another slot, as
+    `formation_law.evaluate` takes it: leading size 1."""
 
-    aircraft: tuple[OtherAircraft, ...]
-    points: Floats
-    """(1, k, 2)"""
     slots: Floats
-    """(1, k, 2)"""
+    """(1, k, 2) [units]"""
     neighbour: Bools
     """(1, k), as the following two."""
     present: Bools
     lower_id: Bools
     """The own id is lower: decides which way two on one spot part."""
-    along: Bools
-    """(k,): fresh, with a slot, and it flies the same formation."""
+
+
+@row
+class LawInput:
+    """The other aircraft as the law takes them. All lists have one item an aircraft: the plan's
+    other agents in its order, then traffic."""
+
+    aircraft: tuple[OtherAircraft, ...]
+    points: list[complex]
+    """north + 1j * east [units]"""
+    slots: list[complex]
+    """Likewise; 0 without one."""
+    linked: list[int]
+    """The places of the neighbours that are heard."""
+    along: list[bool]
+    """Fresh, with a slot, and it flies the same formation."""
+    columns: Columns
+
+    def near(self, own: complex, radius: float) -> bool:
+        """Whether one may be closer than `radius` to `own` [units]; never wrongly false."""
+        reach = radius * _LITTLE_MORE
+        return any(abs(point - own) < reach for point in self.points)
+
+    def arrays(self) -> tuple[Floats, Floats, Bools, Bools, Bools]:
+        """The arguments `others` to `lower_id` of `formation_law.evaluate`."""
+        points = np.array(self.points, dtype=np.complex128).view(np.float64)
+        return points.reshape(1, -1, 2), *self.columns
+
+    def errors_linked(self) -> list[complex]:
+        """The neighbours' distances from their slots [units]."""
+        return [self.points[k] - self.slots[k] for k in self.linked]
+
+    def errors_along(self) -> list[complex]:
+        """Of each aircraft [units]; 0 where it does not fly along."""
+        return [
+            point - slot if along else 0j
+            for point, slot, along in zip(self.points, self.slots, self.along, strict=True)
+        ]
 
 
 class LawInputBuilder:
@@ -74,11 +107,12 @@ class LawInputBuilder:
         if key != self._key or slots is not self._slots:
             self._key, self._slots = key, slots
             self._columns = _columns(aircraft, key, slots, self._own)
-        where = np.array(points, dtype=np.complex128).view(np.float64).reshape(1, -1, 2)
+            self._places = [complex(*slots.get(other.id, (0.0, 0.0))) for other in aircraft]
+            self._linked = [k for k, is_linked in enumerate(linked) if is_linked and present[k]]
         along += [False] * len(snapshot.traffic)
-        return LawInput(
-            aircraft, where / self._unit_m, *self._columns, np.array(along, dtype=np.bool_)
-        )
+        unit_m = self._unit_m
+        points = [point / unit_m for point in points]
+        return LawInput(aircraft, points, self._places, self._linked, along, self._columns)
 
     def _point(self, peer: OtherAircraft, age_s: float, lead_s: float, moving: complex) -> complex:
         """Where the law takes a peer to be [m]: its stop point carried on, or its position
@@ -95,11 +129,10 @@ def _columns(
     key: tuple[list[bool], list[bool], int],
     slots: Mapping[int, Point],
     own_id: int,
-) -> tuple[Floats, Bools, Bools, Bools]:
-    """slots, neighbour, present, lower_id."""
+) -> Columns:
     present, linked, traffic = key
     offsets = [slots.get(other.id, (0.0, 0.0)) for other in aircraft]
-    return (
+    return Columns(
         np.array(offsets, dtype=np.float64).reshape(1, -1, 2),
         np.array([linked + [False] * traffic], dtype=np.bool_),
         np.array([present + [True] * traffic], dtype=np.bool_),

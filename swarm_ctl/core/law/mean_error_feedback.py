@@ -15,25 +15,26 @@ was cut by a lost agent forms as well.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
-from swarm_ctl.core.model.arrays import Bools, Complex, Ints
+from swarm_ctl.core.model.arrays import Complex, Ints
 
 RATE: Final = 0.5
 """[1/s]: an eighth of the law's own, and slow against the age of any news that counts (0.5 s)."""
 
 
-def pull(own: Complex, others: Complex, counted: Bools, axis: int = -1) -> Complex:
-    """The velocity [length/s] for an error `own` (...) among the errors `others`, of which
-    `counted` count; the others are along `axis`."""
-    total = np.where(counted, others, 0).sum(axis=axis)
-    count = np.count_nonzero(counted, axis=axis)
-    return pull_of(own, total, count)
+def pull(own: complex, others: Sequence[complex], count: int) -> complex:
+    """The velocity [length/s] for an error `own` among the `count` errors `others` that count; the
+    others stand there as 0."""
+    total = complex(np.add.reduce(np.array(others, dtype=np.complex128)))
+    # as numpy divides complex numbers
+    return RATE * ((total + own) * (1.0 / (count + 1)) - own)
 
 
 def pull_of(own: Complex, total: Complex, count: Ints) -> Complex:
-    """The same for the sum of the errors that count, and their number."""
+    """The same for arrays: of the sum of the errors that count, and their number."""
     found: Complex = RATE * ((total + own) / (count + 1) - own)
     return found

@@ -38,6 +38,9 @@ _NEAR_M: Final = 5.0
 """It may have drifted so far, or be seen so far off, and still be the vehicle of a last place."""
 _GROUND_M, _STANDS_MPS = 1.0, 0.5
 
+_FEW: Final = 64
+"""Pairs that are compared one by one before arrays are quicker: a swarm of 32 sees a thousand."""
+
 
 class _Report(NamedTuple):
     """One ADSB_VEHICLE in the common frame."""
@@ -97,12 +100,10 @@ class Traffic:
         followed = [peer for peer in peers if peer.followed and peer.state is not None]
         if not followed:
             return [True] * len(at)
-        # all contacts against all peers at once: a swarm of 32 sees a thousand pairs a tick
-        told = np.array([peer.position for peer in followed])
-        flown_m = self._fastest_mps * np.array([peer.age(now) for peer in followed])
-        near = np.abs(np.array(at)[:, None] - told) < _SAME_AIRCRAFT_M + flown_m
+        told = [peer.position for peer in followed]
+        reach_m = [_SAME_AIRCRAFT_M + self._fastest_mps * peer.age(now) for peer in followed]
         unlike, seen = [True] * len(at), []
-        for k, j in zip(*(places.tolist() for places in near.nonzero()), strict=True):
+        for k, j in _near(at, told, reach_m):
             peer, report = followed[j], reports[k]
             if abs(at[k] - _carried_on(peer, now)) >= _SAME_AIRCRAFT_M:
                 continue
@@ -149,6 +150,21 @@ class Traffic:
         response = self._plan.response
         ahead_s: float = response.dead_time_s + stop_distance(speed, response) / speed
         return velocity * ahead_s
+
+
+def _near(
+    at: Sequence[complex], told: Sequence[complex], reach_m: Sequence[float]
+) -> list[tuple[int, int]]:
+    """(k, j) of each contact k that is closer than `reach_m[j]` to where peer j is told to be."""
+    if len(at) * len(told) <= _FEW:
+        return [
+            (k, j)
+            for k, place in enumerate(at)
+            for j, (other, reach) in enumerate(zip(told, reach_m, strict=True))
+            if abs(place - other) < reach
+        ]
+    near = np.abs(np.array(at)[:, None] - np.array(told)) < np.array(reach_m)
+    return list(zip(*(places.tolist() for places in near.nonzero()), strict=True))
 
 
 def _aircraft(now: float, report: _Report, where: complex) -> OtherAircraft:
