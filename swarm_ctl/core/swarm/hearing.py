@@ -16,8 +16,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from collections.abc import Set as AbstractSet
-from typing import Final, Protocol
+from typing import Any, Final, Protocol
 
+from swarm_ctl.core.model.arrays import ONE, Arithmetic
 from swarm_ctl.core.model.messages import AgentState
 from swarm_ctl.core.model.plan import Plan, Point
 from swarm_ctl.core.model.timeouts import FAR_EVERY_S
@@ -33,7 +34,7 @@ LOOK_S: Final = 0.25
 """Between two looks at which peers are near."""
 _ARRIVES_TICKS: Final = 2
 """From a state to the tick that goes by it."""
-_KEPT_S: Final = 3.0
+KEPT_S: Final = 3.0
 """A peer that is near no more is heard for so long: a subscription that ends and begins again costs
 more than twenty states."""
 
@@ -49,6 +50,33 @@ def mesh_words(agents: int) -> str:
         return f"of peers, {agents} agents, {agents * (agents - 1) // 2} links"
     rare = f"far words at {1 / FAR_EVERY_S:g} Hz"
     return f"one router a host, {agents} agents: near peers every tick, {rare}"
+
+
+class Boundary:
+    """Between near and far.
+
+    Args:
+        reach_m: an aircraft whose stop point is farther away constrains nothing.
+        speed_mps: top speed.
+        tick_s: of the agents.
+        silent_s: so long a silence the mission bears.
+    """
+
+    def __init__(self, reach_m: float, speed_mps: float, tick_s: float, silent_s: float) -> None:
+        acts_s = LOOK_S + (FOLLOW_TICKS + _ARRIVES_TICKS) * tick_s
+        self._within_m = reach_m + JUMP_M + 2.0 * speed_mps * acts_s
+        self._speed_mps, self._silent_s = speed_mps, silent_s
+
+    def near_m(self, age_s: Any, of: Arithmetic = ONE) -> Any:
+        """A peer whose newest word was true `age_s` ago is near if the stop point that it told is
+        no farther away.
+
+        A far word is as old as its period just before the next one, so younger ones count as that
+        old. A peer that is silent for longer than the mission bears has been given up by then.
+        `of`: `MANY` for arrays.
+        """
+        flown_s = of.least(of.most(age_s, FAR_EVERY_S), self._silent_s)
+        return self._within_m + self._speed_mps * flown_s
 
 
 class Heard(Protocol):
@@ -74,26 +102,14 @@ class Hearing:
     """
 
     def __init__(self, plan: Plan, own_id: int, reach_m: float) -> None:
-        self._speed_mps = plan.limits.speed_mps
-        self._silent_s = plan.policies.agent_lost_after_s
-        acts_s = LOOK_S + (FOLLOW_TICKS + _ARRIVES_TICKS) * plan.tick_s
-        self._within_m = reach_m + JUMP_M + 2.0 * self._speed_mps * acts_s
+        silent_s = plan.policies.agent_lost_after_s
+        self.near_m = Boundary(reach_m, plan.limits.speed_mps, plan.tick_s, silent_s).near_m
         place = [agent.id for agent in plan.agents].index(own_id)
         self._phase_s, self._half_s = place * plan.tick_s, 0.5 * plan.tick_s
         self._due_s = self._word_s = -math.inf
         self._always: AbstractSet[int] = frozenset()
         self._near_s: dict[int, float] = {}
         """When each was near last."""
-
-    def near_m(self, age_s: float) -> float:
-        """A peer whose newest word was true `age_s` ago is near if the stop point that it told is
-        no farther away.
-
-        A far word is as old as its period just before the next one, so younger ones count as that
-        old. A peer that is silent for longer than the mission bears has been given up by then.
-        """
-        flown_s = min(max(age_s, FAR_EVERY_S), self._silent_s)
-        return self._within_m + self._speed_mps * flown_s
 
     def look(
         self, now: float, own_m: Point | None, peers: Iterable[Heard], always: AbstractSet[int]
@@ -122,7 +138,9 @@ class Hearing:
                         now - peer.earliest_s
                     ):
                         self._near_s[peer.id] = now
-        self._near_s = {i: at_s for i, at_s in self._near_s.items() if now - at_s <= _KEPT_S}
+        self._near_s = {
+            i: at_s for i, at_s in self._near_s.items() if now - at_s <= KEPT_S + self._half_s
+        }
         return frozenset(self._near_s)
 
     def says(self, now: float) -> bool:

@@ -22,7 +22,7 @@ from swarm_ctl.core.model.arrays import (
     keep_missions,
 )
 from swarm_ctl.core.model.plan import Compensation, Safety
-from swarm_ctl.core.model.timeouts import FRESH_S, NEIGHBOUR_S, SETPOINT_TIMEOUT_S
+from swarm_ctl.core.model.timeouts import FRESH_S, SETPOINT_TIMEOUT_S
 from swarm_ctl.core.safety.batch_safety_filter import (
     BatchHeard,
     BatchLinks,
@@ -31,6 +31,7 @@ from swarm_ctl.core.safety.batch_safety_filter import (
 )
 from swarm_ctl.core.safety.constraints import Margins
 from swarm_ctl.study.batch.batch import Batch, connected
+from swarm_ctl.study.batch.batch_hearing import hearing_of
 from swarm_ctl.study.batch.batch_slot_exchange import BatchSlotExchange
 from swarm_ctl.study.batch.lossy_channel import HeardStates, LossyChannel
 from swarm_ctl.study.batch.motion import BatchMotion, motion_of
@@ -139,11 +140,15 @@ class _BatchFlight:
         """Positions at the last step."""
         self._silent_from = batch.silent_from(cell.tick_s)
         self._silent = bool(np.isfinite(self._silent_from).any())
-        late = (cell.delay_s, cell.jitter_s, cell.loss, cell.silent)
-        told_late = any(each.high > 0 for each in late)
-        self._channel = LossyChannel(batch, cell.tick_s) if told_late else None
+        told_late = any(
+            each.high > 0 for each in (cell.delay_s, cell.jitter_s, cell.loss, cell.silent)
+        )
         ids = np.repeat(1 + np.arange(n)[:, None], m, axis=1)
         self._filter = safety_filter_of(cell, ids) if cell.has("filter") else None
+        # without filter and average only links and what is within r_out count: near peers
+        self._hearing = hearing_of(batch) if told_late or self._filter is not None else None
+        late = told_late or self._hearing is not None
+        self._channel = LossyChannel(batch, cell.tick_s, self._hearing) if late else None
         self._exchange = BatchSlotExchange(batch) if cell.has("exchange") else None
         self._slots, self._told_slots = batch.slots, batch.slots[:, None]
         """As they are now, and as they are heard: exchanges change them."""
@@ -236,6 +241,9 @@ class _BatchFlight:
         if self._exchange is not None and self._exchange.look(tick, points, heard, live):
             self._slots, self._told_slots = self._exchange.slots, self._exchange.told_slots
             self._links, self._fits = None, self._fitting()
+        if self._hearing is not None:
+            partners = None if self._exchange is None else self._exchange.partners
+            self._hearing.look(tick, points, heard.points, heard.age_s, partners)
         carry_on = self._cell.compensation is Compensation.STOP_POINT
         at = heard.carried(heard.lead_s) if carry_on else heard.points
         terms = self._law.step_heard(points, at, self._slots, self._told_slots)
@@ -276,7 +284,7 @@ class _BatchFlight:
 
     def _follow(self, heard: HeardStates) -> None:
         """Agents follow the neighbours that they have heard within `NEIGHBOUR_S`."""
-        followed = self._neighbours & (heard.age_s <= NEIGHBOUR_S)
+        followed = self._neighbours & heard.followed
         if (followed != self._law.links).any():
             self._law = swarm_law(self._law.slots, followed, self._h, self._cell.law)
 
@@ -397,7 +405,8 @@ _BY_MISSION: Final = (
 
 
 def _peers_of(points: Floats, heard: HeardStates, motion: BatchMotion) -> BatchPeers:
-    fresh, response_s = heard.age_s <= FRESH_S, motion.response_s
+    fresh, response_s = heard.fresh, motion.response_s
+    yields = fresh if isinstance(heard.late_s, float) else heard.age_s <= FRESH_S
     told_s = np.broadcast_to(response_s, fresh.shape)
-    known = BatchHeard(complex_of(heard.velocity), heard.age_s, fresh, fresh, told_s)
+    known = BatchHeard(complex_of(heard.velocity), heard.age_s, fresh, yields, told_s)
     return BatchPeers(points, heard.points, known, motion.doubt_s, response_s)

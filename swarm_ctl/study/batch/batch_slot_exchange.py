@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from swarm_ctl.core.model.arrays import Bools, Floats, Ints, keep_missions
-from swarm_ctl.core.model.timeouts import FRESH_S, PREDICT_S
+from swarm_ctl.core.model.timeouts import PREDICT_S
 from swarm_ctl.core.swarm.exchange_protocol import EVERY_S, ExchangeProtocol, ExchangeStates
 from swarm_ctl.study.batch.batch import Batch
 from swarm_ctl.study.batch.lossy_channel import HeardStates
@@ -39,6 +39,18 @@ class BatchSlotExchange:
         total: Ints = self._exchange.count.sum(axis=0) // 2
         return total
 
+    @property
+    def partners(self) -> Bools:
+        """Which agents an agent's offer, answer or lock is about (n, n, m)."""
+        said, n = self._exchange.states, len(self._exchange.states.role)
+        places = np.arange(n)[:, None]
+        found: Bools = np.zeros((n, n, said.role.shape[1]), dtype=np.bool_)
+        for about in (said.offer_to, said.answer_to, said.lock):
+            found |= about[:, None] == places
+        itself = np.arange(n)
+        found[itself, itself] = False
+        return found
+
     def only(self, missions: Bools) -> None:
         """Go on with some of the missions."""
         self._exchange.only(missions)
@@ -54,7 +66,7 @@ class BatchSlotExchange:
         n, m = states.role.shape
         wide = (n, n, m)
         age_s = np.broadcast_to(heard.age_s, wide)
-        fresh = (age_s <= FRESH_S) & ~np.eye(n, dtype=np.bool_)[..., None]
+        fresh = heard.fresh & ~np.eye(n, dtype=np.bool_)[..., None]
         before = self._said()
         at = np.broadcast_to(heard.carried(PREDICT_S), (2, *wide))
         self._exchange.step(tick * self._tick_s, points, at, told, age_s, fresh)

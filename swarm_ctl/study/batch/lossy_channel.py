@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarm_ctl.core.model.arrays import Bools, Floats, Indices, Ints, keep_missions
-from swarm_ctl.core.model.timeouts import lead_s
+from swarm_ctl.core.model.timeouts import FRESH_S, NEIGHBOUR_S, lead_s
 from swarm_ctl.study.batch.batch import Batch
+from swarm_ctl.study.batch.batch_hearing import BatchHearing
 
 _DRAWN: Final = 512
 """Agents' ticks whose losses are drawn at once: so many ticks over n."""
@@ -30,6 +31,18 @@ class HeardStates:
     """(receivers, senders, m)."""
     lead_s: Floats
     """For how long the law carries the points on, (m,)."""
+    late_s: Floats | float = 0.0
+    """By how much news may be older than states are (receivers, senders, m)."""
+
+    @property
+    def fresh(self) -> Bools:
+        """(receivers, senders, m), as the next."""
+        return self.age_s <= FRESH_S + self.late_s
+
+    @property
+    def followed(self) -> Bools:
+        """The law follows these senders."""
+        return self.age_s <= NEIGHBOUR_S + self.late_s
 
     def carried(self, at_most_s: Floats | float) -> Floats:
         """The points, carried on with the senders' commands for their age, or this long."""
@@ -47,15 +60,15 @@ class LossyChannel:
     row: it loses the same states whatever missions it is flown beside.
     """
 
-    def __init__(self, batch: Batch, tick_s: float) -> None:
-        self._tick_s = tick_s
+    def __init__(self, batch: Batch, tick_s: float, hearing: BatchHearing | None = None) -> None:
+        self._tick_s, self._hearing = tick_s, hearing
         self._delay = np.rint(batch.delay_s / tick_s).astype(np.intp)
         self._lead_s: Floats = lead_s(batch.kappa * batch.flown_h, np.minimum)
         _, n, m = batch.starts.shape
         self._silent_from = batch.silent_from(tick_s)
         self._losses = _Losses(batch, tick_s) if batch.loss.any() else None
         self._jitter = _Jitter(batch, tick_s) if batch.jitter_s.any() else None
-        each = self._losses is not None or self._jitter is not None
+        each = any(part is not None for part in (self._losses, self._jitter, hearing))
         oldest = int(self._delay.max()) if self._jitter is None else self._jitter.latest
         self._past = np.zeros((oldest + 1, 4, n, m))
         self._past[:, :2] = batch.starts
@@ -67,7 +80,7 @@ class LossyChannel:
         """Go on with some of the missions."""
         keep_missions(self, missions, "_delay", "_past", "_known", "_sent")
         keep_missions(self, missions, "_silent_from", "_lead_s")
-        for part in (self._losses, self._jitter):
+        for part in (self._losses, self._jitter, self._hearing):
             if part is not None:
                 part.only(missions)
 
@@ -78,11 +91,15 @@ class LossyChannel:
         if self._jitter is None:
             sent = (tick - self._delay)[None]
             arrives = sent < self._silent_from
+            if self._hearing is not None:
+                arrives = arrives & self._hearing.hears(sent)
             if self._losses is not None:
                 arrives = arrives & self._losses.arrive(tick)
             arriving = self._past_of(sent[0])[:, None]
         else:
             leaves = np.repeat((tick < self._silent_from)[None], len(self._sent), axis=0)
+            if self._hearing is not None:
+                leaves = leaves & self._hearing.hears(np.array([[[tick]]]))
             if self._losses is not None:
                 leaves = leaves & self._losses.arrive(tick)
             sent = self._jitter.carry(tick, leaves)
@@ -92,7 +109,8 @@ class LossyChannel:
         _replace(self._known, arriving, missed)
         _replace(self._sent[None], sent, missed)
         age_s = (tick - self._sent) * self._tick_s
-        return HeardStates(self._known[:2], self._known[2:], age_s, self._lead_s)
+        late_s = 0.0 if self._hearing is None else self._hearing.late_s(tick)
+        return HeardStates(self._known[:2], self._known[2:], age_s, self._lead_s, late_s)
 
     def _past_of(self, sent: Indices) -> Floats:
         """What was sent in these ticks (..., n, m): (4, ..., n, m)."""

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 from typing import Any, Final
 
+from swarm_ctl.core.swarm.hearing import SMALL_SWARM
 from swarm_ctl.study.parameter_space import LISTS, RANGES, Range, Study
 from swarm_ctl.study.row_columns import MEANINGS
 from swarm_ctl.study.study_file import StudyFile, study_file
@@ -36,6 +37,9 @@ swarm-ctl study --out mix.csv --row 11 --picture 11.gif --mission 11.yaml
   whatever other missions are flown.
 - Beside the rows, `FILE.json` has the study. The same command continues a study that was
   interrupted.
+
+- In swarms of more than {SMALL_SWARM} agents each hears its near peers at every tick, and of the far
+  ones a word twice a second, as [agents do](safety.md).
 
 ## Truth and model
 

@@ -13,10 +13,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swarm_ctl.core.control.controller import Controller
+from swarm_ctl.core.model.arrays import Floats
 from swarm_ctl.core.model.messages import AgentState, ExchangeState, Phase
 from swarm_ctl.core.model.plan import Plan, Point, Safety
 from swarm_ctl.core.model.timeouts import FRESH_S, NEIGHBOUR_S
 from swarm_ctl.core.swarm.exchange_protocol import ExchangeStates
+from swarm_ctl.core.swarm.hearing import Hearing
 from swarm_ctl.core.swarm.slot_exchange import SlotExchange
 from swarm_ctl.core.swarm.snapshot import Formation, OtherAircraft, PeerSnapshot
 from swarm_ctl.mission.compile.loader import load
@@ -27,8 +29,8 @@ from swarm_ctl.study.batch.lossy_channel import HeardStates, LossyChannel
 from swarm_ctl.study.parameter_space import Range, Study, value
 
 HEXAGON: Plan = load(Path(__file__).parents[3] / "missions" / "hexagon.yaml").plan
-IDS = [agent.id for agent in HEXAGON.agents]
-N, MISSIONS = len(IDS), 3
+N, MISSIONS = len(HEXAGON.agents), 3
+IDS = range(1, 21)
 LATE: dict[str, Any] = {
     "missions": MISSIONS,
     "unit_m": 1.0,
@@ -56,13 +58,15 @@ def peer(
     row = receiver if heard.points.shape[1] > 1 else 0
     at, setpoint = heard.points[:, row, i, k], heard.velocity[:, row, i, k]
     age_s = float(heard.age_s[row, i, k])
+    late_s = heard.late_s if isinstance(heard.late_s, float) else float(heard.late_s[row, i, k])
     state = state_of(i, at, setpoint)
-    fresh, formation = age_s <= FRESH_S, (1, 0) if age_s <= FRESH_S else None
-    followed = age_s <= NEIGHBOUR_S
+    fresh, followed = age_s <= FRESH_S + late_s, age_s <= NEIGHBOUR_S + late_s
     return OtherAircraft(
         *(IDS[i], state, complex(*at), complex(*at), complex(*setpoint), age_s, age_s),
-        *(fresh, followed, fresh, formation),
+        *(fresh, followed, age_s <= FRESH_S, (1, 0) if fresh else None),
         response_s=response_s,
+        far=late_s > 0.0,
+        true_s=-age_s,
     )
 
 
@@ -78,28 +82,36 @@ def state_of(i: int, at: Any, setpoint: Any, exchange: ExchangeState | None = No
 def formation(flight: _BatchFlight, i: int, k: int) -> Formation:
     """As agent i hears of it; the same object for as long as the slots last."""
     told = flight._told_slots[:, min(i, flight._told_slots.shape[1] - 1), :, k]
-    slots: dict[int, Point] = {IDS[j]: (told[0, j], told[1, j]) for j in range(N)}
+    slots: dict[int, Point] = {IDS[j]: (told[0, j], told[1, j]) for j in range(told.shape[1])}
     slots[IDS[i]] = (flight._slots[0, i, k], flight._slots[1, i, k])
     near = frozenset(IDS[j] for j in np.flatnonzero(flight._neighbours[i, :, k]))
     return Formation(slots, near, 0j, (1, 0))
 
 
 @pytest.mark.parametrize(
-    ("start", "slots", "safety", "vehicle", "seed"),
+    ("start", "slots", "safety", "vehicle", "seed", "n"),
     [
-        ("crossing", "given", "align", "lag", 1),
-        ("antipodal", "given", "release", "lag", 3),
-        ("random", "random", "exchange", "lag", 2),
-        ("crossing", "given", "align", "px4", 4),
+        ("crossing", "given", "align", "lag", 1, N),
+        ("antipodal", "given", "release", "lag", 3, N),
+        ("random", "random", "exchange", "lag", 2, N),
+        ("crossing", "given", "align", "px4", 4, N),
+        ("random", "random", "exchange", "lag", 6, 20),
     ],
 )
 def test_a_study_commands_what_agents_command(
-    start: str, slots: str, safety: str, vehicle: str, seed: int, monkeypatch: pytest.MonkeyPatch
+    start: str,
+    slots: str,
+    safety: str,
+    vehicle: str,
+    seed: int,
+    n: int,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Law, average, swirl, release, filter: to 1e-9, with late and lost news and silent agents; the
-    law's rate is bounded where the vehicle is slow."""
+    law's rate is bounded where the vehicle is slow. Agents of a large swarm find the same peers
+    near, and say their far words at the same ticks."""
     asked = {"start": start, "slots": slots, "safety": safety, "vehicle": vehicle, "seed": seed}
-    batch = missions(n=(N,), **asked)
+    batch = missions(n=(n,), **asked)
     cell, flight, heard = batch.cell, _BatchFlight(batch), list[HeardStates]()
     assert flight._channel is not None
     inner = flight._channel.exchange
@@ -115,12 +127,16 @@ def test_a_study_commands_what_agents_command(
         law=replace(cell.law, h=0.2),
         kappa=20.0,
         safety=Safety(align=cell.has("align")),
+        agents=tuple(replace(HEXAGON.agents[0], id=IDS[i]) for i in range(n)),
         limits=replace(HEXAGON.limits, speed_mps=cell.speed_mps),
     )
-    agents = {
-        (i, k): Controller(plan, IDS[i], cell.model) for i in range(N) for k in range(MISSIONS)
-    }
+    # of a large swarm, some of the agents
+    some = range(0, n, max(1, n // N))
+    agents = {(i, k): Controller(plan, IDS[i], cell.model) for i in some for k in range(MISSIONS)}
+    reach_m = agents[0, 0].safety_filter.reach_m
+    hearings = {(i, k): Hearing(plan, IDS[i], reach_m) for i, k in agents if n > N}
     formations: dict[tuple[int, int], Formation] = {}
+    near, came, went = np.zeros(0, dtype=np.bool_), 0, 0
     for tick in range(160):
         points, live, told = flight._motion.points(), tick < flight._silent_from, flight._told_slots
         wish, _ = flight._wish(tick, points, live)
@@ -133,11 +149,41 @@ def test_a_study_commands_what_agents_command(
             agent.stop_point_m = agent.point_m = (points[0, i, k], points[1, i, k])
             agent.estimate.doubt_s = flight._motion.doubt_s[i, k]
             agent.estimate.late_s = response_s[i, k] - cell.model.dead_time_s - cell.model.lag_s
-            others = tuple(peer(j, heard[-1], i, k, response_s[j, k]) for j in range(N) if j != i)
+            others = tuple(peer(j, heard[-1], i, k, response_s[j, k]) for j in range(n) if j != i)
+            if hearings:
+                hold_hearing(flight, hearings[i, k], tick, (i, k), points, others)
             flown = agent.form(PeerSnapshot(0.0, others), formations[i, k])
             assert flown == pytest.approx(tuple(wish[:, i, k]), abs=1e-9)
         flight._motion.move(flight._without_the_silent(tick, wish, live))
+        if flight._hearing is not None:
+            before, near = near if tick else flight._hearing.near, flight._hearing.near.copy()
+            came += int(np.count_nonzero(near & ~before))
+            went += int(np.count_nonzero(before & ~near))
     assert flight._touched.sum() > 100
+    assert n == N or (came > 10 and went > 10 and not near.all())
+
+
+def hold_hearing(
+    flight: _BatchFlight,
+    hearing: Hearing,
+    tick: int,
+    agent: tuple[int, int],
+    points: Floats,
+    others: tuple[OtherAircraft, ...],
+) -> None:
+    """The agent's near peers, and its far words, are the study's."""
+    assert flight._hearing is not None
+    (i, k), now, n = agent, tick * flight._cell.tick_s, points.shape[1]
+    heard = [SimpleNamespace(id=o.id, state=o.state, earliest_s=now - o.age_s) for o in others]
+    always = {IDS[j] for j in np.flatnonzero(flight._hearing._always[i, :, k])}
+    own = (float(points[0, i, k]), float(points[1, i, k]))
+    near = hearing.look(now, own, heard, always)
+    if near is not None:
+        assert near == {IDS[j] for j in np.flatnonzero(flight._hearing.near[i, :, k])} - {IDS[i]}
+    strangers = ~flight._hearing.near[:, i, k]
+    strangers &= flight._hearing.hears(np.full((1, n, 1), tick))[:, i, k]
+    # all agents speak when they begin to hear
+    assert hearing.says(now) == strangers.any() or tick == 0
 
 
 class _Told:
@@ -147,7 +193,7 @@ class _Told:
         self.own, self.known = own, dict[int, tuple[AgentState, float]]()
 
     def __iter__(self) -> Any:
-        others = (i for i in IDS if i != self.own)
+        others = (i for i in IDS[:N] if i != self.own)
         return iter([SimpleNamespace(id=i, state=self.state(i)) for i in others])
 
     def state(self, agent: int) -> AgentState | None:
@@ -156,6 +202,10 @@ class _Told:
     def age(self, agent: int, now: float) -> float:
         del now
         return self.known[agent][1]
+
+    def late_s(self, agent: int, now: float) -> float:
+        del agent, now
+        return 0.0
 
 
 @settings(max_examples=8, deadline=None)

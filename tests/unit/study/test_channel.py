@@ -13,6 +13,7 @@ from swarm_ctl.core.swarm.peer import Peer
 from swarm_ctl.core.swarm.plausibility import Limits
 from swarm_ctl.study.batch.batch import Batch, blocks, draw
 from swarm_ctl.study.batch.batch_flight import fly
+from swarm_ctl.study.batch.batch_hearing import BatchHearing
 from swarm_ctl.study.batch.lossy_channel import LossyChannel
 from swarm_ctl.study.parameter_space import Range, Study
 from tests.unit.core.builders import plan
@@ -168,3 +169,34 @@ def test_a_distance_counts_between_two_ticks() -> None:
 def test_states_later_than_a_lost_agent_are_refused() -> None:
     with pytest.raises(ValueError, match="delay_s, jitter_s: allowed: up to 1 s together"):
         missions(delay_s=(Range(low=0.0, high=0.5),), jitter_s=0.6)
+
+
+def test_far_news_is_as_old_as_far_words() -> None:
+    """Two groups of nine that pass each other: a near peer's states come at every tick, from five
+    ticks after it has come near; a far peer's word twice a second. The limits of age are half a
+    second later for far peers, and for those that came near less than a second ago."""
+    batch = missions(n=18, missions=3, delay_s="0:0.1", area=12.0)
+    hearing = BatchHearing(batch)
+    channel = LossyChannel(batch, TICK_S, hearing)
+    speed = np.where(np.arange(18) < 9, 0.05, -0.05)[:, None]
+    delay = np.rint(batch.delay_s[None] / TICK_S)
+    shape = (18, 18, 3)
+    near_since = np.where(hearing.near, -100.0, np.inf)
+    newest, came, went = np.zeros(shape), 0, 0
+    for tick in range(400):
+        points = batch.starts.copy()
+        points[0] += (tick - 200) * speed
+        heard = channel.exchange(tick, points, np.zeros_like(points))
+        sent = np.broadcast_to(tick - delay, shape)
+        word = (sent + np.arange(18)[:, None]) % 10 == 0
+        arrives = word | (sent >= near_since + 5)
+        newest = np.where(arrives, sent, newest)
+        assert heard.age_s == pytest.approx((tick - newest) * TICK_S)
+        late_s = np.where(np.isinf(near_since) | (tick - near_since <= 20), 0.5, 0.0)
+        assert np.array_equal(heard.late_s, late_s)
+        before = hearing.near.copy()
+        hearing.look(tick, points, heard.points, heard.age_s, None)
+        came, went = came + (hearing.near & ~before).sum(), went + (before & ~hearing.near).sum()
+        near_since = np.where(hearing.near, np.where(before, near_since, tick), np.inf)
+        assert (hearing.near | ~batch.links).all()
+    assert min(came, went) > 50
