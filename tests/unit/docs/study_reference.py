@@ -37,8 +37,8 @@ swarm-ctl study --out mix.csv --row 11 --picture 11.gif --mission 11.yaml
   whatever other missions are flown.
 - Beside the rows, `FILE.json` has the study. The same command continues a study that was
   interrupted.
-- In swarms of more than {SMALL_SWARM} each agent hears its near peers at every tick, and of far ones
-  a word twice a second, as [agents do](safety.md).
+- In swarms of more than {SMALL_SWARM} each agent hears its near peers at every tick, and of far
+  ones a word twice a second, as [agents do](safety.md).
 
 ## Truth and model
 
