@@ -222,7 +222,8 @@ def _peers_gone(s: Situation) -> FailsafeTrigger | None:
     if s.progress.step == 0:
         after = max(after, _PATIENCE_S)
     for peer in s.tick.peers.peers:
-        if peer.silent_s <= after and peer.state is not None and peer.state.phase in _GOES_ON:
+        silent = peer.age_s > after and peer.silent_s > after  # in most ticks the first is enough
+        if not silent and peer.state is not None and peer.state.phase in _GOES_ON:
             continue
         completed = peer.state and progress_of(peer.state) >= (len(s.plan.steps), True)
         if peer.state is None or completed or peer.id in s.departed:
