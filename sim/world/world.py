@@ -6,6 +6,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -214,7 +215,7 @@ class World:
             start=start,
             local_origin_ned_m=_local_origin(start.position_ned_m, rng),
             ready_after_s=described.ready_after_s,
-            traffic=lambda: self._traffic(place),
+            traffic=partial(self._traffic, place),
             channels=1 + len(described.also),
         )
         firmware = _FIRMWARE[described.persona](setup, self.time_s)

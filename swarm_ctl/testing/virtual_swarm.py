@@ -104,7 +104,7 @@ class VirtualSwarm:
         self.station_alive = True
         self.lifeline_cut = False
         self._ticks = 0
-        self.mesh = MemoryHub(lambda: self.now, held=lockstep)
+        self.mesh = MemoryHub(self._time_s, held=lockstep)
         self._station = Node(MemoryTransport(self.mesh), "test", "station")
         self._station.listen(keys.EVENT, keys.STATUS, keys.ACK)
         self.acks: list[Any] = []
@@ -161,6 +161,9 @@ class VirtualSwarm:
             self._far[link].write(data)
 
     # --- time ---
+
+    def _time_s(self) -> float:
+        return self.now
 
     def tick(self) -> None:
         """The world up to the next control tick, then one step of each agent."""

@@ -17,7 +17,7 @@ from swarm_ctl.core.model.plan import Policy
 from swarm_ctl.mesh.transport import Transport
 from swarm_ctl.mission.compile.loader import LoadedMission, loads
 from tests.scenarios.impaired import ImpairedTransport, Impairment
-from tests.scenarios.swarm import VirtualSwarm
+from tests.scenarios.swarm import VirtualSwarm, flown_once
 
 IDS = (1, 2, 3, 4)
 LIE_M = 3.0
@@ -38,10 +38,10 @@ shapes:
   swapped: {{kind: offsets, offsets: [[14, 14], [14, 0], [0, 14], [0, 0]]}}
 policies: {{agent_lost: {policy}}}
 steps:
-  - takeoff: {{height_m: 8}}
+  - takeoff: {{height_m: 5}}
   - form: {{shape: swapped, slots: fixed, settle_s: 2, timeout_s: 60}}
   - hold: {{duration_s: 3}}
-  - move: {{to: [25, 13], speed_mps: 2}}
+  - move: {{to: [17, 10], speed_mps: 2}}
   - land
 """
 FORM = 2
@@ -68,24 +68,26 @@ class Faulty:
 
     def _wrap(self, transport: Transport, agent: int) -> Transport:
         wrapped = ImpairedTransport(
-            transport,
-            [*IDS, "station"],
-            self.row.mesh,
-            lambda: self.swarm.now,
-            self._seed * 100 + agent,
+            transport, [*IDS, "station"], self.row.mesh, self._now_s, self._seed * 100 + agent
         )
         self.transports[agent] = wrapped
         return wrapped
 
-    def fly(self) -> None:
-        """From the start to the end, with all that happens."""
-        swarm = self.swarm
-        swarm.wait(
+    def _now_s(self) -> float:
+        return self.swarm.now
+
+    def form(self) -> None:
+        """Up to the form step's begin."""
+        self.swarm.wait(
             lambda s: any(
                 m.status is not None and m.status.step >= FORM for m in s.members.values()
             ),
             60,
         )
+
+    def fly_on(self) -> None:
+        """From there to the end, with all that happens."""
+        swarm = self.swarm
         begun = swarm.now
         for at_s, happening in self.row.happenings:
             while swarm.now < begun + at_s:
@@ -94,6 +96,11 @@ class Faulty:
         swarm.fly(begun + self.row.within_s)
         while not swarm.all_down and swarm.now < begun + self.row.within_s:
             swarm.tick()  # a vehicle left alone comes down by itself
+
+    def fly(self) -> None:
+        """From the start to the end."""
+        self.form()
+        self.fly_on()
 
     def trace(self) -> object:
         """Everything that a run of the same seed has to repeat, to the last bit."""
@@ -106,6 +113,26 @@ class Faulty:
             places,
             [m.goals for m in swarm.members.values()],
         )
+
+
+@flown_once
+def _formed(policy: str, seed: int) -> Faulty:
+    """What all rows share that begin well."""
+    faulty = Faulty(Row("", (), policy=policy), seed)
+    faulty.form()
+    return faulty
+
+
+def flown(row: Row, seed: int) -> Faulty:
+    """The row's whole flight."""
+    if row.mesh == Impairment() and not row.clocks and not row.vehicles:
+        faulty = _formed(row.policy, seed)
+        faulty.row = row
+    else:
+        faulty = Faulty(row, seed)
+        faulty.form()
+    faulty.fly_on()
+    return faulty
 
 
 Happening = tuple[float, Callable[[Faulty], None]]

@@ -1,7 +1,56 @@
-"""The scenarios fly the same virtual swarm that the package brings for its users' tests."""
+"""The scenarios fly the same virtual swarm that the package brings for its users' tests. What many
+rows begin with is flown once: each goes on with a copy."""
 
 from __future__ import annotations
 
+import copyreg
+import dataclasses
+import struct
+from collections.abc import Callable
+from copy import deepcopy
+from functools import cache
+from typing import Any, ParamSpec, TypeVar
+
+from sim.firmware import autopilot
+from swarm_ctl.core.model import messages, plan
+from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.testing.virtual_swarm import Member, VirtualSwarm
 
-__all__ = ["Member", "VirtualSwarm"]
+__all__ = ["Member", "VirtualSwarm", "at_step", "flown_once"]
+
+P, S = ParamSpec("P"), TypeVar("S")
+_FLOWN: dict[Any, dict[int, VirtualSwarm]] = {}
+"""By what was flown, and the step at whose begin it is kept."""
+
+
+def flown_once(fly: Callable[P, S]) -> Callable[P, S]:
+    """What `fly` returns for these arguments, a swarm or what holds one, is made once: each call
+    has a copy of it, which flies on by itself."""
+    once = cache(fly)
+
+    def flown(*args: P.args, **kwargs: P.kwargs) -> S:
+        return deepcopy(once(*args, **kwargs))
+
+    return flown
+
+
+def at_step(mission: LoadedMission, step: int, seed: int = 1) -> VirtualSwarm:
+    """The mission's swarm in the tick in which all are in this step."""
+    kept = _FLOWN.setdefault((mission.plan, mission.fleet, str(mission.file.simulation), seed), {})
+    if step not in kept:
+        nearest = max((known for known in kept if known < step), default=None)
+        swarm = VirtualSwarm(mission, seed) if nearest is None else deepcopy(kept[nearest])
+        swarm.wait(lambda s: s.in_step(step))
+        kept[step] = swarm
+    return deepcopy(kept[step])
+
+
+def _share_what_never_changes() -> None:
+    """Plans, their steps and flight modes are compared by identity: a copy has the same ones."""
+    copyreg.pickle(struct.Struct, lambda found: (struct.Struct, (found.format,)))
+    for kind in (k for module in (autopilot, messages, plan) for k in vars(module).values()):
+        if dataclasses.is_dataclass(kind) and kind.__dataclass_params__.frozen:
+            copyreg.pickle(kind, lambda found: type(found).__qualname__)  # a name: itself
+
+
+_share_what_never_changes()

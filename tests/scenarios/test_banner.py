@@ -9,7 +9,7 @@ import pytest
 from swarm_ctl.mission.compile.loader import load
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.journal import EntryKind
-from tests.scenarios.swarm import VirtualSwarm
+from tests.scenarios.swarm import VirtualSwarm, flown_once
 from tests.scenarios.test_pilot import PILOTED, holding, switch
 from tests.scenarios.watched import Watch
 
@@ -18,6 +18,7 @@ FORM, SHOWN_S = 2, 0.75
 """A status comes twice a second, and a look four times."""
 
 
+@flown_once
 def flying() -> Watch:
     """In the form step, all well."""
     watch = Watch(VirtualSwarm(load(MISSIONS / "hexagon.yaml")))
@@ -75,6 +76,7 @@ def test_a_pilot_stands_in_the_banner(autopilot: str) -> None:
     switch(watch.swarm, autopilot, "pilot")
     watch.run(5)
     switch(watch.swarm, autopilot, "landing")
-    watch.fly(300)
+    watch.wait(lambda swarm: swarm.members[PILOTED].ended is not None)
+    watch.run(10)
     assert not any(line == "all well" for _, line in since(watch, taken_s + 3))
     assert ("taken over", (PILOTED,)) in watch.raised

@@ -10,7 +10,7 @@ import pytest
 
 from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.plan import FormStep, MoveStep
-from tests.scenarios.swarm import VirtualSwarm
+from tests.scenarios.swarm import VirtualSwarm, at_step
 from tests.scenarios.test_steps import FORM, THIRD, assert_good, quartet, shape_error_m
 
 ROW = FormStep("row", ((0.0, 0.0), (0.0, 9.0), (0.0, 18.0), (0.0, 27.0)), 0.5, 2.0, 1e9)
@@ -22,9 +22,8 @@ def move_to(north: float, east: float, speed: float = 2.0) -> MoveStep:
 
 @pytest.fixture
 def holding() -> VirtualSwarm:
-    """Four agents in a square, in the middle of a hold of 30 s."""
-    swarm = VirtualSwarm(quartet("hold: {duration_s: 30}", "land"))
-    swarm.wait(lambda s: s.in_step(THIRD))
+    """Four agents in a square, two seconds into a hold of 12 s."""
+    swarm = at_step(quartet("hold: {duration_s: 12}", "land"), THIRD)
     swarm.run(2)
     return swarm
 
@@ -45,20 +44,19 @@ def accepted(answers: list[tuple[int, bool, str]]) -> bool:
 def test_hold_and_resume(holding: VirtualSwarm) -> None:
     """The step's time waits while the operator holds the swarm, and goes on after."""
     assert accepted(give(holding, "hold"))
-    holding.run(40)
+    holding.run(16)
     assert holding.in_step(THIRD)
     assert accepted(give(holding, "resume"))
     begun = holding.now
     holding.wait(lambda s: s.in_step(THIRD + 1))
-    assert 20 < holding.now - begun < 35
+    assert 8 < holding.now - begun < 14
     holding.fly(900)
     assert_good(holding)
 
 
 def test_hold_while_forming_stops_all() -> None:
     """No agent flies on towards its slot."""
-    swarm = VirtualSwarm(quartet("land"))
-    swarm.wait(lambda s: s.in_step(FORM))
+    swarm = at_step(quartet("land"), FORM)
     swarm.run(2)
     assert accepted(give(swarm, "hold"))
     swarm.run(6)
@@ -124,9 +122,8 @@ def test_land_outweighs_return(holding: VirtualSwarm) -> None:
 def test_kill_stops_the_motors_at_once(autopilot: str) -> None:
     """In the air, within a second; the others go on without it."""
     entries = ", ".join(f"{{id: {i}, autopilot: {autopilot}}}" for i in (1, 2, 3, 4))
-    mission = quartet("hold: {duration_s: 30}", "land", head=f"fleet: {{agents: [{entries}]}}\n")
-    swarm = VirtualSwarm(mission)
-    swarm.wait(lambda s: s.in_step(THIRD))
+    mission = quartet("hold: {duration_s: 5}", "land", head=f"fleet: {{agents: [{entries}]}}\n")
+    swarm = at_step(mission, THIRD)
     swarm.command("kill", agents=(3,))
     swarm.run(1.0)
     assert swarm.hub.world.armed() == [True, True, False, True]
@@ -193,12 +190,12 @@ def test_the_newest_command_counts(holding: VirtualSwarm) -> None:
 def test_one_agent_held_makes_the_others_wait(holding: VirtualSwarm) -> None:
     """The barrier waits for it; the swarm stays safe."""
     assert len(give(holding, "hold", agents=(2,))) == 4
-    holding.run(35)
+    holding.run(15)
     assert holding.in_step(THIRD)
     assert shape_error_m(holding, FORM) < 1.0
     status = holding.members[1].status
     assert status is not None
-    assert status.reason == "waits for agent 2, held by a command: 90 s at most"
+    assert status.reason == "waits for agent 2, held by a command: 110 s at most"
     give(holding, "resume", agents=(2,))
     holding.fly(900)
     assert_good(holding)

@@ -7,7 +7,7 @@ import pytest
 
 from swarm_ctl.core.model.plan import FormStep
 from swarm_ctl.mission.compile.loader import LoadedMission, loads
-from tests.scenarios.swarm import VirtualSwarm
+from tests.scenarios.swarm import VirtualSwarm, at_step
 from tests.scenarios.test_steps import TEXT, assert_good, fly, shape_error_m
 
 BACK = "{kind: offsets, offsets: [[0, 27], [0, 18], [0, 9], [0, 0]]}"
@@ -70,8 +70,7 @@ def test_later_steps_go_by_the_roles(steps: tuple[str, ...]) -> None:
 
 def test_an_agent_that_is_restarted_takes_its_role_up_again() -> None:
     """The new process finds the role that no peer has, not its own first one."""
-    swarm = VirtualSwarm(turned_round("hold: {duration_s: 20}", "land"))
-    swarm.wait(lambda s: s.in_step(3))
+    swarm = at_step(turned_round("hold: {duration_s: 20}", "land"), 3)
     swarm.run(2)
     swarm.kill(2)
     swarm.run(1.5)

@@ -7,14 +7,13 @@ from dataclasses import replace
 
 import pytest
 
-from tests.scenarios.faults import GUSTY, ROWS, SAFE, Faulty, Row
+from tests.scenarios.faults import GUSTY, ROWS, SAFE, Faulty, Row, flown
 from tests.scenarios.impaired import Impairment
 
 
 def wrong(row: Row, seed: int) -> list[str]:
     """What the row's checks find."""
-    faulty = Faulty(row, seed)
-    faulty.fly()
+    faulty = flown(row, seed)
     return [found for check in row.checks if (found := check(faulty))]
 
 

@@ -13,7 +13,7 @@ from sim.firmware.protocol import telemetry
 from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.plan import Policy
 from swarm_ctl.mission.compile.loader import LoadedMission
-from tests.scenarios.swarm import VirtualSwarm
+from tests.scenarios.swarm import VirtualSwarm, at_step
 from tests.scenarios.test_steps import THIRD, quartet
 
 ACTIONS = [Policy.LAND, Policy.RETURN, Policy.HOLD, Policy.CONTINUE]
@@ -26,7 +26,7 @@ PHASES = {
 
 
 def mission(
-    policies: str, *, head: str = "", steps: tuple[str, ...] = ("hold: {duration_s: 30}", "land")
+    policies: str, *, head: str = "", steps: tuple[str, ...] = ("hold: {duration_s: 20}", "land")
 ) -> LoadedMission:
     return quartet(*steps, head=f"policies: {{{policies}}}\n{head}")
 
@@ -36,8 +36,7 @@ def reasons(swarm: VirtualSwarm) -> str:
 
 
 def in_third(mission: LoadedMission) -> VirtualSwarm:
-    swarm = VirtualSwarm(mission)
-    swarm.wait(lambda s: s.in_step(THIRD))
+    swarm = at_step(mission, THIRD)
     swarm.run(1)
     return swarm
 
@@ -179,8 +178,7 @@ def test_without_an_estimate_the_tilt_limit_stands_in(autopilot: str) -> None:
     fleet = replace(
         calm.fleet, agents=tuple(replace(a, autopilot=autopilot) for a in calm.fleet.agents)
     )
-    swarm = VirtualSwarm(replace(calm, fleet=fleet))
-    swarm.wait(lambda s: s.in_step(THIRD))
+    swarm = at_step(replace(calm, fleet=fleet), THIRD)
     blow(swarm, 13.0)
     swarm.run(15)
     assert "wind of" not in reasons(swarm)

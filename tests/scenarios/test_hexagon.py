@@ -17,7 +17,7 @@ from swarm_ctl.mission.compile.loader import LoadedMission, loads
 from swarm_ctl.report.folder.last_statuses import LastStatus
 from swarm_ctl.report.folder.run_folder import RunFolder
 from swarm_ctl.report.judge.verdict import judge
-from tests.scenarios.swarm import VirtualSwarm
+from tests.scenarios.swarm import VirtualSwarm, at_step
 
 MISSIONS = Path(__file__).parents[2] / "missions"
 TAKEOFF, FORM, HOLD, LAND = 1, 2, 3, 4
@@ -85,8 +85,7 @@ def test_mixed_personas(hexagon: LoadedMission) -> None:
 def test_an_agent_dies(hexagon: LoadedMission, step: int) -> None:
     """In every step, the landing too: the dead agent's vehicle lands by its own failsafe; the
     others hold, land, and report that the mission failed."""
-    swarm = VirtualSwarm(hexagon)
-    swarm.wait(lambda s: s.in_step(step))
+    swarm = at_step(hexagon, step)
     for _ in range(30):
         swarm.tick()
     swarm.kill(3)
@@ -106,8 +105,7 @@ def test_an_agent_dies(hexagon: LoadedMission, step: int) -> None:
 def test_survivors_go_on_if_the_mission_says_so(hexagon: LoadedMission) -> None:
     """`agent_lost: continue`: the others form and land as planned, the barrier no longer waits for
     the lost one."""
-    swarm = VirtualSwarm(with_policies(hexagon, agent_lost=Policy.CONTINUE))
-    swarm.wait(lambda s: s.in_step(HOLD))
+    swarm = at_step(with_policies(hexagon, agent_lost=Policy.CONTINUE), HOLD)
     swarm.kill(6)
     swarm.fly(400)
     outcomes = swarm.outcomes()
@@ -117,8 +115,7 @@ def test_survivors_go_on_if_the_mission_says_so(hexagon: LoadedMission) -> None:
 @pytest.mark.parametrize("step", [0, TAKEOFF, FORM, HOLD])
 def test_lifeline_cut(hexagon: LoadedMission, step: int) -> None:
     """When `run` is gone, agents land (or end at once where nothing flies yet)."""
-    swarm = VirtualSwarm(hexagon)
-    swarm.wait(lambda s: s.in_step(step))
+    swarm = at_step(hexagon, step)
     for _ in range(20):
         swarm.tick()
     swarm.lifeline_cut = True
@@ -132,8 +129,7 @@ def test_lifeline_cut(hexagon: LoadedMission, step: int) -> None:
 
 def test_operator_lands_the_swarm(hexagon: LoadedMission) -> None:
     """`land` is acknowledged by each agent, twice if sent twice, acted on once."""
-    swarm = VirtualSwarm(hexagon)
-    swarm.wait(lambda s: s.in_step(FORM))
+    swarm = at_step(hexagon, FORM)
     for _ in range(100):
         swarm.tick()
     swarm.command("land")
@@ -148,8 +144,7 @@ def test_operator_lands_the_swarm(hexagon: LoadedMission) -> None:
 
 def test_unknown_command_is_refused(hexagon: LoadedMission) -> None:
     """With a reason, and nothing happens."""
-    swarm = VirtualSwarm(hexagon)
-    swarm.wait(lambda s: s.in_step(FORM))
+    swarm = at_step(hexagon, FORM)
     swarm.command("loop the loop")
     for _ in range(5):
         swarm.tick()
@@ -159,8 +154,7 @@ def test_unknown_command_is_refused(hexagon: LoadedMission) -> None:
 
 
 def test_the_others_go_on_without_an_agent_that_was_told_to_land(hexagon: LoadedMission) -> None:
-    swarm = VirtualSwarm(hexagon)
-    swarm.wait(lambda s: s.in_step(FORM))
+    swarm = at_step(hexagon, FORM)
     swarm.command("land", agents=(2,))
     swarm.fly(400)
     outcomes = swarm.outcomes()
@@ -171,8 +165,7 @@ def test_the_others_go_on_without_an_agent_that_was_told_to_land(hexagon: Loaded
 
 def test_simulator_gone(hexagon: LoadedMission) -> None:
     """Vehicles that fall silent end every agent, failed, in bounded time."""
-    swarm = VirtualSwarm(hexagon)
-    swarm.wait(lambda s: s.in_step(FORM))
+    swarm = at_step(hexagon, FORM)
     swarm.simulator_alive = False
     start = swarm.now
     swarm.fly(400)
@@ -183,8 +176,7 @@ def test_simulator_gone(hexagon: LoadedMission) -> None:
 def test_a_frozen_agent_sends_nothing(hexagon: LoadedMission) -> None:
     """Deadman: a stalled control loop stops the setpoints; its vehicle stops by its own
     failsafe."""
-    swarm = VirtualSwarm(hexagon)
-    swarm.wait(lambda s: s.in_step(FORM))
+    swarm = at_step(hexagon, FORM)
     for _ in range(60):
         swarm.tick()
     swarm.members[1].frozen = True
@@ -260,8 +252,7 @@ def test_a_peer_silent_on_the_ground_is_waited_for(hexagon: LoadedMission) -> No
 
 def test_mesh_cut_lands_all(hexagon: LoadedMission) -> None:
     """Without any news of its peers no agent goes on."""
-    swarm = VirtualSwarm(hexagon)
-    swarm.wait(lambda s: s.in_step(FORM))
+    swarm = at_step(hexagon, FORM)
     for member in swarm.members.values():
         member.node.close()
     swarm.fly(swarm.now + 125)

@@ -11,7 +11,7 @@ import pytest
 from swarm_ctl.core.model.messages import AgentStatus, CommandKind, Phase
 from swarm_ctl.core.model.plan import Policy
 from swarm_ctl.mission.compile.loader import LoadedMission
-from tests.scenarios.swarm import VirtualSwarm
+from tests.scenarios.swarm import VirtualSwarm, at_step
 from tests.scenarios.test_steps import FORM, TAKEOFF, THIRD, quartet, shape_error_m
 
 ORDERS = ("land", "return", "kill")
@@ -22,8 +22,7 @@ def policy(left_by_order: Policy) -> str:
 
 
 def in_third(mission: LoadedMission) -> VirtualSwarm:
-    swarm = VirtualSwarm(mission)
-    swarm.wait(lambda s: s.in_step(THIRD))
+    swarm = at_step(mission, THIRD)
     swarm.run(2)
     return swarm
 
@@ -73,12 +72,12 @@ def test_the_others_go_on(kind: str) -> None:
 
 def test_the_others_hold_until_resume() -> None:
     """By policy: they stop at once, refuse `next`, and go on without it by `resume` alone."""
-    mission = quartet("move: {by: [60, 0]}", "land", head=policy(Policy.HOLD))
+    mission = quartet("move: {by: [20, 0], timeout_s: 30}", "land", head=policy(Policy.HOLD))
     swarm = in_third(mission)
     swarm.command("land", agents=(3,))
     swarm.run(5)
     before = swarm.positions()
-    swarm.run(200)  # longer than the step may take
+    swarm.run(30)  # longer than the step may take
     assert {status(swarm, i).phase for i in (1, 2, 4)} == {Phase.HOLD}
     assert all(math.dist(before[i], swarm.positions()[i]) < 0.5 for i in (1, 2, 4))
     swarm.acks.clear()
@@ -126,7 +125,7 @@ def test_an_agent_that_is_landed_before_take_off_is_flown_without() -> None:
 
 def test_an_agent_that_left_and_fell_silent_is_not_lost() -> None:
     """Its process dies on the way back; the others fly on, and clear of its vehicle."""
-    swarm = in_third(quartet("hold: {duration_s: 60}", "land"))
+    swarm = in_third(quartet("hold: {duration_s: 30}", "land"))
     swarm.command("return", agents=(3,))
     swarm.run(4)
     swarm.kill(3)

@@ -3,14 +3,15 @@ or falls: on the virtual clock, with both personas."""
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from swarm_ctl.core.model.messages import Phase, Severity
-from swarm_ctl.mission.compile.loader import loads
-from tests.scenarios.swarm import VirtualSwarm
+from swarm_ctl.mission.compile.loader import LoadedMission, loads
+from tests.scenarios.swarm import VirtualSwarm, at_step
 from tests.scenarios.test_steps import assert_good
 
 TEXT = """\
@@ -40,15 +41,14 @@ PILOTED = 2
 both = pytest.mark.parametrize("autopilot", MODES)
 
 
-def mission(autopilot: str, policies: str = "agent_lost: hold", hold_s: float = 8) -> VirtualSwarm:
-    text = TEXT.format(autopilot=autopilot, policies=policies, hold_s=hold_s)
-    return VirtualSwarm(loads(text))
+@cache
+def mission(autopilot: str, policies: str = "agent_lost: hold", hold_s: float = 8) -> LoadedMission:
+    return loads(TEXT.format(autopilot=autopilot, policies=policies, hold_s=hold_s))
 
 
 def holding(autopilot: str, policies: str = "agent_lost: hold") -> VirtualSwarm:
     """Two agents hold their formation."""
-    swarm = mission(autopilot, policies, 40)
-    swarm.wait(lambda s: s.in_step(HOLD))
+    swarm = at_step(mission(autopilot, policies, 25), HOLD)
     swarm.run(2)
     return swarm
 
@@ -95,7 +95,7 @@ FORGERIES = [("landing", True), ("pilot", True), ("flown", False)]
 def test_single_forged_heartbeats_change_nothing(autopilot: str) -> None:
     """One after the other, to each agent in turn, from lift-off to the end: the mission completes,
     and the log has them."""
-    swarm, count = mission(autopilot), 0
+    swarm, count = VirtualSwarm(mission(autopilot)), 0
     swarm.wait(lambda s: all(s.hub.world.airborne()))
     while swarm.now < 400 and all(member.alive for member in swarm.members.values()):
         mode, armed = FORGERIES[count % len(FORGERIES)]
@@ -110,8 +110,7 @@ def test_single_forged_heartbeats_change_nothing(autopilot: str) -> None:
 @both
 def test_a_flood_of_forged_heartbeats_lands_no_vehicle_and_keeps_none_up(autopilot: str) -> None:
     """Twenty a second, from the middle of the flight to the end."""
-    swarm = mission(autopilot)
-    swarm.wait(lambda s: s.in_step(HOLD))
+    swarm = at_step(mission(autopilot), HOLD)
     for _ in range(7 * 20):
         forged(swarm, autopilot, "pilot")
         swarm.tick()
@@ -233,7 +232,7 @@ def test_a_pilot_is_not_fought_by_a_landing_that_was_about_to_begin() -> None:
 def test_disarmed_in_the_air(autopilot: str, at: int) -> None:
     """In the controlled mode, in the climb, or on its way down: failed within 1.5 s, by that
     reason."""
-    swarm = mission(autopilot, "agent_lost: land")
+    swarm = at_step(mission(autopilot, "agent_lost: land"), at)
     swarm.wait(lambda s: s.in_step(at) and -s.hub.world.positions()[PILOTED - 1][2] > 4.0)
     swarm.run(0.5)
     firmware(swarm).disarm(force=True)

@@ -13,7 +13,7 @@ from swarm_ctl.core.agent.takeover import LEARN_S
 from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.mission.compile.loader import LoadedMission, loads
-from tests.scenarios.swarm import VirtualSwarm
+from tests.scenarios.swarm import VirtualSwarm, at_step
 from tests.scenarios.test_steps import (
     FORM,
     TAKEOFF,
@@ -43,8 +43,7 @@ def texts(swarm: VirtualSwarm) -> str:
 
 
 def killed(mission: LoadedMission, step: int, after_s: float, agent: int) -> VirtualSwarm:
-    swarm = VirtualSwarm(mission)
-    swarm.wait(lambda s: s.in_step(step))
+    swarm = at_step(mission, step)
     swarm.run(after_s)
     swarm.kill(agent)
     return swarm
@@ -126,7 +125,7 @@ def test_another_plan_leaves_the_vehicle_alone() -> None:
     assert set(swarm.members[3].goals) == {"StandbyGoal", "ReleaseGoal"}
     assert "is not taken over: agent 1 has another plan" in texts(swarm)
     swarm.fly(900)
-    swarm.run(60)
+    swarm.wait(lambda s: s.all_down, swarm.now + 60)
     assert set(swarm.outcomes().values()) == {"failed"}
     assert swarm.closest_m > swarm.plan.law.r_in * swarm.plan.unit_m
     assert swarm.all_down
@@ -161,14 +160,12 @@ def test_no_other_agent_flies() -> None:
     assert swarm.now - start < 10
     assert "no agent that flies this mission is heard" in texts(swarm)
     assert set(swarm.members[3].goals) == {"StandbyGoal", "ReleaseGoal"}
-    swarm.run(60)
-    assert swarm.all_down
+    swarm.wait(lambda s: s.all_down, swarm.now + 60)
 
 
 def test_two_with_one_id() -> None:
     """An agent that is started while its like still flies does not touch the vehicle."""
-    swarm = VirtualSwarm(MISSIONS["hold"][2])
-    swarm.wait(lambda s: s.in_step(THIRD))
+    swarm = at_step(MISSIONS["hold"][2], THIRD)
     first = swarm.members[3]
     place = swarm._far[2]
     swarm.restart(3)
@@ -234,8 +231,7 @@ def test_px4_whose_agent_dies_at_take_off_lands() -> None:
 def test_an_operators_hold_outlives_the_agent() -> None:
     """The new process does not know the command: it holds until the operator ends it, then goes on
     with the others."""
-    swarm = VirtualSwarm(MISSIONS["move"][2])
-    swarm.wait(lambda s: s.in_step(THIRD))
+    swarm = at_step(MISSIONS["move"][2], THIRD)
     swarm.run(3)
     swarm.command("hold")
     swarm.run(2)

@@ -13,7 +13,7 @@ from swarm_ctl.core.law.planned_formation import planned_formations
 from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.plan import Policy
 from swarm_ctl.mission.compile.loader import LoadedMission, loads
-from tests.scenarios.swarm import VirtualSwarm
+from tests.scenarios.swarm import VirtualSwarm, at_step
 
 TEXT = """\
 version: 1
@@ -75,8 +75,7 @@ def test_a_formation_that_holds_is_calm(autopilot: str) -> None:
     """No swing from limit to limit: after 15 s no setpoint is over 2 m/s, of 5."""
     fleet = ", ".join(f"{{id: {agent}, autopilot: {autopilot}}}" for agent in range(1, 5))
     held = quartet("hold: {duration_s: 30}", "land", head=f"fleet:\n  agents: [{fleet}]\n")
-    swarm = VirtualSwarm(held, seed=10)
-    swarm.wait(lambda s: s.in_step(THIRD))
+    swarm = at_step(held, THIRD, seed=10)
     swarm.run(15.0)
     fastest = 0.0
     while swarm.in_step(THIRD):
@@ -88,8 +87,7 @@ def test_a_formation_that_holds_is_calm(autopilot: str) -> None:
 
 def test_move_keeps_shape_and_arrives() -> None:
     """Along a path with a corner: never more than a metre out of shape, the centre at its end."""
-    swarm = VirtualSwarm(quartet("move: {along: [[30, 13], [30, 43]]}", "land"))
-    swarm.wait(lambda s: s.in_step(THIRD))
+    swarm = at_step(quartet("move: {along: [[30, 13], [30, 43]]}", "land"), THIRD)
     worst = 0.0
     while swarm.in_step(THIRD):
         swarm.tick()
@@ -101,13 +99,12 @@ def test_move_keeps_shape_and_arrives() -> None:
 
 
 def test_the_formation_does_not_drift_while_it_holds() -> None:
-    """The pinned agent keeps the centre where it was, for minutes."""
-    swarm = VirtualSwarm(quartet("hold: {duration_s: 120}", "land"))
-    swarm.wait(lambda s: s.in_step(THIRD))
+    """The pinned agent keeps the centre where it was, for a minute."""
+    swarm = at_step(quartet("hold: {duration_s: 70}", "land"), THIRD)
     swarm.run(5)
     before = swarm.centre()
-    swarm.run(100)
-    assert math.dist(before, swarm.centre()) < 0.3
+    swarm.run(60)
+    assert math.dist(before, swarm.centre()) < 0.18
 
 
 @pytest.mark.parametrize(
@@ -116,8 +113,7 @@ def test_the_formation_does_not_drift_while_it_holds() -> None:
 )
 def test_rotate_and_scale(step: str, angle: float, factor: float) -> None:
     """The slots end turned (clockwise from above) or wider, the centre stays."""
-    swarm = VirtualSwarm(quartet(step, "hold: {duration_s: 20}", "land"))
-    swarm.wait(lambda s: s.in_step(THIRD))
+    swarm = at_step(quartet(step, "hold: {duration_s: 20}", "land"), THIRD)
     before, centre = np.array(list(swarm.positions().values())), swarm.centre()
     swarm.wait(lambda s: s.in_step(THIRD + 1))
     after = np.array(list(swarm.positions().values()))
@@ -136,8 +132,7 @@ def test_rotate_and_scale(step: str, angle: float, factor: float) -> None:
 
 def test_return_brings_all_home_one_at_a_time() -> None:
     """Each lands at its own start; never two fly home at once; the heights differ while they do."""
-    swarm = VirtualSwarm(quartet("move: {to: [40, 20]}", "return"))
-    swarm.wait(lambda s: s.in_step(4))
+    swarm = at_step(quartet("move: {to: [40, 20]}", "return"), 4)
     flying_home: set[int] = set()
     while any(member.alive for member in swarm.members.values()):
         swarm.tick()
@@ -175,12 +170,11 @@ def test_an_agent_dies_in_any_step(step: int, victim: int, policy: Policy) -> No
         "move: {to: [30, 13]}", "rotate: {angle_deg: 45}", "scale: {factor: 1.2}", "return"
     )
     policies = replace(mission.plan.policies, agent_lost=policy)
-    swarm = VirtualSwarm(replace(mission, plan=replace(mission.plan, policies=policies)))
-    swarm.wait(lambda s: s.in_step(step))
+    swarm = at_step(replace(mission, plan=replace(mission.plan, policies=policies)), step)
     swarm.run(1.5)
     swarm.kill(victim)
     swarm.fly(900)
-    swarm.run(40)  # the dead agent's vehicle comes down by itself
+    swarm.wait(lambda s: s.all_down, swarm.now + 40)  # the dead agent's vehicle, too
     outcomes = swarm.outcomes()
     assert set(outcomes) == {1, 2, 3, 4} - {victim}
     if policy is Policy.CONTINUE or step == 6:
@@ -199,8 +193,7 @@ def test_another_takes_over_when_the_pinned_agent_is_lost() -> None:
     """The move goes on to its end without a jump: the frame is where it was told to be last."""
     mission = quartet("move: {to: [60, 13]}", "land")
     policies = replace(mission.plan.policies, agent_lost=Policy.CONTINUE)
-    swarm = VirtualSwarm(replace(mission, plan=replace(mission.plan, policies=policies)))
-    swarm.wait(lambda s: s.in_step(THIRD))
+    swarm = at_step(replace(mission, plan=replace(mission.plan, policies=policies)), THIRD)
     swarm.run(8)
     assert [m.agent._context.reference.pinned for m in swarm.members.values()] == [1, 1, 1, 1]
     frame = swarm.members[2].agent._context.reference.frame
@@ -222,9 +215,8 @@ def test_a_step_that_takes_too_long(policy: Policy) -> None:
     """`on_timeout`: hold until told otherwise, land, return, or go on to the next step."""
     late = f"timeout_s: 9, on_timeout: {policy.value}"
     step = f"form: {{shape: row, tolerance_m: 0.05, settle_s: 8, {late}}}"
-    swarm = VirtualSwarm(quartet(step, "land"))
-    swarm.wait(lambda s: s.in_step(THIRD))
-    swarm.run(20)
+    swarm = at_step(quartet(step, "land"), THIRD)
+    swarm.run(12)
     if policy is Policy.HOLD:
         assert swarm.phases() == {Phase.HOLD}
         swarm.command("land")

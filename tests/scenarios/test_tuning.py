@@ -12,7 +12,7 @@ from swarm_ctl.commands.send import CommandSender
 from swarm_ctl.core.model.messages import Command, Gains, Tuning
 from swarm_ctl.core.swarm.gain_update import LEAD_S, planned
 from swarm_ctl.mesh import keys
-from tests.scenarios.swarm import VirtualSwarm
+from tests.scenarios.swarm import VirtualSwarm, at_step, flown_once
 from tests.scenarios.test_steps import FORM, assert_good, quartet
 
 ALL = (1, 2, 3, 4)
@@ -72,9 +72,14 @@ class Desk:
 @pytest.fixture
 def desk() -> Desk:
     """Four agents on the ground that hear each other."""
+    return Desk(heard())
+
+
+@flown_once
+def heard() -> VirtualSwarm:
     swarm = VirtualSwarm(quartet("land"))
     swarm.run(4)
-    return Desk(swarm)
+    return swarm
 
 
 def deaf(swarm: VirtualSwarm, agent: int, *channels: keys.Channel[Any], kind: str = "") -> Any:
@@ -95,8 +100,7 @@ def deaf(swarm: VirtualSwarm, agent: int, *channels: keys.Channel[Any], kind: st
 def test_all_change_in_the_tick_of_the_order_s_time() -> None:
     """In flight, while they form; the mission goes on to its end, and statuses tell the law in
     force."""
-    swarm = VirtualSwarm(quartet("land"))
-    swarm.wait(lambda s: s.in_step(FORM))
+    swarm = at_step(quartet("land"), FORM)
     desk = Desk(swarm)
     order = desk.tune(h=0.04, kappa=15.0)
     desk.run(4)

@@ -69,7 +69,7 @@ class Barrier:
             elif peer.state is not None and peer.left is not None:
                 self.departed[peer.id] = left_by_order(peer.state)
         self.accepted &= self.departed.keys()
-        self._context.slot_exchange.departed = self.departed.keys()
+        self._context.slot_exchange.departed = self.departed
         goes_on = self._plan.policies.left_by_order is Policy.CONTINUE
         flies = goes_on and self._context.trigger is None
         for agent in sorted(self.departed.keys() - before.keys()) if flies else ():
