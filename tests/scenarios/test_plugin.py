@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 
 from swarm_ctl.testing.account import account
+from swarm_ctl.testing.flight import FlightResult, SwarmFlight
 from swarm_ctl.testing.plugin import Fly
 from swarm_ctl.testing.process_flight import ProcessFlight
 from tests.scenarios.test_steps import TEXT
@@ -22,17 +23,8 @@ from tests.unit.report.run_folders import PLAN, write_run
 PAIR = TEXT + "  - hold: {duration_s: 20}\n  - land\n"
 
 
-@pytest.mark.timeout(300)
-@pytest.mark.parametrize(
-    "how",
-    [
-        pytest.param({"virtual": True}, id="virtual"),
-        pytest.param({}, id="lockstep", marks=pytest.mark.lockstep),
-        pytest.param({"speedup": 4}, id="4", marks=(pytest.mark.realtime, pytest.mark.long)),
-    ],
-)
-def test_a_test_as_a_user_writes_it(swarm: Fly, how: dict[str, Any]) -> None:
-    flight = swarm(PAIR, **how)
+def flown_by_a_user(flight: SwarmFlight) -> None:
+    """Orders of all kinds, and a killed agent."""
     flight.wait_step("hold")
     assert flight.command("hold").accepted
     assert flight.form("row").accepted
@@ -40,12 +32,29 @@ def test_a_test_as_a_user_writes_it(swarm: Fly, how: dict[str, Any]) -> None:
     assert "outside the geofence" in refused.reasons[1]
     flight.wait_s(5)
     flight.kill_agent(3)
-    run = flight.finish()
+
+
+def assert_all_but_3_failed(run: FlightResult) -> None:
     assert {run.outcomes[i] for i in (1, 2, 4)} == {"failed"}
     assert 3 not in run.outcomes
     assert run.closest_m > 2.5
     assert run.all_down
     assert "agent 3 has not been heard" in run.texts
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize(
+    "how",
+    [
+        pytest.param({"virtual": True}, id="virtual"),
+        pytest.param({"speedup": 4}, id="4", marks=(pytest.mark.realtime, pytest.mark.long)),
+    ],
+)
+def test_a_test_as_a_user_writes_it(swarm: Fly, how: dict[str, Any]) -> None:
+    """And with real processes in lockstep, below."""
+    flight = swarm(PAIR, **how)
+    flown_by_a_user(flight)
+    assert_all_but_3_failed(flight.finish())
 
 
 @pytest.mark.lockstep
@@ -56,13 +65,11 @@ def test_a_flight_with_processes_is_the_same_again(swarm: Fly) -> None:
     folders = []
     for _ in range(2):
         flight = swarm(PAIR, seed=3)
-        flight.wait_step("hold")
-        assert flight.command("hold").accepted
-        flight.wait_s(2)
-        flight.kill_agent(3)
-        flight.wait_s(2)
+        flown_by_a_user(flight)
+        flight.wait_s(6)  # in which agent 3 is missed
         flight.kill_station()
         run = flight.finish()
+        assert_all_but_3_failed(run)
         assert run.folder is not None
         folders.append(run.folder)
     for name in ("truth.jsonl", "events.jsonl"):
