@@ -30,7 +30,7 @@ from swarm_ctl.station.picture.view import SwarmView
 from swarm_ctl.testing.flight import FlightError, FlightResult, SwarmFlight
 
 _START_WALL_S = 80.0
-"""`run` itself gives its processes 40 s on a busy machine, and says then which one did not start."""
+"""`run` itself gives its processes 40 s, and says then which one did not start."""
 _POLL_WALL_S = 0.05
 _END_WALL_S = 15.0
 """A second Ctrl-C kills all processes at once; a busy machine needs time for it."""

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from copy import deepcopy
 from functools import cache
 from typing import Any, ParamSpec, TypeVar
+from unittest.mock import patch
 
 from sim.firmware import autopilot
 from swarm_ctl.core.model import messages, plan
@@ -29,7 +30,7 @@ def flown_once(fly: Callable[P, S]) -> Callable[P, S]:
     once = cache(fly)
 
     def flown(*args: P.args, **kwargs: P.kwargs) -> S:
-        return deepcopy(once(*args, **kwargs))
+        return _copy(once(*args, **kwargs))
 
     return flown
 
@@ -39,18 +40,21 @@ def at_step(mission: LoadedMission, step: int, seed: int = 1) -> VirtualSwarm:
     kept = _FLOWN.setdefault((mission.plan, mission.fleet, str(mission.file.simulation), seed), {})
     if step not in kept:
         nearest = max((known for known in kept if known < step), default=None)
-        swarm = VirtualSwarm(mission, seed) if nearest is None else deepcopy(kept[nearest])
+        swarm = VirtualSwarm(mission, seed) if nearest is None else _copy(kept[nearest])
         swarm.wait(lambda s: s.in_step(step))
         kept[step] = swarm
-    return deepcopy(kept[step])
+    return _copy(kept[step])
 
 
-def _share_what_never_changes() -> None:
+def _copy(flown: S) -> S:
     """Plans, their steps and flight modes are compared by identity: a copy has the same ones."""
-    copyreg.pickle(struct.Struct, lambda found: (struct.Struct, (found.format,)))
-    for kind in (k for module in (autopilot, messages, plan) for k in vars(module).values()):
-        if dataclasses.is_dataclass(kind) and kind.__dataclass_params__.frozen:
-            copyreg.pickle(kind, lambda found: type(found).__qualname__)  # a name: itself
+    with patch.dict(copyreg.dispatch_table, _SHARED):
+        return deepcopy(flown)
 
 
-_share_what_never_changes()
+_SHARED: dict[type, Callable[[Any], Any]] = {
+    kind: lambda found: type(found).__qualname__  # a name: itself
+    for module in (autopilot, messages, plan)
+    for kind in vars(module).values()
+    if dataclasses.is_dataclass(kind) and kind.__dataclass_params__.frozen
+} | {struct.Struct: lambda found: (struct.Struct, (found.format,))}
