@@ -92,12 +92,17 @@ class LawInputBuilder:
         slots, neighbours = formation.slots, formation.neighbours
         points: list[complex] = []
         present, linked, along = [], [], []
-        for peer in snapshot.peers:
+        now, plain = snapshot.now_s, self._plain
+        for peer in snapshot.peers:  # few calls: a large swarm has a hundred
             with_us = (
                 peer.formation is not None and peer.formation == formation.key and peer.id in slots
             )
             moving = formation.velocity if with_us else 0j
-            points.append(self._point(peer, peer.age(snapshot.now_s), lead_s, moving))
+            age_s = peer.age(now) if peer.far else peer.age_s
+            lead = min(age_s, lead_s)
+            further = min(age_s, predicted_s(peer)) - lead if moving else 0.0
+            told = peer.stop_point + peer.setpoint * lead + moving * further
+            points.append(peer.position if plain else told)
             present.append(peer.state is not None)
             along.append(with_us)
             linked.append(peer.followed and peer.id in neighbours and peer.id in slots)
@@ -113,15 +118,6 @@ class LawInputBuilder:
         unit_m = self._unit_m
         points = [point / unit_m for point in points]
         return LawInput(aircraft, points, self._places, self._linked, along, self._columns)
-
-    def _point(self, peer: OtherAircraft, age_s: float, lead_s: float, moving: complex) -> complex:
-        """Where the law takes a peer to be [m]: its stop point carried on, or its position
-        (`compensation: none`)."""
-        if self._plain:
-            return peer.position
-        lead = min(age_s, lead_s)
-        further = min(age_s, predicted_s(peer)) - lead
-        return peer.stop_point + peer.setpoint * lead + moving * further
 
 
 def _columns(

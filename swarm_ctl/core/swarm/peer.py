@@ -129,7 +129,7 @@ class Peer:
                 self.id, clock_unknown=self.clock.unknown_s is not None, expelled=self.expelled
             )
         age_s, late_s = now - self.true_s, self.late_s(now)
-        heard = not self.expelled
+        heard, says, suspect = not self.expelled, bool(self._says), self.suspect(now)
         fresh = age_s <= FRESH_S + late_s and heard
         return OtherAircraft(
             self.id,
@@ -141,19 +141,16 @@ class Peer:
             now - self.earliest_s,
             fresh,
             age_s <= NEIGHBOUR_S + late_s and heard,
-            age_s <= FRESH_S
-            and heard
-            and state.phase in _YIELDING
-            and now - self._found_s > SUSPECT_S,
+            age_s <= FRESH_S and heard and state.phase in _YIELDING and not suspect,
             (state.step, state.override) if fresh and state.phase is Phase.FLY else None,
             self.limits.counted_s(state.response_s),
             self.clock.unknown_s is not None,
-            self._lasts("ends", now),
-            state.left if self._lasts("left", now) else None,
-            state.down and self._lasts("down", now),
-            heard and self._lasts("held", now),
+            says and self._lasts("ends", now),
+            state.left if says and self._lasts("left", now) else None,
+            state.down and says and self._lasts("down", now),
+            heard and says and self._lasts("held", now),
             self.expelled,
-            self.suspect(now),
+            suspect,
             late_s > 0.0,
             self.true_s,
         )
