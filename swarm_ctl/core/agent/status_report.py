@@ -93,6 +93,7 @@ def status_report(
         left=left,
         refused=refused,
         doubted=doubted or {},
+        far_heard=sum(peer.far and peer.fresh for peer in tick.peers.peers),
         without=tuple(peer.id for peer in tick.peers.peers if peer.left is not None),
     )
 

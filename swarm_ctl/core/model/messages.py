@@ -379,7 +379,7 @@ class AgentStatus:
     """Pair-ticks by status."""
     overspeed_ticks: int
     links: dict[int, LinkReport]
-    """By peer id."""
+    """By peer id, of near peers (`core/swarm/hearing.py`)."""
     steps: tuple[StepResult, ...]
     tick: TickReport = field(default_factory=TickReport)
     bad_payloads: int = 0
@@ -406,6 +406,8 @@ class AgentStatus:
     """What it refused on the mesh in the last seconds (`mesh/refusals.py`)."""
     doubted: dict[int, str] = field(default_factory=dict)
     """Why, by peer of which a word was not believed of late (`core/swarm/plausibility.py`)."""
+    far_heard: int = 0
+    """So many far peers are heard."""
 
 
 @row

@@ -12,8 +12,10 @@ from typing import Any, Final
 FRESH_S: Final = 0.5
 """A peer's state up to this age is used as it is."""
 FAR_EVERY_S: Final = 0.5
-"""Between two far words: the states of an agent as those peers hear them that are not near. By so
-much later they count as not fresh, not followed and lost."""
+"""Between two far words: the states of an agent as those peers hear them that are not near."""
+FAR_LATE_S: Final = 1.0
+"""By so much later a far peer counts as not fresh, not followed and lost: two periods, so that one
+lost word changes nothing."""
 PREDICT_S: Final = 0.3
 """A peer's stop point is carried on with its setpoint for at most so long."""
 CALM: Final = 0.3

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 
 from swarm_ctl.core.model.histogram import Histogram
 from swarm_ctl.core.model.messages import AgentState, LinkReport, Phase
-from swarm_ctl.core.model.timeouts import FAR_EVERY_S, FRESH_S, NEIGHBOUR_S
+from swarm_ctl.core.model.timeouts import FAR_EVERY_S, FAR_LATE_S, FRESH_S, NEIGHBOUR_S
 from swarm_ctl.core.swarm.clocks import PeerClock
 from swarm_ctl.core.swarm.plausibility import (
     CLOCK_S,
@@ -109,7 +109,7 @@ class Peer:
     def late_s(self, now: float) -> float:
         """By how much [s] its words may be older than states are: it is far, or its states do not
         come yet."""
-        return FAR_EVERY_S if now - self.near_s <= NEIGHBOUR_S else 0.0
+        return FAR_LATE_S if now - self.near_s <= NEIGHBOUR_S else 0.0
 
     def view(self, now: float) -> OtherAircraft:
         """This peer at one tick; a far one's ages are those of a tick before."""

@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 from swarm_ctl.core.model.messages import AgentState, CommandKind
 from swarm_ctl.core.model.plan import Point
-from swarm_ctl.core.model.timeouts import FAR_EVERY_S, PREDICT_S
+from swarm_ctl.core.model.timeouts import FAR_LATE_S, PREDICT_S
 
 TRAFFIC: Final = 0
 """The id of an aircraft that the traffic sensor sees and no peer on the mesh explains."""
@@ -62,7 +62,7 @@ class OtherAircraft(NamedTuple):
     suspect: bool = False
     """A word of it was not believed a moment ago."""
     far: bool = False
-    """It is heard now and then: all limits of its age come `FAR_EVERY_S` later, and `age_s` may be
+    """It is heard now and then: all limits of its age come `FAR_LATE_S` later, and `age_s` may be
     that of a tick before."""
     true_s: float = -math.inf
     """When its state was true, on the own clock."""
@@ -73,13 +73,13 @@ class OtherAircraft(NamedTuple):
 
     @property
     def silent_s(self) -> float:
-        """Its age, less the time between its words."""
-        return self.age_s - FAR_EVERY_S if self.far else self.age_s
+        """Its age, less what its words may be later than states."""
+        return self.age_s - FAR_LATE_S if self.far else self.age_s
 
 
 def predicted_s(peer: OtherAircraft) -> float:
     """For how long [s] a prediction of this peer holds."""
-    return PREDICT_S + FAR_EVERY_S if peer.far else PREDICT_S
+    return PREDICT_S + FAR_LATE_S if peer.far else PREDICT_S
 
 
 @dataclass(frozen=True, slots=True)
