@@ -23,6 +23,9 @@ os.environ.setdefault(
     "(rx:(handover:app),acc:(handover:app),tx:(handover:app),net:(handover:app),app:(worker_threads:1))",
 )
 
+_ROUTER_RUNTIME: Final = "(rx:(worker_threads:1),acc:(handover:app),tx:(worker_threads:1),net:(handover:app),app:(worker_threads:1))"
+"""A router's thread that receives may wait for a full queue: another one has to empty it."""
+
 _LEASE_S = 3.0
 """Mission time after which zenoh drops a silent link. Agents judge a peer by its state's age."""
 _LEAST_LEASE_MS = 1000
@@ -93,6 +96,11 @@ _RULES: Final = {Part.PEER: ("commands",), Part.CLIENT: (), Part.ROUTER: ("comma
 _LOOPBACK: Final = ["lo", "lo0"]
 
 
+def be_router() -> None:
+    """Before the first session of the process is opened."""
+    os.environ["ZENOH_RUNTIME"] = _ROUTER_RUNTIME
+
+
 def configuration(
     listen: Sequence[str],
     connect: Sequence[str],
@@ -113,6 +121,9 @@ def configuration(
         part: what the process is on the mesh.
     """
     config = zenoh.Config()
+    queued = {"real_time": _PATIENT_QUEUED if patient else _QUEUED}
+    if part is Part.ROUTER:  # a hundred agents' statuses go to a station by one link
+        queued = {"real_time": _PATIENT_QUEUED, "data": _PATIENT_QUEUED}
     settings: dict[str, Any] = {
         "mode": part,
         "listen/endpoints": [as_tls(each) if access else each for each in listen],
@@ -140,7 +151,7 @@ def configuration(
         "transport/shared_memory/enabled": False,
         "transport/link/tx/batch_size": 8192,
         "transport/link/rx/buffer_size": 8192,
-        "transport/link/tx/queue/size/real_time": _PATIENT_QUEUED if patient else _QUEUED,
+        **{f"transport/link/tx/queue/size/{name}": size for name, size in queued.items()},
         "transport/link/tx/queue/congestion_control/drop/wait_before_drop": (
             _PATIENT_DROPPED_AFTER_US if patient else _DROPPED_AFTER_US
         ),

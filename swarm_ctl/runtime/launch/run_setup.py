@@ -27,7 +27,7 @@ from swarm_ctl.runtime.gcs.config import RELAY_JSON
 from swarm_ctl.runtime.launch.ground_control import ground_control
 from swarm_ctl.runtime.launch.ports import free_ports, refuse_taken
 from swarm_ctl.runtime.launch.sim_config import simulator_config
-from swarm_ctl.runtime.lockstep.seat import SIMULATOR, STATION
+from swarm_ctl.runtime.lockstep.seat import SIMULATOR, SLOW, STATION
 from swarm_ctl.runtime.protection import (
     NO_KEYS,
     Keys,
@@ -161,7 +161,7 @@ class RunSetup:
         return RouterConfig(
             manifest.swarm,
             listen,
-            speedup=manifest.speedup,
+            speedup=manifest.speedup if manifest.lockstep is None else SLOW,
             patient=manifest.lockstep is not None,
             identity=router_identity_folder(manifest.trust, listen),
             log=self.folder / "router.log",

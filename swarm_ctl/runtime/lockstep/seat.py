@@ -28,7 +28,7 @@ _AGAIN_WALL_S: Final = 0.25
 hears what it has subscribed to."""
 _LOOK_WALL_S: Final = 0.0002
 _WAIT_WALL_S: Final = 1.0
-_SLOW: Final = 0.1
+SLOW: Final = 0.1
 """A busy machine must not cut the mesh's links; a process that ends closes its own."""
 
 
@@ -90,7 +90,7 @@ class BarrierSeat(Seat):
         self._address, self._phase = address, phase
         self._stepped = SteppedClock(speedup)
         super().__init__(self._stepped)
-        self.mesh_speedup = _SLOW
+        self.mesh_speedup = SLOW
         self._wire: SteppedWire | None = None
         self._mesh: SteppedTransport | None = None
         self.member: Member | None = None

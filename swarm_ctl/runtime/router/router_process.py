@@ -9,6 +9,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Final
 
+from swarm_ctl.mesh.zenoh_config import be_router
 from swarm_ctl.mesh.zenoh_transport import Router
 from swarm_ctl.runtime.clock import pause, wall_s
 from swarm_ctl.runtime.forked import serve_forked
@@ -53,6 +54,7 @@ def run_router(config: RouterConfig, lifeline: Lifeline) -> int:
     if config.patient:
         os.environ["ZENOH_RUNTIME"] = _SENDS_APART
     identity = router_identity(config.identity)
+    be_router()
     router = Router(
         [config.listen],
         config.connect,
