@@ -95,7 +95,7 @@ def test_agents_of_one_clock_say_no_clock_words() -> None:
     swarm.run(1.5)
     began_s = swarm.now
     swarm.restart(3, clock=lambda now: now - began_s)
-    swarm.run(1.0)
+    swarm.run(2.0)  # clock words come once a second
     for i, j, ahead_s in ((1, 3, -began_s), (3, 1, began_s), (1, 2, 0.0)):
         known = peer(swarm, i, j).report(swarm.members[i].clock(swarm.now)).clock_ahead_s
         assert known == pytest.approx(ahead_s, abs=0.03)
