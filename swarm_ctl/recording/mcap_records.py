@@ -31,6 +31,8 @@ TORN: Final = (McapError, struct.error, ValueError, EOFError, zstandard.ZstdErro
 """What is raised where a file ends in the middle of a record, or is damaged."""
 _HEADER: Final = struct.Struct("<BQ")
 """Opcode and length of each record."""
+_MESSAGE: Final = struct.Struct("<HIQQ")
+"""Channel, sequence, log time and publish time of a message; its data follow."""
 _READ: Final[dict[int, Any]] = {
     Opcode.METADATA: Metadata,
     Opcode.SCHEMA: Schema,
@@ -64,13 +66,18 @@ def records_of(file: IO[bytes]) -> Iterator[Any]:
         data = file.read(length)
         if len(data) < length:
             return
-        stream = ReadDataStream(io.BytesIO(data))
-        record = kind.read(stream) if kind else Message.read(stream, length)
+        record = kind.read(ReadDataStream(io.BytesIO(data))) if kind else _message(data)
         if isinstance(record, Chunk):
             total += record.uncompressed_size
             if total > MOST_EXPANDED * file.tell() + CHUNK_BYTES:
                 raise InputError(f"it expands more than {MOST_EXPANDED} times; allowed: fewer")
         yield record
+
+
+def _message(data: bytes) -> Message:
+    """As `Message.read`, at a fifth of its price: a flight of 100 agents has 5,000 a second."""
+    channel, sequence, log_time, publish_time = _MESSAGE.unpack_from(data)
+    return Message(channel, log_time, data[_MESSAGE.size :], publish_time, sequence)
 
 
 def unpacked(file: IO[bytes]) -> Iterator[Any]:

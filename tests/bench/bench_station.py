@@ -24,13 +24,15 @@ import tempfile
 import termios
 import threading
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
 from swarm_ctl.core.model.fleet import FleetAgent
-from swarm_ctl.core.model.messages import SigmaReport
+from swarm_ctl.core.model.messages import LinkReport, SigmaReport
 from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.swarm.hearing import hears_all
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
@@ -79,15 +81,17 @@ def _measure(
     os.write(terminal, KEYS[arguments.screen])
     time.sleep(1.0)
     cpu, drawn, sent, start = _cpu_s(pid), reader.total, swarm.sent, time.monotonic()
+    recorded = _recorded(folder)
     time.sleep(arguments.seconds)
     took = time.monotonic() - start
     share = 100 * (_cpu_s(pid) - cpu) / took
-    recorded = sum(path.stat().st_size for path in folder.glob("*.jsonl"))
+    recorded = _recorded(folder) - recorded
     print(
         f"{arguments.agents} agents, {(swarm.sent - sent) / took:.0f} messages/s, "
         f"{arguments.show} {arguments.screen} {arguments.size}: {share:.1f} % of a core, "
         f"{(reader.total - drawn) / took / 1000:.1f} kB/s to the terminal, "
-        f"{recorded / 1000:.0f} kB recorded; load before {load:.1f}, now {os.getloadavg()[0]:.1f}"
+        f"{60 * recorded / took / 1e6:.1f} MB a minute recorded; "
+        f"load before {load:.1f}, now {os.getloadavg()[0]:.1f}"
     )
     tail = reader.tail.decode(errors="replace")
     if "frames skipped" in tail:
@@ -95,6 +99,11 @@ def _measure(
             "the title says:", tail[: tail.rindex("frames skipped")][-12:].strip(), "frames skipped"
         )
     reader.stop()
+
+
+def _recorded(folder: Path) -> int:
+    files = (*folder.glob("*.jsonl"), *folder.glob("*.mcap"))
+    return sum(path.stat().st_size for path in files)
 
 
 class Swarm:
@@ -137,7 +146,8 @@ class Swarm:
             self.sent += 1
         if (tick + agent) % 10 == 0:
             status = status_of(self._plan, agent, now, battery_percent=50.0 + tick % 40)
-            node.send(keys.STATUS, replace(status, station_age_s=0.1))
+            links = status.links if hears_all(self._plan) else _near(status.links, agent)
+            node.send(keys.STATUS, replace(status, station_age_s=0.1, links=links))
             self.sent += 1
 
     def close(self) -> None:
@@ -145,6 +155,11 @@ class Swarm:
         self._stop.set()
         self._thread.join()
         self._transport.close()
+
+
+def _near(links: Mapping[int, LinkReport], agent: int) -> dict[int, LinkReport]:
+    """Those of a dozen peers, as an agent of a large swarm has them."""
+    return {peer: link for peer, link in links.items() if abs(peer - agent) <= 6}
 
 
 class Reader:

@@ -32,7 +32,7 @@ _SHOWN: Final = 12
 _SIGMA_GAP_S: Final = 1.0
 """A pair without a report for this long was not active: reports come at 5 Hz."""
 _NAMED: Final = 32
-"""Lines with a name in a legend, at most."""
+"""Lines with a name in a legend, at most; more are thin."""
 
 
 def tracks(history: RunHistory) -> Figure | None:
@@ -241,7 +241,7 @@ def _lines(
         return None
     made, axes = figure(title)
     for k, name in enumerate(names):
-        style = {"linewidth": 1.0, **line_style(k)}
+        style = {"linewidth": 1.0 if len(names) <= _NAMED else 0.3, **line_style(k)}
         axes.plot(history.flight.time_s, values[:, k], label=str(name), **style)
     axes.set_xlabel("mission time [s]")
     _name(axes, len(names), what)
