@@ -12,7 +12,7 @@ import numpy as np
 
 from swarm_ctl.core.model.arrays import MANY, Bools, Floats, Ints, keep_missions
 from swarm_ctl.core.model.plan import Policies
-from swarm_ctl.core.model.timeouts import FAR_EVERY_S, NEIGHBOUR_S
+from swarm_ctl.core.model.timeouts import FAR_EVERY_S, FAR_LATE_S, NEIGHBOUR_S
 from swarm_ctl.core.safety.constraints import Margins
 from swarm_ctl.core.safety.deadlock import SWIRL_OFF
 from swarm_ctl.core.swarm.hearing import FOLLOW_TICKS, KEPT_S, LOOK_S, SMALL_SWARM, Boundary
@@ -64,7 +64,7 @@ class BatchHearing:
     def late_s(self, tick: int) -> Floats:
         """By how much words may be older than states are (n, n, m); see `Peer.late_s`."""
         soon = self._heard_from > tick - self._late + FOLLOW_TICKS - 1
-        return np.where(soon, FAR_EVERY_S, 0.0)
+        return np.where(soon, FAR_LATE_S, 0.0)
 
     def look(
         self, tick: int, points: Floats, told: Floats, age_s: Floats, partners: Bools | None
