@@ -48,7 +48,7 @@ def flown(mission: LoadedMission, seed: int = 1) -> Watch:
     return watch
 
 
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(900)  # a hundred agents take about 500 s
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=pytest.mark.long if n in LARGE else ()) for n in MISSIONS]
 )
