@@ -44,7 +44,7 @@ def seen(peers: Peers, agent: int, now: float) -> OtherAircraft:
 
 
 def test_the_limits_of_a_far_peers_age_come_two_periods_later() -> None:
-    """Fresh, followed, silent: one word may be lost. But it is not counted on to do its half with an
+    """Fresh, followed, silent: one word may be lost. But it is not counted on to do its half by an
     old word. A near peer's limits are those of states once it was near for a second."""
     peers = Peers(LARGE, 1)
     for agent in (2, 3):
