@@ -8,12 +8,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import Final, Literal
 
+from swarm_ctl.api.flight import Mission, SwarmFlight, loaded
+from swarm_ctl.api.process_flight import ProcessFlight
 from swarm_ctl.api.swarm import AsyncSwarm, Swarm
+from swarm_ctl.api.virtual_flight import VirtualFlight
 from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.mission.ready import named
-from swarm_ctl.testing.flight import Mission, SwarmFlight, loaded
-from swarm_ctl.testing.process_flight import ProcessFlight
-from swarm_ctl.testing.virtual_flight import VirtualFlight
 
 VIRTUAL: Final = "virtual"
 

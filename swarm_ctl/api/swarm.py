@@ -7,6 +7,7 @@ from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Final, TypeVar
 
+from swarm_ctl.api.flight import FlightError, FlightResult, SwarmFlight
 from swarm_ctl.commands.answers import refusals
 from swarm_ctl.commands.parse import Order, parse
 from swarm_ctl.commands.send import SentCommand
@@ -15,7 +16,6 @@ from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.station.picture.alarms import Alarm, alarms
 from swarm_ctl.station.picture.view import SwarmView
-from swarm_ctl.testing.flight import FlightError, FlightResult, SwarmFlight
 
 T = TypeVar("T")
 _STEP_S: Final = 300.0

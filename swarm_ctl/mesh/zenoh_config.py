@@ -23,7 +23,10 @@ os.environ.setdefault(
     "(rx:(handover:app),acc:(handover:app),tx:(handover:app),net:(handover:app),app:(worker_threads:1))",
 )
 
-_ROUTER_RUNTIME: Final = "(rx:(worker_threads:1),acc:(handover:app),tx:(worker_threads:1),net:(handover:app),app:(worker_threads:1))"
+_ROUTER_RUNTIME: Final = (
+    "(rx:(worker_threads:1),acc:(handover:app),tx:(worker_threads:1),"
+    "net:(handover:app),app:(worker_threads:1))"
+)
 """A router's thread that receives may wait for a full queue: another one has to empty it."""
 
 _LEASE_S = 3.0

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
+from swarm_ctl.api.flight import SwarmFlight
 from swarm_ctl.core.agent.progress import step_name
 from swarm_ctl.core.model.text import printable, ranges
-from swarm_ctl.testing.flight import SwarmFlight
 
 _EVENTS: Final = 10
 

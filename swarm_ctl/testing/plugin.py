@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 import pytest
 
 if TYPE_CHECKING:
-    from swarm_ctl.testing.flight import Mission, SwarmFlight
+    from swarm_ctl.api.flight import Mission, SwarmFlight
 
 
 _FLIGHTS: Final = pytest.StashKey[list["SwarmFlight"]]()
@@ -64,19 +64,19 @@ def swarm(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Fly]:
         from swarm_ctl.cli.shared.extras import require
 
         require("ground", "the fixture `swarm`")
+        from swarm_ctl.api.flight import loaded
         from swarm_ctl.errors import MissionError
-        from swarm_ctl.testing.flight import loaded
 
         try:
             checked = loaded(mission, beside=request.path.parent)
         except MissionError as error:
             raise MissionError(error.problems) from None  # without the way through the parser
         if virtual:
-            from swarm_ctl.testing.virtual_flight import VirtualFlight
+            from swarm_ctl.api.virtual_flight import VirtualFlight
 
             flight: SwarmFlight = VirtualFlight(checked, seed)
         else:
-            from swarm_ctl.testing.process_flight import ProcessFlight
+            from swarm_ctl.api.process_flight import ProcessFlight
 
             folder = tmp_path / f"flight-{len(flights) + 1}"
             flight = ProcessFlight(checked, folder, speedup, seed)

@@ -13,9 +13,9 @@ from typing import Any, ParamSpec, TypeVar
 from unittest.mock import patch
 
 from sim.firmware import autopilot
+from swarm_ctl.api.virtual_swarm import Member, VirtualSwarm
 from swarm_ctl.core.model import messages, plan
 from swarm_ctl.mission.compile.loader import LoadedMission
-from swarm_ctl.testing.virtual_swarm import Member, VirtualSwarm
 
 __all__ = ["Member", "VirtualSwarm", "at_step", "flown_once"]
 

@@ -7,8 +7,8 @@ import math
 
 import pytest
 
+from swarm_ctl.api.virtual_flight import VirtualFlight
 from swarm_ctl.testing.plugin import Fly
-from swarm_ctl.testing.virtual_flight import VirtualFlight
 
 TEXT = """\
 version: 1

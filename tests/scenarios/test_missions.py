@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
+from swarm_ctl.api.virtual_swarm import VirtualSwarm
 from swarm_ctl.core.law import graph
 from swarm_ctl.mission.compile.forecast import forecast
 from swarm_ctl.mission.compile.loader import LoadedMission, dumps, load, loads
 from swarm_ctl.mission.input.schema import json_schema
-from swarm_ctl.testing.virtual_swarm import VirtualSwarm
 from tests.scenarios.watched import Watch
 
 FOLDER = Path(__file__).parents[2] / "missions"

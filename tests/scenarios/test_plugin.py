@@ -13,10 +13,10 @@ from typing import Any
 
 import pytest
 
+from swarm_ctl.api.flight import FlightResult, SwarmFlight
+from swarm_ctl.api.process_flight import ProcessFlight
 from swarm_ctl.testing.account import account
-from swarm_ctl.testing.flight import FlightResult, SwarmFlight
 from swarm_ctl.testing.plugin import Fly
-from swarm_ctl.testing.process_flight import ProcessFlight
 from tests.scenarios.test_steps import TEXT
 from tests.unit.report.run_folders import PLAN, write_run
 

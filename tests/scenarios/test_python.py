@@ -14,10 +14,10 @@ from pathlib import Path
 import pytest
 
 import swarm_ctl
+from swarm_ctl.api.flight import FlightError
 from swarm_ctl.api.fly import Flying
 from swarm_ctl.api.swarm import AsyncSwarm, OrderError, Swarm
 from swarm_ctl.errors import InputError
-from swarm_ctl.testing.flight import FlightError
 from tests.system.pair import BARE
 from tests.unit.docs.pages import PAGES
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
+from swarm_ctl.api.virtual_swarm import VirtualSwarm
 from swarm_ctl.core.model.messages import AgentState, Payload
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.keys import Qos
@@ -12,7 +13,6 @@ from swarm_ctl.mesh.memory_transport import MemoryTransport
 from swarm_ctl.mesh.payloads import decode, encode
 from swarm_ctl.mesh.transport import Inlet, Transport
 from swarm_ctl.mission.compile.loader import LoadedMission
-from swarm_ctl.testing.virtual_swarm import VirtualSwarm
 
 Forge = Callable[[AgentState], AgentState]
 

@@ -71,7 +71,7 @@ class Row:
     times: int = 1
     for_s: float = 30.0
     moved: bool = False
-    """It makes agents fly other ways: the smallest distance is another one, but not under `r_in`."""
+    """It makes agents fly other ways: another smallest distance, but none under `r_in`."""
 
     def __str__(self) -> str:
         return self.name

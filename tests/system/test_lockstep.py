@@ -18,8 +18,8 @@ import pytest
 from sim.network.server import DRAIN_S
 from sim.world.truth_file import TruthFile
 from sim.world.truth_recorder import TruthRecorder
+from swarm_ctl.api.virtual_swarm import VirtualSwarm, configuration
 from swarm_ctl.mission.compile.loader import load
-from swarm_ctl.testing.virtual_swarm import VirtualSwarm, configuration
 from tests.system.running import HEXAGON, LOW, Running
 from tests.system.test_run import assert_apart, assert_truth_ends_on_the_ground
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from swarm_ctl.testing.flight import FlightResult, SwarmFlight
+from swarm_ctl.api.flight import FlightResult, SwarmFlight
 from swarm_ctl.testing.plugin import Fly
 from tests.unit.docs.pages import PAGES, blocks, saved_files
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from swarm_ctl.api.virtual_swarm import VirtualSwarm
 from swarm_ctl.cli.main import main
 from swarm_ctl.mission.compile.loader import load
 from swarm_ctl.study.batch.batch import blocks, draw
@@ -22,7 +23,6 @@ from swarm_ctl.study.rerun import rerun, write_mission
 from swarm_ctl.study.rows import Row, rows_of
 from swarm_ctl.study.search import Goal, worst
 from swarm_ctl.study.study_file import study_file
-from swarm_ctl.testing.virtual_swarm import VirtualSwarm
 
 STUDIES = Path(__file__).parents[3] / "studies"
 PLANTED = Study.model_validate(

@@ -14,6 +14,7 @@ from typing import IO
 
 from pydantic import TypeAdapter
 
+from swarm_ctl.api.flight import FlightError, FlightResult, SwarmFlight
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.commands.send import SentCommand
 from swarm_ctl.core.model.messages import AgentStatus, Event
@@ -27,7 +28,6 @@ from swarm_ctl.runtime.lockstep.seat import STATION, TEST, BarrierSeat
 from swarm_ctl.runtime.lockstep.words import Phase
 from swarm_ctl.runtime.station.run_client import RunClient
 from swarm_ctl.station.picture.view import SwarmView
-from swarm_ctl.testing.flight import FlightError, FlightResult, SwarmFlight
 
 _START_WALL_S = 80.0
 """`run` itself gives its processes 40 s, and says then which one did not start."""

@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
+from swarm_ctl.api.flight import FlightError, FlightResult, SwarmFlight
+from swarm_ctl.api.virtual_swarm import VirtualSwarm
 from swarm_ctl.commands.build import AgentNow, SwarmNow, build
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.commands.send import CommandSender, SentCommand
@@ -16,8 +18,6 @@ from swarm_ctl.mesh.node import Node
 from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.station.picture.model import Model
 from swarm_ctl.station.picture.view import SwarmView
-from swarm_ctl.testing.flight import FlightError, FlightResult, SwarmFlight
-from swarm_ctl.testing.virtual_swarm import VirtualSwarm
 
 _WATCHED: Final[tuple[keys.Channel[Any], ...]] = (
     keys.STATE,
