@@ -37,7 +37,8 @@ class Barrier:
         """Those of them that the operator has commanded to go on without."""
         self.formation_error_m: float | None = None
         """Largest |e_j - mean e| over the agents of the mission, itself included; None unless all
-        of their states are fresh."""
+        of their states are fresh, or, of far peers, followed: the loss of three far words in a row
+        is common among many, and must not stop the formation."""
 
     def members(self, peers: PeerSnapshot) -> list[tuple[int, bool]]:
         """The progress that the barrier compares, (step, done), of every peer that it waits for.
@@ -151,7 +152,7 @@ class Barrier:
         if not shape or fix is None:
             return None
         lost = self.lost(tick.peers)
-        members = [p for p in tick.peers.peers if p.fresh and p.state and p.id not in lost]
+        members = [p for p in tick.peers.peers if _counts(p) and p.id not in lost]
         expected = sum(
             not (peer.ends and gave_up(peer, self._plan))
             for peer in tick.peers.peers
@@ -175,6 +176,11 @@ class Barrier:
 def _since(peer: OtherAircraft, now: float) -> float:
     """For how long [s] a far peer has flown on since its word; of a near one it counts as none."""
     return min(peer.age(now), predicted_s(peer)) if peer.far else 0.0
+
+
+def _counts(peer: OtherAircraft) -> bool:
+    """Where it is, is known well enough to measure the formation."""
+    return peer.state is not None and (peer.followed if peer.far else peer.fresh)
 
 
 def _position(peer: OtherAircraft, now: float) -> complex:
