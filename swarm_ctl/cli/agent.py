@@ -16,7 +16,6 @@ from swarm_ctl.cli.shared.extras import require
 from swarm_ctl.cli.shared.options import FleetFile, OpenMesh, Speedup, option
 from swarm_ctl.core.model.fleet import Fleet, FleetAgent, Signing
 from swarm_ctl.core.model.plan import Plan
-from swarm_ctl.core.swarm.hearing import hears_all
 from swarm_ctl.errors import InputError, TrustError
 
 _PEER: Final = (
@@ -177,6 +176,8 @@ def _own(
         mesh=given.mesh or entry.mesh,
         router=given.router or entry.router,
     )
+    from swarm_ctl.core.swarm.hearing import hears_all
+
     small = hears_all(plan)
     _refuse_other_links(len(plan.agents), given, small=small)
     needed = {"mesh": own.mesh} if small else {"router": own.router}

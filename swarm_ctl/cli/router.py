@@ -10,7 +10,6 @@ import typer
 
 from swarm_ctl.cli.agent import plan_and_fleet
 from swarm_ctl.cli.shared.options import FleetFile, OpenMesh, Speedup, option
-from swarm_ctl.core.swarm.hearing import hears_all
 from swarm_ctl.errors import InputError
 
 _LISTEN: Final = "Where it listens: a `router` of the fleet.  [default: the fleet's only one]"
@@ -40,6 +39,7 @@ def router(
         swarm-ctl router plan.json
         swarm-ctl router plan.json --listen tcp/192.168.1.11:7447
     """
+    from swarm_ctl.core.swarm.hearing import hears_all
     from swarm_ctl.mesh.access import as_tls
     from swarm_ctl.mission.compile.exposure import leaves_loopback, refuse_exposed
     from swarm_ctl.runtime.lifeline import ALIVE, READY, SignalLifeline

@@ -11,7 +11,6 @@ from rich.table import Table
 
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.extras import require
-from swarm_ctl.core.swarm.hearing import SMALL_SWARM
 from swarm_ctl.errors import InputError
 from swarm_ctl.trust.names import LOOPBACK, Member, Role, swarm_named_after
 
@@ -37,6 +36,7 @@ def fleet_of(path: Path) -> Fleet:
 def names_of(fleet: Fleet) -> FleetNames:
     """Its agents and routers, and their addresses on the mesh. A large fleet that names no router
     has one on the loopback interface, of `run`."""
+    from swarm_ctl.core.swarm.hearing import SMALL_SWARM
     from swarm_ctl.trust.check import FleetNames
 
     routers = fleet.routers or (None,) * (len(fleet.agents) > SMALL_SWARM)

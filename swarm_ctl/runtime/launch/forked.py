@@ -28,6 +28,8 @@ ROUTER_HUNG_WALL_S: Final = 1.5
 """In real time, as peers are lost after 5 s."""
 _AGAIN_WALL_S: Final = 1.0
 """From a router that did not start to the next attempt."""
+_START_LOOKS: Final = 200
+"""For its start, 10 s: a busy machine takes long, and one that is ended too soon never starts."""
 
 
 class ForkedChild(Child):
@@ -145,7 +147,7 @@ class HostRouter:
                 self._starts_again = self._failure_told = False
                 return False
             self._silent_looks += 1
-            if self._silent_looks < self._hung_looks:
+            if self._silent_looks < _START_LOOKS:
                 return False
             raise StartError("the router did not start: it says nothing")
         except StartError as error:

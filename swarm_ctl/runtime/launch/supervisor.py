@@ -146,6 +146,11 @@ class RunProcesses:
                 self._wait_ready(_START_WALL_S)
             if router_config is not None:
                 self._router = HostRouter(router_config, self._say, self._patience_wall_s)
+            options = setup.options
+            # before the agents, whose ticks take the processors from its imports
+            self._station = station(
+                folder, folder / "station.log", options.show, options.metrics_port
+            )
             if sim_config:
                 self._simulator = simulator(sim_config, folder / "simulator.log")
             (folder / "agents").mkdir()
@@ -153,10 +158,6 @@ class RunProcesses:
                 self._agents.append(AgentChild(config))
             if relay_config := setup.write_relay_config():
                 self._relay = relay(relay_config, folder / "gcs.log")
-            options = setup.options
-            self._station = station(
-                folder, folder / "station.log", options.show, options.metrics_port
-            )
             self._wait_ready(_START_WALL_S)
         except BaseException:
             self._kill_all()  # no vehicle is armed yet

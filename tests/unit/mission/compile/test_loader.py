@@ -26,6 +26,7 @@ from swarm_ctl.core.model.plan import (
     TakeoffStep,
 )
 from swarm_ctl.errors import MissionError
+from swarm_ctl.mission.compile.fleet_file import read_fleet
 from swarm_ctl.mission.compile.loader import dumps, load, loads
 from tests.unit.mission.example import TEXT, edited, without_section
 
@@ -461,14 +462,17 @@ def test_many_stretched_links_are_one_warning_with_what_is_enough() -> None:
 # --- the handbook ---
 
 
-def test_the_examples_in_the_missions_page_are_right() -> None:
+def test_the_examples_in_the_missions_page_are_right(tmp_path: Path) -> None:
     page = (MISSIONS.parent / "docs" / "pages" / "missions.md").read_text()
-    mission, faults, fleet = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
+    mission, faults, fleet, routers = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
     assert len(loads(mission + faults).file.simulation.faults) == 2
     loaded = loads(mission + "fleet:\n" + textwrap.indent(fleet, "  "))
     assert loaded.plan == loads(mission).plan
     assert [entry.sysid for entry in loaded.fleet.agents] == [11, 12]
     assert loaded.warnings == ()
+    (tmp_path / "large.yaml").write_text(routers)
+    named = [entry.router for entry in read_fleet(tmp_path / "large.yaml").agents]
+    assert named == ["tcp/192.168.1.11:7447", "tcp/192.168.1.12:7447"]
 
 
 def test_the_missions_readme_names_every_mission() -> None:
