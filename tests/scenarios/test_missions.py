@@ -24,9 +24,9 @@ LARGE = {"thirtytwo.yaml", "hundred.yaml"}
 HURT = {"faults": {2: "failed"}}
 """Who does not complete, by mission: its own timetable drains its battery."""
 FACTOR = 1.5
-SWINGS = {"sweep": 1.8}
-"""A line that moves along itself mostly swings for some seconds before it rests, up to 15 s: of eight
-seeds five did. The forecast has no swing."""
+SWINGS = {"sweep.yaml": 1.8}
+"""A line that moves along itself mostly swings for some seconds before it rests, up to 15 s: with
+five of eight seeds it did. The forecast has no swing."""
 
 
 TRUE_ALARMS = {
