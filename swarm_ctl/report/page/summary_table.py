@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Final
 
 from rich.console import Group, RenderableType
@@ -119,8 +119,8 @@ def _rows(s: Summary) -> Iterator[tuple[str, str, bool]]:
     yield "state age", _ages(s), True
     yield "loss", _loss(s), True
     if s.exit_codes is not None:
-        bad = [f"{printable(name)} {code}" for name, code in s.exit_codes.items() if code]
-        yield "exit codes", ", ".join(bad) or f"{len(s.exit_codes)} processes, all 0", not bad
+        bad = ", ".join(_bad_ends(s.exit_codes))
+        yield "exit codes", bad or f"{len(s.exit_codes)} processes, all 0", not bad
     if words := _protection(s):
         told = printable(", ".join(each for each, _ in words))
         yield "protection", told, all(good for _, good in words)
@@ -201,6 +201,19 @@ def _loss(s: Summary) -> str:
 def _remarks(summary: Summary) -> Iterator[Text]:
     for note in (*summary.warnings, *summary.notes):
         yield Text(f"! {printable(note, 1000)}", style="yellow")
+
+
+def _bad_ends(exit_codes: Mapping[str, int]) -> Iterator[str]:
+    """Each process that ended badly, and agents that ended alike in one."""
+    alike: dict[int, list[int]] = {}
+    for name, code in exit_codes.items():
+        kind, _, number = name.partition("-")
+        if code and kind == "agent" and number.isdecimal():
+            alike.setdefault(code, []).append(int(number))
+        elif code:
+            yield f"{printable(name)} {code}"
+    for code, agents in alike.items():
+        yield f"{f'agents {ranges(agents)}:' if len(agents) > 1 else f'agent-{agents[0]}'} {code}"
 
 
 def _number(value: float | None, decimals: int) -> str:
