@@ -10,13 +10,14 @@ import os
 import re
 import threading
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Final
 
 from swarm_ctl.core.model.messages import Refusal, RefusalReason
 from swarm_ctl.mesh.refusals import Refusals
 from swarm_ctl.mesh.zenoh_config import log_refused_links
+from swarm_ctl.trust.identity import Identity
 
 _STDOUT: Final = 1
 _LINE: Final = re.compile(rb"zenoh_link_tls|interceptor::access_control")
@@ -89,6 +90,31 @@ def reading_log(links: RefusedLinks) -> Iterator[None]:
     finally:
         os.dup2(before, _STDOUT)  # the pipe's other end, which ends the reader
         reader.join(timeout=1.0)
+
+
+@contextmanager
+def refused_links(identity: Identity | None) -> Iterator[Callable[[float], tuple[Refusal, ...]]]:
+    """What tells of refused links [s], as `RefusedLinks.refused`; on an open mesh none is."""
+    if identity is None:
+        yield lambda _: ()
+        return
+    links = RefusedLinks()
+    with reading_log(links):
+        yield links.refused
+
+
+class News:
+    """What of refusals is to be said: a reason once, and again when it comes after a pause."""
+
+    def __init__(self) -> None:
+        self._standing: frozenset[str] = frozenset()
+
+    def of(self, refused: Iterable[Refusal]) -> list[str]:
+        """The words of those that did not stand at the last call."""
+        found = {refusal.owner: refusal.words for refusal in refused}
+        new = [f"refused on the mesh: {found[why]}" for why in found.keys() - self._standing]
+        self._standing = frozenset(found)
+        return new
 
 
 def _read(links: RefusedLinks, ours: int, before: int) -> None:

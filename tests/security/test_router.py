@@ -3,6 +3,7 @@ clients the router by its own. With real zenoh sessions."""
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import socket
 import time
@@ -15,12 +16,14 @@ from typing import Any, Final
 import pytest
 
 from swarm_ctl.errors import TrustError
-from swarm_ctl.mesh.access import access_settings
+from swarm_ctl.mesh.access import access_settings, as_tls
 from swarm_ctl.mesh.keys import CHANNELS, COMMAND, STATE
 from swarm_ctl.mesh.zenoh_config import Part
 from swarm_ctl.mesh.zenoh_transport import Router, ZenohTransport
+from swarm_ctl.runtime.launch.forked import HostRouter
 from swarm_ctl.runtime.launch.ports import free_ports
 from swarm_ctl.runtime.protection import router_identity, router_identity_folder
+from swarm_ctl.runtime.router.router_process import RouterConfig
 from swarm_ctl.trust import provision
 from swarm_ctl.trust.identity import load_identity
 from tests.security.test_impostors import SWARM, VICTIM, until
@@ -170,3 +173,32 @@ def test_whose_keys_a_router_takes(trust: Path) -> None:
         router_identity_folder(field, "tls/10.0.0.9:7447")
     with pytest.raises(TrustError, match="is agent 1; allowed: the identity of a router"):
         router_identity(trust / "field/agent-1")
+
+
+def test_a_router_says_whose_link_it_refused(trust: Path, at: str) -> None:
+    """A stranger without TLS: once, however often it tries."""
+    said: list[str] = []
+    identity = trust / "field" / "router-1"
+    host = HostRouter(RouterConfig(SWARM, as_tls(at), identity=identity), said.append, 10.0)
+    try:
+        until(host.child.poll_ready)
+
+        def told() -> bool:
+            with contextlib.suppress(OSError), socket.create_connection(_address(at), 1.0) as one:
+                one.sendall(b"hello, I am no member of this swarm\n" * 4)
+            host.look()
+            return bool(said)
+
+        until(told)
+        for _ in range(10):
+            assert told()
+            time.sleep(0.05)
+        why = "the other end speaks no TLS: it flies without trust, or is no agent"
+        assert said == [f"the router: refused on the mesh: a link: {why}"]
+    finally:
+        host.child.kill()
+
+
+def _address(at: str) -> tuple[str, int]:
+    host, _, port = at.rpartition("/")[2].rpartition(":")
+    return host, int(port)

@@ -33,6 +33,8 @@ _ROUNDS: Final = 11
 _FINER: Final = 0.6
 _COUNTS: Final = (15, 13, 9)
 """Points of the first grid: dead times, lags, limits."""
+_STARTS: Final = 3
+"""Searches at most."""
 _FLAT: Final = 1.3
 """A smaller ratio of mean squares does not tell the acceleration limit, so the typical one is kept.
 ArduCopter's steps of 3 m/s fit best without a limit; but with the typical one stop points are
@@ -195,25 +197,52 @@ Bounds = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 
 
 def _best(runs: Sequence[_Run], bounds: Bounds) -> Response:
-    """Least squares by a grid that moves to its best point and gets finer: it cannot diverge and
-    needs no start. Lag and acceleration are spaced by ratios."""
+    """Least squares by grids that move to their best point and get finer: they cannot diverge.
+
+    A long lag and a low limit look alike to a coarse grid: once a lag of 0.8 s was found as 0.06 s.
+    So each lag of the first grid that is better than its neighbours begins a search of its own.
+    Lag and acceleration are spaced by ratios.
+    """
     low, high = (np.array(_scaled([bound[end] for bound in bounds])) for end in (0, 1))
     gaps = (high - low) / (np.array(_COUNTS) - 1)
     axes = [
         np.linspace(a, b, n if b > a else 1) for a, b, n in zip(low, high, _COUNTS, strict=True)
     ]
-    best = low
-    for _ in range(_ROUNDS):
-        points = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")])
-        dead, lag, most = points[0], np.exp(points[1]), np.exp(points[2])
-        cost = np.sum([run.errors(dead, lag, most) for run in runs], axis=0)
-        best = points[:, int(np.argmin(cost))]
-        around = zip(best, gaps, low, high, strict=True)
+    points, costs = _tried(runs, axes)
+    by_lag = costs.reshape([len(axis) for axis in axes]).min(axis=(0, 2))
+    walled = np.concatenate([[math.inf], by_lag, [math.inf]])
+    valleys = np.flatnonzero((by_lag <= walled[:-2]) & (by_lag <= walled[2:]))
+    valleys = valleys[np.argsort(by_lag[valleys])][:_STARTS]
+    of_lag = np.broadcast_to(np.arange(len(axes[1]))[:, None], [len(axis) for axis in axes]).ravel()
+    starts = [points[:, int(np.argmin(np.where(of_lag == k, costs, math.inf)))] for k in valleys]
+    found = [_refined(runs, start, gaps, (low, high)) for start in starts]
+    best = min(found, key=lambda each: each[1])[0]
+    return Response(float(best[0]), math.exp(best[1]), math.exp(best[2]))
+
+
+def _tried(runs: Sequence[_Run], axes: Sequence[Floats]) -> tuple[Floats, Floats]:
+    """The grid's points (3, k), and the cost (k,) of each."""
+    points = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")])
+    dead, lag, most = points[0], np.exp(points[1]), np.exp(points[2])
+    costs: Floats = np.sum([run.errors(dead, lag, most) for run in runs], axis=0)
+    return points, costs
+
+
+def _refined(
+    runs: Sequence[_Run], best: Floats, gaps: Floats, limits: tuple[Floats, Floats]
+) -> tuple[Floats, float]:
+    """The best point that a grid around it leads to, and its cost."""
+    cost = math.inf
+    for _ in range(_ROUNDS - 1):
+        around = zip(best, gaps, *limits, strict=True)
         axes = [
             np.unique(np.clip(x + gap * np.linspace(-1, 1, 5), a, b)) for x, gap, a, b in around
         ]
-        gaps *= _FINER
-    return Response(float(best[0]), math.exp(best[1]), math.exp(best[2]))
+        points, costs = _tried(runs, axes)
+        place = int(np.argmin(costs))
+        best, cost = points[:, place], float(costs[place])
+        gaps = gaps * _FINER
+    return best, cost
 
 
 def _scaled(numbers: Sequence[float]) -> list[float]:

@@ -39,7 +39,7 @@ from swarm_ctl.runtime.link_keys import folder_signing
 from swarm_ctl.runtime.lockstep.seat import Seat, seat
 from swarm_ctl.runtime.lockstep.words import Phase
 from swarm_ctl.runtime.protection import access, own_identity, valid_for_s
-from swarm_ctl.runtime.refused_links import RefusedLinks, reading_log
+from swarm_ctl.runtime.refused_links import refused_links
 from swarm_ctl.runtime.vehicle_memory import Remembering, VehicleMemory
 from swarm_ctl.trust.identity import Identity
 
@@ -111,12 +111,12 @@ def run_agent(config: AgentConfig, lifeline: Lifeline) -> int:
         _tlog(config) as keep,
         _signing(config) as signing,
         closing(_link(config, keep, place, signing)) as link,
-        _refused_links(identity) as refused_links,
+        refused_links(identity) as links_refused,
         closing(_join_mesh(config, place, identity)) as node,
     ):
         place.join(f"agent-{config.agent_id}", config.swarm, config.agent_id)
         lifeline.tell(READY)
-        ended, status = _loop(config, place, link, node, lifeline, identity, refused_links)
+        ended, status = _loop(config, place, link, node, lifeline, identity, links_refused)
         place.end(last=True)
         lifeline.tell(f"{ended.outcome}: {ended.reason}" if ended.reason else ended.outcome)
     if config.report is not None and status is not None:
@@ -134,17 +134,6 @@ def _tlog(config: AgentConfig) -> Iterator[Callable[[bytes, float], None] | None
         yield tlog.take
     if tlog.failure:
         sys.stderr.write(f"agent: {config.tlog} ends early: {tlog.failure}\n")
-
-
-@contextmanager
-def _refused_links(identity: Identity | None) -> Iterator[Callable[[float], tuple[Refusal, ...]]]:
-    """What tells of refused links; on an open mesh none is."""
-    if identity is None:
-        yield lambda _: ()
-        return
-    links = RefusedLinks()
-    with reading_log(links):
-        yield links.refused
 
 
 def _signing(config: AgentConfig) -> AbstractContextManager[FrameSigning | None]:
@@ -208,7 +197,7 @@ def _loop(
     node: Node,
     lifeline: Lifeline,
     identity: Identity | None,
-    refused_links: Callable[[float], tuple[Refusal, ...]],
+    links_refused: Callable[[float], tuple[Refusal, ...]],
 ) -> tuple[Ended, AgentStatus | None]:
     agent = Agent(
         config.plan,
@@ -240,7 +229,7 @@ def _loop(
             lifeline_cut=lifeline.cut(),
             tick=ticker.report,
             bad_payloads=node.bad_payloads,
-            refused=lambda at_s: (*node.refused(at_s), *refused_links(at_s)),
+            refused=lambda at_s: (*node.refused(at_s), *links_refused(at_s)),
         )
         actions = agent.step(now, inbox)
         link.pursue(actions.goal, now)

@@ -17,7 +17,7 @@ from swarm_ctl.runtime.agent import agent_process
 from swarm_ctl.runtime.agent.agent_process import AgentConfig
 from swarm_ctl.runtime.clock import wall_s
 from swarm_ctl.runtime.launch.processes import Child
-from swarm_ctl.runtime.lifeline import READY
+from swarm_ctl.runtime.lifeline import ALIVE, READY
 from swarm_ctl.runtime.router import router_process
 from swarm_ctl.runtime.router.router_process import RouterConfig
 
@@ -49,16 +49,16 @@ class ForkedChild(Child):
         theirs.close()
         self._heard_wall_s = wall_s()
 
-    def speaks(self) -> bool:
-        """Whether it has said anything since the last call."""
-        spoke = False
-        while self._word() is not None:
-            spoke = True
-        return spoke
+    def words(self) -> list[str]:
+        """What it has said since the last call."""
+        found = []
+        while (word := self._word()) is not None:
+            found.append(word)
+        return found
 
     def silent_wall_s(self) -> float:
         """Seconds since it last said that it is alive (an agent does with every status)."""
-        if self.speaks():
+        if self.words():
             self._heard_wall_s = wall_s()
         return wall_s() - self._heard_wall_s
 
@@ -121,7 +121,11 @@ class HostRouter:
         """Call it every 50 ms; True when there is another router than before."""
         if self._starts_again:
             return self._see_to_start()
-        self._silent_looks = 0 if self.child.speaks() else self._silent_looks + 1
+        words = self.child.words()
+        for word in words:
+            if word not in (ALIVE, READY):
+                self._say(f"the router: {word}")
+        self._silent_looks = 0 if words else self._silent_looks + 1
         code = self.child.exit_code()
         if code is None and self._silent_looks < self._hung_looks:
             return False

@@ -15,6 +15,8 @@ from swarm_ctl.runtime.clock import pause, wall_s
 from swarm_ctl.runtime.forked import serve_forked
 from swarm_ctl.runtime.lifeline import ALIVE, READY, Lifeline
 from swarm_ctl.runtime.protection import access, router_identity
+from swarm_ctl.runtime.refused_links import News, refused_links
+from swarm_ctl.trust.identity import Identity
 
 _SENDS_APART: Final = (
     "(rx:(handover:app),acc:(handover:app),net:(handover:app),"
@@ -55,19 +57,25 @@ def run_router(config: RouterConfig, lifeline: Lifeline) -> int:
         os.environ["ZENOH_RUNTIME"] = _SENDS_APART
     identity = router_identity(config.identity)
     be_router()
-    router = Router(
+    until: float | None = None
+    news = News()
+    with refused_links(identity) as refused, closing(_router(config, identity)) as router:
+        lifeline.tell(READY)
+        while until is None or (wall_s() < until and router.clients()):
+            lifeline.tell(ALIVE)
+            for words in news.of(refused(wall_s())):
+                lifeline.tell(words)
+            pause(_TURN_WALL_S)
+            if until is None and lifeline.cut():
+                until = wall_s() + _LINGER_WALL_S
+    return 0
+
+
+def _router(config: RouterConfig, identity: Identity | None) -> Router:
+    return Router(
         [config.listen],
         config.connect,
         config.speedup,
         patient=config.patient,
         access=access(identity, config.swarm),
     )
-    until: float | None = None
-    with closing(router):
-        lifeline.tell(READY)
-        while until is None or (wall_s() < until and router.clients()):
-            lifeline.tell(ALIVE)
-            pause(_TURN_WALL_S)
-            if until is None and lifeline.cut():
-                until = wall_s() + _LINGER_WALL_S
-    return 0

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import Phase, given, settings
+from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
 
 from swarm_ctl.core.identification.fit import Fit, Leg, fit, model
@@ -54,6 +54,9 @@ def test_the_model_is_dead_time_then_an_exponential_then_a_ramp() -> None:
 @settings(
     max_examples=10, phases=[Phase.explicit, Phase.generate]
 )  # half a second each: too slow to shrink
+@example(
+    dead_s=0.0, lag_s=0.7946869188763019, reached=0.265, noise_mps=0.011265475878286472, seed=325
+)
 @given(
     dead_s=st.floats(0.0, 1.0),
     lag_s=st.floats(0.3, 1.0),
