@@ -154,8 +154,8 @@ def test_a_station_in_mid_flight_has_the_whole_picture_in_two_seconds(tmp_path: 
         with Terminal("station", cwd=tmp_path, size=(120, 60)) as one:
             one.wait_for("3/3 agents")
             one.press("4")
-            shown = one.wait_for("the log begins with the run's events and commands")
-            assert f"{first['time_s']:.1f}" in shown, "the log is from the start of the run"
+            one.wait_for("the log begins with the run's events and commands")
+            one.wait_for(f"{first['time_s']:.1f}")  # in this picture, or in the next one
         assert told["step_name"] in ("takeoff", "form hexagon")
         assert all(agent["heartbeat_age_s"] < 2.0 for agent in told["agents"])
         assert told["time_s"] - told["since_s"] < 2.0
