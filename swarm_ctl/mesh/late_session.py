@@ -3,6 +3,7 @@ ever, and an agent that starts while the router is down has a vehicle to look af
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections.abc import Callable
 from typing import Any, Final
@@ -23,9 +24,11 @@ class LateSession:
         self._waiting: list[_Late] = []
         self._session: Any = None
         self._failure: Exception | None = None
+        self._waited = False
         thread = threading.Thread(target=self._open, args=(open_session,), daemon=True)
         thread.start()
         thread.join(_WAIT_WALL_S)
+        self._waited = True
         if self._failure is not None:
             raise self._failure
 
@@ -34,6 +37,8 @@ class LateSession:
             session = open_session()
         except Exception as error:
             self._failure = error
+            if self._waited:  # its caller flies on, as on a cut mesh
+                sys.stderr.write(f"the mesh does not open: {error}\n")
             return
         with self._lock:
             self._session = session
