@@ -14,10 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from sim.config import SimConfig, VehicleConfig
-from sim.network.hub import Hub
-from sim.network.signing import Signing as VehicleSigning
-from sim.world.world import STEP_S
 from swarm_ctl.core.agent.agent import Actions, Agent, Ended, Inbox
 from swarm_ctl.core.model.messages import (
     AgentState,
@@ -41,6 +37,10 @@ from swarm_ctl.report.folder.metrics import OVER_M
 from swarm_ctl.runtime.agent.publish import listen, publish
 from swarm_ctl.runtime.launch.sim_config import simulator_config
 from swarm_ctl.runtime.vehicle_memory import Remembering, VehicleMemory
+from swarm_sim.config import SimConfig, VehicleConfig
+from swarm_sim.network.hub import Hub
+from swarm_sim.network.signing import Signing as VehicleSigning
+from swarm_sim.world.world import STEP_S
 
 _PORT = 1000
 _AGENT = ("agent", 1)

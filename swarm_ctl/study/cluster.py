@@ -78,7 +78,7 @@ def _checked(task: Task, function: Callable[[Task], Result], code: str) -> Resul
 def code_hash() -> str:
     """Of all that rows depend on: this project's code and numpy's version."""
     digest = hashlib.sha256(np.__version__.encode())
-    for package in ("swarm_ctl", "sim"):
+    for package in ("swarm_ctl", "swarm_sim"):
         folder = Path(str(importlib.resources.files(package)))
         for path in sorted(folder.rglob("*.py")):
             digest.update(str(path.relative_to(folder)).encode() + path.read_bytes())

@@ -25,12 +25,12 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from rich.console import Console
 from rich.table import Table
 
-from sim.firmware.message import Message
-from sim.network.codec import Codec
-from sim.network.hub import Hub
-from sim.physics.response import ArdupilotResponse
-from sim.world.vehicle_group import VehicleGroup
-from sim.world.world import STEP_S
+from swarm_sim.firmware.message import Message
+from swarm_sim.network.codec import Codec
+from swarm_sim.network.hub import Hub
+from swarm_sim.physics.response import ArdupilotResponse
+from swarm_sim.world.vehicle_group import VehicleGroup
+from swarm_sim.world.world import STEP_S
 from tests.unit.sim.harness import config
 
 SIZES = (1, 6, 32, 100, 500)
@@ -144,7 +144,7 @@ def process(
         vehicle["endpoint"] = f"udpin:127.0.0.1:{BASE_PORT + first + place}"
     path = folder / f"sim{first}.json"
     path.write_text(json.dumps(settings))
-    command = [sys.executable, "-m", "sim", "--config", str(path)]
+    command = [sys.executable, "-m", "swarm_sim", "--config", str(path)]
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
     ) as running:

@@ -59,7 +59,7 @@ def command_line(tmp_path: Path, configuration: dict[str, Any]) -> list[str]:
     """Writes the configuration; what to run."""
     path = tmp_path / "sim.json"
     path.write_text(json.dumps(configuration))
-    return [sys.executable, "-m", "sim", "--config", str(path)]
+    return [sys.executable, "-m", "swarm_sim", "--config", str(path)]
 
 
 class Simulator:

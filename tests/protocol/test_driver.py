@@ -21,8 +21,6 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common
 
-from sim.config import SimConfig
-from sim.network.hub import Hub
 from swarm_ctl.core.model.vehicle import (
     AirborneGoal,
     FlyGoal,
@@ -35,6 +33,8 @@ from swarm_ctl.core.model.vehicle import (
 )
 from swarm_ctl.mavlink import VehicleLink
 from swarm_ctl.mavlink.wires import MemoryWire, memory_wires
+from swarm_sim.config import SimConfig
+from swarm_sim.network.hub import Hub
 
 SPEEDUP = 3.0
 """Slow enough that a busy machine (0.3 s without us) does not cost a setpoint time-out of 1 s."""
@@ -137,7 +137,7 @@ class RealFlight(Flight):
             "vehicles": [_vehicle(persona, port, 1.0)],
         } | truth
         (folder / "sim.json").write_text(json.dumps(config))
-        arguments = [sys.executable, "-m", "sim", "--config", str(folder / "sim.json")]
+        arguments = [sys.executable, "-m", "swarm_sim", "--config", str(folder / "sim.json")]
         self.simulator = subprocess.Popen(arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         assert self.simulator.stdout is not None
         assert json.loads(self.simulator.stdout.readline())["ready"] is True

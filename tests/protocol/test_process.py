@@ -92,7 +92,7 @@ def test_a_truth_file_that_can_not_be_written_exits_with_3(tmp_path: Path) -> No
 
 def test_without_a_configuration_it_says_what_it_wants() -> None:
     done = subprocess.run(
-        [sys.executable, "-m", "sim"], capture_output=True, text=True, timeout=60, check=False
+        [sys.executable, "-m", "swarm_sim"], capture_output=True, text=True, timeout=60, check=False
     )
     assert done.returncode == 2
     assert "--config" in done.stderr

@@ -12,10 +12,10 @@ from functools import cache
 from typing import Any, ParamSpec, TypeVar
 from unittest.mock import patch
 
-from sim.firmware import autopilot
 from swarm_ctl.api.virtual_swarm import Member, VirtualSwarm
 from swarm_ctl.core.model import messages, plan
 from swarm_ctl.mission.compile.loader import LoadedMission
+from swarm_sim.firmware import autopilot
 
 __all__ = ["Member", "VirtualSwarm", "at_step", "flown_once"]
 

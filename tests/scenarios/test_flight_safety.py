@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
-from sim.firmware.protocol import telemetry
 from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.plan import Policy
 from swarm_ctl.mission.compile.loader import LoadedMission
+from swarm_sim.firmware.protocol import telemetry
 from tests.scenarios.swarm import VirtualSwarm, at_step
 from tests.scenarios.test_steps import THIRD, quartet
 

@@ -10,11 +10,6 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common
 
-from sim.config import SimConfig
-from sim.network.hub import Hub
-from sim.physics.kinematics import VelocityResponse as Motion
-from sim.physics.response import ArdupilotResponse
-from sim.world.world import STEP_S
 from swarm_ctl.core.identification.fit import Fit, fit
 from swarm_ctl.core.identification.step_flight import StepFlight, Steps
 from swarm_ctl.core.law.stop_point import TYPICAL
@@ -22,6 +17,11 @@ from swarm_ctl.core.model.plan import Fence, Geodetic
 from swarm_ctl.core.safety.fence import outside
 from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.mavlink.wires import memory_wires
+from swarm_sim.config import SimConfig
+from swarm_sim.network.hub import Hub
+from swarm_sim.physics.kinematics import VelocityResponse as Motion
+from swarm_sim.physics.response import ArdupilotResponse
+from swarm_sim.world.world import STEP_S
 
 TICK_S = 0.05
 PLACE = {"lat_deg": 47.397742, "lon_deg": 8.545594, "alt_m": 488.0}

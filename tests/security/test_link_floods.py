@@ -13,11 +13,11 @@ from typing import Final
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.network.codec import Codec
 from swarm_ctl.core.model.vehicle import FlyGoal
 from swarm_ctl.mavlink.link import MAX_TRIED, VehicleLink
 from swarm_ctl.mavlink.signing import Signing
 from swarm_ctl.mavlink.wires import MemoryWire, memory_wires
+from swarm_sim.network.codec import Codec
 from tests.unit.mavlink import wire
 
 KEY: Final = bytes(range(32))

@@ -65,7 +65,7 @@ def simulator(
     path = mission.source.with_name("sim.json")
     path.write_text(json.dumps(settings | {"epoch_s": epoch_s, "speedup": speedup} | more))
     return subprocess.Popen(
-        [sys.executable, "-m", "sim", "--config", str(path)],
+        [sys.executable, "-m", "swarm_sim", "--config", str(path)],
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,

@@ -90,7 +90,9 @@ class Split:
                 }
             )
         )
-        command = self.network.middle.inside([sys.executable, "-m", "sim", "--config", config])
+        command = self.network.middle.inside(
+            [sys.executable, "-m", "swarm_sim", "--config", config]
+        )
         return self._started(command, "simulator")
 
     def _station(self, side: int, path: Path) -> subprocess.Popen[bytes]:

@@ -160,7 +160,7 @@ def again(process: str, folder: Path, where: Path) -> Iterator[None]:
             "truth_path": str(where / "truth-again.jsonl")
         }
         (where / "sim-again.json").write_text(json.dumps(config))
-        command = [sys.executable, "-m", "sim", "--config", where / "sim-again.json"]
+        command = [sys.executable, "-m", "swarm_sim", "--config", where / "sim-again.json"]
     else:
         fleet = where / "fleet.yaml"
         keys = ("id", "sysid", "autopilot", "endpoint", "mesh")

@@ -15,11 +15,11 @@ from pathlib import Path
 
 import pytest
 
-from sim.network.server import DRAIN_S
-from sim.world.truth_file import TruthFile
-from sim.world.truth_recorder import TruthRecorder
 from swarm_ctl.api.virtual_swarm import VirtualSwarm, configuration
 from swarm_ctl.mission.compile.loader import load
+from swarm_sim.network.server import DRAIN_S
+from swarm_sim.world.truth_file import TruthFile
+from swarm_sim.world.truth_recorder import TruthRecorder
 from tests.system.running import HEXAGON, LOW, Running
 from tests.system.test_run import assert_apart, assert_truth_ends_on_the_ground
 

@@ -195,7 +195,7 @@ def test_bad_mission_starts_nothing(tmp_path: Path) -> None:
 
 def test_missing_simulator(tmp_path: Path) -> None:
     """A simulator that can't be started is named, exit 3, nothing left."""
-    hide = tmp_path / "hide" / "sim"
+    hide = tmp_path / "hide" / "swarm_sim"
     hide.mkdir(parents=True)
     (hide / "__init__.py").write_text("raise ImportError('no simulator here')")
     with Running(*RUN, cwd=tmp_path, env={"PYTHONPATH": str(hide.parent)}) as running:
@@ -241,7 +241,7 @@ def test_python_m_entry(tmp_path: Path) -> None:
     import subprocess
 
     done = subprocess.run(
-        [sys.executable, "-m", "sim"],
+        [sys.executable, "-m", "swarm_sim"],
         capture_output=True,
         text=True,
         check=False,

@@ -41,7 +41,16 @@ def test_agent_process_stays_small() -> None:
     run time."""
     loaded = loaded_by("swarm_ctl.runtime.agent.agent_process")
     assert "zenoh" in loaded
-    assert not loaded & {"rich", "typer", "scipy", "yaml", "sim", "textual", "matplotlib", "mcap"}
+    assert not loaded & {
+        "rich",
+        "typer",
+        "scipy",
+        "yaml",
+        "swarm_sim",
+        "textual",
+        "matplotlib",
+        "mcap",
+    }
 
 
 def test_no_command_waits_for_what_another_one_needs() -> None:

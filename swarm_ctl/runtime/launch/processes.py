@@ -189,7 +189,7 @@ def keeper(address: str, rules: Mapping[str, Any], log: Path) -> TellingChild:
 
 def simulator(config: Path, log: Path) -> TellingChild:
     """The simulator, by its command line."""
-    command = [sys.executable, "-m", "sim", "--config", str(config)]
+    command = [sys.executable, "-m", "swarm_sim", "--config", str(config)]
     return TellingChild("simulator", command, log, "the simulated vehicles are gone")
 
 

@@ -27,7 +27,7 @@ def serve(settings: dict[str, Any], ready: Callable[[], None]) -> None:
     with tempfile.TemporaryDirectory() as folder, Interrupts() as ctrl_c:
         path = Path(folder) / "sim.json"
         path.write_text(json.dumps(settings))
-        command = [sys.executable, "-m", "sim", "--config", str(path)]
+        command = [sys.executable, "-m", "swarm_sim", "--config", str(path)]
         with subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         ) as child:

@@ -1,4 +1,4 @@
-"""What the simulator is told to simulate a mission: plain JSON for `python -m sim`."""
+"""What the simulator is told to simulate a mission: plain JSON for `python -m swarm_sim`."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """What the keeper of mission time and its members tell each other, one word a packet.
 
 The sockets keep packets apart (SOCK_SEQPACKET in Linux's abstract name space): no framing, and a
-process that dies is an end of file. The simulator speaks the same words by itself (`sim/lockstep`).
+process that dies is an end of file. The simulator speaks the same words by itself
+(`swarm_sim.network.lockstep`).
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """How the swarms of a batch move: the ideal points of the paper, or simulated vehicles.
 
-The vehicles' kinematics are the simulator's own (`sim.physics`), the one thing that this side
+The vehicles' kinematics are the simulator's own (`swarm_sim.physics`), the one thing that this side
 imports of it: they are pure, and with other vehicles a study would prove nothing about runs.
 """
 
@@ -10,12 +10,12 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from sim.physics import response as firmware
-from sim.physics.kinematics import Array, Demands, MotionState, VelocityResponse, advance
 from swarm_ctl.core.law.response_estimate import ResponseEstimate
 from swarm_ctl.core.model.arrays import MANY, Bools, Complex, Floats, Indices, keep_missions
 from swarm_ctl.core.model.plan import Compensation
 from swarm_ctl.study.batch.batch import Batch
+from swarm_sim.physics import response as firmware
+from swarm_sim.physics.kinematics import Array, Demands, MotionState, VelocityResponse, advance
 
 _SUBSTEPS: Final = {"lag": 1, "ardupilot": 4, "px4": 4}
 """Physics steps a tick: the firmwares' fastest lags are 0.05 s."""
@@ -86,7 +86,7 @@ class LagResponse:
     def acceleration(
         self, memory: Array, velocity: Array, target: Array, wind: Array, dt: float
     ) -> Array:
-        """See `sim.physics.kinematics.VelocityResponse`; knows no wind, and one `dt`."""
+        """See `swarm_sim.physics.kinematics.VelocityResponse`; knows no wind, and one `dt`."""
         del memory, wind, dt
         wanted = (target - velocity) * self._per_s
         size = np.sqrt(wanted[..., 0] ** 2 + wanted[..., 1] ** 2)

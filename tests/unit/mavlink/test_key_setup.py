@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 
-from sim.network.hub import Hub
-from sim.network.signing import Signing as VehicleSigning
 from swarm_ctl.mavlink.key_setup import KeyReport, KeySetup, Signs
 from swarm_ctl.mavlink.signing import UNITS_S, Signing
 from swarm_ctl.mavlink.wires import memory_wires
+from swarm_sim.network.hub import Hub
+from swarm_sim.network.signing import Signing as VehicleSigning
 from tests.unit.sim.harness import config
 
 KEY, OTHER = bytes(range(32)), bytes(range(1, 33))

@@ -5,15 +5,15 @@ from __future__ import annotations
 
 from typing import Any
 
-from sim.config import SimConfig
-from sim.firmware.ardupilot_persona import ArdupilotPersona
-from sim.firmware.autopilot import AutopilotSetup, Contact
-from sim.firmware.firmware import Firmware
-from sim.firmware.flying.maneuvers import Sensed
-from sim.firmware.message import Message
-from sim.firmware.px4_persona import Px4Persona
-from sim.physics.geodesy import GeodeticPoint, TangentPlane
-from sim.world.world import World
+from swarm_sim.config import SimConfig
+from swarm_sim.firmware.ardupilot_persona import ArdupilotPersona
+from swarm_sim.firmware.autopilot import AutopilotSetup, Contact
+from swarm_sim.firmware.firmware import Firmware
+from swarm_sim.firmware.flying.maneuvers import Sensed
+from swarm_sim.firmware.message import Message
+from swarm_sim.firmware.px4_persona import Px4Persona
+from swarm_sim.physics.geodesy import GeodeticPoint, TangentPlane
+from swarm_sim.world.world import World
 
 ORIGIN = GeodeticPoint(47.397742, 8.545594, 488.0)
 GCS = (255, 190)

@@ -7,20 +7,20 @@ import math
 
 import pytest
 
-from sim.firmware.ardupilot_persona import (
+from swarm_sim.firmware.ardupilot_persona import (
     DISARM_S,
     GCS_FAILSAFE,
     LAND_DETECT_S,
     MODES,
     ArdupilotPersona,
 )
-from sim.firmware.flying.maneuvers import (
+from swarm_sim.firmware.flying.maneuvers import (
     HoldManeuver,
     LandManeuver,
     TakeoffManeuver,
     VelocityManeuver,
 )
-from sim.firmware.message import LandedState, MavResult
+from swarm_sim.firmware.message import LandedState, MavResult
 from tests.unit.sim.harness import (
     ARM,
     AUTO,

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from pymavlink.dialects.v20 import development
 
-from sim.firmware.message import Message
-from sim.firmware.protocol.telemetry import MESSAGES
-from sim.network.codec import Codec
-from sim.network.signing import Signing, read_key
+from swarm_sim.firmware.message import Message
+from swarm_sim.firmware.protocol.telemetry import MESSAGES
+from swarm_sim.network.codec import Codec
+from swarm_sim.network.signing import Signing, read_key
 
 
 def client() -> mavlink.MAVLink:

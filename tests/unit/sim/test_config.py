@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from sim.config import ConfigError, load_config
+from swarm_sim.config import ConfigError, load_config
 
 
 def settings() -> dict[str, Any]:

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from sim.physics.geodesy import GeodeticPoint
+from swarm_sim.physics.geodesy import GeodeticPoint
 from tests.unit.sim.harness import ORIGIN, Flight, config
 
 CONDITION_YAW, OFFBOARD = 115, 6 << 16

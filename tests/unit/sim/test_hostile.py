@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim.firmware.flying.mission_items import MAX_ITEMS
-from sim.firmware.message import Message
-from sim.firmware.protocol.handlers import HANDLERS
-from sim.network.clients import MAX_CLIENTS
-from sim.network.codec import _BY_NAME, Codec
+from swarm_sim.firmware.flying.mission_items import MAX_ITEMS
+from swarm_sim.firmware.message import Message
+from swarm_sim.firmware.protocol.handlers import HANDLERS
+from swarm_sim.network.clients import MAX_CLIENTS
+from swarm_sim.network.codec import _BY_NAME, Codec
 from tests.unit.sim.network.test_hub import A, Clients
 from tests.unit.sim.test_codec import random_value
 

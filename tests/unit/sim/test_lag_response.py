@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from sim.physics.kinematics import Demands, MotionState, advance
-from sim.physics.response import LagResponse
-from sim.world.world import STEP_S
+from swarm_sim.physics.kinematics import Demands, MotionState, advance
+from swarm_sim.physics.response import LagResponse
+from swarm_sim.world.world import STEP_S
 
 
 def step_response(response: LagResponse, speed_mps: float, seconds: float) -> list[float]:

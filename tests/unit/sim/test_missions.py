@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from sim.firmware.ardupilot_persona import ArdupilotPersona
-from sim.firmware.flying.mission_items import MissionResult
-from sim.firmware.message import Message
-from sim.firmware.px4_persona import Px4Persona
+from swarm_sim.firmware.ardupilot_persona import ArdupilotPersona
+from swarm_sim.firmware.flying.mission_items import MissionResult
+from swarm_sim.firmware.message import Message
+from swarm_sim.firmware.px4_persona import Px4Persona
 from tests.unit.sim.harness import ARM, GUIDED, ORIGIN, SET_MODE, Flight, Rig, config
 
 Persona = type[ArdupilotPersona | Px4Persona]

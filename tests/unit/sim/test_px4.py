@@ -7,11 +7,11 @@ import math
 
 import pytest
 
-from sim.firmware.autopilot import FlightMode
-from sim.firmware.flying.maneuvers import LandManeuver
-from sim.firmware.message import LandedState, MavResult
-from sim.firmware.px4_persona import LAND as LAND_MODE
-from sim.firmware.px4_persona import (
+from swarm_sim.firmware.autopilot import FlightMode
+from swarm_sim.firmware.flying.maneuvers import LandManeuver
+from swarm_sim.firmware.message import LandedState, MavResult
+from swarm_sim.firmware.px4_persona import LAND as LAND_MODE
+from swarm_sim.firmware.px4_persona import (
     LAND_DETECT_S,
     LOITER,
     MODES,
@@ -22,7 +22,7 @@ from sim.firmware.px4_persona import (
     TAKEOFF,
     Px4Persona,
 )
-from sim.firmware.px4_persona import OFFBOARD as OFFBOARD_MODE
+from swarm_sim.firmware.px4_persona import OFFBOARD as OFFBOARD_MODE
 from tests.unit.sim.harness import (
     ARM,
     IN_AIR,

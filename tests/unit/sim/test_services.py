@@ -10,15 +10,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.firmware.ardupilot_persona import ArdupilotPersona
-from sim.firmware.message import MavResult, MavSeverity
-from sim.firmware.parameters.ardupilot_parameters import ARDUPILOT_DEFAULTS
-from sim.firmware.parameters.fault_parameters import SIM_DEFAULTS
-from sim.firmware.parameters.parameter_set import BYTEWISE, CAST, ParamType
-from sim.firmware.parameters.px4_parameters import PX4_DEFAULTS
-from sim.firmware.protocol.telemetry import MESSAGES, readings
-from sim.firmware.px4_persona import Px4Persona
-from sim.firmware.streams import Streams
+from swarm_sim.firmware.ardupilot_persona import ArdupilotPersona
+from swarm_sim.firmware.message import MavResult, MavSeverity
+from swarm_sim.firmware.parameters.ardupilot_parameters import ARDUPILOT_DEFAULTS
+from swarm_sim.firmware.parameters.fault_parameters import SIM_DEFAULTS
+from swarm_sim.firmware.parameters.parameter_set import BYTEWISE, CAST, ParamType
+from swarm_sim.firmware.parameters.px4_parameters import PX4_DEFAULTS
+from swarm_sim.firmware.protocol.telemetry import MESSAGES, readings
+from swarm_sim.firmware.px4_persona import Px4Persona
+from swarm_sim.firmware.streams import Streams
 from tests.unit.sim.harness import ARM, IN_AIR, LOCAL_ORIGIN, Rig, command_fields, setpoint_fields
 
 Persona = type[ArdupilotPersona | Px4Persona]

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim.physics.kinematics import Array, Demands, MotionState, advance
-from sim.physics.response import ArdupilotResponse, Px4Response
+from swarm_sim.physics.kinematics import Array, Demands, MotionState, advance
+from swarm_sim.physics.response import ArdupilotResponse, Px4Response
 
 DATA = Path(__file__).parents[2] / "data"
 SECONDS = 6.0

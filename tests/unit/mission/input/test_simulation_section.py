@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from sim.config import SimConfig
-from sim.firmware.parameters.fault_parameters import SIM_DEFAULTS
 from swarm_ctl.mission.compile.loader import dumps, load, loads
 from swarm_ctl.mission.input.simulation_section import NEUTRAL
 from swarm_ctl.runtime.launch.sim_config import simulator_config
+from swarm_sim.config import SimConfig
+from swarm_sim.firmware.parameters.fault_parameters import SIM_DEFAULTS
 from tests.unit.mission.example import TEXT, problems
 
 PLACES = Path(__file__).parents[4]

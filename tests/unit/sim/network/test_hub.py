@@ -11,12 +11,12 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim.network.clients import MAX_CLIENTS
-from sim.network.hub import Hub
-from sim.network.sockets import Address
-from sim.world.truth_file import TruthFile
-from sim.world.truth_recorder import TruthRecorder
-from sim.world.world import STEP_S
+from swarm_sim.network.clients import MAX_CLIENTS
+from swarm_sim.network.hub import Hub
+from swarm_sim.network.sockets import Address
+from swarm_sim.world.truth_file import TruthFile
+from swarm_sim.world.truth_recorder import TruthRecorder
+from swarm_sim.world.world import STEP_S
 from tests.unit.sim.harness import GUIDED, config
 
 

@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterator
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim.clock import SimClock
-from sim.firmware.px4_persona import LOITER, OFFBOARD
-from sim.network.server import Server
+from swarm_sim.clock import SimClock
+from swarm_sim.firmware.px4_persona import LOITER, OFFBOARD
+from swarm_sim.network.server import Server
 from tests.unit.sim.harness import ARM, ORIGIN, SET_MODE, TAKEOFF, VELOCITY_ONLY, config
 from tests.unit.sim.harness import OFFBOARD as OFFBOARD_MODE
 

@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.network.codec import Codec, split_stream
-from sim.network.sockets import TcpSocket, UdpSocket, VehicleSocket, open_socket
+from swarm_sim.network.codec import Codec, split_stream
+from swarm_sim.network.sockets import TcpSocket, UdpSocket, VehicleSocket, open_socket
 from tests.unit.sim.test_codec import GOOD
 
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.physics.geodesy import GeodeticPoint, TangentPlane
+from swarm_sim.physics.geodesy import GeodeticPoint, TangentPlane
 
 origins = st.builds(GeodeticPoint, st.floats(-85, 85), st.floats(-180, 180), st.floats(-100, 5000))
 offsets = st.tuples(st.floats(-5000, 5000), st.floats(-5000, 5000), st.floats(-500, 500))

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from sim.physics.kinematics import (
+from swarm_sim.physics.kinematics import (
     GRAVITY_MPS2,
     Array,
     Demands,
@@ -18,7 +18,7 @@ from sim.physics.kinematics import (
     VelocityResponse,
     advance,
 )
-from sim.physics.response import ArdupilotResponse, IdealResponse, Px4Response
+from swarm_sim.physics.response import ArdupilotResponse, IdealResponse, Px4Response
 
 DT = 0.01
 RESPONSES: list[VelocityResponse] = [IdealResponse(), ArdupilotResponse(), Px4Response()]

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim.config import SimConfig
-from sim.firmware.parameters.fault_parameters import SIM_DEFAULTS
+from swarm_sim.config import SimConfig
+from swarm_sim.firmware.parameters.fault_parameters import SIM_DEFAULTS
 from tests.unit.sim.harness import ARM, GUIDED, LAND, SET_MODE, Flight, config, setpoint_fields
 from tests.unit.sim.network.test_hub import HELLO, A, Clients
 

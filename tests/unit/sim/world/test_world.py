@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from sim.firmware.message import LandedState, Message
-from sim.world.pair_distances import PairMinima
-from sim.world.world import STEP_S, World
+from swarm_sim.firmware.message import LandedState, Message
+from swarm_sim.world.pair_distances import PairMinima
+from swarm_sim.world.world import STEP_S, World
 from tests.unit.sim.harness import (
     ARM,
     GCS,

@@ -1,0 +1,412 @@
+"""One simulated autopilot: its state, the facts that follow from it, and how it speaks. Pure: no
+socket, clock or pymavlink.
+
+The persona's part (abstract here) is in `ardupilot_persona.py` and `px4_persona.py`. What every
+MAVLink vehicle serves is in `protocol/`, whose functions act on a `SimAutopilot`; `firmware.py`
+gives it time and messages. It answers through `outbox` and by `demand`.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, NamedTuple
+
+from swarm_sim.firmware.flying.battery import Battery
+from swarm_sim.firmware.flying.maneuvers import (
+    Demand,
+    FlightStyle,
+    GroundManeuver,
+    Maneuver,
+    ReturnManeuver,
+    Sensed,
+    VelocityManeuver,
+)
+from swarm_sim.firmware.flying.mission_items import MissionItem, MissionLists
+from swarm_sim.firmware.flying.position_target import Axes, PositionTarget, moved
+from swarm_sim.firmware.gps_jump import GpsJump
+from swarm_sim.firmware.message import (
+    MAV_TYPE_GCS,
+    LandedState,
+    MavCommand,
+    MavResult,
+    MavSeverity,
+    Message,
+)
+from swarm_sim.firmware.parameters.fault_parameters import SIM_DEFAULTS
+from swarm_sim.firmware.parameters.parameter_set import Encoding, Parameters, TypedValue
+from swarm_sim.firmware.streams import Streams
+from swarm_sim.physics.geodesy import GeodeticPoint, TangentPlane, Vector3
+
+Contact = tuple[int, Vector3, Vector3]
+"""Address, position and velocity (NED) of an aircraft in sensing range."""
+CommandHandler = Callable[[Any, MavCommand], MavResult | None]
+"""From the autopilot and a command to the answer; None: no answer, or it has been given already."""
+
+MAX_SPEED_MPS = 20.0
+_TEXT = 50
+"""Characters in one STATUSTEXT."""
+
+
+@dataclass(frozen=True, slots=True)
+class FlightMode:
+    """A row of a persona's mode table."""
+
+    custom: int
+    """HEARTBEAT.custom_mode."""
+    name: str
+    armable: bool = False
+    """Arming by a ground station is allowed in it."""
+    guided: bool = False
+    """HEARTBEAT tells MAV_MODE_FLAG_GUIDED. A PX4 needs a pilot's sticks in all other modes."""
+    positioned: bool = False
+    """Needs a position estimate (ArduCopter)."""
+    standard: int = 0
+    """MAV_STANDARD_MODE, 0 for none."""
+    shown: str = ""
+    """Its name in AVAILABLE_MODES; '' for `name`."""
+    advanced: bool = False
+    """Its users are to know what they do (AVAILABLE_MODES)."""
+
+
+@dataclass(frozen=True)
+class AutopilotSetup:
+    """What one simulated autopilot is built with."""
+
+    sysid: int
+    plane: TangentPlane
+    """The simulator's common frame, in which `Sensed` is."""
+    start: Sensed
+    local_origin_ned_m: Vector3
+    """Where the vehicle's own local frame has its zero."""
+    ready_after_s: float
+    traffic: Callable[[], Iterable[Contact]]
+    channels: int = 1
+    """MAVLink ports; each has streams of its own, as on real autopilots."""
+
+
+class Outgoing(NamedTuple):
+    """A message to send: to every client, or only to the one that asked."""
+
+    message: Message
+    private: bool
+    channel: int | None
+    """The port that it leaves by; None: by all."""
+
+
+class SimAutopilot(ABC):
+    """One autopilot. All times are mission seconds."""
+
+    autopilot: ClassVar[int]
+    """MAV_AUTOPILOT."""
+    version: ClassVar[int]
+    capabilities: ClassVar[int]
+    defaults: ClassVar[Mapping[str, TypedValue]]
+    encoding: ClassVar[Encoding]
+    sysid_parameter: ClassVar[str]
+    capacity_parameter: ClassVar[str]
+    """Of the battery [mAh]."""
+    modes: ClassVar[Mapping[int, FlightMode]]
+    """By HEARTBEAT.custom_mode."""
+    boot_mode: ClassVar[FlightMode]
+    boot_streams: ClassVar[Mapping[str, float]]
+    """Intervals [s] of what is streamed unasked."""
+    commands: ClassVar[Mapping[int, CommandHandler]]
+    fence_bit: ClassVar[int]
+    """MAV_SYS_STATUS_GEOFENCE where SYS_STATUS tells a fence that is there, healthy and off; 0: it
+    tells of none, as a PX4 does, and MAVProxy calls that a breach."""
+    force_arm_magic: ClassVar[float]
+    arm_nonsense: ClassVar[MavResult | None]
+    """The answer to arming with a first parameter that is neither 0 nor 1."""
+    disarmed_text: ClassVar[str] = "Disarming motors"
+    disarm_denied_text: ClassVar[str] = ""
+    asks_in_kind: ClassVar[bool]
+    """It asks for mission items by MISSION_REQUEST_INT once the client has used it."""
+    first_index: ClassVar[int]
+    """Index of the first mission item that is flown."""
+    land_detect_s: ClassVar[float]
+    """From a touch-down until the land detector says so."""
+    own_faults: ClassVar[Mapping[str, TypedValue]] = {}
+    """SIM_* parameters with another default than in `SIM_DEFAULTS`: the errors of its estimator."""
+    refusal: ClassVar[MavResult]
+    """The answer to a known command that can't be done now."""
+
+    def __init__(self, setup: AutopilotSetup, boot_s: float) -> None:
+        self.sysid = setup.sysid
+        self.plane = setup.plane
+        self.traffic = setup.traffic
+        self.local_origin_ned = setup.local_origin_ned_m
+        defaults = {**self.defaults, **SIM_DEFAULTS, **self.own_faults}
+        self.parameters = Parameters(defaults, self.encoding)
+        self.parameters.set(self.sysid_parameter, setup.sysid)
+        self.outbox: list[Outgoing] = []
+        self.asked_on: int | None = None
+        """The channel of the message that is being handled; None between messages."""
+        self._heard_on = {0}
+        self.channel_streams = [Streams() for _ in range(setup.channels)]
+        self.ignored = 0
+        """Messages for another vehicle, not known, or without sense."""
+        self.missions = MissionLists()
+        self._ready_after_s = setup.ready_after_s
+        self.start(setup.start, boot_s)
+
+    def start(self, sensed: Sensed, boot_s: float) -> None:
+        """Everything a (re)boot at `boot_s` makes fresh; before that time the firmware is dead."""
+        self.boot_s = self.now = self.tick_s = self.battery_s = boot_s
+        self.sensed = sensed
+        self.mode = self.boot_mode
+        self.armed = self.failsafe = self.told_ready = self.low_battery = False
+        self.home_ned = sensed.position_ned_m
+        self.speed_mps: float | None = None
+        """DO_CHANGE_SPEED's, in place of the parameter's."""
+        self.gcs_heartbeat_s: float | None = None
+        self.armed_s = -math.inf
+        self.landed_s: float | None = -math.inf
+        """Since when the vehicle stands on the ground; None in the air."""
+        self.gps_jump = GpsJump(self.parameters)
+        self._style: tuple[int, float | None, FlightStyle] | None = None
+        self.battery = Battery(max(1.0, self.parameters[self.capacity_parameter]))
+        self.maneuver: Maneuver = GroundManeuver()
+        self.demand: Demand = self.maneuver.demand(boot_s, sensed, self.style())
+        self.pending_parameters: deque[tuple[int, str]] = deque()
+        """Channel and name of those that a client has asked for."""
+        for channel in range(len(self.channel_streams)):
+            self._start_streams(channel)
+
+    @property
+    def streams(self) -> Streams:
+        """Of the channel on which the client asked."""
+        return self.channel_streams[self.asked_on or 0]
+
+    def hear(self, channel: int) -> None:
+        """A client is there: the channel's streams begin. Until then a further channel sends its
+        HEARTBEAT alone."""
+        if channel not in self._heard_on:
+            self._heard_on.add(channel)
+            self._start_streams(channel)
+
+    def _start_streams(self, channel: int) -> None:
+        streams = self.channel_streams[channel] = Streams()
+        for name, interval_s in self.boot_streams.items():
+            if channel in self._heard_on or name == "HEARTBEAT":
+                streams.set(name, interval_s, max(self.now, self.boot_s))
+
+    # --- the persona's part ---
+
+    @abstractmethod
+    def style_by_parameters(self) -> FlightStyle:
+        """How it flies by itself, from the parameters."""
+
+    @abstractmethod
+    def battery_low(self) -> bool:
+        """Below the failsafe's threshold."""
+
+    @abstractmethod
+    def on_battery_low(self) -> None:
+        """The failsafe of a low battery."""
+
+    @abstractmethod
+    def arm(self, *, force: bool) -> MavResult:
+        """Arms, or says why not."""
+
+    @abstractmethod
+    def set_mode(self, base_mode: int, custom_mode: int) -> MavResult:
+        """A mode asked for by SET_MODE."""
+
+    @abstractmethod
+    def enter(self, mode: FlightMode) -> MavResult:
+        """Changes the mode, or says why not."""
+
+    @abstractmethod
+    def go_to(self, place_ned: Vector3) -> MavResult:
+        """Flies to a point and stays, in the air and armed."""
+
+    @abstractmethod
+    def mission_lost(self) -> None:
+        """The mission that is being flown was cleared."""
+
+    @abstractmethod
+    def on_position_target(self, target: PositionTarget) -> None:
+        """A readable setpoint."""
+
+    @abstractmethod
+    def housekeeping(self) -> None:
+        """Failsafes, landing, ends of maneuvers; every tick, while armed."""
+
+    def addressed(self, _command: MavCommand) -> bool:
+        """Whether a command with this target is answered."""
+        return True
+
+    def first_item(self, item: MissionItem | None) -> MissionItem | None:
+        """What is told as the first mission item, for the one uploaded."""
+        return item
+
+    def guided_item(self, _item: MissionItem) -> bool | None:
+        """Whether an item outside any upload is flown at once; None: no answer."""
+        return None
+
+    def data_stream(self, stream: int, interval_s: float | None) -> None:  # noqa: B027 - PX4 has none
+        """REQUEST_DATA_STREAM."""
+
+    def is_gcs(self, _system: int, kind: int) -> bool:
+        """Whether a heartbeat of this system and MAV_TYPE is a ground station's."""
+        return kind == MAV_TYPE_GCS
+
+    def gcs_heartbeat(self) -> None:
+        """A ground station was heard."""
+        self.gcs_heartbeat_s = self.now
+
+    # --- motion ---
+
+    def begin(self, maneuver: Maneuver) -> None:
+        """From now on does this."""
+        self.maneuver = maneuver
+        self.update_demand()
+
+    def update_demand(self) -> None:
+        """The maneuver's demand now; nothing lifts while disarmed."""
+        maneuver = self.maneuver if self.armed else GroundManeuver()
+        demand = self.limited(maneuver.demand(self.now, self.sensed, self.style()))
+        if demand != self.demand:
+            self.demand = demand
+
+    def limited(self, demand: Demand) -> Demand:
+        """What the persona's controller allows of a demand."""
+        return demand
+
+    def style(self) -> FlightStyle:
+        """How it flies by itself; worked out again only after a change."""
+        known = self._style
+        if known is None or known[0] != self.parameters.version or known[1] != self.speed_mps:
+            style = self.style_by_parameters()
+            if self.speed_mps is not None:
+                style = replace(style, speed_mps=self.speed_mps)
+            self._style = known = (self.parameters.version, self.speed_mps, style)
+        return known[2]
+
+    def set_speed(self, speed_mps: float) -> None:
+        """The speed at which it flies by itself."""
+        self.speed_mps = min(speed_mps, MAX_SPEED_MPS)
+
+    def set_armed(self) -> None:
+        """Motors run; home is here."""
+        self.armed = True
+        self.armed_s = self.now
+        self.home_ned = self.sensed.position_ned_m
+
+    def disarm(self, *, force: bool) -> MavResult:
+        """Disarms on the ground, or if forced."""
+        if self.sensed.landed or force:
+            self.set_disarmed(self.disarmed_text)
+            return MavResult.ACCEPTED
+        if self.disarm_denied_text:
+            self.text(MavSeverity.CRITICAL, self.disarm_denied_text)
+        return self.refusal
+
+    def set_disarmed(self, text: str) -> None:
+        """Motors stop."""
+        self.armed = False
+        self.failsafe = False
+        self.begin(GroundManeuver())
+        self.text(MavSeverity.INFO, text)
+
+    def follow(self, target: PositionTarget, position: Axes, velocity: Axes) -> None:
+        """Flies by a setpoint's yaw and by these of its axes; one without a velocity gets 0."""
+        yaw = self.demand.heading_rad if target.yaw_rad is None else target.yaw_rad
+        n, e, d = velocity
+        held = moved(position, self.local_origin_ned)
+        rate = target.yaw_rate_radps or 0.0
+        forward = (n or 0.0, e or 0.0, d or 0.0)
+        self.begin(VelocityManeuver(forward, yaw, held, rate, self.now))
+
+    def return_home(self) -> ReturnManeuver:
+        """The way home from here."""
+        style = self.style()
+        return ReturnManeuver(
+            self.sensed, self.home_ned, style.return_height_m, style.return_wait_s
+        )
+
+    def crashed(self) -> None:
+        """It fell to the ground."""
+        self.text(MavSeverity.EMERGENCY, "Crash: Disarming")
+        if self.armed:
+            self.set_disarmed("Disarming motors")
+
+    # --- facts ---
+
+    def ready(self) -> bool:
+        """Position estimate and pre-arm checks are good."""
+        return self._has_position(self._ready_after_s)
+
+    def fix(self) -> bool:
+        """GPS has a position, which takes half as long."""
+        return self._has_position(0.5 * self._ready_after_s)
+
+    def _has_position(self, after_s: float) -> bool:
+        return self.now - self.boot_s >= after_s and self.parameters["SIM_GPS_OFF"] != 1.0
+
+    def armable(self) -> bool:
+        """Pre-arm checks are good."""
+        healthy = self.parameters["SIM_ARM_REFUSE"] != 1.0 and not self.low_battery
+        return healthy and self.ready()
+
+    def standing_s(self) -> float:
+        """For how long it has stood on the ground; 0 in the air."""
+        return 0.0 if self.landed_s is None else self.now - self.landed_s
+
+    def boot_ms(self) -> int:
+        """Milliseconds since boot."""
+        return round((self.now - self.boot_s) * 1000) & 0xFFFFFFFF
+
+    def local_position(self) -> Vector3:
+        """Position in the vehicle's own local frame."""
+        n, e, d = self.sensed.position_ned_m
+        on, oe, od = self.local_origin_ned
+        return n - on, e - oe, d - od
+
+    def geodetic(self, ned_m: Vector3 | None = None) -> GeodeticPoint:
+        """A point (here, if not given) on the ellipsoid."""
+        return self.plane.geodetic_from_ned(self.sensed.position_ned_m if ned_m is None else ned_m)
+
+    def ned(self, lat_deg: float, lon_deg: float, alt_m: float, *, above_home: bool) -> Vector3:
+        """NED of a point on the ellipsoid; its height is above sea level, or above home."""
+        if above_home:
+            alt_m += self.geodetic(self.home_ned).alt_m
+        return self.plane.ned_from_geodetic(GeodeticPoint(lat_deg, lon_deg, alt_m))
+
+    def landed_state(self) -> LandedState:
+        """EXTENDED_SYS_STATE.landed_state. After a touch-down the land detector takes its time."""
+        sure = not self.armed or self.standing_s() >= self.land_detect_s
+        if self.sensed.landed and sure:
+            return LandedState.ON_GROUND
+        flies = self.armed and not self.maneuver.done
+        return self.maneuver.landed_state if flies else LandedState.IN_AIR
+
+    # --- speaking ---
+
+    def say(
+        self,
+        name: str,
+        fields: dict[str, Any],
+        *,
+        private: bool = False,
+        channel: int | None = None,
+    ) -> None:
+        """Queues a message for every client, those of one channel, or the one that asked."""
+        to = self.asked_on if private else channel
+        self.outbox.append(Outgoing(Message(name, fields), private, to))
+
+    def text(self, severity: MavSeverity, text: str) -> None:
+        """STATUSTEXT; longer ones in chunks of 50 characters."""
+        chunks = [text[i : i + _TEXT] for i in range(0, len(text), _TEXT)]
+        for i, chunk in enumerate(chunks):
+            ident = {"id": 1 if len(chunks) > 1 else 0, "chunk_seq": i}
+            self.say("STATUSTEXT", {"severity": int(severity), "text": chunk.encode()} | ident)
+
+    def acknowledge(self, command: int, result: MavResult, to: tuple[int, int]) -> None:
+        """COMMAND_ACK to the client that asked."""
+        target = {"target_system": to[0], "target_component": to[1]}
+        self.say("COMMAND_ACK", {"command": command, "result": int(result)} | target, private=True)

@@ -1,0 +1,197 @@
+"""Between bytes and world: the clients of each vehicle, and frames packed once for all of them. No
+sockets, no clock.
+
+The same hub serves real sockets (`swarm_sim.network.server`) and tests that carry the bytes in
+memory on a virtual clock.
+"""
+
+from __future__ import annotations
+
+import functools
+import heapq
+from collections.abc import Callable
+from typing import TypeVar
+
+from swarm_sim.config import SimConfig, VehicleConfig
+from swarm_sim.firmware.autopilot import Outgoing
+from swarm_sim.firmware.message import Message
+from swarm_sim.network.clients import Clients
+from swarm_sim.network.codec import Codec
+from swarm_sim.network.signing import KEY_BYTES, Signing
+from swarm_sim.network.sockets import Address
+from swarm_sim.world.faults import Radio
+from swarm_sim.world.truth_recorder import TruthRecorder
+from swarm_sim.world.world import World
+
+Send = Callable[[int, bytes, Address], None]
+"""Sends bytes on a link to an address."""
+
+T = TypeVar("T")
+
+_DATAGRAM = 1400
+
+
+class Hub:
+    """A world with clients.
+
+    Links are numbered: first the endpoint of each vehicle in their order, then the further
+    endpoints of the first vehicle, of the second, and so on.
+    """
+
+    def __init__(
+        self,
+        config: SimConfig,
+        now: float,
+        send: Send,
+        signing: Callable[[VehicleConfig], Signing] = lambda _: Signing(None, int),
+    ) -> None:
+        self.world = World(config, now)
+        self.recorder: TruthRecorder | None = None
+        self.links = [(place, 0) for place in range(len(config.vehicles))]
+        """Place and channel of each link."""
+        self.links += [
+            (place, channel)
+            for place, vehicle in enumerate(config.vehicles)
+            for channel in range(1, 1 + len(vehicle.also))
+        ]
+        self._links_of: list[list[tuple[int, int]]] = [[] for _ in config.vehicles]
+        for link, (place, channel) in enumerate(self.links):
+            self._links_of[place].append((link, channel))
+        self._signing = [signing(vehicle) for vehicle in config.vehicles]
+        self.codecs = [
+            Codec(config.vehicles[place].sysid, self._signing[place], channel)
+            for place, channel in self.links
+        ]
+        self._clients = [
+            Clients(one_partner=_one_partner(config.vehicles[p], c)) for p, c in self.links
+        ]
+        self._boots_s = [0.0 for _ in self.links]
+        self._send = send
+        self._waiting: list[tuple[float, int, Callable[[], None]]] = []
+        self._waiting_count = 0
+
+    def receive(self, link: int, data: bytes, sender: Address) -> None:
+        """A datagram on a link; its sender becomes a client, if there is a place for it."""
+        place, channel = self.links[link]
+        messages = list(self.codecs[link].messages(data))
+        self._forget_after_boot(link)
+        proven = bool(messages) and self._signing[place].active
+        sender = self._clients[link].hear(sender, self.world.time_s, proven=proven)
+        self.world.vehicles[place].firmware.hear(channel)
+        radio = self.world.vehicles[place].faults.radio
+        if radio is None:
+            self._handle(link, messages, sender)
+            return
+        messages = self._survivors(place, messages, radio)
+        self._later(radio, lambda: self._handle(link, messages, sender))
+
+    def _forget_after_boot(self, link: int) -> None:
+        if not self._clients[link].one_partner:
+            return
+        boot_s = self.world.vehicles[self.links[link][0]].firmware.boot_s
+        if boot_s != self._boots_s[link]:
+            self._boots_s[link] = boot_s
+            self._clients[link].clear()
+
+    def _handle(self, link: int, messages: list[Message], sender: Address) -> None:
+        place, channel = self.links[link]
+        for message in messages:
+            if message.name == "SETUP_SIGNING":
+                self._set_up_signing(place, message)
+            else:
+                self.world.handle(place, message, channel)
+        self._flush(place, (link, sender))
+
+    def _set_up_signing(self, place: int, message: Message) -> None:
+        """As both firmwares: on any link, only while disarmed; with a key, only if signed with it.
+        No link here is ArduPilot's USB port, where it takes unsigned frames, too."""
+        fields, firmware = message.fields, self.world.vehicles[place].firmware
+        if fields["target_system"] in (0, firmware.sysid) and not firmware.armed:
+            key = bytes(fields["secret_key"])
+            self._signing[place].set_up(key[:KEY_BYTES], fields["initial_timestamp"])
+
+    def _survivors(self, place: int, frames: list[T], radio: Radio) -> list[T]:
+        """The frames that a lossy radio lets through."""
+        if not radio.loss:
+            return frames
+        draws = self.world.vehicles[place].faults.radio_rng.random(len(frames)).tolist()
+        return [frame for frame, draw in zip(frames, draws, strict=True) if draw >= radio.loss]
+
+    def _later(self, radio: Radio, what: Callable[[], None]) -> None:
+        if not radio.delay_s:
+            what()
+            return
+        self._waiting_count += 1
+        due_s = self.world.time_s + radio.delay_s
+        heapq.heappush(self._waiting, (due_s, self._waiting_count, what))
+
+    def listen(self, link: int, peers: list[Address]) -> None:
+        """Makes clients of addresses that are connected and have said nothing yet."""
+        for peer in peers:
+            if peer not in self._clients[link]:
+                self._clients[link].hear(peer, self.world.time_s, proven=False)
+
+    def step(self) -> None:
+        """One step of the world, and what the vehicles have to say after it."""
+        for place in self.world.step():
+            self._flush(place, None)
+        while self._waiting and self._waiting[0][0] <= self.world.time_s:
+            heapq.heappop(self._waiting)[2]()
+        if self.recorder is not None:
+            self.recorder.after_step()
+
+    def _flush(self, place: int, asker: tuple[int, Address] | None) -> None:
+        said = self.world.outbox(place)
+        if not said:
+            return
+        radio = self.world.vehicles[place].faults.radio
+        if radio is not None and radio.mute_heartbeat:
+            said = [out for out in said if out.message.name != "HEARTBEAT"]
+        for link, channel in self._links_of[place]:
+            if self._clients[link]:
+                heard = [out for out in said if out.channel is None or out.channel == channel]
+                self._flush_link(link, heard, asker)
+
+    def _flush_link(
+        self, link: int, said: list[Outgoing], asker: tuple[int, Address] | None
+    ) -> None:
+        place = self.links[link][0]
+        radio = self.world.vehicles[place].faults.radio
+        public, answers = [], []
+        for out in said:
+            frame = self.codecs[link].pack(out.message)
+            answers.append(frame)
+            if not out.private or asker is None:  # a reminder: it names its target itself
+                public.append(frame)
+        for client in self._clients[link]:
+            frames = answers if (link, client) == asker else public
+            if radio is None:
+                self._transmit(link, frames, client)
+            else:
+                heard = self._survivors(place, frames, radio)
+                self._later(radio, functools.partial(self._transmit, link, heard, client))
+
+    def _transmit(self, link: int, frames: list[bytes], client: Address) -> None:
+        for datagram in _datagrams(frames):
+            self._send(link, datagram, client)
+
+
+def _one_partner(vehicle: VehicleConfig, channel: int) -> bool:
+    """A PX4 answers on UDP only the address that it heard first, until it reboots. It obeys
+    others, too."""
+    endpoint = (vehicle.endpoint, *vehicle.also)[channel]
+    return vehicle.persona == "px4" and endpoint.startswith("udp")
+
+
+def _datagrams(frames: list[bytes]) -> list[bytes]:
+    """Frames joined to as few datagrams as fit an Ethernet packet."""
+    if sum(map(len, frames)) <= _DATAGRAM:
+        return [b"".join(frames)] if frames else []
+    out, size = [b""], 0
+    for frame in frames:
+        if size + len(frame) > _DATAGRAM:
+            out.append(b"")
+            size = 0
+        out[-1] += frame
+        size += len(frame)
+    return out

@@ -1,0 +1,269 @@
+"""All vehicles of one simulator: their firmware, and one array pass of physics a step. Pure."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarm_sim.config import LagConfig, SimConfig
+from swarm_sim.firmware.ardupilot_persona import ArdupilotPersona
+from swarm_sim.firmware.autopilot import AutopilotSetup, Contact, Outgoing
+from swarm_sim.firmware.firmware import Firmware
+from swarm_sim.firmware.message import MavSeverity, Message
+from swarm_sim.firmware.px4_persona import Px4Persona
+from swarm_sim.physics.geodesy import TangentPlane, Vector3
+from swarm_sim.physics.kinematics import Array, Mask, MotionState, VelocityResponse
+from swarm_sim.physics.response import ArdupilotResponse, IdealResponse, LagResponse, Px4Response
+from swarm_sim.world.faults import TICK_S, VehicleFaults
+from swarm_sim.world.pair_distances import PairMinima
+from swarm_sim.world.sim_vehicle import SimVehicle
+from swarm_sim.world.vehicle_group import VehicleGroup
+
+STEP_S = 0.02
+"""Physics step, mission time. The fastest stream of a persona unasked comes each step (50 Hz), a
+setpoint waits 10 ms on average, and the lags of the responses (50 ms and more, solved exactly over
+a step) are still well resolved."""
+
+_FIRMWARE: dict[str, type[Firmware]] = {"ardupilot": ArdupilotPersona, "px4": Px4Persona}
+_RESPONSES: dict[str, VelocityResponse] = {
+    "ardupilot": ArdupilotResponse(),
+    "px4": Px4Response(),
+    "ideal": IdealResponse(),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class WorldEvent:
+    """What happened to a vehicle: `liftoff`, `touchdown`, `crash`, `disarm` (in the air),
+    `collision` (one event for each of the two), or what the timetable has set
+    (`SIM_GPS_FREEZE 1`)."""
+
+    time_s: float
+    sysid: int
+    event: str
+    impact_mps: float | None = None
+    """Speed at a `touchdown` or `crash`."""
+    height_m: float | None = None
+    """Above the ground, of a `disarm`."""
+    other: int | None = None
+    """The sysid of the other vehicle of a `collision`."""
+
+
+class World:
+    """All vehicles, in the order of the configuration. `time_s` is that of the last step."""
+
+    def __init__(self, config: SimConfig, now: float) -> None:
+        self._step = math.ceil(now / STEP_S)
+        self._range_m = config.sensing_range_m
+        self.plane = TangentPlane(config.origin.geodetic())
+        self.groups, self._places = _groups(config, self.plane)
+        rows = {i: row for places in self._places.values() for row, i in enumerate(places)}
+        self.vehicles = [self._vehicle(i, rows[i], config) for i in range(len(rows))]
+        self.pairs = PairMinima(len(self.vehicles))
+        self.events: list[WorldEvent] = []
+        self._airborne: Mask = np.zeros(len(self.vehicles), dtype=np.bool_)
+        self._flying = False
+        self._armed = [False] * len(self.vehicles)
+        self._marks: list[bytes] = []
+        self._timetable = deque(sorted(config.faults, key=lambda entry: entry.at_s))
+        self._timetable_s = 0.0 if config.faults_since == "start" else math.inf
+        self._faults_due_s = self.time_s
+
+    @property
+    def time_s(self) -> float:
+        """Mission time [s]."""
+        return self._step * STEP_S
+
+    @property
+    def next_s(self) -> float:
+        """When the next step is due."""
+        return (self._step + 1) * STEP_S
+
+    def step(self) -> list[int]:
+        """One step of everything; the vehicles (by place) that may have something to send."""
+        self._step += 1
+        now = self.time_s
+        self._follow_timetable()
+        if self._flying:
+            self._watch_arming()
+        if now >= self._faults_due_s:
+            self._faults_due_s = now + TICK_S - 1e-6
+            for vehicle in self.vehicles:
+                vehicle.move_faults(now)
+        for group in self.groups.values():
+            group.step(STEP_S)
+        if self._flying or self._moved_on():
+            for pair in self.pairs.update(self.positions(), self._landed()):
+                self._collide(*pair)
+            self._moved_on()
+        ran = [i for i, v in enumerate(self.vehicles) if v.due_s <= now + 1e-6]
+        for i in ran:
+            self.vehicles[i].run(now)
+        return ran
+
+    def handle(self, place: int, message: Message, channel: int = 0) -> None:
+        """A message for the vehicle at `place`, on one of its channels."""
+        self.vehicles[place].handle(message, self.time_s, channel)
+
+    def outbox(self, place: int) -> list[Outgoing]:
+        """What the vehicle at `place` has to say; empties it."""
+        firmware = self.vehicles[place].firmware
+        said, firmware.outbox = firmware.outbox, []
+        return said
+
+    def positions(self) -> Array:
+        """(n, 3) NED from the configured origin [m]."""
+        return self._gathered(lambda state: state.position)
+
+    def velocities(self) -> Array:
+        """(n, 3) [m/s]."""
+        return self._gathered(lambda state: state.velocity)
+
+    def armed(self) -> list[bool]:
+        """Per vehicle."""
+        return [v.firmware.armed for v in self.vehicles]
+
+    def airborne(self) -> list[bool]:
+        """Per vehicle."""
+        return [not x for x in self._landed().tolist()]
+
+    def parked(self) -> bool:
+        """All stand on the ground, disarmed."""
+        return not any(self.armed()) and not any(self.airborne())
+
+    def _collide(self, *pair: int) -> None:
+        for i, other in (pair, pair[::-1]):
+            vehicle = self.vehicles[i]
+            sysid = self.vehicles[other].sysid
+            self._event(i, "collision", other=sysid)
+            text = f"Collision with vehicle {sysid}"
+            vehicle.firmware.text(MavSeverity.EMERGENCY, text)
+            if vehicle.faults["SIM_COLL_FALL"] == 1.0:
+                vehicle.faults.fallen = True
+
+    def _follow_timetable(self) -> None:
+        while self._timetable and self._timetable[0].at_s <= self.time_s - self._timetable_s:
+            entry = self._timetable.popleft()
+            for place, vehicle in enumerate(self.vehicles):
+                if entry.sysid in (None, vehicle.sysid):
+                    for name, value in entry.set.items():
+                        vehicle.firmware.parameters.set(name, value)
+                        self._event(place, f"{name} {value:g}")
+
+    def _watch_arming(self) -> None:
+        """Notes which vehicles lost their motors in the air, by a command or by their firmware."""
+        before, self._armed = self._armed, self.armed()
+        for i, armed in enumerate(self._armed):
+            if before[i] and not armed and self._airborne[i]:
+                height = self._gathered(lambda state: state.ground - state.position[..., 2])
+                self._event(i, "disarm", height_m=float(height[i]))
+
+    def _moved_on(self) -> bool:
+        """Notes which vehicles left the ground or came back to it; whether any is in the air."""
+        marks = [group.state.landed.tobytes() for group in self.groups.values()]
+        if marks != self._marks:
+            self._marks = marks
+            airborne = ~self._landed()
+            for i in np.nonzero(airborne != self._airborne)[0].tolist():
+                self._timetable_s = min(self._timetable_s, self.time_s)
+                if airborne[i]:
+                    self._event(i, "liftoff")
+                else:
+                    self._touch_down(i)
+            self._airborne = airborne
+            self._flying = bool(airborne.any())
+        return self._flying
+
+    def _touch_down(self, i: int) -> None:
+        impact_mps = float(self._gathered(lambda state: state.impact)[i])
+        self._event(i, "touchdown", impact_mps=impact_mps)
+        if self.vehicles[i].fell():
+            self._event(i, "crash", impact_mps=impact_mps)
+            self.vehicles[i].firmware.crashed()
+
+    def _event(self, place: int, what: str, **more: Any) -> None:
+        self.events.append(WorldEvent(self.time_s, self.vehicles[place].sysid, what, **more))
+
+    def _landed(self) -> Mask:
+        return self._gathered(lambda state: state.landed)
+
+    def _gathered(self, what: Callable[[MotionState], NDArray[Any]]) -> NDArray[Any]:
+        """An array of all vehicles, in their order."""
+        parts = [what(group.state) for group in self.groups.values()]
+        if len(parts) == 1:
+            return parts[0]
+        out = np.empty((len(self.vehicles), *parts[0].shape[1:]), dtype=parts[0].dtype)
+        for places, part in zip(self._places.values(), parts, strict=True):
+            out[places] = part
+        return out
+
+    def _vehicle(self, place: int, row: int, config: SimConfig) -> SimVehicle:
+        described = config.vehicles[place]
+        group = self.groups[described.motion]
+        start = group.sense(row)
+        rng = np.random.default_rng([config.seed, described.sysid])
+        setup = AutopilotSetup(
+            sysid=described.sysid,
+            plane=self.plane,
+            start=start,
+            local_origin_ned_m=_local_origin(start.position_ned_m, rng),
+            ready_after_s=described.ready_after_s,
+            traffic=partial(self._traffic, place),
+            channels=1 + len(described.also),
+        )
+        firmware = _FIRMWARE[described.persona](setup, self.time_s)
+        exact = dict.fromkeys(firmware.own_faults, 0.0) if described.response == "ideal" else {}
+        for name, value in (exact | config.sim_parameters | described.sim_parameters).items():
+            firmware.parameters.set(name, value)
+        return SimVehicle(
+            firmware, VehicleFaults(firmware.parameters, config.seed, described.sysid), group, row
+        )
+
+    def _traffic(self, place: int) -> Iterable[Contact]:
+        # the vehicles within a sphere about this one
+        positions = self.positions()
+        away = positions - positions[place]
+        near = (away * away).sum(axis=1) <= self._range_m**2
+        near[place] = False
+        for i in np.flatnonzero(near).tolist():
+            truth = self.vehicles[i].truth()
+            yield self.vehicles[i].sysid, truth.position_ned_m, truth.velocity_ned_mps
+
+
+def _groups(
+    config: SimConfig, plane: TangentPlane
+) -> tuple[dict[str | LagConfig, VehicleGroup], dict[str | LagConfig, list[int]]]:
+    """The groups by how they move, and the places of their vehicles, a row each."""
+    places: dict[str | LagConfig, list[int]] = {}
+    for i, vehicle in enumerate(config.vehicles):
+        places.setdefault(vehicle.motion, []).append(i)
+    groups = {}
+    for motion, members in places.items():
+        described = [config.vehicles[i] for i in members]
+        starts = np.array([plane.ned_from_geodetic(v.geodetic()) for v in described])
+        heading = np.radians([v.heading_deg for v in described])
+        groups[motion] = VehicleGroup(_response(motion), starts, heading)
+    return groups, places
+
+
+def _response(motion: str | LagConfig) -> VelocityResponse:
+    if isinstance(motion, str):
+        return _RESPONSES[motion]
+    dead_steps = round(motion.dead_time_s / STEP_S)
+    return LagResponse(motion.lag_s, motion.acceleration_mps2, dead_steps)
+
+
+def _local_origin(start: Vector3, rng: np.random.Generator) -> Vector3:
+    """Where a vehicle's own frame has its zero: 3 to 30 m away, as after a power-up elsewhere."""
+    bearing = rng.uniform(0.0, 2.0 * math.pi)
+    distance = rng.uniform(3.0, 30.0)
+    north, east, down = start
+    offset = distance * math.cos(bearing), distance * math.sin(bearing), rng.uniform(-2.0, 2.0)
+    return north + offset[0], east + offset[1], down + offset[2]
