@@ -24,7 +24,7 @@ from hypothesis import settings
 
 WORKERS = 3
 RUNS, LINKS = "runs", "links"
-REALTIME = {"system": RUNS, "autopilots": RUNS, "protocol": LINKS}
+REALTIME = {"system": RUNS, "hosts": RUNS, "autopilots": RUNS, "protocol": LINKS}
 """The group of each folder."""
 TERMINALS = ("test_dashboard", "test_keys", "test_measure", "test_zenoh_links")
 """Of the folder `system`, but beside the whole runs."""

@@ -16,8 +16,8 @@ from typing import Any, Self
 
 from swarm_ctl.mission.compile.loader import load
 from swarm_ctl.runtime.launch.sim_config import place, vehicle_config
-from tests.system.namespaces import Network
-from tests.system.relay import Air
+from tests.hosts.namespaces import Network
+from tests.hosts.relay import Air
 from tests.system.running import SWARM_CTL
 
 _VEHICLES, _MESHES = 14600, 7400

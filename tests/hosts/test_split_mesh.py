@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 
 from swarm_ctl.report.folder.truth import load_truth
-from tests.system.namespaces import why_not
-from tests.system.relay import Air
-from tests.system.split import Split
+from tests.hosts.namespaces import why_not
+from tests.hosts.relay import Air
+from tests.hosts.split import Split
 
 pytestmark = [
     pytest.mark.timeout(240),

@@ -20,7 +20,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Self
 
-from tests.system.relay import Air, Count
+from tests.hosts.relay import Air, Count
 
 _WAIT_S = 10
 
@@ -113,7 +113,7 @@ class Network:
                     [
                         sys.executable,
                         "-m",
-                        "tests.system.relay",
+                        "tests.hosts.relay",
                         *(f"air{side}" for side in range(sides)),
                     ]
                 ),

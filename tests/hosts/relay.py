@@ -1,6 +1,6 @@
 """A bad network between namespaces: every frame from one side goes on to the others late, or never.
 
-    python -m tests.system.relay SIDE SIDE ...
+    python -m tests.hosts.relay SIDE SIDE ...
 
 Runs where one end of each side's veth pair is, and carries the frames between those ends through
 its own hands, as the kernel's netem would (which this machine's kernel may not have). Each line of
@@ -43,6 +43,8 @@ class Air:
     """Evenly spread, so much more or less than the delay: frames overtake each other."""
     rate_bps: float = 0.0
     """Bits a second in each direction; 0: no bound."""
+    apart: tuple[int, ...] = ()
+    """These sides hear each other alone, and so do the others."""
 
 
 @dataclass
@@ -95,7 +97,8 @@ class Relay:
     def _send(self, side: int, other: int, frame: bytes, now: float) -> None:
         air = self.air
         waits_s = max(0.0, self._free_s[side] - now) if air.rate_bps else 0.0
-        if air.cut or self._dice.random() < air.loss or waits_s > _RATE_QUEUE_S:
+        parted = (side in air.apart) != (other in air.apart)
+        if air.cut or parted or self._dice.random() < air.loss or waits_s > _RATE_QUEUE_S:
             self.count.dropped += 1
             return
         if air.rate_bps:
