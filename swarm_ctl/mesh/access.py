@@ -9,12 +9,14 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from swarm_ctl.mesh.keys import BEACON, CHANNELS, COMMAND
+from swarm_ctl.mesh.keys import BEACON, CHANNELS, COMMAND, alive_key
 from swarm_ctl.trust.identity import Identity
 from swarm_ctl.trust.names import Role
 from swarm_ctl.trust.roster import Entry
 
 _HEARS: Final = "hears"
+_HEARING: Final = ["declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"]
+_SAYING: Final = ["put", "liveliness_token"]
 
 
 def station_name(owner: str, suffix: str) -> str:
@@ -48,11 +50,11 @@ def access_settings(identity: Identity, swarm: str) -> dict[str, Any]:
         # An agent's flight outlasts its certificate.
         "close_link_on_expiration": identity.role is Role.VIEWER,
     }
-    delivered = [channel.key_expression(swarm) for channel in CHANNELS]
+    delivered = _all_keys(swarm)
     rules = [
-        _rule(_HEARS, ["ingress", "egress"], "declare_subscriber", [f"swarm/{swarm}/**"]),
-        _rule("is told", ["egress"], "put", delivered),
-        *(_rule(name, ["ingress"], "put", keys) for name, keys in own.items() if keys),
+        _rule(_HEARS, ["ingress", "egress"], _HEARING, [f"swarm/{swarm}/**"]),
+        _rule("is told", ["egress"], _SAYING, delivered),
+        *(_rule(name, ["ingress"], _SAYING, keys) for name, keys in own.items() if keys),
     ]
     policies = [
         {"rules": [_HEARS, "is told", *([name] if keys else [])], "subjects": [name]}
@@ -72,22 +74,28 @@ def access_settings(identity: Identity, swarm: str) -> dict[str, Any]:
 
 
 def _own_keys(entry: Entry, swarm: str) -> list[str]:
-    """The keys under which a member publishes, or passes on."""
+    """The keys under which a member says something and that it is there, or passes that on."""
     if entry.role is Role.AGENT:
         own = (channel for channel in CHANNELS if channel.publisher == "agent")
-        return [channel.key(swarm, entry.name) for channel in own]
+        keys = [channel.key(swarm, entry.name) for channel in own]
+        return [*keys, alive_key(swarm, "agent", entry.name)]
     if entry.role is Role.OPERATOR:
-        return [channel.key(swarm, station_name(entry.name, "$*")) for channel in (COMMAND, BEACON)]
-    if entry.role is Role.ROUTER:
-        return [channel.key_expression(swarm) for channel in CHANNELS]
-    return []
+        name = station_name(entry.name, "$*")
+        keys = [channel.key(swarm, name) for channel in (COMMAND, BEACON)]
+        return [*keys, alive_key(swarm, "station", name)]
+    return _all_keys(swarm) if entry.role is Role.ROUTER else []
 
 
-def _rule(name: str, flows: list[str], message: str, keys: list[str]) -> dict[str, Any]:
+def _all_keys(swarm: str) -> list[str]:
+    keys = [channel.key_expression(swarm) for channel in CHANNELS]
+    return [*keys, alive_key(swarm, "*", "*")]
+
+
+def _rule(name: str, flows: list[str], messages: list[str], keys: list[str]) -> dict[str, Any]:
     return {
         "id": name,
         "permission": "allow",
         "flows": flows,
-        "messages": [message],
+        "messages": messages,
         "key_exprs": keys,
     }

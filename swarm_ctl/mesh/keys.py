@@ -95,6 +95,13 @@ class Channel(Generic[P]):
         return self.key(swarm, "*")
 
 
+def alive_key(swarm: str, kind: str, name: int | str) -> str:
+    """The key of a liveliness token; `kind`: agent, station or router. Other tools see by it who is
+    on the mesh. No agent decides anything by it: zenoh's threads keep a token while the control
+    loop behind it hangs, and lose it with a link. A state's age says both."""
+    return f"swarm/{swarm}/{kind}/{name}/alive"
+
+
 @lru_cache(1024)
 def owner_of(key: str) -> tuple[str, str]:
     """What owns a key: `("agent", "3")`, `("station", "station-77-a1b2c3")`."""

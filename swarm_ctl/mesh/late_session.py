@@ -54,6 +54,10 @@ class LateSession:
         """As the session's."""
         return self._declare(lambda session: session.declare_subscriber(*arguments, **settings))
 
+    def liveliness(self) -> _LateLiveliness:
+        """As the session's."""
+        return _LateLiveliness(self._declare)
+
     def _declare(self, make: Callable[[Any], Any]) -> Any:
         with self._lock:
             if self._session is not None:
@@ -67,6 +71,17 @@ class LateSession:
         with self._lock:
             if self._session is not None:
                 self._session.close()
+
+
+class _LateLiveliness:
+    """Declares tokens as soon as the session is open."""
+
+    def __init__(self, declare: Callable[[Callable[[Any], Any]], Any]) -> None:
+        self._declare = declare
+
+    def declare_token(self, key: str) -> Any:
+        """As a session's liveliness."""
+        return self._declare(lambda session: session.liveliness().declare_token(key))
 
 
 class _Late:

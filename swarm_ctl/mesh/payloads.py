@@ -2,7 +2,8 @@
 
 `AgentState`, sent every tick, has a fixed little-endian layout (`_STATE`), and so has `ClockNews`
 (`_CLOCK`, then an `_ECHO` for each peer). All other payloads are JSON after the version byte,
-checked field by field by pydantic.
+checked field by field by pydantic. The version is a byte that JSON takes for a blank (9, 10, 13 or
+32), so that each of them is JSON as a whole to any tool.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from swarm_ctl.core.model.messages import (
 )
 from swarm_ctl.errors import PayloadError
 
-VERSION: Final = 4
+VERSION: Final = 9
 P = TypeVar("P")
 _LONGEST_WORD: Final = 100
 """Of a command: agents give its id back, and keep it."""
@@ -55,6 +56,11 @@ _NO_FRAME: Final = Frame((0.0, 0.0), scale=0.0)
 _exchange = lru_cache(1024)(ExchangeState)
 """Most states repeat the one before: equal ones are one object, which compares fast."""
 _exchange_fields = attrgetter(*(field.name for field in fields(ExchangeState)))
+
+
+def is_json(kind: type[object]) -> bool:
+    """Whether the bytes of this type of payload are JSON, version byte included."""
+    return kind in _ADAPTERS
 
 
 def encode(payload: object) -> bytes:

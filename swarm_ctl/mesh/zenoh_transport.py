@@ -21,6 +21,7 @@ import zenoh
 from swarm_ctl.errors import StartError
 from swarm_ctl.mesh.keys import CHANNELS, QUEUE, Qos
 from swarm_ctl.mesh.late_session import LateSession
+from swarm_ctl.mesh.payloads import is_json
 from swarm_ctl.mesh.stepped_transport import MARK_SIZE, Marked, MarkedSource
 from swarm_ctl.mesh.transport import Inlet, Message, QueueInlet, Transport
 from swarm_ctl.mesh.zenoh_config import Part, configuration
@@ -30,6 +31,13 @@ _FLOOD: Final = 256
 they ask for each other's clocks."""
 _OF_ONE: Final = 64
 """Samples that wait of one publisher that is subscribed to alone."""
+_ENCODINGS: Final = {
+    channel.name: zenoh.Encoding.APPLICATION_JSON
+    for channel in CHANNELS
+    if is_json(channel.payload)
+}
+"""Of the channels that foreign tools can read by it; the others' bytes are this project's own, and
+zenoh says nothing of them."""
 _CALM_S: Final = 10.0
 """Without a flood, before samples are stamped again."""
 
@@ -46,6 +54,7 @@ class ZenohTransport(Transport):
         access: of a protected mesh (`access.access_settings`); None: the mesh is open.
         part: what this process is on the mesh. A client says and hears nothing before its router
             answers, as on a mesh that is cut.
+        alive: the key of its liveliness token; '': it has none.
 
     Raises:
         StartError: an endpoint to listen at is busy.
@@ -61,6 +70,7 @@ class ZenohTransport(Transport):
         patient: bool = False,
         access: Mapping[str, Any] | None = None,
         part: Part = Part.PEER,
+        alive: str = "",
     ) -> None:
         self._now = now
         self._express = part is Part.PEER
@@ -71,6 +81,7 @@ class ZenohTransport(Transport):
             self._session: Any = LateSession(lambda: _open(config, self._kept))
         else:
             self._session = _open(config, self._kept)
+        _show(self._session, alive, self._kept)
 
     def publish(self, key: str, data: bytes, qos: Qos, mark: bytes = b"") -> None:
         publisher = self._publishers.get(key)
@@ -87,6 +98,7 @@ class ZenohTransport(Transport):
             # a router loses nine tenths of what a hundred express publishers send
             express=qos.urgent and self._express,
             reliability=reliability.RELIABLE if qos.reliable else reliability.BEST_EFFORT,
+            encoding=_ENCODINGS.get(key.rpartition("/")[2]),
             allowed_destination=zenoh.Locality.REMOTE,
         )
 
@@ -136,6 +148,12 @@ def _open(config: zenoh.Config, kept: list[Any]) -> Any:
     return session
 
 
+def _show(session: Any, alive: str, kept: list[Any]) -> None:
+    """Let other tools see that this process is there. zenoh ends a token that Python forgets."""
+    if alive:
+        kept.append(session.liveliness().declare_token(alive))
+
+
 class Router:
     """A zenoh session that passes on what its clients and other routers say.
 
@@ -150,11 +168,13 @@ class Router:
         *,
         patient: bool = False,
         access: Mapping[str, Any] | None = None,
+        alive: str = "",
     ) -> None:
         part = Part.ROUTER
         config = configuration(listen, connect, speedup, patient=patient, access=access, part=part)
         self._kept: list[Any] = []
         self._session = _open(config, self._kept)
+        _show(self._session, alive, self._kept)
 
     def clients(self) -> int:
         """So many processes are linked to it, but for other routers."""

@@ -14,11 +14,12 @@ from pathlib import Path
 from typing import Any, Final
 
 import pytest
+import zenoh
 
 from swarm_ctl.errors import TrustError
 from swarm_ctl.mesh.access import access_settings, as_tls
-from swarm_ctl.mesh.keys import CHANNELS, COMMAND, STATE
-from swarm_ctl.mesh.zenoh_config import Part
+from swarm_ctl.mesh.keys import CHANNELS, COMMAND, STATE, alive_key
+from swarm_ctl.mesh.zenoh_config import Part, configuration
 from swarm_ctl.mesh.zenoh_transport import Router, ZenohTransport
 from swarm_ctl.runtime.launch.forked import HostRouter
 from swarm_ctl.runtime.launch.ports import free_ports
@@ -202,3 +203,35 @@ def test_a_router_says_whose_link_it_refused(trust: Path, at: str) -> None:
 def _address(at: str) -> tuple[str, int]:
     host, _, port = at.rpartition("/")[2].rpartition(":")
     return host, int(port)
+
+
+@pytest.mark.parametrize("routed", [True, False])
+def test_a_token_is_its_owners(trust: Path, at: str, opened: ExitStack, *, routed: bool) -> None:
+    """A member says that it is there itself alone: agent 7's token under agent 3's key reaches no
+    member, whichever way the swarm is linked. A viewer sees the others'."""
+    field, listen = trust / "field", [] if routed else [at]
+    seven, part = settings(field / "agent-7", careless=True), Part.CLIENT
+    if routed:
+        keys = settings(field / "router-1")
+        key = alive_key(SWARM, "router", "1")
+        opened.enter_context(closing(Router([at], [], access=keys, alive=key)))
+    for owner, claimed, access in (("1", "1", settings(field / "agent-1")), ("7", "3", seven)):
+        connect = [] if listen and owner == "1" else [at]
+        ways = (listen if owner == "1" else [], connect, time.monotonic)
+        here = Part.CLIENT if routed else Part.PEER
+        alive = alive_key(SWARM, "agent", claimed)
+        one = ZenohTransport(*ways, access=access, part=here, alive=alive)
+        opened.enter_context(closing(one))
+    viewer = settings(field / "viewer-tv", careless=True)
+    config = configuration([], [at], 1.0, patient=False, access=viewer, part=part)
+    with closing(zenoh.open(config)) as session:
+        heard: list[str] = []
+        everything = session.liveliness().declare_subscriber(
+            f"swarm/{SWARM}/**", lambda told: heard.append(str(told.key_expr)), history=True
+        )
+        expected = [alive_key(SWARM, "agent", 1)]
+        expected += [alive_key(SWARM, "router", 1)] if routed else []
+        until(lambda: len(heard) >= len(expected))
+        time.sleep(0.5)  # for what must not come
+        everything.undeclare()
+        assert sorted(heard) == expected

@@ -175,6 +175,7 @@ def _join_mesh(config: AgentConfig, place: Seat, identity: Identity | None) -> N
         patient=place.repeats,
         access=access(identity, config.swarm),
         part=part_in(config.plan),
+        alive=keys.alive_key(config.swarm, "agent", config.agent_id),
     )
     node = Node(place.mesh(transport), config.swarm, config.agent_id)
     listen(node, config.plan)

@@ -9,6 +9,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Final
 
+from swarm_ctl.mesh.keys import alive_key
 from swarm_ctl.mesh.zenoh_config import be_router
 from swarm_ctl.mesh.zenoh_transport import Router
 from swarm_ctl.runtime.clock import pause, wall_s
@@ -72,10 +73,12 @@ def run_router(config: RouterConfig, lifeline: Lifeline) -> int:
 
 
 def _router(config: RouterConfig, identity: Identity | None) -> Router:
+    name = identity.name if identity else config.listen.partition("/")[2]
     return Router(
         [config.listen],
         config.connect,
         config.speedup,
         patient=config.patient,
         access=access(identity, config.swarm),
+        alive=alive_key(config.swarm, "router", name),
     )

@@ -82,6 +82,7 @@ def open_node(
         patient=again,
         access=access(identity, swarm),
         part=part,
+        alive=keys.alive_key(swarm, role, name) if role == "station" else "",
     )
     return Node(place.mesh(transport) if place else transport, swarm, name)
 

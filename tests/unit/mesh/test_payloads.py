@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import re
+from dataclasses import fields
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -33,7 +37,7 @@ from swarm_ctl.core.model.own_parameters import OwnParameters, OwnValue, Vehicle
 from swarm_ctl.core.model.plan import FormStep, MoveStep
 from swarm_ctl.errors import PayloadError
 from swarm_ctl.mesh.keys import CHANNELS
-from swarm_ctl.mesh.payloads import VERSION, decode, encode
+from swarm_ctl.mesh.payloads import VERSION, decode, encode, is_json
 
 FLOAT = st.floats(-1e9, 1e9)
 FLOAT32 = st.floats(-1e3, 1e3, width=32)
@@ -190,3 +194,21 @@ def test_a_commands_id_and_kind_are_short(words: tuple[str, str]) -> None:
     """Agents give them back, and keep them."""
     with pytest.raises(PayloadError, match="100 characters"):
         decode(Command, encode(Command(*words, (), 1.0)))
+
+
+@pytest.mark.parametrize("payload", [p for p in OTHERS if not isinstance(p, ClockNews)])
+def test_json_is_json_to_any_tool(payload: Any) -> None:
+    """With its version byte: a tool that trusts the encoding `application/json` reads it."""
+    assert is_json(type(payload))
+    told = json.loads(encode(payload))
+    assert {field.name for field in fields(payload)} == set(told)
+
+
+def test_the_document_has_every_channel() -> None:
+    """The table for other tools names each key, and which of them are JSON."""
+    page = Path(__file__).parents[3] / "docs/pages/deployment.md"
+    rows = [row for row in page.read_text().splitlines() if row.startswith("| `swarm/")]
+    for channel in CHANNELS:
+        key = rf"/{channel.publisher}/.*\b{channel.name}\b"
+        [row] = [row for row in rows if re.search(key, row)]
+        assert ("application/json" in row) == is_json(channel.payload)
