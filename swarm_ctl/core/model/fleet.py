@@ -71,6 +71,9 @@ class FleetAgent:
     router: str | None = None
     """Where the router of its host listens, in a large swarm; None: `run` chooses a loopback port,
     or the swarm is small."""
+    host: str | None = None
+    """The computer that the agent runs on, by the name that SSH and the mesh reach it by; None: the
+    fleet does not say."""
 
     @property
     def started_as(self) -> VehicleKind | None:
@@ -91,6 +94,11 @@ class Fleet:
     def routers(self) -> tuple[str, ...]:
         """Where the routers of the agents' hosts listen, each once."""
         return tuple(dict.fromkeys(agent.router for agent in self.agents if agent.router))
+
+    def hosts(self) -> dict[str, tuple[FleetAgent, ...]]:
+        """The agents of each host that the fleet names, in the fleet's order."""
+        names = dict.fromkeys(agent.host for agent in self.agents if agent.host)
+        return {name: tuple(a for a in self.agents if a.host == name) for name in names}
 
     def agent(self, agent_id: int) -> FleetAgent:
         """The entry of `agent_id`; KeyError where the fleet has no such agent."""

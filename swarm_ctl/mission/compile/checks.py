@@ -164,6 +164,7 @@ def _fleet(mission: MissionFile) -> Findings:
         yield from _twice(sysids, "a sysid of its own for every vehicle")
         yield from check_fleet(entries, place)
         yield from check_trust(mission.fleet, ("fleet",))
+        yield from check_hosts(mission.fleet, ("fleet",))
 
 
 def _links_of_fleet(mission: MissionFile) -> Findings:
@@ -205,7 +206,7 @@ def check_fleet(entries: Sequence[FleetEntry], place: Place) -> Findings:
     vehicles on separate links may have one sysid, but not in one mission."""
     for field, values, allowed in (
         ("id", [e.id for e in entries], "one entry for each agent"),
-        ("endpoint", [e.endpoint for e in entries], "an endpoint of its own for every vehicle"),
+        ("endpoint", [_at(e) for e in entries], "an endpoint of its own for every vehicle"),
         ("mesh", [e.mesh for e in entries], "a mesh endpoint of its own"),
         ("agent_sysid", [e.agent_sysid for e in entries], "an agent_sysid of its own"),
     ):
@@ -231,6 +232,27 @@ def check_fleet(entries: Sequence[FleetEntry], place: Place) -> Findings:
             if not 1 <= int(port) <= 65535:
                 what = f"port {port} is out of range"
                 yield Finding((*place, k, name), what, "a port from 1 to 65535")
+
+
+def check_hosts(fleet: FleetSection, place: Place) -> Findings:
+    """What is wrong with where the agents of the fleet, which stands at `place`, run."""
+    routers: dict[str, str] = {}
+    hosted = any(entry.host for entry in fleet.agents)
+    for k, entry in enumerate(fleet.agents):
+        spot, router = (*place, "agents", k), entry.router or fleet.router
+        if hosted and not entry.host:
+            what = f"agent {entry.id} has no host, and other agents have one"
+            yield Finding(spot, what, "host: the computer that it runs on; or no host at all")
+        if entry.host and router and routers.setdefault(entry.host, router) != router:
+            what = f"{entry.host} has the router {routers[entry.host]} already"
+            yield Finding((*spot, "router"), what, "one router for each host")
+
+
+def _at(entry: FleetEntry) -> str | None:
+    """The vehicle's endpoint; with its host where another host may have the same one."""
+    kind, _, address = (entry.endpoint or "").partition(":")
+    own = kind in ("serial", "udpin", "tcpin") or address.startswith(("127.", "localhost:"))
+    return f"{entry.endpoint} of {entry.host}" if own and entry.host else entry.endpoint
 
 
 def _fleet_has_all(mission: MissionFile) -> Findings:

@@ -71,4 +71,5 @@ def fleet_agent(entry: FleetEntry, given: VehicleResponse | None = None) -> Flee
         truly,
         agent_sysid=entry.agent_sysid or AGENT_SYSID,
         router=entry.router,
+        host=entry.host,
     )

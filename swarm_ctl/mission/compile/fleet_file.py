@@ -13,7 +13,7 @@ from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from swarm_ctl.core.model.fleet import Fleet
 from swarm_ctl.core.model.plan import Response
 from swarm_ctl.errors import InputError, MissionError
-from swarm_ctl.mission.compile.checks import check_fleet, check_trust
+from swarm_ctl.mission.compile.checks import check_fleet, check_hosts, check_trust
 from swarm_ctl.mission.compile.fleet import fleet_agent, protected, with_agent_sysids
 from swarm_ctl.mission.input import error_messages, yaml_file
 from swarm_ctl.mission.input.schema import FleetSection
@@ -29,7 +29,7 @@ def read_fleet(path: Path) -> Fleet:
     try:
         section = FleetSection.model_validate(source.data)
         findings = [*check_fleet(section.agents, ("agents",)), *check_trust(section, ())]
-        found = [source.problem(*finding) for finding in findings]
+        found = [source.problem(*finding) for finding in (*findings, *check_hosts(section, ()))]
     except ValidationError as error:
         schema = FleetSection.model_json_schema()
         section = None

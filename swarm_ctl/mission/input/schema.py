@@ -471,6 +471,13 @@ class FleetEntry(Section):
     """Where the agent listens on the mesh, in a swarm of up to 16. Default: a loopback port."""
     router: Endpoint | None = None
     """Where the router of the agent's host listens, in a larger swarm. Default: the fleet's."""
+    host: str | None = Field(
+        default=None,
+        pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]{0,252}$",
+        examples=["drone3.local", "10.0.0.13"],
+    )
+    """The computer that the agent runs on, by the name that SSH and the mesh reach it by: a name, an
+    IPv4 address, or an alias of ~/.ssh/config. All agents of a fleet have one, or none has."""
 
     @property
     def vehicle_sysid(self) -> int:

@@ -108,6 +108,21 @@ def test_two_vehicles_on_separate_links_may_have_one_sysid(tmp_path: Path) -> No
             "fleet.yaml:3: agents#2.id: 1 is taken by agents#1",
         ),
         ("agents: []\n", "fleet.yaml:1: agents"),
+        ("agents:\n  - {id: 1, host: -oProxyCommand=x}\n", 'fleet.yaml:2: agents#1.host: "-o'),
+        ('agents:\n  - {id: 1, host: "a b"}\n', 'fleet.yaml:2: agents#1.host: "a b"'),
+        (
+            "agents:\n  - {id: 1, host: a}\n  - {id: 2}\n",
+            "fleet.yaml:3: agents#2: agent 2 has no host, and other agents have one",
+        ),
+        (
+            "router: tcp/a:1\nagents:\n  - {id: 1, host: a}\n  - {id: 2, host: a, router: tcp/a:2}\n",
+            "fleet.yaml:4: agents#2.router: a has the router tcp/a:1 already",
+        ),
+        (
+            "agents:\n"
+            + "".join(f"  - {{id: {i}, host: a, endpoint: 'serial:/dev/tty0'}}\n" for i in (1, 2)),
+            "serial:/dev/tty0 of a is taken by agents#1",
+        ),
         ("agents:\n  - {id: 1, endpoint: 'udpout:h:99999'}\n", "port 99999 is out of range"),
     ],
 )
@@ -171,3 +186,15 @@ def test_where_the_fleet_of_a_mission_stands(tmp_path: Path) -> None:
         assert file_of(path) == where
     path.write_text(BARE)
     assert file_of(path) is None
+
+
+def test_hosts_have_their_agents_and_serial_ports_of_their_own(tmp_path: Path) -> None:
+    path = tmp_path / "fleet.yaml"
+    serial = "endpoint: 'serial:/dev/ttyACM0'"
+    rows = [f"  - {{id: {k}, host: {h}, {serial}}}\n" for k, h in ((1, "b.local"), (2, "10.0.0.2"))]
+    path.write_text("agents:\n" + "".join(rows) + "  - {id: 3, host: b.local}\n")
+    hosts = read_fleet(path).hosts()
+    assert {name: [a.id for a in agents] for name, agents in hosts.items()} == {
+        "b.local": [1, 3],
+        "10.0.0.2": [2],
+    }
