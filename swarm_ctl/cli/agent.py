@@ -13,7 +13,7 @@ from typing import Annotated, Final
 import typer
 
 from swarm_ctl.cli.shared.extras import require
-from swarm_ctl.cli.shared.options import FleetFile, OpenMesh, Speedup, option
+from swarm_ctl.cli.shared.options import FleetFile, OpenMesh, Speedup, option, switch
 from swarm_ctl.core.model.fleet import Fleet, FleetAgent, Signing
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.errors import InputError, TrustError
@@ -33,6 +33,7 @@ _KEY: Final = (
 _IDENTITY: Final = (
     "The folder with its own keys (swarm-ctl trust).  [default: agent-ID in the fleet's trust]"
 )
+_EXPECT: Final = "Do not arm before a ground station was heard."
 _LOCKSTEP: Final = "The folder of a run in lockstep, whose clock this agent joins."
 
 
@@ -58,6 +59,7 @@ def agent(
     ] = None,
     identity: Annotated[Path | None, option("FOLDER", _IDENTITY)] = None,
     open_mesh: OpenMesh = False,
+    expect_station: Annotated[bool, switch("--expect-station", _EXPECT)] = False,
     lockstep: Annotated[Path | None, option("RUN", _LOCKSTEP)] = None,
     signing_key: Annotated[Path | None, option("FILE", _KEY)] = None,
 ) -> None:
@@ -100,6 +102,7 @@ def agent(
         epoch_s=Clock.starting_now().epoch_s if epoch is None else epoch,
         speedup=speedup,
         vehicle=own.response,
+        expect_station=expect_station,
         memory=state_folder(),
         flight=plan.name,
         lockstep=None if lockstep is None else _clock_of(lockstep),

@@ -68,6 +68,7 @@ def router(
             sys.stderr.write("router: ends with its last client; Ctrl-C again: at once\n")
 
         def tell(self, text: str) -> None:
+            self._alive()
             if text == READY:
                 sys.stderr.write(f"router: listens at {spelled(at)}\n")
             elif text != ALIVE:

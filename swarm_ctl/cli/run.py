@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import os
-import subprocess
 import sys
 from pathlib import Path
-from typing import Annotated, Final, TextIO
+from typing import Annotated, Final
 
 import typer
 
@@ -26,8 +25,8 @@ from swarm_ctl.cli.shared.options import (
     option,
     switch,
 )
+from swarm_ctl.cli.shared.result import show_summary, show_verdict
 from swarm_ctl.core.model.fleet import VehicleKind
-from swarm_ctl.core.model.messages import Outcome
 from swarm_ctl.errors import InputError
 
 _ARDUCOPTER: Final = (
@@ -110,7 +109,6 @@ def run(
     from swarm_ctl.recording.topics import rates
     from swarm_ctl.report.folder.files import write_whole
     from swarm_ctl.report.page.junit import junit as junit_xml
-    from swarm_ctl.report.page.summary_table import render_summary, verdict_line
     from swarm_ctl.runtime.launch.run_setup import Lockstep, RunOptions
     from swarm_ctl.runtime.launch.supervisor import fly
     from swarm_ctl.runtime.protection import Keys
@@ -150,18 +148,14 @@ def run(
     if junit is not None and not (junit.parent.is_dir() and os.access(junit.parent, os.W_OK)):
         raise InputError(f"--junit {junit}: can't be written; allowed: a file in a folder that may")
     result = fly(loaded, options, say)
-    console.print(render_summary(result.summary))
-    console.say(f"summary: {result.folder / 'summary.json'}")
-    if report:
-        _report(result.folder, sys.stderr if json else sys.stdout)
+    out = sys.stderr if json else sys.stdout
+    show_summary(console, result.folder, result.summary, out if report else None)
     if junit is not None:
         try:
             write_whole(junit, junit_xml(result.summary))
         except OSError as error:  # the result stands
             console.say(f"{junit} can't be written: {error.strerror}")
-    console.print(verdict_line(result.summary), soft_wrap=True)
-    completed = result.summary.outcome is Outcome.COMPLETED
-    raise typer.Exit(130 if result.interrupts else int(not completed))
+    raise typer.Exit(show_verdict(console, result.summary, result.interrupts))
 
 
 def _factor(speedup: str | None) -> float | None:
@@ -175,10 +169,3 @@ def _factor(speedup: str | None) -> float | None:
     if not 0.1 <= factor <= 100.0:
         raise InputError(f"--speedup {speedup}; allowed: 0.1 to 100, or max")
     return factor
-
-
-def _report(folder: Path, to: TextIO) -> None:
-    """In a process of its own: whatever happens to the figures, the run's result stands."""
-    subprocess.run(
-        [sys.executable, "-m", "swarm_ctl.cli.main", "report", str(folder)], check=False, stdout=to
-    )

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
-from typing import Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
+from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.options import (
     Headless,
     IdentityFolder,
@@ -16,9 +18,18 @@ from swarm_ctl.cli.shared.options import (
     complete_runs,
     option,
 )
+from swarm_ctl.cli.shared.result import show_summary, show_verdict
 from swarm_ctl.errors import InputError
 
+if TYPE_CHECKING:
+    from swarm_ctl.runtime.station.join import SwarmMesh
+    from swarm_ctl.runtime.station.screens import Show
+
 _RUN: Final = "A run folder, or the mission of a run that flies.  [default: the one that flies]"
+_RUNS: Final = (
+    "With --mission: fly the swarm from here. Record into a new folder in this one, land the swarm"
+    " at Ctrl-C, end with it, and judge it as `run` does."
+)
 _MESH: Final = (
     "With --mission: where an agent listens; repeat it for each.  [default: as in its fleet]"
 )
@@ -39,6 +50,7 @@ def station(
         float | None,
         option("FACTOR", "With --mission: of the simulated swarm.", min=0.1, max=100.0),
     ] = None,
+    runs: Annotated[Path | None, option("FOLDER", _RUNS)] = None,
     identity: IdentityFolder = None,
     open_mesh: OpenMesh = False,
     headless: Headless = False,
@@ -52,22 +64,32 @@ def station(
     the agents' mesh addresses: the station waits until it hears them. It shows agents that fly
     another plan, but can't send them a shape. Ctrl-C leaves; the swarm flies on.
 
+    With --runs it is the flight's own station, as that of `run`: agents that were started with
+    --expect-station wait for it, and its exit code is the mission's (0 completed, 1 failed, 130
+    landed by Ctrl-C).
+
     Examples:
 
     \b
         swarm-ctl station runs/20260101-120000-hexagon
         swarm-ctl station --mission missions/hexagon.yaml --fleet outdoors.yaml
         swarm-ctl station --mission pair.yaml --mesh tcp/10.0.0.11:7447
+        swarm-ctl station --mission square.yaml --fleet outdoors.yaml --runs runs
     """
     from swarm_ctl.mission.compile.loader import load
     from swarm_ctl.runtime.flying_runs import flying_run
     from swarm_ctl.runtime.protection import Keys
-    from swarm_ctl.runtime.station.join import join_run, join_swarm
+    from swarm_ctl.runtime.station.join import SwarmMesh, join_run, join_swarm
     from swarm_ctl.runtime.station.screens import shown
 
     show = shown(headless=headless, json=json)
     if mission is None:
-        for name, value in {"--mesh": mesh, "--fleet": fleet, "--speedup": speedup}.items():
+        for name, value in {
+            "--mesh": mesh,
+            "--fleet": fleet,
+            "--speedup": speedup,
+            "--runs": runs,
+        }.items():
             if value:
                 raise InputError(f"{name} without a mission; allowed: together with --mission FILE")
         join_run(flying_run(run), show, metrics, identity)
@@ -75,4 +97,25 @@ def station(
         raise InputError(f"both a run folder ({run}) and --mission {mission}; allowed: one of them")
     else:
         keys = Keys(identity, open_mesh, str(fleet or mission))
-        join_swarm(load(mission, fleet=fleet), mesh or [], show, speedup or 1.0, metrics, keys)
+        swarm = SwarmMesh(load(mission, fleet=fleet), mesh or [], speedup or 1.0, keys)
+        if runs is None:
+            join_swarm(swarm, show, metrics)
+        else:
+            raise typer.Exit(_judge(swarm, runs, show, metrics))
+
+
+def _judge(swarm: SwarmMesh, runs: Path, show: Show, metrics: int | None) -> int:
+    """Fly the swarm from here; the exit code."""
+    from swarm_ctl.runtime.lifeline import sign_of_life
+    from swarm_ctl.runtime.station.judged_flight import judge_swarm
+    from swarm_ctl.runtime.station.screens import Show
+
+    console = PlainConsole(stderr=show is Show.JSON)
+    result = judge_swarm(swarm, runs, show, metrics, sign_of_life())
+    if result is None:
+        console.say("no agent was heard: nothing was recorded")
+        return 130
+    show_summary(
+        console, result.folder, result.summary, sys.stderr if show is Show.JSON else sys.stdout
+    )
+    return show_verdict(console, result.summary, result.interrupts)

@@ -44,9 +44,9 @@ def pause(wall_seconds: float) -> None:
     time.sleep(wall_seconds)
 
 
-def date_and_time() -> datetime:
-    """Local date and time with zone, for names and records."""
-    return datetime.now().astimezone()
+def date_and_time(ago_s: float = 0.0) -> datetime:
+    """Local date and time with zone, so long ago, for names and records."""
+    return datetime.fromtimestamp(time.time() - ago_s).astimezone()
 
 
 def unix_s() -> float:

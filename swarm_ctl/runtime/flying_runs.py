@@ -1,4 +1,4 @@
-"""Which runs of this machine are in the air, and which of them is meant."""
+"""The folders of runs on this machine: a new one, those in the air, the one that is meant."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Annotated, Final
 
 from pydantic import Field, TypeAdapter, ValidationError
 
-from swarm_ctl.errors import InputError
+from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.files import read_bytes
 from swarm_ctl.report.folder.manifest import MANIFEST, Manifest, read_manifest
 from swarm_ctl.report.judge.summary import SUMMARY
@@ -20,6 +20,23 @@ PROCESSES: Final = "processes.json"
 _PIDS: Final = TypeAdapter(dict[str, Annotated[int, Field(gt=0, lt=1 << 31)]])
 _MOST_BYTES: Final = 1 << 20
 """Of `processes.json`."""
+
+
+def make_folder(runs: Path, mission: str) -> Path:
+    """Make `runs/<time>-<mission>`, with a number behind it where that is taken."""
+    name = f"{wall.date_and_time():%Y%m%d-%H%M%S}-{mission}"
+    for number in range(1, 1000):
+        folder = runs / (name if number == 1 else f"{name}-{number}")
+        try:
+            folder.mkdir(0o700, parents=True)
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise StartError(
+                f"can't make the run folder {folder}: {error.strerror}; choose with --runs"
+            ) from None
+        return folder
+    raise StartError(f"{runs} has a thousand folders {name}-*")
 
 
 def flying_run(named: Path | str | None = None, runs: Path = RUNS) -> Path:

@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import select
 import signal
 import sys
+from collections.abc import Callable
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Final, Protocol
+
+from swarm_ctl.errors import StartError
+from swarm_ctl.runtime.clock import wall_s
 
 READY: Final = "ready"
 """First word on the lifeline once link and mesh are open; another one is why it did not start."""
 ALIVE: Final = "alive"
 """Said with every status, so that a hung agent is noticed."""
+ALIVE_FILE: Final = "SWARM_CTL_ALIVE"
+"""The variable that names the file of a container's health check."""
+_TOUCH_WALL_S: Final = 1.0
 
 
 class Lifeline(Protocol):
@@ -52,11 +61,37 @@ class PipeLifeline:
             self._cut = True
 
 
+def sign_of_life() -> Callable[[], None]:
+    """What a process calls in its loop that a container's health check looks at: it touches the
+    file that SWARM_CTL_ALIVE names, once a second; nothing where that is not set.
+
+    StartError where the file can't be written.
+    """
+    name = os.environ.get(ALIVE_FILE)
+    if not name:
+        return lambda: None
+    path, due_s = Path(name), 0.0
+    try:
+        path.touch()
+    except OSError as error:
+        raise StartError(f"{ALIVE_FILE}={name}: can't be written: {error.strerror}") from None
+
+    def touch() -> None:
+        nonlocal due_s
+        if wall_s() >= due_s:
+            due_s = wall_s() + _TOUCH_WALL_S
+            with contextlib.suppress(OSError):  # the check fails then, and the flight goes on
+                path.touch()
+
+    return touch
+
+
 class SignalLifeline:
     """Of an agent started alone from a terminal: SIGINT, SIGTERM and SIGHUP land it."""
 
     def __init__(self) -> None:
         self._cut = False
+        self._alive = sign_of_life()
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, self._signalled)
 
@@ -67,5 +102,6 @@ class SignalLifeline:
         return self._cut
 
     def tell(self, text: str) -> None:
+        self._alive()
         if text != ALIVE:
             sys.stderr.write(f"agent: {text}\n")

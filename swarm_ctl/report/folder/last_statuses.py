@@ -14,7 +14,8 @@ from swarm_ctl.files import read_bytes
 from swarm_ctl.report.folder.files import Damage, read_lines
 
 FINAL: Final = "agents"
-"""Folder of one `<id>.json` per agent: its last AgentStatus, written by the agent at its end."""
+"""Folder of one `<id>.json` per agent: its last AgentStatus, written by the agent at its end,
+or by a station that judges agents of other hosts."""
 STATUSES: Final = "statuses.jsonl"
 """Every AgentStatus the station heard, one JSON object a line."""
 EVENTS: Final = "events.jsonl"

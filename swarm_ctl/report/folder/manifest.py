@@ -1,7 +1,10 @@
-"""`run.json`: plan, fleet and time of a run. `run` writes it before it starts any process."""
+"""`run.json`: plan, fleet and time of a run. `run` writes it before it starts any process, a
+station that judges when it hears the first agent."""
 
 from __future__ import annotations
 
+import platform
+from importlib import metadata
 from pathlib import Path
 from typing import Final
 
@@ -11,6 +14,16 @@ from swarm_ctl.mission.compile.plan_file import PlanFile
 from swarm_ctl.report.folder.files import read_model, write_model
 
 MANIFEST: Final = "run.json"
+_PACKAGES: Final = (
+    "swarm-ctl",
+    "eclipse-zenoh",
+    "numpy",
+    "pydantic",
+    "pymavlink",
+    "rich",
+    "textual",
+)
+"""Their versions stand in the manifest."""
 
 
 class Manifest(PlanFile):
@@ -31,6 +44,8 @@ class Manifest(PlanFile):
     simulated: tuple[int, ...] | None = None
     """The agents whose vehicles this run simulates: the truth has these alone. None: all (a run of
     an earlier version)."""
+    elsewhere: bool = False
+    """The agents were started elsewhere: each has a clock of its own."""
     station_mesh: str | None = None
     """Where the station listens on the mesh of a small swarm."""
     identity: str | None = None
@@ -67,6 +82,12 @@ class Manifest(PlanFile):
     def agent_of_sysid(self) -> dict[int, int]:
         """The agent that flies each vehicle."""
         return {agent.sysid: agent.id for agent in self.fleet}
+
+
+def package_versions() -> dict[str, str]:
+    """Of Python, this program and some libraries."""
+    versions = {name: metadata.version(name) for name in _PACKAGES}
+    return {"python": platform.python_version()} | versions
 
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:

@@ -140,7 +140,7 @@ def _tracks(folder: Path, manifest: Manifest, notes: list[str]) -> dict[int, Tra
     if not agents:
         return {}
     try:
-        tracks = read_tracks(folder, agents)
+        tracks = read_tracks(folder, agents, elsewhere=manifest.elsewhere)
     except InputError as error:
         notes.append(str(error))
         return {}

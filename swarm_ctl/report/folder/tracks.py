@@ -102,14 +102,17 @@ class _Process:
         elif payload.phase not in _NO_WORD:
             self.statuses.append(payload)
 
-    @property
-    def offset_s(self) -> float:
-        """What makes its times the station's; 0 where both have one clock."""
-        return self.behind_s if abs(self.behind_s) > _ONE_CLOCK_S else 0.0
+    def offset_s(self, one_clock_s: float) -> float:
+        """What makes its times the station's; 0 where both have one clock, which differs by less
+        than `one_clock_s`."""
+        return self.behind_s if abs(self.behind_s) > one_clock_s else 0.0
 
 
-def read_tracks(folder: Path, agents: Iterable[int]) -> dict[int, Track]:
-    """The track of each of `agents` that the recording has. InputError without a recording."""
+def read_tracks(
+    folder: Path, agents: Iterable[int], *, elsewhere: bool = False
+) -> dict[int, Track]:
+    """The track of each of `agents` that the recording has. `elsewhere`: the agents' clocks
+    are not the station's. InputError without a recording."""
     processes: dict[int, list[_Process]] = {agent: [] for agent in agents}
     for message in messages(folder):
         if not message.topic.endswith(("/state", "/status")):
@@ -120,7 +123,8 @@ def read_tracks(folder: Path, agents: Iterable[int]) -> dict[int, Track]:
             if not found or _is_new(payload, found[-1]):
                 found.append(_Process())
             found[-1].take(payload, message.time_s)
-    return {agent: _track(found) for agent, found in processes.items() if found}
+    one_clock_s = 0.0 if elsewhere else _ONE_CLOCK_S
+    return {agent: _track(found, one_clock_s) for agent, found in processes.items() if found}
 
 
 def _is_new(payload: AgentState | AgentStatus, process: _Process) -> bool:
@@ -129,9 +133,10 @@ def _is_new(payload: AgentState | AgentStatus, process: _Process) -> bool:
     return isinstance(payload, AgentState) and bool(states) and payload.seq < states[-1].seq // 2
 
 
-def _track(processes: list[_Process]) -> Track:
-    states = {s.time_s + p.offset_s: s for p in processes for s in p.states}
-    statuses = {s.time_s + p.offset_s: s for p in processes for s in p.statuses}
+def _track(processes: list[_Process], one_clock_s: float) -> Track:
+    offsets = [(p, p.offset_s(one_clock_s)) for p in processes]
+    states = {s.time_s + offset_s: s for p, offset_s in offsets for s in p.states}
+    statuses = {s.time_s + offset_s: s for p, offset_s in offsets for s in p.statuses}
     moved, told = sorted(states.items()), sorted(statuses.items())
 
     def figures(name: str) -> Floats:

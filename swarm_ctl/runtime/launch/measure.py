@@ -25,7 +25,7 @@ from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.report.folder.files import write_whole
 from swarm_ctl.runtime.clock import Clock
-from swarm_ctl.runtime.launch.interrupts import Interrupts
+from swarm_ctl.runtime.interrupts import Interrupts
 from swarm_ctl.runtime.launch.ports import free_ports
 from swarm_ctl.runtime.launch.processes import (
     CommandChild,

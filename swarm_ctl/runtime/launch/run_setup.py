@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 import json
-import platform
 import socket
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 from swarm_ctl.core.model.fleet import Fleet, FleetAgent, Signing, VehicleKind
 from swarm_ctl.core.model.frames import geodetic_from_ned
 from swarm_ctl.core.swarm.hearing import hears_all
-from swarm_ctl.errors import InputError, StartError
+from swarm_ctl.errors import InputError
 from swarm_ctl.mesh.access import as_tls
 from swarm_ctl.mission.compile.exposure import exposures, leaves_loopback, refuse_exposed
 from swarm_ctl.mission.compile.loader import LoadedMission
-from swarm_ctl.report.folder.manifest import Manifest, write_manifest
+from swarm_ctl.report.folder.manifest import Manifest, package_versions, write_manifest
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.agent.agent_process import AgentConfig
 from swarm_ctl.runtime.clock import Clock
+from swarm_ctl.runtime.flying_runs import make_folder
 from swarm_ctl.runtime.gcs.config import RELAY_JSON
 from swarm_ctl.runtime.launch.ground_control import ground_control
 from swarm_ctl.runtime.launch.ports import free_ports, refuse_taken
@@ -43,9 +42,6 @@ from swarm_ctl.runtime.vehicles.binaries import find
 from swarm_ctl.runtime.vehicles.order import ORDERS, ORDERS_JSON, Order, Orders, Started
 from swarm_ctl.trust.identity import MAVLINK_KEY
 from swarm_ctl.trust.names import LOOPBACK, Member, member_of
-
-_PACKAGES = ("swarm-ctl", "eclipse-zenoh", "numpy", "pydantic", "pymavlink", "rich", "textual")
-"""Their versions stand in the manifest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +102,7 @@ class RunSetup:
         if options.metrics_port is not None:
             refuse_taken(options.metrics_port, "metrics")
         self._orders = _orders(mission, options)
-        self.folder = _make_folder(options.runs, mission.plan.name)
+        self.folder = make_folder(options.runs, mission.plan.name)
         self.manifest = _manifest(mission, options).model_copy(
             update={
                 "identity": identity and str(identity.folder.absolute()),
@@ -255,23 +251,6 @@ class RunSetup:
         return self.ground_control.table(self.manifest.fleet, kinds)
 
 
-def _make_folder(runs: Path, mission: str) -> Path:
-    """Make `runs/<time>-<mission>`, with a number behind it where that is taken."""
-    name = f"{wall.date_and_time():%Y%m%d-%H%M%S}-{mission}"
-    for number in range(1, 1000):
-        folder = runs / (name if number == 1 else f"{name}-{number}")
-        try:
-            folder.mkdir(0o700, parents=True)
-        except FileExistsError:
-            continue
-        except OSError as error:
-            raise StartError(
-                f"can't make the run folder {folder}: {error.strerror}; choose with --runs"
-            ) from None
-        return folder
-    raise StartError(f"{runs} has a thousand folders {name}-*")
-
-
 def _orders(mission: LoadedMission, options: RunOptions) -> tuple[Order, ...]:
     """One for each agent whose vehicle is an autopilot itself."""
     plan, agents = mission.plan, mission.fleet.agents
@@ -363,7 +342,6 @@ def _manifest(mission: LoadedMission, options: RunOptions) -> Manifest:
         )
         for agent in agents
     )
-    versions = {name: metadata.version(name) for name in _PACKAGES}
     return Manifest(
         mission=str(mission.source),
         swarm=mission.plan.name,
@@ -380,5 +358,5 @@ def _manifest(mission: LoadedMission, options: RunOptions) -> Manifest:
         signing=mission.fleet.signing,
         station_mesh=spelled(meshes.pop()) if small else None,
         record_hz=options.record_hz,
-        versions={"python": platform.python_version()} | versions,
+        versions=package_versions(),
     )

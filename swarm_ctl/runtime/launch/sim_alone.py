@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.runtime.clock import pause
-from swarm_ctl.runtime.launch.interrupts import Interrupts
+from swarm_ctl.runtime.interrupts import Interrupts
 
 _POLL_WALL_S: Final = 0.05
 

@@ -21,8 +21,8 @@ from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.report.judge.summary import Summary, write_summary
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.flying_runs import PROCESSES
+from swarm_ctl.runtime.interrupts import Interrupts
 from swarm_ctl.runtime.launch.forked import ROUTER_HUNG_WALL_S, AgentChild, HostRouter
-from swarm_ctl.runtime.launch.interrupts import Interrupts
 from swarm_ctl.runtime.launch.processes import (
     Child,
     CommandChild,

@@ -122,6 +122,15 @@ class Station:
         clock = self._clock
         return Model(self.plan, speedup=clock.speedup, since_s=clock.now(), station=self._name)
 
+    @property
+    def name(self) -> str:
+        """On the mesh."""
+        return self._name
+
+    def record(self, recorder: RunRecorder) -> None:
+        """Record from now on."""
+        self._recorder = recorder
+
     def recall(self, past: Iterable[Event | Command | Ack]) -> None:
         """Take in what was said on the mesh before this station joined."""
         for payload in past:

@@ -4,8 +4,8 @@ agents' mesh endpoints."""
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from contextlib import closing
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Final
 
@@ -50,39 +50,46 @@ def join_run(
         _watch(station, GuestControl(_Once(words)), show, metrics_port)
 
 
-def join_swarm(
-    mission: LoadedMission,
-    mesh: Sequence[str],
-    show: Show,
-    speedup: float,
-    port: int | None,
-    keys: Keys = NO_KEYS,
-) -> None:
-    """Watch and command a swarm that flies `mission` on any host; ends with the screen.
+class SwarmMesh:
+    """A swarm on other hosts: its mission, where it is on the mesh, and how this station joins it.
 
     Args:
         mission: the file that the agents fly.
         mesh: where agents listen, such as `tcp/10.0.0.5:7447`; empty: as the mission's fleet says.
-        show: the kind of screen.
         speedup: that of a simulated swarm.
-        port: of the metrics, if any.
         keys: those of the command line.
     """
-    connect, clock = _endpoints(mission, mesh), MeshClock(speedup)
-    fleet = mission.fleet
-    identity = station_identity(fleet.trust, keys.identity)
-    is_open = identity is None and any(map(leaves_loopback, connect))
-    if is_open and not keys.open_mesh:
-        refuse_exposed([f"the mesh is at {', '.join(connect)}"], keys.fleet_file)
-    seen = protection(identity, fleet.signing, is_open=is_open)
-    part = part_in(mission.plan)
-    with closing(
-        open_node(mission.plan.name, connect, clock, identity=identity, part=part)
-    ) as node:
+
+    def __init__(
+        self, mission: LoadedMission, mesh: Sequence[str], speedup: float, keys: Keys = NO_KEYS
+    ) -> None:
+        self.mission = mission
+        self.connect, self.clock = _endpoints(mission, mesh), MeshClock(speedup)
+        self.identity = station_identity(mission.fleet.trust, keys.identity)
+        is_open = self.identity is None and any(map(leaves_loopback, self.connect))
+        if is_open and not keys.open_mesh:
+            refuse_exposed([f"the mesh is at {', '.join(self.connect)}"], keys.fleet_file)
+        self.protection = protection(self.identity, mission.fleet.signing, is_open=is_open)
+        self.hint = _Hint(self.clock, self.connect, self.identity)
+
+
+@contextmanager
+def open_swarm(swarm: SwarmMesh) -> Iterator[Station]:
+    """A station on the swarm's mesh."""
+    mission, plan = swarm.mission, swarm.mission.plan
+    part, identity = part_in(plan), swarm.identity
+    mesh = open_node(plan.name, swarm.connect, swarm.clock, identity=identity, part=part)
+    with closing(mesh) as node:
         endpoints = {agent.id: agent.endpoint for agent in mission.fleet.agents}
-        memory = SwarmMemory(VehicleMemory(state_folder()), mission.plan.name, endpoints)
-        station = Station(mission.plan, mission.source, node, clock, None, memory, seen)
-        _watch(station, GuestControl(_Hint(clock, connect, identity)), show, port)
+        memory = SwarmMemory(VehicleMemory(state_folder()), plan.name, endpoints)
+        source, seen = mission.source, swarm.protection
+        yield Station(plan, source, node, swarm.clock, memory=memory, protection=seen)
+
+
+def join_swarm(swarm: SwarmMesh, show: Show, metrics_port: int | None) -> None:
+    """Watch and command a swarm that flies on any host; ends with the screen."""
+    with open_swarm(swarm) as station:
+        _watch(station, GuestControl(swarm.hint), show, metrics_port)
 
 
 def _watch(station: Station, control: GuestControl, show: Show, metrics_port: int | None) -> None:

@@ -57,7 +57,7 @@ def loop(
     show_due, every_s = 0.0, _SHOW_WALL_S if hears_all(station.plan) else _SHOW_MANY_WALL_S
     while not control.obey(station, screen):
         for order in screen.orders():
-            _give(order, station, screen)
+            give(order, station, screen)
         if begin(_LOOP_WALL_S):
             for text in station.turn():
                 screen.note(text)
@@ -81,7 +81,8 @@ def metrics_on(port: int | None) -> Iterator[Callable[[SwarmView], None]]:
         yield metrics.take
 
 
-def _give(order: Order, station: Station, screen: Screen) -> None:
+def give(order: Order, station: Station, screen: Screen) -> None:
+    """Send an order; why not, where it can't be sent, goes to the screen."""
     try:
         station.order(order)
     except InputError as error:
@@ -132,7 +133,7 @@ class RunControl:
     @staticmethod
     def _pass_on(message: dict[str, Any], station: Station, screen: Screen) -> None:
         if isinstance(message.get("command"), str):
-            _give(Order(message["command"]), station, screen)
+            give(Order(message["command"]), station, screen)
         if isinstance(message.get("note"), str):
             screen.note(message["note"])
 

@@ -1,0 +1,34 @@
+"""What `run` and a station that judges say at the end of a flight."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import TextIO
+
+from swarm_ctl.cli.shared.console import PlainConsole
+from swarm_ctl.core.model.messages import Outcome
+from swarm_ctl.report.judge.summary import Summary
+
+
+def show_summary(
+    console: PlainConsole, folder: Path, summary: Summary, report_to: TextIO | None
+) -> None:
+    """Print the summary, and make the report; None: no report."""
+    from swarm_ctl.report.page.summary_table import render_summary
+
+    console.print(render_summary(summary))
+    console.say(f"summary: {folder / 'summary.json'}")
+    if report_to is not None:
+        # in a process of its own: whatever happens to the figures, the run's result stands
+        command = [sys.executable, "-m", "swarm_ctl.cli.main", "report", str(folder)]
+        subprocess.run(command, check=False, stdout=report_to)
+
+
+def show_verdict(console: PlainConsole, summary: Summary, interrupts: int) -> int:
+    """Print the verdict; the exit code."""
+    from swarm_ctl.report.page.summary_table import verdict_line
+
+    console.print(verdict_line(summary), soft_wrap=True)
+    return 130 if interrupts else int(summary.outcome is not Outcome.COMPLETED)

@@ -1,0 +1,211 @@
+"""The ground station of a flight whose agents were started elsewhere (containers, the drones' own
+computers): it makes the run's folder, records, ends with the agents, and judges."""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+from collections.abc import Callable
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+from pydantic import TypeAdapter
+
+from swarm_ctl.commands.parse import Order
+from swarm_ctl.core.model.messages import AgentState, AgentStatus, Outcome, Payload, StepResult
+from swarm_ctl.recording.run_recorder import RunRecorder
+from swarm_ctl.report.folder.last_statuses import FINAL
+from swarm_ctl.report.folder.manifest import Manifest, package_versions, write_manifest
+from swarm_ctl.report.judge.summarise import summarise
+from swarm_ctl.report.judge.summary import Summary, write_summary
+from swarm_ctl.runtime import clock as wall
+from swarm_ctl.runtime.flying_runs import make_folder
+from swarm_ctl.runtime.interrupts import Interrupts
+from swarm_ctl.runtime.station.ground_station import Station
+from swarm_ctl.runtime.station.join import SwarmMesh, open_swarm
+from swarm_ctl.runtime.station.mesh_clock import MeshClock
+from swarm_ctl.runtime.station.screens import Screen, Show, present
+from swarm_ctl.runtime.station.station_loop import give, loop, metrics_on
+from swarm_ctl.station.picture.protection import MeshKind
+from swarm_ctl.station.picture.view import AgentView
+
+_SILENT_S: Final = 60.0
+"""Mission time after which a silent agent does not keep the station waiting any more: longer than a
+link that comes back is gone, and than a landing without one takes."""
+_STATUS: Final = TypeAdapter(AgentStatus)
+
+
+@dataclass(frozen=True, slots=True)
+class JudgedRun:
+    """How the flight ended. `interrupts`: how often Ctrl-C was pressed."""
+
+    folder: Path
+    summary: Summary
+    interrupts: int
+
+
+def judge_swarm(
+    swarm: SwarmMesh, runs: Path, show: Show, metrics_port: int | None, alive: Callable[[], None]
+) -> JudgedRun | None:
+    """Watch, command and record the swarm until its agents have ended; Ctrl-C lands it. None where
+    Ctrl-C came before an agent was heard.
+
+    Args:
+        swarm: its mission, and where it is on the mesh.
+        runs: where the run's folder is made.
+        show: the kind of screen.
+        metrics_port: of the metrics, if any.
+        alive: called each turn.
+    """
+    with ExitStack() as opened:
+        interrupts = opened.enter_context(Interrupts())
+        station = opened.enter_context(open_swarm(swarm))
+        measure = opened.enter_context(metrics_on(metrics_port))
+        flight = _Flight(swarm, runs, interrupts, alive)
+        opened.callback(flight.close)
+        present(
+            show,
+            station.plan,
+            lambda: os.kill(os.getpid(), signal.SIGINT),
+            lambda screen: loop(station, screen, flight, measure),
+        )
+    if flight.folder is None:
+        return None
+    summary = summarise(flight.folder, None)
+    write_summary(flight.folder, summary)
+    return JudgedRun(flight.folder, summary, interrupts.count)
+
+
+class _Flight:
+    """What such a station obeys: it ends with the agents, or with the second Ctrl-C. Its record
+    begins with the first agent that is heard, whose clock is the mission's."""
+
+    def __init__(
+        self, swarm: SwarmMesh, runs: Path, interrupts: Interrupts, alive: Callable[[], None]
+    ) -> None:
+        self._swarm = swarm
+        self._runs = runs
+        self._interrupts = interrupts
+        self._alive = alive
+        self._asked = 0
+        self._recorder: Accounts | None = None
+        self.folder: Path | None = None
+
+    def obey(self, station: Station, screen: Screen) -> bool:
+        self._alive()
+        if text := self._swarm.hint():
+            screen.note(text)
+        if self.folder is None and self._swarm.clock.heard:
+            self._record(station, screen)
+        if self._interrupts.count > self._asked:
+            self._asked = self._interrupts.count
+            if self.folder is None or self._asked > 1:
+                return True
+            screen.note("landing the swarm; Ctrl-C again ends this station, and not the agents")
+            give(Order("land"), station, screen)
+        if screen.left:
+            return True
+        heard = [a for a in station.view().agents if a.in_plan and a.status is not None]
+        return bool(heard) and all(map(_has_ended, heard))
+
+    def _record(self, station: Station, screen: Screen) -> None:
+        mission, clock = self._swarm.mission, self._swarm.clock
+        self.folder = make_folder(self._runs, mission.plan.name)
+        manifest = _manifest(self._swarm, clock)
+        write_manifest(self.folder, manifest)
+        self._recorder = Accounts(self.folder, manifest, station.name)
+        station.record(self._recorder)
+        screen.note(f"run folder {self.folder}")
+
+    def close(self) -> None:
+        """Write what the agents told at their end, and close the record."""
+        if self._recorder is not None:
+            with closing(self._recorder) as recorder:
+                recorder.write_accounts()
+
+
+def _has_ended(agent: AgentView) -> bool:
+    status = agent.status
+    if status is None or status.outcome is not Outcome.RUNNING:
+        return True
+    return agent.silence_s is not None and agent.silence_s > _SILENT_S
+
+
+def _manifest(swarm: SwarmMesh, clock: MeshClock) -> Manifest:
+    mission, now_s = swarm.mission, clock.now()
+    trust, identity = mission.fleet.trust, swarm.identity
+    return Manifest(
+        mission=str(mission.source),
+        swarm=mission.plan.name,
+        started_at=wall.date_and_time(now_s / clock.speedup),
+        speedup=clock.speedup,
+        epoch_s=wall.wall_s() - now_s / clock.speedup,
+        headless=True,
+        plan=mission.plan,
+        plan_hash=mission.plan.fingerprint(),
+        fleet=mission.fleet.agents,
+        simulated=(),
+        elsewhere=True,
+        trust=None if trust is None else str(Path(trust).absolute()),
+        signing=mission.fleet.signing,
+        identity=None if identity is None else str(identity.folder.absolute()),
+        open_mesh=swarm.protection.mesh is MeshKind.OPEN,
+        versions=package_versions(),
+    )
+
+
+class Accounts(RunRecorder):
+    """Records, and keeps each agent's last status, by the station's clock: an agent that ended has
+    told it for seconds, and has no file in this station's folder."""
+
+    def __init__(self, folder: Path, manifest: Manifest, station: str) -> None:
+        about = {
+            "mission": manifest.mission,
+            "plan_hash": manifest.plan_hash,
+            "manifest": manifest.model_dump_json(),
+            "station": station,
+        }
+        start_ns = round(manifest.started_at.timestamp() * 1e9)
+        super().__init__(folder, start_ns, about, manifest.record_hz)
+        self._folder = folder / FINAL
+        self._last: dict[int, AgentStatus] = {}
+        self._behind_s: dict[int, float] = {}
+        """The station's clock less the agent's, by its fastest message."""
+
+    def take(self, payload: Payload, received_s: float) -> None:
+        """Record a message, and note whose clock it tells."""
+        super().take(payload, received_s)
+        if isinstance(payload, AgentState | AgentStatus):
+            behind_s = received_s - payload.time_s
+            known_s = self._behind_s.get(payload.agent, math.inf)
+            self._behind_s[payload.agent] = min(known_s, behind_s)
+        if isinstance(payload, AgentStatus):
+            self._last[payload.agent] = payload
+
+    def write_accounts(self) -> None:
+        """Write the last word of each agent that has ended; the others have no account."""
+        self._folder.mkdir(exist_ok=True)
+        for agent, status in self._last.items():
+            if status.outcome is not Outcome.RUNNING:
+                later = shifted(status, self._behind_s[agent])
+                (self._folder / f"{agent}.json").write_bytes(_STATUS.dump_json(later, indent=1))
+
+
+def shifted(status: AgentStatus, by_s: float) -> AgentStatus:
+    """The status with all times of its flight so much later."""
+
+    def moved(step: StepResult) -> StepResult:
+        end_s = None if step.end_s is None else step.end_s + by_s
+        return replace(step, start_s=step.start_s + by_s, end_s=end_s)
+
+    left = status.left
+    return replace(
+        status,
+        time_s=status.time_s + by_s,
+        steps=tuple(map(moved, status.steps)),
+        roles=tuple((since_s + by_s, role) for since_s, role in status.roles),
+        left=left and replace(left, time_s=left.time_s + by_s),
+    )

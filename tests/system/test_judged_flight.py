@@ -1,0 +1,88 @@
+"""A station that flies agents which were started elsewhere records, ends with them, and judges."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from swarm_ctl.mission.compile.loader import LoadedMission
+from swarm_ctl.report.folder.last_statuses import STATUSES
+from tests.system.pair import agent, ended, pair_mission, simulator
+from tests.system.running import SWARM_CTL
+
+pytestmark = pytest.mark.timeout(120)
+_SPEEDUP = 3.0
+
+
+@pytest.fixture
+def station(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
+    """The station of two agents whose clocks began at different times, and its environment."""
+    mission = pair_mission(tmp_path, spacing=3)
+    now = time.monotonic()
+    watching = _station(mission, tmp_path)
+    agents = [agent(mission.source, i, now - 7.0 * i, _SPEEDUP, "--expect-station") for i in (1, 2)]
+    with ended([simulator(mission, now, _SPEEDUP), watching, *agents]):
+        yield watching
+
+
+def _station(mission: LoadedMission, folder: Path) -> subprocess.Popen[str]:
+    more = ["--headless", "--runs", folder / "runs", "--speedup", f"{_SPEEDUP:g}"]
+    return subprocess.Popen(
+        [SWARM_CTL, "station", "--mission", mission.source, *more],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def _summary(folder: Path) -> dict[str, Any]:
+    (run,) = (folder / "runs").iterdir()
+    assert {path.name for path in run.iterdir()} >= {"run.json", "report.html", "recording.mcap"}
+    found: dict[str, Any] = json.loads((run / "summary.json").read_text())
+    return found
+
+
+def test_it_ends_with_the_mission_and_judges_it(
+    station: subprocess.Popen[str], tmp_path: Path
+) -> None:
+    """Exit code 0, and a whole run's folder. Both agents' steps stand on one clock, though their
+    own are 21 s apart, and the distance is that of the places where they stood."""
+    out, errors = station.communicate(timeout=90)
+    assert station.returncode == 0, out + errors
+    summary = _summary(tmp_path)
+    assert summary["outcome"] == "completed"
+    assert [each["account"] for each in summary["agents"]] == ["final", "final"]
+    assert summary["judged_by"] == {"1": "estimates", "2": "estimates"}
+    assert summary["min_distance_m"] == pytest.approx(15.0, abs=2.0)
+    ends = [agent["time_s"] for agent in summary["agents"]]
+    assert abs(ends[0] - ends[1]) < 6.0
+
+
+@pytest.mark.long
+def test_sigterm_lands_the_swarm(station: subprocess.Popen[str], tmp_path: Path) -> None:
+    """As `docker stop` sends it: the agents land, then the station ends with 130."""
+    while not _airborne(tmp_path):
+        assert station.poll() is None
+        time.sleep(0.05)
+    station.send_signal(signal.SIGTERM)
+    out, errors = station.communicate(timeout=60)
+    assert station.returncode == 130, out + errors
+    summary = _summary(tmp_path)
+    assert summary["outcome"] == "aborted"
+    assert not any(agent["armed"] for agent in summary["agents"])
+
+
+def _airborne(folder: Path) -> bool:
+    lines = [
+        line
+        for path in folder.glob(f"runs/*/{STATUSES}")
+        for line in path.read_text().splitlines(True)
+    ]
+    return any(json.loads(line)["airborne"] for line in lines if line.endswith("\n"))
