@@ -37,7 +37,7 @@ from swarm_ctl.report.judge.summary import write_summary
 from swarm_ctl.report.page.html_page import make_report
 from swarm_ctl.report.page.junit import junit
 from swarm_ctl.report.page.run_history import read_history
-from swarm_ctl.runtime.launch.run_setup import _make_folder
+from swarm_ctl.runtime.flying_runs import make_folder
 from swarm_ctl.runtime.station.printers import write
 from swarm_ctl.runtime.vehicle_memory import VehicleMemory
 from tests.unit.mission.example import TEXT, edited
@@ -125,7 +125,7 @@ def test_a_run_folder_and_a_memory_are_their_users_alone(tmp_path: Path) -> None
     def mode(path: Path) -> int:
         return stat.S_IMODE(path.stat().st_mode)
 
-    assert mode(_make_folder(tmp_path / "runs", "m")) == 0o700
+    assert mode(make_folder(tmp_path / "runs", "m")) == 0o700
     memory = VehicleMemory(tmp_path / "state" / "swarm_ctl")
     identity = VehicleIdentity("ardupilot", 3, "")
     memory.write(OwnParameters(identity, {"FS_GCS_ENABLE": OwnValue(1.0, (2.0,))}), "tcp:x:1", "f")
