@@ -8,48 +8,73 @@ from __future__ import annotations
 import queue
 import threading
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Protocol, TypeAlias
 
 from swarm_ctl.core.model.messages import AgentState, Payload
 from swarm_ctl.recording.mcap_reader import RECORDING
 from swarm_ctl.recording.mcap_writer import McapWriter
-from swarm_ctl.recording.topics import ADAPTERS, BY_NAME, BY_PAYLOAD, SetpointRecord, Topic
+from swarm_ctl.recording.topics import ADAPTERS, BY_NAME, BY_PAYLOAD, Derived, SetpointRecord, Topic
 
 _LIMIT: Final = 20_000
 """Messages that may wait: ten seconds of a hundred agents."""
 _CHUNK_WALL_S: Final = 1.0
 
 
-class McapRecorder:
-    """Records payloads, and the lines of the truth file as it grows, into `folder`.
+Derive: TypeAlias = Callable[[Payload, float], Iterable[Derived]]
+"""Gets each payload and when it was heard; what is recorded beside it."""
 
-    `rates_hz` limits the messages of a topic from each agent; others are recorded whole.
+
+def _nothing(_: Payload, __: float) -> Iterable[Derived]:
+    return ()
+
+
+class Sink(Protocol):
+    """Where messages go."""
+
+    def write(
+        self, topic: Topic, agent: int | None, time_s: float, said_s: float, data: bytes
+    ) -> None:
+        """Take one JSON message, heard at `time_s` and sent at `said_s` (mission time)."""
+
+    def flush(self) -> None:
+        """About once a second."""
+
+    def close(self) -> None:
+        """After the last message."""
+
+    def abandon(self) -> None:
+        """Instead of `close`, after an OSError."""
+
+
+class Recorder:
+    """Gives payloads, what is derived from them, and the lines of the truth file as it grows, to
+    all sinks, in a thread of its own.
+
+    `rates_hz` limits the messages of a topic from each agent; others are given whole.
     """
 
     def __init__(
         self,
-        folder: Path,
-        start_ns: int,
-        about: Mapping[str, str],
+        *sinks: Sink,
+        truth: Path | None = None,
         rates_hz: Mapping[str, float] | None = None,
+        derive: Derive = _nothing,
     ) -> None:
         self._queue: queue.SimpleQueue[tuple[Payload, float] | None] = queue.SimpleQueue()
-        self._writer = McapWriter(folder / RECORDING, start_ns, about)
+        self._sinks = sinks
         self._rates_hz = dict(rates_hz or {})
+        self._derive = derive
         self._due: dict[tuple[str, Any], float] = {}
-        self._truth = _Tail(folder / "truth.jsonl")
+        self._truth = _Tail(truth) if truth else None
         self.dropped = 0
         self.failure = ""
         """Why the recording ended (a full disk); '' as long as it goes on."""
+        self.underived = ""
+        """Why nothing is derived any more; '' as long as it is."""
         self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
         self._thread.start()
-
-    @property
-    def counts(self) -> Counter[str]:
-        """Messages written so far, by topic."""
-        return self._writer.counts
 
     def take(self, payload: Payload, heard_s: float) -> None:
         """Record a payload heard at `heard_s`; returns at once."""
@@ -67,10 +92,12 @@ class McapRecorder:
         try:
             while self._write_chunk():
                 pass
-            self._writer.close()
+            for sink in self._sinks:
+                sink.close()
         except OSError as error:
             self.failure = error.strerror or str(error)
-            self._writer.abandon()
+            for sink in self._sinks:
+                sink.abandon()
 
     def _write_chunk(self) -> bool:
         """Write the messages of a second and flush; False after the last one."""
@@ -89,9 +116,10 @@ class McapRecorder:
             else:
                 self._record(*item)
         timer.cancel()
-        for time_s, line in self._truth.lines():
+        for time_s, line in self._truth.lines() if self._truth else ():
             self._write(BY_NAME["truth"], None, time_s, time_s, line)
-        self._writer.flush()
+        for sink in self._sinks:
+            sink.flush()
         return going
 
     def _record(self, payload: Payload, heard_s: float) -> None:
@@ -112,6 +140,16 @@ class McapRecorder:
                 said_s,
                 ADAPTERS[SetpointRecord].dump_json(point),
             )
+        for made in self._derived(payload, heard_s):
+            self._give(made.topic, made.agent, made.time_s, made.time_s, made.data)
+
+    def _derived(self, payload: Payload, heard_s: float) -> Sequence[Derived]:
+        """An error there must not end the recording: it is told, and nothing more is derived."""
+        try:
+            return tuple(self._derive(payload, heard_s))
+        except Exception as error:
+            self._derive, self.underived = _nothing, f"{type(error).__name__}: {error}"
+            return ()
 
     def _write(
         self, topic: Topic, agent: int | None, time_s: float, said_s: float, data: bytes
@@ -121,7 +159,35 @@ class McapRecorder:
         if rate_hz > 0 and said_s < self._due.get(key, 0.0):
             return
         self._due[key] = said_s + (1.0 / rate_hz - 1e-9 if rate_hz > 0 else 0.0)
-        self._writer.write(topic, agent, time_s, said_s, data)
+        self._give(topic, agent, time_s, said_s, data)
+
+    def _give(
+        self, topic: Topic, agent: int | None, time_s: float, said_s: float, data: bytes
+    ) -> None:
+        for sink in self._sinks:
+            sink.write(topic, agent, time_s, said_s, data)
+
+
+class McapRecorder(Recorder):
+    """Records into `folder`; `live`: sinks beside the file."""
+
+    def __init__(
+        self,
+        folder: Path,
+        start_ns: int,
+        about: Mapping[str, str],
+        rates_hz: Mapping[str, float] | None = None,
+        derive: Derive = _nothing,
+        live: Sequence[Sink] = (),
+    ) -> None:
+        self._writer = McapWriter(folder / RECORDING, start_ns, about)
+        truth = folder / "truth.jsonl"
+        super().__init__(self._writer, *live, truth=truth, rates_hz=rates_hz, derive=derive)
+
+    @property
+    def counts(self) -> Counter[str]:
+        """Messages written so far, by topic."""
+        return self._writer.counts
 
 
 class _Tail:

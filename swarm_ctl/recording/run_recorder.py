@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import errno
 import os
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
@@ -47,10 +46,8 @@ class _Lines:
 class RunRecorder:
     """Records what a station hears and sends."""
 
-    def __init__(
-        self, folder: Path, start_ns: int, about: Mapping[str, str], rates_hz: Mapping[str, float]
-    ) -> None:
-        self._mcap = McapRecorder(folder, start_ns, about, rates_hz)
+    def __init__(self, folder: Path, mcap: McapRecorder) -> None:
+        self._mcap = mcap
         self._events = _Lines(folder / "events.jsonl")
         self._commands = _Lines(folder / "commands.jsonl")
         self._statuses = _Lines(folder / "statuses.jsonl")
@@ -81,6 +78,7 @@ class RunRecorder:
         """The files that can't be written any more, and why: each once."""
         files = {lines.name: lines.failure for lines in self._lines}
         files[RECORDING] = self._mcap.failure
+        files["Foxglove's view in " + RECORDING] = self._mcap.underived
         new = {name: why for name, why in files.items() if why and name not in self._reported}
         self._reported |= new.keys()
         end = "the flight goes on"

@@ -37,6 +37,18 @@ class Topic:
 
 
 @dataclass(frozen=True, slots=True)
+class Derived:
+    """A message made from those of the mesh."""
+
+    topic: Topic
+    agent: int | None
+    time_s: float
+    """Mission time."""
+    data: bytes
+    """JSON."""
+
+
+@dataclass(frozen=True, slots=True)
 class SetpointRecord:
     """The velocity (north, east) [m/s] an agent commands, and the one its vehicle has; a part of
     its state."""

@@ -14,12 +14,13 @@ import json
 import os
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from pathlib import Path
 
 from swarm_ctl.errors import SwarmError
 from swarm_ctl.mesh.zenoh_config import part_in
+from swarm_ctl.recording.mcap_recorder import McapRecorder, Sink
 from swarm_ctl.recording.run_recorder import RunRecorder
 from swarm_ctl.report.folder.manifest import Manifest, read_manifest
 from swarm_ctl.report.judge.summarise import summarise
@@ -32,6 +33,7 @@ from swarm_ctl.runtime.station.ground_station import Station, open_node
 from swarm_ctl.runtime.station.screens import Show, present
 from swarm_ctl.runtime.station.station_loop import RunControl, loop, metrics_on
 from swarm_ctl.runtime.vehicle_memory import SwarmMemory, VehicleMemory, state_folder
+from swarm_ctl.station.foxglove.desk import Desk
 from swarm_ctl.station.picture.protection import protection
 
 
@@ -86,7 +88,9 @@ def run_station(
         write_summary(folder, summarise(folder, None))
 
 
-def run_recorder(folder: Path, manifest: Manifest, station: str) -> RunRecorder:
+def run_recorder(
+    folder: Path, manifest: Manifest, station: str, live: Sequence[Sink] = ()
+) -> RunRecorder:
     """The recorder of the run; the file names the station whose round trips it has."""
     about = {
         "mission": manifest.mission,
@@ -95,7 +99,9 @@ def run_recorder(folder: Path, manifest: Manifest, station: str) -> RunRecorder:
         "station": station,
     }
     start_ns = round(manifest.started_at.timestamp() * 1e9)
-    return RunRecorder(folder, start_ns, about, manifest.record_hz)
+    desk = Desk(manifest.plan, start_ns, speedup=manifest.speedup, station=station)
+    mcap = McapRecorder(folder, start_ns, about, manifest.record_hz, desk.hear, live)
+    return RunRecorder(folder, mcap)
 
 
 def main() -> int:

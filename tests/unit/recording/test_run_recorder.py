@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
 
-from swarm_ctl.core.model.messages import Ack, Event, Severity
+from swarm_ctl.core.model.messages import Ack, Event, Payload, Severity
+from swarm_ctl.recording import read
+from swarm_ctl.recording.mcap_recorder import McapRecorder
 from swarm_ctl.recording.run_recorder import RunRecorder
+from swarm_ctl.recording.topics import Derived
 from tests.unit.station.swarm import hexagon_plan, status_of
 
 FULL = Path("/dev/full")
@@ -16,7 +20,7 @@ FULL = Path("/dev/full")
 @pytest.mark.skipif(not FULL.exists(), reason="no /dev/full on this system")
 def test_a_full_disk_is_told_once(tmp_path: Path) -> None:
     (tmp_path / "events.jsonl").symlink_to(FULL)
-    recorder = RunRecorder(tmp_path, 0, {}, {})
+    recorder = RunRecorder(tmp_path, McapRecorder(tmp_path, 0, {}))
     told: list[str] = []
     for _ in range(3):
         recorder.take(Event(1, 0.0, Severity.INFO, "hello"), 0.0)
@@ -34,7 +38,7 @@ def test_the_file_of_statuses_grows_no_faster_with_more_agents(
     tmp_path: Path, agents: int, lines: float
 ) -> None:
     """In 30 s, of statuses at 2 Hz."""
-    plan, recorder = hexagon_plan(agents), RunRecorder(tmp_path, 0, {}, {})
+    plan, recorder = hexagon_plan(agents), RunRecorder(tmp_path, McapRecorder(tmp_path, 0, {}))
     for half_second in range(60):
         for agent in range(1, agents + 1):
             time_s = 0.5 * half_second
@@ -42,3 +46,19 @@ def test_the_file_of_statuses_grows_no_faster_with_more_agents(
     recorder.close()
     found = (tmp_path / "statuses.jsonl").read_bytes().count(b"\n")
     assert found == pytest.approx(lines, rel=0.2)
+
+
+def test_an_error_in_what_is_derived_does_not_end_the_recording(tmp_path: Path) -> None:
+    """It is told once, and all messages are still recorded."""
+
+    def derive(payload: Payload, heard_s: float) -> Iterable[Derived]:
+        raise ValueError("no scene")
+
+    recorder = RunRecorder(tmp_path, McapRecorder(tmp_path, 0, {}, derive=derive))
+    for k in range(3):
+        recorder.take(Event(1, float(k), Severity.INFO, "hello"), float(k))
+    recorder.close()
+    (trouble,) = recorder.troubles()
+    assert "ValueError: no scene" in trouble
+    assert recorder.troubles() == []
+    assert len(list(read(tmp_path))) == 3

@@ -14,6 +14,7 @@ import pytest
 
 from swarm_ctl.core.model.messages import AgentState, Outcome, Phase
 from swarm_ctl.core.model.plan import ReturnStep
+from swarm_ctl.recording.mcap_recorder import McapRecorder
 from swarm_ctl.recording.run_recorder import RunRecorder
 from swarm_ctl.report.folder.flight import Source
 from swarm_ctl.report.folder.manifest import write_manifest
@@ -211,7 +212,7 @@ def _estimated(
     else:
         keep = [SYSIDS[i - 1] for i in simulated]
         (run / "truth.jsonl").write_text("".join(_only(keep)))
-    recorder = RunRecorder(run, 0, {}, {})
+    recorder = RunRecorder(run, McapRecorder(run, 0, {}))
     for k in range(int(END * 10) + 1):
         t = k / 10
         up = LIFTOFF <= t < TOUCHDOWN

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from swarm_ctl.core.model.messages import Ack, Command, Event, Severity
+from swarm_ctl.recording.mcap_recorder import McapRecorder
 from swarm_ctl.recording.run_recorder import RunRecorder
 from swarm_ctl.report.folder.last_statuses import read_commands, read_events
 from swarm_ctl.runtime.station.join import _Hint
@@ -19,7 +20,7 @@ def test_the_run_folder_has_the_log_from_the_start(tmp_path: Path) -> None:
     of its times."""
     events = [Event(i, 3.0 + i, Severity.INFO, f"word {i}") for i in (1, 2, 3)]
     command = Command("c", "hold", (), 5.5)
-    recorder = RunRecorder(tmp_path, 0, {}, {})
+    recorder = RunRecorder(tmp_path, McapRecorder(tmp_path, 0, {}))
     for payload in (*events, command, Ack(1, "c", True, "")):
         recorder.take(payload, 9.0)
     recorder.close()

@@ -1,0 +1,1 @@
+"""The swarm in Foxglove's own messages: map, 3-D scene, figures for plots, log."""

@@ -1,0 +1,135 @@
+"""What Foxglove's map, 3-D, plot and log panels show, made from the messages of the mesh.
+
+A fold over what a station hears, in mission time: the same messages give the same desk.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any, Final
+
+from pydantic import TypeAdapter
+
+from swarm_ctl.core.model.frames import geodetic_from_ned
+from swarm_ctl.core.model.messages import Payload
+from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.recording.topics import Derived, Topic, plain_schema
+from swarm_ctl.station.foxglove.figures import SwarmFigures, figures
+from swarm_ctl.station.foxglove.messages import FrameTransforms, LocationFix, Log, SceneUpdate, Time
+from swarm_ctl.station.foxglove.scene import (
+    color_of,
+    east_north_up,
+    formation,
+    frame_of,
+    trails,
+    transforms,
+    vehicles,
+)
+from swarm_ctl.station.picture.alarms import Level
+from swarm_ctl.station.picture.journal import Journal
+from swarm_ctl.station.picture.model import Model
+from swarm_ctl.station.picture.view import AgentView, SwarmView
+
+LOOK_S: Final = 0.2
+_MANY: Final = 16
+"""Of more agents there are fewer looks: one costs n squared."""
+_SELDOM: Final = 5
+"""Looks from one to the next of what changes slowly."""
+_NANO: Final = 1_000_000_000
+_UNKNOWN, _APPROXIMATED = 0, 1
+_LEVELS: Final = {Level.WELL: 2, Level.WAITING: 2, Level.WARNING: 3, Level.ERROR: 4}
+
+
+def _topic(template: str, kind: type[Any], owner: str = "foxglove.") -> Topic:
+    name = template.replace("/agent/{id}", "").strip("/")
+    schema = plain_schema(kind)
+    return Topic(name, template, None, schema | {"title": owner + schema["title"]})
+
+
+TRANSFORMS: Final = _topic("/tf", FrameTransforms)
+VEHICLES: Final = _topic("/scene/vehicles", SceneUpdate)
+FORMATION: Final = _topic("/scene/formation", SceneUpdate)
+TRAILS: Final = _topic("/scene/trails", SceneUpdate)
+LOCATION: Final = _topic("/agent/{id}/location", LocationFix)
+LOG: Final = _topic("/log", Log)
+FIGURES: Final = _topic("/swarm", SwarmFigures, owner="")
+_ADAPTERS: Final = {
+    kind: TypeAdapter(kind)
+    for kind in (FrameTransforms, SceneUpdate, LocationFix, Log, SwarmFigures)
+}
+
+
+class Desk:
+    """Give `hear` all messages in their order. `start_ns`: Unix time of mission time 0."""
+
+    def __init__(
+        self, plan: Plan, start_ns: int, *, speedup: float = 1.0, station: str = ""
+    ) -> None:
+        self._plan = plan
+        self._start_ns = start_ns
+        self._model = Model(plan, speedup=speedup, station=station)
+        self._journal = Journal()
+        self._every_s = LOOK_S * max(1, len(plan.agents) // _MANY)
+        self._due_s = -math.inf
+        self._looks = 0
+
+    def hear(self, payload: Payload, heard_s: float) -> Iterator[Derived]:
+        """Take a message in; where a look is due, what it shows."""
+        self._model.fold(payload, heard_s)
+        if heard_s >= self._due_s:
+            self._due_s = max(self._due_s + self._every_s, heard_s + 0.5 * self._every_s)
+            yield from self._look(heard_s)
+
+    def _look(self, now_s: float) -> Iterator[Derived]:
+        told, view = self._journal.told, self._model.view(now_s)
+        self._journal.update(view)
+        for entry in self._journal.newest(self._journal.told - told):
+            name = ", ".join(map(str, entry.agents))
+            line = Log(
+                self._time(entry.time_s),
+                _LEVELS[entry.level],
+                f"{entry.kind}: {entry.text}",
+                f"agent {name}" if name else "station",
+            )
+            yield _derived(LOG, None, now_s, line)
+        now = self._time(now_s)
+        yield _derived(TRANSFORMS, None, now_s, transforms(view, now))
+        yield _derived(FORMATION, None, now_s, formation(view, now))
+        yield _derived(FIGURES, None, now_s, figures(view, len(self._journal.standing)))
+        if self._looks % _SELDOM == 0:
+            yield from self._seldom(view, now_s, now)
+        self._looks += 1
+
+    def _seldom(self, view: SwarmView, now_s: float, now: Time) -> Iterator[Derived]:
+        yield _derived(VEHICLES, None, now_s, vehicles(view, now))
+        yield _derived(TRAILS, None, now_s, trails(view, now))
+        for agent in view.agents:
+            if agent.state is not None:
+                yield _derived(LOCATION, agent.id, now_s, self._location(agent, now))
+
+    def _location(self, agent: AgentView, now: Time) -> LocationFix:
+        assert agent.state is not None  # noqa: S101 - the caller looks
+        place = geodetic_from_ned(agent.state.position_ned_m, self._plan.origin)
+        accuracy_m = agent.status.position_accuracy_m if agent.status else None
+        square = 0.0 if accuracy_m is None else round(accuracy_m**2, 4)
+        return LocationFix(
+            now,
+            frame_of(agent.id),
+            round(place.lat_deg, 8),
+            round(place.lon_deg, 8),
+            round(place.alt_m, 2),
+            (square, 0.0, 0.0, 0.0, square, 0.0, 0.0, 0.0, square),
+            _UNKNOWN if accuracy_m is None else _APPROXIMATED,
+            east_north_up(agent.state.velocity_ned_mps),
+            color_of(agent),
+        )
+
+    def _time(self, time_s: float) -> Time:
+        sec, nsec = divmod(max(0, self._start_ns + round(time_s * _NANO)), _NANO)
+        return Time(sec, nsec)
+
+
+def _derived(topic: Topic, agent: int | None, time_s: float, message: Any) -> Derived:
+    data = _ADAPTERS[type(message)].dump_json(message, exclude_none=True)
+    return Derived(topic, agent, time_s, data)
