@@ -27,6 +27,7 @@ from swarm_ctl.runtime.interrupts import Interrupts
 from swarm_ctl.runtime.station.ground_station import Station
 from swarm_ctl.runtime.station.join import SwarmMesh, open_swarm
 from swarm_ctl.runtime.station.mesh_clock import MeshClock
+from swarm_ctl.runtime.station.recorder import run_mcap
 from swarm_ctl.runtime.station.screens import Screen, Show, present
 from swarm_ctl.runtime.station.station_loop import give, loop, metrics_on
 from swarm_ctl.station.picture.protection import MeshKind
@@ -162,14 +163,7 @@ class Accounts(RunRecorder):
     told it for seconds, and has no file in this station's folder."""
 
     def __init__(self, folder: Path, manifest: Manifest, station: str) -> None:
-        about = {
-            "mission": manifest.mission,
-            "plan_hash": manifest.plan_hash,
-            "manifest": manifest.model_dump_json(),
-            "station": station,
-        }
-        start_ns = round(manifest.started_at.timestamp() * 1e9)
-        super().__init__(folder, start_ns, about, manifest.record_hz)
+        super().__init__(folder, run_mcap(folder, manifest, station))
         self._folder = folder / FINAL
         self._last: dict[int, AgentStatus] = {}
         self._behind_s: dict[int, float] = {}

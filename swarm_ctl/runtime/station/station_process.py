@@ -14,15 +14,14 @@ import json
 import os
 import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
 from swarm_ctl.errors import SwarmError
 from swarm_ctl.mesh.zenoh_config import part_in
-from swarm_ctl.recording.mcap_recorder import McapRecorder, Sink
 from swarm_ctl.recording.run_recorder import RunRecorder
-from swarm_ctl.report.folder.manifest import Manifest, read_manifest
+from swarm_ctl.report.folder.manifest import read_manifest
 from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.report.judge.summary import write_summary
 from swarm_ctl.runtime.lockstep.seat import STATION, seat
@@ -30,10 +29,10 @@ from swarm_ctl.runtime.lockstep.words import Phase
 from swarm_ctl.runtime.protection import operator_identity
 from swarm_ctl.runtime.station.control_pipe import ControlPipe
 from swarm_ctl.runtime.station.ground_station import Station, open_node
+from swarm_ctl.runtime.station.recorder import run_mcap
 from swarm_ctl.runtime.station.screens import Show, present
 from swarm_ctl.runtime.station.station_loop import RunControl, loop, metrics_on
 from swarm_ctl.runtime.vehicle_memory import SwarmMemory, VehicleMemory, state_folder
-from swarm_ctl.station.foxglove.desk import Desk
 from swarm_ctl.station.picture.protection import protection
 
 
@@ -62,7 +61,9 @@ def run_station(
             part=part_in(manifest.plan),
         )
         opened.callback(node.close)
-        recorder = opened.enter_context(closing(run_recorder(folder, manifest, str(node.name))))
+        recorder = opened.enter_context(
+            closing(RunRecorder(folder, run_mcap(folder, manifest, str(node.name))))
+        )
         endpoints = {agent.id: agent.endpoint for agent in manifest.fleet}
         memory = SwarmMemory(VehicleMemory(state_folder()), folder.name, endpoints, folder)
         station = Station(
@@ -86,22 +87,6 @@ def run_station(
         )
     if pipe.closed:
         write_summary(folder, summarise(folder, None))
-
-
-def run_recorder(
-    folder: Path, manifest: Manifest, station: str, live: Sequence[Sink] = ()
-) -> RunRecorder:
-    """The recorder of the run; the file names the station whose round trips it has."""
-    about = {
-        "mission": manifest.mission,
-        "plan_hash": manifest.plan_hash,
-        "manifest": manifest.model_dump_json(),
-        "station": station,
-    }
-    start_ns = round(manifest.started_at.timestamp() * 1e9)
-    desk = Desk(manifest.plan, start_ns, speedup=manifest.speedup, station=station)
-    mcap = McapRecorder(folder, start_ns, about, manifest.record_hz, desk.hear, live)
-    return RunRecorder(folder, mcap)
 
 
 def main() -> int:
