@@ -19,14 +19,15 @@ from swarm_ctl.core.model.messages import Event, Severity
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.memory_transport import MemoryHub, MemoryTransport
 from swarm_ctl.mesh.node import Node
+from swarm_ctl.recording.run_recorder import RunRecorder
 from swarm_ctl.runtime.clock import Clock
 from swarm_ctl.runtime.lockstep.seat import Seat
 from swarm_ctl.runtime.station.control_pipe import ControlPipe
 from swarm_ctl.runtime.station.ground_station import Station
 from swarm_ctl.runtime.station.printers import write as write_lines
+from swarm_ctl.runtime.station.recorder import run_mcap
 from swarm_ctl.runtime.station.screens import Screen, Show, present
 from swarm_ctl.runtime.station.station_loop import RunControl, loop
-from swarm_ctl.runtime.station.station_process import run_recorder
 from swarm_ctl.station.picture.view import SwarmView
 from tests.unit.report.run_folders import PLAN, manifest
 from tests.unit.station.swarm import flying_model
@@ -184,7 +185,7 @@ def test_the_station_beacons_and_records_while_its_output_is_blocked(
     hub = MemoryHub(clock.now)
     agent = Node(MemoryTransport(hub), "swarm", 1)
     agent.listen(keys.BEACON)
-    recorder = run_recorder(tmp_path, made, "station")
+    recorder = RunRecorder(tmp_path, run_mcap(tmp_path, made, "station"))
     node = Node(MemoryTransport(hub), "swarm", "station")
     station = Station(PLAN, Path("missions/hexagon.yaml"), node, clock, recorder)
     orders, control = os.pipe()
