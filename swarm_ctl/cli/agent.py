@@ -8,7 +8,7 @@ import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
@@ -17,6 +17,10 @@ from swarm_ctl.cli.shared.options import FleetFile, OpenMesh, Speedup, option, s
 from swarm_ctl.core.model.fleet import Fleet, FleetAgent, Signing
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.errors import InputError, TrustError
+
+if TYPE_CHECKING:
+    from swarm_ctl.mission.compile.offers import PlanName
+    from swarm_ctl.runtime.fetched_plan import Place
 
 _PEER: Final = (
     "Where another agent listens; repeat it. Of two agents, one has to name the other."
@@ -34,13 +38,15 @@ _IDENTITY: Final = (
     "The folder with its own keys (swarm-ctl trust).  [default: agent-ID in the fleet's trust]"
 )
 _EXPECT: Final = "Do not arm before a ground station was heard."
+_PLAN: Final = (
+    "A plan file, NAME@HASH of a plan that a station has, or a mission file (needs ground)."
+)
+_TIMEOUT: Final = "Of NAME@HASH: how long to wait for a station that has it."
 _LOCKSTEP: Final = "The folder of a run in lockstep, whose clock this agent joins."
 
 
 def agent(
-    file: Annotated[
-        Path, typer.Argument(metavar="PLAN", help="A plan file, or a mission file (needs ground).")
-    ],
+    file: Annotated[Path, typer.Argument(metavar="PLAN", help=_PLAN)],
     agent_id: Annotated[int, option("ID", "The agent that this process is.", "--id")],
     endpoint: Annotated[
         str | None,
@@ -62,11 +68,16 @@ def agent(
     expect_station: Annotated[bool, switch("--expect-station", _EXPECT)] = False,
     lockstep: Annotated[Path | None, option("RUN", _LOCKSTEP)] = None,
     signing_key: Annotated[Path | None, option("FILE", _KEY)] = None,
+    plan_timeout: Annotated[float, option("SECONDS", _TIMEOUT, min=1.0)] = 60.0,
 ) -> None:
     """Fly one agent, on the computer of its drone.
 
     The vehicle's endpoint and the address on the mesh are in the file's fleet, or given here. The
     agents need no ground station. Ctrl-C lands the vehicle.
+
+    A plan that is named by its hash is fetched from a ground station on the mesh (`station`, `run`)
+    and kept on this computer, so that the agent starts again without one. Only --mesh and --peer,
+    or --router, are known before it is there.
 
     Examples:
 
@@ -74,16 +85,24 @@ def agent(
         swarm-ctl agent plan.json --id 3
         swarm-ctl agent plan.json --id 3 --endpoint serial:/dev/ttyAMA0:921600
         swarm-ctl agent missions/hexagon.yaml --fleet outdoors.yaml --id 3
+        swarm-ctl agent hexagon@3fa9c1 --id 3 --mesh tcp/10.0.0.13:7447 --identity agent-3
     """
     from swarm_ctl.mission.compile.exposure import exposures, refuse_exposed
+    from swarm_ctl.mission.compile.offers import plan_name
     from swarm_ctl.runtime.agent.agent_process import AgentConfig, run_agent
     from swarm_ctl.runtime.clock import Clock
     from swarm_ctl.runtime.lifeline import SignalLifeline
     from swarm_ctl.runtime.protection import agent_identity_folder
     from swarm_ctl.runtime.vehicle_memory import state_folder
 
-    plan, entries = plan_and_fleet(file, fleet)
-    own, connect = _own(plan, entries, agent_id, _Places(endpoint, mesh, peer, router))
+    given = _Places(endpoint, mesh, peer, router)
+    wanted = None if file.exists() else plan_name(str(file))
+    if wanted is None:
+        plan, entries = plan_and_fleet(file, fleet)
+    else:
+        known = _Known(agent_id, given, fleet, identity, open_mesh)
+        plan, entries = _fetched(wanted, known, plan_timeout)
+    own, connect = _own(plan, entries, agent_id, given)
     keys = agent_identity_folder(entries.trust, agent_id, identity)
     signing = Signing.REQUIRED if signing_key else entries.signing
     if not open_mesh:
@@ -152,6 +171,56 @@ def plan_and_fleet(file: Path, fleet: Path | None) -> tuple[Plan, Fleet]:
         )
     found = read_plan(file)
     return found.plan, Fleet(found.fleet, found.trust, found.signing)
+
+
+def _fetched(wanted: PlanName, known: _Known, patience_s: float) -> tuple[Plan, Fleet]:
+    """Of a station, or of this computer."""
+    from swarm_ctl.runtime.fetched_plan import fetched_plan, kept_plan
+    from swarm_ctl.runtime.protection import own_identity
+    from swarm_ctl.runtime.vehicle_memory import state_folder
+
+    if known.fleet is not None:
+        raise InputError(
+            f"--fleet {known.fleet}: {wanted} is no file, so it is fetched with its fleet; allowed:"
+            " --endpoint, --mesh"
+        )
+    # what came over an open mesh is not flown with keys
+    folder = state_folder() / ("plans" if known.identity is None else "trusted-plans")
+    found = kept_plan(wanted, folder)
+    if found is None:
+        place = _place(wanted, known)
+        identity = own_identity(known.identity, known.agent_id)
+        found = fetched_plan(wanted, folder, place, identity, patience_s)
+    return found.plan, Fleet(found.fleet, found.trust, found.signing)
+
+
+def _place(wanted: PlanName, known: _Known) -> Place:
+    """Where the agent fetches its plan; InputError where it has no place, or others reach it."""
+    from swarm_ctl.mission.compile.exposure import leaves_loopback, refuse_exposed
+    from swarm_ctl.runtime.fetched_plan import Place
+
+    given = known.given
+    place = Place((given.mesh,) if given.mesh else (), tuple(given.peers or ()), given.router)
+    if not place.endpoints:
+        raise InputError(
+            f"{wanted} is no file, so it is fetched from a station, and this agent has no place on"
+            " the mesh; allowed: --mesh (and --peer), or --router of a large swarm"
+        )
+    if known.identity is None and not known.open_mesh:
+        exposed = [f"the mesh is at {at}" for at in place.endpoints if leaves_loopback(at)]
+        refuse_exposed(exposed, "FILE")
+    return place
+
+
+@dataclass(frozen=True, slots=True)
+class _Known:
+    """What the command line says to an agent that has no plan yet."""
+
+    agent_id: int
+    given: _Places
+    fleet: Path | None
+    identity: Path | None
+    open_mesh: bool
 
 
 @dataclass(frozen=True, slots=True)

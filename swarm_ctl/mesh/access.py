@@ -9,14 +9,19 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from swarm_ctl.mesh.keys import BEACON, CHANNELS, COMMAND, alive_key
+from swarm_ctl.mesh.keys import BEACON, CHANNELS, COMMAND, alive_key, plan_key
 from swarm_ctl.trust.identity import Identity
 from swarm_ctl.trust.names import Role
 from swarm_ctl.trust.roster import Entry
 
 _HEARS: Final = "hears"
-_HEARING: Final = ["declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"]
-_SAYING: Final = ["put", "liveliness_token"]
+_HEARING: Final = [
+    "declare_subscriber",
+    "declare_liveliness_subscriber",
+    "liveliness_query",
+    "query",
+]
+_SAYING: Final = ["put", "liveliness_token", "declare_queryable", "reply"]
 
 
 def station_name(owner: str, suffix: str) -> str:
@@ -82,13 +87,13 @@ def _own_keys(entry: Entry, swarm: str) -> list[str]:
     if entry.role is Role.OPERATOR:
         name = station_name(entry.name, "$*")
         keys = [channel.key(swarm, name) for channel in (COMMAND, BEACON)]
-        return [*keys, alive_key(swarm, "station", name)]
+        return [*keys, alive_key(swarm, "station", name), plan_key(swarm, name)]
     return _all_keys(swarm) if entry.role is Role.ROUTER else []
 
 
 def _all_keys(swarm: str) -> list[str]:
     keys = [channel.key_expression(swarm) for channel in CHANNELS]
-    return [*keys, alive_key(swarm, "*", "*")]
+    return [*keys, alive_key(swarm, "*", "*"), plan_key(swarm, "*")]
 
 
 def _rule(name: str, flows: list[str], messages: list[str], keys: list[str]) -> dict[str, Any]:

@@ -102,6 +102,11 @@ def alive_key(swarm: str, kind: str, name: int | str) -> str:
     return f"swarm/{swarm}/{kind}/{name}/alive"
 
 
+def plan_key(swarm: str, station: str) -> str:
+    """The key under which a station answers agents that ask for their plan."""
+    return f"swarm/{swarm}/station/{station}/plan"
+
+
 @lru_cache(1024)
 def owner_of(key: str) -> tuple[str, str]:
     """What owns a key: `("agent", "3")`, `("station", "station-77-a1b2c3")`."""

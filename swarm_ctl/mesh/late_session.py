@@ -54,6 +54,15 @@ class LateSession:
         """As the session's."""
         return self._declare(lambda session: session.declare_subscriber(*arguments, **settings))
 
+    def declare_queryable(self, *arguments: Any) -> Any:
+        """As the session's."""
+        return self._declare(lambda session: session.declare_queryable(*arguments))
+
+    def get(self, *arguments: Any, **settings: Any) -> None:
+        """As the session's; no answer comes before it is open."""
+        if self._session is not None:
+            self._session.get(*arguments, **settings)
+
     def liveliness(self) -> _LateLiveliness:
         """As the session's."""
         return _LateLiveliness(self._declare)

@@ -19,7 +19,8 @@ from typing import Any, Final
 import zenoh
 
 from swarm_ctl.errors import StartError
-from swarm_ctl.mesh.keys import CHANNELS, QUEUE, Qos
+from swarm_ctl.mesh.gate import Source
+from swarm_ctl.mesh.keys import CHANNELS, QUEUE, Bounds, Qos
 from swarm_ctl.mesh.late_session import LateSession
 from swarm_ctl.mesh.payloads import is_json
 from swarm_ctl.mesh.stepped_transport import MARK_SIZE, Marked, MarkedSource
@@ -38,6 +39,10 @@ _ENCODINGS: Final = {
 }
 """Of the channels that foreign tools can read by it; the others' bytes are this project's own, and
 zenoh says nothing of them."""
+_ANSWERS: Final = Bounds(0, 50.0, 250)
+"""A second, of one process: each agent of the largest swarm asks once a second."""
+_ANSWER_WALL_S: Final = 10.0
+"""For an answer over a slow link."""
 _CALM_S: Final = 10.0
 """Without a flood, before samples are stamped again."""
 
@@ -121,6 +126,33 @@ class ZenohTransport(Transport):
             return str(sample.key_expr), sample.payload, mark.to_bytes() if small else b""
 
         return MarkedSource(take, subscriber.undeclare)
+
+    def serve(self, key: str, data: bytes) -> None:
+        """Answer those that ask for `key` with `data`, by zenoh's thread."""
+        asked = Source("", key, _ANSWERS)
+
+        def answer(query: Any) -> None:
+            with query:
+                if asked.admit(self._now()):
+                    query.reply(key, data, encoding="application/gzip")
+
+        self._kept.append(self._session.declare_queryable(key, answer))
+
+    def ask(self, key_expression: str, take: Callable[[str, bytes], None]) -> None:
+        """Ask all that serve a key that matches; `take` gets each answer, on zenoh's thread."""
+
+        def hear(reply: Any) -> None:
+            if reply.ok is not None:
+                take(str(reply.ok.key_expr), reply.ok.payload.to_bytes())
+
+        self._session.get(
+            key_expression,
+            hear,
+            target=zenoh.QueryTarget.ALL,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            timeout=_ANSWER_WALL_S,
+            congestion_control=zenoh.CongestionControl.DROP,
+        )
 
     def _declaring(self, key_expression: str) -> Callable[[Any], Any]:
         """What subscribes with a handler: a callback or a ring."""

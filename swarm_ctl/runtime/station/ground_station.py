@@ -67,10 +67,12 @@ def open_node(
     place: Seat | None = None,
     identity: Identity | None = None,
     part: Part = Part.PEER,
+    plan: bytes | None = None,
 ) -> Node:
     """Join a swarm's mesh under a name that no other process has, on any host; in lockstep, where
     `place` is the process's seat, in no other role. On a protected mesh, `identity` owns it.
-    `part`: `zenoh_config.part_in` the swarm's plan."""
+    `part`: `zenoh_config.part_in` the swarm's plan. `plan`: the offer for agents that fetch it
+    (`offers.pack`); None: of a process that is no station."""
     again = place is not None and place.repeats
     suffix = "lockstep" if again else f"{os.getpid()}-{uuid.uuid4().hex[:6]}"
     name = f"{role}-{suffix}" if identity is None else station_name(identity.name, suffix)
@@ -82,8 +84,10 @@ def open_node(
         patient=again,
         access=access(identity, swarm),
         part=part,
-        alive=keys.alive_key(swarm, role, name) if role == "station" else "",
+        alive="" if plan is None else keys.alive_key(swarm, "station", name),
     )
+    if plan is not None:
+        transport.serve(keys.plan_key(swarm, name), plan)
     return Node(place.mesh(transport) if place else transport, swarm, name)
 
 

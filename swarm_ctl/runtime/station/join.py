@@ -13,6 +13,7 @@ from swarm_ctl.errors import InputError
 from swarm_ctl.mesh.zenoh_config import part_in
 from swarm_ctl.mission.compile.exposure import leaves_loopback, refuse_exposed
 from swarm_ctl.mission.compile.loader import LoadedMission
+from swarm_ctl.mission.compile.offers import pack
 from swarm_ctl.report.folder.last_statuses import read_commands, read_events
 from swarm_ctl.report.folder.manifest import read_manifest
 from swarm_ctl.runtime import clock as wall
@@ -39,8 +40,10 @@ def join_run(
     clock = MeshClock.of_run(manifest)
     identity = station_identity(manifest.trust, identity_folder or manifest.flown_by)
     seen = protection(identity, manifest.signing, is_open=manifest.open_mesh)
-    part = part_in(manifest.plan)
-    mesh = open_node(manifest.swarm, manifest.whole_mesh, clock, identity=identity, part=part)
+    part, plan = part_in(manifest.plan), pack(manifest.plan, manifest.fleet, manifest.signing)
+    mesh = open_node(
+        manifest.swarm, manifest.whole_mesh, clock, identity=identity, part=part, plan=plan
+    )
     with closing(mesh) as node:
         station = Station(manifest.plan, Path(manifest.mission), node, clock, protection=seen)
         notes: list[str] = []
@@ -77,8 +80,11 @@ class SwarmMesh:
 def open_swarm(swarm: SwarmMesh) -> Iterator[Station]:
     """A station on the swarm's mesh."""
     mission, plan = swarm.mission, swarm.mission.plan
-    part, identity = part_in(plan), swarm.identity
-    mesh = open_node(plan.name, swarm.connect, swarm.clock, identity=identity, part=part)
+    part, identity, fleet = part_in(plan), swarm.identity, mission.fleet
+    offer = pack(plan, fleet.agents, fleet.signing)
+    mesh = open_node(
+        plan.name, swarm.connect, swarm.clock, identity=identity, part=part, plan=offer
+    )
     with closing(mesh) as node:
         endpoints = {agent.id: agent.endpoint for agent in mission.fleet.agents}
         memory = SwarmMemory(VehicleMemory(state_folder()), plan.name, endpoints)

@@ -20,6 +20,7 @@ from pathlib import Path
 
 from swarm_ctl.errors import SwarmError
 from swarm_ctl.mesh.zenoh_config import part_in
+from swarm_ctl.mission.compile.offers import pack
 from swarm_ctl.recording.run_recorder import RunRecorder
 from swarm_ctl.report.folder.manifest import read_manifest
 from swarm_ctl.report.judge.summarise import summarise
@@ -59,6 +60,7 @@ def run_station(
             place=place,
             identity=identity,
             part=part_in(manifest.plan),
+            plan=pack(manifest.plan, manifest.fleet, manifest.signing),
         )
         opened.callback(node.close)
         recorder = opened.enter_context(

@@ -1,0 +1,92 @@
+"""Who may offer a plan on a mesh with keys, with real zenoh sessions."""
+
+from __future__ import annotations
+
+import socket
+import time
+from contextlib import ExitStack, closing
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pytest
+
+from swarm_ctl.core.model.fleet import Signing
+from swarm_ctl.errors import StartError
+from swarm_ctl.mesh.access import access_settings
+from swarm_ctl.mesh.keys import plan_key
+from swarm_ctl.mesh.zenoh_config import Part
+from swarm_ctl.mesh.zenoh_transport import Router, ZenohTransport
+from swarm_ctl.mission.compile.loader import load
+from swarm_ctl.mission.compile.offers import PlanName, pack
+from swarm_ctl.runtime.fetched_plan import Place, fetched_plan, kept_plan
+from swarm_ctl.runtime.launch.ports import free_ports
+from swarm_ctl.trust import provision
+from swarm_ctl.trust.identity import load_identity
+from tests.system.running import HEXAGON
+
+pytestmark = pytest.mark.realtime
+MISSION = load(HEXAGON)
+FORGED = replace(MISSION.plan, kappa=MISSION.plan.kappa / 2)
+SWARM = MISSION.plan.name
+
+
+@pytest.fixture(scope="module")
+def field(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("trust") / "field"
+    hosts, terms = dict.fromkeys((1, 7), "127.0.0.1"), provision.Terms(datetime.now(UTC))
+    provision.new(folder, "field", hosts, ["anna"], ["tv"], terms, ["127.0.0.1"])
+    return folder
+
+
+@pytest.mark.parametrize("routed", [False, True])
+@pytest.mark.parametrize("honest", [False, True])
+def test_an_operator_alone_offers_a_plan(
+    field: Path, tmp_path: Path, *, honest: bool, routed: bool
+) -> None:
+    """Agent 7 and a viewer, whose own zenoh lets everything through, offer a forged plan under the
+    operator's key. By name alone agent 1 gets the operator's or, without one, none."""
+    at = f"tcp/127.0.0.1:{free_ports(1, socket.SOCK_STREAM)[0]}"
+    part = Part.CLIENT if routed else Part.PEER
+    place = Place((), (), at) if routed else Place((at,), ())
+    with ExitStack() as opened:
+        if routed:
+            keys = access_settings(load_identity(field / "router-1"), SWARM)
+            opened.enter_context(closing(Router([at], [], access=keys)))
+        members = ["agent-7", "viewer-tv", *(["operator-anna"] if honest else [])]
+        for number, member in enumerate(members):
+            access = access_settings(load_identity(field / member), SWARM)
+            forger = member != "operator-anna"
+            if forger:
+                del access["access_control"]
+            mesh = ZenohTransport([], [at], time.monotonic, access=access, part=part)
+            opened.enter_context(closing(mesh))
+            plan = FORGED if forger else MISSION.plan
+            offer = pack(plan, MISSION.fleet.agents, Signing.OFF)
+            mesh.serve(plan_key(SWARM, f"anna.{number}-a"), offer)
+        identity = load_identity(field / "agent-1")
+        if honest:
+            found = fetched_plan(PlanName(SWARM), tmp_path, place, identity, 20.0)
+            assert found.plan == MISSION.plan
+            named = PlanName(SWARM, found.plan_hash)
+            kept = kept_plan(named, tmp_path)
+            assert kept == found
+            assert kept_plan(PlanName(SWARM), tmp_path) is None
+        else:
+            with pytest.raises(StartError, match="no station answered"):
+                fetched_plan(PlanName(SWARM), tmp_path, place, identity, 2.0)
+
+
+def test_on_an_open_mesh_the_hash_decides(tmp_path: Path) -> None:
+    """Any process there offers what it likes: the forged plan is refused by its hash, and what was
+    kept and changed since is not flown, either."""
+    at = f"tcp/127.0.0.1:{free_ports(1, socket.SOCK_STREAM)[0]}"
+    named, place = PlanName(SWARM, MISSION.plan.fingerprint()), Place((at,), ())
+    with ExitStack() as opened:
+        for name, plan in (("mallory", FORGED), ("anna", MISSION.plan)):
+            mesh = opened.enter_context(closing(ZenohTransport([], [at], time.monotonic)))
+            mesh.serve(plan_key(SWARM, name), pack(plan, MISSION.fleet.agents, Signing.OFF))
+        assert fetched_plan(named, tmp_path, place, None, 20.0).plan == MISSION.plan
+    [file] = tmp_path.iterdir()
+    file.write_text(file.read_text().replace('"speed_mps"', '"speed_mps_"'))
+    assert kept_plan(named, tmp_path) is None

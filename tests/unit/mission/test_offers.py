@@ -1,0 +1,178 @@
+"""Which of the plans that stations offer an agent takes, and what it says of the others."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from swarm_ctl.core.model.fleet import Fleet, FleetAgent, Signing
+from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.errors import InputError
+from swarm_ctl.mesh.keys import plan_key
+from swarm_ctl.mission.compile.loader import load
+from swarm_ctl.mission.compile.offers import (
+    PACKED_BYTES,
+    SETTLE_S,
+    Offers,
+    PlanName,
+    named_by_hash,
+    pack,
+    plan_name,
+    unpack,
+)
+from swarm_ctl.mission.compile.plan_file import plan_to_json
+from swarm_ctl.runtime.fetched_plan import await_offer
+
+ROOT = Path(__file__).parents[3]
+LOADED = load(ROOT / "missions" / "square.yaml")
+PLAN, AGENTS = LOADED.plan, LOADED.fleet.agents
+OTHER = replace(PLAN, kappa=PLAN.kappa / 2)
+
+
+def offer(plan: Plan = PLAN, agents: tuple[FleetAgent, ...] = AGENTS) -> bytes:
+    return pack(plan, agents, Signing.OFF)
+
+
+def wanted(plan: Plan = PLAN, digits: int = 8) -> PlanName:
+    return PlanName(plan.name, plan.fingerprint()[:digits])
+
+
+def test_a_plan_survives_the_way() -> None:
+    """Of every ready mission, with its fleet; it is far under what zenoh puts together."""
+    for path in sorted((ROOT / "missions").glob("*.yaml")):
+        loaded = load(path)
+        packed = pack(loaded.plan, loaded.fleet.agents, Signing.REQUIRED)
+        found = unpack(packed, "it")
+        assert len(packed) < PACKED_BYTES / 10
+        assert (found.plan, found.fleet, found.trust) == (loaded.plan, loaded.fleet.agents, None)
+        assert found.signing is Signing.REQUIRED
+
+
+@pytest.mark.parametrize(
+    ("word", "name"),
+    [
+        ("hexagon", PlanName("hexagon")),
+        ("hexagon@3fa9c1", PlanName("hexagon", "3fa9c1")),
+        ("a-b_2@0123456789abcdef", PlanName("a-b_2", "0123456789abcdef")),
+        ("plan.json", None),
+        ("missions/hexagon", None),
+        ("./me@home", None),
+    ],
+)
+def test_names(word: str, name: PlanName | None) -> None:
+    assert plan_name(word) == name
+
+
+@pytest.mark.parametrize("word", ["hexagon@", "hexagon@3fa9c", "hexagon@3FA9C1", "x@" + 17 * "0"])
+def test_what_is_no_hash(word: str) -> None:
+    with pytest.raises(InputError, match=r"allowed: NAME@HASH with 6 to 16"):
+        plan_name(word)
+
+
+def test_the_hash_decides() -> None:
+    """Another plan of the same name is refused by name, and the wanted one is taken at once,
+    whichever station is heard first."""
+    offers = Offers(wanted())
+    offers.hear("bob", offer(OTHER), 0.0)
+    assert offers.chosen(100.0) is None
+    [told] = offers.refusals()
+    assert told == f"station bob has {named_by_hash(OTHER)}, not {wanted()}"
+    offers.hear("anna", offer(), 100.0)
+    chosen = offers.chosen(100.0)
+    assert chosen is not None
+    assert chosen.plan == PLAN
+
+
+def test_without_a_hash_stations_must_agree() -> None:
+    """One plan is taken once no station has offered another one for a while; two different ones
+    are refused, both stations named with what they have."""
+    offers = Offers(PlanName(PLAN.name))
+    offers.hear("anna", offer(), 1.0)
+    assert offers.chosen(1.0 + SETTLE_S - 0.1) is None
+    assert offers.chosen(1.0 + SETTLE_S) is not None
+    offers.hear("bob", offer(OTHER), 1.0)
+    told = f"station anna has {named_by_hash(PLAN)}; station bob has {named_by_hash(OTHER)}"
+    with pytest.raises(InputError, match=re.escape(told)):
+        offers.chosen(1.0)
+
+
+def edited(change: Callable[[str], str]) -> bytes:
+    """An offer whose text was changed after its hash was computed."""
+    return gzip.compress(change(plan_to_json(PLAN, Fleet(AGENTS))).encode())
+
+
+@pytest.mark.parametrize(
+    ("data", "why"),
+    [
+        (b"", "is too large for the mesh; allowed: a copy of its plan file"),
+        (b"\x1f\x8b\x08hostile", "is not packed as a plan"),
+        (offer()[:-30], "is torn"),
+        (gzip.compress(bytes(100_000_000)), "is torn, or longer than 8 MB"),
+        (gzip.compress(b"{"), "not JSON"),
+        (gzip.compress(json.dumps({"schema_version": 2}).encode()), "schema_version"),
+        (edited(lambda text: text.replace('"unit_m": ', '"unit_m": 1')), "it was changed after"),
+        (edited(lambda text: text.replace('"fleet"', '"fleets"')), "fleets"),
+        (offer(replace(PLAN, name="other")), f"has other@.*, not {wanted()}"),
+    ],
+    ids=["none", "garbage", "torn", "bomb", "json", "version", "edited", "field", "name"],
+)
+def test_hostile_offers(data: bytes, why: str) -> None:
+    """Each is refused with its station's name and what is wrong; the next station's is taken."""
+    offers = Offers(wanted())
+    offers.hear("mallory", data, 0.0)
+    assert offers.chosen(9.0) is None
+    [told] = offers.refusals()
+    assert "station mallory" in told
+    assert re.search(why, told)
+    offers.hear("anna", offer(), 9.0)
+    assert offers.chosen(9.0) is not None
+
+
+def test_stations_without_end() -> None:
+    """A flood under ever new names is not read for ever."""
+    offers = Offers(wanted())
+    for number in range(1000):
+        offers.hear(f"m{number}", b"hostile", 0.0)
+    assert len(offers.refusals()) == 32
+
+
+class Mesh:
+    """Stations that answer, each from a question on; the clock goes with every pause."""
+
+    def __init__(self, **answers: tuple[int, bytes]) -> None:
+        self.answers, self.asked, self.now_s = answers, 0, 0.0
+
+    def ask(self, key_expression: str, take: Callable[[str, bytes], None]) -> None:
+        assert key_expression == plan_key(PLAN.name, "*")
+        self.asked += 1
+        for station, (since, data) in self.answers.items():
+            if self.asked >= since:
+                take(plan_key(PLAN.name, station), data)
+
+    def wait(self, patience_s: float = 60.0) -> PlanName | None:
+        found = await_offer(Offers(wanted()), self, patience_s, lambda: self.now_s, self.pause)
+        return found and wanted(found.plan)
+
+    def pause(self, seconds: float) -> None:
+        self.now_s += seconds
+
+
+def test_an_agent_asks_again() -> None:
+    """Once a second, until a station that comes later answers; another plan does not end it."""
+    mesh = Mesh(bob=(1, offer(OTHER)), anna=(5, offer()))
+    assert mesh.wait() == wanted()
+    assert mesh.asked == 5
+    assert mesh.now_s == pytest.approx(4.0, abs=0.1)
+
+
+def test_an_agent_gives_up() -> None:
+    """A station that dies while it answers is one that does not answer."""
+    mesh = Mesh(bob=(1, offer()[:-20]))
+    assert mesh.wait(10.0) is None
+    assert mesh.asked == 10
