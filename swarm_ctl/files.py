@@ -11,9 +11,15 @@ import errno
 import os
 import secrets
 import stat
+import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO
+from typing import IO, Final
+
+if sys.platform != "win32":
+    import fcntl
+
+_AT_ONCE: Final = getattr(os, "O_NONBLOCK", 0)
 
 
 def open_regular(path: Path) -> IO[bytes]:
@@ -53,7 +59,7 @@ def replacing(path: Path, mode: int = 0o666, *, durable: bool = False) -> Iterat
         durable: the new file is on the disk when the block has ended.
     """
     part = path.with_name(f".{path.name}.{secrets.token_hex(8)}")
-    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
+    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL
     descriptor = os.open(part, flags, mode)
     try:
         with os.fdopen(descriptor, "wb") as file:
@@ -70,18 +76,31 @@ def replacing(path: Path, mode: int = 0o666, *, durable: bool = False) -> Iterat
         _sync_folder(path.parent)
 
 
+def locked(descriptor: int, *, shared: bool = False) -> bool:
+    """Lock an open file or folder until it is closed; False where another process has locked it, or
+    the system has no such locks (Windows)."""
+    if sys.platform != "win32":
+        kind = fcntl.LOCK_SH if shared else fcntl.LOCK_EX
+        with contextlib.suppress(BlockingIOError):
+            fcntl.flock(descriptor, kind | fcntl.LOCK_NB)
+            return True
+    return False
+
+
 def _at_once(path: str, flags: int) -> int:
-    return os.open(path, flags | os.O_NONBLOCK)
+    return os.open(path, flags | _AT_ONCE)
 
 
 def _keep_mode(path: Path, descriptor: int) -> None:
     with contextlib.suppress(FileNotFoundError):
         there = path.lstat()
-        if stat.S_ISREG(there.st_mode):
+        if stat.S_ISREG(there.st_mode) and sys.platform != "win32":
             os.fchmod(descriptor, there.st_mode & 0o777)
 
 
 def _sync_folder(folder: Path) -> None:
+    if sys.platform == "win32":
+        return  # a folder can't be opened there
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(descriptor)

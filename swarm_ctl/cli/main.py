@@ -27,6 +27,7 @@ from swarm_ctl.cli.send import send
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.extras import require
 from swarm_ctl.cli.shared.gcs_option import with_port
+from swarm_ctl.cli.shared.system import FLYING, GROUND_ALONE, lacks, refuse_without
 from swarm_ctl.cli.sim import sim
 from swarm_ctl.cli.station import station
 from swarm_ctl.cli.study import study
@@ -57,7 +58,9 @@ class _Command(TyperCommand):
         return super().parse_args(ctx, with_port(args))
 
     def invoke(self, ctx: Any) -> Any:
-        """Refuse to start where the command's extra is not installed."""
+        """Refuse to start where the system can't fly, or the command's extra is not installed."""
+        if self.name in FLYING:
+            refuse_without(lacks(), f"swarm-ctl {self.name}", GROUND_ALONE)
         for extra, functions in _COMMANDS.items():
             if extra and str(self.name) in (function.__name__ for function in functions):
                 require(extra, f"swarm-ctl {self.name}")

@@ -26,6 +26,7 @@ from swarm_ctl.cli.shared.options import (
     switch,
 )
 from swarm_ctl.cli.shared.result import show_summary, show_verdict
+from swarm_ctl.cli.shared.system import lacks_for_lockstep, refuse_without
 from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.errors import InputError
 
@@ -117,6 +118,7 @@ def run(
     factor = _factor(speedup)
     stepped = None
     if lockstep or speedup == "max":
+        refuse_without(lacks_for_lockstep(), "lockstep", "run without --lockstep or --speedup max")
         stepped = Lockstep(factor, patience, tuple(lockstep_with or ()))
     show = shown(headless=headless, json=json)
     console = PlainConsole(stderr=json)

@@ -12,6 +12,7 @@ import typer
 
 from swarm_ctl.cli.shared.extras import require
 from swarm_ctl.cli.shared.options import option, switch
+from swarm_ctl.cli.shared.system import lacks, refuse_without
 from swarm_ctl.cli.shared.trust_folder import (
     RESTART,
     fleet_of,
@@ -267,11 +268,17 @@ def rotate(fleet: FleetOption = None, folder: FolderOption = None, days: Days = 
     say(RESTART)
 
 
-trust = typer.Typer(
-    name="trust",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-    help="Make, copy, check and revoke the keys of a swarm.\n\nTry: swarm-ctl trust new --help",
-)
+trust = typer.Typer(name="trust", no_args_is_help=True, rich_markup_mode=None)
+
+
+@trust.callback()
+def keys_of_a_swarm() -> None:
+    """Make, copy, check and revoke the keys of a swarm.
+
+    Try: swarm-ctl trust new --help
+    """
+    refuse_without(lacks(), "swarm-ctl trust", "Linux or macOS")
+
+
 for function in (new, add, request, install, check, vehicle, revoke, rotate):
     trust.command()(function)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ from pydantic import ValidationError
 
 from swarm_ctl.core.model.messages import AgentState, Payload
 from swarm_ctl.errors import InputError
-from swarm_ctl.files import open_regular, replacing
+from swarm_ctl.files import locked, open_regular, replacing
 from swarm_ctl.recording.mcap_records import TORN, skip_magic, unpacked
 from swarm_ctl.recording.mcap_writer import NANO
 from swarm_ctl.recording.topics import ADAPTERS, TOPICS
@@ -100,7 +99,8 @@ def is_whole(run: Path) -> bool:
 def recover(run: Path) -> bool:
     """Give a recording that was cut off its index and footer, in one move; False: it needs none.
 
-    A file that is being written, a whole one and one that is not MCAP are not touched.
+    A file that is being written, a whole one and one that is not MCAP are not touched; on Windows
+    none is, which can't tell the first.
     """
     path = path_of(run)
     with open_recording(run) as file:
@@ -108,11 +108,7 @@ def recover(run: Path) -> bool:
         if head != MCAP0_MAGIC[: len(head)]:
             return False
         file.seek(0)
-        try:
-            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return False
-        if is_whole(run):
+        if not locked(file.fileno(), shared=True) or is_whole(run):
             return False
         with replacing(path) as whole:
             _copy(file, Writer(whole))

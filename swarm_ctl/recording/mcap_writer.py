@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
+import errno
 import json
 from collections import Counter
 from collections.abc import Mapping
@@ -12,6 +12,7 @@ from typing import Final
 
 from mcap.writer import Writer
 
+from swarm_ctl.files import locked
 from swarm_ctl.recording.topics import Topic
 
 NANO: Final = 1_000_000_000
@@ -22,8 +23,8 @@ class McapWriter:
 
     def __init__(self, path: Path, start_ns: int, about: Mapping[str, str]) -> None:
         self._file = path.open("wb")
-        # By this lock `recover` sees that the file is being written.
-        fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if not locked(self._file.fileno()):  # by this `recover` sees that the file is being written
+            raise BlockingIOError(errno.EAGAIN, "can't be locked", str(path))
         self._start_ns = start_ns
         self._writer = Writer(self._file)
         self._writer.start(profile="", library="swarm_ctl")

@@ -11,6 +11,7 @@ import importlib.resources
 import json
 import logging
 import os
+import platform
 import signal
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError
@@ -67,7 +68,7 @@ def on_cluster(
 def _checked(task: Task, function: Callable[[Task], Result], code: str) -> Result:
     if code != code_hash():
         raise InputError(
-            f"the worker on {os.uname().nodename} has other code (swarm_ctl"
+            f"the worker on {platform.node()} has other code (swarm_ctl"
             f" {swarm_ctl.__version__}, numpy {np.__version__}); allowed: the same everywhere, or"
             " rows would differ"
         )

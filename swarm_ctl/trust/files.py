@@ -4,7 +4,6 @@ all."""
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 import shutil
 import stat
@@ -14,7 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from swarm_ctl.errors import TrustError
-from swarm_ctl.files import open_regular, replacing
+from swarm_ctl.files import locked, open_regular, replacing
 
 _LARGEST: Final = 1 << 20
 
@@ -123,10 +122,8 @@ def _beside(folder: Path) -> Iterator[Path]:
 def _locked(folder: Path) -> Iterator[None]:
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise TrustError(f"{folder}: another process changes it now; try again") from None
+        if not locked(descriptor):
+            raise TrustError(f"{folder}: another process changes it now; try again")
         yield
     finally:
         os.close(descriptor)

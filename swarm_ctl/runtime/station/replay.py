@@ -6,7 +6,7 @@ import contextlib
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from pydantic import ValidationError
 
@@ -19,6 +19,9 @@ from swarm_ctl.runtime.station.screens import Show, possible
 from swarm_ctl.station.output.json_lines import json_line
 from swarm_ctl.station.picture.playback import Film
 from swarm_ctl.station.picture.view import SwarmView
+
+if TYPE_CHECKING:
+    from textual.driver import Driver
 
 _JSON_WALL_S: Final = 1.0
 
@@ -66,10 +69,18 @@ def _manifest(run: Path, tape: IndexedRecording) -> Manifest:
 
 
 def _with_keys(film: Film, speed: float) -> None:
-    from swarm_ctl.station.dashboard.driver import TtyDriver
     from swarm_ctl.station.dashboard.player import Player
 
-    Player(film, wall.wall_s, speed=speed, driver_class=TtyDriver).run()
+    Player(film, wall.wall_s, speed=speed, driver_class=_driver()).run()
+
+
+def _driver() -> type[Driver] | None:
+    """None: Textual's own for this system."""
+    if sys.platform == "win32":
+        return None
+    from swarm_ctl.station.dashboard.driver import TtyDriver
+
+    return TtyDriver
 
 
 def _play(

@@ -8,7 +8,7 @@ import sys
 import threading
 from collections.abc import Callable
 from enum import StrEnum
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Final, Protocol
 
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.core.model.plan import Plan
@@ -19,6 +19,9 @@ from swarm_ctl.station.picture.view import SwarmView
 
 if TYPE_CHECKING:
     from swarm_ctl.station.dashboard.app import Dashboard
+
+
+_TTY: Final = "/dev/tty"
 
 
 class Show(StrEnum):
@@ -47,9 +50,23 @@ def _can_show_dashboard() -> bool:
     dumb = os.environ.get("TERM", "").lower() in ("dumb", "unknown")
     if dumb or "utf" not in (sys.stdout.encoding or "").lower():
         return False
-    from swarm_ctl.station.dashboard.driver import in_front
+    return _in_front()
 
-    return in_front()
+
+def _in_front() -> bool:
+    """Whether there is a terminal that shows our stdout and would give us its keys now."""
+    if not sys.stdout.isatty() or sys.platform == "win32":
+        return sys.stdout.isatty()
+    try:
+        descriptor = os.open(_TTY, os.O_RDWR | os.O_NOCTTY)
+    except OSError:
+        return False
+    try:
+        return os.tcgetpgrp(descriptor) == os.getpgrp()
+    except OSError:
+        return False
+    finally:
+        os.close(descriptor)
 
 
 class Screen(Protocol):

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -171,8 +172,9 @@ class Dashboard(App[None]):
 
     def on_mount(self) -> None:
         """A shell that takes the terminal back (our `run` was killed) must not stop us."""
-        for number in (signal.SIGTTOU, signal.SIGTTIN):
-            signal.signal(number, signal.SIG_IGN)
+        if sys.platform != "win32":
+            for number in (signal.SIGTTOU, signal.SIGTTIN):
+                signal.signal(number, signal.SIG_IGN)
 
     def on_ready(self) -> None:
         """From here on messages are taken; what came before waits."""

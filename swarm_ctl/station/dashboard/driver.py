@@ -4,7 +4,6 @@ log file."""
 from __future__ import annotations
 
 import os
-import sys
 from typing import TYPE_CHECKING
 
 from textual.drivers.linux_driver import LinuxDriver
@@ -13,22 +12,6 @@ if TYPE_CHECKING:
     from textual.app import App
 
 TTY = "/dev/tty"
-
-
-def in_front() -> bool:
-    """Whether there is a terminal that shows our stdout and would give us its keys now."""
-    if not sys.stdout.isatty():
-        return False
-    try:
-        descriptor = os.open(TTY, os.O_RDWR | os.O_NOCTTY)
-    except OSError:
-        return False
-    try:
-        return os.tcgetpgrp(descriptor) == os.getpgrp()
-    except OSError:
-        return False
-    finally:
-        os.close(descriptor)
 
 
 class TtyDriver(LinuxDriver):
