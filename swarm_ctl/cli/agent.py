@@ -27,7 +27,7 @@ _PEER: Final = (
     "  [default: the agents before it in the fleet]"
 )
 _ROUTER: Final = (
-    "Where the router of this host listens, for a swarm of more than 16.  [default: as in the"
+    "Where its router listens, for a swarm of more than 16 or with routers.  [default: as in the"
     " fleet]"
 )
 _KEY: Final = (
@@ -248,11 +248,15 @@ def _own(
         mesh=given.mesh or entry.mesh,
         router=given.router or entry.router,
     )
-    from swarm_ctl.core.swarm.hearing import hears_all
+    from swarm_ctl.mesh.zenoh_config import Part, part_in
 
-    small = hears_all(plan)
-    _refuse_other_links(len(plan.agents), given, small=small)
-    needed = {"mesh": own.mesh} if small else {"router": own.router}
+    routers = (own.router,) if own.router else ()
+    routed = part_in(plan, routers) is Part.CLIENT
+    if routed and (given.mesh or given.peers):
+        raise InputError(
+            f"--mesh, --peer: agent {agent_id} is a client of its host's router; allowed: --router"
+        )
+    needed = {"router": own.router} if routed else {"mesh": own.mesh}
     for name, value in {"endpoint": own.endpoint, **needed}.items():
         if not value:
             raise InputError(
@@ -261,16 +265,4 @@ def _own(
             )
     before = fleet.agents[: ids.index(agent_id)]
     peers = tuple(given.peers or (other.mesh for other in before if other.mesh))
-    return own, peers if small else (own.router or "",)
-
-
-def _refuse_other_links(count: int, given: _Places, *, small: bool) -> None:
-    if small and given.router:
-        raise InputError(
-            f"--router: a swarm of {count} is a mesh of peers; allowed: --mesh, --peer"
-        )
-    if not small and (given.mesh or given.peers):
-        raise InputError(
-            f"--mesh, --peer: an agent of {count} is a client of its host's router; allowed:"
-            " --router"
-        )
+    return (replace(own, mesh=None), routers) if routed else (own, peers)

@@ -1,4 +1,4 @@
-"""`swarm-ctl router`: the router of a host, for a large swarm whose agents are started by hand."""
+"""`swarm-ctl router`: the router of a host, for a swarm whose agents are started by hand."""
 
 from __future__ import annotations
 
@@ -28,10 +28,11 @@ def router(
     identity: Annotated[Path | None, option("FOLDER", _IDENTITY)] = None,
     open_mesh: OpenMesh = False,
 ) -> None:
-    """Pass on what a swarm of more than 16 agents says, on its host.
+    """Pass on what a swarm says, on its host.
 
-    One for each host, started before its agents; `run` starts its own. It connects to the fleet's
-    other routers. Ctrl-C ends it when its last client has gone; a second one at once.
+    For a swarm of more than 16 agents, or whose fleet names routers: one for each host, started
+    before its agents; `run` starts its own. It connects to the fleet's other routers. Ctrl-C ends
+    it when its last client has gone; a second one at once.
 
     Examples:
 
@@ -47,9 +48,10 @@ def router(
     from swarm_ctl.runtime.router.router_process import RouterConfig, run_router
 
     plan, entries = plan_and_fleet(file, fleet)
-    if hears_all(plan):
+    if hears_all(plan) and not entries.routers:
         raise InputError(
-            f"{file}: a swarm of {len(plan.agents)} agents is a mesh of peers; allowed: 17 and more"
+            f"{file}: a swarm of {len(plan.agents)} agents is a mesh of peers; allowed: 17 and"
+            " more, or a fleet that names a `router`"
         )
     at, others = _places(entries.routers, listen)
     keys = identity or router_identity_folder(entries.trust, at)

@@ -14,6 +14,10 @@ from swarm_ctl.trust.identity import Identity
 from swarm_ctl.trust.names import Role
 from swarm_ctl.trust.roster import Entry
 
+_WITH_TLS: Final = {"tcp": "tls", "udp": "quic"}
+_MIXED: Final = {"udp": "rel=1;mixed_rel=1", "quic": "mixed_rel=1"}
+"""zenoh's words for QUIC (of `udp`, which is bare datagrams without them), and for datagrams beside
+its streams."""
 _HEARS: Final = "hears"
 _HEARING: Final = [
     "declare_subscriber",
@@ -31,8 +35,22 @@ def station_name(owner: str, suffix: str) -> str:
 
 
 def as_tls(endpoint: str) -> str:
-    """The endpoint with TLS: `tls/10.0.0.5:7447` for `tcp/10.0.0.5:7447`."""
-    return endpoint.replace("tcp/", "tls/", 1)
+    """The endpoint with TLS: `tls/10.0.0.5:7447` for `tcp/10.0.0.5:7447`, `quic/` for `udp/`."""
+    scheme, _, place = endpoint.partition("/")
+    return f"{_WITH_TLS.get(scheme, scheme)}/{place}"
+
+
+def for_zenoh(endpoint: str, *, protected: bool) -> str:
+    """The endpoint as zenoh is told of it.
+
+    `tcp/` and `tls/` are one stream: a lost packet holds up all that follows. `udp/` and `quic/`
+    are QUIC links, without and with TLS, of streams and datagrams: what is said once (events,
+    commands, who listens to what) is sent until it arrives; a state that the next one replaces is
+    in time or lost.
+    """
+    told = as_tls(endpoint) if protected else endpoint
+    mixed = _MIXED.get(told.partition("/")[0])
+    return told if mixed is None or "?" in told else f"{told}?{mixed}"
 
 
 def access_settings(identity: Identity, swarm: str) -> dict[str, Any]:
@@ -66,7 +84,7 @@ def access_settings(identity: Identity, swarm: str) -> dict[str, Any]:
         for name, keys in own.items()
     ]
     return {
-        "transport/link/protocols": ["tls"],
+        "transport/link/protocols": ["tls", "quic"],
         "transport/link/tls": tls,
         "access_control": {
             "enabled": True,

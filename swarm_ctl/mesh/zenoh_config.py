@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from enum import StrEnum
 from typing import Any, Final
 
@@ -12,7 +12,7 @@ import zenoh
 
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.swarm.hearing import hears_all
-from swarm_ctl.mesh.access import as_tls
+from swarm_ctl.mesh.access import for_zenoh
 from swarm_ctl.mesh.keys import CHANNELS, COMMAND, Channel
 from swarm_ctl.mesh.stepped_transport import MARK_SIZE
 
@@ -51,23 +51,27 @@ _LONGEST: Final = 2 * max(channel.bounds.size for channel in CHANNELS)
 """Bytes of a message with its key; zenoh puts no longer one together of its parts."""
 _COMMANDS_PER_S: Final = 200.0
 """That one link may bring. A flood under ever new names has one, an operator one of its own."""
-_REFUSED: Final = "zenoh_link_tls=warn,zenoh::net::routing::interceptor::access_control=info"
+_REFUSED: Final = (
+    "zenoh_link_tls=warn,zenoh_link_commons::quic=warn,"
+    "zenoh::net::routing::interceptor::access_control=info"
+)
 
 
 class Part(StrEnum):
     """What a process is on the mesh."""
 
     PEER = "peer"
-    """Of a small swarm: has a link to each other process."""
+    """Of a small swarm without routers: has a link to each other process."""
     CLIENT = "client"
-    """Of a large swarm: has one link, to the router of its host."""
+    """Of a swarm with routers: has one link, to the router of its host."""
     ROUTER = "router"
     """Passes on between its clients and other routers."""
 
 
-def part_in(plan: Plan) -> Part:
-    """What the agents and stations of a swarm are."""
-    return Part.PEER if hears_all(plan) else Part.CLIENT
+def part_in(plan: Plan, routers: Collection[str]) -> Part:
+    """What the agents and stations of a swarm are. `routers`: those that its fleet names: a small
+    swarm that has some uses them."""
+    return Part.PEER if hears_all(plan) and not routers else Part.CLIENT
 
 
 def _passed_on(name: str, keys: Sequence[str], priority: str) -> dict[str, Any]:
@@ -129,8 +133,8 @@ def configuration(
         queued = {"real_time": _PATIENT_QUEUED, "data": _PATIENT_QUEUED}
     settings: dict[str, Any] = {
         "mode": part,
-        "listen/endpoints": [as_tls(each) if access else each for each in listen],
-        "connect/endpoints": [as_tls(each) if access else each for each in connect],
+        "listen/endpoints": [for_zenoh(each, protected=bool(access)) for each in listen],
+        "connect/endpoints": [for_zenoh(each, protected=bool(access)) for each in connect],
         "connect/timeout_ms": -1,
         "connect/exit_on_failure": False,
         "connect/retry": {

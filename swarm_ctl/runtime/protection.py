@@ -69,7 +69,7 @@ def router_identity_folder(trust: str | None, listen: str) -> Path | None:
                 return path
     raise TrustError(
         f"{trust}: has no router for {host}; allowed: one that swarm-ctl trust new or trust"
-        " add router made from a fleet of more than 16 agents"
+        " add router made from a fleet of more than 16 agents, or with routers"
     )
 
 

@@ -20,7 +20,7 @@ from swarm_ctl.mesh.zenoh_config import log_refused_links
 from swarm_ctl.trust.identity import Identity
 
 _STDOUT: Final = 1
-_LINE: Final = re.compile(rb"zenoh_link_tls|interceptor::access_control")
+_LINE: Final = re.compile(rb"zenoh_link_tls|zenoh_link_commons::quic|interceptor::access_control")
 _CHUNK: Final = 1 << 16
 _WHY: Final = (
     (b"peer sent no certificates", "the other end has no certificate"),

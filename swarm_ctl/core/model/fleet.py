@@ -6,7 +6,7 @@ It is not part of the plan: the same mission flies with another fleet.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Final
@@ -58,7 +58,7 @@ class FleetAgent:
     provides the vehicle."""
     mesh: str | None = None
     """Where this agent listens on the mesh (`tcp/192.168.1.11:7447`); None: `run` chooses a
-    loopback port, or the swarm is large."""
+    loopback port, or the swarm has routers."""
     response: Response = field(default_factory=Response)
     """How this vehicle answers a velocity setpoint; its stop point is computed with it."""
     vehicle: VehicleKind = VehicleKind.SIMULATED
@@ -69,8 +69,8 @@ class FleetAgent:
     """The MAVLink system id that the agent speaks with, 1..254: by its heartbeats alone an
     ArduCopter knows that the agent lives."""
     router: str | None = None
-    """Where the router of its host listens, in a large swarm; None: `run` chooses a loopback port,
-    or the swarm is small."""
+    """Where the router listens whose client it is; None: `run` chooses a loopback port, or the
+    swarm is a mesh of peers."""
     host: str | None = None
     """The computer that the agent runs on, by the name that SSH and the mesh reach it by; None: the
     fleet does not say."""
@@ -93,7 +93,7 @@ class Fleet:
     @property
     def routers(self) -> tuple[str, ...]:
         """Where the routers of the agents' hosts listen, each once."""
-        return tuple(dict.fromkeys(agent.router for agent in self.agents if agent.router))
+        return routers_of(self.agents)
 
     def hosts(self) -> dict[str, tuple[FleetAgent, ...]]:
         """The agents of each host that the fleet names, in the fleet's order."""
@@ -106,6 +106,11 @@ class Fleet:
             if agent.id == agent_id:
                 return agent
         raise KeyError(agent_id)
+
+
+def routers_of(agents: Iterable[FleetAgent]) -> tuple[str, ...]:
+    """Where the routers of the agents' hosts listen, each once."""
+    return tuple(dict.fromkeys(agent.router for agent in agents if agent.router))
 
 
 def agent_sysids(count: int, taken: Collection[int]) -> list[int]:

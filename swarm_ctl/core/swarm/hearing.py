@@ -44,12 +44,14 @@ def hears_all(plan: Plan) -> bool:
     return len(plan.agents) <= SMALL_SWARM
 
 
-def mesh_words(agents: int) -> str:
-    """How a swarm of so many agents is linked."""
-    if agents <= SMALL_SWARM:
-        return f"of peers, {agents} agents, {agents * (agents - 1) // 2} links"
-    rare = f"far words at {1 / FAR_EVERY_S:g} Hz"
-    return f"one router a host, {agents} agents: near peers every tick, {rare}"
+def mesh_words(agents: int, *, routed: bool) -> str:
+    """How a swarm of so many agents is linked; `routed`: its fleet names routers."""
+    if agents > SMALL_SWARM:
+        rare = f"far words at {1 / FAR_EVERY_S:g} Hz"
+        return f"one router a host, {agents} agents: near peers every tick, {rare}"
+    if routed:
+        return f"one router a host, {agents} agents: all peers every tick"
+    return f"of peers, {agents} agents, {agents * (agents - 1) // 2} links"
 
 
 class Boundary:

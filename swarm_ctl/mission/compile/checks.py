@@ -168,21 +168,21 @@ def _fleet(mission: MissionFile) -> Findings:
 
 
 def _links_of_fleet(mission: MissionFile) -> Findings:
-    """Agents of a small swarm are linked to each other, those of a large one to routers."""
-    count, small, fleet = len(mission.agents), len(mission.agents) <= SMALL_SWARM, mission.fleet
+    """All agents are linked to each other, or all to routers: in a large swarm, and in one that
+    names a router."""
+    fleet = mission.fleet
     if fleet is None:
         return
-    if small and fleet.router:
-        what = f"a swarm of {count} agents is a mesh of peers"
-        yield Finding(("fleet", "router"), what, "no router; `mesh` of each agent")
+    named = bool(fleet.router) or any(entry.router for entry in fleet.agents)
+    large = len(mission.agents) > SMALL_SWARM
     for k, entry in enumerate(fleet.agents):
         place = ("fleet", "agents", k)
-        if small and entry.router:
-            what = f"a swarm of {count} agents is a mesh of peers"
-            yield Finding((*place, "router"), what, "mesh: where the agent listens")
-        if not small and entry.mesh:
-            what = f"an agent of {count} does not listen: it is a client of its host's router"
+        if (named or large) and entry.mesh:
+            what = "the agent does not listen: it is a client of its host's router"
             yield Finding((*place, "mesh"), what, "router: where the router listens")
+        elif named and not (entry.router or fleet.router or large):
+            what = f"agent {entry.id} has no router, and other agents have"
+            yield Finding(place, what, "router: of each agent, or none, or one of the fleet")
 
 
 def check_trust(fleet: FleetSection, place: Place) -> Findings:
@@ -195,10 +195,9 @@ def check_trust(fleet: FleetSection, place: Place) -> Findings:
     ways |= {(*entries[k], "router"): entry.router for k, entry in enumerate(fleet.agents)}
     for spot, at in {**ways, (*place, "router"): fleet.router}.items():
         scheme = (at or "tcp/").partition("/")[0]
-        if fleet.trust is not None and scheme not in ("tcp", "tls"):
-            yield Finding(spot, f"{scheme}/ with trust, whose mesh is TLS", "tls/HOST:PORT")
-        elif fleet.trust is None and scheme in ("tls", "quic"):
-            yield Finding(spot, f"{scheme}/ without keys", "trust: FOLDER in the fleet, or tcp/")
+        if fleet.trust is None and scheme in ("tls", "quic"):
+            allowed = f"trust: FOLDER in the fleet, or {'tcp/' if scheme == 'tls' else 'udp/'}"
+            yield Finding(spot, f"{scheme}/ without keys", allowed)
 
 
 def check_fleet(entries: Sequence[FleetEntry], place: Place) -> Findings:

@@ -10,6 +10,7 @@ from typing import Final
 
 from pydantic import AwareDatetime, Field
 
+from swarm_ctl.core.model.fleet import routers_of
 from swarm_ctl.mission.compile.plan_file import PlanFile
 from swarm_ctl.report.folder.files import read_model, write_model
 
@@ -61,6 +62,11 @@ class Manifest(PlanFile):
     def flown_by(self) -> Path | None:
         """The folder with the identity of the run's own station."""
         return Path(self.identity) if self.identity else None
+
+    @property
+    def routers(self) -> tuple[str, ...]:
+        """Where its routers listen; none of a mesh of peers."""
+        return routers_of(self.fleet)
 
     @property
     def agents_mesh(self) -> list[str]:

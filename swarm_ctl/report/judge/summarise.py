@@ -150,6 +150,7 @@ def _of_manifest(manifest: Manifest | None) -> dict[str, Any]:
         "mission_file": manifest.mission,
         "plan_hash": manifest.plan_hash,
         "swarm": manifest.swarm,
+        "routers": manifest.routers,
         "started_at": manifest.started_at.isoformat(),
         "r_in_m": law.r_in * unit_m,
         "r_m": law.r * unit_m,

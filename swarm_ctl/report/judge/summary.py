@@ -166,6 +166,8 @@ class Summary(_SummaryPart):
     mission_file: str | None
     plan_hash: str | None
     swarm: str | None
+    routers: tuple[str, ...] = ()
+    """Where routers listened; none of a mesh of peers."""
     started_at: str | None
     """ISO 8601."""
     outcome: RunOutcome

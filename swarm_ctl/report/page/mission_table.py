@@ -65,7 +65,7 @@ def mission_parts(
     if count > _AGENTS and not full:
         yield f"{count - _AGENTS + 2} more agents; --full shows them"
     yield _steps(plan, forecasts)
-    yield from _facts(plan, full)
+    yield from _facts(plan, full, routed=bool(loaded.fleet.routers))
     yield from joysticks(loaded.fleet)
     yield from _simulation(simulation)
     for warning in warnings:
@@ -153,11 +153,11 @@ def _expected(expected: StepForecast) -> str:
     return f"{time}, closest {expected.form.smallest_m:.1f} m ({i}-{j})"
 
 
-def _facts(plan: Plan, full: bool) -> Iterator[str]:
+def _facts(plan: Plan, full: bool, *, routed: bool) -> Iterator[str]:
     law, unit, limits, policies = plan.law, plan.unit_m, plan.limits, plan.policies
     yield f"radii    r {law.r * unit:g} m, r_out {law.r_out * unit:g} m, r_in {law.r_in * unit:g} m"
     yield from _graph(plan, full)
-    yield f"mesh     {mesh_words(len(plan.agents))}"
+    yield f"mesh     {mesh_words(len(plan.agents), routed=routed)}"
     yield from _closest(plan)
     braking_m = float(stop_distance(np.array(limits.speed_mps), plan.response))
     stop_m = limits.speed_mps * plan.response.dead_time_s + braking_m

@@ -115,7 +115,7 @@ def _rows(s: Summary) -> Iterator[tuple[str, str, bool]]:
     yield "setpoints", f"{_number(s.setpoint_rate_hz, 2)} Hz (slowest agent)", True
     late = f"p50 {s.tick.late_p50_ms:.2f} ms, p99 {s.tick.late_p99_ms:.2f} ms late"
     yield "ticks", f"{late}, {s.tick.overruns} overruns", True
-    yield "mesh", mesh_words(len(s.agents)), True
+    yield "mesh", mesh_words(len(s.agents), routed=bool(s.routers)), True
     yield "state age", _ages(s), True
     yield "loss", _loss(s), True
     if s.exit_codes is not None:

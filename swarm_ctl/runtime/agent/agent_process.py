@@ -174,8 +174,9 @@ def _join_mesh(config: AgentConfig, place: Seat, identity: Identity | None) -> N
         place.mesh_speedup,
         patient=place.repeats,
         access=access(identity, config.swarm),
-        part=part_in(config.plan),
         alive=keys.alive_key(config.swarm, "agent", config.agent_id),
+        # what does not listen is a router's client
+        part=part_in(config.plan, () if config.listen else config.connect),
     )
     node = Node(place.mesh(transport), config.swarm, config.agent_id)
     listen(node, config.plan)

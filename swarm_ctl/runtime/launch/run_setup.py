@@ -12,9 +12,9 @@ from typing import Any
 
 from swarm_ctl.core.model.fleet import Fleet, FleetAgent, Signing, VehicleKind
 from swarm_ctl.core.model.frames import geodetic_from_ned
-from swarm_ctl.core.swarm.hearing import hears_all
 from swarm_ctl.errors import InputError
 from swarm_ctl.mesh.access import as_tls
+from swarm_ctl.mesh.zenoh_config import Part, part_in
 from swarm_ctl.mission.compile.exposure import exposures, leaves_loopback, refuse_exposed
 from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.report.folder.manifest import Manifest, package_versions, write_manifest
@@ -138,8 +138,8 @@ class RunSetup:
         write_manifest(self.folder, self.manifest)
 
     def agent_configs(self) -> list[AgentConfig]:
-        """For each agent. In a small swarm it connects to those before it and listens for those
-        after it, so that every pair is linked once; in a large one it connects to the router."""
+        """For each agent. In a mesh of peers it connects to those before it and listens for those
+        after it, so that every pair is linked once; else it connects to the router."""
         fleet = self.manifest.fleet
         return [
             self._agent_config(
@@ -149,7 +149,7 @@ class RunSetup:
         ]
 
     def router_config(self) -> RouterConfig | None:
-        """Of the router of a large swarm; None for a small one."""
+        """Of the router; None in a mesh of peers."""
         manifest = self.manifest
         listen = manifest.fleet[0].router
         if listen is None:
@@ -312,9 +312,9 @@ def _router(agents: Sequence[FleetAgent]) -> str | None:
 
 
 def _router_place(mission: LoadedMission) -> dict[Member, str | None]:
-    """The member that routes, and where; none in a small swarm. TrustError where the fleet's trust
-    has none for that address."""
-    if hears_all(mission.plan):
+    """The member that routes, and where; none in a mesh of peers. TrustError where the fleet's
+    trust has none for that address."""
+    if part_in(mission.plan, mission.fleet.routers) is Part.PEER:
         return {}
     at = _router(mission.fleet.agents)
     folder = router_identity_folder(mission.fleet.trust, at or f"tcp/{LOOPBACK}:1")
@@ -327,17 +327,17 @@ def _manifest(mission: LoadedMission, options: RunOptions) -> Manifest:
     agents = mission.fleet.agents
     simulated = [agent.id for agent in agents if agent.started_as is VehicleKind.SIMULATED]
     ports = dict(zip(simulated, free_ports(len(simulated), socket.SOCK_DGRAM), strict=True))
-    small = hears_all(mission.plan)
-    missing = sum(agent.mesh is None for agent in agents) if small else 0
+    routed = part_in(mission.plan, mission.fleet.routers) is Part.CLIENT
+    missing = 0 if routed else sum(agent.mesh is None for agent in agents)
     meshes = [f"tcp/127.0.0.1:{port}" for port in free_ports(missing + 1, socket.SOCK_STREAM)]
     trust = mission.fleet.trust
     spelled = as_tls if trust is not None else str
-    router = None if small else spelled(_router(agents) or meshes.pop())
+    router = spelled(_router(agents) or meshes.pop()) if routed else None
     fleet = tuple(
         replace(
             agent,
             endpoint=f"udpout:127.0.0.1:{ports[agent.id]}" if agent.id in ports else agent.endpoint,
-            mesh=spelled(agent.mesh or meshes.pop(0)) if small else None,
+            mesh=None if routed else spelled(agent.mesh or meshes.pop(0)),
             router=router,
         )
         for agent in agents
@@ -356,7 +356,7 @@ def _manifest(mission: LoadedMission, options: RunOptions) -> Manifest:
         simulated=tuple(simulated),
         trust=None if trust is None else str(Path(trust).absolute()),
         signing=mission.fleet.signing,
-        station_mesh=spelled(meshes.pop()) if small else None,
+        station_mesh=None if routed else spelled(meshes.pop()),
         record_hz=options.record_hz,
         versions=package_versions(),
     )

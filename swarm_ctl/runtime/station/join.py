@@ -40,7 +40,8 @@ def join_run(
     clock = MeshClock.of_run(manifest)
     identity = station_identity(manifest.trust, identity_folder or manifest.flown_by)
     seen = protection(identity, manifest.signing, is_open=manifest.open_mesh)
-    part, plan = part_in(manifest.plan), pack(manifest.plan, manifest.fleet, manifest.signing)
+    part = part_in(manifest.plan, manifest.routers)
+    plan = pack(manifest.plan, manifest.fleet, manifest.signing)
     mesh = open_node(
         manifest.swarm, manifest.whole_mesh, clock, identity=identity, part=part, plan=plan
     )
@@ -80,7 +81,8 @@ class SwarmMesh:
 def open_swarm(swarm: SwarmMesh) -> Iterator[Station]:
     """A station on the swarm's mesh."""
     mission, plan = swarm.mission, swarm.mission.plan
-    part, identity, fleet = part_in(plan), swarm.identity, mission.fleet
+    identity, fleet = swarm.identity, mission.fleet
+    part = part_in(plan, fleet.routers)
     offer = pack(plan, fleet.agents, fleet.signing)
     mesh = open_node(
         plan.name, swarm.connect, swarm.clock, identity=identity, part=part, plan=offer

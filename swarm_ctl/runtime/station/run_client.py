@@ -58,7 +58,7 @@ class RunClient:
             role="send",
             place=place,
             identity=self._identity,
-            part=part_in(manifest.plan),
+            part=part_in(manifest.plan, manifest.routers),
         )
         self._station = Station(manifest.plan, Path(manifest.mission), self._node, clock)
         if place is not None:

@@ -59,7 +59,7 @@ def run_station(
             listen=listen,
             place=place,
             identity=identity,
-            part=part_in(manifest.plan),
+            part=part_in(manifest.plan, manifest.routers),
             plan=pack(manifest.plan, manifest.fleet, manifest.signing),
         )
         opened.callback(node.close)

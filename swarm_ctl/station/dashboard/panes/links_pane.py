@@ -87,8 +87,7 @@ def _sentences(view: SwarmView, judged: dict[tuple[int, int], Judgement]) -> lis
         return lines + ([StyledLine(f"   and {more} more", "yellow")] if more > 0 else [])
     heard = sum(judgement.level is Level.WELL for judgement in judged.values())
     if heard:
-        how = "all direct" if hears_all(view.plan) else "by routers"
-        return [level_line(Level.WELL, f"{heard} mesh links, {how}, all well")]
+        return [level_line(Level.WELL, f"{heard} mesh links, all well")]
     return [level_line(Level.WAITING, "no mesh link yet")]
 
 

@@ -163,7 +163,7 @@ def test_the_keys_of_a_fleet_stand_beside_it(tmp_path: Path, fields: str, signin
     [
         ("signing: required\nagents: [{id: 1}]\n", "no keys to sign with; allowed: trust: FOLDER"),
         ("agents: [{id: 1, mesh: tls/10.0.0.1:7}]\n", "tls/ without keys; allowed: trust: FOLDER"),
-        ("trust: k\nagents: [{id: 1, mesh: udp/10.0.0.1:7}]\n", "allowed: tls/HOST:PORT"),
+        ("agents: [{id: 1, mesh: quic/10.0.0.1:7}]\n", "in the fleet, or udp/"),
         ("trust: ''\nagents: [{id: 1}]\n", "fleet.yaml:1: trust: "),
         ("signing: on\nagents: [{id: 1}]\n", "required, off"),
     ],
