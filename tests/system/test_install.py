@@ -62,6 +62,17 @@ def test_the_core_has_no_extras(core: Path) -> None:
         assert "install with: pip install 'swarm-ctl[ground]'" in done.stderr
 
 
+def test_it_installs_no_name_that_others_may_have(core: Path) -> None:
+    """Two packages alone, and the ready missions in one of them."""
+    code = "from importlib import metadata as m; print(*m.files('swarm-ctl'), sep='\\n')"
+    files = subprocess.check_output([core / "python", "-c", code], text=True, env=ENV).split()
+    assert "swarm_ctl/ready_missions/hexagon.yaml" in files
+    names = {name.split("/")[0] for name in files}
+    (about,) = (name for name in names if name.endswith(".dist-info"))
+    assert names == {"swarm_ctl", "swarm_sim", about, ".."}
+    assert [name for name in files if name.startswith("..")] == ["../../../bin/swarm-ctl"]
+
+
 def test_the_core_flies_a_plan(core: Path, tmp_path: Path) -> None:
     """Two agents take off, form, land and exit with 0; plan and simulator come from the ground."""
     mission, speedup, epoch_s = pair_mission(tmp_path), 4.0, time.monotonic()
