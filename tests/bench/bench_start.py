@@ -48,7 +48,7 @@ def airborne_s(command: str, folder: Path) -> float:
         env |= {"PATH": os.environ["PATH"], "HOME": home, "LANG": "C.UTF-8", "UV_OFFLINE": "1"}
         begin = time.monotonic()
         process = subprocess.Popen(
-            ["sh", "-c", command], cwd=home, env=env, stdout=told, stderr=told, process_group=0
+            ["/bin/sh", "-c", command], cwd=home, env=env, stdout=told, stderr=told, process_group=0
         )
         try:
             while time.monotonic() - begin < _LONGEST_S and process.poll() is None:

@@ -56,4 +56,13 @@ def test_agent_process_stays_small() -> None:
 def test_no_command_waits_for_what_another_one_needs() -> None:
     """Every command loads all of their options, and no more."""
     loaded = loaded_by("swarm_ctl.cli.main")
-    assert not loaded & {"numpy", "zenoh", "pymavlink", "yaml", "scipy", "textual", "matplotlib"}
+    assert not loaded & {
+        "numpy",
+        "zenoh",
+        "pymavlink",
+        "yaml",
+        "scipy",
+        "textual",
+        "matplotlib",
+        "mcap",
+    }

@@ -5,11 +5,13 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
-from typing import TextIO
+from typing import TYPE_CHECKING, TextIO
 
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.core.model.messages import Outcome
-from swarm_ctl.report.judge.summary import Summary
+
+if TYPE_CHECKING:
+    from swarm_ctl.report.judge.summary import Summary
 
 
 def show_summary(
