@@ -5,15 +5,23 @@ from __future__ import annotations
 import contextlib
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
 from swarm_ctl.cli.shared.extras import require
-from swarm_ctl.cli.shared.options import FleetFile, OpenMesh, Speedup, option, switch
+from swarm_ctl.cli.shared.options import (
+    FleetFile,
+    OpenMesh,
+    Speedup,
+    ZenohConfig,
+    option,
+    switch,
+    zenoh_settings,
+)
 from swarm_ctl.core.model.fleet import Fleet, FleetAgent, Signing
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.errors import InputError, TrustError
@@ -65,6 +73,7 @@ def agent(
     ] = None,
     identity: Annotated[Path | None, option("FOLDER", _IDENTITY)] = None,
     open_mesh: OpenMesh = False,
+    zenoh_config: ZenohConfig = None,
     expect_station: Annotated[bool, switch("--expect-station", _EXPECT)] = False,
     lockstep: Annotated[Path | None, option("RUN", _LOCKSTEP)] = None,
     signing_key: Annotated[Path | None, option("FILE", _KEY)] = None,
@@ -100,7 +109,8 @@ def agent(
     if wanted is None:
         plan, entries = plan_and_fleet(file, fleet)
     else:
-        known = _Known(agent_id, given, fleet, identity, open_mesh)
+        own_zenoh = zenoh_settings(zenoh_config, guarded=open_mesh or identity is not None)
+        known = _Known(agent_id, given, fleet, identity, open_mesh, own_zenoh)
         plan, entries = _fetched(wanted, known, plan_timeout)
     own, connect = _own(plan, entries, agent_id, given)
     keys = agent_identity_folder(entries.trust, agent_id, identity)
@@ -128,6 +138,7 @@ def agent(
         signing_key=signing_key,
         identity=keys,
         signing=entries.signing,
+        zenoh=zenoh_settings(zenoh_config, guarded=open_mesh or keys is not None),
     )
     if keys is not None:
         threading.Thread(target=_explain, args=(keys, connect), daemon=True).start()
@@ -190,7 +201,7 @@ def _fetched(wanted: PlanName, known: _Known, patience_s: float) -> tuple[Plan, 
     if found is None:
         place = _place(wanted, known)
         identity = own_identity(known.identity, known.agent_id)
-        found = fetched_plan(wanted, folder, place, identity, patience_s)
+        found = fetched_plan(wanted, folder, place, identity, patience_s, known.zenoh)
     return found.plan, Fleet(found.fleet, found.trust, found.signing)
 
 
@@ -221,6 +232,7 @@ class _Known:
     fleet: Path | None
     identity: Path | None
     open_mesh: bool
+    zenoh: Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,14 @@ from typing import Annotated, Final
 import typer
 
 from swarm_ctl.cli.agent import plan_and_fleet
-from swarm_ctl.cli.shared.options import FleetFile, OpenMesh, Speedup, option
+from swarm_ctl.cli.shared.options import (
+    FleetFile,
+    OpenMesh,
+    Speedup,
+    ZenohConfig,
+    option,
+    zenoh_settings,
+)
 from swarm_ctl.errors import InputError
 
 _LISTEN: Final = "Where it listens: a `router` of the fleet.  [default: the fleet's only one]"
@@ -27,6 +34,7 @@ def router(
     speedup: Speedup = 1.0,
     identity: Annotated[Path | None, option("FOLDER", _IDENTITY)] = None,
     open_mesh: OpenMesh = False,
+    zenoh_config: ZenohConfig = None,
 ) -> None:
     """Pass on what a swarm says, on its host.
 
@@ -77,7 +85,8 @@ def router(
                 sys.stderr.write(f"router: {text}\n")
 
     before = tuple(map(spelled, others))
-    config = RouterConfig(plan.name, spelled(at), before, speedup, identity=keys)
+    own = zenoh_settings(zenoh_config, guarded=open_mesh or keys is not None)
+    config = RouterConfig(plan.name, spelled(at), before, speedup, identity=keys, zenoh=own)
     raise typer.Exit(run_router(config, Lifeline()))
 
 

@@ -22,8 +22,10 @@ from swarm_ctl.cli.shared.options import (
     OpenMesh,
     Seed,
     VehicleKinds,
+    ZenohConfig,
     option,
     switch,
+    zenoh_settings,
 )
 from swarm_ctl.cli.shared.result import show_summary, show_verdict
 from swarm_ctl.cli.shared.system import lacks_for_lockstep, refuse_without
@@ -73,6 +75,7 @@ def run(
     px4_log: Annotated[bool, switch("--px4-log", _PX4_LOG)] = False,
     identity: IdentityFolder = None,
     open_mesh: OpenMesh = False,
+    zenoh_config: ZenohConfig = None,
     runs: Annotated[Path, option("FOLDER", "Where the run's folder is made.")] = Path("runs"),
     gcs: Annotated[list[str] | None, option("[HOST:]PORT", _GCS)] = None,
     seed: Seed = 1,
@@ -126,6 +129,8 @@ def run(
         show = Show.LOG
     loaded = load(mission, fleet=fleet, vehicles=vehicles)
     console.warn(loaded.warnings)
+    guarded = open_mesh or loaded.fleet.trust is not None
+    own = zenoh_settings(zenoh_config, guarded=guarded)
     refuse_too_close(loaded, forecast(loaded.plan))
 
     def say(text: str) -> None:
@@ -145,7 +150,7 @@ def run(
         binaries,
         px4_log,
         stepped,
-        Keys(identity, open_mesh, str(fleet or file_of(mission) or mission)),
+        Keys(identity, open_mesh, str(fleet or file_of(mission) or mission), own),
     )
     if junit is not None and not (junit.parent.is_dir() and os.access(junit.parent, os.W_OK)):
         raise InputError(f"--junit {junit}: can't be written; allowed: a file in a folder that may")

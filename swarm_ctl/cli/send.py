@@ -9,7 +9,14 @@ import typer
 
 from swarm_ctl.cli.shared import completion
 from swarm_ctl.cli.shared.console import PlainConsole
-from swarm_ctl.cli.shared.options import IdentityFolder, complete_runs, option, switch
+from swarm_ctl.cli.shared.options import (
+    IdentityFolder,
+    ZenohConfig,
+    complete_runs,
+    option,
+    switch,
+    zenoh_settings,
+)
 from swarm_ctl.core.model.text import agents_named
 
 
@@ -45,6 +52,7 @@ def send(
         float | None, option("M/S", "move: its speed.  [default: half of the limit]")
     ] = None,
     identity: IdentityFolder = None,
+    zenoh_config: ZenohConfig = None,
     yes: Annotated[bool, switch("--yes", "Do not ask before kill.")] = False,
 ) -> None:
     """Command a swarm that flies, and show each agent's answer.
@@ -88,7 +96,8 @@ def send(
     from swarm_ctl.station.picture.summaries import command_words
 
     folder, console = flying_run(run), PlainConsole()
-    plan = read_manifest(folder).plan
+    manifest = read_manifest(folder)
+    plan = manifest.plan
     words = [command, *(arguments or [])]
     if speed is not None:
         words.append(str(speed))
@@ -99,7 +108,8 @@ def send(
         named = f"agent {agents}" if agents else "EVERY agent"
         what = f"kill: the motors of {named} of {plan.name} ({folder}) stop at once"
         typer.confirm(f"{what} and the vehicle falls. Really?", abort=True)
-    with RunClient(folder, identity=identity) as client:
+    own = zenoh_settings(zenoh_config, guarded=manifest.guarded) if zenoh_config else None
+    with RunClient(folder, identity=identity, zenoh=own) as client:
         answers = client.order(replace(order, by=by))
         left = client.left()
     console.say(f"{order.text}, {plan.name} ({folder}):")

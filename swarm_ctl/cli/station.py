@@ -15,8 +15,10 @@ from swarm_ctl.cli.shared.options import (
     Json,
     Metrics,
     OpenMesh,
+    ZenohConfig,
     complete_runs,
     option,
+    zenoh_settings,
 )
 from swarm_ctl.cli.shared.result import show_summary, show_verdict
 from swarm_ctl.errors import InputError
@@ -53,6 +55,7 @@ def station(
     runs: Annotated[Path | None, option("FOLDER", _RUNS)] = None,
     identity: IdentityFolder = None,
     open_mesh: OpenMesh = False,
+    zenoh_config: ZenohConfig = None,
     headless: Headless = False,
     json: Json = False,
     metrics: Metrics = None,
@@ -77,6 +80,7 @@ def station(
         swarm-ctl station --mission square.yaml --fleet outdoors.yaml --runs runs
     """
     from swarm_ctl.mission.compile.loader import load
+    from swarm_ctl.report.folder.manifest import read_manifest
     from swarm_ctl.runtime.flying_runs import flying_run
     from swarm_ctl.runtime.protection import Keys
     from swarm_ctl.runtime.station.join import SwarmMesh, join_run, join_swarm
@@ -92,12 +96,17 @@ def station(
         }.items():
             if value:
                 raise InputError(f"{name} without a mission; allowed: together with --mission FILE")
-        join_run(flying_run(run), show, metrics, identity)
+        folder = flying_run(run)
+        own = zenoh_settings(zenoh_config, guarded=open_mesh or read_manifest(folder).guarded)
+        join_run(folder, show, metrics, Keys(identity, zenoh=own))
     elif run is not None:
         raise InputError(f"both a run folder ({run}) and --mission {mission}; allowed: one of them")
     else:
-        keys = Keys(identity, open_mesh, str(fleet or mission))
-        swarm = SwarmMesh(load(mission, fleet=fleet), mesh or [], speedup or 1.0, keys)
+        loaded = load(mission, fleet=fleet)
+        guarded = open_mesh or bool(identity or loaded.fleet.trust)
+        own = zenoh_settings(zenoh_config, guarded=guarded)
+        keys = Keys(identity, open_mesh, str(fleet or mission), own)
+        swarm = SwarmMesh(loaded, mesh or [], speedup or 1.0, keys)
         if runs is None:
             join_swarm(swarm, show, metrics)
         else:

@@ -7,8 +7,10 @@ speak in another's name.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Final
 
+from swarm_ctl.errors import InputError
 from swarm_ctl.mesh.keys import BEACON, CHANNELS, COMMAND, alive_key, plan_key
 from swarm_ctl.trust.identity import Identity
 from swarm_ctl.trust.names import Role
@@ -18,6 +20,35 @@ _WITH_TLS: Final = {"tcp": "tls", "udp": "quic"}
 _MIXED: Final = {"udp": "rel=1;mixed_rel=1", "quic": "mixed_rel=1"}
 """zenoh's words for QUIC (of `udp`, which is bare datagrams without them), and for datagrams beside
 its streams."""
+_KEYS = "keys and rights are made by swarm-ctl trust"
+_PLACES = (
+    "the fleet, --mesh, --peer and --router name the endpoints, and keep them off other computers"
+)
+_BOUNDS = "it bounds what one member can do to all others"
+_OURS: Final = {
+    "mode": "the swarm's size and the fleet's routers decide it",
+    "id": "each process has its own",
+    "namespace": "rights and bounds go by the keys swarm/NAME/...",
+    "listen": _PLACES,
+    "connect/endpoints": _PLACES,
+    "connect/timeout_ms": "an agent in the air goes on without a link, and tries on",
+    "connect/exit_on_failure": "an agent in the air goes on without a link, and tries on",
+    "timestamping": "with a host's clock off, zenoh would drop what that host says",
+    "access_control": _KEYS,
+    "transport/link/tls": _KEYS,
+    "transport/link/protocols": _KEYS,
+    "transport/auth": _KEYS,
+    "low_pass_filter": _BOUNDS,
+    "downsampling": _BOUNDS,
+    "qos": _BOUNDS,
+    "transport/link/rx/max_message_size": _BOUNDS,
+    "transport/link/tx/queue/congestion_control": "no control loop may wait for a full queue",
+    "adminspace/permissions/write": "others could change the session in flight",
+    "plugins": "a session loads no code",
+    "plugins_loading": "a session loads no code",
+}
+"""What of zenoh's configuration a user's own file may not set, and why."""
+_FINDS: Final = "scouting"
 _HEARS: Final = "hears"
 _HEARING: Final = [
     "declare_subscriber",
@@ -94,6 +125,31 @@ def access_settings(identity: Identity, swarm: str) -> dict[str, Any]:
             "policies": policies,
         },
     }
+
+
+def is_set(settings: Mapping[str, Any], path: str) -> bool:
+    """Whether zenoh settings say anything at a path such as `transport/link/tx/lease`."""
+    at: Any = settings
+    for name in path.split("/"):
+        if not isinstance(at, Mapping) or name not in at:
+            return False
+        at = at[name]
+    return True
+
+
+def refuse_ours(own: Mapping[str, Any], where: str, *, guarded: bool = True) -> None:
+    """InputError where a user's own zenoh settings, of the file `where`, set what keeps a swarm
+    safe; `guarded`: the mesh has keys, or other computers may reach it."""
+    refused = [f"{path}: {why}" for path, why in _OURS.items() if is_set(own, path)]
+    if not guarded and is_set(own, _FINDS):
+        refused.append(
+            f"{_FINDS}: other computers would find the swarm, which has no"
+            " keys (swarm-ctl trust new, or --open-mesh)"
+        )
+    if refused:
+        raise InputError(
+            f"{where}: can't be set there: {'; '.join(refused)}; allowed: zenoh's other settings"
+        )
 
 
 def _own_keys(entry: Entry, swarm: str) -> list[str]:

@@ -12,7 +12,8 @@ import zenoh
 
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.swarm.hearing import hears_all
-from swarm_ctl.mesh.access import for_zenoh
+from swarm_ctl.errors import InputError
+from swarm_ctl.mesh.access import for_zenoh, is_set, refuse_ours
 from swarm_ctl.mesh.keys import CHANNELS, COMMAND, Channel
 from swarm_ctl.mesh.stepped_transport import MARK_SIZE
 
@@ -116,6 +117,7 @@ def configuration(
     patient: bool,
     access: Mapping[str, Any] | None = None,
     part: Part = Part.PEER,
+    own: Mapping[str, Any] | None = None,
 ) -> zenoh.Config:
     """A session's settings.
 
@@ -126,8 +128,12 @@ def configuration(
         patient: a message waits for a full queue, up to a second, before it is dropped.
         access: of a protected mesh (`access.access_settings`); None: the mesh is open.
         part: what the process is on the mesh.
+        own: a user's settings (`read_settings`), in place of those here that keep no one safe.
+
+    Raises:
+        InputError: `own` has a setting that is not the user's, or that zenoh does not know.
     """
-    config = zenoh.Config()
+    config = _config(own or {})
     queued = {"real_time": _PATIENT_QUEUED if patient else _QUEUED}
     if part is Part.ROUTER:  # a hundred agents' statuses go to a station by one link
         queued = {"real_time": _PATIENT_QUEUED, "data": _PATIENT_QUEUED}
@@ -163,9 +169,43 @@ def configuration(
             _PATIENT_DROPPED_AFTER_US if patient else _DROPPED_AFTER_US
         ),
     }
-    for key, value in (settings | dict(access or {})).items():
+    ours = {key: value for key, value in settings.items() if not is_set(own or {}, key)}
+    for key, value in (ours | dict(access or {})).items():
         config.insert_json5(key, json.dumps(value))
     return config
+
+
+def read_settings(text: str, where: str, *, guarded: bool) -> dict[str, Any]:
+    """A user's own settings in the JSON5 text of the file `where`; `guarded`: as of `refuse_ours`.
+    InputError where they can't be used."""
+    reader = zenoh.Config()
+    try:
+        reader.insert_json5("metadata", text)  # zenoh's own JSON5, to say what the file sets
+        own = json.loads(reader.get_json("metadata"))
+        if not isinstance(own, dict):
+            raise TypeError("it is no object")
+    except (zenoh.ZError, TypeError, RecursionError) as error:
+        raise InputError(
+            f"{where}: is no JSON5: {_words(error)}; allowed: zenoh settings such as"
+            " {transport: {link: {tx: {lease: 5000}}}}"
+        ) from None
+    refuse_ours(own, where, guarded=guarded)
+    _config(own, where)
+    return own
+
+
+def _config(own: Mapping[str, Any], where: str = "zenoh settings") -> zenoh.Config:
+    """zenoh's defaults with a user's own settings."""
+    refuse_ours(own, where)
+    try:
+        return zenoh.Config.from_json5(json.dumps(own))
+    except zenoh.ZError as error:
+        raise InputError(f"{where}: {_words(error)}") from None
+
+
+def _words(error: Exception) -> str:
+    """zenoh appends its own source paths."""
+    return " ".join(str(error).split(" at /", 1)[0].split())
 
 
 def log_refused_links() -> None:

@@ -60,6 +60,7 @@ class ZenohTransport(Transport):
         part: what this process is on the mesh. A client says and hears nothing before its router
             answers, as on a mesh that is cut.
         alive: the key of its liveliness token; '': it has none.
+        own: a user's own zenoh settings (`zenoh_config.read_settings`).
 
     Raises:
         StartError: an endpoint to listen at is busy.
@@ -76,12 +77,15 @@ class ZenohTransport(Transport):
         access: Mapping[str, Any] | None = None,
         part: Part = Part.PEER,
         alive: str = "",
+        own: Mapping[str, Any] | None = None,
     ) -> None:
         self._now = now
         self._express = part is Part.PEER
         self._publishers: dict[str, Any] = {}
         self._kept: list[Any] = []
-        config = configuration(listen, connect, speedup, patient=patient, access=access, part=part)
+        config = configuration(
+            listen, connect, speedup, patient=patient, access=access, part=part, own=own
+        )
         if part is Part.CLIENT:
             self._session: Any = LateSession(lambda: _open(config, self._kept))
         else:
@@ -201,9 +205,11 @@ class Router:
         patient: bool = False,
         access: Mapping[str, Any] | None = None,
         alive: str = "",
+        own: Mapping[str, Any] | None = None,
     ) -> None:
-        part = Part.ROUTER
-        config = configuration(listen, connect, speedup, patient=patient, access=access, part=part)
+        config = configuration(
+            listen, connect, speedup, patient=patient, access=access, part=Part.ROUTER, own=own
+        )
         self._kept: list[Any] = []
         self._session = _open(config, self._kept)
         _show(self._session, alive, self._kept)

@@ -5,11 +5,11 @@ from __future__ import annotations
 
 import sys
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Any, Final, Protocol
 
 from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.files import replacing
@@ -57,9 +57,15 @@ class Place:
 
 
 def fetched_plan(
-    wanted: PlanName, folder: Path, place: Place, identity: Identity | None, patience_s: float
+    wanted: PlanName,
+    folder: Path,
+    place: Place,
+    identity: Identity | None,
+    patience_s: float,
+    own: Mapping[str, Any] | None = None,
 ) -> PlanFile:
-    """The plan of this name that a station has; it is kept in `folder`.
+    """The plan of this name that a station has; it is kept in `folder`. `own`: a user's zenoh
+    settings.
 
     Raises:
         InputError: stations have different plans of the name.
@@ -70,7 +76,7 @@ def fetched_plan(
     part = Part.CLIENT if place.router else Part.PEER
     connect = [place.router] if place.router else place.connect
     mesh = ZenohTransport(
-        place.listen, connect, wall.wall_s, access=access(identity, wanted.name), part=part
+        place.listen, connect, wall.wall_s, access=access(identity, wanted.name), part=part, own=own
     )
     with closing(mesh):
         offers = Offers(wanted)

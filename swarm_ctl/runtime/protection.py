@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
@@ -24,7 +24,7 @@ _MADE_BY: Final = "swarm-ctl trust new --fleet FILE"
 
 @dataclass(frozen=True, slots=True)
 class Keys:
-    """What a command line says of keys."""
+    """What a command line says of keys, and of the mesh."""
 
     identity: Path | None = None
     """The folder of who speaks."""
@@ -32,6 +32,8 @@ class Keys:
     """Other computers may reach a mesh without keys."""
     fleet_file: str = "FILE"
     """What `swarm-ctl trust new` is to be told."""
+    zenoh: Mapping[str, Any] = field(default_factory=dict)
+    """A user's own zenoh settings."""
 
 
 NO_KEYS: Final = Keys()

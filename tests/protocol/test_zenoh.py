@@ -5,9 +5,13 @@ from __future__ import annotations
 
 import socket
 import time
+from contextlib import ExitStack, closing
+
+import pytest
 
 from swarm_ctl.mesh.keys import NEWEST
 from swarm_ctl.mesh.transport import Inlet
+from swarm_ctl.mesh.zenoh_config import read_settings
 from swarm_ctl.mesh.zenoh_transport import TimedInlet, ZenohTransport
 
 PATIENCE_S = 20.0
@@ -44,3 +48,29 @@ def test_the_time_of_receipt() -> None:
     finally:
         there.close()
         here.close()
+
+
+@pytest.mark.parametrize("gossip", [False, True])
+def test_a_users_own_settings(gossip: bool) -> None:
+    """Of two sessions that know a third one alone, each hears the other once a user's file lets
+    zenoh gossip, and not without."""
+    first, second = (f"tcp/127.0.0.1:{free_port()}" for _ in range(2))
+    text = "{scouting: {gossip: {enabled: true}}}"
+    own = read_settings(text, "own.json5", guarded=True) if gossip else None
+    with ExitStack() as opened:
+
+        def session(listen: list[str], connect: list[str]) -> ZenohTransport:
+            one = ZenohTransport(listen, connect, time.monotonic, own=own)
+            return opened.enter_context(closing(one))
+
+        hub = session([first], [])
+        here, there = session([second], [first]), session([], [first])
+        inlet, known = there.subscribe("test/here"), hub.subscribe("test/here")
+        until = time.monotonic() + (PATIENCE_S if gossip else 1.5)
+        heard, linked = False, False
+        while not heard and time.monotonic() < until:
+            here.publish("test/here", b"word", NEWEST)
+            time.sleep(0.05)
+            heard, linked = bool(inlet.drain()), linked or bool(known.drain())
+        assert linked
+        assert heard is gossip

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from swarm_ctl.errors import InputError
+from swarm_ctl.files import read_bytes
 from swarm_ctl.mission.ready import named
 
 
@@ -63,6 +64,11 @@ _OF_AGENT = "The folder of one agent's keys, on its host.  [default: agent-ID in
 AgentIdentity = Annotated[Path | None, option("FOLDER", _OF_AGENT, "--identity")]
 _OPEN_MESH = "Fly without keys on a network that other computers reach: any of them may command."
 OpenMesh = Annotated[bool, switch("--open-mesh", _OPEN_MESH)]
+_ZENOH = (
+    "zenoh's own settings (JSON5), for what has no option here. Endpoints, keys and bounds stay"
+    " those of swarm-ctl."
+)
+ZenohConfig = Annotated[Path | None, option("FILE", _ZENOH, "--zenoh-config")]
 Headless = Annotated[bool, switch("--headless", "Plain log lines instead of the dashboard.")]
 Json = Annotated[bool, switch("--json", "One line of JSON a second on stdout.")]
 _METRICS = "Prometheus metrics on this port of 127.0.0.1."
@@ -70,8 +76,24 @@ Metrics = Annotated[int | None, option("PORT", _METRICS, min=1, max=65535)]
 _SPEEDUP = "Mission seconds per second of the wall clock."
 Speedup = Annotated[float, option("FACTOR", _SPEEDUP, min=0.1, max=100.0)]
 Seed = Annotated[int, option("NUMBER", "Seed of all random numbers.", min=0)]
+_ZENOH_BYTES = 1_000_000
 _PROCESSES = "Processes to fly with.  [default: one per core]"
 Processes = Annotated[int | None, option("NUMBER", _PROCESSES, min=1)]
+
+
+def zenoh_settings(file: Path | None, *, guarded: bool) -> dict[str, Any]:
+    """What a zenoh file sets; `guarded`: the mesh has keys, or other computers may reach it.
+    InputError where it can't be used."""
+    if file is None:
+        return {}
+    from swarm_ctl.mesh.zenoh_config import read_settings
+
+    try:
+        text = read_bytes(file, _ZENOH_BYTES).decode()
+    except (OSError, UnicodeDecodeError) as error:
+        why = error.strerror if isinstance(error, OSError) else "is no text"
+        raise InputError(f"--zenoh-config {file}: can't be read: {why}") from None
+    return read_settings(text, str(file), guarded=guarded)
 
 
 def run_folder(given: Path | None) -> Path:

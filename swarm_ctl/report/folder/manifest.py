@@ -6,7 +6,7 @@ from __future__ import annotations
 import platform
 from importlib import metadata
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from pydantic import AwareDatetime, Field
 
@@ -53,6 +53,8 @@ class Manifest(PlanFile):
     """The folder of the operator who flies it; None: the mesh is open."""
     open_mesh: bool = False
     """Other computers can reach it, and it has no keys."""
+    zenoh: dict[str, Any] = Field(default_factory=dict)
+    """A user's own zenoh settings (`--zenoh-config`), for all processes of the run."""
     record_hz: dict[str, float] = Field(default_factory=dict)
     """Limits on the messages of a topic that are recorded from each agent."""
     versions: dict[str, str] = Field(default_factory=dict)
@@ -67,6 +69,11 @@ class Manifest(PlanFile):
     def routers(self) -> tuple[str, ...]:
         """Where its routers listen; none of a mesh of peers."""
         return routers_of(self.fleet)
+
+    @property
+    def guarded(self) -> bool:
+        """It has keys, or other computers may reach it."""
+        return self.open_mesh or self.trust is not None
 
     @property
     def agents_mesh(self) -> list[str]:

@@ -9,12 +9,12 @@ from __future__ import annotations
 import gc
 import math
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from pydantic import TypeAdapter
 
@@ -93,6 +93,8 @@ class AgentConfig:
     """The file with the key that signs them, of an agent that has no identity."""
     same_clock: tuple[int, ...] = ()
     """The agents that the launcher starts on the same host with the same `epoch_s`."""
+    zenoh: Mapping[str, Any] = field(default_factory=dict)
+    """A user's own zenoh settings."""
     started_us: int = 0
     """Mission time 0 of the tlog, in microseconds of Unix time."""
 
@@ -175,6 +177,7 @@ def _join_mesh(config: AgentConfig, place: Seat, identity: Identity | None) -> N
         patient=place.repeats,
         access=access(identity, config.swarm),
         alive=keys.alive_key(config.swarm, "agent", config.agent_id),
+        own=config.zenoh,
         # what does not listen is a router's client
         part=part_in(config.plan, () if config.listen else config.connect),
     )

@@ -107,6 +107,7 @@ class RunSetup:
             update={
                 "identity": identity and str(identity.folder.absolute()),
                 "open_mesh": bool(exposed),
+                "zenoh": dict(options.keys.zenoh),
             }
         )
         self._simulation = mission.file.simulation
@@ -160,6 +161,7 @@ class RunSetup:
             speedup=manifest.speedup if manifest.lockstep is None else SLOW,
             patient=manifest.lockstep is not None,
             identity=router_identity_folder(manifest.trust, listen),
+            zenoh=manifest.zenoh,
             log=self.folder / "router.log",
         )
 
@@ -191,6 +193,7 @@ class RunSetup:
             # An autopilot that the run itself starts has no key, and ends with it.
             signing=manifest.signing if agent.id not in ordered else Signing.OFF,
             same_clock=tuple(other.id for other in manifest.fleet),
+            zenoh=manifest.zenoh,
             started_us=round(manifest.started_at.timestamp() * 1e6),
         )
 

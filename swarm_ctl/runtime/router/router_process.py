@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from swarm_ctl.mesh.keys import alive_key
 from swarm_ctl.mesh.zenoh_config import be_router
@@ -43,6 +44,8 @@ class RouterConfig:
     """In lockstep: a message waits for a full queue, up to a second, before it is dropped."""
     identity: Path | None = None
     """The folder with the router's own keys; None: the mesh is open."""
+    zenoh: Mapping[str, Any] = field(default_factory=dict)
+    """A user's own zenoh settings."""
     log: Path | None = None
     """Where stdout and stderr go; None: they stay."""
 
@@ -81,4 +84,5 @@ def _router(config: RouterConfig, identity: Identity | None) -> Router:
         patient=config.patient,
         access=access(identity, config.swarm),
         alive=alive_key(config.swarm, "router", name),
+        own=config.zenoh,
     )

@@ -6,7 +6,7 @@ from __future__ import annotations
 import os
 import uuid
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -68,11 +68,12 @@ def open_node(
     identity: Identity | None = None,
     part: Part = Part.PEER,
     plan: bytes | None = None,
+    own: Mapping[str, Any] | None = None,
 ) -> Node:
     """Join a swarm's mesh under a name that no other process has, on any host; in lockstep, where
     `place` is the process's seat, in no other role. On a protected mesh, `identity` owns it.
     `part`: `zenoh_config.part_in` the swarm's plan. `plan`: the offer for agents that fetch it
-    (`offers.pack`); None: of a process that is no station."""
+    (`offers.pack`); None: of a process that is no station. `own`: a user's zenoh settings."""
     again = place is not None and place.repeats
     suffix = "lockstep" if again else f"{os.getpid()}-{uuid.uuid4().hex[:6]}"
     name = f"{role}-{suffix}" if identity is None else station_name(identity.name, suffix)
@@ -84,6 +85,7 @@ def open_node(
         patient=again,
         access=access(identity, swarm),
         part=part,
+        own=own,
         alive="" if plan is None else keys.alive_key(swarm, "station", name),
     )
     if plan is not None:

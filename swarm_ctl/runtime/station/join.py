@@ -31,19 +31,18 @@ _QUIET_WALL_S: Final = 5.0
 _ALARMS: Final = "alarms from now on"
 
 
-def join_run(
-    folder: Path, show: Show, metrics_port: int | None, identity_folder: Path | None = None
-) -> None:
-    """Watch and command a run of this machine; ends with the screen. `identity_folder`: of the
-    operator or viewer; None: of the operator who flies it."""
+def join_run(folder: Path, show: Show, metrics_port: int | None, keys: Keys = NO_KEYS) -> None:
+    """Watch and command a run of this machine; ends with the screen. `keys`: those of the command
+    line; without, those and the zenoh settings with which it is flown."""
     manifest = read_manifest(folder)
     clock = MeshClock.of_run(manifest)
-    identity = station_identity(manifest.trust, identity_folder or manifest.flown_by)
+    identity = station_identity(manifest.trust, keys.identity or manifest.flown_by)
     seen = protection(identity, manifest.signing, is_open=manifest.open_mesh)
     part = part_in(manifest.plan, manifest.routers)
     plan = pack(manifest.plan, manifest.fleet, manifest.signing)
+    own = keys.zenoh or manifest.zenoh
     mesh = open_node(
-        manifest.swarm, manifest.whole_mesh, clock, identity=identity, part=part, plan=plan
+        manifest.swarm, manifest.whole_mesh, clock, identity=identity, part=part, plan=plan, own=own
     )
     with closing(mesh) as node:
         station = Station(manifest.plan, Path(manifest.mission), node, clock, protection=seen)
@@ -67,7 +66,7 @@ class SwarmMesh:
     def __init__(
         self, mission: LoadedMission, mesh: Sequence[str], speedup: float, keys: Keys = NO_KEYS
     ) -> None:
-        self.mission = mission
+        self.mission, self.zenoh = mission, keys.zenoh
         self.connect, self.clock = _endpoints(mission, mesh), MeshClock(speedup)
         self.identity = station_identity(mission.fleet.trust, keys.identity)
         is_open = self.identity is None and any(map(leaves_loopback, self.connect))
@@ -84,9 +83,8 @@ def open_swarm(swarm: SwarmMesh) -> Iterator[Station]:
     identity, fleet = swarm.identity, mission.fleet
     part = part_in(plan, fleet.routers)
     offer = pack(plan, fleet.agents, fleet.signing)
-    mesh = open_node(
-        plan.name, swarm.connect, swarm.clock, identity=identity, part=part, plan=offer
-    )
+    ways = plan.name, swarm.connect, swarm.clock
+    mesh = open_node(*ways, identity=identity, part=part, plan=offer, own=swarm.zenoh)
     with closing(mesh) as node:
         endpoints = {agent.id: agent.endpoint for agent in mission.fleet.agents}
         memory = SwarmMemory(VehicleMemory(state_folder()), plan.name, endpoints)

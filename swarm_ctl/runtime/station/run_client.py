@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Final, Self
+from typing import Any, Final, Self
 
 from swarm_ctl.commands.build import SwarmNow
 from swarm_ctl.commands.parse import Order
@@ -38,6 +39,7 @@ class RunClient:
     (`flying_run`). InputError where several may be meant.
     `place`: at the barrier of a run in lockstep, which then waits for this client.
     `identity`: the folder of the operator who speaks; None: of the one who flies the run.
+    `zenoh`: a user's own settings; None: those with which the run is flown.
     """
 
     def __init__(
@@ -45,6 +47,7 @@ class RunClient:
         run: Path | str | None = None,
         place: BarrierSeat | None = None,
         identity: Path | None = None,
+        zenoh: Mapping[str, Any] | None = None,
     ) -> None:
         self._manifest: Manifest = read_manifest(flying_run(run))
         manifest, self._place = self._manifest, place
@@ -59,6 +62,7 @@ class RunClient:
             place=place,
             identity=self._identity,
             part=part_in(manifest.plan, manifest.routers),
+            own=manifest.zenoh if zenoh is None else zenoh,
         )
         self._station = Station(manifest.plan, Path(manifest.mission), self._node, clock)
         if place is not None:

@@ -61,6 +61,7 @@ def run_station(
             identity=identity,
             part=part_in(manifest.plan, manifest.routers),
             plan=pack(manifest.plan, manifest.fleet, manifest.signing),
+            own=manifest.zenoh,
         )
         opened.callback(node.close)
         recorder = opened.enter_context(
