@@ -25,6 +25,7 @@ from swarm_ctl.core.model.messages import (
 )
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.swarm.hearing import FOLLOW_TICKS
+from swarm_ctl.mavlink.autopilots.timing import streams_hz
 from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.mavlink.signing import UNITS_S, Signing
 from swarm_ctl.mavlink.wires import MemoryWire, memory_wires
@@ -131,6 +132,7 @@ class VirtualSwarm:
             remembers=remembers,
             agent_sysid=entry.agent_sysid,
             signing=self._link_signing(entry.sysid),
+            streams_hz=streams_hz(entry.radio, entry.autopilot, signed=bool(self._signed_from)),
         )
         remembering = Remembering(self._memory, f"vehicle:{agent_id}", "test")
         expects, response = self._lockstep, entry.response

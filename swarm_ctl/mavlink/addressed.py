@@ -1,10 +1,11 @@
-"""Whom a frame is for, read from its bytes without decoding the message."""
+"""Whom a frame is for and how urgent it is, read from its bytes without decoding the message."""
 
 from __future__ import annotations
 
 import itertools
 import struct
 from collections.abc import Iterator
+from enum import IntEnum
 from typing import Any, Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -17,8 +18,65 @@ _SIZES: Final = {"char": 1, "int8_t": 1, "uint8_t": 1, "int16_t": 2, "uint16_t":
 _COMMANDS: Final = (dialect.MAVLINK_MSG_ID_COMMAND_LONG, dialect.MAVLINK_MSG_ID_COMMAND_INT)
 _COMMAND_AT: Final = 28
 """Where both have the command's number: behind seven numbers of four bytes."""
+_REQUESTS: Final = (
+    dialect.MAV_CMD_SET_MESSAGE_INTERVAL,
+    dialect.MAV_CMD_GET_MESSAGE_INTERVAL,
+    dialect.MAV_CMD_REQUEST_MESSAGE,
+)
+_SETPOINTS: Final = (
+    dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED,
+    dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT,
+    dialect.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET,
+    dialect.MAVLINK_MSG_ID_MANUAL_CONTROL,
+    dialect.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE,
+)
+_POSITIONS: Final = (
+    dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
+    dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
+)
 _ARMED: Final = dialect.MAV_MODE_FLAG_SAFETY_ARMED
 _BASE_MODE_AT: Final = 6
+
+
+class Urgency(IntEnum):
+    """What a link that is full sends first: the lesser number."""
+
+    COMMAND = 0
+    """A mode, arming, take-off, termination: rare."""
+    SETPOINT = 1
+    HEARTBEAT = 2
+    REST = 3
+    """Requests, streams, parameters."""
+
+
+def urgency(frame: MavlinkFrame) -> Urgency:
+    """How urgent a frame to a vehicle is."""
+    if frame.message_id in _SETPOINTS:
+        return Urgency.SETPOINT
+    if frame.message_id == dialect.MAVLINK_MSG_ID_HEARTBEAT:
+        return Urgency.HEARTBEAT
+    if frame.message_id == dialect.MAVLINK_MSG_ID_SET_MODE:
+        return Urgency.COMMAND
+    if frame.message_id in _COMMANDS and _command(frame) not in _REQUESTS:
+        return Urgency.COMMAND
+    return Urgency.REST
+
+
+def what(frame: MavlinkFrame) -> tuple[int, int, bytes]:
+    """The same for two frames of which the newer one makes the older one superfluous: sender,
+    message, and the payload where that is more than the newest value of a stream."""
+    newest = urgency(frame) in (Urgency.SETPOINT, Urgency.HEARTBEAT)
+    newest = newest or frame.message_id == dialect.MAVLINK_MSG_ID_TIMESYNC
+    begin = _HEADER[frame.raw[0] == _V2]
+    payload = b"" if newest else frame.raw[begin : begin + frame.raw[1]]
+    return frame.system, frame.message_id, payload
+
+
+def boot_ms(frame: MavlinkFrame) -> int | None:
+    """The vehicle's time of a position; None: the frame is no position."""
+    if frame.message_id not in _POSITIONS:
+        return None
+    return sum(_byte(frame, at) << 8 * at for at in range(4))
 
 
 def target_system(frame: MavlinkFrame) -> int:
@@ -31,8 +89,7 @@ def asks_for_streams(frame: MavlinkFrame) -> bool:
     """It would change how often the vehicle sends something on the link that it comes by."""
     if frame.message_id == dialect.MAVLINK_MSG_ID_REQUEST_DATA_STREAM:
         return True
-    number = _byte(frame, _COMMAND_AT) | _byte(frame, _COMMAND_AT + 1) << 8
-    return frame.message_id in _COMMANDS and number == dialect.MAV_CMD_SET_MESSAGE_INTERVAL
+    return frame.message_id in _COMMANDS and _command(frame) == dialect.MAV_CMD_SET_MESSAGE_INTERVAL
 
 
 def says_armed(frame: MavlinkFrame) -> bool | None:
@@ -40,6 +97,10 @@ def says_armed(frame: MavlinkFrame) -> bool | None:
     if frame.message_id != dialect.MAVLINK_MSG_ID_HEARTBEAT or frame.component != 1:
         return None
     return bool(_byte(frame, _BASE_MODE_AT) & _ARMED)
+
+
+def _command(frame: MavlinkFrame) -> int:
+    return _byte(frame, _COMMAND_AT) | _byte(frame, _COMMAND_AT + 1) << 8
 
 
 def _byte(frame: MavlinkFrame, at: int) -> int:

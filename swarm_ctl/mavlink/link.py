@@ -23,7 +23,7 @@ from swarm_ctl.core.model.own_parameters import (
 from swarm_ctl.core.model.vehicle import Goal, LinkCounters, VehicleView, YieldGoal
 from swarm_ctl.errors import LinkError
 from swarm_ctl.mavlink.autopilots import autopilot as autopilot_of
-from swarm_ctl.mavlink.autopilots.timing import HEARTBEAT_LOST_S
+from swarm_ctl.mavlink.autopilots.timing import HEARTBEAT_LOST_S, STREAMS_HZ
 from swarm_ctl.mavlink.framer import Framer, MavlinkFrame
 from swarm_ctl.mavlink.mirror import Mirror
 from swarm_ctl.mavlink.outgoing import AGENT_COMPONENT, AUTOPILOT_COMPONENT, Message, timesync
@@ -73,6 +73,7 @@ class VehicleLink:
         agent_sysid: the system id that we speak with, 1..254, not the vehicle's.
         remembers: set no parameter before `recall` was called, and `kept` with its own value.
         mirror: shares this link with ground control software.
+        streams_hz: how often the vehicle is asked for its messages, by name.
         signing: signs all that is sent; no frame counts that is not signed and new. None: open.
 
     Raises:
@@ -91,13 +92,14 @@ class VehicleLink:
         agent_sysid: int = AGENT_SYSID,
         mirror: Mirror | None = None,
         signing: Signing | None = None,
+        streams_hz: Mapping[str, float] = STREAMS_HZ,
     ) -> None:
         if not 1 <= sysid <= 250:
             raise LinkError(f"sysid {sysid} is out of range; allowed: 1..250")
         if not 1 <= agent_sysid <= 254 or agent_sysid == sysid:
             allowed = "1..254, and not the vehicle's sysid"
             raise LinkError(f"agent_sysid {agent_sysid} can't be used; allowed: {allowed}")
-        self._autopilot = autopilot_of(autopilot, sysid, agent_sysid)
+        self._autopilot = autopilot_of(autopilot, sysid, agent_sysid, streams_hz)
         if remembers:
             self._autopilot.parameters.remember()
         self._sysid = sysid

@@ -16,6 +16,11 @@ from swarm_ctl.core.model.plan import Response
 AGENT_SYSID: Final = 250
 """The system id that an agent speaks with where the fleet gives none: the first of
 `agent_sysids`."""
+LINK_PORT: Final = 17000
+"""The agent ID of a shared radio reaches the link at this UDP port plus ID, on the loopback
+interface."""
+RADIO_BAUD: Final = 57600
+"""The default of telemetry radios."""
 GROUND_STATION_SYSIDS: Final = frozenset({245, 255})
 """What ground stations speak with as delivered: QGroundControl, Mission Planner, MAVProxy and
 DroneKit with 255, MAVSDK with 245."""
@@ -42,6 +47,17 @@ class Signing(StrEnum):
 
     REQUIRED = "required"
     OFF = "off"
+
+
+@dataclass(frozen=True, slots=True)
+class RadioShare:
+    """A radio that carries the frames of several vehicles; `swarm-ctl link` opens it."""
+
+    endpoint: str
+    bytes_per_s: int
+    """Of both directions together."""
+    vehicles: int
+    """How many share it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +91,14 @@ class FleetAgent:
     """The computer that the agent runs on, by the name that SSH and the mesh reach it by; None: the
     fleet does not say."""
 
+    radio: RadioShare | None = None
+    """What its vehicle shares with others; `endpoint` is then its port at the link."""
+
+    @property
+    def reached_at(self) -> str | None:
+        """The endpoint that the fleet's file names: the radio's, or the vehicle's own."""
+        return self.radio.endpoint if self.radio else self.endpoint
+
     @property
     def started_as(self) -> VehicleKind | None:
         """What `run` has to start for this agent; None: the vehicle is there already."""
@@ -99,6 +123,15 @@ class Fleet:
         """The agents of each host that the fleet names, in the fleet's order."""
         names = dict.fromkeys(agent.host for agent in self.agents if agent.host)
         return {name: tuple(a for a in self.agents if a.host == name) for name in names}
+
+    def radios(self) -> dict[str, tuple[FleetAgent, ...]]:
+        """The agents behind each radio that several share, by its endpoint and their host."""
+        found: dict[str, tuple[FleetAgent, ...]] = {}
+        for agent in self.agents:
+            if agent.radio is not None:
+                name = agent.radio.endpoint + (f" of {agent.host}" if agent.host else "")
+                found[name] = (*found.get(name, ()), agent)
+        return found
 
     def agent(self, agent_id: int) -> FleetAgent:
         """The entry of `agent_id`; KeyError where the fleet has no such agent."""

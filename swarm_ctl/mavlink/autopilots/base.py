@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import ClassVar
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -48,6 +48,7 @@ from swarm_ctl.mavlink.autopilots.timing import (
     ORIGIN_REFRESH_S,
     QUIET_RETRY_S,
     RETRY_S,
+    SLOW_HZ,
     STATUS_MAX_AGE_S,
     STREAMS_HZ,
     TAKEOFF_RETRY_S,
@@ -98,6 +99,7 @@ class Autopilot(ABC):
     Args:
         system: the vehicle's system id.
         agent_sysid: what we speak with.
+        streams_hz: how often it is asked for its messages, by name.
     """
 
     name: ClassVar[str]
@@ -112,7 +114,13 @@ class Autopilot(ABC):
     estimate_rules: ClassVar[EstimateRules]
     limit_sources: ClassVar[tuple[LimitSource, ...]]
 
-    def __init__(self, system: int, agent_sysid: int = AGENT_SYSID) -> None:
+    def __init__(
+        self,
+        system: int,
+        agent_sysid: int = AGENT_SYSID,
+        streams_hz: Mapping[str, float] = STREAMS_HZ,
+    ) -> None:
+        self._streams_hz = streams_hz
         self.system = system
         self.agent_sysid = agent_sysid
         self.parameters = FailsafeParameters(
@@ -336,7 +344,7 @@ class Autopilot(ABC):
             number = message_id(name)
             count = heard.counts.get(number, 0)
             came, self._stream_counts[number] = count - self._stream_counts.get(number, 0), count
-            quiet = name in MAY_BE_SILENT
+            quiet = name in MAY_BE_SILENT or rate_hz <= SLOW_HZ
             least = 1 if quiet else 0.5 * rate_hz * RETRY_S
             if came < least and self.pacer.due(name, QUIET_RETRY_S if quiet else RETRY_S, now):
                 messages.append(outgoing.interval(self.system, number, rate_hz))
@@ -345,9 +353,8 @@ class Autopilot(ABC):
         return messages
 
     def _wanted_streams(self) -> Iterator[tuple[str, float]]:
-        yield from STREAMS_HZ.items()
-        yield self.wind_message, WIND_HZ
-        yield self.estimate_rules.message, ESTIMATE_HZ
+        own = {self.wind_message: WIND_HZ, self.estimate_rules.message: ESTIMATE_HZ}
+        yield from {**own, **self._streams_hz}.items()
 
     def _fly(self, heard: Telemetry, velocity_ned_mps: Vector3, now: float) -> list[Message]:
         """No setpoint for NaN or a monstrous speed: the autopilot's time-out stops the vehicle."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Mapping
 from typing import ClassVar, Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -21,6 +22,7 @@ from swarm_ctl.mavlink.autopilots.timing import (
     RETRY_S,
     STREAM_BEFORE_S,
     STREAM_GAP_S,
+    STREAMS_HZ,
     TAKEOFF_LEAST_MPS,
     TAKEOFF_MPS,
 )
@@ -53,8 +55,13 @@ class Px4(Autopilot):
         LimitSource(LimitKind.ACCELERATION, {"MPC_TILTMAX_AIR": 1.0}, lean=True),
     )
 
-    def __init__(self, system: int, agent_sysid: int = AGENT_SYSID) -> None:
-        super().__init__(system, agent_sysid)
+    def __init__(
+        self,
+        system: int,
+        agent_sysid: int = AGENT_SYSID,
+        streams_hz: Mapping[str, float] = STREAMS_HZ,
+    ) -> None:
+        super().__init__(system, agent_sysid, streams_hz)
         self._streaming_since = -math.inf
         self._last_setpoint_s = -math.inf
         self._ground_down_m: float | None = None

@@ -6,6 +6,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from swarm_ctl.core.model.fleet import RadioShare
+from swarm_ctl.core.swarm.radio import budget
+
 HEARTBEAT_S = 1.0
 """Ours. ArduPilot's GCS failsafe waits 5 s: one in five has to arrive."""
 GCS_TIMEOUT_S = 5.0
@@ -70,7 +73,16 @@ WIND_HZ = 2.0
 """Each firmware has its own message for it: `Autopilot.wind_message`."""
 ESTIMATE_HZ = 2.0
 """`Autopilot.estimate_rules` names each firmware's report; `estimate.SILENT_S` is six of them."""
+SLOW_HZ = 1.0
+"""A stream so slow may miss a second: it is asked for again as seldom as one that is silent."""
 MAY_BE_SILENT = frozenset({"ADSB_VEHICLE", "WIND", "WIND_COV"})
+
+
+def streams_hz(radio: RadioShare | None, autopilot: str, *, signed: bool) -> Mapping[str, float]:
+    """How often a vehicle of this firmware is asked for its messages: less behind a radio that it
+    shares."""
+    return STREAMS_HZ if radio is None else budget(radio, autopilot, signed=signed).streams_hz
+
 
 _CLOCK_NOISE_S = 1e-6
 """Ticks are sums of floats, so an interval may end this much early."""

@@ -162,7 +162,8 @@ def _fleet(mission: MissionFile) -> Findings:
             (*place, k, "sysid"): entry.vehicle_sysid for k, entry in enumerate(entries)
         }
         yield from _twice(sysids, "a sysid of its own for every vehicle")
-        yield from check_fleet(entries, place)
+        carries = mission.fleet.radio_bytes_per_s
+        yield from check_fleet(entries, place, radio=carries is not None)
         yield from check_trust(mission.fleet, ("fleet",))
         yield from check_hosts(mission.fleet, ("fleet",))
 
@@ -200,16 +201,17 @@ def check_trust(fleet: FleetSection, place: Place) -> Findings:
             yield Finding(spot, f"{scheme}/ without keys", allowed)
 
 
-def check_fleet(entries: Sequence[FleetEntry], place: Place) -> Findings:
+def check_fleet(entries: Sequence[FleetEntry], place: Place, *, radio: bool) -> Findings:
     """What is wrong with the entries of a fleet, which stand at `place`, each taken alone: two
-    vehicles on separate links may have one sysid, but not in one mission."""
+    vehicles on separate links may have one sysid, but not in one mission. `radio`: the fleet says
+    what a shared radio carries."""
     for field, values, allowed in (
         ("id", [e.id for e in entries], "one entry for each agent"),
-        ("endpoint", [_at(e) for e in entries], "an endpoint of its own for every vehicle"),
         ("mesh", [e.mesh for e in entries], "a mesh endpoint of its own"),
         ("agent_sysid", [e.agent_sysid for e in entries], "an agent_sysid of its own"),
     ):
         yield from _twice({(*place, k, field): v for k, v in enumerate(values)}, allowed)
+    yield from _shared_endpoints(entries, place, radio=radio)
     vehicles = {entry.vehicle_sysid for entry in entries}
     for k, entry in enumerate(entries):
         if entry.agent_sysid in vehicles:
@@ -233,6 +235,31 @@ def check_fleet(entries: Sequence[FleetEntry], place: Place) -> Findings:
                 yield Finding((*place, k, name), what, "a port from 1 to 65535")
 
 
+def _shared_endpoints(entries: Sequence[FleetEntry], place: Place, *, radio: bool) -> Findings:
+    """Only a radio has several vehicles behind it, and knows them by their system ids."""
+    ways = {(*place, k, "endpoint"): reached_at(entry) for k, entry in enumerate(entries)}
+    alone = {spot: None if is_radio(at, radio=radio) else at for spot, at in ways.items()}
+    yield from _twice(
+        alone,
+        "an endpoint of its own for every vehicle; or radio_bytes_per_s in the fleet, what a radio"
+        " that they share carries (swarm-ctl link)",
+    )
+    behind = {
+        (*spot[:-1], "sysid"): (at, entry.vehicle_sysid)
+        for (spot, at), entry in zip(ways.items(), entries, strict=True)
+        if at is not None and alone[spot] is None
+    }
+    for spot, found in behind.items():
+        if list(behind.values()).count(found) > 1:
+            what = f"sysid {found[1]} is there twice behind the radio {found[0]}"
+            yield Finding(spot, what, "a sysid of its own for every vehicle behind a radio")
+
+
+def is_radio(at: str | None, *, radio: bool) -> bool:
+    """Whether several vehicles may be behind this endpoint."""
+    return at is not None and (radio or at.startswith("serial:"))
+
+
 def check_hosts(fleet: FleetSection, place: Place) -> Findings:
     """What is wrong with where the agents of the fleet, which stands at `place`, run."""
     routers: dict[str, str] = {}
@@ -247,7 +274,7 @@ def check_hosts(fleet: FleetSection, place: Place) -> Findings:
             yield Finding((*spot, "router"), what, "one router for each host")
 
 
-def _at(entry: FleetEntry) -> str | None:
+def reached_at(entry: FleetEntry) -> str | None:
     """The vehicle's endpoint; with its host where another host may have the same one."""
     kind, _, address = (entry.endpoint or "").partition(":")
     own = kind in ("serial", "udpin", "tcpin") or address.startswith(("127.", "localhost:"))

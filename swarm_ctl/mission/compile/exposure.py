@@ -44,7 +44,7 @@ def exposed_links(fleet: Fleet) -> list[str]:
     """The same of the vehicles' links alone, which keys of the mesh do not protect."""
     if fleet.signing is Signing.REQUIRED:
         return []
-    links = [(agent.id, agent.endpoint or "") for agent in fleet.agents]
+    links = [(agent.id, agent.reached_at or "") for agent in fleet.agents]
     return [f"agent {i} listens for its vehicle at {at}" for i, at in links if listens_wide(at)]
 
 

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import replace
 from pathlib import Path
 
 from swarm_ctl.core.law.stop_point import TYPICAL
-from swarm_ctl.core.model.fleet import AGENT_SYSID, Fleet, FleetAgent, agent_sysids
+from swarm_ctl.core.model.fleet import (
+    AGENT_SYSID,
+    LINK_PORT,
+    RADIO_BAUD,
+    Fleet,
+    FleetAgent,
+    RadioShare,
+    agent_sysids,
+)
 from swarm_ctl.core.model.plan import Response
 from swarm_ctl.mission.input.schema import FleetEntry, FleetSection, MissionFile, VehicleResponse
 
@@ -31,9 +40,33 @@ def protected(agents: tuple[FleetAgent, ...], section: FleetSection | None, fold
     if section is None:
         return Fleet(agents)
     linked = tuple(replace(agent, router=agent.router or section.router) for agent in agents)
+    linked = behind_radios(linked, section.radio_bytes_per_s)
     if section.trust is None:
         return Fleet(linked)
     return Fleet(linked, str(folder / section.trust), section.signs)
+
+
+def behind_radios(
+    agents: tuple[FleetAgent, ...], bytes_per_s: int | None
+) -> tuple[FleetAgent, ...]:
+    """Agents of one host that share an endpoint reach their vehicles through `swarm-ctl link`."""
+    at = Counter((agent.endpoint, agent.host) for agent in agents if agent.endpoint)
+    return tuple(
+        agent
+        if agent.endpoint is None or at[agent.endpoint, agent.host] < 2
+        else replace(
+            agent,
+            endpoint=f"udpout:127.0.0.1:{LINK_PORT + agent.id}",
+            radio=_share(agent.endpoint, bytes_per_s, at[agent.endpoint, agent.host]),
+        )
+        for agent in agents
+    )
+
+
+def _share(endpoint: str, bytes_per_s: int | None, vehicles: int) -> RadioShare:
+    baud = endpoint.rpartition(":")[2]
+    carries = bytes_per_s or int(baud if baud.isdecimal() else RADIO_BAUD) // 10
+    return RadioShare(endpoint, carries, vehicles)
 
 
 def with_agent_sysids(

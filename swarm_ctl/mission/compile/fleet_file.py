@@ -28,7 +28,10 @@ def read_fleet(path: Path) -> Fleet:
     source = yaml_file.read(path, what="fleet")
     try:
         section = FleetSection.model_validate(source.data)
-        findings = [*check_fleet(section.agents, ("agents",)), *check_trust(section, ())]
+        findings = [
+            *check_fleet(section.agents, ("agents",), radio=section.radio_bytes_per_s is not None),
+            *check_trust(section, ()),
+        ]
         found = [source.problem(*finding) for finding in (*findings, *check_hosts(section, ()))]
     except ValidationError as error:
         schema = FleetSection.model_json_schema()

@@ -11,7 +11,7 @@ from typing import Final
 from swarm_ctl.core.law import graph
 from swarm_ctl.core.law.formation import smallest_distance
 from swarm_ctl.core.law.planned_formation import PlannedFormation, planned_formations
-from swarm_ctl.core.model.fleet import VehicleKind
+from swarm_ctl.core.model.fleet import Signing, VehicleKind
 from swarm_ctl.core.model.plan import (
     Compensation,
     FormStep,
@@ -26,6 +26,7 @@ from swarm_ctl.core.model.plan import (
     Step,
     TakeoffStep,
 )
+from swarm_ctl.core.swarm.radio import LEAST_HZ, budget
 from swarm_ctl.mission.compile import envelope
 from swarm_ctl.mission.compile.checks import ROUNDING, Findings
 from swarm_ctl.mission.compile.exposure import exposures
@@ -311,6 +312,24 @@ def _shared_ids(mission: MissionFile, _plan: Plan) -> Findings:
         yield Finding(("fleet",) if mission.fleet else ("agents",), what, "")
 
 
+def _narrow_radios(mission: MissionFile, _plan: Plan) -> Findings:
+    """A radio that does not carry what its vehicles need."""
+    fleet = fleet_of(mission)
+    signed = fleet.signing is Signing.REQUIRED
+    for endpoint, agents in fleet.radios().items():
+        gets = {a: budget(a.radio, a.autopilot, signed=signed) for a in agents if a.radio}
+        worst = min(gets.values(), key=lambda each: each.hz)
+        radio = next(iter(gets)).radio
+        if radio is not None and not all(each.carried for each in gets.values()):
+            what = (
+                f"{endpoint} carries {radio.bytes_per_s} bytes/s; its {len(agents)} vehicles need"
+                f" {worst.needed_bytes_per_s:.0f} for {LEAST_HZ:g} setpoints and positions a second"
+                f" each{', signed' if signed else ''}: with fewer, a lost frame stops a vehicle."
+                " A faster radio, or fewer vehicles behind it"
+            )
+            yield Finding(("fleet", "agents"), what, "")
+
+
 def _unknown_wind(mission: MissionFile, _plan: Plan) -> Findings:
     """A limit that the mission states, and that may not act."""
     stated = {"wind", "wind_limit_mps"} & mission.policies.model_fields_set
@@ -340,6 +359,7 @@ _WARNINGS: tuple[Callable[[MissionFile, Plan], Findings], ...] = (
     _spare_fleet,
     _real_vehicles,
     _shared_ids,
+    _narrow_radios,
     _open_to_others,
     _unknown_wind,
     _unused_shapes,

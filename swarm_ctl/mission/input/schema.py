@@ -466,7 +466,8 @@ class FleetEntry(Section):
         pattern=r"^((udp|udpin|udpout|tcp|tcpin):[^:\s]+:[0-9]{1,5}|serial:/dev/[^:\s]+(:[0-9]{3,7})?)$",
         examples=["udpout:192.168.1.21:14550", "serial:/dev/ttyACM0:115200"],
     )
-    """The vehicle's MAVLink endpoint. Default: `run` starts the vehicle."""
+    """The vehicle's MAVLink endpoint. Several agents may share a serial one, which then is a radio:
+    `swarm-ctl link` passes their frames. Default: `run` starts the vehicle."""
     mesh: Endpoint | None = None
     """Where the agent listens on the mesh, in a swarm of up to 16. Default: a loopback port."""
     router: Endpoint | None = None
@@ -476,8 +477,8 @@ class FleetEntry(Section):
         pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]{0,252}$",
         examples=["drone3.local", "10.0.0.13"],
     )
-    """The computer that the agent runs on, by the name that SSH and the mesh reach it by: a name, an
-    IPv4 address, or an alias of ~/.ssh/config. All agents of a fleet have one, or none has."""
+    """The computer that the agent runs on, by the name that SSH and the mesh reach it by: a name,
+    an IPv4 address, or an alias of ~/.ssh/config. All agents of a fleet have one, or none has."""
 
     @property
     def vehicle_sysid(self) -> int:
@@ -512,6 +513,10 @@ class FleetSection(Section):
     signing: Literal["required", "off"] | None = None
     """Whether agents and vehicles sign their MAVLink frames. Default: required where `trust`
     stands."""
+
+    radio_bytes_per_s: int | None = Field(default=None, ge=200, le=10_000_000)
+    """What a radio that several agents share carries, both directions together. An endpoint that
+    is no serial port may be shared only with it. Default: a tenth of the baud rate."""
 
     @property
     def signs(self) -> Signing:

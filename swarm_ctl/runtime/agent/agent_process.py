@@ -19,9 +19,10 @@ from typing import Any, Final
 from pydantic import TypeAdapter
 
 from swarm_ctl.core.agent.agent import Agent, Ended, Inbox
-from swarm_ctl.core.model.fleet import Signing
+from swarm_ctl.core.model.fleet import RadioShare, Signing
 from swarm_ctl.core.model.messages import AgentStatus, Outcome, Refusal
 from swarm_ctl.core.model.plan import Plan, Response
+from swarm_ctl.mavlink.autopilots.timing import streams_hz
 from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.mavlink.mirror import Mirror
 from swarm_ctl.mavlink.signing import Signing as FrameSigning
@@ -89,6 +90,8 @@ class AgentConfig:
     """The folder with the agent's own keys (`swarm-ctl trust new`); None: the mesh is open."""
     signing: Signing = Signing.OFF
     """Of the frames between agent and vehicle."""
+    radio: RadioShare | None = None
+    """What the vehicle shares with others."""
     signing_key: Path | None = None
     """The file with the key that signs them, of an agent that has no identity."""
     same_clock: tuple[int, ...] = ()
@@ -164,6 +167,7 @@ def _link(
         agent_sysid=config.agent_sysid,
         mirror=mirror,
         signing=signing,
+        streams_hz=streams_hz(config.radio, config.autopilot, signed=signing is not None),
     )
 
 

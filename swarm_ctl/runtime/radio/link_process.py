@@ -1,0 +1,124 @@
+"""The process that opens a radio, and passes the frames of the vehicles behind it to their agents.
+
+It is a single point of failure: when it ends, the vehicles' own failsafes act.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from contextlib import ExitStack, closing
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Final
+
+from swarm_ctl.core.model.fleet import FleetAgent
+from swarm_ctl.core.swarm.radio import budget
+from swarm_ctl.errors import LinkError
+from swarm_ctl.mavlink.wires import Wire, open_wire
+from swarm_ctl.runtime.clock import pause, wall_s
+from swarm_ctl.runtime.forked import serve_forked
+from swarm_ctl.runtime.lifeline import ALIVE, READY, Lifeline
+from swarm_ctl.runtime.radio.load import RadioLoad
+from swarm_ctl.runtime.radio.switch import Place, Switch
+
+_TURN_WALL_S: Final = 0.005
+"""A tenth of a tick: so much later is a setpoint."""
+_SHOW_WALL_S: Final = 0.5
+_REOPEN_WALL_S: Final = 1.0
+_LINGER_WALL_S: Final = 5.0
+"""After the lifeline's end, while an agent still speaks: it lands its vehicle."""
+
+
+@dataclass(frozen=True, slots=True)
+class LinkConfig:
+    """All the link's process is told."""
+
+    agents: tuple[FleetAgent, ...]
+    """All have the same radio."""
+    signed: bool = False
+    bytes_per_s: int | None = None
+    """What the radio carries; None: as the fleet says."""
+    log: Path | None = None
+    """Where stdout and stderr go; None: they stay."""
+
+
+def child_main(config: LinkConfig, connection: Connection) -> None:
+    """Entry of the link that `run` forks."""
+    serve_forked(lambda lifeline: run_link(config, lifeline), config.log, connection)
+
+
+def run_link(
+    config: LinkConfig, lifeline: Lifeline, show: Callable[[RadioLoad], None] = lambda _: None
+) -> int:
+    """Pass frames until the lifeline is cut and no agent has spoken for a while; the exit code.
+
+    LinkError where the radio or an agent's port can't be opened.
+    """
+    with ExitStack() as opened:
+        radio = _Radio(config)
+        opened.callback(radio.close)
+        places = [_place(agent, config, opened) for agent in config.agents]
+        switch = Switch(radio.wire, places, radio.endpoint, radio.bytes_per_s)
+        lifeline.tell(READY)
+        show_s = spoke_s = wall_s()
+        trouble = ""
+        while not lifeline.cut() or wall_s() < spoke_s + _LINGER_WALL_S:
+            now = wall_s()
+            switch.turn(now)
+            if switch.trouble != trouble:
+                trouble = switch.trouble
+                lifeline.tell(f"{radio.endpoint}: {trouble or 'works again'}")
+            radio.see_to(switch, now)
+            if now >= show_s:
+                show_s = now + _SHOW_WALL_S
+                load = switch.load(now)
+                if any(vehicle.up_frames_per_s for vehicle in load.vehicles):
+                    spoke_s = now
+                lifeline.tell(ALIVE)
+                show(load)
+            pause(_TURN_WALL_S)
+    return 0
+
+
+def _place(agent: FleetAgent, config: LinkConfig, opened: ExitStack) -> Place:
+    if agent.radio is None or agent.endpoint is None:
+        raise LinkError(f"agent {agent.id} shares no radio")
+    port = agent.endpoint.rpartition(":")[2]
+    wire = opened.enter_context(closing(open_wire(f"udpin:127.0.0.1:{port}")))
+    return Place(agent, wire, budget(agent.radio, agent.autopilot, signed=config.signed).hz)
+
+
+class _Radio:
+    """A serial port that is pulled out and put in again is opened again; a socket heals itself."""
+
+    def __init__(self, config: LinkConfig) -> None:
+        share = config.agents[0].radio
+        if share is None:
+            raise LinkError(f"agent {config.agents[0].id} shares no radio")
+        self.endpoint = share.endpoint
+        self.bytes_per_s = config.bytes_per_s or share.bytes_per_s
+        self.wire: Wire = open_wire(self.endpoint)
+        self._due_s = 0.0
+
+    def see_to(self, switch: Switch, now: float) -> None:
+        """Open the port again where it has broken."""
+        if not switch.trouble or not self.endpoint.startswith("serial:") or now < self._due_s:
+            return
+        self._due_s = now + _REOPEN_WALL_S
+        self.wire.close()
+        try:
+            self.wire = open_wire(self.endpoint)
+        except LinkError:
+            return  # told already; tried again
+        switch.use(self.wire)
+
+    def close(self) -> None:
+        self.wire.close()
+
+
+def told(text: str) -> None:
+    """Say it on the terminal."""
+    if text not in (READY, ALIVE):
+        sys.stderr.write(f"link: {text}\n")
