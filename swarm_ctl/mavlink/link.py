@@ -353,6 +353,7 @@ class VehicleLink:
         if self._mirror is not None:
             self._mirror.keep(frame.raw)
         if frame.message_id not in FOLDS_BY_ID:
+            self._heard.count(frame.message_id)
             return
         try:
             message = read(frame, self._reader)

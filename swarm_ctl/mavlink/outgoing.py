@@ -55,6 +55,11 @@ def interval(system: int, message_id: int, rate_hz: float) -> Message:
     return command(system, SET_INTERVAL, message_id, round(1e6 / rate_hz))
 
 
+def no_stream(system: int, message_id: int) -> Message:
+    """SET_MESSAGE_INTERVAL: send `message_id` no more."""
+    return command(system, SET_INTERVAL, message_id, -1.0)
+
+
 def request(system: int, message_id: int) -> Message:
     """REQUEST_MESSAGE: send `message_id` once."""
     return command(system, REQUEST_MESSAGE, message_id)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import ClassVar
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -33,6 +33,7 @@ from swarm_ctl.mavlink.autopilots.failsafe_parameters import FailsafeParameters
 from swarm_ctl.mavlink.autopilots.flight_limits import FlightLimits, LimitSource
 from swarm_ctl.mavlink.autopilots.modes import ModeTable
 from swarm_ctl.mavlink.autopilots.parameter_rules import ParameterRule
+from swarm_ctl.mavlink.autopilots.streams import Streams
 from swarm_ctl.mavlink.autopilots.timing import (
     CLIMBS_MPS,
     ESTIMATE_HZ,
@@ -44,11 +45,9 @@ from swarm_ctl.mavlink.autopilots.timing import (
     LANDED_MAX_AGE_S,
     LISTEN_S,
     MAX_SETPOINT_MPS,
-    MAY_BE_SILENT,
     ORIGIN_REFRESH_S,
     QUIET_RETRY_S,
     RETRY_S,
-    SLOW_HZ,
     STATUS_MAX_AGE_S,
     STREAMS_HZ,
     TAKEOFF_RETRY_S,
@@ -120,7 +119,6 @@ class Autopilot(ABC):
         agent_sysid: int = AGENT_SYSID,
         streams_hz: Mapping[str, float] = STREAMS_HZ,
     ) -> None:
-        self._streams_hz = streams_hz
         self.system = system
         self.agent_sysid = agent_sysid
         self.parameters = FailsafeParameters(
@@ -133,7 +131,8 @@ class Autopilot(ABC):
         self._withheld_s = math.inf
         """When the first command was withheld under this goal, since the last one sent in doubt."""
         self._grounded_since: float | None = None
-        self._stream_counts: dict[int, int] = {}
+        own = {self.wind_message: WIND_HZ, self.estimate_rules.message: ESTIMATE_HZ}
+        self._wanted = Streams(system, streams_hz, own)
         self._version_tries = 0
 
     # --- the seam: what differs from firmware to firmware ---
@@ -335,26 +334,12 @@ class Autopilot(ABC):
         return [asked] if self._version_tries <= VERSION_TRIES else []
 
     def _streams(self, heard: Telemetry, now: float) -> list[Message]:
-        """Once a second, ask for the streams of which less than half has come: another ground
-        station may have slowed them."""
         if not self.pacer.due("streams", RETRY_S, now):
             return []
-        messages = []
-        for name, rate_hz in self._wanted_streams():
-            number = message_id(name)
-            count = heard.counts.get(number, 0)
-            came, self._stream_counts[number] = count - self._stream_counts.get(number, 0), count
-            quiet = name in MAY_BE_SILENT or rate_hz <= SLOW_HZ
-            least = 1 if quiet else 0.5 * rate_hz * RETRY_S
-            if came < least and self.pacer.due(name, QUIET_RETRY_S if quiet else RETRY_S, now):
-                messages.append(outgoing.interval(self.system, number, rate_hz))
+        messages = self._wanted.ask(heard, self.pacer, now)
         if self.pacer.due("origin", RETRY_S if heard.origin is None else ORIGIN_REFRESH_S, now):
             messages.append(outgoing.request(self.system, message_id("GPS_GLOBAL_ORIGIN")))
         return messages
-
-    def _wanted_streams(self) -> Iterator[tuple[str, float]]:
-        own = {self.wind_message: WIND_HZ, self.estimate_rules.message: ESTIMATE_HZ}
-        yield from {**own, **self._streams_hz}.items()
 
     def _fly(self, heard: Telemetry, velocity_ned_mps: Vector3, now: float) -> list[Message]:
         """No setpoint for NaN or a monstrous speed: the autopilot's time-out stops the vehicle."""

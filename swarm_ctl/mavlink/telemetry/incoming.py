@@ -288,7 +288,7 @@ def fold(heard: Telemetry, message: Any, now: float) -> bool:
     number: int = message.get_msgId()  # not `.id`: some messages have a field of that name
     if not FOLDS_BY_ID[number](heard, message, now):
         return False
-    heard.counts[number] = heard.counts.get(number, 0) + 1
+    heard.count(number)
     return True
 
 

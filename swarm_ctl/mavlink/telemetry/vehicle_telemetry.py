@@ -73,7 +73,7 @@ class Telemetry:
     parameter_news: object = field(default_factory=object, compare=False)
     """Another one after each change of `parameters`: what follows from them is worked out then."""
     counts: dict[int, int] = field(default_factory=dict)
-    """Messages folded so far, by message id."""
+    """Messages that came so far, but refused ones, by message id."""
     uid: str | None = None
     """AUTOPILOT_VERSION: uid2, else uid, in hexadecimal; '' where it has none; None: not heard."""
     firmware: str = ""
@@ -92,6 +92,10 @@ class Telemetry:
         old = [a for a, contact in self.contacts.items() if now - contact.time_s > CONTACT_KEPT_S]
         for address in old:
             del self.contacts[address]
+
+    def count(self, message_id: int) -> None:
+        """A message of this id has come."""
+        self.counts[message_id] = self.counts.get(message_id, 0) + 1
 
     def wind_now(self, now: float) -> float | None:
         """Horizontal wind [m/s] while the vehicle reports it."""
