@@ -125,6 +125,7 @@ def agent(
         agent_sysid=own.agent_sysid,
         autopilot=own.autopilot,
         endpoint=own.endpoint or "",
+        radio=own.radio,
         swarm=plan.name,
         listen=own.mesh or "",
         connect=connect,
@@ -257,6 +258,7 @@ def _own(
     own = replace(
         entry,
         endpoint=given.endpoint or entry.endpoint,
+        radio=None if given.endpoint else entry.radio,
         mesh=given.mesh or entry.mesh,
         router=given.router or entry.router,
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import os
 import sys
+from collections.abc import Callable
 from typing import Annotated, Any, Final
 
 import typer
@@ -14,6 +15,7 @@ from swarm_ctl import __version__
 from swarm_ctl.cli.agent import agent
 from swarm_ctl.cli.doctor import doctor
 from swarm_ctl.cli.keys import keys
+from swarm_ctl.cli.link import link
 from swarm_ctl.cli.measure import measure
 from swarm_ctl.cli.missions import missions
 from swarm_ctl.cli.paper import paper
@@ -44,9 +46,9 @@ app = typer.Typer(
 )
 
 
-_COMMANDS: Final = {
+_COMMANDS: Final[dict[str, tuple[Callable[..., None], ...]]] = {
     "ground": (run, validate, plan, station, send, replay, report, compare),
-    "": (agent, router, sim, measure, doctor, schema, keys),
+    "": (agent, link, router, sim, measure, doctor, schema, keys),
     "study": (study, paper),
 }
 """The commands that need an extra, or only the core."""

@@ -31,7 +31,7 @@ class Channel:
     """Half duplex. Sender 0 is the ground, the others are vehicles."""
 
     def __init__(self, bytes_per_s: float, senders: int) -> None:
-        self._bytes_per_s = bytes_per_s
+        self.bytes_per_s = bytes_per_s
         self._buffers = [deque[bytes]() for _ in range(senders)]
         self._sizes = [0] * senders
         self._turn = 0
@@ -55,7 +55,7 @@ class Channel:
             while self._buffers[self._turn] and len(packet) < _TURN_BYTES:
                 packet += self._buffers[self._turn].popleft()
             self._sizes[self._turn] -= len(packet)
-            self._free_s += len(packet) / self._bytes_per_s
+            self._free_s += len(packet) / self.bytes_per_s
             if packet:
                 self._under_way.append((self._free_s + _LATENCY_S, self._turn, packet))
         arrived = []

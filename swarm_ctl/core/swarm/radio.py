@@ -50,7 +50,7 @@ PAYLOADS: Final[Mapping[str, int]] = {
     "GPS_RAW_INT": 52,
     "WIND": 12,
     "WIND_COV": 40,
-    "EKF_STATUS_REPORT": 22,
+    "EKF_STATUS_REPORT": 26,
     "ESTIMATOR_STATUS": 42,
 }
 """Bytes at most; MAVLink 2 leaves trailing zeros out."""

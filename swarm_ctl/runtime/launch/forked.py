@@ -18,6 +18,8 @@ from swarm_ctl.runtime.agent.agent_process import AgentConfig
 from swarm_ctl.runtime.clock import wall_s
 from swarm_ctl.runtime.launch.processes import Child
 from swarm_ctl.runtime.lifeline import ALIVE, READY
+from swarm_ctl.runtime.radio import link_process
+from swarm_ctl.runtime.radio.link_process import LinkConfig
 from swarm_ctl.runtime.router import router_process
 from swarm_ctl.runtime.router.router_process import RouterConfig
 
@@ -95,6 +97,28 @@ class AgentChild(ForkedChild):
     def __init__(self, config: AgentConfig) -> None:
         super().__init__(f"agent-{config.agent_id}", config.log, agent_process.child_main, config)
         self.agent = config.agent_id
+
+
+class RadioLink(ForkedChild):
+    """The link of a radio that agents share. One that ends is not started again: its vehicles' own
+    failsafes have acted by then, and an agent must not take such a vehicle up again."""
+
+    def __init__(self, name: str, config: LinkConfig) -> None:
+        super().__init__(name, config.log, link_process.child_main, config)
+        self._radio = config.radio
+        self._ended = False
+
+    def news(self) -> list[str]:
+        """What the operator should know since the last call."""
+        found = [f"the {self.name}: {word}" for word in self.words() if word not in (ALIVE, READY)]
+        code = self.exit_code()
+        if code is not None and not self._ended:
+            self._ended = True
+            found.append(
+                f"the {self.name} to {self._radio} has ended, exit code {code}: the vehicles behind"
+                " it land by their own failsafes"
+            )
+        return found
 
 
 class HostRouter:

@@ -6,9 +6,10 @@ from __future__ import annotations
 import gc
 
 from swarm_ctl.runtime.agent import agent_process
+from swarm_ctl.runtime.radio import link_process
 from swarm_ctl.runtime.router import router_process
 
-ENTRIES = agent_process.child_main, router_process.child_main
+ENTRIES = agent_process.child_main, router_process.child_main, link_process.child_main
 
 gc.collect()
 gc.freeze()

@@ -35,6 +35,7 @@ from swarm_ctl.runtime.protection import (
     refuse_useless,
     router_identity_folder,
 )
+from swarm_ctl.runtime.radio.link_process import LinkConfig
 from swarm_ctl.runtime.router.router_process import RouterConfig
 from swarm_ctl.runtime.station.screens import Show
 from swarm_ctl.runtime.vehicle_memory import state_folder
@@ -42,6 +43,9 @@ from swarm_ctl.runtime.vehicles.binaries import find
 from swarm_ctl.runtime.vehicles.order import ORDERS, ORDERS_JSON, Order, Orders, Started
 from swarm_ctl.trust.identity import MAVLINK_KEY
 from swarm_ctl.trust.names import LOOPBACK, Member, member_of
+
+LINK = "link"
+"""The process of a shared radio, with a number behind it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,6 +169,15 @@ class RunSetup:
             log=self.folder / "router.log",
         )
 
+    def link_configs(self) -> list[LinkConfig]:
+        """Of each radio that agents share."""
+        manifest = self.manifest
+        signed = manifest.signing is Signing.REQUIRED
+        return [
+            LinkConfig(agents, signed, log=self.folder / f"{LINK}-{k}.log")
+            for k, agents in enumerate(Fleet(manifest.fleet).radios().values(), start=1)
+        ]
+
     def _agent_config(self, agent: FleetAgent, connect: tuple[str, ...]) -> AgentConfig:
         manifest, agents = self.manifest, self.folder / "agents"
         ordered = {order.agent for order in self._orders}
@@ -175,6 +188,7 @@ class RunSetup:
             agent_sysid=agent.agent_sysid,
             autopilot=agent.autopilot,
             endpoint=agent.endpoint or "",
+            radio=agent.radio,
             swarm=manifest.swarm,
             listen=agent.mesh or "",
             connect=connect,
@@ -329,7 +343,8 @@ def _manifest(mission: LoadedMission, options: RunOptions) -> Manifest:
     ports."""
     agents = mission.fleet.agents
     simulated = [agent.id for agent in agents if agent.started_as is VehicleKind.SIMULATED]
-    ports = dict(zip(simulated, free_ports(len(simulated), socket.SOCK_DGRAM), strict=True))
+    local = simulated + [agent.id for agent in agents if agent.radio]
+    ports = dict(zip(local, free_ports(len(local), socket.SOCK_DGRAM), strict=True))
     routed = part_in(mission.plan, mission.fleet.routers) is Part.CLIENT
     missing = 0 if routed else sum(agent.mesh is None for agent in agents)
     meshes = [f"tcp/127.0.0.1:{port}" for port in free_ports(missing + 1, socket.SOCK_STREAM)]

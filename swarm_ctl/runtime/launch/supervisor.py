@@ -22,7 +22,7 @@ from swarm_ctl.report.judge.summary import Summary, write_summary
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.flying_runs import PROCESSES
 from swarm_ctl.runtime.interrupts import Interrupts
-from swarm_ctl.runtime.launch.forked import ROUTER_HUNG_WALL_S, AgentChild, HostRouter
+from swarm_ctl.runtime.launch.forked import ROUTER_HUNG_WALL_S, AgentChild, HostRouter, RadioLink
 from swarm_ctl.runtime.launch.processes import (
     Child,
     CommandChild,
@@ -35,7 +35,7 @@ from swarm_ctl.runtime.launch.processes import (
     wait_all,
     wait_ready,
 )
-from swarm_ctl.runtime.launch.run_setup import RunOptions, RunSetup
+from swarm_ctl.runtime.launch.run_setup import LINK, RunOptions, RunSetup
 from swarm_ctl.runtime.launch.terminal_state import TerminalState
 from swarm_ctl.runtime.launch.waiting import Waiting, named
 from swarm_ctl.runtime.station.screens import Show
@@ -64,6 +64,8 @@ _SIMULATOR_WALL_S: Final = 5.0
 _STATION_WALL_S: Final = 10.0
 _RELAY_WALL_S: Final = 1.0
 """It ends when no vehicle that it hears is armed."""
+_LINK_WALL_S: Final = 3.0
+"""It ends when no agent speaks."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,6 +112,7 @@ class RunProcesses:
         self._vehicles: VehiclesChild | None = None
         self._simulator: TellingChild | None = None
         self._agents: list[AgentChild] = []
+        self._links: list[RadioLink] = []
         self._station: CommandChild | None = None
         self._relay: TellingChild | None = None
         self._keeper: TellingChild | None = None
@@ -121,7 +124,7 @@ class RunProcesses:
 
     @property
     def _children(self) -> list[Child]:
-        needed = (self._vehicles, self._simulator, *self._agents, self._station)
+        needed = (self._vehicles, self._simulator, *self._links, *self._agents, self._station)
         router = self._router.child if self._router is not None else None
         children = (*needed, self._relay, self._keeper, router)
         return [child for child in children if child is not None]
@@ -137,7 +140,9 @@ class RunProcesses:
         simulators = "1 simulator, " if sim_config else ""
         router_config = setup.router_config()
         router = "1 router, " if router_config else ""
-        what = f"{simulators}{router}{len(configs)} agents, 1 station"
+        link_configs = setup.link_configs()
+        links = f"{len(link_configs)} link, " if link_configs else ""
+        what = f"{simulators}{router}{links}{len(configs)} agents, 1 station"
         self._print(f"starting {what}; run folder {folder}")
         try:
             if rules := setup.keeper_rules():
@@ -153,6 +158,8 @@ class RunProcesses:
             )
             if sim_config:
                 self._simulator = simulator(sim_config, folder / "simulator.log")
+            for k, link_config in enumerate(link_configs, start=1):
+                self._links.append(RadioLink(f"{LINK}-{k}", link_config))
             (folder / "agents").mkdir()
             for config in configs:
                 self._agents.append(AgentChild(config))
@@ -211,6 +218,8 @@ class RunProcesses:
             for child in (self._relay, self._keeper, self._simulator):
                 for note in child.notes() if child is not None else ():
                     self._say(note)
+            for line in (line for link in self._links for line in link.news()):
+                self._say(line)
             self._kill_hung()
             self._keep_router()
             wall.pause(_POLL_WALL_S)
@@ -278,10 +287,10 @@ class RunProcesses:
                 self._station.say(finish=True)
                 wait_all([self._station], _STATION_WALL_S)
             router = self._router.child if self._router is not None else None
-            for last in (self._keeper, router):
+            for last in (self._keeper, router, *self._links):
                 if last is not None:
                     last.let_go()
-                    wait_all([last], _RELAY_WALL_S)
+                    wait_all([last], _LINK_WALL_S if last in self._links else _RELAY_WALL_S)
         self._kill_all()
 
     def _wait_for_successors(self) -> None:

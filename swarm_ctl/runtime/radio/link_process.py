@@ -27,8 +27,9 @@ _TURN_WALL_S: Final = 0.005
 """A tenth of a tick: so much later is a setpoint."""
 _SHOW_WALL_S: Final = 0.5
 _REOPEN_WALL_S: Final = 1.0
-_LINGER_WALL_S: Final = 5.0
-"""After the lifeline's end, while an agent still speaks: it lands its vehicle."""
+_LINGER_WALL_S: Final = 1.6
+"""After the lifeline's end and the last word of an agent, which has a heartbeat each second: it lands
+its vehicle."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +43,11 @@ class LinkConfig:
     """What the radio carries; None: as the fleet says."""
     log: Path | None = None
     """Where stdout and stderr go; None: they stay."""
+
+    @property
+    def radio(self) -> str:
+        """The radio's endpoint."""
+        return self.agents[0].reached_at or ""
 
 
 def child_main(config: LinkConfig, connection: Connection) -> None:

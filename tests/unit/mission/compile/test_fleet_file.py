@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarm_ctl.core.law.stop_point import TYPICAL
-from swarm_ctl.core.model.fleet import Signing
+from swarm_ctl.core.model.fleet import RadioShare, Signing
 from swarm_ctl.core.model.plan import Response
 from swarm_ctl.errors import InputError, MissionError
 from swarm_ctl.mission.compile.fleet_file import file_of, read_fleet, with_response
@@ -120,8 +120,8 @@ def test_two_vehicles_on_separate_links_may_have_one_sysid(tmp_path: Path) -> No
         ),
         (
             "agents:\n"
-            + "".join(f"  - {{id: {i}, host: a, endpoint: 'serial:/dev/tty0'}}\n" for i in (1, 2)),
-            "serial:/dev/tty0 of a is taken by agents#1",
+            + "".join(f"  - {{id: {i}, host: a, endpoint: 'udpin:h:1'}}\n" for i in (1, 2)),
+            "udpin:h:1 of a is taken by agents#1",
         ),
         ("agents:\n  - {id: 1, endpoint: 'udpout:h:99999'}\n", "port 99999 is out of range"),
     ],
@@ -198,3 +198,40 @@ def test_hosts_have_their_agents_and_serial_ports_of_their_own(tmp_path: Path) -
         "b.local": [1, 3],
         "10.0.0.2": [2],
     }
+
+
+def radio_fleet(tmp_path: Path, endpoint: str, more: str = "", count: int = 3) -> Path:
+    path = tmp_path / "radio.yaml"
+    entries = "".join(f"  - {{id: {i}, endpoint: '{endpoint}'}}\n" for i in range(1, count + 1))
+    path.write_text(f"{more}agents:\n{entries}")
+    return path
+
+
+def test_agents_that_share_a_serial_port_share_a_radio(tmp_path: Path) -> None:
+    fleet = read_fleet(radio_fleet(tmp_path, "serial:/dev/ttyUSB0:57600"))
+    share = RadioShare("serial:/dev/ttyUSB0:57600", 5760, 3)
+    assert [agent.radio for agent in fleet.agents] == [share] * 3
+    assert [a.endpoint for a in fleet.agents] == [f"udpout:127.0.0.1:1700{i}" for i in (1, 2, 3)]
+    assert list(fleet.radios().values()) == [fleet.agents]
+
+
+def test_another_endpoint_is_shared_only_where_the_fleet_says_what_it_carries(
+    tmp_path: Path,
+) -> None:
+    with pytest.raises(MissionError, match="swarm-ctl link"):
+        read_fleet(radio_fleet(tmp_path, "udpin:127.0.0.1:14550"))
+    path = radio_fleet(tmp_path, "udpin:127.0.0.1:14550", "radio_bytes_per_s: 4000\n")
+    assert {a.radio and a.radio.bytes_per_s for a in read_fleet(path).agents} == {4000}
+
+
+def test_an_endpoint_of_one_agent_is_no_shared_radio(tmp_path: Path) -> None:
+    path = radio_fleet(tmp_path, "serial:/dev/ttyUSB0:57600", count=1)
+    (agent,) = read_fleet(path).agents
+    assert (agent.endpoint, agent.radio) == ("serial:/dev/ttyUSB0:57600", None)
+
+
+def test_vehicles_behind_one_radio_have_sysids_of_their_own(tmp_path: Path) -> None:
+    path = radio_fleet(tmp_path, "serial:/dev/ttyUSB0")
+    path.write_text(path.read_text().replace("id: 2,", "id: 2, sysid: 1,"))
+    with pytest.raises(MissionError, match="sysid 1 is there twice behind the radio"):
+        read_fleet(path)
