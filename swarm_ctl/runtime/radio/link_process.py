@@ -28,8 +28,8 @@ _TURN_WALL_S: Final = 0.005
 _SHOW_WALL_S: Final = 0.5
 _REOPEN_WALL_S: Final = 1.0
 _LINGER_WALL_S: Final = 1.6
-"""After the lifeline's end and the last word of an agent, which has a heartbeat each second: it lands
-its vehicle."""
+"""After the lifeline's end and the last word of an agent, which has a heartbeat each second: until
+then it lands its vehicle."""
 
 
 @dataclass(frozen=True, slots=True)
