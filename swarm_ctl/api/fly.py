@@ -8,13 +8,14 @@ from pathlib import Path
 from types import TracebackType
 from typing import Final, Literal
 
-from swarm_ctl.api.flight import Mission, SwarmFlight, loaded
+from swarm_ctl.api.flight import FlightError, FlightResult, Mission, SwarmFlight, loaded
 from swarm_ctl.api.process_flight import ProcessFlight
-from swarm_ctl.api.swarm import AsyncSwarm, Swarm
+from swarm_ctl.api.swarm import AsyncSwarm, OrderError, Swarm
 from swarm_ctl.api.virtual_flight import VirtualFlight
 from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.mission.ready import named
 
+__all__ = ["AsyncSwarm", "FlightError", "FlightResult", "Flying", "OrderError", "Swarm", "fly"]
 VIRTUAL: Final = "virtual"
 
 

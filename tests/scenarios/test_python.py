@@ -48,6 +48,30 @@ def test_an_example_runs(
     assert re.search(r"\d\.\d\d m", capsys.readouterr().out)
 
 
+@pytest.mark.filterwarnings("ignore:.*")  # of the notebook's own tools
+def test_the_notebook_runs_and_keeps_no_outputs() -> None:
+    """With its plots, in a kernel of its own."""
+    nbclient = pytest.importorskip("nbclient", reason="pip install 'swarm-ctl[notebook]'")
+    import nbformat
+
+    notebook = nbformat.read(ROOT / "examples" / "sigma.ipynb", 4)
+    code = [cell for cell in notebook.cells if cell.cell_type == "code"]
+    assert [cell.outputs for cell in code] == [[]] * len(code)
+    nbclient.NotebookClient(notebook, timeout=120).execute()
+    _, flown, plotted = code
+    assert "'completed'" in flown.outputs[0].data["text/plain"]
+    assert any("image/png" in output.get("data", {}) for output in plotted.outputs)
+
+
+def test_the_public_names_are_there_at_the_top() -> None:
+    names = {name: getattr(swarm_ctl, name) for name in ("fly", "Swarm", "AsyncSwarm")}
+    names |= {"FlightError": swarm_ctl.FlightError, "OrderError": swarm_ctl.OrderError}
+    assert names["OrderError"] is OrderError
+    assert set(swarm_ctl.__all__) == {*names, "FlightResult"}  # type: ignore[attr-defined]
+    with pytest.raises(AttributeError, match="no attribute 'jump'"):
+        swarm_ctl.jump  # type: ignore[attr-defined]  # noqa: B018
+
+
 def test_a_refused_order_raises_and_the_flight_goes_on() -> None:
     with swarm_ctl.fly(BARE, vehicles="virtual") as swarm:
         with pytest.raises(
