@@ -115,7 +115,7 @@ def test_two_vehicles_on_separate_links_may_have_one_sysid(tmp_path: Path) -> No
             "fleet.yaml:3: agents#2: agent 2 has no host, and other agents have one",
         ),
         (
-            "router: tcp/a:1\nagents:\n  - {id: 1, host: a}\n  - {id: 2, host: a, router: tcp/a:2}\n",
+            "router: tcp/a:1\nagents:\n  - {id: 1, host: a}\n  - {id: 2, host: a, router: tcp/b:2}",
             "fleet.yaml:4: agents#2.router: a has the router tcp/a:1 already",
         ),
         (
