@@ -45,11 +45,14 @@ _KEY: Final = (
 _IDENTITY: Final = (
     "The folder with its own keys (swarm-ctl trust).  [default: agent-ID in the fleet's trust]"
 )
-_EXPECT: Final = "Do not arm before a ground station was heard."
+EXPECT_STATION: Final = "Do not arm before a ground station was heard."
 _PLAN: Final = (
     "A plan file, NAME@HASH of a plan that a station has, or a mission file (needs ground)."
 )
 _TIMEOUT: Final = "Of NAME@HASH: how long to wait for a station that has it."
+_RECORD: Final = (
+    "A folder for agent-ID.tlog, which goes on where it is there, and the last status as JSON."
+)
 _LOCKSTEP: Final = "The folder of a run in lockstep, whose clock this agent joins."
 
 
@@ -74,10 +77,11 @@ def agent(
     identity: Annotated[Path | None, option("FOLDER", _IDENTITY)] = None,
     open_mesh: OpenMesh = False,
     zenoh_config: ZenohConfig = None,
-    expect_station: Annotated[bool, switch("--expect-station", _EXPECT)] = False,
+    expect_station: Annotated[bool, switch("--expect-station", EXPECT_STATION)] = False,
     lockstep: Annotated[Path | None, option("RUN", _LOCKSTEP)] = None,
     signing_key: Annotated[Path | None, option("FILE", _KEY)] = None,
     plan_timeout: Annotated[float, option("SECONDS", _TIMEOUT, min=1.0)] = 60.0,
+    record: Annotated[Path | None, option("FOLDER", _RECORD)] = None,
 ) -> None:
     """Fly one agent, on the computer of its drone.
 
@@ -99,7 +103,7 @@ def agent(
     from swarm_ctl.mission.compile.exposure import exposures, refuse_exposed
     from swarm_ctl.mission.compile.offers import plan_name
     from swarm_ctl.runtime.agent.agent_process import AgentConfig, run_agent
-    from swarm_ctl.runtime.clock import Clock
+    from swarm_ctl.runtime.clock import Clock, unix_s
     from swarm_ctl.runtime.lifeline import SignalLifeline
     from swarm_ctl.runtime.protection import agent_identity_folder
     from swarm_ctl.runtime.vehicle_memory import state_folder
@@ -118,6 +122,7 @@ def agent(
     if not open_mesh:
         exposed = exposures(Fleet((own,), None if keys is None else str(keys), signing), connect)
         refuse_exposed(exposed, str(fleet or file), keys)
+    clock = Clock.starting_now(speedup) if epoch is None else Clock(epoch, speedup)
     config = AgentConfig(
         plan=plan,
         agent_id=agent_id,
@@ -129,7 +134,7 @@ def agent(
         swarm=plan.name,
         listen=own.mesh or "",
         connect=connect,
-        epoch_s=Clock.starting_now().epoch_s if epoch is None else epoch,
+        epoch_s=clock.epoch_s,
         speedup=speedup,
         vehicle=own.response,
         expect_station=expect_station,
@@ -140,6 +145,9 @@ def agent(
         identity=keys,
         signing=entries.signing,
         zenoh=zenoh_settings(zenoh_config, guarded=open_mesh or keys is not None),
+        report=record and record / f"agent-{agent_id}.json",
+        tlog=record and record / f"agent-{agent_id}.tlog",
+        started_us=int((unix_s() - clock.now()) * 1e6),
     )
     if keys is not None:
         threading.Thread(target=_explain, args=(keys, connect), daemon=True).start()

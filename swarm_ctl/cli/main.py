@@ -13,11 +13,14 @@ from typer.core import TyperCommand
 
 from swarm_ctl import __version__
 from swarm_ctl.cli.agent import agent
+from swarm_ctl.cli.deploy import deploy
 from swarm_ctl.cli.doctor import doctor
+from swarm_ctl.cli.hosts import hosts
 from swarm_ctl.cli.keys import keys
 from swarm_ctl.cli.link import link
 from swarm_ctl.cli.measure import measure
 from swarm_ctl.cli.missions import missions
+from swarm_ctl.cli.on_host import on_host
 from swarm_ctl.cli.paper import paper
 from swarm_ctl.cli.plan import plan
 from swarm_ctl.cli.replay import replay
@@ -73,6 +76,9 @@ for function in itertools.chain(*_COMMANDS.values()):
     # `send move -20 35`: a number, not an option
     settings = {"ignore_unknown_options": function is send}
     app.command(cls=_Command, context_settings=settings)(function)
+app.command(cls=_Command)(deploy)
+app.add_typer(hosts)
+app.add_typer(on_host)
 app.add_typer(missions)
 app.add_typer(trust)
 

@@ -1,0 +1,131 @@
+"""`swarm-ctl deploy`: a swarm on the computers of its drones."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+from swarm_ctl.cli.agent import EXPECT_STATION, plan_and_fleet
+from swarm_ctl.cli.on_host import WITHIN
+from swarm_ctl.cli.shared.console import PlainConsole
+from swarm_ctl.cli.shared.hosts_table import ATTENTION, FINE, NOT_REACHED, exit_code, show_hosts
+from swarm_ctl.cli.shared.options import FleetFile, OpenMesh, option, switch
+
+if TYPE_CHECKING:
+    from swarm_ctl.core.model.fleet import Fleet
+    from swarm_ctl.runtime.deploy.bundle import Bundle
+    from swarm_ctl.runtime.deploy.rollout import Hosts, HostState
+
+_WAIT: Final = "How long to wait for hosts that are offline."
+_RESTART: Final = "Agents that run are landed first, on all hosts; then all start."
+_BUNDLES: Final = "Write each host's bundle there instead (HOST.tar), for a stick. They hold keys."
+SshConfig = Annotated[
+    Path | None, option("FILE", "For ssh, instead of ~/.ssh/config.", "--ssh-config")
+]
+
+
+def deploy(
+    file: Annotated[
+        Path, typer.Argument(metavar="PLAN", help="A plan file, or a mission file (needs ground).")
+    ],
+    fleet: FleetFile = None,
+    wait: Annotated[float, option("SECONDS", _WAIT, min=0.0)] = 60.0,
+    restart: Annotated[bool, switch("--restart", _RESTART)] = False,
+    no_start: Annotated[bool, switch("--no-start", "Copy and check; start nothing.")] = False,
+    bundles: Annotated[Path | None, option("FOLDER", _BUNDLES)] = None,
+    expect_station: Annotated[bool, switch("--expect-station", EXPECT_STATION)] = False,
+    open_mesh: OpenMesh = False,
+    ssh_config: SshConfig = None,
+) -> None:
+    """Copy plan and keys to each agent's host over SSH, and start the agents.
+
+    Each agent has `host` in the fleet, and swarm-ctl of this version runs there. When every host
+    has its bundle, all agents start: the swarm then takes off by itself, as after `run`. While a
+    host is missing, none starts. The same command again changes what differs, and says what.
+
+    Exit codes: 0 all run, 1 something needs attention, 2 bad input, 3 a host was not reached.
+
+    Examples:
+
+    \b
+        swarm-ctl deploy square.yaml --fleet outdoors.yaml --no-start
+        swarm-ctl deploy square.yaml --fleet outdoors.yaml
+        swarm-ctl deploy square.yaml --fleet outdoors.yaml --restart
+        swarm-ctl deploy plan.json --bundles /media/stick
+    """
+    from swarm_ctl.mission.compile.exposure import exposures, refuse_exposed
+    from swarm_ctl.runtime.deploy.bundle import bundles_of
+    from swarm_ctl.runtime.deploy.rollout import Hosts
+    from swarm_ctl.runtime.deploy.ssh import Ssh
+
+    console = PlainConsole()
+    plan, entries = plan_and_fleet(file, fleet)
+    if not open_mesh:
+        refuse_exposed(exposures(entries), str(fleet or file), entries.trust)
+    made = bundles_of(plan, entries, open_mesh=open_mesh, expect_station=expect_station)
+    console.say(f"{plan.name}, plan {plan.fingerprint()}: {_who(entries)}")
+    if bundles is not None:
+        _write(console, made, bundles)
+        raise typer.Exit(FINE)
+    hosts = Hosts(Ssh(ssh_config), made)
+    states = hosts.bring(made, wait, lambda h, words: console.say(f"{h}: {words}"), restart=restart)
+    unfit = [host for host, state in states.items() if state.words]
+    if unfit:
+        console.say(f"nothing was started: {', '.join(unfit)}", style="bold red")
+        gone = any(state.report is None for state in states.values())
+        raise typer.Exit(NOT_REACHED if gone else ATTENTION)
+    if no_start:
+        console.say(f"each host has its bundle; swarm-ctl deploy {file} starts it")
+        raise typer.Exit(FINE)
+    if restart:
+        states = _landed(console, hosts)
+    raise typer.Exit(_started(console, hosts, made, states))
+
+
+def _landed(console: PlainConsole, hosts: Hosts) -> dict[str, HostState]:
+    """Land what runs; Exit where an agent may still be in the air."""
+    console.say("agents that run are landed first")
+    states = hosts.stop(WITHIN)
+    failed = {host: state.words for host, state in states.items() if state.words}
+    for host, words in failed.items():
+        console.say(f"{host}: {words}", style="bold red")
+    if failed:
+        console.say(f"nothing was started: {', '.join(failed)}", style="bold red")
+        raise typer.Exit(ATTENTION)
+    return states
+
+
+def _started(
+    console: PlainConsole, hosts: Hosts, made: Mapping[str, Bundle], before: Mapping[str, HostState]
+) -> int:
+    """Start all, and show how they stand; the exit code."""
+    states = hosts.start(made)
+    for host, state in states.items():
+        was = before[host].report
+        ran = was.running if was and was.current == made[host].digest else ()
+        for name in state.report.running if state.report else ():
+            console.say(f"{host}: {name} {'runs already' if name in ran else 'started'}")
+    wanted = {host: bundle.manifest.plan_hash for host, bundle in made.items()}
+    show_hosts(console, states, wanted)
+    return exit_code(states, wanted)
+
+
+def _who(fleet: Fleet) -> str:
+    hosts = fleet.hosts()
+    agents = "agent" if len(fleet.agents) == 1 else "agents"
+    return f"{len(fleet.agents)} {agents} on {len(hosts)} host{'s' * (len(hosts) != 1)}"
+
+
+def _write(console: PlainConsole, made: Mapping[str, Bundle], folder: Path) -> None:
+    from swarm_ctl.trust.files import write_private
+
+    folder.mkdir(parents=True, exist_ok=True)
+    for host, bundle in made.items():
+        path = folder / f"{host}.tar"
+        write_private(path, bundle.packed())
+        console.say(
+            f"{path}  there: swarm-ctl on-host install {path.name}; swarm-ctl on-host start"
+        )

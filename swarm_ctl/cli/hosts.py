@@ -1,0 +1,144 @@
+"""`swarm-ctl hosts`: the computers of a swarm that was deployed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+from swarm_ctl.cli.deploy import SshConfig
+from swarm_ctl.cli.on_host import WITHIN
+from swarm_ctl.cli.shared.console import PlainConsole
+from swarm_ctl.cli.shared.extras import require
+from swarm_ctl.cli.shared.hosts_table import (
+    ATTENTION,
+    FINE,
+    NOT_REACHED,
+    common_plan,
+    exit_code,
+    show_hosts,
+)
+from swarm_ctl.cli.shared.options import option, switch
+from swarm_ctl.errors import InputError
+
+if TYPE_CHECKING:
+    from swarm_ctl.runtime.deploy.rollout import Hosts
+
+FleetArgument = Annotated[
+    Path,
+    typer.Argument(metavar="FLEET", help="A plan file, or a fleet file or mission (needs ground)."),
+]
+_PLAN: Final = (
+    "The plan or mission that they should have.  [default: the one that most of them have]"
+)
+
+
+def status(
+    fleet: FleetArgument,
+    plan: Annotated[Path | None, option("PLAN", _PLAN)] = None,
+    ssh_config: SshConfig = None,
+) -> None:
+    """Show each host: reached, version, plan, and how its agents stand.
+
+    Exit codes: 0 fine, 1 something needs attention, 2 bad input, 3 a host was not reached.
+
+    Examples:
+
+    \b
+        swarm-ctl hosts status outdoors.yaml
+        swarm-ctl hosts status outdoors.yaml --plan plan.json
+    """
+    from swarm_ctl.cli.agent import plan_and_fleet
+
+    console, states = PlainConsole(), _hosts(fleet, ssh_config).report()
+    wanted = common_plan(states)
+    if plan is not None:
+        file = None if plan.suffix == ".json" else fleet
+        wanted = dict.fromkeys(states, plan_and_fleet(plan, file)[0].fingerprint())
+    show_hosts(console, states, wanted)
+    raise typer.Exit(exit_code(states, wanted))
+
+
+def stop(
+    fleet: FleetArgument,
+    within: Annotated[float, option("SECONDS", "At most so long.", min=1.0)] = WITHIN,
+    ssh_config: SshConfig = None,
+) -> None:
+    """Land all agents, wait for their end, then end the routers.
+
+    A host that is not reached is told nothing: swarm-ctl send land reaches its agents on the mesh.
+
+    Exit codes: 0 none runs, 1 an agent still runs, 2 bad input, 3 a host was not reached.
+
+    Example:
+
+    \b
+        swarm-ctl hosts stop outdoors.yaml
+    """
+    console, states = PlainConsole(), _hosts(fleet, ssh_config).stop(within)
+    show_hosts(console, states, {})
+    runs = any(state.running for state in states.values())
+    gone = any(state.report is None for state in states.values())
+    raise typer.Exit(NOT_REACHED if gone else ATTENTION if runs else FINE)
+
+
+def collect(
+    fleet: FleetArgument,
+    out: Annotated[Path, option("FOLDER", "Where to; each host has a folder there.")] = Path(
+        "collected"
+    ),
+    every: Annotated[bool, switch("--all", "Of all flights, not only the newest.")] = False,
+    ssh_config: SshConfig = None,
+) -> None:
+    """Copy each host's logs, tlogs and last statuses here.
+
+    Exit codes: 0 fine, 2 bad input, 3 a host was not reached.
+
+    Examples:
+
+    \b
+        swarm-ctl hosts collect outdoors.yaml
+        swarm-ctl hosts collect outdoors.yaml --all --out flights
+    """
+    from swarm_ctl.runtime.deploy.collected import unpack_logs
+    from swarm_ctl.runtime.deploy.ssh import Reach
+
+    console, answers = PlainConsole(), _hosts(fleet, ssh_config).logs(every=every)
+    for host, answer in answers.items():
+        if answer.reach is not Reach.ANSWERED:
+            console.say(f"{host}: {answer.reach}: {answer.words}", style="bold red")
+            continue
+        files = unpack_logs(answer.out, out / host)
+        size = sum(path.stat().st_size for path in files)
+        console.say(f"{out / host}  {len(files)} files, {size / 1e6:.1f} MB")
+    whole = all(answer.reach is Reach.ANSWERED for answer in answers.values())
+    raise typer.Exit(FINE if whole else NOT_REACHED)
+
+
+def _hosts(fleet: Path, ssh_config: Path | None) -> Hosts:
+    from swarm_ctl.mission.compile.plan_file import is_plan_file, read_plan
+    from swarm_ctl.runtime.deploy.rollout import Hosts
+    from swarm_ctl.runtime.deploy.ssh import Ssh
+
+    if is_plan_file(fleet):
+        names = dict.fromkeys(agent.host for agent in read_plan(fleet).fleet if agent.host)
+    else:
+        require("ground", f"{fleet} is a fleet file, which")
+        from swarm_ctl.runtime.doctor.fleet import vehicles_of
+
+        names = dict.fromkeys(vehicles_of(fleet).hosts())
+    if not names:
+        raise InputError(f"{fleet}: names no `host`; allowed: one for each agent")
+    return Hosts(Ssh(ssh_config), names)
+
+
+hosts = typer.Typer(
+    name="hosts",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    help="Look after the computers that `swarm-ctl deploy` has started a swarm on.\n\n"
+    "Try: swarm-ctl hosts status outdoors.yaml",
+)
+for function in (status, stop, collect):
+    hosts.command()(function)

@@ -1,0 +1,109 @@
+"""`swarm-ctl on-host`: the host's side of `deploy`. It answers in JSON."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+from swarm_ctl.cli.shared.options import option, switch
+
+if TYPE_CHECKING:
+    from swarm_ctl.runtime.deploy.host import Host
+
+WITHIN: Final = 300.0
+"""To land and end, by default [s]."""
+
+
+def install(
+    bundle: Annotated[Path, typer.Argument(metavar="BUNDLE", help="The file, or - for stdin.")],
+) -> None:
+    """Take a bundle of this host in. What flies goes on as it is.
+
+    Example:
+
+    \b
+        swarm-ctl on-host install drone3.tar
+    """
+    from swarm_ctl.runtime.deploy.bundle import read_bundle, unpacked
+
+    host = _host()
+    from_stdin = str(bundle) == "-"
+    host.install(unpacked(sys.stdin.buffer.read()) if from_stdin else read_bundle(bundle))
+    _answer(host)
+
+
+def start(
+    bundle: Annotated[str, option("DIGEST", "Only if it is this one.  [default: the newest]")] = "",
+) -> None:
+    """Start what the newest bundle says and does not run yet. Its vehicles fly when all agents of
+    the swarm are there.
+
+    Example:
+
+    \b
+        swarm-ctl on-host start
+    """
+    host = _host()
+    host.start(bundle)
+    _answer(host)
+
+
+def stop(within: Annotated[float, option("SECONDS", "At most so long.", min=1.0)] = WITHIN) -> None:
+    """Land all vehicles of this host, wait for the end of their agents, then end the router.
+
+    Example:
+
+    \b
+        swarm-ctl on-host stop
+    """
+    host = _host()
+    host.stop(within)
+    _answer(host)
+
+
+def state() -> None:
+    """Say what was deployed here, and how it stands.
+
+    Example:
+
+    \b
+        swarm-ctl on-host state
+    """
+    _answer(_host())
+
+
+def logs(
+    every: Annotated[bool, switch("--all", "Of all flights, not only the newest.")] = False,
+) -> None:
+    """Write a tar of logs, tlogs and last statuses to stdout.
+
+    Example:
+
+    \b
+        swarm-ctl on-host logs > drone3-logs.tar
+    """
+    _host().logs(sys.stdout.buffer, every=every)
+
+
+def _host() -> Host:
+    from swarm_ctl.runtime.deploy.host import Host
+
+    return Host()
+
+
+def _answer(host: Host) -> None:
+    sys.stdout.write(host.report().model_dump_json(indent=1) + "\n")
+
+
+on_host = typer.Typer(
+    name="on-host",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    help="Do on this host what `swarm-ctl deploy` asks for over SSH, or by hand what came on a"
+    " stick.\n\nTry: swarm-ctl on-host install drone3.tar",
+)
+for function in (install, start, stop, state, logs):
+    on_host.command()(function)

@@ -1,0 +1,181 @@
+"""A bundle: all that one host needs of a swarm, in one tar that goes there whole.
+
+The plan with its hash, the units of the host's agents and router, their keys, and a manifest. Its
+digest names it: two bundles of one digest are the same byte for byte.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import re
+import tarfile
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Final
+
+from pydantic import ValidationError
+
+from swarm_ctl import __version__
+from swarm_ctl.core.model.fleet import Fleet, FleetAgent
+from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.errors import InputError
+from swarm_ctl.files import read_bytes
+from swarm_ctl.mission.compile.plan_file import plan_from_json, plan_to_json
+from swarm_ctl.runtime.deploy.manifest import PLAN, Manifest
+from swarm_ctl.runtime.deploy.units import AGENT_UNIT, ROUTER_UNIT, agent_unit, router_unit
+from swarm_ctl.runtime.protection import agent_identity_folder, router_identity_folder
+from swarm_ctl.trust.bundle import pack as pack_keys
+from swarm_ctl.trust.identity import load_identity
+from swarm_ctl.trust.names import address_of
+
+MANIFEST: Final = "manifest.json"
+KEYS: Final = ".bundle"
+"""A member's keys, as `swarm-ctl trust` packs them: `agent-3.bundle`."""
+_MOST_BYTES: Final = 64_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Bundle:
+    """One host's files by name; what they hold may be secret."""
+
+    manifest: Manifest
+    files: Mapping[str, bytes] = field(repr=False)
+
+    @property
+    def digest(self) -> str:
+        """Twelve hexadecimal digits of all names and contents."""
+        whole = hashlib.sha256()
+        for name, data in sorted(self.files.items()):
+            whole.update(f"{name}\0{len(data)}\0".encode() + data)
+        return whole.hexdigest()[:12]
+
+    def packed(self) -> bytes:
+        """The tar of it, every file of mode 0600."""
+        out = io.BytesIO()
+        with tarfile.open(fileobj=out, mode="w:") as archive:
+            for name, data in sorted(self.files.items()):
+                entry = tarfile.TarInfo(name)
+                entry.size, entry.mode = len(data), 0o600
+                archive.addfile(entry, io.BytesIO(data))
+        return out.getvalue()
+
+
+def bundles_of(
+    plan: Plan, fleet: Fleet, *, open_mesh: bool = False, expect_station: bool = False
+) -> dict[str, Bundle]:
+    """The bundle of each host of a fleet.
+
+    Raises:
+        InputError: an agent has no host or no endpoint.
+        TrustError: the keys of an agent or a router are not there, or damaged.
+    """
+    for agent in fleet.agents:
+        linked = {
+            "host": agent.host,
+            "endpoint": agent.endpoint,
+            "mesh": agent.mesh or agent.router,
+        }
+        for name in (name for name, value in linked.items() if not value):
+            raise InputError(
+                f"agent {agent.id} has no `{name}` in the fleet; allowed: one for each agent that"
+                " is deployed"
+            )
+    runs = routers_of(fleet)
+    return {
+        host: _bundle(plan, fleet, _Part(host, agents, runs.get(host), open_mesh, expect_station))
+        for host, agents in fleet.hosts().items()
+    }
+
+
+def routers_of(fleet: Fleet) -> dict[str, str]:
+    """Where the router of each host listens that has one of its own: it serves this host's agents
+    alone, or its address is this host's name."""
+    hosts = {host: agents[0].router for host, agents in fleet.hosts().items()}
+    served = Counter(hosts.values())
+    return {
+        host: at
+        for host, at in hosts.items()
+        if at and (served[at] == 1 or address_of(at)[0] == host)
+    }
+
+
+def unpacked(data: bytes, name: str = "bundle") -> Bundle:
+    """The bundle in a tar; InputError where it holds anything else than a bundle does, or its parts
+    do not fit each other."""
+    files: dict[str, bytes] = {}
+    try:
+        with tarfile.open(fileobj=io.BytesIO(data), mode="r:") as archive:
+            for entry in archive:
+                if not _fits(entry.name) or entry.name in files or not entry.isreg():
+                    raise InputError(f"{name}: holds {entry.name!r}; allowed: a bundle of deploy")
+                content = archive.extractfile(entry)
+                files[entry.name] = content.read() if content else b""
+        manifest = Manifest.model_validate_json(files[MANIFEST])
+        plan = plan_from_json(files[PLAN], f"{name}: {PLAN}")
+    except (tarfile.TarError, KeyError, ValidationError) as error:
+        raise InputError(
+            f"{name}: is no bundle: {error}; allowed: one of swarm-ctl deploy"
+        ) from None
+    if plan.plan_hash != manifest.plan_hash or plan.plan.name != manifest.swarm:
+        raise InputError(f"{name}: its plan is {plan.plan_hash}, its manifest has another one")
+    return Bundle(manifest, files)
+
+
+def read_bundle(path: Path) -> Bundle:
+    """The bundle in a file; raises as `unpacked`, and OSError."""
+    return unpacked(read_bytes(path, _MOST_BYTES), str(path))
+
+
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """What one host runs."""
+
+    host: str
+    agents: tuple[FleetAgent, ...]
+    router: str | None
+    open_mesh: bool
+    expect_station: bool
+
+
+def _bundle(plan: Plan, fleet: Fleet, part: _Part) -> Bundle:
+    keys, router_keys = _keys(fleet, part)
+    swarms = {load_identity(folder).swarm for folder in keys}
+    manifest = Manifest(
+        host=part.host,
+        swarm=plan.name,
+        plan_hash=plan.fingerprint(),
+        agents=tuple(agent.id for agent in part.agents),
+        endpoints=tuple(agent.endpoint or "" for agent in part.agents),
+        router=part.router,
+        trust=min(swarms, default=None),
+        router_keys=router_keys,
+        open_mesh=part.open_mesh,
+        expect_station=part.expect_station,
+        swarm_ctl=__version__,
+    )
+    files = {
+        MANIFEST: manifest.model_dump_json(indent=1).encode() + b"\n",
+        PLAN: plan_to_json(plan, replace(fleet, trust=None)).encode(),
+        AGENT_UNIT: agent_unit(manifest).encode(),
+        **{folder.name + KEYS: pack_keys(folder) for folder in keys},
+    }
+    if part.router:
+        files[ROUTER_UNIT] = router_unit(manifest).encode()
+    return Bundle(manifest, files)
+
+
+def _keys(fleet: Fleet, part: _Part) -> tuple[list[Path], str | None]:
+    """The folders of this host's members alone, and the name of its router's."""
+    found = [agent_identity_folder(fleet.trust, agent.id) for agent in part.agents]
+    router = router_identity_folder(fleet.trust, part.router) if part.router else None
+    return [folder for folder in (*found, router) if folder], router.name if router else None
+
+
+def _fits(name: str) -> bool:
+    member = name.removesuffix(KEYS)
+    return name in (MANIFEST, PLAN, AGENT_UNIT, ROUTER_UNIT) or (
+        name != member and re.fullmatch(r"(agent|router)-[a-z0-9-]{1,20}", member) is not None
+    )
