@@ -40,7 +40,7 @@ def deploy(
     open_mesh: OpenMesh = False,
     ssh_config: SshConfig = None,
 ) -> None:
-    """Copy plan and keys to each agent's host over SSH, and start the agents.
+    """Copy plan and keys to all hosts over SSH, and start the agents.
 
     Each agent has `host` in the fleet, and swarm-ctl of this version runs there. When every host
     has its bundle, all agents start: the swarm then takes off by itself, as after `run`. While a

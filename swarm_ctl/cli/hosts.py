@@ -101,7 +101,7 @@ def collect(
         swarm-ctl hosts collect outdoors.yaml
         swarm-ctl hosts collect outdoors.yaml --all --out flights
     """
-    from swarm_ctl.runtime.deploy.collected import unpack_logs
+    from swarm_ctl.runtime.deploy.logs import unpack_logs
     from swarm_ctl.runtime.deploy.ssh import Reach
 
     console, answers = PlainConsole(), _hosts(fleet, ssh_config).logs(every=every)
@@ -137,7 +137,7 @@ hosts = typer.Typer(
     name="hosts",
     no_args_is_help=True,
     rich_markup_mode=None,
-    help="Look after the computers that `swarm-ctl deploy` has started a swarm on.\n\n"
+    help="Look after the computers of a deployed swarm.\n\n"
     "Try: swarm-ctl hosts status outdoors.yaml",
 )
 for function in (status, stop, collect):

@@ -102,8 +102,8 @@ on_host = typer.Typer(
     name="on-host",
     no_args_is_help=True,
     rich_markup_mode=None,
-    help="Do on this host what `swarm-ctl deploy` asks for over SSH, or by hand what came on a"
-    " stick.\n\nTry: swarm-ctl on-host install drone3.tar",
+    help="Take in, start and stop a bundle on this host, as deploy does over SSH.\n\n"
+    "Try: swarm-ctl on-host install drone3.tar",
 )
 for function in (install, start, stop, state, logs):
     on_host.command()(function)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Final
 
 from rich.table import Table
@@ -12,7 +12,7 @@ from rich.text import Text
 from swarm_ctl.cli.shared.console import PlainConsole
 
 if TYPE_CHECKING:
-    from swarm_ctl.runtime.deploy.host import HostReport
+    from swarm_ctl.runtime.deploy.report import HostReport
     from swarm_ctl.runtime.deploy.rollout import HostState
 
 FINE, ATTENTION, NOT_REACHED = 0, 1, 3
@@ -35,12 +35,11 @@ def show_hosts(
             table.add_row(host, report.version, plan, _processes(report))
     console.print(table)
     for host, state in states.items():
-        for report in filter(None, [state.report]):
-            for each in report.services:
-                if each.said:
-                    console.say(f"{host}: {each.name}: {each.said}")
-            for what in dict.fromkeys((*filter(None, [state.words]), *report.attention)):
-                console.say(f"{host}: {what}", style="bold red")
+        for each in state.report.services if state.report else ():
+            if each.said:
+                console.say(f"{host}: {each.name}: {each.said}")
+        for what in _attention(state, wanted.get(host, "")):
+            console.say(f"{host}: {what}", style="bold red")
 
 
 def exit_code(states: Mapping[str, HostState], wanted: Mapping[str, str]) -> int:
@@ -68,9 +67,16 @@ def _fine(state: HostState, wanted: str) -> bool:
 def _plan(report: HostReport, wanted: str) -> Text:
     if not report.plan_hash:
         return Text("none yet", "yellow")
-    if wanted and report.plan_hash != wanted:
-        return Text(f"{report.plan_hash}, not {wanted}", "bold red")
-    return Text(report.plan_hash)
+    return Text(report.plan_hash, "bold red" if wanted not in ("", report.plan_hash) else "")
+
+
+def _attention(state: HostState, wanted: str) -> Iterator[str]:
+    report = state.report
+    if report is None:
+        return
+    if report.plan_hash and wanted not in ("", report.plan_hash):
+        yield f"has plan {report.plan_hash}, not {wanted}: its agents keep the swarm on the ground"
+    yield from dict.fromkeys((*filter(None, [state.words]), *report.attention))
 
 
 def _processes(report: HostReport) -> Text:

@@ -16,17 +16,14 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
-import importlib.util
 import os
 import shutil
 import sys
-import tarfile
 from collections.abc import Iterator
-from enum import StrEnum
 from pathlib import Path
 from typing import IO, Final
 
-from pydantic import BaseModel, TypeAdapter, ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from swarm_ctl import __version__
 from swarm_ctl.core.model.messages import AgentStatus, Outcome
@@ -34,7 +31,10 @@ from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.files import read_bytes
 from swarm_ctl.runtime.clock import date_and_time, pause, wall_s
 from swarm_ctl.runtime.deploy.bundle import KEYS, MANIFEST, Bundle
+from swarm_ctl.runtime.deploy.logs import last_line, pack_logs
 from swarm_ctl.runtime.deploy.manifest import ROOT, Manifest, Service
+from swarm_ctl.runtime.deploy.report import HostReport, ServiceReport, State
+from swarm_ctl.runtime.deploy.serial_port import serial_port
 from swarm_ctl.runtime.deploy.services import Services, services_of
 from swarm_ctl.trust import bundle as trust_bundle
 
@@ -43,51 +43,6 @@ _LOOK_S: Final = 0.2
 _EARLY_S: Final = 2.0
 """A process that can't start has said so by then."""
 _STATUS: Final = TypeAdapter(AgentStatus)
-
-
-class State(StrEnum):
-    """How one process of a host stands."""
-
-    RUNNING = "running"
-    ENDED = "ended"
-    """By its own word: completed, or landed on command."""
-    FAILED = "failed"
-    STOPPED = "stopped"
-    """Not started, or a router that was stopped."""
-
-
-class ServiceReport(BaseModel):
-    """One process."""
-
-    name: str
-    state: State
-    said: str = ""
-    """Its last line, of one that does not run."""
-
-
-class HostReport(BaseModel):
-    """What a host says of itself."""
-
-    version: str
-    manager: str
-    """What looks after the processes."""
-    next: str = ""
-    """The digest of the bundle taken in last."""
-    current: str = ""
-    """The digest of the bundle that runs, or ran last."""
-    host: str = ""
-    """The fleet's name of this host, in the current bundle."""
-    swarm: str = ""
-    plan_hash: str = ""
-    """Of the current bundle."""
-    services: tuple[ServiceReport, ...] = ()
-    attention: tuple[str, ...] = ()
-    """What will keep the next bundle, or else the current one, from flying."""
-
-    @property
-    def running(self) -> tuple[str, ...]:
-        """The processes that run, landing ones among them."""
-        return tuple(each.name for each in self.services if each.state is State.RUNNING)
 
 
 class Host:
@@ -121,10 +76,12 @@ class Host:
         """
         with self._locked():
             wanted = self._digest("next")
-            if not wanted or (digest and digest != wanted):
+            if not wanted:
+                raise InputError("no bundle was taken in here; allowed: after swarm-ctl deploy")
+            if digest and digest != wanted:
                 raise InputError(
-                    f"bundle {digest or 'to start'} is not here, {wanted or 'none'} is; allowed:"
-                    " swarm-ctl deploy again, with another computer for each host of the fleet"
+                    f"bundle {wanted} is here, not {digest}; allowed: another computer for each"
+                    " host of the fleet, and one deploy at a time"
                 )
             if wanted != self._digest("current"):
                 self._switch(wanted)
@@ -178,12 +135,8 @@ class Host:
     def logs(self, out: IO[bytes], *, every: bool = False) -> None:
         """A tar of the newest flight's folder, or of all flights, as it is written."""
         newest = self.root / "flight"
-        folders = sorted((self.root / "flights").glob("*")) if every else [newest.resolve()]
-        with tarfile.open(fileobj=out, mode="w|") as archive:
-            for folder in (folder for folder in folders if folder.is_dir()):
-                for path in sorted(folder.iterdir()):
-                    if path.is_file() and not path.is_symlink():
-                        _add(archive, path, f"{folder.name}/{path.name}")
+        every_one = sorted((self.root / "flights").glob("*"))
+        pack_logs(every_one if every else [newest.resolve()], out)
 
     def _switch(self, digest: str) -> None:
         if self._digest("current"):
@@ -221,7 +174,7 @@ class Host:
         if self.services.runs(service):
             return ServiceReport(name=service.name, state=State.RUNNING)
         flight = self.root / "flight"
-        said = _last_line(flight / f"{service.name}.log")
+        said = last_line(flight / f"{service.name}.log")
         if not said or service.name == "router":
             return ServiceReport(name=service.name, state=State.STOPPED, said=said)
         try:
@@ -264,7 +217,7 @@ class Host:
         if not self._digest("next"):
             return
         for endpoint in self._manifest("next").endpoints:
-            yield from _serial_port(endpoint)
+            yield from serial_port(endpoint)
 
     @contextlib.contextmanager
     def _locked(self) -> Iterator[None]:
@@ -291,36 +244,3 @@ def _program() -> Path:
     if not Path(found).exists():
         raise StartError(f"{found}: is not there; allowed: swarm-ctl in the PATH of this host")
     return Path(found).absolute()
-
-
-def _serial_port(endpoint: str) -> Iterator[str]:
-    """Why this user can't speak on the serial port of an endpoint."""
-    kind, _, rest = endpoint.partition(":")
-    device = Path(rest.partition(":")[0])
-    if kind != "serial":
-        return
-    if importlib.util.find_spec("serial") is None:
-        yield "pyserial is missing: pip install 'swarm-ctl[serial]'"
-    if not device.exists():
-        yield f"{device} is not there: is the autopilot on, and plugged in?"
-    elif not os.access(device, os.R_OK | os.W_OK):
-        yield f"{device} is not this user's: sudo usermod -aG {device.group()} $USER, log in again"
-
-
-def _last_line(log: Path) -> str:
-    try:
-        with log.open("rb") as file:
-            file.seek(max(0, file.seek(0, os.SEEK_END) - 2000))
-            lines = file.read().decode(errors="replace").split("\n")
-    except FileNotFoundError:
-        return ""
-    return next((line.strip() for line in reversed(lines) if line.strip()), "")
-
-
-def _add(archive: tarfile.TarFile, path: Path, name: str) -> None:
-    """As much of a file as is there now: an agent may write it on."""
-    with path.open("rb") as file:
-        entry = tarfile.TarInfo(name)
-        found = os.fstat(file.fileno())
-        entry.size, entry.mtime, entry.mode = found.st_size, found.st_mtime, 0o644
-        archive.addfile(entry, file)

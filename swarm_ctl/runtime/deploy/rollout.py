@@ -16,7 +16,7 @@ from pydantic import ValidationError
 from swarm_ctl import __version__
 from swarm_ctl.runtime.clock import pause, wall_s
 from swarm_ctl.runtime.deploy.bundle import Bundle
-from swarm_ctl.runtime.deploy.host import HostReport, State
+from swarm_ctl.runtime.deploy.report import HostReport, State
 from swarm_ctl.runtime.deploy.ssh import Answer, Reach, Ssh
 
 _ASK_S: Final = 30.0

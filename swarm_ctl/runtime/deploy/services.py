@@ -16,6 +16,7 @@ from swarm_ctl.runtime.deploy.manifest import Service
 
 _BOOTED: Final = Path("/run/systemd/system")
 """There where systemd runs this host (sd_booted(3))."""
+_BOOT: Final = Path("/proc/sys/kernel/random/boot_id")
 _ANSWER_S: Final = 20.0
 
 
@@ -138,9 +139,10 @@ class Plain:
 
 
 def _began(pid: int) -> str:
-    """When a process has started, in ticks since boot; '' where it has ended (proc_pid_stat(5))."""
+    """The boot, and the ticks since then, at which a process has started; '' where it has ended
+    (proc_pid_stat(5))."""
     try:
         fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     except (FileNotFoundError, ProcessLookupError):
         return ""
-    return "" if fields[0] in ("Z", "X") else fields[19]
+    return "" if fields[0] in ("Z", "X") else f"{_BOOT.read_text().strip()} {fields[19]}"

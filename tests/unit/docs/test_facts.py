@@ -113,7 +113,7 @@ def test_each_mission_is_in_the_list() -> None:
 def test_each_command_is_in_the_list() -> None:
     names = set(OPTIONS)
     assert [name for name in names if f"`swarm-ctl {name}" not in TEXT["commands"]] == []
-    listed = set(re.findall(r"^\| `swarm-ctl (\w+)", TEXT["commands"], re.MULTILINE))
+    listed = set(re.findall(r"^\| `swarm-ctl ([\w-]+)", TEXT["commands"], re.MULTILINE))
     assert listed == names
 
 

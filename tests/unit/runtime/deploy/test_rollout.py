@@ -1,0 +1,182 @@
+"""All hosts have their bundle, or none starts; and what ssh is told."""
+
+from __future__ import annotations
+
+import shlex
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+from swarm_ctl import __version__
+from swarm_ctl.cli.shared.console import PlainConsole
+from swarm_ctl.cli.shared.hosts_table import common_plan, exit_code, show_hosts
+from swarm_ctl.errors import StartError
+from swarm_ctl.runtime.deploy import rollout
+from swarm_ctl.runtime.deploy.bundle import Bundle, bundles_of
+from swarm_ctl.runtime.deploy.report import HostReport, ServiceReport, State
+from swarm_ctl.runtime.deploy.rollout import Hosts, HostState
+from swarm_ctl.runtime.deploy.ssh import Answer, Reach, Ssh
+from tests.unit.runtime.deploy.swarms import fleet, plan
+
+OLD = "0123456789abcdef"
+
+
+class Script:
+    """Hosts that answer as they are told: drone1 is fine, drone2 is as `report` says, after ssh has
+    not found it `offline` times."""
+
+    def __init__(
+        self, monkeypatch: pytest.MonkeyPatch, *, offline: int = 0, **report: object
+    ) -> None:
+        self.calls: list[tuple[str, str]] = []
+        self._offline, self._report = offline, report
+        monkeypatch.setattr(rollout, "_AGAIN_S", 0.01)
+        monkeypatch.setattr(Ssh, "ask", lambda _, host, words, *__: self._answer(host, words))
+
+    def _answer(self, host: str, words: Sequence[str]) -> Answer:
+        self.calls.append((host, words[0]))
+        report: dict[str, object] = {"version": __version__, "manager": "systemd"}
+        if host == "drone2":
+            self._offline -= 1
+            if self._offline >= 0:
+                return Answer(Reach.OFFLINE, words="No route to host")
+            report |= self._report
+        return Answer(Reach.ANSWERED, HostReport.model_validate(report).model_dump_json().encode())
+
+
+def brought(wait_s: float = 60, *, restart: bool = False) -> tuple[dict[str, HostState], list[str]]:
+    """How the hosts stand when their bundles were brought, and what was told meanwhile."""
+    told: list[str] = []
+
+    def tell(host: str, words: str) -> None:
+        told.append(f"{host}: {words}")
+
+    made = bundles()
+    return Hosts(Ssh(), made).bring(made, wait_s, tell, restart=restart), told
+
+
+def bundles() -> dict[str, Bundle]:
+    return bundles_of(plan(), fleet())
+
+
+def running(plan_hash: str = OLD, current: str = "") -> dict[str, object]:
+    service = ServiceReport(name="agent-3", state=State.RUNNING)
+    return {"services": (service,), "plan_hash": plan_hash, "current": current}
+
+
+def test_a_host_that_is_offline_gets_it_when_it_is_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Said once, however often it is asked; a host that has its bundle is not asked again."""
+    script = Script(monkeypatch, offline=3)
+    states, told = brought()
+    one, two = (bundle.digest for bundle in bundles().values())
+    assert sorted(told) == sorted(
+        [f"drone1: got bundle {one}", "drone2: No route to host", f"drone2: got bundle {two}"]
+    )
+    assert not any(state.words for state in states.values())
+    assert script.calls.count(("drone1", "state")) == 1
+    assert {word for _, word in script.calls} == {"state", "install"}, "nothing was started"
+
+
+def test_a_host_that_stays_away_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    Script(monkeypatch, offline=1000)
+    states, _ = brought(0.05)
+    assert (states["drone2"].reach, states["drone2"].words) == (Reach.OFFLINE, "No route to host")
+    assert states["drone2"].report is None
+    assert not states["drone1"].words
+
+
+@pytest.mark.parametrize(
+    ("report", "told"),
+    [
+        ({"version": "0.1.0"}, f"has swarm-ctl 0.1.0: pip install swarm-ctl=={__version__} there"),
+        (running(), f"agent-3: runs with plan {OLD}; --restart lands it first"),
+        (
+            running(plan().fingerprint(), "0" * 12),
+            "agent-3: runs with the same plan in another bundle; --restart lands it first",
+        ),
+        ({"attention": ("/dev/ttyACM0 is not there",)}, "/dev/ttyACM0 is not there"),
+    ],
+)
+def test_what_keeps_a_host_from_flying_the_plan(
+    monkeypatch: pytest.MonkeyPatch, report: dict[str, object], told: str
+) -> None:
+    script = Script(monkeypatch, **report)
+    states, lines = brought()
+    assert states["drone2"].words == told
+    assert f"drone2: {told}" in lines
+    assert ("drone2", "start") not in script.calls
+
+
+def test_what_runs_is_left_or_landed_as_the_operator_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same bundle runs on; another one waits behind it, with --restart."""
+    digest = bundles()["drone2"].digest
+    script = Script(monkeypatch, next=digest, **running(current=digest))
+    assert not brought()[0]["drone2"].words
+    assert ("drone2", "install") not in script.calls
+    Script(monkeypatch, **running())
+    assert not brought(restart=True)[0]["drone2"].words
+
+
+def test_ssh_asks_no_questions_and_takes_no_host_for_an_option() -> None:
+    """The remote side is one word for the login shell, whichever it is."""
+    line = Ssh(Path("my config")).line("drone3.local", ["start", "--bundle", "a b; reboot"])
+    assert line[:3] == ["ssh", "-F", "my config"]
+    assert "BatchMode=yes" in line
+    assert line[-3:-1] == ["--", "drone3.local"]
+    words = shlex.split(line[-1])
+    assert words[:2] == ["sh", "-c"]
+    assert words[3:] == ["swarm-ctl", "on-host", "start", "--bundle", "a b; reboot"]
+    with pytest.raises(StartError):
+        Ssh().line("-oProxyCommand=reboot", ["state"])
+
+
+@pytest.mark.parametrize(
+    ("code", "said", "reach"),
+    [
+        (0, "", Reach.ANSWERED),
+        (1, "error: no", Reach.FAILED),
+        (127, "", Reach.MISSING),
+        (255, "ssh: connect to host drone3 port 22: No route to host", Reach.OFFLINE),
+        (255, "pi@drone3: Permission denied (publickey).", Reach.REFUSED),
+        (255, "Host key verification failed.", Reach.REFUSED),
+    ],
+)
+def test_how_far_a_call_came(
+    monkeypatch: pytest.MonkeyPatch, code: int, said: str, reach: Reach
+) -> None:
+    def run(line: list[str], **_: object) -> subprocess.CompletedProcess[bytes]:
+        return subprocess.CompletedProcess(line, code, b"", said.encode())
+
+    monkeypatch.setattr(subprocess, "run", run)
+    answer = Ssh().ask("drone3", ["state"], 1.0)
+    assert (answer.reach, answer.words) == (reach, said)
+
+
+def report(name: str, state: State, said: str = "", plan_hash: str = OLD) -> HostState:
+    service = ServiceReport(name=name, state=state, said=said)
+    found = HostReport(version="0.2.0", manager="systemd", plan_hash=plan_hash, services=(service,))
+    return HostState("", Reach.ANSWERED, report=found)
+
+
+def test_six_hosts_in_eighty_columns(capsys: pytest.CaptureFixture[str]) -> None:
+    """Another plan, a failed agent and a host that is not reached stand out, and in the exit
+    code."""
+    states = {
+        "drone1.local": report("agent-1", State.RUNNING),
+        "drone2.local": report("agent-2", State.ENDED, "agent: completed"),
+        "drone3.local": report("agent-3", State.RUNNING, plan_hash="f" * 16),
+    }
+    wanted = common_plan(states)
+    assert exit_code({"drone1.local": states["drone1.local"]}, wanted) == 0
+    assert exit_code(states, wanted) == 1
+    states["drone4.local"] = HostState("drone4.local", Reach.OFFLINE, "No route to host")
+    assert exit_code(states, wanted) == 3
+    show_hosts(PlainConsole(width=80), states, wanted)
+    shown = capsys.readouterr().out
+    assert max(map(len, shown.partition("drone2.local: ")[0].split("\n"))) <= 80
+    assert f"drone1.local  0.2.0      {OLD}" in shown
+    assert f"drone3.local: has plan {'f' * 16}, not {OLD}" in shown
+    assert "offline: No route to host" in shown
+    assert "drone2.local: agent-2: agent: completed" in shown
