@@ -102,7 +102,7 @@ on_host = typer.Typer(
     name="on-host",
     no_args_is_help=True,
     rich_markup_mode=None,
-    help="Take in, start and stop a bundle on this host, as deploy does over SSH.\n\n"
+    help="Take in, start and stop a bundle on this host.\n\n"
     "Try: swarm-ctl on-host install drone3.tar",
 )
 for function in (install, start, stop, state, logs):
