@@ -224,7 +224,7 @@ def _place(wanted: PlanName, known: _Known) -> Place:
     if not place.endpoints:
         raise InputError(
             f"{wanted} is no file, so it is fetched from a station, and this agent has no place on"
-            " the mesh; allowed: --mesh (and --peer), or --router of a large swarm"
+            " the mesh; allowed: --mesh (and --peer), or --router"
         )
     if known.identity is None and not known.open_mesh:
         exposed = [f"the mesh is at {at}" for at in place.endpoints if leaves_loopback(at)]

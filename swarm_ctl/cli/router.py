@@ -20,16 +20,19 @@ from swarm_ctl.cli.shared.options import (
 from swarm_ctl.errors import InputError
 
 _LISTEN: Final = "Where it listens: a `router` of the fleet.  [default: the fleet's only one]"
+_PLAN: Final = (
+    "A plan file, a mission file (needs ground), or the swarm's name alone with --listen."
+)
+_CONNECT: Final = "Of a name alone: where another host's router listens; repeat it."
 _IDENTITY: Final = (
     "The folder with its own keys (swarm-ctl trust).  [default: as in the fleet's trust]"
 )
 
 
 def router(
-    file: Annotated[
-        Path, typer.Argument(metavar="PLAN", help="A plan file, or a mission file (needs ground).")
-    ],
+    file: Annotated[Path, typer.Argument(metavar="PLAN", help=_PLAN)],
     listen: Annotated[str | None, option("tcp/HOST:PORT", _LISTEN)] = None,
+    connect: Annotated[list[str] | None, option("tcp/HOST:PORT", _CONNECT)] = None,
     fleet: FleetFile = None,
     speedup: Speedup = 1.0,
     identity: Annotated[Path | None, option("FOLDER", _IDENTITY)] = None,
@@ -40,29 +43,24 @@ def router(
 
     For a swarm of more than 16 agents, or whose fleet names routers: one for each host, started
     before its agents; `run` starts its own. It connects to the fleet's other routers. Ctrl-C ends
-    it when its last client has gone; a second one at once.
+    it when its last client has gone; a second one at once. It needs no plan: where agents fetch
+    theirs, the mission's name and the routers' places are enough.
 
     Examples:
 
     \b
         swarm-ctl router plan.json
         swarm-ctl router plan.json --listen tcp/192.168.1.11:7447
+        swarm-ctl router hexagon --listen tcp/10.0.0.12:7447 --connect tcp/10.0.0.11:7447
     """
-    from swarm_ctl.core.swarm.hearing import hears_all
     from swarm_ctl.mesh.access import as_tls
     from swarm_ctl.mission.compile.exposure import leaves_loopback, refuse_exposed
     from swarm_ctl.runtime.lifeline import ALIVE, READY, SignalLifeline
     from swarm_ctl.runtime.protection import router_identity_folder
     from swarm_ctl.runtime.router.router_process import RouterConfig, run_router
 
-    plan, entries = plan_and_fleet(file, fleet)
-    if hears_all(plan) and not entries.routers:
-        raise InputError(
-            f"{file}: a swarm of {len(plan.agents)} agents is a mesh of peers; allowed: 17 and"
-            " more, or a fleet that names a `router`"
-        )
-    at, others = _places(entries.routers, listen)
-    keys = identity or router_identity_folder(entries.trust, at)
+    swarm, trust, at, others = _told(file, fleet, listen, connect or [])
+    keys = identity or router_identity_folder(trust, at)
     if keys is None and not open_mesh:
         exposed = [f"a router is at {each}" for each in (at, *others) if leaves_loopback(each)]
         refuse_exposed(exposed, str(fleet or file))
@@ -86,8 +84,31 @@ def router(
 
     before = tuple(map(spelled, others))
     own = zenoh_settings(zenoh_config, guarded=open_mesh or keys is not None)
-    config = RouterConfig(plan.name, spelled(at), before, speedup, identity=keys, zenoh=own)
+    config = RouterConfig(swarm, spelled(at), before, speedup, identity=keys, zenoh=own)
     raise typer.Exit(run_router(config, Lifeline()))
+
+
+def _told(
+    file: Path, fleet: Path | None, listen: str | None, connect: list[str]
+) -> tuple[str, str | None, str, tuple[str, ...]]:
+    """The swarm, its fleet's trust, where the router listens, and the routers it connects to."""
+    from swarm_ctl.core.swarm.hearing import hears_all
+    from swarm_ctl.mission.compile.offers import plan_name
+
+    named = None if file.exists() else plan_name(str(file))
+    if named is not None:
+        if listen is None or fleet is not None:
+            raise InputError(f"{file} is no file; allowed: a swarm's name with --listen alone")
+        return named.name, None, listen, tuple(connect)
+    if connect:
+        raise InputError(f"--connect: {file} has the routers; allowed: with a swarm's name alone")
+    plan, entries = plan_and_fleet(file, fleet)
+    if hears_all(plan) and not entries.routers:
+        raise InputError(
+            f"{file}: a swarm of {len(plan.agents)} agents is a mesh of peers; allowed: 17 and"
+            " more, or a fleet that names a `router`"
+        )
+    return plan.name, entries.trust, *_places(entries.routers, listen)
 
 
 def _places(routers: tuple[str, ...], listen: str | None) -> tuple[str, tuple[str, ...]]:
