@@ -13,6 +13,7 @@ from rich.table import Table
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.extras import require
 from swarm_ctl.cli.shared.options import OpenMesh, Seed, Speedup, option, switch
+from swarm_ctl.core.model.fleet import Signing
 from swarm_ctl.core.model.plan import Geodetic
 from swarm_ctl.errors import InputError
 
@@ -40,6 +41,10 @@ def sim(
     ] = None,
     mission: Annotated[
         Path | None, option("FILE", "Take vehicles, starts, weather and faults from this mission.")
+    ] = None,
+    fleet: Annotated[
+        Path | None,
+        option("FILE", "With --mission: a fleet file instead of its own, with its signing keys."),
     ] = None,
     home: Annotated[
         str, option("LAT,LON,ALT", "Of the first vehicle: degrees, degrees, metres.")
@@ -71,10 +76,12 @@ def sim(
     from swarm_ctl.runtime.launch.sim_alone import serve
     from swarm_ctl.runtime.launch.sim_config import grid_config
 
+    if fleet is not None and mission is None:
+        raise InputError(f"--fleet {fleet} without a mission; allowed: with --mission FILE")
     settings = (
         grid_config(count, persona.value, _origin(home), spacing)
         if mission is None
-        else _from_mission(mission)
+        else _from_mission(mission, fleet)
     )
     vehicles, endpoints = settings["vehicles"], endpoint or []
     if len(endpoints) > len(vehicles):
@@ -122,14 +129,23 @@ def _origin(home: str) -> Geodetic:
     return Geodetic(lat, lon, alt)
 
 
-def _from_mission(path: Path) -> dict[str, Any]:
-    """Settings for all vehicles of a mission, those with an endpoint of their own too."""
+def _from_mission(path: Path, fleet: Path | None) -> dict[str, Any]:
+    """Settings for all vehicles of a mission, those with an endpoint of their own too; with their
+    keys where the fleet wants frames signed."""
     require("ground", "a mission file")
     from swarm_ctl.mission.compile.loader import load
     from swarm_ctl.runtime.launch.sim_config import simulator_config
+    from swarm_ctl.runtime.protection import agent_identity_folder
+    from swarm_ctl.trust.identity import MAVLINK_KEY
 
-    loaded = load(path)
-    return simulator_config(loaded.plan, loaded.fleet.agents, loaded.file.simulation)
+    loaded = load(path, fleet=fleet)
+    agents, trust = loaded.fleet.agents, loaded.fleet.trust
+    settings = simulator_config(loaded.plan, agents, loaded.file.simulation)
+    if loaded.fleet.signing is Signing.REQUIRED:
+        for agent, vehicle in zip(agents, settings["vehicles"], strict=True):
+            keys = agent_identity_folder(trust, agent.id)
+            vehicle["signing_key_path"] = None if keys is None else str(keys / MAVLINK_KEY)
+    return settings
 
 
 def _parameter(text: str) -> tuple[str, float]:

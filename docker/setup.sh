@@ -1,0 +1,25 @@
+#!/bin/sh
+# setup.sh MISSION FLEET: make the plan, and keys for this flight. Each part gets its own keys, in
+# the volume at /deal/PART; the CA's key is in no volume, so no further member can be made.
+set -eu
+rm -f /plan/plan.json
+made=$(mktemp -d)
+swarm-ctl trust new --fleet "$2" --swarm compose --folder "$made/trust" --operator compose \
+    --days 2 >/dev/null
+for deal in /deal/*; do
+    part=${deal#/deal/}
+    [ "$part" = simulator ] || [ -d "$made/trust/$part" ] || continue
+    rm -rf "${deal:?}"/*
+    case $part in
+    simulator) # a vehicle knows its agent's signing key, and no key of the mesh
+        for agent in "$made"/trust/agent-*/; do
+            mkdir "$deal/$(basename "$agent")"
+            cp -p "$agent/mavlink.key" "$deal/$(basename "$agent")/"
+        done
+        ;;
+    *) cp -Rp "$made/trust/$part" "$deal/" ;;
+    esac
+done
+rm -rf "$made"
+swarm-ctl plan "$1" --fleet "$2" --out /plan/plan.json.new
+mv /plan/plan.json.new /plan/plan.json

@@ -1,0 +1,18 @@
+#!/bin/sh
+# trim.sh VENV: remove what no part imports, then compile the rest, for a file system that is read
+# only.
+set -eu
+cd "$1"/lib/python3*/site-packages
+find . -type d \( -name tests -o -name sample_data \) -prune \
+    -exec rm -rf {} +
+find . -type f \( -name '*.pyi' -o -name '*.pyx' -o -name '*.pxd' -o -name '*.[ach]' -o \
+    -name '*.cpp' \) -delete
+# Of MAVLink's dialects one is spoken; lxml only generates dialects.
+find pymavlink/dialects -mindepth 1 -name '*.py' ! -path '*/v20/ardupilotmega.py' \
+    ! -name __init__.py -delete
+rm -rf pymavlink/dialects/v10 pymavlink/generator pymavlink/dfindexer pymavlink/tools lxml lxml-*
+# Of scipy the assignment of slots is used, of zstandard the one of its two backends.
+rm -rf scipy/stats scipy/signal scipy/io scipy/ndimage scipy/interpolate scipy/integrate \
+    scipy/cluster scipy/fftpack scipy/datasets scipy/odr zstandard/_cffi.*
+rm -rf fontTools/varLib fontTools/feaLib fontTools/designspaceLib fontTools/cu2qu fontTools/qu2cu
+python3 -m compileall -q --invalidation-mode unchecked-hash . || true # templates do not compile
