@@ -14,6 +14,7 @@ from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.gcs_option import gcs_addresses
 from swarm_ctl.cli.shared.options import (
     FleetFile,
+    Foxglove,
     Headless,
     IdentityFolder,
     Json,
@@ -24,6 +25,7 @@ from swarm_ctl.cli.shared.options import (
     VehicleKinds,
     ZenohConfig,
     option,
+    served,
     switch,
     zenoh_settings,
 )
@@ -68,6 +70,7 @@ def run(
     headless: Headless = False,
     json: Json = False,
     metrics: Metrics = None,
+    foxglove: Foxglove = None,
     fleet: FleetFile = None,
     vehicles: VehicleKinds = None,
     arducopter: Annotated[str | None, option("PATH|container:IMAGE", _ARDUCOPTER)] = None,
@@ -106,6 +109,7 @@ def run(
         swarm-ctl run missions/hexagon.yaml --speedup max --headless --seed 7
         swarm-ctl run missions/hexagon.yaml --json | jq .error_m
         swarm-ctl run missions/hexagon.yaml --vehicles arducopter,px4
+        swarm-ctl run missions/hexagon.yaml --foxglove 8765
     """
     from swarm_ctl.mission.compile.fleet_file import file_of
     from swarm_ctl.mission.compile.forecast import forecast, refuse_too_close
@@ -145,7 +149,7 @@ def run(
         seed,
         rates(record_hz),
         tlog,
-        metrics,
+        served(metrics, foxglove),
         gcs_addresses(gcs or ()),
         binaries,
         px4_log,

@@ -10,6 +10,7 @@ import typer
 
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.options import (
+    Foxglove,
     Headless,
     IdentityFolder,
     Json,
@@ -18,10 +19,12 @@ from swarm_ctl.cli.shared.options import (
     ZenohConfig,
     complete_runs,
     option,
+    served,
     zenoh_settings,
 )
 from swarm_ctl.cli.shared.result import show_summary, show_verdict
 from swarm_ctl.errors import InputError
+from swarm_ctl.runtime.served import Ports
 
 if TYPE_CHECKING:
     from swarm_ctl.runtime.station.join import SwarmMesh
@@ -59,6 +62,7 @@ def station(
     headless: Headless = False,
     json: Json = False,
     metrics: Metrics = None,
+    foxglove: Foxglove = None,
 ) -> None:
     """Watch and command a swarm that flies already.
 
@@ -75,6 +79,7 @@ def station(
 
     \b
         swarm-ctl station runs/20260101-120000-hexagon
+        swarm-ctl station hexagon --foxglove 8765
         swarm-ctl station --mission missions/hexagon.yaml --fleet outdoors.yaml
         swarm-ctl station --mission pair.yaml --mesh tcp/10.0.0.11:7447
         swarm-ctl station --mission square.yaml --fleet outdoors.yaml --runs runs
@@ -87,6 +92,7 @@ def station(
     from swarm_ctl.runtime.station.screens import shown
 
     show = shown(headless=headless, json=json)
+    ports = served(metrics, foxglove)
     if mission is None:
         for name, value in {
             "--mesh": mesh,
@@ -98,7 +104,7 @@ def station(
                 raise InputError(f"{name} without a mission; allowed: together with --mission FILE")
         folder = flying_run(run)
         own = zenoh_settings(zenoh_config, guarded=open_mesh or read_manifest(folder).guarded)
-        join_run(folder, show, metrics, Keys(identity, zenoh=own))
+        join_run(folder, show, ports, Keys(identity, zenoh=own))
     elif run is not None:
         raise InputError(f"both a run folder ({run}) and --mission {mission}; allowed: one of them")
     else:
@@ -108,19 +114,19 @@ def station(
         keys = Keys(identity, open_mesh, str(fleet or mission), own)
         swarm = SwarmMesh(loaded, mesh or [], speedup or 1.0, keys)
         if runs is None:
-            join_swarm(swarm, show, metrics)
+            join_swarm(swarm, show, ports)
         else:
-            raise typer.Exit(_judge(swarm, runs, show, metrics))
+            raise typer.Exit(_judge(swarm, runs, show, ports))
 
 
-def _judge(swarm: SwarmMesh, runs: Path, show: Show, metrics: int | None) -> int:
+def _judge(swarm: SwarmMesh, runs: Path, show: Show, ports: Ports) -> int:
     """Fly the swarm from here; the exit code."""
     from swarm_ctl.runtime.lifeline import sign_of_life
     from swarm_ctl.runtime.station.judged_flight import judge_swarm
     from swarm_ctl.runtime.station.screens import Show
 
     console = PlainConsole(stderr=show is Show.JSON)
-    result = judge_swarm(swarm, runs, show, metrics, sign_of_life())
+    result = judge_swarm(swarm, runs, show, ports, sign_of_life())
     if result is None:
         console.say("no agent was heard: nothing was recorded")
         return 130

@@ -14,7 +14,7 @@ from typing import Any, Final, Protocol, TypeAlias
 
 from swarm_ctl.core.model.messages import AgentState, Payload
 from swarm_ctl.recording.mcap_reader import RECORDING
-from swarm_ctl.recording.mcap_writer import McapWriter
+from swarm_ctl.recording.mcap_writer import NANO, McapWriter
 from swarm_ctl.recording.topics import ADAPTERS, BY_NAME, BY_PAYLOAD, Derived, SetpointRecord, Topic
 
 _LIMIT: Final = 20_000
@@ -34,9 +34,9 @@ class Sink(Protocol):
     """Where messages go."""
 
     def write(
-        self, topic: Topic, agent: int | None, time_s: float, said_s: float, data: bytes
+        self, topic: Topic, agent: int | None, heard_ns: int, said_ns: int, data: bytes
     ) -> None:
-        """Take one JSON message, heard at `time_s` and sent at `said_s` (mission time)."""
+        """Take one JSON message; Unix times of mission time."""
 
     def flush(self) -> None:
         """About once a second."""
@@ -52,17 +52,20 @@ class Recorder:
     """Gives payloads, what is derived from them, and the lines of the truth file as it grows, to
     all sinks, in a thread of its own.
 
-    `rates_hz` limits the messages of a topic from each agent; others are given whole.
+    `start_ns` is the Unix time of mission time 0. `rates_hz` limits the messages of a topic from
+    each agent; others are given whole.
     """
 
     def __init__(
         self,
+        start_ns: int,
         *sinks: Sink,
         truth: Path | None = None,
         rates_hz: Mapping[str, float] | None = None,
         derive: Derive = _nothing,
     ) -> None:
         self._queue: queue.SimpleQueue[tuple[Payload, float] | None] = queue.SimpleQueue()
+        self._start_ns = start_ns
         self._sinks = sinks
         self._rates_hz = dict(rates_hz or {})
         self._derive = derive
@@ -164,8 +167,12 @@ class Recorder:
     def _give(
         self, topic: Topic, agent: int | None, time_s: float, said_s: float, data: bytes
     ) -> None:
+        heard_ns, said_ns = self._nanoseconds(time_s), self._nanoseconds(said_s)
         for sink in self._sinks:
-            sink.write(topic, agent, time_s, said_s, data)
+            sink.write(topic, agent, heard_ns, said_ns, data)
+
+    def _nanoseconds(self, time_s: float) -> int:
+        return max(0, self._start_ns + round(time_s * NANO))
 
 
 class McapRecorder(Recorder):
@@ -182,7 +189,9 @@ class McapRecorder(Recorder):
     ) -> None:
         self._writer = McapWriter(folder / RECORDING, start_ns, about)
         truth = folder / "truth.jsonl"
-        super().__init__(self._writer, *live, truth=truth, rates_hz=rates_hz, derive=derive)
+        super().__init__(
+            start_ns, self._writer, *live, truth=truth, rates_hz=rates_hz, derive=derive
+        )
 
     @property
     def counts(self) -> Counter[str]:

@@ -25,7 +25,6 @@ class McapWriter:
         self._file = path.open("wb")
         if not locked(self._file.fileno()):  # by this `recover` sees that the file is being written
             raise BlockingIOError(errno.EAGAIN, "can't be locked", str(path))
-        self._start_ns = start_ns
         self._writer = Writer(self._file)
         self._writer.start(profile="", library="swarm_ctl")
         self._writer.add_metadata("run", {"start_ns": str(start_ns)} | dict(about))
@@ -36,16 +35,15 @@ class McapWriter:
         """Messages written, by topic."""
 
     def write(
-        self, topic: Topic, agent: int | None, time_s: float, said_s: float, data: bytes
+        self, topic: Topic, agent: int | None, heard_ns: int, said_ns: int, data: bytes
     ) -> None:
-        """Add one JSON message, heard at `time_s` and sent at `said_s` (mission time)."""
+        """Add one JSON message; Unix times of mission time."""
         name = topic.template.format(id=agent)
         channel = self._channels.get(name)
         if channel is None:
             channel = self._channels[name] = self._register(topic, name)
         self.counts[name] += 1
-        heard_ns, sent_ns = self._nanoseconds(time_s), self._nanoseconds(said_s)
-        self._writer.add_message(channel, heard_ns, data, sent_ns, sequence=self.counts[name])
+        self._writer.add_message(channel, heard_ns, data, said_ns, sequence=self.counts[name])
 
     def flush(self) -> None:
         """End the chunk: if this process dies now, all that was written can be read."""
@@ -69,6 +67,3 @@ class McapWriter:
                 topic.schema["title"], "jsonschema", text
             )
         return self._writer.register_channel(name, "json", self._schemas[topic.name])
-
-    def _nanoseconds(self, time_s: float) -> int:
-        return max(0, self._start_ns + round(time_s * NANO))

@@ -7,9 +7,11 @@ from typing import Annotated, Any
 
 import typer
 
+from swarm_ctl.cli.shared.extras import require
 from swarm_ctl.errors import InputError
 from swarm_ctl.files import read_bytes
 from swarm_ctl.mission.ready import named
+from swarm_ctl.runtime.served import Ports
 
 
 def option(metavar: str, text: str, *names: str, **more: Any) -> Any:
@@ -73,6 +75,11 @@ Headless = Annotated[bool, switch("--headless", "Plain log lines instead of the 
 Json = Annotated[bool, switch("--json", "One line of JSON a second on stdout.")]
 _METRICS = "Prometheus metrics on this port of 127.0.0.1."
 Metrics = Annotated[int | None, option("PORT", _METRICS, min=1, max=65535)]
+_FOXGLOVE = (
+    "Serve Foxglove on this port of 127.0.0.1 (8765 is its own default): map, 3-D scene, plots,"
+    " log. Needs the extra `foxglove`."
+)
+Foxglove = Annotated[int | None, option("PORT", _FOXGLOVE, min=1, max=65535)]
 _SPEEDUP = "Mission seconds per second of the wall clock."
 Speedup = Annotated[float, option("FACTOR", _SPEEDUP, min=0.1, max=100.0)]
 Seed = Annotated[int, option("NUMBER", "Seed of all random numbers.", min=0)]
@@ -94,6 +101,13 @@ def zenoh_settings(file: Path | None, *, guarded: bool) -> dict[str, Any]:
         why = error.strerror if isinstance(error, OSError) else "is no text"
         raise InputError(f"--zenoh-config {file}: can't be read: {why}") from None
     return read_settings(text, str(file), guarded=guarded)
+
+
+def served(metrics: int | None, foxglove: int | None) -> Ports:
+    """The ports that were given; StartError where the extra of one is not installed."""
+    if foxglove is not None:
+        require("foxglove", "--foxglove")
+    return Ports(metrics, foxglove)
 
 
 def run_folder(given: Path | None) -> Path:

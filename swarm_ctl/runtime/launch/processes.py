@@ -8,6 +8,7 @@ the station writes the summary). So nothing outlives a killed run.
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import json
 import os
 import select
@@ -20,6 +21,7 @@ from typing import Any, Final
 
 from swarm_ctl.errors import StartError
 from swarm_ctl.runtime.clock import pause, wall_s
+from swarm_ctl.runtime.served import NO_PORTS, Ports
 from swarm_ctl.runtime.vehicles.autopilots import remove_leftovers
 from swarm_ctl.runtime.vehicles.order import STARTED, STARTED_JSON, Started
 
@@ -193,12 +195,12 @@ def simulator(config: Path, log: Path) -> TellingChild:
     return TellingChild("simulator", command, log, "the simulated vehicles are gone")
 
 
-def station(folder: Path, log: Path, show: str, metrics_port: int | None = None) -> CommandChild:
+def station(folder: Path, log: Path, show: str, ports: Ports = NO_PORTS) -> CommandChild:
     """The ground station of a run; it has the terminal."""
     module = "swarm_ctl.runtime.station.station_process"
     command = [sys.executable, "-m", module, "--run", str(folder), "--show", show]
-    if metrics_port is not None:
-        command += ["--metrics", str(metrics_port)]
+    for name, port in dataclasses.asdict(ports).items():
+        command += [] if port is None else [f"--{name}", str(port)]
     return CommandChild("station", command, log, own_terminal=True)
 
 

@@ -6,7 +6,7 @@ import json
 import socket
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +37,7 @@ from swarm_ctl.runtime.protection import (
 )
 from swarm_ctl.runtime.radio.link_process import LinkConfig
 from swarm_ctl.runtime.router.router_process import RouterConfig
+from swarm_ctl.runtime.served import NO_PORTS, Ports
 from swarm_ctl.runtime.station.screens import Show
 from swarm_ctl.runtime.vehicle_memory import state_folder
 from swarm_ctl.runtime.vehicles.binaries import find
@@ -58,7 +59,7 @@ class RunOptions:
     seed: int = 1
     record_hz: dict[str, float] = field(default_factory=dict)
     tlog: bool = True
-    metrics_port: int | None = None
+    ports: Ports = NO_PORTS
     gcs: tuple[tuple[str, int], ...] = ()
     """Where ground control software listens: host and port."""
     binaries: Mapping[VehicleKind, str | None] = field(default_factory=dict)
@@ -103,8 +104,9 @@ class RunSetup:
         exposed = exposures(mission.fleet) + _exposed_stations(mission.fleet, options.gcs)
         if not options.keys.open_mesh:
             refuse_exposed(exposed, options.keys.fleet_file, mission.fleet.trust)
-        if options.metrics_port is not None:
-            refuse_taken(options.metrics_port, "metrics")
+        for name, port in asdict(options.ports).items():
+            if port is not None:
+                refuse_taken(port, name)
         self._orders = _orders(mission, options)
         self.folder = make_folder(options.runs, mission.plan.name)
         self.manifest = _manifest(mission, options).model_copy(

@@ -153,9 +153,7 @@ class RunProcesses:
                 self._router = HostRouter(router_config, self._say, self._patience_wall_s)
             options = setup.options
             # before the agents, whose ticks take the processors from its imports
-            self._station = station(
-                folder, folder / "station.log", options.show, options.metrics_port
-            )
+            self._station = station(folder, folder / "station.log", options.show, options.ports)
             if sim_config:
                 self._simulator = simulator(sim_config, folder / "simulator.log")
             for k, link_config in enumerate(link_configs, start=1):

@@ -32,6 +32,7 @@ from swarm_ctl.mesh.zenoh_config import Part
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
 from swarm_ctl.recording.run_recorder import RunRecorder
 from swarm_ctl.runtime.clock import Clock
+from swarm_ctl.runtime.foxglove.recorders import LiveRecorder
 from swarm_ctl.runtime.lockstep.seat import Seat
 from swarm_ctl.runtime.protection import access
 from swarm_ctl.runtime.station.mesh_clock import MeshClock
@@ -103,7 +104,7 @@ class Station:
         mission: Path,
         node: Node,
         clock: Clock | MeshClock,
-        recorder: RunRecorder | None = None,
+        recorder: RunRecorder | LiveRecorder | None = None,
         memory: SwarmMemory | None = None,
         protection: Protection = LOCAL,
     ) -> None:
@@ -133,7 +134,7 @@ class Station:
         """On the mesh."""
         return self._name
 
-    def record(self, recorder: RunRecorder) -> None:
+    def record(self, recorder: RunRecorder | LiveRecorder) -> None:
         """Record from now on."""
         self._recorder = recorder
 

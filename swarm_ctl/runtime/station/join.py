@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from typing import Final
 
@@ -17,7 +17,9 @@ from swarm_ctl.mission.compile.offers import pack
 from swarm_ctl.report.folder.last_statuses import read_commands, read_events
 from swarm_ctl.report.folder.manifest import read_manifest
 from swarm_ctl.runtime import clock as wall
+from swarm_ctl.runtime.foxglove.recorders import LiveRecorder, foxglove_on
 from swarm_ctl.runtime.protection import NO_KEYS, Keys, explained, station_identity
+from swarm_ctl.runtime.served import Ports
 from swarm_ctl.runtime.station.ground_station import Station, open_node
 from swarm_ctl.runtime.station.mesh_clock import MeshClock
 from swarm_ctl.runtime.station.screens import Show, present
@@ -31,7 +33,7 @@ _QUIET_WALL_S: Final = 5.0
 _ALARMS: Final = "alarms from now on"
 
 
-def join_run(folder: Path, show: Show, metrics_port: int | None, keys: Keys = NO_KEYS) -> None:
+def join_run(folder: Path, show: Show, ports: Ports, keys: Keys = NO_KEYS) -> None:
     """Watch and command a run of this machine; ends with the screen. `keys`: those of the command
     line; without, those and the zenoh settings with which it is flown."""
     manifest = read_manifest(folder)
@@ -50,7 +52,8 @@ def join_run(folder: Path, show: Show, metrics_port: int | None, keys: Keys = NO
         station.recall(read_events(folder, notes))
         station.recall(read_commands(folder, notes))
         words = "; ".join(["the log begins with the run's events and commands", _ALARMS, *notes])
-        _watch(station, GuestControl(_Once(words)), show, metrics_port)
+        start_s = manifest.started_at.timestamp()
+        _watch(station, GuestControl(_Once(words)), show, ports, start_s)
 
 
 class SwarmMesh:
@@ -92,15 +95,23 @@ def open_swarm(swarm: SwarmMesh) -> Iterator[Station]:
         yield Station(plan, source, node, swarm.clock, memory=memory, protection=seen)
 
 
-def join_swarm(swarm: SwarmMesh, show: Show, metrics_port: int | None) -> None:
+def join_swarm(swarm: SwarmMesh, show: Show, ports: Ports) -> None:
     """Watch and command a swarm that flies on any host; ends with the screen."""
     with open_swarm(swarm) as station:
-        _watch(station, GuestControl(swarm.hint), show, metrics_port)
+        _watch(station, GuestControl(swarm.hint), show, ports, wall.unix_s())
 
 
-def _watch(station: Station, control: GuestControl, show: Show, metrics_port: int | None) -> None:
-    with metrics_on(metrics_port) as measure:
-        present(show, station.plan, None, lambda screen: loop(station, screen, control, measure))
+def _watch(
+    station: Station, control: GuestControl, show: Show, ports: Ports, start_s: float
+) -> None:
+    """`start_s`: about the Unix time of mission time 0, for Foxglove."""
+    plan = station.plan
+    with ExitStack() as opened:
+        measure = opened.enter_context(metrics_on(ports.metrics))
+        if live := opened.enter_context(foxglove_on(ports.foxglove, plan.name)):
+            recorder = LiveRecorder(live, plan, round(start_s * 1e9), station.name)
+            station.record(opened.enter_context(closing(recorder)))
+        present(show, plan, None, lambda screen: loop(station, screen, control, measure))
 
 
 class _Once:

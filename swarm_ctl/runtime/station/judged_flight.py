@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 import os
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,6 +16,7 @@ from pydantic import TypeAdapter
 
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.core.model.messages import AgentState, AgentStatus, Outcome, Payload, StepResult
+from swarm_ctl.recording.mcap_recorder import McapRecorder, Sink
 from swarm_ctl.recording.run_recorder import RunRecorder
 from swarm_ctl.report.folder.last_statuses import FINAL
 from swarm_ctl.report.folder.manifest import Manifest, package_versions, write_manifest
@@ -23,11 +24,12 @@ from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.report.judge.summary import Summary, write_summary
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.flying_runs import make_folder
+from swarm_ctl.runtime.foxglove.recorders import foxglove_on, run_mcap
 from swarm_ctl.runtime.interrupts import Interrupts
+from swarm_ctl.runtime.served import Ports
 from swarm_ctl.runtime.station.ground_station import Station
 from swarm_ctl.runtime.station.join import SwarmMesh, open_swarm
 from swarm_ctl.runtime.station.mesh_clock import MeshClock
-from swarm_ctl.runtime.station.recorder import run_mcap
 from swarm_ctl.runtime.station.screens import Screen, Show, present
 from swarm_ctl.runtime.station.station_loop import give, loop, metrics_on
 from swarm_ctl.station.picture.protection import MeshKind
@@ -49,7 +51,7 @@ class JudgedRun:
 
 
 def judge_swarm(
-    swarm: SwarmMesh, runs: Path, show: Show, metrics_port: int | None, alive: Callable[[], None]
+    swarm: SwarmMesh, runs: Path, show: Show, ports: Ports, alive: Callable[[], None]
 ) -> JudgedRun | None:
     """Watch, command and record the swarm until its agents have ended; Ctrl-C lands it. None where
     Ctrl-C came before an agent was heard.
@@ -58,14 +60,15 @@ def judge_swarm(
         swarm: its mission, and where it is on the mesh.
         runs: where the run's folder is made.
         show: the kind of screen.
-        metrics_port: of the metrics, if any.
+        ports: on which it serves others' tools.
         alive: called each turn.
     """
     with ExitStack() as opened:
         interrupts = opened.enter_context(Interrupts())
         station = opened.enter_context(open_swarm(swarm))
-        measure = opened.enter_context(metrics_on(metrics_port))
-        flight = _Flight(swarm, runs, interrupts, alive)
+        measure = opened.enter_context(metrics_on(ports.metrics))
+        live = opened.enter_context(foxglove_on(ports.foxglove, station.plan.name))
+        flight = _Flight(swarm, runs, interrupts, alive, live)
         opened.callback(flight.close)
         present(
             show,
@@ -85,12 +88,18 @@ class _Flight:
     begins with the first agent that is heard, whose clock is the mission's."""
 
     def __init__(
-        self, swarm: SwarmMesh, runs: Path, interrupts: Interrupts, alive: Callable[[], None]
+        self,
+        swarm: SwarmMesh,
+        runs: Path,
+        interrupts: Interrupts,
+        alive: Callable[[], None],
+        live: Sequence[Sink],
     ) -> None:
         self._swarm = swarm
         self._runs = runs
         self._interrupts = interrupts
         self._alive = alive
+        self._live = live
         self._asked = 0
         self._recorder: Accounts | None = None
         self.folder: Path | None = None
@@ -117,7 +126,8 @@ class _Flight:
         self.folder = make_folder(self._runs, mission.plan.name)
         manifest = _manifest(self._swarm, clock)
         write_manifest(self.folder, manifest)
-        self._recorder = Accounts(self.folder, manifest, station.name)
+        mcap = run_mcap(self.folder, manifest, station.name, self._live)
+        self._recorder = Accounts(self.folder, mcap)
         station.record(self._recorder)
         screen.note(f"run folder {self.folder}")
 
@@ -162,8 +172,8 @@ class Accounts(RunRecorder):
     """Records, and keeps each agent's last status, by the station's clock: an agent that ended has
     told it for seconds, and has no file in this station's folder."""
 
-    def __init__(self, folder: Path, manifest: Manifest, station: str) -> None:
-        super().__init__(folder, run_mcap(folder, manifest, station))
+    def __init__(self, folder: Path, mcap: McapRecorder) -> None:
+        super().__init__(folder, mcap)
         self._folder = folder / FINAL
         self._last: dict[int, AgentStatus] = {}
         self._behind_s: dict[int, float] = {}

@@ -25,12 +25,13 @@ from swarm_ctl.recording.run_recorder import RunRecorder
 from swarm_ctl.report.folder.manifest import read_manifest
 from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.report.judge.summary import write_summary
+from swarm_ctl.runtime.foxglove.recorders import foxglove_on, run_mcap
 from swarm_ctl.runtime.lockstep.seat import STATION, seat
 from swarm_ctl.runtime.lockstep.words import Phase
 from swarm_ctl.runtime.protection import operator_identity
+from swarm_ctl.runtime.served import NO_PORTS, Ports
 from swarm_ctl.runtime.station.control_pipe import ControlPipe
 from swarm_ctl.runtime.station.ground_station import Station, open_node
-from swarm_ctl.runtime.station.recorder import run_mcap
 from swarm_ctl.runtime.station.screens import Show, present
 from swarm_ctl.runtime.station.station_loop import RunControl, loop, metrics_on
 from swarm_ctl.runtime.vehicle_memory import SwarmMemory, VehicleMemory, state_folder
@@ -38,11 +39,7 @@ from swarm_ctl.station.picture.protection import protection
 
 
 def run_station(
-    folder: Path,
-    pipe: ControlPipe,
-    ready: Callable[[], None],
-    show: Show,
-    metrics_port: int | None = None,
+    folder: Path, pipe: ControlPipe, ready: Callable[[], None], show: Show, ports: Ports = NO_PORTS
 ) -> None:
     """Watch, command and record the run in `folder` until `run` ends it."""
     manifest = read_manifest(folder)
@@ -64,9 +61,9 @@ def run_station(
             own=manifest.zenoh,
         )
         opened.callback(node.close)
-        recorder = opened.enter_context(
-            closing(RunRecorder(folder, run_mcap(folder, manifest, str(node.name))))
-        )
+        live = opened.enter_context(foxglove_on(ports.foxglove, manifest.swarm))
+        mcap = run_mcap(folder, manifest, str(node.name), live)
+        recorder = opened.enter_context(closing(RunRecorder(folder, mcap)))
         endpoints = {agent.id: agent.endpoint for agent in manifest.fleet}
         memory = SwarmMemory(VehicleMemory(state_folder()), folder.name, endpoints, folder)
         station = Station(
@@ -79,7 +76,7 @@ def run_station(
             protection(identity, manifest.signing, is_open=manifest.open_mesh),
         )
         control = RunControl(pipe, place, folder)
-        measure = opened.enter_context(metrics_on(metrics_port))
+        measure = opened.enter_context(metrics_on(ports.metrics))
         place.join(STATION, manifest.swarm, node.name)
         ready()
         present(
@@ -98,6 +95,7 @@ def main() -> int:
     parser.add_argument("--run", type=Path, required=True)
     parser.add_argument("--show", type=Show, default=Show.DASHBOARD)
     parser.add_argument("--metrics", type=int)
+    parser.add_argument("--foxglove", type=int)
     parser.add_argument("--words-fd", type=int, required=True)
     arguments = parser.parse_args()
     for number in (signal.SIGINT, signal.SIGHUP):
@@ -107,9 +105,10 @@ def main() -> int:
         with contextlib.suppress(OSError):
             os.write(arguments.words_fd, (json.dumps({"say": "ready"}) + "\n").encode())
 
+    ports = Ports(arguments.metrics, arguments.foxglove)
     pipe = ControlPipe(sys.stdin.fileno())
     try:
-        run_station(arguments.run, pipe, ready, arguments.show, arguments.metrics)
+        run_station(arguments.run, pipe, ready, arguments.show, ports)
     except SwarmError as error:
         sys.stderr.write(f"{error}\n")
         return error.exit_code

@@ -14,6 +14,7 @@ from pydantic import TypeAdapter
 from swarm_ctl.core.model.frames import geodetic_from_ned
 from swarm_ctl.core.model.messages import Payload
 from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.text import agents_counted
 from swarm_ctl.recording.topics import Derived, Topic, plain_schema
 from swarm_ctl.station.foxglove.figures import SwarmFigures, figures
 from swarm_ctl.station.foxglove.messages import FrameTransforms, LocationFix, Log, SceneUpdate, Time
@@ -85,12 +86,11 @@ class Desk:
         told, view = self._journal.told, self._model.view(now_s)
         self._journal.update(view)
         for entry in self._journal.newest(self._journal.told - told):
-            name = ", ".join(map(str, entry.agents))
             line = Log(
                 self._time(entry.time_s),
                 _LEVELS[entry.level],
                 f"{entry.kind}: {entry.text}",
-                f"agent {name}" if name else "station",
+                agents_counted(entry.agents) if entry.agents else "station",
             )
             yield _derived(LOG, None, now_s, line)
         now = self._time(now_s)

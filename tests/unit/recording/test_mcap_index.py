@@ -11,7 +11,7 @@ from swarm_ctl import recording
 from swarm_ctl.errors import InputError
 from swarm_ctl.recording.mcap_index import IndexedRecording
 from swarm_ctl.recording.mcap_reader import recover
-from swarm_ctl.recording.mcap_writer import McapWriter
+from swarm_ctl.recording.mcap_writer import NANO, McapWriter
 from swarm_ctl.recording.topics import ADAPTERS, BY_PAYLOAD
 from tests.unit.recording.test_recording import START_NS, flight
 
@@ -22,8 +22,9 @@ def run(tmp_path: Path) -> Path:
     made = McapWriter(tmp_path / recording.RECORDING, START_NS, {"mission": "test"})
     for k, (payload, heard_s) in enumerate(sorted(flight(6), key=lambda said: said[1])):
         data = ADAPTERS[type(payload)].dump_json(payload)
+        heard_ns = START_NS + round(heard_s * NANO)
         made.write(
-            BY_PAYLOAD[type(payload)], getattr(payload, "agent", None), heard_s, heard_s, data
+            BY_PAYLOAD[type(payload)], getattr(payload, "agent", None), heard_ns, heard_ns, data
         )
         if k % 40 == 0:
             made.flush()

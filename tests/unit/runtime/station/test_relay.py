@@ -21,11 +21,11 @@ from swarm_ctl.mesh.memory_transport import MemoryHub, MemoryTransport
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.recording.run_recorder import RunRecorder
 from swarm_ctl.runtime.clock import Clock
+from swarm_ctl.runtime.foxglove.recorders import run_mcap
 from swarm_ctl.runtime.lockstep.seat import Seat
 from swarm_ctl.runtime.station.control_pipe import ControlPipe
 from swarm_ctl.runtime.station.ground_station import Station
 from swarm_ctl.runtime.station.printers import write as write_lines
-from swarm_ctl.runtime.station.recorder import run_mcap
 from swarm_ctl.runtime.station.screens import Screen, Show, present
 from swarm_ctl.runtime.station.station_loop import RunControl, loop
 from swarm_ctl.station.picture.view import SwarmView

@@ -1,0 +1,1 @@
+"""Foxglove's view of a swarm, recorded and live."""
