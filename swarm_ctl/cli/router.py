@@ -51,7 +51,7 @@ def router(
     \b
         swarm-ctl router plan.json
         swarm-ctl router plan.json --listen tcp/192.168.1.11:7447
-        swarm-ctl router hexagon --listen tcp/10.0.0.12:7447 --connect tcp/10.0.0.11:7447
+        swarm-ctl router hexagon --listen tcp/10.0.0.12:7447
     """
     from swarm_ctl.mesh.access import as_tls
     from swarm_ctl.mission.compile.exposure import leaves_loopback, refuse_exposed
