@@ -18,6 +18,7 @@ from swarm_ctl.cli.shared.options import (
     OpenMesh,
     Speedup,
     ZenohConfig,
+    endpoint_option,
     option,
     switch,
     zenoh_settings,
@@ -61,7 +62,9 @@ def agent(
     agent_id: Annotated[int, option("ID", "The agent that this process is.", "--id")],
     endpoint: Annotated[
         str | None,
-        option("URL", "Its vehicle, e.g. serial:/dev/ttyAMA0:921600.  [default: as in the fleet]"),
+        endpoint_option(
+            "Its vehicle, e.g. serial:/dev/ttyAMA0:921600.  [default: as in the fleet]"
+        ),
     ] = None,
     mesh: Annotated[
         str | None, option("tcp/HOST:PORT", "Where it listens.  [default: as in the fleet]")

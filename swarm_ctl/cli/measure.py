@@ -11,7 +11,14 @@ import typer
 
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.extras import require
-from swarm_ctl.cli.shared.options import AgentIdentity, OpenMesh, Speedup, option, switch
+from swarm_ctl.cli.shared.options import (
+    AgentIdentity,
+    OpenMesh,
+    Speedup,
+    endpoint_option,
+    option,
+    switch,
+)
 from swarm_ctl.cli.shared.writable import require_writable
 from swarm_ctl.cli.sim import Persona
 from swarm_ctl.core.model.fleet import Fleet, FleetAgent, VehicleKind
@@ -48,7 +55,7 @@ def measure(
     ] = None,
     endpoint: Annotated[
         str | None,
-        option("URL", "A vehicle of no fleet, e.g. udpout:127.0.0.1:14601; no file is written."),
+        endpoint_option("A vehicle of no fleet, e.g. udpout:127.0.0.1:14601; no file is written."),
     ] = None,
     sysid: Annotated[
         int, option("NUMBER", "With --endpoint: its MAVLink system id.", min=1, max=250)

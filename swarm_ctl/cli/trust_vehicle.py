@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from swarm_ctl.cli.shared.options import option, switch
+from swarm_ctl.cli.shared.options import endpoint_option, option, switch
 from swarm_ctl.cli.shared.trust_folder import fleet_of, say, trust_folder
 from swarm_ctl.errors import InputError
 from swarm_ctl.trust.names import Member, Role
@@ -20,7 +20,7 @@ def vehicle(
     agent: Annotated[int, option("ID", "The agent whose vehicle it is.", "--id")],
     endpoint: Annotated[
         str | None,
-        option("URL", "Where it is, e.g. serial:/dev/ttyACM0.  [default: as in the fleet]"),
+        endpoint_option("Where it is, e.g. serial:/dev/ttyACM0.  [default: as in the fleet]"),
     ] = None,
     fleet: Annotated[Path | None, option("FILE", "A fleet file, or a mission.")] = None,
     folder: Annotated[

@@ -14,6 +14,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Any, Protocol
 
+from swarm_ctl.core.model.fleet import plain_endpoint
 from swarm_ctl.errors import LinkError
 
 ALLOWED = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT, serial:DEVICE[:BAUD]"
@@ -78,7 +79,7 @@ def memory_wires(limit: int = 4096) -> tuple[MemoryWire, MemoryWire]:
 
 def open_wire(endpoint: str) -> Wire:
     """Open `endpoint`; LinkError for a wrong spelling, or when the machine refuses it."""
-    scheme, _, rest = endpoint.partition(":")
+    scheme, _, rest = plain_endpoint(endpoint).partition(":")
     try:
         if scheme == "serial" and rest:
             return _SerialWire(*_device_and_baud(rest))

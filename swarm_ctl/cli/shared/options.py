@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from swarm_ctl.cli.shared.extras import require
+from swarm_ctl.core.model.fleet import plain_endpoint
 from swarm_ctl.errors import InputError
 from swarm_ctl.files import read_bytes
 from swarm_ctl.mission.ready import named
@@ -22,6 +23,11 @@ def option(metavar: str, text: str, *names: str, **more: Any) -> Any:
 def switch(name: str, text: str) -> Any:
     """An option that is either given or not."""
     return typer.Option(name, help=text)
+
+
+def endpoint_option(text: str) -> Any:
+    """A vehicle's endpoint, in either spelling."""
+    return option("URL", text, callback=lambda given: given and plain_endpoint(given))
 
 
 def runs_in(folder: Path) -> list[Path]:

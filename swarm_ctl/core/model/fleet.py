@@ -26,6 +26,16 @@ GROUND_STATION_SYSIDS: Final = frozenset({245, 255})
 DroneKit with 255, MAVSDK with 245."""
 
 
+def plain_endpoint(text: str) -> str:
+    """A vehicle's endpoint as this project spells it, from that or from a URL as MAVSDK has it:
+    `udpin:0.0.0.0:14540` of `udpin://:14540`, `serial:/dev/ttyACM0` of `serial:///dev/ttyACM0`."""
+    scheme, colon, rest = text.partition(":")
+    where = rest.removeprefix("//")
+    if rest.startswith("//:"):
+        where = f"0.0.0.0{where}"  # noqa: S104 - as MAVSDK; without keys it is refused
+    return {"udp": "udpin", "tcpout": "tcp"}.get(scheme, scheme) + colon + where
+
+
 class VehicleKind(StrEnum):
     """What `run` starts for an agent whose vehicle has no endpoint."""
 

@@ -7,11 +7,11 @@ import re
 from collections.abc import Iterable
 from typing import Final
 
-from swarm_ctl.core.model.fleet import Fleet, Signing
+from swarm_ctl.core.model.fleet import Fleet, Signing, plain_endpoint
 from swarm_ctl.errors import InputError
 
 _HOST: Final = re.compile(r"(?:\w+/|\w+:)?(?P<host>\[[^\]]+\]|[^:/\s\[\]]*):\d+")
-_LISTENING: Final = ("udp:", "udpin:", "tcpin:")
+_LISTENING: Final = ("udpin:", "tcpin:")
 
 
 def leaves_loopback(endpoint: str) -> bool:
@@ -50,7 +50,8 @@ def exposed_links(fleet: Fleet) -> list[str]:
 
 def listens_wide(endpoint: str) -> bool:
     """A vehicle's link that waits for whatever computer speaks to it."""
-    return endpoint.startswith(_LISTENING) and leaves_loopback(endpoint)
+    plain = plain_endpoint(endpoint)
+    return plain.startswith(_LISTENING) and leaves_loopback(plain)
 
 
 def refuse_exposed(exposures: Iterable[str], fleet_file: str, trust: object = None) -> None:

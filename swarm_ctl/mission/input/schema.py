@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, TypeAlias
 
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import AfterValidator, ConfigDict, Field, model_validator
 
-from swarm_ctl.core.model.fleet import Signing, VehicleKind
+from swarm_ctl.core.model.fleet import Signing, VehicleKind, plain_endpoint
 from swarm_ctl.core.model.plan import Compensation, Policy
 from swarm_ctl.mission.input.section import AgentId, Section
 from swarm_ctl.mission.input.simulation_section import SimulationSection
@@ -435,6 +435,17 @@ class FenceSection(Section):
     """Above each vehicle's own take-off point."""
 
 
+_VehicleEndpoint = Annotated[
+    str,
+    Field(
+        pattern=r"^((udpout|tcp|tcpout):(//)?[^:/\s]+:[0-9]{1,5}"
+        r"|(udp|udpin|tcpin):([^:/\s]+|//[^:/\s]*):[0-9]{1,5}"
+        r"|serial:(//)?/dev/[^:\s]+(:[0-9]{3,7})?)$",
+        examples=["udpout:192.168.1.21:14550", "serial:/dev/ttyACM0:115200", "udpin://:14540"],
+    ),
+    AfterValidator(plain_endpoint),
+]
+
 Endpoint = Annotated[
     str, Field(pattern=r"^(tcp|tls|udp|quic)/\S+:[0-9]{1,5}$", examples=["tcp/192.168.1.11:7447"])
 ]
@@ -461,11 +472,7 @@ class FleetEntry(Section):
     simulated_response: VehicleResponse | None = None
     """How a simulated vehicle truly answers, whatever the agent believes (`response`). Default: as
     its autopilot does."""
-    endpoint: str | None = Field(
-        default=None,
-        pattern=r"^((udp|udpin|udpout|tcp|tcpin):[^:\s]+:[0-9]{1,5}|serial:/dev/[^:\s]+(:[0-9]{3,7})?)$",
-        examples=["udpout:192.168.1.21:14550", "serial:/dev/ttyACM0:115200"],
-    )
+    endpoint: _VehicleEndpoint | None = None
     """The vehicle's MAVLink endpoint. Several agents may share a serial one, which then is a radio:
     `swarm-ctl link` passes their frames. Default: `run` starts the vehicle."""
     mesh: Endpoint | None = None

@@ -63,7 +63,6 @@ def frame_from(sysid: int = 7) -> bytes:
     [
         "",
         "14601",
-        "udp:127.0.0.1:1",
         "http://127.0.0.1",
         "udpout:",
         "udpout:127.0.0.1",

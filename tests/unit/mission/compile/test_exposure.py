@@ -48,6 +48,7 @@ def fleet(trust: str | None = None, **changes: str) -> Fleet:
         ({"mesh": "tcp/10.0.0.2:7447"}, "agent 2 is on the mesh at tcp/10.0.0.2:7447"),
         ({"endpoint": "udpin:0.0.0.0:14"}, "agent 2 listens for its vehicle at udpin:0.0.0.0:14"),
         ({"endpoint": "udp:0.0.0.0:14"}, "agent 2 listens for its vehicle at udp:0.0.0.0:14"),
+        ({"endpoint": "udp://:14"}, "agent 2 listens for its vehicle at udp://:14"),
         ({"endpoint": "tcpin:10.0.0.2:57"}, "agent 2 listens for its vehicle at tcpin:10.0.0.2:57"),
     ],
 )

@@ -40,6 +40,32 @@ ENTRIES = {
 }
 
 
+@pytest.mark.parametrize(
+    ("url", "plain"),
+    [
+        ("udpin://:14540", "udpin:0.0.0.0:14540"),
+        ("udp://:14540", "udpin:0.0.0.0:14540"),
+        ("udp:10.0.0.5:14540", "udpin:10.0.0.5:14540"),
+        ("udpout://drone3.local:14550", "udpout:drone3.local:14550"),
+        ("tcp://10.0.0.5:5760", "tcp:10.0.0.5:5760"),
+        ("tcpout://10.0.0.5:5760", "tcp:10.0.0.5:5760"),
+        ("serial:///dev/ttyACM0:115200", "serial:/dev/ttyACM0:115200"),
+        ("udpout://:14550", None),
+        ("tcp:///10.0.0.5:5760", None),
+        ("http://10.0.0.5:5760", None),
+    ],
+)
+def test_an_endpoint_may_be_a_url(tmp_path: Path, url: str, plain: str | None) -> None:
+    """As MAVSDK has it; the fleet has one spelling, by which links are compared and refused."""
+    file = tmp_path / "fleet.yaml"
+    file.write_text(f"agents: [{{id: 1, endpoint: '{url}'}}]")
+    if plain is None:
+        with pytest.raises(MissionError, match="endpoint"):
+            read_fleet(file)
+    else:
+        assert [agent.endpoint for agent in read_fleet(file).agents] == [plain]
+
+
 @pytest.mark.parametrize("before", ENTRIES)
 @pytest.mark.parametrize("newline", ["\n", "\r\n"])
 def test_only_the_response_changes(before: str, newline: str) -> None:
