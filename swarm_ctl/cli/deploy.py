@@ -58,7 +58,7 @@ def deploy(
     """
     from swarm_ctl.mission.compile.exposure import exposures, refuse_exposed
     from swarm_ctl.runtime.deploy.bundle import bundles_of
-    from swarm_ctl.runtime.deploy.rollout import Hosts
+    from swarm_ctl.runtime.deploy.rollout import Hosts, parted
     from swarm_ctl.runtime.deploy.ssh import Ssh
 
     console = PlainConsole()
@@ -80,6 +80,10 @@ def deploy(
     if no_start:
         console.say(f"each host has its bundle; swarm-ctl deploy {file} starts it")
         raise typer.Exit(FINE)
+    why = "" if restart else parted(states, made)
+    if why:
+        console.say(f"nothing was started: {why}", style="bold red")
+        raise typer.Exit(ATTENTION)
     if restart:
         states = _landed(console, hosts)
     raise typer.Exit(_started(console, hosts, made, states))

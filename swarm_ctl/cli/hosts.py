@@ -54,8 +54,7 @@ def status(
     console, states = PlainConsole(), _hosts(fleet, ssh_config).report()
     wanted = common_plan(states)
     if plan is not None:
-        file = None if plan.suffix == ".json" else fleet
-        wanted = dict.fromkeys(states, plan_and_fleet(plan, file)[0].fingerprint())
+        wanted = dict.fromkeys(states, plan_and_fleet(plan, None)[0].fingerprint())
     show_hosts(console, states, wanted)
     raise typer.Exit(exit_code(states, wanted))
 

@@ -5,16 +5,18 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
 
-from tests.hosts import computers
+from tests.hosts import computers, namespaces
 from tests.hosts.computers import Computer
 from tests.system.running import SWARM_CTL
 
@@ -46,6 +48,8 @@ class Swarm:
         self.computers = {machine.name: machine for machine in machines}
         self._config = computers.ssh_config(where, self.computers)
         self.said = ""
+        self.rows: list[str] = []
+        """Of the fleet."""
 
     def __call__(self, *words: str | Path, wall_s: float = 90) -> int:
         """Run swarm-ctl as the operator does; the exit code. What it says is `said`."""
@@ -61,18 +65,67 @@ class Swarm:
         )
         return done.returncode
 
+    def sh(self, host: str, line: str) -> str:
+        """What a person who has logged in there gets for this line."""
+        login = [*self._inside, "ssh", "-F", str(self._config), host]
+        done = subprocess.run(
+            [*login, f"PATH=$HOME/.local/bin:$PATH {line}"],
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
     def wait_for(self, host: str, state: str, wall_s: float = 60) -> None:
         """Until all agents of a host are in this state, as the host itself says."""
         until = time.monotonic() + wall_s
         while True:
-            line = [str(self.computers[host].home / "login")]
-            env = os.environ | {"SSH_ORIGINAL_COMMAND": ".local/bin/swarm-ctl on-host state"}
-            done = subprocess.run(line, env=env, capture_output=True, text=True, check=True)
-            services = json.loads(done.stdout)["services"]
+            said = self.sh(host, "swarm-ctl on-host state")
+            services = json.loads(said)["services"]
             if services and all(each["state"] == state for each in services):
                 return
-            assert time.monotonic() < until, done.stdout
+            assert time.monotonic() < until, said
             time.sleep(0.3)
+
+    @contextlib.contextmanager
+    def simulator(self, file: Path) -> Iterator[Truth]:
+        """The fleet's vehicles, where the operator is."""
+        truth = Truth(self.where / "truth.jsonl")
+        line = [*self._inside, str(SWARM_CTL), "sim", "--mission", str(file), "--open-mesh"]
+        for at in re.findall("udpout:([0-9.:]+)", file.read_text()):
+            line += ["--endpoint", f"udpin:{at}"]
+        with (
+            (self.where / "sim.log").open("wb") as log,
+            subprocess.Popen(
+                [*line, "--truth", str(truth.path)], stdout=log, stderr=log, cwd=self.where
+            ) as process,
+        ):
+            try:
+                yield truth
+            finally:
+                process.kill()
+
+
+class Truth:
+    """Where the vehicles are, as the simulator writes it."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def flying(self) -> int:
+        """How many vehicles are in the air now."""
+        lines = self.path.read_bytes().split(b"\n")[:-1]
+        state = next(line for line in reversed(lines) if b'"state"' in line)
+        return sum(json.loads(state)["airborne"])
+
+    def wait_flying(self, count: int, wall_s: float = 90) -> None:
+        """Until so many vehicles are in the air."""
+        until = time.monotonic() + wall_s
+        while self.flying() != count:
+            assert time.monotonic() < until, self.flying()
+            time.sleep(0.2)
 
 
 def mission(where: Path, fleet: Sequence[str], name: str = "outdoors") -> Path:
@@ -107,7 +160,8 @@ def here(tmp_path: Path) -> Iterator[Swarm]:
                     os.kill(json.loads(file.read_text())[0], signal.SIGKILL)
 
 
-@pytest.mark.timeout(90)
+@pytest.mark.long
+@pytest.mark.timeout(200)
 def test_two_computers(here: Swarm) -> None:
     """One that is off is waited for, and nothing starts before; then the bundles are there, the
     agents run; a second time nothing changes; another plan waits for the operator's word; stop
@@ -138,3 +192,100 @@ def test_two_computers(here: Swarm) -> None:
     assert here("hosts", "collect", file) == 0
     logs = {path.name for path in (here.where / "collected/drone1").glob("*/*")}
     assert logs >= {"agent-1.log", "agent-1.json", "agent-1.tlog"}
+
+
+@pytest.fixture
+def six(tmp_path: Path) -> Iterator[Swarm]:
+    """Six computers in network namespaces of their own, with a process table of their own: what
+    runs there ends with the power. The operator is in the middle, where their vehicles are."""
+    if namespaces.why_not():
+        pytest.skip(namespaces.why_not())
+    keys = computers.made_keys(tmp_path)
+    apart = ("unshare", "--pid", "--mount", "--mount-proc", "--fork", "--kill-child")
+    with namespaces.Network(6) as network, contextlib.ExitStack() as switches:
+        machines = [
+            Computer(
+                f"drone{side + 1}",
+                keys,
+                tmp_path,
+                f"{network.middle_address(side)[:-1]}2",
+                22,
+                namespace.inside(apart),
+            )
+            for side, namespace in enumerate(network.sides)
+        ]
+        for machine in machines:
+            switches.callback(machine.switch_off)
+        swarm = Swarm(tmp_path, machines, network.middle.inside([]))
+        swarm.rows = [
+            f"{{id: {k + 1}, host: drone{k + 1}, mesh: tcp/{network.address(k)}:7447,"
+            f" endpoint: 'udpout:{network.middle_address(k)}:{14600 + k}'}}"
+            for k in range(6)
+        ]
+        yield swarm
+
+
+@pytest.mark.long
+@pytest.mark.timeout(600)
+def test_six_companion_computers(six: Swarm) -> None:
+    """From an empty folder, as the guide says: keys; a computer that is off is waited for, and
+    then all six fly. One loses its power in the air: its vehicle lands by itself, the others land
+    as their policy says. It comes back with nothing running; a plan of another hash that it got by
+    stick is shown, and keeps all six on the ground. Deployed once more, they fly to the end, and
+    their logs come home."""
+    file = mission(six.where, six.rows)
+    assert six("trust", "new", "--fleet", file) == 0
+    file.write_text(file.read_text() + '  trust: trust/outdoors\n  signing: "off"\n')
+    last = six.computers["drone6"]
+    for machine in six.computers.values():
+        if machine is not last:
+            machine.switch_on()
+    with six.simulator(file) as truth:
+        booting = threading.Timer(6.0, last.switch_on)
+        booting.start()
+        assert six("deploy", file) == 0
+        booting.join()
+        assert "drone6: got bundle" in six.said
+        assert six.said.index("drone6: got bundle") < six.said.index("drone1: agent-1 started")
+        assert six("hosts", "status", file) == 0
+        truth.wait_flying(6)
+
+        third = six.computers["drone3"]
+        third.switch_off()
+        assert six("hosts", "status", file) == 3
+        assert "drone3" in six.said
+        for host in six.computers:
+            if host != "drone3":
+                six.wait_for(host, "failed")  # policies.agent_lost: land
+        truth.wait_flying(0)
+
+        third.switch_on()
+        assert six("hosts", "status", file) == 1
+        assert "drone3: agent-3" in six.said
+
+        other = mission(six.where, six.rows, "other")
+        other.write_text(
+            other.read_text().replace("[8, 0]", "[9, 0]").replace("name: other", "name: outdoors")
+            + '  trust: trust/outdoors\n  signing: "off"\n'
+        )
+        assert six("deploy", other, "--bundles", six.where / "stick") == 0
+        six.sh("drone3", f"swarm-ctl on-host install {six.where}/stick/drone3.tar")
+        for host in six.computers:
+            six.sh(host, "swarm-ctl on-host start")
+        assert six("hosts", "status", file, "--plan", file) == 1
+        assert "drone3: has plan" in six.said
+        for host in six.computers:
+            six.wait_for(host, "failed", 90)  # prepare_timeout_s
+        assert truth.flying() == 0
+        assert six("hosts", "status", file) == 1
+        assert "agent 3 has another plan" in six.said
+
+        assert six("deploy", file) == 0
+        assert "drone1: has bundle" in six.said
+        assert "drone3: got bundle" in six.said
+        for host in six.computers:
+            six.wait_for(host, "ended", 120)
+    assert six("hosts", "collect", file) == 0
+    for k, host in enumerate(six.computers, start=1):
+        logs = {path.name for path in (six.where / f"collected/{host}").glob("*/*")}
+        assert logs == {f"agent-{k}.log", f"agent-{k}.json", f"agent-{k}.tlog"}

@@ -45,10 +45,27 @@ class HostState:
         return self.report is not None and bool(self.report.running)
 
     @property
-    def whole(self) -> bool:
-        """All of its processes run."""
+    def agents(self) -> dict[str, State]:
+        """How its agents stand."""
         services = self.report.services if self.report else ()
-        return bool(services) and all(each.state is State.RUNNING for each in services)
+        return {s.name: s.state for s in services if s.name.startswith("agent-")}
+
+
+def parted(states: Mapping[str, HostState], bundles: Mapping[str, Bundle]) -> str:
+    """Why these hosts can't be started together, or ''. An agent that starts while others fly takes
+    off below them."""
+    flies, stands = [], []
+    for host, state in states.items():
+        runs = [name for name, how in state.agents.items() if how is State.RUNNING]
+        flies += [f"{host}: {name}" for name in runs]
+        agents = {f"agent-{i}" for i in bundles[host].manifest.agents}
+        stands += [f"{host}: {name}" for name in sorted(agents - set(runs))]
+    if not (flies and stands):
+        return ""
+    return (
+        f"{', '.join(stands)} would start while others may fly ({', '.join(flies)});"
+        " --restart lands them, and starts all together"
+    )
 
 
 class Hosts:

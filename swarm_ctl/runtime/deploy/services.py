@@ -77,7 +77,15 @@ class Systemd:
 
     def _ask(self, *words: str, fails: bool = False) -> str:
         line = ["systemctl", "--user", *words]
-        done = subprocess.run(line, capture_output=True, text=True, timeout=_ANSWER_S, check=False)
+        manager = {"XDG_RUNTIME_DIR": f"/run/user/{os.getuid()}"}  # not of every login
+        done = subprocess.run(
+            line,
+            env=manager | os.environ,
+            capture_output=True,
+            text=True,
+            timeout=_ANSWER_S,
+            check=False,
+        )
         if done.returncode and not fails:
             raise StartError(
                 f"{' '.join(line)}: {done.stderr.strip() or done.returncode}; allowed: a user with"

@@ -16,7 +16,7 @@ from swarm_ctl.errors import StartError
 from swarm_ctl.runtime.deploy import rollout
 from swarm_ctl.runtime.deploy.bundle import Bundle, bundles_of
 from swarm_ctl.runtime.deploy.report import HostReport, ServiceReport, State
-from swarm_ctl.runtime.deploy.rollout import Hosts, HostState
+from swarm_ctl.runtime.deploy.rollout import Hosts, HostState, parted
 from swarm_ctl.runtime.deploy.ssh import Answer, Reach, Ssh
 from tests.unit.runtime.deploy.swarms import fleet, plan
 
@@ -117,6 +117,35 @@ def test_what_runs_is_left_or_landed_as_the_operator_says(monkeypatch: pytest.Mo
     assert ("drone2", "install") not in script.calls
     Script(monkeypatch, **running())
     assert not brought(restart=True)[0]["drone2"].words
+
+
+def test_no_agent_starts_below_those_that_fly() -> None:
+    """All run, or none does: a router counts for neither."""
+    made = bundles()
+
+    def stand(one: State, two: State, three: State) -> str:
+        first = HostReport(
+            version="",
+            manager="",
+            services=(
+                ServiceReport(name="router", state=State.RUNNING),
+                ServiceReport(name="agent-1", state=one),
+                ServiceReport(name="agent-2", state=two),
+            ),
+        )
+        second = first.model_copy(
+            update={"services": (ServiceReport(name="agent-3", state=three),)}
+        )
+        states = {
+            "drone1": HostState("drone1", Reach.ANSWERED, report=first),
+            "drone2": HostState("drone2", Reach.ANSWERED, report=second),
+        }
+        return parted(states, made)
+
+    assert stand(State.RUNNING, State.RUNNING, State.RUNNING) == ""
+    assert stand(State.ENDED, State.STOPPED, State.FAILED) == ""
+    told = stand(State.RUNNING, State.ENDED, State.FAILED)
+    assert told.startswith("drone1: agent-2, drone2: agent-3 would start while others may fly (dr")
 
 
 def test_ssh_asks_no_questions_and_takes_no_host_for_an_option() -> None:
