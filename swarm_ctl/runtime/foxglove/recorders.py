@@ -45,7 +45,7 @@ class LiveRecorder(Recorder):
 
 
 @contextlib.contextmanager
-def foxglove_on(port: int | None, name: str) -> Iterator[Sequence[Sink]]:
+def foxglove_on(port: int | None, plan: Plan) -> Iterator[Sequence[Sink]]:
     """Where Foxglove's clients of this port get their messages from: no sink without a port. The
     recorder that has the sinks closes them."""
     if port is None:
@@ -53,6 +53,6 @@ def foxglove_on(port: int | None, name: str) -> Iterator[Sequence[Sink]]:
         return
     from swarm_ctl.runtime.foxglove.server import FoxgloveServer
 
-    server = FoxgloveServer(port, name)
+    server = FoxgloveServer(port, plan)
     with contextlib.closing(server):
         yield (server,)

@@ -4,12 +4,15 @@ when asked for. Clients read; there is nothing that they can send."""
 from __future__ import annotations
 
 import json
-from typing import Any, Final
+import logging
+from typing import Final
 
 from foxglove import Capability, Channel, Context, Schema, start_server
 
+from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.errors import StartError
-from swarm_ctl.recording.topics import Topic
+from swarm_ctl.recording.topics import TOPICS, Topic
+from swarm_ctl.station.foxglove.desk import TOPICS as DESK
 
 HOST: Final = "127.0.0.1"
 _WAITING: Final = 2048
@@ -17,15 +20,25 @@ _WAITING: Final = 2048
 _CLOCK_NS: Final = 50_000_000
 
 
+logging.getLogger("foxglove").addHandler(logging.NullHandler())  # stderr may be a dashboard's
+
+
 class FoxgloveServer:
     """A sink of a recorder that serves on `HOST:port` from now on; StartError where the port is
     taken. The SDK's own threads send: a write never waits for a client."""
 
-    def __init__(self, port: int, name: str) -> None:
+    def __init__(self, port: int, plan: Plan) -> None:
         self._context = Context()
+        self._channels: dict[tuple[str, int | None], Channel] = {}
+        # Before the server: to a client that is there already, the SDK advertises a channel that it
+        # may not know yet when the client subscribes.
+        for topic in (*TOPICS, *DESK):
+            ids = [agent.id for agent in plan.agents] if "{id}" in topic.template else [None]
+            for agent in ids:
+                self._channel(topic, agent)
         try:
             self._server = start_server(
-                name=name,
+                name=plan.name,
                 host=HOST,
                 port=port,
                 capabilities=[Capability.Time],
@@ -34,7 +47,6 @@ class FoxgloveServer:
             )
         except RuntimeError as error:
             raise StartError(f"foxglove: {HOST}:{port}: {error}; name another port") from None
-        self._channels: dict[tuple[str, int | None], Any] = {}
         self._clock_ns = 0
 
     def write(
@@ -42,23 +54,22 @@ class FoxgloveServer:
     ) -> None:
         """Send to the clients that have subscribed to the topic; the time is the mission's."""
         del said_ns  # the protocol has one time
-        channel = self._channels.get((topic.name, agent))
-        if channel is None:
-            schema = Schema(
-                name=topic.schema["title"],
-                encoding="jsonschema",
-                data=json.dumps(topic.schema).encode(),
-            )
-            channel = self._channels[topic.name, agent] = Channel(
-                topic.template.format(id=agent),
-                schema=schema,
-                message_encoding="json",
-                context=self._context,
-            )
         if heard_ns >= self._clock_ns + _CLOCK_NS:
             self._clock_ns = heard_ns
             self._server.broadcast_time(heard_ns)
-        channel.log(data, log_time=heard_ns)
+        self._channel(topic, agent).log(data, log_time=heard_ns)
+
+    def _channel(self, topic: Topic, agent: int | None) -> Channel:
+        found = self._channels.get((topic.name, agent))
+        if found is None:
+            data = json.dumps(topic.schema).encode()
+            found = self._channels[topic.name, agent] = Channel(
+                topic.template.format(id=agent),
+                schema=Schema(name=topic.schema["title"], encoding="jsonschema", data=data),
+                message_encoding="json",
+                context=self._context,
+            )
+        return found
 
     def flush(self) -> None:
         """Nothing waits here."""

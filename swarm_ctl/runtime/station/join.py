@@ -108,7 +108,7 @@ def _watch(
     plan = station.plan
     with ExitStack() as opened:
         measure = opened.enter_context(metrics_on(ports.metrics))
-        if live := opened.enter_context(foxglove_on(ports.foxglove, plan.name)):
+        if live := opened.enter_context(foxglove_on(ports.foxglove, plan)):
             recorder = LiveRecorder(live, plan, round(start_s * 1e9), station.name)
             station.record(opened.enter_context(closing(recorder)))
         present(show, plan, None, lambda screen: loop(station, screen, control, measure))

@@ -67,7 +67,7 @@ def judge_swarm(
         interrupts = opened.enter_context(Interrupts())
         station = opened.enter_context(open_swarm(swarm))
         measure = opened.enter_context(metrics_on(ports.metrics))
-        live = opened.enter_context(foxglove_on(ports.foxglove, station.plan.name))
+        live = opened.enter_context(foxglove_on(ports.foxglove, station.plan))
         flight = _Flight(swarm, runs, interrupts, alive, live)
         opened.callback(flight.close)
         present(

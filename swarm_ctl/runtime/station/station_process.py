@@ -61,7 +61,7 @@ def run_station(
             own=manifest.zenoh,
         )
         opened.callback(node.close)
-        live = opened.enter_context(foxglove_on(ports.foxglove, manifest.swarm))
+        live = opened.enter_context(foxglove_on(ports.foxglove, manifest.plan))
         mcap = run_mcap(folder, manifest, str(node.name), live)
         recorder = opened.enter_context(closing(RunRecorder(folder, mcap)))
         endpoints = {agent.id: agent.endpoint for agent in manifest.fleet}

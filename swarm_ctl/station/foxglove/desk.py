@@ -55,6 +55,7 @@ TRAILS: Final = _topic("/scene/trails", SceneUpdate)
 LOCATION: Final = _topic("/agent/{id}/location", LocationFix)
 LOG: Final = _topic("/log", Log)
 FIGURES: Final = _topic("/swarm", SwarmFigures, owner="")
+TOPICS: Final = (TRANSFORMS, VEHICLES, FORMATION, TRAILS, LOCATION, LOG, FIGURES)
 _ADAPTERS: Final = {
     kind: TypeAdapter(kind)
     for kind in (FrameTransforms, SceneUpdate, LocationFix, Log, SwarmFigures)

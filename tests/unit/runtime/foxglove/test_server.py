@@ -1,0 +1,71 @@
+"""The server for Foxglove: where it can't start it says why, and no client holds up a write."""
+
+from __future__ import annotations
+
+import json
+import socket
+import time
+
+import pytest
+
+from swarm_ctl.cli.shared import extras, options
+from swarm_ctl.errors import StartError
+from swarm_ctl.station.foxglove.desk import FIGURES
+from tests.unit.station.swarm import hexagon_plan
+
+pytest.importorskip("foxglove", reason="the extra `foxglove` is not installed")
+
+from swarm_ctl.runtime.foxglove.server import FoxgloveServer
+
+pytestmark = pytest.mark.realtime
+
+PLAN = hexagon_plan()
+HELLO = (
+    "GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+    "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n"
+    "Sec-WebSocket-Protocol: foxglove.sdk.v1\r\n\r\n"
+)
+MASK = bytes(4)
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+def test_a_port_that_is_taken_is_named() -> None:
+    """The first server has it; the error says which, and what to do."""
+    port = free_port()
+    first = FoxgloveServer(port, PLAN)
+    with pytest.raises(StartError, match=f"foxglove: 127.0.0.1:{port}: .*name another port"):
+        FoxgloveServer(port, PLAN)
+    first.close()
+    FoxgloveServer(port, PLAN).close()
+
+
+def test_a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """--foxglove without its package: which one, and how to install it."""
+    monkeypatch.setattr(extras, "packages", lambda extra: [f"no-such-{extra}"])
+    with pytest.raises(StartError, match=r"--foxglove needs no-such-foxglove.*swarm-ctl\[foxglove"):
+        options.served(None, 8765)
+    assert options.served(9100, None).metrics == 9100
+
+
+def test_a_client_that_does_not_read_holds_up_no_write() -> None:
+    """It subscribes and reads no more; 200 MB are written all the same, in less than 5 s."""
+    server = FoxgloveServer(port := free_port(), PLAN)
+    with socket.create_connection(("127.0.0.1", port)) as client:
+        client.sendall(HELLO.encode())
+        assert client.recv(20).startswith(b"HTTP/1.1 101")
+        every = [{"id": k, "channelId": k} for k in range(1, 1500)]
+        text = json.dumps({"op": "subscribe", "subscriptions": every}).encode()
+        client.sendall(bytes([0x81, 0xFE]) + len(text).to_bytes(2, "big") + MASK + text)
+        time.sleep(0.3)
+        assert server._channels["swarm", None].has_sinks()  # it has subscribed
+        began, data = time.monotonic(), b'{"x":"' + bytes(100_000) + b'"}'
+        for k in range(2000):
+            server.write(FIGURES, None, 10**18 + k, 10**18 + k, data)
+        assert time.monotonic() - began < 5.0
+    server.close()
