@@ -8,7 +8,6 @@ import signal
 import subprocess
 import time
 from contextlib import closing
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +15,13 @@ import pytest
 
 from swarm_ctl.cli.main import app
 from swarm_ctl.cli.station import station
-from swarm_ctl.core.model.fleet import Fleet
 from swarm_ctl.errors import InputError
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
 from swarm_ctl.mission.compile.loader import LoadedMission, load
-from swarm_ctl.mission.compile.plan_file import plan_to_json
+from swarm_ctl.mission.compile.offers import named_by_hash
+from swarm_ctl.mission.compile.plan_file import plan_to_json, read_plan
 from swarm_ctl.report.folder.truth import load_truth
 from tests.system.pair import BARE, agent, agent_in_waiting, ended, pair_mission, simulator
 from tests.system.running import SWARM_CTL
@@ -44,17 +43,16 @@ def listener_of(mission: LoadedMission, *channels: keys.Channel[Any]) -> Node:
 
 
 def test_two_agents_and_a_station_that_knows_the_mission(
-    mission: LoadedMission, tmp_path: Path
+    mission: LoadedMission, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Both find each other within 2 s of the last start, fly the mission and exit 0; no `run` was
-    needed. One has the mission file, the other a plan file without addresses, which are options: it
-    is the same plan. A station without a run folder waits for them, tells their time and their
-    flight, and sees the end.
+    needed. One has the mission file, the other only its hash: it fetches the plan from the station
+    and keeps it, and addresses are options. A station without a run folder waits for them, tells
+    their time and their flight, and sees the end.
     """
     speedup, epoch_s = 3.0, time.monotonic()
-    plan, fleet = tmp_path / "plan.json", mission.fleet.agents
-    bare = Fleet(tuple(replace(entry, endpoint=None, mesh=None) for entry in fleet))
-    plan.write_text(plan_to_json(mission.plan, bare))
+    monkeypatch.setenv("SWARM_CTL_STATE", str(tmp_path / "state"))
+    name, fleet = named_by_hash(mission.plan), mission.fleet.agents
     own, peer = fleet[1], fleet[0]
     addresses = [f"--endpoint={own.endpoint}", f"--mesh={own.mesh}", f"--peer={peer.mesh}"]
     watching = subprocess.Popen(
@@ -65,7 +63,7 @@ def test_two_agents_and_a_station_that_knows_the_mission(
     )
     agents = [
         agent(mission.source, 1, epoch_s, speedup),
-        agent(plan, 2, epoch_s, speedup, *addresses),
+        agent(Path(name[: len("pair@") + 6]), 2, epoch_s, speedup, *addresses),
     ]
     with (
         closing(listener_of(mission, keys.STATUS)) as listener,
@@ -87,6 +85,9 @@ def test_two_agents_and_a_station_that_knows_the_mission(
         last_start = max(*first.values(), 3.0)
         assert max(heard.values()) - last_start < 2.0 * speedup
         assert [each.wait(60) for each in agents] == [0, 0]
+        assert agents[1].stderr is not None
+        assert f"agent: {name}, from a station" in agents[1].stderr.read().decode()
+        assert read_plan(tmp_path / "state" / "plans" / f"{name}.json").plan == mission.plan
         flown = (time.monotonic() - epoch_s) * speedup
         watching.send_signal(signal.SIGINT)
         lines = [json.loads(line) for line in watching.communicate()[0].splitlines()]
@@ -101,16 +102,22 @@ def test_two_agents_and_a_station_that_knows_the_mission(
         }
 
 
-def test_an_agent_is_killed_and_started_again(mission: LoadedMission, tmp_path: Path) -> None:
+def test_an_agent_is_killed_and_started_again(
+    mission: LoadedMission, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """SIGKILL while they form, started again by hand: it takes its vehicle over, both complete,
-    apart; no station. Its link is signed: it signs on above its last stamp."""
+    apart; no station. All have the plan that was fetched before. Its link is signed: it signs on
+    above its last stamp."""
     speedup, epoch_s = 2.0, time.monotonic()
     key = tmp_path / "mavlink.key"
     key.write_bytes(bytes(range(32)))
     key.chmod(0o600)
     signed = ("--signing-key", str(key))
-    truth, plan = tmp_path / "truth.jsonl", tmp_path / "plan.json"
-    plan.write_text(plan_to_json(mission.plan, mission.fleet))
+    truth, plan = tmp_path / "truth.jsonl", Path(named_by_hash(mission.plan))
+    kept = tmp_path / "state" / "plans"
+    monkeypatch.setenv("SWARM_CTL_STATE", str(kept.parent))
+    kept.mkdir(parents=True)
+    (kept / f"{plan}.json").write_text(plan_to_json(mission.plan, mission.fleet))
     flown = simulator(mission, epoch_s, speedup, key, truth_path=str(truth))
     agents = {i: agent(plan, i, epoch_s, speedup, *(signed if i == 1 else ())) for i in (1, 2)}
     again = agent_in_waiting(plan, 1, epoch_s, speedup, *signed)
@@ -142,6 +149,17 @@ def test_an_agent_is_killed_and_started_again(mission: LoadedMission, tmp_path: 
         assert flown.wait(20) == 0
         r_in_m = mission.plan.law.r_in * mission.plan.unit_m
         assert min(load_truth(truth).minima.values()) > r_in_m
+
+
+def test_ctrl_c_ends_the_wait_for_a_plan(mission: LoadedMission) -> None:
+    """An agent that waits has no vehicle to look after: it ends at once."""
+    at = mission.fleet.agents[0].mesh or ""
+    waiting = agent(Path("pair@3fa9c1"), 1, time.monotonic(), 1.0, "--mesh", at)
+    with ended([waiting]):
+        assert waiting.stderr is not None
+        assert waiting.stderr.readline().startswith(b"agent: waits 60 s for pair@3fa9c1")
+        waiting.send_signal(signal.SIGINT)
+        assert waiting.wait(10) == 130
 
 
 def test_one_agent_lands_on_sigint(mission: LoadedMission) -> None:
