@@ -30,7 +30,7 @@ from tests.protocol.simulator import (
 )
 from tests.system.running import ROOT, Running
 
-pytestmark = [pytest.mark.clients, pytest.mark.timeout(180)]
+pytestmark = [pytest.mark.clients, pytest.mark.foreign, pytest.mark.timeout(180)]
 PERSONAS = pytest.mark.parametrize("persona", ["ardupilot", "px4"])
 SPEEDUP = 3.0
 MAVPROXY = shutil.which("mavproxy.py", path=str(Path(sys.executable).parent))

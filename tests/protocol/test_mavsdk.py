@@ -24,6 +24,7 @@ from mavsdk.plugins.param import Param  # noqa: E402
 from mavsdk.plugins.telemetry import Telemetry  # noqa: E402
 from mavsdk.plugins.telemetry.telemetry import FlightMode  # noqa: E402
 
+pytestmark = pytest.mark.foreign
 SPEEDUP = 3.0
 """MAVSDK sends setpoints 20 times a wall-clock second: still fast enough for a vehicle that lives
 so much faster."""

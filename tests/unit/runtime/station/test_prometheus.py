@@ -13,6 +13,8 @@ from swarm_ctl.runtime.launch.ports import free_ports
 from swarm_ctl.runtime.station.prometheus import HOST, Metrics
 from tests.unit.station.pictures import PICTURES
 
+pytestmark = pytest.mark.foreign
+
 
 def _scrape(port: int) -> dict[tuple[str, str], float]:
     """(name, agent or alarm) -> value."""
