@@ -289,3 +289,24 @@ def test_six_companion_computers(six: Swarm) -> None:
     for k, host in enumerate(six.computers, start=1):
         logs = {path.name for path in (six.where / f"collected/{host}").glob("*/*")}
         assert logs == {f"agent-{k}.log", f"agent-{k}.json", f"agent-{k}.tlog"}
+
+
+@pytest.mark.long
+@pytest.mark.timeout(200)
+def test_each_host_has_its_router(here: Swarm) -> None:
+    """It is started before its agent, and ends after it."""
+    ports = [computers.free_port() for _ in range(4)]
+    rows = [
+        f"{{id: {k}, host: drone{k}, endpoint: 'udpout:127.0.0.1:{ports[k]}',"
+        f" router: tcp/127.0.0.1:{ports[k + 1]}}}"
+        for k in (1, 2)
+    ]
+    file = mission(here.where, rows)
+    for machine in here.computers.values():
+        machine.switch_on()
+    assert here("deploy", file) == 0
+    assert "drone1: router started\ndrone1: agent-1 started\n" in here.said
+    assert "drone2  0.2.0" in here.said
+    assert here("hosts", "status", file) == 0
+    assert here("hosts", "stop", file) == 0
+    assert "router stopped, agent-2 ended" in here.said

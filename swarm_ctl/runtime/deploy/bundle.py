@@ -69,7 +69,7 @@ def bundles_of(
     """The bundle of each host of a fleet.
 
     Raises:
-        InputError: an agent has no host or no endpoint.
+        InputError: an agent has no host, no endpoint or no link to the mesh, or shares a radio.
         TrustError: the keys of an agent or a router are not there, or damaged.
     """
     for agent in fleet.agents:
@@ -83,14 +83,19 @@ def bundles_of(
                 f"agent {agent.id} has no `{name}` in the fleet; allowed: one for each agent that"
                 " is deployed"
             )
-    runs = routers_of(fleet)
+        if agent.radio:
+            raise InputError(
+                f"agent {agent.id} shares a radio, whose swarm-ctl link is not deployed; allowed:"
+                " an endpoint for each agent, or link and agents started by hand"
+            )
+    runs = own_routers(fleet)
     return {
         host: _bundle(plan, fleet, _Part(host, agents, runs.get(host), open_mesh, expect_station))
         for host, agents in fleet.hosts().items()
     }
 
 
-def routers_of(fleet: Fleet) -> dict[str, str]:
+def own_routers(fleet: Fleet) -> dict[str, str]:
     """Where the router of each host listens that has one of its own: it serves this host's agents
     alone, or its address is this host's name."""
     hosts = {host: agents[0].router for host, agents in fleet.hosts().items()}

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from swarm_ctl.core.model.fleet import Fleet
+from swarm_ctl.core.model.fleet import Fleet, RadioShare
 from swarm_ctl.errors import InputError
 from swarm_ctl.mission.compile.plan_file import plan_from_json
-from swarm_ctl.runtime.deploy.bundle import Bundle, bundles_of, routers_of, unpacked
+from swarm_ctl.runtime.deploy.bundle import Bundle, bundles_of, own_routers, unpacked
 from swarm_ctl.runtime.deploy.logs import pack_logs, unpack_logs
 from swarm_ctl.trust.bundle import unpacked as unpacked_keys
 from tests.unit.runtime.deploy.swarms import fleet, keys, plan
@@ -68,7 +68,7 @@ def test_an_agent_without_a_place_is_refused(missing: str) -> None:
 def test_a_router_runs_where_it_serves_one_host_or_has_its_name() -> None:
     def routed(*at: str) -> dict[str, str]:
         agents = (replace(a, router=r) for a, r in zip(fleet().agents, at, strict=True))
-        return routers_of(Fleet(tuple(agents)))
+        return own_routers(Fleet(tuple(agents)))
 
     one, two = "tcp/10.0.0.1:7447", "tcp/10.0.0.2:7447"
     assert routed(one, one, two) == {"drone1": one, "drone2": two}
@@ -147,3 +147,11 @@ def test_logs_come_back_and_nothing_else(tmp_path: Path) -> None:
         archive.addfile(tarfile.TarInfo("../evil.log"))
     with pytest.raises(InputError, match=r"sent '\.\./evil.log'"):
         unpack_logs(evil.getvalue(), tmp_path / "drone1")
+
+
+def test_a_shared_radio_is_not_deployed() -> None:
+    """Its link would be missing, and two agents would open one port."""
+    first, *others = fleet().agents
+    shared = replace(first, radio=RadioShare("serial:/dev/ttyUSB0:57600", 5760, 2))
+    with pytest.raises(InputError, match="agent 1 shares a radio"):
+        bundles_of(plan(), Fleet((shared, *others)))
