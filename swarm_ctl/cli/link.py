@@ -30,7 +30,7 @@ _COLUMNS: Final = (
     "agent",
     "sysid",
     "up/s",
-    "setpoints/s",
+    "setpoints",
     "down/s",
     "bytes/s",
     "share",
@@ -143,7 +143,10 @@ def _table(opened: ExitStack) -> Callable[[RadioLoad], None]:
     live = opened.enter_context(Live(console=Console(), auto_refresh=False, screen=False))
 
     def show(load: RadioLoad) -> None:
-        table = Table(title=f"{load.radio}: {_used(load)}", caption=_caption(load), box=None)
+        table = Table(
+            title=f"{load.radio}: {_used(load)}", caption=_caption(load), box=None, pad_edge=False
+        )
+        table.padding = 0, 1, 0, 0
         for column in _COLUMNS:
             table.add_column(column, justify="right", no_wrap=True)
         for vehicle in load.vehicles:

@@ -6,11 +6,11 @@ Half duplex: setpoints and telemetry share the radio's bytes per second.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from swarm_ctl.core.model.fleet import RadioShare
+from swarm_ctl.core.model.fleet import FleetAgent, RadioShare
 
 USED: Final = 0.8
 """Of the radio's bytes: the rest is for requests, answers, repeats, and other senders."""
@@ -90,3 +90,14 @@ def budget(share: RadioShare, autopilot: str, *, signed: bool) -> Budget:
     hz = float(max(_FLOOR_HZ, min(MOST_HZ, left // pair)))
     needed = share.vehicles * (steady + max(hz, LEAST_HZ) * pair) / USED
     return Budget(hz, {POSITION: hz, **streams}, needed, carried=left >= LEAST_HZ * pair)
+
+
+def radio_words(agents: Sequence[FleetAgent], *, signed: bool) -> str:
+    """What the vehicles behind one radio get, for its operator."""
+    gets = [(a.radio, budget(a.radio, a.autopilot, signed=signed)) for a in agents if a.radio]
+    radio, least = min(gets, key=lambda each: each[1].hz)
+    return (
+        f"{radio.endpoint}, {len(agents)} vehicles{', signed' if signed else ''}: {least.hz:g}"
+        " setpoints and positions a second each,"
+        f" {least.needed_bytes_per_s:.0f} of {radio.bytes_per_s} bytes/s"
+    )

@@ -17,7 +17,7 @@ from swarm_ctl.core.agent.return_to_launch import return_height_m
 from swarm_ctl.core.law import graph
 from swarm_ctl.core.law.formation import closest_pair
 from swarm_ctl.core.law.stop_point import stop_distance
-from swarm_ctl.core.model.fleet import Fleet, VehicleKind
+from swarm_ctl.core.model.fleet import Fleet, Signing, VehicleKind
 from swarm_ctl.core.model.plan import (
     AgentPlan,
     FormStep,
@@ -33,6 +33,7 @@ from swarm_ctl.core.model.plan import (
 from swarm_ctl.core.model.text import agents_named, ranges
 from swarm_ctl.core.safety.constraints import Margins
 from swarm_ctl.core.swarm.hearing import mesh_words
+from swarm_ctl.core.swarm.radio import radio_words
 from swarm_ctl.mission.compile.forecast import StepForecast
 from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.mission.input.simulation_section import SimulationSection
@@ -66,6 +67,9 @@ def mission_parts(
         yield f"{count - _AGENTS + 2} more agents; --full shows them"
     yield _steps(plan, forecasts)
     yield from _facts(plan, full, routed=bool(loaded.fleet.routers))
+    signed = loaded.fleet.signing is Signing.REQUIRED
+    for behind in loaded.fleet.radios().values():
+        yield f"radio    {radio_words(behind, signed=signed)}"
     yield from joysticks(loaded.fleet)
     yield from _simulation(simulation)
     for warning in warnings:

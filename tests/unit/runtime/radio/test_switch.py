@@ -1,0 +1,142 @@
+"""Frames go between a radio and the agents of its vehicles by system id, and nothing else does."""
+
+from __future__ import annotations
+
+import random
+from typing import Any
+
+from swarm_ctl.core.model.fleet import FleetAgent
+from swarm_ctl.mavlink import outgoing
+from swarm_ctl.mavlink.wires import MemoryWire, memory_wires
+from swarm_ctl.runtime.radio.lateness import LATE_S
+from swarm_ctl.runtime.radio.switch import STALLED_S, Place, Switch
+
+TURN_S = 0.005
+
+
+def packed(message: Any, system: int) -> bytes:
+    data: bytes = message.pack(outgoing.dialect.MAVLink(None, system, 1))
+    return data
+
+
+def heartbeat(system: int) -> bytes:
+    return packed(outgoing.heartbeat(), system)
+
+
+def setpoint(vehicle: int, north: float = 1.0) -> bytes:
+    return packed(outgoing.velocity(vehicle, (north, 0.0, 0.0), 0.0), 250)
+
+
+def position(system: int, boot_s: float) -> bytes:
+    local = outgoing.dialect.MAVLink_local_position_ned_message
+    return packed(local(round(boot_s * 1e3), 1, 2, 3, 0, 0, 0), system)
+
+
+class Bench:
+    """A switch with two agents, and the far ends of all its wires."""
+
+    def __init__(self) -> None:
+        near, self.radio = memory_wires()
+        self.agents: list[MemoryWire] = []
+        places = []
+        for i in (1, 2):
+            wire, far = memory_wires()
+            self.agents.append(far)
+            entry = FleetAgent(i, i, "ardupilot", agent_sysid=251 - i)
+            places.append(Place(entry, wire, 10.0))
+        self.switch = Switch(near, places, "serial:/dev/x", 5760)
+        self.now = 0.0
+        self.turn()
+
+    def turn(self, seconds: float = TURN_S) -> None:
+        self.now += seconds
+        self.switch.turn(self.now)
+
+    def heard(self, agent: int) -> list[bytes]:
+        return drained(self.agents[agent - 1])
+
+
+def drained(wire: MemoryWire) -> list[bytes]:
+    found = []
+    while (data := wire.read()) is not None:
+        found.append(data)
+    return found
+
+
+def test_a_vehicle_is_heard_by_its_own_agent_alone() -> None:
+    bench = Bench()
+    bench.radio.write(heartbeat(2))
+    bench.turn()
+    assert (bench.heard(1), bench.heard(2)) == ([], [heartbeat(2)])
+
+
+def test_an_agents_frame_goes_to_the_radio_unchanged() -> None:
+    bench = Bench()
+    bench.agents[0].write(setpoint(1))
+    bench.turn()
+    assert drained(bench.radio) == [setpoint(1)]
+
+
+def test_another_systems_frame_reaches_no_agent_and_is_counted() -> None:
+    bench = Bench()
+    bench.radio.write(heartbeat(77))
+    bench.turn()
+    assert bench.heard(1) == bench.heard(2) == []
+    assert bench.switch.load(bench.now).foreign == 1
+
+
+def test_another_sender_with_an_agents_system_id_reaches_that_agent_which_has_to_know() -> None:
+    bench = Bench()
+    bench.radio.write(heartbeat(250))
+    bench.turn()
+    assert (bench.heard(1), bench.heard(2)) == ([heartbeat(250)], [])
+
+
+def test_an_agent_does_not_speak_for_a_vehicle() -> None:
+    bench = Bench()
+    bench.agents[0].write(heartbeat(2))
+    bench.turn()
+    assert drained(bench.radio) == []
+
+
+def test_garbage_and_a_flood_from_the_radio_leave_the_way_up_open() -> None:
+    bench, dice = Bench(), random.Random(1)
+    for _ in range(200):
+        bench.radio.write(dice.randbytes(300))
+        bench.radio.write(heartbeat(77) * 20)
+        bench.agents[1].write(setpoint(2))
+        bench.turn(0.02)
+    setpoints = sum(map(len, drained(bench.radio))) / len(setpoint(2))
+    assert setpoints > 35, "4 s at 10 a second"
+    assert bench.switch.load(bench.now).bad > 0
+
+
+def test_a_link_that_stood_still_throws_old_positions_and_setpoints_away() -> None:
+    bench = Bench()
+    bench.radio.write(position(1, 10.0))
+    bench.agents[0].write(setpoint(1))
+    bench.turn(STALLED_S + 0.1)
+    assert bench.heard(1) == []
+    assert drained(bench.radio) == []
+    bench.agents[0].write(setpoint(1))
+    bench.turn()
+    assert drained(bench.radio) == [setpoint(1)]
+
+
+def test_a_position_that_waited_in_the_radio_reaches_no_agent() -> None:
+    bench = Bench()
+    bench.radio.write(position(1, 10.0))
+    bench.turn(0.1)
+    for boot_s in (10.1, 10.1 + LATE_S):
+        bench.radio.write(position(1, boot_s))
+        bench.turn(LATE_S + 0.15)
+    assert bench.heard(1) == [position(1, 10.0)]
+    assert bench.switch.load(bench.now).vehicles[0].late == 2
+
+
+def test_a_vehicle_that_boots_again_is_heard_at_once() -> None:
+    bench = Bench()
+    for boot_s in (1000.0, 0.5):
+        bench.radio.write(position(1, boot_s))
+        bench.turn(0.1)
+    assert len(bench.heard(1)) == 2
