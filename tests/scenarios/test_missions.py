@@ -24,11 +24,6 @@ LARGE = {"thirtytwo.yaml", "hundred.yaml"}
 HURT = {"faults": {2: "failed"}}
 """Who does not complete, by mission: its own timetable drains its battery."""
 FACTOR = 1.5
-SWINGS = {"sweep.yaml": 1.8}
-"""A line that moves along itself mostly swings for some seconds before it rests, up to 15 s: with
-five of eight seeds it did. The forecast has no swing."""
-
-
 TRUE_ALARMS = {
     "faults": [
         ("not believed", (6,)),  # a GPS that jumps
@@ -68,7 +63,7 @@ def test_ready_mission(name: str) -> None:
         results = [m.status.steps[number] for m in whole if m.status]
         took_s = max(r.end_s or math.inf for r in results) - min(r.start_s for r in results)
         assert expected.expected_s is not None
-        most_s = expected.expected_s * SWINGS.get(name, FACTOR)
+        most_s = expected.expected_s * FACTOR
         assert expected.expected_s / FACTOR < took_s < most_s, (number, results[0].name)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from swarm_ctl.core.law.formation import formation_error
 from swarm_ctl.core.law.planned_formation import planned_formations
 from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.plan import Policy
-from swarm_ctl.mission.compile.loader import LoadedMission, loads
+from swarm_ctl.mission.compile.loader import LoadedMission, load, loads
 from tests.scenarios.swarm import VirtualSwarm, at_step
 
 TEXT = """\
@@ -34,6 +35,7 @@ steps:
   - form: {shape: square, settle_s: 2}
 """
 TAKEOFF, FORM, THIRD = 1, 2, 3
+READY = Path(__file__).parents[2] / "missions"
 
 
 def quartet(*steps: str, head: str = "", height_m: int = 4) -> LoadedMission:
@@ -244,3 +246,15 @@ def test_neighbours_of_a_form_step() -> None:
     }
     swarm.fly(900)
     assert_good(swarm)
+
+
+def test_a_line_that_moves_along_itself_stays_a_line() -> None:
+    """The pinned agent, at one end of it, hurries no more than the others: at twice the law's rate
+    it swung, and the line with it, up to 3.7 m to the sides."""
+    mission = load(READY / "sweep.yaml")
+    swarm = at_step(mission, 4)
+    aside = 0.0
+    while swarm.in_step(4):
+        swarm.tick()
+        aside = max(aside, *(abs(north) for north, _ in swarm.positions().values()))
+    assert aside < 0.6

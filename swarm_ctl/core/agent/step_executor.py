@@ -173,16 +173,17 @@ class StepExecutor:
     def _formation_velocity(self, tick: Tick, step: Step) -> Point:
         context, reference = self._context, self._context.reference
         own, key = context.controller.stop_point_m, (context.progress.step, self.override)
-        extra, common = (0.0, 0.0), 0j
+        extra, common, off = (0.0, 0.0), 0j, None
         if not isinstance(step, FormStep):
             free = context.trigger is None
             error_m = self._barrier.formation_error_m
             others = tick.peers.without(self._barrier.departed)
             reference.follow(others, step, key, own, error_m, free=free)
-            extra = reference.feed_forward(step, own, context.controller.gain)
+            extra = reference.feed_forward(step)
+            off = reference.off_m(own) if reference.leads and reference.slots else None
             common = complex(*reference.common_mps(step))
         formation = Formation(reference.slots, context.neighbourhood.own, common, key)
-        return context.controller.form(tick.peers, formation, extra)
+        return context.controller.form(tick.peers, formation, extra, off)
 
     def _exchange_slots(self, tick: Tick, step: Shaped) -> None:
         """Exchange slots with an agent that is in the way, where the step allows it."""

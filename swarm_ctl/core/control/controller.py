@@ -95,15 +95,24 @@ class Controller:
     # --- what can be flown: each gives the velocity (north, east) [m/s] that was chosen ---
 
     def form(
-        self, snapshot: PeerSnapshot, formation: Formation, extra_mps: Point = (0.0, 0.0)
+        self,
+        snapshot: PeerSnapshot,
+        formation: Formation,
+        extra_mps: Point = (0.0, 0.0),
+        off_m: Point | None = None,
     ) -> Point:
         """The law (26) towards the formation's slots, keeping apart from what is aloft.
 
-        `extra_mps` moves the formation as a whole; it is flown on top of the law.
+        `extra_mps` moves the formation as a whole; it is flown on top of the law. `off_m` is from
+        the own stop point to the own place, for the agent that is pinned to it: the place weighs as
+        much as all neighbours.
         """
         snapshot = snapshot.aloft()
         consensus, avoidance = self._terms(snapshot, formation)
-        if extra_mps != (0.0, 0.0):
+        if off_m is not None:
+            # A mean, no sum: at twice the law's rate its stop point swings.
+            consensus = 0.5 * (consensus + self.gain * complex(*off_m))
+        if extra_mps != (0.0, 0.0) or off_m is not None:
             wish = self._around(consensus + complex(*extra_mps))
             return self._filtered(snapshot, wish + avoidance, formation)
         own = complex(*self.stop_point_m)

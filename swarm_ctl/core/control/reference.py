@@ -214,21 +214,11 @@ class Reference:
         elif self.frame is not None:
             self.frame = replace(self.frame, rate=0.0)
 
-    def feed_forward(self, step: Step, own_m: Point, gain: float) -> Point:
-        """The velocity on top of the law's [m/s]: the frame's, and for the pinned agent the pull to
-        its place.
-
-        `gain` [1/s] is the law's own, kappa * h: the place weighs as much as all neighbours.
-        """
-        if self.frame is None or not self._slots:
+    def feed_forward(self, step: Step) -> Point:
+        """The velocity of the own place with the frame [m/s], to be flown on top of the law's."""
+        if self.frame is None or not self._slots or not isinstance(step, MOVING):
             return (0.0, 0.0)
-        north = east = 0.0
-        if isinstance(step, MOVING):
-            north, east = velocity_mps(self.frame, step, self._slot_m(self._own), self.radius_m)
-        if self.leads:
-            off = self.off_m(own_m)
-            north, east = north + gain * off[0], east + gain * off[1]
-        return north, east
+        return velocity_mps(self.frame, step, self._slot_m(self._own), self.radius_m)
 
     def common_mps(self, step: Step) -> Point:
         """The part of the feed-forward that is the same for all agents: the centre's velocity."""

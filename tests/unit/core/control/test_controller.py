@@ -78,6 +78,16 @@ def test_the_feed_forward_comes_on_top() -> None:
     assert controller().form(in_the_row(), moving, (1.0, 0.0)) == pytest.approx((1.0, 0.0), abs=0.1)
 
 
+def test_a_pinned_agent_hurries_no_more_than_the_others() -> None:
+    """Its place weighs as much as its neighbours, so it stands between them; it leaves a place
+    where both agree as slowly as an agent that is not pinned."""
+    between = controller().form(in_the_row({2: (1.0, 0.0), 3: (1.0, 0.0)}), ROW, off_m=(-1.0, 0.0))
+    assert between[0] == pytest.approx(0.0, abs=0.2)
+    free = controller(north=0.5).form(in_the_row(), ROW)
+    pinned = controller(north=0.5).form(in_the_row(), ROW, off_m=(-0.5, 0.0))
+    assert free[0] <= pinned[0] == pytest.approx(free[0], rel=0.15)
+
+
 def test_higher_gains_pull_harder() -> None:
     away = {2: (1.5, 0.0), 3: (1.5, 0.0)}
     slow, fast = controller(), controller()
