@@ -147,6 +147,20 @@ def test_the_leader_of_a_move_leaves() -> None:
         assert sum(moved) / 3 > begun[0] + 30
 
 
+def test_held_agents_stand_while_another_one_flies_on() -> None:
+    """The mission goes on after the policy's pause for the agent that was not held; it pulls none
+    of the held ones along."""
+    head = "policies: {override_pause_s: 5}\n"
+    swarm = in_third(quartet("move: {by: [25, 0]}", "hold: {duration_s: 5}", "land", head=head))
+    swarm.command("hold", agents=(1, 2, 3))
+    swarm.run(1)
+    places = swarm.positions()
+    swarm.wait(lambda s: status(s, 4).step == THIRD + 1, swarm.now + 60)
+    moved = {i: math.dist(place, places[i]) for i, place in swarm.positions().items()}
+    assert moved.pop(4) > 20.0
+    assert max(moved.values()) < 1.0
+
+
 def test_a_formation_may_stand_over_a_vehicle_that_has_landed_and_lands_beside_it() -> None:
     """On the ground it is in no agent's way; no vehicle comes down on it."""
     swarm = in_third(quartet("hold: {duration_s: 40}", "rotate: {angle_deg: 90}", "land"))

@@ -147,8 +147,8 @@ class SafetyFilter:
     def _guards(
         self, snapshot: PeerSnapshot, own: complex, formation: Formation, moving: complex
     ) -> list[Plane]:
-        """The constraints of the links that the shape keeps. While the formation moves, links to
-        peers that do not fly along are left out."""
+        """The constraints of the links that the shape keeps; those to peers that fly another
+        formation, or none, are left out."""
         planes: list[Plane] = []
         if not self._plan.safety.guard:
             return planes
@@ -158,8 +158,7 @@ class SafetyFilter:
         if not guarded:
             return planes
         for other in snapshot.far(guarded, own, self._stretched_m):
-            along = not moving or other.formation == formation.key
-            if other.age_at_most_s > NEIGHBOUR_S or not along:
+            if other.age_at_most_s > NEIGHBOUR_S or other.formation != formation.key:
                 continue
             apart = constraints.carried(own - other.stop_point, other)
             if constraints.kept(abs(apart), self._margins):
