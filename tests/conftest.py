@@ -49,7 +49,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         config.hook.pytest_deselected(items=[item for item in every if not _wanted(item, config)])
     for item in items:
         group = _group(item)
-        if "foreign" in item.path.parts:
+        if item.path.parent == Path(__file__).with_name("foreign"):
             item.add_marker(pytest.mark.foreign)
         if group:
             item.add_marker(pytest.mark.realtime)

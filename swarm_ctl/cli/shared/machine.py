@@ -8,9 +8,11 @@ import shutil
 import sys
 from dataclasses import dataclass
 from importlib import metadata
+from pathlib import Path
 from typing import Final
 
 from swarm_ctl.cli.shared.extras import packages
+from swarm_ctl.cli.shared.surroundings import surroundings
 from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.errors import StartError
 from swarm_ctl.runtime.vehicle_memory import VehicleMemory, state_folder
@@ -18,7 +20,7 @@ from swarm_ctl.runtime.vehicles.binaries import find
 from swarm_ctl.runtime.vehicles.containers import ENGINES
 
 LEAST_PYTHON: Final = (3, 11)
-_EXTRAS: Final = ("ground", "serial", "trust")
+_EXTRAS: Final = ("ground", "study", "foxglove", "notebook", "serial", "trust")
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +35,9 @@ class Fact:
 
 def machine() -> list[Fact]:
     """All facts, the most needed first."""
-    return [_python(), *_packages(), *_autopilots(), _containers(), _terminal(), *_remembered()]
+    around = (Fact(*found) for found in surroundings())
+    known = (*_autopilots(), _containers(), _terminal(), *_remembered())
+    return [_python(), *around, *_packages(), *known]
 
 
 def _python() -> Fact:
@@ -51,9 +55,13 @@ def _packages() -> list[Fact]:
 def _versions(title: str, names: list[str], *, attention: bool = False) -> Fact:
     found = {name: _version(name) for name in names}
     missing = [name for name, version in found.items() if not version]
+    if not names:
+        return Fact(f"packages {title}", "unknown to this installation; install it again")
     state = ", ".join(f"{name} {version}" for name, version in found.items() if version)
     if missing:
-        state = f"missing: {', '.join(missing)}" + (f"; there: {state}" if state else "")
+        there = f"; there: {state}" if state else ""
+        extra = "" if attention else f"; pip install 'swarm-ctl{title}'"
+        state = f"missing: {', '.join(missing)}{there}{extra}"
     return Fact(f"packages {title}", state, attention and bool(missing))
 
 
@@ -94,6 +102,9 @@ def _remembered() -> list[Fact]:
     except OSError as error:
         where = f"{error.filename}: {error.strerror}"
         return [Fact("remembered vehicles", where, attention=True)]
+    if not _writable(folder):
+        where = f"{folder} can't be written; allowed: SWARM_CTL_STATE=FOLDER that can"
+        return [Fact("remembered vehicles", where, attention=True)]
     facts = [Fact("remembered vehicles", f"{len(entries)} in {folder}")]
     for entry in entries:
         own = ", ".join(f"{name} {value.own:g}" for name, value in entry.values.items())
@@ -102,3 +113,9 @@ def _remembered() -> list[Fact]:
             Fact(f"  {vehicle}", f"own values {own}; left by {entry.flight} of {entry.since}")
         )
     return facts
+
+
+def _writable(folder: Path) -> bool:
+    """Whether this folder, or the first one above that is there, may be written."""
+    there = next(each for each in (folder, *folder.absolute().parents) if each.exists())
+    return os.access(there, os.W_OK | os.X_OK)

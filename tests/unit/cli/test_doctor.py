@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import re
+import socket
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import pytest
 import typer
 
 from swarm_ctl.cli.doctor import doctor
+from swarm_ctl.cli.shared import surroundings as around
 from swarm_ctl.core.model.own_parameters import OwnParameters, OwnValue, VehicleIdentity
 from swarm_ctl.errors import InputError
 from swarm_ctl.runtime.vehicle_memory import VehicleMemory
@@ -38,6 +40,12 @@ def test_the_machine(
     assert code_of(as_json=True) == 0
     facts = {f["name"]: f["state"] for f in json.loads(capsys.readouterr().out)["machine"]}
     assert "pymavlink 2" in facts["packages core"]
+    assert facts["system"] == "linux, flies"
+    assert facts["lockstep"] == "works here"
+    assert re.match(
+        r"\d+ cores, [\d.]+ GiB free: about \d+ agents in real time", facts["cores and memory"]
+    )
+    assert facts["browser"].startswith("none in the PATH")
     assert "git clone" in facts["arducopter program"]
     assert "git clone" in facts["px4 program"]
     assert facts["containers"] == "neither podman nor docker"
@@ -46,6 +54,20 @@ def test_the_machine(
         "own values COM_OBL_RC_ACT 0; left by 20261122-hexagon"
         in facts["  px4 4 at udpin:127.0.0.1:14540"]
     )
+
+
+def test_a_port_that_is_taken_and_a_system_that_flies_nothing_are_said(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+        monkeypatch.setattr(around, "_PORTS", ((socket.SOCK_DGRAM, port, "others"),))
+        monkeypatch.setattr(around, "lacks", lambda: ["fork"])
+        facts = {name: (state, attention) for name, state, attention in around.surroundings()}
+    assert facts[f"port {port}"][0].startswith("in use (Address already in use), by others?")
+    assert facts["system"][0].startswith("flies nothing: lacks fork; allowed: Linux")
+    assert facts["system"][1]
 
 
 def test_a_damaged_memory_needs_attention(
