@@ -70,7 +70,9 @@ class Desk:
     ) -> None:
         self._plan = plan
         self._start_ns = start_ns
-        self._model = Model(plan, speedup=speedup, station=station)
+        self._speedup = speedup
+        self._station = station
+        self._model: Model | None = None
         self._journal = Journal()
         self._every_s = LOOK_S * max(1, len(plan.agents) // _MANY)
         self._due_s = -math.inf
@@ -78,13 +80,17 @@ class Desk:
 
     def hear(self, payload: Payload, heard_s: float) -> Iterator[Derived]:
         """Take a message in; where a look is due, what it shows."""
+        if self._model is None:  # no agent is missed before it
+            self._model = Model(
+                self._plan, speedup=self._speedup, since_s=heard_s, station=self._station
+            )
         self._model.fold(payload, heard_s)
         if heard_s >= self._due_s:
             self._due_s = max(self._due_s + self._every_s, heard_s + 0.5 * self._every_s)
-            yield from self._look(heard_s)
+            yield from self._look(self._model.view(heard_s))
 
-    def _look(self, now_s: float) -> Iterator[Derived]:
-        told, view = self._journal.told, self._model.view(now_s)
+    def _look(self, view: SwarmView) -> Iterator[Derived]:
+        told, now_s = self._journal.told, view.time_s
         self._journal.update(view)
         for entry in self._journal.newest(self._journal.told - told):
             line = Log(
