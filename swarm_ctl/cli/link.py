@@ -53,7 +53,7 @@ def link(
     headless: Annotated[bool, switch("--headless", "A line every ten seconds; no table.")] = False,
     as_json: Annotated[bool, switch("--json", "A JSON line each half second; no table.")] = False,
 ) -> None:
-    """Share one telemetry radio between the agents of the vehicles behind it.
+    """Share one telemetry radio between several agents.
 
     Several agents of the fleet have the same endpoint: the radio's. This process alone opens it,
     and passes frames by MAVLink system id. It keeps within what the radio carries: setpoints
