@@ -54,6 +54,10 @@ _TIMEOUT: Final = "Of NAME@HASH: how long to wait for a station that has it."
 _RECORD: Final = (
     "A folder for agent-ID.tlog, which goes on where it is there, and the last status as JSON."
 )
+_EPOCH: Final = (
+    "Mission time 0 on this host's monotonic clock.  [default: its own zero where the fleet says"
+    " `host`, so that all agents of a host share one clock; else now]"
+)
 _LOCKSTEP: Final = "The folder of a run in lockstep, whose clock this agent joins."
 
 
@@ -73,10 +77,7 @@ def agent(
     router: Annotated[str | None, option("tcp/HOST:PORT", _ROUTER)] = None,
     fleet: FleetFile = None,
     speedup: Speedup = 1.0,
-    epoch: Annotated[
-        float | None,
-        option("SECONDS", "Mission time 0 on this host's monotonic clock.  [default: now]"),
-    ] = None,
+    epoch: Annotated[float | None, option("SECONDS", _EPOCH)] = None,
     identity: Annotated[Path | None, option("FOLDER", _IDENTITY)] = None,
     open_mesh: OpenMesh = False,
     zenoh_config: ZenohConfig = None,
@@ -125,7 +126,8 @@ def agent(
     if not open_mesh:
         exposed = exposures(Fleet((own,), None if keys is None else str(keys), signing), connect)
         refuse_exposed(exposed, str(fleet or file), keys)
-    clock = Clock.starting_now(speedup) if epoch is None else Clock(epoch, speedup)
+    begins_s = 0.0 if own.host and epoch is None else epoch
+    clock = Clock.starting_now(speedup) if begins_s is None else Clock(begins_s, speedup)
     config = AgentConfig(
         plan=plan,
         agent_id=agent_id,
@@ -151,6 +153,7 @@ def agent(
         report=record and record / f"agent-{agent_id}.json",
         tlog=record and record / f"agent-{agent_id}.tlog",
         started_us=int((unix_s() - clock.now()) * 1e6),
+        same_clock=tuple(a.id for a in entries.agents if own.host and a.host == own.host),
     )
     if keys is not None:
         threading.Thread(target=_explain, args=(keys, connect), daemon=True).start()

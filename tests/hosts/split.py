@@ -1,5 +1,5 @@
-"""One mission on several hosts: agents and a station in each network namespace, their vehicles in
-the middle."""
+"""One mission on several hosts: agents, a station and perhaps a router in each network namespace,
+their vehicles in the middle."""
 
 from __future__ import annotations
 
@@ -9,9 +9,12 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Self
 
 from swarm_ctl.mission.compile.loader import load
@@ -20,18 +23,45 @@ from tests.hosts.namespaces import Network
 from tests.hosts.relay import Air
 from tests.system.running import SWARM_CTL
 
-_VEHICLES, _MESHES = 14600, 7400
+_VEHICLES, _MESHES, _ROUTER = 14600, 7400, 7447
 """First ports: these namespaces have no other processes."""
+
+
+class Links(StrEnum):
+    """What the fleet says of the links between the hosts."""
+
+    HOSTS = "host"
+    """The agents' hosts alone."""
+    ROUTERS = "router"
+    """A router of each host."""
+    TCP = "tcp"
+    """Where each agent listens."""
+
+
+@dataclass(frozen=True)
+class HostClock:
+    """How the clock of a host stands to that of the first one."""
+
+    ahead_s: float = 0.0
+    rate: float = 1.0
 
 
 class Split:
     """A mission in flight. `sides`: the ids of the agents on each host; `mission`: its file's text
-    without a fleet."""
+    without a fleet; `clocks`: by host, where they differ; `air`: from the start on."""
 
     def __init__(
-        self, mission: str, sides: Sequence[Sequence[int]], where: Path, speedup: float
+        self,
+        mission: str,
+        sides: Sequence[Sequence[int]],
+        where: Path,
+        speedup: float,
+        links: Links = Links.TCP,
+        clocks: Mapping[int, HostClock] = MappingProxyType({}),
+        air: Air | None = None,
     ) -> None:
         self._where, self._speedup, self._epoch_s = where, speedup, time.monotonic()
+        self._links, self._clocks = links, clocks
         self.sides = sides
         self.truth_path = where / "truth.jsonl"
         """Where all vehicles have been."""
@@ -40,14 +70,19 @@ class Split:
         try:
             self.network = self._open.enter_context(Network(len(sides)))
             self._open.callback(self._kill)
+            if air is not None:
+                self.air(air)
             path = where / "split.yaml"
             path.write_text(mission + self._fleet())
             self.plan = load(path).plan
             self._simulator = self._simulate()
-            self._stations = [self._station(side, path) for side in range(len(sides))]
-            self._agents = {
-                i: self._agent(i, side, path) for side, ids in enumerate(sides) for i in ids
-            }
+            self._path = path
+            self.routers: dict[int, subprocess.Popen[bytes]] = {}
+            if links is Links.ROUTERS:
+                for side in range(len(sides)):
+                    self.start_router(side)
+            self._stations = {side: self._station(side) for side in range(len(sides))}
+            self._agents = {i: self._agent(i, side) for side, ids in enumerate(sides) for i in ids}
         except BaseException:
             self._open.close()
             raise
@@ -57,12 +92,20 @@ class Split:
         for side, ids in enumerate(self.sides):
             for i in ids:
                 vehicle = f"udpout:{self.network.middle_address(side)}:{_VEHICLES + i}"
-                mesh = f"tcp/{self.network.address(side)}:{_MESHES + i}"
                 lines.append(
-                    f"    - {{id: {i}, endpoint: '{vehicle}', mesh: {mesh}, "
+                    f"    - {{id: {i}, endpoint: '{vehicle}', {self._place(i, side)}, "
                     f"autopilot: {self._autopilot(i)}}}"
                 )
         return "\n".join(lines) + "\n"
+
+    def _place(self, agent: int, side: int) -> str:
+        """The agent on the mesh, as the fleet says it."""
+        host = self.network.address(side)
+        return {
+            Links.HOSTS: f"host: {host}",
+            Links.ROUTERS: f"host: {host}, router: 'udp/{host}:{_ROUTER}'",
+            Links.TCP: f"mesh: 'tcp/{host}:{_MESHES + agent}'",
+        }[self._links]
 
     @staticmethod
     def _autopilot(agent: int) -> str:
@@ -95,14 +138,24 @@ class Split:
         )
         return self._started(command, "simulator")
 
-    def _station(self, side: int, path: Path) -> subprocess.Popen[bytes]:
-        words = [SWARM_CTL, "station", "--mission", path, "--json", "--open-mesh"]
+    def start_router(self, side: int) -> None:
+        """Of a host; again, after it was killed."""
+        listen = f"udp/{self.network.address(side)}:{_ROUTER}"
+        words = [SWARM_CTL, "router", self._path, "--listen", listen, "--open-mesh"]
+        words += ["--speedup", str(self._speedup)]
+        command = self.network.sides[side].inside(words)
+        self.routers[side] = self._started(command, f"router-{side}")
+
+    def _station(self, side: int) -> subprocess.Popen[bytes]:
+        words = [SWARM_CTL, "station", "--mission", self._path, "--json", "--open-mesh"]
         words += ["--speedup", str(self._speedup)]
         return self._started(self.network.sides[side].inside(words), f"station-{side}")
 
-    def _agent(self, agent: int, side: int, path: Path) -> subprocess.Popen[bytes]:
-        words = [SWARM_CTL, "agent", path, "--id", str(agent)]
-        words += ["--speedup", str(self._speedup), "--epoch", str(self._epoch_s), "--open-mesh"]
+    def _agent(self, agent: int, side: int) -> subprocess.Popen[bytes]:
+        clock = self._clocks.get(side, HostClock())
+        epoch_s = self._epoch_s - clock.ahead_s / self._speedup
+        words = [SWARM_CTL, "agent", self._path, "--id", str(agent), "--open-mesh"]
+        words += ["--speedup", str(self._speedup * clock.rate), "--epoch", str(epoch_s)]
         return self._started(self.network.sides[side].inside(words), f"agent-{agent}")
 
     def _started(self, command: list[str], name: str) -> subprocess.Popen[bytes]:
@@ -119,6 +172,12 @@ class Split:
 
     def __exit__(self, *_: object) -> None:
         self._open.close()
+
+    def kill_host(self, side: int) -> None:
+        """All that runs on it dies at once."""
+        lost = [self._agents.pop(i) for i in self.sides[side]] + [self._stations.pop(side)]
+        for process in [*lost, *([self.routers[side]] if side in self.routers else [])]:
+            process.kill()
 
     def _kill(self) -> None:
         for process in self._processes:
@@ -189,7 +248,7 @@ class Split:
         self._simulator.stdin.close()
         assert self._simulator.wait(30) == 0
         time.sleep(0.5)  # the stations show the last words they have heard
-        for station in self._stations:
+        for station in self._stations.values():
             os.kill(station.pid, signal.SIGINT)
             assert station.wait(10) == 130
         return codes

@@ -449,7 +449,8 @@ _VehicleEndpoint = Annotated[
 Endpoint = Annotated[
     str, Field(pattern=r"^(tcp|tls|udp|quic)/\S+:[0-9]{1,5}$", examples=["tcp/192.168.1.11:7447"])
 ]
-"""Of the mesh."""
+"""Of the mesh. `tcp` is one stream; `udp` is QUIC, whose states are datagrams; `tls` and `quic` are
+the same with keys, which `trust` makes of either by itself."""
 
 
 class FleetEntry(Section):
@@ -476,9 +477,13 @@ class FleetEntry(Section):
     """The vehicle's MAVLink endpoint. Several agents may share a serial one, which then is a radio:
     `swarm-ctl link` passes their frames. Default: `run` starts the vehicle."""
     mesh: Endpoint | None = None
-    """Where the agent listens on the mesh, in a swarm of up to 16. Default: a loopback port."""
+    """Where the agent listens on the mesh, in a swarm of up to 16 without routers. Default: where
+    `host` stands, `udp/HOST:7448`, the next agent of that host 7449 and so on; else a loopback
+    port."""
     router: Endpoint | None = None
-    """Where the router of the agent's host listens, in a larger swarm. Default: the fleet's."""
+    """Where the router listens whose client the agent is: of its host, in a swarm of more than 16
+    or one whose fleet names routers. Default: the fleet's; in a larger swarm, where `host` stands,
+    `udp/HOST:7447`."""
     host: str | None = Field(
         default=None,
         pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]{0,252}$",
@@ -510,9 +515,9 @@ class FleetSection(Section):
     version: Literal[1] = 1
     agents: tuple[FleetEntry, ...] = Field(min_length=1, max_length=250)
     router: Endpoint | None = None
-    """Where the router listens whose clients all agents of a swarm of more than 16 are; an agent of
-    another host names its own. `swarm-ctl router` starts it. Default: `run` starts one on a
-    loopback port."""
+    """Where the router listens whose clients all agents are; an agent of another host names its
+    own. `swarm-ctl router` starts it. Default: a swarm of up to 16 has none; of a larger one `run`
+    starts one on a loopback port, or the agents' hosts have one each (`host`)."""
     trust: str | None = Field(default=None, min_length=1, examples=["trust/outdoors"])
     """The folder with the swarm's keys, relative to this file; `swarm-ctl trust new` makes it. The
     mesh is then encrypted, and open to its members alone. Default: an open mesh, which may not

@@ -1,0 +1,144 @@
+"""The hexagon on three hosts, two agents on each: links that are lossy, a router or a host that is lost,
+halves that part and meet again, an address that changes, clocks that differ.
+
+Every vehicle's own link stays whole. Agents act by policy, and no two vehicles come too near.
+"""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.hosts.namespaces import why_not
+from tests.hosts.relay import Air
+from tests.hosts.split import HostClock, Links, Split
+from tests.hosts.test_split_mesh import assert_apart_and_down
+
+pytestmark = [
+    pytest.mark.long,
+    pytest.mark.timeout(300),
+    pytest.mark.skipif(bool(why_not()), reason=why_not() or "-"),
+]
+
+MISSION = """
+version: 1
+name: hosts
+origin: {{lat_deg: 47.4, lon_deg: 8.5, alt_m: 400}}
+unit_m: 5
+law: {{r: 4.5, r_out: 1.5, r_in: 0.5}}
+agents:
+  - {{id: 1, start: [14, 16]}}
+  - {{id: 2, start: [12, 12]}}
+  - {{id: 3, start: [10, 18]}}
+  - {{id: 4, start: [6, 12]}}
+  - {{id: 5, start: [6, 16]}}
+  - {{id: 6, start: [14, 10]}}
+shapes:
+  hexagon: {{kind: ring, count: 6, side: 2}}
+policies: {{agent_lost: {lost}, station_lost: {lost}}}
+steps:
+  - takeoff: {{height_m: 5}}
+  - form: {{shape: hexagon, slots: nearest, tolerance_m: 0.5, settle_s: 5, timeout_s: 120}}
+  - hold: {{duration_s: {hold_s}}}
+  - land
+"""
+FORM, HOLD = 2, 3
+SIDES = ((1, 2), (3, 4), (5, 6))
+ALL = range(1, 7)
+LOSSY = Air(loss=0.2, delay_s=0.1)
+
+
+def hosts(
+    where: Path, links: Links, lost: str = "land", hold_s: float = 3, **more: object
+) -> Split:
+    mission = MISSION.format(lost=lost, hold_s=hold_s)
+    return Split(mission, SIDES, where, 1, links, **more)  # type: ignore[arg-type]  # Split's own
+
+
+def near(flight: Split) -> bool:
+    """Each station has heard every agent of the mission in the last second."""
+    heard = [flight.agents(side) for side in range(len(SIDES))]
+    return all(
+        len(agents) == len(ALL) and all(agent["age_s"] < 1.0 for agent in agents.values())
+        for agents in heard
+    )
+
+
+@pytest.mark.parametrize("links", [Links.HOSTS, Links.ROUTERS])
+def test_a_fifth_is_lost_and_all_is_late(tmp_path: Path, links: Links) -> None:
+    """20 % loss and 100 ms each way, from the first packet on: formed 90 s after the command at the
+    latest (on an idle machine after 45 s), and flown to the end."""
+    with hosts(tmp_path, links, air=LOSSY) as flight:
+        began_s = time.monotonic()
+        flight.wait_step(FORM)
+        flying_s = time.monotonic() - began_s
+        flight.wait_step(HOLD)
+        formed_s = time.monotonic() - began_s
+        assert flight.finish(180) == dict.fromkeys(ALL, 0)
+        print(f"{links}: in the air after {flying_s:.1f} s, formed after {formed_s:.1f} s")
+        assert formed_s < 90.0
+        assert_apart_and_down(flight)
+
+
+def test_a_router_is_lost_and_started_again(tmp_path: Path) -> None:
+    """Its host's agents hear no peer meanwhile, and hold; then all go on."""
+    with hosts(tmp_path, Links.ROUTERS, "hold") as flight:
+        flight.wait_step(FORM)
+        flight.routers[1].kill()
+        flight.wait_s(6)
+        flight.start_router(1)
+        flight.wait_for(lambda: near(flight), 30)
+        assert flight.finish(180) == dict.fromkeys(ALL, 0)
+        assert_apart_and_down(flight)
+
+
+def test_a_host_is_lost(tmp_path: Path) -> None:
+    """Both its agents and its router die in the air: the others land, and say which they miss; its
+    vehicles land by their own failsafe."""
+    with hosts(tmp_path, Links.ROUTERS) as flight:
+        flight.wait_step(FORM)
+        flight.kill_host(1)
+        assert flight.finish(180) == dict.fromkeys((1, 2, 5, 6), 1)
+        for agent in (1, 2, 5, 6):
+            assert "has not been heard" in flight.said(agent)
+        assert_apart_and_down(flight)
+
+
+@pytest.mark.parametrize("links", [Links.HOSTS, Links.ROUTERS])
+def test_halves_that_part_and_meet_again(tmp_path: Path, links: Links) -> None:
+    """One host is cut off from two for 8 s: all hold, hear each other again, and form."""
+    with hosts(tmp_path, links, "hold") as flight:
+        flight.wait_step(FORM)
+        flight.air(Air(apart=(0,)))
+        flight.wait_s(8)
+        assert not near(flight)
+        flight.air(Air())
+        flight.wait_for(lambda: near(flight), 30)
+        assert flight.finish(180) == dict.fromkeys(ALL, 0)
+        assert_apart_and_down(flight)
+
+
+def test_a_host_gets_another_address(tmp_path: Path) -> None:
+    """The last host's: it is the one that connects to the others, and its links go on from the new
+    address."""
+    with hosts(tmp_path, Links.HOSTS, "hold") as flight:
+        flight.wait_step(FORM)
+        side = flight.network.sides[2]
+        side.run("ip address add 10.77.0.99/24 dev mesh0")
+        side.run(f"ip address del {flight.network.address(2)}/24 dev mesh0")
+        flight.wait_s(2)
+        flight.wait_for(lambda: near(flight), 30)
+        assert flight.finish(180) == dict.fromkeys(ALL, 0)
+        assert_apart_and_down(flight)
+
+
+def test_clocks_of_several_hosts(tmp_path: Path) -> None:
+    """One is an hour ahead, one is a day behind and 300 ppm fast: all fly as with one clock, over
+    links that lose a twentieth and take 20 ms."""
+    clocks = {1: HostClock(3600.0), 2: HostClock(-86400.0, 1.0003)}
+    air = Air(loss=0.05, delay_s=0.02)
+    with hosts(tmp_path, Links.HOSTS, clocks=clocks, air=air) as flight:
+        assert flight.finish(180) == dict.fromkeys(ALL, 0)
+        assert_apart_and_down(flight)
