@@ -17,6 +17,9 @@ from swarm_ctl.trust.names import Role
 from swarm_ctl.trust.roster import Entry
 
 _WITH_TLS: Final = {"tcp": "tls", "udp": "quic"}
+_MIXED: Final = {"udp": "rel=1;mixed_rel=1", "quic": "mixed_rel=1"}
+"""zenoh's words for QUIC (of `udp`, which is bare datagrams without them), and for datagrams beside
+its streams."""
 _KEYS = "keys and rights are made by swarm-ctl trust"
 _PLACES = (
     "the fleet, --mesh, --peer and --router name the endpoints, and keep them off other computers"
@@ -68,19 +71,17 @@ def as_tls(endpoint: str) -> str:
     return f"{_WITH_TLS.get(scheme, scheme)}/{place}"
 
 
-def for_zenoh(endpoint: str, *, protected: bool) -> list[str]:
+def for_zenoh(endpoint: str, *, protected: bool) -> str:
     """The endpoint as zenoh is told of it.
 
-    `tcp/` and `tls/` are one stream: a lost packet holds up all that follows. `udp/` is a stream
-    and datagrams, on the same port of TCP and UDP: what is said once (events, commands, who listens
-    to what) is sent until it arrives; a state that the next one replaces is in time or lost. With
-    TLS both are in one QUIC connection (`quic/`).
+    `tcp/` and `tls/` are one stream: a lost packet holds up all that follows. `udp/` and `quic/`
+    are QUIC links, without and with TLS, of streams and datagrams: what is said once (events,
+    commands, who listens to what) is sent until it arrives; a state that the next one replaces is
+    in time or lost.
     """
     told = as_tls(endpoint) if protected else endpoint
-    scheme, _, place = told.partition("/")
-    if scheme == "udp":
-        return [f"tcp/{place}?rel=1", f"udp/{place}?rel=0"]
-    return [f"{told}?mixed_rel=1" if scheme == "quic" else told]
+    mixed = _MIXED.get(told.partition("/")[0])
+    return told if mixed is None or "?" in told else f"{told}?{mixed}"
 
 
 def access_settings(identity: Identity, swarm: str) -> dict[str, Any]:

@@ -6,8 +6,9 @@ import contextlib
 import ipaddress
 import json
 import os
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from enum import StrEnum
+from functools import partial
 from typing import Any, Final
 
 import zenoh
@@ -46,8 +47,6 @@ it is dropped (zenoh's defaults): the control loop must not wait."""
 _PATIENT_QUEUED, _PATIENT_DROPPED_AFTER_US = 16, 1_000_000
 """In lockstep mission time waits for the message. With the defaults, one of 17 flights beside four
 busy loops lost two, and was another flight."""
-_LINKS: Final = 2
-"""Between two processes: of `udp/`, a stream and datagrams."""
 _PENDING, _SESSIONS = 600, 300
 """Links that open at a time and have not said yet who they are (zenoh's default, 100, let 500
 silent connections keep a new peer away), and links in all: for 250 agents and 50 stations. Together
@@ -141,14 +140,11 @@ def configuration(
     queued = {"real_time": _PATIENT_QUEUED if patient else _QUEUED}
     if part is Part.ROUTER:  # a hundred agents' statuses go to a station by one link
         queued = {"real_time": _PATIENT_QUEUED, "data": _PATIENT_QUEUED}
-
-    def told(endpoints: Iterable[str]) -> list[str]:
-        return [one for each in endpoints for one in for_zenoh(each, protected=bool(access))]
-
+    spelled = partial(for_zenoh, protected=bool(access))
     settings: dict[str, Any] = {
         "mode": part,
-        "listen/endpoints": told(map(_interface, listen)),
-        "connect/endpoints": told(connect),
+        "listen/endpoints": [spelled(_interface(each)) for each in listen],
+        "connect/endpoints": [spelled(each) for each in connect],
         "connect/timeout_ms": -1,
         "connect/exit_on_failure": False,
         "connect/retry": {
@@ -161,7 +157,6 @@ def configuration(
         "transport/link/tx/lease": max(_LEAST_LEASE_MS, round(_LEASE_S * 1000 / speedup)),
         "transport/unicast/open_timeout": _OPEN_WALL_MS,
         "transport/unicast/accept_timeout": _OPEN_WALL_MS,
-        "transport/unicast/max_links": _LINKS,
         "transport/unicast/accept_pending": _PENDING,
         "transport/unicast/max_sessions": _SESSIONS,
         "transport/link/rx/max_message_size": _LONGEST,

@@ -1,5 +1,5 @@
-"""The hexagon on three hosts, two agents on each: links that are lossy, a router or a host that is lost,
-halves that part and meet again, an address that changes, clocks that differ.
+"""The hexagon on three hosts, two agents on each: a host that is lost, halves that part and meet
+again, clocks that differ.
 
 Every vehicle's own link stays whole. Agents act by policy, and no two vehicles come too near.
 """

@@ -478,12 +478,12 @@ class FleetEntry(Section):
     `swarm-ctl link` passes their frames. Default: `run` starts the vehicle."""
     mesh: Endpoint | None = None
     """Where the agent listens on the mesh, in a swarm of up to 16 without routers. Default: where
-    `host` stands, `udp/HOST:7448`, the next agent of that host 7449 and so on; else a loopback
+    `host` stands, `tcp/HOST:7448`, the next agent of that host 7449 and so on; else a loopback
     port."""
     router: Endpoint | None = None
     """Where the router listens whose client the agent is: of its host, in a swarm of more than 16
     or one whose fleet names routers. Default: the fleet's; in a larger swarm, where `host` stands,
-    `udp/HOST:7447`."""
+    `tcp/HOST:7447`."""
     host: str | None = Field(
         default=None,
         pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]{0,252}$",

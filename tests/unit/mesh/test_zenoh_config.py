@@ -12,7 +12,7 @@ import zenoh
 
 from swarm_ctl.cli.shared.options import zenoh_settings
 from swarm_ctl.errors import InputError
-from swarm_ctl.mesh.access import _OURS, is_set
+from swarm_ctl.mesh.access import _OURS, for_zenoh, is_set
 from swarm_ctl.mesh.zenoh_config import Part, configuration, read_settings
 
 FREE = {"aggregation", "gateway", "metadata", "open", "queries_default_timeout", "region_name"}
@@ -117,3 +117,26 @@ def test_a_file_that_is_not_there(tmp_path: Path) -> None:
 def test_every_section_of_this_zenoh_is_known() -> None:
     """A new version's new section is looked at before a file may set it."""
     assert set(json.loads(str(zenoh.Config()))) == FREE | {path.split("/")[0] for path in _OURS}
+
+
+@pytest.mark.parametrize(
+    ("listen", "told"),
+    [
+        ("tcp/10.0.0.5:7447", ["tcp/10.0.0.5:7447"]),
+        ("udp/10.0.0.5:7447", ["udp/10.0.0.5:7447?rel=1;mixed_rel=1"]),
+        ("udp/localhost:7447", ["udp/localhost:7447?rel=1;mixed_rel=1"]),
+        ("tcp/drone3.local:7447", ["tcp/0.0.0.0:7447"]),
+        ("tcp/[::1]:7447", ["tcp/[::1]:7447"]),
+    ],
+)
+def test_where_a_process_listens(listen: str, told: list[str]) -> None:
+    """`udp` is QUIC; a name stands for all interfaces, as what it means may
+    change."""
+    config = configuration([listen], [], 1.0, patient=False)
+    assert json.loads(config.get_json("listen/endpoints")) == told
+
+
+@pytest.mark.parametrize(("named", "told"), [("tcp", "tls/{}"), ("udp", "quic/{}?mixed_rel=1")])
+def test_with_keys_every_link_is_tls(named: str, told: str) -> None:
+    at = "10.0.0.5:7447"
+    assert for_zenoh(f"{named}/{at}", protected=True) == told.format(at)

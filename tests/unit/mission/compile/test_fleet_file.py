@@ -261,3 +261,39 @@ def test_vehicles_behind_one_radio_have_sysids_of_their_own(tmp_path: Path) -> N
     path.write_text(path.read_text().replace("id: 2,", "id: 2, sysid: 1,"))
     with pytest.raises(MissionError, match="sysid 1 is there twice behind the radio"):
         read_fleet(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "mesh", "routers"),
+    [
+        (
+            "agents: [{id: 1, host: a}, {id: 2, host: b}, {id: 3, host: a}]\n",
+            ["tcp/a:7448", "tcp/b:7448", "tcp/a:7449"],
+            [None] * 3,
+        ),
+        (
+            "agents: [{id: 1, host: a, mesh: tcp/a:9}, {id: 2, host: b}]\n",
+            ["tcp/a:9", "tcp/b:7448"],
+            [None] * 2,
+        ),
+        (
+            "agents: [{id: 1, host: a, router: tcp/c:1}, {id: 2, host: b}]\n",
+            [None] * 2,
+            ["tcp/c:1", "tcp/b:7447"],
+        ),
+        (
+            "agents: [" + ", ".join(f"{{id: {i}, host: h{i % 2}}}" for i in range(1, 18)) + "]\n",
+            [None] * 17,
+            [f"tcp/h{i % 2}:7447" for i in range(1, 18)],
+        ),
+    ],
+    ids=["small", "one named", "routers named", "large"],
+)
+def test_places_on_the_mesh_follow_from_the_host(
+    tmp_path: Path, text: str, mesh: list[str | None], routers: list[str | None]
+) -> None:
+    path = tmp_path / "fleet.yaml"
+    path.write_text(text)
+    agents = read_fleet(path).agents
+    assert [agent.mesh for agent in agents] == mesh
+    assert [agent.router for agent in agents] == routers
