@@ -1,12 +1,11 @@
-"""The hexagon on three hosts, two agents on each: a host that is lost, halves that part and meet
-again, clocks that differ.
+"""The hexagon on three hosts, two agents on each: a router or a host that is lost, clocks that
+differ.
 
 Every vehicle's own link stays whole. Agents act by policy, and no two vehicles come too near.
 """
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 
 import pytest
@@ -44,10 +43,9 @@ steps:
   - hold: {{duration_s: {hold_s}}}
   - land
 """
-FORM, HOLD = 2, 3
+FORM = 2
 SIDES = ((1, 2), (3, 4), (5, 6))
 ALL = range(1, 7)
-LOSSY = Air(loss=0.2, delay_s=0.1)
 
 
 def hosts(
@@ -64,22 +62,6 @@ def near(flight: Split) -> bool:
         len(agents) == len(ALL) and all(agent["age_s"] < 1.0 for agent in agents.values())
         for agents in heard
     )
-
-
-@pytest.mark.parametrize("links", [Links.HOSTS, Links.ROUTERS])
-def test_a_fifth_is_lost_and_all_is_late(tmp_path: Path, links: Links) -> None:
-    """20 % loss and 100 ms each way, from the first packet on: formed 90 s after the command at the
-    latest (on an idle machine after 45 s), and flown to the end."""
-    with hosts(tmp_path, links, air=LOSSY) as flight:
-        began_s = time.monotonic()
-        flight.wait_step(FORM)
-        flying_s = time.monotonic() - began_s
-        flight.wait_step(HOLD)
-        formed_s = time.monotonic() - began_s
-        assert flight.finish(180) == dict.fromkeys(ALL, 0)
-        print(f"{links}: in the air after {flying_s:.1f} s, formed after {formed_s:.1f} s")
-        assert formed_s < 90.0
-        assert_apart_and_down(flight)
 
 
 def test_a_router_is_lost_and_started_again(tmp_path: Path) -> None:
@@ -103,34 +85,6 @@ def test_a_host_is_lost(tmp_path: Path) -> None:
         assert flight.finish(180) == dict.fromkeys((1, 2, 5, 6), 1)
         for agent in (1, 2, 5, 6):
             assert "has not been heard" in flight.said(agent)
-        assert_apart_and_down(flight)
-
-
-@pytest.mark.parametrize("links", [Links.HOSTS, Links.ROUTERS])
-def test_halves_that_part_and_meet_again(tmp_path: Path, links: Links) -> None:
-    """One host is cut off from two for 8 s: all hold, hear each other again, and form."""
-    with hosts(tmp_path, links, "hold") as flight:
-        flight.wait_step(FORM)
-        flight.air(Air(apart=(0,)))
-        flight.wait_s(8)
-        assert not near(flight)
-        flight.air(Air())
-        flight.wait_for(lambda: near(flight), 30)
-        assert flight.finish(180) == dict.fromkeys(ALL, 0)
-        assert_apart_and_down(flight)
-
-
-def test_a_host_gets_another_address(tmp_path: Path) -> None:
-    """The last host's: it is the one that connects to the others, and its links go on from the new
-    address."""
-    with hosts(tmp_path, Links.HOSTS, "hold") as flight:
-        flight.wait_step(FORM)
-        side = flight.network.sides[2]
-        side.run("ip address add 10.77.0.99/24 dev mesh0")
-        side.run(f"ip address del {flight.network.address(2)}/24 dev mesh0")
-        flight.wait_s(2)
-        flight.wait_for(lambda: near(flight), 30)
-        assert flight.finish(180) == dict.fromkeys(ALL, 0)
         assert_apart_and_down(flight)
 
 

@@ -123,8 +123,8 @@ def test_every_section_of_this_zenoh_is_known() -> None:
     ("listen", "told"),
     [
         ("tcp/10.0.0.5:7447", ["tcp/10.0.0.5:7447"]),
-        ("udp/10.0.0.5:7447", ["udp/10.0.0.5:7447?rel=1;mixed_rel=1"]),
-        ("udp/localhost:7447", ["udp/localhost:7447?rel=1;mixed_rel=1"]),
+        ("udp/10.0.0.5:7447", ["udp/10.0.0.5:7447?mixed_rel=1;rel=1"]),
+        ("udp/localhost:7447", ["udp/localhost:7447?mixed_rel=1;rel=1"]),
         ("tcp/drone3.local:7447", ["tcp/0.0.0.0:7447"]),
         ("tcp/[::1]:7447", ["tcp/[::1]:7447"]),
     ],
