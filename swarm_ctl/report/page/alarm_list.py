@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
-from swarm_ctl.core.model.messages import Severity
+from swarm_ctl.core.model.messages import Payload, Severity
 from swarm_ctl.errors import InputError
-from swarm_ctl.recording import IndexedRecording
 from swarm_ctl.report.folder.last_statuses import read_events
 from swarm_ctl.report.folder.manifest import Manifest
 from swarm_ctl.station.picture.alarms import LEVEL_OF, Level
@@ -14,13 +14,16 @@ from swarm_ctl.station.picture.journal import Entry, EntryKind
 from swarm_ctl.station.picture.playback import Film
 
 
-def log_entries(folder: Path, manifest: Manifest) -> list[Entry]:
-    """Alarms, warnings, errors and commands; without a recording the agents' warnings alone."""
+def log_entries(
+    folder: Path, manifest: Manifest, said: Sequence[tuple[float, Payload]]
+) -> list[Entry]:
+    """Alarms, warnings, errors and commands, of all that the recording holds; without a recording
+    the agents' warnings alone."""
     try:
-        with IndexedRecording(folder) as recording:
-            film = Film(recording, manifest.plan, speedup=manifest.speedup)
-            film.seek(film.end_s)
-            entries = film.journal.entries
+        by_time = sorted(said, key=lambda message: message[0])
+        film = Film([by_time], manifest.plan, speedup=manifest.speedup)
+        film.seek(film.end_s)
+        entries = film.journal.entries
     except InputError:  # no recording, or nothing in it: the notes say so
         entries = tuple(
             Entry(event.time_s, EntryKind.EVENT, LEVEL_OF[event.level], (event.agent,), event.text)

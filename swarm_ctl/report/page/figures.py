@@ -206,10 +206,8 @@ def overlay(histories: Sequence[RunHistory]) -> Figure:
     first form step."""
     made, (near, away) = grid("Smallest distance and formation error", 2, 1, 7.0, 4.8)
     for k, history in enumerate(histories):
-        start_s = _first_form(history)
-        times = history.flight.time_s - start_s
-        errors = history.errors()
-        deviation = np.linalg.norm(errors - _mean(errors), axis=-1)
+        times = history.flight.time_s - history.first_form_s()
+        deviation = np.linalg.norm(history.deviations(), axis=-1)
         style = {"linewidth": 1.2, **line_style(k)}
         name = printable(history.name).replace("$", r"\$")  # else matplotlib reads a formula
         near.plot(times, least(history.nearest()), label=name, **style)
@@ -221,11 +219,6 @@ def overlay(histories: Sequence[RunHistory]) -> Figure:
     away.set_xlabel("mission time since the first form step [s]")
     made.legend(loc="outside lower center", frameon=False, fontsize=9)
     return made
-
-
-def _first_form(history: RunHistory) -> float:
-    found = min((history.run.start_s(k) for k in history.run.form_steps), default=np.inf)
-    return found if np.isfinite(found) else 0.0
 
 
 def _lines(
@@ -247,12 +240,6 @@ def _lines(
     _name(axes, len(names), what)
     bounds(axes, limits)
     return made
-
-
-def _mean(values: Floats) -> Floats:
-    there = np.isfinite(values)
-    count = np.maximum(there.sum(axis=1, keepdims=True), 1)
-    return np.asarray(np.where(there, values, 0.0).sum(axis=1, keepdims=True) / count)
 
 
 def _name(axes: Axes, count: int, what: str) -> None:

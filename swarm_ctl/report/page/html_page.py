@@ -22,6 +22,7 @@ from swarm_ctl.report.judge.summary import Summary, read_summary
 from swarm_ctl.report.page.alarm_list import log_entries
 from swarm_ctl.report.page.drawing import DPI, same_scale, save
 from swarm_ctl.report.page.figures import FIGURES, overlay
+from swarm_ctl.report.page.player import player, script_hash, style
 from swarm_ctl.report.page.run_history import RunHistory, read_history
 from swarm_ctl.report.page.summary_table import figures_of, render_summary
 from swarm_ctl.station.picture.journal import Entry
@@ -69,8 +70,9 @@ def make_report(folder: Path) -> Path:
         made = draw(history)
         if made is not None:
             drawn.append(_image(save(made, figures, name)[0].read_bytes(), name))
-    entries, notes = log_entries(folder, history.manifest), _notes(history, summary)
+    entries, notes = _log(folder, history), _notes(history, summary)
     parts = {
+        "Flight": player([(history, entries)]),
         "Summary": _pre(render_summary(summary)),
         "Alarms": _alarms(entries, notes),
         "Figures": _gallery(drawn) if drawn else "<p>There is nothing to draw.</p>",
@@ -87,6 +89,7 @@ def make_comparison(folders: Sequence[Path], path: Path) -> Path:
     histories = [read_history(folder) for folder in folders]
     names = [history.name for history in histories]
     parts = {
+        "Flights": player([(h, _log(f, h)) for f, h in zip(folders, histories, strict=True)]),
         "Numbers": _numbers(names, [_summary(folder) for folder in folders]),
         "Together": _figure(overlay(histories), "together"),
     }
@@ -108,6 +111,10 @@ def comparison_table(folders: Sequence[Path]) -> Table:
     for row in _rows([_summary(folder) for folder in folders]):
         table.add_row(*(Text(cell) for cell in row))
     return table
+
+
+def _log(folder: Path, history: RunHistory) -> list[Entry]:
+    return log_entries(folder, history.manifest, history.heard.said)
 
 
 def _notes(history: RunHistory, summary: Summary) -> tuple[str, ...]:
@@ -146,7 +153,7 @@ def _alarm(entry: Entry) -> str:
     agents = agents_named(entry.agents) if entry.agents else ""
     times = f" (×{entry.count})" if entry.count > 1 else ""
     cells = _cells((agents, entry.kind, entry.text + times))
-    time = f'<td class="time">{entry.time_s:.1f} s</td>'
+    time = f'<td class="time" data-s="{entry.time_s:.2f}">{entry.time_s:.1f} s</td>'
     return f'<tr class="{entry.level.name.lower()}">{time}{cells}</tr>'
 
 
@@ -191,10 +198,16 @@ def _image(png: bytes, name: str, caption: str = "") -> str:
 
 def _page(title: str, parts: Mapping[str, str]) -> str:
     """A whole page; `parts` are HTML by their headings."""
-    body = "".join(f"<h2>{_text(heading)}</h2>{part}" for heading, part in parts.items())
+    found = ((heading, part) for heading, part in parts.items() if part)
+    body = "".join(f"<h2>{_text(heading)}</h2>{part}" for heading, part in found)
+    policy = (
+        "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:; "
+        f"style-src 'unsafe-inline'; script-src '{script_hash()}'"
+    )
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{_text(title)}</title><style>{_STYLE}</style></head>"
+        f'<meta http-equiv="Content-Security-Policy" content="{policy}">'
+        f"<title>{_text(title)}</title><style>{_STYLE}{style()}</style></head>"
         f"<body><h1>{_text(title)}</h1>{body}</body></html>\n"
     )

@@ -10,7 +10,7 @@ import numpy as np
 
 from swarm_ctl.core.law.formation import distances
 from swarm_ctl.core.law.graph import edges
-from swarm_ctl.core.model.messages import AgentState, AgentStatus, SigmaReport
+from swarm_ctl.core.model.messages import AgentState, AgentStatus, Payload, SigmaReport
 from swarm_ctl.core.model.plan import FormStep, Plan
 from swarm_ctl.errors import InputError
 from swarm_ctl.recording import RECORDING, read, recover
@@ -28,6 +28,8 @@ class HeardMessages:
     statuses: dict[int, list[AgentStatus]] = field(default_factory=dict)
     sigmas: dict[tuple[int, int], list[tuple[float, float, float]]] = field(default_factory=dict)
     """(time, distance, sigma) as agent i sees j, by (i, j); units."""
+    said: list[tuple[float, Payload]] = field(default_factory=list)
+    """(time heard, message) of all of them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,6 +77,20 @@ class RunHistory:
         found[~flight.live] = np.nan
         found[flight.time_s > self.run.landing_s()] = np.nan
         return found
+
+    def deviations(self) -> Floats:
+        """e_i less the mean of all that fly [m], (T, n, 2): how far each is from its slot, wherever
+        the shape stands; nan as in `errors`."""
+        found = self.errors()
+        there = np.isfinite(found)
+        count = np.maximum(there.sum(axis=1, keepdims=True), 1)
+        mean = np.where(there, found, 0.0).sum(axis=1, keepdims=True) / count
+        return np.asarray(found - mean)
+
+    def first_form_s(self) -> float:
+        """When the first form step began; 0 where none did."""
+        found = min((self.run.start_s(k) for k in self.run.form_steps), default=np.inf)
+        return found if np.isfinite(found) else 0.0
 
     def _turned(self, slots_m: Floats, time_s: Floats) -> Floats:
         """The slots (n, 2) turned and scaled as the shared frame at each moment, (T, n, 2)."""
@@ -148,7 +164,8 @@ def _heard(folder: Path, notes: list[str]) -> HeardMessages:
 
 
 def _take(heard: HeardMessages, folder: Path) -> None:
-    for _, payload in read(folder):
+    for heard_s, payload in read(folder):
+        heard.said.append((heard_s, payload))
         match payload:
             case AgentState():
                 heard.states.setdefault(payload.agent, []).append(payload)

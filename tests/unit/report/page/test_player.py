@@ -1,0 +1,152 @@
+"""The player of a report: its data against the flight, and itself in headless Chromium."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import re
+import shutil
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swarm_ctl.report.page.html_page import make_comparison, make_report
+from swarm_ctl.report.page.player import OFF_M, player
+from swarm_ctl.report.page.run_history import RunHistory, read_history
+from swarm_ctl.station.picture.alarms import Level
+from swarm_ctl.station.picture.journal import Entry, EntryKind
+from tests.unit.report.run_folders import FORM, HOLD, position, write_run
+
+EVIL = "</script><script>document.title='run'</script>"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    made = tmp_path_factory.mktemp("made") / "run"
+    made.mkdir()
+    return write_run(made)
+
+
+@pytest.fixture(scope="module")
+def history(folder: Path) -> RunHistory:
+    return read_history(folder)
+
+
+def data_of(page: str) -> dict[str, Any]:
+    """The flights that a page carries."""
+    found = re.search(r'id="flight">(.*?)</script>', page)
+    assert found
+    told: dict[str, Any] = json.loads(found[1])
+    return told
+
+
+def unpacked(text: str, kind: str) -> Any:
+    return np.frombuffer(base64.b64decode(text), kind)
+
+
+def test_the_page_keeps_the_flight_within_the_error_it_states(history: RunHistory) -> None:
+    """Straight lines between the places of the page are as near the flight as the page says;
+    of a smooth one it keeps fewer."""
+    smooth = history.flight.position_ned_m * (1.0, 1.0, 0.0)
+    smooth[..., 0] += 5.0 * np.sin(history.flight.time_s / 3.0)[:, None]
+    history = replace(history, flight=replace(history.flight, position_ned_m=smooth))
+    (run,) = data_of(player([(history, [])]))["runs"]
+    times = unpacked(run["times_s"], "<f4")
+    places = unpacked(run["places"], "<i2").reshape(len(times), 6, 3) * run["grain_m"]
+    places = places + run["middle_m"]
+    flown = history.flight.position_ned_m
+    assert len(times) < len(flown)
+    for agent in range(6):
+        drawn = [np.interp(history.flight.time_s, times, places[:, agent, c]) for c in range(2)]
+        off = np.linalg.norm(np.stack(drawn, axis=-1) - flown[:, agent, :2], axis=-1)
+        assert off.max() <= run["off_m"] + 1e-3
+    assert 0.0 < run["off_m"] <= OFF_M + run["grain_m"]
+
+
+def test_the_values_are_those_of_the_flight(history: RunHistory) -> None:
+    """Nearest distance and its pair, at a moment when both are known otherwise."""
+    (run,) = data_of(player([(history, [])]))["runs"]
+    k = int(np.argmin(np.abs(history.flight.time_s - 26.0)))
+    where = np.array([position(agent, 26.0)[:2] for agent in range(1, 7)])
+    apart = np.linalg.norm(where[:, None] - where[None], axis=-1) + np.diag([np.inf] * 6)
+    assert unpacked(run["curves"]["near_m"], "<f4")[k] == pytest.approx(apart.min())
+    i, j = unpacked(run["curves"]["pairs"], "<u2").reshape(-1, 2)[k]
+    assert apart[i, j] == pytest.approx(apart.min())
+
+
+def test_only_the_players_own_script_may_run(folder: Path, history: RunHistory) -> None:
+    """The policy has the hash of the one script; text of a run cannot end the data."""
+    entry = Entry(25.0, EntryKind.ALARM, Level.ERROR, (1,), EVIL)
+    part = player([(history, [entry])])
+    assert part.count("<script") == 2
+    assert EVIL in data_of(part)["runs"][0]["marks"][0]["text"]
+    script = re.findall(r"<script>(.*?)</script>", part, re.DOTALL)[0]
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    page = make_report(folder).read_text()
+    assert f"script-src 'sha256-{digest}'\"" in page
+    assert "default-src 'none'" in page
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """Headless Chromium, driven by playwright."""
+    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    chromium = shutil.which("chromium") or shutil.which("google-chrome")
+    if chromium is None:
+        pytest.skip("no chromium or google-chrome on the PATH")
+    with sync_api.sync_playwright() as driver:
+        opened = driver.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        yield opened
+        opened.close()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_it_plays_in_chromium(browser: Any, folder: Path, tmp_path: Path, scheme: str) -> None:
+    """Offline and without an error: the slider moves both views and the values, space plays, a
+    step is jumped to; two runs lie over one another (in light alone)."""
+    one = make_report(folder)
+    both = make_comparison([folder, folder], tmp_path / "compare.html")
+    context = browser.new_context(color_scheme=scheme, offline=True)
+    errors: list[str] = []
+    context.on("console", lambda said: errors.append(said.text))
+    context.on("weberror", lambda said: errors.append(str(said.error)))
+    for page_file, runs in ((one, 1), (both, 2))[: 2 if scheme == "light" else 1]:
+        page = context.new_page()
+        page.goto(page_file.as_uri())
+        page.wait_for_selector("#player:not([hidden]) tbody td")
+        page.keyboard.press("]")
+        before = _seen(page)
+        page.get_by_label("Time", exact=True).evaluate(
+            "e => { e.value = (+e.min + +e.max) / 2; e.dispatchEvent(new Event('input')); }"
+        )
+        page.wait_for_timeout(100)
+        assert all(old != new for old, new in zip(before, _seen(page), strict=True))
+        assert page.locator("tbody[data-part=now] tr").count() == runs
+        page.get_by_label("Speed").select_option("20")
+        page.locator("h1").click()
+        start_s = _time(page)
+        page.keyboard.press("Space")
+        page.wait_for_timeout(500)  # the policy keeps playwright from waiting by a script
+        assert _time(page) > start_s + 1
+        page.keyboard.press("Space")
+        page.locator("[data-part=steps] button", has_text="hold").first.click()
+        assert _time(page) == pytest.approx(HOLD if runs == 1 else HOLD - FORM)
+    assert errors == []
+    context.close()
+
+
+def _seen(page: Any) -> list[str]:
+    """Pixels of both views, and the values."""
+    views = [
+        f"document.querySelector('[data-part={view}]').toDataURL()" for view in ("plan", "scene")
+    ]
+    return [*(page.evaluate(view) for view in views), page.inner_text("tbody[data-part=now]")]
+
+
+def _time(page: Any) -> float:
+    return float(page.input_value("[data-part=time]"))
