@@ -111,7 +111,7 @@ def test_a_busy_port_is_exit_code_3() -> None:
 def test_starts_come_from_a_grid_or_a_mission() -> None:
     assert grid(5, 2.0) == [(0.0, 0.0), (0.0, 2.0), (0.0, 4.0), (2.0, 0.0), (2.0, 2.0)]
     assert len(set(grid(250, 5.0))) == 250
-    settings = _from_mission(HEXAGON)
+    settings = _from_mission(HEXAGON, None)
     starts = settings["vehicles"]
     assert [(start["persona"], start["sysid"]) for start in starts] == [
         ("ardupilot", i) for i in range(1, 7)
