@@ -105,7 +105,12 @@ class LawInputBuilder:
             points.append(peer.position if plain else told)
             present.append(peer.state is not None)
             along.append(with_us)
-            linked.append(with_us and peer.followed and peer.id in neighbours)
+            linked.append(
+                peer.followed
+                and peer.id in neighbours
+                and peer.id in slots
+                and (with_us or not peer.elsewhere(formation.key))
+            )
         points += (other.stop_point for other in snapshot.traffic)
         aircraft = snapshot.peers + snapshot.traffic
         key = (present, linked, len(snapshot.traffic))

@@ -147,8 +147,8 @@ class SafetyFilter:
     def _guards(
         self, snapshot: PeerSnapshot, own: complex, formation: Formation, moving: complex
     ) -> list[Plane]:
-        """The constraints of the links that the shape keeps; those to peers that fly another
-        formation, or none, are left out."""
+        """The constraints of the links that the shape keeps. Those to peers that fly another
+        formation are left out; while the formation moves, those to all that do not fly along."""
         planes: list[Plane] = []
         if not self._plan.safety.guard:
             return planes
@@ -158,7 +158,9 @@ class SafetyFilter:
         if not guarded:
             return planes
         for other in snapshot.far(guarded, own, self._stretched_m):
-            if other.age_at_most_s > NEIGHBOUR_S or other.formation != formation.key:
+            along = not moving or other.formation == formation.key
+            along = along and not other.elsewhere(formation.key)
+            if other.age_at_most_s > NEIGHBOUR_S or not along:
                 continue
             apart = constraints.carried(own - other.stop_point, other)
             if constraints.kept(abs(apart), self._margins):

@@ -11,7 +11,7 @@ from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
-from swarm_ctl.core.model.messages import AgentState, CommandKind
+from swarm_ctl.core.model.messages import AgentState, CommandKind, Phase
 from swarm_ctl.core.model.plan import Point
 from swarm_ctl.core.model.timeouts import FAR_LATE_S, PREDICT_S
 
@@ -70,6 +70,11 @@ class OtherAircraft(NamedTuple):
     def age(self, now: float) -> float:
         """Of its state at `now` [s]."""
         return now - self.true_s if self.far else self.age_s
+
+    def elsewhere(self, key: tuple[int, int] | None) -> bool:
+        """It flies another step or command than `key`, by its newest state."""
+        told = self.state
+        return told is not None and told.phase is Phase.FLY and (told.step, told.override) != key
 
     @property
     def silent_s(self) -> float:
