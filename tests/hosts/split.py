@@ -36,8 +36,6 @@ class Links(StrEnum):
     """A router of each host."""
     TCP = "tcp"
     """Where each agent listens."""
-    UDP = "udp"
-    """The same; its states are datagrams."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +105,6 @@ class Split:
             Links.HOSTS: f"host: {host}",
             Links.ROUTERS: f"host: {host}, router: 'udp/{host}:{_ROUTER}'",
             Links.TCP: f"mesh: 'tcp/{host}:{_MESHES + agent}'",
-            Links.UDP: f"mesh: 'udp/{host}:{_MESHES + agent}'",
         }[self._links]
 
     @staticmethod
