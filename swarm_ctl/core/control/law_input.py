@@ -109,7 +109,7 @@ class LawInputBuilder:
                 peer.followed
                 and peer.id in neighbours
                 and peer.id in slots
-                and (with_us or not peer.elsewhere(formation.key))
+                and (with_us or not peer.elsewhere(formation.key))  # mostly answered by the first
             )
         points += (other.stop_point for other in snapshot.traffic)
         aircraft = snapshot.peers + snapshot.traffic

@@ -20,10 +20,13 @@ from swarm_ctl.runtime.deploy.report import HostReport, State
 from swarm_ctl.runtime.deploy.ssh import Answer, Reach, Ssh
 
 _ASK_S: Final = 30.0
+"""For an answer: a small computer takes some seconds to start Python."""
 _SEND_S: Final = 120.0
+"""For a bundle of some hundred KB over a slow radio."""
 _AGAIN_S: Final = 2.0
+"""Between two looks at a host that is offline."""
 _AT_ONCE: Final = 16
-"""Connections."""
+"""Connections: each is a process of ssh."""
 _T = TypeVar("_T")
 Tell: TypeAlias = Callable[[str, str], None]
 """A host, and what happens there."""

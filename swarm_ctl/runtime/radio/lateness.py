@@ -18,6 +18,7 @@ LATE_S: Final = 0.3
 _DRIFT: Final = 2e-4
 """Clocks of vehicles differ by at most so much a second."""
 _BOOTED_S: Final = 1.0
+"""A clock that goes back by more has begun anew; frames that overtake each other differ by less."""
 
 
 class Lateness:

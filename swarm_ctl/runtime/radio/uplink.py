@@ -22,6 +22,10 @@ _STARVED_S: Final = 1.0
 """A request that has waited so long takes its turn with setpoints: agents ask once a second."""
 _COMMANDS_APART_S: Final = 0.1
 """Of one agent, that go before the setpoints of all; a termination is repeated each 0.2 s."""
+_FILLED: Final = 0.9
+"""Of the radio's bytes: a radio that is filled stores frames, and all of them come late."""
+_LEAST_SHARE: Final = 1 / 3
+"""Of them, for what goes up however much comes down: setpoints and commands must leave."""
 _BURST_S: Final = 0.05
 """So much may be sent at once; it stays small, because the radio's own buffer is a queue where no
 newer frame overtakes an older one."""
@@ -127,7 +131,7 @@ class Uplink:
     """Shares a radio's bytes between the lanes of its agents.
 
     `bytes_per_s` is what the radio carries in both directions together; what comes down is not
-    there for what goes up. A third always is.
+    there for what goes up, but for `_LEAST_SHARE`.
     """
 
     def __init__(self, lanes: Mapping[int, Lane], bytes_per_s: float) -> None:
@@ -139,8 +143,8 @@ class Uplink:
     def take(self, down_bytes_per_s: float, now: float) -> Iterator[tuple[int, MavlinkFrame]]:
         """The agents and frames to send now, the most urgent ones first, and among equals those of
         the agent that has waited longest."""
-        free = self._bytes_per_s * 0.9 - down_bytes_per_s
-        rate = max(self._bytes_per_s / 3, free)
+        free = self._bytes_per_s * _FILLED - down_bytes_per_s
+        rate = max(self._bytes_per_s * _LEAST_SHARE, free)
         passed_s = 0.0 if self._now is None else now - self._now
         self._now = now
         self._room = min(self._room + rate * passed_s, rate * _BURST_S)
