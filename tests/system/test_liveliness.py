@@ -27,7 +27,9 @@ def test_a_foreign_tool_sees_who_is_there(tmp_path: Path) -> None:
         config.insert_json5("mode", '"client"')
         config.insert_json5("connect/endpoints", json.dumps(manifest.agents_mesh[:1]))
         config.insert_json5("scouting/multicast/enabled", "false")
-        with closing(zenoh.open(config)) as session:
+        # Two sessions: in one that has a liveliness subscriber, zenoh 1.10 sometimes answers `get`
+        # with nothing (566 of 11,785 times on busy cores, with no code of ours; 0 of 9,495 apart).
+        with closing(zenoh.open(config)) as session, closing(zenoh.open(config)) as asking:
             there: set[str] = set()
 
             def hear(sample: zenoh.Sample) -> None:
@@ -54,5 +56,5 @@ def test_a_foreign_tool_sees_who_is_there(tmp_path: Path) -> None:
             while gone in there and time.monotonic() < until:
                 time.sleep(0.01)
             assert there == {*agents, station} - {gone}
-            found = [str(reply.ok.key_expr) for reply in session.liveliness().get(tokens)]
+            found = [str(reply.ok.key_expr) for reply in asking.liveliness().get(tokens)]
             assert sorted(found) == sorted(there)
