@@ -104,8 +104,8 @@ def agent(
         swarm-ctl agent missions/hexagon.yaml --fleet outdoors.yaml --id 3
         swarm-ctl agent hexagon@3fa9c1 --id 3 --mesh tcp/10.0.0.13:7447
     """
-    from swarm_ctl.mission.compile.exposure import exposures, refuse_exposed
     from swarm_ctl.mission.compile.offers import plan_name
+    from swarm_ctl.mission.fleet.exposure import exposures, refuse_exposed
     from swarm_ctl.runtime.agent.agent_process import AgentConfig, run_agent
     from swarm_ctl.runtime.clock import Clock, unix_s
     from swarm_ctl.runtime.lifeline import SignalLifeline
@@ -222,7 +222,7 @@ def _fetched(wanted: PlanName, known: _Known, patience_s: float) -> tuple[Plan, 
 
 def _place(wanted: PlanName, known: _Known) -> Place:
     """Where the agent fetches its plan; InputError where it has no place, or others reach it."""
-    from swarm_ctl.mission.compile.exposure import leaves_loopback, refuse_exposed
+    from swarm_ctl.mission.fleet.exposure import leaves_loopback, refuse_exposed
     from swarm_ctl.runtime.fetched_plan import Place
 
     given = known.given

@@ -56,7 +56,7 @@ def deploy(
         swarm-ctl deploy square.yaml --fleet outdoors.yaml --restart
         swarm-ctl deploy plan.json --bundles /media/stick
     """
-    from swarm_ctl.mission.compile.exposure import exposures, refuse_exposed
+    from swarm_ctl.mission.fleet.exposure import exposures, refuse_exposed
     from swarm_ctl.runtime.deploy.bundle import bundles_of
     from swarm_ctl.runtime.deploy.rollout import Hosts, parted
     from swarm_ctl.runtime.deploy.ssh import Ssh

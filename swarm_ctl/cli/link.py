@@ -68,7 +68,7 @@ def link(
         swarm-ctl link triangle.yaml --fleet outdoors.yaml --bytes-per-s 4000
         swarm-ctl link plan.json --radio serial:/dev/ttyUSB0:57600 --json
     """
-    from swarm_ctl.mission.compile.exposure import exposed_links, refuse_exposed
+    from swarm_ctl.mission.fleet.exposure import exposed_links, refuse_exposed
     from swarm_ctl.runtime.lifeline import SignalLifeline
     from swarm_ctl.runtime.radio.link_process import LinkConfig, run_link, told
 

@@ -99,7 +99,7 @@ def measure(
     """
     from swarm_ctl.core.identification.step_flight import StepFlight
     from swarm_ctl.core.law.stop_point import TYPICAL
-    from swarm_ctl.mission.compile.exposure import exposed_links, refuse_exposed
+    from swarm_ctl.mission.fleet.exposure import exposed_links, refuse_exposed
     from swarm_ctl.runtime.clock import Clock
     from swarm_ctl.runtime.interrupts import Interrupts
     from swarm_ctl.runtime.launch.measure import Task, fly, task_of, write_response

@@ -54,7 +54,7 @@ def router(
         swarm-ctl router hexagon --listen tcp/10.0.0.12:7447
     """
     from swarm_ctl.mesh.access import as_tls
-    from swarm_ctl.mission.compile.exposure import leaves_loopback, refuse_exposed
+    from swarm_ctl.mission.fleet.exposure import leaves_loopback, refuse_exposed
     from swarm_ctl.runtime.lifeline import ALIVE, READY, SignalLifeline
     from swarm_ctl.runtime.protection import router_identity_folder
     from swarm_ctl.runtime.router.router_process import RouterConfig, run_router

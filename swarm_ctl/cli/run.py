@@ -111,9 +111,9 @@ def run(
         swarm-ctl run missions/hexagon.yaml --vehicles arducopter,px4
         swarm-ctl run missions/hexagon.yaml --foxglove 8765
     """
-    from swarm_ctl.mission.compile.fleet_file import file_of
     from swarm_ctl.mission.compile.forecast import forecast, refuse_too_close
     from swarm_ctl.mission.compile.loader import load
+    from swarm_ctl.mission.fleet.fleet_file import file_of
     from swarm_ctl.recording.topics import rates
     from swarm_ctl.report.folder.files import write_whole
     from swarm_ctl.report.page.junit import junit as junit_xml

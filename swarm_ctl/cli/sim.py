@@ -71,7 +71,7 @@ def sim(
         swarm-ctl sim --mission missions/hexagon.yaml --parameter SIM_WIND_SPD=4
         mavproxy.py --master udpout:127.0.0.1:14601
     """
-    from swarm_ctl.mission.compile.exposure import listens_wide
+    from swarm_ctl.mission.fleet.exposure import listens_wide
     from swarm_ctl.runtime.clock import Clock
     from swarm_ctl.runtime.launch.sim_alone import serve
     from swarm_ctl.runtime.launch.sim_config import grid_config

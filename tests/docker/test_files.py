@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 import yaml
 
-from swarm_ctl.mission.compile.fleet_file import read_fleet
 from swarm_ctl.mission.compile.loader import load
+from swarm_ctl.mission.fleet.fleet_file import read_fleet
 
 ROOT = Path(__file__).parents[2]
 DOCKER = ROOT / "docker"

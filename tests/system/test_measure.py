@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from swarm_ctl.core.law.stop_point import TYPICAL
-from swarm_ctl.mission.compile.fleet_file import read_fleet
+from swarm_ctl.mission.fleet.fleet_file import read_fleet
 
 SWARM_CTL = str(Path(sys.executable).parent / "swarm-ctl")
 FLEET = "agents:\n  - id: 1  # the big one\n    sysid: 11\n  - {id: 2, autopilot: px4}\n"

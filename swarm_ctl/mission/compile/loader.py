@@ -18,13 +18,13 @@ from pydantic import ValidationError, create_model
 from swarm_ctl.core.model.fleet import Fleet
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.errors import MissionError, Problem
-from swarm_ctl.mission.compile import envelope
+from swarm_ctl.mission.checks import envelope
+from swarm_ctl.mission.checks.mission_checks import check
+from swarm_ctl.mission.checks.plan_checks import check_plan
+from swarm_ctl.mission.checks.warnings import warnings
 from swarm_ctl.mission.compile.build_plan import plan_of
-from swarm_ctl.mission.compile.checks import check
-from swarm_ctl.mission.compile.fleet import fleet_of
-from swarm_ctl.mission.compile.plan_checks import check_plan
-from swarm_ctl.mission.compile.vehicle_kinds import with_vehicles
-from swarm_ctl.mission.compile.warnings import warnings
+from swarm_ctl.mission.fleet.build_fleet import fleet_of
+from swarm_ctl.mission.fleet.vehicle_kinds import with_vehicles
 from swarm_ctl.mission.input import csv_slots, error_messages, yaml_file
 from swarm_ctl.mission.input.document import Document
 from swarm_ctl.mission.input.near_matches import nearest

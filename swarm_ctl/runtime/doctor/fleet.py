@@ -7,8 +7,8 @@ from pathlib import Path
 
 from swarm_ctl.core.model.fleet import Fleet
 from swarm_ctl.errors import InputError
-from swarm_ctl.mission.compile.fleet_file import read_fleet
 from swarm_ctl.mission.compile.loader import load
+from swarm_ctl.mission.fleet.fleet_file import read_fleet
 from swarm_ctl.mission.input import yaml_file
 
 

@@ -107,8 +107,8 @@ def task_of(
     InputError where there are none, or where their file can't be written and this is no `dry_run`.
     """
     # Here and not above: they read YAML, which a vehicle without a fleet does without.
-    from swarm_ctl.mission.compile import fleet_file
     from swarm_ctl.mission.compile.loader import load
+    from swarm_ctl.mission.fleet import fleet_file
 
     if mission is not None:
         loaded = load(mission, fleet=fleet)
@@ -144,7 +144,7 @@ def _refuse_unwritable(file: Path | None, mission: Path | None) -> None:
 def write_response(path: Path, agent: int, found: Response) -> None:
     """Write a response into a fleet file, in one move. The file is read again, because it may have
     been edited meanwhile."""
-    from swarm_ctl.mission.compile.fleet_file import with_response
+    from swarm_ctl.mission.fleet.fleet_file import with_response
 
     try:
         target = path.resolve()

@@ -15,8 +15,8 @@ from swarm_ctl.core.model.frames import geodetic_from_ned
 from swarm_ctl.errors import InputError
 from swarm_ctl.mesh.access import as_tls
 from swarm_ctl.mesh.zenoh_config import Part, part_in
-from swarm_ctl.mission.compile.exposure import exposures, leaves_loopback, refuse_exposed
 from swarm_ctl.mission.compile.loader import LoadedMission
+from swarm_ctl.mission.fleet.exposure import exposures, leaves_loopback, refuse_exposed
 from swarm_ctl.report.folder.manifest import Manifest, package_versions, write_manifest
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.agent.agent_process import AgentConfig

@@ -11,9 +11,9 @@ from typing import Final
 
 from swarm_ctl.errors import InputError
 from swarm_ctl.mesh.zenoh_config import part_in
-from swarm_ctl.mission.compile.exposure import leaves_loopback, refuse_exposed
 from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.mission.compile.offers import pack
+from swarm_ctl.mission.fleet.exposure import leaves_loopback, refuse_exposed
 from swarm_ctl.report.folder.last_statuses import read_commands, read_events
 from swarm_ctl.report.folder.manifest import read_manifest
 from swarm_ctl.runtime import clock as wall

@@ -15,7 +15,7 @@ from swarm_ctl.core.model.causes import Cause
 from swarm_ctl.core.model.plan import Compensation, Plan
 from swarm_ctl.core.safety import constraints
 from swarm_ctl.core.swarm import gain_update
-from swarm_ctl.mission.compile.envelope import ENVELOPE
+from swarm_ctl.mission.checks.envelope import ENVELOPE
 from swarm_ctl.mission.compile.loader import loads
 from swarm_ctl.station.picture.alarms import RULES
 from tests.unit.docs import mission_reference, study_reference

@@ -26,8 +26,8 @@ from swarm_ctl.core.model.plan import (
     TakeoffStep,
 )
 from swarm_ctl.errors import MissionError
-from swarm_ctl.mission.compile.fleet_file import read_fleet
 from swarm_ctl.mission.compile.loader import dumps, load, loads
+from swarm_ctl.mission.fleet.fleet_file import read_fleet
 from tests.unit.mission.example import TEXT, edited, without_section
 
 MISSIONS = Path(__file__).parents[4] / "missions"

@@ -17,14 +17,9 @@ from swarm_ctl.core.model.plan import (
     TakeoffStep,
 )
 from swarm_ctl.core.safety.fence import inside
-from swarm_ctl.mission.compile.checks import (
-    MAX_DISTANCE_M,
-    ROUNDING,
-    Findings,
-    named_parts,
-    too_short,
-)
+from swarm_ctl.mission.checks.mission_checks import MAX_DISTANCE_M
 from swarm_ctl.mission.input.document import Finding, Place
+from swarm_ctl.mission.input.findings import ROUNDING, Findings, named_parts, too_short
 from swarm_ctl.mission.input.schema import MissionFile
 from swarm_ctl.mission.input.units import enough, said
 

@@ -14,8 +14,8 @@ from typing import Final
 from swarm_ctl.core.law.formation import smallest_distance
 from swarm_ctl.core.law.planned_formation import planned_formations
 from swarm_ctl.core.model.plan import FormStep, Plan, ScaleStep
-from swarm_ctl.mission.compile.checks import ROUNDING, Findings
 from swarm_ctl.mission.input.document import Finding, Place
+from swarm_ctl.mission.input.findings import ROUNDING, Findings
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,11 +27,11 @@ from swarm_ctl.core.model.plan import (
     TakeoffStep,
 )
 from swarm_ctl.core.swarm.radio import LEAST_HZ, budget
-from swarm_ctl.mission.compile import envelope
-from swarm_ctl.mission.compile.checks import ROUNDING, Findings
-from swarm_ctl.mission.compile.exposure import exposures
-from swarm_ctl.mission.compile.fleet import fleet_of
+from swarm_ctl.mission.checks import envelope
+from swarm_ctl.mission.fleet.build_fleet import fleet_of
+from swarm_ctl.mission.fleet.exposure import exposures
 from swarm_ctl.mission.input.document import Finding, Place
+from swarm_ctl.mission.input.findings import ROUNDING, Findings
 from swarm_ctl.mission.input.schema import MissionFile
 from swarm_ctl.mission.input.units import said
 

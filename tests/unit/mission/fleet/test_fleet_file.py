@@ -12,9 +12,9 @@ from swarm_ctl.core.law.stop_point import TYPICAL
 from swarm_ctl.core.model.fleet import RadioShare, Signing
 from swarm_ctl.core.model.plan import Response
 from swarm_ctl.errors import InputError, MissionError
-from swarm_ctl.mission.compile.fleet_file import file_of, read_fleet, with_response
 from swarm_ctl.mission.compile.loader import load
 from swarm_ctl.mission.compile.plan_file import plan_from_json, plan_to_json
+from swarm_ctl.mission.fleet.fleet_file import file_of, read_fleet, with_response
 from swarm_ctl.mission.input import yaml_file
 from tests.unit.mission.example import TEXT as MISSION
 

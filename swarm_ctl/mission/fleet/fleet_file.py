@@ -13,8 +13,8 @@ from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from swarm_ctl.core.model.fleet import Fleet
 from swarm_ctl.core.model.plan import Response
 from swarm_ctl.errors import InputError, MissionError
-from swarm_ctl.mission.compile.checks import check_fleet, check_hosts, check_trust
-from swarm_ctl.mission.compile.fleet import fleet_agent, protected, with_agent_sysids
+from swarm_ctl.mission.fleet.build_fleet import fleet_agent, protected, with_agent_sysids
+from swarm_ctl.mission.fleet.fleet_checks import check_fleet, check_hosts, check_trust
 from swarm_ctl.mission.input import error_messages, yaml_file
 from swarm_ctl.mission.input.schema import FleetSection
 

@@ -9,20 +9,26 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import TypeAlias
+from collections.abc import Callable
 
 from swarm_ctl.core.law import graph, laws
 from swarm_ctl.core.law.formation import distances
 from swarm_ctl.core.safety.fence import area, crossing_edges, inside
 from swarm_ctl.core.swarm.hearing import SMALL_SWARM
 from swarm_ctl.errors import InputError
+from swarm_ctl.mission.fleet.fleet_checks import check_fleet, check_hosts, check_trust
 from swarm_ctl.mission.geometry.shapes import slot_count, slots_of
-from swarm_ctl.mission.input.document import Finding, Place, dotted
+from swarm_ctl.mission.input.document import Finding, Place
+from swarm_ctl.mission.input.findings import (
+    ROUNDING,
+    Findings,
+    listed,
+    named_parts,
+    too_short,
+    twice,
+)
 from swarm_ctl.mission.input.near_matches import did_you_mean
 from swarm_ctl.mission.input.schema import (
-    FleetEntry,
-    FleetSection,
     FormSection,
     MissionFile,
     MoveSection,
@@ -39,13 +45,10 @@ from swarm_ctl.mission.input.units import enough, metres, said
 
 MAX_DISTANCE_M = 5000.0
 """From the origin: further out the common frame's flat horizon is metres off the earth's."""
-ROUNDING = 1e-9
 _DOWN_MPS = 1.5
 """No firmware as delivered comes down faster (WPNAV_SPEED_DN, MPC_Z_V_AUTO_DN)."""
 _KEEPING = ("hold", "move", "rotate", "scale")
 _LAST = ("land", "return")
-
-Findings: TypeAlias = Iterator[Finding]
 
 
 def check(mission: MissionFile, broken: frozenset[str] = frozenset()) -> list[Finding]:
@@ -95,7 +98,7 @@ def _agent_ids(mission: MissionFile) -> Findings:
     ids: dict[Place, int] = {
         ("agents", k, "id"): agent.id for k, agent in enumerate(mission.agents)
     }
-    yield from _twice(ids, "an id of its own for every agent")
+    yield from twice(ids, "an id of its own for every agent")
 
 
 def _start_range(mission: MissionFile) -> Findings:
@@ -144,7 +147,7 @@ def _links(mission: MissionFile) -> Findings:
             continue
         for k, (i, j) in enumerate(links):
             if i not in ids or j not in ids or i == j:
-                allowed = f"two different ids of {_listed(ids)}"
+                allowed = f"two different ids of {listed(ids)}"
                 yield Finding((*place, k), f"[{i}, {j}] is no link", allowed)
         parts = graph.components(graph.of_links(ids, links))
         if len(parts) > 1:
@@ -161,7 +164,7 @@ def _fleet(mission: MissionFile) -> Findings:
         sysids: dict[Place, int] = {
             (*place, k, "sysid"): entry.vehicle_sysid for k, entry in enumerate(entries)
         }
-        yield from _twice(sysids, "a sysid of its own for every vehicle")
+        yield from twice(sysids, "a sysid of its own for every vehicle")
         carries = mission.fleet.radio_bytes_per_s
         yield from check_fleet(entries, place, radio=carries is not None)
         yield from check_trust(mission.fleet, ("fleet",))
@@ -186,101 +189,6 @@ def _links_of_fleet(mission: MissionFile) -> Findings:
             yield Finding(place, what, "router: of each agent, or none, or one of the fleet")
 
 
-def check_trust(fleet: FleetSection, place: Place) -> Findings:
-    """What is wrong with how the fleet, which stands at `place`, is protected."""
-    if fleet.trust is None and fleet.signing == "required":
-        what = "signing is required, and there are no keys to sign with"
-        yield Finding((*place, "signing"), what, "trust: FOLDER beside it (swarm-ctl trust new)")
-    entries = [(*place, "agents", k) for k in range(len(fleet.agents))]
-    ways = {(*entries[k], "mesh"): entry.mesh for k, entry in enumerate(fleet.agents)}
-    ways |= {(*entries[k], "router"): entry.router for k, entry in enumerate(fleet.agents)}
-    for spot, at in {**ways, (*place, "router"): fleet.router}.items():
-        scheme = (at or "tcp/").partition("/")[0]
-        if fleet.trust is None and scheme in ("tls", "quic"):
-            allowed = f"trust: FOLDER in the fleet, or {'tcp/' if scheme == 'tls' else 'udp/'}"
-            yield Finding(spot, f"{scheme}/ without keys", allowed)
-
-
-def check_fleet(entries: Sequence[FleetEntry], place: Place, *, radio: bool) -> Findings:
-    """What is wrong with the entries of a fleet, which stand at `place`, each taken alone: two
-    vehicles on separate links may have one sysid, but not in one mission. `radio`: the fleet says
-    what a shared radio carries."""
-    for field, values, allowed in (
-        ("id", [e.id for e in entries], "one entry for each agent"),
-        ("mesh", [e.mesh for e in entries], "a mesh endpoint of its own"),
-        ("agent_sysid", [e.agent_sysid for e in entries], "an agent_sysid of its own"),
-    ):
-        yield from _twice({(*place, k, field): v for k, v in enumerate(values)}, allowed)
-    yield from _shared_endpoints(entries, place, radio=radio)
-    vehicles = {entry.vehicle_sysid for entry in entries}
-    for k, entry in enumerate(entries):
-        if entry.agent_sysid in vehicles:
-            what = f"agent {entry.id} can't speak as {entry.agent_sysid}, a vehicle's sysid"
-            yield Finding((*place, k, "agent_sysid"), what, "an id of no vehicle, 1 to 254")
-        if entry.sysid is None and entry.id > 250:
-            what = f"sysid is missing, and the id, {entry.id}, can't be one"
-            yield Finding((*place, k), what, "sysid: 1 to 250")
-        if entry.vehicle and entry.endpoint:
-            what = f"vehicle {entry.vehicle} has an endpoint already, {entry.endpoint}"
-            yield Finding((*place, k, "vehicle"), what, "vehicle or endpoint")
-        if entry.firmware != (entry.kind.autopilot or entry.firmware):
-            what = f"vehicle {entry.vehicle} is no {entry.firmware}"
-            allowed = f"autopilot: {entry.kind.autopilot}, or none"
-            yield Finding((*place, k, "vehicle"), what, allowed)
-        ways = {"endpoint": entry.endpoint, "mesh": entry.mesh, "router": entry.router}
-        for name, value in ways.items():
-            port = value.rpartition(":")[2] if value and not value.startswith("serial:") else "1"
-            if not 1 <= int(port) <= 65535:
-                what = f"port {port} is out of range"
-                yield Finding((*place, k, name), what, "a port from 1 to 65535")
-
-
-def _shared_endpoints(entries: Sequence[FleetEntry], place: Place, *, radio: bool) -> Findings:
-    """Only a radio has several vehicles behind it, and knows them by their system ids."""
-    ways = {(*place, k, "endpoint"): reached_at(entry) for k, entry in enumerate(entries)}
-    alone = {spot: None if is_radio(at, radio=radio) else at for spot, at in ways.items()}
-    yield from _twice(
-        alone,
-        "an endpoint of its own for every vehicle; or radio_bytes_per_s in the fleet, what a radio"
-        " that they share carries (swarm-ctl link)",
-    )
-    behind = {
-        (*spot[:-1], "sysid"): (at, entry.vehicle_sysid)
-        for (spot, at), entry in zip(ways.items(), entries, strict=True)
-        if at is not None and alone[spot] is None
-    }
-    for spot, found in behind.items():
-        if list(behind.values()).count(found) > 1:
-            what = f"sysid {found[1]} is there twice behind the radio {found[0]}"
-            yield Finding(spot, what, "a sysid of its own for every vehicle behind a radio")
-
-
-def is_radio(at: str | None, *, radio: bool) -> bool:
-    """Whether several vehicles may be behind this endpoint."""
-    return at is not None and (radio or at.startswith("serial:"))
-
-
-def check_hosts(fleet: FleetSection, place: Place) -> Findings:
-    """What is wrong with where the agents of the fleet, which stands at `place`, run."""
-    routers: dict[str, str] = {}
-    hosted = any(entry.host for entry in fleet.agents)
-    for k, entry in enumerate(fleet.agents):
-        spot, router = (*place, "agents", k), entry.router or fleet.router
-        if hosted and not entry.host:
-            what = f"agent {entry.id} has no host, and other agents have one"
-            yield Finding(spot, what, "host: the computer that it runs on; or no host at all")
-        if entry.host and router and routers.setdefault(entry.host, router) != router:
-            what = f"{entry.host} has the router {routers[entry.host]} already"
-            yield Finding((*spot, "router"), what, "one router for each host")
-
-
-def reached_at(entry: FleetEntry) -> str | None:
-    """The vehicle's endpoint; with its host where another host may have the same one."""
-    kind, _, address = (entry.endpoint or "").partition(":")
-    own = kind in ("serial", "udpin", "tcpin") or address.startswith(("127.", "localhost:"))
-    return f"{entry.endpoint} of {entry.host}" if own and entry.host else entry.endpoint
-
-
 def _fleet_has_all(mission: MissionFile) -> Findings:
     there = {entry.id for entry in mission.fleet.agents} if mission.fleet else set()
     for k, agent in enumerate(mission.agents):
@@ -290,7 +198,7 @@ def _fleet_has_all(mission: MissionFile) -> Findings:
             yield Finding(place, what, "an id up to 250, or a fleet section that gives sysids")
         elif mission.fleet and agent.id not in there:
             what = f"agent {agent.id} has no entry in the fleet"
-            yield Finding(place, what, f"one of {_listed(there)}")
+            yield Finding(place, what, f"one of {listed(there)}")
 
 
 # --- simulation ---
@@ -305,7 +213,7 @@ def _faults(mission: MissionFile) -> Findings:
         for j, agent in enumerate(fault.agents or ()):
             if agent not in ids:
                 what = f"agent {agent} is not in this mission"
-                yield Finding((*place, k, "agents", j), what, f"one of {_listed(ids)}")
+                yield Finding((*place, k, "agents", j), what, f"one of {listed(ids)}")
     for i, k, name in overlaps(mission.simulation.faults):
         first = mission.simulation.faults[i]
         until = first.at_s + (first.for_s or 0.0)
@@ -455,33 +363,6 @@ def _starts_fenced(mission: MissionFile) -> Findings:
         if sound and not inside(mission.fence.polygon or (), agent.start):
             allowed = "a start inside fence.polygon"
             yield Finding(("agents", k, "start"), "is outside the geofence", allowed)
-
-
-# --- what checks share ---
-
-
-def too_short(place: Place, timeout_s: float | None, needed_s: float) -> Findings:
-    """The finding that a step at `place` can't be done within its time-out, if it can't."""
-    if timeout_s is not None and timeout_s <= needed_s:
-        what = f"{timeout_s:g} s is over before the {place[-1]} step can be done"
-        yield Finding((*place, "timeout_s"), what, f"above {needed_s:g}")
-
-
-def named_parts(parts: Iterable[Iterable[int]]) -> str:
-    """The parts of a graph: `{1, 3} and {2}`."""
-    return " and ".join(f"{{{_listed(part)}}}" for part in parts)
-
-
-def _listed(ids: Iterable[int]) -> str:
-    return ", ".join(map(str, sorted(ids)))
-
-
-def _twice(values: Mapping[Place, object], allowed: str) -> Findings:
-    first: dict[object, Place] = {}
-    for place, value in values.items():
-        if value is not None and value in first:
-            yield Finding(place, f"{value} is taken by {dotted(first[value][:-1])}", allowed)
-        first.setdefault(value, place)
 
 
 _CHECKS: tuple[tuple[str, Callable[[MissionFile], Findings]], ...] = (

@@ -8,7 +8,7 @@ from swarm_ctl.core.law.stop_point import TYPICAL
 from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.errors import InputError
 from swarm_ctl.mission.compile.loader import load
-from swarm_ctl.mission.compile.vehicle_kinds import kinds_of
+from swarm_ctl.mission.fleet.vehicle_kinds import kinds_of
 from tests.system.running import HEXAGON
 
 S, A, P = VehicleKind

@@ -8,7 +8,7 @@ import pytest
 
 from swarm_ctl.core.model.fleet import Fleet, FleetAgent, Signing
 from swarm_ctl.errors import InputError
-from swarm_ctl.mission.compile.exposure import exposures, leaves_loopback, refuse_exposed
+from swarm_ctl.mission.fleet.exposure import exposures, leaves_loopback, refuse_exposed
 
 
 @pytest.mark.parametrize(

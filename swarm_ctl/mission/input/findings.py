@@ -1,0 +1,37 @@
+"""What checks share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Final, TypeAlias
+
+from swarm_ctl.mission.input.document import Finding, Place, dotted
+
+ROUNDING: Final = 1e-9
+Findings: TypeAlias = Iterator[Finding]
+
+
+def listed(ids: Iterable[int]) -> str:
+    """`1, 2, 5`."""
+    return ", ".join(map(str, sorted(ids)))
+
+
+def twice(values: Mapping[Place, object], allowed: str) -> Findings:
+    """A finding at each place whose value, if it has one, stands at an earlier place as well."""
+    first: dict[object, Place] = {}
+    for place, value in values.items():
+        if value is not None and value in first:
+            yield Finding(place, f"{value} is taken by {dotted(first[value][:-1])}", allowed)
+        first.setdefault(value, place)
+
+
+def too_short(place: Place, timeout_s: float | None, needed_s: float) -> Findings:
+    """The finding that a step at `place` can't be done within its time-out, if it can't."""
+    if timeout_s is not None and timeout_s <= needed_s:
+        what = f"{timeout_s:g} s is over before the {place[-1]} step can be done"
+        yield Finding((*place, "timeout_s"), what, f"above {needed_s:g}")
+
+
+def named_parts(parts: Iterable[Iterable[int]]) -> str:
+    """The parts of a graph: `{1, 3} and {2}`."""
+    return " and ".join(f"{{{listed(part)}}}" for part in parts)
