@@ -117,7 +117,7 @@ def test_a_container_stays_until_its_part_was_asked_to_end(tmp_path: Path) -> No
     env = {"SWARM_CTL_ALIVE": str(alive), "PATH": "/usr/bin:/bin"}
     assert subprocess.run([*stay, "exit 1"], env=env, check=False, timeout=5).returncode == 1
     assert subprocess.run([*stay, "exit 2"], env=env, check=False, timeout=5).returncode == 2
-    script = f"touch {alive}; trap 'exit 1' TERM; while :; do sleep 0.05; done"
+    script = f"trap 'exit 1' TERM; touch {alive}; while :; do sleep 0.05; done"
     with subprocess.Popen([*stay, script], env=env) as part:
         while not alive.exists():
             pass

@@ -1,5 +1,5 @@
 """The sections of a mission file: fields, ranges, defaults. Their docstrings are the descriptions
-in the published JSON Schema. What several fields must be together is in `compile/checks.py`.
+in the published JSON Schema. What several fields must be together is in `mission/checks/mission_checks.py`.
 
 Lengths with a suffix (`_m`) are in metres; other lengths are in what `lengths` says. Horizontal
 vectors are [north, east]. Angles are degrees clockwise from north, seen from above.
