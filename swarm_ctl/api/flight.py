@@ -16,7 +16,7 @@ from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.text import ranges
 from swarm_ctl.errors import SwarmError
 from swarm_ctl.mission.compile.loader import LoadedMission, dumps, load, loads
-from swarm_ctl.mission.input.schema import MissionFile
+from swarm_ctl.mission.sections.mission_file import MissionFile
 from swarm_ctl.report.folder.truth import Truth
 from swarm_ctl.report.judge.summary import Summary
 from swarm_ctl.station.picture.view import SwarmView

@@ -14,7 +14,7 @@ from swarm_ctl.api.virtual_swarm import VirtualSwarm
 from swarm_ctl.core.law import graph
 from swarm_ctl.mission.compile.forecast import forecast
 from swarm_ctl.mission.compile.loader import LoadedMission, dumps, load, loads
-from swarm_ctl.mission.input.schema import json_schema
+from swarm_ctl.mission.sections.mission_file import json_schema
 from tests.scenarios.watched import Watch
 
 FOLDER = Path(__file__).parents[2] / "missions"

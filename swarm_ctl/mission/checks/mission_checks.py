@@ -28,20 +28,17 @@ from swarm_ctl.mission.input.findings import (
     twice,
 )
 from swarm_ctl.mission.input.near_matches import did_you_mean
-from swarm_ctl.mission.input.schema import (
+from swarm_ctl.mission.input.units import enough, metres, said
+from swarm_ctl.mission.sections.mission_file import MissionFile
+from swarm_ctl.mission.sections.shape_sections import OffsetsShape, RingShape, Shape, StarShape
+from swarm_ctl.mission.sections.simulation_section import overlaps
+from swarm_ctl.mission.sections.step_sections import (
     FormSection,
-    MissionFile,
     MoveSection,
-    OffsetsShape,
-    RingShape,
     RotateSection,
     ScaleSection,
-    Shape,
-    StarShape,
     StepEntry,
 )
-from swarm_ctl.mission.input.simulation_section import overlaps
-from swarm_ctl.mission.input.units import enough, metres, said
 
 MAX_DISTANCE_M = 5000.0
 """From the origin: further out the common frame's flat horizon is metres off the earth's."""

@@ -20,8 +20,8 @@ from swarm_ctl.core.safety.fence import inside
 from swarm_ctl.mission.checks.mission_checks import MAX_DISTANCE_M
 from swarm_ctl.mission.input.document import Finding, Place
 from swarm_ctl.mission.input.findings import ROUNDING, Findings, named_parts, too_short
-from swarm_ctl.mission.input.schema import MissionFile
 from swarm_ctl.mission.input.units import enough, said
+from swarm_ctl.mission.sections.mission_file import MissionFile
 
 
 def check_plan(plan: Plan, mission: MissionFile) -> list[Finding]:

@@ -32,8 +32,8 @@ from swarm_ctl.mission.fleet.build_fleet import fleet_of
 from swarm_ctl.mission.fleet.exposure import exposures
 from swarm_ctl.mission.input.document import Finding, Place
 from swarm_ctl.mission.input.findings import ROUNDING, Findings
-from swarm_ctl.mission.input.schema import MissionFile
 from swarm_ctl.mission.input.units import said
+from swarm_ctl.mission.sections.mission_file import MissionFile
 
 _SMALLEST_R_IN_M = 1.0
 _WEAK_R_OUT = 3.0

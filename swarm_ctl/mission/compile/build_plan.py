@@ -13,10 +13,10 @@ from swarm_ctl.core.model import plan
 from swarm_ctl.core.model.plan import Compensation, Plan, Point
 from swarm_ctl.mission.geometry import slot_assignment
 from swarm_ctl.mission.geometry.shapes import slots_of
-from swarm_ctl.mission.input.schema import (
+from swarm_ctl.mission.sections.mission_file import MissionFile
+from swarm_ctl.mission.sections.step_sections import (
     FormSection,
     HoldSection,
-    MissionFile,
     MoveSection,
     ReturnSection,
     RotateSection,

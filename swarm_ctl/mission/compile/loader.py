@@ -28,9 +28,10 @@ from swarm_ctl.mission.fleet.vehicle_kinds import with_vehicles
 from swarm_ctl.mission.input import csv_slots, error_messages, yaml_file
 from swarm_ctl.mission.input.document import Document
 from swarm_ctl.mission.input.near_matches import nearest
-from swarm_ctl.mission.input.schema import MissionFile, Shape
-from swarm_ctl.mission.input.section import Section
 from swarm_ctl.mission.input.units import in_units
+from swarm_ctl.mission.sections.mission_file import MissionFile
+from swarm_ctl.mission.sections.section import Section
+from swarm_ctl.mission.sections.shape_sections import Shape
 
 
 @dataclass(frozen=True)

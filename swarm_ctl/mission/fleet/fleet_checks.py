@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from swarm_ctl.mission.input.document import Finding, Place
 from swarm_ctl.mission.input.findings import Findings, twice
-from swarm_ctl.mission.input.schema import FleetEntry, FleetSection
+from swarm_ctl.mission.sections.fleet_section import FleetEntry, FleetSection
 
 
 def check_trust(fleet: FleetSection, place: Place) -> Findings:

@@ -16,7 +16,7 @@ from swarm_ctl.errors import InputError, MissionError
 from swarm_ctl.mission.fleet.build_fleet import fleet_agent, protected, with_agent_sysids
 from swarm_ctl.mission.fleet.fleet_checks import check_fleet, check_hosts, check_trust
 from swarm_ctl.mission.input import error_messages, yaml_file
-from swarm_ctl.mission.input.schema import FleetSection
+from swarm_ctl.mission.sections.fleet_section import FleetSection
 
 _Edit: TypeAlias = tuple[int, int, str]
 """Replace the characters from here to there by this text."""

@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 from typing import Any, Final
 
-from swarm_ctl.mission.input.schema import MissionFile
-from swarm_ctl.mission.input.section import Section
+from swarm_ctl.mission.sections.mission_file import MissionFile
+from swarm_ctl.mission.sections.section import Section
 
 R_OUT_UNITS: Final = 1.5
 _LENGTHS: Final = frozenset(

@@ -36,7 +36,7 @@ from swarm_ctl.core.swarm.hearing import mesh_words
 from swarm_ctl.core.swarm.radio import radio_words
 from swarm_ctl.mission.compile.forecast import StepForecast
 from swarm_ctl.mission.compile.loader import LoadedMission
-from swarm_ctl.mission.input.simulation_section import SimulationSection
+from swarm_ctl.mission.sections.simulation_section import SimulationSection
 
 _AGENTS: Final = 12
 """Of more agents, a table that is not `full` shows so many."""

@@ -9,7 +9,7 @@ from typing import Any
 from swarm_ctl.core.model.fleet import FleetAgent
 from swarm_ctl.core.model.frames import geodetic_from_ned
 from swarm_ctl.core.model.plan import Geodetic, Plan
-from swarm_ctl.mission.input.simulation_section import SimulationSection
+from swarm_ctl.mission.sections.simulation_section import SimulationSection
 
 _READY_AFTER_S = 3.0
 

@@ -18,7 +18,7 @@ from swarm_ctl.core.model.arrays import Bools, Floats, Indices, Ints
 from swarm_ctl.errors import InputError
 from swarm_ctl.mission.geometry.shapes import slots_of
 from swarm_ctl.mission.geometry.slot_assignment import nearest
-from swarm_ctl.mission.input import schema
+from swarm_ctl.mission.sections import shape_sections
 from swarm_ctl.study.parameter_space import (
     AGENT_RANGES,
     FIRST_RANGES,
@@ -291,11 +291,11 @@ def start_shape(name: str, n: int) -> Floats:
 
 def unit_shape(name: str, n: int) -> Floats:
     """Slots of a shape with spacing 1, centred, (n, 2)."""
-    kinds: dict[str, schema.Shape] = {
-        "ring": schema.RingShape(kind="ring", side=1.0),
-        "line": schema.LineShape(kind="line", spacing=1.0),
-        "grid": schema.GridShape(kind="grid", spacing=1.0),
-        "vee": schema.VeeShape(kind="vee", spacing=1.0),
-        "wedge": schema.WedgeShape(kind="wedge", spacing=1.0),
+    kinds: dict[str, shape_sections.Shape] = {
+        "ring": shape_sections.RingShape(kind="ring", side=1.0),
+        "line": shape_sections.LineShape(kind="line", spacing=1.0),
+        "grid": shape_sections.GridShape(kind="grid", spacing=1.0),
+        "vee": shape_sections.VeeShape(kind="vee", spacing=1.0),
+        "wedge": shape_sections.WedgeShape(kind="wedge", spacing=1.0),
     }
     return centred(slots_of(kinds[name], n))

@@ -14,7 +14,7 @@ from pydantic import TypeAdapter
 from swarm_ctl.core.law.formation import distances, smallest_distance
 from swarm_ctl.core.model.arrays import Floats
 from swarm_ctl.mission.geometry.shapes import slots_of
-from swarm_ctl.mission.input.schema import Shape
+from swarm_ctl.mission.sections.shape_sections import Shape
 
 ADAPTER: TypeAdapter[Shape] = TypeAdapter(Shape)
 

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from swarm_ctl.mission.input.section import AgentId, Section
+from swarm_ctl.mission.sections.section import AgentId, Section
 
 Switch = Literal[0, 1] | None
 Offset = Annotated[float, Field(ge=-10_000, le=10_000)] | None
