@@ -1,7 +1,7 @@
 """From a mission file to a plan and a fleet, or to every mistake in it at once.
 
 The way of a file: document (`input/yaml_file.py`), fleet file and CSV slots put in, sections
-(`input/schema.py`), checks, lengths in units (`input/units.py`), plan, checks of the plan,
+(`sections/`), checks, lengths in units (`input/units.py`), plan, checks of the plan,
 warnings.
 """
 
