@@ -8,29 +8,59 @@ together.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Final, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm_ctl.core.model.arrays import (
-    MANY,
-    Bools,
-    Complex,
-    Floats,
-    Indices,
-    Ints,
-    T,
-    complex_of,
-    places,
-    taken,
-)
+from swarm_ctl.core.model.arrays import MANY, Bools, Complex, Floats, Indices, Ints, T, complex_of
 from swarm_ctl.core.model.plan import LawParameters, Safety
 from swarm_ctl.core.model.timeouts import NEIGHBOUR_S, PREDICT_S
 from swarm_ctl.core.safety import constraints
 from swarm_ctl.core.safety.constraints import Margins
 from swarm_ctl.core.safety.deadlock import SWIRL_OFF, DeadlockRelease, swirled
 from swarm_ctl.core.safety.velocity_qp import UNBOUND, relaxed_many
+
+_ROUNDING: Final = 1e-6
+"""Of lengths: no pair is left out that forbids a trifle."""
+
+
+class Pairs(NamedTuple):
+    """Single pairs of a receiver and a sender, (K,) each, by their places in flat arrays."""
+
+    link: Indices
+    """In (receivers, senders, missions)."""
+    receiver: Indices
+    """In (agents, missions), as is the next."""
+    sender: Indices
+
+    @classmethod
+    def of(cls, mask: Bools) -> Self:
+        """Those (n, n, m) for which the mask is true."""
+        _, n, m = mask.shape
+        link = np.flatnonzero(mask)
+        row, sender = np.divmod(link, n * m)
+        return cls(link, row * m + sender % m, sender)
+
+    def only(self, some: Bools) -> Self:
+        """Some of them."""
+        return type(self)(*(places[some] for places in self))
+
+    def of_receiver(self, known: NDArray[T]) -> NDArray[T]:
+        """What the receivers know of themselves, (..., n, m): (..., K)."""
+        return _flat(known, 2).take(self.receiver, axis=-1)
+
+    def of_sender(self, known: NDArray[T]) -> NDArray[T]:
+        """What the receivers (n, or 1 where all know the same) know of the senders (..., n or 1, n,
+        m): (..., K)."""
+        place = self.sender if known.shape[-3] == 1 else self.link
+        return _flat(known, 3).take(place, axis=-1)
+
+
+def _flat(array: NDArray[T], axes: int) -> NDArray[T]:
+    """With the last axes made one."""
+    return array.reshape(*array.shape[:-axes], -1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,19 +77,13 @@ class BatchHeard:
     response_s: Floats
     """From a setpoint to its flown velocity, as it tells."""
 
-    def of_pairs(self, receiver: Indices, sender: Indices, mission: Indices) -> BatchHeard:
+    def of_pairs(self, pairs: Pairs) -> BatchHeard:
         """What single pairs know, (K,)."""
+        return BatchHeard(*(pairs.of_sender(getattr(self, f.name)) for f in fields(self)))
 
-        def at(known: NDArray[T]) -> NDArray[T]:
-            return taken(known, receiver, sender, mission)
-
-        return BatchHeard(
-            at(self.setpoint),
-            at(self.age_at_most_s),
-            at(self.fresh),
-            at(self.yields),
-            at(self.response_s),
-        )
+    def only(self, some: Bools) -> BatchHeard:
+        """Of some of the pairs."""
+        return BatchHeard(*(getattr(self, f.name)[some] for f in fields(self)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,16 +95,19 @@ class BatchPeers:
     told: Floats
     """The senders', as they were told (2, n or 1, n, m)."""
     heard: BatchHeard
-    """(n or 1, n, m)."""
+    """(n or 1, n, m); what is alike for all receivers may be (1, n, m)."""
     doubt_s: Floats
     """Each receiver's of its own response (n, m)."""
     response_s: Floats
     """Each receiver's own (n, m)."""
 
-    def apart(self, receiver: Indices, sender: Indices, mission: Indices) -> Complex:
+    def apart(self, pairs: Pairs) -> Complex:
         """The receiver's stop point minus the sender's, of single pairs (K,)."""
-        own = taken(self.points, receiver, mission)
-        return complex_of(own - taken(self.told, receiver, sender, mission))
+        return complex_of(pairs.of_receiver(self.points) - pairs.of_sender(self.told))
+
+    def unsure_s(self) -> Floats:
+        """No sender makes a receiver more unsure of its own vehicle than this (n, m)."""
+        return np.asarray(self.doubt_s + self.heard.response_s.max(axis=(0, 1)) - self.response_s)
 
     def squared(self) -> Floats:
         """The squared distances (n, n, m), infinite from an agent to itself."""
@@ -153,17 +180,17 @@ class BatchSafetyFilter:
         self, wish: Complex, peers: BatchPeers, squared: Floats, links: BatchLinks
     ) -> Complex:
         """The velocities nearest to the wishes that keep apart and, for the links, together."""
-        margins, missions = self._margins, wish.shape[1]
+        margins = self._margins
         wish = wish * (margins.speed / np.maximum(np.abs(wish), margins.speed))
         if not self._safety.filter:
             return np.asarray(wish)
-        i, j, mission = self._near(peers, squared)
-        # one plane for each near pair: agent i keeps out of j
-        agent, heard = i * missions + mission, peers.heard.of_pairs(i, j, mission)
+        pairs, heard, apart = self._near(peers, squared)
+        # one plane for each near pair: the receiver keeps out of the sender
+        agent = pairs.receiver
         normal, bound, room = constraints.keep_out_plane(
-            peers.apart(i, j, mission), i < j, heard, margins, MANY
+            apart, agent < pairs.sender, heard, margins, MANY
         )
-        own = (peers.doubt_s[i, mission], peers.response_s[i, mission])
+        own = (pairs.of_receiver(peers.doubt_s), pairs.of_receiver(peers.response_s))
         unsure_s = constraints.unsure(*own, heard, MANY)
         cap = np.full(wish.size, margins.speed)
         np.minimum.at(cap, agent, constraints.cap(room, unsure_s, margins, MANY))
@@ -180,19 +207,26 @@ class BatchSafetyFilter:
         self.yielded = yielded.reshape(wish.shape) & self.touched
         return flown
 
-    def _near(self, peers: BatchPeers, squared: Floats) -> tuple[Indices, Indices, Indices]:
-        """(i, j, mission) of the pairs in which j may constrain i."""
+    def _near(self, peers: BatchPeers, squared: Floats) -> tuple[Pairs, BatchHeard, Complex]:
+        """The pairs in which the sender may constrain the receiver, what the receiver knows, and
+        its stop point minus the sender's."""
         margins, heard = self._margins, peers.heard
+        # few are unsure for as long as `margins.reach` allows for
+        minded = margins.minded(peers.unsure_s(), MANY) + _ROUNDING
+        reach = np.minimum(margins.reach, minded)
         # most pairs are far apart: a coarse look at all, an exact one at those that are left
-        oldest_s = heard.age_at_most_s.max(where=heard.fresh, initial=0.0)
-        half = margins.keep_out + margins.reach + (margins.speed + margins.growth) * oldest_s
-        far = max(half, margins.farthest)
-        coarse = (squared < (far + 1e-6) ** 2) & ~(heard.fresh & heard.yields)
-        coarse |= squared < (half + 1e-6) ** 2
-        i, j, mission = places(coarse)
-        pairs, distance = heard.of_pairs(i, j, mission), abs(peers.apart(i, j, mission))
-        exact = constraints.constrains(pairs, distance, margins, MANY)
-        return i[exact], j[exact], mission[exact]
+        age_s = heard.age_at_most_s
+        oldest_s = np.where(heard.fresh, age_s, 0.0).max(axis=(0, 1))
+        half = margins.keep_out + reach + (margins.speed + margins.growth) * oldest_s
+        coarse = squared < (half[:, None] + _ROUNDING) ** 2
+        shy = heard.fresh & heard.yields
+        if not shy.all():
+            far = np.maximum(half, margins.farthest)
+            coarse |= (squared < (far[:, None] + _ROUNDING) ** 2) & ~shy
+        pairs = Pairs.of(coarse)
+        known, apart = heard.of_pairs(pairs), peers.apart(pairs)
+        exact = constraints.constrains(known, abs(apart), margins, MANY, pairs.of_receiver(reach))
+        return pairs.only(exact), known.only(exact), apart[exact]
 
     def _guards(
         self, peers: BatchPeers, squared: Floats, links: BatchLinks
@@ -210,12 +244,12 @@ class BatchSafetyFilter:
         minded &= peers.heard.age_at_most_s <= NEIGHBOUR_S
         if self._safety.release and self.release.releasing.any():
             minded &= ~(self.release.releasing[:, None] & self._tight)
-        i, j, mission = places(minded)
-        heard = peers.heard.of_pairs(i, j, mission)
-        now = constraints.carried(peers.apart(i, j, mission), heard, MANY)
+        pairs = Pairs.of(minded)
+        heard = peers.heard.of_pairs(pairs)
+        now = constraints.carried(peers.apart(pairs), heard, MANY)
         normal, bound = constraints.guard_plane(now, heard.setpoint, margins, MANY)
         binds = constraints.kept(np.abs(now), margins) & (bound > -margins.speed)
-        return (i * squared.shape[-1] + mission)[binds], normal[binds], bound[binds]
+        return pairs.receiver[binds], normal[binds], bound[binds]
 
 
 def _solved(

@@ -144,9 +144,14 @@ class Margins:
     @property
     def reach(self) -> float:
         """Beyond D plus this, an aircraft that does its half constrains nothing."""
+        return float(self.minded(0.5 * _UNSURE_S))
+
+    def minded(self, unsure_s: Any, of: Arithmetic = ONE) -> Any:
+        """Beyond D plus this, an aircraft of which no more than `unsure_s` is `unsure` neither
+        forbids what the speed limit allows nor slows."""
         stops = (self.speed - self.slow) ** 2 / (2.0 * self.braking)
-        doubted = _UNSURE_S * self.speed - self.spare
-        return max(self.zone, self.speed / (0.5 * RATE), stops, doubted)
+        firm = max(self.zone, self.speed / (0.5 * RATE), stops)
+        return of.most(firm, 2.0 * self.speed * unsure_s - self.spare)
 
     @property
     def farthest(self) -> float:
@@ -165,11 +170,22 @@ def _flown_s(other: Heard, of: Arithmetic) -> Any:
     return of.where(other.fresh, other.age_at_most_s, SILENT_FLIES_S)
 
 
-def constrains(other: Heard, distance: Any, margins: Margins, of: Arithmetic = ONE) -> Any:
-    """An aircraft at this distance, as it was told, may constrain a velocity."""
+def constrains(
+    other: Heard, distance: Any, margins: Margins, of: Arithmetic = ONE, reach: Any = None
+) -> Any:
+    """An aircraft at this distance, as it was told, may constrain a velocity.
+
+    Args:
+        other: what is known of it.
+        distance: from the own stop point to its.
+        margins: lengths and speeds.
+        of: `MANY` for arrays.
+        reach: less than `margins.reach`, where less is unsure.
+    """
     grows_s = of.where(other.fresh & other.yields, other.age_at_most_s, _GROWS_S)
     flown = abs(other.setpoint) * _flown_s(other, of)
-    return distance < margins.keep_out + margins.reach + flown + margins.growth * grows_s
+    reach = margins.reach if reach is None else reach
+    return distance < margins.keep_out + reach + flown + margins.growth * grows_s
 
 
 def keep_out_plane(

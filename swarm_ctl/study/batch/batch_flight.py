@@ -407,6 +407,5 @@ _BY_MISSION: Final = (
 def _peers_of(points: Floats, heard: HeardStates, motion: BatchMotion) -> BatchPeers:
     fresh, response_s = heard.fresh, motion.response_s
     yields = fresh if isinstance(heard.late_s, float) else heard.age_s <= FRESH_S
-    told_s = np.broadcast_to(response_s, fresh.shape)
-    known = BatchHeard(complex_of(heard.velocity), heard.age_s, fresh, yields, told_s)
+    known = BatchHeard(complex_of(heard.velocity), heard.age_s, fresh, yields, response_s[None])
     return BatchPeers(points, heard.points, known, motion.doubt_s, response_s)

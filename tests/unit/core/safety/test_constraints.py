@@ -53,6 +53,30 @@ def test_doubt_of_the_own_response_slows_near_others_and_only_there() -> None:
     assert unsure(0.1, 0.9, heard()._replace(response_s=1.5)) > unsure(0.1, 0.9, heard())
 
 
+@settings(deadline=None)
+@given(
+    st.floats(2.0, 12.0),
+    st.floats(0.1, 1.0),
+    st.floats(2.0, 8.0),
+    st.floats(0.0, 3.0),
+    st.booleans(),
+)
+def test_what_is_not_minded_neither_forbids_nor_slows(
+    speed_mps: float, lag_s: float, most_mps2: float, unsure_s: float, yields: bool
+) -> None:
+    """A study leaves such pairs out. Half-planes that the speed limit alone ensures change no
+    velocity, whatever its wish."""
+    response = Response(lag_s=lag_s, acceleration_mps2=most_mps2)
+    margins = Margins.of(LAW, response, speed_mps, 5.0).in_units(5.0)
+    far = margins.minded(unsure_s) + 1e-6
+    _, bound, room = keep_out_plane(
+        complex(margins.keep_out + far), True, heard(yields=yields), margins
+    )
+    assert room == pytest.approx(far)
+    assert bound < -margins.speed
+    assert cap(far, unsure_s, margins) == pytest.approx(margins.speed, rel=1e-12)
+
+
 def test_speed_near_others_follows_what_the_vehicle_can_stop_and_turn() -> None:
     """A vehicle that accelerates less is slower at D, and gets its speed back farther out."""
     weak, strong = (
