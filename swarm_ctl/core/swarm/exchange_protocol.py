@@ -41,7 +41,7 @@ T = TypeVar("T", bound=np.generic)
 
 EVERY_S: Final = 0.25
 """Between two rounds of the protocol."""
-_WORTH: Final = -0.05
+WORTH: Final = -0.05
 """[units^2]: what an exchange must bring."""
 _WAIT_S: Final = 1.0
 """From an offer to its answer: news is at most half a second old each way, or it does not count."""
@@ -235,7 +235,7 @@ class ExchangeProtocol:
         offering = to >= 0
         if not offering.any():
             return
-        good = (_of(gain, to) < 0.5 * _WORTH) & _of(fresh, to) & (now - self._since <= _OFFER_S)
+        good = (_of(gain, to) < 0.5 * WORTH) & _of(fresh, to) & (now - self._since <= _OFFER_S)
         good &= (
             (_of(told.version, to) == self.states.offer_version)
             & (lowest >= self._rank[self._own])
@@ -263,7 +263,7 @@ class ExchangeProtocol:
             & (told.offer_to == self._own[:, None])
             & (told.offer_version == self.states.version[:, None])
         )
-        offers &= (gain < _WORTH) & free[:, None]
+        offers &= (gain < WORTH) & free[:, None]
         partner = np.where(offers.any(axis=1), offers.argmax(axis=1), _NONE)
         if (partner >= 0).any():
             partner = np.where(
@@ -288,7 +288,7 @@ class ExchangeProtocol:
         """1: offer to the agent with which an exchange brings most, if it is legal."""
         free = free & (lowest >= self._rank[self._own])
         higher = np.arange(told.role.shape[1])[:, None] > self._own[:, None]
-        open_ = near & higher & free[:, None] & (told.lock < 0) & (gain < _WORTH)
+        open_ = near & higher & free[:, None] & (told.lock < 0) & (gain < WORTH)
         for _ in range(_TRIES):
             wants = open_.any(axis=1)
             if not wants.any():

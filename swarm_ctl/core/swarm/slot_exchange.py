@@ -19,12 +19,20 @@ import numpy as np
 from swarm_ctl.core.model.messages import AgentState, ExchangeState, Phase
 from swarm_ctl.core.model.plan import Plan, Point
 from swarm_ctl.core.model.timeouts import FRESH_S, PREDICT_S
-from swarm_ctl.core.swarm.exchange_protocol import EVERY_S, GONE_S, ExchangeProtocol, ExchangeStates
+from swarm_ctl.core.swarm.exchange_protocol import (
+    EVERY_S,
+    GONE_S,
+    WORTH,
+    ExchangeProtocol,
+    ExchangeStates,
+)
 from swarm_ctl.core.swarm.peers import Peers
 
 _FIELDS: Final = tuple(ExchangeStates.__dataclass_fields__)
 _ROW: Final = attrgetter(*_FIELDS)
 _UNHEARD_S: Final = 1e9
+_ROUNDING: Final = 1e-6
+"""[units, units^2]: the round itself rounds otherwise."""
 Links: TypeAlias = Mapping[int, tuple[int, ...]]
 
 
@@ -40,6 +48,8 @@ class SlotExchange:
         self._own, self._place = own_id, self._places[own_id]
         self._peers = peers
         self._protocol: ExchangeProtocol | None = None
+        self._slots: list[complex] = []
+        """By role [units]."""
         self._links: Links = {}
         self._heard_of: dict[int, AgentState] = {}
         self._said = {agent: ExchangeState(role=place) for agent, place in self._places.items()}
@@ -86,6 +96,7 @@ class SlotExchange:
             *(np.array([[getattr(self.exchange, name)]]) for name in _FIELDS)
         )
         self._links = {}
+        self._slots = [complex(*slot) for slot in slots]
 
     def rejoin(self, now: float) -> None:
         """After a restart in flight: the role that none of the others has, and a version that was
@@ -131,7 +142,7 @@ class SlotExchange:
         if protocol is None or now < self._due_s:
             return None
         self._due_s = now + EVERY_S
-        if not new and self._at_rest(protocol):
+        if self._at_rest(protocol) and not (new and self._may_exchange(now, own_m)):
             return None
         if links is not self._links:
             self._links = links
@@ -162,7 +173,7 @@ class SlotExchange:
 
     def _at_rest(self, protocol: ExchangeProtocol) -> bool:
         """There is no exchange to bring to its end, and no other agent has the own role: a round
-        without new offers changes nothing."""
+        without offers changes nothing."""
         own, role, version = self.exchange, self.exchange.role, self.exchange.version
         if own.offer_to >= 0 or own.lock >= 0 or not protocol.at_rest:
             return False
@@ -171,6 +182,23 @@ class SlotExchange:
             for agent, said in self._said.items()
             if agent != self._own
         )
+
+    def _may_exchange(self, now: float, own_m: Point) -> bool:
+        """An agent offers to this one, or this one may offer to another: nearly always neither, and
+        the round, which costs as much as the law, is left out."""
+        own, slot = complex(*own_m), self._slots[self.exchange.role]
+        for agent, state in self._heard_of.items():
+            said = self._said[agent]
+            if said.offer_to == self._place:
+                return True
+            if self._places[agent] > self._place:  # offers go to higher ids
+                ahead_s = min(self._age(agent, now), PREDICT_S)
+                ahead = complex(*state.stop_point_m) + complex(*state.setpoint_mps) * ahead_s
+                apart = (own - ahead) / self._unit_m
+                gain = (apart.conjugate() * (slot - self._slots[said.role])).real
+                if gain < WORTH + _ROUNDING and abs(apart) < self._r + _ROUNDING:
+                    return True
+        return False
 
     def _heard(
         self, now: float, flying: tuple[int, int]
