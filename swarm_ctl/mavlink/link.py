@@ -249,8 +249,8 @@ class VehicleLink:
                 self._send(message, now)
 
     def _own(self) -> OwnParameters | None:
-        identity, parameters = self.identity, self._autopilot.parameters
-        if identity is None or not parameters.own or not parameters.remembers:
+        parameters = self._autopilot.parameters
+        if not parameters.own or not parameters.remembers or (identity := self.identity) is None:
             return None
         return OwnParameters(identity, dict(parameters.own), parameters.given_back)
 

@@ -9,7 +9,7 @@ from typing import Final
 from swarm_ctl.core.agent.failsafes import gave_up, left_by_order, progress_of
 from swarm_ctl.core.agent.flight_context import FlightContext
 from swarm_ctl.core.agent.tick import Tick
-from swarm_ctl.core.law.formation import formation_error
+from swarm_ctl.core.law.formation import error_of_one
 from swarm_ctl.core.model.causes import FailsafeAction
 from swarm_ctl.core.model.messages import Severity
 from swarm_ctl.core.model.plan import Policy, RotateStep, ScaleStep
@@ -161,16 +161,15 @@ class Barrier:
         if len(members) < expected:
             return None
         unit = self._plan.unit_m
-        own, at = fix.position_ned_m[:2], [_position(peer, tick.now) for peer in members]
+        own, at = complex(*fix.position_ned_m[:2]), [_position(p, tick.now) for p in members]
         if isinstance(context.progress.current, RotateStep | ScaleStep):
             # The places move against each other. Vehicles lag behind them, their stop points do
             # not.
-            own = context.controller.stop_point_m
+            own = complex(*context.controller.stop_point_m)
             at = [peer.stop_point + peer.setpoint * _since(peer, tick.now) for peer in members]
-        points = [own, *((point.real, point.imag) for point in at)]
         ids = [context.agent, *(peer.id for peer in members)]
-        slots = [(shape[i][0] * unit, shape[i][1] * unit) for i in ids]
-        return float(formation_error(points, slots))
+        slots = [complex(shape[i][0] * unit, shape[i][1] * unit) for i in ids]
+        return error_of_one([own, *at], slots)
 
 
 def _since(peer: OtherAircraft, now: float) -> float:

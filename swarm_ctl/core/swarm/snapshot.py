@@ -99,7 +99,7 @@ class PeerSnapshot:
 
     def without(self, gone: Container[int]) -> PeerSnapshot:
         """The same, as if the agents `gone` had never been heard."""
-        if not any(peer.state is not None and peer.id in gone for peer in self.peers):
+        if not gone or not any(peer.state is not None and peer.id in gone for peer in self.peers):
             return self
         left = (OtherAircraft(peer.id) if peer.id in gone else peer for peer in self.peers)
         return replace(self, peers=tuple(left))

@@ -41,6 +41,12 @@ def test_formation_error_is_the_largest_deviation(p: Floats, z: Floats) -> None:
     )
 
 
+@given(points, points)
+def test_one_formation_is_measured_alike_without_arrays(p: Floats, z: Floats) -> None:
+    plain = formation.error_of_one(*([complex(*at) for at in each.tolist()] for each in (p, z)))
+    assert plain == float(formation.formation_error(p, z))  # to the last bit
+
+
 @given(points)
 def test_closest_pair_is_the_closest(p: Floats) -> None:
     found = formation.closest_pair(p)
