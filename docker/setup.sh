@@ -1,6 +1,7 @@
 #!/bin/sh
-# setup.sh MISSION FLEET: make the plan, and keys for this flight. Each part gets its own keys, in
-# the volume at /deal/PART; the CA's key is in no volume, so no further member can be made.
+# setup.sh MISSION FLEET [homes]: make the plan, and keys for this flight. Each part gets its own
+# keys, in the volume at /deal/PART; the CA's key is in no volume, so no further member can be made.
+# `homes` writes beside the plan where each ArduCopter stands, and its parameters.
 set -eu
 rm -f /plan/plan.json
 made=$(mktemp -d)
@@ -22,4 +23,5 @@ for deal in /deal/*; do
 done
 rm -rf "$made"
 swarm-ctl plan "$1" --fleet "$2" --out /plan/plan.json.new
+[ -z "${3:-}" ] || python3 -m swarm_ctl.runtime.vehicles.homes /plan/plan.json.new /plan
 mv /plan/plan.json.new /plan/plan.json

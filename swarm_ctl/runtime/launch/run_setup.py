@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 from swarm_ctl.core.model.fleet import Fleet, FleetAgent, Signing, VehicleKind
-from swarm_ctl.core.model.frames import geodetic_from_ned
 from swarm_ctl.errors import InputError
 from swarm_ctl.mesh.access import as_tls
 from swarm_ctl.mesh.zenoh_config import Part, part_in
@@ -41,6 +40,7 @@ from swarm_ctl.runtime.served import NO_PORTS, Ports
 from swarm_ctl.runtime.station.screens import Show
 from swarm_ctl.runtime.vehicle_memory import state_folder
 from swarm_ctl.runtime.vehicles.binaries import find
+from swarm_ctl.runtime.vehicles.homes import start_of
 from swarm_ctl.runtime.vehicles.order import ORDERS, ORDERS_JSON, Order, Orders, Started
 from swarm_ctl.trust.identity import MAVLINK_KEY
 from swarm_ctl.trust.names import LOOPBACK, Member, member_of
@@ -278,9 +278,7 @@ def _orders(mission: LoadedMission, options: RunOptions) -> tuple[Order, ...]:
     found = []
     for agent in agents:
         if agent.started_as in binaries:
-            north, east = plan.agent(agent.id).start
-            at = geodetic_from_ned((north * plan.unit_m, east * plan.unit_m, 0.0), plan.origin)
-            kind = agent.vehicle
+            at, kind = start_of(plan, agent.id), agent.vehicle
             order = Order(agent.id, agent.sysid, kind, binaries[kind], at, logs=options.px4_log)
             found.append(order)
     return tuple(found)

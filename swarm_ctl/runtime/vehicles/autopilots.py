@@ -17,11 +17,11 @@ from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.errors import StartError
 from swarm_ctl.mavlink.onlooker import Onlooker
 from swarm_ctl.runtime.vehicles.containers import Container, Image
+from swarm_ctl.runtime.vehicles.homes import DEFAULTS, home
 from swarm_ctl.runtime.vehicles.order import Order
 
 _BOOT_SPEEDUP: Final = 30.0
 """ArduCopter arms after 45 s of its own time: it boots as fast as the machine can."""
-_DEFAULTS: Final = Path(__file__).with_name("copter.parm")
 
 
 class Sitl(ABC):
@@ -102,13 +102,11 @@ class ArduCopter(Sitl):
         return f"tcp:127.0.0.1:{self._port + 3}"
 
     def prepare(self) -> list[str]:
-        at = self.order.place
-        home = f"{at.lat_deg:.8f},{at.lon_deg:.8f},{at.alt_m:.2f},0"
         # fmt: off
         return [
             *self._program(), "--model", "quad", "--speedup", f"{_BOOT_SPEEDUP:g}",
             "-I", str(self.instance), "--serial0", "tcp:0", "--sysid", str(self.order.sysid),
-            "--home", home, "--defaults", str(self._defaults()),
+            "--home", home(self.order.place), "--defaults", str(self._defaults()),
         ]
         # fmt: on
 
@@ -134,10 +132,10 @@ class ArduCopter(Sitl):
         a container ours, where it sees them."""
         binary = self.order.binary
         if isinstance(binary, Image):
-            return Path(shutil.copy(_DEFAULTS, self.folder))
+            return Path(shutil.copy(DEFAULTS, self.folder))
         source = Path("Tools", "autotest", "default_params", "copter.parm")
         trees = [parent / source for parent in list(binary.parents)[2:4]]
-        places = [binary.with_name("copter.parm"), *trees, _DEFAULTS]
+        places = [binary.with_name("copter.parm"), *trees, DEFAULTS]
         return next(place for place in places if place.is_file())
 
 
