@@ -9,7 +9,7 @@ swarm-ctl trust new --fleet "$2" --swarm compose --folder "$made/trust" --operat
     --days 2 >/dev/null
 for deal in /deal/*; do
     part=${deal#/deal/}
-    [ "$part" = simulator ] || [ -d "$made/trust/$part" ] || continue
+    grep -q " $deal " /proc/mounts || continue # a part of another compose file
     rm -rf "${deal:?}"/*
     case $part in
     simulator) # a vehicle knows its agent's signing key, and no key of the mesh

