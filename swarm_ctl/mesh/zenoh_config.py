@@ -35,12 +35,17 @@ _ROUTER_RUNTIME: Final = (
 
 _LEASE_S = 3.0
 """Mission time after which zenoh drops a silent link. Agents judge a peer by its state's age."""
+_FAR_LEASE_S = 12.0
+"""The same between hosts. Where a fifth of the packets is lost, TCP may repeat one for longer than
+3 s, and a link that is dropped takes longer still to open again: agents lost each other by that."""
 _LEAST_LEASE_MS = 1000
 """On the wall clock: a shorter lease would cut links whenever the machine is slow."""
 _OPEN_WALL_MS = 3000
 """For one attempt to open a link (zenoh's default: 10 s). After a cut, no link waits for the ever
 rarer packets of an old attempt, and a closing session waits no longer than this. Five round trips
 of 300 ms and a lost packet fit in."""
+_FAR_OPEN_WALL_MS = 6000
+"""The same between hosts: a fifth of the packets may be lost."""
 _QUEUED, _DROPPED_AFTER_US = 2, 1000
 """Batches that a link queues of each priority, and how long a message waits for a full queue before
 it is dropped (zenoh's defaults): the control loop must not wait."""
@@ -141,6 +146,8 @@ def configuration(
     if part is Part.ROUTER:  # a hundred agents' statuses go to a station by one link
         queued = {"real_time": _PATIENT_QUEUED, "data": _PATIENT_QUEUED}
     spelled = partial(for_zenoh, protected=bool(access))
+    far = any(_leaves_host(each) for each in (*listen, *connect))
+    lease_s, open_ms = (_FAR_LEASE_S, _FAR_OPEN_WALL_MS) if far else (_LEASE_S, _OPEN_WALL_MS)
     settings: dict[str, Any] = {
         "mode": part,
         "listen/endpoints": [spelled(_interface(each)) for each in listen],
@@ -154,9 +161,9 @@ def configuration(
         },
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
-        "transport/link/tx/lease": max(_LEAST_LEASE_MS, round(_LEASE_S * 1000 / speedup)),
-        "transport/unicast/open_timeout": _OPEN_WALL_MS,
-        "transport/unicast/accept_timeout": _OPEN_WALL_MS,
+        "transport/link/tx/lease": max(_LEAST_LEASE_MS, round(lease_s * 1000 / speedup)),
+        "transport/unicast/open_timeout": open_ms,
+        "transport/unicast/accept_timeout": open_ms,
         "transport/unicast/accept_pending": _PENDING,
         "transport/unicast/max_sessions": _SESSIONS,
         "transport/link/rx/max_message_size": _LONGEST,
@@ -217,10 +224,22 @@ def _interface(endpoint: str) -> str:
     flight, and on the host itself it may be a loopback address."""
     scheme, _, place = endpoint.partition("/")
     host, _, port = place.rpartition(":")
+    named = _address(host) is None and host != "localhost"
+    return f"{scheme}/0.0.0.0:{port}" if named else endpoint
+
+
+def _leaves_host(endpoint: str) -> bool:
+    """Whether a link of this endpoint may go to another computer."""
+    host = endpoint.partition("/")[2].rpartition(":")[0]
+    address = _address(host)
+    return host != "localhost" if address is None else not address.is_loopback
+
+
+def _address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
+    """None: it is a name."""
     with contextlib.suppress(ValueError):
-        ipaddress.ip_address(host.strip("[]"))
-        return endpoint
-    return endpoint if host == "localhost" else f"{scheme}/0.0.0.0:{port}"
+        return ipaddress.ip_address(host.strip("[]"))
+    return None
 
 
 def log_refused_links() -> None:

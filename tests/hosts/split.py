@@ -32,10 +32,14 @@ class Links(StrEnum):
 
     HOSTS = "host"
     """The agents' hosts alone."""
-    ROUTERS = "router"
+    ROUTERS = "udp router"
     """A router of each host."""
+    TCP_ROUTERS = "tcp router"
     TCP = "tcp"
     """Where each agent listens."""
+
+
+_ROUTED = {Links.ROUTERS: "udp", Links.TCP_ROUTERS: "tcp"}
 
 
 @dataclass(frozen=True)
@@ -78,7 +82,7 @@ class Split:
             self._simulator = self._simulate()
             self._path = path
             self.routers: dict[int, subprocess.Popen[bytes]] = {}
-            if links is Links.ROUTERS:
+            if links in _ROUTED:
                 for side in range(len(sides)):
                     self.start_router(side)
             self._stations = {side: self._station(side) for side in range(len(sides))}
@@ -101,11 +105,14 @@ class Split:
     def _place(self, agent: int, side: int) -> str:
         """The agent on the mesh, as the fleet says it."""
         host = self.network.address(side)
-        return {
-            Links.HOSTS: f"host: {host}",
-            Links.ROUTERS: f"host: {host}, router: 'udp/{host}:{_ROUTER}'",
-            Links.TCP: f"mesh: 'tcp/{host}:{_MESHES + agent}'",
-        }[self._links]
+        if self._links in _ROUTED:
+            return f"host: {host}, router: '{self._router(side)}'"
+        return {Links.HOSTS: f"host: {host}", Links.TCP: f"mesh: 'tcp/{host}:{_MESHES + agent}'"}[
+            self._links
+        ]
+
+    def _router(self, side: int) -> str:
+        return f"{_ROUTED[self._links]}/{self.network.address(side)}:{_ROUTER}"
 
     @staticmethod
     def _autopilot(agent: int) -> str:
@@ -140,8 +147,7 @@ class Split:
 
     def start_router(self, side: int) -> None:
         """Of a host; again, after it was killed."""
-        listen = f"udp/{self.network.address(side)}:{_ROUTER}"
-        words = [SWARM_CTL, "router", self._path, "--listen", listen, "--open-mesh"]
+        words = [SWARM_CTL, "router", self._path, "--listen", self._router(side), "--open-mesh"]
         words += ["--speedup", str(self._speedup)]
         command = self.network.sides[side].inside(words)
         self.routers[side] = self._started(command, f"router-{side}")
@@ -219,14 +225,15 @@ class Split:
                 )
             time.sleep(0.05)
 
-    def wait_step(self, step: int) -> None:
+    def wait_step(self, step: int, wall_s: float = 150.0) -> None:
         """Until every station sees its own agents in this step or beyond."""
         self.wait_for(
             lambda: all(
                 len(own := self.own(side)) == len(ids)
                 and all((agent["step"] or 0) >= step for agent in own)
                 for side, ids in enumerate(self.sides)
-            )
+            ),
+            wall_s,
         )
 
     def wait_s(self, seconds: float) -> None:

@@ -1,5 +1,5 @@
 """The hexagon on three hosts, two agents on each: a router or a host that is lost, clocks that
-differ.
+differ, links that lose much.
 
 Every vehicle's own link stays whole. Agents act by policy, and no two vehicles come too near.
 """
@@ -43,7 +43,7 @@ steps:
   - hold: {{duration_s: {hold_s}}}
   - land
 """
-FORM = 2
+FORM, HOLD = 2, 3
 SIDES = ((1, 2), (3, 4), (5, 6))
 ALL = range(1, 7)
 
@@ -95,4 +95,14 @@ def test_clocks_of_several_hosts(tmp_path: Path) -> None:
     air = Air(loss=0.05, delay_s=0.02)
     with hosts(tmp_path, Links.HOSTS, clocks=clocks, air=air) as flight:
         assert flight.finish(180) == dict.fromkeys(ALL, 0)
+        assert_apart_and_down(flight)
+
+
+@pytest.mark.parametrize("links", [Links.HOSTS, Links.TCP_ROUTERS])
+def test_links_that_lose_a_fifth(tmp_path: Path, links: Links) -> None:
+    """And take 100 ms each way. The shape stands 120 s after the start of the processes; with the
+    default patience no agent takes another for lost."""
+    with hosts(tmp_path, links, air=Air(loss=0.2, delay_s=0.1)) as flight:
+        flight.wait_step(HOLD, 120)
+        assert flight.finish(120) == dict.fromkeys(ALL, 0)
         assert_apart_and_down(flight)

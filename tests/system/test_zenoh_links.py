@@ -6,11 +6,14 @@ import os
 import socket
 import stat
 import struct
+import sys
 import time
 from pathlib import Path
 
+import pytest
+
 from swarm_ctl.mesh.keys import NEWEST
-from swarm_ctl.mesh.zenoh_transport import ZenohTransport
+from swarm_ctl.mesh.zenoh_transport import ZenohTransport, _tend_socket
 from swarm_ctl.runtime.launch.ports import free_ports
 
 
@@ -54,3 +57,26 @@ def test_no_link_waits_for_its_last_bytes() -> None:
     finally:
         one.close()
         two.close()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names TCP's options as Linux does")
+def test_a_link_to_another_host_bears_loss() -> None:
+    """What listens for other hosts, and so each link that it accepts, sends on where packets are
+    lost, if the kernel has BBR; a link within the host stays as it is."""
+    offered = Path("/proc/sys/net/ipv4/tcp_available_congestion_control").read_text().split()
+    with (
+        socket.create_server(("", 0)) as far,
+        socket.create_server(("127.0.0.1", 0)) as listening,
+        socket.create_connection(listening.getsockname()) as near,
+    ):
+        for one in (far, near):
+            one.setsockopt(socket.IPPROTO_TCP, socket.TCP_CONGESTION, b"reno")
+            _tend_socket(one.fileno())
+        assert control(far) == ("bbr" if "bbr" in offered else "reno")
+        assert control(near) == "reno"
+
+
+def control(one: socket.socket) -> str:
+    """What decides how much the socket sends."""
+    name = one.getsockopt(socket.IPPROTO_TCP, socket.TCP_CONGESTION, 16)
+    return name.rstrip(b"\0").decode()

@@ -34,11 +34,9 @@ def read(text: str, *, guarded: bool = True) -> dict[str, Any]:
     return read_settings(text, "my.json5", guarded=guarded)
 
 
-def session(own: dict[str, Any], **more: Any) -> dict[str, Any]:
+def session(own: dict[str, Any], at: str = "tcp/h:1", **more: Any) -> dict[str, Any]:
     """The whole configuration of a session."""
-    return dict(
-        json.loads(str(configuration(["tcp/h:1"], [], 1.0, patient=False, own=own, **more)))
-    )
+    return dict(json.loads(str(configuration([at], [], 1.0, patient=False, own=own, **more))))
 
 
 def test_what_the_file_sets_stands() -> None:
@@ -49,9 +47,28 @@ def test_what_the_file_sets_stands() -> None:
     plain, mine = session({}), session(own)
     tx, before = mine["transport"]["link"]["tx"], plain["transport"]["link"]["tx"]
     assert (tx["lease"], tx["queue"]["size"]["data"]) == (9000, 4)
-    assert (before["lease"], before["queue"]["size"]["data"]) == (3000, 2)
-    tx["lease"], tx["queue"]["size"]["data"] = 3000, 2
+    assert (before["lease"], before["queue"]["size"]["data"]) == (12000, 2)
+    tx["lease"], tx["queue"]["size"]["data"] = 12000, 2
     assert mine == plain
+
+
+@pytest.mark.parametrize(
+    ("at", "lease_ms", "open_ms"),
+    [
+        ("tcp/127.0.0.1:1", 3000, 3000),
+        ("tcp/localhost:1", 3000, 3000),
+        ("udp/[::1]:1", 3000, 3000),
+        ("tcp/[::]:1", 12000, 6000),
+        ("tcp/10.0.0.11:1", 12000, 6000),
+        ("udp/drone3.local:1", 12000, 6000),
+    ],
+)
+def test_links_between_hosts_are_kept_longer(at: str, lease_ms: int, open_ms: int) -> None:
+    """A packet that is lost there comes late; on one host silence means that a process is gone."""
+    transport = session({}, at)["transport"]
+    assert transport["link"]["tx"]["lease"] == lease_ms
+    unicast = transport["unicast"]
+    assert (unicast["open_timeout"], unicast["accept_timeout"]) == (open_ms, open_ms)
 
 
 @pytest.mark.parametrize("path", _OURS)
