@@ -44,6 +44,12 @@ def empty_battery(client: Client) -> None:
     client.command(_INJECT_FAILURE, _BATTERY, _OFF)
 
 
+def lands_and_stays_armed(client: Client) -> None:
+    """AUTO.LAND, with PX4's own disarming off."""
+    client.set("COM_DISARM_LAND", -1.0)
+    client.take_mode("AUTO.LAND")
+
+
 def glitch(north_m: float) -> Deed:
     return parameters(SIM_GPS1_GLTCH_X=north_m / _METRES_PER_DEGREE)
 
@@ -69,6 +75,7 @@ ROWS: dict[str, tuple[str, Deed, str, str]] = {
     "motors off by force": (COPTER, motors_off, "failed", "disarmed"),
     "PX4: motors off by force": (PX4, motors_off, "failed", "disarmed"),
     "PX4: a ground station lands": (PX4, mode("AUTO.LAND"), "failed", "AUTO.LAND"),
+    "PX4: lands and stays armed": (PX4, lands_and_stays_armed, "failed", "AUTO.LAND"),
     "PX4: the GPS is lost": (PX4, parameters(SIM_GPS_USED=0), "failed", ""),
     "PX4: the battery's failsafe": (PX4, empty_battery, "failed", ""),
 }

@@ -243,3 +243,14 @@ def test_disarmed_in_the_air(autopilot: str, at: int) -> None:
     assert swarm.outcomes()[PILOTED] == "failed"
     assert swarm.all_down
     assert swarm.closest_m > swarm.plan.law.r_in * swarm.plan.unit_m
+
+
+def test_a_px4_that_lands_by_other_hands_and_stays_armed_is_disarmed() -> None:
+    """Its own disarming is off: the agent ends, and holds the run up no longer than that takes."""
+    swarm = holding("px4", "agent_lost: land")
+    firmware(swarm).parameters.set("COM_DISARM_LAND", -1.0)
+    switch(swarm, "px4", "landing")
+    swarm.run(60)
+    assert phase(swarm) is Phase.ENDED
+    assert not firmware(swarm).armed
+    assert has(swarm, "AUTO.LAND by a pilot or by its own failsafe")

@@ -4,6 +4,7 @@ the ground."""
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from swarm_ctl.core.agent.failsafes import FailsafeTrigger, failed
 from swarm_ctl.core.agent.flight_context import FlightContext
@@ -54,6 +55,8 @@ class Landing:
         self._way_back = way_back
         self._deserted_since: float | None = None
         self._disarmed_since: float | None = None
+        self._lands_since: float | None = None
+        """For how long a vehicle that we yielded has been landing."""
 
     def carry_out(self, tick: Tick, trigger: FailsafeTrigger) -> Goal:
         """Do what a failsafe asks for: pause, yield, or hold for a moment and land."""
@@ -77,19 +80,34 @@ class Landing:
         if not view.armed and not context.was_armed:
             context.controller.rest()
             return LandGoal() if math.isfinite(context.arming_s) else StandbyGoal()
-        fallen = trigger.action is FailsafeAction.FALL
-        if fallen and now - context.trigger_s > _LANDING_AT_MOST_S:
-            return self.end(now)  # without the agent's heartbeats the vehicle's failsafe acts
-        if fallen or trigger.action is FailsafeAction.YIELD:
-            context.phase = Phase.YIELD
-            context.controller.rest()
-            return YieldGoal()
+        if trigger.action in (FailsafeAction.FALL, FailsafeAction.YIELD):
+            return self._yield(tick, trigger)
         if trigger.action is FailsafeAction.HOLD:
             return self._hold(tick)
         if trigger.action is FailsafeAction.RETURN and context.had_control:
             return self.come_back(tick)
         failure = trigger.outcome is Outcome.FAILED
         return self.land(tick, self._plan.policies.hold_before_land_s if failure else 0.0)
+
+    def _yield(self, tick: Tick, trigger: FailsafeTrigger) -> Goal:
+        """Leave it to a pilot, for as long as one flies it; wait for a vehicle that fell, or that
+        another than us has brought into its landing mode, no longer than for our own landing."""
+        context, now, since = self._context, tick.now, self._lands_since
+        context.phase = Phase.YIELD
+        context.controller.rest()
+        if trigger.action is FailsafeAction.FALL:
+            since = context.trigger_s
+        elif tick.view.landing:
+            since = now if since is None else since
+        else:
+            since = None
+        self._lands_since = since
+        if since is None or now - since <= _LANDING_AT_MOST_S:
+            return YieldGoal()
+        why = f"{trigger.reason}; still armed after {_LANDING_AT_MOST_S:g} s"
+        context.trigger = replace(trigger, reason=why)
+        context.say(now, Severity.ERROR, why)
+        return self.end(now)  # without the agent's heartbeats the vehicle's failsafe acts
 
     def come_back(self, tick: Tick) -> Goal:
         """Up to the own height, wait for the turn, over the own start, down."""

@@ -198,7 +198,8 @@ class ReleaseGoal:
 @dataclass(frozen=True, slots=True)
 class YieldGoal:
     """A pilot or a failsafe flies it: send nothing but our heartbeat, and to a PX4 setpoints of
-    zero, without which its pilot could not give it back: it ignores them in all other modes."""
+    zero, without which its pilot could not give it back: it ignores them in all other modes. One
+    that has landed in its landing mode and stays armed is disarmed."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -216,7 +216,7 @@ class Autopilot(ABC):
         if heard.heartbeat_s == _NEVER or self.fault(heard):
             return messages
         if isinstance(goal, YieldGoal):
-            return messages + self.yielding(heard, now)
+            return messages + self.yielding(heard, now) + self._see_down(heard, now)
         messages += self._streams(heard, now)
         return messages + self._unless_in_doubt(self._towards(goal, heard, now), heard, now)
 
@@ -358,6 +358,18 @@ class Autopilot(ABC):
             if mode == self.controlled_mode:
                 messages.append(outgoing.velocity(self.system, (0.0, 0.0, 0.0), now))
             return messages
+        return self._disarm_stuck(heard, now)
+
+    def _see_down(self, heard: Telemetry, now: float) -> list[Message]:
+        """A vehicle that a pilot or its own failsafe lands."""
+        if not heard.armed or heard.evidence.doubt or self.mode(heard) != self.landing_mode:
+            self._grounded_since = None
+            return []
+        return self._disarm_stuck(heard, now)
+
+    def _disarm_stuck(self, heard: Telemetry, now: float) -> list[Message]:
+        """Disarm a vehicle that lands, says that it is on the ground, and stays armed there. It
+        refuses where its own land detector knows better."""
         if not heard.on_ground:
             self._grounded_since = None
         elif self._grounded_since is None:

@@ -644,6 +644,21 @@ def test_what_stays_armed_on_the_ground_is_disarmed_after_a_while(name: str) -> 
 
 
 @both
+@pytest.mark.parametrize("lands", [True, False])
+def test_an_agent_that_yields_disarms_what_has_landed_by_itself(name: str, lands: bool) -> None:
+    """In the landing mode; in a pilot's mode an armed vehicle on the ground is the pilot's."""
+    vehicle = flying(name)
+    vehicle.run(LandGoal(), 1.5)
+    vehicle.mode = vehicle.mode if lands else PILOT[name]
+    vehicle.height_m, vehicle.armed = 0.0, True
+    vehicle.move = lambda: None  # type: ignore[method-assign]  # the autopilot's own disarming is broken
+    sent = vehicle.run(YieldGoal(), GROUNDED_S + 5.0)
+    asked = [(message.param1, message.param2) for _, message in commands(sent, ARM)]
+    assert asked == [(0.0, 0.0)] * lands, "never by force"
+    assert vehicle.armed is not lands
+
+
+@both
 def test_a_vehicle_on_the_ground_for_a_moment_only_is_not_disarmed(name: str) -> None:
     vehicle = flying(name)
     vehicle.run(LandGoal(), 1.5)

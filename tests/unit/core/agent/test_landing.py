@@ -290,6 +290,18 @@ def test_a_fallen_vehicle_that_stays_armed_is_given_up(action: FailsafeAction, e
     assert isinstance(flight.at(181.0), ReleaseGoal if ends else YieldGoal)
 
 
+def test_a_vehicle_that_others_land_is_given_up_when_it_stays_armed() -> None:
+    """By its own failsafe or by a pilot: three minutes in the landing mode, in one piece."""
+    flight, lands = Flight(YIELDS), {"landing": True, "controlled": False}
+    assert isinstance(flight.at(0.1, **lands), YieldGoal)
+    assert isinstance(flight.at(100.0, controlled=False), YieldGoal)  # a pilot flies it
+    assert isinstance(flight.at(110.0, **lands), YieldGoal)
+    assert isinstance(flight.at(289.0, **lands), YieldGoal)
+    assert isinstance(flight.at(291.0, **lands), ReleaseGoal)
+    assert flight.context.reason == "a reason; still armed after 180 s"
+    assert flight.context.outcome is Outcome.FAILED
+
+
 @pytest.mark.parametrize(("later_s", "ends"), [(2.9, False), (3.1, True)])
 def test_a_kill_is_not_over_before_the_vehicle_is_known(later_s: float, ends: bool) -> None:
     """An agent that has just started takes its vehicle for disarmed until heartbeats say more."""
