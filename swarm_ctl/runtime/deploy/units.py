@@ -19,7 +19,7 @@ _AGENT: Final = """\
 # Written by swarm-ctl deploy, which overwrites what is changed here.
 [Unit]
 Description=swarm-ctl: agent %i of {swarm}
-{after}# An agent that is ended so three times in a minute is left alone: its vehicle lands by itself.
+{after}# Ended so three times in a minute, an agent is left alone: its vehicle lands by itself.
 StartLimitIntervalSec=60
 StartLimitBurst=3
 
@@ -30,8 +30,8 @@ KillSignal=SIGINT
 SendSIGKILL=no
 TimeoutStopSec=infinity
 # One that a signal has ended (out of memory, a fault of a library) starts again at once and takes
-# its vehicle over, if it stands in the air as it was left. One that has ended by its own word, or by
-# an error in its code, which would come again, does not fly again: its vehicle lands.
+# its vehicle over, if it stands in the air as it was left. One that has ended by its own word, or
+# by an error in its code, which would come again, does not fly again: its vehicle lands.
 Restart=on-abnormal
 RestartSec=200ms
 StandardOutput=append:{home}/flight/agent-%i.log
