@@ -90,7 +90,12 @@ def _compose(
         "SWARM_CTL_ARDUPILOT_IMAGE": autopilot,
     }
     command = ["podman-compose", "-p", PROJECT, "-f", ROOT / "docker" / file, *words]
-    return subprocess.run(command, env=env, capture_output=True, text=True, check=False)
+    # Into a file: podman-compose leaves children that hold its output for as long as the containers
+    # run, and the end of a pipe would be waited for.
+    output = runs.with_name("compose.log")
+    with output.open("w") as log:
+        done = subprocess.run(command, env=env, stdout=log, stderr=log, check=False)
+    return subprocess.CompletedProcess(command, done.returncode, output.read_text())
 
 
 def test_sizes(images: dict[str, int]) -> None:
@@ -104,7 +109,7 @@ def test_the_hexagon_flies_from_nothing(images: dict[str, int], runs: Path, time
     """`up` ends with the mission's exit code, and the folder on the host has the whole run, flown
     with keys; no private key is in it."""
     done = _compose("compose.yaml", runs, "up", "--exit-code-from", "station")
-    assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-4000:]
+    assert done.returncode == 0, done.stdout[-4000:]
     protection = _completed(runs)["protection"]
     assert len(protection["authenticated"]) == len(protection["signed"]) == 6
 
@@ -116,7 +121,7 @@ def test_the_hexagon_flies_on_arducopters_from_nothing(
     """The same on real autopilots, by their own estimates; their links are not signed."""
     words = ("up", "--exit-code-from", "station")
     done = _compose("compose.ardupilot.yaml", runs, *words, autopilot=autopilot)
-    assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-4000:]
+    assert done.returncode == 0, done.stdout[-4000:]
     protection = _completed(runs)["protection"]
     assert len(protection["authenticated"]) == 6
     assert not protection["signed"]
