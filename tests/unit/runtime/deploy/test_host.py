@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 import stat
 from collections.abc import Iterable
 from dataclasses import replace
@@ -187,10 +188,13 @@ def test_a_process_without_systemd_outlives_its_starter(tmp_path: Path) -> None:
     pids.write_text(kept.replace(' "', ' "1'))
     assert not plain.runs(service), "another process has its number"
     pids.write_text(kept)
+    log = tmp_path / "flight/agent-1.log"
+    while not log.read_text():  # SIGINT before that ends the shell, and it says nothing
+        time.sleep(0.01)
     plain.interrupt(service)
     os.waitpid(int(kept.strip("[").partition(",")[0]), 0)
     assert not plain.runs(service)
-    assert (tmp_path / "flight/agent-1.log").read_text() == "here\n"
+    assert log.read_text() == "here\n"
 
 
 _SYSTEMCTL = """#!/bin/sh
