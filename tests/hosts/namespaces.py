@@ -159,6 +159,12 @@ class Network:
         """Where a side is found by the others."""
         return f"10.77.0.{side + 1}"
 
+    def move(self, side: int, address: str) -> None:
+        """A side gets another address on the mesh, as of DHCP or behind a NAT, and loses the
+        old one."""
+        self.sides[side].run(f"ip address add {address}/24 dev mesh0")
+        self.sides[side].run(f"ip address del {self.address(side)}/24 dev mesh0")
+
     @staticmethod
     def middle_address(side: int) -> str:
         """Where a side finds what runs in the middle."""

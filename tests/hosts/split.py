@@ -35,19 +35,41 @@ class Links(StrEnum):
     ROUTERS = "udp router"
     """A router of each host."""
     TCP_ROUTERS = "tcp router"
+    ONE_ROUTER = "one udp router"
+    """Of the first host, for all agents."""
+    ONE_TCP_ROUTER = "one tcp router"
     TCP = "tcp"
     """Where each agent listens."""
 
 
-_ROUTED = {Links.ROUTERS: "udp", Links.TCP_ROUTERS: "tcp"}
+_ONE = (Links.ONE_ROUTER, Links.ONE_TCP_ROUTER)
+_ROUTED = {Links.ROUTERS: "udp", Links.TCP_ROUTERS: "tcp"} | dict(
+    zip(_ONE, ("udp", "tcp"), strict=True)
+)
 
 
 @dataclass(frozen=True)
 class HostClock:
-    """How the clock of a host stands to that of the first one."""
+    """How the clock of a host stands to that of the first one, and when NTP steps its date by how
+    much."""
 
     ahead_s: float = 0.0
     rate: float = 1.0
+    step_s: float = 0.0
+    step_at: Path | None = None
+    """The date jumps when this file is there."""
+
+
+_STEPPED_DATE = """\
+import datetime, os, time
+now = time.time
+def stepped():
+    return now() + (float(os.environ["STEP_S"]) if os.path.exists(os.environ["STEP_AT"]) else 0.0)
+time.time = stepped
+time.time_ns = lambda: int(stepped() * 1e9)
+"""
+"""A process with PYTHONPATH to this as `sitecustomize.py` has such a date. The monotonic clock, by
+which missions are flown, is never stepped (clock_gettime(2))."""
 
 
 class Split:
@@ -83,7 +105,7 @@ class Split:
             self._path = path
             self.routers: dict[int, subprocess.Popen[bytes]] = {}
             if links in _ROUTED:
-                for side in range(len(sides)):
+                for side in range(1 if links in _ONE else len(sides)):
                     self.start_router(side)
             self._stations = {side: self._station(side) for side in range(len(sides))}
             self._agents = {i: self._agent(i, side) for side, ids in enumerate(sides) for i in ids}
@@ -112,7 +134,8 @@ class Split:
         ]
 
     def _router(self, side: int) -> str:
-        return f"{_ROUTED[self._links]}/{self.network.address(side)}:{_ROUTER}"
+        host = self.network.address(0 if self._links in _ONE else side)
+        return f"{_ROUTED[self._links]}/{host}:{_ROUTER}"
 
     @staticmethod
     def _autopilot(agent: int) -> str:
@@ -162,14 +185,30 @@ class Split:
         epoch_s = self._epoch_s - clock.ahead_s / self._speedup
         words = [SWARM_CTL, "agent", self._path, "--id", str(agent), "--open-mesh"]
         words += ["--speedup", str(self._speedup * clock.rate), "--epoch", str(epoch_s)]
-        return self._started(self.network.sides[side].inside(words), f"agent-{agent}")
+        env = self._stepped(clock) if clock.step_at else None
+        return self._started(self.network.sides[side].inside(words), f"agent-{agent}", env)
 
-    def _started(self, command: list[str], name: str) -> subprocess.Popen[bytes]:
+    def _stepped(self, clock: HostClock) -> dict[str, str]:
+        date = self._where / "date"
+        date.mkdir(exist_ok=True)
+        (date / "sitecustomize.py").write_text(_STEPPED_DATE)
+        path = os.pathsep.join([str(date), *filter(None, [os.environ.get("PYTHONPATH")])])
+        return {"PYTHONPATH": path, "STEP_S": str(clock.step_s), "STEP_AT": str(clock.step_at)}
+
+    def _started(
+        self, command: list[str], name: str, env: Mapping[str, str] | None = None
+    ) -> subprocess.Popen[bytes]:
         with (
             (self._where / f"{name}.out").open("wb") as out,
             (self._where / f"{name}.err").open("wb") as err,
         ):
-            process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=out, stderr=err)
+            process = subprocess.Popen(
+                command,
+                stdin=subprocess.PIPE,
+                stdout=out,
+                stderr=err,
+                env={**os.environ, **env} if env else None,
+            )
         self._processes.append(process)
         return process
 

@@ -55,9 +55,10 @@ def hosts(
     return Split(mission, SIDES, where, 1, links, **more)  # type: ignore[arg-type]  # Split's own
 
 
-def near(flight: Split) -> bool:
-    """Each station has heard every agent of the mission in the last second."""
-    heard = [flight.agents(side) for side in range(len(SIDES))]
+def near(flight: Split, *sides: int) -> bool:
+    """Each station, or that of these sides, has heard every agent of the mission in the last
+    second."""
+    heard = [flight.agents(side) for side in sides or range(len(SIDES))]
     return all(
         len(agents) == len(ALL) and all(agent["age_s"] < 1.0 for agent in agents.values())
         for agents in heard
@@ -85,6 +86,47 @@ def test_a_host_is_lost(tmp_path: Path) -> None:
         assert flight.finish(180) == dict.fromkeys((1, 2, 5, 6), 1)
         for agent in (1, 2, 5, 6):
             assert "has not been heard" in flight.said(agent)
+        assert_apart_and_down(flight)
+
+
+def test_hosts_that_part_and_meet_again(tmp_path: Path) -> None:
+    """Each router is cut off from the others for 12 s. Agents hear those of their own host
+    meanwhile, and hold; then all go on."""
+    with hosts(tmp_path, Links.ROUTERS, "hold") as flight:
+        flight.wait_step(FORM)
+        flight.air(Air(cut=True))
+        flight.wait_s(12)
+        assert all(not near(flight, side) for side in range(len(SIDES)))
+        flight.air(Air())
+        flight.wait_for(lambda: near(flight), 30)
+        assert flight.finish(180) == dict.fromkeys(ALL, 0)
+        assert_apart_and_down(flight)
+
+
+@pytest.mark.parametrize("links", [Links.ONE_ROUTER, Links.ONE_TCP_ROUTER], ids=["udp", "tcp"])
+def test_a_host_gets_another_address(tmp_path: Path, links: Links) -> None:
+    """Its agents and its station connect to the router of another host anew, by themselves."""
+    with hosts(tmp_path, links, "hold") as flight:
+        flight.wait_step(FORM)
+        flight.network.move(1, "10.77.0.52")
+        flight.wait_s(3)
+        flight.wait_for(lambda: near(flight), 30)
+        assert flight.finish(180) == dict.fromkeys(ALL, 0)
+        assert_apart_and_down(flight)
+
+
+def test_dates_that_are_stepped_in_flight(tmp_path: Path) -> None:
+    """NTP sets one host's date an hour ahead and another's a day back while they form: a flight
+    goes by clocks that no date moves."""
+    step = tmp_path / "step"
+    clocks = {
+        1: HostClock(step_s=3600.0, step_at=step),
+        2: HostClock(step_s=-86400.0, step_at=step),
+    }
+    with hosts(tmp_path, Links.HOSTS, clocks=clocks) as flight:
+        flight.wait_step(FORM)
+        step.touch()
+        assert flight.finish(180) == dict.fromkeys(ALL, 0)
         assert_apart_and_down(flight)
 
 

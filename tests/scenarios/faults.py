@@ -347,6 +347,14 @@ ROWS = (
     ),
     Row("a clock jumps ahead", GOOD, happenings=((3, clock(2, 2.0)),)),
     Row("a clock jumps back", GOOD, happenings=((3, clock(2, -2.0)),)),
+    Row(
+        "the clocks of two hosts jump",
+        GOOD,
+        happenings=(
+            *((3, clock(agent, 2.0)) for agent in (1, 2)),
+            *((5, clock(agent, -2.0)) for agent in (3, 4)),
+        ),
+    ),
     Row("GPS jumps by 3 m", GOOD, happenings=((3, vehicle(2, SIM_GPS_JUMP_N=3.0)),)),
     Row(
         "GPS jumps and comes back",
