@@ -22,6 +22,7 @@ from swarm_ctl.core.model.messages import (
     Ack,
     AgentState,
     AgentStatus,
+    Answers,
     ClockEcho,
     ClockNews,
     Command,
@@ -48,8 +49,8 @@ _DONE, _AIRBORNE, _FRAME, _DOWN = 1, 2, 4, 32
 _PHASES: Final[dict[int, Phase]] = {phase.value: phase for phase in Phase}
 _LEFT: Final = (None, *ENDING)
 _LEFT_BIT: Final = 3
-_CLOCK: Final = struct.Struct("<BHd?")
-"""version, agent, time_s, asks"""
+_CLOCK: Final = struct.Struct("<BHdB")
+"""version, agent, time_s, the answers that are wanted"""
 _ECHO: Final = struct.Struct("<Hdd")
 """agent, told_s, held_s"""
 _NO_FRAME: Final = Frame((0.0, 0.0), scale=0.0)
@@ -145,17 +146,17 @@ def _decode_state(data: bytes) -> AgentState:
 
 
 def _encode_clock(news: ClockNews) -> bytes:
-    head = _CLOCK.pack(VERSION, news.agent, news.time_s, news.asks)
+    head = _CLOCK.pack(VERSION, news.agent, news.time_s, news.wants)
     return head + b"".join(_ECHO.pack(echo.agent, echo.told_s, echo.held_s) for echo in news.echoes)
 
 
 def _decode_clock(data: bytes) -> ClockNews:
-    _, agent, time_s, asks = _CLOCK.unpack_from(data)
+    _, agent, time_s, wants = _CLOCK.unpack_from(data)
     echoes = tuple(ClockEcho(*echo) for echo in _ECHO.iter_unpack(memoryview(data)[_CLOCK.size :]))
     times = (time_s, *(e.told_s for e in echoes), *(e.held_s for e in echoes))
     if not all(map(math.isfinite, times)):
         raise ValueError("a number is not finite")
-    return ClockNews(agent, time_s, asks, echoes)
+    return ClockNews(agent, time_s, Answers(wants), echoes)
 
 
 def _first_line(error: Exception) -> str:

@@ -16,7 +16,14 @@ from pathlib import Path
 
 import pytest
 
-from swarm_ctl.core.model.messages import Ack, AgentStatus, ClockNews, Command, RefusalReason
+from swarm_ctl.core.model.messages import (
+    Ack,
+    AgentStatus,
+    Answers,
+    ClockNews,
+    Command,
+    RefusalReason,
+)
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
@@ -188,7 +195,7 @@ def test_a_member_is_heard_in_a_flood() -> None:
         while any(each.poll() is None for each in floods):
             sent += 1
             there.send(keys.STATE, replace(STATE, agent=2, seq=sent))
-            there.send(keys.CLOCK, ClockNews(2, 1.0, False, ()))
+            there.send(keys.CLOCK, ClockNews(2, 1.0, Answers.REGULAR, ()))
             there.send(keys.COMMAND, Command("honest", "hold", (), 1.0, station="2"))
             for channel in channels:
                 for payload, at_s in here.take(channel):

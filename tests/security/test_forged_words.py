@@ -10,7 +10,14 @@ from pathlib import Path
 
 import pytest
 
-from swarm_ctl.core.model.messages import AgentState, ClockEcho, ClockNews, ExchangeState, Phase
+from swarm_ctl.core.model.messages import (
+    AgentState,
+    Answers,
+    ClockEcho,
+    ClockNews,
+    ExchangeState,
+    Phase,
+)
 from swarm_ctl.mission.compile.loader import LoadedMission, load
 from tests.security.forger import Attacked, Forge
 
@@ -147,7 +154,9 @@ def test_forged_clock_words() -> None:
     for _ in range(300):
         swarm.tick()
         echoes = tuple(ClockEcho(i, swarm.now - 0.01, 0.0) for i in IDS)
-        flight.say("clock", 3, (1, 2, 4, 5, 6), ClockNews(3, swarm.now + 1e6, False, echoes))
+        flight.say(
+            "clock", 3, (1, 2, 4, 5, 6), ClockNews(3, swarm.now + 1e6, Answers.REGULAR, echoes)
+        )
     told = "agent 3 is not believed: its clock word steps by 1e+06 s"
     ends_unharmed(flight, told, 0.95 * unharmed_m())
 

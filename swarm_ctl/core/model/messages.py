@@ -422,14 +422,24 @@ class ClockEcho:
     """From its receipt to this word [s]."""
 
 
+class Answers(IntEnum):
+    """Which answers an agent wants to its clock words. The numbers are on the mesh."""
+
+    REGULAR = 0
+    """Once a second: a peer has another clock than its own."""
+    SOON = 1
+    """It hears a peer whose clock it does not know."""
+    NONE = 2
+    """All peers are on its own clock; it speaks because a peer wants answers."""
+
+
 @row
 class ClockNews:
     """Sent at 1 Hz, at 5 Hz while a peer asks: what the own clock shows. Binary."""
 
     agent: int
     time_s: float
-    asks: bool
-    """It hears a peer whose clock it does not know: it wants answers soon."""
+    wants: Answers
     echoes: tuple[ClockEcho, ...]
 
 

@@ -28,7 +28,7 @@ import math
 from collections.abc import Container, Iterable
 from typing import Final
 
-from swarm_ctl.core.model.messages import ClockEcho, ClockNews
+from swarm_ctl.core.model.messages import Answers, ClockEcho, ClockNews
 
 DRIFT: Final = 1e-3
 """[s/s] Between two clocks: 50 ppm each for bad crystals, 500 ppm while NTP slews one of them (the
@@ -209,8 +209,8 @@ class Clocks:
         }
         self._apart.update(c for c in self.of.values() if not isinstance(c, SharedClock))
         self._words: dict[int, tuple[float, float]] = {}
-        """By agent: the time its newest word told, and when it came; the next to be given back
-        first."""
+        """By agent that wants answers: the time its newest word told, and when it came; the next to
+        be given back first."""
         self._said_s = self._asked_s = -math.inf
 
     def hear(self, news: ClockNews, received_s: float) -> None:
@@ -218,15 +218,19 @@ class Clocks:
         clock = self.of.get(news.agent)
         if clock is None:
             return
-        self._words[news.agent] = (news.time_s, received_s)
-        if news.asks:
+        if news.wants is Answers.NONE:
+            self._words.pop(news.agent, None)
+        else:
+            self._words[news.agent] = (news.time_s, received_s)
+        if news.wants is Answers.SOON:
             self._asked_s = received_s
         for echo in news.echoes:
             if echo.agent == self._own:
                 clock.answered(echo.told_s, news.time_s - echo.held_s, news.time_s, received_s)
 
     def say(self, now: float) -> ClockNews | None:
-        """The own word, if it is due: none where all share one clock and none was asked for."""
+        """The own word, if it is due: none where all share one clock and none was asked for. An
+        agent that only answers wants no answer, so the words end with the last question."""
         if now - self._said_s < ASK_EVERY_S - _ROUNDING_S or not (self._apart or self._words):
             return None
         asks = any(clock.unknown_s is not None for clock in self._apart)
@@ -240,4 +244,5 @@ class Clocks:
         for i in turn:
             kept[i] = kept.pop(i)  # to the end
         self._words = kept
-        return ClockNews(self._own, now, asks, echoes)
+        wants = Answers.SOON if asks else Answers.REGULAR if self._apart else Answers.NONE
+        return ClockNews(self._own, now, wants, echoes)

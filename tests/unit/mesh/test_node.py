@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from swarm_ctl.core.model.messages import (
     AgentState,
     AgentStatus,
+    Answers,
     ClockEcho,
     ClockNews,
     Command,
@@ -258,7 +259,7 @@ def test_the_largest_swarm_fits() -> None:
     links = {100 + k: link for k in range(250)}
     assert len(encode(replace(status, links=links))) <= keys.STATUS.bounds.size
     echoes = tuple(ClockEcho(k, long, long) for k in range(250))
-    assert len(encode(ClockNews(1, long, True, echoes))) == keys.CLOCK.bounds.size
+    assert len(encode(ClockNews(1, long, Answers.SOON, echoes))) == keys.CLOCK.bounds.size
 
 
 def test_a_node_hears_those_that_it_follows() -> None:

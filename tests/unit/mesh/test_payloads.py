@@ -16,6 +16,7 @@ from swarm_ctl.core.model.messages import (
     Ack,
     AgentState,
     AgentStatus,
+    Answers,
     ClockEcho,
     ClockNews,
     Command,
@@ -88,8 +89,8 @@ OTHERS: list[Any] = [
     ),
     Command("t-apply", "apply", (1, 2), 2.5, commits=2**32 - 1),
     Ack(1, "abc", False, "no"),
-    ClockNews(1, 2.5, False, ()),
-    ClockNews(65535, -1e9, True, (ClockEcho(2, 1e6 + 0.1, 1e-6), ClockEcho(50, -3.0, 0.9))),
+    ClockNews(1, 2.5, Answers.REGULAR, ()),
+    ClockNews(65535, -1e9, Answers.SOON, (ClockEcho(2, 1e6 + 0.1, 1e-6), ClockEcho(50, -3.0, 0.9))),
     StationBeacon("s", 1.0, 2**64 - 1),
     SigmaReport(
         1,

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarm_ctl.core.model.messages import AgentState, ClockEcho, ClockNews, Phase
+from swarm_ctl.core.model.messages import AgentState, Answers, ClockEcho, ClockNews, Phase
 from swarm_ctl.core.model.timeouts import FRESH_S, NEIGHBOUR_S
 from swarm_ctl.core.swarm.clocks import ASK_EVERY_S, DRIFT, STEADY_S, Clocks, PeerClock
 from swarm_ctl.core.swarm.peer import Peer
@@ -256,7 +256,7 @@ def test_nothing_is_known_at_first() -> None:
     """And nothing is said to those who are silent."""
     clock = PeerClock()
     assert (clock.known, clock.unknown_s, clock.bounds(3.0)) == (False, None, (-math.inf, math.inf))
-    assert Clocks(1, [2]).say(0.0) == ClockNews(1, 0.0, False, ())
+    assert Clocks(1, [2]).say(0.0) == ClockNews(1, 0.0, Answers.REGULAR, ())
 
 
 def shared() -> tuple[Clocks, Peer]:
@@ -275,7 +275,7 @@ def test_a_shared_clock_is_known_exactly_whatever_words_say(late_s: float, told_
         now = 10.0 + late_s + 0.05 * k
         assert k or clocks.say(now) is None
         echo = ClockEcho(1, now - 0.01, 0.0)
-        clocks.hear(ClockNews(2, now + told_s, True, (echo,)), now)
+        clocks.hear(ClockNews(2, now + told_s, Answers.SOON, (echo,)), now)
         assert (peer.clock.known, peer.clock.bounds(now)) == (True, (0.0, 0.0))
         assert peer.age(now) == pytest.approx(now - 10.0, abs=1e-9)
         assert peer.view(now).age_at_most_s == pytest.approx(now - 10.0, abs=1e-9)
@@ -294,7 +294,7 @@ def test_a_state_from_the_future_of_a_shared_clock_is_refused() -> None:
     assert peer.age(12.0) > NEIGHBOUR_S
     word = clocks.say(12.0)
     assert word is not None
-    assert word.asks
+    assert word.wants is Answers.SOON
 
 
 def test_another_process_with_an_older_clock_is_found_out() -> None:
@@ -317,13 +317,32 @@ def test_one_that_knows_of_no_sharing_is_answered() -> None:
     """An agent that was started again by hand, on the same clock; seconds later no word is said
     any more."""
     clocks, _ = shared()
-    clocks.hear(ClockNews(2, 5.0, True, ()), 5.01)
+    clocks.hear(ClockNews(2, 5.0, Answers.SOON, ()), 5.01)
     word = clocks.say(5.05)
     assert word is not None
     assert [echo.agent for echo in word.echoes] == [2]
     said = [now for k in range(400) if clocks.say(now := 5.1 + 0.05 * k) is not None]
     assert len(said) <= 12
     assert max(said) < 12.0
+
+
+def test_answers_do_not_feed_each_other() -> None:
+    """One of six asks for a while, because its load made it take a peer's clock for another one:
+    seconds after its last word no agent says any."""
+    others = {i: Clocks(i, {*range(1, 7)} - {i}, range(1, 7)) for i in range(1, 6)}
+    said: list[float] = []
+    under_way: list[ClockNews] = []
+    for k in range(400):
+        now = 0.05 * k
+        if now < 5.0:
+            under_way.append(ClockNews(6, now, Answers.SOON, ()))
+        for own in others.values():
+            for news in under_way:
+                own.hear(news, now)
+        words = [clocks.say(now) for clocks in others.values()]
+        under_way = [word for word in words if word]
+        said += [now] * len(under_way)
+    assert 5.0 < max(said) < 12.0
 
 
 def test_a_hundred_clocks_are_known_within_three_seconds() -> None:

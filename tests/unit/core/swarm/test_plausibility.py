@@ -11,7 +11,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarm_ctl.core.model.messages import AgentState, ClockEcho, ClockNews, CommandKind, Phase
+from swarm_ctl.core.model.messages import (
+    AgentState,
+    Answers,
+    ClockEcho,
+    ClockNews,
+    CommandKind,
+    Phase,
+)
 from swarm_ctl.core.swarm.peer import Peer
 from swarm_ctl.core.swarm.peers import Peers
 from swarm_ctl.core.swarm.plausibility import INSISTS_S, JUMP_M, LASTS_S, SUSPECT_S, Limits
@@ -194,7 +201,7 @@ def test_forged_clock_messages_change_nothing() -> None:
     bounds = peer.clock.bounds(now)
     for k in range(20, 80):
         echo = ClockEcho(1, now - 0.01, 0.0)
-        peers.hear_clock(ClockNews(2, now + 1e6, False, (echo,)), now)
+        peers.hear_clock(ClockNews(2, now + 1e6, Answers.REGULAR, (echo,)), now)
         assert peer.hear(said(k), TICK_S * k)
         now += TICK_S
     assert peers.suspects(now)[2].startswith("its clock word steps by 1e+06 s")
