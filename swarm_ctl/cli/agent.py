@@ -108,6 +108,7 @@ def agent(
     from swarm_ctl.mission.fleet.exposure import exposures, refuse_exposed
     from swarm_ctl.runtime.agent.agent_process import AgentConfig, run_agent
     from swarm_ctl.runtime.clock import Clock, unix_s
+    from swarm_ctl.runtime.forked import leave
     from swarm_ctl.runtime.lifeline import SignalLifeline
     from swarm_ctl.runtime.protection import agent_identity_folder
     from swarm_ctl.runtime.vehicle_memory import state_folder
@@ -157,7 +158,7 @@ def agent(
     )
     if keys is not None:
         threading.Thread(target=_explain, args=(keys, connect), daemon=True).start()
-    raise typer.Exit(run_agent(config, SignalLifeline()))
+    leave(run_agent(config, SignalLifeline()))
 
 
 def _explain(keys: Path, peers: Sequence[str]) -> None:

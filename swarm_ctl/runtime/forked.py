@@ -1,4 +1,4 @@
-"""The entry of a process that `run` forks."""
+"""The entry of a process that `run` forks, and the end of each process that flies."""
 
 from __future__ import annotations
 
@@ -34,9 +34,16 @@ def serve_forked(
         traceback.print_exc()
         lifeline.tell(traceback.format_exc(limit=-1).strip().splitlines()[-1])
         code = 70  # EX_SOFTWARE
+    leave(code)
+
+
+def leave(code: int) -> NoReturn:
+    """End this process; all its links are closed. The interpreter is not taken down: an agent that
+    had completed on a busy machine once ended with SIGABRT there, while zenoh's threads still ran,
+    and systemd would have started it again. A forkserver's atexit is skipped, too."""
     sys.stdout.flush()
     sys.stderr.flush()
-    os._exit(code)  # skips the forkserver's atexit; all links are closed already
+    os._exit(code)
 
 
 def _redirect(log: Path) -> None:

@@ -162,8 +162,8 @@ class Network:
     def move(self, side: int, address: str) -> None:
         """A side gets another address on the mesh, as of DHCP or behind a NAT, and loses the
         old one."""
-        self.sides[side].run(f"ip address add {address}/24 dev mesh0")
         self.sides[side].run(f"ip address del {self.address(side)}/24 dev mesh0")
+        self.sides[side].run(f"ip address add {address}/24 dev mesh0")
 
     @staticmethod
     def middle_address(side: int) -> str:

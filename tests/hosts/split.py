@@ -67,9 +67,11 @@ def stepped():
     return now() + (float(os.environ["STEP_S"]) if os.path.exists(os.environ["STEP_AT"]) else 0.0)
 time.time = stepped
 time.time_ns = lambda: int(stepped() * 1e9)
+open(f"{os.environ['STEP_AT']}.{os.getpid()}", "a").close()
 """
-"""A process with PYTHONPATH to this as `sitecustomize.py` has such a date. The monotonic clock, by
-which missions are flown, is never stepped (clock_gettime(2))."""
+"""A process with PYTHONPATH to this as `sitecustomize.py` has such a date, and leaves a file
+with its number. The monotonic clock, by which missions are flown, is never stepped
+(clock_gettime(2))."""
 
 
 class Split:

@@ -125,6 +125,7 @@ def test_dates_that_are_stepped_in_flight(tmp_path: Path) -> None:
     }
     with hosts(tmp_path, Links.HOSTS, clocks=clocks) as flight:
         flight.wait_step(FORM)
+        assert len(list(tmp_path.glob("step.*"))) == len((*SIDES[1], *SIDES[2]))
         step.touch()
         assert flight.finish(180) == dict.fromkeys(ALL, 0)
         assert_apart_and_down(flight)
