@@ -1,15 +1,15 @@
 """Settings for all tests: how many workers run them, and which rows run.
 
-`python -m pytest` shares the tests among four workers. One process runs them where a debugger or
+`python -m pytest` shares the tests among three workers. One process runs them where a debugger or
 the order needs it: with `--pdb`, `--trace` or `-s`, where files or single tests are named, and for
 the long rows (`python -m pytest -m long`). `-n0` or another number wins over this choice.
 
 Tests in real time (processes, sockets, the system's clock) mostly wait, and must not be kept
-waiting. They are three groups of about the same length, each run in order by one worker: whole runs
-(autopilots that boot take both cores, so they never boot beside a run at a speed-up); agents, keys
-and hosts of their own, and terminals; links. They come first. All other tests only compute, beside
-them, on a worker that gives way. Flights in lockstep take both cores, but wait for them: they come
-last, beside each other.
+waiting. They are two groups of about the same length, each run in order by one worker: whole runs
+(autopilots that boot take both cores, so they never boot beside a run at a speed-up), and links and
+terminals. The groups are the largest, so the workers begin with them. All other tests only compute,
+beside them, on a worker that gives way. Flights in lockstep take both cores, but wait for them:
+they come last, beside each other.
 """
 
 from __future__ import annotations
@@ -22,23 +22,12 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-WORKERS = 4
-RUNS, PARTS, LINKS = "runs", "parts", "links"
-REALTIME = {"system": RUNS, "autopilots": RUNS, "hosts": PARTS, "protocol": LINKS}
+WORKERS = 3
+RUNS, LINKS = "runs", "links"
+REALTIME = {"system": RUNS, "hosts": RUNS, "autopilots": RUNS, "protocol": LINKS}
 """The group of each folder."""
-OF_ITS_OWN = {
-    "system/test_agents_alone": PARTS,
-    "system/test_dashboard": PARTS,
-    "system/test_liveliness": PARTS,
-    "system/test_router": PARTS,
-    "system/test_keys": LINKS,
-    "system/test_measure": LINKS,
-    "system/test_zenoh_links": LINKS,
-    "security/test_impostors": PARTS,
-    "security/test_offered_plans": PARTS,
-    "security/test_router": PARTS,
-}
-"""The group of a file, where it is not its folder's."""
+TERMINALS = ("test_dashboard", "test_keys", "test_measure", "test_zenoh_links")
+"""Of the folder `system`, but beside the whole runs."""
 _GIVE_WAY = 5
 """As `nice` counts: a third of the weight."""
 
@@ -63,18 +52,9 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         if item.path.parent == Path(__file__).with_name("foreign"):
             item.add_marker(pytest.mark.foreign)
         if group:
-            item.add_marker(pytest.mark.xdist_group(group))
-        if group in (RUNS, PARTS, LINKS):
             item.add_marker(pytest.mark.realtime)
-    items.sort(key=_turn)
-
-
-def _turn(item: pytest.Item) -> tuple[int, int]:
-    """Real time first, group by group; then what computes; then lockstep."""
-    if _waits_for_the_machine(item):
-        return 2, 0
-    group = _group(item)
-    return (0, (RUNS, PARTS, LINKS).index(group)) if group else (1, 0)
+            item.add_marker(pytest.mark.xdist_group(group))
+    items.sort(key=_waits_for_the_machine)
 
 
 def _waits_for_the_machine(item: pytest.Item) -> bool:
@@ -91,13 +71,12 @@ def _wanted(item: pytest.Item, config: pytest.Config) -> bool:
 
 
 def _group(item: pytest.Item) -> str:
-    file = item.path.relative_to(Path(__file__).parent)
+    folder = item.path.relative_to(Path(__file__).parent).parts[0]
     if _waits_for_the_machine(item):
-        # one flight for all rows of such a file
-        return str(file.with_suffix("")) if file.parts[0] == "foreign" else ""
-    of_its_own = OF_ITS_OWN.get(str(file.with_suffix("")))
-    of_folder = REALTIME.get(file.parts[0], RUNS if "realtime" in item.keywords else "")
-    return of_its_own or of_folder
+        return ""
+    if folder == "system" and item.path.stem in TERMINALS:
+        return LINKS
+    return REALTIME.get(folder, RUNS if "realtime" in item.keywords else "")
 
 
 def pytest_collection_finish(session: pytest.Session) -> None:
