@@ -56,7 +56,7 @@ class Landing:
         self._deserted_since: float | None = None
         self._disarmed_since: float | None = None
         self._lands_since: float | None = None
-        """For how long a vehicle that we yielded has been landing."""
+        """Since when a vehicle that we yielded has been in its landing mode [s]."""
 
     def carry_out(self, tick: Tick, trigger: FailsafeTrigger) -> Goal:
         """Do what a failsafe asks for: pause, yield, or hold for a moment and land."""
