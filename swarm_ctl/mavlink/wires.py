@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import importlib
 import socket
+import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Any, Protocol
@@ -24,6 +25,9 @@ _CHUNK = 4096
 _RECONNECT_S = 1.0
 _TCP_SEND_BUFFER = 4096
 """Small: a setpoint that waits in the kernel's buffer would arrive after the vehicle's time-out."""
+_NAMED_WITHIN_S, _ASK_AGAIN_S = 5.0, 0.2
+"""For so long a resolver may say that it can't tell now. A container engine's does while containers
+start."""
 _DEFAULT_BAUD = 57600
 """The default of telemetry radios."""
 _FIRST_PORT, _PORTS = 10000, 3000
@@ -78,7 +82,10 @@ def memory_wires(limit: int = 4096) -> tuple[MemoryWire, MemoryWire]:
 
 
 def open_wire(endpoint: str) -> Wire:
-    """Open `endpoint`; LinkError for a wrong spelling, or when the machine refuses it."""
+    """Open `endpoint`; LinkError for a wrong spelling, or when the machine refuses it.
+
+    Blocks while a name is looked up.
+    """
     scheme, _, rest = plain_endpoint(endpoint).partition(":")
     try:
         if scheme == "serial" and rest:
@@ -96,7 +103,19 @@ def _address(endpoint: str, rest: str) -> tuple[str, int]:
         raise LinkError(
             f"endpoint {endpoint!r} has no HOST:PORT; allowed: {ALLOWED}, PORT 1..65535"
         )
-    return socket.gethostbyname(host), int(port)
+    return _resolved(host), int(port)
+
+
+def _resolved(host: str) -> str:
+    """The IPv4 address of a name; a resolver that fails for now is asked again."""
+    until = time.monotonic() + _NAMED_WITHIN_S
+    while True:
+        try:
+            return socket.gethostbyname(host)
+        except socket.gaierror as error:
+            if error.errno != socket.EAI_AGAIN or time.monotonic() > until:
+                raise
+        time.sleep(_ASK_AGAIN_S)
 
 
 def local_port(address: tuple[str, int]) -> int:
