@@ -7,10 +7,10 @@ taken out of both:
 
     late_s = sum(behind . v) / (sum(|v|^2) + 0.1 m^2/s), behind = x_model - x
 
-It counts as dead time: the vehicle comes to rest farther on by the setpoints that the model takes
-for flown and the vehicle has yet to fly. Where that would be less than no dead time, the rest is
-taken from the lag. A dead time is found to 0.1 s. A lag that differs from the model's is found
-only as far as it acts like a dead time, in long legs.
+It counts as dead time: the vehicle has yet to fly setpoints that the model takes for flown, and
+comes to rest after all of these, its limit of acceleration counted. Where that would be less than
+no dead time, the rest is taken from the lag. A dead time is found to 0.1 s. A lag that differs from
+the model's is found only as far as it acts like a dead time, in long legs.
 
 `doubt_s` is by how much the response may still be off. It starts with the model's own doubt and
 falls as the vehicle moves, so an agent that has not flown yet is careful near others
@@ -21,12 +21,14 @@ Written once for one vehicle and for arrays of them (`core/model/arrays.py`); me
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from typing import Any, Final
 
 import numpy as np
 
 from swarm_ctl.core.law.stop_point import Coast, pending
-from swarm_ctl.core.model.arrays import ONE, Arithmetic, Indices
+from swarm_ctl.core.model.arrays import ONE, Arithmetic
 from swarm_ctl.core.model.plan import Response
 
 LATEST_S: Final = 1.0
@@ -62,7 +64,7 @@ class ResponseEstimate:
         self._blank = blank
         self._coast = Coast(model, tick_s, of.most)
         self._pending = pending(model, tick_s)
-        self._history = round(LATEST_S / tick_s) + self._pending + 2
+        self._history = max(self._pending, math.ceil((model.dead_time_s + LATEST_S) / tick_s)) + 1
         self._moved = self._agreed = abs(blank)
         self.late_s = abs(blank)
         """The vehicle answers later than the model by this; less than 0: earlier."""
@@ -78,9 +80,8 @@ class ResponseEstimate:
     def restart(self) -> None:
         """The vehicle stands still or flies on its own: no setpoint is under way. The estimate
         stays."""
-        self._sums = _Sums(self._history, self._blank)
-        self._ahead = [self._blank] * self._pending
-        """The setpoints that the model has yet to fly, oldest first."""
+        self._sent = [self._blank] * self._history
+        """The newest setpoints, oldest first."""
         self._begin_afresh()
 
     def rest(self) -> None:
@@ -97,9 +98,9 @@ class ResponseEstimate:
 
     def sent(self, setpoint: Any) -> None:
         """A setpoint [m/s] was sent: the model flies one tick."""
-        self._sums.add(setpoint * self._tick_s)
-        self._ahead.append(setpoint)
-        acting = self._ahead.pop(0)
+        del self._sent[0]
+        self._sent.append(setpoint)
+        acting = self._sent[-1 - self._pending]
         if self._place is not None:
             self._place, self._velocity = self._coast.tick(self._place, self._velocity, acting)
 
@@ -111,10 +112,24 @@ class ResponseEstimate:
         self._compare(position, velocity)
         late_s = self.late_s + self._model.dead_time_s
         dead_s = self._of.most(0.0, late_s)
-        more = self._sums.ago(self._pending) - self._sums.ago(dead_s / self._tick_s)
+        x, v = position, velocity
+        for acting, part in self._yet_to_act(dead_s / self._tick_s):
+            x, v = self._coast.tick(x, v, acting, part)
         quicker_s = late_s - dead_s
-        rest = self._coast.rest(position, velocity, self._ahead)
-        return rest + more + quicker_s * velocity
+        return self._coast.rest(x, v) + quicker_s * velocity
+
+    def _yet_to_act(self, ticks: Any) -> Iterator[tuple[Any, Any]]:
+        """The setpoints of the last `ticks`, oldest first, and which part of its tick each has yet
+        to act: of a number with a fraction, the oldest acts for that."""
+        if isinstance(ticks, np.ndarray):
+            most, least = ticks.max(), ticks.min()
+        else:
+            most = least = ticks
+        for ago in range(math.ceil(most), 0, -1):
+            part = 1.0
+            if ago > least:
+                part = self._of.most(0.0, self._of.least(1.0, ticks - (ago - 1)))
+            yield self._sent[-ago], part
 
     def _compare(self, position: Any, velocity: Any) -> None:
         """Take one tick into the estimate."""
@@ -144,38 +159,4 @@ class ResponseEstimate:
         for name, value in vars(self).items():
             if isinstance(value, np.ndarray):
                 setattr(self, name, np.ascontiguousarray(value[missions]))
-        self._ahead = [np.ascontiguousarray(setpoint[missions]) for setpoint in self._ahead]
-        self._sums.only(missions)
-
-
-class _Sums:
-    """Sums of what was added, by how long ago."""
-
-    def __init__(self, length: int, blank: Any) -> None:
-        self._at = 0
-        many = isinstance(blank, np.ndarray)
-        self._sums: Any = np.array([blank] * length) if many else [blank] * length
-
-    def add(self, step: Any) -> None:
-        """One more."""
-        newest = self._sums[self._at]
-        self._at = (self._at + 1) % len(self._sums)
-        self._sums[self._at] = newest + step
-
-    def ago(self, ticks: Any) -> Any:
-        """The sum as it was so many ticks ago; between ticks on the straight line."""
-        whole = ticks // 1.0
-        part = ticks - whole
-        if isinstance(whole, np.ndarray):
-            places = whole.astype(np.intp)
-            return self._of(places) * (1.0 - part) + self._of(places + 1) * part
-        count, at = len(self._sums), self._at - int(whole)
-        return self._sums[at % count] * (1.0 - part) + self._sums[(at - 1) % count] * part
-
-    def _of(self, ago: Indices) -> Any:
-        row = (self._at - ago) % len(self._sums)
-        return np.take_along_axis(self._sums, row[None], axis=0)[0]
-
-    def only(self, missions: Any) -> None:
-        """Go on with some of the missions."""
-        self._sums = np.ascontiguousarray(self._sums[:, missions])
+        self._sent = [np.ascontiguousarray(setpoint[missions]) for setpoint in self._sent]

@@ -82,13 +82,13 @@ class Coast:
         self._share = -math.expm1(-dt_s / vehicle.lag_s)
         self._bound = vehicle.acceleration_mps2 * dt_s
 
-    def tick(self, x: Any, v: Any, acting: Any) -> tuple[Any, Any]:
-        """Place and velocity after `dt_s`, once `acting` acts."""
+    def tick(self, x: Any, v: Any, acting: Any, part: Any = 1.0) -> tuple[Any, Any]:
+        """Place and velocity after `dt_s`, or a part of it, once `acting` acts."""
         dv = (acting - v) * self._share
-        dv = dv * (self._bound / self._most(abs(dv), self._bound))
-        return x + self._dt_s * (v + 0.5 * dv), v + dv
+        dv = dv * (part * self._bound / self._most(abs(dv), self._bound))
+        return x + part * self._dt_s * (v + 0.5 * dv), v + dv
 
-    def rest(self, x: Any, v: Any, under_way: Iterable[Any]) -> Any:
+    def rest(self, x: Any, v: Any, under_way: Iterable[Any] = ()) -> Any:
         """Where it rests after the setpoints that are under way, oldest first."""
         for acting in under_way:
             x, v = self.tick(x, v, acting)

@@ -72,6 +72,19 @@ def test_the_vehicle_comes_to_rest_at_its_stop_point(dead_time_s: float) -> None
     assert abs(flight.place - predicted) < 0.5
 
 
+@pytest.mark.parametrize("dead_time_s", [0.4, 0.6, 0.9])
+def test_the_limit_of_acceleration_acts_on_what_has_yet_to_be_flown(dead_time_s: float) -> None:
+    """A vehicle at 6 m/s is told to turn round: it comes to rest at its stop point, as told while
+    it still flew on. As plain sums of what has yet to be flown, stop points lay 1.5 m and 2.4 m
+    off where the vehicle answers later than its model."""
+    flight = swapped(replace(MODEL, dead_time_s=dead_time_s))
+    flight.fly(6 + 0j, 4.0)
+    flight.fly(-6 + 0j, 0.8)
+    predicted = flight.stop_point - 6 * TICK_S
+    flight.fly(0j, 6.0)
+    assert abs(flight.place - predicted) < 0.4
+
+
 def test_a_right_model_is_left_alone() -> None:
     """Also in a steady wind that pushes the vehicle by 0.3 m/s."""
     for wind in (0j, 0.3j):
