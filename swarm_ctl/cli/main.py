@@ -12,32 +12,32 @@ import typer
 from typer.core import TyperCommand
 
 from swarm_ctl import __version__
-from swarm_ctl.cli.agent import agent
-from swarm_ctl.cli.deploy import deploy
-from swarm_ctl.cli.doctor import doctor
-from swarm_ctl.cli.hosts import hosts
-from swarm_ctl.cli.keys import keys
-from swarm_ctl.cli.link import link
-from swarm_ctl.cli.measure import measure
-from swarm_ctl.cli.missions import missions
-from swarm_ctl.cli.on_host import on_host
-from swarm_ctl.cli.paper import paper
-from swarm_ctl.cli.plan import plan
-from swarm_ctl.cli.replay import replay
-from swarm_ctl.cli.report import compare, report
-from swarm_ctl.cli.router import router
-from swarm_ctl.cli.run import run
-from swarm_ctl.cli.schema import schema
-from swarm_ctl.cli.send import send
+from swarm_ctl.cli.checks.doctor import doctor
+from swarm_ctl.cli.checks.measure import measure
+from swarm_ctl.cli.checks.validate import validate
+from swarm_ctl.cli.flight.agent import agent
+from swarm_ctl.cli.flight.keys import keys
+from swarm_ctl.cli.flight.link import link
+from swarm_ctl.cli.flight.router import router
+from swarm_ctl.cli.flight.run import run
+from swarm_ctl.cli.flight.send import send
+from swarm_ctl.cli.flight.sim import sim
+from swarm_ctl.cli.flight.station import station
+from swarm_ctl.cli.hosts.deploy import deploy
+from swarm_ctl.cli.hosts.hosts import hosts
+from swarm_ctl.cli.hosts.on_host import on_host
+from swarm_ctl.cli.missions.missions import missions
+from swarm_ctl.cli.missions.plan import plan
+from swarm_ctl.cli.missions.schema import schema
+from swarm_ctl.cli.results.replay import replay
+from swarm_ctl.cli.results.report import compare, report
+from swarm_ctl.cli.security.trust import trust
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.extras import require
 from swarm_ctl.cli.shared.gcs_option import with_port
 from swarm_ctl.cli.shared.system import FLYING, GROUND_ALONE, lacks, refuse_without
-from swarm_ctl.cli.sim import sim
-from swarm_ctl.cli.station import station
-from swarm_ctl.cli.study import study
-from swarm_ctl.cli.trust import trust
-from swarm_ctl.cli.validate import validate
+from swarm_ctl.cli.studies.paper import paper
+from swarm_ctl.cli.studies.study import study
 from swarm_ctl.errors import SwarmError
 
 app = typer.Typer(

@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import importlib
 import socket
-import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Any, Protocol
@@ -25,13 +24,15 @@ _CHUNK = 4096
 _RECONNECT_S = 1.0
 _TCP_SEND_BUFFER = 4096
 """Small: a setpoint that waits in the kernel's buffer would arrive after the vehicle's time-out."""
-_NAMED_WITHIN_S, _ASK_AGAIN_S = 5.0, 0.2
-"""For so long a resolver may say that it can't tell now. A container engine's does while containers
-start."""
 _DEFAULT_BAUD = 57600
 """The default of telemetry radios."""
 _FIRST_PORT, _PORTS = 10000, 3000
 """Local ports of `udpout`: away from those of autopilots and ground stations (14000 and up)."""
+
+
+class NameUnknownYetError(LinkError):
+    """The resolver can't tell the host's address for now: a container engine's while containers
+    start."""
 
 
 class Wire(Protocol):
@@ -84,7 +85,7 @@ def memory_wires(limit: int = 4096) -> tuple[MemoryWire, MemoryWire]:
 def open_wire(endpoint: str) -> Wire:
     """Open `endpoint`; LinkError for a wrong spelling, or when the machine refuses it.
 
-    Blocks while a name is looked up.
+    Blocks while a name is looked up; NameUnknownYetError where that may work later.
     """
     scheme, _, rest = plain_endpoint(endpoint).partition(":")
     try:
@@ -94,7 +95,9 @@ def open_wire(endpoint: str) -> Wire:
             raise LinkError(f"endpoint {endpoint!r} has no known scheme; allowed: {ALLOWED}")
         return _SCHEMES[scheme](_address(endpoint, rest))
     except OSError as error:
-        raise LinkError(f"endpoint {endpoint}: can't be opened: {error}") from error
+        later = isinstance(error, socket.gaierror) and error.errno == socket.EAI_AGAIN
+        kind = NameUnknownYetError if later else LinkError
+        raise kind(f"endpoint {endpoint}: can't be opened: {error}") from error
 
 
 def _address(endpoint: str, rest: str) -> tuple[str, int]:
@@ -103,19 +106,7 @@ def _address(endpoint: str, rest: str) -> tuple[str, int]:
         raise LinkError(
             f"endpoint {endpoint!r} has no HOST:PORT; allowed: {ALLOWED}, PORT 1..65535"
         )
-    return _resolved(host), int(port)
-
-
-def _resolved(host: str) -> str:
-    """The IPv4 address of a name; a resolver that fails for now is asked again."""
-    until = time.monotonic() + _NAMED_WITHIN_S
-    while True:
-        try:
-            return socket.gethostbyname(host)
-        except socket.gaierror as error:
-            if error.errno != socket.EAI_AGAIN or time.monotonic() > until:
-                raise
-        time.sleep(_ASK_AGAIN_S)
+    return socket.gethostbyname(host), int(port)
 
 
 def local_port(address: tuple[str, int]) -> int:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Final
 
 from swarm_ctl.mavlink.stepped_wire import SteppedWire
-from swarm_ctl.mavlink.wires import Wire, open_wire
+from swarm_ctl.mavlink.wires import NameUnknownYetError, Wire, open_wire
 from swarm_ctl.mesh.keys import CHANNELS, STATE, Channel
 from swarm_ctl.mesh.stepped_transport import MarkedTransport, SteppedTransport
 from swarm_ctl.mesh.transport import Transport
@@ -26,6 +26,7 @@ _HELLO_WALL_S: Final = 0.05
 _AGAIN_WALL_S: Final = 0.25
 """A member that waits so long for a tick says hello again: another one may wait to know that it
 hears what it has subscribed to."""
+_NAMED_WALL_S, _NAME_AGAIN_WALL_S = 10.0, 0.2
 _LOOK_WALL_S: Final = 0.0002
 _WAIT_WALL_S: Final = 1.0
 SLOW: Final = 0.1
@@ -45,8 +46,16 @@ class Seat:
         """Of the mesh's own time-outs."""
 
     def wire(self, endpoint: str) -> Wire:
-        """The wire to the own vehicle."""
-        return open_wire(endpoint)
+        """The wire to the own vehicle. LinkError where it can't be opened; a resolver that can't
+        tell a name for now is asked again for some seconds."""
+        until = wall.wall_s() + _NAMED_WALL_S
+        while True:
+            try:
+                return open_wire(endpoint)
+            except NameUnknownYetError:
+                if wall.wall_s() > until:
+                    raise
+            wall.pause(_NAME_AGAIN_WALL_S)
 
     def mesh(self, transport: MarkedTransport) -> Transport:
         """What the own node speaks on."""
@@ -106,7 +115,7 @@ class BarrierSeat(Seat):
         """So many take part, as of the last tick."""
 
     def wire(self, endpoint: str) -> Wire:
-        self._wire = SteppedWire(open_wire(endpoint))
+        self._wire = SteppedWire(super().wire(endpoint))
         return self._wire
 
     def mesh(self, transport: MarkedTransport) -> Transport:

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 import typer
 
-from swarm_ctl.cli.doctor import doctor
+from swarm_ctl.cli.checks.doctor import doctor
 from swarm_ctl.cli.shared import surroundings as around
 from swarm_ctl.core.model.own_parameters import OwnParameters, OwnValue, VehicleIdentity
 from swarm_ctl.errors import InputError

@@ -128,7 +128,7 @@ def test_a_fleet_file_that_can_not_be_written_is_said_before_the_vehicle_takes_o
 
     fleet = tmp_path / "fleet.yaml"
     fleet.write_text("agents: [{id: 1, endpoint: 'udpout:127.0.0.1:9'}]")
-    monkeypatch.setattr("swarm_ctl.cli.measure.require_writable", refused)
+    monkeypatch.setattr("swarm_ctl.cli.checks.measure.require_writable", refused)
     assert called(monkeypatch, "measure", "--fleet", str(fleet)) == 3
     assert capsys.readouterr().err == f"error: {fleet}; or fly with --dry-run\n"
 
@@ -136,7 +136,7 @@ def test_a_fleet_file_that_can_not_be_written_is_said_before_the_vehicle_takes_o
 def test_what_the_system_refuses_later_is_one_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("swarm_ctl.cli.plan.require_writable", lambda *_: None)
+    monkeypatch.setattr("swarm_ctl.cli.missions.plan.require_writable", lambda *_: None)
     assert called(monkeypatch, "plan", MISSION, "--out", "/proc/plan.json") == 3
     assert capsys.readouterr().err == "error: /proc/plan.json: No such file or directory\n"
 

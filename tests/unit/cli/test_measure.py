@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from swarm_ctl.cli.measure import described, measure
+from swarm_ctl.cli.checks.measure import described, measure
 from swarm_ctl.core.identification.fit import fit
 from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.core.model.plan import Response

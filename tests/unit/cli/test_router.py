@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from swarm_ctl.cli.router import _told
+from swarm_ctl.cli.flight.router import _told
 from swarm_ctl.errors import InputError
 
 HEXAGON = Path(__file__).parents[3] / "missions" / "hexagon.yaml"

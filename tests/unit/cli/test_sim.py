@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import common
 
-from swarm_ctl.cli.sim import _from_mission, _origin, _parameter
+from swarm_ctl.cli.flight.sim import _from_mission, _origin, _parameter
 from swarm_ctl.errors import InputError
 from swarm_ctl.runtime.launch.ports import free_ports
 from swarm_ctl.runtime.launch.sim_config import grid

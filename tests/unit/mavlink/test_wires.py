@@ -4,16 +4,13 @@ refused."""
 from __future__ import annotations
 
 import contextlib
-import itertools
 import os
 import pty
 import select
 import socket
 import sys
 import time
-from collections import deque
 from collections.abc import Iterator
-from types import SimpleNamespace
 
 import pytest
 
@@ -92,29 +89,13 @@ def test_a_host_that_does_not_exist_is_refused_by_name() -> None:
         open_wire("udpout:no.such.host.invalid:1")
 
 
-def test_a_resolver_that_fails_for_now_is_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    answers = deque([socket.gaierror(socket.EAI_AGAIN, "Temporary failure"), HOST])
-
-    def answer(_host: str) -> str:
-        if isinstance(said := answers.popleft(), OSError):
-            raise said
-        return said
-
-    monkeypatch.setattr(socket, "gethostbyname", answer)
-    with contextlib.closing(open_wire("udpout:vehicle-3:9")):
-        assert not answers
-
-
-def test_a_resolver_that_goes_on_failing_ends_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    now = itertools.count()
-    clock = SimpleNamespace(monotonic=lambda: next(now), sleep=lambda _seconds: None)
-
+def test_a_resolver_that_fails_for_now_is_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
     def answer(_host: str) -> str:
         raise socket.gaierror(socket.EAI_AGAIN, "Temporary failure in name resolution")
 
     monkeypatch.setattr(socket, "gethostbyname", answer)
-    monkeypatch.setattr(wires, "time", clock)
-    with pytest.raises(LinkError, match=r"udpout:vehicle-3:9: can't be opened: .*Temporary"):
+    words = r"udpout:vehicle-3:9: can't be opened: .*Temporary"
+    with pytest.raises(wires.NameUnknownYetError, match=words):
         open_wire("udpout:vehicle-3:9")
 
 

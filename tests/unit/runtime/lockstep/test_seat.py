@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import socket
 import threading
 import time
 import uuid
+from collections.abc import Iterator
 from contextlib import closing
-from itertools import pairwise
+from itertools import count, pairwise, repeat
 
 import pytest
 
+from swarm_ctl.errors import LinkError
+from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.lockstep.keeper import Keeper, Rules
 from swarm_ctl.runtime.lockstep.seat import seat
 from swarm_ctl.runtime.lockstep.words import Phase
@@ -51,3 +55,31 @@ def test_without_its_keeper_time_goes_on_by_the_wall() -> None:
             last = ticker.wait()
         took = time.monotonic() - began
         assert last - by_the_wall == pytest.approx(10.0 * took, abs=0.2)
+
+
+def answers(monkeypatch: pytest.MonkeyPatch, said: Iterator[str]) -> None:
+    """What the resolver says, one after the other; '' for "not now"."""
+
+    def answer(_host: str) -> str:
+        if address := next(said):
+            return address
+        raise socket.gaierror(socket.EAI_AGAIN, "Temporary failure in name resolution")
+
+    monkeypatch.setattr(socket, "gethostbyname", answer)
+
+
+def test_a_resolver_that_fails_for_now_is_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As a container engine's does while containers start."""
+    said = iter(["", "127.0.0.1"])
+    answers(monkeypatch, said)
+    with closing(seat(None, Phase.SWARM, 0.0, 1.0).wire("udpout:vehicle-3:9")):
+        assert next(said, None) is None
+
+
+def test_a_resolver_that_goes_on_failing_ends_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    answers(monkeypatch, repeat(""))
+    seconds = count()
+    monkeypatch.setattr(wall, "wall_s", lambda: float(next(seconds)))
+    monkeypatch.setattr(wall, "pause", lambda _seconds: None)
+    with pytest.raises(LinkError, match=r"udpout:vehicle-3:9: can't be opened: .*Temporary"):
+        seat(None, Phase.SWARM, 0.0, 1.0).wire("udpout:vehicle-3:9")

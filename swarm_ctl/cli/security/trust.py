@@ -10,6 +10,7 @@ from typing import Annotated, Final
 
 import typer
 
+from swarm_ctl.cli.security.trust_vehicle import vehicle
 from swarm_ctl.cli.shared.extras import require
 from swarm_ctl.cli.shared.options import option, switch
 from swarm_ctl.cli.shared.system import lacks, refuse_without
@@ -25,7 +26,6 @@ from swarm_ctl.cli.shared.trust_folder import (
     terms,
     trust_folder,
 )
-from swarm_ctl.cli.trust_vehicle import vehicle
 from swarm_ctl.errors import TrustError
 from swarm_ctl.trust.names import Member, Role, swarm_named_after
 

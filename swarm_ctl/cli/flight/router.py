@@ -8,7 +8,7 @@ from typing import Annotated, Final
 
 import typer
 
-from swarm_ctl.cli.agent import plan_and_fleet
+from swarm_ctl.cli.flight.agent import plan_and_fleet
 from swarm_ctl.cli.shared.options import (
     FleetFile,
     OpenMesh,

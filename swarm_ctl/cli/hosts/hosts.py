@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from swarm_ctl.cli.deploy import SshConfig
-from swarm_ctl.cli.on_host import WITHIN
+from swarm_ctl.cli.hosts.deploy import SshConfig
+from swarm_ctl.cli.hosts.on_host import WITHIN
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.extras import require
 from swarm_ctl.cli.shared.hosts_table import (
@@ -49,7 +49,7 @@ def status(
         swarm-ctl hosts status outdoors.yaml
         swarm-ctl hosts status outdoors.yaml --plan plan.json
     """
-    from swarm_ctl.cli.agent import plan_and_fleet
+    from swarm_ctl.cli.flight.agent import plan_and_fleet
 
     console, states = PlainConsole(), _hosts(fleet, ssh_config).report()
     wanted = common_plan(states)

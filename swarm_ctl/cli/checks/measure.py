@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
+from swarm_ctl.cli.flight.sim import Persona
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.extras import require
 from swarm_ctl.cli.shared.options import (
@@ -20,7 +21,6 @@ from swarm_ctl.cli.shared.options import (
     switch,
 )
 from swarm_ctl.cli.shared.writable import require_writable
-from swarm_ctl.cli.sim import Persona
 from swarm_ctl.core.model.fleet import Fleet, FleetAgent, VehicleKind
 from swarm_ctl.errors import InputError
 

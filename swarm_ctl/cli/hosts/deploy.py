@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from swarm_ctl.cli.agent import EXPECT_STATION, plan_and_fleet
-from swarm_ctl.cli.on_host import WITHIN
+from swarm_ctl.cli.flight.agent import EXPECT_STATION, plan_and_fleet
+from swarm_ctl.cli.hosts.on_host import WITHIN
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.hosts_table import ATTENTION, FINE, NOT_REACHED, exit_code, show_hosts
 from swarm_ctl.cli.shared.options import FleetFile, OpenMesh, option, switch

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from swarm_ctl.cli.agent import plan_and_fleet
+from swarm_ctl.cli.flight.agent import plan_and_fleet
 from swarm_ctl.cli.shared.options import FleetFile, option, switch
 from swarm_ctl.core.model.fleet import Fleet, FleetAgent, Signing
 from swarm_ctl.errors import InputError
