@@ -207,13 +207,18 @@ def station(folder: Path, log: Path, show: str, ports: Ports = NO_PORTS) -> Comm
 def wait_ready(
     children: Sequence[Child], wall_seconds: float, stop: Callable[[], bool] = lambda: False
 ) -> list[Child]:
-    """Wait until all are ready, at most so long or until `stop`; the others."""
+    """Wait until all are ready, until no other one has become so for so long, or until `stop`; the
+    others.
+
+    A slow machine starts a hundred processes one after the other.
+    """
     until, waiting = wall_s() + wall_seconds, list(children)
-    while (
-        (waiting := [child for child in waiting if not child.poll_ready()])
-        and wall_s() < until
-        and not stop()
-    ):
+    while wall_s() < until and not stop():
+        before, waiting = len(waiting), [child for child in waiting if not child.poll_ready()]
+        if not waiting:
+            break
+        if len(waiting) < before:
+            until = wall_s() + wall_seconds
         pause(_POLL_READY_WALL_S)
     return waiting
 

@@ -154,6 +154,8 @@ class RunProcesses:
             options = setup.options
             # before the agents, whose ticks take the processors from its imports
             self._station = station(folder, folder / "station.log", options.show, options.ports)
+            if router_config is not None:
+                self._wait_ready(_START_WALL_S)
             if sim_config:
                 self._simulator = simulator(sim_config, folder / "simulator.log")
             for k, link_config in enumerate(link_configs, start=1):
@@ -195,7 +197,7 @@ class RunProcesses:
         if late:
             names, folder = ", ".join(child.name for child in late), self._setup.folder
             raise StartError(
-                f"not ready after {wall_seconds:g} s: {names}; see the logs in {folder}"
+                f"not ready, {wall_seconds:g} s after all others: {names}; see the logs in {folder}"
             )
 
     def watch(self) -> None:

@@ -227,7 +227,7 @@ class Keeper:
         self._tell_wall_s = now + _TELL_WALL_S
         patience = self._rules.patience_wall_s
         for member in self._members:
-            if member.state is State.IDLE:
+            if member.state in (State.JOINING, State.IDLE):
                 self._send(member, bytes([Word.WAIT]))
             if member.state is not State.RUNNING or member.phase is Phase.AFTER:
                 continue

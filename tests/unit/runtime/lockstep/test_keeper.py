@@ -235,3 +235,13 @@ def test_no_keeper() -> None:
     """A process that is to join a clock that is not there says so."""
     with pytest.raises(StartError, match="clock does not answer"):
         Member("swarm-ctl-nowhere", FIRST, Phase.SWARM)
+
+
+def test_the_keeper_is_not_given_up_while_others_start(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A hundred processes may need longer to start than a keeper may be silent."""
+    monkeypatch.setattr("swarm_ctl.runtime.lockstep.keeper._TELL_WALL_S", 0.05)
+    monkeypatch.setattr("swarm_ctl.runtime.lockstep.member._SILENT_WALL_S", 0.5)
+    with barrier(WORLD) as b, closing(Member(b.address, FIRST, Phase.SWARM)) as waits:
+        until = time.monotonic() + 1.0
+        while time.monotonic() < until:  # it has not heard all others yet, so it is not ready
+            assert waits.wait(0.01) is None
