@@ -12,6 +12,7 @@ from swarm_ctl.core.agent.return_to_launch import ReturnStage, ReturnToLaunch, d
 from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import Outcome, Phase, Severity
+from swarm_ctl.core.model.timeouts import LANDING_AT_MOST_S
 from swarm_ctl.core.model.vehicle import (
     Goal,
     LandGoal,
@@ -30,7 +31,6 @@ room."""
 _BESIDE = 0.2
 """So far from r_in to r_out: room for what the stop point does not know, and within the filter's
 own keep-out (0.35)."""
-_LANDING_AT_MOST_S = 180.0
 _RETURN_AT_MOST_S = 120.0
 """Per agent of the plan, because the agents come back one at a time."""
 _ARMING_S = 3.0
@@ -102,9 +102,12 @@ class Landing:
         else:
             since = None
         self._lands_since = since
-        if since is None or now - since <= _LANDING_AT_MOST_S:
+        if since is None:
             return YieldGoal()
-        why = f"{trigger.reason}; still armed after {_LANDING_AT_MOST_S:g} s"
+        if now - since <= LANDING_AT_MOST_S:
+            context.reason = f"{trigger.reason}; given up after {LANDING_AT_MOST_S:g} s of landing"
+            return YieldGoal()
+        why = f"{trigger.reason}; still armed after {LANDING_AT_MOST_S:g} s"
         context.trigger = replace(trigger, reason=why)
         context.say(now, Severity.ERROR, why)
         return self.end(now)  # without the agent's heartbeats the vehicle's failsafe acts
@@ -150,8 +153,8 @@ class Landing:
         context.controller.rest()
         if view.on_ground and not view.armed and context.trigger is None:
             context.progress.finish_step(now)
-        elif now - context.landing_s > _LANDING_AT_MOST_S:
-            why = f"not down after {_LANDING_AT_MOST_S:g} s of landing"
+        elif now - context.landing_s > LANDING_AT_MOST_S:
+            why = f"not down after {LANDING_AT_MOST_S:g} s of landing"
             context.trigger = failed(FailsafeAction.LAND, why)
             return self.end(now)
         return LandGoal()

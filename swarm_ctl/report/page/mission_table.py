@@ -31,6 +31,7 @@ from swarm_ctl.core.model.plan import (
     TakeoffStep,
 )
 from swarm_ctl.core.model.text import agents_named, ranges
+from swarm_ctl.core.model.timeouts import LANDING_AT_MOST_S
 from swarm_ctl.core.safety.constraints import Margins
 from swarm_ctl.core.swarm.hearing import mesh_words
 from swarm_ctl.core.swarm.radio import radio_words
@@ -194,6 +195,10 @@ def _facts(plan: Plan, full: bool, *, routed: bool) -> Iterator[str]:
         f" at most, then: {policies.left_by_order.value}"
     )
     yield f"left     by a command to some agents, the others: {policies.left_by_order.value}"
+    yield (
+        f"landing  a vehicle that is not down and disarmed after {LANDING_AT_MOST_S:g} s is given"
+        " up: its agent ends, failed"
+    )
 
 
 def joysticks(fleet: Fleet) -> Iterator[str]:
