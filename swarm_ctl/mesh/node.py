@@ -102,11 +102,6 @@ class Node:
         """Messages that were refused for what they are, so far."""
         return self._refusals.unread
 
-    @property
-    def last_bad(self) -> str:
-        """The newest of them, in words."""
-        return self._refusals.newest
-
     def refused(self, now: float) -> tuple[Refusal, ...]:
         """What was refused in the last seconds."""
         return self._refusals.recent(now)

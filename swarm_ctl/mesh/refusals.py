@@ -28,8 +28,6 @@ class Refusals:
         self._kept: dict[tuple[str, RefusalReason], Refusal] = {}
         self.unread = 0
         """Messages that were refused for what they are: too large, unreadable, another owner's."""
-        self.newest = ""
-        """In words."""
 
     def add(
         self, owner: str, reason: RefusalReason, words: str, now: float, count: int = 1
@@ -37,7 +35,7 @@ class Refusals:
         """Count `count` messages of `owner` at `now` [s]."""
         if reason is not RefusalReason.TOO_MANY:
             self.unread += count
-        self.newest = words = printable(words)
+        words = printable(words)
         if (owner, reason) not in self._kept and len(self._kept) >= _OWNERS:
             old = [key for key, kept in self._kept.items() if now - kept.time_s > RECENT_S]
             for key in old:

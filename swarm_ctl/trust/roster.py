@@ -68,10 +68,6 @@ class Roster:
         """The present entry of a member."""
         return next((each for each in self.current if each.member == member), None)
 
-    def common_names(self, role: Role) -> tuple[str, ...]:
-        """The common names of a role that access rules may name."""
-        return tuple(each.common_name for each in self.current if each.role is role)
-
     def to_bytes(self) -> bytes:
         """The roster's file."""
         entries = [

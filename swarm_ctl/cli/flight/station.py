@@ -66,9 +66,9 @@ def station(
 ) -> None:
     """Watch and command a swarm that flies already.
 
-    From another terminal, the run folder is enough, or the mission's name; where one swarm alone
-    flies, nothing is. From another host, give the mission file and
-    the agents' mesh addresses: the station waits until it hears them. It shows agents that fly
+    From another terminal, give the run folder or the mission's name, or neither if only one swarm
+    flies. From another host, give the mission file and the agents' mesh addresses: the station
+    waits until it hears them. It shows agents that fly
     another plan, but can't send them a shape. Ctrl-C leaves; the swarm flies on.
 
     With --runs it is the flight's own station, as that of `run`: agents that were started with

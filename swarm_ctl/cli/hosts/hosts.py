@@ -66,7 +66,8 @@ def stop(
 ) -> None:
     """Land all agents, wait for their end, then end the routers.
 
-    A host that is not reached is told nothing: swarm-ctl send land reaches its agents on the mesh.
+    It can't stop a host that it does not reach: swarm-ctl send land reaches such agents on the
+    mesh.
 
     Exit codes: 0 none runs, 1 an agent still runs, 2 bad input, 3 a host was not reached.
 

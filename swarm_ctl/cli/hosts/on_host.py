@@ -20,7 +20,9 @@ WITHIN: Final = 300.0
 def install(
     bundle: Annotated[Path, typer.Argument(metavar="BUNDLE", help="The file, or - for stdin.")],
 ) -> None:
-    """Take a bundle of this host in. What flies goes on as it is.
+    """Take in a bundle of this host.
+
+    Agents that fly already go on with what they have.
 
     Example:
 
@@ -36,10 +38,13 @@ def install(
 
 
 def start(
-    bundle: Annotated[str, option("DIGEST", "Only if it is this one.  [default: the newest]")] = "",
+    bundle: Annotated[
+        str, option("DIGEST", "Start only if the newest is this one.  [default: the newest]")
+    ] = "",
 ) -> None:
-    """Start what the newest bundle says and does not run yet. Its vehicles fly when all agents of
-    the swarm are there.
+    """Start what the newest bundle says and does not run yet.
+
+    The vehicles fly when all agents of the swarm are there.
 
     Example:
 
@@ -52,7 +57,9 @@ def start(
 
 
 def stop(within: Annotated[float, option("SECONDS", "At most so long.", min=1.0)] = WITHIN) -> None:
-    """Land all vehicles of this host, wait for the end of their agents, then end the router.
+    """Land this host's vehicles and end its agents and router.
+
+    The router ends when all agents have ended.
 
     Example:
 

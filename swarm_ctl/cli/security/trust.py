@@ -59,8 +59,10 @@ def new(
     days: Days = 30,
     csr: Requests = None,
 ) -> None:
-    """Make a swarm's keys: a CA, every agent, a MAVLink key a vehicle, an operator, a router a host
-    of a large swarm.
+    """Make the keys of a new swarm.
+
+    A CA, certificates for every agent, an operator, and in a large swarm a router for each host; a
+    MAVLink key for each vehicle.
 
     One file (agent-3.bundle) then goes to each host. With --csr a host's private key never leaves
     it. The folder is yours alone (0700); keep its ca/ off the drones.
@@ -69,7 +71,7 @@ def new(
 
     \b
         swarm-ctl trust new --fleet outdoors.yaml
-        swarm-ctl trust new --fleet outdoors.yaml --operator anna --viewer tv --days 7
+        swarm-ctl trust new --fleet outdoors.yaml --operator anna --days 7
         swarm-ctl trust new --fleet outdoors.yaml --csr agent-3.csr
     """
     from swarm_ctl.trust import provision
@@ -105,7 +107,8 @@ def add(
 ) -> None:
     """Add an agent, an operator, a viewer or a router.
 
-    All hosts need their bundle again: it has the new roster, and who is not in it is not heard.
+    All hosts need their bundle again: it has the new roster. Members hear only those
+    that are in their roster.
 
     Examples:
 
@@ -164,9 +167,10 @@ def install(
         Path | None, option("FOLDER", "This host's trust folder.  [default: trust/SWARM]")
     ] = None,
 ) -> None:
-    """On a host: unpack its bundle, or the newer one of an add, a revoke or a rotate.
+    """On a host: unpack its bundle.
 
-    Nothing is changed where anything in it does not fit.
+    Its first one, or the newer one that add, revoke or rotate has made. A bundle that does not fit
+    this host changes nothing.
 
     Examples:
 
@@ -226,7 +230,7 @@ def revoke(
     folder: FolderOption = None,
     days: Days = 30,
 ) -> None:
-    """Take an agent, an operator, a viewer or a router out of the swarm.
+    """Take a member out of the swarm.
 
     A new epoch: all others get new certificates, and need their bundle again. It takes effect when
     they start, on the ground. In flight: swarm-ctl send expel 3.
@@ -248,7 +252,9 @@ def revoke(
 
 
 def rotate(fleet: FleetOption = None, folder: FolderOption = None, days: Days = 30) -> None:
-    """Give all new certificates and a new epoch; with --fleet for the addresses there.
+    """Give all members new certificates, in a new epoch.
+
+    With --fleet, certificates name the addresses in that file.
 
     All hosts need their bundle again. MAVLink keys stay: they are in the vehicles.
 

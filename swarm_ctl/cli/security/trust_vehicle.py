@@ -34,11 +34,11 @@ def vehicle(
         bool, switch("--over-network", "Send the key over a network, readable to all there.")
     ] = False,
 ) -> None:
-    """Give a vehicle its MAVLink signing key, on the bench, and look that it takes no other frame.
+    """Give a vehicle its MAVLink signing key, on the bench.
 
-    The key goes over the link as it is: use USB, or another cable. The vehicle must be disarmed. An
-    ArduPilot takes unsigned frames on its first port, USB, all the same: connect the agent to
-    another one.
+    It then checks that the vehicle takes no frame that is not signed with it. The key goes over the
+    link as it is: use USB, or another cable. The vehicle must be disarmed. An ArduPilot takes
+    unsigned frames on its first port, USB, all the same: connect the agent to another one.
 
     Exit codes: 0 set up, 1 the vehicle did not do it, 2 bad input, 3 no link.
 

@@ -17,7 +17,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from swarm_ctl.core.model.arrays import Complex, Floats
+from swarm_ctl.core.model.arrays import Floats, complex_of_last
 from swarm_ctl.core.model.plan import Response
 
 TYPICAL: Final = {
@@ -46,10 +46,10 @@ def stop_points(
     Returns:
         (..., 2) in metres.
     """
-    commands = _complex(commands_mps)
+    commands = complex_of_last(commands_mps)
     acting = (commands[..., k] for k in range(commands.shape[-1]))
     coast = Coast(vehicle, dt_s, np.maximum)
-    x = coast.rest(_complex(position_m), _complex(velocity_mps), acting)
+    x = coast.rest(complex_of_last(position_m), complex_of_last(velocity_mps), acting)
     return np.stack((x.real, x.imag), axis=-1)
 
 
@@ -95,8 +95,3 @@ class Coast:
         speed = abs(v)
         distance = stop_distance(speed, self._vehicle, self._most)
         return x + v * (distance / self._most(speed, 1e-12))
-
-
-def _complex(vectors: Floats) -> Complex:
-    combined: Complex = vectors[..., 0] + 1j * vectors[..., 1]
-    return combined

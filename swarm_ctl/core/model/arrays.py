@@ -43,6 +43,12 @@ def complex_of(vectors: Floats) -> Complex:
     return combined
 
 
+def complex_of_last(vectors: Floats) -> Complex:
+    """Vectors (..., 2 or 3), north and east first, as complex numbers (...)."""
+    combined: Complex = vectors[..., 0] + 1j * vectors[..., 1]
+    return combined
+
+
 def places(mask: Bools) -> tuple[Indices, ...]:
     """Where the mask is true, as `nonzero` says: several times quicker where few are."""
     return np.unravel_index(np.flatnonzero(mask), mask.shape)

@@ -16,7 +16,7 @@ from swarm_ctl.core.law import mean_error_feedback
 from swarm_ctl.core.law.laws import law_of
 from swarm_ctl.core.law.response_estimate import ResponseEstimate
 from swarm_ctl.core.law.stop_point import Coast, pending
-from swarm_ctl.core.model.arrays import MANY, Bools, Complex, Floats
+from swarm_ctl.core.model.arrays import MANY, Bools, Complex, Floats, complex_of_last
 from swarm_ctl.core.model.plan import Compensation, FormStep, Plan
 from swarm_ctl.core.safety.batch_safety_filter import (
     BatchHeard,
@@ -57,10 +57,10 @@ class Rehearsal:
             plan.tick_s,
             np.array(ids)[:, None],
         )
-        slots = _complex(self._slots)[:, None]
+        slots = complex_of_last(self._slots)[:, None]
         self._links = BatchLinks(self.linked[..., None], slots, slots[None])
         # each vehicle: place and velocity (n, 1) [m, m/s], and the setpoints in its dead time
-        self._place = _complex(points)[:, None] * plan.unit_m
+        self._place = complex_of_last(points)[:, None] * plan.unit_m
         self._velocity = np.zeros_like(self._place)
         self._setpoint = np.zeros_like(self._place)
         self._under_way = deque([self._velocity] * pending(model, plan.tick_s))
@@ -99,11 +99,11 @@ class Rehearsal:
             *(points, slots, others, other_slots),
             *(self.linked, self._pairs, self._lower, plan.law),
         )
-        consensus = _complex(found.consensus) * plan.kappa
+        consensus = complex_of_last(found.consensus) * plan.kappa
         if plan.safety.align:
-            errors = _complex(points - slots)
+            errors = complex_of_last(points - slots)
             consensus += mean_error_feedback.RATE * (errors.mean() - errors)
-        return consensus[:, None], _complex(found.avoidance)[:, None] * plan.kappa
+        return consensus[:, None], complex_of_last(found.avoidance)[:, None] * plan.kappa
 
     def _peers(self, stop: Complex) -> BatchPeers:
         """What all agents know of each other now; `stop` (n, 1) [units]."""
@@ -118,12 +118,6 @@ class Rehearsal:
         )
         doubt_s = np.asarray(self._estimate.doubt_s)
         return BatchPeers(points, points[:, None], known, doubt_s, response_s)
-
-
-def _complex(vectors: Floats) -> Complex:
-    """North and east of (n, 2)."""
-    combined: Complex = vectors[..., 0] + 1j * vectors[..., 1]
-    return combined
 
 
 def _plane(vectors: Complex) -> Floats:

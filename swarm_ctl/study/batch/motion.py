@@ -11,7 +11,7 @@ from typing import Final, Protocol
 import numpy as np
 
 from swarm_ctl.core.law.response_estimate import ResponseEstimate
-from swarm_ctl.core.model.arrays import MANY, Bools, Complex, Floats, Indices, keep_missions
+from swarm_ctl.core.model.arrays import MANY, Bools, Floats, Indices, complex_of_last, keep_missions
 from swarm_ctl.core.model.plan import Compensation
 from swarm_ctl.study.batch.batch import Batch
 from swarm_sim.physics import response as firmware
@@ -142,7 +142,9 @@ class VehicleMotion:
         if self._cell.compensation is Compensation.NONE:
             return self.position
         state = self._state
-        found = self.estimate.stop_point(_complex(state.position), _complex(state.velocity))
+        found = self.estimate.stop_point(
+            complex_of_last(state.position), complex_of_last(state.velocity)
+        )
         return np.stack((found.real.T, found.imag.T)) / self._unit_m
 
     def move(self, wish: Floats) -> None:
@@ -151,7 +153,7 @@ class VehicleMotion:
         limit = self._cell.speed_mps
         self._commands[:-1] = self._commands[1:]
         self._commands[-1] = wanted * (limit / np.maximum(speed, limit))[..., None]
-        self.estimate.sent(_complex(self._commands[-1]))
+        self.estimate.sent(complex_of_last(self._commands[-1]))
         demands = Demands.idle(self._state)
         demands.lift[:] = True
         demands.velocity[..., :2] = self._commands.reshape(-1, 2).take(self._acting, axis=0)
@@ -192,12 +194,6 @@ def _response(batch: Batch) -> VelocityResponse:
             return firmware.Px4Response()
         case _:
             return LagResponse(batch.true_lag_s.T, batch.acceleration_mps2.T, batch.cell.tick_s)
-
-
-def _complex(vectors: Array) -> Complex:
-    """North and east of (m, n, 2 or 3)."""
-    combined: Complex = vectors[..., 0] + 1j * vectors[..., 1]
-    return combined
 
 
 def _direction(angle_rad: Floats) -> Floats:

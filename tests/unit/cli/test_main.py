@@ -63,14 +63,17 @@ def test_no_help_text_loses_anything(
         assert words_of(parameter.help) in shown
 
 
+@pytest.mark.parametrize("group", ["", "hosts", "on-host", "missions", "trust"])
 def test_the_list_of_commands_is_whole(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    group: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The first sentence of each command fits on its line."""
-    assert called(monkeypatch, "--help") == 0
-    out = capsys.readouterr().out
-    assert "..." not in out.partition("Commands:")[2]
-    assert all(re.search(rf"^  {name} +\S.*\.$", out, re.MULTILINE) for name in COMMANDS)
+    assert called(monkeypatch, *group.split(), "--help") == 0
+    listed = capsys.readouterr().out.partition("Commands:")[2]
+    assert "..." not in listed
+    names = COMMANDS if not group else re.findall(r"^  (\S+)", listed, re.MULTILINE)
+    assert names
+    assert all(re.search(rf"^  {name} +\S.*\.$", listed, re.MULTILINE) for name in names)
 
 
 def test_the_help_of_send_has_every_command(

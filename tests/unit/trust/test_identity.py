@@ -24,7 +24,8 @@ def test_an_identity_says_who_it_is(made: Path) -> None:
     assert agent.mavlink_key is not None
     assert len(agent.mavlink_key) == 32
     assert certificates_end(agent) - NOW > timedelta(days=29, hours=23)
-    assert agent.roster.common_names(Role.OPERATOR) == ("operator-anna.outdoors.e1",)
+    operators = [each for each in agent.roster.current if each.role is Role.OPERATOR]
+    assert [each.common_name for each in operators] == ["operator-anna.outdoors.e1"]
 
 
 def test_its_secret_is_not_shown(made: Path) -> None:
