@@ -227,7 +227,8 @@ class Keeper:
         self._tell_wall_s = now + _TELL_WALL_S
         patience = self._rules.patience_wall_s
         for member in self._members:
-            if member.state in (State.JOINING, State.IDLE):
+            joined = member.state is State.JOINING and member.number >= 0  # its welcome is sent
+            if joined or member.state is State.IDLE:
                 self._send(member, bytes([Word.WAIT]))
             if member.state is not State.RUNNING or member.phase is Phase.AFTER:
                 continue

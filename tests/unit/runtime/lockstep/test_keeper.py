@@ -14,7 +14,7 @@ import pytest
 from swarm_ctl.errors import StartError
 from swarm_ctl.runtime.lockstep.keeper import Keeper, Rules
 from swarm_ctl.runtime.lockstep.member import KeeperGoneError, Member
-from swarm_ctl.runtime.lockstep.words import Phase, Tick
+from swarm_ctl.runtime.lockstep.words import Phase, Tick, Word, pack_json, packets
 
 pytestmark = pytest.mark.timeout(20)
 
@@ -245,3 +245,14 @@ def test_the_keeper_is_not_given_up_while_others_start(monkeypatch: pytest.Monke
         until = time.monotonic() + 1.0
         while time.monotonic() < until:  # it has not heard all others yet, so it is not ready
             assert waits.wait(0.01) is None
+
+
+def test_the_first_word_to_a_process_is_its_welcome(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However late it joins after it has connected: the simulator reads no other word there."""
+    monkeypatch.setattr("swarm_ctl.runtime.lockstep.keeper._TELL_WALL_S", 0.02)
+    with barrier(WORLD) as b, closing(packets()) as slow:
+        slow.connect("\0" + b.address)
+        time.sleep(0.2)
+        slow.send(pack_json(Word.JOIN, name="late", phase=Phase.SWARM, port=0))
+        slow.settimeout(5.0)
+        assert slow.recv(4096)[0] == Word.WELCOME
