@@ -15,6 +15,7 @@ from typing import ClassVar, Final, TypeVar
 from textual.app import App, ComposeResult
 from textual.binding import BindingType
 from textual.containers import Horizontal
+from textual.css.query import NoMatches
 from textual.driver import Driver
 from textual.events import Event, Key, Paste
 from textual.screen import Screen
@@ -221,7 +222,7 @@ class Dashboard(App[None]):
 
     def draw(self) -> None:
         picture, pane = self.picture, self.pane
-        if picture is None or pane is None:
+        if picture is None or pane is None or not self._whole():
             return
         width = self.size.width
         self._paint("title", title_line(picture, width))
@@ -232,6 +233,15 @@ class Dashboard(App[None]):
         self._draw_below()
         self._label(picture)
         pane.draw(picture)
+
+    def _whole(self) -> bool:
+        """All widgets are there, the first and the last: not so while the app begins or ends."""
+        try:
+            self.query_one("#title")
+            self.query_one("#entry")
+        except NoMatches:
+            return False
+        return True
 
     def _draw_below(self) -> None:
         """The lines below the screen: all that a key on the command line changes."""

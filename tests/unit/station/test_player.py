@@ -49,6 +49,17 @@ def _pass(app: Player, watch: Watch, seconds: float) -> None:
     app.turn()
 
 
+def test_it_ends_while_a_picture_is_due() -> None:
+    """Its widgets go one by one; what is left is not drawn on."""
+
+    async def play(app: Player, pilot: Pilot[None], watch: Watch) -> None:
+        await app.query_one("#title").remove()
+        _pass(app, watch, 1.0)
+        await settled(pilot)
+
+    _play(play)
+
+
 def test_it_plays_as_fast_as_asked_and_stays_on_the_last_picture() -> None:
     async def play(app: Player, pilot: Pilot[None], watch: Watch) -> None:
         begin_s = app.film.time_s
