@@ -105,7 +105,8 @@ class Landing:
         if since is None:
             return YieldGoal()
         if now - since <= LANDING_AT_MOST_S:
-            context.reason = f"{trigger.reason}; given up after {LANDING_AT_MOST_S:g} s of landing"
+            limit = f"given up if it is still armed after {LANDING_AT_MOST_S:g} s"
+            context.reason = f"{trigger.reason}; {limit}"
             return YieldGoal()
         why = f"{trigger.reason}; still armed after {LANDING_AT_MOST_S:g} s"
         context.trigger = replace(trigger, reason=why)

@@ -28,7 +28,8 @@ from their models.
 NEIGHBOUR_S: Final = 1.0
 """The law follows a peer up to this age."""
 LANDING_AT_MOST_S: Final = 180.0
-"""An agent gives a vehicle up that is not on the ground, disarmed, after so long of landing."""
+"""An agent gives a vehicle up that is not on the ground, disarmed, after so long of landing. From
+120 m at 1 m/s it takes 120 s."""
 SETPOINT_TIMEOUT_S: Final = {"ardupilot": 0.5, "px4": 1.0}
 """What an agent sets before it arms (GUID_TIMEOUT, COM_OF_LOSS_T): for so long the vehicle of a
 silent agent flies its last setpoint. A PX4 then leaves OFFBOARD for good, so it waits longer."""

@@ -152,7 +152,8 @@ class RunProcesses:
             if router_config is not None:
                 self._router = HostRouter(router_config, self._say, self._patience_wall_s)
             options = setup.options
-            # before the agents, whose ticks take the processors from its imports
+            # before the agents, whose ticks take the processors from its imports; many agents
+            # would not leave it any
             self._station = station(folder, folder / "station.log", options.show, options.ports)
             if router_config is not None:
                 self._wait_ready(_START_WALL_S)

@@ -297,7 +297,7 @@ def test_a_vehicle_that_others_land_is_given_up_when_it_stays_armed() -> None:
     assert isinstance(flight.at(100.0, controlled=False), YieldGoal)  # a pilot flies it
     assert isinstance(flight.at(110.0, **lands), YieldGoal)
     assert isinstance(flight.at(289.0, **lands), YieldGoal)
-    assert flight.context.reason == "a reason; given up after 180 s of landing"
+    assert flight.context.reason == "a reason; given up if it is still armed after 180 s"
     assert isinstance(flight.at(291.0, **lands), ReleaseGoal)
     assert flight.context.reason == "a reason; still armed after 180 s"
     assert flight.context.outcome is Outcome.FAILED
