@@ -27,8 +27,8 @@ _AGAIN_WALL_S: Final = 0.25
 """A member that waits so long for a tick says hello again: another one may wait to know that it
 hears what it has subscribed to."""
 _NAMED_WALL_S, _NAME_AGAIN_WALL_S = 10.0, 0.2
-"""For so long, and so often, a resolver is asked for the vehicle's host: six containers start within
-10 s, and each start makes the engine's resolver begin anew."""
+"""For so long, and so often, a resolver is asked for the vehicle's host: six containers start
+within 10 s, and each start makes the engine's resolver begin anew."""
 _LOOK_WALL_S: Final = 0.0002
 _WAIT_WALL_S: Final = 1.0
 SLOW: Final = 0.1
