@@ -36,6 +36,11 @@ ROWS = [
     ("run", "stop 12", "completed"),
     ("run", "interrupt", "aborted"),
     ("agent-1", "restart", "completed"),
+    ("agent-2", "restart", "completed"),
+    ("station", "restart", "failed"),
+    ("autopilot-1", "stop 2", "completed"),
+    ("autopilot-1", "stop 12", "failed"),
+    ("autopilot-2", "stop 12", "failed"),
 ]
 
 

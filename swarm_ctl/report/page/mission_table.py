@@ -71,7 +71,7 @@ def mission_parts(
     signed = loaded.fleet.signing is Signing.REQUIRED
     for behind in loaded.fleet.radios().values():
         yield f"radio    {radio_words(behind, signed=signed)}"
-    yield from joysticks(loaded.fleet)
+    yield from pilots(loaded.fleet)
     yield from _simulation(simulation)
     for warning in warnings:
         yield Text.assemble(("warning  ", "yellow"), warning)
@@ -201,19 +201,30 @@ def _facts(plan: Plan, full: bool, *, routed: bool) -> Iterator[str]:
     )
 
 
-def joysticks(fleet: Fleet) -> Iterator[str]:
-    """What an ArduCopter denies to all but its agent while it flies, where there is a real one."""
-    ids = [
-        agent.id
-        for agent in fleet.agents
-        if agent.autopilot == "ardupilot" and agent.started_as is not VehicleKind.SIMULATED
-    ]
-    if ids:
-        yield (
-            f"pilots   {agents_named(ids)}: ArduCopter heeds only its agent's RC_CHANNELS_OVERRIDE"
-            " and MANUAL_CONTROL in flight, so a ground station's joystick does nothing; its modes"
-            " and commands, and a radio control's sticks, work"
-        )
+_PILOTS = {
+    "ardupilot": (
+        "ArduCopter heeds only its agent's RC_CHANNELS_OVERRIDE and MANUAL_CONTROL in flight, so a"
+        " ground station's joystick does nothing; its modes and commands, and a radio control's"
+        " sticks, work"
+    ),
+    "px4": (
+        "a ground station's modes and commands work on a PX4. In OFFBOARD it heeds sticks, of a"
+        " radio control or a joystick, where COM_RC_OVERRIDE has bit 1. With NAV_DLL_ACT over 0 it"
+        " arms beside a ground station only"
+    ),
+}
+
+
+def pilots(fleet: Fleet) -> Iterator[str]:
+    """What real autopilots leave to pilots and ground stations while their agents fly them."""
+    for autopilot, words in _PILOTS.items():
+        ids = [
+            agent.id
+            for agent in fleet.agents
+            if agent.autopilot == autopilot and agent.started_as is not VehicleKind.SIMULATED
+        ]
+        if ids:
+            yield f"pilots   {agents_named(ids)}: {words}"
 
 
 def _graph(plan: Plan, full: bool) -> Iterator[str]:
