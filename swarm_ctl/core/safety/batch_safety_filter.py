@@ -107,7 +107,9 @@ class BatchPeers:
 
     def unsure_s(self) -> Floats:
         """No sender makes a receiver more unsure of its own vehicle than this (n, m)."""
-        return np.asarray(self.doubt_s + self.heard.response_s.max(axis=(0, 1)) - self.response_s)
+        told, own = self.heard.response_s, self.response_s
+        differs = np.maximum(told.max(axis=(0, 1)) - own, own - told.min(axis=(0, 1)))
+        return np.asarray(self.doubt_s + differs)
 
     def squared(self) -> Floats:
         """The squared distances (n, n, m), infinite from an agent to itself."""
