@@ -9,14 +9,16 @@ waiting. They are two groups of about the same length, each run in order by one 
 (autopilots that boot take both cores, so they never boot beside a run at a speed-up), and links and
 terminals. The groups are the largest, so the workers begin with them. All other tests only compute,
 beside them, on a worker that gives way. Flights in lockstep take both cores, but wait for them:
-they come last, beside each other.
+they come last, beside each other, and not before both groups have ended.
 """
 
 from __future__ import annotations
 
+import fcntl
 import os
 import signal
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -94,6 +96,47 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     beside_another = "PYTEST_XDIST_WORKER" in os.environ
     if beside_another and "realtime" not in item.keywords and os.getsid(0) != os.getpid():
         _give_way()
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)  # outside of the time that pytest-timeout allows
+def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> Iterator[None]:
+    """A group in real time holds the gate from its first test to its last; a flight in lockstep
+    passes when none does."""
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        if "realtime" in item.keywords:
+            _GATE.hold()
+        elif _waits_for_the_machine(item):
+            _GATE.wait()
+    yield
+    if nextitem is None or "realtime" not in nextitem.keywords:
+        _GATE.leave()
+
+
+class _Gate:
+    """A lock on this very file, which all workers know; it ends with its process."""
+
+    def __init__(self) -> None:
+        self._held: int | None = None
+
+    def hold(self) -> None:
+        if self._held is None:
+            self._held = self._locked(fcntl.LOCK_SH)
+
+    def wait(self) -> None:
+        os.close(self._locked(fcntl.LOCK_EX))
+
+    def leave(self) -> None:
+        if self._held is not None:
+            os.close(self._held)
+            self._held = None
+
+    def _locked(self, how: int) -> int:
+        descriptor = os.open(__file__, os.O_RDONLY | os.O_CLOEXEC)
+        fcntl.flock(descriptor, how)
+        return descriptor
+
+
+_GATE = _Gate()
 
 
 def _give_way() -> None:

@@ -17,6 +17,12 @@ from tests.scenarios.swarm import VirtualSwarm, at_step
 from tests.scenarios.test_steps import THIRD, quartet
 
 ACTIONS = [Policy.LAND, Policy.RETURN, Policy.HOLD, Policy.CONTINUE]
+SOME_ACTIONS = [
+    Policy.RETURN,
+    Policy.HOLD,
+    *(pytest.param(each, marks=pytest.mark.long) for each in (Policy.LAND, Policy.CONTINUE)),
+]
+"""Each policy acts alike, whatever its trigger (`test_battery` has them all)."""
 PHASES = {
     Policy.LAND: Phase.LAND,
     Policy.RETURN: Phase.RETURN,
@@ -88,7 +94,7 @@ def test_no_vehicle_takes_off_under_the_reserve() -> None:
 FENCE = "fence: {polygon: [[-30, -30], [60, -30], [60, 60], [-30, 60]], height_m: 40}\n"
 
 
-@pytest.mark.parametrize("policy", ACTIONS)
+@pytest.mark.parametrize("policy", SOME_ACTIONS)
 def test_fence(policy: Policy) -> None:
     """A vehicle blown towards the fence is stopped by its agent before it is far outside."""
     swarm = in_third(mission(f"fence: {policy.value}", head=FENCE))
@@ -189,7 +195,7 @@ def test_without_an_estimate_the_tilt_limit_stands_in(autopilot: str) -> None:
     assert swarm.all_down
 
 
-@pytest.mark.parametrize("policy", ACTIONS)
+@pytest.mark.parametrize("policy", SOME_ACTIONS)
 def test_station_lost(policy: Policy) -> None:
     """Each policy does what it says."""
     swarm = in_third(mission(f"station_lost: {policy.value}"))

@@ -20,7 +20,8 @@ from tests.scenarios.watched import Watch
 FOLDER = Path(__file__).parents[2] / "missions"
 MISSIONS = sorted(path.name for path in FOLDER.glob("*.yaml"))
 SMALL = ["crossing.yaml", "hexagon.yaml"]
-LARGE = {"thirtytwo.yaml", "hundred.yaml"}
+ON_DEMAND = {"letters.yaml", "sweep.yaml", "thirtytwo.yaml", "hundred.yaml"}
+"""Large, or with the steps of others alone."""
 HURT = {"faults": {2: "failed"}}
 """Who does not complete, by mission: its own timetable drains its battery."""
 FACTOR = 1.5
@@ -48,7 +49,7 @@ def flown(mission: LoadedMission, seed: int = 1) -> Watch:
 
 @pytest.mark.timeout(900)  # a hundred agents take about 500 s
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.long if n in LARGE else ()) for n in MISSIONS]
+    "name", [pytest.param(n, marks=pytest.mark.long if n in ON_DEMAND else ()) for n in MISSIONS]
 )
 def test_ready_mission(name: str) -> None:
     """Each step takes what was forecast, within a factor of 1.5; a station that watches raises no

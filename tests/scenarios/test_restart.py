@@ -70,7 +70,7 @@ def most_acceleration(swarm: VirtualSwarm, agent: int, seconds: float) -> float:
     return most
 
 
-@pytest.mark.parametrize("agent", [1, 3])
+@pytest.mark.parametrize("agent", [1, pytest.param(3, marks=pytest.mark.long)])
 @pytest.mark.parametrize("where", [name for name in MISSIONS if name != "land"])
 def test_rejoins(where: str, agent: int) -> None:
     """In every step, the pinned agent (1) and another: the mission completes, in shape, without a

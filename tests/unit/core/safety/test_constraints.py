@@ -50,7 +50,15 @@ def test_doubt_of_the_own_response_slows_near_others_and_only_there() -> None:
         slow = cap(0.0, unsure_s, MARGINS)
         assert MARGINS.keep_out - 2 * 2 * unsure_s * slow / 2 >= 1.1 * LAW.r_in - 1e-9
     assert cap(MARGINS.reach, 0.5, MARGINS) == MARGINS.speed
-    assert unsure(0.1, 0.9, heard()._replace(response_s=1.5)) > unsure(0.1, 0.9, heard())
+
+
+def test_a_difference_of_two_responses_makes_both_unsure() -> None:
+    """Whichever of the two answers later; an aircraft that tells no response adds nothing."""
+    alike, none = heard()._replace(response_s=0.9), heard()._replace(response_s=0.0)
+    late, quick = heard()._replace(response_s=1.5), heard()._replace(response_s=0.3)
+    assert unsure(0.1, 0.9, late) == pytest.approx(0.7)
+    assert unsure(0.1, 0.9, quick) == pytest.approx(0.7)
+    assert unsure(0.1, 0.9, alike) == unsure(0.1, 0.9, none) == pytest.approx(0.1)
 
 
 @settings(deadline=None)

@@ -24,4 +24,6 @@ JOYSTICK, STICKS = "joystick does nothing", "COM_RC_OVERRIDE has bit 1"
 )
 def test_it_is_said_what_a_real_autopilot_leaves_to_pilots(entry: FleetAgent, said: str) -> None:
     lines = list(pilots(Fleet((entry,))))
-    assert [(said in line, "agent 1:" in line) for line in lines] == ([(True, True)] if said else [])
+    assert [(said in line, "agent 1:" in line) for line in lines] == (
+        [(True, True)] if said else []
+    )
