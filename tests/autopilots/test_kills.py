@@ -36,7 +36,7 @@ ROWS = [
     ("run", "stop 12", "completed"),
     ("run", "interrupt", "aborted"),
     ("agent-1", "restart", "completed"),
-    ("agent-2", "restart", "completed"),
+    ("agent-2", "restart", "failed"),  # a PX4 lands a second after its last setpoint
     ("station", "restart", "failed"),
     ("autopilot-1", "stop 2", "completed"),
     ("autopilot-1", "stop 12", "failed"),

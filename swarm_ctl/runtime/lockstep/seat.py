@@ -23,6 +23,8 @@ _LATE_WALL_S: Final = 2.0
 _JOIN_WALL_S: Final = 10.0
 """For a process that joins a flight, to hear those that fly."""
 _HELLO_WALL_S: Final = 0.05
+_HELLO_MOST_WALL_S: Final = 2.0
+"""From a member's hello to its next: of few members, and at most."""
 _AGAIN_WALL_S: Final = 0.25
 """A member that waits so long for a tick says hello again: another one may wait to know that it
 hears what it has subscribed to."""
@@ -30,6 +32,9 @@ _NAMED_WALL_S, _NAME_AGAIN_WALL_S = 10.0, 0.2
 """For so long, and so often, a resolver is asked for the vehicle's host: six containers start
 within 10 s, and each start makes the engine's resolver begin anew."""
 _LOOK_WALL_S: Final = 0.0002
+_FEW: Final = 8
+"""Members that wait for the messages of more look less often: a hundred of them look at a hundred
+others, and what they use up is what the last ones need to speak."""
 _WAIT_WALL_S: Final = 1.0
 SLOW: Final = 0.1
 """A busy machine must not cut the mesh's links; a process that ends closes its own."""
@@ -145,7 +150,8 @@ class BarrierSeat(Seat):
         mesh, member = self._mesh, self.member
         if member is None or wall.wall_s() < self._hello_wall_s:
             return
-        self._hello_wall_s = wall.wall_s() + _HELLO_WALL_S
+        crowd = max(1.0, len(member.others) / _FEW)  # every hello goes to all
+        self._hello_wall_s = wall.wall_s() + min(_HELLO_MOST_WALL_S, _HELLO_WALL_S * crowd * crowd)
         if mesh is not None:
             mesh.begin(member.number, 0)
             mesh.hello(swarm, node, channels)
@@ -224,7 +230,7 @@ class BarrierSeat(Seat):
                 return
             if wall.wall_s() > until:
                 break
-            wall.pause(_LOOK_WALL_S)
+            wall.pause(_LOOK_WALL_S * max(1.0, len(lacking) / _FEW))
         if mesh is not None and lacking:
             mesh.give_up(lacking)
             names = sorted({f"{m} {CHANNELS[c].name}" for m, c in lacking})
