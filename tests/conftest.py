@@ -15,6 +15,7 @@ they come last, beside each other, and not before both groups have ended.
 from __future__ import annotations
 
 import fcntl
+import gc
 import os
 import signal
 import tempfile
@@ -152,6 +153,9 @@ def _give_way() -> None:
 settings.register_profile("here", deadline=None)
 settings.register_profile("ci", deadline=None, derandomize=True)
 settings.load_profile("ci" if os.environ.get("CI") else "here")
+
+# Flights that are kept for other tests are many objects: each collection looks at all of them.
+gc.set_threshold(20_000, 20, 20)
 
 # Vehicles that tests fly are not remembered among the user's own.
 _STATE = tempfile.TemporaryDirectory(prefix="swarm-ctl-state-")

@@ -13,7 +13,7 @@ from tests.system.running import raised
 LATE = {"slow machine", "silent", "vehicle silent", "old state", "old link", "no station"}
 LATE |= {"slow ticks", "late ticks"}
 """Alarms that are true on a busy machine; an autopilot can't wait for it."""
-SHORT_OF_R = {"hexagon.yaml": ("long link", (3, 5))}
+SHORT_OF_R = {"hexagon.yaml": [("long link", pair) for pair in ((1, 2), (1, 3), (3, 5))]}
 """These start 0.14 m under r in the paper's Table II; a vehicle that takes off moves by more."""
 PAIR = Path(__file__).with_name("pair.yaml")
 
@@ -48,7 +48,7 @@ def test_a_mission_completes(
         flight.assert_completed()
         assert {step["result"] for step in flight.summary()["steps"]} == {"done"}
         others = [alarm for alarm in raised(flight.folder) if alarm[0] not in LATE]
-        assert [alarm for alarm in others if alarm != SHORT_OF_R.get(str(mission))] == []
+        assert [alarm for alarm in others if alarm not in SHORT_OF_R.get(str(mission), [])] == []
 
 
 @pytest.mark.long
