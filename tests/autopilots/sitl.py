@@ -97,8 +97,11 @@ class Flight(Running):
 
     def assert_nothing_left(self, seconds: float = 10.0) -> None:
         super().assert_nothing_left(seconds)
+        end = time.monotonic() + seconds  # for init to take the codes of those that were killed
         for each in self.started.values():
-            assert not Path(f"/proc/{each.pid}").exists()
+            while Path(f"/proc/{each.pid}").exists():
+                assert time.monotonic() < end, each
+                time.sleep(0.05)
             if each.kind is VehicleKind.PX4:
                 assert not Path(f"/tmp/px4-sock-{each.instance}").exists()  # noqa: S108
 
