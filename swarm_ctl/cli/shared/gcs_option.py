@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from typing import Final
 
 from swarm_ctl.errors import InputError
+from swarm_ctl.runtime.vehicles.instances import GCS_PORT
 
-GCS_PORT: Final = 14550
-"""Where QGroundControl and MAVProxy listen."""
 _ADDRESS: Final = re.compile(r"(?:(?P<host>[^:\s-][^:\s]*):)?(?P<port>\d+)")
 
 

@@ -13,11 +13,12 @@ from pathlib import Path
 from typing import Final
 
 from swarm_ctl.cli.shared.system import GROUND_ALONE, lacks, lacks_for_lockstep
+from swarm_ctl.runtime.vehicles.instances import GCS_PORT
 
 AGENTS_A_CORE: Final = 16
 """In real time, simulator and station included: docs/pages/figures.md, "How a run grows"."""
 _PORTS: Final = (
-    (socket.SOCK_DGRAM, 14550, "ground control software (--gcs)"),
+    (socket.SOCK_DGRAM, GCS_PORT, "ground control software (--gcs)"),
     (socket.SOCK_DGRAM, 14540, "the first PX4 (SITL)"),
     (socket.SOCK_STREAM, 5760, "the first ArduCopter (SITL)"),
 )

@@ -16,7 +16,7 @@ from typing import Final
 from swarm_ctl.core.model.fleet import FleetAgent, VehicleKind
 from swarm_ctl.runtime.gcs.config import GcsAddress, RelayConfig, RelayVehicle
 from swarm_ctl.runtime.launch.ports import free_ports
-from swarm_ctl.runtime.vehicles.instances import PORTS
+from swarm_ctl.runtime.vehicles.instances import GCS_PORT, PORTS
 
 _COLUMNS: Final = ("agent", "vehicle", "system", "its agent's link", "also on")
 
@@ -32,6 +32,10 @@ class KnownPort:
     bound its own ports."""
     own: int | None = None
     """The port that the first vehicle sends from; None: it listens on `first`."""
+
+    def numbers(self) -> Iterator[int]:
+        """All but the one whose client would be where ground control software listens."""
+        return (i for i in itertools.count() if self.first + self.step * i != GCS_PORT)
 
     def endpoint(self, i: int) -> str:
         """The vehicle's end, as the simulator writes it."""
@@ -128,13 +132,13 @@ def ground_control(
     count = len(gcs) + len(fleet) if gcs else 0
     ports = iter(free_ports(count, socket.SOCK_DGRAM, in_use.values()))
     found = GroundControl(tuple(GcsAddress(*address, next(ports)) for address in gcs))
-    counts = {autopilot: itertools.count() for autopilot in KNOWN}
+    numbers = {autopilot: port.numbers() for autopilot, port in KNOWN.items()}
     for agent in fleet:
         if agent.id not in simulated:
             if gcs:
                 found.mirrors[agent.id] = next(ports)
             continue
-        port, i = KNOWN[agent.autopilot], next(counts[agent.autopilot])
+        port, i = KNOWN[agent.autopilot], next(numbers[agent.autopilot])
         client, further = port.client(i), []
         if _port(client) not in in_use.values() and port.free(i):
             further.append(port.endpoint(i))

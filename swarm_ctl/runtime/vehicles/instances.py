@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import socket
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final, Self
 
@@ -16,6 +15,10 @@ from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.errors import StartError
 
 TCP, UDP = socket.SOCK_STREAM, socket.SOCK_DGRAM
+GCS_PORT: Final = 14550
+"""Where ground control software listens by itself, and every PX4 sends until some answers. Instance
+10's agent would listen there, too, hear its own vehicle on two links and all others, and take them
+for two vehicles. So no vehicle stands there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +33,7 @@ class Ports:
     most: int
     """Instances; the next one's ports would be another's."""
 
-    def of(self, instance: int) -> Iterable[tuple[socket.SocketKind, int]]:
+    def of(self, instance: int) -> list[tuple[socket.SocketKind, int]]:
         """All ports of an instance, the held one first."""
         return [(kind, port + self.step * instance) for kind, port in (self.held, *self.used)]
 
@@ -63,6 +66,8 @@ class Instances:
         """The least number whose ports are free; StartError where there is none."""
         ports = PORTS[kind]
         for instance in range(ports.most):
+            if (UDP, GCS_PORT) in ports.of(instance):
+                continue
             with contextlib.suppress(OSError), contextlib.ExitStack() as tried:
                 held, *_ = [
                     tried.enter_context(_bound(socket_kind, port))

@@ -30,6 +30,15 @@ def test_a_second_run_takes_other_numbers_and_ended_runs_give_theirs_back() -> N
         assert later.take(PX4) == 0
 
 
+def test_no_instance_stands_where_ground_control_software_listens(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A PX4 sends there on another link, so that its agent would hear it twice."""
+    monkeypatch.setattr(instances, "GCS_PORT", 19211)
+    with Instances() as ours:
+        assert [ours.take(PX4), ours.take(PX4)] == [0, 2]
+
+
 @pytest.mark.parametrize(("kind", "port"), [(UDP, 19210), (instances.TCP, 19220)])
 def test_ports_of_another_program_are_left_to_it(kind: socket.SocketKind, port: int) -> None:
     with socket.socket(socket.AF_INET, kind) as other, Instances() as ours:
