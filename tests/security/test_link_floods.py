@@ -1,5 +1,6 @@
 """Floods on a vehicle's link, open and signed: a tick's work and memory are bounded, so that
-setpoints go on at 19 Hz and more. Times are of this thread's own CPU."""
+setpoints go on at 19 Hz and more. Times are of this thread's own CPU, and are compared with those
+of a loop beside them: how fast the machine is just now is not what is tested."""
 
 from __future__ import annotations
 
@@ -36,6 +37,9 @@ FLOODS: Final = {
     "texts": _LONG * 60,
 }
 TICKS: Final = 5
+LOOPS: Final = 0.04 / 0.007
+"""What a tick may take, in times of `_loop`: 0.04 of its 0.05 s, where the loop takes 7 ms (as on
+the machine of docs/pages/figures.md)."""
 FRAMES: Final = 10_000_000
 
 
@@ -48,14 +52,24 @@ def test_a_flood_leaves_an_agent_its_tick(flood: str, is_signed: bool) -> None:
     spent = []
     for tick in range(TICKS):
         before = sum(framer.tried for framer in link._framers)
-        spent.append(_tick(link, far, FLOODS[flood], tick * 0.05))
+        loop_s = _loop()
+        spent.append(_tick(link, far, FLOODS[flood], tick * 0.05) / loop_s)
         assert sum(framer.tried for framer in link._framers) - before < MAX_TRIED + 400
-    assert statistics.median(spent) < 0.04, "of a tick's 0.05 s"
+    assert statistics.median(spent) < LOOPS
     tracemalloc.start()
     _tick(link, far, FLOODS[flood], TICKS * 0.05)
     grown, _ = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert grown < 4e6, "the flood itself included"
+
+
+def _loop() -> float:
+    """The CPU time of a hundred thousand turns."""
+    begun = time.thread_time()
+    total = 0
+    for i in range(100_000):
+        total += i * i
+    return time.thread_time() - begun
 
 
 def _tick(link: VehicleLink, far: MemoryWire, data: bytes, now: float) -> float:
