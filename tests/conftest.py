@@ -19,7 +19,7 @@ import gc
 import os
 import signal
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Generator
 from pathlib import Path
 
 import pytest
@@ -100,7 +100,9 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)  # outside of the time that pytest-timeout allows
-def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> Iterator[None]:
+def pytest_runtest_protocol(
+    item: pytest.Item, nextitem: pytest.Item | None
+) -> Generator[None, object, object]:
     """A group in real time holds the gate from its first test to its last; a flight in lockstep
     passes when none does."""
     if "PYTEST_XDIST_WORKER" in os.environ:
@@ -108,9 +110,11 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
             _GATE.hold()
         elif _waits_for_the_machine(item):
             _GATE.wait()
-    yield
-    if nextitem is None or "realtime" not in nextitem.keywords:
-        _GATE.leave()
+    try:
+        return (yield)
+    finally:
+        if nextitem is None or "realtime" not in nextitem.keywords:
+            _GATE.leave()
 
 
 class _Gate:

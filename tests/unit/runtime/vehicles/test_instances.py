@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import socket
+from itertools import islice
 
 import pytest
 
 from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.errors import StartError
+from swarm_ctl.runtime.launch.ground_control import KNOWN
 from swarm_ctl.runtime.vehicles import instances
 from swarm_ctl.runtime.vehicles.instances import UDP, Instances, Ports
 
@@ -37,6 +39,14 @@ def test_no_instance_stands_where_ground_control_software_listens(
     monkeypatch.setattr(instances, "GCS_PORT", 19211)
     with Instances() as ours:
         assert [ours.take(PX4), ours.take(PX4)] == [0, 2]
+
+
+def test_no_simulated_vehicle_stands_there_either() -> None:
+    for known in KNOWN.values():
+        clients = [known.client(i) for i in islice(known.numbers(), 20)]
+        assert len({*clients}) == 20
+        assert not [client for client in clients if client.endswith(f":{instances.GCS_PORT}")]
+    assert KNOWN["px4"].client(10).endswith(f":{instances.GCS_PORT}"), "else nothing is left out"
 
 
 @pytest.mark.parametrize(("kind", "port"), [(UDP, 19210), (instances.TCP, 19220)])
