@@ -98,6 +98,7 @@ class VirtualSwarm:
         self._memory = VehicleMemory(memory) if memory else None
         self._wrap, self._clocks = mesh, dict(clocks or {})
         self.plan: Plan = mission.plan
+        self._plan_hash = self.plan.hash()
         self.now = 0.0
         self.events: list[Event] = []
         count = len(mission.plan.agents)
@@ -178,7 +179,7 @@ class VirtualSwarm:
         self.mesh.deliver()
         phase = round(self.now / self.plan.tick_s) % 5
         if self.station_alive and phase == int(self._lockstep):
-            self._station.send(keys.BEACON, StationBeacon("station", self.now, self.plan.hash()))
+            self._station.send(keys.BEACON, StationBeacon("station", self.now, self._plan_hash))
         for member in self.members.values():
             if member.alive and not member.frozen:
                 self._step(member)

@@ -45,6 +45,8 @@ MUST_ARRIVE: Final = Qos(reliable=True, urgent=True)
 QUEUE: Final = 4096
 """Unread messages that a subscription keeps at most; it drops the oldest first (a gap in `seq`)."""
 _QUEUED_BYTES: Final = 6 << 20
+_AGENTS: Final = 250
+"""As many as a mission may have."""
 
 
 class Bounds(NamedTuple):
@@ -59,8 +61,9 @@ class Bounds(NamedTuple):
 
     @property
     def queue(self) -> int:
-        """Unread messages that a subscription keeps: what fits into 6 MB, at most `QUEUE`."""
-        return min(QUEUE, _QUEUED_BYTES // self.size)
+        """Unread messages that a subscription keeps: what fits into 6 MB, at most `QUEUE`, and
+        always two of each agent: in lockstep all agents speak before a listener reads."""
+        return max(2 * _AGENTS, min(QUEUE, _QUEUED_BYTES // self.size))
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,8 +122,6 @@ _CLOCK_RATE: Final = "1 Hz, 5 Hz while one is not known"
 _SIGMA_RATE: Final = "5 Hz while a pair is near"
 _COMMAND_RATE: Final = "as given, again every 0.5 s until acknowledged"
 
-_AGENTS: Final = 250
-"""As many as a mission may have."""
 _KB: Final = 1024
 _AS_IT_COMES: Final = 20.0, 200
 """A command is sent again after half a second, and acknowledged again."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import dataclass, field
@@ -20,11 +19,6 @@ from swarm_ctl.runtime.protection import access, router_identity
 from swarm_ctl.runtime.refused_links import News, refused_links
 from swarm_ctl.trust.identity import Identity
 
-_SENDS_APART: Final = (
-    "(rx:(handover:app),acc:(handover:app),net:(handover:app),"
-    "tx:(worker_threads:1),app:(worker_threads:1))"
-)
-"""In lockstep: a thread that waits for room in a queue must not be the one that empties it."""
 _TURN_WALL_S: Final = 0.1
 _LINGER_WALL_S: Final = 300.0
 """After the lifeline's end: agents land, a station writes the summary. It ends with its last
@@ -57,8 +51,6 @@ def child_main(config: RouterConfig, connection: Connection) -> None:
 
 def run_router(config: RouterConfig, lifeline: Lifeline) -> int:
     """Pass on until the lifeline is cut and the last client has gone; the exit code."""
-    if config.patient:
-        os.environ["ZENOH_RUNTIME"] = _SENDS_APART
     identity = router_identity(config.identity)
     be_router()
     until: float | None = None

@@ -142,6 +142,12 @@ def test_what_is_too_large_is_not_even_copied(channel: Channel[Any]) -> None:
     assert (f"{channel.publisher} {owner}", RefusalReason.TOO_LARGE) in mesh.refused()
 
 
+def test_a_subscription_keeps_a_round_of_messages_of_the_largest_swarm() -> None:
+    """In lockstep all 250 agents send their status before the station reads the first."""
+    for channel in keys.CHANNELS:
+        assert 500 <= channel.bounds.queue <= keys.QUEUE
+
+
 def test_bounds_fit_what_is_sent() -> None:
     """The fixed layouts are as large as the table says; of JSON there is room for 250 agents."""
     assert len(encode(STATE)) == keys.STATE.bounds.size == keys.FAR.bounds.size
