@@ -7,9 +7,9 @@ the long rows (`python -m pytest -m long`). `-n0` or another number wins over th
 Tests in real time (processes, sockets, the system's clock) mostly wait, and must not be kept
 waiting. They are two groups of about the same length, each run in order by one worker: whole runs
 (autopilots that boot take both cores, so they never boot beside a run at a speed-up), and links and
-terminals. The groups are the largest, so the workers begin with them. All other tests only compute,
-beside them, on a worker that gives way. Flights in lockstep take both cores, but wait for them:
-they come last, beside each other, and not before both groups have ended.
+terminals. The workers begin with them. All other tests only compute, beside them, on a worker that
+gives way, file by file: what the tests of a file share is made once. Flights in lockstep take both
+cores, but wait for them: they come last, beside each other, and not before both groups have ended.
 """
 
 from __future__ import annotations
@@ -24,6 +24,8 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from xdist.remote import Producer
+from xdist.scheduler import LoadGroupScheduling
 
 WORKERS = 3
 RUNS, LINKS = "runs", "links"
@@ -50,14 +52,33 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if not config.option.markexpr:
         every, items[:] = list(items), [item for item in items if _wanted(item, config)]
         config.hook.pytest_deselected(items=[item for item in every if not _wanted(item, config)])
-    for item in items:
-        group = _group(item)
+    for number, item in enumerate(items):
+        group = _group(item) or (f"lockstep-{number}" if _waits_for_the_machine(item) else "")
         if item.path.parent == Path(__file__).with_name("foreign"):
             item.add_marker(pytest.mark.foreign)
-        if group:
+        if group in (RUNS, LINKS):
             item.add_marker(pytest.mark.realtime)
+        if group:
             item.add_marker(pytest.mark.xdist_group(group))
-    items.sort(key=_waits_for_the_machine)
+    items.sort(key=_turn)
+
+
+def _turn(item: pytest.Item) -> int:
+    """Tests in real time come first, by group; flights in lockstep last."""
+    group = item.get_closest_marker("xdist_group")
+    return 2 if group is None else {RUNS: 0, LINKS: 1}.get(group.args[0], 3)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> LoadGroupScheduling:
+    """As pytest-xdist's own for groups; a file of tests that only compute is one, too."""
+    return _ByFile(config, log)
+
+
+class _ByFile(LoadGroupScheduling):
+    def _split_scope(self, nodeid: str) -> str:
+        group: str = super()._split_scope(nodeid)
+        return nodeid.partition("::")[0] if group == nodeid else group
 
 
 def _waits_for_the_machine(item: pytest.Item) -> bool:
@@ -75,8 +96,8 @@ def _wanted(item: pytest.Item, config: pytest.Config) -> bool:
 
 def _group(item: pytest.Item) -> str:
     folder = item.path.relative_to(Path(__file__).parent).parts[0]
-    if _waits_for_the_machine(item):
-        return ""
+    if _waits_for_the_machine(item):  # a file of these shares a flight, or none
+        return item.path.stem if folder == "foreign" else ""
     if folder == "system" and item.path.stem in TERMINALS:
         return LINKS
     return REALTIME.get(folder, RUNS if "realtime" in item.keywords else "")
@@ -154,7 +175,7 @@ def _give_way() -> None:
         os.nice(_GIVE_WAY)
 
 
-settings.register_profile("here", deadline=None)
+settings.register_profile("here", deadline=None, max_examples=50)
 settings.register_profile("ci", deadline=None, derandomize=True)
 settings.load_profile("ci" if os.environ.get("CI") else "here")
 

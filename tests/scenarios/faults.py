@@ -17,7 +17,7 @@ from swarm_ctl.core.model.plan import Policy
 from swarm_ctl.mesh.transport import Transport
 from swarm_ctl.mission.compile.loader import LoadedMission, loads
 from tests.scenarios.impaired import ImpairedTransport, Impairment
-from tests.scenarios.swarm import VirtualSwarm, flown_once
+from tests.scenarios.swarm import VirtualSwarm, flown_once, landing_fast
 
 IDS = (1, 2, 3, 4)
 LIE_M = 3.0
@@ -61,7 +61,9 @@ class Faulty:
         self.row = row
         self.transports: dict[int, ImpairedTransport] = {}
         self._seed = seed
-        self.swarm = VirtualSwarm(mission(row.policy), seed, mesh=self._wrap, clocks=row.clocks)
+        self.swarm = landing_fast(
+            VirtualSwarm(mission(row.policy), seed, mesh=self._wrap, clocks=row.clocks)
+        )
         for vehicle in self.swarm.hub.world.vehicles:
             for name, value in row.vehicles.items():
                 vehicle.firmware.parameters.set(name, value)

@@ -112,7 +112,7 @@ def test_land_outweighs_return(holding: VirtualSwarm) -> None:
     give(holding, "return")
     holding.run(5)
     give(holding, "land")
-    holding.run(8)
+    holding.run(3)
     assert holding.phases() == {Phase.LAND}
     holding.fly(900)
     assert holding.all_down

@@ -7,7 +7,7 @@ import pytest
 
 from swarm_ctl.core.model.plan import FormStep
 from swarm_ctl.mission.compile.loader import LoadedMission, loads
-from tests.scenarios.swarm import VirtualSwarm, at_step
+from tests.scenarios.swarm import VirtualSwarm, at_step, landing_fast
 from tests.scenarios.test_steps import TEXT, assert_good, fly, shape_error_m
 
 BACK = "{kind: offsets, offsets: [[0, 27], [0, 18], [0, 9], [0, 0]]}"
@@ -60,7 +60,7 @@ def test_exchange_saves_the_way_past_each_other() -> None:
 )
 def test_later_steps_go_by_the_roles(steps: tuple[str, ...]) -> None:
     """The shape turns, moves, changes and comes home with every agent in the role that it took."""
-    swarm = VirtualSwarm(turned_round(*steps))
+    swarm = landing_fast(VirtualSwarm(turned_round(*steps)))
     swarm.wait(lambda s: s.in_step(len(s.plan.steps)))
     assert sorted(roles(swarm)) == [0, 1, 2, 3] != roles(swarm)
     assert shape_error_m(swarm, len(swarm.plan.steps) - 1) < 0.6
@@ -84,7 +84,7 @@ def test_an_agent_that_is_restarted_takes_its_role_up_again() -> None:
 
 def test_an_operators_shape_knows_no_roles() -> None:
     """`form` gives every agent its own slot; afterwards the mission goes on with its roles."""
-    swarm = VirtualSwarm(turned_round("hold: {duration_s: 5}", "land"))
+    swarm = landing_fast(VirtualSwarm(turned_round("hold: {duration_s: 5}", "land")))
     swarm.wait(lambda s: s.in_step(2) and sorted(roles(s)) != roles(s))
     row = FormStep("row", ((0.0, 0.0), (9.0, 9.0), (0.0, 18.0), (9.0, 27.0)), 0.5, 2.0, 1e9)
     swarm.command("form", step=row, plan_hash=swarm.plan.hash())

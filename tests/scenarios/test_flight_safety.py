@@ -13,7 +13,7 @@ from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.plan import Policy
 from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_sim.firmware.protocol import telemetry
-from tests.scenarios.swarm import VirtualSwarm, at_step
+from tests.scenarios.swarm import VirtualSwarm, at_step, landing_fast
 from tests.scenarios.test_steps import THIRD, quartet
 
 ACTIONS = [Policy.LAND, Policy.RETURN, Policy.HOLD, Policy.CONTINUE]
@@ -143,7 +143,11 @@ WIND_SWITCHES = {"ardupilot": ("EK3_DRAG_BCOEF_X", "EK3_DRAG_BCOEF_Y"), "px4": (
 
 @pytest.mark.parametrize(
     ("autopilot", "policy"),
-    [("ardupilot", Policy.LAND), ("px4", Policy.RETURN), ("px4", Policy.HOLD)],
+    [
+        ("ardupilot", Policy.LAND),
+        ("px4", Policy.RETURN),
+        pytest.param("px4", Policy.HOLD, marks=pytest.mark.long),
+    ],
 )
 def test_wind(autopilot: str, policy: Policy) -> None:
     """Under the limit nothing happens; above it all do as the mission says, and a hold ends with
@@ -152,7 +156,7 @@ def test_wind(autopilot: str, policy: Policy) -> None:
     fleet = replace(
         windy.fleet, agents=tuple(replace(a, autopilot=autopilot) for a in windy.fleet.agents)
     )
-    swarm = VirtualSwarm(replace(windy, fleet=fleet))
+    swarm = landing_fast(VirtualSwarm(replace(windy, fleet=fleet)))
     for vehicle in swarm.hub.world.vehicles:
         for name in WIND_SWITCHES[autopilot]:
             vehicle.firmware.parameters.set(name, 12.0)
@@ -264,8 +268,15 @@ def test_no_vehicle_takes_off_before_its_position_is_accurate(autopilot: str) ->
     assert "hold:" not in reasons(swarm)
 
 
-@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
-@pytest.mark.parametrize("policy", [Policy.HOLD, Policy.LAND])
+@pytest.mark.parametrize(
+    ("autopilot", "policy"),
+    [
+        ("ardupilot", Policy.HOLD),
+        ("px4", Policy.LAND),
+        pytest.param("ardupilot", Policy.LAND, marks=pytest.mark.long),
+        pytest.param("px4", Policy.HOLD, marks=pytest.mark.long),
+    ],
+)
 def test_an_estimate_that_gets_bad_in_the_air(autopilot: str, policy: Policy) -> None:
     swarm = in_third(of_kind(mission(f"estimate: {policy.value}"), autopilot))
     second(swarm, "SIM_GPS_ACC", 1.9)

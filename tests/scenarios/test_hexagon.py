@@ -17,7 +17,7 @@ from swarm_ctl.mission.compile.loader import LoadedMission, loads
 from swarm_ctl.report.folder.last_statuses import LastStatus
 from swarm_ctl.report.folder.run_folder import RunFolder
 from swarm_ctl.report.judge.verdict import judge
-from tests.scenarios.swarm import VirtualSwarm, at_step
+from tests.scenarios.swarm import VirtualSwarm, at_step, landing_fast
 
 MISSIONS = Path(__file__).parents[2] / "missions"
 TAKEOFF, FORM, HOLD, LAND = 1, 2, 3, 4
@@ -85,7 +85,7 @@ def test_mixed_personas(hexagon: LoadedMission) -> None:
 def test_an_agent_dies(hexagon: LoadedMission, step: int) -> None:
     """In every step, the landing too: the dead agent's vehicle lands by its own failsafe; the
     others hold, land, and report that the mission failed."""
-    swarm = at_step(hexagon, step)
+    swarm = at_step(hexagon, step, as_delivered=step == LAND)
     for _ in range(30):
         swarm.tick()
     swarm.kill(3)
@@ -189,7 +189,7 @@ def test_a_frozen_agent_sends_nothing(hexagon: LoadedMission) -> None:
 def test_another_plan_does_not_arm(hexagon: LoadedMission) -> None:
     """An agent with a different plan keeps the whole swarm on the ground, and every agent says
     why."""
-    swarm = VirtualSwarm(hexagon)
+    swarm = landing_fast(VirtualSwarm(hexagon))
     other = replace(hexagon.plan, kappa=19.0)
     swarm.members[4].agent = Agent(other, 4, 0.0)
     for _ in range(400):
@@ -205,8 +205,9 @@ def test_a_vehicle_on_the_wrong_spot_does_not_arm(hexagon: LoadedMission) -> Non
         replace(a, start=(a.start[0], a.start[1] + 2.0)) if a.id == 3 else a
         for a in hexagon.plan.agents
     )
-    swarm = VirtualSwarm(hexagon)
+    swarm = landing_fast(VirtualSwarm(hexagon))
     swarm.plan = elsewhere = replace(hexagon.plan, agents=agents)
+    swarm._plan_hash = elsewhere.hash()
     for agent_id, member in swarm.members.items():
         member.agent = Agent(elsewhere, agent_id, 0.0)
     for _ in range(400):
@@ -225,7 +226,7 @@ def test_a_vehicle_on_the_wrong_spot_does_not_arm(hexagon: LoadedMission) -> Non
 
 def test_preparation_times_out(hexagon: LoadedMission) -> None:
     """An agent that never shows up ends the others, in bounded time, on the ground."""
-    swarm = VirtualSwarm(hexagon)
+    swarm = landing_fast(VirtualSwarm(hexagon))
     swarm.kill(2)
     swarm.fly(hexagon.plan.prepare_timeout_s + 10)
     assert set(swarm.outcomes().values()) == {"failed"}
@@ -236,7 +237,7 @@ def test_preparation_times_out(hexagon: LoadedMission) -> None:
 def test_a_peer_silent_on_the_ground_is_waited_for(hexagon: LoadedMission) -> None:
     """Ten seconds of silence before take-off (a busy machine, a radio that is plugged in late) end
     nothing."""
-    swarm = VirtualSwarm(hexagon)
+    swarm = landing_fast(VirtualSwarm(hexagon))
     swarm.members[2].frozen = True
     for _ in range(20):
         swarm.tick()

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from swarm_ctl.mesh.keys import FAR, Qos
 from swarm_ctl.mesh.transport import Inlet, Transport
 from swarm_ctl.mission.compile.loader import LoadedMission, loads
-from tests.scenarios.swarm import VirtualSwarm
+from tests.scenarios.swarm import VirtualSwarm, landing_fast
 
 SPACING_M = 10
 
@@ -64,7 +64,7 @@ def test_a_row_moves_on_without_a_killed_agent() -> None:
     hear each other now and then alone."""
     move = "move: {to: [25, 80], speed_mps: 3}"
     row = mission(17, 17, move, policies="{agent_lost: continue}")
-    swarm = VirtualSwarm(row, mesh=losing(0.33))
+    swarm = landing_fast(VirtualSwarm(row, mesh=losing(0.33)))
     swarm.wait(lambda s: s.in_step(3))
     swarm.run(2.0)
     assert 17 not in swarm.members[1].near

@@ -43,7 +43,7 @@ def test_an_agent_that_takes_its_vehicle_over_gives_its_own_values_back(tmp_path
 
 
 @pytest.mark.parametrize(
-    "seed", [0, 1, 2, *(pytest.param(seed, marks=pytest.mark.long) for seed in range(3, 30))]
+    "seed", [1, 2, *(pytest.param(s, marks=pytest.mark.long) for s in (0, *range(3, 30)))]
 )
 def test_after_a_kill_at_any_moment_the_next_flight_gives_the_own_values_back(
     seed: int, tmp_path: Path

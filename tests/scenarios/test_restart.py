@@ -43,7 +43,8 @@ def texts(swarm: VirtualSwarm) -> str:
 
 
 def killed(mission: LoadedMission, step: int, after_s: float, agent: int) -> VirtualSwarm:
-    swarm = at_step(mission, step)
+    landing = step == len(mission.plan.steps)
+    swarm = at_step(mission, step, as_delivered=landing)
     swarm.run(after_s)
     swarm.kill(agent)
     return swarm

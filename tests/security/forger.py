@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
-from swarm_ctl.api.virtual_swarm import VirtualSwarm
 from swarm_ctl.core.model.messages import AgentState, Payload
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.keys import Qos
@@ -13,6 +12,7 @@ from swarm_ctl.mesh.memory_transport import MemoryTransport
 from swarm_ctl.mesh.payloads import decode, encode
 from swarm_ctl.mesh.transport import Inlet, Transport
 from swarm_ctl.mission.compile.loader import LoadedMission
+from tests.scenarios.swarm import VirtualSwarm, landing_fast
 
 Forge = Callable[[AgentState], AgentState]
 
@@ -23,7 +23,7 @@ class Attacked:
     def __init__(self, mission: LoadedMission) -> None:
         self._transports: dict[int, MemoryTransport] = {}
         self._forged: list[tuple[frozenset[int], frozenset[int], Forge, int]] = []
-        self.swarm = VirtualSwarm(mission, mesh=self._tap)
+        self.swarm = landing_fast(VirtualSwarm(mission, mesh=self._tap))
 
     def _tap(self, inner: Transport, agent: int) -> Transport:
         assert isinstance(inner, MemoryTransport)

@@ -129,7 +129,7 @@ def test_noise_and_drift_have_their_size() -> None:
     for name, spread in (("SIM_GPS_NOISE", 0.5), ("SIM_GPS_DRIFT", 2.0)):
         flight = Flight(config(40, sim_parameters={name: spread}))
         errors = []
-        for _ in range(20):
+        for _ in range(12):
             flight.run(20.0 if name.endswith("DRIFT") else 2.0)
             errors += [vehicle.faults.offset for vehicle in flight.world.vehicles]
             flight.collect()
