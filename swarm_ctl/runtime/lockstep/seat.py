@@ -19,7 +19,7 @@ from swarm_ctl.runtime.lockstep.words import Phase, Tick
 from swarm_ctl.runtime.ticker import Ticker
 
 _LATE_WALL_S: Final = 2.0
-"""For a message or a datagram that another process says it has sent."""
+"""For a message or a datagram that another process says it has sent; of a crowd, in proportion."""
 _JOIN_WALL_S: Final = 10.0
 """For a process that joins a flight, to hear those that fly."""
 _HELLO_WALL_S: Final = 0.05
@@ -35,6 +35,9 @@ _LOOK_WALL_S: Final = 0.0002
 _FEW: Final = 8
 """Members that wait for the messages of more look less often: a hundred of them look at a hundred
 others, and what they use up is what the last ones need to speak."""
+_CROWD: Final = 16
+"""Of more members each looks less often, whatever it waits for: 250 that look every 0.2 ms leave
+the router no processor to bring what they look for."""
 _WAIT_WALL_S: Final = 1.0
 SLOW: Final = 0.1
 """A busy machine must not cut the mesh's links; a process that ends closes its own."""
@@ -222,7 +225,7 @@ class BarrierSeat(Seat):
 
     def _gather(self, member: Member, tick: Tick) -> None:
         """Wait for what belongs to the tick; what is later is noted, and comes when it comes."""
-        until, mesh, wire = wall.wall_s() + _LATE_WALL_S, self._mesh, self._wire
+        until, mesh, wire = wall.wall_s() + _late_wall_s(member), self._mesh, self._wire
         while True:
             lacking = mesh.lacking(tick.heard, tick.published, member.number) if mesh else []
             lacks = wire is not None and wire.lacks(self.clock.now())
@@ -230,7 +233,7 @@ class BarrierSeat(Seat):
                 return
             if wall.wall_s() > until:
                 break
-            wall.pause(_LOOK_WALL_S * max(1.0, len(lacking) / _FEW))
+            _pause(member, len(lacking))
         if mesh is not None and lacking:
             mesh.give_up(lacking)
             names = sorted({f"{m} {CHANNELS[c].name}" for m, c in lacking})
@@ -245,7 +248,7 @@ class BarrierSeat(Seat):
             return
         self._in_turn = False
         if mesh is not None:
-            self._prove(mesh)
+            self._prove(member, mesh)
         published = mesh.published() if mesh else {}
         datagrams = {wire.port: wire.written()} if wire else {}
         try:
@@ -255,12 +258,12 @@ class BarrierSeat(Seat):
         if mesh is not None:  # what is said between two ticks belongs to the next one
             mesh.begin(member.number, member.tick + 1)
 
-    def _prove(self, mesh: SteppedTransport) -> None:
+    def _prove(self, member: Member, mesh: SteppedTransport) -> None:
         """Before all go on, be sure that what was subscribed to comes: its way through the mesh
         takes a time that no tick knows."""
-        until = wall.wall_s() + _LATE_WALL_S
+        until = wall.wall_s() + _late_wall_s(member)
         while mesh.unproven(self._published) and wall.wall_s() < until:
-            wall.pause(_LOOK_WALL_S)
+            _pause(member)
 
     def _let_run(self, why: str) -> None:
         if self.member is not None:
@@ -298,6 +301,19 @@ class BarrierSeat(Seat):
     def close(self) -> None:
         if self.member is not None:
             self.member.close()
+
+
+def _crowd(member: Member) -> float:
+    return max(1.0, len(member.others) / _CROWD)
+
+
+def _late_wall_s(member: Member) -> float:
+    return _LATE_WALL_S * _crowd(member)
+
+
+def _pause(member: Member, lacking: int = 0) -> None:
+    """Until the next look at what has come."""
+    wall.pause(_LOOK_WALL_S * max(lacking / _FEW, _crowd(member) ** 2))
 
 
 SIMULATOR: Final = "simulator"
