@@ -20,7 +20,7 @@ from swarm_ctl.mission.compile.loader import load
 from swarm_sim.network.server import DRAIN_S
 from swarm_sim.world.truth_file import TruthFile
 from swarm_sim.world.truth_recorder import TruthRecorder
-from tests.system.running import HEXAGON, LOW, Running
+from tests.system.running import HEXAGON, LOW, ROOT, Running
 from tests.system.test_run import assert_apart, assert_truth_ends_on_the_ground
 
 pytestmark = [pytest.mark.lockstep, pytest.mark.timeout(300)]
@@ -265,3 +265,26 @@ def test_a_large_swarm_flies_the_same_twice(tmp_path: Path) -> None:
         assert "late on the mesh" not in running.output
         truths += left_by(running, "truth.jsonl")
     assert truths == [virtual_truth(mission, 7, tmp_path / "7.jsonl")] * 2
+
+
+@pytest.mark.long
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("policy", ["continue", "land"])
+def test_ten_of_thirty_two_are_killed_at_once(tmp_path: Path, policy: str) -> None:
+    """While they form: their vehicles land by their own failsafe, the others go on without them, or
+    land, and none comes too near another."""
+    mission = tmp_path / "mission.yaml"
+    text = (ROOT / "missions" / "thirtytwo.yaml").read_text()
+    mission.write_text(text + f"policies: {{agent_lost: {policy}}}\n")
+    dead = random.Random(1).sample(range(1, 33), 10)
+    with Running("run", mission, *MAX, cwd=tmp_path) as running:
+        running.wait_for_event("step 2:", 32)
+        for agent in dead:
+            running.kill(f"agent-{agent}")
+        assert running.wait(800) == 1, running.output
+        running.assert_nothing_left()
+        outcomes = {end["agent"]: end["outcome"] for end in running.summary()["agents"]}
+        assert_truth_ends_on_the_ground(running.folder)
+        assert_apart(running.folder)
+    lived = {outcomes[agent] for agent in range(1, 33) if agent not in dead}
+    assert lived == {"completed" if policy == "continue" else "failed"}

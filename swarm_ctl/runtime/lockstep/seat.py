@@ -18,13 +18,14 @@ from swarm_ctl.runtime.lockstep.member import KeeperGoneError, Member, SteppedCl
 from swarm_ctl.runtime.lockstep.words import Phase, Tick
 from swarm_ctl.runtime.ticker import Ticker
 
-_LATE_WALL_S: Final = 2.0
-"""For a message or a datagram that another process says it has sent; of a crowd, in proportion."""
+_LATE_WALL_S, _LATE_MOST_WALL_S = 2.0, 6.0
+"""For a message or a datagram that another process says it has sent: of few members, and of a
+crowd. The keeper takes one that waits for 10 s for stopped."""
 _JOIN_WALL_S: Final = 10.0
 """For a process that joins a flight, to hear those that fly."""
 _HELLO_WALL_S: Final = 0.05
 _HELLO_MOST_WALL_S: Final = 2.0
-"""From a member's hello to its next: of few members, and at most."""
+"""From a member's hello to its next: of few members, and of a hundred; of more, in proportion."""
 _AGAIN_WALL_S: Final = 0.25
 """A member that waits so long for a tick says hello again: another one may wait to know that it
 hears what it has subscribed to."""
@@ -153,8 +154,9 @@ class BarrierSeat(Seat):
         mesh, member = self._mesh, self.member
         if member is None or wall.wall_s() < self._hello_wall_s:
             return
-        crowd = max(1.0, len(member.others) / _FEW)  # every hello goes to all
-        self._hello_wall_s = wall.wall_s() + min(_HELLO_MOST_WALL_S, _HELLO_WALL_S * crowd * crowd)
+        count = len(member.others)  # every hello goes to all
+        crowd, most = max(1.0, count / _FEW), max(1.0, count / 100) * _HELLO_MOST_WALL_S
+        self._hello_wall_s = wall.wall_s() + min(most, _HELLO_WALL_S * crowd * crowd)
         if mesh is not None:
             mesh.begin(member.number, 0)
             mesh.hello(swarm, node, channels)
@@ -308,7 +310,7 @@ def _crowd(member: Member) -> float:
 
 
 def _late_wall_s(member: Member) -> float:
-    return _LATE_WALL_S * _crowd(member)
+    return min(_LATE_MOST_WALL_S, _LATE_WALL_S * _crowd(member))
 
 
 def _pause(member: Member, lacking: int = 0) -> None:
