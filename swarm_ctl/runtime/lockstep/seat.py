@@ -18,9 +18,9 @@ from swarm_ctl.runtime.lockstep.member import KeeperGoneError, Member, SteppedCl
 from swarm_ctl.runtime.lockstep.words import Phase, Tick
 from swarm_ctl.runtime.ticker import Ticker
 
-_LATE_WALL_S, _LATE_MOST_WALL_S = 2.0, 6.0
+_LATE_WALL_S, _LATE_MOST_WALL_S = 2.0, 4.0
 """For a message or a datagram that another process says it has sent: of few members, and of a
-crowd. The keeper takes one that waits for 10 s for stopped."""
+crowd. A tick has two such waits, and the keeper takes one that waits for 10 s for stopped."""
 _JOIN_WALL_S: Final = 10.0
 """For a process that joins a flight, to hear those that fly."""
 _HELLO_WALL_S: Final = 0.05
