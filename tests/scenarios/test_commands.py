@@ -95,6 +95,7 @@ def test_next_ends_the_step_once(holding: VirtualSwarm) -> None:
     assert_good(holding)
 
 
+@pytest.mark.long  # the mission's own step does in test_steps.py
 def test_return_brings_all_home(holding: VirtualSwarm) -> None:
     """As the mission's own step does, and the run counts as aborted."""
     give(holding, "move", step=move_to(50, 30))

@@ -23,6 +23,10 @@ IN_OTHERS = {
     "a clock jumps back",
     "GPS jumps by 3 m",
     "gusts",
+    "0.1 to 0.5 s late, out of order",
+    "clocks apart by an hour",
+    "clocks apart; 0.2 s late, a fifth is lost",
+    "frozen for 2 s",
 }
 """A harder row has the same in it: these are flown on demand."""
 

@@ -13,15 +13,12 @@ from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.plan import Policy
 from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_sim.firmware.protocol import telemetry
+from tests.on_demand import on_demand
 from tests.scenarios.swarm import VirtualSwarm, at_step, landing_fast
 from tests.scenarios.test_steps import THIRD, quartet
 
 ACTIONS = [Policy.LAND, Policy.RETURN, Policy.HOLD, Policy.CONTINUE]
-SOME_ACTIONS = [
-    Policy.RETURN,
-    Policy.HOLD,
-    *(pytest.param(each, marks=pytest.mark.long) for each in (Policy.LAND, Policy.CONTINUE)),
-]
+OTHERS = (Policy.RETURN, Policy.LAND, Policy.CONTINUE)
 """Each policy acts alike, whatever its trigger (`test_battery` has them all)."""
 PHASES = {
     Policy.LAND: Phase.LAND,
@@ -94,7 +91,7 @@ def test_no_vehicle_takes_off_under_the_reserve() -> None:
 FENCE = "fence: {polygon: [[-30, -30], [60, -30], [60, 60], [-30, 60]], height_m: 40}\n"
 
 
-@pytest.mark.parametrize("policy", SOME_ACTIONS)
+@pytest.mark.parametrize("policy", [Policy.HOLD, *map(on_demand, OTHERS)])
 def test_fence(policy: Policy) -> None:
     """A vehicle blown towards the fence is stopped by its agent before it is far outside."""
     swarm = in_third(mission(f"fence: {policy.value}", head=FENCE))
@@ -113,7 +110,7 @@ def test_fence(policy: Policy) -> None:
     assert swarm.all_down
 
 
-@pytest.mark.parametrize("policy", [Policy.LAND, Policy.RETURN])
+@pytest.mark.parametrize("policy", [Policy.LAND, on_demand(Policy.RETURN)])
 def test_tilt_and_speed(policy: Policy) -> None:
     """Leaning or racing more than allowed is a vehicle that does not do what it is told."""
     swarm = in_third(
@@ -143,11 +140,7 @@ WIND_SWITCHES = {"ardupilot": ("EK3_DRAG_BCOEF_X", "EK3_DRAG_BCOEF_Y"), "px4": (
 
 @pytest.mark.parametrize(
     ("autopilot", "policy"),
-    [
-        ("ardupilot", Policy.LAND),
-        ("px4", Policy.RETURN),
-        pytest.param("px4", Policy.HOLD, marks=pytest.mark.long),
-    ],
+    [on_demand("ardupilot", Policy.LAND), ("px4", Policy.RETURN), on_demand("px4", Policy.HOLD)],
 )
 def test_wind(autopilot: str, policy: Policy) -> None:
     """Under the limit nothing happens; above it all do as the mission says, and a hold ends with
@@ -199,7 +192,7 @@ def test_without_an_estimate_the_tilt_limit_stands_in(autopilot: str) -> None:
     assert swarm.all_down
 
 
-@pytest.mark.parametrize("policy", SOME_ACTIONS)
+@pytest.mark.parametrize("policy", [Policy.HOLD, *map(on_demand, OTHERS)])
 def test_station_lost(policy: Policy) -> None:
     """Each policy does what it says."""
     swarm = in_third(mission(f"station_lost: {policy.value}"))
@@ -273,8 +266,8 @@ def test_no_vehicle_takes_off_before_its_position_is_accurate(autopilot: str) ->
     [
         ("ardupilot", Policy.HOLD),
         ("px4", Policy.LAND),
-        pytest.param("ardupilot", Policy.LAND, marks=pytest.mark.long),
-        pytest.param("px4", Policy.HOLD, marks=pytest.mark.long),
+        on_demand("ardupilot", Policy.LAND),
+        on_demand("px4", Policy.HOLD),
     ],
 )
 def test_an_estimate_that_gets_bad_in_the_air(autopilot: str, policy: Policy) -> None:

@@ -17,6 +17,7 @@ from swarm_ctl.mission.compile.loader import LoadedMission, loads
 from swarm_ctl.report.folder.last_statuses import LastStatus
 from swarm_ctl.report.folder.run_folder import RunFolder
 from swarm_ctl.report.judge.verdict import judge
+from tests.on_demand import on_demand
 from tests.scenarios.swarm import VirtualSwarm, at_step, landing_fast
 
 MISSIONS = Path(__file__).parents[2] / "missions"
@@ -81,7 +82,7 @@ def test_mixed_personas(hexagon: LoadedMission) -> None:
         assert member.goals == ["StandbyGoal", "AirborneGoal", "FlyGoal", "LandGoal", "ReleaseGoal"]
 
 
-@pytest.mark.parametrize("step", [0, TAKEOFF, FORM, HOLD, LAND])
+@pytest.mark.parametrize("step", [0, FORM, LAND, on_demand(TAKEOFF), on_demand(HOLD)])
 def test_an_agent_dies(hexagon: LoadedMission, step: int) -> None:
     """In every step, the landing too: the dead agent's vehicle lands by its own failsafe; the
     others hold, land, and report that the mission failed."""
@@ -112,7 +113,7 @@ def test_survivors_go_on_if_the_mission_says_so(hexagon: LoadedMission) -> None:
     assert outcomes == dict.fromkeys([1, 2, 3, 4, 5], "completed")
 
 
-@pytest.mark.parametrize("step", [0, TAKEOFF, FORM, HOLD])
+@pytest.mark.parametrize("step", [0, TAKEOFF, FORM, on_demand(HOLD)])
 def test_lifeline_cut(hexagon: LoadedMission, step: int) -> None:
     """When `run` is gone, agents land (or end at once where nothing flies yet)."""
     swarm = at_step(hexagon, step)

@@ -20,8 +20,8 @@ from tests.scenarios.watched import Watch
 FOLDER = Path(__file__).parents[2] / "missions"
 MISSIONS = sorted(path.name for path in FOLDER.glob("*.yaml"))
 SMALL = ["crossing.yaml", "hexagon.yaml"]
-ON_DEMAND = {"letters.yaml", "square.yaml", "sweep.yaml", "thirtytwo.yaml", "hundred.yaml"}
-"""Large, or with the steps of others alone."""
+ON_DEMAND = set(MISSIONS) - set(SMALL)
+"""Large, long, or with the steps of others alone."""
 HURT = {"faults": {2: "failed"}}
 """Who does not complete, by mission: its own timetable drains its battery."""
 FACTOR = 1.5

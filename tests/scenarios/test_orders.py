@@ -11,6 +11,7 @@ import pytest
 from swarm_ctl.core.model.messages import AgentStatus, CommandKind, Phase
 from swarm_ctl.core.model.plan import Policy
 from swarm_ctl.mission.compile.loader import LoadedMission
+from tests.on_demand import on_demand
 from tests.scenarios.swarm import VirtualSwarm, at_step
 from tests.scenarios.test_steps import FORM, TAKEOFF, THIRD, quartet, shape_error_m
 
@@ -41,7 +42,7 @@ def assert_others_complete(swarm: VirtualSwarm, left: tuple[int, ...] = (3,)) ->
     assert swarm.closest_m > swarm.plan.law.r_in * swarm.plan.unit_m
 
 
-@pytest.mark.parametrize("kind", ["land", "kill"])
+@pytest.mark.parametrize("kind", [on_demand("land"), "kill"])
 def test_an_order_before_the_first_position_is_told_as_well(kind: str) -> None:
     """The others do not wait for an agent that has not said yet where its vehicle is."""
     swarm = VirtualSwarm(quartet("land"))
@@ -177,7 +178,7 @@ def test_a_formation_may_stand_over_a_vehicle_that_has_landed_and_lands_beside_i
 
 # --- any order, to any agents, at any time ---
 
-SEEDS = [*range(2), *(pytest.param(seed, marks=pytest.mark.long) for seed in range(2, 40))]
+SEEDS = [1, *(on_demand(seed) for seed in (0, *range(2, 40)))]
 
 
 @pytest.mark.parametrize("seed", SEEDS)

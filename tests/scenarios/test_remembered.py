@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from swarm_ctl.runtime.vehicle_memory import VehicleMemory
+from tests.on_demand import on_demand
 from tests.scenarios.swarm import VirtualSwarm
 from tests.scenarios.test_restart import GONE_S, texts
 from tests.scenarios.test_steps import THIRD, quartet
@@ -42,9 +43,7 @@ def test_an_agent_that_takes_its_vehicle_over_gives_its_own_values_back(tmp_path
     assert VehicleMemory(tmp_path).entries() == []
 
 
-@pytest.mark.parametrize(
-    "seed", [1, 2, *(pytest.param(s, marks=pytest.mark.long) for s in (0, *range(3, 30)))]
-)
+@pytest.mark.parametrize("seed", [1, *(on_demand(seed) for seed in (0, *range(2, 30)))])
 def test_after_a_kill_at_any_moment_the_next_flight_gives_the_own_values_back(
     seed: int, tmp_path: Path
 ) -> None:

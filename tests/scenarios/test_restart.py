@@ -13,6 +13,7 @@ from swarm_ctl.core.agent.takeover import LEARN_S
 from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.mission.compile.loader import LoadedMission, loads
+from tests.on_demand import on_demand
 from tests.scenarios.swarm import VirtualSwarm, at_step
 from tests.scenarios.test_steps import (
     FORM,
@@ -71,8 +72,10 @@ def most_acceleration(swarm: VirtualSwarm, agent: int, seconds: float) -> float:
     return most
 
 
-@pytest.mark.parametrize("agent", [1, pytest.param(3, marks=pytest.mark.long)])
-@pytest.mark.parametrize("where", [name for name in MISSIONS if name != "land"])
+@pytest.mark.parametrize("agent", [1, on_demand(3)])
+@pytest.mark.parametrize(
+    "where", ["takeoff", "form", "move", on_demand("hold"), on_demand("rotate")]
+)
 def test_rejoins(where: str, agent: int) -> None:
     """In every step, the pinned agent (1) and another: the mission completes, in shape, without a
     jerk, apart."""
@@ -132,7 +135,7 @@ def test_another_plan_leaves_the_vehicle_alone() -> None:
     assert swarm.all_down
 
 
-@pytest.mark.parametrize("mode", [5, 17])
+@pytest.mark.parametrize("mode", [5, on_demand(17)])
 def test_a_pilot_keeps_the_vehicle(mode: int) -> None:
     """LOITER and BRAKE of an ArduCopter are a pilot's modes: yielded, not a setpoint, the mode
     stays."""
@@ -194,7 +197,7 @@ def test_px4_that_lands_is_seen_down() -> None:
     assert swarm.all_down
 
 
-@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+@pytest.mark.parametrize("autopilot", [on_demand("ardupilot"), "px4"])
 def test_one_that_wakes_from_a_stop_waits_for_its_vehicles_word(autopilot: str) -> None:
     """SIGSTOP for 10 s: its vehicle lands by itself. The agent ends when it sees it down, and gives
     it its own parameters back."""

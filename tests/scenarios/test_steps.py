@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +14,7 @@ from swarm_ctl.core.law.planned_formation import planned_formations
 from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.plan import Policy
 from swarm_ctl.mission.compile.loader import LoadedMission, load, loads
+from tests.on_demand import on_demand
 from tests.scenarios.swarm import VirtualSwarm, at_step, landing_fast
 
 TEXT = """\
@@ -73,7 +73,7 @@ def shape_error_m(swarm: VirtualSwarm, step: int, live: tuple[int, ...] = (1, 2,
     )
 
 
-@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+@pytest.mark.parametrize("autopilot", [on_demand("ardupilot"), "px4"])
 def test_a_formation_that_holds_is_calm(autopilot: str) -> None:
     """No swing from limit to limit: after 15 s no setpoint is over 2 m/s, of 5."""
     fleet = ", ".join(f"{{id: {agent}, autopilot: {autopilot}}}" for agent in range(1, 5))
@@ -112,7 +112,7 @@ def test_the_formation_does_not_drift_while_it_holds() -> None:
 
 @pytest.mark.parametrize(
     ("step", "angle", "factor"),
-    [("rotate: {angle_deg: 90}", 90, 1), ("scale: {factor: 1.5}", 0, 1.5)],
+    [("rotate: {angle_deg: 90}", 90, 1), on_demand("scale: {factor: 1.5}", 0, 1.5)],
 )
 def test_rotate_and_scale(step: str, angle: float, factor: float) -> None:
     """The slots end turned (clockwise from above) or wider, the centre stays."""
@@ -155,21 +155,16 @@ def test_return_brings_all_home_one_at_a_time() -> None:
     assert_good(swarm)
 
 
-def late(*row: object) -> Any:
-    """A row on demand: a policy and a step of others, together."""
-    return pytest.param(*row, marks=pytest.mark.long)
-
-
 CASES = [
     (5, 1, Policy.CONTINUE),
-    *(late(step, 1, Policy.CONTINUE) for step in (1, 2, 3, 4, 6)),
-    *(late(step, 3, Policy.RETURN) for step in (2, 3)),
+    *(on_demand(step, 1, Policy.CONTINUE) for step in (1, 2, 3, 4, 6)),
+    *(on_demand(step, 3, Policy.RETURN) for step in (2, 3)),
     (4, 3, Policy.RETURN),
-    late(3, 1, Policy.RETURN),
+    on_demand(3, 1, Policy.RETURN),
     (2, 1, Policy.LAND),
-    late(4, 1, Policy.LAND),
-    late(5, 3, Policy.LAND),
-    late(6, 3, Policy.LAND),
+    on_demand(4, 1, Policy.LAND),
+    on_demand(5, 3, Policy.LAND),
+    on_demand(6, 3, Policy.LAND),
 ]
 
 
@@ -221,7 +216,9 @@ def test_another_takes_over_when_the_pinned_agent_is_lost() -> None:
     assert swarm.outcomes() == dict.fromkeys([2, 3, 4], "completed")
 
 
-@pytest.mark.parametrize("policy", list(Policy))
+@pytest.mark.parametrize(
+    "policy", [Policy.RETURN, Policy.HOLD, on_demand(Policy.LAND), on_demand(Policy.CONTINUE)]
+)
 def test_a_step_that_takes_too_long(policy: Policy) -> None:
     """`on_timeout`: hold until told otherwise, land, return, or go on to the next step."""
     late = f"timeout_s: 9, on_timeout: {policy.value}"
@@ -257,6 +254,7 @@ def test_neighbours_of_a_form_step() -> None:
     assert_good(swarm)
 
 
+@pytest.mark.long
 def test_a_line_that_moves_along_itself_stays_a_line() -> None:
     """The pinned agent, at one end of it, hurries no more than the others: at twice the law's rate
     it swung, and the line with it, up to 3.7 m to the sides."""

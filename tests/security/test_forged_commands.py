@@ -16,6 +16,7 @@ from swarm_ctl.core.model.plan import FormStep
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.payloads import encode
 from swarm_ctl.mission.compile.loader import LoadedMission
+from tests.on_demand import on_demand
 from tests.scenarios.faults import FORM, IDS, mission
 from tests.security.forger import Attacked
 
@@ -107,7 +108,7 @@ def _fresh(swarm: VirtualSwarm, agent: int, now: float) -> list[AgentState]:
     return swarm.members[agent].agent._peers.snapshot(now).fresh()
 
 
-@pytest.mark.parametrize("sensor", [True, False])
+@pytest.mark.parametrize("sensor", [True, on_demand(False)])
 def test_one_that_is_expelled_for_good_is_flown_without(sensor: bool) -> None:
     """It obeys `land`. The traffic sensor shows that it stands on the ground: the others form where
     it was, and none comes down on it. Without a sensor they keep clear of its last place for good:

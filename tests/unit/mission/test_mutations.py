@@ -113,7 +113,7 @@ def answered(text: str) -> None:
         assert not PARSER.search(str(problem)), "nor a parser's"
 
 
-@settings(max_examples=150)
+@settings(max_examples=75)
 @given(mutated())
 def test_a_slip_in_a_ready_mission_is_a_plan_or_mistakes_with_their_place(text: str) -> None:
     answered(text)

@@ -14,6 +14,7 @@ from swarm_ctl.mission.compile.loader import load
 from swarm_ctl.study.executor import run_study
 from swarm_ctl.study.parameter_space import Study
 from swarm_ctl.study.rerun import Rerun, rerun, write_mission
+from tests.on_demand import on_demand
 
 UNLIKE: dict[str, Any] = {
     "missions": 2,
@@ -33,7 +34,7 @@ def flown(folder: Path, **settings: Any) -> Rerun:
     return rerun(folder / "a.csv", 1)
 
 
-@pytest.mark.parametrize("dead_time_s", [1.9, 0.9, 0.4])
+@pytest.mark.parametrize("dead_time_s", [on_demand(1.9), 0.9, on_demand(0.4)])
 def test_the_vehicles_of_a_row_fly_again(dead_time_s: float, tmp_path: Path) -> None:
     """On the virtual clock the smallest distance is the row's, whether the vehicles answer as their
     agents believe or later."""

@@ -80,6 +80,7 @@ def test_a_vehicle_whose_agent_died_is_not_hit() -> None:
     assert (outcome.smallest > 0.5).all()
 
 
+@pytest.mark.long
 def test_sparse_swarms_form_sooner_when_all_move_to_the_average() -> None:
     """Forty scattered sparsely: the slowest mode of their graph takes a minute, the average of all
     does not."""

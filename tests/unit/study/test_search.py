@@ -71,6 +71,7 @@ def flown(studies: Sequence[Study]) -> Iterator[list[Row]]:
     return fly_studies(studies, 1)
 
 
+@pytest.mark.long
 def test_a_narrow_corner_of_the_bare_law_is_found() -> None:
     """It keeps these agents apart where its rate is low or vehicles are prompt; of as many missions
     drawn plainly, none collides."""

@@ -167,7 +167,7 @@ def test_ideal_is_the_single_integrator() -> None:
 
 
 @pytest.mark.parametrize("response", REAL)
-@settings(max_examples=5)
+@settings(max_examples=3)
 @given(goal=arrays(np.float64, (N, 3), elements=st.floats(-60.0, 60.0)))
 def test_a_held_position_is_reached_without_overshoot_worth_the_name(
     response: VelocityResponse, goal: Array
