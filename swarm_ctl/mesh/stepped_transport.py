@@ -206,21 +206,20 @@ class SteppedTransport(Transport):
         """Members and channels of whose messages of tick `heard` some have not come yet."""
         for each in self._inlets.values():
             each.fill(heard)
-        missing = []
-        for member, channel, count in published:
-            inlet = self._inlet(member, channel)
+        every = {channel: i for (channel, name), i in self._inlets.items() if name == "*"}
+        followed = {place: i for place, i in self._inlets.items() if place[1] != "*"}
+        on, nobody, missing = {channel for channel, _ in followed}, ("", ""), []
+        for member, channel, count in published:  # a large swarm publishes hundreds
+            inlet = every.get(channel)
+            if inlet is None and channel in on:
+                inlet = followed.get((channel, self._owners.get(member, nobody)[1]))
             if inlet is None or member == own or heard < inlet.begins:
                 continue
             if inlet.counts.get((heard, member), 0) >= count:
                 self._unwaited.discard((member, channel))
-            else:
+            elif (member, channel) not in self._unwaited:
                 missing.append((member, channel))
-        return [item for item in missing if item not in self._unwaited]
-
-    def _inlet(self, member: int, channel: int) -> SteppedInlet | None:
-        """Where this member's messages come in, if they are subscribed to."""
-        every = self._inlets.get((channel, "*"))
-        return every or self._inlets.get((channel, self._owners.get(member, ("", ""))[1]))
+        return missing
 
     def unproven(self, published: Iterable[tuple[int, int, int]]) -> bool:
         """A subscription begins to count with the next tick, and nothing has come yet by which it
