@@ -18,7 +18,7 @@ from swarm_ctl.errors import InputError
 from swarm_ctl.files import locked, open_regular, replacing
 from swarm_ctl.recording.mcap_records import TORN, skip_magic, unpacked
 from swarm_ctl.recording.mcap_writer import NANO
-from swarm_ctl.recording.topics import ADAPTERS, TOPICS
+from swarm_ctl.recording.topics import TOPICS, adapter
 
 RECORDING: Final = "recording.mcap"
 _KINDS: Final = {
@@ -63,7 +63,7 @@ def payload_of(topic: str, data: bytes) -> Payload | None:
             data = data.replace(old, new)
     if kind is not None:
         with contextlib.suppress(ValidationError):
-            found: Payload = ADAPTERS[kind].validate_json(data)
+            found: Payload = adapter(kind).validate_json(data)
             return found
     return None
 

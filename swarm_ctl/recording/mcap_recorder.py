@@ -15,7 +15,7 @@ from typing import Any, Final, Protocol, TypeAlias
 from swarm_ctl.core.model.messages import AgentState, Payload
 from swarm_ctl.recording.mcap_reader import RECORDING
 from swarm_ctl.recording.mcap_writer import NANO, McapWriter
-from swarm_ctl.recording.topics import ADAPTERS, BY_NAME, BY_PAYLOAD, Derived, SetpointRecord, Topic
+from swarm_ctl.recording.topics import BY_NAME, BY_PAYLOAD, Derived, SetpointRecord, Topic, adapter
 
 _LIMIT: Final = 20_000
 """Messages that may wait: ten seconds of a hundred agents."""
@@ -132,7 +132,7 @@ class Recorder:
             return
         agent = getattr(payload, "agent", None)
         said_s = getattr(payload, "time_s", heard_s)
-        self._write(topic, agent, heard_s, said_s, ADAPTERS[type(payload)].dump_json(payload))
+        self._write(topic, agent, heard_s, said_s, adapter(type(payload)).dump_json(payload))
         if isinstance(payload, AgentState):
             (north, east), (vn, ve, _) = payload.setpoint_mps, payload.velocity_ned_mps
             point = SetpointRecord(payload.time_s, north, east, vn, ve)
@@ -141,7 +141,7 @@ class Recorder:
                 agent,
                 heard_s,
                 said_s,
-                ADAPTERS[SetpointRecord].dump_json(point),
+                adapter(SetpointRecord).dump_json(point),
             )
         for made in self._derived(payload, heard_s):
             self._give(made.topic, made.agent, made.time_s, made.time_s, made.data)

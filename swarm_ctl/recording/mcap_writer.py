@@ -62,8 +62,8 @@ class McapWriter:
 
     def _register(self, topic: Topic, name: str) -> int:
         if topic.name not in self._schemas:
-            text = json.dumps(topic.schema).encode()
+            schema = topic.schema()
             self._schemas[topic.name] = self._writer.register_schema(
-                topic.schema["title"], "jsonschema", text
+                schema["title"], "jsonschema", json.dumps(schema).encode()
             )
         return self._writer.register_channel(name, "json", self._schemas[topic.name])

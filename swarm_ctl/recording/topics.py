@@ -6,8 +6,9 @@ Messages are JSON with their schema in the file. `log_time` is when the station 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final
 
 from pydantic import TypeAdapter
@@ -33,7 +34,8 @@ class Topic:
     template: str
     payload: type[Any] | None
     """The type that `read` gives; None: derived from another topic, or not from the mesh."""
-    schema: Mapping[str, Any]
+    schema: Callable[[], Mapping[str, Any]]
+    """Worked out when it is asked for: most processes write no recording."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,14 +65,31 @@ class SetpointRecord:
 _PHASES: Final = ", ".join(f"{phase.value} {phase.name.lower()}" for phase in Phase)
 
 
-def plain_schema(kind: type[Any]) -> dict[str, Any]:
+def plain_schema(kind: type[Any]) -> Mapping[str, Any]:
     """The JSON Schema of a payload as viewers know it: no references, no unions, one type a node.
 
     A value that may be null has the type of its other values and is not required.
     """
-    schema = TypeAdapter(kind).json_schema(mode="serialization")
-    plain: dict[str, Any] = _plain(schema, schema.get("$defs", {}))
-    return {"title": kind.__name__} | plain
+    found = _SCHEMAS.get(kind)
+    if found is None:
+        schema = adapter(kind).json_schema(mode="serialization")
+        plain = _plain(schema, schema.get("$defs", {}))
+        found = _SCHEMAS[kind] = {"title": kind.__name__} | plain
+    return found
+
+
+_SCHEMAS: Final[dict[type[Any], Mapping[str, Any]]] = {}
+
+
+def adapter(kind: type[Any]) -> TypeAdapter[Any]:
+    """What reads and writes the JSON of a topic's payload."""
+    found = _ADAPTERS.get(kind)
+    if found is None:
+        found = _ADAPTERS[kind] = TypeAdapter(kind)
+    return found
+
+
+_ADAPTERS: Final[dict[type[Any], TypeAdapter[Any]]] = {}
 
 
 def _plain(node: Any, definitions: Mapping[str, Any]) -> Any:
@@ -135,27 +154,24 @@ _TRUTH: Final = {
 
 
 def _topic(name: str, template: str, payload: type[Any]) -> Topic:
-    return Topic(name, template, payload, plain_schema(payload))
+    return Topic(name, template, payload, partial(plain_schema, payload))
 
 
 TOPICS: Final = (
     _topic("state", "/agent/{id}/state", AgentState),
-    Topic("setpoint", "/agent/{id}/setpoint", None, plain_schema(SetpointRecord)),
+    Topic("setpoint", "/agent/{id}/setpoint", None, partial(plain_schema, SetpointRecord)),
     _topic("status", "/agent/{id}/status", AgentStatus),
     _topic("sigma", "/agent/{id}/sigma", SigmaReport),
     _topic("event", "/agent/{id}/event", Event),
     _topic("ack", "/agent/{id}/ack", Ack),
     _topic("command", "/command", Command),
     _topic("beacon", "/beacon", StationBeacon),
-    Topic("truth", "/truth", None, _TRUTH),
+    Topic("truth", "/truth", None, lambda: _TRUTH),
 )
 """`status` has the agent's mesh links (age, loss) by peer."""
 
 BY_NAME: Final = {topic.name: topic for topic in TOPICS}
 BY_PAYLOAD: Final = {topic.payload: topic for topic in TOPICS if topic.payload is not None}
-ADAPTERS: Final[dict[type[Any], TypeAdapter[Any]]] = {
-    kind: TypeAdapter(kind) for kind in (*BY_PAYLOAD, SetpointRecord)
-}
 
 
 def rates(words: str) -> dict[str, float]:

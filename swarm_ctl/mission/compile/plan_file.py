@@ -30,7 +30,11 @@ class PlanFile(BaseModel):
     dataclasses as well."""
 
     model_config = ConfigDict(
-        frozen=True, extra="forbid", strict=True, use_attribute_docstrings=True
+        frozen=True,
+        extra="forbid",
+        strict=True,
+        use_attribute_docstrings=True,
+        defer_build=True,  # a run needs its manifest alone
     )
 
     schema_version: Literal[1] = 1

@@ -31,5 +31,10 @@ class Section(BaseModel):
     """Strict: no unknown field, no silent conversion, no NaN or infinity."""
 
     model_config = ConfigDict(
-        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True
+        frozen=True,
+        extra="forbid",
+        strict=True,
+        allow_inf_nan=False,
+        use_attribute_docstrings=True,
+        defer_build=True,  # sections are read as parts of the file, which is built as one
     )

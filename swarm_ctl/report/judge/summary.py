@@ -34,7 +34,9 @@ class StepVerdict(StrEnum):
 
 
 class _SummaryPart(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", use_attribute_docstrings=True, defer_build=True
+    )
 
 
 class StepSummary(_SummaryPart):

@@ -62,10 +62,11 @@ class FoxgloveServer:
     def _channel(self, topic: Topic, agent: int | None) -> Channel:
         found = self._channels.get((topic.name, agent))
         if found is None:
-            data = json.dumps(topic.schema).encode()
+            schema = topic.schema()
+            data = json.dumps(schema).encode()
             found = self._channels[topic.name, agent] = Channel(
                 topic.template.format(id=agent),
-                schema=Schema(name=topic.schema["title"], encoding="jsonschema", data=data),
+                schema=Schema(name=schema["title"], encoding="jsonschema", data=data),
                 message_encoding="json",
                 context=self._context,
             )

@@ -44,8 +44,8 @@ _LEVELS: Final = {Level.WELL: 2, Level.WAITING: 2, Level.WARNING: 3, Level.ERROR
 
 def _topic(template: str, kind: type[Any], owner: str = "foxglove.") -> Topic:
     name = template.replace("/agent/{id}", "").strip("/")
-    schema = plain_schema(kind)
-    return Topic(name, template, None, schema | {"title": owner + schema["title"]})
+    title = owner + kind.__name__
+    return Topic(name, template, None, lambda: {**plain_schema(kind), "title": title})
 
 
 TRANSFORMS: Final = _topic("/tf", FrameTransforms)

@@ -12,7 +12,7 @@ from swarm_ctl.errors import InputError
 from swarm_ctl.recording.mcap_index import IndexedRecording
 from swarm_ctl.recording.mcap_reader import recover
 from swarm_ctl.recording.mcap_writer import NANO, McapWriter
-from swarm_ctl.recording.topics import ADAPTERS, BY_PAYLOAD
+from swarm_ctl.recording.topics import BY_PAYLOAD, adapter
 from tests.unit.recording.test_recording import START_NS, flight
 
 
@@ -21,7 +21,7 @@ def run(tmp_path: Path) -> Path:
     """A recording of many chunks."""
     made = McapWriter(tmp_path / recording.RECORDING, START_NS, {"mission": "test"})
     for k, (payload, heard_s) in enumerate(sorted(flight(6), key=lambda said: said[1])):
-        data = ADAPTERS[type(payload)].dump_json(payload)
+        data = adapter(type(payload)).dump_json(payload)
         heard_ns = START_NS + round(heard_s * NANO)
         made.write(
             BY_PAYLOAD[type(payload)], getattr(payload, "agent", None), heard_ns, heard_ns, data

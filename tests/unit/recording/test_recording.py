@@ -26,7 +26,7 @@ from swarm_ctl.errors import InputError
 from swarm_ctl.recording import mcap_reader, mcap_recorder
 from swarm_ctl.recording.mcap_reader import is_whole, messages, recover
 from swarm_ctl.recording.mcap_recorder import McapRecorder
-from swarm_ctl.recording.topics import ADAPTERS, TOPICS, rates
+from swarm_ctl.recording.topics import TOPICS, adapter, rates
 from swarm_ctl.station.picture.model import Model
 from tests.unit.station.swarm import hexagon_plan, report_of, state_of, status_of
 
@@ -68,7 +68,7 @@ def record(
 
 def test_a_phase_is_explained_in_the_recording_itself() -> None:
     """Its numbers by name, for viewers that know no code of ours."""
-    (state,) = (topic.schema for topic in TOPICS if topic.name == "state")
+    (state,) = (topic.schema() for topic in TOPICS if topic.name == "state")
     said = state["properties"]["phase"]
     assert said["type"] == "integer"
     assert "4 fly, 5 hold, 6 land" in said["description"]
@@ -120,7 +120,7 @@ def test_schemas_are_of_the_plain_kind() -> None:
             check(node["items"])
 
     for topic in TOPICS:
-        check(dict(topic.schema))
+        check(dict(topic.schema()))
 
 
 def test_messages_fit_their_schemas(tmp_path: Path) -> None:
@@ -134,7 +134,7 @@ def test_messages_fit_their_schemas(tmp_path: Path) -> None:
         "array": list,
         "object": dict,
     }
-    schemas = {topic.template.rpartition("/")[2]: topic.schema for topic in TOPICS}
+    schemas = {topic.template.rpartition("/")[2]: topic.schema() for topic in TOPICS}
     for message in messages(tmp_path):
         schema, found = schemas[message.topic.rpartition("/")[2]], json.loads(message.data)
         assert set(schema["required"]) <= set(found)
@@ -201,7 +201,7 @@ def test_no_recording_is_an_input_error(tmp_path: Path) -> None:
 def test_a_state_of_an_earlier_version_is_read() -> None:
     """Each field that has another name since 0.2 is read by its old name, too."""
     state = state_of(PLAN, 1, 2.5, override=7, gains_tag=3, next_gains_tag=4)
-    data = ADAPTERS[AgentState].dump_json(state)
+    data = adapter(AgentState).dump_json(state)
     for old, new in mcap_reader._RENAMED.items():
         assert new in data
         data = data.replace(new, old)

@@ -56,8 +56,8 @@ def test_schemas_have_the_names_that_panels_look_for() -> None:
         (desks.VEHICLES, "foxglove.SceneUpdate"),
         (desks.LOG, "foxglove.Log"),
     ):
-        assert topic.schema["title"] == name
-        assert "$ref" not in json.dumps(topic.schema)
+        assert topic.schema()["title"] == name
+        assert "$ref" not in json.dumps(topic.schema())
 
 
 def test_a_vehicle_is_at_one_place_on_map_and_in_the_scene(shown: list[Derived]) -> None:
