@@ -53,7 +53,9 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         every, items[:] = list(items), [item for item in items if _wanted(item, config)]
         config.hook.pytest_deselected(items=[item for item in every if not _wanted(item, config)])
     for number, item in enumerate(items):
-        group = _group(item) or (f"lockstep-{number}" if _waits_for_the_machine(item) else "")
+        group = _group(item)
+        if not group and _waits_for_the_machine(item):
+            group = f"lockstep-{number}"  # by itself, for whichever worker is free
         if item.path.parent == Path(__file__).with_name("foreign"):
             item.add_marker(pytest.mark.foreign)
         if group in (RUNS, LINKS):
@@ -96,7 +98,7 @@ def _wanted(item: pytest.Item, config: pytest.Config) -> bool:
 
 def _group(item: pytest.Item) -> str:
     folder = item.path.relative_to(Path(__file__).parent).parts[0]
-    if _waits_for_the_machine(item):  # a file of these shares a flight, or none
+    if _waits_for_the_machine(item):  # the tests of a file in `foreign` look at one flight
         return item.path.stem if folder == "foreign" else ""
     if folder == "system" and item.path.stem in TERMINALS:
         return LINKS
@@ -175,6 +177,7 @@ def _give_way() -> None:
         os.nice(_GIVE_WAY)
 
 
+# Half of Hypothesis' own number, where a test names none: the suite has a time to keep.
 settings.register_profile("here", deadline=None, max_examples=50)
 settings.register_profile("ci", deadline=None, derandomize=True)
 settings.load_profile("ci" if os.environ.get("CI") else "here")

@@ -207,12 +207,12 @@ class SteppedTransport(Transport):
         for each in self._inlets.values():
             each.fill(heard)
         every = {channel: i for (channel, name), i in self._inlets.items() if name == "*"}
-        followed = {place: i for place, i in self._inlets.items() if place[1] != "*"}
-        on, nobody, missing = {channel for channel, _ in followed}, ("", ""), []
+        followed = {channel for channel, name in self._inlets if name != "*"}
+        missing = []
         for member, channel, count in published:  # a large swarm publishes hundreds
             inlet = every.get(channel)
-            if inlet is None and channel in on:
-                inlet = followed.get((channel, self._owners.get(member, nobody)[1]))
+            if inlet is None and channel in followed and member in self._owners:
+                inlet = self._inlets.get((channel, self._owners[member][1]))
             if inlet is None or member == own or heard < inlet.begins:
                 continue
             if inlet.counts.get((heard, member), 0) >= count:

@@ -79,6 +79,7 @@ def plain_schema(kind: type[Any]) -> Mapping[str, Any]:
 
 
 _SCHEMAS: Final[dict[type[Any], Mapping[str, Any]]] = {}
+"""Each takes up to 35 ms on a slow machine; a foxglove server asks for it once for each agent."""
 
 
 def adapter(kind: type[Any]) -> TypeAdapter[Any]:

@@ -39,7 +39,10 @@ def landing_fast(swarm: VirtualSwarm) -> VirtualSwarm:
     """Its vehicles touch down at 2 m/s, for 0.5 and 0.7: a sixth of a short flight is landing."""
     for vehicle in swarm.hub.world.vehicles:
         known = vehicle.firmware.parameters
-        known.set("LAND_SPEED", 200) if "LAND_SPEED" in known else known.set("MPC_LAND_SPEED", 2.0)
+        if "LAND_SPEED" in known:
+            known.set("LAND_SPEED", 200)  # ArduCopter's, in cm/s
+        else:
+            known.set("MPC_LAND_SPEED", 2.0)
     return swarm
 
 

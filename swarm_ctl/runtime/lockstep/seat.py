@@ -154,9 +154,10 @@ class BarrierSeat(Seat):
         mesh, member = self._mesh, self.member
         if member is None or wall.wall_s() < self._hello_wall_s:
             return
-        count = len(member.others)  # every hello goes to all
-        crowd, most = max(1.0, count / _FEW), max(1.0, count / 100) * _HELLO_MOST_WALL_S
-        self._hello_wall_s = wall.wall_s() + min(most, _HELLO_WALL_S * crowd * crowd)
+        count = len(member.others)
+        pause_s = _HELLO_WALL_S * max(1.0, count / _FEW) ** 2  # every hello goes to all
+        most_s = _HELLO_MOST_WALL_S * max(1.0, count / 100)
+        self._hello_wall_s = wall.wall_s() + min(pause_s, most_s)
         if mesh is not None:
             mesh.begin(member.number, 0)
             mesh.hello(swarm, node, channels)
@@ -306,6 +307,7 @@ class BarrierSeat(Seat):
 
 
 def _crowd(member: Member) -> float:
+    """By how many times the members are more than `_CROWD`; 1: they are not."""
     return max(1.0, len(member.others) / _CROWD)
 
 
