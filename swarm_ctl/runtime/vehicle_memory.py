@@ -12,15 +12,17 @@ import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from pydantic import TypeAdapter, ValidationError
 
 from swarm_ctl.core.model.messages import AgentStatus
 from swarm_ctl.core.model.own_parameters import OwnParameters, OwnValue, Remembered, VehicleIdentity
 from swarm_ctl.files import read_bytes, replacing
-from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.runtime.clock import date_and_time
+
+if TYPE_CHECKING:  # a station remembers, and speaks no MAVLink
+    from swarm_ctl.mavlink.link import VehicleLink
 
 FOLDER_VARIABLE: Final = "SWARM_CTL_STATE"
 RECORD: Final = "own_parameters.json"

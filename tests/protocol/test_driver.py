@@ -31,7 +31,7 @@ from swarm_ctl.core.model.vehicle import (
     VehicleView,
     YieldGoal,
 )
-from swarm_ctl.mavlink import VehicleLink
+from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.mavlink.wires import MemoryWire, memory_wires
 from swarm_sim.config import SimConfig
 from swarm_sim.network.hub import Hub

@@ -20,6 +20,7 @@ from swarm_ctl.mission.compile.loader import load
 from swarm_sim.network.server import DRAIN_S
 from swarm_sim.world.truth_file import TruthFile
 from swarm_sim.world.truth_recorder import TruthRecorder
+from tests.system.conftest import Typed
 from tests.system.running import HEXAGON, LOW, ROOT, Running
 from tests.system.test_run import assert_apart, assert_truth_ends_on_the_ground
 
@@ -157,14 +158,15 @@ def test_any_flight_is_that_of_the_virtual_clock(tmp_path: Path, seed: int) -> N
 
 def test_an_agent_is_stopped(tmp_path: Path) -> None:
     """After the bound it is noted, and mission time goes on without it: its vehicle's failsafe
-    acts, the others land, `run` ends it and reports."""
+    acts, the others land, `run` ends it after twice the bound and reports."""
     run = ("run", LOW, *MAX)
-    with Running(*run, "--lockstep-patience", "5", cwd=tmp_path) as running:
+    with Running(*run, "--lockstep-patience", "3", cwd=tmp_path) as running:
         running.wait_for_event("step 2:", 3)
         running.kill("agent-2", signal.SIGSTOP)
         assert running.wait() == 1, running.output
         running.assert_nothing_left()
-        assert "agent-2 has not done its tick for 5 s of the wall clock" in running.output
+        assert "agent-2 has not done its tick for 3 s of the wall clock" in running.output
+        assert "agent-2 has hung for 6 s and is killed" in running.output
         assert running.summary()["outcome"] == "failed"
         assert_truth_ends_on_the_ground(running.folder)
         assert_apart(running.folder)
@@ -235,20 +237,20 @@ def test_the_clock_is_stopped(tmp_path: Path) -> None:
         assert_apart(running.folder)
 
 
-def test_a_vehicle_with_its_own_clock_is_refused(tmp_path: Path) -> None:
+def test_a_vehicle_with_its_own_clock_is_refused(tmp_path: Path, typed: Typed) -> None:
     """Before anything starts, with the reason and what is allowed."""
     mission = tmp_path / "own.yaml"
     line = "{id: 4, sysid: 4, autopilot: ardupilot}"
     entry = "{id: 4, sysid: 4, autopilot: ardupilot, endpoint: 'udpin:127.0.0.1:14550'}"
     mission.write_text(HEXAGON.read_text().replace(line, entry))
-    with Running("run", mission, *MAX, cwd=tmp_path) as running:
-        assert running.wait(20) == 2, running.output
-        assert "agent 4 flies the vehicle at udpin:127.0.0.1:14550" in running.output
-        assert "allowed: simulated vehicles" in running.output
-        assert not (tmp_path / "runs").exists()
-    with Running("run", HEXAGON, *MAX, "--vehicles", "px4", cwd=tmp_path) as running:
-        assert running.wait(20) == 2, running.output
-        assert "its own simulator interface" in running.output
+    code, _, errors = typed("run", str(mission), *MAX)
+    assert code == 2
+    assert "agent 4 flies the vehicle at udpin:127.0.0.1:14550" in errors
+    assert "allowed: simulated vehicles" in errors
+    code, _, errors = typed("run", str(HEXAGON), *MAX, "--vehicles", "px4")
+    assert code == 2
+    assert "its own simulator interface" in errors
+    assert not (tmp_path / "runs").exists()
 
 
 @pytest.mark.long

@@ -45,7 +45,7 @@ def assert_truth_ends_on_the_ground(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("run", "step"),
     [
-        pytest.param(LOCKSTEP, 1, id="lockstep-1"),
+        pytest.param(LOCKSTEP, 1, id="lockstep-1", marks=pytest.mark.long),
         pytest.param(LOCKSTEP, 2, id="lockstep-2"),
         pytest.param(RUN, 2, id="3-2", marks=(pytest.mark.long, pytest.mark.realtime)),
         pytest.param(RUN, 1, id="3-1", marks=(pytest.mark.long, pytest.mark.realtime)),
@@ -108,10 +108,12 @@ def test_run_itself_killed(tmp_path: Path, run: Command) -> None:
         assert_apart(running.folder)
 
 
-@BOTH
-def test_ctrl_c_lands_first(tmp_path: Path, run: Command) -> None:
-    """One Ctrl-C in flight: an acknowledged land command, all vehicles down, exit 130."""
-    with Running(*run, cwd=tmp_path) as running:
+@pytest.mark.realtime
+@pytest.mark.long
+def test_ctrl_c_lands_first(tmp_path: Path) -> None:
+    """One Ctrl-C in flight: an acknowledged land command, all vehicles down, exit 130
+    (`test_terminal.py`: as a key, in lockstep, every day)."""
+    with Running(*RUN, cwd=tmp_path) as running:
         running.wait_for_event("step 2:", 3)
         running.interrupt()
         assert running.wait() == 130, running.output
@@ -122,13 +124,13 @@ def test_ctrl_c_lands_first(tmp_path: Path, run: Command) -> None:
 
 
 @BOTH
-def test_ctrl_c_lands_without_a_station(tmp_path: Path, run: Command) -> None:
-    """With no station left to pass the command on, `run` cuts the lifelines: the agents land all
-    the same."""
+def test_sigterm_lands_without_a_station(tmp_path: Path, run: Command) -> None:
+    """A service manager's stop is a landing, too. With no station left to pass the command on,
+    `run` cuts the lifelines: the agents land all the same."""
     with Running(*run, cwd=tmp_path) as running:
         running.wait_for_event("step 2:", 3)
         running.kill("station")
-        running.interrupt()
+        running.process.terminate()
         assert running.wait() == 130, running.output
         running.assert_nothing_left()
         assert_truth_ends_on_the_ground(running.folder)
@@ -149,7 +151,8 @@ def test_second_ctrl_c_stops_at_once(tmp_path: Path, run: Command) -> None:
 
 def test_ctrl_c_on_the_ground(tmp_path: Path) -> None:
     """Before anything arms, Ctrl-C just ends the run."""
-    with Running(*RUN[:2], "--speedup", "1", "--headless", cwd=tmp_path) as running:
+    slow = ("run", LOW, "--speedup", "1", "--headless", "--no-report")
+    with Running(*slow, cwd=tmp_path) as running:
         running.wait_for(
             lambda: (tmp_path / "runs").exists() and (running.folder / "processes.json").exists()
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import errno
 import fcntl
+import json
 import os
 import pty
 import signal
@@ -16,7 +17,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.system.running import LOW, SWARM_CTL, Running
+from tests.system.running import LOW, SWARM_CTL
+from tests.system.test_run import assert_truth_ends_on_the_ground
 
 pytestmark = [pytest.mark.lockstep, pytest.mark.timeout(300)]
 
@@ -102,6 +104,11 @@ def test_log_lines_and_ctrl_c(tmp_path: Path) -> None:
         assert "ABORTED" in terminal.text
     finally:
         terminal.close()
+    (folder,) = (tmp_path / "runs").iterdir()
+    summary = json.loads((folder / "summary.json").read_text())
+    assert summary["outcome"] == "aborted"
+    assert set(summary["exit_codes"].values()) == {0}
+    assert_truth_ends_on_the_ground(folder)
 
 
 def test_a_closed_output_does_not_end_the_flight(tmp_path: Path) -> None:
@@ -128,13 +135,3 @@ def test_a_closed_output_does_not_end_the_flight(tmp_path: Path) -> None:
         if process.poll() is None:
             process.kill()
             process.wait()
-
-
-def test_sigterm_lands_too(tmp_path: Path) -> None:
-    """A service manager's stop is a landing, not a crash."""
-    with Running("run", LOW, *QUICK, cwd=tmp_path) as running:
-        running.wait_for_event("step 2:", 3)
-        running.process.terminate()
-        assert running.wait() == 130
-        running.assert_nothing_left()
-        assert running.summary()["outcome"] == "aborted"

@@ -53,6 +53,8 @@ _HUNG_WALL_S: Final = 20.0
 """An agent that has been silent for this long is killed, so that a hung process can't hang the run;
 its vehicle's failsafe has acted long before. Generous: an agent that is only suspended for a while
 comes back by itself."""
+_HUNG_PATIENCES: Final = 2.0
+"""In lockstep: so many times as long as the clock waits for it."""
 _SILENT_S: Final = 10.0
 """Mission time without a status of a process that took a vehicle over: it is gone, too."""
 _LOOK_WALL_S: Final = 0.25
@@ -238,9 +240,14 @@ class RunProcesses:
 
     def _kill_hung(self) -> None:
         for agent in self._agents:
-            if agent.exit_code() is None and agent.silent_wall_s() > _HUNG_WALL_S:
-                self._say(f"{agent.name} has hung for {_HUNG_WALL_S:g} s and is killed")
+            if agent.exit_code() is None and agent.silent_wall_s() > self._hung_wall_s:
+                self._say(f"{agent.name} has hung for {self._hung_wall_s:g} s and is killed")
                 agent.kill()
+
+    @property
+    def _hung_wall_s(self) -> float:
+        lockstep = self._setup.options.lockstep
+        return _HUNG_PATIENCES * lockstep.patience_wall_s if lockstep else _HUNG_WALL_S
 
     @property
     def _patience_wall_s(self) -> float:
