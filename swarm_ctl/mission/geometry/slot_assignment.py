@@ -31,7 +31,7 @@ def nearest(points: npt.ArrayLike, slots: npt.ArrayLike) -> Array:
 
 def _assigned(cost: Array) -> npt.NDArray[np.intp]:
     """The column of each row, each column once, with the least sum of costs."""
-    least = cost.argmin(axis=1)
+    least: npt.NDArray[np.intp] = cost.argmin(axis=1)
     if len(set(least.tolist())) == len(least):  # each row has a least one of its own
         return least
     from scipy.optimize import linear_sum_assignment  # here, because it takes 0.4 s
