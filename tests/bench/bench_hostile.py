@@ -22,7 +22,8 @@ from typing import Final
 from swarm_ctl.core.model.messages import Command, Event, Severity, StationBeacon
 from swarm_ctl.core.model.vehicle import StandbyGoal
 from swarm_ctl.errors import SwarmError
-from swarm_ctl.mavlink import VehicleLink, memory_wires
+from swarm_ctl.mavlink.link import VehicleLink
+from swarm_ctl.mavlink.wires import memory_wires
 from swarm_ctl.mesh.keys import CHANNELS, STATE
 from swarm_ctl.mesh.memory_transport import MemoryHub, MemoryTransport
 from swarm_ctl.mesh.node import Node

@@ -13,8 +13,9 @@ import time
 from pymavlink.dialects.v20 import common
 
 from swarm_ctl.core.model.vehicle import FlyGoal, StandbyGoal
-from swarm_ctl.mavlink import VehicleLink, memory_wires
+from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.mavlink.signing import Signing
+from swarm_ctl.mavlink.wires import memory_wires
 from tests.unit.mavlink import wire
 
 TICKS = 4000

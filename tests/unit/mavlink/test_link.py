@@ -22,8 +22,8 @@ from swarm_ctl.core.model.vehicle import (
     YieldGoal,
 )
 from swarm_ctl.errors import LinkError
-from swarm_ctl.mavlink import VehicleLink, Wire, memory_wires
-from swarm_ctl.mavlink.link import MAX_CHUNKS
+from swarm_ctl.mavlink.link import MAX_CHUNKS, VehicleLink
+from swarm_ctl.mavlink.wires import Wire, memory_wires
 from tests.unit.mavlink import wire
 
 GOALS: list[Goal] = [

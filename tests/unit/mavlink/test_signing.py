@@ -13,10 +13,11 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from swarm_ctl.core.model.vehicle import StandbyGoal
 from swarm_ctl.errors import LinkError
-from swarm_ctl.mavlink import VehicleLink, memory_wires
 from swarm_ctl.mavlink.framer import Framer, MavlinkFrame
+from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.mavlink.signing import SAVE_EVERY, UNITS_S, Refusal, RefusedFrames, Signing
 from swarm_ctl.mavlink.stamp import StampKeeper, stamp_at
+from swarm_ctl.mavlink.wires import memory_wires
 from tests.unit.mavlink import wire
 
 KEY = bytes(range(32))

@@ -11,9 +11,10 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import common
 
 from swarm_ctl.core.model.vehicle import FlyGoal
-from swarm_ctl.mavlink import VehicleLink, memory_wires
 from swarm_ctl.mavlink import tlog as tlog_module
+from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.mavlink.tlog import TlogWriter
+from swarm_ctl.mavlink.wires import memory_wires
 from tests.unit.mavlink import wire
 
 STARTED_US = 1_800_000_000_000_000

@@ -16,8 +16,9 @@ import pytest
 
 from swarm_ctl.core.model.vehicle import FlyGoal, StandbyGoal
 from swarm_ctl.errors import LinkError
-from swarm_ctl.mavlink import VehicleLink, Wire, memory_wires, wires
-from swarm_ctl.mavlink.wires import _Stream, local_port, open_wire
+from swarm_ctl.mavlink import wires
+from swarm_ctl.mavlink.link import VehicleLink
+from swarm_ctl.mavlink.wires import Wire, _Stream, local_port, memory_wires, open_wire
 from tests.unit.mavlink import wire
 from tests.unit.mavlink.test_framer import BANNER
 
