@@ -158,7 +158,7 @@ def test_any_flight_is_that_of_the_virtual_clock(tmp_path: Path, seed: int) -> N
 
 def test_an_agent_is_stopped(tmp_path: Path) -> None:
     """After the bound it is noted, and mission time goes on without it: its vehicle's failsafe
-    acts, the others land, `run` ends it after twice the bound and reports."""
+    acts, the others land, `run` ends it 5 s later and reports."""
     run = ("run", LOW, *MAX)
     with Running(*run, "--lockstep-patience", "3", cwd=tmp_path) as running:
         running.wait_for_event("step 2:", 3)
@@ -166,7 +166,7 @@ def test_an_agent_is_stopped(tmp_path: Path) -> None:
         assert running.wait() == 1, running.output
         running.assert_nothing_left()
         assert "agent-2 has not done its tick for 3 s of the wall clock" in running.output
-        assert "agent-2 has hung for 6 s and is killed" in running.output
+        assert "agent-2 has hung for 8 s and is killed" in running.output
         assert running.summary()["outcome"] == "failed"
         assert_truth_ends_on_the_ground(running.folder)
         assert_apart(running.folder)

@@ -53,8 +53,8 @@ _HUNG_WALL_S: Final = 20.0
 """An agent that has been silent for this long is killed, so that a hung process can't hang the run;
 its vehicle's failsafe has acted long before. Generous: an agent that is only suspended for a while
 comes back by itself."""
-_HUNG_PATIENCES: Final = 2.0
-"""In lockstep: so many times as long as the clock waits for it."""
+_HUNG_STALLED_WALL_S: Final = 5.0
+"""In lockstep: so long after the clock went on without it."""
 _SILENT_S: Final = 10.0
 """Mission time without a status of a process that took a vehicle over: it is gone, too."""
 _LOOK_WALL_S: Final = 0.25
@@ -247,7 +247,7 @@ class RunProcesses:
     @property
     def _hung_wall_s(self) -> float:
         lockstep = self._setup.options.lockstep
-        return _HUNG_PATIENCES * lockstep.patience_wall_s if lockstep else _HUNG_WALL_S
+        return lockstep.patience_wall_s + _HUNG_STALLED_WALL_S if lockstep else _HUNG_WALL_S
 
     @property
     def _patience_wall_s(self) -> float:
