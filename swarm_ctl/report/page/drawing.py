@@ -62,10 +62,21 @@ def line_style(k: int) -> dict[str, Any]:
 def save(made: Figure, folder: Path, name: str) -> list[Path]:
     """Write `name`.png and `name`.svg; where they are."""
     paths = [folder / f"{name}.{kind}" for kind in ("png", "svg")]
+    _lay_out(made)
     for path in paths:
         write(made, path)
-        made.set_layout_engine("none")  # laid out once, for both
     return paths
+
+
+def _lay_out(made: Figure) -> None:
+    """Once, for both files. Where a figure has a layout still to come, matplotlib draws it once
+    more for each file, to no avail."""
+    with mpl.rc_context(_STYLE):
+        made.set_dpi(DPI)
+        engine = made.get_layout_engine()
+        if engine is not None:
+            engine.execute(made)
+            made.set_layout_engine(None)
 
 
 def write(made: Figure, path: Path) -> None:
