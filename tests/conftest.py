@@ -98,8 +98,8 @@ def _wanted(item: pytest.Item, config: pytest.Config) -> bool:
 
 def _group(item: pytest.Item) -> str:
     folder = item.path.relative_to(Path(__file__).parent).parts[0]
-    if _waits_for_the_machine(item):  # the tests of a file in `foreign` look at one flight
-        return item.path.stem if folder == "foreign" else ""
+    if _waits_for_the_machine(item):  # all tests in `foreign` look at one flight
+        return folder if folder == "foreign" else ""
     if folder == "system" and item.path.stem in TERMINALS:
         return LINKS
     return REALTIME.get(folder, RUNS if "realtime" in item.keywords else "")

@@ -5,9 +5,7 @@ from __future__ import annotations
 
 import json
 import re
-import socket
 from collections import Counter
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +13,11 @@ import pytest
 from mcap.reader import make_reader
 
 from swarm_ctl.recording import RECORDING
-from tests.system.running import LOW, ROOT, Running
+from tests.system.running import ROOT
 
 pytest.importorskip("foxglove", reason="the extra `foxglove` is not installed")
 
+from tests.foreign.conftest import Flight
 from tests.foreign.foxglove_client import PROTOCOL, FoxgloveClient
 
 pytestmark = [pytest.mark.lockstep, pytest.mark.timeout(200)]
@@ -36,26 +35,22 @@ OWN_SCHEMAS = {
 }
 
 
-@pytest.fixture(scope="module")
-def flight(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[FoxgloveClient, Path]]:
-    """A client that has watched a flight of three agents in lockstep, and the recording of it."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    cwd = tmp_path_factory.mktemp("foxglove")
-    fly = ("run", LOW, "--lockstep", "--headless", "--no-report", "--foxglove", str(port))
-    with Running(*fly, cwd=cwd) as running, FoxgloveClient(port) as client:
-        ended = not client.listen(lambda: False, seconds=120.0)
-        assert ended
-        assert running.wait() == 0, running.output
-        running.assert_nothing_left()
-        yield client, running.folder / RECORDING
+@pytest.fixture
+def client(flight: Flight) -> FoxgloveClient:
+    """It has watched the whole flight."""
+    assert flight.client is not None
+    return flight.client
 
 
-def test_a_client_sees_the_flight(flight: tuple[FoxgloveClient, Path]) -> None:
+@pytest.fixture
+def recording(flight: Flight) -> Path:
+    """That of the same flight."""
+    return flight.folder / RECORDING
+
+
+def test_a_client_sees_the_flight(client: FoxgloveClient) -> None:
     """Its own schemas and our channels are advertised; the messages tell of a flight, in the
     mission's time."""
-    client, _ = flight
     assert client.protocol == PROTOCOL
     assert client.info["name"] == "low"
     found = {channel["topic"]: channel for channel in client.channels.values()}
@@ -74,29 +69,24 @@ def test_a_client_sees_the_flight(flight: tuple[FoxgloveClient, Path]) -> None:
     assert (times[-1] - times[0]) / 1e9 > 10.0
 
 
-def test_the_server_takes_nothing_and_is_on_loopback(flight: tuple[FoxgloveClient, Path]) -> None:
+def test_the_server_takes_nothing_and_is_on_loopback(client: FoxgloveClient) -> None:
     """It advertises no capability but the time; no other computer reaches it."""
-    client, _ = flight
     assert client.info["capabilities"] == ["time"]
     assert client.listening == {"127.0.0.1"}
 
 
-def test_the_recording_has_the_same_topics(flight: tuple[FoxgloveClient, Path]) -> None:
+def test_the_recording_has_the_same_topics(client: FoxgloveClient, recording: Path) -> None:
     """By mcap's own reader: what was live is in the file, with the same schemas."""
-    client, recording = flight
     schemas = {topic: schema["title"] for topic, schema in recorded(recording).items()}
     names = {channel["topic"]: channel["schemaName"] for channel in client.channels.values()}
     live = {topic: names[topic] for topic in client.messages}
     assert live.items() <= schemas.items()
 
 
-def test_every_message_of_a_recording_is_what_its_schema_says(
-    flight: tuple[FoxgloveClient, Path],
-) -> None:
+def test_every_message_of_a_recording_is_what_its_schema_says(recording: Path) -> None:
     """PlotJuggler takes a channel whose encoding is `json` and reads it without a schema; Foxglove
     reads it by the schema. Every hundredth message of a topic, and the first; null is not told."""
     jsonschema = pytest.importorskip("jsonschema", reason="jsonschema is not installed")
-    _, recording = flight
     checkers: dict[str, Any] = {}
     seen: Counter[str] = Counter()
     with recording.open("rb") as file:
@@ -110,10 +100,9 @@ def test_every_message_of_a_recording_is_what_its_schema_says(
     assert len(seen) > 15
 
 
-def test_the_layout_shows_what_a_recording_has(flight: tuple[FoxgloveClient, Path]) -> None:
+def test_the_layout_shows_what_a_recording_has(recording: Path) -> None:
     """Every panel is one that Foxglove has and stands in the layout; every topic is recorded, and
     every plotted field is in its schema."""
-    _, recording = flight
     schemas = recorded(recording)
     layout = json.loads(LAYOUT.read_text())
     panels = layout["configById"]

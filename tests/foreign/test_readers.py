@@ -16,7 +16,8 @@ from mcap.reader import make_reader
 from pymavlink import mavutil
 
 from swarm_ctl.recording import RECORDING
-from tests.system.running import LOW, ROOT, Running
+from tests.foreign.conftest import Flight
+from tests.system.running import ROOT
 
 pytestmark = [pytest.mark.lockstep, pytest.mark.timeout(200)]
 READY = sorted((ROOT / "missions").glob("*.yaml"))
@@ -24,15 +25,10 @@ SCHEMA = json.loads((ROOT / "missions" / "mission.schema.json").read_text())
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "chrome"))), None)
 
 
-@pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a flight of three agents, with its report and `junit.xml`."""
-    cwd = tmp_path_factory.mktemp("read")
-    fly = ("run", LOW, "--lockstep", "--headless", "--junit", "junit.xml")
-    with Running(*fly, cwd=cwd) as running:
-        assert running.wait() == 0, running.output
-        shutil.move(cwd / "junit.xml", running.folder)
-        return running.folder
+@pytest.fixture
+def run(flight: Flight) -> Path:
+    """The run folder of the flight."""
+    return flight.folder
 
 
 def test_mcap_reads_the_recording(run: Path) -> None:
