@@ -9,6 +9,7 @@ import pytest
 
 from swarm_ctl.api.virtual_flight import VirtualFlight
 from swarm_ctl.testing.plugin import Fly
+from tests.scenarios.swarm import landing_fast
 
 TEXT = """\
 version: 1
@@ -43,7 +44,7 @@ def test_what_the_timetable_says_happens(swarm: Fly) -> None:
     flight = swarm(TEXT, virtual=True)
     assert isinstance(flight, VirtualFlight)
 
-    swarm_flown = flight.swarm
+    swarm_flown = landing_fast(flight.swarm)
     swarm_flown.wait(
         lambda flown: any(event.event == "liftoff" for event in flown.hub.world.events)
     )
@@ -66,8 +67,3 @@ def test_what_the_timetable_says_happens(swarm: Fly) -> None:
         if "SIM_" in event.event
     ]
     assert told == [(12, "SIM_GPS_JUMP_N 3.5"), (12, "SIM_GPS_JUMP_N 0"), (3, "SIM_BATT_FAIL 1")]
-
-
-def test_without_the_section_nothing_of_it_happens(swarm: Fly) -> None:
-    run = swarm(TEXT[: TEXT.index("simulation:")], virtual=True).finish()
-    assert set(run.outcomes.values()) == {"completed"}

@@ -19,6 +19,7 @@ from swarm_ctl.study.batch.batch import draw
 from swarm_ctl.study.batch.batch_flight import BatchResult, fly
 from swarm_ctl.study.parameter_space import Study
 from tests.scenarios.swarm import VirtualSwarm
+from tests.scenarios.test_steps import FORM, TEXT, THIRD, shape_error_m
 
 HEXAGON = Path(__file__).parents[2] / "missions" / "hexagon.yaml"
 SOURCE = '''
@@ -82,15 +83,15 @@ def test_a_study_flies_it() -> None:
 
 
 def test_agents_fly_it() -> None:
-    """The hexagon on the virtual clock, by a mission that names the law."""
-    text = HEXAGON.read_text().replace("law:", "law:\n  own: plain", 1)
-    mission = loads(text)
+    """A square on the virtual clock, by a mission that names the law."""
+    text = TEXT + "  - land\n"
+    mission = loads(text.replace("law: {", "law: {own: plain, "))
     assert mission.plan.law.own == pinned("plain")
-    assert mission.plan.hash() != load(HEXAGON).plan.hash()
+    assert mission.plan.hash() != loads(text).plan.hash()
     swarm = VirtualSwarm(mission)
     shapes().clear()
-    swarm.fly(300)
-    assert swarm.outcomes() == dict.fromkeys(range(1, 7), "completed")
+    swarm.wait(lambda s: s.in_step(THIRD))
+    assert shape_error_m(swarm, FORM) < 0.6
     assert swarm.closest_m > swarm.plan.law.r_in * swarm.plan.unit_m
     assert set(shapes()) == {(1, 2)}
 

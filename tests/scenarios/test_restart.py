@@ -14,7 +14,7 @@ from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.mission.compile.loader import LoadedMission, loads
 from tests.on_demand import on_demand
-from tests.scenarios.swarm import VirtualSwarm, at_step
+from tests.scenarios.swarm import VirtualSwarm, at_step, landing_fast
 from tests.scenarios.test_steps import (
     FORM,
     TAKEOFF,
@@ -33,7 +33,7 @@ MISSIONS = {
     "takeoff": (TAKEOFF, 3.0, loads(TALL + "  - hold: {duration_s: 5}\n  - land\n")),
     "form": (FORM, 2.0, quartet("hold: {duration_s: 5}", "land")),
     "hold": (THIRD, 5.0, quartet("hold: {duration_s: 20}", "land")),
-    "move": (THIRD, 4.0, quartet("move: {to: [40, 13], speed_mps: 2}", "land")),
+    "move": (THIRD, 4.0, quartet("move: {to: [30, 13], speed_mps: 2}", "land")),
     "rotate": (THIRD, 6.0, quartet("rotate: {angle_deg: 90}", "hold: {duration_s: 5}", "land")),
     "land": (THIRD, 1.0, quartet("land")),
 }
@@ -41,6 +41,12 @@ MISSIONS = {
 
 def texts(swarm: VirtualSwarm) -> str:
     return "\n".join(event.text for event in swarm.events)
+
+
+def parameters(swarm: VirtualSwarm) -> list[dict[str, float]]:
+    """Of each vehicle."""
+    known = [vehicle.firmware.parameters for vehicle in swarm.hub.world.vehicles]
+    return [{name: own[name] for name in own.names} for own in known]
 
 
 def killed(mission: LoadedMission, step: int, after_s: float, agent: int) -> VirtualSwarm:
@@ -203,10 +209,10 @@ def test_one_that_wakes_from_a_stop_waits_for_its_vehicles_word(autopilot: str) 
     it its own parameters back."""
     mission = MISSIONS["hold"][2]
     agents = tuple(replace(a, autopilot=autopilot) for a in mission.fleet.agents)
-    swarm = VirtualSwarm(replace(mission, fleet=replace(mission.fleet, agents=agents)))
-    parameters = [v.firmware.parameters for v in swarm.hub.world.vehicles]
-    before = [{name: own[name] for name in own.names} for own in parameters]
-    swarm.wait(lambda s: s.in_step(THIRD))
+    mission = replace(mission, fleet=replace(mission.fleet, agents=agents))
+    before = parameters(landing_fast(VirtualSwarm(mission)))
+    swarm = at_step(mission, THIRD)
+    assert parameters(swarm) != before
     swarm.members[2].frozen = True
     swarm.run(10.0)
     while swarm._far[1]._outbox:  # a full socket keeps what came first, without a heartbeat
@@ -216,7 +222,7 @@ def test_one_that_wakes_from_a_stop_waits_for_its_vehicles_word(autopilot: str) 
     assert not swarm.hub.world.airborne()[1], "it ended in the air"
     swarm.fly(900)
     assert "no heartbeat" not in texts(swarm)
-    assert [{name: own[name] for name in own.names} for own in parameters] == before
+    assert parameters(swarm) == before
     assert swarm.all_down
 
 
@@ -244,7 +250,7 @@ def test_an_operators_hold_outlives_the_agent() -> None:
     swarm.restart(2)
     swarm.run(6)
     before = swarm.positions()
-    swarm.run(10)
+    swarm.run(5)
     assert all(math.dist(before[i], at) < 0.5 for i, at in swarm.positions().items())
     assert swarm.phases() == {Phase.FLY, Phase.HOLD}
     swarm.command("resume", name="c2")

@@ -22,7 +22,7 @@ from swarm_sim.firmware.message import Message
 from swarm_sim.world.truth_file import TruthFile
 from swarm_sim.world.truth_recorder import TruthRecorder
 from tests.on_demand import on_demand
-from tests.scenarios.swarm import VirtualSwarm
+from tests.scenarios.swarm import VirtualSwarm, landing_fast
 
 TEXT = """\
 version: 1
@@ -38,7 +38,7 @@ shapes:
 steps:
   - takeoff: {height_m: 8}
   - form: {shape: row, settle_s: 2}
-  - hold: {duration_s: 15}
+  - hold: {duration_s: 5}
   - land
 policies: {agent_lost: continue, fence: continue}
 fleet:
@@ -51,7 +51,7 @@ def flown(where: Path, step: int, deed: Callable[[VirtualSwarm], None]) -> Summa
     """The summary of the flight in which `deed` is done a second after `step` began. The agents say
     that all went well, and their processes, too."""
     mission = loads(TEXT)
-    swarm = VirtualSwarm(mission)
+    swarm = landing_fast(VirtualSwarm(mission))
     vehicles = [
         replace(entry, endpoint=f"udpin:127.0.0.1:{1000 + entry.sysid}")
         for entry in mission.fleet.agents

@@ -11,17 +11,22 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Final, Self
 
 import zenoh
 from pymavlink.dialects.v10 import ardupilotmega as old
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from swarm_ctl.commands.parse import Order
 from swarm_ctl.core.model.messages import AgentState, Command
+from swarm_ctl.errors import StartError
 from swarm_ctl.mavlink.wires import local_port
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.payloads import decode, encode
 from swarm_ctl.report.folder.manifest import Manifest
+from swarm_ctl.runtime.station.run_client import RunClient
 
 LOCALHOST: Final = "127.0.0.1"
 FORCE: Final = 21196
@@ -131,6 +136,20 @@ def kill(target: Target, _: threading.Event) -> None:
     session.close()
 
 
+def kill_by_program(target: Target, _: threading.Event) -> None:
+    """Of all, by the program itself, which has the run's own description, but no keys."""
+    run = json.loads(target.manifest.model_dump_json().replace("tls/", "tcp/"))
+    with TemporaryDirectory() as stolen:
+        keyless = json.dumps(run | {"trust": None, "identity": None})
+        Path(stolen, "run.json").write_text(keyless)
+        try:
+            with RunClient(Path(stolen)) as client:
+                assert client.order(Order("kill")).accepted
+        except StartError as refused:
+            if f"no agent of {target.manifest.swarm} can be heard" not in str(refused):
+                raise
+
+
 def steer(target: Target, end: threading.Event) -> None:
     """Two vehicles, by SET_POSITION_TARGET, to one place."""
     mask = 0b110111111000  # a position alone
@@ -192,6 +211,7 @@ def crowd(target: Target, end: threading.Event) -> None:
 
 ATTACKS: Final[dict[str, Attack]] = {
     "kill from a zenoh client": kill,
+    "kill by the program": kill_by_program,
     "SET_POSITION_TARGET to two vehicles": steer,
     "a forced disarming": disarm,
     "one heartbeat in mode LAND": one_heartbeat,

@@ -13,18 +13,21 @@ import pytest
 
 from swarm_ctl.report.folder.manifest import read_manifest
 from swarm_ctl.trust import provision
+from tests.on_demand import on_demand
 from tests.security.attacks import ATTACKS, Spoofed, positions, under
 from tests.system.running import HEXAGON, Running, raised
 
 pytestmark = [pytest.mark.timeout(400), pytest.mark.realtime]
 
+AGENTS: Final = range(1, 7)
 UNHARMED_M: Final = 9.905
 """The smallest distance of the flight without an attack."""
 STEPPED: Final = ("--lockstep", "--speedup", "10")
+KILLS: Final = ("kill from a zenoh client", "kill by the program")
 SPOOFS: Final = ("one heartbeat in mode LAND", "forged positions")
 """Frames that an agent hears: it raises an alarm. Of others the simulated vehicle tells."""
 HARM: Final[dict[str, tuple[str, str]]] = {
-    "kill from a zenoh client": ("fallen", "killed by the operator"),
+    **dict.fromkeys(KILLS, ("fallen", "killed by the operator")),
     "SET_POSITION_TARGET to two vehicles": ("not believed", ""),
     "a forced disarming": ("fallen", "the vehicle of agent 3 was disarmed in the air"),
     "SIM_MOTOR_STOP": ("fallen", "the vehicle of agent 3 fell"),
@@ -35,7 +38,7 @@ HARM: Final[dict[str, tuple[str, str]]] = {
 
 def with_keys(folder: Path) -> Path:
     """The hexagon with keys of its own."""
-    agents = dict.fromkeys(range(1, 7), "127.0.0.1")
+    agents = dict.fromkeys(AGENTS, "127.0.0.1")
     terms = provision.Terms(datetime.now(UTC))
     provision.new(folder / "trust", "hexagon", agents, ["anna"], ["tv"], terms)
     mission = folder / "hexagon.yaml"
@@ -69,15 +72,26 @@ def may_spoof() -> bool:
 
 
 def assert_unharmed(running: Running, names: Sequence[str]) -> None:
-    """Same outcome, smallest distance within 5 %; who heard forged frames says so."""
+    """Same outcome, smallest distance within 5 %, all of it authenticated; who heard forged frames
+    says so."""
     assert running.process.returncode == 0, running.output
     summary = running.summary()
     assert summary["outcome"] == "completed"
     assert summary["min_true_distance_m"] == pytest.approx(UNHARMED_M, rel=0.05)
+    assert summary["protection"] == {
+        "mesh": "TLS",
+        "operator": "operator anna",
+        "authenticated": list(AGENTS),
+        "signing": True,
+        "signed": list(AGENTS),
+    }
+    assert "mesh TLS 6/6, links signed 6/6, operator anna" in running.output
     told = {name for name, _ in raised(running.folder)}
     assert ("refused frames" in told) == bool({*names} & {*SPOOFS})
-    assert ("refused messages" in told) == ("kill from a zenoh client" in names)
-    to_vehicles = {*names} - {*SPOOFS, "kill from a zenoh client"}
+    assert ("refused messages" in told) == bool({*names} & {*KILLS})
+    refused = "refused on the mesh: a link: the other end speaks no TLS"
+    assert (refused in running.output) == ("kill by the program" in names)
+    to_vehicles = {*names} - {*SPOOFS, *KILLS}
     assert ("without a good signature refused" in running.output) == bool(to_vehicles)
 
 
@@ -100,16 +114,17 @@ def test_with_keys_no_attack_does_harm(tmp_path: Path, name: str) -> None:
         assert_unharmed(running, [name])
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("name", HARM)
+@pytest.mark.parametrize("name", [name if name == KILLS[1] else on_demand(name) for name in HARM])
 def test_on_an_open_mesh_it_does_harm_that_is_told(tmp_path: Path, name: str) -> None:
     """By an alarm, the verdict and the exit code."""
-    _told(tmp_path, name)
-
-
-def test_a_forced_disarming_on_an_open_link_fails_the_run(tmp_path: Path) -> None:
-    """Its vehicle falls; the others come down, and the exit code is not 0."""
-    _told(tmp_path, "a forced disarming")
+    alarm, reason = HARM[name]
+    with flight(HEXAGON, tmp_path, [name]) as running:
+        assert running.process.returncode == 1, running.output
+        summary = running.summary()
+        assert summary["outcome"] == "failed"
+        assert reason in summary["reason"]
+        assert alarm in {name for name, _ in raised(running.folder)}
+        assert "a link:" not in running.output
 
 
 @pytest.mark.long
@@ -121,13 +136,3 @@ def test_some_do_no_harm_on_an_open_link_either(tmp_path: Path, name: str) -> No
     with flight(HEXAGON, tmp_path, [name]) as running:
         assert running.process.returncode == 0, running.output
         assert running.summary()["outcome"] == "completed"
-
-
-def _told(where: Path, name: str) -> None:
-    alarm, reason = HARM[name]
-    with flight(HEXAGON, where, [name]) as running:
-        assert running.process.returncode == 1, running.output
-        summary = running.summary()
-        assert summary["outcome"] == "failed"
-        assert reason in summary["reason"]
-        assert alarm in {name for name, _ in raised(running.folder)}

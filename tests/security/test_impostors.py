@@ -20,8 +20,6 @@ from typing import Any, Final
 import pytest
 import zenoh
 
-from swarm_ctl.commands.parse import Order
-from swarm_ctl.errors import StartError
 from swarm_ctl.mesh.access import access_settings
 from swarm_ctl.mesh.keys import CHANNELS, COMMAND, STATE
 from swarm_ctl.mesh.node import Node
@@ -29,9 +27,7 @@ from swarm_ctl.mesh.payloads import encode
 from swarm_ctl.mesh.zenoh_config import configuration
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
 from swarm_ctl.runtime.launch.ports import free_ports
-from swarm_ctl.runtime.station.run_client import RunClient
 from swarm_ctl.trust.identity import load_identity
-from tests.system.running import LOW, Running
 from tests.unit.core.builders import state
 
 pytestmark = pytest.mark.realtime
@@ -333,54 +329,3 @@ def test_a_refused_link_is_told_with_its_reason(trust: Path, other: str) -> None
                 listener.stdin.close()
             refused = json.loads(listener.stdout.readline())
     assert refused == ([REFUSED[other]] if REFUSED[other] else [])
-
-
-def test_a_kill_from_a_stranger_ends_a_run_without_keys_alone(trust: Path, tmp_path: Path) -> None:
-    """Real processes, both runs side by side: the stranger knows where agents listen, and has the
-    program."""
-    fleets = {False: "", True: f"trust: {trust / 'field'}\n"}
-    with ExitStack() as opened:
-        runs = {}
-        for protected, head in fleets.items():
-            where = tmp_path / ("keys" if protected else "open")
-            where.mkdir()
-            fleet = where / "fleet.yaml"
-            fleet.write_text(f"{head}agents: [{{id: 1}}, {{id: 2}}, {{id: 3}}]\n")
-            words = ("run", LOW, "--fleet", fleet, "--headless", "--no-report", "--speedup", "3")
-            more = ("--identity", trust / "field/operator-anna") if protected else ()
-            runs[protected] = opened.enter_context(Running(*words, *more, cwd=where))
-        for protected, running in runs.items():
-            running.wait_for_event("step 2", 3)
-            manifest = (running.folder / "run.json").read_text()
-            stolen = tmp_path / f"stolen-{protected}"
-            stolen.mkdir()
-            document = json.loads(manifest.replace("tls/", "tcp/"))
-            (stolen / "run.json").write_text(
-                json.dumps(document | {"trust": None, "identity": None})
-            )
-            if protected:
-                with pytest.raises(StartError, match="no agent of low can be heard"):
-                    kill(stolen)
-            else:
-                assert kill(stolen)
-        codes = {protected: running.wait() for protected, running in runs.items()}
-        assert codes == {False: 1, True: 0}
-        with_keys = runs[True].summary()
-        assert with_keys["outcome"] == "completed"
-        assert with_keys["protection"] == {
-            "mesh": "TLS",
-            "operator": "operator anna",
-            "authenticated": [1, 2, 3],
-            "signing": True,
-            "signed": [1, 2, 3],
-        }
-        assert "mesh TLS 3/3, links signed 3/3, operator anna" in runs[True].output
-        refused = "refused on the mesh: a link: the other end speaks no TLS"
-        assert refused in runs[True].output
-        assert "a link:" not in runs[False].output
-
-
-def kill(folder: Path) -> bool:
-    """Whether all agents took the command."""
-    with RunClient(folder) as client:
-        return client.order(Order("kill")).accepted
