@@ -18,10 +18,12 @@ from tests.on_demand import on_demand
 from tests.scenarios.swarm import VirtualSwarm, at_step, landing_fast
 
 TEXT = """\
+# At half the usual rate, and for half the work; test_missions.py and others fly at 20 Hz.
 version: 1
 name: quartet
 origin: {lat_deg: -35.36, lon_deg: 149.16, alt_m: 584}
 unit_m: 1
+tick_s: 0.1
 law: {r: 20, r_out: 6, r_in: 2.5}
 agents:
   - {id: 1, start: [0, 0]}
