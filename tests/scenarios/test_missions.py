@@ -15,13 +15,15 @@ from swarm_ctl.core.law import graph
 from swarm_ctl.mission.compile.forecast import forecast
 from swarm_ctl.mission.compile.loader import LoadedMission, dumps, load, loads
 from swarm_ctl.mission.sections.mission_file import json_schema
+from tests.on_demand import on_demand
+from tests.scenarios.swarm import landing_fast
 from tests.scenarios.watched import Watch
 
 FOLDER = Path(__file__).parents[2] / "missions"
 MISSIONS = sorted(path.name for path in FOLDER.glob("*.yaml"))
-SMALL = ["crossing.yaml", "hexagon.yaml"]
-ON_DEMAND = set(MISSIONS) - set(SMALL)
-"""Large, long, or with the steps of others alone."""
+DAILY = "crossing.yaml"
+"""The others are large, long, or with the steps of others alone; the hexagon is what the tests of
+attacks and of forged words fly to its end."""
 HURT = {"faults": {2: "failed"}}
 """Who does not complete, by mission: its own timetable drains its battery."""
 FACTOR = 1.5
@@ -35,28 +37,24 @@ TRUE_ALARMS = {
 """An alarm that a correct mission raises is a defect: these are of the timetable of faults."""
 
 
-def flown(mission: LoadedMission, seed: int = 1) -> Watch:
+def assert_flown(swarm: VirtualSwarm) -> None:
     """To the end, completed by all that can; no two vehicles under r_in, all down."""
-    watch = Watch(VirtualSwarm(mission, seed))
-    watch.fly()
-    swarm = watch.swarm
-    completed = dict.fromkeys((agent.id for agent in mission.plan.agents), "completed")
-    assert swarm.outcomes() == completed | HURT.get(mission.plan.name, {})
-    assert swarm.closest_m > mission.plan.law.r_in * mission.plan.unit_m
+    completed = dict.fromkeys((agent.id for agent in swarm.plan.agents), "completed")
+    assert swarm.outcomes() == completed | HURT.get(swarm.plan.name, {})
+    assert swarm.closest_m > swarm.plan.law.r_in * swarm.plan.unit_m
     assert swarm.all_down
-    return watch
 
 
 @pytest.mark.timeout(900)  # a hundred agents take about 500 s
-@pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.long if n in ON_DEMAND else ()) for n in MISSIONS]
-)
+@pytest.mark.parametrize("name", [name if name == DAILY else on_demand(name) for name in MISSIONS])
 def test_ready_mission(name: str) -> None:
     """Each step takes what was forecast, within a factor of 1.5; a station that watches raises no
     alarm but the true ones."""
     mission = load(FOLDER / name)
-    watch = flown(mission)
+    watch = Watch(VirtualSwarm(mission))
+    watch.fly()
     swarm = watch.swarm
+    assert_flown(swarm)
     assert watch.raised == TRUE_ALARMS.get(mission.plan.name, [])
     assert watch.banners[-1][2] == "all agents have ended, and say: completed" or watch.raised
     for number, expected in enumerate(forecast(mission.plan), start=1):
@@ -88,12 +86,9 @@ def scattered(mission: LoadedMission, seed: int) -> LoadedMission:
     return loads(dumps(mission.file.model_copy(update={"agents": agents})), mission.source.name)
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=() if n == "hexagon.yaml" else pytest.mark.long) for n in SMALL]
-)
-def test_from_a_random_start(name: str) -> None:
+def test_from_a_random_start() -> None:
     """One of those below, for every day."""
-    flown(scattered(load(FOLDER / name), 1), 1)
+    fly_scattered("hexagon.yaml", 1)
 
 
 @pytest.mark.long
@@ -102,7 +97,13 @@ def test_from_a_random_start(name: str) -> None:
 @pytest.mark.parametrize("name", [name for name in MISSIONS if name != "hundred.yaml"])
 def test_from_random_starts(name: str, seed: int) -> None:
     """Twenty of them; a hundred agents take minutes for one."""
-    flown(scattered(load(FOLDER / name), seed), seed)
+    fly_scattered(name, seed)
+
+
+def fly_scattered(name: str, seed: int) -> None:
+    swarm = landing_fast(VirtualSwarm(scattered(load(FOLDER / name), seed), seed))
+    swarm.fly(1500)
+    assert_flown(swarm)
 
 
 @pytest.mark.parametrize("name", MISSIONS)

@@ -3,7 +3,6 @@ does against an agent whose key is stolen."""
 
 from __future__ import annotations
 
-import functools
 from dataclasses import replace
 
 import pytest
@@ -15,17 +14,29 @@ from swarm_ctl.core.model.messages import AgentState, Command, Phase
 from swarm_ctl.core.model.plan import FormStep
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.payloads import encode
-from swarm_ctl.mission.compile.loader import LoadedMission
 from tests.on_demand import on_demand
 from tests.scenarios.faults import FORM, IDS, mission
+from tests.scenarios.swarm import flown_once, landing_fast
 from tests.security.forger import Attacked
 
 HOLD = FORM + 1
 
 
-@functools.cache
-def going_on() -> LoadedMission:
-    return mission("continue")
+@flown_once
+def attacked(step: int) -> Attacked:
+    """A swarm at this step's begin; HOLD comes after FORM."""
+    flight = Attacked(mission()) if step == FORM else attacked(FORM)
+    flight.swarm.wait(lambda s: s.in_step(step), 60)
+    return flight
+
+
+@flown_once
+def forming() -> VirtualFlight:
+    """A flight at the form step's begin, by policy `continue`."""
+    flight = VirtualFlight(mission("continue"))
+    landing_fast(flight.swarm)
+    flight.wait_step(FORM)
+    return flight
 
 
 def acks(flight: Attacked, command: str) -> list[tuple[bool, str]]:
@@ -36,9 +47,8 @@ def acks(flight: Attacked, command: str) -> list[tuple[bool, str]]:
 def test_a_recorded_command_is_obeyed_once() -> None:
     """Sent again as it was, it is answered as before; under another id its number was used; later
     it is old."""
-    flight = Attacked(mission())
+    flight = attacked(FORM)
     swarm = flight.swarm
-    swarm.wait(lambda s: s.in_step(FORM), 60)
     swarm.command("hold", name="hold")
     swarm.run(1.0)
     swarm.command("resume", name="resume")
@@ -64,9 +74,8 @@ def test_a_recorded_command_is_obeyed_once() -> None:
 
 def test_a_shape_that_one_agent_alone_was_told_is_dropped() -> None:
     """The others wait for it, and the mission is completed."""
-    flight = Attacked(mission())
+    flight = attacked(HOLD)
     swarm = flight.swarm
-    swarm.wait(lambda s: s.in_step(HOLD), 60)
     step = next(step for step in swarm.plan.steps if isinstance(step, FormStep))
     turned = replace(step, slots=(*step.slots[1:], step.slots[0]))
     forged = Command("f", "form", (), swarm.now, turned, swarm.plan.hash(), number=1)
@@ -81,9 +90,8 @@ def test_a_shape_that_one_agent_alone_was_told_is_dropped() -> None:
 
 def test_expel_and_readmit() -> None:
     """The others go on without the agent, and away from its vehicle; then with it again."""
-    flight = VirtualFlight(going_on())
+    flight = forming()
     swarm = flight.swarm
-    flight.wait_step(FORM)
     swarm.run(2.0)
     sent = flight.order(Order("expel", (), (3,)))
     assert sent.accepted
@@ -113,12 +121,11 @@ def test_one_that_is_expelled_for_good_is_flown_without(sensor: bool) -> None:
     """It obeys `land`. The traffic sensor shows that it stands on the ground: the others form where
     it was, and none comes down on it. Without a sensor they keep clear of its last place for good:
     the step's time-out ends the mission."""
-    flight = VirtualFlight(going_on())
+    flight = forming()
     swarm = flight.swarm
     if not sensor:
         for vehicle in swarm.hub.world.vehicles:
             vehicle.firmware.traffic = tuple
-    flight.wait_step(FORM)
     flight.order(Order("expel", (), (3,)))
     assert flight.order(Order("land", (), (3,))).accepted
     result = flight.finish()

@@ -19,6 +19,7 @@ from swarm_ctl.core.model.messages import (
     Phase,
 )
 from swarm_ctl.mission.compile.loader import LoadedMission, load
+from tests.scenarios.swarm import flown_once
 from tests.security.forger import Attacked, Forge
 
 HEXAGON = Path(__file__).parents[2] / "missions" / "hexagon.yaml"
@@ -31,10 +32,18 @@ def mission() -> LoadedMission:
     return load(HEXAGON)
 
 
+@flown_once
+def forming() -> Attacked:
+    """What all flights share: up to the form step."""
+    flight = Attacked(mission())
+    flight.swarm.wait(lambda s: s.in_step(FORM), 60)
+    return flight
+
+
 @functools.cache
 def unharmed_m() -> float:
     """The smallest distance of the flight that no forger disturbs."""
-    flight = Attacked(mission())
+    flight = forming()
     flight.swarm.fly()
     assert set(flight.swarm.outcomes().values()) == {"completed"}
     assert "believed" not in flight.said()
@@ -135,8 +144,7 @@ MARKED = [
 
 @pytest.mark.parametrize("row", MARKED)
 def test_forged_states(row: Row) -> None:
-    flight = Attacked(mission())
-    flight.swarm.wait(lambda s: s.in_step(FORM), 60)
+    flight = forming()
     flight.forge(row.speaks_as, row.to, row.word, row.times)
     flight.swarm.run(row.for_s)
     flight.forge((), (), row.word, 0)
@@ -148,9 +156,8 @@ def test_forged_states(row: Row) -> None:
 @pytest.mark.long
 def test_forged_clock_words() -> None:
     """Each tells that agent 3 is 1e6 s ahead."""
-    flight = Attacked(mission())
+    flight = forming()
     swarm = flight.swarm
-    swarm.wait(lambda s: s.in_step(FORM), 60)
     for _ in range(300):
         swarm.tick()
         echoes = tuple(ClockEcho(i, swarm.now - 0.01, 0.0) for i in IDS)

@@ -26,6 +26,7 @@ from swarm_ctl.mavlink.signing import UNITS_S, Refusal, Signing
 from swarm_ctl.mission.compile.loader import LoadedMission, loads
 from swarm_ctl.runtime.launch.ports import free_ports
 from swarm_sim.network.clients import MAX_CLIENTS
+from tests.scenarios.swarm import flown_once
 from tests.unit.mavlink import wire
 
 SYSID: Final = 1
@@ -112,9 +113,11 @@ class Flight(VirtualSwarm):
     def stamp(self) -> int:
         return START + round(self.now * UNITS_S)
 
-    def hold(self, attack: Callable[[Flight], None] = lambda _: None) -> None:
-        """To `END_S`; the attack is made each tick of `ATTACK_S`."""
-        while self.now < END_S and self.members[1].alive:
+    def hold(
+        self, attack: Callable[[Flight], None] = lambda _: None, until_s: float = END_S
+    ) -> None:
+        """The attack is made each tick of `ATTACK_S`."""
+        while self.now < until_s and self.members[1].alive:
             if ATTACK_S[0] <= self.now < ATTACK_S[1]:
                 attack(self)
             self.tick()
@@ -146,10 +149,18 @@ class Flight(VirtualSwarm):
 
 @cache
 def unharmed() -> tuple[tuple[float, float, float], ...]:
-    flight = Flight(signed=False)
+    flight = holding(signed=False)
     flight.hold()
     assert flight.members[1].alive
     return tuple(flight.path)
+
+
+@flown_once
+def holding(*, signed: bool, start: int = START) -> Flight:
+    """A flight up to the attack."""
+    flight = Flight(signed=signed, start=start)
+    flight.hold(until_s=ATTACK_S[0])
+    return flight
 
 
 def assert_unharmed(flight: Flight, why: Refusal | None = None) -> None:
@@ -174,13 +185,18 @@ def disarm() -> Any:
 
 def places(flight: Flight) -> list[MavlinkFrame]:
     """What the vehicle has said of its place."""
+    return [frame for data in flight.to_agent for frame in in_place(data)]
+
+
+def in_place(data: bytes) -> list[MavlinkFrame]:
+    """The frames that say a place."""
     number = dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED
-    frames = (frame for data in flight.to_agent for frame in Framer().feed(data))
-    return [frame for frame in frames if frame.message_id == number]
+    return [frame for frame in Framer().feed(data) if frame.message_id == number]
 
 
 def false_place(flight: Flight) -> Any:
-    true = dialect.MAVLink(None).decode(bytearray(places(flight)[-1].raw))
+    newest = next(frames[-1] for data in reversed(flight.to_agent) if (frames := in_place(data)))
+    true = dialect.MAVLink(None).decode(bytearray(newest.raw))
     return wire.local_position((true.x, true.y, true.z + 4.0), (0, 0, 0), true.time_boot_ms)
 
 
@@ -193,7 +209,7 @@ def test_a_forged_disarm(forgery: Forgery) -> None:
         sender = agent_source(flight) if round(flight.now * 20) % 2 else (255, 190)
         flight.strike_vehicle(forgery.make(disarm(), sender, flight.stamp))
 
-    harmed, signed = Flight(signed=False), Flight(signed=True)
+    harmed, signed = holding(signed=False), holding(signed=True)
     harmed.hold(attack)
     assert harmed.off_m() > 3.0
     signed.hold(attack)
@@ -206,7 +222,7 @@ def test_a_forged_position(forgery: Forgery) -> None:
     def attack(flight: Flight) -> None:
         flight.strike_agent(forgery.make(false_place(flight), (SYSID, 1), flight.stamp))
 
-    harmed, signed = Flight(signed=False), Flight(signed=True)
+    harmed, signed = holding(signed=False), holding(signed=True)
     harmed.hold(attack)
     assert harmed.off_m() > 1.0
     signed.hold(attack)
@@ -226,7 +242,7 @@ def test_a_replayed_landing() -> None:
         def attack(flight: Flight, recorded: bytes = recorded) -> None:
             flight.strike_vehicle(recorded)
 
-        flight = Flight(signed=is_signed)
+        flight = holding(signed=is_signed)
         flight.hold(attack)
         if is_signed:
             assert_unharmed(flight)
@@ -238,7 +254,7 @@ def test_a_replayed_landing() -> None:
 def test_replayed_positions() -> None:
     """What the vehicle said on its way up, in this very flight."""
     for is_signed in (False, True):
-        flight = Flight(signed=is_signed)
+        flight = holding(signed=is_signed)
 
         def attack(flight: Flight) -> None:
             flight.strike_agent(places(flight)[120 + round(flight.now * 20) % 20].raw)
