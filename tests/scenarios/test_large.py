@@ -22,7 +22,7 @@ def mission(count: int, columns: int, *steps: str, policies: str = "{}") -> Load
     mirror = [[n, SPACING_M * (columns - 1) - e] for n, e in places]
     return loads(
         "version: 1\nname: large\norigin: {lat_deg: -35.36, lon_deg: 149.16, alt_m: 584}\n"
-        f"unit_m: 1\nlaw: {{r: {1.45 * SPACING_M}, r_out: 6, r_in: 2.5}}\n"
+        f"unit_m: 1\ntick_s: 0.1\nlaw: {{r: {1.45 * SPACING_M}, r_out: 6, r_in: 2.5}}\n"
         f"vehicle: {{limits: {{speed_mps: 4}}}}\npolicies: {policies}\nagents:\n{agents}"
         f"shapes:\n  block: {{kind: grid, spacing: {SPACING_M}, columns: {columns}}}\n"
         f"  mirror: {{kind: offsets, offsets: {mirror}}}\n"

@@ -22,6 +22,7 @@ version: 1
 name: pair
 origin: {{lat_deg: 47.4, lon_deg: 8.5, alt_m: 400}}
 unit_m: 5
+tick_s: 0.1
 law: {{r: 4.5, r_out: 1.5, r_in: 0.5}}
 agents:
   - {{id: 1, start: [0, 0]}}
