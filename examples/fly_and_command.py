@@ -16,7 +16,7 @@ async def main(vehicles: str) -> None:
         await swarm.hold()
         await swarm.wait(2)
         await swarm.resume()
-        await swarm.move(north_m=80, east_m=75)
+        await swarm.move(north_m=65, east_m=75)
         await swarm.until(lambda view: view.error_m is not None and view.error_m < 1)
         result = await swarm.land()
     for agent, outcome in result.outcomes.items():

@@ -58,7 +58,7 @@ def test_later_steps_go_by_the_roles() -> None:
     """The shape turns, moves, changes, grows and comes home with every agent in the role that it
     has."""
     steps = (
-        "rotate: {angle_deg: 90}",
+        "rotate: {angle_deg: 45}",
         "move: {to: [12, 13], speed_mps: 2}",
         "form: {shape: square, slots: fixed, settle_s: 2, neighbours: rechoose}",
         "scale: {factor: 1.3}",

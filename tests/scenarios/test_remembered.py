@@ -10,7 +10,7 @@ import pytest
 
 from swarm_ctl.runtime.vehicle_memory import VehicleMemory
 from tests.on_demand import on_demand
-from tests.scenarios.swarm import VirtualSwarm
+from tests.scenarios.swarm import VirtualSwarm, landing_fast
 from tests.scenarios.test_restart import GONE_S, texts
 from tests.scenarios.test_steps import THIRD, quartet
 
@@ -27,7 +27,7 @@ def parameters(swarm: VirtualSwarm, agent: int) -> dict[str, float]:
 def test_an_agent_that_takes_its_vehicle_over_gives_its_own_values_back(tmp_path: Path) -> None:
     """Killed in flight and started again: the vehicle's own values are known, and no warning says
     that they are not."""
-    swarm = VirtualSwarm(LAND, memory=tmp_path)
+    swarm = landing_fast(VirtualSwarm(LAND, memory=tmp_path))
     own = parameters(swarm, 2)
     swarm.wait(lambda s: s.in_step(THIRD))
     assert parameters(swarm, 2) != own
@@ -50,7 +50,7 @@ def test_after_a_kill_at_any_moment_the_next_flight_gives_the_own_values_back(
     """All agents killed at a random moment between the first heartbeat and the landing; when the
     vehicles are down, others fly the same mission on them."""
     moment = random.Random(seed).uniform(0.1, 40.0)
-    swarm = VirtualSwarm(LAND, memory=tmp_path)
+    swarm = landing_fast(VirtualSwarm(LAND, memory=tmp_path))
     agents = tuple(swarm.members)
     own = {agent: parameters(swarm, agent) for agent in agents}
     swarm.run(moment)
