@@ -9,7 +9,7 @@ from swarm_ctl.core.model.timeouts import OWN_FIX_S
 from swarm_ctl.mission.compile.loader import load
 from swarm_ctl.runtime.radio.lateness import LATE_S
 from tests.scenarios.radio import RadioSwarm
-from tests.scenarios.swarm import flown_once
+from tests.scenarios.swarm import flown_once, landing_fast
 
 TRIANGLE = Path(__file__).with_name("triangle.yaml")
 
@@ -17,6 +17,7 @@ TRIANGLE = Path(__file__).with_name("triangle.yaml")
 @flown_once
 def in_formation() -> RadioSwarm:
     swarm = RadioSwarm(load(TRIANGLE))
+    landing_fast(swarm)
     swarm.wait(lambda s: s.in_step(2))
     return swarm
 
