@@ -79,7 +79,7 @@ def test_the_values_are_those_of_the_flight(history: RunHistory) -> None:
     assert apart[i, j] == pytest.approx(apart.min())
 
 
-def test_only_the_players_own_script_may_run(folder: Path, history: RunHistory) -> None:
+def test_only_the_players_own_script_may_run(pages: tuple[Path, Path], history: RunHistory) -> None:
     """The policy has the hash of the one script; text of a run cannot end the data."""
     entry = Entry(25.0, EntryKind.ALARM, Level.ERROR, (1,), EVIL)
     part = player([(history, [entry])])
@@ -87,7 +87,7 @@ def test_only_the_players_own_script_may_run(folder: Path, history: RunHistory) 
     assert EVIL in data_of(part)["runs"][0]["marks"][0]["text"]
     script = re.findall(r"<script>(.*?)</script>", part, re.DOTALL)[0]
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    page = make_report(folder).read_text()
+    page = pages[0].read_text()
     assert f"script-src 'sha256-{digest}'\"" in page
     assert "default-src 'none'" in page
 
@@ -105,12 +105,18 @@ def browser() -> Iterator[Any]:
         opened.close()
 
 
+@pytest.fixture(scope="module")
+def pages(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Of one run, and of two."""
+    both = tmp_path_factory.mktemp("both") / "compare.html"
+    return make_report(folder), make_comparison([folder, folder], both)
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_it_plays_in_chromium(browser: Any, folder: Path, tmp_path: Path, scheme: str) -> None:
+def test_it_plays_in_chromium(browser: Any, pages: tuple[Path, Path], scheme: str) -> None:
     """Offline and without an error: the slider moves both views and the values, space plays, a
     step is jumped to; two runs lie over one another (in light alone)."""
-    one = make_report(folder)
-    both = make_comparison([folder, folder], tmp_path / "compare.html")
+    one, both = pages
     context = browser.new_context(color_scheme=scheme, offline=True)
     errors: list[str] = []
     context.on("console", lambda said: errors.append(said.text))

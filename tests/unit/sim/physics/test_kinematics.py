@@ -167,7 +167,7 @@ def test_ideal_is_the_single_integrator() -> None:
 
 
 @pytest.mark.parametrize("response", REAL)
-@settings(max_examples=3)
+@settings(max_examples=2)  # each is a flight of a minute to many goals
 @given(goal=arrays(np.float64, (N, 3), elements=st.floats(-60.0, 60.0)))
 def test_a_held_position_is_reached_without_overshoot_worth_the_name(
     response: VelocityResponse, goal: Array
@@ -212,7 +212,7 @@ def test_never_below_the_ground(response: VelocityResponse) -> None:
 
 
 @pytest.mark.parametrize("response", REAL)
-@settings(max_examples=5)
+@settings(max_examples=3)
 @given(wind=arrays(np.float64, 3, elements=st.floats(-4.0, 4.0)).map(lambda w: w * [1, 1, 0]))
 def test_steady_wind_is_leant_against(response: VelocityResponse, wind: Array) -> None:
     """The integral part finds the force that holds zero speed over ground."""
