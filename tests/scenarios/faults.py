@@ -39,7 +39,7 @@ shapes:
 policies: {{agent_lost: {policy}}}
 steps:
   - takeoff: {{height_m: 5}}
-  - form: {{shape: swapped, slots: fixed, settle_s: 2, timeout_s: 60}}
+  - form: {{shape: swapped, slots: fixed, settle_s: 2, timeout_s: {form_s}}}
   - hold: {{duration_s: 3}}
   - move: {{to: [17, 10], speed_mps: 2}}
   - land
@@ -48,10 +48,10 @@ FORM = 2
 
 
 @functools.cache
-def mission(policy: str = "land") -> LoadedMission:
+def mission(policy: str = "land", form_s: int = 60) -> LoadedMission:
     """Four on a square all change to the opposite corner, through each other's midst; then they fly
     a bit."""
-    return loads(TEXT.format(policy=policy))
+    return loads(TEXT.format(policy=policy, form_s=form_s))
 
 
 class Faulty:
@@ -62,7 +62,7 @@ class Faulty:
         self.transports: dict[int, ImpairedTransport] = {}
         self._seed = seed
         self.swarm = landing_fast(
-            VirtualSwarm(mission(row.policy), seed, mesh=self._wrap, clocks=row.clocks)
+            VirtualSwarm(mission(row.policy, row.form_s), seed, mesh=self._wrap, clocks=row.clocks)
         )
         for vehicle in self.swarm.hub.world.vehicles:
             for name, value in row.vehicles.items():
@@ -278,6 +278,8 @@ class Row:
     vehicles: dict[str, float] = field(default_factory=dict)
     happenings: tuple[Happening, ...] = ()
     policy: str = Policy.LAND.value
+    form_s: int = 60
+    """What the form step may take."""
     within_s: float = 240.0
     falls: bool = False
     """Out of the sky: no agent steers that, so where it comes down in gusts, 4 m under the others,
@@ -298,7 +300,12 @@ ROWS = (
     Row("0.2 s late", GOOD, Impairment(delay_s=0.2)),
     Row("0.1 to 0.5 s late, out of order", GOOD, Impairment(delay_s=0.1, jitter_s=0.4)),
     # never younger than FRESH_S: the shape cannot be judged, so the step's time runs out
-    Row("0.5 s late", (*SAFE, outcome("failed"), says("timed out")), Impairment(delay_s=0.5)),
+    Row(
+        "0.5 s late",
+        (*SAFE, outcome("failed"), says("timed out")),
+        Impairment(delay_s=0.5),
+        form_s=30,
+    ),
     Row("a third comes twice", GOOD, Impairment(jitter_s=0.2, duplicate=0.33)),
     Row("lost, late, twice", GOOD, Impairment(0.3, 0.05, 0.15, 0.2)),
     Row(
