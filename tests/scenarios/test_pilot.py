@@ -250,7 +250,6 @@ def test_a_px4_that_lands_by_other_hands_and_stays_armed_is_disarmed() -> None:
     swarm = holding("px4", "agent_lost: land")
     firmware(swarm).parameters.set("COM_DISARM_LAND", -1.0)
     switch(swarm, "px4", "landing")
-    swarm.run(60)
-    assert phase(swarm) is Phase.ENDED
+    swarm.wait(lambda s: phase(s) is Phase.ENDED, swarm.now + 60)
     assert not firmware(swarm).armed
     assert has(swarm, "AUTO.LAND by a pilot or by its own failsafe")
