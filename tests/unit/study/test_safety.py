@@ -57,7 +57,7 @@ def test_the_papers_own_regime_is_not_touched() -> None:
         "h": value(0.005),
         "delay_s": value(0.0),
         "loss": value(0.0),
-        "limit_s": 60.0,
+        "limit_s": 30.0,
     }
     bare, safe = (fly(missions(**plain, safety=(level,))) for level in ("off", "filter"))
     assert not safe.touched.any()
@@ -67,7 +67,7 @@ def test_the_papers_own_regime_is_not_touched() -> None:
 def test_links_whose_slots_fit_are_kept_by_the_guard() -> None:
     """Without it a good part of the missions stretches one past r."""
     free, guarded = (
-        fly(missions(n=(6,), slots=("random",), safety=(level,), limit_s=40.0))
+        fly(missions(n=(6,), slots=("random",), safety=(level,), limit_s=20.0))
         for level in ("filter", "guard")
     )
     assert np.count_nonzero(free.kept_broken) > 10
