@@ -12,6 +12,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
 
+import pytest
+
 from swarm_ctl.core.model.fleet import FleetAgent
 from swarm_ctl.core.model.messages import (
     AgentStatus,
@@ -181,3 +183,9 @@ def write_run(folder: Path) -> Path:
         folder / "events.jsonl", Event(2, 25.0, Severity.WARNING, "vehicle: EKF variance"), *events
     )
     return folder
+
+
+def draw_nothing(patched: pytest.MonkeyPatch) -> None:
+    """Figures are made and their files written, but empty."""
+    patched.setattr("swarm_ctl.report.page.drawing._lay_out", lambda made: None)
+    patched.setattr("matplotlib.figure.Figure.savefig", lambda *_, **__: None)

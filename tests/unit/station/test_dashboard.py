@@ -22,6 +22,7 @@ from swarm_ctl.station.dashboard.themes import DARK, LIGHT, PLAIN
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.protection import MeshKind, Protection
 from swarm_ctl.station.picture.view import SwarmView
+from tests.on_demand import on_demand
 from tests.unit.station.pictures import PICTURES, PLAN
 from tests.unit.station.screens import (
     SHOWN,
@@ -77,7 +78,7 @@ def test_snapshots_have_no_strays() -> None:
     assert set((Path(__file__).with_name("snapshots") / "dashboard").glob("*")) == wanted
 
 
-@pytest.mark.parametrize("size", [(20, 6), (40, 12), (119, 20), (120, 20), (250, 80)])
+@pytest.mark.parametrize("size", [(20, 6), on_demand((40, 12)), (119, 20), (120, 20), (250, 80)])
 def test_every_screen_fits_wherever_it_is_drawn(size: tuple[int, int]) -> None:
     async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
         for key in ("1", "2", "3", "4", "question_mark"):

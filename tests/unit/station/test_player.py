@@ -11,6 +11,7 @@ from textual.pilot import Pilot
 from swarm_ctl.commands.parse import KINDS
 from swarm_ctl.station.dashboard.player import Player
 from swarm_ctl.station.dashboard.timeline import SPEEDS, at_speed, clock, timeline
+from tests.on_demand import on_demand
 from tests.unit.station.recorded import SILENT_S, film
 from tests.unit.station.screens import settled, text
 
@@ -212,7 +213,7 @@ def test_the_same_screens_and_its_own_help() -> None:
     _play(play)
 
 
-@pytest.mark.parametrize("size", [(20, 6), (40, 12), (80, 24), (250, 80)])
+@pytest.mark.parametrize("size", [(20, 6), on_demand((40, 12)), (80, 24), (250, 80)])
 def test_it_fits_wherever_it_is_drawn(size: tuple[int, int]) -> None:
     async def play(app: Player, pilot: Pilot[None], watch: Watch) -> None:
         for key in ("1", "4", "question_mark"):

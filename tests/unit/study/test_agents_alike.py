@@ -92,10 +92,10 @@ def formation(flight: _BatchFlight, i: int, k: int) -> Formation:
 @pytest.mark.parametrize(
     ("start", "slots", "safety", "vehicle", "seed", "n"),
     [
-        # lag, and the average of all, are in the rows beside it
+        # the average of all is in the row of PX4, lag in that of release
         on_demand("crossing", "given", "align", "lag", 1, N),
         ("antipodal", "given", "release", "lag", 3, N),
-        # the same, of a swarm in which every agent hears every other
+        # exchange and lag are in the last row
         on_demand("random", "random", "exchange", "lag", 2, N),
         ("crossing", "given", "align", "px4", 4, N),
         ("random", "random", "exchange", "lag", 6, 20),

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 from rich.console import Console
 
 from swarm_ctl.core.model.messages import AgentState, Event, Outcome, Payload, Severity, SigmaReport
@@ -26,6 +25,7 @@ from tests.unit.report.run_folders import (
     LIFTOFF,
     PLAN,
     account,
+    draw_nothing,
     position,
     true_minimum,
     write_run,
@@ -71,12 +71,7 @@ def run(tmp_path: Path) -> Path:
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Which figures are drawn, without drawing them."""
-    monkeypatch.setattr("swarm_ctl.report.page.html_page.save", _touch)
-
-
-def _touch(made: Figure, folder: Path, name: str) -> list[Path]:
-    (folder / f"{name}.png").write_bytes(b"")
-    return [folder / f"{name}.png"] * 2
+    draw_nothing(monkeypatch)
 
 
 def _record(folder: Path) -> Path:

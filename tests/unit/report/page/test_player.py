@@ -20,7 +20,7 @@ from swarm_ctl.report.page.player import OFF_M, player
 from swarm_ctl.report.page.run_history import RunHistory, read_history
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.journal import Entry, EntryKind
-from tests.unit.report.run_folders import FORM, HOLD, position, write_run
+from tests.unit.report.run_folders import FORM, HOLD, draw_nothing, position, write_run
 
 EVIL = "</script><script>document.title='run'</script>"
 
@@ -109,7 +109,9 @@ def browser() -> Iterator[Any]:
 def pages(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """Of one run, and of two."""
     both = tmp_path_factory.mktemp("both") / "compare.html"
-    return make_report(folder), make_comparison([folder, folder], both)
+    with pytest.MonkeyPatch.context() as patched:
+        draw_nothing(patched)  # beside the player, figures are not looked at
+        return make_report(folder), make_comparison([folder, folder], both)
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
