@@ -71,6 +71,18 @@ def test_the_others_go_on(kind: str) -> None:
     assert not [e.text for e in swarm.events if e.agent != 3 and e.level != "info"]
 
 
+@pytest.mark.parametrize(("first", "second"), [("land", "kill"), ("return", "land")])
+def test_another_order_to_one_that_has_left_is_not_the_others_concern(
+    first: str, second: str
+) -> None:
+    """It has left all the time: it has not broken the mission off in between."""
+    swarm = in_third(quartet("hold: {duration_s: 5}", "land"))
+    swarm.command(first, agents=(3,))
+    swarm.run(2)
+    swarm.command(second, agents=(3,), name="second")
+    assert_others_complete(swarm)
+
+
 def test_the_others_hold_until_resume() -> None:
     """By policy: they stop at once, refuse `next`, and go on without it by `resume` alone."""
     mission = quartet("move: {by: [20, 0], timeout_s: 30}", "land", head=policy(Policy.HOLD))

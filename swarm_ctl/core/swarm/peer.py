@@ -267,7 +267,7 @@ class Peer:
         ends = _ENDS.get(state.phase, 0)
         if ends or state.override or state.left is not None or self._says:
             self._note("ends", (ends, state.step) if ends else None, received_s)
-            self._note("left", state.left, received_s)
+            self._note("left", state.left is not None or None, received_s)  # by whatever order
             self._note("down", state.down or None, received_s)
             self._note("held", state.override != 0 or None, received_s)
         self._flew |= state.airborne
