@@ -21,6 +21,8 @@ STANDS_S = 12.0
 """An armed vehicle that never left the ground disarms by itself within 10 s."""
 LIFTED_M = 0.3
 WHOLE_S = 40.0
+HEARD_S = 2.0
+"""The ground station begins to speak: a PX4's link is the first one's that does, its agent's."""
 LANDING = {"LAND", "AUTO.LAND"}
 MISSION = loads(
     """
@@ -28,6 +30,7 @@ version: 1
 name: kills
 origin: {lat_deg: 47.397742, lon_deg: 8.545594, alt_m: 488}
 lengths: metres
+tick_s: 0.1
 law: {r: 60, r_out: 7, r_in: 2.5}
 policies: {agent_lost: continue}
 agents:
@@ -63,7 +66,7 @@ class Watched(VirtualSwarm):
         self._codec = dialect.MAVLink(None, 255, dialect.MAV_COMP_ID_MISSIONPLANNER)
 
     def tick(self) -> None:
-        if round(self.now / self.plan.tick_s) % 20 == 0:
+        if self.now >= HEARD_S and round(self.now / self.plan.tick_s) % 10 == 0:
             self._beat()
         for agent, moment in self.moments.items():
             if self.now >= moment and self.members[agent].alive:
@@ -108,14 +111,18 @@ def assert_all_come_down(seed: int) -> int:
     return len(swarm.flew)
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_a_dead_agents_vehicle_comes_down_beside_a_ground_station(seed: int) -> None:
-    assert_all_come_down(seed)
+def assert_most_flew(seeds: range) -> None:
+    """Each agent's vehicle comes down, and most were killed in the air."""
+    flew = sum(assert_all_come_down(seed) for seed in seeds)
+    assert flew > 2 * len(seeds)
+
+
+def test_a_dead_agents_vehicle_comes_down_beside_a_ground_station() -> None:
+    assert_most_flew(range(3))
 
 
 @pytest.mark.long
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("block", range(10))
 def test_it_does_so_at_a_thousand_moments(block: int) -> None:
-    flew = sum(assert_all_come_down(1000 + 25 * block + k) for k in range(25))
-    assert flew > 50, "most are killed in the air"
+    assert_most_flew(range(1000 + 25 * block, 1025 + 25 * block))
