@@ -76,7 +76,7 @@ def flying(name: str, **how: Any) -> Scripted:
 
 
 @both
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=8, deadline=None)  # a quarter of a second each
 @given(
     loss=st.sampled_from([0.0, 0.2, 0.5]),
     seed=st.integers(0, 10_000),

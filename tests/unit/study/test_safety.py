@@ -76,7 +76,7 @@ def test_links_whose_slots_fit_are_kept_by_the_guard() -> None:
 
 def test_a_vehicle_whose_agent_died_is_not_hit() -> None:
     """It flies its last command for half a second, then stands in the way for ever."""
-    outcome = fly(missions(n=(6,), slots=("random",), silent=value(1.0), limit_s=40.0))
+    outcome = fly(missions(n=(6,), slots=("random",), silent=value(1.0), limit_s=25.0))
     assert np.count_nonzero(np.isfinite(outcome.smallest_silent)) > 10
     assert (outcome.smallest_silent > 0.5).all()
     assert (outcome.smallest > 0.5).all()
