@@ -23,6 +23,7 @@ from swarm_ctl.study.rerun import rerun, write_mission
 from swarm_ctl.study.rows import Row, rows_of
 from swarm_ctl.study.search import Goal, worst
 from swarm_ctl.study.study_file import study_file
+from tests.on_demand import on_demand
 
 STUDIES = Path(__file__).parents[3] / "studies"
 PLANTED = Study.model_validate(
@@ -41,7 +42,8 @@ def planted(studies: Sequence[Study]) -> Iterator[list[Row]]:
         yield rows_of(batch, result)
 
 
-@pytest.mark.parametrize("seed", range(1, 6))
+# two seeds of five show it
+@pytest.mark.parametrize("seed", [1, 2, on_demand(3), on_demand(4), on_demand(5)])
 def test_a_planted_worst_case_is_found_deeper_than_by_random_sampling(seed: int) -> None:
     """A corner of two of four ranges, for one number of agents of four; as many missions."""
     study = PLANTED.model_copy(update={"seed": seed})
