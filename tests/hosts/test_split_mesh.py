@@ -26,6 +26,7 @@ version: 1
 name: split
 origin: {{lat_deg: 47.4, lon_deg: 8.5, alt_m: 400}}
 lengths: metres
+tick_s: 0.1
 law: {{r: 40, r_out: 7, r_in: 2.5}}
 agents:
   - {{id: 1, start: [0, 0]}}

@@ -147,17 +147,17 @@ def test_an_agent_that_left_and_fell_silent_is_not_lost() -> None:
     assert swarm.closest_m > swarm.plan.law.r_in
 
 
-def test_the_leader_of_a_move_leaves() -> None:
+@pytest.mark.parametrize("kind", ["kill", "hold", on_demand("land"), on_demand("return")])
+def test_the_leader_of_a_move_leaves(kind: str) -> None:
     """The formation goes on to its end by another one's frame; a held leader stops it for the
     policy's time alone."""
-    for kind in (*ORDERS, "hold"):
-        head = "policies: {override_pause_s: 5}\n"
-        swarm = in_third(quartet("move: {by: [40, 0]}", "hold: {duration_s: 5}", "land", head=head))
-        begun = swarm.centre()
-        swarm.command(kind, agents=(1,))
-        swarm.wait(lambda s: all(status(s, i).step == THIRD + 1 for i in (2, 3, 4)), swarm.now + 60)
-        moved = [swarm.positions()[i][0] for i in (2, 3, 4)]
-        assert sum(moved) / 3 > begun[0] + 30
+    head = "policies: {override_pause_s: 5}\n"
+    swarm = in_third(quartet("move: {by: [40, 0]}", "hold: {duration_s: 5}", "land", head=head))
+    begun = swarm.centre()
+    swarm.command(kind, agents=(1,))
+    swarm.wait(lambda s: all(status(s, i).step == THIRD + 1 for i in (2, 3, 4)), swarm.now + 60)
+    moved = [swarm.positions()[i][0] for i in (2, 3, 4)]
+    assert sum(moved) / 3 > begun[0] + 30
 
 
 def test_held_agents_stand_while_another_one_flies_on() -> None:

@@ -41,7 +41,7 @@ def test_screens_orders_and_the_end(tmp_path: Path) -> None:
         terminal.press(*"tune", "Space", "h", "Tab")
         terminal.wait_for(":tune h=0.05")
         terminal.press("BSpace", "4", "Enter")
-        terminal.wait_for("tune h 0.04, kappa 20")
+        terminal.wait_for("tune h 0.04, kappa 10")
         terminal.press("3")
         terminal.wait_for("(tuned: h 0.05 -> 0.04)")
         terminal.press(":", *"land", "Enter")

@@ -33,7 +33,7 @@ def test_the_disk_is_full_in_flight(tmp_path: Path) -> None:
         assert "failed: truth.jsonl: no end line, the simulator did not finish it" in running.output
         summary = running.summary()
         assert {agent["outcome"] for agent in summary["agents"]} == {"completed"}
-        assert summary["setpoint_rate_hz"] > 15
+        assert summary["setpoint_rate_hz"] > 9  # of 10
         said = running.output.replace("\n", " ")
         for name in ("statuses.jsonl", "recording.mcap"):
             assert f"{name} is not written any more: File too large; the flight goes on" in said

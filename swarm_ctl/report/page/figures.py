@@ -205,16 +205,19 @@ def overlay(histories: Sequence[RunHistory]) -> Figure:
     """Smallest distance and formation error of several runs in one figure, time counted from the
     first form step."""
     made, (near, away) = grid("Smallest distance and formation error", 2, 1, 7.0, 4.8)
+    known = False
     for k, history in enumerate(histories):
         times = history.flight.time_s - history.first_form_s()
-        deviation = np.linalg.norm(history.deviations(), axis=-1)
+        largest = -least(-np.linalg.norm(history.deviations(), axis=-1))
+        known |= bool((largest > 0).any())
         style = {"linewidth": 1.2, **line_style(k)}
         name = printable(history.name).replace("$", r"\$")  # else matplotlib reads a formula
         near.plot(times, least(history.nearest()), label=name, **style)
-        away.plot(times, -least(-deviation), **style)
+        away.plot(times, largest, **style)
     near.set_ylabel("smallest distance [m]")
     near.set_ylim(bottom=0)
-    log_ticks(away)
+    if known:  # an axis without a positive number has no logarithm
+        log_ticks(away)
     away.set_ylabel("largest $|e - \\bar{e}|$ [m]")
     away.set_xlabel("mission time since the first form step [s]")
     made.legend(loc="outside lower center", frameon=False, fontsize=9)
