@@ -40,8 +40,8 @@ policies: {{agent_lost: {policy}}}
 steps:
   - takeoff: {{height_m: 5}}
   - form: {{shape: swapped, slots: fixed, settle_s: 2, timeout_s: {form_s}}}
-  - hold: {{duration_s: 3}}
-  - move: {{to: [17, 10], speed_mps: 2}}
+  - hold: {{duration_s: 1}}
+  - move: {{to: [12, 9], speed_mps: 2}}
   - land
 """
 FORM = 2

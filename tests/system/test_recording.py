@@ -24,8 +24,8 @@ def times_s(folder: Path) -> list[float]:
 
 
 def test_a_killed_station_leaves_all_but_the_last_second(tmp_path: Path) -> None:
-    """SIGKILL in flight: the file reads up to the last chunk, `replay` and `report` give it its
-    footer, and say so."""
+    """SIGKILL in flight: the file reads up to the last chunk; `replay` gives it its footer, and
+    says so (`report` does as well: `test_html_page.py`)."""
     with Running(*RUN, "--no-report", cwd=tmp_path) as running:
         running.wait_for_event("step 2: form hexagon", 3)
         running.wait_for(lambda: bool(times_s(running.folder)))  # the first second's chunk
@@ -45,7 +45,3 @@ def test_a_killed_station_leaves_all_but_the_last_second(tmp_path: Path) -> None
     assert "recovered up to its last second" in note
     assert last_s - 1e-6 <= json.loads(line)["time_s"] <= last_s + 1.0
     assert is_whole(alone)
-    with Running("report", folder, cwd=tmp_path) as reporting:
-        assert reporting.wait() == 0, reporting.output
-    assert is_whole(folder)
-    assert "recovered up to its last second" in (folder / "report.html").read_text()
