@@ -100,7 +100,6 @@ def test_a_csv_file_takes_blocks_in_any_order(tmp_path: Path) -> None:
     assert list(read_rows(tmp_path / "2.csv")) == want
 
 
-@pytest.mark.long  # a lost worker, and a study interrupted without a cluster, are of every day
 @pytest.mark.realtime
 def test_ctrl_c_ends_a_local_cluster(tmp_path: Path) -> None:
     """A terminal sends it to the workers, too: no process is left, nothing but whole blocks is
