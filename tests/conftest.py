@@ -189,7 +189,7 @@ gc.set_threshold(20_000, 20, 20)
 _STATE = tempfile.TemporaryDirectory(prefix="swarm-ctl-state-")
 os.environ["SWARM_CTL_STATE"] = _STATE.name
 
-# A process that tests start reads what another has compiled; many are started.
+# Where it is set, each of some 150 processes that tests start would compile the package anew.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 # A shell has its background jobs ignore Ctrl-C, and they hand that down to the processes that tests

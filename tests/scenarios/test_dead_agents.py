@@ -22,7 +22,8 @@ STANDS_S = 12.0
 LIFTED_M = 0.3
 WHOLE_S = 40.0
 HEARD_S = 2.0
-"""The ground station begins to speak: a PX4's link is the first one's that does, its agent's."""
+"""From then on the ground station speaks. A PX4 answers the first one that does on its link, and
+that is its agent: spoken to earlier, it would never take off."""
 LANDING = {"LAND", "AUTO.LAND"}
 MISSION = loads(
     """

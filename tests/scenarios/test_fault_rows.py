@@ -28,10 +28,9 @@ IN_OTHERS = {
     "clocks apart by an hour",
     "clocks apart; 0.2 s late, a fifth is lost",
     "frozen for 2 s",
-    "parted for 8 s",  # tests/hosts/test_split_mesh.py, with processes
-    "dies",  # test_hexagon.py
+    "dies",  # so in test_hexagon.py
 }
-"""A harder row, or another test, has the same in it: these are flown on demand."""
+"""A harder row has the same in it, if no other test is named: these are flown on demand."""
 
 
 def wrong(row: Row, seed: int) -> list[str]:
@@ -51,8 +50,8 @@ def test_fault(row: Row) -> None:
 
 
 def test_same_seed_same_trace() -> None:
-    """A flight in bad weather over a bad mesh is repeated to the last bit, while they
-    form; another seed is another flight."""
+    """A flight in bad weather over a bad mesh is repeated to the last bit, while they form;
+    another seed is another flight."""
     row = next(row for row in ROWS if row.name == "gusts, lost, late")
     row = replace(row, within_s=10.0)
     flights = [Faulty(row, seed) for seed in (1, 1, 2)]

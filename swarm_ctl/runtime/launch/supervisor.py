@@ -54,7 +54,8 @@ _HUNG_WALL_S: Final = 20.0
 its vehicle's failsafe has acted long before. Generous: an agent that is only suspended for a while
 comes back by itself."""
 _HUNG_STALLED_WALL_S: Final = 5.0
-"""In lockstep: so long after the clock went on without it."""
+"""In lockstep: so long after the clock went on without it, so that one that was only suspended can
+come back. All else has ended soon, and the clock ticks on for the station alone."""
 _SILENT_S: Final = 10.0
 """Mission time without a status of a process that took a vehicle over: it is gone, too."""
 _LOOK_WALL_S: Final = 0.25

@@ -231,7 +231,7 @@ def test_outcomes_by_their_definition() -> None:
     batch = only_batch(slots=("random",), vehicle=("ideal",), limit_s=20.0)
     outcome = fly(batch)
     assert outcome.converged.any()
-    for k in range(0, len(batch), 13):
+    for k in range(0, len(batch), 13):  # each is flown alone, a second
         trace = Trace()
         alone = batch.only(np.array([k]))
         fly(alone, trace)
