@@ -1,5 +1,10 @@
 """A session that opens in a thread of its own: zenoh's client waits for its router, perhaps for
-ever, and an agent that starts while the router is down has a vehicle to look after."""
+ever, and an agent that starts while the router is down has a vehicle to look after.
+
+That thread is a daemon, so that the process can end. What it starts would be daemons, too, and
+zenoh starts a thread for each callback: one that wakes while the interpreter ends aborts the
+process (PyEval_RestoreThread cuts it off inside Rust). So another thread declares.
+"""
 
 from __future__ import annotations
 
@@ -23,6 +28,7 @@ class LateSession:
         self._lock = threading.Lock()
         self._waiting: list[_Late] = []
         self._session: Any = None
+        self._closed = False
         self._failure: Exception | None = None
         self._waited = False
         thread = threading.Thread(target=self._open, args=(open_session,), daemon=True)
@@ -40,7 +46,15 @@ class LateSession:
             if self._waited:  # its caller flies on, as on a cut mesh
                 sys.stderr.write(f"the mesh does not open: {error}\n")
             return
+        declaring = threading.Thread(target=self._begin, args=(session,), daemon=False)
+        declaring.start()
+        declaring.join()
+
+    def _begin(self, session: Any) -> None:
         with self._lock:
+            if self._closed:
+                session.close()
+                return
             self._session = session
             for late in self._waiting:
                 late.declare(session)
@@ -67,6 +81,11 @@ class LateSession:
         """As the session's."""
         return _LateLiveliness(self._declare)
 
+    @property
+    def info(self) -> _LateInfo:
+        """As the session's."""
+        return _LateInfo(self._declare)
+
     def _declare(self, make: Callable[[Any], Any]) -> Any:
         with self._lock:
             if self._session is not None:
@@ -76,8 +95,9 @@ class LateSession:
             return late
 
     def close(self) -> None:
-        """Close it, if it is open."""
+        """Close it, if it is open, or as soon as it is."""
         with self._lock:
+            self._closed = True
             if self._session is not None:
                 self._session.close()
 
@@ -93,8 +113,21 @@ class _LateLiveliness:
         return self._declare(lambda session: session.liveliness().declare_token(key))
 
 
+class _LateInfo:
+    """Declares listeners as soon as the session is open."""
+
+    def __init__(self, declare: Callable[[Callable[[Any], Any]], Any]) -> None:
+        self._declare = declare
+
+    def declare_link_events_listener(self, *arguments: Any, **settings: Any) -> Any:
+        """As a session's info."""
+        return self._declare(
+            lambda session: session.info.declare_link_events_listener(*arguments, **settings)
+        )
+
+
 class _Late:
-    """A publisher or a subscriber that is still to be declared, or has been meanwhile."""
+    """What is still to be declared, or has been meanwhile: a publisher, subscriber or listener."""
 
     def __init__(self, make: Callable[[Any], Any]) -> None:
         self._make = make

@@ -94,9 +94,10 @@ class ZenohTransport(Transport):
             listen, connect, speedup, patient=patient, access=access, part=part, own=own
         )
         if part is Part.CLIENT:
-            self._session: Any = LateSession(lambda: _open(config, self._kept))
+            self._session: Any = LateSession(lambda: _open(config))
         else:
-            self._session = _open(config, self._kept)
+            self._session = _open(config)
+        self._listener = _tend_links(self._session)
         _show(self._session, alive, self._kept)
 
     def publish(self, key: str, data: bytes, qos: Qos, mark: bytes = b"") -> None:
@@ -172,29 +173,29 @@ class ZenohTransport(Transport):
 
     def close(self) -> None:
         """Leave the mesh; flushes what the other ends still accept."""
-        _close(self._session, self._kept)
+        _close(self._session, self._listener)
 
 
-def _open(config: zenoh.Config, kept: list[Any]) -> Any:
-    """`kept` gets what lives as long as the session."""
+def _open(config: zenoh.Config) -> Any:
     try:
-        session = zenoh.open(config)
+        return zenoh.open(config)
     except zenoh.ZError as error:
         why = str(error).split(" at /", 1)[0]  # zenoh appends its own source paths
         raise StartError(
             f"the mesh does not open: {why}; name a free port (`mesh` in the fleet)"
         ) from None
+
+
+def _tend_links(session: Any) -> Any:
+    """Look after the session's sockets whenever a link comes or goes, until `_close`."""
     listen = session.info.declare_link_events_listener
-    kept.append(listen(lambda _: _tend_sockets(), history=True))
-    return session
+    return listen(lambda _: _tend_sockets(), history=True)
 
 
-def _close(session: Any, kept: list[Any]) -> None:
+def _close(session: Any, listener: Any) -> None:
     """First the listener: a call of it while the interpreter ends would abort the process."""
-    listeners: list[Any] = [each for each in kept if isinstance(each, zenoh.LinkEventsListener)]
     with contextlib.suppress(zenoh.ZError):
-        for each in listeners:
-            each.undeclare()
+        listener.undeclare()
     # The error tells of a link that no process answers on; it is closed all the same.
     with contextlib.suppress(zenoh.ZError):
         session.close()
@@ -227,7 +228,8 @@ class Router:
             listen, connect, speedup, patient=patient, access=access, part=Part.ROUTER, own=own
         )
         self._kept: list[Any] = []
-        self._session = _open(config, self._kept)
+        self._session = _open(config)
+        self._listener = _tend_links(self._session)
         _show(self._session, alive, self._kept)
 
     def clients(self) -> int:
@@ -236,7 +238,7 @@ class Router:
 
     def close(self) -> None:
         """End all its links."""
-        _close(self._session, self._kept)
+        _close(self._session, self._listener)
 
 
 _QUEUES: Final = {channel.name: channel.bounds.queue for channel in CHANNELS}

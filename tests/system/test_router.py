@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import socket
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
@@ -71,6 +72,46 @@ def test_a_client_opens_before_its_router() -> None:
             assert hears(inlet, other)
             assert hears(other.subscribe(STATE.format(2)), early)
             assert gone.drain() == []
+
+
+def test_what_a_client_is_called_back_by_ends_with_it() -> None:
+    """The interpreter waits for the threads in which zenoh calls back, whether the router was there
+    first or last: a daemon that wakes while the interpreter ends aborts the process."""
+    at, before = endpoint(), set(threading.enumerate())
+
+    def calling() -> list[threading.Thread]:
+        others = set(threading.enumerate()) - before
+        return [each for each in others if "_open" not in each.name]
+
+    with closing(client(at)) as late:
+        inlet = late.subscribe(STATE.format("*"), timed=True)
+        with closing(Router([at], [])), closing(client(at)) as other:
+            other.subscribe(STATE.format("*"), timed=True)
+            assert hears(inlet, other)
+            assert len(calling()) == 5  # links of three sessions, and two subscriptions
+            assert not any(each.daemon for each in calling())
+    until = time.monotonic() + PATIENCE_S
+    while calling() and time.monotonic() < until:
+        time.sleep(0.02)
+    assert calling() == []
+
+
+def test_a_client_that_was_closed_before_its_router_came() -> None:
+    """It links to no router any more."""
+    at = endpoint()
+    gone = client(at)
+    inlet = gone.subscribe(STATE.format("*"), timed=True)
+    gone.close()
+    with closing(Router([at], [])) as there, closing(client(at)) as other:
+        until = time.monotonic() + 2.0
+        while time.monotonic() < until:
+            other.publish(STATE.format(2), b"here", NEWEST)
+            time.sleep(0.02)
+        until = time.monotonic() + PATIENCE_S
+        while there.clients() != 1 and time.monotonic() < until:
+            time.sleep(0.02)
+        assert there.clients() == 1
+        assert inlet.drain() == []
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
