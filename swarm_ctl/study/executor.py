@@ -6,7 +6,8 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Final, TypeAlias
 
@@ -49,9 +50,11 @@ def run_study(
     with Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task("missions", total=study.rows, completed=flown)
         try:
-            for block, rows in _flown(missing, processes, cluster):
-                file.add(block, rows)
-                progress.advance(task, len(rows))
+            # closed before anything is said: an interrupt in `add` must not leave workers behind
+            with closing(_flown(missing, processes, cluster)) as flown_now:
+                for block, rows in flown_now:
+                    file.add(block, rows)
+                    progress.advance(task, len(rows))
         except KeyboardInterrupt:
             left = _missions(work[block] for block in rows_file(path, study).missing)
             progress.print(
@@ -76,7 +79,7 @@ def _missions(work: Iterable[_Block]) -> int:
 
 def _flown(
     work: dict[int, _Block], processes: int | None, cluster: str | None
-) -> Iterator[tuple[int, list[Row]]]:
+) -> Generator[tuple[int, list[Row]], None, None]:
     """The rows of each block, as they come."""
     workers = processes or os.cpu_count() or 1
     remote = cluster not in (None, "local")

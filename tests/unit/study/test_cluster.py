@@ -107,7 +107,8 @@ def test_ctrl_c_ends_a_local_cluster(tmp_path: Path) -> None:
     pytest.importorskip("distributed")
     path = tmp_path / "rows.csv"
     command = [sys.executable, "-m", "swarm_ctl.cli.main", "study", "--cluster", "local"]
-    command += ["--missions", "100000", "--n", "20", "--limit", "1", "--out", str(path)]
+    command += ["--missions", "100000", "--n", "20", "--limit", "0.2"]
+    command += ["--processes", "1", "--out", str(path)]
     study = subprocess.Popen(
         command, start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
     )
@@ -126,7 +127,7 @@ def test_ctrl_c_ends_a_local_cluster(tmp_path: Path) -> None:
     assert (path.read_bytes().count(b"\n") - 1) % block_size(20) == 0
 
 
-def _wait(done: Callable[[], bool], seconds: float = 60.0) -> None:
+def _wait(done: Callable[[], bool], seconds: float = 150.0) -> None:
     end = time.monotonic() + seconds
     while not done():
         assert time.monotonic() < end
