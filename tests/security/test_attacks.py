@@ -15,12 +15,14 @@ from swarm_ctl.report.folder.manifest import read_manifest
 from swarm_ctl.trust import provision
 from tests.on_demand import on_demand
 from tests.security.attacks import ATTACKS, Spoofed, positions, under
-from tests.system.running import HEXAGON, Running, raised
+from tests.system.running import LOW, Running, raised
 
 pytestmark = [pytest.mark.timeout(400), pytest.mark.realtime]
 
-AGENTS: Final = range(1, 7)
-UNHARMED_M: Final = 9.905
+AGENTS: Final = range(1, 4)
+MISSION: Final = LOW.read_text().replace("{duration_s: 5}", "{duration_s: 30}")
+"""Attacks need their time, in which a flight in lockstep goes on."""
+UNHARMED_M: Final = 10.0
 """The smallest distance of the flight without an attack."""
 STEPPED: Final = ("--lockstep", "--speedup", "10")
 KILLS: Final = ("kill from a zenoh client", "kill by the program")
@@ -37,13 +39,21 @@ HARM: Final[dict[str, tuple[str, str]]] = {
 
 
 def with_keys(folder: Path) -> Path:
-    """The hexagon with keys of its own."""
+    """The mission with keys of its own."""
     agents = dict.fromkeys(AGENTS, "127.0.0.1")
     terms = provision.Terms(datetime.now(UTC))
-    provision.new(folder / "trust", "hexagon", agents, ["anna"], ["tv"], terms)
-    mission = folder / "hexagon.yaml"
-    trusting = HEXAGON.read_text().replace("fleet:\n", "fleet:\n  trust: trust\n", 1)
-    mission.write_text(trusting)
+    provision.new(folder / "trust", "low", agents, ["anna"], ["tv"], terms)
+    mission = folder / "low.yaml"
+    listed = ", ".join(f"{{id: {agent}}}" for agent in AGENTS)
+    mission.write_text(f"{MISSION}fleet: {{trust: trust, agents: [{listed}]}}\n")
+    return mission
+
+
+@pytest.fixture
+def open_mission(tmp_path: Path) -> Path:
+    """The mission without keys."""
+    mission = tmp_path / "low.yaml"
+    mission.write_text(MISSION)
     return mission
 
 
@@ -85,7 +95,7 @@ def assert_unharmed(running: Running, names: Sequence[str]) -> None:
         "signing": True,
         "signed": list(AGENTS),
     }
-    assert "mesh TLS 6/6, links signed 6/6, operator anna" in running.output
+    assert "mesh TLS 3/3, links signed 3/3, operator anna" in running.output
     told = {name for name, _ in raised(running.folder)}
     assert ("refused frames" in told) == bool({*names} & {*SPOOFS})
     assert ("refused messages" in told) == bool({*names} & {*KILLS})
@@ -115,10 +125,12 @@ def test_with_keys_no_attack_does_harm(tmp_path: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", [name if name == KILLS[1] else on_demand(name) for name in HARM])
-def test_on_an_open_mesh_it_does_harm_that_is_told(tmp_path: Path, name: str) -> None:
+def test_on_an_open_mesh_it_does_harm_that_is_told(
+    tmp_path: Path, open_mission: Path, name: str
+) -> None:
     """By an alarm, the verdict and the exit code."""
     alarm, reason = HARM[name]
-    with flight(HEXAGON, tmp_path, [name]) as running:
+    with flight(open_mission, tmp_path, [name]) as running:
         assert running.process.returncode == 1, running.output
         summary = running.summary()
         assert summary["outcome"] == "failed"
@@ -129,10 +141,12 @@ def test_on_an_open_mesh_it_does_harm_that_is_told(tmp_path: Path, name: str) ->
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["one heartbeat in mode LAND", "40 ground stations"])
-def test_some_do_no_harm_on_an_open_link_either(tmp_path: Path, name: str) -> None:
+def test_some_do_no_harm_on_an_open_link_either(
+    tmp_path: Path, open_mission: Path, name: str
+) -> None:
     """The next real heartbeat refutes a forged one; who is being served keeps its place."""
     if name in SPOOFS and not may_spoof():
         pytest.skip("needs root: frames with another's address")
-    with flight(HEXAGON, tmp_path, [name]) as running:
+    with flight(open_mission, tmp_path, [name]) as running:
         assert running.process.returncode == 0, running.output
         assert running.summary()["outcome"] == "completed"

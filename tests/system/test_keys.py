@@ -51,6 +51,7 @@ AT_ONCE: Final = {
     (":", *"fo", "Tab", "Tab", "Enter"): "form hexagon",
     (":", *"move", "Space", "2", "Space", *"-3", "Enter"): "move 2 -3",
     (":", *"tune", "Space", *"h=0.03", "Enter"): "tune h=0.03",
+    (":", *"readmit", "Space", *"@4", "Enter"): "readmit @4",
     (":", *"hold", "Space", *"@2,4-5", "Enter"): "hold @2,4,5",
     (":", "Up", "Enter"): "hold @2,4,5",
 }
@@ -64,6 +65,7 @@ AFTER_A_QUESTION: Final = {
     (":", *"kill", "Enter"): "kill",
     (":", *"kill", "Space", *"@3-4", "Enter"): "kill @3,4",
     (":", *"land", "Space", "@", "1", "Enter"): "land @1",
+    (":", *"expel", "Space", *"@5", "Enter"): "expel @5",
 }
 """Keys and the order that one more Enter gives."""
 NOTHING: Final = {

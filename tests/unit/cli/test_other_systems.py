@@ -13,11 +13,11 @@ import pytest
 
 from swarm_ctl.recording import RECORDING
 from swarm_ctl.recording.mcap_recorder import McapRecorder
-from tests.unit.cli import elsewhere
 from tests.unit.recording.test_recording import START_NS, flight
 from tests.unit.report.run_folders import manifest, write_run
 from tests.unit.test_house import ROOT
 
+ELSEWHERE = Path(__file__).with_name("elsewhere.py")
 LACKING = ("fork", "pipes that do not wait", "SIGHUP", "file locks", "terminals", "owners of files")
 
 
@@ -25,7 +25,7 @@ def told_elsewhere(platform: str, folder: Path, *commands: str) -> tuple[dict[st
     """Exit code by command, stdout and stderr of all."""
     words = json.dumps([command.split() for command in commands])
     done = subprocess.run(
-        [sys.executable, elsewhere.__file__, platform, words],
+        [sys.executable, str(ELSEWHERE), platform, words],
         cwd=folder,
         capture_output=True,
         text=True,

@@ -70,8 +70,10 @@ def test_the_readers_own_tests_pass(folder: Path) -> None:
 
 
 @pytest.mark.realtime
+@pytest.mark.long
 def test_the_mission_flies_holds_resumes_and_replays(folder: Path) -> None:
-    """`run` with the two commands of the second terminal, then `replay`, with real processes."""
+    """`run` with the two commands of the second terminal, then `replay`, with real processes (every
+    day on the virtual clock, above; the commands in `tests/system`)."""
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     log = folder / "run.log"
     with log.open("w") as file:
