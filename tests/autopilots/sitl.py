@@ -92,8 +92,14 @@ class Flight(Running):
         """It ends, completed, with nothing left behind."""
         code = self.wait(240.0)
         self.assert_nothing_left()
-        assert code == 0, self.output
+        assert code == 0, self.output + self._autopilots_words()
         assert set(self.outcomes().values()) == {"completed"}, self.output
+
+    def _autopilots_words(self) -> str:
+        """The end of what each autopilot printed: why it did what it did."""
+        logs = sorted((self.folder / "vehicles").glob("*/output.log"))
+        ends = (log.read_text(errors="replace")[-2000:] for log in logs)
+        return "".join(f"\n--- {log}\n{end}" for log, end in zip(logs, ends, strict=True))
 
     def assert_nothing_left(self, seconds: float = 10.0) -> None:
         super().assert_nothing_left(seconds)
