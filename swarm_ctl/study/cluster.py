@@ -49,7 +49,7 @@ def on_cluster(
         InputError: no scheduler answers, or a worker has other code than this process.
         StartError: the scheduler is gone, or a task ended several workers.
     """
-    with _client(scheduler, workers) as client, _last_results_may_be_lost():
+    with _client(scheduler, workers) as client:
         futures = client.map(
             _checked, list(tasks.values()), function=function, code=code_hash(), pure=False
         )
@@ -63,6 +63,10 @@ def on_cluster(
                 yield numbers[future.key], result
         except KilledWorker as error:
             raise StartError(f"--cluster {scheduler}: {error}") from None
+        except (GeneratorExit, KeyboardInterrupt):
+            # broken off: Dask's loop would tell each result that is still on its way by a traceback
+            logging.getLogger("tornado.application").setLevel(logging.CRITICAL)
+            raise
 
 
 def _checked(task: Task, function: Callable[[Task], Result], code: str) -> Result:
@@ -116,16 +120,6 @@ def _client(scheduler: str, workers: int | None) -> Iterator[Client]:
         ) from None
     with client:
         yield client
-
-
-@contextmanager
-def _last_results_may_be_lost() -> Iterator[None]:
-    """Behind this block, results that are still on their way are not wanted: Dask's loop would tell
-    each with a traceback."""
-    try:
-        yield
-    finally:
-        logging.getLogger("tornado.application").setLevel(logging.CRITICAL)
 
 
 def _leave_ctrl_c() -> None:
