@@ -4,7 +4,6 @@ knows."""
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -18,25 +17,15 @@ from swarm_ctl.report.folder.last_statuses import LastStatus
 from swarm_ctl.report.folder.run_folder import RunFolder
 from swarm_ctl.report.judge.verdict import judge
 from tests.on_demand import on_demand
-from tests.scenarios.swarm import VirtualSwarm, at_step, landing_fast
+from tests.scenarios.swarm import HEXAGON, VirtualSwarm, at_step, landing_fast, low_hexagon
 
-MISSIONS = Path(__file__).parents[2] / "missions"
 TAKEOFF, FORM, HOLD, LAND = 1, 2, 3, 4
 
 
 @pytest.fixture(scope="module")
 def hexagon() -> LoadedMission:
-    """Close to the ground, with little patience on it, at half the rate: there most of its time and
-    work go."""
-    text = (MISSIONS / "hexagon.yaml").read_text()
-    for own, here in (
-        ("height_m: 10}", "height_m: 4}"),
-        ("tick_s: 0.05", "tick_s: 0.1"),
-        ("kappa: 20", "kappa: 10"),
-    ):
-        assert own in text
-        text = text.replace(own, here)
-    mission = loads(text)
+    """With little patience on the ground."""
+    mission = low_hexagon()
     return replace(mission, plan=replace(mission.plan, prepare_timeout_s=30.0))
 
 
@@ -66,7 +55,7 @@ def assert_safe(swarm: VirtualSwarm) -> None:
 def test_a_vehicle_unlike_its_response_is_said_in_flight(response: str, said: str) -> None:
     """By each agent, once; and nothing of it where the response fits."""
     section = f"vehicle: {{response: {{{response}, doubt_s: 0.2}}}}\n"
-    swarm = VirtualSwarm(loads((MISSIONS / "hexagon.yaml").read_text() + section))
+    swarm = VirtualSwarm(loads(HEXAGON.read_text() + section))
     swarm.fly(45)
     found = [event for event in swarm.events if "its response says" in event.text]
     assert sorted(event.agent for event in found) == ([1, 2, 3, 4, 5, 6] if said else [])

@@ -6,7 +6,6 @@ from __future__ import annotations
 import functools
 import random
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import pytest
 
@@ -18,33 +17,17 @@ from swarm_ctl.core.model.messages import (
     ExchangeState,
     Phase,
 )
-from swarm_ctl.mission.compile.loader import LoadedMission, loads
-from tests.scenarios.swarm import flown_once
+from tests.scenarios.swarm import flown_once, low_hexagon
 from tests.security.forger import Attacked, Forge
 
-HEXAGON = Path(__file__).parents[2] / "missions" / "hexagon.yaml"
 IDS = range(1, 7)
 FORM = 2
-
-
-@functools.cache
-def mission() -> LoadedMission:
-    """Close to the ground and at half the rate: for half the work."""
-    text = HEXAGON.read_text()
-    for own, here in (
-        ("height_m: 10}", "height_m: 4}"),
-        ("tick_s: 0.05", "tick_s: 0.1"),
-        ("kappa: 20", "kappa: 10"),
-    ):
-        assert own in text
-        text = text.replace(own, here)
-    return loads(text)
 
 
 @flown_once
 def forming() -> Attacked:
     """What all flights share: up to the form step."""
-    flight = Attacked(mission())
+    flight = Attacked(low_hexagon())
     flight.swarm.wait(lambda s: s.in_step(FORM), 60)
     return flight
 
