@@ -27,7 +27,7 @@ def late(*row: Any) -> Any:
     ("mission", "vehicles", "speedup"),
     [
         (PAIR, "arducopter", 2),
-        (PAIR, "px4", 1),  # no faster: its clock goes on while a busy machine keeps it waiting
+        (PAIR, "px4", 1),  # at 2 it lost its GPS once beside other tests; why is not known
         late("hexagon.yaml", "arducopter", 2),
         late("hexagon.yaml", "arducopter", 1),
         late("hexagon.yaml", "px4", 1),

@@ -20,7 +20,9 @@ from tests.system.running import LOW, Running, raised
 pytestmark = [pytest.mark.timeout(400), pytest.mark.realtime]
 
 AGENTS: Final = range(1, 4)
-MISSION: Final = LOW.read_text().replace("{duration_s: 5}", "{duration_s: 30}")
+SHORT: Final = "{duration_s: 5}"
+assert SHORT in LOW.read_text()
+MISSION: Final = LOW.read_text().replace(SHORT, "{duration_s: 30}")
 """Attacks need their time, in which a flight in lockstep goes on."""
 UNHARMED_M: Final = 10.0
 """The smallest distance of the flight without an attack."""
