@@ -42,23 +42,36 @@ class LateSession:
         try:
             session = open_session()
         except Exception as error:
-            self._failure = error
-            if self._waited:  # its caller flies on, as on a cut mesh
-                sys.stderr.write(f"the mesh does not open: {error}\n")
+            self._fail(error)
             return
         declaring = threading.Thread(target=self._begin, args=(session,), daemon=False)
         declaring.start()
         declaring.join()
 
+    def _fail(self, error: Exception) -> None:
+        self._failure = error
+        if self._waited:  # its caller flies on, as on a cut mesh
+            sys.stderr.write(f"the mesh does not open: {error}\n")
+
     def _begin(self, session: Any) -> None:
         with self._lock:
-            if self._closed:
-                session.close()
+            if not self._closed and self._all_declared(session):
+                self._session = session
+                self._waiting.clear()
                 return
-            self._session = session
+        session.close()  # which may take seconds: no control loop waits for the lock meanwhile
+
+    def _all_declared(self, session: Any) -> bool:
+        try:
             for late in self._waiting:
                 late.declare(session)
-            self._waiting.clear()
+        except Exception as error:
+            # an agent that states reach and commands do not is worse off than on a cut mesh
+            for late in self._waiting:
+                late.forget()
+            self._fail(error)
+            return False
+        return True
 
     def declare_publisher(self, *arguments: Any, **settings: Any) -> Any:
         """As the session's."""
@@ -139,14 +152,19 @@ class _Late:
         if not self._undeclared:
             self._made = self._make(session)
 
+    def forget(self) -> None:
+        """The session is none: publish and hear nothing."""
+        self._made = None
+
     def put(self, *arguments: Any, **settings: Any) -> None:
         """Publish, or drop."""
-        if self._made is not None:
-            self._made.put(*arguments, **settings)
+        if (made := self._made) is not None:
+            made.put(*arguments, **settings)
 
     def try_recv(self) -> Any:
         """The next sample; None: there is none."""
-        return None if self._made is None else self._made.try_recv()
+        made = self._made
+        return None if made is None else made.try_recv()
 
     def undeclare(self) -> None:
         """It is not needed any more."""
