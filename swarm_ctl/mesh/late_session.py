@@ -1,5 +1,5 @@
-"""A session that opens in a thread of its own: zenoh's client waits for its router, perhaps for
-ever, and an agent that starts while the router is down has a vehicle to look after.
+"""A session that opens in a thread of its own: zenoh's client waits for its router, and an agent
+that starts while the router is down has a vehicle to look after.
 
 That thread is a daemon, so that the process can end. What it starts would be daemons, too, and
 zenoh starts a thread for each callback: one that wakes while the interpreter ends aborts the
@@ -21,6 +21,9 @@ class LateSession:
     """Stands for the session that `open_session` opens. What is declared before is declared when it
     is open; until then publishers drop, and subscribers hear nothing.
 
+    `open_session` tries for some seconds and gives None where no router was there: then it is
+    called again, until this session is closed.
+
     Raises what `open_session` raises within its first second.
     """
 
@@ -39,10 +42,13 @@ class LateSession:
             raise self._failure
 
     def _open(self, open_session: Callable[[], Any]) -> None:
+        session = None
         try:
-            session = open_session()
+            while session is None and not self._closed:
+                session = open_session()
         except Exception as error:
             self._fail(error)
+        if session is None:
             return
         declaring = threading.Thread(target=self._begin, args=(session,), daemon=False)
         declaring.start()

@@ -46,6 +46,8 @@ rarer packets of an old attempt, and a closing session waits no longer than this
 of 300 ms and a lost packet fit in."""
 _FAR_OPEN_WALL_MS = 6000
 """The same between hosts: a fifth of the packets may be lost."""
+_TRIES: Final = 2
+"""Attempts to open the link to a router before a client begins anew."""
 _QUEUED, _DROPPED_AFTER_US = 2, 1000
 """Batches that a link queues of each priority, and how long a message waits for a full queue before
 it is dropped (zenoh's defaults): the control loop must not wait."""
@@ -148,12 +150,13 @@ def configuration(
     spelled = partial(for_zenoh, protected=bool(access))
     far = any(_leaves_host(each) for each in (*listen, *connect))
     lease_s, open_ms = (_FAR_LEASE_S, _FAR_OPEN_WALL_MS) if far else (_LEASE_S, _OPEN_WALL_MS)
+    client = part is Part.CLIENT  # tries again by itself (`LateSession`), so that it can be closed
     settings: dict[str, Any] = {
         "mode": part,
         "listen/endpoints": [spelled(_interface(each)) for each in listen],
         "connect/endpoints": [spelled(each) for each in connect],
-        "connect/timeout_ms": -1,
-        "connect/exit_on_failure": False,
+        "connect/timeout_ms": _TRIES * open_ms if client else -1,
+        "connect/exit_on_failure": client,
         "connect/retry": {
             "period_init_ms": 50,
             "period_max_ms": 500,

@@ -47,6 +47,8 @@ _ANSWER_WALL_S: Final = 10.0
 """For an answer over a slow link."""
 _CALM_S: Final = 10.0
 """Without a flood, before samples are stamped again."""
+_NO_ROUTER: Final = "Unable to connect"
+"""zenoh's words for it."""
 _CONTROL: Final = b"bbr"
 _TCP_RTO_MAX_MS: Final = 44
 """From linux/tcp.h, since Linux 6.15; not in the socket module."""
@@ -94,7 +96,7 @@ class ZenohTransport(Transport):
             listen, connect, speedup, patient=patient, access=access, part=part, own=own
         )
         if part is Part.CLIENT:
-            self._session: Any = LateSession(lambda: _open(config))
+            self._session: Any = LateSession(lambda: _open_to_router(config))
         else:
             self._session = _open(config)
         self._listener = _tend_links(self._session)
@@ -184,6 +186,16 @@ def _open(config: zenoh.Config) -> Any:
         raise StartError(
             f"the mesh does not open: {why}; name a free port (`mesh` in the fleet)"
         ) from None
+
+
+def _open_to_router(config: zenoh.Config) -> Any:
+    """A client's session; None: no router has taken it in yet."""
+    try:
+        return _open(config)
+    except StartError as error:
+        if _NO_ROUTER in str(error):
+            return None
+        raise
 
 
 def _tend_links(session: Any) -> Any:

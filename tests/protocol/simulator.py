@@ -25,13 +25,9 @@ PATIENCE_S = 60.0
 """Mission seconds anything asked for may take; a vehicle that needs longer is broken."""
 
 
-_given: set[int] = set()
-
-
 def free_port() -> int:
     """A UDP port that no caller had before, below the ephemeral ones, which any socket may get."""
-    (port,) = free_ports(1, socket.SOCK_DGRAM, _given)
-    _given.add(port)
+    (port,) = free_ports(1, socket.SOCK_DGRAM)
     return port
 
 

@@ -37,3 +37,23 @@ def test_what_can_not_be_declared_leaves_no_half_mesh(
     assert session.declare_publisher.return_value.put.call_count == 0
     assert late.declare_subscriber("c").try_recv() is None
     assert capfd.readouterr().err == "the mesh does not open: no room\n"
+
+
+def test_a_closed_session_tries_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Before its router comes it tries again and again; from `close` on not once more, so that no
+    later router hears of it."""
+    monkeypatch.setattr(late_session, "_WAIT_WALL_S", 0.01)
+    tries, goes_on = threading.Semaphore(0), threading.Semaphore(0)
+
+    def open_session() -> Any:
+        tries.release()
+        goes_on.acquire()
+
+    late = LateSession(open_session)
+    for _ in range(3):
+        assert tries.acquire(timeout=10.0)
+        goes_on.release()
+    assert tries.acquire(timeout=10.0)
+    late.close()
+    goes_on.release()
+    assert not tries.acquire(timeout=0.2)

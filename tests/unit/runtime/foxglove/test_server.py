@@ -26,6 +26,7 @@ HELLO = (
     "Sec-WebSocket-Protocol: foxglove.sdk.v1\r\n\r\n"
 )
 MASK = bytes(4)
+PATIENCE_S = 60.0
 
 
 def free_port() -> int:
@@ -53,7 +54,8 @@ def test_a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_client_that_does_not_read_holds_up_no_write() -> None:
-    """It subscribes and reads no more; 200 MB are written all the same, in less than 5 s."""
+    """It subscribes and reads no more, and 200 MB are written all the same: a client that could
+    hold a write up would hold it up for good."""
     server = FoxgloveServer(port := free_port(), PLAN)
     with socket.create_connection(("127.0.0.1", port)) as client:
         client.sendall(HELLO.encode())
@@ -61,10 +63,12 @@ def test_a_client_that_does_not_read_holds_up_no_write() -> None:
         every = [{"id": k, "channelId": k} for k in range(1, 1500)]
         text = json.dumps({"op": "subscribe", "subscriptions": every}).encode()
         client.sendall(bytes([0x81, 0xFE]) + len(text).to_bytes(2, "big") + MASK + text)
-        time.sleep(0.3)
-        assert server._channels["swarm", None].has_sinks()  # it has subscribed
+        until, channel = time.monotonic() + PATIENCE_S, server._channels["swarm", None]
+        while not channel.has_sinks() and time.monotonic() < until:
+            time.sleep(0.02)
+        assert channel.has_sinks()  # it has subscribed
         began, data = time.monotonic(), b'{"x":"' + bytes(100_000) + b'"}'
         for k in range(2000):
             server.write(FIGURES, None, 10**18 + k, 10**18 + k, data)
-        assert time.monotonic() - began < 5.0
+        assert time.monotonic() - began < PATIENCE_S
     server.close()
