@@ -1,7 +1,7 @@
 """Stands in for an autopilot's program where only its start and end matter: it takes ArduCopter's
 or PX4's command line, says that it may be armed, and confirms parameters.
 
-While the file `armed` is in its folder, it says that it is armed.
+While the file `armed` is in its folder, it says that it is armed; `said` is there once it has.
 """
 
 from __future__ import annotations
@@ -53,6 +53,8 @@ def main() -> None:
         for message in said:
             with contextlib.suppress(OSError):
                 wire.send(message.pack(codec))
+        if armed:
+            Path("said").touch()
         time.sleep(0.02)
 
 

@@ -114,7 +114,10 @@ def test_the_end_of_its_parent_ends_it_once_no_vehicle_is_armed(running: Running
     running.wait_ready()
     armed = running.folder / "1" / "armed"
     armed.touch()
-    time.sleep(0.3)  # until the vehicle has said so
+    until = time.monotonic() + 30.0
+    while not armed.with_name("said").exists():
+        assert time.monotonic() < until
+        time.sleep(0.02)
     running.let_go()
     time.sleep(0.7)
     assert running.process.poll() is None
