@@ -47,7 +47,8 @@ of 300 ms and a lost packet fit in."""
 _FAR_OPEN_WALL_MS = 6000
 """The same between hosts: a fifth of the packets may be lost."""
 _TRIES: Final = 2
-"""Attempts to open the link to a router before a client begins anew."""
+"""Attempts to open the link to a router before a client looks whether it was closed meanwhile: one
+attempt may be lost on a bad link."""
 _QUEUED, _DROPPED_AFTER_US = 2, 1000
 """Batches that a link queues of each priority, and how long a message waits for a full queue before
 it is dropped (zenoh's defaults): the control loop must not wait."""

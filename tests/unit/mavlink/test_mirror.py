@@ -56,10 +56,10 @@ def test_a_flood_costs_a_tick_a_few_frames_alone(mirror: Mirror, relay: socket.s
     for _ in range(500):
         relay.send(FRAME)
     assert len(mirror.exchange()) == FRAMES_A_TICK
-    started = time.thread_time()
+    started = time.perf_counter()
     for _ in range(20):
         mirror.exchange()
-    assert (time.thread_time() - started) / 20 < 0.005  # a tenth of a tick, on a slow machine
+    assert (time.perf_counter() - started) / 20 < 0.005  # a tenth of a tick, on a busy machine
 
 
 def test_only_frames_and_only_those_of_the_relay_pass(mirror: Mirror, relay: socket.socket) -> None:
@@ -78,7 +78,7 @@ def test_a_relay_that_does_not_read_holds_nothing_up(mirror: Mirror, relay: sock
     for _ in range(2000):
         mirror.keep(FRAME)
         mirror.exchange()
-    assert time.perf_counter() - started < 60.0  # it would be held up for good
+    assert time.perf_counter() - started < 2.0
 
 
 def test_a_taken_port_is_named(relay: socket.socket) -> None:

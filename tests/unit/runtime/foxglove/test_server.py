@@ -27,6 +27,7 @@ HELLO = (
 )
 MASK = bytes(4)
 PATIENCE_S = 60.0
+"""For the server to take the subscription, on a busy machine."""
 
 
 def free_port() -> int:
@@ -54,8 +55,7 @@ def test_a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_client_that_does_not_read_holds_up_no_write() -> None:
-    """It subscribes and reads no more, and 200 MB are written all the same: a client that could
-    hold a write up would hold it up for good."""
+    """It subscribes and reads no more; 200 MB are written all the same, in less than 5 s."""
     server = FoxgloveServer(port := free_port(), PLAN)
     with socket.create_connection(("127.0.0.1", port)) as client:
         client.sendall(HELLO.encode())
@@ -70,5 +70,5 @@ def test_a_client_that_does_not_read_holds_up_no_write() -> None:
         began, data = time.monotonic(), b'{"x":"' + bytes(100_000) + b'"}'
         for k in range(2000):
             server.write(FIGURES, None, 10**18 + k, 10**18 + k, data)
-        assert time.monotonic() - began < PATIENCE_S
+        assert time.monotonic() - began < 5.0
     server.close()

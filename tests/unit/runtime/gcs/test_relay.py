@@ -198,7 +198,7 @@ def test_a_gcs_that_never_reads_holds_nothing_up(bench: Bench) -> None:
     for _ in range(2000):
         bench.says(1, DISARMED)
         bench.step()
-    assert time.monotonic() - started < 60.0  # it would be held up for good
+    assert time.monotonic() - started < 5.0
     bench.gcs.tell(command(1), bench.own_port)
     bench.step()
     assert len(bench.got(1)) == 1

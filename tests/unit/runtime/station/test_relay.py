@@ -33,8 +33,6 @@ from tests.unit.report.run_folders import PLAN, manifest
 from tests.unit.station.swarm import flying_model
 
 ROOM = 4096
-MOMENT_S = 3.0
-"""On a busy machine; what waits for a pipe that nobody reads waits for good."""
 
 
 @pytest.fixture
@@ -73,8 +71,8 @@ def test_an_output_that_is_not_read(show: Show, pipe: tuple[int, int]) -> None:
 
     begun = time.monotonic()
     present(show, PLAN, None, watch, out=pipe[1])
-    assert slowest < MOMENT_S
-    assert time.monotonic() - begun < 10 * MOMENT_S
+    assert slowest < 0.2
+    assert time.monotonic() - begun < 5.0
 
 
 def test_a_terminal_that_is_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -101,7 +99,7 @@ def test_a_terminal_that_is_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
     present(Show.LOG, PLAN, None, watch, out=theirs)
     os.close(ours)
     os.close(theirs)
-    assert slowest < MOMENT_S
+    assert slowest < 0.2
     assert b"form hexagon" in got
     assert b"views were skipped" in got
 
