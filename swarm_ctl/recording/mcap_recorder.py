@@ -5,6 +5,7 @@ A disk that can't keep up fills the queue; then messages are dropped and counted
 
 from __future__ import annotations
 
+import contextlib
 import queue
 import threading
 from collections import Counter
@@ -16,6 +17,7 @@ from swarm_ctl.core.model.messages import AgentState, Payload
 from swarm_ctl.recording.mcap_reader import RECORDING
 from swarm_ctl.recording.mcap_writer import NANO, McapWriter
 from swarm_ctl.recording.topics import BY_NAME, BY_PAYLOAD, Derived, SetpointRecord, Topic, adapter
+from swarm_ctl.rim import Rim
 
 _LIMIT: Final = 20_000
 """Messages that may wait: ten seconds of a hundred agents."""
@@ -24,6 +26,10 @@ _CHUNK_WALL_S: Final = 1.0
 
 Derive: TypeAlias = Callable[[Payload, float], Iterable[Derived]]
 """Gets each payload and when it was heard; what is recorded beside it."""
+
+
+def _name_of(sink: Sink) -> str:
+    return RECORDING if isinstance(sink, McapWriter) else "the live view"
 
 
 def _nothing(_: Payload, __: float) -> Iterable[Derived]:
@@ -45,7 +51,7 @@ class Sink(Protocol):
         """After the last message."""
 
     def abandon(self) -> None:
-        """Instead of `close`, after an OSError."""
+        """Instead of `close`, after an error."""
 
 
 class Recorder:
@@ -66,22 +72,22 @@ class Recorder:
     ) -> None:
         self._queue: queue.SimpleQueue[tuple[Payload, float] | None] = queue.SimpleQueue()
         self._start_ns = start_ns
-        self._sinks = sinks
+        self._sinks = [(sink, Rim(_name_of(sink), most=1)) for sink in sinks]
+        self._messages = Rim("the record of a message")
+        self._derives = Rim("Foxglove's view in the record", most=1)
+        self.rims = (self._messages, self._derives, *(rim for _, rim in self._sinks))
+        """Of what may fail here; a sink that failed once gets no more messages."""
         self._rates_hz = dict(rates_hz or {})
         self._derive = derive
         self._due: dict[tuple[str, Any], float] = {}
         self._truth = _Tail(truth) if truth else None
         self.dropped = 0
-        self.failure = ""
-        """Why the recording ended (a full disk); '' as long as it goes on."""
-        self.underived = ""
-        """Why nothing is derived any more; '' as long as it is."""
         self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
         self._thread.start()
 
     def take(self, payload: Payload, heard_s: float) -> None:
         """Record a payload heard at `heard_s`; returns at once."""
-        if self.failure or self._queue.qsize() >= _LIMIT:
+        if all(rim.off for _, rim in self._sinks) or self._queue.qsize() >= _LIMIT:
             self.dropped += 1
         else:
             self._queue.put((payload, heard_s))
@@ -92,15 +98,18 @@ class Recorder:
         self._thread.join(patience_wall_s)
 
     def _work(self) -> None:
-        try:
-            while self._write_chunk():
-                pass
-            for sink in self._sinks:
-                sink.close()
-        except OSError as error:
-            self.failure = error.strerror or str(error)
-            for sink in self._sinks:
-                sink.abandon()
+        while self._write_chunk():
+            pass
+        self._to_sinks(lambda sink: sink.close())
+
+    def _to_sinks(self, call: Callable[[Sink], None]) -> None:
+        """An error in one of them ends that one alone: its file is no longer in order."""
+        for sink, rim in self._sinks:
+            if not rim.off:
+                rim.run(call, sink)
+                if rim.off:
+                    with contextlib.suppress(Exception):
+                        sink.abandon()
 
     def _write_chunk(self) -> bool:
         """Write the messages of a second and flush; False after the last one."""
@@ -117,13 +126,15 @@ class Recorder:
             if item is None:
                 going = False
             else:
-                self._record(*item)
+                self._messages.run(self._record, *item)
         timer.cancel()
+        self._messages.run(self._record_truth)
+        self._to_sinks(lambda sink: sink.flush())
+        return going
+
+    def _record_truth(self) -> None:
         for time_s, line in self._truth.lines() if self._truth else ():
             self._write(BY_NAME["truth"], None, time_s, time_s, line)
-        for sink in self._sinks:
-            sink.flush()
-        return going
 
     def _record(self, payload: Payload, heard_s: float) -> None:
         topic = BY_PAYLOAD.get(type(payload))
@@ -143,16 +154,8 @@ class Recorder:
                 said_s,
                 adapter(SetpointRecord).dump_json(point),
             )
-        for made in self._derived(payload, heard_s):
+        for made in self._derives.run(lambda: tuple(self._derive(payload, heard_s))) or ():
             self._give(made.topic, made.agent, made.time_s, made.time_s, made.data)
-
-    def _derived(self, payload: Payload, heard_s: float) -> Sequence[Derived]:
-        """An error there must not end the recording: it is told, and nothing more is derived."""
-        try:
-            return tuple(self._derive(payload, heard_s))
-        except Exception as error:
-            self._derive, self.underived = _nothing, f"{type(error).__name__}: {error}"
-            return ()
 
     def _write(
         self, topic: Topic, agent: int | None, time_s: float, said_s: float, data: bytes
@@ -168,8 +171,7 @@ class Recorder:
         self, topic: Topic, agent: int | None, time_s: float, said_s: float, data: bytes
     ) -> None:
         heard_ns, said_ns = self._nanoseconds(time_s), self._nanoseconds(said_s)
-        for sink in self._sinks:
-            sink.write(topic, agent, heard_ns, said_ns, data)
+        self._to_sinks(lambda sink: sink.write(topic, agent, heard_ns, said_ns, data))
 
     def _nanoseconds(self, time_s: float) -> int:
         return max(0, self._start_ns + round(time_s * NANO))

@@ -4,6 +4,7 @@ statuses as JSON lines too, for the summary."""
 from __future__ import annotations
 
 import errno
+import json
 import os
 from pathlib import Path
 from typing import Final
@@ -11,9 +12,12 @@ from typing import Final
 from pydantic import TypeAdapter
 
 from swarm_ctl.core.model.messages import Ack, AgentStatus, Command, Event, Outcome, Payload
-from swarm_ctl.recording.mcap_reader import RECORDING
 from swarm_ctl.recording.mcap_recorder import McapRecorder
+from swarm_ctl.rim import Rim, Trouble
 
+TROUBLES: Final = "troubles.jsonl"
+"""What of all that only shows went wrong at the station, one JSON object a line; no file: all
+went well."""
 _STATUS_S: Final = 2.0
 """Mission time between two statuses of an agent in `statuses.jsonl`, of up to `_FEW` agents; of
 more in proportion, so that the file grows no faster."""
@@ -27,17 +31,14 @@ class _Lines:
 
     def __init__(self, path: Path) -> None:
         self._file = path.open("ab", buffering=0)
-        self.name = path.name
-        self.failure = ""
+        self.rim = Rim(path.name, most=1)
 
     def write(self, data: bytes) -> None:
-        if self.failure:
-            return
-        try:
-            if self._file.write(data + b"\n") <= len(data):
-                self.failure = os.strerror(errno.ENOSPC)
-        except OSError as error:
-            self.failure = error.strerror or str(error)
+        self.rim.run(self._write, data + b"\n")
+
+    def _write(self, line: bytes) -> None:
+        if self._file.write(line) < len(line):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     def close(self) -> None:
         self._file.close()
@@ -52,7 +53,9 @@ class RunRecorder:
         self._commands = _Lines(folder / "commands.jsonl")
         self._statuses = _Lines(folder / "statuses.jsonl")
         self._lines = (self._events, self._commands, self._statuses)
-        self._reported: set[str] = set()
+        self.rims = (*mcap.rims, *(lines.rim for lines in self._lines))
+        """Of all that may fail here."""
+        self._folder = folder
         self._adapter = TypeAdapter(object)
         self._due: dict[int, float] = {}
 
@@ -74,15 +77,11 @@ class RunRecorder:
         self._due[status.agent] = status.time_s + every_s
         return True
 
-    def troubles(self) -> list[str]:
-        """The files that can't be written any more, and why: each once."""
-        files = {lines.name: lines.failure for lines in self._lines}
-        files[RECORDING] = self._mcap.failure
-        files["Foxglove's view in " + RECORDING] = self._mcap.underived
-        new = {name: why for name, why in files.items() if why and name not in self._reported}
-        self._reported |= new.keys()
-        end = "the flight goes on"
-        return [f"{name} is not written any more: {why}; {end}" for name, why in new.items()]
+    def note(self, trouble: Trouble, time_s: float) -> None:
+        """Keep it for the summary."""
+        line = {"time_s": round(time_s, 3), "part": trouble.part, "why": trouble.why}
+        with (self._folder / TROUBLES).open("ab", buffering=0) as file:
+            file.write(json.dumps(line | {"off": trouble.off}).encode() + b"\n")
 
     def close(self) -> None:
         """Write what waits and close the files."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import json
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +12,9 @@ from typing import Final, TypeVar
 from pydantic import TypeAdapter, ValidationError
 
 from swarm_ctl.core.model.messages import Ack, AgentStatus, Command, Event, Outcome, StepResult
+from swarm_ctl.core.model.text import escaped
 from swarm_ctl.files import read_bytes
+from swarm_ctl.recording.run_recorder import TROUBLES
 from swarm_ctl.report.folder.files import Damage, read_lines
 
 FINAL: Final = "agents"
@@ -24,6 +28,8 @@ EVENTS: Final = "events.jsonl"
 COMMANDS: Final = "commands.jsonl"
 """Every Command the station heard or sent and every Ack, one JSON object a line."""
 
+_TROUBLES: Final = 20
+"""That are told at most."""
 _STATUS_BYTES: Final = 1 << 20
 """Of a last status at most."""
 _STATUS: Final = TypeAdapter(AgentStatus)
@@ -116,6 +122,19 @@ def read_events(folder: Path, notes: list[str]) -> Iterator[Event]:
 def read_commands(folder: Path, notes: list[str]) -> Iterator[Command | Ack]:
     """The commands that the station heard or sent, and their answers, as `read_events`."""
     return _read(folder / COMMANDS, _COMMAND, notes)
+
+
+def read_troubles(folder: Path) -> list[str]:
+    """What of all that only shows went wrong at the station, in words; none without the file."""
+    found = list[str]()
+    with contextlib.suppress(OSError):
+        for line in read_lines(folder / TROUBLES, Damage()):
+            with contextlib.suppress(ValueError, TypeError, KeyError):
+                said = json.loads(line)
+                how = "stopped" if said["off"] else "failed"
+                words = f"{said['part']} {how} at {float(said['time_s']):.1f} s: {said['why']}"
+                found.append(escaped(words))
+    return found[:_TROUBLES]
 
 
 def _final_status(path: Path, notes: list[str]) -> AgentStatus | None:

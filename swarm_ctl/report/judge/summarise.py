@@ -20,7 +20,7 @@ from swarm_ctl.core.model.messages import AgentStatus, StepResult, TickReport
 from swarm_ctl.core.model.plan import FormStep, Plan, Point
 from swarm_ctl.report.folder import metrics
 from swarm_ctl.report.folder.flight import Source
-from swarm_ctl.report.folder.last_statuses import read_events
+from swarm_ctl.report.folder.last_statuses import read_events, read_troubles
 from swarm_ctl.report.folder.manifest import Manifest
 from swarm_ctl.report.folder.run_folder import RunFolder, read_run
 from swarm_ctl.report.folder.truth import Floats, Truth
@@ -93,7 +93,7 @@ def summarise(folder: Path, exit_codes: Mapping[str, int] | None = None) -> Summ
         exit_codes=dict(exit_codes) if exit_codes is not None else None,
         mission_time_s=max(last_s, default=None),
         wall_time_s=max(last_s) / speedup if last_s and speedup and not stepped else None,
-        warnings=(*doubts(run, pairs), *_slow(run, cause)),
+        warnings=(*doubts(run, pairs), *_slow(run, cause), *read_troubles(folder)),
         notes=tuple(run.notes),
     )
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.recording.mcap_recorder import McapRecorder, Recorder, Sink
 from swarm_ctl.report.folder.manifest import Manifest
+from swarm_ctl.rim import Trouble
 from swarm_ctl.station.foxglove.desk import Desk
 
 
@@ -35,13 +36,9 @@ class LiveRecorder(Recorder):
     def __init__(self, live: Sequence[Sink], plan: Plan, start_ns: int, station: str) -> None:
         desk = Desk(plan, start_ns, station=station)
         super().__init__(start_ns, *live, derive=desk.hear)
-        self._told = ""
 
-    def troubles(self) -> list[str]:
-        """Why the views show no more than the plain messages: once."""
-        new = self.underived if self.underived != self._told else ""
-        self._told = self.underived
-        return [f"Foxglove shows plain messages alone from now on: {new}"] if new else []
+    def note(self, trouble: Trouble, time_s: float) -> None:
+        """Nothing is recorded."""
 
 
 @contextlib.contextmanager

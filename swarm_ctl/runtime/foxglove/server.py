@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import logging
+import threading
 from typing import Final
 
 from foxglove import Capability, Channel, Context, Schema, start_server
@@ -18,6 +19,8 @@ HOST: Final = "127.0.0.1"
 _WAITING: Final = 2048
 """Messages that wait for a slow client at most; then the oldest are dropped."""
 _CLOCK_NS: Final = 50_000_000
+_STOP_WALL_S: Final = 5.0
+"""For a call that is under way when the server is to end."""
 
 
 logging.getLogger("foxglove").addHandler(logging.NullHandler())  # stderr may be a dashboard's
@@ -48,6 +51,10 @@ class FoxgloveServer:
         except RuntimeError as error:
             raise StartError(f"foxglove: {HOST}:{port}: {error}; name another port") from None
         self._clock_ns = 0
+        self._calls = threading.Lock()
+        """The SDK's server takes one call at a time: `stop` beside another one is a RuntimeError
+        ("Already borrowed")."""
+        self._closed = False
 
     def write(
         self, topic: Topic, agent: int | None, heard_ns: int, said_ns: int, data: bytes
@@ -56,7 +63,9 @@ class FoxgloveServer:
         del said_ns  # the protocol has one time
         if heard_ns >= self._clock_ns + _CLOCK_NS:
             self._clock_ns = heard_ns
-            self._server.broadcast_time(heard_ns)
+            with self._calls:
+                if not self._closed:
+                    self._server.broadcast_time(heard_ns)
         self._channel(topic, agent).log(data, log_time=heard_ns)
 
     def _channel(self, topic: Topic, agent: int | None) -> Channel:
@@ -76,8 +85,15 @@ class FoxgloveServer:
         """Nothing waits here."""
 
     def close(self) -> None:
-        """Disconnect the clients."""
-        self._server.stop()
+        """Disconnect the clients. The recorder's thread and the station's both end with it, either
+        one first."""
+        if self._calls.acquire(timeout=_STOP_WALL_S):
+            try:
+                if not self._closed:
+                    self._closed = True
+                    self._server.stop()
+            finally:
+                self._calls.release()
 
     abandon = close
     """A view that stands still would look like a swarm that does."""

@@ -19,6 +19,7 @@ from swarm_ctl.core.model.messages import (
     AgentState,
     AgentStatus,
     Command,
+    CommandKind,
     Event,
     Payload,
     StationBeacon,
@@ -31,6 +32,7 @@ from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.zenoh_config import Part
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
 from swarm_ctl.recording.run_recorder import RunRecorder
+from swarm_ctl.rim import Rim
 from swarm_ctl.runtime.clock import Clock
 from swarm_ctl.runtime.foxglove.recorders import LiveRecorder
 from swarm_ctl.runtime.lockstep.seat import Seat
@@ -53,6 +55,8 @@ _CHANNELS: Final[tuple[keys.Channel[Any], ...]] = (
 )
 _COMMANDS: Final = 1000
 """Of so many it is known that they were heard before."""
+_GIVEN_UP: Final = 10
+"""Errors in a row after which a part that others look at is off."""
 _BEACON_S: Final = 0.25
 """Twenty before an agent gives it up (5 s): with half of all messages lost one flight in 1,000;
 with ten, one in 5."""
@@ -123,6 +127,21 @@ class Station:
         self._sender = CommandSender(self._publish, agents, clock.speedup)
         self._commands: deque[str] = deque(maxlen=_COMMANDS)
         self._beacon_due = 0.0
+        self._views = Rim("the picture of the swarm")
+        self._answers = Rim("an answer to a command")
+        self._record_rim = Rim("the record of a message")
+        self._memory_rim = Rim("the memory of the vehicles' own parameters")
+        self.shows = Rim("the screen")
+        """For who runs this station: what it shows on."""
+        self.serves = Rim("the metrics", most=_GIVEN_UP)
+        self._rims = (
+            self._views,
+            self._answers,
+            self._record_rim,
+            self._memory_rim,
+            self.shows,
+            self.serves,
+        )
         node.listen(*_CHANNELS, agents=agents)
 
     def _new_model(self) -> Model:
@@ -143,15 +162,23 @@ class Station:
         for payload in past:
             if isinstance(payload, Command):
                 self._commands.append(payload.id)
-            self._model.recall(payload)
+            self._views.run(self._model.recall, payload)
 
     def order(self, order: Order) -> SentCommand:
         """Send the command for an operator's order; InputError where there can't be one."""
         if not self._protection.commands:
             raise InputError(f"{self._protection.who} may only watch; allowed: an operator's keys")
         now = self._clock.now()
-        swarm = swarm_now(self._model.view(now))
+        swarm = self._views.run(lambda: swarm_now(self._model.view(now)))
+        if swarm is None:
+            swarm = self._unseen(order, now)
         return self._sender.send(build(order, swarm, self._mission), now, swarm.meant(order))
+
+    def _unseen(self, order: Order, now: float) -> SwarmNow:
+        """The swarm when there is no picture of it: a landing or a hold needs none."""
+        if order.kind == CommandKind.NEXT and not order.at_step:
+            raise InputError("next: there is no picture of the swarm, so its step is not known")
+        return SwarmNow(self.plan, now, 0, tuple(AgentNow(i, None) for i in self._agents))
 
     def _publish(self, command: Command) -> None:
         self._node.send(keys.COMMAND, command)
@@ -161,11 +188,11 @@ class Station:
         """Hear the mesh, send what is due; what the operator is to be told."""
         if not self._clock_is_set():
             return []
-        told, now = self.hear(), self._clock.now()
+        now = self._clock.now()
         if now >= self._beacon_due and self._protection.commands:
             self._beacon_due = now + _BEACON_S
             self._node.send(keys.BEACON, StationBeacon(self._name, now, self._hash))
-        return told
+        return self.hear()
 
     def hear(self) -> list[str]:
         """A turn without a beacon, which agents don't take for a station's."""
@@ -177,7 +204,19 @@ class Station:
         ended = self._sender.turn(self._clock.now())
         told = [f"tune: nothing changes; {sent.failed}" for sent in ended if sent.failed]
         told, self._troubles = told + self._troubles, []
-        return told + (self._recorder.troubles() if self._recorder else [])
+        return told + self.troubles()
+
+    def troubles(self) -> list[str]:
+        """What of all that only shows went wrong since the last call, in words; in the record,
+        too."""
+        rims = (*self._rims, *(self._recorder.rims if self._recorder else ()))
+        new = [trouble for rim in rims for trouble in rim.troubles()]
+        recorder = self._recorder
+        if recorder is None:
+            return [str(trouble) for trouble in new]
+        for trouble in new:
+            self._record_rim.run(recorder.note, trouble, self._clock.now())
+        return [str(trouble) for trouble in new]
 
     def _clock_is_set(self) -> bool:
         """Without a run's clock the first messages only set it: their ages mean nothing before."""
@@ -201,19 +240,23 @@ class Station:
             case Command():
                 self._commands.append(payload.id)
             case Ack():
-                self._sender.hear(payload)
+                self._answers.run(self._sender.hear, payload)
             case AgentStatus() if self._memory is not None:
-                trouble = self._memory.hear(payload)
+                trouble = self._memory_rim.run(self._memory.hear, payload)
                 self._troubles += [f"agent {payload.agent}: {trouble}"] if trouble else []
             case AgentState(agent=agent) if agent in self._agents:
                 if isinstance(self._clock, MeshClock):
                     self._clock.hear(payload.time_s)
-        self._model.fold(payload, received_s)
+        self._views.run(self._model.fold, payload, received_s)
         if self._recorder:
-            self._recorder.take(payload, received_s)
+            self._record_rim.run(self._recorder.take, payload, received_s)
+
+    def seen(self) -> SwarmView | None:
+        """The picture now; None where none can be made."""
+        return self._views.run(self.view)
 
     def view(self) -> SwarmView:
-        """The picture now."""
+        """The picture now. Whoever keeps the flight safe takes `seen`."""
         now, node = self._clock.now(), self._node
         health = StationHealth(node.bad_payloads, refused=node.refused(now))
         return replace(self._model.view(now), health=health, protection=self._protection)

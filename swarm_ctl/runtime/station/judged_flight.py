@@ -118,7 +118,10 @@ class _Flight:
             give(Order("land"), station, screen)
         if screen.left:
             return True
-        heard = [a for a in station.view().agents if a.in_plan and a.status is not None]
+        view = station.seen()
+        if view is None:
+            return False
+        heard = [a for a in view.agents if a.in_plan and a.status is not None]
         return bool(heard) and all(map(_has_ended, heard))
 
     def _record(self, station: Station, screen: Screen) -> None:

@@ -39,13 +39,13 @@ class LogPrinter:
         self._last: SwarmView | None = None
 
     def lines(self, view: SwarmView) -> list[str]:
-        lines = log_lines(self._last, view)
-        before = self._last.health.frames_dropped if self._last else 0
+        last, self._last = self._last, view  # first: a view that can't be told is not told again
+        lines = log_lines(last, view)
+        before = last.health.frames_dropped if last else 0
         missed = view.health.frames_dropped - before
         if missed >= _TOLD_VIEWS:
             words = f"station: this output was blocked; {missed} views were skipped"
             lines.insert(0, f"[{view.time_s:7.1f} s] {words}")
-        self._last = view
         return lines
 
     def note(self, text: str) -> list[str]:

@@ -14,6 +14,7 @@ from dataclasses import replace
 from typing import Final
 
 from swarm_ctl.commands.parse import Order
+from swarm_ctl.rim import Rim
 from swarm_ctl.runtime.station.printers import Printer, write
 from swarm_ctl.station.picture.view import SwarmView
 
@@ -37,14 +38,12 @@ class Relay:
         self._dropped = 0
         """Views and notes that were never written."""
         self._over = False
-        self._failed: Exception | None = None
+        self._rim = Rim("the lines of this output")
         self._thread = threading.Thread(target=self._work, name="screen", daemon=True)
         self._thread.start()
 
     def show(self, view: SwarmView) -> None:
-        """Hand it over; never waits. Raises what went wrong with a view before."""
-        if self._failed is not None:
-            raise self._failed
+        """Hand it over; never waits."""
         with self._wake:
             self._dropped += self._view is not None
             self._view = replace(view, health=replace(view.health, frames_dropped=self._dropped))
@@ -76,11 +75,9 @@ class Relay:
         try:
             while self._write_next():
                 pass
-            write(self._descriptor, self._printer.end())
+            write(self._descriptor, self._rim.run(self._printer.end) or [])
         except OSError:
             self.left = True  # the reader has gone: this ends a guest, but not a run's station
-        except Exception as error:
-            self._failed = error
         finally:
             os.close(self._descriptor)
 
@@ -91,7 +88,9 @@ class Relay:
             notes, over = list(self._notes), self._over
             self._notes.clear()
         for note in notes:
-            write(self._descriptor, self._printer.note(note))
+            write(self._descriptor, self._rim.run(self._printer.note, note) or [])
         if view is not None:
-            write(self._descriptor, self._printer.lines(view))
+            write(self._descriptor, self._rim.run(self._printer.lines, view) or [])
+        for trouble in self._rim.troubles():
+            write(self._descriptor, self._rim.run(self._printer.note, str(trouble)) or [])
         return not over

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final, Protocol
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.errors import InputError
+from swarm_ctl.rim import explained
 from swarm_ctl.runtime.station.printers import JsonPrinter, LogPrinter
 from swarm_ctl.runtime.station.relay import Relay
 from swarm_ctl.station.picture.view import SwarmView
@@ -22,6 +23,10 @@ if TYPE_CHECKING:
 
 
 _TTY: Final = "/dev/tty"
+_NO_DASHBOARD: Final = (
+    "the dashboard ended by an error; the station goes on: log lines from now on, commands by"
+    " `swarm-ctl send` or `swarm-ctl station` in another terminal"
+)
 
 
 class Show(StrEnum):
@@ -108,7 +113,7 @@ def present(
     """
     show = possible(show)
     if show is Show.DASHBOARD:
-        _with_dashboard(DashboardScreen(plan, interrupt), watch)
+        _with_dashboard(DashboardScreen(plan, interrupt, out), watch)
         return
     relay = Relay(LogPrinter() if show is Show.LOG else JsonPrinter(), out)
     try:
@@ -118,27 +123,66 @@ def present(
 
 
 class DashboardScreen:
-    """The station's side of the dashboard, which runs on the main thread."""
+    """The station's side of the dashboard, which runs on the main thread. When the dashboard ends
+    by an error, log lines take its place."""
 
-    def __init__(self, plan: Plan, interrupt: Callable[[], None] | None) -> None:
+    def __init__(self, plan: Plan, interrupt: Callable[[], None] | None, out: int = 1) -> None:
         from swarm_ctl.station.dashboard.app import Dashboard
         from swarm_ctl.station.dashboard.driver import TtyDriver
 
         self._orders: queue.SimpleQueue[Order] = queue.SimpleQueue()
         self.app: Dashboard = Dashboard(plan, self._orders.put, interrupt, driver_class=TtyDriver)
-        self.left = False
-        self.show, self.note, self.close = self.app.offer, self.app.tell, self.app.leave
+        self._left = False
+        self._out = out
+        self._lines: Relay | None = None
+
+    @property
+    def left(self) -> bool:
+        """The operator has closed it, or the reader of the lines that took its place has gone."""
+        return self._left or (self._lines is not None and self._lines.left)
+
+    def show(self, view: SwarmView) -> None:
+        """Show it; never waits."""
+        (self._lines.show if self._lines is not None else self.app.offer)(view)
+
+    def note(self, text: str) -> None:
+        """Say something that is in no view."""
+        (self._lines.note if self._lines is not None else self.app.tell)(text)
 
     def orders(self) -> list[Order]:
         """The orders since the last call."""
         return [self._orders.get() for _ in range(self._orders.qsize())]
 
+    def close(self) -> None:
+        """Give the terminal back."""
+        self.app.leave()
+
+    def run(self, watched: threading.Event) -> None:
+        """The dashboard until it is left; log lines from then on, if an error ended it, until
+        `watched` is set."""
+        why = ""
+        try:
+            self.app.run()
+        except Exception as error:
+            why = explained(error)
+        if why or self.app.return_code:
+            lines = Relay(LogPrinter(), self._out)
+            lines.note(f"{_NO_DASHBOARD}{f' ({why})' if why else ''}")
+            self._lines = lines
+            watched.wait()
+            lines.finish()
+
+    def leave(self) -> None:
+        """No one looks any more."""
+        self._left = True
+
 
 def _with_dashboard(screen: DashboardScreen, watch: Callable[[Screen], None]) -> None:
     """The application wants the main thread (signals), so the station works on another: a terminal
-    that blocks stops the pictures and nothing else.
+    that blocks, or an error in a widget, stops the pictures and nothing else.
     """
     failed: list[BaseException] = []
+    watched = threading.Event()
 
     def work() -> None:
         try:
@@ -146,14 +190,15 @@ def _with_dashboard(screen: DashboardScreen, watch: Callable[[Screen], None]) ->
         except BaseException as error:
             failed.append(error)
         finally:
+            watched.set()
             screen.close()
 
     worker = threading.Thread(target=work, name="station")
     worker.start()
     try:
-        screen.app.run()
+        screen.run(watched)
     finally:
-        screen.left = True
+        screen.leave()
         worker.join()
     if failed:
         raise failed[0]

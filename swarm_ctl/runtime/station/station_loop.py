@@ -24,6 +24,8 @@ _LOOP_WALL_S: Final = 0.05
 _SHOW_WALL_S: Final = 0.25
 _SHOW_MANY_WALL_S: Final = 0.5
 """Of a large swarm: a picture of 100 agents takes up to 60 ms of a core."""
+_BLIND_WALL_S: Final = 5.0
+_BLIND: Final = "there is no picture of the swarm now: what is shown is old; commands go out"
 _SILENT_S: Final = 15.0
 """Mission time after which an orphaned station takes a silent agent's process for ended: longer
 than any pause of a live one, which gives its vehicle up after 10 s."""
@@ -54,6 +56,7 @@ def loop(
 ) -> None:
     """Run the station until its control ends it; `measure` gets each view for the metrics, `begin`
     and `end` are its seat's."""
+    blind_due = 0.0
     show_due, every_s = 0.0, _SHOW_WALL_S if hears_all(station.plan) else _SHOW_MANY_WALL_S
     while not control.obey(station, screen):
         for order in screen.orders():
@@ -64,9 +67,13 @@ def loop(
             end()
         if wall.wall_s() >= show_due:
             show_due = wall.wall_s() + every_s
-            view = station.view()
-            screen.show(view)
-            measure(view)
+            view = station.seen()
+            if view is not None:
+                station.shows.run(screen.show, view)
+                station.serves.run(measure, view)
+            elif wall.wall_s() >= blind_due:
+                blind_due = wall.wall_s() + _BLIND_WALL_S
+                screen.note(_BLIND)
 
 
 @contextlib.contextmanager
@@ -119,7 +126,8 @@ class RunControl:
             if message.get("finish"):
                 self._place.leave()
                 station.turn()
-                screen.show(station.view())
+                if (view := station.seen()) is not None:
+                    station.shows.run(screen.show, view)
                 return True
             self._pass_on(message, station, screen)
         if not self._pipe.closed:
@@ -128,7 +136,7 @@ class RunControl:
         if wall.wall_s() < self._look_wall_s:
             return False
         self._look_wall_s = wall.wall_s() + _SHOW_WALL_S
-        return self._all_ended(station.view())
+        return self._all_ended(station.seen(), len(station.plan.agents))
 
     @staticmethod
     def _pass_on(message: dict[str, Any], station: Station, screen: Screen) -> None:
@@ -137,10 +145,14 @@ class RunControl:
         if isinstance(message.get("note"), str):
             screen.note(message["note"])
 
-    def _all_ended(self, view: SwarmView) -> bool:
-        """All agents have ended, and the simulator has closed its truth file."""
+    def _all_ended(self, view: SwarmView | None, agents: int) -> bool:
+        """All agents have ended, and the simulator has closed its truth file. Without a picture,
+        by their accounts alone."""
         now = self._place.clock.now()
-        if not all(self._has_ended(agent, now) for agent in view.agents if agent.in_plan):
+        if view is None:
+            if len(list(self._accounts.glob("*.json"))) < agents:
+                return False
+        elif not all(self._has_ended(agent, now) for agent in view.agents if agent.in_plan):
             return False
         if self._agents_ended_s is None:
             self._agents_ended_s = now

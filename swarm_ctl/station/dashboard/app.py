@@ -26,6 +26,7 @@ from swarm_ctl.commands.parse import Order, parse
 from swarm_ctl.core.model.messages import CommandKind, Phase
 from swarm_ctl.core.model.plan import Plan, Policy
 from swarm_ctl.errors import InputError
+from swarm_ctl.rim import Rim
 from swarm_ctl.station.dashboard.ask import Ask, consequence
 from swarm_ctl.station.dashboard.bars import (
     BAR_STYLE,
@@ -104,6 +105,9 @@ class Dashboard(App[None]):
         self._give = give
         self._interrupt = interrupt
         self._journal = Journal()
+        self._journal_rim = Rim("alarms and log")
+        self._drawing: dict[str, Rim] = {}
+        """By the part of the screen."""
         self._waiting: SwarmView | None = None
         self._view: SwarmView | None = None
         self._chosen = Chosen()
@@ -193,8 +197,11 @@ class Dashboard(App[None]):
         if view is not None:
             health = replace(view.health, frames_dropped=self.frames_dropped)
             self._view = replace(view, health=health)
-            self._journal.update(self._view)
+            self._journal_rim.run(self._journal.update, self._view)
             self.draw()
+            for rim in (self._journal_rim, *self._drawing.values()):
+                for trouble in rim.troubles():
+                    self._note(str(trouble))
 
     def _note(self, text: str) -> None:
         self._journal.note(self._view.time_s if self._view else 0.0, text)
@@ -225,14 +232,26 @@ class Dashboard(App[None]):
         if picture is None or pane is None or not self._whole():
             return
         width = self.size.width
-        self._paint("title", title_line(picture, width))
+        self._try("title", lambda: self._paint("title", title_line(picture, width)))
+        self._try("protection", lambda: self._draw_protection(picture))
+        self._try("verdict", lambda: self._paint("verdict", *verdict_line(picture, width)))
+        self._try("answers", self._draw_below)
+        self._try("log", lambda: self._label(picture))
+        self._try(str(pane.id), lambda: pane.draw(picture))
+
+    def _try(self, name: str, draw: Callable[[], None]) -> None:
+        """Draw a part of the screen; the others are drawn whatever happens there."""
+        rim = self._drawing.setdefault(name, Rim(f"the {name} part of the dashboard"))
+        before = rim.count
+        rim.run(draw)
+        if rim.count > before and self.query(f"#{name}") and name in ("title", "verdict"):
+            line = StyledLine(f" the {name} can't be drawn; see the log", "red")
+            rim.run(self._paint, name, line)
+
+    def _draw_protection(self, picture: Picture) -> None:
         protection, back = protection_line(picture)
         self.query_one("#protection").display = protection.width > 0
         self._paint("protection", protection, back)
-        self._paint("verdict", *verdict_line(picture, width))
-        self._draw_below()
-        self._label(picture)
-        pane.draw(picture)
 
     def _whole(self) -> bool:
         """All widgets are there, the first and the last: not so while the app begins or ends."""

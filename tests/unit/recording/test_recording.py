@@ -274,5 +274,5 @@ def test_a_full_disk_is_told_and_ends_nothing(
     monkeypatch.setattr(made._writer, "flush", full)
     made.take(flight()[0][0], 1.0)
     made.close()
-    assert "No space" in made.failure
+    assert any("No space" in str(trouble) for rim in made.rims for trouble in rim.troubles())
     made.take(flight()[0][0], 1.0)

@@ -577,3 +577,28 @@ def test_what_is_open_is_red(by: Protection, words: str) -> None:
     line, style = protection_line(Picture(_protected(by), (), (), 0, Chosen()))
     assert words in line.text
     assert style.endswith("on red")
+
+
+@pytest.mark.parametrize(
+    "broken", ["title_line", "verdict_line", "protection_line", "answers_line", "Journal.update"]
+)
+def test_an_error_in_a_part_of_the_dashboard_ends_none_of_the_others(
+    broken: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is told in the log, and a key still gives its order."""
+
+    def fail(*_: object) -> None:
+        raise IndexError("tuple index out of range")
+
+    monkeypatch.setattr(f"swarm_ctl.station.dashboard.app.{broken}", fail)
+
+    async def use() -> None:
+        async with opened(PICTURES["lost"]()) as (app, pilot, desk):
+            await shown(app, pilot, PICTURES["lost"]())
+            await pilot.press("h")
+            await settled(pilot)
+            assert [order.kind for order in desk.orders] == ["hold"]
+            told = [entry.text for entry in app._journal.entries]
+            assert sum("IndexError: tuple index out of range" in text for text in told) == 1
+
+    asyncio.run(use())

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import socket
+import threading
 import time
+from collections.abc import Callable
 
 import pytest
 
@@ -72,3 +74,34 @@ def test_a_client_that_does_not_read_holds_up_no_write() -> None:
             server.write(FIGURES, None, 10**18 + k, 10**18 + k, data)
         assert time.monotonic() - began < 5.0
     server.close()
+
+
+def test_the_server_may_be_ended_by_two_threads_while_a_third_one_writes() -> None:
+    """The SDK alone says "Already borrowed" to one of them."""
+    for _ in range(5):
+        server, errors = FoxgloveServer(free_port(), PLAN), list[BaseException]()
+        over = threading.Event()
+
+        def guarded(call: Callable[[], None], errors: list[BaseException] = errors) -> None:
+            try:
+                call()
+            except BaseException as error:
+                errors.append(error)
+
+        def write(server: FoxgloveServer = server, over: threading.Event = over) -> None:
+            now_ns = 10**18
+            while not over.is_set():
+                now_ns += 10**9
+                server.write(FIGURES, None, now_ns, now_ns, b"{}")
+
+        calls = [write, server.close, server.close]
+        threads = [threading.Thread(target=guarded, args=(call,)) for call in calls]
+        threads[0].start()
+        time.sleep(0.02)
+        for thread in threads[1:]:
+            thread.start()
+        for thread in threads[1:]:
+            thread.join()
+        over.set()
+        threads[0].join()
+        assert errors == []
