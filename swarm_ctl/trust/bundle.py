@@ -1,5 +1,5 @@
 """The one file that goes to a host: a tar of a member's folder. A bundle may be hostile: each
-member's name, kind and size is checked, and nothing is unpacked by tarfile."""
+entry's name, kind and size is checked before its content is read."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import tarfile
 from pathlib import Path
 from typing import Final
 
+from swarm_ctl.archives import packed, plain_files
 from swarm_ctl.errors import TrustError
 from swarm_ctl.trust import identity
 from swarm_ctl.trust.files import (
@@ -27,34 +28,25 @@ _FILES: Final = (*_NEEDED, identity.KEY, identity.MAVLINK_KEY)
 
 def pack(folder: Path) -> bytes:
     """The bundle of a member's folder. Without a private key where it stays on its host."""
-    out = io.BytesIO()
-    with tarfile.open(fileobj=out, mode="w:") as archive:
-        for name in _FILES:
-            path = folder / name
-            if path.exists():
-                data = read_guarded(path)
-                entry = tarfile.TarInfo(f"{folder.name}/{name}")
-                entry.size, entry.mode = len(data), 0o600
-                archive.addfile(entry, io.BytesIO(data))
-    return out.getvalue()
+    there = (folder / name for name in _FILES if (folder / name).exists())
+    return packed((f"{folder.name}/{path.name}", read_guarded(path)) for path in there)
 
 
 def unpacked(bundle: Path) -> tuple[Member, dict[str, bytes]]:
     """The member and the files of a bundle; TrustError where it holds anything else."""
     files: dict[str, bytes] = {}
     members: set[str] = set()
+    data = read_plain(bundle)
     try:
-        with tarfile.open(fileobj=io.BytesIO(read_plain(bundle)), mode="r:") as archive:
-            for entry in archive:
-                folder, _, name = entry.name.partition("/")
-                if name not in _FILES or name in files or not entry.isreg():
-                    raise TrustError(
-                        f"{bundle}: holds {entry.name!r}; allowed: each of {', '.join(_FILES)}"
-                        " once, in a folder such as agent-3"
-                    )
-                members.add(folder)
-                content = archive.extractfile(entry)
-                files[name] = content.read() if content else b""
+        for entry, content in plain_files(io.BytesIO(data), len(data)):
+            folder, _, name = entry.partition("/")
+            if name not in _FILES or name in files:
+                raise TrustError(
+                    f"{bundle}: holds {entry!r}; allowed: each of {', '.join(_FILES)}"
+                    " once, in a folder such as agent-3"
+                )
+            members.add(folder)
+            files[name] = content
     except tarfile.TarError as error:
         raise TrustError(f"{bundle}: is no bundle: {error}") from None
     missing = [name for name in _NEEDED if name not in files]

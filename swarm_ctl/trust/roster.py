@@ -111,7 +111,7 @@ def parse(data: bytes, where: Path) -> Roster:
     are none."""
     try:
         return _roster(json.loads(data))
-    except (KeyError, TypeError, ValueError, TrustError) as error:
+    except (KeyError, TypeError, ValueError, RecursionError, TrustError) as error:
         raise TrustError(f"{where}: is no roster of version {_VERSION}: {error}") from None
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
@@ -93,7 +95,7 @@ def collect(
 ) -> None:
     """Copy each host's logs, tlogs and last statuses here.
 
-    Exit codes: 0 fine, 2 bad input, 3 a host was not reached.
+    Exit codes: 0 fine, 2 bad input, 3 a host was not reached, or sent something else.
 
     Examples:
 
@@ -104,15 +106,24 @@ def collect(
     from swarm_ctl.runtime.deploy.logs import unpack_logs
     from swarm_ctl.runtime.deploy.ssh import Reach
 
-    console, answers = PlainConsole(), _hosts(fleet, ssh_config).logs(every=every)
-    for host, answer in answers.items():
-        if answer.reach is not Reach.ANSWERED:
-            console.say(f"{host}: {answer.reach}: {answer.words}", style="bold red")
-            continue
-        files = unpack_logs(answer.out, out / host)
-        size = sum(path.stat().st_size for path in files)
-        console.say(f"{out / host}  {len(files)} files, {size / 1e6:.1f} MB")
-    whole = all(answer.reach is Reach.ANSWERED for answer in answers.values())
+    console, there, whole = PlainConsole(), _hosts(fleet, ssh_config), True
+    out.mkdir(parents=True, exist_ok=True)
+    with contextlib.ExitStack() as open_files:
+        tars = {h: open_files.enter_context(TemporaryFile(dir=out)) for h in there.names}
+        for host, answer in there.logs(tars, every=every).items():
+            why = f"{answer.reach}: {answer.words}"
+            if answer.reach is Reach.ANSWERED:
+                tars[host].seek(0)
+                try:
+                    files = unpack_logs(tars[host], out / host)
+                except InputError as error:
+                    why = str(error)
+                else:
+                    size = sum(path.stat().st_size for path in files)
+                    console.say(f"{out / host}  {len(files)} files, {size / 1e6:.1f} MB")
+                    continue
+            whole = False
+            console.say(f"{host}: {why}", style="bold red")
     raise typer.Exit(FINE if whole else NOT_REACHED)
 
 

@@ -29,11 +29,12 @@ def install(
     \b
         swarm-ctl on-host install drone3.tar
     """
-    from swarm_ctl.runtime.deploy.bundle import read_bundle, unpacked
+    from swarm_ctl.runtime.deploy.bundle import MOST_BYTES, read_bundle, unpacked
 
     host = _host()
     from_stdin = str(bundle) == "-"
-    host.install(unpacked(sys.stdin.buffer.read()) if from_stdin else read_bundle(bundle))
+    most = MOST_BYTES  # what is longer is torn
+    host.install(unpacked(sys.stdin.buffer.read(most)) if from_stdin else read_bundle(bundle))
     _answer(host)
 
 

@@ -1,6 +1,7 @@
 """A bundle: all that one host needs of a swarm, in one tar that goes there whole.
 
-The plan with its hash, the units of the host's agents and router, their keys, and a manifest. Its
+The plan with its hash, the keys of the host's agents and router, and a manifest. It is
+data: the host itself makes its units (`units.py`), and nothing of a bundle becomes a command. Its
 digest names it: two bundles of one digest are the same byte for byte.
 """
 
@@ -11,7 +12,7 @@ import io
 import re
 import tarfile
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
@@ -19,13 +20,14 @@ from typing import Final
 from pydantic import ValidationError
 
 from swarm_ctl import __version__
+from swarm_ctl.archives import packed, plain_files
 from swarm_ctl.core.model.fleet import Fleet, FleetAgent
 from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.text import printable
 from swarm_ctl.errors import InputError
 from swarm_ctl.files import read_bytes
-from swarm_ctl.mission.compile.plan_file import plan_from_json, plan_to_json
+from swarm_ctl.mission.compile.plan_file import PlanFile, plan_from_json, plan_to_json
 from swarm_ctl.runtime.deploy.manifest import PLAN, Manifest
-from swarm_ctl.runtime.deploy.units import AGENT_UNIT, ROUTER_UNIT, agent_unit, router_unit
 from swarm_ctl.runtime.protection import agent_identity_folder, router_identity_folder
 from swarm_ctl.trust.bundle import pack as pack_keys
 from swarm_ctl.trust.identity import load_identity
@@ -34,7 +36,8 @@ from swarm_ctl.trust.names import address_of
 MANIFEST: Final = "manifest.json"
 KEYS: Final = ".bundle"
 """A member's keys, as `swarm-ctl trust` packs them: `agent-3.bundle`."""
-_MOST_BYTES: Final = 64_000_000
+MOST_BYTES: Final = 64_000_000
+"""Of a bundle: the largest plan file, and room for keys."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,13 +57,7 @@ class Bundle:
 
     def packed(self) -> bytes:
         """The tar of it, every file of mode 0600."""
-        out = io.BytesIO()
-        with tarfile.open(fileobj=out, mode="w:") as archive:
-            for name, data in sorted(self.files.items()):
-                entry = tarfile.TarInfo(name)
-                entry.size, entry.mode = len(data), 0o600
-                archive.addfile(entry, io.BytesIO(data))
-        return out.getvalue()
+        return packed(sorted(self.files.items()))
 
 
 def bundles_of(
@@ -112,26 +109,42 @@ def unpacked(data: bytes, name: str = "bundle") -> Bundle:
     do not fit each other."""
     files: dict[str, bytes] = {}
     try:
-        with tarfile.open(fileobj=io.BytesIO(data), mode="r:") as archive:
-            for entry in archive:
-                if not _fits(entry.name) or entry.name in files or not entry.isreg():
-                    raise InputError(f"{name}: holds {entry.name!r}; allowed: a bundle of deploy")
-                content = archive.extractfile(entry)
-                files[entry.name] = content.read() if content else b""
+        for entry, content in plain_files(io.BytesIO(data), MOST_BYTES):
+            if not _fits(entry):
+                raise InputError(f"{name}: holds {entry!r}; allowed: a bundle of deploy")
+            files[entry] = content
         manifest = Manifest.model_validate_json(files[MANIFEST])
         plan = plan_from_json(files[PLAN], f"{name}: {PLAN}")
     except (tarfile.TarError, KeyError, ValidationError) as error:
         raise InputError(
-            f"{name}: is no bundle: {error}; allowed: one of swarm-ctl deploy"
+            f"{name}: is no bundle: {printable(str(error))}; allowed: one of swarm-ctl deploy"
         ) from None
-    if plan.plan_hash != manifest.plan_hash or plan.plan.name != manifest.swarm:
-        raise InputError(f"{name}: its plan is {plan.plan_hash}, its manifest has another one")
+    misfit = "; ".join(_misfits(manifest, plan, files))
+    if misfit:
+        raise InputError(f"{name}: {misfit}; allowed: a bundle as swarm-ctl deploy made it")
     return Bundle(manifest, files)
+
+
+def _misfits(manifest: Manifest, file: PlanFile, files: Collection[str]) -> Iterator[str]:
+    """What of a bundle is not of one piece, in words."""
+    if file.plan_hash != manifest.plan_hash or file.plan.name != manifest.swarm:
+        yield f"its plan is {file.plan_hash}, its manifest has another one"
+    if file.trust is not None:
+        yield "its plan names a folder of keys"  # its manifest names the host's own
+    endpoints = {agent.id: agent.endpoint for agent in file.fleet}
+    if len(set(manifest.agents)) != len(manifest.agents) or manifest.endpoints != tuple(
+        endpoints.get(agent) for agent in manifest.agents
+    ):
+        yield "its manifest has other agents or endpoints than its plan"
+    keyed = {f"agent-{agent}" for agent in manifest.agents} | {manifest.router_keys}
+    brought = {entry.removesuffix(KEYS) for entry in files if entry.endswith(KEYS)}
+    if brought - keyed or (brought and manifest.trust is None):
+        yield f"it brings keys that its manifest does not name ({', '.join(sorted(brought))})"
 
 
 def read_bundle(path: Path) -> Bundle:
     """The bundle in a file; raises as `unpacked`, and OSError."""
-    return unpacked(read_bytes(path, _MOST_BYTES), str(path))
+    return unpacked(read_bytes(path, MOST_BYTES), str(path))
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,11 +177,8 @@ def _bundle(plan: Plan, fleet: Fleet, part: _Part) -> Bundle:
     files = {
         MANIFEST: manifest.model_dump_json(indent=1).encode() + b"\n",
         PLAN: plan_to_json(plan, replace(fleet, trust=None)).encode(),
-        AGENT_UNIT: agent_unit(manifest).encode(),
         **{folder.name + KEYS: pack_keys(folder) for folder in keys},
     }
-    if part.router:
-        files[ROUTER_UNIT] = router_unit(manifest).encode()
     return Bundle(manifest, files)
 
 
@@ -181,6 +191,6 @@ def _keys(fleet: Fleet, part: _Part) -> tuple[list[Path], str | None]:
 
 def _fits(name: str) -> bool:
     member = name.removesuffix(KEYS)
-    return name in (MANIFEST, PLAN, AGENT_UNIT, ROUTER_UNIT) or (
+    return name in (MANIFEST, PLAN) or (
         name != member and re.fullmatch(r"(agent|router)-[a-z0-9-]{1,20}", member) is not None
     )

@@ -36,6 +36,7 @@ from swarm_ctl.runtime.deploy.manifest import ROOT, Manifest, Service
 from swarm_ctl.runtime.deploy.report import HostReport, ServiceReport, State
 from swarm_ctl.runtime.deploy.serial_port import serial_port
 from swarm_ctl.runtime.deploy.services import Services, services_of
+from swarm_ctl.runtime.deploy.units import units_of
 from swarm_ctl.trust import bundle as trust_bundle
 
 _MOST_BYTES: Final = 1 << 20
@@ -153,7 +154,7 @@ class Host:
             trust_bundle.install(keys, self.root / "trust" / str(manifest.trust))
             keys.unlink()  # it holds keys, and they are in the trust folder now
         self._point("bin/swarm-ctl", _program())
-        self.services.install(sorted(folder.glob("*.service")))
+        self.services.install(units_of(manifest))
         self._point("current", Path("bundles") / digest)
         for other in (self.root / "bundles").iterdir():
             if other.name != digest:

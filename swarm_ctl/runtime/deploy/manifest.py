@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -15,18 +15,23 @@ ROOT: Final = ".local/share/swarm-ctl/host"
 
 
 class Manifest(BaseModel):
-    """What a bundle is and runs. A bundle may come from elsewhere: names are held to patterns."""
+    """What a bundle is and runs. A bundle may come from elsewhere, and the host makes its units of
+    this: each word that may stand in one is of letters, digits and `_.-:/[]` alone, which mean
+    nothing to systemd."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
     schema_version: Literal[1] = 1
     host: str = Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]{0,252}$")
     swarm: str = Field(pattern=_NAME)
     plan_hash: str = Field(pattern=r"^[0-9a-f]{16}$")
-    agents: tuple[int, ...]
+    agents: tuple[Annotated[int, Field(ge=1, le=65535)], ...] = Field(min_length=1, max_length=250)
     endpoints: tuple[str, ...]
-    """Of the agents' vehicles, in their order."""
-    router: str | None = Field(default=None, pattern=r"^(tcp|tls|udp|quic)/[\w.:\[\]#?=&,@-]+$")
+    """Of the agents' vehicles, in their order, as the plan file has them."""
+    router: str | None = Field(
+        default=None,
+        pattern=r"^(tcp|tls|udp|quic)/(\[[0-9A-Fa-f:.]{2,45}\]|[A-Za-z0-9_.-]{1,253}):[0-9]{1,5}$",
+    )
     """Where the host's router listens."""
     trust: str | None = Field(default=None, pattern=_NAME)
     """Whose keys they are; None: the mesh is open."""
@@ -34,7 +39,7 @@ class Manifest(BaseModel):
     open_mesh: bool = False
     expect_station: bool = False
     """No agent arms before it has heard a ground station."""
-    swarm_ctl: str
+    swarm_ctl: str = Field(pattern=r"^[0-9A-Za-z.+-]{1,40}$")
     """The version that made the bundle."""
 
     def services(self, root: str) -> Iterator[Service]:

@@ -1,10 +1,13 @@
-"""What a host says of itself, in JSON over SSH."""
+"""What a host says of itself, in JSON over SSH. It is bounded: the host may be taken over."""
 
 from __future__ import annotations
 
 from enum import StrEnum
+from typing import Annotated, TypeAlias
 
-from pydantic import BaseModel
+from pydantic import BaseModel, Field
+
+_Words: TypeAlias = Annotated[str, Field(max_length=2000)]
 
 
 class State(StrEnum):
@@ -21,29 +24,29 @@ class State(StrEnum):
 class ServiceReport(BaseModel):
     """One process."""
 
-    name: str
+    name: _Words
     state: State
-    said: str = ""
+    said: _Words = ""
     """Its last line, of one that does not run."""
 
 
 class HostReport(BaseModel):
     """What a host says of itself."""
 
-    version: str
-    manager: str
+    version: _Words
+    manager: _Words
     """What looks after the processes."""
-    next: str = ""
+    next: _Words = ""
     """The digest of the bundle taken in last."""
-    current: str = ""
+    current: _Words = ""
     """The digest of the bundle that runs, or ran last."""
-    host: str = ""
+    host: _Words = ""
     """The fleet's name of this host, in the current bundle."""
-    swarm: str = ""
-    plan_hash: str = ""
+    swarm: _Words = ""
+    plan_hash: _Words = ""
     """Of the current bundle."""
-    services: tuple[ServiceReport, ...] = ()
-    attention: tuple[str, ...] = ()
+    services: tuple[ServiceReport, ...] = Field(default=(), max_length=300)
+    attention: tuple[_Words, ...] = Field(default=(), max_length=600)
     """What will keep the next bundle, or else the current one, from flying."""
 
     @property

@@ -9,13 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Final, TypeAlias, TypeVar
+from typing import IO, Final, TypeAlias, TypeVar
 
 from pydantic import ValidationError
 
 from swarm_ctl import __version__
 from swarm_ctl.runtime.clock import pause, wall_s
 from swarm_ctl.runtime.deploy.bundle import Bundle
+from swarm_ctl.runtime.deploy.logs import MOST_BYTES
 from swarm_ctl.runtime.deploy.report import HostReport, State
 from swarm_ctl.runtime.deploy.ssh import Answer, Reach, Ssh
 
@@ -27,6 +28,8 @@ _AGAIN_S: Final = 2.0
 """Between two looks at a host that is offline."""
 _AT_ONCE: Final = 16
 """Connections: each is a process of ssh."""
+_MOST_TAR: Final = MOST_BYTES + (MOST_BYTES >> 4)
+"""Bytes of a host's logs with the headers of their files."""
 _T = TypeVar("_T")
 Tell: TypeAlias = Callable[[str, str], None]
 """A host, and what happens there."""
@@ -92,10 +95,14 @@ class Hosts:
         words = ["stop", "--within", f"{within_s:g}"]
         return self._states(self.names, words, within_s + _ASK_S)
 
-    def logs(self, *, every: bool) -> dict[str, Answer]:
-        """A tar of each host's logs."""
+    def logs(self, out: Mapping[str, IO[bytes]], *, every: bool) -> dict[str, Answer]:
+        """Write a tar of each host's logs to its file in `out`."""
         words = ["logs", "--all"] if every else ["logs"]
-        return self._ask(self.names, words, _SEND_S * 5)
+
+        def one(host: str) -> Answer:
+            return self._ssh.ask(host, words, _SEND_S * 5, out=out[host], most=_MOST_TAR)
+
+        return self._each(self.names, one)
 
     def bring(
         self, bundles: Mapping[str, Bundle], wait_s: float, tell: Tell, *, restart: bool

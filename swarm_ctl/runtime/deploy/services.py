@@ -6,7 +6,7 @@ import json
 import os
 import signal
 import subprocess
-from collections.abc import Iterable
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Final, Protocol
 
@@ -26,8 +26,8 @@ class Services(Protocol):
     name: str
     """What looks after them, in words."""
 
-    def install(self, units: Iterable[Path]) -> None:
-        """Take these unit files over from now on."""
+    def install(self, units: Mapping[str, str]) -> None:
+        """Take these unit files, by name, over from now on."""
 
     def start(self, service: Service) -> None:
         """Start it; nothing where it runs."""
@@ -52,12 +52,12 @@ class Systemd:
     def __init__(self, root: Path) -> None:
         self._units = root.parents[3] / ".config/systemd/user"
 
-    def install(self, units: Iterable[Path]) -> None:
-        """Copy the unit files to where systemd reads them."""
+    def install(self, units: Mapping[str, str]) -> None:
+        """Write the unit files where systemd reads them."""
         self._units.mkdir(parents=True, exist_ok=True)
-        for unit in units:
-            with replacing(self._units / unit.name, 0o644) as file:
-                file.write(unit.read_bytes())
+        for name, text in units.items():
+            with replacing(self._units / name, 0o644) as file:
+                file.write(text.encode())
         self._ask("daemon-reload")
 
     def start(self, service: Service) -> None:
@@ -104,7 +104,7 @@ class Plain:
         self._root = root
         self._pids = root / "pids"
 
-    def install(self, units: Iterable[Path]) -> None:
+    def install(self, units: Mapping[str, str]) -> None:
         """Nothing reads unit files here."""
 
     def start(self, service: Service) -> None:

@@ -1,17 +1,26 @@
 """Ask a host over SSH, with OpenSSH's own client: keys, aliases and jump hosts are as in
-~/.ssh/config. What travels goes through stdin and stdout, never through arguments."""
+~/.ssh/config. What travels goes through stdin and stdout, never through arguments.
+
+A host may have been taken over: what it answers is read up to a bound, and no further.
+"""
 
 from __future__ import annotations
 
+import io
+import os
+import selectors
 import shlex
 import subprocess
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Final
+from typing import IO, Final
 
+from swarm_ctl.core.model.text import printable
 from swarm_ctl.errors import StartError
+from swarm_ctl.runtime.clock import wall_s
 
 _CONNECT_S: Final = 10
 _MISSING: Final = 127
@@ -24,6 +33,10 @@ _FINDS: Final = (
 )
 _REFUSALS: Final = ("Permission denied", "Host key verification failed", "Bad owner or permissions")
 """Of ssh's words: to wait does not help."""
+_MOST_REPORT: Final = 1 << 20
+"""Bytes of a host's report, or of its words."""
+_CHUNK: Final = 1 << 16
+_WORDS: Final = 1000
 
 
 class Reach(StrEnum):
@@ -66,26 +79,80 @@ class Ssh:
         pairs = [word for each in options for word in ("-o", each)]
         return ["ssh", *config, *pairs, "-T", "--", host, remote]
 
-    def ask(self, host: str, words: Sequence[str], within_s: float, data: bytes = b"") -> Answer:
-        """Run `swarm-ctl on-host WORDS` there with `data` as its input, at most `within_s`.
+    def ask(
+        self,
+        host: str,
+        words: Sequence[str],
+        within_s: float,
+        data: bytes = b"",
+        out: IO[bytes] | None = None,
+        most: int = _MOST_REPORT,
+    ) -> Answer:
+        """Run `swarm-ctl on-host WORDS` there with `data` as its input, at most `within_s`. What it
+        answers goes to `out`, if that is given; of more than `most` bytes, ssh is ended and the
+        answer is FAILED.
 
         Raises:
             StartError: there is no ssh on this computer.
         """
-        try:
-            done = subprocess.run(
-                self.line(host, words),
-                input=data,
-                capture_output=True,
-                timeout=within_s,
-                check=False,
-            )
-        except subprocess.TimeoutExpired:
-            return Answer(Reach.OFFLINE, words=f"no answer for {within_s:g} s")
-        except FileNotFoundError:
-            raise StartError("ssh: is not installed; allowed: OpenSSH's client") from None
-        said = done.stderr.decode(errors="replace").strip().split("\n")[-1].strip()
-        return Answer(_reach(done.returncode, said), done.stdout, said)
+        answered = io.BytesIO() if out is None else out
+        with tempfile.TemporaryFile() as told:  # ssh reads it as it likes
+            told.write(data)
+            told.seek(0)
+            try:
+                process = subprocess.Popen(
+                    self.line(host, words),
+                    stdin=told,
+                    stdout=subprocess.PIPE,
+                    stderr=subprocess.PIPE,
+                    bufsize=0,
+                )
+            except FileNotFoundError:
+                raise StartError("ssh: is not installed; allowed: OpenSSH's client") from None
+            with process:
+                try:
+                    code, said = _read(process, answered, most, wall_s() + within_s)
+                except TimeoutError:
+                    return Answer(Reach.OFFLINE, words=f"no answer for {within_s:g} s")
+                except OverflowError:
+                    text = f"answers more than {most / 1e6:g} MB; allowed: less"
+                    return Answer(Reach.FAILED, words=text)
+                finally:
+                    process.kill()
+        last = printable(said.decode(errors="replace").strip().split("\n")[-1].strip(), _WORDS)
+        whole = answered.getvalue() if isinstance(answered, io.BytesIO) else b""
+        return Answer(_reach(code, last), whole, last)
+
+
+def _read(
+    process: subprocess.Popen[bytes], out: IO[bytes], most: int, until_s: float
+) -> tuple[int, bytes]:
+    """What a process writes until it ends: its exit code, and the end of its error output.
+    TimeoutError at `until_s` [s], OverflowError beyond `most` bytes to `out`."""
+    said, written = b"", 0
+    with selectors.DefaultSelector() as ready:
+        for pipe in (process.stdout, process.stderr):
+            ready.register(pipe or -1, selectors.EVENT_READ)
+        while ready.get_map():
+            left_s = until_s - wall_s()
+            found = ready.select(left_s) if left_s > 0 else []
+            if not found:
+                raise TimeoutError
+            for key, _ in found:
+                data = os.read(key.fd, _CHUNK)
+                if not data:
+                    ready.unregister(key.fileobj)
+                elif key.fileobj is process.stderr:
+                    said = (said + data)[-_MOST_REPORT:]
+                else:
+                    written += len(data)
+                    if written > most:
+                        raise OverflowError
+                    out.write(data)
+    try:
+        return process.wait(max(0.0, until_s - wall_s())), said
+    except subprocess.TimeoutExpired:
+        raise TimeoutError from None
 
 
 def _reach(code: int, said: str) -> Reach:

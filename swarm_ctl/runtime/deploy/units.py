@@ -1,5 +1,7 @@
 """systemd's units of a host's agents and router: they do what a daemon of our own would have to.
 
+The host itself makes them, of a bundle's manifest: a bundle is data and brings none.
+
 They are units of the user who logs in over SSH, so nothing runs as root. None is started when the
 host boots: a drone that is switched on does not fly before an operator has said so.
 """
@@ -10,8 +12,8 @@ from typing import Final
 
 from swarm_ctl.runtime.deploy.manifest import ROOT, Manifest
 
-AGENT_UNIT: Final = "swarm-ctl-agent@.service"
-ROUTER_UNIT: Final = "swarm-ctl-router.service"
+_AGENT_UNIT: Final = "swarm-ctl-agent@.service"
+_ROUTER_UNIT: Final = "swarm-ctl-router.service"
 _HOME: Final = f"%h/{ROOT}"
 """systemd puts the user's home in."""
 
@@ -56,14 +58,13 @@ StandardError=inherit
 """
 
 
-def agent_unit(manifest: Manifest) -> str:
-    """The template of the host's agents; `%i` is the agent's id."""
-    after = f"After={ROUTER_UNIT}\nWants={ROUTER_UNIT}\n" if manifest.router else ""
-    command = " ".join(manifest.agent_words(_HOME, "%i"))
-    return _AGENT.format(swarm=manifest.swarm, after=after, command=command, home=_HOME)
-
-
-def router_unit(manifest: Manifest) -> str:
-    """The unit of the host's router."""
-    command = " ".join(manifest.router_words(_HOME))
-    return _ROUTER.format(swarm=manifest.swarm, command=command, home=_HOME)
+def units_of(manifest: Manifest) -> dict[str, str]:
+    """The unit files of a host by name: the template of its agents, in which `%i` is the agent's
+    id, and its router's, if it has one."""
+    after = f"After={_ROUTER_UNIT}\nWants={_ROUTER_UNIT}\n" if manifest.router else ""
+    words, swarm = " ".join(manifest.agent_words(_HOME, "%i")), manifest.swarm
+    units = {_AGENT_UNIT: _AGENT.format(swarm=swarm, after=after, command=words, home=_HOME)}
+    if manifest.router:
+        words = " ".join(manifest.router_words(_HOME))
+        units[_ROUTER_UNIT] = _ROUTER.format(swarm=swarm, command=words, home=_HOME)
+    return units

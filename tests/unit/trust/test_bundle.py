@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import tarfile
+import tracemalloc
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from swarm_ctl.trust.bundle import install, unpacked
 from swarm_ctl.trust.identity import load_identity
 from swarm_ctl.trust.names import Member, Role
 from swarm_ctl.trust.provision import Terms, add, new, rotate
+from tests.unit.test_archives import sparse
 from tests.unit.trust.conftest import NOW
 
 KINDS = (tarfile.REGTYPE, tarfile.SYMTYPE, tarfile.LNKTYPE, tarfile.DIRTYPE, tarfile.FIFOTYPE)
@@ -149,3 +151,15 @@ def test_a_bundle_without_a_key_needs_the_hosts(trust: Path, tmp_path: Path) -> 
     add(trust, Member(Role.VIEWER, "desk"), "", Terms(NOW))
     with pytest.raises(TrustError, match="swarm-ctl trust request agent 3"):
         install(trust / "agent-3.bundle", tmp_path / "host")
+
+
+def test_a_file_with_holes_takes_no_memory(tmp_path: Path) -> None:
+    """A header of 512 bytes says 4 GB."""
+    bundle = tmp_path / "agent-3.bundle"
+    bundle.write_bytes(sparse("agent-3/mesh.key"))
+    tracemalloc.start()
+    with pytest.raises(TrustError, match="no plain file"):
+        unpacked(bundle)
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 8_000_000

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import shutil
 import subprocess
 import tarfile
@@ -11,11 +12,13 @@ from pathlib import Path
 
 import pytest
 
+from swarm_ctl.archives import packed
 from swarm_ctl.core.model.fleet import Fleet, RadioShare
 from swarm_ctl.errors import InputError
 from swarm_ctl.mission.compile.plan_file import plan_from_json
 from swarm_ctl.runtime.deploy.bundle import Bundle, bundles_of, own_routers, unpacked
 from swarm_ctl.runtime.deploy.logs import pack_logs, unpack_logs
+from swarm_ctl.runtime.deploy.units import units_of
 from swarm_ctl.trust.bundle import unpacked as unpacked_keys
 from tests.unit.runtime.deploy.swarms import fleet, keys, plan
 
@@ -27,7 +30,7 @@ def test_a_host_has_the_plan_and_its_own_agents() -> None:
         "drone2": (3,),
     }
     for bundle in made.values():
-        assert set(bundle.files) == {"manifest.json", "plan.json", "swarm-ctl-agent@.service"}
+        assert set(bundle.files) == {"manifest.json", "plan.json"}, "data alone"
         assert plan_from_json(bundle.files["plan.json"]).plan_hash == plan().fingerprint()
 
 
@@ -78,7 +81,13 @@ def test_a_router_runs_where_it_serves_one_host_or_has_its_name() -> None:
 
 
 def changed(bundle: Bundle, **files: bytes | None) -> bytes:
-    names = {"plan": "plan.json", "manifest": "manifest.json", "evil": "../../evil"}
+    names = {
+        "plan": "plan.json",
+        "manifest": "manifest.json",
+        "evil": "../../evil",
+        "unit": "swarm-ctl-agent@.service",
+        "keys": "agent-9.bundle",
+    }
     data = {**bundle.files, **{names[name]: content for name, content in files.items()}}
     return Bundle(bundle.manifest, {n: d for n, d in data.items() if d is not None}).packed()
 
@@ -90,6 +99,8 @@ def test_a_bundle_that_does_not_fit_itself_is_refused() -> None:
     other = bundle.files["manifest.json"].replace(plan().fingerprint().encode(), b"0" * 16)
     for data in (
         changed(bundle, evil=b"x"),
+        changed(bundle, unit=b"[Service]\nExecStartPre=/bin/sh\n"),
+        changed(bundle, keys=b"x"),
         changed(bundle, plan=None),
         changed(bundle, plan=bundle.files["plan.json"][:-9]),
         changed(bundle, manifest=other),
@@ -112,11 +123,10 @@ def test_systemd_understands_the_units(tmp_path: Path) -> None:
     program.parent.mkdir(parents=True)
     program.write_text("#!/bin/sh\n")
     program.chmod(0o755)
-    units = [name for name in bundle.files if name.endswith(".service")]
+    units = units_of(bundle.manifest)
     assert len(units) == 2
-    for name in units:
-        text = bundle.files[name].decode().replace("%h", str(tmp_path))
-        (tmp_path / name.replace("@", "@1")).write_text(text)
+    for name, text in units.items():
+        (tmp_path / name.replace("@", "@1")).write_text(text.replace("%h", str(tmp_path)))
     done = subprocess.run(
         [
             "/usr/bin/env",
@@ -140,13 +150,53 @@ def test_logs_come_back_and_nothing_else(tmp_path: Path) -> None:
     (flight / "agent-2.log").symlink_to("/etc/passwd")
     out = io.BytesIO()
     pack_logs([flight], out)
-    found = unpack_logs(out.getvalue(), tmp_path / "drone1")
+    out.seek(0)
+    found = unpack_logs(out, tmp_path / "drone1")
     assert [path.name for path in found] == ["agent-1.log", "agent-1.tlog", "router.log"]
-    evil = io.BytesIO()
-    with tarfile.open(fileobj=evil, mode="w") as archive:
-        archive.addfile(tarfile.TarInfo("../evil.log"))
+    assert [path.read_text() for path in found] == [path.name for path in found]
+    evil = io.BytesIO(packed([("../evil.log", b"")]))
     with pytest.raises(InputError, match=r"sent '\.\./evil.log'"):
-        unpack_logs(evil.getvalue(), tmp_path / "drone1")
+        unpack_logs(evil, tmp_path / "drone1")
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("swarm", "a\nExecStartPre=/bin/sh"),
+        ("swarm", "a b"),
+        ("router", "tcp/10.0.0.1:7447 --zenoh-config /tmp/evil"),
+        ("router", "tcp/10.0.0.1:7447#iface=%h"),
+        ("router", "tcp/10.0.0.$HOME:7447"),
+        ("router", "tcp/\u0661:7447"),
+        ("router_keys", "router-1/../../agent-1"),
+        ("trust", "../outdoors"),
+        ("trust", "outdoors\n"),
+        ("agents", ["1 --open-mesh"]),
+        ("agents", [-1]),
+        ("agents", ["1"]),
+        ("agents", [1, 3]),
+        ("agents", [1, 1]),
+        ("endpoints", ["serial:/dev/ttyACM9", "serial:/dev/ttyACM9"]),
+        ("host", "-oProxyCommand=x"),
+        ("open_mesh", "true"),
+        ("environment", {"LD_PRELOAD": "evil.so"}),
+        ("swarm_ctl", "0.2.0\n[Service]"),
+    ],
+)
+def test_no_word_of_a_manifest_means_more_in_a_unit(field: str, value: object) -> None:
+    """Each would be a line, an option, a specifier, a variable, or a path elsewhere."""
+    bundle = bundles_of(plan(), fleet())["drone1"]
+    manifest = json.loads(bundle.files["manifest.json"]) | {field: value}
+    with pytest.raises(InputError, match="bundle"):
+        unpacked(changed(bundle, manifest=json.dumps(manifest).encode()))
+
+
+def test_a_bundles_plan_names_no_folder_of_keys() -> None:
+    """The host's own are where the manifest says."""
+    bundle = bundles_of(plan(), fleet())["drone1"]
+    file = json.loads(bundle.files["plan.json"]) | {"trust": "evil"}
+    with pytest.raises(InputError, match="its plan names a folder of keys"):
+        unpacked(changed(bundle, plan=json.dumps(file).encode()))
 
 
 def test_a_shared_radio_is_not_deployed() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import stat
 import time
-from collections.abc import Iterable
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,6 +20,7 @@ from swarm_ctl.runtime.deploy.host import Host
 from swarm_ctl.runtime.deploy.manifest import Service
 from swarm_ctl.runtime.deploy.report import State
 from swarm_ctl.runtime.deploy.services import Plain, Systemd
+from swarm_ctl.runtime.deploy.units import units_of
 from tests.unit.runtime.deploy.swarms import fleet, keys, plan
 
 
@@ -32,9 +33,11 @@ class Scripted:
         self.running: set[str] = set()
         self.calls: list[str] = []
         self.lands = True
+        self.units: Mapping[str, str] = {}
 
-    def install(self, units: Iterable[Path]) -> None:
-        self.calls += [f"install {unit.name}" for unit in units]
+    def install(self, units: Mapping[str, str]) -> None:
+        self.units = units
+        self.calls += [f"install {name}" for name in units]
 
     def start(self, service: Service) -> None:
         self.calls.append(f"start {service.name}")
@@ -84,6 +87,20 @@ def test_a_bundle_that_is_taken_in_changes_nothing_yet(host: Host) -> None:
         "start agent-1",
         "start agent-2",
     ]
+
+
+def test_units_are_made_here_of_the_manifest(host: Host) -> None:
+    """Whatever lies in the bundle's folder: a unit starts swarm-ctl alone."""
+    host.install(bundle())
+    evil = host.root / "bundles" / bundle().digest / "swarm-ctl-agent@.service"
+    evil.write_text("[Service]\nExecStartPre=/bin/sh -c evil\n")
+    host.start()
+    assert dict(scripted(host).units) == units_of(bundle().manifest)
+    (unit,) = scripted(host).units.values()
+    started = [line for line in unit.split("\n") if line.startswith(("Exec", "Environment"))]
+    program = "%h/.local/share/swarm-ctl/host"
+    command = f"{program}/bin/swarm-ctl agent {program}/current/plan.json --id %i"
+    assert started == [f"ExecStart={command} --record {program}/flight"]
 
 
 def test_no_bundle_takes_the_place_of_one_that_flies(host: Host) -> None:
@@ -212,19 +229,19 @@ def test_systemd_is_asked_as_the_user(tmp_path: Path, monkeypatch: pytest.Monkey
     state.write_text("inactive\n")
     monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
     root = tmp_path / "home/.local/share/swarm-ctl/host"
-    unit = tmp_path / "swarm-ctl-agent@.service"
-    unit.write_text("[Unit]\n")
+    units = {"swarm-ctl-agent@.service": "[Unit]\n"}
     for reload in (0, 1):
         script = tmp_path / "systemctl"
         script.write_text(_SYSTEMCTL.format(log=log, state=state, reload=reload))
         script.chmod(0o755)
         if reload:
             with pytest.raises(StartError, match="loginctl enable-linger"):
-                Systemd(root).install([unit])
+                Systemd(root).install(units)
             return
         manager = Systemd(root)
-        manager.install([unit])
-        assert (tmp_path / "home/.config/systemd/user" / unit.name).read_text() == "[Unit]\n"
+        manager.install(units)
+        written = tmp_path / "home/.config/systemd/user/swarm-ctl-agent@.service"
+        assert written.read_text() == "[Unit]\n"
         service = Service("agent-1", "swarm-ctl-agent@1.service", ())
         manager.start(service)
         state.write_text("deactivating\n")

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import shlex
-import subprocess
+import tracemalloc
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -173,14 +174,52 @@ def test_ssh_asks_no_questions_and_takes_no_host_for_an_option() -> None:
     ],
 )
 def test_how_far_a_call_came(
-    monkeypatch: pytest.MonkeyPatch, code: int, said: str, reach: Reach
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int, said: str, reach: Reach
 ) -> None:
-    def run(line: list[str], **_: object) -> subprocess.CompletedProcess[bytes]:
-        return subprocess.CompletedProcess(line, code, b"", said.encode())
-
-    monkeypatch.setattr(subprocess, "run", run)
-    answer = Ssh().ask("drone3", ["state"], 1.0)
+    ssh_is(tmp_path, monkeypatch, f"echo '{said}' >&2; exit {code}")
+    answer = Ssh().ask("drone3", ["state"], 60.0)
     assert (answer.reach, answer.words) == (reach, said)
+
+
+def ssh_is(folder: Path, monkeypatch: pytest.MonkeyPatch, script: str) -> None:
+    """Let a script be ssh."""
+    (folder / "ssh").write_text(f"#!/bin/sh\n{script}\n")
+    (folder / "ssh").chmod(0o755)
+    monkeypatch.setenv("PATH", str(folder), prepend=os.pathsep)
+
+
+def test_what_travels_is_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A bundle to the host, and its logs to a file here: longer than a pipe holds."""
+    ssh_is(tmp_path, monkeypatch, "cat")
+    data = bytes(range(256)) * 4000
+    with (tmp_path / "out").open("w+b") as out:
+        answer = Ssh().ask("drone3", ["install", "-"], 60.0, data, out, len(data))
+        out.seek(0)
+        assert (answer.reach, out.read()) == (Reach.ANSWERED, data)
+    assert Ssh().ask("drone3", ["state"], 60.0, b"here").out == b"here"
+
+
+@pytest.mark.parametrize("script", ["yes", "yes >&2 & exec yes", "(sleep 60 & yes)"])
+def test_a_host_that_answers_without_end_is_not_read_to_the_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, script: str
+) -> None:
+    """One that was taken over: a megabyte of a report is read, and ssh is ended."""
+    ssh_is(tmp_path, monkeypatch, script)
+    tracemalloc.start()
+    answer = Ssh().ask("drone3", ["state"], 60.0)
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert answer.reach is Reach.FAILED
+    assert answer.words == "answers more than 1.04858 MB; allowed: less"
+    assert most < 8e6
+
+
+def test_a_host_that_does_not_answer_is_waited_for_so_long(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ssh_is(tmp_path, monkeypatch, "exec sleep 60")
+    answer = Ssh().ask("drone3", ["state"], 0.3)
+    assert (answer.reach, answer.words) == (Reach.OFFLINE, "no answer for 0.3 s")
 
 
 def report(name: str, state: State, said: str = "", plan_hash: str = OLD) -> HostState:
