@@ -23,6 +23,8 @@ _CRC_EXTRA: dict[int, bytes] = {
     number: bytes([message.crc_extra]) for number, message in dialect.mavlink_map.items()
 }
 _CRC = struct.Struct("<H")
+_MOST_UNKNOWN = 8
+"""Frames of unknown messages in a row that are stepped over."""
 _MOST_FAILURES = 32
 """False beginnings in a row. A cut frame has a few; a hostile chunk could have thousands, of some
 microseconds each: the rest of the chunk is dropped."""
@@ -59,6 +61,8 @@ class Framer:
 
     With `unknown`, frames of messages that the dialect does not have are passed, too. Their
     checksum can't be verified: they count where another frame or the end of the chunk follows.
+    Without it they are stepped over whole, where a good frame follows: their payload may be full of
+    bytes that look like beginnings.
     """
 
     def __init__(self, *, unknown: bool = False) -> None:
@@ -68,7 +72,8 @@ class Framer:
         self._skipping = False
 
     def feed(self, data: bytes) -> list[MavlinkFrame]:
-        """The frames completed by `data`. Keeps at most one incomplete frame (under 280 bytes).
+        """The frames completed by `data`. Keeps at most one incomplete frame (280 bytes), and
+        a few unknown ones before it.
 
         Bytes that may begin a frame are dropped as soon as a whole good frame follows them.
         """
@@ -84,8 +89,11 @@ class Framer:
             if size > 0:
                 if at > done:
                     self._skip()
-                self._skipping = False
-                frames.append(_frame(data[at : at + size]))
+                if self._unknown or _message_id(data, at) in _CRC_EXTRA:
+                    self._skipping = False
+                    frames.append(_frame(data[at : at + size]))
+                else:
+                    self._skip()
                 done = position = at + size
                 partial = None
                 failures = 0
@@ -105,8 +113,9 @@ class Framer:
         self._skipping = True
 
 
-def _size(data: bytes, at: int, *, unknown: bool = False) -> int:
-    """Length of the good frame that starts at `at`, or _PARTIAL, or _NONE."""
+def _size(data: bytes, at: int, *, unknown: bool = False, followed: int = 0) -> int:
+    """Length of the good frame that starts at `at`, or _PARTIAL, or _NONE. `followed`: so many
+    unknown ones in a row stand before it."""
     available = len(data) - at
     header = _HEADER_V2 if data[at] == _V2 else _HEADER_V1
     if available < header:
@@ -118,15 +127,25 @@ def _size(data: bytes, at: int, *, unknown: bool = False) -> int:
         if data[at + 2]:
             size += _SIGNATURE_BYTES
     extra = _CRC_EXTRA.get(_message_id(data, at))
-    if extra is None and not unknown:
-        return _NONE
     if available < size:
         return _PARTIAL
-    if extra is None:
+    if extra is None and unknown:
         return size if available == size or data[at + size] in (_V2, _V1) else _NONE
+    if extra is None:
+        return _stepped(data, at, size, followed)
     end = at + header + data[at + 1]
     good = _checksum(data[at + 1 : end] + extra) == _CRC.unpack_from(data, end)[0]
     return size if good else _NONE
+
+
+def _stepped(data: bytes, at: int, size: int, followed: int) -> int:
+    """Length of an unknown message's frame, which counts by the good frame after it."""
+    if at + size == len(data):
+        return _PARTIAL
+    if data[at + size] not in (_V2, _V1) or followed >= _MOST_UNKNOWN:
+        return _NONE
+    after = _size(data, at + size, followed=followed + 1)
+    return size if after > 0 else after
 
 
 def _message_id(data: bytes, at: int) -> int:

@@ -113,7 +113,7 @@ class VehicleLink:
         self._codec = dialect.MAVLink(None, srcSystem=agent_sysid, srcComponent=AGENT_COMPONENT)
         self._reader = dialect.MAVLink(None)
         self._signing, self._refused = signing, RefusedFrames(sysid)
-        self._trouble = ""
+        self._trouble = self._wire_trouble = ""
         if signing is not None:
             signing.equip(self._codec)
         if self._wire.warning and autopilot == "px4":
@@ -155,18 +155,27 @@ class VehicleLink:
             self._heard.texts.add(trouble)
         self._trouble = trouble
 
+    def _look_at_wire(self) -> None:
+        trouble = self._wire.trouble
+        if trouble and not self._wire_trouble:
+            self._heard.texts.add(f"{trouble}; it is opened again when it comes back")
+        self._wire_trouble = trouble
+
     def view(self) -> VehicleView:
         """A snapshot as of the last `receive`. Each STATUSTEXT is in one snapshot only."""
         heard, driver, now = self._heard, self._autopilot, self._now
         self._say_refuted()
         self._look_for_clashes()
         self._look_at_stamps()
+        self._look_at_wire()
         if heard.contacts:
             heard.forget_old_contacts(now)
         mode = driver.mode(heard)
         fault = driver.fault(heard)
         refused = self._refused.words(now)
         missing = fault or driver.missing(heard, now)
+        if self._wire.trouble and now - heard.heartbeat_s > HEARTBEAT_LOST_S:
+            missing = f"{missing}: {self._wire.trouble}"
         if refused and math.isinf(heard.heartbeat_s):
             missing = f"{refused}; allowed: frames signed with its key (swarm-ctl trust vehicle)"
         return VehicleView(
@@ -348,7 +357,7 @@ class VehicleLink:
             if frame.component == AUTOPILOT_COMPONENT:
                 self._heard.stranger = frame.system
             return
-        self._wire.confirm()
+        self._wire.confirm(proven=self._signing is not None)
         self._count_lost(frame.seq)
         if self._mirror is not None:
             self._mirror.keep(frame.raw)

@@ -59,8 +59,8 @@ class SteppedWire(Wire):
             return self._waiting.popleft()
         return self._inner.read(now) if self._free else None
 
-    def write(self, data: bytes, now: float) -> None:
-        self._inner.write(data, now)
+    def write(self, data: bytes, now: float, system: int = 0) -> None:
+        self._inner.write(data, now, system)
         self._written += 1
 
     def written(self) -> int:
@@ -68,8 +68,8 @@ class SteppedWire(Wire):
         written, self._written = self._written, 0
         return written
 
-    def confirm(self) -> None:
-        self._inner.confirm()
+    def confirm(self, system: int = 0, *, proven: bool = False) -> None:
+        self._inner.confirm(system, proven=proven)
 
     def close(self) -> None:
         self._inner.close()

@@ -16,7 +16,7 @@ from typing import Final
 from swarm_ctl.core.model.fleet import FleetAgent
 from swarm_ctl.core.swarm.radio import budget
 from swarm_ctl.errors import LinkError
-from swarm_ctl.mavlink.wires import Wire, open_wire
+from swarm_ctl.mavlink.wires import open_wire
 from swarm_ctl.runtime.clock import pause, wall_s
 from swarm_ctl.runtime.forked import serve_forked
 from swarm_ctl.runtime.lifeline import ALIVE, READY, Lifeline
@@ -26,7 +26,6 @@ from swarm_ctl.runtime.radio.switch import Place, Switch
 _TURN_WALL_S: Final = 0.005
 """A tenth of a tick: so much later is a setpoint."""
 _SHOW_WALL_S: Final = 0.5
-_REOPEN_WALL_S: Final = 1.0
 _LINGER_WALL_S: Final = 1.6
 """After the lifeline's end and the last word of an agent, which has a heartbeat each second: until
 then it lands its vehicle."""
@@ -63,10 +62,12 @@ def run_link(
     LinkError where the radio or an agent's port can't be opened.
     """
     with ExitStack() as opened:
-        radio = _Radio(config)
-        opened.callback(radio.close)
+        share = config.agents[0].radio
+        if share is None:
+            raise LinkError(f"agent {config.agents[0].id} shares no radio")
+        radio = opened.enter_context(closing(open_wire(share.endpoint)))
         places = [_place(agent, config, opened) for agent in config.agents]
-        switch = Switch(radio.wire, places, radio.endpoint, radio.bytes_per_s)
+        switch = Switch(radio, places, share.endpoint, config.bytes_per_s or share.bytes_per_s)
         lifeline.tell(READY)
         show_s = spoke_s = wall_s()
         trouble = ""
@@ -75,8 +76,7 @@ def run_link(
             switch.turn(now)
             if switch.trouble != trouble:
                 trouble = switch.trouble
-                lifeline.tell(f"{radio.endpoint}: {trouble or 'works again'}")
-            radio.see_to(switch, now)
+                lifeline.tell(f"{share.endpoint}: {trouble or 'works again'}")
             if now >= show_s:
                 show_s = now + _SHOW_WALL_S
                 load = switch.load(now)
@@ -94,34 +94,6 @@ def _place(agent: FleetAgent, config: LinkConfig, opened: ExitStack) -> Place:
     port = agent.endpoint.rpartition(":")[2]
     wire = opened.enter_context(closing(open_wire(f"udpin:127.0.0.1:{port}")))
     return Place(agent, wire, budget(agent.radio, agent.autopilot, signed=config.signed).hz)
-
-
-class _Radio:
-    """A serial port that is pulled out and put in again is opened again; a socket heals itself."""
-
-    def __init__(self, config: LinkConfig) -> None:
-        share = config.agents[0].radio
-        if share is None:
-            raise LinkError(f"agent {config.agents[0].id} shares no radio")
-        self.endpoint = share.endpoint
-        self.bytes_per_s = config.bytes_per_s or share.bytes_per_s
-        self.wire: Wire = open_wire(self.endpoint)
-        self._due_s = 0.0
-
-    def see_to(self, switch: Switch, now: float) -> None:
-        """Open the port again where it has broken."""
-        if not switch.trouble or not self.endpoint.startswith("serial:") or now < self._due_s:
-            return
-        self._due_s = now + _REOPEN_WALL_S
-        self.wire.close()
-        try:
-            self.wire = open_wire(self.endpoint)
-        except LinkError:
-            return  # told already; tried again
-        switch.use(self.wire)
-
-    def close(self) -> None:
-        self.wire.close()
 
 
 def told(text: str) -> None:

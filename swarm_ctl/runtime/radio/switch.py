@@ -103,16 +103,12 @@ class Switch:
         self._down = Flow()
         self._foreign = 0
         self._turned_s: float | None = None
-        self.use(radio)
-
-    def use(self, radio: Wire) -> None:
-        """From now on this is the radio."""
         self._radio, self._ear = radio, _Ear(radio)
 
     @property
     def trouble(self) -> str:
-        """Why the radio can't be used, or ''."""
-        return self._ear.trouble
+        """Why the radio can't be used, or ''; it opens again by itself."""
+        return self._radio.trouble or self._ear.trouble
 
     def turn(self, now: float) -> None:
         """Take in what has come, and send what may go now."""
@@ -135,7 +131,7 @@ class Switch:
             self._foreign += 1
             port = self._by_agent_system.get(frame.system)
         else:
-            self._radio.confirm()
+            self._radio.confirm(frame.system)
             port.down.add(len(frame.raw), now)
             port.heard_s = now
         if port is None or stalled:
@@ -157,7 +153,7 @@ class Switch:
             port.lane.put(frame, now)
 
     def _send(self, port: _Port, frame: MavlinkFrame, now: float) -> None:
-        if not _written(self._radio, frame, now):
+        if not _written(self._radio, frame, now, port.agent.sysid):
             port.unsent += 1
             return
         port.up.add(len(frame.raw), now)
@@ -174,10 +170,10 @@ class Switch:
         )
 
 
-def _written(wire: Wire, frame: MavlinkFrame, now: float) -> bool:
+def _written(wire: Wire, frame: MavlinkFrame, now: float, system: int = 0) -> bool:
     """Whether the wire took the frame: a full or broken one loses it, and the rest goes on."""
     try:
-        wire.write(frame.raw, now)
+        wire.write(frame.raw, now, system)
     except OSError:
         return False
     return True

@@ -133,3 +133,29 @@ def test_a_chunk_full_of_false_beginnings_costs_no_more_than_a_few(pattern: byte
         assert framer.feed((pattern * 4096)[:4096]) == []
     assert framer.tried < 10 * 50
     assert GOOD[0] in [frame.raw for frame in framer.feed(GOOD[0])]
+
+
+def unknown(payload: bytes, *, signed: bool = False) -> bytes:
+    """A frame of a message that no dialect has; its checksum can't be verified."""
+    header = bytes([0xFD, len(payload), int(signed), 0, 9, 1, 1]) + (54321).to_bytes(3, "little")
+    return header + payload + b"\x12\x34" + b"\xfd" * 13 * signed
+
+
+@pytest.mark.parametrize("filled", [b"\xfd", b"\xfe", b"\xfd\x09\0\0\0\1\1\0\0\0"])
+@pytest.mark.parametrize("signed", [False, True])
+def test_an_unknown_message_full_of_beginnings_hides_no_known_one(
+    filled: bytes, signed: bool
+) -> None:
+    """The rest of the datagram was lost: more than 32 beginnings in a row were false."""
+    strange = unknown((filled * 255)[:255], signed=signed)
+    datagram = strange + GOOD[0] + strange * 3 + GOOD[1] + GOOD[2]
+    assert [frame.raw for frame in Framer().feed(datagram)] == GOOD[:3]
+
+
+@given(st.lists(st.integers(0, 900), max_size=6))
+def test_unknown_messages_are_stepped_over_however_the_stream_is_cut(places: list[int]) -> None:
+    stream = (unknown(b"\xfd" * 255) + GOOD[0]) * 3
+    cuts = [0, *sorted(min(place, len(stream)) for place in places), len(stream)]
+    framer = Framer()
+    found = [frame.raw for a, b in pairwise(cuts) for frame in framer.feed(stream[a:b])]
+    assert found == [GOOD[0]] * 3

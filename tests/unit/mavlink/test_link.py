@@ -257,10 +257,10 @@ class BrokenWire(Wire):
     def read(self, now: float) -> bytes | None:
         raise ConnectionRefusedError
 
-    def write(self, data: bytes, now: float) -> None:
+    def write(self, data: bytes, now: float, system: int = 0) -> None:
         raise BlockingIOError
 
-    def confirm(self) -> None:
+    def confirm(self, system: int = 0, *, proven: bool = False) -> None:
         pass
 
     def close(self) -> None:

@@ -136,7 +136,7 @@ def test_a_vehicle_with_an_old_clock_is_answered_and_then_heard() -> None:
     """Autopilots raise their stamps to those that they hear."""
     near, far = memory_wires()
     confirmed: list[bool] = []
-    near.confirm = lambda: confirmed.append(True)  # type: ignore[method-assign]
+    near.confirm = lambda **_: confirmed.append(True)  # type: ignore[method-assign]
     link = VehicleLink(near, "ardupilot", 7, signing=Signing(KEY, START))
     codec = vehicle_codec(stamp=START - 10**9)
     far.write(beat(codec))
@@ -152,7 +152,7 @@ def test_a_vehicle_with_an_old_clock_is_answered_and_then_heard() -> None:
 def test_neither_an_impostor_nor_a_replay_gets_the_link() -> None:
     near, far = memory_wires()
     confirmed: list[bool] = []
-    near.confirm = lambda: confirmed.append(True)  # type: ignore[method-assign]
+    near.confirm = lambda **_: confirmed.append(True)  # type: ignore[method-assign]
     link = VehicleLink(near, "ardupilot", 7, signing=Signing(KEY, START))
     good = beat(vehicle_codec())
     wire.Vehicle(far, 7).say(wire.heartbeat())

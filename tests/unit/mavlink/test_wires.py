@@ -11,6 +11,7 @@ import socket
 import sys
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -18,7 +19,8 @@ from swarm_ctl.core.model.vehicle import FlyGoal, StandbyGoal
 from swarm_ctl.errors import LinkError
 from swarm_ctl.mavlink import wires
 from swarm_ctl.mavlink.link import VehicleLink
-from swarm_ctl.mavlink.wires import Wire, _Stream, local_port, memory_wires, open_wire
+from swarm_ctl.mavlink.stream_wires import Stream
+from swarm_ctl.mavlink.wires import Wire, local_port, memory_wires, open_wire
 from tests.unit.mavlink import wire
 from tests.unit.mavlink.test_framer import BANNER
 
@@ -292,7 +294,7 @@ class Narrow:
 
 def test_a_frame_that_went_out_in_part_is_finished_before_another_begins() -> None:
     stream = Narrow(room=4)
-    opened = _Stream(stream)  # type: ignore[arg-type]
+    opened = Stream(stream)  # type: ignore[arg-type]
     opened.write(b"first!")
     for _ in range(3):
         with pytest.raises(BlockingIOError):
@@ -312,10 +314,10 @@ def tcpin() -> Iterator[tuple[Wire, int]]:
         yield opened, port
 
 
-def read_soon(wire: Wire) -> bytes:
+def read_soon(wire: Wire, now: float = 0.0) -> bytes:
     """The next chunk, which is on its way."""
     until = time.monotonic() + 5.0
-    while (chunk := wire.read(0.0)) is None:
+    while (chunk := wire.read(now)) is None:
         assert time.monotonic() < until
         time.sleep(0.001)
     return chunk
@@ -349,7 +351,7 @@ def test_a_client_takes_the_link_of_a_vehicle_only_by_a_frame_of_the_vehicle() -
         assert vehicle.recv(100) == b"setpoint"
         again = stack.enter_context(socket.create_connection((HOST, port), timeout=5.0))
         again.sendall(b"good")
-        while read_soon(opened) != b"good":
+        while read_soon(opened, 1.0) != b"good":
             pass
         opened.confirm()
         opened.write(b"setpoint", 0.0)
@@ -381,3 +383,202 @@ def test_a_serial_port_carries_frames() -> None:
     finally:
         os.close(master)
         os.close(slave)
+
+
+# --- each opens again by itself ---
+
+
+class Pluggable:
+    """A serial port with a name that stays, as /dev/serial/by-id has them; the vehicle's end."""
+
+    def __init__(self, name: Path) -> None:
+        self.name = name
+        self.master = self.slave = -1
+
+    def plug_in(self) -> None:
+        self.master, self.slave = pty.openpty()
+        self.name.unlink(missing_ok=True)
+        self.name.symlink_to(os.ttyname(self.slave))
+
+    def pull_out(self) -> None:
+        """The name goes, and what was open hangs up."""
+        self.name.unlink()
+        os.close(self.slave)
+        os.close(self.master)
+
+
+def hear(link: VehicleLink, now: float) -> float:
+    """When the link heard the vehicle last, by then."""
+    time.sleep(0.02)
+    link.receive(now)
+    return link.view().heartbeat_s
+
+
+def test_a_serial_port_that_comes_back_is_opened_again_by_its_name(tmp_path: Path) -> None:
+    """It was never opened again; 0.5 s of gap in flight ended the flight."""
+    pytest.importorskip("serial", reason="pyserial is not installed")
+    port = Pluggable(tmp_path / "vehicle")
+    port.plug_in()
+    with contextlib.closing(VehicleLink(f"serial:{port.name}:57600", "ardupilot", 7)) as link:
+        os.write(port.master, frame_from())
+        assert hear(link, 1.0) == 1.0
+        for gap in (1, 2):
+            port.pull_out()
+            for tick in range(10):
+                link.receive(gap * 10 + tick * 0.05)
+                link.pursue(FlyGoal((0.0, 0.0, 0.0)), gap * 10 + tick * 0.05)
+            (text,) = link.view().texts
+            assert f"serial port {port.name} is gone" in text
+            port.plug_in()
+            link.receive(gap * 10 + 0.75)
+            os.write(port.master, frame_from())
+            assert hear(link, gap * 10 + 0.8) == gap * 10 + 0.8
+            link.pursue(FlyGoal((0.0, 0.0, 0.0)), gap * 10 + 1.5)  # a heartbeat is due
+            wait_readable(port.master)
+            assert os.read(port.master, 1)[0] == 0xFD
+    port.pull_out()
+
+
+def test_a_vehicle_whose_serial_port_stays_away_says_why_it_is_not_ready(tmp_path: Path) -> None:
+    pytest.importorskip("serial", reason="pyserial is not installed")
+    port = Pluggable(tmp_path / "vehicle")
+    port.plug_in()
+    with contextlib.closing(VehicleLink(f"serial:{port.name}:57600", "ardupilot", 7)) as link:
+        port.pull_out()
+        for now in (0.0, 1.0, 2.0):
+            link.receive(now)
+        assert f"serial port {port.name} is gone" in link.view().health_reason
+
+
+def test_a_serial_port_that_takes_nothing_never_holds_the_loop_up(tmp_path: Path) -> None:
+    """pyserial's own write turns in a circle until there is room."""
+    pytest.importorskip("serial", reason="pyserial is not installed")
+    port = Pluggable(tmp_path / "vehicle")
+    port.plug_in()
+    with contextlib.closing(open_wire(f"serial:{port.name}:57600")) as opened:
+        begun, dropped = time.monotonic(), 0
+        for _ in range(2000):
+            try:
+                opened.write(bytes(200), 0.0)
+            except BlockingIOError:
+                dropped += 1
+        assert dropped > 1000
+        assert time.monotonic() - begun < 5.0
+    port.pull_out()
+
+
+def test_a_tcp_host_that_does_not_answer_is_asked_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By itself the system asks ever more seldom, and the vehicle is back long before."""
+    tries: list[object] = []
+
+    class Silent(socket.socket):
+        def connect_ex(self, address: object) -> int:
+            tries.append(address)
+            return 115  # in progress, for ever
+
+    monkeypatch.setattr(socket, "socket", Silent)
+    with contextlib.closing(open_wire("tcp:127.0.0.1:9")) as opened:
+        for tick in range(120):
+            with contextlib.suppress(OSError):
+                opened.read(tick * 0.1)
+    assert 3 <= len(tries) <= 12
+
+
+def test_udpout_gets_a_new_socket_where_the_computers_address_has_gone(udp: socket.socket) -> None:
+    class Lost:
+        """Linux: a socket that is bound to an address which the computer has no more."""
+
+        def __init__(self, inner: socket.socket) -> None:
+            self.close = inner.close
+
+        def send(self, _: bytes) -> int:
+            raise OSError(22, "Invalid argument")
+
+    with contextlib.closing(open_wire(f"udpout:{HOST}:{udp.getsockname()[1]}")) as opened:
+        opened._socket = Lost(opened._socket)  # type: ignore[attr-defined]
+        for now in (0.0, 0.5):
+            with pytest.raises(OSError, match="Invalid"):
+                opened.write(b"hello", now)
+        opened.write(b"hello", 1.1)
+        assert udp.recv(100) == b"hello"
+
+
+def test_udpin_follows_a_vehicle_that_comes_back_at_another_address(udp: socket.socket) -> None:
+    port = free_port(socket.SOCK_DGRAM)
+    with (
+        contextlib.closing(VehicleLink(f"udpin:{HOST}:{port}", "ardupilot", 7)) as link,
+        contextlib.closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as moved,
+    ):
+        moved.settimeout(5.0)
+        udp.sendto(frame_from(7), (HOST, port))
+        assert hear(link, 1.0) == 1.0
+        moved.sendto(frame_from(7), (HOST, port))
+        assert hear(link, 2.0) == 2.0
+        link.pursue(StandbyGoal(), 2.0)
+        assert moved.recv(4096)[0] == 0xFD
+
+
+def test_a_stranger_takes_a_vehicle_from_no_address_where_it_is_heard(udp: socket.socket) -> None:
+    """On an open link a frame that says the vehicle's id turned all setpoints away."""
+    port = free_port(socket.SOCK_DGRAM)
+    with (
+        contextlib.closing(VehicleLink(f"udpin:{HOST}:{port}", "ardupilot", 7)) as link,
+        contextlib.closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as stranger,
+    ):
+        stranger.settimeout(0.0)
+        stranger.bind((HOST, 0))
+        udp.sendto(frame_from(7), (HOST, port))
+        assert hear(link, 1.0) == 1.0
+        stranger.sendto(frame_from(7), (HOST, port))
+        assert hear(link, 1.2) == 1.2
+        link.pursue(StandbyGoal(), 1.2)
+        assert udp.recv(4096)[0] == 0xFD
+        with pytest.raises(BlockingIOError):
+            stranger.recv(4096)
+
+
+# --- several vehicles behind one port ---
+
+
+@pytest.mark.parametrize("scheme", ["udpin", "tcpin"])
+def test_each_vehicle_behind_one_port_gets_its_own_frames(scheme: str) -> None:
+    """The link answered whoever spoke last: 939 of 1,126 frames went to a wrong vehicle."""
+    kind = socket.SOCK_DGRAM if scheme == "udpin" else socket.SOCK_STREAM
+    port = free_port(kind)
+    with contextlib.ExitStack() as stack:
+        opened = stack.enter_context(contextlib.closing(open_wire(f"{scheme}:{HOST}:{port}")))
+        vehicles = {}
+        for system in range(1, 7):
+            made = stack.enter_context(socket.socket(socket.AF_INET, kind))
+            made.connect((HOST, port))
+            made.settimeout(5.0)
+            made.send(bytes([system]))
+            assert read_soon(opened) == bytes([system])
+            opened.confirm(system)
+            vehicles[system] = made
+        for system in (3, 1, 6, 2, 5, 4):
+            opened.write(bytes([100 + system]), 0.0, system)
+        assert {s: v.recv(100) for s, v in vehicles.items()} == {
+            s: bytes([100 + s]) for s in vehicles
+        }
+
+
+def test_a_tcp_vehicle_that_connects_again_is_found_among_the_others() -> None:
+    with tcpin() as (opened, port), contextlib.ExitStack() as stack:
+
+        def connect(system: int, now: float) -> socket.socket:
+            made = stack.enter_context(socket.create_connection((HOST, port), timeout=5.0))
+            made.send(bytes([system]))
+            while read_soon(opened, now) != bytes([system]):
+                pass
+            opened.confirm(system)
+            return made
+
+        first, second = connect(1, 0.0), connect(2, 0.0)
+        first.close()
+        time.sleep(0.02)
+        opened.read(0.1)
+        first = connect(1, 0.2)
+        opened.write(b"one", 0.2, 1)
+        opened.write(b"two", 0.2, 2)
+        assert (first.recv(100), second.recv(100)) == (b"one", b"two")

@@ -140,3 +140,12 @@ def test_a_vehicle_that_boots_again_is_heard_at_once() -> None:
         bench.radio.write(position(1, boot_s))
         bench.turn(0.1)
     assert len(bench.heard(1)) == 2
+
+
+def test_a_frame_goes_to_the_vehicle_it_is_for_and_to_no_other_at_the_same_port() -> None:
+    bench, sent = Bench(), []
+    bench.switch._radio.write = lambda data, _now, system=0: sent.append((data, system))  # type: ignore[method-assign]
+    for agent in (0, 1):
+        bench.agents[agent].write(setpoint(agent + 1))
+        bench.turn(0.1)
+    assert sent == [(setpoint(1), 1), (setpoint(2), 2)]
