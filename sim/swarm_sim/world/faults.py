@@ -91,15 +91,17 @@ class VehicleFaults:
         return self.fallen or (self.active and self["SIM_MOTOR_STOP"] == 1.0)
 
     def look(self) -> bool:
-        """Reads changed parameters; whether there is anything to do."""
-        if self._version != self._parameters.version:
+        """Reads changed parameters; whether there is anything to do. After a change there is: what
+        a fault has left must go when it ends."""
+        changed = self._version != self._parameters.version
+        if changed:
             self._version = self._parameters.version
             self.active = any(self[name] != neutral for name, neutral in _NEUTRAL.items())
             loss, delay = min(max(self["SIM_LOSS"] / 100.0, 0.0), 1.0), max(self["SIM_DELAY"], 0.0)
             mute = self["SIM_HB_MUTE"] == 1.0
             self.radio = Radio(mute, loss, delay) if mute or loss or delay else None
             self._due_s = -math.inf
-        return self.active or self.fallen or self.offset != STILL or self.wind != STILL
+        return changed or self.active or self.fallen
 
     def move(self, now: float, truth: Sensed) -> bool:
         """Moves weather and errors on when that is due; whether it did."""

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 
 from swarm_sim.config import SimConfig
 from swarm_sim.firmware.parameters.fault_parameters import SIM_DEFAULTS
@@ -349,6 +351,60 @@ def test_delayed_frames_come_late_in_order_and_all() -> None:
     assert not clients.heard(A)
     clients.run(0.5)
     assert "COMMAND_ACK" in [m.get_type() for m in clients.heard(A)]
+
+
+BRIEF = {
+    "SIM_ARM_REFUSE": 1.0,
+    "SIM_BATT_DRAIN": 3.0,
+    "SIM_BATT_FAIL": 1.0,
+    "SIM_COLL_FALL": 1.0,
+    "SIM_DELAY": 0.3,
+    "SIM_GPS_ACC": 4.0,
+    "SIM_GPS_DRIFT": 1.0,
+    "SIM_GPS_FREEZE": 1.0,
+    "SIM_GPS_JUMP_D": 1.0,
+    "SIM_GPS_JUMP_E": 2.0,
+    "SIM_GPS_JUMP_N": 5.0,
+    "SIM_GPS_NOISE": 0.5,
+    "SIM_GPS_SATS": 5.0,
+    "SIM_HB_MUTE": 1.0,
+    "SIM_LOSS": 40.0,
+    "SIM_MOTOR_STOP": 1.0,
+    "SIM_VEL_NOISE": 1.5,
+    "SIM_WIND_DIR": 60.0,
+    "SIM_WIND_GUST": 2.0,
+    "SIM_WIND_SPD": 6.0,
+}
+"""Faults that a hovering vehicle survives for half a second: all but those that end its flight."""
+
+
+@PERSONAS
+@given(names=st.sets(st.sampled_from(sorted(BRIEF)), min_size=1), for_s=st.floats(0.1, 0.6))
+@example(names=set(BRIEF), for_s=0.5)
+@example(names={"SIM_VEL_NOISE"}, for_s=0.5)
+@example(names={"SIM_MOTOR_STOP"}, for_s=0.5)
+@example(names={"SIM_GPS_FREEZE"}, for_s=0.5)
+@example(names={"SIM_WIND_GUST"}, for_s=0.5)
+def test_a_fault_that_has_ended_has_left_nothing(
+    persona: str, names: set[str], for_s: float
+) -> None:
+    """The vehicle's world is as before, and the vehicle comes back to its place."""
+    assert SIM_DEFAULTS.keys() - BRIEF.keys() == {"SIM_GPS_OFF", "SIM_REBOOT"}
+    flight = hovering(persona)
+    vehicle, state = flight.world.vehicles[0], flight.world.groups[persona].state
+    here = flight.ned()
+    put(flight, **{name: BRIEF[name] for name in names})
+    flight.run(for_s)
+    put(flight, **{name: SIM_DEFAULTS[name].value for name in names})
+    flight.run(0.3)
+    assert not state.wind.any()
+    assert not state.drift.any()
+    assert flight.world.groups[persona].demands.lift.all()
+    assert vehicle.sense() == vehicle.truth()
+    assert (vehicle.faults.active, vehicle.faults.radio) == (False, None)
+    flight.run(20.0)
+    assert flight.ned() == pytest.approx(here, abs=0.3)
+    assert flight.world.vehicles[0].firmware.battery.failed is False
 
 
 def test_faults_and_landing_after_them_repeat_exactly() -> None:
