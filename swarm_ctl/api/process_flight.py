@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import os
@@ -36,6 +37,8 @@ _END_WALL_S = 15.0
 """A second Ctrl-C kills all processes at once; a busy machine needs time for it."""
 _LOCKSTEP_END_WALL_S = 120.0
 """From the last agent's end to the run's, in lockstep."""
+_AGAIN_WALL_S = 0.8
+"""Two presses of Ctrl-C, and not one."""
 _LAND_WALL_S = 300.0
 _KILL_WALL_S, _SHORT_WALL_S = 10.0, 0.002
 
@@ -244,7 +247,8 @@ class ProcessFlight(SwarmFlight):
         for _ in range(2):
             if self._process.poll() is None:
                 self._process.send_signal(signal.SIGINT)
-                pause(0.2)
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    self._process.wait(_AGAIN_WALL_S)
         try:
             self._process.wait(_END_WALL_S)
         except subprocess.TimeoutExpired:

@@ -1,130 +1,19 @@
-"""The `swarm-ctl` command: one module a subcommand, one place for errors."""
+"""Where `swarm-ctl` begins: from here on Ctrl-C ends it in one line, whatever it still imports."""
 
 from __future__ import annotations
 
-import itertools
-import os
-import sys
-from collections.abc import Callable
-from typing import Annotated, Any, Final
-
-import typer
-from typer.core import TyperCommand
-
-from swarm_ctl import __version__
-from swarm_ctl.cli.checks.doctor import doctor
-from swarm_ctl.cli.checks.measure import measure
-from swarm_ctl.cli.checks.validate import validate
-from swarm_ctl.cli.flight.agent import agent
-from swarm_ctl.cli.flight.keys import keys
-from swarm_ctl.cli.flight.link import link
-from swarm_ctl.cli.flight.router import router
-from swarm_ctl.cli.flight.run import run
-from swarm_ctl.cli.flight.send import send
-from swarm_ctl.cli.flight.sim import sim
-from swarm_ctl.cli.flight.station import station
-from swarm_ctl.cli.hosts.deploy import deploy
-from swarm_ctl.cli.hosts.hosts import hosts
-from swarm_ctl.cli.hosts.on_host import on_host
-from swarm_ctl.cli.missions.missions import missions
-from swarm_ctl.cli.missions.plan import plan
-from swarm_ctl.cli.missions.schema import schema
-from swarm_ctl.cli.results.replay import replay
-from swarm_ctl.cli.results.report import compare, report
-from swarm_ctl.cli.security.trust import trust
-from swarm_ctl.cli.shared.console import PlainConsole
-from swarm_ctl.cli.shared.extras import require
-from swarm_ctl.cli.shared.gcs_option import with_port
-from swarm_ctl.cli.shared.system import FLYING, GROUND_ALONE, lacks, refuse_without
-from swarm_ctl.cli.studies.paper import paper
-from swarm_ctl.cli.studies.study import study
-from swarm_ctl.errors import SwarmError
-
-app = typer.Typer(
-    name="swarm-ctl",
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,  # markup would swallow what stands in square brackets
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
-
-
-_COMMANDS: Final[dict[str, tuple[Callable[..., None], ...]]] = {
-    "ground": (run, validate, plan, station, send, replay, report, compare),
-    "": (agent, link, router, sim, measure, doctor, schema, keys),
-    "study": (study, paper),
-}
-"""The commands that need an extra, or only the core."""
-
-
-class _Command(TyperCommand):
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """`--gcs` may stand without a port."""
-        return super().parse_args(ctx, with_port(args))
-
-    def invoke(self, ctx: Any) -> Any:
-        """Refuse to start where the system can't fly, or the command's extra is not installed."""
-        if self.name in FLYING:
-            refuse_without(lacks(), f"swarm-ctl {self.name}", GROUND_ALONE)
-        for extra, functions in _COMMANDS.items():
-            if extra and str(self.name) in (function.__name__ for function in functions):
-                require(extra, f"swarm-ctl {self.name}")
-        return super().invoke(ctx)
-
-
-for function in itertools.chain(*_COMMANDS.values()):
-    # `send move -20 35`: a number, not an option
-    settings = {"ignore_unknown_options": function is send}
-    app.command(cls=_Command, context_settings=settings)(function)
-app.command(cls=_Command)(deploy)
-app.add_typer(hosts)
-app.add_typer(on_host)
-app.add_typer(missions)
-app.add_typer(trust)
-
-
-def _show_version(wanted: bool) -> None:
-    if wanted:
-        sys.stdout.write(f"swarm-ctl {__version__}\n")
-        raise typer.Exit
-
-
-@app.callback()
-def top(
-    version: Annotated[
-        bool,
-        typer.Option(
-            "--version", help="Show the version and exit.", is_eager=True, callback=_show_version
-        ),
-    ] = False,
-) -> None:
-    """Fly a formation of drones from one terminal.
-
-    Try: swarm-ctl run hexagon
-    """
+from swarm_ctl.runtime.interrupts import ended, ended_in_one_line
 
 
 def main() -> None:
-    """Run the command line. An error of ours or of the system is one message and an exit code,
-    without a traceback."""
+    """The command line."""
+    ended_in_one_line()
+    from swarm_ctl.cli.app import main as command
+
     try:
-        app(prog_name="swarm-ctl")
-    except SwarmError as error:
-        _fail(str(error), error.exit_code)
-    except KeyboardInterrupt:
-        sys.exit(130)
-    except BrokenPipeError:
-        # The reader of our output is gone: no more output, no traceback about it.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(141)  # as a shell reports SIGPIPE
-    except OSError as error:
-        where = f"{error.filename}: " if error.filename else ""
-        _fail(f"{where}{error.strerror or error}", 3)
-
-
-def _fail(text: str, exit_code: int) -> None:
-    PlainConsole(stderr=True).say(f"error: {text}", style="red")
-    sys.exit(exit_code)
+        command()
+    finally:
+        ended()
 
 
 if __name__ == "__main__":

@@ -63,7 +63,7 @@ def on_cluster(
                 yield numbers[future.key], result
         except KilledWorker as error:
             raise StartError(f"--cluster {scheduler}: {error}") from None
-        except (GeneratorExit, KeyboardInterrupt):
+        except (GeneratorExit, KeyboardInterrupt, SystemExit):
             # broken off: Dask's loop would tell each result that is still on its way by a traceback
             logging.getLogger("tornado.application").setLevel(logging.CRITICAL)
             raise

@@ -55,7 +55,7 @@ def run_study(
                 for block, rows in flown_now:
                     file.add(block, rows)
                     progress.advance(task, len(rows))
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, SystemExit):  # the second is what the command makes of it
             left = _missions(work[block] for block in rows_file(path, study).missing)
             progress.print(
                 f"{path}: {study.rows - left} of {study.rows} missions; the same command goes on"

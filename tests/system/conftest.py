@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from swarm_ctl.cli.main import main
+from swarm_ctl.cli.app import main
 
 Typed = Callable[..., tuple[int, str, str]]
 

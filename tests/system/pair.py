@@ -100,7 +100,7 @@ def agent_in_waiting(
     code = (
         "import sys, swarm_ctl.runtime.agent.agent_process, swarm_ctl.mission.compile.plan_file;"
         "import swarm_ctl.runtime.fetched_plan;"
-        "from swarm_ctl.cli.main import app; sys.stdin.read(); app()"
+        "from swarm_ctl.cli.app import app; sys.stdin.read(); app()"
     )
     options = ("--id", str(agent_id), "--epoch", str(epoch_s), "--speedup", str(speedup), *more)
     return subprocess.Popen(

@@ -13,8 +13,8 @@ from typing import Any
 
 import pytest
 
+from swarm_ctl.cli.app import app
 from swarm_ctl.cli.flight.station import station
-from swarm_ctl.cli.main import app
 from swarm_ctl.errors import InputError
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.node import Node

@@ -288,7 +288,8 @@ def _open(endpoint: str) -> VehicleSocket:
 
 @contextlib.contextmanager
 def signals(server: Server) -> Iterator[None]:
-    """SIGTERM ends the server at once; SIGINT (the terminal's Ctrl-C) is ignored."""
+    """SIGTERM ends the server at once; SIGINT (the terminal's Ctrl-C) is ignored. What was blocked
+    before this process began stays so: then its lifeline alone ends it."""
     before_int = signal.signal(signal.SIGINT, signal.SIG_IGN)
     before_term = signal.signal(signal.SIGTERM, lambda *_: server.stop())
     try:

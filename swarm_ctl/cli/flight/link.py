@@ -69,6 +69,7 @@ def link(
         swarm-ctl link plan.json --radio serial:/dev/ttyUSB0:57600 --json
     """
     from swarm_ctl.mission.fleet.exposure import exposed_links, refuse_exposed
+    from swarm_ctl.runtime.interrupts import ENDED_CODE
     from swarm_ctl.runtime.lifeline import SignalLifeline
     from swarm_ctl.runtime.radio.link_process import LinkConfig, run_link, told
 
@@ -82,7 +83,7 @@ def link(
 
         def _signalled(self, *_: object) -> None:
             if self._cut:
-                raise KeyboardInterrupt
+                raise SystemExit(ENDED_CODE)
             self._cut = True
             told("ends when no agent speaks; Ctrl-C again: at once")
 

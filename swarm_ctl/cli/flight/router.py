@@ -55,6 +55,7 @@ def router(
     """
     from swarm_ctl.mesh.access import as_tls
     from swarm_ctl.mission.fleet.exposure import leaves_loopback, refuse_exposed
+    from swarm_ctl.runtime.interrupts import ENDED_CODE
     from swarm_ctl.runtime.lifeline import ALIVE, READY, SignalLifeline
     from swarm_ctl.runtime.protection import router_identity_folder
     from swarm_ctl.runtime.router.router_process import RouterConfig, run_router
@@ -71,7 +72,7 @@ def router(
 
         def _signalled(self, *_: object) -> None:
             if self._cut:
-                raise KeyboardInterrupt
+                raise SystemExit(ENDED_CODE)
             self._cut = True
             sys.stderr.write("router: ends with its last client; Ctrl-C again: at once\n")
 

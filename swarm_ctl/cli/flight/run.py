@@ -36,6 +36,7 @@ from swarm_ctl.errors import InputError
 
 if TYPE_CHECKING:
     from swarm_ctl.report.judge.summary import Summary
+    from swarm_ctl.runtime.interrupts import Interrupts
 
 _ARDUCOPTER: Final = (
     "The ArduCopter SITL binary, or container:IMAGE for one in a container of podman or docker."
@@ -99,10 +100,11 @@ def run(
 
     Starts the agents, a ground station, and the vehicles that have no endpoint: simulated ones, or
     with --vehicles the autopilots themselves (SITL), each at its agent's start.
-    Ctrl-C lands the swarm and waits for it; a second Ctrl-C stops all processes at once.
+    Ctrl-C lands the swarm and waits for it, and so do SIGTERM and a closed terminal; a second
+    Ctrl-C stops all processes at once.
 
-    Exit codes: 0 completed, 1 mission failed, 2 bad input, 3 something did not start, 130 landed by
-    Ctrl-C.
+    Exit codes: 0 completed, 1 mission failed, 2 bad input, 3 something did not start, 130 ended by
+    Ctrl-C, SIGTERM or a closed terminal.
 
     Examples:
 
@@ -158,11 +160,14 @@ def run(
     )
     if junit is not None and not (junit.parent.is_dir() and os.access(junit.parent, os.W_OK)):
         raise InputError(f"--junit {junit}: can't be written; allowed: a file in a folder that may")
-    result = fly(loaded, options, say)
     out = sys.stderr if json else sys.stdout
-    show_summary(console, result.folder, result.summary, out if report else None)
-    if junit is not None:
-        _write_junit(junit, result.summary, console)
+
+    def show_result(folder: Path, summary: Summary, interrupts: Interrupts) -> None:
+        show_summary(console, folder, summary, out if report else None, interrupts)
+        if junit is not None:
+            _write_junit(junit, summary, console)
+
+    result = fly(loaded, options, say, show_result)
     raise typer.Exit(show_verdict(console, result.summary, result.interrupts))
 
 

@@ -121,16 +121,17 @@ def station(
 
 def _judge(swarm: SwarmMesh, runs: Path, show: Show, ports: Ports) -> int:
     """Fly the swarm from here; the exit code."""
+    from swarm_ctl.runtime.interrupts import ENDED_CODE, Interrupts
     from swarm_ctl.runtime.lifeline import sign_of_life
     from swarm_ctl.runtime.station.judged_flight import judge_swarm
     from swarm_ctl.runtime.station.screens import Show
 
     console = PlainConsole(stderr=show is Show.JSON)
-    result = judge_swarm(swarm, runs, show, ports, sign_of_life())
-    if result is None:
-        console.say("no agent was heard: nothing was recorded")
-        return 130
-    show_summary(
-        console, result.folder, result.summary, sys.stderr if show is Show.JSON else sys.stdout
-    )
+    with Interrupts() as interrupts:
+        result = judge_swarm(swarm, runs, show, ports, sign_of_life(), interrupts)
+        if result is None:
+            console.say("no agent was heard: nothing was recorded")
+            return ENDED_CODE
+        out = sys.stderr if show is Show.JSON else sys.stdout
+        show_summary(console, result.folder, result.summary, out, interrupts)
     return show_verdict(console, result.summary, result.interrupts)

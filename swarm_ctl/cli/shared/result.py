@@ -5,27 +5,46 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, Final, TextIO
 
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.core.model.messages import Outcome
 
 if TYPE_CHECKING:
     from swarm_ctl.report.judge.summary import Summary
+    from swarm_ctl.runtime.interrupts import Interrupts
+
+_POLL_WALL_S: Final = 0.02
 
 
 def show_summary(
-    console: PlainConsole, folder: Path, summary: Summary, report_to: TextIO | None
+    console: PlainConsole,
+    folder: Path,
+    summary: Summary,
+    report_to: TextIO | None,
+    interrupts: Interrupts,
 ) -> None:
-    """Print the summary, and make the report; None: no report."""
+    """Print the summary, and make the report; None: no report. A further Ctrl-C makes none."""
     from swarm_ctl.report.page.summary_table import render_summary
+    from swarm_ctl.runtime.clock import pause
+    from swarm_ctl.runtime.interrupts import deaf_children
 
     console.print(render_summary(summary))
     console.say(f"summary: {folder / 'summary.json'}")
-    if report_to is not None:
-        # in a process of its own: whatever happens to the figures, the run's result stands
-        command = [sys.executable, "-m", "swarm_ctl.cli.main", "report", str(folder)]
-        subprocess.run(command, check=False, stdout=report_to)
+    if report_to is None:
+        return
+    # in a process of its own: whatever happens to the figures, the run's result stands
+    command = [sys.executable, "-m", "swarm_ctl.cli.main", "report", str(folder)]
+    presses = interrupts.presses
+    with deaf_children():
+        making = subprocess.Popen(command, stdout=report_to)
+    while making.poll() is None:
+        if interrupts.presses > presses:
+            making.kill()
+            making.wait()
+            console.say(f"no report: Ctrl-C; swarm-ctl report {folder} makes it")
+            return
+        pause(_POLL_WALL_S)
 
 
 def show_verdict(console: PlainConsole, summary: Summary, interrupts: int) -> int:

@@ -40,15 +40,18 @@ from swarm_ctl.report.judge.summary import (
     TruthSummary,
 )
 from swarm_ctl.report.judge.unseen import slow_machine
-from swarm_ctl.report.judge.verdict import judge
+from swarm_ctl.report.judge.verdict import Ending, judge
 from swarm_ctl.station.picture.protection import MeshKind
 from swarm_ctl.trust.names import member_of
 
 _FROM_BAD_TO_GOOD = list(reversed(StepVerdict))
 
 
-def summarise(folder: Path, exit_codes: Mapping[str, int] | None = None) -> Summary:
-    """The summary of the run in `folder`; `exit_codes` by process name, None if not known.
+def summarise(
+    folder: Path, exit_codes: Mapping[str, int] | None = None, ending: Ending | None = None
+) -> Summary:
+    """The summary of the run in `folder`; `exit_codes` by process name, None if not known;
+    `ending`: what ended it from outside.
 
     Every file may be missing or torn: what depends on it is null, `notes` says why, and the run
     is not completed.
@@ -61,7 +64,7 @@ def summarise(folder: Path, exit_codes: Mapping[str, int] | None = None) -> Summ
     pairs = pair_distances(run)
     findings = find(run, pairs)
     headings = headlines(run, findings)
-    outcome, reason, cause = judge(run, exit_codes or {}, headings)
+    outcome, reason, cause = judge(run, exit_codes or {}, headings, ending)
     steps = _steps(run)
     tally = Counter[str]()
     for status in statuses:

@@ -177,8 +177,8 @@ class Summary(_SummaryPart):
     """ISO 8601."""
     outcome: RunOutcome
     """`completed`: by the final status of every agent that is not in `left`, nothing in `findings`,
-    every process ended with 0, no file is missing; `aborted`: landed on an operator's command;
-    `failed`: everything else."""
+    every process ended with 0, no file is missing; `aborted`: landed on an operator's command, or
+    ended before take-off; `failed`: everything else."""
     reason: str
     """Why it was not completed, the cause first, then the step; empty otherwise."""
     cause: Cause | None = None

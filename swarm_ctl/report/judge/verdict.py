@@ -30,6 +30,17 @@ class Verdict(NamedTuple):
     """None when completed."""
 
 
+class Ending(NamedTuple):
+    """What ended a run from outside, by the word of the process that started it."""
+
+    words: str
+    """"Ctrl-C", "SIGTERM", "the terminal was closed", or why it did not start."""
+    at_once: bool = False
+    """By a second Ctrl-C: all processes were killed."""
+    failed: bool = False
+    """It did not start."""
+
+
 _BY_SLOWNESS: Final = frozenset(
     {Cause.TIMEOUT, Cause.PEER, Cause.STATION, Cause.VEHICLE_LINK, Cause.POSITION, Cause.FINDING}
 )
@@ -37,15 +48,23 @@ _BY_SLOWNESS: Final = frozenset(
 _BY_LINKS: Final = frozenset({Cause.TIMEOUT, Cause.PEER})
 
 
-def judge(run: RunFolder, exit_codes: Mapping[str, int], found: Sequence[str] = ()) -> Verdict:
+def judge(
+    run: RunFolder,
+    exit_codes: Mapping[str, int],
+    found: Sequence[str] = (),
+    ending: Ending | None = None,
+) -> Verdict:
     """The run's verdict. Its notes say what is missing or torn; `found` is what makes it failed
     whatever the agents say, and comes first, but for what may have brought that about.
 
     Completed needs every agent's own final status, every exit code 0 and no missing file. Aborted
     needs a final status of every agent, and every process to end by itself. The exit code of a
     process does not count where another took its vehicle over and completed. An agent that left by
-    an operator's order does not count where others flew on.
+    an operator's order does not count where others flew on. `ending` is the cause of all that
+    followed from it.
     """
+    if ending is not None and not found and (ended := _ended(run, ending)):
+        return ended
     agents, last = run.agents, run.last
     replaced = {f"agent-{i}" for i in agents if i in last and _made_good(last[i])}
     exit_codes = {name: code for name, code in exit_codes.items() if name not in replaced}
@@ -61,6 +80,9 @@ def judge(run: RunFolder, exit_codes: Mapping[str, int], found: Sequence[str] = 
     ):
         reasons = _grouped({i: s.reason or "on command" for i, s in aborted.items()})
         cause = next((s.cause for s in aborted.values() if s.cause), Cause.ORDER)
+        if ending is not None:
+            others = {i: s.reason for i, s in aborted.items() if s.cause is not Cause.ORDER}
+            reasons = [f"{ending.words}: all landed", *_grouped(others)]
         return Verdict(Outcome.ABORTED, first_few(reasons), cause)
     causes = [(Cause.FINDING, text) for text in found]
     causes += [*_broken(agents, last, final, exit_codes), *_complaints(stayed)]
@@ -76,6 +98,20 @@ def judge(run: RunFolder, exit_codes: Mapping[str, int], found: Sequence[str] = 
     reason = first_few([text for _, text in causes])
     unseen, words = _unseen(run, causes[0][0], list(final.values()))
     return Verdict(Outcome.FAILED, f"{words}. {reason}" if words else reason, unseen)
+
+
+def _ended(run: RunFolder, ending: Ending) -> Verdict | None:
+    """The verdict of a run that was ended before it took off, or at once; None of one that landed
+    first, whose agents say how."""
+    if ending.failed:
+        return Verdict(Outcome.FAILED, f"did not start: {ending.words}", Cause.PROCESS)
+    if not any(status.armed or len(status.steps) > 1 for status in run.statuses):
+        return Verdict(Outcome.ABORTED, f"{ending.words} before take-off", Cause.ORDER)
+    up = [i for i in run.agents if i not in run.last or not run.last[i].final]
+    if ending.at_once and up:
+        vehicles = f"the vehicles of {agents_named(up)} may be in the air"
+        return Verdict(Outcome.FAILED, f"ended by a second Ctrl-C: {vehicles}", Cause.ORDER)
+    return None
 
 
 def _unseen(run: RunFolder, cause: Cause, final: Sequence[AgentStatus]) -> tuple[Cause, str]:

@@ -7,6 +7,7 @@ import contextlib
 import multiprocessing
 import sys
 from collections.abc import Callable, Iterator
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from pathlib import Path
 from types import ModuleType
@@ -16,6 +17,7 @@ from swarm_ctl.errors import StartError
 from swarm_ctl.runtime.agent import agent_process
 from swarm_ctl.runtime.agent.agent_process import AgentConfig
 from swarm_ctl.runtime.clock import wall_s
+from swarm_ctl.runtime.interrupts import deaf_children
 from swarm_ctl.runtime.launch.processes import Child
 from swarm_ctl.runtime.lifeline import ALIVE, READY
 from swarm_ctl.runtime.radio import link_process
@@ -46,7 +48,11 @@ class ForkedChild(Child):
         self._lifeline, theirs = context.Pipe()
         self._process = context.Process(target=main, args=(config, theirs), name=name, daemon=False)
         with _without_main():
-            self._process.start()
+            # It lets signals through again behind itself, so it comes first, and alone.
+            with deaf_children():
+                resource_tracker.ensure_running()
+            with deaf_children():
+                self._process.start()
         self.pid = self._process.pid or 0
         theirs.close()
         self._heard_wall_s = wall_s()

@@ -21,6 +21,7 @@ from typing import Any, Final
 
 from swarm_ctl.errors import StartError
 from swarm_ctl.runtime.clock import pause, wall_s
+from swarm_ctl.runtime.interrupts import deaf_children
 from swarm_ctl.runtime.served import NO_PORTS, Ports
 from swarm_ctl.runtime.vehicles.autopilots import remove_leftovers
 from swarm_ctl.runtime.vehicles.order import STARTED, STARTED_JSON, Started
@@ -41,17 +42,18 @@ class Child(ABC):
         self.name = name
         self._title = name
         self._log = log
-        self._ready = False
+        self.ready = False
+        """It has said that it works."""
 
     def poll_ready(self) -> bool:
         """True once it has said that it works; StartError when it has said why not, or died."""
-        if not self._ready:
-            self._ready = self._says_ready()
-        if not self._ready and self.exit_code() is not None:
+        if not self.ready:
+            self.ready = self._says_ready()
+        if not self.ready and self.exit_code() is not None:
             raise StartError(
                 f"{self._title} did not start, exit code {self.exit_code()}{_tail(self._log)}"
             )
-        return self._ready
+        return self.ready
 
     @abstractmethod
     def _says_ready(self) -> bool:
@@ -82,7 +84,7 @@ class CommandChild(Child):
         self._words, write = os.pipe()
         # The simulator speaks on its stdout; the station's stdout is the terminal, so it speaks on
         # a descriptor of its own.
-        with log.open("ab") as errors:
+        with log.open("ab") as errors, deaf_children():
             self._process = subprocess.Popen(
                 [*command, "--words-fd", str(write)] if own_terminal else command,
                 stdin=subprocess.PIPE,

@@ -29,7 +29,11 @@ def serve(settings: dict[str, Any], ready: Callable[[], None]) -> None:
         path.write_text(json.dumps(settings))
         command = [sys.executable, "-m", "swarm_sim", "--config", str(path)]
         with subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            process_group=0,  # a terminal's Ctrl-C is for this process, which passes it on
         ) as child:
             if child.stdout is not None and child.stdout.readline():
                 ready()

@@ -5,7 +5,6 @@ The order at the end: vehicles come down first, then processes end, then the sum
 
 from __future__ import annotations
 
-import contextlib
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,12 +12,13 @@ from pathlib import Path
 from typing import Final
 
 from swarm_ctl.core.model.text import agents_named
-from swarm_ctl.errors import StartError
+from swarm_ctl.errors import StartError, SwarmError
 from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.report.folder.files import write_whole
 from swarm_ctl.report.folder.last_statuses import flying_successors
 from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.report.judge.summary import Summary, write_summary
+from swarm_ctl.report.judge.verdict import Ending
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.flying_runs import PROCESSES
 from swarm_ctl.runtime.interrupts import Interrupts
@@ -59,6 +59,8 @@ come back. All else has ended soon, and the clock ticks on for the station alone
 _SILENT_S: Final = 10.0
 """Mission time without a status of a process that took a vehicle over: it is gone, too."""
 _LOOK_WALL_S: Final = 0.25
+_GROUND_WALL_S: Final = 5.0
+"""For each process to end of a run that has not taken off."""
 _AGENTS_S: Final = 200.0
 """Mission time for the agents to bring their vehicles down."""
 _SIMULATOR_S: Final = 100.0
@@ -80,29 +82,54 @@ class RunResult:
     interrupts: int
 
 
-def fly(mission: LoadedMission, options: RunOptions, say: Callable[[str], None]) -> RunResult:
-    """Fly a mission to its end; StartError when something did not start (nothing is left running
-    then)."""
-    setup = RunSetup(mission, options)
+def fly(
+    mission: LoadedMission,
+    options: RunOptions,
+    say: Callable[[str], None],
+    show: Callable[[Path, Summary, Interrupts], None],
+) -> RunResult:
+    """Fly a mission to its end, then `show` its summary; StartError when something did not start
+    (nothing is left running then)."""
     with Interrupts() as interrupts:
+        setup = RunSetup(mission, options)
         processes = RunProcesses(setup, interrupts, say)
+        failure: SwarmError | OSError | None = None
         try:
-            processes.start()
-            processes.watch()
+            if processes.start():
+                processes.watch()
+        except (SwarmError, OSError) as error:
+            failure = error
         finally:
             processes.end()
+        if failure is not None:
+            ending = Ending(str(failure).partition("\n")[0], failed=True)
+            _write_summary(setup.folder, processes, ending, say)
+            raise failure
         for agent, own in sorted(left_changed(setup.folder).items()):
             values = ", ".join(f"{name} {value.own:g}" for name, value in own.values.items())
             say(
                 f"agent {agent}: its vehicle has not confirmed its own failsafe parameters"
                 f" ({values}); the next flight puts them back, or swarm-ctl doctor --restore"
             )
-        summary = summarise(setup.folder, processes.exit_codes())
-        try:
-            write_summary(setup.folder, summary)
-        except OSError as error:  # a full disk: `run` shows the summary all the same
-            say(f"the summary can't be written: {error.strerror}")
+        ended = Ending(interrupts.first, interrupts.again) if interrupts.count else None
+        summary = _write_summary(setup.folder, processes, ended, say)
+        show(setup.folder, summary, interrupts)
         return RunResult(setup.folder, summary, interrupts.count)
+
+
+def _write_summary(
+    folder: Path, processes: RunProcesses, ending: Ending | None, say: Callable[[str], None]
+) -> Summary:
+    summary = summarise(folder, processes.exit_codes(), ending)
+    try:
+        write_summary(folder, summary)
+    except OSError as error:  # a full disk: `run` shows the summary all the same
+        say(f"the summary can't be written: {error.strerror}")
+    return summary
+
+
+class _EndedEarly(Exception):  # noqa: N818 - no error
+    """The run is ended before all its processes work."""
 
 
 class RunProcesses:
@@ -132,9 +159,19 @@ class RunProcesses:
         children = (*needed, self._relay, self._keeper, router)
         return [child for child in children if child is not None]
 
-    def start(self) -> None:
+    def start(self) -> bool:
         """Start autopilots first, then everything else side by side, and wait until every process
-        has said that it works."""
+        has said that it works; False where the run was ended meanwhile."""
+        try:
+            self._start()
+        except _EndedEarly:
+            return False
+        except BaseException:
+            self._kill_all()  # no vehicle is armed yet
+            raise
+        return True
+
+    def _start(self) -> None:
         setup, folder = self._setup, self._setup.folder
         self._start_vehicles()
         configs, sim_config = setup.agent_configs(), setup.write_simulator_config()
@@ -147,37 +184,38 @@ class RunProcesses:
         links = f"{len(link_configs)} link, " if link_configs else ""
         what = f"{simulators}{router}{links}{len(configs)} agents, 1 station"
         self._print(f"starting {what}; run folder {folder}")
-        try:
-            if rules := setup.keeper_rules():
-                address = setup.manifest.lockstep or ""
-                self._keeper = keeper(address, rules, folder / "clock.log")
-                self._wait_ready(_START_WALL_S)
-            if router_config is not None:
-                self._router = HostRouter(router_config, self._say, self._patience_wall_s)
-            options = setup.options
-            # before the agents, whose ticks take the processors from its imports; many agents
-            # would not leave it any
-            self._station = station(folder, folder / "station.log", options.show, options.ports)
-            if router_config is not None:
-                self._wait_ready(_START_WALL_S)
-            if sim_config:
-                self._simulator = simulator(sim_config, folder / "simulator.log")
-            for k, link_config in enumerate(link_configs, start=1):
-                self._links.append(RadioLink(f"{LINK}-{k}", link_config))
-            (folder / "agents").mkdir()
-            for config in configs:
-                self._agents.append(AgentChild(config))
-            if relay_config := setup.write_relay_config():
-                self._relay = relay(relay_config, folder / "gcs.log")
+        if rules := setup.keeper_rules():
+            address = setup.manifest.lockstep or ""
+            self._keeper = keeper(address, rules, folder / "clock.log")
             self._wait_ready(_START_WALL_S)
-        except BaseException:
-            self._kill_all()  # no vehicle is armed yet
-            raise
+        if router_config is not None:
+            self._router = HostRouter(router_config, self._say, self._patience_wall_s)
+        options = setup.options
+        # before the agents, whose ticks take the processors from its imports; many agents
+        # would not leave it any
+        self._go_on()
+        self._station = station(folder, folder / "station.log", options.show, options.ports)
+        if router_config is not None:
+            self._wait_ready(_START_WALL_S)
+        if sim_config:
+            self._simulator = simulator(sim_config, folder / "simulator.log")
+        for k, link_config in enumerate(link_configs, start=1):
+            self._links.append(RadioLink(f"{LINK}-{k}", link_config))
+        (folder / "agents").mkdir()
+        for config in configs:
+            self._go_on()
+            self._agents.append(AgentChild(config))
+        if relay_config := setup.write_relay_config():
+            self._relay = relay(relay_config, folder / "gcs.log")
+        self._wait_ready(_START_WALL_S)
         self._write_pids()
 
     def _write_pids(self) -> None:
         pids = {child.name: child.pid for child in self._children}
-        write_whole(self._setup.folder / PROCESSES, json.dumps(pids))
+        try:
+            write_whole(self._setup.folder / PROCESSES, json.dumps(pids))
+        except OSError as error:  # the swarm may fly already
+            self._say(f"{PROCESSES} can't be written: {error.strerror}; send can't find this run")
 
     def _start_vehicles(self) -> None:
         """Start the autopilots of the run, if it has any, and say where each is."""
@@ -185,35 +223,38 @@ class RunProcesses:
         if folder is None:
             return
         self._print(f"starting autopilots; they boot for a while; their files: {folder}")
-        try:
-            self._vehicles = VehiclesChild(folder, self._setup.folder / "vehicles.log")
-            self._wait_ready(_BOOT_WALL_S)
-        except BaseException:
-            self._kill_all()
-            raise
+        self._vehicles = VehiclesChild(folder, self._setup.folder / "vehicles.log")
+        self._wait_ready(_BOOT_WALL_S)
         started = self._vehicles.started()
         self._setup.take_started(started)
 
     def _wait_ready(self, wall_seconds: float) -> None:
         late = wait_ready(self._children, wall_seconds, lambda: self._interrupts.count > 0)
-        if late and self._interrupts.count:
-            raise KeyboardInterrupt
+        self._go_on()
         if late:
             names, folder = ", ".join(child.name for child in late), self._setup.folder
             raise StartError(
                 f"not ready, {wall_seconds:g} s after all others: {names}; see the logs in {folder}"
             )
 
+    def _go_on(self) -> None:
+        """What is to be ended starts no further process."""
+        if self._interrupts.count:
+            raise _EndedEarly
+
     def watch(self) -> None:
         """Until all agents have ended, or the second Ctrl-C. The first one lands the swarm."""
         asked_s: float | None = None
         while any(agent.exit_code() is None for agent in self._agents):
-            if self._interrupts.count > 1:
+            if self._interrupts.again:
                 return
             now = wall.wall_s()
             if self._interrupts.count and asked_s is None:
                 asked_s = now
-                self._say("landing the swarm; Ctrl-C again stops everything at once")
+                self._say(
+                    f"{self._interrupts.first}: landing the swarm; Ctrl-C again stops everything at"
+                    " once"
+                )
                 self._ask_to_land()
             if not self._station_lives():
                 self._without_station()
@@ -257,8 +298,7 @@ class RunProcesses:
 
     def _keep_router(self) -> None:
         if self._router is not None and self._router.look():
-            with contextlib.suppress(OSError):  # a full disk keeps no router from its work
-                self._write_pids()
+            self._write_pids()
 
     def _say(self, text: str) -> None:
         """On the dashboard while that has the terminal."""
@@ -277,24 +317,40 @@ class RunProcesses:
         for agent in self._agents:
             agent.let_go()
 
+    @property
+    def _on_the_ground(self) -> bool:
+        """No vehicle can be armed yet: each agent waits for all others, and for the station."""
+        waited_for = [*self._agents, *([self._station] if self._station is not None else ())]
+        whole = len(self._agents) == len(self._setup.manifest.fleet) and self._station is not None
+        return not whole or not all(child.ready for child in waited_for)
+
+    def _stopped(self) -> bool:
+        return self._interrupts.again
+
     def end(self) -> None:
         """Wind down: the agents, which land if they still fly, then the simulator, the station."""
-        if self._interrupts.count <= 1:
-            speedup = self._setup.options.speedup
+        ground = self._on_the_ground
+        stands_still = (
+            ground and self._setup.options.lockstep is not None
+        )  # its clock waits for all
+        if not (self._interrupts.again or stands_still):
+            speedup, stop = self._setup.options.speedup, self._stopped
+            agents_s = _GROUND_WALL_S if ground else _AGENTS_S / speedup
+            vehicles_s = _GROUND_WALL_S if ground else _SIMULATOR_WALL_S + _SIMULATOR_S / speedup
             self._let_agents_go()
-            self._waiting.wait(self._agents, _AGENTS_S / speedup, "to bring the vehicles down")
+            self._waiting.wait(self._agents, agents_s, "to bring the vehicles down", stop)
             self._wait_for_successors()
             providers = [c for c in (self._vehicles, self._simulator) if c is not None]
             for provider in providers:
                 provider.let_go()
             until = "until all vehicles stand disarmed"
-            self._waiting.wait(providers, _SIMULATOR_WALL_S + _SIMULATOR_S / speedup, until)
+            self._waiting.wait(providers, vehicles_s, until, stop)
             if self._relay is not None:
                 self._relay.let_go()
                 wait_all([self._relay], _RELAY_WALL_S)
             if self._station is not None:
                 self._station.say(finish=True)
-                wait_all([self._station], _STATION_WALL_S)
+                wait_all([self._station], _GROUND_WALL_S if ground else _STATION_WALL_S)
             router = self._router.child if self._router is not None else None
             for last in (self._keeper, router, *self._links):
                 if last is not None:
@@ -308,7 +364,7 @@ class RunProcesses:
         speedup, folder = self._setup.options.speedup, self._setup.folder
         killed = [child.agent for child in self._agents if (child.exit_code() or 0) < 0]
         told, since_s = dict[int, float](), wall.wall_s()
-        while killed and self._station_lives() and self._interrupts.count <= 1:
+        while killed and self._station_lives() and not self._interrupts.again:
             flying = flying_successors(folder, killed)
             if flying != told:
                 told, since_s = flying, wall.wall_s()

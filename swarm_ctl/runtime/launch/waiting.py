@@ -35,10 +35,17 @@ class Waiting:
             self._due_s = now + EVERY_WALL_S
             self._say(f"waiting for {what}: {now - self._since_s:.0f} s so far")
 
-    def wait(self, children: Sequence[Child], wall_seconds: float, until: str) -> None:
-        """Wait until all have ended, at most so long; `until`: what they do meanwhile."""
+    def wait(
+        self,
+        children: Sequence[Child],
+        wall_seconds: float,
+        until: str,
+        stop: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """Wait until all have ended, at most so long, or until `stop`; `until`: what they do
+        meanwhile."""
         end_s = wall.wall_s() + wall_seconds
-        while wall.wall_s() < end_s and (names := named(children)):
+        while wall.wall_s() < end_s and not stop() and (names := named(children)):
             self.tell(f"{names} {until}")
             self._meanwhile()
             wall.pause(_POLL_WALL_S)

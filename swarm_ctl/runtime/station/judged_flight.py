@@ -3,6 +3,7 @@ computers): it makes the run's folder, records, ends with the agents, and judges
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 import signal
@@ -22,6 +23,7 @@ from swarm_ctl.report.folder.last_statuses import FINAL
 from swarm_ctl.report.folder.manifest import Manifest, package_versions, write_manifest
 from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.report.judge.summary import Summary, write_summary
+from swarm_ctl.report.judge.verdict import Ending
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.flying_runs import make_folder
 from swarm_ctl.runtime.foxglove.recorders import foxglove_on, run_mcap
@@ -51,7 +53,12 @@ class JudgedRun:
 
 
 def judge_swarm(
-    swarm: SwarmMesh, runs: Path, show: Show, ports: Ports, alive: Callable[[], None]
+    swarm: SwarmMesh,
+    runs: Path,
+    show: Show,
+    ports: Ports,
+    alive: Callable[[], None],
+    interrupts: Interrupts,
 ) -> JudgedRun | None:
     """Watch, command and record the swarm until its agents have ended; Ctrl-C lands it. None where
     Ctrl-C came before an agent was heard.
@@ -62,9 +69,9 @@ def judge_swarm(
         show: the kind of screen.
         ports: on which it serves others' tools.
         alive: called each turn.
+        interrupts: entered; counts Ctrl-C.
     """
     with ExitStack() as opened:
-        interrupts = opened.enter_context(Interrupts())
         station = opened.enter_context(open_swarm(swarm))
         measure = opened.enter_context(metrics_on(ports.metrics))
         live = opened.enter_context(foxglove_on(ports.foxglove, station.plan))
@@ -78,8 +85,11 @@ def judge_swarm(
         )
     if flight.folder is None:
         return None
-    summary = summarise(flight.folder, None)
-    write_summary(flight.folder, summary)
+    # A second Ctrl-C ends this station, and not the agents, which land as they are told.
+    ending = Ending(interrupts.first, interrupts.again) if interrupts.count else None
+    summary = summarise(flight.folder, None, ending)
+    with contextlib.suppress(OSError):  # a full disk: it is shown all the same
+        write_summary(flight.folder, summary)
     return JudgedRun(flight.folder, summary, interrupts.count)
 
 
@@ -100,7 +110,7 @@ class _Flight:
         self._interrupts = interrupts
         self._alive = alive
         self._live = live
-        self._asked = 0
+        self._asked = False
         self._recorder: Accounts | None = None
         self.folder: Path | None = None
 
@@ -110,13 +120,12 @@ class _Flight:
             screen.note(text)
         if self.folder is None and self._swarm.clock.heard:
             self._record(station, screen)
-        if self._interrupts.count > self._asked:
-            self._asked = self._interrupts.count
-            if self.folder is None or self._asked > 1:
-                return True
-            screen.note("landing the swarm; Ctrl-C again ends this station, and not the agents")
+        if self._interrupts.count and not self._asked:
+            self._asked = True
+            words = "landing the swarm; Ctrl-C again ends this station, and not the agents"
+            screen.note(f"{self._interrupts.first}: {words}")
             give(Order("land"), station, screen)
-        if screen.left:
+        if self._interrupts.again or (self._asked and self.folder is None) or screen.left:
             return True
         view = station.seen()
         if view is None:

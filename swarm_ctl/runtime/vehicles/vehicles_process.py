@@ -24,6 +24,7 @@ from typing import Final, Self
 from swarm_ctl.errors import StartError, SwarmError
 from swarm_ctl.mavlink.onlooker import Onlooker
 from swarm_ctl.runtime.clock import pause, wall_s
+from swarm_ctl.runtime.interrupts import ENDING, hears
 from swarm_ctl.runtime.vehicles.autopilots import MAKERS, Sitl
 from swarm_ctl.runtime.vehicles.instances import Instances
 from swarm_ctl.runtime.vehicles.order import (
@@ -191,6 +192,7 @@ def _as_child() -> None:
     dies."""
     os.nice(_NICE)
     signal.signal(signal.SIGINT, signal.SIG_DFL)
+    hears(*ENDING)
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
 
@@ -204,6 +206,7 @@ class _Asked:
         for number in (signal.SIGINT, signal.SIGHUP):
             signal.signal(number, signal.SIG_IGN)  # the lifeline ends it
         signal.signal(signal.SIGTERM, self._terminate)
+        hears(signal.SIGTERM)
 
     def _terminate(self, *_: object) -> None:
         self._terminated = True

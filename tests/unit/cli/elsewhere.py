@@ -46,7 +46,7 @@ def main(platform: str, commands: list[list[str]]) -> None:
         for name in names.split():
             if hasattr(module, name):
                 delattr(module, name)
-    from swarm_ctl.cli.main import main as swarm_ctl
+    from swarm_ctl.cli.app import main as swarm_ctl
 
     for command in commands:
         sys.argv = ["swarm-ctl", *command]

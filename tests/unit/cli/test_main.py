@@ -15,7 +15,7 @@ import typer
 from rich.table import Table
 from rich.text import Text
 
-from swarm_ctl.cli.main import app, main
+from swarm_ctl.cli.app import app, main
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.commands.parse import KINDS
 from swarm_ctl.errors import StartError

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from swarm_ctl.cli.main import app
+from swarm_ctl.cli.app import app
 from swarm_ctl.errors import SwarmError
 from swarm_ctl.trust.explain import Answer
 

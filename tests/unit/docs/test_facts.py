@@ -9,7 +9,7 @@ import tomllib
 import pytest
 from typer.main import get_command
 
-from swarm_ctl.cli.main import app
+from swarm_ctl.cli.app import app
 from swarm_ctl.core.law import mean_error_feedback
 from swarm_ctl.core.model.causes import Cause
 from swarm_ctl.core.model.plan import Compensation, Plan

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from swarm_ctl.cli.main import app
+from swarm_ctl.cli.app import app
 from swarm_ctl.errors import InputError
 from swarm_ctl.mission import ready
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from swarm_ctl.cli.main import app
+from swarm_ctl.cli.app import app
 from swarm_ctl.errors import InputError
 from swarm_ctl.study.curves import draw_curves
 from swarm_ctl.study.parameter_space import Study

@@ -13,7 +13,7 @@ import pytest
 from rich.console import Console
 
 from swarm_ctl.api.virtual_swarm import VirtualSwarm
-from swarm_ctl.cli.main import main
+from swarm_ctl.cli.app import main
 from swarm_ctl.mission.compile.loader import load
 from swarm_ctl.study.batch.batch import blocks, draw
 from swarm_ctl.study.batch.batch_flight import BatchResult

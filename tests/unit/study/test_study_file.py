@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from typer.main import get_command
 
-from swarm_ctl.cli.main import app, main
+from swarm_ctl.cli.app import app, main
 from swarm_ctl.errors import InputError
 from swarm_ctl.study.parameter_space import Range, Study
 from swarm_ctl.study.rows import read_rows

@@ -1,0 +1,77 @@
+"""A run that is ended from outside, at random moments: Ctrl-C, SIGTERM, a closed terminal, as each
+reaches every process of the run. The right word, the right exit code, a summary, no traceback."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import time
+from pathlib import Path
+from typing import Final
+
+import pytest
+
+from tests.on_demand import on_demand
+from tests.system.running import LOW, Running
+
+pytestmark = [pytest.mark.realtime, pytest.mark.timeout(3600)]
+
+RUN: Final = ("run", LOW, "--headless", "--speedup", "5", "--no-report")
+SAYS: Final = {
+    signal.SIGINT: "Ctrl-C",
+    signal.SIGTERM: "SIGTERM",
+    signal.SIGHUP: "the terminal was closed",
+}
+WITHIN_S: Final = 6.0
+"""The start takes 1 to 3 s, the flight at this speed another 5 s."""
+
+
+def end(cwd: Path, number: signal.Signals, after_s: float) -> str:
+    """How the run ended that took this signal, in words; AssertionError where it ended badly."""
+    cwd.mkdir()
+    with Running(*RUN, cwd=cwd) as running:
+        time.sleep(after_s)
+        os.killpg(running.process.pid, number)
+        code = running.wait(120)
+        running.assert_nothing_left()
+        output = running.output
+    assert "Traceback" not in output, output
+    assert "Aborted!" not in output, output
+    folders = list((cwd / "runs").glob("*"))
+    for log in (file for folder in folders for file in folder.rglob("*.log")):
+        assert "Traceback" not in log.read_text(), log.read_text()
+    assert code == 130 or not output, (code, output)
+    if not folders:
+        # Python itself was not up yet, or one line
+        assert output in (f"ended: {SAYS[number]}\n", ""), output
+        return "no folder"
+    (folder,) = folders
+    assert (folder / "run.json").exists()
+    summary = json.loads((folder / "summary.json").read_text())
+    reason = summary["reason"]
+    assert (summary["outcome"], summary["cause"]) == ("aborted", "order"), (reason, output)
+    assert reason in (f"{SAYS[number]} before take-off", f"{SAYS[number]}: all landed"), reason
+    if reason.endswith("landed"):
+        assert set(summary["exit_codes"].values()) == {0}
+    return reason.removeprefix(SAYS[number])
+
+
+@pytest.mark.parametrize("number", SAYS, ids=lambda number: number.name)
+@pytest.mark.parametrize("moments", [3, on_demand(100)])
+def test_a_run_ends_in_order_at_any_moment(
+    number: signal.Signals, moments: int, tmp_path: Path
+) -> None:
+    """From the interpreter's start to the flight: all vehicles land, or none took off, and the
+    verdict says who ended it."""
+    draws = random.Random(f"{number.name} {moments}")
+    found: dict[str, int] = {}
+    for k in range(moments):
+        after_s = draws.uniform(0.05, WITHIN_S)
+        try:
+            how = end(tmp_path / str(k), number, after_s)
+        except AssertionError as error:
+            raise AssertionError(f"{number.name} after {after_s:.3f} s: {error}") from error
+        found[how] = found.get(how, 0) + 1
+    print(f"{number.name}: {found}")
