@@ -89,13 +89,18 @@ class Terminal:
             assert time.monotonic() < until, f"{words!r} not seen in {seconds} s:\n{shown}"
             time.sleep(0.1)
 
-    def kill(self, name: str) -> None:
+    def close(self) -> None:
+        """As a user closes the window."""
+        self._tmux("new-session", "-d", "sh")  # the server goes on
+        self._tmux("kill-session", "-t", "0")
+
+    def kill(self, name: str, number: signal.Signals = signal.SIGKILL) -> None:
         """End one process of the run, or `run` itself."""
         (path,) = self.cwd.glob("runs/*/processes.json")
         pids = json.loads(path.read_text())
         stat = Path(f"/proc/{pids['station']}/stat").read_text()
         pids["run"] = int(stat.rpartition(")")[2].split()[1])  # who started the station
-        os.kill(pids[name], signal.SIGKILL)
+        os.kill(pids[name], number)
 
     def modes(self) -> set[str]:
         """What `stty` says of the terminal: `isig` or `-isig`, and so on."""

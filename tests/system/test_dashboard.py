@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
+import time
 from pathlib import Path
 
 import pytest
 
 from tests.system.running import LOW, SWARM_CTL, Running
 from tests.system.terminal import Terminal, needs_tmux
+from tests.system.test_run import assert_truth_ends_on_the_ground
 
 RUN = ("run", LOW, "--speedup", "4")
 
@@ -66,16 +69,20 @@ def test_screens_orders_and_the_end(tmp_path: Path) -> None:
 
 @needs_tmux
 def test_ctrl_c_is_the_runs(tmp_path: Path) -> None:
-    """The first one lands the swarm, the second one stops all at once: the keys are ours, the
-    meaning is `run`'s."""
+    """The first one lands the swarm, the second one asks, and Enter stops all at once: the keys are
+    ours, the meaning is `run`'s. The verdict has one cause: who did it."""
     with Terminal(*RUN[:2], "--speedup", "2", cwd=tmp_path) as terminal:
         terminal.wait_for("takeoff")
         terminal.press("C-c")
         terminal.wait_for("landing the swarm; Ctrl-C again stops everything at once")
         terminal.press("C-c")
+        terminal.wait_for("stop at once, whatever is in the air")
+        time.sleep(1.0)  # as a person reads it
+        terminal.press("Enter")
         code, shown = terminal.wait_for_end()
         assert code == 130
-        assert "ended by SIGKILL" in shown
+        up = "the vehicles of agents 1-3 may be in the air"
+        assert f"failed: ended by a second Ctrl-C: {up}\n" in shown
 
 
 @needs_tmux
@@ -159,3 +166,26 @@ def test_a_station_in_mid_flight_has_the_whole_picture_in_two_seconds(tmp_path: 
         assert told["step_name"] in ("takeoff", "form hexagon")
         assert all(agent["heartbeat_age_s"] < 2.0 for agent in told["agents"])
         assert told["time_s"] - told["since_s"] < 2.0
+
+
+@needs_tmux
+@pytest.mark.parametrize("how", ["kill-session", "SIGHUP"])
+def test_a_closed_terminal_lands_the_swarm(tmp_path: Path, how: str) -> None:
+    """All processes live until the vehicles are down; the verdict says it, and there is a
+    report."""
+    with Terminal(*RUN[:2], "--speedup", "2", cwd=tmp_path) as terminal:
+        terminal.wait_for("takeoff")
+        (folder,) = (tmp_path / "runs").iterdir()
+        if how == "kill-session":
+            terminal.close()
+        else:
+            terminal.kill("run", signal.SIGHUP)
+        until = time.monotonic() + 90
+        while not (folder / "report.html").exists():
+            assert time.monotonic() < until, sorted(folder.iterdir())
+            time.sleep(0.1)
+    summary = json.loads((folder / "summary.json").read_text())
+    assert summary["reason"] == "the terminal was closed: all landed"
+    assert summary["outcome"] == "aborted"
+    assert set(summary["exit_codes"].values()) == {0}
+    assert_truth_ends_on_the_ground(folder)

@@ -104,6 +104,7 @@ class Dashboard(App[None]):
         self._plan = plan
         self._give = give
         self._interrupt = interrupt
+        self._interrupted = False
         self._journal = Journal()
         self._journal_rim = Rim("alarms and log")
         self._drawing: dict[str, Rim] = {}
@@ -434,9 +435,15 @@ class Dashboard(App[None]):
     def action_interrupt(self) -> None:
         if self._interrupt is None:
             self.action_leave()
-        else:
+        elif not self._interrupted:
+            self._interrupted = True
             self._answer(False)
             self._interrupt()
+        elif self._question is None or self._question.do != self._interrupt:
+            # held, the key comes again and again: it does not answer
+            words = "the swarm lands already: stop at once, whatever is in the air"
+            keys = "Enter stops, Esc lets it land."
+            self._ask(Ask(words, keys, self._interrupt, "it lands on; only Enter stops"))
 
     # --- orders ---
 

@@ -4,6 +4,7 @@ log file."""
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from textual.drivers.linux_driver import LinuxDriver
@@ -26,13 +27,51 @@ class TtyDriver(LinuxDriver):
         size: tuple[int, int] | None = None,
     ) -> None:
         super().__init__(app, debug=debug, mouse=mouse, size=size)
-        self._file = self._screen = open(TTY, "w", encoding="utf-8")  # noqa: PTH123, SIM115 - closed in `close`
         self._keys = os.open(TTY, os.O_RDONLY | os.O_NOCTTY)
+        self._silence = os.pipe()
+        self._screen = _Screen(self._hung_up)
+        self._file = self._screen  # type: ignore[assignment]
         self.fileno = self._keys
         self.input_tty = True
+
+    def _hung_up(self) -> None:
+        """The terminal was closed: no key comes any more. (Such a terminal is always readable.)"""
+        os.dup2(self._silence[0], self._keys)
 
     def close(self) -> None:
         """Give the terminal back."""
         super().close()
         self._screen.close()
-        os.close(self._keys)
+        for descriptor in (self._keys, *self._silence):
+            os.close(descriptor)
+
+
+class _Screen:
+    """The terminal to draw on. Once it was closed, all that is drawn goes nowhere: a station works
+    on without a screen."""
+
+    def __init__(self, hung_up: Callable[[], None]) -> None:
+        self._descriptor = os.open(TTY, os.O_WRONLY | os.O_NOCTTY)
+        self._tell: Callable[[], None] | None = hung_up
+
+    def write(self, text: str) -> None:
+        data = text.encode()
+        try:
+            while data and self._tell is not None:
+                data = data[os.write(self._descriptor, data) :]
+        except OSError:
+            tell, self._tell = self._tell, None
+            if tell is not None:
+                tell()
+
+    def flush(self) -> None:
+        """All is written already."""
+
+    def fileno(self) -> int:
+        return self._descriptor
+
+    def isatty(self) -> bool:
+        return True
+
+    def close(self) -> None:
+        os.close(self._descriptor)
