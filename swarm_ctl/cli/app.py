@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import itertools
 import os
 import sys
@@ -38,7 +39,7 @@ from swarm_ctl.cli.shared.gcs_option import with_port
 from swarm_ctl.cli.shared.system import FLYING, GROUND_ALONE, lacks, refuse_without
 from swarm_ctl.cli.studies.paper import paper
 from swarm_ctl.cli.studies.study import study
-from swarm_ctl.errors import SwarmError
+from swarm_ctl.errors import InputError, SwarmError
 
 app = typer.Typer(
     name="swarm-ctl",
@@ -107,7 +108,11 @@ def top(
 def main() -> None:
     """Run the command line. An error of ours or of the system is one message and an exit code,
     without a traceback."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # a file's name need not be text
     try:
+        _refuse_bytes(sys.argv[1:])
         app(prog_name="swarm-ctl")
     except SwarmError as error:
         _fail(str(error), error.exit_code)
@@ -118,6 +123,16 @@ def main() -> None:
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         _fail(f"{where}{error.strerror or error}", 3)
+
+
+def _refuse_bytes(words: list[str]) -> None:
+    """InputError where the command line is no text: paths go into JSON files and onto screens."""
+    for word in words:
+        try:
+            word.encode()
+        except UnicodeEncodeError:
+            shown = word.encode(errors="backslashreplace").decode()
+            raise InputError(f"{shown}: is not UTF-8; allowed: names in UTF-8") from None
 
 
 def _fail(text: str, exit_code: int) -> None:

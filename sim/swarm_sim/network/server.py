@@ -80,6 +80,8 @@ class Server:
         """When this process went on after its last stop: by the clock, and in the world."""
         self._sockets: list[VehicleSocket | None] = []
         """Of each link; None where a further endpoint's port is taken."""
+        self._taken: list[str] = []
+        """What is told when all is ready."""
         self.hub: Hub
         self._selector: selectors.BaseSelector
 
@@ -89,8 +91,9 @@ class Server:
             vehicles = self._config.vehicles
             for vehicle in vehicles:
                 self._serve(_open(vehicle.endpoint), stack)
-            for endpoint in (endpoint for vehicle in vehicles for endpoint in vehicle.also):
-                self._serve(_open_if_free(endpoint), stack)
+            for vehicle in vehicles:
+                for endpoint in vehicle.also:
+                    self._serve(self._open_if_free(vehicle, endpoint), stack)
             if self._lifeline is not None:
                 with contextlib.suppress(PermissionError):  # a plain file: no lifeline
                     self._selector.register(self._lifeline, selectors.EVENT_READ, None)
@@ -121,9 +124,20 @@ class Server:
         """Ends `serve` at once; safe to call from a signal handler."""
         self._stopping = True
 
+    def _open_if_free(self, vehicle: VehicleConfig, endpoint: str) -> VehicleSocket | None:
+        """Another program may have taken the port since it was seen free."""
+        try:
+            return _open(endpoint)
+        except EndpointError as error:
+            log.warning("%s; the vehicle goes without it", error)
+            self._taken.append(f"simulated vehicle {vehicle.sysid} is not there: {error}")
+            return None
+
     def serve(self) -> None:
         """Until stopped, or until the lifeline is cut and all vehicles are parked. In lockstep,
         until no client takes part and all vehicles are parked."""
+        for words in self._taken:
+            self._tell(words)
         if self._barrier is not None and self._serve_in_step(self._barrier):
             return
         while not self._stopping and not self._drained():
@@ -268,14 +282,6 @@ class Server:
             self._said_late_s = now
             text = "%.1f s of mission time behind the clock: machine too slow for the speed-up"
             log.warning(text, behind_s)
-
-
-def _open_if_free(endpoint: str) -> VehicleSocket | None:
-    try:
-        return _open(endpoint)
-    except EndpointError as error:
-        log.warning("%s; the vehicle goes without it", error)
-        return None
 
 
 def _open(endpoint: str) -> VehicleSocket:

@@ -30,6 +30,10 @@ class Verdict(NamedTuple):
     """None when completed."""
 
 
+_OF_ENDING: Final = (Cause.ORDER, Cause.STARTER)
+"""Why agents land when the run is ended: by the station's word, or for want of a lifeline."""
+
+
 class Ending(NamedTuple):
     """What ended a run from outside, by the word of the process that started it."""
 
@@ -81,7 +85,7 @@ def judge(
         reasons = _grouped({i: s.reason or "on command" for i, s in aborted.items()})
         cause = next((s.cause for s in aborted.values() if s.cause), Cause.ORDER)
         if ending is not None:
-            others = {i: s.reason for i, s in aborted.items() if s.cause is not Cause.ORDER}
+            others = {i: s.reason for i, s in aborted.items() if s.cause not in _OF_ENDING}
             reasons = [f"{ending.words}: all landed", *_grouped(others)]
         return Verdict(Outcome.ABORTED, first_few(reasons), cause)
     causes = [(Cause.FINDING, text) for text in found]

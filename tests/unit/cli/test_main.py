@@ -5,8 +5,11 @@ from __future__ import annotations
 import io
 import os
 import re
+import shutil
+import signal
 import subprocess
 import sys
+import time
 from importlib import metadata
 from pathlib import Path
 
@@ -197,3 +200,40 @@ def test_a_reader_that_has_gone_ends_no_command() -> None:
         console = PlainConsole(file=pipe)
         console.say("one")
         console.say("two")
+
+
+@pytest.mark.parametrize(
+    "words", [("validate", "{}"), ("run", "{}"), ("run", MISSION, "--runs", "{}")]
+)
+def test_a_path_that_is_no_text_is_refused_in_one_line(
+    words: tuple[str, ...], tmp_path: Path
+) -> None:
+    """Before anything is made: it could stand in no JSON file."""
+    path = os.fsdecode(os.fsencode(tmp_path) + b"/m\xff.yaml")
+    shutil.copy(MISSION, path)
+    command = [sys.executable, "-m", "swarm_ctl.cli.main", *(word.format(path) for word in words)]
+    done = subprocess.run(command, capture_output=True, cwd=tmp_path, check=False)
+    assert done.returncode == 2
+    assert re.fullmatch(
+        rb"error: .*m.udcff.yaml: is not UTF-8; allowed: names in UTF-8\n", done.stderr
+    )
+    assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize("wait_s", [0.0, 0.1, 0.3])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_a_command_in_one_line(number: int, wait_s: float, tmp_path: Path) -> None:
+    """While it still imports, too."""
+    start = "import os, sys; from swarm_ctl.cli import main; os.write(1, b'up'); main.main()"
+    command = [sys.executable, "-c", start, "paper", "--out", "paper"]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=tmp_path
+    ) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        assert process.stdout.read(2) == b"up"
+        time.sleep(0.02 + wait_s)
+        process.send_signal(number)
+        said = process.stderr.read()
+    assert process.returncode == 130
+    assert re.fullmatch(rb"ended: (Ctrl-C|SIGTERM|the terminal was closed)\n", said)

@@ -26,8 +26,10 @@ from swarm_ctl.core.model.messages import (
     TickReport,
 )
 from swarm_ctl.errors import InputError
+from swarm_ctl.report.folder.manifest import write_manifest
 from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.report.judge.summary import Summary, read_summary, write_summary
+from swarm_ctl.report.judge.verdict import Ending
 from swarm_ctl.report.page.run_history import read_history
 from swarm_ctl.report.page.summary_table import verdict_line
 from tests.unit.report.run_folders import (
@@ -146,7 +148,9 @@ def test_the_worst_tick_and_the_slowest_agent_stand_for_all(run: Path) -> None:
 # --- outcomes ---
 
 
-def _abort(run: Path, *aborted: int, failed: tuple[int, ...] = ()) -> None:
+def _abort(
+    run: Path, *aborted: int, failed: tuple[int, ...] = (), cause: Cause | None = None
+) -> None:
     broken = (*STEPS[:2], StepResult("form hexagon", StepOutcome.ABORTED, FORM, 28.0))
     for i in range(1, 7):
         outcome, reason = (
@@ -154,7 +158,8 @@ def _abort(run: Path, *aborted: int, failed: tuple[int, ...] = ()) -> None:
         )
         if i in aborted:
             outcome, reason = "aborted", "landed by the operator"
-        write_status(run, account(i, outcome=Outcome(outcome), reason=reason, step=2, steps=broken))
+        told = {"reason": reason, "cause": cause if i in aborted else None}
+        write_status(run, account(i, outcome=Outcome(outcome), step=2, steps=broken, **told))
 
 
 def test_an_operators_landing_is_aborted(run: Path) -> None:
@@ -178,6 +183,38 @@ def test_agents_that_saw_the_others_land_first_do_not_make_it_a_failure(run: Pat
     _abort(run, 1, 2, 3, failed=(4, 5, 6))
     codes = EXIT_CODES | {"agent-4": 1, "agent-5": 1, "agent-6": 1}
     assert summarise(run, codes).outcome == "aborted"
+
+
+@pytest.mark.parametrize("words", ["Ctrl-C", "SIGTERM", "the terminal was closed"])
+def test_the_verdict_says_who_ended_a_run_that_landed(run: Path, words: str) -> None:
+    """And no more: that each agent was landed by the operator follows from it."""
+    _abort(run, 1, 2, 3, 4, 5, 6, cause=Cause.ORDER)
+    summary = summarise(run, EXIT_CODES, Ending(words))
+    assert (summary.outcome, summary.reason) == ("aborted", f"{words}: all landed")
+    assert summary.cause is Cause.ORDER
+
+
+def test_a_second_ctrl_c_is_the_one_cause_of_all_that_it_killed(run: Path) -> None:
+    """Who did it, and whose vehicles may be in the air: of the agents without an account."""
+    for agent in (2, 5):
+        (run / "agents" / f"{agent}.json").unlink()
+    killed = dict.fromkeys(EXIT_CODES, -9)
+    summary = summarise(run, killed, Ending("Ctrl-C", at_once=True))
+    vehicles = "the vehicles of agents 2, 5 may be in the air"
+    assert (summary.outcome, summary.reason) == ("failed", f"ended by a second Ctrl-C: {vehicles}")
+    assert summary.cause is Cause.ORDER
+
+
+def test_a_run_that_was_ended_before_take_off_is_aborted(tmp_path: Path) -> None:
+    """Its folder has a manifest alone; killed processes make it no failure."""
+    write_manifest(tmp_path, manifest())
+    killed = dict.fromkeys(EXIT_CODES, -9)
+    for at_once in (False, True):
+        summary = summarise(tmp_path, killed, Ending("Ctrl-C", at_once))
+        assert (summary.outcome, summary.reason) == ("aborted", "Ctrl-C before take-off")
+    summary = summarise(tmp_path, killed, Ending("agent-1 did not start: no port", failed=True))
+    assert summary.outcome == "failed"
+    assert summary.reason == "did not start: agent-1 did not start: no port"
 
 
 def _leave(run: Path, *agents: int, **changes: Any) -> None:
