@@ -16,7 +16,7 @@ from swarm_ctl.files import replacing
 from swarm_ctl.mesh.keys import owner_of, plan_key
 from swarm_ctl.mesh.zenoh_config import Part
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
-from swarm_ctl.mission.compile.offers import Offers, PlanName, named_by_hash
+from swarm_ctl.mission.compile.offers import Offers, PlanName
 from swarm_ctl.mission.compile.plan_file import PlanFile, read_plan
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.protection import access, explained
@@ -83,7 +83,7 @@ def fetched_plan(
         found = await_offer(offers, mesh, patience_s)
     if found is None:
         raise StartError(_missed(offers, place, explained(identity, connect), patience_s))
-    sys.stderr.write(f"agent: {named_by_hash(found.plan)}, from a station\n")
+    sys.stderr.write(f"agent: {found.name}, from a station\n")
     _keep(found, folder)
     return found
 
@@ -132,18 +132,18 @@ def kept_plan(wanted: PlanName, folder: Path) -> PlanFile | None:
         except InputError as error:
             sys.stderr.write(f"agent: not used: {error}\n")
     if len(found) > 1:
-        names = ", ".join(named_by_hash(each.plan) for _, each in found)
+        names = ", ".join(each.name for _, each in found)
         raise InputError(f"{wanted} names several plans in {folder}: {names}; allowed: one of them")
     for path, each in found:
-        if not wanted.mistake(each.plan):
-            sys.stderr.write(f"agent: {named_by_hash(each.plan)}, fetched before: {path}\n")
+        if not wanted.mistake(each):
+            sys.stderr.write(f"agent: {each.name}, fetched before: {path}\n")
             return each
     return None
 
 
 def _keep(found: PlanFile, folder: Path) -> None:
     """A full disk keeps no agent on the ground, but from starting again without a station."""
-    path = folder / f"{named_by_hash(found.plan)}.json"
+    path = folder / f"{found.name}.json"
     try:
         folder.mkdir(0o700, parents=True, exist_ok=True)
         with replacing(path, 0o600, durable=True) as file:

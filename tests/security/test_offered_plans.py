@@ -18,6 +18,7 @@ from swarm_ctl.mesh.zenoh_config import Part
 from swarm_ctl.mesh.zenoh_transport import Router, ZenohTransport
 from swarm_ctl.mission.compile.loader import load
 from swarm_ctl.mission.compile.offers import PlanName, pack
+from swarm_ctl.mission.compile.plan_file import named_by_hash
 from swarm_ctl.runtime.fetched_plan import Place, fetched_plan, kept_plan
 from swarm_ctl.runtime.launch.ports import free_ports
 from swarm_ctl.trust import provision
@@ -62,7 +63,7 @@ def test_an_operator_alone_offers_a_plan(field: Path, tmp_path: Path, *, routed:
         identity = load_identity(field / "agent-1")
         found = fetched_plan(PlanName(SWARM), tmp_path, place, identity, 20.0)
     assert found.plan == MISSION.plan
-    assert kept_plan(PlanName(SWARM, found.plan_hash), tmp_path) == found
+    assert kept_plan(PlanName(*found.name.split("@")), tmp_path) == found
     assert kept_plan(PlanName(SWARM), tmp_path) is None
 
 
@@ -70,7 +71,8 @@ def test_on_an_open_mesh_the_hash_decides(tmp_path: Path) -> None:
     """Any process there offers what it likes: the forged plan is refused by its hash, and what was
     kept and changed since is not flown, either."""
     at = f"tcp/127.0.0.1:{free_ports(1, socket.SOCK_STREAM)[0]}"
-    named, place = PlanName(SWARM, MISSION.plan.fingerprint()), Place((at,), ())
+    name = named_by_hash(MISSION.plan, MISSION.fleet)
+    named, place = PlanName(*name.split("@")), Place((at,), ())
     with ExitStack() as opened:
         for name, plan in (("mallory", FORGED), ("anna", MISSION.plan)):
             mesh = opened.enter_context(closing(ZenohTransport([], [at], time.monotonic)))

@@ -20,8 +20,7 @@ from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
 from swarm_ctl.mission.compile.loader import LoadedMission, load
-from swarm_ctl.mission.compile.offers import named_by_hash
-from swarm_ctl.mission.compile.plan_file import plan_to_json, read_plan
+from swarm_ctl.mission.compile.plan_file import named_by_hash, plan_to_json, read_plan
 from swarm_ctl.report.folder.truth import load_truth
 from tests.system.pair import BARE, agent, agent_in_waiting, ended, pair_mission, simulator
 from tests.system.running import SWARM_CTL
@@ -52,7 +51,7 @@ def test_two_agents_and_a_station_that_knows_the_mission(
     """
     speedup, epoch_s = 3.0, time.monotonic()
     monkeypatch.setenv("SWARM_CTL_STATE", str(tmp_path / "state"))
-    name, fleet = named_by_hash(mission.plan), mission.fleet.agents
+    name, fleet = named_by_hash(mission.plan, mission.fleet), mission.fleet.agents
     own, peer = fleet[1], fleet[0]
     addresses = [f"--endpoint={own.endpoint}", f"--mesh={own.mesh}", f"--peer={peer.mesh}"]
     watching = subprocess.Popen(
@@ -63,7 +62,7 @@ def test_two_agents_and_a_station_that_knows_the_mission(
     )
     agents = [
         agent(mission.source, 1, epoch_s, speedup),
-        agent(Path(name[: len("pair@") + 6]), 2, epoch_s, speedup, *addresses),
+        agent(Path(name[: len("pair@") + 12]), 2, epoch_s, speedup, *addresses),
     ]
     with (
         closing(listener_of(mission, keys.STATUS)) as listener,
@@ -113,7 +112,7 @@ def test_an_agent_is_killed_and_started_again(
     key.write_bytes(bytes(range(32)))
     key.chmod(0o600)
     signed = ("--signing-key", str(key))
-    truth, plan = tmp_path / "truth.jsonl", Path(named_by_hash(mission.plan))
+    truth, plan = tmp_path / "truth.jsonl", Path(named_by_hash(mission.plan, mission.fleet))
     kept = tmp_path / "state" / "plans"
     monkeypatch.setenv("SWARM_CTL_STATE", str(kept.parent))
     kept.mkdir(parents=True)

@@ -102,7 +102,7 @@ def agent(
         swarm-ctl agent plan.json --id 3
         swarm-ctl agent plan.json --id 3 --endpoint serial:/dev/ttyAMA0:921600
         swarm-ctl agent missions/hexagon.yaml --fleet outdoors.yaml --id 3
-        swarm-ctl agent hexagon@3fa9c1 --id 3 --mesh tcp/10.0.0.13:7447
+        swarm-ctl agent hexagon@3fa9c1d2e4f6 --id 3 --mesh tcp/10.0.0.13:7447
     """
     from swarm_ctl.mission.compile.offers import plan_name
     from swarm_ctl.mission.fleet.exposure import exposures, refuse_exposed

@@ -27,8 +27,7 @@ def plan(
         swarm-ctl plan missions/hexagon.yaml --out hexagon.json
     """
     from swarm_ctl.mission.compile.loader import load
-    from swarm_ctl.mission.compile.offers import named_by_hash
-    from swarm_ctl.mission.compile.plan_file import plan_to_json
+    from swarm_ctl.mission.compile.plan_file import named_by_hash, plan_to_json
     from swarm_ctl.report.folder.files import write_whole
 
     console = PlainConsole()
@@ -36,5 +35,5 @@ def plan(
     console.warn(loaded.warnings)
     require_writable(out, "choose with --out")
     write_whole(out, plan_to_json(loaded.plan, loaded.fleet))
-    agents, name = len(loaded.plan.agents), named_by_hash(loaded.plan)
+    agents, name = len(loaded.plan.agents), named_by_hash(loaded.plan, loaded.fleet)
     console.say(f"plan: {out}, {agents} agents, {name}; swarm-ctl agent {out} --id ID")

@@ -319,12 +319,18 @@ class Plan:
     def hash(self) -> int:
         """A 64-bit fingerprint of the whole plan, the same on every machine (floats rounded to
         1e-9)."""
-        text = json.dumps(_canonical(self), sort_keys=True, separators=(",", ":"))
-        return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big")
+        return int(fingerprint_of(self), 16)
 
     def fingerprint(self) -> str:
         """The hash as 16 hexadecimal digits, for people and files."""
         return f"{self.hash():016x}"
+
+
+def fingerprint_of(value: Any) -> str:
+    """16 hexadecimal digits of plain frozen data, the same on every machine (floats rounded to
+    1e-9)."""
+    text = json.dumps(_canonical(value), sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def _canonical(value: Any) -> Any:

@@ -16,20 +16,21 @@ from swarm_ctl.mission.compile.plan_file import PlanFile, plan_from_json, plan_t
 PACKED_BYTES: Final = 120 * 1024
 """Of an offer on the mesh. The plan of a hundred agents takes 4 KB, and zenoh puts no message
 together that is longer than 128 KB."""
-_UNPACKED_BYTES: Final = 8_000_000
+_UNPACKED_BYTES: Final = 4_000_000
 """A small offer may hold a text of any length."""
 _GZIP: Final = 31
 """What zlib calls gzip, which other tools know."""
 SETTLE_S: Final = 2.0
 """Without a hash, an agent listens for so long after the first offer, for another plan."""
 _STATIONS: Final = 32
-"""That are listened to."""
-_NAMED: Final = re.compile(r"([A-Za-z0-9][A-Za-z0-9_-]{0,39})(?:@([0-9a-f]{6,16}))?")
+"""That are remembered. Of more, one that has no plan of this name gives its place to the next: no
+flood of names keeps the station away that has it."""
+_NAMED: Final = re.compile(r"([A-Za-z0-9][A-Za-z0-9_-]{0,39})(?:@([0-9a-f]{12,16}))?")
 
 
 @dataclass(frozen=True, slots=True)
 class PlanName:
-    """`hexagon@3fa9c1`: a mission's name, and the first digits of its plan's hash ('': any)."""
+    """`hexagon@3fa9c1d2e4f6`: a mission's name, and the first digits of its hash ('': any)."""
 
     name: str
     digits: str = ""
@@ -37,29 +38,25 @@ class PlanName:
     def __str__(self) -> str:
         return f"{self.name}@{self.digits}" if self.digits else self.name
 
-    def mistake(self, plan: Plan) -> str:
-        """Why it does not name the plan, or ''."""
-        named = plan.name == self.name and plan.fingerprint().startswith(self.digits)
-        return "" if named else f"has {named_by_hash(plan)}, not {self}"
+    def mistake(self, file: PlanFile) -> str:
+        """Why it does not name the plan file, or ''."""
+        name, _, digits = file.name.partition("@")
+        named = name == self.name and digits.startswith(self.digits)
+        return "" if named else f"has {file.name}, not {self}"
 
 
 def plan_name(text: str) -> PlanName | None:
-    """The plan that a word such as `hexagon@3fa9c1` names; None: it is a file's name.
+    """The plan that a word such as `hexagon@3fa9c1d2e4f6` names; None: it is a file's name.
 
     InputError where what stands after the @ is no hash.
     """
     found = _NAMED.fullmatch(text)
     if found is None and _NAMED.fullmatch(text.partition("@")[0]) and "@" in text:
         raise InputError(
-            f"{text}: names no plan; allowed: NAME@HASH with 6 to 16 of the hash's digits (0-9,"
+            f"{text}: names no plan; allowed: NAME@HASH with 12 to 16 of the hash's digits (0-9,"
             " a-f), as `swarm-ctl plan` and a station tell them"
         )
     return found and PlanName(found[1], found[2] or "")
-
-
-def named_by_hash(plan: Plan) -> str:
-    """`hexagon@3fa9c1d2e4f60718`."""
-    return f"{plan.name}@{plan.fingerprint()}"
 
 
 def pack(plan: Plan, agents: tuple[FleetAgent, ...], signing: Signing) -> bytes:
@@ -84,7 +81,10 @@ def unpack(data: bytes, name: str) -> PlanFile:
         raise InputError(
             f"{name}: is torn, or longer than {_UNPACKED_BYTES / 1e6:g} MB; allowed: a whole plan"
         )
-    return plan_from_json(text, name)
+    found = plan_from_json(text, name)
+    if found.trust is not None:
+        raise InputError(f"{name}: names a folder of keys; allowed: none")
+    return found
 
 
 class Offers:
@@ -104,10 +104,14 @@ class Offers:
 
     def hear(self, station: str, data: bytes, now: float) -> None:
         """A station's offer came at `now` [s]; the same again costs nothing."""
-        if self._heard.get(station) == data or (
-            station not in self._heard and len(self._heard) >= _STATIONS
-        ):
+        if self._heard.get(station) == data:
             return
+        if station not in self._heard and len(self._heard) >= _STATIONS:
+            useless = next((each for each in self._heard if each not in self._plans), None)
+            if useless is None:
+                return
+            del self._heard[useless]
+            self._refused.pop(useless, None)
         self._heard[station] = data
         self._plans.pop(station, None)
         try:
@@ -115,7 +119,7 @@ class Offers:
         except InputError as error:
             self._refused[station] = str(error)
             return
-        if mistake := self.wanted.mistake(found.plan):
+        if mistake := self.wanted.mistake(found):
             self._refused[station] = f"station {station} {mistake}"
             return
         self._refused.pop(station, None)
@@ -124,7 +128,7 @@ class Offers:
 
     def chosen(self, now: float) -> PlanFile | None:
         """The plan to fly; None: wait on. InputError where stations have different ones."""
-        found = {each.plan_hash: each for each in self._plans.values()}
+        found = {each.name: each for each in self._plans.values()}
         if len(found) > 1:
             names = "; ".join(self._told())
             raise InputError(
@@ -136,7 +140,7 @@ class Offers:
 
     def _told(self) -> Iterator[str]:
         for station, found in sorted(self._plans.items()):
-            yield f"station {station} has {named_by_hash(found.plan)}"
+            yield f"station {station} has {found.name}"
 
     def refusals(self) -> tuple[str, ...]:
         """What was offered and not taken, for an operator."""

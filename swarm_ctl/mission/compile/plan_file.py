@@ -9,13 +9,16 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Iterable
+from copy import deepcopy
+from functools import cache
 from pathlib import Path
 from typing import Any, Final, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import SchemaValidator
 
 from swarm_ctl.core.model.fleet import Fleet, FleetAgent, Signing
-from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.plan import Plan, fingerprint_of
 from swarm_ctl.errors import InputError, MissionError
 from swarm_ctl.files import read_bytes
 from swarm_ctl.mission.input.document import Document
@@ -23,6 +26,10 @@ from swarm_ctl.mission.input.error_messages import problem_of
 
 _MOST_BYTES: Final = 32_000_000
 """The largest mission's plan, and room."""
+_MOST_FIELDS: Final = 100
+"""Of one object: three times what any here has."""
+_MOST_PROBLEMS: Final = 20
+"""That are told: a file of other things has one for each of its bytes."""
 
 
 class PlanFile(BaseModel):
@@ -48,6 +55,11 @@ class PlanFile(BaseModel):
     """The fleet's folder with the swarm's keys."""
     signing: Signing = Signing.OFF
 
+    @property
+    def name(self) -> str:
+        """As of `named_by_hash`."""
+        return named_by_hash(self.plan, Fleet(self.fleet, None, self.signing))
+
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         if self.plan_hash != self.plan.fingerprint():
@@ -64,6 +76,14 @@ class PlanFile(BaseModel):
                 f" {', '.join(map(str, ids))}"
             )
         return self
+
+
+def named_by_hash(plan: Plan, fleet: Fleet) -> str:
+    """`hexagon@3fa9c1d2e4f60718`: a mission's name, and the digits of all that its agents act on:
+    the plan, each agent's vehicle, endpoints and place, and signing. Not of the folder of keys,
+    which is each computer's own. `Plan.fingerprint` is another one: it is of the plan alone, which
+    may fly with other fleets."""
+    return f"{plan.name}@{fingerprint_of((plan, fleet.agents, fleet.signing))}"
 
 
 def plan_to_json(plan: Plan, fleet: Fleet) -> str:
@@ -98,12 +118,16 @@ def read_plan(path: Path) -> PlanFile:
 
 
 def plan_from_json(text: str | bytes, name: str = "plan") -> PlanFile:
-    """The plan file in a text that errors call `name`; raises as `read_plan`."""
+    """The plan file in a text that errors call `name`; raises as `read_plan`, with the first
+    mistake of each list."""
+    data = _plain(text, name)
     try:
-        return PlanFile.model_validate_json(text)
+        found: PlanFile = _validator().validate_json(text)
     except ValidationError as error:
-        found = error.errors(include_url=False)
-    for each in found:
+        mistakes = error.errors(include_url=False)
+    else:
+        return found
+    for each in mistakes:
         if each["type"] == "json_invalid":
             raise InputError(
                 f"{name}: not JSON: {each['ctx']['error']}; allowed: a whole plan file"
@@ -111,9 +135,48 @@ def plan_from_json(text: str | bytes, name: str = "plan") -> PlanFile:
         if each["type"] == "value_error" and not each["loc"]:
             raise InputError(f"{name}: {each['ctx']['error']}")
     # Of another version, other fields may be right: only the version is told.
-    version = [each for each in found if each["loc"] == ("schema_version",)]
-    document, schema = Document(name, _tuples(json.loads(text))), PlanFile.model_json_schema()
-    raise MissionError(tuple(problem_of(dict(each), document, schema) for each in version or found))
+    version = [each for each in mistakes if each["loc"] == ("schema_version",)]
+    document, schema = Document(name, data), PlanFile.model_json_schema()
+    told = (version or mistakes)[:_MOST_PROBLEMS]
+    raise MissionError(tuple(problem_of(dict(each), document, schema) for each in told))
+
+
+def _plain(text: str | bytes, name: str) -> Any:
+    """JSON as a `Document` has it; InputError where it is none, or where an object has so many
+    fields that to tell each would take all memory."""
+
+    def plain(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        if len(pairs) > _MOST_FIELDS:
+            raise InputError(
+                f"{name}: has an object of {len(pairs)} fields; allowed: at most {_MOST_FIELDS}"
+            )
+        return dict(pairs)
+
+    try:
+        return _tuples(json.loads(text, object_pairs_hook=plain))
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{name}: not JSON: {error}; allowed: a whole plan file") from None
+
+
+@cache
+def _validator() -> SchemaValidator:
+    """As PlanFile's own, but it leaves each list at its first mistake: a small file may have a
+    million, and each takes memory before any is told."""
+    PlanFile.model_rebuild()
+    schema = deepcopy(PlanFile.__pydantic_core_schema__)
+    _leave_early(schema)
+    return SchemaValidator(schema)
+
+
+def _leave_early(schema: Any) -> None:
+    if isinstance(schema, dict):
+        if schema.get("type") == "tuple":
+            schema["fail_fast"] = True
+        for each in schema.values():
+            _leave_early(each)
+    elif isinstance(schema, list | tuple):
+        for each in schema:
+            _leave_early(each)
 
 
 def _read(path: Path) -> bytes:

@@ -14,7 +14,7 @@ HEXAGON = Path(__file__).parents[3] / "missions" / "hexagon.yaml"
 AT, OTHER = "tcp/10.0.0.12:7447", "tcp/10.0.0.11:7447"
 
 
-@pytest.mark.parametrize("name", ["hexagon", "hexagon@3fa9c1"])
+@pytest.mark.parametrize("name", ["hexagon", "hexagon@3fa9c1d2e4f6"])
 def test_a_name_is_enough(name: str) -> None:
     """It needs no plan: only the swarm, its own place, and the other routers'."""
     assert _told(Path(name), None, AT, [OTHER]) == ("hexagon", None, AT, (OTHER,))

@@ -5,14 +5,17 @@ from __future__ import annotations
 import gzip
 import json
 import re
+import time
+import tracemalloc
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from swarm_ctl.core.model.fleet import Fleet, FleetAgent, Signing
-from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.plan import Plan, Response
 from swarm_ctl.errors import InputError
 from swarm_ctl.mesh.keys import plan_key
 from swarm_ctl.mission.compile.loader import load
@@ -21,12 +24,11 @@ from swarm_ctl.mission.compile.offers import (
     SETTLE_S,
     Offers,
     PlanName,
-    named_by_hash,
     pack,
     plan_name,
     unpack,
 )
-from swarm_ctl.mission.compile.plan_file import plan_to_json
+from swarm_ctl.mission.compile.plan_file import named_by_hash, plan_to_json
 from swarm_ctl.runtime.fetched_plan import await_offer
 
 ROOT = Path(__file__).parents[3]
@@ -39,8 +41,13 @@ def offer(plan: Plan = PLAN, agents: tuple[FleetAgent, ...] = AGENTS) -> bytes:
     return pack(plan, agents, Signing.OFF)
 
 
-def wanted(plan: Plan = PLAN, digits: int = 8) -> PlanName:
-    return PlanName(plan.name, plan.fingerprint()[:digits])
+def named(plan: Plan = PLAN) -> str:
+    return named_by_hash(plan, Fleet(AGENTS))
+
+
+def wanted(plan: Plan = PLAN, digits: int = 12) -> PlanName:
+    name, _, whole = named(plan).partition("@")
+    return PlanName(name, whole[:digits])
 
 
 def test_a_plan_survives_the_way() -> None:
@@ -58,7 +65,7 @@ def test_a_plan_survives_the_way() -> None:
     ("word", "name"),
     [
         ("hexagon", PlanName("hexagon")),
-        ("hexagon@3fa9c1", PlanName("hexagon", "3fa9c1")),
+        ("hexagon@3fa9c1d2e4f6", PlanName("hexagon", "3fa9c1d2e4f6")),
         ("a-b_2@0123456789abcdef", PlanName("a-b_2", "0123456789abcdef")),
         ("plan.json", None),
         ("missions/hexagon", None),
@@ -69,9 +76,11 @@ def test_names(word: str, name: PlanName | None) -> None:
     assert plan_name(word) == name
 
 
-@pytest.mark.parametrize("word", ["hexagon@", "hexagon@3fa9c", "hexagon@3FA9C1", "x@" + 17 * "0"])
+@pytest.mark.parametrize(
+    "word", ["hexagon@", "hexagon@3fa9c1d2e4f", "hexagon@3FA9C1D2E4F6", "x@" + 17 * "0"]
+)
 def test_what_is_no_hash(word: str) -> None:
-    with pytest.raises(InputError, match=r"allowed: NAME@HASH with 6 to 16"):
+    with pytest.raises(InputError, match=r"allowed: NAME@HASH with 12 to 16"):
         plan_name(word)
 
 
@@ -82,7 +91,7 @@ def test_the_hash_decides() -> None:
     offers.hear("bob", offer(OTHER), 0.0)
     assert offers.chosen(100.0) is None
     [told] = offers.refusals()
-    assert told == f"station bob has {named_by_hash(OTHER)}, not {wanted()}"
+    assert told == f"station bob has {named(OTHER)}, not {wanted()}"
     offers.hear("anna", offer(), 100.0)
     chosen = offers.chosen(100.0)
     assert chosen is not None
@@ -97,7 +106,7 @@ def test_without_a_hash_stations_must_agree() -> None:
     assert offers.chosen(1.0 + SETTLE_S - 0.1) is None
     assert offers.chosen(1.0 + SETTLE_S) is not None
     offers.hear("bob", offer(OTHER), 1.0)
-    told = f"station anna has {named_by_hash(PLAN)}; station bob has {named_by_hash(OTHER)}"
+    told = f"station anna has {named()}; station bob has {named(OTHER)}"
     with pytest.raises(InputError, match=re.escape(told)):
         offers.chosen(1.0)
 
@@ -113,7 +122,7 @@ def edited(change: Callable[[str], str]) -> bytes:
         (b"", "is too large for the mesh; allowed: a copy of its plan file"),
         (b"\x1f\x8b\x08hostile", "is not packed as a plan"),
         (offer()[:-30], "is torn"),
-        (gzip.compress(bytes(100_000_000)), "is torn, or longer than 8 MB"),
+        (gzip.compress(bytes(100_000_000)), "is torn, or longer than 4 MB"),
         (gzip.compress(b"{"), "not JSON"),
         (gzip.compress(json.dumps({"schema_version": 2}).encode()), "schema_version"),
         (edited(lambda text: text.replace('"unit_m": ', '"unit_m": 1')), "it was changed after"),
@@ -140,6 +149,67 @@ def test_stations_without_end() -> None:
     for number in range(1000):
         offers.hear(f"m{number}", b"hostile", 0.0)
     assert len(offers.refusals()) == 32
+    offers.hear("anna", offer(), 0.0)
+    assert offers.chosen(0.0) is not None, "and it keeps no station away"
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"endpoint": "udpout:10.9.9.9:14550"},
+        {"sysid": 77},
+        {"agent_sysid": 201},
+        {"mesh": "tcp/10.9.9.9:7447"},
+        {"router": "tcp/10.9.9.9:7447"},
+        {"host": "mallory"},
+        {"autopilot": "px4"},
+        {"response": Response(dead_time_s=0.1)},
+    ],
+)
+def test_the_hash_is_of_all_that_an_agent_acts_on(change: dict[str, Any]) -> None:
+    """The right plan with another fleet is another offer: no agent speaks to its endpoint."""
+    offers, first = Offers(wanted()), replace(AGENTS[0], **change)
+    offers.hear("mallory", offer(agents=(first, *AGENTS[1:])), 0.0)
+    assert offers.chosen(9.0) is None
+    [told] = offers.refusals()
+    assert re.fullmatch(rf"station mallory has {PLAN.name}@[0-9a-f]{{16}}, not {wanted()}", told)
+    signed = Offers(wanted())
+    signed.hear("mallory", pack(PLAN, AGENTS, Signing.REQUIRED), 0.0)
+    assert signed.chosen(9.0) is None, "signing is acted on, too"
+
+
+def test_an_offer_names_no_folder_of_keys() -> None:
+    """An agent's keys are where its own command line says."""
+    with pytest.raises(InputError, match="names a folder of keys"):
+        unpack(edited(lambda text: text.replace('"trust": null', '"trust": "evil"')), "it")
+
+
+@pytest.mark.parametrize("where", ["steps", "fleet", "slots", "agents", "fields", "same field"])
+def test_an_offer_of_many_mistakes_costs_little(where: str) -> None:
+    """A hundred thousand wrong entries in some hundred packed bytes: few are told, in some
+    seconds and megabytes."""
+    whole, many = json.loads(plan_to_json(PLAN, Fleet(AGENTS))), 100_000
+    if where == "fleet":
+        whole["fleet"] = [{}] * many
+    elif where == "slots":
+        whole["plan"]["steps"] = [{"kind": "form", "slots": [0] * many}]
+    elif where == "fields":
+        whole["plan"]["steps"] = [{f"a{k}": 0 for k in range(many)}]
+    elif where == "same field":
+        whole["plan"]["steps"] = ["HERE"]
+    else:
+        whole["plan"][where] = [0] * many
+    text = json.dumps(whole, separators=(",", ":"))
+    data = gzip.compress(text.replace('"HERE"', "{" + '"a":0,' * many + '"a":0}').encode())
+    tracemalloc.start()
+    before_s = time.process_time()
+    with pytest.raises(InputError) as caught:
+        unpack(data, "it")
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert time.process_time() - before_s < 10.0
+    assert most < 100e6
+    assert len(str(caught.value)) < 10_000
 
 
 class Mesh:
@@ -157,7 +227,7 @@ class Mesh:
 
     def wait(self, patience_s: float = 60.0) -> PlanName | None:
         found = await_offer(Offers(wanted()), self, patience_s, lambda: self.now_s, self.pause)
-        return found and wanted(found.plan)
+        return found and PlanName(*found.name.split("@"))
 
     def pause(self, seconds: float) -> None:
         self.now_s += seconds
@@ -166,7 +236,7 @@ class Mesh:
 def test_an_agent_asks_again() -> None:
     """Once a second, until a station that comes later answers; another plan does not end it."""
     mesh = Mesh(bob=(1, offer(OTHER)), anna=(5, offer()))
-    assert mesh.wait() == wanted()
+    assert mesh.wait() == wanted(digits=16)
     assert mesh.asked == 5
     assert mesh.now_s == pytest.approx(4.0, abs=0.1)
 
