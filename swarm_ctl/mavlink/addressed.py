@@ -6,7 +6,7 @@ import itertools
 import struct
 from collections.abc import Iterator
 from enum import IntEnum
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -35,7 +35,13 @@ _POSITIONS: Final = (
     dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
 )
 _ARMED: Final = dialect.MAV_MODE_FLAG_SAFETY_ARMED
+_AUTOPILOT_AT: Final = 5
 _BASE_MODE_AT: Final = 6
+_NAME_AT, _NAME_BYTES = 6, 16
+"""Of PARAM_SET."""
+_OPCODE_AT: Final = 6
+_FTP_WRITES: Final = (6, 7, 11)
+"""CreateFile, WriteFile, OpenFileWO."""
 
 
 class Urgency(IntEnum):
@@ -92,11 +98,36 @@ def asks_for_streams(frame: MavlinkFrame) -> bool:
     return frame.message_id in _COMMANDS and _command(frame) == dialect.MAV_CMD_SET_MESSAGE_INTERVAL
 
 
-def says_armed(frame: MavlinkFrame) -> bool | None:
+def sets_parameter(frame: MavlinkFrame) -> str:
+    """The name in a PARAM_SET, in capitals as autopilots find it by; '' of another message."""
+    if frame.message_id != dialect.MAVLINK_MSG_ID_PARAM_SET:
+        return ""
+    name = bytes(_byte(frame, at) for at in range(_NAME_AT, _NAME_AT + _NAME_BYTES))
+    return name.split(b"\0")[0].decode("ascii", "replace").upper()
+
+
+def writes_file(frame: MavlinkFrame) -> bool:
+    """It writes a file by MAVLink FTP; an ArduPilot takes parameters so, too (@PARAM)."""
+    ftp = frame.message_id == dialect.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL
+    return ftp and _byte(frame, _OPCODE_AT) in _FTP_WRITES
+
+
+class ToldMode(NamedTuple):
+    """What a HEARTBEAT tells."""
+
+    autopilot: int
+    """MAV_AUTOPILOT."""
+    custom_mode: int
+    armed: bool
+
+
+def told_mode(frame: MavlinkFrame) -> ToldMode | None:
     """What a vehicle's HEARTBEAT tells; None: the frame is none of an autopilot's."""
     if frame.message_id != dialect.MAVLINK_MSG_ID_HEARTBEAT or frame.component != 1:
         return None
-    return bool(_byte(frame, _BASE_MODE_AT) & _ARMED)
+    mode = sum(_byte(frame, at) << 8 * at for at in range(4))
+    armed = bool(_byte(frame, _BASE_MODE_AT) & _ARMED)
+    return ToldMode(_byte(frame, _AUTOPILOT_AT), mode, armed)
 
 
 def _command(frame: MavlinkFrame) -> int:

@@ -192,6 +192,7 @@ class VehicleLink:
             healthy=not missing,
             health_reason=missing,
             released=driver.parameters.released(heard),
+            unsafe=driver.parameters.unsafe(now),
             own=self._own(),
             notes=self._notes(),
             battery_percent=heard.battery_percent,

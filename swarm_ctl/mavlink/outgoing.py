@@ -74,6 +74,16 @@ def velocity(system: int, velocity_ned_mps: tuple[float, float, float], now: flo
     return dialect.MAVLink_set_position_target_local_ned_message(time_ms, *target, *numbers)
 
 
+def said_beside(system: int, text: str) -> bytes:
+    """A STATUSTEXT (50 characters) of the computer beside the vehicle `system`, packed."""
+    codec = dialect.MAVLink(None, system, AGENT_COMPONENT)
+    words = text.encode("ascii", "replace")[:50]
+    packed: bytes = dialect.MAVLink_statustext_message(dialect.MAV_SEVERITY_WARNING, words).pack(
+        codec
+    )
+    return packed
+
+
 def read_parameter(system: int, name: str) -> Message:
     """PARAM_REQUEST_READ by name."""
     by_name = (system, AUTOPILOT_COMPONENT, name.encode(), -1)

@@ -100,7 +100,7 @@ def status_report(
 
 def _link_report(view: VehicleView) -> VehicleLinkReport:
     heard = view.frames, view.frames_lost, view.round_trip_s
-    return VehicleLinkReport(*heard, view.signed, view.refused, dict(view.refusals))
+    return VehicleLinkReport(*heard, view.signed, view.refused, dict(view.refusals), view.unsafe)
 
 
 class RefusalsSaid:

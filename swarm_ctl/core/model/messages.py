@@ -277,6 +277,8 @@ class VehicleLinkReport:
     """The frames that the link has refused of late, in words; ''."""
     refusals: dict[str, int] = field(default_factory=dict)
     """All of them, by reason."""
+    unsafe: str = ""
+    """The vehicle's failsafe parameters that another has changed in flight, of late, or ''."""
 
 
 class RefusalReason(StrEnum):

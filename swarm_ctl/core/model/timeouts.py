@@ -43,6 +43,9 @@ OWN_FIX_S: Final = 0.5
 """With an own position older than this, the setpoint is zero."""
 OWN_LOST_S: Final = 5.0
 """With an own position older than this, the agent lands."""
+PARAMETER_READ_S: Final = 2.0
+"""In flight an agent reads one of its vehicle's failsafe parameters again so often, one after the
+other: a change that was not heard is found within six of these."""
 KEYS_VALID_S: Final = 24 * 3600.0
 """No vehicle takes off with a certificate that ends sooner: a swarm has to be able to restart."""
 

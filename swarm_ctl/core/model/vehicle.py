@@ -108,6 +108,8 @@ class VehicleView:
     released: bool = True
     """The vehicle has its own failsafe parameters (not taken yet, or given back and confirmed):
     Release is done."""
+    unsafe: str = ""
+    """The failsafe parameters that another has changed in flight, of late, or ''."""
     own: OwnParameters | None = None
     """Its own values of the parameters that we change; None until the vehicle is known, and for one
     that is not remembered: it ends with the run."""

@@ -13,7 +13,8 @@ from typing import Final
 from swarm_ctl.core.model.fleet import FleetAgent, RadioShare
 
 USED: Final = 0.8
-"""Of the radio's bytes: the rest is for requests, answers, repeats, and other senders."""
+"""Of the radio's bytes: the rest is for requests, answers, repeats, and other senders. In flight
+each vehicle's failsafe parameters are read again (`PARAMETER_READ_S`), 35 bytes a second."""
 MOST_HZ: Final = 20.0
 """A setpoint and a position each tick."""
 LEAST_HZ: Final = 5.0

@@ -6,11 +6,16 @@ from collections.abc import Mapping
 
 from swarm_ctl.core.model.fleet import AGENT_SYSID
 from swarm_ctl.errors import LinkError
+from swarm_ctl.mavlink.addressed import ToldMode
 from swarm_ctl.mavlink.autopilots.ardupilot import Ardupilot
 from swarm_ctl.mavlink.autopilots.base import Autopilot
+from swarm_ctl.mavlink.autopilots.failsafe_words import NAMES
 from swarm_ctl.mavlink.autopilots.px4 import Px4
 from swarm_ctl.mavlink.autopilots.timing import STREAMS_HZ
 
+GUARDED = frozenset(name for names in NAMES.values() for name in names)
+"""The parameters of all firmware that decide what a vehicle does in trouble: while an agent flies
+it, no other may set them."""
 AUTOPILOTS: dict[str, type[Autopilot]] = {kind.name: kind for kind in (Ardupilot, Px4)}
 
 
@@ -26,4 +31,11 @@ def autopilot(
     return AUTOPILOTS[name](system, agent_sysid, streams_hz)
 
 
-__all__ = ["AUTOPILOTS", "Autopilot", "autopilot"]
+def flown_by_agent(told: ToldMode) -> bool:
+    """The vehicle is armed, in the mode in which agents fly it."""
+    kinds = (kind for kind in AUTOPILOTS.values() if kind.wire_id == told.autopilot)
+    names = {kind.modes.name(told.custom_mode) == kind.controlled_mode for kind in kinds}
+    return told.armed and True in names
+
+
+__all__ = ["AUTOPILOTS", "GUARDED", "Autopilot", "autopilot", "flown_by_agent"]

@@ -218,6 +218,8 @@ class Autopilot(ABC):
         if isinstance(goal, YieldGoal):
             return messages + self.yielding(heard, now) + self._see_down(heard, now)
         messages += self._streams(heard, now)
+        if isinstance(goal, AirborneGoal | FlyGoal | LandGoal):
+            messages += self.parameters.watch(heard, now)
         return messages + self._unless_in_doubt(self._towards(goal, heard, now), heard, now)
 
     def _expects(self, told: FlightState) -> bool:

@@ -7,6 +7,7 @@ stored outside this process.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
@@ -17,6 +18,7 @@ from swarm_ctl.core.model.own_parameters import (
     Remembered,
     own_value,
 )
+from swarm_ctl.core.model.timeouts import PARAMETER_READ_S
 from swarm_ctl.mavlink import outgoing
 from swarm_ctl.mavlink.autopilots.parameter_rules import (
     OPTIONAL_ANSWER_S,
@@ -40,6 +42,9 @@ _NOTES = {
     " taken for its own",
 }
 """What is said of the parameters that were found so; of its own values nothing."""
+
+_UNSAFE_KEPT_S = 10.0
+"""A change in flight is told for so long after it was set right."""
 
 
 class FailsafeParameters:
@@ -75,6 +80,8 @@ class FailsafeParameters:
         self._seen: object = None
         self._unconfirmed: list[str] = []
         self._released = False
+        self._unsafe, self._unsafe_s = "", -math.inf
+        self._reads = 0
 
     # --- memory ---
 
@@ -151,6 +158,48 @@ class FailsafeParameters:
         self._seen = None
         self.given_back = bool(self.own) and self.released(heard)
         return messages
+
+    def watch(self, heard: Telemetry, now: float) -> list[Message]:
+        """In flight: set again what another has changed, and read them all again, one after the
+        other: a vehicle need not tell each link of a change."""
+        self._learn(heard)
+        messages = []
+        values = {
+            name: self._value(heard, name) for name in self._rules if name in heard.parameters
+        }
+        wrong = {
+            name: value
+            for name, value in values.items()
+            if value is not None and self._rules[name].wanted(value) != value
+        }
+        for name, value in wrong.items():
+            if self._may_set(name) and self._pacer.due(f"again {name}", RETRY_S, now):
+                known = heard.parameters[name]
+                raw = self._encode(self._rules[name].wanted(value), known.kind)
+                messages.append(outgoing.set_parameter(self._system, name, raw, known.kind))
+                self._stale[name] = known
+                self._changed.add(name)
+        if wrong:
+            found = ", ".join(
+                f"{name} is {value:g}, allowed: {self._rules[name].wanted(value):g}"
+                for name, value in wrong.items()
+            )
+            if found != self._unsafe or now - self._unsafe_s > _UNSAFE_KEPT_S:
+                heard.texts.add(f"changed in flight: {found}; set again")
+            self._unsafe, self._unsafe_s = found, now
+        return messages + self._read_again(heard, now)
+
+    def _read_again(self, heard: Telemetry, now: float) -> list[Message]:
+        """The next of those that the vehicle has, and of those that it must have."""
+        names = [n for n, rule in self._rules.items() if n in heard.parameters or not rule.optional]
+        if not self._pacer.due("watch", PARAMETER_READ_S, now):
+            return []
+        self._reads += 1
+        return [outgoing.read_parameter(self._system, names[self._reads % len(names)])]
+
+    def unsafe(self, now: float) -> str:
+        """What was changed in flight of late, or ''."""
+        return self._unsafe if now - self._unsafe_s <= _UNSAFE_KEPT_S else ""
 
     def unconfirmed(self, heard: Telemetry) -> list[str]:
         """The names of the parameters that are not known to have our value."""

@@ -3,6 +3,7 @@ have written. It never waits."""
 
 from __future__ import annotations
 
+import math
 import socket
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -35,6 +36,8 @@ class Peer:
     throttles: dict[int, Throttle] = field(default_factory=dict)
     """By the system id of the vehicle that frames go to."""
     introduced: bool = False
+    answered_s: float = -math.inf
+    """When it was last told that something was refused."""
     told: set[str] = field(default_factory=set)
     """Warnings that were given about it."""
 
@@ -104,6 +107,13 @@ class GcsSocket:
                     self._socket.sendto(datagram, address)
                 except OSError:
                     self.unsent += 1
+
+    def answer(self, peer: Peer, frame: bytes) -> None:
+        """To this one alone."""
+        try:
+            self._socket.sendto(frame, peer.address)
+        except OSError:
+            self.unsent += 1
 
     def close(self) -> None:
         """Close the socket."""

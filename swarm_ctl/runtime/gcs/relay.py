@@ -1,7 +1,7 @@
 """Frames between vehicles and ground control software (GCS), by system id both ways.
 
 What a GCS sends is limited in rate, for each vehicle, and refused where it speaks with the system
-id of an agent or a vehicle.
+id of an agent or a vehicle, or would change what keeps a vehicle safe that an agent flies.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from typing import Final
 
 from swarm_ctl.mavlink.addressed import target_system
 from swarm_ctl.mavlink.framer import MavlinkFrame
+from swarm_ctl.mavlink.outgoing import said_beside
 from swarm_ctl.runtime.gcs.gcs_socket import GcsSocket, Peer
 from swarm_ctl.runtime.gcs.throttle import Throttle
 from swarm_ctl.runtime.gcs.vehicle_port import VehiclePort
@@ -20,6 +21,8 @@ RATE_HZ: Final = 100.0
 SHARED_RATE_HZ: Final = 30.0
 """The same over an agent's only link, a telemetry radio perhaps, which carries the setpoints."""
 BURST: Final = 50
+_ANSWER_S: Final = 1.0
+"""Between two answers to one GCS about what was refused."""
 _SILENT_S: Final = 5.0
 """A vehicle that was not heard for so long has gone."""
 
@@ -44,7 +47,7 @@ class Relay:
                     each.send(frames)
         for each in self._sockets:
             for peer, frame in each.take(now):
-                self._route(peer, frame)
+                self._route(each, peer, frame, now)
             for peer in each.peers:
                 self._pass_on(peer, now)
 
@@ -52,7 +55,7 @@ class Relay:
         """A vehicle is heard and armed."""
         return any(port.armed and now - port.heard_s < _SILENT_S for port in self._ports.values())
 
-    def _route(self, peer: Peer, frame: MavlinkFrame) -> None:
+    def _route(self, socket: GcsSocket, peer: Peer, frame: MavlinkFrame, now: float) -> None:
         if not peer.introduced:
             peer.introduced = True
             self.notes.append(f"ground control software at {peer}, system {frame.system}")
@@ -69,10 +72,22 @@ class Relay:
             if port.signs and not frame.signed:
                 what = f"does not sign: vehicle {port.config.sysid} does not obey it"
                 self._warn(peer, f"{what} (its key, or the RC, takes it over)")
-            if port.passes(frame):
+            changes = port.endangers(frame)
+            if not changes and port.passes(frame):
                 self._throttle(peer, port).put(frame.raw)
-            else:
-                self.refused += 1
+                continue
+            self.refused += 1
+            if changes:
+                self._deny(socket, peer, port, changes, now)
+
+    def _deny(
+        self, socket: GcsSocket, peer: Peer, port: VehiclePort, changes: str, now: float
+    ) -> None:
+        sysid = port.config.sysid
+        self._warn(peer, f"sets {changes} of vehicle {sysid}, which its agent flies: refused")
+        if now - peer.answered_s >= _ANSWER_S:
+            peer.answered_s = now
+            socket.answer(peer, said_beside(sysid, f"refused: {changes} while an agent flies"))
 
     def _throttle(self, peer: Peer, port: VehiclePort) -> Throttle:
         sysid = port.config.sysid

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from swarm_ctl.mavlink.addressed import asks_for_streams, says_armed
+from swarm_ctl.mavlink.addressed import asks_for_streams, sets_parameter, told_mode, writes_file
+from swarm_ctl.mavlink.autopilots import GUARDED, flown_by_agent
 from swarm_ctl.mavlink.framer import Framer, MavlinkFrame
 from swarm_ctl.mavlink.wires import Wire, open_wire
 from swarm_ctl.runtime.gcs.config import RelayVehicle
@@ -23,6 +24,8 @@ class VehiclePort:
         self.heard_s = -math.inf
         """When the vehicle's last frame came."""
         self.armed = False
+        self.flown = False
+        """It is armed, in the mode in which agents fly it."""
         self.signs = False
         """Its newest frame was signed: it obeys no other."""
         self.lost = 0
@@ -53,8 +56,9 @@ class VehiclePort:
         if frame.system != self.config.sysid:
             return False
         self.signs = frame.signed
-        armed = says_armed(frame)
-        self.armed = self.armed if armed is None else armed
+        told = told_mode(frame)
+        if told is not None:
+            self.armed, self.flown = told.armed, flown_by_agent(told)
         return True
 
     def _greet(self, now: float) -> None:
@@ -68,6 +72,16 @@ class VehiclePort:
         """Whether a GCS may send it. Stream rates are a link's: on a shared one they are the
         agent's alone."""
         return not (self.config.shared and asks_for_streams(frame))
+
+    def endangers(self, frame: MavlinkFrame) -> str:
+        """What the frame would change of how the vehicle saves itself, while an agent flies it, or
+        ''. A pilot who has taken it over may change all."""
+        if not self.flown:
+            return ""
+        name = sets_parameter(frame)
+        if name in GUARDED:
+            return name
+        return "a file" if writes_file(frame) else ""
 
     def give(self, frame: bytes, now: float) -> None:
         """Send a frame to the vehicle, or drop it; never waits."""

@@ -345,6 +345,15 @@ def _refused(agent: AgentView) -> str | None:
     return report.refused if report else None
 
 
+def _unsafe(agent: AgentView) -> str | None:
+    report = agent.status.vehicle_link if agent.status else None
+    return (
+        f"failsafe parameters changed in flight: {report.unsafe}"
+        if report and report.unsafe
+        else None
+    )
+
+
 _E, _W = Level.ERROR, Level.WARNING
 _WORDS: Final = False
 """Not measured."""
@@ -388,6 +397,14 @@ RULES: Final[tuple[Rule, ...]] = (
     Rule("other plan", _E, _is(0), "two missions in one air", _other_plan),
     Rule("vehicle silent", _E, _is(OWN_LOST_S), "five heartbeats at 1 Hz", _no_heartbeat),
     Rule("not believed", _E, _is(0), "no vehicle of the plan does that", _not_believed, _WORDS),
+    Rule(
+        "parameters",
+        _E,
+        _is(0),
+        "a silent agent's vehicle comes down by them",
+        _if(_unsafe),
+        _WORDS,
+    ),
     Rule("sigma bound", _E, _is(0), "equations (52), (66) and (67)", _sigma_bound),
     Rule("mixed laws", _E, _is(1.0), "a change takes all agents within a few ticks", _mixed_laws),
     Rule("taken over", _W, _is(0), "a pilot or a failsafe flies", _if(taken_over), _WORDS),

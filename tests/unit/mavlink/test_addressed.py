@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from swarm_ctl.mavlink.addressed import asks_for_streams, says_armed, target_system
+from swarm_ctl.mavlink.addressed import asks_for_streams, target_system, told_mode
 from swarm_ctl.mavlink.framer import Framer, MavlinkFrame
 
 
@@ -62,7 +62,7 @@ def test_armed_or_not_by_the_autopilots_heartbeat_alone() -> None:
         (found,) = Framer().feed(message.pack(dialect.MAVLink(None, 1, component)))
         return found
 
-    assert says_armed(heartbeat(128 | 1, 1)) is True
-    assert says_armed(heartbeat(1, 1)) is False
-    assert says_armed(heartbeat(128, 154)) is None
-    assert says_armed(frame(dialect.MAVLink_system_time_message(1, 2))) is None
+    assert told_mode(heartbeat(128 | 1, 1)) == (3, 4, True)
+    assert told_mode(heartbeat(1, 1)) == (3, 4, False)
+    assert told_mode(heartbeat(128, 154)) is None
+    assert told_mode(frame(dialect.MAVLink_system_time_message(1, 2))) is None

@@ -22,7 +22,7 @@ from swarm_ctl.core.model.vehicle import (
     YieldGoal,
 )
 from swarm_ctl.errors import LinkError
-from swarm_ctl.mavlink.autopilots import AUTOPILOTS, autopilot
+from swarm_ctl.mavlink.autopilots import AUTOPILOTS, GUARDED, autopilot
 from swarm_ctl.mavlink.autopilots.parameter_rules import OPTIONAL_ASKS
 from swarm_ctl.mavlink.autopilots.timing import GROUNDED_S, STREAMS_HZ
 from swarm_ctl.mavlink.telemetry.vehicle_telemetry import Telemetry
@@ -719,3 +719,68 @@ def test_yield_asks_for_nothing(name: str) -> None:
 )
 def test_modes_have_the_firmwares_words(name: str, custom_mode: int | None, word: str) -> None:
     assert autopilot(name, 1).modes.name(custom_mode) == word
+
+
+# --- failsafe parameters in flight ---
+
+CHANGED = {"ardupilot": ("FS_GCS_ENABLE", 0.0), "px4": ("COM_OF_LOSS_T", 60.0)}
+
+
+@both
+@pytest.mark.parametrize("told", [True, False])
+def test_a_failsafe_parameter_that_is_changed_in_flight_is_set_again(name: str, told: bool) -> None:
+    """With FS_GCS_ENABLE 0 the vehicle of an agent that dies hovers for ever. A vehicle need not
+    tell the agent's link of a change: then it is read again."""
+    vehicle = flying(name)
+    parameter, value = CHANGED[name]
+    before, own = vehicle.parameters[parameter], vehicle.driver.parameters.own[parameter]
+    vehicle.parameters[parameter] = (value, before[1])
+    if told:
+        vehicle.say(wire.parameter(parameter, value, before[1]))
+    for _ in range(1 if told else 14):
+        vehicle.run(FlyGoal((1.0, 0.0, 0.0)), 1.0)
+        if vehicle.parameters[parameter] == before:
+            break
+    assert vehicle.parameters[parameter] == before
+    said = vehicle.heard.texts.take(vehicle.now)
+    assert [text for text in said if "changed in flight" in text] == [
+        f"changed in flight: {parameter} is {value:g}, allowed: {before[0]:g}; set again"
+    ]
+    assert parameter in vehicle.driver.parameters.unsafe(vehicle.now)
+    vehicle.run(FlyGoal((1.0, 0.0, 0.0)), 12.0)
+    assert vehicle.driver.parameters.unsafe(vehicle.now) == ""
+    assert vehicle.driver.parameters.own[parameter] == own, "it gets its own back"
+
+
+@both
+def test_the_watch_costs_a_read_in_two_seconds_and_no_set(name: str) -> None:
+    """A slow radio has room for it (`budget`)."""
+    vehicle = flying(name)
+    sent = vehicle.run(FlyGoal((1.0, 0.0, 0.0)), 20.0)
+    assert len(of(sent, "PARAM_REQUEST_READ")) in range(9, 12)
+    assert of(sent, "PARAM_SET") == []
+
+
+def test_a_shorter_wait_than_ours_is_no_danger() -> None:
+    vehicle = flying("ardupilot")
+    vehicle.parameters["FS_GCS_TIMEOUT"] = (3.0, 9)
+    vehicle.say(wire.parameter("FS_GCS_TIMEOUT", 3.0))
+    assert of(vehicle.run(FlyGoal((1.0, 0.0, 0.0)), 5.0), "PARAM_SET") == []
+    assert vehicle.driver.parameters.unsafe(vehicle.now) == ""
+
+
+@both
+def test_a_pilot_who_flies_the_vehicle_may_change_its_parameters(name: str) -> None:
+    vehicle = flying(name)
+    vehicle.mode = PILOT[name]
+    vehicle.run(YieldGoal(), 5.0)
+    parameter, value = CHANGED[name]
+    kind = vehicle.parameters[parameter][1]
+    vehicle.parameters[parameter] = (value, kind)
+    vehicle.say(wire.parameter(parameter, value, kind))
+    assert of(vehicle.run(YieldGoal(), 10.0), "PARAM_SET") == []
+
+
+@both
+def test_what_a_ground_station_may_not_set_has_all_that_we_set(name: str) -> None:
+    assert autopilot(name, 7).parameters.names <= GUARDED

@@ -279,3 +279,78 @@ def test_a_gcs_without_the_key_hears_a_signed_vehicle_and_is_told_that_it_comman
     found = [note for note in bench.relay.notes if "does not sign" in note]
     assert len(found) == 1
     assert "vehicle 1 does not obey it (its key, or the RC, takes it over)" in found[0]
+
+
+# --- what keeps a vehicle safe ---
+
+PX4_FLOWN = mavlink.MAVLink_heartbeat_message(2, 12, 128 | 1, 6 << 16, 4, 3)
+POSCTL = mavlink.MAVLink_heartbeat_message(2, 12, 128 | 1, 3 << 16, 4, 3)
+
+
+def setting(name: str, target: int = 1) -> Any:
+    return mavlink.MAVLink_param_set_message(target, 1, name.encode(), 0.0, 9)
+
+
+def ftp(opcode: int) -> Any:
+    payload = [1, 0, 0, opcode, 0, 0, *bytes(245)]
+    return mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, payload)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        setting("FS_GCS_ENABLE"),
+        setting("fs_gcs_enable"),
+        setting("BATT_FS_LOW_ACT"),
+        ftp(6),
+        ftp(7),
+    ],
+)
+def test_what_keeps_a_vehicle_safe_is_not_changed_while_an_agent_flies_it(
+    bench: Bench, message: Any
+) -> None:
+    """FS_GCS_ENABLE 0 went through, the agent died, and the vehicle hovered for ever."""
+    bench.says(1, ARMED)
+    bench.step()
+    bench.gcs.heard()
+    for _ in range(3):
+        bench.gcs.tell(message, bench.own_port)
+        bench.step()
+    assert bench.got(1) == []
+    (answer,) = bench.gcs.heard()
+    assert (answer.get_type(), answer.get_srcSystem()) == ("STATUSTEXT", 1)
+    assert answer.text.startswith("refused: ")
+    assert "while an agent flies" in answer.text
+    assert len([note for note in bench.relay.notes if note.endswith("flies: refused")]) == 1
+    assert bench.relay.refused == 3
+
+
+def test_a_change_to_all_vehicles_reaches_those_alone_that_no_agent_flies(bench: Bench) -> None:
+    bench.says(1, ARMED)
+    bench.says(2, PX4_FLOWN)
+    bench.says(3, DISARMED)
+    bench.step()
+    bench.gcs.tell(setting("COM_OBL_RC_ACT", 0), bench.own_port)
+    bench.step()
+    assert [len(bench.got(i)) for i in (1, 2, 3)] == [0, 0, 1]
+
+
+@pytest.mark.parametrize("told", [DISARMED, POSCTL])
+def test_a_pilot_and_an_owner_on_the_ground_may_set_all(bench: Bench, told: Any) -> None:
+    bench.says(1, ARMED)
+    bench.step()
+    bench.says(1, told)
+    bench.step()
+    bench.gcs.tell(setting("FS_GCS_ENABLE"), bench.own_port)
+    bench.gcs.tell(ftp(6), bench.own_port)
+    bench.step()
+    assert len(bench.got(1)) == 2
+
+
+def test_other_parameters_and_reading_files_pass_while_an_agent_flies(bench: Bench) -> None:
+    bench.says(1, ARMED)
+    bench.step()
+    for message in (setting("WPNAV_SPEED"), ftp(4), command(1)):
+        bench.gcs.tell(message, bench.own_port)
+    bench.step()
+    assert len(bench.got(1)) == 3

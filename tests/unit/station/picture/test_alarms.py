@@ -127,6 +127,12 @@ CASES: dict[str, tuple[Callable[[], SwarmView], tuple[int, ...]]] = {
     "other plan": (lambda: _state(4, plan_hash=1), (4,)),
     "vehicle silent": (lambda: _status(4, heartbeat_age_s=5.1), (4,)),
     "not believed": (lambda: _status(4, doubted={2: "it jumped by 9.0 m in 0.05 s"}), (2,)),
+    "parameters": (
+        lambda: _status(
+            4, vehicle_link=VehicleLinkReport(1, 0, None, unsafe="FS_GCS_ENABLE is 0, allowed: 5")
+        ),
+        (4,),
+    ),
     "sigma bound": (lambda: _sigma(sigma=0.2), (1, 2)),
     "mixed laws": (lambda: _other_law(1.1), (4,)),
     "taken over": (lambda: _state(4, phase=Phase.YIELD), (4,)),
