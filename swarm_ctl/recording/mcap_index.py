@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import io
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
@@ -14,7 +13,14 @@ from mcap.records import Channel, Chunk, Message, Metadata
 from swarm_ctl.core.model.messages import Payload
 from swarm_ctl.errors import InputError
 from swarm_ctl.recording.mcap_reader import named, open_recording, payload_of, start_of
-from swarm_ctl.recording.mcap_records import TORN, plain, records_of, skip_magic
+from swarm_ctl.recording.mcap_records import (
+    TORN,
+    RecordingDamage,
+    mended,
+    records_of,
+    skip_magic,
+    within,
+)
 from swarm_ctl.recording.mcap_writer import NANO
 
 
@@ -32,6 +38,7 @@ class IndexedRecording:
         self._file = open_recording(run)
         self._places: list[int] = []
         self._topics: dict[int, str] = {}
+        self._damage = RecordingDamage()
         self.about: dict[str, str] = {}
         """The station's words about the run: mission, plan_hash, manifest and so on."""
         try:
@@ -65,6 +72,14 @@ class IndexedRecording:
                     found.append(((record.log_time - self._start_ns) / NANO, payload))
         return sorted(found, key=lambda said: said[0])
 
+    def damage(self) -> RecordingDamage:
+        """What of the file can't be read: all chunks are looked at."""
+        found = self._damage = RecordingDamage(bad=self._damage.bad, said=self._damage.said)
+        for k in range(len(self)):
+            for _ in self._within(k):
+                break
+        return found
+
     def _start(self) -> int:
         found = start_of(self.about)
         if found is None:
@@ -75,7 +90,7 @@ class IndexedRecording:
         with contextlib.suppress(*TORN):
             skip_magic(self._file)
             place = self._file.tell()
-            for record in records_of(self._file):
+            for record in mended(self._file, self._damage):
                 match record:
                     case Metadata() if record.name == "run":
                         self.about = dict(record.metadata)
@@ -97,4 +112,4 @@ class IndexedRecording:
         self._file.seek(self._places[k])
         with contextlib.suppress(*TORN), named(self._file):
             chunk = next(found for found in records_of(self._file) if isinstance(found, Chunk))
-            yield from records_of(io.BytesIO(plain(chunk)))
+            yield from within(chunk, self._damage)

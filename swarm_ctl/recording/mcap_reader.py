@@ -1,4 +1,5 @@
-"""Reads recordings, whole or cut off by a kill, and repairs the latter."""
+"""Reads recordings, whole, damaged or cut off by a kill, and copies the latter for other tools. A
+recording itself is never written to again."""
 
 from __future__ import annotations
 
@@ -16,7 +17,7 @@ from pydantic import ValidationError
 from swarm_ctl.core.model.messages import AgentState, Payload
 from swarm_ctl.errors import InputError
 from swarm_ctl.files import locked, open_regular, replacing
-from swarm_ctl.recording.mcap_records import TORN, skip_magic, unpacked
+from swarm_ctl.recording.mcap_records import TORN, RecordingDamage, skip_magic, unpacked
 from swarm_ctl.recording.mcap_writer import NANO
 from swarm_ctl.recording.topics import TOPICS, adapter
 
@@ -44,12 +45,13 @@ class RecordedMessage:
     data: bytes
 
 
-def read(run: Path) -> Iterator[tuple[float, Payload]]:
+def read(run: Path, damage: RecordingDamage | None = None) -> Iterator[tuple[float, Payload]]:
     """(time, payload) of all messages that the station heard and sent, in its order.
 
-    `run` is a run folder or an MCAP file, whole or not. InputError where there is no recording.
+    `run` is a run folder or an MCAP file, whole or not; `damage` notes what could not be read.
+    InputError where there is no recording.
     """
-    for message in messages(run):
+    for message in messages(run, damage):
         payload = payload_of(message.topic, message.data)
         if payload is not None:
             yield message.time_s, payload
@@ -68,11 +70,12 @@ def payload_of(topic: str, data: bytes) -> Payload | None:
     return None
 
 
-def messages(run: Path) -> Iterator[RecordedMessage]:
-    """All messages in the order of the file, as far as it can be read."""
+def messages(run: Path, damage: RecordingDamage | None = None) -> Iterator[RecordedMessage]:
+    """All messages in the order of the file, as far as it can be read, as `read`."""
     with open_recording(run) as file:
         start_ns, topics = 0, dict[int, str]()
-        for record in _readable(file):
+        damage = damage or RecordingDamage()
+        for record in _readable(file, damage):
             if isinstance(record, Metadata) and record.name == "run":
                 start_ns = start_of(record.metadata) or 0
             elif isinstance(record, Channel):
@@ -80,6 +83,8 @@ def messages(run: Path) -> Iterator[RecordedMessage]:
             elif isinstance(record, Message) and record.channel_id in topics:
                 time_s = (record.log_time - start_ns) / NANO
                 yield RecordedMessage(topics[record.channel_id], time_s, record.data)
+            elif isinstance(record, Message):
+                damage.used -= 1  # of a topic that no one names any more
 
 
 def start_of(about: Mapping[str, str]) -> int | None:
@@ -96,29 +101,33 @@ def is_whole(run: Path) -> bool:
         return size > 2 * len(MCAP0_MAGIC) and file.read() == MCAP0_MAGIC
 
 
-def recover(run: Path) -> bool:
-    """Give a recording that was cut off its index and footer, in one move; False: it needs none.
+def recover(run: Path, *, damaged: bool = False) -> Path | None:
+    """Copy what can be read of a recording that was cut off, or is `damaged`, into a whole file
+    beside it, for other tools; the copy. None: it needs none, or has one.
 
-    A file that is being written, a whole one and one that is not MCAP are not touched; on Windows
-    none is, which can't tell the first.
+    The recording itself stays as it is. One that is being written, and one that is not MCAP, are
+    not copied; on Windows none is, which can't tell the first.
     """
     path = path_of(run)
+    copy = path.with_name(f"{path.stem}.recovered.mcap")
     with open_recording(run) as file:
         head = file.read(len(MCAP0_MAGIC))
         if head != MCAP0_MAGIC[: len(head)]:
-            return False
+            return None
         file.seek(0)
-        if not locked(file.fileno(), shared=True) or is_whole(run):
-            return False
-        with replacing(path) as whole:
+        if not locked(file.fileno(), shared=True) or (is_whole(run) and not damaged):
+            return None
+        if copy.exists() and copy.stat().st_mtime >= path.stat().st_mtime:
+            return None
+        with replacing(copy) as whole:
             _copy(file, Writer(whole))
-    return True
+    return copy
 
 
 def _copy(file: IO[bytes], writer: Writer) -> None:
     writer.start(profile="", library="swarm_ctl")
     schemas, channels = dict[int, int](), dict[int, int]()
-    for record in _readable(file):
+    for record in _readable(file, RecordingDamage()):
         match record:
             case Metadata():
                 writer.add_metadata(record.name, record.metadata)
@@ -134,11 +143,11 @@ def _copy(file: IO[bytes], writer: Writer) -> None:
     writer.finish()  # type: ignore[no-untyped-call]
 
 
-def _readable(file: IO[bytes]) -> Iterator[Any]:
-    """All records up to the end or to where the file is torn. InputError names the file."""
+def _readable(file: IO[bytes], damage: RecordingDamage) -> Iterator[Any]:
+    """All records that can be read. InputError names the file."""
     with contextlib.suppress(*TORN), named(file):
         skip_magic(file)
-        yield from unpacked(file)
+        yield from unpacked(file, damage)
 
 
 @contextlib.contextmanager

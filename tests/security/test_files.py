@@ -74,14 +74,15 @@ def test_nothing_is_written_through_a_link(tmp_path: Path, precious: Path) -> No
     """Not at the names that were once used for temporary files, nor at the files' own."""
     folder = hostile_run(tmp_path)
     (folder / "figures").mkdir()
-    made = ["report.html", "summary.json", "figures/trajectories.png", "figures/trajectories.svg"]
+    figures = ["figures/trajectories.png", "figures/trajectories.svg"]
+    made = ["report.html", "summary.json", "recording.recovered.mcap", *figures]
     parts = [f".{name}.{os.getpid()}" for name in ("recording.mcap", "report.html", "summary.json")]
     for name in made + parts:
         (folder / name).symlink_to(precious)
     write_summary(folder, summarise(folder, EXIT_CODES))
     make_report(folder)
     assert not [name for name in made if (folder / name).is_symlink()]
-    assert (folder / "recording.mcap").read_bytes().endswith(MCAP0_MAGIC)
+    assert (folder / "recording.recovered.mcap").read_bytes().endswith(MCAP0_MAGIC)
 
 
 def test_a_folder_of_figures_elsewhere_is_refused(tmp_path: Path) -> None:

@@ -41,7 +41,9 @@ def test_a_killed_station_leaves_all_but_the_last_second(tmp_path: Path) -> None
     shutil.copy(folder / recording.RECORDING, alone)
     with Running("replay", alone, "--json", "--from", "end", cwd=tmp_path) as replaying:
         assert replaying.wait() == 0, replaying.output
-        note, line = replaying.output.splitlines()
-    assert "recovered up to its last second" in note
+        note, copied, line = replaying.output.splitlines()
+    assert "was cut off; read up to its last second" in note
+    assert "a whole copy" in copied
     assert last_s - 1e-6 <= json.loads(line)["time_s"] <= last_s + 1.0
-    assert is_whole(alone)
+    assert alone.read_bytes() == (folder / recording.RECORDING).read_bytes()
+    assert is_whole(tmp_path / "alone.recovered.mcap")

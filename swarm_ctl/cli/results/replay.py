@@ -31,7 +31,8 @@ def replay(
     """Play a recorded flight on the dashboard.
 
     Keys pause it, seek in it and change its speed; screens and alarms are those of the flight. A
-    recording that was cut off by a kill is recovered first, and plays up to its last second.
+    recording that was cut off by a kill, or is damaged, plays as far as it can be read; it is never
+    written to: a whole copy for other tools is made beside it.
 
     Examples:
 

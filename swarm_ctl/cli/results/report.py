@@ -20,7 +20,8 @@ def report(
     """Make the report of a run: a page of figures.
 
     Writes report.html, which needs no other file, and its figures as PNG and SVG into the run
-    folder. A recording that was cut off by a kill is recovered first.
+    folder. A recording that was cut off by a kill, or is damaged, is read as far as it can be, and
+    never written to: a whole copy for other tools is made beside it.
 
     Example:
 

@@ -15,6 +15,7 @@ from swarm_ctl.core.model.plan import FormStep, LandStep, Plan, ReturnStep
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.errors import InputError
 from swarm_ctl.recording.mcap_reader import RECORDING
+from swarm_ctl.recording.mcap_records import RecordingDamage
 from swarm_ctl.report.folder.flight import Flight, flight_of
 from swarm_ctl.report.folder.last_statuses import LastStatus, read_last_statuses
 from swarm_ctl.report.folder.manifest import Manifest, read_manifest
@@ -140,10 +141,12 @@ def _tracks(folder: Path, manifest: Manifest, notes: list[str]) -> dict[int, Tra
     if not agents:
         return {}
     try:
-        tracks = read_tracks(folder, agents, elsewhere=manifest.elsewhere)
+        damage = RecordingDamage()
+        tracks = read_tracks(folder, agents, elsewhere=manifest.elsewhere, damage=damage)
     except InputError as error:
         notes.append(str(error))
         return {}
+    notes += damage.describe(RECORDING)
     unheard = [agent for agent in agents if agent not in tracks]
     if unheard:
         notes.append(f"{RECORDING}: no state of {agents_named(unheard)}")

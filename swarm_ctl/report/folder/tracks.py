@@ -12,6 +12,7 @@ import numpy as np
 from swarm_ctl.core.model.messages import AgentState, AgentStatus, Phase
 from swarm_ctl.core.model.timeouts import NEIGHBOUR_S
 from swarm_ctl.recording.mcap_reader import messages, payload_of
+from swarm_ctl.recording.mcap_records import RecordingDamage
 from swarm_ctl.report.folder.truth import Bools, Floats
 
 KNOWN_S: Final = NEIGHBOUR_S
@@ -109,12 +110,16 @@ class _Process:
 
 
 def read_tracks(
-    folder: Path, agents: Iterable[int], *, elsewhere: bool = False
+    folder: Path,
+    agents: Iterable[int],
+    *,
+    elsewhere: bool = False,
+    damage: RecordingDamage | None = None,
 ) -> dict[int, Track]:
     """The track of each of `agents` that the recording has. `elsewhere`: the agents' clocks
-    are not the station's. InputError without a recording."""
+    are not the station's. `damage` notes what can't be read. InputError without a recording."""
     processes: dict[int, list[_Process]] = {agent: [] for agent in agents}
-    for message in messages(folder):
+    for message in messages(folder, damage):
         if not message.topic.endswith(("/state", "/status")):
             continue
         payload = payload_of(message.topic, message.data)

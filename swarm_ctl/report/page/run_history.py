@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,6 +15,8 @@ from swarm_ctl.core.model.messages import AgentState, AgentStatus, Payload, Sigm
 from swarm_ctl.core.model.plan import FormStep, Plan
 from swarm_ctl.errors import InputError
 from swarm_ctl.recording import RECORDING, read, recover
+from swarm_ctl.recording.mcap_reader import is_whole
+from swarm_ctl.recording.mcap_records import RecordingDamage
 from swarm_ctl.report.folder.flight import Flight, no_flight
 from swarm_ctl.report.folder.manifest import Manifest
 from swarm_ctl.report.folder.run_folder import RunFolder, read_run
@@ -135,7 +138,7 @@ def least(values: Floats) -> Floats:
 
 
 def read_history(folder: Path) -> RunHistory:
-    """Read a run folder; a recording that was cut off is recovered first.
+    """Read a run folder; a recording that was cut off or is damaged as far as it can be read.
 
     Raises:
         InputError: the folder has no manifest.
@@ -155,16 +158,20 @@ def _heard(folder: Path, notes: list[str]) -> HeardMessages:
         notes.append(f"{RECORDING}: is missing; figures of messages are left out")
         return heard
     try:
-        if recover(folder):
-            notes.append(f"{RECORDING}: was cut off; recovered up to its last second")
-        _take(heard, folder)
+        damage, whole = RecordingDamage(), is_whole(folder)
+        _take(heard, folder, damage)
+        notes += [] if whole else [f"{RECORDING}: was cut off; read up to its last second"]
+        notes += [words for words in damage.describe(RECORDING) if words not in notes]
+        with contextlib.suppress(OSError):
+            if copy := recover(folder, damaged=damage.bad > 0):
+                notes.append(f"{copy.name}: a whole copy of what can be read, for other tools")
     except InputError as error:
         notes.append(str(error))
     return heard
 
 
-def _take(heard: HeardMessages, folder: Path) -> None:
-    for heard_s, payload in read(folder):
+def _take(heard: HeardMessages, folder: Path, damage: RecordingDamage) -> None:
+    for heard_s, payload in read(folder, damage):
         heard.said.append((heard_s, payload))
         match payload:
             case AgentState():

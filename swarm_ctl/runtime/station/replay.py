@@ -12,6 +12,7 @@ from pydantic import ValidationError
 
 from swarm_ctl.errors import InputError
 from swarm_ctl.recording import IndexedRecording, recover
+from swarm_ctl.recording.mcap_reader import is_whole
 from swarm_ctl.report.folder.manifest import Manifest
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.station.printers import LogPrinter, write
@@ -45,14 +46,19 @@ def replay(run: Path, show: Show, speed: float, start: str) -> None:
 
 @contextlib.contextmanager
 def _opened(run: Path) -> Iterator[Film]:
-    """The film of a recording. A recording that was cut off gets its footer first, where that can
-    be written."""
+    """The film of a recording, as far as it can be read; of one that was cut off or is damaged, a
+    whole copy is made for other tools, where that can be written."""
     with IndexedRecording(run) as tape:
-        manifest = _manifest(run, tape)  # first of all: another program's file is not written to
-    with contextlib.suppress(OSError):
-        if recover(run):
-            sys.stderr.write(f"{run}: the recording was cut off; recovered up to its last second\n")
-    with IndexedRecording(run) as tape:
+        manifest = _manifest(run, tape)  # first of all: another program's file is not copied
+        damage = tape.damage()
+        said = (
+            [] if is_whole(run) else [f"{run}: the recording was cut off; its last second ends it"]
+        )
+        with contextlib.suppress(OSError):
+            if copy := recover(run, damaged=damage.bad > 0):
+                said.append(f"{copy}: a whole copy of what can be read, for other tools")
+        said += damage.describe(str(run))
+        sys.stderr.write("".join(f"{line}\n" for line in said))
         yield Film(
             tape, manifest.plan, speedup=manifest.speedup, station=tape.about.get("station", "")
         )

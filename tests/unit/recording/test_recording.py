@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+import random
 import threading
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import pytest
 from mcap.reader import make_reader
+from mcap.records import Chunk
 
 from swarm_ctl import recording
 from swarm_ctl.core.model.messages import (
@@ -26,6 +29,7 @@ from swarm_ctl.errors import InputError
 from swarm_ctl.recording import mcap_reader, mcap_recorder
 from swarm_ctl.recording.mcap_reader import is_whole, messages, recover
 from swarm_ctl.recording.mcap_recorder import McapRecorder
+from swarm_ctl.recording.mcap_records import RecordingDamage, records_of, skip_magic
 from swarm_ctl.recording.topics import TOPICS, adapter, rates
 from swarm_ctl.station.picture.model import Model
 from tests.unit.station.swarm import hexagon_plan, report_of, state_of, status_of
@@ -148,8 +152,8 @@ def test_messages_fit_their_schemas(tmp_path: Path) -> None:
 def test_cut_anywhere_it_is_recovered(
     tmp_path: Path, share: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What was flushed before the cut is there after; the file has its footer then; twice changes
-    nothing."""
+    """What was flushed before the cut is there after, in a copy that has its footer; the file stays
+    as it is; twice changes nothing."""
     monkeypatch.setattr(mcap_recorder, "_CHUNK_WALL_S", 0.02)
     made = McapRecorder(tmp_path, START_NS, {}, None)
     said = flight(6)
@@ -161,19 +165,71 @@ def test_cut_anywhere_it_is_recovered(
     path = tmp_path / recording.RECORDING
     whole = [message.data for message in messages(tmp_path)]
     data = path.read_bytes()
-    path.write_bytes(data[: int(len(data) * share)])
-    before = [message.data for message in messages(tmp_path)]
+    path.write_bytes(cut := data[: int(len(data) * share)])
+    damage = RecordingDamage()
+    before = [message.data for message in messages(tmp_path, damage)]
     assert before == whole[: len(before)]
-    assert recover(tmp_path)
-    assert is_whole(tmp_path)
-    assert [message.data for message in messages(tmp_path)] == before
-    with path.open("rb") as file:
+    assert damage.describe("it") == []
+    copy = recover(tmp_path)
+    assert copy is not None
+    assert path.read_bytes() == cut
+    assert is_whole(copy)
+    assert [message.data for message in messages(copy)] == before
+    with copy.open("rb") as file:
         summary = make_reader(file).get_summary()
     assert summary is not None
     assert summary.statistics is not None
     assert summary.statistics.message_count == len(before)
     assert not recover(tmp_path)
-    assert list(tmp_path.iterdir()) == [path]
+    assert sorted(tmp_path.iterdir()) == sorted([path, copy])
+
+
+def test_a_flipped_byte_costs_a_chunk_and_no_more(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At 150 places of a file: all other chunks are read, what is lost is said with its numbers,
+    and no byte of the file is written."""
+    monkeypatch.setattr(mcap_recorder, "_CHUNK_WALL_S", 0.02)
+    made = McapRecorder(tmp_path, START_NS, {}, None)
+    for k, (payload, heard_s) in enumerate(flight(6)):
+        made.take(payload, heard_s)
+        if k % 40 == 0:
+            threading.Event().wait(0.05)
+    made.close()
+    path = tmp_path / recording.RECORDING
+    data, whole = path.read_bytes(), [message.data for message in messages(tmp_path)]
+    with path.open("rb") as file:
+        chunks = [r for r in records_of_all(file) if isinstance(r, Chunk)]
+    assert len(chunks) >= 5
+    last = data.rindex(b"zstd")  # behind it are index and footer
+    rng, said = random.Random(5), 0
+    for _ in range(150):
+        at = rng.randrange(data.index(b"zstd"), last)
+        path.write_bytes(flipped := data[:at] + bytes([data[at] ^ 0xFF]) + data[at + 1 :])
+        damage = RecordingDamage()
+        found = [message.data for message in messages(tmp_path, damage)]
+        assert len(found) == damage.used
+        lost = len(whole) - len(found)
+        assert lost <= len(whole) * 2 // 5, at
+        assert set(found) <= set(whole)
+        if lost:
+            said += 1
+            left_out = f"{damage.bad} of {damage.bad + damage.chunks} chunks left out"
+            used = f"{len(found)} of {len(whole)} messages used"
+            (words,) = damage.describe("it")
+            assert words == f"it: damaged; {left_out}, {used}, the file is left as it is"
+            copy = recover(tmp_path, damaged=True)
+            assert copy is not None
+            assert [message.data for message in messages(copy)] == found
+            copy.unlink()
+        assert path.read_bytes() == flipped
+    assert said > 50  # the others fell into the index
+
+
+def records_of_all(file: IO[bytes]) -> Iterator[Any]:
+    """The records of a whole file."""
+    skip_magic(file)
+    return records_of(file)
 
 
 def _wait_for(condition: Any) -> None:
