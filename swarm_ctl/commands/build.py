@@ -9,17 +9,20 @@ from __future__ import annotations
 import difflib
 import math
 import uuid
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swarm_ctl.commands.parse import BY_NAME, Order, tuned
 from swarm_ctl.core.law.formation import smallest_distance
 from swarm_ctl.core.model.messages import ABOUT, ENDING, Command, CommandKind, Gains, Tuning
 from swarm_ctl.core.model.plan import FormStep, MoveStep, Plan, Point
 from swarm_ctl.core.model.text import agents_named
+from swarm_ctl.core.safety.fence import inside
 from swarm_ctl.core.swarm.gain_update import LEAD_S, limits, planned
 from swarm_ctl.errors import InputError
 from swarm_ctl.mission.compile.loader import LoadedMission, load
@@ -165,6 +168,13 @@ def _form(shape: str, swarm: SwarmNow, mission: LoadedMission | Path) -> FormSte
         raise InputError(
             f"slots of {shape} are closer than r_out, {plan.law.r_out * plan.unit_m:g} m"
         )
+    centre = np.mean(list(points_m.values()), axis=0)
+    offsets = (chosen - chosen.mean(axis=0)) * plan.unit_m
+    _fenced(
+        f"form {shape}",
+        plan,
+        {a.id: centre + at for a, at in zip(plan.agents, offsets, strict=True)},
+    )
     return FormStep(
         shape, tuple((float(n), float(e)) for n, e in chosen), _TOLERANCE_M, _SETTLE_S, _NO_END_S
     )
@@ -173,8 +183,9 @@ def _form(shape: str, swarm: SwarmNow, mission: LoadedMission | Path) -> FormSte
 def _move(order: Order, swarm: SwarmNow) -> MoveStep:
     """The formation's centre to a point, or by so much from where it is."""
     north, east, *speeds = map(float, order.arguments)
+    points_m = swarm.stop_points_m("move")
+    centre = np.mean(list(points_m.values()), axis=0)
     if order.by:
-        centre = np.mean(list(swarm.stop_points_m("move").values()), axis=0)
         north, east = north + float(centre[0]), east + float(centre[1])
     if not (math.isfinite(north) and math.isfinite(east)):
         raise InputError(
@@ -184,7 +195,20 @@ def _move(order: Order, swarm: SwarmNow) -> MoveStep:
     speed = speeds[0] if speeds else most / 2
     if not 0 < speed <= most:
         raise InputError(f"move at {speed:g} m/s; allowed: above 0, at most {most:g} m/s")
+    shift = np.array((north, east)) - centre
+    _fenced("move", swarm.plan, {i: np.array(at) + shift for i, at in points_m.items()})
     return MoveStep(((north, east),), speed, _TOLERANCE_M, _SETTLE_S, _NO_END_S)
+
+
+def _fenced(kind: str, plan: Plan, places_m: Mapping[int, NDArray[np.float64]]) -> None:
+    """InputError where an order would bring an agent out of the geofence: its policy would act."""
+    polygon = plan.fence.polygon_m if plan.fence else ()
+    for agent, at in places_m.items():
+        if not inside(polygon, (float(at[0]), float(at[1]))):
+            raise InputError(
+                f"{kind}: agent {agent} would be outside the geofence, {at[0]:.1f} m north,"
+                f" {at[1]:.1f} m east of the origin; allowed: places inside fence.polygon"
+            )
 
 
 def _tune(order: Order, swarm: SwarmNow) -> tuple[tuple[int, ...], Tuning]:

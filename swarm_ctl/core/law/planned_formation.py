@@ -9,6 +9,7 @@ import itertools
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Final
 
 from swarm_ctl.core.model.plan import (
     FormStep,
@@ -20,6 +21,9 @@ from swarm_ctl.core.model.plan import (
     Step,
     TakeoffStep,
 )
+
+_CHORD_RAD: Final = math.radians(5.0)
+"""An arc is at most a thousandth of its radius outside of such a chord."""
 
 
 def mean_of(points: Iterable[Point]) -> Point:
@@ -99,6 +103,25 @@ class PlannedFormation:
     def radius_m(self) -> float:
         """From the centre to the outermost agent."""
         return max(math.hypot(*offset) for offset in self.offsets) * self.unit_m
+
+    def ways_m(self, step: Step) -> list[tuple[Point, ...]]:
+        """The way of each agent in a step that moves the formation, as corners in the common
+        frame: chords of 5 degrees at most where it turns. For another step, its place after it."""
+        match step:
+            case MoveStep():
+                poses = [self, *(replace(self, centre_m=centre) for centre in step.waypoints_m)]
+            case RotateStep():
+                turn = step.angle_rad - self.angle_rad
+                count = max(1, math.ceil(abs(turn) / _CHORD_RAD))
+                poses = [
+                    replace(self, angle_rad=self.angle_rad + turn * k / count)
+                    for k in range(count + 1)
+                ]
+            case ScaleStep():
+                poses = [self, self.after(step)]
+            case _:
+                poses = [self.after(step)]
+        return list(zip(*(pose.places_m() for pose in poses), strict=True))
 
     def legs_m(self, step: Step) -> list[float]:
         """How far the outermost agent goes in a step that moves the formation, leg by leg."""

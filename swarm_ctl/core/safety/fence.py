@@ -20,6 +20,16 @@ def inside(polygon: Sequence[Point], point: Point) -> bool:
     return odd
 
 
+def leaves(polygon: Sequence[Point], a: Point, b: Point) -> bool:
+    """The straight line from a to b is not all in the polygon: it ends outside, or crosses an edge
+    on its way."""
+    if not (inside(polygon, a) and inside(polygon, b)):
+        return True
+    if len(polygon) < 3:
+        return False
+    return any(_cross(a, b, c, d) for c, d in zip(polygon, (*polygon[1:], polygon[0]), strict=True))
+
+
 def area(polygon: Sequence[Point]) -> float:
     """Enclosed by the corners in order (the shoelace formula), in the square of their unit."""
     pairs = zip(polygon, (*polygon[1:], polygon[0]), strict=True)
@@ -32,9 +42,14 @@ def crossing_edges(polygon: Sequence[Point]) -> tuple[int, int] | None:
     edges = list(zip(polygon, (*polygon[1:], polygon[0]), strict=True)) if polygon else []
     for j, (c, d) in enumerate(edges):
         for i, (a, b) in enumerate(edges[:j]):
-            if _side(a, b, c) * _side(a, b, d) < 0 and _side(c, d, a) * _side(c, d, b) < 0:
+            if _cross(a, b, c, d):
                 return i, j
     return None
+
+
+def _cross(a: Point, b: Point, c: Point, d: Point) -> bool:
+    """The lines from a to b and from c to d have a point in common, other than an end."""
+    return _side(a, b, c) * _side(a, b, d) < 0 and _side(c, d, a) * _side(c, d, b) < 0
 
 
 def _side(a: Point, b: Point, p: Point) -> float:

@@ -88,7 +88,14 @@ def _own_law(mission: MissionFile) -> Findings:
         yield Finding(("law", "own"), what, allowed)
 
 
-# --- agents and their starts ---
+# --- origin, agents and their starts ---
+
+
+def _no_place(mission: MissionFile) -> Findings:
+    """A vehicle that knows no position says 0, 0, so none is believed there."""
+    if mission.origin.lat_deg == 0 == mission.origin.lon_deg:
+        what = "0, 0 lies in the Atlantic, and is what a vehicle without a position says"
+        yield Finding(("origin",), what, "the latitude and longitude of the field")
 
 
 def _agent_ids(mission: MissionFile) -> Findings:
@@ -366,6 +373,7 @@ _CHECKS: tuple[tuple[str, Callable[[MissionFile], Findings]], ...] = (
     ("law", _radii),
     ("law tick_s", _gains),
     ("law", _own_law),
+    ("origin", _no_place),
     ("agents", _agent_ids),
     ("agents lengths unit_m", _start_range),
     ("agents law lengths unit_m", _starts),

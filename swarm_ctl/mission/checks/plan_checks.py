@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Sequence
 
 from swarm_ctl.core.law import graph
 from swarm_ctl.core.law.formation import smallest_distance
 from swarm_ctl.core.law.planned_formation import PlannedFormation, planned_formations
 from swarm_ctl.core.model.plan import (
     FormStep,
+    HoldStep,
+    LandStep,
     MoveStep,
     Plan,
+    Point,
+    ReturnStep,
     RotateStep,
     ScaleStep,
     Step,
     TakeoffStep,
 )
-from swarm_ctl.core.safety.fence import inside
+from swarm_ctl.core.safety.fence import inside, leaves
 from swarm_ctl.mission.checks.mission_checks import MAX_DISTANCE_M
 from swarm_ctl.mission.input.document import Finding, Place
 from swarm_ctl.mission.input.findings import ROUNDING, Findings, named_parts, too_short
@@ -35,7 +41,7 @@ def check_plan(plan: Plan, mission: MissionFile) -> list[Finding]:
         place: Place = ("steps", k, step.kind)
         found += _connected(plan, step, before, place, mission)
         found += _spacing(plan, step, before, after, place, mission)
-        found += _fenced(plan, step, after, place)
+        found += _fenced(plan, step, before, place)
         found += _timeout(step, before, place)
     return found
 
@@ -76,23 +82,44 @@ def _spacing(
         yield Finding((*place, "factor"), what, allowed)
 
 
-def _fenced(plan: Plan, step: Step, after: PlannedFormation, place: Place) -> Findings:
+def _fenced(plan: Plan, step: Step, before: PlannedFormation, place: Place) -> Findings:
     if plan.fence is None:
         return
     ceiling_m = plan.fence.height_m
     if isinstance(step, TakeoffStep) and step.height_m > ceiling_m:
         what = f"{step.height_m:g} m is above the geofence"
         yield Finding((*place, "height_m"), what, f"at most fence.height_m = {ceiling_m:g}")
+    yield from _beyond(plan, step, before, place)
     for centre in step.waypoints_m if isinstance(step, MoveStep) else ():
-        places = zip(plan.agents, after.places_m(centre), strict=True)
-        out = [agent.id for agent, at in places if not inside(plan.fence.polygon_m, at)]
-        if out:
-            at = f"{centre[0]:g} m north, {centre[1]:g} m east of the origin"
-            what = f"with its centre {at}, agent {out[0]} would be outside the geofence"
-            yield Finding(place, what, "a way inside fence.polygon")
-        elif math.hypot(*centre) > MAX_DISTANCE_M:
+        if math.hypot(*centre) > MAX_DISTANCE_M:
             what = f"goes {math.hypot(*centre):.0f} m from the origin"
             yield Finding(place, what, f"at most {MAX_DISTANCE_M:g} m")
+
+
+def _beyond(plan: Plan, step: Step, before: PlannedFormation, place: Place) -> Findings:
+    """The first agent whose planned place after a step, or whose way there, is outside the fence;
+    after a return, its way home."""
+    if plan.fence is None or isinstance(step, TakeoffStep | HoldStep | LandStep):
+        return
+    if isinstance(step, ReturnStep):
+        starts = [(n * plan.unit_m, e * plan.unit_m) for n, e in (a.start for a in plan.agents)]
+        ways: Sequence[tuple[Point, ...]] = list(zip(before.places_m(), starts, strict=True))
+    else:
+        ways = before.ways_m(step)
+    polygon = plan.fence.polygon_m
+    for agent, way in zip(plan.agents, ways, strict=True):
+        out = next((at for at in way if not inside(polygon, at)), None)
+        if out is None:
+            crossing = (b for a, b in itertools.pairwise(way) if leaves(polygon, a, b))
+            out = next(crossing, None)
+            where = "on its way to"
+        else:
+            where = "at"
+        if out is not None:
+            at = f"{out[0]:.1f} m north, {out[1]:.1f} m east of the origin"
+            what = f"agent {agent.id} would be outside the geofence {where} {at}"
+            yield Finding(place, what, "places and ways inside fence.polygon")
+            return
 
 
 def _timeout(step: Step, before: PlannedFormation, place: Place) -> Findings:

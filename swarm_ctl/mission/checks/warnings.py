@@ -208,11 +208,6 @@ def _limits_at_once(_mission: MissionFile, plan: Plan) -> Findings:
         yield Finding(("policies", "battery_reserve_percent"), what, "")
 
 
-def _no_place(mission: MissionFile, _plan: Plan) -> Findings:
-    if mission.origin.lat_deg == 0 == mission.origin.lon_deg:
-        yield Finding(("origin",), "0, 0 lies in the Atlantic: is it filled in?", "")
-
-
 def _radians(mission: MissionFile, _plan: Plan) -> Findings:
     for k, step in enumerate(mission.steps):
         angle = step.rotate.angle_deg if step.rotate else 0.0
@@ -369,6 +364,5 @@ _WARNINGS: tuple[Callable[[MissionFile, Plan], Findings], ...] = (
     _low,
     _loose_tolerance,
     _limits_at_once,
-    _no_place,
     _radians,
 )

@@ -64,6 +64,10 @@ def _read(folder: Path, name: str) -> list[tuple[float, float]]:
         raise ValueError("lies outside of the mission's folder")
     found: list[tuple[float, float]] = []
     text = read_bytes(path, _MOST_BYTES).decode("utf-8-sig")
+    head = text.lstrip().partition("\n")[0]
+    for mark, between in ((";", "semicolons"), ("\t", "tabs")):
+        if mark in head and (mark == ";" or "," not in head):
+            raise _BadRowError(1, f"has {between} between its cells, not commas")
     rows = csv.reader(io.StringIO(text, newline=""))
     for row in rows:
         if not any(cell.strip() for cell in row):

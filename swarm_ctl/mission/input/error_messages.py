@@ -44,6 +44,10 @@ def problem_of(error: Mapping[str, Any], document: Document, schema: _Schema) ->
         return _unknown((*place, error["input"]), document, schema, _find(schema, loc))
     node = _find(schema, loc)
     what = f"{_what(error, node)}{_of_origin(place, document, error['input'])}"
+    if error["type"] == "string_pattern_mismatch" and re.search(
+        r"\[[0-9a-fA-F:]*\]", error["input"]
+    ):
+        what += "; IPv6 is not supported, IPv4 only"
     return document.problem(place, what, describe(schema, node))
 
 

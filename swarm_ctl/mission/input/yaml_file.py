@@ -17,6 +17,7 @@ from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from swarm_ctl.errors import MissionError
 from swarm_ctl.files import read_bytes
 from swarm_ctl.mission.input.document import Document, Place, dotted, problem_at
+from swarm_ctl.mission.input.foreign_files import foreign
 from swarm_ctl.mission.input.indentation import misindented
 
 MOST_ENTRIES = {"agents": 250, "steps": 1000, "offsets": 1000, "along": 200, "polygon": 200}
@@ -96,6 +97,9 @@ def read(path: Path, *, what: str = "mission") -> Document:
             raise _refuse(f"{path}:1", "the file is too large", allowed) from error
         reason = error.strerror or str(error)
         raise _refuse(str(path), f"can't be read: {reason}", f"a readable {what} file") from error
+    if known := foreign(data[:65_536].decode("utf-8", "replace")):
+        allowed = f"a {what} file; `swarm-ctl missions copy hexagon` makes one to begin with"
+        raise _refuse(f"{path}:1", f"this is {known}, no {what}", allowed)
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -180,6 +184,9 @@ def _syntax(error: yaml.MarkedYAMLError, text: str, name: str) -> MissionError:
     if since and error.context in _UNCLOSED:
         opened = f"{_UNCLOSED[error.context]} (it begins in line {since.line + 1})"
         return _refuse(where, f"YAML: {opened}", "well-formed YAML")
+    line = text.splitlines()[mark.line] if mark and mark.line < text.count("\n") + 1 else ""
+    if stuck := re.match(r"\s*-([A-Za-z_]+):", line):
+        return _refuse(where, f"YAML: -{stuck[1]} has no space after the -", f"- {stuck[1]}:")
     if mark and (indented := misindented(text, mark.line + 1)):
         return _refuse(where, f"YAML: {indented}", "one indentation for all of a list or section")
     for pattern, (said, allowed) in _IN_WORDS.items():

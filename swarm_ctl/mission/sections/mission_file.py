@@ -32,7 +32,8 @@ from swarm_ctl.mission.sections.vehicle_section import VehicleSection
 class OriginSection(Section):
     """Origin of the common frame (WGS-84)."""
 
-    lat_deg: float = Field(ge=-90, le=90)
+    lat_deg: float = Field(ge=-89, le=89)
+    """Nearer to a pole, no autopilot knows where east is."""
     lon_deg: float = Field(ge=-180, le=180)
     alt_m: float = Field(ge=-500, le=9000)
     """Metres above mean sea level."""

@@ -11,7 +11,7 @@ import pytest
 
 from swarm_ctl.commands.build import AgentNow, SwarmNow, build
 from swarm_ctl.commands.parse import Order
-from swarm_ctl.core.model.plan import FormStep, MoveStep
+from swarm_ctl.core.model.plan import Fence, FormStep, MoveStep
 from swarm_ctl.core.swarm.gain_update import LEAD_S, planned
 from swarm_ctl.errors import InputError
 from swarm_ctl.mission.compile.loader import load
@@ -123,3 +123,17 @@ def test_orders_are_for_the_formation() -> None:
     assert isinstance(without, FormStep)
     assert sorted(without.slots) == sorted(whole.slots)
     assert build(Order("move", ("1", "2"), by=True), gone, HEXAGON).step is not None
+
+
+def test_a_move_or_shape_that_brings_any_agent_out_of_the_fence_is_refused() -> None:
+    """The centre alone would be inside."""
+    fence = Fence(((-200.0, -200.0), (-200.0, 80.0), (200.0, 80.0), (200.0, -200.0)), 120.0)
+    near = replace(SWARM, plan=replace(PLAN, fence=fence))
+    build(Order("move", ("0", "0")), near, HEXAGON)
+    with pytest.raises(InputError, match=r"move: agent [1-6] would be outside the geofence"):
+        build(Order("move", ("190", "0")), near, HEXAGON)
+    small = replace(fence, polygon_m=((-1.0, -1.0), (-1.0, 1.0), (1.0, 1.0), (1.0, -1.0)))
+    with pytest.raises(
+        InputError, match=r"form hexagon: agent [1-6] would be outside the geofence"
+    ):
+        build(Order("form", ("hexagon",)), replace(SWARM, plan=replace(PLAN, fence=small)), HEXAGON)

@@ -6,7 +6,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from swarm_ctl.core.model.plan import Fence
-from swarm_ctl.core.safety.fence import area, crossing_edges, inside, outside
+from swarm_ctl.core.safety.fence import area, crossing_edges, inside, leaves, outside
 
 BOX = ((-10.0, -20.0), (10.0, -20.0), (10.0, 20.0), (-10.0, 20.0))
 HOOK = ((0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (8.0, 10.0), (8.0, 2.0), (0.0, 2.0))
@@ -37,3 +37,13 @@ def test_what_is_said() -> None:
     assert outside(fence, (11.0, 0.0), 5.0) == "outside the geofence"
     assert outside(None, (1e6, 0.0), 1e6) == ""
     assert outside(Fence((), 40.0), (1e6, 0.0), 5.0) == ""
+
+
+def test_a_way_leaves_a_concave_fence_between_two_places_inside() -> None:
+    """An L: both ends are inside, the straight line between them is not; round the corner it is."""
+    bend = ((0.0, 0.0), (0.0, 10.0), (4.0, 10.0), (4.0, 4.0), (10.0, 4.0), (10.0, 0.0))
+    assert inside(bend, (2.0, 9.0))
+    assert inside(bend, (9.0, 2.0))
+    assert leaves(bend, (2.0, 9.0), (9.0, 2.0))
+    assert not leaves(bend, (2.0, 9.0), (2.0, 2.0))
+    assert leaves(bend, (2.0, 9.0), (2.0, 11.0))

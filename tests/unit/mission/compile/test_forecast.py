@@ -19,7 +19,7 @@ HEXAGON = Path(__file__).parents[4] / "missions" / "hexagon.yaml"
 PAIR = """\
 version: 1
 name: pair
-origin: {lat_deg: 0, lon_deg: 0, alt_m: 0}
+origin: {lat_deg: 47.4, lon_deg: 8.5, alt_m: 0}
 unit_m: 5
 law: {r: 10, r_out: 1, r_in: 0.5}
 agents:

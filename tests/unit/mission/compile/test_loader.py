@@ -411,11 +411,6 @@ def test_unreadable_fleet_files(
             30,
             "policies.battery_reserve_percent: 80 %: land with more than half of the battery",
         ),
-        (
-            ("lat_deg: -35.36, lon_deg: 149.16", "lat_deg: 0, lon_deg: 0"),
-            3,
-            "origin: 0, 0 lies in the Atlantic",
-        ),
         (("r_in: 0.5", "r_in: 0.1"), 9, "law.r_in: 0.5 m"),
         (
             ("  kappa: 20", "  kappa: 20\n  h: 0.05\n  compensation: none"),
