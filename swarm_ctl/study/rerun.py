@@ -80,10 +80,15 @@ class Rerun:
     trace: Trace
 
     def table(self) -> Table:
-        """The row beside what the file has."""
-        found = Table("column", "flown again", "in the file")
+        """The row; beside what the file has, where that is another value."""
+        there = self.before or {}
+        other = {name for name in there if str(there[name]) != str(self.row[name])}
+        found = Table("column", "flown again", *(("in the file",) if other else ()))
         for name, value in self.row.items():
-            found.add_row(name, str(value), "-" if self.before is None else str(self.before[name]))
+            beside = str(there.get(name, "-")) if name in other else ""
+            found.add_row(name, str(value), *((beside,) if other else ()))
+        if there and not other:
+            found.caption = "every value is the file's"
         return found
 
 

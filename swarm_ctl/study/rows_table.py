@@ -1,4 +1,4 @@
-"""A study's rows as a table: shares with their confidence intervals, one line a cell."""
+"""A study's rows as tables: shares with their confidence intervals, a column a cell."""
 
 from __future__ import annotations
 
@@ -34,36 +34,52 @@ def share(hits: int, of: int) -> str:
 
 def quantile(values: Sequence[float], percent: float) -> str:
     """`12.3 (11.9 to 13.0)`: a percentile, and its 95 % interval by the ranks that it may have, by
-    the normal approximation of the binomial; an end beyond all values is said to be `?`."""
+    the normal approximation of the binomial; an end beyond all values is said to be `-`."""
     if not values:
         return "-"
     ordered, p = sorted(values), percent / 100
     half = _Z95 * math.sqrt(len(ordered) * p * (1 - p))
     low, high = (math.floor(len(ordered) * p - half) - 1, math.ceil(len(ordered) * p + half))
-    ends = (f"{ordered[k]:.1f}" if 0 <= k < len(ordered) else "?" for k in (low, high))
+    ends = (f"{ordered[k]:.1f}" if 0 <= k < len(ordered) else "-" for k in (low, high))
     return f"{np.percentile(ordered, percent):.1f} ({' to '.join(ends)})"
 
 
-def table(study: Study, rows: Iterable[Row], by: tuple[str, ...] = ()) -> Table:
-    """One line for each combination of the lists `by`, the last varying fastest; of what was
-    varied, where not given."""
+def tables(
+    study: Study, rows: Iterable[Row], by: tuple[str, ...] = (), *, width: int = 100
+) -> list[Table]:
+    """A line for each figure and a column for each combination of the lists `by` (of what was
+    varied, where not given), the last varying fastest; as many tables of at most `width`
+    characters as that takes."""
     names = by or study.varied or ("n", "vehicle")
     cells, groups = study.cells(), defaultdict[tuple[str, ...], list[Row]](list)
     for row in rows:
         groups[tuple(str(getattr(cells[row["cell"]], name)) for name in names)].append(row)
-    title = (
-        f"{study.rows} missions, seed {study.seed}; shares and times with 95 % confidence intervals"
-    )
-    found = Table(*names, "missions", title=title)
-    columns = [column for column in _COLUMNS if study.with_silent or column[0] not in _SILENT]
-    for name, _ in columns:
-        found.add_column(name, justify="right")
     places = [list(map(str, getattr(study, name))) for name in names]
-    for key in sorted(
-        groups, key=lambda key: [p.index(v) for p, v in zip(places, key, strict=True)]
-    ):
-        group = groups[key]
-        found.add_row(*key, str(len(group)), *(tell(group) for _, tell in columns))
+    keys = sorted(groups, key=lambda key: [p.index(v) for p, v in zip(places, key, strict=True)])
+    lines = [line for line in _LINES if study.with_silent or line[0] not in _SILENT]
+    columns = [
+        [*key, str(len(groups[key])), *(tell(groups[key]) for _, tell in lines)] for key in keys
+    ]
+    heads = [*names, "missions", *(name for name, _ in lines)]
+    room, first = [width - max(map(len, heads)) - 4], 0
+    found: list[Table] = []
+    for k, column in enumerate(columns):  # as many columns side by side as have room
+        room[-1] -= max(map(len, column)) + 3
+        if room[-1] < 0 and k > first:
+            found.append(_side_by_side(heads, columns[first:k], len(names)))
+            first = k
+            room.append(width - max(map(len, heads)) - 4 - max(map(len, column)) - 3)
+    found.append(_side_by_side(heads, columns[first:], len(names)))
+    found[0].title = f"{study.rows} missions, seed {study.seed}; 95 % confidence intervals"
+    return found
+
+
+def _side_by_side(heads: list[str], columns: list[list[str]], named: int) -> Table:
+    found = Table(show_header=False)
+    for _ in range(1 + len(columns)):
+        found.add_column(justify="left" if not found.columns else "right", no_wrap=True)
+    for k, cells in enumerate(zip(heads, *columns, strict=True)):
+        found.add_row(*cells, end_section=k == named - 1)
     return found
 
 
@@ -90,24 +106,24 @@ def _time(rows: list[Row], q: int) -> str:
     return quantile([row["time_s"] for row in _alive(rows) if row["converged"]], q)
 
 
-_COLUMNS: Final[tuple[tuple[str, Callable[[list[Row]], str]], ...]] = (
+_LINES: Final[tuple[tuple[str, Callable[[list[Row]], str]], ...]] = (
     ("under r_in", lambda rows: _share_of(rows, "collided")),
-    ("smallest", lambda rows: f"{min(row['smallest_units'] for row in rows):.3f}"),
-    ("a silent one hit", _hit),
+    ("smallest distance [units]", lambda rows: f"{min(row['smallest_units'] for row in rows):.3f}"),
+    ("silent agent hit", _hit),
     ("formed", lambda rows: _share_of(_alive(rows), "converged")),
     ("formed, some silent", lambda rows: _share_of(_with_silent(rows), "converged")),
     ("stuck", lambda rows: _share_of(_alive(rows), "stuck")),
-    ("median s", lambda rows: _time(rows, 50)),
-    ("p95 s", lambda rows: _time(rows, 95)),
-    ("a link broken", lambda rows: _share_of(rows, "links_broken")),
-    ("one that fits", lambda rows: _share_of(rows, "kept_broken")),
-    ("parted", lambda rows: _share_of(rows, "parted")),
+    ("time to form, median [s]", lambda rows: _time(rows, 50)),
+    ("time to form, 95 % [s]", lambda rows: _time(rows, 95)),
+    ("link broken", lambda rows: _share_of(rows, "links_broken")),
+    ("link that fits broken", lambda rows: _share_of(rows, "kept_broken")),
+    ("swarm fell apart", lambda rows: _share_of(rows, "parted")),
     ("overspeed", lambda rows: _share_of(rows, "sigma_overspeed")),
     (
-        "ticks changed",
+        "ticks changed by the filter",
         lambda rows: f"{100 * sum(r['touched_share'] for r in rows) / len(rows):.3g} %",
     ),
 )
-"""Times and what formed: of missions in which no agent died; `one that fits` are links whose slots
-fit in 0.9 r."""
-_SILENT: Final = ("a silent one hit", "formed, some silent")
+"""Times and what formed: of missions in which no agent died. A link fits whose slots are within
+0.9 r."""
+_SILENT: Final = ("silent agent hit", "formed, some silent")

@@ -87,7 +87,8 @@ def new(
     provision.new(to, name, agents, operators, viewer or [], terms(days, csr), routers)
     show_roster(to)
     if not read.trust:
-        say(f"in the fleet: trust: {to.resolve() if folder else f'trust/{name}'}")
+        named = to.resolve() if folder else f"trust/{name}"
+        say(f"to do: write `trust: {named}` in {fleet}; without it the swarm flies without keys")
     say(
         f"copy each bundle to its host (scp {to}/agent-1.bundle HOST:), and there:"
         " swarm-ctl trust install agent-1.bundle",

@@ -187,7 +187,7 @@ def study(
     """
     from swarm_ctl.study.executor import run_study
     from swarm_ctl.study.rows import read_rows
-    from swarm_ctl.study.rows_table import table
+    from swarm_ctl.study.rows_table import tables
     from swarm_ctl.study.study_file import study_file
 
     console = PlainConsole()
@@ -255,8 +255,8 @@ def study(
 
         axis(plan, names or plan.varied, curves)
     run_study(plan, out, processes, console, cluster)
-    wide = console if console.is_terminal else PlainConsole(width=280)
-    wide.print(table(plan, read_rows(out), names))
+    for each in tables(plan, read_rows(out), names, width=console.width):
+        console.print(each)
     console.say(f"rows: {out}")
     if curves is not None:
         draw_curves(plan, read_rows(out), names or plan.varied, curves)

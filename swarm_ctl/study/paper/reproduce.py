@@ -84,9 +84,10 @@ def reproduce(
     console: Console,
     *,
     limit: int = LIMIT,
-    cases: int = 500,
+    cases: int | None = None,
 ) -> None:
-    """Make everything: figures, rows, claims, and failing cases (out of `cases` missions per n).
+    """Make everything: figures, rows, claims, and failing cases out of `cases` missions per n
+    (500, or `seeds` where that is fewer).
 
     Missions end after `limit` iterations at the latest. The console tells what is made.
     """
@@ -99,7 +100,7 @@ def reproduce(
     for name, study in studies.items():
         console.print(f"{name}: {study.rows} missions")
         run_study(study, folder / f"{name}.csv", processes, console)
-    few = studies_of(cases, seed, limit)
+    few = studies_of(min(500, seeds) if cases is None else cases, seed, limit)
     made = (
         claims_table(studies, folder),
         pairs_table(studies, folder),

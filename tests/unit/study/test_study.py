@@ -13,6 +13,7 @@ import numpy.typing as npt
 import pytest
 from pydantic import ValidationError
 from rich.console import Console
+from rich.table import Table
 
 from swarm_ctl.core.law.graph import components
 from swarm_ctl.core.model.plan import Compensation, LawParameters
@@ -27,7 +28,7 @@ from swarm_ctl.study.executor import run_study
 from swarm_ctl.study.parameter_space import LEVELS, Range, Study, value
 from swarm_ctl.study.rerun import Trace, rerun, write_mission
 from swarm_ctl.study.rows import COLUMNS, read_rows, rows_of
-from swarm_ctl.study.rows_table import quantile, table, wilson
+from swarm_ctl.study.rows_table import quantile, tables, wilson
 
 SHORT: dict[str, Any] = {"missions": 40, "limit_s": 6.0, "seed": 5}
 
@@ -368,27 +369,42 @@ def test_the_interval_of_a_median_holds_it_as_often_as_it_says() -> None:
         low, high = quantile(list(sample), 50).split("(")[1].rstrip(")").split(" to ")
         held += float(low) <= 500.0 <= float(high)
     assert 940 <= held <= 985
-    assert quantile([1.0, 2.0, 3.0], 95) == "2.9 (2.0 to ?)"
+    assert quantile([1.0, 2.0, 3.0], 95) == "2.9 (2.0 to -)"
     assert quantile([], 50) == "-"
 
 
 def test_the_table_counts(tmp_path: Path) -> None:
     study = Study.model_validate(SHORT | {"n": (3, 4), "missions": 5})
     run_study(study, tmp_path / "rows.csv", 1, silent())
-    screen = Console(file=io.StringIO(), width=240)
-    screen.print(table(study, read_rows(tmp_path / "rows.csv")))
-    lines = [line.split() for line in screen.file.getvalue().splitlines() if line.startswith("│")]  # type: ignore[attr-defined]
-    assert [line[1] for line in lines] == ["3", "4"]
-    assert [line[3] for line in lines] == ["5", "5"]
+    (found,) = tables(study, read_rows(tmp_path / "rows.csv"))
+    assert table_rows(found)["n"] == ["3", "4"]
+    assert table_rows(found)["missions"] == ["5", "5"]
 
 
-def test_the_table_s_lines_are_in_the_order_that_is_asked_for(tmp_path: Path) -> None:
+def test_tables_fit_the_terminal(tmp_path: Path) -> None:
+    """However many columns there are: no cell is cut at 80 characters, none is left out."""
+    study = Study.model_validate(SHORT | {"n": (3, 4, 5, 6), "missions": 5})
+    run_study(study, tmp_path / "rows.csv", 1, silent())
+    found = tables(study, read_rows(tmp_path / "rows.csv"), width=80)
+    assert [n for each in found for n in table_rows(each)["n"]] == ["3", "4", "5", "6"]
+    screen = io.StringIO()
+    Console(file=screen, width=80).print(*found)
+    assert "…" not in screen.getvalue()
+    for each in found:
+        for cells in table_rows(each).values():
+            assert all(cell in screen.getvalue() for cell in cells)
+
+
+def table_rows(table: Table) -> dict[str, list[str]]:
+    """The cells of each line, by its first."""
+    first, *rest = ([str(cell) for cell in column.cells] for column in table.columns)
+    return {name: [column[k] for column in rest] for k, name in enumerate(first)}
+
+
+def test_the_table_s_columns_are_in_the_order_that_is_asked_for(tmp_path: Path) -> None:
     """Not in the order in which cells are flown, and as the study lists its values."""
     study = Study.model_validate(SHORT | {"n": (3, 4), "safety": ("off", "filter"), "missions": 2})
     run_study(study, tmp_path / "rows.csv", 1, silent())
-    screen = io.StringIO()
-    rows = read_rows(tmp_path / "rows.csv")
-    Console(file=screen, width=250).print(table(study, rows, ("safety", "n")))
-    lines = [line.split() for line in screen.getvalue().splitlines() if line.startswith("│")]
-    want = [["off", "3"], ["off", "4"], ["filter", "3"], ["filter", "4"]]
-    assert [[line[1], line[3]] for line in lines] == want
+    (found,) = tables(study, read_rows(tmp_path / "rows.csv"), ("safety", "n"), width=250)
+    assert table_rows(found)["safety"] == ["off", "off", "filter", "filter"]
+    assert table_rows(found)["n"] == ["3", "4", "3", "4"]
