@@ -20,7 +20,7 @@ INSTALL = [
     ". .venv/bin/activate",
     "pip install pytest",
 ]
-FIRST_FLIGHT = "swarm-ctl run missions/hexagon.yaml --speedup 5"
+FIRST_FLIGHT = "swarm-ctl run missions/hexagon.yaml --speedup max"
 VALIDATE = "swarm-ctl validate patrol.yaml"
 RUN = "swarm-ctl run patrol.yaml"
 SEND = ["swarm-ctl send hold", "swarm-ctl send resume"]
