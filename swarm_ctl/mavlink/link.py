@@ -41,6 +41,7 @@ MAX_TRIED = 1024
 frames. What is left waits, or is lost in the system's buffer."""
 _TIMESYNC_S = 1.0
 _REFUTED_EVERY_S = 10.0
+_CHARGE_EVERY_S = 60.0
 _SETPOINT_ID = dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
 
 
@@ -114,6 +115,8 @@ class VehicleLink:
         self._reader = dialect.MAVLink(None)
         self._signing, self._refused = signing, RefusedFrames(sysid)
         self._trouble = self._wire_trouble = ""
+        self._charge: float | None = None
+        self._charge_said_s = -math.inf
         if signing is not None:
             signing.equip(self._codec)
         if self._wire.warning and autopilot == "px4":
@@ -161,6 +164,18 @@ class VehicleLink:
             self._heard.texts.add(f"{trouble}; it is opened again when it comes back")
         self._wire_trouble = trouble
 
+    def _look_at_battery(self) -> None:
+        """A charge that was known and is not any more is worth a line; one in a minute."""
+        now, charge = self._now, self._heard.battery_now(self._now)
+        lost = charge is None and self._charge is not None
+        if lost and now - self._charge_said_s >= _CHARGE_EVERY_S:
+            self._charge_said_s = now
+            self._heard.texts.add(
+                f"does not say its charge any more (last {self._charge:.0f} %): the mission's"
+                " battery_low can't act meanwhile"
+            )
+        self._charge = charge
+
     def view(self) -> VehicleView:
         """A snapshot as of the last `receive`. Each STATUSTEXT is in one snapshot only."""
         heard, driver, now = self._heard, self._autopilot, self._now
@@ -168,6 +183,7 @@ class VehicleLink:
         self._look_for_clashes()
         self._look_at_stamps()
         self._look_at_wire()
+        self._look_at_battery()
         if heard.contacts:
             heard.forget_old_contacts(now)
         mode = driver.mode(heard)
@@ -195,8 +211,8 @@ class VehicleLink:
             unsafe=driver.parameters.unsafe(now),
             own=self._own(),
             notes=self._notes(),
-            battery_percent=heard.battery_percent,
-            tilt_deg=heard.tilt_deg,
+            battery_percent=heard.battery_now(now),
+            tilt_deg=heard.tilt_now(now),
             wind_mps=heard.wind_now(now),
             estimates_wind=driver.estimates_wind(heard),
             position_accuracy_m=heard.estimate.position_accuracy_m,
@@ -213,7 +229,7 @@ class VehicleLink:
             signed=self._signing is not None,
             refused=refused,
             refusals={str(why): count for why, count in self._refused.total.items()},
-            round_trip_s=heard.round_trip_s,
+            round_trip_s=heard.round_trip_now(now),
         )
 
     @property

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import random
+import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ import pytest
 
 from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.core.model.vehicle import AirborneGoal, FlyGoal, Goal, LandGoal, StandbyGoal
+from swarm_ctl.mavlink import outgoing
 from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.runtime.vehicles.order import Started
 from tests.autopilots.sitl import Client, standing
@@ -63,16 +65,16 @@ class Agent:
         self.link = VehicleLink(started.endpoint, kind, started.sysid, agent_sysid=240)
         self.begun = time.monotonic()
         self._flying_s: float | None = None
-        self._ready = self._was_up = False
+        self._ready = self.was_up = False
 
     def next(self, now: float) -> Goal:
         view = self.link.view()
         up = view.armed and view.local is not None and -view.local.position_ned_m[2] > HEIGHT_M - 1
-        self._was_up |= up and view.controlled
+        self.was_up |= up and view.controlled
         self._ready |= view.healthy  # as an agent, which does not go back to its first step
         if not self._ready:
             return StandbyGoal()
-        if not self._was_up:
+        if not self.was_up:
             return AirborneGoal(HEIGHT_M)
         self._flying_s = self._flying_s or now
         if now - self._flying_s > FLY_S:
@@ -147,3 +149,55 @@ def test_a_dead_agents_vehicle_comes_down_beside_a_ground_station(
     assert max(kill.landing_s for kill in flown) <= LANDS_S
     assert max(kill.down_s for kill in flown) <= LANDS_S + DOWN_S
     assert max(kill.down_s for kill in found if not kill.flew) <= STANDS_S
+
+
+DANGERS = {
+    VehicleKind.ARDUCOPTER: ("FS_GCS_ENABLE", 0.0, 5.0),
+    VehicleKind.PX4: ("COM_OF_LOSS_T", 60.0, 1.0),
+}
+"""What another sets in flight, and what the agent sets again."""
+
+
+@pytest.mark.long
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("kind", DANGERS, ids=str)
+def test_a_failsafe_that_a_ground_station_takes_away_in_flight_is_there_when_the_agent_dies(
+    kind: VehicleKind, tmp_path: Path
+) -> None:
+    name, value, ours = DANGERS[kind]
+    with standing([kind], tmp_path / "vehicles") as started, Client(started[1]) as client:
+        agent, stop = Agent(started[1]), threading.Event()
+        texts: list[str] = []
+
+        def fly() -> None:
+            with contextlib.closing(agent.link):
+                while not stop.is_set():
+                    now = time.monotonic()
+                    agent.link.receive(now)
+                    view = agent.link.view()
+                    texts.extend(view.texts)
+                    up = view.controlled and (client.height_m or 0.0) > HEIGHT_M - 1
+                    still = FlyGoal((0.0, 0.0, 0.0))
+                    agent.was_up |= up
+                    ready = AirborneGoal(HEIGHT_M) if view.healthy or view.armed else StandbyGoal()
+                    agent.link.pursue(still if agent.was_up else ready, now)
+                    time.sleep(0.05)
+
+        flying = threading.Thread(target=fly)
+        flying.start()
+        try:
+            client.beat()
+            client.hear_often()
+            client.wait_for(lambda: agent.was_up, seconds=90.0)
+            assert client.get(name) == ours
+            kind_of = client.parameters[name][1]
+            client.send(outgoing.set_parameter(client.sysid, name, value, kind_of))
+            client.wait_for(
+                lambda: any("changed in flight" in text for text in texts), seconds=20.0
+            )
+            client.wait_for(lambda: client.get(name) == ours, seconds=10.0)
+        finally:
+            stop.set()
+            flying.join()
+        client.wait_for(lambda: client.mode == LANDING[kind], seconds=LANDS_S + 4.0)
+        client.wait_for(lambda: not client.armed, seconds=DOWN_S)

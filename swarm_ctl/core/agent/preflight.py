@@ -69,13 +69,19 @@ class Preflight:
 
     def caution(self, tick: Tick) -> str:
         """What the operator should know before the vehicle arms, although it may; ''."""
-        policies = self.plan.policies
-        if tick.view.estimates_wind or policies.wind is Policy.CONTINUE:
-            return ""
-        return (
-            f"the vehicle does not estimate the wind: the limit of {policies.wind_limit_mps:g} m/s"
-            f" can't act; the tilt limit ({policies.max_tilt_deg:g} degrees) does"
-        )
+        policies, cautions = self.plan.policies, []
+        if tick.view.battery_percent is None and policies.battery_low is not Policy.CONTINUE:
+            reserve = policies.battery_reserve_percent
+            cautions.append(
+                f"the vehicle does not say its charge: the reserve of {reserve:g} % can't act"
+            )
+        if not tick.view.estimates_wind and policies.wind is not Policy.CONTINUE:
+            limit = policies.wind_limit_mps
+            cautions.append(
+                f"the vehicle does not estimate the wind: the limit of {limit:g} m/s can't act; the"
+                f" tilt limit ({policies.max_tilt_deg:g} degrees) does"
+            )
+        return "; ".join(cautions)
 
     def too_slow(self, view: VehicleView) -> str:
         """Where the mission asks for more than the vehicle's own limits allow, or ''."""

@@ -83,18 +83,18 @@ class EstimateHealth:
     """The receiver has had a 3D fix: without one it is not judged (a vehicle may have no GPS)."""
 
     def report(self, message: Any, now: float) -> bool:
-        """Take in EKF_STATUS_REPORT or ESTIMATOR_STATUS; False, and nothing changed, where a field
-        can't be true. PX4 gives NaN for what it does not measure."""
+        """Take in EKF_STATUS_REPORT or ESTIMATOR_STATUS. A ratio or an accuracy that can't be true
+        is beyond any limit. PX4 gives NaN for what it does not measure."""
         px4 = message.get_msgId() == dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS
         ratios = {name: getattr(message, fields[px4]) for name, fields in _RATIOS.items()}
         accuracy_m = message.pos_horiz_accuracy if px4 else 0.0
-        possible = all(
-            0.0 <= ratio < math.inf or (px4 and ratio != ratio) for ratio in ratios.values()
-        )
-        if not (possible and 0.0 <= accuracy_m <= _MAX_ACCURACY_M):
-            return False
-        self.report_s, self.flags, self.ratios = now, message.flags, ratios
-        self.accuracy_m = accuracy_m if px4 else None
+        self.report_s, self.flags = now, message.flags
+        self.ratios = {
+            name: ratio if ratio >= 0.0 or (px4 and ratio != ratio) else math.inf
+            for name, ratio in ratios.items()
+        }
+        possible = 0.0 <= accuracy_m <= _MAX_ACCURACY_M
+        self.accuracy_m = None if not px4 else accuracy_m if possible else _MAX_ACCURACY_M
         return True
 
     def gps(self, message: Any, now: float) -> bool:

@@ -1,7 +1,8 @@
 """Folds a vehicle's messages into its telemetry: one table, message name -> function.
 
 A function gets the telemetry, a decoded pymavlink message and the time. It returns False, and has
-changed nothing, where a field can't be true (NaN, infinite, out of range). No bytes may make it
+changed nothing, where nothing of the message can be used: a field that all others need can't be
+true (NaN, infinite, out of range). Any other odd field costs itself alone. No bytes may make it
 raise.
 """
 
@@ -80,8 +81,7 @@ def _global_origin(heard: Telemetry, message: Any, now: float) -> bool:  # noqa:
 
 
 def _system_status(heard: Telemetry, message: Any, now: float) -> bool:
-    if not _battery(heard, message.battery_remaining):
-        return False
+    _charge(heard, "SYS_STATUS", message.battery_remaining, now)
     heard.system_status_s = now
     heard.sensors_present = message.onboard_control_sensors_present
     heard.sensors_enabled = message.onboard_control_sensors_enabled
@@ -89,30 +89,35 @@ def _system_status(heard: Telemetry, message: Any, now: float) -> bool:
     return True
 
 
-def _battery_status(heard: Telemetry, message: Any, now: float) -> bool:  # noqa: ARG001
-    return message.id != 0 or _battery(heard, message.battery_remaining)
+def _battery_status(heard: Telemetry, message: Any, now: float) -> bool:
+    if message.id == 0:
+        _charge(heard, "BATTERY_STATUS", message.battery_remaining, now)
+    return True
 
 
-def _battery(heard: Telemetry, percent: int) -> bool:
+def _charge(heard: Telemetry, message: str, percent: int, now: float) -> None:
+    """-1 is "not known"; so is what can't be a charge."""
     if 0 <= percent <= 100:
-        heard.battery_percent = float(percent)
-    return -1 <= percent <= 100
+        heard.charges[message] = float(percent), now
+    else:
+        heard.charges.pop(message, None)
 
 
 def _timesync(heard: Telemetry, message: Any, now: float) -> bool:
     """An answer (tc1 set) to our request: `ts1` is our own time [ns]."""
     trip = now - message.ts1 * 1e-9
     if message.tc1 != 0 and 0.0 <= trip <= MAX_ROUND_TRIP_S:
-        heard.round_trip_s = trip
+        heard.round_trip_s, heard.answered_s = trip, now
     return True
 
 
-def _attitude(heard: Telemetry, message: Any, now: float) -> bool:  # noqa: ARG001
+def _attitude(heard: Telemetry, message: Any, now: float) -> bool:
     if not _within((message.roll, message.pitch), 2 * math.pi):
         return False
     # The angle between the vehicle's up axis and the world's.
     cosine = math.cos(message.roll) * math.cos(message.pitch)
     heard.tilt_deg = math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
+    heard.tilt_s = now
     return True
 
 
@@ -158,13 +163,13 @@ _ADSB_MOVING = dialect.ADSB_FLAGS_VALID_HEADING | dialect.ADSB_FLAGS_VALID_VELOC
 
 def _traffic(heard: Telemetry, message: Any, now: float) -> bool:
     position = _geodetic(message.lat, message.lon, message.altitude)
-    if position is None or message.flags & _ADSB_NEEDED != _ADSB_NEEDED or message.heading > 36000:
+    if position is None or message.flags & _ADSB_NEEDED != _ADSB_NEEDED:
         return False
     contacts = heard.contacts
     if message.ICAO_address not in contacts and len(contacts) >= MAX_CONTACTS:
         del contacts[min(contacts, key=lambda address: contacts[address].time_s)]
     velocity = (0.0, 0.0, 0.0)
-    if message.flags & _ADSB_MOVING == _ADSB_MOVING:
+    if message.flags & _ADSB_MOVING == _ADSB_MOVING and message.heading <= 36000:
         heading, speed = math.radians(message.heading * 0.01), message.hor_velocity * 0.01
         down = -message.ver_velocity * 0.01
         velocity = (speed * math.cos(heading), speed * math.sin(heading), down)
@@ -173,8 +178,8 @@ def _traffic(heard: Telemetry, message: Any, now: float) -> bool:
 
 
 def _status_text(heard: Telemetry, message: Any, now: float) -> bool:
-    if message.severity > dialect.MAV_SEVERITY_WARNING:
-        return message.severity <= dialect.MAV_SEVERITY_DEBUG  # type: ignore[no-any-return]
+    if dialect.MAV_SEVERITY_WARNING < message.severity <= dialect.MAV_SEVERITY_DEBUG:
+        return True
     if message.id:
         heard.texts.add_chunk(message.text, message.id, now)
     elif message.text:

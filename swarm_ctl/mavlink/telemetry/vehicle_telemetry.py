@@ -15,6 +15,12 @@ from swarm_ctl.mavlink.telemetry.status_texts import StatusTexts
 
 WIND_KEPT_S = 10.0
 """An estimate not repeated for this long (PX4 sends one in 2 s) is no estimate."""
+CHARGE_KEPT_S = 10.0
+"""Of the battery; each vehicle is asked for it once a second at least."""
+TILT_KEPT_S = 3.0
+"""ATTITUDE comes once a second at least."""
+ROUND_TRIP_KEPT_S = 10.0
+"""Ten requests without an answer."""
 CONTACT_KEPT_S = 10.0
 """A contact not repeated for this long is dropped; `core` judges the age of a contact before."""
 REBOOT_BACK_S = 5.0
@@ -60,8 +66,11 @@ class Telemetry:
     sensors_present: int = 0
     sensors_enabled: int = 0
     sensors_health: int = 0
-    battery_percent: float | None = None
-    tilt_deg: float | None = None
+    charges: dict[str, tuple[float, float]] = field(default_factory=dict)
+    """The battery's charge [percent] and when it came, by the message that said so: SYS_STATUS,
+    BATTERY_STATUS. One that says that it does not know has none."""
+    tilt_deg: float = 0.0
+    tilt_s: float = -math.inf
     wind_mps: float = 0.0
     wind_s: float = -math.inf
     origin: Geodetic | None = None
@@ -82,8 +91,10 @@ class Telemetry:
     """MAV_RESULT of the last COMMAND_ACK by command: a repeated refusal is reported once."""
     texts: StatusTexts = field(default_factory=StatusTexts)
     estimate: EstimateHealth = field(default_factory=EstimateHealth)
-    round_trip_s: float | None = None
+    round_trip_s: float = 0.0
     """Of the newest TIMESYNC answer."""
+    answered_s: float = -math.inf
+    """When it came."""
     boot_s: float = 0.0
     """The vehicle's own clock at its last LOCAL_POSITION_NED or GLOBAL_POSITION_INT."""
 
@@ -100,6 +111,23 @@ class Telemetry:
     def wind_now(self, now: float) -> float | None:
         """Horizontal wind [m/s] while the vehicle reports it."""
         return self.wind_mps if now - self.wind_s <= WIND_KEPT_S else None
+
+    def battery_now(self, now: float) -> float | None:
+        """The charge [percent] while the vehicle reports it; SYS_STATUS first."""
+        new = {
+            name: percent
+            for name, (percent, at) in self.charges.items()
+            if now - at <= CHARGE_KEPT_S
+        }
+        return new.get("SYS_STATUS", new.get("BATTERY_STATUS"))
+
+    def tilt_now(self, now: float) -> float | None:
+        """How far it leans [degrees] while it reports that."""
+        return self.tilt_deg if now - self.tilt_s <= TILT_KEPT_S else None
+
+    def round_trip_now(self, now: float) -> float | None:
+        """Of TIMESYNC [s], while the vehicle answers."""
+        return self.round_trip_s if now - self.answered_s <= ROUND_TRIP_KEPT_S else None
 
     def falls(self, now: float) -> bool:
         """The newest local position is new, and goes down faster than vehicles descend."""

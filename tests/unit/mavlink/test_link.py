@@ -298,3 +298,20 @@ def test_an_agent_does_not_speak_as_its_vehicle_or_a_ground_station(agent_sysid:
 def test_an_unknown_autopilot_is_refused_before_anything_is_opened() -> None:
     with pytest.raises(LinkError, match="allowed: ardupilot, px4"):
         VehicleLink("udpin:127.0.0.1:1", "inav", 1)
+
+
+def test_a_charge_that_is_told_no_more_is_unknown_and_said_once() -> None:
+    """99 % was told to the end of the flight, so `battery_low` could not act."""
+    link, vehicle = healthy()
+    assert link.view().battery_percent == 80.0
+    said: list[str] = []
+    for now in range(11, 60):
+        vehicle.say(wire.system_status(battery_percent=80 if now % 20 == 0 else -1))
+        link.receive(float(now))
+        view = link.view()
+        assert view.battery_percent == (80.0 if now % 20 == 0 else None)
+        said += view.texts
+    assert said == [
+        "does not say its charge any more (last 80 %): the mission's battery_low can't act"
+        " meanwhile"
+    ]

@@ -120,6 +120,13 @@ ROWS: list[tuple[str, Callable[[], Tick], str]] = [
 ]
 
 
+def test_a_charge_that_is_not_told_is_a_caution_and_no_refusal() -> None:
+    """battery_low can't act on what is not known."""
+    words = "the vehicle does not say its charge: the reserve of 20 % can't act"
+    assert words in preflight().caution(on_ground(battery_percent=None))
+    assert words not in preflight().caution(on_ground(battery_percent=50.0))
+
+
 @pytest.mark.parametrize(("what", "make", "refusal"), ROWS, ids=[row[0] for row in ROWS])
 def test_what_is_refused(what: str, make: Callable[[], Tick], refusal: str) -> None:
     found = preflight().refusal(make())

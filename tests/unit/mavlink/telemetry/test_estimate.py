@@ -95,18 +95,28 @@ def test_an_accuracy_that_is_no_longer_told_is_not_taken_for_good() -> None:
 
 
 @pytest.mark.parametrize(
-    "message",
+    ("message", "rules", "words"),
     [
-        wire.ekf_report(velocity=math.nan),
-        wire.ekf_report(compass=-1.0),
-        wire.estimator_status(vel=math.inf),
-        wire.estimator_status(accuracy_m=math.nan),
+        (wire.ekf_report(velocity=math.nan), EKF_RULES, "velocity differs from its sensors (inf"),
+        (wire.ekf_report(compass=-1.0), EKF_RULES, "compass differs from its sensors (inf"),
+        (wire.estimator_status(vel=math.inf), ESTIMATOR_RULES, "velocity differs"),
     ],
 )
-def test_what_cannot_be_true_is_no_report(message: Any) -> None:
+def test_a_ratio_that_cannot_be_true_is_a_fault_and_costs_no_flag(
+    message: Any, rules: EstimateRules, words: str
+) -> None:
+    """The whole report was refused, and said to be missing."""
     telemetry = Telemetry()
-    assert not fold(telemetry, message, 5.0)
-    assert telemetry == Telemetry()
+    assert fold(telemetry, message, 5.0)
+    assert telemetry.estimate.report_s == 5.0
+    assert telemetry.estimate.flags == message.flags
+    assert words in telemetry.estimate.fault(rules, 5.0)
+
+
+def test_an_accuracy_that_cannot_be_true_is_no_good_one() -> None:
+    telemetry = Telemetry()
+    assert fold(telemetry, wire.estimator_status(accuracy_m=math.nan), 5.0)
+    assert telemetry.estimate.position_accuracy_m == 1e6
 
 
 def test_a_restart_forgets_the_reports() -> None:

@@ -60,7 +60,7 @@ def test_each_message_lands_where_it_belongs_in_si_units() -> None:
     assert heard.global_.relative_alt_m == pytest.approx(3.0)
     assert heard.global_.velocity_ned_mps == pytest.approx((0.1, 0.2, -0.3))
     assert place(heard.origin) == pytest.approx((47.3977, 8.5455, 485.0))
-    assert heard.battery_percent == 80.0
+    assert heard.battery_now(10.0) == 80.0
     assert (heard.wind_now(15.0), heard.wind_now(21.0)) == (6.5, None)
     contact = heard.contacts[5]
     assert place(contact.position) == pytest.approx((47.39775, 8.5456, 490.0))
@@ -85,14 +85,11 @@ REFUSED = {
     "no fix yet": wire.global_position(lat=0, lon=0),
     "height": wire.global_position(alt_mm=30_000_000),
     "origin unset": wire.global_origin(lat=0, lon=0),
-    "battery": wire.system_status(battery_percent=101),
     "landed state": wire.extended_state(9),
     "traffic without place": wire.traffic(6, flags=0x02),
-    "traffic heading": wire.traffic(6, heading=65535),
     "nan wind": wire.wind(NAN),
     "wind below zero": wire.wind(-1.0),
     "endless wind": wire.wind_cov(INF, 0.0),
-    "severity": wire.text("x", severity=99),
     "nan parameter": wire.parameter("GUID_TIMEOUT", NAN),
     "another firmware": wire.heartbeat(autopilot=12),
     "another type": wire.heartbeat(kind=1),
@@ -120,7 +117,7 @@ def test_no_payload_raises_or_leaves_anything_that_is_not_finite(
     message = decode(number, payload)
     heard = known()
     fold(heard, message, now)
-    numbers: list[float] = [heard.battery_percent or 0.0, heard.wind_mps]
+    numbers: list[float] = [heard.battery_now(now) or 0.0, heard.wind_mps, heard.tilt_deg]
     for fix in (heard.local, heard.global_):
         assert fix is not None
         numbers += fix.velocity_ned_mps
@@ -158,11 +155,54 @@ def decode(number: int, payload: bytes) -> Any:
     return dialect.MAVLink(None).decode(bytearray(header + payload + crc.to_bytes(2, "little")))
 
 
-def test_unknown_battery_and_landed_state_leave_what_is_known() -> None:
+def test_an_unknown_landed_state_leaves_what_is_known() -> None:
     heard = known()
-    assert fold(heard, wire.system_status(battery_percent=-1))
     assert fold(heard, wire.extended_state(0))
-    assert (heard.battery_percent, heard.on_ground) == (80.0, False)
+    assert heard.on_ground is False
+
+
+@pytest.mark.parametrize("percent", [-1, -106, 101])
+def test_a_charge_that_is_not_known_is_unknown_again_and_costs_nothing_else(percent: int) -> None:
+    """99 % was told to the end of a flight; -106 cost the whole SYS_STATUS."""
+    heard = Telemetry()
+    fold(heard, wire.system_status(battery_percent=99), 10.0)
+    assert heard.battery_now(10.0) == 99.0
+    assert fold(heard, wire.system_status(battery_percent=percent, health=5), 11.0)
+    assert (heard.battery_now(11.0), heard.sensors_health) == (None, 5)
+    assert heard.system_status_s == 11.0
+
+
+def test_a_charge_has_an_age_and_either_message_tells_it() -> None:
+    heard = Telemetry()
+    fold(heard, wire.system_status(battery_percent=70), 10.0)
+    battery = dialect.MAVLink_battery_status_message
+    fold(heard, battery(0, 0, 0, 0, [0] * 10, 0, 0, 0, 55), 15.0)
+    assert heard.battery_now(20.0) == 70.0
+    assert heard.battery_now(20.1) == 55.0
+    assert heard.battery_now(25.1) is None
+
+
+def test_tilt_and_round_trip_have_an_age() -> None:
+    """A stale angle let `max_tilt_deg` act, or not, on what was long ago."""
+    heard = Telemetry()
+    assert (heard.tilt_now(0.0), heard.round_trip_now(0.0)) == (None, None)
+    fold(heard, dialect.MAVLink_attitude_message(0, 0.5, 0, 0, 0, 0, 0), 10.0)
+    fold(heard, dialect.MAVLink_timesync_message(5, int(9.9e9)), 10.0)
+    assert heard.tilt_now(13.0) == pytest.approx(math.degrees(0.5))
+    assert heard.round_trip_now(20.0) == pytest.approx(0.1)
+    assert (heard.tilt_now(13.1), heard.round_trip_now(20.1)) == (None, None)
+
+
+def test_an_odd_heading_does_not_hide_an_aircraft() -> None:
+    heard = Telemetry()
+    assert fold(heard, wire.traffic(6, heading=65535))
+    assert heard.contacts[6].velocity_ned_mps == (0.0, 0.0, 0.0)
+
+
+def test_a_text_of_an_unknown_severity_is_told() -> None:
+    heard = Telemetry()
+    assert fold(heard, wire.text("look out", severity=99))
+    assert heard.texts.take(10.0) == ("look out",)
 
 
 @pytest.mark.parametrize(("state", "on_ground"), [(1, True), (2, False), (3, False), (4, False)])
