@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from swarm_ctl.cli.shared.options import Headless, Json, complete_runs, option, run_folder
+from swarm_ctl.cli.shared.console import PlainConsole
+from swarm_ctl.cli.shared.options import Headless, Json, complete_runs, option, recorded_run
 
 
 def replay(
@@ -44,5 +45,6 @@ def replay(
     from swarm_ctl.runtime.station.replay import replay as play
     from swarm_ctl.runtime.station.screens import shown
 
+    console = PlainConsole(stderr=True)
     show = shown(headless=headless, json=json)
-    play(run_folder(run), show, speed, start)
+    play(recorded_run(run, console.say), show, speed, start)

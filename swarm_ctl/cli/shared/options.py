@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -116,14 +117,18 @@ def served(metrics: int | None, foxglove: int | None) -> Ports:
     return Ports(metrics, foxglove)
 
 
-def run_folder(given: Path | None) -> Path:
-    """The run folder that was given, else the newest in `runs`; InputError where there is none, or
-    a folder of run folders was given."""
+def recorded_run(given: Path | None, say: Callable[[str], None]) -> Path:
+    """The run folder that was given, else the newest in `runs` with a recording; `say` hears of
+    newer ones without. InputError where there is none, or a folder of run folders was given."""
     found = runs_in(given or Path("runs"))
     if given is None:
         if not found:
             raise InputError("no run in runs/; name a run folder")
-        return found[0]
+        for run in found:
+            if (run / "recording.mcap").is_file():
+                return run
+            say(f"{run} has no recording; the one before it is taken")
+        raise InputError("no run in runs/ has a recording; name a run folder or a recording")
     if found and not (given / "run.json").exists():
         raise InputError(f"{given} is no run folder, it has {len(found)}; the newest: {found[0]}")
     return given

@@ -141,6 +141,8 @@ def _final_status(path: Path, notes: list[str]) -> AgentStatus | None:
     name = f"{path.parent.name}/{path.name}"
     try:
         return _STATUS.validate_json(read_bytes(path, _STATUS_BYTES))
+    except FileNotFoundError:
+        notes.append(f"agent {path.stem}: it left no account of its end ({name})")
     except OSError as error:
         notes.append(f"{name}: {error.strerror}")
     except ValidationError:

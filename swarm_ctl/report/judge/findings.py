@@ -27,6 +27,8 @@ HARD_MPS: Final = 3.0
 """A touch-down that breaks a vehicle; autopilots land with 0.5 to 1 m/s."""
 _BRAKE_S: Final = 3.0
 """A landing begins with coming to rest, at most for so long: where it is then is the place."""
+_SILENT_S: Final = 3.0
+"""Statuses come at 2 Hz: an older one says nothing of the end."""
 _DROP_M: Final = 2.0
 """A vehicle that was disarmed on the ground sinks less than this, by its own height."""
 
@@ -245,6 +247,12 @@ def _landing(run: RunFolder, plan: Plan, k: int, events: list[TruthEvent]) -> It
         yield Finding(FindingKind.MISPLACED, float(flight.time_s[known[-1]]), (agent,), text)
 
 
+def _last_s(run: RunFolder) -> float:
+    """When the last word of any agent is from."""
+    told = [track.told_s[-1] for track in run.tracks.values() if len(track.told_s)]
+    return float(max(told, default=-math.inf))
+
+
 def _not_down(run: RunFolder, k: int) -> Iterator[Finding]:
     """Armed or in the air when it was last heard of."""
     agent, flight = run.agents[k], run.flight
@@ -261,4 +269,10 @@ def _not_down(run: RunFolder, k: int) -> Iterator[Finding]:
     if armed[-1] or airborne[-1]:
         how = "in the air" if airborne[-1] else "armed"
         text = f"{_vehicle(agent)} was still {how} at the end, {time_s:.1f} s"
+        silent_s = _last_s(run) - time_s
+        if silent_s > _SILENT_S:
+            text = (
+                f"{_vehicle(agent)} was {how} when it was last heard of, at {time_s:.1f} s,"
+                f" {silent_s:.0f} s before the end: whether it came down is not known"
+            )
         yield Finding(FindingKind.NOT_DOWN, time_s, (agent,), text)

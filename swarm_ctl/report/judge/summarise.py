@@ -16,7 +16,7 @@ from swarm_ctl.core.law.graph import edges
 from swarm_ctl.core.law.planned_formation import planned_formations
 from swarm_ctl.core.model.causes import Cause
 from swarm_ctl.core.model.fleet import Signing
-from swarm_ctl.core.model.messages import AgentStatus, StepResult, TickReport
+from swarm_ctl.core.model.messages import AgentStatus, Outcome, StepResult, TickReport
 from swarm_ctl.core.model.plan import FormStep, Plan, Point
 from swarm_ctl.report.folder import metrics
 from swarm_ctl.report.folder.flight import Source
@@ -41,6 +41,7 @@ from swarm_ctl.report.judge.summary import (
 )
 from swarm_ctl.report.judge.unseen import slow_machine
 from swarm_ctl.report.judge.verdict import Ending, judge
+from swarm_ctl.rim import Rim
 from swarm_ctl.station.picture.protection import MeshKind
 from swarm_ctl.trust.names import member_of
 
@@ -54,8 +55,35 @@ def summarise(
     `ending`: what ended it from outside.
 
     Every file may be missing or torn: what depends on it is null, `notes` says why, and the run
-    is not completed.
+    is not completed. Never raises: a run that can't be judged has failed.
     """
+    rim = Rim("the summary")
+    summary = rim.run(_summary, folder, exit_codes, ending)
+    if summary is None:
+        (trouble,) = rim.troubles()
+        summary = _unjudged(exit_codes, f"the run can't be judged: {trouble.why}")
+    return summary
+
+
+def _unjudged(exit_codes: Mapping[str, int] | None, why: str) -> Summary:
+    unknown: dict[str, Any] = {
+        name: None
+        for name, field in Summary.model_fields.items()
+        if field.is_required() and name not in ("outcome", "reason")
+    }
+    known: dict[str, Any] = {
+        "sigma_status": {},
+        "overspeed": 0,
+        "tick": TickReport(),
+        "events": {},
+        "exit_codes": dict(exit_codes) if exit_codes is not None else None,
+        "versions": {},
+    }
+    known |= dict.fromkeys(("steps", "links", "agents", "notes"), ())
+    return Summary(**unknown | known, outcome=Outcome.FAILED, reason=why, cause=Cause.PROCESS)
+
+
+def _summary(folder: Path, exit_codes: Mapping[str, int] | None, ending: Ending | None) -> Summary:
     run = read_run(folder, _killed(exit_codes or {}))
     truth, statuses = run.truth, run.statuses
     events = list(read_events(folder, run.notes))

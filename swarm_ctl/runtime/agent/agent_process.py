@@ -10,7 +10,7 @@ import gc
 import math
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -20,8 +20,9 @@ from pydantic import TypeAdapter
 
 from swarm_ctl.core.agent.agent import Agent, Ended, Inbox
 from swarm_ctl.core.model.fleet import RadioShare, Signing
-from swarm_ctl.core.model.messages import AgentStatus, Outcome, Refusal
+from swarm_ctl.core.model.messages import AgentStatus, Event, Outcome, Refusal, Severity
 from swarm_ctl.core.model.plan import Plan, Response
+from swarm_ctl.files import replacing
 from swarm_ctl.mavlink.autopilots.timing import streams_hz
 from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.mavlink.mirror import Mirror
@@ -32,6 +33,7 @@ from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.zenoh_config import part_in
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
+from swarm_ctl.rim import Rim
 from swarm_ctl.runtime.agent.publish import listen, publish
 from swarm_ctl.runtime.clock import unix_s
 from swarm_ctl.runtime.forked import serve_forked
@@ -138,7 +140,7 @@ def _tlog(config: AgentConfig) -> Iterator[Callable[[bytes, float], None] | None
     with closing(TlogWriter(config.tlog, config.started_us)) as tlog:
         yield tlog.take
     if tlog.failure:
-        sys.stderr.write(f"agent: {config.tlog} ends early: {tlog.failure}\n")
+        _log(f"{config.tlog} ends early: {tlog.failure}")
 
 
 def _signing(config: AgentConfig) -> AbstractContextManager[FrameSigning | None]:
@@ -193,10 +195,20 @@ def _join_mesh(config: AgentConfig, place: Seat, identity: Identity | None) -> N
 def _write_report(path: Path, status: AgentStatus) -> None:
     """A full disk does not make a flight a failure: the station's record has the last status,
     too."""
-    try:
-        path.write_bytes(TypeAdapter(AgentStatus).dump_json(status, indent=1))
-    except OSError as error:
-        sys.stderr.write(f"agent: {path} can't be written: {error.strerror}\n")
+    rim = Rim(f"the account in {path}")
+    rim.run(lambda: _write_whole(path, TypeAdapter(AgentStatus).dump_json(status, indent=1)))
+    for trouble in rim.troubles():
+        _log(str(trouble))
+
+
+def _write_whole(path: Path, data: bytes) -> None:
+    with replacing(path) as file:
+        file.write(data)
+
+
+def _log(text: str) -> None:
+    with suppress(OSError, ValueError):  # a full disk, a log that was closed
+        sys.stderr.write(f"agent: {text}\n")
 
 
 def _loop(
@@ -221,6 +233,8 @@ def _loop(
     )
     memory = VehicleMemory(config.memory) if config.memory else None
     remembering = Remembering(memory, config.endpoint, config.flight)
+    shown, remembers = Rim("what this agent tells of itself"), Rim("the vehicle's memory")
+    shares, refusals = Rim("the shared link"), Rim("the words on refused messages")
     ticker = place.ticker(config.plan.tick_s, lambda: lifeline.tell(ALIVE))
     status: AgentStatus | None = None
     gc.freeze()
@@ -238,17 +252,25 @@ def _loop(
             lifeline_cut=lifeline.cut(),
             tick=ticker.report,
             bad_payloads=node.bad_payloads,
-            refused=lambda at_s: (*node.refused(at_s), *links_refused(at_s)),
+            refused=lambda at_s: (
+                refusals.run(lambda: (*node.refused(at_s), *links_refused(at_s))) or ()
+            ),
         )
         actions = agent.step(now, inbox)
         link.pursue(actions.goal, now)
-        publish(node, actions)
+        publish(node, actions, shown)
         if actions.follow is not None:
             node.follow(keys.STATE, actions.follow)
         if actions.status is not None:
             status = actions.status
             lifeline.tell(ALIVE)
-            remembering.serve(link, status.own)  # after the mesh was told
-        link.share(now)
+            remembers.run(remembering.serve, link, status.own)  # after the mesh was told
+            for trouble in (
+                t for rim in (shown, remembers, shares, refusals) for t in rim.troubles()
+            ):
+                _log(str(trouble))
+                event = Event(config.agent_id, now, Severity.WARNING, str(trouble))
+                shown.run(node.send, keys.EVENT, event)
+        shares.run(link.share, now)
         if actions.ended is not None:
             return actions.ended, status

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, Final
 
 from swarm_ctl.core.agent.agent import Actions
 from swarm_ctl.core.model.messages import Payload
@@ -11,6 +11,9 @@ from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.swarm.hearing import hears_all
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.node import Node
+from swarm_ctl.rim import Rim
+
+_SHOWN: Final = frozenset({keys.EVENT.name, keys.SIGMA.name, keys.STATUS.name})
 
 
 def listen(node: Node, plan: Plan) -> None:
@@ -20,8 +23,9 @@ def listen(node: Node, plan: Plan) -> None:
     node.listen(states, keys.CLOCK, keys.BEACON, keys.COMMAND, agents=agents)
 
 
-def publish(node: Node, actions: Actions) -> None:
-    """Send each message of the tick on its channel."""
+def publish(node: Node, actions: Actions, shown: Rim | None = None) -> None:
+    """Send each message of the tick on its channel. What only shows goes through the rim `shown`:
+    an error there keeps none of the others back; None: it is raised."""
     messages: tuple[tuple[keys.Channel[Any], Iterable[Payload | None]], ...] = (
         (keys.STATE, (actions.state,)),
         (keys.FAR, (actions.far,)),
@@ -33,5 +37,9 @@ def publish(node: Node, actions: Actions) -> None:
     )
     for channel, payloads in messages:
         for payload in payloads:
-            if payload is not None:
+            if payload is None:
+                continue
+            if shown is not None and channel.name in _SHOWN:
+                shown.run(node.send, channel, payload)
+            else:
                 node.send(channel, payload)

@@ -171,7 +171,10 @@ class TellingChild(CommandChild):
             if not data:
                 break
         *lines, self._heard = self._heard.split(b"\n")
-        notes = [str(note) for line in lines if (note := json.loads(line).get("note"))]
+        notes = []
+        for line in lines:
+            with contextlib.suppress(ValueError, AttributeError, RecursionError):
+                notes += [str(note)] if (note := json.loads(line).get("note")) else []
         if self.exit_code() is not None and not self._end_told:
             self._end_told = True
             notes.append(f"{self._end}: see {self.name}.log")

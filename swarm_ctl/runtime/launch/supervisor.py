@@ -19,6 +19,7 @@ from swarm_ctl.report.folder.last_statuses import flying_successors
 from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.report.judge.summary import Summary, write_summary
 from swarm_ctl.report.judge.verdict import Ending
+from swarm_ctl.rim import Rim
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.flying_runs import PROCESSES
 from swarm_ctl.runtime.interrupts import Interrupts
@@ -105,7 +106,8 @@ def fly(
             ending = Ending(str(failure).partition("\n")[0], failed=True)
             _write_summary(setup.folder, processes, ending, say)
             raise failure
-        for agent, own in sorted(left_changed(setup.folder).items()):
+        rim = Rim("the end of the run")
+        for agent, own in sorted((rim.run(left_changed, setup.folder) or {}).items()):
             values = ", ".join(f"{name} {value.own:g}" for name, value in own.values.items())
             say(
                 f"agent {agent}: its vehicle has not confirmed its own failsafe parameters"
@@ -113,18 +115,20 @@ def fly(
             )
         ended = Ending(interrupts.first, interrupts.again) if interrupts.count else None
         summary = _write_summary(setup.folder, processes, ended, say)
-        show(setup.folder, summary, interrupts)
+        rim.run(show, setup.folder, summary, interrupts)
+        for trouble in rim.troubles():
+            say(f"{trouble.part}: {trouble.why}; the flight's result stands: {summary.outcome}")
         return RunResult(setup.folder, summary, interrupts.count)
 
 
 def _write_summary(
     folder: Path, processes: RunProcesses, ending: Ending | None, say: Callable[[str], None]
 ) -> Summary:
+    rim = Rim("the summary")
     summary = summarise(folder, processes.exit_codes(), ending)
-    try:
-        write_summary(folder, summary)
-    except OSError as error:  # a full disk: `run` shows the summary all the same
-        say(f"the summary can't be written: {error.strerror}")
+    rim.run(write_summary, folder, summary)
+    for trouble in rim.troubles():  # a full disk: `run` shows the summary all the same
+        say(f"the summary can't be written: {trouble.why}")
     return summary
 
 
@@ -150,6 +154,7 @@ class RunProcesses:
         self._alone = False
         """It has been said that the station is gone."""
         self._terminal = TerminalState()
+        self._telling = Rim("what the processes of the run tell")
         self._waiting = Waiting(self._say, self._keep_router)
 
     @property
@@ -260,14 +265,18 @@ class RunProcesses:
                 self._without_station()
                 if asked_s is not None and now > asked_s + _LAND_WALL_S:
                     self._let_agents_go()
-            for child in (self._relay, self._keeper, self._simulator):
-                for note in child.notes() if child is not None else ():
-                    self._say(note)
-            for line in (line for link in self._links for line in link.news()):
-                self._say(line)
+            self._telling.run(self._tell_news)
             self._kill_hung()
             self._keep_router()
             wall.pause(_POLL_WALL_S)
+
+    def _tell_news(self) -> None:
+        """What the other processes have to say."""
+        for child in (self._relay, self._keeper, self._simulator):
+            for note in child.notes() if child is not None else ():
+                self._say(note)
+        for line in (line for link in self._links for line in link.news()):
+            self._say(line)
 
     def _without_station(self) -> None:
         """Nothing else tells what goes on."""

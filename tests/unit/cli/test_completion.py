@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from swarm_ctl.cli.shared.options import run_folder
+from swarm_ctl.cli.shared.options import recorded_run
 from swarm_ctl.errors import InputError
 from swarm_ctl.report.folder.manifest import write_manifest
 from tests.unit.cli.test_main import called
@@ -65,6 +65,19 @@ def test_orders_shapes_runs_and_agents(completed: object, line: str, wanted: lis
 
 
 def test_a_folder_of_runs_is_no_run(completed: object) -> None:
-    assert run_folder(None) == run_folder(Path(NEW)) == Path(NEW)
     with pytest.raises(InputError, match=f"runs is no run folder, it has 2; the newest: {NEW}"):
-        run_folder(Path("runs"))
+        recorded_run(Path("runs"), print)
+    assert recorded_run(Path(NEW), print) == Path(NEW)
+
+
+def test_the_newest_run_with_a_recording_is_replayed(completed: object) -> None:
+    """A newer one that has none is passed over, and named; none at all is an error."""
+    told: list[str] = []
+    with pytest.raises(InputError, match="no run in runs/ has a recording"):
+        recorded_run(None, told.append)
+    (Path(OLD) / "recording.mcap").touch()
+    told.clear()
+    assert recorded_run(None, told.append) == Path(OLD)
+    assert told == [f"{NEW} has no recording; the one before it is taken"]
+    (Path(NEW) / "recording.mcap").touch()
+    assert recorded_run(None, told.append) == Path(NEW)

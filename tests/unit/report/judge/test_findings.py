@@ -4,6 +4,7 @@ vehicles' own estimates."""
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -203,6 +204,7 @@ def _estimated(
     accuracy_m: float | None = 0.1,
     disarmed_s: Mapping[int, float] = MappingProxyType({}),
     change: Callable[[AgentState], AgentState | None] = lambda state: state,
+    silent_s: Mapping[int, float] = MappingProxyType({}),
 ) -> Summary:
     """The summary of the same flight in which `agents` have real vehicles."""
     simulated = tuple(i for i in range(1, 7) if i not in agents)
@@ -216,7 +218,7 @@ def _estimated(
     for k in range(int(END * 10) + 1):
         t = k / 10
         up = LIFTOFF <= t < TOUCHDOWN
-        for i in agents:
+        for i in (i for i in agents if t < silent_s.get(i, math.inf)):
             where = position(i, t)
             state = change(state_of(PLAN, i, t, seq=k + 1, position_ned_m=where))
             if state is not None:
@@ -246,6 +248,17 @@ def _only(sysids: list[int]) -> list[str]:
         if line.get("sysid", sysids[0]) in sysids:
             lines.append(json.dumps(line) + "\n")
     return lines
+
+
+def test_an_old_word_of_an_agent_says_nothing_of_the_end(run: Path) -> None:
+    """Agent 3 was last heard in the air at 15 s: that is what the verdict says, and how long before
+    the end."""
+    summary = _estimated(run, silent_s={3: 15.0})
+    assert summary.outcome == "failed"
+    assert summary.reason.startswith(
+        "the vehicle of agent 3 was in the air when it was last heard of, at 14.5 s,"
+        f" {END - 14.5:.0f} s before the end: whether it came down is not known"
+    )
 
 
 def test_real_vehicles_complete_by_their_own_estimates(run: Path) -> None:

@@ -647,3 +647,29 @@ def test_a_role_that_no_plan_has_is_left_out(run: Path) -> None:
     """An account may be anything; its agent keeps its own slot then."""
     write_status(run, account(2, roles=((HOLD, 99), (HOLD, -4))))
     assert summarise(run, EXIT_CODES).formation_error_m == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_run_that_cannot_be_judged_has_failed_with_a_reason(
+    run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An error in the judge itself is no traceback: there is a summary, which can be read again."""
+
+    def fail(*_: object) -> None:
+        raise IndexError("tuple index out of range")
+
+    monkeypatch.setattr("swarm_ctl.report.judge.summarise.pair_distances", fail)
+    summary = summarise(run, EXIT_CODES)
+    assert summary.outcome == "failed"
+    assert summary.reason.startswith("the run can't be judged: IndexError: tuple index out of")
+    assert summary.exit_codes == EXIT_CODES
+    write_summary(run, summary)
+    assert read_summary(run) == summary
+
+
+def test_what_failed_at_the_station_is_a_warning_and_changes_no_verdict(run: Path) -> None:
+    line = '{"time_s": 12.34, "part": "recording.mcap", "why": "No space left", "off": true}\n'
+    before = summarise(run, EXIT_CODES)
+    (run / "troubles.jsonl").write_text(line)
+    summary = summarise(run, EXIT_CODES)
+    assert summary.outcome == before.outcome == "completed"
+    assert summary.warnings == (*before.warnings, "recording.mcap stopped at 12.3 s: No space left")
