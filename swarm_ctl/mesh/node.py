@@ -104,7 +104,7 @@ class Node:
 
     def refused(self, now: float) -> tuple[Refusal, ...]:
         """What was refused in the last seconds."""
-        return self._refusals.recent(now)
+        return (*self._refusals.recent(now), *self._transport.refused(now))
 
     def close(self) -> None:
         """Leave the mesh."""

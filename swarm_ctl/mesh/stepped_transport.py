@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Mapping
 from operator import itemgetter
 from typing import Any, Final, NamedTuple, Protocol, TypeAlias
 
+from swarm_ctl.core.model.messages import Refusal
 from swarm_ctl.core.swarm.hearing import FOLLOW_TICKS
 from swarm_ctl.mesh.keys import CHANNELS, QUEUE, Channel, Qos, owner_of
 from swarm_ctl.mesh.transport import Carried, Inlet, Message, Transport
@@ -241,6 +242,9 @@ class SteppedTransport(Transport):
     def give_up(self, lacking: Iterable[tuple[int, int]]) -> None:
         """Do not wait for these again before one of their messages comes in time."""
         self._unwaited.update(lacking)
+
+    def refused(self, now: float) -> tuple[Refusal, ...]:
+        return self._inner.refused(now)
 
     def close(self) -> None:
         self._inner.close()

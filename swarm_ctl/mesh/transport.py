@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from typing import Protocol, TypeAlias
 
+from swarm_ctl.core.model.messages import Refusal
 from swarm_ctl.mesh.keys import QUEUE, Qos
 
 
@@ -60,6 +61,10 @@ class Transport(Protocol):
 
         `timed`: `received_s` is when a message came; otherwise it may be the time of `drain`.
         """
+
+    def refused(self, now: float) -> tuple[Refusal, ...]:  # noqa: ARG002
+        """Links that were ended in the last seconds before `now` [s]; by default none is."""
+        return ()
 
     def close(self) -> None:
         """Leave the mesh."""

@@ -9,21 +9,20 @@ from __future__ import annotations
 
 import contextlib
 import ipaddress
-import os
 import socket
-import stat
 import struct
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import Any, Final
 
 import zenoh
 
+from swarm_ctl.core.model.messages import Refusal
 from swarm_ctl.errors import StartError
 from swarm_ctl.mesh.gate import Source
 from swarm_ctl.mesh.keys import CHANNELS, QUEUE, Bounds, Qos
 from swarm_ctl.mesh.late_session import LateSession
+from swarm_ctl.mesh.links import Links, stream_sockets
 from swarm_ctl.mesh.payloads import is_json
 from swarm_ctl.mesh.stepped_transport import MARK_SIZE, Marked, MarkedSource
 from swarm_ctl.mesh.transport import Inlet, Message, QueueInlet, Transport
@@ -99,8 +98,12 @@ class ZenohTransport(Transport):
             self._session: Any = LateSession(lambda: _open_to_router(config))
         else:
             self._session = _open(config)
-        self._listener = _tend_links(self._session)
+        self._links = Links()
+        self._listener = _tend_links(self._session, self._links)
         _show(self._session, alive, self._kept)
+
+    def refused(self, now: float) -> tuple[Refusal, ...]:
+        return self._links.refused(now)
 
     def publish(self, key: str, data: bytes, qos: Qos, mark: bytes = b"") -> None:
         publisher = self._publishers.get(key)
@@ -198,10 +201,14 @@ def _open_to_router(config: zenoh.Config) -> Any:
         raise
 
 
-def _tend_links(session: Any) -> Any:
-    """Look after the session's sockets whenever a link comes or goes, until `_close`."""
-    listen = session.info.declare_link_events_listener
-    return listen(lambda _: _tend_sockets(), history=True)
+def _tend_links(session: Any, links: Links) -> Any:
+    """Look after the session's links whenever one comes or goes, until `_close`."""
+
+    def tend(event: Any) -> None:
+        _tend_sockets()
+        links.heard(event.link, ended=event.kind == zenoh.SampleKind.DELETE)
+
+    return session.info.declare_link_events_listener(tend, history=True)
 
 
 def _close(session: Any, listener: Any) -> None:
@@ -241,8 +248,13 @@ class Router:
         )
         self._kept: list[Any] = []
         self._session = _open(config)
-        self._listener = _tend_links(self._session)
+        self._links = Links()
+        self._listener = _tend_links(self._session, self._links)
         _show(self._session, alive, self._kept)
+
+    def refused(self, now: float) -> tuple[Refusal, ...]:
+        """Links of members that have too many, in the last seconds before `now` [s]."""
+        return self._links.refused(now)
 
     def clients(self) -> int:
         """So many processes are linked to it, but for other routers."""
@@ -325,15 +337,8 @@ class TimedInlet(Inlet):
 
 def _tend_sockets() -> None:
     """Set what zenoh does not let choose on this process's TCP links."""
-    for entry in list(Path("/dev/fd").iterdir()):
+    for one in stream_sockets():
         with contextlib.suppress(OSError):  # closed meanwhile
-            if stat.S_ISSOCK(os.fstat(int(entry.name)).st_mode):
-                _tend_socket(int(entry.name))
-
-
-def _tend_socket(descriptor: int) -> None:
-    with socket.socket(fileno=os.dup(descriptor)) as one:
-        if one.type == socket.SOCK_STREAM and one.family in (socket.AF_INET, socket.AF_INET6):
             _never_linger(one)
             if sys.platform == "linux" and not _stays_here(one):
                 _bear_loss(one)

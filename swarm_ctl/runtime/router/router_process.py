@@ -59,7 +59,7 @@ def run_router(config: RouterConfig, lifeline: Lifeline) -> int:
         lifeline.tell(READY)
         while until is None or (wall_s() < until and router.clients()):
             lifeline.tell(ALIVE)
-            for words in news.of(refused(wall_s())):
+            for words in news.of((*refused(wall_s()), *router.refused(wall_s()))):
                 lifeline.tell(words)
             pause(_TURN_WALL_S)
             if until is None and lifeline.cut():
