@@ -16,6 +16,10 @@ if TYPE_CHECKING:  # the public names
 else:
     __all__ = ["AsyncSwarm", "FlightError", "FlightResult", "OrderError", "Swarm", "fly"]
 
+    def __dir__() -> list[str]:
+        """The public names, for completion; none of them is imported by it."""
+        return sorted({*globals(), *__all__, "__version__"})
+
     def __getattr__(name: str) -> object:
         """The public names, when they are asked for: an agent's import takes less."""
         if name in __all__:

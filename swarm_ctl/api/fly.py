@@ -68,9 +68,12 @@ class Flying:
             virtual.view()  # it hears from here on
             return virtual
         self._runs.mkdir(parents=True, exist_ok=True)
-        folder = Path(tempfile.mkdtemp(prefix=f"{self._mission.plan.name}-", dir=self._runs))
+        # beside the run folders, which have what is looked for: this one has the mission's file
+        where = Path(tempfile.mkdtemp(prefix=f".{self._mission.plan.name}-", dir=self._runs))
         more = [] if self._vehicles is None else ["--vehicles", self._vehicles]
-        return ProcessFlight(self._mission, folder, self._speedup, self._seed, more, apart=True)
+        return ProcessFlight(
+            self._mission, where, self._speedup, self._seed, more, apart=True, runs=self._runs
+        )
 
 
 def fly(

@@ -44,11 +44,12 @@ _KILL_WALL_S, _SHORT_WALL_S = 10.0, 0.002
 
 
 class ProcessFlight(SwarmFlight):
-    """`folder` is the run folder, made in `where`.
+    """`folder` is the run folder.
 
     Args:
         mission: to fly.
-        where: for the run folder and the run's output.
+        where: for the mission's file and the run's output.
+        runs: where the run folder is made; None: in `where`.
         speedup: in real time, so many times as fast; None: in lockstep, and while the test does not
             wait, mission time stands still.
         seed: of all random numbers.
@@ -68,6 +69,7 @@ class ProcessFlight(SwarmFlight):
         arguments: Sequence[str] = (),
         *,
         apart: bool = False,
+        runs: Path | None = None,
     ) -> None:
         self.plan = mission.plan
         self._place: BarrierSeat | None = None
@@ -75,9 +77,11 @@ class ProcessFlight(SwarmFlight):
         where.mkdir(parents=True, exist_ok=True)
         file = where / "mission.yaml"
         file.write_text(dumps(mission.file))
+        self._where = where
+        self._before = {path.parent for path in (runs or where).glob("*/processes.json")}
         self._log: IO[bytes] = (where / "run.log").open("wb")
         command = [sys.executable, "-m", "swarm_ctl.cli.main", "run", str(file), "--headless"]
-        command += ["--seed", str(seed), "--runs", str(where), "--speedup"]
+        command += ["--seed", str(seed), "--runs", str(runs or where), "--speedup"]
         command += ["max", "--lockstep-with", TEST] if speedup is None else [str(speedup)]
         command += arguments
         self._process = subprocess.Popen(
@@ -88,7 +92,7 @@ class ProcessFlight(SwarmFlight):
             process_group=0 if apart else None,
         )
         try:
-            self.folder = self._wait_started(where)
+            self.folder = self._wait_started(where, runs or where)
             self._pids: dict[str, int] = json.loads((self.folder / "processes.json").read_text())
             if (address := read_manifest(self.folder).lockstep) is not None:
                 self._place = BarrierSeat(address, Phase.AFTER, 1.0)
@@ -97,9 +101,16 @@ class ProcessFlight(SwarmFlight):
             self.close()
             raise
 
-    def _wait_started(self, where: Path) -> Path:
-        until = wall_s() + _START_WALL_S
-        while not (found := list(where.glob("*/processes.json"))):
+    def _wait_started(self, where: Path, runs: Path) -> Path:
+        """The folder in `runs` of the run that flies the mission file in `where`."""
+        until, named = wall_s() + _START_WALL_S, str(where / "mission.yaml")
+        while not (
+            found := [
+                file
+                for file in runs.glob("*/processes.json")
+                if file.parent not in self._before and read_manifest(file.parent).mission == named
+            ]
+        ):
             if self._process.poll() is not None or wall_s() > until:
                 raise FlightError(f"the run did not start:\n{self._tail(where)}")
             pause(_POLL_WALL_S)
@@ -202,7 +213,7 @@ class ProcessFlight(SwarmFlight):
         folder = self.folder
         summary = self._summary()
         if summary is None:
-            raise FlightError(f"the run left no summary:\n{self._tail(folder.parent)}")
+            raise FlightError(f"the run left no summary:\n{self._tail(self._where)}")
         final = [each for each in summary.agents if each.account == "final"]
         outcomes = {each.agent: str(each.outcome) for each in final}
         apart_m = math.inf if summary.min_distance_m is None else summary.min_distance_m

@@ -271,8 +271,11 @@ class AsyncSwarm:
 
     async def finish(self, within_s: float = _END_S) -> FlightResult:
         """`Swarm.finish`."""
-        await self.wait(within_s)
-        return await self._do(lambda: self._swarm.finish(within_s))
+        end = await self._do(lambda: self._flight.now) + within_s
+        while await self._turned_before(end):
+            pass
+        rest_s = max(0.0, end - await self._do(lambda: self._flight.now))
+        return await self._do(lambda: self._swarm.finish(rest_s))
 
     def leave(self) -> None:
         """End the thread."""

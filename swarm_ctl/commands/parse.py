@@ -80,7 +80,7 @@ class Order:
     @property
     def text(self) -> str:
         """The order as an operator types it."""
-        return " ".join((self.kind, *self.arguments))
+        return " ".join((self.kind, *(["--by"] if self.by else []), *self.arguments))
 
 
 def shapes(plan: Plan) -> list[str]:

@@ -42,12 +42,15 @@ def make_folder(runs: Path, mission: str) -> Path:
 
 def flying_run(named: Path | str | None = None, runs: Path = RUNS) -> Path:
     """The folder of the run that is meant: a run folder, the mission of a run in `runs` that flies,
-    or (None) the only run that flies; where none flies, the newest one.
+    or (None) the only run that flies.
 
     Raises:
-        InputError: several runs may be meant, or none is, with the list of those that fly.
+        InputError: several runs may be meant, or none of the name, with the list of those that fly.
+        StartError: no run flies, or the one that is named has ended.
     """
     if named is not None and (Path(named) / MANIFEST).exists():
+        if (Path(named) / SUMMARY).exists():
+            raise StartError(f"{named} has ended; watch it again with swarm-ctl replay {named}")
         return Path(named)
     flying = _flying(runs)
     meant = {
@@ -65,10 +68,20 @@ def flying_run(named: Path | str | None = None, runs: Path = RUNS) -> Path:
     if named is not None:
         rest = f"in the air: {_listed(flying)}" if flying else f"no run of {runs}/ is in the air"
         raise InputError(f"{named} is no run folder, and no mission that flies; {rest}")
-    folders = [path.parent for path in runs.glob(f"*/{MANIFEST}")]
-    if not folders:
-        raise InputError(f"no run in {runs}/; name a run folder")
-    return max(folders)
+    if unsure := _started_elsewhere(runs):
+        return max(unsure)
+    ended = max((path.parent for path in runs.glob(f"*/{MANIFEST}")), default=None)
+    newest = f"; the newest run there, {ended.name}, has ended" if ended else ""
+    raise StartError(
+        f"nothing flies: no run in {runs}/ is in the air{newest}. Start one with swarm-ctl run, or"
+        " name the folder of one that flies"
+    )
+
+
+def _started_elsewhere(runs: Path) -> list[Path]:
+    """Runs without a summary whose agents other hosts started: no process here tells of them."""
+    open_ = (p.parent for p in runs.glob(f"*/{MANIFEST}") if not (p.parent / SUMMARY).exists())
+    return [folder for folder in open_ if read_manifest(folder).elsewhere]
 
 
 def _flying(runs: Path) -> dict[Path, Manifest]:

@@ -176,8 +176,8 @@ def blow(swarm: VirtualSwarm, speed_mps: float) -> None:
 @pytest.mark.parametrize("autopilot", WIND_SWITCHES)
 def test_without_an_estimate_the_tilt_limit_stands_in(autopilot: str) -> None:
     """A vehicle as delivered tells no wind (ArduCopter: one of 0); it has to lean against it all
-    the same. Each agent says once, before it arms, that the wind limit can't act."""
-    calm = mission("too_fast: land, max_tilt_deg: 9")
+    the same. Each agent says once, before it arms, that a chosen wind limit can't act."""
+    calm = mission("too_fast: land, max_tilt_deg: 9, wind_limit_mps: 11")
     fleet = replace(
         calm.fleet, agents=tuple(replace(a, autopilot=autopilot) for a in calm.fleet.agents)
     )
@@ -190,6 +190,13 @@ def test_without_an_estimate_the_tilt_limit_stands_in(autopilot: str) -> None:
     assert sorted(warned) == sorted(swarm.members)
     swarm.fly(1200)
     assert swarm.all_down
+
+
+def test_a_wind_limit_that_nobody_chose_is_not_lectured_about() -> None:
+    """The first event of a flight with default policies says nothing of the wind."""
+    swarm = at_step(mission("too_fast: land"), THIRD)
+    assert swarm.events
+    assert not [e for e in swarm.events if "wind" in e.text]
 
 
 @pytest.mark.parametrize("policy", [Policy.HOLD, *map(on_demand, OTHERS)])

@@ -45,8 +45,7 @@ def test_a_run_without_truth_completes(tmp_path: Path) -> None:
         assert 0.0 < summary["min_distance_doubt_m"] < 2.0
         assert summary["time_to_form_s"] is not None
         assert summary["longest_link_m"] > summary["min_distance_m"]
-        last = running.output.splitlines()[-1]
-        assert last == "completed: judged by the vehicles' own estimates"
+        assert "judged by the vehicles' own estimates" in " ".join(running.output.split())
         page = (running.folder / "report.html").read_text()
         assert "own estimates" in page
         assert (running.folder / "figures" / "trajectories.png").exists()

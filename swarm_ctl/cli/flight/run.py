@@ -29,7 +29,7 @@ from swarm_ctl.cli.shared.options import (
     switch,
     zenoh_settings,
 )
-from swarm_ctl.cli.shared.result import show_summary, show_verdict
+from swarm_ctl.cli.shared.result import exit_code, show_summary
 from swarm_ctl.cli.shared.system import lacks_for_lockstep, refuse_without
 from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.errors import InputError
@@ -168,7 +168,7 @@ def run(
             _write_junit(junit, summary, console)
 
     result = fly(loaded, options, say, show_result)
-    raise typer.Exit(show_verdict(console, result.summary, result.interrupts))
+    raise typer.Exit(exit_code(result.summary, result.interrupts))
 
 
 def _factor(speedup: str | None) -> float | None:

@@ -22,7 +22,7 @@ from swarm_ctl.cli.shared.options import (
     served,
     zenoh_settings,
 )
-from swarm_ctl.cli.shared.result import show_summary, show_verdict
+from swarm_ctl.cli.shared.result import exit_code, show_summary
 from swarm_ctl.errors import InputError
 from swarm_ctl.runtime.served import Ports
 
@@ -134,4 +134,4 @@ def _judge(swarm: SwarmMesh, runs: Path, show: Show, ports: Ports) -> int:
             return ENDED_CODE
         out = sys.stderr if show is Show.JSON else sys.stdout
         show_summary(console, result.folder, result.summary, out, interrupts)
-    return show_verdict(console, result.summary, result.interrupts)
+    return exit_code(result.summary, result.interrupts)

@@ -25,13 +25,13 @@ def show_summary(
     interrupts: Interrupts,
 ) -> None:
     """Print the summary, and make the report; None: no report. A further Ctrl-C makes none."""
-    from swarm_ctl.report.page.summary_table import render_summary
+    from swarm_ctl.report.page.summary_table import brief
     from swarm_ctl.runtime.clock import pause
     from swarm_ctl.runtime.interrupts import deaf_children
 
-    console.print(render_summary(summary))
-    console.say(f"summary: {folder / 'summary.json'}")
+    console.print(brief(summary))
     if report_to is None:
+        console.say(f"run folder: {folder}")
         return
     # in a process of its own: whatever happens to the figures, the run's result stands
     command = [sys.executable, "-m", "swarm_ctl.cli.main", "report", str(folder)]
@@ -47,9 +47,6 @@ def show_summary(
         pause(_POLL_WALL_S)
 
 
-def show_verdict(console: PlainConsole, summary: Summary, interrupts: int) -> int:
-    """Print the verdict; the exit code."""
-    from swarm_ctl.report.page.summary_table import verdict_line
-
-    console.print(verdict_line(summary), soft_wrap=True)
+def exit_code(summary: Summary, interrupts: int) -> int:
+    """0 completed, 1 not, 130 landed by Ctrl-C."""
     return 130 if interrupts else int(summary.outcome is not Outcome.COMPLETED)

@@ -10,7 +10,7 @@ from typing import Final
 from swarm_ctl.core.agent.tick import HeardStation, Tick
 from swarm_ctl.core.control.navigation import AGREE_M, Navigator
 from swarm_ctl.core.law.response_estimate import ResponseEstimate
-from swarm_ctl.core.model.plan import AgentPlan, Plan, Policy, Response
+from swarm_ctl.core.model.plan import AgentPlan, Plan, Policies, Policy, Response
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.timeouts import ESTIMATE_DOUBT_S, KEYS_VALID_S
 from swarm_ctl.core.model.vehicle import LimitKind, VehicleView
@@ -68,14 +68,18 @@ class Preflight:
         return f"global and local position differ by {apart:.1f} m; allowed: {AGREE_M:g} m"
 
     def caution(self, tick: Tick) -> str:
-        """What the operator should know before the vehicle arms, although it may; ''."""
-        policies, cautions = self.plan.policies, []
+        """What the operator should know before the vehicle arms, although it may; ''.
+
+        A wind limit that nobody chose is no news: no vehicle as delivered estimates the wind."""
+        policies, usual, cautions = self.plan.policies, Policies(), []
+        chosen = (policies.wind, policies.wind_limit_mps) != (usual.wind, usual.wind_limit_mps)
         if tick.view.battery_percent is None and policies.battery_low is not Policy.CONTINUE:
             reserve = policies.battery_reserve_percent
             cautions.append(
                 f"the vehicle does not say its charge: the reserve of {reserve:g} % can't act"
             )
-        if not tick.view.estimates_wind and policies.wind is not Policy.CONTINUE:
+        acts = policies.wind is not Policy.CONTINUE
+        if chosen and acts and not tick.view.estimates_wind:
             limit = policies.wind_limit_mps
             cautions.append(
                 f"the vehicle does not estimate the wind: the limit of {limit:g} m/s can't act; the"

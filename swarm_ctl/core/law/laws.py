@@ -57,7 +57,10 @@ def _function(name: str) -> Law:
     offered = {point.name: point for point in metadata.entry_points(group=GROUP)}
     if name not in offered:
         names = ", ".join(sorted(offered)) or f"none is installed (entry points {GROUP!r})"
-        raise InputError(f"law {name!r} is not installed here; allowed: {names}")
+        raise InputError(
+            f"law {name!r} is not installed here; allowed: {names}; without `own`, the paper's law"
+            " flies"
+        )
     try:
         function = offered[name].load()
     except (ImportError, AttributeError) as error:

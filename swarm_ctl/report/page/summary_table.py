@@ -27,12 +27,81 @@ _STYLE: Final = {
     Outcome.ABORTED: "bold yellow",
     Outcome.FAILED: "bold red",
 }
+_FORMS, _NOTES, _STEPS = 2, 3, 66
+"""Form steps that are told, notes of a flight that was not completed, characters of all steps."""
 _STEP_STYLE: Final = {StepVerdict.DONE: "green", StepVerdict.NOT_REACHED: "dim"}
 
 
 def render_summary(summary: Summary) -> RenderableType:
     """Outcome, steps and figures as rich tables; fits into 80 columns."""
     return Group(_heading(summary), "", _steps(summary), "", _figures(summary), *_remarks(summary))
+
+
+def brief(summary: Summary) -> Group:
+    """What the terminal shows at the end of a flight; the report has the rest.
+
+    A completed flight: at most seven lines of 80 columns. Another one begins with its cause, said
+    once, and goes on with what was not done and which bounds were broken.
+    """
+    lines = [_opening(summary), _way(summary)]
+    formed = [each for each in summary.steps if each.time_to_form_s is not None]
+    if formed:
+        told = ", ".join(f"{printable(s.name)} {s.time_to_form_s:.1f} s" for s in formed[:_FORMS])
+        more = f", and {len(formed) - _FORMS} more" if len(formed) > _FORMS else ""
+        lines.append(Text(f"formed after: {told}{more}"))
+    for name, value, good in (*_nearest(summary), *_longest(summary)):
+        if name != "judged" and (not good or not name.startswith("longest")):
+            lines.append(Text(f"{name}: {value}", style="" if good else "bold red"))
+    lines += [Text(f"protection: {_told(words)}") for words in [_protection(summary)] if words]
+    if summary.exit_codes is not None and (bad := ", ".join(_bad_ends(summary.exit_codes))):
+        lines.append(Text(f"exit codes: {bad}", style="bold red"))
+    # a note that is the verdict's reason has been told
+    notes = [note for note in (*summary.warnings, *summary.notes) if note not in summary.reason]
+    completed = summary.outcome is Outcome.COMPLETED
+    shown, room = (1, 80) if completed else (_NOTES, 200)
+    more = f" (and {len(notes) - shown} more: see the report)" if len(notes) > shown else ""
+    for k, note in enumerate(notes[:shown], 1):
+        text = f"! {printable(note, room)}{more if k == shown else ''}"
+        lines.append(Text(text, style="yellow"))
+    return Group(*lines)
+
+
+def _opening(summary: Summary) -> Text:
+    """The mission, how it ended, and why or by whose word."""
+    flown = f" in {summary.mission_time_s:.1f} s" if summary.mission_time_s is not None else ""
+    why = summary.reason or f"judged {_judged_by(summary)}"
+    why = f"{left_words(summary)}; {why}" if summary.left else why
+    text = Text.assemble(
+        f"{printable(summary.mission or 'mission')}: ",
+        (summary.outcome.upper(), _STYLE[summary.outcome]),
+    )
+    if summary.outcome is Outcome.COMPLETED:
+        return text.append(f"{flown}, {printable(why, 300)}")
+    return text.append(f": {printable(why, 1000)}")
+
+
+def _way(summary: Summary) -> Text:
+    """The steps, as far as they went."""
+    undone = [s for s in summary.steps if s.result is not StepVerdict.DONE]
+    flown = [s for s in summary.steps if s.step]
+    if not undone:
+        took = [(printable(s.name), _took_s(s)) for s in flown]
+        each = ", ".join(f"{name} {s:.1f} s" for name, s in took if s is not None)
+        return Text(f"steps done: {each if len(each) <= _STEPS else len(flown)}")
+    unreached = [s for s in undone if s.result is StepVerdict.NOT_REACHED]
+    told = [
+        f"{s.step} {printable(s.name)} {s.result}"
+        + (f" ({more})" if (more := _exceptions(s)) else "")
+        for s in undone
+        if s.result is not StepVerdict.NOT_REACHED
+    ]
+    told += [f"not reached: {ranges(s.step for s in unreached)}"] if unreached else []
+    done = len(summary.steps) - len(undone)
+    return Text(f"steps: {done} of {len(summary.steps)} done; {'; '.join(told)}")
+
+
+def _took_s(step: StepSummary) -> float | None:
+    return None if step.start_s is None or step.end_s is None else step.end_s - step.start_s
 
 
 def verdict_line(summary: Summary) -> Text:
@@ -97,15 +166,18 @@ def figures_of(summary: Summary) -> Iterator[tuple[str, str]]:
 
 def _rows(s: Summary) -> Iterator[tuple[str, str, bool]]:
     """(name, value, whether it is as it should be); values are safe to print."""
-    formed, left_m = s.time_to_form_s, s.formation_error_m
+    left_m = s.formation_error_m
     if s.left:
         yield "left by order", left_words(s).removeprefix("without "), True
-    yield "time to form", "-" if formed is None else f"{formed:.1f} s", True
+    formed = ", ".join(
+        f"{printable(each.name).removeprefix('form ')} {each.time_to_form_s:.1f} s"
+        for each in s.steps
+        if each.time_to_form_s is not None
+    )
+    yield "time to form", formed or "-", True
     yield "formation error", "-" if left_m is None else f"{left_m:.2f} m before the landing", True
     yield from _nearest(s)
-    long_m, r_m = s.longest_link_m, s.r_m
-    kept = long_m is None or r_m is None or long_m <= r_m
-    yield "longest link", _distance(long_m, s.longest_link_pair, "r", r_m, kept), kept
+    yield from _longest(s)
     if s.truth is not None and s.truth.collisions:
         yield "collisions", f"sysid {ranges(s.truth.collisions)}", False
     if s.safety is not None:
@@ -122,11 +194,22 @@ def _rows(s: Summary) -> Iterator[tuple[str, str, bool]]:
         bad = ", ".join(_bad_ends(s.exit_codes))
         yield "exit codes", bad or f"{len(s.exit_codes)} processes, all 0", not bad
     if words := _protection(s):
-        told = printable(", ".join(each for each, _ in words))
-        yield "protection", told, all(good for _, good in words)
+        yield "protection", _told(words), all(good for _, good in words)
     flown_s, wall_s = _number(s.mission_time_s, 1), _number(s.wall_time_s, 1)
     wall = f", {wall_s} s wall clock" if s.wall_time_s is not None else ""
     yield "time", f"{flown_s} s mission{wall}", True
+
+
+def _longest(s: Summary) -> Iterator[tuple[str, str, bool]]:
+    """A link longer than `r` is out of the proof's range; it breaks nothing by itself."""
+    long_m, r_m = s.longest_link_m, s.r_m
+    kept = long_m is None or r_m is None or long_m <= r_m
+    told = _distance(long_m, s.longest_link_pair, "r", r_m, kept, over="over")
+    yield "longest link", told, kept or s.outcome is Outcome.COMPLETED
+
+
+def _told(words: list[tuple[str, bool]]) -> str:
+    return printable(", ".join(each for each, _ in words))
 
 
 def _protection(s: Summary) -> list[tuple[str, bool]]:
@@ -175,11 +258,14 @@ def _distance(
     bound: float | None,
     kept: bool,
     doubt: str = "",
+    over: str = "BREAKS",
 ) -> str:
     if value is None:
         return "-"
     agents = f"agents {pair[0]}-{pair[1]}, " if pair else ""
-    return f"{value:.2f} m{doubt} ({agents}{'' if kept else 'BREAKS '}{name} {_number(bound, 2)} m)"
+    return (
+        f"{value:.2f} m{doubt} ({agents}{'' if kept else f'{over} '}{name} {_number(bound, 2)} m)"
+    )
 
 
 def _ages(s: Summary) -> str:

@@ -430,7 +430,8 @@ class Dashboard(App[None]):
         view, policy = self._view, self._plan.policies.station_lost
         if view is None or view.stations_there > 1 or policy is Policy.CONTINUE:
             return None
-        return policy if any(agent.live for agent in view.agents) else None
+        flying = (agent.live and agent.phase is not Phase.ENDED for agent in view.agents)
+        return policy if any(flying) else None
 
     def action_interrupt(self) -> None:
         if self._interrupt is None:

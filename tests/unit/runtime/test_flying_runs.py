@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from swarm_ctl.errors import InputError
+from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.report.folder.manifest import write_manifest
 from swarm_ctl.runtime.flying_runs import flying_run
 from tests.unit.report.run_folders import PLAN, manifest
@@ -70,9 +70,25 @@ def test_a_name_that_means_none_is_refused(tmp_path: Path, dead: int) -> None:
         flying_run("hexagon", tmp_path)
 
 
-def test_where_none_flies_the_newest_is_taken(tmp_path: Path, dead: int) -> None:
-    with pytest.raises(InputError, match="no run in"):
+def test_where_nothing_flies_it_is_said_before_anything_is_asked(tmp_path: Path, dead: int) -> None:
+    with pytest.raises(StartError, match=r"^nothing flies: no run in .* is in the air\. Start"):
         flying_run(None, tmp_path)
     a_run(tmp_path, "1-square", "square", dead)
     newest = a_run(tmp_path, "2-square", "square", ended=True)
-    assert flying_run(None, tmp_path) == newest
+    with pytest.raises(StartError, match=r"the newest run there, 2-square, has ended"):
+        flying_run(None, tmp_path)
+    with pytest.raises(StartError, match=r"2-square has ended; watch it again with swarm-ctl rep"):
+        flying_run(newest, tmp_path)
+
+
+def test_a_run_whose_agents_other_hosts_started_is_meant_where_no_other_flies(
+    tmp_path: Path,
+) -> None:
+    """No process of this computer tells whether it flies."""
+    folder = tmp_path / "1-square"
+    folder.mkdir()
+    told = manifest(replace(PLAN, name="square"), epoch_s=0.0).model_copy(
+        update={"elsewhere": True}
+    )
+    write_manifest(folder, told)
+    assert flying_run(None, tmp_path) == folder

@@ -12,7 +12,7 @@ from swarm_ctl.core.model.messages import Outcome
 from swarm_ctl.report.folder.flight import Source
 from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.report.judge.summary import ProtectionSummary, Summary
-from swarm_ctl.report.page.summary_table import render_summary, verdict_line
+from swarm_ctl.report.page.summary_table import brief, render_summary, verdict_line
 from swarm_ctl.station.picture.protection import MeshKind
 from tests.unit.report.run_folders import EXIT_CODES, account, write_run, write_status
 
@@ -88,7 +88,62 @@ def test_what_was_authenticated_is_said(
 def test_broken_bounds_are_said_in_words(summary: Summary) -> None:
     text = _shown(summary.model_copy(update={"min_true_distance_m": 2.4, "longest_link_m": 22.6}))
     assert "BREAKS r_in 2.50 m" in text
-    assert "BREAKS r 22.50 m" in text
+    assert "over r 22.50 m" in text
+    assert "BREAKS r 22" not in text
+
+
+def _brief(summary: Summary, width: int = 80) -> str:
+    console = Console(file=io.StringIO(), width=width, record=True, force_terminal=True)
+    console.print(brief(summary))
+    return console.export_text()
+
+
+@pytest.mark.parametrize("width", [80, 100])
+def test_a_completed_flight_is_told_in_eight_lines_with_the_reports(
+    summary: Summary, width: int
+) -> None:
+    """With doubts, an agent that left, keys, and three forms too."""
+    form = next(step for step in summary.steps if step.time_to_form_s is not None)
+    plain = _brief(summary, width).splitlines()
+    assert plain[0].startswith("hexagon: COMPLETED in ")
+    assert "judged by the simulator's truth" in plain[0]
+    assert len(plain) <= 4
+    busy = summary.model_copy(
+        update={
+            "steps": (*summary.steps, *(form.model_copy(update={"step": k}) for k in (5, 6, 7))),
+            "protection": ProtectionSummary(mesh=MeshKind.OPEN),
+            "warnings": ("a long doubt " * 8, "another", "a third"),
+            "longest_link_m": 22.6,
+        }
+    )
+    lines = _brief(busy, width).splitlines()
+    assert len(lines) <= 7
+    assert "another" not in "".join(lines)
+    assert "(and 2 more: see the report)" in " ".join(" ".join(lines).split())
+    assert "longest link" not in "".join(lines)
+
+
+@pytest.mark.parametrize("width", [40, 80, 100])
+def test_a_failed_flight_begins_with_its_cause_said_once_and_whole_words(
+    tmp_path: Path, width: int
+) -> None:
+    run = write_run(tmp_path)
+    reason = "no position for a very long time from the ground station of this swarm"
+    write_status(run, account(4, outcome=Outcome.FAILED, reason=reason))
+    text = _brief(summarise(run, EXIT_CODES | {"agent-4": 1}), width)
+    words = " ".join(text.split())
+    assert words.startswith(f"hexagon: FAILED: agent 4: {reason}")
+    assert words.count(reason) == 1
+    assert max(len(line.rstrip()) for line in text.splitlines()) <= width
+
+
+def test_each_form_step_has_its_own_time_to_form(summary: Summary) -> None:
+    form = next(step for step in summary.steps if step.time_to_form_s is not None)
+    late = form.model_copy(update={"step": 9, "name": "form vee", "time_to_form_s": 12.13})
+    both = summary.model_copy(update={"steps": (*summary.steps, late), "time_to_form_s": 0.0})
+    told = f"hexagon {form.time_to_form_s:.1f} s, vee 12.1 s"
+    assert f"time to form {told}" in " ".join(_shown(both).split())
+    assert "form vee 12.1 s" in _brief(both)
 
 
 def test_a_failure_says_why_and_what_is_missing(tmp_path: Path) -> None:
