@@ -6,6 +6,7 @@ that come back, at the end of its tick. Nothing here waits: what does not go at 
 
 from __future__ import annotations
 
+import hmac
 import socket
 from typing import Any, Final
 
@@ -21,10 +22,12 @@ _MAGIC: Final = (0xFD, 0xFE)
 class Mirror:
     """The agent's end: a UDP socket on the loopback interface. LinkError where the port is taken.
 
-    The relay is the program that wrote first; it greets with an empty datagram.
+    The relay is the program that wrote the secret, which `run` tells both: any program of the
+    machine may write to the port. What others write is dropped.
     """
 
-    def __init__(self, port: int) -> None:
+    def __init__(self, port: int, secret: bytes) -> None:
+        self._secret = secret
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         try:
@@ -65,9 +68,9 @@ class Mirror:
                 data, sender = self._socket.recvfrom(_LONGEST + 1)
             except OSError:
                 break
-            if self._relay is None:
+            if hmac.compare_digest(data, self._secret):
                 self._relay = sender
-            if sender == self._relay and 0 < len(data) <= _LONGEST and data[0] in _MAGIC:
+            elif sender == self._relay and 0 < len(data) <= _LONGEST and data[0] in _MAGIC:
                 frames.append(data)
         return frames
 

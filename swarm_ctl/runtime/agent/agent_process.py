@@ -86,6 +86,8 @@ class AgentConfig:
     """What this flight is called there."""
     mirror_port: int | None = None
     """Where it shares the vehicle's only link with ground control software."""
+    mirror_secret: bytes = field(default=b"", repr=False)
+    """By it the agent knows the relay that it shares its link with."""
     lockstep: str | None = None
     """Where the keeper of mission time is, for a run in lockstep."""
     identity: Path | None = None
@@ -161,7 +163,9 @@ def _link(
 ) -> VehicleLink:
     remembers = config.memory is not None
     vehicle = (place.wire(config.endpoint), config.autopilot, config.sysid)
-    mirror = None if config.mirror_port is None else Mirror(config.mirror_port)
+    mirror = (
+        None if config.mirror_port is None else Mirror(config.mirror_port, config.mirror_secret)
+    )
     return VehicleLink(
         *vehicle,
         keep,

@@ -20,6 +20,8 @@ class RelayVehicle:
     """A link of the vehicle that its agent does not use; or, if `shared`, the agent's mirror."""
     shared: bool = False
     """The vehicle has one link alone, the agent's."""
+    secret: str = ""
+    """Hexadecimal: by it the agent's mirror knows the relay."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -62,11 +62,12 @@ class VehiclePort:
         return True
 
     def _greet(self, now: float) -> None:
-        """An empty datagram, again and again: a vehicle that listens sends to those it has heard.
-        No HEARTBEAT: to a vehicle, the relay is nothing that lives or dies."""
+        """An empty datagram, again and again (to an agent's mirror, the secret): a vehicle that
+        listens sends to those it has heard. No HEARTBEAT: to a vehicle, the relay is nothing that
+        lives or dies."""
         if self._greets and now - self._hello_s >= _HELLO_S:
             self._hello_s = now
-            self._write(b"", now)
+            self._write(bytes.fromhex(self.config.secret), now)
 
     def passes(self, frame: MavlinkFrame) -> bool:
         """Whether a GCS may send it. Stream rates are a link's: on a shared one they are the

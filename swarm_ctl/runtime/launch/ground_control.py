@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+import secrets
 import socket
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -82,6 +83,9 @@ class GroundControl:
     """Loopback ports, by agent: where an agent shares its vehicle's link, if that is the only
     one."""
 
+    secret: bytes = field(default_factory=lambda: secrets.token_bytes(16))
+    """Of this run: by it mirrors know the relay."""
+
     def mirror_port(self, agent: int) -> int | None:
         """Where the agent shares its link; None: it need not."""
         return None if agent in self.links else self.mirrors.get(agent)
@@ -104,6 +108,7 @@ class GroundControl:
                 agent.agent_sysid,
                 self.links.get(agent.id) or f"udpout:127.0.0.1:{self.mirrors[agent.id]}",
                 shared=agent.id not in self.links,
+                secret="" if agent.id in self.links else self.secret.hex(),
             )
             for agent in fleet
         ]

@@ -204,6 +204,7 @@ class RunSetup:
             memory=state_folder() if agent.id in self._lasting else None,
             flight=self.folder.name,
             mirror_port=self.ground_control.mirror_port(agent.id),
+            mirror_secret=self.ground_control.secret,
             lockstep=manifest.lockstep,
             identity=agent_identity_folder(manifest.trust, agent.id),
             # An autopilot that the run itself starts has no key, and ends with it.

@@ -19,6 +19,8 @@ from swarm_ctl.mavlink.signing import Signing
 from swarm_ctl.mavlink.wires import memory_wires
 from tests.unit.mavlink import wire
 
+SECRET = bytes(range(16))
+
 
 @pytest.fixture
 def relay() -> Iterator[socket.socket]:
@@ -33,7 +35,7 @@ def mirror(relay: socket.socket) -> Iterator[Mirror]:
     with contextlib.closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    with contextlib.closing(Mirror(port)) as found:
+    with contextlib.closing(Mirror(port, SECRET)) as found:
         relay.connect(("127.0.0.1", port))
         yield found
 
@@ -44,7 +46,7 @@ FRAME = b"\xfd" + bytes(20)
 def test_frames_go_to_the_relay_once_it_has_greeted(mirror: Mirror, relay: socket.socket) -> None:
     mirror.keep(FRAME)
     assert mirror.exchange() == []
-    relay.send(b"")
+    relay.send(SECRET)
     assert mirror.exchange() == []
     for _ in range(3):
         mirror.keep(FRAME)
@@ -53,6 +55,8 @@ def test_frames_go_to_the_relay_once_it_has_greeted(mirror: Mirror, relay: socke
 
 
 def test_a_flood_costs_a_tick_a_few_frames_alone(mirror: Mirror, relay: socket.socket) -> None:
+    relay.send(SECRET)
+    mirror.exchange()
     for _ in range(500):
         relay.send(FRAME)
     assert len(mirror.exchange()) == FRAMES_A_TICK
@@ -63,6 +67,8 @@ def test_a_flood_costs_a_tick_a_few_frames_alone(mirror: Mirror, relay: socket.s
 
 
 def test_only_frames_and_only_those_of_the_relay_pass(mirror: Mirror, relay: socket.socket) -> None:
+    relay.send(SECRET)
+    mirror.exchange()
     for data in (b"", b"no frame", b"\xfd" + bytes(400), FRAME):
         relay.send(data)
     assert mirror.exchange() == [FRAME]
@@ -72,7 +78,7 @@ def test_only_frames_and_only_those_of_the_relay_pass(mirror: Mirror, relay: soc
 
 
 def test_a_relay_that_does_not_read_holds_nothing_up(mirror: Mirror, relay: socket.socket) -> None:
-    relay.send(b"")
+    relay.send(SECRET)
     mirror.exchange()
     started = time.perf_counter()
     for _ in range(2000):
@@ -84,7 +90,7 @@ def test_a_relay_that_does_not_read_holds_nothing_up(mirror: Mirror, relay: sock
 def test_a_taken_port_is_named(relay: socket.socket) -> None:
     port = relay.getsockname()[1]
     with pytest.raises(LinkError, match=f"port {port} for ground control software"):
-        Mirror(port)
+        Mirror(port, SECRET)
 
 
 def test_a_link_shares_what_its_vehicle_sends_and_passes_on_what_comes_back(
@@ -92,7 +98,7 @@ def test_a_link_shares_what_its_vehicle_sends_and_passes_on_what_comes_back(
 ) -> None:
     ours, theirs = memory_wires()
     link, vehicle = VehicleLink(ours, "ardupilot", 1, mirror=mirror), wire.Vehicle(theirs)
-    relay.send(b"")
+    relay.send(SECRET)
     link.share(0.0)
     vehicle.say(wire.heartbeat())
     link.receive(0.1)
@@ -120,9 +126,29 @@ def test_a_signed_link_passes_on_signed_and_new_frames_alone(
     codec.signing.timestamp = 10**12
     signed = bytes(wire.heartbeat().pack(codec))
     unsigned = bytes(wire.heartbeat().pack(dialect.MAVLink(None, 255, 190)))
-    for frame in (b"", FRAME, unsigned, unsigned + signed, signed, signed):
+    for frame in (SECRET, FRAME, unsigned, unsigned + signed, signed, signed):
         relay.send(frame)
         link.share(0.0)
     assert list(iter(theirs.read, None)) == [signed]
     assert link.counters.refused == 3
     link.close()
+
+
+def test_who_speaks_first_is_not_the_relay(mirror: Mirror, relay: socket.socket) -> None:
+    """Another program of the machine hears nothing, moves nothing, and keeps the relay's place
+    from nobody."""
+    with contextlib.closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as stranger:
+        stranger.settimeout(0.2)
+        for data in (b"", FRAME, bytes(16), SECRET[:-1]):
+            stranger.sendto(data, relay.getpeername())
+        assert mirror.exchange() == []
+        mirror.keep(FRAME)
+        mirror.exchange()
+        with pytest.raises(TimeoutError):
+            stranger.recv(4096)
+    relay.send(SECRET)
+    relay.send(FRAME)
+    assert mirror.exchange() == [FRAME]
+    mirror.keep(FRAME)
+    mirror.exchange()
+    assert relay.recv(4096) == FRAME
