@@ -107,6 +107,7 @@ def agent(
     from swarm_ctl.mission.compile.offers import plan_name
     from swarm_ctl.mission.fleet.exposure import exposures, refuse_exposed
     from swarm_ctl.runtime.agent.agent_process import AgentConfig, run_agent
+    from swarm_ctl.runtime.agent.narration import show_on_terminal
     from swarm_ctl.runtime.clock import Clock, unix_s
     from swarm_ctl.runtime.forked import leave
     from swarm_ctl.runtime.lifeline import SignalLifeline
@@ -158,7 +159,7 @@ def agent(
     )
     if keys is not None:
         threading.Thread(target=_explain, args=(keys, connect), daemon=True).start()
-    leave(run_agent(config, SignalLifeline()))
+    leave(run_agent(config, SignalLifeline(), show_on_terminal))
 
 
 def _explain(keys: Path, peers: Sequence[str]) -> None:

@@ -10,7 +10,7 @@ from typing import Final
 from swarm_ctl.core.model.messages import AgentStatus
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.text import agents_named
-from swarm_ctl.core.model.timeouts import FRESH_S
+from swarm_ctl.core.model.timeouts import FRESH_S, OWN_LOST_S
 
 _KEPT_UP: Final = 0.8
 """A fifth of the ticks missing, as for the alarm `slow ticks`."""
@@ -61,8 +61,13 @@ def bad_links(statuses: Sequence[AgentStatus], plan: Plan) -> str:
 
 
 def _deaf(statuses: Sequence[AgentStatus], after_s: float) -> list[tuple[int, int]]:
-    """(receiver, sender) where the sender lived on for so long unheard."""
-    ends_s = {s.agent: s.time_s for s in statuses}
+    """(receiver, sender) where the sender lived on for so long unheard. One that had lost its
+    vehicle had no state to send."""
+    ends_s = {
+        s.agent: s.time_s
+        for s in statuses
+        if s.heartbeat_age_s is not None and s.heartbeat_age_s <= OWN_LOST_S
+    }
     return [
         (s.agent, sender)
         for s in statuses

@@ -34,6 +34,7 @@ from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.zenoh_config import part_in
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
 from swarm_ctl.rim import Rim
+from swarm_ctl.runtime.agent.narration import Narration
 from swarm_ctl.runtime.agent.publish import listen, publish
 from swarm_ctl.runtime.clock import unix_s
 from swarm_ctl.runtime.forked import serve_forked
@@ -111,9 +112,11 @@ def child_main(config: AgentConfig, connection: Connection) -> None:
     serve_forked(lambda lifeline: run_agent(config, lifeline), config.log, connection)
 
 
-def run_agent(config: AgentConfig, lifeline: Lifeline) -> int:
+def run_agent(
+    config: AgentConfig, lifeline: Lifeline, show: Callable[[str], None] = lambda _: None
+) -> int:
     """Fly one agent to its end; the exit code: 0 when it completed or landed on command, 1 when it
-    failed."""
+    failed. `show` gets what it waits for and what happens, line by line."""
     identity = own_identity(config.identity, config.agent_id)
     with (
         closing(seat(config.lockstep, Phase.SWARM, config.epoch_s, config.speedup)) as place,
@@ -125,7 +128,9 @@ def run_agent(config: AgentConfig, lifeline: Lifeline) -> int:
     ):
         place.join(f"agent-{config.agent_id}", config.swarm, config.agent_id)
         lifeline.tell(READY)
-        ended, status = _loop(config, place, link, node, lifeline, identity, links_refused)
+        ended, status = _loop(
+            config, place, link, node, lifeline, identity, links_refused, Narration(show)
+        )
         place.end(last=True)
         lifeline.tell(f"{ended.outcome}: {ended.reason}" if ended.reason else ended.outcome)
     if config.report is not None and status is not None:
@@ -223,6 +228,7 @@ def _loop(
     lifeline: Lifeline,
     identity: Identity | None,
     links_refused: Callable[[float], tuple[Refusal, ...]],
+    narration: Narration,
 ) -> tuple[Ended, AgentStatus | None]:
     agent = Agent(
         config.plan,
@@ -276,5 +282,6 @@ def _loop(
                 event = Event(config.agent_id, now, Severity.WARNING, str(trouble))
                 shown.run(node.send, keys.EVENT, event)
         shares.run(link.share, now)
+        shown.run(narration.tell, actions.events, actions.status)
         if actions.ended is not None:
             return actions.ended, status

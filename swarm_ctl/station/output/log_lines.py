@@ -15,7 +15,7 @@ from swarm_ctl.station.picture.protection import MeshKind
 from swarm_ctl.station.picture.summaries import answers, gather_alarms, gather_events, reasons
 from swarm_ctl.station.picture.view import SwarmView
 
-_FIGURE: Final = re.compile(r"[\d.]+")
+_FIGURE: Final = re.compile(r"[\d.]+([-, ]+\d+)*")
 
 
 def log_lines(previous: SwarmView | None, view: SwarmView) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -9,12 +10,13 @@ from typing import Final
 from swarm_ctl.commands.answers import others
 from swarm_ctl.core.model.messages import Command, Event, Phase, Severity
 from swarm_ctl.core.model.plan import FormStep, MoveStep
-from swarm_ctl.core.model.text import agents_counted, agents_named, printable
+from swarm_ctl.core.model.text import agents_counted, agents_named, printable, ranges
 from swarm_ctl.core.swarm.gain_update import named
 from swarm_ctl.station.picture.alarms import Alarm, Level
 from swarm_ctl.station.picture.view import AgentView, CommandView, SwarmView
 
 _MANY: Final = 6
+_SYSTEM: Final = re.compile(r"sysid (\d+)$")
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,13 +94,19 @@ def waiting(view: SwarmView) -> list[str]:
 
 
 def reasons(view: SwarmView) -> dict[str, list[int]]:
-    """Why agents are not in the air yet: the reason, and whose it is."""
+    """Why agents are not in the air yet: the reason, and whose it is. Those that name one system id
+    each are one reason."""
     found: dict[str, list[int]] = {}
+    systems: dict[str, list[int]] = {}
     for agent in view.agents:
         early = agent.phase in (Phase.CONNECT, Phase.PREPARE, Phase.ARM)
         if early and agent.status is not None and agent.status.reason:
-            found.setdefault(printable(agent.status.reason), []).append(agent.id)
-    return found
+            why = printable(agent.status.reason)
+            if named := _SYSTEM.search(why):
+                why = why.removesuffix(named[1])
+                systems.setdefault(why, []).append(int(named[1]))
+            found.setdefault(why, []).append(agent.id)
+    return {f"{why}{ranges(systems.get(why, ()))}": ids for why, ids in found.items()}
 
 
 def command_words(command: Command) -> str:

@@ -363,6 +363,24 @@ def test_agents_that_lived_on_unheard_are_a_mesh_that_fell_apart(run: Path) -> N
     )
 
 
+@pytest.mark.parametrize("age_s", [None, 20.0])
+def test_an_agent_that_lost_its_vehicle_is_no_mesh_that_fell_apart(
+    run: Path, age_s: float | None
+) -> None:
+    """Its serial port was gone: it had no position, so no state to send."""
+    why = "no heartbeat from the vehicle for 5 s"
+    links = {4: LinkReport(12.0, 0.1, 0.2, 300, 1)}
+    for i in (1, 2, 3, 5, 6):
+        reason = "agent 4 has not been heard for 3 s"
+        made = account(i, outcome=Outcome.FAILED, reason=reason, links=links)
+        write_status(run, replace(made, cause=Cause.PEER))
+    made = account(4, outcome=Outcome.FAILED, reason=why)
+    write_status(run, replace(made, cause=Cause.VEHICLE_LINK, heartbeat_age_s=age_s))
+    summary = summarise(run, EXIT_CODES)
+    assert summary.cause is Cause.VEHICLE_LINK
+    assert summary.reason.startswith(f"agent 4: {why}")
+
+
 def test_the_cause_comes_before_the_agents_that_followed_it(run: Path) -> None:
     """Whatever their clocks say of who was first."""
     follows = "agent 5 broke the mission off"

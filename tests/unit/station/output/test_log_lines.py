@@ -155,3 +155,17 @@ def test_what_keeps_others_off_is_told_once() -> None:
     assert not any("mesh" in line.lower() for line in log_lines(None, model.view(30.0)))
     none = replace(Model(PLAN).view(0.0), protection=Protection(MeshKind.TLS, "operator anna"))
     assert not any("mesh" in line.lower() for line in log_lines(None, none))
+
+
+def test_reasons_that_differ_in_the_vehicles_id_alone_are_one_line_and_told_once() -> None:
+    """Six lines: `agent N: no heartbeat yet from sysid N`."""
+    model = Model(PLAN)
+    views = [model.view(0.0)]
+    for heard in (0, 1, 3, 5):
+        for agent in PLAN.agents:
+            why = "" if agent.id <= heard else f"no heartbeat yet from sysid {agent.id + 10}"
+            _waiting(model, agent.id, 1.0 + heard, why)
+        views.append(model.view(1.0 + heard))
+    lines = [line for a, b in itertools.pairwise(views) for line in log_lines(a, b)]
+    told = [line.partition("] ")[2] for line in lines if "heartbeat" in line]
+    assert told == ["agents 1-6: no heartbeat yet from sysid 11-16"]
