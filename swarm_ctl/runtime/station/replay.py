@@ -52,7 +52,7 @@ def _opened(run: Path) -> Iterator[Film]:
         manifest = _manifest(run, tape)  # first of all: another program's file is not copied
         damage = tape.damage()
         said = (
-            [] if is_whole(run) else [f"{run}: the recording was cut off; its last second ends it"]
+            [] if is_whole(run) else [f"{run}: was cut off; read up to its last second"]
         )
         with contextlib.suppress(OSError):
             if copy := recover(run, damaged=damage.bad > 0):
