@@ -3,8 +3,14 @@ when asked for. Clients read; there is nothing that they can send."""
 
 from __future__ import annotations
 
+import contextlib
 import json
 import logging
+import os
+import re
+import secrets
+import socket
+import sys
 import threading
 from typing import Final
 
@@ -13,12 +19,16 @@ from foxglove import Capability, Channel, Context, Schema, start_server
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.errors import StartError
 from swarm_ctl.recording.topics import TOPICS, Topic
+from swarm_ctl.runtime.local_server import SEND_WALL_S, LocalServer
 from swarm_ctl.station.foxglove.desk import TOPICS as DESK
 
-HOST: Final = "127.0.0.1"
 _WAITING: Final = 2048
 """Messages that wait for a slow client at most; then the oldest are dropped."""
 _CLOCK_NS: Final = 50_000_000
+_INNER_WALL_S: Final = 5.0
+_PAGES: Final = re.compile(r"file://|https://([a-z0-9-]+\.)*foxglove\.dev")
+ORIGINS: Final = "SWARM_CTL_FOXGLOVE_ORIGINS"
+"""The environment's word for more origins, with commas between them."""
 _STOP_WALL_S: Final = 5.0
 """For a call that is under way when the server is to end."""
 
@@ -27,11 +37,12 @@ logging.getLogger("foxglove").addHandler(logging.NullHandler())  # stderr may be
 
 
 class FoxgloveServer:
-    """A sink of a recorder that serves on `HOST:port` from now on; StartError where the port is
-    taken. The SDK's own threads send: a write never waits for a client."""
+    """A sink of a recorder that serves on this port of 127.0.0.1 from now on; StartError where it
+    is taken. The SDK's own threads send: a write never waits for a client."""
 
     def __init__(self, port: int, plan: Plan) -> None:
         self._context = Context()
+        self._inner = _inner_host()
         self._channels: dict[tuple[str, int | None], Channel] = {}
         # Before the server: to a client that is there already, the SDK advertises a channel that it
         # may not know yet when the client subscribes.
@@ -39,22 +50,37 @@ class FoxgloveServer:
             ids = [agent.id for agent in plan.agents] if "{id}" in topic.template else [None]
             for agent in ids:
                 self._channel(topic, agent)
+        self._server = start_server(
+            name=plan.name,
+            host=self._inner,
+            port=0,
+            capabilities=[Capability.Time],
+            context=self._context,
+            message_backlog_size=_WAITING,
+        )
         try:
-            self._server = start_server(
-                name=plan.name,
-                host=HOST,
-                port=port,
-                capabilities=[Capability.Time],
-                context=self._context,
-                message_backlog_size=_WAITING,
-            )
-        except RuntimeError as error:
-            raise StartError(f"foxglove: {HOST}:{port}: {error}; name another port") from None
+            self._door = LocalServer("foxglove", port, self._pass_on, _may_ask)
+        except StartError:
+            self._server.stop()
+            raise
         self._clock_ns = 0
         self._calls = threading.Lock()
         """The SDK's server takes one call at a time: `stop` beside another one is a RuntimeError
         ("Already borrowed")."""
         self._closed = False
+
+    def _pass_on(self, client: socket.socket, head: bytes) -> None:
+        """Between a client that may ask and the SDK's own server, until one of them ends. Blocks
+        where the client does not read, so that the SDK drops what it has for it."""
+        with socket.create_connection((self._inner, self._server.port), _INNER_WALL_S) as inner:
+            inner.sendall(head)
+            back = threading.Thread(target=_copy, args=(client, inner), daemon=True)
+            back.start()
+            _copy(inner, client)
+            for each in (inner, client):
+                with contextlib.suppress(OSError):
+                    each.shutdown(socket.SHUT_RDWR)
+            back.join()
 
     def write(
         self, topic: Topic, agent: int | None, heard_ns: int, said_ns: int, data: bytes
@@ -91,9 +117,35 @@ class FoxgloveServer:
             try:
                 if not self._closed:
                     self._closed = True
+                    self._door.close()
                     self._server.stop()
             finally:
                 self._calls.release()
 
     abandon = close
     """A view that stands still would look like a swarm that does."""
+
+
+def _copy(source: socket.socket, target: socket.socket) -> None:
+    source.settimeout(None)
+    target.settimeout(SEND_WALL_S)
+    with contextlib.suppress(OSError):
+        while data := source.recv(65536):
+            target.sendall(data)
+    with contextlib.suppress(OSError):
+        target.shutdown(socket.SHUT_WR)
+
+
+def _inner_host() -> str:
+    """Where the SDK's own server is, which asks no one who it is: on Linux at an address of the
+    loopback interface that a page would have to guess, one of 16 million."""
+    if sys.platform != "linux":
+        return "127.0.0.1"
+    a, b, c = (secrets.randbelow(254) + 1 for _ in range(3))
+    return f"127.{a}.{b}.{c}"
+
+
+def _may_ask(origin: str) -> bool:
+    """Foxglove's own pages, its desktop program, and the pages that the user names."""
+    named = os.environ.get(ORIGINS, "").split(",")
+    return _PAGES.fullmatch(origin) is not None or (origin != "null" and origin in named)

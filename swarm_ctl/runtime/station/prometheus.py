@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import socket
 from collections.abc import Callable, Iterator
 from typing import Final, Self
 
-from prometheus_client import CollectorRegistry, start_http_server
+from prometheus_client import CollectorRegistry, generate_latest
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 
 from swarm_ctl.core.model.messages import Phase
-from swarm_ctl.errors import StartError
+from swarm_ctl.runtime.local_server import LocalServer, answer
 from swarm_ctl.station.picture.alarms import RULES, Level, alarms
 from swarm_ctl.station.picture.view import AgentView, SwarmView
 
-HOST: Final = "127.0.0.1"
+_TEXT: Final = "text/plain; version=0.0.4; charset=utf-8"
 
 
 def _battery(agent: AgentView) -> float | None:
@@ -54,27 +55,26 @@ _COUNTERS: Final = ("states_received", "states_lost")
 
 
 class Metrics:
-    """Serves on `HOST:port` until closed; StartError where the port is taken. A scrape reads the
-    newest view."""
+    """Serves on this port of 127.0.0.1 until closed; StartError where it is taken. A scrape reads
+    the newest view."""
 
     def __init__(self, port: int) -> None:
         self._view: SwarmView | None = None
-        registry = CollectorRegistry()
-        registry.register(self)
-        try:
-            self._server, self._thread = start_http_server(port, HOST, registry)
-        except OSError as error:
-            raise StartError(
-                f"metrics: {HOST}:{port}: {error.strerror}; name another port"
-            ) from None
+        self._registry = CollectorRegistry()
+        self._registry.register(self)
+        self._server = LocalServer("metrics", port, self._serve)
+
+    def _serve(self, client: socket.socket, head: bytes) -> None:
+        if head.startswith((b"GET ", b"HEAD ")):
+            answer(client, "200 OK", generate_latest(self._registry), _TEXT)
+        else:
+            answer(client, "405 Method Not Allowed", b"allowed: GET\n")
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._server.shutdown()
-        self._server.server_close()
-        self._thread.join()
+        self._server.close()
 
     def take(self, view: SwarmView) -> None:
         """Let scrapes read this view from now on."""

@@ -51,9 +51,7 @@ def _opened(run: Path) -> Iterator[Film]:
     with IndexedRecording(run) as tape:
         manifest = _manifest(run, tape)  # first of all: another program's file is not copied
         damage = tape.damage()
-        said = (
-            [] if is_whole(run) else [f"{run}: was cut off; read up to its last second"]
-        )
+        said = [] if is_whole(run) else [f"{run}: was cut off; read up to its last second"]
         with contextlib.suppress(OSError):
             if copy := recover(run, damaged=damage.bad > 0):
                 said.append(f"{copy}: a whole copy of what can be read, for other tools")

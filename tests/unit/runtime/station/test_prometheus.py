@@ -10,7 +10,8 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from swarm_ctl.errors import StartError
 from swarm_ctl.runtime.launch.ports import free_ports
-from swarm_ctl.runtime.station.prometheus import HOST, Metrics
+from swarm_ctl.runtime.local_server import HOST
+from swarm_ctl.runtime.station.prometheus import Metrics
 from tests.unit.station.pictures import PICTURES
 
 pytestmark = pytest.mark.foreign
