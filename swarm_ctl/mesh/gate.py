@@ -169,7 +169,10 @@ class Gate:
     def _too_many(self, dropped: Counter[Source], now: float) -> None:
         name, per_s = self._channel.name, self._channel.bounds.per_s
         for source, count in dropped.items():
-            words = f"too many {name} messages of {source.owner}; allowed: {per_s:g} a second"
+            words = (
+                f"too many {name} messages under {source.owner}'s key, which on an open mesh each"
+                f" may use; allowed: {per_s:g} a second"
+            )
             self._refusals.add(source.owner, RefusalReason.TOO_MANY, words, now, count)
 
 

@@ -111,7 +111,11 @@ _QUALITY: Final = {
         _passed_on("states", _URGENT_KEYS, "real_time"),
     ],
 }
-_RULES: Final = {Part.PEER: ("commands",), Part.CLIENT: (), Part.ROUTER: ("commands", "steady")}
+_RULES: Final = {
+    Part.PEER: ("commands", "steady"),
+    Part.CLIENT: (),
+    Part.ROUTER: ("commands", "steady"),
+}
 _LOOPBACK: Final = ["lo", "lo0"]
 
 
