@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import random
+import socket
+from collections import Counter
 from typing import Any
 
 from swarm_ctl.core.model.fleet import FleetAgent
 from swarm_ctl.mavlink import outgoing
-from swarm_ctl.mavlink.wires import MemoryWire, memory_wires
+from swarm_ctl.mavlink.wires import MemoryWire, memory_wires, open_wire
+from swarm_ctl.runtime.launch.ports import free_ports
 from swarm_ctl.runtime.radio.lateness import LATE_S
 from swarm_ctl.runtime.radio.switch import STALLED_S, Place, Switch
 
@@ -149,3 +153,33 @@ def test_a_frame_goes_to_the_vehicle_it_is_for_and_to_no_other_at_the_same_port(
         bench.agents[agent].write(setpoint(agent + 1))
         bench.turn(0.1)
     assert sent == [(setpoint(1), 1), (setpoint(2), 2)]
+
+
+def test_vehicles_at_one_udp_port_each_get_their_own_frames_however_they_speak() -> None:
+    """939 of 1,126 frames went to whoever had spoken last."""
+    (port,) = free_ports(1, socket.SOCK_DGRAM)
+    with contextlib.ExitStack() as stack:
+        radio = stack.enter_context(contextlib.closing(open_wire(f"udpin:127.0.0.1:{port}")))
+        vehicles, far, places = {}, {}, []
+        for i in range(1, 7):
+            vehicles[i] = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+            vehicles[i].connect(("127.0.0.1", port))
+            vehicles[i].setblocking(False)
+            wire, far[i] = memory_wires()
+            places.append(Place(FleetAgent(i, i, "ardupilot", agent_sysid=251 - i), wire, 10.0))
+        switch, dice, got = (
+            Switch(radio, places, "udpin", 100_000),
+            random.Random(1),
+            Counter[int](),
+        )
+        for turn in range(400):
+            for i in dice.sample(range(1, 7), 3):
+                vehicles[i].send(heartbeat(i))
+            far[1 + turn % 6].write(setpoint(1 + turn % 6))
+            switch.turn(turn * 0.025)
+            for i, vehicle in vehicles.items():
+                with contextlib.suppress(BlockingIOError):
+                    while True:
+                        assert vehicle.recv(300) == setpoint(i)
+                        got[i] += 1
+    assert min(got.values()) > 50
