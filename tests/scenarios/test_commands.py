@@ -242,3 +242,13 @@ def test_a_mission_goes_on_without_an_agent_held_for_long_and_takes_it_in_again(
 def status_step(swarm: VirtualSwarm, agent: int) -> int:
     status = swarm.members[agent].status
     return -1 if status is None else status.step
+
+
+def test_no_step_begins_under_a_hold_that_comes_in_the_same_tick() -> None:
+    """`next`, then `hold` before the next tick: all accept both, and nobody begins the landing."""
+    swarm = at_step(quartet("hold: {duration_s: 60}", "land"), THIRD)
+    swarm.command("next", name="next-then")
+    swarm.command("hold", name="hold-then")
+    swarm.run(5.0)
+    assert swarm.phases() == {Phase.FLY}
+    assert swarm.in_step(THIRD)

@@ -11,7 +11,7 @@ import pytest
 
 from swarm_ctl.core.agent.takeover import LEARN_S
 from swarm_ctl.core.model.messages import Phase
-from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.plan import Plan, Policy
 from swarm_ctl.mission.compile.loader import LoadedMission, loads
 from tests.on_demand import on_demand
 from tests.scenarios.swarm import VirtualSwarm, at_step, landing_fast
@@ -277,3 +277,22 @@ def test_an_operators_kill_counts_for_any_vehicle() -> None:
     swarm.run(3)
     assert "TerminateGoal" in swarm.members[3].goals
     assert "FlyGoal" not in swarm.members[3].goals
+
+
+@pytest.mark.parametrize("step", [THIRD, THIRD + 1])
+def test_one_that_finds_its_vehicle_landed_never_takes_off(step: int) -> None:
+    """Killed in the hold, or in the landing, and started again once its vehicle is down: it does
+    not arm, and ends."""
+    mission = quartet("hold: {duration_s: 60}", "land")
+    policies = replace(mission.plan.policies, agent_lost=Policy.CONTINUE)
+    mission = replace(mission, plan=replace(mission.plan, policies=policies))
+    swarm = at_step(mission, step)
+    swarm.run(1.0)
+    swarm.kill(2)
+    swarm.wait(lambda s: not s.hub.world.airborne()[1], swarm.now + 60)
+    swarm.run(3.0)
+    swarm.restart(2)
+    swarm.wait(lambda s: s.members[2].ended is not None, swarm.now + 30)
+    assert "AirborneGoal" not in swarm.members[2].goals
+    assert swarm.outcomes()[2] == "failed"
+    assert "the swarm flies already" in texts(swarm)

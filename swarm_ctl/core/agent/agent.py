@@ -205,8 +205,11 @@ class Agent:
         if self._pausing(tick):
             context.progress.paused_s += self._plan.tick_s
         goal = self._executor.decide(tick)
-        context.reason = context.reason or self._waiting(now)
         going_on = context.trigger is None and context.phase is not Phase.ENDED
+        if going_on:
+            context.reason = context.reason or self._waiting(now)
+        # no step is entered under an order that stops it
+        going_on = going_on and self._command_handler.override is None
         may_go_on = going_on and context.progress.done
         if may_go_on and context.progress.advance(self._barrier.members(tick.peers), now):
             self._enter_step(now)

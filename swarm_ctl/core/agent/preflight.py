@@ -182,6 +182,15 @@ class ResponseWatch:
         )
 
 
+def swarm_flies(peers: PeerSnapshot) -> str:
+    """The peer by whose newest word the first step is over, or ''. No agent takes off after it:
+    one that was started again beside its landed vehicle would do so alone."""
+    for peer in peers.peers:
+        if peer.state is not None and peer.state.step > 1:
+            return f"the swarm flies already: agent {peer.id} is in step {peer.state.step}"
+    return ""
+
+
 def _unsure_of(peers: PeerSnapshot) -> str:
     suspect = [peer.id for peer in peers.peers if peer.suspect]
     if suspect:

@@ -7,11 +7,13 @@ import math
 
 from swarm_ctl.core.agent.barrier import Barrier
 from swarm_ctl.core.agent.command_handler import CommandHandler
+from swarm_ctl.core.agent.failsafes import failed
 from swarm_ctl.core.agent.flight_context import FlightContext
 from swarm_ctl.core.agent.landing import Landing
-from swarm_ctl.core.agent.preflight import Preflight
-from swarm_ctl.core.agent.takeover import Takeover
+from swarm_ctl.core.agent.preflight import Preflight, swarm_flies
+from swarm_ctl.core.agent.takeover import EVIDENCE_S, Takeover
 from swarm_ctl.core.agent.tick import Tick
+from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import CommandKind, Phase, Severity, StepOutcome
 from swarm_ctl.core.model.plan import (
     FormStep,
@@ -53,6 +55,8 @@ class StepExecutor:
         """A `hold` command came before the shape was formed: stay, do not go on forming."""
         self._inside_since: float | None = None
         self._judged_s = 0.0
+        self._flies_since: float | None = None
+        """Since when a peer has said that the first step is over, and this vehicle stands."""
         self._last_text = self._cautioned = ""
 
     @property
@@ -105,7 +109,10 @@ class StepExecutor:
         context.controller.rest()
         heard = math.isfinite(view.heartbeat_s)
         context.phase = Phase.PREPARE if heard else Phase.CONNECT
-        if view.armed and not context.was_armed and view.healthy:
+        flies = self._flies_already(tick)
+        if flies:
+            context.reason = flies
+        elif view.armed and not context.was_armed and view.healthy:
             context.reason = "the vehicle is armed already; disarm it first"
         else:
             context.reason = self._preflight.refusal(tick) or self._unheard(tick)
@@ -116,6 +123,17 @@ class StepExecutor:
         elif context.progress.done:
             context.progress.done = False  # health can be lost again while waiting
         return StandbyGoal()
+
+    def _flies_already(self, tick: Tick) -> str:
+        """Why this vehicle does not take off any more, or ''; once that lasts, the agent ends."""
+        flies = swarm_flies(tick.peers)
+        if not flies:
+            self._flies_since = None
+            return ""
+        self._flies_since = tick.now if self._flies_since is None else self._flies_since
+        if tick.now - self._flies_since > EVIDENCE_S:
+            self._context.heed(tick, failed(FailsafeAction.LAND, flies, Cause.PEER))
+        return flies
 
     def _unheard(self, tick: Tick) -> str:
         """The peers that this agent has never heard, or '': the others see by it that the agent
@@ -132,6 +150,11 @@ class StepExecutor:
 
     def _take_off(self, tick: Tick, step: TakeoffStep) -> Goal:
         context, view, fix = self._context, tick.view, tick.fix
+        flies = "" if view.armed else self._flies_already(tick)
+        if flies:
+            context.phase, context.reason = Phase.ARM, flies
+            context.controller.rest()
+            return StandbyGoal()
         if not view.armed or fix is None:
             context.phase = Phase.ARM
             context.controller.rest()

@@ -41,6 +41,8 @@ _SLOWEST_S: Final = 8.0
 _SLOWER_S: Final = 2.0
 """A peer that tells a response which is longer than the plan's by more than this slows the others
 by no more than this: 1 s over the model is what keeps apart (docs/pages/safety.md)."""
+_SMALLEST: Final = 1e-3
+"""Of a formation's scale."""
 _ROUNDING: Final = 1.05
 """Speeds that agents keep to are told in 32 bits, and filtered to a tolerance."""
 
@@ -89,6 +91,8 @@ class Limits:
     """The longest that is counted with."""
     stops_m: float
     """From full speed, once zero acts."""
+    steps: int
+    """Of the plan."""
 
     @classmethod
     def of(cls, plan: Plan) -> Limits:
@@ -97,7 +101,7 @@ class Limits:
         moves = max(plan.policies.max_speed_mps, 2.0 * speed_mps)
         slowest = response.dead_time_s + response.lag_s + _SLOWER_S
         stops = stop_distance(moves, response)
-        return cls(2.0 * moves, moves, _ROUNDING * speed_mps, slowest, stops)
+        return cls(2.0 * moves, moves, _ROUNDING * speed_mps, slowest, stops, len(plan.steps))
 
     def counted_s(self, response_s: float) -> float:
         """The response that is counted with, of a peer that tells this one."""
@@ -129,8 +133,14 @@ class Limits:
         if ahead > reach:
             return _over("its stop point is ahead of it by", ahead, reach, "m")
         frame = state.frame
-        if frame is not None and not (abs(frame.rate) <= _ROUNDING and 0 <= frame.scale <= 1e3):
+        if frame is not None and not 0 <= frame.rate <= _ROUNDING:
             return _over("its formation moves at", frame.rate, 1.0, "of its speed")
+        if frame is not None and not _SMALLEST <= frame.scale <= 1e3:
+            words = f"its formation has the scale {frame.scale:.3g}; allowed: {_SMALLEST:g} to 1000"
+            return Finding(Doubt.FIGURE, words)
+        if state.step > self.steps:
+            words = f"it is in step {state.step}; the plan has {self.steps} steps"
+            return Finding(Doubt.FIGURE, words)
         return None
 
     def jump(
@@ -155,7 +165,10 @@ class Limits:
         ):
             if beyond_m > JUMP_M:
                 words = f"{what} jumped by {told_m:.1f} m in {elapsed_s:.2f} s"
-                return Finding(Doubt.PLACE, f"{words}; allowed: {flown + JUMP_M:.1f} m"), jumps
+                allowed = f"{flown + JUMP_M:.1f} m"
+                if told_m <= flown + JUMP_M:  # many small ones
+                    words, allowed = f"{what} jumped by {beyond_m:.1f} m in all", f"{JUMP_M:g} m"
+                return Finding(Doubt.PLACE, f"{words}; allowed: {allowed}"), jumps
         return None, new
 
 

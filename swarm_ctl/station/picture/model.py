@@ -157,6 +157,8 @@ class Model:
         but counters."""
         if not self._has_room(payload):
             return
+        if isinstance(payload, AgentState | AgentStatus) and payload.step > len(self._plan.steps):
+            return  # a step that the plan has not: agents do not believe it, and name its sender
         match payload:
             case AgentState():
                 heard = self._of(payload.agent, received_s)

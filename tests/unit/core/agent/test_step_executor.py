@@ -72,7 +72,7 @@ class Flight:
 
     def at(self, later_s: float = 0.0, *peers: Any, **seen: Any) -> Goal:
         """The goal of one tick, `later_s` after NOW; the two peers are in the own step, in slot."""
-        step = max(self.context.progress.step, FORM)
+        step = max(self.context.progress.step, TAKEOFF)
         others = peers or (peer(2, step=step), peer(3, step=step))
         one = tick(*others, now=NOW + later_s, **seen)
         if one.fix is not None:

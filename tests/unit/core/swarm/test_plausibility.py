@@ -17,6 +17,7 @@ from swarm_ctl.core.model.messages import (
     ClockEcho,
     ClockNews,
     CommandKind,
+    Frame,
     Phase,
 )
 from swarm_ctl.core.swarm.peer import Peer
@@ -239,3 +240,17 @@ def test_no_number_breaks_it(
         assert abs(other.stop_point) < 1e6
         assert abs(other.setpoint) <= SPEED * 1.1
     assert replace(snapshot).near(0j, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("word", "named"),
+    [
+        ({"step": 255}, "step 255"),
+        ({"frame": Frame((0.0, 0.0), scale=0.0)}, "scale 0"),
+        ({"frame": Frame((0.0, 0.0), rate=-0.5)}, "-0.5"),
+    ],
+)
+def test_what_the_plan_has_not_is_not_believed(word: dict[str, Any], named: str) -> None:
+    found = LIMITS.absurd(state(2, **word))
+    assert found is not None
+    assert named in found.words

@@ -249,3 +249,12 @@ def test_a_shape_for_another_number_of_agents_is_no_shape(count: int) -> None:
     step = FormStep("x", tuple((2.0 * k, 0.0) for k in range(count)), 1.0, 1.0, 60.0)
     model.fold(Command("a", "form", (), 30.0, step), 30.0)
     assert model.view(30.0).error_m == before
+
+
+def test_a_step_that_the_plan_has_not_is_not_believed() -> None:
+    """It is in no view: whatever looks the step up in the plan finds it."""
+    model = flying_model(PLAN)
+    before = model.view(30.0).step
+    model.fold(state_of(PLAN, 1, 30.1, step=255), 30.1)
+    model.fold(status_of(PLAN, 1, 30.1, step=255), 30.1)
+    assert model.view(30.1).step == before
