@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import csv
 import io
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -160,7 +161,7 @@ def _whole_blocks(path: Path, study: Study) -> int:
             break
         whole += count
         done += 1
-    path.write_bytes(b"".join(lines[: whole + 1]))
+    os.truncate(path, sum(map(len, lines[: whole + 1])))  # the whole rows are not written again
     return done
 
 

@@ -106,7 +106,11 @@ def changed_folder(folder: Path) -> Iterator[Path]:
         os.sync()
         with _beside(folder) as old:
             folder.rename(old)
-            made.rename(folder)
+            try:
+                made.rename(folder)
+            except BaseException:
+                old.rename(folder)  # else it would go with what is removed at the end
+                raise
 
 
 @contextlib.contextmanager

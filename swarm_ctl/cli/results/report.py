@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
@@ -10,6 +11,8 @@ import typer
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.options import complete_runs, option
 from swarm_ctl.cli.shared.writable import require_writable
+from swarm_ctl.errors import SwarmError
+from swarm_ctl.rim import explained
 
 
 def report(
@@ -32,7 +35,7 @@ def report(
 
     if run.is_dir():
         require_writable(run, "the report is written into the run folder: copy it")
-    PlainConsole().say(f"report: {make_report(run)}")
+    PlainConsole().say(f"report: {_made(run, lambda: make_report(run))}")
 
 
 def compare(
@@ -57,6 +60,16 @@ def compare(
 
     require_writable(out, "choose with --out")
     console = PlainConsole()
-    page = make_comparison(runs, out)
+    page = _made(out, lambda: make_comparison(runs, out))
     console.print(comparison_table(runs))
     console.say(f"page: {page}")
+
+
+def _made(where: Path, make: Callable[[], Path]) -> Path:
+    """The page; what is wrong with it in a line, where a run has what can't be drawn."""
+    try:
+        return make()
+    except (SwarmError, OSError):
+        raise
+    except Exception as error:
+        raise SwarmError(f"{where}: the page can't be made: {explained(error)}") from error

@@ -5,9 +5,9 @@ from __future__ import annotations
 import base64
 import html
 import io
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Final, ParamSpec, TypeVar
 
 from matplotlib.figure import Figure
 from rich.console import Console, RenderableType
@@ -25,9 +25,13 @@ from swarm_ctl.report.page.figures import FIGURES, overlay
 from swarm_ctl.report.page.player import player, script_hash, style
 from swarm_ctl.report.page.run_history import RunHistory, read_history
 from swarm_ctl.report.page.summary_table import figures_of, render_summary
+from swarm_ctl.rim import Rim
 from swarm_ctl.station.picture.journal import Entry
 
+P = ParamSpec("P")
+T = TypeVar("T")
 PAGE: Final = "report.html"
+_NOT_DRAWN: Final = "<p>This can't be drawn; the notes say why.</p>"
 _STYLE: Final = """
 :root { color-scheme: light dark; --ink: #1a1a1a; --paper: #fff; --rule: #ddd;
   --warning: #8a5a00; --error: #b00020; }
@@ -54,6 +58,23 @@ _BROAD: Final = ("velocity",)
 """Figures of many panels."""
 
 
+class _Parts:
+    """Makes the parts of a page: an error in one of them costs that one."""
+
+    def __init__(self) -> None:
+        self.failed: list[str] = []
+        """What could not be made, and why."""
+
+    def make(
+        self, name: str, draw: Callable[P, T], /, *args: P.args, **named: P.kwargs
+    ) -> T | None:
+        """The part; None where it failed, or has nothing to show."""
+        rim = Rim(name)
+        made = rim.run(draw, *args, **named)
+        self.failed += [f"{name}: can't be drawn: {trouble.why}" for trouble in rim.troubles()]
+        return made
+
+
 def make_report(folder: Path) -> Path:
     """Write figures and page into the run folder; the page's path.
 
@@ -66,13 +87,16 @@ def make_report(folder: Path) -> Path:
         raise InputError(f"{figures}: is a link to elsewhere; allowed: a folder, or none yet")
     figures.mkdir(exist_ok=True)
     drawn = []
+    parts_of_page = _Parts()
     for name, draw in FIGURES:
-        made = draw(history)
+        made = parts_of_page.make(name, draw, history)
         if made is not None:
             drawn.append(_image(save(made, figures, name)[0].read_bytes(), name))
-    entries, notes = _log(folder, history), _notes(history, summary)
+    entries = parts_of_page.make("log", _log, folder, history) or []
+    flight = parts_of_page.make("flight", player, [(history, entries)])
+    notes = (*parts_of_page.failed, *_notes(history, summary))
     parts = {
-        "Flight": player([(history, entries)]),
+        "Flight": flight or _NOT_DRAWN,
         "Summary": _pre(render_summary(summary)),
         "Alarms": _alarms(entries, notes),
         "Figures": _gallery(drawn) if drawn else "<p>There is nothing to draw.</p>",
@@ -88,17 +112,24 @@ def make_comparison(folders: Sequence[Path], path: Path) -> Path:
         raise InputError(f"{len(folders)} run to compare; allowed: two or more")
     histories = [read_history(folder) for folder in folders]
     names = [history.name for history in histories]
+    parts_of_page = _Parts()
+    flights = [
+        (h, parts_of_page.make("log", _log, f, h) or [])
+        for f, h in zip(folders, histories, strict=True)
+    ]
     parts = {
-        "Flights": player([(h, _log(f, h)) for f, h in zip(folders, histories, strict=True)]),
+        "Flights": parts_of_page.make("flight", player, flights) or _NOT_DRAWN,
         "Numbers": _numbers(names, [_summary(folder) for folder in folders]),
         "Together": _figure(overlay(histories), "together"),
     }
     for name, draw in FIGURES:
-        made = [draw(history) for history in histories]
+        made = [parts_of_page.make(name, draw, history) for history in histories]
         if any(made):
             same_scale([figure for figure in made if figure is not None])
             sides = zip(names, made, strict=True)
             parts[name] = _gallery(_side(run, name, figure) for run, figure in sides)
+    if parts_of_page.failed:
+        parts["Not drawn"] = _pre("\n".join(parts_of_page.failed))
     write_whole(path, _page("Runs compared", parts))
     return path
 

@@ -17,6 +17,8 @@ from pydantic import TypeAdapter
 
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.core.model.messages import AgentState, AgentStatus, Outcome, Payload, StepResult
+from swarm_ctl.errors import StartError
+from swarm_ctl.files import replacing
 from swarm_ctl.recording.mcap_recorder import McapRecorder, Sink
 from swarm_ctl.recording.run_recorder import RunRecorder
 from swarm_ctl.report.folder.last_statuses import FINAL
@@ -24,6 +26,7 @@ from swarm_ctl.report.folder.manifest import Manifest, package_versions, write_m
 from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.report.judge.summary import Summary, write_summary
 from swarm_ctl.report.judge.verdict import Ending
+from swarm_ctl.rim import Rim
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.flying_runs import make_folder
 from swarm_ctl.runtime.foxglove.recorders import foxglove_on, run_mcap
@@ -83,6 +86,8 @@ def judge_swarm(
             lambda: os.kill(os.getpid(), signal.SIGINT),
             lambda screen: loop(station, screen, flight, measure),
         )
+    if flight.unrecorded:
+        raise StartError(f"{runs}: the flight was not recorded, so not judged: {flight.unrecorded}")
     if flight.folder is None:
         return None
     # A second Ctrl-C ends this station, and not the agents, which land as they are told.
@@ -112,14 +117,21 @@ class _Flight:
         self._live = live
         self._asked = False
         self._recorder: Accounts | None = None
+        self._life = Rim("the sign of life")
+        self._begin = Rim("the record of the run", most=1)
         self.folder: Path | None = None
+        self.unrecorded = ""
+        """Why the run has no record; '' while it has, or no agent was heard."""
 
     def obey(self, station: Station, screen: Screen) -> bool:
-        self._alive()
-        if text := self._swarm.hint():
+        self._life.run(self._alive)
+        if text := station.shows.run(self._swarm.hint):
             screen.note(text)
         if self.folder is None and self._swarm.clock.heard:
-            self._record(station, screen)
+            self._begin.run(self._record, station, screen)
+        for trouble in (*self._life.troubles(), *self._begin.troubles()):
+            self.unrecorded = trouble.why if trouble.part == self._begin.part else self.unrecorded
+            screen.note(str(trouble))
         if self._interrupts.count and not self._asked:
             self._asked = True
             words = "landing the swarm; Ctrl-C again ends this station, and not the agents"
@@ -135,19 +147,19 @@ class _Flight:
 
     def _record(self, station: Station, screen: Screen) -> None:
         mission, clock = self._swarm.mission, self._swarm.clock
-        self.folder = make_folder(self._runs, mission.plan.name)
+        folder = make_folder(self._runs, mission.plan.name)
         manifest = _manifest(self._swarm, clock)
-        write_manifest(self.folder, manifest)
-        mcap = run_mcap(self.folder, manifest, station.name, self._live)
-        self._recorder = Accounts(self.folder, mcap)
+        write_manifest(folder, manifest)
+        mcap = run_mcap(folder, manifest, station.name, self._live)
+        self._recorder, self.folder = Accounts(folder, mcap), folder
         station.record(self._recorder)
-        screen.note(f"run folder {self.folder}")
+        screen.note(f"run folder {folder}")
 
     def close(self) -> None:
         """Write what the agents told at their end, and close the record."""
         if self._recorder is not None:
             with closing(self._recorder) as recorder:
-                recorder.write_accounts()
+                self._begin.run(recorder.write_accounts)
 
 
 def _has_ended(agent: AgentView) -> bool:
@@ -207,7 +219,8 @@ class Accounts(RunRecorder):
         for agent, status in self._last.items():
             if status.outcome is not Outcome.RUNNING:
                 later = shifted(status, self._behind_s[agent])
-                (self._folder / f"{agent}.json").write_bytes(_STATUS.dump_json(later, indent=1))
+                with replacing(self._folder / f"{agent}.json") as file:
+                    file.write(_STATUS.dump_json(later, indent=1))
 
 
 def shifted(status: AgentStatus, by_s: float) -> AgentStatus:

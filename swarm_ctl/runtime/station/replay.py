@@ -14,6 +14,7 @@ from swarm_ctl.errors import InputError
 from swarm_ctl.recording import IndexedRecording, recover
 from swarm_ctl.recording.mcap_reader import is_whole
 from swarm_ctl.report.folder.manifest import Manifest
+from swarm_ctl.rim import Rim
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.station.printers import LogPrinter, write
 from swarm_ctl.runtime.station.screens import Show, possible
@@ -92,8 +93,11 @@ def _play(
 ) -> None:
     """Write a view every so many mission seconds, and the last one."""
     start_s, began_s, shown = film.time_s, wall.wall_s(), 0
+    rim = Rim("a view of the recording")
     while True:
-        write(1, lines(film.view()))
+        write(1, rim.run(lambda: lines(film.view())) or [])
+        for trouble in rim.troubles():
+            sys.stderr.write(f"{trouble.part} can't be told: {trouble.why}\n")
         if film.time_s >= film.end_s:
             return
         shown += 1

@@ -103,8 +103,8 @@ class GuestControl:
         self._hint = hint
         """What to tell the operator now; '' for nothing."""
 
-    def obey(self, station: Station, screen: Screen) -> bool:  # noqa: ARG002
-        if text := self._hint():
+    def obey(self, station: Station, screen: Screen) -> bool:
+        if text := station.shows.run(self._hint):
             screen.note(text)
         return screen.left
 

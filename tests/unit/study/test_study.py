@@ -113,6 +113,25 @@ def test_an_interrupted_study_goes_on_to_the_same_file(tmp_path: Path) -> None:
         assert path.read_bytes() == whole, cut
 
 
+def test_rows_that_are_whole_are_never_written_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A disk that is full where a study goes on costs no row that is there."""
+    study = Study.model_validate(SHORT | LATE | {"limit_s": 2.0})
+    path = tmp_path / "rows.csv"
+    run_study(study, path, 1, silent())
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-5000])
+
+    def full(path: Path, *_: object) -> int:
+        path.open("wb").close()  # as `write_bytes` begins
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    run_study(study, path, 1, silent())
+    assert path.read_bytes() == whole
+
+
 def test_another_study_is_not_mixed_in(tmp_path: Path) -> None:
     path = tmp_path / "rows.csv"
     study = Study.model_validate(SHORT | {"missions": 3})

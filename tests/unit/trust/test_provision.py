@@ -86,6 +86,25 @@ def test_a_change_that_fails_changes_nothing(trust: Path, monkeypatch: pytest.Mo
     assert (everything(trust), list(trust.parent.iterdir())) == (before, beside)
 
 
+def test_a_change_that_can_not_take_its_place_changes_nothing(
+    trust: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The old folder is put back, and not removed with what was made."""
+    before, beside = everything(trust), list(trust.parent.iterdir())
+    rename, moved = Path.rename, list[Path]()
+
+    def fails_once(self: Path, target: Path) -> Path:
+        moved.append(self)
+        if len(moved) == 2:
+            raise OSError(5, "Input/output error")
+        return rename(self, target)
+
+    monkeypatch.setattr(Path, "rename", fails_once)
+    with pytest.raises(OSError, match="Input/output"):
+        rotate(trust, TERMS)
+    assert (everything(trust), list(trust.parent.iterdir())) == (before, beside)
+
+
 def test_two_changes_at_once_are_refused(trust: Path) -> None:
     """The second would lose what the first adds."""
     with files.changed_folder(trust), pytest.raises(TrustError, match="another process"):

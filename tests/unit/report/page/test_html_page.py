@@ -224,3 +224,19 @@ def test_compare_needs_two_and_shows_both(run: Path, tmp_path: Path) -> None:
     assert re.search(r"<th>run</th><th>other</th>", text)
     with pytest.raises(InputError, match="two or more"):
         make_comparison([run], tmp_path / "compare.html")
+
+
+@pytest.mark.usefixtures("quick")
+@pytest.mark.parametrize("part", ["_log", "player"])
+def test_a_part_that_cannot_be_drawn_costs_that_part(
+    run: Path, part: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The page has all others, and says why."""
+
+    def fail(*_: object) -> None:
+        raise IndexError("tuple index out of range")
+
+    monkeypatch.setattr(f"swarm_ctl.report.page.html_page.{part}", fail)
+    page = make_report(run).read_text()
+    assert "can&#x27;t be drawn: IndexError: tuple index out of range" in page
+    assert "data:image/png" in page
