@@ -104,7 +104,7 @@ class VirtualSwarm:
         count = len(mission.plan.agents)
         self._closest_m = np.full((count, count), np.inf)
         self.station_alive = True
-        self.lifeline_cut = False
+        self.lifeline_cut = ""
         self._ticks = 0
         self.mesh = MemoryHub(self._time_s, held=lockstep)
         self._station = Node(MemoryTransport(self.mesh), "test", "station")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from swarm_ctl.runtime.interrupts import ended, ended_in_one_line
+from swarm_ctl.signals import ended, ended_in_one_line
 
 
 def main() -> None:

@@ -14,9 +14,11 @@ from typing import Final, Protocol
 
 from swarm_ctl.errors import StartError
 from swarm_ctl.runtime.clock import wall_s
+from swarm_ctl.signals import ENDING, said_of
 
 READY: Final = "ready"
 """First word on the lifeline once link and mesh are open; another one is why it did not start."""
+GONE: Final = "the process that started this agent is gone"
 ALIVE: Final = "alive"
 """Said with every status, so that a hung agent is noticed."""
 ALIVE_FILE: Final = "SWARM_CTL_ALIVE"
@@ -27,8 +29,9 @@ _TOUCH_WALL_S: Final = 1.0
 class Lifeline(Protocol):
     """An agent's end of the line to its parent."""
 
-    def cut(self) -> bool:
-        """True once the parent is gone, or a signal has asked the agent to land."""
+    def cut(self) -> str:
+        """Why the agent is to land: the parent is gone, or the signal that asks for it; '' before
+        that."""
 
     def tell(self, text: str) -> None:
         """Say one word to the parent, if it is there."""
@@ -42,14 +45,14 @@ class PipeLifeline:
         self._connection = connection
         self._ready = select.poll()  # `connection.poll` makes one anew each time
         self._ready.register(connection, select.POLLIN)
-        self._cut = False
+        self._cut = ""
 
-    def cut(self) -> bool:
+    def cut(self) -> str:
         try:
             while not self._cut and self._ready.poll(0):
                 self._connection.recv_bytes()  # the parent has nothing to say
         except (EOFError, OSError):
-            self._cut = True
+            self._cut = GONE
         return self._cut
 
     def tell(self, text: str) -> None:
@@ -58,7 +61,7 @@ class PipeLifeline:
         except BlockingIOError:
             pass  # a parent that does not read must not stop the control loop
         except OSError:
-            self._cut = True
+            self._cut = GONE
 
 
 def sign_of_life() -> Callable[[], None]:
@@ -90,18 +93,19 @@ class SignalLifeline:
     """Of an agent started alone from a terminal: SIGINT, SIGTERM and SIGHUP land it."""
 
     def __init__(self) -> None:
-        self._cut = False
+        self._cut = ""
         self._alive = sign_of_life()
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        for number in ENDING:
             signal.signal(number, self._signalled)
 
-    def _signalled(self, *_: object) -> None:
-        self._cut = True
+    def _signalled(self, number: int, _: object) -> None:
+        self._cut = self._cut or said_of(number)
 
-    def cut(self) -> bool:
+    def cut(self) -> str:
         return self._cut
 
     def tell(self, text: str) -> None:
         self._alive()
         if text != ALIVE:
-            sys.stderr.write(f"agent: {text}\n")
+            with contextlib.suppress(OSError):  # the terminal was closed
+                sys.stderr.write(f"agent: {text}\n")

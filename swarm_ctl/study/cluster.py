@@ -25,6 +25,7 @@ from distributed import Client, KilledWorker, LocalCluster, as_completed
 
 import swarm_ctl
 from swarm_ctl.errors import InputError, StartError
+from swarm_ctl.signals import deaf_children, deaf_tracker, hears
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -94,18 +95,17 @@ def code_hash() -> str:
 def _client(scheduler: str, workers: int | None) -> Iterator[Client]:
     if scheduler == LOCAL:
         count = workers or os.cpu_count() or 1
-        with (
-            LocalCluster(
+        deaf_tracker()
+        with deaf_children():
+            local = LocalCluster(
                 n_workers=count,
                 threads_per_worker=1,
                 host=_LOOPBACK,
                 dashboard_address=f"{_LOOPBACK}:0",
                 silence_logs=logging.ERROR,
-            ) as cluster,
-            Client(cluster) as client,
-        ):
-            # the command alone answers Ctrl-C, which a terminal sends to its workers, too
-            client.register_worker_callbacks(_leave_ctrl_c)
+            )
+        with local as cluster, Client(cluster) as client:
+            client.register_worker_callbacks(_heed_the_cluster)
             yield client
         return
     try:
@@ -122,5 +122,7 @@ def _client(scheduler: str, workers: int | None) -> Iterator[Client]:
         yield client
 
 
-def _leave_ctrl_c() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+def _heed_the_cluster() -> None:
+    """It ends its workers by this; the last word of one that has lost it is no news."""
+    hears(signal.SIGTERM)
+    logging.getLogger("distributed.worker").setLevel(logging.CRITICAL)

@@ -15,6 +15,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from swarm_ctl.signals import deaf_children, deaf_tracker, hears
 from swarm_ctl.study.batch.batch import Batch, blocks, draw, flown_alike, joined
 from swarm_ctl.study.batch.batch_flight import fly
 from swarm_ctl.study.parameter_space import Cell, Study
@@ -120,13 +121,11 @@ def _done(
         yield from ((k, _fly(group)) for k, group in groups.items())
     else:
         context = multiprocessing.get_context("spawn")
-        with context.Pool(workers, initializer=_quiet) as pool:
+        deaf_tracker()
+        with deaf_children():
+            pool = context.Pool(workers, initializer=hears, initargs=(signal.SIGTERM,))
+        with pool:  # ends its workers by SIGTERM
             yield from zip(groups, pool.imap(_fly, groups.values()), strict=True)
-
-
-def _quiet() -> None:
-    """The parent alone answers Ctrl-C."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _fly(group: tuple[_Block, ...]) -> list[list[Row]]:

@@ -113,7 +113,7 @@ def test_lifeline_cut(hexagon: LoadedMission, step: int) -> None:
     """When `run` is gone, agents land (or end at once where nothing flies yet)."""
     swarm = at_step(hexagon, step)
     swarm.run(1)
-    swarm.lifeline_cut = True
+    swarm.lifeline_cut = "the process that started this agent is gone"
     start = swarm.now
     swarm.fly(400)
     assert set(swarm.outcomes().values()) == {"aborted"}

@@ -50,7 +50,7 @@ def test_ctrl_c_lands_it_and_nothing_is_written(fleet: Path) -> None:
         finally:
             running.kill()
     assert running.returncode == 130, errors
-    assert "landed by Ctrl-C" in said
+    assert "Ctrl-C: landed" in said
     assert fleet.read_text() == FLEET
 
 

@@ -87,7 +87,7 @@ def measure(
     at once.
 
     Exit codes: 0 all measured, 1 a vehicle was not measured, or does not answer like the model and
-    got no entry, 2 bad input, 3 an endpoint or the simulator did not open, 130 landed by Ctrl-C.
+    got no entry, 2 bad input, 3 an endpoint or the simulator did not open, 130 ended by Ctrl-C.
 
     Examples:
 
@@ -140,7 +140,7 @@ def measure(
             flight = StepFlight(steps, vehicle.response, task.tick_s, task.fence, task.origin)
             down = fly(vehicle, flight, ticker, told, ctrl_c, task.keys)
             if ctrl_c.count:
-                how = "landed by Ctrl-C" if down else "left to its own failsafe"
+                how = f"{ctrl_c.first}: {'landed' if down else 'left to its own failsafe'}"
                 console.say(f"  {how}", style="bold red")
                 break
             measured = _result(console, vehicle, flight)

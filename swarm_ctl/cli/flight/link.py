@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import signal
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -69,9 +70,9 @@ def link(
         swarm-ctl link plan.json --radio serial:/dev/ttyUSB0:57600 --json
     """
     from swarm_ctl.mission.fleet.exposure import exposed_links, refuse_exposed
-    from swarm_ctl.runtime.interrupts import ENDED_CODE
     from swarm_ctl.runtime.lifeline import SignalLifeline
     from swarm_ctl.runtime.radio.link_process import LinkConfig, run_link, told
+    from swarm_ctl.signals import ENDED_CODE
 
     _, entries = plan_and_fleet(file, fleet)
     agents = _behind(entries, radio)
@@ -79,12 +80,12 @@ def link(
     config = LinkConfig(agents, entries.signing is Signing.REQUIRED, bytes_per_s)
 
     class Lifeline(SignalLifeline):
-        """The second signal does not wait."""
+        """A second Ctrl-C does not wait."""
 
-        def _signalled(self, *_: object) -> None:
-            if self._cut:
+        def _signalled(self, number: int, frame: object) -> None:
+            if self._cut and number == signal.SIGINT:
                 raise SystemExit(ENDED_CODE)
-            self._cut = True
+            super()._signalled(number, frame)
             told("ends when no agent speaks; Ctrl-C again: at once")
 
         def tell(self, text: str) -> None:

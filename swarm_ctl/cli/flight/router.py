@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from pathlib import Path
 from typing import Annotated, Final
@@ -55,10 +56,10 @@ def router(
     """
     from swarm_ctl.mesh.access import as_tls
     from swarm_ctl.mission.fleet.exposure import leaves_loopback, refuse_exposed
-    from swarm_ctl.runtime.interrupts import ENDED_CODE
     from swarm_ctl.runtime.lifeline import ALIVE, READY, SignalLifeline
     from swarm_ctl.runtime.protection import router_identity_folder
     from swarm_ctl.runtime.router.router_process import RouterConfig, run_router
+    from swarm_ctl.signals import ENDED_CODE
 
     swarm, trust, at, others = _told(file, fleet, listen, connect or [])
     keys = identity or router_identity_folder(trust, at)
@@ -68,12 +69,12 @@ def router(
     spelled = as_tls if keys is not None else str
 
     class Lifeline(SignalLifeline):
-        """The second signal does not wait."""
+        """A second Ctrl-C does not wait."""
 
-        def _signalled(self, *_: object) -> None:
-            if self._cut:
+        def _signalled(self, number: int, frame: object) -> None:
+            if self._cut and number == signal.SIGINT:
                 raise SystemExit(ENDED_CODE)
-            self._cut = True
+            super()._signalled(number, frame)
             sys.stderr.write("router: ends with its last client; Ctrl-C again: at once\n")
 
         def tell(self, text: str) -> None:

@@ -73,7 +73,7 @@ def station(
 
     With --runs it is the flight's own station, as that of `run`: agents that were started with
     --expect-station wait for it, and its exit code is the mission's (0 completed, 1 failed, 130
-    landed by Ctrl-C).
+    ended by Ctrl-C, SIGTERM or a closed terminal).
 
     Examples:
 
@@ -121,10 +121,11 @@ def station(
 
 def _judge(swarm: SwarmMesh, runs: Path, show: Show, ports: Ports) -> int:
     """Fly the swarm from here; the exit code."""
-    from swarm_ctl.runtime.interrupts import ENDED_CODE, Interrupts
+    from swarm_ctl.runtime.interrupts import Interrupts
     from swarm_ctl.runtime.lifeline import sign_of_life
     from swarm_ctl.runtime.station.judged_flight import judge_swarm
     from swarm_ctl.runtime.station.screens import Show
+    from swarm_ctl.signals import ENDED_CODE
 
     console = PlainConsole(stderr=show is Show.JSON)
     with Interrupts() as interrupts:

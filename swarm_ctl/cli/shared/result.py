@@ -27,7 +27,7 @@ def show_summary(
     """Print the summary, and make the report; None: no report. A further Ctrl-C makes none."""
     from swarm_ctl.report.page.summary_table import brief
     from swarm_ctl.runtime.clock import pause
-    from swarm_ctl.runtime.interrupts import deaf_children
+    from swarm_ctl.signals import deaf_children
 
     console.print(brief(summary))
     if report_to is None:

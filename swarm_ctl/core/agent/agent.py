@@ -76,7 +76,8 @@ class Inbox:
     clocks: Sequence[tuple[ClockNews, float]] = ()
     beacons: Sequence[tuple[StationBeacon, float]] = ()
     commands: Sequence[Command] = ()
-    lifeline_cut: bool = False
+    lifeline_cut: str = ""
+    """Why this agent is to end: its starter is gone, a signal came; '' while it is not."""
     tick: Callable[[], TickReport] = TickReport
     """The loop's punctuality; asked only when a status is due."""
     bad_payloads: int = 0
@@ -182,7 +183,7 @@ class Agent:
         self._station: HeardStation | None = None
         self._notes: list[ParameterNote] = []
         self._attention = Attention()
-        self._lifeline_cut = False
+        self._lifeline_cut = ""
         self._seq = 0
         self._status_due = self._sigma_due = now
         self._refused_said = RefusalsSaid()
@@ -241,7 +242,7 @@ class Agent:
         for beacon, received_s in inbox.beacons:
             self._station = (beacon, received_s)
         self._update_gains(now, believed)
-        self._lifeline_cut |= inbox.lifeline_cut
+        self._lifeline_cut = self._lifeline_cut or inbox.lifeline_cut
         for text in inbox.view.texts:
             context.say(now, Severity.WARNING, f"vehicle: {text}")
         self._notes += inbox.view.notes

@@ -48,7 +48,7 @@ class Situation:
     had_control: bool
     """The vehicle has followed our setpoints in this flight."""
     was_armed: bool
-    lifeline_cut: bool
+    lifeline_cut: str
     ordered: CommandKind | None
     """`LAND`, `RETURN` or `KILL` once an operator has commanded it."""
     stop_point_m: Point
@@ -143,8 +143,7 @@ _ORDERED: Final = {
 def _lifeline_cut(s: Situation) -> FailsafeTrigger | None:
     if not s.lifeline_cut:
         return None
-    reason = "the process that started this agent is gone"
-    return FailsafeTrigger(FailsafeAction.LAND, Outcome.ABORTED, reason)
+    return FailsafeTrigger(FailsafeAction.LAND, Outcome.ABORTED, s.lifeline_cut)
 
 
 def _vehicle_fault(s: Situation) -> FailsafeTrigger | None:

@@ -7,7 +7,6 @@ import contextlib
 import multiprocessing
 import sys
 from collections.abc import Callable, Iterator
-from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from pathlib import Path
 from types import ModuleType
@@ -17,13 +16,13 @@ from swarm_ctl.errors import StartError
 from swarm_ctl.runtime.agent import agent_process
 from swarm_ctl.runtime.agent.agent_process import AgentConfig
 from swarm_ctl.runtime.clock import wall_s
-from swarm_ctl.runtime.interrupts import deaf_children
 from swarm_ctl.runtime.launch.processes import Child
 from swarm_ctl.runtime.lifeline import ALIVE, READY
 from swarm_ctl.runtime.radio import link_process
 from swarm_ctl.runtime.radio.link_process import LinkConfig
 from swarm_ctl.runtime.router import router_process
 from swarm_ctl.runtime.router.router_process import RouterConfig
+from swarm_ctl.signals import deaf_children, deaf_tracker
 
 T = TypeVar("T")
 
@@ -48,9 +47,7 @@ class ForkedChild(Child):
         self._lifeline, theirs = context.Pipe()
         self._process = context.Process(target=main, args=(config, theirs), name=name, daemon=False)
         with _without_main():
-            # It lets signals through again behind itself, so it comes first, and alone.
-            with deaf_children():
-                resource_tracker.ensure_running()
+            deaf_tracker()
             with deaf_children():
                 self._process.start()
         self.pid = self._process.pid or 0

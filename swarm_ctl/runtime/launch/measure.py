@@ -185,13 +185,13 @@ def fly(
             now = ticker.wait()
             link.receive(now)
             view = link.view()
-            goal = flight.step(now, view, "Ctrl-C" if ctrl_c.count else "")
+            goal = flight.step(now, view, ctrl_c.first)
             link.pursue(goal, now)
             remembering.serve(link, view.own)
             for text in flight.said:
                 say(text)
             flight.said.clear()
-            if flight.ended is not None or ctrl_c.count > 1:
+            if flight.ended is not None or ctrl_c.again:
                 return not view.armed
 
 

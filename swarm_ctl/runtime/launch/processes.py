@@ -21,10 +21,10 @@ from typing import Any, Final
 
 from swarm_ctl.errors import StartError
 from swarm_ctl.runtime.clock import pause, wall_s
-from swarm_ctl.runtime.interrupts import deaf_children
 from swarm_ctl.runtime.served import NO_PORTS, Ports
 from swarm_ctl.runtime.vehicles.autopilots import remove_leftovers
 from swarm_ctl.runtime.vehicles.order import STARTED, STARTED_JSON, Started
+from swarm_ctl.signals import deaf_children
 
 _LOG_LINES: Final = 5
 _POLL_WALL_S: Final = 0.02

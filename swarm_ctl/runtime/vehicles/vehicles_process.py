@@ -24,7 +24,6 @@ from typing import Final, Self
 from swarm_ctl.errors import StartError, SwarmError
 from swarm_ctl.mavlink.onlooker import Onlooker
 from swarm_ctl.runtime.clock import pause, wall_s
-from swarm_ctl.runtime.interrupts import ENDING, hears
 from swarm_ctl.runtime.vehicles.autopilots import MAKERS, Sitl
 from swarm_ctl.runtime.vehicles.instances import Instances
 from swarm_ctl.runtime.vehicles.order import (
@@ -35,6 +34,7 @@ from swarm_ctl.runtime.vehicles.order import (
     Order,
     Started,
 )
+from swarm_ctl.signals import ENDING, hears
 
 READY_WALL_S: Final = 180.0
 """Six ArduCopters boot in 10 to 30 s on two cores; other people's work may take most of them."""

@@ -10,7 +10,8 @@ from collections.abc import Callable
 import pytest
 
 from swarm_ctl.runtime import interrupts
-from swarm_ctl.runtime.interrupts import ENDING, Interrupts, deaf_children
+from swarm_ctl.runtime.interrupts import Interrupts
+from swarm_ctl.signals import ENDING, deaf_children
 
 WORK = "import time; print('up', flush=True); time.sleep(60)"
 

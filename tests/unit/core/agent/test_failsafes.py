@@ -60,7 +60,7 @@ def situation(
         progress(of, step, done=done),
         had_control=True,
         was_armed=True,
-        lifeline_cut=False,
+        lifeline_cut="",
         ordered=None,
         stop_point_m=(0.0, 0.0),
         height_m=8.0,
@@ -131,7 +131,13 @@ ROWS = [
     Row("return", case(ordered=CommandKind.RETURN), RETURNS, "called back by the operator", OURS),
     Row("kill", case(ordered=CommandKind.KILL), KILLS, "killed by the operator", OURS),
     # the lifeline
-    Row("the parent is gone", case(lifeline_cut=True), LANDS, "started this agent is gone", OURS),
+    Row(
+        "the parent is gone",
+        case(lifeline_cut="the process that started this agent is gone"),
+        LANDS,
+        "started this agent is gone",
+        OURS,
+    ),
     # the vehicle's own fault
     Row("a fault", seen(fault="a fixed wing"), LANDS, "a fixed wing"),
     # the vehicle was taken over
@@ -411,7 +417,7 @@ def test_every_check_has_a_row_that_fires_it(check: Callable[[Situation], object
     [
         (case(ordered=CommandKind.LAND), Cause.ORDER),
         (case(ordered=CommandKind.KILL), Cause.ORDER),
-        (case(lifeline_cut=True), Cause.STARTER),
+        (case(lifeline_cut="the process that started this agent is gone"), Cause.STARTER),
         (seen(fault="a fixed wing"), Cause.VEHICLE),
         (seen(controlled=False, mode="LOITER"), Cause.PILOT),
         (seen(now=OVER), Cause.TIMEOUT),
@@ -439,10 +445,28 @@ def trigger(action: FailsafeAction, reason: str = "a reason") -> FailsafeTrigger
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
-        ({"ordered": CommandKind.KILL, "lifeline_cut": True}, "killed"),
+        (
+            {
+                "ordered": CommandKind.KILL,
+                "lifeline_cut": "the process that started this agent is gone",
+            },
+            "killed",
+        ),
         ({"seen": {"controlled": False, "mode": "LOITER", "tilt_deg": 60.0}}, "LOITER"),
-        ({"ordered": CommandKind.RETURN, "lifeline_cut": True}, "started this agent"),
-        ({"ordered": CommandKind.LAND, "lifeline_cut": True}, "landed by the operator"),
+        (
+            {
+                "ordered": CommandKind.RETURN,
+                "lifeline_cut": "the process that started this agent is gone",
+            },
+            "started this agent",
+        ),
+        (
+            {
+                "ordered": CommandKind.LAND,
+                "lifeline_cut": "the process that started this agent is gone",
+            },
+            "landed by the operator",
+        ),
         ({"seen": {"wind_mps": 20.0, "battery_percent": 1.0}}, "wind"),
     ],
     ids=["kill over land", "yield over land", "land over return", "first of equals", "in order"],
