@@ -25,6 +25,7 @@ from swarm_ctl.core.model.messages import (
 )
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.swarm.hearing import FOLLOW_TICKS
+from swarm_ctl.core.swarm.snapshot import OVER_M
 from swarm_ctl.mavlink.autopilots.timing import streams_hz
 from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.mavlink.signing import UNITS_S, Signing
@@ -34,7 +35,6 @@ from swarm_ctl.mesh.memory_transport import MemoryHub, MemoryTransport
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.transport import Transport
 from swarm_ctl.mission.compile.loader import LoadedMission
-from swarm_ctl.report.folder.metrics import OVER_M
 from swarm_ctl.runtime.agent.publish import listen, publish
 from swarm_ctl.runtime.launch.sim_config import simulator_config
 from swarm_ctl.runtime.vehicle_memory import Remembering, VehicleMemory

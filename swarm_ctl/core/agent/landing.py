@@ -32,7 +32,8 @@ _BESIDE = 0.2
 """So far from r_in to r_out: room for what the stop point does not know, and within the filter's
 own keep-out (0.35)."""
 _RETURN_AT_MOST_S = 120.0
-"""Per agent of the plan, because the agents come back one at a time."""
+"""Per agent of the plan, of a return that is no step: for all that others may be in the way of. The
+own way comes on top of that, at half the speed. A step has its own time-out."""
 _ARMING_S = 3.0
 """An arm command may act this long after it was sent, and the heartbeat that tells comes once a
 second."""
@@ -53,6 +54,7 @@ class Landing:
         self._plan = context.plan
         self._context = context
         self._way_back = way_back
+        self._return_at_most_s = math.inf
         self._deserted_since: float | None = None
         self._disarmed_since: float | None = None
         self._lands_since: float | None = None
@@ -114,10 +116,13 @@ class Landing:
         return self.end(now)  # without the agent's heartbeats the vehicle's failsafe acts
 
     def come_back(self, tick: Tick) -> Goal:
-        """Up to the own height, wait for the turn, over the own start, down."""
+        """Up to the own height, over the own start, down."""
         context, way_back, fix = self._context, self._way_back, tick.fix
         if context.phase is not Phase.RETURN and context.landing_s is None:
             context.phase = Phase.RETURN
+            way_m = math.dist(context.controller.stop_point_m, way_back.home_m)
+            own_s = 2.0 * way_m / self._plan.policies.return_speed_mps
+            self._return_at_most_s = _RETURN_AT_MOST_S * len(self._plan.agents) + own_s
         why_not = self._cannot_return(tick) if context.landing_s is None else ""
         if why_not:
             cause = context.trigger.reason if context.trigger else "return"
@@ -128,12 +133,13 @@ class Landing:
             context.say(tick.now, Severity.ERROR, context.trigger.reason)
             return self.land(tick)
         stage = way_back.update(tick.peers, fix, context.height(fix) if fix else 0.0)
-        if stage is ReturnStage.DOWN:
+        if stage is ReturnStage.DOWN and not way_back.blocked:
+            # Its own start is the place that the plan keeps for it, whoever stands beside it.
             context.landing_s = context.landing_s or tick.now
             return self.land(tick)
         context.reason = context.reason or f"return: {stage.name.lower()}"
         context.target_height_m = way_back.height_m
-        if fix is None or stage is not ReturnStage.FLY:
+        if fix is None or stage not in (ReturnStage.FLY, ReturnStage.DOWN):
             return context.keep_clear(tick)
         speed = self._plan.policies.return_speed_mps
         velocity = context.controller.go_to(tick.peers, way_back.home_m, speed)
@@ -208,8 +214,10 @@ class Landing:
 
     def _cannot_return(self, tick: Tick) -> str:
         """Why the way back has to be given up, or ''."""
-        if tick.now - self._begun_s > _RETURN_AT_MOST_S * len(self._plan.agents):
-            return "it took too long"
+        if self._context.trigger is not None and tick.now - self._begun_s > self._return_at_most_s:
+            return f"it took more than {self._return_at_most_s:.0f} s"
+        if self._way_back.blocked:
+            return "something stands in its way home"
         if not deserted(tick.peers):
             self._deserted_since = None
             return ""

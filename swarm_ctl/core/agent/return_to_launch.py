@@ -1,9 +1,9 @@
-"""The way back: one agent at a time, each at a height of its own, to where it started.
+"""The way back: all agents at once, in layers, to where they started.
 
-Each agent first climbs to its own height and waits there. The lowest id flies, at its height, over
-its own start; while it lands, the next one sets out. The order follows from the states that agents
-tell, without a coordinator: an agent that is not heard is not waited for. Horizontal avoidance
-stays on all the way, so waiting agents make room.
+Each agent first climbs to its layer, flies over its own start, and lands there. The safety
+filter keeps all pairs apart horizontally, whatever their heights, as in the mission. Who stands in
+the way of one with a lower id makes room until that one lands; who stands in the way of nobody and
+can't go on lands where it is, and says so.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from swarm_ctl.core.model.messages import AgentState, Phase
 from swarm_ctl.core.model.plan import Plan, Point, TakeoffStep
 from swarm_ctl.core.model.timeouts import FAR_EVERY_S
 from swarm_ctl.core.swarm.hearing import hears_all
-from swarm_ctl.core.swarm.snapshot import PeerSnapshot
+from swarm_ctl.core.swarm.snapshot import OVER_M, OtherAircraft, PeerSnapshot
 
 HEIGHT_TOLERANCE_M: Final = 0.7
 HOME_TOLERANCE_M: Final = 0.5
@@ -27,8 +27,15 @@ _SETTLE_S: Final = 1.0
 longer in a large swarm: the one that tells that a peer returns, and the own one."""
 _SLOW_MPS: Final = 0.3
 _BLOCKED_S: Final = 8.0
-"""Standing still this long on the way: something is in the way for good (a lost agent's vehicle),
-so the agent lands beside it."""
+"""Standing still this long on the way: something is in the way. For good, if it is no agent that
+comes down itself (a lost agent's vehicle): then the agent lands beside it."""
+_NEAR: Final = 2.0
+"""[of r_out]: a peer so near to the own stop point may be what is in the way."""
+_LAYERS: Final = 3
+"""Heights on the way back. The filter keeps pairs apart without them; with one for each agent the
+last of sixteen climbed by 45 m."""
+_CLEAR_M: Final = 1.0
+"""Above `OVER_M`, so that vehicles on the ground are flown over."""
 
 
 class ReturnStage(IntEnum):
@@ -36,6 +43,7 @@ class ReturnStage(IntEnum):
 
     CLIMB = 0
     WAIT = 1
+    """It makes room for a peer with a lower id."""
     FLY = 2
     DOWN = 3
 
@@ -48,55 +56,74 @@ class ReturnToLaunch:
         self._settle_s = _SETTLE_S if hears_all(plan) else _SETTLE_S + 2.0 * FAR_EVERY_S
         self._at_height_since: float | None = None
         self._still_since: float | None = None
+        self._near_m = _NEAR * plan.law.r_out * plan.unit_m
         start, unit = plan.agent(own_id).start, plan.unit_m
         self.home_m: Point = (start[0] * unit, start[1] * unit)
         """The own start in the common frame."""
         self.height_m = return_height_m(plan, own_id)
         """The own height on the way back, above the take-off point."""
         self.stage = ReturnStage.CLIMB
+        self.blocked = False
+        """It can't get home: something that does not come down is in the way."""
 
     def update(self, peers: PeerSnapshot, fix: OwnFix | None, height_m: float) -> ReturnStage:
         """One tick; `height_m` is above the take-off point."""
         now = peers.now_s
         if fix is None or self.stage is ReturnStage.DOWN:
             return self.stage
-        if self.stage is ReturnStage.FLY:
-            self._fly(now, fix)
+        if self.stage in (ReturnStage.FLY, ReturnStage.WAIT):
+            self._fly(peers, fix)
             return self.stage
         if abs(height_m - self.height_m) > HEIGHT_TOLERANCE_M:
             self._at_height_since = None
         elif self._at_height_since is None:
             self._at_height_since = now
-        if self._at_height_since is None or now - self._at_height_since < self._settle_s:
-            self.stage = ReturnStage.CLIMB
-        else:
-            self.stage = ReturnStage.FLY if self._my_turn(peers) else ReturnStage.WAIT
+        if self._at_height_since is not None and now - self._at_height_since >= self._settle_s:
+            self.stage = ReturnStage.FLY
         return self.stage
 
-    def _fly(self, now: float, fix: OwnFix) -> None:
-        if math.hypot(*fix.velocity_ned_mps[:2]) >= _SLOW_MPS:
+    def _fly(self, peers: PeerSnapshot, fix: OwnFix) -> None:
+        now = peers.now_s
+        moves = math.hypot(*fix.velocity_ned_mps[:2]) >= _SLOW_MPS
+        if self.stage is ReturnStage.WAIT:
+            if not any(self._goes_first(peer) for peer in self._beside(peers, fix)):
+                self.stage, self._still_since = ReturnStage.FLY, None
+            return
+        if moves:
             self._still_since = None
             return
         self._still_since = now if self._still_since is None else self._still_since
-        home = math.dist(fix.position_ned_m[:2], self.home_m) < HOME_TOLERANCE_M
-        if home or now - self._still_since > _BLOCKED_S:
+        if math.dist(fix.position_ned_m[:2], self.home_m) < HOME_TOLERANCE_M:
             self.stage = ReturnStage.DOWN
+        elif now - self._still_since > _BLOCKED_S:
+            beside = self._beside(peers, fix)
+            if any(self._goes_first(peer) for peer in beside):
+                self.stage = ReturnStage.WAIT
+            elif not any(_comes_down(peer) for peer in beside):
+                self.stage, self.blocked = ReturnStage.DOWN, True
 
-    def _my_turn(self, peers: PeerSnapshot) -> bool:
-        if deserted(peers):
+    def _beside(self, peers: PeerSnapshot, fix: OwnFix) -> list[OtherAircraft]:
+        own = complex(*fix.position_ned_m[:2])
+        return [peer for peer in peers.near(own, self._near_m) if peer.followed]
+
+    def _goes_first(self, peer: OtherAircraft) -> bool:
+        state = peer.state
+        if state is None or state.phase is not Phase.RETURN:
             return False
-        for peer in peers.peers:
-            state = peer.state
-            if state is None or not peer.followed or state.phase is not Phase.RETURN:
-                continue
-            flying = state.stage == ReturnStage.FLY
-            if flying or (state.stage != ReturnStage.DOWN and peer.id < self._own):
-                return False
-        return True
+        return state.stage != ReturnStage.DOWN and peer.id < self._own
+
+
+def _comes_down(peer: OtherAircraft) -> bool:
+    """It is on its way home, or lands: it will not be in the way for good."""
+    return (
+        peer.state is not None
+        and in_the_air(peer.state)
+        and peer.state.phase in (Phase.RETURN, Phase.LAND)
+    )
 
 
 def deserted(peers: PeerSnapshot) -> bool:
-    """No peer is heard although some should be in the air: then no agent knows whose turn it is."""
+    """No peer is heard although some should be in the air: then no agent knows where they fly."""
     up = [peer for peer in peers.peers if peer.state is not None and in_the_air(peer.state)]
     return bool(up) and not any(peer.followed for peer in up)
 
@@ -107,12 +134,15 @@ def in_the_air(state: AgentState) -> bool:
 
 
 def return_height_m(plan: Plan, agent_id: int) -> float:
-    """Height above the take-off point on the way back: the mission's, and a separation for each
-    agent before this one in the plan, as far as the fence allows."""
+    """Height above the take-off point on the way back: the mission's, or what flies over vehicles
+    on the ground, and one of three layers above it, a separation apart as far as the fence allows.
+    Agents that follow each other in the plan have different ones."""
     rank = [agent.id for agent in plan.agents].index(agent_id)
     first = next((step.height_m for step in plan.steps if isinstance(step, TakeoffStep)), 10.0)
-    separation = plan.policies.return_separation_m
-    if plan.fence is not None and len(plan.agents) > 1:
+    over_m = OVER_M + _CLEAR_M
+    first = max(first, over_m if plan.fence is None else min(over_m, plan.fence.height_m - 2.0))
+    layers, separation = min(_LAYERS, len(plan.agents)), plan.policies.return_separation_m
+    if plan.fence is not None and layers > 1:
         room = max(0.0, plan.fence.height_m - 2.0 - first)
-        separation = min(separation, room / (len(plan.agents) - 1))
-    return first + rank * separation
+        separation = min(separation, room / (layers - 1))
+    return first + rank % layers * separation

@@ -44,7 +44,7 @@ class Controller:
         self._law_input = LawInputBuilder(plan, own_id)
         self._formation_law = law_of(plan.law)
         self.estimate = ResponseEstimate(vehicle, plan.tick_s)
-        self._located_s = math.inf
+        self._located_s, self._down_m = math.inf, 0.0
         self.safety_filter = SafetyFilter(plan, own_id, vehicle, self.estimate)
         self._most_rate = vehicle.most_rate
         self.set_gains(Gains(plan.law.delta_a, plan.law.delta_l, plan.law.h, plan.kappa))
@@ -86,7 +86,10 @@ class Controller:
             for _ in range(skipped):
                 self.estimate.sent(complex(*self.setpoint_mps))
         self._located_s = now
-        (north, east, _), (v_north, v_east, _) = fix.position_ned_m, fix.velocity_ned_mps
+        (north, east, self._down_m), (v_north, v_east, _) = (
+            fix.position_ned_m,
+            fix.velocity_ned_mps,
+        )
         point = self.estimate.stop_point(complex(north, east), complex(v_north, v_east))
         self.stop_point_m = (point.real, point.imag)
         plain = self._plan.compensation is Compensation.NONE
@@ -107,7 +110,7 @@ class Controller:
         the own stop point to the own place, for the agent that is pinned to it: the place weighs as
         much as all neighbours.
         """
-        snapshot = snapshot.aloft()
+        snapshot = snapshot.aloft(self._down_m)
         consensus, avoidance = self._terms(snapshot, formation)
         if off_m is not None:
             # A mean, no sum: at twice the law's rate its stop point swings.
@@ -121,18 +124,21 @@ class Controller:
         return self.setpoint_mps
 
     def go_to(self, snapshot: PeerSnapshot, to_m: Point, speed_mps: float) -> Point:
-        """Straight to a point, keeping apart; around an aircraft that stands in the way."""
+        """Straight to a point, keeping apart from what is aloft; around an aircraft that stands in
+        the way, and out of a dead-lock as in a formation."""
+        snapshot = snapshot.aloft(self._down_m)
         _, avoidance = self._terms(snapshot, NO_FORMATION)
         pull = self.gain * (complex(*to_m) - complex(*self.point_m))
-        wish = avoidance + self._around(shortened(pull, speed_mps))
-        return self._filtered(snapshot, wish, NO_FORMATION)
+        wish, own = self._around(shortened(pull, speed_mps)), complex(*self.stop_point_m)
+        self.send(self.safety_filter.velocity(snapshot, own, wish, avoidance, NO_FORMATION))
+        return self.setpoint_mps
 
     def keep_clear(self, snapshot: PeerSnapshot, *, ground: bool = False) -> Point:
         """Stay, but make room for an aircraft that comes close: the law's avoidance term alone.
 
         `ground`: keep clear of vehicles that stand on the ground, too, as before a landing.
         """
-        snapshot = snapshot if ground else snapshot.aloft()
+        snapshot = snapshot if ground else snapshot.aloft(self._down_m)
         _, avoidance = self._terms(snapshot, NO_FORMATION)
         return self._filtered(snapshot, avoidance, NO_FORMATION)
 

@@ -15,6 +15,9 @@ from swarm_ctl.core.model.messages import AgentState, CommandKind, Phase
 from swarm_ctl.core.model.plan import Point
 from swarm_ctl.core.model.timeouts import FAR_LATE_S, PREDICT_S
 
+OVER_M: Final = 3.0
+"""A vehicle so much higher than one that stands on the ground flies over it: agents keep clear of
+no such one, and the judge counts it as no approach."""
 TRAFFIC: Final = 0
 """The id of an aircraft that the traffic sensor sees and no peer on the mesh explains."""
 
@@ -104,9 +107,18 @@ class PeerSnapshot:
         left = (OtherAircraft(peer.id) if peer.id in gone else peer for peer in self.peers)
         return replace(self, peers=tuple(left))
 
-    def aloft(self) -> PeerSnapshot:
-        """What an agent keeps clear of in flight: without the vehicles that stand on the ground."""
-        return self.without({peer.id for peer in self.peers if peer.down})
+    def aloft(self, down_m: float) -> PeerSnapshot:
+        """What an agent at `down_m` of the common frame keeps clear of: without the vehicles that
+        stand on the ground more than `OVER_M` below it."""
+        return self.without(
+            {
+                peer.id
+                for peer in self.peers
+                if peer.down
+                and peer.state is not None
+                and peer.state.position_ned_m[2] - down_m > OVER_M
+            }
+        )
 
     def fresh(self) -> list[AgentState]:
         """The states that are at most `FRESH_S` old."""

@@ -5,6 +5,7 @@ Form steps are flown, from the planned starts, by the law and the safety filter 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeAlias
@@ -27,6 +28,7 @@ from swarm_ctl.core.model.plan import (
     TakeoffStep,
 )
 from swarm_ctl.core.model.text import agents_named
+from swarm_ctl.core.safety.constraints import Margins
 from swarm_ctl.errors import MissionError
 from swarm_ctl.mission.compile.rehearsal import Rehearsal
 from swarm_ctl.mission.input.units import said
@@ -62,7 +64,7 @@ _UP_AND_DOWN = {
 """Measured on real ones with default parameters, at 10 and 20 m
 (docs/pages/figures.md#real-autopilots)."""
 _TURN_S = 4.0
-"""From one agent's arrival to the next agent's departure: braking, settling, the message."""
+"""Of the way back: settling at its height, braking, coming to rest over the start."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,16 +153,22 @@ def _leg_s(plan: Plan, speed_mps: float, way_m: float) -> float:
 
 
 def _return_s(plan: Plan, before: PlannedFormation, kind: _UpAndDown) -> float:
-    """Agents fly one after the other; each lands while the next one flies."""
-    speed, late_s, done_s = plan.policies.return_speed_mps, _TURN_S, 0.0
-    starts = np.array([agent.start for agent in plan.agents]) * plan.unit_m
-    ways = np.linalg.norm(np.array(before.places_m()) - starts, axis=1)
-    for agent, way_m in zip(plan.agents, ways, strict=True):
-        up_m = return_height_m(plan, agent.id)
-        climbed_s = max(late_s, (up_m - before.height_m) / plan.limits.climb_mps)
-        late_s = climbed_s + float(way_m) / speed + _TURN_S
-        done_s = max(done_s, late_s + _landing_s(up_m, kind))
-    return done_s
+    """All fly at once; who starts within the filter's distance of another waits until that one is
+    down."""
+    speed, limits = plan.policies.return_speed_mps, plan.limits
+    apart_m = Margins.of(plan.law, plan.response, limits.speed_mps, plan.unit_m).keep_out
+    starts = [(n * plan.unit_m, e * plan.unit_m) for n, e in (a.start for a in plan.agents)]
+    ways = list(map(math.dist, before.places_m(), starts))
+    heights = [return_height_m(plan, agent.id) for agent in plan.agents]
+    home_s = [
+        max(0.0, up_m - before.height_m) / limits.climb_mps + way_m / speed + _TURN_S
+        for up_m, way_m in zip(heights, ways, strict=True)
+    ]
+    down_s: dict[int, float] = {}
+    for k in sorted(range(len(starts)), key=home_s.__getitem__):
+        near = [down_s[j] for j in down_s if math.dist(starts[j], starts[k]) < apart_m]
+        down_s[k] = max([home_s[k], *near]) + _landing_s(heights[k], kind)
+    return max(down_s.values())
 
 
 def _landing_s(height_m: float, kind: _UpAndDown) -> float:

@@ -127,7 +127,7 @@ class PolicySection(Section):
     """With a less accurate position, by its own word, no vehicle takes off."""
     position_accuracy_flight_m: float = Field(default=2.0, ge=0.05, le=50)
     return_separation_m: float = Field(default=3.0, ge=0, le=20)
-    """Between the heights of two returning agents."""
+    """Between the layers in which agents return."""
     return_speed_mps: float | None = Field(default=None, ge=0.1, le=20)
     """Default: half of vehicle.limits.speed_mps."""
 

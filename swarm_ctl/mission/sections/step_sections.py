@@ -83,7 +83,7 @@ class ScaleSection(_TravelSection):
 
 
 class ReturnSection(_TimedSection):
-    """Return to the starts, one agent at a time, at separated heights; land there and disarm."""
+    """Return to the starts, all at once, in three layers of height; land there and disarm."""
 
     timeout_s: Timeout | None = None
     """Default: long enough for the number of agents, the height and the ways to the starts."""

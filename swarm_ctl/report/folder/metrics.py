@@ -8,17 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from swarm_ctl.core.law.formation import errors
+from swarm_ctl.core.swarm.snapshot import OVER_M
 from swarm_ctl.report.folder.flight import CLOCK_S, Flight, Source
 from swarm_ctl.report.folder.truth import Floats
-
-OVER_M: Final = 3.0
-"""A vehicle so much higher than one that stands on the ground flies over it: no approach."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -253,7 +253,7 @@ def test_a_way_back_has_two_minutes_for_each_agent() -> None:
     assert flight.context.trigger is flight.trigger
     flight.at(360.1)
     assert flight.context.trigger is not None
-    assert "it took too long, so it lands here" in flight.context.trigger.reason
+    assert "it took more than 360 s, so it lands here" in flight.context.trigger.reason
 
 
 def test_the_return_step_is_the_missions_own_way_back() -> None:

@@ -1,4 +1,4 @@
-"""The way back: climb, wait for the turn, fly, down; at most one agent flies at a time."""
+"""The way back: climb, fly, down; of two in each other's way the higher id makes room."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from swarm_ctl.core.agent.return_to_launch import (
     HEIGHT_TOLERANCE_M,
@@ -24,24 +22,23 @@ from tests.unit.core.builders import HEIGHT_M, NOW, fix, peer, plan, snapshot
 
 CLIMB, WAIT, FLY, DOWN = ReturnStage
 NEVER = math.inf
+BESIDE = (40.0, 1.0)
+"""A metre from where the agent stands that can't go on."""
 
 
 def returning(agent: int, stage: ReturnStage, age_s: float = 0.1, **changes: Any) -> OtherAircraft:
-    return peer(agent, age_s, phase=Phase.RETURN, stage=int(stage), **changes)
+    given = {"phase": Phase.RETURN, "stage": int(stage), "stop_point_m": BESIDE} | changes
+    return peer(agent, age_s, **given)
 
 
-def way_back(agent: int, *peers: OtherAircraft) -> ReturnToLaunch:
-    """Of an agent that has been at its height for a second."""
-    way = ReturnToLaunch(plan(), agent)
-    for now in (NOW, NOW + 1.0):
-        way.update(snapshot(*peers, now=now), fix(), way.height_m)
-    return way
+def stays(agent: int, phase: Phase) -> OtherAircraft:
+    return peer(agent, phase=phase, stop_point_m=BESIDE)
 
 
 # --- heights ---
 
 
-def test_each_agent_has_a_height_of_its_own() -> None:
+def test_agents_fly_back_in_layers() -> None:
     assert [return_height_m(plan(), i) for i in (1, 2, 3)] == [HEIGHT_M, 11.0, 14.0]
 
 
@@ -83,40 +80,47 @@ def test_it_stays_a_second_at_its_height_first() -> None:
     assert after(2.0) is FLY
 
 
-# --- whose turn ---
+# --- in each other's way ---
 
-TURNS: list[tuple[str, list[OtherAircraft], ReturnStage]] = [
-    ("the peers fly the mission", [peer(1), peer(3)], FLY),
-    ("a lower id climbs", [returning(1, CLIMB), peer(3)], WAIT),
-    ("a lower id waits", [returning(1, WAIT), peer(3)], WAIT),
-    ("a lower id flies", [returning(1, FLY), peer(3)], WAIT),
-    ("a lower id lands", [returning(1, DOWN), returning(3, WAIT)], FLY),
-    ("a higher id waits", [returning(1, DOWN), returning(3, WAIT)], FLY),
-    ("a higher id flies", [returning(1, DOWN), returning(3, FLY)], WAIT),
-    ("a lower id is not heard", [returning(1, WAIT, age_s=1.01), peer(3)], FLY),
-    ("a lower id is just heard", [returning(1, WAIT, age_s=1.0), peer(3)], WAIT),
-    ("a lower id was never heard", [peer(1, NEVER), peer(3)], FLY),
-    ("no peer is heard", [peer(1, 2.0), peer(3, 2.0)], WAIT),
-    ("the silent peers are on the ground", [peer(i, 9.0, airborne=False) for i in (1, 3)], FLY),
-    ("the silent peers have ended", [peer(i, 9.0, phase=Phase.ENDED) for i in (1, 3)], FLY),
+BLOCKS: list[tuple[str, list[OtherAircraft], ReturnStage, bool]] = [
+    ("nobody", [peer(1, NEVER), peer(3, NEVER)], DOWN, True),
+    ("a lower id flies", [returning(1, FLY), peer(3, NEVER)], WAIT, False),
+    ("a lower id climbs", [returning(1, CLIMB), peer(3, NEVER)], WAIT, False),
+    ("a lower id makes room itself", [returning(1, WAIT), peer(3, NEVER)], WAIT, False),
+    ("a lower id lands", [returning(1, DOWN), peer(3, NEVER)], FLY, False),
+    ("a lower id lands in place", [stays(1, Phase.LAND), peer(3, NEVER)], FLY, False),
+    ("a higher id flies", [peer(1, NEVER), returning(3, FLY)], FLY, False),
+    ("a lower id that is silent", [returning(1, FLY, age_s=1.01), peer(3, NEVER)], DOWN, True),
+    ("one that hovers for good", [stays(1, Phase.HOLD), peer(3, NEVER)], DOWN, True),
+    (
+        "a lower id far away",
+        [returning(1, FLY, stop_point_m=(200.0, 0.0)), peer(3, NEVER)],
+        DOWN,
+        True,
+    ),
 ]
 
 
-@pytest.mark.parametrize(("what", "peers", "stage"), TURNS, ids=[row[0] for row in TURNS])
-def test_whose_turn_it_is(what: str, peers: list[OtherAircraft], stage: ReturnStage) -> None:
-    """As agent 2 sees it, at its height."""
-    assert way_back(2, *peers).stage is stage
+@pytest.mark.parametrize(
+    ("what", "peers", "stage", "blocked"), BLOCKS, ids=[row[0] for row in BLOCKS]
+)
+def test_who_is_in_the_way_decides(
+    what: str, peers: list[OtherAircraft], stage: ReturnStage, blocked: bool
+) -> None:
+    """As agent 2 sees it, which has stood still for 8 s away from its start: it makes room for a
+    lower id, waits for what comes down, and else lands beside what stays."""
+    way, at = ReturnToLaunch(plan(), 2), fix(40.0)
+    for now in (NOW, NOW + 1.0, NOW + 2.0, NOW + 10.01):
+        way.update(snapshot(*peers, now=now), at, way.height_m)
+    assert (way.stage, way.blocked) == (stage, blocked)
 
 
-@given(st.lists(st.sampled_from([CLIMB, WAIT, FLY, DOWN]), min_size=3, max_size=3))
-def test_at_most_one_agent_sets_out(stages: list[ReturnStage]) -> None:
-    """If all hear each other, of those that wait at most one sets out; none while a peer flies."""
-    out = []
-    for agent, stage in zip((1, 2, 3), stages, strict=True):
-        others = [returning(i, s) for i, s in zip((1, 2, 3), stages, strict=True) if i != agent]
-        if stage is WAIT and way_back(agent, *others).stage is FLY:
-            out.append(agent)
-    assert len(out) <= (0 if FLY in stages else 1)
+def test_who_made_room_goes_on_when_the_other_lands() -> None:
+    way, at = ReturnToLaunch(plan(), 2), fix(40.0)
+    for now in (NOW, NOW + 1.0, NOW + 2.0, NOW + 10.01):
+        way.update(snapshot(returning(1, FLY), now=now), at, way.height_m)
+    assert way.stage is WAIT
+    assert way.update(snapshot(returning(1, DOWN), now=NOW + 11.0), at, way.height_m) is FLY
 
 
 def test_an_agent_that_hears_no_peer_knows_no_order() -> None:
@@ -129,7 +133,9 @@ def test_an_agent_that_hears_no_peer_knows_no_order() -> None:
 
 
 def flying() -> ReturnToLaunch:
-    way = way_back(1, peer(2), peer(3))
+    way = ReturnToLaunch(plan(), 1)
+    for now in (NOW, NOW + 1.0):
+        way.update(snapshot(peer(2), peer(3), now=now), fix(), way.height_m)
     assert way.stage is FLY
     return way
 

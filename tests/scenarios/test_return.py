@@ -1,0 +1,106 @@
+"""Every agent of every grid comes home by `return`: by the simulator's truth, near its own start,
+with no pair under r_in, all at once, and in bounded time."""
+
+from __future__ import annotations
+
+import math
+import random
+
+import pytest
+
+from swarm_ctl.api.virtual_swarm import VirtualSwarm
+from swarm_ctl.core.model.messages import Outcome
+from swarm_ctl.mission.compile.loader import loads
+
+HOME_M = 3.0
+"""The verdict's own tolerance (`LANDING_TOLERANCE_M`)."""
+
+HEAD = """\
+version: 1
+name: home
+origin: {lat_deg: -35.36, lon_deg: 149.16, alt_m: 584}
+unit_m: 5
+tick_s: 0.1
+law: {r: 4.5, r_out: 1.5, r_in: 0.5}
+"""
+
+
+def mission(starts: list[tuple[float, float]], steps: list[str], more: str = "") -> str:
+    agents = "".join(f"  - {{id: {k}, start: [{n}, {e}]}}\n" for k, (n, e) in enumerate(starts, 1))
+    shapes = f"shapes:\n  row: {{kind: line, count: {len(starts)}, spacing: 2}}\n"
+    listed = "".join(f"  - {step}\n" for step in steps)
+    return f"{HEAD}agents:\n{agents}{shapes}steps:\n{listed}{more}"
+
+
+def grid(count: int, spacing: float) -> list[tuple[float, float]]:
+    side = math.ceil(math.sqrt(count))
+    return [(round(spacing * (k // side), 3), round(spacing * (k % side), 3)) for k in range(count)]
+
+
+def flown_home(text: str, seed: int, within_s: float) -> float:
+    """How long the return lasts [s]; all of the property is checked on the way."""
+    loaded = loads(text)
+    plan = loaded.plan
+    swarm, begun_s = VirtualSwarm(loaded, seed), math.inf
+    while any(member.alive for member in swarm.members.values()):
+        swarm.tick()
+        steps = [member.status.step for member in swarm.members.values() if member.status]
+        if math.isinf(begun_s) and max(steps, default=0) == len(plan.steps):
+            begun_s = swarm.now
+        assert swarm.now - (0.0 if math.isinf(begun_s) else begun_s) < within_s + 300.0
+    assert swarm.all_down
+    assert set(swarm.outcomes().values()) == {Outcome.COMPLETED}
+    assert min(swarm.minimum.values(), default=math.inf) >= plan.law.r_in * plan.unit_m
+    at = swarm.positions()
+    for agent in plan.agents:
+        home = [c * plan.unit_m for c in agent.start]
+        assert math.dist(at[agent.id], home) < HOME_M, f"agent {agent.id}"
+    assert swarm.now - begun_s < within_s
+    return swarm.now - begun_s
+
+
+TAKE_OFF = ["takeoff: {height_m: 5}", "form: {shape: row}"]
+
+
+def test_a_square_comes_home_from_afar() -> None:
+    """One of four was stranded 15 m from its start: it kept clear of those that had landed."""
+    steps = [*TAKE_OFF, "move: {to: [-6, -6]}", "return"]
+    flown_home(mission(grid(4, 1.8), steps), 1, 90.0)
+
+
+def test_starts_closer_than_the_filter_s_distance_are_all_come_home_to() -> None:
+    """3 m apart, r_in 2.5 m: one after the other goes down."""
+    flown_home(mission(grid(4, 0.6), [*TAKE_OFF, "return"]), 1, 130.0)
+
+
+def test_five_in_a_row_are_home_in_a_minute() -> None:
+    """One by one it took 118 s."""
+    starts = [(0.0, 3.0 * k) for k in range(5)]
+    flown_home(mission(starts, [*TAKE_OFF, "move: {by: [8, 0]}", "return"]), 1, 60.0)
+
+
+def drawn(seed: int) -> str:
+    """Any grid, moved and turned, with either autopilot, in fair weather or wind."""
+    rng = random.Random(seed)
+    count = rng.randint(2, 9)
+    steps = [f"takeoff: {{height_m: {rng.choice([2.5, 4, 5, 10])}}}", "form: {shape: row}"]
+    for _ in range(rng.randint(0, 2)):
+        north, east = rng.randint(-12, 12), rng.randint(-12, 12)
+        turn = rng.choice([90, 180, -135])
+        steps.append(
+            rng.choice([f"move: {{by: [{north}, {east}]}}", f"rotate: {{angle_deg: {turn}}}"])
+        )
+    kinds = [rng.choice(["ardupilot", "px4"]) for _ in range(count)]
+    more = "fleet:\n  agents:\n" + "".join(
+        f"    - {{id: {k}, sysid: {k}, autopilot: {kind}}}\n" for k, kind in enumerate(kinds, 1)
+    )
+    if rng.random() < 0.4:
+        more += "simulation: {parameters: {SIM_WIND_SPD: 4, SIM_WIND_DIR: 200}}\n"
+    return mission(grid(count, round(rng.uniform(0.6, 2.8), 2)), [*steps, "return"], more)
+
+
+@pytest.mark.parametrize(
+    "seed", [*range(3), *(pytest.param(seed, marks=pytest.mark.long) for seed in range(3, 100))]
+)
+def test_all_come_home(seed: int) -> None:
+    flown_home(drawn(seed), seed, 240.0)
