@@ -67,7 +67,8 @@ def test_qgroundcontrol_connects_to_each_of_six_vehicles(tmp_path: Path) -> None
             assert vehicle.version.uid == sysid
             assert vehicle.modes == (9 if kind == "ardupilot" else 10)
             assert 0 not in (vehicle.metadata, vehicle.information)  # declined: no such thing
-            assert vehicle.protocol == mavlink.MAV_RESULT_UNSUPPORTED
+            known = kind == "px4"
+            assert vehicle.protocol == (0 if known else mavlink.MAV_RESULT_UNSUPPORTED)
             own = "MAV_SYSID" if kind == "ardupilot" else "MAV_SYS_ID"
             assert own in vehicle.parameters
             assert (vehicle.mission, vehicle.fence, vehicle.rally) == ([], [], [])

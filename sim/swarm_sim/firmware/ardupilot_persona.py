@@ -39,8 +39,8 @@ from swarm_sim.firmware.message import (
 )
 from swarm_sim.firmware.parameters.ardupilot_parameters import ARDUPILOT_DEFAULTS
 from swarm_sim.firmware.parameters.parameter_set import CAST
-from swarm_sim.firmware.protocol import uploaded_mission
-from swarm_sim.firmware.protocol.commands import COMMON
+from swarm_sim.firmware.protocol import ardupilot_transfer, uploaded_mission
+from swarm_sim.firmware.protocol.commands import COMMON, set_mission_current
 from swarm_sim.firmware.protocol.guided import condition_yaw
 from swarm_sim.firmware.protocol.telemetry import readings
 from swarm_sim.physics.geodesy import Vector3
@@ -97,6 +97,17 @@ DISARM_S = 2.2
 _FRAMES = (FRAME_LOCAL_NED, FRAME_LOCAL_OFFSET_NED, FRAME_BODY_NED, FRAME_BODY_OFFSET_NED)
 
 
+_KNOWN_ITEMS = frozenset(
+    (
+        *(*range(16, 23), 30, 31, *range(82, 86), 92, 93, 94, 112, 114, 115, 177, 178, 179),
+        *(*range(181, 185), 188, 189, 191, 193, 194, 195, 197, 201, 202, 203, *range(205, 209)),
+        *(*range(210, 214), *range(215, 219), 222, 223, 531, 532, 534, 600, 601, 1000, 2000, 2001),
+        *(2500, 2501, 3000, 42600, 42703),
+    )
+)
+"""MAV_CMDs that an uploaded mission may have: all that ArduCopter 4.7-dev took, one by one."""
+
+
 class ArdupilotPersona(Firmware):
     """ArduCopter."""
 
@@ -114,7 +125,24 @@ class ArdupilotPersona(Firmware):
     force_arm_magic = 2989.0
     arm_nonsense = MavResult.UNSUPPORTED
     refusal = MavResult.FAILED
-    asks_in_kind = False
+    mission_services = ardupilot_transfer.HANDLERS
+    unknown_message = MavResult.FAILED
+    unknown_interval = MavResult.DENIED
+    zero_is_here = True
+    bad_number = MavResult.DENIED
+    merely_answered: ClassVar[Mapping[int, MavResult | None]] = {
+        MavCmd.DO_SET_RELAY: MavResult.ACCEPTED,
+        MavCmd.DO_SET_SERVO: MavResult.ACCEPTED,
+        MavCmd.DO_FLIGHTTERMINATION: MavResult.FAILED,
+        MavCmd.DO_LAND_START: MavResult.FAILED,
+        MavCmd.DO_SET_ROI_LOCATION: MavResult.ACCEPTED,
+        MavCmd.DO_SET_ROI_NONE: MavResult.ACCEPTED,
+        MavCmd.DO_MOUNT_CONTROL: MavResult.FAILED,
+        MavCmd.DO_GRIPPER: MavResult.FAILED,
+        MavCmd.PREFLIGHT_STORAGE: MavResult.DENIED,
+        MavCmd.DO_GIMBAL_MANAGER_PITCHYAW: MavResult.FAILED,
+        MavCmd.IMAGE_START_CAPTURE: MavResult.FAILED,
+    }
     first_index = 1
     land_detect_s = LAND_DETECT_S
 
@@ -237,6 +265,13 @@ class ArdupilotPersona(Firmware):
         x, y = round(at.lat_deg * 1e7), round(at.lon_deg * 1e7)
         return MissionItem(MavCmd.NAV_WAYPOINT, 0, (0.0, 0.0, 0.0, 0.0), x, y, at.alt_m)
 
+    def known_item(self, command: int, frame: int) -> bool:
+        del frame
+        return command in _KNOWN_ITEMS
+
+    def keep_transfer_going(self) -> None:
+        ardupilot_transfer.keep_going(self)
+
     def mission_lost(self) -> None:
         landed, heading = self.sensed.landed, self.sensed.heading_rad
         self.begin(GroundManeuver() if landed else HoldManeuver(heading))
@@ -249,10 +284,11 @@ class ArdupilotPersona(Firmware):
         return MavResult.ACCEPTED
 
     def _pause(self, command: MavCommand) -> MavResult:
-        if not isinstance(self.maneuver, MissionManeuver) or command.p[0] not in (0.0, 1.0):
-            return MavResult.FAILED
-        self.maneuver.paused = command.p[0] == 0.0
-        self.update_demand()
+        if command.p[0] not in (0.0, 1.0):
+            return MavResult.DENIED
+        if isinstance(self.maneuver, MissionManeuver):
+            self.maneuver.paused = command.p[0] == 0.0
+            self.update_demand()
         return MavResult.ACCEPTED
 
     # --- guided flight ---
@@ -264,8 +300,7 @@ class ArdupilotPersona(Firmware):
         if not (math.isfinite(height) and height > 0):
             return MavResult.FAILED
         self._takeoff_s = self.now
-        down = self.home_ned[2] - height
-        self.begin(TakeoffManeuver(self.sensed, down, self.now, self.style().takeoff_mps))
+        self.begin(self.take_off(self.home_ned[2] - height))
         return MavResult.ACCEPTED
 
     def on_position_target(self, target: PositionTarget) -> None:
@@ -367,8 +402,12 @@ class ArdupilotPersona(Firmware):
         MavCmd.DO_SET_MODE: _do_set_mode,
         MavCmd.MISSION_START: _mission_start,
         MavCmd.DO_PAUSE_CONTINUE: _pause,
+        MavCmd.DO_SET_MISSION_CURRENT: set_mission_current,
         MavCmd.NAV_TAKEOFF: _takeoff,
         MavCmd.CONDITION_YAW: condition_yaw,
+        MavCmd.RUN_PREARM_CHECKS: lambda f, _: (
+            MavResult.TEMPORARILY_REJECTED if f.armed else MavResult.ACCEPTED
+        ),
         MavCmd.NAV_LAND: lambda f, _: f.enter(LAND),
         MavCmd.NAV_RETURN_TO_LAUNCH: lambda f, _: f.enter(RTL),
     }

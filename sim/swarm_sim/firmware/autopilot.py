@@ -23,6 +23,7 @@ from swarm_sim.firmware.flying.maneuvers import (
     Maneuver,
     ReturnManeuver,
     Sensed,
+    TakeoffManeuver,
     VelocityManeuver,
 )
 from swarm_sim.firmware.flying.mission_items import MissionItem, MissionLists
@@ -123,8 +124,18 @@ class SimAutopilot(ABC):
     """The answer to arming with a first parameter that is neither 0 nor 1."""
     disarmed_text: ClassVar[str] = "Disarming motors"
     disarm_denied_text: ClassVar[str] = ""
-    asks_in_kind: ClassVar[bool]
-    """It asks for mission items by MISSION_REQUEST_INT once the client has used it."""
+    mission_services: ClassVar[Mapping[str, Callable[[Any, Message], None]]]
+    """Messages of the mission protocol."""
+    merely_answered: ClassVar[Mapping[int, MavResult | None]]
+    """MAV_CMDs of things that are not simulated, and that a station asks for all the same; None:
+    no answer."""
+    unknown_message: ClassVar[MavResult]
+    unknown_interval: ClassVar[MavResult]
+    """The answers to REQUEST_MESSAGE and SET_MESSAGE_INTERVAL of a message that it doesn't have."""
+    zero_is_here: ClassVar[bool]
+    """DO_SET_HOME takes latitude 0, longitude 0 as no place, not as one in the Atlantic."""
+    bad_number: ClassVar[MavResult]
+    """The answer to a speed or place that is none."""
     first_index: ClassVar[int]
     """Index of the first mission item that is flown."""
     land_detect_s: ClassVar[float]
@@ -225,6 +236,10 @@ class SimAutopilot(ABC):
         """Flies to a point and stays, in the air and armed."""
 
     @abstractmethod
+    def keep_transfer_going(self) -> None:
+        """Asks again for a mission item that doesn't come, and gives up in the end; every tick."""
+
+    @abstractmethod
     def mission_lost(self) -> None:
         """The mission that is being flown was cleared."""
 
@@ -239,6 +254,10 @@ class SimAutopilot(ABC):
     def addressed(self, _command: MavCommand) -> bool:
         """Whether a command with this target is answered."""
         return True
+
+    @abstractmethod
+    def known_item(self, command: int, frame: int) -> bool:
+        """Whether a mission may have this MAV_CMD in this MAV_FRAME."""
 
     def first_item(self, item: MissionItem | None) -> MissionItem | None:
         """What is told as the first mission item, for the one uploaded."""
@@ -328,6 +347,14 @@ class SimAutopilot(ABC):
         return ReturnManeuver(
             self.sensed, self.home_ned, style.return_height_m, style.return_wait_s
         )
+
+    def take_off(self, down_m: float) -> TakeoffManeuver:
+        """Up to there from here. One that is under way goes on: an order that comes again does not
+        spool up again."""
+        before, began_s = self.maneuver, self.now
+        if isinstance(before, TakeoffManeuver) and before.began_s >= self.armed_s:
+            began_s = before.began_s
+        return TakeoffManeuver(self.sensed, down_m, began_s, self.style().takeoff_mps)
 
     def crashed(self) -> None:
         """It fell to the ground."""

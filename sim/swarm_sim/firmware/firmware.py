@@ -8,7 +8,7 @@ from __future__ import annotations
 from swarm_sim.firmware.autopilot import SimAutopilot
 from swarm_sim.firmware.flying.maneuvers import Sensed
 from swarm_sim.firmware.message import Message
-from swarm_sim.firmware.protocol import mission_transfer, uploaded_mission
+from swarm_sim.firmware.protocol import uploaded_mission
 from swarm_sim.firmware.protocol.handlers import HANDLERS, sane
 from swarm_sim.firmware.protocol.telemetry import readings
 from swarm_sim.firmware.streams import next_on_grid
@@ -65,7 +65,7 @@ class Firmware(SimAutopilot):
             for name in ("GPS_GLOBAL_ORIGIN", "HOME_POSITION"):
                 for fields in readings(self, name):
                     self.say(name, fields)
-        mission_transfer.remind(self)
+        self.keep_transfer_going()
         if self.armed:
             self.housekeeping()
         self.update_demand()

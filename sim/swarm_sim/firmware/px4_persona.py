@@ -30,6 +30,7 @@ from swarm_sim.firmware.flying.position_target import (
 )
 from swarm_sim.firmware.message import (
     MAV_MODE_FLAG_CUSTOM,
+    NO_PLACE_FRAME,
     LandedState,
     MavCmd,
     MavCommand,
@@ -38,7 +39,7 @@ from swarm_sim.firmware.message import (
 )
 from swarm_sim.firmware.parameters.parameter_set import BYTEWISE, typed
 from swarm_sim.firmware.parameters.px4_parameters import PX4_DEFAULTS
-from swarm_sim.firmware.protocol import uploaded_mission
+from swarm_sim.firmware.protocol import px4_transfer, uploaded_mission
 from swarm_sim.firmware.protocol.commands import COMMON
 from swarm_sim.physics.geodesy import Vector3
 
@@ -107,6 +108,17 @@ DESCEND_MPS = 0.7
 """Descent of the failsafe that has neither setpoints nor sticks."""
 
 
+_PLACED_ITEMS = frozenset((16, 17, 19, 21, 22, 31, 80, 84, 85, 195, 201, 4501, 5000))
+_PLACELESS_ITEMS = frozenset(
+    (
+        *(20, 80, 93, 112, 114, 177, 178, 179, 187, 189, 196, 197, 200, 201, *range(203, 207), 211),
+        *(214, 260, 530, 532, 534, 1000, 1001, 2000, 2001, 2003, 2500, 2501, 3000, 42600),
+    )
+)
+"""MAV_CMDs that an uploaded mission may have, with a place and without: all that PX4 1.16-dev took,
+one by one."""
+
+
 class Px4Persona(Firmware):
     """PX4 multicopter."""
 
@@ -144,7 +156,23 @@ class Px4Persona(Firmware):
     refusal = MavResult.TEMPORARILY_REJECTED
     disarmed_text = "Disarmed by external command"
     disarm_denied_text = "Disarming denied: not landed"
-    asks_in_kind = True
+    mission_services = px4_transfer.HANDLERS
+    unknown_message = MavResult.DENIED
+    unknown_interval = MavResult.FAILED
+    zero_is_here = False
+    bad_number = MavResult.ACCEPTED
+    merely_answered: ClassVar[Mapping[int, MavResult | None]] = {
+        MavCmd.DO_FLIGHTTERMINATION: MavResult.DENIED,
+        MavCmd.DO_SET_ROI_LOCATION: MavResult.ACCEPTED,
+        MavCmd.DO_SET_ROI_NONE: MavResult.ACCEPTED,
+        MavCmd.DO_MOUNT_CONTROL: None,
+        MavCmd.DO_GRIPPER: None,
+        MavCmd.PREFLIGHT_STORAGE: MavResult.ACCEPTED,
+        MavCmd.RUN_PREARM_CHECKS: MavResult.ACCEPTED,
+        MavCmd.REQUEST_PROTOCOL_VERSION: MavResult.ACCEPTED,
+        MavCmd.REQUEST_CAMERA_INFORMATION: None,
+        MavCmd.DO_GIMBAL_MANAGER_PITCHYAW: None,
+    }
     first_index = 0
     land_detect_s = LAND_DETECT_S
     own_faults = typed({"SIM_GPS_DRIFT": 0.1, "SIM_VEL_NOISE": 0.25})
@@ -262,11 +290,11 @@ class Px4Persona(Firmware):
 
     def _maneuver(self, mode: FlightMode) -> Maneuver:
         heading, landed = self.sensed.heading_rad, self.sensed.landed
-        if mode is TAKEOFF and landed:
+        if mode is TAKEOFF and (landed or isinstance(self.maneuver, TakeoffManeuver)):
             down = self._takeoff_down_m
             if down is None:
                 down = self.sensed.position_ned_m[2] - self.parameters["MIS_TAKEOFF_ALT"]
-            return TakeoffManeuver(self.sensed, down, self.now, self.style().takeoff_mps)
+            return self.take_off(down)
         if mode is LAND:
             return LandManeuver(heading, self.home_ned[2])
         if mode is MISSION and self.armed:
@@ -277,19 +305,22 @@ class Px4Persona(Firmware):
 
     # --- missions ---
 
+    def known_item(self, command: int, frame: int) -> bool:
+        return command in (_PLACELESS_ITEMS if frame == NO_PLACE_FRAME else _PLACED_ITEMS)
+
+    def keep_transfer_going(self) -> None:
+        px4_transfer.keep_going(self)
+
     def mission_lost(self) -> None:
         self._change(LOITER)
 
     def _mission_start(self, _: MavCommand) -> MavResult:
+        if not uploaded_mission.present(self):
+            return MavResult.DENIED
         result = self.enter(MISSION)
         if result is not MavResult.ACCEPTED or self.armed:
             return result
         return self.arm(force=False)
-
-    def _pause(self, command: MavCommand) -> MavResult:
-        if command.p[0] not in (0.0, 1.0):
-            return MavResult.DENIED
-        return self.enter(LOITER if command.p[0] == 0.0 else MISSION)
 
     # --- offboard ---
 
@@ -421,7 +452,6 @@ class Px4Persona(Firmware):
     commands: ClassVar[Mapping[int, CommandHandler]] = COMMON | {
         MavCmd.DO_SET_MODE: _do_set_mode,
         MavCmd.MISSION_START: _mission_start,
-        MavCmd.DO_PAUSE_CONTINUE: _pause,
         MavCmd.NAV_TAKEOFF: _takeoff,
         MavCmd.NAV_LAND: lambda f, _: f.enter(LAND),
         MavCmd.NAV_RETURN_TO_LAUNCH: lambda f, _: f.enter(RTL),

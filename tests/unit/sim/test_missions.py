@@ -17,7 +17,8 @@ Persona = type[ArdupilotPersona | Px4Persona]
 BOTH = pytest.mark.parametrize("persona", [ArdupilotPersona, Px4Persona])
 NAMES = pytest.mark.parametrize("persona", ["ardupilot", "px4"])
 TO: dict[str, Any] = {"target_system": 1, "target_component": 1}
-WAYPOINT, RTL, LAND, TAKEOFF, START, PAUSE, SET_CURRENT, SPEED = 16, 20, 21, 22, 300, 193, 224, 178
+WAYPOINT, RTL, LAND, TAKEOFF, START, PAUSE = 16, 20, 21, 22, 300, 193
+SET_CURRENT, SPEED, JUMP, PX4_HOLD, PX4_MISSION = 224, 178, 177, (4, 3), (4, 4)
 
 
 def item(
@@ -31,7 +32,8 @@ def item(
     here = north == east == 0.0
     numbers = {f"param{i + 1}": v for i, v in enumerate([*p, *[0.0] * (4 - len(p))])}
     place = {"x": 0 if here else lat, "y": 0 if here else lon, "z": up}
-    return {"frame": 6, "command": command, "current": 0, "autocontinue": 1} | numbers | place
+    frame = 2 if command in (RTL, JUMP, SPEED) else 6
+    return {"frame": frame, "command": command, "current": 0, "autocontinue": 1} | numbers | place
 
 
 def upload(rig: Rig, items: list[dict[str, Any]], kind: int = 0) -> list[int]:
@@ -115,12 +117,15 @@ def test_each_firmware_asks_with_the_message_its_clients_know() -> None:
         (Px4Persona, "MISSION_REQUEST_INT"),
     ):
         rig = ready(persona)
-        for expected, answer in (("MISSION_REQUEST", "MISSION_ITEM_INT"), (then, "MISSION_ITEM")):
+        answers = ("MISSION_ITEM_INT", "MISSION_ITEM", "MISSION_ITEM_INT")
+        for expected, answer in zip(
+            ("MISSION_REQUEST", then, "MISSION_REQUEST"), answers, strict=True
+        ):
             rig.said.clear()
-            rig.tell("MISSION_COUNT", **TO, count=2, mission_type=0)
+            rig.tell("MISSION_COUNT", **TO, count=1, mission_type=0)
             assert [(m.name, m.fields["seq"]) for m in rig.said] == [(expected, 0)]
             rig.tell(answer, **TO, **item(WAYPOINT) | {"frame": 3}, seq=0, mission_type=0)
-        assert rig.said[-1].name == "MISSION_REQUEST"
+            assert rig.heard("MISSION_ACK")[-1]["type"] == 0
 
 
 def test_px4_asks_otherwise_when_its_client_does_not_know_the_request() -> None:
@@ -134,7 +139,7 @@ def test_px4_asks_otherwise_when_its_client_does_not_know_the_request() -> None:
     rig.said.clear()
     rig.tell("MISSION_ACK", (9, 9), **TO, type=3, mission_type=0)
     rig.tell("MISSION_ACK", **TO, type=0, mission_type=0)
-    assert rig.said == []
+    assert {m.name for m in rig.said} == {"STATUSTEXT"}, "the other partner"
 
 
 @BOTH
@@ -149,6 +154,8 @@ def test_an_item_that_does_not_come_is_asked_for_again_then_the_upload_forgotten
     asked = [m for m in rig.said if m.name.startswith("MISSION_REQUEST")]
     assert len(asked) >= 4
     rig.run(10.0)
+    told = persona is ArdupilotPersona
+    assert [m["type"] for m in rig.heard("MISSION_ACK")] == [MissionResult.CANCELLED] * told
     rig.said.clear()
     rig.run(5.0)
     assert not [m for m in rig.said if m.name.startswith("MISSION_REQUEST")]
@@ -162,11 +169,112 @@ def test_the_wrong_item_is_not_taken_and_strangers_neither(persona: Persona) -> 
     rig.tell("MISSION_ITEM_INT", **TO, **HOME, seq=1, mission_type=0)
     rig.tell("MISSION_ITEM_INT", (42, 1), **TO, **HOME, seq=0, mission_type=0)
     rig.tell("MISSION_ITEM_INT", **TO, **HOME, seq=0, mission_type=1)
-    assert not rig.heard("MISSION_ACK")
+    answers = {ArdupilotPersona: [13, 14, 1], Px4Persona: [1]}[persona]
+    assert [m["type"] for m in rig.heard("MISSION_ACK")] == answers
+    rig.said.clear()
     for seq in (0, 0, 1):
         rig.tell("MISSION_ITEM_INT", **TO, **HOME, seq=seq, mission_type=0)
-    assert [m["type"] for m in rig.heard("MISSION_ACK")] == [0]
+    answers = {ArdupilotPersona: [13, 0], Px4Persona: [0]}[persona]
+    assert [m["type"] for m in rig.heard("MISSION_ACK")] == answers
     assert len(download(rig)) == 2
+
+
+def beside(persona: Persona, other: str, **fields: Any) -> list[int]:
+    """What a second station hears that speaks while the first has sent one item of three."""
+    rig = ready(persona)
+    rig.tell("MISSION_COUNT", **TO, count=3, mission_type=0)
+    rig.tell("MISSION_ITEM_INT", **TO, **HOME, seq=0, mission_type=0)
+    rig.said.clear()
+    rig.tell(other, (254, 190), **TO, **fields, mission_type=0)
+    heard = [m.fields["type"] for m in rig.said if m.fields.get("target_system") == 254]
+    for seq in (1, 2):
+        rig.tell("MISSION_ITEM_INT", **TO, **HOME, seq=seq, mission_type=0)
+    assert [m["type"] for m in rig.heard("MISSION_ACK")][-1] == 0, "the first one's goes on"
+    assert len(download(rig)) == 3
+    return heard
+
+
+def test_a_second_station_takes_no_upload_over_and_does_not_read_a_half_list() -> None:
+    for name, fields in (
+        ("MISSION_COUNT", {"count": 2}),
+        ("MISSION_REQUEST_LIST", {}),
+        ("MISSION_REQUEST_INT", {"seq": 0}),
+        ("MISSION_ITEM_INT", {**HOME, "seq": 1}),
+        ("MISSION_WRITE_PARTIAL_LIST", {"start_index": 0, "end_index": 0}),
+    ):
+        assert beside(ArdupilotPersona, name, **fields) == [MissionResult.DENIED]
+    denied = [MissionResult.DENIED, MissionResult.ERROR]
+    assert beside(ArdupilotPersona, "MISSION_CLEAR_ALL") == denied
+    assert beside(Px4Persona, "MISSION_COUNT", count=2) == [MissionResult.ERROR]
+    for name in ("MISSION_REQUEST_LIST", "MISSION_CLEAR_ALL"):
+        assert beside(Px4Persona, name) == []
+
+
+@BOTH
+def test_the_last_item_again_after_a_lost_acknowledgement(persona: Persona) -> None:
+    rig = ready(persona)
+    upload(rig, [HOME, *ROUND])
+    rig.said.clear()
+    rig.tell("MISSION_ITEM_INT", **TO, **ROUND[-1], seq=4, mission_type=0)
+    answer = {ArdupilotPersona: MissionResult.ERROR, Px4Persona: MissionResult.ACCEPTED}[persona]
+    assert [m["type"] for m in rig.heard("MISSION_ACK")] == [answer]
+    assert len(download(rig)) == 5
+
+
+@BOTH
+def test_a_cancelled_upload_ends_at_px4_and_is_asked_for_by_arducopter(persona: Persona) -> None:
+    rig = ready(persona)
+    rig.tell("MISSION_COUNT", **TO, count=3, mission_type=0)
+    rig.tell("MISSION_ACK", **TO, type=MissionResult.CANCELLED, mission_type=0)
+    rig.said.clear()
+    rig.run(3.0)
+    asked = bool(rig.heard("MISSION_REQUEST"))
+    assert asked is (persona is ArdupilotPersona)
+
+
+def test_a_part_of_a_list_is_replaced_by_arducopter_alone() -> None:
+    rig = ready(ArdupilotPersona)
+    upload(rig, [HOME, *ROUND])
+    before = download(rig)
+    rig.said.clear()
+    rig.tell("MISSION_WRITE_PARTIAL_LIST", **TO, start_index=2, end_index=3, mission_type=0)
+    for seq in (2, 3):
+        assert rig.heard("MISSION_REQUEST")[-1]["seq"] == seq
+        new = item(WAYPOINT, 7.0, 7.0, 3.0)
+        rig.tell("MISSION_ITEM_INT", **TO, **new, seq=seq, mission_type=0)
+    assert [m["type"] for m in rig.heard("MISSION_ACK")] == [0]
+    after = download(rig)
+    assert [a == b for a, b in zip(after, before, strict=True)] == [True, True, False, False, True]
+    for first, last in ((4, 5), (3, 2), (-1, 0)):
+        rig.said.clear()
+        rig.tell(
+            "MISSION_WRITE_PARTIAL_LIST", **TO, start_index=first, end_index=last, mission_type=0
+        )
+        assert [m["type"] for m in rig.heard("MISSION_ACK")] == [MissionResult.ERROR]
+    rig = ready(Px4Persona)
+    rig.tell("MISSION_WRITE_PARTIAL_LIST", **TO, start_index=0, end_index=0, mission_type=0)
+    assert not rig.heard("MISSION_ACK")
+
+
+def test_a_px4_ends_a_download_at_a_wrong_number() -> None:
+    rig = ready(Px4Persona)
+    upload(rig, ROUND)
+    rig.tell("MISSION_REQUEST_LIST", **TO, mission_type=0)
+    rig.tell("MISSION_REQUEST_INT", **TO, seq=0, mission_type=0)
+    rig.tell("MISSION_REQUEST_INT", **TO, seq=0, mission_type=0)
+    assert len(rig.heard("MISSION_ITEM_INT")) == 2
+    rig.said.clear()
+    rig.tell("MISSION_REQUEST_INT", **TO, seq=3, mission_type=0)
+    assert [m["type"] for m in rig.heard("MISSION_ACK")] == [MissionResult.ERROR]
+    rig.said.clear()
+    rig.tell("MISSION_REQUEST_INT", **TO, seq=1, mission_type=0)
+    assert not rig.said
+
+
+def test_items_31_and_94_are_arducopter_s_own_tests_missions() -> None:
+    for command in (31, 94):
+        assert upload(ready(ArdupilotPersona), [HOME, item(command, 5.0, 5.0, 5.0)]) == [0]
+    assert upload(ready(Px4Persona), [item(94, 5.0, 5.0, 5.0)]) == [MissionResult.UNSUPPORTED]
 
 
 @BOTH
@@ -177,6 +285,7 @@ def test_the_wrong_item_is_not_taken_and_strangers_neither(persona: Persona) -> 
         (item(WAYPOINT) | {"frame": 1}, MissionResult.UNSUPPORTED_FRAME),
         (item(WAYPOINT) | {"z": math.nan}, MissionResult.INVALID),
         (item(5001), MissionResult.UNSUPPORTED),
+        (item(4999), MissionResult.UNSUPPORTED),
     ],
 )
 def test_what_can_not_be_flown_is_refused_and_the_old_list_kept(
@@ -198,18 +307,10 @@ def test_clearing_and_what_is_not_there(persona: Persona) -> None:
     assert [m["type"] for m in rig.heard("MISSION_ACK")] == [0]
     assert download(rig) == []
     assert len(download(rig, 2)) == 1
+    rig.tell("MISSION_ACK", **TO, type=0, mission_type=2)
     rig.tell("MISSION_CLEAR_ALL", **TO, mission_type=255)
-    assert download(rig, 2) == []
-    rig.said.clear()
-    rig.tell("MISSION_REQUEST_INT", **TO, seq=3, mission_type=0)
-    rig.tell("MISSION_REQUEST_LIST", **TO, mission_type=77)
-    rig.tell("MISSION_COUNT", **TO, count=60000, mission_type=0)
-    types = [m["type"] for m in rig.heard("MISSION_ACK")]
-    assert types == [
-        MissionResult.INVALID_SEQUENCE,
-        MissionResult.UNSUPPORTED,
-        MissionResult.NO_SPACE,
-    ]
+    kept = persona is ArdupilotPersona  # each by itself alone
+    assert len(download(rig, 2)) == kept
 
 
 @BOTH
@@ -301,13 +402,17 @@ def test_pause_and_go_on(persona: str) -> None:
     flight = Mission(persona, ROUND)
     flight.start()
     flight.run(12.0)
-    assert flight.command(0, PAUSE, 0) == 0
+    px4 = persona == "px4"  # it is paused by its mode
+    assert flight.command(0, PAUSE, 0) == (3 if px4 else 0)
+    assert not px4 or flight.command(0, SET_MODE, 1, *PX4_HOLD) == 0
     flight.run(8.0)
     here = flight.ned()
     flight.run(10.0)
     assert flight.ned() == pytest.approx(here, abs=0.5)
     assert flight.current()["mission_state"] == 4
-    assert flight.command(0, PAUSE, 1) == 0
+    assert (
+        flight.command(0, SET_MODE, 1, *PX4_MISSION) if px4 else flight.command(0, PAUSE, 1)
+    ) == 0
     flight.run(120.0)
     assert flight.world.parked()
 
@@ -318,12 +423,15 @@ def test_set_current_skips(persona: str) -> None:
     flight.start()
     flight.run(8.0)
     last = 4 if persona == "ardupilot" else 3
-    assert flight.command(0, SET_CURRENT, last) == 0
+    if persona == "ardupilot":
+        assert flight.command(0, SET_CURRENT, last) == 0
+    else:
+        flight.tell(0, "MISSION_SET_CURRENT", **TO, seq=last)
     assert flight.current()["seq"] == last
     flight.run(60.0)
     assert flight.world.parked()
     assert last - 1 not in flight.reached
-    assert flight.command(0, SET_CURRENT, 99) == {"ardupilot": 4, "px4": 1}[persona]  # MAV_RESULT
+    assert flight.command(0, SET_CURRENT, 99) == {"ardupilot": 2, "px4": 3}[persona]  # MAV_RESULT
     said = flight.tell(0, "MISSION_SET_CURRENT", **TO, seq=last - 1)
     assert [m.fields["seq"] for m in said if m.name == "MISSION_CURRENT"] == [last - 1]
 
@@ -345,11 +453,13 @@ def test_items_that_take_no_time_and_speed(persona: str) -> None:
 
 
 def test_jumps_repeat_and_circles_of_jumps_end() -> None:
-    flight = Mission("px4", [ROUND[0], item(WAYPOINT, 5.0, 0.1, 5.0), item(177, 0, 0, 0, 1.0, 2.0)])
+    flight = Mission(
+        "px4", [ROUND[0], item(WAYPOINT, 5.0, 0.1, 5.0), item(JUMP, 0, 0, 0, 1.0, 2.0)]
+    )
     flight.start()
     flight.run(60.0)
     assert flight.reached.count(1) == 3
-    flight = Mission("px4", [ROUND[0], item(177, 0, 0, 0, 1.0, -1.0)])
+    flight = Mission("px4", [ROUND[0], item(JUMP, 0, 0, 0, 1.0, -1.0)])
     flight.start()
     flight.run(30.0)
     assert flight.ned()[2] == pytest.approx(-5.0, abs=0.5)

@@ -19,7 +19,16 @@ from swarm_sim.firmware.parameters.px4_parameters import PX4_DEFAULTS
 from swarm_sim.firmware.protocol.telemetry import MESSAGES, readings
 from swarm_sim.firmware.px4_persona import Px4Persona
 from swarm_sim.firmware.streams import Streams
-from tests.unit.sim.harness import ARM, IN_AIR, LOCAL_ORIGIN, Rig, command_fields, setpoint_fields
+from tests.unit.sim.harness import (
+    ARM,
+    IN_AIR,
+    LOCAL_ORIGIN,
+    Flight,
+    Rig,
+    command_fields,
+    config,
+    setpoint_fields,
+)
 
 Persona = type[ArdupilotPersona | Px4Persona]
 BOTH = pytest.mark.parametrize("persona", [ArdupilotPersona, Px4Persona])
@@ -120,6 +129,8 @@ def test_health_tells_when_it_would_arm(persona: Persona) -> None:
     ],
 )
 def test_message_intervals(persona: Persona, p: tuple[float, float], answer: MavResult) -> None:
+    if answer is MavResult.DENIED and p[0] != 32 and persona is Px4Persona:
+        answer = MavResult.FAILED
     assert quiet(persona).ask(INTERVAL, *p) == answer
 
 
@@ -183,7 +194,49 @@ def test_every_message_can_be_requested_and_unknown_ones_fail(persona: Persona) 
         there = name != "WIND_COV"
         assert rig.ask(REQUEST, number) == (MavResult.ACCEPTED if there else MavResult.FAILED)
         assert len(rig.heard(name)) == there, name
-    assert rig.ask(REQUEST, 9999) == MavResult.FAILED
+    unknown = {ArdupilotPersona: MavResult.FAILED, Px4Persona: MavResult.DENIED}[persona]
+    assert rig.ask(REQUEST, 9999) == unknown
+
+
+@BOTH
+def test_an_interval_can_be_asked_for(persona: Persona) -> None:
+    """By GET_MESSAGE_INTERVAL, of both; by REQUEST_MESSAGE, of ArduCopter."""
+    rig = quiet(persona)
+    rig.ask(INTERVAL, 30, 1e5)
+    for number, us, found in ((30, 100_000, True), (32, -1, True), (9999, 0, False)):
+        refused = {ArdupilotPersona: MavResult.FAILED, Px4Persona: MavResult.ACCEPTED}[persona]
+        assert rig.ask(510, number) == (MavResult.ACCEPTED if found else refused)
+        assert rig.heard("MESSAGE_INTERVAL") == [{"message_id": number, "interval_us": us}]
+        if persona is ArdupilotPersona:
+            assert rig.ask(REQUEST, 244, number) == (MavResult.ACCEPTED if found else refused)
+            assert rig.heard("MESSAGE_INTERVAL") == [{"message_id": number, "interval_us": us}]
+
+
+@BOTH
+def test_home_at_zero_is_here_for_arducopter_and_in_the_atlantic_for_px4(persona: Persona) -> None:
+    rig = quiet(persona)
+    rig.move(position_ned_m=(3.0, 4.0, 0.0))
+    assert rig.ask(179, 0) == MavResult.ACCEPTED
+    home = rig.firmware.geodetic(rig.firmware.home_ned)
+    if persona is ArdupilotPersona:
+        assert rig.firmware.home_ned == (3.0, 4.0, 0.0)
+    else:
+        assert (home.lat_deg, home.lon_deg) == pytest.approx((0.0, 0.0), abs=1e-3)
+
+
+@BOTH
+def test_a_take_off_that_is_ordered_again_goes_on(persona: Persona) -> None:
+    """Each second, as by a station that waits for the height: the motors spool up once."""
+    flight = Flight(config(1, "ardupilot" if persona is ArdupilotPersona else "px4"))
+    flight.run(0.5)
+    flight.take_off()
+    up = (0.0, 0.0, 10.0) if persona is ArdupilotPersona else (math.nan, math.nan, 498.0)
+    for _ in range(6):
+        flight.run(1.0)
+        flight.command(0, 22, 0.0, 0.0, 0.0, math.nan, *up)
+    assert -flight.ned()[2] > 1.0
+    flight.run(10.0)
+    assert -flight.ned()[2] == pytest.approx(10.0, abs=0.5)
 
 
 @BOTH
@@ -241,7 +294,7 @@ def test_parameters_are_set_in_the_persona_s_encoding(
         target_component=1,
         param_id=name,
         param_value=wire,
-        param_type=9,
+        param_type=6 if name == "COM_OBL_RC_ACT" else 9,
     )
     assert rig.firmware.parameters[name] == value
     (told,) = rig.heard("PARAM_VALUE")

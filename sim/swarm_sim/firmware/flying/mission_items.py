@@ -6,35 +6,16 @@ Fence and rally lists are kept and given back; nothing flies by them.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import IntEnum
 
-from swarm_sim.firmware.message import (
-    ABSOLUTE_FRAMES,
-    NO_PLACE_FRAME,
-    RELATIVE_FRAMES,
-    MavCmd,
-    Message,
-)
+from swarm_sim.firmware.message import ABSOLUTE_FRAMES, NO_PLACE_FRAME, RELATIVE_FRAMES, Message
 
 MISSION, FENCE, RALLY, ALL = 0, 1, 2, 255
 """MAV_MISSION_TYPE."""
 MAX_ITEMS = 1000
-_FENCE_COMMANDS = range(5000, 5005)
-_KNOWN: dict[int, frozenset[int]] = {
-    MISSION: frozenset(
-        {
-            *range(MavCmd.NAV_WAYPOINT, MavCmd.NAV_TAKEOFF + 1),
-            MavCmd.NAV_SPLINE_WAYPOINT,
-            MavCmd.NAV_DELAY,
-            *range(112, MavCmd.CONDITION_YAW + 1),
-            *range(MavCmd.DO_SET_MODE, _FENCE_COMMANDS.start),
-        }
-    ),
-    FENCE: frozenset(_FENCE_COMMANDS),
-    RALLY: frozenset({5100}),
-}
-"""MAV_CMDs that a list may have. Commands that do or wait for something need no flying."""
+_FENCES, _RALLY_POINTS = frozenset(range(5000, 5005)), frozenset({5100})
 
 
 class MissionResult(IntEnum):
@@ -47,6 +28,8 @@ class MissionResult(IntEnum):
     NO_SPACE = 4
     INVALID = 5
     INVALID_SEQUENCE = 13
+    DENIED = 14
+    CANCELLED = 15
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,15 +52,22 @@ class MissionItem:
 
 
 @dataclass(slots=True)
-class MissionUpload:
-    """A list that is being received."""
+class MissionTransfer:
+    """A list that is being received, or (PX4) sent."""
 
     kind: int
-    count: int
     source: tuple[int, int]
-    began_s: float
-    asked_s: float
+    """The other side."""
+    heard_s: float
+    """When it was last heard."""
+    end: int
+    """Index after the last item."""
+    seq: int = 0
+    """Index of the next item."""
+    asked_s: float = 0.0
+    first: int = 0
     items: list[MissionItem] = field(default_factory=list)
+    """Received, from `first` on."""
 
 
 class MissionLists:
@@ -85,7 +75,10 @@ class MissionLists:
 
     def __init__(self) -> None:
         self.lists: dict[int, list[MissionItem]] = {MISSION: [], FENCE: [], RALLY: []}
-        self.upload: MissionUpload | None = None
+        self.upload: MissionTransfer | None = None
+        self.download: MissionTransfer | None = None
+        self.last: MissionTransfer | None = None
+        """The last transfer, under way or over."""
         self.current = 0
         """Index of the mission item that is, or would be, flown."""
         self.complete = False
@@ -94,13 +87,18 @@ class MissionLists:
         """Which of its two messages the vehicle uses to ask for items."""
 
 
-def refusal(kind: int, item: MissionItem) -> MissionResult | None:
-    """What is wrong with an item; None if nothing."""
+def refusal(
+    kind: int, item: MissionItem, known: Callable[[int, int], bool]
+) -> MissionResult | None:
+    """What is wrong with an item; None if nothing. `known`: whether a mission may have this command
+    in this frame."""
     if item.frame not in (*ABSOLUTE_FRAMES, *RELATIVE_FRAMES, NO_PLACE_FRAME):
         return MissionResult.UNSUPPORTED_FRAME
     if item.frame != NO_PLACE_FRAME and not (math.isfinite(item.z) and abs(item.z) < 1e5):
         return MissionResult.INVALID
-    return None if item.command in _KNOWN[kind] else MissionResult.UNSUPPORTED
+    if kind == MISSION:
+        return None if known(item.command, item.frame) else MissionResult.UNSUPPORTED
+    return None if item.command in (_FENCES, _RALLY_POINTS)[kind - 1] else MissionResult.UNSUPPORTED
 
 
 def read_item(message: Message) -> MissionItem | None:

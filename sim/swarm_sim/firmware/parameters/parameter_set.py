@@ -107,6 +107,11 @@ class Parameters:
         self._items[name] = TypedValue(self._items[name].type, value)
         self.version += 1
 
+    def takes(self, name: str, kind: int) -> bool:
+        """Whether a PARAM_SET with this MAV_PARAM_TYPE may set it: bytes tell nothing of another
+        type; a number is one of any."""
+        return self._encoding is not BYTEWISE or kind == self._items[name].type
+
     def set_from_wire(self, name: str, wire: float) -> bool:
         """Sets a known parameter from PARAM_SET's float; False, and nothing changed, where that
         isn't a number."""

@@ -18,7 +18,7 @@ from swarm_sim.physics.geodesy import Vector3
 MAX_RATE_HZ = 400.0
 """The firmwares' main loop: no stream is faster."""
 FORCE_DISARM = 21196.0
-AVAILABLE_MODES = 435
+MESSAGE_INTERVAL, AVAILABLE_MODES = 244, 435
 _ADVANCED = 1
 """MAV_MODE_PROPERTY."""
 REBOOT_S = 3.0
@@ -61,7 +61,9 @@ def arm(a: SimAutopilot, command: MavCommand) -> MavResult | None:
 def set_message_interval(a: SimAutopilot, command: MavCommand) -> MavResult:
     """p2 microseconds, 0 the default, -1 off."""
     name, interval_us = _NAMES.get(command.p[0]), command.p[1]
-    if name is None or not math.isfinite(interval_us) or 0 < interval_us < 1e6 / MAX_RATE_HZ:
+    if name is None:
+        return a.unknown_interval
+    if not math.isfinite(interval_us) or 0 < interval_us < 1e6 / MAX_RATE_HZ:
         return MavResult.DENIED
     default = a.boot_streams.get(name)
     interval_s = interval_us * 1e-6 if interval_us > 0 else default if interval_us == 0 else None
@@ -69,11 +71,30 @@ def set_message_interval(a: SimAutopilot, command: MavCommand) -> MavResult:
     return MavResult.ACCEPTED
 
 
+def say_message_interval(a: SimAutopilot, number: float) -> bool:
+    """MESSAGE_INTERVAL of this message: 0 where there is none, -1 where it is not streamed. Whether
+    it is known."""
+    name = _NAMES.get(number)
+    interval_s = None if name is None else a.streams.interval_s.get(name)
+    told_us = 0 if name is None else -1 if interval_s is None else round(interval_s * 1e6)
+    asked = int(number) if math.isfinite(number) else 0
+    fields = {"message_id": max(0, min(0xFFFF, asked)), "interval_us": told_us}
+    a.say("MESSAGE_INTERVAL", fields, private=True)
+    return name is not None
+
+
+def get_message_interval(a: SimAutopilot, command: MavCommand) -> MavResult:
+    known = say_message_interval(a, command.p[0])
+    return MavResult.ACCEPTED if known or a.refusal is not MavResult.FAILED else MavResult.FAILED
+
+
 def request_message(a: SimAutopilot, command: MavCommand) -> MavResult:
     if command.p[0] == AVAILABLE_MODES:
         return _say_modes(a, command.p[1])
+    if command.p[0] == MESSAGE_INTERVAL and a.unknown_message is MavResult.FAILED:
+        return get_message_interval(a, command._replace(p=(*command.p[1:], 0.0)))
     name = _NAMES.get(command.p[0])
-    return MavResult.FAILED if name is None else _send_once(a, name)
+    return a.unknown_message if name is None else _send_once(a, name)
 
 
 def _say_modes(a: SimAutopilot, wanted: float) -> MavResult:
@@ -109,7 +130,7 @@ def reboot(a: SimAutopilot, command: MavCommand) -> MavResult | None:
 def change_speed(a: SimAutopilot, command: MavCommand) -> MavResult:
     speed = command.p[1]
     if not (math.isfinite(speed) and speed > 0):
-        return a.refusal
+        return a.bad_number
     a.set_speed(speed)
     a.update_demand()
     return MavResult.ACCEPTED
@@ -117,16 +138,18 @@ def change_speed(a: SimAutopilot, command: MavCommand) -> MavResult:
 
 def reposition(a: SimAutopilot, command: MavCommand) -> MavResult:
     where = _place(a, command)
-    if where is None or a.sensed.landed or not a.armed:
-        return MavResult.DENIED
-    return a.go_to(where)
+    if where is None:
+        return a.bad_number
+    return MavResult.ACCEPTED if a.sensed.landed or not a.armed else a.go_to(where)
 
 
 def set_home(a: SimAutopilot, command: MavCommand) -> MavResult:
-    """p1 = 1 here, else the given place."""
-    where = a.sensed.position_ned_m if command.p[0] == 1.0 else _place(a, command)
+    """p1 = 1 (ArduCopter: or 0, 0 for latitude and longitude): here; else the given place, however
+    far."""
+    here = command.p[0] == 1.0 or (a.zero_is_here and command.p[4:6] == (0.0, 0.0))
+    where = a.sensed.position_ned_m if here else _place(a, command)
     if where is None or not a.ready():
-        return a.refusal
+        return MavResult.ACCEPTED if a.bad_number is MavResult.ACCEPTED else a.refusal
     a.home_ned = where
     return MavResult.ACCEPTED
 
@@ -134,7 +157,7 @@ def set_home(a: SimAutopilot, command: MavCommand) -> MavResult:
 def set_mission_current(a: SimAutopilot, command: MavCommand) -> MavResult:
     index = command.p[0]
     if not (math.isfinite(index) and uploaded_mission.go_on_at(a, int(index))):
-        return a.refusal
+        return MavResult.DENIED
     uploaded_mission.say_current(a)
     return MavResult.ACCEPTED
 
@@ -150,9 +173,9 @@ _NAMES: dict[float, str] = {number: name for name, (number, _) in MESSAGES.items
 
 
 COMMON: dict[int, CommandHandler] = {
-    MavCmd.DO_SET_MISSION_CURRENT: set_mission_current,
     MavCmd.COMPONENT_ARM_DISARM: arm,
     MavCmd.SET_MESSAGE_INTERVAL: set_message_interval,
+    MavCmd.GET_MESSAGE_INTERVAL: get_message_interval,
     MavCmd.REQUEST_MESSAGE: request_message,
     MavCmd.REQUEST_AUTOPILOT_CAPABILITIES: lambda a, _: _send_once(a, "AUTOPILOT_VERSION"),
     MavCmd.GET_HOME_POSITION: lambda a, _: _send_once(a, "HOME_POSITION"),

@@ -11,11 +11,14 @@ from collections.abc import Callable, Mapping
 
 from swarm_sim.firmware.autopilot import SimAutopilot
 from swarm_sim.firmware.message import MavResult, Message
-from swarm_sim.firmware.protocol import guided, mission_transfer
+from swarm_sim.firmware.protocol import guided
 from swarm_sim.firmware.protocol.commands import MAX_RATE_HZ, read_command
+from swarm_sim.firmware.protocol.telemetry import readings
 
 SET_MODE_ID = 11
 """The legacy SET_MODE message is acknowledged as a command with its own message id."""
+_ARDUPILOT = 3
+"""MAV_AUTOPILOT."""
 _BY_NAME = -1
 """PARAM_REQUEST_READ.param_index when the name counts."""
 _FTP_NAK, _FTP_FAIL, _FTP_UNKNOWN_COMMAND = 129, 128, 7
@@ -37,9 +40,21 @@ def command(a: SimAutopilot, message: Message) -> None:
         a.ignored += 1
         return
     handler = a.commands.get(asked.id)
-    result = MavResult.UNSUPPORTED if handler is None else handler(a, asked)
+    if handler is None:
+        result = a.merely_answered.get(asked.id, MavResult.UNSUPPORTED)
+    else:
+        result = handler(a, asked)
     if result is not None:
         a.acknowledge(asked.id, result, asked.source)
+
+
+def mission(a: SimAutopilot, message: Message) -> None:
+    """As the persona's mission protocol does; it may leave a message unanswered."""
+    serve = a.mission_services.get(message.name)
+    if serve is None:
+        a.ignored += 1
+    else:
+        serve(a, message)
 
 
 def set_mode(a: SimAutopilot, message: Message) -> None:
@@ -68,6 +83,9 @@ def param_set(a: SimAutopilot, message: Message) -> None:
     """Answered by the value that holds then."""
     name, value = message.fields["param_id"], message.fields["param_value"]
     known = name in a.parameters
+    if known and not a.parameters.takes(name, message.fields["param_type"]):
+        a.ignored += 1
+        return
     if not known or not a.parameters.set_from_wire(name, value):
         a.ignored += 1
     if known:
@@ -104,6 +122,27 @@ def timesync(a: SimAutopilot, message: Message) -> None:
         a.say("TIMESYNC", {"tc1": own_ns, "ts1": message.fields["ts1"]}, private=True)
 
 
+def version_request(a: SimAutopilot, _: Message) -> None:
+    """AUTOPILOT_VERSION_REQUEST, which MAVProxy sends: ArduPilot's own message."""
+    if a.autopilot == _ARDUPILOT:
+        for fields in readings(a, "AUTOPILOT_VERSION"):
+            a.say("AUTOPILOT_VERSION", fields, private=True)
+
+
+def log_list(a: SimAutopilot, _: Message) -> None:
+    """There are no logs: ArduPilot says so, but not while it is armed; PX4 says nothing."""
+    if a.autopilot == _ARDUPILOT and not a.armed:
+        a.say("LOG_ENTRY", {}, private=True)
+
+
+def ping(a: SimAutopilot, message: Message) -> None:
+    """A question (for nobody) is answered to who asked, by PX4 alone."""
+    f = message.fields
+    if a.autopilot != _ARDUPILOT and not (f["target_system"] or f["target_component"]):
+        to = {"target_system": message.source[0], "target_component": message.source[1]}
+        a.say("PING", {"time_usec": f["time_usec"], "seq": f["seq"]} | to, private=True)
+
+
 HANDLERS: Mapping[str, Callable[[SimAutopilot, Message], None]] = {
     "HEARTBEAT": heartbeat,
     "COMMAND_LONG": command,
@@ -115,15 +154,19 @@ HANDLERS: Mapping[str, Callable[[SimAutopilot, Message], None]] = {
     "PARAM_REQUEST_READ": param_request_read,
     "PARAM_SET": param_set,
     "REQUEST_DATA_STREAM": request_data_stream,
-    "MISSION_REQUEST_LIST": mission_transfer.request_list,
-    "MISSION_REQUEST": mission_transfer.request_item,
-    "MISSION_REQUEST_INT": mission_transfer.request_item,
-    "MISSION_COUNT": mission_transfer.count,
-    "MISSION_ITEM": mission_transfer.item,
-    "MISSION_ITEM_INT": mission_transfer.item,
-    "MISSION_CLEAR_ALL": mission_transfer.clear,
-    "MISSION_SET_CURRENT": mission_transfer.set_current,
-    "MISSION_ACK": mission_transfer.answered,
+    "MISSION_REQUEST_LIST": mission,
+    "MISSION_REQUEST": mission,
+    "MISSION_REQUEST_INT": mission,
+    "MISSION_COUNT": mission,
+    "MISSION_WRITE_PARTIAL_LIST": mission,
+    "MISSION_ITEM": mission,
+    "MISSION_ITEM_INT": mission,
+    "MISSION_CLEAR_ALL": mission,
+    "MISSION_SET_CURRENT": mission,
+    "MISSION_ACK": mission,
+    "AUTOPILOT_VERSION_REQUEST": version_request,
+    "LOG_REQUEST_LIST": log_list,
+    "PING": ping,
     "FILE_TRANSFER_PROTOCOL": file_transfer,
     "TIMESYNC": timesync,
 }

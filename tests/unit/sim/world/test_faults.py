@@ -32,7 +32,8 @@ def hovering(persona: str = "ardupilot", n: int = 1, **more: Any) -> Flight:
 
 def put(flight: Flight, place: int = 0, **values: float) -> None:
     for name, value in values.items():
-        fields = {"target_system": place + 1, "target_component": 1, "param_type": 9}
+        kind = flight.world.vehicles[place].firmware.parameters.value_message(name)["param_type"]
+        fields = {"target_system": place + 1, "target_component": 1, "param_type": kind}
         flight.tell(
             place,
             "PARAM_SET",
