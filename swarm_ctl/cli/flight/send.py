@@ -103,14 +103,14 @@ def send(
         words.append(str(speed))
     if agents:
         words.append("@" + agents.replace(" ", ""))
-    order = parse(" ".join(words), plan)
+    order = replace(parse(" ".join(words), plan), by=by)
     if command == "kill" and not yes:
         named = f"agent {agents}" if agents else "EVERY agent"
         what = f"kill: the motors of {named} of {plan.name} ({folder}) stop at once"
         typer.confirm(f"{what} and the vehicle falls. Really?", abort=True)
     own = zenoh_settings(zenoh_config, guarded=manifest.guarded) if zenoh_config else None
     with RunClient(folder, identity=identity, zenoh=own) as client:
-        answers = client.order(replace(order, by=by))
+        answers = client.order(order)
         left = client.left()
     console.say(f"{order.text}, {plan.name} ({folder}):")
     for line in answered(answers, plan, left):

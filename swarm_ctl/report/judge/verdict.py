@@ -49,6 +49,8 @@ _BY_SLOWNESS: Final = frozenset(
     {Cause.TIMEOUT, Cause.PEER, Cause.STATION, Cause.VEHICLE_LINK, Cause.POSITION, Cause.FINDING}
 )
 """What a machine that does not keep up may bring about."""
+_FOLLOWS: Final = frozenset({None, Cause.PEER, Cause.ORDER, Cause.STARTER})
+"""Causes that came from elsewhere: another agent, or whoever ends the flight."""
 _BY_LINKS: Final = frozenset({Cause.TIMEOUT, Cause.PEER})
 
 
@@ -62,7 +64,8 @@ def judge(
     whatever the agents say, and comes first, but for what may have brought that about.
 
     Completed needs every agent's own final status, every exit code 0 and no missing file. Aborted
-    needs a final status of every agent, and every process to end by itself. The exit code of a
+    needs a final status of every agent, and every process to end by itself, and that no agent had
+    failed by itself before the order. The exit code of a
     process does not count where another took its vehicle over and completed. An agent that left by
     an operator's order does not count where others flew on. `ending` is the cause of all that
     followed from it.
@@ -79,6 +82,7 @@ def judge(
     if (
         not found
         and aborted
+        and not _failed_before(stayed, aborted)
         and len(final) == len(agents)
         and _ORDERLY.issuperset(exit_codes.values())
     ):
@@ -102,6 +106,15 @@ def judge(
     reason = first_few([text for _, text in causes])
     unseen, words = _unseen(run, causes[0][0], list(final.values()))
     return Verdict(Outcome.FAILED, f"{words}. {reason}" if words else reason, unseen)
+
+
+def _failed_before(
+    stayed: Mapping[int, AgentStatus], aborted: Mapping[int, AgentStatus]
+) -> list[AgentStatus]:
+    """The agents that broke the mission off by a cause of their own before the order came."""
+    order_s = min(map(_broken_s, aborted.values()), default=math.inf)
+    failed = (s for s in stayed.values() if s.outcome is Outcome.FAILED)
+    return [s for s in failed if s.cause not in _FOLLOWS and _broken_s(s) < order_s]
 
 
 def _ended(run: RunFolder, ending: Ending) -> Verdict | None:

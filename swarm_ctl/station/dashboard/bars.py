@@ -6,11 +6,20 @@ from typing import Final
 
 from swarm_ctl.commands.parse import KINDS, ranges_of_law
 from swarm_ctl.core.agent.progress import step_name
+from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.text import agents_named, printable, ranges
 from swarm_ctl.station.dashboard.drawing.picture import Picture
-from swarm_ctl.station.dashboard.drawing.styled_line import SIGN, WAITING, WELL, StyledLine, fit
+from swarm_ctl.station.dashboard.drawing.styled_line import (
+    LEVEL_STYLE,
+    SIGN,
+    WAITING,
+    WELL,
+    StyledLine,
+    fit,
+)
 from swarm_ctl.station.picture.alarms import Level
+from swarm_ctl.station.picture.left_mission import is_out
 from swarm_ctl.station.picture.summaries import (
     command_words,
     flown_order,
@@ -26,6 +35,8 @@ BAR_STYLE: Final = {
     Level.WARNING: "black on bright_yellow",
     Level.ERROR: "bold white on red",
 }
+_ENDS: Final = {Phase.RETURN: "all fly home", Phase.LAND: "all land", Phase.YIELD: "pilots fly"}
+"""What agents fly that have broken the mission off."""
 _ANSWERED_S: Final = 20.0
 """How long (wall clock) an answered command stays on the screen."""
 _EACH: Final = 12
@@ -61,7 +72,11 @@ def protection_line(picture: Picture) -> tuple[StyledLine, str]:
 def _step_names(view: SwarmView) -> list[str]:
     """Of the step that is flown, or that waits for an order to be flown; the longest first."""
     step = f"step {view.step}/{len(view.plan.steps)}"
-    orders = {flown_order(agent, view) for agent in view.agents if agent.airborne}
+    aloft = [agent for agent in view.agents if agent.airborne and not agent.lost]
+    ends = {_ENDS.get(agent.phase) for agent in aloft if agent.phase is not None}
+    if len(ends) == 1 and (end := ends.pop()) and all(map(is_out, aloft)):
+        return [f"{end}, {step} broken off", f"{end}, {step} off", end]
+    orders = {flown_order(agent, view) for agent in aloft}
     if len(orders) == 1 and (order := orders.pop()):
         return [f"{step} waits: {order}", f"{step} waits", step]
     name = step_name(view.plan, view.step)
@@ -95,7 +110,8 @@ def _figures(view: SwarmView) -> list[str]:
     law, unit = view.plan.law, view.plan.unit_m
     near = [(a.nearest_m, a.id, a.nearest_agent) for a in view.agents if a.nearest_m is not None]
     long = [(edge.length_m, edge.a, edge.b) for edge in view.edges if edge.length_m is not None]
-    parts, shorter = [f"error {fit(view.error_m, 5, 2)} m"], []
+    parts = [] if view.error_m is None else [f"error {fit(view.error_m, 5, 2)} m"]
+    shorter: list[str] = []
     if near:
         apart, a, b = min(near)
         pair, metres = f"nearest {a}-{b}", f"{fit(apart, 5, 2)} m"
@@ -111,7 +127,7 @@ def verdict_line(picture: Picture, width: int) -> tuple[StyledLine, str]:
     """The state of the swarm in one sentence, and the bar's style; how much more there is to say on
     the right."""
     (level, worst), *others = verdict(picture.view, picture.alarms)
-    more = f" +{len(others)} " if others else " "
+    more = f"  {len(others)} more: 4 Log " if others else " "
     words = f" {SIGN[level]} {worst}"
     if StyledLine(words).width > width - len(more):
         words = words[: max(1, width - len(more) - 1)] + "…"
@@ -141,7 +157,7 @@ def usage_line(typed: str, plan: Plan) -> StyledLine:
 
 def _answers(command: CommandView, view: SwarmView) -> StyledLine:
     meant, refused = meant_by(command, view), refusals(command, view)
-    line = StyledLine(f" {command_words(command.command)}", "bold magenta").add(" ")
+    line = StyledLine(f" {command_words(command.command)}", "bold").add(" ")
     taken = [i for i in meant if i in command.acks and command.acks[i].accepted]
     waiting = [i for i in meant if i not in command.acks]
     if not waiting and not refused:
@@ -154,5 +170,5 @@ def _answers(command: CommandView, view: SwarmView) -> StyledLine:
     if waiting:
         line.add(f" {ranges(waiting)}{WAITING}", "cyan")
     for reason, ids in refused.items():
-        line.add(f"  {SIGN[Level.ERROR]} {agents_named(ids)}: {reason}", "yellow")
+        line.add(f"  {SIGN[Level.ERROR]} {agents_named(ids)}: {reason}", LEVEL_STYLE[Level.ERROR])
     return line

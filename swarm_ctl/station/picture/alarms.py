@@ -31,6 +31,7 @@ from swarm_ctl.core.swarm.gain_update import differences
 from swarm_ctl.station.picture.left_mission import (
     failed,
     fallen,
+    follows,
     holding,
     is_out,
     out_by_order,
@@ -387,6 +388,7 @@ def _tick_ms(view: SwarmView) -> float:
     return 1000 * view.plan.tick_s / view.speedup
 
 
+FOLLOWS: Final = "follows another"
 _BY_ORDER: Final = "out by order"
 RULES: Final[tuple[Rule, ...]] = (
     Rule("too close", _E, _r_in_m, "the law's inner radius", _too_close),
@@ -407,6 +409,7 @@ RULES: Final[tuple[Rule, ...]] = (
     ),
     Rule("sigma bound", _E, _is(0), "equations (52), (66) and (67)", _sigma_bound),
     Rule("mixed laws", _E, _is(1.0), "a change takes all agents within a few ticks", _mixed_laws),
+    Rule(FOLLOWS, _W, _is(0), "another agent is the cause", _if(follows), _WORDS),
     Rule("taken over", _W, _is(0), "a pilot or a failsafe flies", _if(taken_over), _WORDS),
     Rule("holding", _W, _is(0), "a policy stopped the mission", _if(holding), _WORDS),
     Rule(_BY_ORDER, _W, _is(0), "it no longer flies the mission", _if(out_by_order), _WORDS),

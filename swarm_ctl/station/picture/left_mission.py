@@ -20,12 +20,24 @@ def fallen(agent: AgentView) -> str | None:
 
 
 def failed(agent: AgentView) -> str | None:
-    """It failed: from the moment on at which it breaks the mission off."""
+    """It failed by itself: from the moment on at which it breaks the mission off."""
+    gone = _breaks_off(agent)
+    return _reason(gone) if gone is not None and gone.cause is not Cause.PEER else None
+
+
+def follows(agent: AgentView) -> str | None:
+    """It breaks the mission off because of another agent: the alarm is that one's."""
+    gone = _breaks_off(agent)
+    return _reason(gone) if gone is not None and gone.cause is Cause.PEER else None
+
+
+def _breaks_off(agent: AgentView) -> AgentStatus | None:
+    """Its status, from the moment on at which it breaks the mission off by no order."""
     status = agent.status
     if status is None or fallen(agent) or status.cause in _ORDERED or _yields(agent):
         return None
     gone = status.action not in (None, FailsafeAction.HOLD) or status.outcome is Outcome.FAILED
-    return _reason(status) if gone else None
+    return status if gone else None
 
 
 def out_by_order(agent: AgentView) -> str | None:

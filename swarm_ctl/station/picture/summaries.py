@@ -143,10 +143,20 @@ def refusals(command: CommandView, view: SwarmView) -> dict[str, list[int]]:
 
 def meant_by(command: CommandView, view: SwarmView) -> tuple[int, ...]:
     """The agents that a command is for: those that it names; else all but those that have left the
-    formation, of which only some answer an order that ends the mission."""
+    formation: of those, one that is down and refuses was not meant (`SwarmNow.meant`)."""
     given, left = command.command, view.left
-    ids = (agent.id for agent in view.agents if agent.in_plan)
-    return given.agents or tuple(i for i in ids if i not in left or i in command.acks)
+    return given.agents or tuple(
+        agent.id
+        for agent in view.agents
+        if agent.in_plan and (agent.id not in left or _answers_for_all(agent, command))
+    )
+
+
+def _answers_for_all(agent: AgentView, command: CommandView) -> bool:
+    """It has left the formation, and answers an order that ends the mission all the same."""
+    ack = command.acks.get(agent.id)
+    down = agent.state.down if agent.state is not None else True
+    return ack is not None and (ack.accepted or not down)
 
 
 def answers(command: CommandView, view: SwarmView) -> str:

@@ -144,3 +144,9 @@ def test_the_table_is_what_agents_take() -> None:
 
 def test_every_kind_has_a_key_of_its_own() -> None:
     assert len({kind.key for kind in KINDS}) == len(KINDS)
+
+
+def test_an_order_by_so_much_says_so() -> None:
+    order = replace(parse("move 10 0", hexagon_plan()), by=True)
+    assert order.text == "move --by 10 0"
+    assert parse("move 10 0", hexagon_plan()).text == "move 10 0"

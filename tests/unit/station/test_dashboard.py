@@ -120,11 +120,11 @@ def _find(app: Dashboard, words: str) -> tuple[int, int]:
 def test_a_click_on_a_title_sorts_and_the_next_one_turns_the_order_round() -> None:
     async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
         for backwards in (False, True):
-            row, column = _find(app, "near ")
+            row, column = _find(app, "nearest m")
             await pilot.click(offset=(column + 2, row))
             await settled(pilot)
-            assert (app._chosen.sort, app._chosen.backwards) == ("near", backwards)
-            assert ("▾near" if backwards else "▴near") in text(app)
+            assert (app._chosen.sort, app._chosen.backwards) == ("nearest m", backwards)
+            assert ("▾nearest m" if backwards else "▴nearest m") in text(app)
         rows = [line for line in text(app).splitlines() if " fly " in line]
         assert [line.split()[0] for line in rows] == [
             str(agent.id) for agent in in_order(app.picture or Picture(PICTURES["well"]()))
@@ -452,9 +452,9 @@ def test_sorting_keeps_all_agents_and_puts_the_unknown_last(title: str) -> None:
         for backwards in (False, True):
             order = in_order(Picture(picture, chosen=Chosen(sort=title, backwards=backwards)))
             assert {agent.id for agent in order} == {1, 2, 3, 4, 5, 6}
-    by_charge = in_order(Picture(view, chosen=Chosen(sort="batt")))
+    by_charge = in_order(Picture(view, chosen=Chosen(sort="batt%")))
     assert by_charge[0].id == 4
-    assert in_order(Picture(waiting, chosen=Chosen(sort="batt")))[-1].id == 6
+    assert in_order(Picture(waiting, chosen=Chosen(sort="batt%")))[-1].id == 6
 
 
 HOSTILE = "\x1b[2J\x1b]0;owned\x07[bold red]x[/]\r\n‮31m 漢字 " * 3

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from swarm_ctl.station.picture.alarms import Alarm, Level
+from swarm_ctl.station.picture.alarms import FOLLOWS, Alarm, Level
 from swarm_ctl.station.picture.journal import Entry
 from swarm_ctl.station.picture.view import SwarmView
 
@@ -40,10 +40,20 @@ class Picture:
     """Alarms that the operator has not acknowledged."""
     chosen: Chosen = field(default_factory=Chosen)
 
-    def levels(self) -> dict[int, Level]:
-        """The worst alarm of each agent that has one."""
-        found: dict[int, Level] = {}
+    @property
+    def innocent(self) -> frozenset[int]:
+        """Agents that only follow another one: their alarms are its doing."""
+        names: dict[int, set[str]] = {}
         for alarm in self.alarms:
             for agent in alarm.agents:
+                names.setdefault(agent, set()).add(alarm.name)
+        return frozenset(agent for agent, told in names.items() if told == {FOLLOWS})
+
+    def levels(self) -> dict[int, Level]:
+        """The worst alarm of each agent that has one of its own."""
+        found: dict[int, Level] = {}
+        innocent = self.innocent
+        for alarm in self.alarms:
+            for agent in set(alarm.agents) - innocent:
                 found[agent] = max(found.get(agent, Level.WELL), alarm.level)
         return found

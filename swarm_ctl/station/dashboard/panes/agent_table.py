@@ -17,7 +17,7 @@ from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.summaries import flown_order
 from swarm_ctl.station.picture.view import AgentView, SwarmView
 
-_ROOMY: Final = 92
+_ROOMY: Final = 103
 """From this width on there is room for whole step names."""
 _PHASE_STYLE: Final = {
     Phase.FLY: "green",
@@ -90,14 +90,14 @@ def _mode(agent: AgentView, _: SwarmView, __: int) -> tuple[str, str]:
 
 
 def _armed(agent: AgentView, _: SwarmView, __: int) -> tuple[str, str]:
-    return ("" if agent.status is None else "●" if agent.status.armed else "○"), ""
+    return ("" if agent.status is None else "yes" if agent.status.armed else "no"), ""
 
 
 def _nearest(agent: AgentView, _: SwarmView, width: int) -> tuple[str, str]:
     if agent.nearest_agent is None:
         return DASH, ""
-    room = width - len(str(agent.nearest_agent)) - 1
-    return f"{agent.nearest_agent} {fit(agent.nearest_m, room, 2)}", ""
+    whose = f" to {agent.nearest_agent}"
+    return fit(agent.nearest_m, width - len(whose), 2) + whose, ""
 
 
 def _age(agent: AgentView, _: SwarmView, width: int) -> tuple[str, str]:
@@ -115,18 +115,22 @@ _COLUMNS: Final[tuple[AgentColumn, ...]] = (
     AgentColumn(Heading("phase", 7, left=True), _phase, lambda a: a.phase),
     _STEP,
     AgentColumn(Heading("mode", 9, left=True), _mode, _status(lambda s: s.mode)),
-    AgentColumn(Heading("A", 1), _armed, _status(lambda s: s.armed)),
-    _number("batt", 4, 0, _status(lambda s: s.battery_percent)),
-    _number("up", 4, 1, _height_m),
+    AgentColumn(Heading("armed", 5), _armed, _status(lambda s: s.armed)),
+    _number("batt%", 5, 0, _status(lambda s: s.battery_percent)),
+    _number("up m", 4, 1, _height_m),
     _number("m/s", 4, 1, _speed_mps),
-    _number("err", 4, 2, lambda a: a.error_m),
-    AgentColumn(Heading("near", 7), _nearest, lambda a: a.nearest_m),
-    AgentColumn(Heading("age", 4), _age, lambda a: a.link.age_s),
-    _number("Hz", 3, 1, lambda a: a.link.tick_rate_hz),
-    _number("late", 4, 1, _status(lambda s: s.tick.late_p99_ms if s.tick.count else None)),
+    _number("error m", 7, 2, lambda a: a.error_m),
+    AgentColumn(Heading("nearest m", 10), _nearest, lambda a: a.nearest_m),
+    AgentColumn(Heading("age s", 5), _age, lambda a: a.link.age_s),
+    _number("ticks/s", 7, 1, lambda a: a.link.tick_rate_hz),
+    _number("late ms", 7, 1, _status(lambda s: s.tick.late_p99_ms if s.tick.count else None)),
 )
+_OF_TICKS: Final = ("ticks/s", "late ms")
+"""For roomy tables: an alarm tells where they matter."""
 _NARROW: Final = tuple(
-    AgentColumn(Heading("step", 8, left=True), _step, c.key) if c is _STEP else c for c in _COLUMNS
+    AgentColumn(Heading("step", 8, left=True), _step, c.key) if c is _STEP else c
+    for c in _COLUMNS
+    if c.heading.title not in _OF_TICKS
 )
 _KEYS: Final = {"id": lambda a: a.id} | {c.heading.title: c.key for c in _COLUMNS}
 TITLES: Final = tuple(_KEYS)
@@ -151,17 +155,20 @@ class AgentTable(CellTable):
         if rest >= len("alarms"):
             headings.append(Heading("alarms", rest, left=True))
         levels, names = picture.levels(), _alarm_names(picture)
+        innocent = picture.innocent
         agents = in_order(picture)
         rows = {}
         for agent in agents:
             click, level = f"app.mark({agent.id})", levels.get(agent.id, Level.WELL)
-            dim = "dim" if agent.phase is Phase.ENDED else ""
+            dim = "dim" if agent.phase is Phase.ENDED or agent.id in innocent else ""
             row = [_id_cell(picture, agent, level, click)]
             for column, heading in zip(columns, headings[1:], strict=False):
                 words, name = column.words(agent, picture.view, heading.width)
                 row.append(heading.cell(words, f"{dim} {name}".strip(), click))
             if len(headings) > len(row):
-                row.append(headings[-1].cell(names.get(agent.id, ""), LEVEL_STYLE[level], click))
+                row.append(
+                    headings[-1].cell(names.get(agent.id, ""), dim or LEVEL_STYLE[level], click)
+                )
             rows[str(agent.id)] = row
         self.show(tuple(headings), rows)
         self._place_cursor([agent.id for agent in agents], picture.chosen.cursor)

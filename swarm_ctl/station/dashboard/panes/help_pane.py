@@ -39,9 +39,9 @@ SIGNS: Final = f"""
 map | number: agent, ○ slot to fill, dots: the agent's trail, circle: half of r_out (where two
   touch, avoidance begins)
 lines | neighbours; green well, yellow bad or nearly too long, red lost
-table | A: ● armed, ○ not; batt: percent; up: height [m]; err: distance from its place in the shape
-  [m]; near: nearest agent, and how near [m]; age: of its last state [s]; Hz, late: of its ticks,
-  late as the p99 in ms
+table | up: height; error: distance from its place in the shape; nearest: how near which agent is;
+  age: of its last state; late: of its ticks, the p99. Dimmed: it ended, or follows another agent
+  that failed
 links | a row listens, a column speaks; trip: there and back. Yellow: a state older than
   {1000 * AGE_WARNING_S:.0f} ms or {LOSS_WARNING:.0%} lost in 10 s; red:
   {1000 * AGE_ERROR_S:.0f} ms or {LOSS_ERROR:.0%}.

@@ -148,7 +148,7 @@ def listener_lines(
 
 
 def _choices(chosen: str) -> StyledLine:
-    line = StyledLine(" ").add("v", "bold").add(f" {METRICS[chosen].title}", "dim")
+    line = StyledLine(f" {METRICS[chosen].title} (", "dim").add("v", "bold").add(")", "dim")
     for name in METRICS:
         look = "bold reverse" if name == chosen else "underline"
         line.add("  ").add(name, look, f"app.metric('{name}')")

@@ -21,7 +21,7 @@ from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.journal import Entry, EntryKind
 
 _KIND_STYLE: Final = {
-    EntryKind.COMMAND: "bold magenta",
+    EntryKind.COMMAND: "bold",
     EntryKind.CLEARED: "green",
     EntryKind.STATION: "cyan",
 }

@@ -177,11 +177,12 @@ class _Drawing:
         """Their ids; on a full map dots, and the ids of those that are marked or have an alarm,
         above all others."""
         levels, chosen = self.picture.levels(), self.picture.chosen
+        innocent = self.picture.innocent
         told = {*chosen.marked, chosen.cursor}
         told |= {i for i, level in levels.items() if level >= Level.WARNING}
         for agent in sorted(self.placed.values(), key=lambda agent: agent.id in told):
             level = levels.get(agent.id, Level.WELL)
-            name = "bold green" if agent.airborne else "dim"
+            name = "bold green" if agent.airborne and agent.id not in innocent else "dim"
             if agent.id in chosen.marked:
                 name = "bold magenta"
             elif level >= Level.WARNING:

@@ -38,7 +38,7 @@ class SwarmPane(Pane):
         width, wide = event.size.width, event.size.width >= _WIDE
         self.set_class(wide, "wide")
         self.set_class(not wide and event.size.height < _TALL, "low")
-        self.query_one("#left").styles.width = (78 if width < 140 else 98) if wide else "1fr"
+        self.query_one("#left").styles.width = (80 if width < 140 else 105) if wide else "1fr"
 
     @property
     def scroller(self) -> Widget:

@@ -691,3 +691,22 @@ def test_what_failed_at_the_station_is_a_warning_and_changes_no_verdict(run: Pat
     summary = summarise(run, EXIT_CODES)
     assert summary.outcome == before.outcome == "completed"
     assert summary.warnings == (*before.warnings, "recording.mcap stopped at 12.3 s: No space left")
+
+
+def test_an_agent_that_had_failed_before_the_order_is_no_abort(tmp_path: Path) -> None:
+    """Its battery is the cause, and first; the order that came later is told behind it."""
+    run = write_run(tmp_path)
+    broken = {"reason": "battery at 5 %", "cause": Cause.BATTERY, "outcome": Outcome.FAILED}
+    for agent in (1, 2, 3, 4, 5, 6):
+        at_s = 20.0 if agent == 2 else 30.0
+        steps = (
+            StepResult("prepare", StepOutcome.DONE, 0.0, 4.0),
+            StepResult("takeoff", StepOutcome.ABORTED, 4.0, at_s),
+        )
+        how = broken if agent == 2 else {"reason": "land", "outcome": Outcome.ABORTED}
+        write_status(run, replace(account(agent, **how), steps=steps))
+    summary = summarise(run, EXIT_CODES | {"agent-2": 1})
+    assert summary.outcome is Outcome.FAILED
+    assert summary.cause is Cause.BATTERY
+    assert summary.reason.startswith("agent 2: battery at 5 %")
+    assert "agents 1, 3-6: aborted: land" in summary.reason

@@ -23,6 +23,7 @@ from swarm_ctl.core.model.messages import (
 from swarm_ctl.core.model.plan import FormStep
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.swarm.gain_update import planned
+from swarm_ctl.station.dashboard.drawing.picture import Picture
 from swarm_ctl.station.picture.alarms import RULES, Level, alarms
 from swarm_ctl.station.picture.model import Model
 from swarm_ctl.station.picture.summaries import gather_alarms, verdict
@@ -135,6 +136,10 @@ CASES: dict[str, tuple[Callable[[], SwarmView], tuple[int, ...]]] = {
     ),
     "sigma bound": (lambda: _sigma(sigma=0.2), (1, 2)),
     "mixed laws": (lambda: _other_law(1.1), (4,)),
+    "follows another": (
+        lambda: _broken_off(FailsafeAction.LAND, Cause.PEER, "agent 3 has not been heard for 3 s"),
+        (4,),
+    ),
     "taken over": (lambda: _state(4, phase=Phase.YIELD), (4,)),
     "holding": (
         lambda: _broken_off(FailsafeAction.HOLD, Cause.PEER, "agent 3 not heard", Phase.HOLD),
@@ -427,3 +432,25 @@ def test_measured_alarms_of_many_agents_are_counted() -> None:
     ((level, text),) = gather_alarms(a for a in alarms(model.view(30.0)) if a.name == "battery")
     assert level is Level.WARNING
     assert text == "14 agents: battery (agent 2: battery at 12 %, and others)"
+
+
+def test_agents_that_land_because_of_another_are_no_errors() -> None:
+    """One line of error, the culprit's: the others are told of in a warning."""
+    model = flying_model(PLAN, 30.0)
+    model.fold(
+        status_of(
+            PLAN, 3, 30.0, action=FailsafeAction.LAND, cause=Cause.POSITION, reason="no position"
+        ),
+        30.0,
+    )
+    for agent in (1, 2, 4, 5, 6):
+        theirs = {"action": FailsafeAction.LAND, "cause": Cause.PEER, "reason": "agent 3 gave up"}
+        model.fold(status_of(PLAN, agent, 30.0, **theirs), 30.0)
+    found = alarms(model.view(30.0))
+    assert gather_alarms(found) == [
+        (Level.ERROR, "agent 3: no position"),
+        (Level.WARNING, "agents 1-2, 4-6: agent 3 gave up"),
+    ]
+    picture = Picture(model.view(30.0), found)
+    assert picture.levels() == {3: Level.ERROR}
+    assert picture.innocent == {1, 2, 4, 5, 6}
