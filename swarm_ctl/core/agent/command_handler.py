@@ -21,6 +21,7 @@ from swarm_ctl.core.model.text import printable
 from swarm_ctl.core.safety.fence import outside
 from swarm_ctl.core.swarm import gain_update
 from swarm_ctl.core.swarm.command_origin import CommandOrigins
+from swarm_ctl.core.swarm.in_plan import InPlan
 from swarm_ctl.core.swarm.snapshot import PeerSnapshot
 
 KINDS: Final = tuple(kind for kind in CommandKind if kind is not CommandKind.APPLY)
@@ -82,6 +83,7 @@ class CommandHandler:
         self._origins = CommandOrigins(agent_id, speedup)
         self._all = {agent.id for agent in plan.agents}
         self._hash = plan_hash
+        self._in_plan = InPlan(plan)
         self._answers: dict[str, Ack] = {}
         self._newest_s = -math.inf
         self.override: Override | None = None
@@ -122,6 +124,9 @@ class CommandHandler:
             return f"unknown command {command.kind!r}; allowed: {', '.join(KINDS)}"
         if situation.phase in _OVER and command.kind not in _STILL:
             return f"agent {self._id} no longer flies its vehicle"
+        unknown = self._in_plan.unknown(command)
+        if unknown:
+            return unknown
         if command.plan_hash not in (0, self._hash):
             return f"it was made for the plan {command.plan_hash:016x}, ours is {self._hash:016x}"
         if self._id in self.expelled and command.kind not in _AT_ANY_TIME:

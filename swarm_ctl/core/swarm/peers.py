@@ -43,7 +43,9 @@ class Peers:
         """Take a state (`far`: a far word) in, if it is believed; one of an agent that the plan
         does not have is not."""
         peer = self._by_id.get(state.agent)
-        return peer is not None and peer.hear(state, received_s, far=far)
+        if peer is None:
+            return False
+        return peer.hear(peer.limits.in_plan.own_mission(state), received_s, far=far)
 
     def follow(self, near: Container[int], now: float) -> None:
         """These peers are near, and all others far."""

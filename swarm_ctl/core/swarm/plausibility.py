@@ -18,6 +18,7 @@ from swarm_ctl.core.law.response_estimate import LATEST_S
 from swarm_ctl.core.law.stop_point import stop_distance
 from swarm_ctl.core.model.messages import AgentState
 from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.swarm.in_plan import InPlan
 
 JUMP_M: Final = 2.0
 """A position may jump by this much on top of what was flown, and a stop point too: what estimates
@@ -91,8 +92,8 @@ class Limits:
     """The longest that is counted with."""
     stops_m: float
     """From full speed, once zero acts."""
-    steps: int
-    """Of the plan."""
+    in_plan: InPlan
+    """What can be named."""
 
     @classmethod
     def of(cls, plan: Plan) -> Limits:
@@ -101,14 +102,17 @@ class Limits:
         moves = max(plan.policies.max_speed_mps, 2.0 * speed_mps)
         slowest = response.dead_time_s + response.lag_s + _SLOWER_S
         stops = stop_distance(moves, response)
-        return cls(2.0 * moves, moves, _ROUNDING * speed_mps, slowest, stops, len(plan.steps))
+        return cls(2.0 * moves, moves, _ROUNDING * speed_mps, slowest, stops, InPlan(plan))
 
     def counted_s(self, response_s: float) -> float:
         """The response that is counted with, of a peer that tells this one."""
         return min(response_s, self.response_s)
 
     def absurd(self, state: AgentState) -> Finding | None:
-        """What of this state, by itself, no vehicle of the plan can do."""
+        """What of this state, by itself, no vehicle of the plan can do, or the plan has not."""
+        unknown = self.in_plan.of_state(state)
+        if unknown:
+            return Finding(Doubt.FIGURE, unknown)
         (north, east, down), (stop_n, stop_e) = state.position_ned_m, state.stop_point_m
         most = _FARTHEST_M
         if not (
@@ -137,9 +141,6 @@ class Limits:
             return _over("its formation moves at", frame.rate, 1.0, "of its speed")
         if frame is not None and not _SMALLEST <= frame.scale <= 1e3:
             words = f"its formation has the scale {frame.scale:.3g}; allowed: {_SMALLEST:g} to 1000"
-            return Finding(Doubt.FIGURE, words)
-        if state.step > self.steps:
-            words = f"it is in step {state.step}; the plan has {self.steps} steps"
             return Finding(Doubt.FIGURE, words)
         return None
 

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from swarm_ctl.core.model.messages import AgentStatus, StepOutcome
 from swarm_ctl.core.model.plan import FormStep, LandStep, Plan, ReturnStep
 from swarm_ctl.core.model.text import agents_named
+from swarm_ctl.core.swarm.in_plan import InPlan
 from swarm_ctl.errors import InputError
 from swarm_ctl.recording.mcap_reader import RECORDING
 from swarm_ctl.recording.mcap_records import RecordingDamage
@@ -142,7 +143,13 @@ def _tracks(folder: Path, manifest: Manifest, notes: list[str]) -> dict[int, Tra
         return {}
     try:
         damage = RecordingDamage()
-        tracks = read_tracks(folder, agents, elsewhere=manifest.elsewhere, damage=damage)
+        tracks = read_tracks(
+            folder,
+            agents,
+            elsewhere=manifest.elsewhere,
+            damage=damage,
+            in_plan=InPlan(manifest.plan),
+        )
     except InputError as error:
         notes.append(str(error))
         return {}

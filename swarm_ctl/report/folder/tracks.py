@@ -11,6 +11,7 @@ import numpy as np
 
 from swarm_ctl.core.model.messages import AgentState, AgentStatus, Phase
 from swarm_ctl.core.model.timeouts import NEIGHBOUR_S
+from swarm_ctl.core.swarm.in_plan import InPlan
 from swarm_ctl.recording.mcap_reader import messages, payload_of
 from swarm_ctl.recording.mcap_records import RecordingDamage
 from swarm_ctl.report.folder.truth import Bools, Floats
@@ -87,6 +88,11 @@ class Track:
         return np.asarray(2.0 * np.interp(time_s, self.told_s[there], self.accuracy_m[there]))
 
 
+_STEPS_S: Final = 600.0
+"""A clock that differs by so much from one message to another is not one clock: no flight lasts as
+long as it would seem."""
+
+
 @dataclass(slots=True)
 class _Process:
     """What one process of an agent told: its clock is its own."""
@@ -97,7 +103,10 @@ class _Process:
     """The station's clock less the process's, at least."""
 
     def take(self, payload: AgentState | AgentStatus, received_s: float) -> None:
-        self.behind_s = min(self.behind_s, received_s - payload.time_s)
+        behind_s = received_s - payload.time_s
+        if self.states and abs(behind_s - self.behind_s) > _STEPS_S:
+            return  # by another clock than its own
+        self.behind_s = min(self.behind_s, behind_s)
         if isinstance(payload, AgentState):
             self.states.append(payload)
         elif payload.phase not in _NO_WORD:
@@ -115,15 +124,19 @@ def read_tracks(
     *,
     elsewhere: bool = False,
     damage: RecordingDamage | None = None,
+    in_plan: InPlan | None = None,
 ) -> dict[int, Track]:
     """The track of each of `agents` that the recording has. `elsewhere`: the agents' clocks
-    are not the station's. `damage` notes what can't be read. InputError without a recording."""
+    are not the station's. `damage` notes what can't be read. What names more than the plan has
+    is left out. InputError without a recording."""
     processes: dict[int, list[_Process]] = {agent: [] for agent in agents}
     for message in messages(folder, damage):
         if not message.topic.endswith(("/state", "/status")):
             continue
         payload = payload_of(message.topic, message.data)
         if isinstance(payload, AgentState | AgentStatus) and payload.agent in processes:
+            if in_plan is not None and in_plan.unknown(payload):
+                continue
             found = processes[payload.agent]
             if not found or _is_new(payload, found[-1]):
                 found.append(_Process())

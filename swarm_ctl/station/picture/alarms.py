@@ -265,14 +265,16 @@ def _old_link(view: SwarmView, limit_s: float) -> Found:
 
 
 def _not_believed(view: SwarmView, _: float) -> Found:
-    """An agent whose word cannot be true, by the others."""
+    """An agent whose word cannot be true, by the others or by this station."""
     found: dict[int, tuple[list[int], str]] = {}
     for agent in view.agents:
         told = agent.status.doubted if agent.live and agent.status is not None else {}
         for peer, words in told.items():
             found.setdefault(peer, ([], words))[0].append(agent.id)
+    for peer, words in view.doubted.items():
+        found.setdefault(peer, ([], words))
     for peer, (by, words) in found.items():
-        yield (peer,), f"not believed by {agents_named(by)}: {words}"
+        yield (peer,), f"not believed by {agents_named(by) if by else 'this station'}: {words}"
 
 
 def _refused_messages(view: SwarmView, _: float) -> Found:

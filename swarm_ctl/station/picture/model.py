@@ -28,6 +28,8 @@ from swarm_ctl.core.model.messages import (
     StationBeacon,
 )
 from swarm_ctl.core.model.plan import FormStep, Plan, Point
+from swarm_ctl.core.swarm.in_plan import InPlan
+from swarm_ctl.core.swarm.plausibility import SUSPECT_S
 from swarm_ctl.station.picture.graph_in_force import edges_in_force
 from swarm_ctl.station.picture.history import HistoryKeeper
 from swarm_ctl.station.picture.link_stats import Receiver
@@ -63,6 +65,8 @@ class _Heard:
     """When anything came."""
     law_since_s: float = -math.inf
     """When its state first told of the law it flies now."""
+    doubt: tuple[str, float] | None = None
+    """Why a word of it was not believed, and when that came."""
     receiver: Receiver = field(default_factory=Receiver)
 
     def silence(self, now_s: float) -> float | None:
@@ -144,6 +148,7 @@ class Model:
         self._plan_hash = plan.hash()
         self._speedup = speedup
         self._since_s = since_s
+        self._in_plan = InPlan(plan)
         self._planned = frozenset(agent.id for agent in plan.agents)
         self._heard = {agent.id: _Heard() for agent in plan.agents}
         self._events: deque[Event] = deque(maxlen=_EVENTS)
@@ -157,8 +162,11 @@ class Model:
         but counters."""
         if not self._has_room(payload):
             return
-        if isinstance(payload, AgentState | AgentStatus) and payload.step > len(self._plan.steps):
-            return  # a step that the plan has not: agents do not believe it, and name its sender
+        payload = self._in_plan.in_own_terms(payload)
+        unknown = self._in_plan.unknown(payload)
+        if unknown:
+            self._doubt(payload, unknown, received_s)
+            return
         match payload:
             case AgentState():
                 heard = self._of(payload.agent, received_s)
@@ -196,6 +204,13 @@ class Model:
                 self._stations[payload.station] = received_s
                 if len(self._stations) > _STRANGERS:
                     del self._stations[min(self._stations, key=self._stations.__getitem__)]
+
+    def _doubt(self, payload: Payload, words: str, received_s: float) -> None:
+        """It names what the plan has not: it is in no view, and its sender is named."""
+        agent = getattr(payload, "agent", None)
+        if agent in self._heard:
+            self._heard[agent].last_s = received_s
+            self._heard[agent].doubt = (words, received_s)
 
     def _has_room(self, payload: Payload) -> bool:
         """Whether the speaker is known, or its table has a place for it."""
@@ -243,6 +258,11 @@ class Model:
             ),
             stations=stations,
             histories=self._history.view(),
+            doubted={
+                agent_id: heard.doubt[0]
+                for agent_id, heard in self._heard.items()
+                if heard.doubt is not None and now_s - heard.doubt[1] <= SUSPECT_S
+            },
         )
 
     def _moment(self, now_s: float) -> _Moment:

@@ -200,6 +200,8 @@ class SwarmView:
     stations: Mapping[str, float]
     """When each station's beacon was last heard, this one included."""
     histories: Histories = field(default_factory=Histories)
+    doubted: Mapping[int, str] = field(default_factory=dict)
+    """Why, by agent of which this station did not believe a word of late."""
     health: StationHealth = field(default_factory=StationHealth)
     protection: Protection = LOCAL
 

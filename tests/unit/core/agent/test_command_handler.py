@@ -153,7 +153,7 @@ REFUSALS: list[tuple[str, Command, AgentSituation, str]] = [
     ("no shape", command("form", step=None), situation(), "the command has no shape"),
     ("some form", command("form", agents=(1, 2)), situation(), "for the whole swarm"),
     ("two slots", form(*SLOTS[:2]), situation(), "row has 2 slots for 3 agents"),
-    ("a slot is NaN", form(*SLOTS[:2], (NAN, 0.0)), situation(), "a slot is not finite"),
+    ("a slot is NaN", form(*SLOTS[:2], (NAN, 0.0)), situation(), "its slots is nan"),
     ("slots too near", form(*SLOTS[:2], (0.0, 8.0)), situation(), "3 units apart; allowed: more"),
     ("no point", command("move", step=None), situation(), "no point to go to"),
     ("no waypoints", command("move", step=MoveStep((), 1, 1, 1, 1)), situation(), "no point to"),
@@ -162,7 +162,7 @@ REFUSALS: list[tuple[str, Command, AgentSituation, str]] = [
     ("too fast", move((0.0, 0.0), 5.1), situation(), "5.1 m/s; allowed: above 0, at most 5 m/s"),
     ("no speed", move((0.0, 0.0), 0.0), situation(), "0 m/s; allowed: above 0"),
     ("beyond the fence", move((51.0, 0.0)), situation(), "(51, 0) m: outside the geofence"),
-    ("to NaN", move((NAN, 0.0)), situation(), "outside the geofence"),
+    ("to NaN", move((NAN, 0.0)), situation(), "its waypoints_m is nan"),
 ]
 
 

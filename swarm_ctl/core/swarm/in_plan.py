@@ -1,0 +1,159 @@
+"""What a message may name of the plan: steps, waypoints, agents, places; and figures that can be
+reckoned with.
+
+The mesh's payloads know no plan. So what a peer says is held against it here, before it is an index
+anywhere: by agents (`core/swarm/plausibility.py`, `core/agent/command_handler.py`), by stations and
+replays (`station/picture/model.py`) and by reports (`report/folder/`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import fields, is_dataclass, replace
+from typing import Final
+
+from swarm_ctl.core.model.messages import (
+    NO_EXCHANGE,
+    AgentState,
+    AgentStatus,
+    Command,
+    Payload,
+    SigmaReport,
+)
+from swarm_ctl.core.model.plan import MoveStep, Plan
+
+_MOST: Final = 1e12
+"""Of a figure: seconds since 1970 are 2e9, and squares do not overflow."""
+_MOST_WHOLE: Final = 2**64
+_STAGES: Final = 3
+"""The last `ReturnStage` (`core/agent/return_to_launch.py`)."""
+
+
+class InPlan:
+    """What messages of one plan's swarm can name."""
+
+    def __init__(self, plan: Plan) -> None:
+        self._hash = plan.hash()
+        self._steps = len(plan.steps)
+        self._ids = frozenset(agent.id for agent in plan.agents)
+        self._legs = [
+            len(step.waypoints_m) if isinstance(step, MoveStep) else 0 for step in plan.steps
+        ]
+        """Of each step: how many waypoints can be passed."""
+
+    def own_mission(self, state: AgentState) -> AgentState:
+        """The same, without what it says of a mission where that is not this plan's: of an agent
+        that the plan has not, or of one that flies another plan."""
+        if state.plan_hash == self._hash and state.agent in self._ids:
+            return state
+        return replace(
+            state, step=0, done=False, frame=None, override=0, exchange=NO_EXCHANGE, stage=0
+        )
+
+    def in_own_terms(self, payload: Payload) -> Payload:
+        """`own_mission` of any payload."""
+        if isinstance(payload, AgentState):
+            return self.own_mission(payload)
+        if isinstance(payload, AgentStatus) and payload.agent not in self._ids:
+            return replace(
+                payload,
+                step=0,
+                done=False,
+                steps=(),
+                roles=(),
+                links={},
+                doubted={},
+                neighbours=(),
+                without=(),
+                nearest_agent=None,
+            )
+        return payload
+
+    def unknown(self, payload: Payload) -> str:
+        """What of this message names what the plan has not, in words; '' where it is all there."""
+        if isinstance(payload, AgentState):
+            return self.of_state(payload)
+        odd = _odd_figure(payload)
+        if odd:
+            return odd
+        match payload:
+            case AgentStatus():
+                return self._of_status(payload)
+            case SigmaReport():
+                return self._strange(pair.peer for pair in payload.pairs)
+            case Command() if not 0 <= payload.at_step <= self._steps:
+                return f"it names step {payload.at_step}; {self._has_steps}"
+        return ""
+
+    def of_state(self, state: AgentState) -> str:
+        """`unknown` of a state: asked for each one that is heard, so without a search."""
+        if not 0 <= state.step <= self._steps:
+            return f"it is in step {state.step}; {self._has_steps}"
+        if not 0 <= state.stage <= _STAGES:
+            return f"its way back is at stage {state.stage}; allowed: 0 to {_STAGES}"
+        if state.exchange is not NO_EXCHANGE:
+            said = state.exchange
+            named = (said.role, said.lock, said.offer_to, said.answer_to, said.answer_role)
+            if min(named) < -1 or max(named) >= len(self._ids):
+                odd = next(place for place in named if not -1 <= place < len(self._ids))
+                return f"it names place {odd} in the plan; allowed: 0 to {len(self._ids) - 1}"
+        frame = state.frame
+        if frame is not None and frame.leg and not state.override and state.step:
+            legs = self._legs[state.step - 1]
+            if not 0 <= frame.leg <= max(legs, self._legs[state.step - 2] if state.step > 1 else 0):
+                return f"its formation has passed {frame.leg} waypoints; the step has {legs}"
+        figures: tuple[float, ...] = (
+            *(state.time_s, state.response_s, state.doubt_s),
+            *state.position_ned_m,
+            *state.velocity_ned_mps,
+            *state.stop_point_m,
+            *state.setpoint_mps,
+        )
+        if frame is not None:
+            figures += (*frame.point_m, frame.angle_rad, frame.scale, frame.rate)
+        # one sum for all: most are finite and small
+        return "" if sum(map(abs, figures)) < _MOST else _odd_figure(state)
+
+    @property
+    def _has_steps(self) -> str:
+        return f"the plan has {self._steps} steps"
+
+    def _of_status(self, status: AgentStatus) -> str:
+        if not 0 <= status.step <= self._steps:
+            return f"it is in step {status.step}; {self._has_steps}"
+        if len(status.steps) > self._steps + 1:
+            return f"it tells of {len(status.steps)} steps; {self._has_steps}"
+        places = [place for _, place in status.roles if not 0 <= place < len(self._ids)]
+        if places:
+            return f"it names place {places[0]} in the plan; allowed: 0 to {len(self._ids) - 1}"
+        nearest = () if status.nearest_agent is None else (status.nearest_agent,)
+        named = (*nearest, *status.neighbours, *status.links, *status.doubted, *status.without)
+        return self._strange((*named, *(i for i in status.safety.kept_from if i)))
+
+    def _strange(self, agents: Iterable[int]) -> str:
+        odd = sorted(set(agents) - self._ids)
+        return f"it names agent {odd[0]}, which the plan has not" if odd else ""
+
+
+def _odd_figure(payload: object) -> str:
+    for name, value in _figures("", payload):
+        most = _MOST if isinstance(value, float) else _MOST_WHOLE
+        if not -most <= value <= most:
+            return f"its {name} is {value:.3g}; allowed: up to {most:.0g}"
+    return ""
+
+
+def _figures(name: str, value: object) -> Iterable[tuple[str, float]]:
+    """All numbers in a payload, with the name of the field that has them."""
+    if isinstance(value, float | int):
+        yield name, value
+    elif is_dataclass(value):
+        for field in fields(value):
+            yield from _figures(field.name, getattr(value, field.name))
+    elif isinstance(value, Mapping):
+        for key, one in value.items():
+            yield from _figures(name, key)
+            yield from _figures(name, one)
+    elif isinstance(value, tuple | list):
+        for one in value:
+            yield from _figures(name, one)
