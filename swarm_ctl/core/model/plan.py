@@ -70,9 +70,11 @@ class Response:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """The agent's setpoints never exceed these."""
+    """What an agent asks of its vehicle never exceeds these, but in a take-off."""
 
     speed_mps: float = 5.0
+    """By the vehicle's position: the setpoint on the wire is less by the drift of the vehicle's
+    velocity, so it may be more by `DRIFT_MAX_MPS` (`core/control/navigation.py`)."""
     climb_mps: float = 1.0
     descent_mps: float = 1.0
 

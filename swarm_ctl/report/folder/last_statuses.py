@@ -46,7 +46,9 @@ class LastStatus:
     final: bool
     """Written by the agent itself at its end; otherwise the station heard it last."""
     successor: bool = False
-    """The process was killed, another took the vehicle over and told its end: final, too."""
+    """The process was killed, another flew the vehicle on and told its end: final, too."""
+    from_air: bool = False
+    """By the last word of the process that was killed, its vehicle was in the air."""
 
     def step(self, k: int) -> StepResult | None:
         """The result of step k (0: prepare) for this agent; None where it did not get there."""
@@ -61,14 +63,14 @@ def read_last_statuses(
     `notes` gets a line for each file that is missing or torn. An agent whose process was `killed`
     has none; the end that the station heard is that of a process which took its vehicle over.
     """
-    first, heard = _heard(folder, notes)
+    before, heard = _heard(folder, notes)
     if agents is None:
         written = (path.stem for path in (folder / FINAL).glob("*.json"))
         agents = sorted({int(name) for name in written if name.isdecimal()} | set(heard))
     found: dict[int, LastStatus] = {}
     for agent in agents:
-        if agent in killed and agent in heard and _succeeded(first[agent], heard[agent]):
-            found[agent] = LastStatus(heard[agent], final=True, successor=True)
+        if agent in killed and agent in heard and _succeeded(before[agent], heard[agent]):
+            found[agent] = LastStatus(heard[agent], True, True, before[agent].airborne)
             continue
         final = _final_status(folder / FINAL / f"{agent}.json", notes)
         if final is not None:
@@ -85,33 +87,35 @@ def read_last_statuses(
 def flying_successors(folder: Path, killed: Collection[int]) -> dict[int, float]:
     """The agents whose process was `killed` and whose vehicle another one flies: when the station
     heard its last status, by its own clock [s]."""
-    first, heard = _heard(folder, [])
+    before, heard = _heard(folder, [])
     return {
         agent: heard[agent].time_s
         for agent in killed
         if agent in heard
         and heard[agent].outcome is Outcome.RUNNING
-        and _is_another(first[agent], heard[agent])
+        and _is_another(before[agent], heard[agent])
     }
 
 
 def _heard(folder: Path, notes: list[str]) -> tuple[dict[int, AgentStatus], dict[int, AgentStatus]]:
-    """The first and the last status of each agent that the station heard."""
-    first, last = dict[int, AgentStatus](), dict[int, AgentStatus]()
+    """Of each agent that the station heard, the last status of its first process, and the last
+    status of all."""
+    before, last = dict[int, AgentStatus](), dict[int, AgentStatus]()
     for status in _read(folder / STATUSES, _STATUS, notes):
-        first.setdefault(status.agent, status)
+        if not _is_another(before.setdefault(status.agent, status), status):
+            before[status.agent] = status
         last[status.agent] = status
-    return first, last
+    return before, last
 
 
-def _is_another(first: AgentStatus, last: AgentStatus) -> bool:
-    """The last status is of another process than the first: its flight began later."""
-    began = [status.steps[0].start_s if status.steps else None for status in (first, last)]
+def _is_another(before: AgentStatus, last: AgentStatus) -> bool:
+    """The last status is of another process than the one before: its flight began later."""
+    began = [status.steps[0].start_s if status.steps else None for status in (before, last)]
     return began[0] != began[1]
 
 
-def _succeeded(first: AgentStatus, last: AgentStatus) -> bool:
-    return last.outcome is not Outcome.RUNNING and _is_another(first, last)
+def _succeeded(before: AgentStatus, last: AgentStatus) -> bool:
+    return last.outcome is not Outcome.RUNNING and _is_another(before, last)
 
 
 def read_events(folder: Path, notes: list[str]) -> Iterator[Event]:

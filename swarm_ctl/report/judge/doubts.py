@@ -40,4 +40,5 @@ def doubts(run: RunFolder, pairs: Iterable[PairDistance]) -> Iterator[str]:
         yield f"{agents_named(silent)}: {what}"
     for agent, last in run.last.items():
         if last.successor:
-            yield f"agent {agent}: its process was killed; another took its vehicle over"
+            how = "took its vehicle over" if last.from_air else "flew its vehicle from the ground"
+            yield f"agent {agent}: its process was killed; another {how}"

@@ -10,11 +10,13 @@ import pytest
 from typer.main import get_command
 
 from swarm_ctl.cli.app import app
+from swarm_ctl.core.control.navigation import DRIFT_MAX_MPS
 from swarm_ctl.core.law import mean_error_feedback
 from swarm_ctl.core.model.causes import Cause
 from swarm_ctl.core.model.plan import Compensation, Plan
 from swarm_ctl.core.safety import constraints
 from swarm_ctl.core.swarm import gain_update
+from swarm_ctl.mavlink.autopilots.timing import TAKEOFF_MPS
 from swarm_ctl.mission.checks.envelope import ENVELOPE
 from swarm_ctl.mission.compile.loader import loads
 from swarm_ctl.station.picture.alarms import RULES
@@ -54,6 +56,11 @@ def test_the_page_of_verdicts_has_every_alarm_and_cause() -> None:
 
 def test_the_mission_reference_is_the_schema_s() -> None:
     assert TEXT["reference"] == mission_reference.page(), f"write it: {mission_reference.COMMAND}"
+
+
+def test_what_goes_beyond_the_limits_is_on_the_page_of_missions() -> None:
+    assert f"up to {DRIFT_MAX_MPS:g} m/s more than this" in TEXT["reference"]
+    assert f"a PX4 is told {TAKEOFF_MPS:g} m/s at most" in TEXT["reference"]
 
 
 def test_the_default_gains_are_those_of_the_law_s_page() -> None:

@@ -4,6 +4,7 @@ one forged state may do."""
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -254,3 +255,18 @@ def test_what_the_plan_has_not_is_not_believed(word: dict[str, Any], named: str)
     found = LIMITS.absurd(state(2, **word))
     assert found is not None
     assert named in found.words
+
+
+def test_jumps_that_add_up_are_told_as_their_sum() -> None:
+    """Each of them alone is allowed: the words name what was exceeded, and its own limit."""
+    peers, peer, now = heard()
+    place, k = 0.0, 20
+    while peers.suspects(now) == {} and k < 40:
+        place += 1.5
+        at = {"position_ned_m": (place, 0.0, -8.0), "stop_point_m": (place, 0.0)}
+        peer.hear(said(k, **at), now)
+        k, now = k + 1, now + TICK_S
+    (words,) = peers.suspects(now).values()
+    found = re.fullmatch(r"it jumped by (\d+\.\d) m in all; allowed: 2 m", words)
+    assert found is not None
+    assert float(found[1]) > JUMP_M

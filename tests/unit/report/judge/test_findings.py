@@ -381,6 +381,9 @@ def test_a_takeover_that_completes_is_completed(run: Path) -> None:
     assert (summary.outcome, summary.reason, summary.notes) == ("completed", "", ())
     assert summary.warnings == ("agent 3: its process was killed; another took its vehicle over",)
     assert summary.steps[1].start_s == LIFTOFF
+    write_lines(run / "statuses.jsonl", replace(heard[0], airborne=False), heard[1])
+    ground = "agent 3: its process was killed; another flew its vehicle from the ground"
+    assert summarise(run, EXIT_CODES | {"agent-3": -9}).warnings == (ground,)
     write_lines(run / "statuses.jsonl", *heard[:1], replace(heard[1], outcome=Outcome.FAILED))
     failed = summarise(run, EXIT_CODES | {"agent-3": -9})
     assert failed.reason.startswith("agent-3 was ended by SIGKILL")
