@@ -29,6 +29,7 @@ Send = Callable[[int, bytes, Address], None]
 T = TypeVar("T")
 
 _DATAGRAM = 1400
+_FORGET_EVERY_S = 1.0
 
 
 class Hub:
@@ -63,9 +64,18 @@ class Hub:
             for place, channel in self.links
         ]
         self._clients = [
-            Clients(one_partner=_one_partner(config.vehicles[p], c)) for p, c in self.links
+            Clients(
+                one_partner=_one_partner(config.vehicles[p], c),
+                connected=_endpoint(config.vehicles[p], c).startswith("tcp"),
+            )
+            for p, c in self.links
         ]
         self._boots_s = [0.0 for _ in self.links]
+        self._speaks_first = [
+            _endpoint(config.vehicles[p], c).startswith("udpout:") for p, c in self.links
+        ]
+        """Links that go to one address, whether it speaks or not."""
+        self._forget_s = 0.0
         self._send = send
         self._waiting: list[tuple[float, int, Callable[[], None]]] = []
         self._waiting_count = 0
@@ -75,8 +85,9 @@ class Hub:
         place, channel = self.links[link]
         messages = list(self.codecs[link].messages(data))
         self._forget_after_boot(link)
-        proven = bool(messages) and self._signing[place].active
-        sender = self._clients[link].hear(sender, self.world.time_s, proven=proven)
+        signed = self._signing[place].active
+        proven = bool(messages) and signed
+        sender = self._clients[link].hear(sender, self.world.time_s, proven=proven, signed=signed)
         self.world.vehicles[place].firmware.hear(channel)
         radio = self.world.vehicles[place].faults.radio
         if radio is None:
@@ -126,13 +137,26 @@ class Hub:
         heapq.heappush(self._waiting, (due_s, self._waiting_count, what))
 
     def listen(self, link: int, peers: list[Address]) -> None:
-        """Makes clients of addresses that are connected and have said nothing yet."""
+        """Makes clients of addresses that are configured, or connected, and have said nothing
+        yet."""
+        self._clients[link].keep(peers)
+        signed = self._signing[self.links[link][0]].active
         for peer in peers:
             if peer not in self._clients[link]:
-                self._clients[link].hear(peer, self.world.time_s, proven=False)
+                invited = self._speaks_first[link]
+                self._clients[link].hear(
+                    peer, self.world.time_s, proven=False, signed=signed, stays=invited
+                )
+
+    def _forget_clients(self) -> None:
+        self._forget_s = self.world.time_s + _FORGET_EVERY_S
+        for clients, (place, _) in zip(self._clients, self.links, strict=True):
+            clients.forget(self.world.time_s, signed=self._signing[place].active)
 
     def step(self) -> None:
         """One step of the world, and what the vehicles have to say after it."""
+        if self.world.time_s >= self._forget_s:
+            self._forget_clients()
         for place in self.world.step():
             self._flush(place, None)
         while self._waiting and self._waiting[0][0] <= self.world.time_s:
@@ -179,8 +203,11 @@ class Hub:
 def _one_partner(vehicle: VehicleConfig, channel: int) -> bool:
     """A PX4 answers on UDP only the address that it heard first, until it reboots. It obeys
     others, too."""
-    endpoint = (vehicle.endpoint, *vehicle.also)[channel]
-    return vehicle.persona == "px4" and endpoint.startswith("udp")
+    return vehicle.persona == "px4" and _endpoint(vehicle, channel).startswith("udp")
+
+
+def _endpoint(vehicle: VehicleConfig, channel: int) -> str:
+    return (vehicle.endpoint, *vehicle.also)[channel]
 
 
 def _datagrams(frames: list[bytes]) -> list[bytes]:

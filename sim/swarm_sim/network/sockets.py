@@ -164,6 +164,13 @@ def open_socket(endpoint: str) -> VehicleSocket:
         return UdpSocket(address)
     if kind == "tcpin":
         return TcpSocket(address)
-    own = host if host in ("127.0.0.1", "localhost") else "0.0.0.0"  # noqa: S104
-    bind = (own, int(own_port[0]) if own_port else 0)
-    return UdpSocket(bind, (socket.gethostbyname(host), int(port)))
+    peer = (socket.gethostbyname(host), int(port))
+    bind = (_way_to(peer), int(own_port[0]) if own_port else 0)
+    return UdpSocket(bind, peer)
+
+
+def _way_to(peer: Address) -> str:
+    """The own address on the network of `peer`: on the others nobody reaches the socket."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.connect(peer)  # sends nothing
+        return str(probe.getsockname()[0])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import itertools
 import json
 import logging
 import os
@@ -13,10 +14,14 @@ log = logging.getLogger(__name__)
 
 
 class TruthFile:
-    """Writes lines to `path` without buffering. A full disk ends the file, not the flight."""
+    """Writes lines to `path` without buffering. A full disk ends the file, not the flight. An older
+    file of that name is kept, with a number before its suffix."""
 
     def __init__(self, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
+        if path.is_file() and path.stat().st_size:
+            numbered = (path.with_suffix(f".{k}{path.suffix}") for k in itertools.count(1))
+            path.rename(next(each for each in numbered if not each.exists()))
         self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
         self.failure = ""
         """Why it has ended early."""

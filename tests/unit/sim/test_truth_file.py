@@ -24,3 +24,15 @@ def test_a_full_disk_ends_the_file(caplog: pytest.LogCaptureFixture) -> None:
         "the truth file ends here: No space left on device; flying on"
     ]
     file.close()
+
+
+def test_an_older_truth_is_kept(tmp_path: Path) -> None:
+    path = tmp_path / "truth.jsonl"
+    for run in range(3):
+        file = TruthFile(path)
+        file.write({"run": run})
+        file.close()
+    names = ("truth.1.jsonl", "truth.2.jsonl", "truth.jsonl")
+    assert [(tmp_path / name).read_text() for name in names] == [
+        f'{{"run":{run}}}\n' for run in range(3)
+    ]

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from swarm_sim.network.clients import MAX_CLIENTS
+from swarm_sim.network.clients import FORGET_S, MAX_CLIENTS
 from swarm_sim.network.hub import Hub
 from swarm_sim.network.sockets import Address
 from swarm_sim.world.truth_file import TruthFile
@@ -293,3 +293,63 @@ def test_one_that_only_listens_hears_a_signed_vehicle() -> None:
     clients.run(2.0)
     assert "HEARTBEAT" in [message.get_type() for message in clients.heard(A)]
     assert all(data[2] == 1 for data in clients.datagrams[A])
+
+
+STRANGER, AGENT = ("10.89.1.7", 5), ("10.89.1.2", 6)
+
+
+@pytest.mark.parametrize("persona", ["ardupilot", "px4"])
+def test_from_another_computer_a_signed_vehicle_is_heard_only_with_its_key(persona: str) -> None:
+    """Also by one that was there before the key, and by none with the key of another vehicle."""
+    clients, codec = signed_clients(persona)
+    other = mavlink.MAVLink(None, 250, 191)
+    other.signing.secret_key, other.signing.sign_outgoing = bytes(32), True
+    other.signing.timestamp = 10**9
+    for i in range(40):
+        clients.tell(0, ("10.89.1.7", 1000 + i), HELLO)
+        clients.hub.receive(0, bytes(HELLO.pack(other)), ("10.89.1.7", 2000 + i))
+    clients.run(2.0)
+    assert not clients.datagrams
+    assert len(clients.hub._clients[0]) == 0
+    clients.hub.receive(0, bytes(HELLO.pack(codec)), AGENT)
+    clients.run(2.0)
+    assert set(clients.datagrams) == {AGENT}
+
+
+def test_a_client_without_the_key_hears_nothing_more_once_a_vehicle_has_one() -> None:
+    clients = Clients()
+    clients.tell(0, STRANGER, HELLO)
+    clients.run(2.0)
+    assert STRANGER in clients.datagrams
+    clients.hub._signing[0].set_up(KEY, 10**9)
+    clients.run(1.5)
+    clients.datagrams.clear()
+    clients.run(2.0)
+    assert not clients.datagrams
+
+
+def test_a_client_that_falls_silent_is_dropped_and_one_that_speaks_is_not() -> None:
+    clients = Clients()
+    clients.tell(0, A, HELLO)
+    for _ in range(round(FORGET_S) + 2):
+        clients.tell(0, B, HELLO)
+        clients.run(1.0)
+    clients.datagrams.clear()
+    clients.run(2.0)
+    assert set(clients.datagrams) == {B}
+
+
+def test_one_partner_a_configured_address_and_a_connection_may_be_silent() -> None:
+    for persona, endpoint in (("px4", "udpin"), ("ardupilot", "udpout"), ("ardupilot", "tcpin")):
+        clients = Clients(persona=persona)
+        vehicle = config(1, persona).vehicles[0]
+        way = vehicle.model_copy(update={"endpoint": f"{endpoint}:127.0.0.1:14601"})
+        both = config(1, persona).model_copy(update={"vehicles": (way,)})
+        clients.hub = Hub(both, 0.0, clients._take)
+        clients.hub.listen(0, [A])
+        clients.run(FORGET_S + 3.0)
+        clients.datagrams.clear()
+        clients.run(2.0)
+        assert A in clients.datagrams
+        clients.hub.listen(0, [])
+        assert (A in clients.hub._clients[0]) is (endpoint != "tcpin"), "disconnected"

@@ -116,3 +116,9 @@ def test_silent_connections_take_no_place_from_one_that_speaks(
             list(port.receive())
         assert len(port.peers()) <= 32
         assert agent.getsockname() in port.peers()
+
+
+def test_one_that_speaks_first_is_reached_on_the_network_of_its_peer_alone() -> None:
+    with contextlib.closing(open_socket("udpout:127.0.0.2:14550")) as opened:
+        assert isinstance(opened, UdpSocket)
+        assert opened._socket.getsockname()[0] == "127.0.0.1"
