@@ -14,6 +14,8 @@ from collections import deque
 from pathlib import Path
 from typing import Final
 
+from swarm_ctl.rim import explained
+
 _TIME: Final = struct.Struct(">Q")
 """Microseconds of Unix time, big-endian."""
 _LIMIT: Final = 100_000
@@ -32,7 +34,7 @@ class TlogWriter:
         self._taken = self._written = 0
         self._end = threading.Event()
         self.failure = ""
-        """Why nothing is written any more (a full disk)."""
+        """Why nothing is written any more (a full disk, above all)."""
         self._thread = threading.Thread(target=self._work, name="tlog", daemon=True)
         self._thread.start()
 
@@ -58,8 +60,8 @@ class TlogWriter:
             while not self._end.wait(_TURN_WALL_S):
                 self._write_waiting()
             self._write_waiting()
-        except OSError as error:
-            self.failure = error.strerror or str(error)
+        except Exception as error:
+            self.failure = explained(error)
 
     def _write_waiting(self) -> None:
         count = len(self._waiting)
