@@ -167,7 +167,8 @@ class VehicleLink:
     def _look_at_battery(self) -> None:
         """A charge that was known and is not any more is worth a line; one in a minute."""
         now, charge = self._now, self._heard.battery_now(self._now)
-        lost = charge is None and self._charge is not None
+        heard = now - self._heard.heartbeat_s <= HEARTBEAT_LOST_S  # else that is said
+        lost = heard and charge is None and self._charge is not None
         if lost and now - self._charge_said_s >= _CHARGE_EVERY_S:
             self._charge_said_s = now
             self._heard.texts.add(

@@ -298,8 +298,10 @@ class Autopilot(ABC):
             return _not_passed(heard)
         if heard.local is None or now - heard.local.time_s > FIX_MAX_AGE_S:
             return "no local position (LOCAL_POSITION_NED)"
-        if heard.global_ is None:
+        if heard.global_ is None or now - heard.global_.time_s > STATUS_MAX_AGE_S:
             return "no global position (GLOBAL_POSITION_INT)"
+        if now - heard.landed_s > STATUS_MAX_AGE_S:
+            return "whether it stands on the ground is unknown (EXTENDED_SYS_STATE)"
         if heard.origin is None:
             return "origin of the local frame unknown (GPS_GLOBAL_ORIGIN)"
         if not math.isfinite(heard.estimate.report_s):

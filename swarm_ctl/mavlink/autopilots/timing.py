@@ -36,7 +36,8 @@ HEARTBEAT_LOST_S = 3.0
 FIX_MAX_AGE_S = 1.0
 """20 local positions missing in a row."""
 STATUS_MAX_AGE_S = 5.0
-"""10 SYS_STATUS missing in a row."""
+"""10 SYS_STATUS or EXTENDED_SYS_STATE missing in a row, 25 GLOBAL_POSITION_INT; behind a shared
+radio 5."""
 ORIGIN_REFRESH_S = 10.0
 """A known origin is asked for again this often: an EKF that is reset moves it."""
 LISTEN_S = 2.5

@@ -47,7 +47,8 @@ def bad_links(statuses: Sequence[AgentStatus], plan: Plan) -> str:
         which = "each other" if receivers == senders else f"{agents_named(senders)}, which lived on"
         return f"the mesh fell apart: {agents_named(receivers)} no longer heard {which}"
     links = [(s.agent, sender, link) for s in statuses for sender, link in s.links.items()]
-    links = [(r, s, link) for r, s, link in links if link.received >= _ENOUGH]
+    mute = _without_vehicle(statuses)
+    links = [each for each in links if each[1] not in mute and each[2].received >= _ENOUGH]
     found = [
         (link.age_p50_s or 0.0, link.lost / (link.received + link.lost), s, r)
         for r, s, link in links
@@ -61,13 +62,9 @@ def bad_links(statuses: Sequence[AgentStatus], plan: Plan) -> str:
 
 
 def _deaf(statuses: Sequence[AgentStatus], after_s: float) -> list[tuple[int, int]]:
-    """(receiver, sender) where the sender lived on for so long unheard. One that had lost its
-    vehicle had no state to send."""
-    ends_s = {
-        s.agent: s.time_s
-        for s in statuses
-        if s.heartbeat_age_s is not None and s.heartbeat_age_s <= OWN_LOST_S
-    }
+    """(receiver, sender) where the sender lived on for so long unheard."""
+    mute = _without_vehicle(statuses)
+    ends_s = {s.agent: s.time_s for s in statuses if s.agent not in mute}
     return [
         (s.agent, sender)
         for s in statuses
@@ -78,3 +75,11 @@ def _deaf(statuses: Sequence[AgentStatus], after_s: float) -> list[tuple[int, in
         and min(s.time_s, ends_s[sender] - (link.clock_ahead_s or 0.0)) - s.time_s + link.age_s
         > after_s
     ]
+
+
+def _without_vehicle(statuses: Sequence[AgentStatus]) -> set[int]:
+    """The agents that no longer heard their vehicles at their ends: they had no state to send, and
+    no link is to blame."""
+    return {
+        s.agent for s in statuses if s.heartbeat_age_s is None or s.heartbeat_age_s > OWN_LOST_S
+    }

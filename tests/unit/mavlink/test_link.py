@@ -306,7 +306,10 @@ def test_a_charge_that_is_told_no_more_is_unknown_and_said_once() -> None:
     assert link.view().battery_percent == 80.0
     said: list[str] = []
     for now in range(11, 60):
-        vehicle.say(wire.system_status(battery_percent=80 if now % 20 == 0 else -1))
+        vehicle.say(
+            wire.heartbeat(custom_mode=4, armed=True),
+            wire.system_status(battery_percent=80 if now % 20 == 0 else -1),
+        )
         link.receive(float(now))
         view = link.view()
         assert view.battery_percent == (80.0 if now % 20 == 0 else None)

@@ -369,7 +369,7 @@ def test_an_agent_that_lost_its_vehicle_is_no_mesh_that_fell_apart(
 ) -> None:
     """Its serial port was gone: it had no position, so no state to send."""
     why = "no heartbeat from the vehicle for 5 s"
-    links = {4: LinkReport(12.0, 0.1, 0.2, 300, 1)}
+    links = {4: LinkReport(12.0, 5.0, 9.0, 300, 1)}
     for i in (1, 2, 3, 5, 6):
         reason = "agent 4 has not been heard for 3 s"
         made = account(i, outcome=Outcome.FAILED, reason=reason, links=links)
