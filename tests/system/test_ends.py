@@ -77,5 +77,5 @@ def test_a_run_ends_in_order_at_any_moment(
             found[end(tmp_path / str(k), number, after_s)] += 1
         except AssertionError as error:
             bad.append(f"{number.name} after {after_s:.3f} s: {error}")
-    print(f"{number.name}: {dict(found)}")  # noqa: T201 - the table, shown by -rP
+    print(f"{number.name}: {dict(found)}")
     assert not bad, "\n\n".join(bad)
