@@ -130,7 +130,7 @@ class Server:
             return _open(endpoint)
         except EndpointError as error:
             log.warning("%s; the vehicle goes without it", error)
-            self._taken.append(f"simulated vehicle {vehicle.sysid} is not there: {error}")
+            self._taken.append(f"simulated vehicle {vehicle.sysid} goes without {error}")
             return None
 
     def serve(self) -> None:

@@ -45,6 +45,8 @@ def show_summary(
             console.say(f"no report: Ctrl-C; swarm-ctl report {folder} makes it")
             return
         pause(_POLL_WALL_S)
+    if making.returncode:
+        console.say(f"no report: the reason stands above; swarm-ctl report {folder} makes it")
 
 
 def exit_code(summary: Summary, interrupts: int) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import socket
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
@@ -11,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from swarm_ctl.core.model.fleet import Fleet, FleetAgent, Signing, VehicleKind
-from swarm_ctl.errors import InputError
+from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.mesh.access import as_tls
 from swarm_ctl.mesh.zenoh_config import Part, part_in
 from swarm_ctl.mission.compile.loader import LoadedMission
@@ -118,7 +119,13 @@ class RunSetup:
         )
         self._simulation = mission.file.simulation
         self.ground_control = ground_control(self.manifest.fleet, self._simulated, options.gcs)
-        write_manifest(self.folder, self.manifest)
+        try:
+            write_manifest(self.folder, self.manifest)
+        except OSError as error:
+            shutil.rmtree(self.folder, ignore_errors=True)
+            raise StartError(
+                f"{self.folder}: can't be written: {error.strerror}; choose with --runs"
+            ) from None
 
     def write_orders(self) -> Path | None:
         """The folder of the autopilots to start, with the orders; None where there are none."""

@@ -6,11 +6,13 @@ The order at the end: vehicles come down first, then processes end, then the sum
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from swarm_ctl.core.model.messages import Outcome
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.errors import StartError, SwarmError
 from swarm_ctl.mission.compile.loader import LoadedMission
@@ -103,6 +105,10 @@ def fly(
         finally:
             processes.end()
         if failure is not None:
+            if isinstance(failure, OSError):
+                where = failure.filename or setup.folder
+                why = f"{where}: can't be written: {failure.strerror}; choose with --runs"
+                failure = StartError(why)
             ending = Ending(str(failure).partition("\n")[0], failed=True)
             _write_summary(setup.folder, processes, ending, say)
             raise failure
@@ -129,6 +135,11 @@ def _write_summary(
     rim.run(write_summary, folder, summary)
     for trouble in rim.troubles():  # a full disk: `run` shows the summary all the same
         say(f"the summary can't be written: {trouble.why}")
+        if ending is not None and ending.failed:
+            shutil.rmtree(folder, ignore_errors=True)  # nothing flew, and it could say nothing
+        elif summary.outcome is Outcome.FAILED:  # agents may have left no account for that alone
+            reason = f"the run folder can't be written: {trouble.why}. {summary.reason}"
+            summary = summary.model_copy(update={"reason": reason})
     return summary
 
 
