@@ -39,6 +39,7 @@ _LOCKSTEP_END_WALL_S = 120.0
 """From the last agent's end to the run's, in lockstep."""
 _AGAIN_WALL_S = 0.8
 """Two presses of Ctrl-C, and not one."""
+_ENDED_BY = b"ended by its program"
 _LAND_WALL_S = 300.0
 _KILL_WALL_S, _SHORT_WALL_S = 10.0, 0.002
 
@@ -84,13 +85,18 @@ class ProcessFlight(SwarmFlight):
         command += ["--seed", str(seed), "--runs", str(runs or where), "--speedup"]
         command += ["max", "--lockstep-with", TEST] if speedup is None else [str(speedup)]
         command += arguments
+        # Its end is ours, however this program ends: then the swarm lands.
+        theirs, self._lifeline = os.pipe()
+        command += ["--lifeline", str(theirs)]
         self._process = subprocess.Popen(
             command,
+            pass_fds=(theirs,),
             stdin=subprocess.DEVNULL,
             stdout=self._log,
             stderr=subprocess.STDOUT,
             process_group=0 if apart else None,
         )
+        os.close(theirs)
         try:
             self.folder = self._wait_started(where, runs or where)
             self._pids: dict[str, int] = json.loads((self.folder / "processes.json").read_text())
@@ -244,7 +250,8 @@ class ProcessFlight(SwarmFlight):
     def land(self) -> None:
         self._leave()
         if self._process.poll() is None:
-            self._process.send_signal(signal.SIGINT)
+            with contextlib.suppress(OSError):  # it has ended meanwhile
+                os.write(self._lifeline, _ENDED_BY)
             try:
                 self._process.wait(_LAND_WALL_S)
             except subprocess.TimeoutExpired:
@@ -266,6 +273,9 @@ class ProcessFlight(SwarmFlight):
             self._process.kill()  # its children notice through their pipes and land
             self._process.wait()
         self._log.close()
+        if self._lifeline >= 0:
+            os.close(self._lifeline)
+            self._lifeline = -1
 
 
 def _lives(pid: int) -> bool:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import errno
 import os
+import select
 import signal
 from typing import Final, Self
 
+from swarm_ctl.core.model.text import escaped
 from swarm_ctl.runtime.clock import wall_s
 from swarm_ctl.signals import ENDING, said_of
 
@@ -15,11 +17,16 @@ _ONE_PRESS_WALL_S: Final = 0.7
 sends it to its child and to its child's group."""
 
 
-class Interrupts:
-    """Counts these signals while it is entered."""
+_GONE: Final = "the program that started it is gone"
 
-    def __init__(self) -> None:
-        self.count = 0
+
+class Interrupts:
+    """Counts these signals while it is entered; `lifeline`: a pipe from the program that
+    started this process; a word on it counts as one, and so does its end."""
+
+    def __init__(self, lifeline: int | None = None) -> None:
+        self._lifeline = lifeline
+        self._count = 0
         self.first = ""
         """What the first one says: "Ctrl-C"; '' before it."""
         self.presses = 0
@@ -29,12 +36,21 @@ class Interrupts:
         closed terminal and a service manager send several."""
         self._pressed_s: float | None = None
 
+    @property
+    def count(self) -> int:
+        """How many came until now."""
+        if self._lifeline is not None and (words := _heard(self._lifeline)):
+            self._lifeline = None
+            self._count += 1
+            self.first = self.first or words
+        return self._count
+
     def __enter__(self) -> Self:
         self._before = {number: signal.signal(number, self._take) for number in ENDING}
         return self
 
     def _take(self, number: int, _: object) -> None:
-        self.count += 1
+        self._count += 1
         self.first = self.first or said_of(number)
         if number == signal.SIGINT:
             self.presses += 1
@@ -47,6 +63,13 @@ class Interrupts:
     def __exit__(self, *_: object) -> None:
         for number, handler in self._before.items():
             signal.signal(number, handler)
+
+
+def _heard(pipe: int) -> str:
+    """A word on it, or that it was closed; '' for neither."""
+    if not select.select([pipe], [], [], 0)[0]:
+        return ""
+    return escaped(os.read(pipe, 80).decode(errors="replace")) or _GONE
 
 
 def _leave_terminal() -> None:

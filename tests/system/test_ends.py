@@ -7,6 +7,8 @@ import json
 import os
 import random
 import signal
+import subprocess
+import sys
 import time
 from collections import Counter
 from pathlib import Path
@@ -38,7 +40,7 @@ def end(cwd: Path, number: signal.Signals, after_s: float) -> str:
         code = running.wait(120)
         running.assert_nothing_left()
         output = running.output
-    if output.startswith("Traceback") and "in main\n" not in output:
+    if output.startswith(("Traceback", "Fatal Python error")) and "in main\n  " not in output:
         return "Python's own start"  # before our first line
     assert "Traceback" not in output, output
     assert "Aborted!" not in output, output
@@ -79,3 +81,33 @@ def test_a_run_ends_in_order_at_any_moment(
             bad.append(f"{number.name} after {after_s:.3f} s: {error}")
     print(f"{number.name}: {dict(found)}")
     assert not bad, "\n\n".join(bad)
+
+
+PROGRAM = """
+import sys, swarm_ctl
+with swarm_ctl.fly(sys.argv[1], speedup=2) as swarm:
+    print("up", flush=True)
+    swarm.wait(600)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
+def test_the_swarm_of_a_program_that_is_gone_lands(number: signal.Signals, tmp_path: Path) -> None:
+    """Python ends at once by these; `run`, which has lost its starter, lands the swarm."""
+    program = subprocess.Popen(
+        [sys.executable, "-c", PROGRAM, str(LOW)], cwd=tmp_path, stdout=subprocess.PIPE
+    )
+    assert program.stdout is not None
+    assert program.stdout.readline() == b"up\n"
+    (processes,) = tmp_path.glob("runs/**/processes.json")
+    time.sleep(2.0)
+    program.send_signal(number)
+    assert program.wait() == -number
+    program.stdout.close()
+    summary, until = processes.with_name("summary.json"), time.monotonic() + 90
+    while not summary.exists():
+        assert time.monotonic() < until
+        time.sleep(0.1)
+    found = json.loads(summary.read_text())
+    assert found["reason"] == "the program that started it is gone: all landed"
+    assert found["outcome"] == "aborted"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import stat
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
@@ -62,6 +63,10 @@ _LOCKSTEP: Final = (
 )
 _PATIENCE: Final = "In lockstep, go on without a process that has been stopped for so long."
 _WITH: Final = "In lockstep, do not start before this member has joined, too."
+_LIFELINE: Final = (
+    "For a program that starts this: the number of an open pipe. When its other end is closed, the"
+    " program is gone, and the swarm lands."
+)
 _JUNIT: Final = (
     "Write the result as JUnit XML, too: a test case a step, one for the distance, one for the"
     " verdict."
@@ -91,6 +96,7 @@ def run(
         float, option("SECONDS", _PATIENCE, "--lockstep-patience", min=1.0, max=3600.0)
     ] = 10.0,
     lockstep_with: Annotated[list[str] | None, option("NAME", _WITH)] = None,
+    lifeline: Annotated[int | None, option("NUMBER", _LIFELINE, min=3)] = None,
     record_hz: Annotated[str, option("TOPIC=HZ,...", _RECORD)] = "",
     report: Annotated[bool, typer.Option(help="Make the report at the end.")] = True,
     junit: Annotated[Path | None, option("FILE", _JUNIT)] = None,
@@ -157,7 +163,10 @@ def run(
         px4_log,
         stepped,
         Keys(identity, open_mesh, str(fleet or file_of(mission) or mission), own),
+        lifeline,
     )
+    if lifeline is not None and not stat.S_ISFIFO(os.fstat(lifeline).st_mode):
+        raise InputError(f"--lifeline {lifeline}: is no pipe; allowed: the reading end of one")
     if junit is not None and not (junit.parent.is_dir() and os.access(junit.parent, os.W_OK)):
         raise InputError(f"--junit {junit}: can't be written; allowed: a file in a folder that may")
     out = sys.stderr if json else sys.stdout

@@ -70,6 +70,8 @@ class RunOptions:
     """None: in real time times `speedup`."""
     keys: Keys = NO_KEYS
     """Of the command line."""
+    lifeline: int | None = None
+    """A pipe from the program that started this; its end lands the swarm."""
 
 
 @dataclass(frozen=True, slots=True)

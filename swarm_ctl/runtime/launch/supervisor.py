@@ -93,7 +93,7 @@ def fly(
 ) -> RunResult:
     """Fly a mission to its end, then `show` its summary; StartError when something did not start
     (nothing is left running then)."""
-    with Interrupts() as interrupts:
+    with Interrupts(options.lifeline) as interrupts:
         setup = RunSetup(mission, options)
         processes = RunProcesses(setup, interrupts, say)
         failure: SwarmError | OSError | None = None
