@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -40,7 +41,8 @@ def end(cwd: Path, number: signal.Signals, after_s: float) -> str:
         code = running.wait(120)
         running.assert_nothing_left()
         output = running.output
-    if output.startswith(("Traceback", "Fatal Python error")) and "in main\n  " not in output:
+    if "Traceback" in output and not re.search(r'cli/main\.py", line \d+, in main', output):
+        assert code == -number or code == 1, output
         return "Python's own start"  # before our first line
     assert "Traceback" not in output, output
     assert "Aborted!" not in output, output
