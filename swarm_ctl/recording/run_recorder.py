@@ -3,6 +3,7 @@ statuses as JSON lines too, for the summary."""
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import json
 import os
@@ -58,9 +59,11 @@ class RunRecorder:
         self._folder = folder
         self._adapter = TypeAdapter(object)
         self._due: dict[int, float] = {}
+        self._last_s = 0.0
 
     def take(self, payload: Payload, received_s: float) -> None:
         """Record a message; `statuses.jsonl` gets some of the statuses, and the last one."""
+        self._last_s = received_s
         self._mcap.take(payload, received_s)
         match payload:
             case Event():
@@ -84,7 +87,11 @@ class RunRecorder:
             file.write(json.dumps(line | {"off": trouble.off}).encode() + b"\n")
 
     def close(self) -> None:
-        """Write what waits and close the files."""
+        """Write what waits, what went wrong at that too, and close the files."""
         for lines in self._lines:
             lines.close()
         self._mcap.close()
+        left = [trouble for rim in self.rims for trouble in rim.troubles()]
+        with contextlib.suppress(OSError):
+            for trouble in left:
+                self.note(trouble, self._last_s)

@@ -12,6 +12,7 @@ from swarm_ctl.recording import read
 from swarm_ctl.recording.mcap_recorder import McapRecorder
 from swarm_ctl.recording.run_recorder import RunRecorder
 from swarm_ctl.recording.topics import Derived
+from swarm_ctl.report.folder.last_statuses import read_troubles
 from tests.unit.station.swarm import hexagon_plan, status_of
 
 FULL = Path("/dev/full")
@@ -61,7 +62,22 @@ def test_an_error_in_what_is_derived_does_not_end_the_recording(tmp_path: Path) 
     for k in range(3):
         recorder.take(Event(1, float(k), Severity.INFO, "hello"), float(k))
     recorder.close()
-    (trouble,) = troubles_of(recorder)
-    assert "Foxglove's view in the record has stopped: ValueError: no scene" in trouble
+    (trouble,) = read_troubles(tmp_path)
+    assert "Foxglove's view in the record stopped at 2.0 s: ValueError: no scene" in trouble
     assert troubles_of(recorder) == []
     assert len(list(read(tmp_path))) == 3
+
+
+def test_what_fails_as_the_record_is_closed_is_kept_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """There is no turn of the station after that."""
+
+    def full(_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("swarm_ctl.recording.mcap_writer.McapWriter.close", full)
+    recorder = RunRecorder(tmp_path, McapRecorder(tmp_path, 0, {}))
+    recorder.take(Event(1, 12.34, Severity.INFO, "hello"), 12.34)
+    recorder.close()
+    assert read_troubles(tmp_path) == ["recording.mcap stopped at 12.3 s: No space left on device"]
