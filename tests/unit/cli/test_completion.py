@@ -23,7 +23,8 @@ def completed(
     monkeypatch.chdir(tmp_path)
     for name in (OLD, NEW):
         Path(name).mkdir(parents=True)
-        write_manifest(Path(name), manifest())
+        # the new one flies, by agents that other hosts started: no process here tells of them
+        write_manifest(Path(name), manifest(elsewhere=name == NEW))
 
     def complete(line: str) -> list[str]:
         monkeypatch.setenv("_SWARM_CTL_COMPLETE", "complete_bash")
