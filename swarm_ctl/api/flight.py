@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,7 +14,7 @@ from swarm_ctl.commands.send import SentCommand
 from swarm_ctl.core.agent.progress import step_name
 from swarm_ctl.core.model.messages import AgentStatus, Event
 from swarm_ctl.core.model.plan import Plan
-from swarm_ctl.core.model.text import ranges
+from swarm_ctl.core.model.text import agents_named, ranges
 from swarm_ctl.errors import SwarmError
 from swarm_ctl.mission.compile.loader import LoadedMission, dumps, load, loads
 from swarm_ctl.mission.sections.mission_file import MissionFile
@@ -45,7 +46,7 @@ class FlightError(SwarmError, AssertionError):
 _ROUNDING_S: Final = 1e-6
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class FlightResult:
     """How a flight went."""
 
@@ -65,6 +66,17 @@ class FlightResult:
     vehicles."""
     folder: Path | None = None
     """The run folder, with the report; None on the virtual clock."""
+
+    def __repr__(self) -> str:
+        """`<flight: agents 1-6 completed; closest 9.90 m; all down; run folder runs/...>`."""
+        by: dict[str, list[int]] = {}
+        for agent, outcome in self.outcomes.items():
+            by.setdefault(outcome, []).append(agent)
+        told = [f"{agents_named(ids)} {outcome}" for outcome, ids in by.items()]
+        told += [f"closest {self.closest_m:.2f} m"] if self.closest_m < math.inf else []
+        told += ["all down" if self.all_down else "not all down"]
+        told += [f"run folder {self.folder}"] if self.folder is not None else []
+        return f"<flight: {'; '.join(told)}>"
 
     @property
     def texts(self) -> str:

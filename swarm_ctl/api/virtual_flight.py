@@ -12,6 +12,7 @@ from swarm_ctl.commands.build import AgentNow, SwarmNow, build
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.commands.send import CommandSender, SentCommand
 from swarm_ctl.core.model.messages import AgentStatus, CommandKind, Event
+from swarm_ctl.core.model.plan import Point
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.memory_transport import MemoryTransport
 from swarm_ctl.mesh.node import Node
@@ -87,6 +88,9 @@ class VirtualFlight(SwarmFlight):
         return self._watching.view(self.swarm.now)
 
     def order(self, order: Order) -> SentCommand:
+        if self._watching is None and (order.by or order.kind == CommandKind.FORM):
+            self.view()
+            self.turn()  # agents say where they would come to rest
         swarm = self._now()
         command = build(order, swarm, self._mission)
         sent = self._sender.send(command, self.swarm.now, swarm.meant(order))
@@ -98,9 +102,14 @@ class VirtualFlight(SwarmFlight):
         return sent
 
     def _now(self) -> SwarmNow:
-        """What a ground station would know if messages took no time."""
+        """What a ground station would know if messages took no time: where agents said that they
+        would come to rest, and where their vehicles are while nothing is heard."""
         agents, step = [], 0
-        for agent_id, point in self.swarm.positions().items():
+        points: dict[int, Point] = dict(self.swarm.positions())
+        if self._watching is not None:
+            heard = self._watching.view(self.swarm.now).agents
+            points |= {a.id: a.state.stop_point_m for a in heard if a.state is not None}
+        for agent_id, point in points.items():
             member = self.swarm.members[agent_id]
             status = member.status
             gains = status.gains if status else None

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 from swarm_ctl.core.model.messages import Ack, Command, CommandKind
+from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.swarm.gain_update import GainUpdateRound
 
 REPEAT_WALL_S: Final = 0.5
@@ -18,7 +19,7 @@ GIVE_UP_WALL_S: Final = 10.0
 """Twenty tries: with half of all messages lost, each agent misses all of them once in a million."""
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, repr=False)
 class SentCommand:
     """A command on its way, and what the agents have answered."""
 
@@ -31,6 +32,14 @@ class SentCommand:
     """Why a `tune` changes nothing although some agents accepted it."""
     over: bool = False
     """It is not sent any more."""
+
+    def __repr__(self) -> str:
+        """`<hold: accepted by agents 1-3; refused by agent 4: why>`."""
+        taken = [agent for agent, ack in self.acks.items() if ack.accepted]
+        told = [f"accepted by {agents_named(taken)}"] if taken else []
+        told += [f"refused by agent {agent}: {why}" for agent, why in self.reasons.items()]
+        told += [f"no answer from {agents_named(self.silent)}"] if self.silent else []
+        return f"<{self.command.kind}: {self.failed or '; '.join(told)}>"
 
     @property
     def silent(self) -> tuple[int, ...]:

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import inspect
 import json
+import math
 import re
 import runpy
 import subprocess
@@ -18,7 +19,10 @@ import swarm_ctl
 from swarm_ctl.api.flight import FlightError
 from swarm_ctl.api.fly import Flying
 from swarm_ctl.api.swarm import AsyncSwarm, OrderError, Swarm
-from swarm_ctl.errors import InputError
+from swarm_ctl.api.virtual_flight import VirtualFlight
+from swarm_ctl.cli.shared.options import runs_in
+from swarm_ctl.errors import InputError, StartError
+from swarm_ctl.runtime.flying_runs import flying_run
 from tests.system.pair import BARE
 from tests.unit.docs.pages import PAGES
 
@@ -138,3 +142,57 @@ def test_a_program_that_fails_in_flight_leaves_no_process(tmp_path: Path) -> Non
     )
     found = subprocess.run(["/bin/ps", "-eo", "args"], capture_output=True, text=True, check=True)
     assert str(tmp_path) not in found.stdout
+
+
+def test_the_public_names_can_be_completed() -> None:
+    assert {"fly", "Swarm", "AsyncSwarm", "FlightError"} <= set(dir(swarm_ctl))
+
+
+def test_an_async_end_waits_for_its_time_once() -> None:
+    """A flight that never ends is given up after `within_s`, not after twice that."""
+
+    class Endless:
+        now, over, rest_s = 0.0, False, 0.0
+
+        def turn(self) -> None:
+            self.now += 1.0
+
+        def finish(self, within_s: float) -> None:
+            self.rest_s = within_s
+
+    flight = Endless()
+    swarm = AsyncSwarm(Swarm(flight))  # type: ignore[arg-type]
+    asyncio.run(swarm.finish(10.0))  # type: ignore[arg-type]
+    swarm.leave()
+    assert flight.now + flight.rest_s == 10.0
+
+
+def test_what_python_flies_has_a_run_folder_that_orders_find(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One level deep in `runs`, as that of `run`; the answer of an order fits into a line."""
+    monkeypatch.chdir(tmp_path)
+    with swarm_ctl.fly("hexagon", speedup="max") as swarm:
+        assert flying_run() == Path("runs") / swarm.flight.folder.name  # type: ignore[attr-defined]
+        swarm.step("form hexagon")
+        sent = swarm.hold(2)
+        assert repr(sent) == "<hold: accepted by agent 2>"
+    with pytest.raises(StartError, match="nothing flies"):
+        flying_run()
+    assert [folder.name for folder in runs_in(Path("runs"))] == [swarm.flight.folder.name]  # type: ignore[attr-defined]
+
+
+def test_a_virtual_shape_is_dealt_by_where_agents_would_come_to_rest() -> None:
+    """As a ground station deals it, not by where vehicles truly are."""
+    with swarm_ctl.fly("hexagon", vehicles="virtual") as swarm:
+        swarm.step("form hexagon")
+        swarm.wait(1.0)
+        flight = swarm.flight
+        assert isinstance(flight, VirtualFlight)
+        known = {agent.id: agent.stop_point_m for agent in flight._now().agents}
+        told = {agent.id: agent.state for agent in swarm.view().agents}
+        true = flight.swarm.positions()
+        for agent, state in told.items():
+            assert state is not None
+            assert known[agent] == state.stop_point_m
+        assert any(math.dist(known[i] or (0, 0), true[i]) > 0.2 for i in true)

@@ -16,6 +16,7 @@ from swarm_ctl.core.law.planned_formation import planned_formations
 from swarm_ctl.core.model.plan import FormStep, Plan, ScaleStep
 from swarm_ctl.mission.input.document import Finding, Place
 from swarm_ctl.mission.input.findings import ROUNDING, Findings
+from swarm_ctl.mission.sections.mission_file import MissionFile
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +67,21 @@ def _speed_mps(plan: Plan, most: float) -> str:
     return f"; a speed_mps of {math.floor(speed_mps * 100) / 100:g} is enough"
 
 
+def with_usual_speed(mission: MissionFile, plan: Plan) -> MissionFile:
+    """The mission, its default speed limit lowered to what was studied for the radii of its plan.
+    One that the mission sets, or that its steps need, stays, and is warned of."""
+    vehicle, chosen = mission.vehicle, mission.vehicle.limits.model_fields_set
+    most_mps = math.sqrt(_STUDIED * plan.response.acceleration_mps2 * _room_m(plan))
+    usual_mps = max(0.1, math.floor(10 * most_mps) / 10)
+    needed = [getattr(step, "speed_mps", 0.0) for step in plan.steps]
+    if "speed_mps" in chosen or not max(needed) <= usual_mps < plan.limits.speed_mps:
+        return mission
+    limits = vehicle.limits.model_copy(update={"speed_mps": usual_mps})
+    return mission.model_copy(update={"vehicle": vehicle.model_copy(update={"limits": limits})})
+
+
+_STUDIED: Final = 1.8
+"""Of the speed's row: speed_mps^2 / (acceleration_mps2 * (r_out - r_in))."""
 _RESPONSE: Final = ("vehicle", "response")
 ENVELOPE: Final = (
     StudiedRange(("agents",), "number of agents", lambda p: len(p.agents), 1, 100),
@@ -73,7 +89,7 @@ ENVELOPE: Final = (
         ("vehicle", "limits", "speed_mps"),
         "speed_mps^2 / (acceleration_mps2 * (r_out - r_in))",
         lambda p: p.limits.speed_mps**2 / (p.response.acceleration_mps2 * _room_m(p)),
-        *(0, 1.8, (-math.inf, 12), _speed_mps),
+        *(0, _STUDIED, (-math.inf, 12), _speed_mps),
     ),
     StudiedRange(
         (*_RESPONSE, "acceleration_mps2"),

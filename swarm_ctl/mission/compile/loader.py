@@ -83,6 +83,8 @@ def _build(
     written, broken = _sections(source, set() if known else {"shapes"})
     findings = check(written, frozenset(broken))
     plan = None if broken or findings else plan_of(in_units(written))
+    if plan is not None and (slower := envelope.with_usual_speed(written, plan)) is not written:
+        written, plan = slower, plan_of(in_units(slower))
     findings += [*check_plan(plan, written), *envelope.refused(plan)] if plan else []
     problems = source.problems + [source.problem(*finding) for finding in findings]
     if problems or plan is None:

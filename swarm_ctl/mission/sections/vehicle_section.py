@@ -27,7 +27,8 @@ class VehicleLimits(Section):
     speed_mps: float = Field(default=5.0, ge=0.1, le=20)
     """Horizontal, by the vehicle's position. Where the velocity that the vehicle estimates is off
     by a drift, the setpoint on the wire is less by that drift: it may be up to 1 m/s more than
-    this, and the vehicle's position does not move faster."""
+    this, and the vehicle's position does not move faster. Default: 5, less where
+    law.r_out - law.r_in leaves less room to brake."""
     climb_mps: float = Field(default=1.0, ge=0.1, le=5)
     """After the take-off. A take-off climbs as the autopilot does: an ArduCopter flies its own, a
     PX4 is told 1.5 m/s at most (MPC_TKO_SPEED as delivered)."""

@@ -180,6 +180,7 @@ def _of_manifest(manifest: Manifest | None) -> dict[str, Any]:
         "mission": manifest.plan.name,
         "mission_file": manifest.mission,
         "plan_hash": manifest.plan_hash,
+        "own_law": law.own,
         "swarm": manifest.swarm,
         "routers": manifest.routers,
         "started_at": manifest.started_at.isoformat(),

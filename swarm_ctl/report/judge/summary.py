@@ -170,6 +170,8 @@ class Summary(_SummaryPart):
     """The plan's name."""
     mission_file: str | None
     plan_hash: str | None
+    own_law: str = ""
+    """NAME@DIGEST of an own law that was flown; '': the paper's."""
     swarm: str | None
     routers: tuple[str, ...] = ()
     """Where routers listened; none of a mesh of peers."""

@@ -34,6 +34,7 @@ def slow_machine(statuses: Sequence[AgentStatus], plan: Plan, speedup: float) ->
     usual_hz, would = 1 / plan.tick_s, _SPARE * share * speedup
     what = f" with --speedup {speedup:g}" if speedup != 1 else ""
     remedy = f"about {int(would)} would do" if would >= 1 else "fewer agents, or a longer tick_s"
+    remedy += ", or --lockstep" if would >= 1 and speedup > 1 else ""
     figures = f"ticks {share * usual_hz:.1f} of {usual_hz:.0f} Hz"
     return f"this machine can't keep up{what} ({figures}); {remedy}"
 

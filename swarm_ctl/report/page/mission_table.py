@@ -171,7 +171,8 @@ def _facts(plan: Plan, full: bool, *, routed: bool) -> Iterator[str]:
         f" {limits.climb_mps:g} up, {limits.descent_mps:g} down"
     )
     compensation = plan.compensation.value
-    yield f"law      kappa {plan.kappa:g}, h {law.h:g}, {compensation}, tick {plan.tick_s:g} s"
+    own = f"own law {law.own.partition('@')[0]}, " if law.own else ""
+    yield f"law      {own}kappa {plan.kappa:g}, h {law.h:g}, {compensation}, tick {plan.tick_s:g} s"
     yield f"safety   {_safety(plan)}"
     if plan.fence is not None:
         inside = _corners(plan.fence.polygon_m, " ")

@@ -71,8 +71,9 @@ def _opening(summary: Summary) -> Text:
     flown = f" in {summary.mission_time_s:.1f} s" if summary.mission_time_s is not None else ""
     why = summary.reason or f"judged {_judged_by(summary)}"
     why = f"{left_words(summary)}; {why}" if summary.left else why
+    own = f" (own law {printable(summary.own_law.partition('@')[0])})" if summary.own_law else ""
     text = Text.assemble(
-        f"{printable(summary.mission or 'mission')}: ",
+        f"{printable(summary.mission or 'mission')}{own}: ",
         (summary.outcome.upper(), _STYLE[summary.outcome]),
     )
     if summary.outcome is Outcome.COMPLETED:

@@ -132,7 +132,10 @@ class _Hint:
     def __init__(self, clock: MeshClock, connect: Sequence[str], identity: Identity | None) -> None:
         self._clock, self._identity, self._connect = clock, identity, connect
         self._where = ", ".join(connect)
-        self._log = _Once("log from now on: what was said before was not heard here")
+        self._log = _Once(
+            "log from now on: what was said before was not heard here; nothing is recorded (--runs"
+            " FOLDER records, and makes a run that `send` finds)"
+        )
         self._due = wall.wall_s() + _QUIET_WALL_S
 
     def __call__(self) -> str:

@@ -15,6 +15,7 @@ from rich.cells import cell_len
 
 from swarm_ctl.commands.build import build
 from swarm_ctl.commands.parse import Order
+from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import Echo, LinkReport, Phase, SigmaReport
 from swarm_ctl.core.swarm.gain_update import LEAD_S
 from swarm_ctl.runtime.station.ground_station import swarm_now
@@ -301,3 +302,14 @@ def test_a_large_swarm_has_a_line_for_each_listener() -> None:
     assert lines[2 + 43].split() == ["44", "2", "45", "from", "45", "43", "45"]
     assert len(lines) == 102
     assert all(cell_len(line) <= 80 for line in lines)
+
+
+def test_the_title_says_what_agents_fly_that_have_broken_the_mission_off() -> None:
+    model = flying_model(PLAN, 30.0)
+    for agent in range(1, 7):
+        told = {"phase": Phase.RETURN, "action": FailsafeAction.RETURN, "cause": Cause.ORDER}
+        model.fold(state_of(PLAN, agent, 30.1, 1201, phase=Phase.RETURN), 30.1)
+        model.fold(status_of(PLAN, agent, 30.1, **told), 30.1)
+    title = title_line(Picture(model.view(30.1)), 100).text
+    assert "all fly home, step 2/4 broken off" in title
+    assert "form" not in title

@@ -101,3 +101,26 @@ def test_the_speed_that_is_said_to_be_enough_is_enough(speed_mps: float) -> None
 def test_without_the_filter_no_range_holds() -> None:
     text = TEXT.replace("safety: {align: true}", "safety: {filter: false}")
     assert any("safety.filter: off" in warning for warning in loads(text).warnings)
+
+
+SMALL = """version: 1
+name: pair
+origin: {lat_deg: 47.4, lon_deg: 8.5, alt_m: 488}
+lengths: metres
+law: {r: 22, r_out: 7, r_in: 2.5}
+agents: [{id: 1, start: [0, 0]}, {id: 2, start: [0, 10]}]
+shapes: {row: {kind: line, spacing: 12}}
+steps: [{takeoff: {height_m: 5}}, {form: {shape: row}}, {move: {to: [5, 5]}}, land]
+"""
+
+
+def test_the_default_speed_follows_the_radii_and_raises_no_warning() -> None:
+    """One that the mission sets, or that a step needs, stays and is warned of."""
+    default = loads(SMALL)
+    assert default.plan.limits.speed_mps == 4.7
+    assert not [told for told in default.warnings if "speed_mps" in told]
+    set_ = loads(SMALL + "vehicle: {limits: {speed_mps: 5.0}}\n")
+    assert set_.plan.limits.speed_mps == 5.0
+    assert [told for told in set_.warnings if "a speed_mps of 4.76 is enough" in told]
+    fast = loads(SMALL.replace("to: [5, 5]", "to: [5, 5], speed_mps: 4.9"))
+    assert fast.plan.limits.speed_mps == 5.0

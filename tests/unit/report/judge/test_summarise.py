@@ -301,7 +301,8 @@ def test_a_machine_that_did_not_keep_up_is_the_cause(run: Path) -> None:
     summary = summarise(run, EXIT_CODES)
     assert (summary.outcome, summary.cause) == ("failed", "machine")
     assert summary.reason == (
-        "this machine can't keep up with --speedup 5 (ticks 8.9 of 20 Hz); about 2 would do. "
+        "this machine can't keep up with --speedup 5 (ticks 8.9 of 20 Hz); about 2 would do,"
+        " or --lockstep. "
         f"agents 1-6: {TIMED_OUT}"
     )
     assert {agent.cause for agent in summary.agents} == {Cause.TIMEOUT}
@@ -315,7 +316,10 @@ def test_a_slow_machine_is_not_the_cause_of_everything(run: Path, cause: Cause) 
     summary = summarise(run, EXIT_CODES)
     assert (summary.cause, summary.reason) == (cause, "agents 1-6: why, in step 2 (form hexagon)")
     assert summary.warnings == (
-        "this machine can't keep up with --speedup 5 (ticks 8.9 of 20 Hz); about 2 would do",
+        (
+            "this machine can't keep up with --speedup 5 (ticks 8.9 of 20 Hz); about 2 would do,"
+            " or --lockstep"
+        ),
     )
 
 

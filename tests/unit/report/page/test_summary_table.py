@@ -162,3 +162,10 @@ def test_the_summary_of_nothing_can_be_shown(tmp_path: Path) -> None:
     text = _shown(summarise(tmp_path))
     assert "mission: FAILED" in text
     assert "no agent is known" in text
+
+
+def test_an_own_law_is_named(summary: Summary) -> None:
+    assert _brief(summary.model_copy(update={"own_law": "mean@12ab"})).startswith(
+        "hexagon (own law mean): COMPLETED"
+    )
+    assert "own law" not in _brief(summary)
