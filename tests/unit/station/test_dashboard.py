@@ -13,7 +13,7 @@ from textual.filter import NoColor
 from textual.pilot import Pilot
 
 from swarm_ctl.commands.parse import Order
-from swarm_ctl.core.model.messages import Ack, Command, Event, VehicleLinkReport
+from swarm_ctl.core.model.messages import Ack, Command, Event, Phase, VehicleLinkReport
 from swarm_ctl.station.dashboard.app import Dashboard
 from swarm_ctl.station.dashboard.bars import protection_line
 from swarm_ctl.station.dashboard.drawing.picture import Chosen, Picture
@@ -35,7 +35,7 @@ from tests.unit.station.screens import (
     snapshot_path,
     text,
 )
-from tests.unit.station.swarm import flying_model, hexagon_plan, status_of
+from tests.unit.station.swarm import flying_model, hexagon_plan, state_of, status_of
 
 Play = Callable[[Dashboard, Pilot[None], Desk], Awaitable[None]]
 
@@ -305,6 +305,8 @@ def test_ctrl_c_is_the_runs_and_q_leaves_only_a_watcher() -> None:
         await pilot.press("colon", "ctrl+c")
         await pilot.press("escape", "K")
         await pilot.press("ctrl+c")
+        assert desk.interrupts == 1  # the second one asks
+        await pilot.press("enter")
         assert desk.interrupts == 2
         await pilot.press("escape", "q")
         await settled(pilot)
@@ -602,3 +604,17 @@ def test_an_error_in_a_part_of_the_dashboard_ends_none_of_the_others(
             assert sum("IndexError: tuple index out of range" in text for text in told) == 1
 
     asyncio.run(use())
+
+
+def test_a_station_of_ended_agents_is_left_without_a_question() -> None:
+    """Whatever their last states say of the air."""
+
+    async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
+        await pilot.press("q")
+        await settled(pilot)
+        assert app._exit
+
+    model = flying_model(PLAN)
+    for agent in range(1, 7):
+        model.fold(state_of(PLAN, agent, 30.5, 9999, phase=Phase.ENDED), 30.5)
+    _play(play, model.view(30.6), owns_run=False)

@@ -16,10 +16,10 @@ from rich.cells import cell_len
 from swarm_ctl.commands.build import build
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
-from swarm_ctl.core.model.messages import Echo, LinkReport, Phase, SigmaReport
+from swarm_ctl.core.model.messages import Ack, Command, Echo, LinkReport, Phase, SigmaReport
 from swarm_ctl.core.swarm.gain_update import LEAD_S
 from swarm_ctl.runtime.station.ground_station import swarm_now
-from swarm_ctl.station.dashboard.bars import title_line
+from swarm_ctl.station.dashboard.bars import answers_line, title_line
 from swarm_ctl.station.dashboard.drawing.canvas import Canvas
 from swarm_ctl.station.dashboard.drawing.picture import Chosen, Picture
 from swarm_ctl.station.dashboard.drawing.styled_line import StyledLine, bar, blocks, fit, gauge
@@ -313,3 +313,19 @@ def test_the_title_says_what_agents_fly_that_have_broken_the_mission_off() -> No
     title = title_line(Picture(model.view(30.1)), 100).text
     assert "all fly home, step 2/4 broken off" in title
     assert "form" not in title
+
+
+def test_an_accepted_command_has_no_colour_of_an_error_and_a_refused_one_has() -> None:
+    model = flying_model(PLAN)
+    model.fold(Command("c", "hold", (), 30.0), 30.0)
+    for agent in range(1, 7):
+        model.fold(Ack(agent, "c", True, ""), 30.0)
+
+    def colours() -> set[str]:
+        line = answers_line(Picture(model.view(30.1)))
+        found = (part.style.color for part in line.segments if part.style is not None)
+        return {colour.name for colour in found if colour is not None}
+
+    assert colours() == {"green"}
+    model.fold(Ack(6, "c", False, "no"), 30.1)
+    assert "red" in colours()

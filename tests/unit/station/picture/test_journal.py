@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from swarm_ctl.commands.parse import Order
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import Ack, Command, CommandKind, Event
+from swarm_ctl.runtime.station.ground_station import swarm_now
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.journal import Entry, Journal
 from swarm_ctl.station.picture.model import Model
@@ -169,3 +171,24 @@ def test_a_flood_of_events_is_bounded_and_said() -> None:
     journal.update(model.view(30.0))
     assert len(journal.entries) == 2000
     assert any("100 events came too fast" in entry.text for entry in journal.entries)
+
+
+def test_one_that_has_left_and_is_down_does_not_refuse_an_order_to_all() -> None:
+    """As `swarm-ctl send` has it: it was not meant. While it is in the air it was, and its refusal
+    is told."""
+    for down, told in (
+        (True, "return: acknowledged by agents 1-2, 4-6"),
+        (False, "return: acknowledged by agents 1-2, 4-6, refused by agent 3: no"),
+    ):
+        model, journal = flying_model(PLAN), Journal()
+        model.fold(state_of(PLAN, 3, 30.05, seq=9999, left=CommandKind.LAND, down=down), 30.0)
+        model.fold(Command("c", "return", (), 30.1), 30.1)
+        for agent in (1, 2, 4, 5, 6):
+            model.fold(Ack(agent, "c", True, ""), 30.2)
+        model.fold(Ack(3, "c", False, "no"), 30.2)
+        view = model.view(30.2)
+        assert swarm_now(view).meant(Order("return")) == (
+            (1, 2, 4, 5, 6) if down else (1, 2, 3, 4, 5, 6)
+        )
+        journal.update(view)
+        assert journal.entries[0].text == told
