@@ -3,7 +3,7 @@ nothing, change no picture, and their sender is named."""
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -24,14 +24,14 @@ from swarm_ctl.core.model.messages import (
 )
 from swarm_ctl.core.swarm.in_plan import InPlan
 from swarm_ctl.station.picture.alarms import alarms
-from swarm_ctl.station.picture.model import Model
+from swarm_ctl.station.picture.journal import Journal
+from swarm_ctl.station.picture.summaries import answers, command_words, verdict, waiting
 from swarm_ctl.station.picture.view import SwarmView
+from tests.odd_words import odd_fields
 from tests.unit.station.swarm import flying_model, hexagon_plan, report_of, state_of, status_of
 
 PLAN = hexagon_plan()
 IN_PLAN = InPlan(PLAN)
-ODD_INT = st.sampled_from([-(2**65), -7, -1, 5, 6, 7, 99, 255, 65535, 2**65])
-ODD_FLOAT = st.sampled_from([float("nan"), float("inf"), -float("inf"), 1e300, -1e300, -1.0, 1e13])
 AT_S = 30.5
 
 
@@ -111,30 +111,6 @@ def test_a_station_does_not_believe_it_and_says_of_whom(payload: Payload, words:
     assert words in found[0].words
 
 
-def _odd(value: object) -> st.SearchStrategy[Any]:
-    """A value of the same kind, out of all ranges."""
-    if isinstance(value, bool) or value is None or isinstance(value, str):
-        return st.just(value)
-    if isinstance(value, float):
-        return ODD_FLOAT
-    if type(value) is int:
-        return ODD_INT
-    if isinstance(value, tuple) and value:
-        return st.tuples(*map(_odd, value))
-    if isinstance(value, dict):
-        return st.dictionaries(ODD_INT, st.just("x"), max_size=2) if not value else st.just(value)
-    if hasattr(value, "__dataclass_fields__"):
-        return _odd_fields(value)
-    return st.just(value)
-
-
-@st.composite
-def _odd_fields(draw: st.DrawFn, of: Any) -> Any:
-    names = [field.name for field in fields(of) if field.name != "agent"]
-    chosen = draw(st.sets(st.sampled_from(names), min_size=1, max_size=3))
-    return replace(of, **{name: draw(_odd(getattr(of, name))) for name in chosen})
-
-
 FULL: list[Payload] = [
     state(frame=Frame((0.0, 0.0)), exchange=ExchangeState(1)),
     status(neighbours=(1, 3), nearest_agent=1, nearest_m=5.0, roles=((1.0, 2),), without=(4,)),
@@ -144,17 +120,18 @@ FULL: list[Payload] = [
 
 
 @settings(max_examples=300, deadline=None)
-@given(st.sampled_from(FULL).flatmap(_odd_fields))
+@given(st.sampled_from(FULL).flatmap(odd_fields))
 def test_no_word_raises_in_a_station(payload: Payload) -> None:
     """Whatever is in range or not: the picture and all alarms are made, and figures are finite."""
-    model = _flown()
+    model, journal = flying_model(PLAN), Journal()
+    journal.update(model.view(AT_S - 0.1))
     model.fold(payload, AT_S)
     view: SwarmView = model.view(AT_S)
-    alarms(view)
+    journal.update(view)
+    verdict(view, alarms(view))
+    waiting(view)
+    for command in view.commands:
+        assert isinstance(command_words(command.command) + answers(command, view), str)
     assert 0 <= view.step <= len(PLAN.steps)
     for agent in view.agents:
         assert agent.state is None or IN_PLAN.unknown(agent.state) == ""
-
-
-def _flown() -> Model:
-    return flying_model(PLAN)
