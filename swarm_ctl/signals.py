@@ -6,7 +6,7 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Final, NoReturn
 
 ENDED_CODE: Final = 130
@@ -26,6 +26,26 @@ def ended_in_one_line() -> None:
     for number in ENDING:
         if signal.getsignal(number) is not signal.SIG_IGN:  # `nohup`, or a shell's background
             signal.signal(number, _end)
+
+
+@contextlib.contextmanager
+def ended_by(leave: Callable[[], None]) -> Iterator[None]:
+    """Meanwhile such a signal calls `leave`, and ends the process in one line behind the block: an
+    exception in the midst of another's event loop may be lost there."""
+    came: list[int] = []
+
+    def take(number: int, _: object) -> None:
+        came.append(number)
+        leave()
+
+    before = {number: signal.signal(number, take) for number in ENDING}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    if came:
+        _end(came[0], None)
 
 
 def _end(number: int, _: object) -> NoReturn:

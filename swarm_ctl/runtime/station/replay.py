@@ -18,6 +18,7 @@ from swarm_ctl.rim import Rim
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.station.printers import LogPrinter, write
 from swarm_ctl.runtime.station.screens import Show, possible
+from swarm_ctl.signals import ended_by
 from swarm_ctl.station.output.json_lines import json_line
 from swarm_ctl.station.picture.playback import Film
 from swarm_ctl.station.picture.view import SwarmView
@@ -76,7 +77,9 @@ def _manifest(run: Path, tape: IndexedRecording) -> Manifest:
 def _with_keys(film: Film, speed: float) -> None:
     from swarm_ctl.station.dashboard.player import Player
 
-    Player(film, wall.wall_s, speed=speed, driver_class=_driver()).run()
+    player = Player(film, wall.wall_s, speed=speed, driver_class=_driver())
+    with ended_by(player.leave):
+        player.run()
 
 
 def _driver() -> type[Driver] | None:

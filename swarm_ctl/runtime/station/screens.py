@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import queue
 import sys
@@ -16,6 +17,7 @@ from swarm_ctl.errors import InputError
 from swarm_ctl.rim import explained
 from swarm_ctl.runtime.station.printers import JsonPrinter, LogPrinter
 from swarm_ctl.runtime.station.relay import Relay
+from swarm_ctl.signals import ended_by
 from swarm_ctl.station.picture.view import SwarmView
 
 if TYPE_CHECKING:
@@ -113,7 +115,9 @@ def present(
     """
     show = possible(show)
     if show is Show.DASHBOARD:
-        _with_dashboard(DashboardScreen(plan, interrupt, out), watch)
+        screen = DashboardScreen(plan, interrupt, out)
+        with ended_by(screen.close) if interrupt is None else contextlib.nullcontext():
+            _with_dashboard(screen, watch)
         return
     relay = Relay(LogPrinter() if show is Show.LOG else JsonPrinter(), out)
     try:

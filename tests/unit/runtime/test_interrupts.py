@@ -11,7 +11,7 @@ import pytest
 
 from swarm_ctl.runtime import interrupts
 from swarm_ctl.runtime.interrupts import Interrupts
-from swarm_ctl.signals import ENDING, deaf_children
+from swarm_ctl.signals import ENDING, deaf_children, ended_by
 
 WORK = "import time; print('up', flush=True); time.sleep(60)"
 
@@ -66,3 +66,19 @@ def test_only_a_second_press_of_ctrl_c_stops_at_once(
             signal.raise_signal(number)
     assert counted.again is again
     assert counted.first == interrupts.said_of(sent[0][0])
+
+
+def test_what_has_a_loop_of_its_own_is_left_first(capfd: pytest.CaptureFixture[str]) -> None:
+    """No exception comes into the loop; the process ends behind it, in one line."""
+    before = {number: signal.getsignal(number) for number in ENDING}
+    left: list[int] = []
+    try:
+        with pytest.raises(SystemExit) as ended, ended_by(lambda: left.append(1)):  # noqa: PT012
+            signal.raise_signal(signal.SIGTERM)
+            left.append(2)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    assert left == [1, 2]
+    assert ended.value.code == 130
+    assert capfd.readouterr().err == "ended: SIGTERM\n"
