@@ -126,6 +126,7 @@ class ArdupilotPersona(Firmware):
     arm_nonsense = MavResult.UNSUPPORTED
     refusal = MavResult.FAILED
     mission_services = ardupilot_transfer.HANDLERS
+    promised_messages = frozenset((259, 280))  # CAMERA_INFORMATION, GIMBAL_MANAGER_INFORMATION
     unknown_message = MavResult.FAILED
     unknown_interval = MavResult.DENIED
     zero_is_here = True
@@ -405,6 +406,9 @@ class ArdupilotPersona(Firmware):
         MavCmd.DO_SET_MISSION_CURRENT: set_mission_current,
         MavCmd.NAV_TAKEOFF: _takeoff,
         MavCmd.CONDITION_YAW: condition_yaw,
+        MavCmd.DO_FENCE_ENABLE: lambda _, command: (
+            MavResult.UNSUPPORTED if command.p[0] else MavResult.ACCEPTED  # it is off
+        ),
         MavCmd.RUN_PREARM_CHECKS: lambda f, _: (
             MavResult.TEMPORARILY_REJECTED if f.armed else MavResult.ACCEPTED
         ),

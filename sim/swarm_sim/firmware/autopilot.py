@@ -129,6 +129,8 @@ class SimAutopilot(ABC):
     merely_answered: ClassVar[Mapping[int, MavResult | None]]
     """MAV_CMDs of things that are not simulated, and that a station asks for all the same; None:
     no answer."""
+    promised_messages: ClassVar[frozenset[float]]
+    """Numbers of messages of which REQUEST_MESSAGE is accepted, and that do not come."""
     unknown_message: ClassVar[MavResult]
     unknown_interval: ClassVar[MavResult]
     """The answers to REQUEST_MESSAGE and SET_MESSAGE_INTERVAL of a message that it doesn't have."""

@@ -38,6 +38,7 @@ class MavResult(IntEnum):
     DENIED = 2
     UNSUPPORTED = 3
     FAILED = 4
+    CANCELLED = 6
 
 
 class MavSeverity(IntEnum):
@@ -76,6 +77,7 @@ class MavCmd(IntEnum):
     DO_SET_ROI_LOCATION = 195
     DO_SET_ROI_NONE = 197
     DO_MOUNT_CONTROL = 205
+    DO_FENCE_ENABLE = 207
     DO_GRIPPER = 211
     DO_SET_MISSION_CURRENT = 224
     PREFLIGHT_STORAGE = 245

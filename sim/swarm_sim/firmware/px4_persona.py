@@ -157,6 +157,7 @@ class Px4Persona(Firmware):
     disarmed_text = "Disarmed by external command"
     disarm_denied_text = "Disarming denied: not landed"
     mission_services = px4_transfer.HANDLERS
+    promised_messages = frozenset((300,))  # PROTOCOL_VERSION
     unknown_message = MavResult.DENIED
     unknown_interval = MavResult.FAILED
     zero_is_here = False
@@ -167,7 +168,7 @@ class Px4Persona(Firmware):
         MavCmd.DO_SET_ROI_NONE: MavResult.ACCEPTED,
         MavCmd.DO_MOUNT_CONTROL: None,
         MavCmd.DO_GRIPPER: None,
-        MavCmd.PREFLIGHT_STORAGE: MavResult.ACCEPTED,
+        MavCmd.DO_LAND_START: MavResult.CANCELLED,
         MavCmd.RUN_PREARM_CHECKS: MavResult.ACCEPTED,
         MavCmd.REQUEST_PROTOCOL_VERSION: MavResult.ACCEPTED,
         MavCmd.REQUEST_CAMERA_INFORMATION: None,
@@ -452,6 +453,9 @@ class Px4Persona(Firmware):
     commands: ClassVar[Mapping[int, CommandHandler]] = COMMON | {
         MavCmd.DO_SET_MODE: _do_set_mode,
         MavCmd.MISSION_START: _mission_start,
+        MavCmd.PREFLIGHT_STORAGE: lambda f, _: (
+            MavResult.TEMPORARILY_REJECTED if f.armed else MavResult.ACCEPTED
+        ),
         MavCmd.NAV_TAKEOFF: _takeoff,
         MavCmd.NAV_LAND: lambda f, _: f.enter(LAND),
         MavCmd.NAV_RETURN_TO_LAUNCH: lambda f, _: f.enter(RTL),

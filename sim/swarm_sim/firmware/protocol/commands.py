@@ -94,13 +94,16 @@ def request_message(a: SimAutopilot, command: MavCommand) -> MavResult:
     if command.p[0] == MESSAGE_INTERVAL and a.unknown_message is MavResult.FAILED:
         return get_message_interval(a, command._replace(p=(*command.p[1:], 0.0)))
     name = _NAMES.get(command.p[0])
-    return a.unknown_message if name is None else _send_once(a, name)
+    if name is None:
+        promised = command.p[0] in a.promised_messages
+        return MavResult.ACCEPTED if promised else a.unknown_message
+    return _send_once(a, name)
 
 
 def _say_modes(a: SimAutopilot, wanted: float) -> MavResult:
     """AVAILABLE_MODES: the mode of this index, from 1 on; 0: all of them."""
     if not (wanted == 0 or wanted in range(1, len(a.modes) + 1)):
-        return MavResult.DENIED
+        return MavResult.ACCEPTED if a.bad_number is MavResult.DENIED else MavResult.DENIED
     for index, mode in enumerate(a.modes.values(), 1):
         if wanted in (0, index):
             fields = {
@@ -119,7 +122,7 @@ def _say_modes(a: SimAutopilot, wanted: float) -> MavResult:
 def reboot(a: SimAutopilot, command: MavCommand) -> MavResult | None:
     """Silent for a while, then as after power-up; parameters stay."""
     if command.p[0] != 1.0:
-        return MavResult.DENIED
+        return a.refusal if a.armed and a.arm_nonsense else a.arm_nonsense or MavResult.DENIED
     if a.armed and not a.sensed.landed:
         return a.refusal
     a.acknowledge(command.id, MavResult.ACCEPTED, command.source)

@@ -16,7 +16,7 @@ from swarm_sim.firmware.protocol.commands import MAX_RATE_HZ, read_command
 from swarm_sim.firmware.protocol.telemetry import readings
 
 SET_MODE_ID = 11
-"""The legacy SET_MODE message is acknowledged as a command with its own message id."""
+"""PX4 acknowledges the legacy SET_MODE message as a command with its own message id."""
 _ARDUPILOT = 3
 """MAV_AUTOPILOT."""
 _BY_NAME = -1
@@ -59,7 +59,8 @@ def mission(a: SimAutopilot, message: Message) -> None:
 
 def set_mode(a: SimAutopilot, message: Message) -> None:
     result = a.set_mode(message.fields["base_mode"], message.fields["custom_mode"])
-    a.acknowledge(SET_MODE_ID, result, message.source)
+    if a.autopilot != _ARDUPILOT:
+        a.acknowledge(SET_MODE_ID, result, message.source)
 
 
 def param_request_list(a: SimAutopilot, _: Message) -> None:
