@@ -48,7 +48,16 @@ def ended_by(leave: Callable[[], None]) -> Iterator[None]:
         _end(came[0], None)
 
 
+_ended_by: list[int] = []
+
+
+def is_ended() -> bool:
+    """One of them has ended this process, which is on its way out."""
+    return bool(_ended_by)
+
+
 def _end(number: int, _: object) -> NoReturn:
+    _ended_by.append(number)
     for each in ENDING:
         signal.signal(each, signal.SIG_DFL)
     with contextlib.suppress(OSError):  # the terminal is gone

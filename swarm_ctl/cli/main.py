@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from swarm_ctl.signals import ended, ended_in_one_line
+import sys
+
+from swarm_ctl.signals import ENDED_CODE, ended, ended_in_one_line, is_ended
 
 
 def main() -> None:
@@ -12,6 +14,10 @@ def main() -> None:
 
     try:
         command()
+    except Exception:
+        if is_ended():  # a library may have made an error of our exception
+            sys.exit(ENDED_CODE)
+        raise
     finally:
         ended()
 

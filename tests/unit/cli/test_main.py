@@ -220,6 +220,25 @@ def test_a_path_that_is_no_text_is_refused_in_one_line(
     assert not (tmp_path / "runs").exists()
 
 
+def test_a_library_that_makes_an_error_of_the_end_does_not_show_one(tmp_path: Path) -> None:
+    """pydantic does, while it builds its validators."""
+    start = """if True:
+        import signal
+        from swarm_ctl.cli import app, main
+        def work():
+            try:
+                signal.raise_signal(signal.SIGTERM)
+            except SystemExit as error:
+                raise ValueError("can't build") from error
+        app.main = work
+        main.main()
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", start], capture_output=True, cwd=tmp_path, check=False
+    )
+    assert (done.returncode, done.stderr) == (130, b"ended: SIGTERM\n")
+
+
 @pytest.mark.parametrize("wait_s", [0.0, 0.1, 0.3])
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_ends_a_command_in_one_line(number: int, wait_s: float, tmp_path: Path) -> None:
