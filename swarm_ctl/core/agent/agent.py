@@ -52,6 +52,7 @@ from swarm_ctl.core.model.vehicle import Goal, VehicleView
 from swarm_ctl.core.swarm.hearing import Hearing, hears_all
 from swarm_ctl.core.swarm.neighbourhood import Neighbourhood
 from swarm_ctl.core.swarm.peers import Peers
+from swarm_ctl.core.swarm.plausibility import Doubt, Finding
 from swarm_ctl.core.swarm.slot_exchange import SlotExchange
 
 _STANDS_MPS = 0.5
@@ -206,6 +207,9 @@ class Agent:
         if self._pausing(tick):
             context.progress.paused_s += self._plan.tick_s
         goal = self._executor.decide(tick)
+        if context.reference.doubted is not None:
+            leader, words = context.reference.doubted
+            self._peers.doubt(leader, Finding(Doubt.FRAME, words), now)
         going_on = context.trigger is None and context.phase is not Phase.ENDED
         if going_on:
             context.reason = context.reason or self._waiting(now)

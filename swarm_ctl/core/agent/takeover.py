@@ -198,7 +198,7 @@ class Takeover:
                 context.begin_form(each)
         in_step = [state for state in flying if state.step == step]
         if in_step:
-            context.reference.frame = min(in_step, key=lambda state: state.agent).frame
+            context.reference.join(min(in_step, key=lambda state: state.agent).frame)
         if not isinstance(plan.steps[step - 1], TakeoffStep | LandStep | ReturnStep):
             self._learn_until = now + LEARN_S
 

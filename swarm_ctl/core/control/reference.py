@@ -18,6 +18,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final, TypeAlias
 
+from swarm_ctl.core.control.frame_bounds import FrameBounds, Places
 from swarm_ctl.core.law.planned_formation import centred, mean_of, turned
 from swarm_ctl.core.model.messages import AgentState, Frame, Phase
 from swarm_ctl.core.model.plan import MoveStep, Plan, Point, RotateStep, ScaleStep, Step
@@ -86,6 +87,8 @@ def velocity_mps(frame: Frame, step: Moving, slot: Point, radius_m: float) -> Po
     if isinstance(step, MoveStep):
         (n, e), (to_n, to_e) = frame.point_m, step.waypoints_m[frame.leg]
         return (to_n - n) / left * speed, (to_e - e) / left * speed
+    if frame.scale <= 0.0:
+        return (0.0, 0.0)
     place = turned(slot, frame.angle_rad, frame.scale)
     if isinstance(step, RotateStep):
         turn = math.copysign(speed / (radius_m * frame.scale), step.angle_rad - frame.angle_rad)
@@ -134,6 +137,9 @@ class Reference:
         """Of the newest shape at scale 1."""
         self.frame: Frame | None = None
         self.pinned = own_id
+        self.doubted: tuple[int, str] | None = None
+        """The leader whose frame was not believed in this tick, and why."""
+        self._bounds = FrameBounds()
 
     @property
     def leads(self) -> bool:
@@ -167,6 +173,7 @@ class Reference:
         self._places = centred(slots)
         self.radius_m = max(math.hypot(*slot) for slot in self._places) * self._plan.unit_m
         self.frame = None
+        self._bounds.begin(None)
         self._indices = indices
         self._give_out()
 
@@ -185,6 +192,12 @@ class Reference:
         """Begin another kind of step from where the frame is."""
         if self.frame is not None:
             self.frame = replace(self.frame, leg=leg, rate=0.0)
+        self._bounds.begin(self.frame)
+
+    def join(self, frame: Frame | None) -> None:
+        """Go on from the frame of a peer, in the middle of a step."""
+        self.frame = frame
+        self._bounds.begin(frame)
 
     def follow(
         self,
@@ -201,11 +214,17 @@ class Reference:
         `key` is the own (step, command): the frame of a pinned agent at another one stands still.
         `own_m` is the own stop point. `free`: this agent may be the pinned one.
         """
+        self.doubted = None
         leader = self._leader(peers, free)
         self.pinned = leader.agent if leader is not None else self._own
         if leader is None:
             self._lead(peers, step, own_m, error_m)
         elif (leader.step, leader.override) == key and leader.frame is not None:
+            why = self._doubt(leader, leader.frame, step, peers, own_m)
+            if why:
+                self.doubted = (leader.agent, why)
+                self.frame = None if self.frame is None else replace(self.frame, rate=0.0)
+                return
             age = peers.age_s(leader.agent)
             heard = replace(leader.frame, rate=leader.frame.rate if age <= PREDICT_S else 0.0)
             self.frame = (
@@ -247,6 +266,30 @@ class Reference:
     def _slot_m(self, agent: int) -> Point:
         unit = self._plan.unit_m
         return self._slots[agent][0] * unit, self._slots[agent][1] * unit
+
+    def _doubt(
+        self, leader: AgentState, frame: Frame, step: Step, peers: PeerSnapshot, own_m: Point
+    ) -> str:
+        """Why the leader's frame is not believed, or ''."""
+        feeds = isinstance(step, MOVING) and left_m(frame, step, self.radius_m) >= _ARRIVED_M
+        age = peers.age_s(leader.agent)
+        places = self._off_places(leader, frame, peers, own_m)
+        feeds = feeds and age <= PREDICT_S
+        return self._bounds.doubt(frame, step, self.radius_m, peers.now_s, places, feeds=feeds)
+
+    def _off_places(
+        self, leader: AgentState, frame: Frame, peers: PeerSnapshot, own_m: Point
+    ) -> Places:
+        """How far those that are heard are from their places in this frame."""
+        if not self._slots:
+            return Places(0.0, 0.0, 0.0)
+        (north, east), off = frame.point_m, {}
+        found = {s.agent: s.stop_point_m for s in peers.fresh() if s.airborne}
+        for agent, at in {**found, leader.agent: leader.stop_point_m, self._own: own_m}.items():
+            place = turned(self._slot_m(agent), frame.angle_rad, frame.scale)
+            off[agent] = (at[0] - place[0] - north, at[1] - place[1] - east)
+        worst = max(math.hypot(*by) for agent, by in off.items() if agent != self._own)
+        return Places(worst, math.hypot(*off[leader.agent]), math.hypot(*mean_of(off.values())))
 
     def _leader(self, peers: PeerSnapshot, free: bool) -> AgentState | None:
         """The pinned agent's state; None if this agent is the pinned one."""

@@ -69,6 +69,10 @@ class Peers:
                     received_s,
                 )
 
+    def doubt(self, agent: int, finding: Finding, now: float) -> None:
+        """A word of this peer is not believed, as another part of the agent found."""
+        self._by_id[agent].doubt(finding, now)
+
     def expel(self, agents: Container[int]) -> None:
         """Listen to these peers no more, and to all others."""
         for peer in self:

@@ -58,6 +58,8 @@ class Doubt(StrEnum):
     CLOCK = "clock"
     SENDERS = "senders"
     """Two senders speak as one agent."""
+    FRAME = "frame"
+    """A frame of the formation that its step does not have."""
     SENSOR = "sensor"
     """The traffic sensor sees the vehicle stop elsewhere."""
 

@@ -25,7 +25,7 @@ from swarm_ctl.core.model.messages import (
     Severity,
 )
 from swarm_ctl.core.model.plan import FormStep
-from swarm_ctl.core.model.text import agents_named
+from swarm_ctl.core.model.text import agents_named, printable
 from swarm_ctl.core.model.timeouts import NEIGHBOUR_S, OWN_LOST_S
 from swarm_ctl.core.swarm.gain_update import differences
 from swarm_ctl.station.picture.left_mission import (
@@ -224,9 +224,15 @@ def _gains(agents: tuple[AgentView, ...]) -> Gains | None:
 def _held_alone(view: SwarmView, limit_s: float) -> Found:
     """Agents that fly a command which was not given to all."""
     flying = [agent for agent in view.agents if agent.live and agent.state is not None]
-    held = [agent.id for agent in flying if agent.state and agent.state.override]
-    if held and len(held) < len(flying):
-        yield tuple(held), f"held by a command; the others wait {limit_s:g} s at most"
+    tags = {a.id: a.state.override for a in flying if a.state and a.state.override}
+    if tags and len(tags) < len(flying):
+        sent = [c.command for c in view.commands]
+        known = {c.tag: f"{c.kind} of {c.station}" for c in sent}
+        whose = sorted(
+            {known.get(tag, "of nobody whom this station heard") for tag in tags.values()}
+        )
+        who = printable(", ".join(whose))
+        yield tuple(tags), f"held by a command ({who}); the others wait {limit_s:g} s at most"
 
 
 def _pause_s(view: SwarmView) -> float:

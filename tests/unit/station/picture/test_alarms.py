@@ -10,6 +10,7 @@ import pytest
 
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import (
+    Command,
     ExchangeState,
     LinkReport,
     Outcome,
@@ -452,3 +453,17 @@ def test_agents_that_land_because_of_another_are_no_errors() -> None:
     picture = Picture(model.view(30.0), found)
     assert picture.levels() == {3: Level.ERROR}
     assert picture.innocent == {1, 2, 4, 5, 6}
+
+
+@pytest.mark.parametrize(
+    ("heard", "who"), [(True, "form of station-9"), (False, "of nobody whom this station heard")]
+)
+def test_a_command_to_some_is_told_with_its_sender(heard: bool, who: str) -> None:
+    """Of a forged one that went round this station, that."""
+    model = flying_model(PLAN)
+    command = Command("x", "form", (4,), 30.0, station="station-9")
+    if heard:
+        model.fold(command, 30.0)
+    model.fold(state_of(PLAN, 4, 30.02, 2000, override=command.tag), 30.03)
+    (alarm,) = (each for each in alarms(model.view(30.03)) if each.name == "held alone")
+    assert f"held by a command ({who})" in alarm.words

@@ -1,0 +1,171 @@
+"""How far a leader's frame is believed: as far as its step, its age and the places allow.
+
+All agents of a formation take their frame from one of them (`reference.py`). So what that one says
+of it is held against what each of them knows:
+
+- its way: from where the frame stood when the step began, along the step's own path, not beside it;
+- its pace: no faster along it than the step flies, and no slower than the rate that it tells;
+- at first, where the vehicles are: the leader near its place, or all of them near theirs.
+
+A frame that is not believed is not followed: the formation stands, and the leader is named.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import Final
+
+from swarm_ctl.core.model.messages import Frame
+from swarm_ctl.core.model.plan import MoveStep, Point, RotateStep, ScaleStep, Step
+from swarm_ctl.core.swarm.plausibility import JUMP_M
+
+_BESIDE_M: Final = 1.0
+"""Of its way; in a small formation `_SMALL` of its radius."""
+_SMALL: Final = 0.15
+_FASTER: Final = 1.05
+_PACE_S: Final = 0.5
+"""Of the way at full speed: states are at most so late, and clocks are known better."""
+_LATE_S: Final = 10.0
+"""A step begins so much later on one agent than on another, at most: a command reaches all in this
+time, or none."""
+
+
+class FrameBounds:
+    """What one agent believes of the frame in one step."""
+
+    def __init__(self) -> None:
+        self._start: Frame | None = None
+        """Where the frame stood when the step began; None: not known."""
+        self._first_m: float | None = None
+        """How far along the step's way the first frame was that was believed."""
+        self._first_s = self._last_s = -math.inf
+        self._pace_mps = 0.0
+        """Of the step in which a frame was believed last."""
+        self._fed_m = 0.0
+        """How far the rates that were told have led since the first frame."""
+
+    def begin(self, start: Frame | None) -> None:
+        """A step begins, with the frame here."""
+        self._start, self._first_m, self._fed_m = start, None, 0.0
+
+    def doubt(
+        self, frame: Frame, step: Step, radius_m: float, now: float, places: Places, *, feeds: bool
+    ) -> str:
+        """Why this frame is not believed, or ''.
+
+        `radius_m` is the outermost place's distance from the centre at scale 1. `feeds`: the rate
+        that it tells is flown now.
+        """
+        speed = step.speed_mps if isinstance(step, MoveStep | RotateStep | ScaleStep) else 0.0
+        tolerance_m = getattr(step, "tolerance_m", 0.0)
+        beside_m = min(_BESIDE_M, _SMALL * radius_m)
+        if self._first_m is None:
+            lag_m = self._pace_mps * min(_LATE_S, max(0.0, now - self._last_s) + _PACE_S)
+            why = self._doubt_first(frame, step, radius_m, speed, beside_m + lag_m, places)
+            if why and places.worst_m > min(tolerance_m + JUMP_M, 2 * _SMALL * radius_m):
+                return why
+            if why or self._start is None:
+                self._start = frame
+            self._first_m, self._first_s = along(self._start, frame, step, radius_m)[0], now
+            if not why:
+                beside_m += lag_m
+        start = self._start or frame
+        done_m, off_m = along(start, frame, step, radius_m)
+        if off_m > beside_m:
+            if self._first_s != now:
+                return _off(off_m, beside_m)
+            self._start, self._first_m = frame, 0.0
+            done_m = along(frame, frame, step, radius_m)[0]
+        most_m = speed * (_FASTER * (now - self._first_s) + _PACE_S) + beside_m
+        if done_m - self._first_m > most_m:
+            gone = f"{done_m - self._first_m:.1f} m in {now - self._first_s:.1f} s"
+            return f"its formation moved by {gone}; allowed: {most_m:.1f} m"
+        if feeds and now > self._last_s and math.isfinite(self._last_s) and self._first_s != now:
+            self._fed_m += frame.rate * speed * min(now - self._last_s, _PACE_S)
+        ahead_m = self._fed_m - (done_m - self._first_m)
+        allowed_m = speed * 2 * _PACE_S + beside_m
+        if ahead_m > allowed_m:
+            moves = f"moves by {self._fed_m:.1f} m and stands {ahead_m:.1f} m behind that"
+            return f"its formation, by its rate, {moves}; allowed: {allowed_m:.1f} m"
+        self._last_s, self._pace_mps = now, speed
+        return ""
+
+    def _doubt_first(
+        self,
+        frame: Frame,
+        step: Step,
+        radius_m: float,
+        speed: float,
+        beside_m: float,
+        places: Places,
+    ) -> str:
+        """Of the first frame in a step."""
+        if self._start is None:
+            start = Frame(frame.point_m, leg=frame.leg)
+            _, off_m = along(start, frame, step, radius_m)
+            off_m += max(0.0, places.centre_off_m - JUMP_M)
+            return _off(off_m, beside_m) if off_m > beside_m else ""
+        done_m, off_m = along(self._start, frame, step, radius_m)
+        if off_m > beside_m:
+            return _off(off_m, beside_m)
+        near = places.leader_off_m <= getattr(step, "tolerance_m", 0.0) + JUMP_M
+        most_m = speed * _LATE_S + beside_m
+        if done_m <= most_m or near:
+            return ""
+        return f"its formation is {done_m:.1f} m on its way; allowed: {most_m:.1f} m"
+
+
+class Places:
+    """How far vehicles are from their places in a frame [m]."""
+
+    def __init__(self, worst_m: float, leader_off_m: float, centre_off_m: float) -> None:
+        self.worst_m = worst_m
+        """The farthest peer that is heard."""
+        self.leader_off_m = leader_off_m
+        self.centre_off_m = centre_off_m
+        """The centre, by all that are heard."""
+
+
+def along(start: Frame, frame: Frame, step: Step, radius_m: float) -> tuple[float, float]:
+    """How far [m] a frame has come from `start` on the step's way, and how far it is beside it,
+    both by its outermost place."""
+    (n, e), scale = frame.point_m, frame.scale
+    apart = math.dist(start.point_m, (n, e))
+    turned = abs(frame.angle_rad - start.angle_rad) * radius_m * max(scale, start.scale)
+    grown = abs(scale - start.scale) * radius_m
+    if isinstance(step, RotateStep):
+        at = _between(start.angle_rad, frame.angle_rad, step.angle_rad)
+        beside = abs(frame.angle_rad - at) * radius_m * start.scale
+        return abs(at - start.angle_rad) * radius_m * start.scale, beside + apart + grown
+    if isinstance(step, ScaleStep):
+        at = _between(start.scale, scale, step.factor)
+        return abs(at - start.scale) * radius_m, abs(scale - at) * radius_m + apart + turned
+    if not isinstance(step, MoveStep):
+        return 0.0, apart + turned + grown
+    way = [start.point_m, *step.waypoints_m[start.leg :]]
+    k = max(0, min(frame.leg - start.leg, len(way) - 1))
+    if frame.leg < start.leg:
+        done, beside = 0.0, apart
+    else:
+        done, beside = _onto(way[k], way[min(k + 1, len(way) - 1)], frame.point_m)
+    done += sum(math.dist(a, b) for a, b in itertools.pairwise(way[: k + 1]))
+    return done, beside + turned + grown
+
+
+def _onto(a: Point, b: Point, at: Point) -> tuple[float, float]:
+    """How far along from a to b, and how far beside it."""
+    length = math.dist(a, b)
+    if length == 0.0:
+        return 0.0, math.dist(a, at)
+    north, east = (b[0] - a[0]) / length, (b[1] - a[1]) / length
+    done = max(0.0, min(length, (at[0] - a[0]) * north + (at[1] - a[1]) * east))
+    return done, math.dist(at, (a[0] + done * north, a[1] + done * east))
+
+
+def _between(a: float, value: float, b: float) -> float:
+    return max(min(a, b), min(max(a, b), value))
+
+
+def _off(off_m: float, allowed_m: float) -> str:
+    return f"its formation is {off_m:.1f} m off its way; allowed: {allowed_m:.1f} m"
