@@ -70,14 +70,15 @@ class RunRecorder:
                 self._events.write(self._adapter.dump_json(payload))
             case Command() | Ack():
                 self._commands.write(self._adapter.dump_json(payload))
-            case AgentStatus() if self._is_due(payload):
+            case AgentStatus() if self._is_due(payload, received_s):
                 self._statuses.write(self._adapter.dump_json(payload))
 
-    def _is_due(self, status: AgentStatus) -> bool:
-        if status.outcome is Outcome.RUNNING and status.time_s < self._due.get(status.agent, 0.0):
+    def _is_due(self, status: AgentStatus, received_s: float) -> bool:
+        """By the own clock: one status from far ahead silences none that come after it."""
+        if status.outcome is Outcome.RUNNING and received_s < self._due.get(status.agent, 0.0):
             return False
         every_s = min(_MOST_S, _STATUS_S * max(1.0, len(self._due) / _FEW))
-        self._due[status.agent] = status.time_s + every_s
+        self._due[status.agent] = received_s + every_s
         return True
 
     def note(self, trouble: Trouble, time_s: float) -> None:

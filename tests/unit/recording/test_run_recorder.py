@@ -52,6 +52,15 @@ def test_the_file_of_statuses_grows_no_faster_with_more_agents(
     assert found == pytest.approx(lines, rel=0.2)
 
 
+def test_a_status_from_far_ahead_silences_none_that_come_after_it(tmp_path: Path) -> None:
+    plan, recorder = hexagon_plan(), RunRecorder(tmp_path, McapRecorder(tmp_path, 0, {}))
+    recorder.take(status_of(plan, 3, 1e9), 10.0)
+    for second in range(11, 31):
+        recorder.take(status_of(plan, 3, float(second)), float(second))
+    recorder.close()
+    assert (tmp_path / "statuses.jsonl").read_bytes().count(b"\n") == 1 + 10
+
+
 def test_an_error_in_what_is_derived_does_not_end_the_recording(tmp_path: Path) -> None:
     """It is told once, and all messages are still recorded."""
 
