@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import resource
+import subprocess
 from pathlib import Path
 
 import pytest
 
-from tests.system.running import LOW, Running
+from tests.system.running import LOW, SWARM_CTL, Running
 
 pytestmark = [pytest.mark.lockstep, pytest.mark.timeout(300)]
 
@@ -30,7 +31,7 @@ def test_the_disk_is_full_in_flight(tmp_path: Path) -> None:
             running.output
         )  # flown to its end, but without the truth its safety is not known
         running.assert_nothing_left()
-        assert "failed: truth.jsonl: no end line, the simulator did not finish it" in running.output
+        assert "FAILED: truth.jsonl: no end line, the simulator did not finish it" in running.output
         summary = running.summary()
         assert {agent["outcome"] for agent in summary["agents"]} == {"completed"}
         assert summary["setpoint_rate_hz"] > 9  # of 10
@@ -43,3 +44,20 @@ def test_the_disk_is_full_in_flight(tmp_path: Path) -> None:
         )
         assert len(logs) == 3
         assert all(path.stat().st_size <= max(size, LEFT) for path, size in logs.items())
+
+
+def test_the_disk_is_full_at_the_start(tmp_path: Path) -> None:
+    """One line, exit code 3, and no folder that says nothing."""
+    done = subprocess.run(
+        [SWARM_CTL, "run", LOW, "--headless"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0)),
+    )
+    assert done.returncode == 3
+    said = "can't be written: File too large; choose with --runs\n"
+    assert done.stderr.startswith("error: runs/")
+    assert done.stderr.endswith(said)
+    assert not list((tmp_path / "runs").iterdir())
