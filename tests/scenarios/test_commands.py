@@ -10,6 +10,7 @@ import pytest
 
 from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.plan import FormStep, MoveStep
+from tests.on_demand import on_demand
 from tests.scenarios.swarm import VirtualSwarm, at_step
 from tests.scenarios.test_steps import FORM, THIRD, assert_good, quartet, shape_error_m
 
@@ -252,3 +253,26 @@ def test_no_step_begins_under_a_hold_that_comes_in_the_same_tick() -> None:
     swarm.run(5.0)
     assert swarm.phases() == {Phase.FLY}
     assert swarm.in_step(THIRD)
+
+
+FAR: dict[str, dict[str, Any]] = {
+    "hold": {},
+    "land": {},
+    "return": {},
+    "move": {"step": move_to(30.0, 13.0)},
+}
+
+
+@pytest.mark.parametrize("order", [*FAR, "expel"])
+@pytest.mark.parametrize(
+    "step", ["land", on_demand("return"), on_demand("move: {to: [30, 13], speed_mps: 2}")]
+)
+def test_no_step_begins_under_an_order(order: str, step: str) -> None:
+    """In the tick in which the step would begin. Of `expel`: on the agent that it is about."""
+    last = () if step == "land" else ("land",)
+    swarm = at_step(quartet("hold: {duration_s: 60}", step, *last), THIRD)
+    swarm.command("next", name="next")
+    swarm.command(order, name=order, **FAR.get(order, {"about": (2,)}))
+    swarm.run(3.0)
+    told = [m.status for i, m in swarm.members.items() if order != "expel" or i == 2]
+    assert {status.step for status in told if status is not None} == {THIRD}

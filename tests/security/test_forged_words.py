@@ -4,11 +4,15 @@ unharmed one, with the same distance within 5 %, and the log names whose word wa
 from __future__ import annotations
 
 import functools
+import itertools
+import math
 import random
 from dataclasses import dataclass, replace
 
 import pytest
 
+from swarm_ctl.core.agent.tick import Tick
+from swarm_ctl.core.control.navigation import OwnFix
 from swarm_ctl.core.model.messages import (
     AgentState,
     Answers,
@@ -165,3 +169,32 @@ def ends_unharmed(flight: Attacked, says: str, least_m: float) -> None:
     assert set(flight.swarm.outcomes().values()) == {"completed"}
     assert flight.swarm.closest_m >= least_m
     assert says in flight.said()
+
+
+@pytest.mark.parametrize("changes", [{"scale": 0.1}, {"angle_rad": 1.0}], ids=["scale", "angle"])
+def test_a_leader_that_lies_of_its_frame_collapses_nothing(
+    changes: dict[str, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In the hold, by the agent that leads: the shape stands, and the log names it."""
+    flight = Attacked(low_hexagon())
+    flight.swarm.wait(lambda s: s.in_step(FORM + 1), 120)
+    before_m = nearest_m(flight)
+
+    leader = flight.swarm.members[1].agent
+    honest = leader._state
+
+    def lie(tick: Tick, fix: OwnFix) -> AgentState:
+        state = honest(tick, fix)
+        frame = state.frame
+        return state if frame is None else replace(state, frame=replace(frame, **changes))
+
+    monkeypatch.setattr(leader, "_state", lie)
+    flight.swarm.run(6.0)
+    assert "agent 1 is not believed: its formation" in flight.said()
+    assert nearest_m(flight) > before_m - 1.0
+
+
+def nearest_m(flight: Attacked) -> float:
+    """Between two agents, now."""
+    at = [place[:2] for place in flight.swarm.hub.world.positions()]
+    return min(math.dist(a, b) for a, b in itertools.combinations(at, 2))
