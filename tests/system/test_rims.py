@@ -114,7 +114,7 @@ def test_a_dashboard_that_fails_gives_way_to_log_lines_in_flight(tmp_path: Path)
     command = ("run", LOW, "--speedup", "3", "--no-report")
     swarm_ctl = Terminal.__init__.__kwdefaults__["program"]
     with Terminal(*command, cwd=tmp_path, program=("env", *words, *swarm_ctl)) as terminal:
-        terminal.wait_for("the dashboard ended by an error")
-        terminal.wait_for("step 3")
+        terminal.wait_for("the dashboard ended by an error", 200.0)
+        terminal.wait_for("ended: completed", 200.0)
         code, shown = terminal.wait_for_end()
     assert code == 0, shown

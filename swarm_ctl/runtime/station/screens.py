@@ -169,6 +169,7 @@ class DashboardScreen:
             self.app.run()
         except Exception as error:
             why = explained(error)
+        why = why or self.app.failure
         if why or self.app.return_code:
             lines = Relay(LogPrinter(), self._out)
             lines.note(f"{_NO_DASHBOARD}{f' ({why})' if why else ''}")

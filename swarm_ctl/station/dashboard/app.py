@@ -26,7 +26,7 @@ from swarm_ctl.commands.parse import Order, parse
 from swarm_ctl.core.model.messages import CommandKind, Phase
 from swarm_ctl.core.model.plan import Plan, Policy
 from swarm_ctl.errors import InputError
-from swarm_ctl.rim import Rim
+from swarm_ctl.rim import Rim, explained
 from swarm_ctl.station.dashboard.ask import Ask, consequence
 from swarm_ctl.station.dashboard.bars import (
     BAR_STYLE,
@@ -120,6 +120,8 @@ class Dashboard(App[None]):
         """Words that were told before there was a screen."""
         self._up = self._over = False
         self.frames_dropped = 0
+        self.failure = ""
+        """The error that ended it; '' for none."""
         if interrupt is None:
             keys = self._bindings.key_to_bindings
             keys["ctrl+c"] = [replace(key, description="leave") for key in keys["ctrl+c"]]
@@ -150,6 +152,17 @@ class Dashboard(App[None]):
             self.call_later(self.exit)
 
     # --- the screen ---
+
+    def _handle_exception(self, error: Exception) -> None:
+        """End at once. Textual's own would draw each error with all its variables, for seconds,
+        while the station waits for the processor; a test gets it."""
+        if self.is_headless:
+            super()._handle_exception(error)
+            return
+        self._return_code = 1
+        if not self.failure:
+            self.failure = explained(error)
+            self._close_messages_no_wait()
 
     def get_default_screen(self) -> Screen[None]:
         return Board(id="_default")

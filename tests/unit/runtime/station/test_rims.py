@@ -201,7 +201,7 @@ def test_a_dashboard_that_ends_by_an_error_gives_way_to_log_lines(
     """The station goes on with its loop, as one that has not been left."""
 
     class Broken:
-        return_code = 1
+        return_code, failure = 1, "IndexError: tuple index out of range"
 
         def run(self) -> None:
             pass
@@ -232,4 +232,5 @@ def test_a_dashboard_that_ends_by_an_error_gives_way_to_log_lines(
         said = file.read().decode()
     assert seen == [False]
     assert "the dashboard ended by an error; the station goes on" in said
+    assert "IndexError: tuple index out of range" in said
     assert "a word" in said
